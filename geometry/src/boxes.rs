@@ -1,0 +1,51 @@
+//! Oriented boxes that stand upright.
+
+/// A box in the sensor frame: geometric centre, size along heading (l), across (w) and up (h), yaw about +z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Box3 {
+    /// x, y, z of the geometric centre, m.
+    pub center_m: [f64; 3],
+    /// l, w, h, m.
+    pub size_m: [f64; 3],
+    /// Heading, rad, counter-clockwise from +x.
+    pub yaw_rad: f64,
+}
+
+impl Box3 {
+    /// From x, y, z, l, w, h, yaw.
+    pub fn new(v: [f64; 7]) -> Box3 {
+        Box3 { center_m: [v[0], v[1], v[2]], size_m: [v[3], v[4], v[5]], yaw_rad: v[6] }
+    }
+
+    /// Corners of the footprint, counter-clockwise, m: front left, rear left, rear right, front right.
+    pub fn footprint_m(&self) -> [[f64; 2]; 4] {
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let [l, w, _] = self.size_m;
+        [[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]].map(|[u, v]| {
+            let (u, v) = (u * l, v * w);
+            [self.center_m[0] + u * cos - v * sin, self.center_m[1] + u * sin + v * cos]
+        })
+    }
+
+    /// Volume, m^3; 0 when a size is not positive.
+    pub fn volume_m3(&self) -> f64 {
+        self.size_m.iter().map(|s| s.max(0.0)).product()
+    }
+
+    /// A point in the box's own frame: along heading, across, up from the centre, m.
+    pub fn local_m(&self, point_m: [f64; 3]) -> [f64; 3] {
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let (dx, dy) = (point_m[0] - self.center_m[0], point_m[1] - self.center_m[1]);
+        [dx * cos + dy * sin, dy * cos - dx * sin, point_m[2] - self.center_m[2]]
+    }
+
+    /// Whether a point lies inside or on the surface.
+    pub fn contains(&self, point_m: [f64; 3]) -> bool {
+        self.local_m(point_m).iter().zip(self.size_m).all(|(p, s)| p.abs() <= s / 2.0)
+    }
+}
+
+/// The angle brought into `[-offset * period, (1 - offset) * period)`.
+pub fn limit_period(value: f64, offset: f64, period: f64) -> f64 {
+    value - (value / period + offset).floor() * period
+}

@@ -1,0 +1,110 @@
+//! A box that the head kept (paper section 3.2).
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader};
+
+/// Which side of the gate a detection lies on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum DetectionKind {
+    /// Near a prototype.
+    Known = 0,
+    /// Between the prototypes: the refiner looks for an unknown object here.
+    Candidate = 1,
+}
+
+/// One kept box with every score of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Detection {
+    /// Geometric centre, m.
+    pub center_m: [f32; 3],
+    /// l along heading, w, h, m.
+    pub size_m: [f32; 3],
+    /// Heading about +z, rad.
+    pub yaw_rad: f32,
+    /// Index into the model's classes: the anchor's own class.
+    pub class_id: u32,
+    /// [`DetectionKind`].
+    pub kind: u32,
+    /// Cell of the bird's-eye map.
+    pub cell: u32,
+    /// sigma(o) of the anchor, 0 to 1.
+    pub objectness: f32,
+    /// objectness x probability of the class, 0 to 1.
+    pub score: f32,
+    /// softmax(-d) over the known classes (eq. 2).
+    pub probabilities: [f32; CLASSES_MAX],
+    /// The cell's embedding f.
+    pub embedding: [f32; CLASSES_MAX],
+    /// Sum of the squared distances to all prototypes (EDS, eq. 5).
+    pub eds: f32,
+    /// EDS / ((C-1) T^2): 1 at the centre, 2 at a prototype.
+    pub eds_normalised: f32,
+    /// The same without the mean of f: 1 + C |f - mean f|^2 / ((C-1) T^2).
+    pub eds_perpendicular: f32,
+    /// Squared distance to the nearest prototype over T^2.
+    pub delta: f32,
+    /// Largest probability.
+    pub softmax_max: f32,
+    /// Largest logit 2 T f.
+    pub logit_max: f32,
+    /// logsumexp(2 T f).
+    pub energy: f32,
+    /// The gate's threshold on `eds_normalised` that decided `kind`.
+    pub threshold: f32,
+}
+
+const _: () = assert!(size_of::<Detection>() == 144);
+
+impl Detection {
+    /// Checks a whole message: version, count, class, kind, finite boxes with sizes above 0.
+    pub fn checked<'a>(
+        header: &FrameHeader,
+        detections: &'a [Detection],
+        classes: usize,
+    ) -> Result<&'a [Detection], ContractError> {
+        header.checked()?;
+        if detections.len() > DETECTIONS_MAX {
+            return Err(ContractError::TooLong {
+                what: "detections",
+                limit: DETECTIONS_MAX,
+                found: detections.len(),
+            });
+        }
+        for (index, d) in detections.iter().enumerate() {
+            if d.class_id as usize >= classes {
+                return Err(ContractError::Index {
+                    what: "class",
+                    len: classes,
+                    found: d.class_id as usize,
+                });
+            }
+            if d.kind > DetectionKind::Candidate as u32 {
+                return Err(ContractError::Value {
+                    what: "kind of a detection",
+                    found: d.kind,
+                });
+            }
+            let numbers = d.center_m.iter().chain(&d.size_m).chain([
+                &d.yaw_rad,
+                &d.objectness,
+                &d.score,
+                &d.eds,
+            ]);
+            if !numbers.copied().all(f32::is_finite) || d.size_m.iter().any(|&s| s <= 0.0) {
+                return Err(ContractError::NotFinite {
+                    what: "detection",
+                    index,
+                });
+            }
+        }
+        Ok(detections)
+    }
+
+    /// Whether the gate made it a candidate unknown.
+    pub fn is_candidate(&self) -> bool {
+        self.kind == DetectionKind::Candidate as u32
+    }
+}

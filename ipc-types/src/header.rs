@@ -1,0 +1,185 @@
+//! The header that every message carries: which frame, what happened to it, and when.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::{ContractError, NAME_MAX, Text};
+
+/// Version of everything in this crate; any change of a payload bumps it.
+pub const WIRE_VERSION: u32 = 1;
+
+/// The stages in the order a frame meets them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum Stage {
+    /// Brings a scan into shared memory.
+    Ingest = 0,
+    /// Voxels to feature rows.
+    Backbone = 1,
+    /// Feature rows to detections.
+    Head = 2,
+    /// Detections and points to objects.
+    Refiner = 3,
+}
+
+impl Stage {
+    /// All, in order.
+    pub const ALL: [Stage; 4] = [Stage::Ingest, Stage::Backbone, Stage::Head, Stage::Refiner];
+
+    /// `ingest`, `backbone`, `head`, `refiner`.
+    pub fn name(self) -> &'static str {
+        ["ingest", "backbone", "head", "refiner"][self as usize]
+    }
+
+    /// By name.
+    pub fn from_name(name: &str) -> Option<Stage> {
+        Stage::ALL.into_iter().find(|stage| stage.name() == name)
+    }
+}
+
+/// When a stage received its input, began to compute and published: CLOCK_MONOTONIC, ns; 0 when it did not yet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct StageStamps {
+    /// The message was taken from the queue (ingest: the scan was due or arrived).
+    pub received_ns: u64,
+    /// Computing began.
+    pub started_ns: u64,
+    /// The result was handed to shared memory.
+    pub published_ns: u64,
+}
+
+/// What is out of the ordinary in a frame: bits of [`FrameHeader::flags`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Flags(pub u32);
+
+impl Flags {
+    /// The frame left later than its deadline.
+    pub const LATE: Flags = Flags(1);
+    /// Points beyond the limit were dropped.
+    pub const TRUNCATED: Flags = Flags(1 << 1);
+    /// A stage could not do all of its work (points of the frame gone, for instance).
+    pub const DEGRADED: Flags = Flags(1 << 2);
+    /// A limit (voxels, candidates, objects) was reached.
+    pub const LIMIT_HIT: Flags = Flags(1 << 3);
+    /// The frame was sent again after silence or a restart.
+    pub const RESENT: Flags = Flags(1 << 4);
+    /// Points with NaN or infinity were dropped.
+    pub const NOT_FINITE: Flags = Flags(1 << 5);
+    /// The input file was damaged (size not a multiple of 16 bytes): what was whole is used.
+    pub const DAMAGED_INPUT: Flags = Flags(1 << 6);
+    /// The points of this sequence were gone when the refiner asked for them.
+    pub const POINTS_GONE: Flags = Flags(1 << 7);
+    /// The scan holds no point.
+    pub const EMPTY: Flags = Flags(1 << 8);
+    /// The input does not look like what the model was trained for (sensor height, intensity scale).
+    pub const INPUT_SUSPECT: Flags = Flags(1 << 9);
+
+    const NAMES: [&'static str; 10] = [
+        "late",
+        "truncated",
+        "degraded",
+        "limit_hit",
+        "resent",
+        "not_finite",
+        "damaged_input",
+        "points_gone",
+        "empty",
+        "input_suspect",
+    ];
+
+    /// Both sets.
+    pub fn with(self, other: Flags) -> Flags {
+        Flags(self.0 | other.0)
+    }
+
+    /// Whether all of `other` is set.
+    pub fn contains(self, other: Flags) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// Names of the set bits, in order.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Flags::NAMES
+            .into_iter()
+            .enumerate()
+            .filter(move |(bit, _)| self.0 >> bit & 1 == 1)
+            .map(|(_, name)| name)
+    }
+}
+
+/// Carried by every message of a frame; the last one holds the whole latency story.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FrameHeader {
+    /// [`WIRE_VERSION`] of the sender.
+    pub wire_version: u32,
+    /// Bits of [`Flags`].
+    pub flags: u32,
+    /// Counts the frames of one run from 0; a gap is a drop.
+    pub sequence: u64,
+    /// The sensor's own time, ns; carried, never compared with the monotonic clock.
+    pub sensor_stamp_ns: u64,
+    /// Which sensor.
+    pub sensor_id: u32,
+    /// 0 for the first sending of a frame, then 1, 2.
+    pub attempt: u32,
+    /// Points that came in.
+    pub points_in: u32,
+    /// Points dropped: not finite, or beyond [`crate::POINTS_MAX`].
+    pub points_dropped: u32,
+    /// Points outside of the model's range; set by the backbone.
+    pub points_out_of_range: u32,
+    /// Rows of a features message.
+    pub feature_rows: u32,
+    /// Channels of a feature row.
+    pub feature_channels: u32,
+    /// Detections or objects that did not fit, or voxels beyond the limit.
+    pub limit_dropped: u32,
+    /// Of the model file; a stage with another model refuses the message.
+    pub model_fingerprint: u64,
+    /// By [`Stage`].
+    pub stages: [StageStamps; 4],
+    /// The frame's name (file stem), UTF-8, NUL-padded.
+    pub name: [u8; NAME_MAX],
+}
+
+const _: () = assert!(size_of::<FrameHeader>() == 64 + 4 * 24 + NAME_MAX);
+const _: () = assert!(align_of::<FrameHeader>() == 8);
+
+impl FrameHeader {
+    /// A fresh header.
+    pub fn new(sequence: u64, name: &str) -> FrameHeader {
+        FrameHeader {
+            wire_version: WIRE_VERSION,
+            sequence,
+            name: Text::pack(name),
+            ..FrameHeader::zeroed()
+        }
+    }
+
+    /// Refuses a message of another wire version.
+    pub fn checked(&self) -> Result<&FrameHeader, ContractError> {
+        match self.wire_version {
+            WIRE_VERSION => Ok(self),
+            found => Err(ContractError::WireVersion {
+                expected: WIRE_VERSION,
+                found,
+            }),
+        }
+    }
+
+    /// Adds flags.
+    pub fn flag(&mut self, flags: Flags) {
+        self.flags |= flags.0;
+    }
+
+    /// Stamps of one stage.
+    pub fn stamps_mut(&mut self, stage: Stage) -> &mut StageStamps {
+        &mut self.stages[stage as usize]
+    }
+
+    /// The frame's name; `?` when it is not UTF-8.
+    pub fn name(&self) -> &str {
+        Text::unpack(&self.name).unwrap_or("?")
+    }
+}

@@ -1,0 +1,27 @@
+//! The contract: all that crosses the border between two processes, and nothing else.
+//!
+//! Every message is a slice of fixed-layout elements with one [`FrameHeader`]. Lengths in m, angles in rad, times in ns.
+//! A consumer trusts nothing that it reads from shared memory: the `checked` functions turn a wrong version, length,
+//! index or enum value into a [`ContractError`], never a panic.
+
+mod detection;
+mod error;
+mod features;
+mod header;
+mod health;
+mod limits;
+mod object;
+mod point;
+mod services;
+mod text;
+
+pub use detection::{Detection, DetectionKind};
+pub use error::ContractError;
+pub use features::{FeatureBlock, FeatureRows, feature_blocks};
+pub use header::{Flags, FrameHeader, Stage, StageStamps, WIRE_VERSION};
+pub use health::{Health, HealthState};
+pub use limits::*;
+pub use object::{Fate, Object, ObjectKind};
+pub use point::Point;
+pub use services::{TOPICS, Topic};
+pub use text::Text;

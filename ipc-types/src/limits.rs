@@ -1,0 +1,22 @@
+//! Every capacity, once.
+
+/// Points of one scan; later ones are dropped, counted and flagged.
+pub const POINTS_MAX: usize = 131_072;
+/// Detections of one frame.
+pub const DETECTIONS_MAX: usize = 512;
+/// Objects of one frame, suppressed ones included.
+pub const OBJECTS_MAX: usize = 512;
+/// Point indices over all objects of one frame.
+pub const OBJECT_POINTS_MAX: usize = 131_072;
+/// Known classes a model may have.
+pub const CLASSES_MAX: usize = 8;
+/// Corners of a footprint polygon.
+pub const FOOTPRINT_MAX: usize = 16;
+/// Cells of a model's bird's-eye map.
+pub const CELLS_MAX: usize = 131_072;
+/// Channels of a feature row, a multiple of 16.
+pub const FEATURE_CHANNELS_MAX: usize = 512;
+/// Bytes of a frame's name.
+pub const NAME_MAX: usize = 48;
+/// Bytes of a health reason.
+pub const REASON_MAX: usize = 192;

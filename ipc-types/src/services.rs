@@ -1,0 +1,107 @@
+//! The one table of services: both sides of every topic take their queue settings from here.
+
+use crate::{
+    CELLS_MAX, DETECTIONS_MAX, FEATURE_CHANNELS_MAX, OBJECT_POINTS_MAX, OBJECTS_MAX, POINTS_MAX,
+    feature_blocks,
+};
+
+/// Settings of one topic. Overflow drops the oldest; one publisher.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Topic {
+    /// Last part of the service's name.
+    pub name: &'static str,
+    /// Elements of the largest message.
+    pub elements_max: usize,
+    /// Bytes of an element.
+    pub element_bytes: usize,
+    /// Consumers at the same time.
+    pub subscribers_max: usize,
+    /// Messages waiting for one consumer.
+    pub buffer: usize,
+    /// Messages that one consumer may hold.
+    pub borrowed: usize,
+    /// Messages that the producer may fill at the same time.
+    pub loans: usize,
+    /// Messages that a late consumer still gets.
+    pub history: usize,
+    /// Silence after which a consumer speaks of a missing producer, ms.
+    pub deadline_ms: u64,
+}
+
+impl Topic {
+    /// Scans: ingest to backbone, refiner, gateway. Deep enough that the refiner finds the points of a frame whose
+    /// detections took two periods.
+    pub const POINTS: Topic = Topic {
+        name: "points",
+        elements_max: POINTS_MAX,
+        element_bytes: 16,
+        subscribers_max: 4,
+        buffer: 2,
+        borrowed: 4,
+        loans: 2,
+        history: 0,
+        deadline_ms: 1000,
+    };
+    /// Feature rows: backbone to head. The producer's model says how large its messages get, up to this.
+    pub const FEATURES: Topic = Topic {
+        name: "features",
+        elements_max: feature_blocks_max(),
+        element_bytes: 64,
+        subscribers_max: 2,
+        buffer: 1,
+        borrowed: 2,
+        loans: 1,
+        ..Topic::POINTS
+    };
+    /// Kept boxes: head to refiner, gateway.
+    pub const DETECTIONS: Topic = Topic {
+        name: "detections",
+        elements_max: DETECTIONS_MAX,
+        element_bytes: 144,
+        history: 1,
+        ..Topic::POINTS
+    };
+    /// The result: refiner to the robot, gateway, ingest in pace `complete`.
+    pub const OBJECTS: Topic = Topic {
+        name: "objects",
+        elements_max: OBJECTS_MAX,
+        element_bytes: 200,
+        subscribers_max: 8,
+        ..Topic::DETECTIONS
+    };
+    /// Indices into the points: refiner to whoever asks.
+    pub const OBJECT_POINTS: Topic = Topic {
+        name: "object_points",
+        elements_max: OBJECT_POINTS_MAX,
+        element_bytes: 4,
+        history: 0,
+        ..Topic::OBJECTS
+    };
+    /// Heartbeats: each stage to the supervisor.
+    pub const HEALTH: Topic = Topic {
+        name: "health",
+        elements_max: 1,
+        element_bytes: 264,
+        ..Topic::OBJECTS
+    };
+}
+
+const fn feature_blocks_max() -> usize {
+    // 36 MB: the largest map at 64 channels, or `second` on its computed cells.
+    CELLS_MAX.div_ceil(16) + CELLS_MAX * FEATURE_CHANNELS_MAX / 16 / 8
+}
+
+/// All of them.
+pub const TOPICS: [Topic; 6] = [
+    Topic::POINTS,
+    Topic::FEATURES,
+    Topic::DETECTIONS,
+    Topic::OBJECTS,
+    Topic::OBJECT_POINTS,
+    Topic::HEALTH,
+];
+
+const _: () = assert!(Topic::DETECTIONS.element_bytes == size_of::<crate::Detection>());
+const _: () = assert!(Topic::OBJECTS.element_bytes == size_of::<crate::Object>());
+const _: () = assert!(Topic::HEALTH.element_bytes == size_of::<crate::Health>());
+const _: () = assert!(feature_blocks(16, 16) == 17);

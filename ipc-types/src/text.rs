@@ -1,0 +1,23 @@
+//! Short text of fixed size, as plain bytes.
+
+/// UTF-8 padded with NUL. `Text` only reads and writes byte arrays: the payloads hold `[u8; N]`.
+pub struct Text;
+
+impl Text {
+    /// Cut at a character border when longer than `N` bytes.
+    pub fn pack<const N: usize>(text: &str) -> [u8; N] {
+        let mut end = text.len().min(N);
+        while !text.is_char_boundary(end) {
+            end -= 1;
+        }
+        let mut bytes = [0; N];
+        bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
+        bytes
+    }
+
+    /// Up to the first NUL; `None` when it is not UTF-8.
+    pub fn unpack(bytes: &[u8]) -> Option<&str> {
+        let end = bytes.iter().position(|&b| b == 0).unwrap_or(bytes.len());
+        std::str::from_utf8(&bytes[..end]).ok()
+    }
+}

@@ -1,0 +1,24 @@
+//! Convolution and normalisation on plain slices: forward (drives the vehicle) and gradients (train).
+//!
+//! One idea carries every layer of the network: **a map is a list of rows** (one row a cell or a voxel, channels
+//! contiguous), and a convolution is a [`Gather`]: for each output row and each tap of the kernel, which input row is
+//! read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2 convolutions differ in their gather alone.
+//! A batch is more rows. A cell that is not computed is a row that is not listed.
+#![allow(missing_docs)]
+
+mod gather;
+mod portable;
+mod weights;
+
+pub use gather::{ABSENT, Gather};
+pub use portable::{convolve, weight_gradient};
+pub use weights::Weights;
+
+/// What happens to a row after its sum.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Epilogue<'a> {
+    /// Added to every row; `cout` values.
+    pub bias: Option<&'a [f32]>,
+    /// max(0, x) after the bias.
+    pub relu: bool,
+}

@@ -1,0 +1,2 @@
+//! What happens off the vehicle: simulate, train, evaluate, draw.
+

@@ -1,0 +1,102 @@
+//! What a model was trained for, and with what: the model file's metadata.
+
+use serde::{Deserialize, Serialize};
+
+use crate::network::Network;
+
+/// A known class and its anchors (two rotations, 0 and 1.57 rad).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AnchorClass {
+    /// Lower case: `car`, `pedestrian`, `cyclist`, `truck`.
+    pub name: String,
+    /// l, w, h, m: the mean of the training split.
+    pub size_m: [f32; 3],
+    /// z of the box bottom in the sensor frame, m.
+    pub bottom_z_m: f32,
+    /// Anchors at or above this bird's-eye overlap are positive.
+    pub matched_iou: f32,
+    /// Anchors below it are negative.
+    pub unmatched_iou: f32,
+}
+
+/// The head's and the gate's settings, chosen on the validation split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Thresholds {
+    /// Anchors below this objectness are no candidates.
+    pub objectness_min: f32,
+    /// The best so many enter non-maximum suppression.
+    pub candidates_max: u32,
+    /// Rotated bird's-eye overlap above which the weaker box goes.
+    pub nms_iou: f32,
+    /// Boxes kept after suppression.
+    pub boxes_max: u32,
+    /// A box with normalised EDS below this is a candidate unknown (paper section 3.2; the paper's lambda divided by
+    /// (C-1) T^2). 0: the gate never fires, the closed-set detector.
+    pub eds_normalised_max: f32,
+}
+
+/// The sensor's beams, for range images.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Beams {
+    /// Elevation of each beam, rad, from the top down.
+    pub elevation_rad: Vec<f32>,
+    /// Azimuth step of a column, rad.
+    pub azimuth_step_rad: f32,
+}
+
+/// Where a model comes from.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// Data set and seed.
+    pub data: String,
+    /// Random seed of the training run.
+    pub seed: u64,
+    /// Optimiser steps.
+    pub steps: u64,
+    /// Frames a step.
+    pub batch: u32,
+    /// Commit of the trainer, or `unknown`.
+    pub commit: String,
+    /// Validation figures by name, percent.
+    pub metrics: std::collections::BTreeMap<String, f64>,
+    /// How the gate's threshold was chosen: split and rule.
+    pub threshold_choice: String,
+}
+
+/// The model file's metadata.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// Version of this format: [`Manifest::FORMAT`].
+    pub format: u32,
+    /// `kitti`, `udi`, or the user's own.
+    pub name: String,
+    /// Every layer.
+    pub network: Network,
+    /// In the order of the embedding's channels; `network.classes` of them.
+    pub classes: Vec<AnchorClass>,
+    /// Height of the sensor above the ground, m.
+    pub sensor_height_m: f32,
+    /// Whether the network reads intensity; else that channel is 0.
+    pub uses_intensity: bool,
+    /// T: prototype t is T times the t-th unit vector (paper section 3.2).
+    pub prototype_scale: f32,
+    /// The largest objectness that the network gives to an empty scene: below `objectness_min`, so that a cell that is
+    /// absent from the feature rows cannot hold a candidate.
+    pub empty_objectness_max: f32,
+    /// Settings chosen on validation data.
+    pub thresholds: Thresholds,
+    /// The beams trained on.
+    pub beams: Beams,
+    /// Where it comes from.
+    pub provenance: Provenance,
+}
+
+impl Manifest {
+    /// Files of another format are refused.
+    pub const FORMAT: u32 = 1;
+}

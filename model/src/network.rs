@@ -1,0 +1,168 @@
+//! SECOND's layers as data (paper section 3.1; the sizes are those of the public SECOND configurations).
+//!
+//! Weight shapes, row-major: sparse `(out, kz, ky, kx, in)`, dense `(out, in, 3, 3)`, up `(in, out, k, k)`, head
+//! `(out, in, 1, 1)` with a bias. Every convolution but the head's is free of bias and followed by batch norm
+//! (`NAME.bn.weight|bias|running_mean|running_var`, eps 1e-3) and ReLU.
+
+use serde::{Deserialize, Serialize};
+
+/// The detection range and its voxels. All triples are x, y, z.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Grid {
+    /// Lower corner, m.
+    pub range_min_m: [f32; 3],
+    /// Upper corner, m.
+    pub range_max_m: [f32; 3],
+    /// Voxel edges, m.
+    pub voxel_size_m: [f32; 3],
+    /// Later points of a full voxel are not averaged.
+    pub points_per_voxel_max: u32,
+    /// Points that would open a further voxel are left out, counted and flagged.
+    pub voxels_max: u32,
+}
+
+impl Grid {
+    /// Voxels along x, y, z.
+    pub fn cells(&self) -> [usize; 3] {
+        [0, 1, 2].map(|i| {
+            ((self.range_max_m[i] - self.range_min_m[i]) / self.voxel_size_m[i]).round() as usize
+        })
+    }
+    /// Shape of the first sparse map: z + 1, y, x.
+    pub fn sparse_shape(&self) -> [usize; 3] {
+        let [x, y, z] = self.cells();
+        [z + 1, y, x]
+    }
+}
+
+/// One sparse 3-D convolution. Triples are z, y, x.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SparseLayer {
+    /// `backbone3d.conv2.0`, for instance.
+    pub name: String,
+    /// Output sites = input sites; else a site exists where any input lies in its window.
+    pub submanifold: bool,
+    /// Taps.
+    pub kernel: [usize; 3],
+    /// 1 for submanifold.
+    pub stride: [usize; 3],
+    /// kernel / 2 for submanifold.
+    pub padding: [usize; 3],
+    /// Input channels.
+    pub cin: usize,
+    /// Output channels.
+    pub cout: usize,
+}
+
+impl SparseLayer {
+    /// Taps of the kernel.
+    pub fn taps(&self) -> usize {
+        self.kernel.iter().product()
+    }
+    /// Shape after this layer.
+    pub fn output_shape(&self, input: [usize; 3]) -> [usize; 3] {
+        [0, 1, 2].map(|i| {
+            (input[i] + 2 * self.padding[i]).saturating_sub(self.kernel[i]) / self.stride[i] + 1
+        })
+    }
+}
+
+/// One 3x3 convolution with padding 1 on the bird's-eye map.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DenseLayer {
+    /// `backbone2d.block1.0`, for instance.
+    pub name: String,
+    /// 1 or 2.
+    pub stride: usize,
+    /// Input channels.
+    pub cin: usize,
+    /// Output channels.
+    pub cout: usize,
+}
+
+/// One transposed convolution, kernel = stride = `factor`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct UpLayer {
+    /// `backbone2d.up1` or `backbone2d.up2`.
+    pub name: String,
+    /// 1 or 2.
+    pub factor: usize,
+    /// Input channels.
+    pub cin: usize,
+    /// Output channels.
+    pub cout: usize,
+}
+
+/// The whole network: voxels -> sparse 3-D -> bird's-eye map -> two blocks -> two ups, concatenated -> heads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Network {
+    /// `second` or `compact`.
+    pub profile: String,
+    /// Input grid.
+    pub grid: Grid,
+    /// In order.
+    pub sparse: Vec<SparseLayer>,
+    /// Bird's-eye map at full size.
+    pub block1: Vec<DenseLayer>,
+    /// At half size (its first layer has stride 2).
+    pub block2: Vec<DenseLayer>,
+    /// Of block1's output.
+    pub up1: UpLayer,
+    /// Of block2's output.
+    pub up2: UpLayer,
+    /// Known classes C: the embedding has C channels, a cell has 2 C anchors.
+    pub classes: usize,
+}
+
+impl Network {
+    /// Shape (z, y, x) after every sparse layer, the input's first.
+    pub fn sparse_shapes(&self) -> Vec<[usize; 3]> {
+        let mut shapes = vec![self.grid.sparse_shape()];
+        for layer in &self.sparse {
+            shapes.push(layer.output_shape(shapes[shapes.len() - 1]));
+        }
+        shapes
+    }
+    /// Bird's-eye map: rows (y), columns (x).
+    pub fn map_shape(&self) -> [usize; 2] {
+        let shapes = self.sparse_shapes();
+        let [_, y, x] = shapes[shapes.len() - 1];
+        [y, x]
+    }
+    /// Channels of the bird's-eye map: c * depth + z.
+    pub fn map_channels(&self) -> usize {
+        let shapes = self.sparse_shapes();
+        self.sparse.last().map_or(0, |layer| layer.cout) * shapes[shapes.len() - 1][0]
+    }
+    /// Channels of a feature row: both ups.
+    pub fn feature_channels(&self) -> usize {
+        self.up1.cout + self.up2.cout
+    }
+    /// Anchors of a cell: two rotations a class, order (class, rotation).
+    pub fn anchors(&self) -> usize {
+        2 * self.classes
+    }
+    /// Name and output channels of the heads.
+    pub fn heads(&self) -> [(&'static str, usize); 4] {
+        let anchors = self.anchors();
+        [
+            ("head.objectness", anchors),
+            ("head.embedding", self.classes),
+            ("head.box", 7 * anchors),
+            ("head.direction", 2 * anchors),
+        ]
+    }
+    /// Cell edge (x, y) on the bird's-eye map, m.
+    pub fn cell_size_m(&self) -> [f32; 2] {
+        let [rows, columns] = self.map_shape();
+        [
+            (self.grid.range_max_m[0] - self.grid.range_min_m[0]) / columns as f32,
+            (self.grid.range_max_m[1] - self.grid.range_min_m[1]) / rows as f32,
+        ]
+    }
+}

@@ -1,0 +1,2 @@
+//! mluc
+fn main() {}

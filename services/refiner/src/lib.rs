@@ -1,0 +1,1 @@
+//! mluc-refiner
