@@ -14,7 +14,11 @@ pub struct Box3 {
 impl Box3 {
     /// From x, y, z, l, w, h, yaw.
     pub fn new(v: [f64; 7]) -> Box3 {
-        Box3 { center_m: [v[0], v[1], v[2]], size_m: [v[3], v[4], v[5]], yaw_rad: v[6] }
+        Box3 {
+            center_m: [v[0], v[1], v[2]],
+            size_m: [v[3], v[4], v[5]],
+            yaw_rad: v[6],
+        }
     }
 
     /// Corners of the footprint, counter-clockwise, m: front left, rear left, rear right, front right.
@@ -23,7 +27,10 @@ impl Box3 {
         let [l, w, _] = self.size_m;
         [[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]].map(|[u, v]| {
             let (u, v) = (u * l, v * w);
-            [self.center_m[0] + u * cos - v * sin, self.center_m[1] + u * sin + v * cos]
+            [
+                self.center_m[0] + u * cos - v * sin,
+                self.center_m[1] + u * sin + v * cos,
+            ]
         })
     }
 
@@ -36,12 +43,19 @@ impl Box3 {
     pub fn local_m(&self, point_m: [f64; 3]) -> [f64; 3] {
         let (sin, cos) = self.yaw_rad.sin_cos();
         let (dx, dy) = (point_m[0] - self.center_m[0], point_m[1] - self.center_m[1]);
-        [dx * cos + dy * sin, dy * cos - dx * sin, point_m[2] - self.center_m[2]]
+        [
+            dx * cos + dy * sin,
+            dy * cos - dx * sin,
+            point_m[2] - self.center_m[2],
+        ]
     }
 
     /// Whether a point lies inside or on the surface.
     pub fn contains(&self, point_m: [f64; 3]) -> bool {
-        self.local_m(point_m).iter().zip(self.size_m).all(|(p, s)| p.abs() <= s / 2.0)
+        self.local_m(point_m)
+            .iter()
+            .zip(self.size_m)
+            .all(|(p, s)| p.abs() <= s / 2.0)
     }
 }
 

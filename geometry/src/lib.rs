@@ -1,7 +1,20 @@
 //! Boxes, rotated overlap, non-maximum suppression, frames of reference.
 //!
 //! Sensor frame: x forward, y left, z up, metres. Angles in rad, yaw about +z, 0 along +x.
+//! Camera frame (KITTI "rect"): x right, y down, z forward, metres; [`Calibration`] goes between the two.
 
 mod boxes;
+mod calibration;
+mod image;
+mod linear;
+mod nms;
+mod overlap;
+mod polygon;
 
 pub use boxes::{Box3, limit_period};
+pub use calibration::{Calibration, CalibrationError, CameraBox};
+pub use image::{ImageSize, iou_2d, overlap_of_first_2d};
+pub use nms::{nms, nms_into};
+pub use overlap::{
+    intersection_bev_m2, intersection_over_min_area, iou_3d, iou_bev, iou_nearest_bev,
+};

@@ -1,0 +1,368 @@
+//! Between the sensor frame and KITTI's camera frame: `x_rect = R0_rect * Tr_velo_to_cam * x_sensor`,
+//! `pixel = P2 * x_rect`. A label's location is the centre of the bottom face and its heading turns about the
+//! camera's y axis, which points down: `yaw = -(rotation_y + pi / 2)`.
+
+use crate::boxes::{Box3, limit_period};
+use crate::image::ImageSize;
+use crate::linear::{Affine, times_matrix, times_vector};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// What is wrong with a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CalibrationError {
+    /// The map from sensor to camera cannot be inverted, or holds a value that is not finite.
+    #[error(
+        "calibration: R0_rect * Tr_velo_to_cam must be an invertible map of finite numbers, found one that is not"
+    )]
+    Singular,
+}
+
+/// A box as KITTI's labels give it, in the camera frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraBox {
+    /// Centre of the bottom face: x right, y down, z forward, m.
+    pub location_m: [f64; 3],
+    /// Height, width, length, m.
+    pub size_hwl_m: [f64; 3],
+    /// Heading about the camera's y axis, rad; 0 along the camera's +x.
+    pub rotation_y_rad: f64,
+}
+
+impl CameraBox {
+    /// The box in the camera's place but with the sensor's axes: x forward, y left, z up.
+    ///
+    /// Two boxes overlap there exactly as they do in the camera frame, so labels and detections can be compared
+    /// without a calibration.
+    pub fn upright(&self) -> Box3 {
+        let [x, y, z] = self.location_m;
+        let [h, w, l] = self.size_hwl_m;
+        Box3 {
+            center_m: [z, -x, -y + h / 2.0],
+            size_m: [l, w, h],
+            yaw_rad: -(self.rotation_y_rad + FRAC_PI_2),
+        }
+    }
+
+    /// The eight corners in the camera frame, m: four of the bottom face in order, then the four above them.
+    pub fn corners_m(&self) -> [[f64; 3]; 8] {
+        let [h, w, l] = self.size_hwl_m;
+        let (sin, cos) = self.rotation_y_rad.sin_cos();
+        let foot = [[0.5, 0.5], [0.5, -0.5], [-0.5, -0.5], [-0.5, 0.5]];
+        std::array::from_fn(|i| {
+            let (u, v) = (foot[i % 4][0] * l, foot[i % 4][1] * w);
+            let rise = if i < 4 { 0.0 } else { h };
+            [
+                self.location_m[0] + u * cos + v * sin,
+                self.location_m[1] - rise,
+                self.location_m[2] - u * sin + v * cos,
+            ]
+        })
+    }
+}
+
+/// Calibration of one frame: camera matrix and the map from sensor to camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    p2: [[f64; 4]; 3],
+    r0_rect: [[f64; 3]; 3],
+    velo_to_cam: [[f64; 4]; 3],
+    rect_from_sensor: Affine,
+    sensor_from_rect: Affine,
+}
+
+/// Nearest depth that is projected, m: parts of a box behind it are cut off.
+const DEPTH_MIN_M: f64 = 0.1;
+
+/// Edges of a box between its corners.
+const EDGES: [[usize; 2]; 12] = [
+    [0, 1],
+    [1, 2],
+    [2, 3],
+    [3, 0],
+    [4, 5],
+    [5, 6],
+    [6, 7],
+    [7, 4],
+    [0, 4],
+    [1, 5],
+    [2, 6],
+    [3, 7],
+];
+
+impl Calibration {
+    /// From KITTI's matrices, row by row. `p2` may be all 0: there is no camera then.
+    pub fn new(
+        p2: [[f64; 4]; 3],
+        r0_rect: [[f64; 3]; 3],
+        velo_to_cam: [[f64; 4]; 3],
+    ) -> Result<Calibration, CalibrationError> {
+        let turn = velo_to_cam.map(|row| [row[0], row[1], row[2]]);
+        let shift = velo_to_cam.map(|row| row[3]);
+        let rect_from_sensor = Affine {
+            linear: times_matrix(&r0_rect, &turn),
+            offset: times_vector(&r0_rect, shift),
+        };
+        let sensor_from_rect = rect_from_sensor
+            .inverse()
+            .ok_or(CalibrationError::Singular)?;
+        let finite = rect_from_sensor
+            .offset
+            .iter()
+            .chain(p2.iter().flatten())
+            .all(|v| v.is_finite());
+        if !finite {
+            return Err(CalibrationError::Singular);
+        }
+        Ok(Calibration {
+            p2,
+            r0_rect,
+            velo_to_cam,
+            rect_from_sensor,
+            sensor_from_rect,
+        })
+    }
+
+    /// A sensor without a camera: axes swapped, no shift, P2 all 0 (what the simulator's full-circle frames carry).
+    pub fn without_camera() -> Calibration {
+        let linear = [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]];
+        let inverse = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
+        Calibration {
+            p2: [[0.0; 4]; 3],
+            r0_rect: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            velo_to_cam: linear.map(|row| [row[0], row[1], row[2], 0.0]),
+            rect_from_sensor: Affine {
+                linear,
+                offset: [0.0; 3],
+            },
+            sensor_from_rect: Affine {
+                linear: inverse,
+                offset: [0.0; 3],
+            },
+        }
+    }
+
+    /// Left colour camera's projection, px.
+    pub fn p2(&self) -> &[[f64; 4]; 3] {
+        &self.p2
+    }
+
+    /// Rectifying rotation.
+    pub fn r0_rect(&self) -> &[[f64; 3]; 3] {
+        &self.r0_rect
+    }
+
+    /// Camera 0 from sensor: rotation and translation, m.
+    pub fn velo_to_cam(&self) -> &[[f64; 4]; 3] {
+        &self.velo_to_cam
+    }
+
+    /// Whether there is an image: false where P2 is all 0.
+    pub fn has_camera(&self) -> bool {
+        self.p2.iter().flatten().any(|&v| v != 0.0)
+    }
+
+    /// A point from the sensor frame to the camera frame, m.
+    pub fn rect_from_sensor(&self, point_in_sensor_m: [f64; 3]) -> [f64; 3] {
+        self.rect_from_sensor.apply(point_in_sensor_m)
+    }
+
+    /// A point from the camera frame to the sensor frame, m.
+    pub fn sensor_from_rect(&self, point_in_rect_m: [f64; 3]) -> [f64; 3] {
+        self.sensor_from_rect.apply(point_in_rect_m)
+    }
+
+    /// A label's box in the sensor frame. The box stays upright: the small tilt between the frames moves its centre
+    /// and leaves its axes.
+    pub fn box_in_sensor_from_label(&self, label: &CameraBox) -> Box3 {
+        let [h, w, l] = label.size_hwl_m;
+        let [x, y, z_bottom] = self.sensor_from_rect(label.location_m);
+        let yaw_rad = limit_period(-(label.rotation_y_rad + FRAC_PI_2), 0.5, 2.0 * PI);
+        Box3 {
+            center_m: [x, y, z_bottom + h / 2.0],
+            size_m: [l, w, h],
+            yaw_rad,
+        }
+    }
+
+    /// The inverse of [`Self::box_in_sensor_from_label`].
+    pub fn label_from_box_in_sensor(&self, box_in_sensor: &Box3) -> CameraBox {
+        let [l, w, h] = box_in_sensor.size_m;
+        let [x, y, z] = box_in_sensor.center_m;
+        let rotation_y_rad = limit_period(-box_in_sensor.yaw_rad - FRAC_PI_2, 0.5, 2.0 * PI);
+        CameraBox {
+            location_m: self.rect_from_sensor([x, y, z - h / 2.0]),
+            size_hwl_m: [h, w, l],
+            rotation_y_rad,
+        }
+    }
+
+    /// A point of the sensor frame in the image, px; `None` without a camera or behind it.
+    pub fn project_point_to_image(&self, point_in_sensor_m: [f64; 3]) -> Option<[f64; 2]> {
+        let [u, v, depth] = self.homogeneous(self.rect_from_sensor(point_in_sensor_m));
+        (depth >= DEPTH_MIN_M).then(|| [u / depth, v / depth])
+    }
+
+    /// A box of the sensor frame in the image: left, top, right, bottom, px, around its projected corners, clipped to
+    /// the image (0 to width - 1, 0 to height - 1). `None` when nothing of it is seen, or without a camera.
+    pub fn project_box_to_image(&self, box_in_sensor: &Box3, image: ImageSize) -> Option<[f64; 4]> {
+        self.project_label_to_image(&self.label_from_box_in_sensor(box_in_sensor), image)
+    }
+
+    /// [`Self::project_box_to_image`] for a box of the camera frame.
+    pub fn project_label_to_image(&self, label: &CameraBox, image: ImageSize) -> Option<[f64; 4]> {
+        let corners = label.corners_m().map(|corner| self.homogeneous(corner));
+        let mut bounds = [
+            f64::INFINITY,
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            f64::NEG_INFINITY,
+        ];
+        for [from, to] in EDGES {
+            // Both ends of the edge's part in front of the camera; a corner behind it would project mirrored.
+            for (a, b) in [(corners[from], corners[to]), (corners[to], corners[from])] {
+                if let Some([u, v]) = visible_end_px(a, b) {
+                    bounds = [
+                        bounds[0].min(u),
+                        bounds[1].min(v),
+                        bounds[2].max(u),
+                        bounds[3].max(v),
+                    ];
+                }
+            }
+        }
+        let (right, bottom) = (
+            f64::from(image.width_px) - 1.0,
+            f64::from(image.height_px) - 1.0,
+        );
+        let clipped = [
+            bounds[0].max(0.0),
+            bounds[1].max(0.0),
+            bounds[2].min(right),
+            bounds[3].min(bottom),
+        ];
+        (clipped[2] > clipped[0] && clipped[3] > clipped[1]).then_some(clipped)
+    }
+
+    fn homogeneous(&self, p: [f64; 3]) -> [f64; 3] {
+        self.p2
+            .map(|row| row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + row[3])
+    }
+}
+
+/// Where an edge begins to be seen from `a` on, px: `a` itself, or the cut with the nearest depth.
+fn visible_end_px(a: [f64; 3], b: [f64; 3]) -> Option<[f64; 2]> {
+    if a[2] >= DEPTH_MIN_M {
+        return Some([a[0] / a[2], a[1] / a[2]]);
+    }
+    if b[2] < DEPTH_MIN_M || b[2].is_nan() {
+        return None;
+    }
+    let t = (DEPTH_MIN_M - a[2]) / (b[2] - a[2]);
+    let cut = [0, 1].map(|i| a[i] + t * (b[i] - a[i]));
+    Some([cut[0] / DEPTH_MIN_M, cut[1] / DEPTH_MIN_M])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers of the kind that KITTI's files hold: a small tilt, a lever arm, a camera of 721.5 px.
+    fn kitti_like() -> Calibration {
+        let (s, c) = 0.01f64.sin_cos();
+        Calibration::new(
+            [
+                [721.5, 0.0, 609.6, 44.9],
+                [0.0, 721.5, 172.9, 0.2],
+                [0.0, 0.0, 1.0, 0.003],
+            ],
+            [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]],
+            [
+                [0.0, -1.0, 0.0, -0.004],
+                [0.0, 0.0, -1.0, -0.076],
+                [1.0, 0.0, 0.0, -0.272],
+            ],
+        )
+        .expect("valid")
+    }
+
+    fn close(a: f64, b: f64) -> bool {
+        (a - b).abs() < 1e-9
+    }
+
+    #[test]
+    fn boxes_survive_the_round_trip() {
+        let calibration = kitti_like();
+        let b = Box3::new([12.0, -3.0, -0.8, 4.1, 1.7, 1.5, 0.4]);
+        let back = calibration.box_in_sensor_from_label(&calibration.label_from_box_in_sensor(&b));
+        for i in 0..3 {
+            assert!(close(back.center_m[i], b.center_m[i]) && close(back.size_m[i], b.size_m[i]));
+        }
+        assert!(close(back.yaw_rad, b.yaw_rad));
+    }
+
+    #[test]
+    fn a_car_straight_ahead_faces_away_and_lies_in_the_middle() {
+        let calibration = Calibration::without_camera();
+        // Heading along +x of the sensor is -pi/2 about the camera's y axis.
+        let label = CameraBox {
+            location_m: [0.0, 1.7, 20.0],
+            size_hwl_m: [1.5, 1.6, 4.0],
+            rotation_y_rad: -FRAC_PI_2,
+        };
+        let b = calibration.box_in_sensor_from_label(&label);
+        assert_eq!(b.size_m, [4.0, 1.6, 1.5]);
+        assert!(
+            close(b.center_m[0], 20.0) && close(b.center_m[1], 0.0) && close(b.center_m[2], -0.95)
+        );
+        assert!(close(b.yaw_rad, 0.0));
+        assert!(
+            !calibration.has_camera()
+                && calibration
+                    .project_box_to_image(&b, ImageSize::KITTI)
+                    .is_none()
+        );
+        assert_eq!(label.upright().center_m, b.center_m);
+    }
+
+    #[test]
+    fn projection_is_clipped_to_the_image() {
+        let calibration = kitti_like();
+        let project = |v| calibration.project_box_to_image(&Box3::new(v), ImageSize::KITTI);
+        let ahead = project([20.0, 0.0, -0.9, 4.0, 1.6, 1.5, 0.0]).expect("seen");
+        assert!(
+            ahead[0] > 500.0 && ahead[2] < 720.0 && ahead[1] > 150.0 && ahead[3] < 260.0,
+            "{ahead:?}"
+        );
+        assert!(project([-20.0, 0.0, -0.9, 4.0, 1.6, 1.5, 0.0]).is_none());
+        assert!(project([5.0, 40.0, -0.9, 4.0, 1.6, 1.5, 0.0]).is_none());
+        // Half behind the camera: the box reaches the image's lower edge and is not mirrored.
+        let beside = project([1.0, 2.5, -0.9, 6.0, 1.6, 1.5, 0.0]).expect("seen");
+        assert!(
+            beside[0] == 0.0 && beside[2] < 620.0 && beside[3] == 374.0,
+            "{beside:?}"
+        );
+    }
+
+    #[test]
+    fn the_corners_agree_with_the_upright_box() {
+        let label = CameraBox {
+            location_m: [3.0, 1.6, 15.0],
+            size_hwl_m: [1.4, 1.6, 3.9],
+            rotation_y_rad: 0.7,
+        };
+        let b = label.upright();
+        for corner in label.corners_m() {
+            let p = b.local_m([corner[2], -corner[0], -corner[1]]);
+            for i in 0..3 {
+                assert!(close(p[i].abs(), b.size_m[i] / 2.0), "{p:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_singular_map_is_refused() {
+        let zero = [[0.0; 4]; 3];
+        let result = Calibration::new(zero, [[0.0; 3]; 3], zero);
+        assert_eq!(result, Err(CalibrationError::Singular));
+    }
+}

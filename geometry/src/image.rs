@@ -1,0 +1,61 @@
+//! Boxes in the image plane: left, top, right, bottom, px.
+
+/// Size of a camera image, px.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageSize {
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+}
+
+impl ImageSize {
+    /// The common size of KITTI's left colour images.
+    pub const KITTI: ImageSize = ImageSize {
+        width_px: 1242,
+        height_px: 375,
+    };
+}
+
+fn area(b: &[f64; 4]) -> f64 {
+    (b[2] - b[0]) * (b[3] - b[1])
+}
+
+fn intersection(a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    let width = a[2].min(b[2]) - a[0].max(b[0]);
+    let height = a[3].min(b[3]) - a[1].max(b[1]);
+    if width > 0.0 && height > 0.0 {
+        width * height
+    } else {
+        0.0
+    }
+}
+
+/// Intersection over union of two image boxes.
+pub fn iou_2d(a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    let common = intersection(a, b);
+    if common > 0.0 {
+        common / (area(a) + area(b) - common)
+    } else {
+        0.0
+    }
+}
+
+/// Intersection over the first box's own area: how much of it lies in the second one.
+pub fn overlap_of_first_2d(a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    let common = intersection(a, b);
+    if common > 0.0 { common / area(a) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overlaps_of_image_boxes() {
+        let (a, b) = ([0.0, 0.0, 10.0, 10.0], [5.0, 0.0, 15.0, 10.0]);
+        assert!((iou_2d(&a, &b) - 50.0 / 150.0).abs() < 1e-12);
+        assert!((overlap_of_first_2d(&a, &b) - 0.5).abs() < 1e-12);
+        assert_eq!(iou_2d(&a, &[10.0, 0.0, 20.0, 10.0]), 0.0);
+    }
+}

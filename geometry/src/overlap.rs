@@ -1,0 +1,217 @@
+//! How much two upright boxes overlap: rotated in bird's-eye view (BEV), in 3D, and of the nearest axis-parallel boxes.
+//!
+//! Everything in f64. A box with a size that is not positive, or with a coordinate that is not finite, overlaps nothing.
+
+use crate::boxes::{Box3, limit_period};
+use crate::polygon::Polygon;
+use std::f64::consts::{FRAC_PI_4, PI};
+
+/// Whether the footprint has an area and a place.
+fn has_footprint(b: &Box3) -> bool {
+    b.size_m[0] > 0.0
+        && b.size_m[1] > 0.0
+        && b.size_m[0].is_finite()
+        && b.size_m[1].is_finite()
+        && b.center_m[0].is_finite()
+        && b.center_m[1].is_finite()
+        && b.yaw_rad.is_finite()
+}
+
+/// Area of the footprint, m^2; 0 when it is degenerate.
+fn footprint_m2(b: &Box3) -> f64 {
+    if has_footprint(b) {
+        b.size_m[0] * b.size_m[1]
+    } else {
+        0.0
+    }
+}
+
+/// Whether the circles around two footprints may touch: a cheap test before the exact one.
+///
+/// `(r_a + r_b)^2 <= 2 (r_a^2 + r_b^2)`, equal for equal radii, spares the roots.
+fn circles_may_touch(a: &Box3, b: &Box3) -> bool {
+    let (dx, dy) = (a.center_m[0] - b.center_m[0], a.center_m[1] - b.center_m[1]);
+    let diagonal_m2 = |b: &Box3| b.size_m[0] * b.size_m[0] + b.size_m[1] * b.size_m[1];
+    dx * dx + dy * dy <= (diagonal_m2(a) + diagonal_m2(b)) / 2.0
+}
+
+/// Area common to the two footprints, m^2.
+pub fn intersection_bev_m2(a: &Box3, b: &Box3) -> f64 {
+    if !circles_may_touch(a, b) || !has_footprint(a) || !has_footprint(b) {
+        return 0.0;
+    }
+    // b in a's frame: a's sides are then x = +-l/2 and y = +-w/2.
+    let center = a.local_m(b.center_m);
+    let b_in_a = Box3 {
+        center_m: center,
+        size_m: b.size_m,
+        yaw_rad: b.yaw_rad - a.yaw_rad,
+    };
+    let (half_l, half_w) = (a.size_m[0] / 2.0, a.size_m[1] / 2.0);
+    let common = Polygon::from_corners(b_in_a.footprint_m())
+        .clip(0, 1.0, half_l)
+        .clip(0, -1.0, half_l)
+        .clip(1, 1.0, half_w)
+        .clip(1, -1.0, half_w);
+    common.area().min(footprint_m2(a)).min(footprint_m2(b))
+}
+
+/// Length common to the two vertical extents, m.
+fn intersection_height_m(a: &Box3, b: &Box3) -> f64 {
+    // Relative to a's centre, so that the overlap of equal boxes is exactly their height.
+    let dz = b.center_m[2] - a.center_m[2];
+    let top = (a.size_m[2] / 2.0).min(dz + b.size_m[2] / 2.0);
+    let bottom = (-a.size_m[2] / 2.0).max(dz - b.size_m[2] / 2.0);
+    if a.size_m[2] > 0.0 && b.size_m[2] > 0.0 {
+        (top - bottom).max(0.0)
+    } else {
+        0.0
+    }
+}
+
+fn ratio(part: f64, whole: f64) -> f64 {
+    if part > 0.0 && whole > 0.0 {
+        (part / whole).min(1.0)
+    } else {
+        0.0
+    }
+}
+
+/// Intersection over union of the footprints, 0..1.
+pub fn iou_bev(a: &Box3, b: &Box3) -> f64 {
+    let common = intersection_bev_m2(a, b);
+    ratio(common, footprint_m2(a) + footprint_m2(b) - common)
+}
+
+/// Intersection over union of the volumes, 0..1.
+pub fn iou_3d(a: &Box3, b: &Box3) -> f64 {
+    let height = intersection_height_m(a, b);
+    if height <= 0.0 {
+        return 0.0;
+    }
+    let common = intersection_bev_m2(a, b) * height;
+    ratio(common, a.volume_m3() + b.volume_m3() - common)
+}
+
+/// Area common to the footprints over the smaller footprint's area, 0..1: 1 when one contains the other.
+pub fn intersection_over_min_area(a: &Box3, b: &Box3) -> f64 {
+    ratio(
+        intersection_bev_m2(a, b),
+        footprint_m2(a).min(footprint_m2(b)),
+    )
+}
+
+/// Half the extent of the footprint along x and y, of the axis-parallel box that is nearest in heading.
+fn nearest_half_m(b: &Box3) -> [f64; 2] {
+    let [l, w, _] = b.size_m;
+    if limit_period(b.yaw_rad, 0.5, PI).abs() < FRAC_PI_4 {
+        [l / 2.0, w / 2.0]
+    } else {
+        [w / 2.0, l / 2.0]
+    }
+}
+
+/// IoU of the nearest axis-parallel footprints, 0..1, heights ignored: what anchors are assigned by.
+///
+/// Headings within 45 degrees of +-x keep (l, w), the others turn it to (w, l) (SECOND's target assignment).
+pub fn iou_nearest_bev(a: &Box3, b: &Box3) -> f64 {
+    if !has_footprint(a) || !has_footprint(b) {
+        return 0.0;
+    }
+    let (half_a, half_b) = (nearest_half_m(a), nearest_half_m(b));
+    let mut common = 1.0;
+    for axis in 0..2 {
+        let offset = b.center_m[axis] - a.center_m[axis];
+        let high = half_a[axis].min(offset + half_b[axis]);
+        let low = (-half_a[axis]).max(offset - half_b[axis]);
+        common *= (high - low).max(0.0);
+    }
+    ratio(common, footprint_m2(a) + footprint_m2(b) - common)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn upright(v: [f64; 7]) -> Box3 {
+        Box3::new(v)
+    }
+
+    #[test]
+    fn identical_boxes_overlap_fully_at_any_place() {
+        let b = upright([61.3, -38.7, -0.9, 4.2, 1.8, 1.5, 2.3]);
+        assert_eq!(iou_bev(&b, &b), 1.0);
+        assert_eq!(iou_3d(&b, &b), 1.0);
+    }
+
+    #[test]
+    fn unit_squares_at_45_degrees() {
+        let a = upright([10.0, 5.0, 0.0, 1.0, 1.0, 1.0, 0.0]);
+        let b = Box3 {
+            yaw_rad: FRAC_PI_4,
+            ..a
+        };
+        // The common octagon: 2 (sqrt 2 - 1) = 0.8284 of 1.1716.
+        let common = 2.0 * (2f64.sqrt() - 1.0);
+        assert!((intersection_bev_m2(&a, &b) - common).abs() < 1e-12);
+        assert!((iou_bev(&a, &b) - common / (2.0 - common)).abs() < 1e-12);
+        assert!((iou_bev(&a, &b) - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-4);
+    }
+
+    #[test]
+    fn touching_boxes_do_not_overlap() {
+        let a = upright([0.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0]);
+        assert_eq!(
+            iou_bev(&a, &upright([4.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0])),
+            0.0
+        );
+        assert_eq!(
+            iou_3d(&a, &upright([0.0, 0.0, 1.0, 4.0, 2.0, 1.0, 0.0])),
+            0.0
+        );
+    }
+
+    #[test]
+    fn containment_gives_the_ratio_of_areas_and_volumes() {
+        let a = upright([3.0, 1.0, 0.5, 8.0, 8.0, 4.0, 0.3]);
+        let b = upright([3.2, 0.9, 0.5, 2.0, 1.0, 2.0, 1.1]);
+        assert!((iou_bev(&a, &b) - 2.0 / 64.0).abs() < 1e-12);
+        assert!((iou_3d(&a, &b) - 4.0 / 256.0).abs() < 1e-12);
+        assert!((intersection_over_min_area(&a, &b) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn degenerate_boxes_overlap_nothing() {
+        let a = upright([0.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0]);
+        for bad in [0.0, -1.0, -1000.0, f64::NAN, f64::INFINITY] {
+            for axis in 0..3 {
+                let mut b = a;
+                b.size_m[axis] = bad;
+                // An infinite height is a column: what counts is that nothing but a fraction comes out.
+                let iou = iou_3d(&a, &b);
+                assert!((0.0..=1.0).contains(&iou), "{iou}");
+                assert!(axis == 2 || iou_bev(&a, &b) == 0.0);
+                assert_eq!(iou_3d(&b, &b), 0.0);
+            }
+        }
+        let lost = Box3 {
+            center_m: [f64::NAN, 0.0, 0.0],
+            ..a
+        };
+        assert_eq!(iou_bev(&a, &lost), 0.0);
+    }
+
+    #[test]
+    fn nearest_boxes_ignore_small_turns_and_swap_large_ones() {
+        let a = upright([0.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0]);
+        let b = Box3 { yaw_rad: 0.7, ..a };
+        assert_eq!(iou_nearest_bev(&a, &b), 1.0);
+        let turned = Box3 { yaw_rad: 0.9, ..a };
+        assert!((iou_nearest_bev(&a, &turned) - 4.0 / 12.0).abs() < 1e-12);
+        let reversed = Box3 {
+            yaw_rad: PI - 0.1,
+            ..a
+        };
+        assert_eq!(iou_nearest_bev(&a, &reversed), 1.0);
+    }
+}
