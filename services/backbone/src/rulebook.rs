@@ -1,0 +1,152 @@
+//! Which input site each tap of each output site reads ("rulebook" in the sparse-convolution literature).
+//!
+//! A submanifold layer keeps its input's sites; a strided one has a site wherever its window holds any input. Taps are in
+//! (kz, ky, kx) order, the order of the weights.
+
+use mluc_kernels::{ABSENT, Gather};
+use mluc_model::SparseLayer;
+use rayon::prelude::*;
+
+use crate::sites::Sites;
+
+/// Output sites that one task looks up: some 50 microseconds of work.
+const ROWS_A_TASK: usize = 1024;
+
+/// The rulebook of one layer: its output sites (none for a submanifold layer: those of the input) and its gather.
+pub fn rulebook(layer: &SparseLayer, input: &Sites) -> (Option<Sites>, Gather) {
+    let mut table = Gather::default();
+    if layer.submanifold {
+        gather(layer, input, input, &mut table);
+        return (None, table);
+    }
+    let mut output = Sites::new(layer.output_shape(input.shape()));
+    output_sites(layer, input, &mut output);
+    gather(layer, input, &output, &mut table);
+    (Some(output), table)
+}
+
+/// The sites of a strided layer: every cell whose window holds an input site. `output` has the layer's output shape.
+pub fn output_sites(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
+    output.clear();
+    let shape = output.shape();
+    for site in input.coordinates() {
+        let [z, y, x] = [0, 1, 2].map(|i| readers(layer, i, site[i].into(), shape[i]));
+        for z in z {
+            for y in y.clone() {
+                for x in x.clone() {
+                    output.insert(z, y, x);
+                }
+            }
+        }
+    }
+    output.finish();
+}
+
+/// Output positions whose window along one axis holds `at`: all o with o * stride - padding <= at < that + kernel.
+fn readers(layer: &SparseLayer, axis: usize, at: usize, edge: usize) -> std::ops::Range<usize> {
+    let (kernel, stride) = (layer.kernel[axis], layer.stride[axis]);
+    let last_covered = at + layer.padding[axis];
+    let first = (last_covered + 1).saturating_sub(kernel).div_ceil(stride);
+    first..(last_covered / stride + 1).min(edge)
+}
+
+/// The gather of a layer from `input`'s rows to `output`'s (the same sites for a submanifold layer).
+pub fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: &mut Gather) {
+    table.taps = layer.taps();
+    // Every entry is written below.
+    table.index.resize(output.len() * table.taps, ABSENT);
+    let rows = table.index.par_chunks_mut(ROWS_A_TASK * table.taps);
+    rows.zip(output.coordinates().par_chunks(ROWS_A_TASK))
+        .for_each(|(rows, sites)| {
+            for (row, site) in rows.chunks_exact_mut(layer.taps()).zip(sites) {
+                look_up(layer, input, *site, row);
+            }
+        });
+}
+
+/// One output site's taps.
+fn look_up(layer: &SparseLayer, input: &Sites, site: [u16; 3], taps: &mut [u32]) {
+    let origin =
+        |i: usize| (usize::from(site[i]) * layer.stride[i]) as isize - layer.padding[i] as isize;
+    let [z, y, x] = [0, 1, 2].map(origin);
+    let [_, height, width] = layer.kernel;
+    for (number, taps) in taps.chunks_exact_mut(width).enumerate() {
+        let (dz, dy) = (number / height, number % height);
+        match input.row(z + dz as isize, y + dy as isize) {
+            None => taps.fill(ABSENT),
+            Some(row) => {
+                for (dx, tap) in taps.iter_mut().enumerate() {
+                    *tap = input.index_in_row(row, x + dx as isize).unwrap_or(ABSENT);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::random_sites;
+    use mluc_model::{Grid, Network};
+
+    /// Every output cell, every tap, by the definition.
+    fn brute_force(layer: &SparseLayer, input: &Sites) -> (Vec<[u16; 3]>, Vec<u32>) {
+        let [depth, height, width] = layer.output_shape(input.shape());
+        let (mut sites, mut index) = (vec![], vec![]);
+        for cell in 0..depth * height * width {
+            let at = [cell / (height * width), cell / width % height, cell % width];
+            let taps: Vec<u32> = (0..layer.taps())
+                .map(|tap| {
+                    let k = [
+                        tap / (layer.kernel[1] * layer.kernel[2]),
+                        tap / layer.kernel[2] % layer.kernel[1],
+                        tap % layer.kernel[2],
+                    ];
+                    let read = [0, 1, 2]
+                        .map(|i| (at[i] * layer.stride[i] + k[i]) as i64 - layer.padding[i] as i64);
+                    let row = input
+                        .coordinates()
+                        .iter()
+                        .position(|site| site.map(i64::from) == read);
+                    row.map_or(ABSENT, |row| row as u32)
+                })
+                .collect();
+            let occupied = input.coordinates().contains(&at.map(|v| v as u16));
+            let exists = if layer.submanifold {
+                occupied
+            } else {
+                taps.iter().any(|tap| *tap != ABSENT)
+            };
+            if exists {
+                sites.push(at.map(|v| v as u16));
+                index.extend(taps);
+            }
+        }
+        (sites, index)
+    }
+
+    #[test]
+    fn tables_agree_with_the_definition_for_every_kind_of_layer() {
+        let second = Network::second(Grid::kitti_second(), 3);
+        for (number, shape, count) in [
+            (0, [6, 9, 70], 300),
+            (2, [7, 10, 67], 200),
+            (8, [6, 8, 66], 200),
+            (11, [5, 6, 7], 60),
+            (2, [4, 4, 4], 0),
+        ] {
+            let layer = &second.sparse[number];
+            let input = random_sites(shape, count, number as u64);
+            let (output, table) = rulebook(layer, &input);
+            let (sites, index) = brute_force(layer, &input);
+            assert_eq!(
+                output.as_ref().unwrap_or(&input).coordinates(),
+                sites,
+                "{}",
+                layer.name
+            );
+            assert_eq!(table.index, index, "{}", layer.name);
+            assert_eq!(table.taps, layer.taps());
+        }
+    }
+}

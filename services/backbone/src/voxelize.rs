@@ -1,0 +1,261 @@
+//! Points to voxels: each voxel's row is the mean of its first points (paper section 3.1; the mean encoder of SECOND).
+
+use mluc_model::Grid;
+
+use crate::sites::Sites;
+
+/// Channels of a voxel's row: x, y, z (m), intensity.
+pub const VOXEL_CHANNELS: usize = 4;
+
+/// What became of a scan's points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PointCounts {
+    /// Points of the scan.
+    pub points: u32,
+    /// Left out: a coordinate or the intensity is NaN or infinite.
+    pub non_finite: u32,
+    /// Left out: outside the grid.
+    pub out_of_range: u32,
+    /// Left out: they would have opened a voxel beyond `voxels_max`.
+    pub over_voxels_max: u32,
+    /// Inside the grid.
+    pub in_range: u32,
+    /// Voxels.
+    pub voxels: u32,
+}
+
+/// The voxels of one scan; reused from frame to frame.
+#[derive(Clone, Debug)]
+pub struct Voxels {
+    /// Occupied voxels of the grid, whose depth is that of the network's first sparse map.
+    pub sites: Sites,
+    /// One row a site: mean x, y, z (m, sensor frame), intensity.
+    pub rows: Vec<f32>,
+    /// z, y, x and point number of every point that has a voxel, in file order.
+    placed: Vec<([u16; 3], u32)>,
+    points_of_site: Vec<u32>,
+}
+
+impl Voxels {
+    /// Memory for scans on `grid`.
+    pub fn new(grid: &Grid) -> Voxels {
+        Voxels {
+            sites: Sites::new(grid.sparse_shape()),
+            rows: Vec::new(),
+            placed: Vec::new(),
+            points_of_site: Vec::new(),
+        }
+    }
+}
+
+/// Sorts points (x, y, z in m, intensity 0..1; file order) into voxels.
+///
+/// A point's voxel is floor((p - min) / size) in f32. A voxel averages its first `points_per_voxel_max` points; the
+/// first `voxels_max` distinct voxels in file order are kept. Without `uses_intensity` the fourth channel is 0.
+pub fn voxelize(
+    points: &[[f32; 4]],
+    grid: &Grid,
+    uses_intensity: bool,
+    voxels: &mut Voxels,
+) -> PointCounts {
+    let counts = place(points, grid, voxels);
+    voxels.sites.finish();
+    average(points, grid.points_per_voxel_max, uses_intensity, voxels);
+    counts
+}
+
+/// Opens the voxels and notes each point's.
+fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
+    let mut counts = PointCounts {
+        points: points.len() as u32,
+        ..PointCounts::default()
+    };
+    let cells = grid.cells().map(|cells| cells as f32);
+    voxels.sites.clear();
+    voxels.placed.clear();
+    for (number, point) in points.iter().enumerate() {
+        if !point.iter().all(|value| value.is_finite()) {
+            counts.non_finite += 1;
+            continue;
+        }
+        let cell =
+            [0, 1, 2].map(|i| ((point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]).floor());
+        if !cell
+            .iter()
+            .zip(cells)
+            .all(|(cell, cells)| (0.0..cells).contains(cell))
+        {
+            counts.out_of_range += 1;
+            continue;
+        }
+        counts.in_range += 1;
+        let [x, y, z] = cell.map(|cell| cell as usize);
+        if voxels.sites.len() >= grid.voxels_max as usize && !voxels.sites.contains(z, y, x) {
+            counts.over_voxels_max += 1;
+            continue;
+        }
+        voxels.sites.insert(z, y, x);
+        voxels
+            .placed
+            .push(([z as u16, y as u16, x as u16], number as u32));
+    }
+    counts.voxels = voxels.sites.len() as u32;
+    counts
+}
+
+/// Fills the rows with the means.
+fn average(
+    points: &[[f32; 4]],
+    points_per_voxel_max: u32,
+    uses_intensity: bool,
+    voxels: &mut Voxels,
+) {
+    let Voxels {
+        sites,
+        rows,
+        placed,
+        points_of_site,
+    } = voxels;
+    rows.clear();
+    rows.resize(sites.len() * VOXEL_CHANNELS, 0.0);
+    points_of_site.clear();
+    points_of_site.resize(sites.len(), 0);
+    for &([z, y, x], number) in placed.iter() {
+        let Some(site) = sites.index_of(z.into(), y.into(), x.into()) else {
+            continue;
+        };
+        let site = site as usize;
+        if points_of_site[site] < points_per_voxel_max {
+            points_of_site[site] += 1;
+            let row = &mut rows[site * VOXEL_CHANNELS..][..VOXEL_CHANNELS];
+            row.iter_mut()
+                .zip(points[number as usize])
+                .for_each(|(sum, value)| *sum += value);
+        }
+    }
+    for (row, count) in rows.chunks_exact_mut(VOXEL_CHANNELS).zip(points_of_site) {
+        row.iter_mut().for_each(|sum| *sum /= *count as f32);
+        if !uses_intensity {
+            row[3] = 0.0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::Random;
+
+    fn grid() -> Grid {
+        Grid {
+            range_min_m: [0.0, -2.0, -1.0],
+            range_max_m: [6.0, 2.0, 1.0],
+            voxel_size_m: [0.5, 0.5, 0.5],
+            points_per_voxel_max: 3,
+            voxels_max: 200,
+        }
+    }
+
+    fn scan(count: usize, seed: u64) -> Vec<[f32; 4]> {
+        let mut random = Random::new(seed);
+        (0..count)
+            .map(|_| {
+                [
+                    random.uniform(-0.5, 6.5),
+                    random.uniform(-2.5, 2.5),
+                    random.uniform(-1.2, 1.2),
+                    random.uniform(0.0, 1.0),
+                ]
+            })
+            .collect()
+    }
+
+    /// Voxel by voxel with a map and plain lists.
+    fn plain(points: &[[f32; 4]], grid: &Grid) -> (Vec<[usize; 3]>, Vec<f32>, u32) {
+        let mut voxels = std::collections::BTreeMap::<[usize; 3], Vec<[f32; 4]>>::new();
+        let mut left_out = 0;
+        for point in points {
+            let at = [2, 1, 0]
+                .map(|i| ((point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]).floor());
+            let cells = grid.cells();
+            if [2, 1, 0]
+                .iter()
+                .zip(at)
+                .any(|(i, at)| !(at >= 0.0 && at < cells[*i] as f32))
+            {
+                continue;
+            }
+            let at = at.map(|at| at as usize);
+            if voxels.len() == grid.voxels_max as usize && !voxels.contains_key(&at) {
+                left_out += 1;
+                continue;
+            }
+            voxels.entry(at).or_default().push(*point);
+        }
+        let rows = voxels.values().flat_map(|points| {
+            let kept = &points[..points.len().min(grid.points_per_voxel_max as usize)];
+            [0, 1, 2, 3]
+                .map(|i| kept.iter().map(|p| p[i]).fold(0.0, |a, b| a + b) / kept.len() as f32)
+        });
+        (voxels.keys().copied().collect(), rows.collect(), left_out)
+    }
+
+    #[test]
+    fn agrees_with_the_plain_version() {
+        let mut voxels = Voxels::new(&grid());
+        for (count, seed) in [(0, 1), (150, 2), (3000, 3), (900, 4)] {
+            let points = scan(count, seed);
+            let counts = voxelize(&points, &grid(), true, &mut voxels);
+            let (sites, rows, left_out) = plain(&points, &grid());
+            let found: Vec<_> = voxels
+                .sites
+                .coordinates()
+                .iter()
+                .map(|c| c.map(usize::from))
+                .collect();
+            assert_eq!(found, sites);
+            assert_eq!(voxels.rows, rows);
+            assert_eq!(counts.over_voxels_max, left_out);
+            assert_eq!(counts.voxels as usize, sites.len());
+            assert_eq!(
+                counts.in_range + counts.out_of_range + counts.non_finite,
+                count as u32
+            );
+        }
+        let counts = voxelize(&scan(3000, 3), &grid(), true, &mut voxels);
+        assert!(
+            counts.over_voxels_max > 0 && counts.out_of_range > 0,
+            "{counts:?} exercises the limits"
+        );
+    }
+
+    #[test]
+    fn points_that_are_no_numbers_are_counted_and_left_out() {
+        let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+        let mut points: Vec<[f32; 4]> = bad.iter().map(|v| [1.0, *v, 0.0, 0.5]).collect();
+        points.push([1.0, 0.0, 0.0, f32::NAN]);
+        points.push([f32::MAX, 0.0, 0.0, 0.5]);
+        points.push([1.0, 0.0, 0.0, 0.5]);
+        let mut voxels = Voxels::new(&grid());
+        let counts = voxelize(&points, &grid(), false, &mut voxels);
+        assert_eq!(
+            (counts.non_finite, counts.out_of_range, counts.in_range),
+            (4, 1, 1)
+        );
+        assert_eq!(voxels.rows, [1.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn borders_belong_to_the_cell_above() {
+        let points = [
+            [0.0, -2.0, -1.0, 0.0],
+            [0.5, 0.0, 0.0, 0.0],
+            [6.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+        ];
+        let mut voxels = Voxels::new(&grid());
+        let counts = voxelize(&points, &grid(), true, &mut voxels);
+        assert_eq!(voxels.sites.coordinates(), [[0, 0, 0], [2, 4, 1]]);
+        assert_eq!(counts.out_of_range, 2);
+    }
+}
