@@ -13,14 +13,17 @@ pub struct Gather {
 }
 
 impl Gather {
-    /// Output rows.
+    /// Output rows; none without taps.
     pub fn outputs(&self) -> usize {
-        if self.taps == 0 { 0 } else { self.index.len() / self.taps }
+        self.index.len().checked_div(self.taps).unwrap_or(0)
     }
 
     /// The gather of the input gradient: for each input row and tap, the output row that read it.
     ///
     /// Each (input row, tap) must be read at most once; of several readers the last is kept.
+    ///
+    /// # Panics
+    /// When an input row is not below `inputs`.
     pub fn transposed(&self, inputs: usize) -> Gather {
         let mut index = vec![ABSENT; inputs * self.taps];
         for (output, row) in self.index.chunks_exact(self.taps.max(1)).enumerate() {
@@ -30,6 +33,9 @@ impl Gather {
                 }
             }
         }
-        Gather { taps: self.taps, index }
+        Gather {
+            taps: self.taps,
+            index,
+        }
     }
 }

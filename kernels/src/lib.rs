@@ -4,14 +4,18 @@
 //! contiguous), and a convolution is a [`Gather`]: for each output row and each tap of the kernel, which input row is
 //! read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2 convolutions differ in their gather alone.
 //! A batch is more rows. A cell that is not computed is a row that is not listed.
-#![allow(missing_docs)]
 
+mod convolve;
 mod gather;
-mod portable;
+mod gradient;
+mod pairs;
+mod simd;
 mod weights;
 
+pub use convolve::{convolve, convolve_at};
 pub use gather::{ABSENT, Gather};
-pub use portable::{convolve, weight_gradient};
+pub use gradient::{weight_gradient, weight_gradient_at};
+pub use simd::{Level, spin};
 pub use weights::Weights;
 
 /// What happens to a row after its sum.

@@ -1,6 +1,6 @@
 //! Weights in the order the kernels read them.
 
-use crate::aligned::{Aligned, LINE};
+use crate::simd::{Aligned, LINE};
 
 /// Most output channels of one panel: four AVX-512 registers.
 pub(crate) const PANEL_MAX: usize = 64;
@@ -24,7 +24,11 @@ pub(crate) fn panels(cout: usize) -> impl Iterator<Item = Panel> {
     let mut first = 0;
     (0..count).map(move |panel| {
         let width = (base + usize::from(panel < wider)) * LINE;
-        let panel = Panel { first, width, used: width.min(cout - first) };
+        let panel = Panel {
+            first,
+            width,
+            used: width.min(cout - first),
+        };
         first += width;
         panel
     })
@@ -49,8 +53,14 @@ impl Weights {
     /// # Panics
     /// When `plain` has another length (a broken invariant, not data).
     pub fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights {
-        assert_eq!(plain.len(), taps * cin * cout, "weights of {taps} x {cin} x {cout}");
-        Weights::from_fn(taps, cin, cout, |tap, i, o| plain[(tap * cin + i) * cout + o])
+        assert_eq!(
+            plain.len(),
+            taps * cin * cout,
+            "weights of {taps} x {cin} x {cout}"
+        );
+        Weights::from_fn(taps, cin, cout, |tap, i, o| {
+            plain[(tap * cin + i) * cout + o]
+        })
     }
 
     /// Packs the transpose of `[tap][cin][cout]`, for the input gradient: rows of `cout` in, rows of `cin` out.
@@ -58,11 +68,22 @@ impl Weights {
     /// # Panics
     /// When `plain` has another length (a broken invariant, not data).
     pub fn pack_transposed(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights {
-        assert_eq!(plain.len(), taps * cin * cout, "weights of {taps} x {cin} x {cout}");
-        Weights::from_fn(taps, cout, cin, |tap, i, o| plain[(tap * cin + o) * cout + i])
+        assert_eq!(
+            plain.len(),
+            taps * cin * cout,
+            "weights of {taps} x {cin} x {cout}"
+        );
+        Weights::from_fn(taps, cout, cin, |tap, i, o| {
+            plain[(tap * cin + o) * cout + i]
+        })
     }
 
-    fn from_fn(taps: usize, cin: usize, cout: usize, weight: impl Fn(usize, usize, usize) -> f32) -> Weights {
+    fn from_fn(
+        taps: usize,
+        cin: usize,
+        cout: usize,
+        weight: impl Fn(usize, usize, usize) -> f32,
+    ) -> Weights {
         let mut data = Aligned::zeros(taps * cin * cout.next_multiple_of(LINE));
         let values = data.as_mut_slice();
         for panel in panels(cout) {
@@ -73,7 +94,12 @@ impl Weights {
                 }
             }
         }
-        Weights { taps, cin, cout, data }
+        Weights {
+            taps,
+            cin,
+            cout,
+            data,
+        }
     }
 
     /// `[tap][cin][width]` of one panel.
@@ -92,8 +118,16 @@ mod tests {
         for cout in 1..=300 {
             let panels: Vec<_> = panels(cout).collect();
             assert_eq!(panels[0].first, 0);
-            assert!(panels.windows(2).all(|two| two[1].first == two[0].first + two[0].width));
-            assert!(panels.iter().all(|p| p.width % LINE == 0 && (LINE..=PANEL_MAX).contains(&p.width)));
+            assert!(
+                panels
+                    .windows(2)
+                    .all(|two| two[1].first == two[0].first + two[0].width)
+            );
+            assert!(
+                panels
+                    .iter()
+                    .all(|p| p.width % LINE == 0 && (LINE..=PANEL_MAX).contains(&p.width))
+            );
             assert_eq!(panels.iter().map(|p| p.used).sum::<usize>(), cout);
         }
     }
@@ -118,6 +152,9 @@ mod tests {
                 }
             }
         }
-        assert_eq!(Weights::pack(9, 5, 18, &plain), Weights::pack_transposed(9, 18, 5, &turned));
+        assert_eq!(
+            Weights::pack(9, 5, 18, &plain),
+            Weights::pack_transposed(9, 18, 5, &turned)
+        );
     }
 }

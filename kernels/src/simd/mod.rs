@@ -10,14 +10,17 @@ mod aligned;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod cover;
 mod level;
 #[cfg(target_arch = "aarch64")]
 mod neon;
+mod peak;
 mod plain;
 mod tiles;
 
 pub(crate) use aligned::{Aligned, AlignedArray, LINE};
 pub use level::Level;
+pub use peak::spin;
 pub(crate) use tiles::{Pair, convolve_tiles, gradient_tiles};
 
 /// Vector registers of f32. A value of the implementing type is the proof that the processor has them.
@@ -26,6 +29,8 @@ pub(crate) trait Simd: Copy {
     type Vector: Copy;
     /// f32 in a register.
     const LANES: usize;
+    /// Registers that the processor names.
+    const REGISTERS: usize;
 
     /// All lanes equal to `value`.
     fn splat(self, value: f32) -> Self::Vector;

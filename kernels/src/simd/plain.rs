@@ -8,6 +8,7 @@ pub(crate) struct Plain;
 impl Simd for Plain {
     type Vector = [f32; 4];
     const LANES: usize = 4;
+    const REGISTERS: usize = 16;
 
     #[inline(always)]
     fn splat(self, value: f32) -> [f32; 4] {
@@ -17,7 +18,12 @@ impl Simd for Plain {
     // Not `mul_add`: without the instruction it is a call of a slow function.
     #[inline(always)]
     fn fma(self, a: [f32; 4], b: [f32; 4], c: [f32; 4]) -> [f32; 4] {
-        [a[0] * b[0] + c[0], a[1] * b[1] + c[1], a[2] * b[2] + c[2], a[3] * b[3] + c[3]]
+        [
+            a[0] * b[0] + c[0],
+            a[1] * b[1] + c[1],
+            a[2] * b[2] + c[2],
+            a[3] * b[3] + c[3],
+        ]
     }
 
     #[inline(always)]

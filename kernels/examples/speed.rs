@@ -1,0 +1,209 @@
+//! Prints GFLOP/s of the convolutions of the networks, and their share of what the registers can do.
+
+use std::{hint::black_box, time::Instant};
+
+use mluc_kernels::{
+    ABSENT, Epilogue, Gather, Level, Weights, convolve_at, spin, weight_gradient_at,
+};
+
+const REPEATS: usize = 9;
+
+fn main() {
+    let level = Level::best();
+    let peak = peak_gflops(level);
+    println!(
+        "{}: {peak:.0} GFLOP/s on one core without memory",
+        level.name()
+    );
+    println!(
+        "{:28} {:>8} {:>6} {:>8} {:>8} {:>6} {:>8}",
+        "GFLOP/s", "forward", "share", "2 thr", "gradient", "share", "2 thr"
+    );
+    for (name, gather, inputs, cin, cout) in cases() {
+        let run = |threads| measure(level, threads, &gather, inputs, cin, cout);
+        let ((forward, gradient), (forward_2, gradient_2)) = (run(1), run(2));
+        println!(
+            "{name:28} {forward:8.0} {:5.0}% {forward_2:8.0} {gradient:8.0} {:5.0}% {gradient_2:8.0}",
+            100.0 * forward / peak,
+            100.0 * gradient / peak
+        );
+    }
+}
+
+/// Name, gather, input rows, input channels, output channels.
+fn cases() -> Vec<(&'static str, Gather, usize, usize, usize)> {
+    let (w, h) = (200, 176);
+    let half = (w / 2) * (h / 2);
+    vec![
+        ("3x3 200x176 96->48", dense(w, h), w * h, 96, 48),
+        ("3x3 200x176 48->48", dense(w, h), w * h, 48, 48),
+        ("3x3 100x88 96->96", dense(w / 2, h / 2), half, 96, 96),
+        ("3x3 200x176 128->128", dense(w, h), w * h, 128, 128),
+        ("3x3 100x88 256->256", dense(w / 2, h / 2), half, 256, 256),
+        (
+            "1x1 200x176 48->64",
+            Gather {
+                taps: 1,
+                index: (0..(w * h) as u32).collect(),
+            },
+            w * h,
+            48,
+            64,
+        ),
+        (
+            "1x1 200x176 128->63",
+            Gather {
+                taps: 1,
+                index: (0..(w * h) as u32).collect(),
+            },
+            w * h,
+            128,
+            63,
+        ),
+        (
+            "27 taps 20000 4->16, 80% off",
+            sparse(20_000, 0.8),
+            20_000,
+            4,
+            16,
+        ),
+        (
+            "27 taps 20000 16->16, 50% off",
+            sparse(20_000, 0.5),
+            20_000,
+            16,
+            16,
+        ),
+        (
+            "27 taps 20000 32->32, 50% off",
+            sparse(20_000, 0.5),
+            20_000,
+            32,
+            32,
+        ),
+        (
+            "27 taps 20000 48->48, 50% off",
+            sparse(20_000, 0.5),
+            20_000,
+            48,
+            48,
+        ),
+    ]
+}
+
+fn dense(width: usize, height: usize) -> Gather {
+    let mut index = Vec::with_capacity(width * height * 9);
+    for y in 0..height {
+        for x in 0..width {
+            for (dy, dx) in (0..9).map(|tap| (tap / 3, tap % 3)) {
+                let (y, x) = (y + dy, x + dx);
+                let inside = (1..=height).contains(&y) && (1..=width).contains(&x);
+                index.push(if inside {
+                    ((y - 1) * width + x - 1) as u32
+                } else {
+                    ABSENT
+                });
+            }
+        }
+    }
+    Gather { taps: 9, index }
+}
+
+/// Neighbours near in memory, as in a sorted list of voxels, of which a share `off` is absent.
+fn sparse(rows: usize, off: f64) -> Gather {
+    let mut random = Random(7);
+    let near = |row: usize, random: &mut Random| {
+        ((row + rows + (random.unit() * 2000.0) as usize - 1000) % rows) as u32
+    };
+    let pick = |row: usize, random: &mut Random| {
+        if random.unit() < off {
+            ABSENT
+        } else {
+            near(row, random)
+        }
+    };
+    Gather {
+        taps: 27,
+        index: (0..rows * 27).map(|i| pick(i / 27, &mut random)).collect(),
+    }
+}
+
+/// GFLOP/s of the forward convolution and of the weight gradient; absent rows are not counted.
+fn measure(
+    level: Level,
+    threads: usize,
+    gather: &Gather,
+    inputs: usize,
+    cin: usize,
+    cout: usize,
+) -> (f64, f64) {
+    let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else {
+        return (0.0, 0.0);
+    };
+    let mut random = Random(1);
+    let mut values = |count: usize| {
+        (0..count)
+            .map(|_| random.unit() as f32 - 0.5)
+            .collect::<Vec<_>>()
+    };
+    let input = values(inputs * cin);
+    let weights = Weights::pack(gather.taps, cin, cout, &values(gather.taps * cin * cout));
+    let mut output = values(gather.outputs() * cout);
+    let output_gradient = output.clone();
+    let mut gradient = vec![0.0; gather.taps * cin * cout];
+    let epilogue = Epilogue {
+        bias: None,
+        relu: true,
+    };
+    let forward = || convolve_at(level, &input, gather, &weights, epilogue, None, &mut output);
+    let forward = best_seconds(&pool, forward);
+    let backward = || {
+        weight_gradient_at(
+            level,
+            &input,
+            cin,
+            gather,
+            &output_gradient,
+            cout,
+            &mut gradient,
+        )
+    };
+    let backward = best_seconds(&pool, backward);
+    let pairs = gather.index.iter().filter(|&&row| row != ABSENT).count();
+    let gflop = 2e-9 * (pairs * cin * cout) as f64;
+    (gflop / forward, gflop / backward)
+}
+
+fn best_seconds(pool: &rayon::ThreadPool, mut work: impl FnMut() + Send) -> f64 {
+    pool.install(|| {
+        let mut once = || {
+            let start = Instant::now();
+            work();
+            start.elapsed().as_secs_f64()
+        };
+        (0..REPEATS).map(|_| once()).fold(f64::INFINITY, f64::min)
+    })
+}
+
+/// GFLOP/s of multiply-adds on registers alone.
+fn peak_gflops(level: Level) -> f64 {
+    let once = |_| {
+        let start = Instant::now();
+        let (flop, value) = spin(level, 2_000_000);
+        black_box(value);
+        1e-9 * flop / start.elapsed().as_secs_f64()
+    };
+    (0..REPEATS).map(once).fold(0.0, f64::max)
+}
+
+struct Random(u64);
+
+impl Random {
+    fn unit(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+}

@@ -1,0 +1,168 @@
+//! The gradient of the weights.
+
+use rayon::prelude::*;
+
+use crate::{
+    Gather,
+    pairs::{BLOCK, Pairs},
+    simd::{Aligned, AlignedArray, Kernel, LINE, Level, Simd, gradient_tiles},
+    weights::{PANEL_MAX, Panel, panels},
+};
+
+/// Most partial sums of one call: enough to keep many cores evenly busy, few enough to add up quickly.
+const PARTS_MAX: usize = 16;
+/// A part with fewer blocks of rows would spend its time on adding up.
+const PART_BLOCKS_MIN: usize = 4;
+
+/// `gradient[t][i][o] += sum over output rows r of input[gather(r, t)][i] * output_gradient[r][o]`.
+///
+/// `input`: rows of `cin`; `output_gradient`: rows of `cout`; `gradient`: `taps * cin * cout`.
+///
+/// Runs over rayon's ambient pool. The rows are cut into parts by their number alone and the parts are added in order,
+/// so the bits of the result do not depend on the number of threads.
+///
+/// # Panics
+/// When lengths or row numbers contradict each other (a broken invariant, not data).
+pub fn weight_gradient(
+    input: &[f32],
+    cin: usize,
+    gather: &Gather,
+    output_gradient: &[f32],
+    cout: usize,
+    gradient: &mut [f32],
+) {
+    weight_gradient_at(
+        Level::best(),
+        input,
+        cin,
+        gather,
+        output_gradient,
+        cout,
+        gradient,
+    );
+}
+
+/// [`weight_gradient`] with the registers of `level`, for tests and measurements.
+pub fn weight_gradient_at(
+    level: Level,
+    input: &[f32],
+    cin: usize,
+    gather: &Gather,
+    output_gradient: &[f32],
+    cout: usize,
+    gradient: &mut [f32],
+) {
+    let (outputs, taps) = (gather.outputs(), gather.taps);
+    if outputs == 0 || cin == 0 || cout == 0 {
+        return;
+    }
+    assert_eq!(gather.index.len(), outputs * taps, "gather rows are whole");
+    assert_eq!(
+        output_gradient.len(),
+        outputs * cout,
+        "{outputs} output rows of {cout}"
+    );
+    assert_eq!(
+        gradient.len(),
+        taps * cin * cout,
+        "weights of {taps} x {cin} x {cout}"
+    );
+    assert!(
+        input.len().is_multiple_of(cin),
+        "{} inputs in rows of {cin}",
+        input.len()
+    );
+    let blocks = outputs.div_ceil(BLOCK);
+    let part_rows = blocks.div_ceil(PARTS_MAX).max(PART_BLOCKS_MIN) * BLOCK;
+    let parts: Vec<Aligned> = gather
+        .index
+        .par_chunks(part_rows * taps)
+        .zip(output_gradient.par_chunks(part_rows * cout))
+        .map(|(index, output_gradient)| {
+            level.run(Part {
+                input,
+                cin,
+                index,
+                taps,
+                output_gradient,
+                cout,
+            })
+        })
+        .collect();
+    let padded = cout.next_multiple_of(LINE);
+    gradient
+        .par_chunks_exact_mut(cout)
+        .with_min_len(64)
+        .enumerate()
+        .for_each(|(row, gradient)| {
+            for part in &parts {
+                let part = &part.as_slice()[row * padded..][..cout];
+                gradient
+                    .iter_mut()
+                    .zip(part)
+                    .for_each(|(sum, part)| *sum += part);
+            }
+        });
+}
+
+/// A run of output rows; its result is `[tap][cin][cout padded to whole lines]`.
+struct Part<'a> {
+    input: &'a [f32],
+    cin: usize,
+    index: &'a [u32],
+    taps: usize,
+    output_gradient: &'a [f32],
+    cout: usize,
+}
+
+impl Kernel for Part<'_> {
+    type Output = Aligned;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> Aligned {
+        let padded = self.cout.next_multiple_of(LINE);
+        let mut sums = Aligned::zeros(self.taps * self.cin * padded);
+        let mut rows = AlignedArray([0.0; BLOCK * PANEL_MAX]);
+        let mut pairs = Pairs::new();
+        let indices = self.index.chunks(BLOCK * self.taps);
+        for (index, output_gradient) in indices.zip(self.output_gradient.chunks(BLOCK * self.cout))
+        {
+            for panel in panels(self.cout) {
+                let rows = pack(output_gradient, self.cout, panel, &mut rows.0);
+                for (tap, sums) in sums
+                    .as_mut_slice()
+                    .chunks_exact_mut(self.cin * padded)
+                    .enumerate()
+                {
+                    let pairs = pairs.at_tap(index, self.taps, tap);
+                    let sums = &mut sums[panel.first..];
+                    gradient_tiles(
+                        simd,
+                        self.input,
+                        self.cin,
+                        pairs,
+                        rows,
+                        panel.width,
+                        sums,
+                        padded,
+                    );
+                }
+            }
+        }
+        sums
+    }
+}
+
+/// Copies the channels of one panel side by side, padded with zeros.
+#[inline(always)]
+fn pack<'a>(output_gradient: &[f32], cout: usize, panel: Panel, rows: &'a mut [f32]) -> &'a [f32] {
+    let rows = &mut rows[..output_gradient.len() / cout * panel.width];
+    for (to, from) in rows
+        .chunks_exact_mut(panel.width)
+        .zip(output_gradient.chunks_exact(cout))
+    {
+        to[..panel.used].copy_from_slice(&from[panel.first..][..panel.used]);
+        to[panel.used..].fill(0.0);
+    }
+    rows
+}

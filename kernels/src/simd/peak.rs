@@ -1,0 +1,45 @@
+//! A loop of multiply-adds on registers alone: what the processor can do at most.
+
+use super::{Kernel, Level, Simd};
+
+/// Independent sums: more than the latency of a multiply-add times the units that do them.
+const SUMS: usize = 12;
+
+/// Multiplies and adds on registers alone, `steps` times; returns the floating point operations done and a value
+/// that depends on all of them. Timed by the caller, it gives the peak that a kernel can be compared with.
+pub fn spin(level: Level, steps: usize) -> (f64, f32) {
+    level.run(Spin { steps })
+}
+
+struct Spin {
+    steps: usize,
+}
+
+impl Kernel for Spin {
+    type Output = (f64, f32);
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> (f64, f32) {
+        let mut sums = [simd.splat(1.0); SUMS];
+        let (scale, shift) = (
+            simd.splat(std::hint::black_box(0.999)),
+            simd.splat(std::hint::black_box(0.001)),
+        );
+        for _ in 0..self.steps {
+            for sum in &mut sums {
+                *sum = simd.fma(*sum, scale, shift);
+            }
+        }
+        let mut values = [0.0; 16];
+        for sum in sums {
+            // SAFETY: a register has at most 16 lanes, `values` has 16.
+            unsafe {
+                simd.store(
+                    values.as_mut_ptr(),
+                    simd.fma(sum, scale, simd.load(values.as_ptr())),
+                )
+            };
+        }
+        ((self.steps * SUMS * S::LANES * 2) as f64, values[0])
+    }
+}
