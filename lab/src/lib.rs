@@ -1,2 +1,3 @@
 //! What happens off the vehicle: simulate, train, evaluate, draw.
 
+pub mod dataset;

@@ -1,0 +1,117 @@
+//! What can be wrong with a data set.
+
+use mluc_geometry::CalibrationError;
+use std::path::PathBuf;
+
+/// A fault in a folder or file of a data set: where it is, what was expected, what was found.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The system refused: missing, not readable, not text.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Read {
+        /// File or folder.
+        path: PathBuf,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// A folder that is not there.
+    #[error("{}: expected a folder of {expected}, found {found}", path.display())]
+    NotAFolder {
+        /// The folder's path.
+        path: PathBuf,
+        /// What it should hold.
+        expected: &'static str,
+        /// "nothing" or "a file".
+        found: &'static str,
+    },
+    /// A folder without a file of the wanted kind.
+    #[error("{}: expected {expected}, found none", path.display())]
+    Empty {
+        /// The folder.
+        path: PathBuf,
+        /// What it should hold.
+        expected: &'static str,
+    },
+    /// A scan whose size is not a whole number of points.
+    #[error("{}: expected a multiple of 16 bytes (x, y, z, intensity as f32), found {found} bytes: cut short?", path.display())]
+    ScanSize {
+        /// The scan.
+        path: PathBuf,
+        /// Its size, bytes.
+        found: u64,
+    },
+    /// A file beyond the limit of its kind.
+    #[error("{}: expected at most {limit} bytes, found {found}", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Limit, bytes.
+        limit: u64,
+        /// Size, bytes.
+        found: u64,
+    },
+    /// A line with too few or too many columns.
+    #[error("{}, line {line}: expected {expected} columns, found {found}{}", path.display(), missing_note(missing))]
+    Columns {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The column counts that are taken.
+        expected: &'static str,
+        /// How many there are.
+        found: usize,
+        /// Name of the first missing column; empty when there are too many.
+        missing: &'static str,
+    },
+    /// A field that is not what it should be.
+    #[error("{}, line {line}, field {field}: expected {expected}, found '{found}'", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// Name of the field.
+        field: &'static str,
+        /// What it should be.
+        expected: &'static str,
+        /// What is there.
+        found: String,
+    },
+    /// A calibration without one of its matrices.
+    #[error("{}: expected a line '{name}: ...', found none", path.display())]
+    MissingMatrix {
+        /// The file.
+        path: PathBuf,
+        /// Name of the matrix.
+        name: &'static str,
+    },
+    /// A calibration that cannot be used.
+    #[error("{}: {source}", path.display())]
+    Calibration {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: CalibrationError,
+    },
+    /// A split that names a frame without a scan.
+    #[error("{}, line {line}: expected the name of a frame in {}, found '{found}'", path.display(), scans.display())]
+    UnknownFrame {
+        /// The split.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The folder of scans.
+        scans: PathBuf,
+        /// The name.
+        found: String,
+    },
+}
+
+fn missing_note(missing: &str) -> String {
+    if missing.is_empty() {
+        String::new()
+    } else {
+        format!(" (no {missing})")
+    }
+}

@@ -1,0 +1,73 @@
+//! Scans: little-endian f32 x, y, z, intensity a point.
+
+use super::DatasetError;
+use std::path::Path;
+
+/// Most points of one file: some thirty times a full scan of 128 beams. A larger file is not one scan.
+pub const SCAN_POINTS_MAX: usize = 8_000_000;
+
+const POINT_BYTES: u64 = 16;
+
+/// Reads a scan as it is: NaN and infinities too, which later steps drop and count. An empty file is a scan of 0 points.
+pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>, DatasetError> {
+    let failed = |source| DatasetError::Read {
+        path: path.to_owned(),
+        source,
+    };
+    let bytes = std::fs::metadata(path).map_err(failed)?.len();
+    let limit = SCAN_POINTS_MAX as u64 * POINT_BYTES;
+    if bytes > limit {
+        return Err(DatasetError::TooLarge {
+            path: path.to_owned(),
+            limit,
+            found: bytes,
+        });
+    }
+    let data = std::fs::read(path).map_err(failed)?;
+    let found = data.len() as u64;
+    if !found.is_multiple_of(POINT_BYTES) {
+        return Err(DatasetError::ScanSize {
+            path: path.to_owned(),
+            found,
+        });
+    }
+    let (points, _) = data.as_chunks::<16>();
+    Ok(points.iter().map(point).collect())
+}
+
+fn point(bytes: &[u8; 16]) -> [f32; 4] {
+    let (values, _) = bytes.as_chunks::<4>();
+    std::array::from_fn(|i| f32::from_le_bytes(values[i]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_points_and_refuses_a_cut_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("000000.bin");
+        let points = [[1.0f32, -2.0, 0.5, 0.25], [f32::NAN, 0.0, 0.0, 1.0]];
+        let bytes: Vec<u8> = points
+            .iter()
+            .flatten()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        std::fs::write(&path, &bytes).expect("written");
+        let read = read_scan(&path).expect("a scan");
+        assert_eq!((read.len(), read[0]), (2, points[0]));
+        assert!(read[1][0].is_nan());
+        std::fs::write(&path, &bytes[..30]).expect("written");
+        let fault = read_scan(&path).expect_err("cut").to_string();
+        assert!(
+            fault.contains("000000.bin")
+                && fault.contains("multiple of 16")
+                && fault.contains("30 bytes"),
+            "{fault}"
+        );
+        std::fs::write(&path, []).expect("written");
+        assert!(read_scan(&path).expect("empty").is_empty());
+        assert!(read_scan(&folder.path().join("none.bin")).is_err());
+    }
+}

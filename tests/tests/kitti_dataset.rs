@@ -1,0 +1,60 @@
+//! Reading real KITTI folders: every frame that `MLUC_KITTI` holds.
+
+use mluc_geometry::{ImageSize, iou_2d};
+use mluc_lab::dataset::Dataset;
+use std::path::PathBuf;
+
+/// The folder of real scans, or `None` when the variable is not set; set and missing is a failure.
+fn kitti() -> Option<PathBuf> {
+    let Some(folder) = std::env::var_os("MLUC_KITTI") else {
+        println!("skipped: MLUC_KITTI not set");
+        return None;
+    };
+    let folder = PathBuf::from(folder);
+    assert!(
+        folder.is_dir(),
+        "MLUC_KITTI: expected a folder, found {}",
+        folder.display()
+    );
+    Some(folder)
+}
+
+/// Projected boxes of labels that lie wholly in the image must fall on the boxes that people drew there, and the
+/// points of a near car must lie in its box: both only hold when every step of the conversion is right.
+#[test]
+fn real_labels_fall_on_their_image_boxes_and_points() {
+    let Some(folder) = kitti() else { return };
+    for part in ["object/training", "drive_0005"] {
+        let dataset = Dataset::open(&folder.join(part)).expect("frames");
+        let (mut overlap_sum, mut objects, mut near_cars, mut hit_cars) = (0.0, 0, 0, 0);
+        for name in dataset.names() {
+            let scan = dataset.scan(name).expect("a scan");
+            let calibration = dataset.calibration(name).expect("a calibration");
+            for (label, box_in_sensor) in dataset.boxes_in_sensor(name).expect("labels") {
+                let inside = label.truncated == 0.0;
+                let seen = calibration.project_box_to_image(&box_in_sensor, ImageSize::KITTI);
+                if let (true, Some(seen)) = (inside, seen) {
+                    overlap_sum += iou_2d(&seen, &label.image_box_px);
+                    objects += 1;
+                }
+                if box_in_sensor.center_m[0] < 30.0
+                    && label.occluded == 0
+                    && (label.is("Car") || label.is("Van"))
+                {
+                    near_cars += 1;
+                    let count = scan
+                        .iter()
+                        .filter(|p| box_in_sensor.contains([p[0], p[1], p[2]].map(f64::from)))
+                        .count();
+                    hit_cars += usize::from(count >= 50);
+                }
+            }
+        }
+        println!(
+            "{part}: mean image overlap {:.3} of {objects}, {hit_cars} of {near_cars} near cars hit",
+            overlap_sum / f64::from(objects)
+        );
+        assert!(objects > 20 && overlap_sum / f64::from(objects) > 0.75);
+        assert!(near_cars > 5 && hit_cars * 10 >= near_cars * 9);
+    }
+}
