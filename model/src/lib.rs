@@ -1,11 +1,28 @@
 //! The network as data, and the model file.
 //!
 //! [`Network`] describes every layer; the same description drives the trainer and the vehicle. [`Manifest`] says what
-//! a model was trained for. Neither computes anything.
+//! a model was trained for. [`Model`] is a file that passed every check, [`Folded`] its layers in the order that the
+//! kernels read. Nothing here computes a network.
 
+mod error;
+mod file;
+mod fold;
+mod formula;
 mod manifest;
 mod network;
 mod profiles;
+mod tensors;
+mod untrained;
+mod validate;
 
+pub use error::ModelError;
+pub use file::{Model, model_bytes};
+pub use fold::{BATCH_NORM_EPS, Folded};
+pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
 pub use network::{DenseLayer, Grid, Network, SparseLayer, UpLayer};
+pub use tensors::{Tensor, WeightSet, expected_tensors};
+pub use validate::{
+    BOXES_MAX, CANDIDATES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, GRID_CELLS_MAX, MAP_CELLS_MAX,
+    VOXELS_MAX,
+};

@@ -1,0 +1,42 @@
+//! Weights by a formula: the same for everyone, without a file. For tests and for timing a network before it is trained.
+
+use crate::network::Network;
+use crate::tensors::{WeightSet, expected_tensors};
+
+/// A number in [0, 1) for element `index` of the tensor `name`: splitmix64's finaliser over FNV-1a of the name.
+pub fn formula_uniform(name: &str, index: usize) -> f64 {
+    let hash = name.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
+    });
+    let mut z = hash
+        .wrapping_add(index as u64)
+        .wrapping_add(0x9E37_79B9_7F4A_7C15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((z ^ (z >> 31)) >> 40) as f64 / (1u64 << 24) as f64
+}
+
+/// Every tensor of `network`: weights uniform within +-sqrt(6 / fan-in), batch norms near 1, biases near 0.
+pub fn formula_weights(network: &Network) -> WeightSet {
+    let mut weights = WeightSet::new();
+    for (name, shape) in expected_tensors(network) {
+        let elements = shape.iter().product();
+        let data = (0..elements)
+            .map(|i| value(&name, &shape, formula_uniform(&name, i)) as f32)
+            .collect();
+        weights.insert(name, shape, data);
+    }
+    weights
+}
+
+fn value(name: &str, shape: &[usize], u: f64) -> f64 {
+    let signed = |fan_in: usize| (2.0 * u - 1.0) * (6.0 / fan_in as f64).sqrt();
+    match (name.rsplit('.').next(), shape) {
+        (Some("running_var"), _) => 0.5 + u,
+        (Some("weight"), [_]) => 0.8 + 0.4 * u,
+        (_, [_]) => 0.2 * u - 0.1,
+        (_, [_, kz, ky, kx, cin]) => signed(kz * ky * kx * cin),
+        (_, [cin, ..]) if name.starts_with("backbone2d.up") => signed(*cin),
+        (_, rest) => signed(rest.iter().skip(1).product()),
+    }
+}
