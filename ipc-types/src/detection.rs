@@ -1,6 +1,8 @@
 //! A box that the head kept (paper section 3.2).
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
 
 use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader};
 
@@ -16,6 +18,11 @@ pub enum DetectionKind {
 
 /// One kept box with every score of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[cfg_attr(
+    feature = "iceoryx2",
+    derive(ZeroCopySend),
+    type_name("mluc.Detection")
+)]
 #[repr(C)]
 pub struct Detection {
     /// Geometric centre, m.
@@ -87,12 +94,12 @@ impl Detection {
                     found: d.kind,
                 });
             }
-            let numbers = d.center_m.iter().chain(&d.size_m).chain([
-                &d.yaw_rad,
-                &d.objectness,
-                &d.score,
-                &d.eds,
-            ]);
+            let numbers = d
+                .center_m
+                .iter()
+                .chain(&d.size_m)
+                .chain([&d.yaw_rad, &d.objectness, &d.score])
+                .chain([&d.eds, &d.eds_normalised, &d.threshold]);
             if !numbers.copied().all(f32::is_finite) || d.size_m.iter().any(|&s| s <= 0.0) {
                 return Err(ContractError::NotFinite {
                     what: "detection",
@@ -106,5 +113,79 @@ impl Detection {
     /// Whether the gate made it a candidate unknown.
     pub fn is_candidate(&self) -> bool {
         self.kind == DetectionKind::Candidate as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(change: impl FnOnce(&mut Detection)) -> Result<(), ContractError> {
+        let mut detection = Detection {
+            size_m: [4.0, 2.0, 1.5],
+            ..Detection::default()
+        };
+        change(&mut detection);
+        Detection::checked(&FrameHeader::new(0, "a"), &[detection], 3).map(|_| ())
+    }
+
+    #[test]
+    fn a_sound_detection_passes() {
+        assert_eq!(check(|_| ()), Ok(()));
+        assert_eq!(check(|d| d.kind = DetectionKind::Candidate as u32), Ok(()));
+    }
+
+    #[test]
+    fn class_and_kind_are_checked() {
+        assert!(matches!(
+            check(|d| d.class_id = 3),
+            Err(ContractError::Index {
+                found: 3,
+                len: 3,
+                ..
+            })
+        ));
+        assert!(matches!(
+            check(|d| d.class_id = u32::MAX),
+            Err(ContractError::Index { .. })
+        ));
+        assert!(matches!(
+            check(|d| d.kind = 2),
+            Err(ContractError::Value { found: 2, .. })
+        ));
+    }
+
+    #[test]
+    fn numbers_are_checked() {
+        let refused = |change: fn(&mut Detection)| {
+            matches!(check(change), Err(ContractError::NotFinite { .. }))
+        };
+        assert!(refused(|d| d.center_m[0] = f32::NAN));
+        assert!(refused(|d| d.yaw_rad = f32::INFINITY));
+        assert!(refused(|d| d.eds = f32::NAN));
+        assert!(refused(|d| d.size_m[1] = 0.0));
+        assert!(refused(|d| d.size_m[1] = -1.0));
+    }
+
+    #[test]
+    fn too_many_or_another_version_are_errors() {
+        let many = vec![
+            Detection {
+                size_m: [1.0; 3],
+                ..Detection::default()
+            };
+            DETECTIONS_MAX + 1
+        ];
+        let mut header = FrameHeader::new(0, "a");
+        assert!(Detection::checked(&header, &many[1..], 1).is_ok());
+        assert!(matches!(
+            Detection::checked(&header, &many, 1),
+            Err(ContractError::TooLong { .. })
+        ));
+        header.wire_version = 0;
+        assert!(matches!(
+            Detection::checked(&header, &[], 1),
+            Err(ContractError::WireVersion { found: 0, .. })
+        ));
     }
 }

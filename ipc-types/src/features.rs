@@ -5,12 +5,20 @@
 //! an empty scene, which holds no candidate (`empty_objectness_max` of the manifest).
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
 
 use crate::{CELLS_MAX, ContractError, FEATURE_CHANNELS_MAX, FrameHeader};
 
 /// 64 bytes, aligned: rows can be read by the widest vector units.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[repr(C, align(64))]
+#[cfg_attr(
+    feature = "iceoryx2",
+    derive(ZeroCopySend),
+    type_name("mluc.FeatureBlock")
+)]
+#[repr(C)]
+#[repr(align(64))]
 pub struct FeatureBlock(pub [f32; 16]);
 
 const _: () = assert!(size_of::<FeatureBlock>() == 64 && align_of::<FeatureBlock>() == 64);
@@ -100,5 +108,116 @@ impl<'a> FeatureRows<'a> {
         let cells: &mut [u32] = bytemuck::cast_slice_mut(cells);
         cells[rows..].fill(u32::MAX);
         (&mut cells[..rows], bytemuck::cast_slice_mut(values))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MAP_CELLS: usize = 400;
+    const CHANNELS: usize = 32;
+
+    /// A sound message of `rows` rows, cells 3, 6, 9, ...
+    fn message(rows: usize) -> (FrameHeader, Vec<FeatureBlock>) {
+        let mut header = FrameHeader::new(0, "a");
+        header.feature_rows = rows as u32;
+        header.feature_channels = CHANNELS as u32;
+        let mut blocks = vec![FeatureBlock([0.0; 16]); feature_blocks(rows, CHANNELS)];
+        let (cells, values) = FeatureRows::split_mut(&mut blocks, rows);
+        for (row, cell) in cells.iter_mut().enumerate() {
+            *cell = 3 * (row as u32 + 1);
+        }
+        for (number, value) in values.iter_mut().enumerate() {
+            *value = number as f32;
+        }
+        (header, blocks)
+    }
+
+    fn check<'a>(
+        header: &FrameHeader,
+        blocks: &'a [FeatureBlock],
+    ) -> Result<FeatureRows<'a>, ContractError> {
+        FeatureRows::checked(header, blocks, MAP_CELLS, CHANNELS)
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        for rows in [0, 1, 15, 16, 17, 100] {
+            let (header, blocks) = message(rows);
+            let read = check(&header, &blocks).unwrap();
+            assert_eq!(read.cells.len(), rows);
+            assert!(
+                read.cells
+                    .iter()
+                    .enumerate()
+                    .all(|(row, &cell)| cell == 3 * (row as u32 + 1))
+            );
+            assert_eq!(read.rows.len(), rows * CHANNELS);
+            assert!(
+                read.rows
+                    .iter()
+                    .enumerate()
+                    .all(|(number, &value)| value == number as f32)
+            );
+        }
+    }
+
+    #[test]
+    fn lengths_must_agree() {
+        let (mut header, blocks) = message(20);
+        assert!(matches!(
+            check(&header, &blocks[1..]),
+            Err(ContractError::Mismatch { .. })
+        ));
+        header.feature_rows = 21;
+        assert!(matches!(
+            check(&header, &blocks),
+            Err(ContractError::Mismatch { .. })
+        ));
+        header.feature_rows = u32::MAX;
+        assert!(matches!(
+            check(&header, &blocks),
+            Err(ContractError::TooLong { .. })
+        ));
+        header.feature_rows = 20;
+        header.feature_channels = 48;
+        assert!(matches!(
+            check(&header, &blocks),
+            Err(ContractError::Mismatch { .. })
+        ));
+    }
+
+    #[test]
+    fn cells_must_ascend_and_lie_on_the_map() {
+        let (header, mut blocks) = message(20);
+        blocks[0].0[4] = f32::from_bits(1);
+        assert!(matches!(
+            check(&header, &blocks),
+            Err(ContractError::Index { .. })
+        ));
+        let (header, mut blocks) = message(20);
+        blocks[1].0[3] = f32::from_bits(MAP_CELLS as u32);
+        assert!(matches!(
+            check(&header, &blocks),
+            Err(ContractError::Index { .. })
+        ));
+        blocks[1].0[3] = f32::from_bits(MAP_CELLS as u32 - 1);
+        assert!(check(&header, &blocks).is_ok());
+    }
+
+    #[test]
+    fn too_many_channels_or_another_version_are_errors() {
+        let (mut header, blocks) = message(4);
+        let wide = FEATURE_CHANNELS_MAX + 16;
+        assert!(matches!(
+            FeatureRows::checked(&header, &blocks, MAP_CELLS, wide),
+            Err(ContractError::TooLong { .. })
+        ));
+        header.wire_version = 2;
+        assert!(matches!(
+            check(&header, &blocks),
+            Err(ContractError::WireVersion { .. })
+        ));
     }
 }

@@ -1,6 +1,8 @@
 //! The header that every message carries: which frame, what happened to it, and when.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
 
 use crate::{ContractError, NAME_MAX, Text};
 
@@ -38,6 +40,11 @@ impl Stage {
 
 /// When a stage received its input, began to compute and published: CLOCK_MONOTONIC, ns; 0 when it did not yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[cfg_attr(
+    feature = "iceoryx2",
+    derive(ZeroCopySend),
+    type_name("mluc.StageStamps")
+)]
 #[repr(C)]
 pub struct StageStamps {
     /// The message was taken from the queue (ingest: the scan was due or arrived).
@@ -109,6 +116,11 @@ impl Flags {
 
 /// Carried by every message of a frame; the last one holds the whole latency story.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[cfg_attr(
+    feature = "iceoryx2",
+    derive(ZeroCopySend),
+    type_name("mluc.FrameHeader")
+)]
 #[repr(C)]
 pub struct FrameHeader {
     /// [`WIRE_VERSION`] of the sender.
@@ -181,5 +193,54 @@ impl FrameHeader {
     /// The frame's name; `?` when it is not UTF-8.
     pub fn name(&self) -> &str {
         Text::unpack(&self.name).unwrap_or("?")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fresh_header_passes_and_another_version_does_not() {
+        let mut header = FrameHeader::new(4, "000004");
+        assert_eq!(header.checked().map(|h| h.sequence), Ok(4));
+        header.wire_version = WIRE_VERSION + 1;
+        let text = header.checked().unwrap_err().to_string();
+        assert!(
+            text.contains("wire version 2") && text.contains("expected 1"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn flags_have_names_in_order() {
+        let mut header = FrameHeader::new(0, "a");
+        header.flag(Flags::EMPTY.with(Flags::LATE));
+        header.flag(Flags(1 << 31));
+        assert_eq!(
+            Flags(header.flags).names().collect::<Vec<_>>(),
+            ["late", "empty"]
+        );
+        assert!(Flags(header.flags).contains(Flags::EMPTY));
+        assert!(!Flags(header.flags).contains(Flags::TRUNCATED));
+        assert_eq!(Flags(u32::MAX).names().last(), Some("input_suspect"));
+    }
+
+    #[test]
+    fn a_long_name_is_cut_at_a_character_and_garbage_is_no_panic() {
+        let long = "\u{e4}".repeat(40);
+        let header = FrameHeader::new(0, &long);
+        assert_eq!(header.name(), "\u{e4}".repeat(NAME_MAX / 2));
+        let mut header = FrameHeader::new(0, "a");
+        header.name = [0xff; NAME_MAX];
+        assert_eq!(header.name(), "?");
+    }
+
+    #[test]
+    fn stages_are_named() {
+        for stage in Stage::ALL {
+            assert_eq!(Stage::from_name(stage.name()), Some(stage));
+        }
+        assert_eq!(Stage::from_name("gateway"), None);
     }
 }

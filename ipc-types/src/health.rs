@@ -1,8 +1,10 @@
 //! What a stage says of itself, for the supervisor.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
 
-use crate::{REASON_MAX, Text};
+use crate::{ContractError, REASON_MAX, Stage, Text, WIRE_VERSION};
 
 /// The state words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +50,7 @@ impl HealthState {
 
 /// One stage's heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend), type_name("mluc.Health"))]
 #[repr(C)]
 pub struct Health {
     /// [`crate::WIRE_VERSION`].
@@ -83,8 +86,61 @@ pub struct Health {
 const _: () = assert!(size_of::<Health>() == 72 + REASON_MAX);
 
 impl Health {
+    /// Checks a heartbeat: version, stage and state.
+    pub fn checked(&self) -> Result<(Stage, HealthState), ContractError> {
+        if self.wire_version != WIRE_VERSION {
+            return Err(ContractError::WireVersion {
+                expected: WIRE_VERSION,
+                found: self.wire_version,
+            });
+        }
+        let bad = |what, found| ContractError::Value { what, found };
+        let stage = Stage::ALL.get(self.stage as usize);
+        let state = HealthState::ALL.get(self.state as usize);
+        Ok((
+            *stage.ok_or(bad("stage of a heartbeat", self.stage))?,
+            *state.ok_or(bad("state of a heartbeat", self.state))?,
+        ))
+    }
+
     /// The reason; empty when there is none.
     pub fn reason(&self) -> &str {
         Text::unpack(&self.reason).unwrap_or("?")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_heartbeat_is_checked() {
+        let mut health = Health {
+            wire_version: WIRE_VERSION,
+            stage: Stage::Head as u32,
+            state: HealthState::Degraded as u32,
+            reason: Text::pack("slow"),
+            ..Health::zeroed()
+        };
+        assert_eq!(health.checked(), Ok((Stage::Head, HealthState::Degraded)));
+        assert_eq!(health.reason(), "slow");
+        health.state = 6;
+        assert!(matches!(
+            health.checked(),
+            Err(ContractError::Value { found: 6, .. })
+        ));
+        health.state = 0;
+        health.stage = 4;
+        assert!(matches!(
+            health.checked(),
+            Err(ContractError::Value { found: 4, .. })
+        ));
+        health.wire_version = 9;
+        assert!(matches!(
+            health.checked(),
+            Err(ContractError::WireVersion { found: 9, .. })
+        ));
+        health.reason = [0xff; REASON_MAX];
+        assert_eq!(health.reason(), "?");
     }
 }

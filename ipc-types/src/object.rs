@@ -1,6 +1,8 @@
 //! What the robot gets: known and unknown objects, and those that were suppressed, with the reason.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
 
 use crate::{ContractError, FOOTPRINT_MAX, FrameHeader, OBJECT_POINTS_MAX, OBJECTS_MAX};
 
@@ -54,6 +56,7 @@ impl Fate {
 
 /// One object.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend), type_name("mluc.Object"))]
 #[repr(C)]
 pub struct Object {
     /// [`ObjectKind`].
@@ -149,11 +152,14 @@ impl Object {
                 found: points_end as usize,
             });
         }
+        let corners = &self.footprint_m[..self.footprint_count as usize];
         let numbers = self
             .center_m
             .iter()
             .chain(&self.size_m)
-            .chain([&self.yaw_rad, &self.score]);
+            .chain([&self.yaw_rad, &self.score, &self.eds])
+            .chain([&self.eds_normalised, &self.threshold])
+            .chain(corners.iter().flatten());
         match numbers.copied().all(f32::is_finite) {
             true => Ok(()),
             false => Err(ContractError::NotFinite {
@@ -163,8 +169,132 @@ impl Object {
         }
     }
 
+    /// Checks an `object_points` message: version, count, and every index against the `points` of the scan.
+    pub fn checked_points<'a>(
+        header: &FrameHeader,
+        indices: &'a [u32],
+        points: usize,
+    ) -> Result<&'a [u32], ContractError> {
+        header.checked()?;
+        if indices.len() > OBJECT_POINTS_MAX {
+            return Err(ContractError::TooLong {
+                what: "object points",
+                limit: OBJECT_POINTS_MAX,
+                found: indices.len(),
+            });
+        }
+        match indices.iter().find(|&&index| index as usize >= points) {
+            None => Ok(indices),
+            Some(&index) => Err(ContractError::Index {
+                what: "point of an object",
+                len: points,
+                found: index as usize,
+            }),
+        }
+    }
+
     /// Published, and not suppressed.
     pub fn is_published(&self) -> bool {
         self.fate == Fate::Published as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn object() -> Object {
+        Object {
+            by: Object::NONE,
+            size_m: [1.0; 3],
+            footprint_count: 4,
+            ..Object::zeroed()
+        }
+    }
+
+    fn check(change: impl FnOnce(&mut Object)) -> Result<(), ContractError> {
+        let mut object = object();
+        change(&mut object);
+        Object::checked(&FrameHeader::new(0, "a"), &[object], 3).map(|_| ())
+    }
+
+    #[test]
+    fn a_sound_object_passes() {
+        assert_eq!(check(|_| ()), Ok(()));
+        assert_eq!(check(|o| o.by = 0), Ok(()));
+        assert_eq!(check(|o| o.footprint_count = FOOTPRINT_MAX as u32), Ok(()));
+    }
+
+    #[test]
+    fn an_enum_value_out_of_range_is_an_error() {
+        assert!(matches!(
+            check(|o| o.kind = 2),
+            Err(ContractError::Value { found: 2, .. })
+        ));
+        assert!(matches!(
+            check(|o| o.fate = 5),
+            Err(ContractError::Value { found: 5, .. })
+        ));
+    }
+
+    #[test]
+    fn an_index_out_of_range_is_an_error() {
+        let refused =
+            |change: fn(&mut Object)| matches!(check(change), Err(ContractError::Index { .. }));
+        assert!(refused(|o| o.class_id = 3));
+        assert!(refused(|o| o.by = 1));
+        assert!(refused(|o| o.footprint_count = FOOTPRINT_MAX as u32 + 1));
+        assert!(refused(|o| o.points_first = OBJECT_POINTS_MAX as u32 + 1));
+        assert!(refused(
+            |o| (o.points_first, o.points_count) = (u32::MAX, u32::MAX)
+        ));
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_is_an_error() {
+        let refused =
+            |change: fn(&mut Object)| matches!(check(change), Err(ContractError::NotFinite { .. }));
+        assert!(refused(|o| o.center_m[1] = f32::NAN));
+        assert!(refused(|o| o.size_m[2] = f32::INFINITY));
+        assert!(refused(|o| o.eds = f32::NAN));
+        assert!(refused(|o| o.footprint_m[3][1] = f32::NEG_INFINITY));
+        assert_eq!(
+            check(|o| o.footprint_m[4][0] = f32::NAN),
+            Ok(()),
+            "a corner that is not in use"
+        );
+    }
+
+    #[test]
+    fn too_many_objects_or_another_version_are_errors() {
+        let many = vec![object(); OBJECTS_MAX + 1];
+        let mut header = FrameHeader::new(0, "a");
+        assert!(matches!(
+            Object::checked(&header, &many, 3),
+            Err(ContractError::TooLong { .. })
+        ));
+        header.wire_version += 1;
+        assert!(matches!(
+            Object::checked(&header, &[], 3),
+            Err(ContractError::WireVersion { .. })
+        ));
+    }
+
+    #[test]
+    fn point_indices_are_checked_against_the_scan() {
+        let header = FrameHeader::new(0, "a");
+        assert_eq!(
+            Object::checked_points(&header, &[0, 9], 10),
+            Ok(&[0, 9][..])
+        );
+        assert!(matches!(
+            Object::checked_points(&header, &[0, 10], 10),
+            Err(ContractError::Index { found: 10, .. })
+        ));
+        let many = vec![0; OBJECT_POINTS_MAX + 1];
+        assert!(matches!(
+            Object::checked_points(&header, &many, 10),
+            Err(ContractError::TooLong { .. })
+        ));
     }
 }

@@ -74,10 +74,14 @@ impl Topic {
         name: "object_points",
         elements_max: OBJECT_POINTS_MAX,
         element_bytes: 4,
+        subscribers_max: 3,
+        buffer: 1,
+        borrowed: 2,
+        loans: 1,
         history: 0,
         ..Topic::OBJECTS
     };
-    /// Heartbeats: each stage to the supervisor.
+    /// Heartbeats: each stage to the supervisor, as a service of its own (`health/backbone`).
     pub const HEALTH: Topic = Topic {
         name: "health",
         elements_max: 1,
@@ -89,6 +93,13 @@ impl Topic {
 const fn feature_blocks_max() -> usize {
     // 36 MB: the largest map at 64 channels, or `second` on its computed cells.
     CELLS_MAX.div_ceil(16) + CELLS_MAX * FEATURE_CHANNELS_MAX / 16 / 8
+}
+
+impl Topic {
+    /// Messages that the producer's memory holds: as many as all consumers can keep at the same time, and the loans.
+    pub const fn slots(&self) -> usize {
+        self.subscribers_max * (self.buffer + self.borrowed) + self.history + self.loans
+    }
 }
 
 /// All of them.
