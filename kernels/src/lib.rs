@@ -5,6 +5,7 @@
 //! read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2 convolutions differ in their gather alone.
 //! A batch is more rows. A cell that is not computed is a row that is not listed.
 
+mod batch_norm;
 mod convolve;
 mod gather;
 mod gradient;
@@ -12,6 +13,7 @@ mod pairs;
 mod simd;
 mod weights;
 
+pub use batch_norm::{Statistics, batch_norm_backward, batch_norm_forward};
 pub use convolve::{convolve, convolve_at};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{weight_gradient, weight_gradient_at};
