@@ -1,0 +1,617 @@
+//! The network with its parameters: forward and backward.
+//!
+//! Parameters are one flat list, so that optimiser, clipping and checkpoint see numbers and nothing else. The chain is
+//! that of [`mluc_model::Network`]: sparse layers, map, block 1, block 2, two ups, heads. The two ups are never
+//! concatenated at full size: objectness adds what each up contributes, and the other heads run on labelled cells alone.
+
+use std::ops::Range;
+
+use mluc_kernels::{Epilogue, Weights, convolve, weight_gradient};
+use mluc_model::Network;
+
+use super::halo::Step;
+use super::layers::{Activation, Layer, Linear, Pool, add};
+use super::norm::{Statistics, Tail};
+use super::plan::{Plan, identity};
+use super::random::Random;
+
+/// The heads' layers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Heads {
+    /// A logit an anchor.
+    pub objectness: Linear,
+    /// One embedding a cell.
+    pub embedding: Linear,
+    /// Seven codes an anchor.
+    pub boxes: Linear,
+    /// Two bins an anchor.
+    pub direction: Linear,
+}
+
+/// The network's layers, and where their numbers lie.
+#[derive(Clone, Debug)]
+pub struct Chain {
+    /// The description.
+    pub network: Network,
+    /// 3-D layers.
+    pub sparse: Vec<Layer>,
+    /// Full-size layers.
+    pub block1: Vec<Layer>,
+    /// Half-size layers.
+    pub block2: Vec<Layer>,
+    /// Of block 1.
+    pub up1: Layer,
+    /// Of block 2; 4 * channels columns, one set for each cell of 2x2.
+    pub up2: Layer,
+    /// Heads.
+    pub heads: Heads,
+    /// Count of parameters.
+    pub parameters: usize,
+}
+
+/// Hands out ranges of the flat list.
+#[derive(Default)]
+struct Allocator {
+    used: usize,
+    norms: usize,
+}
+
+impl Allocator {
+    fn range(&mut self, count: usize) -> Range<usize> {
+        self.used += count;
+        self.used - count..self.used
+    }
+
+    fn layer(&mut self, name: &str, taps: usize, cin: usize, cout: usize, copies: usize) -> Layer {
+        self.norms += 1;
+        Layer {
+            name: name.to_owned(),
+            taps,
+            cin,
+            cout: cout * copies,
+            channels: cout,
+            weight: self.range(taps * cin * cout * copies),
+            gamma: self.range(cout),
+            beta: self.range(cout),
+            norm: self.norms - 1,
+        }
+    }
+
+    fn linear(&mut self, name: &str, cin: usize, cout: usize) -> Linear {
+        let (weight, bias) = (self.range(cin * cout), self.range(cout));
+        Linear {
+            name: name.to_owned(),
+            cin,
+            cout,
+            weight,
+            bias,
+        }
+    }
+}
+
+/// What the forward pass leaves.
+#[derive(Debug, Default)]
+pub struct Pass {
+    sparse: Vec<Activation>,
+    map: Vec<f32>,
+    block1: Vec<Activation>,
+    block2: Vec<Activation>,
+    up1: Activation,
+    up2: Activation,
+    /// Share of the objectness logits by row of up 1 and of up 2 (the bias is in the first).
+    pub objectness: [Vec<f32>; 2],
+    labelled_features: Vec<f32>,
+    /// Embedding of each labelled cell.
+    pub embedding: Vec<f32>,
+    /// Box codes of each labelled cell's anchors.
+    pub boxes: Vec<f32>,
+    /// Direction logits of each labelled cell's anchors.
+    pub direction: Vec<f32>,
+}
+
+/// Gradients of the loss with respect to the outputs of a [`Pass`], of the same shapes.
+#[derive(Clone, Debug, Default)]
+pub struct OutputGradients {
+    /// By row of up 1 and up 2.
+    pub objectness: [Vec<f32>; 2],
+    /// Embeddings.
+    pub embedding: Vec<f32>,
+    /// Box codes.
+    pub boxes: Vec<f32>,
+    /// Direction logits.
+    pub direction: Vec<f32>,
+}
+
+/// Running statistics, by [`Layer::norm`].
+pub type Running = Vec<Statistics>;
+
+impl Chain {
+    /// Lays out the parameters of `network`.
+    pub fn new(network: &Network) -> Chain {
+        let mut a = Allocator::default();
+        let sparse = network
+            .sparse
+            .iter()
+            .map(|l| a.layer(&l.name, l.taps(), l.cin, l.cout, 1))
+            .collect();
+        let block1 = network
+            .block1
+            .iter()
+            .map(|l| a.layer(&l.name, 9, l.cin, l.cout, 1))
+            .collect();
+        let block2 = network
+            .block2
+            .iter()
+            .map(|l| a.layer(&l.name, 9, l.cin, l.cout, 1))
+            .collect();
+        let (up1, up2) = (&network.up1, &network.up2);
+        let up1 = a.layer(&up1.name, 1, up1.cin, up1.cout, 1);
+        let up2 = a.layer(&up2.name, 1, up2.cin, up2.cout, 4);
+        let features = network.feature_channels();
+        let [objectness, embedding, boxes, direction] = network
+            .heads()
+            .map(|(name, cout)| a.linear(name, features, cout));
+        let heads = Heads {
+            objectness,
+            embedding,
+            boxes,
+            direction,
+        };
+        let parameters = a.used;
+        Chain {
+            network: network.clone(),
+            sparse,
+            block1,
+            block2,
+            up1,
+            up2,
+            heads,
+            parameters,
+        }
+    }
+
+    /// Layers with batch norm, in the order of [`Layer::norm`].
+    pub fn layers(&self) -> impl Iterator<Item = &Layer> {
+        let blocks = self.sparse.iter().chain(&self.block1).chain(&self.block2);
+        blocks.chain([&self.up1, &self.up2])
+    }
+
+    /// First parameters: uniform in +-1/sqrt(fan in) (the default of the public implementations), batch norm 1 and 0;
+    /// objectness starts at 0.01, boxes near 0, the embedding at the prototypes' centre T/C.
+    pub fn initial(&self, seed: u64, prototype_scale: f32) -> Vec<f32> {
+        let mut parameters = vec![0.0; self.parameters];
+        let mut random = Random::new(seed, &[0x1417]);
+        for layer in self.layers() {
+            let bound = 1.0 / ((layer.taps * layer.cin) as f64).sqrt();
+            parameters[layer.weight.clone()].fill_with(|| random.uniform(-bound, bound) as f32);
+            parameters[layer.gamma.clone()].fill(1.0);
+        }
+        let Heads {
+            objectness,
+            embedding,
+            boxes,
+            direction,
+        } = &self.heads;
+        let bound = 1.0 / (objectness.cin as f64).sqrt();
+        parameters[objectness.weight.clone()].fill_with(|| random.uniform(-bound, bound) as f32);
+        parameters[objectness.bias.clone()].fill(-(99.0f32).ln());
+        parameters[embedding.weight.clone()].fill_with(|| 0.01 * random.normal() as f32);
+        parameters[embedding.bias.clone()].fill(prototype_scale / self.network.classes as f32);
+        parameters[boxes.weight.clone()].fill_with(|| 0.001 * random.normal() as f32);
+        parameters[direction.weight.clone()].fill_with(|| random.uniform(-bound, bound) as f32);
+        parameters
+    }
+
+    /// Statistics before any step: mean 0, variance 1.
+    pub fn initial_running(&self) -> Running {
+        let unit = |l: &Layer| Statistics {
+            mean: vec![0.0; l.channels],
+            variance: vec![1.0; l.channels],
+            count: 0.0,
+        };
+        self.layers().map(unit).collect()
+    }
+
+    /// The batch statistics of a pass, in the order of [`Layer::norm`].
+    pub fn statistics<'a>(&self, pass: &'a Pass) -> impl Iterator<Item = &'a Statistics> {
+        let blocks = pass.sparse.iter().chain(&pass.block1).chain(&pass.block2);
+        blocks.chain([&pass.up1, &pass.up2]).map(|a| &a.statistics)
+    }
+
+    /// Runs the network. `labelled`: cells of the full map whose embedding, boxes and directions are wanted. With
+    /// `running`, batch norm uses those statistics (evaluation).
+    pub fn forward(
+        &self,
+        parameters: &[f32],
+        plan: &Plan,
+        labelled: &[u32],
+        running: Option<&Running>,
+        pool: &mut Pool,
+    ) -> Pass {
+        let of = |layer: &Layer| running.map(|r| &r[layer.norm]);
+        let mut pass = Pass::default();
+        for (number, layer) in self.sparse.iter().enumerate() {
+            let input = pass
+                .sparse
+                .last()
+                .map_or(&plan.sparse.voxels, |a: &Activation| &a.y);
+            let gather = &plan.sparse.gathers[number];
+            let a = layer.forward(parameters, input, gather, Tail::default(), of(layer), pool);
+            pass.sparse.push(a);
+        }
+        pass.map = self.scatter(pass.sparse.last().map_or(&[], |a| &a.y), plan, pool);
+        let map = &plan.map;
+        pass.block1 = self.block(
+            &self.block1,
+            parameters,
+            &pass.map,
+            &map.block1,
+            running,
+            pool,
+        );
+        let middle = last(&pass.block1);
+        pass.block2 = self.block(&self.block2, parameters, middle, &map.block2, running, pool);
+        let [tail1, tail2] = self.tails(plan);
+        let [rows1, rows2] = &map.identity;
+        pass.up1 = self
+            .up1
+            .forward(parameters, middle, rows1, tail1, of(&self.up1), pool);
+        let half = last(&pass.block2);
+        pass.up2 = self
+            .up2
+            .forward(parameters, half, rows2, tail2, of(&self.up2), pool);
+        self.heads(parameters, plan, labelled, &mut pass);
+        pass
+    }
+
+    fn block(
+        &self,
+        layers: &[Layer],
+        parameters: &[f32],
+        input: &[f32],
+        steps: &[Step],
+        running: Option<&Running>,
+        pool: &mut Pool,
+    ) -> Vec<Activation> {
+        let mut activations: Vec<Activation> = vec![];
+        for (layer, step) in layers.iter().zip(steps) {
+            let input = activations.last().map_or(input, |a| &a.y);
+            let running = running.map(|r| &r[layer.norm]);
+            let a = layer.forward(
+                parameters,
+                input,
+                &step.gather,
+                tail_of(step),
+                running,
+                pool,
+            );
+            activations.push(a);
+        }
+        activations
+    }
+
+    /// Sparse rows onto the map: channel = c * depth + z.
+    fn scatter(&self, rows: &[f32], plan: &Plan, pool: &mut Pool) -> Vec<f32> {
+        let width = self.network.map_channels();
+        let channels = self.sparse.last().map_or(0, |l| l.channels);
+        let depth = width / channels.max(1);
+        let mut map = pool.take(plan.map.map_rows * width);
+        map.fill(0.0);
+        for ((row, z), from) in plan.map.scatter.iter().zip(rows.chunks_exact(channels)) {
+            let cell = &mut map[*row as usize * width..][..width];
+            let level = cell[*z as usize..].iter_mut().step_by(depth);
+            level.zip(from).for_each(|(to, from)| *to = *from);
+        }
+        map
+    }
+
+    /// The tails of up 1 and up 2.
+    fn tails(&self, plan: &Plan) -> [Tail; 2] {
+        let multiplicity = |steps: &[Step]| steps.last().map_or(0, |s| s.multiplicity);
+        [
+            Tail {
+                rows: 1,
+                multiplicity: multiplicity(&plan.map.block1),
+            },
+            Tail {
+                rows: 4,
+                multiplicity: multiplicity(&plan.map.block2),
+            },
+        ]
+    }
+
+    /// The objectness weights of up 1's channels and of up 2's.
+    fn objectness_halves(&self) -> [Range<usize>; 2] {
+        let head = &self.heads.objectness;
+        let middle = head.weight.start + self.up1.channels * head.cout;
+        [head.weight.start..middle, middle..head.weight.end]
+    }
+
+    fn heads(&self, parameters: &[f32], plan: &Plan, labelled: &[u32], pass: &mut Pass) {
+        let [first, second] = self.objectness_halves();
+        let anchors = self.heads.objectness.cout;
+        let share = |y: &[f32], channels: usize, weights: Range<usize>, bias: Option<&[f32]>| {
+            let rows = y.len() / channels;
+            let weights = Weights::pack(1, channels, anchors, &parameters[weights]);
+            let mut logits = vec![0.0; rows * anchors];
+            let epilogue = Epilogue { bias, relu: false };
+            convolve(y, &identity(rows), &weights, epilogue, None, &mut logits);
+            logits
+        };
+        let bias = &parameters[self.heads.objectness.bias.clone()];
+        pass.objectness = [
+            share(&pass.up1.y, self.up1.channels, first, Some(bias)),
+            share(&pass.up2.y, self.up2.channels, second, None),
+        ];
+        pass.labelled_features = self.features(plan, labelled, [&pass.up1.y, &pass.up2.y]);
+        let rows = identity(labelled.len());
+        let run = |head: &Linear| head.forward(parameters, &pass.labelled_features, &rows);
+        let Heads {
+            embedding,
+            boxes,
+            direction,
+            ..
+        } = &self.heads;
+        let outputs = [embedding, boxes, direction].map(run);
+        [pass.embedding, pass.boxes, pass.direction] = outputs;
+    }
+
+    /// Rows of `cells`: up 1's channels, then up 2's.
+    fn features(&self, plan: &Plan, cells: &[u32], [up1, up2]: [&[f32]; 2]) -> Vec<f32> {
+        let (width1, width2) = (self.up1.channels, self.up2.channels);
+        let mut rows = Vec::with_capacity(cells.len() * (width1 + width2));
+        for &cell in cells {
+            rows.extend_from_slice(
+                &up1[plan.map.up1_row[cell as usize] as usize * width1..][..width1],
+            );
+            rows.extend_from_slice(
+                &up2[plan.map.up2_row[cell as usize] as usize * width2..][..width2],
+            );
+        }
+        rows
+    }
+
+    /// Adds the gradients of every parameter to `gradients`.
+    pub fn backward(
+        &self,
+        parameters: &[f32],
+        plan: &Plan,
+        labelled: &[u32],
+        pass: &Pass,
+        outputs: &OutputGradients,
+        gradients: &mut [f32],
+        pool: &mut Pool,
+    ) {
+        let [mut d1, mut d2] =
+            self.backward_heads(parameters, plan, labelled, pass, outputs, gradients, pool);
+        let [tail1, tail2] = self.tails(plan);
+        let [rows1, rows2] = &plan.map.identity;
+        let (middle, half) = (last(&pass.block1), last(&pass.block2));
+        self.up2.backward(
+            parameters, gradients, half, &pass.up2, rows2, tail2, &mut d2,
+        );
+        let mut half_gradient = pool.take(half.len());
+        self.up2
+            .input_gradient(parameters, &d2, rows2, &mut half_gradient);
+        pool.give(d2);
+        let from_block2 = self.backward_block(
+            &self.block2,
+            parameters,
+            gradients,
+            middle,
+            &pass.block2,
+            &plan.map.block2,
+            half_gradient,
+            pool,
+        );
+        self.up1.backward(
+            parameters, gradients, middle, &pass.up1, rows1, tail1, &mut d1,
+        );
+        let mut middle_gradient = pool.take(middle.len());
+        self.up1
+            .input_gradient(parameters, &d1, rows1, &mut middle_gradient);
+        pool.give(d1);
+        add(&mut middle_gradient, &from_block2);
+        pool.give(from_block2);
+        let map = self.backward_block(
+            &self.block1,
+            parameters,
+            gradients,
+            &pass.map,
+            &pass.block1,
+            &plan.map.block1,
+            middle_gradient,
+            pool,
+        );
+        self.backward_sparse(parameters, plan, pass, &map, gradients, pool);
+        pool.give(map);
+    }
+
+    /// Gradients of up 1's and up 2's rows.
+    fn backward_heads(
+        &self,
+        parameters: &[f32],
+        plan: &Plan,
+        labelled: &[u32],
+        pass: &Pass,
+        outputs: &OutputGradients,
+        gradients: &mut [f32],
+        pool: &mut Pool,
+    ) -> [Vec<f32>; 2] {
+        let head = &self.heads.objectness;
+        for row in outputs.objectness[0].chunks_exact(head.cout) {
+            add(&mut gradients[head.bias.clone()], row);
+        }
+        let halves = self.objectness_halves();
+        let ups = [
+            (&pass.up1.y, self.up1.channels),
+            (&pass.up2.y, self.up2.channels),
+        ];
+        let mut back = [0, 1].map(|i| {
+            let (y, channels) = ups[i];
+            let (weights, d) = (halves[i].clone(), &outputs.objectness[i]);
+            let rows = identity(y.len() / channels);
+            weight_gradient(
+                y,
+                channels,
+                &rows,
+                d,
+                head.cout,
+                &mut gradients[weights.clone()],
+            );
+            let packed = Weights::pack_transposed(1, channels, head.cout, &parameters[weights]);
+            let mut to = pool.take(y.len());
+            convolve(d, &rows, &packed, Epilogue::default(), None, &mut to);
+            to
+        });
+        let rows = identity(labelled.len());
+        let features = &pass.labelled_features;
+        let mut d = vec![0.0; features.len()];
+        let heads = [
+            (&self.heads.embedding, &outputs.embedding),
+            (&self.heads.boxes, &outputs.boxes),
+            (&self.heads.direction, &outputs.direction),
+        ];
+        for (head, output) in heads {
+            head.backward(parameters, gradients, features, &rows, output, &mut d);
+        }
+        let (width1, width2) = (self.up1.channels, self.up2.channels);
+        for (&cell, d) in labelled.iter().zip(d.chunks_exact(width1 + width2)) {
+            let (row1, row2) = (
+                plan.map.up1_row[cell as usize],
+                plan.map.up2_row[cell as usize],
+            );
+            add(
+                &mut back[0][row1 as usize * width1..][..width1],
+                &d[..width1],
+            );
+            add(
+                &mut back[1][row2 as usize * width2..][..width2],
+                &d[width1..],
+            );
+        }
+        back
+    }
+
+    /// Gradient of a block's input, from that of its output.
+    fn backward_block(
+        &self,
+        layers: &[Layer],
+        parameters: &[f32],
+        gradients: &mut [f32],
+        input: &[f32],
+        activations: &[Activation],
+        steps: &[Step],
+        mut gradient: Vec<f32>,
+        pool: &mut Pool,
+    ) -> Vec<f32> {
+        for (number, (layer, step)) in layers.iter().zip(steps).enumerate().rev() {
+            let input = number.checked_sub(1).map_or(input, |n| &activations[n].y);
+            let (gather, tail) = (&step.gather, tail_of(step));
+            layer.backward(
+                parameters,
+                gradients,
+                input,
+                &activations[number],
+                gather,
+                tail,
+                &mut gradient,
+            );
+            let mut to = pool.take(input.len());
+            let listed = step.transposed.outputs() * layer.cin;
+            layer.input_gradient(parameters, &gradient, &step.transposed, &mut to[..listed]);
+            if let Some(background) = step.background {
+                let row = &mut to[listed..];
+                layer.background_gradient(parameters, &gradient, gather, background, row);
+            }
+            pool.give(std::mem::replace(&mut gradient, to));
+        }
+        gradient
+    }
+
+    fn backward_sparse(
+        &self,
+        parameters: &[f32],
+        plan: &Plan,
+        pass: &Pass,
+        map: &[f32],
+        gradients: &mut [f32],
+        pool: &mut Pool,
+    ) {
+        let Some(output) = self.sparse.last() else {
+            return;
+        };
+        let (width, channels) = (self.network.map_channels(), output.channels);
+        let depth = width / channels;
+        let mut gradient = pool.take(plan.map.scatter.len() * channels);
+        for ((row, z), to) in plan
+            .map
+            .scatter
+            .iter()
+            .zip(gradient.chunks_exact_mut(channels))
+        {
+            let cell = &map[*row as usize * width..][..width];
+            let level = cell[*z as usize..].iter().step_by(depth);
+            to.iter_mut().zip(level).for_each(|(to, from)| *to = *from);
+        }
+        for (number, layer) in self.sparse.iter().enumerate().rev() {
+            let input = number
+                .checked_sub(1)
+                .map_or(&plan.sparse.voxels, |n| &pass.sparse[n].y);
+            let (gather, tail) = (&plan.sparse.gathers[number], Tail::default());
+            layer.backward(
+                parameters,
+                gradients,
+                input,
+                &pass.sparse[number],
+                gather,
+                tail,
+                &mut gradient,
+            );
+            if number > 0 {
+                let mut to = pool.take(input.len());
+                layer.input_gradient(
+                    parameters,
+                    &gradient,
+                    &plan.sparse.transposed[number],
+                    &mut to,
+                );
+                pool.give(std::mem::replace(&mut gradient, to));
+            }
+        }
+        pool.give(gradient);
+    }
+}
+
+impl Pass {
+    /// The scattered map's rows.
+    #[cfg(test)]
+    pub(crate) fn map(&self) -> &[f32] {
+        &self.map
+    }
+
+    /// Gives the maps back for the next step.
+    pub fn recycle(self, pool: &mut Pool) {
+        let blocks = self
+            .sparse
+            .into_iter()
+            .chain(self.block1)
+            .chain(self.block2);
+        for activation in blocks.chain([self.up1, self.up2]) {
+            pool.give(activation.x);
+            pool.give(activation.y);
+        }
+        pool.give(self.map);
+    }
+}
+
+fn tail_of(step: &Step) -> Tail {
+    Tail {
+        rows: 1,
+        multiplicity: step.multiplicity,
+    }
+}
+
+fn last(block: &[Activation]) -> &[f32] {
+    block.last().map_or(&[], |a| &a.y)
+}

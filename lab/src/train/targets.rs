@@ -1,0 +1,511 @@
+//! What each anchor and each cell should say about a frame.
+//!
+//! Anchors: the public SECOND assignment. Only objects of an anchor's own class count; overlap is that of the "nearest"
+//! axis-aligned footprints, heights ignored. An anchor is positive at or above its class's matched overlap, negative
+//! below the unmatched one, ignored between; each object's best anchors are positive whatever their overlap.
+//! Cells (for the metric loss, paper section 3.2, eq. 2): those whose centre lies in a footprint (the smallest wins),
+//! the cell of each object's centre, and those of positive anchors.
+//! Objects that are not trained on (see [`super::scene`]) make anchors and cells under them ignored.
+
+use std::collections::BTreeMap;
+
+use mluc_geometry::{Box3, limit_period};
+use mluc_model::{AnchorClass, Network};
+
+use super::scene::Object;
+
+/// Yaw of a class's two anchors.
+const ROTATIONS_RAD: [f64; 2] = [0.0, 1.57];
+/// The direction bins are split at this angle and its opposite.
+pub const DIRECTION_OFFSET_RAD: f64 = 0.78539;
+/// Anchors this close to an ignored footprint are ignored.
+const IGNORE_MARGIN_M: f64 = 0.3;
+
+/// An anchor that should find an object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Positive {
+    /// y * columns + x.
+    pub cell: u32,
+    /// class * 2 + rotation.
+    pub anchor: u32,
+    /// Box residuals.
+    pub codes: [f32; 7],
+    /// Direction bin.
+    pub bin: u8,
+}
+
+/// A cell of the metric loss.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellLabel {
+    /// y * columns + x.
+    pub cell: u32,
+    /// Known class.
+    pub class: u32,
+    /// Sums to 1 over a frame that has objects.
+    pub weight: f32,
+}
+
+/// Labels of one frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Targets {
+    /// Positive anchors.
+    pub positives: Vec<Positive>,
+    /// Anchors (cell * anchors + anchor) that are neither positive nor negative.
+    pub ignored: Vec<u32>,
+    /// Cells with a class.
+    pub cells: Vec<CellLabel>,
+}
+
+/// Where the anchors stand.
+#[derive(Clone, Debug)]
+pub struct Anchors {
+    rows: usize,
+    columns: usize,
+    min_m: [f64; 2],
+    /// Spacing of anchors: both ends of the range carry one.
+    step_m: [f64; 2],
+    /// Edge of a cell.
+    cell_m: [f64; 2],
+    classes: Vec<AnchorClass>,
+}
+
+impl Anchors {
+    /// For a network and its classes.
+    pub fn new(network: &Network, classes: &[AnchorClass]) -> Anchors {
+        let [rows, columns] = network.map_shape();
+        let (low, high) = (network.grid.range_min_m, network.grid.range_max_m);
+        let span = [0, 1].map(|i| f64::from(high[i]) - f64::from(low[i]));
+        Anchors {
+            rows,
+            columns,
+            min_m: [f64::from(low[0]), f64::from(low[1])],
+            step_m: [span[0] / (columns - 1) as f64, span[1] / (rows - 1) as f64],
+            cell_m: [span[0] / columns as f64, span[1] / rows as f64],
+            classes: classes.to_vec(),
+        }
+    }
+
+    /// Anchors of a cell.
+    pub fn per_cell(&self) -> usize {
+        2 * self.classes.len()
+    }
+
+    /// The anchor's box.
+    pub fn bounds(&self, cell: usize, anchor: usize) -> Box3 {
+        let class = &self.classes[anchor / 2];
+        let size = class.size_m.map(f64::from);
+        let x = self.min_m[0] + (cell % self.columns) as f64 * self.step_m[0];
+        let y = self.min_m[1] + (cell / self.columns) as f64 * self.step_m[1];
+        let z = f64::from(class.bottom_z_m) + size[2] / 2.0;
+        Box3 {
+            center_m: [x, y, z],
+            size_m: size,
+            yaw_rad: ROTATIONS_RAD[anchor % 2],
+        }
+    }
+
+    /// The cell that holds a position.
+    fn cell_at(&self, x_m: f64, y_m: f64) -> Option<u32> {
+        let column = ((x_m - self.min_m[0]) / self.cell_m[0]).floor();
+        let row = ((y_m - self.min_m[1]) / self.cell_m[1]).floor();
+        let inside =
+            column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64;
+        inside.then(|| (row as usize * self.columns + column as usize) as u32)
+    }
+
+    /// Cells whose centre lies in the footprint of `bounds`, grown by `margin_m`.
+    fn cells_under(&self, bounds: &Box3, margin_m: f64) -> Vec<u32> {
+        let grown = Box3 {
+            size_m: [
+                bounds.size_m[0] + 2.0 * margin_m,
+                bounds.size_m[1] + 2.0 * margin_m,
+                1.0,
+            ],
+            ..*bounds
+        };
+        let radius = grown.size_m[0].hypot(grown.size_m[1]) / 2.0;
+        let range = |axis: usize, limit: usize| {
+            let at = (bounds.center_m[axis] - self.min_m[axis]) / self.cell_m[axis];
+            let reach = radius / self.cell_m[axis];
+            let clamp = |v: f64| v.clamp(0.0, limit as f64) as usize;
+            clamp((at - reach).floor())..clamp((at + reach).ceil())
+        };
+        let mut cells = vec![];
+        for row in range(1, self.rows) {
+            for column in range(0, self.columns) {
+                let x = self.min_m[0] + (column as f64 + 0.5) * self.cell_m[0];
+                let y = self.min_m[1] + (row as f64 + 0.5) * self.cell_m[1];
+                if grown.contains([x, y, bounds.center_m[2]]) {
+                    cells.push((row * self.columns + column) as u32);
+                }
+            }
+        }
+        cells
+    }
+
+    /// Every anchor of `anchor`'s kind that overlaps `object`, with the overlap of their nearest footprints.
+    fn overlaps(&self, object: &Box3, anchor: usize) -> Vec<(u32, f64)> {
+        let size = self.classes[anchor / 2].size_m.map(f64::from);
+        let [ax, ay] = nearest(size, ROTATIONS_RAD[anchor % 2]);
+        let [gx, gy] = nearest(object.size_m, object.yaw_rad);
+        let shared = |axis: usize, limit: usize, a: f64, g: f64| -> Vec<(usize, f64)> {
+            let (at, step) = (object.center_m[axis] - self.min_m[axis], self.step_m[axis]);
+            let reach = (a + g) / 2.0;
+            let first = ((at - reach) / step).floor().clamp(0.0, limit as f64) as usize;
+            let end = ((at + reach) / step).ceil().clamp(-1.0, limit as f64 - 1.0) as isize + 1;
+            (first..end.max(0) as usize)
+                .map(|i| {
+                    let distance = (i as f64 * step - at).abs();
+                    (i, (reach - distance).min(a).min(g))
+                })
+                .filter(|(_, overlap)| *overlap > 0.0)
+                .collect()
+        };
+        let columns = shared(0, self.columns, ax, gx);
+        let mut found = vec![];
+        for (row, dy) in shared(1, self.rows, ay, gy) {
+            for (column, dx) in &columns {
+                let both = dx * dy;
+                let iou = both / (ax * ay + gx * gy - both);
+                found.push(((row * self.columns + column) as u32, iou));
+            }
+        }
+        found
+    }
+
+    /// Labels of a frame.
+    pub fn assign(&self, objects: &[Object]) -> Targets {
+        let mut targets = Targets::default();
+        let mut owners: Vec<(u32, usize)> = vec![];
+        let mut ignored = self.ignored_by_objects(objects);
+        for anchor in (0..self.per_cell()).step_by(2) {
+            self.assign_class(anchor / 2, objects, &mut targets, &mut owners, &mut ignored);
+        }
+        let anchors = self.per_cell() as u32;
+        let positive: std::collections::BTreeSet<u32> = targets
+            .positives
+            .iter()
+            .map(|p| p.cell * anchors + p.anchor)
+            .collect();
+        ignored.retain(|a| !positive.contains(a));
+        ignored.sort_unstable();
+        ignored.dedup();
+        targets.ignored = ignored;
+        targets.cells = self.label_cells(objects, &owners);
+        targets
+    }
+
+    fn ignored_by_objects(&self, objects: &[Object]) -> Vec<u32> {
+        let anchors = self.per_cell() as u32;
+        let mut ignored = vec![];
+        for object in objects.iter().filter(|o| o.trained_class().is_none()) {
+            for cell in self.cells_under(&object.bounds, IGNORE_MARGIN_M) {
+                ignored.extend(cell * anchors..(cell + 1) * anchors);
+            }
+            if let Some(class) = object.class {
+                let unmatched = f64::from(self.classes[class].unmatched_iou);
+                for anchor in [2 * class, 2 * class + 1] {
+                    let near = self.overlaps(&object.bounds, anchor);
+                    let near = near.iter().filter(|(_, iou)| *iou >= unmatched);
+                    ignored.extend(near.map(|(cell, _)| cell * anchors + anchor as u32));
+                }
+            }
+        }
+        ignored
+    }
+
+    /// Positives and ignored anchors of one class; `owners` notes the cell and the object of each positive.
+    fn assign_class(
+        &self,
+        class: usize,
+        objects: &[Object],
+        targets: &mut Targets,
+        owners: &mut Vec<(u32, usize)>,
+        ignored: &mut Vec<u32>,
+    ) {
+        let (matched, unmatched) = (
+            f64::from(self.classes[class].matched_iou),
+            f64::from(self.classes[class].unmatched_iou),
+        );
+        // Anchor (cell, rotation): best overlap, its object, forced.
+        let mut best: BTreeMap<(u32, usize), (f64, usize, bool)> = BTreeMap::new();
+        for (number, object) in objects
+            .iter()
+            .enumerate()
+            .filter(|(_, o)| o.trained_class() == Some(class))
+        {
+            let pairs: Vec<((u32, usize), f64)> = [0, 1]
+                .into_iter()
+                .flat_map(|r| {
+                    self.overlaps(&object.bounds, 2 * class + r)
+                        .into_iter()
+                        .map(move |(c, iou)| ((c, r), iou))
+                })
+                .collect();
+            let most = pairs.iter().map(|(_, iou)| *iou).fold(0.0, f64::max);
+            for (key, iou) in pairs {
+                let entry = best.entry(key).or_insert((0.0, number, false));
+                if iou > entry.0 {
+                    (entry.0, entry.1) = (iou, number);
+                }
+                entry.2 |= iou == most;
+            }
+        }
+        let anchors = self.per_cell() as u32;
+        for ((cell, rotation), (iou, object, forced)) in best {
+            let anchor = 2 * class + rotation;
+            if forced || iou >= matched {
+                targets
+                    .positives
+                    .push(self.positive(cell, anchor, &objects[object].bounds));
+                owners.push((cell, object));
+            } else if iou >= unmatched {
+                ignored.push(cell * anchors + anchor as u32);
+            }
+        }
+    }
+
+    fn positive(&self, cell: u32, anchor: usize, object: &Box3) -> Positive {
+        let a = self.bounds(cell as usize, anchor);
+        let diagonal = a.size_m[0].hypot(a.size_m[1]);
+        let d = [0, 1, 2].map(|i| object.center_m[i] - a.center_m[i]);
+        let ratio = [0, 1, 2].map(|i| (object.size_m[i] / a.size_m[i]).ln());
+        let turn = object.yaw_rad - a.yaw_rad;
+        let codes = [
+            d[0] / diagonal,
+            d[1] / diagonal,
+            d[2] / a.size_m[2],
+            ratio[0],
+            ratio[1],
+            ratio[2],
+            turn,
+        ];
+        let angle = limit_period(
+            object.yaw_rad - DIRECTION_OFFSET_RAD,
+            0.0,
+            std::f64::consts::TAU,
+        );
+        let bin = (angle / std::f64::consts::PI).floor().clamp(0.0, 1.0) as u8;
+        Positive {
+            cell,
+            anchor: anchor as u32,
+            codes: codes.map(|c| c as f32),
+            bin,
+        }
+    }
+
+    fn label_cells(&self, objects: &[Object], owners: &[(u32, usize)]) -> Vec<CellLabel> {
+        let mut trained: Vec<usize> = (0..objects.len())
+            .filter(|i| objects[*i].trained_class().is_some())
+            .collect();
+        // Smallest footprint first, so that the first claim on a cell wins.
+        let area = |i: &usize| objects[*i].bounds.size_m[0] * objects[*i].bounds.size_m[1];
+        trained.sort_by(|a, b| area(a).total_cmp(&area(b)));
+        let mut owner: BTreeMap<u32, usize> = BTreeMap::new();
+        for &number in &trained {
+            let bounds = &objects[number].bounds;
+            let centre = self.cell_at(bounds.center_m[0], bounds.center_m[1]);
+            for cell in self.cells_under(bounds, 0.0).into_iter().chain(centre) {
+                owner.entry(cell).or_insert(number);
+            }
+        }
+        for &(cell, number) in owners {
+            owner.entry(cell).or_insert(number);
+        }
+        let mut cells_of = vec![0usize; objects.len()];
+        owner.values().for_each(|number| cells_of[*number] += 1);
+        let mut objects_of = vec![0usize; self.classes.len()];
+        for (object, _) in objects
+            .iter()
+            .zip(&cells_of)
+            .filter(|(_, cells)| **cells > 0)
+        {
+            object
+                .class
+                .into_iter()
+                .for_each(|class| objects_of[class] += 1);
+        }
+        let present = objects_of.iter().filter(|n| **n > 0).count();
+        let label = |(cell, number): (u32, usize)| {
+            let class = objects[number].class.unwrap_or(0);
+            let share = present * objects_of[class] * cells_of[number];
+            CellLabel {
+                cell,
+                class: class as u32,
+                weight: 1.0 / share as f32,
+            }
+        };
+        owner.into_iter().map(label).collect()
+    }
+}
+
+/// Extent of the axis-aligned footprint that is nearest to a turned one.
+fn nearest(size_m: [f64; 3], yaw_rad: f64) -> [f64; 2] {
+    let along =
+        limit_period(yaw_rad, 0.5, std::f64::consts::PI).abs() < std::f64::consts::FRAC_PI_4;
+    if along {
+        [size_m[0], size_m[1]]
+    } else {
+        [size_m[1], size_m[0]]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_model::Grid;
+
+    pub(crate) fn classes() -> Vec<AnchorClass> {
+        let class = |name: &str, size_m, matched_iou: f32| AnchorClass {
+            name: name.into(),
+            size_m,
+            bottom_z_m: -1.78,
+            matched_iou,
+            unmatched_iou: matched_iou - 0.15,
+        };
+        vec![
+            class("car", [3.9, 1.6, 1.56], 0.6),
+            class("pedestrian", [0.8, 0.6, 1.73], 0.5),
+            class("cyclist", [1.76, 0.6, 1.73], 0.5),
+        ]
+    }
+
+    fn anchors() -> Anchors {
+        Anchors::new(&Network::compact(Grid::kitti_compact(), 3), &classes())
+    }
+
+    fn object(class: usize, bounds: [f64; 7], points: usize) -> Object {
+        Object {
+            class: Some(class),
+            bounds: Box3::new(bounds),
+            points,
+        }
+    }
+
+    /// The definition, anchor by anchor.
+    fn plain(anchors: &Anchors, objects: &[Object]) -> (Vec<(u32, u32)>, Vec<u32>) {
+        let (mut positives, mut ignored) = (vec![], vec![]);
+        for class in 0..3 {
+            let of_class: Vec<_> = objects.iter().filter(|o| o.class == Some(class)).collect();
+            let iou = |a: &Box3, g: &Box3| {
+                let ([ax, ay], [gx, gy]) =
+                    (nearest(a.size_m, a.yaw_rad), nearest(g.size_m, g.yaw_rad));
+                let side = |i: usize, a_size: f64, g_size: f64| {
+                    let low = (a.center_m[i] - a_size / 2.0).max(g.center_m[i] - g_size / 2.0);
+                    let high = (a.center_m[i] + a_size / 2.0).min(g.center_m[i] + g_size / 2.0);
+                    (high - low).max(0.0)
+                };
+                let both = side(0, ax, gx) * side(1, ay, gy);
+                both / (ax * ay + gx * gy - both)
+            };
+            let mut most = vec![0.0f64; of_class.len()];
+            let mut table = vec![];
+            for cell in 0..anchors.rows * anchors.columns {
+                for anchor in [2 * class, 2 * class + 1] {
+                    let a = anchors.bounds(cell, anchor);
+                    let row: Vec<f64> = of_class.iter().map(|g| iou(&a, &g.bounds)).collect();
+                    most.iter_mut().zip(&row).for_each(|(m, v)| *m = m.max(*v));
+                    if row.iter().any(|v| *v > 0.0) {
+                        table.push((cell as u32, anchor as u32, row));
+                    }
+                }
+            }
+            for (cell, anchor, row) in table {
+                let best = row.iter().copied().fold(0.0, f64::max);
+                let forced = row
+                    .iter()
+                    .zip(&most)
+                    .any(|(v, m)| *v > 0.0 && (v - m).abs() < 1e-9);
+                let limits = &anchors.classes[class];
+                if forced || best >= f64::from(limits.matched_iou) {
+                    positives.push((cell, anchor));
+                } else if best >= f64::from(limits.unmatched_iou) {
+                    ignored.push(cell * 6 + anchor);
+                }
+            }
+        }
+        ignored.sort_unstable();
+        (positives, ignored)
+    }
+
+    #[test]
+    fn agrees_with_the_definition_for_every_anchor() {
+        let anchors = anchors();
+        let objects = vec![
+            object(0, [20.3, 3.2, -1.0, 4.1, 1.7, 1.5, 0.3], 50),
+            object(0, [23.0, 3.9, -1.0, 3.6, 1.6, 1.5, 1.4], 50),
+            object(1, [8.17, -6.03, -0.9, 0.9, 0.6, 1.7, -2.0], 50),
+            object(2, [40.0, 10.0, -0.9, 1.8, 0.6, 1.7, 2.9], 50),
+            object(0, [70.2, -39.8, -0.9, 4.0, 1.6, 1.7, 0.0], 50),
+        ];
+        let targets = anchors.assign(&objects);
+        let (positives, ignored) = plain(&anchors, &objects);
+        let found: Vec<_> = targets
+            .positives
+            .iter()
+            .map(|p| (p.cell, p.anchor))
+            .collect();
+        assert_eq!(found, positives);
+        assert_eq!(targets.ignored, ignored);
+        assert!(found.len() > 8 && !ignored.is_empty(), "{found:?}");
+    }
+
+    #[test]
+    fn codes_describe_the_object_from_the_anchor() {
+        let anchors = anchors();
+        let bounds = [20.3, 3.2, -1.0, 4.1, 1.7, 1.5, 0.3];
+        for p in anchors.assign(&[object(0, bounds, 50)]).positives {
+            let a = anchors.bounds(p.cell as usize, p.anchor as usize);
+            let d = a.size_m[0].hypot(a.size_m[1]);
+            let c = p.codes.map(f64::from);
+            let back = [
+                c[0] * d + a.center_m[0],
+                c[1] * d + a.center_m[1],
+                c[2] * a.size_m[2] + a.center_m[2],
+                c[3].exp() * a.size_m[0],
+                c[4].exp() * a.size_m[1],
+                c[5].exp() * a.size_m[2],
+                c[6] + a.yaw_rad,
+            ];
+            assert!(
+                back.iter().zip(bounds).all(|(b, t)| (b - t).abs() < 1e-5),
+                "{back:?}"
+            );
+            // 0.3 rad - 0.785 wraps to 5.8: the second half turn.
+            assert_eq!(p.bin, 1);
+        }
+    }
+
+    #[test]
+    fn weights_balance_objects_and_classes() {
+        let objects = [
+            object(0, [20.0, 0.0, -1.0, 4.0, 1.7, 1.5, 0.0], 50),
+            object(0, [30.0, 0.0, -1.0, 4.0, 1.7, 1.5, 0.0], 50),
+            object(1, [30.5, 0.0, -1.0, 0.8, 0.6, 1.5, 0.0], 50),
+        ];
+        let cells = anchors().assign(&objects).cells;
+        let sum = |class| {
+            cells
+                .iter()
+                .filter(|c| c.class == class)
+                .map(|c| c.weight)
+                .sum::<f32>()
+        };
+        assert!((sum(0) - 0.5).abs() < 1e-5 && (sum(1) - 0.5).abs() < 1e-5);
+        // The pedestrian inside the second car's footprint keeps its own centre.
+        let centre = anchors().cell_at(30.5, 0.0);
+        assert!(cells.iter().any(|c| Some(c.cell) == centre && c.class == 1));
+    }
+
+    #[test]
+    fn an_object_of_few_points_or_of_another_kind_is_ignored_and_not_background() {
+        let mut other = object(0, [20.0, 0.0, -1.0, 4.0, 1.7, 1.5, 0.0], 50);
+        other.class = None;
+        for object in [object(0, [20.0, 0.0, -1.0, 4.0, 1.7, 1.5, 0.0], 1), other] {
+            let targets = anchors().assign(&[object]);
+            assert!(targets.positives.is_empty() && targets.cells.is_empty());
+            let centre = anchors().cell_at(20.0, 0.0).unwrap();
+            assert!((0..6).all(|a| targets.ignored.contains(&(centre * 6 + a))));
+        }
+    }
+}
