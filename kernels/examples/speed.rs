@@ -1,4 +1,5 @@
 //! Prints GFLOP/s of the convolutions of the networks, and their share of what the registers can do.
+//! An argument (`avx512`, `avx2`, `neon`, `portable`) picks the registers; without one the best are used.
 
 use std::{hint::black_box, time::Instant};
 
@@ -10,7 +11,17 @@ use mluc_kernels::{
 const REPEATS: usize = 9;
 
 fn main() {
-    let level = Level::best();
+    let wanted = std::env::args().nth(1);
+    let named = |level: &Level| wanted.as_deref().is_none_or(|name| name == level.name());
+    let Some(level) = Level::all().into_iter().find(named) else {
+        return eprintln!(
+            "this processor has {:?}",
+            Level::all()
+                .iter()
+                .map(|level| level.name())
+                .collect::<Vec<_>>()
+        );
+    };
     let peak = peak_gflops(level);
     println!(
         "{}: {peak:.0} GFLOP/s on one core without memory",

@@ -319,7 +319,8 @@ impl Kernel for Normalise<'_> {
                 .zip(self.mean)
                 .zip(self.scale.iter().zip(self.beta));
             for (y, ((&x, &mean), (&scale, &beta))) in y.iter_mut().zip(values) {
-                *y = ((x - mean) * scale + beta).max(floor);
+                let value = (x - mean) * scale + beta;
+                *y = if value < floor { floor } else { value };
             }
         }
     }

@@ -208,7 +208,7 @@ impl Block<'_> {
                 output
                     .iter_mut()
                     .zip(sums)
-                    .for_each(|(y, &sum)| *y = sum.max(0.0));
+                    .for_each(|(y, &sum)| *y = if sum < 0.0 { 0.0 } else { sum });
             } else {
                 output.copy_from_slice(sums);
             }

@@ -25,6 +25,6 @@ pub use weights::Weights;
 pub struct Epilogue<'a> {
     /// Added to every row; `cout` values.
     pub bias: Option<&'a [f32]>,
-    /// max(0, x) after the bias.
+    /// max(0, x) after the bias; NaN stays NaN.
     pub relu: bool,
 }

@@ -343,6 +343,23 @@ fn all_absent_leaves_the_bias() {
     assert!(output.chunks_exact(63).all(expected));
 }
 
+/// A ReLU that swallows NaN would hide a broken model or input.
+#[test]
+fn not_a_number_stays_visible() {
+    let weights = Weights::pack(1, 1, 16, &[1.0; 16]);
+    let mut output = [0.0; 16];
+    let gather = Gather {
+        taps: 1,
+        index: vec![0],
+    };
+    let epilogue = Epilogue {
+        bias: None,
+        relu: true,
+    };
+    convolve(&[f32::NAN], &gather, &weights, epilogue, None, &mut output);
+    assert!(output.iter().all(|y| y.is_nan()));
+}
+
 #[test]
 #[should_panic(expected = "input row 10 of 10")]
 fn forward_refuses_a_row_outside_the_input() {

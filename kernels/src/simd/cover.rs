@@ -16,12 +16,12 @@ pub(super) trait Tile {
     );
 }
 
-/// Every row and column exactly once; `columns` is 16, 32, 48 or 64.
+/// Every row and column exactly once.
 ///
 /// The shapes leave room for a row of weights and a broadcast value: 24 accumulators of 32 registers, 12 of 16.
 ///
 /// # Safety
-/// The table of `tile` has `rows` rows and `columns` columns.
+/// The table of `tile` has `rows` rows and `columns` columns, a multiple of 16.
 #[inline(always)]
 pub(super) unsafe fn cover<S: Simd>(simd: S, rows: usize, columns: usize, tile: &impl Tile) {
     // SAFETY (all): the columns passed on are inside 0..columns, and the rows inside 0..rows by `down`.
@@ -31,7 +31,6 @@ pub(super) unsafe fn cover<S: Simd>(simd: S, rows: usize, columns: usize, tile: 
         (16, 48) => unsafe { down::<S, 8, 3>(simd, rows, 0, tile) },
         (16, 64) => unsafe { down::<S, 6, 4>(simd, rows, 0, tile) },
         _ => {
-            debug_assert!(columns.is_multiple_of(LINE));
             for column in (0..columns).step_by(LINE) {
                 match (S::LANES, S::REGISTERS) {
                     (16, _) => unsafe { down::<S, 12, 1>(simd, rows, column, tile) },

@@ -5,7 +5,7 @@
 //! the shape of its tile: the bits depend neither on the shapes nor on the threads.
 
 use super::{
-    Simd,
+    LINE, Simd,
     cover::{Tile, cover},
 };
 
@@ -18,9 +18,10 @@ pub(crate) struct Pair {
     pub(crate) row: u32,
 }
 
-/// Panics when a pair names a row that is not there.
+/// Panics when a pair names a row that is not there, or a row is not whole lines.
 #[inline(always)]
-fn check(pairs: &[Pair], inputs: usize, rows: usize) {
+fn check(pairs: &[Pair], inputs: usize, rows: usize, width: usize) {
+    assert!(width.is_multiple_of(LINE), "rows of {width}");
     let (input, row) = pairs.iter().fold((0, 0), |(input, row), pair| {
         (pair.input.max(input), pair.row.max(row))
     });
@@ -36,7 +37,7 @@ fn check(pairs: &[Pair], inputs: usize, rows: usize) {
 
 /// `sums[pair.row] += input[pair.input] * weights`, for each pair.
 ///
-/// `input`: rows of `cin`. `weights`: `[cin][width]`. `sums`: rows of `width`, which is 16, 32, 48 or 64. No two pairs
+/// `input`: rows of `cin`. `weights`: `[cin][width]`. `sums`: rows of `width`. No two pairs
 /// of a call have the same row.
 #[inline(always)]
 pub(crate) fn convolve_tiles<S: Simd>(
@@ -48,7 +49,7 @@ pub(crate) fn convolve_tiles<S: Simd>(
     width: usize,
     sums: &mut [f32],
 ) {
-    check(pairs, input.len() / cin, sums.len() / width);
+    check(pairs, input.len() / cin, sums.len() / width, width);
     assert_eq!(weights.len(), cin * width);
     let tile = Convolve {
         input: input.as_ptr(),
@@ -118,7 +119,7 @@ impl Tile for Convolve<'_> {
 
 /// `gradient[i] += input[pair.input][i] * output_gradient[pair.row]`, summed over the pairs, for each input channel `i`.
 ///
-/// `input`: rows of `cin`. `output_gradient`: rows of `width`, which is 16, 32, 48 or 64. `gradient`: `cin` rows of
+/// `input`: rows of `cin`. `output_gradient`: rows of `width`. `gradient`: `cin` rows of
 /// `width`, `stride` values apart.
 #[inline(always)]
 pub(crate) fn gradient_tiles<S: Simd>(
@@ -131,7 +132,12 @@ pub(crate) fn gradient_tiles<S: Simd>(
     gradient: &mut [f32],
     stride: usize,
 ) {
-    check(pairs, input.len() / cin, output_gradient.len() / width);
+    check(
+        pairs,
+        input.len() / cin,
+        output_gradient.len() / width,
+        width,
+    );
     assert!(width <= stride && gradient.len() >= (cin - 1) * stride + width);
     let tile = Gradient {
         input: input.as_ptr(),
