@@ -158,6 +158,12 @@ pub struct FrameHeader {
 const _: () = assert!(size_of::<FrameHeader>() == 64 + 4 * 24 + NAME_MAX);
 const _: () = assert!(align_of::<FrameHeader>() == 8);
 
+impl Default for FrameHeader {
+    fn default() -> FrameHeader {
+        FrameHeader::zeroed()
+    }
+}
+
 impl FrameHeader {
     /// A fresh header.
     pub fn new(sequence: u64, name: &str) -> FrameHeader {

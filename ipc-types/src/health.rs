@@ -79,11 +79,13 @@ pub struct Health {
     pub bytes_written: u32,
     /// Bytes read from shared memory for the last frame (payload only).
     pub bytes_read: u64,
+    /// Payloads that were found inside a mapped shared segment, when the stage was asked to look.
+    pub mappings_verified: u64,
     /// Why, UTF-8, NUL-padded.
     pub reason: [u8; REASON_MAX],
 }
 
-const _: () = assert!(size_of::<Health>() == 72 + REASON_MAX);
+const _: () = assert!(size_of::<Health>() == 80 + REASON_MAX);
 
 impl Health {
     /// Checks a heartbeat: version, stage and state.

@@ -1,1 +1,37 @@
-//! mluc-runtime
+//! The process shell that all stages share, and the only user of iceoryx2's ports.
+//!
+//! [`Instance`] names one pipeline on this machine; [`Shell`] is one process in it: it joins the instance, opens ports
+//! from the table of services ([`mluc_ipc_types::Topic`]), waits, counts, reports its health, and leaves nothing behind.
+//!
+//! What is designed around (iceoryx2 0.10): the creator of a service decides its settings, so both sides take them from
+//! the one table; overflow drops the oldest, so a dead consumer never blocks a producer; a killed process leaves files,
+//! so the last process of an instance removes all of them, and the first one wipes what a crash left before it opens
+//! anything; a connection file of 0 bytes would hang every later start, so it is swept first.
+
+mod clock;
+mod error;
+mod health;
+mod input;
+mod instance;
+mod logging;
+mod mapping;
+mod membership;
+mod node;
+mod output;
+mod shell;
+mod signals;
+mod sweep;
+
+pub use clock::{monotonic_ns, wall_clock_ns};
+pub use error::RuntimeError;
+pub use health::{Counters, HealthWatch};
+pub use input::{Input, Message};
+pub use instance::Instance;
+pub use logging::log_to_stderr;
+pub use membership::{Claim, Membership};
+pub use output::{Draft, Output};
+pub use shell::{Shell, ShellOptions};
+pub use signals::Shutdown;
+
+/// iceoryx2 between processes.
+pub(crate) type Ipc = iceoryx2::service::ipc::Service;

@@ -1,0 +1,18 @@
+//! The two clocks: latency is measured with one, stamps for people come from the other.
+
+use rustix::time::{ClockId, clock_gettime};
+
+/// CLOCK_MONOTONIC, ns: the same in all processes of this machine.
+pub fn monotonic_ns() -> u64 {
+    read_ns(ClockId::Monotonic)
+}
+
+/// CLOCK_REALTIME, ns since 1970.
+pub fn wall_clock_ns() -> u64 {
+    read_ns(ClockId::Realtime)
+}
+
+fn read_ns(clock: ClockId) -> u64 {
+    let time = clock_gettime(clock);
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}

@@ -1,0 +1,117 @@
+//! The shared segments as this process maps them: touching their pages before the first frame does, and proving that a
+//! payload lies inside.
+//!
+//! The first write to a fresh page of shared memory costs the kernel a page: measured, the first 36 MB message takes 18
+//! times as long as later ones. iceoryx2 has no option for it.
+
+use std::collections::HashSet;
+use std::ops::Range;
+
+use crate::Instance;
+use crate::instance::SHARED_MEMORY;
+
+/// A part of this process's address space that shows a data segment of an instance.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Mapping {
+    pub(crate) addresses: Range<usize>,
+    pub(crate) is_writable: bool,
+    pub(crate) inode: u64,
+}
+
+/// The data segments of `instance` that this process maps.
+pub(crate) fn mappings(instance: &Instance) -> Vec<Mapping> {
+    let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
+    let start = format!("{SHARED_MEMORY}/{}", instance.prefix());
+    maps.lines()
+        .filter_map(|line| parse(line, &start))
+        .collect()
+}
+
+/// `7f00-7f10 rw-s 00000000 00:1a 42 /dev/shm/mluc-0-a.1.data`
+fn parse(line: &str, start: &str) -> Option<Mapping> {
+    let mut words = line.split_whitespace();
+    let (from, to) = words.next()?.split_once('-')?;
+    let rights = words.next()?;
+    let inode = words.nth(2)?.parse().ok()?;
+    let path = words.next()?;
+    if !(path.starts_with(start) && path.ends_with(".data")) {
+        return None;
+    }
+    let address = |text| usize::from_str_radix(text, 16).ok();
+    Some(Mapping {
+        addresses: address(from)?..address(to)?,
+        is_writable: rights.contains('w'),
+        inode,
+    })
+}
+
+/// Which segment `slice` lies in.
+pub(crate) fn segment_of<T>(instance: &Instance, slice: &[T]) -> Option<Mapping> {
+    let at = slice.as_ptr_range();
+    let (start, end) = (at.start as usize, at.end as usize);
+    mappings(instance)
+        .into_iter()
+        .find(|mapping| mapping.addresses.start <= start && end <= mapping.addresses.end)
+}
+
+/// Remembers which segments were touched.
+#[derive(Debug, Default)]
+pub(crate) struct Prefault {
+    touched: HashSet<usize>,
+}
+
+impl Prefault {
+    /// Touches every page of segments that are new since the last call: for writing where this process writes.
+    /// Returns the bytes touched; a segment that cannot be touched (old kernel, memory full) is said and left.
+    pub(crate) fn touch(&mut self, instance: &Instance) -> u64 {
+        let mut bytes = 0;
+        for mapping in mappings(instance) {
+            if !self.touched.insert(mapping.addresses.start) {
+                continue;
+            }
+            match populate(&mapping) {
+                Ok(()) => bytes += mapping.addresses.len() as u64,
+                Err(error) => tracing::warn!(
+                    %error,
+                    bytes = mapping.addresses.len(),
+                    "cannot touch shared memory ahead of time: first frames will be slow, and a full /dev/shm ends a stage"
+                ),
+            }
+        }
+        bytes
+    }
+}
+
+#[allow(unsafe_code)]
+fn populate(mapping: &Mapping) -> std::io::Result<()> {
+    use rustix::mm::{Advice, madvise};
+    let advice = match mapping.is_writable {
+        true => Advice::LinuxPopulateWrite,
+        false => Advice::LinuxPopulateRead,
+    };
+    let start = mapping.addresses.start as *mut std::ffi::c_void;
+    // SAFETY: MADV_POPULATE_* only faults pages in; it changes no content and fails with an error, not a signal, when
+    // the range is no longer mapped. The range comes from /proc/self/maps, whole pages.
+    unsafe { madvise(start, mapping.addresses.len(), advice) }.map_err(std::io::Error::from)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_the_kernel_are_read() {
+        let line = "7f5a00000000-7f5a00003000 r--s 00000000 00:1a 42    /dev/shm/mluc-0-a.17.data";
+        let mapping = parse(line, "/dev/shm/mluc-0-a.").unwrap();
+        assert_eq!(mapping.addresses, 0x7f5a00000000..0x7f5a00003000);
+        assert_eq!((mapping.is_writable, mapping.inode), (false, 42));
+        assert_eq!(parse(line, "/dev/shm/mluc-0-b."), None);
+        assert_eq!(
+            parse(
+                "7f5a00000000-7f5a00003000 rw-p 00000000 00:00 0",
+                "/dev/shm/"
+            ),
+            None
+        );
+    }
+}

@@ -1,0 +1,265 @@
+//! One process of an instance.
+
+use std::fmt::Debug;
+use std::time::Duration;
+
+use bytemuck::Pod;
+use iceoryx2::node::Node;
+use iceoryx2::prelude::ZeroCopySend;
+use mluc_ipc_types::{HealthState, Stage, Topic};
+
+use crate::health::Heartbeat;
+use crate::input::InputOptions;
+use crate::mapping::{self, Prefault};
+use crate::node::{self, Cleaning};
+use crate::{
+    Claim, Counters, HealthWatch, Input, Instance, Ipc, Membership, Message, Output, RuntimeError,
+    Shutdown, monotonic_ns,
+};
+
+/// How a process joins.
+#[derive(Clone, Debug)]
+pub struct ShellOptions {
+    /// Which pipeline.
+    pub instance: Instance,
+    /// Looks up each payload in `/proc/self/maps` (about 0.1 ms a message) and fails when it is no shared memory.
+    pub verify_mapping: bool,
+    /// Touches shared memory before the first frame does.
+    pub prefault: bool,
+}
+
+impl ShellOptions {
+    /// Without the check, with prefault.
+    pub fn new(instance: Instance) -> ShellOptions {
+        ShellOptions {
+            instance,
+            verify_mapping: false,
+            prefault: true,
+        }
+    }
+}
+
+/// A process of an instance: ports, waiting, health, and leaving without a trace. Drop the ports first.
+pub struct Shell {
+    // Fields drop in this order: ports, node, claim, membership.
+    heartbeat: Option<Heartbeat>,
+    node: Node<Ipc>,
+    _claim: Option<Claim>,
+    membership: Membership,
+    options: ShellOptions,
+    prefault: Prefault,
+    shutdown: Shutdown,
+    /// Published with every heartbeat.
+    pub counters: Counters,
+}
+
+impl Shell {
+    /// Joins as a stage; fails when another process is that stage already.
+    pub fn stage(
+        options: ShellOptions,
+        stage: Stage,
+        shutdown: Shutdown,
+    ) -> Result<Shell, RuntimeError> {
+        let membership = Membership::join(&options.instance, stage.name())?;
+        let claim = membership.claim(stage.name())?;
+        let node = node::join(&options.instance, stage.name(), Cleaning::Yes)?;
+        let heartbeat = Heartbeat::open(&node, &options.instance, stage)?;
+        let mut shell = Shell {
+            heartbeat: Some(heartbeat),
+            node,
+            _claim: Some(claim),
+            membership,
+            options,
+            prefault: Prefault::default(),
+            shutdown,
+            counters: Counters::default(),
+        };
+        shell.beat()?;
+        Ok(shell)
+    }
+
+    /// Joins as one that looks on: supervisor, status. With a `role`, only one process may have it.
+    pub fn observer(
+        options: ShellOptions,
+        role: Option<&str>,
+        shutdown: Shutdown,
+    ) -> Result<Shell, RuntimeError> {
+        let membership = Membership::join(&options.instance, role.unwrap_or("observer"))?;
+        let claim = role.map(|role| membership.claim(role)).transpose()?;
+        let node = node::join(&options.instance, role.unwrap_or("observer"), Cleaning::No)?;
+        Ok(Shell {
+            heartbeat: None,
+            node,
+            _claim: claim,
+            membership,
+            options,
+            prefault: Prefault::default(),
+            shutdown,
+            counters: Counters::default(),
+        })
+    }
+
+    /// The shared segment (its inode) that `elements` lie in; `None` when they lie elsewhere. For proofs, not for frames.
+    pub fn segment_of<T>(&self, elements: &[T]) -> Option<u64> {
+        mapping::segment_of(&self.options.instance, elements).map(|mapping| mapping.inode)
+    }
+
+    /// Whether this process was asked to end.
+    pub fn is_stopping(&self) -> bool {
+        self.shutdown.is_requested()
+    }
+
+    /// Which pipeline.
+    pub fn instance(&self) -> &Instance {
+        self.membership.instance()
+    }
+
+    /// The producer's end of a topic, for messages of up to `elements_max` elements.
+    pub fn output<T: Pod + Debug + ZeroCopySend>(
+        &mut self,
+        topic: &Topic,
+        elements_max: usize,
+    ) -> Result<Output<T>, RuntimeError> {
+        let output = Output::open(
+            &self.node,
+            &self.options.instance,
+            topic,
+            topic.name,
+            elements_max.min(topic.elements_max),
+        )?;
+        self.touch();
+        Ok(output)
+    }
+
+    /// The consumer's end of a topic that this process waits for.
+    pub fn input<T: Pod + Debug + ZeroCopySend>(
+        &self,
+        topic: &Topic,
+    ) -> Result<Input<T>, RuntimeError> {
+        self.open_input(topic, true)
+    }
+
+    /// The consumer's end of a topic that this process only looks at.
+    pub fn side_input<T: Pod + Debug + ZeroCopySend>(
+        &self,
+        topic: &Topic,
+    ) -> Result<Input<T>, RuntimeError> {
+        self.open_input(topic, false)
+    }
+
+    fn open_input<T: Pod + Debug + ZeroCopySend>(
+        &self,
+        topic: &Topic,
+        wakes: bool,
+    ) -> Result<Input<T>, RuntimeError> {
+        let options = InputOptions {
+            wakes,
+            verify_mapping: self.options.verify_mapping,
+        };
+        Input::open(
+            &self.node,
+            &self.options.instance,
+            topic,
+            topic.name,
+            options,
+        )
+    }
+
+    /// All stages' heartbeats.
+    pub fn health_watch(&self) -> Result<HealthWatch, RuntimeError> {
+        HealthWatch::open(&self.node, &self.options.instance)
+    }
+
+    /// Waits for the newest message, with heartbeats; `None`: this process was asked to end. Says what it waits for
+    /// when nothing came within the topic's deadline.
+    pub fn next<T: Pod + Debug + ZeroCopySend>(
+        &mut self,
+        input: &mut Input<T>,
+        topic: &Topic,
+        mut on_tick: impl FnMut() -> Result<(), RuntimeError>,
+    ) -> Result<Option<Message<T>>, RuntimeError> {
+        let begun_ns = monotonic_ns();
+        let mut is_said = false;
+        loop {
+            if self.is_stopping() {
+                return Ok(None);
+            }
+            on_tick()?;
+            input.drain_wakes();
+            if let Some(message) = input.newest()? {
+                self.say_again(is_said, begun_ns, topic);
+                return Ok(Some(message));
+            }
+            let waited_ns = monotonic_ns() - begun_ns;
+            if waited_ns > topic.deadline_ms * 1_000_000 && !is_said {
+                is_said = true;
+                let reason = waiting_for(input, topic);
+                tracing::info!("{reason}");
+                self.state(HealthState::WaitingInput, &reason)?;
+            }
+            self.tick()?;
+            input.wait(TICK);
+        }
+    }
+
+    fn say_again(&self, was_said: bool, begun_ns: u64, topic: &Topic) {
+        if was_said {
+            let waited_ms = (monotonic_ns() - begun_ns) / 1_000_000;
+            tracing::info!(waited_ms, "{} arrive", topic.name);
+        }
+    }
+
+    /// Waits at most `timeout` for a message on `input`, without taking it.
+    pub fn wait<T: Pod + Debug + ZeroCopySend>(&self, input: &Input<T>, timeout: Duration) {
+        input.wait(timeout);
+    }
+
+    /// Says how this stage is; logged and published when it changes.
+    pub fn state(&mut self, state: HealthState, reason: &str) -> Result<(), RuntimeError> {
+        let heartbeat = self.heartbeat.as_mut();
+        match heartbeat.is_some_and(|heartbeat| heartbeat.set(state, reason)) {
+            true => self.beat(),
+            false => Ok(()),
+        }
+    }
+
+    /// How long the stage computed for a frame.
+    pub fn record_run(&mut self, run_ns: u64) {
+        if let Some(heartbeat) = &mut self.heartbeat {
+            heartbeat.record_run(run_ns);
+        }
+    }
+
+    /// What is to be done now and then: a heartbeat, and touching segments that other processes made.
+    pub fn tick(&mut self) -> Result<(), RuntimeError> {
+        if self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
+            self.touch();
+            self.beat()?;
+        }
+        Ok(())
+    }
+
+    /// A heartbeat now.
+    pub fn beat(&mut self) -> Result<(), RuntimeError> {
+        match &mut self.heartbeat {
+            Some(heartbeat) => heartbeat.publish(&self.counters),
+            None => Ok(()),
+        }
+    }
+
+    fn touch(&mut self) {
+        if self.options.prefault {
+            self.prefault.touch(&self.options.instance);
+        }
+    }
+}
+
+/// How often a waiting process looks around: also the longest time until it sees a signal.
+const TICK: Duration = Duration::from_millis(50);
+
+fn waiting_for<T: Pod + Debug + ZeroCopySend>(input: &Input<T>, topic: &Topic) -> String {
+    match input.producers() {
+        0 => format!("waiting for {}: no producer is running", topic.name),
+        _ => format!("waiting for {}: their producer is silent", topic.name),
+    }
+}

@@ -1,0 +1,46 @@
+//! SIGTERM and SIGINT set a flag; the loops look at it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::RuntimeError;
+
+/// Whether this process was asked to end. Clones share the flag.
+#[derive(Clone, Debug, Default)]
+pub struct Shutdown(Arc<AtomicBool>);
+
+impl Shutdown {
+    /// Listens for SIGTERM and SIGINT; a second one ends the process at once.
+    pub fn on_signals() -> Result<Shutdown, RuntimeError> {
+        let shutdown = Shutdown::default();
+        for signal in [SIGTERM, SIGINT] {
+            let failed = |source| RuntimeError::Io {
+                action: "listening for signals",
+                path: "SIGTERM, SIGINT".into(),
+                source,
+            };
+            // In this order: the conditional one sees the flag of the signal before.
+            signal_hook::flag::register_conditional_shutdown(signal, 1, shutdown.0.clone())
+                .map_err(failed)?;
+            signal_hook::flag::register(signal, shutdown.0.clone()).map_err(failed)?;
+        }
+        Ok(shutdown)
+    }
+
+    /// A flag that only [`Shutdown::request`] sets, for tests.
+    pub fn manual() -> Shutdown {
+        Shutdown::default()
+    }
+
+    /// Asks this process to end.
+    pub fn request(&self) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+
+    /// Whether it was asked.
+    pub fn is_requested(&self) -> bool {
+        self.0.load(Ordering::SeqCst)
+    }
+}
