@@ -1,11 +1,11 @@
 //! Prints GFLOP/s of the convolutions of the networks, and their share of what the registers can do.
-//! An argument (`avx512`, `avx2`, `neon`, `portable`) picks the registers; without one the best are used.
+//! An argument (`avx512bf16`, `avx512`, `avx2`, `neon`, `portable`) picks the registers; without one the best are used.
 
 use std::{hint::black_box, time::Instant};
 
 use mluc_kernels::{
-    ABSENT, Epilogue, Gather, Level, Statistics, Weights, batch_norm_backward, batch_norm_forward,
-    convolve_at, spin, weight_gradient_at,
+    ABSENT, Bf16, Epilogue, Gather, Level, Statistics, Weights, WeightsBf16, batch_norm_backward,
+    batch_norm_forward, convolve_at, convolve_bf16_at, spin, weight_gradient_at,
 };
 
 const REPEATS: usize = 9;
@@ -28,17 +28,16 @@ fn main() {
         level.name()
     );
     println!(
-        "{:28} {:>8} {:>6} {:>8} {:>8} {:>6} {:>8}",
-        "GFLOP/s", "forward", "share", "2 thr", "gradient", "share", "2 thr"
+        "GFLOP/s and share of that: f32 forward, bf16 forward, f32 weight gradient; one core, then two"
     );
     for (name, gather, inputs, cin, cout) in cases() {
         let run = |threads| measure(level, threads, &gather, inputs, cin, cout);
-        let ((forward, gradient), (forward_2, gradient_2)) = (run(1), run(2));
-        println!(
-            "{name:28} {forward:8.0} {:5.0}% {forward_2:8.0} {gradient:8.0} {:5.0}% {gradient_2:8.0}",
-            100.0 * forward / peak,
-            100.0 * gradient / peak
+        let share = |gflops: f64| format!("{gflops:4.0} {:3.0}%", 100.0 * gflops / peak);
+        let (one, two) = (
+            run(1).map(share),
+            run(2).map(|gflops| format!("{gflops:4.0}")),
         );
+        println!("{name:30} {}   {}", one.join(" "), two.join(" "));
     }
     for channels in [16, 48, 128] {
         for threads in [1, 2] {
@@ -182,7 +181,7 @@ fn sparse(rows: usize, off: f64) -> Gather {
     }
 }
 
-/// GFLOP/s of the forward convolution and of the weight gradient; absent rows are not counted.
+/// GFLOP/s of the forward convolution in f32, in bf16, and of the weight gradient; absent rows are not counted.
 fn measure(
     level: Level,
     threads: usize,
@@ -190,9 +189,9 @@ fn measure(
     inputs: usize,
     cin: usize,
     cout: usize,
-) -> (f64, f64) {
+) -> [f64; 3] {
     let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else {
-        return (0.0, 0.0);
+        return [0.0; 3];
     };
     let mut random = Random(1);
     let mut values = |count: usize| {
@@ -201,31 +200,40 @@ fn measure(
             .collect::<Vec<_>>()
     };
     let input = values(inputs * cin);
-    let weights = Weights::pack(gather.taps, cin, cout, &values(gather.taps * cin * cout));
+    let plain = values(gather.taps * cin * cout);
     let mut output = values(gather.outputs() * cout);
-    let output_gradient = output.clone();
-    let mut gradient = vec![0.0; gather.taps * cin * cout];
     let epilogue = Epilogue {
         bias: None,
         relu: true,
     };
+
+    let weights = Weights::pack(gather.taps, cin, cout, &plain);
     let forward = || convolve_at(level, &input, gather, &weights, epilogue, None, &mut output);
     let forward = best_seconds(&pool, forward);
-    let backward = || {
-        weight_gradient_at(
+
+    let weights = WeightsBf16::pack(gather.taps, cin, cout, &plain);
+    let short: Vec<Bf16> = input.iter().map(|&x| Bf16::from_f32(x)).collect();
+    let mut short_output = vec![Bf16(0); output.len()];
+    let bf16 = || {
+        convolve_bf16_at(
             level,
-            &input,
-            cin,
+            &short,
             gather,
-            &output_gradient,
-            cout,
-            &mut gradient,
+            &weights,
+            epilogue,
+            None,
+            &mut short_output,
         )
     };
+    let bf16 = best_seconds(&pool, bf16);
+
+    let mut gradient = vec![0.0; gather.taps * cin * cout];
+    let backward = || weight_gradient_at(level, &input, cin, gather, &output, cout, &mut gradient);
     let backward = best_seconds(&pool, backward);
+
     let pairs = gather.index.iter().filter(|&&row| row != ABSENT).count();
     let gflop = 2e-9 * (pairs * cin * cout) as f64;
-    (gflop / forward, gflop / backward)
+    [forward, bf16, backward].map(|seconds| gflop / seconds)
 }
 
 fn best_seconds(pool: &rayon::ThreadPool, mut work: impl FnMut() + Send) -> f64 {

@@ -74,7 +74,7 @@ pub fn weight_gradient_at(
     );
     let blocks = outputs.div_ceil(BLOCK);
     let part_rows = blocks.div_ceil(PARTS_MAX).max(PART_BLOCKS_MIN) * BLOCK;
-    let parts: Vec<Aligned> = gather
+    let parts: Vec<Aligned<f32>> = gather
         .index
         .par_chunks(part_rows * taps)
         .zip(output_gradient.par_chunks(part_rows * cout))
@@ -116,10 +116,10 @@ struct Part<'a> {
 }
 
 impl Kernel for Part<'_> {
-    type Output = Aligned;
+    type Output = Aligned<f32>;
 
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> Aligned {
+    fn run<S: Simd>(self, simd: S) -> Aligned<f32> {
         let padded = self.cout.next_multiple_of(LINE);
         let mut sums = Aligned::zeros(self.taps * self.cin * padded);
         let mut rows = AlignedArray([0.0; BLOCK * PANEL_MAX]);

@@ -6,19 +6,25 @@
 //! A batch is more rows. A cell that is not computed is a row that is not listed.
 
 mod batch_norm;
+mod block;
 mod convolve;
+mod element;
 mod gather;
 mod gradient;
+mod packed;
 mod pairs;
 mod simd;
 mod weights;
+mod weights_bf16;
 
 pub use batch_norm::{Statistics, batch_norm_backward, batch_norm_forward};
-pub use convolve::{convolve, convolve_at};
+pub use convolve::{convolve, convolve_at, convolve_bf16, convolve_bf16_at};
+pub use element::{Bf16, Element};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{weight_gradient, weight_gradient_at};
 pub use simd::{Level, spin};
 pub use weights::Weights;
+pub use weights_bf16::WeightsBf16;
 
 /// What happens to a row after its sum.
 #[derive(Clone, Copy, Debug, Default)]

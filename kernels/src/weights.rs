@@ -44,7 +44,7 @@ pub struct Weights {
     pub cin: usize,
     /// Channels of an output row.
     pub cout: usize,
-    data: Aligned,
+    data: Aligned<f32>,
 }
 
 impl Weights {

@@ -4,8 +4,8 @@ mod common;
 
 use common::{Random, assert_near, with_threads};
 use mluc_kernels::{
-    ABSENT, Epilogue, Gather, Level, Weights, convolve, convolve_at, weight_gradient,
-    weight_gradient_at,
+    ABSENT, Bf16, Epilogue, Gather, Level, Weights, WeightsBf16, convolve, convolve_at,
+    convolve_bf16, convolve_bf16_at, weight_gradient, weight_gradient_at,
 };
 
 const CHANNELS: [usize; 14] = [1, 3, 4, 16, 18, 31, 32, 48, 63, 64, 84, 96, 128, 256];
@@ -106,6 +106,37 @@ fn forward_equals_plain() {
                 &mut output,
             );
             assert_near(&output, &expected, TOLERANCE, &case.name(level));
+        }
+    }
+}
+
+/// Against the plain version on the rounded values: products of bf16 are exact in f32, so only sums round.
+#[test]
+fn bf16_equals_plain() {
+    for mut case in all_channels().filter(|case| case.cin % 2 == 0) {
+        let input: Vec<Bf16> = case.input.iter().map(|&x| Bf16::from_f32(x)).collect();
+        let weights = WeightsBf16::pack(case.gather.taps, case.cin, case.cout, &case.weights);
+        let round = |values: &mut Vec<f32>| {
+            values
+                .iter_mut()
+                .for_each(|x| *x = Bf16::from_f32(*x).to_f32())
+        };
+        round(&mut case.input);
+        round(&mut case.weights);
+        let expected = case.expected();
+        for level in Level::all() {
+            let (gather, epilogue) = (&case.gather, case.epilogue());
+            let mut output = vec![f32::NAN; expected.len()];
+            convolve_bf16_at(level, &input, gather, &weights, epilogue, None, &mut output);
+            assert_near(&output, &expected, 2.0 * TOLERANCE, &case.name(level));
+            let mut short = vec![Bf16::default(); expected.len()];
+            convolve_bf16_at(level, &input, gather, &weights, epilogue, None, &mut short);
+            assert!(
+                short
+                    .iter()
+                    .zip(&output)
+                    .all(|(short, &long)| *short == Bf16::from_f32(long))
+            );
         }
     }
 }
@@ -236,23 +267,27 @@ fn same_bits_with_any_number_of_threads() {
         let mut random = Random(5);
         let gather = random.gather(3001, taps, 2000, absent_percent);
         let (input, dy) = (random.values(2000 * cin), random.values(3001 * cout));
-        let weights = Weights::pack(taps, cin, cout, &random.values(taps * cin * cout));
-        let run = |threads| {
-            with_threads(threads, || {
-                let (mut output, mut gradient) =
-                    (vec![0.0; 3001 * cout], vec![0.0; taps * cin * cout]);
-                convolve(
-                    &input,
-                    &gather,
-                    &weights,
-                    Epilogue::default(),
-                    None,
-                    &mut output,
-                );
-                weight_gradient(&input, cin, &gather, &dy, cout, &mut gradient);
-                (output, gradient)
-            })
+        let input_bf16: Vec<Bf16> = input.iter().map(|&x| Bf16::from_f32(x)).collect();
+        let plain = random.values(taps * cin * cout);
+        let weights = Weights::pack(taps, cin, cout, &plain);
+        let weights_bf16 = WeightsBf16::pack(taps, cin, cout, &plain);
+        let epilogue = Epilogue::default();
+        let work = || {
+            let (mut y, mut y_bf16) = (vec![0.0; 3001 * cout], vec![Bf16(0); 3001 * cout]);
+            let mut gradient = vec![0.0; taps * cin * cout];
+            convolve(&input, &gather, &weights, epilogue, None, &mut y);
+            convolve_bf16(
+                &input_bf16,
+                &gather,
+                &weights_bf16,
+                epilogue,
+                None,
+                &mut y_bf16,
+            );
+            weight_gradient(&input, cin, &gather, &dy, cout, &mut gradient);
+            (y, y_bf16, gradient)
         };
+        let run = |threads| with_threads(threads, work);
         let one = run(1);
         assert!(one == run(2), "1 and 2 threads");
         assert!(one == run(3), "1 and 3 threads");

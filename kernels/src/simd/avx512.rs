@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use super::{Kernel, Simd};
 
-/// Made in [`run`] only, so whoever holds one runs on a processor that has these registers.
+/// Made where the features are known only, so whoever holds one runs on a processor that has these registers.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512(());
 
@@ -14,7 +14,16 @@ pub(crate) struct Avx512(());
 /// The processor has the features named below.
 #[target_feature(enable = "avx512f,avx2,fma")]
 pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Avx512(()))
+    kernel.run(Avx512::new())
+}
+
+impl Avx512 {
+    /// The proof, where the features are known: safe to call from code compiled for them only.
+    #[target_feature(enable = "avx512f,avx2,fma")]
+    #[inline]
+    pub(super) fn new() -> Avx512 {
+        Avx512(())
+    }
 }
 
 impl Simd for Avx512 {
@@ -44,5 +53,40 @@ impl Simd for Avx512 {
     unsafe fn store(self, to: *mut f32, value: __m512) {
         // SAFETY: the caller vouches for `to`, self for the features.
         unsafe { _mm512_storeu_ps(to, value) }
+    }
+
+    type Pairs = __m512i;
+
+    #[inline(always)]
+    fn splat_pair(self, pair: u32) -> __m512i {
+        // SAFETY: self is the proof of the features.
+        unsafe { _mm512_set1_epi32(pair as i32) }
+    }
+
+    #[inline(always)]
+    fn dot(self, a: __m512i, b: __m512i, c: __m512) -> __m512 {
+        let (a, b) = (halves(a), halves(b));
+        self.fma(a.1, b.1, self.fma(a.0, b.0, c))
+    }
+
+    #[inline(always)]
+    unsafe fn load_pairs(self, from: *const u32) -> __m512i {
+        // SAFETY: the caller vouches for `from`, self for the features.
+        unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+}
+
+/// The two bf16 of each lane as f32.
+///
+/// Called by a holder of the proof of the features only.
+#[inline(always)]
+fn halves(pairs: __m512i) -> (__m512, __m512) {
+    // SAFETY: private to this file, and called where a proof of the features is at hand.
+    unsafe {
+        let high = _mm512_set1_epi32(0xffff_0000_u32 as i32);
+        (
+            _mm512_castsi512_ps(_mm512_slli_epi32::<16>(pairs)),
+            _mm512_castsi512_ps(_mm512_and_si512(pairs, high)),
+        )
     }
 }

@@ -9,6 +9,8 @@ pub struct Level(Kind);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     #[cfg(target_arch = "x86_64")]
+    Avx512Bf16,
+    #[cfg(target_arch = "x86_64")]
     Avx512,
     #[cfg(target_arch = "x86_64")]
     Avx2,
@@ -23,8 +25,11 @@ impl Level {
         // The standard library caches the answers of the processor.
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            let avx512 = is_x86_feature_detected!("avx512f");
-            return Level(if avx512 { Kind::Avx512 } else { Kind::Avx2 });
+            return Level(match is_x86_feature_detected!("avx512f") {
+                true if is_x86_feature_detected!("avx512bf16") => Kind::Avx512Bf16,
+                true => Kind::Avx512,
+                false => Kind::Avx2,
+            });
         }
         #[cfg(target_arch = "aarch64")]
         if std::arch::is_aarch64_feature_detected!("neon") {
@@ -35,21 +40,28 @@ impl Level {
 
     /// Every set of this processor, the fastest first; the last one is portable.
     pub fn all() -> Vec<Level> {
-        let best = Level::best();
+        let best = Level::best().0;
         let mut all = vec![best];
         #[cfg(target_arch = "x86_64")]
-        if best.0 == Kind::Avx512 {
-            all.push(Level(Kind::Avx2));
+        {
+            if best == Kind::Avx512Bf16 {
+                all.push(Kind::Avx512);
+            }
+            if best == Kind::Avx512Bf16 || best == Kind::Avx512 {
+                all.push(Kind::Avx2);
+            }
         }
-        if best.0 != Kind::Plain {
-            all.push(Level(Kind::Plain));
+        if best != Kind::Plain {
+            all.push(Kind::Plain);
         }
-        all
+        all.into_iter().map(Level).collect()
     }
 
-    /// `avx512`, `avx2`, `neon` or `portable`, for a report of what a machine runs.
+    /// `avx512bf16`, `avx512`, `avx2`, `neon` or `portable`, for a report of what a machine runs.
     pub fn name(self) -> &'static str {
         match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Bf16 => "avx512bf16",
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 => "avx512",
             #[cfg(target_arch = "x86_64")]
@@ -64,6 +76,8 @@ impl Level {
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
         match self.0 {
             // SAFETY (each): the value was made by `best` or `all`, which asked the processor for these features.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512Bf16 => unsafe { super::avx512_bf16::run(kernel) },
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 => unsafe { super::avx512::run(kernel) },
             #[cfg(target_arch = "x86_64")]

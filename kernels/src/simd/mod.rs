@@ -10,6 +10,8 @@ mod aligned;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+#[cfg(target_arch = "x86_64")]
+mod avx512_bf16;
 mod cover;
 mod level;
 #[cfg(target_arch = "aarch64")]
@@ -17,11 +19,13 @@ mod neon;
 mod peak;
 mod plain;
 mod tiles;
+mod tiles_bf16;
 
 pub(crate) use aligned::{Aligned, AlignedArray, LINE};
 pub use level::Level;
 pub use peak::spin;
 pub(crate) use tiles::{Pair, convolve_tiles, gradient_tiles};
+pub(crate) use tiles_bf16::convolve_tiles_bf16;
 
 /// Vector registers of f32. A value of the implementing type is the proof that the processor has them.
 pub(crate) trait Simd: Copy {
@@ -37,6 +41,21 @@ pub(crate) trait Simd: Copy {
 
     /// `a * b + c`.
     fn fma(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
+
+    /// A register of pairs of bf16, `LANES` of them.
+    type Pairs: Copy;
+
+    /// All lanes equal to `pair`: two bf16, the first in the lower half.
+    fn splat_pair(self, pair: u32) -> Self::Pairs;
+
+    /// `a.0 * b.0 + a.1 * b.1 + c` in each lane. How often it rounds is the processor's choice.
+    fn dot(self, a: Self::Pairs, b: Self::Pairs, c: Self::Vector) -> Self::Vector;
+
+    /// Reads `LANES` pairs.
+    ///
+    /// # Safety
+    /// `from` is valid for reads of `LANES` u32; no alignment is needed.
+    unsafe fn load_pairs(self, from: *const u32) -> Self::Pairs;
 
     /// Reads `LANES` values.
     ///

@@ -37,4 +37,24 @@ impl Simd for Plain {
         // SAFETY: the caller vouches for `to`; alignment is not assumed.
         unsafe { to.cast::<[f32; 4]>().write_unaligned(value) }
     }
+
+    type Pairs = [u32; 4];
+
+    #[inline(always)]
+    fn splat_pair(self, pair: u32) -> [u32; 4] {
+        [pair; 4]
+    }
+
+    #[inline(always)]
+    fn dot(self, a: [u32; 4], b: [u32; 4], c: [f32; 4]) -> [f32; 4] {
+        let low = |pairs: [u32; 4]| pairs.map(|pair| f32::from_bits(pair << 16));
+        let high = |pairs: [u32; 4]| pairs.map(|pair| f32::from_bits(pair & 0xffff_0000));
+        self.fma(high(a), high(b), self.fma(low(a), low(b), c))
+    }
+
+    #[inline(always)]
+    unsafe fn load_pairs(self, from: *const u32) -> [u32; 4] {
+        // SAFETY: the caller vouches for `from`; alignment is not assumed.
+        unsafe { from.cast::<[u32; 4]>().read_unaligned() }
+    }
 }

@@ -20,7 +20,7 @@ pub(crate) struct Pair {
 
 /// Panics when a pair names a row that is not there, or a row is not whole lines.
 #[inline(always)]
-fn check(pairs: &[Pair], inputs: usize, rows: usize, width: usize) {
+pub(super) fn check(pairs: &[Pair], inputs: usize, rows: usize, width: usize) {
     assert!(width.is_multiple_of(LINE), "rows of {width}");
     let (input, row) = pairs.iter().fold((0, 0), |(input, row), pair| {
         (pair.input.max(input), pair.row.max(row))

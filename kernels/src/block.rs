@@ -1,0 +1,130 @@
+//! The forward convolution cut into blocks of rows, in any precision.
+
+use std::ops::Range;
+
+use crate::{
+    Element, Epilogue, Gather,
+    packed::Packed,
+    pairs::{BLOCK, Pairs},
+    simd::{AlignedArray, Kernel, Level, Simd},
+    weights::{PANEL_MAX, Panel, panels},
+};
+
+/// One convolution; its lengths have been checked.
+pub(crate) struct Job<'a, W: Packed> {
+    pub(crate) level: Level,
+    pub(crate) input: &'a [W::Input],
+    pub(crate) gather: &'a Gather,
+    pub(crate) weights: &'a W,
+    pub(crate) epilogue: Epilogue<'a>,
+}
+
+impl<W: Packed> Job<'_, W> {
+    /// Halves the rows, at a multiple of [`BLOCK`], down to one block each. `output` begins at row `first`; the rows
+    /// that `output_rows` names ascend.
+    pub(crate) fn range<O: Element>(
+        &self,
+        rows: Range<usize>,
+        output_rows: Option<&[u32]>,
+        first: usize,
+        output: &mut [O],
+    ) {
+        if rows.len() <= BLOCK {
+            return self.level.run(Block {
+                job: self,
+                rows,
+                output_rows,
+                first,
+                output,
+            });
+        }
+        let (_, _, cout) = self.weights.shape();
+        let middle = rows.start + (rows.len().div_ceil(BLOCK) / 2) * BLOCK;
+        let middle_row = output_rows.map_or(middle, |places| places[middle] as usize);
+        let (low, high) = output.split_at_mut((middle_row - first) * cout);
+        rayon::join(
+            || self.range(rows.start..middle, output_rows, first, low),
+            || self.range(middle..rows.end, output_rows, middle_row, high),
+        );
+    }
+}
+
+/// At most [`BLOCK`] output rows.
+struct Block<'a, W: Packed, O> {
+    job: &'a Job<'a, W>,
+    rows: Range<usize>,
+    output_rows: Option<&'a [u32]>,
+    first: usize,
+    output: &'a mut [O],
+}
+
+impl<W: Packed, O: Element> Kernel for Block<'_, W, O> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(mut self, simd: S) {
+        let (_, _, cout) = self.job.weights.shape();
+        let mut sums = AlignedArray([0.0; BLOCK * PANEL_MAX]);
+        for panel in panels(cout) {
+            let sums = &mut sums.0[..self.rows.len() * panel.width];
+            self.begin(panel, sums);
+            self.accumulate(simd, panel, sums);
+            self.finish(panel, sums);
+        }
+    }
+}
+
+impl<W: Packed, O: Element> Block<'_, W, O> {
+    #[inline(always)]
+    fn begin(&self, panel: Panel, sums: &mut [f32]) {
+        sums.fill(0.0);
+        if let Some(bias) = self.job.epilogue.bias {
+            let bias = &bias[panel.first..][..panel.used];
+            let rows = sums.chunks_exact_mut(panel.width);
+            rows.for_each(|row| row[..panel.used].copy_from_slice(bias));
+        }
+    }
+
+    #[inline(always)]
+    fn accumulate<S: Simd>(&self, simd: S, panel: Panel, sums: &mut [f32]) {
+        let Job {
+            input,
+            gather,
+            weights,
+            ..
+        } = self.job;
+        let (taps, cin, _) = weights.shape();
+        let index = &gather.index[self.rows.start * taps..self.rows.end * taps];
+        let mut pairs = Pairs::new();
+        for tap in (0..taps).filter(|_| cin > 0) {
+            weights.tap(
+                simd,
+                input,
+                panel,
+                tap,
+                pairs.at_tap(index, taps, tap),
+                sums,
+            );
+        }
+    }
+
+    #[inline(always)]
+    fn finish(&mut self, panel: Panel, sums: &[f32]) {
+        let (_, _, cout) = self.job.weights.shape();
+        let floor = if self.job.epilogue.relu {
+            0.0
+        } else {
+            f32::NEG_INFINITY
+        };
+        for (row, sums) in self.rows.clone().zip(sums.chunks_exact(panel.width)) {
+            let row = self.output_rows.map_or(row, |rows| rows[row] as usize) - self.first;
+            let output = &mut self.output[row * cout + panel.first..][..panel.used];
+            // Written so that NaN passes.
+            let clamp = |sum: f32| if sum < floor { floor } else { sum };
+            output
+                .iter_mut()
+                .zip(sums)
+                .for_each(|(y, &sum)| *y = O::from_f32(clamp(sum)));
+        }
+    }
+}
