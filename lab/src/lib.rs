@@ -1,4 +1,6 @@
 //! What happens off the vehicle: simulate, train, evaluate, draw.
 
 pub mod dataset;
+pub mod evaluate;
+pub mod simulate;
 pub mod train;

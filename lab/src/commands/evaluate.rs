@@ -1,0 +1,151 @@
+//! `mluc-lab evaluate`: judging detections against labels.
+
+use anyhow::Context;
+use clap::{Args, Subcommand, ValueEnum};
+use mluc_geometry::ImageSize;
+use mluc_lab::evaluate::input::{read, sources};
+use mluc_lab::evaluate::{NeighbourPolicy, RuleRequest, UnknownRequest, evaluate, rules};
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Judge detections against labels.
+#[derive(Args)]
+pub(crate) struct EvaluateArguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Subcommand)]
+enum What {
+    Ap(ApArguments),
+}
+
+/// Average precision as KITTI's object devkit computes it, and open-set figures.
+///
+/// Prints a table, or JSON with --json. Every labelled frame counts: one without detections counts with nothing found,
+/// and a warning on stderr says how many there are. Detections of frames without labels are left out, with a warning.
+///
+/// Known classes are car, pedestrian and cyclist, those named in --iou, and any labelled class that a detection of kind
+/// known names (not Van, Tram, Misc, Person_sitting); --classes names them exactly. Their overlaps are KITTI's (car
+/// 0.7, pedestrian and cyclist 0.5), 0.7 for trucks and vans, 0.5 for others, unless --iou says otherwise.
+///
+/// The open-set figures are of volumes (3d) at moderate; map_known is the mean over the known classes that have labels.
+#[derive(Args)]
+struct ApArguments {
+    /// Folder of label files (label_2). Repeat it to pool folders: --detections and --calib then in the same order.
+    #[arg(long, required = true, value_name = "DIR")]
+    labels: Vec<PathBuf>,
+    /// Folder of detection files in KITTI's format, or a file of JSON lines as `mluc up` prints them.
+    #[arg(long, required = true, value_name = "DIR|FILE.jsonl")]
+    detections: Vec<PathBuf>,
+    /// Folder of calibration files; JSON lines need it.
+    #[arg(long, value_name = "DIR")]
+    calib: Vec<PathBuf>,
+    /// Overlap a class: a match needs more than it.
+    #[arg(long, value_delimiter = ',', value_parser = class_overlap, value_name = "CLASS=IOU,..")]
+    iou: Vec<(String, f64)>,
+    /// The known classes, exactly.
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    classes: Vec<String>,
+    /// Label classes that are unknown; they are merged into one class, `unknown`.
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    unknown: Vec<String>,
+    /// Overlap of the unknown class.
+    #[arg(long, default_value_t = 0.1, value_name = "IOU")]
+    unknown_iou: f64,
+    /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
+    #[arg(long, value_enum, default_value_t = Neighbours::Official)]
+    neighbours: Neighbours,
+    /// Size of the images [default: of image_2/ beside the labels where present, else 1242x375]. Where a calibration's
+    /// P2 is all 0 there is no image, and nothing is dropped for lying outside it.
+    #[arg(long, value_parser = image_size, value_name = "WxH")]
+    image_size: Option<ImageSize>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Neighbours {
+    Official,
+    Strict,
+}
+
+fn class_overlap(text: &str) -> Result<(String, f64), String> {
+    let pair = text
+        .split_once('=')
+        .and_then(|(class, iou)| Some((class.trim(), iou.trim().parse().ok()?)));
+    match pair {
+        Some((class, iou)) if !class.is_empty() => Ok((class.to_owned(), iou)),
+        _ => Err(format!(
+            "expected CLASS=IOU such as car=0.5, found '{text}'"
+        )),
+    }
+}
+
+fn image_size(text: &str) -> Result<ImageSize, String> {
+    let pair = text
+        .split_once(['x', 'X'])
+        .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match pair {
+        Some((width_px, height_px)) if width_px > 0 && height_px > 0 => Ok(ImageSize {
+            width_px,
+            height_px,
+        }),
+        _ => Err(format!(
+            "expected WIDTHxHEIGHT in pixels such as 1242x375, found '{text}'"
+        )),
+    }
+}
+
+/// Runs the subcommand.
+pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
+    match arguments.what {
+        What::Ap(arguments) => average_precision(arguments),
+    }
+}
+
+fn average_precision(arguments: ApArguments) -> anyhow::Result<()> {
+    let sources = sources(&arguments.labels, &arguments.detections, &arguments.calib)?;
+    let input = read(&sources, arguments.image_size)?;
+    for warning in &input.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let asks_unknown = !arguments.unknown.is_empty();
+    let unknown = asks_unknown.then_some(UnknownRequest {
+        classes: arguments.unknown,
+        iou_min: arguments.unknown_iou,
+    });
+    let neighbours = match arguments.neighbours {
+        Neighbours::Official => NeighbourPolicy::Official,
+        Neighbours::Strict => NeighbourPolicy::Strict,
+    };
+    let request = RuleRequest {
+        classes: arguments.classes,
+        iou_min: arguments.iou,
+        unknown,
+        neighbours,
+    };
+    let rules = rules(&request, &input.frames)?;
+    let report = evaluate(&input.frames, &rules);
+    for class in report.without_labels() {
+        eprintln!(
+            "warning: no label of class {class} counts at moderate: its AP is 0 and means nothing"
+        );
+    }
+    let text = if arguments.json {
+        serde_json::to_string_pretty(&report.to_json()).context("JSON of the report")?
+    } else {
+        let objects: usize = input
+            .frames
+            .iter()
+            .map(|frame| frame.detections.len())
+            .sum();
+        format!(
+            "{} frames, {objects} detections\n\n{}",
+            input.frames.len(),
+            report.to_table()
+        )
+    };
+    writeln!(std::io::stdout(), "{}", text.trim_end()).context("standard output")
+}

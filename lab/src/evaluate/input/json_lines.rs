@@ -1,0 +1,190 @@
+//! The pipeline's JSON lines: one frame a line, objects in the sensor frame.
+//!
+//! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed`
+//! and everything else is passed over.
+
+use super::{Input, Source, compare_names, image};
+use crate::dataset::{file_stems, read_calibration, read_labels};
+use crate::evaluate::{EvaluateError, Kind, SensorDetection, TruthFrame, View};
+use mluc_geometry::{Box3, ImageSize};
+use mluc_ipc_types::WIRE_VERSION;
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+/// Longest line, bytes: some twenty times 512 objects with footprints.
+const LINE_BYTES_MAX: u64 = 8 << 20;
+
+#[derive(serde::Deserialize)]
+struct Line {
+    /// Lines of hand-made tools may leave it out.
+    wire: Option<u32>,
+    frame: String,
+    objects: Vec<Object>,
+}
+
+#[derive(serde::Deserialize)]
+struct Object {
+    kind: Kind,
+    label: String,
+    score: f64,
+    center_m: [f64; 3],
+    size_m: [f64; 3],
+    yaw_rad: f64,
+}
+
+pub(super) fn read(
+    source: &Source,
+    size: Option<ImageSize>,
+    input: &mut Input,
+) -> Result<(), EvaluateError> {
+    let labelled = file_stems(&source.labels, "txt", "label files (*.txt)")?;
+    let Some(calibrations) = &source.calibration else {
+        return Err(EvaluateError::NoCalibration {
+            path: source.detections.clone(),
+        });
+    };
+    let found = read_json_lines(&source.detections)?;
+    let names: Vec<&str> = found.keys().map(String::as_str).collect();
+    compare_names(source, &labelled, &names, input)?;
+    for name in &labelled {
+        let labels = read_labels(&source.labels.join(format!("{name}.txt")))?.into();
+        let calibration = read_calibration(&calibrations.join(format!("{name}.txt")))?;
+        let image = size.map_or_else(|| image::size_beside(&source.labels, name), Ok)?;
+        let truth = TruthFrame {
+            labels,
+            view: View { calibration, image },
+        };
+        input
+            .frames
+            .push(truth.with(found.get(name).map_or(&[], Vec::as_slice)));
+    }
+    Ok(())
+}
+
+/// Reads JSON lines: detections by frame name. A frame that comes twice is an error, as is a line cut short.
+pub fn read_json_lines(
+    path: &Path,
+) -> Result<BTreeMap<String, Vec<SensorDetection>>, EvaluateError> {
+    let failed = |source| EvaluateError::Read {
+        path: path.to_owned(),
+        source,
+    };
+    let mut reader = BufReader::new(std::fs::File::open(path).map_err(failed)?);
+    let mut frames = BTreeMap::new();
+    let mut bytes = Vec::new();
+    for number in 1.. {
+        bytes.clear();
+        let fault = |message: String| EvaluateError::Line {
+            path: path.to_owned(),
+            line: number,
+            message,
+        };
+        let count = reader
+            .by_ref()
+            .take(LINE_BYTES_MAX + 1)
+            .read_until(b'\n', &mut bytes)
+            .map_err(failed)?;
+        if count == 0 {
+            break;
+        }
+        if count as u64 > LINE_BYTES_MAX {
+            return Err(fault(format!(
+                "expected at most {LINE_BYTES_MAX} bytes a line, found more"
+            )));
+        }
+        if bytes.trim_ascii().is_empty() {
+            continue;
+        }
+        let line: Line = serde_json::from_slice(&bytes).map_err(|e| fault(e.to_string()))?;
+        if let Some(found) = line.wire.filter(|&wire| wire != WIRE_VERSION) {
+            return Err(fault(format!(
+                "field wire: expected {WIRE_VERSION}, found {found}"
+            )));
+        }
+        let detections = line.objects.into_iter().map(detection).collect();
+        if frames.insert(line.frame.clone(), detections).is_some() {
+            return Err(fault(format!(
+                "field frame: expected each frame once, found '{}' again",
+                line.frame
+            )));
+        }
+    }
+    Ok(frames)
+}
+
+fn detection(object: Object) -> SensorDetection {
+    let Object {
+        kind,
+        label: class,
+        score,
+        center_m,
+        size_m,
+        yaw_rad,
+    } = object;
+    SensorDetection {
+        kind,
+        class,
+        score,
+        box_in_sensor: Box3 {
+            center_m,
+            size_m,
+            yaw_rad,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"{"wire":1,"sequence":8,"frame":"000008","objects":[{"kind":"unknown","label":"unknown","score":0.5,"center_m":[10,1,-1],"size_m":[4,2,1.5],"yaw_rad":0.1,"points":9}],"suppressed":[{"reason":"overlaps_known"}],"flags":[]}"#;
+
+    fn read_text(text: &str) -> Result<BTreeMap<String, Vec<SensorDetection>>, String> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("o.jsonl");
+        std::fs::write(&path, text).expect("written");
+        let name = folder.path().display().to_string();
+        read_json_lines(&path).map_err(|e| e.to_string().replace(&name, ""))
+    }
+
+    #[test]
+    fn takes_objects_and_passes_over_the_rest() {
+        let frames = read_text(&format!("{GOOD}\n\n")).expect("a frame");
+        let objects = &frames["000008"];
+        assert_eq!(
+            (objects.len(), objects[0].kind, objects[0].score),
+            (1, Kind::Unknown, 0.5)
+        );
+        assert_eq!(
+            objects[0].box_in_sensor,
+            Box3::new([10.0, 1.0, -1.0, 4.0, 2.0, 1.5, 0.1])
+        );
+        assert!(read_text("").expect("nothing").is_empty());
+    }
+
+    #[test]
+    fn faults_name_line_and_field() {
+        let fault = |text: &str| read_text(&format!("{GOOD}\n{text}")).expect_err("a fault");
+        assert!(
+            fault(GOOD)
+                .ends_with("line 2: field frame: expected each frame once, found '000008' again")
+        );
+        let unscored = fault(&GOOD.replace("\"score\":0.5,", ""));
+        assert!(
+            unscored.contains("line 2: missing field `score`"),
+            "{unscored}"
+        );
+        let kind = fault(&GOOD.replace("\"kind\":\"unknown\"", "\"kind\":\"odd\""));
+        assert!(
+            kind.contains("unknown variant `odd`, expected `known` or `unknown`"),
+            "{kind}"
+        );
+        let wire = fault(&GOOD.replace("\"wire\":1", "\"wire\":2"));
+        assert!(
+            wire.ends_with("line 2: field wire: expected 1, found 2"),
+            "{wire}"
+        );
+        assert!(fault(&GOOD[..60]).contains("line 2: EOF"));
+    }
+}

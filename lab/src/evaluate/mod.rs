@@ -1,0 +1,32 @@
+//! How good detections are: average precision as the KITTI object devkit computes it, and its open-set companions.
+//!
+//! Source: KITTI's object development kit (Geiger, Lenz, Urtasun, CVPR 2012), the offline version with 41 recall
+//! positions; the open-set figures (recall and AP of the unknown, mAP of the known, their harmonic mean, the choice of
+//! the threshold) from the paper "Open-set 3D Object Detection", section 4.
+//!
+//! A [`Frame`] holds what was labelled and what was found, both in the camera frame. A [`ClassRule`] says which
+//! labels count, which are ignored and how much overlap is asked for. [`match_frames`] turns both into a [`Curve`],
+//! from which AP at 11 positions, at 40 positions and over all points follow; [`evaluate`] does so for every class,
+//! metric and difficulty; [`sweep`] for every threshold of the gate.
+
+mod curve;
+mod difficulty;
+mod error;
+mod frame;
+pub mod input;
+mod matching;
+mod report;
+mod rule;
+mod summary;
+mod sweep;
+mod table;
+
+pub use curve::{AveragePrecision, Curve};
+pub use difficulty::{Difficulty, Metric};
+pub use error::EvaluateError;
+pub use frame::{Detection, Frame, Kind, SensorDetection, TruthFrame, View};
+pub use matching::match_frames;
+pub use report::{ClassReport, Entry, Report, evaluate};
+pub use rule::{ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownRequest, rules};
+pub use summary::{Summary, harmonic_mean};
+pub use sweep::{SweepPoint, best_point, quantile_grid, sweep};

@@ -1,0 +1,394 @@
+//! Average precision on hand-made frames whose answer follows from the devkit's rules on paper.
+
+use mluc_geometry::CameraBox;
+use mluc_lab::dataset::Label;
+use mluc_lab::evaluate::{
+    AveragePrecision, ClassRule, Detection, Difficulty, Frame, Kind, Metric, NeighbourPolicy,
+    match_frames,
+};
+
+/// An object 50 px high that nothing hides, 10 m from its neighbours in space and in the image.
+fn object(class: &str, place: usize) -> Label {
+    let left = 60.0 * place as f64;
+    Label {
+        class: class.to_owned(),
+        truncated: 0.0,
+        occluded: 0,
+        alpha_rad: 0.0,
+        image_box_px: [left, 100.0, left + 50.0, 150.0],
+        camera_box: CameraBox {
+            location_m: [10.0 * place as f64, 1.7, 20.0],
+            size_hwl_m: [1.5, 1.6, 4.0],
+            rotation_y_rad: 0.3,
+        },
+        score: None,
+    }
+}
+
+/// A detection just there.
+fn found(label: &Label, class: &str, score: f64) -> Detection {
+    let (image_box_px, upright) = (label.image_box_px, label.camera_box.upright());
+    let kind = if class == "unknown" {
+        Kind::Unknown
+    } else {
+        Kind::Known
+    };
+    Detection {
+        kind,
+        class: class.to_owned(),
+        score,
+        image_box_px,
+        upright,
+    }
+}
+
+fn frame(labels: Vec<Label>, detections: Vec<Detection>) -> Frame {
+    Frame {
+        labels: labels.into(),
+        detections,
+    }
+}
+
+fn car() -> ClassRule {
+    ClassRule::known("car", 0.7, NeighbourPolicy::Official)
+}
+
+fn ap_of(frames: &[Frame], rule: &ClassRule, metric: Metric) -> AveragePrecision {
+    match_frames(frames, rule, metric, Difficulty::Moderate).average_precision()
+}
+
+fn ap(frames: &[Frame]) -> AveragePrecision {
+    ap_of(frames, &car(), Metric::Space)
+}
+
+fn close(found: f64, expected: f64) {
+    assert!(
+        (found - expected).abs() < 0.01,
+        "expected {expected}, found {found}"
+    );
+}
+
+/// `count` cars, each in a frame of its own and found.
+fn perfect(count: usize) -> Vec<Frame> {
+    let one = |i: usize| {
+        let label = object("Car", 0);
+        let detection = found(&label, "car", 1.0 - i as f64 * 1e-3);
+        frame(vec![label], vec![detection])
+    };
+    (0..count).map(one).collect()
+}
+
+#[test]
+fn a_perfect_detector_is_capped_below_41_labels() {
+    for (count, r11, r40) in [
+        (1, 9.0909, 0.0),
+        (5, 18.1818, 10.0),
+        (10, 27.2727, 22.5),
+        (20, 45.4545, 47.5),
+        (40, 90.9091, 97.5),
+        (41, 100.0, 100.0),
+        (300, 100.0, 100.0),
+    ] {
+        let ap = ap(&perfect(count));
+        close(ap.r11, r11);
+        close(ap.r40, r40);
+        close(ap.all, 100.0);
+    }
+}
+
+#[test]
+fn one_hit_of_ten_labels() {
+    let labels: Vec<Label> = (0..10).map(|i| object("Car", i)).collect();
+    let detection = found(&labels[3], "Car", 0.9);
+    let curve = match_frames(
+        &[frame(labels, vec![detection])],
+        &car(),
+        Metric::Space,
+        Difficulty::Moderate,
+    );
+    let ap = curve.average_precision();
+    close(ap.r11, 9.0909);
+    close(ap.r40, 0.0);
+    close(ap.all, 10.0);
+    close(curve.recall_percent(), 10.0);
+    assert_eq!((curve.truth_count, curve.missed_count), (10, 9));
+}
+
+#[test]
+fn nothing_labelled_or_nothing_found_is_zero() {
+    let label = object("Car", 0);
+    let detection = found(&label, "car", 0.5);
+    for frames in [
+        vec![],
+        vec![frame(vec![label], vec![])],
+        vec![frame(vec![], vec![detection])],
+    ] {
+        assert_eq!(ap(&frames), AveragePrecision::default());
+    }
+}
+
+/// Two of four cars are found, with one false alarm between them: recall 1/4 at precision 1, 1/2 at 2/3.
+#[test]
+fn the_area_under_a_small_curve() {
+    let labels: Vec<Label> = (0..4).map(|i| object("Car", i)).collect();
+    let nowhere = object("Car", 9);
+    let detections = vec![
+        found(&labels[0], "car", 0.9),
+        found(&nowhere, "car", 0.8),
+        found(&labels[1], "car", 0.7),
+    ];
+    close(
+        ap(&[frame(labels, detections)]).all,
+        25.0 + 25.0 * 2.0 / 3.0,
+    );
+}
+
+#[test]
+fn a_duplicate_is_a_false_alarm() {
+    let mut frames = perfect(50);
+    let copy = frames[0].detections[0].clone();
+    frames[0].detections.push(copy);
+    // The copy has the highest score, so it costs at every threshold; the best precision is the last one's.
+    close(ap(&frames).r40, 100.0 * 50.0 / 51.0);
+}
+
+#[test]
+fn labels_that_are_too_hard_absorb_detections() {
+    for change in [
+        (|l| l.occluded = 2) as fn(&mut Label),
+        |l| l.truncated = 0.4,
+        |l| l.image_box_px[3] = l.image_box_px[1] + 24.0,
+    ] {
+        let mut frames = perfect(41);
+        let mut hidden = object("Car", 5);
+        change(&mut hidden);
+        let mut detection = found(&hidden, "car", 2.0);
+        detection.image_box_px[3] = detection.image_box_px[1] + 50.0;
+        frames[0] = frame(
+            vec![frames[0].labels[0].clone(), hidden],
+            vec![frames[0].detections[0].clone(), detection],
+        );
+        close(ap(&frames).r40, 100.0);
+        assert_eq!(
+            match_frames(&frames, &car(), Metric::Space, Difficulty::Moderate).truth_count,
+            41
+        );
+    }
+}
+
+#[test]
+fn a_van_found_as_a_car_is_neutral_or_strictly_wrong() {
+    let mut frames = perfect(41);
+    let van = object("Van", 3);
+    let mistaken = found(&van, "car", 2.0);
+    frames[0] = frame(
+        vec![frames[0].labels[0].clone(), van],
+        vec![frames[0].detections[0].clone(), mistaken],
+    );
+    close(ap(&frames).r40, 100.0);
+    let strict = ClassRule::known("car", 0.7, NeighbourPolicy::Strict);
+    close(
+        ap_of(&frames, &strict, Metric::Space).r40,
+        100.0 * 41.0 / 42.0,
+    );
+}
+
+#[test]
+fn dont_care_regions_forgive_in_the_image_only() {
+    let mut frames = perfect(41);
+    let mut region = object("DontCare", 7);
+    let detection = found(&region, "car", 2.0);
+    region.camera_box.size_hwl_m = [-1.0; 3];
+    region.camera_box.location_m = [-1000.0; 3];
+    frames[0] = frame(
+        vec![frames[0].labels[0].clone(), region],
+        vec![frames[0].detections[0].clone(), detection],
+    );
+    close(ap_of(&frames, &car(), Metric::Image).r40, 100.0);
+    close(ap_of(&frames, &car(), Metric::Bev).r40, 100.0 * 41.0 / 42.0);
+    close(
+        ap_of(&frames, &car(), Metric::Space).r40,
+        100.0 * 41.0 / 42.0,
+    );
+}
+
+/// Sizes of -1000 in a region of tracking data must not make a box.
+#[test]
+fn dont_care_boxes_of_negative_size_overlap_nothing() {
+    let mut region = object("Car", 0);
+    region.camera_box.size_hwl_m = [-1000.0; 3];
+    let detection = found(&object("Car", 0), "car", 0.9);
+    assert_eq!(ap(&[frame(vec![region], vec![detection])]).all, 0.0);
+}
+
+#[test]
+fn the_height_of_a_detection_is_cut_to_whole_pixels() {
+    for (height_px, expected) in [
+        (25.9, 100.0 * 41.0 / 42.0),
+        (25.0, 100.0 * 41.0 / 42.0),
+        (24.99, 100.0),
+    ] {
+        let mut frames = perfect(41);
+        let mut detection = found(&object("Car", 8), "car", 2.0);
+        detection.image_box_px[3] = detection.image_box_px[1] + height_px;
+        frames[0].detections.push(detection);
+        close(ap(&frames).r40, expected);
+    }
+}
+
+/// The height is looked at before the class, so a small pedestrian can take a car's label out of the count.
+#[test]
+fn a_small_detection_of_another_class_absorbs_a_label() {
+    let mut frames = perfect(2);
+    let label = frames[0].labels[0].clone();
+    let mut small = found(&label, "pedestrian", 0.5);
+    small.image_box_px[3] = small.image_box_px[1] + 10.0;
+    frames[0].detections = vec![small];
+    let curve = match_frames(&frames, &car(), Metric::Space, Difficulty::Moderate);
+    assert_eq!((curve.truth_count, curve.missed_count), (2, 0));
+    close(curve.average_precision().all, 50.0);
+}
+
+/// With a low overlap one detection may fit two labels: the first in the file takes it.
+#[test]
+fn an_ignored_label_earlier_in_the_file_steals() {
+    let rule = ClassRule::known("car", 0.1, NeighbourPolicy::Official);
+    let valid = object("Car", 0);
+    let mut hidden = valid.clone();
+    hidden.occluded = 3;
+    hidden.camera_box.location_m[0] += 0.5;
+    let detection = found(&valid, "car", 0.9);
+    let stolen = frame(vec![hidden.clone(), valid.clone()], vec![detection.clone()]);
+    let kept = frame(vec![valid, hidden], vec![detection]);
+    assert_eq!(ap_of(&[stolen], &rule, Metric::Space).all, 0.0);
+    assert_eq!(ap_of(&[kept], &rule, Metric::Space).all, 100.0);
+}
+
+#[test]
+fn an_overlap_equal_to_the_least_one_is_no_match() {
+    let label = object("Car", 0);
+    let mut detection = found(&label, "car", 0.9);
+    // Half as high and inside: IoU exactly 0.5.
+    detection.upright.size_m[2] /= 2.0;
+    detection.upright.center_m[2] -= detection.upright.size_m[2] / 2.0;
+    let frames = [frame(vec![label], vec![detection])];
+    let at = |iou_min| {
+        ap_of(
+            &frames,
+            &ClassRule::known("car", iou_min, NeighbourPolicy::Official),
+            Metric::Space,
+        )
+        .all
+    };
+    assert_eq!((at(0.5), at(0.499)), (0.0, 100.0));
+}
+
+#[test]
+fn unknown_classes_are_one_class() {
+    let (van, truck, tram) = (object("Van", 0), object("Truck", 1), object("Tram", 2));
+    let detections = vec![
+        found(&van, "unknown", 0.9),
+        found(&truck, "truck", 0.8),
+        found(&tram, "unknown", 0.7),
+        found(&object("Car", 4), "car", 0.95),
+    ];
+    let rule = ClassRule::unknown(&["van".to_owned(), "Truck".to_owned()], 0.1);
+    let curve = match_frames(
+        &[frame(vec![van, truck, tram], detections)],
+        &rule,
+        Metric::Space,
+        Difficulty::Moderate,
+    );
+    // The tram is background: its detection is a false alarm, below both hits.
+    assert_eq!((curve.truth_count, curve.missed_count), (2, 0));
+    close(curve.average_precision().all, 100.0);
+    close(curve.recall_percent(), 100.0);
+}
+
+/// All thresholds at once must be what the devkit does one by one: matched again from scratch here.
+#[test]
+fn every_threshold_agrees_with_matching_from_scratch() {
+    let mut state = 1u64;
+    let mut random = || {
+        state = state
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        (state >> 33) as f64 / (1u64 << 31) as f64
+    };
+    let mut frames = Vec::new();
+    for _ in 0..30 {
+        let mut labels: Vec<Label> = (0..4)
+            .map(|i| object(if i == 3 { "Van" } else { "Car" }, i))
+            .collect();
+        labels[1].occluded = if random() < 0.5 { 2 } else { 0 };
+        let mut detections = Vec::new();
+        for _ in 0..12 {
+            let mut label = object("Car", (random() * 6.0) as usize);
+            label.camera_box.location_m[0] += random() * 1.5;
+            let score = (random() * 20.0).floor() / 20.0;
+            let mut detection = found(
+                &label,
+                if random() < 0.9 { "car" } else { "cyclist" },
+                score,
+            );
+            detection.image_box_px[3] -= random() * 30.0;
+            detections.push(detection);
+        }
+        frames.push(frame(labels, detections));
+    }
+    let rule = ClassRule::known("car", 0.3, NeighbourPolicy::Official);
+    for step in 0..=20 {
+        // Dropping what lies below a threshold leaves the curve above it as it was.
+        let threshold = f64::from(step) / 20.0;
+        let cut: Vec<Frame> = frames
+            .iter()
+            .map(|f| Frame {
+                labels: f.labels.clone(),
+                detections: f
+                    .detections
+                    .iter()
+                    .filter(|d| d.score >= threshold)
+                    .cloned()
+                    .collect(),
+            })
+            .collect();
+        let of = |frames: &[Frame]| {
+            match_frames(frames, &rule, Metric::Space, Difficulty::Moderate).counts_at(threshold)
+        };
+        assert_eq!(of(&frames), of(&cut), "threshold {threshold}");
+        assert_eq!(of(&cut), plain_counts(&cut, &rule), "threshold {threshold}");
+    }
+}
+
+/// Hits and false alarms of one frame list, written down plainly from the devkit's rules.
+fn plain_counts(frames: &[Frame], rule: &ClassRule) -> (i64, i64) {
+    let (mut hits, mut false_alarms) = (0, 0);
+    for frame in frames {
+        let small = |d: &Detection| (d.image_box_px[3] - d.image_box_px[1]).trunc() < 25.0;
+        let mut taken = vec![false; frame.detections.len()];
+        for label in frame.labels.iter() {
+            let valid = label.class == "Car" && label.occluded <= 1;
+            let overlap = |i: usize| {
+                mluc_geometry::iou_3d(&frame.detections[i].upright, &label.camera_box.upright())
+            };
+            let free: Vec<usize> = (0..taken.len())
+                .filter(|&i| !taken[i] && overlap(i) > rule.iou_min)
+                .collect();
+            let own = free
+                .iter()
+                .copied()
+                .filter(|&i| !small(&frame.detections[i]) && frame.detections[i].class == "car");
+            let best = own.reduce(|a, b| if overlap(b) > overlap(a) { b } else { a });
+            let absorbing = free.iter().copied().find(|&i| small(&frame.detections[i]));
+            if let Some(i) = best.or(absorbing) {
+                taken[i] = true;
+                hits += i64::from(valid && best.is_some());
+            }
+        }
+        let open = |i: &usize| {
+            !taken[*i] && !small(&frame.detections[*i]) && frame.detections[*i].class == "car"
+        };
+        false_alarms += (0..taken.len()).filter(open).count() as i64;
+    }
+    (hits, false_alarms)
+}
