@@ -13,6 +13,8 @@ pub const MAP_CELLS_MAX: usize = 131_072;
 pub const FEATURE_CHANNELS_MAX: usize = 512;
 /// Known classes; the contract's limit.
 pub const CLASSES_MAX: usize = 8;
+/// With one class there is nothing between the prototypes.
+const CLASSES_MIN: usize = 2;
 /// Boxes after suppression; the contract's limit of a detections message.
 pub const BOXES_MAX: u32 = 512;
 /// Voxels of a frame: more than the contract's points of a scan have no use.
@@ -223,7 +225,7 @@ impl Network {
         let channels = dense_chain("network.block2", &self.block2, channels, 2)?;
         count("network.up2.cin", self.up2.cin, channels, channels)?;
         self.validate_ups()?;
-        count("network.classes", self.classes, 1, CLASSES_MAX)?;
+        count("network.classes", self.classes, CLASSES_MIN, CLASSES_MAX)?;
         self.validate_names()
     }
 

@@ -162,10 +162,13 @@ fn a_tensor_of_another_type_is_named() -> Fallible {
     Ok(())
 }
 
+/// The field that the error names, and what makes it wrong.
+type Change<'a> = (&'a str, &'a dyn Fn(&mut Manifest));
+
 #[test]
 fn every_field_out_of_bounds_is_named_and_nothing_panics() -> Fallible {
     let (manifest, weights) = fixture();
-    let changes: [(&str, &dyn Fn(&mut Manifest)); 17] = [
+    let changes: [Change; 17] = [
         ("network.grid.voxel_size_m[0]", &|m| {
             m.network.grid.voxel_size_m[0] = 0.0
         }),

@@ -1,14 +1,32 @@
-//! Points to bird's-eye features: voxels, sparse 3-D convolutions, bird's-eye convolutions (paper section 3.1).
+//! Points to bird's-eye feature rows: voxels, sparse 3-D convolutions, bird's-eye convolutions (paper section 3.1).
+//!
+//! [`Backbone`] is the stage. Its parts ([`voxelize`], [`rulebook`], [`bev`]) are plain functions that the trainer
+//! shares. Nothing here knows a process, a file or a clock.
 
+mod backbone;
 pub mod bev;
+mod cells;
+mod convolution;
+mod features;
+mod plane;
 mod rulebook;
 mod rulebooks;
 mod sites;
+mod sparse;
 #[cfg(test)]
 mod testing;
+mod trace;
 mod voxelize;
 
+pub use backbone::{Backbone, BackboneError, Frame};
+pub use plane::Coverage;
 pub use rulebook::{gather, output_sites, rulebook};
 pub use rulebooks::Rulebooks;
 pub use sites::Sites;
+pub use trace::{Level, Observer, Place};
 pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
+
+// Whatever a checked model gives fits the contract.
+const _: () = assert!(mluc_model::MAP_CELLS_MAX <= mluc_ipc_types::CELLS_MAX);
+const _: () = assert!(mluc_model::FEATURE_CHANNELS_MAX <= mluc_ipc_types::FEATURE_CHANNELS_MAX);
+const _: () = assert!(mluc_model::VOXELS_MAX as usize <= mluc_ipc_types::POINTS_MAX);

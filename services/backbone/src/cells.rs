@@ -1,0 +1,222 @@
+//! A set of cells of a bird's-eye map: those whose features can differ from the empty scene's.
+
+/// Bits (every map row starts a fresh word) and the ascending list of the same cells.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct CellSet {
+    shape: [usize; 2],
+    words_per_row: usize,
+    words: Vec<u64>,
+    list: Vec<u32>,
+    /// One row of another set while it is read.
+    scratch: Vec<u64>,
+}
+
+impl CellSet {
+    /// Empty, on a map of rows (y) x columns (x).
+    pub(crate) fn new(shape: [usize; 2]) -> CellSet {
+        let words_per_row = shape[1].div_ceil(64);
+        let words = vec![0; shape[0] * words_per_row];
+        CellSet {
+            shape,
+            words_per_row,
+            words,
+            list: Vec::with_capacity(shape[0] * shape[1]),
+            scratch: Vec::new(),
+        }
+    }
+
+    /// Rows, columns.
+    pub(crate) fn shape(&self) -> [usize; 2] {
+        self.shape
+    }
+
+    /// row * columns + column, ascending.
+    pub(crate) fn list(&self) -> &[u32] {
+        &self.list
+    }
+
+    /// Becomes the cells given as (row, column), in any order.
+    pub(crate) fn assign(&mut self, cells: impl Iterator<Item = [usize; 2]>) {
+        self.words.fill(0);
+        for [y, x] in cells {
+            self.words[y * self.words_per_row + x / 64] |= 1 << (x % 64);
+        }
+        self.write_list();
+    }
+
+    /// Becomes the whole map.
+    pub(crate) fn assign_all(&mut self) {
+        let [rows, columns] = self.shape;
+        self.assign((0..rows * columns).map(|cell| [cell / columns, cell % columns]));
+    }
+
+    /// Becomes the outputs of a 3x3 convolution with padding 1 that read any cell of `input`.
+    pub(crate) fn assign_readers(&mut self, input: &CellSet, stride: usize) {
+        debug_assert!((1..=2).contains(&stride));
+        let words_in = input.words_per_row;
+        let mut row = std::mem::take(&mut self.scratch);
+        row.resize(words_in, 0);
+        for y in 0..self.shape[0] {
+            row.fill(0);
+            let read = (y * stride).saturating_sub(1)..(y * stride + 2).min(input.shape[0]);
+            for word in read.flat_map(|y| input.row(y)).enumerate() {
+                row[word.0 % words_in] |= word.1;
+            }
+            let out = &mut self.words[y * self.words_per_row..][..self.words_per_row];
+            for (word, out) in out.iter_mut().enumerate() {
+                *out = match stride {
+                    1 => widened(&row, word),
+                    _ => {
+                        even_bits(widened(&row, 2 * word))
+                            | even_bits(widened(&row, 2 * word + 1)) << 32
+                    }
+                };
+            }
+            mask_beyond(out, self.shape[1]);
+        }
+        self.scratch = row;
+        self.write_list();
+    }
+
+    /// Becomes the 2x2 patches of `input`'s cells, on a map twice its size.
+    pub(crate) fn assign_doubled(&mut self, input: &CellSet) {
+        let columns = input.shape[1];
+        let cells = input
+            .list
+            .iter()
+            .map(|cell| [*cell as usize / columns, *cell as usize % columns]);
+        self.assign(cells.flat_map(|[y, x]| {
+            [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[dy, dx]| [2 * y + dy, 2 * x + dx])
+        }));
+    }
+
+    /// Calls `visit` with every cell that is here and not in `other`, ascending.
+    pub(crate) fn for_each_missing(&self, other: &CellSet, mut visit: impl FnMut(usize)) {
+        for (number, (here, there)) in self.words.iter().zip(&other.words).enumerate() {
+            self.cells_of(number, here & !there)
+                .for_each(|cell| visit(cell as usize));
+        }
+    }
+
+    fn row(&self, y: usize) -> &[u64] {
+        &self.words[y * self.words_per_row..][..self.words_per_row]
+    }
+
+    fn write_list(&mut self) {
+        let mut list = std::mem::take(&mut self.list);
+        list.clear();
+        for (number, word) in self.words.iter().enumerate() {
+            list.extend(self.cells_of(number, *word));
+        }
+        self.list = list;
+    }
+
+    /// Cells of the set bits of the `number`-th word.
+    fn cells_of(&self, number: usize, mut word: u64) -> impl Iterator<Item = u32> + use<> {
+        let (y, first) = (
+            number / self.words_per_row,
+            number % self.words_per_row * 64,
+        );
+        let base = (y * self.shape[1] + first) as u32;
+        std::iter::from_fn(move || {
+            let bit = word.trailing_zeros();
+            (word != 0).then(|| {
+                word &= word - 1;
+                base + bit
+            })
+        })
+    }
+}
+
+/// A word of `row` with both neighbours of each bit; 0 beyond the row.
+fn widened(row: &[u64], word: usize) -> u64 {
+    let at = |word: Option<usize>| word.and_then(|word| row.get(word)).copied().unwrap_or(0);
+    let (before, here, after) = (at(word.checked_sub(1)), at(Some(word)), at(Some(word + 1)));
+    here | here << 1 | here >> 1 | before >> 63 | after << 63
+}
+
+/// Bits 0, 2, 4, ... moved together into the low half.
+fn even_bits(mut word: u64) -> u64 {
+    word &= 0x5555_5555_5555_5555;
+    word = (word | word >> 1) & 0x3333_3333_3333_3333;
+    word = (word | word >> 2) & 0x0F0F_0F0F_0F0F_0F0F;
+    word = (word | word >> 4) & 0x00FF_00FF_00FF_00FF;
+    word = (word | word >> 8) & 0x0000_FFFF_0000_FFFF;
+    (word | word >> 16) & 0xFFFF_FFFF
+}
+
+/// Clears the bits of the last word that lie beyond the map.
+fn mask_beyond(row: &mut [u64], columns: usize) {
+    if let (Some(last), rest @ 1..) = (row.last_mut(), columns % 64) {
+        *last &= (1 << rest) - 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::Random;
+
+    fn random_set(shape: [usize; 2], count: usize, seed: u64) -> CellSet {
+        let mut random = Random::new(seed);
+        let mut set = CellSet::new(shape);
+        set.assign((0..count).map(|_| [random.below(shape[0]), random.below(shape[1])]));
+        set
+    }
+
+    fn has(set: &CellSet, y: i64, x: i64) -> bool {
+        let inside = (0..set.shape[0] as i64).contains(&y) && (0..set.shape[1] as i64).contains(&x);
+        inside && set.list.contains(&((y * set.shape[1] as i64 + x) as u32))
+    }
+
+    #[test]
+    fn readers_are_those_of_the_definition() {
+        for (shape, count) in [
+            ([10, 64], 30),
+            ([7, 130], 25),
+            ([12, 176], 60),
+            ([5, 9], 0),
+            ([6, 66], 1),
+        ] {
+            let input = random_set(shape, count, shape[1] as u64);
+            for stride in [1, 2] {
+                let mut found = CellSet::new(shape.map(|edge| edge.div_ceil(stride)));
+                found.assign_readers(&input, stride);
+                for y in 0..found.shape[0] as i64 {
+                    for x in 0..found.shape[1] as i64 {
+                        let reads = (-1..=1).any(|dy| {
+                            (-1..=1).any(|dx| {
+                                has(&input, y * stride as i64 + dy, x * stride as i64 + dx)
+                            })
+                        });
+                        assert_eq!(has(&found, y, x), reads, "{shape:?} / {stride} at {y}, {x}");
+                    }
+                }
+                assert!(found.list.is_sorted());
+            }
+        }
+    }
+
+    #[test]
+    fn doubling_and_differences_are_those_of_sets() {
+        let (small, other) = (random_set([5, 70], 40, 1), random_set([10, 140], 300, 2));
+        let mut doubled = CellSet::new([10, 140]);
+        doubled.assign_doubled(&small);
+        for y in 0..10 {
+            for x in 0..140 {
+                assert_eq!(has(&doubled, y, x), has(&small, y / 2, x / 2));
+            }
+        }
+        let mut missing = vec![];
+        doubled.for_each_missing(&other, |cell| missing.push(cell as u32));
+        let expected: Vec<u32> = doubled
+            .list
+            .iter()
+            .copied()
+            .filter(|cell| !other.list.contains(cell))
+            .collect();
+        assert_eq!(missing, expected);
+        doubled.assign_all();
+        assert_eq!(doubled.list, (0..1400).collect::<Vec<_>>());
+    }
+}

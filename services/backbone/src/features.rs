@@ -1,0 +1,83 @@
+//! Both blocks brought to full size and side by side: the feature rows (paper section 3.1).
+//!
+//! A row is up1's channels of the cell, then up2's. A cell has a row where block2's cell above it can differ from the
+//! empty scene; block2's first layer reads every cell of block1 that can, so these are all.
+
+use mluc_kernels::Gather;
+use mluc_model::{Folded, ModelError, Network, WeightSet};
+
+use crate::cells::CellSet;
+use crate::convolution::Convolution;
+use crate::plane::PlaneLayer;
+
+/// The two transposed layers, and which rows the present frame has.
+#[derive(Clone, Debug)]
+pub(crate) struct Features {
+    up1: Convolution,
+    /// One a position within a 2x2 patch.
+    up2: Vec<Convolution>,
+    cells: CellSet,
+    /// Reads the cells of block1's map.
+    gather1: Gather,
+    /// A row is two kernel rows: up1's half of each.
+    rows1: Vec<u32>,
+    /// Reads the active cells of block2's map.
+    gather2: Gather,
+    /// Up2's halves, by position.
+    rows2: [Vec<u32>; 4],
+}
+
+impl Features {
+    pub(crate) fn new(network: &Network, weights: &WeightSet) -> Result<Features, ModelError> {
+        let shape = network.map_shape();
+        let [rows, columns] = shape;
+        let (all, quarter) = (rows * columns, rows * columns / 4);
+        Ok(Features {
+            up1: Convolution::new(&Folded::up(weights, &network.up1)?),
+            up2: Convolution::by_tap(&Folded::up(weights, &network.up2)?),
+            cells: CellSet::new(shape),
+            gather1: Gather {
+                taps: 1,
+                index: Vec::with_capacity(all),
+            },
+            rows1: Vec::with_capacity(all),
+            gather2: Gather {
+                taps: 1,
+                index: Vec::with_capacity(quarter),
+            },
+            rows2: [(); 4].map(|()| Vec::with_capacity(quarter)),
+        })
+    }
+
+    /// Cells that have a row, ascending.
+    pub(crate) fn cells(&self) -> &[u32] {
+        self.cells.list()
+    }
+
+    /// Decides the rows of this frame from block2's active cells.
+    pub(crate) fn place(&mut self, block2_active: &CellSet) {
+        self.cells.assign_doubled(block2_active);
+        self.gather1.index.clear();
+        self.gather1.index.extend_from_slice(self.cells.list());
+        self.rows1.clear();
+        self.rows1
+            .extend((0..self.cells.list().len() as u32).map(|row| 2 * row));
+        self.gather2.index.clear();
+        self.gather2.index.extend_from_slice(block2_active.list());
+        self.rows2.iter_mut().for_each(Vec::clear);
+        let columns = self.cells.shape()[1] as u32;
+        for (row, cell) in self.cells.list().iter().enumerate() {
+            let position = cell / columns % 2 * 2 + cell % 2;
+            self.rows2[position as usize].push(2 * row as u32 + 1);
+        }
+    }
+
+    /// Computes the rows into `rows`, one for each of [`Features::cells`].
+    pub(crate) fn write(&self, block1: &PlaneLayer, block2: &PlaneLayer, rows: &mut [f32]) {
+        self.up1
+            .run(block1.values(), &self.gather1, Some(&self.rows1), rows);
+        for (up2, to) in self.up2.iter().zip(&self.rows2) {
+            up2.run(block2.values(), &self.gather2, Some(to), rows);
+        }
+    }
+}

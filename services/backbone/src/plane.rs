@@ -1,0 +1,166 @@
+//! A 3x3 layer on the bird's-eye map, computed only where its input can differ from the empty scene.
+//!
+//! Far from any point a layer's output is its response to an empty scene: constant but for the zero padding's influence
+//! near the border. That response is computed once. A frame then computes the cells that read a cell which its input
+//! layer computed; neighbours outside read the stored response. The result equals the dense one.
+
+use mluc_kernels::{ABSENT, Gather};
+use mluc_model::{DenseLayer, Folded, ModelError, WeightSet};
+use rayon::prelude::*;
+
+use crate::cells::CellSet;
+use crate::convolution::Convolution;
+
+/// Which cells of the bird's-eye layers are computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coverage {
+    /// Those that can differ from the empty scene.
+    Active,
+    /// All: slower, the same result. For tests and for the stored responses.
+    Everywhere,
+}
+
+/// Cells that one task looks up.
+const CELLS_A_TASK: usize = 2048;
+
+/// One layer with its output map.
+#[derive(Clone, Debug)]
+pub(crate) struct PlaneLayer {
+    pub(crate) name: String,
+    convolution: Convolution,
+    stride: usize,
+    input_shape: [usize; 2],
+    /// One row a cell; rows outside `active` hold the empty scene's.
+    values: Vec<f32>,
+    empty: Vec<f32>,
+    active: CellSet,
+    previous: CellSet,
+    gather: Gather,
+}
+
+impl PlaneLayer {
+    pub(crate) fn new(
+        layer: &DenseLayer,
+        input_shape: [usize; 2],
+        weights: &WeightSet,
+    ) -> Result<PlaneLayer, ModelError> {
+        let shape = input_shape.map(|edge| edge.div_ceil(layer.stride));
+        let values = vec![0.0; shape[0] * shape[1] * layer.cout];
+        Ok(PlaneLayer {
+            name: layer.name.clone(),
+            convolution: Convolution::new(&Folded::dense(weights, layer)?),
+            stride: layer.stride,
+            input_shape,
+            empty: values.clone(),
+            values,
+            active: CellSet::new(shape),
+            previous: CellSet::new(shape),
+            gather: Gather {
+                taps: 9,
+                index: Vec::with_capacity(shape[0] * shape[1] * 9),
+            },
+        })
+    }
+
+    /// Computes this layer from the map before it, of which `input_active` cells may differ from the empty scene.
+    pub(crate) fn run(&mut self, input: &[f32], input_active: &CellSet, coverage: Coverage) {
+        std::mem::swap(&mut self.active, &mut self.previous);
+        match coverage {
+            Coverage::Active => self.active.assign_readers(input_active, self.stride),
+            Coverage::Everywhere => self.active.assign_all(),
+        }
+        let channels = self.convolution.cout();
+        self.previous.for_each_missing(&self.active, |cell| {
+            let row = cell * channels..(cell + 1) * channels;
+            self.values[row.clone()].copy_from_slice(&self.empty[row]);
+        });
+        window_gather(
+            &self.active,
+            self.input_shape,
+            self.stride,
+            &mut self.gather,
+        );
+        self.convolution.run(
+            input,
+            &self.gather,
+            Some(self.active.list()),
+            &mut self.values,
+        );
+    }
+
+    /// Takes the present output as the response to an empty scene.
+    pub(crate) fn store_empty(&mut self) {
+        self.empty.copy_from_slice(&self.values);
+    }
+
+    /// One row a cell of the whole map.
+    pub(crate) fn values(&self) -> &[f32] {
+        &self.values
+    }
+    /// Of a row.
+    pub(crate) fn channels(&self) -> usize {
+        self.convolution.cout()
+    }
+    /// Cells that may differ from the empty scene.
+    pub(crate) fn active(&self) -> &CellSet {
+        &self.active
+    }
+}
+
+/// 3x3 windows (padding 1) around the `active` output cells: which cell of the input map each tap reads.
+fn window_gather(active: &CellSet, input_shape: [usize; 2], stride: usize, gather: &mut Gather) {
+    let [_, columns] = active.shape();
+    gather.index.resize(active.list().len() * 9, ABSENT);
+    let tasks = gather
+        .index
+        .par_chunks_mut(CELLS_A_TASK * 9)
+        .zip(active.list().par_chunks(CELLS_A_TASK));
+    tasks.for_each(|(index, cells)| {
+        for (taps, cell) in index.chunks_exact_mut(9).zip(cells) {
+            let cell = *cell as usize;
+            let center = [cell / columns * stride, cell % columns * stride];
+            window(center, input_shape, taps);
+        }
+    });
+}
+
+fn window([y, x]: [usize; 2], [rows, columns]: [usize; 2], taps: &mut [u32]) {
+    let inner = y > 0 && y + 1 < rows && x > 0 && x + 1 < columns;
+    for (number, tap) in taps.iter_mut().enumerate() {
+        // One more than the coordinates, so that they do not go below 0.
+        let (y, x) = (y + number / 3, x + number % 3);
+        let inside = inner || ((1..=rows).contains(&y) && (1..=columns).contains(&x));
+        *tap = if inside {
+            ((y - 1) * columns + x - 1) as u32
+        } else {
+            ABSENT
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_read_their_neighbours_and_nothing_beyond_the_border() {
+        let mut cells = CellSet::new([2, 3]);
+        cells.assign([[0, 0], [1, 2]].into_iter());
+        let mut gather = Gather {
+            taps: 9,
+            index: vec![],
+        };
+        window_gather(&cells, [2, 3], 1, &mut gather);
+        let none = ABSENT;
+        assert_eq!(
+            gather.index[..9],
+            [none, none, none, none, 0, 1, none, 3, 4]
+        );
+        assert_eq!(
+            gather.index[9..],
+            [1, 2, none, 4, 5, none, none, none, none]
+        );
+        window_gather(&cells, [4, 6], 2, &mut gather);
+        assert_eq!(gather.index[9..], [9, 10, 11, 15, 16, 17, 21, 22, 23]);
+    }
+}

@@ -1,0 +1,139 @@
+//! The whole backbone on random scans: the active cells alone give what the dense computation gives, with any number of
+//! threads, from frame to frame in the same memory.
+
+use mluc_backbone::{Backbone, BackboneError, Coverage, Frame};
+use mluc_model::{Grid, Manifest, Network, formula_uniform, formula_weights};
+
+type Fallible = Result<(), Box<dyn std::error::Error>>;
+
+/// A map of 24 x 40 cells.
+fn manifest() -> Manifest {
+    let grid = Grid {
+        range_min_m: [0.0, -4.8, -3.0],
+        range_max_m: [16.0, 4.8, 1.0],
+        ..Grid::kitti_compact()
+    };
+    Manifest::untrained("small", Network::compact(grid, 3))
+}
+
+/// Blobs of points, some at the border and beyond.
+fn scan(blobs: usize, seed: &str) -> Vec<[f32; 4]> {
+    let uniform = |index: usize, low: f64, high: f64| {
+        (low + (high - low) * formula_uniform(seed, index)) as f32
+    };
+    (0..blobs * 60)
+        .map(|point| {
+            let blob = point / 60 * 1000 + 500_000;
+            [
+                uniform(blob, -0.5, 16.5) + uniform(4 * point, -0.6, 0.6),
+                uniform(blob + 1, -5.0, 5.0) + uniform(4 * point + 1, -0.6, 0.6),
+                uniform(blob + 2, -2.5, 0.5) + uniform(4 * point + 2, -0.6, 0.6),
+                uniform(4 * point + 3, 0.0, 1.0),
+            ]
+        })
+        .collect()
+}
+
+fn written(backbone: &Backbone, frame: Frame) -> Result<(Vec<u32>, Vec<f32>), BackboneError> {
+    let (mut cells, mut rows) = (
+        vec![0; frame.rows],
+        vec![f32::NAN; frame.rows * backbone.feature_channels()],
+    );
+    backbone.write_rows(&mut cells, &mut rows)?;
+    Ok((cells, rows))
+}
+
+#[test]
+fn active_cells_give_the_dense_result_and_absent_cells_the_empty_scene() -> Fallible {
+    let manifest = manifest();
+    let mut backbone = Backbone::new(&manifest, &formula_weights(&manifest.network))?;
+    let channels = backbone.feature_channels();
+    let empty = backbone.empty_rows()?;
+    let mut absent = 0;
+    for (blobs, seed) in [(1, "a"), (12, "b"), (0, "c"), (3, "d"), (2, "e")] {
+        let points = scan(blobs, seed);
+        let frame = backbone.run(&points);
+        let (cells, rows) = written(&backbone, frame)?;
+        let mut assembled = empty.clone();
+        for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
+            assembled[*cell as usize * channels..][..channels].copy_from_slice(row);
+        }
+        let frame = backbone.run_observed(&points, Coverage::Everywhere, &mut |_| ());
+        let (_, dense) = written(&backbone, frame)?;
+        assert_eq!(dense.len(), assembled.len());
+        let worst = dense
+            .iter()
+            .zip(&assembled)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f32::max);
+        assert!(worst < 1e-5, "scan {seed}: {worst}");
+        absent += empty.len() / channels - cells.len();
+    }
+    assert!(absent > 1000, "the scans leave cells uncomputed: {absent}");
+    Ok(())
+}
+
+#[test]
+fn the_bits_do_not_depend_on_threads_or_on_the_frame_before() -> Fallible {
+    let manifest = manifest();
+    let fresh = Backbone::new(&manifest, &formula_weights(&manifest.network))?;
+    let run = |threads: usize, before: &[&str]| -> Result<Vec<u32>, Box<dyn std::error::Error>> {
+        let mut backbone = fresh.clone();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()?;
+        let bits = pool.install(|| {
+            for seed in before {
+                backbone.run(&scan(8, seed));
+            }
+            let frame = backbone.run(&scan(6, "measured"));
+            let (mut bits, rows) = written(&backbone, frame)?;
+            bits.extend(rows.iter().map(|value| value.to_bits()));
+            Ok::<_, BackboneError>(bits)
+        })?;
+        Ok(bits)
+    };
+    let bits = run(1, &[])?;
+    assert!(bits.len() > 1000);
+    assert_eq!(bits, run(2, &[])?);
+    assert_eq!(bits, run(2, &["x", "y"])?);
+    Ok(())
+}
+
+#[test]
+fn an_empty_scan_has_no_row_and_points_are_accounted_for() -> Fallible {
+    let manifest = manifest();
+    let mut backbone = Backbone::new(&manifest, &formula_weights(&manifest.network))?;
+    assert_eq!(backbone.run(&[]).rows, 0);
+    let mut points = scan(5, "z");
+    points.push([f32::NAN; 4]);
+    let counts = backbone.run(&points).points;
+    assert_eq!(counts.points as usize, points.len());
+    assert_eq!(
+        counts.points,
+        counts.non_finite + counts.out_of_range + counts.in_range
+    );
+    assert_eq!(counts.non_finite, 1);
+    assert!(counts.out_of_range > 0 && counts.voxels > 0 && counts.voxels <= counts.in_range);
+    Ok(())
+}
+
+#[test]
+fn a_buffer_of_another_length_and_a_model_that_does_not_fit_are_refused() -> Fallible {
+    let manifest = manifest();
+    let mut weights = formula_weights(&manifest.network);
+    let mut backbone = Backbone::new(&manifest, &weights)?;
+    let rows = backbone.run(&scan(1, "w")).rows;
+    let channels = backbone.feature_channels();
+    let error = backbone.write_rows(&mut vec![0; rows], &mut vec![0.0; rows * channels - 1]);
+    assert!(
+        matches!(error, Err(BackboneError::Room { what: "values", .. })),
+        "{error:?}"
+    );
+    weights.remove("backbone2d.up2.weight");
+    let error = Backbone::new(&manifest, &weights)
+        .expect_err("a tensor is missing")
+        .to_string();
+    assert!(error.contains("`backbone2d.up2.weight`"), "{error}");
+    Ok(())
+}

@@ -1,0 +1,72 @@
+//! Which anchors enter suppression: objectness at least the threshold, the best so many.
+//!
+//! The product with a class probability plays no part: it would drop the unknowns before the gate sees them.
+
+/// An anchor that may hold an object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Candidate {
+    /// sigma of the logit.
+    pub(crate) objectness: f32,
+    /// Feature row.
+    pub(crate) row: u32,
+    /// Of that row's cell.
+    pub(crate) anchor: u32,
+}
+
+/// 1 / (1 + e^-x).
+pub(crate) fn sigmoid(x: f32) -> f32 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+/// Fills `candidates` with the best, best first; ties go to the lower row and anchor. Gives how many passed the
+/// threshold in all. A logit that is no number is below every threshold.
+pub(crate) fn select(
+    logits: &[f32],
+    anchors: usize,
+    objectness_min: f32,
+    candidates_max: usize,
+    candidates: &mut Vec<Candidate>,
+) -> usize {
+    // The logarithm is exact enough to rule out nearly all; the exact comparison follows.
+    let logit_min = (objectness_min / (1.0 - objectness_min)).ln() - 0.01;
+    candidates.clear();
+    let likely = logits
+        .iter()
+        .enumerate()
+        .filter(|(_, logit)| **logit >= logit_min);
+    let passed = likely.map(|(number, logit)| Candidate {
+        objectness: sigmoid(*logit),
+        row: (number / anchors) as u32,
+        anchor: (number % anchors) as u32,
+    });
+    candidates.extend(passed.filter(|candidate| candidate.objectness >= objectness_min));
+    let found = candidates.len();
+    let best_first = |a: &Candidate, b: &Candidate| {
+        b.objectness
+            .total_cmp(&a.objectness)
+            .then((a.row, a.anchor).cmp(&(b.row, b.anchor)))
+    };
+    if found > candidates_max {
+        candidates.select_nth_unstable_by(candidates_max, best_first);
+        candidates.truncate(candidates_max);
+    }
+    candidates.sort_unstable_by(best_first);
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_come_first_and_ties_by_place() {
+        let logits = [0.0, 2.0, f32::NAN, -5.0, 2.0, 1.0];
+        let mut candidates = vec![];
+        assert_eq!(select(&logits, 2, 0.5, 3, &mut candidates), 4);
+        let places: Vec<_> = candidates.iter().map(|c| (c.row, c.anchor)).collect();
+        assert_eq!(places, [(0, 1), (2, 0), (2, 1)]);
+        assert_eq!(select(&logits, 2, 0.5, 9, &mut candidates), 4);
+        assert_eq!(candidates[3].objectness, 0.5, "the threshold itself passes");
+        assert_eq!(select(&[], 2, 0.5, 3, &mut candidates), 0);
+    }
+}
