@@ -13,7 +13,7 @@ pub const BOX_CODES: usize = 7;
 /// Yaws of the two anchors of a class, rad.
 pub const ANCHOR_YAWS_RAD: [f64; 2] = [0.0, 1.57];
 /// Direction bins part at this yaw (and half a turn further), so that the common yaws 0 and pi / 2 lie within a bin.
-pub const DIRECTION_OFFSET_RAD: f64 = 0.78539;
+pub const DIRECTION_OFFSET_RAD: f64 = std::f64::consts::FRAC_PI_4;
 /// A size may be e^3, 20 times, its anchor's or as little: what lies beyond is no box but an overflow in waiting.
 const LOG_SIZE_MAX: f64 = 3.0;
 
