@@ -68,10 +68,8 @@ fn a_message_is_written_once_and_read_where_it_lies() {
     assert_eq!(output.bytes_written(), 1_600_000);
     assert_eq!(input.bytes_read(), 1_600_000);
     assert_eq!(input.mappings_verified(), 1);
-    assert!(
-        consumer.segment_of(&message.elements().to_vec()).is_none(),
-        "a copy is told apart"
-    );
+    let copy = message.elements().to_vec();
+    assert!(consumer.segment_of(&copy).is_none(), "a copy is told apart");
 }
 
 #[test]

@@ -1,0 +1,184 @@
+//! KITTI's `.bin`: x, y, z (m, sensor frame) and reflectance (0 to 1) as little-endian f32, point after point, no header.
+
+use mluc_ipc_types::{Flags, POINTS_MAX, Point};
+
+/// Bytes of a point in the file.
+pub const POINT_BYTES: usize = 16;
+
+/// What became of a file's bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DecodeReport {
+    /// Whole points in the file.
+    pub points_in: u32,
+    /// Points kept.
+    pub points_out: u32,
+    /// Left out: a coordinate or the intensity is NaN or infinite.
+    pub dropped_not_finite: u32,
+    /// Left out: beyond [`POINTS_MAX`] finite points.
+    pub dropped_over_limit: u32,
+    /// Bytes after the last whole point: the file was cut short.
+    pub trailing_bytes: u32,
+}
+
+impl DecodeReport {
+    /// Everything left out.
+    pub fn dropped(&self) -> u32 {
+        self.dropped_not_finite + self.dropped_over_limit
+    }
+
+    /// The frame's flags.
+    pub fn flags(&self) -> Flags {
+        let mut flags = Flags::default();
+        for (is_set, flag) in [
+            (self.dropped_not_finite > 0, Flags::NOT_FINITE),
+            (self.dropped_over_limit > 0, Flags::TRUNCATED),
+            (self.trailing_bytes > 0, Flags::DAMAGED_INPUT),
+            (self.points_out == 0, Flags::EMPTY),
+        ] {
+            if is_set {
+                flags = flags.with(flag);
+            }
+        }
+        flags
+    }
+}
+
+/// Counts without writing: how much memory [`decode_bin`] needs.
+pub fn inspect_bin(bytes: &[u8]) -> DecodeReport {
+    decode_with(bytes, POINTS_MAX, |_, _| ())
+}
+
+/// Reads points into `out`, in file order; keeps at most `out.len()` and [`POINTS_MAX`]. Elements beyond
+/// `points_out` are not touched.
+pub fn decode_bin(bytes: &[u8], out: &mut [Point]) -> DecodeReport {
+    decode_with(bytes, out.len().min(POINTS_MAX), |index, point| {
+        out[index] = point
+    })
+}
+
+fn decode_with(
+    bytes: &[u8],
+    points_max: usize,
+    mut keep: impl FnMut(usize, Point),
+) -> DecodeReport {
+    let (whole, trailing) = bytes.as_chunks::<POINT_BYTES>();
+    let mut report = DecodeReport {
+        points_in: whole.len() as u32,
+        trailing_bytes: trailing.len() as u32,
+        ..DecodeReport::default()
+    };
+    let mut kept = 0;
+    for chunk in whole {
+        let point = point(chunk);
+        if !point.is_finite() {
+            report.dropped_not_finite += 1;
+        } else if kept == points_max {
+            report.dropped_over_limit += 1;
+        } else {
+            keep(kept, point);
+            kept += 1;
+        }
+    }
+    report.points_out = kept as u32;
+    report
+}
+
+fn point(bytes: &[u8; POINT_BYTES]) -> Point {
+    let number =
+        |at: usize| f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+    Point {
+        x_m: number(0),
+        y_m: number(4),
+        z_m: number(8),
+        intensity: number(12),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bytes(points: &[[f32; 4]]) -> Vec<u8> {
+        points
+            .iter()
+            .flatten()
+            .flat_map(|v| v.to_le_bytes())
+            .collect()
+    }
+
+    fn decoded(bytes: &[u8]) -> (DecodeReport, Vec<Point>) {
+        let report = inspect_bin(bytes);
+        let mut out = vec![Point::default(); report.points_out as usize];
+        assert_eq!(
+            decode_bin(bytes, &mut out),
+            report,
+            "counting and reading agree"
+        );
+        (report, out)
+    }
+
+    #[test]
+    fn points_come_out_in_file_order() {
+        let (report, points) = decoded(&bytes(&[[1.0, 2.0, 3.0, 0.5], [-4.0, 5.0, -6.0, 0.25]]));
+        assert_eq!(
+            (report.points_in, report.points_out, report.dropped()),
+            (2, 2, 0)
+        );
+        assert_eq!(
+            points[1],
+            Point {
+                x_m: -4.0,
+                y_m: 5.0,
+                z_m: -6.0,
+                intensity: 0.25
+            }
+        );
+        assert_eq!(report.flags(), Flags::default());
+    }
+
+    #[test]
+    fn what_is_not_finite_is_left_out_and_counted() {
+        let (report, points) = decoded(&bytes(&[
+            [f32::NAN, 0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0],
+            [0.0, f32::INFINITY, 0.0, 0.0],
+            [0.0, 0.0, f32::NEG_INFINITY, 0.0],
+            [0.0, 0.0, 0.0, f32::NAN],
+            [2.0, 0.0, 0.0, 0.0],
+        ]));
+        assert_eq!(report.dropped_not_finite, 4);
+        assert_eq!(points.iter().map(|p| p.x_m).collect::<Vec<_>>(), [1.0, 2.0]);
+        assert_eq!(report.flags(), Flags::NOT_FINITE);
+    }
+
+    #[test]
+    fn a_cut_file_gives_its_whole_points() {
+        let whole = bytes(&[[1.0; 4], [2.0; 4]]);
+        for cut in 1..16 {
+            let (report, points) = decoded(&whole[..32 - cut]);
+            assert_eq!((report.trailing_bytes, points.len()), (16 - cut as u32, 1));
+            assert_eq!(report.flags(), Flags::DAMAGED_INPUT);
+        }
+    }
+
+    #[test]
+    fn an_empty_file_is_an_empty_scan() {
+        let (report, points) = decoded(&[]);
+        assert!(points.is_empty());
+        assert_eq!(report.flags(), Flags::EMPTY);
+    }
+
+    #[test]
+    fn a_million_points_are_cut_at_the_limit() {
+        let mut million = vec![[1.0, 0.0, 0.0, 0.0]; 1_000_000];
+        million[5][2] = f32::NAN;
+        let (report, points) = decoded(&bytes(&million));
+        assert_eq!(points.len(), POINTS_MAX);
+        assert_eq!(
+            report.dropped_over_limit as usize,
+            1_000_000 - POINTS_MAX - 1
+        );
+        assert_eq!(report.flags(), Flags::NOT_FINITE.with(Flags::TRUNCATED));
+        assert_eq!(report.points_in, report.points_out + report.dropped());
+    }
+}
