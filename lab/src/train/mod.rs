@@ -4,8 +4,14 @@
 //! is written by hand on the same kernels that drive the vehicle, and the bird's-eye part computes only the cells that
 //! can differ from an empty scene ([`halo`]), which is exact.
 
+pub mod augment;
+pub mod checkpoint;
+pub mod database;
+mod error;
+pub mod export;
 pub mod halo;
 pub mod layers;
+pub mod loader;
 pub mod losses;
 pub mod network;
 #[cfg(test)]
@@ -14,5 +20,15 @@ pub mod norm;
 pub mod optimizer;
 pub mod plan;
 pub mod random;
+mod run;
 pub mod scene;
+mod settings;
+pub mod source;
 pub mod targets;
+pub mod trainer;
+#[cfg(test)]
+mod trainer_tests;
+
+pub use error::TrainError;
+pub use run::{Event, Progress, Run};
+pub use settings::{Profile, Setting, Settings};

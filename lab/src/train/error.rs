@@ -1,0 +1,66 @@
+//! What can go wrong in training.
+
+use std::path::PathBuf;
+
+use crate::dataset::DatasetError;
+
+/// Why training stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// The data set cannot be read.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// A training split without objects of a class.
+    #[error("{}: expected objects of every class in the training split, found no {class}", path.display())]
+    NoObjects {
+        /// The split.
+        path: PathBuf,
+        /// The class.
+        class: String,
+    },
+    /// A file of the run cannot be read or written.
+    #[error("{}: {cause}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's answer.
+        cause: std::io::Error,
+    },
+    /// A checkpoint that is not one, or not of this run.
+    #[error("{}: expected {expected}, found {found}; move it away to start anew", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What this run needs.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// The loss is no longer a number.
+    #[error("step {step}: the loss is {found}; try a lower learning rate")]
+    Diverged {
+        /// When.
+        step: u64,
+        /// What the loss is.
+        found: f64,
+    },
+    /// The model file could not be made.
+    #[error(transparent)]
+    Model(#[from] mluc_model::ModelError),
+    /// The thread that prepares batches ended early.
+    #[error("the thread that prepares batches ended before step {step}")]
+    LoaderEnded {
+        /// The step that it owed.
+        step: u64,
+    },
+    /// A setting out of its range.
+    #[error("{name}: expected {expected}, found {found}")]
+    Setting {
+        /// The option.
+        name: &'static str,
+        /// Its range.
+        expected: &'static str,
+        /// The value.
+        found: String,
+    },
+}

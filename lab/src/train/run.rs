@@ -1,0 +1,250 @@
+//! A whole training run: data, steps, log, checkpoints, model file.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use mluc_model::{Manifest, Provenance, model_bytes};
+
+use super::augment::Augmentation;
+use super::checkpoint::{self, write_atomically};
+use super::database::{Database, mean_boxes};
+use super::error::TrainError;
+use super::export;
+use super::loader::Preparer;
+use super::losses::{Losses, MetricSettings};
+use super::optimizer::Schedule;
+use super::settings::{Setting, Settings};
+use super::source::FolderSource;
+use super::targets::Anchors;
+use super::trainer::{Report, Timing, Trainer};
+use crate::dataset::Dataset;
+
+/// Steps that one line of the log averages.
+const LOG_STEPS: u64 = 20;
+
+/// A line of `train.jsonl`: means over the steps since the last line.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub struct Progress {
+    /// Steps done.
+    pub step: u64,
+    /// Steps in all.
+    pub steps: u64,
+    /// Sum of the losses.
+    pub loss: f64,
+    /// Each.
+    pub losses: Losses,
+    /// Before clipping.
+    pub gradient_norm: f64,
+    /// Learning rate.
+    pub rate: f64,
+    /// Frames a second.
+    pub frames_per_s: f64,
+    /// Seconds left.
+    pub left_s: f64,
+    /// Milliseconds a step.
+    pub timing_ms: Timing,
+}
+
+/// What a run tells while it goes on.
+pub enum Event<'a> {
+    /// Something worth a line.
+    Note(String),
+    /// A line of the log.
+    Progress(&'a Progress),
+}
+
+/// A run, its data read and its state restored.
+pub struct Run {
+    settings: Settings,
+    manifest: Manifest,
+    trainer: Trainer,
+    source: FolderSource,
+    database: Database,
+}
+
+impl Run {
+    /// Reads what the training split says, and the checkpoint where there is one.
+    pub fn prepare(settings: &Settings, tell: &mut dyn FnMut(Event)) -> Result<Run, TrainError> {
+        settings.check()?;
+        let folder = settings.data.join("train");
+        let mut manifest = settings.manifest();
+        let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
+        let source = FolderSource::new(Dataset::open(&folder)?, names);
+        for (class, mean) in manifest.classes.iter_mut().zip(mean_boxes(&source, settings.setting.classes())?) {
+            if mean.count == 0 {
+                return Err(TrainError::NoObjects { path: folder, class: class.name.clone() });
+            }
+            (class.size_m, class.bottom_z_m) = (mean.size_m, mean.bottom_z_m);
+            tell(Event::Note(format!(
+                "{}: {} objects, mean {:.2} x {:.2} x {:.2} m, bottom at {:.2} m",
+                class.name, mean.count, mean.size_m[0], mean.size_m[1], mean.size_m[2], mean.bottom_z_m
+            )));
+        }
+        let frames = if settings.augment { settings.database_frames } else { 0 };
+        let database = Database::build(&source, settings.setting.classes(), frames)?;
+        let sizes: Vec<String> = database.samples.iter().map(|s| s.len().to_string()).collect();
+        tell(Event::Note(format!("objects to paste, by class: {}", sizes.join(", "))));
+        let schedule = Schedule { rate_max: settings.learning_rate, steps: settings.steps };
+        let mut trainer = Trainer::new(&manifest.network, schedule, metric(settings), settings.seed);
+        make_folder(&settings.out)?;
+        let path = settings.out.join("checkpoint.safetensors");
+        if checkpoint::load(&path, &mut trainer.state, &settings.fingerprint())? {
+            tell(Event::Note(format!("resumed at step {}", trainer.state.step)));
+        }
+        Ok(Run { settings: settings.clone(), manifest, trainer, source, database })
+    }
+
+    /// Trains to the last step and writes the model file; returns its path.
+    pub fn finish(mut self, tell: &mut dyn FnMut(Event)) -> Result<PathBuf, TrainError> {
+        let settings = self.settings.clone();
+        let augmentation = settings.augment.then(|| Augmentation {
+            database: std::mem::take(&mut self.database),
+            wanted: settings.setting.objects_wanted().to_vec(),
+            mirror_x: settings.setting == Setting::Udi,
+        });
+        let anchors = Anchors::new(&self.manifest.network, &self.manifest.classes);
+        let source = Arc::new(self.source.clone());
+        let network = &self.manifest.network;
+        let preparer = Preparer::new(source, augmentation, anchors, network, settings.batch, settings.seed);
+        let batches = preparer.spawn(self.trainer.state.step..settings.steps);
+        let mut log = Log::open(&settings.out.join("train.jsonl"), &settings)?;
+        while self.trainer.state.step < settings.steps {
+            let waited = Instant::now();
+            let step = self.trainer.state.step;
+            let batch = batches.recv().map_err(|_| TrainError::LoaderEnded { step })??;
+            let wait = 1e3 * waited.elapsed().as_secs_f64();
+            let mut report = self.trainer.step(&batch)?;
+            report.timing.wait = wait;
+            let done = self.trainer.state.step;
+            if let Some(progress) = log.add(&report, done)? {
+                tell(Event::Progress(&progress));
+            }
+            if done % settings.checkpoint_every.max(1) == 0 && done < settings.steps {
+                self.save()?;
+            }
+        }
+        self.save()
+    }
+
+    /// Checkpoint and model file.
+    fn save(&self) -> Result<PathBuf, TrainError> {
+        let (settings, state) = (&self.settings, &self.trainer.state);
+        checkpoint::save(&settings.out.join("checkpoint.safetensors"), state, &settings.fingerprint())?;
+        let chain = &self.trainer.chain;
+        let mut manifest = export::finish(self.manifest.clone(), chain, &state.parameters, &state.running);
+        manifest.provenance = Provenance {
+            data: settings.data.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            seed: settings.seed,
+            steps: state.step,
+            batch: settings.batch as u32,
+            commit: "unknown".into(),
+            ..Provenance::default()
+        };
+        let weights = export::weights(chain, &state.parameters, &state.running);
+        let path = settings.out.join("model.safetensors");
+        write_atomically(&path, &model_bytes(&manifest, &weights)?)?;
+        Ok(path)
+    }
+}
+
+fn metric(settings: &Settings) -> MetricSettings {
+    MetricSettings { prototype_scale: settings.prototype_scale, variance_weight: settings.variance_weight }
+}
+
+fn make_folder(path: &Path) -> Result<(), TrainError> {
+    std::fs::create_dir_all(path).map_err(|cause| TrainError::Io { path: path.to_owned(), cause })
+}
+
+/// The log file, and the means since its last line.
+struct Log {
+    file: File,
+    path: PathBuf,
+    sum: Progress,
+    count: u64,
+    since: Instant,
+    steps: u64,
+    batch: usize,
+    /// Seconds a step, smoothed.
+    pace_s: f64,
+}
+
+impl Log {
+    fn open(path: &Path, settings: &Settings) -> Result<Log, TrainError> {
+        let file = File::options().create(true).append(true).open(path);
+        let file = file.map_err(|cause| TrainError::Io { path: path.to_owned(), cause })?;
+        Ok(Log {
+            file,
+            path: path.to_owned(),
+            sum: Progress::default(),
+            count: 0,
+            since: Instant::now(),
+            steps: settings.steps,
+            batch: settings.batch,
+            pace_s: 0.0,
+        })
+    }
+
+    /// A line when enough steps have come together.
+    fn add(&mut self, report: &Report, step: u64) -> Result<Option<Progress>, TrainError> {
+        let (sum, l, t) = (&mut self.sum, &report.losses, &report.timing);
+        let pairs = [
+            (&mut sum.loss, l.total()),
+            (&mut sum.losses.objectness, l.objectness),
+            (&mut sum.losses.metric, l.metric),
+            (&mut sum.losses.variance, l.variance),
+            (&mut sum.losses.boxes, l.boxes),
+            (&mut sum.losses.direction, l.direction),
+            (&mut sum.gradient_norm, report.gradient_norm),
+            (&mut sum.timing_ms.wait, t.wait),
+            (&mut sum.timing_ms.prepare, t.prepare),
+            (&mut sum.timing_ms.forward, t.forward),
+            (&mut sum.timing_ms.losses, t.losses),
+            (&mut sum.timing_ms.backward, t.backward),
+            (&mut sum.timing_ms.update, t.update),
+        ];
+        pairs.into_iter().for_each(|(sum, value)| *sum += value);
+        self.count += 1;
+        if step % LOG_STEPS != 0 && step != self.steps {
+            return Ok(None);
+        }
+        let mut line = self.mean();
+        let seconds = self.since.elapsed().as_secs_f64() / self.count as f64;
+        self.pace_s = if self.pace_s == 0.0 { seconds } else { 0.9 * self.pace_s + 0.1 * seconds };
+        (line.step, line.steps, line.rate) = (step, self.steps, report.rate);
+        line.frames_per_s = self.batch as f64 / seconds;
+        line.left_s = self.pace_s * (self.steps - step) as f64;
+        let failed = |cause| TrainError::Io { path: self.path.clone(), cause };
+        let text = serde_json::to_string(&line).map_err(|e| failed(e.into()))?;
+        writeln!(self.file, "{text}").map_err(failed)?;
+        (self.sum, self.count, self.since) = (Progress::default(), 0, Instant::now());
+        Ok(Some(line))
+    }
+
+    fn mean(&self) -> Progress {
+        let (s, n) = (&self.sum, self.count as f64);
+        let (l, t) = (&s.losses, &s.timing_ms);
+        Progress {
+            loss: s.loss / n,
+            losses: Losses {
+                objectness: l.objectness / n,
+                metric: l.metric / n,
+                variance: l.variance / n,
+                boxes: l.boxes / n,
+                direction: l.direction / n,
+            },
+            gradient_norm: s.gradient_norm / n,
+            timing_ms: Timing {
+                wait: t.wait / n,
+                prepare: t.prepare / n,
+                forward: t.forward / n,
+                losses: t.losses / n,
+                backward: t.backward / n,
+                update: t.update / n,
+            },
+            ..*s
+        }
+    }
+}

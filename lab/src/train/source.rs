@@ -1,0 +1,68 @@
+//! Labelled scans by number, from a folder or made up by a test.
+
+use mluc_geometry::Box3;
+
+use super::error::TrainError;
+use super::scene::{Object, Scene};
+use crate::dataset::Dataset;
+
+/// Where scenes come from.
+pub trait Source: Send + Sync {
+    /// Scenes there are.
+    fn count(&self) -> usize;
+    /// One of them, points of its objects counted.
+    fn scene(&self, number: usize) -> Result<Scene, TrainError>;
+}
+
+/// A KITTI-format folder.
+#[derive(Clone, Debug)]
+pub struct FolderSource {
+    dataset: Dataset,
+    classes: Vec<String>,
+}
+
+/// A label whose visibility is worse than this teaches nothing new about an object's looks.
+const OCCLUDED_MAX: i32 = 2;
+
+impl FolderSource {
+    /// `classes`: names of the known ones.
+    pub fn new(dataset: Dataset, classes: Vec<String>) -> FolderSource {
+        FolderSource { dataset, classes }
+    }
+
+    fn class_of(&self, name: &str) -> Option<usize> {
+        self.classes.iter().position(|class| class.eq_ignore_ascii_case(name))
+    }
+
+    /// Class and box of every labelled object of a known class, without its scan.
+    pub fn labelled(&self, number: usize) -> Result<Vec<(usize, Box3)>, TrainError> {
+        let boxes = self.dataset.boxes_in_sensor(&self.dataset.names()[number])?;
+        Ok(boxes.into_iter().filter_map(|(label, b)| Some((self.class_of(&label.class)?, b))).collect())
+    }
+
+    /// A scene, and for each object whether it is seen well enough to be pasted elsewhere.
+    pub fn scene_with_visibility(&self, number: usize) -> Result<(Scene, Vec<bool>), TrainError> {
+        let name = &self.dataset.names()[number];
+        let mut visible = vec![];
+        let mut objects = vec![];
+        for (label, bounds) in self.dataset.boxes_in_sensor(name)? {
+            visible.push(label.occluded <= OCCLUDED_MAX);
+            objects.push(Object { class: self.class_of(&label.class), bounds, points: 0 });
+        }
+        let mut points = self.dataset.scan(name)?;
+        points.retain(|p| p.iter().all(|v| v.is_finite()));
+        let mut scene = Scene { points, objects };
+        scene.count_points();
+        Ok((scene, visible))
+    }
+}
+
+impl Source for FolderSource {
+    fn count(&self) -> usize {
+        self.dataset.len()
+    }
+
+    fn scene(&self, number: usize) -> Result<Scene, TrainError> {
+        Ok(self.scene_with_visibility(number)?.0)
+    }
+}
