@@ -28,7 +28,7 @@ fn main() {
         level.name()
     );
     println!(
-        "GFLOP/s and share of that: f32 forward, bf16 forward, f32 weight gradient; one core, then two"
+        "GFLOP/s and share of that f32 peak: f32 forward, bf16 forward, f32 weight gradient; one core, then two"
     );
     for (name, gather, inputs, cin, cout) in cases() {
         let run = |threads| measure(level, threads, &gather, inputs, cin, cout);

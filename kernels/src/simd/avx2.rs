@@ -17,8 +17,24 @@ pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx2(()))
 }
 
+impl Avx2 {
+    /// The two bf16 of each lane as f32.
+    #[inline(always)]
+    fn halves(self, pairs: __m256i) -> (__m256, __m256) {
+        // SAFETY: self is the proof of the features.
+        unsafe {
+            let high = _mm256_set1_epi32(0xffff_0000_u32 as i32);
+            (
+                _mm256_castsi256_ps(_mm256_slli_epi32::<16>(pairs)),
+                _mm256_castsi256_ps(_mm256_and_si256(pairs, high)),
+            )
+        }
+    }
+}
+
 impl Simd for Avx2 {
     type Vector = __m256;
+    type Pairs = __m256i;
     const LANES: usize = 8;
     const REGISTERS: usize = 16;
 
@@ -46,8 +62,6 @@ impl Simd for Avx2 {
         unsafe { _mm256_storeu_ps(to, value) }
     }
 
-    type Pairs = __m256i;
-
     #[inline(always)]
     fn splat_pair(self, pair: u32) -> __m256i {
         // SAFETY: self is the proof of the features.
@@ -56,7 +70,7 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn dot(self, a: __m256i, b: __m256i, c: __m256) -> __m256 {
-        let (a, b) = (halves(a), halves(b));
+        let (a, b) = (self.halves(a), self.halves(b));
         self.fma(a.1, b.1, self.fma(a.0, b.0, c))
     }
 
@@ -64,20 +78,5 @@ impl Simd for Avx2 {
     unsafe fn load_pairs(self, from: *const u32) -> __m256i {
         // SAFETY: the caller vouches for `from`, self for the features.
         unsafe { _mm256_loadu_si256(from.cast()) }
-    }
-}
-
-/// The two bf16 of each lane as f32.
-///
-/// Called by a holder of the proof of the features only.
-#[inline(always)]
-fn halves(pairs: __m256i) -> (__m256, __m256) {
-    // SAFETY: private to this file, and called where a proof of the features is at hand.
-    unsafe {
-        let high = _mm256_set1_epi32(0xffff_0000_u32 as i32);
-        (
-            _mm256_castsi256_ps(_mm256_slli_epi32::<16>(pairs)),
-            _mm256_castsi256_ps(_mm256_and_si256(pairs, high)),
-        )
     }
 }

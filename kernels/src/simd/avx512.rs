@@ -24,10 +24,24 @@ impl Avx512 {
     pub(super) fn new() -> Avx512 {
         Avx512(())
     }
+
+    /// The two bf16 of each lane as f32.
+    #[inline(always)]
+    fn halves(self, pairs: __m512i) -> (__m512, __m512) {
+        // SAFETY: self is the proof of the features.
+        unsafe {
+            let high = _mm512_set1_epi32(0xffff_0000_u32 as i32);
+            (
+                _mm512_castsi512_ps(_mm512_slli_epi32::<16>(pairs)),
+                _mm512_castsi512_ps(_mm512_and_si512(pairs, high)),
+            )
+        }
+    }
 }
 
 impl Simd for Avx512 {
     type Vector = __m512;
+    type Pairs = __m512i;
     const LANES: usize = 16;
     const REGISTERS: usize = 32;
 
@@ -55,8 +69,6 @@ impl Simd for Avx512 {
         unsafe { _mm512_storeu_ps(to, value) }
     }
 
-    type Pairs = __m512i;
-
     #[inline(always)]
     fn splat_pair(self, pair: u32) -> __m512i {
         // SAFETY: self is the proof of the features.
@@ -65,7 +77,7 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn dot(self, a: __m512i, b: __m512i, c: __m512) -> __m512 {
-        let (a, b) = (halves(a), halves(b));
+        let (a, b) = (self.halves(a), self.halves(b));
         self.fma(a.1, b.1, self.fma(a.0, b.0, c))
     }
 
@@ -73,20 +85,5 @@ impl Simd for Avx512 {
     unsafe fn load_pairs(self, from: *const u32) -> __m512i {
         // SAFETY: the caller vouches for `from`, self for the features.
         unsafe { _mm512_loadu_si512(from.cast()) }
-    }
-}
-
-/// The two bf16 of each lane as f32.
-///
-/// Called by a holder of the proof of the features only.
-#[inline(always)]
-fn halves(pairs: __m512i) -> (__m512, __m512) {
-    // SAFETY: private to this file, and called where a proof of the features is at hand.
-    unsafe {
-        let high = _mm512_set1_epi32(0xffff_0000_u32 as i32);
-        (
-            _mm512_castsi512_ps(_mm512_slli_epi32::<16>(pairs)),
-            _mm512_castsi512_ps(_mm512_and_si512(pairs, high)),
-        )
     }
 }

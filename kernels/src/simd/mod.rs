@@ -12,25 +12,31 @@ mod avx2;
 mod avx512;
 #[cfg(target_arch = "x86_64")]
 mod avx512_bf16;
+mod convolve_bf16;
+mod convolve_f32;
 mod cover;
+mod gradient_f32;
 mod level;
 #[cfg(target_arch = "aarch64")]
 mod neon;
+mod pair;
 mod peak;
 mod plain;
-mod tiles;
-mod tiles_bf16;
 
 pub(crate) use aligned::{Aligned, AlignedArray, LINE};
+pub(crate) use convolve_bf16::convolve_tiles_bf16;
+pub(crate) use convolve_f32::convolve_tiles;
+pub(crate) use gradient_f32::gradient_tiles;
 pub use level::Level;
+pub(crate) use pair::Pair;
 pub use peak::spin;
-pub(crate) use tiles::{Pair, convolve_tiles, gradient_tiles};
-pub(crate) use tiles_bf16::convolve_tiles_bf16;
 
 /// Vector registers of f32. A value of the implementing type is the proof that the processor has them.
 pub(crate) trait Simd: Copy {
     /// One register.
     type Vector: Copy;
+    /// A register of pairs of bf16, `LANES` of them.
+    type Pairs: Copy;
     /// f32 in a register.
     const LANES: usize;
     /// Registers that the processor names.
@@ -41,9 +47,6 @@ pub(crate) trait Simd: Copy {
 
     /// `a * b + c`.
     fn fma(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
-
-    /// A register of pairs of bf16, `LANES` of them.
-    type Pairs: Copy;
 
     /// All lanes equal to `pair`: two bf16, the first in the lower half.
     fn splat_pair(self, pair: u32) -> Self::Pairs;

@@ -17,8 +17,24 @@ pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Neon(()))
 }
 
+impl Neon {
+    /// The two bf16 of each lane as f32.
+    #[inline(always)]
+    fn halves(self, pairs: uint32x4_t) -> (float32x4_t, float32x4_t) {
+        // SAFETY: self is the proof of the features.
+        unsafe {
+            let high = vdupq_n_u32(0xffff_0000);
+            (
+                vreinterpretq_f32_u32(vshlq_n_u32::<16>(pairs)),
+                vreinterpretq_f32_u32(vandq_u32(pairs, high)),
+            )
+        }
+    }
+}
+
 impl Simd for Neon {
     type Vector = float32x4_t;
+    type Pairs = uint32x4_t;
     const LANES: usize = 4;
     const REGISTERS: usize = 32;
 
@@ -46,8 +62,6 @@ impl Simd for Neon {
         unsafe { vst1q_f32(to, value) }
     }
 
-    type Pairs = uint32x4_t;
-
     #[inline(always)]
     fn splat_pair(self, pair: u32) -> uint32x4_t {
         // SAFETY: self is the proof of the features.
@@ -56,7 +70,7 @@ impl Simd for Neon {
 
     #[inline(always)]
     fn dot(self, a: uint32x4_t, b: uint32x4_t, c: float32x4_t) -> float32x4_t {
-        let (a, b) = (halves(a), halves(b));
+        let (a, b) = (self.halves(a), self.halves(b));
         self.fma(a.1, b.1, self.fma(a.0, b.0, c))
     }
 
@@ -64,20 +78,5 @@ impl Simd for Neon {
     unsafe fn load_pairs(self, from: *const u32) -> uint32x4_t {
         // SAFETY: the caller vouches for `from`, self for the features.
         unsafe { vld1q_u32(from) }
-    }
-}
-
-/// The two bf16 of each lane as f32.
-///
-/// Called by a holder of the proof of the features only.
-#[inline(always)]
-fn halves(pairs: uint32x4_t) -> (float32x4_t, float32x4_t) {
-    // SAFETY: private to this file, and called where a proof of the features is at hand.
-    unsafe {
-        let high = vdupq_n_u32(0xffff_0000);
-        (
-            vreinterpretq_f32_u32(vshlq_n_u32::<16>(pairs)),
-            vreinterpretq_f32_u32(vandq_u32(pairs, high)),
-        )
     }
 }

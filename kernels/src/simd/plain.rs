@@ -7,6 +7,7 @@ pub(crate) struct Plain;
 
 impl Simd for Plain {
     type Vector = [f32; 4];
+    type Pairs = [u32; 4];
     const LANES: usize = 4;
     const REGISTERS: usize = 16;
 
@@ -37,8 +38,6 @@ impl Simd for Plain {
         // SAFETY: the caller vouches for `to`; alignment is not assumed.
         unsafe { to.cast::<[f32; 4]>().write_unaligned(value) }
     }
-
-    type Pairs = [u32; 4];
 
     #[inline(always)]
     fn splat_pair(self, pair: u32) -> [u32; 4] {

@@ -1,28 +1,27 @@
-//! The forward inner loop on bf16: as in f32, two input channels a step, sums in f32.
+//! The forward inner loop: a tile of sums (rows x output channels) held in registers.
 
 use super::{
     Pair, Simd,
     cover::{Tile, cover},
-    tiles::check,
+    pair::check,
 };
-use crate::Bf16;
 
 /// `sums[pair.row] += input[pair.input] * weights`, for each pair.
 ///
-/// `input`: rows of `cin`, which is even. `weights`: `[cin / 2][width]` pairs. `sums`: rows of `width`. No two pairs of a
-/// call have the same row.
+/// `input`: rows of `cin`. `weights`: `[cin][width]`. `sums`: rows of `width`. No two pairs
+/// of a call have the same row.
 #[inline(always)]
-pub(crate) fn convolve_tiles_bf16<S: Simd>(
+pub(crate) fn convolve_tiles<S: Simd>(
     simd: S,
-    input: &[Bf16],
+    input: &[f32],
     cin: usize,
     pairs: &[Pair],
-    weights: &[u32],
+    weights: &[f32],
     width: usize,
     sums: &mut [f32],
 ) {
     check(pairs, input.len() / cin, sums.len() / width, width);
-    assert_eq!(weights.len(), cin / 2 * width);
+    assert_eq!(weights.len(), cin * width);
     let tile = Convolve {
         input: input.as_ptr(),
         cin,
@@ -32,15 +31,15 @@ pub(crate) fn convolve_tiles_bf16<S: Simd>(
         sums: sums.as_mut_ptr(),
     };
     // SAFETY: the table has a row for each pair and `width` columns; `check` has seen that every pair points to a whole
-    // row inside `input` and inside `sums`, and `weights` has `cin / 2` rows of `width`.
+    // row inside `input` and inside `sums`, and `weights` has `cin` rows of `width`.
     unsafe { cover(simd, pairs.len(), width, &tile) }
 }
 
 struct Convolve<'a> {
-    input: *const Bf16,
+    input: *const f32,
     cin: usize,
     pairs: &'a [Pair],
-    weights: *const u32,
+    weights: *const f32,
     width: usize,
     sums: *mut f32,
 }
@@ -53,36 +52,29 @@ impl Tile for Convolve<'_> {
         row: usize,
         column: usize,
     ) {
-        // SAFETY: `convolve_tiles_bf16` has checked the pairs and the lengths, the caller gives rows and columns inside;
-        // a pair of bf16 is read as one u32 (Bf16 is a transparent u16), unaligned.
+        // SAFETY: `convolve_tiles` has checked the pairs and the lengths, the caller gives rows and columns inside.
         unsafe {
-            let mut inputs = [self.input.cast::<u32>(); R];
+            let mut inputs = [self.input; R];
             let mut sums = [self.sums; R];
             let mut totals = [[simd.splat(0.0); V]; R];
             for r in 0..R {
                 let pair = self.pairs.get_unchecked(row + r);
-                inputs[r] = self.input.add(pair.input as usize * self.cin).cast();
+                inputs[r] = self.input.add(pair.input as usize * self.cin);
                 sums[r] = self.sums.add(pair.row as usize * self.width + column);
                 for v in 0..V {
                     totals[r][v] = simd.load(sums[r].add(v * S::LANES));
                 }
             }
             let mut weights = self.weights.add(column);
-            for c in 0..self.cin / 2 {
-                let mut w = [simd.splat_pair(0); V];
+            for c in 0..self.cin {
+                let mut w = [simd.splat(0.0); V];
                 for v in 0..V {
-                    w[v] = simd.load_pairs(weights.add(v * S::LANES));
+                    w[v] = simd.load(weights.add(v * S::LANES));
                 }
                 for r in 0..R {
-                    let pair = inputs[r].add(c).read_unaligned();
-                    let big_endian = cfg!(target_endian = "big");
-                    let x = simd.splat_pair(if big_endian {
-                        pair.rotate_left(16)
-                    } else {
-                        pair
-                    });
+                    let x = simd.splat(*inputs[r].add(c));
                     for v in 0..V {
-                        totals[r][v] = simd.dot(x, w[v], totals[r][v]);
+                        totals[r][v] = simd.fma(x, w[v], totals[r][v]);
                     }
                 }
                 weights = weights.add(self.width);

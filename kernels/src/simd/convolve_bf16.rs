@@ -1,0 +1,97 @@
+//! The forward inner loop on bf16: as in f32, two input channels a step, sums in f32.
+
+use super::{
+    Pair, Simd,
+    cover::{Tile, cover},
+    pair::check,
+};
+use crate::Bf16;
+
+/// `sums[pair.row] += input[pair.input] * weights`, for each pair.
+///
+/// `input`: rows of `cin`, which is even. `weights`: `[cin / 2][width]` pairs. `sums`: rows of `width`. No two pairs of a
+/// call have the same row.
+#[inline(always)]
+pub(crate) fn convolve_tiles_bf16<S: Simd>(
+    simd: S,
+    input: &[Bf16],
+    cin: usize,
+    pairs: &[Pair],
+    weights: &[u32],
+    width: usize,
+    sums: &mut [f32],
+) {
+    check(pairs, input.len() / cin, sums.len() / width, width);
+    assert_eq!(weights.len(), cin / 2 * width);
+    let tile = Convolve {
+        input: input.as_ptr(),
+        cin,
+        pairs,
+        weights: weights.as_ptr(),
+        width,
+        sums: sums.as_mut_ptr(),
+    };
+    // SAFETY: the table has a row for each pair and `width` columns; `check` has seen that every pair points to a whole
+    // row inside `input` and inside `sums`, and `weights` has `cin / 2` rows of `width`.
+    unsafe { cover(simd, pairs.len(), width, &tile) }
+}
+
+struct Convolve<'a> {
+    input: *const Bf16,
+    cin: usize,
+    pairs: &'a [Pair],
+    weights: *const u32,
+    width: usize,
+    sums: *mut f32,
+}
+
+impl Tile for Convolve<'_> {
+    #[inline(always)]
+    unsafe fn tile<S: Simd, const R: usize, const V: usize>(
+        &self,
+        simd: S,
+        row: usize,
+        column: usize,
+    ) {
+        // SAFETY: `convolve_tiles_bf16` has checked the pairs and the lengths, the caller gives rows and columns inside;
+        // a pair of bf16 is read as one u32 (Bf16 is a transparent u16), unaligned.
+        unsafe {
+            let mut inputs = [self.input.cast::<u32>(); R];
+            let mut sums = [self.sums; R];
+            let mut totals = [[simd.splat(0.0); V]; R];
+            for r in 0..R {
+                let pair = self.pairs.get_unchecked(row + r);
+                inputs[r] = self.input.add(pair.input as usize * self.cin).cast();
+                sums[r] = self.sums.add(pair.row as usize * self.width + column);
+                for v in 0..V {
+                    totals[r][v] = simd.load(sums[r].add(v * S::LANES));
+                }
+            }
+            let mut weights = self.weights.add(column);
+            for c in 0..self.cin / 2 {
+                let mut w = [simd.splat_pair(0); V];
+                for v in 0..V {
+                    w[v] = simd.load_pairs(weights.add(v * S::LANES));
+                }
+                for r in 0..R {
+                    let pair = inputs[r].add(c).read_unaligned();
+                    let big_endian = cfg!(target_endian = "big");
+                    let x = simd.splat_pair(if big_endian {
+                        pair.rotate_left(16)
+                    } else {
+                        pair
+                    });
+                    for v in 0..V {
+                        totals[r][v] = simd.dot(x, w[v], totals[r][v]);
+                    }
+                }
+                weights = weights.add(self.width);
+            }
+            for r in 0..R {
+                for v in 0..V {
+                    simd.store(sums[r].add(v * S::LANES), totals[r][v]);
+                }
+            }
+        }
+    }
+}
