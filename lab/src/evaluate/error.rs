@@ -19,6 +19,12 @@ pub enum EvaluateError {
         /// Number of it.
         found: usize,
     },
+    /// Detections that are not there.
+    #[error("{}: expected a folder of detection files or a file of JSON lines, found nothing", path.display())]
+    NoDetections {
+        /// Where they should be.
+        path: PathBuf,
+    },
     /// JSON lines are in the sensor frame, labels in the camera's: a calibration is needed.
     #[error("{}: JSON lines need the calibration of their frames: expected --calib DIR, found none", path.display())]
     NoCalibration {

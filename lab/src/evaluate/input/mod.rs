@@ -69,10 +69,15 @@ pub fn sources(
 pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input, EvaluateError> {
     let mut input = Input::default();
     for source in sources {
-        if source.detections.is_dir() {
+        let detections = &source.detections;
+        if detections.is_dir() {
             folder::read(source, &mut input)?;
-        } else {
+        } else if detections.is_file() {
             json_lines::read(source, image, &mut input)?;
+        } else {
+            return Err(EvaluateError::NoDetections {
+                path: detections.clone(),
+            });
         }
     }
     Ok(input)
