@@ -30,16 +30,19 @@ pub enum Fate {
     TooFewPoints = 3,
     /// Larger than any road user.
     Oversized = 4,
+    /// The detection's box made no sense (a size that is not above 0, a place that is not finite).
+    InvalidBox = 5,
 }
 
 impl Fate {
     /// All, by number.
-    pub const ALL: [Fate; 5] = [
+    pub const ALL: [Fate; 6] = [
         Fate::Published,
         Fate::OverlapsKnown,
         Fate::OverlapsUnknown,
         Fate::TooFewPoints,
         Fate::Oversized,
+        Fate::InvalidBox,
     ];
 
     /// The word in the JSON lines.
@@ -50,6 +53,7 @@ impl Fate {
             "overlaps_unknown",
             "too_few_points",
             "oversized",
+            "invalid_box",
         ][self as usize]
     }
 }

@@ -1,0 +1,198 @@
+//! Join distance that grows with range, seen from above: the default of the improved method.
+//!
+//! The gap between neighbouring beams and columns grows with range, and so does the distance within which two points
+//! belong to one thing. It is fixed for a candidate by its seed's range. Points are sorted into cells whose diagonal is
+//! the join distance: all points of a cell belong together, and of two cells only one pair of points must be near
+//! enough. So the result equals joining point by point, and cost grows with the points and not with their pairs.
+
+use super::{Bounds, Clusterer, is_allowed};
+use crate::buckets::Buckets;
+use crate::neighbourhood::Neighbourhood;
+use crate::settings::DistanceSettings;
+
+/// Range-scaled joining over bird's-eye buckets.
+#[derive(Debug)]
+pub struct Distance {
+    join_m: f64,
+    join_per_range: f64,
+    join_max_m: f64,
+    buckets: Buckets,
+    reached: Vec<bool>,
+    queue: Vec<u32>,
+    /// Lowest x, y and highest x, y of each reached cell's points, m.
+    extents: Vec<[f32; 4]>,
+}
+
+impl Distance {
+    /// From the settings.
+    pub fn new(settings: &DistanceSettings) -> Distance {
+        Distance {
+            join_m: settings.join_m,
+            join_per_range: settings.join_per_range,
+            join_max_m: settings.join_max_m,
+            buckets: Buckets::default(),
+            reached: Vec::new(),
+            queue: Vec::new(),
+            extents: Vec::new(),
+        }
+    }
+
+    /// The join distance at a range, m.
+    pub fn join_distance_m(&self, range_m: f64) -> f64 {
+        (self.join_m + self.join_per_range * range_m).min(self.join_max_m)
+    }
+
+    fn measure_cells(&mut self, around: &Neighbourhood) {
+        self.extents.clear();
+        for cell in 0..self.buckets.cells() {
+            let mut extent = [
+                f32::INFINITY,
+                f32::INFINITY,
+                f32::NEG_INFINITY,
+                f32::NEG_INFINITY,
+            ];
+            for &point in self.buckets.points(cell) {
+                let (x, y) = (around.x_m[point as usize], around.y_m[point as usize]);
+                extent = [
+                    extent[0].min(x),
+                    extent[1].min(y),
+                    extent[2].max(x),
+                    extent[3].max(y),
+                ];
+            }
+            self.extents.push(extent);
+        }
+    }
+
+    /// Whether any point of one cell is within the join distance of any point of another.
+    fn touch(&self, around: &Neighbourhood, a: usize, b: usize, join_squared: f32) -> bool {
+        let (ea, eb) = (self.extents[a], self.extents[b]);
+        let gap = |axis: usize| {
+            (eb[axis] - ea[axis + 2])
+                .max(ea[axis] - eb[axis + 2])
+                .max(0.0)
+        };
+        if gap(0) * gap(0) + gap(1) * gap(1) > join_squared {
+            return false;
+        }
+        self.buckets.points(a).iter().any(|&p| {
+            let (x, y) = (around.x_m[p as usize], around.y_m[p as usize]);
+            self.buckets.points(b).iter().any(|&q| {
+                let (dx, dy) = (around.x_m[q as usize] - x, around.y_m[q as usize] - y);
+                dx * dx + dy * dy <= join_squared
+            })
+        })
+    }
+}
+
+impl Clusterer for Distance {
+    fn grow(
+        &mut self,
+        around: &Neighbourhood,
+        seed: usize,
+        bounds: &Bounds,
+        members: &mut Vec<u32>,
+    ) {
+        members.clear();
+        let join_m = (self.join_distance_m(around.range_m(seed)) * bounds.scale) as f32;
+        let allowed = is_allowed(around, seed, bounds);
+        // A little below the exact size, so that rounding cannot put two distant points into one cell.
+        let cell_m = join_m * (0.999 / std::f32::consts::SQRT_2);
+        self.buckets.fill(&around.x_m, &around.y_m, cell_m, |i| {
+            i == seed || allowed(i)
+        });
+        self.measure_cells(around);
+        self.reached.clear();
+        self.reached.resize(self.buckets.cells(), false);
+        self.queue.clear();
+        let start = self.buckets.cell_at(around.x_m[seed], around.y_m[seed]);
+        self.reached[start] = true;
+        self.queue.push(start as u32);
+        let mut next = 0;
+        while let Some(&cell) = self.queue.get(next) {
+            next += 1;
+            let cell = cell as usize;
+            members.extend_from_slice(self.buckets.points(cell));
+            for dy in -2isize..=2 {
+                for dx in -2isize..=2 {
+                    let Some(other) = self.buckets.shifted(cell, dx, dy) else {
+                        continue;
+                    };
+                    if !self.reached[other]
+                        && !self.buckets.points(other).is_empty()
+                        && self.touch(around, cell, other, join_m * join_m)
+                    {
+                        self.reached[other] = true;
+                        self.queue.push(other as u32);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scattered(count: usize) -> Neighbourhood {
+        let mut around = Neighbourhood {
+            origin_m: [15.0, 3.0],
+            ..Neighbourhood::default()
+        };
+        for i in 0..count {
+            let f =
+                |k: f64, m: f64| ((i as f64 * k).sin() * 43758.5453).rem_euclid(1.0) * m - m / 2.0;
+            around.x_m.push(f(12.9898, 9.0) as f32);
+            around.y_m.push(f(78.233, 9.0) as f32);
+            around.z_m.push(f(37.719, 2.0) as f32);
+            around.height_m.push(1.0);
+            around.index.push(i as u32);
+            around.is_known.push(false);
+        }
+        around
+    }
+
+    /// Joins pair by pair.
+    fn plain(around: &Neighbourhood, seed: usize, join_m: f32) -> Vec<u32> {
+        let near = |a: usize, b: usize, d: f32| {
+            let (dx, dy) = (around.x_m[a] - around.x_m[b], around.y_m[a] - around.y_m[b]);
+            dx * dx + dy * dy <= d * d
+        };
+        let mut members = vec![seed as u32];
+        let mut next = 0;
+        while next < members.len() {
+            let t = members[next] as usize;
+            next += 1;
+            for s in 0..around.len() {
+                if near(s, t, join_m) && !members.contains(&(s as u32)) {
+                    members.push(s as u32);
+                }
+            }
+        }
+        members.sort_unstable();
+        members
+    }
+
+    #[test]
+    fn equals_joining_point_by_point() {
+        let mut partial = 0;
+        for count in [1, 2, 60, 150, 250, 400] {
+            let around = scattered(count);
+            let mut distance = Distance::new(&DistanceSettings::default());
+            for seed in [0, count / 2, count - 1] {
+                let bounds = Bounds {
+                    height_min_m: 0.2,
+                    scale: 0.8,
+                };
+                let join = (distance.join_distance_m(around.range_m(seed)) * 0.8) as f32;
+                let mut members = Vec::new();
+                distance.grow(&around, seed, &bounds, &mut members);
+                members.sort_unstable();
+                assert_eq!(members, plain(&around, seed, join), "{count} {seed}");
+                partial += usize::from(members.len() > 3 && members.len() < count / 2);
+            }
+        }
+        assert!(partial > 0, "no case between alone and everything");
+    }
+}

@@ -1,0 +1,131 @@
+//! An object in the making: one for each detection, in the detections' order.
+
+use mluc_geometry::Box3;
+use mluc_ipc_types::{Detection, DetectionKind, FOOTPRINT_MAX, Fate, Object, ObjectKind};
+
+/// What is known of one object before it is written out.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Draft {
+    pub(crate) detection: usize,
+    pub(crate) kind: ObjectKind,
+    pub(crate) fate: Fate,
+    /// Detection of the object that suppressed this one.
+    pub(crate) by: Option<usize>,
+    pub(crate) score: f32,
+    pub(crate) shape: Box3,
+    /// Range in the list of points.
+    pub(crate) points: (usize, usize),
+    pub(crate) footprint_m: [[f32; 2]; FOOTPRINT_MAX],
+    pub(crate) footprint_count: usize,
+}
+
+/// Coordinates and sizes beyond this are nonsense, m.
+const FAR_M: f32 = 1e4;
+
+/// The detection's box, if it is one.
+pub(crate) fn sound_box(detection: &Detection, classes: usize) -> Option<Box3> {
+    let place = detection.center_m.iter().all(|v| v.abs() <= FAR_M);
+    let size = detection.size_m.iter().all(|&v| v > 0.0 && v <= FAR_M);
+    let known_kind = detection.kind <= DetectionKind::Candidate as u32;
+    let sound = place
+        && size
+        && detection.yaw_rad.abs() <= FAR_M
+        && detection.score.is_finite()
+        && (detection.class_id as usize) < classes
+        && known_kind;
+    sound.then(|| Box3 {
+        center_m: detection.center_m.map(f64::from),
+        size_m: detection.size_m.map(f64::from),
+        yaw_rad: f64::from(detection.yaw_rad),
+    })
+}
+
+/// Ranking score of an unknown object: 1 / e (the paper ranks by -e), finite, 0 where e makes no sense.
+pub(crate) fn unknown_score(detection: &Detection) -> f32 {
+    /// Far above anything that a model gives.
+    const SCORE_MAX: f32 = 1e6;
+    match detection.eds > 0.0 && detection.eds.is_finite() {
+        true => (1.0 / detection.eds).min(SCORE_MAX),
+        false => 0.0,
+    }
+}
+
+impl Draft {
+    /// With the detection's own box.
+    pub(crate) fn of_proposal(index: usize, detection: &Detection, shape: Box3) -> Draft {
+        let (kind, score) = match detection.is_candidate() {
+            true => (ObjectKind::Unknown, unknown_score(detection)),
+            false => (ObjectKind::Known, detection.score),
+        };
+        let mut draft = Draft {
+            detection: index,
+            kind,
+            fate: Fate::Published,
+            by: None,
+            score,
+            shape,
+            points: (0, 0),
+            footprint_m: [[0.0; 2]; FOOTPRINT_MAX],
+            footprint_count: 0,
+        };
+        draft.set_footprint(&shape.footprint_m(), [0.0; 2]);
+        draft
+    }
+
+    /// For a detection that is none: no size, in the sensor's place.
+    pub(crate) fn of_nonsense(index: usize, detection: &Detection) -> Draft {
+        let nowhere = Box3::new([0.0; 7]);
+        Draft {
+            fate: Fate::InvalidBox,
+            score: 0.0,
+            footprint_count: 0,
+            ..Draft::of_proposal(index, detection, nowhere)
+        }
+    }
+
+    /// Corners relative to an origin, m; those beyond the contract's limit are left out.
+    pub(crate) fn set_footprint(&mut self, corners_m: &[[f64; 2]], origin_m: [f64; 2]) {
+        self.footprint_count = corners_m.len().min(FOOTPRINT_MAX);
+        self.footprint_m = [[0.0; 2]; FOOTPRINT_MAX];
+        for (to, from) in self.footprint_m.iter_mut().zip(corners_m) {
+            *to = [
+                (from[0] + origin_m[0]) as f32,
+                (from[1] + origin_m[1]) as f32,
+            ];
+        }
+    }
+
+    pub(crate) fn is_unknown(&self) -> bool {
+        self.kind == ObjectKind::Unknown
+    }
+
+    /// The object as the contract has it; its points begin at `points_first`.
+    pub(crate) fn object(
+        &self,
+        detection: &Detection,
+        classes: usize,
+        points: (u32, u32),
+    ) -> Object {
+        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        Object {
+            kind: self.kind as u32,
+            fate: self.fate as u32,
+            by: self.by.map_or(Object::NONE, |by| by as u32),
+            class_id: match (detection.class_id as usize) < classes {
+                true => detection.class_id,
+                false => 0,
+            },
+            score: self.score,
+            center_m: self.shape.center_m.map(|v| v as f32),
+            size_m: self.shape.size_m.map(|v| v as f32),
+            yaw_rad: self.shape.yaw_rad as f32,
+            eds: finite(detection.eds),
+            eds_normalised: finite(detection.eds_normalised),
+            threshold: finite(detection.threshold),
+            points_first: points.0,
+            points_count: points.1,
+            footprint_count: self.footprint_count as u32,
+            footprint_m: self.footprint_m,
+        }
+    }
+}

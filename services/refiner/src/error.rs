@@ -1,0 +1,24 @@
+//! What can be wrong with a refiner's settings.
+
+/// Settings or a sensor that no refiner can work with.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RefinerError {
+    /// A length, angle or share outside of what makes sense.
+    #[error("refiner setting {name}: expected {expected}, found {found}")]
+    Setting {
+        /// The setting's key.
+        name: &'static str,
+        /// In words, with the unit.
+        expected: &'static str,
+        /// The value given.
+        found: f64,
+    },
+    /// The model's beam table cannot make a range image.
+    #[error("the model's beams: expected {expected}, found {found}")]
+    Beams {
+        /// In words.
+        expected: &'static str,
+        /// The entry.
+        found: f64,
+    },
+}

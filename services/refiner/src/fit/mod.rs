@@ -1,0 +1,150 @@
+//! A box around a cluster: rectangle seen from above, then height and the parts that the sensor cannot see.
+
+mod axis_aligned;
+mod closeness;
+mod extend;
+mod footprint;
+mod minimum_area;
+
+pub use axis_aligned::axis_aligned;
+pub use closeness::Closeness;
+pub use extend::{Extend, Side};
+pub use footprint::footprint;
+pub use minimum_area::minimum_area;
+
+use serde::{Deserialize, Serialize};
+
+/// How a rectangle is laid around a cluster.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BoxFit {
+    /// Sides along x and y.
+    AxisAligned,
+    /// The rectangle of least area.
+    MinimumArea,
+    /// The rectangle whose sides the points lie closest to (Zhang et al., 2017).
+    #[default]
+    Closeness,
+}
+
+/// Points of one cluster, in columns: x and y relative to an origin near them, z in the sensor frame, m.
+#[derive(Debug, Default)]
+pub struct ClusterPoints {
+    /// m.
+    pub x_m: Vec<f32>,
+    /// m.
+    pub y_m: Vec<f32>,
+    /// m.
+    pub z_m: Vec<f32>,
+}
+
+impl ClusterPoints {
+    /// No points.
+    pub fn clear(&mut self) {
+        self.x_m.clear();
+        self.y_m.clear();
+        self.z_m.clear();
+    }
+
+    /// One more.
+    pub fn push(&mut self, x_m: f32, y_m: f32, z_m: f32) {
+        self.x_m.push(x_m);
+        self.y_m.push(y_m);
+        self.z_m.push(z_m);
+    }
+
+    /// Points.
+    pub fn len(&self) -> usize {
+        self.x_m.len()
+    }
+
+    /// No point.
+    pub fn is_empty(&self) -> bool {
+        self.x_m.is_empty()
+    }
+
+    /// Lowest and highest z, m; `None` without points.
+    pub fn z_range_m(&self) -> Option<[f32; 2]> {
+        let first = *self.z_m.first()?;
+        Some(self.z_m.iter().fold([first; 2], |[low, high], &z| {
+            [
+                if z < low { z } else { low },
+                if z > high { z } else { high },
+            ]
+        }))
+    }
+
+    /// Lowest and highest coordinate along a direction, m.
+    pub fn span_m(&self, direction: [f32; 2]) -> [f32; 2] {
+        span(&self.x_m, &self.y_m, direction)
+    }
+
+    /// The tight rectangle whose u axis points to `yaw_rad`.
+    pub fn rectangle(&self, yaw_rad: f64) -> Rectangle {
+        let (sin, cos) = (yaw_rad.sin() as f32, yaw_rad.cos() as f32);
+        Rectangle {
+            yaw_rad,
+            u_m: self.span_m([cos, sin]).map(f64::from),
+            v_m: self.span_m([-sin, cos]).map(f64::from),
+        }
+    }
+}
+
+/// A rectangle around the origin of its points: axis u at `yaw_rad` from x, v a quarter turn further.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rectangle {
+    /// rad.
+    pub yaw_rad: f64,
+    /// From and to, m.
+    pub u_m: [f64; 2],
+    /// From and to, m.
+    pub v_m: [f64; 2],
+}
+
+impl Rectangle {
+    /// Along u and along v, m.
+    pub fn size_m(&self) -> [f64; 2] {
+        [self.u_m[1] - self.u_m[0], self.v_m[1] - self.v_m[0]]
+    }
+
+    /// Centre relative to the points' origin, m.
+    pub fn center_m(&self) -> [f64; 2] {
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let (u, v) = (
+            (self.u_m[0] + self.u_m[1]) / 2.0,
+            (self.v_m[0] + self.v_m[1]) / 2.0,
+        );
+        [u * cos - v * sin, u * sin + v * cos]
+    }
+}
+
+/// Lanes of the loops below: wide enough for the compiler to use vectors.
+const LANES: usize = 8;
+
+/// Lowest and highest `x * d[0] + y * d[1]`; infinities without points.
+fn span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
+    let mut low = [f32::INFINITY; LANES];
+    let mut high = [f32::NEG_INFINITY; LANES];
+    let mut take = |lane: usize, x: f32, y: f32| {
+        let t = x * d[0] + y * d[1];
+        low[lane] = if t < low[lane] { t } else { low[lane] };
+        high[lane] = if t > high[lane] { t } else { high[lane] };
+    };
+    let (x_blocks, y_blocks) = (x.chunks_exact(LANES), y.chunks_exact(LANES));
+    let rest = x_blocks.remainder().iter().zip(y_blocks.remainder());
+    for (x, y) in x_blocks.zip(y_blocks) {
+        for lane in 0..LANES {
+            take(lane, x[lane], y[lane]);
+        }
+    }
+    for (&x, &y) in rest {
+        take(0, x, y);
+    }
+    let least = low
+        .iter()
+        .fold(f32::INFINITY, |a, &b| if b < a { b } else { a });
+    let most = high
+        .iter()
+        .fold(f32::NEG_INFINITY, |a, &b| if b > a { b } else { a });
+    [least, most]
+}

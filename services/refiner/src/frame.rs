@@ -1,0 +1,292 @@
+//! One pass over the scan: the points near any detection, sorted into cells of 1 m seen from above.
+//!
+//! A counting sort that is linear in the points. Points far from every detection are touched once and then forgotten,
+//! so the cost of all that follows depends on the regions alone. Points that are not finite, or further than
+//! 128 m from the sensor along x or y, are left out and counted.
+
+use mluc_ipc_types::{POINTS_MAX, Point};
+
+/// Half the side of the square that is looked at, m: farther than such sensors reach.
+const HALF_EXTENT_M: f64 = 128.0;
+/// Cells of 1 m along a side.
+const SIDE: usize = 2 * HALF_EXTENT_M as usize;
+const CELLS: usize = SIDE * SIDE;
+/// A point in no wanted cell.
+const NO_CELL: u32 = u32::MAX;
+
+/// A point with its place in the scan.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct IndexedPoint {
+    /// x, y, z, m.
+    pub at_m: [f32; 3],
+    /// Index into the scan.
+    pub index: u32,
+}
+
+/// The scan's points near the detections, by cell.
+#[derive(Debug)]
+pub struct FrameIndex {
+    wanted: Vec<bool>,
+    /// First slot of each cell, and one past the last.
+    cell_first: Vec<u32>,
+    /// Slot of each cell's lowest point; [`NO_CELL`] where it is empty.
+    lowest_slot: Vec<u32>,
+    cell_of_point: Vec<u32>,
+    slots: Vec<IndexedPoint>,
+    /// Points with NaN or infinity.
+    pub not_finite: u32,
+    /// Points beyond the square, and points beyond the contract's limit.
+    pub outside: u32,
+}
+
+impl Default for FrameIndex {
+    fn default() -> FrameIndex {
+        FrameIndex {
+            wanted: vec![false; CELLS],
+            cell_first: vec![0; CELLS + 1],
+            lowest_slot: vec![NO_CELL; CELLS],
+            cell_of_point: Vec::with_capacity(POINTS_MAX),
+            slots: Vec::with_capacity(POINTS_MAX),
+            not_finite: 0,
+            outside: 0,
+        }
+    }
+}
+
+/// A range of cells along x and along y, both ends included.
+#[derive(Clone, Copy, Debug)]
+struct Cells {
+    x: (usize, usize),
+    y: (usize, usize),
+}
+
+impl FrameIndex {
+    /// Forgets the regions of the last frame.
+    pub fn start(&mut self) {
+        self.wanted.fill(false);
+    }
+
+    /// Asks for the points of a square around a centre, m. Centres and half sides that are not finite ask for nothing.
+    pub fn want(&mut self, center_m: [f64; 2], half_side_m: f64) {
+        let Some(cells) = Cells::around(center_m, half_side_m) else {
+            return;
+        };
+        for iy in cells.y.0..=cells.y.1 {
+            self.wanted[iy * SIDE + cells.x.0..=iy * SIDE + cells.x.1].fill(true);
+        }
+    }
+
+    /// Sorts the scan; points beyond [`POINTS_MAX`] are left out.
+    pub fn sort(&mut self, scan: &[Point]) {
+        self.outside = scan.len().saturating_sub(POINTS_MAX) as u32;
+        let scan = &scan[..scan.len().min(POINTS_MAX)];
+        self.count_cells(scan);
+        self.fill_slots(scan);
+        self.find_lowest();
+    }
+
+    fn count_cells(&mut self, scan: &[Point]) {
+        self.not_finite = 0;
+        self.cell_first.fill(0);
+        self.cell_of_point.clear();
+        for point in scan {
+            let cell = cell_of(point);
+            let cell = match cell {
+                Some(cell) if self.wanted[cell as usize] => {
+                    self.cell_first[cell as usize + 1] += 1;
+                    cell
+                }
+                Some(_) => NO_CELL,
+                None => {
+                    match point.x_m.is_finite() && point.y_m.is_finite() && point.z_m.is_finite() {
+                        true => self.outside += 1,
+                        false => self.not_finite += 1,
+                    }
+                    NO_CELL
+                }
+            };
+            self.cell_of_point.push(cell);
+        }
+        let mut sum = 0;
+        for first in &mut self.cell_first {
+            sum += *first;
+            *first = sum;
+        }
+    }
+
+    /// `cell_first[c]` serves as the cursor of cell c and ends as the first slot of cell c + 1: the sum above is
+    /// inclusive one place to the right, so it is walked back afterwards.
+    fn fill_slots(&mut self, scan: &[Point]) {
+        let count = self.cell_first[CELLS] as usize;
+        self.slots.clear();
+        self.slots.resize(count, IndexedPoint::default());
+        for (index, (point, &cell)) in scan.iter().zip(&self.cell_of_point).enumerate() {
+            if cell != NO_CELL {
+                let cursor = &mut self.cell_first[cell as usize];
+                self.slots[*cursor as usize] = IndexedPoint {
+                    at_m: [point.x_m, point.y_m, point.z_m],
+                    index: index as u32,
+                };
+                *cursor += 1;
+            }
+        }
+        self.cell_first.copy_within(0..CELLS, 1);
+        self.cell_first[0] = 0;
+    }
+
+    /// Ties go by x and y, so that the order of the scan does not matter.
+    fn find_lowest(&mut self) {
+        let key = |slot: u32| {
+            let [x, y, z] = self.slots[slot as usize].at_m;
+            [z, x, y]
+        };
+        for cell in 0..CELLS {
+            let (first, end) = (self.cell_first[cell], self.cell_first[cell + 1]);
+            self.lowest_slot[cell] =
+                match first < end {
+                    true => (first + 1..end).fold(first, |best, slot| {
+                        if key(slot) < key(best) { slot } else { best }
+                    }),
+                    false => NO_CELL,
+                };
+        }
+    }
+
+    /// The points of the wanted cells that a square touches, row by row; at least all points inside it.
+    pub fn rows_around(
+        &self,
+        center_m: [f64; 2],
+        half_side_m: f64,
+    ) -> impl Iterator<Item = &[IndexedPoint]> {
+        let cells = Cells::around(center_m, half_side_m);
+        cells.into_iter().flat_map(move |cells| {
+            (cells.y.0..=cells.y.1).map(move |iy| {
+                let first = self.cell_first[iy * SIDE + cells.x.0] as usize;
+                let end = self.cell_first[iy * SIDE + cells.x.1 + 1] as usize;
+                &self.slots[first..end]
+            })
+        })
+    }
+
+    /// The lowest point of every wanted cell that a square touches.
+    pub fn lowest_around(
+        &self,
+        center_m: [f64; 2],
+        half_side_m: f64,
+    ) -> impl Iterator<Item = &IndexedPoint> {
+        let cells = Cells::around(center_m, half_side_m);
+        cells.into_iter().flat_map(move |cells| {
+            (cells.y.0..=cells.y.1).flat_map(move |iy| {
+                self.lowest_slot[iy * SIDE + cells.x.0..=iy * SIDE + cells.x.1]
+                    .iter()
+                    .filter(|&&slot| slot != NO_CELL)
+                    .map(|&slot| &self.slots[slot as usize])
+            })
+        })
+    }
+}
+
+fn cell_of(point: &Point) -> Option<u32> {
+    const SIDE_F: f32 = SIDE as f32;
+    let x = point.x_m + HALF_EXTENT_M as f32;
+    let y = point.y_m + HALF_EXTENT_M as f32;
+    // Comparisons with NaN are false.
+    let side = 0.0..SIDE_F;
+    let inside = side.contains(&x) && side.contains(&y) && point.z_m.is_finite();
+    inside.then(|| y as u32 * SIDE as u32 + x as u32)
+}
+
+impl Cells {
+    fn around(center_m: [f64; 2], half_side_m: f64) -> Option<Cells> {
+        let span = |center: f64| {
+            let low = center - half_side_m + HALF_EXTENT_M;
+            let high = center + half_side_m + HALF_EXTENT_M;
+            // False for NaN as well.
+            let meets = low < SIDE as f64 && high >= 0.0 && low <= high;
+            meets.then(|| (low.max(0.0) as usize, (high as usize).min(SIDE - 1)))
+        };
+        Some(Cells {
+            x: span(center_m[0])?,
+            y: span(center_m[1])?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x_m: f32, y_m: f32, z_m: f32) -> Point {
+        Point {
+            x_m,
+            y_m,
+            z_m,
+            intensity: 0.0,
+        }
+    }
+
+    #[test]
+    fn only_the_wanted_points_are_kept_and_the_rest_is_counted() {
+        let scan = [
+            at(10.2, 0.0, 1.0),
+            at(10.8, 0.4, -1.0),
+            at(50.0, 0.0, 0.0),
+            at(f32::NAN, 0.0, 0.0),
+            at(10.0, 0.0, f32::INFINITY),
+            at(500.0, 0.0, 0.0),
+        ];
+        let mut frame = FrameIndex::default();
+        for _ in 0..2 {
+            frame.start();
+            frame.want([10.0, 0.0], 2.0);
+            frame.want([f64::NAN, 0.0], 2.0);
+            frame.want([0.0, 0.0], f64::INFINITY.min(-1.0));
+            frame.sort(&scan);
+            let found: Vec<u32> = frame
+                .rows_around([10.0, 0.0], 2.0)
+                .flatten()
+                .map(|p| p.index)
+                .collect();
+            assert_eq!(found, [0, 1]);
+            assert_eq!((frame.not_finite, frame.outside), (2, 1));
+            let lowest: Vec<u32> = frame
+                .lowest_around([10.0, 0.0], 2.0)
+                .map(|p| p.index)
+                .collect();
+            assert_eq!(lowest, [1]);
+        }
+    }
+
+    #[test]
+    fn points_beyond_the_limit_are_counted() {
+        let scan = vec![at(1.0, 1.0, 0.0); POINTS_MAX + 7];
+        let mut frame = FrameIndex::default();
+        frame.start();
+        frame.want([1.0, 1.0], 1.0);
+        frame.sort(&scan);
+        assert_eq!(frame.outside, 7);
+        let found = frame.rows_around([1.0, 1.0], 1.0).flatten().count();
+        assert_eq!(found, POINTS_MAX);
+    }
+
+    #[test]
+    fn every_wanted_point_is_in_its_row_once() {
+        let scan: Vec<Point> = (0..4000)
+            .map(|i| {
+                let i = i as f32;
+                at((i * 0.37) % 60.0 - 30.0, (i * 0.91) % 50.0 - 25.0, i * 1e-3)
+            })
+            .collect();
+        let mut frame = FrameIndex::default();
+        frame.start();
+        frame.want([0.0, 0.0], 40.0);
+        frame.sort(&scan);
+        let mut found: Vec<u32> = frame
+            .rows_around([0.0, 0.0], 40.0)
+            .flatten()
+            .map(|p| p.index)
+            .collect();
+        found.sort_unstable();
+        assert!(found.iter().copied().eq(0..4000));
+    }
+}

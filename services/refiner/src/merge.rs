@@ -1,0 +1,190 @@
+//! Which unknown boxes stay (paper algorithm 1's last line, and what it leaves open).
+
+use mluc_geometry::{Box3, intersection_over_min_area, iou_bev};
+use mluc_ipc_types::{Fate, Point};
+
+use crate::draft::Draft;
+use crate::recipe::MergeRule;
+use crate::settings::Settings;
+
+/// Suppresses unknowns that overlap; `points` are the points of each draft by its range. `order` is a buffer.
+pub(crate) fn merge(
+    drafts: &mut [Draft],
+    points: &[u32],
+    scan: &[Point],
+    rule: MergeRule,
+    settings: &Settings,
+    order: &mut Vec<usize>,
+) {
+    order.clear();
+    order.extend((0..drafts.len()).filter(|&i| is_standing(&drafts[i])));
+    let rules = &settings.merge;
+    match rule {
+        MergeRule::LargerFirst => {
+            sort_by(order, drafts, |d| d.shape.volume_m3());
+            suppress(drafts, order, |a, b| {
+                iou_bev(a, b) > settings.literal.nms_iou
+            });
+        }
+        MergeRule::BetterFirst => {
+            clash_with_known(drafts, points, scan, settings);
+            order.retain(|&i| is_standing(&drafts[i]));
+            sort_by(order, drafts, |d| f64::from(d.score));
+            suppress(drafts, order, |a, b| {
+                intersection_over_min_area(a, b) > rules.overlap_max
+            });
+        }
+        MergeRule::KnownOnly => clash_with_known(drafts, points, scan, settings),
+    }
+}
+
+fn is_standing(draft: &Draft) -> bool {
+    draft.is_unknown() && draft.fate == Fate::Published
+}
+
+/// Best first; ties by place, so that the order of the detections does not matter.
+fn sort_by(order: &mut [usize], drafts: &[Draft], value: impl Fn(&Draft) -> f64) {
+    order.sort_unstable_by(|&a, &b| {
+        let (a, b) = (&drafts[a], &drafts[b]);
+        let place = |d: &Draft| [d.shape.center_m, d.shape.size_m];
+        value(b)
+            .total_cmp(&value(a))
+            .then_with(|| {
+                place(a)
+                    .partial_cmp(&place(b))
+                    .unwrap_or(std::cmp::Ordering::Equal)
+            })
+            .then(a.detection.cmp(&b.detection))
+    });
+}
+
+/// Greedy: a box goes when it overlaps one that stays.
+fn suppress(drafts: &mut [Draft], order: &[usize], overlaps: impl Fn(&Box3, &Box3) -> bool) {
+    for (rank, &index) in order.iter().enumerate() {
+        let by = order[..rank].iter().copied().find(|&better| {
+            is_standing(&drafts[better]) && overlaps(&drafts[better].shape, &drafts[index].shape)
+        });
+        if let Some(by) = by {
+            drafts[index].fate = Fate::OverlapsUnknown;
+            drafts[index].by = Some(drafts[by].detection);
+        }
+    }
+}
+
+/// An unknown goes when most of its points lie in a sure known box, or when their boxes overlap.
+fn clash_with_known(drafts: &mut [Draft], points: &[u32], scan: &[Point], settings: &Settings) {
+    for index in 0..drafts.len() {
+        if !is_standing(&drafts[index]) {
+            continue;
+        }
+        let unknown = &drafts[index];
+        let own = &points[unknown.points.0..unknown.points.1];
+        let by = drafts.iter().find(|known| {
+            !known.is_unknown()
+                && known.fate == Fate::Published
+                && known.score >= settings.merge.known_score_min
+                && clashes(unknown, known, own, scan, settings)
+        });
+        if let Some(by) = by.map(|known| known.detection) {
+            drafts[index].fate = Fate::OverlapsKnown;
+            drafts[index].by = Some(by);
+        }
+    }
+}
+
+fn clashes(
+    unknown: &Draft,
+    known: &Draft,
+    own: &[u32],
+    scan: &[Point],
+    settings: &Settings,
+) -> bool {
+    let half = |b: &Box3| b.size_m[0].hypot(b.size_m[1]) / 2.0;
+    let apart = (0..2)
+        .map(|i| (unknown.shape.center_m[i] - known.shape.center_m[i]).powi(2))
+        .sum::<f64>()
+        .sqrt();
+    // Points of the cluster lie in its tight box, which growing to the unseen side moves by less than its size.
+    if apart > 2.0 * half(&unknown.shape) + half(&known.shape) {
+        return false;
+    }
+    if iou_bev(&unknown.shape, &known.shape) > settings.merge.known_iou {
+        return true;
+    }
+    let inside = own
+        .iter()
+        .filter_map(|&i| scan.get(i as usize))
+        .filter(|p| known.shape.contains([p.x_m, p.y_m, p.z_m].map(f64::from)))
+        .count();
+    inside as f64 > settings.merge.known_points_share * own.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_ipc_types::{Detection, DetectionKind};
+
+    fn draft(index: usize, kind: DetectionKind, x: f64, length: f64, score: f32) -> Draft {
+        let detection = Detection {
+            kind: kind as u32,
+            score,
+            eds: 1.0 / score,
+            ..Detection::default()
+        };
+        let shape = Box3::new([x, 0.0, 0.0, length, 2.0, 1.5, 0.0]);
+        Draft::of_proposal(index, &detection, shape)
+    }
+
+    fn fates(mut drafts: Vec<Draft>, rule: MergeRule) -> Vec<(Fate, Option<usize>)> {
+        merge(
+            &mut drafts,
+            &[],
+            &[],
+            rule,
+            &Settings::default(),
+            &mut Vec::new(),
+        );
+        drafts.iter().map(|d| (d.fate, d.by)).collect()
+    }
+
+    use DetectionKind::{Candidate, Known};
+
+    #[test]
+    fn the_better_of_two_unknowns_stays() {
+        let drafts = vec![
+            draft(0, Candidate, 0.0, 6.0, 0.2),
+            draft(1, Candidate, 0.5, 4.0, 0.9),
+            draft(2, Candidate, 20.0, 4.0, 0.1),
+        ];
+        let stays = (Fate::Published, None);
+        assert_eq!(
+            fates(drafts.clone(), MergeRule::BetterFirst),
+            [(Fate::OverlapsUnknown, Some(1)), stays, stays]
+        );
+        assert_eq!(
+            fates(drafts, MergeRule::LargerFirst),
+            [stays, (Fate::OverlapsUnknown, Some(0)), stays]
+        );
+    }
+
+    #[test]
+    fn a_sure_known_object_suppresses_and_an_unsure_one_does_not() {
+        let case = |score| {
+            let drafts = vec![
+                draft(0, Known, 0.0, 4.0, score),
+                draft(1, Candidate, 0.3, 4.0, 0.9),
+            ];
+            fates(drafts, MergeRule::BetterFirst)[1]
+        };
+        assert_eq!(case(0.8), (Fate::OverlapsKnown, Some(0)));
+        assert_eq!(case(0.4), (Fate::Published, None));
+        let literal = vec![
+            draft(0, Known, 0.0, 4.0, 0.9),
+            draft(1, Candidate, 0.3, 4.0, 0.9),
+        ];
+        assert_eq!(
+            fates(literal, MergeRule::LargerFirst)[1],
+            (Fate::Published, None)
+        );
+    }
+}

@@ -1,0 +1,118 @@
+//! What a mode consists of: the parts that are put together for it.
+
+use crate::cluster::{Clusterer, Dbscan, Depth, Distance, Euclidean, Literal};
+use crate::fit::{BoxFit, Extend, Side};
+use crate::{Mode, Sensor, Settings};
+
+/// Which point a cluster starts from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SeedRule {
+    /// A random one inside the box (the paper).
+    RandomInside,
+    /// The one nearest the centre that stands on the ground.
+    NearestToCenter,
+}
+
+/// Who suppresses whom.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum MergeRule {
+    /// Larger boxes first, by rotated overlap; known objects play no part (the paper).
+    LargerFirst,
+    /// Better scores first, by intersection over the smaller area; known objects suppress.
+    BetterFirst,
+    /// Nobody: the proposals stay as they are.
+    KnownOnly,
+}
+
+/// The parts of a mode.
+#[derive(Debug)]
+pub(crate) struct Recipe {
+    pub(crate) seed: SeedRule,
+    pub(crate) merge: MergeRule,
+    /// Whether the ground is looked for and removed.
+    pub(crate) removes_ground: bool,
+    /// Points higher above the ground belong to nothing on the road, m.
+    pub(crate) height_max_m: f64,
+    pub(crate) fit: BoxFit,
+    pub(crate) extend: Extend,
+    /// l, w, h above which a cluster is grown again with a shorter reach, and how often.
+    pub(crate) shrink: Option<([f64; 3], u32)>,
+    /// Whether the points of known objects are kept apart.
+    pub(crate) keeps_known_apart: bool,
+    pub(crate) points_min: usize,
+}
+
+/// Sizes of published boxes are above 0.
+const SIZE_MIN_M: [f64; 3] = [0.1; 3];
+
+impl Recipe {
+    pub(crate) fn of(settings: &Settings) -> Recipe {
+        let tight = Extend {
+            to_ground: false,
+            away_from_sensor: None,
+            size_min_m: SIZE_MIN_M,
+        };
+        let corrected = Recipe {
+            seed: SeedRule::NearestToCenter,
+            merge: MergeRule::BetterFirst,
+            removes_ground: true,
+            height_max_m: f64::INFINITY,
+            fit: settings.box_fit.unwrap_or(BoxFit::Closeness),
+            extend: Extend {
+                to_ground: true,
+                ..tight
+            },
+            shrink: None,
+            keeps_known_apart: false,
+            points_min: settings.points_min as usize,
+        };
+        match settings.mode {
+            Mode::Corrected => corrected,
+            Mode::Literal => Recipe {
+                seed: SeedRule::RandomInside,
+                merge: MergeRule::LargerFirst,
+                removes_ground: false,
+                fit: settings.box_fit.unwrap_or(BoxFit::AxisAligned),
+                extend: tight,
+                points_min: 1,
+                ..corrected
+            },
+            Mode::None => Recipe {
+                merge: MergeRule::KnownOnly,
+                points_min: 0,
+                ..corrected
+            },
+            Mode::Distance | Mode::Dbscan | Mode::Euclidean => Recipe {
+                height_max_m: settings.ground.height_max_m,
+                extend: Extend {
+                    away_from_sensor: Some(Side {
+                        least_m: 0.0,
+                        share: settings.distance.width_share_min,
+                    }),
+                    ..corrected.extend
+                },
+                shrink: (settings.mode == Mode::Distance).then_some((
+                    settings.distance.shrink_above_m,
+                    settings.distance.shrink_attempts,
+                )),
+                keeps_known_apart: true,
+                ..corrected
+            },
+        }
+    }
+}
+
+/// The growing algorithm of a mode; `None` for the proposal as it is.
+pub(crate) fn clusterer(settings: &Settings, sensor: &Sensor) -> Option<Box<dyn Clusterer>> {
+    match settings.mode {
+        Mode::Literal => Some(Box::new(Literal::new(&settings.literal))),
+        Mode::Corrected => Some(Box::new(Depth::new(
+            &settings.corrected,
+            sensor.beams.as_ref(),
+        ))),
+        Mode::Distance => Some(Box::new(Distance::new(&settings.distance))),
+        Mode::Dbscan => Some(Box::new(Dbscan::new(&settings.reference))),
+        Mode::Euclidean => Some(Box::new(Euclidean::new(&settings.reference))),
+        Mode::None => None,
+    }
+}

@@ -1,0 +1,96 @@
+//! What the refiner must know of the model and its sensor.
+
+use mluc_model::Manifest;
+
+use crate::RefinerError;
+
+/// Beams of a range image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BeamTable {
+    /// Elevation of each beam, rad, from the top down.
+    pub elevation_rad: Vec<f32>,
+    /// Azimuth step of a column, rad.
+    pub azimuth_step_rad: f32,
+}
+
+/// Beams of one range image at most: it bounds the image's memory.
+const BEAMS_MAX: usize = 256;
+/// Finest azimuth step, rad: 16,384 columns.
+const AZIMUTH_STEP_MIN_RAD: f32 = std::f32::consts::TAU / 16_384.0;
+/// HDL-64E at 10 Hz, rad (0.1728 degrees); taken where the table gives 0.
+const AZIMUTH_STEP_DEFAULT_RAD: f32 = 0.003_015_929;
+
+/// The sensor as the model was trained for it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensor {
+    /// Height above the ground, m.
+    pub height_m: f64,
+    /// For the range image; `None`: neighbours are found by distance.
+    pub beams: Option<BeamTable>,
+    /// Names of the known classes, in the order of `class_id`.
+    pub classes: Vec<String>,
+    /// Whether the model sees behind the vehicle too.
+    pub sees_all_around: bool,
+}
+
+impl Sensor {
+    /// A sensor without a beam table, 1.73 m above the ground, all around.
+    pub fn plain(classes: &[&str]) -> Sensor {
+        Sensor {
+            height_m: 1.73,
+            beams: None,
+            classes: classes.iter().map(|name| name.to_string()).collect(),
+            sees_all_around: true,
+        }
+    }
+
+    /// From a model file's manifest. A beam table that is not finite or not descending is refused.
+    pub fn from_manifest(manifest: &Manifest) -> Result<Sensor, RefinerError> {
+        let table = &manifest.beams;
+        let step = match table.azimuth_step_rad {
+            0.0 => AZIMUTH_STEP_DEFAULT_RAD,
+            step => step,
+        };
+        let beams = (!table.elevation_rad.is_empty()).then(|| BeamTable {
+            elevation_rad: table.elevation_rad.clone(),
+            azimuth_step_rad: step,
+        });
+        if let Some(beams) = &beams {
+            beams.check()?;
+        }
+        Ok(Sensor {
+            height_m: f64::from(manifest.sensor_height_m),
+            beams,
+            classes: manifest.classes.iter().map(|c| c.name.clone()).collect(),
+            sees_all_around: manifest.network.grid.range_min_m[0] < 0.0,
+        })
+    }
+}
+
+impl BeamTable {
+    pub(crate) fn check(&self) -> Result<(), RefinerError> {
+        let fault = |expected, found: f32| {
+            Err(RefinerError::Beams {
+                expected,
+                found: f64::from(found),
+            })
+        };
+        if self.elevation_rad.len() > BEAMS_MAX {
+            return fault("at most 256 beams", self.elevation_rad.len() as f32);
+        }
+        if let Some(&bad) = self
+            .elevation_rad
+            .iter()
+            .find(|e| e.is_nan() || e.abs() >= 1.5)
+        {
+            return fault("elevations within 1.5 rad of the horizon", bad);
+        }
+        if let Some(pair) = self.elevation_rad.windows(2).find(|p| p[1] >= p[0]) {
+            return fault("elevations from the top down", pair[1]);
+        }
+        match self.azimuth_step_rad {
+            step if (AZIMUTH_STEP_MIN_RAD..0.2).contains(&step) => Ok(()),
+            step => fault("an azimuth step of 0.0004 to 0.2 rad", step),
+        }
+    }
+}

@@ -1,0 +1,423 @@
+//! Settings with their units; every default says where its number comes from.
+
+use serde::{Deserialize, Serialize};
+
+use crate::fit::BoxFit;
+use crate::{RefinerError, Sensor};
+
+/// How a cluster is grown, and the rules around it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// The paper's algorithm 1 to the letter.
+    Literal,
+    /// Algorithm 1 with the sign turned, ground removed, and an oriented box.
+    #[default]
+    Corrected,
+    /// Join distance that grows with range, local ground, shrink, oriented box.
+    #[serde(alias = "improved")]
+    Distance,
+    /// DBSCAN (Ester et al., 1996) on what stands above the ground: a known reference.
+    Dbscan,
+    /// Euclidean clusters of one fixed tolerance above the ground: a known reference.
+    Euclidean,
+    /// The proposal box as it is.
+    None,
+}
+
+impl Mode {
+    /// All, the paper's first.
+    pub const ALL: [Mode; 6] = [
+        Mode::Literal,
+        Mode::Corrected,
+        Mode::Distance,
+        Mode::Dbscan,
+        Mode::Euclidean,
+        Mode::None,
+    ];
+
+    /// The word in the settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Mode::Literal => "literal",
+            Mode::Corrected => "corrected",
+            Mode::Distance => "distance",
+            Mode::Dbscan => "dbscan",
+            Mode::Euclidean => "euclidean",
+            Mode::None => "none",
+        }
+    }
+
+    /// By name; `improved` is another name of `distance`, `depth` of `corrected`.
+    pub fn from_name(name: &str) -> Option<Mode> {
+        match name {
+            "improved" => Some(Mode::Distance),
+            "depth" => Some(Mode::Corrected),
+            _ => Mode::ALL.into_iter().find(|mode| mode.name() == name),
+        }
+    }
+}
+
+/// Everything that can be set of the refiner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// Which algorithm.
+    pub mode: Mode,
+    /// Radius r of the cylinder around the seed, m. Unset: the paper's 4 m where the model sees all around (its
+    /// industrial park) and 5 m where it looks ahead (KITTI).
+    pub radius_m: Option<f64>,
+    /// How the rectangle is laid. Unset: along the axes for literal, by closeness for the others.
+    pub box_fit: Option<BoxFit>,
+    /// A cluster with fewer points is no object. 8 in the modes with an oriented box; literal has no such rule.
+    pub points_min: u32,
+    /// A cluster longer than this, m, is no road user (a truck with its trailer is below).
+    pub length_max_m: f64,
+    /// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged. 32,768: a car at
+    /// 4 m has some 10,000.
+    pub points_per_candidate_max: u32,
+    /// Points that all candidates of a frame may look at; candidates whose turn comes later keep their proposal box,
+    /// counted and flagged. Work is counted and not timed, so that equal input gives equal output.
+    pub work_max_points: u64,
+    /// The ground under each candidate.
+    pub ground: GroundSettings,
+    /// For [`Mode::Literal`].
+    pub literal: LiteralSettings,
+    /// For [`Mode::Corrected`].
+    pub corrected: CorrectedSettings,
+    /// For [`Mode::Distance`].
+    pub distance: DistanceSettings,
+    /// For [`Mode::Dbscan`] and [`Mode::Euclidean`].
+    pub reference: ReferenceSettings,
+    /// Which boxes stay.
+    pub merge: MergeSettings,
+}
+
+impl Default for Settings {
+    fn default() -> Settings {
+        Settings {
+            mode: Mode::Corrected,
+            radius_m: None,
+            box_fit: None,
+            points_min: 8,
+            length_max_m: 16.0,
+            points_per_candidate_max: 32_768,
+            work_max_points: 400_000,
+            ground: GroundSettings::default(),
+            literal: LiteralSettings::default(),
+            corrected: CorrectedSettings::default(),
+            distance: DistanceSettings::default(),
+            reference: ReferenceSettings::default(),
+            merge: MergeSettings::default(),
+        }
+    }
+}
+
+/// A plane through the lowest points around a candidate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GroundSettings {
+    /// Lowest points of the cells within this distance carry the plane, m. Measured on real scans.
+    pub radius_m: f64,
+    /// Points lower than this above the plane belong to it, m.
+    pub clearance_m: f64,
+    /// Points higher than this above the plane hang over the road, m: branches, bridges, signs.
+    pub height_max_m: f64,
+}
+
+impl Default for GroundSettings {
+    fn default() -> GroundSettings {
+        GroundSettings {
+            radius_m: 8.0,
+            clearance_m: 0.2,
+            height_max_m: 4.5,
+        }
+    }
+}
+
+/// Algorithm 1 as printed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LiteralSettings {
+    /// Neighbours N(t): points closer than this in space, m. The paper leaves it open.
+    pub neighbour_m: f64,
+    /// lambda_theta, degrees: joined when the angle is below (paper).
+    pub angle_max_deg: f64,
+    /// Rotated bird's-eye overlap above which the smaller box goes. The paper names neither measure nor threshold.
+    pub nms_iou: f64,
+}
+
+impl Default for LiteralSettings {
+    fn default() -> LiteralSettings {
+        LiteralSettings {
+            neighbour_m: 0.5,
+            angle_max_deg: 65.0,
+            nms_iou: 0.01,
+        }
+    }
+}
+
+/// Algorithm 1 with the sign of the original depth clustering (Bogoslavskyi and Stachniss, 2016).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CorrectedSettings {
+    /// Joined when the angle is above, degrees. On real scans 10 keeps 94 % of the pairs on one object and joins 1 %
+    /// across a border; 25 is the complement of the printed 65.
+    pub angle_min_deg: f64,
+    /// Empty pixels passed over in each direction of the range image: missing returns split cars otherwise.
+    pub gap_pixels: u32,
+    /// Without a beam table, neighbours lie closer than `fallback_m` + `fallback_per_range` x range, m.
+    pub fallback_m: f64,
+    /// m per m of range.
+    pub fallback_per_range: f64,
+}
+
+impl Default for CorrectedSettings {
+    fn default() -> CorrectedSettings {
+        CorrectedSettings {
+            angle_min_deg: 10.0,
+            gap_pixels: 2,
+            fallback_m: 0.3,
+            fallback_per_range: 0.01,
+        }
+    }
+}
+
+/// Join distance `join_m` + `join_per_range` x range, at most `join_max_m`; all measured on real scans.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DistanceSettings {
+    /// At the sensor, m.
+    pub join_m: f64,
+    /// m per m of range: the gap between beams and columns grows with it.
+    pub join_per_range: f64,
+    /// Upper bound, m.
+    pub join_max_m: f64,
+    /// A cluster larger than this (l, w, h, m: a large van) is grown again with a shorter join distance.
+    pub shrink_above_m: [f64; 3],
+    /// Factor on the join distance of each further attempt.
+    pub shrink_factor: f64,
+    /// Attempts after the first.
+    pub shrink_attempts: u32,
+    /// The side away from the sensor is at least this share of the other one: it is never seen whole.
+    pub width_share_min: f64,
+}
+
+impl Default for DistanceSettings {
+    fn default() -> DistanceSettings {
+        DistanceSettings {
+            join_m: 0.4,
+            join_per_range: 0.015,
+            join_max_m: 1.2,
+            shrink_above_m: [7.0, 2.8, 4.0],
+            shrink_factor: 0.7,
+            shrink_attempts: 4,
+            width_share_min: 0.4,
+        }
+    }
+}
+
+/// The two known references.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReferenceSettings {
+    /// Euclidean: points closer than this are joined, m. 0.5: a usual choice for vehicles.
+    pub tolerance_m: f64,
+    /// DBSCAN: radius of a neighbourhood, m.
+    pub epsilon_m: f64,
+    /// DBSCAN: points within it, itself included, that make a core point.
+    pub core_points: u32,
+}
+
+impl Default for ReferenceSettings {
+    fn default() -> ReferenceSettings {
+        ReferenceSettings {
+            tolerance_m: 0.5,
+            epsilon_m: 0.6,
+            core_points: 5,
+        }
+    }
+}
+
+/// Which unknown boxes stay beside each other and beside known objects.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MergeSettings {
+    /// Intersection over the smaller area above which the weaker unknown goes.
+    pub overlap_max: f64,
+    /// Only known objects with at least this score suppress.
+    pub known_score_min: f32,
+    /// An unknown goes when more than this share of its points lies in one such known box,
+    pub known_points_share: f64,
+    /// or when their bird's-eye IoU is above this.
+    pub known_iou: f64,
+}
+
+impl Default for MergeSettings {
+    fn default() -> MergeSettings {
+        MergeSettings {
+            overlap_max: 0.5,
+            known_score_min: 0.5,
+            known_points_share: 0.5,
+            known_iou: 0.3,
+        }
+    }
+}
+
+impl Settings {
+    /// The paper's radius for this sensor, unless set.
+    pub(crate) fn radius_for(&self, sensor: &Sensor) -> f64 {
+        let paper = if sensor.sees_all_around { 4.0 } else { 5.0 };
+        self.radius_m.unwrap_or(paper)
+    }
+
+    /// Refuses what makes no sense, by name.
+    pub fn check(&self) -> Result<(), RefinerError> {
+        const LENGTH: &str = "a length above 0 and at most 100 m";
+        const SHARE: &str = "a share of 0 to 1";
+        const ANGLE: &str = "an angle of 0 to 180 degrees";
+        let length = |v: f64| v > 0.0 && v <= 100.0;
+        let share = |v: f64| (0.0..=1.0).contains(&v);
+        let angle = |v: f64| (0.0..=180.0).contains(&v);
+        let (d, c, m) = (&self.distance, &self.corrected, &self.merge);
+        let radius_m = self.radius_m.unwrap_or(1.0);
+        let rules = [
+            (
+                "radius_m",
+                LENGTH,
+                radius_m,
+                length(radius_m) && radius_m <= 30.0,
+            ),
+            (
+                "length_max_m",
+                LENGTH,
+                self.length_max_m,
+                length(self.length_max_m),
+            ),
+            (
+                "ground.radius_m",
+                "1 to 12 m",
+                self.ground.radius_m,
+                (1.0..=12.0).contains(&self.ground.radius_m),
+            ),
+            (
+                "ground.clearance_m",
+                LENGTH,
+                self.ground.clearance_m,
+                length(self.ground.clearance_m),
+            ),
+            (
+                "ground.height_max_m",
+                LENGTH,
+                self.ground.height_max_m,
+                length(self.ground.height_max_m),
+            ),
+            (
+                "literal.neighbour_m",
+                LENGTH,
+                self.literal.neighbour_m,
+                length(self.literal.neighbour_m),
+            ),
+            (
+                "literal.angle_max_deg",
+                ANGLE,
+                self.literal.angle_max_deg,
+                angle(self.literal.angle_max_deg),
+            ),
+            (
+                "literal.nms_iou",
+                SHARE,
+                self.literal.nms_iou,
+                share(self.literal.nms_iou),
+            ),
+            (
+                "corrected.angle_min_deg",
+                ANGLE,
+                c.angle_min_deg,
+                angle(c.angle_min_deg),
+            ),
+            (
+                "corrected.gap_pixels",
+                "at most 16 pixels",
+                c.gap_pixels.into(),
+                c.gap_pixels <= 16,
+            ),
+            (
+                "corrected.fallback_m",
+                LENGTH,
+                c.fallback_m,
+                length(c.fallback_m),
+            ),
+            (
+                "corrected.fallback_per_range",
+                SHARE,
+                c.fallback_per_range,
+                share(c.fallback_per_range),
+            ),
+            ("distance.join_m", LENGTH, d.join_m, length(d.join_m)),
+            (
+                "distance.join_per_range",
+                SHARE,
+                d.join_per_range,
+                share(d.join_per_range),
+            ),
+            (
+                "distance.join_max_m",
+                LENGTH,
+                d.join_max_m,
+                length(d.join_max_m),
+            ),
+            (
+                "distance.shrink_factor",
+                "a factor above 0.1 and below 1",
+                d.shrink_factor,
+                d.shrink_factor > 0.1 && d.shrink_factor < 1.0,
+            ),
+            (
+                "distance.shrink_attempts",
+                "at most 10 attempts",
+                d.shrink_attempts.into(),
+                d.shrink_attempts <= 10,
+            ),
+            (
+                "distance.width_share_min",
+                SHARE,
+                d.width_share_min,
+                share(d.width_share_min),
+            ),
+            (
+                "reference.tolerance_m",
+                LENGTH,
+                self.reference.tolerance_m,
+                length(self.reference.tolerance_m),
+            ),
+            (
+                "reference.epsilon_m",
+                LENGTH,
+                self.reference.epsilon_m,
+                length(self.reference.epsilon_m),
+            ),
+            (
+                "merge.overlap_max",
+                SHARE,
+                m.overlap_max,
+                share(m.overlap_max),
+            ),
+            (
+                "merge.known_points_share",
+                SHARE,
+                m.known_points_share,
+                share(m.known_points_share),
+            ),
+            ("merge.known_iou", SHARE, m.known_iou, share(m.known_iou)),
+        ];
+        match rules.into_iter().find(|(.., fine)| !fine) {
+            Some((name, expected, found, _)) => Err(RefinerError::Setting {
+                name,
+                expected,
+                found,
+            }),
+            None => Ok(()),
+        }
+    }
+}
