@@ -79,6 +79,11 @@ impl Backbone {
             features: Features::new(network, weights)?,
             feature_channels: network.feature_channels(),
         };
+        backbone
+            .block1
+            .iter_mut()
+            .take(1)
+            .for_each(PlaneLayer::reads_sparse_map);
         backbone.run_observed(&[], Coverage::Everywhere, &mut |_| ());
         backbone
             .block1

@@ -98,6 +98,11 @@ impl CellSet {
         }
     }
 
+    /// Whether a cell of the map is here.
+    pub(crate) fn contains(&self, y: usize, x: usize) -> bool {
+        self.words[y * self.words_per_row + x / 64] >> (x % 64) & 1 == 1
+    }
+
     fn row(&self, y: usize) -> &[u64] {
         &self.words[y * self.words_per_row..][..self.words_per_row]
     }

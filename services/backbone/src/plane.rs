@@ -30,6 +30,8 @@ pub(crate) struct PlaneLayer {
     convolution: Convolution,
     stride: usize,
     input_shape: [usize; 2],
+    /// Cells of the input that are not active are zero: their taps need not be computed.
+    input_zero_elsewhere: bool,
     /// One row a cell; rows outside `active` hold the empty scene's.
     values: Vec<f32>,
     empty: Vec<f32>,
@@ -51,6 +53,7 @@ impl PlaneLayer {
             convolution: Convolution::new(&Folded::dense(weights, layer)?),
             stride: layer.stride,
             input_shape,
+            input_zero_elsewhere: false,
             empty: values.clone(),
             values,
             active: CellSet::new(shape),
@@ -60,6 +63,11 @@ impl PlaneLayer {
                 index: Vec::with_capacity(shape[0] * shape[1] * 9),
             },
         })
+    }
+
+    /// This layer reads the map of the sparse part, which is zero where no site lies.
+    pub(crate) fn reads_sparse_map(&mut self) {
+        self.input_zero_elsewhere = true;
     }
 
     /// Computes this layer from the map before it, of which `input_active` cells may differ from the empty scene.
@@ -74,10 +82,12 @@ impl PlaneLayer {
             let row = cell * channels..(cell + 1) * channels;
             self.values[row.clone()].copy_from_slice(&self.empty[row]);
         });
+        let read = self.input_zero_elsewhere.then_some(input_active);
         window_gather(
             &self.active,
             self.input_shape,
             self.stride,
+            read,
             &mut self.gather,
         );
         self.convolution.run(
@@ -107,8 +117,15 @@ impl PlaneLayer {
     }
 }
 
-/// 3x3 windows (padding 1) around the `active` output cells: which cell of the input map each tap reads.
-fn window_gather(active: &CellSet, input_shape: [usize; 2], stride: usize, gather: &mut Gather) {
+/// 3x3 windows (padding 1) around the `active` output cells: which cell of the input map each tap reads. `read`: the
+/// only cells worth reading.
+fn window_gather(
+    active: &CellSet,
+    input_shape: [usize; 2],
+    stride: usize,
+    read: Option<&CellSet>,
+    gather: &mut Gather,
+) {
     let [_, columns] = active.shape();
     gather.index.resize(active.list().len() * 9, ABSENT);
     let tasks = gather
@@ -119,18 +136,24 @@ fn window_gather(active: &CellSet, input_shape: [usize; 2], stride: usize, gathe
         for (taps, cell) in index.chunks_exact_mut(9).zip(cells) {
             let cell = *cell as usize;
             let center = [cell / columns * stride, cell % columns * stride];
-            window(center, input_shape, taps);
+            window(center, input_shape, read, taps);
         }
     });
 }
 
-fn window([y, x]: [usize; 2], [rows, columns]: [usize; 2], taps: &mut [u32]) {
+fn window(
+    [y, x]: [usize; 2],
+    [rows, columns]: [usize; 2],
+    read: Option<&CellSet>,
+    taps: &mut [u32],
+) {
     let inner = y > 0 && y + 1 < rows && x > 0 && x + 1 < columns;
     for (number, tap) in taps.iter_mut().enumerate() {
         // One more than the coordinates, so that they do not go below 0.
         let (y, x) = (y + number / 3, x + number % 3);
         let inside = inner || ((1..=rows).contains(&y) && (1..=columns).contains(&x));
-        *tap = if inside {
+        let worth = inside && read.is_none_or(|cells| cells.contains(y - 1, x - 1));
+        *tap = if worth {
             ((y - 1) * columns + x - 1) as u32
         } else {
             ABSENT
@@ -150,7 +173,7 @@ mod tests {
             taps: 9,
             index: vec![],
         };
-        window_gather(&cells, [2, 3], 1, &mut gather);
+        window_gather(&cells, [2, 3], 1, None, &mut gather);
         let none = ABSENT;
         assert_eq!(
             gather.index[..9],
@@ -160,7 +183,14 @@ mod tests {
             gather.index[9..],
             [1, 2, none, 4, 5, none, none, none, none]
         );
-        window_gather(&cells, [4, 6], 2, &mut gather);
+        window_gather(&cells, [2, 3], 1, Some(&cells), &mut gather);
+        let present: Vec<_> = gather
+            .index
+            .iter()
+            .filter(|cell| **cell != ABSENT)
+            .collect();
+        assert_eq!(present, [&0, &5], "of the two cells neither sees the other");
+        window_gather(&cells, [4, 6], 2, None, &mut gather);
         assert_eq!(gather.index[9..], [9, 10, 11, 15, 16, 17, 21, 22, 23]);
     }
 }

@@ -72,14 +72,7 @@ fn look_up(layer: &SparseLayer, input: &Sites, site: [u16; 3], taps: &mut [u32])
     let [_, height, width] = layer.kernel;
     for (number, taps) in taps.chunks_exact_mut(width).enumerate() {
         let (dz, dy) = (number / height, number % height);
-        match input.row(z + dz as isize, y + dy as isize) {
-            None => taps.fill(ABSENT),
-            Some(row) => {
-                for (dx, tap) in taps.iter_mut().enumerate() {
-                    *tap = input.index_in_row(row, x + dx as isize).unwrap_or(ABSENT);
-                }
-            }
-        }
+        input.look_along([z + dz as isize, y + dy as isize, x], ABSENT, taps);
     }
 }
 

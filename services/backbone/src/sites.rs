@@ -73,21 +73,30 @@ impl Sites {
         self.count = 0;
     }
 
-    /// Whether the cell is a site. Valid at any time.
-    pub fn contains(&self, z: usize, y: usize, x: usize) -> bool {
-        let word = (z * self.shape[1] + y) * self.words_per_row + x / 64;
-        self.words[word] & (1 << (x % 64)) != 0
+    /// Where the bit of a cell of the grid lies; good for the next functions.
+    pub(crate) fn address(&self, z: usize, y: usize, x: usize) -> usize {
+        (z * self.shape[1] + y) * self.words_per_row * 64 + x
+    }
+
+    /// Whether the cell at an address is a site. Valid at any time.
+    pub(crate) fn contains(&self, address: usize) -> bool {
+        self.words[address / 64] & (1 << (address % 64)) != 0
+    }
+
+    /// Adds the cell at an address; true where it was not there.
+    pub(crate) fn insert_at(&mut self, address: usize) -> bool {
+        let (word, bit) = (address / 64, 1 << (address % 64));
+        let present = self.words[word];
+        self.words[word] = present | bit;
+        self.used[word / 64] |= 1 << (word % 64);
+        let fresh = present & bit == 0;
+        self.count += usize::from(fresh);
+        fresh
     }
 
     /// Adds a cell of the grid; true where it was not there.
     pub fn insert(&mut self, z: usize, y: usize, x: usize) -> bool {
-        let word = (z * self.shape[1] + y) * self.words_per_row + x / 64;
-        let bit = 1 << (x % 64);
-        let fresh = self.words[word] & bit == 0;
-        self.words[word] |= bit;
-        self.used[word / 64] |= 1 << (word % 64);
-        self.count += usize::from(fresh);
-        fresh
+        self.insert_at(self.address(z, y, x))
     }
 
     /// Numbers the sites in (z, y, x) order.
@@ -108,25 +117,48 @@ impl Sites {
 
     /// Row number of the site at a cell; none where the cell is empty or off the grid. Valid after [`Sites::finish`].
     pub fn index_of(&self, z: usize, y: usize, x: usize) -> Option<u32> {
-        let row = self.row(z as isize, y as isize)?;
-        self.index_in_row(row, x as isize)
+        let inside = [z, y, x]
+            .iter()
+            .zip(self.shape)
+            .all(|(at, edge)| *at < edge);
+        let address = self.address(z, y, x);
+        (inside && self.contains(address)).then(|| self.index_at(address))
     }
 
-    /// The x-row at z, y, for [`Sites::index_in_row`]; none off the grid.
-    pub(crate) fn row(&self, z: isize, y: isize) -> Option<usize> {
+    /// Sites before the cell at an address; if the cell is a site: its row number. Of a word in use, after
+    /// [`Sites::finish`].
+    pub(crate) fn index_at(&self, address: usize) -> u32 {
+        let (word, bit) = (address / 64, 1 << (address % 64));
+        self.sites_before[word] + (self.words[word] & (bit - 1)).count_ones()
+    }
+
+    /// Row numbers of `found.len()` (at most 64) cells of an x-row from `x` on, which may begin and end off the grid;
+    /// `absent` where there is no site.
+    pub(crate) fn look_along(&self, [z, y, x]: [isize; 3], absent: u32, found: &mut [u32]) {
+        found.fill(absent);
         let inside =
             (0..self.shape[0] as isize).contains(&z) && (0..self.shape[1] as isize).contains(&y);
-        inside.then(|| (z as usize * self.shape[1] + y as usize) * self.words_per_row)
-    }
-
-    /// Row number of the site at x in an x-row.
-    pub(crate) fn index_in_row(&self, row: usize, x: isize) -> Option<u32> {
-        if !(0..self.shape[2] as isize).contains(&x) {
-            return None;
+        let skipped = (-x).max(0);
+        let x = x + skipped;
+        if !inside || x >= self.shape[2] as isize || skipped >= found.len() as isize {
+            return;
         }
-        let (word, bit) = (row + x as usize / 64, 1 << (x as usize % 64));
-        let present = self.words[word];
-        (present & bit != 0).then(|| self.sites_before[word] + (present & (bit - 1)).count_ones())
+        let first = self.address(z as usize, y as usize, x as usize);
+        let row_end = self.address(z as usize, y as usize, 0) / 64 + self.words_per_row;
+        let (word, shift) = (first / 64, first % 64);
+        let mut present = self.words[word] >> shift;
+        if shift > 0 && word + 1 < row_end {
+            present |= self.words[word + 1] << (64 - shift);
+        }
+        let found = &mut found[skipped as usize..];
+        present &= u64::MAX >> (64 - found.len());
+        // The sites of an x-row are numbered in a row: one count serves them all.
+        let mut sites = bits(present).peekable();
+        let Some(&nearest) = sites.peek() else { return };
+        let number = self.index_at(first + nearest);
+        sites
+            .zip(number..)
+            .for_each(|(at, number)| found[at] = number);
     }
 }
 
@@ -145,6 +177,30 @@ fn bits(mut word: u64) -> impl Iterator<Item = usize> {
 mod tests {
     use super::*;
     use crate::testing::Random;
+
+    #[test]
+    fn looking_along_a_row_equals_looking_cell_by_cell() {
+        let sites = crate::testing::random_sites([2, 3, 130], 300, 9);
+        for (z, y) in [(0, 0), (1, 2), (-1, 0), (2, 0), (0, 3)] {
+            for x in -4..134 {
+                for width in [1, 3, 7] {
+                    let mut found = vec![7; width];
+                    sites.look_along([z, y, x], u32::MAX, &mut found);
+                    for (dx, found) in found.iter().enumerate() {
+                        let at = [z, y, x + dx as isize]
+                            .map(|at| usize::try_from(at).unwrap_or(usize::MAX >> 8));
+                        let inside = at.iter().all(|at| *at < 1000);
+                        let expected = if inside {
+                            sites.index_of(at[0], at[1], at[2])
+                        } else {
+                            None
+                        };
+                        assert_eq!(*found, expected.unwrap_or(u32::MAX));
+                    }
+                }
+            }
+        }
+    }
 
     #[test]
     fn rows_are_sorted_and_found_also_in_reused_memory() {
@@ -170,7 +226,7 @@ mod tests {
                     for x in 0..131 {
                         let row = expected.iter().position(|at| *at == [z, y, x]);
                         assert_eq!(sites.index_of(z, y, x), row.map(|row| row as u32));
-                        assert_eq!(sites.contains(z, y, x), row.is_some());
+                        assert_eq!(sites.contains(sites.address(z, y, x)), row.is_some());
                     }
                 }
             }

@@ -50,7 +50,6 @@ impl SparsePart {
             ..
         } = self;
         let counts = voxelize(points, &network.grid, self.uses_intensity, voxels);
-        books.build(network, &voxels.sites);
         rows.clone_from(&voxels.rows);
         let place = Place::Sites(&voxels.sites);
         observe(Level {
@@ -59,6 +58,7 @@ impl SparsePart {
             channels: VOXEL_CHANNELS,
             values: rows,
         });
+        books.build(network, &voxels.sites);
         for (number, layer) in layers.iter().enumerate() {
             let sites = books.sites_after(number, &voxels.sites);
             spare.resize(sites.len() * layer.cout(), 0.0);

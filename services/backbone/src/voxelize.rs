@@ -31,8 +31,8 @@ pub struct Voxels {
     pub sites: Sites,
     /// One row a site: mean x, y, z (m, sensor frame), intensity.
     pub rows: Vec<f32>,
-    /// z, y, x and point number of every point that has a voxel, in file order.
-    placed: Vec<([u16; 3], u32)>,
+    /// Address and point number of every point that has a voxel, in file order.
+    placed: Vec<(usize, u32)>,
     points_of_site: Vec<u32>,
 }
 
@@ -78,8 +78,8 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
             counts.non_finite += 1;
             continue;
         }
-        let cell =
-            [0, 1, 2].map(|i| ((point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]).floor());
+        // Not below 0, so that the cast below is the floor.
+        let cell = [0, 1, 2].map(|i| (point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]);
         if !cell
             .iter()
             .zip(cells)
@@ -90,14 +90,13 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
         }
         counts.in_range += 1;
         let [x, y, z] = cell.map(|cell| cell as usize);
-        if voxels.sites.len() >= grid.voxels_max as usize && !voxels.sites.contains(z, y, x) {
+        let address = voxels.sites.address(z, y, x);
+        if voxels.sites.len() >= grid.voxels_max as usize && !voxels.sites.contains(address) {
             counts.over_voxels_max += 1;
             continue;
         }
-        voxels.sites.insert(z, y, x);
-        voxels
-            .placed
-            .push(([z as u16, y as u16, x as u16], number as u32));
+        voxels.sites.insert_at(address);
+        voxels.placed.push((address, number as u32));
     }
     counts.voxels = voxels.sites.len() as u32;
     counts
@@ -120,11 +119,8 @@ fn average(
     rows.resize(sites.len() * VOXEL_CHANNELS, 0.0);
     points_of_site.clear();
     points_of_site.resize(sites.len(), 0);
-    for &([z, y, x], number) in placed.iter() {
-        let Some(site) = sites.index_of(z.into(), y.into(), x.into()) else {
-            continue;
-        };
-        let site = site as usize;
+    for &(address, number) in placed.iter() {
+        let site = sites.index_at(address) as usize;
         if points_of_site[site] < points_per_voxel_max {
             points_of_site[site] += 1;
             let row = &mut rows[site * VOXEL_CHANNELS..][..VOXEL_CHANNELS];

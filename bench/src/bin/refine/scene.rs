@@ -1,0 +1,81 @@
+//! Frames of a data set with their labelled objects, and the HDL-64E that recorded them.
+
+use anyhow::{Context, Result};
+use mluc_geometry::Box3;
+use mluc_ipc_types::Point;
+use mluc_lab::dataset::Dataset;
+use mluc_refiner::{BeamTable, Sensor};
+
+use crate::proposals::CLASSES;
+
+/// Objects with fewer points inside their box are not judged.
+const POINTS_MIN: usize = 10;
+
+/// One labelled object.
+pub struct Object {
+    /// As in the label file.
+    pub class: String,
+    /// In the sensor frame.
+    pub shape: Box3,
+}
+
+/// One frame.
+pub struct Frame {
+    /// The scan.
+    pub points: Vec<Point>,
+    /// Those with enough points.
+    pub objects: Vec<Object>,
+}
+
+/// Reads a whole folder (velodyne, label_2, calib).
+pub fn read(dataset: &Dataset) -> Result<Vec<Frame>> {
+    let frame = |name: &String| -> Result<Frame> {
+        let points: Vec<Point> = dataset
+            .scan(name)?
+            .into_iter()
+            .map(|[x_m, y_m, z_m, intensity]| Point {
+                x_m,
+                y_m,
+                z_m,
+                intensity,
+            })
+            .collect();
+        let objects = dataset
+            .boxes_in_sensor(name)?
+            .into_iter()
+            .map(|(label, shape)| Object {
+                class: label.class,
+                shape,
+            })
+            .filter(|object| inside(&points, &object.shape).count() >= POINTS_MIN)
+            .collect();
+        Ok(Frame { points, objects })
+    };
+    let name_of = |name: &String| format!("frame {name}");
+    dataset
+        .names()
+        .iter()
+        .map(|name| frame(name).with_context(|| name_of(name)))
+        .collect()
+}
+
+/// Points in a box.
+pub fn inside<'a>(points: &'a [Point], shape: &'a Box3) -> impl Iterator<Item = &'a Point> {
+    points
+        .iter()
+        .filter(|p| shape.contains([p.x_m, p.y_m, p.z_m].map(f64::from)))
+}
+
+/// HDL-64E: two blocks of 32 beams, evenly spaced up to 0.03 degrees; 10 turns a second; on KITTI's car.
+pub fn sensor() -> Sensor {
+    let upper = (0..32).map(|i| 2.02 - 0.34 * i as f32);
+    let lower = (0..32).map(|i| -8.95 - 0.5084 * i as f32);
+    Sensor {
+        beams: Some(BeamTable {
+            elevation_rad: upper.chain(lower).map(f32::to_radians).collect(),
+            azimuth_step_rad: 0.1728f32.to_radians(),
+        }),
+        sees_all_around: false,
+        ..Sensor::plain(&CLASSES)
+    }
+}
