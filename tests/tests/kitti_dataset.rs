@@ -2,6 +2,10 @@
 
 use mluc_geometry::{ImageSize, iou_2d};
 use mluc_lab::dataset::Dataset;
+use mluc_lab::evaluate::{
+    Difficulty, Kind, Metric, RuleRequest, SensorDetection, TruthFrame, UnknownRequest, View,
+    evaluate, rules,
+};
 use std::path::PathBuf;
 
 /// The folder of real scans, or `None` when the variable is not set; set and missing is a failure.
@@ -56,5 +60,57 @@ fn real_labels_fall_on_their_image_boxes_and_points() {
         );
         assert!(objects > 20 && overlap_sum / f64::from(objects) > 0.75);
         assert!(near_cars > 5 && hit_cars * 10 >= near_cars * 9);
+    }
+}
+
+/// Labels taken to the sensor frame and back through the evaluator, as detections, are a perfect detector.
+#[test]
+fn real_labels_as_detections_are_found() {
+    let Some(folder) = kitti() else { return };
+    let mut frames = Vec::new();
+    for part in ["object/training", "drive_0005"] {
+        let dataset = Dataset::open(&folder.join(part)).expect("frames");
+        for name in dataset.names() {
+            let view = View {
+                calibration: dataset.calibration(name).expect("a calibration"),
+                image: ImageSize::KITTI,
+            };
+            let found: Vec<SensorDetection> = dataset
+                .boxes_in_sensor(name)
+                .expect("labels")
+                .into_iter()
+                .map(|(label, box_in_sensor)| SensorDetection {
+                    kind: if label.is("Van") || label.is("Truck") {
+                        Kind::Unknown
+                    } else {
+                        Kind::Known
+                    },
+                    class: label.class,
+                    score: 0.9,
+                    box_in_sensor,
+                })
+                .collect();
+            let labels = dataset.labels(name).expect("labels").into();
+            frames.push(TruthFrame { labels, view }.with(&found));
+        }
+    }
+    let unknown = UnknownRequest {
+        classes: vec!["van".into(), "truck".into()],
+        iou_min: 0.1,
+    };
+    let request = RuleRequest {
+        unknown: Some(unknown),
+        ..RuleRequest::default()
+    };
+    let report = evaluate(&frames, &rules(&request, &frames).expect("rules"));
+    println!("{}", report.to_table());
+    for class in &report.classes {
+        let entry = class.entry(Metric::Space, Difficulty::Moderate);
+        // A label drawn a little higher than its box projects may be found by a detection that is too small to count.
+        assert!(
+            entry.truth_count > 0 && entry.ap.all > 95.0,
+            "{}: {entry:?}",
+            class.rule.name
+        );
     }
 }

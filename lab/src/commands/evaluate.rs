@@ -4,7 +4,7 @@ use anyhow::Context;
 use clap::{Args, Subcommand, ValueEnum};
 use mluc_geometry::ImageSize;
 use mluc_lab::evaluate::input::{read, sources};
-use mluc_lab::evaluate::{NeighbourPolicy, RuleRequest, UnknownRequest, evaluate, rules};
+use mluc_lab::evaluate::{NeighbourPolicy, RuleRequest, UnknownRequest, evaluate, rules, unjudged};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -127,6 +127,13 @@ fn average_precision(arguments: ApArguments) -> anyhow::Result<()> {
         neighbours,
     };
     let rules = rules(&request, &input.frames)?;
+    if asks_unknown {
+        for class in unjudged(&input.frames, &rules) {
+            eprintln!(
+                "warning: labels of class {class} count as background; if it is known, name it in --iou"
+            );
+        }
+    }
     let report = evaluate(&input.frames, &rules);
     for class in report.without_labels() {
         eprintln!(

@@ -28,7 +28,7 @@ pub use error::EvaluateError;
 pub use frame::{Detection, Frame, Kind, SensorDetection, TruthFrame, View};
 pub use matching::match_frames;
 pub use report::{ClassReport, Entry, Report, evaluate};
-pub use rule::{ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownRequest, rules};
+pub use rule::{ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownRequest, rules, unjudged};
 pub use separation::{auroc, fpr95};
 pub use summary::{Summary, harmonic_mean};
 pub use sweep::{SweepPoint, best_point, quantile_grid, sweep};

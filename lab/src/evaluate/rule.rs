@@ -218,3 +218,112 @@ fn labelled_and_detected(frames: &[Frame]) -> Vec<String> {
     });
     classes
 }
+
+/// Labelled classes that no rule judges and that KITTI does not leave out either, in alphabetical order: their labels
+/// are background, which a person may not have meant.
+pub fn unjudged(frames: &[Frame], rules: &[ClassRule]) -> Vec<String> {
+    let judged = |class: &String| {
+        NEVER_KNOWN_UNASKED.contains(&class.as_str())
+            || rules
+                .iter()
+                .any(|rule| rule.valid.contains(class) || rule.ignored.contains(class))
+    };
+    let labels = frames.iter().flat_map(|frame| frame.labels.iter());
+    let mut classes: Vec<String> = labels
+        .map(|label| label.class.to_ascii_lowercase())
+        .collect();
+    classes.sort();
+    classes.dedup();
+    classes.retain(|class| !judged(class));
+    classes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_geometry::{Box3, CameraBox};
+
+    fn frames(labels: &[&str], detections: &[&str]) -> Vec<Frame> {
+        let camera_box = CameraBox {
+            location_m: [0.0; 3],
+            size_hwl_m: [1.0; 3],
+            rotation_y_rad: 0.0,
+        };
+        let label = |class: &&str| Label {
+            class: (*class).to_owned(),
+            truncated: 0.0,
+            occluded: 0,
+            alpha_rad: 0.0,
+            image_box_px: [0.0; 4],
+            camera_box,
+            score: None,
+        };
+        let detection = |class: &&str| Detection {
+            kind: Kind::Known,
+            class: (*class).to_owned(),
+            score: 0.5,
+            image_box_px: [0.0; 4],
+            upright: Box3::new([0.0; 7]),
+        };
+        vec![Frame {
+            labels: labels.iter().map(label).collect(),
+            detections: detections.iter().map(detection).collect(),
+        }]
+    }
+
+    fn names(request: &RuleRequest, frames: &[Frame]) -> Vec<(String, f64)> {
+        rules(request, frames)
+            .expect("rules")
+            .into_iter()
+            .map(|rule| (rule.name, rule.iou_min))
+            .collect()
+    }
+
+    fn pairs(expected: &[(&str, f64)]) -> Vec<(String, f64)> {
+        expected
+            .iter()
+            .map(|&(name, iou)| (name.to_owned(), iou))
+            .collect()
+    }
+
+    #[test]
+    fn known_classes_are_kittis_and_those_labelled_and_detected() {
+        let frames = frames(
+            &["Car", "Truck", "Van", "Golf_cart", "Bus"],
+            &["truck", "van", "golf_cart", "plane"],
+        );
+        let unknown = UnknownRequest {
+            classes: vec!["golf_cart".into()],
+            iou_min: 0.1,
+        };
+        let request = RuleRequest {
+            iou_min: vec![("Car".to_owned(), 0.5)],
+            unknown: Some(unknown),
+            ..RuleRequest::default()
+        };
+        let expected = [
+            ("car", 0.5),
+            ("pedestrian", 0.5),
+            ("cyclist", 0.5),
+            ("truck", 0.7),
+            ("unknown", 0.1),
+        ];
+        assert_eq!(names(&request, &frames), pairs(&expected));
+        assert_eq!(
+            unjudged(&frames, &rules(&request, &frames).expect("rules")),
+            ["bus"]
+        );
+    }
+
+    #[test]
+    fn classes_can_be_named_exactly() {
+        let request = RuleRequest {
+            classes: vec!["Van".into()],
+            ..RuleRequest::default()
+        };
+        assert_eq!(
+            names(&request, &frames(&["Car"], &["car"])),
+            pairs(&[("van", 0.7)])
+        );
+    }
+}

@@ -72,7 +72,7 @@ pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input, Evalu
         let detections = &source.detections;
         if detections.is_dir() {
             folder::read(source, &mut input)?;
-        } else if detections.is_file() {
+        } else if detections.exists() {
             json_lines::read(source, image, &mut input)?;
         } else {
             return Err(EvaluateError::NoDetections {
