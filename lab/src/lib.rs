@@ -2,5 +2,6 @@
 
 pub mod dataset;
 pub mod evaluate;
+pub mod render;
 pub mod simulate;
 pub mod train;

@@ -1,7 +1,10 @@
 //! One subcommand a file.
 
 mod evaluate;
+mod render;
 mod simulate;
+mod train;
+mod validate;
 
 use clap::Subcommand;
 
@@ -9,13 +12,19 @@ use clap::Subcommand;
 #[derive(Subcommand)]
 pub(crate) enum Command {
     Evaluate(evaluate::EvaluateArguments),
+    Render(render::RenderArguments),
     Simulate(simulate::SimulateArguments),
+    Train(train::Train),
+    Validate(validate::Validate),
 }
 
 /// Runs one subcommand.
 pub(crate) fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Evaluate(arguments) => evaluate::run(arguments),
+        Command::Render(arguments) => render::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Train(arguments) => train::run(arguments),
+        Command::Validate(arguments) => validate::run(arguments),
     }
 }

@@ -26,16 +26,25 @@ pub(crate) struct Surface {
 
 /// A solid surface.
 pub(crate) const fn solid(rho: f32) -> Surface {
-    Surface { rho, kind: Kind::Solid }
+    Surface {
+        rho,
+        kind: Kind::Solid,
+    }
 }
 
 /// A porous surface that lets this share of the rays pass.
 pub(crate) const fn porous(rho: f32, passes: f32) -> Surface {
-    Surface { rho, kind: Kind::Porous(passes) }
+    Surface {
+        rho,
+        kind: Kind::Porous(passes),
+    }
 }
 
 /// Window glass.
-pub(crate) const GLASS: Surface = Surface { rho: 0.2, kind: Kind::Glass };
+pub(crate) const GLASS: Surface = Surface {
+    rho: 0.2,
+    kind: Kind::Glass,
+};
 /// Tyres.
 pub(crate) const RUBBER: Surface = solid(0.07);
 /// Bare or galvanised metal.
@@ -81,17 +90,27 @@ impl Mesh {
     }
 
     /// Skin between rings of equally many points; `surface(ring, point)` chooses per quad, None leaves a hole.
-    pub(crate) fn loft(&mut self, rings: &[Vec<V3>], closed: bool, surface: impl Fn(usize, usize) -> Option<Surface>) {
+    pub(crate) fn loft(
+        &mut self,
+        rings: &[Vec<V3>],
+        closed: bool,
+        surface: impl Fn(usize, usize) -> Option<Surface>,
+    ) {
         let first = self.vertices.len() as u32;
         let count = rings.iter().map(Vec::len).min().unwrap_or(0);
         for ring in rings {
             self.vertices.extend_from_slice(&ring[..count]);
         }
-        let steps = if closed { count } else { count.saturating_sub(1) };
+        let steps = if closed {
+            count
+        } else {
+            count.saturating_sub(1)
+        };
         for r in 0..rings.len().saturating_sub(1) {
             for i in 0..steps {
                 if let Some(s) = surface(r, i) {
-                    let at = |ring: usize, point: usize| first + (ring * count + point % count) as u32;
+                    let at =
+                        |ring: usize, point: usize| first + (ring * count + point % count) as u32;
                     self.face([at(r, i), at(r, i + 1), at(r + 1, i + 1)], s);
                     self.face([at(r, i), at(r + 1, i + 1), at(r + 1, i)], s);
                 }
@@ -101,7 +120,9 @@ impl Mesh {
 
     /// A flat lid over a ring: a fan about its middle.
     pub(crate) fn cap(&mut self, ring: &[V3], surface: Surface) {
-        let Some(sum) = ring.iter().copied().reduce(|a, b| a + b) else { return };
+        let Some(sum) = ring.iter().copied().reduce(|a, b| a + b) else {
+            return;
+        };
         let middle = self.vertex(sum / ring.len() as f32);
         let first = self.vertices.len() as u32;
         self.vertices.extend_from_slice(ring);
@@ -117,7 +138,14 @@ impl Mesh {
     }
 
     /// A block whose top is scaled by these factors along x and y.
-    pub(crate) fn tapered(&mut self, center: V3, size: V3, top_x: f32, top_y: f32, surface: Surface) {
+    pub(crate) fn tapered(
+        &mut self,
+        center: V3,
+        size: V3,
+        top_x: f32,
+        top_y: f32,
+        surface: Surface,
+    ) {
         let h = size / 2.0;
         let ring = |z: f32, sx: f32, sy: f32| -> Vec<V3> {
             [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
@@ -138,7 +166,11 @@ impl Mesh {
             return;
         }
         let axis = axis.normalize();
-        let helper = if axis.z.abs() < 0.8 { v(0.0, 0.0, 1.0) } else { v(1.0, 0.0, 0.0) };
+        let helper = if axis.z.abs() < 0.8 {
+            v(0.0, 0.0, 1.0)
+        } else {
+            v(1.0, 0.0, 0.0)
+        };
         let side = axis.cross(helper).normalize();
         let up = axis.cross(side);
         let ring = |end: usize| -> Vec<V3> {
@@ -170,7 +202,8 @@ impl Mesh {
             .map(|&[z, cx, rx, ry]| {
                 (0..sides)
                     .map(|i| {
-                        let (sin, cos) = (std::f32::consts::TAU * (i as f32 + 0.5) / sides as f32).sin_cos();
+                        let (sin, cos) =
+                            (std::f32::consts::TAU * (i as f32 + 0.5) / sides as f32).sin_cos();
                         v(cx + rx * cos, ry * sin, z)
                     })
                     .collect()
@@ -184,7 +217,15 @@ impl Mesh {
     }
 
     /// An ellipsoid of stacked rings; each vertex is pushed in or out by up to `rough` of its radius.
-    pub(crate) fn blob(&mut self, center: V3, radii: V3, shape: (usize, usize), rough: f32, dice: &mut Dice, surface: Surface) {
+    pub(crate) fn blob(
+        &mut self,
+        center: V3,
+        radii: V3,
+        shape: (usize, usize),
+        rough: f32,
+        dice: &mut Dice,
+        surface: Surface,
+    ) {
         let (levels, sides) = shape;
         let ring = |latitude: f32, dice: &mut Dice| -> Vec<V3> {
             let (sin, cos) = latitude.sin_cos();
@@ -212,8 +253,10 @@ impl Mesh {
     /// Adds another mesh, each vertex moved by `place`.
     pub(crate) fn add(&mut self, other: &Mesh, place: impl Fn(V3) -> V3) {
         let first = self.vertices.len() as u32;
-        self.vertices.extend(other.vertices.iter().map(|p| place(*p)));
-        self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| i + first)));
+        self.vertices
+            .extend(other.vertices.iter().map(|p| place(*p)));
+        self.triangles
+            .extend(other.triangles.iter().map(|t| t.map(|i| i + first)));
         self.surfaces.extend_from_slice(&other.surfaces);
     }
 
@@ -227,7 +270,11 @@ impl Mesh {
     /// Pushes every vertex by up to `amount_m` along each axis, so that nothing is a perfect plane.
     pub(crate) fn roughen(&mut self, amount_m: f32, dice: &mut Dice) {
         for p in &mut self.vertices {
-            *p += v(dice.spread(amount_m), dice.spread(amount_m), dice.spread(amount_m));
+            *p += v(
+                dice.spread(amount_m),
+                dice.spread(amount_m),
+                dice.spread(amount_m),
+            );
         }
     }
 
@@ -235,7 +282,9 @@ impl Mesh {
     pub(crate) fn bounds(&self) -> (V3, V3) {
         self.vertices
             .iter()
-            .fold(None, |acc: Option<(V3, V3)>, p| Some(acc.map_or((*p, *p), |(lo, hi)| (lo.min(*p), hi.max(*p)))))
+            .fold(None, |acc: Option<(V3, V3)>, p| {
+                Some(acc.map_or((*p, *p), |(lo, hi)| (lo.min(*p), hi.max(*p))))
+            })
             .unwrap_or((V3::ZERO, V3::ZERO))
     }
 }

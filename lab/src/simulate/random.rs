@@ -16,7 +16,9 @@ pub(crate) fn splitmix64(value: u64) -> u64 {
 
 /// Hash of a key of several parts, in order.
 pub(crate) fn hash(parts: &[u64]) -> u64 {
-    parts.iter().fold(0x6D6C_7563, |state, part| splitmix64(state ^ part))
+    parts
+        .iter()
+        .fold(0x6D6C_7563, |state, part| splitmix64(state ^ part))
 }
 
 /// Uniform in [0, 1) from the upper 24 bits.
@@ -87,12 +89,12 @@ impl Dice {
         weights.len() - 1
     }
 
-    /// How many events happen when `mean` are expected (small means; capped at 30).
+    /// How many events happen when `mean` are expected (small means; capped at 60).
     pub(crate) fn events(&mut self, mean: f32) -> usize {
         let mut product = self.unit();
         let limit = (-mean).exp();
         let mut count = 0;
-        while product > limit && count < 30 {
+        while product > limit && count < 60 {
             product *= self.unit();
             count += 1;
         }
@@ -118,9 +120,12 @@ mod tests {
 
     #[test]
     fn the_normal_has_mean_zero_and_deviation_one() {
-        let values: Vec<f64> = (0..20_000).map(|i| f64::from(normal(hash(&[1, i])))).collect();
+        let values: Vec<f64> = (0..20_000)
+            .map(|i| f64::from(normal(hash(&[1, i]))))
+            .collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;
-        let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / values.len() as f64;
+        let variance =
+            values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / values.len() as f64;
         assert!(mean.abs() < 0.02, "{mean}");
         assert!((variance - 1.0).abs() < 0.03, "{variance}");
     }
@@ -130,7 +135,9 @@ mod tests {
         let mut dice = Dice::new(&[3]);
         let events: usize = (0..4000).map(|_| dice.events(0.6)).sum();
         assert!((events as f32 / 4000.0 - 0.6).abs() < 0.05);
-        let low = (0..4000).filter(|_| dice.quantile(&[(0.0, 1.0), (0.5, 2.0), (1.0, 9.0)]) < 2.0).count();
+        let low = (0..4000)
+            .filter(|_| dice.quantile(&[(0.0, 1.0), (0.5, 2.0), (1.0, 9.0)]) < 2.0)
+            .count();
         assert!((low as f32 / 4000.0 - 0.5).abs() < 0.04);
     }
 }

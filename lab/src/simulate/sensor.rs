@@ -45,6 +45,8 @@ pub(crate) struct Sensor {
     bias_m: [f32; BEAMS],
     first_column: usize,
     column_count: usize,
+    /// Share of all hits that is lost for no visible reason.
+    pub(crate) base_drop: f32,
 }
 
 impl Sensor {
@@ -52,18 +54,28 @@ impl Sensor {
     pub(crate) fn new(key: u64, half_turn: bool) -> Sensor {
         let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
         let nominal = |b: usize| {
-            if b < 32 { 2.02 - 0.34 * b as f32 } else { -8.95 - 0.5084 * (b - 32) as f32 }
+            if b < 32 {
+                2.02 - 0.34 * b as f32
+            } else {
+                -8.95 - 0.5084 * (b - 32) as f32
+            }
         };
-        let (first_column, column_count) = if half_turn { (COLUMNS - COLUMNS / 4, COLUMNS / 2) } else { (0, COLUMNS) };
+        let (first_column, column_count) = if half_turn {
+            (COLUMNS - COLUMNS / 4, COLUMNS / 2)
+        } else {
+            (0, COLUMNS)
+        };
         Sensor {
             key,
             elevation_rad: std::array::from_fn(|b| {
-                (nominal(b) + ELEVATION_JITTER_DEG * normal(draw(Stream::Elevation, b))).to_radians()
+                (nominal(b) + ELEVATION_JITTER_DEG * normal(draw(Stream::Elevation, b)))
+                    .to_radians()
             }),
             phase: std::array::from_fn(|b| unit(draw(Stream::Phase, b))),
             bias_m: std::array::from_fn(|b| BEAM_BIAS_M * normal(draw(Stream::Bias, b))),
             first_column,
             column_count,
+            base_drop: 0.02 + 0.08 * unit(draw(Stream::Drop, BEAMS)),
         }
     }
 
@@ -74,7 +86,10 @@ impl Sensor {
 
     /// Random bits of one ray for one purpose.
     pub(crate) fn bits(&self, stream: Stream, beam: usize, column: usize) -> u64 {
-        hash(&[self.key ^ ((stream as u64) << 56), (beam * 4096 + column) as u64])
+        hash(&[
+            self.key ^ ((stream as u64) << 56),
+            (beam * 4096 + column) as u64,
+        ])
     }
 
     /// Where the ray starts and its unit direction; `column` counts the columns that are cast.
@@ -88,25 +103,38 @@ impl Sensor {
         (start, v(cos_e * cos_a, cos_e * sin_a, sin_e))
     }
 
+    /// Direction of a column in the plane, without phase and jitter of its beams.
+    pub(crate) fn column_direction(&self, column: usize) -> [f32; 2] {
+        let turn = ((self.first_column + column) % COLUMNS) as f32 + 0.5;
+        let (sin, cos) = (std::f32::consts::TAU * turn / COLUMNS as f32).sin_cos();
+        [cos, sin]
+    }
+
     /// The range as it is reported, m.
     pub(crate) fn measured(&self, range_m: f32, beam: usize, column: usize) -> f32 {
-        let noisy = range_m + RANGE_NOISE_M * normal(self.bits(Stream::Range, beam, column)) + self.bias_m[beam];
+        let noisy = range_m
+            + RANGE_NOISE_M * normal(self.bits(Stream::Range, beam, column))
+            + self.bias_m[beam];
         (noisy / RANGE_STEP_M).round() * RANGE_STEP_M
     }
 }
 
 /// Probability that a hit does not come back, from range, reflectivity and cosine of incidence. The constants are guesses from
-/// published sensor models: 3 % of everything, half of the returns at 105 sqrt(rho) m, up to 60 % more at grazing incidence.
-pub(crate) fn drop_probability(range_m: f32, rho: f32, cos_incidence: f32) -> f32 {
-    let half_m = 105.0 * rho.sqrt();
+/// published sensor models: a base share of everything (2 to 10 %, one number a frame), half of the returns at 135 sqrt(rho) m, up to 60 % more at grazing incidence.
+pub(crate) fn drop_probability(base: f32, range_m: f32, rho: f32, cos_incidence: f32) -> f32 {
+    let half_m = 135.0 * rho.sqrt();
     let far = 1.0 / (1.0 + (-(range_m - half_m) / 8.0).exp());
     let graze = 0.6 * (0.15 - cos_incidence).max(0.0) / 0.15;
-    (0.03 + far + graze).clamp(0.0, 1.0)
+    (base + far + graze).clamp(0.0, 1.0)
 }
 
 /// Reflected intensity, 0..0.99 in steps of 0.01.
 pub(crate) fn intensity(rho: f32, cos_incidence: f32, bits: u64) -> f32 {
-    let value = if rho > 0.9 { rho } else { rho * cos_incidence.max(0.0).sqrt() * (1.0 + 0.1 * normal(bits)) };
+    let value = if rho > 0.9 {
+        rho
+    } else {
+        rho * cos_incidence.max(0.0).sqrt() * (1.0 + 0.1 * normal(bits))
+    };
     (value.clamp(0.0, 0.99) * 100.0).round() / 100.0
 }
 
@@ -117,7 +145,11 @@ mod tests {
     #[test]
     fn elevations_span_the_data_sheet() {
         let sensor = Sensor::new(5, false);
-        let degrees: Vec<f32> = sensor.elevation_rad.iter().map(|e| e.to_degrees()).collect();
+        let degrees: Vec<f32> = sensor
+            .elevation_rad
+            .iter()
+            .map(|e| e.to_degrees())
+            .collect();
         assert!((degrees[0] - 2.02).abs() < 0.2 && (degrees[63] + 24.71).abs() < 0.2);
         assert!(degrees.windows(2).all(|w| w[0] > w[1] - 0.05));
     }
@@ -132,8 +164,8 @@ mod tests {
 
     #[test]
     fn drop_grows_with_range_and_grazing() {
-        assert!(drop_probability(20.0, 0.4, 1.0) < 0.05);
-        assert!(drop_probability(80.0, 0.1, 1.0) > 0.95);
-        assert!(drop_probability(20.0, 0.4, 0.01) > 0.5);
+        assert!(drop_probability(0.03, 20.0, 0.4, 1.0) < 0.05);
+        assert!(drop_probability(0.03, 80.0, 0.1, 1.0) > 0.95);
+        assert!(drop_probability(0.03, 20.0, 0.4, 0.01) > 0.5);
     }
 }

@@ -1,0 +1,212 @@
+//! Writing simulated frames as a KITTI-format folder.
+//!
+//! `velodyne/*.bin` (x, y, z, intensity as little-endian f32), `label_2/*.txt`, `calib/*.txt`, `planes/*.txt`, `instances/*.u16` (little-endian, one a point)
+//! and `ImageSets/SPLIT.txt`.
+
+use super::labels::calibration;
+use super::{Family, SimulateError, SimulatedFrame, SimulatedObject, Split, frame};
+use crate::dataset::Label;
+use mluc_geometry::{Calibration, limit_period};
+use rayon::prelude::*;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+const FOLDERS: [&str; 6] = [
+    "velodyne",
+    "label_2",
+    "calib",
+    "planes",
+    "instances",
+    "ImageSets",
+];
+
+/// What to write.
+#[derive(Clone, Debug)]
+pub struct ExportOptions {
+    /// Family of scenes.
+    pub family: Family,
+    /// Split: decides the random streams and whether unknown classes appear.
+    pub split: Split,
+    /// How many frames.
+    pub frames: u32,
+    /// Seed of the data set.
+    pub seed: u64,
+    /// The folder to write into; made when missing, refused when it holds anything.
+    pub folder: PathBuf,
+    /// Threads; 0 takes one per core.
+    pub threads: usize,
+}
+
+/// Writes a data set. `written` is called after each frame, from any thread.
+pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), SimulateError> {
+    prepare(&options.folder)?;
+    let calibration = calibration(options.family)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads)
+        .build()
+        .map_err(|e| SimulateError::Threads {
+            threads: options.threads,
+            reason: e.to_string(),
+        })?;
+    pool.install(|| {
+        (0..options.frames).into_par_iter().try_for_each(|index| {
+            let frame = frame(options.family, options.split, options.seed, index)?;
+            write_frame(options, &calibration, index, &frame)?;
+            written();
+            Ok::<(), SimulateError>(())
+        })
+    })?;
+    let names: String = (0..options.frames).map(|i| format!("{i:06}\n")).collect();
+    let list = format!("{}.txt", options.split.name());
+    write(
+        &options.folder.join("ImageSets").join(list),
+        names.as_bytes(),
+    )
+}
+
+/// Makes the folder and its parts; refuses one that holds anything.
+fn prepare(folder: &Path) -> Result<(), SimulateError> {
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |source| SimulateError::Write { path, source }
+    };
+    if folder.exists() {
+        let first = std::fs::read_dir(folder).map_err(failed(folder))?.next();
+        if let Some(entry) = first {
+            let found = entry
+                .map_err(failed(folder))?
+                .file_name()
+                .to_string_lossy()
+                .into_owned();
+            return Err(SimulateError::NotEmpty {
+                path: folder.to_owned(),
+                found,
+            });
+        }
+    }
+    FOLDERS.iter().try_for_each(|name| {
+        let path = folder.join(name);
+        std::fs::create_dir_all(&path).map_err(failed(&path))
+    })
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), SimulateError> {
+    std::fs::write(path, bytes).map_err(|source| SimulateError::Write {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn write_frame(
+    options: &ExportOptions,
+    calibration: &Calibration,
+    index: u32,
+    frame: &SimulatedFrame,
+) -> Result<(), SimulateError> {
+    let path = |folder: &str, extension: &str| {
+        options
+            .folder
+            .join(folder)
+            .join(format!("{index:06}.{extension}"))
+    };
+    let points: Vec<u8> = frame
+        .points
+        .iter()
+        .flatten()
+        .flat_map(|value| value.to_le_bytes())
+        .collect();
+    write(&path("velodyne", "bin"), &points)?;
+    let instances: Vec<u8> = frame
+        .instances
+        .iter()
+        .flat_map(|i| i.to_le_bytes())
+        .collect();
+    write(&path("instances", "u16"), &instances)?;
+    let labels: String = frame
+        .objects
+        .iter()
+        .map(|o| format!("{}\n", label_of(o, options.family, calibration)))
+        .collect();
+    write(&path("label_2", "txt"), labels.as_bytes())?;
+    write(
+        &path("calib", "txt"),
+        calibration_text(calibration).as_bytes(),
+    )?;
+    write(
+        &path("planes", "txt"),
+        plane_text(calibration, frame.plane).as_bytes(),
+    )
+}
+
+/// The label line of an object.
+pub(crate) fn label_of(
+    object: &SimulatedObject,
+    family: Family,
+    calibration: &Calibration,
+) -> Label {
+    let camera_box = calibration.label_from_box_in_sensor(&object.box_in_sensor);
+    let [x, _, z] = camera_box.location_m;
+    Label {
+        class: object.class.name().to_owned(),
+        truncated: object.truncated,
+        occluded: object.occluded(family),
+        alpha_rad: limit_period(
+            camera_box.rotation_y_rad - x.atan2(z),
+            0.5,
+            std::f64::consts::TAU,
+        ),
+        image_box_px: object.image_box_px,
+        camera_box,
+        score: None,
+    }
+}
+
+fn calibration_text(calibration: &Calibration) -> String {
+    let line = |name: &str, values: &mut dyn Iterator<Item = f64>| {
+        let mut text = format!("{name}:");
+        for value in values {
+            // Writing into a String cannot fail.
+            let _ = write!(text, " {value}");
+        }
+        text + "\n"
+    };
+    let p2: Vec<f64> = calibration.p2().iter().flatten().copied().collect();
+    let mut text = String::new();
+    for name in ["P0", "P1", "P2", "P3"] {
+        text += &line(name, &mut p2.iter().copied());
+    }
+    text += &line(
+        "R0_rect",
+        &mut calibration.r0_rect().iter().flatten().copied(),
+    );
+    text += &line(
+        "Tr_velo_to_cam",
+        &mut calibration.velo_to_cam().iter().flatten().copied(),
+    );
+    text + &line(
+        "Tr_imu_to_velo",
+        &mut [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0].into_iter(),
+    )
+}
+
+/// The ground plane in the camera frame, in the layout of the road planes published for KITTI.
+fn plane_text(calibration: &Calibration, [a, b, c, d]: [f64; 4]) -> String {
+    // A plane through three of its points, carried to the camera frame.
+    let on_plane = |x: f64, y: f64| calibration.rect_from_sensor([x, y, -(a * x + b * y + d) / c]);
+    let (p, q, r) = (on_plane(0.0, 0.0), on_plane(1.0, 0.0), on_plane(0.0, 1.0));
+    let (u, w) = (
+        [q[0] - p[0], q[1] - p[1], q[2] - p[2]],
+        [r[0] - p[0], r[1] - p[1], r[2] - p[2]],
+    );
+    let n = [
+        u[1] * w[2] - u[2] * w[1],
+        u[2] * w[0] - u[0] * w[2],
+        u[0] * w[1] - u[1] * w[0],
+    ];
+    let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+    // Upward in the camera frame is -y.
+    let sign = if n[1] > 0.0 { -1.0 } else { 1.0 };
+    let [nx, ny, nz] = n.map(|v| sign * v / length);
+    let offset = -(nx * p[0] + ny * p[1] + nz * p[2]);
+    format!("# Plane\nWidth 4\nHeight 1\n{nx:.6e} {ny:.6e} {nz:.6e} {offset:.6e}\n")
+}

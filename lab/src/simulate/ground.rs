@@ -1,0 +1,229 @@
+//! The ground: a road with crown and kerbs, pavements, banks, slope and waves, as a height function and as triangles.
+//!
+//! Two frames meet here. Sensor frame: x forward, y left, z up, the sensor at the origin. Road frame: u along the road, v to its left from its middle;
+//! the sensor stands at u = 0, v = `lane_m`.
+
+use super::Family;
+use super::mesh::{Mesh, V3, solid, v};
+use super::random::Dice;
+use super::sensor::HEIGHT_M;
+
+/// What kind of place the scene is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Place {
+    /// Houses close to the road, parked rows.
+    Urban,
+    /// Gardens, hedges, trees.
+    Suburb,
+    /// Yards, fences, containers.
+    Industrial,
+    /// A wide paved square or parking place without kerbs.
+    Plaza,
+}
+
+/// Shape of the ground of one scene.
+pub(crate) struct Ground {
+    pub(crate) place: Place,
+    /// Heading of the road in the sensor frame, rad.
+    pub(crate) yaw_rad: f32,
+    /// Where the sensor stands across the road, m.
+    pub(crate) lane_m: f32,
+    /// Half the carriageway, m.
+    pub(crate) half_width_m: f32,
+    /// From the middle of the road to the frontage, m.
+    pub(crate) edge_m: f32,
+    /// A crossing road: where, and half its width, m.
+    pub(crate) crossing: Option<[f32; 2]>,
+    kerb_m: f32,
+    crown_m: f32,
+    bank: [f32; 2],
+    slope: [f32; 2],
+    waves: [[f32; 4]; 4],
+    sensor_height_m: f32,
+}
+
+impl Ground {
+    /// Draws the ground of a scene.
+    pub(crate) fn draw(family: Family, dice: &mut Dice) -> Ground {
+        let place = match (dice.weighted(&[0.34, 0.28, 0.2, 0.18]), family) {
+            (0, _) => Place::Urban,
+            (1, _) => Place::Suburb,
+            (2, _) => Place::Industrial,
+            (_, Family::SimKitti) if dice.chance(0.6) => Place::Urban,
+            _ => Place::Plaza,
+        };
+        let plaza = place == Place::Plaza;
+        let half_width_m = if plaza {
+            dice.range(14.0, 26.0)
+        } else {
+            dice.range(3.2, 7.5)
+        };
+        let yaw_deg = match family {
+            Family::SimKitti => dice.normal(0.0, 4.0),
+            Family::SimUdi if plaza => dice.range(-180.0, 180.0),
+            Family::SimUdi => dice.normal(0.0, 7.0),
+        };
+        Ground {
+            place,
+            yaw_rad: yaw_deg.to_radians(),
+            lane_m: if plaza {
+                dice.spread(8.0)
+            } else {
+                -half_width_m * dice.range(0.3, 0.6)
+            },
+            half_width_m,
+            edge_m: half_width_m + if plaza { 1.0 } else { dice.range(1.5, 4.5) },
+            crossing: (!plaza && dice.chance(0.45))
+                .then(|| [dice.range(-25.0, 45.0), dice.range(3.0, 5.5)]),
+            kerb_m: if plaza { 0.0 } else { dice.range(0.03, 0.15) },
+            crown_m: dice.range(0.0, 0.1),
+            bank: [dice.normal(0.01, 0.025), dice.normal(0.01, 0.025)],
+            slope: [dice.normal(0.0, 0.009), dice.normal(0.0, 0.009)],
+            waves: std::array::from_fn(|i| {
+                let length_m = dice.range(9.0, 50.0);
+                let heading = dice.range(0.0, std::f32::consts::TAU);
+                let k = std::f32::consts::TAU / length_m;
+                [
+                    dice.normal(0.0, 0.0016) * length_m * if i == 0 { 1.5 } else { 1.0 },
+                    k * heading.cos(),
+                    k * heading.sin(),
+                    dice.range(0.0, std::f32::consts::TAU),
+                ]
+            }),
+            sensor_height_m: dice.normal(HEIGHT_M, 0.025),
+        }
+    }
+
+    /// Sensor frame to road frame.
+    pub(crate) fn road(&self, x: f32, y: f32) -> (f32, f32) {
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        (x * cos + y * sin, y * cos - x * sin + self.lane_m)
+    }
+
+    /// Road frame to sensor frame.
+    pub(crate) fn sensor(&self, along: f32, across: f32) -> (f32, f32) {
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let w = across - self.lane_m;
+        (along * cos - w * sin, along * sin + w * cos)
+    }
+
+    /// Height of the ground under (x, y) of the sensor frame, m.
+    pub(crate) fn height(&self, x: f32, y: f32) -> f32 {
+        let here = self.relief(x, y);
+        here - self.relief(0.0, 0.0) - self.sensor_height_m
+    }
+
+    fn relief(&self, x: f32, y: f32) -> f32 {
+        let (along, across) = self.road(x, y);
+        let waves: f32 = self
+            .waves
+            .iter()
+            .map(|[a, kx, ky, phase]| a * (kx * x + ky * y + phase).sin())
+            .sum();
+        self.slope[0] * x + self.slope[1] * y + waves + self.section(along, across)
+    }
+
+    /// Height of the cross-section: crown, kerb, bank.
+    fn section(&self, along: f32, across: f32) -> f32 {
+        let out = across.abs();
+        if out <= self.half_width_m
+            || self
+                .crossing
+                .is_some_and(|[at, half]| (along - at).abs() < half)
+        {
+            let t = (out / self.half_width_m).min(1.0);
+            return -self.crown_m * t * t;
+        }
+        let side = if across > 0.0 { 0 } else { 1 };
+        self.kerb_m - self.crown_m + self.bank[side] * (out - self.edge_m).clamp(0.0, 30.0)
+    }
+
+    /// Slope of the ground at (x, y) over the size of a vehicle: dz/dx, dz/dy.
+    pub(crate) fn gradient(&self, x: f32, y: f32) -> (f32, f32) {
+        let d = 1.5;
+        let along_x = (self.height(x + d, y) - self.height(x - d, y)) / (2.0 * d);
+        let along_y = (self.height(x, y + d) - self.height(x, y - d)) / (2.0 * d);
+        (along_x.clamp(-0.06, 0.06), along_y.clamp(-0.06, 0.06))
+    }
+
+    /// Triangles on a grid along the road: 0.6 m near the sensor, coarser with distance; kerbs are steps between two lines.
+    pub(crate) fn mesh(&self, family: Family, dice: &mut Dice) -> Mesh {
+        let behind = if family == Family::SimKitti {
+            -4.0
+        } else {
+            -85.0
+        };
+        let mut along = lines(behind, 90.0, 0.0);
+        if let Some([at, half]) = self.crossing {
+            along.extend([at - half, at - half + 0.02, at + half - 0.02, at + half]);
+        }
+        let mut across = lines(-80.0 + self.lane_m, 80.0 + self.lane_m, self.lane_m);
+        for side in [-1.0, 1.0] {
+            across.extend([
+                side * self.half_width_m,
+                side * (self.half_width_m + 0.02),
+                side * self.edge_m,
+            ]);
+        }
+        along.sort_by(f32::total_cmp);
+        across.sort_by(f32::total_cmp);
+        let road_rho = dice.range(0.12, 0.24);
+        let verge_rho = dice.range(0.2, 0.4);
+        let mut mesh = Mesh::default();
+        for &u in &along {
+            for &w in &across {
+                let rough = if w.abs() > self.edge_m { 0.03 } else { 0.006 };
+                let (x, y) = self.sensor(u, w);
+                mesh.vertex(v(x, y, self.height(x, y) + dice.spread(rough)));
+            }
+        }
+        let columns = across.len();
+        for i in 0..along.len() - 1 {
+            for j in 0..columns - 1 {
+                let surface = solid(if across[j].abs().max(across[j + 1].abs()) <= self.edge_m {
+                    road_rho
+                } else {
+                    verge_rho
+                });
+                let at = |a: usize, b: usize| (a * columns + b) as u32;
+                mesh.face([at(i, j), at(i + 1, j), at(i + 1, j + 1)], surface);
+                mesh.face([at(i, j), at(i + 1, j + 1), at(i, j + 1)], surface);
+            }
+        }
+        mesh
+    }
+
+    /// Plane through the ground at the sensor, as (normal, offset) with normal . p + offset = 0 in the sensor frame.
+    pub(crate) fn plane(&self) -> (V3, f32) {
+        let (gx, gy) = self.gradient(0.0, 0.0);
+        let normal = v(-gx, -gy, 1.0).normalize();
+        (normal, -normal.z * self.height(0.0, 0.0))
+    }
+}
+
+/// Grid lines from low to high, dense about the middle.
+fn lines(low: f32, high: f32, middle: f32) -> Vec<f32> {
+    let mut result = vec![middle];
+    for (limit, sign) in [(high - middle, 1.0), (middle - low, -1.0)] {
+        let mut distance = 0.0;
+        while distance < limit {
+            distance += (0.085 * distance).max(0.6);
+            result.push(middle + sign * distance.min(limit));
+        }
+    }
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn road_and_sensor_frames_are_inverse() {
+        let ground = Ground::draw(Family::SimUdi, &mut Dice::new(&[1]));
+        let (u, w) = ground.road(12.0, -7.0);
+        let (x, y) = ground.sensor(u, w);
+        assert!((x - 12.0).abs() < 1e-4 && (y + 7.0).abs() < 1e-4);
+        assert!((ground.height(0.0, 0.0) + HEIGHT_M).abs() < 0.1);
+    }
+}

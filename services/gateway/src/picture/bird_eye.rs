@@ -1,0 +1,322 @@
+//! A scan from above: points by colour, boxes by kind, range rings in metres. Forward (+x) is up, left (+y) is left.
+
+use super::canvas::{Canvas, Color};
+use super::color::{CAPTION, NIGHT, RING, label_color, ramp};
+use mluc_geometry::Box3;
+
+/// What a box is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BoxKind {
+    /// A detection of a known class: solid, in the colour of its label.
+    Known,
+    /// A detection of an unknown object: thick red.
+    Unknown,
+    /// A label: thin, in the colour of its class.
+    Truth,
+}
+
+/// A box to draw.
+#[derive(Clone, Debug)]
+pub struct DrawnBox {
+    /// Where it is.
+    pub box_in_sensor: Box3,
+    /// How it is drawn.
+    pub kind: BoxKind,
+    /// Class, for the colour and the legend.
+    pub label: String,
+    /// Short text beside the box; empty for none.
+    pub caption: String,
+}
+
+/// How points are coloured.
+#[derive(Clone, Debug)]
+pub enum PointColor {
+    /// By z from 2.2 m below the sensor to 1.2 m above it.
+    Height,
+    /// One colour a point, in their order; points beyond the list are grey.
+    Each(Vec<Color>),
+}
+
+/// What part of the world is shown, and how.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Lowest and highest x shown, m.
+    pub x_m: [f32; 2],
+    /// Lowest and highest y shown, m.
+    pub y_m: [f32; 2],
+    /// Pixels a metre.
+    pub px_per_m: f32,
+    /// Colours of the points.
+    pub color: PointColor,
+    /// First line in the upper left corner.
+    pub title: String,
+}
+
+impl View {
+    /// Full circle out to 51.2 m, 10 px a metre.
+    pub fn around() -> View {
+        View {
+            x_m: [-51.2, 51.2],
+            y_m: [-51.2, 51.2],
+            px_per_m: 10.0,
+            color: PointColor::Height,
+            title: String::new(),
+        }
+    }
+
+    /// The half before the sensor: 70.4 m ahead, 40 m to each side.
+    pub fn ahead() -> View {
+        View {
+            x_m: [-2.0, 70.4],
+            y_m: [-40.0, 40.0],
+            ..View::around()
+        }
+    }
+
+    fn at(&self, x_m: f32, y_m: f32) -> [f32; 2] {
+        [
+            (self.y_m[1] - y_m) * self.px_per_m,
+            (self.x_m[1] - x_m) * self.px_per_m,
+        ]
+    }
+}
+
+/// Heights at the ends of the ramp, m above the sensor.
+const RAMP_M: [f32; 2] = [-2.2, 1.2];
+
+/// Draws a scan from above. Points that are not finite or lie outside the view are left out.
+pub fn bird_eye(points: &[[f32; 4]], boxes: &[DrawnBox], view: &View) -> Canvas {
+    let width = (view.y_m[1] - view.y_m[0]) * view.px_per_m;
+    let height = (view.x_m[1] - view.x_m[0]) * view.px_per_m;
+    let mut canvas = Canvas::new(width.round() as usize, height.round() as usize, NIGHT);
+    draw_rings(&mut canvas, view);
+    draw_points(&mut canvas, points, view);
+    for drawn in boxes {
+        draw_box(&mut canvas, drawn, view);
+    }
+    draw_sensor(&mut canvas, view);
+    draw_legend(&mut canvas, boxes, view);
+    canvas
+}
+
+fn draw_rings(canvas: &mut Canvas, view: &View) {
+    let center = view.at(0.0, 0.0);
+    let furthest = view
+        .x_m
+        .iter()
+        .chain(&view.y_m)
+        .fold(0.0f32, |m, v| m.max(v.abs()));
+    let mut radius = 10.0;
+    while radius <= furthest {
+        canvas.ring(center, radius * view.px_per_m, 1.2, RING, 0.8);
+        let at = view.at(radius, 0.0);
+        canvas.text(
+            [at[0] as i64 + 4, at[1] as i64 + 4],
+            &format!("{radius:.0} m"),
+            1,
+            RING.map(|c| c.saturating_add(50)),
+        );
+        radius += 10.0;
+    }
+}
+
+/// Low points first, so that what stands out is on top.
+fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], view: &View) {
+    let mut order: Vec<usize> = (0..points.len())
+        .filter(|i| points[*i][..3].iter().all(|v| v.is_finite()))
+        .collect();
+    order.sort_by(|a, b| points[*a][2].total_cmp(&points[*b][2]).then(a.cmp(b)));
+    for index in order {
+        let [x, y, z, _] = points[index];
+        if !(view.x_m[0]..view.x_m[1]).contains(&x) || !(view.y_m[0]..view.y_m[1]).contains(&y) {
+            continue;
+        }
+        let color = match &view.color {
+            PointColor::Height => ramp((z - RAMP_M[0]) / (RAMP_M[1] - RAMP_M[0])),
+            PointColor::Each(colors) => colors.get(index).copied().unwrap_or([120, 120, 120]),
+        };
+        splat(canvas, view.at(x, y), color);
+    }
+}
+
+/// A soft dot of about one and a half pixels, spread over four.
+fn splat(canvas: &mut Canvas, at: [f32; 2], color: Color) {
+    let (x, y) = (at[0] - 0.5, at[1] - 0.5);
+    let (fx, fy) = (x - x.floor(), y - y.floor());
+    for (dx, wx) in [(0, 1.0 - fx), (1, fx)] {
+        for (dy, wy) in [(0, 1.0 - fy), (1, fy)] {
+            canvas.blend(
+                x.floor() as i64 + dx,
+                y.floor() as i64 + dy,
+                color,
+                0.25 + 0.75 * wx * wy,
+            );
+        }
+    }
+}
+
+fn color_of(drawn: &DrawnBox) -> Color {
+    if drawn.kind == BoxKind::Unknown {
+        label_color("unknown")
+    } else {
+        label_color(&drawn.label)
+    }
+}
+
+/// Footprint with a bar at the front.
+fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
+    let corners = drawn
+        .box_in_sensor
+        .footprint_m()
+        .map(|[x, y]| view.at(x as f32, y as f32));
+    if corners
+        .iter()
+        .flatten()
+        .any(|v| !v.is_finite() || v.abs() > 1e5)
+    {
+        return;
+    }
+    let color = color_of(drawn);
+    let (width, fill) = match drawn.kind {
+        BoxKind::Known => (2.0, 0.18),
+        BoxKind::Unknown => (3.0, 0.28),
+        BoxKind::Truth => (1.4, 0.10),
+    };
+    canvas.polygon(&corners, color, fill);
+    for i in 0..4 {
+        canvas.line(corners[i], corners[(i + 1) % 4], width, color, 0.95);
+    }
+    // The front edge lies between the first and the last corner.
+    let mix =
+        |a: [f32; 2], b: [f32; 2], t: f32| [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t];
+    let (left, right) = (
+        mix(corners[0], corners[1], 0.18),
+        mix(corners[3], corners[2], 0.18),
+    );
+    canvas.line(left, right, width, color, 0.95);
+    if !drawn.caption.is_empty() {
+        let right = corners.iter().map(|c| c[0]).fold(f32::MIN, f32::max);
+        let top = corners.iter().map(|c| c[1]).fold(f32::MAX, f32::min);
+        canvas.text([right as i64 + 4, top as i64 - 2], &drawn.caption, 1, color);
+    }
+}
+
+fn draw_sensor(canvas: &mut Canvas, view: &View) {
+    let (center, tip) = (view.at(0.0, 0.0), view.at(1.8, 0.0));
+    canvas.line(center, tip, 2.0, [240, 240, 240], 0.9);
+    canvas.ring(center, 4.0, 2.0, [240, 240, 240], 0.9);
+}
+
+/// Title, one line a kind of box with its count, and the height ramp.
+fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View) {
+    let mut y = 14;
+    if !view.title.is_empty() {
+        canvas.text([14, y], &view.title, 2, [230, 236, 244]);
+        y += 24;
+    }
+    let mut seen: Vec<(&str, BoxKind, Color, usize)> = Vec::new();
+    for drawn in boxes {
+        match seen
+            .iter_mut()
+            .find(|entry| entry.0 == drawn.label && entry.1 == drawn.kind)
+        {
+            Some(entry) => entry.3 += 1,
+            None => seen.push((&drawn.label, drawn.kind, color_of(drawn), 1)),
+        }
+    }
+    for (label, kind, color, count) in seen {
+        let what = match kind {
+            BoxKind::Known => "known",
+            BoxKind::Unknown => "unknown",
+            BoxKind::Truth => "label",
+        };
+        canvas.rectangle([14, y], [26, y + 12], color, 0.9);
+        let text = if label.eq_ignore_ascii_case(what) {
+            format!("{label}  {count}")
+        } else {
+            format!("{label} ({what})  {count}")
+        };
+        canvas.text([34, y + 3], &text, 1, CAPTION);
+        y += 18;
+    }
+    if matches!(view.color, PointColor::Height) {
+        draw_ramp(canvas);
+    }
+}
+
+fn draw_ramp(canvas: &mut Canvas) {
+    let bottom = canvas.size_px()[1] as i64 - 30;
+    let length = 160;
+    for i in 0..length {
+        canvas.rectangle(
+            [14 + i, bottom],
+            [15 + i, bottom + 8],
+            ramp(i as f32 / length as f32),
+            1.0,
+        );
+    }
+    let caption = format!(
+        "{:.1} M    HEIGHT OVER SENSOR   +{:.1} M",
+        RAMP_M[0], RAMP_M[1]
+    );
+    canvas.text([14, bottom + 13], &caption, 1, CAPTION);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view() -> View {
+        View {
+            x_m: [-10.0, 10.0],
+            y_m: [-10.0, 10.0],
+            ..View::around()
+        }
+    }
+
+    #[test]
+    fn a_point_ahead_is_above_the_middle_and_one_to_the_left_is_left_of_it() {
+        let lone = |p: [f32; 4]| {
+            let empty = bird_eye(&[], &[], &view());
+            let canvas = bird_eye(&[p], &[], &view());
+            let changed: Vec<(usize, usize)> = (0..200)
+                .flat_map(|y| (0..200).map(move |x| (x, y)))
+                .filter(|(x, y)| canvas.pixel(*x, *y) != empty.pixel(*x, *y))
+                .collect();
+            assert!((1..=4).contains(&changed.len()), "{changed:?}");
+            changed[0]
+        };
+        assert!(lone([5.05, 0.35, 0.0, 0.0]).1 < 60);
+        assert!(lone([3.25, 5.05, 0.0, 0.0]).0 < 60);
+    }
+
+    #[test]
+    fn points_and_boxes_that_are_not_finite_are_left_out() {
+        let drawn = DrawnBox {
+            box_in_sensor: Box3::new([f64::NAN, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]),
+            kind: BoxKind::Known,
+            label: "car".into(),
+            caption: String::new(),
+        };
+        let canvas = bird_eye(
+            &[[f32::NAN, 0.0, 0.0, 0.0], [f32::INFINITY, 1.0, 0.0, 0.0]],
+            &[drawn],
+            &view(),
+        );
+        assert_eq!(canvas.size_px(), [200, 200]);
+    }
+
+    #[test]
+    fn a_box_is_drawn_in_the_colour_of_its_kind() {
+        let drawn = DrawnBox {
+            box_in_sensor: Box3::new([5.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]),
+            kind: BoxKind::Unknown,
+            label: "unknown".into(),
+            caption: "x".into(),
+        };
+        let canvas = bird_eye(&[], &[drawn], &view());
+        // The right edge of the footprint is at y = -1 m.
+        let [r, g, _] = canvas.pixel(110, 50).expect("inside");
+        assert!(r > 200 && g < 110, "{r} {g}");
+    }
+}

@@ -1,0 +1,246 @@
+//! Pixels: blending, anti-aliased lines and rings, text, PNG.
+
+use super::font::{GLYPH_COLUMNS, GLYPH_ROWS, glyph};
+use std::io::Write;
+
+/// Red, green, blue, 0..255.
+pub type Color = [u8; 3];
+
+/// Why a picture could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// The PNG encoder or the stream behind it.
+    #[error("cannot write the picture: {0}")]
+    Png(#[from] png::EncodingError),
+}
+
+/// A picture in memory, 8-bit RGB, row by row from the top.
+#[derive(Clone, Debug)]
+pub struct Canvas {
+    width_px: usize,
+    height_px: usize,
+    pixels: Vec<Color>,
+}
+
+impl Canvas {
+    /// A picture of one colour; sides are kept within 1..=8192 px.
+    pub fn new(width_px: usize, height_px: usize, background: Color) -> Canvas {
+        let (width_px, height_px) = (width_px.clamp(1, 8192), height_px.clamp(1, 8192));
+        Canvas {
+            width_px,
+            height_px,
+            pixels: vec![background; width_px * height_px],
+        }
+    }
+
+    /// Width and height, px.
+    pub fn size_px(&self) -> [usize; 2] {
+        [self.width_px, self.height_px]
+    }
+
+    /// Colour of a pixel, None outside.
+    pub fn pixel(&self, x: usize, y: usize) -> Option<Color> {
+        (x < self.width_px && y < self.height_px).then(|| self.pixels[y * self.width_px + x])
+    }
+
+    /// Mixes a colour into a pixel; `alpha` 0 leaves it, 1 replaces it. Outside nothing happens.
+    pub fn blend(&mut self, x: i64, y: i64, color: Color, alpha: f32) {
+        if x < 0 || y < 0 || x >= self.width_px as i64 || y >= self.height_px as i64 {
+            return;
+        }
+        let pixel = &mut self.pixels[y as usize * self.width_px + x as usize];
+        let alpha = alpha.clamp(0.0, 1.0);
+        for (old, new) in pixel.iter_mut().zip(color) {
+            *old = (f32::from(*old) + (f32::from(new) - f32::from(*old)) * alpha).round() as u8;
+        }
+    }
+
+    /// A filled rectangle, corners in px.
+    pub fn rectangle(&mut self, low: [i64; 2], high: [i64; 2], color: Color, alpha: f32) {
+        for y in low[1].max(0)..high[1].min(self.height_px as i64) {
+            for x in low[0].max(0)..high[0].min(self.width_px as i64) {
+                self.blend(x, y, color, alpha);
+            }
+        }
+    }
+
+    /// An anti-aliased line with round ends: every pixel is covered by its distance from the segment.
+    pub fn line(&mut self, from: [f32; 2], to: [f32; 2], width_px: f32, color: Color, alpha: f32) {
+        let reach = width_px / 2.0 + 1.0;
+        let Some([low, high]) = self.window(
+            [from[0].min(to[0]) - reach, from[1].min(to[1]) - reach],
+            [from[0].max(to[0]) + reach, from[1].max(to[1]) + reach],
+        ) else {
+            return;
+        };
+        for y in low[1]..high[1] {
+            for x in low[0]..high[0] {
+                let distance = distance_to_segment([x as f32 + 0.5, y as f32 + 0.5], from, to);
+                let cover = (width_px / 2.0 + 0.5 - distance).clamp(0.0, 1.0);
+                if cover > 0.0 {
+                    self.blend(x, y, color, alpha * cover);
+                }
+            }
+        }
+    }
+
+    /// A filled convex polygon without smoothing; its outline hides the edge.
+    pub fn polygon(&mut self, corners: &[[f32; 2]], color: Color, alpha: f32) {
+        let bound = |pick: fn(f32, f32) -> f32, start: f32, axis: usize| {
+            corners.iter().map(|c| c[axis]).fold(start, pick)
+        };
+        let low = [bound(f32::min, f32::MAX, 0), bound(f32::min, f32::MAX, 1)];
+        let high = [bound(f32::max, f32::MIN, 0), bound(f32::max, f32::MIN, 1)];
+        let Some([low, high]) = self.window(low, high) else {
+            return;
+        };
+        for y in low[1]..high[1] {
+            for x in low[0]..high[0] {
+                if inside(corners, [x as f32 + 0.5, y as f32 + 0.5]) {
+                    self.blend(x, y, color, alpha);
+                }
+            }
+        }
+    }
+
+    /// An anti-aliased circle.
+    pub fn ring(
+        &mut self,
+        center: [f32; 2],
+        radius_px: f32,
+        width_px: f32,
+        color: Color,
+        alpha: f32,
+    ) {
+        for y in 0..self.height_px as i64 {
+            let dy = y as f32 + 0.5 - center[1];
+            if dy.abs() > radius_px + width_px {
+                continue;
+            }
+            for x in 0..self.width_px as i64 {
+                let distance = ((x as f32 + 0.5 - center[0]).hypot(dy) - radius_px).abs();
+                let cover = (width_px / 2.0 + 0.5 - distance).clamp(0.0, 1.0);
+                if cover > 0.0 {
+                    self.blend(x, y, color, alpha * cover);
+                }
+            }
+        }
+    }
+
+    /// Text with its upper left corner at a place; capitals, digits and common signs. `scale` is px per dot.
+    pub fn text(&mut self, at: [i64; 2], text: &str, scale: usize, color: Color) {
+        let scale = scale.clamp(1, 16) as i64;
+        for (index, letter) in text.chars().enumerate() {
+            let left = at[0] + index as i64 * (GLYPH_COLUMNS as i64 + 1) * scale;
+            for (row, bits) in glyph(letter).into_iter().enumerate() {
+                for column in
+                    (0..GLYPH_COLUMNS).filter(|c| bits >> (GLYPH_COLUMNS - 1 - c) & 1 == 1)
+                {
+                    let (x, y) = (left + column as i64 * scale, at[1] + row as i64 * scale);
+                    self.rectangle([x, y], [x + scale, y + scale], color, 1.0);
+                }
+            }
+        }
+    }
+
+    /// Width and height of a text, px.
+    pub fn text_size_px(text: &str, scale: usize) -> [i64; 2] {
+        let letters = text.chars().count() as i64;
+        [
+            (letters * (GLYPH_COLUMNS as i64 + 1) - 1).max(0) * scale as i64,
+            (GLYPH_ROWS * scale) as i64,
+        ]
+    }
+
+    /// Writes the picture as PNG.
+    pub fn write_png(&self, out: &mut impl Write) -> Result<(), PictureError> {
+        let mut encoder = png::Encoder::new(out, self.width_px as u32, self.height_px as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(self.pixels.as_flattened())?;
+        Ok(writer.finish()?)
+    }
+
+    /// The pixels between two corners that lie in the picture.
+    fn window(&self, low: [f32; 2], high: [f32; 2]) -> Option<[[i64; 2]; 2]> {
+        let low = [
+            low[0].floor().max(0.0) as i64,
+            low[1].floor().max(0.0) as i64,
+        ];
+        let high = [
+            (high[0].ceil() as i64).min(self.width_px as i64),
+            (high[1].ceil() as i64).min(self.height_px as i64),
+        ];
+        (low[0] < high[0] && low[1] < high[1]).then_some([low, high])
+    }
+}
+
+fn distance_to_segment(p: [f32; 2], a: [f32; 2], b: [f32; 2]) -> f32 {
+    let (d, q) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
+    let length = d[0] * d[0] + d[1] * d[1];
+    let t = if length > 0.0 {
+        ((q[0] * d[0] + q[1] * d[1]) / length).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    (q[0] - t * d[0]).hypot(q[1] - t * d[1])
+}
+
+/// Whether a point lies on the same side of all edges.
+fn inside(corners: &[[f32; 2]], p: [f32; 2]) -> bool {
+    let side = |i: usize| {
+        let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
+        (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+    };
+    let positive = (0..corners.len()).filter(|i| side(*i) >= 0.0).count();
+    positive == 0 || positive == corners.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BLACK: Color = [0, 0, 0];
+    const WHITE: Color = [255, 255, 255];
+
+    #[test]
+    fn a_line_is_bright_on_its_path_and_dark_beside_it() {
+        let mut canvas = Canvas::new(20, 10, BLACK);
+        canvas.line([2.0, 5.0], [18.0, 5.0], 2.0, WHITE, 1.0);
+        assert_eq!(canvas.pixel(10, 5), Some(WHITE));
+        assert_eq!(canvas.pixel(10, 9), Some(BLACK));
+        canvas.line([-50.0, -50.0], [-20.0, -20.0], 3.0, WHITE, 1.0);
+        assert_eq!(canvas.pixel(0, 0), Some(BLACK));
+    }
+
+    #[test]
+    fn polygons_fill_and_rings_do_not() {
+        let mut canvas = Canvas::new(40, 40, BLACK);
+        canvas.polygon(
+            &[[5.0, 5.0], [35.0, 5.0], [35.0, 35.0], [5.0, 35.0]],
+            WHITE,
+            1.0,
+        );
+        assert_eq!(canvas.pixel(20, 20), Some(WHITE));
+        let mut canvas = Canvas::new(40, 40, BLACK);
+        canvas.ring([20.0, 20.0], 10.0, 2.0, WHITE, 1.0);
+        assert_eq!(canvas.pixel(20, 20), Some(BLACK));
+        assert!(canvas.pixel(30, 20).expect("inside")[0] > 100);
+    }
+
+    #[test]
+    fn a_png_reads_back() {
+        let mut canvas = Canvas::new(7, 5, [10, 20, 30]);
+        canvas.text([0, 0], "A", 1, WHITE);
+        let mut bytes = Vec::new();
+        canvas.write_png(&mut bytes).expect("written");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
+            .read_info()
+            .expect("a PNG");
+        let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
+        let info = reader.next_frame(&mut pixels).expect("a frame");
+        assert_eq!((info.width, info.height), (7, 5));
+        assert_eq!(pixels, canvas.pixels.as_flattened());
+    }
+}
