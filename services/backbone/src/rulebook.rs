@@ -64,15 +64,48 @@ pub fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: &mut Ga
         });
 }
 
-/// One output site's taps.
+/// One output site's taps. The usual widths are spelt out: with a constant length the loop over a row of taps unrolls.
 fn look_up(layer: &SparseLayer, input: &Sites, site: [u16; 3], taps: &mut [u32]) {
-    let origin =
-        |i: usize| (usize::from(site[i]) * layer.stride[i]) as isize - layer.padding[i] as isize;
-    let [z, y, x] = [0, 1, 2].map(origin);
-    let [_, height, width] = layer.kernel;
-    for (number, taps) in taps.chunks_exact_mut(width).enumerate() {
-        let (dz, dy) = (number / height, number % height);
-        input.look_along([z + dz as isize, y + dy as isize, x], ABSENT, taps);
+    match layer.kernel[2] {
+        1 => look_up_rows(
+            layer,
+            input,
+            site,
+            taps.as_chunks_mut::<1>()
+                .0
+                .iter_mut()
+                .map(|row| &mut row[..]),
+        ),
+        3 => look_up_rows(
+            layer,
+            input,
+            site,
+            taps.as_chunks_mut::<3>()
+                .0
+                .iter_mut()
+                .map(|row| &mut row[..]),
+        ),
+        width => look_up_rows(layer, input, site, taps.chunks_exact_mut(width)),
+    }
+}
+
+#[inline(always)]
+fn look_up_rows<'a>(
+    layer: &SparseLayer,
+    input: &Sites,
+    site: [u16; 3],
+    mut rows: impl Iterator<Item = &'a mut [u32]>,
+) {
+    let origin = |i: usize| {
+        usize::from(site[i]) as isize * layer.stride[i] as isize - layer.padding[i] as isize
+    };
+    let (z, y, x) = (origin(0), origin(1), origin(2));
+    for z in z..z + layer.kernel[0] as isize {
+        for y in y..y + layer.kernel[1] as isize {
+            if let Some(row) = rows.next() {
+                input.look_along([z, y, x], row);
+            }
+        }
     }
 }
 

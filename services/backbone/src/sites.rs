@@ -4,6 +4,8 @@
 //! a lookup is two loads and a population count. A second bitmap, one bit a word, says which words are in use, so that
 //! sorting and clearing touch those alone and a frame costs nothing for the empty rest of the grid.
 
+use mluc_kernels::ABSENT;
+
 /// Sites of one resolution. Fill with [`Sites::insert`], then [`Sites::finish`], then look up; [`Sites::clear`] starts
 /// the next frame in the same memory.
 #[derive(Clone, Debug, Default)]
@@ -133,34 +135,43 @@ impl Sites {
     }
 
     /// Row numbers of `found.len()` (at most 64) cells of an x-row from `x` on, which may begin and end off the grid;
-    /// `absent` where there is no site.
-    pub(crate) fn look_along(&self, [z, y, x]: [isize; 3], absent: u32, found: &mut [u32]) {
-        found.fill(absent);
-        let inside =
-            (0..self.shape[0] as isize).contains(&z) && (0..self.shape[1] as isize).contains(&y);
-        let skipped = (-x).max(0);
-        let x = x + skipped;
-        if !inside || x >= self.shape[2] as isize || skipped >= found.len() as isize {
-            return;
+    /// [`ABSENT`] where there is no site. After [`Sites::finish`].
+    #[inline(always)]
+    pub(crate) fn look_along(&self, [z, y, x]: [isize; 3], found: &mut [u32]) {
+        // As unsigned numbers, those below 0 are beyond the grid.
+        if z as usize >= self.shape[0] || y as usize >= self.shape[1] || x >= self.shape[2] as isize
+        {
+            return found.iter_mut().for_each(|found| *found = ABSENT);
         }
-        let first = self.address(z as usize, y as usize, x as usize);
-        let row_end = self.address(z as usize, y as usize, 0) / 64 + self.words_per_row;
-        let (word, shift) = (first / 64, first % 64);
-        let mut present = self.words[word] >> shift;
-        if shift > 0 && word + 1 < row_end {
-            present |= self.words[word + 1] << (64 - shift);
+        let skipped = (-x).max(0) as usize;
+        let row = (z as usize * self.shape[1] + y as usize) * self.words_per_row;
+        let (word, shift) = (row + x.max(0) as usize / 64, x.max(0) as usize % 64);
+        let present = self.words[word];
+        let mut bits = present >> shift;
+        let mut number = self.index_at(word * 64 + shift);
+        if shift + found.len() > 64 && word + 1 < row + self.words_per_row {
+            bits |= self.words[word + 1] << (64 - shift);
+            // The count beside an unused word is stale.
+            number = if present == 0 {
+                self.sites_before[word + 1]
+            } else {
+                number
+            };
         }
-        let found = &mut found[skipped as usize..];
-        present &= u64::MAX >> (64 - found.len());
-        // The sites of an x-row are numbered in a row: one count serves them all.
-        let mut sites = bits(present).peekable();
-        let Some(&nearest) = sites.peek() else { return };
-        let number = self.index_at(first + nearest);
-        sites
-            .zip(number..)
-            .for_each(|(at, number)| found[at] = number);
+        bits = bits.unbounded_shl(skipped as u32);
+        // The sites of an x-row are numbered in a row, so one count serves them all. No branch: the pattern of sites
+        // cannot be predicted.
+        for found in found {
+            let site = (bits & 1) as u32;
+            *found = number | site.wrapping_sub(1);
+            number = number.wrapping_add(site);
+            bits >>= 1;
+        }
     }
 }
+
+/// `number | ABSENT` is [`ABSENT`].
+const _: () = assert!(ABSENT == u32::MAX);
 
 /// Positions of the set bits, lowest first.
 fn bits(mut word: u64) -> impl Iterator<Item = usize> {
@@ -185,7 +196,7 @@ mod tests {
             for x in -4..134 {
                 for width in [1, 3, 7] {
                     let mut found = vec![7; width];
-                    sites.look_along([z, y, x], u32::MAX, &mut found);
+                    sites.look_along([z, y, x], &mut found);
                     for (dx, found) in found.iter().enumerate() {
                         let at = [z, y, x + dx as isize]
                             .map(|at| usize::try_from(at).unwrap_or(usize::MAX >> 8));
