@@ -6,8 +6,8 @@ use crate::network::Network;
 /// Height of KITTI's sensor above the ground, m.
 const SENSOR_HEIGHT_M: f32 = 1.73;
 
-/// Name; l, w, h in m; matched and unmatched overlap (paper section 4.1: the classes of UDI, KITTI's are the first
-/// three). Boxes stand on the ground.
+/// Name; l, w, h in m; matched and unmatched overlap. KITTI's known classes are the first three, UDI's all. Boxes stand
+/// on the ground.
 const ANCHORS: [(&str, [f32; 3], f32, f32); 4] = [
     ("car", [3.9, 1.6, 1.56], 0.6, 0.45),
     ("pedestrian", [0.8, 0.6, 1.73], 0.5, 0.35),
