@@ -4,4 +4,5 @@ pub mod dataset;
 pub mod evaluate;
 pub mod render;
 pub mod simulate;
+pub mod statistics;
 pub mod train;

@@ -3,6 +3,7 @@
 mod evaluate;
 mod render;
 mod simulate;
+mod stats;
 mod train;
 mod validate;
 
@@ -14,6 +15,7 @@ pub(crate) enum Command {
     Evaluate(evaluate::EvaluateArguments),
     Render(render::RenderArguments),
     Simulate(simulate::SimulateArguments),
+    Stats(stats::StatsArguments),
     Train(train::Train),
     Validate(validate::Validate),
 }
@@ -24,6 +26,7 @@ pub(crate) fn run(command: Command) -> anyhow::Result<()> {
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::Render(arguments) => render::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Stats(arguments) => stats::run(arguments),
         Command::Train(arguments) => train::run(arguments),
         Command::Validate(arguments) => validate::run(arguments),
     }
