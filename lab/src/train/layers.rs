@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use mluc_kernels::{Epilogue, Gather, Weights, convolve, weight_gradient};
+use mluc_kernels::{Bf16, Epilogue, Gather, Weights, WeightsBf16, convolve, convolve_bf16, weight_gradient};
+use rayon::prelude::*;
 
 use super::norm::{self, Affine, Statistics, Tail};
 
@@ -27,6 +28,8 @@ pub struct Layer {
     pub beta: Range<usize>,
     /// Which running statistics are this layer's.
     pub norm: usize,
+    /// Multiply in bf16 while training (sums, norms, weights and their gradients stay f32).
+    pub bf16: bool,
 }
 
 /// What a layer leaves for its backward pass.
@@ -44,7 +47,11 @@ pub struct Activation {
 #[derive(Debug, Default)]
 pub struct Pool {
     free: Vec<Vec<f32>>,
+    rounded: Vec<Bf16>,
 }
+
+/// Values of a task that rounds to bf16.
+const ROUND_CHUNK: usize = 1 << 14;
 
 impl Pool {
     /// A vector of `len` numbers of any value.
@@ -59,6 +66,22 @@ impl Pool {
         }
         vector.resize(len, 0.0);
         vector
+    }
+
+    /// `values` in bf16, in memory that the next call takes again.
+    fn round(&mut self, values: &[f32]) -> &[Bf16] {
+        if self.rounded.len() < values.len() {
+            self.rounded = vec![Bf16(0); values.len() + values.len() / 4];
+        }
+        let to = &mut self.rounded[..values.len()];
+        to.par_chunks_mut(ROUND_CHUNK).zip(values.par_chunks(ROUND_CHUNK)).for_each(|(to, from)| {
+            // Nearest, ties to even, without the case of NaN: a loss that is no number ends the run anyway.
+            for (to, from) in to.iter_mut().zip(from) {
+                let bits = from.to_bits();
+                *to = Bf16((bits.wrapping_add(0x7fff + ((bits >> 16) & 1)) >> 16) as u16);
+            }
+        });
+        to
     }
 
     /// Gives a vector back.
@@ -133,17 +156,17 @@ impl Layer {
         gradient: &[f32],
         transposed: &Gather,
         to: &mut [f32],
+        pool: &mut Pool,
     ) {
+        let (taps, cin, cout) = (self.taps, self.cin, self.cout);
         let plain = &parameters[self.weight.clone()];
-        let weights = Weights::pack_transposed(self.taps, self.cin, self.cout, plain);
-        convolve(
-            gradient,
-            transposed,
-            &weights,
-            Epilogue::default(),
-            None,
-            to,
-        );
+        if self.bf16 {
+            let weights = WeightsBf16::pack(taps, cout, cin, &transposed_weights(taps, cin, cout, plain));
+            convolve_bf16(pool.round(gradient), transposed, &weights, Epilogue::default(), None, to);
+        } else {
+            let weights = Weights::pack_transposed(taps, cin, cout, plain);
+            convolve(gradient, transposed, &weights, Epilogue::default(), None, to);
+        }
     }
 
     /// Gradient of the background row, which many outputs read: for each tap, the sum of its readers' gradients times
@@ -176,6 +199,12 @@ impl Layer {
             }
         }
     }
+}
+
+/// `[tap][cin][cout]` as `[tap][cout][cin]`.
+fn transposed_weights(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Vec<f32> {
+    let at = |i: usize| plain[(i / (cin * cout) * cin + i % cin) * cout + i / cin % cout];
+    (0..taps * cin * cout).map(at).collect()
 }
 
 /// `to += from`.

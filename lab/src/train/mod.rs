@@ -18,6 +18,8 @@ pub mod network;
 mod network_tests;
 pub mod norm;
 pub mod optimizer;
+#[cfg(test)]
+mod parity_tests;
 pub mod plan;
 pub mod random;
 mod run;
@@ -26,9 +28,11 @@ mod settings;
 pub mod source;
 pub mod targets;
 pub mod trainer;
+mod validate;
 #[cfg(test)]
 mod trainer_tests;
 
 pub use error::TrainError;
 pub use run::{Event, Progress, Run};
 pub use settings::{Profile, Setting, Settings};
+pub use validate::{ClassFigures, Figures, ValidateError, validate};

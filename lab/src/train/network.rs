@@ -74,6 +74,7 @@ impl Allocator {
             gamma: self.range(cout),
             beta: self.range(cout),
             norm: self.norms - 1,
+            bf16: false,
         }
     }
 
@@ -167,6 +168,14 @@ impl Chain {
             up2,
             heads,
             parameters,
+        }
+    }
+
+    /// Multiplies in bf16 while training, where a layer's channels are worth it.
+    pub fn use_bf16(&mut self) {
+        let blocks = self.sparse.iter_mut().chain(&mut self.block1).chain(&mut self.block2);
+        for layer in blocks.chain([&mut self.up1, &mut self.up2]) {
+            layer.bf16 = layer.cin >= 16 && layer.cin % 2 == 0 && layer.cout % 2 == 0;
         }
     }
 
@@ -392,7 +401,7 @@ impl Chain {
         );
         let mut half_gradient = pool.take(half.len());
         self.up2
-            .input_gradient(parameters, &d2, rows2, &mut half_gradient);
+            .input_gradient(parameters, &d2, rows2, &mut half_gradient, pool);
         pool.give(d2);
         let from_block2 = self.backward_block(
             &self.block2,
@@ -409,7 +418,7 @@ impl Chain {
         );
         let mut middle_gradient = pool.take(middle.len());
         self.up1
-            .input_gradient(parameters, &d1, rows1, &mut middle_gradient);
+            .input_gradient(parameters, &d1, rows1, &mut middle_gradient, pool);
         pool.give(d1);
         add(&mut middle_gradient, &from_block2);
         pool.give(from_block2);
@@ -519,7 +528,7 @@ impl Chain {
             );
             let mut to = pool.take(input.len());
             let listed = step.transposed.outputs() * layer.cin;
-            layer.input_gradient(parameters, &gradient, &step.transposed, &mut to[..listed]);
+            layer.input_gradient(parameters, &gradient, &step.transposed, &mut to[..listed], pool);
             if let Some(background) = step.background {
                 let row = &mut to[listed..];
                 layer.background_gradient(parameters, &gradient, gather, background, row);
@@ -575,6 +584,7 @@ impl Chain {
                     &gradient,
                     &plan.sparse.transposed[number],
                     &mut to,
+                    pool,
                 );
                 pool.give(std::mem::replace(&mut gradient, to));
             }

@@ -89,6 +89,9 @@ impl Run {
         tell(Event::Note(format!("objects to paste, by class: {}", sizes.join(", "))));
         let schedule = Schedule { rate_max: settings.learning_rate, steps: settings.steps };
         let mut trainer = Trainer::new(&manifest.network, schedule, metric(settings), settings.seed);
+        if settings.bf16 {
+            trainer.chain.use_bf16();
+        }
         make_folder(&settings.out)?;
         let path = settings.out.join("checkpoint.safetensors");
         if checkpoint::load(&path, &mut trainer.state, &settings.fingerprint())? {

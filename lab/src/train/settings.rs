@@ -50,6 +50,8 @@ pub struct Settings {
     pub prototype_scale: f32,
     /// Weight of the variance loss; 0 in the paper.
     pub variance_weight: f32,
+    /// Multiply in bf16.
+    pub bf16: bool,
     /// Paste, flip, turn and scale.
     pub augment: bool,
     /// Frames that give objects to paste.
@@ -127,7 +129,7 @@ impl Settings {
     /// What a resumed run must share with its beginning, as text.
     pub fn fingerprint(&self) -> String {
         format!(
-            "{} {:?} steps {} batch {} seed {} rate {} scale {} variance {} augment {} database {}",
+            "{} {:?} steps {} batch {} seed {} rate {} scale {} variance {} augment {} database {} bf16 {}",
             self.setting.name(),
             self.profile,
             self.steps,
@@ -137,7 +139,8 @@ impl Settings {
             self.prototype_scale,
             self.variance_weight,
             self.augment,
-            self.database_frames
+            self.database_frames,
+            self.bf16
         )
     }
 }
