@@ -37,7 +37,7 @@ impl Topic {
         element_bytes: 16,
         subscribers_max: 4,
         buffer: 2,
-        borrowed: 4,
+        borrowed: 5,
         loans: 2,
         history: 0,
         deadline_ms: 1000,
@@ -49,7 +49,7 @@ impl Topic {
         element_bytes: 64,
         subscribers_max: 2,
         buffer: 1,
-        borrowed: 2,
+        borrowed: 1,
         loans: 1,
         ..Topic::POINTS
     };
@@ -90,9 +90,9 @@ impl Topic {
     };
 }
 
+/// A bound and no pool: the producer makes its pool for its model's map and channels.
 const fn feature_blocks_max() -> usize {
-    // 36 MB: the largest map at 64 channels, or `second` on its computed cells.
-    CELLS_MAX.div_ceil(16) + CELLS_MAX * FEATURE_CHANNELS_MAX / 16 / 8
+    feature_blocks(CELLS_MAX, FEATURE_CHANNELS_MAX)
 }
 
 impl Topic {

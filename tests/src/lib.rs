@@ -1,1 +1,7 @@
-//! mluc-tests
+//! What the tests of whole pipelines share: a model without training, made-up scans, running the program `mluc`.
+
+mod inputs;
+mod pipeline;
+
+pub use inputs::{car_scan, clean_folder, untrained_model, write_scan};
+pub use pipeline::{Finished, Pipeline, leftovers, mluc_program, send_signal, unique_instance};

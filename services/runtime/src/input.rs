@@ -80,8 +80,13 @@ impl<T: Pod + Debug + ZeroCopySend> Input<T> {
     /// The newest message; older ones that wait are let go and counted as dropped.
     pub fn newest(&mut self) -> Result<Option<Message<T>>, RuntimeError> {
         let mut newest = None;
-        while let Some(message) = self.take()? {
-            newest = Some(message);
+        // The older one is let go before the next is taken: a topic may allow one held message alone.
+        while newest.is_none() || self.has_more()? {
+            drop(newest);
+            newest = self.take()?;
+            if newest.is_none() {
+                break;
+            }
         }
         self.account(newest)
     }
@@ -90,6 +95,16 @@ impl<T: Pod + Debug + ZeroCopySend> Input<T> {
     pub fn oldest(&mut self) -> Result<Option<Message<T>>, RuntimeError> {
         let oldest = self.take()?;
         self.account(oldest)
+    }
+
+    fn has_more(&self) -> Result<bool, RuntimeError> {
+        self.subscriber
+            .has_samples()
+            .map_err(|e| RuntimeError::Message {
+                topic: self.name.clone(),
+                action: "looking for messages",
+                cause: format!("{e:?}"),
+            })
     }
 
     fn take(&mut self) -> Result<Option<Message<T>>, RuntimeError> {

@@ -1,0 +1,265 @@
+//! One JSON line a frame: what the robot, the evaluator and `jq` read. `docs/output.md` describes it,
+//! `docs/objects.schema.json` checks it.
+
+use mluc_ipc_types::{Fate, Flags, FrameHeader, Object, ObjectKind, Stage, WIRE_VERSION};
+use serde::Serialize;
+
+/// A frame's line.
+#[derive(Debug, Serialize)]
+pub struct Line<'a> {
+    /// Wire version.
+    pub wire: u32,
+    /// Counts the frames of a run from 0.
+    pub sequence: u64,
+    /// The frame's name.
+    pub frame: &'a str,
+    /// The sensor's own time, ns.
+    pub stamp_ns: u64,
+    /// What is published.
+    pub objects: Vec<ObjectLine<'a>>,
+    /// What is not, and why.
+    pub suppressed: Vec<SuppressedLine<'a>>,
+    /// Latency by stage.
+    pub stages: Stages,
+    /// From the scan's arrival to the objects' publication, us.
+    pub latency_us: u64,
+    /// What is out of the ordinary.
+    pub flags: Vec<&'static str>,
+}
+
+/// An object.
+#[derive(Debug, Serialize)]
+pub struct ObjectLine<'a> {
+    kind: &'static str,
+    label: &'a str,
+    score: f32,
+    center_m: [f32; 3],
+    size_m: [f32; 3],
+    yaw_rad: f32,
+    eds: f32,
+    eds_normalised: f32,
+    points: u32,
+    footprint_m: Vec<[f32; 2]>,
+}
+
+/// An object that is not published.
+#[derive(Debug, Serialize)]
+pub struct SuppressedLine<'a> {
+    #[serde(flatten)]
+    object: ObjectLine<'a>,
+    /// [`Fate`]'s word.
+    reason: &'static str,
+    /// Which of the line's `objects` took its place.
+    by: Option<usize>,
+}
+
+/// Latency of each stage.
+#[derive(Debug, Serialize)]
+pub struct Stages {
+    ingest: StageTimes,
+    backbone: StageTimes,
+    head: StageTimes,
+    refiner: StageTimes,
+}
+
+/// Latency of one stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct StageTimes {
+    /// From the moment its input was there (published by the stage before; for ingest: the scan was due) to the start of
+    /// computing, us.
+    pub queue_us: u64,
+    /// From there to the publication of its result, us.
+    pub run_us: u64,
+}
+
+/// Times of a stage by the header's stamps. Stamps that do not ascend, which a foreign stage may leave, count as 0.
+pub fn stage_times(header: &FrameHeader, stage: Stage) -> StageTimes {
+    let own = header.stages[stage as usize];
+    let input_ns = match (stage as usize).checked_sub(1) {
+        Some(before) => header.stages[before].published_ns,
+        None => own.received_ns,
+    };
+    StageTimes {
+        queue_us: own.started_ns.saturating_sub(input_ns) / 1000,
+        run_us: own.published_ns.saturating_sub(own.started_ns) / 1000,
+    }
+}
+
+/// From the scan's arrival to the objects' publication, us.
+pub fn latency_us(header: &FrameHeader) -> u64 {
+    let [ingest, .., refiner] = header.stages;
+    refiner.published_ns.saturating_sub(ingest.received_ns) / 1000
+}
+
+/// The line of a frame. `objects` must have passed [`Object::checked`] with as many `classes`.
+pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [String]) -> Line<'a> {
+    // Where each published object stands in the line.
+    let places: Vec<Option<usize>> = objects
+        .iter()
+        .scan(0, |count, object| {
+            let place = object.is_published().then_some(*count);
+            *count += usize::from(object.is_published());
+            Some(place)
+        })
+        .collect();
+    let (published, suppressed): (Vec<&Object>, Vec<&Object>) =
+        objects.iter().partition(|object| object.is_published());
+    let suppressed = suppressed.into_iter().map(|object| SuppressedLine {
+        object: object_line(object, classes),
+        reason: Fate::ALL
+            .get(object.fate as usize)
+            .map_or("?", |fate| fate.name()),
+        by: places.get(object.by as usize).copied().flatten(),
+    });
+    Line {
+        wire: WIRE_VERSION,
+        sequence: header.sequence,
+        frame: header.name(),
+        stamp_ns: header.sensor_stamp_ns,
+        objects: published
+            .into_iter()
+            .map(|object| object_line(object, classes))
+            .collect(),
+        suppressed: suppressed.collect(),
+        stages: Stages {
+            ingest: stage_times(header, Stage::Ingest),
+            backbone: stage_times(header, Stage::Backbone),
+            head: stage_times(header, Stage::Head),
+            refiner: stage_times(header, Stage::Refiner),
+        },
+        latency_us: latency_us(header),
+        flags: Flags(header.flags).names().collect(),
+    }
+}
+
+fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
+    let is_known = object.kind == ObjectKind::Known as u32;
+    let class = classes
+        .get(object.class_id as usize)
+        .map_or("?", String::as_str);
+    let corners = (object.footprint_count as usize).min(object.footprint_m.len());
+    ObjectLine {
+        kind: if is_known { "known" } else { "unknown" },
+        label: if is_known { class } else { "unknown" },
+        score: object.score,
+        center_m: object.center_m,
+        size_m: object.size_m,
+        yaw_rad: object.yaw_rad,
+        eds: object.eds,
+        eds_normalised: object.eds_normalised,
+        points: object.points_count,
+        footprint_m: object.footprint_m[..corners].to_vec(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mluc_ipc_types::{FOOTPRINT_MAX, StageStamps};
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    fn object(kind: ObjectKind, fate: Fate, by: u32) -> Object {
+        let mut footprint_m = [[0.0; 2]; FOOTPRINT_MAX];
+        footprint_m[1] = [2.0, 0.5];
+        Object {
+            kind: kind as u32,
+            fate: fate as u32,
+            by,
+            class_id: 1,
+            score: 0.5,
+            center_m: [10.0, -2.0, -1.0],
+            size_m: [4.0, 2.0, 1.5],
+            yaw_rad: 0.25,
+            eds: 18.0,
+            eds_normalised: 1.5,
+            threshold: 1.2,
+            points_first: 0,
+            points_count: 42,
+            footprint_count: 2,
+            footprint_m,
+        }
+    }
+
+    fn written(objects: &[Object]) -> Value {
+        let mut header = FrameHeader::new(8, "000008");
+        header.sensor_stamp_ns = 77;
+        header.flag(Flags::RESENT);
+        for (number, stamps) in header.stages.iter_mut().enumerate() {
+            let begin = 1_000_000 * number as u64;
+            *stamps = StageStamps {
+                received_ns: begin + 20_000,
+                started_ns: begin + 50_000,
+                published_ns: begin + 900_000,
+            };
+        }
+        let classes = ["car", "pedestrian"].map(String::from);
+        serde_json::to_value(line(&header, objects, &classes)).unwrap()
+    }
+
+    #[test]
+    fn a_frame_is_written_as_documented() {
+        let line = written(&[
+            object(ObjectKind::Unknown, Fate::OverlapsKnown, 2),
+            object(ObjectKind::Unknown, Fate::Published, Object::NONE),
+            object(ObjectKind::Known, Fate::Published, Object::NONE),
+            object(ObjectKind::Unknown, Fate::TooFewPoints, Object::NONE),
+        ]);
+        assert_eq!(line["wire"], 1);
+        assert_eq!(
+            (&line["sequence"], &line["frame"], &line["stamp_ns"]),
+            (&json!(8), &json!("000008"), &json!(77))
+        );
+        assert_eq!(line["flags"], json!(["resent"]));
+        assert_eq!(line["objects"].as_array().unwrap().len(), 2);
+        assert_eq!(
+            line["objects"][1],
+            json!({"kind": "known", "label": "pedestrian", "score": 0.5, "center_m": [10.0, -2.0, -1.0],
+                   "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5, "points": 42,
+                   "footprint_m": [[0.0, 0.0], [2.0, 0.5]]})
+        );
+        assert_eq!(line["objects"][0]["label"], "unknown");
+        assert_eq!(
+            (
+                &line["suppressed"][0]["reason"],
+                &line["suppressed"][0]["by"]
+            ),
+            (&json!("overlaps_known"), &json!(1))
+        );
+        assert_eq!(
+            (
+                &line["suppressed"][1]["reason"],
+                &line["suppressed"][1]["by"]
+            ),
+            (&json!("too_few_points"), &Value::Null)
+        );
+    }
+
+    #[test]
+    fn latency_tells_queueing_and_computing_apart() {
+        let line = written(&[]);
+        assert_eq!(
+            line["stages"]["ingest"],
+            json!({"queue_us": 30, "run_us": 850})
+        );
+        assert_eq!(
+            line["stages"]["refiner"],
+            json!({"queue_us": 150, "run_us": 850})
+        );
+        assert_eq!(line["latency_us"], 3880);
+    }
+
+    #[test]
+    fn stamps_that_go_back_give_no_garbage() {
+        let mut header = FrameHeader::new(0, "a");
+        header.stages[1].started_ns = 5;
+        header.stages[0].published_ns = 10;
+        assert_eq!(
+            stage_times(&header, Stage::Backbone),
+            StageTimes {
+                queue_us: 0,
+                run_us: 0
+            }
+        );
+    }
+}

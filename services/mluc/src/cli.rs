@@ -1,0 +1,126 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use serde::Deserialize;
+
+/// Known and unknown objects in LiDAR scans.
+#[derive(Debug, Parser)]
+#[command(name = "mluc", version)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Run the pipeline on scans; one JSON line a frame on stdout.
+    Up(PipelineArgs),
+    /// Run the pipeline on bundled simulated scans: objects, latency table, picture.
+    Demo(DemoArgs),
+    /// Run one stage in this process (`up` starts them by itself).
+    Stage(StageArgs),
+    /// Say how the stages of a running pipeline are.
+    Status(StatusArgs),
+    /// Start a program that ends with its parent (used by `up` for foreign stages).
+    #[command(hide = true)]
+    Exec(ExecArgs),
+}
+
+/// When the next frame enters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Pace {
+    /// At the sensor's rate; the newest frame wins.
+    #[default]
+    Sensor,
+    /// When the last one's objects are out; nothing is dropped.
+    Complete,
+}
+
+/// What `up` and `stage` share; everything may stand in the configuration file instead.
+#[derive(Args, Clone, Debug, Default)]
+pub(crate) struct PipelineArgs {
+    /// A folder of KITTI .bin scans (or of `velodyne/`), or one scan.
+    #[arg(long)]
+    pub(crate) input: Option<PathBuf>,
+    /// An embedded model (kitti, udi) or a model file.
+    #[arg(long)]
+    pub(crate) model: Option<String>,
+    /// When the next frame enters [default: sensor].
+    #[arg(long, value_enum)]
+    pub(crate) pace: Option<Pace>,
+    /// Frames a second at pace `sensor` [default: timestamps.txt beside the scans, else 10].
+    #[arg(long)]
+    pub(crate) rate: Option<f64>,
+    /// Begin again after the last scan.
+    #[arg(long = "loop")]
+    pub(crate) repeat: bool,
+    /// End after so many seconds of input.
+    #[arg(long)]
+    pub(crate) seconds: Option<f64>,
+    /// Name of this pipeline: two with different names run side by side [default: default].
+    #[arg(long)]
+    pub(crate) instance: Option<String>,
+    /// Configuration file (TOML).
+    #[arg(long)]
+    pub(crate) config: Option<PathBuf>,
+    /// The gate's threshold on the normalised EDS instead of the model's: boxes below it are candidate unknowns (1:
+    /// the centre of all prototypes, 2: at a prototype, 0: no unknowns).
+    #[arg(long)]
+    pub(crate) lambda: Option<f32>,
+    /// How the refiner clusters: corrected, literal, distance, dbscan, euclidean, none.
+    #[arg(long)]
+    pub(crate) refiner_mode: Option<String>,
+    /// Frames that leave later than this, ms after their scan, are flagged `late` [default: 200 at pace sensor].
+    #[arg(long)]
+    pub(crate) budget_ms: Option<u64>,
+    /// Check that each payload lies in shared memory, and fail if not (slow).
+    #[arg(long)]
+    pub(crate) verify_mapping: bool,
+    /// Threads of one stage, STAGE=N [default: backbone=2, others 1].
+    #[arg(long = "threads", value_name = "STAGE=N")]
+    pub(crate) threads: Vec<String>,
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct StageArgs {
+    /// ingest, backbone, head or refiner.
+    pub(crate) name: String,
+    #[command(flatten)]
+    pub(crate) pipeline: PipelineArgs,
+    /// First frame of the input (set by `up` when it restarts ingest).
+    #[arg(long, default_value_t = 0, hide = true)]
+    pub(crate) start_sequence: u64,
+    /// Process to end with (set by `up`).
+    #[arg(long, hide = true)]
+    pub(crate) supervised_by: Option<u32>,
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct DemoArgs {
+    /// Where the picture goes.
+    #[arg(long, default_value = "mluc-demo.png")]
+    pub(crate) picture: PathBuf,
+    /// A model file instead of the embedded `udi`.
+    #[arg(long)]
+    pub(crate) model: Option<String>,
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct StatusArgs {
+    /// Which pipeline.
+    #[arg(long, default_value = "default")]
+    pub(crate) instance: String,
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct ExecArgs {
+    /// Process to end with.
+    #[arg(long)]
+    pub(crate) supervised_by: u32,
+    /// The program and its arguments.
+    #[arg(last = true, required = true)]
+    pub(crate) command: Vec<String>,
+}

@@ -1,0 +1,11 @@
+//! The subcommands.
+
+mod demo;
+mod exec;
+mod status;
+mod up;
+
+pub(crate) use demo::demo;
+pub(crate) use exec::exec;
+pub(crate) use status::status;
+pub(crate) use up::up;

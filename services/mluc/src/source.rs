@@ -1,0 +1,246 @@
+//! Scans in a folder: which files, in what order, with what stamps.
+
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+
+/// Bytes read of one scan: 4 million points; the rest could not be used anyway.
+const SCAN_BYTES_MAX: u64 = 64 << 20;
+/// Scans of one run; a guess far above any recording.
+const SCANS_MAX: usize = 1_000_000;
+
+/// The scans of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Source {
+    pub(crate) scans: Vec<PathBuf>,
+    /// The sensor's time of each scan, ns; from `timestamps.txt`.
+    pub(crate) stamps_ns: Option<Vec<u64>>,
+}
+
+/// What was read of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ReadOutcome {
+    Whole,
+    /// Longer than a scan can be; the rest was left.
+    Cut,
+    /// Could not be read.
+    Failed,
+}
+
+impl Source {
+    /// `input`: one `.bin`, or a folder with `.bin` files, or a folder with `velodyne/` or KITTI raw's
+    /// `velodyne_points/data/`.
+    pub(crate) fn find(input: &Path) -> anyhow::Result<Source> {
+        let about = fs::metadata(input).with_context(|| format!("input {}", input.display()))?;
+        if about.is_file() {
+            return Ok(Source {
+                scans: vec![input.to_path_buf()],
+                stamps_ns: None,
+            });
+        }
+        for inner in ["velodyne", "velodyne_points/data", ""] {
+            let folder = input.join(inner);
+            if !folder.is_dir() {
+                continue;
+            }
+            let scans = bin_files(&folder)?;
+            if !scans.is_empty() {
+                let stamps_ns = stamps(&folder, scans.len());
+                return Ok(Source { scans, stamps_ns });
+            }
+        }
+        bail!(
+            "input {}: no .bin scans there, nor in velodyne/ or velodyne_points/data/ below it",
+            input.display()
+        )
+    }
+
+    /// The frame's name: the file's, without its ending.
+    pub(crate) fn name(&self, index: usize) -> String {
+        let stem = self.scans[index].file_stem().unwrap_or_default();
+        stem.to_string_lossy().into_owned()
+    }
+
+    /// Reads a scan into `bytes`, which is reused.
+    pub(crate) fn read(&self, index: usize, bytes: &mut Vec<u8>) -> ReadOutcome {
+        bytes.clear();
+        let path = &self.scans[index];
+        let read =
+            File::open(path).and_then(|file| file.take(SCAN_BYTES_MAX + 1).read_to_end(bytes));
+        match read {
+            Err(error) => {
+                tracing::warn!(%error, path = %path.display(), "cannot read a scan: an empty frame takes its place");
+                bytes.clear();
+                ReadOutcome::Failed
+            }
+            Ok(length) if length as u64 > SCAN_BYTES_MAX => {
+                bytes.truncate(SCAN_BYTES_MAX as usize);
+                ReadOutcome::Cut
+            }
+            Ok(_) => ReadOutcome::Whole,
+        }
+    }
+}
+
+fn bin_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let entries = fs::read_dir(folder).with_context(|| format!("input {}", folder.display()))?;
+    let mut scans: Vec<PathBuf> = entries
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.extension().is_some_and(|kind| kind == "bin"))
+        .take(SCANS_MAX + 1)
+        .collect();
+    if scans.len() > SCANS_MAX {
+        bail!("input {}: more than {SCANS_MAX} scans", folder.display());
+    }
+    scans.sort();
+    Ok(scans)
+}
+
+/// KITTI raw's `timestamps.txt`, in the folder or above it: `2011-09-26 13:02:25.964389445`, a line a scan. A file that
+/// does not fit is said and not used.
+fn stamps(folder: &Path, scans: usize) -> Option<Vec<u64>> {
+    let candidates = [Some(folder), folder.parent()];
+    let path = candidates
+        .into_iter()
+        .flatten()
+        .map(|folder| folder.join("timestamps.txt"))
+        .find(|path| path.is_file())?;
+    let text = fs::read_to_string(&path).ok()?;
+    let stamps: Option<Vec<u64>> = text
+        .lines()
+        .filter(|line| !line.trim().is_empty())
+        .map(stamp_ns)
+        .collect();
+    match stamps {
+        Some(stamps) if stamps.len() == scans && stamps.is_sorted() => Some(stamps),
+        Some(stamps) => {
+            tracing::warn!(path = %path.display(), lines = stamps.len(), scans, "stamps are not one a scan in ascending order: not used");
+            None
+        }
+        None => {
+            tracing::warn!(path = %path.display(), "stamps are not of the form 2011-09-26 13:02:25.964389445: not used");
+            None
+        }
+    }
+}
+
+/// Nanoseconds since 1970 of a stamp in UTC.
+fn stamp_ns(line: &str) -> Option<u64> {
+    let (date, time) = line.trim().split_once([' ', 'T'])?;
+    let mut parts = date.splitn(3, '-').map(|part| part.parse::<i64>().ok());
+    let (year, month, day) = (parts.next()??, parts.next()??, parts.next()??);
+    let (clock, fraction) = time.split_once('.').unwrap_or((time, "0"));
+    let mut parts = clock.splitn(3, ':').map(|part| part.parse::<u64>().ok());
+    let (hour, minute, second) = (parts.next()??, parts.next()??, parts.next()??);
+    let in_range = (1970..3000).contains(&year)
+        && (1..=12).contains(&month)
+        && (1..=31).contains(&day)
+        && hour < 24
+        && minute < 60
+        && second < 61
+        && (1..=9).contains(&fraction.len());
+    if !in_range {
+        return None;
+    }
+    let nanoseconds = fraction.parse::<u64>().ok()? * 10u64.pow(9 - fraction.len() as u32);
+    let seconds =
+        days_since_1970(year, month, day) as u64 * 86_400 + hour * 3600 + minute * 60 + second;
+    Some(seconds * 1_000_000_000 + nanoseconds)
+}
+
+/// Proleptic Gregorian calendar; years counted from March, so that a leap day ends one (Hinnant, "chrono-compatible
+/// low-level date algorithms").
+fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
+    let year = year - i64::from(month <= 2);
+    let (era, of_era) = (year.div_euclid(400), year.rem_euclid(400));
+    let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
+    era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(label: &str, files: &[&str]) -> PathBuf {
+        let root = std::env::temp_dir().join(format!("mluc-source-{label}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&root);
+        for file in files {
+            let path = root.join(file);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, b"x").unwrap();
+        }
+        root
+    }
+
+    #[test]
+    fn scans_are_found_in_all_layouts_and_sorted() {
+        for (label, inner) in [
+            ("flat", ""),
+            ("kitti", "velodyne/"),
+            ("raw", "velodyne_points/data/"),
+        ] {
+            let files: Vec<String> = ["000002.bin", "000000.bin", "notes.txt"]
+                .iter()
+                .map(|f| format!("{inner}{f}"))
+                .collect();
+            let root = folder(label, &files.iter().map(String::as_str).collect::<Vec<_>>());
+            let source = Source::find(&root).unwrap();
+            assert_eq!(
+                (source.name(0), source.name(1), source.scans.len()),
+                ("000000".into(), "000002".into(), 2)
+            );
+            fs::remove_dir_all(root).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_missing_and_an_empty_folder_are_errors() {
+        let missing = Source::find(Path::new("/nowhere/at/all")).unwrap_err();
+        assert!(format!("{missing:#}").contains("/nowhere/at/all"));
+        let root = folder("none", &["notes.txt"]);
+        assert!(
+            Source::find(&root)
+                .unwrap_err()
+                .to_string()
+                .contains("no .bin scans")
+        );
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn stamps_are_seconds_since_1970() {
+        assert_eq!(stamp_ns("1970-01-01 00:00:00.000000000"), Some(0));
+        assert_eq!(
+            stamp_ns("2011-09-26 13:02:25.964389445"),
+            Some(1_317_042_145_964_389_445)
+        );
+        assert_eq!(
+            stamp_ns("2024-02-29T12:00:00.5"),
+            Some(1_709_208_000_500_000_000)
+        );
+        for bad in [
+            "",
+            "2011-09-26",
+            "2011-13-26 13:02:25.9",
+            "2011-09-26 25:02:25.9",
+            "a-b-c d:e:f.g",
+        ] {
+            assert_eq!(stamp_ns(bad), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_scan_that_cannot_be_read_is_no_end() {
+        let source = Source {
+            scans: vec!["/nowhere/000007.bin".into()],
+            stamps_ns: None,
+        };
+        let mut bytes = vec![1, 2, 3];
+        assert_eq!(source.read(0, &mut bytes), ReadOutcome::Failed);
+        assert!(bytes.is_empty());
+        assert_eq!(source.name(0), "000007");
+    }
+}

@@ -1,0 +1,41 @@
+//! Scans from files into shared memory, at the sensor's pace or one after the other.
+
+mod pace;
+mod sender;
+
+use anyhow::Context;
+use mluc_ipc_types::{HealthState, Stage};
+use mluc_model::Model;
+use mluc_runtime::Shell;
+
+use crate::UsageError;
+use crate::cli::Pace;
+use crate::settings::Settings;
+use crate::source::Source;
+
+use sender::Sender;
+
+pub(crate) fn run(
+    shell: Shell,
+    settings: &Settings,
+    model: &Model,
+    start_sequence: u64,
+) -> anyhow::Result<()> {
+    let input = settings.input.as_deref();
+    let input = input.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
+    let source = Source::find(input)?;
+    let frames = match (settings.repeat, settings.seconds) {
+        (true, _) => u64::MAX,
+        (false, _) => source.scans.len() as u64,
+    };
+    let mut sender =
+        Sender::new(shell, source, model, start_sequence).context("opening the topics")?;
+    sender.wait_until_ready()?;
+    let done = match settings.pace {
+        Pace::Sensor => pace::sensor(&mut sender, settings, start_sequence..frames),
+        Pace::Complete => pace::complete(&mut sender, settings, start_sequence..frames),
+    };
+    sender.shell.state(HealthState::Stopping, "")?;
+    sender.shell.beat()?;
+    done.with_context(|| Stage::Ingest.name())
+}

@@ -1,0 +1,153 @@
+//! When the next frame enters.
+
+use std::ops::Range;
+use std::time::Duration;
+
+use mluc_runtime::{RuntimeError, monotonic_ns};
+
+use super::sender::Sender;
+use crate::settings::Settings;
+use crate::source::Source;
+
+/// Without stamps.
+const RATE_HZ: f64 = 10.0;
+/// Silence after which a frame is sent again.
+const ANSWER_PATIENCE_NS: u64 = 10_000_000_000;
+/// Times that a frame is sent again before it counts as lost.
+const RESENDS_MAX: u32 = 2;
+/// How long the last frame of a run at the sensor's pace may take.
+const LAST_FRAME_NS: u64 = 5_000_000_000;
+const LOOK: Duration = Duration::from_millis(20);
+
+/// At the sensor's rate, whoever follows.
+pub(crate) fn sensor(
+    sender: &mut Sender,
+    settings: &Settings,
+    frames: Range<u64>,
+) -> anyhow::Result<()> {
+    let first = frames.start;
+    let begun_ns = monotonic_ns();
+    let end_ns = end_ns(settings, begun_ns);
+    let mut last = None;
+    for sequence in frames {
+        let due_ns = begun_ns + offset_ns(&sender.source, settings, first, sequence);
+        if due_ns >= end_ns {
+            break;
+        }
+        // The file is read before its time: a disk is no sensor.
+        sender.load(sequence);
+        if !sleep_until(sender, due_ns)? {
+            return Ok(());
+        }
+        sender.send(sequence, 0, due_ns)?;
+        last = Some(sequence);
+    }
+    if let Some(last) = last {
+        let deadline_ns = monotonic_ns() + LAST_FRAME_NS;
+        await_objects(sender, last, deadline_ns)?;
+    }
+    Ok(())
+}
+
+/// When a frame is due after the first one, ns.
+fn offset_ns(source: &Source, settings: &Settings, first: u64, sequence: u64) -> u64 {
+    let count = source.scans.len() as u64;
+    match (&source.stamps_ns, settings.rate_hz) {
+        (Some(stamps), None) if stamps[0] < stamps[stamps.len() - 1] => {
+            // Each further round begins one mean period after the last stamp.
+            let span = stamps[stamps.len() - 1] - stamps[0];
+            let round = span + span / (count - 1).max(1);
+            let at = |n: u64| (n / count) * round + stamps[(n % count) as usize] - stamps[0];
+            at(sequence) - at(first)
+        }
+        (_, rate_hz) => {
+            let period_ns = 1e9 / rate_hz.unwrap_or(RATE_HZ);
+            ((sequence - first) as f64 * period_ns) as u64
+        }
+    }
+}
+
+fn end_ns(settings: &Settings, begun_ns: u64) -> u64 {
+    match settings.seconds {
+        Some(seconds) => begun_ns + (seconds * 1e9) as u64,
+        None => u64::MAX,
+    }
+}
+
+/// False: asked to end.
+fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
+    loop {
+        // Taken only to keep the queue from looking like a gap at the end.
+        sender.objects.newest()?;
+        let now_ns = monotonic_ns();
+        if sender.shell.is_stopping() {
+            return Ok(false);
+        }
+        if now_ns >= due_ns {
+            return Ok(true);
+        }
+        sender.shell.tick()?;
+        std::thread::sleep(Duration::from_nanos(due_ns - now_ns).min(LOOK));
+    }
+}
+
+/// Each frame when the last one's objects are out.
+pub(crate) fn complete(
+    sender: &mut Sender,
+    settings: &Settings,
+    frames: Range<u64>,
+) -> anyhow::Result<()> {
+    let end_ns = end_ns(settings, monotonic_ns());
+    for sequence in frames {
+        if monotonic_ns() >= end_ns || sender.shell.is_stopping() {
+            break;
+        }
+        let mut is_out = false;
+        for attempt in 0..=RESENDS_MAX {
+            if !sender.wait_until_ready()? {
+                return Ok(());
+            }
+            if attempt > 0 {
+                tracing::warn!(sequence, attempt, "frame sent again");
+            }
+            sender.send(sequence, attempt, monotonic_ns())?;
+            is_out = await_objects(sender, sequence, monotonic_ns() + ANSWER_PATIENCE_NS)?;
+            if is_out || sender.shell.is_stopping() {
+                break;
+            }
+        }
+        if !is_out && !sender.shell.is_stopping() {
+            sender.shell.counters.frames_dropped += 1;
+            tracing::error!(
+                sequence,
+                "frame lost: no objects came, although it was sent {} times",
+                RESENDS_MAX + 1
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Waits for the objects of a frame; false: the deadline passed, a stage behind was restarted, or asked to end.
+fn await_objects(
+    sender: &mut Sender,
+    sequence: u64,
+    deadline_ns: u64,
+) -> Result<bool, RuntimeError> {
+    sender.followers.update()?;
+    let lives = sender.followers.lives();
+    loop {
+        while let Some(objects) = sender.objects.oldest()? {
+            if objects.header().sequence >= sequence {
+                return Ok(true);
+            }
+        }
+        sender.followers.update()?;
+        let is_restarted = sender.followers.lives() != lives;
+        if sender.shell.is_stopping() || monotonic_ns() >= deadline_ns || is_restarted {
+            return Ok(false);
+        }
+        sender.shell.tick()?;
+        sender.shell.wait(&sender.objects, LOOK);
+    }
+}

@@ -1,0 +1,158 @@
+//! Reading one scan and publishing it.
+
+use mluc_ingest::{DecodeReport, Sanity, decode_bin, inspect_bin};
+use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
+use mluc_model::Model;
+use mluc_runtime::{Input, Output, RuntimeError, Shell, monotonic_ns, wall_clock_ns};
+
+use crate::source::{ReadOutcome, Source};
+use crate::stages::frame::{finish, stamp_published};
+use crate::stages::wait_ready::Followers;
+
+/// A scan read from its file, not yet in shared memory.
+struct Loaded {
+    sequence: u64,
+    bytes: Vec<u8>,
+    report: DecodeReport,
+    flags: Flags,
+}
+
+/// Ingest's ports and buffers.
+pub(crate) struct Sender {
+    pub(crate) shell: Shell,
+    pub(crate) source: Source,
+    pub(crate) objects: Input<Object>,
+    pub(crate) followers: Followers,
+    output: Output<Point>,
+    sanity: Sanity,
+    fingerprint: u64,
+    loaded: Loaded,
+    is_suspect: bool,
+}
+
+impl Sender {
+    pub(crate) fn new(
+        mut shell: Shell,
+        source: Source,
+        model: &Model,
+        start_sequence: u64,
+    ) -> Result<Sender, RuntimeError> {
+        let output = shell.output::<Point>(&Topic::POINTS, POINTS_MAX)?;
+        let objects = shell.input::<Object>(&Topic::OBJECTS)?;
+        let followers = Followers::new(shell.health_watch()?);
+        // Frames that an earlier life of this process sent.
+        shell.counters.frames_in = start_sequence;
+        shell.counters.frames_out = start_sequence;
+        Ok(Sender {
+            shell,
+            source,
+            objects,
+            followers,
+            output,
+            sanity: Sanity::new(&model.manifest),
+            fingerprint: model.fingerprint,
+            loaded: Loaded {
+                sequence: u64::MAX,
+                bytes: Vec::new(),
+                report: DecodeReport::default(),
+                flags: Flags::default(),
+            },
+            is_suspect: false,
+        })
+    }
+
+    /// Waits until all stages behind take frames; false: asked to end.
+    pub(crate) fn wait_until_ready(&mut self) -> Result<bool, RuntimeError> {
+        let begun_ns = monotonic_ns();
+        let mut said = String::new();
+        while !self.shell.is_stopping() {
+            self.followers.update()?;
+            let missing = self.followers.missing(&self.objects);
+            if missing.is_empty() {
+                self.shell.state(HealthState::Running, "")?;
+                return Ok(true);
+            }
+            let reason = format!("waiting for {} to be ready", missing.join(", "));
+            if reason != said && monotonic_ns() - begun_ns > Topic::POINTS.deadline_ms * 1_000_000 {
+                tracing::info!("{reason}");
+                said.clone_from(&reason);
+            }
+            self.shell.state(HealthState::WaitingInput, &reason)?;
+            self.shell.tick()?;
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        Ok(false)
+    }
+
+    /// Reads the scan of `sequence` from its file, unless it is the one read last.
+    pub(crate) fn load(&mut self, sequence: u64) {
+        let loaded = &mut self.loaded;
+        if loaded.sequence == sequence {
+            return;
+        }
+        loaded.sequence = sequence;
+        let index = (sequence % self.source.scans.len() as u64) as usize;
+        loaded.flags = match self.source.read(index, &mut loaded.bytes) {
+            ReadOutcome::Whole => Flags::default(),
+            ReadOutcome::Cut => Flags::TRUNCATED,
+            ReadOutcome::Failed => Flags::DAMAGED_INPUT,
+        };
+        loaded.report = inspect_bin(&loaded.bytes);
+        loaded.flags = loaded.flags.with(loaded.report.flags());
+        self.shell.counters.frames_in += 1;
+    }
+
+    /// Publishes the scan of `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
+    pub(crate) fn send(
+        &mut self,
+        sequence: u64,
+        attempt: u32,
+        due_ns: u64,
+    ) -> Result<(), RuntimeError> {
+        let started_ns = monotonic_ns();
+        self.load(sequence);
+        let index = (sequence % self.source.scans.len() as u64) as usize;
+        let report = self.loaded.report;
+        let mut header = FrameHeader::new(sequence, &self.source.name(index));
+        header.attempt = attempt;
+        header.model_fingerprint = self.fingerprint;
+        header.sensor_stamp_ns = self.stamp_ns(index);
+        header.points_in = report.points_in;
+        header.points_dropped = report.dropped();
+        header.flag(self.loaded.flags);
+        if attempt > 0 {
+            header.flag(Flags::RESENT);
+        }
+        let stamps = header.stamps_mut(Stage::Ingest);
+        (stamps.received_ns, stamps.started_ns) = (due_ns.min(started_ns), started_ns);
+        let mut draft = self.output.draft(&header, report.points_out as usize)?;
+        decode_bin(&self.loaded.bytes, draft.elements_mut());
+        if let Some(finding) = self.sanity.check(draft.elements_mut()) {
+            draft.header_mut().flag(Flags::INPUT_SUSPECT);
+            if !self.is_suspect {
+                tracing::warn!(
+                    frame = header.name(),
+                    "the input does not look like the model's training data: {finding}"
+                );
+            }
+            self.is_suspect = true;
+        }
+        stamp_published(Stage::Ingest, draft.header_mut());
+        draft.publish()?;
+        self.shell.counters.bytes_written =
+            (report.points_out as usize * size_of::<Point>()) as u64;
+        self.shell.counters.mappings_verified = self.objects.mappings_verified();
+        finish(&mut self.shell, Stage::Ingest, &header)?;
+        if attempt > 0 {
+            self.shell.counters.frames_out -= 1;
+        }
+        Ok(())
+    }
+
+    fn stamp_ns(&self, index: usize) -> u64 {
+        match &self.source.stamps_ns {
+            Some(stamps) => stamps[index],
+            None => wall_clock_ns(),
+        }
+    }
+}

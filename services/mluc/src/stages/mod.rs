@@ -1,0 +1,69 @@
+//! The thin process around each stage: take a frame, check it, compute, publish.
+
+mod backbone;
+mod frame;
+mod head;
+mod ingest;
+mod refiner;
+mod wait_ready;
+
+use anyhow::{Context, bail};
+use mluc_ipc_types::Stage;
+use mluc_model::Model;
+use mluc_runtime::{Shell, ShellOptions, Shutdown, log_to_stderr};
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+
+use crate::cli::StageArgs;
+use crate::model;
+use crate::settings::{Settings, stage_named};
+
+/// `mluc stage NAME`.
+pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
+    let stage = stage_named(&args.name)?;
+    log_to_stderr(stage.name(), "info");
+    if let Some(parent) = args.supervised_by {
+        end_with(parent)?;
+    }
+    let settings = Settings::resolve(args.pipeline)?;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(settings.threads[stage as usize])
+        .build_global()
+        .context("starting the threads")?;
+    let shutdown = Shutdown::on_signals()?;
+    let mut options = ShellOptions::new(settings.instance.clone());
+    options.verify_mapping = settings.verify_mapping;
+    let shell = Shell::stage(options, stage, shutdown)?;
+    let mut model = model::load(&settings.model)?;
+    if let Some(lambda) = settings.lambda {
+        model.manifest.thresholds.eds_normalised_max = lambda;
+    }
+    work(stage, shell, &settings, &model, args.start_sequence)
+        .with_context(|| format!("stage {}", stage.name()))
+}
+
+fn work(
+    stage: Stage,
+    shell: Shell,
+    settings: &Settings,
+    model: &Model,
+    start_sequence: u64,
+) -> anyhow::Result<()> {
+    match stage {
+        Stage::Ingest => ingest::run(shell, settings, model, start_sequence),
+        Stage::Backbone => backbone::run(shell, model),
+        Stage::Head => head::run(shell, model),
+        Stage::Refiner => refiner::run(shell, settings, model),
+    }
+}
+
+/// Has the kernel send SIGTERM when the supervisor dies, however it dies.
+pub(crate) fn end_with(parent: u32) -> anyhow::Result<()> {
+    set_parent_process_death_signal(Some(Signal::TERM))
+        .context("tying this process to its parent")?;
+    // It may have died before the line above.
+    let found = getppid().map_or(0, |pid| pid.as_raw_nonzero().get() as u32);
+    if found != parent {
+        bail!("the supervisor (process {parent}) is gone");
+    }
+    Ok(())
+}

@@ -1,0 +1,127 @@
+//! Detections and the points of the same frame to objects (paper section 3.3).
+
+use std::collections::VecDeque;
+
+use mluc_ipc_types::{
+    Detection, Flags, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Point, Stage, Topic,
+};
+use mluc_model::Model;
+use mluc_refiner::{Refined, Refiner, Sensor};
+use mluc_runtime::{Input, Message, RuntimeError, Shell, monotonic_ns};
+
+use super::frame::{begin, check_model, finish, refuse, stamp_published};
+use crate::settings::Settings;
+
+/// Scans kept after a frame was refined: the backbone has taken the newest or the one before it at about that time.
+const SCANS_PINNED: usize = 2;
+/// Scans kept in all: the pinned ones, and the newest two for a backbone that waited. So the points of a frame are found
+/// again however long the backbone takes; one more is held while it is being sorted in ([`Topic::POINTS`]`.borrowed`).
+const SCANS_KEPT: usize = 4;
+
+/// The last scans, held where they lie in shared memory.
+struct Scans {
+    input: Input<Point>,
+    held: VecDeque<Message<Point>>,
+}
+
+impl Scans {
+    /// Takes the scans that arrived.
+    fn take(&mut self) -> Result<(), RuntimeError> {
+        loop {
+            if self.held.len() > SCANS_KEPT {
+                self.held.remove(SCANS_PINNED);
+            }
+            match self.input.oldest()? {
+                Some(scan) => self.held.push_back(scan),
+                None => return Ok(()),
+            }
+        }
+    }
+
+    /// A frame was refined: lets go what no later frame can ask for.
+    fn let_go(&mut self) {
+        while self.held.len() > SCANS_PINNED {
+            self.held.pop_front();
+        }
+    }
+
+    /// The points of a frame, if they are still there.
+    fn of(&self, sequence: u64) -> Option<&Message<Point>> {
+        self.held
+            .iter()
+            .rev()
+            .find(|scan| scan.header().sequence == sequence)
+    }
+}
+
+pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
+    let sensor = Sensor::from_manifest(&model.manifest)?;
+    let mut refiner = Refiner::new(settings.refiner.clone(), &sensor)?;
+    let classes = model.manifest.classes.len();
+    let mut refined = Refined::default();
+    let mut objects_out = shell.output::<Object>(&Topic::OBJECTS, OBJECTS_MAX)?;
+    let mut points_out = shell.output::<u32>(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
+    let mut scans = Scans {
+        input: shell.side_input::<Point>(&Topic::POINTS)?,
+        held: VecDeque::with_capacity(SCANS_KEPT + 1),
+    };
+    let mut input = shell.input::<Detection>(&Topic::DETECTIONS)?;
+    shell.state(HealthState::WaitingInput, "waiting for detections")?;
+    while let Some(message) = shell.next(&mut input, &Topic::DETECTIONS, || scans.take())? {
+        let mut header = begin(Stage::Refiner, message.header(), message.received_ns);
+        let checked = Detection::checked(&header, message.elements(), classes);
+        let detections =
+            match checked.and_then(|d| check_model(&header, model.fingerprint).map(|()| d)) {
+                Ok(detections) => detections,
+                Err(error) => {
+                    refuse(&mut shell, &error.to_string())?;
+                    continue;
+                }
+            };
+        scans.take()?;
+        let scan = scans.of(header.sequence);
+        let points = match scan.map(|scan| Point::checked(scan.header(), scan.elements())) {
+            Some(Ok(points)) => points,
+            _ => {
+                header.flag(Flags::POINTS_GONE.with(Flags::DEGRADED));
+                &[]
+            }
+        };
+        refiner.refine(header.sequence, points, detections, &mut refined);
+        let counters = &refined.counters;
+        header.limit_dropped += counters.detections_dropped;
+        if counters.limit_hit() {
+            header.flag(Flags::LIMIT_HIT);
+        }
+        if counters.degraded() {
+            header.flag(Flags::DEGRADED);
+        }
+        let latency_ns =
+            monotonic_ns().saturating_sub(header.stages[Stage::Ingest as usize].received_ns);
+        if settings
+            .budget_ms
+            .is_some_and(|budget_ms| latency_ns > budget_ms * 1_000_000)
+        {
+            header.flag(Flags::LATE);
+        }
+        // First the indices: whoever has the objects can ask for their points.
+        let mut draft = points_out.draft(&header, refined.object_points.len())?;
+        draft.elements_mut().copy_from_slice(&refined.object_points);
+        stamp_published(Stage::Refiner, draft.header_mut());
+        draft.publish()?;
+        let mut draft = objects_out.draft(&header, refined.objects.len())?;
+        draft.elements_mut().copy_from_slice(&refined.objects);
+        stamp_published(Stage::Refiner, draft.header_mut());
+        draft.publish()?;
+        shell.counters.frames_in += 1;
+        shell.counters.frames_dropped = input.dropped();
+        shell.counters.bytes_read = (size_of_val(points) + size_of_val(detections)) as u64;
+        shell.counters.bytes_written =
+            (size_of_val(&refined.objects[..]) + size_of_val(&refined.object_points[..])) as u64;
+        shell.counters.mappings_verified =
+            input.mappings_verified() + scans.input.mappings_verified();
+        scans.let_go();
+        finish(&mut shell, Stage::Refiner, &header)?;
+    }
+    Ok(shell.state(HealthState::Stopping, "")?)
+}

@@ -1,0 +1,234 @@
+//! Starts the four stages as processes, keeps them running, takes their objects, and ends all of it without a trace.
+
+mod child;
+mod lines;
+mod report;
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use mluc_ipc_types::{FrameHeader, Object, Stage, Topic};
+use mluc_model::Model;
+use mluc_runtime::{HealthWatch, Input, Shell, ShellOptions, Shutdown};
+
+use crate::cli::Pace;
+use crate::settings::Settings;
+use crate::source::Source;
+use crate::{EXIT_WARNINGS, UsageError, model};
+
+use child::{Child, Ended};
+pub(crate) use lines::LineWriter;
+pub(crate) use report::Latencies;
+
+/// Takes the frames that leave the pipeline.
+pub(crate) trait Sink {
+    /// A frame's objects, checked. False: no more are wanted.
+    fn frame(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+    ) -> anyhow::Result<bool>;
+}
+
+/// How a run went.
+#[derive(Debug, Default)]
+pub(crate) struct Outcome {
+    pub(crate) frames_in: u64,
+    pub(crate) frames_out: u64,
+    pub(crate) restarts: u32,
+    pub(crate) latencies: Latencies,
+    /// Ended by a signal: what was not finished is not lost.
+    pub(crate) is_interrupted: bool,
+}
+
+impl Outcome {
+    pub(crate) fn frames_lost(&self) -> u64 {
+        match self.is_interrupted {
+            true => 0,
+            false => self.frames_in.saturating_sub(self.frames_out),
+        }
+    }
+
+    pub(crate) fn exit_code(&self) -> u8 {
+        match self.frames_lost() + u64::from(self.restarts) {
+            0 => 0,
+            _ if self.is_interrupted => 0,
+            _ => EXIT_WARNINGS,
+        }
+    }
+}
+
+/// Asked to end, stages get this long before they are killed: together with the rest below a second.
+const END_PATIENCE: Duration = Duration::from_millis(600);
+/// How often the supervisor looks around.
+const LOOK: Duration = Duration::from_millis(20);
+
+struct Supervisor<'a> {
+    shell: Shell,
+    settings: &'a Settings,
+    classes: Vec<String>,
+    objects: Input<Object>,
+    health: HealthWatch,
+    children: Vec<Child>,
+    next_sequence: u64,
+    outcome: Outcome,
+}
+
+/// Runs a pipeline to its end.
+pub(crate) fn run(settings: &Settings, sink: &mut dyn Sink) -> anyhow::Result<Outcome> {
+    let model = check_before(settings)?;
+    let shutdown = Shutdown::on_signals()?;
+    let options = ShellOptions::new(settings.instance.clone());
+    let shell = Shell::observer(options, Some("pipeline"), shutdown)?;
+    let mut supervisor = Supervisor {
+        objects: shell.input::<Object>(&Topic::OBJECTS)?,
+        health: shell.health_watch()?,
+        shell,
+        settings,
+        classes: model::class_names(&model),
+        children: Vec::new(),
+        next_sequence: 0,
+        outcome: Outcome::default(),
+    };
+    drop(model);
+    let result = supervisor.supervise(sink);
+    supervisor.end_all();
+    result.map(|()| supervisor.outcome)
+}
+
+/// What is wrong with the input or the model is said here, once, and not by four processes.
+fn check_before(settings: &Settings) -> anyhow::Result<Model> {
+    let is_own = settings.commands[Stage::Ingest as usize].is_none();
+    match &settings.input {
+        Some(input) => drop(Source::find(input)?),
+        None if is_own => {
+            return Err(UsageError(
+                "--input is missing: a folder of .bin scans, or one".to_string(),
+            )
+            .into());
+        }
+        None => (),
+    }
+    model::load(&settings.model)
+}
+
+impl Supervisor<'_> {
+    fn supervise(&mut self, sink: &mut dyn Sink) -> anyhow::Result<()> {
+        for stage in Stage::ALL {
+            let mut child = Child::new(stage);
+            child.start(self.settings, 0)?;
+            self.children.push(child);
+        }
+        loop {
+            if self.shell.is_stopping() {
+                self.outcome.is_interrupted = true;
+                return Ok(());
+            }
+            self.health.update()?;
+            let is_wanted = self.take_objects(sink)?;
+            if !is_wanted {
+                self.outcome.is_interrupted = true;
+                return Ok(());
+            }
+            if self.look_after_children()? {
+                // Ingest ends after the last objects; they are in the queue now.
+                self.health.update()?;
+                self.take_objects(sink)?;
+                return self.close_accounts();
+            }
+            self.shell.wait(&self.objects, LOOK);
+        }
+    }
+
+    /// False: the sink wants no more.
+    fn take_objects(&mut self, sink: &mut dyn Sink) -> anyhow::Result<bool> {
+        while let Some(message) = self.objects.oldest()? {
+            let header = *message.header();
+            let objects = match Object::checked(&header, message.elements(), self.classes.len()) {
+                Ok(objects) => objects,
+                Err(error) => {
+                    tracing::warn!(frame = header.name(), "objects refused: {error}");
+                    continue;
+                }
+            };
+            // A frame that was sent again may answer twice.
+            if header.sequence < self.next_sequence {
+                continue;
+            }
+            self.next_sequence = header.sequence + 1;
+            self.outcome.frames_out += 1;
+            self.outcome.latencies.record(&header);
+            if !sink.frame(&header, objects, &self.classes)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Restarts what died. True: ingest has come to the end of its input.
+    fn look_after_children(&mut self) -> anyhow::Result<bool> {
+        let start_sequence = self.start_sequence();
+        for child in &mut self.children {
+            let is_ready = self
+                .health
+                .of(child.stage)
+                .is_some_and(|h| h.pid == child.pid())
+                && self.health.is_ready(child.stage);
+            match child.look(is_ready)? {
+                Ended::No => (),
+                Ended::Done if child.stage == Stage::Ingest => return Ok(true),
+                Ended::Done | Ended::Died => {
+                    if self.shell.is_stopping() {
+                        continue;
+                    }
+                    child.plan_restart()?;
+                    self.outcome.restarts += 1;
+                }
+            }
+            child.start_if_due(self.settings, start_sequence)?;
+        }
+        Ok(false)
+    }
+
+    /// Where a restarted ingest goes on.
+    fn start_sequence(&self) -> u64 {
+        let sent = self
+            .health
+            .of(Stage::Ingest)
+            .map_or(0, |health| health.frames_out);
+        match self.settings.pace {
+            Pace::Complete => self.next_sequence,
+            Pace::Sensor => self.next_sequence.max(sent),
+        }
+    }
+
+    fn close_accounts(&mut self) -> anyhow::Result<()> {
+        let Some(ingest) = self.health.of(Stage::Ingest) else {
+            bail!("ingest ended and never said how many frames it sent");
+        };
+        self.outcome.frames_in = ingest.frames_out;
+        Ok(())
+    }
+
+    /// SIGTERM to all, SIGKILL to those that stay; nothing is left running.
+    fn end_all(&mut self) {
+        for child in &mut self.children {
+            child.ask_to_end();
+        }
+        let begun = Instant::now();
+        while self.children.iter_mut().any(|child| child.is_running())
+            && begun.elapsed() < END_PATIENCE
+        {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        for child in &mut self.children {
+            child.kill();
+        }
+    }
+}
+
+/// Where this program lies, to be started again.
+fn own_program() -> anyhow::Result<std::path::PathBuf> {
+    std::env::current_exe().context("finding this program's file")
+}

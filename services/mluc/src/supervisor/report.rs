@@ -1,0 +1,62 @@
+//! The table at the end of a run: latency by stage.
+
+use hdrhistogram::Histogram;
+use mluc_gateway::lines::{latency_us, stage_times};
+use mluc_ipc_types::{FrameHeader, Stage};
+
+/// Latencies of all frames, us.
+#[derive(Debug)]
+pub(crate) struct Latencies {
+    queue: Vec<Histogram<u64>>,
+    run: Vec<Histogram<u64>>,
+    total: Histogram<u64>,
+}
+
+impl Default for Latencies {
+    fn default() -> Latencies {
+        let four = || (0..4).map(|_| histogram()).collect();
+        Latencies {
+            queue: four(),
+            run: four(),
+            total: histogram(),
+        }
+    }
+}
+
+/// Three digits, and as long as it takes.
+fn histogram() -> Histogram<u64> {
+    let mut histogram = Histogram::new_with_bounds(1, 2, 3).expect("valid bounds");
+    histogram.auto(true);
+    histogram
+}
+
+impl Latencies {
+    pub(crate) fn record(&mut self, header: &FrameHeader) {
+        for stage in Stage::ALL {
+            let times = stage_times(header, stage);
+            self.queue[stage as usize].saturating_record(times.queue_us.max(1));
+            self.run[stage as usize].saturating_record(times.run_us.max(1));
+        }
+        self.total.saturating_record(latency_us(header).max(1));
+    }
+
+    /// The table, ms; the first frame counts too.
+    pub(crate) fn table(&self) -> String {
+        let mut text = String::from("latency, ms        p50      p99      max\n");
+        let mut row = |name: &str, histogram: &Histogram<u64>| {
+            let [p50, p99, max] = [
+                histogram.value_at_quantile(0.50),
+                histogram.value_at_quantile(0.99),
+                histogram.max(),
+            ]
+            .map(|us| us as f64 / 1000.0);
+            text += &format!("{name:14}{p50:9.2}{p99:9.2}{max:9.2}\n");
+        };
+        for stage in Stage::ALL {
+            row(stage.name(), &self.run[stage as usize]);
+            row("  queue before", &self.queue[stage as usize]);
+        }
+        row("end to end", &self.total);
+        text
+    }
+}
