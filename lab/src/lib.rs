@@ -2,6 +2,7 @@
 
 pub mod dataset;
 pub mod evaluate;
+pub mod pipeline;
 pub mod render;
 pub mod simulate;
 pub mod statistics;

@@ -1,5 +1,6 @@
 //! `mluc-lab evaluate`: judging detections against labels.
 
+use super::evaluate_model::ModelArguments;
 use anyhow::Context;
 use clap::{Args, Subcommand, ValueEnum};
 use mluc_geometry::ImageSize;
@@ -18,6 +19,7 @@ pub(crate) struct EvaluateArguments {
 #[derive(Subcommand)]
 enum What {
     Ap(ApArguments),
+    Model(ModelArguments),
 }
 
 /// Average precision as KITTI's object devkit computes it, and open-set figures.
@@ -66,9 +68,18 @@ struct ApArguments {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum Neighbours {
+pub(super) enum Neighbours {
     Official,
     Strict,
+}
+
+impl Neighbours {
+    pub(super) fn policy(self) -> NeighbourPolicy {
+        match self {
+            Neighbours::Official => NeighbourPolicy::Official,
+            Neighbours::Strict => NeighbourPolicy::Strict,
+        }
+    }
 }
 
 fn class_overlap(text: &str) -> Result<(String, f64), String> {
@@ -102,6 +113,7 @@ fn image_size(text: &str) -> Result<ImageSize, String> {
 pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
     match arguments.what {
         What::Ap(arguments) => average_precision(arguments),
+        What::Model(arguments) => super::evaluate_model::run(arguments),
     }
 }
 
@@ -116,15 +128,11 @@ fn average_precision(arguments: ApArguments) -> anyhow::Result<()> {
         classes: arguments.unknown,
         iou_min: arguments.unknown_iou,
     });
-    let neighbours = match arguments.neighbours {
-        Neighbours::Official => NeighbourPolicy::Official,
-        Neighbours::Strict => NeighbourPolicy::Strict,
-    };
     let request = RuleRequest {
         classes: arguments.classes,
         iou_min: arguments.iou,
         unknown,
-        neighbours,
+        neighbours: arguments.neighbours.policy(),
     };
     let rules = rules(&request, &input.frames)?;
     if asks_unknown {

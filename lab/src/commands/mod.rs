@@ -1,6 +1,7 @@
 //! One subcommand a file.
 
 mod evaluate;
+mod evaluate_model;
 mod render;
 mod simulate;
 mod stats;

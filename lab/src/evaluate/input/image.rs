@@ -9,7 +9,7 @@ use std::path::Path;
 const HEAD_BYTES: usize = 24;
 
 /// Size of `image_2/NAME.png` beside the folder of labels where it is present, else KITTI's.
-pub(super) fn size_beside(labels: &Path, name: &str) -> Result<ImageSize, EvaluateError> {
+pub(crate) fn size_beside(labels: &Path, name: &str) -> Result<ImageSize, EvaluateError> {
     let path = labels
         .join("..")
         .join("image_2")

@@ -8,6 +8,7 @@ mod folder;
 mod image;
 mod json_lines;
 
+pub(crate) use image::size_beside as image_size_beside;
 pub use json_lines::read_json_lines;
 
 use super::{EvaluateError, Frame};

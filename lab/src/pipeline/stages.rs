@@ -1,0 +1,199 @@
+//! The stages one after the other, as plain function calls.
+
+use super::{DetectedFrame, FrameSet, PipelineError};
+use crate::evaluate::{Kind, SensorDetection, UNKNOWN};
+use mluc_backbone::Backbone;
+use mluc_geometry::Box3;
+use mluc_head::{Detection, Head};
+use mluc_ipc_types::{DetectionKind, Fate, Object, ObjectKind, Point};
+use mluc_model::Model;
+use mluc_refiner::{Refined, Refiner, Sensor, Settings};
+
+/// Backbone and head: points to kept boxes, each with every score.
+#[derive(Debug)]
+pub struct Detector {
+    backbone: Backbone,
+    head: Head,
+    cells: Vec<u32>,
+    rows: Vec<f32>,
+}
+
+impl Detector {
+    /// For one model.
+    pub fn new(model: &Model) -> Result<Detector, PipelineError> {
+        Ok(Detector {
+            backbone: Backbone::new(&model.manifest, &model.weights)?,
+            head: Head::new(&model.manifest, &model.weights)?,
+            cells: Vec::new(),
+            rows: Vec::new(),
+        })
+    }
+
+    /// Kept boxes of one scan, the best objectness first; their kind is that of the model's own threshold.
+    pub fn detect(&mut self, points: &[Point]) -> Result<Vec<Detection>, PipelineError> {
+        let frame = self.backbone.run(bytemuck::cast_slice(points));
+        self.cells.resize(frame.rows, 0);
+        let values = frame.rows * self.backbone.feature_channels();
+        self.rows.resize(values, 0.0);
+        self.backbone.write_rows(&mut self.cells, &mut self.rows)?;
+        let mut detections = Vec::new();
+        self.head.run(&self.cells, &self.rows, &mut detections)?;
+        Ok(detections)
+    }
+}
+
+/// A published object, as small as it can be kept for many thresholds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FoundObject {
+    /// Known or unknown.
+    pub kind: Kind,
+    /// Index into the model's classes; of an unknown one the class it was mistaken for.
+    pub class_id: u32,
+    /// Known: objectness x class probability. Unknown: orders the unknown ones alone.
+    pub score: f32,
+    /// x, y, z, l, w, h (m), yaw (rad), sensor frame.
+    pub bounds: [f32; 7],
+}
+
+impl FoundObject {
+    fn of(object: &Object) -> FoundObject {
+        let ([x, y, z], [l, w, h]) = (object.center_m, object.size_m);
+        FoundObject {
+            kind: match object.kind == ObjectKind::Unknown as u32 {
+                true => Kind::Unknown,
+                false => Kind::Known,
+            },
+            class_id: object.class_id,
+            score: object.score,
+            bounds: [x, y, z, l, w, h, object.yaw_rad],
+        }
+    }
+
+    /// As the evaluator takes it; `classes` are the model's, in order.
+    pub fn to_detection(&self, classes: &[String]) -> SensorDetection {
+        let class = match self.kind {
+            Kind::Unknown => UNKNOWN.to_owned(),
+            Kind::Known => classes
+                .get(self.class_id as usize)
+                .cloned()
+                .unwrap_or_default(),
+        };
+        SensorDetection {
+            kind: self.kind,
+            class,
+            score: f64::from(self.score),
+            box_in_sensor: Box3::new(self.bounds.map(f64::from)),
+        }
+    }
+}
+
+/// The gate at any threshold, and the refiner.
+#[derive(Debug)]
+pub struct ObjectFinder {
+    refiner: Refiner,
+    refined: Refined,
+    gated: Vec<Detection>,
+}
+
+impl ObjectFinder {
+    /// For one model.
+    pub fn new(model: &Model, settings: &Settings) -> Result<ObjectFinder, PipelineError> {
+        let sensor = Sensor::from_manifest(&model.manifest)?;
+        Ok(ObjectFinder {
+            refiner: Refiner::new(settings.clone(), &sensor)?,
+            refined: Refined::default(),
+            gated: Vec::new(),
+        })
+    }
+
+    /// What is published when the gate has this threshold on the normalised EDS; 0 is the closed set. In the order of
+    /// the detections.
+    pub fn objects(
+        &mut self,
+        sequence: u64,
+        points: &[Point],
+        detections: &[Detection],
+        threshold: f32,
+    ) -> Vec<FoundObject> {
+        self.gated.clear();
+        self.gated
+            .extend(detections.iter().map(|d| gated(d, threshold)));
+        self.refiner
+            .refine(sequence, points, &self.gated, &mut self.refined);
+        let published = |object: &&Object| object.fate == Fate::Published as u32;
+        let objects = self.refined.objects.iter().filter(published);
+        objects.map(FoundObject::of).collect()
+    }
+}
+
+fn gated(detection: &Detection, threshold: f32) -> Detection {
+    let kind: DetectionKind = mluc_head::gate::gate(detection.eds_normalised, threshold);
+    Detection {
+        kind: kind as u32,
+        threshold,
+        ..*detection
+    }
+}
+
+/// A scan in, objects out.
+#[derive(Debug)]
+pub struct Pipeline {
+    detector: Detector,
+    finder: ObjectFinder,
+    classes: Vec<String>,
+}
+
+impl Pipeline {
+    /// For one model.
+    pub fn new(model: &Model, settings: &Settings) -> Result<Pipeline, PipelineError> {
+        Ok(Pipeline {
+            detector: Detector::new(model)?,
+            finder: ObjectFinder::new(model, settings)?,
+            classes: class_names(model),
+        })
+    }
+
+    /// [`Detector::detect`].
+    pub fn detect(&mut self, points: &[Point]) -> Result<Vec<Detection>, PipelineError> {
+        self.detector.detect(points)
+    }
+
+    /// [`ObjectFinder::objects`], as the evaluator takes them.
+    pub fn objects(
+        &mut self,
+        sequence: u64,
+        points: &[Point],
+        detections: &[Detection],
+        threshold: f32,
+    ) -> Vec<SensorDetection> {
+        let found = self.finder.objects(sequence, points, detections, threshold);
+        let classes = &self.classes;
+        found.iter().map(|o| o.to_detection(classes)).collect()
+    }
+}
+
+/// The model's classes, in order.
+pub(super) fn class_names(model: &Model) -> Vec<String> {
+    let classes = model.manifest.classes.iter();
+    classes.map(|class| class.name.clone()).collect()
+}
+
+/// The network over every frame of a set, one after the other (a frame uses all threads of the pool). `step` is called
+/// after each.
+pub fn detect_frames(
+    model: &Model,
+    set: &FrameSet,
+    mut step: impl FnMut(),
+) -> Result<Vec<DetectedFrame>, PipelineError> {
+    let mut detector = Detector::new(model)?;
+    let mut detected = Vec::with_capacity(set.len());
+    for index in 0..set.len() {
+        let detections = detector.detect(&set.points(index)?)?;
+        detected.push(DetectedFrame {
+            truth: set.truth(index)?,
+            detections,
+        });
+        step();
+    }
+    Ok(detected)
+}
