@@ -1,8 +1,11 @@
 //! Frames go through four processes and come out: all of them, in order, nothing copied, nothing left behind.
 
+use std::path::Path;
 use std::time::Duration;
 
-use mluc_tests::{Pipeline, clean_folder, leftovers, unique_instance, untrained_model};
+use mluc_ipc_types::Stage;
+use mluc_runtime::{Instance, Shell, ShellOptions, Shutdown};
+use mluc_tests::{Pipeline, car_scan, clean_folder, leftovers, unique_instance, untrained_model};
 use rustix::process::Signal;
 
 #[test]
@@ -27,6 +30,194 @@ fn all_frames_come_out_in_order() {
             assert!(line["stages"][stage]["run_us"].is_u64(), "{line}");
         }
     }
+    let objects: usize = run
+        .lines
+        .iter()
+        .map(|line| line["objects"].as_array().unwrap().len())
+        .sum();
+    assert!(
+        objects > 0,
+        "the untrained model finds nothing: the refiner had no work"
+    );
     assert!(run.log.contains("12 in, 12 out, 0 lost"), "{}", run.log);
     assert_eq!(leftovers(&instance), Vec::<String>::new());
+}
+
+#[test]
+fn the_same_scans_give_the_same_objects_whatever_the_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, input) = (
+        untrained_model(folder.path()),
+        clean_folder(folder.path(), 3),
+    );
+    let runs = ["1", "3"].map(|threads| {
+        let threads = format!("--threads=backbone={threads}");
+        let instance = unique_instance("threads");
+        Pipeline::up(&instance, &model, &input, &["--pace", "complete", &threads]).finish()
+    });
+    let objects = |run: &mluc_tests::Finished| {
+        run.lines
+            .iter()
+            .map(|line| (line["objects"].clone(), line["suppressed"].clone()))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(objects(&runs[0]).len(), 3);
+    assert_eq!(objects(&runs[0]), objects(&runs[1]));
+}
+
+#[test]
+fn at_the_sensors_pace_frames_come_at_its_rate() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, input) = (
+        untrained_model(folder.path()),
+        clean_folder(folder.path(), 10),
+    );
+    let instance = unique_instance("sensor");
+    // Slow enough for a loaded machine: a frame that is lost is another test's matter.
+    let run = Pipeline::up(&instance, &model, &input, &["--rate", "4"]).finish();
+    let sequences: Vec<u64> = run
+        .lines
+        .iter()
+        .map(|line| line["sequence"].as_u64().unwrap())
+        .collect();
+    assert!(
+        sequences.is_sorted() && sequences.last() == Some(&9),
+        "{sequences:?} {}",
+        run.log
+    );
+    let lost = 10 - sequences.len();
+    assert_eq!(run.code, Some(if lost == 0 { 0 } else { 3 }), "{}", run.log);
+    let stamps: Vec<u64> = run
+        .lines
+        .iter()
+        .map(|line| line["stamp_ns"].as_u64().unwrap())
+        .collect();
+    let seconds = (stamps[stamps.len() - 1] - stamps[0]) as f64 * 1e-9;
+    let expected = (sequences[sequences.len() - 1] - sequences[0]) as f64 / 4.0;
+    assert!(
+        (seconds - expected).abs() < 0.2,
+        "{seconds} s instead of {expected} s"
+    );
+}
+
+#[test]
+fn two_pipelines_run_side_by_side() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, input) = (
+        untrained_model(folder.path()),
+        clean_folder(folder.path(), 5),
+    );
+    let names = [unique_instance("left"), unique_instance("right")];
+    let runs = names
+        .each_ref()
+        .map(|name| Pipeline::up(name, &model, &input, &["--pace", "complete"]));
+    for run in runs {
+        let run = run.finish();
+        assert_eq!((run.code, run.frames().len()), (Some(0), 5), "{}", run.log);
+    }
+    assert!(names.iter().all(|name| leftovers(name).is_empty()));
+}
+
+fn stage(name: &str, instance: &str, model: &Path, input: &Path) -> Pipeline {
+    let paths = [model, input].map(|path| path.display().to_string());
+    let mut arguments = vec!["stage", name, "--instance", instance, "--model", &paths[0]];
+    if name == "ingest" {
+        arguments.extend(["--input", &paths[1], "--pace", "complete"]);
+    }
+    Pipeline::start(arguments)
+}
+
+#[test]
+fn stages_start_in_any_order_and_say_what_they_wait_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, input) = (
+        untrained_model(folder.path()),
+        clean_folder(folder.path(), 4),
+    );
+    for order in [
+        ["ingest", "refiner", "head", "backbone"],
+        ["head", "backbone", "ingest", "refiner"],
+    ] {
+        let instance = unique_instance("any");
+        let mut stages: Vec<Pipeline> = Vec::new();
+        for name in order {
+            stages.push(stage(name, &instance, &model, &input));
+            std::thread::sleep(Duration::from_millis(100));
+        }
+        let place = order.iter().position(|name| *name == "ingest").unwrap();
+        let ingest = stages.remove(place).finish();
+        assert_eq!(ingest.code, Some(0), "{}", ingest.log);
+        for stage in stages {
+            stage.signal(Signal::TERM);
+            let ended = stage.finish_within(Duration::from_secs(1));
+            assert_eq!(ended.code, Some(0), "{}", ended.log);
+        }
+        assert_eq!(leftovers(&instance), Vec::<String>::new());
+    }
+    let instance = unique_instance("wait");
+    let mut alone = stage("ingest", &instance, &model, &input);
+    alone.wait_until("it says so", |p| {
+        p.log()
+            .contains("waiting for backbone, head, refiner to be ready")
+    });
+    let mut head = stage("head", &instance, &model, &input);
+    head.wait_until("it says so", |p| {
+        p.log()
+            .contains("waiting for features: no producer is running")
+    });
+}
+
+/// Each stage looks up every payload that it is given in its own `/proc/self/maps`; the bytes that cross shared memory
+/// are counted.
+#[test]
+fn payloads_are_read_where_they_lie_and_written_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, input) = (
+        untrained_model(folder.path()),
+        clean_folder(folder.path(), 1),
+    );
+    let scan_bytes = car_scan(8.0).len() as u64 * 16;
+    let instance = unique_instance("copy");
+    let more = ["--pace", "complete", "--loop", "--verify-mapping"];
+    let mut run = Pipeline::up(&instance, &model, &input, &more);
+    run.wait_until("frames flow", |p| p.line_count() > 5);
+
+    let options = ShellOptions::new(Instance::new(&instance).unwrap());
+    let shell = Shell::observer(options, None, Shutdown::manual()).unwrap();
+    let mut watch = shell.health_watch().unwrap();
+    while !Stage::ALL.iter().all(|&stage| watch.is_ready(stage)) {
+        watch.update().unwrap();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let of = |stage: Stage| *watch.of(stage).unwrap();
+    let (ingest, backbone, head, refiner) = (
+        of(Stage::Ingest),
+        of(Stage::Backbone),
+        of(Stage::Head),
+        of(Stage::Refiner),
+    );
+    assert_eq!(
+        u64::from(ingest.bytes_written),
+        scan_bytes,
+        "the scan enters once"
+    );
+    assert_eq!(backbone.bytes_read, scan_bytes, "and is read in full");
+    assert_eq!(
+        head.bytes_read,
+        u64::from(backbone.bytes_written),
+        "the head reads what the backbone wrote"
+    );
+    assert_eq!(
+        refiner.bytes_read,
+        scan_bytes + u64::from(head.bytes_written)
+    );
+    for stage in [backbone, head, refiner] {
+        assert!(
+            stage.frames_in > 0 && stage.mappings_verified >= stage.frames_in,
+            "{stage:?}"
+        );
+    }
+    drop((watch, shell));
+    run.signal(Signal::TERM);
+    assert_eq!(run.finish().code, Some(0));
 }
