@@ -55,6 +55,9 @@ impl Ground {
         let plaza = place == Place::Plaza;
         let half_width_m = if plaza {
             dice.range(14.0, 26.0)
+        } else if family == Family::SimKitti && dice.chance(0.6) {
+            // KITTI drove through many narrow residential streets.
+            dice.range(2.8, 4.5)
         } else {
             dice.range(3.2, 7.5)
         };
@@ -72,13 +75,17 @@ impl Ground {
                 -half_width_m * dice.range(0.3, 0.6)
             },
             half_width_m,
-            edge_m: half_width_m + if plaza { 1.0 } else { dice.range(1.5, 4.5) },
+            edge_m: half_width_m + if plaza { 1.0 } else { dice.range(1.2, 4.0) },
             crossing: (!plaza && dice.chance(0.45))
                 .then(|| [dice.range(-25.0, 45.0), dice.range(3.0, 5.5)]),
             kerb_m: if plaza { 0.0 } else { dice.range(0.03, 0.15) },
             crown_m: dice.range(0.0, 0.1),
             bank: [dice.normal(0.01, 0.025), dice.normal(0.01, 0.025)],
-            slope: [dice.normal(0.0, 0.009), dice.normal(0.0, 0.009)],
+            slope: match family {
+                // The bottoms of KITTI's labels rise by 8 mm a metre: its sensor looks down by half a degree.
+                Family::SimKitti => [dice.normal(0.008, 0.007), dice.normal(0.0, 0.008)],
+                Family::SimUdi => [dice.normal(0.0, 0.009), dice.normal(0.0, 0.009)],
+            },
             waves: std::array::from_fn(|i| {
                 let length_m = dice.range(9.0, 50.0);
                 let heading = dice.range(0.0, std::f32::consts::TAU);

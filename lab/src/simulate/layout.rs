@@ -33,7 +33,8 @@ const EGO: Footprint = Footprint {
     yaw: 0.0,
     half: [3.5, 1.3],
 };
-const ATTEMPTS: usize = 25;
+const ATTEMPTS: usize = 48;
+const ATTEMPTS_PER_RANGE: usize = 16;
 
 /// Places the objects of one frame; unknown classes only where the split allows them.
 pub(crate) fn place_objects<'a>(
@@ -74,8 +75,13 @@ impl Layout<'_> {
     /// Places one object and perhaps company of its class (a row of cars, a group of people), at most `limit`; returns how many.
     fn place_some(&mut self, class: Class, limit: usize, dice: &mut Dice) -> usize {
         let model = build(class, self.family, dice);
-        let Some(pose) = (0..ATTEMPTS).find_map(|_| {
-            let pose = self.pose(class, dice)?;
+        // A range is given up only after many places at it: else near ranges, where less fits, would grow rare.
+        let mut range = 0.0;
+        let Some(pose) = (0..ATTEMPTS).find_map(|attempt| {
+            if attempt % ATTEMPTS_PER_RANGE == 0 {
+                range = dice.quantile(range_knots(class));
+            }
+            let pose = self.pose(class, range, dice)?;
             self.fits(&model, pose, dice).then_some(pose)
         }) else {
             return 0;
@@ -121,6 +127,12 @@ impl Layout<'_> {
             (length + last_length) / 2.0 + dice.range(0.5, 1.6)
         };
         let (sin, cos) = self.ground.yaw_rad.sin_cos();
+        // Rows that begin far away come nearer, so that they stay in view.
+        let step = if x * cos + y * sin > 28.0 {
+            -step
+        } else {
+            step
+        };
         let turn = if dice.chance(0.15) {
             std::f32::consts::PI
         } else {
@@ -160,9 +172,8 @@ impl Layout<'_> {
                 .all(|other| !footprint.overlaps(other, 0.25))
     }
 
-    /// Draws where an object of this class could be; None when its range does not reach the place across the road.
-    fn pose(&self, class: Class, dice: &mut Dice) -> Option<Pose> {
-        let range = dice.quantile(range_knots(class));
+    /// Draws where an object of this class could be at this range; None when the range does not reach the place across the road.
+    fn pose(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
         if self.ground.place == Place::Plaza && dice.chance(0.7) {
             return Some(self.anywhere(class, range, dice));
         }

@@ -75,7 +75,7 @@ impl Sensor {
             bias_m: std::array::from_fn(|b| BEAM_BIAS_M * normal(draw(Stream::Bias, b))),
             first_column,
             column_count,
-            base_drop: 0.02 + 0.08 * unit(draw(Stream::Drop, BEAMS)),
+            base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, BEAMS)),
         }
     }
 
@@ -120,11 +120,11 @@ impl Sensor {
 }
 
 /// Probability that a hit does not come back, from range, reflectivity and cosine of incidence. The constants are guesses from
-/// published sensor models: a base share of everything (2 to 10 %, one number a frame), half of the returns at 135 sqrt(rho) m, up to 60 % more at grazing incidence.
+/// published sensor models: a base share of everything (1 to 6 %, one number a frame), half of the returns at 135 sqrt(rho) m, up to 45 % more at grazing incidence.
 pub(crate) fn drop_probability(base: f32, range_m: f32, rho: f32, cos_incidence: f32) -> f32 {
     let half_m = 135.0 * rho.sqrt();
     let far = 1.0 / (1.0 + (-(range_m - half_m) / 8.0).exp());
-    let graze = 0.6 * (0.15 - cos_incidence).max(0.0) / 0.15;
+    let graze = 0.45 * (0.15 - cos_incidence).max(0.0) / 0.15;
     (base + far + graze).clamp(0.0, 1.0)
 }
 

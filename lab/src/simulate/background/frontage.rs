@@ -11,8 +11,8 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
         let mut along = low - dice.range(0.0, 8.0);
         let setback = match yard.ground.place {
             Place::Urban => dice.range(0.1, 2.5),
-            Place::Suburb => dice.range(3.0, 7.0),
-            Place::Industrial => dice.range(4.0, 14.0),
+            Place::Suburb => dice.range(1.0, 6.0),
+            Place::Industrial => dice.range(2.0, 10.0),
             Place::Plaza => dice.range(1.0, 6.0),
         };
         while along < high {

@@ -8,13 +8,13 @@ use super::{Place, Thing, Yard};
 pub(super) const LEAVES: Surface = porous(0.35, 0.5);
 const BARK: Surface = solid(0.25);
 
-/// Bushes 6, rows of bushes 1 and trees 4 per 100 m, times a factor for the place (3.2 in gardens). A few large trees far behind close the view.
+/// Bushes 6, rows of bushes 1 and trees 4 per 100 m, times a factor for the place (4.5 in gardens). A few large trees far behind close the view.
 pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
     let factor = match yard.ground.place {
-        Place::Suburb => 3.2,
-        Place::Urban => 1.6,
-        Place::Industrial => 1.4,
-        Place::Plaza => 1.0,
+        Place::Suburb => 4.5,
+        Place::Urban => 2.4,
+        Place::Industrial => 2.0,
+        Place::Plaza => 1.4,
     };
     for _ in 0..dice.events(6.0 * factor * yard.hundreds()) {
         let mesh = bush(dice);

@@ -173,7 +173,7 @@ fn body(nominal: Profile, size: V3, dice: &mut Dice) -> Model {
     );
     mesh.roughen(0.007, dice);
     interior(&mut mesh, profile, size, dice);
-    let track = size.y / 2.0 - 0.11;
+    let track = size.y / 2.0 - 0.15;
     for x in wheel_positions(size.x) {
         for side in [-1.0, 1.0] {
             wheel(&mut mesh, [x, side * track], wheel_radius, 0.2);
@@ -215,8 +215,15 @@ fn wheel_positions(length: f32) -> [f32; 2] {
 
 /// Half width of the body at this fraction of the length: drawn in at nose and tail.
 fn plan_half_width(fraction: f32, width: f32) -> f32 {
-    let beyond = ((fraction.abs() - 0.3) / 0.2).max(0.0);
-    width / 2.0 * (1.0 - 0.16 * beyond * beyond)
+    let knots = [
+        (0.2, 1.0),
+        (0.34, 0.985),
+        (0.44, 0.94),
+        (0.47, 0.88),
+        (0.487, 0.78),
+        (0.5, 0.5),
+    ];
+    width / 2.0 * interpolate(&knots, fraction.abs().max(0.2))
 }
 
 /// Cross-sections from tail to nose. In the cabin the top is open down to the seats' height.
@@ -226,19 +233,24 @@ fn lower_body(mesh: &mut Mesh, p: Profile, size: V3, wheel_radius: f32, colour: 
     let [front, rear] = wheel_positions(size.x).map(|x| x / size.x);
     let top_at = |f: f32| {
         let knots = [
-            (-0.5, p.tail * 0.93),
+            (-0.5, p.tail * 0.72),
+            (-0.487, p.tail * 0.86),
             (-0.47, p.tail),
             (p.deck, p.belt),
             (p.cowl, p.belt),
             (p.cowl + 0.02, p.hood),
-            (0.46, p.nose),
-            (0.5, p.nose * 0.82),
+            (0.44, p.nose),
+            (0.47, p.nose * 0.93),
+            (0.487, p.nose * 0.82),
+            (0.5, p.nose * 0.68),
         ];
         interpolate(&knots, f) * size.z
     };
     let mut stations = vec![
         -0.5,
+        -0.487,
         -0.47,
+        -0.44,
         rear - arch,
         rear - 0.6 * arch,
         rear + 0.6 * arch,
@@ -247,7 +259,9 @@ fn lower_body(mesh: &mut Mesh, p: Profile, size: V3, wheel_radius: f32, colour: 
         front - 0.6 * arch,
         front + 0.6 * arch,
         front + arch,
-        0.46,
+        0.44,
+        0.47,
+        0.487,
         0.5,
     ];
     stations.extend([p.deck, p.roof_rear, p.cowl, p.cowl + 0.02]);
@@ -259,7 +273,7 @@ fn lower_body(mesh: &mut Mesh, p: Profile, size: V3, wheel_radius: f32, colour: 
             let bottom = if in_arch {
                 2.0 * wheel_radius + 0.03
             } else {
-                sill + 0.6 * (f.abs() - 0.42).max(0.0) * size.x * 0.5
+                sill + 0.8 * (f.abs() - 0.42).max(0.0) * size.x * 0.5
             };
             let top = top_at(f).max(bottom + 0.05);
             let half = plan_half_width(f, size.y);
@@ -270,10 +284,10 @@ fn lower_body(mesh: &mut Mesh, p: Profile, size: V3, wheel_radius: f32, colour: 
             let x = f * size.x;
             let side = |s: f32| {
                 [
-                    v(x, s * half * 0.9, bottom),
+                    v(x, s * half * 0.87, bottom),
                     v(x, s * half, waist),
-                    v(x, s * half * 0.95, top - 0.03),
-                    v(x, s * half * 0.86, top),
+                    v(x, s * half * 0.93, top - 0.04),
+                    v(x, s * half * 0.84, top),
                 ]
             };
             let mut ring: Vec<V3> = side(1.0).to_vec();
@@ -295,7 +309,7 @@ fn cabin(mesh: &mut Mesh, p: Profile, size: V3, colour: Surface) {
     let ring = |height: f32, blend: f32, inset: f32| -> Vec<V3> {
         let front = p.cowl + (p.roof_front - p.cowl) * blend;
         let rear = p.deck + (p.roof_rear - p.deck) * blend;
-        let half = size.y / 2.0 * (0.93 + (p.roof_width - 0.93) * blend) - inset;
+        let half = size.y / 2.0 * (0.89 + (p.roof_width - 0.89) * blend) - inset;
         let side = |s: f32| {
             cuts.map(|c| {
                 v(

@@ -13,7 +13,7 @@ pub(super) fn pedestrian(dice: &mut Dice) -> Model {
     };
     let s = height / 1.76;
     let stride = if dice.chance(0.8) {
-        dice.range(0.28, 0.6)
+        dice.range(0.3, 0.66)
     } else {
         dice.range(0.0, 0.1)
     };

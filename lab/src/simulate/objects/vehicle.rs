@@ -78,8 +78,8 @@ pub(super) fn occupant(mesh: &mut Mesh, hip: V3, dice: &mut Dice) {
 
 /// Lamps and number plate on a face across x: retro-reflecting patches.
 pub(super) fn plate_and_lamps(mesh: &mut Mesh, x: f32, z: f32, width: f32, outward: f32) {
-    let mut patch = |y: f32, w: f32, h: f32, surface: Surface| {
-        let x = x + outward * 0.01;
+    let mut patch = |y: f32, w: f32, h: f32, back: f32, surface: Surface| {
+        let x = x + outward * (0.01 - back);
         mesh.quad(
             [
                 v(x, y - w / 2.0, z - h / 2.0),
@@ -90,8 +90,8 @@ pub(super) fn plate_and_lamps(mesh: &mut Mesh, x: f32, z: f32, width: f32, outwa
             surface,
         );
     };
-    patch(0.0, 0.5, 0.11, RETRO);
+    patch(0.0, 0.5, 0.11, 0.0, RETRO);
     for side in [-1.0, 1.0] {
-        patch(side * width * 0.36, 0.25, 0.14, solid(0.8));
+        patch(side * width * 0.36, 0.22, 0.14, 0.12, solid(0.8));
     }
 }
