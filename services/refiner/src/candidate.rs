@@ -25,12 +25,13 @@ pub(crate) struct Candidates {
     radius_m: f64,
     points_max: usize,
     length_max_m: f64,
-    shrink_factor: f64,
     around: Neighbourhood,
     members: Vec<u32>,
     cluster: ClusterPoints,
     closeness: Closeness,
     inside: Vec<IndexedPoint>,
+    /// Points of clusters that were too small to be a thing.
+    tried: Vec<u32>,
 }
 
 impl Candidates {
@@ -42,12 +43,12 @@ impl Candidates {
             radius_m,
             points_max: settings.points_per_candidate_max as usize,
             length_max_m: settings.length_max_m,
-            shrink_factor: settings.distance.shrink_factor,
             around: Neighbourhood::default(),
             members: Vec::new(),
             cluster: ClusterPoints::default(),
             closeness: Closeness::default(),
             inside: Vec::new(),
+            tried: Vec::new(),
         }
     }
 
@@ -72,22 +73,30 @@ impl Candidates {
         };
         let ground = self.ground_under(frame, recipe, &draft.shape);
         let key = (sequence, draft.detection as u64);
-        let work = &mut counters.work_points;
-        match self.seed(frame, recipe, &draft.shape, &ground, key, work) {
-            None => draft.fate = Fate::TooFewPoints,
-            Some(seed) => {
-                let seed = self.gather(frame, recipe, &*clusterer, &seed, &ground, is_known);
-                counters.work_points += self.around.looked_at;
-                counters.thinned += u32::from(self.around.thinned);
-                self.grow(recipe, &mut *clusterer, seed);
-                self.shape(recipe, &ground, draft);
-                let first = points.len();
-                points.extend(self.members.iter().map(|&m| self.around.index[m as usize]));
-                points[first..].sort_unstable();
-                draft.points = (first, points.len());
+        self.tried.clear();
+        self.members.clear();
+        self.cluster.clear();
+        for _ in 0..recipe.seeds {
+            let work = &mut counters.work_points;
+            let Some(seed) = self.seed(frame, recipe, &draft.shape, &ground, key, work) else {
+                break;
+            };
+            let seed = self.gather(frame, recipe, &*clusterer, &seed, &ground, is_known);
+            counters.work_points += self.around.looked_at;
+            counters.thinned += u32::from(self.around.thinned);
+            self.grow(recipe, &mut *clusterer, seed);
+            if self.members.len() >= recipe.points_min {
+                break;
             }
+            let index = |&m: &u32| self.around.index[m as usize];
+            self.tried.extend(self.members.iter().map(index));
         }
         self.clusterer = Some(clusterer);
+        self.shape(recipe, &ground, draft);
+        let first = points.len();
+        points.extend(self.members.iter().map(|&m| self.around.index[m as usize]));
+        points[first..].sort_unstable();
+        draft.points = (first, points.len());
     }
 
     fn ground_under(&self, frame: &FrameIndex, recipe: &Recipe, shape: &Box3) -> GroundPlane {
@@ -113,7 +122,7 @@ impl Candidates {
             }
             SeedRule::NearestToCenter => {
                 let heights = [self.ground.clearance_m, recipe.height_max_m];
-                seed::nearest_to_center(frame, shape, ground, heights, work)
+                seed::nearest_to_center(frame, shape, ground, heights, &self.tried, work)
             }
         }
     }
@@ -139,43 +148,64 @@ impl Candidates {
         self.around.gather(frame, seed, ground, &wanted, is_known)
     }
 
-    /// Grows the cluster, and again with a shorter reach while it is larger than a road user.
+    /// Grows the cluster: first with a short reach, which is enough for what stands upright; then with the full one, and
+    /// again with a shorter one while the cluster is larger than a road user.
     fn grow(&mut self, recipe: &Recipe, clusterer: &mut dyn Clusterer, seed: usize) {
-        let mut bounds = Bounds {
+        let Some(scales) = &recipe.scales else {
+            return self.grow_once(recipe, clusterer, seed, 1.0);
+        };
+        if scales.upright > 0.0 {
+            self.grow_once(recipe, clusterer, seed, scales.upright);
+            if self.cluster.len() >= recipe.points_min && is_upright(&self.cluster) {
+                return;
+            }
+        }
+        let mut scale = 1.0;
+        for _ in 0..=scales.shrink_attempts {
+            self.grow_once(recipe, clusterer, seed, scale);
+            if is_within(&self.cluster, scales.shrink_above_m) {
+                return;
+            }
+            scale *= scales.shrink_factor;
+        }
+    }
+
+    fn grow_once(
+        &mut self,
+        recipe: &Recipe,
+        clusterer: &mut dyn Clusterer,
+        seed: usize,
+        scale: f64,
+    ) {
+        let bounds = Bounds {
             height_min_m: match recipe.removes_ground {
                 true => self.ground.clearance_m,
                 false => f64::NEG_INFINITY,
             },
-            scale: 1.0,
+            scale,
         };
-        let (limit_m, attempts) = recipe.shrink.unwrap_or(([f64::INFINITY; 3], 0));
-        for attempt in 0..=attempts {
-            clusterer.grow(&self.around, seed, &bounds, &mut self.members);
-            self.cluster.clear();
-            for &m in &self.members {
-                let m = m as usize;
-                self.cluster
-                    .push(self.around.x_m[m], self.around.y_m[m], self.around.z_m[m]);
-            }
-            if attempt == attempts || is_within(&self.cluster, limit_m) {
-                return;
-            }
-            bounds.scale *= self.shrink_factor;
+        clusterer.grow(&self.around, seed, &bounds, &mut self.members);
+        self.cluster.clear();
+        for &m in &self.members {
+            let m = m as usize;
+            self.cluster
+                .push(self.around.x_m[m], self.around.y_m[m], self.around.z_m[m]);
         }
     }
 
     /// Box, outline and fate from the cluster.
     fn shape(&mut self, recipe: &Recipe, ground: &GroundPlane, draft: &mut Draft) {
         let enough = self.cluster.len() >= recipe.points_min.max(1);
-        let (true, Some(z_m)) = (enough, self.cluster.z_range_m()) else {
+        let rectangle = self.rectangle(recipe.fit);
+        let origin_m = self.around.origin_m;
+        let fitted = recipe
+            .extend
+            .box_around(&self.cluster, &rectangle, origin_m, ground);
+        let (true, Some(fitted)) = (enough, fitted) else {
             draft.fate = Fate::TooFewPoints;
             return;
         };
-        let rectangle = self.rectangle(recipe.fit);
-        let origin_m = self.around.origin_m;
-        draft.shape = recipe
-            .extend
-            .box_around(&rectangle, z_m.map(f64::from), origin_m, ground);
+        draft.shape = fitted;
         let (corners, count) = footprint(&self.cluster, &rectangle);
         draft.set_footprint(&corners[..count], origin_m);
         if draft.shape.size_m[0] > self.length_max_m {
@@ -192,21 +222,36 @@ impl Candidates {
     }
 }
 
+/// Whether a cluster is higher than it is long: a person, a pole. Parts of a vehicle that a short reach tears off are
+/// as wide as they are high, or lower than a person.
+fn is_upright(cluster: &ClusterPoints) -> bool {
+    /// Higher than this by itself, m: above the ground's clearance.
+    const HEIGHT_MIN_M: f64 = 1.0;
+    const HEIGHT_PER_LENGTH: f64 = 1.3;
+    let height = cluster
+        .z_range_m()
+        .map_or(0.0, |[low, high]| f64::from(high - low));
+    let length = headings().map(|yaw| {
+        let [a, b] = cluster.rectangle(yaw).size_m();
+        a.max(b)
+    });
+    height >= HEIGHT_MIN_M && height >= HEIGHT_PER_LENGTH * length.fold(0.0, f64::max)
+}
+
+/// Headings a step of 7.5 degrees apart.
+fn headings() -> impl Iterator<Item = f64> {
+    const COUNT: usize = 12;
+    (0..COUNT).map(|step| std::f64::consts::FRAC_PI_2 * step as f64 / COUNT as f64)
+}
+
 /// Whether some heading exists at which the cluster is no longer, wider and higher than l, w, h.
 fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
-    /// Headings tried, a step of 7.5 degrees apart.
-    const HEADINGS: usize = 12;
-    if !(l.is_finite() && w.is_finite() && h.is_finite()) {
-        return true;
-    }
     let height = cluster
         .z_range_m()
         .map_or(0.0, |[low, high]| f64::from(high - low));
     height <= h
-        && (0..HEADINGS).any(|step| {
-            let [a, b] = cluster
-                .rectangle(std::f64::consts::FRAC_PI_2 * step as f64 / HEADINGS as f64)
-                .size_m();
+        && headings().any(|yaw| {
+            let [a, b] = cluster.rectangle(yaw).size_m();
             a.max(b) <= l && a.min(b) <= w
         })
 }

@@ -99,6 +99,14 @@ impl Draft {
         self.kind == ObjectKind::Unknown
     }
 
+    /// The box with a margin on every side, m.
+    pub(crate) fn grown(&self, margin_m: f64) -> Box3 {
+        Box3 {
+            size_m: self.shape.size_m.map(|s| s + 2.0 * margin_m),
+            ..self.shape
+        }
+    }
+
     /// The object as the contract has it; its points begin at `points_first`.
     pub(crate) fn object(
         &self,

@@ -111,10 +111,11 @@ fn clashes(
     if iou_bev(&unknown.shape, &known.shape) > settings.merge.known_iou {
         return true;
     }
+    let grown = known.grown(settings.merge.known_margin_m);
     let inside = own
         .iter()
         .filter_map(|&i| scan.get(i as usize))
-        .filter(|p| known.shape.contains([p.x_m, p.y_m, p.z_m].map(f64::from)))
+        .filter(|p| grown.contains([p.x_m, p.y_m, p.z_m].map(f64::from)))
         .count();
     inside as f64 > settings.merge.known_points_share * own.len() as f64
 }

@@ -1,7 +1,7 @@
 //! What a mode consists of: the parts that are put together for it.
 
 use crate::cluster::{Clusterer, Dbscan, Depth, Distance, Euclidean, Literal};
-use crate::fit::{BoxFit, Extend, Side};
+use crate::fit::{BoxFit, EndFace, Extend, Side};
 use crate::{Mode, Sensor, Settings};
 
 /// Which point a cluster starts from.
@@ -28,6 +28,8 @@ pub(crate) enum MergeRule {
 #[derive(Debug)]
 pub(crate) struct Recipe {
     pub(crate) seed: SeedRule,
+    /// Seeds tried while clusters come out too small.
+    pub(crate) seeds: usize,
     pub(crate) merge: MergeRule,
     /// Whether the ground is looked for and removed.
     pub(crate) removes_ground: bool,
@@ -35,11 +37,22 @@ pub(crate) struct Recipe {
     pub(crate) height_max_m: f64,
     pub(crate) fit: BoxFit,
     pub(crate) extend: Extend,
-    /// l, w, h above which a cluster is grown again with a shorter reach, and how often.
-    pub(crate) shrink: Option<([f64; 3], u32)>,
+    /// Reaches tried one after the other; `None`: one.
+    pub(crate) scales: Option<Scales>,
     /// Whether the points of known objects are kept apart.
     pub(crate) keeps_known_apart: bool,
     pub(crate) points_min: usize,
+}
+
+/// Reaches tried one after the other, as factors on the full one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Scales {
+    /// For what stands upright; 0: not tried.
+    pub(crate) upright: f64,
+    /// l, w, h, m, above which a cluster is grown again with a shorter reach.
+    pub(crate) shrink_above_m: [f64; 3],
+    pub(crate) shrink_factor: f64,
+    pub(crate) shrink_attempts: u32,
 }
 
 /// Sizes of published boxes are above 0.
@@ -50,10 +63,12 @@ impl Recipe {
         let tight = Extend {
             to_ground: false,
             away_from_sensor: None,
+            end_face: None,
             size_min_m: SIZE_MIN_M,
         };
         let corrected = Recipe {
             seed: SeedRule::NearestToCenter,
+            seeds: 1,
             merge: MergeRule::BetterFirst,
             removes_ground: true,
             height_max_m: f64::INFINITY,
@@ -62,7 +77,7 @@ impl Recipe {
                 to_ground: true,
                 ..tight
             },
-            shrink: None,
+            scales: None,
             keeps_known_apart: false,
             points_min: settings.points_min as usize,
         };
@@ -83,18 +98,28 @@ impl Recipe {
                 ..corrected
             },
             Mode::Distance | Mode::Dbscan | Mode::Euclidean => Recipe {
+                seeds: 4,
                 height_max_m: settings.ground.height_max_m,
                 extend: Extend {
                     away_from_sensor: Some(Side {
                         least_m: 0.0,
                         share: settings.distance.width_share_min,
                     }),
+                    end_face: (settings.distance.end_face_share > 0.0).then_some(EndFace {
+                        width_m: settings.distance.end_face_width_m,
+                        height_min_m: 1.0,
+                        aside_max_rad: settings.distance.end_face_aside_max_deg.to_radians(),
+                        share: settings.distance.end_face_share,
+                        top_share_min: settings.distance.end_face_top_share_min,
+                    }),
                     ..corrected.extend
                 },
-                shrink: (settings.mode == Mode::Distance).then_some((
-                    settings.distance.shrink_above_m,
-                    settings.distance.shrink_attempts,
-                )),
+                scales: (settings.mode == Mode::Distance).then_some(Scales {
+                    upright: settings.distance.upright_scale,
+                    shrink_above_m: settings.distance.shrink_above_m,
+                    shrink_factor: settings.distance.shrink_factor,
+                    shrink_attempts: settings.distance.shrink_attempts,
+                }),
                 keeps_known_apart: true,
                 ..corrected
             },

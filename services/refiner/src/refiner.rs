@@ -112,7 +112,7 @@ impl Refiner {
                     let reach = seed::reach_m(&draft.shape) + self.radius_m;
                     reach.max(self.settings.ground.radius_m)
                 }
-                false => half_diagonal_m(&draft.shape),
+                false => half_diagonal_m(&draft.grown(self.settings.merge.known_margin_m)),
             };
             self.frame.want(center, half_side_m);
         }
@@ -132,22 +132,22 @@ impl Refiner {
             let first = self.points.len();
             let marks =
                 self.recipe.keeps_known_apart && draft.score >= self.settings.merge.known_score_min;
-            let center = [draft.shape.center_m[0], draft.shape.center_m[1]];
-            for row in self
-                .frame
-                .rows_around(center, half_diagonal_m(&draft.shape))
-            {
+            let grown = draft.grown(self.settings.merge.known_margin_m);
+            let center = [grown.center_m[0], grown.center_m[1]];
+            for row in self.frame.rows_around(center, half_diagonal_m(&grown)) {
                 for point in row {
-                    if !draft.shape.contains(point.at_m.map(f64::from)) {
+                    let at = point.at_m.map(f64::from);
+                    if !grown.contains(at) {
                         continue;
                     }
                     if marks {
                         self.is_known[point.index as usize] = true;
                     }
-                    if self.points.len() < OBJECT_POINTS_MAX {
-                        self.points.push(point.index);
-                    } else {
-                        out.counters.object_points_dropped += 1;
+                    if draft.shape.contains(at) {
+                        match self.points.len() < OBJECT_POINTS_MAX {
+                            true => self.points.push(point.index),
+                            false => out.counters.object_points_dropped += 1,
+                        }
                     }
                 }
             }

@@ -5,8 +5,9 @@ use mluc_geometry::Box3;
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
 
-/// The farthest that a seed is looked for, m: a proposal may lie that far off its object.
-const REACH_MIN_M: f64 = 1.5;
+/// Seeds are looked for at least this far from the box's centre, m: a proposal may lie a metre off, and of a long
+/// object often only the far end is seen.
+const REACH_MIN_M: f64 = 4.0;
 /// Boxes may be larger than any object; seeds are not looked for further than this, m.
 const REACH_MAX_M: f64 = 10.0;
 /// A box without a point is enlarged once by this factor.
@@ -19,12 +20,13 @@ pub(crate) fn reach_m(candidate: &Box3) -> f64 {
 }
 
 /// The point nearest the box's centre among those that stand on the ground; points looked at are added to `work`.
-/// Ties go by the coordinates, so that the order of the scan does not matter.
+/// Points that were `tried` are passed over. Ties go by the coordinates, so that the order of the scan does not matter.
 pub(crate) fn nearest_to_center(
     frame: &FrameIndex,
     candidate: &Box3,
     ground: &GroundPlane,
     height_m: [f64; 2],
+    tried: &[u32],
     work: &mut u64,
 ) -> Option<IndexedPoint> {
     let reach_m = reach_m(candidate);
@@ -45,7 +47,7 @@ pub(crate) fn nearest_to_center(
                 continue;
             }
             let better = best.is_none_or(|(least, b)| full < least || point.at_m < b.at_m);
-            if better {
+            if better && !tried.contains(&point.index) {
                 best = Some((full, *point));
             }
         }
@@ -123,7 +125,7 @@ mod tests {
         let ground = GroundPlane::flat([10.0, 0.0], 1.7);
         let mut work = 0;
         let seed = |low: f64, work: &mut u64| {
-            nearest_to_center(&frame, &candidate, &ground, [low, 4.0], work).map(|p| p.index)
+            nearest_to_center(&frame, &candidate, &ground, [low, 4.0], &[], work).map(|p| p.index)
         };
         assert_eq!(seed(0.2, &mut work), Some(1));
         assert_eq!(work, 3);

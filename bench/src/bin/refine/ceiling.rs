@@ -8,7 +8,7 @@ use mluc_refiner::{FrameIndex, GroundPlane, Settings};
 use crate::scene::inside;
 
 /// IoU of the box around the points inside an object's label, ground left out, with the label.
-pub fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f64) -> f64 {
+pub(crate) fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f64) -> f64 {
     let ground = Settings::default().ground;
     let center = [object.center_m[0], object.center_m[1]];
     frame.start();
@@ -22,15 +22,13 @@ pub fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m
             own.push((x - center[0]) as f32, (y - center[1]) as f32, p.z_m);
         }
     }
-    let Some(z_m) = own.z_range_m() else {
-        return 0.0;
-    };
     let extend = Extend {
         to_ground: true,
         away_from_sensor: None,
+        end_face: None,
         size_min_m: [0.1; 3],
     };
     let tight = Closeness::default().fit(&own);
-    let fitted = extend.box_around(&tight, z_m.map(f64::from), center, &plane);
-    iou_3d(&fitted, object)
+    let fitted = extend.box_around(&own, &tight, center, &plane);
+    fitted.map_or(0.0, |fitted| iou_3d(&fitted, object))
 }

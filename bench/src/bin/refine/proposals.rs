@@ -10,18 +10,18 @@ const KNOWN: [(&str, [f64; 3]); 3] = [
     ("cyclist", [1.76, 0.6, 1.73]),
 ];
 /// Names of the classes above.
-pub const CLASSES: [&str; 3] = [KNOWN[0].0, KNOWN[1].0, KNOWN[2].0];
+pub(crate) const CLASSES: [&str; 3] = [KNOWN[0].0, KNOWN[1].0, KNOWN[2].0];
 /// Largest horizontal error, m.
 const SHIFT_MAX_M: f64 = 1.0;
 /// Largest error of the bottom, m.
 const BOTTOM_SHIFT_MAX_M: f64 = 0.2;
 
 /// SplitMix64: small, and the same everywhere.
-pub struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
     /// A stream of its own for each key.
-    pub fn keyed(keys: [u64; 3]) -> Random {
+    pub(crate) fn keyed(keys: [u64; 3]) -> Random {
         let mut random = Random(0x6D6C_7563);
         for key in keys {
             random.0 ^= key.wrapping_mul(0x2545_F491_4F6C_DD1D);
@@ -38,18 +38,18 @@ impl Random {
     }
 
     /// Uniform in 0..1.
-    pub fn share(&mut self) -> f64 {
+    pub(crate) fn share(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// Uniform in 0..count.
-    pub fn below(&mut self, count: usize) -> usize {
+    pub(crate) fn below(&mut self, count: usize) -> usize {
         (self.share() * count as f64) as usize
     }
 }
 
 /// One proposal for an object of a class: centre within a disc of 1 m, any heading, a size that is not its class's.
-pub fn proposal(class: &str, object: &Box3, random: &mut Random) -> Box3 {
+pub(crate) fn proposal(class: &str, object: &Box3, random: &mut Random) -> Box3 {
     let wrong: Vec<[f64; 3]> = KNOWN
         .iter()
         .filter(|(name, _)| !name.eq_ignore_ascii_case(class))
@@ -72,7 +72,7 @@ pub fn proposal(class: &str, object: &Box3, random: &mut Random) -> Box3 {
 }
 
 /// As the head would hand it over.
-pub fn candidate(proposal: &Box3, eds: f32) -> Detection {
+pub(crate) fn candidate(proposal: &Box3, eds: f32) -> Detection {
     Detection {
         center_m: proposal.center_m.map(|v| v as f32),
         size_m: proposal.size_m.map(|v| v as f32),

@@ -12,23 +12,23 @@ use crate::proposals::CLASSES;
 const POINTS_MIN: usize = 10;
 
 /// One labelled object.
-pub struct Object {
+pub(crate) struct Object {
     /// As in the label file.
-    pub class: String,
+    pub(crate) class: String,
     /// In the sensor frame.
-    pub shape: Box3,
+    pub(crate) shape: Box3,
 }
 
 /// One frame.
-pub struct Frame {
+pub(crate) struct Frame {
     /// The scan.
-    pub points: Vec<Point>,
+    pub(crate) points: Vec<Point>,
     /// Those with enough points.
-    pub objects: Vec<Object>,
+    pub(crate) objects: Vec<Object>,
 }
 
 /// Reads a whole folder (velodyne, label_2, calib).
-pub fn read(dataset: &Dataset) -> Result<Vec<Frame>> {
+pub(crate) fn read(dataset: &Dataset) -> Result<Vec<Frame>> {
     let frame = |name: &String| -> Result<Frame> {
         let points: Vec<Point> = dataset
             .scan(name)?
@@ -60,14 +60,14 @@ pub fn read(dataset: &Dataset) -> Result<Vec<Frame>> {
 }
 
 /// Points in a box.
-pub fn inside<'a>(points: &'a [Point], shape: &'a Box3) -> impl Iterator<Item = &'a Point> {
+pub(crate) fn inside<'a>(points: &'a [Point], shape: &'a Box3) -> impl Iterator<Item = &'a Point> {
     points
         .iter()
         .filter(|p| shape.contains([p.x_m, p.y_m, p.z_m].map(f64::from)))
 }
 
 /// HDL-64E: two blocks of 32 beams, evenly spaced up to 0.03 degrees; 10 turns a second; on KITTI's car.
-pub fn sensor() -> Sensor {
+pub(crate) fn sensor() -> Sensor {
     let upper = (0..32).map(|i| 2.02 - 0.34 * i as f32);
     let lower = (0..32).map(|i| -8.95 - 0.5084 * i as f32);
     Sensor {

@@ -2,7 +2,7 @@
 
 use mluc_geometry::Box3;
 
-use super::Rectangle;
+use super::{ClusterPoints, Rectangle};
 use crate::ground::GroundPlane;
 
 /// Least extent of a side that is hardly seen, m and as a share of the other side.
@@ -14,6 +14,21 @@ pub struct Side {
     pub share: f64,
 }
 
+/// A face that looks like a vehicle's front or rear, seen from the end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EndFace {
+    /// Narrowest and widest, m.
+    pub width_m: [f64; 2],
+    /// Least height of the box, m.
+    pub height_min_m: f64,
+    /// Largest angle between the line of sight and the vehicle's length, rad: further round, its side is seen too.
+    pub aside_max_rad: f64,
+    /// The vehicle is at least this share of its width long.
+    pub share: f64,
+    /// Its upper third is at least this share of the width wide: a cyclist seen from the side is narrow above.
+    pub top_share_min: f64,
+}
+
 /// How a tight rectangle becomes a box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extend {
@@ -22,19 +37,23 @@ pub struct Extend {
     /// Sides shorter than this grow away from the sensor, the near edge stays: a vehicle straight ahead shows one face
     /// only, and its tight box is as thin as paper.
     pub away_from_sensor: Option<Side>,
+    /// What is known of vehicles seen from the end.
+    pub end_face: Option<EndFace>,
     /// Least l, w, h, m.
     pub size_min_m: [f64; 3],
 }
 
 impl Extend {
-    /// The box around a rectangle whose points have their origin at `origin_m` and lie between two heights, m.
+    /// The box around a cluster and its tight rectangle; the points have their origin at `origin_m`. `None` without
+    /// points.
     pub fn box_around(
         &self,
+        points: &ClusterPoints,
         tight: &Rectangle,
-        z_m: [f64; 2],
         origin_m: [f64; 2],
         ground: &GroundPlane,
-    ) -> Box3 {
+    ) -> Option<Box3> {
+        let z_m = points.z_range_m()?.map(f64::from);
         let mut r = *tight;
         if let Some(side) = self.away_from_sensor {
             let [u, v] = r.size_m();
@@ -49,6 +68,10 @@ impl Extend {
                 sensor_along(&r, origin_m, 1),
             );
         }
+        let height_m = z_m[1] - ground.z_at_m(origin_m[0], origin_m[1]);
+        if let Some(face) = self.end_face.filter(|face| height_m >= face.height_min_m) {
+            face.lengthen(&mut r, points, z_m, origin_m);
+        }
         let [x, y] = r.center_m();
         let (x, y) = (x + origin_m[0], y + origin_m[1]);
         let bottom = match self.to_ground {
@@ -62,7 +85,7 @@ impl Extend {
             false => (v, u, r.yaw_rad + std::f64::consts::FRAC_PI_2),
         };
         let [least_l, least_w, least_h] = self.size_min_m;
-        Box3 {
+        Some(Box3 {
             center_m: [x, y, (bottom + z_m[1]) / 2.0],
             size_m: [
                 l.max(least_l),
@@ -70,7 +93,55 @@ impl Extend {
                 (z_m[1] - bottom).max(least_h),
             ],
             yaw_rad: mluc_geometry::limit_period(yaw_rad, 0.5, std::f64::consts::PI),
+        })
+    }
+}
+
+impl EndFace {
+    /// Grows the side that lies along the line of sight.
+    fn lengthen(
+        &self,
+        r: &mut Rectangle,
+        points: &ClusterPoints,
+        z_m: [f64; 2],
+        origin_m: [f64; 2],
+    ) {
+        let (u, v) = (sensor_along(r, origin_m, 0), sensor_along(r, origin_m, 1));
+        let along_u = u.abs() > v.abs();
+        let (ahead, aside) = (u.abs().max(v.abs()), u.abs().min(v.abs()));
+        if aside > ahead * self.aside_max_rad.tan() {
+            return;
         }
+        let width = r.size_m()[usize::from(along_u)];
+        let fits = (self.width_m[0]..=self.width_m[1]).contains(&width);
+        if !fits || self.top_width_m(r, points, z_m, along_u) < self.top_share_min * width {
+            return;
+        }
+        match along_u {
+            true => r.u_m = grow_away(r.u_m, self.share * width, u),
+            false => r.v_m = grow_away(r.v_m, self.share * width, v),
+        }
+    }
+
+    /// Extent of the upper third of the points across the line of sight, m.
+    fn top_width_m(
+        &self,
+        r: &Rectangle,
+        points: &ClusterPoints,
+        z_m: [f64; 2],
+        along_u: bool,
+    ) -> f64 {
+        let (sin, cos) = (r.yaw_rad.sin() as f32, r.yaw_rad.cos() as f32);
+        let across = if along_u { [-sin, cos] } else { [cos, sin] };
+        let from_m = (z_m[1] - (z_m[1] - z_m[0]) / 3.0) as f32;
+        let columns = points.x_m.iter().zip(&points.y_m).zip(&points.z_m);
+        let ends = columns
+            .filter(|&(_, &z)| z >= from_m)
+            .map(|((x, y), _)| x * across[0] + y * across[1])
+            .fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], t| {
+                [low.min(t), high.max(t)]
+            });
+        f64::from(ends[1] - ends[0])
     }
 }
 
@@ -104,44 +175,70 @@ mod tests {
             least_m: 0.8,
             share: 0.45,
         }),
+        end_face: None,
         size_min_m: [0.1; 3],
     };
 
-    /// The rear face of a car 10 m ahead, seen from behind.
-    fn rear_face() -> Rectangle {
-        Rectangle {
-            yaw_rad: 0.0,
-            u_m: [-2.0, -1.95],
-            v_m: [-0.85, 0.85],
+    /// The rear face of a car 10 m away, seen from behind: 1.7 m wide, from 0.3 to 1.5 m above the ground.
+    fn rear_face(x_m: f32) -> (ClusterPoints, Rectangle) {
+        let mut points = ClusterPoints::default();
+        for i in 0..=17 {
+            for k in 0..=12 {
+                points.push(x_m, -0.85 + 0.1 * i as f32, -1.4 + 0.1 * k as f32);
+            }
         }
+        let rectangle = points.rectangle(0.0);
+        (points, rectangle)
+    }
+
+    fn rear_box(extend: &Extend, x_m: f32, origin_x_m: f64) -> Box3 {
+        let origin = [origin_x_m, 0.0];
+        let (points, rectangle) = rear_face(x_m);
+        let ground = GroundPlane::flat(origin, 1.7);
+        let found = extend.box_around(&points, &rectangle, origin, &ground);
+        found.expect("there are points")
     }
 
     #[test]
     fn one_face_grows_away_from_the_sensor() {
-        let ground = GroundPlane::flat([10.0, 0.0], 1.7);
-        let b = EXTEND.box_around(&rear_face(), [-1.4, -0.2], [10.0, 0.0], &ground);
-        assert!((b.size_m[0] - 1.7).abs() < 1e-9 && (b.size_m[1] - 0.8).abs() < 1e-9);
+        let ahead = rear_box(&EXTEND, -2.0, 10.0);
+        assert!((ahead.size_m[0] - 1.7).abs() < 1e-5 && (ahead.size_m[1] - 0.8).abs() < 1e-5);
         assert!(
-            (b.center_m[0] - 8.4).abs() < 1e-9,
-            "the near edge stays at 8 m: {b:?}"
+            (ahead.center_m[0] - 8.4).abs() < 1e-5,
+            "the near edge stays at 8 m: {ahead:?}"
         );
-        assert!((b.size_m[2] - 1.5).abs() < 1e-9, "down to the ground");
-        let behind = EXTEND.box_around(
-            &Rectangle {
-                u_m: [1.95, 2.0],
-                ..rear_face()
-            },
-            [-1.4, -0.2],
-            [-10.0, 0.0],
-            &ground,
-        );
-        assert!((behind.center_m[0] + 8.4).abs() < 1e-9, "{behind:?}");
+        assert!((ahead.size_m[2] - 1.5).abs() < 1e-5, "down to the ground");
+        assert!((ahead.yaw_rad.abs() - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+        let behind = rear_box(&EXTEND, 2.0, -10.0);
+        assert!((behind.center_m[0] + 8.4).abs() < 1e-5, "{behind:?}");
     }
 
     #[test]
-    fn the_heading_follows_the_longer_side() {
+    fn the_end_of_a_vehicle_gets_a_length_and_a_cyclists_side_does_not() {
+        let face = EndFace {
+            width_m: [1.2, 2.6],
+            height_min_m: 1.0,
+            aside_max_rad: 0.5,
+            share: 1.8,
+            top_share_min: 0.6,
+        };
+        let extend = Extend {
+            end_face: Some(face),
+            ..EXTEND
+        };
+        let car = rear_box(&extend, -2.0, 10.0);
+        assert!((car.size_m[0] - 1.8 * 1.7).abs() < 1e-5, "{car:?}");
+        assert!(car.yaw_rad.abs() < 1e-9 && (car.center_m[0] - 9.53).abs() < 1e-5);
+        // Wheels below, one rider in the middle above.
+        let (points, rectangle) = rear_face(-2.0);
+        let mut cyclist = ClusterPoints::default();
+        for i in 0..points.len() {
+            if points.z_m[i] < -0.8 || points.y_m[i].abs() < 0.3 {
+                cyclist.push(points.x_m[i], points.y_m[i], points.z_m[i]);
+            }
+        }
         let ground = GroundPlane::flat([10.0, 0.0], 1.7);
-        let b = EXTEND.box_around(&rear_face(), [-1.4, -0.2], [10.0, 0.0], &ground);
-        assert!((b.yaw_rad.abs() - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+        let side = extend.box_around(&cyclist, &rectangle, [10.0, 0.0], &ground);
+        assert!(side.is_some_and(|b| b.size_m[1] < 0.9), "{side:?}");
     }
 }

@@ -8,7 +8,7 @@ mod minimum_area;
 
 pub use axis_aligned::axis_aligned;
 pub use closeness::Closeness;
-pub use extend::{Extend, Side};
+pub use extend::{EndFace, Extend, Side};
 pub use footprint::footprint;
 pub use minimum_area::minimum_area;
 

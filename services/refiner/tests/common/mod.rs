@@ -1,0 +1,176 @@
+//! A small scene for tests: boxes on flat ground, seen by 64 beams without noise.
+#![allow(dead_code)]
+
+use mluc_geometry::Box3;
+use mluc_ipc_types::{Detection, DetectionKind, FrameHeader, Object, Point};
+use mluc_refiner::{BeamTable, Mode, Refined, Refiner, Sensor, Settings};
+
+/// Height of the sensor above the ground, m.
+pub(crate) const SENSOR_HEIGHT_M: f64 = 1.73;
+const RANGE_MAX_M: f64 = 60.0;
+const COLUMNS: usize = 1024;
+
+/// Elevations of the beams, rad, from the top down.
+pub(crate) fn elevations_rad() -> Vec<f64> {
+    (0..64)
+        .map(|i| (2.0 - 0.42 * f64::from(i)).to_radians())
+        .collect()
+}
+
+pub(crate) fn sensor() -> Sensor {
+    Sensor {
+        height_m: SENSOR_HEIGHT_M,
+        beams: Some(BeamTable {
+            elevation_rad: elevations_rad().iter().map(|&e| e as f32).collect(),
+            azimuth_step_rad: (std::f64::consts::TAU / COLUMNS as f64) as f32,
+        }),
+        ..Sensor::plain(&["car", "pedestrian", "cyclist", "truck"])
+    }
+}
+
+/// A box standing on the ground.
+pub(crate) fn standing(x: f64, y: f64, [l, w, h]: [f64; 3], yaw_rad: f64) -> Box3 {
+    Box3::new([x, y, h / 2.0 - SENSOR_HEIGHT_M, l, w, h, yaw_rad])
+}
+
+/// What 64 beams see of boxes on flat ground.
+pub(crate) fn scan(boxes: &[Box3]) -> Vec<Point> {
+    let mut points = Vec::new();
+    for elevation in elevations_rad() {
+        for column in 0..COLUMNS {
+            let azimuth = (column as f64 + 0.5) * std::f64::consts::TAU / COLUMNS as f64;
+            let flat = elevation.cos();
+            let ray = [flat * azimuth.cos(), flat * azimuth.sin(), elevation.sin()];
+            let ground = match ray[2] < 0.0 {
+                true => -SENSOR_HEIGHT_M / ray[2],
+                false => f64::INFINITY,
+            };
+            let range = boxes
+                .iter()
+                .filter_map(|b| hit(b, ray))
+                .fold(ground, f64::min);
+            if range < RANGE_MAX_M {
+                points.push(point(ray.map(|r| r * range)));
+            }
+        }
+    }
+    points
+}
+
+pub(crate) fn point([x, y, z]: [f64; 3]) -> Point {
+    Point {
+        x_m: x as f32,
+        y_m: y as f32,
+        z_m: z as f32,
+        intensity: 0.3,
+    }
+}
+
+/// Where a ray from the sensor enters a box.
+fn hit(b: &Box3, ray: [f64; 3]) -> Option<f64> {
+    let from = b.local_m([0.0; 3]);
+    let (sin, cos) = b.yaw_rad.sin_cos();
+    let along = [
+        ray[0] * cos + ray[1] * sin,
+        ray[1] * cos - ray[0] * sin,
+        ray[2],
+    ];
+    let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
+    for axis in 0..3 {
+        let half = b.size_m[axis] / 2.0;
+        let (a, b) = (
+            (-half - from[axis]) / along[axis],
+            (half - from[axis]) / along[axis],
+        );
+        enter = enter.max(a.min(b));
+        leave = leave.min(a.max(b));
+    }
+    (enter > 0.0 && enter <= leave).then_some(enter)
+}
+
+/// A candidate whose box lies `shift` off an object and has a wrong size.
+pub(crate) fn candidate(object: &Box3, shift: [f64; 2], eds: f32) -> Detection {
+    Detection {
+        center_m: [
+            (object.center_m[0] + shift[0]) as f32,
+            (object.center_m[1] + shift[1]) as f32,
+            object.center_m[2] as f32,
+        ],
+        size_m: [1.76, 0.6, 1.73],
+        yaw_rad: 0.7,
+        kind: DetectionKind::Candidate as u32,
+        objectness: 0.6,
+        score: 0.3,
+        eds,
+        ..Detection::default()
+    }
+}
+
+/// A known object with its exact box.
+pub(crate) fn known(object: &Box3, class_id: u32, score: f32) -> Detection {
+    Detection {
+        center_m: object.center_m.map(|v| v as f32),
+        size_m: object.size_m.map(|v| v as f32),
+        yaw_rad: object.yaw_rad as f32,
+        kind: DetectionKind::Known as u32,
+        class_id,
+        score,
+        objectness: score,
+        eds: 6.0,
+        ..Detection::default()
+    }
+}
+
+pub(crate) fn refiner(mode: Mode) -> Refiner {
+    let settings = Settings {
+        mode,
+        ..Settings::default()
+    };
+    Refiner::new(settings, &sensor()).expect("default settings")
+}
+
+pub(crate) fn refine(mode: Mode, points: &[Point], detections: &[Detection]) -> Refined {
+    let mut out = Refined::default();
+    refiner(mode).refine(7, points, detections, &mut out);
+    out
+}
+
+pub(crate) fn box_of(object: &Object) -> Box3 {
+    Box3 {
+        center_m: object.center_m.map(f64::from),
+        size_m: object.size_m.map(f64::from),
+        yaw_rad: f64::from(object.yaw_rad),
+    }
+}
+
+/// What every answer keeps, whatever the input: the contract's own checks, one object a detection, every index inside.
+pub(crate) fn assert_sound(points: &[Point], detections: &[Detection], out: &Refined, what: &str) {
+    let header = FrameHeader::new(0, "test");
+    let checked = Object::checked(&header, &out.objects, 4);
+    assert!(checked.is_ok(), "{what}: {checked:?}");
+    assert_eq!(out.objects.len(), detections.len().min(512), "{what}");
+    assert!(out.object_points.len() <= 131_072, "{what}");
+    assert!(
+        out.object_points
+            .iter()
+            .all(|&i| (i as usize) < points.len()),
+        "{what}"
+    );
+    let ends = out
+        .objects
+        .iter()
+        .map(|o| (o.points_first + o.points_count) as usize);
+    assert!(ends.max().unwrap_or(0) <= out.object_points.len(), "{what}");
+    assert!(
+        out.objects
+            .iter()
+            .all(|o| o.footprint_m.iter().flatten().all(|v| v.is_finite())),
+        "{what}"
+    );
+    let told: u32 = out.counters.by_fate.iter().sum();
+    assert_eq!(
+        told as usize,
+        out.objects.len(),
+        "{what}: every fate is counted"
+    );
+}

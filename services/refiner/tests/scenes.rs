@@ -1,0 +1,124 @@
+//! What the refiners make of simple scenes.
+
+mod common;
+
+use common::{box_of, candidate, known, refine, scan, standing};
+use mluc_geometry::{Box3, iou_3d};
+use mluc_ipc_types::Fate;
+use mluc_refiner::Mode;
+
+const CART: [f64; 3] = [2.6, 1.25, 1.85];
+const ORIENTED: [Mode; 4] = [
+    Mode::Corrected,
+    Mode::Distance,
+    Mode::Euclidean,
+    Mode::Dbscan,
+];
+
+#[test]
+fn a_cart_seen_at_its_corner_gets_its_box() {
+    let cart = standing(12.0, 5.0, CART, 1.2);
+    let points = scan(&[cart, standing(20.0, 5.0, [4.2, 1.8, 1.5], 0.0)]);
+    for mode in ORIENTED {
+        let out = refine(mode, &points, &[candidate(&cart, [0.6, -0.5], 2.0)]);
+        let found = &out.objects[0];
+        assert_eq!(found.fate, Fate::Published as u32, "{mode:?}");
+        let iou = iou_3d(&box_of(found), &cart);
+        assert!(iou > 0.7, "{mode:?}: {iou} {:?}", box_of(found));
+        assert_eq!(found.score, 0.5, "1 / e");
+        // Its points are on the cart, and its outline lies around them.
+        let own = out.points_of(found);
+        assert!(own.len() > 100, "{mode:?}: {}", own.len());
+        let grown = Box3 {
+            size_m: cart.size_m.map(|s| s + 0.1),
+            ..cart
+        };
+        for &i in own {
+            let p = points[i as usize];
+            assert!(
+                grown.contains([p.x_m, p.y_m, p.z_m].map(f64::from)),
+                "{mode:?}"
+            );
+        }
+        assert!((4..=16).contains(&found.footprint_count));
+    }
+}
+
+#[test]
+fn from_its_rear_face_alone_a_cart_is_completed() {
+    // Straight ahead, at the height of the sensor: nothing but the rear can be seen.
+    let cart = standing(14.0, 0.0, CART, 0.0);
+    let points = scan(&[cart]);
+    let iou_of = |mode| {
+        let out = refine(mode, &points, &[candidate(&cart, [0.5, 0.3], 1.0)]);
+        iou_3d(&box_of(&out.objects[0]), &cart)
+    };
+    let tight = iou_of(Mode::Corrected);
+    let completed = iou_of(Mode::Distance);
+    assert!(tight < 0.15, "as thin as paper: {tight}");
+    assert!(completed > 0.3, "{completed}");
+}
+
+#[test]
+fn an_unknown_beside_a_known_truck_survives() {
+    let truck = standing(15.0, 0.0, [8.0, 2.5, 3.2], 0.0);
+    // 20 cm beside the truck: closer than any reach of a join.
+    let obstacle = standing(13.0, 1.25 + 0.2 + 0.35, [0.8, 0.7, 1.1], 0.0);
+    let points = scan(&[truck, obstacle]);
+    let detections = [known(&truck, 3, 0.9), candidate(&obstacle, [0.2, 0.3], 1.0)];
+    let out = refine(Mode::Distance, &points, &detections);
+    let found = &out.objects[1];
+    assert_eq!(found.fate, Fate::Published as u32);
+    let iou = iou_3d(&box_of(found), &obstacle);
+    // One face of it is seen, and its depth is a guess.
+    assert!(iou > 0.3, "{iou} {:?}", box_of(found));
+    let own = out.points_of(found);
+    let on_truck = own.iter().filter(|&&i| {
+        let p = points[i as usize];
+        truck.contains([p.x_m, p.y_m, p.z_m].map(f64::from))
+    });
+    assert_eq!(on_truck.count(), 0);
+}
+
+#[test]
+fn a_candidate_on_a_known_object_goes_and_says_why() {
+    let car = standing(15.0, 2.0, [4.2, 1.8, 1.5], 0.4);
+    let points = scan(&[car]);
+    let detections = [candidate(&car, [0.3, 0.3], 1.0), known(&car, 0, 0.9)];
+    for mode in [Mode::Corrected, Mode::Distance] {
+        let out = refine(mode, &points, &detections);
+        assert_eq!(out.objects[0].fate, Fate::OverlapsKnown as u32, "{mode:?}");
+        assert_eq!(out.objects[0].by, 1);
+        let seen = &out.objects[1];
+        assert_eq!((seen.fate, seen.score, seen.footprint_count), (0, 0.9, 4));
+        assert!(seen.points_count > 100);
+    }
+}
+
+#[test]
+fn fates_of_too_few_and_too_many() {
+    let post = standing(30.0, 3.0, [0.05, 0.05, 0.4], 0.0);
+    let points = scan(&[post]);
+    let out = refine(
+        Mode::Distance,
+        &points,
+        &[candidate(&post, [0.0, 0.0], 1.0)],
+    );
+    assert_eq!(out.objects[0].fate, Fate::TooFewPoints as u32);
+    let wall = standing(12.0, 0.0, [0.4, 40.0, 3.0], 0.0);
+    let settings = mluc_refiner::Settings {
+        mode: Mode::Corrected,
+        radius_m: Some(12.0),
+        ..mluc_refiner::Settings::default()
+    };
+    let mut refiner = mluc_refiner::Refiner::new(settings, &common::sensor()).expect("settings");
+    let mut out = mluc_refiner::Refined::default();
+    refiner.refine(
+        0,
+        &scan(&[wall]),
+        &[candidate(&wall, [0.0, 0.0], 1.0)],
+        &mut out,
+    );
+    assert_eq!(out.objects[0].fate, Fate::Oversized as u32);
+    assert_eq!(out.counters.with_fate(Fate::Oversized), 1);
+}

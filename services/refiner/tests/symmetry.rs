@@ -1,0 +1,136 @@
+//! Turning, shifting up and reordering a scene turns and shifts the boxes and nothing else.
+
+mod common;
+
+use common::{box_of, candidate, refine, scan, standing};
+use mluc_geometry::{Box3, iou_3d, limit_period};
+use mluc_ipc_types::{Detection, Point};
+use mluc_refiner::Mode;
+use proptest::prelude::*;
+
+const WITHOUT_CHANCE: [Mode; 5] = [
+    Mode::Corrected,
+    Mode::Distance,
+    Mode::Euclidean,
+    Mode::Dbscan,
+    Mode::None,
+];
+
+fn scene() -> (Vec<Point>, Vec<Box3>, Vec<Detection>) {
+    let boxes = vec![
+        standing(11.0, 4.0, [2.6, 1.25, 1.85], 1.1),
+        standing(14.0, -6.0, [3.0, 1.2, 2.1], 0.3),
+        standing(9.0, -1.5, [0.6, 0.6, 1.7], 0.0),
+        standing(-12.0, 3.0, [4.1, 1.7, 1.5], 2.0),
+    ];
+    let points = scan(&boxes);
+    let detections = boxes
+        .iter()
+        .enumerate()
+        .map(|(i, b)| candidate(b, [0.4, -0.5], 1.0 + i as f32))
+        .collect();
+    (points, boxes, detections)
+}
+
+fn turned(points: &[Point], detections: &[Detection], by_rad: f64) -> (Vec<Point>, Vec<Detection>) {
+    let (sin, cos) = by_rad.sin_cos();
+    let turn = |x: f32, y: f32| {
+        let (x, y) = (f64::from(x), f64::from(y));
+        [(x * cos - y * sin) as f32, (x * sin + y * cos) as f32]
+    };
+    let points = points.iter().map(|p| {
+        let [x_m, y_m] = turn(p.x_m, p.y_m);
+        Point { x_m, y_m, ..*p }
+    });
+    let detections = detections.iter().map(|d| {
+        let [x, y] = turn(d.center_m[0], d.center_m[1]);
+        Detection {
+            center_m: [x, y, d.center_m[2]],
+            yaw_rad: d.yaw_rad + by_rad as f32,
+            ..*d
+        }
+    });
+    (points.collect(), detections.collect())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn turning_the_scene_turns_the_boxes(by_rad in -3.1f64..3.1) {
+        let (points, boxes, detections) = scene();
+        let before = refine(Mode::Distance, &points, &detections);
+        let (turned_points, turned_detections) = turned(&points, &detections, by_rad);
+        let after = refine(Mode::Distance, &turned_points, &turned_detections);
+        for (i, (a, b)) in before.objects.iter().zip(&after.objects).enumerate() {
+            prop_assert_eq!(a.fate, b.fate);
+            prop_assert_eq!(a.points_count, b.points_count);
+            let (a, b) = (box_of(a), box_of(b));
+            let (sin, cos) = by_rad.sin_cos();
+            let [x, y, z] = a.center_m;
+            let expected = Box3 {
+                center_m: [x * cos - y * sin, x * sin + y * cos, z],
+                size_m: a.size_m,
+                yaw_rad: a.yaw_rad + by_rad,
+            };
+            // Headings are searched a degree apart.
+            let off = limit_period(b.yaw_rad - expected.yaw_rad, 0.5, std::f64::consts::PI).abs();
+            let small = a.size_m[0] < 1.0;
+            prop_assert!(off < 0.04 || small, "object {}: {} rad", i, off);
+            let overlap = iou_3d(&b, &expected);
+            // Half a metre of person with its heading a few degrees off.
+            let least = if small { 0.7 } else { 0.85 };
+            prop_assert!(overlap > least, "object {}: {} {:?}", i, overlap, boxes[i]);
+        }
+    }
+
+    #[test]
+    fn raising_the_scene_raises_the_boxes(by_m in -3.0f32..3.0) {
+        let (mut points, _, mut detections) = scene();
+        let before = refine(Mode::Distance, &points, &detections);
+        points.iter_mut().for_each(|p| p.z_m += by_m);
+        detections.iter_mut().for_each(|d| d.center_m[2] += by_m);
+        let after = refine(Mode::Distance, &points, &detections);
+        for (a, b) in before.objects.iter().zip(&after.objects) {
+            prop_assert_eq!(a.fate, b.fate);
+            let mut expected = box_of(a);
+            expected.center_m[2] += f64::from(by_m);
+            prop_assert!(iou_3d(&box_of(b), &expected) > 0.98);
+        }
+    }
+
+    #[test]
+    fn the_order_of_points_does_not_matter(seed in 1u64..u64::MAX) {
+        let (points, _, detections) = scene();
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by_key(|&i| (i as u64).wrapping_mul(seed | 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let shuffled: Vec<Point> = order.iter().map(|&i| points[i]).collect();
+        for mode in WITHOUT_CHANCE {
+            let before = refine(mode, &points, &detections);
+            let after = refine(mode, &shuffled, &detections);
+            prop_assert_eq!(&before.objects, &after.objects, "{:?}", mode);
+            for (a, b) in before.objects.iter().zip(&after.objects) {
+                let mut own: Vec<u32> =
+                    after.points_of(b).iter().map(|&i| order[i as usize] as u32).collect();
+                own.sort_unstable();
+                prop_assert_eq!(before.points_of(a), &own[..]);
+            }
+        }
+    }
+
+    #[test]
+    fn the_order_of_candidates_does_not_matter(turns in 1usize..4) {
+        let (points, _, detections) = scene();
+        let mut permuted = detections.clone();
+        permuted.rotate_left(turns);
+        for mode in WITHOUT_CHANCE {
+            let before = refine(mode, &points, &detections);
+            let mut after = refine(mode, &points, &permuted);
+            after.objects.rotate_right(turns);
+            for (a, b) in before.objects.iter().zip(&after.objects) {
+                prop_assert_eq!(box_of(a), box_of(b), "{:?}", mode);
+                prop_assert_eq!((a.fate, a.score, a.points_count), (b.fate, b.score, b.points_count));
+            }
+        }
+    }
+}
