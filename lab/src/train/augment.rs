@@ -53,8 +53,14 @@ impl Augmentation {
     fn paste(&self, scene: &mut Scene, random: &mut Random) {
         let mut pasted: Vec<Sample> = vec![];
         for (class, wanted) in self.wanted.iter().enumerate() {
-            let Some(samples) = self.database.samples.get(class).filter(|s| !s.is_empty()) else { continue };
-            let present = scene.objects.iter().filter(|o| o.class == Some(class)).count();
+            let Some(samples) = self.database.samples.get(class).filter(|s| !s.is_empty()) else {
+                continue;
+            };
+            let present = scene
+                .objects
+                .iter()
+                .filter(|o| o.class == Some(class))
+                .count();
             for _ in present..*wanted {
                 let sample = &samples[random.below(samples.len())];
                 if let Some(sample) = place(sample, scene, &pasted) {
@@ -63,12 +69,18 @@ impl Augmentation {
             }
         }
         let tests: Vec<InBox> = pasted.iter().map(|s| InBox::new(&s.bounds)).collect();
-        scene.points.retain(|p| !tests.iter().any(|t| t.contains(p)));
+        scene
+            .points
+            .retain(|p| !tests.iter().any(|t| t.contains(p)));
         let mut points: Vec<[f32; 4]> = vec![];
         for sample in pasted {
             let count = sample.points.len();
             points.extend(sample.points);
-            scene.objects.push(Object { class: Some(sample.class), bounds: sample.bounds, points: count });
+            scene.objects.push(Object {
+                class: Some(sample.class),
+                bounds: sample.bounds,
+                points: count,
+            });
         }
         // In front: where a voxel or the frame is full, later points are left out.
         points.append(&mut scene.points);
@@ -81,13 +93,15 @@ fn place(sample: &Sample, scene: &Scene, pasted: &[Sample]) -> Option<Sample> {
     let taken = |other: &Box3| {
         let reach = |b: &Box3| b.size_m[0].hypot(b.size_m[1]) / 2.0;
         let [dx, dy] = [0, 1].map(|i| other.center_m[i] - sample.bounds.center_m[i]);
-        dx.hypot(dy) < reach(other) + reach(&sample.bounds) && intersection_bev_m2(other, &sample.bounds) > 0.0
+        dx.hypot(dy) < reach(other) + reach(&sample.bounds)
+            && intersection_bev_m2(other, &sample.bounds) > 0.0
     };
     if scene.objects.iter().any(|o| taken(&o.bounds)) || pasted.iter().any(|s| taken(&s.bounds)) {
         return None;
     }
     let [x, y, z] = sample.bounds.center_m;
-    let reach = GROUND_RADIUS_M.max((sample.bounds.size_m[0].hypot(sample.bounds.size_m[1]) / 2.0) as f32);
+    let reach =
+        GROUND_RADIUS_M.max((sample.bounds.size_m[0].hypot(sample.bounds.size_m[1]) / 2.0) as f32);
     let near: Vec<&[f32; 4]> = scene
         .points
         .iter()
@@ -103,7 +117,10 @@ fn place(sample: &Sample, scene: &Scene, pasted: &[Sample]) -> Option<Sample> {
     placed.points.iter_mut().for_each(|p| p[2] += shift as f32);
     let test = InBox::new(&placed.bounds);
     let low = (bottom + shift + OBSTACLE_HEIGHT_M) as f32;
-    let obstacles = near.iter().filter(|p| p[2] > low && test.contains(p)).count();
+    let obstacles = near
+        .iter()
+        .filter(|p| p[2] > low && test.contains(p))
+        .count();
     (obstacles <= OBSTACLE_POINTS_MAX).then_some(placed)
 }
 
@@ -116,7 +133,11 @@ fn ground(near: &[&[f32; 4]]) -> Option<f64> {
     let rank = heights.len() / 20;
     let (_, low, _) = heights.select_nth_unstable_by(rank, f32::total_cmp);
     let limit = *low + GROUND_THICKNESS_M;
-    let ground: Vec<f64> = heights.iter().filter(|z| **z <= limit).map(|z| f64::from(*z)).collect();
+    let ground: Vec<f64> = heights
+        .iter()
+        .filter(|z| **z <= limit)
+        .map(|z| f64::from(*z))
+        .collect();
     Some(ground.iter().sum::<f64>() / ground.len().max(1) as f64)
 }
 
@@ -126,7 +147,11 @@ fn mirror(scene: &mut Scene, axis: usize) {
     for object in &mut scene.objects {
         let b = &mut object.bounds;
         b.center_m[axis] = -b.center_m[axis];
-        b.yaw_rad = if axis == 0 { std::f64::consts::PI - b.yaw_rad } else { -b.yaw_rad };
+        b.yaw_rad = if axis == 0 {
+            std::f64::consts::PI - b.yaw_rad
+        } else {
+            -b.yaw_rad
+        };
         b.yaw_rad = limit_period(b.yaw_rad, 0.5, std::f64::consts::TAU);
     }
 }
@@ -147,7 +172,10 @@ fn turn(scene: &mut Scene, angle_rad: f64) {
 
 fn scale(scene: &mut Scene, factor: f64) {
     let f = factor as f32;
-    scene.points.iter_mut().for_each(|p| (p[0], p[1], p[2]) = (p[0] * f, p[1] * f, p[2] * f));
+    scene
+        .points
+        .iter_mut()
+        .for_each(|p| (p[0], p[1], p[2]) = (p[0] * f, p[1] * f, p[2] * f));
     for object in &mut scene.objects {
         object.bounds.center_m = object.bounds.center_m.map(|v| v * factor);
         object.bounds.size_m = object.bounds.size_m.map(|v| v * factor);
@@ -159,7 +187,8 @@ pub fn crop(scene: &mut Scene, grid: &Grid) {
     scene.objects.retain(|object| {
         object.bounds.footprint_m().iter().any(|corner| {
             (0..2).all(|i| {
-                corner[i] >= f64::from(grid.range_min_m[i]) && corner[i] <= f64::from(grid.range_max_m[i])
+                corner[i] >= f64::from(grid.range_min_m[i])
+                    && corner[i] <= f64::from(grid.range_max_m[i])
             })
         })
     });
@@ -174,15 +203,36 @@ mod tests {
         let mut points: Vec<[f32; 4]> = (0..40_000)
             .map(|_| {
                 let at = [random.uniform(-30.0, 30.0), random.uniform(-30.0, 30.0)];
-                [at[0] as f32, at[1] as f32, -1.7 + 0.01 * random.normal() as f32, 0.0]
+                [
+                    at[0] as f32,
+                    at[1] as f32,
+                    -1.7 + 0.01 * random.normal() as f32,
+                    0.0,
+                ]
             })
             .collect();
         let bounds = Box3::new([10.0, 4.0, -0.9, 4.0, 1.8, 1.6, 0.4]);
         for _ in 0..300 {
-            let d = [random.uniform(-1.0, 1.0), random.uniform(-0.4, 0.4), random.uniform(-0.7, 0.7)];
-            points.push([10.0 + d[0] as f32, 4.0 + d[1] as f32, -0.9 + d[2] as f32, 0.0]);
+            let d = [
+                random.uniform(-1.0, 1.0),
+                random.uniform(-0.4, 0.4),
+                random.uniform(-0.7, 0.7),
+            ];
+            points.push([
+                10.0 + d[0] as f32,
+                4.0 + d[1] as f32,
+                -0.9 + d[2] as f32,
+                0.0,
+            ]);
         }
-        let mut scene = Scene { points, objects: vec![Object { class: Some(0), bounds, points: 0 }] };
+        let mut scene = Scene {
+            points,
+            objects: vec![Object {
+                class: Some(0),
+                bounds,
+                points: 0,
+            }],
+        };
         scene.count_points();
         scene
     }
@@ -191,12 +241,26 @@ mod tests {
         let mut samples = vec![];
         for i in 0..20 {
             // From a frame whose ground lies 0.5 m lower.
-            let bounds = Box3::new([-20.0 + 2.0 * f64::from(i), -8.0 + f64::from(i % 3), -1.35, 1.0, 0.7, 1.7, 1.0]);
+            let bounds = Box3::new([
+                -20.0 + 2.0 * f64::from(i),
+                -8.0 + f64::from(i % 3),
+                -1.35,
+                1.0,
+                0.7,
+                1.7,
+                1.0,
+            ]);
             let [x, y, z] = bounds.center_m.map(|v| v as f32);
-            samples.push(Sample { class: 1, bounds, points: vec![[x, y, z, 0.0]; 9] });
+            samples.push(Sample {
+                class: 1,
+                bounds,
+                points: vec![[x, y, z, 0.0]; 9],
+            });
         }
         Augmentation {
-            database: Database { samples: vec![vec![], samples] },
+            database: Database {
+                samples: vec![vec![], samples],
+            },
             wanted: vec![0, 6],
             mirror_x: true,
         }
@@ -237,7 +301,9 @@ mod tests {
         let sample = augmentation().database.samples[1][3].clone();
         assert!(place(&sample, &scene, &[]).is_some());
         let [x, y, _] = sample.bounds.center_m.map(|v| v as f32);
-        scene.points.extend((0..40).map(|i| [x, y, -1.3 + 0.02 * i as f32, 0.0]));
+        scene
+            .points
+            .extend((0..40).map(|i| [x, y, -1.3 + 0.02 * i as f32, 0.0]));
         assert!(place(&sample, &scene, &[]).is_none());
     }
 }

@@ -13,7 +13,10 @@ use super::trainer::State;
 
 /// Writes the file beside its place, then moves it there: a crash leaves the old one.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    let failed = |cause| TrainError::Io { path: path.to_owned(), cause };
+    let failed = |cause| TrainError::Io {
+        path: path.to_owned(),
+        cause,
+    };
     let beside = path.with_extension("partial");
     std::fs::write(&beside, bytes).map_err(failed)?;
     std::fs::rename(&beside, path).map_err(failed)
@@ -22,7 +25,11 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
 /// Saves.
 pub fn save(path: &Path, state: &State, fingerprint: &str) -> Result<(), TrainError> {
     let flat = |f: fn(&super::norm::Statistics) -> &Vec<f32>| -> Vec<f32> {
-        state.running.iter().flat_map(|s| f(s).iter().copied()).collect()
+        state
+            .running
+            .iter()
+            .flat_map(|s| f(s).iter().copied())
+            .collect()
     };
     let (means, variances) = (flat(|s| &s.mean), flat(|s| &s.variance));
     let lists: [(&str, &[f32]); 5] = [
@@ -43,12 +50,18 @@ pub fn save(path: &Path, state: &State, fingerprint: &str) -> Result<(), TrainEr
         buffers.push((name, list.len(), bytes));
     }
     for (name, len, bytes) in &buffers {
-        views.push((*name, TensorView::new(Dtype::F32, vec![*len], bytes).map_err(broken)?));
+        views.push((
+            *name,
+            TensorView::new(Dtype::F32, vec![*len], bytes).map_err(broken)?,
+        ));
     }
     let metadata = HashMap::from([
         ("step".to_owned(), state.step.to_string()),
         ("adam.steps".to_owned(), state.adam.steps.to_string()),
-        ("adam.momentum_product".to_owned(), state.adam.momentum_product.to_bits().to_string()),
+        (
+            "adam.momentum_product".to_owned(),
+            state.adam.momentum_product.to_bits().to_string(),
+        ),
         ("settings".to_owned(), fingerprint.to_owned()),
     ]);
     let bytes = safetensors::serialize(views, Some(metadata)).map_err(broken)?;
@@ -65,7 +78,12 @@ pub fn load(path: &Path, state: &mut State, fingerprint: &str) -> Result<bool, T
     let bytes = match std::fs::read(path) {
         Ok(bytes) => bytes,
         Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(false),
-        Err(cause) => return Err(TrainError::Io { path: path.to_owned(), cause }),
+        Err(cause) => {
+            return Err(TrainError::Io {
+                path: path.to_owned(),
+                cause,
+            });
+        }
     };
     let not_one = |cause: safetensors::SafeTensorError| wrong("a checkpoint", cause.to_string());
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(not_one)?;
@@ -73,17 +91,29 @@ pub fn load(path: &Path, state: &mut State, fingerprint: &str) -> Result<bool, T
     let metadata = header.metadata().clone().unwrap_or_default();
     let text = |name: &str| metadata.get(name).cloned().unwrap_or_default();
     if text("settings") != fingerprint {
-        return Err(wrong(&format!("a run with '{fingerprint}'"), format!("'{}'", text("settings"))));
+        return Err(wrong(
+            &format!("a run with '{fingerprint}'"),
+            format!("'{}'", text("settings")),
+        ));
     }
     let number = |name: &str| -> Result<u64, TrainError> {
-        text(name).parse().map_err(|_| wrong(&format!("a whole number in {name}"), text(name)))
+        text(name)
+            .parse()
+            .map_err(|_| wrong(&format!("a whole number in {name}"), text(name)))
     };
     let list = |name: &str, count: usize| -> Result<Vec<f32>, TrainError> {
         let tensor = tensors.tensor(name).map_err(not_one)?;
         if tensor.dtype() != Dtype::F32 || tensor.data().len() != 4 * count {
-            return Err(wrong(&format!("{name} of {count} f32"), format!("{} bytes", tensor.data().len())));
+            return Err(wrong(
+                &format!("{name} of {count} f32"),
+                format!("{} bytes", tensor.data().len()),
+            ));
         }
-        Ok(tensor.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect())
+        Ok(tensor
+            .data()
+            .chunks_exact(4)
+            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+            .collect())
     };
     let count = state.parameters.len();
     let mut restored = state.clone();
@@ -94,7 +124,10 @@ pub fn load(path: &Path, state: &mut State, fingerprint: &str) -> Result<bool, T
     restored.adam.momentum_product = f64::from_bits(number("adam.momentum_product")?);
     restored.step = number("step")?;
     let channels = state.running.iter().map(|s| s.mean.len()).sum();
-    let (means, variances) = (list("running.mean", channels)?, list("running.variance", channels)?);
+    let (means, variances) = (
+        list("running.mean", channels)?,
+        list("running.variance", channels)?,
+    );
     let mut at = 0;
     for statistics in &mut restored.running {
         let range = at..at + statistics.mean.len();

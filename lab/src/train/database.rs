@@ -53,23 +53,34 @@ pub fn mean_boxes(source: &FolderSource, classes: usize) -> Result<Vec<MeanBox>,
         let (sum, count) = &mut sums[class];
         let bottom = bounds.center_m[2] - bounds.size_m[2] / 2.0;
         let [l, w, h] = bounds.size_m;
-        sum.iter_mut().zip([l, w, h, bottom]).for_each(|(s, v)| *s += v);
+        sum.iter_mut()
+            .zip([l, w, h, bottom])
+            .for_each(|(s, v)| *s += v);
         *count += 1;
     }
     let mean = |(sum, count): ([f64; 4], usize)| {
         let [l, w, h, bottom_z_m] = sum.map(|s| (s / count.max(1) as f64) as f32);
-        MeanBox { size_m: [l, w, h], bottom_z_m, count }
+        MeanBox {
+            size_m: [l, w, h],
+            bottom_z_m,
+            count,
+        }
     };
     Ok(sums.into_iter().map(mean).collect())
 }
 
 impl Database {
     /// From the first `frames` frames.
-    pub fn build(source: &FolderSource, classes: usize, frames: usize) -> Result<Database, TrainError> {
+    pub fn build(
+        source: &FolderSource,
+        classes: usize,
+        frames: usize,
+    ) -> Result<Database, TrainError> {
         let mut samples = vec![vec![]; classes];
         let frames: Vec<usize> = (0..frames.min(source.count())).collect();
         for chunk in frames.chunks(CHUNK_FRAMES) {
-            let cut: Result<Vec<Vec<Sample>>, TrainError> = chunk.par_iter().map(|f| cut_out(source, *f)).collect();
+            let cut: Result<Vec<Vec<Sample>>, TrainError> =
+                chunk.par_iter().map(|f| cut_out(source, *f)).collect();
             for sample in cut?.into_iter().flatten() {
                 let list: &mut Vec<Sample> = &mut samples[sample.class];
                 if list.len() < SAMPLES_PER_CLASS_MAX {
@@ -87,8 +98,17 @@ fn cut_out(source: &FolderSource, frame: usize) -> Result<Vec<Sample>, TrainErro
     let wanted = objects.filter(|(o, visible)| *visible && o.points >= SAMPLE_POINTS_MIN);
     let samples = wanted.filter_map(|(object, _)| {
         let test = InBox::new(&object.bounds);
-        let points = scene.points.iter().filter(|p| test.contains(p)).copied().collect();
-        Some(Sample { class: object.class?, bounds: object.bounds, points })
+        let points = scene
+            .points
+            .iter()
+            .filter(|p| test.contains(p))
+            .copied()
+            .collect();
+        Some(Sample {
+            class: object.class?,
+            bounds: object.bounds,
+            points,
+        })
     });
     Ok(samples.collect())
 }

@@ -14,15 +14,27 @@ pub fn weights(chain: &Chain, parameters: &[f32], running: &Running) -> WeightSe
     for (layer, description) in chain.sparse.iter().zip(&network.sparse) {
         let [z, y, x] = description.kernel;
         let shape = vec![layer.cout, z, y, x, layer.cin];
-        set.insert(format!("{}.weight", layer.name), shape, reorder(layer, parameters, Order::OutTapIn));
+        set.insert(
+            format!("{}.weight", layer.name),
+            shape,
+            reorder(layer, parameters, Order::OutTapIn),
+        );
     }
     for layer in chain.block1.iter().chain(&chain.block2) {
         let shape = vec![layer.cout, layer.cin, 3, 3];
-        set.insert(format!("{}.weight", layer.name), shape, reorder(layer, parameters, Order::OutInTap));
+        set.insert(
+            format!("{}.weight", layer.name),
+            shape,
+            reorder(layer, parameters, Order::OutInTap),
+        );
     }
     for (layer, factor) in [(&chain.up1, 1), (&chain.up2, 2)] {
         let shape = vec![layer.cin, layer.channels, factor, factor];
-        set.insert(format!("{}.weight", layer.name), shape, reorder(layer, parameters, Order::InOutCopy));
+        set.insert(
+            format!("{}.weight", layer.name),
+            shape,
+            reorder(layer, parameters, Order::InOutCopy),
+        );
     }
     for layer in chain.layers() {
         let statistics = &running[layer.norm];
@@ -33,11 +45,20 @@ pub fn weights(chain: &Chain, parameters: &[f32], running: &Running) -> WeightSe
             ("running_var", statistics.variance.clone()),
         ];
         for (name, values) in values {
-            set.insert(format!("{}.bn.{name}", layer.name), vec![layer.channels], values);
+            set.insert(
+                format!("{}.bn.{name}", layer.name),
+                vec![layer.channels],
+                values,
+            );
         }
     }
     let heads = &chain.heads;
-    for head in [&heads.objectness, &heads.embedding, &heads.boxes, &heads.direction] {
+    for head in [
+        &heads.objectness,
+        &heads.embedding,
+        &heads.boxes,
+        &heads.direction,
+    ] {
         insert_head(&mut set, head, parameters);
     }
     set
@@ -47,8 +68,16 @@ fn insert_head(set: &mut WeightSet, head: &Linear, parameters: &[f32]) {
     let weight = &parameters[head.weight.clone()];
     let at = |i: usize| weight[i % head.cin * head.cout + i / head.cin];
     let values = (0..head.cin * head.cout).map(at).collect();
-    set.insert(format!("{}.weight", head.name), vec![head.cout, head.cin, 1, 1], values);
-    set.insert(format!("{}.bias", head.name), vec![head.cout], parameters[head.bias.clone()].to_vec());
+    set.insert(
+        format!("{}.weight", head.name),
+        vec![head.cout, head.cin, 1, 1],
+        values,
+    );
+    set.insert(
+        format!("{}.bias", head.name),
+        vec![head.cout],
+        parameters[head.bias.clone()].to_vec(),
+    );
 }
 
 /// Orders of the axes, slowest first.
@@ -77,26 +106,40 @@ fn reorder(layer: &Layer, parameters: &[f32], order: Order) -> Vec<f32> {
 
 /// The largest objectness that the network gives to a scan without points.
 pub fn empty_objectness_max(chain: &Chain, parameters: &[f32], running: &Running) -> f32 {
-    let gather = |taps| Gather { taps, index: vec![] };
+    let gather = |taps| Gather {
+        taps,
+        index: vec![],
+    };
     let sparse = SparsePlan {
         voxels: vec![],
         gathers: chain.sparse.iter().map(|l| gather(l.taps)).collect(),
         transposed: vec![],
     };
-    let plan = Plan { sparse, map: MapPlan::new(&chain.network, 1, &[]) };
+    let plan = Plan {
+        sparse,
+        map: MapPlan::new(&chain.network, 1, &[]),
+    };
     let pass = chain.forward(parameters, &plan, &[], Some(running), &mut Pool::default());
     let anchors = chain.network.anchors();
     let [up1, up2] = &pass.objectness;
     let rows = plan.map.up1_row.iter().zip(&plan.map.up2_row);
     let logits = rows.flat_map(|(a, b)| {
         let (a, b) = (*a as usize * anchors, *b as usize * anchors);
-        up1[a..a + anchors].iter().zip(&up2[b..b + anchors]).map(|(x, y)| x + y)
+        up1[a..a + anchors]
+            .iter()
+            .zip(&up2[b..b + anchors])
+            .map(|(x, y)| x + y)
     });
     1.0 / (1.0 + (-logits.fold(f32::MIN, f32::max)).exp())
 }
 
 /// Completes a manifest with what training found.
-pub fn finish(mut manifest: Manifest, chain: &Chain, parameters: &[f32], running: &Running) -> Manifest {
+pub fn finish(
+    mut manifest: Manifest,
+    chain: &Chain,
+    parameters: &[f32],
+    running: &Running,
+) -> Manifest {
     manifest.empty_objectness_max = empty_objectness_max(chain, parameters, running);
     manifest
 }

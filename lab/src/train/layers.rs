@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use mluc_kernels::{Bf16, Epilogue, Gather, Weights, WeightsBf16, convolve, convolve_bf16, weight_gradient};
+use mluc_kernels::{
+    Bf16, Epilogue, Gather, Weights, WeightsBf16, convolve, convolve_bf16, weight_gradient,
+};
 use rayon::prelude::*;
 
 use super::norm::{self, Affine, Statistics, Tail};
@@ -74,13 +76,15 @@ impl Pool {
             self.rounded = vec![Bf16(0); values.len() + values.len() / 4];
         }
         let to = &mut self.rounded[..values.len()];
-        to.par_chunks_mut(ROUND_CHUNK).zip(values.par_chunks(ROUND_CHUNK)).for_each(|(to, from)| {
-            // Nearest, ties to even, without the case of NaN: a loss that is no number ends the run anyway.
-            for (to, from) in to.iter_mut().zip(from) {
-                let bits = from.to_bits();
-                *to = Bf16((bits.wrapping_add(0x7fff + ((bits >> 16) & 1)) >> 16) as u16);
-            }
-        });
+        to.par_chunks_mut(ROUND_CHUNK)
+            .zip(values.par_chunks(ROUND_CHUNK))
+            .for_each(|(to, from)| {
+                // Nearest, ties to even, without the case of NaN: a loss that is no number ends the run anyway.
+                for (to, from) in to.iter_mut().zip(from) {
+                    let bits = from.to_bits();
+                    *to = Bf16((bits.wrapping_add(0x7fff + ((bits >> 16) & 1)) >> 16) as u16);
+                }
+            });
         to
     }
 
@@ -111,15 +115,18 @@ impl Layer {
         );
         let mut x = pool.take(gather.outputs() * self.cout);
         convolve(input, gather, &weights, Epilogue::default(), None, &mut x);
-        let statistics = running
-            .cloned()
-            .unwrap_or_else(|| norm::statistics(&x, self.channels, tail));
         let mut y = pool.take(x.len());
         let affine = Affine {
             gamma: &parameters[self.gamma.clone()],
             beta: &parameters[self.beta.clone()],
         };
-        norm::normalise(&x, affine, &statistics, &mut y);
+        let statistics = match running {
+            Some(running) => {
+                norm::normalise(&x, affine, running, &mut y);
+                running.clone()
+            }
+            None => norm::forward(&x, affine, tail, &mut y),
+        };
         Activation { x, y, statistics }
     }
 
@@ -161,11 +168,26 @@ impl Layer {
         let (taps, cin, cout) = (self.taps, self.cin, self.cout);
         let plain = &parameters[self.weight.clone()];
         if self.bf16 {
-            let weights = WeightsBf16::pack(taps, cout, cin, &transposed_weights(taps, cin, cout, plain));
-            convolve_bf16(pool.round(gradient), transposed, &weights, Epilogue::default(), None, to);
+            let weights =
+                WeightsBf16::pack(taps, cout, cin, &transposed_weights(taps, cin, cout, plain));
+            convolve_bf16(
+                pool.round(gradient),
+                transposed,
+                &weights,
+                Epilogue::default(),
+                None,
+                to,
+            );
         } else {
             let weights = Weights::pack_transposed(taps, cin, cout, plain);
-            convolve(gradient, transposed, &weights, Epilogue::default(), None, to);
+            convolve(
+                gradient,
+                transposed,
+                &weights,
+                Epilogue::default(),
+                None,
+                to,
+            );
         }
     }
 

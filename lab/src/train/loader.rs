@@ -98,7 +98,12 @@ impl Preparer {
         }
         let targets = BatchTargets::new(&targets, self.cells, self.anchors.per_cell());
         let plan = self.planner.plan(&scans);
-        Ok(Batch { step, plan, targets, seconds: start.elapsed().as_secs_f64() })
+        Ok(Batch {
+            step,
+            plan,
+            targets,
+            seconds: start.elapsed().as_secs_f64(),
+        })
     }
 
     /// Batches of `steps`, prepared ahead. The thread ends when the receiver is dropped.

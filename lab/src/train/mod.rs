@@ -28,9 +28,9 @@ mod settings;
 pub mod source;
 pub mod targets;
 pub mod trainer;
-mod validate;
 #[cfg(test)]
 mod trainer_tests;
+mod validate;
 
 pub use error::TrainError;
 pub use run::{Event, Progress, Run};

@@ -173,7 +173,11 @@ impl Chain {
 
     /// Multiplies in bf16 while training, where a layer's channels are worth it.
     pub fn use_bf16(&mut self) {
-        let blocks = self.sparse.iter_mut().chain(&mut self.block1).chain(&mut self.block2);
+        let blocks = self
+            .sparse
+            .iter_mut()
+            .chain(&mut self.block1)
+            .chain(&mut self.block2);
         for layer in blocks.chain([&mut self.up1, &mut self.up2]) {
             layer.bf16 = layer.cin >= 16 && layer.cin % 2 == 0 && layer.cout % 2 == 0;
         }
@@ -528,7 +532,13 @@ impl Chain {
             );
             let mut to = pool.take(input.len());
             let listed = step.transposed.outputs() * layer.cin;
-            layer.input_gradient(parameters, &gradient, &step.transposed, &mut to[..listed], pool);
+            layer.input_gradient(
+                parameters,
+                &gradient,
+                &step.transposed,
+                &mut to[..listed],
+                pool,
+            );
             if let Some(background) = step.background {
                 let row = &mut to[listed..];
                 layer.background_gradient(parameters, &gradient, gather, background, row);

@@ -4,6 +4,7 @@
 //! gradient of a tail row is the **sum** over its cells. Sums are taken over fixed chunks in a fixed order, so that the
 //! result does not depend on the number of threads.
 
+use mluc_kernels::{batch_norm_backward, batch_norm_forward};
 use rayon::prelude::*;
 
 /// Batch norm's epsilon in every layer (the public SECOND configurations).
@@ -42,6 +43,15 @@ pub struct Affine<'a> {
 }
 
 impl Tail {
+    /// The weight of the last row, where no more than one is weighted: the kernels' own batch norm does those.
+    fn single(self) -> Option<f32> {
+        match self.rows {
+            0 => Some(1.0),
+            1 => Some(self.multiplicity as f32),
+            _ => None,
+        }
+    }
+
     /// Length of the part that counts once, and the weight of the rest.
     fn split(self, values: usize, channels: usize) -> (usize, f32) {
         (values - self.rows * channels, self.multiplicity as f32)
@@ -85,6 +95,23 @@ fn reduce(
         .for_each(|(t, p)| *t += f64::from(weight) * f64::from(*p));
     let second = total.split_off(channels);
     (total, second)
+}
+
+/// [`statistics`] and [`normalise`] together: batch norm while training.
+pub fn forward(x: &[f32], affine: Affine, tail: Tail, y: &mut [f32]) -> Statistics {
+    let channels = affine.gamma.len();
+    if let Some(weight) = tail.single() {
+        let (gamma, beta) = (affine.gamma, affine.beta);
+        let found = batch_norm_forward(x, channels, weight, gamma, beta, EPSILON, true, y);
+        return Statistics {
+            mean: found.mean,
+            variance: found.var,
+            count: found.count,
+        };
+    }
+    let found = statistics(x, channels, tail);
+    normalise(x, affine, &found, y);
+    found
 }
 
 /// Mean and variance of each channel of `x` (rows of `channels`).
@@ -146,7 +173,7 @@ pub struct AffineGradient {
     pub beta: Vec<f32>,
 }
 
-/// The gradient of [`statistics`] and [`normalise`] together: `gradient` enters as the gradient of `y` and leaves as
+/// The gradient of [`forward`]: `gradient` enters as the gradient of `y` and leaves as
 /// that of `x`.
 pub fn backward(
     x: &[f32],
@@ -157,6 +184,22 @@ pub fn backward(
     tail: Tail,
 ) -> AffineGradient {
     let channels = gamma.len();
+    if let Some(weight) = tail.single() {
+        let known = mluc_kernels::Statistics {
+            mean: statistics.mean.clone(),
+            var: statistics.variance.clone(),
+            count: statistics.count,
+        };
+        let mut d = AffineGradient {
+            gamma: vec![0.0; channels],
+            beta: vec![0.0; channels],
+        };
+        let (dgamma, dbeta) = (&mut d.gamma, &mut d.beta);
+        batch_norm_backward(
+            x, y, gradient, channels, weight, gamma, EPSILON, &known, true, dgamma, dbeta,
+        );
+        return d;
+    }
     let chunk = CHUNK_ROWS * channels;
     gradient
         .par_chunks_mut(chunk)
@@ -231,6 +274,10 @@ mod tests {
     /// A weighted tail gives what its copies written out give.
     #[test]
     fn a_tail_row_counts_as_its_copies() {
+        (1..4).for_each(tail_rows_count_as_their_copies);
+    }
+
+    fn tail_rows_count_as_their_copies(tail_rows: usize) {
         let (channels, rows, copies) = (3, 700, 40);
         let mut random = Random::new(5, &[]);
         let mut draw = |n: usize| (0..n).map(|_| random.normal() as f32).collect::<Vec<_>>();
@@ -242,18 +289,17 @@ mod tests {
             beta: &beta,
         };
         let expand = |v: &[f32], share: f32| {
-            let (body, last) = v.split_at((rows - 1) * channels);
+            let (body, last) = v.split_at((rows - tail_rows) * channels);
             let last: Vec<f32> = last.iter().map(|v| v * share).collect();
             [body, &last.repeat(copies)].concat()
         };
         let tail = Tail {
-            rows: 1,
+            rows: tail_rows,
             multiplicity: copies,
         };
         let run = |x: &[f32], mut g: Vec<f32>, tail: Tail| {
-            let s = statistics(x, channels, tail);
             let mut y = vec![0.0; x.len()];
-            normalise(x, affine, &s, &mut y);
+            let s = forward(x, affine, tail, &mut y);
             let d = backward(x, &y, &mut g, &gamma, &s, tail);
             (s, g, d)
         };
@@ -266,11 +312,12 @@ mod tests {
         let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 2e-5);
         assert_eq!(s.count, s2.count);
         assert!(near(&s.mean, &s2.mean) && near(&s.variance, &s2.variance));
-        let body = (rows - 1) * channels;
+        let body = (rows - tail_rows) * channels;
         assert!(near(&g[..body], &g2[..body]));
-        for c in 0..channels {
-            let sum: f32 = g2[body..].iter().skip(c).step_by(channels).sum();
-            assert!((sum - g[body + c]).abs() < 1e-5);
+        let tail_values = tail_rows * channels;
+        for v in 0..tail_values {
+            let sum: f32 = g2[body..].iter().skip(v).step_by(tail_values).sum();
+            assert!((sum - g[body + v]).abs() < 1e-5);
         }
         assert!(
             near(&d.beta, &d2.beta)

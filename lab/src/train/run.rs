@@ -73,31 +73,67 @@ impl Run {
         let mut manifest = settings.manifest();
         let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
         let source = FolderSource::new(Dataset::open(&folder)?, names);
-        for (class, mean) in manifest.classes.iter_mut().zip(mean_boxes(&source, settings.setting.classes())?) {
+        for (class, mean) in manifest
+            .classes
+            .iter_mut()
+            .zip(mean_boxes(&source, settings.setting.classes())?)
+        {
             if mean.count == 0 {
-                return Err(TrainError::NoObjects { path: folder, class: class.name.clone() });
+                return Err(TrainError::NoObjects {
+                    path: folder,
+                    class: class.name.clone(),
+                });
             }
             (class.size_m, class.bottom_z_m) = (mean.size_m, mean.bottom_z_m);
             tell(Event::Note(format!(
                 "{}: {} objects, mean {:.2} x {:.2} x {:.2} m, bottom at {:.2} m",
-                class.name, mean.count, mean.size_m[0], mean.size_m[1], mean.size_m[2], mean.bottom_z_m
+                class.name,
+                mean.count,
+                mean.size_m[0],
+                mean.size_m[1],
+                mean.size_m[2],
+                mean.bottom_z_m
             )));
         }
-        let frames = if settings.augment { settings.database_frames } else { 0 };
+        let frames = if settings.augment {
+            settings.database_frames
+        } else {
+            0
+        };
         let database = Database::build(&source, settings.setting.classes(), frames)?;
-        let sizes: Vec<String> = database.samples.iter().map(|s| s.len().to_string()).collect();
-        tell(Event::Note(format!("objects to paste, by class: {}", sizes.join(", "))));
-        let schedule = Schedule { rate_max: settings.learning_rate, steps: settings.steps };
-        let mut trainer = Trainer::new(&manifest.network, schedule, metric(settings), settings.seed);
+        let sizes: Vec<String> = database
+            .samples
+            .iter()
+            .map(|s| s.len().to_string())
+            .collect();
+        tell(Event::Note(format!(
+            "objects to paste, by class: {}",
+            sizes.join(", ")
+        )));
+        let schedule = Schedule {
+            rate_max: settings.learning_rate,
+            steps: settings.steps,
+        };
+        let mut trainer =
+            Trainer::new(&manifest.network, schedule, metric(settings), settings.seed);
         if settings.bf16 {
             trainer.chain.use_bf16();
         }
         make_folder(&settings.out)?;
         let path = settings.out.join("checkpoint.safetensors");
         if checkpoint::load(&path, &mut trainer.state, &settings.fingerprint())? {
-            tell(Event::Note(format!("resumed at step {}", trainer.state.step)));
+            tell(Event::Note(format!(
+                "resumed at step {}",
+                trainer.state.step
+            )));
         }
-        Ok(Run { settings: settings.clone(), manifest, trainer, source, database })
+        Ok(Run {
+            settings: settings.clone(),
+            manifest,
+            trainer,
+            source,
+            database,
+        })
     }
 
     /// Trains to the last step and writes the model file; returns its path.
@@ -111,13 +147,22 @@ impl Run {
         let anchors = Anchors::new(&self.manifest.network, &self.manifest.classes);
         let source = Arc::new(self.source.clone());
         let network = &self.manifest.network;
-        let preparer = Preparer::new(source, augmentation, anchors, network, settings.batch, settings.seed);
+        let preparer = Preparer::new(
+            source,
+            augmentation,
+            anchors,
+            network,
+            settings.batch,
+            settings.seed,
+        );
         let batches = preparer.spawn(self.trainer.state.step..settings.steps);
         let mut log = Log::open(&settings.out.join("train.jsonl"), &settings)?;
         while self.trainer.state.step < settings.steps {
             let waited = Instant::now();
             let step = self.trainer.state.step;
-            let batch = batches.recv().map_err(|_| TrainError::LoaderEnded { step })??;
+            let batch = batches
+                .recv()
+                .map_err(|_| TrainError::LoaderEnded { step })??;
             let wait = 1e3 * waited.elapsed().as_secs_f64();
             let mut report = self.trainer.step(&batch)?;
             report.timing.wait = wait;
@@ -135,11 +180,25 @@ impl Run {
     /// Checkpoint and model file.
     fn save(&self) -> Result<PathBuf, TrainError> {
         let (settings, state) = (&self.settings, &self.trainer.state);
-        checkpoint::save(&settings.out.join("checkpoint.safetensors"), state, &settings.fingerprint())?;
+        checkpoint::save(
+            &settings.out.join("checkpoint.safetensors"),
+            state,
+            &settings.fingerprint(),
+        )?;
         let chain = &self.trainer.chain;
-        let mut manifest = export::finish(self.manifest.clone(), chain, &state.parameters, &state.running);
+        let mut manifest = export::finish(
+            self.manifest.clone(),
+            chain,
+            &state.parameters,
+            &state.running,
+        );
         manifest.provenance = Provenance {
-            data: settings.data.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            data: settings
+                .data
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned(),
             seed: settings.seed,
             steps: state.step,
             batch: settings.batch as u32,
@@ -154,11 +213,17 @@ impl Run {
 }
 
 fn metric(settings: &Settings) -> MetricSettings {
-    MetricSettings { prototype_scale: settings.prototype_scale, variance_weight: settings.variance_weight }
+    MetricSettings {
+        prototype_scale: settings.prototype_scale,
+        variance_weight: settings.variance_weight,
+    }
 }
 
 fn make_folder(path: &Path) -> Result<(), TrainError> {
-    std::fs::create_dir_all(path).map_err(|cause| TrainError::Io { path: path.to_owned(), cause })
+    std::fs::create_dir_all(path).map_err(|cause| TrainError::Io {
+        path: path.to_owned(),
+        cause,
+    })
 }
 
 /// The log file, and the means since its last line.
@@ -177,7 +242,10 @@ struct Log {
 impl Log {
     fn open(path: &Path, settings: &Settings) -> Result<Log, TrainError> {
         let file = File::options().create(true).append(true).open(path);
-        let file = file.map_err(|cause| TrainError::Io { path: path.to_owned(), cause })?;
+        let file = file.map_err(|cause| TrainError::Io {
+            path: path.to_owned(),
+            cause,
+        })?;
         Ok(Log {
             file,
             path: path.to_owned(),
@@ -215,11 +283,18 @@ impl Log {
         }
         let mut line = self.mean();
         let seconds = self.since.elapsed().as_secs_f64() / self.count as f64;
-        self.pace_s = if self.pace_s == 0.0 { seconds } else { 0.9 * self.pace_s + 0.1 * seconds };
+        self.pace_s = if self.pace_s == 0.0 {
+            seconds
+        } else {
+            0.9 * self.pace_s + 0.1 * seconds
+        };
         (line.step, line.steps, line.rate) = (step, self.steps, report.rate);
         line.frames_per_s = self.batch as f64 / seconds;
         line.left_s = self.pace_s * (self.steps - step) as f64;
-        let failed = |cause| TrainError::Io { path: self.path.clone(), cause };
+        let failed = |cause| TrainError::Io {
+            path: self.path.clone(),
+            cause,
+        };
         let text = serde_json::to_string(&line).map_err(|e| failed(e.into()))?;
         writeln!(self.file, "{text}").map_err(failed)?;
         (self.sum, self.count, self.since) = (Progress::default(), 0, Instant::now());

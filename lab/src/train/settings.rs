@@ -89,19 +89,33 @@ impl Setting {
 impl Settings {
     /// Checks ranges.
     pub fn check(&self) -> Result<(), TrainError> {
-        let wrong = |name, expected, found: String| Err(TrainError::Setting { name, expected, found });
+        let wrong = |name, expected, found: String| {
+            Err(TrainError::Setting {
+                name,
+                expected,
+                found,
+            })
+        };
         match () {
             () if self.steps == 0 => wrong("--steps", "1 or more", "0".into()),
-            () if !(1..=64).contains(&self.batch) => wrong("--batch", "1 to 64", self.batch.to_string()),
-            () if !(self.learning_rate > 0.0 && self.learning_rate < 1.0) => {
-                wrong("--learning-rate", "above 0 and below 1", self.learning_rate.to_string())
+            () if !(1..=64).contains(&self.batch) => {
+                wrong("--batch", "1 to 64", self.batch.to_string())
             }
-            () if !(0.1..=100.0).contains(&self.prototype_scale) => {
-                wrong("--prototype-scale", "0.1 to 100", self.prototype_scale.to_string())
-            }
-            () if !(0.0..=100.0).contains(&self.variance_weight) => {
-                wrong("--variance-weight", "0 to 100", self.variance_weight.to_string())
-            }
+            () if !(self.learning_rate > 0.0 && self.learning_rate < 1.0) => wrong(
+                "--learning-rate",
+                "above 0 and below 1",
+                self.learning_rate.to_string(),
+            ),
+            () if !(0.1..=100.0).contains(&self.prototype_scale) => wrong(
+                "--prototype-scale",
+                "0.1 to 100",
+                self.prototype_scale.to_string(),
+            ),
+            () if !(0.0..=100.0).contains(&self.variance_weight) => wrong(
+                "--variance-weight",
+                "0 to 100",
+                self.variance_weight.to_string(),
+            ),
             () => Ok(()),
         }
     }
@@ -126,13 +140,13 @@ impl Settings {
         }
     }
 
-    /// What a resumed run must share with its beginning, as text.
+    /// What a resumed run must share with its beginning, as text. The number of steps may change: the cycle then goes on
+    /// from the same step, at the rate that the new number gives it.
     pub fn fingerprint(&self) -> String {
         format!(
-            "{} {:?} steps {} batch {} seed {} rate {} scale {} variance {} augment {} database {} bf16 {}",
+            "{} {:?} batch {} seed {} rate {} scale {} variance {} augment {} database {} bf16 {}",
             self.setting.name(),
             self.profile,
-            self.steps,
             self.batch,
             self.seed,
             self.learning_rate,

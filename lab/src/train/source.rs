@@ -31,13 +31,20 @@ impl FolderSource {
     }
 
     fn class_of(&self, name: &str) -> Option<usize> {
-        self.classes.iter().position(|class| class.eq_ignore_ascii_case(name))
+        self.classes
+            .iter()
+            .position(|class| class.eq_ignore_ascii_case(name))
     }
 
     /// Class and box of every labelled object of a known class, without its scan.
     pub fn labelled(&self, number: usize) -> Result<Vec<(usize, Box3)>, TrainError> {
-        let boxes = self.dataset.boxes_in_sensor(&self.dataset.names()[number])?;
-        Ok(boxes.into_iter().filter_map(|(label, b)| Some((self.class_of(&label.class)?, b))).collect())
+        let boxes = self
+            .dataset
+            .boxes_in_sensor(&self.dataset.names()[number])?;
+        Ok(boxes
+            .into_iter()
+            .filter_map(|(label, b)| Some((self.class_of(&label.class)?, b)))
+            .collect())
     }
 
     /// A scene, and for each object whether it is seen well enough to be pasted elsewhere.
@@ -47,7 +54,11 @@ impl FolderSource {
         let mut objects = vec![];
         for (label, bounds) in self.dataset.boxes_in_sensor(name)? {
             visible.push(label.occluded <= OCCLUDED_MAX);
-            objects.push(Object { class: self.class_of(&label.class), bounds, points: 0 });
+            objects.push(Object {
+                class: self.class_of(&label.class),
+                bounds,
+                points: 0,
+            });
         }
         let mut points = self.dataset.scan(name)?;
         points.retain(|p| p.iter().all(|v| v.is_finite()));

@@ -73,7 +73,12 @@ pub struct Trainer {
 
 impl Trainer {
     /// Before the first step.
-    pub fn new(network: &Network, schedule: Schedule, metric: MetricSettings, seed: u64) -> Trainer {
+    pub fn new(
+        network: &Network,
+        schedule: Schedule,
+        metric: MetricSettings,
+        seed: u64,
+    ) -> Trainer {
         let chain = Chain::new(network);
         let state = State {
             parameters: chain.initial(seed, metric.prototype_scale),
@@ -82,13 +87,23 @@ impl Trainer {
             step: 0,
         };
         let gradients = vec![0.0; chain.parameters];
-        Trainer { chain, state, schedule, metric, gradients, pool: Pool::default() }
+        Trainer {
+            chain,
+            state,
+            schedule,
+            metric,
+            gradients,
+            pool: Pool::default(),
+        }
     }
 
     /// One step.
     pub fn step(&mut self, batch: &Batch) -> Result<Report, TrainError> {
         let (plan, targets) = (&batch.plan, &batch.targets);
-        let mut timing = Timing { prepare: 1e3 * batch.seconds, ..Timing::default() };
+        let mut timing = Timing {
+            prepare: 1e3 * batch.seconds,
+            ..Timing::default()
+        };
         let mut clock = Instant::now();
         let mut lap = || {
             let ms = 1e3 * clock.elapsed().as_secs_f64();
@@ -96,38 +111,72 @@ impl Trainer {
             ms
         };
         let parameters = &self.state.parameters;
-        let pass = self.chain.forward(parameters, plan, &targets.labelled, None, &mut self.pool);
+        let pass = self
+            .chain
+            .forward(parameters, plan, &targets.labelled, None, &mut self.pool);
         timing.forward = lap();
         let classes = self.chain.network.classes;
         let (losses, outputs) = losses::evaluate(&pass, &plan.map, targets, self.metric, classes);
         timing.losses = lap();
         if !losses.total().is_finite() {
-            return Err(TrainError::Diverged { step: self.state.step, found: losses.total() });
+            return Err(TrainError::Diverged {
+                step: self.state.step,
+                found: losses.total(),
+            });
         }
         self.gradients.fill(0.0);
         let (labelled, gradients) = (&targets.labelled, &mut self.gradients);
-        self.chain.backward(parameters, plan, labelled, &pass, &outputs, gradients, &mut self.pool);
+        self.chain.backward(
+            parameters,
+            plan,
+            labelled,
+            &pass,
+            &outputs,
+            gradients,
+            &mut self.pool,
+        );
         timing.backward = lap();
         self.follow_statistics(&pass);
         pass.recycle(&mut self.pool);
         let at = self.schedule.at(self.state.step);
-        let gradient_norm = self.state.adam.step(&mut self.state.parameters, &self.gradients, at);
+        let gradient_norm = self
+            .state
+            .adam
+            .step(&mut self.state.parameters, &self.gradients, at);
         self.state.step += 1;
         timing.update = lap();
-        Ok(Report { losses, gradient_norm, rate: at.0, timing })
+        Ok(Report {
+            losses,
+            gradient_norm,
+            rate: at.0,
+            timing,
+        })
     }
 
     fn follow_statistics(&mut self, pass: &super::network::Pass) {
         let share = MOMENTUM_MIN.max(1.0 / (self.state.step + 1) as f32);
-        for (running, batch) in self.state.running.iter_mut().zip(self.chain.statistics(pass)) {
+        for (running, batch) in self
+            .state
+            .running
+            .iter_mut()
+            .zip(self.chain.statistics(pass))
+        {
             // A batch without a row says nothing (a scan without a point in range).
             if batch.count < 2.0 {
                 continue;
             }
             let unbiased = (batch.count / (batch.count - 1.0)) as f32;
             let mix = |to: &mut f32, from: f32| *to += share * (from - *to);
-            running.mean.iter_mut().zip(&batch.mean).for_each(|(r, b)| mix(r, *b));
-            running.variance.iter_mut().zip(&batch.variance).for_each(|(r, b)| mix(r, *b * unbiased));
+            running
+                .mean
+                .iter_mut()
+                .zip(&batch.mean)
+                .for_each(|(r, b)| mix(r, *b));
+            running
+                .variance
+                .iter_mut()
+                .zip(&batch.variance)
+                .for_each(|(r, b)| mix(r, *b * unbiased));
         }
     }
 

@@ -17,12 +17,28 @@ fn batch(step: u64) -> Batch {
         point[0] += 0.02 * ((step as usize * 7 + number) % 5) as f32;
     }
     let plan = Planner::new(&network, false).plan(&scans);
-    Batch { step, plan, targets: targets(&network), seconds: 0.0 }
+    Batch {
+        step,
+        plan,
+        targets: targets(&network),
+        seconds: 0.0,
+    }
 }
 
 fn trainer(steps: u64) -> Trainer {
-    let metric = MetricSettings { prototype_scale: 2.0, variance_weight: 0.01 };
-    Trainer::new(&small(), Schedule { rate_max: 3e-3, steps }, metric, 5)
+    let metric = MetricSettings {
+        prototype_scale: 2.0,
+        variance_weight: 0.01,
+    };
+    Trainer::new(
+        &small(),
+        Schedule {
+            rate_max: 3e-3,
+            steps,
+        },
+        metric,
+        5,
+    )
 }
 
 fn train(trainer: &mut Trainer, steps: std::ops::Range<u64>) -> Vec<f64> {
@@ -52,7 +68,13 @@ fn a_resumed_run_gives_the_bits_of_an_uninterrupted_one() {
     assert!(checkpoint::load(&path, &mut second.state, "same").expect("loaded"));
     assert_eq!(second.state.step, 5);
     train(&mut second, 5..12);
-    let bits = |t: &Trainer| t.state.parameters.iter().map(|p| p.to_bits()).collect::<Vec<_>>();
+    let bits = |t: &Trainer| {
+        t.state
+            .parameters
+            .iter()
+            .map(|p| p.to_bits())
+            .collect::<Vec<_>>()
+    };
     assert_eq!(bits(&whole), bits(&second));
     assert_eq!(whole.state.running, second.state.running);
 }
@@ -63,8 +85,13 @@ fn a_checkpoint_of_another_run_or_cut_short_is_refused() {
     let path = folder.path().join("checkpoint.safetensors");
     let mut t = trainer(5);
     checkpoint::save(&path, &t.state, "seed 1").expect("saved");
-    let fault = checkpoint::load(&path, &mut t.state, "seed 2").expect_err("refused").to_string();
-    assert!(fault.contains("seed 1") && fault.contains("seed 2"), "{fault}");
+    let fault = checkpoint::load(&path, &mut t.state, "seed 2")
+        .expect_err("refused")
+        .to_string();
+    assert!(
+        fault.contains("seed 1") && fault.contains("seed 2"),
+        "{fault}"
+    );
     let bytes = std::fs::read(&path).expect("read");
     std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("written");
     assert!(checkpoint::load(&path, &mut t.state, "seed 1").is_err());
@@ -73,11 +100,18 @@ fn a_checkpoint_of_another_run_or_cut_short_is_refused() {
 #[test]
 fn one_thread_or_two_give_the_same_bits() {
     let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads");
         pool.install(|| {
             let mut t = trainer(6);
             train(&mut t, 0..6);
-            t.state.parameters.iter().map(|p| p.to_bits()).collect::<Vec<_>>()
+            t.state
+                .parameters
+                .iter()
+                .map(|p| p.to_bits())
+                .collect::<Vec<_>>()
         })
     };
     assert_eq!(run(1), run(2));
@@ -88,18 +122,28 @@ fn the_model_file_has_every_tensor_and_the_weights_lie_where_they_belong() {
     let t = trainer(5);
     let chain = &t.chain;
     let set = export::weights(chain, &t.state.parameters, &t.state.running);
-    set.check(&chain.network).expect("every tensor, right shapes");
+    set.check(&chain.network)
+        .expect("every tensor, right shapes");
     let p = &t.state.parameters;
     let sparse = &chain.sparse[1];
     let found = &set.find("s1.weight").expect("there").data;
-    assert_eq!(found[(2 * 27 + 5) * 4 + 3], p[sparse.weight.start + (5 * 4 + 3) * 6 + 2]);
+    assert_eq!(
+        found[(2 * 27 + 5) * 4 + 3],
+        p[sparse.weight.start + (5 * 4 + 3) * 6 + 2]
+    );
     let dense = &chain.block2[0];
     let found = &set.find("c0.weight").expect("there").data;
-    assert_eq!(found[(3 * 6 + 4) * 9 + 7], p[dense.weight.start + (7 * 6 + 4) * 7 + 3]);
+    assert_eq!(
+        found[(3 * 6 + 4) * 9 + 7],
+        p[dense.weight.start + (7 * 6 + 4) * 7 + 3]
+    );
     let up = &chain.up2;
     let found = &set.find("u2.weight").expect("there").data;
     // Input 6, output 1, second row, first column: place 2.
-    assert_eq!(found[((6 * 3 + 1) * 2 + 1) * 2], p[up.weight.start + 6 * 12 + 2 * 3 + 1]);
+    assert_eq!(
+        found[((6 * 3 + 1) * 2 + 1) * 2],
+        p[up.weight.start + 6 * 12 + 2 * 3 + 1]
+    );
     let head = &chain.heads.boxes;
     let found = &set.find("head.box.weight").expect("there").data;
     assert_eq!(found[9 * 8 + 4], p[head.weight.start + 4 * 28 + 9]);

@@ -11,7 +11,8 @@ use mluc_model::Model;
 use super::error::TrainError;
 use crate::dataset::Dataset;
 use crate::evaluate::{
-    ClassRule, Difficulty, Frame, Kind, Metric, NeighbourPolicy, SensorDetection, TruthFrame, View, evaluate,
+    ClassRule, Difficulty, Frame, Kind, Metric, NeighbourPolicy, SensorDetection, TruthFrame, View,
+    evaluate,
 };
 
 /// Why a validation failed.
@@ -111,7 +112,13 @@ fn known(model: &Model, found: &mluc_ipc_types::Detection) -> SensorDetection {
 
 fn figures(model: &Model, frames: &[Frame], boxes: usize) -> Figures {
     let manifest = &model.manifest;
-    let rule = |name: &String| ClassRule::known(name, iou_min(&manifest.name, name), NeighbourPolicy::default());
+    let rule = |name: &String| {
+        ClassRule::known(
+            name,
+            iou_min(&manifest.name, name),
+            NeighbourPolicy::default(),
+        )
+    };
     let rules: Vec<ClassRule> = manifest.classes.iter().map(|c| rule(&c.name)).collect();
     let report = evaluate(frames, &rules);
     let classes: Vec<ClassFigures> = report
