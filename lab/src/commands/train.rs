@@ -137,11 +137,20 @@ struct Screen {
 impl Screen {
     fn new(steps: u64, every_line: bool) -> Screen {
         let terminal = std::io::stderr().is_terminal();
-        let bar = if terminal { ProgressBar::new(steps) } else { ProgressBar::hidden() };
+        let bar = if terminal {
+            ProgressBar::new(steps)
+        } else {
+            ProgressBar::hidden()
+        };
         if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
             bar.set_style(style);
         }
-        Screen { bar, terminal, every_line, last: None }
+        Screen {
+            bar,
+            terminal,
+            every_line,
+            last: None,
+        }
     }
 
     fn show(&mut self, event: Event) {
@@ -156,7 +165,14 @@ impl Screen {
         let l = &p.losses;
         let mut text = format!(
             "loss {:.3} (objectness {:.3}, metric {:.3}, variance {:.3}, box {:.3}, direction {:.3}), {:.2} frames/s, {:.0} min left",
-            p.loss, l.objectness, l.metric, l.variance, l.boxes, l.direction, p.frames_per_s, p.left_s / 60.0
+            p.loss,
+            l.objectness,
+            l.metric,
+            l.variance,
+            l.boxes,
+            l.direction,
+            p.frames_per_s,
+            p.left_s / 60.0
         );
         if self.every_line {
             let t = &p.timing_ms;

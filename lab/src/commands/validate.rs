@@ -32,14 +32,23 @@ pub(crate) fn run(arguments: Validate) -> anyhow::Result<()> {
         println!("{}", serde_json::to_string(&figures)?);
         return Ok(());
     }
-    println!("step {}, {} frames, {:.1} boxes a frame", figures.step, figures.frames, figures.boxes_per_frame);
-    println!("{:12} {:>5} {:>7} {:>7} {:>7} {:>7}", "class", "IoU", "AP R40", "AP all", "recall", "labels");
+    println!(
+        "step {}, {} frames, {:.1} boxes a frame",
+        figures.step, figures.frames, figures.boxes_per_frame
+    );
+    println!(
+        "{:12} {:>5} {:>7} {:>7} {:>7} {:>7}",
+        "class", "IoU", "AP R40", "AP all", "recall", "labels"
+    );
     for c in &figures.classes {
         println!(
             "{:12} {:5.2} {:7.2} {:7.2} {:7.2} {:7}",
             c.class, c.iou_min, c.ap_r40, c.ap_all, c.recall, c.labels
         );
     }
-    println!("mean of the known classes, AP R40: {:.2}", figures.map_known);
+    println!(
+        "mean of the known classes, AP R40: {:.2}",
+        figures.map_known
+    );
     Ok(())
 }
