@@ -1,37 +1,45 @@
-//! Lists the models of `weights/` for embedding: each `weights/NAME.safetensors` becomes `--model NAME`. A checkout
-//! without models builds too; then a model comes by its path.
+//! Lists what is embedded: each `weights/NAME.safetensors` becomes `--model NAME`, each `assets/NAME.scan` a frame of
+//! `mluc demo`. A checkout without them builds too; then a model comes by its path.
 
 use std::fmt::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::{env, fs};
 
 fn main() {
     let root = env::var("CARGO_MANIFEST_DIR").expect("set by cargo");
-    let folder = Path::new(&root).join("../../weights");
+    let root = Path::new(&root);
+    let mut code = String::new();
+    list(
+        &mut code,
+        "MODELS",
+        &root.join("../../weights"),
+        "safetensors",
+    );
+    list(&mut code, "SCANS", &root.join("assets"), "scan");
+    let out = env::var("OUT_DIR").expect("set by cargo");
+    fs::write(Path::new(&out).join("embedded.rs"), code).expect("cargo's own folder");
+}
+
+/// `pub(crate) const NAME: &[(file stem, bytes)]`, in the order of the names.
+fn list(code: &mut String, name: &str, folder: &Path, kind: &str) {
     println!("cargo:rerun-if-changed={}", folder.display());
-    let mut files: Vec<_> = fs::read_dir(&folder)
+    let mut files: Vec<PathBuf> = fs::read_dir(folder)
         .into_iter()
         .flatten()
         .flatten()
         .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|kind| kind == "safetensors"))
+        .filter(|path| path.extension().is_some_and(|found| found == kind))
         .collect();
     files.sort();
-    let mut code = String::from("pub(crate) const EMBEDDED: &[(&str, &[u8])] = &[\n");
+    writeln!(code, "pub(crate) const {name}: &[(&str, &[u8])] = &[").expect("strings take all");
     for file in &files {
-        let name = file
+        let stem = file
             .file_stem()
             .expect("has an extension")
             .to_string_lossy();
         let path = fs::canonicalize(file).expect("was listed");
-        writeln!(
-            code,
-            "    ({name:?}, include_bytes!({:?})),",
-            path.display().to_string()
-        )
-        .expect("strings take all");
+        let path = path.display().to_string();
+        writeln!(code, "    ({stem:?}, include_bytes!({path:?})),").expect("strings take all");
     }
     code.push_str("];\n");
-    let out = env::var("OUT_DIR").expect("set by cargo");
-    fs::write(Path::new(&out).join("embedded.rs"), code).expect("cargo's own folder");
 }

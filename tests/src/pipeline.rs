@@ -79,7 +79,7 @@ impl Finished {
     }
 }
 
-/// A running `mluc`; killed when dropped.
+/// A running `mluc`; ended when dropped.
 pub struct Pipeline {
     process: Child,
     lines: Arc<Mutex<Vec<Value>>>,
@@ -228,6 +228,16 @@ impl Pipeline {
 
 impl Drop for Pipeline {
     fn drop(&mut self) {
+        // Asked first, so that a test that failed leaves nothing in shared memory.
+        if matches!(self.process.try_wait(), Ok(None)) {
+            send_signal(self.pid(), Signal::TERM);
+        }
+        let begun = Instant::now();
+        while matches!(self.process.try_wait(), Ok(None))
+            && begun.elapsed() < Duration::from_secs(1)
+        {
+            std::thread::sleep(Duration::from_millis(5));
+        }
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

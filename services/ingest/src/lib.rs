@@ -4,7 +4,9 @@
 //! [`Sanity`] tells whether a scan looks like what the model was trained for. Nothing here opens a file or reads a clock.
 
 mod decode;
+mod packed;
 mod sanity;
 
 pub use decode::{DecodeReport, POINT_BYTES, decode_bin, inspect_bin};
+pub use packed::{PackedError, pack, unpack};
 pub use sanity::{Finding, Sanity};

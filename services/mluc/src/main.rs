@@ -6,6 +6,7 @@
 mod cli;
 mod commands;
 mod config;
+mod embedded;
 mod model;
 mod nearest;
 mod settings;

@@ -5,13 +5,11 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use mluc_model::Model;
 
-mod embedded {
-    include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
-}
+use crate::embedded;
 
 /// Loads and checks a model. A name wins over a file of that name; `./kitti` is always a file.
 pub(crate) fn load(name: &str) -> anyhow::Result<Model> {
-    if let Some((_, bytes)) = embedded::EMBEDDED
+    if let Some((_, bytes)) = embedded::MODELS
         .iter()
         .find(|(embedded, _)| *embedded == name)
     {
@@ -19,7 +17,7 @@ pub(crate) fn load(name: &str) -> anyhow::Result<Model> {
     }
     let path = Path::new(name);
     if !path.exists() {
-        let names: Vec<&str> = embedded::EMBEDDED.iter().map(|&(name, _)| name).collect();
+        let names: Vec<&str> = embedded::MODELS.iter().map(|&(name, _)| name).collect();
         let known = match names.is_empty() {
             true => "this build has none embedded".to_string(),
             false => format!("embedded are: {}", names.join(", ")),

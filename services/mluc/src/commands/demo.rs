@@ -1,9 +1,189 @@
-//! `mluc demo`.
+//! `mluc demo`: the whole pipeline, four processes, on scans that the program brings along.
 
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use crate::cli::DemoArgs;
+use anyhow::{Context, bail};
+use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
+use mluc_geometry::Box3;
+use mluc_ingest::unpack;
+use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point};
+use mluc_runtime::log_to_stderr;
 
-pub(crate) fn demo(_args: DemoArgs) -> anyhow::Result<ExitCode> {
-    anyhow::bail!("to be written")
+use crate::cli::{DemoArgs, Pace, PipelineArgs};
+use crate::embedded;
+use crate::settings::Settings;
+use crate::supervisor::{Sink, run};
+
+/// Known objects below this score are not printed or drawn; `mluc up` gives them all.
+const SCORE_MIN: f32 = 0.3;
+
+pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
+    log_to_stderr("demo", "warn");
+    let scans = Scans::write()?;
+    let settings = Settings::resolve(PipelineArgs {
+        input: Some(scans.folder.clone()),
+        model: Some(args.model.unwrap_or_else(|| "udi".to_string())),
+        pace: Some(Pace::Complete),
+        instance: Some(format!("demo-{}", std::process::id())),
+        ..PipelineArgs::default()
+    })?;
+    println!(
+        "{} simulated scans through four processes:\n",
+        scans.points.len()
+    );
+    let mut show = Show::default();
+    let outcome = run(&settings, &mut show)?;
+    println!("\n{}", outcome.latencies.table());
+    match show.best {
+        Some(best) => {
+            let points = scans.points.get(best.sequence as usize);
+            draw(&args.picture, points.map_or(&[], Vec::as_slice), &best)?;
+            println!("picture of frame {}: {}", best.name, args.picture.display());
+        }
+        None => println!("no frame came out: no picture"),
+    }
+    Ok(ExitCode::from(outcome.exit_code()))
+}
+
+/// The embedded scans, in a folder for as long as the demo runs.
+struct Scans {
+    folder: PathBuf,
+    points: Vec<Vec<Point>>,
+}
+
+impl Scans {
+    fn write() -> anyhow::Result<Scans> {
+        if embedded::SCANS.is_empty() {
+            bail!(
+                "this build brings no scans along (services/mluc/assets/*.scan): use `mluc up --input`"
+            );
+        }
+        let folder = std::env::temp_dir().join(format!("mluc-demo-{}", std::process::id()));
+        fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+        let mut scans = Scans {
+            folder,
+            points: Vec::new(),
+        };
+        for (name, bytes) in embedded::SCANS {
+            let points = unpack(bytes).with_context(|| format!("embedded scan {name}"))?;
+            let path = scans.folder.join(format!("{name}.bin"));
+            fs::write(&path, bytemuck::cast_slice(&points))
+                .with_context(|| format!("writing {}", path.display()))?;
+            scans.points.push(points);
+        }
+        Ok(scans)
+    }
+}
+
+impl Drop for Scans {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// A frame that is worth a picture.
+struct Best {
+    sequence: u64,
+    name: String,
+    unknown: usize,
+    boxes: Vec<DrawnBox>,
+}
+
+/// Prints each frame and remembers the one with the most unknown objects.
+#[derive(Default)]
+struct Show {
+    best: Option<Best>,
+}
+
+impl Sink for Show {
+    fn frame(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+    ) -> anyhow::Result<bool> {
+        let is_shown = |o: &&Object| o.is_published() && (is_unknown(o) || o.score >= SCORE_MIN);
+        let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
+        println!(
+            "frame {}: {} points, {} objects",
+            header.name(),
+            header.points_in,
+            shown.len()
+        );
+        for object in &shown {
+            println!("  {}", describe(object, classes));
+        }
+        let unknown = shown.iter().filter(|object| is_unknown(object)).count();
+        if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
+            self.best = Some(Best {
+                sequence: header.sequence,
+                name: header.name().to_string(),
+                unknown,
+                boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
+            });
+        }
+        Ok(true)
+    }
+}
+
+fn is_unknown(object: &Object) -> bool {
+    object.kind == ObjectKind::Unknown as u32
+}
+
+fn label<'a>(object: &Object, classes: &'a [String]) -> &'a str {
+    match is_unknown(object) {
+        true => "UNKNOWN",
+        false => classes
+            .get(object.class_id as usize)
+            .map_or("?", String::as_str),
+    }
+}
+
+fn describe(object: &Object, classes: &[String]) -> String {
+    let ([x, y, z], [l, w, h]) = (object.center_m, object.size_m);
+    format!(
+        "{:11} score {:4.2}  at {x:6.1} {y:6.1} {z:5.1} m  size {l:4.1} x {w:3.1} x {h:3.1} m  heading {:4.0} deg  {:5} \
+         points  EDS {:4.2}",
+        label(object, classes),
+        object.score,
+        object.yaw_rad.to_degrees(),
+        object.points_count,
+        object.eds_normalised,
+    )
+}
+
+fn drawn(object: &Object, classes: &[String]) -> DrawnBox {
+    DrawnBox {
+        box_in_sensor: Box3 {
+            center_m: object.center_m.map(f64::from),
+            size_m: object.size_m.map(f64::from),
+            yaw_rad: f64::from(object.yaw_rad),
+        },
+        kind: if is_unknown(object) {
+            BoxKind::Unknown
+        } else {
+            BoxKind::Known
+        },
+        label: label(object, classes).to_lowercase(),
+        caption: format!(
+            "{} {:.2}",
+            label(object, classes).to_lowercase(),
+            object.score
+        ),
+    }
+}
+
+fn draw(path: &Path, points: &[Point], best: &Best) -> anyhow::Result<()> {
+    let view = View {
+        title: format!("mluc demo, frame {}", best.name),
+        ..View::around()
+    };
+    let file = File::create(path).with_context(|| format!("creating {}", path.display()))?;
+    let canvas = bird_eye(bytemuck::cast_slice(points), &best.boxes, &view);
+    canvas
+        .write_png(&mut BufWriter::new(file))
+        .with_context(|| format!("writing {}", path.display()))
 }

@@ -1,19 +1,27 @@
 //! Whether the stages behind ingest take frames: what is sent before is lost.
 
 use mluc_ipc_types::{Object, Stage};
-use mluc_runtime::{HealthWatch, Input, RuntimeError};
+use mluc_runtime::{HealthWatch, Input, RuntimeError, monotonic_ns};
 
 /// The stages that a frame still has to pass.
 const BEHIND: [Stage; 3] = [Stage::Backbone, Stage::Head, Stage::Refiner];
 
+/// A stage of ours is heard within this time of opening its topics.
+const HEARTBEAT_PATIENCE_NS: u64 = 500_000_000;
+
 /// Watches the stages behind ingest.
 pub(crate) struct Followers {
     watch: HealthWatch,
+    /// Since when `objects` has a producer that tells no health.
+    silent_since_ns: Option<u64>,
 }
 
 impl Followers {
     pub(crate) fn new(watch: HealthWatch) -> Followers {
-        Followers { watch }
+        Followers {
+            watch,
+            silent_since_ns: None,
+        }
     }
 
     pub(crate) fn update(&mut self) -> Result<(), RuntimeError> {
@@ -21,12 +29,17 @@ impl Followers {
     }
 
     /// Those that are not ready. A refiner that tells no health (somebody else's program) counts as ready when it has
-    /// opened `objects`.
-    pub(crate) fn missing(&self, objects: &Input<Object>) -> Vec<&'static str> {
-        let is_ready = |&stage: &Stage| match self.watch.of(stage) {
-            None if stage == Stage::Refiner => objects.producers() > 0,
-            _ => self.watch.is_ready(stage),
-        };
+    /// opened `objects` and kept silent.
+    pub(crate) fn missing(&mut self, objects: &Input<Object>) -> Vec<&'static str> {
+        let is_silent = self.watch.of(Stage::Refiner).is_none() && objects.producers() > 0;
+        let now_ns = monotonic_ns();
+        let since_ns = *self.silent_since_ns.get_or_insert(now_ns);
+        if !is_silent {
+            self.silent_since_ns = None;
+        }
+        let is_foreign = is_silent && now_ns - since_ns > HEARTBEAT_PATIENCE_NS;
+        let is_ready =
+            |&stage: &Stage| self.watch.is_ready(stage) || (stage == Stage::Refiner && is_foreign);
         BEHIND
             .iter()
             .filter(|stage| !is_ready(stage))
@@ -34,8 +47,14 @@ impl Followers {
             .collect()
     }
 
-    /// Tells two lives of the stages apart: a stage that was restarted has another process.
+    /// Processes of the stages; 0: not heard of.
     pub(crate) fn lives(&self) -> [u32; 3] {
         BEHIND.map(|stage| self.watch.of(stage).map_or(0, |health| health.pid))
+    }
+
+    /// Whether a stage has another process than at the time of `lives`: it was restarted.
+    pub(crate) fn is_restarted_since(&self, lives: [u32; 3]) -> bool {
+        let mut pairs = lives.into_iter().zip(self.lives());
+        pairs.any(|(then, now)| then != 0 && now != 0 && then != now)
     }
 }

@@ -143,7 +143,7 @@ fn await_objects(
             }
         }
         sender.followers.update()?;
-        let is_restarted = sender.followers.lives() != lives;
+        let is_restarted = sender.followers.is_restarted_since(lives);
         if sender.shell.is_stopping() || monotonic_ns() >= deadline_ns || is_restarted {
             return Ok(false);
         }

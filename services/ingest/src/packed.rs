@@ -1,0 +1,120 @@
+//! Scans in 7 bytes a point, for the ones that the program brings along: i16 x, y, z in steps of 5 mm and u8 intensity,
+//! little-endian, after 8 bytes of magic and a u32 count.
+
+use mluc_ipc_types::{POINTS_MAX, Point};
+
+const MAGIC: &[u8; 8] = b"MLUCSCN1";
+const HEADER_BYTES: usize = 12;
+const POINT_BYTES: usize = 7;
+/// Range of i16: 163 m to each side.
+const STEP_M: f32 = 0.005;
+
+/// A packed scan that cannot be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PackedError {
+    /// No packed scan at all.
+    #[error("packed scan: expected it to begin with MLUCSCN1")]
+    Magic,
+    /// The count does not fit the bytes.
+    #[error("packed scan: expected {expected} bytes, found {found}")]
+    Length {
+        /// By the count.
+        expected: usize,
+        /// Given.
+        found: usize,
+    },
+    /// More points than a scan may have.
+    #[error("packed scan: at most {limit} points are allowed, found {found}")]
+    TooLong {
+        /// [`POINTS_MAX`].
+        limit: usize,
+        /// The count.
+        found: usize,
+    },
+}
+
+/// Packs points; coordinates beyond 163 m are cut there, intensities to 0..1.
+pub fn pack(points: &[Point]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(HEADER_BYTES + points.len() * POINT_BYTES);
+    bytes.extend_from_slice(MAGIC);
+    bytes.extend_from_slice(&(points.len() as u32).to_le_bytes());
+    for point in points {
+        for value_m in [point.x_m, point.y_m, point.z_m] {
+            // `as` saturates.
+            bytes.extend_from_slice(&((value_m / STEP_M).round() as i16).to_le_bytes());
+        }
+        bytes.push((point.intensity * 255.0).round() as u8);
+    }
+    bytes
+}
+
+/// Reads what [`pack`] wrote.
+pub fn unpack(bytes: &[u8]) -> Result<Vec<Point>, PackedError> {
+    let (header, body) = bytes
+        .split_at_checked(HEADER_BYTES)
+        .ok_or(PackedError::Magic)?;
+    let (magic, count) = header.split_at(MAGIC.len());
+    if magic != MAGIC {
+        return Err(PackedError::Magic);
+    }
+    let found = u32::from_le_bytes([count[0], count[1], count[2], count[3]]) as usize;
+    if found > POINTS_MAX {
+        return Err(PackedError::TooLong {
+            limit: POINTS_MAX,
+            found,
+        });
+    }
+    let (chunks, rest) = body.as_chunks::<POINT_BYTES>();
+    if chunks.len() != found || !rest.is_empty() {
+        return Err(PackedError::Length {
+            expected: HEADER_BYTES + found * POINT_BYTES,
+            found: bytes.len(),
+        });
+    }
+    let value_m = |low: u8, high: u8| f32::from(i16::from_le_bytes([low, high])) * STEP_M;
+    Ok(chunks
+        .iter()
+        .map(|&[x0, x1, y0, y1, z0, z1, intensity]| Point {
+            x_m: value_m(x0, x1),
+            y_m: value_m(y0, y1),
+            z_m: value_m(z0, z1),
+            intensity: f32::from(intensity) / 255.0,
+        })
+        .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_come_back_within_half_a_step() {
+        let points: Vec<Point> = (0..500)
+            .map(|n| Point {
+                x_m: n as f32 * 0.123 - 30.0,
+                y_m: -(n as f32) * 0.2,
+                z_m: -1.7 + n as f32 * 0.001,
+                intensity: n as f32 / 499.0,
+            })
+            .collect();
+        let back = unpack(&pack(&points)).unwrap();
+        assert_eq!(back.len(), points.len());
+        for (a, b) in points.iter().zip(&back) {
+            for (a_m, b_m) in [(a.x_m, b.x_m), (a.y_m, b.y_m), (a.z_m, b.z_m)] {
+                assert!((a_m - b_m).abs() <= 0.0026, "{a_m} {b_m}");
+            }
+            assert!((a.intensity - b.intensity).abs() <= 0.002);
+        }
+    }
+
+    #[test]
+    fn damaged_bytes_are_errors() {
+        let whole = pack(&[Point::default(); 3]);
+        for end in 0..whole.len() {
+            assert!(unpack(&whole[..end]).is_err(), "{end}");
+        }
+        let mut many = whole.clone();
+        many[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(matches!(unpack(&many), Err(PackedError::TooLong { .. })));
+    }
+}

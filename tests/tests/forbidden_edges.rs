@@ -1,0 +1,161 @@
+//! Which crate may know which: read from `cargo metadata`, transitive edges too.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use cargo_metadata::{DependencyKind, Metadata, MetadataCommand};
+
+const STAGES: [&str; 5] = [
+    "mluc-ingest",
+    "mluc-backbone",
+    "mluc-head",
+    "mluc-refiner",
+    "mluc-gateway",
+];
+const CONTRACT: &str = "mluc-ipc-types";
+const SHARED_MEMORY: &str = "iceoryx2";
+
+fn metadata() -> Metadata {
+    MetadataCommand::new()
+        .other_options(["--offline".to_string()])
+        .exec()
+        .expect("cargo metadata")
+}
+
+/// Normal and build dependencies of every package, by name. The contract's optional edge to iceoryx2 is left out: it
+/// holds marker traits alone, and `the_contract_needs_iceoryx2_only_for_the_runtime` guards it.
+fn edges(metadata: &Metadata) -> BTreeMap<String, BTreeSet<String>> {
+    let names: BTreeMap<_, _> = metadata
+        .packages
+        .iter()
+        .map(|p| (&p.id, p.name.to_string()))
+        .collect();
+    let resolve = metadata.resolve.as_ref().expect("a resolved graph");
+    let mut edges: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for node in &resolve.nodes {
+        let from = edges.entry(names[&node.id].clone()).or_default();
+        for dependency in &node.deps {
+            let is_used = dependency
+                .dep_kinds
+                .iter()
+                .any(|kind| kind.kind != DependencyKind::Development);
+            let name = &names[&dependency.pkg];
+            let is_marker = names[&node.id] == CONTRACT && name == SHARED_MEMORY;
+            if is_used && !is_marker {
+                from.insert(name.clone());
+            }
+        }
+    }
+    edges
+}
+
+fn reached(edges: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<String> {
+    assert!(edges.contains_key(from), "no package {from}");
+    let mut found = BTreeSet::new();
+    let mut open = vec![from.to_string()];
+    while let Some(name) = open.pop() {
+        for next in edges.get(&name).into_iter().flatten() {
+            if found.insert(next.clone()) {
+                open.push(next.clone());
+            }
+        }
+    }
+    found
+}
+
+fn assert_apart(from: &str, forbidden: &[&str]) {
+    let reached = reached(&edges(&metadata()), from);
+    for name in forbidden {
+        assert!(!reached.contains(*name), "{from} must not reach {name}");
+    }
+}
+
+#[test]
+fn stage_libraries_know_no_process_and_no_other_stage() {
+    for stage in STAGES {
+        let others: Vec<&str> = STAGES.into_iter().filter(|other| *other != stage).collect();
+        assert_apart(
+            stage,
+            &[
+                &others[..],
+                &["mluc-runtime", "mluc", "mluc-lab", SHARED_MEMORY, "tracing"],
+            ]
+            .concat(),
+        );
+    }
+}
+
+#[test]
+fn the_laboratory_knows_no_process() {
+    assert_apart("mluc-lab", &["mluc-runtime", "mluc", SHARED_MEMORY]);
+}
+
+#[test]
+fn the_program_knows_no_laboratory() {
+    assert_apart(
+        "mluc",
+        &["mluc-lab", "parry3d", "burn", "mluc-bench", "mluc-tests"],
+    );
+}
+
+#[test]
+fn the_foundations_know_nothing_of_ours() {
+    let edges = edges(&metadata());
+    for (name, allowed) in [
+        (CONTRACT, &[][..]),
+        ("mluc-geometry", &[]),
+        ("mluc-kernels", &[]),
+        ("mluc-model", &["mluc-geometry"]),
+        ("mluc-runtime", &[CONTRACT]),
+    ] {
+        let reached = reached(&edges, name);
+        let ours = reached
+            .iter()
+            .filter(|other| *other == "mluc" || other.starts_with("mluc-"));
+        let wrong: Vec<&String> = ours
+            .filter(|other| !allowed.contains(&other.as_str()))
+            .collect();
+        assert!(wrong.is_empty(), "{name} must not reach {wrong:?}");
+    }
+}
+
+#[test]
+fn the_contract_needs_iceoryx2_only_for_the_runtime() {
+    let metadata = metadata();
+    for package in metadata.workspace_packages() {
+        for dependency in &package.dependencies {
+            if package.name.as_str() == CONTRACT && dependency.name == SHARED_MEMORY {
+                assert!(
+                    dependency.optional,
+                    "the contract's marker traits are a feature"
+                );
+            }
+            let asks = dependency.name == CONTRACT
+                && dependency.features.iter().any(|f| f == SHARED_MEMORY);
+            assert!(
+                !asks || package.name.as_str() == "mluc-runtime",
+                "{} asks for iceoryx2",
+                package.name
+            );
+            let is_direct =
+                dependency.name == SHARED_MEMORY && dependency.kind != DependencyKind::Development;
+            let may = [CONTRACT, "mluc-runtime"].contains(&package.name.as_str());
+            assert!(!is_direct || may, "{} depends on iceoryx2", package.name);
+        }
+        if package.name.as_str() == CONTRACT {
+            let default = package
+                .features
+                .get("default")
+                .is_some_and(|list| !list.is_empty());
+            assert!(!default, "the contract has no default features");
+        }
+    }
+}
+
+/// The search itself finds an edge where there is one: else the tests above could not fail.
+#[test]
+fn an_allowed_edge_is_found() {
+    let edges = edges(&metadata());
+    assert!(reached(&edges, "mluc").contains(SHARED_MEMORY));
+    assert!(reached(&edges, "mluc").contains("mluc-kernels"));
+    assert!(reached(&edges, "mluc-lab").contains("mluc-backbone"));
+}
