@@ -110,7 +110,7 @@ impl Progress {
         self.bar.inc(1);
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         let step = self.total.div_ceil(20);
-        if self.lines && (done % step == 0 || done == self.total) {
+        if self.lines && (done.is_multiple_of(step) || done == self.total) {
             eprintln!("{done}/{} frames", self.total);
         }
     }

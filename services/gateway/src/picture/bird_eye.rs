@@ -1,7 +1,8 @@
 //! A scan from above: points by colour, boxes by kind, range rings in metres. Forward (+x) is up, left (+y) is left.
 
 use super::canvas::{Canvas, Color};
-use super::color::{CAPTION, NIGHT, RING, label_color, ramp};
+use super::color::{NIGHT, RING, label_color, ramp};
+use super::legend::draw_legend;
 use mluc_geometry::Box3;
 
 /// What a box is.
@@ -95,7 +96,7 @@ pub fn bird_eye(points: &[[f32; 4]], boxes: &[DrawnBox], view: &View) -> Canvas 
         draw_box(&mut canvas, drawn, view);
     }
     draw_sensor(&mut canvas, view);
-    draw_legend(&mut canvas, boxes, view);
+    draw_legend(&mut canvas, boxes, view, RAMP_M);
     canvas
 }
 
@@ -155,7 +156,8 @@ fn splat(canvas: &mut Canvas, at: [f32; 2], color: Color) {
     }
 }
 
-fn color_of(drawn: &DrawnBox) -> Color {
+/// Colour of a box: unknown objects share one.
+pub(super) fn color_of(drawn: &DrawnBox) -> Color {
     if drawn.kind == BoxKind::Unknown {
         label_color("unknown")
     } else {
@@ -205,61 +207,6 @@ fn draw_sensor(canvas: &mut Canvas, view: &View) {
     let (center, tip) = (view.at(0.0, 0.0), view.at(1.8, 0.0));
     canvas.line(center, tip, 2.0, [240, 240, 240], 0.9);
     canvas.ring(center, 4.0, 2.0, [240, 240, 240], 0.9);
-}
-
-/// Title, one line a kind of box with its count, and the height ramp.
-fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View) {
-    let mut y = 14;
-    if !view.title.is_empty() {
-        canvas.text([14, y], &view.title, 2, [230, 236, 244]);
-        y += 24;
-    }
-    let mut seen: Vec<(&str, BoxKind, Color, usize)> = Vec::new();
-    for drawn in boxes {
-        match seen
-            .iter_mut()
-            .find(|entry| entry.0 == drawn.label && entry.1 == drawn.kind)
-        {
-            Some(entry) => entry.3 += 1,
-            None => seen.push((&drawn.label, drawn.kind, color_of(drawn), 1)),
-        }
-    }
-    for (label, kind, color, count) in seen {
-        let what = match kind {
-            BoxKind::Known => "known",
-            BoxKind::Unknown => "unknown",
-            BoxKind::Truth => "label",
-        };
-        canvas.rectangle([14, y], [26, y + 12], color, 0.9);
-        let text = if label.eq_ignore_ascii_case(what) {
-            format!("{label}  {count}")
-        } else {
-            format!("{label} ({what})  {count}")
-        };
-        canvas.text([34, y + 3], &text, 1, CAPTION);
-        y += 18;
-    }
-    if matches!(view.color, PointColor::Height) {
-        draw_ramp(canvas);
-    }
-}
-
-fn draw_ramp(canvas: &mut Canvas) {
-    let bottom = canvas.size_px()[1] as i64 - 30;
-    let length = 160;
-    for i in 0..length {
-        canvas.rectangle(
-            [14 + i, bottom],
-            [15 + i, bottom + 8],
-            ramp(i as f32 / length as f32),
-            1.0,
-        );
-    }
-    let caption = format!(
-        "{:.1} M    HEIGHT OVER SENSOR   +{:.1} M",
-        RAMP_M[0], RAMP_M[1]
-    );
-    canvas.text([14, bottom + 13], &caption, 1, CAPTION);
 }
 
 #[cfg(test)]

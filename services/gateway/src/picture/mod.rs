@@ -4,6 +4,7 @@ mod bird_eye;
 mod canvas;
 mod color;
 mod font;
+mod legend;
 
 pub use bird_eye::{BoxKind, DrawnBox, PointColor, View, bird_eye};
 pub use canvas::{Canvas, Color, PictureError};

@@ -1,0 +1,122 @@
+//! The corner of a picture that says what is seen: title, one line a kind of box with its count, the height ramp.
+
+use super::bird_eye::{BoxKind, DrawnBox, PointColor, View, color_of};
+use super::canvas::{Canvas, Color};
+use super::color::{CAPTION, NIGHT, ramp};
+
+const MARGIN_PX: i64 = 14;
+const LINE_PX: i64 = 18;
+const TITLE: Color = [230, 236, 244];
+const RAMP_PX: i64 = 180;
+
+/// Draws the legend on panels that dim what is under them.
+pub(super) fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View, ramp_m: [f32; 2]) {
+    let lines = lines(boxes);
+    let title_px = if view.title.is_empty() { 0 } else { 24 };
+    let texts = lines
+        .iter()
+        .map(|(_, text)| Canvas::text_size_px(text, 1)[0] + 20);
+    let width = texts
+        .chain([Canvas::text_size_px(&view.title, 2)[0]])
+        .max()
+        .unwrap_or(0);
+    let height = title_px + lines.len() as i64 * LINE_PX;
+    if height > 0 {
+        canvas.rectangle(
+            [4, 4],
+            [MARGIN_PX + width + 10, MARGIN_PX + height + 2],
+            NIGHT,
+            0.78,
+        );
+    }
+    canvas.text([MARGIN_PX, MARGIN_PX], &view.title, 2, TITLE);
+    let mut y = MARGIN_PX + title_px;
+    for (color, text) in lines {
+        canvas.rectangle([MARGIN_PX, y], [MARGIN_PX + 12, y + 12], color, 0.9);
+        canvas.text([MARGIN_PX + 20, y + 3], &text, 1, CAPTION);
+        y += LINE_PX;
+    }
+    if matches!(view.color, PointColor::Height) {
+        draw_ramp(canvas, ramp_m);
+    }
+}
+
+/// One line for each label and kind, in the order of their first box.
+fn lines(boxes: &[DrawnBox]) -> Vec<(Color, String)> {
+    let mut seen: Vec<(&DrawnBox, usize)> = Vec::new();
+    for drawn in boxes {
+        match seen
+            .iter_mut()
+            .find(|(first, _)| first.label == drawn.label && first.kind == drawn.kind)
+        {
+            Some(entry) => entry.1 += 1,
+            None => seen.push((drawn, 1)),
+        }
+    }
+    let line = |(first, count): (&DrawnBox, usize)| {
+        let what = match first.kind {
+            BoxKind::Known => "known",
+            BoxKind::Unknown => "unknown",
+            BoxKind::Truth => "label",
+        };
+        let label = first.label.replace('_', " ");
+        let text = if label.eq_ignore_ascii_case(what) {
+            format!("{count} {label}")
+        } else {
+            format!("{count} {label} ({what})")
+        };
+        (color_of(first), text)
+    };
+    seen.into_iter().map(line).collect()
+}
+
+fn draw_ramp(canvas: &mut Canvas, ramp_m: [f32; 2]) {
+    let bottom = canvas.size_px()[1] as i64 - 34;
+    canvas.rectangle(
+        [4, bottom - 8],
+        [MARGIN_PX + RAMP_PX + 10, bottom + 30],
+        NIGHT,
+        0.78,
+    );
+    for i in 0..RAMP_PX {
+        canvas.rectangle(
+            [MARGIN_PX + i, bottom],
+            [MARGIN_PX + i + 1, bottom + 8],
+            ramp(i as f32 / RAMP_PX as f32),
+            1.0,
+        );
+    }
+    let (low, high) = (
+        format!("{:.1} m", ramp_m[0]),
+        format!("+{:.1} m", ramp_m[1]),
+    );
+    let right = MARGIN_PX + RAMP_PX - Canvas::text_size_px(&high, 1)[0];
+    let middle = MARGIN_PX + (RAMP_PX - Canvas::text_size_px("height", 1)[0]) / 2;
+    canvas.text([MARGIN_PX, bottom + 14], &low, 1, CAPTION);
+    canvas.text([middle, bottom + 14], "height", 1, CAPTION);
+    canvas.text([right, bottom + 14], &high, 1, CAPTION);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_geometry::Box3;
+
+    #[test]
+    fn one_line_a_label_with_its_count() {
+        let drawn = |label: &str, kind: BoxKind| DrawnBox {
+            box_in_sensor: Box3::new([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0]),
+            kind,
+            label: label.into(),
+            caption: String::new(),
+        };
+        let boxes = [
+            drawn("car", BoxKind::Known),
+            drawn("unknown", BoxKind::Unknown),
+            drawn("car", BoxKind::Known),
+            drawn("golf_cart", BoxKind::Truth),
+        ];
+        let texts: Vec<String> = lines(&boxes).into_iter().map(|l| l.1).collect();
+        assert_eq!(texts, ["2 car (known)", "1 unknown", "1 golf cart (label)"]);
+    }
+}
