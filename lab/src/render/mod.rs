@@ -96,3 +96,58 @@ fn drawn(label: &Label, box_in_sensor: Box3) -> DrawnBox {
         caption: String::new(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn write(root: &Path, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = root.join(name);
+        std::fs::write(&path, bytes).expect("written");
+        path
+    }
+
+    #[test]
+    fn points_in_a_labelled_box_take_its_colour() {
+        let folder = tempfile::tempdir().expect("a folder");
+        // One point in the car's box 20 m ahead, one far beside it.
+        let points = [[20.0f32, 0.0, -1.0, 0.0], [20.0, 15.0, -1.0, 0.0]];
+        let bytes: Vec<u8> = points
+            .as_flattened()
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        let scan = write(folder.path(), "0.bin", &bytes);
+        let labels = write(
+            folder.path(),
+            "l.txt",
+            b"Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n",
+        );
+        let calibration = write(
+            folder.path(),
+            "c.txt",
+            b"P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n",
+        );
+        let options = |labels| RenderOptions {
+            scan: scan.clone(),
+            labels,
+            color: ColorBy::Label,
+            px_per_m: 10.0,
+            ahead: true,
+        };
+        // In the view ahead, 20 m before the sensor in the middle: row 504, column 400.
+        let at = |canvas: &Canvas| canvas.pixel(400, 504).expect("inside");
+        let labelled = render(&options(Some((labels, calibration)))).expect("a picture");
+        let plain = render(&options(None)).expect("a picture");
+        assert_ne!(at(&labelled), at(&plain));
+        assert!(at(&labelled)[2] > 180, "{:?}", at(&labelled));
+        assert!(
+            render(&RenderOptions {
+                scan: folder.path().join("none.bin"),
+                ..options(None)
+            })
+            .is_err()
+        );
+    }
+}

@@ -124,3 +124,61 @@ fn summarise(objects: &[Object]) -> ClassStatistics {
         }),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{ExportOptions, Family, Split, export, frame};
+    use crate::statistics::{read_reference, table};
+
+    #[test]
+    fn figures_of_two_simulated_frames_beside_a_reference() {
+        let root = tempfile::tempdir().expect("a folder");
+        let folder = root.path().join("set");
+        let options = ExportOptions {
+            family: Family::SimUdi,
+            split: Split::Train,
+            frames: 2,
+            seed: 4,
+            folder: folder.clone(),
+            threads: 1,
+        };
+        export(&options, || ()).expect("written");
+        let found = collect(&Dataset::open(&folder).expect("a data set")).expect("figures");
+        let frames: Vec<_> = (0..2)
+            .map(|i| frame(Family::SimUdi, Split::Train, 4, i).expect("a frame"))
+            .collect();
+        assert_eq!(found.frames, 2);
+        let points: usize = frames.iter().map(|f| f.points.len()).sum();
+        assert!((found.points_per_scan.mean() - points as f64 / 2.0).abs() < 1e-9);
+        let cars: Vec<u32> = frames
+            .iter()
+            .flat_map(|f| &f.objects)
+            .filter(|o| o.class.name() == "Car")
+            .map(|o| o.points)
+            .collect();
+        let figures = &found.classes["Car"];
+        assert_eq!(figures.range_m.count(), cars.len());
+        let in_boxes: f64 = figures
+            .points
+            .iter()
+            .map(|s| s.mean() * s.count() as f64)
+            .sum();
+        // The label file rounds to a tenth of a millimetre: a point on the edge may change sides.
+        assert!((in_boxes - cars.iter().map(|p| f64::from(*p)).sum::<f64>()).abs() < 5.0);
+        let path = root.path().join("reference.json");
+        std::fs::write(&path, r#"{"train_split_3712":{"classes":{"Car":{"lwh_mean":[3.9,1.6,1.5],"lwh_std":[0.4,0.1,0.1]}}}}"#).expect("written");
+        let text = table(&found, Some(&read_reference(&path).expect("a reference")));
+        assert!(
+            text.contains("| length, m |") && text.contains("3.90 ± 0.40"),
+            "{text}"
+        );
+        std::fs::write(&path, "{}").expect("written");
+        assert!(
+            read_reference(&path)
+                .expect_err("no classes")
+                .to_string()
+                .contains("train_split_3712.classes")
+        );
+    }
+}
