@@ -53,7 +53,7 @@ pub(crate) fn place_objects<'a>(
         Family::SimUdi => (dice.whole(9, 20), [0.53, 0.21, 0.11, 0.15]),
         Family::SimKitti => (dice.whole(6, 15), [0.58, 0.24, 0.18, 0.0]),
     };
-    let mut wanted = vec![Class::Car; 0];
+    let mut wanted = Vec::new();
     if split != Split::Train {
         let unknown = family.unknown_classes();
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
