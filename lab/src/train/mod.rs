@@ -5,6 +5,7 @@
 //! can differ from an empty scene ([`halo`]), which is exact.
 
 pub mod augment;
+mod backward;
 pub mod checkpoint;
 pub mod database;
 mod error;

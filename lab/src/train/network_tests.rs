@@ -306,7 +306,7 @@ fn forward_equals_a_plain_dense_network() {
     let width = s.network.map_channels();
     let mut map = vec![0.0f32; 2 * rows * columns * width];
     for (row, cell) in listed_cells(&s.network).iter().enumerate() {
-        map[*cell as usize * width..][..width].copy_from_slice(&pass.map()[row * width..][..width]);
+        map[*cell as usize * width..][..width].copy_from_slice(&pass.map[row * width..][..width]);
     }
     let mut shape = [2, rows, columns];
     let mut x = map;

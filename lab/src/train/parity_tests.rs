@@ -43,7 +43,7 @@ fn the_engine_computes_what_was_trained() {
                 .for_each(|p| *p += 0.2 * random.normal() as f32);
         }
     }
-    let plan = Planner::new(&network, false).plan(&[points.clone()]);
+    let plan = Planner::new(&network, false).plan(std::slice::from_ref(&points));
     let cells = plan.map.cells() as u32;
     let everything: Vec<u32> = (0..cells).collect();
     // Statistics of this very scan, as training would keep them.

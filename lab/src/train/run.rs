@@ -170,7 +170,7 @@ impl Run {
             if let Some(progress) = log.add(&report, done)? {
                 tell(Event::Progress(&progress));
             }
-            if done % settings.checkpoint_every.max(1) == 0 && done < settings.steps {
+            if done.is_multiple_of(settings.checkpoint_every.max(1)) && done < settings.steps {
                 self.save()?;
             }
         }
@@ -278,7 +278,7 @@ impl Log {
         ];
         pairs.into_iter().for_each(|(sum, value)| *sum += value);
         self.count += 1;
-        if step % LOG_STEPS != 0 && step != self.steps {
+        if !step.is_multiple_of(LOG_STEPS) && step != self.steps {
             return Ok(None);
         }
         let mut line = self.mean();
