@@ -14,6 +14,7 @@ use crate::neighbourhood::{Gather, Neighbourhood};
 use crate::recipe::{Recipe, SeedRule, clusterer};
 use crate::refined::Counters;
 use crate::settings::GroundSettings;
+use crate::size::{is_upright, is_within};
 use crate::{Sensor, Settings, seed};
 
 /// Refines candidate after candidate; holds what they share.
@@ -148,26 +149,38 @@ impl Candidates {
         self.around.gather(frame, seed, ground, &wanted, is_known)
     }
 
-    /// Grows the cluster: first with a short reach, which is enough for what stands upright; then with the full one, and
-    /// again with a shorter one while the cluster is larger than a road user.
-    fn grow(&mut self, recipe: &Recipe, clusterer: &mut dyn Clusterer, seed: usize) {
+    /// Grows the cluster, and again with a shorter reach while it is larger than a road user. Part of it is taken when
+    /// that stands upright by itself: people beside each other are joined otherwise.
+    ///
+    /// A shorter reach gives a part of what a longer one gives, so each growth looks at the last one's points alone.
+    fn grow(&mut self, recipe: &Recipe, clusterer: &mut dyn Clusterer, mut seed: usize) {
+        self.grow_once(recipe, clusterer, seed, 1.0);
         let Some(scales) = &recipe.scales else {
-            return self.grow_once(recipe, clusterer, seed, 1.0);
+            return;
         };
-        if scales.upright > 0.0 {
+        if scales.upright > 0.0 && !is_upright(&self.cluster) {
+            seed = self.around.keep_only(&self.members, seed);
             self.grow_once(recipe, clusterer, seed, scales.upright);
             if self.cluster.len() >= recipe.points_min && is_upright(&self.cluster) {
                 return;
             }
+            self.take_all();
         }
         let mut scale = 1.0;
-        for _ in 0..=scales.shrink_attempts {
-            self.grow_once(recipe, clusterer, seed, scale);
+        for _ in 0..scales.shrink_attempts {
             if is_within(&self.cluster, scales.shrink_above_m) {
                 return;
             }
             scale *= scales.shrink_factor;
+            seed = self.around.keep_only(&self.members, seed);
+            self.grow_once(recipe, clusterer, seed, scale);
         }
+    }
+
+    fn take_all(&mut self) {
+        self.members.clear();
+        self.members.extend(0..self.around.len() as u32);
+        self.collect_cluster();
     }
 
     fn grow_once(
@@ -185,6 +198,10 @@ impl Candidates {
             scale,
         };
         clusterer.grow(&self.around, seed, &bounds, &mut self.members);
+        self.collect_cluster();
+    }
+
+    fn collect_cluster(&mut self) {
         self.cluster.clear();
         for &m in &self.members {
             let m = m as usize;
@@ -220,38 +237,4 @@ impl Candidates {
             BoxFit::Closeness => self.closeness.fit(&self.cluster),
         }
     }
-}
-
-/// Whether a cluster is higher than it is long: a person, a pole. Parts of a vehicle that a short reach tears off are
-/// as wide as they are high, or lower than a person.
-fn is_upright(cluster: &ClusterPoints) -> bool {
-    /// Higher than this by itself, m: above the ground's clearance.
-    const HEIGHT_MIN_M: f64 = 1.0;
-    const HEIGHT_PER_LENGTH: f64 = 1.3;
-    let height = cluster
-        .z_range_m()
-        .map_or(0.0, |[low, high]| f64::from(high - low));
-    let length = headings().map(|yaw| {
-        let [a, b] = cluster.rectangle(yaw).size_m();
-        a.max(b)
-    });
-    height >= HEIGHT_MIN_M && height >= HEIGHT_PER_LENGTH * length.fold(0.0, f64::max)
-}
-
-/// Headings a step of 7.5 degrees apart.
-fn headings() -> impl Iterator<Item = f64> {
-    const COUNT: usize = 12;
-    (0..COUNT).map(|step| std::f64::consts::FRAC_PI_2 * step as f64 / COUNT as f64)
-}
-
-/// Whether some heading exists at which the cluster is no longer, wider and higher than l, w, h.
-fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
-    let height = cluster
-        .z_range_m()
-        .map_or(0.0, |[low, high]| f64::from(high - low));
-    height <= h
-        && headings().any(|yaw| {
-            let [a, b] = cluster.rectangle(yaw).size_m();
-            a.max(b) <= l && a.min(b) <= w
-        })
 }

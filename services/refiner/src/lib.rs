@@ -27,6 +27,7 @@ mod refiner;
 mod seed;
 mod sensor;
 mod settings;
+mod size;
 
 pub use angle::{by_arctangent_rad, by_law_of_cosines_rad};
 pub use error::RefinerError;

@@ -24,6 +24,8 @@ pub struct Neighbourhood {
     pub looked_at: u64,
     /// Whether points were left out because of the limit.
     pub thinned: bool,
+    /// For [`Neighbourhood::keep_only`].
+    is_kept: Vec<bool>,
 }
 
 /// Which points to gather.
@@ -108,6 +110,39 @@ impl Neighbourhood {
                 self.is_known.push(known.unwrap_or(false));
             }
         }
+        seed_at
+    }
+
+    /// Keeps the points of a cluster alone, in their order, and says where the seed is now.
+    pub fn keep_only(&mut self, members: &[u32], seed: usize) -> usize {
+        self.is_kept.clear();
+        self.is_kept.resize(self.len(), false);
+        for &member in members {
+            self.is_kept[member as usize] = true;
+        }
+        let mut to = 0;
+        let mut seed_at = 0;
+        for from in 0..self.len() {
+            if !self.is_kept[from] {
+                continue;
+            }
+            if from == seed {
+                seed_at = to;
+            }
+            self.x_m[to] = self.x_m[from];
+            self.y_m[to] = self.y_m[from];
+            self.z_m[to] = self.z_m[from];
+            self.height_m[to] = self.height_m[from];
+            self.index[to] = self.index[from];
+            self.is_known[to] = self.is_known[from];
+            to += 1;
+        }
+        self.x_m.truncate(to);
+        self.y_m.truncate(to);
+        self.z_m.truncate(to);
+        self.height_m.truncate(to);
+        self.index.truncate(to);
+        self.is_known.truncate(to);
         seed_at
     }
 

@@ -8,6 +8,8 @@ use crate::ground::GroundPlane;
 /// Seeds are looked for at least this far from the box's centre, m: a proposal may lie a metre off, and of a long
 /// object often only the far end is seen.
 const REACH_MIN_M: f64 = 4.0;
+/// A seed this near is looked for first, m.
+const REACH_FIRST_M: f64 = 1.5;
 /// Boxes may be larger than any object; seeds are not looked for further than this, m.
 const REACH_MAX_M: f64 = 10.0;
 /// A box without a point is enlarged once by this factor.
@@ -29,7 +31,26 @@ pub(crate) fn nearest_to_center(
     tried: &[u32],
     work: &mut u64,
 ) -> Option<IndexedPoint> {
-    let reach_m = reach_m(candidate);
+    // Nearly every seed lies close by; the wide search is for the others.
+    [REACH_FIRST_M, reach_m(candidate)]
+        .into_iter()
+        .find_map(|reach_m| {
+            nearest_within(frame, candidate, ground, height_m, tried, reach_m, work)
+                .filter(|(squared, _)| *squared <= reach_m * reach_m || reach_m > REACH_FIRST_M)
+                .map(|(_, point)| point)
+        })
+}
+
+/// The nearest point within a horizontal reach, and its squared distance in space, m^2.
+fn nearest_within(
+    frame: &FrameIndex,
+    candidate: &Box3,
+    ground: &GroundPlane,
+    height_m: [f64; 2],
+    tried: &[u32],
+    reach_m: f64,
+    work: &mut u64,
+) -> Option<(f64, IndexedPoint)> {
     let [cx, cy, cz] = candidate.center_m;
     let mut best: Option<(f64, IndexedPoint)> = None;
     for row in frame.rows_around([cx, cy], reach_m) {
@@ -52,7 +73,7 @@ pub(crate) fn nearest_to_center(
             }
         }
     }
-    best.map(|(_, point)| point)
+    best
 }
 
 /// A random point inside the box, as the paper prints it: the same for the same frame and detection. A box without a
@@ -130,6 +151,9 @@ mod tests {
         assert_eq!(seed(0.2, &mut work), Some(1));
         assert_eq!(work, 3);
         assert_eq!(seed(0.8, &mut work), None);
+        let far = Box3::new([13.0, 0.0, -1.0, 2.0, 1.0, 1.5, 0.0]);
+        let found = nearest_to_center(&frame, &far, &ground, [0.2, 4.0], &[2], &mut work);
+        assert_eq!(found.map(|p| p.index), Some(1), "the nearest one was tried");
     }
 
     #[test]

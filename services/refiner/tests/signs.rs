@@ -7,10 +7,8 @@ use mluc_refiner::{CorrectedSettings, LiteralSettings, Neighbourhood};
 
 /// Two parallel walls seen frontally: the left half at 10 m, the right half `step_m` behind it.
 fn step(step_m: f64) -> (Neighbourhood, Vec<bool>) {
-    let mut around = Neighbourhood {
-        origin_m: [10.0, 0.0],
-        ..Neighbourhood::default()
-    };
+    let mut around = Neighbourhood::default();
+    around.origin_m = [10.0, 0.0];
     let mut is_near = Vec::new();
     for elevation in common::elevations_rad() {
         for column in -160..160 {

@@ -8,7 +8,12 @@ use mluc_refiner::{FrameIndex, GroundPlane, Settings};
 use crate::scene::inside;
 
 /// IoU of the box around the points inside an object's label, ground left out, with the label.
-pub(crate) fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f64) -> f64 {
+pub(crate) fn ceiling(
+    points: &[Point],
+    object: &Box3,
+    frame: &mut FrameIndex,
+    height_m: f64,
+) -> f64 {
     let ground = Settings::default().ground;
     let center = [object.center_m[0], object.center_m[1]];
     frame.start();

@@ -136,10 +136,8 @@ mod tests {
     use super::*;
 
     fn scattered(count: usize) -> Neighbourhood {
-        let mut around = Neighbourhood {
-            origin_m: [15.0, 3.0],
-            ..Neighbourhood::default()
-        };
+        let mut around = Neighbourhood::default();
+        around.origin_m = [15.0, 3.0];
         for i in 0..count {
             let f =
                 |k: f64, m: f64| ((i as f64 * k).sin() * 43758.5453).rem_euclid(1.0) * m - m / 2.0;

@@ -12,10 +12,8 @@ const NEAREST_M: f32 = 0.03;
 const STEPS: f32 = 1024.0;
 /// Adding 2^23 leaves a float's whole part in its low bits.
 const WHOLE: f32 = 8_388_608.0;
-/// A sum over more points could pass 2^32 in a lane.
-const POINTS_MAX: usize = 8 * 65_536;
 /// Larger clusters are thinned to about this many points for the heading alone.
-const HEADING_POINTS_MAX: usize = 2048;
+const HEADING_POINTS_MAX: usize = 512;
 
 /// The closeness fit; holds its buffers.
 #[derive(Debug, Default)]
@@ -41,7 +39,8 @@ impl Closeness {
         points.rectangle(f64::from(fine.rem_euclid(90)).to_radians())
     }
 
-    /// A point stays or goes by its coordinates alone.
+    /// A point stays or goes by its coordinates alone. Equal points stay or go together, so their number is bounded by
+    /// the candidate's own limit; a lane's sum holds 120,000 terms.
     fn thin(&mut self, points: &ClusterPoints) {
         let keep_one_in = points.len().div_ceil(HEADING_POINTS_MAX) as u32;
         self.x_m.clear();
@@ -53,8 +52,6 @@ impl Closeness {
                 self.y_m.push(y);
             }
         }
-        self.x_m.truncate(POINTS_MAX);
-        self.y_m.truncate(POINTS_MAX);
     }
 
     fn score(&self, degrees: i32) -> u64 {
