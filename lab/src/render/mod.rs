@@ -111,8 +111,8 @@ mod tests {
     #[test]
     fn points_in_a_labelled_box_take_its_colour() {
         let folder = tempfile::tempdir().expect("a folder");
-        // One point in the car's box 20 m ahead, one far beside it.
-        let points = [[20.0f32, 0.0, -1.0, 0.0], [20.0, 15.0, -1.0, 0.0]];
+        // One point in the car's box 20 m ahead, in the middle of a pixel, one far beside it.
+        let points = [[19.95f32, -0.05, -1.0, 0.0], [20.0, 15.0, -1.0, 0.0]];
         let bytes: Vec<u8> = points
             .as_flattened()
             .iter()
