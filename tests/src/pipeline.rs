@@ -234,7 +234,7 @@ impl Drop for Pipeline {
         }
         let begun = Instant::now();
         while matches!(self.process.try_wait(), Ok(None))
-            && begun.elapsed() < Duration::from_secs(1)
+            && begun.elapsed() < Duration::from_secs(5)
         {
             std::thread::sleep(Duration::from_millis(5));
         }

@@ -1,6 +1,7 @@
 //! Which crate may know which: read from `cargo metadata`, transitive edges too.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::OnceLock;
 
 use cargo_metadata::{DependencyKind, Metadata, MetadataCommand};
 
@@ -14,11 +15,16 @@ const STAGES: [&str; 5] = [
 const CONTRACT: &str = "mluc-ipc-types";
 const SHARED_MEMORY: &str = "iceoryx2";
 
-fn metadata() -> Metadata {
-    MetadataCommand::new()
-        .other_options(["--offline".to_string()])
-        .exec()
-        .expect("cargo metadata")
+/// Of this machine's platform: packages of others need not have been fetched.
+fn metadata() -> &'static Metadata {
+    static METADATA: OnceLock<Metadata> = OnceLock::new();
+    METADATA.get_or_init(|| {
+        let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+        MetadataCommand::new()
+            .other_options(["--filter-platform".to_string(), platform])
+            .exec()
+            .expect("cargo metadata")
+    })
 }
 
 /// Normal and build dependencies of every package, by name. The contract's optional edge to iceoryx2 is left out: it
@@ -63,7 +69,7 @@ fn reached(edges: &BTreeMap<String, BTreeSet<String>>, from: &str) -> BTreeSet<S
 }
 
 fn assert_apart(from: &str, forbidden: &[&str]) {
-    let reached = reached(&edges(&metadata()), from);
+    let reached = reached(&edges(metadata()), from);
     for name in forbidden {
         assert!(!reached.contains(*name), "{from} must not reach {name}");
     }
@@ -99,7 +105,7 @@ fn the_program_knows_no_laboratory() {
 
 #[test]
 fn the_foundations_know_nothing_of_ours() {
-    let edges = edges(&metadata());
+    let edges = edges(metadata());
     for (name, allowed) in [
         (CONTRACT, &[][..]),
         ("mluc-geometry", &[]),
@@ -154,7 +160,7 @@ fn the_contract_needs_iceoryx2_only_for_the_runtime() {
 /// The search itself finds an edge where there is one: else the tests above could not fail.
 #[test]
 fn an_allowed_edge_is_found() {
-    let edges = edges(&metadata());
+    let edges = edges(metadata());
     assert!(reached(&edges, "mluc").contains(SHARED_MEMORY));
     assert!(reached(&edges, "mluc").contains("mluc-kernels"));
     assert!(reached(&edges, "mluc-lab").contains("mluc-backbone"));

@@ -95,7 +95,7 @@ fn at_the_sensors_pace_frames_come_at_its_rate() {
     let seconds = (stamps[stamps.len() - 1] - stamps[0]) as f64 * 1e-9;
     let expected = (sequences[sequences.len() - 1] - sequences[0]) as f64 / 4.0;
     assert!(
-        (seconds - expected).abs() < 0.2,
+        (seconds - expected).abs() < 0.4,
         "{seconds} s instead of {expected} s"
     );
 }

@@ -23,6 +23,8 @@ pub(crate) enum Command {
     Stage(StageArgs),
     /// Say how the stages of a running pipeline are.
     Status(StatusArgs),
+    /// Check whether this machine can run the pipeline.
+    Doctor(DoctorArgs),
     /// Start a program that ends with its parent (used by `up` for foreign stages).
     #[command(hide = true)]
     Exec(ExecArgs),
@@ -113,6 +115,13 @@ pub(crate) struct StatusArgs {
     /// Which pipeline.
     #[arg(long, default_value = "default")]
     pub(crate) instance: String,
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct DoctorArgs {
+    /// The model that shall run.
+    #[arg(long, default_value = "kitti")]
+    pub(crate) model: String,
 }
 
 #[derive(Args, Clone, Debug)]

@@ -45,6 +45,7 @@ fn main() -> ExitCode {
         Command::Demo(args) => commands::demo(args),
         Command::Stage(args) => stages::run(args).map(|()| ExitCode::SUCCESS),
         Command::Status(args) => commands::status(args),
+        Command::Doctor(args) => commands::doctor(args),
         Command::Exec(args) => commands::exec(args),
     };
     match result {

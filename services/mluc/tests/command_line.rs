@@ -42,7 +42,7 @@ fn help_names_every_command() {
     let output = mluc(&["--help"]);
     assert_eq!(output.status.code(), Some(0));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    for command in ["up", "demo", "stage", "status"] {
+    for command in ["up", "demo", "stage", "status", "doctor"] {
         assert!(text.contains(command), "{command}: {text}");
     }
 }
