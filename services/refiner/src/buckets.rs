@@ -9,6 +9,8 @@ pub(crate) struct Buckets {
     /// First entry of each cell, and one past the last.
     first: Vec<u32>,
     items: Vec<u32>,
+    /// x and y of each entry, m.
+    places: Vec<[f32; 2]>,
     cell_of: Vec<u32>,
 }
 
@@ -53,10 +55,13 @@ impl Buckets {
         }
         self.items.clear();
         self.items.resize(sum as usize, 0);
+        self.places.clear();
+        self.places.resize(sum as usize, [0.0; 2]);
         for (i, &cell) in self.cell_of.iter().enumerate() {
             if cell != NO_CELL {
                 let cursor = &mut self.first[cell as usize];
                 self.items[*cursor as usize] = i as u32;
+                self.places[*cursor as usize] = [x_m[i], y_m[i]];
                 *cursor += 1;
             }
         }
@@ -79,6 +84,11 @@ impl Buckets {
     /// Points of a cell.
     pub(crate) fn points(&self, cell: usize) -> &[u32] {
         &self.items[self.first[cell] as usize..self.first[cell + 1] as usize]
+    }
+
+    /// x and y of a cell's points, in the same order, m.
+    pub(crate) fn places(&self, cell: usize) -> &[[f32; 2]] {
+        &self.places[self.first[cell] as usize..self.first[cell + 1] as usize]
     }
 
     /// The cell `dx`, `dy` cells away, if there is one.

@@ -19,6 +19,7 @@ mod error;
 pub mod fit;
 mod frame;
 mod ground;
+mod inside;
 mod merge;
 mod neighbourhood;
 mod recipe;

@@ -4,6 +4,7 @@ use mluc_geometry::{Box3, intersection_over_min_area, iou_bev};
 use mluc_ipc_types::{Fate, Point};
 
 use crate::draft::Draft;
+use crate::inside::Inside;
 use crate::recipe::MergeRule;
 use crate::settings::Settings;
 
@@ -111,11 +112,11 @@ fn clashes(
     if iou_bev(&unknown.shape, &known.shape) > settings.merge.known_iou {
         return true;
     }
-    let grown = known.grown(settings.merge.known_margin_m);
+    let grown = Inside::of(&known.shape, settings.merge.known_margin_m);
     let inside = own
         .iter()
         .filter_map(|&i| scan.get(i as usize))
-        .filter(|p| grown.contains([p.x_m, p.y_m, p.z_m].map(f64::from)))
+        .filter(|p| grown.contains([p.x_m, p.y_m, p.z_m]))
         .count();
     inside as f64 > settings.merge.known_points_share * own.len() as f64
 }

@@ -6,6 +6,7 @@ use mluc_ipc_types::{DETECTIONS_MAX, Detection, Fate, OBJECT_POINTS_MAX, POINTS_
 use crate::candidate::Candidates;
 use crate::draft::{Draft, sound_box};
 use crate::frame::FrameIndex;
+use crate::inside::Inside;
 use crate::merge::merge;
 use crate::recipe::Recipe;
 use crate::refined::Refined;
@@ -134,16 +135,16 @@ impl Refiner {
                 self.recipe.keeps_known_apart && draft.score >= self.settings.merge.known_score_min;
             let grown = draft.grown(self.settings.merge.known_margin_m);
             let center = [grown.center_m[0], grown.center_m[1]];
+            let (own, around) = (Inside::of(&draft.shape, 0.0), Inside::of(&grown, 0.0));
             for row in self.frame.rows_around(center, half_diagonal_m(&grown)) {
                 for point in row {
-                    let at = point.at_m.map(f64::from);
-                    if !grown.contains(at) {
+                    if !around.contains(point.at_m) {
                         continue;
                     }
                     if marks {
                         self.is_known[point.index as usize] = true;
                     }
-                    if draft.shape.contains(at) {
+                    if own.contains(point.at_m) {
                         match self.points.len() < OBJECT_POINTS_MAX {
                             true => self.points.push(point.index),
                             false => out.counters.object_points_dropped += 1,

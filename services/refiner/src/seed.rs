@@ -4,6 +4,7 @@ use mluc_geometry::Box3;
 
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
+use crate::inside::Inside;
 
 /// Seeds are looked for at least this far from the box's centre, m: a proposal may lie a metre off, and of a long
 /// object often only the far end is seen.
@@ -91,13 +92,11 @@ pub(crate) fn random_inside(
             size_m: candidate.size_m.map(|s| s * factor),
             ..*candidate
         };
+        let inside = Inside::of(&enlarged, 0.0);
         found.clear();
         for row in frame.rows_around(center, reach_m(candidate)) {
             *work += row.len() as u64;
-            found.extend(
-                row.iter()
-                    .filter(|p| enlarged.contains(p.at_m.map(f64::from))),
-            );
+            found.extend(row.iter().filter(|p| inside.contains(p.at_m)));
         }
         if !found.is_empty() {
             // By their place in the scan, whatever the cells.

@@ -1,6 +1,6 @@
 //! What a cluster's size says about it.
 
-use crate::fit::ClusterPoints;
+use crate::fit::{ClusterPoints, footprint};
 
 /// Whether a cluster is higher than it is long: a person, a pole. Parts of a vehicle that a short reach tears off are
 /// as wide as they are high, or lower than a person.
@@ -17,16 +17,28 @@ pub(crate) fn is_upright(cluster: &ClusterPoints) -> bool {
 }
 
 /// Whether some heading exists at which the cluster is no longer, wider and higher than l, w, h.
+///
+/// Decided on its outline of sixteen sides, which is at most 2 % larger than its hull.
 pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
-    let [dx, dy] = cluster.rectangle(0.0).size_m();
+    let along_axes = cluster.rectangle(0.0);
+    let [dx, dy] = along_axes.size_m();
     // No heading turns something longer than the diagonal into something that fits.
-    let diagonal = l.hypot(w);
-    height_m(cluster) <= h
-        && dx.max(dy) <= diagonal
-        && headings().any(|yaw| {
-            let [a, b] = cluster.rectangle(yaw).size_m();
-            a.max(b) <= l && a.min(b) <= w
-        })
+    if height_m(cluster) > h || dx.max(dy) > l.hypot(w) {
+        return false;
+    }
+    let (corners, count) = footprint(cluster, &along_axes);
+    let extent = |sin: f64, cos: f64| {
+        let along = corners[..count].iter().map(|[x, y]| x * cos + y * sin);
+        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), t| {
+            (low.min(t), high.max(t))
+        });
+        high - low
+    };
+    headings().any(|yaw| {
+        let (sin, cos) = yaw.sin_cos();
+        let (a, b) = (extent(sin, cos), extent(cos, -sin));
+        a.max(b) <= l && a.min(b) <= w
+    })
 }
 
 fn height_m(cluster: &ClusterPoints) -> f64 {

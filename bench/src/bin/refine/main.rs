@@ -39,6 +39,9 @@ struct Arguments {
     /// Proposals a frame in the timing part.
     #[arg(long, default_value_t = 20)]
     proposals: usize,
+    /// Timing at random points of the scan instead of at the labelled objects: dearer, walls and bushes are large.
+    #[arg(long)]
+    anywhere: bool,
     /// Threads of the pool around it; the refiner works in one.
     #[arg(long, default_value_t = 1)]
     threads: usize,
@@ -96,7 +99,7 @@ fn main() -> Result<()> {
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads)
         .build()?;
-    let report = pool.install(|| measure(&frames, settings, arguments.proposals))?;
+    let report = pool.install(|| measure(&frames, settings, &arguments))?;
     match arguments.json {
         true => println!("{}", serde_json::to_string(&report)?),
         false => print_table(&report),
@@ -104,7 +107,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-fn measure(frames: &[Frame], settings: Settings, proposals: usize) -> Result<Report> {
+fn measure(frames: &[Frame], settings: Settings, arguments: &Arguments) -> Result<Report> {
     let mode = settings.mode;
     let mut refiner = Refiner::new(settings, &scene::sensor())?;
     let judged = judge(frames, &mut refiner);
@@ -115,7 +118,8 @@ fn measure(frames: &[Frame], settings: Settings, proposals: usize) -> Result<Rep
             .or_default()
             .push(object);
     }
-    let times = time(frames, &mut refiner, proposals);
+    let proposals = arguments.proposals;
+    let times = time(frames, &mut refiner, proposals, arguments.anywhere);
     let cpu_ms = sorted(times.iter().map(|time| time.cpu_ms).collect());
     let times_ms = sorted(times.iter().map(|time| time.wall_ms).collect());
     let at = |values: &[f64], share: f64| {
@@ -217,39 +221,25 @@ fn cpu_ms() -> f64 {
     time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 / 1e6
 }
 
-/// Times of whole frames with so many candidates: every second one at a labelled object, the others
-/// wherever a random point of the scan lies.
-fn time(frames: &[Frame], refiner: &mut Refiner, proposals: usize) -> Vec<Timed> {
+/// Times of whole frames with so many candidates: at the labelled objects in turn, or wherever random points of the scan
+/// lie.
+fn time(frames: &[Frame], refiner: &mut Refiner, proposals: usize, anywhere: bool) -> Vec<Timed> {
     let mut out = Refined::default();
     let mut times = Vec::new();
     for pass in 0..=PASSES {
-        for (f, frame) in frames
-            .iter()
-            .enumerate()
-            .filter(|(_, f)| !f.points.is_empty())
-        {
+        let frames = frames.iter().enumerate();
+        for (f, frame) in frames.filter(|(_, f)| !f.points.is_empty()) {
             let detections: Vec<_> = (0..proposals)
                 .map(|k| {
                     let mut random = Random::keyed([f as u64, k as u64, 1000 + pass]);
-                    let place = match frame.objects.is_empty() || k % 2 == 1 {
-                        false => {
-                            let object = &frame.objects[k / 2 % frame.objects.len()];
-                            (object.class.as_str(), object.shape)
+                    let proposed = match frame.objects.len() {
+                        count if count > 0 && !anywhere => {
+                            let object = &frame.objects[k % count];
+                            proposal(&object.class, &object.shape, &mut random)
                         }
-                        true => {
-                            let p = frame.points[random.below(frame.points.len())];
-                            let at = [p.x_m, p.y_m, p.z_m].map(f64::from);
-                            (
-                                "",
-                                Box3 {
-                                    center_m: at,
-                                    size_m: [1.0; 3],
-                                    yaw_rad: 0.0,
-                                },
-                            )
-                        }
+                        _ => proposal("", &random_place(frame, &mut random), &mut random),
                     };
-                    candidate(&proposal(place.0, &place.1, &mut random), 1.0 + k as f32)
+                    candidate(&proposed, 1.0 + k as f32)
                 })
                 .collect();
             let (start, cpu_start_ms) = (Instant::now(), cpu_ms());
@@ -263,6 +253,16 @@ fn time(frames: &[Frame], refiner: &mut Refiner, proposals: usize) -> Vec<Timed>
         }
     }
     times
+}
+
+/// A box of 1 m at a random point of the scan: mostly walls and bushes near the sensor.
+fn random_place(frame: &Frame, random: &mut Random) -> Box3 {
+    let p = frame.points[random.below(frame.points.len())];
+    Box3 {
+        center_m: [p.x_m, p.y_m, p.z_m].map(f64::from),
+        size_m: [1.0; 3],
+        yaw_rad: 0.0,
+    }
 }
 
 fn print_table(report: &Report) {

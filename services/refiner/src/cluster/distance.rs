@@ -42,47 +42,38 @@ impl Distance {
         (self.join_m + self.join_per_range * range_m).min(self.join_max_m)
     }
 
-    fn measure_cells(&mut self, around: &Neighbourhood) {
-        self.extents.clear();
-        for cell in 0..self.buckets.cells() {
-            let mut extent = [
-                f32::INFINITY,
-                f32::INFINITY,
-                f32::NEG_INFINITY,
-                f32::NEG_INFINITY,
-            ];
-            for &point in self.buckets.points(cell) {
-                let (x, y) = (around.x_m[point as usize], around.y_m[point as usize]);
-                extent = [
-                    extent[0].min(x),
-                    extent[1].min(y),
-                    extent[2].max(x),
-                    extent[3].max(y),
-                ];
-            }
-            self.extents.push(extent);
-        }
+    /// Lowest x, y and highest x, y of a cell's points, m.
+    fn measure(&self, cell: usize) -> [f32; 4] {
+        let far = f32::INFINITY;
+        let less = |a: f32, b: f32| if a < b { a } else { b };
+        let places = self.buckets.places(cell).iter();
+        let [x, y, neg_x, neg_y] = places.fold([far; 4], |e, &[x, y]| {
+            [less(x, e[0]), less(y, e[1]), less(-x, e[2]), less(-y, e[3])]
+        });
+        [x, y, -neg_x, -neg_y]
     }
 
     /// Whether any point of one cell is within the join distance of any point of another.
-    fn touch(&self, around: &Neighbourhood, a: usize, b: usize, join_squared: f32) -> bool {
+    fn touch(&self, a: usize, b: usize, join_squared: f32) -> bool {
         let (ea, eb) = (self.extents[a], self.extents[b]);
-        let gap = |axis: usize| {
-            (eb[axis] - ea[axis + 2])
-                .max(ea[axis] - eb[axis + 2])
-                .max(0.0)
-        };
-        if gap(0) * gap(0) + gap(1) * gap(1) > join_squared {
+        if gap_squared(ea, eb) > join_squared {
             return false;
         }
-        self.buckets.points(a).iter().any(|&p| {
-            let (x, y) = (around.x_m[p as usize], around.y_m[p as usize]);
-            self.buckets.points(b).iter().any(|&q| {
-                let (dx, dy) = (around.x_m[q as usize] - x, around.y_m[q as usize] - y);
-                dx * dx + dy * dy <= join_squared
-            })
+        let others = self.buckets.places(b);
+        self.buckets.places(a).iter().any(|&[x, y]| {
+            gap_squared([x, y, x, y], eb) <= join_squared
+                && others.iter().any(|&[ox, oy]| {
+                    let (dx, dy) = (ox - x, oy - y);
+                    dx * dx + dy * dy <= join_squared
+                })
         })
     }
+}
+
+/// Squared distance between two extents, m^2.
+fn gap_squared(a: [f32; 4], b: [f32; 4]) -> f32 {
+    let gap = |axis: usize| (b[axis] - a[axis + 2]).max(a[axis] - b[axis + 2]).max(0.0);
+    gap(0) * gap(0) + gap(1) * gap(1)
 }
 
 impl Clusterer for Distance {
@@ -101,7 +92,10 @@ impl Clusterer for Distance {
         self.buckets.fill(&around.x_m, &around.y_m, cell_m, |i| {
             i == seed || allowed(i)
         });
-        self.measure_cells(around);
+        self.extents.clear();
+        for cell in 0..self.buckets.cells() {
+            self.extents.push(self.measure(cell));
+        }
         self.reached.clear();
         self.reached.resize(self.buckets.cells(), false);
         self.queue.clear();
@@ -120,7 +114,7 @@ impl Clusterer for Distance {
                     };
                     if !self.reached[other]
                         && !self.buckets.points(other).is_empty()
-                        && self.touch(around, cell, other, join_m * join_m)
+                        && self.touch(cell, other, join_m * join_m)
                     {
                         self.reached[other] = true;
                         self.queue.push(other as u32);
