@@ -1,0 +1,129 @@
+//! After its first frame the way from points to detections takes no memory from the system: voxels, sparse and
+//! bird's-eye layers, feature rows, heads, suppression, in every precision.
+#![allow(unsafe_code)] // A global allocator is an unsafe trait; this one counts and passes on.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use mluc_backbone::{Backbone, Precision};
+use mluc_head::Head;
+use mluc_model::{Grid, Manifest, Network, formula_uniform, formula_weights};
+
+/// Counts every request of any thread.
+struct Counting;
+
+static REQUESTS: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        REQUESTS.fetch_add(1, Ordering::Relaxed);
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        REQUESTS.fetch_add(1, Ordering::Relaxed);
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        REQUESTS.fetch_add(1, Ordering::Relaxed);
+        unsafe { System.realloc(block, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        unsafe { System.dealloc(block, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// A map of 48 x 48 cells.
+fn manifest() -> Manifest {
+    let grid = Grid {
+        range_min_m: [0.0, -9.6, -3.0],
+        range_max_m: [19.2, 9.6, 1.0],
+        ..Grid::kitti_compact()
+    };
+    Manifest::untrained("allocation", Network::compact(grid, 3))
+}
+
+/// Points all over the range and a little beyond.
+fn scan(points: usize, seed: &str) -> Vec<[f32; 4]> {
+    let value = |index: usize, low: f64, high: f64| {
+        (low + (high - low) * formula_uniform(seed, index)) as f32
+    };
+    let point = |i: usize| {
+        [
+            value(4 * i, -1.0, 20.0),
+            value(4 * i + 1, -10.0, 10.0),
+            value(4 * i + 2, -3.2, 1.2),
+            value(4 * i + 3, 0.0, 1.0),
+        ]
+    };
+    (0..points).map(point).collect()
+}
+
+// One test in this file: another one's requests would be counted.
+#[test]
+fn frames_after_the_first_take_no_memory() {
+    let counted = REQUESTS.load(Ordering::Relaxed);
+    drop(std::hint::black_box(Box::new(1_u64)));
+    assert!(REQUESTS.load(Ordering::Relaxed) > counted, "it counts");
+
+    // Small before large: nothing may grow on the way.
+    let sizes = [800, 300, 0, 6000, 40_000, 131_072, 2000];
+    let scans: Vec<_> = sizes
+        .iter()
+        .map(|points| scan(*points, &points.to_string()))
+        .collect();
+    let manifest = manifest();
+    let weights = formula_weights(&manifest.network);
+    for precision in [Precision::F32, Precision::Bf16] {
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("a pool");
+            let mut backbone =
+                Backbone::with_precision(&manifest, &weights, precision).expect("a model");
+            let mut head = Head::new(&manifest, &weights).expect("a model");
+            // What shared memory is to the vehicle.
+            let cells_max: usize = backbone.map_shape().iter().product();
+            let channels = backbone.feature_channels();
+            let (mut cells, mut rows) = (vec![0; cells_max], vec![0.0; cells_max * channels]);
+            let mut detections = Vec::with_capacity(manifest.thresholds.boxes_max as usize);
+            let mut boxes = 0;
+            let mut frame = |points: &[[f32; 4]]| {
+                let count = backbone.run(points).rows;
+                let (cells, rows) = (&mut cells[..count], &mut rows[..count * channels]);
+                backbone.write_rows(cells, rows).expect("room");
+                let counts = head.run(cells, rows, &mut detections).expect("rows");
+                boxes += counts.boxes;
+            };
+            // All frames from within the pool: whoever enters it from outside pays for the entry.
+            let taken = pool.install(|| {
+                frame(&scans[0]);
+                requests(&scans, &mut frame)
+            });
+            assert_eq!(
+                taken,
+                vec![0; scans.len()],
+                "{precision}, {threads} threads, scans of {sizes:?} points"
+            );
+            assert!(boxes > 0, "the frames have contents");
+        }
+    }
+}
+
+/// Requests while `frame` ran, scan by scan.
+fn requests(scans: &[Vec<[f32; 4]>], mut frame: impl FnMut(&[[f32; 4]])) -> Vec<usize> {
+    let mut taken = vec![0; scans.len()];
+    for (scan, taken) in scans.iter().zip(&mut taken) {
+        let before = REQUESTS.load(Ordering::Relaxed);
+        frame(scan);
+        *taken = REQUESTS.load(Ordering::Relaxed) - before;
+    }
+    taken
+}
