@@ -5,8 +5,7 @@ use std::ops::Range;
 use crate::{
     Element, Epilogue, Gather,
     packed::Packed,
-    pairs::{BLOCK, Pairs},
-    simd::{AlignedArray, Kernel, Level, Simd},
+    simd::{AlignedArray, BLOCK, Kernel, Level, Lists, Simd},
     weights::{PANEL_MAX, Panel, panels},
 };
 
@@ -65,10 +64,11 @@ impl<W: Packed, O: Element> Kernel for Block<'_, W, O> {
     fn run<S: Simd>(mut self, simd: S) {
         let (_, _, cout) = self.job.weights.shape();
         let mut sums = AlignedArray([0.0; BLOCK * PANEL_MAX]);
+        let mut lists = Lists::new();
         for panel in panels(cout) {
             let sums = &mut sums.0[..self.rows.len() * panel.width];
             self.begin(panel, sums);
-            self.accumulate(simd, panel, sums);
+            self.accumulate(simd, panel, &mut lists, sums);
             self.finish(panel, sums);
         }
     }
@@ -86,7 +86,7 @@ impl<W: Packed, O: Element> Block<'_, W, O> {
     }
 
     #[inline(always)]
-    fn accumulate<S: Simd>(&self, simd: S, panel: Panel, sums: &mut [f32]) {
+    fn accumulate<S: Simd>(&self, simd: S, panel: Panel, lists: &mut Lists, sums: &mut [f32]) {
         let Job {
             input,
             gather,
@@ -95,14 +95,13 @@ impl<W: Packed, O: Element> Block<'_, W, O> {
         } = self.job;
         let (taps, cin, _) = weights.shape();
         let index = &gather.index[self.rows.start * taps..self.rows.end * taps];
-        let mut pairs = Pairs::new();
         for tap in (0..taps).filter(|_| cin > 0) {
             weights.tap(
                 simd,
                 input,
                 panel,
                 tap,
-                pairs.at_tap(index, taps, tap),
+                lists.at_tap(simd, index, taps, tap),
                 sums,
             );
         }

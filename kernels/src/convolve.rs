@@ -10,18 +10,20 @@ use crate::{
 /// is written (`None`: at `o`); rows that are not named keep what they hold. Rows in ascending order, the natural one,
 /// are written in place; any other order costs one more pass over the result.
 ///
+/// Sums are f32; the output holds f32 or is rounded to bf16, for a layer whose successor multiplies that.
+///
 /// Runs over rayon's ambient pool; the bits of the result do not depend on the number of threads. Allocates nothing
 /// when the rows ascend.
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
-pub fn convolve(
+pub fn convolve<O: Element>(
     input: &[f32],
     gather: &Gather,
     weights: &Weights,
     epilogue: Epilogue,
     output_rows: Option<&[u32]>,
-    output: &mut [f32],
+    output: &mut [O],
 ) {
     convolve_at(
         Level::best(),
@@ -35,14 +37,14 @@ pub fn convolve(
 }
 
 /// [`convolve`] with the registers of `level`, for tests and measurements.
-pub fn convolve_at(
+pub fn convolve_at<O: Element>(
     level: Level,
     input: &[f32],
     gather: &Gather,
     weights: &Weights,
     epilogue: Epilogue,
     output_rows: Option<&[u32]>,
-    output: &mut [f32],
+    output: &mut [O],
 ) {
     start(
         Job {

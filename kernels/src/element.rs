@@ -22,10 +22,13 @@ impl Bf16 {
     }
 }
 
-/// A value of an output row: [`f32`] or [`Bf16`].
+/// A value of a row: [`f32`] or [`Bf16`].
 pub trait Element: Copy + Default + Send + Sync + sealed::Sealed {
     /// From a sum in f32.
     fn from_f32(value: f32) -> Self;
+
+    /// The same value as f32.
+    fn to_f32(self) -> f32;
 }
 
 mod sealed {
@@ -39,12 +42,22 @@ impl Element for f32 {
     fn from_f32(value: f32) -> f32 {
         value
     }
+
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        self
+    }
 }
 
 impl Element for Bf16 {
     #[inline(always)]
     fn from_f32(value: f32) -> Bf16 {
         Bf16::from_f32(value)
+    }
+
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        Bf16::to_f32(self)
     }
 }
 

@@ -4,8 +4,7 @@ use rayon::prelude::*;
 
 use crate::{
     Gather,
-    pairs::{BLOCK, Pairs},
-    simd::{Aligned, AlignedArray, Kernel, LINE, Level, Simd, gradient_tiles},
+    simd::{Aligned, AlignedArray, BLOCK, Kernel, LINE, Level, Lists, Simd, gradient_tiles},
     weights::{PANEL_MAX, Panel, panels},
 };
 
@@ -123,10 +122,11 @@ impl Kernel for Part<'_> {
         let padded = self.cout.next_multiple_of(LINE);
         let mut sums = Aligned::zeros(self.taps * self.cin * padded);
         let mut rows = AlignedArray([0.0; BLOCK * PANEL_MAX]);
-        let mut pairs = Pairs::new();
+        let mut lists = Lists::new();
         let indices = self.index.chunks(BLOCK * self.taps);
         for (index, output_gradient) in indices.zip(self.output_gradient.chunks(BLOCK * self.cout))
         {
+            lists.forget();
             for panel in panels(self.cout) {
                 let rows = pack(output_gradient, self.cout, panel, &mut rows.0);
                 for (tap, sums) in sums
@@ -134,13 +134,13 @@ impl Kernel for Part<'_> {
                     .chunks_exact_mut(self.cin * padded)
                     .enumerate()
                 {
-                    let pairs = pairs.at_tap(index, self.taps, tap);
+                    let listed = lists.at_tap(simd, index, self.taps, tap);
                     let sums = &mut sums[panel.first..];
                     gradient_tiles(
                         simd,
                         self.input,
                         self.cin,
-                        pairs,
+                        listed,
                         rows,
                         panel.width,
                         sums,

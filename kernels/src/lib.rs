@@ -12,7 +12,6 @@ mod element;
 mod gather;
 mod gradient;
 mod packed;
-mod pairs;
 mod simd;
 mod weights;
 mod weights_bf16;
@@ -22,7 +21,7 @@ pub use convolve::{convolve, convolve_at, convolve_bf16, convolve_bf16_at};
 pub use element::{Bf16, Element};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{weight_gradient, weight_gradient_at};
-pub use simd::{Level, spin};
+pub use simd::{Level, spin, spin_bf16};
 pub use weights::Weights;
 pub use weights_bf16::WeightsBf16;
 

@@ -2,7 +2,7 @@
 
 use crate::{
     Bf16, Weights, WeightsBf16,
-    simd::{Pair, Simd, convolve_tiles, convolve_tiles_bf16},
+    simd::{Listed, Simd, convolve_tiles, convolve_tiles_bf16},
     weights::Panel,
 };
 
@@ -14,14 +14,14 @@ pub(crate) trait Packed: Sync {
     /// Taps, input channels, output channels.
     fn shape(&self) -> (usize, usize, usize);
 
-    /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each pair and each channel of the panel.
+    /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair and each channel of the panel.
     fn tap<S: Simd>(
         &self,
         simd: S,
         input: &[Self::Input],
         panel: Panel,
         tap: usize,
-        pairs: &[Pair],
+        listed: Listed,
         sums: &mut [f32],
     );
 }
@@ -40,12 +40,12 @@ impl Packed for Weights {
         input: &[f32],
         panel: Panel,
         tap: usize,
-        pairs: &[Pair],
+        listed: Listed,
         sums: &mut [f32],
     ) {
         let size = self.cin * panel.width;
         let weights = &self.panel(panel)[tap * size..][..size];
-        convolve_tiles(simd, input, self.cin, pairs, weights, panel.width, sums);
+        convolve_tiles(simd, input, self.cin, listed, weights, panel.width, sums);
     }
 }
 
@@ -63,11 +63,11 @@ impl Packed for WeightsBf16 {
         input: &[Bf16],
         panel: Panel,
         tap: usize,
-        pairs: &[Pair],
+        listed: Listed,
         sums: &mut [f32],
     ) {
         let size = self.cin / 2 * panel.width;
         let weights = &self.panel(panel)[tap * size..][..size];
-        convolve_tiles_bf16(simd, input, self.cin, pairs, weights, panel.width, sums);
+        convolve_tiles_bf16(simd, input, self.cin, listed, weights, panel.width, sums);
     }
 }

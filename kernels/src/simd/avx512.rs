@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Kernel, Simd};
+use super::{Kernel, Lists, Simd, list_avx512};
 
 /// Made where the features are known only, so whoever holds one runs on a processor that has these registers.
 #[derive(Clone, Copy)]
@@ -12,14 +12,14 @@ pub(crate) struct Avx512(());
 ///
 /// # Safety
 /// The processor has the features named below.
-#[target_feature(enable = "avx512f,avx2,fma")]
+#[target_feature(enable = "avx512f,avx2,fma,popcnt")]
 pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx512::new())
 }
 
 impl Avx512 {
     /// The proof, where the features are known: safe to call from code compiled for them only.
-    #[target_feature(enable = "avx512f,avx2,fma")]
+    #[target_feature(enable = "avx512f,avx2,fma,popcnt")]
     #[inline]
     pub(super) fn new() -> Avx512 {
         Avx512(())
@@ -85,5 +85,10 @@ impl Simd for Avx512 {
     unsafe fn load_pairs(self, from: *const u32) -> __m512i {
         // SAFETY: the caller vouches for `from`, self for the features.
         unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+
+    #[inline(always)]
+    fn list(self, index: &[u32], taps: usize, first: usize, lists: &mut Lists) {
+        list_avx512::list(self, index, taps, first, lists);
     }
 }

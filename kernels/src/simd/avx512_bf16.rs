@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Kernel, Simd, avx512::Avx512};
+use super::{Kernel, Lists, Simd, avx512::Avx512, list_avx512};
 
 /// Made in [`run`] only, so whoever holds one runs on a processor that has these registers and products.
 #[derive(Clone, Copy)]
@@ -12,7 +12,7 @@ pub(crate) struct Avx512Bf16(Avx512);
 ///
 /// # Safety
 /// The processor has the features named below.
-#[target_feature(enable = "avx512f,avx512bf16,avx2,fma")]
+#[target_feature(enable = "avx512f,avx512bf16,avx2,fma,popcnt")]
 pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx512Bf16(Avx512::new()))
 }
@@ -61,5 +61,10 @@ impl Simd for Avx512Bf16 {
     unsafe fn load_pairs(self, from: *const u32) -> __m512bh {
         // SAFETY: the caller vouches for `from`; both types are 64 bytes of which every pattern is valid.
         unsafe { std::mem::transmute::<__m512i, __m512bh>(self.0.load_pairs(from)) }
+    }
+
+    #[inline(always)]
+    fn list(self, index: &[u32], taps: usize, first: usize, lists: &mut Lists) {
+        list_avx512::list(self.0, index, taps, first, lists);
     }
 }

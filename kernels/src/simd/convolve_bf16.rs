@@ -1,13 +1,12 @@
 //! The forward inner loop on bf16: as in f32, two input channels a step, sums in f32.
 
 use super::{
-    Pair, Simd,
+    LINE, Listed, Pair, Simd,
     cover::{Tile, cover},
-    pair::check,
 };
 use crate::Bf16;
 
-/// `sums[pair.row] += input[pair.input] * weights`, for each pair.
+/// `sums[pair.row] += input[pair.input] * weights`, for each listed pair.
 ///
 /// `input`: rows of `cin`, which is even. `weights`: `[cin / 2][width]` pairs. `sums`: rows of `width`. No two pairs of a
 /// call have the same row.
@@ -16,24 +15,25 @@ pub(crate) fn convolve_tiles_bf16<S: Simd>(
     simd: S,
     input: &[Bf16],
     cin: usize,
-    pairs: &[Pair],
+    listed: Listed,
     weights: &[u32],
     width: usize,
     sums: &mut [f32],
 ) {
-    check(pairs, input.len() / cin, sums.len() / width, width);
+    assert!(width.is_multiple_of(LINE), "rows of {width}");
+    listed.check(input.len() / cin, sums.len() / width);
     assert_eq!(weights.len(), cin / 2 * width);
     let tile = Convolve {
         input: input.as_ptr(),
         cin,
-        pairs,
+        pairs: listed.pairs,
         weights: weights.as_ptr(),
         width,
         sums: sums.as_mut_ptr(),
     };
     // SAFETY: the table has a row for each pair and `width` columns; `check` has seen that every pair points to a whole
     // row inside `input` and inside `sums`, and `weights` has `cin / 2` rows of `width`.
-    unsafe { cover(simd, pairs.len(), width, &tile) }
+    unsafe { cover(simd, listed.pairs.len(), width, &tile) }
 }
 
 struct Convolve<'a> {

@@ -1,12 +1,11 @@
 //! The forward inner loop: a tile of sums (rows x output channels) held in registers.
 
 use super::{
-    Pair, Simd,
+    LINE, Listed, Pair, Simd,
     cover::{Tile, cover},
-    pair::check,
 };
 
-/// `sums[pair.row] += input[pair.input] * weights`, for each pair.
+/// `sums[pair.row] += input[pair.input] * weights`, for each listed pair.
 ///
 /// `input`: rows of `cin`. `weights`: `[cin][width]`. `sums`: rows of `width`. No two pairs
 /// of a call have the same row.
@@ -15,24 +14,25 @@ pub(crate) fn convolve_tiles<S: Simd>(
     simd: S,
     input: &[f32],
     cin: usize,
-    pairs: &[Pair],
+    listed: Listed,
     weights: &[f32],
     width: usize,
     sums: &mut [f32],
 ) {
-    check(pairs, input.len() / cin, sums.len() / width, width);
+    assert!(width.is_multiple_of(LINE), "rows of {width}");
+    listed.check(input.len() / cin, sums.len() / width);
     assert_eq!(weights.len(), cin * width);
     let tile = Convolve {
         input: input.as_ptr(),
         cin,
-        pairs,
+        pairs: listed.pairs,
         weights: weights.as_ptr(),
         width,
         sums: sums.as_mut_ptr(),
     };
     // SAFETY: the table has a row for each pair and `width` columns; `check` has seen that every pair points to a whole
     // row inside `input` and inside `sums`, and `weights` has `cin` rows of `width`.
-    unsafe { cover(simd, pairs.len(), width, &tile) }
+    unsafe { cover(simd, listed.pairs.len(), width, &tile) }
 }
 
 struct Convolve<'a> {

@@ -1,9 +1,8 @@
 //! The inner loop of the weight gradient: a tile of sums (input x output channels) held in registers.
 
 use super::{
-    Pair, Simd,
+    LINE, Listed, Pair, Simd,
     cover::{Tile, cover},
-    pair::check,
 };
 
 /// `gradient[i] += input[pair.input][i] * output_gradient[pair.row]`, summed over the pairs, for each input channel `i`.
@@ -15,23 +14,19 @@ pub(crate) fn gradient_tiles<S: Simd>(
     simd: S,
     input: &[f32],
     cin: usize,
-    pairs: &[Pair],
+    listed: Listed,
     output_gradient: &[f32],
     width: usize,
     gradient: &mut [f32],
     stride: usize,
 ) {
-    check(
-        pairs,
-        input.len() / cin,
-        output_gradient.len() / width,
-        width,
-    );
+    assert!(width.is_multiple_of(LINE), "rows of {width}");
+    listed.check(input.len() / cin, output_gradient.len() / width);
     assert!(width <= stride && gradient.len() >= (cin - 1) * stride + width);
     let tile = Gradient {
         input: input.as_ptr(),
         cin,
-        pairs,
+        pairs: listed.pairs,
         output_gradient: output_gradient.as_ptr(),
         width,
         gradient: gradient.as_mut_ptr(),

@@ -25,7 +25,8 @@ impl Level {
         // The standard library caches the answers of the processor.
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            return Level(match is_x86_feature_detected!("avx512f") {
+            let avx512 = is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("popcnt");
+            return Level(match avx512 {
                 true if is_x86_feature_detected!("avx512bf16") => Kind::Avx512Bf16,
                 true => Kind::Avx512,
                 false => Kind::Avx2,

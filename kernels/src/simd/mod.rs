@@ -17,6 +17,9 @@ mod convolve_f32;
 mod cover;
 mod gradient_f32;
 mod level;
+mod list;
+#[cfg(target_arch = "x86_64")]
+mod list_avx512;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod pair;
@@ -28,8 +31,9 @@ pub(crate) use convolve_bf16::convolve_tiles_bf16;
 pub(crate) use convolve_f32::convolve_tiles;
 pub(crate) use gradient_f32::gradient_tiles;
 pub use level::Level;
-pub(crate) use pair::Pair;
-pub use peak::spin;
+pub(crate) use list::{BLOCK, Listed, Lists};
+use pair::Pair;
+pub use peak::{spin, spin_bf16};
 
 /// Vector registers of f32. A value of the implementing type is the proof that the processor has them.
 pub(crate) trait Simd: Copy {
@@ -71,6 +75,13 @@ pub(crate) trait Simd: Copy {
     /// # Safety
     /// `to` is valid for writes of `LANES` f32; no alignment is needed.
     unsafe fn store(self, to: *mut f32, value: Self::Vector);
+
+    /// Lists the rows of `index` (rows of `taps`) that are present at each of the taps from `first` on, as many as
+    /// `lists` holds.
+    #[inline(always)]
+    fn list(self, index: &[u32], taps: usize, first: usize, lists: &mut Lists) {
+        lists.list_plain(index, taps, first);
+    }
 }
 
 /// Work that [`Level::run`] compiles for each kind of register.

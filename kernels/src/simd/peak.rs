@@ -11,7 +11,16 @@ pub fn spin(level: Level, steps: usize) -> (f64, f32) {
     level.run(Spin { steps })
 }
 
+/// As [`spin`], with products of bf16.
+pub fn spin_bf16(level: Level, steps: usize) -> (f64, f32) {
+    level.run(SpinBf16 { steps })
+}
+
 struct Spin {
+    steps: usize,
+}
+
+struct SpinBf16 {
     steps: usize,
 }
 
@@ -41,5 +50,36 @@ impl Kernel for Spin {
             };
         }
         ((self.steps * SUMS * S::LANES * 2) as f64, values[0])
+    }
+}
+
+impl Kernel for SpinBf16 {
+    type Output = (f64, f32);
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> (f64, f32) {
+        let mut sums = [simd.splat(1.0); SUMS];
+        // 0.5 and 0.25 in both halves.
+        let (a, b) = (
+            simd.splat_pair(std::hint::black_box(0x3f00_3f00)),
+            simd.splat_pair(std::hint::black_box(0x3e80_3e80)),
+        );
+        for _ in 0..self.steps {
+            for sum in &mut sums {
+                *sum = simd.dot(a, b, *sum);
+            }
+        }
+        let mut values = [0.0; 16];
+        let one = simd.splat(1.0);
+        for sum in sums {
+            // SAFETY: a register has at most 16 lanes, `values` has 16.
+            unsafe {
+                simd.store(
+                    values.as_mut_ptr(),
+                    simd.fma(sum, one, simd.load(values.as_ptr())),
+                )
+            };
+        }
+        ((self.steps * SUMS * S::LANES * 4) as f64, values[0])
     }
 }

@@ -1,0 +1,215 @@
+//! The rows of a block that have an input row, tap by tap.
+
+use std::mem::MaybeUninit;
+
+use super::{Pair, Simd};
+use crate::ABSENT;
+
+/// Rows of a block: its sums (at most 64 channels) fill three quarters of a first-level cache of 32 KiB. A multiple of
+/// all tile heights (6, 8, 12), so that a block without absent rows is covered by tall tiles.
+pub(crate) const BLOCK: usize = 96;
+
+/// Taps that are listed at once: as many as a register of AVX-512 holds.
+pub(super) const GROUP: usize = 16;
+
+/// A register of pairs is written whole, and kept as far as it counts.
+const SLACK: usize = 8;
+
+/// The pairs of one block, for [`GROUP`] taps at a time.
+pub(crate) struct Lists {
+    pairs: [[MaybeUninit<Pair>; BLOCK + SLACK]; GROUP],
+    /// Pairs at each tap of the group; so many are initialised.
+    counts: [usize; GROUP],
+    /// Every listed input row is below this.
+    inputs: usize,
+    /// Every listed row of the block is below this; at most [`BLOCK`].
+    rows: usize,
+    /// First tap of the group that is listed.
+    held: Option<usize>,
+}
+
+/// The pairs of one tap, and what they stay below.
+#[derive(Clone, Copy)]
+pub(crate) struct Listed<'a> {
+    pub(super) pairs: &'a [Pair],
+    pub(super) inputs: usize,
+    pub(super) rows: usize,
+}
+
+impl Lists {
+    /// Of no block yet.
+    #[inline(always)]
+    pub(crate) fn new() -> Lists {
+        Lists {
+            pairs: [[const { MaybeUninit::uninit() }; BLOCK + SLACK]; GROUP],
+            counts: [0; GROUP],
+            inputs: 0,
+            rows: 0,
+            held: None,
+        }
+    }
+
+    /// Turns to another block.
+    #[inline(always)]
+    pub(crate) fn forget(&mut self) {
+        self.held = None;
+    }
+
+    /// The rows present at `tap`, ascending. `index`: the block's rows (at most [`BLOCK`]) of `taps`, the same at every
+    /// call until [`Lists::forget`].
+    #[inline(always)]
+    pub(crate) fn at_tap<S: Simd>(
+        &mut self,
+        simd: S,
+        index: &[u32],
+        taps: usize,
+        tap: usize,
+    ) -> Listed<'_> {
+        let first = tap / GROUP * GROUP;
+        if self.held != Some(first) {
+            assert!(
+                tap < taps && index.len() <= BLOCK * taps,
+                "{} entries, tap {tap} of {taps}",
+                index.len()
+            );
+            self.rows = index.len() / taps;
+            simd.list(index, taps, first, self);
+            self.held = Some(first);
+        }
+        let tap = tap - first;
+        // SAFETY: the first `counts[tap]` pairs of a tap have been written.
+        let pairs = unsafe {
+            std::slice::from_raw_parts(self.pairs[tap].as_ptr().cast(), self.counts[tap])
+        };
+        Listed {
+            pairs,
+            inputs: self.inputs,
+            rows: self.rows,
+        }
+    }
+
+    /// What [`Simd::list`] does, on any processor.
+    #[inline(always)]
+    pub(super) fn list_plain(&mut self, index: &[u32], taps: usize, first: usize) {
+        // ABSENT + 1 is 0.
+        let mut inputs = 0;
+        for (tap, (pairs, counted)) in
+            (first..taps).zip(self.pairs.iter_mut().zip(&mut self.counts))
+        {
+            let mut count = 0;
+            for (row, row_index) in index.chunks_exact(taps).enumerate() {
+                let input = row_index[tap];
+                inputs = input.wrapping_add(1).max(inputs);
+                // Always written, kept when present: no branch to mispredict.
+                pairs[count].write(Pair {
+                    input,
+                    row: row as u32,
+                });
+                count += usize::from(input != ABSENT);
+            }
+            *counted = count;
+        }
+        self.inputs = inputs as usize;
+    }
+
+    /// Where the pairs of a tap are written, each tap with room for [`BLOCK`] and a register more.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(super) fn begin(&mut self, tap: usize) -> *mut Pair {
+        self.pairs[tap].as_mut_ptr().cast()
+    }
+
+    /// Says what [`Simd::list`] found.
+    ///
+    /// # Safety
+    /// At each tap so many pairs have been written since `begin`, their input rows below `inputs` and their rows among
+    /// the block's.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(super) unsafe fn end(&mut self, counts: [usize; GROUP], inputs: usize) {
+        (self.counts, self.inputs) = (counts, inputs);
+    }
+}
+
+impl Listed<'_> {
+    /// Panics when a pair names a row that is not there.
+    #[inline(always)]
+    pub(super) fn check(&self, inputs: usize, rows: usize) {
+        assert!(
+            self.inputs <= inputs && self.rows <= rows,
+            "input row {} of {inputs}, row {} of {rows}",
+            self.inputs.wrapping_sub(1),
+            self.rows.wrapping_sub(1)
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::{Kernel, Level};
+
+    struct List<'a> {
+        index: &'a [u32],
+        taps: usize,
+    }
+
+    impl Kernel for List<'_> {
+        type Output = Vec<Vec<(u32, u32)>>;
+
+        #[inline(always)]
+        fn run<S: Simd>(self, simd: S) -> Self::Output {
+            let mut lists = Lists::new();
+            (0..self.taps)
+                .map(|tap| {
+                    let listed = lists.at_tap(simd, self.index, self.taps, tap);
+                    listed.check(700, self.index.len() / self.taps);
+                    listed
+                        .pairs
+                        .iter()
+                        .map(|pair| (pair.input, pair.row))
+                        .collect()
+                })
+                .collect()
+        }
+    }
+
+    #[test]
+    fn every_level_lists_the_present_rows_in_order() {
+        let mut state = 1_u64;
+        let mut random = |bound: u64| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 33) % bound
+        };
+        for taps in [1, 2, 3, 9, 15, 16, 17, 27, 32, 40] {
+            for rows in [0, 1, 15, 16, 17, 50, 95, 96] {
+                for absent_percent in [0, 40, 95, 100] {
+                    let index: Vec<u32> = (0..rows * taps)
+                        .map(|_| match random(100) < absent_percent {
+                            true => ABSENT,
+                            false => random(700) as u32,
+                        })
+                        .collect();
+                    let expected: Vec<Vec<(u32, u32)>> = (0..taps)
+                        .map(|tap| {
+                            let entry = |row: usize| (index[row * taps + tap], row as u32);
+                            (0..rows)
+                                .map(entry)
+                                .filter(|pair| pair.0 != ABSENT)
+                                .collect()
+                        })
+                        .collect();
+                    for level in Level::all() {
+                        let found = level.run(List {
+                            index: &index,
+                            taps,
+                        });
+                        assert_eq!(found, expected, "{}, {rows} x {taps}", level.name());
+                    }
+                }
+            }
+        }
+    }
+}
