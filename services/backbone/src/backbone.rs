@@ -1,13 +1,12 @@
 //! Points to feature rows: the stage as one function.
 
+use mluc_kernels::Bf16;
 use mluc_model::{Manifest, ModelError, WeightSet};
 
-use crate::bev;
-use crate::cells::CellSet;
-use crate::features::Features;
-use crate::plane::{Coverage, PlaneLayer};
-use crate::sparse::SparsePart;
-use crate::trace::{Level, Observer, Place};
+use crate::layers::Layers;
+use crate::plane::Coverage;
+use crate::precision::Precision;
+use crate::trace::{Observer, Steps, Watch};
 use crate::voxelize::PointCounts;
 
 /// Why the backbone cannot run.
@@ -26,6 +25,20 @@ pub enum BackboneError {
         /// Length of the slice.
         found: usize,
     },
+    /// Not the name of a precision.
+    #[error("precision: f32 or bf16 expected, found `{found}`")]
+    Precision {
+        /// The name.
+        found: String,
+    },
+    /// A layer that bf16 cannot compute.
+    #[error(
+        "precision bf16: an even number of input channels expected in every layer, found {found}; run it in f32"
+    )]
+    OddChannels {
+        /// Input channels of the layer.
+        found: usize,
+    },
 }
 
 /// What a frame gave.
@@ -42,75 +55,79 @@ pub struct Frame {
 /// [`Backbone::run`] computes a frame and says how many rows it has; [`Backbone::write_rows`] computes the last layers
 /// straight into the caller's memory. The same bits with any number of threads of rayon's ambient pool.
 #[derive(Clone, Debug)]
-pub struct Backbone {
-    sparse: SparsePart,
-    /// The bird's-eye map; zero outside `occupied`.
-    map: Vec<f32>,
-    map_channels: usize,
-    occupied: CellSet,
-    block1: Vec<PlaneLayer>,
-    block2: Vec<PlaneLayer>,
-    features: Features,
-    feature_channels: usize,
+pub struct Backbone(Engine);
+
+#[derive(Clone, Debug)]
+enum Engine {
+    F32(Box<Layers<f32>>),
+    Bf16(Box<Layers<Bf16>>),
+}
+
+/// The same expression on the layers of either precision.
+macro_rules! on_layers {
+    ($backbone:expr, $layers:ident => $value:expr) => {
+        match $backbone {
+            Engine::F32($layers) => $value,
+            Engine::Bf16($layers) => $value,
+        }
+    };
 }
 
 impl Backbone {
-    /// Checks the model, packs its weights and computes its response to an empty scene.
+    /// Checks the model, packs its weights and computes its response to an empty scene; in f32.
     pub fn new(manifest: &Manifest, weights: &WeightSet) -> Result<Backbone, BackboneError> {
+        Backbone::with_precision(manifest, weights, Precision::F32)
+    }
+
+    /// [`Backbone::new`] in another precision.
+    pub fn with_precision(
+        manifest: &Manifest,
+        weights: &WeightSet,
+        precision: Precision,
+    ) -> Result<Backbone, BackboneError> {
         manifest.validate()?;
         weights.check(&manifest.network)?;
-        let network = &manifest.network;
-        let shape = network.map_shape();
-        let block = |layers: &[mluc_model::DenseLayer], mut shape: [usize; 2]| {
-            let layers = layers.iter().map(|layer| {
-                let built = PlaneLayer::new(layer, shape, weights)?;
-                shape = built.active().shape();
-                Ok(built)
-            });
-            layers.collect::<Result<Vec<_>, ModelError>>()
-        };
-        let mut backbone = Backbone {
-            sparse: SparsePart::new(manifest, weights)?,
-            map: vec![0.0; shape[0] * shape[1] * network.map_channels()],
-            map_channels: network.map_channels(),
-            occupied: CellSet::new(shape),
-            block1: block(&network.block1, shape)?,
-            block2: block(&network.block2, shape)?,
-            features: Features::new(network, weights)?,
-            feature_channels: network.feature_channels(),
-        };
-        backbone
-            .block1
-            .iter_mut()
-            .take(1)
-            .for_each(PlaneLayer::reads_sparse_map);
-        backbone.run_observed(&[], Coverage::Everywhere, &mut |_| ());
-        backbone
-            .block1
-            .iter_mut()
-            .chain(&mut backbone.block2)
-            .for_each(PlaneLayer::store_empty);
-        Ok(backbone)
+        Ok(Backbone(match precision {
+            Precision::F32 => Engine::F32(Box::new(Layers::new(manifest, weights)?)),
+            Precision::Bf16 => Engine::Bf16(Box::new(Layers::new(manifest, weights)?)),
+        }))
+    }
+
+    /// What the layers multiply in.
+    pub fn precision(&self) -> Precision {
+        match self.0 {
+            Engine::F32(_) => Precision::F32,
+            Engine::Bf16(_) => Precision::Bf16,
+        }
     }
 
     /// Rows (y) and columns (x) of the bird's-eye map.
     pub fn map_shape(&self) -> [usize; 2] {
-        self.occupied.shape()
+        on_layers!(&self.0, layers => layers.map_shape())
     }
 
     /// Channels of a feature row.
     pub fn feature_channels(&self) -> usize {
-        self.feature_channels
+        on_layers!(&self.0, layers => layers.feature_channels())
     }
 
     /// Feature rows of the last frame.
     pub fn rows(&self) -> usize {
-        self.features.cells().len()
+        self.cells().len()
+    }
+
+    fn cells(&self) -> &[u32] {
+        on_layers!(&self.0, layers => layers.cells())
     }
 
     /// Computes a frame. `points`: x, y, z in m in the sensor frame, intensity 0..1, in the sensor's order.
     pub fn run(&mut self, points: &[[f32; 4]]) -> Frame {
-        self.run_observed(points, Coverage::Active, &mut |_| ())
+        self.watched(points, Coverage::Active, Watch::Nobody)
+    }
+
+    /// [`Backbone::run`] that says when each step is done, for measurements.
+    pub fn run_in_steps(&mut self, points: &[[f32; 4]], steps: Steps) -> Frame {
+        self.watched(points, Coverage::Active, Watch::Steps(steps))
     }
 
     /// [`Backbone::run`] that shows every level and may compute all cells.
@@ -120,35 +137,20 @@ impl Backbone {
         coverage: Coverage,
         observe: Observer,
     ) -> Frame {
-        let points = self.sparse.run(points, observe);
-        self.fold_height();
-        observe(self.map_level());
-        let (mut values, mut active) = (&self.map[..], &self.occupied);
-        for layer in self.block1.iter_mut().chain(&mut self.block2) {
-            layer.run(values, active, coverage);
-            (values, active) = (layer.values(), layer.active());
-            let place = Place::Map(active.shape());
-            observe(Level {
-                name: &layer.name,
-                place,
-                channels: layer.channels(),
-                values,
-            });
-        }
-        self.features.place(active);
-        Frame {
-            points,
-            rows: self.rows(),
-        }
+        self.watched(points, coverage, Watch::Levels(observe, vec![]))
+    }
+
+    fn watched(&mut self, points: &[[f32; 4]], coverage: Coverage, mut watch: Watch) -> Frame {
+        on_layers!(&mut self.0, layers => layers.run(points, coverage, &mut watch))
     }
 
     /// Writes the last frame's rows: `cells` (row * columns + column of the map, ascending; one a row) and `rows`
     /// ([`Backbone::feature_channels`] values a cell). A cell without a row equals the response to an empty scene.
     pub fn write_rows(&self, cells: &mut [u32], rows: &mut [f32]) -> Result<(), BackboneError> {
-        let found = self.features.cells();
+        let found = self.cells();
         for (what, expected, given) in [
             ("cells", found.len(), cells.len()),
-            ("values", found.len() * self.feature_channels, rows.len()),
+            ("values", found.len() * self.feature_channels(), rows.len()),
         ] {
             if expected != given {
                 return Err(BackboneError::Room {
@@ -159,52 +161,18 @@ impl Backbone {
             }
         }
         cells.copy_from_slice(found);
-        // A checked network has layers in both blocks.
-        if let (Some(block1), Some(block2)) = (self.block1.last(), self.block2.last()) {
-            self.features.write(block1, block2, rows);
-        }
+        on_layers!(&self.0, layers => layers.write(rows));
         Ok(())
     }
 
     /// The response to an empty scene: one feature row for every cell of the map, in order.
     pub fn empty_rows(&mut self) -> Result<Vec<f32>, BackboneError> {
-        let frame = self.run_observed(&[], Coverage::Everywhere, &mut |_| ());
+        let frame = self.watched(&[], Coverage::Everywhere, Watch::Nobody);
         let (mut cells, mut rows) = (
             vec![0; frame.rows],
-            vec![0.0; frame.rows * self.feature_channels],
+            vec![0.0; frame.rows * self.feature_channels()],
         );
         self.write_rows(&mut cells, &mut rows)?;
         Ok(rows)
-    }
-
-    /// The sparse part's last sites become the bird's-eye map.
-    fn fold_height(&mut self) {
-        let channels = self.map_channels;
-        for cell in self.occupied.list() {
-            self.map[*cell as usize * channels..][..channels].fill(0.0);
-        }
-        let sites = self.sparse.sites();
-        self.occupied.assign(
-            sites
-                .coordinates()
-                .iter()
-                .map(|[_, y, x]| [usize::from(*y), usize::from(*x)]),
-        );
-        bev::scatter(
-            sites,
-            self.sparse.rows(),
-            channels / sites.shape()[0],
-            &mut self.map,
-        );
-    }
-
-    fn map_level(&self) -> Level<'_> {
-        let place = Place::Map(self.occupied.shape());
-        Level {
-            name: "bev",
-            place,
-            channels: self.map_channels,
-            values: &self.map,
-        }
     }
 }

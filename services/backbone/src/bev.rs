@@ -6,7 +6,7 @@
 use crate::sites::Sites;
 
 /// Writes each site's row into its cell of `map` (`height * width` rows of `channels * depth`); the rest stays as it is.
-pub fn scatter(sites: &Sites, rows: &[f32], channels: usize, map: &mut [f32]) {
+pub fn scatter<T: Copy>(sites: &Sites, rows: &[T], channels: usize, map: &mut [T]) {
     let [depth, _, width] = sites.shape();
     for (site, row) in sites.coordinates().iter().zip(rows.chunks_exact(channels)) {
         let [z, y, x] = site.map(usize::from);

@@ -21,7 +21,8 @@ impl CellSet {
             words_per_row,
             words,
             list: Vec::with_capacity(shape[0] * shape[1]),
-            scratch: Vec::new(),
+            // An input map is at most twice as wide.
+            scratch: Vec::with_capacity(2 * words_per_row),
         }
     }
 

@@ -1,52 +1,56 @@
 //! One convolution with its folded batch norm and ReLU.
 
-use mluc_kernels::{Epilogue, Gather, Weights, convolve};
+use mluc_kernels::{Element, Epilogue, Gather};
 use mluc_model::Folded;
 
-/// Packed weights and bias.
+use crate::backbone::BackboneError;
+use crate::precision::Value;
+
+/// Packed weights and bias of a layer that reads rows of `V`.
 #[derive(Clone, Debug)]
-pub(crate) struct Convolution {
-    weights: Weights,
+pub(crate) struct Convolution<V: Value> {
+    weights: V::Weights,
     bias: Vec<f32>,
 }
 
-impl Convolution {
+impl<V: Value> Convolution<V> {
     /// All taps of a layer.
-    pub(crate) fn new(layer: &Folded) -> Convolution {
-        let weights = Weights::pack(layer.taps, layer.cin, layer.cout, &layer.weights);
-        Convolution {
-            weights,
+    pub(crate) fn new(layer: &Folded) -> Result<Convolution<V>, BackboneError> {
+        Ok(Convolution {
+            weights: V::pack(layer.taps, layer.cin, layer.cout, &layer.weights)?,
             bias: layer.bias.clone(),
-        }
+        })
     }
 
     /// One convolution a tap: a transposed layer, whose taps write different outputs.
-    pub(crate) fn by_tap(layer: &Folded) -> Vec<Convolution> {
+    pub(crate) fn by_tap(layer: &Folded) -> Result<Vec<Convolution<V>>, BackboneError> {
         let taps = layer.weights.chunks_exact(layer.cin * layer.cout);
-        taps.map(|tap| Convolution {
-            weights: Weights::pack(1, layer.cin, layer.cout, tap),
-            bias: layer.bias.clone(),
+        taps.map(|tap| {
+            Ok(Convolution {
+                weights: V::pack(1, layer.cin, layer.cout, tap)?,
+                bias: layer.bias.clone(),
+            })
         })
         .collect()
     }
 
     /// Channels of an output row.
     pub(crate) fn cout(&self) -> usize {
-        self.weights.cout
+        self.bias.len()
     }
 
     /// Rows in, rows out; `output_rows` says where each goes (none: in order).
-    pub(crate) fn run(
+    pub(crate) fn run<O: Element>(
         &self,
-        input: &[f32],
+        input: &[V],
         gather: &Gather,
         output_rows: Option<&[u32]>,
-        output: &mut [f32],
+        output: &mut [O],
     ) {
         let epilogue = Epilogue {
             bias: Some(&self.bias),
             relu: true,
         };
-        convolve(input, gather, &self.weights, epilogue, output_rows, output);
+        V::convolve(input, gather, &self.weights, epilogue, output_rows, output);
     }
 }

@@ -4,18 +4,20 @@
 //! empty scene; block2's first layer reads every cell of block1 that can, so these are all.
 
 use mluc_kernels::Gather;
-use mluc_model::{Folded, ModelError, Network, WeightSet};
+use mluc_model::{Folded, Network, WeightSet};
 
+use crate::backbone::BackboneError;
 use crate::cells::CellSet;
 use crate::convolution::Convolution;
 use crate::plane::PlaneLayer;
+use crate::precision::Value;
 
 /// The two transposed layers, and which rows the present frame has.
 #[derive(Clone, Debug)]
-pub(crate) struct Features {
-    up1: Convolution,
+pub(crate) struct Features<V: Value> {
+    up1: Convolution<V>,
     /// One a position within a 2x2 patch.
-    up2: Vec<Convolution>,
+    up2: Vec<Convolution<V>>,
     cells: CellSet,
     /// Reads the cells of block1's map.
     gather1: Gather,
@@ -27,14 +29,17 @@ pub(crate) struct Features {
     rows2: [Vec<u32>; 4],
 }
 
-impl Features {
-    pub(crate) fn new(network: &Network, weights: &WeightSet) -> Result<Features, ModelError> {
+impl<V: Value> Features<V> {
+    pub(crate) fn new(
+        network: &Network,
+        weights: &WeightSet,
+    ) -> Result<Features<V>, BackboneError> {
         let shape = network.map_shape();
         let [rows, columns] = shape;
         let (all, quarter) = (rows * columns, rows * columns / 4);
         Ok(Features {
-            up1: Convolution::new(&Folded::up(weights, &network.up1)?),
-            up2: Convolution::by_tap(&Folded::up(weights, &network.up2)?),
+            up1: Convolution::new(&Folded::up(weights, &network.up1)?)?,
+            up2: Convolution::by_tap(&Folded::up(weights, &network.up2)?)?,
             cells: CellSet::new(shape),
             gather1: Gather {
                 taps: 1,
@@ -73,7 +78,7 @@ impl Features {
     }
 
     /// Computes the rows into `rows`, one for each of [`Features::cells`].
-    pub(crate) fn write(&self, block1: &PlaneLayer, block2: &PlaneLayer, rows: &mut [f32]) {
+    pub(crate) fn write(&self, block1: &PlaneLayer<V>, block2: &PlaneLayer<V>, rows: &mut [f32]) {
         self.up1
             .run(block1.values(), &self.gather1, Some(&self.rows1), rows);
         for (up2, to) in self.up2.iter().zip(&self.rows2) {

@@ -8,7 +8,9 @@ pub mod bev;
 mod cells;
 mod convolution;
 mod features;
+mod layers;
 mod plane;
+mod precision;
 mod rulebook;
 mod rulebooks;
 mod sites;
@@ -20,10 +22,11 @@ mod voxelize;
 
 pub use backbone::{Backbone, BackboneError, Frame};
 pub use plane::Coverage;
+pub use precision::Precision;
 pub use rulebook::{gather, output_sites, rulebook};
 pub use rulebooks::Rulebooks;
 pub use sites::Sites;
-pub use trace::{Level, Observer, Place};
+pub use trace::{Level, Observer, Place, Step, Steps};
 pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
 
 // Whatever a checked model gives fits the contract.

@@ -5,11 +5,13 @@
 //! layer computed; neighbours outside read the stored response. The result equals the dense one.
 
 use mluc_kernels::{ABSENT, Gather};
-use mluc_model::{DenseLayer, Folded, ModelError, WeightSet};
+use mluc_model::{DenseLayer, Folded, WeightSet};
 use rayon::prelude::*;
 
+use crate::backbone::BackboneError;
 use crate::cells::CellSet;
 use crate::convolution::Convolution;
+use crate::precision::Value;
 
 /// Which cells of the bird's-eye layers are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,32 +27,32 @@ const CELLS_A_TASK: usize = 2048;
 
 /// One layer with its output map.
 #[derive(Clone, Debug)]
-pub(crate) struct PlaneLayer {
+pub(crate) struct PlaneLayer<V: Value> {
     pub(crate) name: String,
-    convolution: Convolution,
+    convolution: Convolution<V>,
     stride: usize,
     input_shape: [usize; 2],
     /// Cells of the input that are not active are zero: their taps need not be computed.
     input_zero_elsewhere: bool,
     /// One row a cell; rows outside `active` hold the empty scene's.
-    values: Vec<f32>,
-    empty: Vec<f32>,
+    values: Vec<V>,
+    empty: Vec<V>,
     active: CellSet,
     previous: CellSet,
     gather: Gather,
 }
 
-impl PlaneLayer {
+impl<V: Value> PlaneLayer<V> {
     pub(crate) fn new(
         layer: &DenseLayer,
         input_shape: [usize; 2],
         weights: &WeightSet,
-    ) -> Result<PlaneLayer, ModelError> {
+    ) -> Result<PlaneLayer<V>, BackboneError> {
         let shape = input_shape.map(|edge| edge.div_ceil(layer.stride));
-        let values = vec![0.0; shape[0] * shape[1] * layer.cout];
+        let values = vec![V::default(); shape[0] * shape[1] * layer.cout];
         Ok(PlaneLayer {
             name: layer.name.clone(),
-            convolution: Convolution::new(&Folded::dense(weights, layer)?),
+            convolution: Convolution::new(&Folded::dense(weights, layer)?)?,
             stride: layer.stride,
             input_shape,
             input_zero_elsewhere: false,
@@ -71,7 +73,7 @@ impl PlaneLayer {
     }
 
     /// Computes this layer from the map before it, of which `input_active` cells may differ from the empty scene.
-    pub(crate) fn run(&mut self, input: &[f32], input_active: &CellSet, coverage: Coverage) {
+    pub(crate) fn run(&mut self, input: &[V], input_active: &CellSet, coverage: Coverage) {
         std::mem::swap(&mut self.active, &mut self.previous);
         match coverage {
             Coverage::Active => self.active.assign_readers(input_active, self.stride),
@@ -104,8 +106,12 @@ impl PlaneLayer {
     }
 
     /// One row a cell of the whole map.
-    pub(crate) fn values(&self) -> &[f32] {
+    pub(crate) fn values(&self) -> &[V] {
         &self.values
+    }
+    /// Which cells of the input the last run read.
+    pub(crate) fn gather(&self) -> &Gather {
+        &self.gather
     }
     /// Of a row.
     pub(crate) fn channels(&self) -> usize {

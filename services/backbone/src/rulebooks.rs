@@ -21,7 +21,7 @@ pub struct Rulebooks {
 }
 
 impl Rulebooks {
-    /// Memory for `network`.
+    /// Memory for `network` and any scan: pages that no scan has needed yet are reserved, not touched.
     pub fn new(network: &Network) -> Rulebooks {
         let mut books = Rulebooks {
             resolutions: vec![],
@@ -29,6 +29,7 @@ impl Rulebooks {
             layers: vec![],
             sources: vec![],
         };
+        let sites_max = sites_max(network);
         let mut resolution = 0;
         for (number, layer) in network.sparse.iter().enumerate() {
             let known = books.sources.iter().position(|&(source, at)| {
@@ -40,14 +41,17 @@ impl Rulebooks {
             });
             let gather = known.unwrap_or_else(|| {
                 books.sources.push((number, resolution));
-                books.gathers.push(Gather::default());
+                books.gathers.push(Gather {
+                    taps: layer.taps(),
+                    index: Vec::with_capacity(sites_max[number + 1] * layer.taps()),
+                });
                 books.gathers.len() - 1
             });
             if !layer.submanifold {
                 let input = network.sparse_shapes()[number];
-                books
-                    .resolutions
-                    .push(Sites::new(layer.output_shape(input)));
+                let mut sites = Sites::new(layer.output_shape(input));
+                sites.reserve(sites_max[number + 1]);
+                books.resolutions.push(sites);
                 resolution += 1;
             }
             books.layers.push((gather, resolution));
@@ -83,6 +87,23 @@ impl Rulebooks {
             resolution => &self.resolutions[resolution - 1],
         }
     }
+}
+
+/// Most sites before the first layer and after each: a strided layer turns a site into at most so many as the windows
+/// that hold it, and no level has more than its grid.
+pub(crate) fn sites_max(network: &Network) -> Vec<usize> {
+    let shapes = network.sparse_shapes();
+    let cells = |shape: &[usize; 3]| shape.iter().product::<usize>();
+    let mut most = vec![cells(&shapes[0]).min(network.grid.voxels_max as usize)];
+    for (layer, shape) in network.sparse.iter().zip(&shapes[1..]) {
+        let windows = |axis: usize| layer.kernel[axis].div_ceil(layer.stride[axis]);
+        let before = most[most.len() - 1];
+        most.push(match layer.submanifold {
+            true => before,
+            false => cells(shape).min(before.saturating_mul((0..3).map(windows).product())),
+        });
+    }
+    most
 }
 
 #[cfg(test)]

@@ -44,6 +44,12 @@ impl Sites {
         }
     }
 
+    /// Makes room for `count` sites; more are no error.
+    pub fn reserve(&mut self, count: usize) {
+        self.coordinates
+            .reserve(count.saturating_sub(self.coordinates.len()));
+    }
+
     /// z, y, x edges of the grid, cells.
     pub fn shape(&self) -> [usize; 3] {
         self.shape

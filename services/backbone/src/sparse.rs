@@ -1,48 +1,64 @@
 //! The sparse 3-D part on one scan (paper section 3.1): voxels, then every layer over its rulebook.
 
-use mluc_model::{Folded, Manifest, ModelError, Network, WeightSet};
+use mluc_model::{Folded, Manifest, Network, WeightSet};
 
+use crate::backbone::BackboneError;
 use crate::convolution::Convolution;
-use crate::rulebooks::Rulebooks;
+use crate::precision::Value;
+use crate::rulebooks::{Rulebooks, sites_max};
 use crate::sites::Sites;
-use crate::trace::{Level, Observer, Place};
+use crate::trace::{Place, Watch};
 use crate::voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
 
 /// Layers and the memory of one frame.
 #[derive(Clone, Debug)]
-pub(crate) struct SparsePart {
+pub(crate) struct SparsePart<V: Value> {
     network: Network,
     uses_intensity: bool,
-    layers: Vec<Convolution>,
+    /// Reads coordinates, so in f32 whatever the others multiply in.
+    first: Convolution<f32>,
+    others: Vec<Convolution<V>>,
     voxels: Voxels,
     books: Rulebooks,
     /// Output of the last layer that ran, and of the one before.
-    rows: Vec<f32>,
-    spare: Vec<f32>,
+    rows: Vec<V>,
+    spare: Vec<V>,
 }
 
-impl SparsePart {
-    pub(crate) fn new(manifest: &Manifest, weights: &WeightSet) -> Result<SparsePart, ModelError> {
+impl<V: Value> SparsePart<V> {
+    /// Of a checked manifest, which has a sparse layer at least.
+    pub(crate) fn new(
+        manifest: &Manifest,
+        weights: &WeightSet,
+    ) -> Result<SparsePart<V>, BackboneError> {
         let network = manifest.network.clone();
-        let layers = network
-            .sparse
+        let folded = |layer| Folded::sparse(weights, layer);
+        let others = network.sparse[1..]
             .iter()
-            .map(|layer| Ok(Convolution::new(&Folded::sparse(weights, layer)?)));
+            .map(|layer| Convolution::new(&folded(layer)?));
+        let values_max = sites_max(&network)[1..]
+            .iter()
+            .zip(&network.sparse)
+            .map(|(sites, layer)| sites * layer.cout)
+            .max();
+        let room = || Vec::with_capacity(values_max.unwrap_or(0));
         Ok(SparsePart {
-            layers: layers.collect::<Result<_, ModelError>>()?,
+            first: Convolution::new(&folded(&network.sparse[0])?)?,
+            others: others.collect::<Result<_, BackboneError>>()?,
             voxels: Voxels::new(&network.grid),
             books: Rulebooks::new(&network),
             uses_intensity: manifest.uses_intensity,
+            rows: room(),
+            spare: room(),
             network,
-            rows: vec![],
-            spare: vec![],
         })
     }
 
-    pub(crate) fn run(&mut self, points: &[[f32; 4]], observe: Observer) -> PointCounts {
+    pub(crate) fn run(&mut self, points: &[[f32; 4]], watch: &mut Watch) -> PointCounts {
         let SparsePart {
             network,
-            layers,
+            first,
+            others,
             voxels,
             books,
             rows,
@@ -50,27 +66,21 @@ impl SparsePart {
             ..
         } = self;
         let counts = voxelize(points, &network.grid, self.uses_intensity, voxels);
-        rows.clone_from(&voxels.rows);
         let place = Place::Sites(&voxels.sites);
-        observe(Level {
-            name: "voxels",
-            place,
-            channels: VOXEL_CHANNELS,
-            values: rows,
-        });
+        watch.step("voxels", voxels.sites.len(), None);
+        watch.level("voxels", place, VOXEL_CHANNELS, &voxels.rows);
         books.build(network, &voxels.sites);
-        for (number, layer) in layers.iter().enumerate() {
+        watch.step("rulebooks", voxels.sites.len(), None);
+        for (number, layer) in network.sparse.iter().enumerate() {
             let sites = books.sites_after(number, &voxels.sites);
-            spare.resize(sites.len() * layer.cout(), 0.0);
-            layer.run(rows, books.gather(number), None, spare);
+            spare.resize(sites.len() * layer.cout, V::default());
+            match number {
+                0 => first.run(&voxels.rows, books.gather(0), None, spare),
+                _ => others[number - 1].run(rows, books.gather(number), None, spare),
+            }
             std::mem::swap(rows, spare);
-            let name = &network.sparse[number].name;
-            observe(Level {
-                name,
-                place: Place::Sites(sites),
-                channels: layer.cout(),
-                values: rows,
-            });
+            watch.step(&layer.name, sites.len(), Some(books.gather(number)));
+            watch.level(&layer.name, Place::Sites(sites), layer.cout, rows);
         }
         counts
     }
@@ -78,11 +88,11 @@ impl SparsePart {
     /// Sites of the last layer.
     pub(crate) fn sites(&self) -> &Sites {
         self.books
-            .sites_after(self.layers.len() - 1, &self.voxels.sites)
+            .sites_after(self.others.len(), &self.voxels.sites)
     }
 
     /// The last layer's rows.
-    pub(crate) fn rows(&self) -> &[f32] {
+    pub(crate) fn rows(&self) -> &[V] {
         &self.rows
     }
 }

@@ -1,5 +1,8 @@
 //! Looking at a frame between the layers, for tests against other implementations.
 
+use mluc_kernels::Gather;
+
+use crate::precision::Value;
 use crate::sites::Sites;
 
 /// Where the rows of a level lie.
@@ -26,3 +29,53 @@ pub struct Level<'a> {
 
 /// Called with each level of a frame, in order.
 pub type Observer<'a> = &'a mut dyn FnMut(Level);
+
+/// A part of a frame that has just been computed.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<'a> {
+    /// `voxels`, `rulebooks`, `bev`, `rows`, or the layer's name.
+    pub name: &'a str,
+    /// Sites or cells computed.
+    pub rows: usize,
+    /// What a layer read: its products are the entries that are not absent, times its channels in and out.
+    pub gather: Option<&'a Gather>,
+}
+
+/// Called after each step of a frame, in order: the caller may look at a clock.
+pub type Steps<'a> = &'a mut dyn FnMut(Step);
+
+/// Who looks on while a frame is computed.
+pub(crate) enum Watch<'a> {
+    Nobody,
+    Steps(Steps<'a>),
+    /// With room for rows that are not f32 and have to be written out.
+    Levels(Observer<'a>, Vec<f32>),
+}
+
+impl Watch<'_> {
+    /// Shows the rows of a level; whether anybody looks is decided here.
+    pub(crate) fn level<V: Value>(
+        &mut self,
+        name: &str,
+        place: Place,
+        channels: usize,
+        values: &[V],
+    ) {
+        if let Watch::Levels(observer, written_out) = self {
+            let values = V::as_f32(values, written_out);
+            observer(Level {
+                name,
+                place,
+                channels,
+                values,
+            });
+        }
+    }
+
+    /// Says that a step is done.
+    pub(crate) fn step(&mut self, name: &str, rows: usize, gather: Option<&Gather>) {
+        if let Watch::Steps(steps) = self {
+            steps(Step { name, rows, gather });
+        }
+    }
+}

@@ -1,5 +1,6 @@
 //! Points to voxels: each voxel's row is the mean of its first points (paper section 3.1; the mean encoder of SECOND).
 
+use mluc_ipc_types::POINTS_MAX;
 use mluc_model::Grid;
 
 use crate::sites::Sites;
@@ -37,13 +38,16 @@ pub struct Voxels {
 }
 
 impl Voxels {
-    /// Memory for scans on `grid`.
+    /// Memory for scans on `grid`, of as many points as the contract allows; larger ones take more on their way.
     pub fn new(grid: &Grid) -> Voxels {
+        let voxels_max = grid.voxels_max as usize;
+        let mut sites = Sites::new(grid.sparse_shape());
+        sites.reserve(voxels_max);
         Voxels {
-            sites: Sites::new(grid.sparse_shape()),
-            rows: Vec::new(),
-            placed: Vec::new(),
-            points_of_site: Vec::new(),
+            sites,
+            rows: Vec::with_capacity(voxels_max * VOXEL_CHANNELS),
+            placed: Vec::with_capacity(POINTS_MAX),
+            points_of_site: Vec::with_capacity(voxels_max),
         }
     }
 }

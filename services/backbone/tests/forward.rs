@@ -1,47 +1,13 @@
 //! The whole backbone on random scans: the active cells alone give what the dense computation gives, with any number of
 //! threads, from frame to frame in the same memory.
 
-use mluc_backbone::{Backbone, BackboneError, Coverage, Frame};
-use mluc_model::{Grid, Manifest, Network, formula_uniform, formula_weights};
+mod common;
+
+use common::{manifest, scan, written};
+use mluc_backbone::{Backbone, BackboneError, Coverage};
+use mluc_model::formula_weights;
 
 type Fallible = Result<(), Box<dyn std::error::Error>>;
-
-/// A map of 24 x 40 cells.
-fn manifest() -> Manifest {
-    let grid = Grid {
-        range_min_m: [0.0, -4.8, -3.0],
-        range_max_m: [16.0, 4.8, 1.0],
-        ..Grid::kitti_compact()
-    };
-    Manifest::untrained("small", Network::compact(grid, 3))
-}
-
-/// Blobs of points, some at the border and beyond.
-fn scan(blobs: usize, seed: &str) -> Vec<[f32; 4]> {
-    let uniform = |index: usize, low: f64, high: f64| {
-        (low + (high - low) * formula_uniform(seed, index)) as f32
-    };
-    (0..blobs * 60)
-        .map(|point| {
-            let blob = point / 60 * 1000 + 500_000;
-            [
-                uniform(blob, -0.5, 16.5) + uniform(4 * point, -0.6, 0.6),
-                uniform(blob + 1, -5.0, 5.0) + uniform(4 * point + 1, -0.6, 0.6),
-                uniform(blob + 2, -2.5, 0.5) + uniform(4 * point + 2, -0.6, 0.6),
-                uniform(4 * point + 3, 0.0, 1.0),
-            ]
-        })
-        .collect()
-}
-
-fn written(backbone: &Backbone, frame: Frame) -> Result<(Vec<u32>, Vec<f32>), BackboneError> {
-    let (mut cells, mut rows) = (
-        vec![0; frame.rows],
-        vec![f32::NAN; frame.rows * backbone.feature_channels()],
-    );
-    backbone.write_rows(&mut cells, &mut rows)?;
-    Ok((cells, rows))
-}
 
 #[test]
 fn active_cells_give_the_dense_result_and_absent_cells_the_empty_scene() -> Fallible {

@@ -93,6 +93,36 @@ struct Memory {
     suppressor: Suppressor,
 }
 
+impl Memory {
+    /// For any frame of a checked manifest: a row for each cell of the map, every anchor a candidate until the best are
+    /// picked.
+    fn new(manifest: &Manifest) -> Memory {
+        let network = &manifest.network;
+        let cells: usize = network.map_shape().iter().product();
+        let anchors = Anchors::new(manifest).per_cell();
+        let candidates = manifest.thresholds.candidates_max as usize;
+        // Each candidate lies in a row of its own at worst.
+        let closer = candidates.min(cells);
+        let gather = |rows| Gather {
+            taps: 1,
+            index: Vec::with_capacity(rows),
+        };
+        let values = |rows: usize, channels: usize| Vec::with_capacity(rows * channels);
+        let [logits, embedding, code, direction] = network.heads().map(|(_, cout)| cout);
+        Memory {
+            every_row: gather(cells),
+            logits: values(cells, logits),
+            candidates: Vec::with_capacity(cells * anchors),
+            occupied: gather(candidates),
+            embeddings: values(closer, embedding),
+            codes: values(closer, code),
+            directions: values(closer, direction),
+            boxes: Vec::with_capacity(candidates),
+            suppressor: Suppressor::new(candidates),
+        }
+    }
+}
+
 impl Head {
     /// Checks the model and packs its weights. Suppression is [`Suppression::Agnostic`].
     pub fn new(manifest: &Manifest, weights: &WeightSet) -> Result<Head, HeadError> {
@@ -118,7 +148,7 @@ impl Head {
             classes: network.classes,
             channels: network.feature_channels(),
             map_cells: network.map_shape().iter().product(),
-            frame: Memory::default(),
+            frame: Memory::new(manifest),
         })
     }
 

@@ -22,6 +22,15 @@ pub(crate) struct Suppressor {
 }
 
 impl Suppressor {
+    /// For as many boxes.
+    pub(crate) fn new(boxes: usize) -> Suppressor {
+        Suppressor {
+            order: Vec::with_capacity(boxes),
+            of_class: Vec::with_capacity(boxes),
+            kept: Vec::with_capacity(boxes),
+        }
+    }
+
     /// `boxes` best first; `class(i)` below `classes`. At most `boxes_max` stay.
     pub(crate) fn run(
         &mut self,

@@ -1,0 +1,136 @@
+//! The network up to its feature rows, in one precision.
+
+use mluc_model::{Manifest, WeightSet};
+
+use crate::backbone::{BackboneError, Frame};
+use crate::bev;
+use crate::cells::CellSet;
+use crate::features::Features;
+use crate::plane::{Coverage, PlaneLayer};
+use crate::precision::Value;
+use crate::sparse::SparsePart;
+use crate::trace::{Place, Watch};
+
+/// All layers, with all memory of a frame; `V` is what the rows between them hold.
+#[derive(Clone, Debug)]
+pub(crate) struct Layers<V: Value> {
+    sparse: SparsePart<V>,
+    /// The bird's-eye map; zero outside `occupied`.
+    map: Vec<V>,
+    map_channels: usize,
+    occupied: CellSet,
+    block1: Vec<PlaneLayer<V>>,
+    block2: Vec<PlaneLayer<V>>,
+    features: Features<V>,
+    feature_channels: usize,
+}
+
+impl<V: Value> Layers<V> {
+    /// Of a checked model.
+    pub(crate) fn new(
+        manifest: &Manifest,
+        weights: &WeightSet,
+    ) -> Result<Layers<V>, BackboneError> {
+        let network = &manifest.network;
+        let shape = network.map_shape();
+        let block = |layers: &[mluc_model::DenseLayer], mut shape: [usize; 2]| {
+            let layers = layers.iter().map(|layer| {
+                let built = PlaneLayer::new(layer, shape, weights)?;
+                shape = built.active().shape();
+                Ok(built)
+            });
+            layers.collect::<Result<Vec<_>, BackboneError>>()
+        };
+        let mut layers = Layers {
+            sparse: SparsePart::new(manifest, weights)?,
+            map: vec![V::default(); shape[0] * shape[1] * network.map_channels()],
+            map_channels: network.map_channels(),
+            occupied: CellSet::new(shape),
+            block1: block(&network.block1, shape)?,
+            block2: block(&network.block2, shape)?,
+            features: Features::new(network, weights)?,
+            feature_channels: network.feature_channels(),
+        };
+        layers
+            .block1
+            .iter_mut()
+            .take(1)
+            .for_each(PlaneLayer::reads_sparse_map);
+        layers.run(&[], Coverage::Everywhere, &mut Watch::Nobody);
+        layers
+            .block1
+            .iter_mut()
+            .chain(&mut layers.block2)
+            .for_each(PlaneLayer::store_empty);
+        Ok(layers)
+    }
+
+    pub(crate) fn map_shape(&self) -> [usize; 2] {
+        self.occupied.shape()
+    }
+
+    pub(crate) fn feature_channels(&self) -> usize {
+        self.feature_channels
+    }
+
+    /// Cells of the last frame's feature rows, ascending.
+    pub(crate) fn cells(&self) -> &[u32] {
+        self.features.cells()
+    }
+
+    pub(crate) fn run(
+        &mut self,
+        points: &[[f32; 4]],
+        coverage: Coverage,
+        watch: &mut Watch,
+    ) -> Frame {
+        let points = self.sparse.run(points, watch);
+        self.fold_height();
+        let place = Place::Map(self.map_shape());
+        watch.step("bev", self.occupied.list().len(), None);
+        watch.level("bev", place, self.map_channels, &self.map);
+        let (mut values, mut active) = (&self.map[..], &self.occupied);
+        for layer in self.block1.iter_mut().chain(&mut self.block2) {
+            layer.run(values, active, coverage);
+            (values, active) = (layer.values(), layer.active());
+            watch.step(&layer.name, active.list().len(), Some(layer.gather()));
+            let place = Place::Map(active.shape());
+            watch.level(&layer.name, place, layer.channels(), values);
+        }
+        self.features.place(active);
+        watch.step("rows", self.cells().len(), None);
+        Frame {
+            points,
+            rows: self.cells().len(),
+        }
+    }
+
+    /// The last frame's feature rows, one for each of [`Layers::cells`].
+    pub(crate) fn write(&self, rows: &mut [f32]) {
+        // A checked network has layers in both blocks.
+        if let (Some(block1), Some(block2)) = (self.block1.last(), self.block2.last()) {
+            self.features.write(block1, block2, rows);
+        }
+    }
+
+    /// The sparse part's last sites become the bird's-eye map.
+    fn fold_height(&mut self) {
+        let channels = self.map_channels;
+        for cell in self.occupied.list() {
+            self.map[*cell as usize * channels..][..channels].fill(V::default());
+        }
+        let sites = self.sparse.sites();
+        self.occupied.assign(
+            sites
+                .coordinates()
+                .iter()
+                .map(|[_, y, x]| [usize::from(*y), usize::from(*x)]),
+        );
+        bev::scatter(
+            sites,
+            self.sparse.rows(),
+            channels / sites.shape()[0],
+            &mut self.map,
+        );
+    }
+}

@@ -1,0 +1,147 @@
+//! In what precision the layers multiply.
+
+use mluc_kernels::{
+    Bf16, Element, Epilogue, Gather, Weights, WeightsBf16, convolve, convolve_bf16,
+};
+
+use crate::backbone::BackboneError;
+
+/// What rows and weights hold between the first layer and the feature rows; sums are f32, always.
+///
+/// The first sparse layer reads coordinates in m, of which bf16 would keep 8 bits: it is computed in f32, and the feature
+/// rows leave as f32.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// 32 bits.
+    #[default]
+    F32,
+    /// 16 bits, 8 of them of the fraction: half the memory, and twice the products a cycle where the processor has them.
+    Bf16,
+}
+
+impl Precision {
+    /// As configurations write it: `f32`, `bf16`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Precision::F32 => "f32",
+            Precision::Bf16 => "bf16",
+        }
+    }
+}
+
+impl std::fmt::Display for Precision {
+    fn fmt(&self, to: &mut std::fmt::Formatter) -> std::fmt::Result {
+        to.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Precision {
+    type Err = BackboneError;
+
+    fn from_str(name: &str) -> Result<Precision, BackboneError> {
+        [Precision::F32, Precision::Bf16]
+            .into_iter()
+            .find(|precision| precision.name() == name)
+            .ok_or_else(|| BackboneError::Precision { found: name.into() })
+    }
+}
+
+/// What the rows between two layers hold.
+pub(crate) trait Value: Element + std::fmt::Debug + 'static {
+    /// Packed for rows of these.
+    type Weights: Clone + std::fmt::Debug + Send + Sync;
+
+    /// Packs `[tap][cin][cout]`.
+    fn pack(
+        taps: usize,
+        cin: usize,
+        cout: usize,
+        plain: &[f32],
+    ) -> Result<Self::Weights, BackboneError>;
+
+    /// One convolution.
+    fn convolve<O: Element>(
+        input: &[Self],
+        gather: &Gather,
+        weights: &Self::Weights,
+        epilogue: Epilogue,
+        output_rows: Option<&[u32]>,
+        output: &mut [O],
+    );
+
+    /// The same values as f32; `spare` is used where they have to be written out.
+    fn as_f32<'a>(values: &'a [Self], spare: &'a mut Vec<f32>) -> &'a [f32];
+}
+
+impl Value for f32 {
+    type Weights = Weights;
+
+    fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Result<Weights, BackboneError> {
+        Ok(Weights::pack(taps, cin, cout, plain))
+    }
+
+    fn convolve<O: Element>(
+        input: &[f32],
+        gather: &Gather,
+        weights: &Weights,
+        epilogue: Epilogue,
+        output_rows: Option<&[u32]>,
+        output: &mut [O],
+    ) {
+        convolve(input, gather, weights, epilogue, output_rows, output);
+    }
+
+    fn as_f32<'a>(values: &'a [f32], _: &'a mut Vec<f32>) -> &'a [f32] {
+        values
+    }
+}
+
+impl Value for Bf16 {
+    type Weights = WeightsBf16;
+
+    fn pack(
+        taps: usize,
+        cin: usize,
+        cout: usize,
+        plain: &[f32],
+    ) -> Result<WeightsBf16, BackboneError> {
+        if !cin.is_multiple_of(2) {
+            return Err(BackboneError::OddChannels { found: cin });
+        }
+        Ok(WeightsBf16::pack(taps, cin, cout, plain))
+    }
+
+    fn convolve<O: Element>(
+        input: &[Bf16],
+        gather: &Gather,
+        weights: &WeightsBf16,
+        epilogue: Epilogue,
+        output_rows: Option<&[u32]>,
+        output: &mut [O],
+    ) {
+        convolve_bf16(input, gather, weights, epilogue, output_rows, output);
+    }
+
+    fn as_f32<'a>(values: &'a [Bf16], spare: &'a mut Vec<f32>) -> &'a [f32] {
+        spare.clear();
+        spare.extend(values.iter().map(|value| value.to_f32()));
+        spare
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_come_back_and_others_are_refused() {
+        for precision in [Precision::F32, Precision::Bf16] {
+            assert_eq!(precision.name().parse::<Precision>().ok(), Some(precision));
+        }
+        let error = "fp16".parse::<Precision>().expect_err("no such precision");
+        assert_eq!(
+            error.to_string(),
+            "precision: f32 or bf16 expected, found `fp16`"
+        );
+    }
+}

@@ -1,0 +1,46 @@
+//! A small model, scans from blobs, and the written rows.
+#![allow(dead_code)] // Each test file uses a part of it.
+
+use mluc_backbone::{Backbone, BackboneError, Frame};
+use mluc_model::{Grid, Manifest, Network, formula_uniform};
+
+/// A map of 24 x 40 cells.
+pub(crate) fn manifest() -> Manifest {
+    let grid = Grid {
+        range_min_m: [0.0, -4.8, -3.0],
+        range_max_m: [16.0, 4.8, 1.0],
+        ..Grid::kitti_compact()
+    };
+    Manifest::untrained("small", Network::compact(grid, 3))
+}
+
+/// Blobs of points, some at the border and beyond.
+pub(crate) fn scan(blobs: usize, seed: &str) -> Vec<[f32; 4]> {
+    let uniform = |index: usize, low: f64, high: f64| {
+        (low + (high - low) * formula_uniform(seed, index)) as f32
+    };
+    (0..blobs * 60)
+        .map(|point| {
+            let blob = point / 60 * 1000 + 500_000;
+            [
+                uniform(blob, -0.5, 16.5) + uniform(4 * point, -0.6, 0.6),
+                uniform(blob + 1, -5.0, 5.0) + uniform(4 * point + 1, -0.6, 0.6),
+                uniform(blob + 2, -2.5, 0.5) + uniform(4 * point + 2, -0.6, 0.6),
+                uniform(4 * point + 3, 0.0, 1.0),
+            ]
+        })
+        .collect()
+}
+
+/// Cells and values of a frame's feature rows.
+pub(crate) fn written(
+    backbone: &Backbone,
+    frame: Frame,
+) -> Result<(Vec<u32>, Vec<f32>), BackboneError> {
+    let (mut cells, mut rows) = (
+        vec![0; frame.rows],
+        vec![f32::NAN; frame.rows * backbone.feature_channels()],
+    );
+    backbone.write_rows(&mut cells, &mut rows)?;
+    Ok((cells, rows))
+}
