@@ -6,7 +6,6 @@ mod render;
 mod simulate;
 mod stats;
 mod train;
-mod validate;
 
 use clap::Subcommand;
 
@@ -18,7 +17,6 @@ pub(crate) enum Command {
     Simulate(simulate::SimulateArguments),
     Stats(stats::StatsArguments),
     Train(train::Train),
-    Validate(validate::Validate),
 }
 
 /// Runs one subcommand.
@@ -29,6 +27,5 @@ pub(crate) fn run(command: Command) -> anyhow::Result<()> {
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Stats(arguments) => stats::run(arguments),
         Command::Train(arguments) => train::run(arguments),
-        Command::Validate(arguments) => validate::run(arguments),
     }
 }

@@ -56,6 +56,9 @@ pub(crate) struct Train {
     /// Frames of the training split that give objects to paste.
     #[arg(long, default_value_t = 1500)]
     database_frames: usize,
+    /// Frames of val/ that judge the finished model; 0: none.
+    #[arg(long, default_value_t = 400)]
+    validate_frames: usize,
     /// Steps between checkpoints.
     #[arg(long, default_value_t = 200)]
     checkpoint_every: u64,
@@ -107,9 +110,25 @@ impl Train {
             bf16: self.bf16,
             augment: !self.no_augment,
             database_frames: self.database_frames,
+            validate_frames: self.validate_frames,
+            commit: commit().unwrap_or_else(|| "unknown".into()),
             checkpoint_every: self.checkpoint_every,
         }
     }
+}
+
+/// The commit that is checked out, where git and a repository are at hand.
+fn commit() -> Option<String> {
+    let output = std::process::Command::new("git")
+        .args(["rev-parse", "--short=12", "HEAD"])
+        .output()
+        .ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    output
+        .status
+        .success()
+        .then(|| text.trim().to_owned())
+        .filter(|text| !text.is_empty())
 }
 
 /// Runs it.

@@ -47,6 +47,12 @@ pub enum TrainError {
     /// The model file could not be made.
     #[error(transparent)]
     Model(#[from] mluc_model::ModelError),
+    /// The inference engine refuses the model.
+    #[error(transparent)]
+    Backbone(#[from] mluc_backbone::BackboneError),
+    /// The head refuses the model.
+    #[error(transparent)]
+    Head(#[from] mluc_head::HeadError),
     /// The thread that prepares batches ended early.
     #[error("the thread that prepares batches ended before step {step}")]
     LoaderEnded {

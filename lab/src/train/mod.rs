@@ -36,4 +36,4 @@ mod validate;
 pub use error::TrainError;
 pub use run::{Event, Progress, Run};
 pub use settings::{Profile, Setting, Settings};
-pub use validate::{ClassFigures, Figures, ValidateError, validate};
+pub use validate::{ClassFigures, Figures, validate};

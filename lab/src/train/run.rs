@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
-use mluc_model::{Manifest, Provenance, model_bytes};
+use mluc_model::{Manifest, Model, Provenance, model_bytes};
 
 use super::augment::Augmentation;
 use super::checkpoint::{self, write_atomically};
@@ -20,6 +20,7 @@ use super::settings::{Setting, Settings};
 use super::source::FolderSource;
 use super::targets::Anchors;
 use super::trainer::{Report, Timing, Trainer};
+use super::validate::validate;
 use crate::dataset::Dataset;
 
 /// Steps that one line of the log averages.
@@ -136,7 +137,7 @@ impl Run {
         })
     }
 
-    /// Trains to the last step and writes the model file; returns its path.
+    /// Trains to the last step, judges the model on `val/`, writes its file; returns the path.
     pub fn finish(mut self, tell: &mut dyn FnMut(Event)) -> Result<PathBuf, TrainError> {
         let settings = self.settings.clone();
         let augmentation = settings.augment.then(|| Augmentation {
@@ -174,7 +175,41 @@ impl Run {
                 self.save()?;
             }
         }
+        self.save()?;
+        self.judge(tell)?;
         self.save()
+    }
+
+    /// Validates the model file just written; its figures go into the next one and `validation.json`.
+    fn judge(&mut self, tell: &mut dyn FnMut(Event)) -> Result<(), TrainError> {
+        let (folder, frames) = (
+            self.settings.data.join("val"),
+            self.settings.validate_frames,
+        );
+        if frames == 0 || !folder.is_dir() {
+            return Ok(());
+        }
+        let model = Model::read(&self.settings.out.join("model.safetensors"))?;
+        let figures = validate(&model, &Dataset::open(&folder)?, frames)?;
+        for c in &figures.classes {
+            let (name, iou, ap) = (&c.class, c.iou_min, c.ap_r40);
+            tell(Event::Note(format!(
+                "{name}: AP R40 {ap:.2} at overlap {iou}, {} labels",
+                c.labels
+            )));
+        }
+        let (map, count) = (figures.map_known, figures.frames);
+        tell(Event::Note(format!(
+            "mean AP of the known classes {map:.2} on {count} frames"
+        )));
+        let path = self.settings.out.join("validation.json");
+        let failed = |e: serde_json::Error| TrainError::Io {
+            path: path.clone(),
+            cause: e.into(),
+        };
+        write_atomically(&path, &serde_json::to_vec(&figures).map_err(failed)?)?;
+        self.manifest.provenance.metrics = figures.metrics();
+        Ok(())
     }
 
     /// Checkpoint and model file.
@@ -202,8 +237,9 @@ impl Run {
             seed: settings.seed,
             steps: state.step,
             batch: settings.batch as u32,
-            commit: "unknown".into(),
-            ..Provenance::default()
+            commit: settings.commit.clone(),
+            metrics: self.manifest.provenance.metrics.clone(),
+            threshold_choice: String::new(),
         };
         let weights = export::weights(chain, &state.parameters, &state.running);
         let path = settings.out.join("model.safetensors");

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use mluc_model::{Grid, Manifest, Network};
+use mluc_model::{Beams, Grid, Manifest, Network};
 use serde::{Deserialize, Serialize};
 
 use super::error::TrainError;
@@ -56,6 +56,10 @@ pub struct Settings {
     pub augment: bool,
     /// Frames that give objects to paste.
     pub database_frames: usize,
+    /// Frames of `val/` that judge the finished model; 0: none.
+    pub validate_frames: usize,
+    /// Commit of the trainer, for the model file.
+    pub commit: String,
     /// Steps between checkpoints.
     pub checkpoint_every: u64,
 }
@@ -136,6 +140,7 @@ impl Settings {
         Manifest {
             uses_intensity: false,
             prototype_scale: self.prototype_scale,
+            beams: hdl_64e(),
             ..Manifest::untrained(self.setting.name(), self.network())
         }
     }
@@ -156,5 +161,16 @@ impl Settings {
             self.database_frames,
             self.bf16
         )
+    }
+}
+
+/// The beams of a Velodyne HDL-64E (nominal values of public calibrations, as the simulator casts them; real sensors lie
+/// within some 0.1 deg), from the top down, and the step between columns at 10 Hz.
+fn hdl_64e() -> Beams {
+    let upper = (0..32).map(|i| 2.02 - 0.34 * i as f32);
+    let lower = (0..32).map(|i| -8.95 - 0.5084 * i as f32);
+    Beams {
+        elevation_rad: upper.chain(lower).map(f32::to_radians).collect(),
+        azimuth_step_rad: 0.1728f32.to_radians(),
     }
 }

@@ -3,9 +3,11 @@
 //! Runs the inference engine, the one of the vehicle, frame by frame, and judges as the paper does (section 4.1): 3-D
 //! overlap, difficulty moderate, average precision at 40 positions.
 
-use mluc_backbone::{Backbone, BackboneError};
+use std::collections::BTreeMap;
+
+use mluc_backbone::Backbone;
 use mluc_geometry::{Box3, ImageSize};
-use mluc_head::{Head, HeadError};
+use mluc_head::Head;
 use mluc_model::Model;
 
 use super::error::TrainError;
@@ -14,20 +16,6 @@ use crate::evaluate::{
     ClassRule, Difficulty, Frame, Kind, Metric, NeighbourPolicy, SensorDetection, TruthFrame, View,
     evaluate,
 };
-
-/// Why a validation failed.
-#[derive(Debug, thiserror::Error)]
-pub enum ValidateError {
-    /// The data.
-    #[error(transparent)]
-    Data(#[from] TrainError),
-    /// The engine.
-    #[error(transparent)]
-    Backbone(#[from] BackboneError),
-    /// The head.
-    #[error(transparent)]
-    Head(#[from] HeadError),
-}
 
 /// Figures of one class, percent.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -61,6 +49,17 @@ pub struct Figures {
     pub boxes_per_frame: f64,
 }
 
+impl Figures {
+    /// By name, for the model file.
+    pub fn metrics(&self) -> BTreeMap<String, f64> {
+        let of_class = |c: &ClassFigures| (format!("{}/3d/moderate/ap_r40", c.class), c.ap_r40);
+        let mut metrics: BTreeMap<String, f64> = self.classes.iter().map(of_class).collect();
+        metrics.insert("map_known".into(), self.map_known);
+        metrics.insert("validation_frames".into(), self.frames as f64);
+        metrics
+    }
+}
+
 /// The overlap that the paper asks of a class.
 fn iou_min(model: &str, class: &str) -> f64 {
     match (model, class) {
@@ -70,7 +69,7 @@ fn iou_min(model: &str, class: &str) -> f64 {
 }
 
 /// Judges `model` on the first `frames` frames of a folder.
-pub fn validate(model: &Model, dataset: &Dataset, frames: usize) -> Result<Figures, ValidateError> {
+pub fn validate(model: &Model, dataset: &Dataset, frames: usize) -> Result<Figures, TrainError> {
     let mut backbone = Backbone::new(&model.manifest, &model.weights)?;
     let mut head = Head::new(&model.manifest, &model.weights)?;
     let names: Vec<&String> = dataset.names().iter().take(frames).collect();
@@ -78,7 +77,7 @@ pub fn validate(model: &Model, dataset: &Dataset, frames: usize) -> Result<Figur
     let (mut cells, mut rows, mut boxes) = (vec![], vec![], vec![]);
     let mut count = 0;
     for name in &names {
-        let frame = backbone.run(&dataset.scan(name).map_err(TrainError::from)?);
+        let frame = backbone.run(&dataset.scan(name)?);
         cells.resize(frame.rows, 0);
         rows.resize(frame.rows * backbone.feature_channels(), 0.0);
         backbone.write_rows(&mut cells, &mut rows)?;
@@ -86,9 +85,9 @@ pub fn validate(model: &Model, dataset: &Dataset, frames: usize) -> Result<Figur
         count += boxes.len();
         let found: Vec<SensorDetection> = boxes.iter().map(|b| known(model, b)).collect();
         let truth = TruthFrame {
-            labels: dataset.labels(name).map_err(TrainError::from)?.into(),
+            labels: dataset.labels(name)?.into(),
             view: View {
-                calibration: dataset.calibration(name).map_err(TrainError::from)?,
+                calibration: dataset.calibration(name)?,
                 image: ImageSize::KITTI,
             },
         };
