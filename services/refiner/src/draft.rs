@@ -40,21 +40,41 @@ pub(crate) fn sound_box(detection: &Detection, classes: usize) -> Option<Box3> {
     })
 }
 
-/// Ranking score of an unknown object: 1 / e (the paper ranks by -e), finite, 0 where e makes no sense.
-pub(crate) fn unknown_score(detection: &Detection) -> f32 {
-    /// Far above anything that a model gives.
-    const SCORE_MAX: f32 = 1e6;
-    match detection.eds > 0.0 && detection.eds.is_finite() {
-        true => (1.0 / detection.eds).min(SCORE_MAX),
-        false => 0.0,
+/// What orders unknown objects among each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ranking {
+    /// 1 / EDS (the paper ranks by -EDS). Boxes of background have the lowest EDS of all and come first.
+    InverseEds,
+    /// Objectness x (2 - e), both 0 to 1: something is there, and it lies between the prototypes.
+    Objectness,
+}
+
+impl Ranking {
+    /// Finite; 0 where the detection's numbers make no sense.
+    pub(crate) fn score(self, detection: &Detection) -> f32 {
+        /// Far above anything that a model gives.
+        const SCORE_MAX: f32 = 1e6;
+        let score = match self {
+            Ranking::InverseEds if detection.eds > 0.0 => (1.0 / detection.eds).min(SCORE_MAX),
+            Ranking::InverseEds => 0.0,
+            Ranking::Objectness => {
+                detection.objectness * (2.0 - detection.eds_normalised).clamp(0.0, 1.0)
+            }
+        };
+        if score.is_finite() { score } else { 0.0 }
     }
 }
 
 impl Draft {
     /// With the detection's own box.
-    pub(crate) fn of_proposal(index: usize, detection: &Detection, shape: Box3) -> Draft {
+    pub(crate) fn of_proposal(
+        index: usize,
+        detection: &Detection,
+        shape: Box3,
+        ranking: Ranking,
+    ) -> Draft {
         let (kind, score) = match detection.is_candidate() {
-            true => (ObjectKind::Unknown, unknown_score(detection)),
+            true => (ObjectKind::Unknown, ranking.score(detection)),
             false => (ObjectKind::Known, detection.score),
         };
         let mut draft = Draft {
@@ -79,7 +99,7 @@ impl Draft {
             fate: Fate::InvalidBox,
             score: 0.0,
             footprint_count: 0,
-            ..Draft::of_proposal(index, detection, nowhere)
+            ..Draft::of_proposal(index, detection, nowhere, Ranking::InverseEds)
         }
     }
 

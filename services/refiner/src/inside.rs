@@ -53,7 +53,7 @@ mod tests {
             assert_eq!(inside.contains(at), expected);
             found += usize::from(expected);
         }
-        assert!(found > 200);
+        assert!(found > 20, "{found}");
         assert!(!inside.contains([f32::NAN, -3.0, 0.5]));
     }
 }

@@ -124,6 +124,7 @@ fn clashes(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::draft::Ranking;
     use mluc_ipc_types::{Detection, DetectionKind};
 
     fn draft(index: usize, kind: DetectionKind, x: f64, length: f64, score: f32) -> Draft {
@@ -134,7 +135,7 @@ mod tests {
             ..Detection::default()
         };
         let shape = Box3::new([x, 0.0, 0.0, length, 2.0, 1.5, 0.0]);
-        Draft::of_proposal(index, &detection, shape)
+        Draft::of_proposal(index, &detection, shape, Ranking::InverseEds)
     }
 
     fn fates(mut drafts: Vec<Draft>, rule: MergeRule) -> Vec<(Fate, Option<usize>)> {

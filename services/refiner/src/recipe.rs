@@ -1,6 +1,7 @@
 //! What a mode consists of: the parts that are put together for it.
 
 use crate::cluster::{Clusterer, Dbscan, Depth, Distance, Euclidean, Literal};
+use crate::draft::Ranking;
 use crate::fit::{BoxFit, EndFace, Extend, Side};
 use crate::{Mode, Sensor, Settings};
 
@@ -42,6 +43,7 @@ pub(crate) struct Recipe {
     /// Whether the points of known objects are kept apart.
     pub(crate) keeps_known_apart: bool,
     pub(crate) points_min: usize,
+    pub(crate) ranking: Ranking,
 }
 
 /// Reaches tried one after the other, as factors on the full one.
@@ -80,6 +82,7 @@ impl Recipe {
             scales: None,
             keeps_known_apart: false,
             points_min: settings.points_min as usize,
+            ranking: Ranking::InverseEds,
         };
         match settings.mode {
             Mode::Corrected => corrected,
@@ -121,6 +124,7 @@ impl Recipe {
                     shrink_attempts: settings.distance.shrink_attempts,
                 }),
                 keeps_known_apart: true,
+                ranking: Ranking::Objectness,
                 ..corrected
             },
         }

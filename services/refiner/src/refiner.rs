@@ -91,7 +91,7 @@ impl Refiner {
         self.points.clear();
         for (index, detection) in detections.iter().enumerate() {
             let draft = match sound_box(detection, self.classes) {
-                Some(shape) => Draft::of_proposal(index, detection, shape),
+                Some(shape) => Draft::of_proposal(index, detection, shape, self.recipe.ranking),
                 None => Draft::of_nonsense(index, detection),
             };
             match (draft.fate, draft.is_unknown()) {

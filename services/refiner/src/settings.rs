@@ -77,7 +77,8 @@ pub struct Settings {
     /// 4 m has some 10,000.
     pub points_per_candidate_max: u32,
     /// Points that all candidates of a frame may look at; candidates whose turn comes later keep their proposal box,
-    /// counted and flagged. Work is counted and not timed, so that equal input gives equal output.
+    /// counted and flagged. Work is counted and not timed, so that equal input gives equal output; a million points are
+    /// some 10 ms of one core.
     pub work_max_points: u64,
     /// The ground under each candidate.
     pub ground: GroundSettings,
@@ -102,7 +103,7 @@ impl Default for Settings {
             points_min: 8,
             length_max_m: 16.0,
             points_per_candidate_max: 32_768,
-            work_max_points: 400_000,
+            work_max_points: 1_000_000,
             ground: GroundSettings::default(),
             literal: LiteralSettings::default(),
             corrected: CorrectedSettings::default(),
@@ -444,5 +445,46 @@ impl Settings {
             }),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_are_sound_and_nonsense_is_named() {
+        assert_eq!(Settings::default().check(), Ok(()));
+        let mut settings = Settings::default();
+        settings.distance.join_m = f64::NAN;
+        let fault = settings.check().expect_err("a length that is no number");
+        assert!(fault.to_string().contains("distance.join_m"), "{fault}");
+        let far = Settings {
+            radius_m: Some(31.0),
+            ..Settings::default()
+        };
+        assert!(far.check().is_err());
+    }
+
+    #[test]
+    fn the_papers_radius_follows_the_model() {
+        let mut sensor = Sensor::plain(&["car"]);
+        assert_eq!(Settings::default().radius_for(&sensor), 4.0);
+        sensor.sees_all_around = false;
+        assert_eq!(Settings::default().radius_for(&sensor), 5.0);
+        let set = Settings {
+            radius_m: Some(3.0),
+            ..Settings::default()
+        };
+        assert_eq!(set.radius_for(&sensor), 3.0);
+    }
+
+    #[test]
+    fn every_mode_has_its_name() {
+        for mode in Mode::ALL {
+            assert_eq!(Mode::from_name(mode.name()), Some(mode));
+        }
+        assert_eq!(Mode::from_name("improved"), Some(Mode::Distance));
+        assert_eq!(Mode::from_name("patchwork"), None);
     }
 }

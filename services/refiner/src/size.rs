@@ -1,6 +1,6 @@
 //! What a cluster's size says about it.
 
-use crate::fit::{ClusterPoints, footprint};
+use crate::fit::ClusterPoints;
 
 /// Whether a cluster is higher than it is long: a person, a pole. Parts of a vehicle that a short reach tears off are
 /// as wide as they are high, or lower than a person.
@@ -17,26 +17,18 @@ pub(crate) fn is_upright(cluster: &ClusterPoints) -> bool {
 }
 
 /// Whether some heading exists at which the cluster is no longer, wider and higher than l, w, h.
-///
-/// Decided on its outline of sixteen sides, which is at most 2 % larger than its hull.
 pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
-    let along_axes = cluster.rectangle(0.0);
-    let [dx, dy] = along_axes.size_m();
-    // No heading turns something longer than the diagonal into something that fits.
-    if height_m(cluster) > h || dx.max(dy) > l.hypot(w) {
+    // No heading turns something longer than the diagonal into something that fits: this settles most walls.
+    let is_too_long = |yaw: f64| {
+        let [a, b] = cluster.rectangle(yaw).size_m();
+        a.max(b) > l.hypot(w)
+    };
+    let eighth = std::f64::consts::FRAC_PI_4;
+    if height_m(cluster) > h || is_too_long(0.0) || is_too_long(eighth) {
         return false;
     }
-    let (corners, count) = footprint(cluster, &along_axes);
-    let extent = |sin: f64, cos: f64| {
-        let along = corners[..count].iter().map(|[x, y]| x * cos + y * sin);
-        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), t| {
-            (low.min(t), high.max(t))
-        });
-        high - low
-    };
     headings().any(|yaw| {
-        let (sin, cos) = yaw.sin_cos();
-        let (a, b) = (extent(sin, cos), extent(cos, -sin));
+        let [a, b] = cluster.rectangle(yaw).size_m();
         a.max(b) <= l && a.min(b) <= w
     })
 }
