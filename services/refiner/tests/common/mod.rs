@@ -102,6 +102,8 @@ pub(crate) fn candidate(object: &Box3, shift: [f64; 2], eds: f32) -> Detection {
         objectness: 0.6,
         score: 0.3,
         eds,
+        // In the same order as `eds`.
+        eds_normalised: 1.0 + eds / 1000.0,
         ..Detection::default()
     }
 }
