@@ -21,7 +21,7 @@ pub use convolve::{convolve, convolve_at, convolve_bf16, convolve_bf16_at};
 pub use element::{Bf16, Element};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{weight_gradient, weight_gradient_at};
-pub use simd::{Level, spin, spin_bf16};
+pub use simd::{Level, at_best, spin, spin_bf16};
 pub use weights::Weights;
 pub use weights_bf16::WeightsBf16;
 

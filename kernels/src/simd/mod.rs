@@ -25,6 +25,7 @@ mod neon;
 mod pair;
 mod peak;
 mod plain;
+mod plain_work;
 
 pub(crate) use aligned::{Aligned, AlignedArray, LINE};
 pub(crate) use convolve_bf16::convolve_tiles_bf16;
@@ -34,6 +35,7 @@ pub use level::Level;
 pub(crate) use list::{BLOCK, Listed, Lists};
 use pair::Pair;
 pub use peak::{spin, spin_bf16};
+pub use plain_work::at_best;
 
 /// Vector registers of f32. A value of the implementing type is the proof that the processor has them.
 pub(crate) trait Simd: Copy {

@@ -3,7 +3,7 @@
 //! A submanifold layer keeps its input's sites; a strided one has a site wherever its window holds any input. Taps are in
 //! (kz, ky, kx) order, the order of the weights.
 
-use mluc_kernels::{ABSENT, Gather};
+use mluc_kernels::{ABSENT, Gather, at_best};
 use mluc_model::SparseLayer;
 use rayon::prelude::*;
 
@@ -58,13 +58,19 @@ pub fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: &mut Ga
     let rows = table.index.par_chunks_mut(ROWS_A_TASK * table.taps);
     rows.zip(output.coordinates().par_chunks(ROWS_A_TASK))
         .for_each(|(rows, sites)| {
-            for (row, site) in rows.chunks_exact_mut(layer.taps()).zip(sites) {
-                look_up(layer, input, *site, row);
-            }
+            at_best(
+                #[inline(always)]
+                || {
+                    for (row, site) in rows.chunks_exact_mut(layer.taps()).zip(sites) {
+                        look_up(layer, input, *site, row);
+                    }
+                },
+            )
         });
 }
 
-/// One output site's taps. The usual widths are spelt out: with a constant length the loop over a row of taps unrolls.
+/// One output site's taps, inlined down to the population count. The usual widths are spelt out: with a constant length the loop over a row of taps unrolls.
+#[inline(always)]
 fn look_up(layer: &SparseLayer, input: &Sites, site: [u16; 3], taps: &mut [u32]) {
     match layer.kernel[2] {
         1 => look_up_rows(
