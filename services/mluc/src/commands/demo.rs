@@ -168,11 +168,11 @@ fn drawn(object: &Object, classes: &[String]) -> DrawnBox {
             BoxKind::Known
         },
         label: label(object, classes).to_lowercase(),
-        caption: format!(
-            "{} {:.2}",
-            label(object, classes).to_lowercase(),
-            object.score
-        ),
+        caption: match is_unknown(object) {
+            // Its score only orders unknown objects.
+            true => format!("unknown, EDS {:.2}", object.eds_normalised),
+            false => format!("{} {:.2}", label(object, classes), object.score),
+        },
     }
 }
 

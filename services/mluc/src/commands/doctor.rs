@@ -97,7 +97,7 @@ fn check_shared_memory(model: Option<&Model>) -> Finding {
     let Ok(about) = rustix::fs::statvfs("/dev/shm") else {
         return finding(Verdict::Failure, "/dev/shm is missing: mount a tmpfs there");
     };
-    let free_mib = about.f_bavail * about.f_frsize >> 20;
+    let free_mib = (about.f_bavail * about.f_frsize) >> 20;
     let Some(model) = model else {
         return finding(Verdict::Fine, format!("/dev/shm: {free_mib} MiB free"));
     };
