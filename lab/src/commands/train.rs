@@ -56,7 +56,7 @@ pub(crate) struct Train {
     /// Frames of the training split that give objects to paste.
     #[arg(long, default_value_t = 1500)]
     database_frames: usize,
-    /// Frames of val/ that judge the finished model; 0: none.
+    /// Frames of val/ that judge the model after every epoch and at the end; 0: none.
     #[arg(long, default_value_t = 400)]
     validate_frames: usize,
     /// Steps between checkpoints.

@@ -17,7 +17,7 @@ use super::loader::Preparer;
 use super::losses::{Losses, MetricSettings};
 use super::optimizer::Schedule;
 use super::settings::{Setting, Settings};
-use super::source::FolderSource;
+use super::source::{FolderSource, Source};
 use super::targets::Anchors;
 use super::trainer::{Report, Timing, Trainer};
 use super::validate::validate;
@@ -158,6 +158,7 @@ impl Run {
         );
         let batches = preparer.spawn(self.trainer.state.step..settings.steps);
         let mut log = Log::open(&settings.out.join("train.jsonl"), &settings)?;
+        let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         while self.trainer.state.step < settings.steps {
             let waited = Instant::now();
             let step = self.trainer.state.step;
@@ -171,7 +172,13 @@ impl Run {
             if let Some(progress) = log.add(&report, done)? {
                 tell(Event::Progress(&progress));
             }
-            if done.is_multiple_of(settings.checkpoint_every.max(1)) && done < settings.steps {
+            if done == settings.steps {
+                break;
+            }
+            if done.is_multiple_of(epoch_steps) {
+                self.save()?;
+                self.judge(tell)?;
+            } else if done.is_multiple_of(settings.checkpoint_every.max(1)) {
                 self.save()?;
             }
         }

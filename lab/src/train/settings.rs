@@ -56,7 +56,7 @@ pub struct Settings {
     pub augment: bool,
     /// Frames that give objects to paste.
     pub database_frames: usize,
-    /// Frames of `val/` that judge the finished model; 0: none.
+    /// Frames of `val/` that judge the model after every epoch and at the end; 0: none.
     pub validate_frames: usize,
     /// Commit of the trainer, for the model file.
     pub commit: String,
