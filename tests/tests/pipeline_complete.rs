@@ -66,6 +66,24 @@ fn the_same_scans_give_the_same_objects_whatever_the_threads() {
 }
 
 #[test]
+fn frames_are_late_when_a_budget_is_set_and_passed_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, input) = (
+        untrained_model(folder.path()),
+        clean_folder(folder.path(), 2),
+    );
+    let late = |more: &[&str]| {
+        let instance = unique_instance("late");
+        let arguments = [&["--pace", "complete"], more].concat();
+        let run = Pipeline::up(&instance, &model, &input, &arguments).finish();
+        assert_eq!(run.frames().len(), 2, "{}", run.log);
+        ["000000", "000001"].map(|frame| run.flags(frame).contains(&"late"))
+    };
+    assert_eq!(late(&[]), [false; 2], "pace complete has no budget");
+    assert_eq!(late(&["--budget-ms", "0"]), [true; 2]);
+}
+
+#[test]
 fn at_the_sensors_pace_frames_come_at_its_rate() {
     let folder = tempfile::tempdir().unwrap();
     let (model, input) = (

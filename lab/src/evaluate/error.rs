@@ -32,7 +32,7 @@ pub enum EvaluateError {
         path: PathBuf,
     },
     /// The system refused to read JSON lines.
-    #[error("{}: cannot be read: {source}", path.display())]
+    #[error("{}: cannot be read", path.display())]
     Read {
         /// The file.
         path: PathBuf,

@@ -166,6 +166,7 @@ mod tests {
     fn drop_grows_with_range_and_grazing() {
         assert!(drop_probability(0.03, 20.0, 0.4, 1.0) < 0.05);
         assert!(drop_probability(0.03, 80.0, 0.1, 1.0) > 0.95);
-        assert!(drop_probability(0.03, 20.0, 0.4, 0.01) > 0.5);
+        let grazing = drop_probability(0.03, 20.0, 0.4, 0.01);
+        assert!(grazing > 10.0 * drop_probability(0.03, 20.0, 0.4, 1.0));
     }
 }

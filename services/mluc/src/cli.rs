@@ -75,6 +75,9 @@ pub(crate) struct PipelineArgs {
     /// How the refiner clusters: corrected, literal, distance, dbscan, euclidean, none.
     #[arg(long)]
     pub(crate) refiner_mode: Option<String>,
+    /// In what the backbone multiplies: f32, or bf16 (faster where the processor has it) [default: f32].
+    #[arg(long)]
+    pub(crate) precision: Option<String>,
     /// Frames that leave later than this, ms after their scan, are flagged `late` [default: 200 at pace sensor].
     #[arg(long)]
     pub(crate) budget_ms: Option<u64>,

@@ -21,6 +21,7 @@ pub(crate) struct Config {
     pub(crate) rate_hz: Option<f64>,
     pub(crate) lambda: Option<f32>,
     pub(crate) budget_ms: Option<u64>,
+    pub(crate) precision: Option<String>,
     #[serde(default)]
     pub(crate) stages: StageTables,
     /// `[refiner]`: the algorithm's own settings.

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
 use mluc_refiner::{Mode, Settings as RefinerSettings};
 use mluc_runtime::Instance;
@@ -23,6 +24,7 @@ pub(crate) struct Settings {
     pub(crate) repeat: bool,
     pub(crate) seconds: Option<f64>,
     pub(crate) budget_ms: Option<u64>,
+    pub(crate) precision: Precision,
     pub(crate) verify_mapping: bool,
     pub(crate) refiner: RefinerSettings,
     pub(crate) threads: [usize; 4],
@@ -79,6 +81,12 @@ impl Settings {
                 .budget_ms
                 .or(config.budget_ms)
                 .or((pace == Pace::Sensor).then_some(BUDGET_MS)),
+            precision: match args.precision.or(config.precision) {
+                Some(word) => word
+                    .parse()
+                    .map_err(|cause| UsageError(format!("precision: {cause}")))?,
+                None => Precision::default(),
+            },
             verify_mapping: args.verify_mapping,
             refiner,
             threads,
@@ -135,24 +143,24 @@ impl Settings {
             "config",
             self.config.as_ref().map(|path| path.display().to_string()),
         );
+        let pace = match self.pace {
+            Pace::Sensor => "sensor",
+            Pace::Complete => "complete",
+        };
+        add("pace", Some(pace.to_string()));
         add("lambda", self.lambda.map(|v| v.to_string()));
         add("refiner-mode", Some(self.refiner.mode.name().to_string()));
+        add("precision", Some(self.precision.to_string()));
         add("budget-ms", self.budget_ms.map(|v| v.to_string()));
         add(
             "threads",
             Some(format!("{}={}", stage.name(), self.threads[stage as usize])),
         );
         if stage == Stage::Ingest {
-            let pace = if self.pace == Pace::Sensor {
-                "sensor"
-            } else {
-                "complete"
-            };
             add(
                 "input",
                 self.input.as_ref().map(|path| path.display().to_string()),
             );
-            add("pace", Some(pace.to_string()));
             add("rate", self.rate_hz.map(|v| v.to_string()));
             add("seconds", self.seconds.map(|v| v.to_string()));
         }

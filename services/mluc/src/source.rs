@@ -35,6 +35,12 @@ impl Source {
     pub(crate) fn find(input: &Path) -> anyhow::Result<Source> {
         let about = fs::metadata(input).with_context(|| format!("input {}", input.display()))?;
         if about.is_file() {
+            if input.extension().is_none_or(|kind| kind != "bin") {
+                bail!(
+                    "input {}: expected a scan that ends in .bin, or a folder",
+                    input.display()
+                );
+            }
             return Ok(Source {
                 scans: vec![input.to_path_buf()],
                 stamps_ns: None,

@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+use anyhow::Context;
 use mluc_runtime::log_to_stderr;
 
 use crate::cli::PipelineArgs;
@@ -13,11 +14,11 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     let settings = Settings::resolve(args)?;
     let mut lines = LineWriter::new(settings.pace, std::io::stdout());
     let outcome = run(&settings, &mut lines)?;
-    let unread = lines.finish()?;
+    let unread = lines.finish().context("writing JSON lines to stdout")?;
     eprint!("{}", outcome.latencies.table());
     eprintln!(
         "frames: {} in, {} out, {} lost; stages restarted: {}",
-        outcome.frames_in.max(outcome.frames_out),
+        outcome.frames_in,
         outcome.frames_out,
         outcome.frames_lost(),
         outcome.restarts

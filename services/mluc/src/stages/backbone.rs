@@ -8,9 +8,11 @@ use mluc_model::Model;
 use mluc_runtime::Shell;
 
 use super::frame::{begin, check_model, finish, refuse, stamp_published};
+use crate::settings::Settings;
 
-pub(crate) fn run(mut shell: Shell, model: &Model) -> anyhow::Result<()> {
-    let mut backbone = Backbone::new(&model.manifest, &model.weights)?;
+pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
+    let mut backbone =
+        Backbone::with_precision(&model.manifest, &model.weights, settings.precision)?;
     let channels = backbone.feature_channels();
     let cells = backbone.map_shape().iter().product();
     let mut output =

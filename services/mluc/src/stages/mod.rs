@@ -50,7 +50,7 @@ fn work(
 ) -> anyhow::Result<()> {
     match stage {
         Stage::Ingest => ingest::run(shell, settings, model, start_sequence),
-        Stage::Backbone => backbone::run(shell, model),
+        Stage::Backbone => backbone::run(shell, settings, model),
         Stage::Head => head::run(shell, model),
         Stage::Refiner => refiner::run(shell, settings, model),
     }

@@ -36,6 +36,8 @@ pub(crate) trait Sink {
 pub(crate) struct Outcome {
     pub(crate) frames_in: u64,
     pub(crate) frames_out: u64,
+    /// Frames that never came, before one that did.
+    frames_skipped: u64,
     pub(crate) restarts: u32,
     pub(crate) latencies: Latencies,
     /// Ended by a signal: what was not finished is not lost.
@@ -45,7 +47,7 @@ pub(crate) struct Outcome {
 impl Outcome {
     pub(crate) fn frames_lost(&self) -> u64 {
         match self.is_interrupted {
-            true => 0,
+            true => self.frames_skipped,
             false => self.frames_in.saturating_sub(self.frames_out),
         }
     }
@@ -156,7 +158,13 @@ impl Supervisor<'_> {
             if header.sequence < self.next_sequence {
                 continue;
             }
+            if header.sequence > self.next_sequence {
+                let (first, last) = (self.next_sequence, header.sequence - 1);
+                tracing::warn!(first, last, "frames lost: newer ones overtook them");
+                self.outcome.frames_skipped += header.sequence - self.next_sequence;
+            }
             self.next_sequence = header.sequence + 1;
+            self.outcome.frames_in = self.outcome.frames_in.max(self.next_sequence);
             self.outcome.frames_out += 1;
             self.outcome.latencies.record(&header);
             if !sink.frame(&header, objects, &self.classes)? {
