@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use mluc_ipc_types::WIRE_VERSION;
 use rustix::fs::{FlockOperation, flock};
+use rustix::process::{Pid, getppid};
 
 use crate::{Instance, RuntimeError, sweep};
 
@@ -18,12 +19,15 @@ const LOCK: &str = ".lock";
 const CONTRACT: &str = "contract";
 /// Another process wipes or writes the contract for milliseconds; a guess with room.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// A killed parent's threads may hold its lock for a moment after its children heard of its death.
+const ORPHAN_PATIENCE: Duration = Duration::from_millis(500);
 
 /// This process lives in the instance. Drop it last: it removes all files when nobody else is there.
 #[derive(Debug)]
 pub struct Membership {
     instance: Instance,
     lock: File,
+    parent: Option<Pid>,
 }
 
 impl Membership {
@@ -35,6 +39,7 @@ impl Membership {
                 let member = Membership {
                     instance: instance.clone(),
                     lock,
+                    parent: getppid(),
                 };
                 member.check_contract(begun)?;
                 return Ok(member);
@@ -138,8 +143,13 @@ impl Membership {
 
 impl Drop for Membership {
     fn drop(&mut self) {
-        if flock(&self.lock, FlockOperation::NonBlockingLockExclusive).is_err() {
-            return;
+        let begun = Instant::now();
+        while flock(&self.lock, FlockOperation::NonBlockingLockExclusive).is_err() {
+            let is_orphan = getppid() != self.parent;
+            if !is_orphan || begun.elapsed() > ORPHAN_PATIENCE {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(2));
         }
         let path = self.instance.root().join(LOCK);
         if is_same_file(&self.lock, &path) {
