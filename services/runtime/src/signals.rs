@@ -12,7 +12,8 @@ use crate::RuntimeError;
 pub struct Shutdown(Arc<AtomicBool>);
 
 impl Shutdown {
-    /// Listens for SIGTERM and SIGINT; a second one ends the process at once.
+    /// Listens for SIGTERM and SIGINT. A SIGINT after either ends the process at once; further SIGTERMs do nothing more:
+    /// the kernel sends one for each thread of a parent that dies, and there must be time to clean up.
     pub fn on_signals() -> Result<Shutdown, RuntimeError> {
         let shutdown = Shutdown::default();
         for signal in [SIGTERM, SIGINT] {
@@ -21,9 +22,11 @@ impl Shutdown {
                 path: "SIGTERM, SIGINT".into(),
                 source,
             };
-            // In this order: the conditional one sees the flag of the signal before.
-            signal_hook::flag::register_conditional_shutdown(signal, 1, shutdown.0.clone())
-                .map_err(failed)?;
+            if signal == SIGINT {
+                // Before the other: it sees the flag of the signal before.
+                signal_hook::flag::register_conditional_shutdown(signal, 1, shutdown.0.clone())
+                    .map_err(failed)?;
+            }
             signal_hook::flag::register(signal, shutdown.0.clone()).map_err(failed)?;
         }
         Ok(shutdown)
