@@ -2,22 +2,7 @@
 
 use mluc_lab::evaluate::input::{Source, read};
 use mluc_lab::evaluate::{RuleRequest, evaluate, rules};
-use std::path::PathBuf;
-
-/// The folder of answers, or `None` when the variable is not set; set and missing is a failure.
-fn oracle() -> Option<PathBuf> {
-    let Some(folder) = std::env::var_os("MLUC_ORACLE") else {
-        println!("skipped: MLUC_ORACLE not set");
-        return None;
-    };
-    let folder = PathBuf::from(folder);
-    assert!(
-        folder.is_dir(),
-        "MLUC_ORACLE: expected a folder, found {}",
-        folder.display()
-    );
-    Some(folder)
-}
+use mluc_tests::oracle;
 
 #[test]
 fn oracle_kitti_eval_agrees_within_0_01() {

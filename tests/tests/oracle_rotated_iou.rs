@@ -6,23 +6,8 @@
 //! and printed, and may be no more than one in a hundred.
 
 use mluc_geometry::{Box3, iou_3d, iou_bev};
+use mluc_tests::oracle;
 use std::f64::consts::FRAC_PI_2;
-use std::path::PathBuf;
-
-/// The folder of answers, or `None` when the variable is not set; set and missing is a failure.
-fn oracle() -> Option<PathBuf> {
-    let Some(folder) = std::env::var_os("MLUC_ORACLE") else {
-        println!("skipped: MLUC_ORACLE not set");
-        return None;
-    };
-    let folder = PathBuf::from(folder);
-    assert!(
-        folder.is_dir(),
-        "MLUC_ORACLE: expected a folder, found {}",
-        folder.display()
-    );
-    Some(folder)
-}
 
 fn box_of(value: &serde_json::Value) -> Box3 {
     let numbers: Vec<f64> = value

@@ -35,5 +35,5 @@ mod validate;
 
 pub use error::TrainError;
 pub use run::{Event, Progress, Run};
-pub use settings::{Profile, Setting, Settings};
+pub use settings::{Profile, Setting, Settings, hdl_64e};
 pub use validate::{ClassFigures, Figures, validate};

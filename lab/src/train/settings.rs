@@ -166,7 +166,7 @@ impl Settings {
 
 /// The beams of a Velodyne HDL-64E (nominal values of public calibrations, as the simulator casts them; real sensors lie
 /// within some 0.1 deg), from the top down, and the step between columns at 10 Hz.
-fn hdl_64e() -> Beams {
+pub fn hdl_64e() -> Beams {
     let upper = (0..32).map(|i| 2.02 - 0.34 * i as f32);
     let lower = (0..32).map(|i| -8.95 - 0.5084 * i as f32);
     Beams {

@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use mluc_geometry::Box3;
 use mluc_ipc_types::Point;
 use mluc_lab::dataset::Dataset;
+use mluc_lab::train::hdl_64e;
 use mluc_refiner::{BeamTable, Sensor};
 
 use crate::proposals::CLASSES;
@@ -66,14 +67,13 @@ pub(crate) fn inside<'a>(points: &'a [Point], shape: &'a Box3) -> impl Iterator<
         .filter(|p| shape.contains([p.x_m, p.y_m, p.z_m].map(f64::from)))
 }
 
-/// HDL-64E: two blocks of 32 beams, evenly spaced up to 0.03 degrees; 10 turns a second; on KITTI's car.
+/// The simulator's HDL-64E on KITTI's car.
 pub(crate) fn sensor() -> Sensor {
-    let upper = (0..32).map(|i| 2.02 - 0.34 * i as f32);
-    let lower = (0..32).map(|i| -8.95 - 0.5084 * i as f32);
+    let beams = hdl_64e();
     Sensor {
         beams: Some(BeamTable {
-            elevation_rad: upper.chain(lower).map(f32::to_radians).collect(),
-            azimuth_step_rad: 0.1728f32.to_radians(),
+            elevation_rad: beams.elevation_rad,
+            azimuth_step_rad: beams.azimuth_step_rad,
         }),
         sees_all_around: false,
         ..Sensor::plain(&CLASSES)
