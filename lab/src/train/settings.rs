@@ -128,7 +128,9 @@ impl Settings {
     pub fn network(&self) -> Network {
         let classes = self.setting.classes();
         match (self.profile, self.setting) {
-            (Profile::Compact, Setting::Udi) => Network::compact(Grid::udi(), classes),
+            (Profile::Compact, Setting::Udi) => {
+                Network::compact(Grid::udi(), classes).with_reach_of_trucks()
+            }
             (Profile::Compact, Setting::Kitti) => Network::compact(Grid::kitti_compact(), classes),
             (Profile::Second, Setting::Udi) => Network::second(Grid::udi(), classes),
             (Profile::Second, Setting::Kitti) => Network::second(Grid::kitti_second(), classes),
