@@ -32,17 +32,20 @@ pub enum Fate {
     Oversized = 4,
     /// The detection's box made no sense (a size that is not above 0, a place that is not finite).
     InvalidBox = 5,
+    /// Not seen in enough of the last frames yet (temporal voting alone says so).
+    Unconfirmed = 6,
 }
 
 impl Fate {
     /// All, by number.
-    pub const ALL: [Fate; 6] = [
+    pub const ALL: [Fate; 7] = [
         Fate::Published,
         Fate::OverlapsKnown,
         Fate::OverlapsUnknown,
         Fate::TooFewPoints,
         Fate::Oversized,
         Fate::InvalidBox,
+        Fate::Unconfirmed,
     ];
 
     /// The word in the JSON lines.
@@ -54,6 +57,7 @@ impl Fate {
             "too_few_points",
             "oversized",
             "invalid_box",
+            "unconfirmed",
         ][self as usize]
     }
 }
@@ -90,17 +94,23 @@ pub struct Object {
     pub points_first: u32,
     /// Entries there.
     pub points_count: u32,
+    /// What is out of the ordinary: bits, [`Object::UNREFINED`].
+    pub flags: u32,
+    /// The same over the frames in which it was seen (temporal voting); [`Object::NONE`] without.
+    pub track_id: u32,
     /// Corners of the footprint in use.
     pub footprint_count: u32,
     /// Convex outline seen from above, counter-clockwise, x and y in m.
     pub footprint_m: [[f32; 2]; FOOTPRINT_MAX],
 }
 
-const _: () = assert!(size_of::<Object>() == 18 * 4 + FOOTPRINT_MAX * 8);
+const _: () = assert!(size_of::<Object>() == 20 * 4 + FOOTPRINT_MAX * 8);
 
 impl Object {
-    /// No object.
+    /// No object, no track.
     pub const NONE: u32 = u32::MAX;
+    /// Bit of `flags`: the frame's budget ended before its turn, so its box is the proposal's.
+    pub const UNREFINED: u32 = 1;
 
     /// Checks a whole message: version, count, enums, indices, finite numbers.
     pub fn checked<'a>(

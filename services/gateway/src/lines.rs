@@ -39,6 +39,10 @@ pub struct ObjectLine<'a> {
     eds: f32,
     eds_normalised: f32,
     points: u32,
+    /// Number of its track, where unknown objects are followed over frames.
+    track: Option<u32>,
+    /// The frame's budget ended before its turn: its box is the proposal's.
+    unrefined: bool,
     footprint_m: Vec<[f32; 2]>,
 }
 
@@ -148,6 +152,8 @@ fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
         eds: object.eds,
         eds_normalised: object.eds_normalised,
         points: object.points_count,
+        track: (object.track_id != Object::NONE).then_some(object.track_id),
+        unrefined: object.flags & Object::UNREFINED != 0,
         footprint_m: object.footprint_m[..corners].to_vec(),
     }
 }
@@ -176,6 +182,8 @@ mod tests {
             threshold: 1.2,
             points_first: 0,
             points_count: 42,
+            flags: Object::UNREFINED,
+            track_id: 7,
             footprint_count: 2,
             footprint_m,
         }
@@ -205,7 +213,7 @@ mod tests {
             object(ObjectKind::Known, Fate::Published, Object::NONE),
             object(ObjectKind::Unknown, Fate::TooFewPoints, Object::NONE),
         ]);
-        assert_eq!(line["wire"], 1);
+        assert_eq!(line["wire"], WIRE_VERSION);
         assert_eq!(
             (&line["sequence"], &line["frame"], &line["stamp_ns"]),
             (&json!(8), &json!("000008"), &json!(77))
@@ -215,7 +223,7 @@ mod tests {
         assert_eq!(
             line["objects"][1],
             json!({"kind": "known", "label": "pedestrian", "score": 0.5, "center_m": [10.0, -2.0, -1.0],
-                   "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5, "points": 42,
+                   "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5, "points": 42, "track": 7, "unrefined": true,
                    "footprint_m": [[0.0, 0.0], [2.0, 0.5]]})
         );
         assert_eq!(line["objects"][0]["label"], "unknown");

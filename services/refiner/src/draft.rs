@@ -152,6 +152,8 @@ impl Draft {
             threshold: finite(detection.threshold),
             points_first: points.0,
             points_count: points.1,
+            flags: 0,
+            track_id: Object::NONE,
             footprint_count: self.footprint_count as u32,
             footprint_m: self.footprint_m,
         }
