@@ -114,8 +114,23 @@ impl Flags {
     }
 }
 
+/// Where the sensor was when the scan was taken, in a frame that stands still (any; only differences count).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend), type_name("mluc.EgoPose"))]
+#[repr(C)]
+pub struct EgoPose {
+    /// x, y, z, m.
+    pub position_m: [f64; 3],
+    /// Heading about +z, rad.
+    pub yaw_rad: f64,
+    /// 1 when the pose is known, else 0.
+    pub is_known: u32,
+    /// 0.
+    pub reserved: u32,
+}
+
 /// Carried by every message of a frame; the last one holds the whole latency story.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[cfg_attr(
     feature = "iceoryx2",
     derive(ZeroCopySend),
@@ -149,13 +164,15 @@ pub struct FrameHeader {
     pub limit_dropped: u32,
     /// Of the model file; a stage with another model refuses the message.
     pub model_fingerprint: u64,
+    /// Ego motion, where the source knows it.
+    pub ego: EgoPose,
     /// By [`Stage`].
     pub stages: [StageStamps; 4],
     /// The frame's name (file stem), UTF-8, NUL-padded.
     pub name: [u8; NAME_MAX],
 }
 
-const _: () = assert!(size_of::<FrameHeader>() == 64 + 4 * 24 + NAME_MAX);
+const _: () = assert!(size_of::<FrameHeader>() == 64 + 40 + 4 * 24 + NAME_MAX);
 const _: () = assert!(align_of::<FrameHeader>() == 8);
 
 impl Default for FrameHeader {
@@ -213,7 +230,7 @@ mod tests {
         header.wire_version = WIRE_VERSION + 1;
         let text = header.checked().unwrap_err().to_string();
         assert!(
-            text.contains("wire version 2") && text.contains("expected 1"),
+            text.contains("wire version 3") && text.contains("expected 2"),
             "{text}"
         );
     }

@@ -18,7 +18,7 @@ mod text;
 pub use detection::{Detection, DetectionKind};
 pub use error::ContractError;
 pub use features::{FeatureBlock, FeatureRows, feature_blocks};
-pub use header::{Flags, FrameHeader, Stage, StageStamps, WIRE_VERSION};
+pub use header::{EgoPose, Flags, FrameHeader, Stage, StageStamps, WIRE_VERSION};
 pub use health::{Health, HealthState};
 pub use limits::*;
 pub use object::{Fate, Object, ObjectKind};
