@@ -24,11 +24,12 @@ pub enum Fate {
     Published = 0,
     /// A known object covers it; `by` says which.
     OverlapsKnown = 1,
-    /// A better unknown covers it; `by` says which.
+    /// Merged into a better unknown that covers it; `by` says which.
     OverlapsUnknown = 2,
     /// Too few points to be a thing.
     TooFewPoints = 3,
-    /// Larger than any road user.
+    /// Larger than any road user, and nothing of it could be cut to size. A piece that could is published with
+    /// [`Object::SPLIT`].
     Oversized = 4,
     /// The detection's box made no sense (a size that is not above 0, a place that is not finite).
     InvalidBox = 5,
@@ -94,23 +95,32 @@ pub struct Object {
     pub points_first: u32,
     /// Entries there.
     pub points_count: u32,
-    /// What is out of the ordinary: bits, [`Object::UNREFINED`].
+    /// What is out of the ordinary: bits, [`Object::UNREFINED`], [`Object::SPLIT`], [`Object::THINNED`].
     pub flags: u32,
     /// The same over the frames in which it was seen (temporal voting); [`Object::NONE`] without.
     pub track_id: u32,
+    /// By how much `by` covers this one, 0 to 1; 0 without. A known object: share of this one's points in its box, or
+    /// bird's-eye intersection over union where that decided. An unknown one: intersection over the smaller area.
+    pub overlap: f32,
     /// Corners of the footprint in use.
     pub footprint_count: u32,
     /// Convex outline seen from above, counter-clockwise, x and y in m.
     pub footprint_m: [[f32; 2]; FOOTPRINT_MAX],
 }
 
-const _: () = assert!(size_of::<Object>() == 20 * 4 + FOOTPRINT_MAX * 8);
+const _: () = assert!(size_of::<Object>() == 21 * 4 + FOOTPRINT_MAX * 8);
 
 impl Object {
     /// No object, no track.
     pub const NONE: u32 = u32::MAX;
     /// Bit of `flags`: the frame's budget ended before its turn, so its box is the proposal's.
     pub const UNREFINED: u32 = 1;
+    /// Bit of `flags`: a piece of a cluster larger than any road user, cut to size.
+    pub const SPLIT: u32 = 1 << 1;
+    /// Bit of `flags`: more points than one candidate may look at; box and points come from an even share of them.
+    pub const THINNED: u32 = 1 << 2;
+    /// The bits of `flags` and their names in the JSON lines, in order.
+    pub const FLAG_NAMES: [&'static str; 3] = ["unrefined", "split", "thinned"];
 
     /// Checks a whole message: version, count, enums, indices, finite numbers.
     pub fn checked<'a>(
@@ -172,7 +182,7 @@ impl Object {
             .iter()
             .chain(&self.size_m)
             .chain([&self.yaw_rad, &self.score, &self.eds])
-            .chain([&self.eds_normalised, &self.threshold])
+            .chain([&self.eds_normalised, &self.threshold, &self.overlap])
             .chain(corners.iter().flatten());
         match numbers.copied().all(f32::is_finite) {
             true => Ok(()),

@@ -65,7 +65,7 @@ impl Topic {
     pub const OBJECTS: Topic = Topic {
         name: "objects",
         elements_max: OBJECTS_MAX,
-        element_bytes: 208,
+        element_bytes: 212,
         subscribers_max: 8,
         ..Topic::DETECTIONS
     };

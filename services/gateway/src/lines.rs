@@ -43,6 +43,8 @@ pub struct ObjectLine<'a> {
     track: Option<u32>,
     /// The frame's budget ended before its turn: its box is the proposal's.
     unrefined: bool,
+    /// A piece of a cluster larger than any road user.
+    split: bool,
     footprint_m: Vec<[f32; 2]>,
 }
 
@@ -55,6 +57,8 @@ pub struct SuppressedLine<'a> {
     reason: &'static str,
     /// Which of the line's `objects` took its place.
     by: Option<usize>,
+    /// By how much that one covers it, 0 to 1.
+    overlap: f32,
 }
 
 /// Latency of each stage.
@@ -114,6 +118,7 @@ pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [Strin
             .get(object.fate as usize)
             .map_or("?", |fate| fate.name()),
         by: places.get(object.by as usize).copied().flatten(),
+        overlap: object.overlap,
     });
     Line {
         wire: WIRE_VERSION,
@@ -154,6 +159,7 @@ fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
         points: object.points_count,
         track: (object.track_id != Object::NONE).then_some(object.track_id),
         unrefined: object.flags & Object::UNREFINED != 0,
+        split: object.flags & Object::SPLIT != 0,
         footprint_m: object.footprint_m[..corners].to_vec(),
     }
 }
@@ -184,6 +190,7 @@ mod tests {
             points_count: 42,
             flags: Object::UNREFINED,
             track_id: 7,
+            overlap: 0.0,
             footprint_count: 2,
             footprint_m,
         }
@@ -223,7 +230,7 @@ mod tests {
         assert_eq!(
             line["objects"][1],
             json!({"kind": "known", "label": "pedestrian", "score": 0.5, "center_m": [10.0, -2.0, -1.0],
-                   "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5, "points": 42, "track": 7, "unrefined": true,
+                   "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5, "points": 42, "track": 7, "unrefined": true, "split": false,
                    "footprint_m": [[0.0, 0.0], [2.0, 0.5]]})
         );
         assert_eq!(line["objects"][0]["label"], "unknown");

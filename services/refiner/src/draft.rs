@@ -11,6 +11,10 @@ pub(crate) struct Draft {
     pub(crate) fate: Fate,
     /// Detection of the object that suppressed this one.
     pub(crate) by: Option<usize>,
+    /// By how much, 0 to 1.
+    pub(crate) overlap: f32,
+    /// Bits of [`Object::flags`].
+    pub(crate) flags: u32,
     pub(crate) score: f32,
     pub(crate) shape: Box3,
     /// Range in the list of points.
@@ -82,6 +86,8 @@ impl Draft {
             kind,
             fate: Fate::Published,
             by: None,
+            overlap: 0.0,
+            flags: 0,
             score,
             shape,
             points: (0, 0),
@@ -152,8 +158,9 @@ impl Draft {
             threshold: finite(detection.threshold),
             points_first: points.0,
             points_count: points.1,
-            flags: 0,
+            flags: self.flags,
             track_id: Object::NONE,
+            overlap: self.overlap,
             footprint_count: self.footprint_count as u32,
             footprint_m: self.footprint_m,
         }
