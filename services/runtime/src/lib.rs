@@ -18,6 +18,7 @@ mod mapping;
 mod membership;
 mod node;
 mod output;
+mod scans;
 mod shell;
 mod signals;
 mod sweep;
@@ -30,6 +31,7 @@ pub use instance::Instance;
 pub use logging::log_to_stderr;
 pub use membership::{Claim, Membership};
 pub use output::{Draft, Output};
+pub use scans::Scans;
 pub use shell::{Shell, ShellOptions};
 pub use signals::Shutdown;
 

@@ -1,58 +1,14 @@
 //! Detections and the points of the same frame to objects (paper section 3.3).
 
-use std::collections::VecDeque;
-
 use mluc_ipc_types::{
     Detection, Flags, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Point, Stage, Topic,
 };
 use mluc_model::Model;
 use mluc_refiner::{Refined, Refiner, Sensor};
-use mluc_runtime::{Input, Message, RuntimeError, Shell, monotonic_ns};
+use mluc_runtime::{Scans, Shell, monotonic_ns};
 
 use super::frame::{begin, check_model, finish, refuse, stamp_published};
 use crate::settings::Settings;
-
-/// Scans kept after a frame was refined: the backbone has taken the newest or the one before it at about that time.
-const SCANS_PINNED: usize = 2;
-/// Scans kept in all: the pinned ones, and the newest two for a backbone that waited. So the points of a frame are found
-/// again however long the backbone takes; one more is held while it is being sorted in ([`Topic::POINTS`]`.borrowed`).
-const SCANS_KEPT: usize = 4;
-
-/// The last scans, held where they lie in shared memory.
-struct Scans {
-    input: Input<Point>,
-    held: VecDeque<Message<Point>>,
-}
-
-impl Scans {
-    /// Takes the scans that arrived.
-    fn take(&mut self) -> Result<(), RuntimeError> {
-        loop {
-            if self.held.len() > SCANS_KEPT {
-                self.held.remove(SCANS_PINNED);
-            }
-            match self.input.oldest()? {
-                Some(scan) => self.held.push_back(scan),
-                None => return Ok(()),
-            }
-        }
-    }
-
-    /// A frame was refined: lets go what no later frame can ask for.
-    fn let_go(&mut self) {
-        while self.held.len() > SCANS_PINNED {
-            self.held.pop_front();
-        }
-    }
-
-    /// The points of a frame, if they are still there.
-    fn of(&self, sequence: u64) -> Option<&Message<Point>> {
-        self.held
-            .iter()
-            .rev()
-            .find(|scan| scan.header().sequence == sequence)
-    }
-}
 
 pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
     let sensor = Sensor::from_manifest(&model.manifest)?;
@@ -61,10 +17,7 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
     let mut refined = Refined::default();
     let mut objects_out = shell.output::<Object>(&Topic::OBJECTS, OBJECTS_MAX)?;
     let mut points_out = shell.output::<u32>(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
-    let mut scans = Scans {
-        input: shell.side_input::<Point>(&Topic::POINTS)?,
-        held: VecDeque::with_capacity(SCANS_KEPT + 1),
-    };
+    let mut scans = Scans::new(shell.side_input::<Point>(&Topic::POINTS)?);
     let mut input = shell.input::<Detection>(&Topic::DETECTIONS)?;
     shell.state(HealthState::WaitingInput, "waiting for detections")?;
     while let Some(message) = shell.next(&mut input, &Topic::DETECTIONS, || scans.take())? {
@@ -119,7 +72,7 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
         shell.counters.bytes_written =
             (size_of_val(&refined.objects[..]) + size_of_val(&refined.object_points[..])) as u64;
         shell.counters.mappings_verified =
-            input.mappings_verified() + scans.input.mappings_verified();
+            input.mappings_verified() + scans.input().mappings_verified();
         scans.let_go();
         finish(&mut shell, Stage::Refiner, &header)?;
     }
