@@ -214,7 +214,7 @@ mod tests {
             FeatureRows::checked(&header, &blocks, MAP_CELLS, wide),
             Err(ContractError::TooLong { .. })
         ));
-        header.wire_version = 2;
+        header.wire_version = crate::WIRE_VERSION + 1;
         assert!(matches!(
             check(&header, &blocks),
             Err(ContractError::WireVersion { .. })

@@ -75,6 +75,10 @@ pub(crate) struct PipelineArgs {
     /// How the refiner clusters: corrected, literal, distance, dbscan, euclidean, none.
     #[arg(long)]
     pub(crate) refiner_mode: Option<String>,
+    /// Follow unknown objects over frames: each gets a number, and is published once two of the last three frames saw
+    /// it. Known objects are never delayed.
+    #[arg(long)]
+    pub(crate) track: bool,
     /// In what the backbone multiplies: f32, or bf16 (faster where the processor has it) [default: f32].
     #[arg(long)]
     pub(crate) precision: Option<String>,

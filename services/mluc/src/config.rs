@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use mluc_refiner::Settings as RefinerSettings;
+use mluc_refiner::{Settings as RefinerSettings, TrackSettings};
 use serde::Deserialize;
 
 use crate::UsageError;
@@ -26,6 +26,8 @@ pub(crate) struct Config {
     pub(crate) stages: StageTables,
     /// `[refiner]`: the algorithm's own settings.
     pub(crate) refiner: Option<RefinerSettings>,
+    /// `[track]`: temporal voting, which this table switches on.
+    pub(crate) track: Option<TrackSettings>,
 }
 
 /// `[stages.NAME]`.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
-use mluc_refiner::{Mode, Settings as RefinerSettings};
+use mluc_refiner::{Mode, Settings as RefinerSettings, TrackSettings};
 use mluc_runtime::Instance;
 
 use crate::UsageError;
@@ -27,6 +27,8 @@ pub(crate) struct Settings {
     pub(crate) precision: Precision,
     pub(crate) verify_mapping: bool,
     pub(crate) refiner: RefinerSettings,
+    /// Temporal voting of unknown objects.
+    pub(crate) track: Option<TrackSettings>,
     pub(crate) threads: [usize; 4],
     pub(crate) commands: [Option<Vec<String>>; 4],
     config: Option<PathBuf>,
@@ -89,6 +91,7 @@ impl Settings {
             },
             verify_mapping: args.verify_mapping,
             refiner,
+            track: config.track.or(args.track.then(TrackSettings::default)),
             threads,
             commands: tables.map(|table| table.command.clone()),
             config: args.config,
@@ -166,6 +169,9 @@ impl Settings {
         }
         if stage == Stage::Ingest && self.repeat {
             arguments.push("--loop".to_string());
+        }
+        if self.track.is_some() {
+            arguments.push("--track".to_string());
         }
         if self.verify_mapping {
             arguments.push("--verify-mapping".to_string());
@@ -245,6 +251,7 @@ mod tests {
             "--refiner-mode",
             "literal",
             "--verify-mapping",
+            "--track",
             "--threads",
             "ingest=3",
         ])

@@ -1,10 +1,13 @@
-//! Scans in a folder: which files, in what order, with what stamps.
+//! Scans in a folder: which files, in what order, with what stamps and poses.
+
+mod poses;
 
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use mluc_ipc_types::EgoPose;
 
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
@@ -17,6 +20,8 @@ pub(crate) struct Source {
     pub(crate) scans: Vec<PathBuf>,
     /// The sensor's time of each scan, ns; from `timestamps.txt`.
     pub(crate) stamps_ns: Option<Vec<u64>>,
+    /// Where the sensor was at each scan; from `poses.txt`.
+    pub(crate) poses: Option<Vec<EgoPose>>,
 }
 
 /// What was read of a file.
@@ -44,6 +49,7 @@ impl Source {
             return Ok(Source {
                 scans: vec![input.to_path_buf()],
                 stamps_ns: None,
+                poses: None,
             });
         }
         for inner in ["velodyne", "velodyne_points/data", ""] {
@@ -54,7 +60,12 @@ impl Source {
             let scans = bin_files(&folder)?;
             if !scans.is_empty() {
                 let stamps_ns = stamps(&folder, scans.len());
-                return Ok(Source { scans, stamps_ns });
+                let poses = poses::read(&folder, scans.len())?;
+                return Ok(Source {
+                    scans,
+                    stamps_ns,
+                    poses,
+                });
             }
         }
         bail!(
@@ -243,6 +254,7 @@ mod tests {
         let source = Source {
             scans: vec!["/nowhere/000007.bin".into()],
             stamps_ns: None,
+            poses: None,
         };
         let mut bytes = vec![1, 2, 3];
         assert_eq!(source.read(0, &mut bytes), ReadOutcome::Failed);

@@ -29,6 +29,7 @@ mod seed;
 mod sensor;
 mod settings;
 mod size;
+pub mod track;
 
 pub use angle::{by_arctangent_rad, by_law_of_cosines_rad};
 pub use error::RefinerError;
@@ -42,3 +43,4 @@ pub use settings::{
     CorrectedSettings, DistanceSettings, GroundSettings, LiteralSettings, MergeSettings, Mode,
     ReferenceSettings, Settings,
 };
+pub use track::{TrackSettings, Tracker};

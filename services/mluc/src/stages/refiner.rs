@@ -4,7 +4,7 @@ use mluc_ipc_types::{
     Detection, Flags, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Point, Stage, Topic,
 };
 use mluc_model::Model;
-use mluc_refiner::{Refined, Refiner, Sensor};
+use mluc_refiner::{Refined, Refiner, Sensor, Tracker};
 use mluc_runtime::{Scans, Shell, monotonic_ns};
 
 use super::frame::{begin, check_model, finish, refuse, stamp_published};
@@ -13,6 +13,7 @@ use crate::settings::Settings;
 pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
     let sensor = Sensor::from_manifest(&model.manifest)?;
     let mut refiner = Refiner::new(settings.refiner.clone(), &sensor)?;
+    let mut tracker = settings.track.map(Tracker::new).transpose()?;
     let classes = model.manifest.classes.len();
     let mut refined = Refined::default();
     let mut objects_out = shell.output::<Object>(&Topic::OBJECTS, OBJECTS_MAX)?;
@@ -41,6 +42,9 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
             }
         };
         refiner.refine(header.sequence, points, detections, &mut refined);
+        if let Some(tracker) = &mut tracker {
+            tracker.update(header.sequence, &header.ego, &mut refined);
+        }
         let counters = &refined.counters;
         header.limit_dropped += counters.detections_dropped;
         if counters.limit_hit() {

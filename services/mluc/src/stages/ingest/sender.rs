@@ -117,6 +117,9 @@ impl Sender {
         header.attempt = attempt;
         header.model_fingerprint = self.fingerprint;
         header.sensor_stamp_ns = self.stamp_ns(index);
+        if let Some(poses) = &self.source.poses {
+            header.ego = poses[index];
+        }
         header.points_in = report.points_in;
         header.points_dropped = report.dropped();
         header.flag(self.loaded.flags);
