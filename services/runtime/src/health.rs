@@ -121,6 +121,7 @@ impl Heartbeat {
 pub struct HealthWatch {
     inputs: Vec<Input<Health>>,
     last: [Option<Health>; 4],
+    heard_ns: [u64; 4],
 }
 
 impl HealthWatch {
@@ -136,12 +137,14 @@ impl HealthWatch {
         Ok(HealthWatch {
             inputs,
             last: [None; 4],
+            heard_ns: [0; 4],
         })
     }
 
     /// Takes what arrived; heartbeats that break the contract are left out.
     pub fn update(&mut self) -> Result<&[Option<Health>; 4], RuntimeError> {
-        for (input, last) in self.inputs.iter_mut().zip(&mut self.last) {
+        let kept = self.last.iter_mut().zip(&mut self.heard_ns);
+        for (input, (last, heard_ns)) in self.inputs.iter_mut().zip(kept) {
             let Some(message) = input.newest()? else {
                 continue;
             };
@@ -149,6 +152,7 @@ impl HealthWatch {
                 && health.checked().is_ok()
             {
                 *last = Some(*health);
+                *heard_ns = message.received_ns;
             }
         }
         Ok(&self.last)
@@ -157,6 +161,11 @@ impl HealthWatch {
     /// The last heartbeat of a stage.
     pub fn of(&self, stage: Stage) -> Option<&Health> {
         self.last[stage as usize].as_ref()
+    }
+
+    /// When the last heartbeat of a stage was taken, CLOCK_MONOTONIC; 0: never.
+    pub fn heard_ns(&self, stage: Stage) -> u64 {
+        self.heard_ns[stage as usize]
     }
 
     /// Whether the stage said that it takes frames.

@@ -129,7 +129,8 @@ impl<T: Pod + Debug + ZeroCopySend> Input<T> {
         let sequence = message.header().sequence;
         // A sequence that goes back is a frame sent again, or a new run: no drop.
         if let Some(last) = self.last_sequence {
-            self.dropped += sequence.saturating_sub(last.saturating_add(1));
+            let gap = sequence.saturating_sub(last.saturating_add(1));
+            self.dropped = self.dropped.saturating_add(gap);
         }
         self.last_sequence = Some(sequence);
         self.bytes_read += size_of_val(message.elements()) as u64;

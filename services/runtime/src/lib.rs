@@ -9,6 +9,7 @@
 //! anything; a connection file of 0 bytes would hang every later start, so it is swept first.
 
 mod clock;
+mod environment;
 mod error;
 mod health;
 mod input;
@@ -24,6 +25,7 @@ mod signals;
 mod sweep;
 
 pub use clock::{monotonic_ns, wall_clock_ns};
+pub use environment::{StageEnvironment, stage_environment};
 pub use error::RuntimeError;
 pub use health::{Counters, HealthWatch};
 pub use input::{Input, Message};
@@ -32,7 +34,7 @@ pub use logging::log_to_stderr;
 pub use membership::{Claim, Membership};
 pub use output::{Draft, Output};
 pub use scans::Scans;
-pub use shell::{Shell, ShellOptions};
+pub use shell::{Next, Shell, ShellOptions};
 pub use signals::Shutdown;
 
 /// iceoryx2 between processes.

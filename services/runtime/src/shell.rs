@@ -49,8 +49,26 @@ pub struct Shell {
     options: ShellOptions,
     prefault: Prefault,
     shutdown: Shutdown,
+    /// Since the last message that was waited for.
+    silence: Option<Silence>,
     /// Published with every heartbeat.
     pub counters: Counters,
+}
+
+/// What a wait with a timeout ends with.
+pub enum Next<T: Pod + Debug + ZeroCopySend> {
+    /// The newest message.
+    Message(Message<T>),
+    /// None came.
+    Timeout,
+    /// This process was asked to end.
+    Stopping,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Silence {
+    since_ns: u64,
+    is_said: bool,
 }
 
 impl Shell {
@@ -72,6 +90,7 @@ impl Shell {
             options,
             prefault: Prefault::default(),
             shutdown,
+            silence: None,
             counters: Counters::default(),
         };
         shell.beat()?;
@@ -95,6 +114,7 @@ impl Shell {
             options,
             prefault: Prefault::default(),
             shutdown,
+            silence: None,
             counters: Counters::default(),
         })
     }
@@ -178,35 +198,86 @@ impl Shell {
         topic: &Topic,
         mut on_tick: impl FnMut() -> Result<(), RuntimeError>,
     ) -> Result<Option<Message<T>>, RuntimeError> {
+        loop {
+            match self.next_within(input, topic, &mut on_tick, Duration::MAX)? {
+                Next::Message(message) => return Ok(Some(message)),
+                Next::Stopping => return Ok(None),
+                Next::Timeout => (),
+            }
+        }
+    }
+
+    /// The same, and gives up after `timeout`. Silence is counted over the calls.
+    pub fn next_within<T: Pod + Debug + ZeroCopySend>(
+        &mut self,
+        input: &mut Input<T>,
+        topic: &Topic,
+        mut on_tick: impl FnMut() -> Result<(), RuntimeError>,
+        timeout: Duration,
+    ) -> Result<Next<T>, RuntimeError> {
         let begun_ns = monotonic_ns();
-        let mut is_said = false;
+        self.silence.get_or_insert(Silence {
+            since_ns: begun_ns,
+            is_said: false,
+        });
         loop {
             if self.is_stopping() {
-                return Ok(None);
+                return Ok(Next::Stopping);
             }
             on_tick()?;
             input.drain_wakes();
             if let Some(message) = input.newest()? {
-                self.say_again(is_said, begun_ns, topic);
-                return Ok(Some(message));
+                self.end_silence(topic);
+                return Ok(Next::Message(message));
             }
-            let waited_ns = monotonic_ns() - begun_ns;
-            if waited_ns > topic.deadline_ms * 1_000_000 && !is_said {
-                is_said = true;
-                let reason = waiting_for(input, topic);
-                tracing::info!("{reason}");
-                self.state(HealthState::WaitingInput, &reason)?;
-            }
+            self.say_silence(input, topic)?;
             self.tick()?;
-            input.wait(TICK);
+            let left = timeout.saturating_sub(Duration::from_nanos(monotonic_ns() - begun_ns));
+            if left.is_zero() {
+                return Ok(Next::Timeout);
+            }
+            input.wait(left.min(TICK));
         }
     }
 
-    fn say_again(&self, was_said: bool, begun_ns: u64, topic: &Topic) {
-        if was_said {
-            let waited_ms = (monotonic_ns() - begun_ns) / 1_000_000;
+    /// Says once what is missing, when the topic's deadline is over.
+    fn say_silence<T: Pod + Debug + ZeroCopySend>(
+        &mut self,
+        input: &Input<T>,
+        topic: &Topic,
+    ) -> Result<(), RuntimeError> {
+        let deadline_ns = topic.deadline_ms * 1_000_000;
+        match &mut self.silence {
+            Some(silence)
+                if !silence.is_said && monotonic_ns() - silence.since_ns > deadline_ns =>
+            {
+                silence.is_said = true;
+            }
+            _ => return Ok(()),
+        }
+        let reason = waiting_for(input, topic);
+        tracing::info!("{reason}");
+        self.state(HealthState::WaitingInput, &reason)
+    }
+
+    fn end_silence(&mut self, topic: &Topic) {
+        if let Some(silence) = self.silence.take()
+            && silence.is_said
+        {
+            let waited_ms = (monotonic_ns() - silence.since_ns) / 1_000_000;
             tracing::info!(waited_ms, "{} arrive", topic.name);
         }
+    }
+
+    /// Refuses a message that breaks the contract or comes of another model: counted, said, and the next one is taken.
+    pub fn refuse(&mut self, why: &str) -> Result<(), RuntimeError> {
+        self.counters.messages_refused += 1;
+        let count = self.counters.messages_refused;
+        // A lasting cause would fill the log at the sensor's rate.
+        if count <= 3 || count.is_multiple_of(100) {
+            tracing::warn!(count, "message refused: {why}");
+        }
+        self.state(HealthState::Degraded, why)
     }
 
     /// Waits at most `timeout` for a message on `input`, without taking it.

@@ -1,0 +1,169 @@
+//! The functions that C calls. No panic crosses the border.
+
+use std::ffi::c_char;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+use mluc_ipc_types::{Detection, Flags, FrameHeader, Object, Point, WIRE_VERSION};
+
+use crate::error::{Code, Failure, last, remember};
+use crate::refiner::{Refiner, Waited};
+
+/// `mluc_refiner` in C: a handle.
+pub struct MlucRefiner(Refiner);
+
+/// `mluc_frame` in C: where a frame lies in shared memory. Readable until the next call with the same handle.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct MlucFrame {
+    /// The detections' header.
+    pub header: *const FrameHeader,
+    /// Points of the same scan; none when they are gone (the header's flags say so).
+    pub points: *const Point,
+    /// How many.
+    pub points_count: usize,
+    /// Checked: classes, kinds and boxes make sense.
+    pub detections: *const Detection,
+    /// How many.
+    pub detections_count: usize,
+}
+
+fn guarded(call: impl FnOnce() -> Result<Code, Failure>) -> i32 {
+    let result = catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(|_| {
+        Err(Failure {
+            code: Code::Internal,
+            words: "a bug in mluc-capi: see stderr".to_string(),
+        })
+    });
+    match result {
+        Ok(code) => code as i32,
+        Err(failure) => {
+            remember(&failure.words);
+            failure.code as i32
+        }
+    }
+}
+
+/// The version of the contract that this library speaks.
+#[unsafe(no_mangle)]
+pub extern "C" fn mluc_wire_version() -> u32 {
+    WIRE_VERSION
+}
+
+/// Words of this thread's last error; valid until its next one.
+#[unsafe(no_mangle)]
+pub extern "C" fn mluc_last_error() -> *const c_char {
+    last()
+}
+
+/// Joins the instance that `MLUC_INSTANCE` names ("default" without it) as its refiner.
+///
+/// # Safety
+/// `refiner` is null or points to writable memory for a pointer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_refiner_open(refiner: *mut *mut MlucRefiner) -> i32 {
+    guarded(|| {
+        // SAFETY: by the caller's promise.
+        let place = unsafe { refiner.as_mut() }
+            .ok_or_else(|| Failure::usage("open: the handle's place is null"))?;
+        *place = std::ptr::null_mut();
+        *place = Box::into_raw(Box::new(MlucRefiner(Refiner::open()?)));
+        Ok(Code::Ok)
+    })
+}
+
+/// Waits for the newest frame, at most `timeout_ms`. Heartbeats go out while it waits; call it again and again.
+///
+/// # Safety
+/// `refiner` comes from [`mluc_refiner_open`] and was not closed, or is null; `frame` is null or points to writable memory.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_refiner_wait(
+    refiner: *mut MlucRefiner,
+    timeout_ms: u32,
+    frame: *mut MlucFrame,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: by the caller's promise.
+        let (refiner, frame) = unsafe { (refiner.as_mut(), frame.as_mut()) };
+        let (Some(refiner), Some(frame)) = (refiner, frame) else {
+            return Err(Failure::usage("wait: the handle or the frame is null"));
+        };
+        *frame = MlucFrame {
+            header: std::ptr::null(),
+            points: std::ptr::null(),
+            points_count: 0,
+            detections: std::ptr::null(),
+            detections_count: 0,
+        };
+        match refiner.0.wait(Duration::from_millis(timeout_ms.into()))? {
+            Waited::Timeout => return Ok(Code::Timeout),
+            Waited::Stopping => return Ok(Code::Stopping),
+            Waited::Frame => (),
+        }
+        if let Some((header, points, detections)) = refiner.0.frame() {
+            *frame = MlucFrame {
+                header,
+                points: points.as_ptr(),
+                points_count: points.len(),
+                detections: detections.as_ptr(),
+                detections_count: detections.len(),
+            };
+        }
+        Ok(Code::Ok)
+    })
+}
+
+/// Publishes the objects of the frame that [`mluc_refiner_wait`] gave, once. `flags` are added to the header's.
+///
+/// # Safety
+/// `refiner` as above; `objects` and `indices` point to as many elements as said, or their count is 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_refiner_publish(
+    refiner: *mut MlucRefiner,
+    objects: *const Object,
+    objects_count: usize,
+    indices: *const u32,
+    indices_count: usize,
+    flags: u32,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: by the caller's promise.
+        let refiner =
+            unsafe { refiner.as_mut() }.ok_or_else(|| Failure::usage("publish: null handle"))?;
+        // SAFETY: by the caller's promise; every bit pattern is a sound Object and u32.
+        let (objects, indices) = unsafe {
+            (
+                slice_of(objects, objects_count)?,
+                slice_of(indices, indices_count)?,
+            )
+        };
+        refiner.0.publish(objects, indices, Flags(flags))?;
+        Ok(Code::Ok)
+    })
+}
+
+/// Leaves. Null is fine.
+///
+/// # Safety
+/// `refiner` comes from [`mluc_refiner_open`], is closed once, and is used no more.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_refiner_close(refiner: *mut MlucRefiner) {
+    guarded(|| {
+        if !refiner.is_null() {
+            // SAFETY: by the caller's promise it is ours, and nobody else's.
+            drop(unsafe { Box::from_raw(refiner) });
+        }
+        Ok(Code::Ok)
+    });
+}
+
+/// # Safety
+/// `first` points to `count` elements, or `count` is 0.
+unsafe fn slice_of<'a, T>(first: *const T, count: usize) -> Result<&'a [T], Failure> {
+    match (first.is_null(), count) {
+        (_, 0) => Ok(&[]),
+        (true, _) => Err(Failure::usage("publish: null where elements should be")),
+        // SAFETY: by the caller's promise.
+        (false, _) => Ok(unsafe { std::slice::from_raw_parts(first, count) }),
+    }
+}

@@ -1,0 +1,87 @@
+//! Errors as codes; the words of the last one by thread.
+
+use std::cell::RefCell;
+use std::ffi::{CString, c_char};
+
+use mluc_ipc_types::ContractError;
+use mluc_runtime::RuntimeError;
+
+/// What a call returns. Negative: an error, and `mluc_last_error` says more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(i32)]
+pub enum Code {
+    /// Done; of `mluc_refiner_wait`: a frame came.
+    Ok = 0,
+    /// No frame came within the timeout.
+    Timeout = 1,
+    /// The process was asked to end (SIGTERM, SIGINT): close and return from `main` with 0.
+    Stopping = 2,
+    /// A null pointer, or a call out of turn.
+    Usage = -1,
+    /// The instance could not be joined: another wire version, a refiner runs already, shared memory is full.
+    Open = -2,
+    /// What was to be published breaks the contract; nothing was published.
+    Contract = -3,
+    /// Shared memory failed.
+    Memory = -4,
+    /// A bug in this library.
+    Internal = -5,
+}
+
+/// An error with its words.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    pub(crate) code: Code,
+    pub(crate) words: String,
+}
+
+impl Failure {
+    pub(crate) fn usage(words: &str) -> Failure {
+        Failure {
+            code: Code::Usage,
+            words: words.to_string(),
+        }
+    }
+
+    pub(crate) fn open(error: RuntimeError) -> Failure {
+        Failure {
+            code: Code::Open,
+            words: error.to_string(),
+        }
+    }
+}
+
+impl From<RuntimeError> for Failure {
+    fn from(error: RuntimeError) -> Failure {
+        Failure {
+            code: Code::Memory,
+            words: error.to_string(),
+        }
+    }
+}
+
+impl From<ContractError> for Failure {
+    fn from(error: ContractError) -> Failure {
+        Failure {
+            code: Code::Contract,
+            words: error.to_string(),
+        }
+    }
+}
+
+thread_local! {
+    static LAST: RefCell<CString> = RefCell::default();
+}
+
+/// Keeps the words for `mluc_last_error`.
+pub(crate) fn remember(words: &str) {
+    let words = CString::new(words.replace('\0', " ")).unwrap_or_default();
+    // Only fails while the thread ends: nobody asks any more.
+    let _ = LAST.try_with(|last| last.replace(words));
+}
+
+/// Valid until the next failing call of this thread.
+pub(crate) fn last() -> *const c_char {
+    LAST.try_with(|last| last.borrow().as_ptr())
+        .unwrap_or(c"".as_ptr())
+}

@@ -1,0 +1,155 @@
+//! Frames as they may come from sound stages.
+
+use anyhow::ensure;
+use mluc_ipc_types::{DETECTIONS_MAX, Detection, Flags, POINTS_MAX, Point};
+
+use super::Outcome;
+use crate::answer::{check_form, check_objects, is_flagged};
+use crate::scene::{CAR, CART, Thing, blob, candidate, known, scan, usual};
+use crate::session::Session;
+
+pub(super) fn scene(session: &mut Session<'_>) -> Outcome {
+    session.ready()?;
+    let (points, detections) = usual();
+    let frame = session.player.frame(points, detections);
+    let (sent, answer) = session.ask(&frame)?;
+    let unknown = &answer.objects[1];
+    let off_m = (unknown.center_m[0] - CART.x_m).hypot(unknown.center_m[1] - CART.y_m);
+    Ok(format!(
+        "answered in {:.1} ms; the unknown object has {} points and lies {off_m:.2} m off",
+        answer.took_ms(&sent),
+        unknown.points_count
+    ))
+}
+
+pub(super) fn empty(session: &mut Session<'_>) -> Outcome {
+    session.ready()?;
+    let (points, detections) = usual();
+    for (points, detections) in [
+        (vec![], vec![]),
+        (points, vec![]),
+        (vec![], detections.clone()),
+        (usual().0, vec![]),
+        (vec![], detections),
+    ] {
+        let mut frame = session.player.frame(points, detections);
+        if frame.points.is_empty() {
+            frame.header.flags |= Flags::EMPTY.0;
+        }
+        let (_, answer) = session.ask(&frame)?;
+        ensure!(
+            !is_flagged(&answer, &[Flags::POINTS_GONE]),
+            "a scan without points is flagged points_gone, although it came"
+        );
+    }
+    Ok("5 frames answered".to_string())
+}
+
+/// Slowest answer of frames, ms.
+fn slowest(session: &mut Session<'_>, frames: Vec<(Vec<Point>, Vec<Detection>)>) -> Outcome {
+    session.ready()?;
+    let count = frames.len();
+    let mut slowest_ms = 0.0f64;
+    for (points, detections) in frames {
+        let frame = session.player.frame(points, detections);
+        let (sent, answer) = session.ask(&frame)?;
+        slowest_ms = slowest_ms.max(answer.took_ms(&sent));
+    }
+    Ok(format!(
+        "{count} frames answered, the slowest in {slowest_ms:.1} ms"
+    ))
+}
+
+fn spread(number: usize) -> Thing {
+    let angle = number as f32 * 2.4;
+    let range = 5.0 + number as f32 * 0.09;
+    Thing {
+        x_m: range * angle.cos(),
+        y_m: range * angle.sin(),
+        ..CART
+    }
+}
+
+pub(super) fn candidates(session: &mut Session<'_>) -> Outcome {
+    let on_one_spot = (0..DETECTIONS_MAX)
+        .map(|number| candidate(&CART, [number as f32 * 0.001, 0.0]))
+        .collect();
+    let things: Vec<Thing> = (0..DETECTIONS_MAX).map(spread).collect();
+    let everywhere = things.iter().map(|thing| candidate(thing, [0.2, 0.1]));
+    let all_known = things.iter().map(known).collect();
+    slowest(
+        session,
+        vec![
+            (scan(&[CART, CAR], 20_000), on_one_spot),
+            (scan(&things, 60_000), everywhere.collect()),
+            (scan(&things, 60_000), all_known),
+        ],
+    )
+}
+
+pub(super) fn points(session: &mut Session<'_>) -> Outcome {
+    let detections = || -> Vec<Detection> {
+        let shifts = (0..20).map(|number| number as f32 * 0.02);
+        shifts
+            .map(|shift| candidate(&CART, [shift, -shift]))
+            .collect()
+    };
+    slowest(
+        session,
+        vec![
+            (scan(&[CART, CAR], POINTS_MAX), detections()),
+            (blob(&CART, POINTS_MAX), detections()),
+            (vec![Point::default(); POINTS_MAX], detections()),
+        ],
+    )
+}
+
+pub(super) fn points_gone(session: &mut Session<'_>) -> Outcome {
+    session.ready()?;
+    let (points, detections) = usual();
+    let mut never_sent = session.player.frame(points.clone(), detections.clone());
+    never_sent.points_header = None;
+    let mut of_another = session.player.frame(points, detections);
+    if let Some(header) = &mut of_another.points_header {
+        header.sequence += 1_000_000;
+    }
+    for frame in [never_sent, of_another] {
+        let mut sent = session.player.send(&frame)?;
+        sent.points = 0;
+        let answer = session.await_answer(&sent)?;
+        check_form(&sent, &answer, session.options.classes.len())?;
+        check_objects(&sent, &answer)?;
+        for (flag, name) in [
+            (Flags::POINTS_GONE, "points_gone"),
+            (Flags::DEGRADED, "degraded"),
+        ] {
+            ensure!(is_flagged(&answer, &[flag]), "not flagged {name}");
+        }
+    }
+    Ok("2 frames answered and flagged".to_string())
+}
+
+pub(super) fn sent_again(session: &mut Session<'_>) -> Outcome {
+    session.ready()?;
+    let (points, detections) = usual();
+    session.player.set_next_sequence(500);
+    let mut frame = session.player.frame(points, detections);
+    let (_, first) = session.ask(&frame)?;
+    for header in [Some(&mut frame.header), frame.points_header.as_mut()]
+        .into_iter()
+        .flatten()
+    {
+        header.attempt = 1;
+        header.flags |= Flags::RESENT.0;
+    }
+    let (_, second) = session.ask(&frame)?;
+    let is_same = first.objects == second.objects;
+    session.player.set_next_sequence(0);
+    let (points, detections) = usual();
+    let frame = session.player.frame(points, detections);
+    session.ask(&frame)?;
+    Ok(format!(
+        "both answered; the same frame gave {} objects",
+        if is_same { "the same" } else { "OTHER" }
+    ))
+}

@@ -1,0 +1,108 @@
+//! The process under test.
+
+use std::io::Read;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use rustix::process::{Pid, Signal, kill_process_group};
+
+/// Of what it wrote, this much is kept for the report, bytes.
+const WORDS_MAX: usize = 4096;
+
+/// A running program, in a process group of its own: signals reach what a shell in between started, too.
+pub(crate) struct Program {
+    process: Child,
+    status: Option<ExitStatus>,
+    words: Arc<Mutex<Vec<u8>>>,
+}
+
+impl Program {
+    pub(crate) fn start(
+        command: &[String],
+        environment: &[(String, String)],
+    ) -> anyhow::Result<Program> {
+        let (program, arguments) = command.split_first().context("no program given")?;
+        let mut process = Command::new(program)
+            .args(arguments)
+            .envs(environment.iter().cloned())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .process_group(0)
+            .spawn()
+            .with_context(|| format!("starting {program}"))?;
+        let words = Arc::new(Mutex::new(Vec::new()));
+        if let Some(stderr) = process.stderr.take() {
+            let words = words.clone();
+            std::thread::spawn(move || keep_last(stderr, &words));
+        }
+        Ok(Program {
+            process,
+            status: None,
+            words,
+        })
+    }
+
+    pub(crate) fn pid(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// How it ended, if it did.
+    pub(crate) fn ended(&mut self) -> Option<ExitStatus> {
+        if self.status.is_none() {
+            self.status = self.process.try_wait().ok().flatten();
+        }
+        self.status
+    }
+
+    /// Waits for its end.
+    pub(crate) fn end_within(&mut self, patience: Duration) -> Option<ExitStatus> {
+        let begun = Instant::now();
+        while self.ended().is_none() && begun.elapsed() < patience {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        self.status
+    }
+
+    /// The end of what it wrote to stderr.
+    pub(crate) fn last_words(&self) -> String {
+        // Its writer may be a moment behind the process's end.
+        std::thread::sleep(Duration::from_millis(20));
+        let words = self.words.lock().unwrap_or_else(PoisonError::into_inner);
+        String::from_utf8_lossy(&words).trim().to_string()
+    }
+
+    pub(crate) fn signal(&self, signal: Signal) {
+        if let Some(group) = Pid::from_raw(self.process.id() as i32) {
+            // It may have ended already.
+            let _ = kill_process_group(group, signal);
+        }
+    }
+
+    /// By force, and waits until it is gone.
+    pub(crate) fn kill(&mut self) {
+        if self.status.is_none() {
+            self.signal(Signal::KILL);
+            self.status = self.process.wait().ok();
+        }
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+fn keep_last(mut from: impl Read, words: &Mutex<Vec<u8>>) {
+    let mut bytes = [0; 1024];
+    while let Ok(count @ 1..) = from.read(&mut bytes) {
+        let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
+        words.extend_from_slice(&bytes[..count]);
+        let too_many = words.len().saturating_sub(WORDS_MAX);
+        words.drain(..too_many);
+    }
+}
