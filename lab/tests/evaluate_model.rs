@@ -21,6 +21,7 @@ fn scans(folder: &Path, frames: u32) -> PathBuf {
         family: Family::SimUdi,
         split: Split::Val,
         frames,
+        sequence: None,
         seed: 3,
         folder: root.clone(),
         threads: 0,

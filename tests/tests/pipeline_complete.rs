@@ -23,7 +23,7 @@ fn all_frames_come_out_in_order() {
     for (number, line) in run.lines.iter().enumerate() {
         assert_eq!(
             (&line["wire"], &line["sequence"]),
-            (&1.into(), &number.into())
+            (&mluc_ipc_types::WIRE_VERSION.into(), &number.into())
         );
         assert!(line["latency_us"].as_u64().unwrap() > 0);
         for stage in ["ingest", "backbone", "head", "refiner"] {

@@ -27,6 +27,10 @@ pub(crate) struct SimulateArguments {
     /// Seed of the data set.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Frames of a sequence at 10 Hz through one scene, in which the sensor and half of the objects move [default: every frame is a scene of its own].
+    /// Adds poses.txt and timestamps.txt; the frames that come first are not those of a data set without sequences.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(2..=100))]
+    sequence: Option<u32>,
     /// Folder to write; must be new or empty.
     #[arg(long)]
     out: PathBuf,
@@ -60,6 +64,7 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
             SplitName::Test => Split::Test,
         },
         frames: arguments.frames,
+        sequence: arguments.sequence,
         seed: arguments.seed,
         folder: arguments.out,
         threads: arguments.threads,

@@ -1,10 +1,10 @@
 //! Writing simulated frames as a KITTI-format folder.
 //!
 //! `velodyne/*.bin` (x, y, z, intensity as little-endian f32), `label_2/*.txt`, `calib/*.txt`, `planes/*.txt`, `instances/*.u16` (little-endian, one a point)
-//! and `ImageSets/SPLIT.txt`.
+//! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
 
 use super::labels::calibration;
-use super::{Family, SimulateError, SimulatedFrame, SimulatedObject, Split, frame};
+use super::{Family, SimulateError, SimulatedFrame, SimulatedObject, Split, frame, sequence_frame};
 use crate::dataset::Label;
 use mluc_geometry::{Calibration, limit_period};
 use rayon::prelude::*;
@@ -29,6 +29,8 @@ pub struct ExportOptions {
     pub split: Split,
     /// How many frames.
     pub frames: u32,
+    /// Frames of a sequence, a tenth of a second apart; None: every frame is a scene of its own.
+    pub sequence: Option<u32>,
     /// Seed of the data set.
     pub seed: u64,
     /// The folder to write into; made when missing, refused when it holds anything.
@@ -49,19 +51,60 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
             reason: e.to_string(),
         })?;
     pool.install(|| {
-        (0..options.frames).into_par_iter().try_for_each(|index| {
-            let frame = frame(options.family, options.split, options.seed, index)?;
+        let one = |index| {
+            let (frame, pose) = simulated(options, index)?;
             write_frame(options, &calibration, index, &frame)?;
             written();
-            Ok::<(), SimulateError>(())
-        })
-    })?;
+            Ok::<_, SimulateError>(pose)
+        };
+        (0..options.frames)
+            .into_par_iter()
+            .map(one)
+            .collect::<Result<Vec<_>, _>>()
+    })
+    .and_then(|poses| write_poses(options, &poses))?;
     let names: String = (0..options.frames).map(|i| format!("{i:06}\n")).collect();
     let list = format!("{}.txt", options.split.name());
     write(
         &options.folder.join("ImageSets").join(list),
         names.as_bytes(),
     )
+}
+
+fn simulated(
+    options: &ExportOptions,
+    index: u32,
+) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
+    let (family, split, seed) = (options.family, options.split, options.seed);
+    match options.sequence {
+        None => Ok((frame(family, split, seed, index)?, [0.0; 3])),
+        Some(steps) => sequence_frame(family, split, seed, index / steps, index % steps, steps),
+    }
+}
+
+/// Poses and stamps of sequences. Another sequence is another place: it lies a kilometre further, so that nothing is found again.
+fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), SimulateError> {
+    let Some(steps) = options.sequence else {
+        return Ok(());
+    };
+    let mut text = String::from("# x y z yaw (m, rad)\n");
+    let mut stamps = String::new();
+    for (index, [x, y, z]) in poses.iter().enumerate() {
+        let sequence = index / steps as usize;
+        // Writing into a String cannot fail.
+        let _ = writeln!(text, "{} {y} {z} 0", x + 1000.0 * sequence as f64);
+        let tenths = index % 10;
+        let seconds = index / 10;
+        let _ = writeln!(
+            stamps,
+            "2000-01-01 {:02}:{:02}:{:02}.{tenths}00000000",
+            seconds / 3600 % 24,
+            seconds / 60 % 60,
+            seconds % 60
+        );
+    }
+    write(&options.folder.join("poses.txt"), text.as_bytes())?;
+    write(&options.folder.join("timestamps.txt"), stamps.as_bytes())
 }
 
 /// Makes the folder and its parts; refuses one that holds anything.

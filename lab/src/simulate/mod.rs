@@ -7,6 +7,7 @@
 //! What it leaves out: motion of the sensor during a turn, several returns of one ray, rain, and a physical model of intensity.
 
 mod background;
+mod drive;
 mod export;
 mod footprint;
 mod ground;
@@ -224,6 +225,15 @@ pub struct SimulatedFrame {
     pub plane: [f64; 4],
 }
 
+/// Where in a sequence a frame stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Turn {
+    /// From 0.
+    step: u32,
+    /// Frames of the sequence.
+    steps: u32,
+}
+
 /// Simulates one frame. Pure: the same arguments give the same bits, whatever was simulated before.
 pub fn frame(
     family: Family,
@@ -231,6 +241,29 @@ pub fn frame(
     seed: u64,
     index: u32,
 ) -> Result<SimulatedFrame, SimulateError> {
+    Ok(turn(family, split, seed, index, None)?.0)
+}
+
+/// Simulates frame `step` of a sequence of `steps`, a tenth of a second apart: the scene of frame `index`, through which the sensor drives while half of the
+/// objects move. Returns the frame, and where the sensor is in the sensor frame of step 0 (x, y, z, m; its heading stays). Pure, like [`frame`].
+pub fn sequence_frame(
+    family: Family,
+    split: Split,
+    seed: u64,
+    index: u32,
+    step: u32,
+    steps: u32,
+) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
+    turn(family, split, seed, index, Some(Turn { step, steps }))
+}
+
+fn turn(
+    family: Family,
+    split: Split,
+    seed: u64,
+    index: u32,
+    turn: Option<Turn>,
+) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
     let key = random::hash(&[seed, family as u64, split as u64, u64::from(index)]);
     let ground = ground::Ground::draw(family, &mut Dice::new(&[key, 1]));
     let mut layout = layout::place_objects(family, split, &ground, &mut Dice::new(&[key, 2]));
@@ -243,14 +276,24 @@ pub fn frame(
         &mut scene,
         &mut Dice::new(&[key, 4]),
     );
-    let solids = scene.add_objects(&ground, &layout.placed);
-    let sensor = sensor::Sensor::new(random::hash(&[key, 5]), family == Family::SimKitti);
+    let mut sensor = sensor::Sensor::new(random::hash(&[key, 5]), family == Family::SimKitti);
+    let mut sensor_at = mesh::v(0.0, 0.0, 0.0);
+    if let Some(Turn { step, steps }) = turn {
+        let mut dice = Dice::new(&[key, 6]);
+        let drive = drive::Drive::draw(&ground, &layout.placed, &layout.taken, steps, &mut dice);
+        drive.move_objects(step, &mut layout.placed);
+        sensor_at = drive.sensor_at(step, &ground);
+        sensor = sensor.at_turn(step);
+    }
+    let mut solids = scene.add_objects(&ground, &layout.placed);
+    scene.see_from(sensor_at, &mut solids);
     let mesh_error = |reason: String| SimulateError::Mesh { index, reason };
     let sweep = scan::sweep(&sensor, &scene).map_err(mesh_error)?;
     let mut frame = labels::label(family, &sensor, &scene, &solids, sweep).map_err(mesh_error)?;
     let (normal, offset) = ground.plane();
+    let offset = offset + normal.dot(sensor_at);
     frame.plane = [normal.x, normal.y, normal.z, offset].map(f64::from);
-    Ok(frame)
+    Ok((frame, [sensor_at.x, sensor_at.y, sensor_at.z].map(f64::from)))
 }
 
 #[cfg(test)]

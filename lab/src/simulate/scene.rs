@@ -70,6 +70,19 @@ impl Scene {
             .collect()
     }
 
+    /// Moves everything so that the sensor, which stood at the origin, stands at `sensor_at`.
+    pub(crate) fn see_from(&mut self, sensor_at: V3, solids: &mut [Solid]) {
+        for vertex in &mut self.mesh.vertices {
+            *vertex -= sensor_at;
+        }
+        let moved = [sensor_at.x, sensor_at.y, sensor_at.z].map(f64::from);
+        for solid in solids {
+            for (axis, moved) in moved.iter().enumerate() {
+                solid.box_in_sensor.center_m[axis] -= moved;
+            }
+        }
+    }
+
     /// All triangles, or those of one object, ready for rays.
     pub(crate) fn searchable(&self, faces: Range<usize>) -> Result<Searchable<'_>, String> {
         let triangles = &self.mesh.triangles[faces.clone()];

@@ -79,6 +79,14 @@ impl Sensor {
         }
     }
 
+    /// The same sensor at a later turn: its beams stay, the noise of its rays is another.
+    pub(crate) fn at_turn(self, turn: u32) -> Sensor {
+        Sensor {
+            key: hash(&[self.key, u64::from(turn)]),
+            ..self
+        }
+    }
+
     /// Columns that are cast.
     pub(crate) fn column_count(&self) -> usize {
         self.column_count

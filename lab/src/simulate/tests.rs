@@ -53,6 +53,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
             family: Family::SimUdi,
             split: Split::Val,
             frames: 4,
+            sequence: None,
             seed: 5,
             folder: folder.clone(),
             threads,
@@ -82,6 +83,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
             family: Family::SimUdi,
             split: Split::Val,
             frames: 1,
+            sequence: None,
             seed: 5,
             folder: one,
             threads: 1,
@@ -174,6 +176,7 @@ fn labels_read_back_within_a_centimetre() {
             family,
             split: Split::Val,
             frames: 2,
+            sequence: None,
             seed: 9,
             folder: folder.clone(),
             threads: 1,
@@ -297,4 +300,37 @@ fn without_a_camera_labels_carry_the_level_of_their_points() {
         .occluded(Family::SimUdi)
     };
     assert_eq!([1.0, 0.74, 0.39, 0.09].map(at), [0, 1, 2, 3]);
+}
+
+#[test]
+fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
+    let (family, split, seed, steps) = (Family::SimUdi, Split::Test, 3, 10);
+    let shown = |index, step| sequence_frame(family, split, seed, index, step, steps).unwrap();
+    // The first turn is at the place, and with the objects, of the frame without a sequence.
+    let (first, start) = shown(0, 0);
+    assert_eq!(start, [0.0; 3]);
+    let alone = frame(family, split, seed, 0).unwrap();
+    let places = |frame: &SimulatedFrame| -> Vec<Box3> {
+        frame.objects.iter().map(|o| o.box_in_sensor).collect()
+    };
+    assert_eq!(places(&first), places(&alone));
+    let mut still = 0;
+    let mut drove = false;
+    for index in 0..4 {
+        let (first, _) = shown(index, 0);
+        let (last, at) = shown(index, steps - 1);
+        drove |= at[0].hypot(at[1]) > 1.0;
+        assert!(at[0].hypot(at[1]) < 12.0 && at[2].abs() < 1.0, "{at:?}");
+        // What stands still is found where it was, once the sensor's way is added.
+        for object in &last.objects {
+            let moved = |axis: usize| object.box_in_sensor.center_m[axis] + at[axis];
+            let same_place = |o: &&SimulatedObject| {
+                let there = o.box_in_sensor.center_m;
+                o.class == object.class && (there[0] - moved(0)).hypot(there[1] - moved(1)) < 0.01
+            };
+            still += usize::from(first.objects.iter().any(|o| same_place(&o)));
+        }
+    }
+    assert!(drove, "no sensor drove");
+    assert!(still > 10, "{still} objects stood still");
 }

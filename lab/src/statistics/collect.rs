@@ -139,6 +139,7 @@ mod tests {
             family: Family::SimUdi,
             split: Split::Train,
             frames: 2,
+            sequence: None,
             seed: 4,
             folder: folder.clone(),
             threads: 1,

@@ -1,0 +1,79 @@
+//! `--track`: an unknown object waits for its second sighting and keeps its number; known objects wait for nothing.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use mluc_tests::{Pipeline, car_scan, unique_instance, untrained_model, write_scan};
+use serde_json::Value;
+
+/// The same scan three times, and a sensor that stands still.
+fn standing_still(folder: &Path, poses: &str) -> PathBuf {
+    let input = folder.join("scans");
+    std::fs::create_dir_all(&input).unwrap();
+    for number in 0..3 {
+        write_scan(&input.join(format!("{number:06}.bin")), &car_scan(9.0));
+    }
+    std::fs::write(input.join("poses.txt"), poses).unwrap();
+    input
+}
+
+fn of_kind<'a>(list: &'a Value, kind: &str) -> Vec<&'a Value> {
+    let list = list.as_array().unwrap();
+    list.iter()
+        .filter(|object| object["kind"] == kind)
+        .collect()
+}
+
+fn tracks(objects: &[&Value]) -> BTreeSet<u64> {
+    objects
+        .iter()
+        .map(|object| object["track"].as_u64().expect("a number"))
+        .collect()
+}
+
+#[test]
+fn unknown_objects_wait_for_their_second_sighting_and_known_ones_do_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = untrained_model(folder.path());
+    let input = standing_still(folder.path(), "5 1 0 0.3\n5 1 0 0.3\n5 1 0 0.3\n");
+    let run = |more: &[&str]| {
+        let arguments = [&["--pace", "complete", "--refiner-mode", "none"], more].concat();
+        let instance = unique_instance("track");
+        Pipeline::up(&instance, &model, &input, &arguments).finish()
+    };
+    let (plain, tracked) = (run(&[]), run(&["--track"]));
+    assert_eq!(tracked.lines.len(), 3, "{}", tracked.log);
+    let unknown = of_kind(&plain.lines[0]["objects"], "unknown").len();
+    assert!(unknown > 0, "the untrained model has no candidates");
+    let first = &tracked.lines[0];
+    assert_eq!(of_kind(&first["objects"], "unknown").len(), 0);
+    let waiting: Vec<&Value> = of_kind(&first["suppressed"], "unknown")
+        .into_iter()
+        .filter(|object| object["reason"] == "unconfirmed")
+        .collect();
+    assert_eq!(waiting.len(), unknown);
+    for line in &tracked.lines[1..] {
+        let published = of_kind(&line["objects"], "unknown");
+        assert_eq!(published.len(), unknown);
+        assert_eq!(tracks(&published), tracks(&waiting));
+    }
+    for (with, without) in tracked.lines.iter().zip(&plain.lines) {
+        let known = of_kind(&with["objects"], "known");
+        assert_eq!(known, of_kind(&without["objects"], "known"));
+        assert!(known.iter().all(|object| object["track"].is_null()));
+    }
+}
+
+#[test]
+fn poses_that_do_not_fit_the_scans_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = untrained_model(folder.path());
+    let input = standing_still(folder.path(), "0 0 0 0\n");
+    let run = Pipeline::up(&unique_instance("poses"), &model, &input, &["--track"]).finish();
+    assert_eq!(run.code, Some(1), "{}", run.log);
+    assert!(
+        run.log.contains("poses.txt") && run.log.contains("expected one a scan, 3, found 1"),
+        "{}",
+        run.log
+    );
+}
