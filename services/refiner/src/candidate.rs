@@ -1,21 +1,26 @@
 //! One candidate: seed, cluster, box (paper algorithm 1, its body).
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::Fate;
+use mluc_ipc_types::{Fate, Object};
 
 use crate::cluster::{Bounds, Clusterer};
 use crate::draft::Draft;
-use crate::fit::{
-    BoxFit, Closeness, ClusterPoints, Rectangle, axis_aligned, footprint, minimum_area,
-};
+use crate::fit::{ClusterPoints, Fitter, Rectangle, footprint};
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
 use crate::neighbourhood::{Gather, Neighbourhood};
 use crate::recipe::{Recipe, SeedRule, clusterer};
 use crate::refined::Counters;
+use crate::seed::Seek;
 use crate::settings::GroundSettings;
-use crate::size::{is_upright, is_within};
-use crate::{Sensor, Settings, seed};
+use crate::size::{is_upright, is_within, longest_side};
+use crate::{Sensor, Settings};
+
+/// Work in points looked at, measured by time: of a candidate before any point, of a point in a growth, and of a point in
+/// the box and its outline.
+const WORK_PER_CANDIDATE: u64 = 4000;
+const WORK_PER_GROWTH: u64 = 6;
+const WORK_PER_SHAPE: u64 = 12;
 
 /// Refines candidate after candidate; holds what they share.
 #[derive(Debug)]
@@ -29,10 +34,12 @@ pub(crate) struct Candidates {
     around: Neighbourhood,
     members: Vec<u32>,
     cluster: ClusterPoints,
-    closeness: Closeness,
+    fitter: Fitter,
     inside: Vec<IndexedPoint>,
     /// Points of clusters that were too small to be a thing.
     tried: Vec<u32>,
+    /// Work of the candidate at hand.
+    work: u64,
 }
 
 impl Candidates {
@@ -47,9 +54,10 @@ impl Candidates {
             around: Neighbourhood::default(),
             members: Vec::new(),
             cluster: ClusterPoints::default(),
-            closeness: Closeness::default(),
+            fitter: Fitter::default(),
             inside: Vec::new(),
             tried: Vec::new(),
+            work: 0,
         }
     }
 
@@ -74,17 +82,35 @@ impl Candidates {
         };
         let ground = self.ground_under(frame, recipe, &draft.shape);
         let key = (sequence, draft.detection as u64);
+        let (mut seed_m, mut is_thinned) = ([0.0; 2], false);
+        self.work = WORK_PER_CANDIDATE;
         self.tried.clear();
         self.members.clear();
         self.cluster.clear();
         for _ in 0..recipe.seeds {
-            let work = &mut counters.work_points;
-            let Some(seed) = self.seed(frame, recipe, &draft.shape, &ground, key, work) else {
+            let work = &mut self.work;
+            let seek = Seek {
+                frame,
+                candidate: &draft.shape,
+                ground: &ground,
+                height_m: [self.ground.clearance_m, recipe.height_max_m],
+                tried: &self.tried,
+                is_known: if recipe.keeps_known_apart {
+                    is_known
+                } else {
+                    &[]
+                },
+            };
+            let Some(seed) = (match recipe.seed {
+                SeedRule::RandomInside => seek.random_inside(key, &mut self.inside, work),
+                SeedRule::NearestToCenter => seek.nearest_to_center(work),
+            }) else {
                 break;
             };
             let seed = self.gather(frame, recipe, &*clusterer, &seed, &ground, is_known);
-            counters.work_points += self.around.looked_at;
-            counters.thinned += u32::from(self.around.thinned);
+            self.work += self.around.looked_at;
+            is_thinned |= self.around.thinned;
+            seed_m = [self.around.x_m[seed], self.around.y_m[seed]];
             self.grow(recipe, &mut *clusterer, seed);
             if self.members.len() >= recipe.points_min {
                 break;
@@ -93,7 +119,13 @@ impl Candidates {
             self.tried.extend(self.members.iter().map(index));
         }
         self.clusterer = Some(clusterer);
-        self.shape(recipe, &ground, draft);
+        self.shape(recipe, &ground, seed_m, draft);
+        if is_thinned {
+            draft.flags |= Object::THINNED;
+            counters.thinned += 1;
+        }
+        counters.split += u32::from(draft.flags & Object::SPLIT != 0);
+        counters.work += std::mem::take(&mut self.work);
         let first = points.len();
         points.extend(self.members.iter().map(|&m| self.around.index[m as usize]));
         points[first..].sort_unstable();
@@ -105,26 +137,6 @@ impl Candidates {
         match recipe.removes_ground {
             true => GroundPlane::fit(frame, center, self.sensor_height_m, &self.ground),
             false => GroundPlane::flat(center, self.sensor_height_m),
-        }
-    }
-
-    fn seed(
-        &mut self,
-        frame: &FrameIndex,
-        recipe: &Recipe,
-        shape: &Box3,
-        ground: &GroundPlane,
-        key: (u64, u64),
-        work: &mut u64,
-    ) -> Option<IndexedPoint> {
-        match recipe.seed {
-            SeedRule::RandomInside => {
-                seed::random_inside(frame, shape, key, &mut self.inside, work)
-            }
-            SeedRule::NearestToCenter => {
-                let heights = [self.ground.clearance_m, recipe.height_max_m];
-                seed::nearest_to_center(frame, shape, ground, heights, &self.tried, work)
-            }
         }
     }
 
@@ -199,6 +211,7 @@ impl Candidates {
         };
         clusterer.grow(&self.around, seed, &bounds, &mut self.members);
         self.collect_cluster();
+        self.work += WORK_PER_GROWTH * self.around.len() as u64;
     }
 
     fn collect_cluster(&mut self) {
@@ -211,30 +224,57 @@ impl Candidates {
     }
 
     /// Box, outline and fate from the cluster.
-    fn shape(&mut self, recipe: &Recipe, ground: &GroundPlane, draft: &mut Draft) {
-        let enough = self.cluster.len() >= recipe.points_min.max(1);
-        let rectangle = self.rectangle(recipe.fit);
-        let origin_m = self.around.origin_m;
-        let fitted = recipe
-            .extend
-            .box_around(&self.cluster, &rectangle, origin_m, ground);
-        let (true, Some(fitted)) = (enough, fitted) else {
+    fn shape(
+        &mut self,
+        recipe: &Recipe,
+        ground: &GroundPlane,
+        seed_m: [f32; 2],
+        draft: &mut Draft,
+    ) {
+        if self.cluster.len() < recipe.points_min.max(1) {
             draft.fate = Fate::TooFewPoints;
             return;
-        };
+        }
+        self.work += WORK_PER_SHAPE * self.cluster.len() as u64;
+        let (mut rectangle, mut fitted) = self.fit(recipe, ground);
+        if fitted.size_m[0] > self.length_max_m {
+            let whole = self.cluster.len();
+            self.keep_piece_around(seed_m);
+            if self.cluster.len() < whole {
+                (rectangle, fitted) = self.fit(recipe, ground);
+                draft.flags |= Object::SPLIT;
+            }
+        }
         draft.shape = fitted;
         let (corners, count) = footprint(&self.cluster, &rectangle);
-        draft.set_footprint(&corners[..count], origin_m);
-        if draft.shape.size_m[0] > self.length_max_m {
-            draft.fate = Fate::Oversized;
-        }
+        draft.set_footprint(&corners[..count], self.around.origin_m);
     }
 
-    fn rectangle(&mut self, fit: BoxFit) -> Rectangle {
-        match fit {
-            BoxFit::AxisAligned => axis_aligned(&self.cluster),
-            BoxFit::MinimumArea => minimum_area(&self.cluster),
-            BoxFit::Closeness => self.closeness.fit(&self.cluster),
-        }
+    fn fit(&mut self, recipe: &Recipe, ground: &GroundPlane) -> (Rectangle, Box3) {
+        let rectangle = self.fitter.fit(recipe.fit, &self.cluster);
+        let origin_m = self.around.origin_m;
+        let extend = &recipe.extend;
+        let fitted = extend.box_around(&self.cluster, &rectangle, origin_m, ground);
+        // Only a cluster without points has no box, and such are told before.
+        (rectangle, fitted.unwrap_or_else(|| Box3::new([0.0; 7])))
+    }
+
+    /// Of a cluster longer than any road user the piece around the seed: it is cut across its longest side into equal
+    /// pieces of at most that length. What is cut off is no object of this candidate; it is there for others.
+    fn keep_piece_around(&mut self, seed_m: [f32; 2]) {
+        let (yaw_rad, length_m) = longest_side(&self.cluster);
+        let along = [yaw_rad.cos() as f32, yaw_rad.sin() as f32];
+        let [low, _] = self.cluster.span_m(along);
+        let count = (length_m / self.length_max_m).ceil().max(1.0) as f32;
+        let piece_m = length_m as f32 / count;
+        let piece = |x: f32, y: f32| {
+            let at = (x * along[0] + y * along[1] - low) / piece_m;
+            (at as i32).clamp(0, count as i32 - 1)
+        };
+        let own = piece(seed_m[0], seed_m[1]);
+        let around = &self.around;
+        self.members
+            .retain(|&m| piece(around.x_m[m as usize], around.y_m[m as usize]) == own);
+        self.collect_cluster();
     }
 }

@@ -121,6 +121,13 @@ impl Draft {
         }
     }
 
+    /// Covered by the object of another detection, by a share of 0 to 1.
+    pub(crate) fn suppress(&mut self, fate: Fate, by: usize, overlap: f64) {
+        self.fate = fate;
+        self.by = Some(by);
+        self.overlap = overlap.clamp(0.0, 1.0) as f32;
+    }
+
     pub(crate) fn is_unknown(&self) -> bool {
         self.kind == ObjectKind::Unknown
     }

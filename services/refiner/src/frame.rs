@@ -7,7 +7,7 @@
 use mluc_ipc_types::{POINTS_MAX, Point};
 
 /// Half the side of the square that is looked at, m: farther than such sensors reach.
-const HALF_EXTENT_M: f64 = 128.0;
+pub(crate) const HALF_EXTENT_M: f64 = 128.0;
 /// Cells of 1 m along a side.
 const SIDE: usize = 2 * HALF_EXTENT_M as usize;
 const CELLS: usize = SIDE * SIDE;
@@ -64,6 +64,11 @@ impl FrameIndex {
     /// Forgets the regions of the last frame.
     pub fn start(&mut self) {
         self.wanted.fill(false);
+    }
+
+    /// Asks for all points.
+    pub fn want_all(&mut self) {
+        self.wanted.fill(true);
     }
 
     /// Asks for the points of a square around a centre, m. Centres and half sides that are not finite ask for nothing.
@@ -166,6 +171,18 @@ impl FrameIndex {
                 &self.slots[first..end]
             })
         })
+    }
+
+    /// The cells with points: where their lower corner lies, m, and their points.
+    pub fn occupied_cells(&self) -> impl Iterator<Item = ([f64; 2], &[IndexedPoint])> {
+        self.cell_first
+            .windows(2)
+            .enumerate()
+            .filter_map(|(cell, ends)| {
+                let corner = [cell % SIDE, cell / SIDE].map(|i| i as f64 - HALF_EXTENT_M);
+                let own = &self.slots[ends[0] as usize..ends[1] as usize];
+                (!own.is_empty()).then_some((corner, own))
+            })
     }
 
     /// The lowest point of every wanted cell that a square touches.

@@ -53,7 +53,16 @@ impl GroundPlane {
         sensor_height_m: f64,
         settings: &GroundSettings,
     ) -> GroundPlane {
-        let flat = GroundPlane::flat(center_m, sensor_height_m);
+        let found = GroundPlane::find(frame, center_m, settings);
+        found.unwrap_or_else(|| GroundPlane::flat(center_m, sensor_height_m))
+    }
+
+    /// Fits the ground around a centre; `None` where there is too little to go by.
+    pub fn find(
+        frame: &FrameIndex,
+        center_m: [f64; 2],
+        settings: &GroundSettings,
+    ) -> Option<GroundPlane> {
         let mut cells = [[0.0; 3]; CELLS_MAX];
         let mut count = 0;
         for point in frame.lowest_around(center_m, settings.radius_m) {
@@ -66,14 +75,14 @@ impl GroundPlane {
             }
         }
         if count < CELLS_MIN {
-            return flat;
+            return None;
         }
         let cells = &mut cells[..count];
         let start = (count as f64 * START_QUANTILE) as usize;
         cells.select_nth_unstable_by(start, |a, b| a[2].total_cmp(&b[2]));
         let mut plane = GroundPlane {
             height_m: cells[start][2],
-            ..flat
+            ..GroundPlane::flat(center_m, 0.0)
         };
         // The selection above leaves an order that depends on nothing but the cells; sums stay reproducible.
         for band_m in BANDS_M {
@@ -82,7 +91,7 @@ impl GroundPlane {
                 None => break,
             }
         }
-        plane
+        Some(plane)
     }
 }
 

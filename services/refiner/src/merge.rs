@@ -23,17 +23,13 @@ pub(crate) fn merge(
     match rule {
         MergeRule::LargerFirst => {
             sort_by(order, drafts, |d| d.shape.volume_m3());
-            suppress(drafts, order, |a, b| {
-                iou_bev(a, b) > settings.literal.nms_iou
-            });
+            suppress(drafts, order, iou_bev, settings.literal.nms_iou);
         }
         MergeRule::BetterFirst => {
             clash_with_known(drafts, points, scan, settings);
             order.retain(|&i| is_standing(&drafts[i]));
             sort_by(order, drafts, |d| f64::from(d.score));
-            suppress(drafts, order, |a, b| {
-                intersection_over_min_area(a, b) > rules.overlap_max
-            });
+            suppress(drafts, order, intersection_over_min_area, rules.overlap_max);
         }
         MergeRule::KnownOnly => clash_with_known(drafts, points, scan, settings),
     }
@@ -59,20 +55,44 @@ fn sort_by(order: &mut [usize], drafts: &[Draft], value: impl Fn(&Draft) -> f64)
     });
 }
 
-/// Greedy: a box goes when it overlaps one that stays.
-fn suppress(drafts: &mut [Draft], order: &[usize], overlaps: impl Fn(&Box3, &Box3) -> bool) {
+/// Greedy: a box goes when one that stays covers it by more than a limit.
+fn suppress(
+    drafts: &mut [Draft],
+    order: &[usize],
+    overlap: impl Fn(&Box3, &Box3) -> f64,
+    limit: f64,
+) {
     for (rank, &index) in order.iter().enumerate() {
-        let by = order[..rank].iter().copied().find(|&better| {
-            is_standing(&drafts[better]) && overlaps(&drafts[better].shape, &drafts[index].shape)
+        let own = drafts[index].shape;
+        let by = order[..rank].iter().find_map(|&better| {
+            let better = &drafts[better];
+            if !is_standing(better) || are_apart(&better.shape, &own) {
+                return None;
+            }
+            let overlap = overlap(&better.shape, &own);
+            (overlap > limit).then_some((better.detection, overlap))
         });
-        if let Some(by) = by {
-            drafts[index].fate = Fate::OverlapsUnknown;
-            drafts[index].by = Some(drafts[by].detection);
+        if let Some((by, overlap)) = by {
+            drafts[index].suppress(Fate::OverlapsUnknown, by, overlap);
         }
     }
 }
 
-/// An unknown goes when most of its points lie in a sure known box, or when their boxes overlap.
+/// Whether two boxes cannot meet, seen from above: quicker than their overlap, which hundreds of boxes would ask for.
+fn are_apart(a: &Box3, b: &Box3) -> bool {
+    distance_m(a, b) > half_diagonal_m(a) + half_diagonal_m(b)
+}
+
+fn half_diagonal_m(shape: &Box3) -> f64 {
+    shape.size_m[0].hypot(shape.size_m[1]) / 2.0
+}
+
+fn distance_m(a: &Box3, b: &Box3) -> f64 {
+    (a.center_m[0] - b.center_m[0]).hypot(a.center_m[1] - b.center_m[1])
+}
+
+/// An unknown goes when most of its points lie in a sure known box, or when their boxes overlap; of several such known
+/// objects the one that covers most of it says so.
 fn clash_with_known(drafts: &mut [Draft], points: &[u32], scan: &[Point], settings: &Settings) {
     for index in 0..drafts.len() {
         if !is_standing(&drafts[index]) {
@@ -80,37 +100,34 @@ fn clash_with_known(drafts: &mut [Draft], points: &[u32], scan: &[Point], settin
         }
         let unknown = &drafts[index];
         let own = &points[unknown.points.0..unknown.points.1];
-        let by = drafts.iter().find(|known| {
+        let known = drafts.iter().filter(|known| {
             !known.is_unknown()
                 && known.fate == Fate::Published
                 && known.score >= settings.merge.known_score_min
-                && clashes(unknown, known, own, scan, settings)
         });
-        if let Some(by) = by.map(|known| known.detection) {
-            drafts[index].fate = Fate::OverlapsKnown;
-            drafts[index].by = Some(by);
+        let clashes = known.filter_map(|known| {
+            let overlap = clash(unknown, known, own, scan, settings)?;
+            Some((known.detection, overlap))
+        });
+        let worst = clashes.reduce(|a, b| if b.1 > a.1 { b } else { a });
+        if let Some((by, overlap)) = worst {
+            drafts[index].suppress(Fate::OverlapsKnown, by, overlap);
         }
     }
 }
 
-fn clashes(
+/// By how much a known object covers an unknown one; `None` when that is too little to matter.
+fn clash(
     unknown: &Draft,
     known: &Draft,
     own: &[u32],
     scan: &[Point],
     settings: &Settings,
-) -> bool {
-    let half = |b: &Box3| b.size_m[0].hypot(b.size_m[1]) / 2.0;
-    let apart = (0..2)
-        .map(|i| (unknown.shape.center_m[i] - known.shape.center_m[i]).powi(2))
-        .sum::<f64>()
-        .sqrt();
+) -> Option<f64> {
     // Points of the cluster lie in its tight box, which growing to the unseen side moves by less than its size.
-    if apart > 2.0 * half(&unknown.shape) + half(&known.shape) {
-        return false;
-    }
-    if iou_bev(&unknown.shape, &known.shape) > settings.merge.known_iou {
-        return true;
+    let reach_m = 2.0 * half_diagonal_m(&unknown.shape) + half_diagonal_m(&known.shape);
+    if distance_m(&unknown.shape, &known.shape) > reach_m {
+        return None;
     }
     let grown = Inside::of(&known.shape, settings.merge.known_margin_m);
     let inside = own
@@ -118,7 +135,10 @@ fn clashes(
         .filter_map(|&i| scan.get(i as usize))
         .filter(|p| grown.contains([p.x_m, p.y_m, p.z_m]))
         .count();
-    inside as f64 > settings.merge.known_points_share * own.len() as f64
+    let share = inside as f64 / own.len().max(1) as f64;
+    let iou = iou_bev(&unknown.shape, &known.shape);
+    let is_clash = share > settings.merge.known_points_share || iou > settings.merge.known_iou;
+    is_clash.then_some(share.max(iou))
 }
 
 #[cfg(test)]
@@ -147,6 +167,8 @@ mod tests {
             &Settings::default(),
             &mut Vec::new(),
         );
+        let told = |d: &Draft| d.by.is_some() == (d.overlap > 0.0 && d.overlap <= 1.0);
+        assert!(drafts.iter().all(told), "who covers it says by how much");
         drafts.iter().map(|d| (d.fate, d.by)).collect()
     }
 

@@ -57,6 +57,16 @@ pub(crate) struct Scales {
     pub(crate) shrink_attempts: u32,
 }
 
+impl Scales {
+    /// One reach for everything.
+    pub(crate) const NONE: Scales = Scales {
+        upright: 0.0,
+        shrink_above_m: [f64::INFINITY; 3],
+        shrink_factor: 1.0,
+        shrink_attempts: 0,
+    };
+}
+
 /// Sizes of published boxes are above 0.
 const SIZE_MIN_M: [f64; 3] = [0.1; 3];
 

@@ -11,8 +11,10 @@ pub struct Counters {
     pub candidates: u32,
     /// Objects by [`Fate`], known ones included.
     pub by_fate: [u32; Fate::ALL.len()],
-    /// Candidates whose turn came after the frame's work was used up: published with their proposal box.
+    /// Candidates whose turn came after the frame's work or time was used up: published with their proposal box.
     pub unrefined: u32,
+    /// Candidates whose cluster was larger than any road user: a piece of it was published.
+    pub split: u32,
     /// Candidates whose neighbourhood was thinned.
     pub thinned: u32,
     /// Detections with a size, place, class or kind that makes no sense.
@@ -25,8 +27,8 @@ pub struct Counters {
     pub points_outside: u32,
     /// Entries of `object_points` that did not fit.
     pub object_points_dropped: u32,
-    /// Points looked at for all candidates: the work that was counted.
-    pub work_points: u64,
+    /// The work that was counted for all candidates: points looked at, as often as they were.
+    pub work: u64,
 }
 
 impl Counters {

@@ -1,7 +1,9 @@
 //! The stage: detections and points of one frame to objects (paper section 3.3).
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{DETECTIONS_MAX, Detection, Fate, OBJECT_POINTS_MAX, POINTS_MAX, Point};
+use mluc_ipc_types::{
+    DETECTIONS_MAX, Detection, Fate, OBJECT_POINTS_MAX, Object, POINTS_MAX, Point,
+};
 
 use crate::candidate::Candidates;
 use crate::draft::{Draft, sound_box};
@@ -68,13 +70,28 @@ impl Refiner {
         detections: &[Detection],
         out: &mut Refined,
     ) {
+        self.refine_within(sequence, points, detections, &mut || false, out);
+    }
+
+    /// As [`Refiner::refine`], for a caller with a clock: before each candidate, the best first, `is_over` is asked
+    /// whether the frame's time is up. Then the candidates that are left keep their proposal boxes, are published with
+    /// [`Object::UNREFINED`](mluc_ipc_types::Object::UNREFINED) and counted. One that says yes at once skips them all:
+    /// for a frame whose points are gone.
+    pub fn refine_within(
+        &mut self,
+        sequence: u64,
+        points: &[Point],
+        detections: &[Detection],
+        is_over: &mut dyn FnMut() -> bool,
+        out: &mut Refined,
+    ) {
         out.clear();
         out.counters.detections_dropped = detections.len().saturating_sub(DETECTIONS_MAX) as u32;
         let detections = &detections[..detections.len().min(DETECTIONS_MAX)];
         self.draft_proposals(detections, out);
         self.index_regions(points, out);
         self.collect_known(points, out);
-        self.refine_candidates(sequence, detections, out);
+        self.refine_candidates(sequence, detections, is_over, out);
         merge(
             &mut self.drafts,
             &self.points,
@@ -156,8 +173,14 @@ impl Refiner {
         }
     }
 
-    /// Best score first, until the frame's work is used up.
-    fn refine_candidates(&mut self, sequence: u64, detections: &[Detection], out: &mut Refined) {
+    /// Best score first, until the frame's work or time is used up.
+    fn refine_candidates(
+        &mut self,
+        sequence: u64,
+        detections: &[Detection],
+        is_over: &mut dyn FnMut() -> bool,
+        out: &mut Refined,
+    ) {
         self.order.clear();
         let drafts = &self.drafts;
         self.order.extend(
@@ -172,11 +195,13 @@ impl Refiner {
                 .then_with(|| places().unwrap_or(std::cmp::Ordering::Equal))
                 .then(a.cmp(&b))
         });
+        let mut over = false;
         for &index in &self.order {
             let counters = &mut out.counters;
-            if self.candidates.is_needed() && counters.work_points >= self.settings.work_max_points
-            {
+            over |= counters.work >= self.settings.work_max || is_over();
+            if over && self.candidates.is_needed() {
                 counters.unrefined += 1;
+                self.drafts[index].flags |= Object::UNREFINED;
                 continue;
             }
             self.candidates.refine(

@@ -76,10 +76,14 @@ pub struct Settings {
     /// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged. 32,768: a car at
     /// 4 m has some 10,000.
     pub points_per_candidate_max: u32,
-    /// Points that all candidates of a frame may look at; candidates whose turn comes later keep their proposal box,
-    /// counted and flagged. Work is counted and not timed, so that equal input gives equal output; a million points are
-    /// some 10 ms of one core.
-    pub work_max_points: u64,
+    /// Work that all candidates of a frame may cost: points looked at, as often as they are. Candidates whose turn comes
+    /// later keep their proposal box, counted and flagged. Work is counted and not timed, so that equal input gives equal
+    /// output.
+    pub work_max: u64,
+    /// Time that a frame may take where the sensor sets the pace, ms: kept by the stage, which has a clock. What is left
+    /// over keeps its proposal box, counted and flagged. A tenth of a 10 Hz sensor's period: far above what ordinary
+    /// frames take, so that it bites on a starved machine alone.
+    pub time_max_ms: f64,
     /// The ground under each candidate.
     pub ground: GroundSettings,
     /// For [`Mode::Literal`].
@@ -103,7 +107,8 @@ impl Default for Settings {
             points_min: 8,
             length_max_m: 16.0,
             points_per_candidate_max: 32_768,
-            work_max_points: 1_000_000,
+            work_max: 8_000_000,
+            time_max_ms: 10.0,
             ground: GroundSettings::default(),
             literal: LiteralSettings::default(),
             corrected: CorrectedSettings::default(),
@@ -313,6 +318,12 @@ impl Settings {
                 LENGTH,
                 self.length_max_m,
                 length(self.length_max_m),
+            ),
+            (
+                "time_max_ms",
+                "a time above 0 and at most 10,000 ms",
+                self.time_max_ms,
+                self.time_max_ms > 0.0 && self.time_max_ms <= 10_000.0,
             ),
             (
                 "ground.radius_m",

@@ -8,8 +8,11 @@ pub(crate) fn is_upright(cluster: &ClusterPoints) -> bool {
     /// Higher than this by itself, m: above the ground's clearance.
     const HEIGHT_MIN_M: f64 = 1.0;
     const HEIGHT_PER_LENGTH: f64 = 1.3;
+    /// One column of returns is no person: a wall seen at a flat angle falls apart into such, m.
+    const WIDTH_MIN_M: f64 = 0.15;
     let height = height_m(cluster);
     height >= HEIGHT_MIN_M
+        && longest_side(cluster).1 >= WIDTH_MIN_M
         && headings().all(|yaw| {
             let [a, b] = cluster.rectangle(yaw).size_m();
             a.max(b) * HEIGHT_PER_LENGTH <= height
@@ -30,6 +33,16 @@ pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
     headings().any(|yaw| {
         let [a, b] = cluster.rectangle(yaw).size_m();
         a.max(b) <= l && a.min(b) <= w
+    })
+}
+
+/// Heading, rad, and length, m, of the longest side of any tight rectangle.
+pub(crate) fn longest_side(cluster: &ClusterPoints) -> (f64, f64) {
+    headings().fold((0.0, 0.0), |longest: (f64, f64), yaw| {
+        let [u, v] = cluster.rectangle(yaw).size_m();
+        [(yaw, u), (yaw + std::f64::consts::FRAC_PI_2, v)]
+            .into_iter()
+            .fold(longest, |a, b| if b.1 > a.1 { b } else { a })
     })
 }
 
@@ -69,6 +82,7 @@ mod tests {
     fn a_person_stands_upright_and_a_car_does_not() {
         assert!(is_upright(&block(0.6, 0.5, 1.7, 0.4)));
         assert!(!is_upright(&block(4.0, 1.7, 1.5, 0.4)));
+        assert!(!is_upright(&block(0.1, 0.1, 1.8, 0.0)), "one column");
         assert!(
             !is_upright(&block(0.3, 0.3, 0.8, 0.0)),
             "lower than a person"

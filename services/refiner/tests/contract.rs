@@ -3,7 +3,7 @@
 mod common;
 
 use common::{assert_sound, candidate, known, point, refine, refiner, scan, standing};
-use mluc_ipc_types::{Detection, Fate, Point};
+use mluc_ipc_types::{Detection, Fate, Object, Point};
 use mluc_refiner::{Mode, Refined};
 
 const CART: [f64; 3] = [2.6, 1.25, 1.85];
@@ -63,11 +63,11 @@ fn five_hundred_and_twelve_candidates_on_one_spot() {
     }
 }
 
-#[test]
-fn clouds_that_are_no_scene() {
+/// Clouds that are no scene, 131,072 points each.
+fn clouds() -> [(&'static str, Vec<Point>); 5] {
     const COUNT: usize = 131_072;
     let share = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
-    let clouds: [(&str, Vec<Point>); 5] = [
+    [
         ("all equal", vec![point([12.0, 1.0, -1.0]); COUNT]),
         (
             "on a line",
@@ -105,14 +105,18 @@ fn clouds_that_are_no_scene() {
                 })
                 .collect(),
         ),
-    ];
+    ]
+}
+
+#[test]
+fn clouds_that_are_no_scene() {
     let detections: Vec<Detection> = (0..20)
         .flat_map(|k| {
             let place = standing(12.0, 1.0 + 0.1 * f64::from(k), CART, 0.0);
             [candidate(&place, [0.0, 0.0], 1.0), known(&place, 0, 0.9)]
         })
         .collect();
-    for (name, points) in &clouds {
+    for (name, points) in &clouds() {
         check_all(points, &detections, name);
     }
 }
@@ -209,7 +213,7 @@ fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
     let points = scan(&[cart]);
     let settings = mluc_refiner::Settings {
         mode: Mode::Distance,
-        work_max_points: 1,
+        work_max: 1,
         ..mluc_refiner::Settings::default()
     };
     let mut refiner = mluc_refiner::Refiner::new(settings, &common::sensor()).expect("settings");
@@ -226,6 +230,111 @@ fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
     assert!(out.objects[1].points_count > 0);
     assert_eq!(out.objects[0].size_m, detections[0].size_m);
     assert_eq!(out.objects[0].fate, Fate::Published as u32);
+    assert_eq!(out.objects[0].flags, Object::UNREFINED);
+    assert_eq!(out.objects[1].flags, 0);
+}
+
+#[test]
+fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
+    let carts: Vec<_> = (0..6)
+        .map(|k| {
+            standing(
+                9.0 + 4.0 * f64::from(k),
+                6.0 - 2.5 * f64::from(k),
+                CART,
+                0.4,
+            )
+        })
+        .collect();
+    let points = scan(&carts);
+    let detections: Vec<Detection> = carts
+        .iter()
+        .enumerate()
+        .map(|(k, cart)| candidate(cart, [0.3, -0.3], 1.0 + k as f32))
+        .collect();
+    for mode in [
+        Mode::Corrected,
+        Mode::Distance,
+        Mode::Euclidean,
+        Mode::Dbscan,
+    ] {
+        let mut out = Refined::default();
+        let mut asked = 0;
+        let mut is_over = || {
+            asked += 1;
+            asked > 2
+        };
+        refiner(mode).refine_within(0, &points, &detections, &mut is_over, &mut out);
+        assert_sound(&points, &detections, &out, mode.name());
+        assert_eq!(out.counters.unrefined, 4, "{mode:?}");
+        let without = refine(mode, &points, &detections);
+        for (k, object) in out.objects.iter().enumerate() {
+            let is_refined = k < 2;
+            assert_eq!(
+                object.flags & Object::UNREFINED == 0,
+                is_refined,
+                "{mode:?} {k}"
+            );
+            match is_refined {
+                true => assert_eq!(object.center_m, without.objects[k].center_m),
+                false => assert_eq!(object.size_m, detections[k].size_m),
+            }
+        }
+    }
+    // A frame whose points are gone: nothing is looked for, nothing is lost.
+    let mut out = Refined::default();
+    refiner(Mode::Distance).refine_within(0, &[], &detections, &mut || true, &mut out);
+    assert_eq!(out.counters.unrefined, 6);
+    assert!(
+        out.objects
+            .iter()
+            .all(|o| o.is_published() && o.flags == Object::UNREFINED)
+    );
+}
+
+/// A wall, a plane, a blob and one spot of 131,072 points each; 512 candidates beside each other and all in one place.
+#[test]
+fn frames_made_to_be_dear_stay_within_the_work_and_are_flagged() {
+    let settings = mluc_refiner::Settings {
+        mode: Mode::Distance,
+        ..mluc_refiner::Settings::default()
+    };
+    let work_max = settings.work_max;
+    // One candidate may be begun with hardly any work left: thinned points, some fifty times.
+    let work_of_one = 50 * u64::from(settings.points_per_candidate_max) + 3 * 131_072;
+    let mut refiner = mluc_refiner::Refiner::new(settings, &common::sensor()).expect("settings");
+    let mut any_unrefined = false;
+    for (name, points) in &clouds() {
+        for spread_m in [0.0, 30.0] {
+            let detections: Vec<Detection> = (0..512)
+                .map(|k| {
+                    let aside = (f64::from(k) / 512.0 - 0.5) * spread_m;
+                    candidate(
+                        &standing(12.0, 1.0 + aside, CART, 0.0),
+                        [0.0, 0.0],
+                        1.0 + k as f32,
+                    )
+                })
+                .collect();
+            let mut out = Refined::default();
+            refiner.refine(0, points, &detections, &mut out);
+            assert_sound(points, &detections, &out, name);
+            let work = out.counters.work;
+            assert!(work <= work_max + work_of_one, "{name} {spread_m}: {work}");
+            let flagged = out
+                .objects
+                .iter()
+                .filter(|o| o.flags & Object::UNREFINED != 0);
+            assert_eq!(flagged.count() as u32, out.counters.unrefined, "{name}");
+            assert_eq!(
+                out.counters.unrefined > 0,
+                out.counters.work >= work_max,
+                "{name}"
+            );
+            any_unrefined |= out.counters.unrefined > 0;
+        }
+    }
+    assert!(any_unrefined, "no frame was dear enough");
 }
 
 #[test]

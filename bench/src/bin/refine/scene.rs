@@ -14,6 +14,8 @@ const POINTS_MIN: usize = 10;
 
 /// One labelled object.
 pub(crate) struct Object {
+    /// Counts the frame's labels with enough points, whatever their class.
+    pub(crate) number: usize,
     /// As in the label file.
     pub(crate) class: String,
     /// In the sensor frame.
@@ -22,15 +24,24 @@ pub(crate) struct Object {
 
 /// One frame.
 pub(crate) struct Frame {
+    /// Counts the folder's frames.
+    pub(crate) number: usize,
     /// The scan.
     pub(crate) points: Vec<Point>,
     /// Those with enough points.
     pub(crate) objects: Vec<Object>,
 }
 
-/// Reads a whole folder (velodyne, label_2, calib).
-pub(crate) fn read(dataset: &Dataset) -> Result<Vec<Frame>> {
-    let frame = |name: &String| -> Result<Frame> {
+/// Reads a folder (velodyne, label_2, calib): one frame in `every`; of the objects those of some classes, or all when
+/// none is named. Objects keep their proposals whatever is selected.
+pub(crate) fn read(dataset: &Dataset, classes: &[String], every: usize) -> Result<Vec<Frame>> {
+    let is_wanted = |class: &str| {
+        classes.is_empty()
+            || classes
+                .iter()
+                .any(|wanted| wanted.eq_ignore_ascii_case(class))
+    };
+    let frame = |number: usize, name: &String| -> Result<Frame> {
         let points: Vec<Point> = dataset
             .scan(name)?
             .into_iter()
@@ -44,19 +55,24 @@ pub(crate) fn read(dataset: &Dataset) -> Result<Vec<Frame>> {
         let objects = dataset
             .boxes_in_sensor(name)?
             .into_iter()
-            .map(|(label, shape)| Object {
+            .filter(|(_, shape)| inside(&points, shape).count() >= POINTS_MIN)
+            .enumerate()
+            .filter(|(_, (label, _))| is_wanted(&label.class))
+            .map(|(number, (label, shape))| Object {
+                number,
                 class: label.class,
                 shape,
             })
-            .filter(|object| inside(&points, &object.shape).count() >= POINTS_MIN)
             .collect();
-        Ok(Frame { points, objects })
+        Ok(Frame {
+            number,
+            points,
+            objects,
+        })
     };
-    let name_of = |name: &String| format!("frame {name}");
-    dataset
-        .names()
-        .iter()
-        .map(|name| frame(name).with_context(|| name_of(name)))
+    let names = dataset.names().iter().enumerate().step_by(every.max(1));
+    names
+        .map(|(number, name)| frame(number, name).with_context(|| format!("frame {name}")))
         .collect()
 }
 

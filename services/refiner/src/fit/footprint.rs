@@ -1,7 +1,8 @@
 //! The outline of a cluster seen from above: convex, at most sixteen corners, around every point.
 //!
 //! The tight rectangle, cut by the supporting lines of twelve more directions. That is the convex hull up to its finest
-//! corners, and never smaller, in time linear in the points.
+//! corners, and never smaller, in time linear in the points. Points on a line or on one spot get an outline a
+//! centimetre around them, so that it always is a polygon.
 
 use mluc_ipc_types::FOOTPRINT_MAX;
 
@@ -11,21 +12,27 @@ use super::{ClusterPoints, Rectangle};
 const DIRECTIONS: usize = FOOTPRINT_MAX / 4;
 /// Corners closer than this are one, m.
 const SAME_CORNER_M: f64 = 1e-3;
+/// A rectangle thinner than this is an outline around a line, m,
+const THIN_M: f64 = 0.02;
+/// and is laid this far around it, m.
+const AROUND_M: f64 = 0.01;
 
 /// Corners counter-clockwise, relative to the points' origin, m, and how many of them are used.
 pub fn footprint(
     points: &ClusterPoints,
     rectangle: &Rectangle,
 ) -> ([[f64; 2]; FOOTPRINT_MAX], usize) {
-    let mut polygon = Polygon::of(rectangle);
+    let [u, v] = rectangle.size_m();
+    let around_m = if u.min(v) < THIN_M { AROUND_M } else { 0.0 };
+    let mut polygon = Polygon::of(&rectangle.grown(around_m));
     for step in 1..DIRECTIONS {
         let turn = std::f64::consts::FRAC_PI_2 * step as f64 / DIRECTIONS as f64;
         for quarter in 0..2 {
             let angle = rectangle.yaw_rad + turn + f64::from(quarter) * std::f64::consts::FRAC_PI_2;
             let (sin, cos) = angle.sin_cos();
             let [low, high] = points.span_m([cos as f32, sin as f32]).map(f64::from);
-            polygon = polygon.cut([cos, sin], high);
-            polygon = polygon.cut([-cos, -sin], -low);
+            polygon = polygon.cut([cos, sin], high + around_m);
+            polygon = polygon.cut([-cos, -sin], around_m - low);
         }
     }
     polygon.without_doubles()
@@ -153,12 +160,15 @@ mod tests {
     }
 
     #[test]
-    fn a_line_and_a_point_have_no_area() {
+    fn a_line_and_a_point_have_an_outline_of_a_centimetre() {
         let mut points = ClusterPoints::default();
         points.push(1.0, 1.0, 0.0);
-        assert!(footprint(&points, &points.rectangle(0.2)).1 <= 4);
+        let (corners, count) = footprint(&points, &points.rectangle(0.2));
+        let spot = area(&corners[..count]);
+        assert!((3e-4..4e-4).contains(&spot), "{spot}");
         points.push(2.0, 1.0, 0.0);
         let (corners, count) = footprint(&points, &points.rectangle(0.0));
-        assert!((2..=4).contains(&count) && area(&corners[..count]).abs() < 1e-6);
+        let line = area(&corners[..count]);
+        assert!((0.02..0.021).contains(&line), "{line}");
     }
 }

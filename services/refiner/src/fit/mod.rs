@@ -3,12 +3,14 @@
 mod axis_aligned;
 mod closeness;
 mod extend;
+mod fitter;
 mod footprint;
 mod minimum_area;
 
 pub use axis_aligned::axis_aligned;
 pub use closeness::Closeness;
 pub use extend::{EndFace, Extend, Side};
+pub use fitter::Fitter;
 pub use footprint::footprint;
 pub use minimum_area::minimum_area;
 
@@ -105,6 +107,16 @@ impl Rectangle {
     /// Along u and along v, m.
     pub fn size_m(&self) -> [f64; 2] {
         [self.u_m[1] - self.u_m[0], self.v_m[1] - self.v_m[0]]
+    }
+
+    /// With a margin on every side, m.
+    pub fn grown(&self, margin_m: f64) -> Rectangle {
+        let wider = |[low, high]: [f64; 2]| [low - margin_m, high + margin_m];
+        Rectangle {
+            yaw_rad: self.yaw_rad,
+            u_m: wider(self.u_m),
+            v_m: wider(self.v_m),
+        }
     }
 
     /// Centre relative to the points' origin, m.

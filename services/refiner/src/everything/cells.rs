@@ -1,0 +1,295 @@
+//! What stands on the ground, in cells of 25 cm seen from above; cells near each other are united.
+//!
+//! Points of one cell belong together. Two cells belong together when any pair of their points is within the join
+//! distance of their mean range: so the result depends on no order of points or cells.
+
+use crate::frame::{HALF_EXTENT_M, IndexedPoint};
+
+/// Side of a cell, m: its diagonal is below the shortest full join distance (0.4 m).
+const CELL_M: f32 = 0.25;
+/// Cells along a side.
+const SIDE: usize = (2.0 * HALF_EXTENT_M / CELL_M as f64) as usize;
+const EMPTY: u32 = u32::MAX;
+
+/// One cell with points.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cell {
+    /// Place in the grid: row by row.
+    place: u32,
+    /// First of its points, and how many.
+    first: u32,
+    count: u32,
+    /// Lowest x, y and highest x, y of its points, m.
+    pub(super) extent_m: [f32; 4],
+    /// Lowest and highest z of its points, m.
+    pub(super) z_m: [f32; 2],
+    /// From the sensor's axis to its middle, m.
+    pub(super) range_m: f32,
+}
+
+/// The cells of one frame; buffers are reused.
+#[derive(Debug)]
+pub(super) struct Cells {
+    /// Number of each place's cell.
+    number_at: Vec<u32>,
+    pub(super) cells: Vec<Cell>,
+    /// As they were added, with their cells' numbers.
+    added: Vec<(IndexedPoint, u32)>,
+    /// Cell by cell.
+    pub(super) places_m: Vec<[f32; 2]>,
+    pub(super) indices: Vec<u32>,
+    parent: Vec<u32>,
+}
+
+impl Default for Cells {
+    fn default() -> Cells {
+        Cells {
+            number_at: vec![EMPTY; SIDE * SIDE],
+            cells: Vec::new(),
+            added: Vec::new(),
+            places_m: Vec::new(),
+            indices: Vec::new(),
+            parent: Vec::new(),
+        }
+    }
+}
+
+impl Cells {
+    /// Forgets the last frame, touching only the places that it used.
+    pub(super) fn clear(&mut self) {
+        for cell in &self.cells {
+            self.number_at[cell.place as usize] = EMPTY;
+        }
+        self.cells.clear();
+        self.added.clear();
+    }
+
+    /// One more point, within the frame's square.
+    pub(super) fn add(&mut self, point: &IndexedPoint) {
+        let [x, y, z] = point.at_m;
+        let along = |v: f32| (((v + HALF_EXTENT_M as f32) / CELL_M) as usize).min(SIDE - 1);
+        let place = along(y) * SIDE + along(x);
+        let mut number = self.number_at[place];
+        if number == EMPTY {
+            number = self.cells.len() as u32;
+            self.number_at[place] = number;
+            self.cells.push(Cell {
+                place: place as u32,
+                first: 0,
+                count: 0,
+                extent_m: [x, y, x, y],
+                z_m: [z, z],
+                range_m: middle_m(place).map(|v| v * v).iter().sum::<f32>().sqrt(),
+            });
+        }
+        let cell = &mut self.cells[number as usize];
+        cell.count += 1;
+        let [x0, y0, x1, y1] = cell.extent_m;
+        cell.extent_m = [x0.min(x), y0.min(y), x1.max(x), y1.max(y)];
+        cell.z_m = [cell.z_m[0].min(z), cell.z_m[1].max(z)];
+        self.added.push((*point, number));
+    }
+
+    /// Sorts the points by cell, once all are there.
+    pub(super) fn sort(&mut self) {
+        let mut first = 0;
+        for cell in &mut self.cells {
+            cell.first = first;
+            first += cell.count;
+            // Serves as the cursor below and comes out as it was.
+            cell.count = 0;
+        }
+        self.places_m.clear();
+        self.places_m.resize(self.added.len(), [0.0; 2]);
+        self.indices.clear();
+        self.indices.resize(self.added.len(), 0);
+        for (point, number) in &self.added {
+            let cell = &mut self.cells[*number as usize];
+            let slot = (cell.first + cell.count) as usize;
+            cell.count += 1;
+            self.places_m[slot] = [point.at_m[0], point.at_m[1]];
+            self.indices[slot] = point.index;
+        }
+        self.parent.clear();
+        self.parent.resize(self.cells.len(), 0);
+    }
+
+    /// Points of a cell.
+    pub(super) fn points(&self, cell: u32) -> std::ops::Range<usize> {
+        let cell = &self.cells[cell as usize];
+        cell.first as usize..(cell.first + cell.count) as usize
+    }
+
+    /// Points of many cells.
+    pub(super) fn count(&self, cells: &[u32]) -> usize {
+        cells
+            .iter()
+            .map(|&cell| self.cells[cell as usize].count as usize)
+            .sum()
+    }
+
+    /// Lowest x, y and highest x, y of many cells' points, m.
+    pub(super) fn extent_m(&self, cells: &[u32]) -> [f32; 4] {
+        let far = f32::INFINITY;
+        cells.iter().fold([far, far, -far, -far], |e, &cell| {
+            let [x0, y0, x1, y1] = self.cells[cell as usize].extent_m;
+            [e[0].min(x0), e[1].min(y0), e[2].max(x1), e[3].max(y1)]
+        })
+    }
+
+    /// Unites those of `own` that are within the join distance of each other; `piece_of` tells which cells these are:
+    /// all with the piece `piece`. [`Cells::root`] tells the result.
+    pub(super) fn unite(
+        &mut self,
+        own: &[u32],
+        piece_of: &[u32],
+        piece: u32,
+        join_m: impl Fn(f32) -> f32,
+    ) {
+        for &cell in own {
+            self.parent[cell as usize] = cell;
+        }
+        for &a in own {
+            let cell = self.cells[a as usize];
+            let reach_m = join_m(cell.range_m);
+            // A neighbour may be somewhat farther and join from farther off: one cell more covers that.
+            let reach = (reach_m / CELL_M) as isize + 1;
+            let (x, y) = (cell.place as usize % SIDE, cell.place as usize / SIDE);
+            let to_x = |dx: isize| x.saturating_add_signed(dx).min(SIDE - 1);
+            for row in y..=(y + reach as usize).min(SIDE - 1) {
+                let from = if row == y { x + 1 } else { to_x(-reach) };
+                let row = row * SIDE;
+                for place in row + from..=row + to_x(reach) {
+                    let b = self.number_at[place];
+                    if b == EMPTY || piece_of[b as usize] != piece {
+                        continue;
+                    }
+                    let (ra, rb) = (self.root(a), self.root(b));
+                    if ra != rb {
+                        let mean_m = (cell.range_m + self.cells[b as usize].range_m) / 2.0;
+                        let join_m = join_m(mean_m);
+                        if self.touch(a, b, join_m * join_m) {
+                            self.parent[ra.max(rb) as usize] = ra.min(rb);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The cell that stands for all that are united with this one.
+    pub(super) fn root(&mut self, cell: u32) -> u32 {
+        let mut at = cell as usize;
+        while self.parent[at] as usize != at {
+            // Every other step is shortened: later searches are quicker.
+            self.parent[at] = self.parent[self.parent[at] as usize];
+            at = self.parent[at] as usize;
+        }
+        at as u32
+    }
+
+    fn touch(&self, a: u32, b: u32, join_squared: f32) -> bool {
+        let (ea, eb) = (
+            self.cells[a as usize].extent_m,
+            self.cells[b as usize].extent_m,
+        );
+        if gap_squared(ea, eb) > join_squared {
+            return false;
+        }
+        let others = &self.places_m[self.points(b)];
+        self.places_m[self.points(a)].iter().any(|&[x, y]| {
+            gap_squared([x, y, x, y], eb) <= join_squared
+                && others.iter().any(|&[ox, oy]| {
+                    let (dx, dy) = (ox - x, oy - y);
+                    dx * dx + dy * dy <= join_squared
+                })
+        })
+    }
+}
+
+fn middle_m(place: usize) -> [f32; 2] {
+    [place % SIDE, place / SIDE].map(|i| (i as f32 + 0.5) * CELL_M - HALF_EXTENT_M as f32)
+}
+
+/// Squared distance between two extents, m^2.
+fn gap_squared(a: [f32; 4], b: [f32; 4]) -> f32 {
+    let gap = |axis: usize| (b[axis] - a[axis + 2]).max(a[axis] - b[axis + 2]).max(0.0);
+    gap(0) * gap(0) + gap(1) * gap(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn filled(points: &[[f32; 2]]) -> Cells {
+        let mut cells = Cells::default();
+        for (index, &[x, y]) in points.iter().enumerate() {
+            cells.add(&IndexedPoint {
+                at_m: [x, y, 0.0],
+                index: index as u32,
+            });
+        }
+        cells.sort();
+        cells
+    }
+
+    fn scattered(count: usize) -> Vec<[f32; 2]> {
+        let f = |i: usize, k: f64| ((i as f64 * k).sin() * 43758.5453).rem_euclid(1.0) as f32;
+        (0..count)
+            .map(|i| [20.0 + 9.0 * f(i, 12.9898), 3.0 + 9.0 * f(i, 78.233)])
+            .collect()
+    }
+
+    /// Groups of points, each sorted, by joining pair by pair.
+    fn plain(points: &[[f32; 2]], join_m: f32) -> Vec<usize> {
+        let mut group: Vec<usize> = (0..points.len()).collect();
+        let cell = |p: [f32; 2]| p.map(|v| (v / CELL_M).floor() as i32);
+        loop {
+            let mut changed = false;
+            for a in 0..points.len() {
+                for b in 0..points.len() {
+                    let (p, q) = (points[a], points[b]);
+                    let near = (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2) <= join_m * join_m;
+                    if group[a] > group[b] && (near || cell(p) == cell(q)) {
+                        group[a] = group[b];
+                        changed = true;
+                    }
+                }
+            }
+            if !changed {
+                return group;
+            }
+        }
+    }
+
+    #[test]
+    fn equals_joining_point_by_point() {
+        for (count, join_m) in [(60, 0.5), (150, 0.5), (250, 0.4), (250, 0.15), (40, 1.2)] {
+            let points = scattered(count);
+            let mut cells = filled(&points);
+            let own: Vec<u32> = (0..cells.cells.len() as u32).collect();
+            cells.unite(&own, &vec![0; own.len()], 0, |_| join_m);
+            let expected = plain(&points, join_m);
+            let mut root_of = vec![0; count];
+            for &cell in &own {
+                let root = cells.root(cell);
+                for slot in cells.points(cell) {
+                    root_of[cells.indices[slot] as usize] = root;
+                }
+            }
+            for a in 0..count {
+                for b in 0..a {
+                    assert_eq!(expected[a] == expected[b], root_of[a] == root_of[b]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_frame_leaves_nothing_behind() {
+        let mut cells = filled(&scattered(100));
+        cells.clear();
+        assert!(cells.number_at.iter().all(|&number| number == EMPTY));
+        assert!(cells.cells.is_empty());
+    }
+}

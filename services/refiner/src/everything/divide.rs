@@ -1,0 +1,292 @@
+//! From cells to clusters: what belongs together, and how what is too large is divided.
+//!
+//! A component is taken apart in this order: parts that stand upright by themselves at half the reach (people beside each
+//! other) become clusters; what is then larger than a road user is grown again with a shorter reach, up to a number of
+//! times; what is longer than any road user even so is cut across its length into equal pieces. Nothing is dropped but
+//! clusters with too few points, and those are counted.
+
+use super::cells::Cells;
+use super::cluster::FrameCounters;
+use crate::Settings;
+use crate::fit::ClusterPoints;
+use crate::recipe::{Recipe, Scales};
+use crate::size::{is_upright, is_within, longest_side};
+
+/// Some cells that belong together.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    first: u32,
+    end: u32,
+    /// How often its reach was shortened.
+    attempts: u32,
+    /// Longest side of the component that it is from, m.
+    pub(super) component_length_m: f32,
+    /// Whether it was cut to size.
+    pub(super) is_cut: bool,
+    /// Number under which `piece_of` knows its cells.
+    number: u32,
+}
+
+/// Divides frame after frame; buffers are reused.
+#[derive(Debug)]
+pub(super) struct Divider {
+    scales: Scales,
+    points_min: usize,
+    length_max_m: f64,
+    /// Cells of all pieces, by their ranges.
+    order: Vec<u32>,
+    piece_of: Vec<u32>,
+    pending: Vec<Piece>,
+    done: Vec<Piece>,
+    numbers: u32,
+    cluster: ClusterPoints,
+    scratch: Vec<u32>,
+    part_of_root: Vec<u32>,
+    part_first: Vec<u32>,
+}
+
+impl Divider {
+    pub(super) fn new(recipe: &Recipe, settings: &Settings) -> Divider {
+        Divider {
+            scales: recipe.scales.unwrap_or(Scales::NONE),
+            points_min: recipe.points_min,
+            length_max_m: settings.length_max_m,
+            order: Vec::new(),
+            piece_of: Vec::new(),
+            pending: Vec::new(),
+            done: Vec::new(),
+            numbers: 0,
+            cluster: ClusterPoints::default(),
+            scratch: Vec::new(),
+            part_of_root: Vec::new(),
+            part_first: Vec::new(),
+        }
+    }
+
+    /// The pieces of the last frame.
+    pub(super) fn pieces(&self) -> &[Piece] {
+        &self.done
+    }
+
+    /// Cells of a piece.
+    pub(super) fn cells_of(&self, piece: &Piece) -> &[u32] {
+        &self.order[piece.first as usize..piece.end as usize]
+    }
+
+    /// Divides all cells; `join_m` gives the full join distance at a range.
+    pub(super) fn divide(
+        &mut self,
+        cells: &mut Cells,
+        join_m: impl Fn(f64) -> f64,
+        counters: &mut FrameCounters,
+    ) {
+        let count = cells.cells.len() as u32;
+        self.order.clear();
+        self.order.extend(0..count);
+        self.piece_of.clear();
+        self.piece_of.resize(count as usize, 0);
+        self.pending.clear();
+        self.done.clear();
+        self.numbers = 0;
+        let all = Piece {
+            first: 0,
+            end: count,
+            attempts: 0,
+            component_length_m: 0.0,
+            is_cut: false,
+            number: 0,
+        };
+        self.split(cells, all, 1.0, &join_m);
+        for piece in &mut self.pending {
+            let own = &self.order[piece.first as usize..piece.end as usize];
+            let [x0, y0, x1, y1] = cells.extent_m(own);
+            piece.component_length_m = (x1 - x0).max(y1 - y0);
+        }
+        counters.components = self.pending.len() as u32;
+        while let Some(piece) = self.pending.pop() {
+            self.settle(cells, piece, &join_m, counters);
+        }
+    }
+
+    /// One piece: done, dropped, or divided further.
+    fn settle(
+        &mut self,
+        cells: &mut Cells,
+        mut piece: Piece,
+        join_m: &impl Fn(f64) -> f64,
+        counters: &mut FrameCounters,
+    ) {
+        let points = cells.count(self.cells_of(&piece));
+        if points < self.points_min {
+            counters.clusters_too_small += 1;
+            counters.points_too_few += points as u32;
+            return;
+        }
+        self.collect(cells, &piece);
+        if is_upright(&self.cluster) {
+            self.done.push(piece);
+            return;
+        }
+        if piece.attempts == 0 && self.scales.upright > 0.0 {
+            piece = self.take_upright_parts(cells, piece, join_m);
+            if piece.first == piece.end {
+                return;
+            }
+            self.collect(cells, &piece);
+        }
+        if is_within(&self.cluster, self.scales.shrink_above_m) {
+            self.done.push(piece);
+        } else if piece.attempts < self.scales.shrink_attempts {
+            piece.attempts += 1;
+            let scale = self.scales.shrink_factor.powi(piece.attempts as i32);
+            self.split(cells, piece, scale, join_m);
+        } else {
+            counters.oversized += u32::from(self.cut(cells, piece));
+        }
+    }
+
+    /// Divides a piece by a shorter reach; the parts are pending.
+    fn split(&mut self, cells: &mut Cells, piece: Piece, scale: f64, join_m: &impl Fn(f64) -> f64) {
+        let own = &self.order[piece.first as usize..piece.end as usize];
+        cells.unite(own, &self.piece_of, piece.number, |range_m| {
+            (join_m(f64::from(range_m)) * scale) as f32
+        });
+        self.sort_into_parts(cells, piece);
+    }
+
+    /// Parts that stand upright are done; what is left stays one piece.
+    fn take_upright_parts(
+        &mut self,
+        cells: &mut Cells,
+        piece: Piece,
+        join_m: &impl Fn(f64) -> f64,
+    ) -> Piece {
+        let before = self.pending.len();
+        self.split(cells, piece, self.scales.upright, join_m);
+        let parts = before..self.pending.len();
+        if parts.len() == 1 {
+            self.pending.truncate(before);
+            return self.renumbered(piece);
+        }
+        self.scratch.clear();
+        let mut upright_end = piece.first as usize;
+        for part in parts {
+            let mut part = self.pending[part];
+            self.collect(cells, &part);
+            let range = part.first as usize..part.end as usize;
+            if self.cluster.len() >= self.points_min && is_upright(&self.cluster) {
+                // Upright parts move to the front, which only cells already looked at leave.
+                self.order.copy_within(range.clone(), upright_end);
+                part.first = upright_end as u32;
+                upright_end += range.len();
+                part.end = upright_end as u32;
+                self.done.push(part);
+            } else {
+                self.scratch.extend_from_slice(&self.order[range]);
+            }
+        }
+        self.pending.truncate(before);
+        self.order[upright_end..piece.end as usize].copy_from_slice(&self.scratch);
+        self.renumbered(Piece {
+            first: upright_end as u32,
+            ..piece
+        })
+    }
+
+    /// Gives a piece's cells a number of their own.
+    fn renumbered(&mut self, piece: Piece) -> Piece {
+        self.numbers += 1;
+        for &cell in &self.order[piece.first as usize..piece.end as usize] {
+            self.piece_of[cell as usize] = self.numbers;
+        }
+        Piece {
+            number: self.numbers,
+            ..piece
+        }
+    }
+
+    /// A piece's cells by what they are united with: each part becomes a pending piece.
+    fn sort_into_parts(&mut self, cells: &mut Cells, piece: Piece) {
+        const NO_PART: u32 = u32::MAX;
+        let range = piece.first as usize..piece.end as usize;
+        self.part_of_root.resize(cells.cells.len(), NO_PART);
+        self.part_first.clear();
+        for at in range.clone() {
+            let root = cells.root(self.order[at]) as usize;
+            if self.part_of_root[root] == NO_PART {
+                self.part_of_root[root] = self.part_first.len() as u32;
+                self.part_first.push(0);
+            }
+            self.part_first[self.part_of_root[root] as usize] += 1;
+        }
+        let mut first = piece.first;
+        for count in &mut self.part_first {
+            let part = Piece {
+                first,
+                end: first + *count,
+                number: self.numbers + 1,
+                ..piece
+            };
+            self.numbers += 1;
+            self.pending.push(part);
+            *count = first;
+            first = part.end;
+        }
+        self.scratch.clear();
+        self.scratch.extend_from_slice(&self.order[range]);
+        let first_number = self.numbers - self.part_first.len() as u32 + 1;
+        for at in 0..self.scratch.len() {
+            let cell = self.scratch[at];
+            let part = self.part_of_root[cells.root(cell) as usize];
+            let cursor = &mut self.part_first[part as usize];
+            self.order[*cursor as usize] = cell;
+            *cursor += 1;
+            self.piece_of[cell as usize] = first_number + part;
+        }
+        for at in 0..self.scratch.len() {
+            self.part_of_root[cells.root(self.scratch[at]) as usize] = NO_PART;
+        }
+    }
+
+    /// Cuts what is longer than any road user across its length, by the middles of its cells. Whether there was need.
+    fn cut(&mut self, cells: &Cells, piece: Piece) -> bool {
+        let (yaw_rad, length_m) = longest_side(&self.cluster);
+        let count = (length_m / self.length_max_m).ceil().max(1.0);
+        let (sin, cos) = (yaw_rad.sin() as f32, yaw_rad.cos() as f32);
+        let along = |cell: u32| {
+            let [x0, y0, x1, y1] = cells.cells[cell as usize].extent_m;
+            (x0 + x1) / 2.0 * cos + (y0 + y1) / 2.0 * sin
+        };
+        let own = &mut self.order[piece.first as usize..piece.end as usize];
+        let low = own.iter().map(|&c| along(c)).fold(f32::INFINITY, f32::min);
+        let slice_m = (length_m / count) as f32;
+        let slice = |cell: u32| (((along(cell) - low) / slice_m) as u32).min(count as u32 - 1);
+        own.sort_unstable_by_key(|&cell| (slice(cell), cell));
+        let mut first = piece.first;
+        while first < piece.end {
+            let here = slice(self.order[first as usize]);
+            let own = &self.order[first as usize..piece.end as usize];
+            let end = first + own.partition_point(|&cell| slice(cell) == here) as u32;
+            self.done.push(Piece {
+                first,
+                end,
+                is_cut: count > 1.0,
+                ..piece
+            });
+            first = end;
+        }
+        count > 1.0
+    }
+
+    /// The points of a piece seen from above, and its lowest and highest z: enough to judge its size.
+    fn collect(&mut self, cells: &Cells, piece: &Piece) {
+        self.cluster.clear();
+        for &cell in &self.order[piece.first as usize..piece.end as usize] {
+            let [low, high] = cells.cells[cell as usize].z_m;
+            for (i, slot) in cells.points(cell).enumerate() {
+                let [x, y] = cells.places_m[slot];
+                self.cluster.push(x, y, if i == 0 { low } else { high });
+            }
+        }
+    }
+}
