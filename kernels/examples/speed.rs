@@ -1,14 +1,22 @@
 //! Prints GFLOP/s of the convolutions of the networks, and their share of what the registers can do.
-//! An argument (`avx512bf16`, `avx512`, `avx2`, `neon`, `portable`) picks the registers; without one the best are used.
+//! An argument (`avx512bf16`, `avx512`, `avx2`, `neon`, `portable`, ...) picks the registers; without one the best are
+//! used.
 
 use std::{hint::black_box, time::Instant};
 
 use mluc_kernels::{
-    ABSENT, Bf16, Epilogue, Gather, Level, Statistics, Weights, WeightsBf16, batch_norm_backward,
-    batch_norm_forward, convolve_at, convolve_bf16_at, spin, weight_gradient_at,
+    ABSENT, Bf16, Epilogue, Gather, Level, Statistics, Weights, WeightsBf16, WeightsInt8,
+    batch_norm_backward, batch_norm_forward, convolve_at, convolve_bf16_at, convolve_int8_at, spin,
+    spin_bf16, spin_int8, weight_gradient_at,
 };
+use rustix::time::{ClockId, clock_gettime};
 
+/// At least.
 const REPEATS: usize = 9;
+/// More of them where they are short.
+const SECONDS: f64 = 0.1;
+/// Some milliseconds.
+const PEAK_STEPS: usize = 1_000_000;
 
 fn main() {
     let wanted = std::env::args().nth(1);
@@ -22,22 +30,34 @@ fn main() {
                 .collect::<Vec<_>>()
         );
     };
-    let peak = peak_gflops(level);
+    let peaks = [
+        peak_gflops(|| spin(level, PEAK_STEPS).0),
+        peak_gflops(|| spin_bf16(level, PEAK_STEPS).0),
+        peak_gflops(|| spin_int8(level, PEAK_STEPS).0),
+    ];
     println!(
-        "{}: {peak:.0} GFLOP/s on one core without memory",
-        level.name()
+        "{}: {:.0} GFLOP/s f32, {:.0} bf16, {:.0} int8 on one core without memory",
+        level.name(),
+        peaks[0],
+        peaks[1],
+        peaks[2]
     );
     println!(
-        "GFLOP/s and share of that f32 peak: f32 forward, bf16 forward, f32 weight gradient; one core, then two"
+        "GFLOP/s and share of its peak: forward in f32, bf16, int8, weight gradient in f32; one core by its own time, then \
+         two by the clock"
     );
     for (name, gather, inputs, cin, cout) in cases() {
         let run = |threads| measure(level, threads, &gather, inputs, cin, cout);
-        let share = |gflops: f64| format!("{gflops:4.0} {:3.0}%", 100.0 * gflops / peak);
-        let (one, two) = (
-            run(1).map(share),
-            run(2).map(|gflops| format!("{gflops:4.0}")),
-        );
+        let of = [peaks[0], peaks[1], peaks[2], peaks[0]];
+        let one = run(1).into_iter().zip(of);
+        let one: Vec<_> = one
+            .map(|(gflops, peak)| format!("{gflops:4.0} {:3.0}%", 100.0 * gflops / peak))
+            .collect();
+        let two = run(2).map(|gflops| format!("{gflops:4.0}"));
         println!("{name:30} {}   {}", one.join(" "), two.join(" "));
+    }
+    if std::env::args().len() > 2 {
+        return;
     }
     for channels in [16, 48, 128] {
         for threads in [1, 2] {
@@ -181,7 +201,7 @@ fn sparse(rows: usize, off: f64) -> Gather {
     }
 }
 
-/// GFLOP/s of the forward convolution in f32, in bf16, and of the weight gradient; absent rows are not counted.
+/// GFLOP/s of the forward convolution in f32, bf16 and int8, and of the weight gradient; absent rows are not counted.
 fn measure(
     level: Level,
     threads: usize,
@@ -189,9 +209,9 @@ fn measure(
     inputs: usize,
     cin: usize,
     cout: usize,
-) -> [f64; 3] {
+) -> [f64; 4] {
     let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else {
-        return [0.0; 3];
+        return [0.0; 4];
     };
     let mut random = Random(1);
     let mut values = |count: usize| {
@@ -227,33 +247,60 @@ fn measure(
     };
     let bf16 = best_seconds(&pool, bf16);
 
+    let weights = WeightsInt8::pack(gather.taps, cin, cout, &plain);
+    let bytes: Vec<u8> = input.iter().map(|x| (x * 500.0) as u8).collect();
+    let mut byte_output = vec![0_u8; output.len()];
+    let int8 = || {
+        convolve_int8_at(
+            level,
+            &bytes,
+            gather,
+            &weights,
+            epilogue,
+            None,
+            &mut byte_output,
+        )
+    };
+    let int8 = best_seconds(&pool, int8);
+
     let mut gradient = vec![0.0; gather.taps * cin * cout];
     let backward = || weight_gradient_at(level, &input, cin, gather, &output, cout, &mut gradient);
     let backward = best_seconds(&pool, backward);
 
     let pairs = gather.index.iter().filter(|&&row| row != ABSENT).count();
     let gflop = 2e-9 * (pairs * cin * cout) as f64;
-    [forward, bf16, backward].map(|seconds| gflop / seconds)
+    [forward, bf16, int8, backward].map(|seconds| gflop / seconds)
 }
 
 fn best_seconds(pool: &rayon::ThreadPool, mut work: impl FnMut() + Send) -> f64 {
     pool.install(|| {
-        let mut once = || {
-            let start = Instant::now();
+        let (mut best, begin) = (f64::INFINITY, Instant::now());
+        let mut count = 0;
+        while count < REPEATS || begin.elapsed().as_secs_f64() < SECONDS {
+            let (start, on_core) = (Instant::now(), thread_seconds());
             work();
-            start.elapsed().as_secs_f64()
-        };
-        (0..REPEATS).map(|_| once()).fold(f64::INFINITY, f64::min)
+            best = best.min(match pool.current_num_threads() {
+                1 => thread_seconds() - on_core,
+                _ => start.elapsed().as_secs_f64(),
+            });
+            count += 1;
+        }
+        best
     })
 }
 
-/// GFLOP/s of multiply-adds on registers alone.
-fn peak_gflops(level: Level) -> f64 {
+/// Time of this thread on a core: others that want the core do not count.
+fn thread_seconds() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
+}
+
+/// GFLOP/s of multiply-adds on registers alone; `spin` gives the operations of a run.
+fn peak_gflops(spin: impl Fn() -> f64) -> f64 {
     let once = |_| {
-        let start = Instant::now();
-        let (flop, value) = spin(level, 2_000_000);
-        black_box(value);
-        1e-9 * flop / start.elapsed().as_secs_f64()
+        let start = thread_seconds();
+        let flop = black_box(spin());
+        1e-9 * flop / (thread_seconds() - start)
     };
     (0..REPEATS).map(once).fold(0.0, f64::max)
 }

@@ -63,30 +63,23 @@ impl<W: Packed, O: Element> Kernel for Block<'_, W, O> {
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
         let (_, _, cout) = self.job.weights.shape();
-        let mut sums = AlignedArray([0.0; BLOCK * PANEL_MAX]);
+        let mut sums = AlignedArray([W::Sum::default(); BLOCK * PANEL_MAX]);
         let mut lists = Lists::new();
         for panel in panels(cout) {
             let sums = &mut sums.0[..self.rows.len() * panel.width];
-            self.begin(panel, sums);
+            let bias = self.job.epilogue.bias;
+            let bias = bias.map(|bias| &bias[panel.first..][..panel.used]);
+            let rows = sums.chunks_exact_mut(panel.width);
+            rows.for_each(|row| self.job.weights.begin(bias, row));
             self.accumulate(simd, panel, &mut lists, sums);
-            self.finish(panel, sums);
+            self.finish(panel, bias, sums);
         }
     }
 }
 
 impl<W: Packed, O: Element> Block<'_, W, O> {
     #[inline(always)]
-    fn begin(&self, panel: Panel, sums: &mut [f32]) {
-        sums.fill(0.0);
-        if let Some(bias) = self.job.epilogue.bias {
-            let bias = &bias[panel.first..][..panel.used];
-            let rows = sums.chunks_exact_mut(panel.width);
-            rows.for_each(|row| row[..panel.used].copy_from_slice(bias));
-        }
-    }
-
-    #[inline(always)]
-    fn accumulate<S: Simd>(&self, simd: S, panel: Panel, lists: &mut Lists, sums: &mut [f32]) {
+    fn accumulate<S: Simd>(&self, simd: S, panel: Panel, lists: &mut Lists, sums: &mut [W::Sum]) {
         let Job {
             input,
             gather,
@@ -108,7 +101,7 @@ impl<W: Packed, O: Element> Block<'_, W, O> {
     }
 
     #[inline(always)]
-    fn finish(&mut self, panel: Panel, sums: &[f32]) {
+    fn finish(&mut self, panel: Panel, bias: Option<&[f32]>, sums: &[W::Sum]) {
         let (_, _, cout) = self.job.weights.shape();
         let floor = if self.job.epilogue.relu {
             0.0
@@ -118,12 +111,7 @@ impl<W: Packed, O: Element> Block<'_, W, O> {
         for (row, sums) in self.rows.clone().zip(sums.chunks_exact(panel.width)) {
             let row = self.output_rows.map_or(row, |rows| rows[row] as usize) - self.first;
             let output = &mut self.output[row * cout + panel.first..][..panel.used];
-            // Written so that NaN passes.
-            let clamp = |sum: f32| if sum < floor { floor } else { sum };
-            output
-                .iter_mut()
-                .zip(sums)
-                .for_each(|(y, &sum)| *y = O::from_f32(clamp(sum)));
+            self.job.weights.finish(panel, bias, sums, floor, output);
         }
     }
 }

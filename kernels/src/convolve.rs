@@ -1,7 +1,8 @@
 //! The forward convolution; with transposed weights and gather, also the gradient of its input.
 
 use crate::{
-    Bf16, Element, Epilogue, Gather, Level, Weights, WeightsBf16, block::Job, packed::Packed,
+    Bf16, Element, Epilogue, Gather, Level, Weights, WeightsBf16, WeightsInt8, block::Job,
+    packed::Packed,
 };
 
 /// `output[o] = epilogue(sum over taps t, channels c of input[gather(o, t)][c] * weights[t][c])`.
@@ -91,6 +92,55 @@ pub fn convolve_bf16_at<O: Element>(
     input: &[Bf16],
     gather: &Gather,
     weights: &WeightsBf16,
+    epilogue: Epilogue,
+    output_rows: Option<&[u32]>,
+    output: &mut [O],
+) {
+    start(
+        Job {
+            level,
+            input,
+            gather,
+            weights,
+            epilogue,
+        },
+        output_rows,
+        output,
+    );
+}
+
+/// [`convolve`] on rows of bytes and weights in i8, with exact sums in i32; the output is u8, bf16 or f32.
+///
+/// `epilogue.bias` counts the output's units, as the weights do. Each sum becomes an f32, is multiplied by its channel's
+/// scale, then the bias is added: the same bits on every processor and with any number of threads.
+///
+/// # Panics
+/// As [`convolve`].
+pub fn convolve_int8<O: Element>(
+    input: &[u8],
+    gather: &Gather,
+    weights: &WeightsInt8,
+    epilogue: Epilogue,
+    output_rows: Option<&[u32]>,
+    output: &mut [O],
+) {
+    convolve_int8_at(
+        Level::best(),
+        input,
+        gather,
+        weights,
+        epilogue,
+        output_rows,
+        output,
+    );
+}
+
+/// [`convolve_int8`] with the registers of `level`, for tests and measurements.
+pub fn convolve_int8_at<O: Element>(
+    level: Level,
+    input: &[u8],
+    gather: &Gather,
+    weights: &WeightsInt8,
     epilogue: Epilogue,
     output_rows: Option<&[u32]>,
     output: &mut [O],

@@ -15,15 +15,19 @@ mod packed;
 mod simd;
 mod weights;
 mod weights_bf16;
+mod weights_int8;
 
 pub use batch_norm::{Statistics, batch_norm_backward, batch_norm_forward};
-pub use convolve::{convolve, convolve_at, convolve_bf16, convolve_bf16_at};
+pub use convolve::{
+    convolve, convolve_at, convolve_bf16, convolve_bf16_at, convolve_int8, convolve_int8_at,
+};
 pub use element::{Bf16, Element};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{weight_gradient, weight_gradient_at};
-pub use simd::{Level, at_best, spin, spin_bf16};
+pub use simd::{Level, at_best, spin, spin_bf16, spin_int8};
 pub use weights::Weights;
 pub use weights_bf16::WeightsBf16;
+pub use weights_int8::WeightsInt8;
 
 /// What happens to a row after its sum.
 #[derive(Clone, Copy, Debug, Default)]

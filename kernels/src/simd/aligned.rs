@@ -36,4 +36,4 @@ impl<T: Copy + Default> Aligned<T> {
 /// Values on the stack at a 64-byte boundary.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub(crate) struct AlignedArray<const N: usize>(pub(crate) [f32; N]);
+pub(crate) struct AlignedArray<T, const N: usize>(pub(crate) [T; N]);

@@ -1,30 +1,43 @@
-//! AVX-512: 32 registers of 16 f32.
+//! AVX-512: 32 registers of 16 f32. With `BF16` and `VNNI` also its products of bf16 (two a lane and a cycle) and of
+//! bytes (four).
 
 use std::arch::x86_64::*;
 
 use super::{Kernel, Lists, Simd, list_avx512};
 
-/// Made where the features are known only, so whoever holds one runs on a processor that has these registers.
+/// Made where the features are known only, so whoever holds one runs on a processor that has these registers and
+/// products.
 #[derive(Clone, Copy)]
-pub(crate) struct Avx512(());
+pub(crate) struct Avx512<const BF16: bool, const VNNI: bool>(());
 
 /// Runs `kernel` compiled for these registers.
 ///
 /// # Safety
 /// The processor has the features named below.
-#[target_feature(enable = "avx512f,avx2,fma,popcnt")]
+#[target_feature(enable = "avx512f,avx512bw,avx2,fma,popcnt")]
 pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Avx512::new())
+    kernel.run(Avx512::<false, false>(()))
 }
 
-impl Avx512 {
-    /// The proof, where the features are known: safe to call from code compiled for them only.
-    #[target_feature(enable = "avx512f,avx2,fma,popcnt")]
-    #[inline]
-    pub(super) fn new() -> Avx512 {
-        Avx512(())
-    }
+/// Runs `kernel` compiled for these registers and their products of bytes.
+///
+/// # Safety
+/// The processor has the features named below.
+#[target_feature(enable = "avx512f,avx512bw,avx512vnni,avx2,fma,popcnt")]
+pub(crate) unsafe fn run_vnni<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Avx512::<false, true>(()))
+}
 
+/// Runs `kernel` compiled for these registers, their products of bytes and of bf16.
+///
+/// # Safety
+/// The processor has the features named below.
+#[target_feature(enable = "avx512f,avx512bw,avx512vnni,avx512bf16,avx2,fma,popcnt")]
+pub(crate) unsafe fn run_bf16<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Avx512::<true, true>(()))
+}
+
+impl<const BF16: bool, const VNNI: bool> Avx512<BF16, VNNI> {
     /// The two bf16 of each lane as f32.
     #[inline(always)]
     fn halves(self, pairs: __m512i) -> (__m512, __m512) {
@@ -37,13 +50,29 @@ impl Avx512 {
             )
         }
     }
+
+    /// Byte products by way of 16 bits: `_mm512_maddubs_epi16` would saturate.
+    #[inline(always)]
+    fn dot_widened(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
+        // SAFETY: self is the proof of the features.
+        unsafe {
+            let a_even = _mm512_and_si512(a, _mm512_set1_epi16(0xff));
+            let b_even = _mm512_srai_epi16::<8>(_mm512_slli_epi16::<8>(b));
+            let even = _mm512_madd_epi16(a_even, b_even);
+            let odd = _mm512_madd_epi16(_mm512_srli_epi16::<8>(a), _mm512_srai_epi16::<8>(b));
+            _mm512_add_epi32(c, _mm512_add_epi32(even, odd))
+        }
+    }
 }
 
-impl Simd for Avx512 {
+impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
     type Vector = __m512;
     type Pairs = __m512i;
+    type Integers = __m512i;
+    type Quads = __m512i;
     const LANES: usize = 16;
     const REGISTERS: usize = 32;
+    const SIGNED_QUADS: bool = false;
 
     #[inline(always)]
     fn splat(self, value: f32) -> __m512 {
@@ -77,6 +106,16 @@ impl Simd for Avx512 {
 
     #[inline(always)]
     fn dot(self, a: __m512i, b: __m512i, c: __m512) -> __m512 {
+        if BF16 {
+            // SAFETY: self is the proof of the features; both types are 64 bytes of which every pattern is valid.
+            return unsafe {
+                let (a, b) = (
+                    std::mem::transmute::<__m512i, __m512bh>(a),
+                    std::mem::transmute::<__m512i, __m512bh>(b),
+                );
+                _mm512_dpbf16_ps(c, a, b)
+            };
+        }
         let (a, b) = (self.halves(a), self.halves(b));
         self.fma(a.1, b.1, self.fma(a.0, b.0, c))
     }
@@ -85,6 +124,45 @@ impl Simd for Avx512 {
     unsafe fn load_pairs(self, from: *const u32) -> __m512i {
         // SAFETY: the caller vouches for `from`, self for the features.
         unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+
+    #[inline(always)]
+    fn splat_quad(self, quad: u32) -> __m512i {
+        // SAFETY: self is the proof of the features.
+        unsafe { _mm512_set1_epi32(quad as i32) }
+    }
+
+    #[inline(always)]
+    fn dot_quads(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
+        match VNNI {
+            // SAFETY: self is the proof of the features.
+            true => unsafe { _mm512_dpbusd_epi32(c, a, b) },
+            false => self.dot_widened(a, b, c),
+        }
+    }
+
+    #[inline(always)]
+    fn add_integers(self, a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: self is the proof of the features.
+        unsafe { _mm512_add_epi32(a, b) }
+    }
+
+    #[inline(always)]
+    unsafe fn load_quads(self, from: *const u32) -> __m512i {
+        // SAFETY: the caller vouches for `from`, self for the features.
+        unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+
+    #[inline(always)]
+    unsafe fn load_integers(self, from: *const i32) -> __m512i {
+        // SAFETY: the caller vouches for `from`, self for the features.
+        unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_integers(self, to: *mut i32, value: __m512i) {
+        // SAFETY: the caller vouches for `to`, self for the features.
+        unsafe { _mm512_storeu_si512(to.cast(), value) }
     }
 
     #[inline(always)]

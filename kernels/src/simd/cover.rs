@@ -4,6 +4,9 @@ use super::{LINE, Simd};
 
 /// Work on one tile of a table.
 pub(super) trait Tile {
+    /// Whether a product takes a few registers besides its operands where `S` has no instruction for it.
+    const NEEDS_SPARE: bool = false;
+
     /// Works on rows `row..row + R` and columns `column..column + V * S::LANES`. Implement it `#[inline(always)]`.
     ///
     /// # Safety
@@ -18,12 +21,12 @@ pub(super) trait Tile {
 
 /// Every row and column exactly once.
 ///
-/// The shapes leave room for a row of weights and a broadcast value: 24 accumulators of 32 registers, 12 of 16.
+/// The shapes leave room for a row of weights and a broadcast value: 24 accumulators of 32 registers, 12 (8) of 16.
 ///
 /// # Safety
 /// The table of `tile` has `rows` rows and `columns` columns, a multiple of 16.
 #[inline(always)]
-pub(super) unsafe fn cover<S: Simd>(simd: S, rows: usize, columns: usize, tile: &impl Tile) {
+pub(super) unsafe fn cover<S: Simd, T: Tile>(simd: S, rows: usize, columns: usize, tile: &T) {
     // SAFETY (all): the columns passed on are inside 0..columns, and the rows inside 0..rows by `down`.
     match (S::LANES, columns) {
         (16, 16) => unsafe { down::<S, 12, 1>(simd, rows, 0, tile) },
@@ -34,6 +37,9 @@ pub(super) unsafe fn cover<S: Simd>(simd: S, rows: usize, columns: usize, tile: 
             for column in (0..columns).step_by(LINE) {
                 match (S::LANES, S::REGISTERS) {
                     (16, _) => unsafe { down::<S, 12, 1>(simd, rows, column, tile) },
+                    (8, _) if T::NEEDS_SPARE => unsafe {
+                        down::<S, 4, 2>(simd, rows, column, tile)
+                    },
                     (8, _) => unsafe { down::<S, 6, 2>(simd, rows, column, tile) },
                     (_, 32) => unsafe { down::<S, 6, 4>(simd, rows, column, tile) },
                     _ => unsafe { down::<S, 2, 4>(simd, rows, column, tile) },

@@ -10,7 +10,13 @@ use super::{
 
 /// As [`super::Simd::list`]. The processor is proof that it has the registers.
 #[inline(always)]
-pub(super) fn list(_: Avx512, index: &[u32], taps: usize, first: usize, lists: &mut Lists) {
+pub(super) fn list<const BF16: bool, const VNNI: bool>(
+    _: Avx512<BF16, VNNI>,
+    index: &[u32],
+    taps: usize,
+    first: usize,
+    lists: &mut Lists,
+) {
     let rows = index.len() / taps;
     let width = (taps - first).min(GROUP);
     let mut counts = [0; GROUP];

@@ -16,11 +16,20 @@ pub fn spin_bf16(level: Level, steps: usize) -> (f64, f32) {
     level.run(SpinBf16 { steps })
 }
 
+/// As [`spin`], with products of bytes and sums in i32; in f64 the integer operations.
+pub fn spin_int8(level: Level, steps: usize) -> (f64, i32) {
+    level.run(SpinInt8 { steps })
+}
+
 struct Spin {
     steps: usize,
 }
 
 struct SpinBf16 {
+    steps: usize,
+}
+
+struct SpinInt8 {
     steps: usize,
 }
 
@@ -81,5 +90,35 @@ impl Kernel for SpinBf16 {
             };
         }
         ((self.steps * SUMS * S::LANES * 4) as f64, values[0])
+    }
+}
+
+impl Kernel for SpinInt8 {
+    type Output = (f64, i32);
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> (f64, i32) {
+        let mut values = [0_i32; 16];
+        let from = [0x0101_0201_u32; 16];
+        // SAFETY: a register has at most 16 lanes, `values` and `from` have 16.
+        unsafe {
+            let mut sums = [simd.load_integers(values.as_ptr()); SUMS];
+            // Different ones, read anew at each step: products that stay the same would be computed once.
+            let mut inputs = [simd.splat_quad(0); SUMS];
+            for (input, number) in inputs.iter_mut().zip(1..) {
+                *input = simd.splat_quad(std::hint::black_box(number));
+            }
+            for _ in 0..self.steps {
+                let weights = simd.load_quads(std::hint::black_box(from.as_ptr()));
+                for (sum, input) in sums.iter_mut().zip(inputs) {
+                    *sum = simd.dot_quads(input, weights, *sum);
+                }
+            }
+            for sum in sums {
+                let before = simd.load_integers(values.as_ptr());
+                simd.store_integers(values.as_mut_ptr(), simd.add_integers(sum, before));
+            }
+        }
+        ((self.steps * SUMS * S::LANES * 8) as f64, values[0])
     }
 }

@@ -1,4 +1,4 @@
-//! Any processor: four f32 that the compiler may or may not put in a register.
+//! Any processor: four values that the compiler may or may not put in a register.
 
 use super::Simd;
 
@@ -8,8 +8,11 @@ pub(crate) struct Plain;
 impl Simd for Plain {
     type Vector = [f32; 4];
     type Pairs = [u32; 4];
+    type Integers = [i32; 4];
+    type Quads = [u32; 4];
     const LANES: usize = 4;
     const REGISTERS: usize = 16;
+    const SIGNED_QUADS: bool = false;
 
     #[inline(always)]
     fn splat(self, value: f32) -> [f32; 4] {
@@ -55,5 +58,46 @@ impl Simd for Plain {
     unsafe fn load_pairs(self, from: *const u32) -> [u32; 4] {
         // SAFETY: the caller vouches for `from`; alignment is not assumed.
         unsafe { from.cast::<[u32; 4]>().read_unaligned() }
+    }
+
+    #[inline(always)]
+    fn splat_quad(self, quad: u32) -> [u32; 4] {
+        [quad; 4]
+    }
+
+    #[inline(always)]
+    fn dot_quads(self, a: [u32; 4], b: [u32; 4], c: [i32; 4]) -> [i32; 4] {
+        let product = |lane: usize, byte: usize| {
+            let (a, b) = (a[lane].to_ne_bytes()[byte], b[lane].to_ne_bytes()[byte]);
+            i32::from(a) * i32::from(b as i8)
+        };
+        let sum = |lane| {
+            let four = product(lane, 0) + product(lane, 1) + product(lane, 2) + product(lane, 3);
+            c[lane].wrapping_add(four)
+        };
+        [sum(0), sum(1), sum(2), sum(3)]
+    }
+
+    #[inline(always)]
+    fn add_integers(self, a: [i32; 4], b: [i32; 4]) -> [i32; 4] {
+        std::array::from_fn(|lane| a[lane].wrapping_add(b[lane]))
+    }
+
+    #[inline(always)]
+    unsafe fn load_quads(self, from: *const u32) -> [u32; 4] {
+        // SAFETY: the caller vouches for `from`; alignment is not assumed.
+        unsafe { from.cast::<[u32; 4]>().read_unaligned() }
+    }
+
+    #[inline(always)]
+    unsafe fn load_integers(self, from: *const i32) -> [i32; 4] {
+        // SAFETY: the caller vouches for `from`; alignment is not assumed.
+        unsafe { from.cast::<[i32; 4]>().read_unaligned() }
+    }
+
+    #[inline(always)]
+    unsafe fn store_integers(self, to: *mut i32, value: [i32; 4]) {
+        // SAFETY: the caller vouches for `to`; alignment is not assumed.
+        unsafe { to.cast::<[i32; 4]>().write_unaligned(value) }
     }
 }
