@@ -7,7 +7,12 @@ use crate::layers::Layers;
 use crate::plane::Coverage;
 use crate::precision::Precision;
 use crate::trace::{Observer, Steps, Watch};
+use crate::units::Units;
 use crate::voxelize::PointCounts;
+use crate::warm_up;
+
+/// The second one finds the memory of the first.
+const WARM_UP_FRAMES: usize = 2;
 
 /// Why the backbone cannot run.
 #[derive(Debug, thiserror::Error)]
@@ -26,19 +31,26 @@ pub enum BackboneError {
         found: usize,
     },
     /// Not the name of a precision.
-    #[error("precision: f32 or bf16 expected, found `{found}`")]
+    #[error("precision: f32, bf16 or int8 expected, found `{found}`")]
     Precision {
         /// The name.
         found: String,
     },
     /// A layer that bf16 cannot compute.
     #[error(
-        "precision bf16: an even number of input channels expected in every layer, found {found}; run it in f32"
+        "precision bf16: an even number of input channels expected in every layer (int8: in every sparse layer), found \
+         {found}; run it in f32"
     )]
     OddChannels {
         /// Input channels of the layer.
         found: usize,
     },
+    /// Int8 needs to know how large values get.
+    #[error(
+        "precision int8: a model with a calibration expected, found none; make one with `mluc-lab quantize --model FILE \
+         --data DIR --out FILE`, or run this model in f32 or bf16"
+    )]
+    NotCalibrated,
 }
 
 /// What a frame gave.
@@ -61,14 +73,16 @@ pub struct Backbone(Engine);
 enum Engine {
     F32(Box<Layers<f32>>),
     Bf16(Box<Layers<Bf16>>),
+    Int8(Box<Layers<u8>>),
 }
 
-/// The same expression on the layers of either precision.
+/// The same expression on the layers of any precision.
 macro_rules! on_layers {
     ($backbone:expr, $layers:ident => $value:expr) => {
         match $backbone {
             Engine::F32($layers) => $value,
             Engine::Bf16($layers) => $value,
+            Engine::Int8($layers) => $value,
         }
     };
 }
@@ -87,10 +101,29 @@ impl Backbone {
     ) -> Result<Backbone, BackboneError> {
         manifest.validate()?;
         weights.check(&manifest.network)?;
+        if precision == Precision::Int8 && !weights.is_calibrated() {
+            return Err(BackboneError::NotCalibrated);
+        }
+        let themselves = |_: &str, _| Ok(Units::none());
+        let counts = |level: &str, channels| Units::of_level(weights, level, channels);
         Ok(Backbone(match precision {
-            Precision::F32 => Engine::F32(Box::new(Layers::new(manifest, weights)?)),
-            Precision::Bf16 => Engine::Bf16(Box::new(Layers::new(manifest, weights)?)),
+            Precision::F32 => Engine::F32(Box::new(Layers::new(manifest, weights, themselves)?)),
+            Precision::Bf16 => Engine::Bf16(Box::new(Layers::new(manifest, weights, themselves)?)),
+            Precision::Int8 => Engine::Int8(Box::new(Layers::new(manifest, weights, counts)?)),
         }))
+    }
+
+    /// Runs frames of an invented scan, so that the first one that counts finds its memory mapped and its code and weights
+    /// in the caches. `manifest`: as at [`Backbone::new`]. Forgets the last frame.
+    pub fn warm_up(&mut self, manifest: &Manifest) -> Result<(), BackboneError> {
+        let points = warm_up::scan(manifest);
+        for _ in 0..WARM_UP_FRAMES {
+            let count = self.run(&points).rows;
+            let mut rows = vec![0.0; count * self.feature_channels()];
+            self.write_rows(&mut vec![0; count], &mut rows)?;
+        }
+        self.run(&[]);
+        Ok(())
     }
 
     /// What the layers multiply in.
@@ -98,6 +131,7 @@ impl Backbone {
         match self.0 {
             Engine::F32(_) => Precision::F32,
             Engine::Bf16(_) => Precision::Bf16,
+            Engine::Int8(_) => Precision::Int8,
         }
     }
 

@@ -14,7 +14,7 @@ pub(crate) struct Convolution<V: Value> {
 }
 
 impl<V: Value> Convolution<V> {
-    /// All taps of a layer.
+    /// All taps of a layer, in the units of the rows that it reads and writes.
     pub(crate) fn new(layer: &Folded) -> Result<Convolution<V>, BackboneError> {
         Ok(Convolution {
             weights: V::pack(layer.taps, layer.cin, layer.cout, &layer.weights)?,

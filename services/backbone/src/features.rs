@@ -11,6 +11,7 @@ use crate::cells::CellSet;
 use crate::convolution::Convolution;
 use crate::plane::PlaneLayer;
 use crate::precision::Value;
+use crate::units::Units;
 
 /// The two transposed layers, and which rows the present frame has.
 #[derive(Clone, Debug)]
@@ -30,16 +31,22 @@ pub(crate) struct Features<V: Value> {
 }
 
 impl<V: Value> Features<V> {
+    /// `units`: of the last layers of block1 and block2; feature rows are f32.
     pub(crate) fn new(
         network: &Network,
         weights: &WeightSet,
+        units: [&Units; 2],
     ) -> Result<Features<V>, BackboneError> {
+        let [up1, up2] = [(&network.up1, units[0]), (&network.up2, units[1])].map(|(up, units)| {
+            let folded = Folded::up(weights, up)?;
+            Ok::<_, BackboneError>(Units::between(units, &Units::none(), folded))
+        });
         let shape = network.map_shape();
         let [rows, columns] = shape;
         let (all, quarter) = (rows * columns, rows * columns / 4);
         Ok(Features {
-            up1: Convolution::new(&Folded::up(weights, &network.up1)?)?,
-            up2: Convolution::by_tap(&Folded::up(weights, &network.up2)?)?,
+            up1: Convolution::new(&up1?)?,
+            up2: Convolution::by_tap(&up2?)?,
             cells: CellSet::new(shape),
             gather1: Gather {
                 taps: 1,

@@ -1,22 +1,25 @@
 //! The network up to its feature rows, in one precision.
 
-use mluc_model::{Manifest, WeightSet};
+use mluc_model::{DenseLayer, MAP_LEVEL, Manifest, WeightSet};
 
 use crate::backbone::{BackboneError, Frame};
-use crate::bev;
 use crate::cells::CellSet;
 use crate::features::Features;
 use crate::plane::{Coverage, PlaneLayer};
-use crate::precision::Value;
+use crate::precision::MapValue;
 use crate::sparse::SparsePart;
 use crate::trace::{Place, Watch};
+use crate::units::Units;
 
-/// All layers, with all memory of a frame; `V` is what the rows between them hold.
+/// All layers, with all memory of a frame; `V` is what the rows of the bird's-eye layers hold.
 #[derive(Clone, Debug)]
-pub(crate) struct Layers<V: Value> {
-    sparse: SparsePart<V>,
+pub(crate) struct Layers<V: MapValue> {
+    sparse: SparsePart<V::Sparse>,
     /// The bird's-eye map; zero outside `occupied`.
     map: Vec<V>,
+    map_units: Units,
+    /// Of `map_units`.
+    counts_of_one: Option<Vec<f32>>,
     map_channels: usize,
     occupied: CellSet,
     block1: Vec<PlaneLayer<V>>,
@@ -25,43 +28,51 @@ pub(crate) struct Layers<V: Value> {
     feature_channels: usize,
 }
 
-impl<V: Value> Layers<V> {
-    /// Of a checked model.
+impl<V: MapValue> Layers<V> {
+    /// Of a checked model. `units`: of a level, by its name and channels.
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
+        units: impl Fn(&str, usize) -> Result<Units, BackboneError>,
     ) -> Result<Layers<V>, BackboneError> {
         let network = &manifest.network;
         let shape = network.map_shape();
-        let block = |layers: &[mluc_model::DenseLayer], mut shape: [usize; 2]| {
+        let map_units = units(MAP_LEVEL, network.map_channels())?;
+        let block = |layers: &[DenseLayer], mut shape: [usize; 2], mut before: Units| {
             let layers = layers.iter().map(|layer| {
-                let built = PlaneLayer::new(layer, shape, weights)?;
-                shape = built.active().shape();
+                let own = units(&layer.name, layer.cout)?;
+                let built = PlaneLayer::new(layer, shape, weights, (&before, own.clone()))?;
+                (shape, before) = (built.active().shape(), own);
                 Ok(built)
             });
             layers.collect::<Result<Vec<_>, BackboneError>>()
         };
+        let last = |block: &[PlaneLayer<V>], before: &Units| {
+            block
+                .last()
+                .map_or(before.clone(), |layer| layer.units().clone())
+        };
+        let block1 = block(&network.block1, shape, map_units.clone())?;
+        let units1 = last(&block1, &map_units);
+        let block2 = block(&network.block2, shape, units1.clone())?;
+        let units2 = last(&block2, &units1);
         let mut layers = Layers {
             sparse: SparsePart::new(manifest, weights)?,
             map: vec![V::default(); shape[0] * shape[1] * network.map_channels()],
+            counts_of_one: map_units.counts_of_one(),
+            map_units,
             map_channels: network.map_channels(),
             occupied: CellSet::new(shape),
-            block1: block(&network.block1, shape)?,
-            block2: block(&network.block2, shape)?,
-            features: Features::new(network, weights)?,
+            block1,
+            block2,
+            features: Features::new(network, weights, [&units1, &units2])?,
             feature_channels: network.feature_channels(),
         };
-        layers
-            .block1
-            .iter_mut()
-            .take(1)
-            .for_each(PlaneLayer::reads_sparse_map);
+        let first = layers.block1.iter_mut().take(1);
+        first.for_each(PlaneLayer::reads_sparse_map);
         layers.run(&[], Coverage::Everywhere, &mut Watch::Nobody);
-        layers
-            .block1
-            .iter_mut()
-            .chain(&mut layers.block2)
-            .for_each(PlaneLayer::store_empty);
+        let all = layers.block1.iter_mut().chain(&mut layers.block2);
+        all.for_each(PlaneLayer::store_empty);
         Ok(layers)
     }
 
@@ -87,15 +98,17 @@ impl<V: Value> Layers<V> {
         let points = self.sparse.run(points, watch);
         self.fold_height();
         let place = Place::Map(self.map_shape());
-        watch.step("bev", self.occupied.list().len(), None);
-        watch.level("bev", place, self.map_channels, &self.map);
+        watch.step(MAP_LEVEL, self.occupied.list().len(), None);
+        let values = (&self.map[..], &self.map_units);
+        watch.level(MAP_LEVEL, place, self.map_channels, values);
         let (mut values, mut active) = (&self.map[..], &self.occupied);
         for layer in self.block1.iter_mut().chain(&mut self.block2) {
             layer.run(values, active, coverage);
             (values, active) = (layer.values(), layer.active());
             watch.step(&layer.name, active.list().len(), Some(layer.gather()));
             let place = Place::Map(active.shape());
-            watch.level(&layer.name, place, layer.channels(), values);
+            let shown = (values, layer.units());
+            watch.level(&layer.name, place, layer.channels(), shown);
         }
         self.features.place(active);
         watch.step("rows", self.cells().len(), None);
@@ -126,10 +139,11 @@ impl<V: Value> Layers<V> {
                 .iter()
                 .map(|[_, y, x]| [usize::from(*y), usize::from(*x)]),
         );
-        bev::scatter(
+        V::fold(
             sites,
             self.sparse.rows(),
             channels / sites.shape()[0],
+            self.counts_of_one.as_deref(),
             &mut self.map,
         );
     }

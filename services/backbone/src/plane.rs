@@ -12,6 +12,7 @@ use crate::backbone::BackboneError;
 use crate::cells::CellSet;
 use crate::convolution::Convolution;
 use crate::precision::Value;
+use crate::units::Units;
 
 /// Which cells of the bird's-eye layers are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +31,7 @@ const CELLS_A_TASK: usize = 2048;
 pub(crate) struct PlaneLayer<V: Value> {
     pub(crate) name: String,
     convolution: Convolution<V>,
+    units: Units,
     stride: usize,
     input_shape: [usize; 2],
     /// Cells of the input that are not active are zero: their taps need not be computed.
@@ -43,16 +45,20 @@ pub(crate) struct PlaneLayer<V: Value> {
 }
 
 impl<V: Value> PlaneLayer<V> {
+    /// `units`: of the values that it reads, and of its own.
     pub(crate) fn new(
         layer: &DenseLayer,
         input_shape: [usize; 2],
         weights: &WeightSet,
+        units: (&Units, Units),
     ) -> Result<PlaneLayer<V>, BackboneError> {
+        let folded = Units::between(units.0, &units.1, Folded::dense(weights, layer)?);
         let shape = input_shape.map(|edge| edge.div_ceil(layer.stride));
         let values = vec![V::default(); shape[0] * shape[1] * layer.cout];
         Ok(PlaneLayer {
             name: layer.name.clone(),
-            convolution: Convolution::new(&Folded::dense(weights, layer)?)?,
+            convolution: Convolution::new(&folded)?,
+            units: units.1,
             stride: layer.stride,
             input_shape,
             input_zero_elsewhere: false,
@@ -116,6 +122,10 @@ impl<V: Value> PlaneLayer<V> {
     /// Of a row.
     pub(crate) fn channels(&self) -> usize {
         self.convolution.cout()
+    }
+    /// Of [`PlaneLayer::values`].
+    pub(crate) fn units(&self) -> &Units {
+        &self.units
     }
     /// Cells that may differ from the empty scene.
     pub(crate) fn active(&self) -> &CellSet {

@@ -1,12 +1,15 @@
 //! In what precision the layers multiply.
 
 use mluc_kernels::{
-    Bf16, Element, Epilogue, Gather, Weights, WeightsBf16, convolve, convolve_bf16,
+    Bf16, Element, Epilogue, Gather, Weights, WeightsBf16, WeightsInt8, convolve, convolve_bf16,
+    convolve_int8,
 };
 
 use crate::backbone::BackboneError;
+use crate::bev;
+use crate::sites::Sites;
 
-/// What rows and weights hold between the first layer and the feature rows; sums are f32, always.
+/// What rows and weights hold between the first layer and the feature rows.
 ///
 /// The first sparse layer reads coordinates in m, of which bf16 would keep 8 bits: it is computed in f32, and the feature
 /// rows leave as f32.
@@ -16,15 +19,24 @@ pub enum Precision {
     #[default]
     F32,
     /// 16 bits, 8 of them of the fraction: half the memory, and twice the products a cycle where the processor has them.
+    /// Sums are f32.
     Bf16,
+    /// The sparse layers as [`Precision::Bf16`]; rows and weights of the bird's-eye layers are bytes, with exact sums: a
+    /// quarter of the memory, and four times the products a cycle where the processor has them. The model needs a
+    /// calibration.
+    Int8,
 }
 
 impl Precision {
-    /// As configurations write it: `f32`, `bf16`.
+    /// All of them, the most exact first.
+    pub const ALL: [Precision; 3] = [Precision::F32, Precision::Bf16, Precision::Int8];
+
+    /// As configurations write it: `f32`, `bf16`, `int8`.
     pub fn name(self) -> &'static str {
         match self {
             Precision::F32 => "f32",
             Precision::Bf16 => "bf16",
+            Precision::Int8 => "int8",
         }
     }
 }
@@ -39,7 +51,7 @@ impl std::str::FromStr for Precision {
     type Err = BackboneError;
 
     fn from_str(name: &str) -> Result<Precision, BackboneError> {
-        [Precision::F32, Precision::Bf16]
+        Precision::ALL
             .into_iter()
             .find(|precision| precision.name() == name)
             .ok_or_else(|| BackboneError::Precision { found: name.into() })
@@ -123,9 +135,82 @@ impl Value for Bf16 {
     }
 
     fn as_f32<'a>(values: &'a [Bf16], spare: &'a mut Vec<f32>) -> &'a [f32] {
-        spare.clear();
-        spare.extend(values.iter().map(|value| value.to_f32()));
-        spare
+        written_out(values, spare)
+    }
+}
+
+/// Counts of units that differ from channel to channel, see [`crate::units::Units`].
+impl Value for u8 {
+    type Weights = WeightsInt8;
+
+    fn pack(
+        taps: usize,
+        cin: usize,
+        cout: usize,
+        plain: &[f32],
+    ) -> Result<WeightsInt8, BackboneError> {
+        Ok(WeightsInt8::pack(taps, cin, cout, plain))
+    }
+
+    fn convolve<O: Element>(
+        input: &[u8],
+        gather: &Gather,
+        weights: &WeightsInt8,
+        epilogue: Epilogue,
+        output_rows: Option<&[u32]>,
+        output: &mut [O],
+    ) {
+        convolve_int8(input, gather, weights, epilogue, output_rows, output);
+    }
+
+    fn as_f32<'a>(values: &'a [u8], spare: &'a mut Vec<f32>) -> &'a [f32] {
+        written_out(values, spare)
+    }
+}
+
+fn written_out<'a, V: Element>(values: &[V], spare: &'a mut Vec<f32>) -> &'a [f32] {
+    spare.clear();
+    spare.extend(values.iter().map(|value| value.to_f32()));
+    spare
+}
+
+/// What the rows of the bird's-eye layers hold.
+pub(crate) trait MapValue: Value {
+    /// What the rows of the sparse layers before them hold.
+    type Sparse: Value;
+
+    /// Writes the sparse part's rows into their cells of the map, as [`bev::scatter`]. `counts`: for each channel of the
+    /// map, the counts of its unit that make 1; none where values stand for themselves.
+    fn fold(
+        sites: &Sites,
+        rows: &[Self::Sparse],
+        channels: usize,
+        counts: Option<&[f32]>,
+        map: &mut [Self],
+    );
+}
+
+impl MapValue for f32 {
+    type Sparse = f32;
+
+    fn fold(sites: &Sites, rows: &[f32], channels: usize, _: Option<&[f32]>, map: &mut [f32]) {
+        bev::scatter(sites, rows, channels, map);
+    }
+}
+
+impl MapValue for Bf16 {
+    type Sparse = Bf16;
+
+    fn fold(sites: &Sites, rows: &[Bf16], channels: usize, _: Option<&[f32]>, map: &mut [Bf16]) {
+        bev::scatter(sites, rows, channels, map);
+    }
+}
+
+impl MapValue for u8 {
+    type Sparse = Bf16;
+
+    fn fold(sites: &Sites, rows: &[Bf16], channels: usize, counts: Option<&[f32]>, map: &mut [u8]) {
+        bev::scatter_in_units(sites, rows, channels, counts.unwrap_or(&[]), map);
     }
 }
 
@@ -135,13 +220,13 @@ mod tests {
 
     #[test]
     fn names_come_back_and_others_are_refused() {
-        for precision in [Precision::F32, Precision::Bf16] {
+        for precision in Precision::ALL {
             assert_eq!(precision.name().parse::<Precision>().ok(), Some(precision));
         }
         let error = "fp16".parse::<Precision>().expect_err("no such precision");
         assert_eq!(
             error.to_string(),
-            "precision: f32 or bf16 expected, found `fp16`"
+            "precision: f32, bf16 or int8 expected, found `fp16`"
         );
     }
 }

@@ -8,6 +8,7 @@ use crate::precision::Value;
 use crate::rulebooks::{Rulebooks, sites_max};
 use crate::sites::Sites;
 use crate::trace::{Place, Watch};
+use crate::units::Units;
 use crate::voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
 
 /// Layers and the memory of one frame.
@@ -68,7 +69,8 @@ impl<V: Value> SparsePart<V> {
         let counts = voxelize(points, &network.grid, self.uses_intensity, voxels);
         let place = Place::Sites(&voxels.sites);
         watch.step("voxels", voxels.sites.len(), None);
-        watch.level("voxels", place, VOXEL_CHANNELS, &voxels.rows);
+        let values = (&voxels.rows[..], &Units::none());
+        watch.level("voxels", place, VOXEL_CHANNELS, values);
         books.build(network, &voxels.sites);
         watch.step("rulebooks", voxels.sites.len(), None);
         for (number, layer) in network.sparse.iter().enumerate() {
@@ -80,7 +82,8 @@ impl<V: Value> SparsePart<V> {
             }
             std::mem::swap(rows, spare);
             watch.step(&layer.name, sites.len(), Some(books.gather(number)));
-            watch.level(&layer.name, Place::Sites(sites), layer.cout, rows);
+            let values = (&rows[..], &Units::none());
+            watch.level(&layer.name, Place::Sites(sites), layer.cout, values);
         }
         counts
     }

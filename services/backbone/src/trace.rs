@@ -4,6 +4,7 @@ use mluc_kernels::Gather;
 
 use crate::precision::Value;
 use crate::sites::Sites;
+use crate::units::Units;
 
 /// Where the rows of a level lie.
 #[derive(Clone, Copy, Debug)]
@@ -53,16 +54,20 @@ pub(crate) enum Watch<'a> {
 }
 
 impl Watch<'_> {
-    /// Shows the rows of a level; whether anybody looks is decided here.
+    /// Shows the rows of a level, in the units given; whether anybody looks is decided here.
     pub(crate) fn level<V: Value>(
         &mut self,
         name: &str,
         place: Place,
         channels: usize,
-        values: &[V],
+        (values, units): (&[V], &Units),
     ) {
         if let Watch::Levels(observer, written_out) = self {
-            let values = V::as_f32(values, written_out);
+            let mut values = V::as_f32(values, written_out);
+            if !units.is_none() {
+                units.apply(written_out);
+                values = written_out;
+            }
             observer(Level {
                 name,
                 place,

@@ -67,6 +67,21 @@ fn the_bits_do_not_depend_on_threads_or_on_the_frame_before() -> Fallible {
 }
 
 #[test]
+fn warming_up_changes_no_bit() -> Fallible {
+    let manifest = manifest();
+    let mut cold = Backbone::new(&manifest, &formula_weights(&manifest.network))?;
+    let mut warm = cold.clone();
+    warm.warm_up(&manifest)?;
+    assert_eq!(warm.rows(), 0, "its frames are forgotten");
+    let points = scan(6, "measured");
+    let (a, b) = (cold.run(&points), warm.run(&points));
+    assert!(a.rows > 10);
+    assert_eq!(a, b);
+    assert!(written(&cold, a)? == written(&warm, b)?);
+    Ok(())
+}
+
+#[test]
 fn an_empty_scan_has_no_row_and_points_are_accounted_for() -> Fallible {
     let manifest = manifest();
     let mut backbone = Backbone::new(&manifest, &formula_weights(&manifest.network))?;

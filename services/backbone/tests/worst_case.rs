@@ -2,19 +2,17 @@
 
 mod common;
 
-use common::{manifest, scan, written};
+use common::{calibrated, manifest, scan, written};
 use mluc_backbone::{Backbone, Coverage, Precision};
-use mluc_model::{Manifest, formula_uniform, formula_weights};
+use mluc_model::{Manifest, formula_uniform};
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
-const PRECISIONS: [Precision; 2] = [Precision::F32, Precision::Bf16];
-
 /// Runs a scan with the active cells alone and with all: the same bits, finite, nothing uncounted. Gives the voxels.
 fn check(manifest: &Manifest, points: &[[f32; 4]], title: &str) -> Fallible<usize> {
-    let weights = formula_weights(&manifest.network);
+    let weights = calibrated(manifest)?;
     let mut voxels = 0;
-    for precision in PRECISIONS {
+    for precision in Precision::ALL {
         let mut backbone = Backbone::with_precision(manifest, &weights, precision)?;
         let channels = backbone.feature_channels();
         let mut assembled = backbone.empty_rows()?;

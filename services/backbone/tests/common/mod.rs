@@ -1,8 +1,8 @@
 //! A small model, scans from blobs, and the written rows.
 #![allow(dead_code)] // Each test file uses a part of it.
 
-use mluc_backbone::{Backbone, BackboneError, Frame};
-use mluc_model::{Grid, Manifest, Network, formula_uniform};
+use mluc_backbone::{Backbone, BackboneError, Calibrator, Coverage, Frame};
+use mluc_model::{Grid, Manifest, Network, WeightSet, formula_uniform, formula_weights};
 
 /// A map of 24 x 40 cells.
 pub(crate) fn manifest() -> Manifest {
@@ -30,6 +30,20 @@ pub(crate) fn scan(blobs: usize, seed: &str) -> Vec<[f32; 4]> {
             ]
         })
         .collect()
+}
+
+/// Weights by formula with a calibration on two scans.
+pub(crate) fn calibrated(manifest: &Manifest) -> Result<WeightSet, BackboneError> {
+    let mut weights = formula_weights(&manifest.network);
+    let mut calibrator = Calibrator::new(&manifest.network);
+    let mut backbone = Backbone::new(manifest, &weights)?;
+    for seed in ["calibration 1", "calibration 2"] {
+        let observe = &mut |level: mluc_backbone::Level| calibrator.observe(level);
+        backbone.run_observed(&scan(10, seed), Coverage::Active, observe);
+    }
+    let written = calibrator.write(&manifest.network, &mut weights)?;
+    assert!(written, "every level has values");
+    Ok(weights)
 }
 
 /// Cells and values of a frame's feature rows.

@@ -1,0 +1,55 @@
+//! A scan that never was, to run before the first one that counts: memory is touched, code and weights are in the caches.
+
+use mluc_model::Manifest;
+
+/// Beams and columns: as many points as a large sensor has.
+const BEAMS: usize = 64;
+const COLUMNS: usize = 1800;
+/// The lowest beam; the highest is level. That of a common 64-beam sensor, rad.
+const LOWEST_RAD: f32 = -0.43;
+
+/// Ground around the sensor, and walls, nearer and farther, where no beam meets the ground inside the range.
+pub(crate) fn scan(manifest: &Manifest) -> Vec<[f32; 4]> {
+    let grid = &manifest.network.grid;
+    let top_m = grid.range_max_m[2];
+    let far_m = (0..2).fold(0.0_f32, |far, axis| {
+        far.max(grid.range_max_m[axis]).max(-grid.range_min_m[axis])
+    });
+    let point = move |beam: usize, column: usize| {
+        let down = LOWEST_RAD * (beam as f32 + 0.5) / BEAMS as f32;
+        let around = std::f32::consts::TAU * column as f32 / COLUMNS as f32;
+        let ground_m = manifest.sensor_height_m / -down.tan();
+        // Twelve walls around the sensor at a quarter to the whole of the range.
+        let wall_m = far_m * (0.25 + 0.75 * ((column * 12 / COLUMNS * 5 % 12) as f32 / 12.0));
+        let range_m = ground_m.min(wall_m);
+        let z = range_m * down.tan() + 0.02 * (column % 7) as f32;
+        [
+            range_m * around.cos(),
+            range_m * around.sin(),
+            z.min(top_m - 0.01),
+            0.3,
+        ]
+    };
+    let beams = 0..BEAMS;
+    beams
+        .flat_map(|beam| (0..COLUMNS).map(move |column| point(beam, column)))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_model::{Grid, Network};
+
+    #[test]
+    fn it_fills_the_range_as_a_scan_does() {
+        for grid in [Grid::kitti_compact(), Grid::udi(), Grid::kitti_second()] {
+            let manifest = Manifest::untrained("test", Network::compact(grid.clone(), 3));
+            let points = scan(&manifest);
+            assert!(points.iter().flatten().all(|value| value.is_finite()));
+            let mut voxels = crate::Voxels::new(&grid);
+            let counts = crate::voxelize(&points, &grid, true, &mut voxels);
+            assert!(counts.voxels > 10_000, "{counts:?}");
+        }
+    }
+}

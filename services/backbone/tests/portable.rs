@@ -1,0 +1,40 @@
+//! A processor without vector registers: the same answers, slower. In a file of its own, because it turns the registers
+//! off for the whole program.
+
+mod common;
+
+use common::{calibrated, manifest, scan, written};
+use mluc_backbone::{Backbone, Precision};
+use mluc_kernels::Level;
+
+#[test]
+fn without_vector_registers_the_answers_are_the_same() -> Result<(), Box<dyn std::error::Error>> {
+    let manifest = manifest();
+    let weights = calibrated(&manifest)?;
+    let points = scan(9, "portable");
+    let mut levels = Level::all();
+    let portable = levels.pop().ok_or("no level")?;
+    assert_eq!(portable.name(), "portable");
+    let run = |precision| {
+        let mut backbone = Backbone::with_precision(&manifest, &weights, precision)?;
+        let frame = backbone.run(&points);
+        written(&backbone, frame)
+    };
+    let best = Precision::ALL.map(run);
+    portable.restrict();
+    assert_eq!(Level::best(), portable);
+    // Products of bf16 round once or twice; a value beside a step of int8 may fall to its other side.
+    let error_max = [1e-6, 2e-3, 2e-2];
+    for ((precision, best), error_max) in Precision::ALL.into_iter().zip(best).zip(error_max) {
+        let ((cells, rows), (cells_portable, rows_portable)) = (best?, run(precision)?);
+        assert_eq!(cells, cells_portable);
+        assert!(rows.len() > 1000);
+        let square = |rows: &mut dyn Iterator<Item = f32>| -> f64 {
+            rows.map(|value| f64::from(value).powi(2)).sum::<f64>()
+        };
+        let difference = square(&mut rows.iter().zip(&rows_portable).map(|(a, b)| a - b));
+        let error = (difference / square(&mut rows.iter().copied())).sqrt();
+        assert!(error < error_max, "{precision}: {error} of the rms");
+    }
+    Ok(())
+}
