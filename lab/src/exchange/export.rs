@@ -1,0 +1,34 @@
+//! A model as safetensors with OpenPCDet's names (`docs/weights.md`).
+
+use std::collections::HashMap;
+
+use mluc_model::{Model, WeightSet, calibrated_levels, calibration_tensor};
+
+use super::checkpoint::MANIFEST_KEY;
+use super::{ExchangeError, tensor_names};
+
+/// The bytes of the file. Its metadata holds the manifest, so that [`super::import`] gives the same model again, and
+/// `format: pt`, which PyTorch's readers of safetensors ask for.
+pub fn export(model: &Model) -> Result<Vec<u8>, ExchangeError> {
+    let mut renamed = WeightSet::new();
+    let network = &model.manifest.network;
+    for (ours, theirs, shape) in tensor_names(network) {
+        let data = model.weights.get(&ours, &shape)?.to_vec();
+        renamed.insert(theirs, shape, data);
+    }
+    for (level, _) in calibrated_levels(network) {
+        let name = calibration_tensor(&level);
+        if let Some(range) = model.weights.find(&name) {
+            renamed.insert(name, range.shape.clone(), range.data.clone());
+        }
+    }
+    let container = |cause: String| ExchangeError::Container { cause };
+    let manifest =
+        serde_json::to_string(&model.manifest).map_err(|cause| container(cause.to_string()))?;
+    let metadata = HashMap::from([
+        (MANIFEST_KEY.to_owned(), manifest),
+        ("format".to_owned(), "pt".to_owned()),
+    ]);
+    safetensors::serialize(renamed.iter(), Some(metadata))
+        .map_err(|cause| container(cause.to_string()))
+}
