@@ -106,6 +106,40 @@ pub enum DatasetError {
         /// The name.
         found: String,
     },
+    /// A data set without one of its lists of frames.
+    #[error(
+        "split {split}: expected the list of its frames, {split}.txt, in {looked}, found none; give the folder that holds it"
+    )]
+    NoSplit {
+        /// Name of the split.
+        split: String,
+        /// The folders that were looked into.
+        looked: String,
+    },
+    /// A frame without one of its files.
+    #[error("frame {frame}: expected its {what} in {}, found no such file", path.display())]
+    MissingFile {
+        /// Name of the frame.
+        frame: String,
+        /// What is missing.
+        what: &'static str,
+        /// Where it should be.
+        path: PathBuf,
+    },
+    /// The system refused to write.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// File or folder.
+        path: PathBuf,
+        /// The system's answer.
+        source: std::io::Error,
+    },
+    /// A folder to be written that is there already.
+    #[error("{}: expected a new folder, found one that is there already; choose another or remove it", path.display())]
+    NotNew {
+        /// The folder.
+        path: PathBuf,
+    },
 }
 
 fn missing_note(missing: &str) -> String {

@@ -32,9 +32,13 @@ impl Dataset {
 
     /// [`Dataset::open`], then only the frames that `root/ImageSets/SPLIT.txt` names, in its order.
     pub fn open_split(root: &Path, split: &str) -> Result<Dataset, DatasetError> {
+        Dataset::open_listed(root, &root.join("ImageSets").join(format!("{split}.txt")))
+    }
+
+    /// [`Dataset::open`], then only the frames that a list names, one a line, in its order.
+    pub fn open_listed(root: &Path, list: &Path) -> Result<Dataset, DatasetError> {
         let mut dataset = Dataset::open(root)?;
-        let path = root.join("ImageSets").join(format!("{split}.txt"));
-        let text = read_text(&path)?;
+        let text = read_text(list)?;
         let mut names = Vec::new();
         for (index, name) in text
             .lines()
@@ -47,19 +51,18 @@ impl Dataset {
                 .binary_search_by(|known| known.as_str().cmp(name))
                 .is_err()
             {
-                let (scans, found) = (dataset.scans.clone(), name.chars().take(40).collect());
                 return Err(DatasetError::UnknownFrame {
-                    path,
+                    path: list.to_owned(),
                     line: index + 1,
-                    scans,
-                    found,
+                    scans: dataset.scans,
+                    found: name.chars().take(40).collect(),
                 });
             }
             names.push(name.to_owned());
         }
         if names.is_empty() {
             return Err(DatasetError::Empty {
-                path,
+                path: list.to_owned(),
                 expected: "names of frames",
             });
         }

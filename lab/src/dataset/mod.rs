@@ -14,15 +14,21 @@
 mod calibration;
 mod error;
 mod folder;
+mod kitti;
 mod label;
 mod plane;
+mod policy;
+mod prepare;
 mod scan;
 
 pub use calibration::read_calibration;
 pub use error::DatasetError;
 pub use folder::{Dataset, file_stems};
+pub use kitti::{KITTI_CLASSES, Splits, check_classes, check_files};
 pub use label::{Label, read_detections, read_labels};
 pub use plane::read_plane;
+pub use policy::{ERASE_MARGIN_M, UnknownPolicy, erase};
+pub use prepare::{PrepareOptions, prepare};
 pub use scan::{SCAN_POINTS_MAX, read_scan};
 
 use std::path::Path;

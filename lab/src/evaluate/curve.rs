@@ -4,7 +4,7 @@
 const POSITIONS: usize = 41;
 
 /// Average precision in percent, three ways.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AveragePrecision {
     /// Mean at the 11 recalls 0, 0.1, ..., 1.
     pub r11: f64,
@@ -12,6 +12,20 @@ pub struct AveragePrecision {
     pub r40: f64,
     /// Area under the whole curve; 100 for a perfect detector whatever the number of labels.
     pub all: f64,
+}
+
+/// Hits and false alarms of one frame, as a function of the threshold. Frames are matched one by one, so the curve of
+/// any choice of frames, with repeats too, is made of their parts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameCurve {
+    /// Labels that count.
+    pub truth_count: usize,
+    /// Labels that count and that no detection overlaps enough.
+    pub missed_count: usize,
+    /// Scores of the hits when every detection takes part.
+    pub(crate) hit_scores: Vec<f64>,
+    /// Score, and what changes there: hits and false alarms.
+    pub(crate) steps: Vec<(f64, i64, i64)>,
 }
 
 /// Hits and false alarms over all frames, as a function of the threshold.
@@ -22,19 +36,27 @@ pub struct Curve {
     /// Labels that count and that no detection overlaps enough, whatever its score.
     pub missed_count: usize,
     /// Scores of the hits when every detection takes part; from high to low once finished.
-    pub(crate) hit_scores: Vec<f64>,
+    hit_scores: Vec<f64>,
     /// Score, and hits and false alarms of everything at or above it, from high to low once finished.
     steps: Vec<(f64, i64, i64)>,
 }
 
 impl Curve {
-    /// Adds a change of the counts at a score.
-    pub(crate) fn push_step(&mut self, score: f64, hits: i64, false_alarms: i64) {
-        self.steps.push((score, hits, false_alarms));
+    /// Of frames that were matched one by one; one that is named twice counts twice.
+    pub fn of<'a>(frames: impl IntoIterator<Item = &'a FrameCurve>) -> Curve {
+        let mut curve = Curve::default();
+        for frame in frames {
+            curve.truth_count += frame.truth_count;
+            curve.missed_count += frame.missed_count;
+            curve.hit_scores.extend_from_slice(&frame.hit_scores);
+            curve.steps.extend_from_slice(&frame.steps);
+        }
+        curve.finish();
+        curve
     }
 
     /// Sorts the scores and adds up the changes.
-    pub(crate) fn finish(&mut self) {
+    fn finish(&mut self) {
         self.hit_scores.sort_by(|a, b| b.total_cmp(a));
         self.steps.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (mut hits, mut false_alarms) = (0, 0);
@@ -66,6 +88,12 @@ impl Curve {
         count
             .checked_sub(1)
             .map_or((0, 0), |last| (self.steps[last].1, self.steps[last].2))
+    }
+
+    /// The lowest score at or above which at most so many false alarms lie; `None` where even the highest has more.
+    pub fn score_at_false_alarms(&self, false_alarms_max: i64) -> Option<f64> {
+        let within = self.steps.iter().filter(|step| step.2 <= false_alarms_max);
+        within.last().map(|step| step.0)
     }
 
     /// Average precision; 0 without labels or detections.

@@ -9,7 +9,7 @@
 //! neither way (too small, too occluded, a neighbour class). Labels keep file order; a match needs an overlap strictly
 //! above the class' least one.
 
-use super::{ClassRule, Curve, Difficulty, Frame, Metric};
+use super::{ClassRule, Curve, Difficulty, Frame, FrameCurve, Metric};
 use crate::dataset::Label;
 use mluc_geometry::{iou_2d, iou_3d, iou_bev, overlap_of_first_2d};
 
@@ -44,14 +44,27 @@ pub fn match_frames(
     metric: Metric,
     difficulty: Difficulty,
 ) -> Curve {
-    let mut curve = Curve::default();
-    for frame in frames {
-        let (truths, candidates) = prepare(frame, rule, metric, difficulty);
-        curve.truth_count += truths.iter().filter(|truth| truth.valid).count();
-        match_by_score(&truths, &candidates, &mut curve);
-        collect_steps(&truths, &candidates, &mut curve);
-    }
-    curve.finish();
+    let parts: Vec<FrameCurve> = frames
+        .iter()
+        .map(|frame| match_frame(frame, rule, metric, difficulty))
+        .collect();
+    Curve::of(&parts)
+}
+
+/// Matches one frame.
+pub fn match_frame(
+    frame: &Frame,
+    rule: &ClassRule,
+    metric: Metric,
+    difficulty: Difficulty,
+) -> FrameCurve {
+    let (truths, candidates) = prepare(frame, rule, metric, difficulty);
+    let mut curve = FrameCurve {
+        truth_count: truths.iter().filter(|truth| truth.valid).count(),
+        ..FrameCurve::default()
+    };
+    match_by_score(&truths, &candidates, &mut curve);
+    collect_steps(&truths, &candidates, &mut curve);
     curve
 }
 
@@ -116,7 +129,7 @@ fn in_dont_care(frame: &Frame, image_box_px: &[f64; 4], iou_min: f64) -> bool {
 }
 
 /// First pass: no threshold, the highest score wins.
-fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut Curve) {
+fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
     let mut taken = vec![false; candidates.len()];
     for truth in truths {
         let mut best: Option<usize> = None;
@@ -172,7 +185,7 @@ fn match_by_overlap(
 }
 
 /// The frame's counts as a function of the threshold: a step at each score where they change.
-fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut Curve) {
+fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| candidates[b].score.total_cmp(&candidates[a].score));
     let mut taken = vec![false; candidates.len()];
@@ -204,11 +217,11 @@ fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut Curve) 
             false_alarms: matched.false_alarms + lonely_false_alarms,
         };
         if now != before {
-            curve.push_step(
+            curve.steps.push((
                 score,
                 now.hits - before.hits,
                 now.false_alarms - before.false_alarms,
-            );
+            ));
         }
         before = now;
         start = end;

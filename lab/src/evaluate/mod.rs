@@ -8,14 +8,21 @@
 //! labels count, which are ignored and how much overlap is asked for. [`match_frames`] turns both into a [`Curve`],
 //! from which AP at 11 positions, at 40 positions and over all points follow; [`evaluate`] does so for every class,
 //! metric and difficulty; [`sweep`] for every threshold of the gate.
+//!
+//! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
+//! [`JudgedFrames`] keeps the parts, [`judged_sweep`] judges halves of the data beside the whole, [`honest`] chooses on one half
+//! and reports on the other, [`bootstrap`] draws frames anew to say how far a figure can be trusted.
 
+mod bootstrap;
 mod curve;
 mod difficulty;
 mod error;
 mod frame;
 pub mod input;
 mod matching;
+mod open_set;
 mod open_set_error;
+mod protocol;
 mod report;
 mod rule;
 mod separation;
@@ -23,12 +30,15 @@ mod summary;
 mod sweep;
 mod table;
 
-pub use curve::{AveragePrecision, Curve};
+pub use bootstrap::{bootstrap, mean_and_spread};
+pub use curve::{AveragePrecision, Curve, FrameCurve};
 pub use difficulty::{Difficulty, Metric};
 pub use error::EvaluateError;
 pub use frame::{Detection, Frame, Kind, SensorDetection, TruthFrame, View};
-pub use matching::match_frames;
+pub use matching::{match_frame, match_frames};
+pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
 pub use open_set_error::unknown_as_known;
+pub use protocol::{Honest, JudgedPoint, best_index, halves, honest, judged_sweep};
 pub use report::{ClassReport, Entry, Report, evaluate};
 pub use rule::{ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownRequest, rules, unjudged};
 pub use separation::{auroc, fpr95};

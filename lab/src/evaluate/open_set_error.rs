@@ -12,7 +12,8 @@ pub fn unknown_as_known(frames: &[Frame], rules: &[ClassRule]) -> usize {
     })
 }
 
-fn in_frame(frame: &Frame, rule: &ClassRule) -> usize {
+/// The same for one frame and the unknown rule.
+pub(super) fn in_frame(frame: &Frame, rule: &ClassRule) -> usize {
     let is_known = |d: &&Detection| d.kind == Kind::Known && !rule.claims(d);
     let mut known: Vec<&Detection> = frame.detections.iter().filter(is_known).collect();
     known.sort_by(|a, b| b.score.total_cmp(&a.score));
