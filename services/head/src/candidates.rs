@@ -54,6 +54,14 @@ pub(crate) fn select(
     found
 }
 
+/// The largest of each `classes` logits: what an anchor of a sigmoid head says at most.
+pub(crate) fn reduce_classes(logits: &[f32], classes: usize, largest: &mut Vec<f32>) {
+    largest.clear();
+    // A logit that is no number loses against any other; none at all is below every threshold.
+    let most = |anchor: &[f32]| anchor.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    largest.extend(logits.chunks_exact(classes).map(most));
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

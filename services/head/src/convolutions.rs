@@ -1,7 +1,7 @@
-//! The four 1x1 convolutions on feature rows (paper section 3.2).
+//! The 1x1 convolutions on feature rows (paper section 3.2).
 
 use mluc_kernels::{Epilogue, Gather, Weights, convolve};
-use mluc_model::{Folded, ModelError, Network, WeightSet};
+use mluc_model::{Folded, HeadKind, ModelError, Network, WeightSet};
 
 /// One head.
 #[derive(Clone, Debug)]
@@ -37,26 +37,43 @@ impl RowHead {
     }
 }
 
-/// Objectness (a logit an anchor), embedding (C values), box (7 codes an anchor), direction (2 logits an anchor).
+/// What makes an anchor a candidate, embedding (C values), box (7 codes an anchor), direction (2 logits an anchor), and
+/// the logit of the unknown.
 #[derive(Clone, Debug)]
 pub(crate) struct RowHeads {
-    pub(crate) objectness: RowHead,
-    pub(crate) embedding: RowHead,
+    /// Objectness (a logit an anchor) or, of a sigmoid head, a logit an anchor and class.
+    pub(crate) presence: RowHead,
+    pub(crate) embedding: Option<RowHead>,
     pub(crate) box_code: RowHead,
     pub(crate) direction: RowHead,
+    pub(crate) unknown: Option<RowHead>,
 }
 
 impl RowHeads {
     pub(crate) fn new(weights: &WeightSet, network: &Network) -> Result<RowHeads, ModelError> {
-        let [objectness, embedding, box_code, direction] = network
-            .heads()
-            .map(|(name, cout)| RowHead::new(weights, network, name, cout));
+        let has = |name: &str| network.heads().iter().any(|(other, _)| *other == name);
+        let (anchors, classes) = (network.anchors(), network.classes);
+        let head = |name: &str, cout: usize| RowHead::new(weights, network, name, cout);
+        let where_there = |name: &str, cout: usize| has(name).then(|| head(name, cout)).transpose();
+        let presence = match network.head {
+            HeadKind::Sigmoid => head("head.class", anchors * classes)?,
+            _ => head("head.objectness", anchors)?,
+        };
         Ok(RowHeads {
-            objectness: objectness?,
-            embedding: embedding?,
-            box_code: box_code?,
-            direction: direction?,
+            presence,
+            embedding: where_there("head.embedding", classes)?,
+            box_code: head("head.box", 7 * anchors)?,
+            direction: head("head.direction", 2 * anchors)?,
+            unknown: where_there("head.unknown", 1)?,
         })
+    }
+
+    /// In the order of [`Network::heads`].
+    pub(crate) fn in_order(&self) -> impl Iterator<Item = &RowHead> {
+        let first = [&self.presence].into_iter().chain(&self.embedding);
+        first
+            .chain([&self.box_code, &self.direction])
+            .chain(&self.unknown)
     }
 }
 

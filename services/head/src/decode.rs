@@ -17,7 +17,7 @@ pub const DIRECTION_OFFSET_RAD: f64 = std::f64::consts::FRAC_PI_4;
 /// A size may be e^3, 20 times, its anchor's or as little: what lies beyond is no box but an overflow in waiting.
 const LOG_SIZE_MAX: f64 = 3.0;
 
-/// The anchors of a model: at every cell two yaws for each class, in (class, yaw) order.
+/// The anchors of a model: at every cell two yaws for each class, then for each size without a class, in (class, yaw) order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Anchors {
     columns: usize,
@@ -44,7 +44,12 @@ impl Anchors {
             columns,
             origin_m: low,
             step_m: [0, 1].map(|i| (high[i] - low[i]) / steps[i]),
-            classes: manifest.classes.iter().map(class).collect(),
+            classes: manifest
+                .classes
+                .iter()
+                .chain(&manifest.generic)
+                .map(class)
+                .collect(),
         }
     }
 
@@ -53,7 +58,7 @@ impl Anchors {
         self.classes.len() * ANCHOR_YAWS_RAD.len()
     }
 
-    /// The class of an anchor of a cell.
+    /// The class of an anchor of a cell; beyond the classes lie the sizes without one.
     pub fn class(anchor: usize) -> usize {
         anchor / ANCHOR_YAWS_RAD.len()
     }

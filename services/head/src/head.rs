@@ -1,68 +1,18 @@
 //! Feature rows to detections: the stage as one function.
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{CLASSES_MAX, Detection};
+use mluc_ipc_types::{CLASSES_MAX, Detection, DetectionKind};
 use mluc_kernels::Gather;
-use mluc_model::{Manifest, ModelError, Thresholds, WeightSet};
+use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
 
-use crate::candidates::{Candidate, select, sigmoid};
-use crate::convolutions::{RowHeads, read_all};
+use crate::candidates::{reduce_classes, select, sigmoid};
+use crate::convolutions::{RowHead, RowHeads, read_all};
 use crate::decode::{Anchors, BOX_CODES, decode, direct};
-use crate::gate::gate;
-use crate::prototypes::Prototypes;
-use crate::suppress::{Suppression, Suppressor};
-
-/// Why the head cannot run.
-#[derive(Debug, thiserror::Error)]
-pub enum HeadError {
-    /// The model does not fit.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// Cells without a feature row would hold candidates that nobody sees.
-    #[error(
-        "model: an empty scene reaches objectness {empty_objectness_max}, which must be below objectness_min \
-         {objectness_min}: raise the threshold or train further"
-    )]
-    FiresOnNothing {
-        /// Of the manifest.
-        empty_objectness_max: f32,
-        /// Of the manifest.
-        objectness_min: f32,
-    },
-    /// Cells and rows of other lengths.
-    #[error("features: {expected} values for {cells} cells needed, {found} given")]
-    Length {
-        /// Cells given.
-        cells: usize,
-        /// cells x channels.
-        expected: usize,
-        /// Values given.
-        found: usize,
-    },
-    /// A cell beyond the map.
-    #[error("features: cells must be below {expected}, found {found}")]
-    Cell {
-        /// Cells of the map.
-        expected: usize,
-        /// The cell.
-        found: u32,
-    },
-}
-
-/// What a frame came to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct HeadCounts {
-    /// Anchors at or above `objectness_min`.
-    pub candidates: u32,
-    /// Of them left out beyond `candidates_max`.
-    pub over_candidates_max: u32,
-    /// Of them left out because their box or embedding is no number.
-    pub non_finite: u32,
-    /// Boxes kept.
-    pub boxes: u32,
-    /// `boxes_max` was reached: weaker boxes may have been left out.
-    pub boxes_max_reached: bool,
-}
+use crate::gate::gate_by;
+use crate::memory::Memory;
+use crate::prototypes::{Prototypes, Scores};
+use crate::report::{HeadCounts, HeadError};
+use crate::suppress::Suppression;
 
 /// The heads, the prototypes and the gate, with all memory of a frame.
 #[derive(Clone, Debug)]
@@ -72,55 +22,11 @@ pub struct Head {
     prototypes: Prototypes,
     thresholds: Thresholds,
     suppression: Suppression,
+    kind: HeadKind,
     classes: usize,
     channels: usize,
     map_cells: usize,
     frame: Memory,
-}
-
-/// Of one frame.
-#[derive(Clone, Debug, Default)]
-struct Memory {
-    every_row: Gather,
-    logits: Vec<f32>,
-    candidates: Vec<Candidate>,
-    /// Rows that hold a candidate, ascending: the other heads run on these alone.
-    occupied: Gather,
-    embeddings: Vec<f32>,
-    codes: Vec<f32>,
-    directions: Vec<f32>,
-    boxes: Vec<Box3>,
-    suppressor: Suppressor,
-}
-
-impl Memory {
-    /// For any frame of a checked manifest: a row for each cell of the map, every anchor a candidate until the best are
-    /// picked.
-    fn new(manifest: &Manifest) -> Memory {
-        let network = &manifest.network;
-        let cells: usize = network.map_shape().iter().product();
-        let anchors = Anchors::new(manifest).per_cell();
-        let candidates = manifest.thresholds.candidates_max as usize;
-        // Each candidate lies in a row of its own at worst.
-        let closer = candidates.min(cells);
-        let gather = |rows| Gather {
-            taps: 1,
-            index: Vec::with_capacity(rows),
-        };
-        let values = |rows: usize, channels: usize| Vec::with_capacity(rows * channels);
-        let [logits, embedding, code, direction] = network.heads().map(|(_, cout)| cout);
-        Memory {
-            every_row: gather(cells),
-            logits: values(cells, logits),
-            candidates: Vec::with_capacity(cells * anchors),
-            occupied: gather(candidates),
-            embeddings: values(closer, embedding),
-            codes: values(closer, code),
-            directions: values(closer, direction),
-            boxes: Vec::with_capacity(candidates),
-            suppressor: Suppressor::new(candidates),
-        }
-    }
 }
 
 impl Head {
@@ -145,6 +51,7 @@ impl Head {
             prototypes: Prototypes::new(network.classes, manifest.prototype_scale),
             thresholds: manifest.thresholds.clone(),
             suppression: Suppression::default(),
+            kind: network.head,
             classes: network.classes,
             channels: network.feature_channels(),
             map_cells: network.map_shape().iter().product(),
@@ -161,7 +68,8 @@ impl Head {
     }
 
     /// Detects. `cells`: cell of the map (row * columns + column) of each row; `rows`: the channels, row after row.
-    /// `detections` becomes the kept boxes, the best objectness first.
+    /// `detections` becomes the kept boxes, the best objectness first; of an open head those of classes, then those of
+    /// anchors without a class, which are candidate unknowns.
     pub fn run(
         &mut self,
         cells: &[u32],
@@ -172,41 +80,32 @@ impl Head {
         detections.clear();
         let mut counts = self.find_candidates(rows);
         self.look_closer(rows);
+        counts.generic_known = self.drop_generic_on_known();
         counts.non_finite = self.decode_boxes(cells);
-        self.suppress();
-        detections.extend(
-            self.frame
-                .suppressor
-                .kept
-                .iter()
-                .map(|index| self.describe(*index, cells)),
-        );
+        counts.generic = self.suppress();
+        let kept = self.frame.suppressor.kept.iter();
+        detections.extend(kept.map(|index| self.describe(*index, cells)));
         counts.boxes = detections.len() as u32;
         counts.boxes_max_reached = counts.boxes == self.thresholds.boxes_max;
         Ok(counts)
     }
 
-    /// What the four 1x1 convolutions give on every row, in the order of [`mluc_model::Network::heads`]: for tests
-    /// against other implementations.
-    pub fn outputs(&self, rows: &[f32]) -> [Vec<f32>; 4] {
+    /// What the 1x1 convolutions give on every row, in the order of [`mluc_model::Network::heads`]: for tests against
+    /// other implementations.
+    pub fn outputs(&self, rows: &[f32]) -> Vec<Vec<f32>> {
         let mut every_row = Gather::default();
         read_all(&mut every_row, rows.len() / self.channels);
-        [
-            &self.heads.objectness,
-            &self.heads.embedding,
-            &self.heads.box_code,
-            &self.heads.direction,
-        ]
-        .map(|head| {
+        let output = |head: &RowHead| {
             let mut output = vec![];
             head.run(rows, &every_row, &mut output);
             output
-        })
+        };
+        self.heads.in_order().map(output).collect()
     }
 
     /// The largest objectness over `rows`; of the empty scene's rows it is the manifest's `empty_objectness_max`.
     pub fn objectness_max(&self, rows: &[f32]) -> f32 {
-        let [logits, ..] = self.outputs(rows);
+        let logits = self.outputs(rows).swap_remove(0);
         logits.into_iter().map(sigmoid).fold(0.0, f32::max)
     }
 
@@ -232,9 +131,13 @@ impl Head {
     fn find_candidates(&mut self, rows: &[f32]) -> HeadCounts {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
         read_all(&mut frame.every_row, rows.len() / self.channels);
-        self.heads
-            .objectness
-            .run(rows, &frame.every_row, &mut frame.logits);
+        let presence = &self.heads.presence;
+        if self.kind == HeadKind::Sigmoid {
+            presence.run(rows, &frame.every_row, &mut frame.class_logits);
+            reduce_classes(&frame.class_logits, self.classes, &mut frame.logits);
+        } else {
+            presence.run(rows, &frame.every_row, &mut frame.logits);
+        }
         let found = select(
             &frame.logits,
             self.anchors.per_cell(),
@@ -258,95 +161,149 @@ impl Head {
         occupied.extend(frame.candidates.iter().map(|candidate| candidate.row));
         occupied.sort_unstable();
         occupied.dedup();
-        self.heads
-            .embedding
-            .run(rows, &frame.occupied, &mut frame.embeddings);
-        self.heads
-            .box_code
-            .run(rows, &frame.occupied, &mut frame.codes);
-        self.heads
-            .direction
-            .run(rows, &frame.occupied, &mut frame.directions);
+        let (heads, which) = (&self.heads, &frame.occupied);
+        if let Some(embedding) = &heads.embedding {
+            embedding.run(rows, which, &mut frame.embeddings);
+        }
+        heads.box_code.run(rows, which, &mut frame.codes);
+        heads.direction.run(rows, which, &mut frame.directions);
+        if let Some(unknown) = &heads.unknown {
+            unknown.run(rows, which, &mut frame.unknown);
+        }
+    }
+
+    /// Takes out candidates of anchors without a class in cells that hold a known object; gives how many.
+    fn drop_generic_on_known(&mut self) -> u32 {
+        if self.kind != HeadKind::Open {
+            return 0;
+        }
+        let Memory {
+            candidates,
+            occupied,
+            unknown,
+            ..
+        } = &mut self.frame;
+        let before = candidates.len();
+        let is_known = |row: u32| unknown[place(occupied, row)] <= 0.0;
+        candidates.retain(|c| Anchors::class(c.anchor as usize) < self.classes || !is_known(c.row));
+        (before - candidates.len()) as u32
+    }
+
+    /// The values that the scores of a candidate are made of: its cell's embedding, or its anchor's class logits.
+    fn embedding<'a>(&self, frame: &'a Memory, row: u32, anchor: u32) -> &'a [f32] {
+        let first = match self.kind {
+            HeadKind::Sigmoid => {
+                let slot = row as usize * self.anchors.per_cell() + anchor as usize;
+                return &frame.class_logits[slot * self.classes..][..self.classes];
+            }
+            _ => place(&frame.occupied, row) * self.classes,
+        };
+        &frame.embeddings[first..][..self.classes]
     }
 
     /// Boxes of the candidates. Those that are no numbers leave; gives how many.
     fn decode_boxes(&mut self, cells: &[u32]) -> u32 {
-        let Memory {
-            candidates,
-            occupied,
-            embeddings,
-            codes,
-            directions,
-            boxes,
-            ..
-        } = &mut self.frame;
-        let (anchors, classes) = (&self.anchors, self.classes);
-        let before = candidates.len();
-        boxes.clear();
+        let mut frame = std::mem::take(&mut self.frame);
+        let before = frame.candidates.len();
+        let mut candidates = std::mem::take(&mut frame.candidates);
+        frame.boxes.clear();
         candidates.retain(|candidate| {
-            let place = place(occupied, candidate.row);
-            let slot = place * anchors.per_cell() + candidate.anchor as usize;
-            let anchor = anchors.anchor(
-                cells[candidate.row as usize] as usize,
-                candidate.anchor as usize,
-            );
-            let code = &codes[slot * BOX_CODES..][..BOX_CODES];
-            let decoded = decode(code, &anchor).filter(|_| {
-                embeddings[place * classes..][..classes]
-                    .iter()
-                    .all(|value| value.is_finite())
-            });
-            let Some(mut found) = decoded else {
+            let found = self.decode_box(&frame, candidate.row, candidate.anchor, cells);
+            let Some(found) = found else {
                 return false;
             };
-            let bin = usize::from(directions[slot * 2 + 1] > directions[slot * 2]);
-            found.yaw_rad = direct(found.yaw_rad, bin);
-            boxes.push(found);
+            frame.boxes.push(found);
             true
         });
-        (before - candidates.len()) as u32
+        let dropped = before - candidates.len();
+        frame.candidates = candidates;
+        self.frame = frame;
+        dropped as u32
     }
 
-    fn suppress(&mut self) {
-        let Memory {
-            candidates,
-            boxes,
-            suppressor,
-            ..
-        } = &mut self.frame;
-        let class = |index: usize| Anchors::class(candidates[index].anchor as usize);
+    fn decode_box(&self, frame: &Memory, row: u32, anchor: u32, cells: &[u32]) -> Option<Box3> {
+        let slot = place(&frame.occupied, row) * self.anchors.per_cell() + anchor as usize;
+        let at = self
+            .anchors
+            .anchor(cells[row as usize] as usize, anchor as usize);
+        let mut found = decode(&frame.codes[slot * BOX_CODES..][..BOX_CODES], &at)?;
+        let values = self.embedding(frame, row, anchor);
+        let bins = &frame.directions[slot * 2..][..2];
+        found.yaw_rad = direct(found.yaw_rad, usize::from(bins[1] > bins[0]));
+        values
+            .iter()
+            .all(|value| value.is_finite())
+            .then_some(found)
+    }
+
+    /// Keeps the best boxes; gives how many of the kept have no class.
+    fn suppress(&mut self) -> u32 {
+        let mut frame = std::mem::take(&mut self.frame);
+        let mut suppressor = std::mem::take(&mut frame.suppressor);
+        let group = |index: usize| {
+            let candidate = &frame.candidates[index];
+            self.group(&frame, candidate.row, candidate.anchor)
+        };
         let (iou_max, boxes_max) = (
             f64::from(self.thresholds.nms_iou),
             self.thresholds.boxes_max as usize,
         );
-        suppressor.run(
-            self.suppression,
-            boxes,
-            (class, self.classes),
-            iou_max,
-            boxes_max,
-        );
+        let (mode, classes, boxes) = (self.suppression, self.classes, &frame.boxes);
+        let generic = suppressor.run(mode, boxes, (group, classes), iou_max, boxes_max);
+        frame.suppressor = suppressor;
+        self.frame = frame;
+        generic as u32
+    }
+
+    /// The class that a candidate is of; that of the classes' count has none.
+    fn group(&self, frame: &Memory, row: u32, anchor: u32) -> usize {
+        match self.kind {
+            HeadKind::Sigmoid => largest(self.embedding(frame, row, anchor)),
+            _ => Anchors::class(anchor as usize).min(self.classes),
+        }
     }
 
     /// Everything that is known of a kept box.
     fn describe(&self, index: usize, cells: &[u32]) -> Detection {
-        let (candidate, found) = (self.frame.candidates[index], self.frame.boxes[index]);
-        let place = place(&self.frame.occupied, candidate.row);
-        let f = &self.frame.embeddings[place * self.classes..][..self.classes];
+        let (frame, thresholds) = (&self.frame, &self.thresholds);
+        let (candidate, found) = (frame.candidates[index], frame.boxes[index]);
+        let f = self.embedding(frame, candidate.row, candidate.anchor);
         let mut embedding = [0.0; CLASSES_MAX];
         embedding[..self.classes].copy_from_slice(f);
-        let class = Anchors::class(candidate.anchor as usize);
-        let scores = self.prototypes.scores(f);
-        let threshold = self.thresholds.eds_normalised_max;
+        let logit = frame.unknown.get(place(&frame.occupied, candidate.row));
+        let unknown = logit.filter(|_| self.kind == HeadKind::Open).copied();
+        // The logit of the unknown follows the embedding.
+        embedding
+            .iter_mut()
+            .skip(self.classes)
+            .zip(unknown)
+            .for_each(|(to, logit)| *to = logit);
+        let scores = self.scores(f);
+        let group = self.group(frame, candidate.row, candidate.anchor);
+        let class = if group < self.classes {
+            group
+        } else {
+            largest(f)
+        };
+        let kind = match group < self.classes {
+            true => gate_by(&scores, unknown.map(sigmoid), thresholds),
+            false => DetectionKind::Candidate,
+        };
+        // A generic box is as sure as its being of no class.
+        let share = match self.kind {
+            HeadKind::Sigmoid => 1.0,
+            _ if group < self.classes => scores.probabilities[class],
+            _ => unknown.map_or(0.0, sigmoid),
+        };
         Detection {
             center_m: found.center_m.map(|value| value as f32),
             size_m: found.size_m.map(|value| value as f32),
             yaw_rad: found.yaw_rad as f32,
             class_id: class as u32,
-            kind: gate(scores.eds_normalised, threshold) as u32,
+            kind: kind as u32,
             cell: cells[candidate.row as usize],
             objectness: candidate.objectness,
-            score: candidate.objectness * scores.probabilities[class],
+            score: candidate.objectness * share,
             probabilities: scores.probabilities,
             embedding,
             eds: scores.eds,
@@ -356,9 +313,26 @@ impl Head {
             softmax_max: scores.softmax_max,
             logit_max: scores.logit_max,
             energy: scores.energy,
-            threshold,
+            threshold: thresholds.eds_normalised_max,
         }
     }
+
+    /// Every score of an embedding or of class logits; a sigmoid head's probabilities are those of each class alone.
+    fn scores(&self, f: &[f32]) -> Scores {
+        let mut scores = self.prototypes.scores(f);
+        if self.kind == HeadKind::Sigmoid {
+            let pairs = scores.probabilities.iter_mut().zip(f);
+            pairs.for_each(|(p, logit)| *p = sigmoid(*logit));
+            scores.softmax_max = scores.probabilities.iter().copied().fold(0.0, f32::max);
+        }
+        scores
+    }
+}
+
+/// Index of the largest value, the first of equal ones.
+fn largest(values: &[f32]) -> usize {
+    let better = |best: usize, i: usize| if values[i] > values[best] { i } else { best };
+    (0..values.len()).fold(0, better)
 }
 
 /// Where a feature row stands among the occupied ones, which hold every candidate's row.

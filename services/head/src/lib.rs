@@ -9,11 +9,14 @@ mod convolutions;
 pub mod decode;
 pub mod gate;
 mod head;
+mod memory;
 pub mod prototypes;
+mod report;
 mod suppress;
 
-pub use head::{Head, HeadCounts, HeadError};
+pub use head::Head;
 pub use mluc_ipc_types::{Detection, DetectionKind};
+pub use report::{HeadCounts, HeadError};
 pub use suppress::Suppression;
 
 // Whatever a checked model gives fits the contract.

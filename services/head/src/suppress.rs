@@ -31,7 +31,8 @@ impl Suppressor {
         }
     }
 
-    /// `boxes` best first; `class(i)` below `classes`. At most `boxes_max` stay.
+    /// `boxes` best first; `class(i)` below `classes`, or equal to it for a box of no class. Boxes of no class suppress
+    /// each other alone and come last. At most `boxes_max` stay; gives how many of them have no class.
     pub(crate) fn run(
         &mut self,
         mode: Suppression,
@@ -39,7 +40,7 @@ impl Suppressor {
         (class, classes): (impl Fn(usize) -> usize, usize),
         iou_max: f64,
         boxes_max: usize,
-    ) {
+    ) -> usize {
         let Suppressor {
             order,
             of_class,
@@ -48,7 +49,7 @@ impl Suppressor {
         order.clear();
         match mode {
             Suppression::Agnostic => {
-                order.extend(0..boxes.len());
+                order.extend((0..boxes.len()).filter(|index| class(*index) < classes));
                 nms_into(boxes, order, iou_max, boxes_max, kept);
             }
             Suppression::PerClass => {
@@ -65,6 +66,11 @@ impl Suppressor {
                 *kept = all;
             }
         }
+        order.clear();
+        order.extend((0..boxes.len()).filter(|index| class(*index) == classes));
+        nms_into(boxes, order, iou_max, boxes_max - kept.len(), of_class);
+        kept.extend_from_slice(of_class);
+        of_class.len()
     }
 }
 
@@ -83,5 +89,8 @@ mod tests {
         assert_eq!(suppressor.kept, [0, 1, 3]);
         suppressor.run(Suppression::PerClass, &boxes, (class, 2), 0.1, 2);
         assert_eq!(suppressor.kept, [0, 1]);
+        // With one class, class 1 is none: those boxes suppress each other alone, and come last.
+        let generic = suppressor.run(Suppression::Agnostic, &boxes, (class, 1), 0.1, 10);
+        assert_eq!((generic, &suppressor.kept[..]), (2, &[0, 1, 3][..]));
     }
 }

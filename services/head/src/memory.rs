@@ -1,0 +1,66 @@
+//! What a frame needs, held from frame to frame.
+
+use mluc_geometry::Box3;
+use mluc_kernels::Gather;
+use mluc_model::{HeadKind, Manifest};
+
+use crate::candidates::Candidate;
+use crate::decode::{Anchors, BOX_CODES};
+use crate::suppress::Suppressor;
+
+/// Of one frame.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Memory {
+    pub(crate) every_row: Gather,
+    /// A logit for each anchor and class; empty unless the head is a sigmoid one.
+    pub(crate) class_logits: Vec<f32>,
+    /// A logit an anchor.
+    pub(crate) logits: Vec<f32>,
+    pub(crate) candidates: Vec<Candidate>,
+    /// Rows that hold a candidate, ascending: the other heads run on these alone.
+    pub(crate) occupied: Gather,
+    pub(crate) embeddings: Vec<f32>,
+    /// A logit of the unknown by occupied row, where the head has one.
+    pub(crate) unknown: Vec<f32>,
+    pub(crate) codes: Vec<f32>,
+    pub(crate) directions: Vec<f32>,
+    pub(crate) boxes: Vec<Box3>,
+    pub(crate) suppressor: Suppressor,
+}
+
+impl Memory {
+    /// For any frame of a checked manifest: a row for each cell of the map, every anchor a candidate until the best are
+    /// picked.
+    pub(crate) fn new(manifest: &Manifest) -> Memory {
+        let network = &manifest.network;
+        let cells: usize = network.map_shape().iter().product();
+        let anchors = Anchors::new(manifest).per_cell();
+        let candidates = manifest.thresholds.candidates_max as usize;
+        // Each candidate lies in a row of its own at worst.
+        let closer = candidates.min(cells);
+        let gather = |rows| Gather {
+            taps: 1,
+            index: Vec::with_capacity(rows),
+        };
+        let values = |rows: usize, channels: usize| Vec::with_capacity(rows * channels);
+        let is_sigmoid = network.head == HeadKind::Sigmoid;
+        let class_logits = if is_sigmoid {
+            anchors * network.classes
+        } else {
+            0
+        };
+        Memory {
+            every_row: gather(cells),
+            class_logits: values(cells, class_logits),
+            logits: values(cells, anchors),
+            candidates: Vec::with_capacity(cells * anchors),
+            occupied: gather(candidates),
+            embeddings: values(closer, network.classes),
+            unknown: values(closer, 1),
+            codes: values(closer, BOX_CODES * anchors),
+            directions: values(closer, 2 * anchors),
+            boxes: Vec::with_capacity(candidates),
+            suppressor: Suppressor::new(candidates),
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! What can go wrong, and what a frame came to.
+
+use mluc_model::ModelError;
+
+/// Why the head cannot run.
+#[derive(Debug, thiserror::Error)]
+pub enum HeadError {
+    /// The model does not fit.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// Cells without a feature row would hold candidates that nobody sees.
+    #[error(
+        "model: an empty scene reaches objectness {empty_objectness_max}, which must be below objectness_min \
+         {objectness_min}: raise the threshold or train further"
+    )]
+    FiresOnNothing {
+        /// Of the manifest.
+        empty_objectness_max: f32,
+        /// Of the manifest.
+        objectness_min: f32,
+    },
+    /// Cells and rows of other lengths.
+    #[error("features: {expected} values for {cells} cells needed, {found} given")]
+    Length {
+        /// Cells given.
+        cells: usize,
+        /// cells x channels.
+        expected: usize,
+        /// Values given.
+        found: usize,
+    },
+    /// A cell beyond the map.
+    #[error("features: cells must be below {expected}, found {found}")]
+    Cell {
+        /// Cells of the map.
+        expected: usize,
+        /// The cell.
+        found: u32,
+    },
+}
+
+/// What a frame came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct HeadCounts {
+    /// Anchors at or above `objectness_min`.
+    pub candidates: u32,
+    /// Of them left out beyond `candidates_max`.
+    pub over_candidates_max: u32,
+    /// Of them anchors without a class whose logit says that they hold a known object: such an object has anchors of its
+    /// class.
+    pub generic_known: u32,
+    /// Of them left out because their box or embedding is no number.
+    pub non_finite: u32,
+    /// Boxes kept.
+    pub boxes: u32,
+    /// Of them those of anchors without a class: the last ones of the list.
+    pub generic: u32,
+    /// `boxes_max` was reached: weaker boxes may have been left out.
+    pub boxes_max_reached: bool,
+}
