@@ -164,9 +164,9 @@ impl Player {
         patience: Duration,
         wanted: impl Fn(&Health) -> bool,
     ) -> anyhow::Result<Option<Health>> {
-        let begun = Instant::now();
-        // What waits in the queue may have been said before.
+        // What waits in the queue was said before.
         self.health()?;
+        let begun = Instant::now();
         while begun.elapsed() < patience {
             self.check_running()?;
             if let Some((health, ago)) = self.health()?

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use mluc_ipc_types::{Health, HealthState};
-use mluc_runtime::{Instance, Shutdown};
+use mluc_runtime::{Instance, Shutdown, model_environment};
 
 use crate::answer::{check_form, check_objects};
 use crate::cases::{CASES, Case};
@@ -39,18 +39,18 @@ pub struct Options {
 impl Options {
     /// What the program finds in its environment, as the supervisor sets it.
     pub(crate) fn environment(&self, instance: &Instance) -> Vec<(String, String)> {
-        let mut pairs: Vec<(String, String)> = instance
+        let stage = [
+            ("MLUC_STAGE", "refiner".to_string()),
+            ("MLUC_MODEL", self.model.clone()),
+        ];
+        let model = model_environment(&self.classes, self.fingerprint);
+        instance
             .environment()
             .into_iter()
+            .chain(stage)
+            .chain(model)
             .map(|(key, value)| (key.to_string(), value))
-            .collect();
-        pairs.extend(mluc_runtime::stage_environment(
-            "refiner",
-            &self.model,
-            &self.classes,
-            self.fingerprint,
-        ));
-        pairs
+            .collect()
     }
 }
 

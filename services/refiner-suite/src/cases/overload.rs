@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use anyhow::{bail, ensure};
+use anyhow::{Context, bail, ensure};
 use rustix::process::Signal;
 
 use super::Outcome;
@@ -24,19 +24,28 @@ pub(super) fn overload(session: &mut Session<'_>) -> Outcome {
     let frame = session.player.frame(points, detections);
     session.ask(&frame)?;
 
+    let before = dropped(session)?;
     session.program()?.signal(Signal::STOP);
     std::thread::sleep(Duration::from_millis(50));
-    let held = flood(session, HELD, Duration::from_millis(5), true)?;
+    let held = flood(session, HELD, Duration::from_millis(5), before, true)?;
     ensure!(
         held.answered <= ANSWERS_MAX,
         "held back while {HELD} frames came, it answered {} of them: old ones are to be passed over",
         held.answered
     );
-    let burst = flood(session, BURST, Duration::ZERO, false)?;
+    let before = dropped(session)?;
+    let burst = flood(session, BURST, Duration::ZERO, before, false)?;
     Ok(format!(
         "held: {} of {HELD} answered, {} dropped and counted; burst: {} of {BURST} answered, {} dropped and counted",
         held.answered, held.dropped, burst.answered, burst.dropped
     ))
+}
+
+/// What its health counts now.
+fn dropped(session: &mut Session<'_>) -> anyhow::Result<u64> {
+    let patience = session.options.patience;
+    let heard = session.player.await_health(patience, |_| true)?;
+    Ok(heard.context("no heartbeat")?.frames_dropped)
 }
 
 struct Flood {
@@ -48,15 +57,10 @@ fn flood(
     session: &mut Session<'_>,
     count: usize,
     pause: Duration,
+    before: u64,
     is_held: bool,
 ) -> anyhow::Result<Flood> {
     let patience = session.options.patience;
-    // While it is held no heartbeat comes: the last one counts all that went before.
-    let before = match is_held {
-        true => session.player.health()?.map(|(health, _)| health),
-        false => session.player.await_health(patience, |_| true)?,
-    };
-    let before = before.map_or(0, |health| health.frames_dropped);
     let (points, detections) = usual();
     let mut last: Option<Sent> = None;
     let mut sequences = Vec::new();

@@ -1,0 +1,204 @@
+/* A refiner of one's own for mluc, in C or C++. docs/CONTRACT.md says what a refiner must do; these five functions do the
+ * part of it that is the same for all: joining, waiting, checking what came in, finding the points of a frame, stamps,
+ * health, leaving.
+ *
+ *     mluc_refiner *refiner = NULL;
+ *     if (mluc_refiner_open(&refiner) != MLUC_OK) { fputs(mluc_last_error(), stderr); return 1; }
+ *     for (;;) {
+ *         mluc_frame frame;
+ *         int32_t code = mluc_refiner_wait(refiner, 100, &frame);
+ *         if (code == MLUC_TIMEOUT) continue;
+ *         if (code != MLUC_OK) break;
+ *         ... fill objects and indices ...
+ *         mluc_refiner_publish(refiner, objects, objects_count, indices, indices_count, 0);
+ *     }
+ *     mluc_refiner_close(refiner);
+ *
+ * Link with libmluc_capi.a or libmluc_capi.so (`cargo build --release -p mluc-capi`). A handle belongs to one thread at
+ * a time. Lengths in m, angles in rad, times in ns of CLOCK_MONOTONIC; sensor frame: x forward, y left, z up.
+ */
+#ifndef MLUC_H
+#define MLUC_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+#define MLUC_ASSERT(condition, words) static_assert(condition, words)
+extern "C" {
+#else
+#define MLUC_ASSERT(condition, words) _Static_assert(condition, words)
+#endif
+
+/* Of the contract that this header describes; mluc_wire_version() tells the library's. */
+#define MLUC_WIRE_VERSION 2u
+
+/* What a call returns; negative ones are errors, and mluc_last_error() says more. */
+enum {
+    MLUC_OK = 0,
+    MLUC_TIMEOUT = 1,        /* no frame came in time: call again */
+    MLUC_STOPPING = 2,       /* SIGTERM or SIGINT came: close, return 0 from main */
+    MLUC_ERROR_USAGE = -1,   /* a null pointer, or a call out of turn */
+    MLUC_ERROR_OPEN = -2,    /* another wire version, a refiner runs already, shared memory is full */
+    MLUC_ERROR_CONTRACT = -3,/* what was to be published breaks the contract: nothing was */
+    MLUC_ERROR_MEMORY = -4,  /* shared memory failed */
+    MLUC_ERROR_INTERNAL = -5 /* a bug in the library */
+};
+
+/* Limits. */
+#define MLUC_POINTS_MAX 131072u
+#define MLUC_DETECTIONS_MAX 512u
+#define MLUC_OBJECTS_MAX 512u
+#define MLUC_OBJECT_POINTS_MAX 131072u
+#define MLUC_CLASSES_MAX 8u
+#define MLUC_FOOTPRINT_MAX 16u
+#define MLUC_NONE 0xffffffffu
+
+/* Bits of a header's flags. */
+enum {
+    MLUC_LATE = 1 << 0,
+    MLUC_TRUNCATED = 1 << 1,
+    MLUC_DEGRADED = 1 << 2,
+    MLUC_LIMIT_HIT = 1 << 3,
+    MLUC_RESENT = 1 << 4,
+    MLUC_NOT_FINITE = 1 << 5,
+    MLUC_DAMAGED_INPUT = 1 << 6,
+    MLUC_POINTS_GONE = 1 << 7,
+    MLUC_EMPTY = 1 << 8,
+    MLUC_INPUT_SUSPECT = 1 << 9
+};
+
+enum { MLUC_KNOWN = 0, MLUC_CANDIDATE = 1, MLUC_UNKNOWN = 1 };
+
+enum {
+    MLUC_PUBLISHED = 0,
+    MLUC_OVERLAPS_KNOWN = 1,
+    MLUC_OVERLAPS_UNKNOWN = 2,
+    MLUC_TOO_FEW_POINTS = 3,
+    MLUC_OVERSIZED = 4,
+    MLUC_INVALID_BOX = 5,
+    MLUC_UNCONFIRMED = 6
+};
+
+/* Bits of an object's flags. */
+enum { MLUC_UNREFINED = 1, MLUC_SPLIT = 2, MLUC_THINNED = 4 };
+
+typedef struct mluc_stamps {
+    uint64_t received_ns;
+    uint64_t started_ns;
+    uint64_t published_ns;
+} mluc_stamps;
+
+typedef struct mluc_header {
+    uint32_t wire_version;
+    uint32_t flags;
+    uint64_t sequence;
+    uint64_t sensor_stamp_ns;
+    uint32_t sensor_id;
+    uint32_t attempt;
+    uint32_t points_in;
+    uint32_t points_dropped;
+    uint32_t points_out_of_range;
+    uint32_t feature_rows;
+    uint32_t feature_channels;
+    uint32_t limit_dropped;
+    uint64_t model_fingerprint;
+    double ego_position_m[3];
+    double ego_yaw_rad;
+    uint32_t ego_is_known;
+    uint32_t ego_reserved;
+    mluc_stamps stages[4]; /* ingest, backbone, head, refiner */
+    char name[48];         /* NUL-padded */
+} mluc_header;
+
+typedef struct mluc_point {
+    float x_m, y_m, z_m, intensity;
+} mluc_point;
+
+typedef struct mluc_detection {
+    float center_m[3];
+    float size_m[3];
+    float yaw_rad;
+    uint32_t class_id;
+    uint32_t kind; /* MLUC_KNOWN, MLUC_CANDIDATE */
+    uint32_t cell;
+    float objectness;
+    float score;
+    float probabilities[8];
+    float embedding[8];
+    float eds;
+    float eds_normalised;
+    float eds_perpendicular;
+    float delta;
+    float softmax_max;
+    float logit_max;
+    float energy;
+    float threshold;
+} mluc_detection;
+
+typedef struct mluc_object {
+    uint32_t kind; /* MLUC_KNOWN, MLUC_UNKNOWN */
+    uint32_t fate;
+    uint32_t by; /* index of the object that covers it, or MLUC_NONE */
+    uint32_t class_id;
+    float score;
+    float center_m[3];
+    float size_m[3];
+    float yaw_rad;
+    float eds;
+    float eds_normalised;
+    float threshold;
+    uint32_t points_first; /* range in the indices */
+    uint32_t points_count;
+    uint32_t flags;
+    uint32_t track_id; /* MLUC_NONE without tracking */
+    float overlap;
+    uint32_t footprint_count;
+    float footprint_m[16][2]; /* counter-clockwise */
+} mluc_object;
+
+MLUC_ASSERT(sizeof(mluc_header) == 248, "mluc_header");
+MLUC_ASSERT(offsetof(mluc_header, stages) == 104, "mluc_header");
+MLUC_ASSERT(offsetof(mluc_header, name) == 200, "mluc_header");
+MLUC_ASSERT(sizeof(mluc_point) == 16, "mluc_point");
+MLUC_ASSERT(sizeof(mluc_detection) == 144, "mluc_detection");
+MLUC_ASSERT(offsetof(mluc_detection, threshold) == 140, "mluc_detection");
+MLUC_ASSERT(sizeof(mluc_object) == 212, "mluc_object");
+MLUC_ASSERT(offsetof(mluc_object, footprint_m) == 84, "mluc_object");
+
+/* Where a frame lies in shared memory: readable, not writable, until the next call with the same handle. */
+typedef struct mluc_frame {
+    const mluc_header *header;
+    const mluc_point *points; /* of the same scan; none when they are gone (MLUC_POINTS_GONE) */
+    size_t points_count;
+    const mluc_detection *detections; /* checked: versions, counts, classes, kinds, finite boxes */
+    size_t detections_count;
+} mluc_frame;
+
+typedef struct mluc_refiner mluc_refiner;
+
+/* The version of the contract that the library speaks. */
+uint32_t mluc_wire_version(void);
+
+/* Words of this thread's last error; valid until its next one. Never null. */
+const char *mluc_last_error(void);
+
+/* Joins the instance that MLUC_INSTANCE names ("default" without it) as its refiner, says so, and logs to stderr. */
+int32_t mluc_refiner_open(mluc_refiner **refiner);
+
+/* Waits for the newest frame, at most timeout_ms. Heartbeats go out meanwhile: call it again and again. Frames that break
+ * the contract are refused and counted, and never come here. */
+int32_t mluc_refiner_wait(mluc_refiner *refiner, uint32_t timeout_ms, mluc_frame *frame);
+
+/* Publishes the objects of that frame, once: one for each detection, in their order, suppressed ones too. indices point
+ * into the frame's points; flags (MLUC_DEGRADED, ...) are added to the header's. */
+int32_t mluc_refiner_publish(mluc_refiner *refiner, const mluc_object *objects, size_t objects_count,
+                             const uint32_t *indices, size_t indices_count, uint32_t flags);
+
+/* Leaves. Null is fine. */
+void mluc_refiner_close(mluc_refiner *refiner);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,221 @@
+"""The refiner's side of the contract (docs/CONTRACT.md) for Python: joining, frames, publishing, heartbeats.
+
+Needs iceoryx2 and numpy from PyPI. Points and detections are numpy views onto shared memory: nothing is copied.
+"""
+
+import ctypes as C
+import fcntl
+import os
+import signal
+import sys
+import time
+from types import SimpleNamespace
+
+import iceoryx2 as iox
+import numpy as np
+
+WIRE_VERSION, REFINER, NONE = 2, 3, 2**32 - 1
+POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 131_072, 512, 100_000_000, 1_000_000_000
+DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE = 1 << 2, 1 << 3, 1 << 5, 1 << 7  # bits of a header's flags
+PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED = range(7)
+STARTING, WAITING_INPUT, RUNNING, BAD, FAILED, STOPPING = range(6)
+
+
+def struct(name, text):
+    """A C struct with the contract's type name; "center_m:3f" is float center_m[3]."""
+    kinds = {"u": C.c_uint32, "U": C.c_uint64, "f": C.c_float, "d": C.c_double, "b": C.c_ubyte}
+    pairs = [word.split(":") for word in text.split()]
+    fields = [(field, kinds[kind[-1]] * int(kind[:-1]) if kind[:-1] else kinds[kind]) for field, kind in pairs]
+    return type(name, (C.Structure,), {"_fields_": fields, "type_name": staticmethod(lambda: "mluc." + name)})
+
+
+FrameHeader = struct("FrameHeader", """wire_version:u flags:u sequence:U sensor_stamp_ns:U sensor_id:u attempt:u
+    points_in:u points_dropped:u points_out_of_range:u feature_rows:u feature_channels:u limit_dropped:u
+    model_fingerprint:U ego_position_m:3d ego_yaw_rad:d ego_is_known:u ego_reserved:u stages:12U name:48b""")
+Point = struct("Point", "x_m:f y_m:f z_m:f intensity:f")
+Detection = struct("Detection", """center_m:3f size_m:3f yaw_rad:f class_id:u kind:u cell:u objectness:f score:f
+    probabilities:8f embedding:8f eds:f eds_normalised:f eds_perpendicular:f delta:f softmax_max:f logit_max:f energy:f
+    threshold:f""")
+Object = struct("Object", """kind:u fate:u by:u class_id:u score:f center_m:3f size_m:3f yaw_rad:f eds:f
+    eds_normalised:f threshold:f points_first:u points_count:u flags:u track_id:u overlap:f footprint_count:u footprint_m:32f""")
+Health = struct("Health", """wire_version:u stage:u state:u pid:u frames_in:U frames_out:U frames_dropped:U
+    messages_refused:U run_p50_us:u run_p99_us:u run_max_us:u bytes_written:u bytes_read:U mappings_verified:U
+    reason:192b""")
+# element, elements, subscribers, buffer, borrowed, loans, history: both sides open or make a topic with the same ones.
+TOPICS = {
+    "points": (Point, POINTS_MAX, 4, 2, 5, 2, 0),
+    "detections": (Detection, DETECTIONS_MAX, 4, 2, 5, 2, 1),
+    "objects": (Object, 512, 8, 2, 5, 2, 1),
+    "object_points": (C.c_uint32, 131_072, 3, 1, 2, 1, 0),
+    "health/refiner": (Health, 1, 8, 2, 5, 2, 1),
+}
+
+
+def view(sample, element, count):
+    """A numpy view of a sample's elements; valid while the sample is held."""
+    data = (C.c_ubyte * (count * C.sizeof(element))).from_address(sample.payload_ptr)
+    array = np.frombuffer(data, np.dtype(element))
+    array.flags.writeable = False
+    return array
+
+
+def header_of(sample):
+    return FrameHeader.from_buffer_copy(C.string_at(sample.user_header_ptr, C.sizeof(FrameHeader)))
+
+
+class Refiner:
+    """This process as the refiner of the instance that the environment names."""
+
+    def __init__(self):
+        stem = f"mluc-{os.geteuid()}-{os.environ.get('MLUC_INSTANCE', 'default')}"
+        root = os.environ.get("MLUC_IOX2_ROOT", "/dev/shm/" + stem)
+        self.model = int(os.environ.get("MLUC_MODEL_FINGERPRINT", 0))
+        self.classes = len(os.environ.get("MLUC_CLASSES", "," * 7).split(","))
+        self.join(root)
+        config = iox.config.default()
+        config.global_cfg.prefix = iox.FileName.new(os.environ.get("MLUC_IOX2_PREFIX", stem + "."))
+        config.global_cfg.root_path = iox.Path.new(root)
+        iox.set_log_level(iox.LogLevel.Fatal)
+        builder = iox.NodeBuilder.new().config(config).signal_handling_mode(iox.SignalHandlingMode.Disabled)
+        self.node = builder.create(iox.ServiceType.Ipc)
+        self.outputs = {name: self.output(name) for name in ("objects", "object_points", "health/refiner")}
+        self.points = self.topic("points")[0].subscriber_builder().create()
+        detections, wake = self.topic("detections")
+        self.detections = detections.subscriber_builder().create()
+        self.listener = wake.listener_builder().create()
+        self.scans, self.runs, self.last, self.beats, self.is_stopping = [], [0], None, 0, False
+        self.health = Health(wire_version=WIRE_VERSION, stage=REFINER, pid=os.getpid())
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self.stop)
+        self.say(WAITING_INPUT, "waiting for detections")
+
+    def join(self, root):
+        """Lives in the instance until it ends, as its only refiner; refuses another version by name."""
+        try:
+            self.locks = open(root + "/.lock"), open(root + "/refiner.pid", "a")
+            begun = open(root + "/contract").read().strip()
+            fcntl.flock(self.locks[0], fcntl.LOCK_SH)
+            fcntl.flock(self.locks[1], fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except FileNotFoundError as error:
+            sys.exit(f"no pipeline runs there, start `mluc up` first: {error}")
+        except BlockingIOError:
+            sys.exit(f"another refiner runs already: stop it first ({root}/refiner.pid)")
+        if f"wire={WIRE_VERSION}" not in begun.split():
+            sys.exit(f"this refiner speaks wire version {WIRE_VERSION}, {root} {begun}: run the same mluc twice")
+
+    def topic(self, name):
+        element, _, subscribers, buffer, borrowed, _, history = TOPICS[name]
+        service = iox.ServiceName.new("mluc/" + name)
+        data = self.node.service_builder(service).publish_subscribe(iox.Slice[element]).user_header(FrameHeader)
+        data = data.enable_safe_overflow(True).max_publishers(1).max_subscribers(subscribers).max_nodes(16)
+        data = data.subscriber_max_buffer_size(buffer).subscriber_max_borrowed_samples(borrowed).history_size(history)
+        wake = self.node.service_builder(service).event().max_notifiers(4).max_listeners(subscribers)
+        return data.open_or_create(), wake.max_nodes(16).event_id_max_value(1).open_or_create()
+
+    def output(self, name):
+        data, wake = self.topic(name)
+        port = data.publisher_builder().initial_max_slice_len(TOPICS[name][1]).max_loaned_samples(TOPICS[name][5])
+        port = port.allocation_strategy(iox.AllocationStrategy.Static)
+        port = port.backpressure_strategy(iox.BackpressureStrategy.DiscardData)
+        return port.create(), wake.notifier_builder().create()
+
+    def send(self, name, header, data):
+        port, notifier = self.outputs[name]
+        sample = port.loan_slice_uninit(len(data))
+        header.stages[3 * REFINER + 2] = time.monotonic_ns()
+        C.memmove(sample.user_header_ptr, C.addressof(header), C.sizeof(header))
+        C.memmove(sample.payload_ptr, data.ctypes.data, data.nbytes)
+        sample.assume_init().send()
+        notifier.notify()
+
+    def stop(self, *_):
+        self.is_stopping = True
+
+    def say(self, state, reason=""):
+        """A heartbeat: every 0.1 s, and at once when the state changes."""
+        self.health.state, self.health.reason[:] = state, reason.encode()[:192].ljust(192, b"\0")
+        percentiles = np.percentile(self.runs[-1000:], (50, 99, 100))
+        self.health.run_p50_us, self.health.run_p99_us, self.health.run_max_us = (int(run) for run in percentiles)
+        header = FrameHeader(wire_version=WIRE_VERSION, sequence=self.beats)
+        self.send("health/refiner", header, np.frombuffer(self.health, np.dtype(Health)))
+        self.beats, self.said_ns, self.state = self.beats + 1, time.monotonic_ns(), (state, reason)
+
+    def refuse(self, reason):
+        self.health.messages_refused += 1
+        print(f"message refused: {reason}", file=sys.stderr)
+        self.say(BAD, reason)
+
+    def frames(self):
+        """Frame after frame, always the newest, until this process is asked to end."""
+        heard_ns = time.monotonic_ns()
+        while not self.is_stopping:
+            try:
+                self.listener.timed_wait(iox.Duration.from_millis(50))
+            except iox.ListenerWaitError:  # a signal came
+                continue
+            newest = self.newest_detections()
+            self.take_scans()
+            if newest is not None:
+                frame, heard_ns = self.frame(newest), time.monotonic_ns()
+                if frame is not None:
+                    yield frame
+                newest.delete()
+            silence_ns = time.monotonic_ns() - heard_ns
+            if silence_ns > SILENCE_NS and self.state[0] != WAITING_INPUT:
+                self.say(WAITING_INPUT, "waiting for detections: their producer is silent or gone")
+            elif time.monotonic_ns() - self.said_ns > HEARTBEAT_NS:
+                self.say(*self.state)
+        self.say(STOPPING)
+
+    def newest_detections(self):
+        newest = None
+        while (sample := self.detections.receive()) is not None:
+            if newest is not None:
+                newest.delete()
+            newest, self.received_ns = sample, time.monotonic_ns()
+        return newest
+
+    def take_scans(self):
+        """Holds the two scans before the last frame's and the newest two: detections come later than points."""
+        while (scan := self.points.receive()) is not None:
+            self.scans.append(scan)
+            if len(self.scans) > 4:
+                self.scans.pop(2).delete()
+
+    def frame(self, sample):
+        """Header, points and detections of a sample; None: refused."""
+        header = header_of(sample)
+        header.stages[3 * REFINER : 3 * REFINER + 2] = self.received_ns, time.monotonic_ns()
+        if self.last is not None and header.sequence > self.last:
+            self.health.frames_dropped += header.sequence - self.last - 1
+        self.last = header.sequence
+        if header.wire_version != WIRE_VERSION:
+            return self.refuse(f"wire version {header.wire_version} of the sender, expected {WIRE_VERSION}")
+        if self.model and header.model_fingerprint not in (0, self.model):
+            return self.refuse(f"frames of model {header.model_fingerprint}, expected {self.model}")
+        count = sample.header.number_of_elements
+        if count > DETECTIONS_MAX:
+            return self.refuse(f"detections: {count} exceeds the limit of {DETECTIONS_MAX}")
+        points = np.zeros((0, 4), np.float32)
+        for scan in reversed(self.scans):
+            about, size = header_of(scan), scan.header.number_of_elements
+            if (about.sequence, about.wire_version) == (header.sequence, WIRE_VERSION) and size <= POINTS_MAX:
+                points = view(scan, Point, size).view(np.float32).reshape(-1, 4)
+                break
+        else:
+            header.flags |= POINTS_GONE | DEGRADED
+        return SimpleNamespace(header=header, points=points, detections=view(sample, Detection, count))
+
+    def publish(self, frame, objects, indices):
+        """The objects (an array of dtype Object) and their points: indices into the frame's."""
+        header = frame.header
+        self.send("object_points", header, np.ascontiguousarray(indices, np.uint32))
+        self.send("objects", header, objects)
+        self.runs.append((time.monotonic_ns() - header.stages[3 * REFINER + 1]) // 1000)
+        self.health.frames_in, self.health.frames_out = self.health.frames_in + 1, self.health.frames_out + 1
+        self.health.bytes_read = frame.points.nbytes + frame.detections.nbytes
+        self.health.bytes_written = objects.nbytes + 4 * len(indices)
+        while len(self.scans) > 2:
+            self.scans.pop(0).delete()
+        if self.state[0] != RUNNING:
+            self.say(RUNNING)
