@@ -144,7 +144,8 @@ fn the_contract_needs_iceoryx2_only_for_the_runtime() {
             );
             let is_direct =
                 dependency.name == SHARED_MEMORY && dependency.kind != DependencyKind::Development;
-            let may = [CONTRACT, "mluc-runtime"].contains(&package.name.as_str());
+            // The benchmark of hand-over measures iceoryx2 alone beside our hop.
+            let may = [CONTRACT, "mluc-runtime", "mluc-transport"].contains(&package.name.as_str());
             assert!(!is_direct || may, "{} depends on iceoryx2", package.name);
         }
         if package.name.as_str() == CONTRACT {

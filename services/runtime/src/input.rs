@@ -158,13 +158,6 @@ impl<T: Pod + Debug + ZeroCopySend> Input<T> {
         }
     }
 
-    /// Forgets wake-ups whose messages were taken already.
-    pub(crate) fn drain_wakes(&self) {
-        if let Some(listener) = &self.listener {
-            let _ = listener.try_wait(|_| ());
-        }
-    }
-
     /// The topic's name.
     pub fn name(&self) -> &str {
         &self.name

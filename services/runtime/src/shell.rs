@@ -48,6 +48,7 @@ pub struct Shell {
     membership: Membership,
     options: ShellOptions,
     prefault: Prefault,
+    touched_ns: u64,
     shutdown: Shutdown,
     /// Since the last message that was waited for.
     silence: Option<Silence>,
@@ -89,6 +90,7 @@ impl Shell {
             membership,
             options,
             prefault: Prefault::default(),
+            touched_ns: 0,
             shutdown,
             silence: None,
             counters: Counters::default(),
@@ -113,6 +115,7 @@ impl Shell {
             membership,
             options,
             prefault: Prefault::default(),
+            touched_ns: 0,
             shutdown,
             silence: None,
             counters: Counters::default(),
@@ -225,12 +228,14 @@ impl Shell {
                 return Ok(Next::Stopping);
             }
             on_tick()?;
-            input.drain_wakes();
+            // A wake-up whose message was taken already ends the wait below early, once: forgetting it here would cost two
+            // system calls between a wake-up and its message.
             if let Some(message) = input.newest()? {
                 self.end_silence(topic);
                 return Ok(Next::Message(message));
             }
             self.say_silence(input, topic)?;
+            self.touch_when_due();
             self.tick()?;
             let left = timeout.saturating_sub(Duration::from_nanos(monotonic_ns() - begun_ns));
             if left.is_zero() {
@@ -301,13 +306,12 @@ impl Shell {
         }
     }
 
-    /// What is to be done now and then: a heartbeat, and touching segments that other processes made.
+    /// What is to be done now and then: a heartbeat.
     pub fn tick(&mut self) -> Result<(), RuntimeError> {
-        if self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
-            self.touch();
-            self.beat()?;
+        match self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
+            true => self.beat(),
+            false => Ok(()),
         }
-        Ok(())
     }
 
     /// A heartbeat now.
@@ -318,13 +322,24 @@ impl Shell {
         }
     }
 
+    /// Touches segments that other processes made, now and then, and only while there is nothing to do: reading this
+    /// process's map takes 0.1 ms, for which the consumer of a message just sent may wait where cores are few.
+    fn touch_when_due(&mut self) {
+        if monotonic_ns() - self.touched_ns >= TOUCH_PERIOD_NS {
+            self.touch();
+        }
+    }
+
     fn touch(&mut self) {
+        self.touched_ns = monotonic_ns();
         if self.options.prefault {
             self.prefault.touch(&self.options.instance);
         }
     }
 }
 
+/// Between two looks for new segments.
+const TOUCH_PERIOD_NS: u64 = 100_000_000;
 /// How often a waiting process looks around: also the longest time until it sees a signal.
 const TICK: Duration = Duration::from_millis(50);
 
