@@ -1,0 +1,72 @@
+//! A fingerprint of a data set, so that a report says what it was made on.
+
+use crate::dataset::{Dataset, DatasetError};
+use rayon::prelude::*;
+use std::path::Path;
+
+/// Scans whose bytes are hashed: every so many.
+const SCAN_STEP: usize = 50;
+const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
+const PRIME: u64 = 0x0000_0100_0000_01b3;
+
+/// FNV-1a (64 bit) over all labels, the sizes of all scans and the bytes of every 50th scan, of the first `frames` frames, in order.
+pub(super) fn data_hash(dataset: &Dataset, frames: usize) -> Result<String, DatasetError> {
+    let names: Vec<&String> = dataset.names().iter().take(frames).collect();
+    let one = |(index, name): (usize, &&String)| -> Result<u64, DatasetError> {
+        let labels = read(&dataset.label_path(name))?;
+        let scan = dataset.scan_path(name);
+        let size = std::fs::metadata(&scan).map_err(|source| DatasetError::Read {
+            path: scan.clone(),
+            source,
+        })?;
+        let mut hash = fnv(fnv(OFFSET, &labels), &size.len().to_le_bytes());
+        if index.is_multiple_of(SCAN_STEP) {
+            hash = fnv(hash, &read(&scan)?);
+        }
+        Ok(hash)
+    };
+    let hashes: Vec<u64> = names
+        .par_iter()
+        .enumerate()
+        .map(one)
+        .collect::<Result<_, _>>()?;
+    let whole = hashes
+        .iter()
+        .fold(OFFSET, |hash, frame| fnv(hash, &frame.to_le_bytes()));
+    Ok(format!("{whole:016x}"))
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, DatasetError> {
+    std::fs::read(path).map_err(|source| DatasetError::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+fn fnv(hash: u64, bytes: &[u8]) -> u64 {
+    bytes.iter().fold(hash, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(PRIME)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hash_is_fnv_1a_and_sees_labels() {
+        // Published test vector of FNV-1a.
+        assert_eq!(fnv(OFFSET, b"foobar"), 0x8594_4171_f739_67e8);
+        let folder = tempfile::tempdir().expect("a folder");
+        for name in ["velodyne", "label_2"] {
+            std::fs::create_dir(folder.path().join(name)).expect("a folder");
+        }
+        std::fs::write(folder.path().join("velodyne/0.bin"), [0u8; 16]).expect("written");
+        let hash_with = |label: &str| {
+            std::fs::write(folder.path().join("label_2/0.txt"), label).expect("written");
+            data_hash(&Dataset::open(folder.path()).expect("a scan"), 10).expect("a hash")
+        };
+        assert_ne!(hash_with("a"), hash_with("b"));
+        assert_eq!(hash_with("a"), hash_with("a"));
+    }
+}

@@ -1,0 +1,80 @@
+//! Where everything lies.
+
+use super::Setting;
+use std::path::{Path, PathBuf};
+
+/// The three folders of a reproduction.
+///
+/// ```text
+/// DATA/sim-udi/{train,val,test}          simulated scans
+/// DATA/sim-udi-supervised/train          with unknown classes, labelled
+/// RUNS/sim-udi/NETWORK[-sSEED]/          one run of the trainer: model.safetensors, checkpoint, log
+/// RUNS/sim-udi/evaluations/METHOD[-sSEED].json
+/// OUT/                                   the report
+/// ```
+#[derive(Clone, Debug)]
+pub struct Layout {
+    /// Data sets.
+    pub data: PathBuf,
+    /// Networks and evaluations.
+    pub runs: PathBuf,
+    /// The report.
+    pub out: PathBuf,
+}
+
+impl Layout {
+    /// Folder of a setting's data: `train`, `val`, `test` below it.
+    pub fn data_of(&self, setting: Setting) -> PathBuf {
+        self.data.join(setting.name())
+    }
+
+    /// Folder of the supervised network's data: `train` below it.
+    pub fn supervised_data_of(&self, setting: Setting) -> PathBuf {
+        self.data.join(format!("{}-supervised", setting.name()))
+    }
+
+    /// Folder of a network's run.
+    pub fn run_of(&self, setting: Setting, network: &str, seed: u64) -> PathBuf {
+        self.runs
+            .join(setting.name())
+            .join(with_seed(network, seed))
+    }
+
+    /// Its model file.
+    pub fn model_of(&self, setting: Setting, network: &str, seed: u64) -> PathBuf {
+        self.run_of(setting, network, seed)
+            .join("model.safetensors")
+    }
+
+    /// Where a row's evaluation is kept.
+    pub fn evaluation_of(&self, setting: Setting, method: &str, seed: u64) -> PathBuf {
+        let file = format!("{}.json", with_seed(method, seed));
+        self.runs
+            .join(setting.name())
+            .join("evaluations")
+            .join(file)
+    }
+}
+
+/// The first seed goes without saying.
+fn with_seed(name: &str, seed: u64) -> String {
+    if seed == 1 {
+        name.to_owned()
+    } else {
+        format!("{name}-s{seed}")
+    }
+}
+
+/// Writes beside the place, then moves there: the file is whole or not there. Makes the folder.
+pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), super::ReproduceError> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(super::ReproduceError::io(folder))?;
+    }
+    let beside = path.with_extension("partial");
+    let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));
+    written.map_err(|source| {
+        // Best effort: the fault to tell is the one above.
+        let _ = std::fs::remove_file(&beside);
+        super::ReproduceError::io(path)(source)
+    })
+}

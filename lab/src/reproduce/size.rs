@@ -1,0 +1,93 @@
+//! How large a reproduction is: one table that the documentation quotes.
+
+use super::Setting;
+
+/// Size of the plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Size {
+    /// Figures that mean something: hours on two cores.
+    Full,
+    /// The whole way within a quarter of an hour on two cores; the figures mean little.
+    Quick,
+    /// The whole way in a minute, for tests; the figures mean nothing.
+    Smoke,
+}
+
+/// Frames and steps of a plan, for one setting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sizes {
+    /// Training scans, known classes alone.
+    pub train_frames: u32,
+    /// Training scans of the supervised network: unknown classes too, labelled.
+    pub supervised_frames: u32,
+    /// Validation scans: the trainer's own look at a network.
+    pub val_frames: u32,
+    /// Test scans: every figure of the report.
+    pub test_frames: u32,
+    /// Steps of the base network (`metric`).
+    pub base_steps: u64,
+    /// Steps of each network that begins with the base's weights.
+    pub tuned_steps: u64,
+    /// Steps of the supervised network, which begins with the base's weights too but meets new classes.
+    pub supervised_steps: u64,
+    /// Frames a step.
+    pub batch: u32,
+    /// Validation scans that the trainer judges on.
+    pub validate_frames: u32,
+    /// Draws of the bootstrap.
+    pub resamples: usize,
+}
+
+impl Size {
+    /// Name on the command line and in the report.
+    pub fn name(self) -> &'static str {
+        match self {
+            Size::Full => "full",
+            Size::Quick => "quick",
+            Size::Smoke => "smoke",
+        }
+    }
+
+    /// The table.
+    pub fn sizes(self, setting: Setting) -> Sizes {
+        let udi = setting == Setting::SimUdi;
+        match self {
+            Size::Full => Sizes {
+                train_frames: 2500,
+                supervised_frames: 2500,
+                val_frames: 400,
+                test_frames: 1000,
+                base_steps: if udi { 6000 } else { 8000 },
+                tuned_steps: if udi { 1200 } else { 1600 },
+                supervised_steps: if udi { 2400 } else { 3200 },
+                batch: 2,
+                validate_frames: 60,
+                resamples: 500,
+            },
+            Size::Quick => Sizes {
+                train_frames: 150,
+                supervised_frames: 100,
+                val_frames: 10,
+                test_frames: 50,
+                base_steps: if udi { 150 } else { 220 },
+                tuned_steps: if udi { 30 } else { 40 },
+                supervised_steps: if udi { 30 } else { 40 },
+                batch: 2,
+                validate_frames: 0,
+                resamples: 200,
+            },
+            Size::Smoke => Sizes {
+                train_frames: 6,
+                supervised_frames: 6,
+                val_frames: 2,
+                test_frames: 6,
+                base_steps: 2,
+                tuned_steps: 2,
+                supervised_steps: 2,
+                batch: 1,
+                validate_frames: 0,
+                resamples: 20,
+            },
+        }
+    }
+}

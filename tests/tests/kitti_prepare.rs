@@ -1,0 +1,228 @@
+//! A recorded benchmark in the trainer's form: the folder that the test writes, and real scans where `MLUC_KITTI` holds them.
+
+use mluc_lab::dataset::{Dataset, PrepareOptions, Splits, UnknownPolicy, prepare};
+use mluc_lab::reproduce::audit;
+use std::path::{Path, PathBuf};
+
+/// A camera like KITTI's, at the sensor.
+const CALIBRATION: &str = "P2: 721.54 0 609.56 0 0 721.54 172.85 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
+    Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
+const CAR: &str =
+    "Car 0.00 0 0.00 600.00 150.00 700.00 200.00 1.50 1.60 4.00 0.00 1.50 20.00 -1.57\n";
+const VAN: &str =
+    "Van 0.00 2 0.00 500.00 150.00 600.00 200.00 2.20 1.90 5.00 -6.00 1.50 25.00 -1.57\n";
+const TRAM: &str =
+    "Tram 0.00 0 0.00 100.00 150.00 300.00 200.00 3.50 2.50 16.00 -9.00 1.50 40.00 -1.57\n";
+
+/// A point in the car, one in the van, one beside the camera's view, one behind the sensor.
+const POINTS: [[f32; 4]; 4] = [
+    [20.0, 0.0, -1.0, 0.5],
+    [25.0, 6.0, -1.0, 0.5],
+    [5.0, 30.0, -1.0, 0.5],
+    [-20.0, 0.0, -1.0, 0.5],
+];
+
+fn benchmark(folder: &Path) -> PathBuf {
+    let root = folder.join("object");
+    let write = |name: &str, bytes: &[u8]| {
+        let path = root.join(name);
+        std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
+        std::fs::write(path, bytes).expect("written");
+    };
+    let scan: Vec<u8> = POINTS
+        .as_flattened()
+        .iter()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    for (name, labels) in [
+        ("000000", CAR.to_owned()),
+        ("000001", format!("{CAR}{VAN}")),
+        ("000002", format!("{CAR}{TRAM}")),
+    ] {
+        write(&format!("training/velodyne/{name}.bin"), &scan);
+        write(&format!("training/label_2/{name}.txt"), labels.as_bytes());
+        write(
+            &format!("training/calib/{name}.txt"),
+            CALIBRATION.as_bytes(),
+        );
+        write(
+            &format!("training/planes/{name}.txt"),
+            b"# Plane\nWidth 4\nHeight 1\n0 -1 0 1.7\n",
+        );
+    }
+    write("ImageSets/train.txt", b"000001\n000000\n000002\n");
+    write("ImageSets/val.txt", b"000001\n");
+    root
+}
+
+fn prepared(root: &Path, policy: Option<UnknownPolicy>, out: &Path) -> Dataset {
+    let options = PrepareOptions {
+        splits: Splits {
+            root: root.to_owned(),
+            folder: None,
+        },
+        split: "train".to_owned(),
+        policy,
+        unknown: vec!["van".to_owned(), "truck".to_owned()],
+        out: out.to_owned(),
+    };
+    prepare(&options, || ()).expect("prepared");
+    Dataset::open_split(out, "train").expect("a split")
+}
+
+#[test]
+fn each_policy_does_what_its_name_says() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = benchmark(folder.path());
+    let classes = |dataset: &Dataset, name: &str| -> Vec<String> {
+        let labels = dataset.labels(name).expect("labels");
+        labels.into_iter().map(|label| label.class).collect()
+    };
+    let out = |name: &str| folder.path().join(name);
+
+    let kept = prepared(&root, None, &out("keep"));
+    assert_eq!(kept.names(), ["000001", "000000", "000002"]);
+    assert_eq!(classes(&kept, "000001"), ["Car", "Van"]);
+    assert_eq!(kept.scan("000001").expect("a scan"), POINTS[..2]);
+    assert!(kept.plane("000001").expect("a plane").is_some());
+
+    let dropped = prepared(&root, Some(UnknownPolicy::DropFrames), &out("drop"));
+    assert_eq!(dropped.names(), ["000000", "000002"]);
+    assert!(!out("drop/velodyne/000001.bin").exists());
+
+    let erased = prepared(&root, Some(UnknownPolicy::Erase), &out("erase"));
+    assert_eq!(erased.scan("000001").expect("a scan"), POINTS[..1]);
+    // The label stays: the trainer ignores the place of what it has no class for.
+    assert_eq!(classes(&erased, "000001"), ["Car", "Van"]);
+
+    let background = prepared(&root, Some(UnknownPolicy::Background), &out("background"));
+    assert_eq!(background.scan("000001").expect("a scan"), POINTS[..2]);
+    assert_eq!(classes(&background, "000001"), ["Car"]);
+    // Trams are neither known nor unknown: ignored under any policy.
+    assert_eq!(classes(&background, "000002"), ["Car", "Tram"]);
+}
+
+#[test]
+fn the_audit_counts_what_the_paper_may_have_counted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let splits = Splits {
+        root: benchmark(folder.path()),
+        folder: None,
+    };
+    let train = audit(&splits.open("train").expect("a split"), "train").expect("counts");
+    assert_eq!((train.frames, train.with_unknown), (3, 1));
+    // Cars of the two frames without a van; the van is too occluded to count at moderate.
+    assert_eq!(train.known_without_unknown(), 2);
+    assert_eq!((train.classes[1].all, train.classes[1].moderate), (1, 0));
+    let text = train.to_markdown();
+    assert!(
+        text.contains("3 frames: 1 with a van or truck, 2 without"),
+        "{text}"
+    );
+    assert!(text.contains("| Car | 3 | 3 | 1 | 1 |"), "{text}");
+    assert!(
+        text.contains("| known, frames without unknown | 2 | 8690 (train) |"),
+        "{text}"
+    );
+}
+
+#[test]
+fn nothing_is_written_where_something_is_wrong() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = benchmark(folder.path());
+    let out = folder.path().join("out");
+    let options = PrepareOptions {
+        splits: Splits {
+            root: root.clone(),
+            folder: None,
+        },
+        split: "train".to_owned(),
+        policy: None,
+        unknown: vec![],
+        out: out.clone(),
+    };
+    let fault =
+        |options: &PrepareOptions| prepare(options, || ()).expect_err("a fault").to_string();
+    let trainval = PrepareOptions {
+        split: "trainval".into(),
+        ..options.clone()
+    };
+    assert!(fault(&trainval).starts_with("split trainval: expected the list of its frames"));
+    let labels = root.join("training/label_2/000002.txt");
+    std::fs::write(&labels, CAR.replace("Car", "Auto")).expect("written");
+    let told = fault(&options);
+    assert!(
+        told.contains("000002.txt, line 1, field type: expected Car, ")
+            && told.ends_with("found 'Auto'"),
+        "{told}"
+    );
+    std::fs::write(&labels, CAR).expect("written");
+    let calibration = root.join("training/calib/000000.txt");
+    std::fs::remove_file(&calibration).expect("removed");
+    let told = fault(&options);
+    assert!(
+        told.starts_with("frame 000000: expected its calibration in "),
+        "{told}"
+    );
+    std::fs::write(&calibration, CALIBRATION).expect("written");
+    assert!(!out.exists());
+    std::fs::create_dir(&out).expect("a folder");
+    assert!(fault(&options).contains("expected a new folder"));
+}
+
+/// On the real frames: what the camera sees of a scan is a sixth of it, every labelled object keeps its points, and the
+/// erased ones lose theirs.
+#[test]
+fn real_scans_keep_the_points_of_labelled_objects() {
+    let Some(folder) = std::env::var_os("MLUC_KITTI").map(PathBuf::from) else {
+        println!("skipped: MLUC_KITTI not set");
+        return;
+    };
+    let root = folder.join("object");
+    let original = Dataset::open(&root.join("training")).expect("real scans");
+    let lists = tempfile::tempdir().expect("a folder");
+    let names: String = original
+        .names()
+        .iter()
+        .map(|name| format!("{name}\n"))
+        .collect();
+    std::fs::write(lists.path().join("train.txt"), names).expect("written");
+    let of = |policy, out: &str| {
+        let options = PrepareOptions {
+            splits: Splits {
+                root: root.clone(),
+                folder: Some(lists.path().to_owned()),
+            },
+            split: "train".to_owned(),
+            policy,
+            unknown: vec!["van".to_owned(), "truck".to_owned()],
+            out: lists.path().join(out),
+        };
+        prepare(&options, || ()).expect("prepared");
+        Dataset::open_split(&options.out, "train").expect("a split")
+    };
+    let (kept, erased) = (of(None, "keep"), of(Some(UnknownPolicy::Erase), "erase"));
+    let count = |dataset: &Dataset, unknown: bool| -> (usize, usize) {
+        let (mut inside, mut all) = (0, 0);
+        for name in original.names() {
+            let scan = dataset.scan(name).expect("a scan");
+            all += scan.len();
+            for (label, b) in original.boxes_in_sensor(name).expect("labels") {
+                let is_unknown = label.is("Van") || label.is("Truck");
+                if is_unknown == unknown && label.truncated < 0.01 {
+                    let is_inside = |p: &&[f32; 4]| b.contains([p[0], p[1], p[2]].map(f64::from));
+                    inside += scan.iter().filter(is_inside).count();
+                }
+            }
+        }
+        (inside, all)
+    };
+    let ((before, all), (after, seen)) = (count(&original, false), count(&kept, false));
+    println!("points of known objects {after} of {before}, of all {seen} of {all}");
+    assert!(after * 100 >= before * 99 && seen * 4 < all);
+    assert!(count(&kept, true).0 > 500);
+    assert_eq!(count(&erased, true).0, 0);
+    let counts = audit(&original, "all").expect("counts");
+    assert!(counts.frames == original.len() && counts.with_unknown > 0);
+    println!("{}", counts.to_markdown());
+}
