@@ -165,6 +165,20 @@ impl Pipeline {
             .collect()
     }
 
+    /// Processes of its children whose command line has this word.
+    pub fn children_with(&self, word: &str) -> Vec<u32> {
+        let path = format!("/proc/{0}/task/{0}/children", self.pid());
+        let children = std::fs::read_to_string(path).unwrap_or_default();
+        children
+            .split_whitespace()
+            .filter_map(|pid| pid.parse().ok())
+            .filter(|pid: &u32| {
+                let command = std::fs::read_to_string(format!("/proc/{pid}/cmdline"));
+                command.is_ok_and(|command| command.split('\0').any(|found| found == word))
+            })
+            .collect()
+    }
+
     /// Lines so far.
     pub fn line_count(&self) -> usize {
         self.lines.lock().expect("no panic").len()

@@ -27,11 +27,7 @@ pub(crate) const CAR: Thing = Thing {
 
 impl Thing {
     fn center_m(&self) -> [f32; 3] {
-        [
-            self.x_m,
-            self.y_m,
-            self.size_m[2] / 2.0 - SENSOR_HEIGHT_M,
-        ]
+        [self.x_m, self.y_m, self.size_m[2] / 2.0 - SENSOR_HEIGHT_M]
     }
 }
 

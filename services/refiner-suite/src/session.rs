@@ -86,8 +86,8 @@ pub fn run(options: &Options) -> anyhow::Result<Report> {
 
 /// How a program takes a frame that makes no sense.
 pub(crate) enum Reaction {
-    /// With objects.
-    Answered(Box<Answer>),
+    /// With objects, whose form was not looked at.
+    Answered(Box<(Sent, Answer)>),
     /// With `messages_refused`; the reason it told.
     Refused(String),
 }
@@ -202,7 +202,7 @@ impl Session<'_> {
         Ok((sent, answer))
     }
 
-    /// Sends a frame that makes no sense; it must be answered in good form, or refused and counted.
+    /// Sends a frame that makes no sense; it must be answered, or refused and counted.
     pub(crate) fn provoke(&mut self, frame: &Frame) -> anyhow::Result<Reaction> {
         // A fresh heartbeat: an older one may not yet count what was refused before.
         let heard = self.player.await_health(self.options.patience, |_| true)?;
@@ -212,8 +212,7 @@ impl Session<'_> {
         loop {
             while let Some(answer) = self.player.take_answer()? {
                 if answer.header.sequence == sent.header.sequence {
-                    check_form(&sent, &answer, self.options.classes.len())?;
-                    return Ok(Reaction::Answered(Box::new(answer)));
+                    return Ok(Reaction::Answered(Box::new((sent, answer))));
                 }
             }
             self.check_alive("it should answer or refuse it")?;

@@ -2,24 +2,16 @@
 
 use crate::{Instance, RuntimeError};
 
-/// Which stage it is, and of which model its frames are: `MLUC_STAGE`, `MLUC_MODEL` (an embedded model's name or a file),
-/// `MLUC_CLASSES` (names by class id, with commas between) and `MLUC_MODEL_FINGERPRINT` (decimal).
-pub fn stage_environment(
-    stage: &str,
-    model: &str,
-    classes: &[String],
-    fingerprint: u64,
-) -> [(String, String); 4] {
+/// Of which model its frames are: `MLUC_CLASSES` (names by class id, with commas between) and `MLUC_MODEL_FINGERPRINT`
+/// (decimal).
+pub fn model_environment(classes: &[String], fingerprint: u64) -> [(&'static str, String); 2] {
     [
-        ("MLUC_STAGE", stage.to_string()),
-        ("MLUC_MODEL", model.to_string()),
         ("MLUC_CLASSES", classes.join(",")),
         ("MLUC_MODEL_FINGERPRINT", fingerprint.to_string()),
     ]
-    .map(|(key, value)| (key.to_string(), value))
 }
 
-/// The other side of [`stage_environment`] and [`Instance::environment`].
+/// The other side of [`model_environment`] and [`Instance::environment`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StageEnvironment {
     /// `MLUC_INSTANCE`, or [`Instance::DEFAULT`].

@@ -25,7 +25,7 @@ mod signals;
 mod sweep;
 
 pub use clock::{monotonic_ns, wall_clock_ns};
-pub use environment::{StageEnvironment, stage_environment};
+pub use environment::{StageEnvironment, model_environment};
 pub use error::RuntimeError;
 pub use health::{Counters, HealthWatch};
 pub use input::{Input, Message};

@@ -1,12 +1,10 @@
 //! What no sound stage sends.
 
 use anyhow::{Context, ensure};
-use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, Fate, Flags, NAME_MAX, Object, POINTS_MAX, Point,
-};
+use mluc_ipc_types::{DETECTIONS_MAX, Detection, Fate, Flags, NAME_MAX, Object, POINTS_MAX, Point};
 
 use super::Outcome;
-use crate::answer::is_flagged;
+use crate::answer::{check_form, is_flagged};
 use crate::frame::{Answer, Frame};
 use crate::scene::{CART, Noise, candidate, scan, usual};
 use crate::session::{Reaction, Session};
@@ -22,7 +20,10 @@ fn survive(
     is_told: impl Fn(&Answer) -> bool,
 ) -> anyhow::Result<bool> {
     let reaction = session.provoke(frame).with_context(|| what.to_string())?;
-    if let Reaction::Answered(answer) = &reaction {
+    if let Reaction::Answered(pair) = &reaction {
+        let (sent, answer) = pair.as_ref();
+        check_form(sent, answer, session.options.classes.len())
+            .with_context(|| what.to_string())?;
         ensure!(
             is_told(answer),
             "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
@@ -114,13 +115,25 @@ pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
             1 => point.y_m = bad,
             2 => point.z_m = bad,
             3 => point.intensity = bad,
-            _ => *point = Point { x_m: bad, y_m: bad, z_m: bad, intensity: bad },
+            _ => {
+                *point = Point {
+                    x_m: bad,
+                    y_m: bad,
+                    z_m: bad,
+                    intensity: bad,
+                }
+            }
         }
     }
     let frame = session.player.frame(points, detections);
     let flags = [Flags::NOT_FINITE, Flags::DEGRADED];
     let is_told = |answer: &Answer| is_flagged(answer, &flags);
-    refused += usize::from(survive(session, "points that are not finite", &frame, is_told)?);
+    refused += usize::from(survive(
+        session,
+        "points that are not finite",
+        &frame,
+        is_told,
+    )?);
     let frame = noisy_header(session);
     refused += usize::from(survive(session, "a header of noise", &frame, |_| true)?);
     Ok(summary(count + 2, refused))

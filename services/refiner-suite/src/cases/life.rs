@@ -27,7 +27,9 @@ pub(super) fn start(session: &mut Session<'_>) -> Outcome {
     check_waiting(&health)?;
     let wrapped = match session.program()?.pid() == health.pid {
         true => "",
-        false => " (its process is not the one that was started: the supervisor cannot tell when it is ready)",
+        false => {
+            " (its process is not the one that was started: the supervisor cannot tell when it is ready)"
+        }
     };
     Ok(format!(
         "ready after {:.2} s: '{}'{wrapped}",

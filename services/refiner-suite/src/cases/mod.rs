@@ -98,11 +98,7 @@ pub(crate) const CASES: [Case; 15] = [
         "killed and started again, it goes on without help",
         life::restart,
     ),
-    case(
-        "stop",
-        "SIGTERM ends it, with exit code 0",
-        life::stop,
-    ),
+    case("stop", "SIGTERM ends it, with exit code 0", life::stop),
 ];
 
 /// Names of all cases.

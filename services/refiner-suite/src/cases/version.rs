@@ -59,7 +59,10 @@ fn wrong_instance(session: &mut Session<'_>) -> anyhow::Result<String> {
     let instance = Instance::new(&format!("suite-w-{}", std::process::id()))?;
     let member = Membership::join(&instance, "refiner-test")?;
     let other = WIRE_VERSION + 41;
-    let text = format!("wire={other} version=99.0.0 by=ingest pid={}\n", std::process::id());
+    let text = format!(
+        "wire={other} version=99.0.0 by=ingest pid={}\n",
+        std::process::id()
+    );
     std::fs::write(instance.root().join("contract"), text).context("writing the contract file")?;
     let command = (session.options.command)(instance.name());
     let environment = session.options.environment(&instance);

@@ -1,0 +1,112 @@
+//! `mluc refiner-test`: our refiners pass, a program with a fault does not.
+
+use std::process::Command;
+
+use mluc_tests::mluc_program;
+use serde_json::Value;
+
+/// Exit code and reports.
+fn suite(arguments: &[&str]) -> (Option<i32>, Vec<Value>) {
+    let output = Command::new(mluc_program())
+        .args(["refiner-test", "--json"])
+        .args(arguments)
+        .output()
+        .expect("mluc starts");
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    let reports: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| {
+        panic!("no JSON; stderr: {words}");
+    });
+    let reports = reports.as_array().expect("a list").clone();
+    (output.status.code(), reports)
+}
+
+fn wrong_refiner(fault: &str, more: &[&str]) -> (Option<i32>, Value) {
+    let mut arguments = more.to_vec();
+    arguments.extend(["--", env!("CARGO_BIN_EXE_wrong_refiner"), fault]);
+    let (code, mut reports) = suite(&arguments);
+    assert_eq!(reports.len(), 1);
+    (code, reports.remove(0))
+}
+
+#[test]
+fn our_refiner_passes_in_every_mode() {
+    let (code, reports) = suite(&[]);
+    for report in &reports {
+        assert_eq!(report["failed"], 0, "{report:#}");
+        assert_eq!(report["passed"], 15, "{report:#}");
+    }
+    assert_eq!(code, Some(0));
+    assert!(reports.len() >= 6, "one report a mode: {}", reports.len());
+}
+
+#[test]
+fn a_sound_program_passes() {
+    let (code, report) = wrong_refiner("sound", &[]);
+    assert_eq!(
+        (code, &report["failed"]),
+        (Some(0), &Value::from(0)),
+        "{report:#}"
+    );
+}
+
+/// What is wrong, the case that must find it, and a word of the reason.
+const FAULTS: [(&str, &str, &str); 15] = [
+    ("no_health", "start", "heartbeat"),
+    ("moves_known", "scene", "known"),
+    ("forgets", "scene", "each has one"),
+    ("renumbers", "scene", "no objects of frame"),
+    ("not_finite", "scene", "not finite"),
+    ("bad_index", "scene", "point of an object"),
+    ("no_stamps", "scene", "stamps"),
+    ("no_points", "empty", "points_gone"),
+    ("unflagged", "points_gone", "points_gone"),
+    ("answers_once", "sent_again", "no objects of frame"),
+    ("uncounted", "overload", "frames_dropped"),
+    ("brittle", "garbage_numbers", "it ended"),
+    ("any_version", "wrong_version", "answered"),
+    ("silent", "silence", "heartbeat"),
+    ("deaf", "stop", "still running"),
+];
+
+#[test]
+fn a_program_with_a_fault_is_found_out() {
+    for (fault, case, word) in FAULTS {
+        let more = ["--case", case, "--patience-s", "2"];
+        let (code, report) = wrong_refiner(fault, &more);
+        assert_eq!(code, Some(1), "{fault}: {report:#}");
+        let found = &report["cases"][0];
+        assert_eq!(found["name"], case, "{fault}");
+        assert_eq!(found["passed"], false, "{fault}");
+        let what = found["what"].as_str().expect("a reason");
+        assert!(
+            what.contains(word),
+            "{fault}: '{word}' is missing in: {what}"
+        );
+    }
+}
+
+#[test]
+fn a_program_that_is_none_fails_and_says_so() {
+    let (code, reports) = suite(&[
+        "--case",
+        "start",
+        "--patience-s",
+        "2",
+        "--",
+        "/nowhere/refiner",
+    ]);
+    assert_eq!(code, Some(1));
+    let what = reports[0]["cases"][0]["what"].as_str().expect("a reason");
+    assert!(what.contains("/nowhere/refiner"), "{what}");
+}
+
+#[test]
+fn an_unknown_case_is_a_usage_error() {
+    let output = Command::new(mluc_program())
+        .args(["refiner-test", "--case", "overlod"])
+        .output()
+        .expect("mluc starts");
+    assert_eq!(output.status.code(), Some(2));
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(words.contains("did you mean 'overload'?"), "{words}");
+}
