@@ -4,6 +4,7 @@
 //! a model was trained for. [`Model`] is a file that passed every check, [`Folded`] its layers in the order that the
 //! kernels read. Nothing here computes a network.
 
+mod calibration;
 mod error;
 mod file;
 mod fold;
@@ -15,6 +16,7 @@ mod tensors;
 mod untrained;
 mod validate;
 
+pub use calibration::{calibrated_layers, calibration_tensor};
 pub use error::ModelError;
 pub use file::{Model, model_bytes};
 pub use fold::{BATCH_NORM_EPS, Folded};

@@ -65,6 +65,9 @@ pub struct Provenance {
     pub metrics: std::collections::BTreeMap<String, f64>,
     /// How the gate's threshold was chosen: split and rule.
     pub threshold_choice: String,
+    /// How the ranges of int8 were chosen: frames and rule; empty in a model without them.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub calibration: String,
 }
 
 /// The model file's metadata.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::calibration::{calibrated_layers, calibration_tensor};
 use crate::error::ModelError;
 use crate::network::Network;
 
@@ -76,11 +77,19 @@ impl WeightSet {
     }
 
     /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance:
-    /// or below 0).
+    /// or below 0), and a calibration that is not whole.
     pub fn check(&self, network: &Network) -> Result<(), ModelError> {
-        let expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
+        let mut expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
         for (name, shape) in &expected {
             check_values(name, self.get(name, shape)?)?;
+        }
+        let ranges = calibrated_layers(network).into_iter();
+        let ranges: Vec<_> = ranges
+            .map(|(layer, channels)| (calibration_tensor(&layer), vec![channels]))
+            .collect();
+        if self.is_calibrated() {
+            self.check_calibration(network)?;
+            expected.extend(ranges);
         }
         match self
             .tensors

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use mluc_model::{
-    Grid, Manifest, Model, ModelError, Network, WeightSet, expected_tensors, formula_weights,
-    model_bytes,
+    Grid, Manifest, Model, ModelError, Network, WeightSet, calibrated_layers, expected_tensors,
+    formula_weights, model_bytes,
 };
 use safetensors::tensor::{Dtype, TensorView};
 
@@ -241,4 +241,41 @@ fn the_paper_s_network_has_its_published_number_of_parameters() {
         "{}",
         count("", &compact)
     );
+}
+
+#[test]
+fn a_calibration_comes_back_whole_or_is_refused() -> Fallible {
+    let (mut manifest, mut weights) = fixture();
+    assert!(!weights.is_calibrated());
+    manifest.provenance.calibration = "by hand".into();
+    for (layer, channels) in calibrated_layers(&manifest.network) {
+        weights.set_range(&layer, (1..=channels).map(|i| 0.5 * i as f32).collect());
+    }
+    let model = Model::from_bytes(&model_bytes(&manifest, &weights)?)?;
+    assert!(model.weights.is_calibrated());
+    assert_eq!(model.weights.range("backbone3d.conv_out", 48)?[47], 24.0);
+    assert_eq!(model.manifest, manifest);
+
+    let json = serde_json::to_string(&manifest)?;
+    let name = "calibration.backbone2d.block2.1";
+    let mut short = weights.clone();
+    short.remove(name);
+    assert_names(&refused(&unchecked(&json, &short)?), &[name, "missing"]);
+    for value in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        let mut bad = weights.clone();
+        bad.find_mut(name).ok_or(name)?.data[3] = value;
+        let parts = [name, "element 3", "above 0"];
+        assert_names(&refused(&unchecked(&json, &bad)?), &parts);
+    }
+    let mut long = weights.clone();
+    long.set_range("backbone2d.block2.1", vec![1.0; 97]);
+    assert_names(&refused(&unchecked(&json, &long)?), &[name, "[96]", "[97]"]);
+    let mut other = weights.clone();
+    other.set_range("backbone2d.up1", vec![1.0; 64]);
+    let parts = ["calibration.backbone2d.up1", "does not belong"];
+    assert_names(&refused(&unchecked(&json, &other)?), &parts);
+
+    weights.remove_calibration(&manifest.network);
+    assert_eq!(weights, fixture().1);
+    Ok(())
 }

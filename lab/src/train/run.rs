@@ -247,6 +247,7 @@ impl Run {
             commit: settings.commit.clone(),
             metrics: self.manifest.provenance.metrics.clone(),
             threshold_choice: String::new(),
+            calibration: String::new(),
         };
         let weights = export::weights(chain, &state.parameters, &state.running);
         let path = settings.out.join("model.safetensors");

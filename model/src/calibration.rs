@@ -1,0 +1,66 @@
+//! What int8 needs to know of a model: how large the values between its layers get.
+//!
+//! Optional tensors of the model file, all or none: `calibration.LAYER` for the output of each sparse layer and of each
+//! layer of both blocks, one value a channel. A byte of 255 stands for that value and 0 for 0 (all of these outputs have
+//! passed a ReLU); larger values are cut. `mluc-lab quantize` writes them.
+
+use crate::error::ModelError;
+use crate::network::Network;
+use crate::tensors::WeightSet;
+
+/// Name of a layer's tensor.
+pub fn calibration_tensor(layer: &str) -> String {
+    format!("calibration.{layer}")
+}
+
+/// Name and output channels of every layer that has a range, in the order of computation.
+pub fn calibrated_layers(network: &Network) -> Vec<(String, usize)> {
+    let sparse = network.sparse.iter();
+    let dense = network.block1.iter().chain(&network.block2);
+    sparse
+        .map(|layer| (layer.name.clone(), layer.cout))
+        .chain(dense.map(|layer| (layer.name.clone(), layer.cout)))
+        .collect()
+}
+
+impl WeightSet {
+    /// Whether there is a calibration: a checked set has all of its tensors then.
+    pub fn is_calibrated(&self) -> bool {
+        self.iter()
+            .any(|(name, _)| name.starts_with(&calibration_tensor("")))
+    }
+
+    /// The values that a byte of 255 stands for, one an output channel of a layer.
+    pub fn range(&self, layer: &str, channels: usize) -> Result<&[f32], ModelError> {
+        self.get(&calibration_tensor(layer), &[channels])
+    }
+
+    /// Adds or replaces the range of a layer.
+    pub fn set_range(&mut self, layer: &str, range: Vec<f32>) {
+        self.insert(calibration_tensor(layer), vec![range.len()], range);
+    }
+
+    /// Takes the calibration out, after the weights have changed.
+    pub fn remove_calibration(&mut self, network: &Network) {
+        for (layer, _) in calibrated_layers(network) {
+            self.remove(&calibration_tensor(&layer));
+        }
+    }
+
+    /// Refuses a range that is missing where others are there, of another length, or not above 0.
+    pub(crate) fn check_calibration(&self, network: &Network) -> Result<(), ModelError> {
+        for (layer, channels) in calibrated_layers(network) {
+            let range = self.range(&layer, channels)?;
+            let bad = |value: &f32| !(value.is_finite() && *value > 0.0);
+            if let Some(index) = range.iter().position(bad) {
+                return Err(ModelError::TensorValue {
+                    tensor: calibration_tensor(&layer),
+                    index,
+                    expected: "finite and above 0",
+                    found: range[index],
+                });
+            }
+        }
+        Ok(())
+    }
+}
