@@ -38,8 +38,7 @@ pub enum BackboneError {
     },
     /// A layer that bf16 cannot compute.
     #[error(
-        "precision bf16: an even number of input channels expected in every layer (int8: in every sparse layer), found \
-         {found}; run it in f32"
+        "precision bf16: an even number of input channels expected in every layer, found {found}; run it in f32 or int8"
     )]
     OddChannels {
         /// Input channels of the layer.
@@ -105,7 +104,7 @@ impl Backbone {
             return Err(BackboneError::NotCalibrated);
         }
         let themselves = |_: &str, _| Ok(Units::none());
-        let counts = |level: &str, channels| Units::of_level(weights, level, channels);
+        let counts = |layer: &str, channels| Units::of_layer(weights, layer, channels);
         Ok(Backbone(match precision {
             Precision::F32 => Engine::F32(Box::new(Layers::new(manifest, weights, themselves)?)),
             Precision::Bf16 => Engine::Bf16(Box::new(Layers::new(manifest, weights, themselves)?)),

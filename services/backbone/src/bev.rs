@@ -3,8 +3,6 @@
 //! The map is a list of rows, one a cell, in (y, x) order; channel = c * depth + z (paper section 3.1: the height is
 //! folded into the channels, innermost).
 
-use mluc_kernels::{Bf16, Element};
-
 use crate::sites::Sites;
 
 /// Writes each site's row into its cell of `map` (`height * width` rows of `channels * depth`); the rest stays as it is.
@@ -18,26 +16,6 @@ pub fn scatter<T: Copy>(sites: &Sites, rows: &[T], channels: usize, map: &mut [T
             .step_by(depth)
             .zip(row)
             .for_each(|(to, from)| *to = *from);
-    }
-}
-
-/// [`scatter`] that rounds to counts: `counts_of_one` has, for each channel of the map, the counts that make 1.
-pub(crate) fn scatter_in_units(
-    sites: &Sites,
-    rows: &[Bf16],
-    channels: usize,
-    counts_of_one: &[f32],
-    map: &mut [u8],
-) {
-    let [depth, _, width] = sites.shape();
-    for (site, row) in sites.coordinates().iter().zip(rows.chunks_exact(channels)) {
-        let [z, y, x] = site.map(usize::from);
-        let cell = &mut map[(y * width + x) * channels * depth..][..channels * depth];
-        let to = cell[z..].iter_mut().step_by(depth);
-        let counts = counts_of_one[z..].iter().step_by(depth);
-        to.zip(row)
-            .zip(counts)
-            .for_each(|((to, from), counts)| *to = Element::from_f32(from.to_f32() * counts));
     }
 }
 
@@ -89,17 +67,5 @@ mod tests {
         assert_eq!(back, rows);
         clear(&sites, 2, &mut map);
         assert_eq!(map, [0.0; 24]);
-    }
-
-    #[test]
-    fn counts_are_rounded_channel_by_channel_of_the_map() {
-        let mut sites = Sites::new([2, 1, 1]);
-        sites.insert(0, 0, 0);
-        sites.insert(1, 0, 0);
-        sites.finish();
-        let rows = [1.0, 2.0, 3.0, -4.0].map(Bf16::from_f32);
-        let mut map = [9; 4];
-        scatter_in_units(&sites, &rows, 2, &[10.0, 100.0, 0.3, 1.0], &mut map);
-        assert_eq!(map, [10, 255, 1, 0]);
     }
 }

@@ -1,11 +1,11 @@
-//! How large the values between the bird's-eye layers get, for [`crate::Precision::Int8`].
+//! How large the values between the layers get, for [`crate::Precision::Int8`].
 //!
 //! Each channel has a histogram of its values (they are not negative) over equal steps of the logarithm. Its first range
 //! is the one for which rounding to 255 steps, and cutting what is larger, gives the least mean square error. A rare large
 //! value weighs by the square of what would be cut from it, so ranges keep the few cells with objects in them. The
 //! ranges of a level are then balanced against the weights that read it ([`crate::balance`]).
 
-use mluc_model::{Folded, MAP_LEVEL, ModelError, Network, WeightSet, calibrated_levels};
+use mluc_model::{Folded, ModelError, Network, WeightSet, calibrated_layers};
 
 use crate::balance::{Channel, balanced};
 use crate::histogram::{BINS, bin};
@@ -32,14 +32,14 @@ struct Histograms {
 impl Calibrator {
     /// Nothing seen yet.
     pub fn new(network: &Network) -> Calibrator {
-        let levels = calibrated_levels(network).into_iter();
+        let layers = calibrated_layers(network).into_iter();
         let histograms = |(level, channels)| Histograms {
             level,
             channels,
             counts: vec![0; channels * BINS],
         };
         Calibrator {
-            levels: levels.map(histograms).collect(),
+            levels: layers.map(histograms).collect(),
         }
     }
 
@@ -62,8 +62,8 @@ impl Calibrator {
     /// written then.
     pub fn write(&self, network: &Network, weights: &mut WeightSet) -> Result<bool, ModelError> {
         let mut ranges = vec![];
-        for seen in &self.levels {
-            let readers = readers(network, weights, &seen.level)?;
+        for (number, seen) in self.levels.iter().enumerate() {
+            let readers = readers(network, weights, number)?;
             match balanced(seen.channels(), &readers) {
                 Some(range) => ranges.push(range),
                 None => return Ok(false),
@@ -76,28 +76,55 @@ impl Calibrator {
     }
 }
 
-/// The layers that read a level.
-fn readers(network: &Network, weights: &WeightSet, level: &str) -> Result<Vec<Folded>, ModelError> {
-    let layers: Vec<_> = network.block1.iter().chain(&network.block2).collect();
-    let place = layers.iter().position(|layer| layer.name == level);
-    let next = match place {
-        Some(place) => layers.get(place + 1),
-        None if level == MAP_LEVEL => layers.first(),
-        None => None,
+/// The layers that read the output of the `number`-th of all sparse layers and those of both blocks.
+fn readers(
+    network: &Network,
+    weights: &WeightSet,
+    number: usize,
+) -> Result<Vec<Folded>, ModelError> {
+    let dense: Vec<_> = network.block1.iter().chain(&network.block2).collect();
+    let Some(place) = number.checked_sub(network.sparse.len()) else {
+        return Ok(vec![match network.sparse.get(number + 1) {
+            Some(layer) => Folded::sparse(weights, layer)?,
+            None => unfolded(
+                Folded::dense(weights, dense[0])?,
+                network.sparse[number].cout,
+            ),
+        }]);
     };
     let mut readers = vec![];
-    if let Some(layer) = next {
+    if let Some(layer) = dense.get(place + 1) {
         readers.push(Folded::dense(weights, layer)?);
     }
-    for (block, up) in [
-        (&network.block1, &network.up1),
-        (&network.block2, &network.up2),
-    ] {
-        if block.last().is_some_and(|layer| layer.name == level) {
-            readers.push(Folded::up(weights, up)?);
-        }
+    if place + 1 == network.block1.len() {
+        readers.push(Folded::up(weights, &network.up1)?);
+    }
+    if place + 1 == dense.len() {
+        readers.push(Folded::up(weights, &network.up2)?);
     }
     Ok(readers)
+}
+
+/// The layer that reads the map as one that reads `channels`: their heights, which are innermost, become taps.
+fn unfolded(layer: Folded, channels: usize) -> Folded {
+    let depth = layer.cin / channels.max(1);
+    let row = |tap: usize, channel: usize| {
+        let (tap, z) = (tap / depth, tap % depth);
+        let row = tap * layer.cin + channel * depth + z;
+        &layer.weights[row * layer.cout..][..layer.cout]
+    };
+    let taps = layer.taps * depth;
+    let rows = (0..taps).flat_map(|tap| (0..channels).map(move |channel| (tap, channel)));
+    Folded {
+        taps,
+        cin: channels,
+        cout: layer.cout,
+        weights: rows
+            .flat_map(|(tap, channel)| row(tap, channel))
+            .copied()
+            .collect(),
+        bias: layer.bias.clone(),
+    }
 }
 
 impl Histograms {

@@ -1,25 +1,24 @@
 //! The network up to its feature rows, in one precision.
 
-use mluc_model::{DenseLayer, MAP_LEVEL, Manifest, WeightSet};
+use mluc_model::{DenseLayer, Manifest, WeightSet};
 
 use crate::backbone::{BackboneError, Frame};
+use crate::bev;
 use crate::cells::CellSet;
 use crate::features::Features;
 use crate::plane::{Coverage, PlaneLayer};
-use crate::precision::MapValue;
+use crate::precision::Value;
 use crate::sparse::SparsePart;
 use crate::trace::{Place, Watch};
 use crate::units::Units;
 
-/// All layers, with all memory of a frame; `V` is what the rows of the bird's-eye layers hold.
+/// All layers, with all memory of a frame; `V` is what the rows between them hold.
 #[derive(Clone, Debug)]
-pub(crate) struct Layers<V: MapValue> {
-    sparse: SparsePart<V::Sparse>,
+pub(crate) struct Layers<V: Value> {
+    sparse: SparsePart<V>,
     /// The bird's-eye map; zero outside `occupied`.
     map: Vec<V>,
     map_units: Units,
-    /// Of `map_units`.
-    counts_of_one: Option<Vec<f32>>,
     map_channels: usize,
     occupied: CellSet,
     block1: Vec<PlaneLayer<V>>,
@@ -28,8 +27,8 @@ pub(crate) struct Layers<V: MapValue> {
     feature_channels: usize,
 }
 
-impl<V: MapValue> Layers<V> {
-    /// Of a checked model. `units`: of a level, by its name and channels.
+impl<V: Value> Layers<V> {
+    /// Of a checked model. `units`: of a layer's output, by its name and channels.
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
@@ -37,7 +36,9 @@ impl<V: MapValue> Layers<V> {
     ) -> Result<Layers<V>, BackboneError> {
         let network = &manifest.network;
         let shape = network.map_shape();
-        let map_units = units(MAP_LEVEL, network.map_channels())?;
+        let sparse = SparsePart::new(manifest, weights, &units)?;
+        let depth = sparse.sites().shape()[0];
+        let map_units = sparse.units().repeated(depth);
         let block = |layers: &[DenseLayer], mut shape: [usize; 2], mut before: Units| {
             let layers = layers.iter().map(|layer| {
                 let own = units(&layer.name, layer.cout)?;
@@ -57,9 +58,8 @@ impl<V: MapValue> Layers<V> {
         let block2 = block(&network.block2, shape, units1.clone())?;
         let units2 = last(&block2, &units1);
         let mut layers = Layers {
-            sparse: SparsePart::new(manifest, weights)?,
+            sparse,
             map: vec![V::default(); shape[0] * shape[1] * network.map_channels()],
-            counts_of_one: map_units.counts_of_one(),
             map_units,
             map_channels: network.map_channels(),
             occupied: CellSet::new(shape),
@@ -98,9 +98,9 @@ impl<V: MapValue> Layers<V> {
         let points = self.sparse.run(points, watch);
         self.fold_height();
         let place = Place::Map(self.map_shape());
-        watch.step(MAP_LEVEL, self.occupied.list().len(), None);
+        watch.step("bev", self.occupied.list().len(), None);
         let values = (&self.map[..], &self.map_units);
-        watch.level(MAP_LEVEL, place, self.map_channels, values);
+        watch.level("bev", place, self.map_channels, values);
         let (mut values, mut active) = (&self.map[..], &self.occupied);
         for layer in self.block1.iter_mut().chain(&mut self.block2) {
             layer.run(values, active, coverage);
@@ -139,11 +139,10 @@ impl<V: MapValue> Layers<V> {
                 .iter()
                 .map(|[_, y, x]| [usize::from(*y), usize::from(*x)]),
         );
-        V::fold(
+        bev::scatter(
             sites,
             self.sparse.rows(),
             channels / sites.shape()[0],
-            self.counts_of_one.as_deref(),
             &mut self.map,
         );
     }

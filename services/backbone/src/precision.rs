@@ -6,8 +6,6 @@ use mluc_kernels::{
 };
 
 use crate::backbone::BackboneError;
-use crate::bev;
-use crate::sites::Sites;
 
 /// What rows and weights hold between the first layer and the feature rows.
 ///
@@ -21,9 +19,8 @@ pub enum Precision {
     /// 16 bits, 8 of them of the fraction: half the memory, and twice the products a cycle where the processor has them.
     /// Sums are f32.
     Bf16,
-    /// The sparse layers as [`Precision::Bf16`]; rows and weights of the bird's-eye layers are bytes, with exact sums: a
-    /// quarter of the memory, and four times the products a cycle where the processor has them. The model needs a
-    /// calibration.
+    /// 8 bits, in units that differ from channel to channel: a quarter of the memory, and four times the products a cycle
+    /// where the processor has them. Sums are exact. The model needs a calibration.
     Int8,
 }
 
@@ -172,46 +169,6 @@ fn written_out<'a, V: Element>(values: &[V], spare: &'a mut Vec<f32>) -> &'a [f3
     spare.clear();
     spare.extend(values.iter().map(|value| value.to_f32()));
     spare
-}
-
-/// What the rows of the bird's-eye layers hold.
-pub(crate) trait MapValue: Value {
-    /// What the rows of the sparse layers before them hold.
-    type Sparse: Value;
-
-    /// Writes the sparse part's rows into their cells of the map, as [`bev::scatter`]. `counts`: for each channel of the
-    /// map, the counts of its unit that make 1; none where values stand for themselves.
-    fn fold(
-        sites: &Sites,
-        rows: &[Self::Sparse],
-        channels: usize,
-        counts: Option<&[f32]>,
-        map: &mut [Self],
-    );
-}
-
-impl MapValue for f32 {
-    type Sparse = f32;
-
-    fn fold(sites: &Sites, rows: &[f32], channels: usize, _: Option<&[f32]>, map: &mut [f32]) {
-        bev::scatter(sites, rows, channels, map);
-    }
-}
-
-impl MapValue for Bf16 {
-    type Sparse = Bf16;
-
-    fn fold(sites: &Sites, rows: &[Bf16], channels: usize, _: Option<&[f32]>, map: &mut [Bf16]) {
-        bev::scatter(sites, rows, channels, map);
-    }
-}
-
-impl MapValue for u8 {
-    type Sparse = Bf16;
-
-    fn fold(sites: &Sites, rows: &[Bf16], channels: usize, counts: Option<&[f32]>, map: &mut [u8]) {
-        bev::scatter_in_units(sites, rows, channels, counts.unwrap_or(&[]), map);
-    }
 }
 
 #[cfg(test)]

@@ -19,6 +19,8 @@ pub(crate) struct SparsePart<V: Value> {
     /// Reads coordinates, so in f32 whatever the others multiply in.
     first: Convolution<f32>,
     others: Vec<Convolution<V>>,
+    /// Of each layer's output.
+    units: Vec<Units>,
     voxels: Voxels,
     books: Rulebooks,
     /// Output of the last layer that ran, and of the one before.
@@ -27,16 +29,26 @@ pub(crate) struct SparsePart<V: Value> {
 }
 
 impl<V: Value> SparsePart<V> {
-    /// Of a checked manifest, which has a sparse layer at least.
+    /// Of a checked manifest, which has a sparse layer at least. `units`: of a layer's output, by its name and channels.
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
+        units: impl Fn(&str, usize) -> Result<Units, BackboneError>,
     ) -> Result<SparsePart<V>, BackboneError> {
         let network = manifest.network.clone();
-        let folded = |layer| Folded::sparse(weights, layer);
-        let others = network.sparse[1..]
-            .iter()
-            .map(|layer| Convolution::new(&folded(layer)?));
+        let outputs = network.sparse.iter();
+        let outputs = outputs
+            .map(|layer| units(&layer.name, layer.cout))
+            .collect::<Result<Vec<_>, _>>()?;
+        let folded = |number: usize| {
+            let layer = Folded::sparse(weights, &network.sparse[number])?;
+            let before = match number {
+                0 => &Units::none(),
+                _ => &outputs[number - 1],
+            };
+            Ok::<_, BackboneError>(Units::between(before, &outputs[number], layer))
+        };
+        let others = (1..outputs.len()).map(|number| Convolution::new(&folded(number)?));
         let values_max = sites_max(&network)[1..]
             .iter()
             .zip(&network.sparse)
@@ -44,11 +56,12 @@ impl<V: Value> SparsePart<V> {
             .max();
         let room = || Vec::with_capacity(values_max.unwrap_or(0));
         Ok(SparsePart {
-            first: Convolution::new(&folded(&network.sparse[0])?)?,
+            first: Convolution::new(&folded(0)?)?,
             others: others.collect::<Result<_, BackboneError>>()?,
             voxels: Voxels::new(&network.grid),
             books: Rulebooks::new(&network),
             uses_intensity: manifest.uses_intensity,
+            units: outputs,
             rows: room(),
             spare: room(),
             network,
@@ -64,6 +77,7 @@ impl<V: Value> SparsePart<V> {
             books,
             rows,
             spare,
+            units,
             ..
         } = self;
         let counts = voxelize(points, &network.grid, self.uses_intensity, voxels);
@@ -82,7 +96,7 @@ impl<V: Value> SparsePart<V> {
             }
             std::mem::swap(rows, spare);
             watch.step(&layer.name, sites.len(), Some(books.gather(number)));
-            let values = (&rows[..], &Units::none());
+            let values = (&rows[..], &units[number]);
             watch.level(&layer.name, Place::Sites(sites), layer.cout, values);
         }
         counts
@@ -92,6 +106,11 @@ impl<V: Value> SparsePart<V> {
     pub(crate) fn sites(&self) -> &Sites {
         self.books
             .sites_after(self.others.len(), &self.voxels.sites)
+    }
+
+    /// Of [`SparsePart::rows`].
+    pub(crate) fn units(&self) -> &Units {
+        &self.units[self.others.len()]
     }
 
     /// The last layer's rows.

@@ -1,4 +1,4 @@
-//! What a count of 1 is worth in each channel of a map of bytes: a 255th of the channel's range in the calibration.
+//! What a count of 1 is worth in each channel of rows of bytes: a 255th of the channel's range in the calibration.
 //!
 //! Values are q times the unit. A layer that reads and writes counts has weights w * unit of the input / unit of the
 //! output and the bias over the unit of the output; the kernel then rounds the weights of each output channel to 127ths
@@ -8,7 +8,7 @@ use mluc_model::{Folded, WeightSet};
 
 use crate::backbone::BackboneError;
 
-/// The units of a map's channels; none where values stand for themselves.
+/// The units of the channels of rows; none where values stand for themselves.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Units(Option<Vec<f32>>);
 
@@ -18,22 +18,27 @@ impl Units {
         Units(None)
     }
 
-    /// By the calibration of a checked model that has one.
-    pub(crate) fn of_level(
+    /// Of a layer's output, by the calibration of a checked model that has one.
+    pub(crate) fn of_layer(
         weights: &WeightSet,
-        level: &str,
+        layer: &str,
         channels: usize,
     ) -> Result<Units, BackboneError> {
-        let range = weights.range(level, channels)?;
+        let range = weights.range(layer, channels)?;
         Ok(Units(Some(
             range.iter().map(|range| range / 255.0).collect(),
         )))
     }
 
-    /// For each channel the counts that make 1.
-    pub(crate) fn counts_of_one(&self) -> Option<Vec<f32>> {
-        let units = self.0.as_ref()?;
-        Some(units.iter().map(|unit| 1.0 / unit).collect())
+    /// Each unit so many times in a row: of channels that are the same ones at several heights.
+    pub(crate) fn repeated(&self, times: usize) -> Units {
+        let repeat = |units: &Vec<f32>| {
+            let each = units
+                .iter()
+                .flat_map(|unit| std::iter::repeat_n(*unit, times));
+            each.collect()
+        };
+        Units(self.0.as_ref().map(repeat))
     }
 
     /// The layer from counts of `input` to counts of `output`.
@@ -100,7 +105,7 @@ mod tests {
         let mut row = [3.0, 3.0, 4.0, 4.0];
         input.apply(&mut row);
         assert_eq!(row, [1.5, 6.0, 2.0, 8.0]);
-        assert_eq!(input.counts_of_one(), Some(vec![2.0, 0.5]));
+        assert_eq!(input.repeated(2).0, Some(vec![0.5, 0.5, 2.0, 2.0]));
         assert_eq!(
             Units::between(&Units::none(), &Units::none(), layer.clone()),
             layer
