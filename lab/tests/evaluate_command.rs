@@ -98,7 +98,7 @@ fn object(
 
 fn line(frame: &str, objects: Vec<Value>) -> String {
     let suppressed = json!([{"kind": "unknown", "reason": "overlaps_known", "by": 0}]);
-    let line = json!({"wire": 1, "sequence": 1, "frame": frame, "stamp_ns": 1, "objects": objects,
+    let line = json!({"wire": mluc_ipc_types::WIRE_VERSION, "sequence": 1, "frame": frame, "stamp_ns": 1, "objects": objects,
         "suppressed": suppressed, "stages": {}, "latency_us": 1, "flags": []});
     format!("{line}\n")
 }

@@ -103,7 +103,7 @@ fn pooled_frames_give_the_figures_of_the_evaluator() {
 
 #[test]
 fn a_frame_named_twice_counts_twice() {
-    let judged = JudgedFrames::of(&frames(1.15), &rules());
+    let judged = JudgedFrames::of(&frames(1.165), &rules());
     let twice: Vec<usize> = (0..60).chain(0..60).collect();
     let figures = judged.figures(&twice);
     assert_eq!(figures.unknown_labels, 80);
@@ -143,7 +143,7 @@ fn a_sweep_over_parts_begins_with_the_whole() {
 
 #[test]
 fn the_bootstrap_keeps_the_figure_and_gives_its_spread() {
-    let judged = JudgedFrames::of(&frames(1.15), &rules());
+    let judged = JudgedFrames::of(&frames(1.165), &rules());
     let spread = bootstrap(&judged, 200, 1);
     let named = judged.all().named();
     for (name, value) in named {

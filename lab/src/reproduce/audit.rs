@@ -97,7 +97,8 @@ impl Audit {
             self.with_unknown,
             self.frames - self.with_unknown
         );
-        for (class, c) in KITTI_CLASSES.iter().zip(&self.classes) {
+        let objects = KITTI_CLASSES.iter().zip(&self.classes);
+        for (class, c) in objects.filter(|(class, _)| **class != "DontCare") {
             // Writing to a String does not fail.
             let _ = writeln!(
                 text,

@@ -138,7 +138,12 @@ fn detection(object: Object) -> SensorDetection {
 mod tests {
     use super::*;
 
-    const GOOD: &str = r#"{"wire":1,"sequence":8,"frame":"000008","objects":[{"kind":"unknown","label":"unknown","score":0.5,"center_m":[10,1,-1],"size_m":[4,2,1.5],"yaw_rad":0.1,"points":9}],"suppressed":[{"reason":"overlaps_known"}],"flags":[]}"#;
+    const LINE: &str = r#"{"wire":WIRE,"sequence":8,"frame":"000008","objects":[{"kind":"unknown","label":"unknown","score":0.5,"center_m":[10,1,-1],"size_m":[4,2,1.5],"yaw_rad":0.1,"points":9}],"suppressed":[{"reason":"overlaps_known"}],"flags":[]}"#;
+
+    /// A line of this version's.
+    fn good() -> String {
+        LINE.replace("WIRE", &WIRE_VERSION.to_string())
+    }
 
     fn read_text(text: &str) -> Result<BTreeMap<String, Vec<SensorDetection>>, String> {
         let folder = tempfile::tempdir().expect("a folder");
@@ -150,7 +155,8 @@ mod tests {
 
     #[test]
     fn takes_objects_and_passes_over_the_rest() {
-        let frames = read_text(&format!("{GOOD}\n\n")).expect("a frame");
+        let good = good();
+        let frames = read_text(&format!("{good}\n\n")).expect("a frame");
         let objects = &frames["000008"];
         assert_eq!(
             (objects.len(), objects[0].kind, objects[0].score),
@@ -165,26 +171,29 @@ mod tests {
 
     #[test]
     fn faults_name_line_and_field() {
-        let fault = |text: &str| read_text(&format!("{GOOD}\n{text}")).expect_err("a fault");
+        let good = good();
+        let fault = |text: &str| read_text(&format!("{good}\n{text}")).expect_err("a fault");
         assert!(
-            fault(GOOD)
+            fault(&good)
                 .ends_with("line 2: field frame: expected each frame once, found '000008' again")
         );
-        let unscored = fault(&GOOD.replace("\"score\":0.5,", ""));
+        let unscored = fault(&good.replace("\"score\":0.5,", ""));
         assert!(
             unscored.contains("line 2: missing field `score`"),
             "{unscored}"
         );
-        let kind = fault(&GOOD.replace("\"kind\":\"unknown\"", "\"kind\":\"odd\""));
+        let kind = fault(&good.replace("\"kind\":\"unknown\"", "\"kind\":\"odd\""));
         assert!(
             kind.contains("unknown variant `odd`, expected `known` or `unknown`"),
             "{kind}"
         );
-        let wire = fault(&GOOD.replace("\"wire\":1", "\"wire\":2"));
+        let wire = fault(&LINE.replace("WIRE", "77"));
         assert!(
-            wire.ends_with("line 2: field wire: expected 1, found 2"),
+            wire.ends_with(&format!(
+                "line 2: field wire: expected {WIRE_VERSION}, found 77"
+            )),
             "{wire}"
         );
-        assert!(fault(&GOOD[..60]).contains("line 2: EOF"));
+        assert!(fault(&good[..60]).contains("line 2: EOF"));
     }
 }
