@@ -169,7 +169,7 @@ MLUC_ASSERT(offsetof(mluc_object, footprint_m) == 84, "mluc_object");
 /* Where a frame lies in shared memory: readable, not writable, until the next call with the same handle. */
 typedef struct mluc_frame {
     const mluc_header *header;
-    const mluc_point *points; /* of the same scan; none when they are gone (MLUC_POINTS_GONE) */
+    const mluc_point *points; /* of the same scan, numbers unchecked; none when they are gone (MLUC_POINTS_GONE) */
     size_t points_count;
     const mluc_detection *detections; /* checked: versions, counts, classes, kinds, finite boxes */
     size_t detections_count;

@@ -169,6 +169,13 @@ impl Refiner {
             ));
         };
         Object::checked(header, objects, self.classes)?;
+        if objects.len() < detections.len() {
+            return Err(Failure::from(ContractError::Mismatch {
+                what: "objects (one for each detection, suppressed ones too)",
+                expected: detections.len() as u64,
+                found: objects.len() as u64,
+            }));
+        }
         Object::checked_points(header, indices, points.len())?;
         if let Some(index) = objects.iter().position(|object| {
             u64::from(object.points_first) + u64::from(object.points_count) > indices.len() as u64

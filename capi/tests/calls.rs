@@ -1,0 +1,218 @@
+//! The C functions as C calls them, with the stages before and behind played in the same process.
+
+use std::ffi::CStr;
+use std::ptr::null_mut;
+
+use bytemuck::Zeroable;
+use mluc_capi::{
+    Code, MlucFrame, MlucRefiner, mluc_last_error, mluc_refiner_close, mluc_refiner_open,
+    mluc_refiner_publish, mluc_refiner_wait, mluc_wire_version,
+};
+use mluc_ipc_types::{
+    Detection, Flags, FrameHeader, HealthState, Object, Point, Stage, Topic, WIRE_VERSION,
+};
+use mluc_runtime::{Input, Instance, Output, Shell, ShellOptions, Shutdown, monotonic_ns};
+
+struct Others {
+    points: Output<Point>,
+    detections: Output<Detection>,
+    objects: Input<Object>,
+    object_points: Input<u32>,
+    shell: Shell,
+}
+
+impl Others {
+    fn new(instance: &Instance) -> Others {
+        let options = ShellOptions::new(instance.clone());
+        let mut shell = Shell::observer(options, None, Shutdown::manual()).unwrap();
+        Others {
+            points: shell.output(&Topic::POINTS, 100).unwrap(),
+            detections: shell.output(&Topic::DETECTIONS, 10).unwrap(),
+            objects: shell.input(&Topic::OBJECTS).unwrap(),
+            object_points: shell.side_input(&Topic::OBJECT_POINTS).unwrap(),
+            shell,
+        }
+    }
+
+    fn send(&mut self, sequence: u64, change: impl FnOnce(&mut FrameHeader)) {
+        let mut header = FrameHeader::new(sequence, "a");
+        change(&mut header);
+        let mut draft = self.points.draft(&header, 100).unwrap();
+        draft.elements_mut().fill(Point {
+            x_m: sequence as f32,
+            ..Point::default()
+        });
+        draft.publish().unwrap();
+        let mut draft = self.detections.draft(&header, 1).unwrap();
+        draft.elements_mut().fill(Detection {
+            size_m: [1.0; 3],
+            ..Detection::default()
+        });
+        draft.publish().unwrap();
+    }
+}
+
+fn words() -> String {
+    // SAFETY: the library's own text, ended by NUL.
+    unsafe { CStr::from_ptr(mluc_last_error()) }
+        .to_string_lossy()
+        .into_owned()
+}
+
+fn wait(refiner: *mut MlucRefiner, timeout_ms: u32) -> (i32, MlucFrame) {
+    let mut frame = MlucFrame {
+        header: std::ptr::null(),
+        points: std::ptr::null(),
+        points_count: 7,
+        detections: std::ptr::null(),
+        detections_count: 7,
+    };
+    // SAFETY: an open handle, and a place for the frame.
+    let code = unsafe { mluc_refiner_wait(refiner, timeout_ms, &mut frame) };
+    (code, frame)
+}
+
+fn publish(refiner: *mut MlucRefiner, objects: &[Object], indices: &[u32]) -> i32 {
+    let (o, i) = (objects.as_ptr(), indices.as_ptr());
+    // SAFETY: an open handle, and slices.
+    unsafe {
+        mluc_refiner_publish(
+            refiner,
+            o,
+            objects.len(),
+            i,
+            indices.len(),
+            Flags::DEGRADED.0,
+        )
+    }
+}
+
+fn sound_object() -> Object {
+    Object {
+        by: Object::NONE,
+        track_id: Object::NONE,
+        size_m: [1.0; 3],
+        points_count: 2,
+        ..Object::zeroed()
+    }
+}
+
+/// One test: the library reads the environment, which the whole process shares.
+#[test]
+fn a_refiner_lives_its_life() {
+    assert_eq!(mluc_wire_version(), WIRE_VERSION);
+    let name = format!("capi-{}", std::process::id());
+    let instance = Instance::new(&name).unwrap();
+    // SAFETY: no other thread of this test reads the environment.
+    unsafe {
+        std::env::set_var("MLUC_INSTANCE", &name);
+        std::env::set_var("MLUC_CLASSES", "car,truck");
+        std::env::set_var("MLUC_MODEL_FINGERPRINT", "42");
+    }
+    let mut others = Others::new(&instance);
+    let mut watch = others.shell.health_watch().unwrap();
+    let mut refiner: *mut MlucRefiner = null_mut();
+    // SAFETY: a place for the handle.
+    assert_eq!(unsafe { mluc_refiner_open(&mut refiner) }, Code::Ok as i32);
+
+    // A second one is refused by name.
+    let mut second: *mut MlucRefiner = null_mut();
+    // SAFETY: as above.
+    assert_eq!(unsafe { mluc_refiner_open(&mut second) }, Code::Open as i32);
+    assert!(second.is_null());
+    assert!(words().contains("already run by process"), "{}", words());
+
+    // Calls out of turn and null pointers are errors, not crashes.
+    assert_eq!(wait(null_mut(), 1).0, Code::Usage as i32);
+    assert_eq!(publish(refiner, &[], &[]), Code::Usage as i32);
+    assert!(words().contains("no frame"), "{}", words());
+    // SAFETY: null is what is tested.
+    assert_eq!(unsafe { mluc_refiner_open(null_mut()) }, Code::Usage as i32);
+
+    let (code, frame) = wait(refiner, 5);
+    assert_eq!(code, Code::Timeout as i32);
+    assert_eq!((frame.points_count, frame.detections_count), (0, 0));
+
+    // A frame comes where it lies, the newest one, with its own points.
+    others.send(3, |header| header.model_fingerprint = 42);
+    others.send(4, |header| header.model_fingerprint = 42);
+    let (code, frame) = wait(refiner, 2000);
+    assert_eq!(code, Code::Ok as i32);
+    // SAFETY: valid until the next call.
+    let (header, points) = unsafe {
+        (
+            *frame.header,
+            std::slice::from_raw_parts(frame.points, frame.points_count),
+        )
+    };
+    assert_eq!(
+        (header.sequence, points.len(), points[0].x_m),
+        (4, 100, 4.0)
+    );
+    assert_eq!(frame.detections_count, 1);
+
+    // What breaks the contract is not published.
+    let broken = [
+        Object {
+            class_id: 2,
+            ..sound_object()
+        },
+        Object {
+            yaw_rad: f32::NAN,
+            ..sound_object()
+        },
+        Object {
+            points_count: 3,
+            ..sound_object()
+        },
+    ];
+    for object in broken {
+        assert_eq!(publish(refiner, &[object], &[5, 99]), Code::Contract as i32);
+    }
+    assert_eq!(publish(refiner, &[], &[]), Code::Contract as i32);
+    assert!(words().contains("one for each detection"), "{}", words());
+    assert_eq!(
+        publish(refiner, &[sound_object()], &[5, 100]),
+        Code::Contract as i32
+    );
+    assert!(words().contains("index 100"), "{}", words());
+    assert!(others.objects.oldest().unwrap().is_none());
+
+    // The same frame is published once.
+    assert_eq!(
+        publish(refiner, &[sound_object()], &[5, 99]),
+        Code::Ok as i32
+    );
+    assert_eq!(
+        publish(refiner, &[sound_object()], &[5, 99]),
+        Code::Usage as i32
+    );
+    let answer = others.objects.oldest().unwrap().unwrap();
+    assert_eq!(answer.header().sequence, 4);
+    assert!(Flags(answer.header().flags).contains(Flags::DEGRADED));
+    let stamps = answer.header().stages[Stage::Refiner as usize];
+    assert!(stamps.received_ns <= stamps.started_ns && stamps.started_ns <= stamps.published_ns);
+    assert!(stamps.published_ns <= monotonic_ns());
+    assert_eq!(answer.elements()[0], sound_object());
+    let indices = others.object_points.oldest().unwrap().unwrap();
+    assert_eq!(indices.elements(), [5, 99]);
+
+    // Another model's frame is refused and counted; the one after it comes.
+    others.send(5, |header| header.model_fingerprint = 43);
+    assert_eq!(wait(refiner, 300).0, Code::Timeout as i32);
+    others.send(6, |header| header.model_fingerprint = 42);
+    assert_eq!(wait(refiner, 2000).0, Code::Ok as i32);
+    assert_eq!(
+        publish(refiner, &[sound_object()], &[5, 99]),
+        Code::Ok as i32
+    );
+    watch.update().unwrap();
+    let health = *watch.of(Stage::Refiner).unwrap();
+    assert_eq!(health.state, HealthState::Running as u32);
+    assert_eq!((health.messages_refused, health.frames_out), (1, 2));
+
+    // SAFETY: opened above, used no more.
+    unsafe { mluc_refiner_close(refiner) };
+    // SAFETY: null is fine.
+    unsafe { mluc_refiner_close(null_mut()) };
+}
