@@ -35,6 +35,16 @@ pub struct Thresholds {
     /// A box with normalised EDS below this is a candidate unknown (paper section 3.2; the paper's lambda divided by
     /// (C-1) T^2). 0: the gate never fires, the closed-set detector.
     pub eds_normalised_max: f32,
+    /// A box whose largest class probability is below this is a candidate unknown. 0: none is.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub softmax_min: f32,
+    /// Of an open head: a box is a candidate unknown from this probability of being none of the known on. 0: none is.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub unknown_min: f32,
+}
+
+fn is_zero(value: &f32) -> bool {
+    *value == 0.0
 }
 
 /// The sensor's beams, for range images.
@@ -82,6 +92,9 @@ pub struct Manifest {
     pub network: Network,
     /// In the order of the embedding's channels; `network.classes` of them.
     pub classes: Vec<AnchorClass>,
+    /// Anchors without a class; `network.generic` of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub generic: Vec<AnchorClass>,
     /// Height of the sensor above the ground, m.
     pub sensor_height_m: f32,
     /// Whether the network reads intensity; else that channel is 0.

@@ -97,6 +97,36 @@ pub struct UpLayer {
     pub cout: usize,
 }
 
+/// What the 1x1 convolutions on a feature row say. Tensors by kind: [`Network::heads`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum HeadKind {
+    /// Objectness of each anchor and one embedding a cell, compared with prototypes (paper section 3.2).
+    #[default]
+    Metric,
+    /// Objectness of each anchor and the logits of a softmax over the classes, once a cell.
+    Softmax,
+    /// A logit for each anchor and class, as in the public SECOND: nothing is ever unknown.
+    Sigmoid,
+    /// `Metric`, anchors without a class, and a logit a cell of being none of the known: an extension of the paper.
+    Open,
+}
+
+impl HeadKind {
+    /// T where the kind settles it: 2 T f is then f itself, the logits.
+    pub fn prototype_scale(self) -> Option<f32> {
+        matches!(self, HeadKind::Softmax | HeadKind::Sigmoid).then_some(0.5)
+    }
+
+    fn is_default(&self) -> bool {
+        *self == HeadKind::default()
+    }
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
 /// The whole network: voxels -> sparse 3-D -> bird's-eye map -> two blocks -> two ups, concatenated -> heads.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -115,8 +145,14 @@ pub struct Network {
     pub up1: UpLayer,
     /// Of block2's output.
     pub up2: UpLayer,
-    /// Known classes C: the embedding has C channels, a cell has 2 C anchors.
+    /// Known classes C: the embedding has C channels.
     pub classes: usize,
+    /// What the heads say; left out of a file where it is the paper's.
+    #[serde(default, skip_serializing_if = "HeadKind::is_default")]
+    pub head: HeadKind,
+    /// Sizes of anchors without a class, which only [`HeadKind::Open`] has.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub generic: usize,
 }
 
 impl Network {
@@ -143,19 +179,23 @@ impl Network {
     pub fn feature_channels(&self) -> usize {
         self.up1.cout + self.up2.cout
     }
-    /// Anchors of a cell: two rotations a class, order (class, rotation).
+    /// Anchors of a cell: two rotations a class and then a size without a class, order (class, rotation).
     pub fn anchors(&self) -> usize {
-        2 * self.classes
+        2 * (self.classes + self.generic)
     }
-    /// Name and output channels of the heads.
-    pub fn heads(&self) -> [(&'static str, usize); 4] {
-        let anchors = self.anchors();
-        [
-            ("head.objectness", anchors),
-            ("head.embedding", self.classes),
-            ("head.box", 7 * anchors),
-            ("head.direction", 2 * anchors),
-        ]
+    /// Name and output channels of the heads: what makes an anchor a candidate first, then what is said of the cell,
+    /// then 7 box codes and 2 direction bins an anchor. The class head's channels are (anchor, class).
+    pub fn heads(&self) -> Vec<(&'static str, usize)> {
+        let (anchors, classes) = (self.anchors(), self.classes);
+        let mut heads = match self.head {
+            HeadKind::Sigmoid => vec![("head.class", anchors * classes)],
+            _ => vec![("head.objectness", anchors), ("head.embedding", classes)],
+        };
+        heads.extend([("head.box", 7 * anchors), ("head.direction", 2 * anchors)]);
+        if self.head == HeadKind::Open {
+            heads.push(("head.unknown", 1));
+        }
+        heads
     }
     /// Cell edge (x, y) on the bird's-eye map, m.
     pub fn cell_size_m(&self) -> [f32; 2] {

@@ -1,6 +1,6 @@
 //! The two profiles: `second` (the paper's) and `compact` (for a few CPU cores).
 
-use crate::network::{DenseLayer, Grid, Network, SparseLayer, UpLayer};
+use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer};
 
 fn submanifold(name: &str, cin: usize, cout: usize) -> SparseLayer {
     SparseLayer {
@@ -110,6 +110,8 @@ impl Network {
             up1: up("up1", 1, 128, 256),
             up2: up("up2", 2, 256, 256),
             classes,
+            head: HeadKind::default(),
+            generic: 0,
         }
     }
 
@@ -136,6 +138,8 @@ impl Network {
             up1: up("up1", 1, 48, 64),
             up2: up("up2", 2, 96, 64),
             classes,
+            head: HeadKind::default(),
+            generic: 0,
         }
     }
 

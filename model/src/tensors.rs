@@ -6,6 +6,9 @@ use crate::calibration::{calibrated_layers, calibration_tensor};
 use crate::error::ModelError;
 use crate::network::Network;
 
+/// Tensors of this prefix belong to a baseline of the laboratory, which stands on the network: no robot reads them.
+pub const BASELINE: &str = "baseline.";
+
 /// Row-major values with their shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
@@ -77,7 +80,7 @@ impl WeightSet {
     }
 
     /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance:
-    /// or below 0), and a calibration that is not whole.
+    /// or below 0), and a calibration that is not whole. Tensors of [`BASELINE`] are kept as they are if they are numbers.
     pub fn check(&self, network: &Network) -> Result<(), ModelError> {
         let mut expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
         for (name, shape) in &expected {
@@ -91,10 +94,14 @@ impl WeightSet {
             self.check_calibration(network)?;
             expected.extend(ranges);
         }
+        let baseline = |name: &String| name.starts_with(BASELINE);
+        for (name, tensor) in self.tensors.iter().filter(|(name, _)| baseline(name)) {
+            check_values(name, &tensor.data)?;
+        }
         match self
             .tensors
             .keys()
-            .find(|name| !expected.contains_key(*name))
+            .find(|name| !expected.contains_key(*name) && !baseline(name))
         {
             Some(name) => Err(ModelError::TensorUnknown {
                 tensor: name.clone(),

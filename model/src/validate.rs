@@ -3,7 +3,7 @@
 
 use crate::error::ModelError;
 use crate::manifest::{AnchorClass, Manifest, Thresholds};
-use crate::network::{DenseLayer, Grid, Network, SparseLayer};
+use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
 /// Voxels of the grid: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
 pub const GRID_CELLS_MAX: usize = 1 << 27;
@@ -21,6 +21,8 @@ pub const BOXES_MAX: u32 = 512;
 pub const VOXELS_MAX: u32 = 131_072;
 /// Candidates before suppression, whose cost grows with the square.
 pub const CANDIDATES_MAX: u32 = 16_384;
+/// Anchors without a class.
+const GENERIC_MAX: usize = 8;
 /// Channels of any layer.
 const CHANNELS_MAX: usize = 1024;
 /// Layers of any part.
@@ -46,12 +48,20 @@ impl Manifest {
             format!("{classes} (network.classes)"),
             self.classes.len(),
         )?;
-        for (number, class) in self.classes.iter().enumerate() {
-            let first = self
-                .classes
-                .iter()
-                .position(|other| other.name == class.name);
-            let field = format!("classes[{number}]");
+        let generic = self.network.generic;
+        require(
+            self.generic.len() == generic,
+            "generic",
+            format!("{generic} (network.generic)"),
+            self.generic.len(),
+        )?;
+        let all: Vec<&AnchorClass> = self.classes.iter().chain(&self.generic).collect();
+        for (number, class) in all.iter().enumerate() {
+            let first = all.iter().position(|other| other.name == class.name);
+            let field = match number.checked_sub(classes) {
+                Some(number) => format!("generic[{number}]"),
+                None => format!("classes[{number}]"),
+            };
             require(
                 first == Some(number),
                 &format!("{field}.name"),
@@ -64,6 +74,7 @@ impl Manifest {
         between("prototype_scale", self.prototype_scale, 0.1, 100.0)?;
         between("empty_objectness_max", self.empty_objectness_max, 0.0, 1.0)?;
         self.thresholds.validate()?;
+        self.validate_head()?;
         require(
             self.beams.elevation_rad.len() <= 1024,
             "beams.elevation_rad",
@@ -84,6 +95,28 @@ impl Manifest {
             0.0,
             1.0,
         )
+    }
+}
+
+impl Manifest {
+    /// What only some kinds of heads may say.
+    fn validate_head(&self) -> Result<(), ModelError> {
+        let (head, t) = (self.network.head, &self.thresholds);
+        if let Some(scale) = head.prototype_scale() {
+            between("prototype_scale", self.prototype_scale, scale, scale)?;
+        }
+        let (closed, open) = (head == HeadKind::Sigmoid, head == HeadKind::Open);
+        let gate = [
+            ("eds_normalised_max", t.eds_normalised_max, !closed),
+            ("softmax_min", t.softmax_min, !closed),
+            ("unknown_min", t.unknown_min, open),
+        ];
+        for (field, value, may_be_set) in gate {
+            let fits = may_be_set || value == 0.0;
+            let expected = format_args!("0 with a {head:?} head");
+            require(fits, &format!("thresholds.{field}"), expected, value)?;
+        }
+        Ok(())
     }
 }
 
@@ -135,7 +168,9 @@ impl Thresholds {
             self.eds_normalised_max,
             0.0,
             1e6,
-        )
+        )?;
+        between("thresholds.softmax_min", self.softmax_min, 0.0, 1.0)?;
+        between("thresholds.unknown_min", self.unknown_min, 0.0, 1.0)
     }
 }
 
@@ -225,7 +260,19 @@ impl Network {
         let channels = dense_chain("network.block2", &self.block2, channels, 2)?;
         count("network.up2.cin", self.up2.cin, channels, channels)?;
         self.validate_ups()?;
-        count("network.classes", self.classes, CLASSES_MIN, CLASSES_MAX)?;
+        // The unknown logit of an open head is handed on after the embedding, in the same list.
+        let (open, reserved) = (
+            self.head == HeadKind::Open,
+            usize::from(self.head == HeadKind::Open),
+        );
+        count(
+            "network.classes",
+            self.classes,
+            CLASSES_MIN,
+            CLASSES_MAX - reserved,
+        )?;
+        let generic_max = if open { GENERIC_MAX } else { 0 };
+        count("network.generic", self.generic, 0, generic_max)?;
         self.validate_names()
     }
 
