@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde::Deserialize;
 
+use crate::commands::{BenchArgs, NeighbourArgs, RefinerTestArgs};
+
 /// Known and unknown objects in LiDAR scans.
 #[derive(Debug, Parser)]
 #[command(name = "mluc", version)]
@@ -25,9 +27,16 @@ pub(crate) enum Command {
     Status(StatusArgs),
     /// Check whether this machine can run the pipeline.
     Doctor(DoctorArgs),
+    /// Measure latency, stage by stage, and write a report; `bench compare` judges two.
+    Bench(Box<BenchArgs>),
+    /// Test any program against the refiner's contract (docs/CONTRACT.md); without one, our own in all modes.
+    RefinerTest(RefinerTestArgs),
     /// Start a program that ends with its parent (used by `up` for foreign stages).
     #[command(hide = true)]
     Exec(ExecArgs),
+    /// Take CPU and memory from the others (used by `bench` for its load).
+    #[command(hide = true)]
+    Neighbour(NeighbourArgs),
 }
 
 /// When the next frame enters.
@@ -88,6 +97,9 @@ pub(crate) struct PipelineArgs {
     /// Check that each payload lies in shared memory, and fail if not (slow).
     #[arg(long)]
     pub(crate) verify_mapping: bool,
+    /// Leave a stage to you: start `mluc stage STAGE`, or a program of your own, and replace it while the others run.
+    #[arg(long, value_name = "STAGE")]
+    pub(crate) without: Vec<String>,
     /// Threads of one stage, STAGE=N [default: backbone=2, others 1].
     #[arg(long = "threads", value_name = "STAGE=N")]
     pub(crate) threads: Vec<String>,
@@ -136,6 +148,9 @@ pub(crate) struct ExecArgs {
     /// Process to end with.
     #[arg(long)]
     pub(crate) supervised_by: u32,
+    /// Cores that it may run on.
+    #[arg(long, value_delimiter = ',')]
+    pub(crate) cpus: Option<Vec<usize>>,
     /// The program and its arguments.
     #[arg(last = true, required = true)]
     pub(crate) command: Vec<String>,

@@ -8,6 +8,7 @@ use serde::Deserialize;
 
 use crate::UsageError;
 use crate::cli::Pace;
+use crate::commands::BenchTable;
 use crate::nearest::nearest;
 
 /// The whole file; everything may be left out.
@@ -24,6 +25,8 @@ pub(crate) struct Config {
     pub(crate) precision: Option<String>,
     #[serde(default)]
     pub(crate) stages: StageTables,
+    /// `[bench]`: how `mluc bench` measures this configuration.
+    pub(crate) bench: Option<BenchTable>,
     /// `[refiner]`: the algorithm's own settings.
     pub(crate) refiner: Option<RefinerSettings>,
     /// `[track]`: temporal voting, which this table switches on.
@@ -46,8 +49,14 @@ pub(crate) struct StageTables {
 pub(crate) struct StageTable {
     /// Another program in the stage's place: program and arguments.
     pub(crate) command: Option<Vec<String>>,
+    /// Left to the user, who starts and replaces it by hand (`--without`).
+    pub(crate) external: bool,
     /// Threads that compute.
     pub(crate) threads: Option<usize>,
+    /// Cores that it may run on, counted from 0; all when not given.
+    pub(crate) cpus: Option<Vec<usize>>,
+    /// Real-time priority (SCHED_FIFO), 1 to 99: runs before everything that has none.
+    pub(crate) priority: Option<u8>,
 }
 
 impl Config {

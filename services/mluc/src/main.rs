@@ -3,12 +3,14 @@
 //! Results go to stdout, everything else to stderr. Exit codes: 0 fine, 1 failure, 2 usage, 3 finished, but a frame was
 //! lost or a stage had to be restarted.
 
+mod bundled;
 mod cli;
 mod commands;
 mod config;
 mod embedded;
 mod model;
 mod nearest;
+mod place;
 mod settings;
 mod source;
 mod stages;
@@ -39,6 +41,15 @@ impl std::fmt::Display for UsageError {
 impl std::error::Error for UsageError {}
 
 fn main() -> ExitCode {
+    // The other side of a measurement of hand-over: this program, started by itself (`mluc bench`).
+    match mluc_transport::serve_peer() {
+        Ok(true) => return ExitCode::SUCCESS,
+        Ok(false) => (),
+        Err(error) => {
+            eprintln!("mluc: {error}");
+            return ExitCode::from(EXIT_FAILURE);
+        }
+    }
     let cli = Cli::parse();
     let result = match cli.command {
         Command::Up(args) => commands::up(args),
@@ -46,7 +57,10 @@ fn main() -> ExitCode {
         Command::Stage(args) => stages::run(args).map(|()| ExitCode::SUCCESS),
         Command::Status(args) => commands::status(args),
         Command::Doctor(args) => commands::doctor(args),
+        Command::Bench(args) => commands::bench(args),
+        Command::RefinerTest(args) => commands::refiner_test(args),
         Command::Exec(args) => commands::exec(args),
+        Command::Neighbour(args) => commands::neighbour(args),
     };
     match result {
         Ok(code) => code,

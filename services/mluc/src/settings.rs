@@ -11,6 +11,7 @@ use crate::UsageError;
 use crate::cli::{Pace, PipelineArgs};
 use crate::config::Config;
 use crate::nearest::nearest;
+use crate::place::Place;
 
 /// Everything, resolved.
 #[derive(Clone, Debug)]
@@ -31,6 +32,11 @@ pub(crate) struct Settings {
     pub(crate) track: Option<TrackSettings>,
     pub(crate) threads: [usize; 4],
     pub(crate) commands: [Option<Vec<String>>; 4],
+    /// Stages that the user starts and replaces.
+    pub(crate) externals: [bool; 4],
+    pub(crate) places: [Place; 4],
+    /// Variables that the stages find in their environment, for measurements.
+    pub(crate) environment: Vec<(&'static str, String)>,
     config: Option<PathBuf>,
 }
 
@@ -63,6 +69,10 @@ impl Settings {
             let (stage, count) = stage_threads(word)?;
             threads[stage as usize] = count;
         }
+        let mut externals = tables.map(|table| table.external);
+        for name in &args.without {
+            externals[stage_named(name)? as usize] = true;
+        }
         let mut refiner = config.refiner.unwrap_or_default();
         if let Some(mode) = &args.refiner_mode {
             refiner.mode = refiner_mode(mode)?;
@@ -94,6 +104,12 @@ impl Settings {
             track: config.track.or(args.track.then(TrackSettings::default)),
             threads,
             commands: tables.map(|table| table.command.clone()),
+            externals,
+            places: tables.map(|table| Place {
+                cpus: table.cpus.clone(),
+                priority: table.priority,
+            }),
+            environment: Vec::new(),
             config: args.config,
         };
         settings.check()?;
@@ -120,6 +136,20 @@ impl Settings {
             if !(1..=256).contains(&threads) {
                 return Err(UsageError(format!(
                     "threads of {} must be 1 to 256, found {threads}",
+                    stage.name()
+                )));
+            }
+        }
+        for (stage, place) in Stage::ALL.iter().zip(&self.places) {
+            place.check(stage.name())?;
+        }
+        for (stage, (command, external)) in Stage::ALL
+            .iter()
+            .zip(self.commands.iter().zip(self.externals))
+        {
+            if command.is_some() && external {
+                return Err(UsageError(format!(
+                    "stage {} has a command and is external: one of them starts it",
                     stage.name()
                 )));
             }
@@ -172,6 +202,13 @@ impl Settings {
         }
         if self.track.is_some() {
             arguments.push("--track".to_string());
+        }
+        for (stage, _) in Stage::ALL
+            .iter()
+            .zip(self.externals)
+            .filter(|(_, external)| *external)
+        {
+            arguments.extend(["--without".to_string(), stage.name().to_string()]);
         }
         if self.verify_mapping {
             arguments.push("--verify-mapping".to_string());
@@ -254,6 +291,8 @@ mod tests {
             "--track",
             "--threads",
             "ingest=3",
+            "--without",
+            "refiner",
         ])
         .unwrap();
         let arguments = up.stage_arguments(Stage::Ingest);
@@ -279,6 +318,7 @@ mod tests {
             ["--threads", "head=0"],
             ["--instance", "a/b"],
             ["--refiner-mode", "corected"],
+            ["--without", "refner"],
         ] {
             let (key, value) = (arguments[0], arguments[1]);
             let error = resolved(&[&format!("{key}={value}")]).unwrap_err();

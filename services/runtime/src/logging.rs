@@ -1,20 +1,40 @@
 //! Log lines to stderr; stdout belongs to results.
 
+mod spans;
+
+use std::path::Path;
+
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::prelude::*;
+
+use spans::Spans;
 
 /// Starts logging. `MLUC_LOG` sets the filter (`info` without it); `process` names this process in each line. iceoryx2's
-/// own messages are silent: every failure of it comes out as an error of ours that says what to do.
+/// own messages are silent: every failure of it comes out as an error of ours that says what to do. `MLUC_SPANS` names a
+/// folder into which the spans of the frame path are written (`mluc bench --trace`).
 pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     let filter =
         EnvFilter::try_from_env("MLUC_LOG").unwrap_or_else(|_| EnvFilter::new(default_filter));
-    // A second start in one process (tests) keeps the first.
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
-        .with_target(false)
         .with_ansi(false)
         .event_format(Line { process })
+        .with_filter(filter);
+    let folder = std::env::var_os("MLUC_SPANS");
+    let spans = folder.map(|folder| Spans::create(Path::new(&folder), process));
+    let (spans, failure) = match spans {
+        Some(Ok(spans)) => (Some(spans.with_filter(Spans::filter())), None),
+        Some(Err(error)) => (None, Some(error)),
+        None => (None, None),
+    };
+    // A second start in one process (tests) keeps the first.
+    let _ = tracing_subscriber::registry()
+        .with(lines)
+        .with(spans)
         .try_init();
+    if let Some(error) = failure {
+        tracing::warn!(%error, "MLUC_SPANS: no spans are written");
+    }
 }
 
 struct Line {

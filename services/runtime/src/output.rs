@@ -119,6 +119,7 @@ impl<T: Pod + Debug + ZeroCopySend> Draft<'_, T> {
 
     /// Sends it and wakes the consumers.
     pub fn publish(self) -> Result<(), RuntimeError> {
+        let _span = tracing::trace_span!(target: "mluc::frame", "publish").entered();
         self.output.bytes_written += size_of_val(self.sample.payload()) as u64;
         self.sample
             .send()

@@ -1,19 +1,18 @@
 //! `mluc demo`: the whole pipeline, four processes, on scans that the program brings along.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::BufWriter;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
-use mluc_ingest::unpack;
 use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point};
 use mluc_runtime::log_to_stderr;
 
+use crate::bundled::BundledScans;
 use crate::cli::{DemoArgs, Pace, PipelineArgs};
-use crate::embedded;
 use crate::settings::Settings;
 use crate::supervisor::{Sink, run};
 
@@ -22,9 +21,9 @@ const SCORE_MIN: f32 = 0.3;
 
 pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
-    let scans = Scans::write()?;
+    let scans = BundledScans::write("demo")?;
     let settings = Settings::resolve(PipelineArgs {
-        input: Some(scans.folder.clone()),
+        input: Some(scans.folder().to_path_buf()),
         model: Some(args.model.unwrap_or_else(|| "udi".to_string())),
         pace: Some(Pace::Complete),
         instance: Some(format!("demo-{}", std::process::id())),
@@ -46,42 +45,6 @@ pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
         None => println!("no frame came out: no picture"),
     }
     Ok(ExitCode::from(outcome.exit_code()))
-}
-
-/// The embedded scans, in a folder for as long as the demo runs.
-struct Scans {
-    folder: PathBuf,
-    points: Vec<Vec<Point>>,
-}
-
-impl Scans {
-    fn write() -> anyhow::Result<Scans> {
-        if embedded::SCANS.is_empty() {
-            bail!(
-                "this build brings no scans along (services/mluc/assets/*.scan): use `mluc up --input`"
-            );
-        }
-        let folder = std::env::temp_dir().join(format!("mluc-demo-{}", std::process::id()));
-        fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
-        let mut scans = Scans {
-            folder,
-            points: Vec::new(),
-        };
-        for (name, bytes) in embedded::SCANS {
-            let points = unpack(bytes).with_context(|| format!("embedded scan {name}"))?;
-            let path = scans.folder.join(format!("{name}.bin"));
-            fs::write(&path, bytemuck::cast_slice(&points))
-                .with_context(|| format!("writing {}", path.display()))?;
-            scans.points.push(points);
-        }
-        Ok(scans)
-    }
-}
-
-impl Drop for Scans {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.folder);
-    }
 }
 
 /// A frame that is worth a picture.

@@ -8,11 +8,13 @@ use mluc_model::Model;
 use mluc_runtime::Shell;
 
 use super::frame::{begin, check_model, finish, refuse, stamp_published};
+use super::instruments::{frame_span, run_span};
 use crate::settings::Settings;
 
 pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
     let mut backbone =
         Backbone::with_precision(&model.manifest, &model.weights, settings.precision)?;
+    backbone.warm_up(&model.manifest)?;
     let channels = backbone.feature_channels();
     let cells = backbone.map_shape().iter().product();
     let mut output =
@@ -21,6 +23,7 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
     shell.state(HealthState::WaitingInput, "waiting for points")?;
     while let Some(message) = shell.next(&mut input, &Topic::POINTS, || Ok(()))? {
         let mut header = begin(Stage::Backbone, message.header(), message.received_ns);
+        let _frame = frame_span(&header);
         let checked = Point::checked(&header, message.elements());
         let points = match checked.and_then(|p| check_model(&header, model.fingerprint).map(|()| p))
         {
@@ -30,7 +33,7 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
                 continue;
             }
         };
-        let frame = backbone.run(bytemuck::cast_slice(points));
+        let frame = run_span(|| backbone.run(bytemuck::cast_slice(points)));
         header.points_out_of_range = frame.points.out_of_range;
         header.limit_dropped += frame.points.over_voxels_max;
         if frame.points.over_voxels_max > 0 {

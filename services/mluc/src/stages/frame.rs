@@ -3,18 +3,24 @@
 use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Stage};
 use mluc_runtime::{RuntimeError, Shell, monotonic_ns};
 
+use super::instruments::stamps_are_on;
+
 /// Begins a frame: the header that goes on, with this stage's first two stamps.
 pub(crate) fn begin(stage: Stage, header: &FrameHeader, received_ns: u64) -> FrameHeader {
     let mut header = *header;
-    let stamps = header.stamps_mut(stage);
-    stamps.received_ns = received_ns;
-    stamps.started_ns = monotonic_ns();
+    if stamps_are_on() {
+        let stamps = header.stamps_mut(stage);
+        stamps.received_ns = received_ns;
+        stamps.started_ns = monotonic_ns();
+    }
     header
 }
 
-/// The last stamp, right before the message is handed over.
+/// The last stamp, right before the message is handed over. The refiner's ends the frame: it is always there.
 pub(crate) fn stamp_published(stage: Stage, header: &mut FrameHeader) {
-    header.stamps_mut(stage).published_ns = monotonic_ns();
+    if stamps_are_on() || stage == Stage::Refiner {
+        header.stamps_mut(stage).published_ns = monotonic_ns();
+    }
 }
 
 /// A frame left: counts it and its time.
@@ -24,22 +30,17 @@ pub(crate) fn finish(
     header: &FrameHeader,
 ) -> Result<(), RuntimeError> {
     let stamps = header.stages[stage as usize];
-    let run_ns = monotonic_ns().saturating_sub(stamps.started_ns);
-    shell.record_run(run_ns);
+    if stamps_are_on() {
+        shell.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
+    }
     shell.counters.frames_out += 1;
     shell.state(HealthState::Running, "")?;
     shell.tick()
 }
 
-/// Refuses a message that breaks the contract or comes of another model: counted, said, and the next one is taken.
+/// Refuses a message that breaks the contract or comes of another model.
 pub(crate) fn refuse(shell: &mut Shell, why: &str) -> Result<(), RuntimeError> {
-    shell.counters.messages_refused += 1;
-    let count = shell.counters.messages_refused;
-    // A lasting cause would fill the log at the sensor's rate.
-    if count <= 3 || count.is_multiple_of(100) {
-        tracing::warn!(count, "message refused: {why}");
-    }
-    shell.state(HealthState::Degraded, why)
+    shell.refuse(why)
 }
 
 /// Whether the frame was made for this stage's model; 0 is a sender that does not say.

@@ -8,6 +8,7 @@ use mluc_model::Model;
 use mluc_runtime::Shell;
 
 use super::frame::{begin, check_model, finish, refuse, stamp_published};
+use super::instruments::{frame_span, run_span};
 
 pub(crate) fn run(mut shell: Shell, model: &Model) -> anyhow::Result<()> {
     let mut head = Head::new(&model.manifest, &model.weights)?;
@@ -20,6 +21,7 @@ pub(crate) fn run(mut shell: Shell, model: &Model) -> anyhow::Result<()> {
     shell.state(HealthState::WaitingInput, "waiting for features")?;
     while let Some(message) = shell.next(&mut input, &Topic::FEATURES, || Ok(()))? {
         let mut header = begin(Stage::Head, message.header(), message.received_ns);
+        let _frame = frame_span(&header);
         let blocks = message.elements();
         let checked = FeatureRows::checked(&header, blocks, map_cells, channels);
         let features =
@@ -30,7 +32,7 @@ pub(crate) fn run(mut shell: Shell, model: &Model) -> anyhow::Result<()> {
                     continue;
                 }
             };
-        let counts = head.run(features.cells, features.rows, &mut detections)?;
+        let counts = run_span(|| head.run(features.cells, features.rows, &mut detections))?;
         header.limit_dropped += counts.over_candidates_max;
         if counts.over_candidates_max > 0 || counts.boxes_max_reached {
             header.flag(Flags::LIMIT_HIT);

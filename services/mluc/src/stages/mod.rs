@@ -4,6 +4,7 @@ mod backbone;
 mod frame;
 mod head;
 mod ingest;
+mod instruments;
 mod refiner;
 mod wait_ready;
 
@@ -15,7 +16,10 @@ use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
 use crate::cli::StageArgs;
 use crate::model;
+use crate::place::pin;
 use crate::settings::{Settings, stage_named};
+
+pub(crate) use instruments::STAMPS_VARIABLE;
 
 /// `mluc stage NAME`.
 pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
@@ -25,8 +29,15 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
         end_with(parent)?;
     }
     let settings = Settings::resolve(args.pipeline)?;
+    // Before any thread is started: they all inherit it.
+    if let Some(cpus) = &settings.places[stage as usize].cpus {
+        pin(cpus)?;
+    }
+    // This thread is one of the pool's: whoever enters a pool from outside waits for it to wake up, and makes it allocate
+    // now and then.
     rayon::ThreadPoolBuilder::new()
         .num_threads(settings.threads[stage as usize])
+        .use_current_thread()
         .build_global()
         .context("starting the threads")?;
     let shutdown = Shutdown::on_signals()?;

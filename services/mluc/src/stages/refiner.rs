@@ -8,6 +8,7 @@ use mluc_refiner::{Refined, Refiner, Sensor, Tracker};
 use mluc_runtime::{Scans, Shell, monotonic_ns};
 
 use super::frame::{begin, check_model, finish, refuse, stamp_published};
+use super::instruments::{frame_span, run_span};
 use crate::settings::Settings;
 
 pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
@@ -15,6 +16,7 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
     let mut refiner = Refiner::new(settings.refiner.clone(), &sensor)?;
     let mut tracker = settings.track.map(Tracker::new).transpose()?;
     let classes = model.manifest.classes.len();
+    let time_max_ns = (settings.refiner.time_max_ms * 1e6) as u64;
     let mut refined = Refined::default();
     let mut objects_out = shell.output::<Object>(&Topic::OBJECTS, OBJECTS_MAX)?;
     let mut points_out = shell.output::<u32>(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
@@ -23,6 +25,7 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
     shell.state(HealthState::WaitingInput, "waiting for detections")?;
     while let Some(message) = shell.next(&mut input, &Topic::DETECTIONS, || scans.take())? {
         let mut header = begin(Stage::Refiner, message.header(), message.received_ns);
+        let _frame = frame_span(&header);
         let checked = Detection::checked(&header, message.elements(), classes);
         let detections =
             match checked.and_then(|d| check_model(&header, model.fingerprint).map(|()| d)) {
@@ -41,12 +44,27 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
                 &[]
             }
         };
-        refiner.refine(header.sequence, points, detections, &mut refined);
+        // Without its points a frame's unknown objects keep their proposals; where nothing waits for the sensor, time
+        // has no say and the same scans give the same objects.
+        let points_gone = Flags(header.flags).contains(Flags::POINTS_GONE);
+        let time_max_ns = settings.budget_ms.map(|_| time_max_ns);
+        let start_ns = monotonic_ns();
+        let mut is_over =
+            || points_gone || time_max_ns.is_some_and(|max| monotonic_ns() - start_ns > max);
+        let sequence = header.sequence;
+        run_span(|| {
+            refiner.refine_within(sequence, points, detections, &mut is_over, &mut refined)
+        });
         if let Some(tracker) = &mut tracker {
             tracker.update(header.sequence, &header.ego, &mut refined);
         }
         let counters = &refined.counters;
-        header.limit_dropped += counters.detections_dropped;
+        header.limit_dropped = header
+            .limit_dropped
+            .saturating_add(counters.detections_dropped);
+        if counters.points_not_finite > 0 {
+            header.flag(Flags::NOT_FINITE);
+        }
         if counters.limit_hit() {
             header.flag(Flags::LIMIT_HIT);
         }

@@ -1,6 +1,6 @@
 //! One stage's process: start, watch, restart with a growing delay.
 
-use std::process::{Child as Process, Command, ExitStatus, Stdio};
+use std::process::{Child as Process, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
@@ -65,14 +65,15 @@ impl Child {
     pub(super) fn start(&mut self, settings: &Settings, start_sequence: u64) -> anyhow::Result<()> {
         use std::os::unix::process::CommandExt;
         let foreign = &settings.commands[self.stage as usize];
+        let place = &settings.places[self.stage as usize];
         let supervisor = std::process::id().to_string();
-        let mut command = Command::new(own_program()?);
+        let mut command = place.command(own_program()?);
         match foreign {
             // Our own program first, which ties itself to us and then becomes the other one.
             Some(program) => {
-                command
-                    .args(["exec", "--supervised-by", &supervisor, "--"])
-                    .args(program);
+                command.args(["exec", "--supervised-by", &supervisor]);
+                command.args(place.cpus_argument());
+                command.arg("--").args(program);
             }
             None => {
                 command.args(settings.stage_arguments(self.stage));
@@ -82,6 +83,7 @@ impl Child {
         }
         command
             .envs(settings.instance.environment())
+            .envs(settings.environment.iter().cloned())
             .env("MLUC_STAGE", self.stage.name())
             .env("MLUC_MODEL", &settings.model)
             .stdin(Stdio::null())

@@ -29,6 +29,11 @@ pub(crate) trait Sink {
         objects: &[Object],
         classes: &[String],
     ) -> anyhow::Result<bool>;
+
+    /// The supervisor looks around, every 20 ms or so; processes by stage, 0: not running. False: end the run.
+    fn look(&mut self, _health: &HealthWatch, _processes: [u32; 4]) -> anyhow::Result<bool> {
+        Ok(true)
+    }
 }
 
 /// How a run went.
@@ -80,6 +85,9 @@ struct Supervisor<'a> {
 /// Runs a pipeline to its end.
 pub(crate) fn run(settings: &Settings, sink: &mut dyn Sink) -> anyhow::Result<Outcome> {
     let model = check_before(settings)?;
+    let mut settings = settings.clone();
+    settings.environment.extend(model_environment(&model));
+    let settings = &settings;
     let shutdown = Shutdown::on_signals()?;
     let options = ShellOptions::new(settings.instance.clone());
     let shell = Shell::observer(options, Some("pipeline"), shutdown)?;
@@ -101,10 +109,13 @@ pub(crate) fn run(settings: &Settings, sink: &mut dyn Sink) -> anyhow::Result<Ou
 
 /// What is wrong with the input or the model is said here, once, and not by four processes.
 fn check_before(settings: &Settings) -> anyhow::Result<Model> {
+    for (stage, place) in Stage::ALL.iter().zip(&settings.places) {
+        place.check_right(stage.name())?;
+    }
     let is_own = settings.commands[Stage::Ingest as usize].is_none();
     match &settings.input {
         Some(input) => drop(Source::find(input)?),
-        None if is_own => {
+        None if is_own && !settings.externals[Stage::Ingest as usize] => {
             return Err(UsageError(
                 "--input is missing: a folder of .bin scans, or one".to_string(),
             )
@@ -115,11 +126,36 @@ fn check_before(settings: &Settings) -> anyhow::Result<Model> {
     model::load(&settings.model)
 }
 
+/// What a foreign stage has to know of the model.
+fn model_environment(model: &Model) -> [(&'static str, String); 2] {
+    mluc_runtime::model_environment(&model::class_names(model), model.fingerprint)
+}
+
+/// Tells how to start a stage that is left to the user.
+fn tell_external(stage: Stage, settings: &Settings) {
+    let variables: Vec<String> = settings
+        .instance
+        .environment()
+        .into_iter()
+        .chain(settings.environment.iter().cloned())
+        .map(|(key, value)| format!("{key}='{value}'"))
+        .collect();
+    let name = stage.name();
+    tracing::info!(
+        "{name} is left to you: mluc {}; or a program of yours with {}",
+        settings.stage_arguments(stage).join(" "),
+        variables.join(" ")
+    );
+}
+
 impl Supervisor<'_> {
     fn supervise(&mut self, sink: &mut dyn Sink) -> anyhow::Result<()> {
         for stage in Stage::ALL {
             let mut child = Child::new(stage);
-            child.start(self.settings, 0)?;
+            match self.settings.externals[stage as usize] {
+                true => tell_external(stage, self.settings),
+                false => child.start(self.settings, 0)?,
+            }
             self.children.push(child);
         }
         loop {
@@ -129,7 +165,8 @@ impl Supervisor<'_> {
             }
             self.health.update()?;
             let is_wanted = self.take_objects(sink)?;
-            if !is_wanted {
+            let processes = Stage::ALL.map(|stage| self.children[stage as usize].pid());
+            if !(is_wanted && sink.look(&self.health, processes)?) {
                 self.outcome.is_interrupted = true;
                 return Ok(());
             }

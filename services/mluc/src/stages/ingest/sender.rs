@@ -7,6 +7,7 @@ use mluc_runtime::{Input, Output, RuntimeError, Shell, monotonic_ns, wall_clock_
 
 use crate::source::{ReadOutcome, Source};
 use crate::stages::frame::{finish, stamp_published};
+use crate::stages::instruments::{frame_span, run_span};
 use crate::stages::wait_ready::Followers;
 
 /// A scan read from its file, not yet in shared memory.
@@ -128,8 +129,9 @@ impl Sender {
         }
         let stamps = header.stamps_mut(Stage::Ingest);
         (stamps.received_ns, stamps.started_ns) = (due_ns.min(started_ns), started_ns);
+        let _frame = frame_span(&header);
         let mut draft = self.output.draft(&header, report.points_out as usize)?;
-        decode_bin(&self.loaded.bytes, draft.elements_mut());
+        run_span(|| decode_bin(&self.loaded.bytes, draft.elements_mut()));
         if let Some(finding) = self.sanity.check(draft.elements_mut()) {
             draft.header_mut().flag(Flags::INPUT_SUSPECT);
             if !self.is_suspect {

@@ -1,0 +1,62 @@
+//! The scans that the program brings along, in a folder for as long as somebody runs on them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use mluc_ingest::unpack;
+use mluc_ipc_types::Point;
+
+use crate::embedded;
+
+/// The embedded scans as files: `velodyne/NAME.bin`, and `label_2/NAME.txt` where there are labels.
+pub(crate) struct BundledScans {
+    folder: PathBuf,
+    pub(crate) points: Vec<Vec<Point>>,
+}
+
+impl BundledScans {
+    /// `purpose`: part of the folder's name.
+    pub(crate) fn write(purpose: &str) -> anyhow::Result<BundledScans> {
+        if embedded::SCANS.is_empty() {
+            bail!("this build brings no scans along (services/mluc/assets/*.scan): give --input");
+        }
+        let folder = std::env::temp_dir().join(format!("mluc-{purpose}-{}", std::process::id()));
+        let mut scans = BundledScans {
+            folder,
+            points: Vec::new(),
+        };
+        for inner in ["velodyne", "label_2"] {
+            let folder = scans.folder.join(inner);
+            fs::create_dir_all(&folder)
+                .with_context(|| format!("creating {}", folder.display()))?;
+        }
+        for (name, bytes) in embedded::SCANS {
+            let points = unpack(bytes).with_context(|| format!("embedded scan {name}"))?;
+            scans.file(
+                &format!("velodyne/{name}.bin"),
+                bytemuck::cast_slice(&points),
+            )?;
+            scans.points.push(points);
+        }
+        for (name, bytes) in embedded::LABELS {
+            scans.file(&format!("label_2/{name}.txt"), bytes)?;
+        }
+        Ok(scans)
+    }
+
+    fn file(&self, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
+        let path = self.folder.join(name);
+        fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))
+    }
+
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
+    }
+}
+
+impl Drop for BundledScans {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}

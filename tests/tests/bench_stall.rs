@@ -1,0 +1,117 @@
+//! A stall counts for every frame that it delays, not only for the one that met it (no coordinated omission).
+
+use std::cell::RefCell;
+use std::path::Path;
+use std::time::Duration;
+
+use mluc_ipc_types::Stage;
+use mluc_runtime::{Instance, Shell, ShellOptions, Shutdown};
+use mluc_tests::{Pipeline, clean_folder, send_signal, untrained_model};
+use rustix::process::Signal;
+use serde_json::Value;
+
+const RATE_HZ: f64 = 20.0;
+const STALL: Duration = Duration::from_millis(1500);
+
+/// A run of 6 s in which a stage is stopped for [`STALL`]; the report and the measured latencies, us.
+fn stalled(stage: &str) -> (Value, Vec<f64>) {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, input) = (
+        untrained_model(folder.path()),
+        clean_folder(folder.path(), 3),
+    );
+    let out = folder.path().join("report");
+    let paths = [&model, &input, &out].map(|path| path.display().to_string());
+    let rate = RATE_HZ.to_string();
+    let mut run = Pipeline::start([
+        "bench",
+        "--model",
+        &paths[0],
+        "--input",
+        &paths[1],
+        "--out",
+        &paths[2],
+        "--rate",
+        &rate,
+        "--seconds",
+        "6",
+        "--warm-up",
+        "0",
+        "--floor-rounds",
+        "0",
+    ]);
+    wait_for_frames(&mut run);
+    let stages = run.stages();
+    let (_, pid) = stages
+        .iter()
+        .find(|(name, _)| name == stage)
+        .expect("the stage runs");
+    send_signal(*pid, Signal::STOP);
+    std::thread::sleep(STALL);
+    send_signal(*pid, Signal::CONT);
+    let finished = run.finish_within(Duration::from_secs(120));
+    assert!(matches!(finished.code, Some(0 | 3)), "{}", finished.log);
+    (report(&out), latencies_us(&out))
+}
+
+/// Until ten frames are through; then the stall lies within the 6 s.
+fn wait_for_frames(run: &mut Pipeline) {
+    run.wait_until("all stages run", |run| run.stages().len() == 4);
+    let instance = Instance::new(&format!("bench-{}-0", run.pid())).unwrap();
+    let shell = Shell::observer(ShellOptions::new(instance), None, Shutdown::manual()).unwrap();
+    let watch = RefCell::new(shell.health_watch().unwrap());
+    run.wait_until("frames flow", |_| {
+        let mut watch = watch.borrow_mut();
+        watch.update().unwrap();
+        watch
+            .of(Stage::Refiner)
+            .is_some_and(|health| health.frames_out >= 10)
+    });
+}
+
+fn report(out: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap()
+}
+
+fn latencies_us(out: &Path) -> Vec<f64> {
+    let text = std::fs::read_to_string(out.join("frames.csv")).unwrap();
+    text.lines()
+        .skip(1)
+        .map(|line| line.split(',').nth(19).unwrap().parse().unwrap())
+        .collect()
+}
+
+/// Frames due evenly over a stall of S wait between 0 and S: as many are later than a share of S as the rest of S holds.
+fn assert_counted(latencies_us: &[f64], stage: &str) {
+    for share in [0.25, 0.5, 0.75] {
+        let limit_us = share * STALL.as_secs_f64() * 1e6;
+        let late = latencies_us.iter().filter(|&&us| us > limit_us).count() as f64;
+        let expected = (1.0 - share) * STALL.as_secs_f64() * RATE_HZ;
+        assert!(
+            late >= 0.8 * expected,
+            "{stage}: {late} frames later than {limit_us} us, expected {expected}"
+        );
+    }
+}
+
+#[test]
+fn a_stage_that_stands_still_delays_all_frames_that_were_due() {
+    let (report, latencies_us) = stalled("backbone");
+    assert_counted(&latencies_us, "backbone");
+    let dropped = report["frames"]["dropped"].as_u64().unwrap();
+    assert!(
+        dropped as f64 > 0.5 * STALL.as_secs_f64() * RATE_HZ,
+        "newer frames overtook them: {dropped}"
+    );
+    // A measurement that asks only those that came out hides the stall from its 90th percentile.
+    let of = |figures: &str| report[figures]["p90"].as_f64().unwrap();
+    assert!(of("end_to_end_us") > 0.2e6, "{}", of("end_to_end_us"));
+    let warnings = report["warnings"].to_string();
+    assert!(warnings.contains("were dropped"), "{warnings}");
+}
+
+#[test]
+fn a_source_that_stands_still_does_not_move_the_time_that_frames_were_due() {
+    let (_, latencies_us) = stalled("ingest");
+    assert_counted(&latencies_us, "ingest");
+}
