@@ -2,8 +2,13 @@
 
 pub mod dataset;
 pub mod evaluate;
+pub mod exchange;
+pub mod methods;
 pub mod pipeline;
+pub mod quantize;
 pub mod render;
+pub mod report;
+pub mod reproduce;
 pub mod simulate;
 pub mod statistics;
 pub mod train;

@@ -65,6 +65,7 @@ fn made_up(set: &FrameSet, dataset: &Dataset, classes: &[String]) -> Vec<Detecte
         DetectedFrame {
             truth: set.truth(index).expect("labels"),
             detections: kept.collect(),
+            generic: 0,
         }
     };
     (0..set.len()).map(frame).collect()

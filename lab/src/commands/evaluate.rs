@@ -1,5 +1,6 @@
 //! `mluc-lab evaluate`: judging detections against labels.
 
+use super::evaluate_method::MethodArguments;
 use super::evaluate_model::ModelArguments;
 use anyhow::Context;
 use clap::{Args, Subcommand, ValueEnum};
@@ -20,6 +21,7 @@ pub(crate) struct EvaluateArguments {
 enum What {
     Ap(ApArguments),
     Model(ModelArguments),
+    Method(MethodArguments),
 }
 
 /// Average precision as KITTI's object devkit computes it, and open-set figures.
@@ -114,6 +116,7 @@ pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
     match arguments.what {
         What::Ap(arguments) => average_precision(arguments),
         What::Model(arguments) => super::evaluate_model::run(arguments),
+        What::Method(arguments) => super::evaluate_method::run(arguments),
     }
 }
 

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use mluc_lab::train::{Event, Profile, Progress, Run, Setting, Settings};
+use mluc_lab::train::{Event, Improvements, Kind, Profile, Progress, Run, Setting, Settings, train_osis};
+use serde::Deserialize;
 
 /// Without a terminal, a line this often.
 const LINE_EVERY: Duration = Duration::from_secs(30);
@@ -17,51 +18,11 @@ const LINE_EVERY: Duration = Duration::from_secs(30);
 /// A run that was interrupted goes on from its last checkpoint when it is started again with the same settings.
 #[derive(Args)]
 pub(crate) struct Train {
-    /// Classes and range.
-    #[arg(long, value_enum)]
-    setting: SettingName,
-    /// Size of the network.
-    #[arg(long, value_enum, default_value = "compact")]
-    profile: ProfileName,
-    /// Folder with train/ and val/ in KITTI's format (`mluc-lab simulate` makes them).
+    /// Settings from a TOML file, named as the options with `_` for `-`; the command line wins.
     #[arg(long)]
-    data: PathBuf,
-    /// Folder of the run: log, checkpoint, model.safetensors.
-    #[arg(long)]
-    out: PathBuf,
-    /// Optimiser steps.
-    #[arg(long, default_value_t = 20_000)]
-    steps: u64,
-    /// Frames a step.
-    #[arg(long, default_value_t = 2)]
-    batch: usize,
-    /// Seed of weights, order and augmentation.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Highest learning rate of the cycle.
-    #[arg(long, default_value_t = 0.003)]
-    learning_rate: f64,
-    /// T, the length of the prototypes; by default the number of classes (paper section 3.2).
-    #[arg(long)]
-    prototype_scale: Option<f32>,
-    /// Weight of the loss that draws embeddings to their prototypes; the paper has none.
-    #[arg(long, default_value_t = 0.0)]
-    variance_weight: f32,
-    /// Multiply in bf16 (sums, weights and weight gradients stay f32): faster where the processor has bf16.
-    #[arg(long)]
-    bf16: bool,
-    /// Do not paste, mirror, turn or scale.
-    #[arg(long)]
-    no_augment: bool,
-    /// Frames of the training split that give objects to paste.
-    #[arg(long, default_value_t = 1500)]
-    database_frames: usize,
-    /// Frames of val/ that judge the model after every epoch and at the end; 0: none.
-    #[arg(long, default_value_t = 400)]
-    validate_frames: usize,
-    /// Steps between checkpoints.
-    #[arg(long, default_value_t = 200)]
-    checkpoint_every: u64,
+    config: Option<PathBuf>,
+    #[command(flatten)]
+    choices: Choices,
     /// Threads; 0: all cores.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -70,7 +31,80 @@ pub(crate) struct Train {
     profile_steps: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+/// What may be set on the command line and in a file.
+#[derive(Args, Clone, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Choices {
+    /// Classes and range.
+    #[arg(long, value_enum)]
+    setting: Option<SettingName>,
+    /// Size of the network [default: compact].
+    #[arg(long, value_enum)]
+    profile: Option<ProfileName>,
+    /// What its heads learn [default: metric].
+    #[arg(long, value_enum)]
+    network: Option<KindName>,
+    /// Folder with train/ and val/ in KITTI's format (`mluc-lab simulate` makes them).
+    #[arg(long)]
+    data: Option<PathBuf>,
+    /// Folder of the run: log, checkpoint, model.safetensors.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Start from the weights of this model file (or run's folder) where they fit.
+    #[arg(long)]
+    init: Option<PathBuf>,
+    /// Optimiser steps [default: 20000].
+    #[arg(long)]
+    steps: Option<u64>,
+    /// Frames a step [default: 2].
+    #[arg(long)]
+    batch: Option<usize>,
+    /// Seed of weights, order and augmentation [default: 1].
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Highest learning rate of the cycle [default: 0.003].
+    #[arg(long)]
+    learning_rate: Option<f64>,
+    /// T, the length of the prototypes [default: the number of classes (paper section 3.2); 3 for improved].
+    #[arg(long)]
+    prototype_scale: Option<f32>,
+    /// Weight of the loss that draws embeddings to their prototypes [default: 0, the paper has none; 0.1 for improved].
+    #[arg(long)]
+    variance_weight: Option<f32>,
+    /// Improved: made-up unknown objects pasted into a frame [default: 6].
+    #[arg(long)]
+    made_up: Option<usize>,
+    /// Improved: weight of the loss that draws their embeddings to the centre [default: 0.5].
+    #[arg(long)]
+    pull_weight: Option<f32>,
+    /// Improved: weight of the logit of the unknown [default: 1].
+    #[arg(long)]
+    unknown_weight: Option<f32>,
+    /// Improved: empty cells that the logit of the unknown learns from [default: 64].
+    #[arg(long)]
+    background_cells: Option<usize>,
+    /// Improved: no anchors without a class.
+    #[arg(long)]
+    no_generic_anchors: bool,
+    /// Multiply in bf16 (sums, weights and weight gradients stay f32): faster where the processor has bf16.
+    #[arg(long)]
+    bf16: bool,
+    /// Do not paste, mirror, turn or scale.
+    #[arg(long)]
+    no_augment: bool,
+    /// Frames of the training split that give objects to paste [default: 1500].
+    #[arg(long)]
+    database_frames: Option<usize>,
+    /// Frames of val/ that judge the model after every epoch and at the end [default: 400]; 0: none.
+    #[arg(long)]
+    validate_frames: Option<usize>,
+    /// Steps between checkpoints [default: 200].
+    #[arg(long)]
+    checkpoint_every: Option<u64>,
+}
+
+#[derive(Clone, Copy, ValueEnum, Deserialize)]
+#[serde(rename_all = "lowercase")]
 enum SettingName {
     /// All around: car, pedestrian, cyclist, truck.
     Udi,
@@ -78,7 +112,8 @@ enum SettingName {
     Kitti,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, ValueEnum, Deserialize)]
+#[serde(rename_all = "lowercase")]
 enum ProfileName {
     /// A tenth of the paper's network, for a few cores.
     Compact,
@@ -86,39 +121,123 @@ enum ProfileName {
     Second,
 }
 
-impl Train {
-    fn settings(&self) -> Settings {
-        let setting = match self.setting {
+#[derive(Clone, Copy, ValueEnum, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum KindName {
+    /// The paper's metric head.
+    Metric,
+    /// SECOND's own classifier: the closed set.
+    Sigmoid,
+    /// Objectness and a softmax: the naive baseline.
+    Softmax,
+    /// Ours: metric head, anchors without a class, made-up unknown objects.
+    Improved,
+    /// SECOND's classifier with the unknown classes labelled: the upper bound; needs scans with unknown objects.
+    Supervised,
+    /// A point embedding on the frozen trunk of a softmax network, which --init names: the OSIS baseline.
+    Osis,
+}
+
+impl Choices {
+    /// These, and where they say nothing those of `base`.
+    fn or(self, base: Choices) -> Choices {
+        Choices {
+            setting: self.setting.or(base.setting),
+            profile: self.profile.or(base.profile),
+            network: self.network.or(base.network),
+            data: self.data.or(base.data),
+            out: self.out.or(base.out),
+            init: self.init.or(base.init),
+            steps: self.steps.or(base.steps),
+            batch: self.batch.or(base.batch),
+            seed: self.seed.or(base.seed),
+            learning_rate: self.learning_rate.or(base.learning_rate),
+            prototype_scale: self.prototype_scale.or(base.prototype_scale),
+            variance_weight: self.variance_weight.or(base.variance_weight),
+            made_up: self.made_up.or(base.made_up),
+            pull_weight: self.pull_weight.or(base.pull_weight),
+            unknown_weight: self.unknown_weight.or(base.unknown_weight),
+            background_cells: self.background_cells.or(base.background_cells),
+            no_generic_anchors: self.no_generic_anchors || base.no_generic_anchors,
+            bf16: self.bf16 || base.bf16,
+            no_augment: self.no_augment || base.no_augment,
+            database_frames: self.database_frames.or(base.database_frames),
+            validate_frames: self.validate_frames.or(base.validate_frames),
+            checkpoint_every: self.checkpoint_every.or(base.checkpoint_every),
+        }
+    }
+
+    fn settings(self) -> anyhow::Result<Settings> {
+        let setting = match self.setting.context("--setting is missing: udi or kitti")? {
             SettingName::Udi => Setting::Udi,
             SettingName::Kitti => Setting::Kitti,
         };
-        let profile = match self.profile {
+        let profile = match self.profile.unwrap_or(ProfileName::Compact) {
             ProfileName::Compact => Profile::Compact,
             ProfileName::Second => Profile::Second,
         };
-        Settings {
-            setting,
-            profile,
-            data: self.data.clone(),
-            out: self.out.clone(),
-            steps: self.steps,
-            batch: self.batch,
-            seed: self.seed,
-            learning_rate: self.learning_rate,
-            prototype_scale: self.prototype_scale.unwrap_or(setting.classes() as f32),
-            variance_weight: self.variance_weight,
+        let kind = match self.network.unwrap_or(KindName::Metric) {
+            KindName::Metric => Kind::Metric,
+            KindName::Sigmoid => Kind::Sigmoid,
+            KindName::Softmax => Kind::Softmax,
+            KindName::Improved => Kind::Improved,
+            KindName::Supervised => Kind::Supervised,
+            KindName::Osis => Kind::Osis,
+        };
+        let data = self
+            .data
+            .context("--data is missing: the folder with train/ and val/")?;
+        let out = self
+            .out
+            .context("--out is missing: the folder of the run")?;
+        let usual = Settings::new(setting, profile, kind, data, out);
+        let improvements = Improvements {
+            made_up: self.made_up.unwrap_or(usual.improvements.made_up),
+            pull_weight: self.pull_weight.unwrap_or(usual.improvements.pull_weight),
+            unknown_weight: self
+                .unknown_weight
+                .unwrap_or(usual.improvements.unknown_weight),
+            generic_anchors: !self.no_generic_anchors,
+            background_cells: self
+                .background_cells
+                .unwrap_or(usual.improvements.background_cells),
+        };
+        Ok(Settings {
+            init: self.init,
+            improvements,
+            steps: self.steps.unwrap_or(usual.steps),
+            batch: self.batch.unwrap_or(usual.batch),
+            seed: self.seed.unwrap_or(usual.seed),
+            learning_rate: self.learning_rate.unwrap_or(usual.learning_rate),
+            prototype_scale: self.prototype_scale.unwrap_or(usual.prototype_scale),
+            variance_weight: self.variance_weight.unwrap_or(usual.variance_weight),
             bf16: self.bf16,
             augment: !self.no_augment,
-            database_frames: self.database_frames,
-            validate_frames: self.validate_frames,
+            database_frames: self.database_frames.unwrap_or(usual.database_frames),
+            validate_frames: self.validate_frames.unwrap_or(usual.validate_frames),
             commit: commit().unwrap_or_else(|| "unknown".into()),
-            checkpoint_every: self.checkpoint_every,
-        }
+            checkpoint_every: self.checkpoint_every.unwrap_or(usual.checkpoint_every),
+            ..usual
+        })
+    }
+}
+
+impl Train {
+    fn settings(&self) -> anyhow::Result<Settings> {
+        let file = match &self.config {
+            None => Choices::default(),
+            Some(path) => {
+                let text = std::fs::read_to_string(path)
+                    .with_context(|| format!("{} cannot be read", path.display()))?;
+                toml::from_str(&text).with_context(|| path.display().to_string())?
+            }
+        };
+        self.choices.clone().or(file).settings()
     }
 }
 
 /// The commit that is checked out, where git and a repository are at hand.
-fn commit() -> Option<String> {
+pub(super) fn commit() -> Option<String> {
     let output = std::process::Command::new("git")
         .args(["rev-parse", "--short=12", "HEAD"])
         .output()
@@ -131,15 +250,48 @@ fn commit() -> Option<String> {
         .filter(|text| !text.is_empty())
 }
 
+/// What glibc's allocator is told: large blocks come from the heap and stay there. By default every block above 32 MiB at most is
+/// mapped afresh, and each of its pages costs a fault when it is first written: a fifth to a third of a step.
+const MEMORY: [(&str, &str); 3] = [
+    ("MALLOC_MMAP_MAX_", "0"),
+    ("MALLOC_TRIM_THRESHOLD_", "1000000000000"),
+    ("MALLOC_TOP_PAD_", "268435456"),
+];
+
+/// Starts this program anew with [`MEMORY`], which the allocator reads at the start alone. Whoever sets one of them is left alone;
+/// another allocator does not look at them.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn tune_memory() {
+    use std::os::unix::process::CommandExt;
+    if MEMORY.iter().any(|(name, _)| std::env::var_os(name).is_some()) {
+        return;
+    }
+    let Ok(program) = std::env::current_exe() else {
+        return;
+    };
+    // It comes back only where it failed; the run then goes on as it is.
+    let fault = std::process::Command::new(program)
+        .args(std::env::args_os().skip(1))
+        .envs(MEMORY)
+        .exec();
+    eprintln!("the allocator keeps its defaults: {fault}");
+}
+
 /// Runs it.
 pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    tune_memory();
     rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads)
         .build_global()
         .context("the threads cannot be started")?;
-    let mut screen = Screen::new(arguments.steps, arguments.profile_steps);
-    let run = Run::prepare(&arguments.settings(), &mut |event| screen.show(event))?;
-    let path = run.finish(&mut |event| screen.show(event))?;
+    let settings = arguments.settings()?;
+    let mut screen = Screen::new(settings.steps, arguments.profile_steps);
+    let mut tell = |event: Event| screen.show(event);
+    let path = match settings.kind {
+        Kind::Osis => train_osis(&settings, &mut tell)?,
+        _ => Run::prepare(&settings, &mut tell)?.finish(&mut tell)?,
+    };
     screen.bar.finish_and_clear();
     println!("{}", path.display());
     Ok(())
@@ -181,15 +333,16 @@ impl Screen {
     }
 
     fn progress(&mut self, p: &Progress) {
-        let l = &p.losses;
+        let mut losses = p.losses;
+        let named = losses.named_mut();
+        let used = named.iter().filter(|(_, value)| **value != 0.0);
+        let parts: Vec<String> = used
+            .map(|(name, value)| format!("{name} {value:.3}"))
+            .collect();
         let mut text = format!(
-            "loss {:.3} (objectness {:.3}, metric {:.3}, variance {:.3}, box {:.3}, direction {:.3}), {:.2} frames/s, {:.0} min left",
+            "loss {:.3} ({}), {:.2} frames/s, {:.0} min left",
             p.loss,
-            l.objectness,
-            l.metric,
-            l.variance,
-            l.boxes,
-            l.direction,
+            parts.join(", "),
             p.frames_per_s,
             p.left_s / 60.0
         );

@@ -23,6 +23,8 @@ pub struct DetectedFrame {
     pub truth: TruthFrame,
     /// Kept boxes, the best objectness first.
     pub detections: Vec<Detection>,
+    /// How many of them are of anchors without a class: the last ones.
+    pub generic: usize,
 }
 
 impl FrameSet {

@@ -1,6 +1,7 @@
 //! How well each score of a kept box tells unknown from known objects, whatever the threshold.
 
 use super::DetectedFrame;
+use super::mahalanobis::mahalanobis;
 use crate::evaluate::{
     ClassRule, Detection as Judged, Difficulty, Kind, SensorDetection, TruthFrame, auroc, fpr95,
 };
@@ -24,7 +25,7 @@ const SCORES: [Score; 6] = [
 /// Figures of one score over the boxes that lie on a label.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ScoreSeparation {
-    /// `e` (normalised EDS), `e_perp`, `delta`, `msp` (largest probability), `max_logit`, `energy`.
+    /// `e` (normalised EDS), `e_perp`, `delta`, `msp` (largest probability), `max_logit`, `energy`, `mahalanobis`.
     pub score: &'static str,
     /// Chance that an unknown object's box looks more unknown than a known one's, 0..1; none without both kinds.
     pub auroc: Option<f64>,
@@ -39,37 +40,46 @@ pub struct ScoreSeparation {
 /// The figures of every score. A label that counts at moderate takes the box of the highest objectness that overlaps it
 /// by more than its rule asks, whatever the box's class; a box serves one label.
 pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSeparation> {
-    let (mut known, mut unknown) = (vec![], vec![]);
-    for frame in frames {
-        for (detection, kind) in boxes_on_labels(frame, rules) {
-            match kind {
-                Kind::Known => known.push(detection),
-                Kind::Unknown => unknown.push(detection),
-            }
-        }
-    }
-    SCORES
+    let boxes: Vec<LabelledBox> = frames
         .iter()
-        .map(|&(score, of)| {
-            let values = |boxes: &[&Detection]| -> Vec<f64> {
-                boxes.iter().map(|d| f64::from(of(d))).collect()
-            };
-            let (k, u) = (values(&known), values(&unknown));
-            ScoreSeparation {
-                score,
-                auroc: auroc(&k, &u),
-                fpr95: fpr95(&k, &u),
-                known: k.len(),
-                unknown: u.len(),
-            }
-        })
-        .collect()
+        .enumerate()
+        .flat_map(|(frame, detected)| boxes_on_labels(frame, detected, rules))
+        .collect();
+    let distances = mahalanobis(&boxes);
+    let figures = |score: &'static str, values: Vec<f64>| {
+        let pairs = || boxes.iter().zip(&values);
+        let side = |kind: Kind| -> Vec<f64> {
+            pairs().filter(|(b, _)| b.rule.kind == kind).map(|(_, v)| *v).collect()
+        };
+        let (k, u) = (side(Kind::Known), side(Kind::Unknown));
+        ScoreSeparation {
+            score,
+            auroc: auroc(&k, &u),
+            fpr95: fpr95(&k, &u),
+            known: k.len(),
+            unknown: u.len(),
+        }
+    };
+    let plain = SCORES.iter().map(|&(score, of)| {
+        figures(score, boxes.iter().map(|b| f64::from(of(b.detection))).collect())
+    });
+    let mut all: Vec<ScoreSeparation> = plain.collect();
+    all.push(figures("mahalanobis", distances));
+    all
+}
+
+/// A box on a label that counts.
+pub(super) struct LabelledBox<'a> {
+    pub(super) frame: usize,
+    pub(super) detection: &'a Detection,
+    pub(super) rule: &'a ClassRule,
 }
 
 fn boxes_on_labels<'a>(
+    number: usize,
     frame: &'a DetectedFrame,
-    rules: &[ClassRule],
-) -> Vec<(&'a Detection, Kind)> {
+    rules: &'a [ClassRule],
+) -> Vec<LabelledBox<'a>> {
     let boxes: Vec<Option<Judged>> = frame
         .detections
         .iter()
@@ -84,7 +94,11 @@ fn boxes_on_labels<'a>(
         });
         if let Some(i) = hit {
             taken[i] = true;
-            found.push((&frame.detections[i], rule.kind));
+            found.push(LabelledBox {
+                frame: number,
+                detection: &frame.detections[i],
+                rule,
+            });
         }
     }
     found

@@ -2,7 +2,7 @@
 
 use super::{DetectedFrame, FrameSet, PipelineError};
 use crate::evaluate::{Kind, SensorDetection, UNKNOWN};
-use mluc_backbone::Backbone;
+use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;
 use mluc_head::{Detection, Head};
 use mluc_ipc_types::{DetectionKind, Fate, Object, ObjectKind, Point};
@@ -16,16 +16,23 @@ pub struct Detector {
     head: Head,
     cells: Vec<u32>,
     rows: Vec<f32>,
+    generic: usize,
 }
 
 impl Detector {
     /// For one model.
     pub fn new(model: &Model) -> Result<Detector, PipelineError> {
+        Detector::with_precision(model, Precision::default())
+    }
+
+    /// For one model, with the backbone in this precision.
+    pub fn with_precision(model: &Model, precision: Precision) -> Result<Detector, PipelineError> {
         Ok(Detector {
-            backbone: Backbone::new(&model.manifest, &model.weights)?,
+            backbone: Backbone::with_precision(&model.manifest, &model.weights, precision)?,
             head: Head::new(&model.manifest, &model.weights)?,
             cells: Vec::new(),
             rows: Vec::new(),
+            generic: 0,
         })
     }
 
@@ -37,8 +44,14 @@ impl Detector {
         self.rows.resize(values, 0.0);
         self.backbone.write_rows(&mut self.cells, &mut self.rows)?;
         let mut detections = Vec::new();
-        self.head.run(&self.cells, &self.rows, &mut detections)?;
+        let counts = self.head.run(&self.cells, &self.rows, &mut detections)?;
+        self.generic = counts.generic as usize;
         Ok(detections)
+    }
+
+    /// How many boxes of the last scan are of anchors without a class: the last ones of its list.
+    pub fn generic(&self) -> usize {
+        self.generic
     }
 }
 
@@ -66,6 +79,17 @@ impl FoundObject {
             class_id: object.class_id,
             score: object.score,
             bounds: [x, y, z, l, w, h, object.yaw_rad],
+        }
+    }
+
+    /// A detection's own box, of this kind and score.
+    pub fn of_box(detection: &Detection, kind: Kind, score: f32) -> FoundObject {
+        let ([x, y, z], [l, w, h]) = (detection.center_m, detection.size_m);
+        FoundObject {
+            kind,
+            class_id: detection.class_id,
+            score,
+            bounds: [x, y, z, l, w, h, detection.yaw_rad],
         }
     }
 
@@ -115,9 +139,18 @@ impl ObjectFinder {
         detections: &[Detection],
         threshold: f32,
     ) -> Vec<FoundObject> {
+        self.objects_of(sequence, points, detections.iter().map(|d| gated(d, threshold)))
+    }
+
+    /// What is published of detections whose kind is settled, in their order.
+    pub fn objects_of(
+        &mut self,
+        sequence: u64,
+        points: &[Point],
+        detections: impl Iterator<Item = Detection>,
+    ) -> Vec<FoundObject> {
         self.gated.clear();
-        self.gated
-            .extend(detections.iter().map(|d| gated(d, threshold)));
+        self.gated.extend(detections);
         self.refiner
             .refine(sequence, points, &self.gated, &mut self.refined);
         let published = |object: &&Object| object.fate == Fate::Published as u32;
@@ -173,7 +206,7 @@ impl Pipeline {
 }
 
 /// The model's classes, in order.
-pub(super) fn class_names(model: &Model) -> Vec<String> {
+pub(crate) fn class_names(model: &Model) -> Vec<String> {
     let classes = model.manifest.classes.iter();
     classes.map(|class| class.name.clone()).collect()
 }
@@ -183,15 +216,26 @@ pub(super) fn class_names(model: &Model) -> Vec<String> {
 pub fn detect_frames(
     model: &Model,
     set: &FrameSet,
+    step: impl FnMut(),
+) -> Result<Vec<DetectedFrame>, PipelineError> {
+    detect_frames_in(Precision::default(), model, set, step)
+}
+
+/// [`detect_frames`] with the backbone in this precision.
+pub fn detect_frames_in(
+    precision: Precision,
+    model: &Model,
+    set: &FrameSet,
     mut step: impl FnMut(),
 ) -> Result<Vec<DetectedFrame>, PipelineError> {
-    let mut detector = Detector::new(model)?;
+    let mut detector = Detector::with_precision(model, precision)?;
     let mut detected = Vec::with_capacity(set.len());
     for index in 0..set.len() {
         let detections = detector.detect(&set.points(index)?)?;
         detected.push(DetectedFrame {
             truth: set.truth(index)?,
             detections,
+            generic: detector.generic(),
         });
         step();
     }

@@ -7,6 +7,7 @@ use mluc_geometry::{Box3, intersection_bev_m2, limit_period};
 use mluc_model::Grid;
 
 use super::database::{Database, Sample};
+use super::made_up::make_up;
 use super::random::Random;
 use super::scene::{InBox, Object, Scene};
 
@@ -32,6 +33,10 @@ pub struct Augmentation {
     pub database: Database,
     /// Objects of each class after pasting.
     pub wanted: Vec<usize>,
+    /// Objects made up to stand for the unknown, a frame.
+    pub made_up: usize,
+    /// Mean l, w, h of the known classes, m: made-up objects have other sizes.
+    pub classes_m: Vec<[f64; 3]>,
     /// Also mirror front to back (a scan all around).
     pub mirror_x: bool,
 }
@@ -68,6 +73,11 @@ impl Augmentation {
                 }
             }
         }
+        for _ in 0..self.made_up {
+            let sample = make_up(&self.database, &self.classes_m, random);
+            let placed = sample.and_then(|sample| place(&sample, scene, &pasted));
+            pasted.extend(placed);
+        }
         let tests: Vec<InBox> = pasted.iter().map(|s| InBox::new(&s.bounds)).collect();
         scene
             .points
@@ -77,7 +87,8 @@ impl Augmentation {
             let count = sample.points.len();
             points.extend(sample.points);
             scene.objects.push(Object {
-                class: Some(sample.class),
+                class: sample.class,
+                made_up: sample.class.is_none(),
                 bounds: sample.bounds,
                 points: count,
             });
@@ -231,6 +242,7 @@ mod tests {
                 class: Some(0),
                 bounds,
                 points: 0,
+                made_up: false,
             }],
         };
         scene.count_points();
@@ -252,7 +264,7 @@ mod tests {
             ]);
             let [x, y, z] = bounds.center_m.map(|v| v as f32);
             samples.push(Sample {
-                class: 1,
+                class: Some(1),
                 bounds,
                 points: vec![[x, y, z, 0.0]; 9],
             });
@@ -262,6 +274,8 @@ mod tests {
                 samples: vec![vec![], samples],
             },
             wanted: vec![0, 6],
+            made_up: 0,
+            classes_m: vec![],
             mirror_x: true,
         }
     }

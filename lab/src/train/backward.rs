@@ -79,18 +79,18 @@ impl Chain {
         gradients: &mut [f32],
         pool: &mut Pool,
     ) -> [Vec<f32>; 2] {
-        let head = &self.heads.objectness;
-        for row in outputs.objectness[0].chunks_exact(head.cout) {
+        let head = &self.heads.presence;
+        for row in outputs.presence[0].chunks_exact(head.cout) {
             add(&mut gradients[head.bias.clone()], row);
         }
-        let halves = self.objectness_halves();
+        let halves = self.presence_halves();
         let ups = [
             (&pass.up1.y, self.up1.channels),
             (&pass.up2.y, self.up2.channels),
         ];
         let mut back = [0, 1].map(|i| {
             let (y, channels) = ups[i];
-            let (weights, d) = (halves[i].clone(), &outputs.objectness[i]);
+            let (weights, d) = (halves[i].clone(), &outputs.presence[i]);
             let rows = identity(y.len() / channels);
             weight_gradient(
                 y,
@@ -108,12 +108,7 @@ impl Chain {
         let rows = identity(labelled.len());
         let features = &pass.labelled_features;
         let mut d = vec![0.0; features.len()];
-        let heads = [
-            (&self.heads.embedding, &outputs.embedding),
-            (&self.heads.boxes, &outputs.boxes),
-            (&self.heads.direction, &outputs.direction),
-        ];
-        for (head, output) in heads {
+        for (head, output) in self.heads.closer().zip(outputs.closer()) {
             head.backward(parameters, gradients, features, &rows, output, &mut d);
         }
         let (width1, width2) = (self.up1.channels, self.up2.channels);

@@ -18,8 +18,8 @@ const CHUNK_FRAMES: usize = 64;
 /// An object cut out of its scan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sample {
-    /// Known class.
-    pub class: usize,
+    /// Known class; `None` of one that is made up.
+    pub class: Option<usize>,
     /// Where it stood.
     pub bounds: Box3,
     /// Its points, in place.
@@ -79,10 +79,10 @@ impl Database {
         let mut samples = vec![vec![]; classes];
         let frames: Vec<usize> = (0..frames.min(source.count())).collect();
         for chunk in frames.chunks(CHUNK_FRAMES) {
-            let cut: Result<Vec<Vec<Sample>>, TrainError> =
+            let cut: Result<Vec<Vec<(usize, Sample)>>, TrainError> =
                 chunk.par_iter().map(|f| cut_out(source, *f)).collect();
-            for sample in cut?.into_iter().flatten() {
-                let list: &mut Vec<Sample> = &mut samples[sample.class];
+            for (class, sample) in cut?.into_iter().flatten() {
+                let list: &mut Vec<Sample> = &mut samples[class];
                 if list.len() < SAMPLES_PER_CLASS_MAX {
                     list.push(sample);
                 }
@@ -92,7 +92,7 @@ impl Database {
     }
 }
 
-fn cut_out(source: &FolderSource, frame: usize) -> Result<Vec<Sample>, TrainError> {
+fn cut_out(source: &FolderSource, frame: usize) -> Result<Vec<(usize, Sample)>, TrainError> {
     let (scene, visible) = source.scene_with_visibility(frame)?;
     let objects = scene.objects.iter().zip(visible);
     let wanted = objects.filter(|(o, visible)| *visible && o.points >= SAMPLE_POINTS_MIN);
@@ -104,11 +104,12 @@ fn cut_out(source: &FolderSource, frame: usize) -> Result<Vec<Sample>, TrainErro
             .filter(|p| test.contains(p))
             .copied()
             .collect();
-        Some(Sample {
-            class: object.class?,
+        let sample = Sample {
+            class: object.class,
             bounds: object.bounds,
             points,
-        })
+        };
+        Some((object.class?, sample))
     });
     Ok(samples.collect())
 }

@@ -36,6 +36,12 @@ pub enum TrainError {
         /// What is there.
         found: String,
     },
+    /// A network to start from that shares nothing.
+    #[error("{}: expected layers or head rows of the network to be trained, found none", path.display())]
+    NothingTaken {
+        /// The model file.
+        path: PathBuf,
+    },
     /// The loss is no longer a number.
     #[error("step {step}: the loss is {found}; try a lower learning rate")]
     Diverged {

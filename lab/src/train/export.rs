@@ -52,13 +52,7 @@ pub fn weights(chain: &Chain, parameters: &[f32], running: &Running) -> WeightSe
             );
         }
     }
-    let heads = &chain.heads;
-    for head in [
-        &heads.objectness,
-        &heads.embedding,
-        &heads.boxes,
-        &heads.direction,
-    ] {
+    for head in chain.heads.all() {
         insert_head(&mut set, head, parameters);
     }
     set
@@ -81,8 +75,8 @@ fn insert_head(set: &mut WeightSet, head: &Linear, parameters: &[f32]) {
 }
 
 /// Orders of the axes, slowest first.
-#[derive(Clone, Copy)]
-enum Order {
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Order {
     /// Sparse: out, taps, in.
     OutTapIn,
     /// Dense: out, in, taps.
@@ -91,20 +85,34 @@ enum Order {
     InOutCopy,
 }
 
-/// From `[tap][in][out]` (up: `[in][place][out]`).
-fn reorder(layer: &Layer, parameters: &[f32], order: Order) -> Vec<f32> {
-    let plain = &parameters[layer.weight.clone()];
+/// Where the file's `i`-th value lies in `[tap][in][out]` (up: `[in][place][out]`).
+pub(super) fn place(layer: &Layer, order: Order, i: usize) -> usize {
     let (taps, cin, cout, channels) = (layer.taps, layer.cin, layer.cout, layer.channels);
     let copies = cout / channels;
-    let at = |i: usize| match order {
-        Order::OutTapIn => plain[(i / cin % taps * cin + i % cin) * cout + i / (cin * taps)],
-        Order::OutInTap => plain[(i % taps * cin + i / taps % cin) * cout + i / (cin * taps)],
-        Order::InOutCopy => plain[i / cout * cout + i % copies * channels + i / copies % channels],
-    };
-    (0..plain.len()).map(at).collect()
+    match order {
+        Order::OutTapIn => (i / cin % taps * cin + i % cin) * cout + i / (cin * taps),
+        Order::OutInTap => (i % taps * cin + i / taps % cin) * cout + i / (cin * taps),
+        Order::InOutCopy => i / cout * cout + i % copies * channels + i / copies % channels,
+    }
 }
 
-/// The largest objectness that the network gives to a scan without points.
+fn reorder(layer: &Layer, parameters: &[f32], order: Order) -> Vec<f32> {
+    let plain = &parameters[layer.weight.clone()];
+    (0..plain.len())
+        .map(|i| plain[place(layer, order, i)])
+        .collect()
+}
+
+/// The order of each layer's axes in the file, in the order of [`Layer::norm`].
+pub(super) fn orders(chain: &Chain) -> Vec<Order> {
+    let dense = chain.block1.len() + chain.block2.len();
+    let mut orders = vec![Order::OutTapIn; chain.sparse.len()];
+    orders.extend(vec![Order::OutInTap; dense]);
+    orders.extend([Order::InOutCopy; 2]);
+    orders
+}
+
+/// The largest objectness (of a sigmoid head, class probability) that the network gives to a scan without points.
 pub fn empty_objectness_max(chain: &Chain, parameters: &[f32], running: &Running) -> f32 {
     let gather = |taps| Gather {
         taps,
@@ -120,8 +128,8 @@ pub fn empty_objectness_max(chain: &Chain, parameters: &[f32], running: &Running
         map: MapPlan::new(&chain.network, 1, &[]),
     };
     let pass = chain.forward(parameters, &plan, &[], Some(running), &mut Pool::default());
-    let anchors = chain.network.anchors();
-    let [up1, up2] = &pass.objectness;
+    let anchors = chain.heads.presence.cout;
+    let [up1, up2] = &pass.presence;
     let rows = plan.map.up1_row.iter().zip(&plan.map.up2_row);
     let logits = rows.flat_map(|(a, b)| {
         let (a, b) = (*a as usize * anchors, *b as usize * anchors);

@@ -2,11 +2,12 @@
 //!
 //! Which frames a step sees and how they are varied depends on the seed and the step alone.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Instant;
 
-use mluc_model::{Grid, Network};
+use mluc_model::{Grid, HeadKind, Network};
 
 use super::augment::{Augmentation, crop};
 use super::error::TrainError;
@@ -14,10 +15,13 @@ use super::losses::BatchTargets;
 use super::plan::{Plan, Planner};
 use super::random::Random;
 use super::source::Source;
-use super::targets::Anchors;
+use super::targets::{Anchors, CellClass, CellLabel, Targets};
 
 /// Batches that wait at most: bounds the memory.
 const QUEUE: usize = 2;
+
+/// The weight of a frame's background cells together, where its objects' is 1.
+const BACKGROUND_SHARE: f32 = 0.5;
 
 /// A step's input.
 #[derive(Debug)]
@@ -40,6 +44,9 @@ pub struct Preparer {
     planner: Planner,
     grid: Grid,
     cells: usize,
+    /// Logits of an anchor: 1 but for a sigmoid head.
+    logits: usize,
+    background_cells: usize,
     batch: usize,
     seed: u64,
     /// The order of an epoch, and which.
@@ -64,9 +71,23 @@ impl Preparer {
             planner: Planner::new(network, false),
             grid: network.grid.clone(),
             cells: rows * columns,
+            logits: if network.head == HeadKind::Sigmoid {
+                network.classes
+            } else {
+                1
+            },
+            background_cells: 0,
             batch,
             seed,
             order: (u64::MAX, vec![]),
+        }
+    }
+
+    /// Also labels as many cells of a frame that hold points and no object.
+    pub fn with_background_cells(self, background_cells: usize) -> Preparer {
+        Preparer {
+            background_cells,
+            ..self
         }
     }
 
@@ -96,14 +117,52 @@ impl Preparer {
             targets.push(self.anchors.assign(&scene.objects));
             scans.push(scene.points);
         }
-        let targets = BatchTargets::new(&targets, self.cells, self.anchors.per_cell());
         let plan = self.planner.plan(&scans);
+        if self.background_cells > 0 {
+            self.label_background(&plan, &mut targets, step);
+        }
+        let anchors = self.anchors.per_cell();
+        let targets = BatchTargets::new(&targets, self.cells, anchors, self.logits);
         Ok(Batch {
             step,
             plan,
             targets,
             seconds: start.elapsed().as_secs_f64(),
         })
+    }
+
+    /// Labels cells that hold points and nothing else.
+    fn label_background(&self, plan: &Plan, targets: &mut [Targets], step: u64) {
+        for (frame, targets) in targets.iter_mut().enumerate() {
+            let place = step * self.batch as u64 + frame as u64;
+            let mut random = Random::new(self.seed, &[3, place]);
+            let anchors = self.anchors.per_cell() as u32;
+            let taken: BTreeSet<u32> = targets
+                .cells
+                .iter()
+                .map(|c| c.cell)
+                .chain(targets.positives.iter().map(|p| p.cell))
+                .chain(targets.ignored.iter().map(|a| a / anchors))
+                .collect();
+            let first = frame * self.cells;
+            let mut free: Vec<u32> = plan
+                .map
+                .occupied
+                .iter()
+                .map(|cell| *cell as usize)
+                .filter(|cell| (first..first + self.cells).contains(cell))
+                .map(|cell| (cell - first) as u32)
+                .filter(|cell| !taken.contains(cell))
+                .collect();
+            random.shuffle(&mut free);
+            free.truncate(self.background_cells);
+            let weight = BACKGROUND_SHARE / free.len().max(1) as f32;
+            targets.cells.extend(free.into_iter().map(|cell| CellLabel {
+                cell,
+                is: CellClass::Background,
+                weight,
+            }));
+        }
     }
 
     /// Batches of `steps`, prepared ahead. The thread ends when the receiver is dropped.

@@ -1,26 +1,31 @@
 //! The losses: each returns its value and its gradient with respect to the logits.
 //!
-//! L = objectness + metric + variance_weight * variance + 2 * box + 0.2 * direction; the mean over frames. Objectness,
-//! box and direction are sums over a frame's anchors divided by its positives (at least 1), as in the public SECOND.
+//! L = objectness + metric + variance_weight * variance + pull_weight * pull + unknown_weight * unknown + 2 * box +
+//! 0.2 * direction; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
+//! positives (at least 1), as in the public SECOND. Pull and unknown are of the open head alone, which is ours.
 
 use rayon::prelude::*;
 
 use super::network::{OutputGradients, Pass};
 use super::plan::MapPlan;
-use super::targets::Targets;
+use super::targets::{CellClass, Targets};
 
 const FOCAL_ALPHA: f32 = 0.25;
 const SMOOTH_L1_BETA: f32 = 1.0 / 9.0;
 const BOX_WEIGHT: f32 = 2.0;
 const DIRECTION_WEIGHT: f32 = 0.2;
 
-/// The metric loss's settings (paper section 3.2).
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The settings of the losses on cells (paper section 3.2).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MetricSettings {
     /// T: prototype t is T times the t-th unit vector.
     pub prototype_scale: f32,
     /// Weight of the variance loss; 0 in the paper.
     pub variance_weight: f32,
+    /// Weight of the loss that draws the embeddings of made-up unknown objects to the prototypes' centre.
+    pub pull_weight: f32,
+    /// Weight of the logit of the unknown.
+    pub unknown_weight: f32,
 }
 
 /// Values of the losses, weighted as in the sum, averaged over frames.
@@ -36,19 +41,37 @@ pub struct Losses {
     pub boxes: f64,
     /// Cross entropy of the direction bins.
     pub direction: f64,
+    /// Distance of made-up unknown objects to the centre.
+    pub pull: f64,
+    /// Cross entropy of the logit of the unknown.
+    pub unknown: f64,
 }
 
 impl Losses {
+    /// Each, by name.
+    pub fn named_mut(&mut self) -> [(&'static str, &mut f64); 7] {
+        [
+            ("objectness", &mut self.objectness),
+            ("metric", &mut self.metric),
+            ("variance", &mut self.variance),
+            ("box", &mut self.boxes),
+            ("direction", &mut self.direction),
+            ("pull", &mut self.pull),
+            ("unknown", &mut self.unknown),
+        ]
+    }
+
     /// What is minimised.
     pub fn total(&self) -> f64 {
-        self.objectness + self.metric + self.variance + self.boxes + self.direction
+        let cells = self.metric + self.variance + self.pull + self.unknown;
+        self.objectness + cells + self.boxes + self.direction
     }
 }
 
 /// Labels of a batch.
 #[derive(Clone, Debug, Default)]
 pub struct BatchTargets {
-    /// For each anchor of the batch: 1 positive, 0 negative, -1 ignored.
+    /// For each anchor of the batch (of a sigmoid head: anchor and class): 1 positive, 0 negative, -1 ignored.
     pub labels: Vec<i8>,
     /// Cells with a positive anchor or a class, ascending, over the batch.
     pub labelled: Vec<u32>,
@@ -72,56 +95,87 @@ struct RowPositive {
 #[derive(Clone, Debug)]
 struct RowClass {
     row: u32,
-    class: u32,
+    is: CellClass,
     weight: f32,
     /// 1 / (frames * labelled cells of its frame).
     share: f32,
 }
 
 impl BatchTargets {
-    /// Puts frames together. `cells`: of one frame's map; `anchors`: of a cell.
-    pub fn new(frames: &[Targets], cells: usize, anchors: usize) -> BatchTargets {
+    /// Puts frames together. `cells`: of one frame's map; `anchors`: of a cell; `classes`: logits of an anchor, 1 but for
+    /// a sigmoid head.
+    pub fn new(frames: &[Targets], cells: usize, anchors: usize, classes: usize) -> BatchTargets {
+        let logits = cells * anchors * classes;
         let mut batch = BatchTargets {
-            labels: vec![0; frames.len() * cells * anchors],
+            labels: vec![0; frames.len() * logits],
             ..BatchTargets::default()
         };
-        let count = frames.len() as f32;
         for (frame, targets) in frames.iter().enumerate() {
-            let first = (frame * cells) as u32;
-            let labels = &mut batch.labels[frame * cells * anchors..][..cells * anchors];
-            targets
-                .ignored
-                .iter()
-                .for_each(|a| labels[*a as usize] = -1);
-            let mut used: Vec<u32> = targets.cells.iter().map(|c| c.cell).collect();
-            used.extend(targets.positives.iter().map(|p| p.cell));
-            used.sort_unstable();
-            used.dedup();
-            let base = batch.labelled.len();
-            let row = |cell: u32| (base + used.binary_search(&cell).unwrap_or(0)) as u32;
-            let weight = 1.0 / (count * targets.positives.len().max(1) as f32);
-            for p in &targets.positives {
-                labels[(p.cell as usize) * anchors + p.anchor as usize] = 1;
-                let (row, anchor, codes, bin) = (row(p.cell), p.anchor, p.codes, p.bin);
-                batch.positives.push(RowPositive {
-                    row,
-                    anchor,
-                    codes,
-                    bin,
-                    weight,
-                });
-            }
-            let share = 1.0 / (count * targets.cells.len().max(1) as f32);
-            batch.cells.extend(targets.cells.iter().map(|c| RowClass {
-                row: row(c.cell),
-                class: c.class,
-                weight: c.weight / count,
-                share,
-            }));
-            batch.frame_weight.push(weight);
-            batch.labelled.extend(used.iter().map(|cell| first + cell));
+            let labels = frame * logits..(frame + 1) * logits;
+            batch.add(
+                targets,
+                (frame * cells) as u32,
+                labels,
+                anchors,
+                classes,
+                frames.len(),
+            );
         }
         batch
+    }
+
+    fn add(
+        &mut self,
+        targets: &Targets,
+        first: u32,
+        labels: std::ops::Range<usize>,
+        anchors: usize,
+        classes: usize,
+        frames: usize,
+    ) {
+        let labels = &mut self.labels[labels];
+        for &anchor in &targets.ignored {
+            labels[anchor as usize * classes..][..classes].fill(-1);
+        }
+        let mut used: Vec<u32> = targets.cells.iter().map(|c| c.cell).collect();
+        used.extend(targets.positives.iter().map(|p| p.cell));
+        used.sort_unstable();
+        used.dedup();
+        let base = self.labelled.len();
+        let row = |cell: u32| (base + used.binary_search(&cell).unwrap_or(0)) as u32;
+        let weight = 1.0 / (frames * targets.positives.len().max(1)) as f32;
+        for p in &targets.positives {
+            let at = p.cell as usize * anchors + p.anchor as usize;
+            // An anchor is of one class: the other classes' logits of it are to be low.
+            let own = if classes > 1 {
+                p.anchor as usize / 2
+            } else {
+                0
+            };
+            labels[at * classes..][..classes].fill(0);
+            labels[at * classes + own] = 1;
+            let (row, anchor, codes, bin) = (row(p.cell), p.anchor, p.codes, p.bin);
+            self.positives.push(RowPositive {
+                row,
+                anchor,
+                codes,
+                bin,
+                weight,
+            });
+        }
+        let objects = targets
+            .cells
+            .iter()
+            .filter(|c| c.is != CellClass::Background);
+        let share = 1.0 / (frames * objects.count().max(1)) as f32;
+        self.cells.extend(targets.cells.iter().map(|c| RowClass {
+            row: row(c.cell),
+            is: c.is,
+            weight: c.weight / frames as f32,
+            share,
+        }));
+        self.frame_weight.push(weight);
+        self.labelled.extend(used.iter().map(|cell| first + cell));
     }
 }
 
@@ -168,9 +222,12 @@ pub fn evaluate(
     settings: MetricSettings,
     classes: usize,
 ) -> (Losses, OutputGradients) {
-    let anchors = 2 * classes;
-    let (objectness, d_objectness) = objectness(&pass.objectness, plan, targets, anchors);
-    let (metric, variance, embedding) = metric(&pass.embedding, targets, settings, classes);
+    let cells = plan.cells().max(1);
+    let logits = targets.labels.len() / cells;
+    let (objectness, presence) = objectness(&pass.presence, plan, targets, logits);
+    let (metric, variance, pull, embedding) = metric(&pass.embedding, targets, settings, classes);
+    let (unknown, d_unknown) = unknown(&pass.unknown, targets, settings.unknown_weight);
+    let anchors = pass.direction.len() / 2 / targets.labelled.len().max(1);
     let (boxes, d_boxes) = boxes(&pass.boxes, targets, anchors);
     let (direction, d_direction) = direction(&pass.direction, targets, anchors);
     let losses = Losses {
@@ -179,12 +236,15 @@ pub fn evaluate(
         variance,
         boxes,
         direction,
+        pull,
+        unknown,
     };
     let gradients = OutputGradients {
-        objectness: d_objectness,
+        presence,
         embedding,
         boxes: d_boxes,
         direction: d_direction,
+        unknown: d_unknown,
     };
     (losses, gradients)
 }
@@ -275,20 +335,33 @@ fn objectness(
 }
 
 /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of
-/// softmax(2 T f), and the variance loss |f - m_Y|^2.
+/// softmax(2 T f), the variance loss |f - m_Y|^2, and for made-up unknown objects |f - c|^2 with the prototypes' centre c.
 fn metric(
     embedding: &[f32],
     targets: &BatchTargets,
     settings: MetricSettings,
     classes: usize,
-) -> (f64, f64, Vec<f32>) {
+) -> (f64, f64, f64, Vec<f32>) {
     let t = settings.prototype_scale;
-    let (mut cross, mut spread) = (0.0, 0.0);
+    let (mut cross, mut spread, mut pulled) = (0.0, 0.0, 0.0);
     let mut gradient = vec![0.0; embedding.len()];
-    for label in &targets.cells {
+    // A sigmoid head has no embedding.
+    for label in targets.cells.iter().filter(|_| !embedding.is_empty()) {
         let range = label.row as usize * classes..(label.row as usize + 1) * classes;
         let (f, d) = (&embedding[range.clone()], &mut gradient[range]);
-        let own = label.class as usize;
+        let own = match label.is {
+            CellClass::Known(class) => class as usize,
+            CellClass::Background => continue,
+            CellClass::Unknown => {
+                let pull = settings.pull_weight * label.weight;
+                for (d, v) in d.iter_mut().zip(f) {
+                    let off = v - t / classes as f32;
+                    pulled += f64::from(pull * off * off);
+                    *d += 2.0 * pull * off;
+                }
+                continue;
+            }
+        };
         let most = f.iter().copied().fold(f32::MIN, f32::max);
         let sum: f32 = f.iter().map(|v| (2.0 * t * (v - most)).exp()).sum();
         cross += f64::from(label.weight * (sum.ln() + 2.0 * t * (most - f[own])));
@@ -301,7 +374,24 @@ fn metric(
             *d += label.weight * 2.0 * t * (p - is_own) + 2.0 * pull * off;
         }
     }
-    (cross, spread, gradient)
+    (cross, spread, pulled, gradient)
+}
+
+/// Cross entropy of the logit of the unknown: made-up unknown objects against known ones and background.
+fn unknown(logits: &[f32], targets: &BatchTargets, weight: f32) -> (f64, Vec<f32>) {
+    let mut gradient = vec![0.0; logits.len()];
+    let mut loss = 0.0;
+    for label in targets.cells.iter().filter(|_| !logits.is_empty()) {
+        let sign = if label.is == CellClass::Unknown {
+            -1.0
+        } else {
+            1.0
+        };
+        let (x, weight) = (sign * logits[label.row as usize], weight * label.weight);
+        loss += f64::from(weight * softplus(x));
+        gradient[label.row as usize] += sign * weight / (1.0 + (-x).exp());
+    }
+    (loss, gradient)
 }
 
 /// Smooth L1 on the seven codes, the angle's as the sine of the difference.

@@ -38,13 +38,13 @@ fn batch() -> BatchTargets {
         cells: vec![
             RowClass {
                 row: 0,
-                class: 0,
+                is: CellClass::Known(0),
                 weight: 0.7,
                 share: 0.5,
             },
             RowClass {
                 row: 1,
-                class: 1,
+                is: CellClass::Known(1),
                 weight: 0.3,
                 share: 0.5,
             },
@@ -117,13 +117,14 @@ fn metric_loss_is_the_papers_and_its_gradient_right() {
     let settings = MetricSettings {
         prototype_scale: 1.5,
         variance_weight: 0.1,
+        ..MetricSettings::default()
     };
     let f = draw(4, 0.7);
-    let (cross, spread, gradient) = metric(&f, &targets, settings, 2);
+    let (cross, spread, _, gradient) = metric(&f, &targets, settings, 2);
     check(
         &f,
         |x| {
-            let (a, b, _) = metric(x, &targets, settings, 2);
+            let (a, b, ..) = metric(x, &targets, settings, 2);
             a + b
         },
         &gradient,
@@ -137,7 +138,10 @@ fn metric_loss_is_the_papers_and_its_gradient_right() {
                 .map(|c| (f[c] - if c == m { 1.5 } else { 0.0 }).powi(2))
                 .sum::<f32>()
         });
-        let own = d[label.class as usize];
+        let CellClass::Known(class) = label.is else {
+            continue;
+        };
+        let own = d[class as usize];
         expected.0 += label.weight * (own + d.iter().map(|d| (-d).exp()).sum::<f32>().ln());
         expected.1 += 0.1 * label.share * own;
     }
@@ -154,6 +158,7 @@ fn objectness_equals_the_sum_over_every_cell() {
         shape: [1, 4, 4],
         scatter: vec![],
         map_rows: 0,
+        occupied: vec![],
         block1: vec![],
         block2: vec![],
         identity: Default::default(),
@@ -183,4 +188,51 @@ fn objectness_equals_the_sum_over_every_cell() {
     assert!((loss - expected).abs() < 1e-5);
     check(&up1, |x| run(x, &up2).0, &d1);
     check(&up2, |x| run(&up1, x).0, &d2);
+}
+
+#[test]
+fn made_up_objects_are_drawn_to_the_centre_and_known_to_be_unknown() {
+    let mut targets = batch();
+    targets.cells[0].is = CellClass::Unknown;
+    let settings = MetricSettings {
+        prototype_scale: 1.5,
+        pull_weight: 0.4,
+        ..MetricSettings::default()
+    };
+    let f = draw(4, 0.7);
+    let (_, _, pulled, gradient) = metric(&f, &targets, settings, 2);
+    let value = |x: &[f32]| {
+        let (cross, spread, pull, _) = metric(x, &targets, settings, 2);
+        cross + spread + pull
+    };
+    check(&f, value, &gradient);
+    let off = (f[0] - 0.75).powi(2) + (f[1] - 0.75).powi(2);
+    assert!((pulled - f64::from(0.4 * 0.7 * off)).abs() < 1e-6);
+    // At the centre nothing is left.
+    let (_, _, none, _) = metric(&[0.75, 0.75, f[2], f[3]], &targets, settings, 2);
+    assert!(none < 1e-12);
+    let logits = draw(2, 1.0);
+    let (_, gradient) = unknown(&logits, &targets, 0.9);
+    check(&logits, |x| unknown(x, &targets, 0.9).0, &gradient);
+    assert!(gradient[0] < 0.0 && gradient[1] > 0.0);
+}
+
+#[test]
+fn a_sigmoid_head_learns_one_class_an_anchor() {
+    let targets = Targets {
+        positives: vec![crate::train::targets::Positive {
+            cell: 1,
+            anchor: 2,
+            codes: [0.0; 7],
+            bin: 0,
+        }],
+        ignored: vec![3],
+        cells: vec![],
+    };
+    // Two cells of four anchors and two classes.
+    let batch = BatchTargets::new(&[targets], 2, 4, 2);
+    let mut expected = [0; 16];
+    expected[6..8].fill(-1);
+    expected[8 + 2 * 2 + 1] = 1;
+    assert_eq!(batch.labels, expected);
 }

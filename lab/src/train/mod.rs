@@ -8,17 +8,23 @@ pub mod augment;
 mod backward;
 pub mod checkpoint;
 pub mod database;
+pub mod embedding;
 mod error;
 pub mod export;
 pub mod halo;
+mod import;
 pub mod layers;
 pub mod loader;
+mod log;
 pub mod losses;
+pub mod made_up;
+pub mod mlp;
 pub mod network;
 #[cfg(test)]
 mod network_tests;
 pub mod norm;
 pub mod optimizer;
+mod osis;
 #[cfg(test)]
 mod parity_tests;
 pub mod plan;
@@ -34,6 +40,8 @@ mod trainer_tests;
 mod validate;
 
 pub use error::TrainError;
-pub use run::{Event, Progress, Run};
-pub use settings::{Profile, Setting, Settings, hdl_64e};
+pub use log::Progress;
+pub use osis::train_osis;
+pub use run::{Event, Run};
+pub use settings::{Improvements, Kind, Profile, Setting, Settings, hdl_64e};
 pub use validate::{ClassFigures, Figures, validate};

@@ -18,14 +18,57 @@ use super::random::Random;
 /// The heads' layers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heads {
-    /// A logit an anchor.
-    pub objectness: Linear,
-    /// One embedding a cell.
-    pub embedding: Linear,
+    /// Objectness, a logit an anchor; of a sigmoid head a logit an anchor and class.
+    pub presence: Linear,
+    /// One embedding a cell; a sigmoid head has none.
+    pub embedding: Option<Linear>,
     /// Seven codes an anchor.
     pub boxes: Linear,
     /// Two bins an anchor.
     pub direction: Linear,
+    /// The logit of the unknown, one a cell, of an open head.
+    pub unknown: Option<Linear>,
+}
+
+impl Heads {
+    fn new(network: &Network, a: &mut Allocator) -> Heads {
+        let features = network.feature_channels();
+        let mut all: Vec<Linear> = network
+            .heads()
+            .into_iter()
+            .map(|(name, cout)| a.linear(name, features, cout))
+            .collect();
+        let mut take = |name: &str| {
+            let at = all.iter().position(|head| head.name == name);
+            at.map(|at| all.remove(at))
+        };
+        let (objectness, class) = (take("head.objectness"), take("head.class"));
+        let none = || Linear {
+            name: String::new(),
+            cin: features,
+            cout: 0,
+            weight: 0..0,
+            bias: 0..0,
+        };
+        Heads {
+            presence: objectness.or(class).unwrap_or_else(none),
+            embedding: take("head.embedding"),
+            boxes: take("head.box").unwrap_or_else(none),
+            direction: take("head.direction").unwrap_or_else(none),
+            unknown: take("head.unknown"),
+        }
+    }
+
+    /// Each head.
+    pub fn all(&self) -> impl Iterator<Item = &Linear> {
+        [&self.presence].into_iter().chain(self.closer())
+    }
+
+    /// Those that run on labelled cells alone.
+    pub(super) fn closer(&self) -> impl Iterator<Item = &Linear> {
+        let first = self.embedding.iter().chain([&self.boxes, &self.direction]);
+        first.chain(&self.unknown)
+    }
 }
 
 /// The network's layers, and where their numbers lie.
@@ -99,8 +142,8 @@ pub struct Pass {
     pub(super) block2: Vec<Activation>,
     pub(super) up1: Activation,
     pub(super) up2: Activation,
-    /// Share of the objectness logits by row of up 1 and of up 2 (the bias is in the first).
-    pub objectness: [Vec<f32>; 2],
+    /// Share of the presence logits by row of up 1 and of up 2 (the bias is in the first).
+    pub presence: [Vec<f32>; 2],
     pub(super) labelled_features: Vec<f32>,
     /// Embedding of each labelled cell.
     pub embedding: Vec<f32>,
@@ -108,19 +151,31 @@ pub struct Pass {
     pub boxes: Vec<f32>,
     /// Direction logits of each labelled cell's anchors.
     pub direction: Vec<f32>,
+    /// Logit of the unknown of each labelled cell.
+    pub unknown: Vec<f32>,
 }
 
 /// Gradients of the loss with respect to the outputs of a [`Pass`], of the same shapes.
 #[derive(Clone, Debug, Default)]
 pub struct OutputGradients {
     /// By row of up 1 and up 2.
-    pub objectness: [Vec<f32>; 2],
+    pub presence: [Vec<f32>; 2],
     /// Embeddings.
     pub embedding: Vec<f32>,
     /// Box codes.
     pub boxes: Vec<f32>,
     /// Direction logits.
     pub direction: Vec<f32>,
+    /// Logits of the unknown.
+    pub unknown: Vec<f32>,
+}
+
+impl OutputGradients {
+    /// In the order of [`Heads::closer`], those that a head has.
+    pub(super) fn closer(&self) -> impl Iterator<Item = &Vec<f32>> {
+        let all = [&self.embedding, &self.boxes, &self.direction, &self.unknown];
+        all.into_iter().filter(|gradient| !gradient.is_empty())
+    }
 }
 
 /// Running statistics, by [`Layer::norm`].
@@ -148,16 +203,7 @@ impl Chain {
         let (up1, up2) = (&network.up1, &network.up2);
         let up1 = a.layer(&up1.name, 1, up1.cin, up1.cout, 1);
         let up2 = a.layer(&up2.name, 1, up2.cin, up2.cout, 4);
-        let features = network.feature_channels();
-        let [objectness, embedding, boxes, direction] = network
-            .heads()
-            .map(|(name, cout)| a.linear(name, features, cout));
-        let heads = Heads {
-            objectness,
-            embedding,
-            boxes,
-            direction,
-        };
+        let heads = Heads::new(network, &mut a);
         let parameters = a.used;
         Chain {
             network: network.clone(),
@@ -200,18 +246,25 @@ impl Chain {
             parameters[layer.gamma.clone()].fill(1.0);
         }
         let Heads {
-            objectness,
+            presence,
             embedding,
             boxes,
             direction,
+            unknown,
         } = &self.heads;
-        let bound = 1.0 / (objectness.cin as f64).sqrt();
-        parameters[objectness.weight.clone()].fill_with(|| random.uniform(-bound, bound) as f32);
-        parameters[objectness.bias.clone()].fill(-(99.0f32).ln());
-        parameters[embedding.weight.clone()].fill_with(|| 0.01 * random.normal() as f32);
-        parameters[embedding.bias.clone()].fill(prototype_scale / self.network.classes as f32);
+        let bound = 1.0 / (presence.cin as f64).sqrt();
+        parameters[presence.weight.clone()].fill_with(|| random.uniform(-bound, bound) as f32);
+        parameters[presence.bias.clone()].fill(-(99.0f32).ln());
+        if let Some(embedding) = embedding {
+            let centre = prototype_scale / self.network.classes as f32;
+            parameters[embedding.weight.clone()].fill_with(|| 0.01 * random.normal() as f32);
+            parameters[embedding.bias.clone()].fill(centre);
+        }
         parameters[boxes.weight.clone()].fill_with(|| 0.001 * random.normal() as f32);
         parameters[direction.weight.clone()].fill_with(|| random.uniform(-bound, bound) as f32);
+        if let Some(unknown) = unknown {
+            parameters[unknown.weight.clone()].fill_with(|| 0.01 * random.normal() as f32);
+        }
         parameters
     }
 
@@ -333,16 +386,16 @@ impl Chain {
         ]
     }
 
-    /// The objectness weights of up 1's channels and of up 2's.
-    pub(super) fn objectness_halves(&self) -> [Range<usize>; 2] {
-        let head = &self.heads.objectness;
+    /// The presence weights of up 1's channels and of up 2's.
+    pub(super) fn presence_halves(&self) -> [Range<usize>; 2] {
+        let head = &self.heads.presence;
         let middle = head.weight.start + self.up1.channels * head.cout;
         [head.weight.start..middle, middle..head.weight.end]
     }
 
     fn heads(&self, parameters: &[f32], plan: &Plan, labelled: &[u32], pass: &mut Pass) {
-        let [first, second] = self.objectness_halves();
-        let anchors = self.heads.objectness.cout;
+        let [first, second] = self.presence_halves();
+        let anchors = self.heads.presence.cout;
         let share = |y: &[f32], channels: usize, weights: Range<usize>, bias: Option<&[f32]>| {
             let rows = y.len() / channels;
             let weights = Weights::pack(1, channels, anchors, &parameters[weights]);
@@ -351,22 +404,20 @@ impl Chain {
             convolve(y, &identity(rows), &weights, epilogue, None, &mut logits);
             logits
         };
-        let bias = &parameters[self.heads.objectness.bias.clone()];
-        pass.objectness = [
+        let bias = &parameters[self.heads.presence.bias.clone()];
+        pass.presence = [
             share(&pass.up1.y, self.up1.channels, first, Some(bias)),
             share(&pass.up2.y, self.up2.channels, second, None),
         ];
         pass.labelled_features = self.features(plan, labelled, [&pass.up1.y, &pass.up2.y]);
         let rows = identity(labelled.len());
         let run = |head: &Linear| head.forward(parameters, &pass.labelled_features, &rows);
-        let Heads {
-            embedding,
-            boxes,
-            direction,
-            ..
-        } = &self.heads;
-        let outputs = [embedding, boxes, direction].map(run);
-        [pass.embedding, pass.boxes, pass.direction] = outputs;
+        let heads = &self.heads;
+        let [boxes, direction] = [&heads.boxes, &heads.direction].map(run);
+        let [embedding, unknown] = [&heads.embedding, &heads.unknown]
+            .map(|head| head.as_ref().map(run).unwrap_or_default());
+        (pass.embedding, pass.boxes) = (embedding, boxes);
+        (pass.direction, pass.unknown) = (direction, unknown);
     }
 
     /// Rows of `cells`: up 1's channels, then up 2's.

@@ -1,6 +1,6 @@
 //! The network's passes against plain dense ones, and its gradients against finite differences.
 
-use mluc_model::{DenseLayer, Grid, Network, SparseLayer, UpLayer};
+use mluc_model::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer};
 
 use super::halo::Cells;
 use super::layers::Pool;
@@ -15,6 +15,8 @@ use super::targets::Anchors;
 const SETTINGS: MetricSettings = MetricSettings {
     prototype_scale: 2.0,
     variance_weight: 0.05,
+    pull_weight: 0.3,
+    unknown_weight: 0.7,
 };
 
 /// A network of the real one's shape with few channels, on a map of 16 x 20.
@@ -64,6 +66,8 @@ pub(crate) fn small() -> Network {
             cout: 3,
         },
         classes: 2,
+        head: HeadKind::default(),
+        generic: 0,
     }
 }
 
@@ -100,18 +104,35 @@ pub(crate) fn targets(network: &Network) -> BatchTargets {
     let anchors = Anchors::new(
         network,
         &[class("a", [0.9, 0.7, 1.2]), class("b", [0.6, 0.5, 1.0])],
+        &[class("any", [0.8, 0.6, 1.1])][..network.generic],
     );
     let object = |class, x, y| Object {
         class: Some(class),
         bounds: mluc_geometry::Box3::new([x, y, -0.2, 0.9, 0.65, 1.2, 0.4]),
         points: 20,
+        made_up: false,
     };
+    let made_up = Object {
+        class: None,
+        made_up: true,
+        ..object(0, 6.5, 1.5)
+    };
+    let open = network.head == HeadKind::Open;
     let frames: Vec<_> = [2.0, 3.0]
         .iter()
-        .map(|x| anchors.assign(&[object(0, *x, 0.5), object(1, 5.1, -0.6)]))
+        .map(|x| {
+            let mut objects = vec![object(0, *x, 0.5), object(1, 5.1, -0.6)];
+            objects.extend(open.then(|| made_up.clone()));
+            anchors.assign(&objects)
+        })
         .collect();
     let [rows, columns] = network.map_shape();
-    BatchTargets::new(&frames, rows * columns, 4)
+    let logits = if network.head == HeadKind::Sigmoid {
+        2
+    } else {
+        1
+    };
+    BatchTargets::new(&frames, rows * columns, anchors.per_cell(), logits)
 }
 
 /// The same batch with every cell of the map listed: plain dense layers.
@@ -161,7 +182,15 @@ struct Setup {
 }
 
 fn setup() -> Setup {
-    let network = small();
+    setup_of(HeadKind::Metric)
+}
+
+fn setup_of(head: HeadKind) -> Setup {
+    let network = Network {
+        head,
+        generic: usize::from(head == HeadKind::Open),
+        ..small()
+    };
     let chain = Chain::new(&network);
     let mut parameters = chain.initial(3, 2.0);
     // Away from the special first values, so that every path carries weight.
@@ -255,22 +284,21 @@ fn halo_training_equals_dense_training() {
 /// Directional derivatives of each layer's parameters.
 #[test]
 fn gradients_are_those_of_the_loss() {
-    let s = setup();
-    let (_, pass, outputs) = run(&s, &s.plan, &s.parameters);
-    let analytic = gradients(&s, &s.plan, &pass, &outputs);
+    for head in [HeadKind::Metric, HeadKind::Sigmoid, HeadKind::Open] {
+        slopes_agree(&setup_of(head));
+    }
+}
+
+fn slopes_agree(s: &Setup) {
+    let (_, pass, outputs) = run(s, &s.plan, &s.parameters);
+    let analytic = gradients(s, &s.plan, &pass, &outputs);
     let mut ranges: Vec<(String, std::ops::Range<usize>)> = vec![];
     for l in s.chain.layers() {
         ranges.push((format!("{} weight", l.name), l.weight.clone()));
         ranges.push((format!("{} gamma", l.name), l.gamma.clone()));
         ranges.push((format!("{} beta", l.name), l.beta.clone()));
     }
-    let heads = &s.chain.heads;
-    for h in [
-        &heads.objectness,
-        &heads.embedding,
-        &heads.boxes,
-        &heads.direction,
-    ] {
+    for h in s.chain.heads.all() {
         ranges.push((h.name.clone(), h.weight.start..h.bias.end));
     }
     for (name, range) in ranges {
@@ -285,7 +313,7 @@ fn gradients_are_those_of_the_loss() {
                 .iter_mut()
                 .zip(&analytic[range.clone()])
                 .for_each(|(p, g)| *p += h / norm * g);
-            run(&s, &s.plan, &p).0
+            run(s, &s.plan, &p).0
         };
         // Along the gradient the slope is its norm. A large step meets ReLU's kinks, a small one rounding: any will do.
         let ratio = |h: f32| (at(h) - at(-h)) / (2.0 * f64::from(h)) / f64::from(norm);
@@ -326,7 +354,7 @@ fn forward_equals_a_plain_dense_network() {
     features.push((x, shape));
     let up1 = plain_up(&features[0].0, &s.chain.up1, &s.parameters);
     let up2 = plain_up(&features[1].0, &s.chain.up2, &s.parameters);
-    let head = &s.chain.heads.objectness;
+    let head = &s.chain.heads.presence;
     for cell in 0..2 * rows * columns {
         let (frame, y, column) = (
             cell / (rows * columns),
@@ -344,7 +372,7 @@ fn forward_equals_a_plain_dense_network() {
                 s.plan.map.up1_row[cell] as usize,
                 s.plan.map.up2_row[cell] as usize,
             );
-            let found = pass.objectness[0][row1 * 4 + a] + pass.objectness[1][row2 * 4 + a];
+            let found = pass.presence[0][row1 * 4 + a] + pass.presence[1][row2 * 4 + a];
             assert!(
                 (found - logit).abs() < 2e-4,
                 "cell {cell} anchor {a}: {found} {logit}"

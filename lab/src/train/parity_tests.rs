@@ -73,7 +73,10 @@ fn the_engine_computes_what_was_trained() {
         vec![0.0; frame.rows * network.feature_channels()],
     );
     backbone.write_rows(&mut at, &mut rows).expect("written");
-    let [objectness, embedding, boxes, direction] = head.outputs(&rows);
+    let outputs = head.outputs(&rows);
+    let [objectness, embedding, boxes, direction] = &outputs[..] else {
+        panic!("{} heads", outputs.len());
+    };
     assert!(frame.rows > 500);
     let mut most = 0.0f32;
     for (row, &cell) in at.iter().enumerate() {
@@ -83,13 +86,13 @@ fn the_engine_computes_what_was_trained() {
             plan.map.up2_row[cell] as usize,
         );
         for a in 0..6 {
-            let ours = pass.objectness[0][up1 * 6 + a] + pass.objectness[1][up2 * 6 + a];
+            let ours = pass.presence[0][up1 * 6 + a] + pass.presence[1][up2 * 6 + a];
             most = most.max((ours - objectness[row * 6 + a]).abs());
         }
         for (ours, theirs, width) in [
-            (&pass.embedding, &embedding, 3),
-            (&pass.boxes, &boxes, 42),
-            (&pass.direction, &direction, 12),
+            (&pass.embedding, embedding, 3),
+            (&pass.boxes, boxes, 42),
+            (&pass.direction, direction, 12),
         ] {
             for c in 0..width {
                 most = most.max((ours[cell * width + c] - theirs[row * width + c]).abs());
@@ -110,7 +113,7 @@ fn the_head_reads_the_codes_that_training_aims_at() {
     use super::scene::Object;
     use super::targets::Anchors;
     let manifest = Manifest::untrained("kitti", scene().0);
-    let ours = Anchors::new(&manifest.network, &manifest.classes);
+    let ours = Anchors::of(&manifest);
     let theirs = mluc_head::decode::Anchors::new(&manifest);
     for yaw in [-3.0, -1.2, 0.2, 1.4, 2.7] {
         let bounds = mluc_geometry::Box3::new([9.3, 1.1, -1.0, 4.1, 1.7, 1.5, yaw]);
@@ -118,6 +121,7 @@ fn the_head_reads_the_codes_that_training_aims_at() {
             class: Some(0),
             bounds,
             points: 50,
+            made_up: false,
         };
         let positives = ours.assign(&[object]).positives;
         assert!(!positives.is_empty());

@@ -24,6 +24,8 @@ pub struct MapPlan {
     pub shape: [usize; 3],
     /// Map row and height level of each row of the last sparse layer.
     pub scatter: Vec<(u32, u32)>,
+    /// Cells (over the batch) that hold a row of the last sparse layer, ascending.
+    pub occupied: Vec<u32>,
     /// Rows of the scattered map (it has no background row: unlisted cells are zero).
     pub map_rows: usize,
     /// Block 1.
@@ -95,6 +97,7 @@ impl MapPlan {
                 .map(|(cell, z)| (input.row_of[*cell as usize], *z))
                 .collect(),
             map_rows: input.listed.len(),
+            occupied: input.listed.clone(),
             block1,
             block2,
             identity: [identity(full.rows()), identity(cells.rows())],

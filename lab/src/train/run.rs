@@ -1,7 +1,5 @@
 //! A whole training run: data, steps, log, checkpoints, model file.
 
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,41 +11,17 @@ use super::checkpoint::{self, write_atomically};
 use super::database::{Database, mean_boxes};
 use super::error::TrainError;
 use super::export;
+use super::import;
 use super::loader::Preparer;
-use super::losses::{Losses, MetricSettings};
+use super::log::{Log, Progress};
+use super::losses::MetricSettings;
 use super::optimizer::Schedule;
 use super::settings::{Setting, Settings};
 use super::source::{FolderSource, Source};
 use super::targets::Anchors;
-use super::trainer::{Report, Timing, Trainer};
+use super::trainer::Trainer;
 use super::validate::validate;
 use crate::dataset::Dataset;
-
-/// Steps that one line of the log averages.
-const LOG_STEPS: u64 = 20;
-
-/// A line of `train.jsonl`: means over the steps since the last line.
-#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
-pub struct Progress {
-    /// Steps done.
-    pub step: u64,
-    /// Steps in all.
-    pub steps: u64,
-    /// Sum of the losses.
-    pub loss: f64,
-    /// Each.
-    pub losses: Losses,
-    /// Before clipping.
-    pub gradient_norm: f64,
-    /// Learning rate.
-    pub rate: f64,
-    /// Frames a second.
-    pub frames_per_s: f64,
-    /// Seconds left.
-    pub left_s: f64,
-    /// Milliseconds a step.
-    pub timing_ms: Timing,
-}
 
 /// What a run tells while it goes on.
 pub enum Event<'a> {
@@ -77,7 +51,7 @@ impl Run {
         for (class, mean) in manifest
             .classes
             .iter_mut()
-            .zip(mean_boxes(&source, settings.setting.classes())?)
+            .zip(mean_boxes(&source, settings.classes())?)
         {
             if mean.count == 0 {
                 return Err(TrainError::NoObjects {
@@ -101,7 +75,7 @@ impl Run {
         } else {
             0
         };
-        let database = Database::build(&source, settings.setting.classes(), frames)?;
+        let database = Database::build(&source, settings.classes(), frames)?;
         let sizes: Vec<String> = database
             .samples
             .iter()
@@ -120,6 +94,7 @@ impl Run {
         if settings.bf16 {
             trainer.chain.use_bf16();
         }
+        place_generic_anchors(&mut manifest);
         make_folder(&settings.out)?;
         let path = settings.out.join("checkpoint.safetensors");
         if checkpoint::load(&path, &mut trainer.state, &settings.fingerprint())? {
@@ -127,6 +102,9 @@ impl Run {
                 "resumed at step {}",
                 trainer.state.step
             )));
+        } else if let Some(path) = &settings.init {
+            let text = import::start_from(path, &manifest, &mut trainer)?;
+            tell(Event::Note(text));
         }
         Ok(Run {
             settings: settings.clone(),
@@ -142,10 +120,12 @@ impl Run {
         let settings = self.settings.clone();
         let augmentation = settings.augment.then(|| Augmentation {
             database: std::mem::take(&mut self.database),
-            wanted: settings.setting.objects_wanted().to_vec(),
+            wanted: settings.objects_wanted(),
+            made_up: settings.improvements().made_up,
+            classes_m: classes_m(&self.manifest),
             mirror_x: settings.setting == Setting::Udi,
         });
-        let anchors = Anchors::new(&self.manifest.network, &self.manifest.classes);
+        let anchors = Anchors::of(&self.manifest);
         let source = Arc::new(self.source.clone());
         let network = &self.manifest.network;
         let preparer = Preparer::new(
@@ -155,7 +135,8 @@ impl Run {
             network,
             settings.batch,
             settings.seed,
-        );
+        )
+        .with_background_cells(settings.improvements().background_cells);
         let batches = preparer.spawn(self.trainer.state.step..settings.steps);
         let mut log = Log::open(&settings.out.join("train.jsonl"), &settings)?;
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
@@ -257,10 +238,30 @@ impl Run {
 }
 
 fn metric(settings: &Settings) -> MetricSettings {
+    let improvements = settings.improvements();
     MetricSettings {
-        prototype_scale: settings.prototype_scale,
+        prototype_scale: settings.prototype_scale(),
         variance_weight: settings.variance_weight,
+        pull_weight: improvements.pull_weight,
+        unknown_weight: improvements.unknown_weight,
     }
+}
+
+/// Anchors without a class stand where the classes' objects stand on average.
+fn place_generic_anchors(manifest: &mut Manifest) {
+    let count = manifest.classes.len().max(1) as f32;
+    let bottom_z_m = manifest.classes.iter().map(|c| c.bottom_z_m).sum::<f32>() / count;
+    for anchor in &mut manifest.generic {
+        anchor.bottom_z_m = bottom_z_m;
+    }
+}
+
+fn classes_m(manifest: &Manifest) -> Vec<[f64; 3]> {
+    let sizes = manifest
+        .classes
+        .iter()
+        .map(|class| class.size_m.map(f64::from));
+    sizes.collect()
 }
 
 fn make_folder(path: &Path) -> Result<(), TrainError> {
@@ -268,105 +269,4 @@ fn make_folder(path: &Path) -> Result<(), TrainError> {
         path: path.to_owned(),
         cause,
     })
-}
-
-/// The log file, and the means since its last line.
-struct Log {
-    file: File,
-    path: PathBuf,
-    sum: Progress,
-    count: u64,
-    since: Instant,
-    steps: u64,
-    batch: usize,
-    /// Seconds a step, smoothed.
-    pace_s: f64,
-}
-
-impl Log {
-    fn open(path: &Path, settings: &Settings) -> Result<Log, TrainError> {
-        let file = File::options().create(true).append(true).open(path);
-        let file = file.map_err(|cause| TrainError::Io {
-            path: path.to_owned(),
-            cause,
-        })?;
-        Ok(Log {
-            file,
-            path: path.to_owned(),
-            sum: Progress::default(),
-            count: 0,
-            since: Instant::now(),
-            steps: settings.steps,
-            batch: settings.batch,
-            pace_s: 0.0,
-        })
-    }
-
-    /// A line when enough steps have come together.
-    fn add(&mut self, report: &Report, step: u64) -> Result<Option<Progress>, TrainError> {
-        let (sum, l, t) = (&mut self.sum, &report.losses, &report.timing);
-        let pairs = [
-            (&mut sum.loss, l.total()),
-            (&mut sum.losses.objectness, l.objectness),
-            (&mut sum.losses.metric, l.metric),
-            (&mut sum.losses.variance, l.variance),
-            (&mut sum.losses.boxes, l.boxes),
-            (&mut sum.losses.direction, l.direction),
-            (&mut sum.gradient_norm, report.gradient_norm),
-            (&mut sum.timing_ms.wait, t.wait),
-            (&mut sum.timing_ms.prepare, t.prepare),
-            (&mut sum.timing_ms.forward, t.forward),
-            (&mut sum.timing_ms.losses, t.losses),
-            (&mut sum.timing_ms.backward, t.backward),
-            (&mut sum.timing_ms.update, t.update),
-        ];
-        pairs.into_iter().for_each(|(sum, value)| *sum += value);
-        self.count += 1;
-        if !step.is_multiple_of(LOG_STEPS) && step != self.steps {
-            return Ok(None);
-        }
-        let mut line = self.mean();
-        let seconds = self.since.elapsed().as_secs_f64() / self.count as f64;
-        self.pace_s = if self.pace_s == 0.0 {
-            seconds
-        } else {
-            0.9 * self.pace_s + 0.1 * seconds
-        };
-        (line.step, line.steps, line.rate) = (step, self.steps, report.rate);
-        line.frames_per_s = self.batch as f64 / seconds;
-        line.left_s = self.pace_s * (self.steps - step) as f64;
-        let failed = |cause| TrainError::Io {
-            path: self.path.clone(),
-            cause,
-        };
-        let text = serde_json::to_string(&line).map_err(|e| failed(e.into()))?;
-        writeln!(self.file, "{text}").map_err(failed)?;
-        (self.sum, self.count, self.since) = (Progress::default(), 0, Instant::now());
-        Ok(Some(line))
-    }
-
-    fn mean(&self) -> Progress {
-        let (s, n) = (&self.sum, self.count as f64);
-        let (l, t) = (&s.losses, &s.timing_ms);
-        Progress {
-            loss: s.loss / n,
-            losses: Losses {
-                objectness: l.objectness / n,
-                metric: l.metric / n,
-                variance: l.variance / n,
-                boxes: l.boxes / n,
-                direction: l.direction / n,
-            },
-            gradient_norm: s.gradient_norm / n,
-            timing_ms: Timing {
-                wait: t.wait / n,
-                prepare: t.prepare / n,
-                forward: t.forward / n,
-                losses: t.losses / n,
-                backward: t.backward / n,
-                update: t.update / n,
-            },
-            ..*s
-        }
-    }
 }

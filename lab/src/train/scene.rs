@@ -14,12 +14,19 @@ pub struct Object {
     pub bounds: Box3,
     /// Points of the scan inside it.
     pub points: usize,
+    /// Made up to stand for the unknown; of no class.
+    pub made_up: bool,
 }
 
 impl Object {
     /// The class to train it as.
     pub fn trained_class(&self) -> Option<usize> {
         self.class.filter(|_| self.points >= POINTS_MIN)
+    }
+
+    /// Whether it is trained on, as a class or as made up.
+    pub fn is_trained(&self) -> bool {
+        (self.class.is_some() || self.made_up) && self.points >= POINTS_MIN
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use mluc_model::{Beams, Grid, Manifest, Network};
+use mluc_model::{AnchorClass, Beams, Grid, HeadKind, Manifest, Network};
 use serde::{Deserialize, Serialize};
 
 use super::error::TrainError;
@@ -27,6 +27,78 @@ pub enum Profile {
     Second,
 }
 
+/// What is trained: a row, or several, of the paper's tables.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// The paper's metric head.
+    #[default]
+    Metric,
+    /// SECOND's own classifier: the closed set.
+    Sigmoid,
+    /// Objectness and a linear softmax: the naive baseline.
+    Softmax,
+    /// Ours: metric head, anchors without a class, made-up unknown objects.
+    Improved,
+    /// SECOND's classifier with the unknown classes labelled: the upper bound.
+    Supervised,
+    /// `Softmax` for a point embedding on its frozen trunk.
+    Osis,
+}
+
+impl Kind {
+    /// `metric` and so on.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Metric => "metric",
+            Kind::Sigmoid => "sigmoid",
+            Kind::Softmax => "softmax",
+            Kind::Improved => "improved",
+            Kind::Supervised => "supervised",
+            Kind::Osis => "osis",
+        }
+    }
+
+    /// The head of its model file.
+    pub fn head(self) -> HeadKind {
+        match self {
+            Kind::Metric => HeadKind::Metric,
+            Kind::Softmax | Kind::Osis => HeadKind::Softmax,
+            Kind::Improved => HeadKind::Open,
+            Kind::Sigmoid | Kind::Supervised => HeadKind::Sigmoid,
+        }
+    }
+}
+
+/// What `improved` adds, each to be left out for an ablation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Improvements {
+    /// Made-up unknown objects pasted into a frame, at most.
+    pub made_up: usize,
+    /// Weight of the loss that draws their embeddings to the prototypes' centre.
+    pub pull_weight: f32,
+    /// Weight of the logit of the unknown.
+    pub unknown_weight: f32,
+    /// Anchors without a class.
+    pub generic_anchors: bool,
+    /// Cells of a frame without an object that the logit of the unknown learns from too.
+    pub background_cells: usize,
+}
+
+impl Default for Improvements {
+    /// Guesses, to be measured one by one.
+    fn default() -> Improvements {
+        Improvements {
+            made_up: 6,
+            pull_weight: 0.5,
+            unknown_weight: 1.0,
+            generic_anchors: true,
+            background_cells: 64,
+        }
+    }
+}
+
 /// A training run. What changes the weights is compared when a run is resumed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
@@ -34,6 +106,12 @@ pub struct Settings {
     pub setting: Setting,
     /// Network.
     pub profile: Profile,
+    /// What its heads learn.
+    pub kind: Kind,
+    /// A model file, or the folder of a run, whose weights are taken where they fit.
+    pub init: Option<PathBuf>,
+    /// Of [`Kind::Improved`] alone.
+    pub improvements: Improvements,
     /// Folder with `train/` and `val/`.
     pub data: PathBuf,
     /// Folder of the run.
@@ -81,16 +159,55 @@ impl Setting {
         }
     }
 
-    /// Objects of each class that a frame holds after pasting (paper's implementation for KITTI; a choice for UDI).
-    pub fn objects_wanted(self) -> &'static [usize] {
+    /// The unknown classes, which only the upper bound learns: name, and a size (l, w, h, m) until the data gives one.
+    pub fn unknown_classes(self) -> [(&'static str, [f32; 3]); 2] {
         match self {
-            Setting::Udi => &[8, 10, 10, 5],
-            Setting::Kitti => &[15, 10, 10],
+            Setting::Udi => [
+                ("golf_cart", [2.4, 1.25, 1.85]),
+                ("forklift", [3.0, 1.2, 2.1]),
+            ],
+            Setting::Kitti => [("van", [5.1, 1.9, 2.2]), ("truck", [10.0, 2.6, 3.2])],
         }
     }
 }
 
 impl Settings {
+    /// What a run does unless it is told otherwise.
+    pub fn new(
+        setting: Setting,
+        profile: Profile,
+        kind: Kind,
+        data: PathBuf,
+        out: PathBuf,
+    ) -> Settings {
+        let improved = kind == Kind::Improved;
+        Settings {
+            setting,
+            profile,
+            kind,
+            init: None,
+            improvements: Improvements::default(),
+            data,
+            out,
+            steps: 20_000,
+            batch: 2,
+            seed: 1,
+            learning_rate: 0.003,
+            prototype_scale: if improved {
+                3.0
+            } else {
+                setting.classes() as f32
+            },
+            variance_weight: if improved { 0.1 } else { 0.0 },
+            bf16: false,
+            augment: true,
+            database_frames: 1500,
+            validate_frames: 400,
+            commit: "unknown".into(),
+            checkpoint_every: 200,
+        }
+    }
+
     /// Checks ranges.
     pub fn check(&self) -> Result<(), TrainError> {
         let wrong = |name, expected, found: String| {
@@ -120,13 +237,79 @@ impl Settings {
                 "0 to 100",
                 self.variance_weight.to_string(),
             ),
+            () if !(0.0..=100.0).contains(&self.improvements.pull_weight) => wrong(
+                "improvements.pull_weight",
+                "0 to 100",
+                self.improvements.pull_weight.to_string(),
+            ),
+            () if !(0.0..=100.0).contains(&self.improvements.unknown_weight) => wrong(
+                "improvements.unknown_weight",
+                "0 to 100",
+                self.improvements.unknown_weight.to_string(),
+            ),
+            () if self.improvements.made_up > 64 => wrong(
+                "improvements.made_up",
+                "0 to 64",
+                self.improvements.made_up.to_string(),
+            ),
+            () if self.improvements.background_cells > 4096 => wrong(
+                "improvements.background_cells",
+                "0 to 4096",
+                self.improvements.background_cells.to_string(),
+            ),
             () => Ok(()),
+        }
+    }
+
+    /// Classes that the network learns.
+    pub fn classes(&self) -> usize {
+        let unknown = self.setting.unknown_classes().len();
+        self.setting.classes()
+            + if self.kind == Kind::Supervised {
+                unknown
+            } else {
+                0
+            }
+    }
+
+    /// Objects of each class that a frame holds after pasting (paper's implementation for KITTI; a choice for UDI and for
+    /// the unknown classes).
+    pub fn objects_wanted(&self) -> Vec<usize> {
+        let wanted = match self.setting {
+            Setting::Udi => [8, 10, 10, 5, 5, 5].as_slice(),
+            Setting::Kitti => &[15, 10, 10, 5, 5],
+        };
+        wanted[..self.classes()].to_vec()
+    }
+
+    /// The improvements that apply.
+    pub fn improvements(&self) -> Improvements {
+        match self.kind {
+            Kind::Improved => self.improvements.clone(),
+            _ => Improvements {
+                made_up: 0,
+                generic_anchors: false,
+                background_cells: 0,
+                ..Improvements::default()
+            },
         }
     }
 
     /// The network to train.
     pub fn network(&self) -> Network {
-        let classes = self.setting.classes();
+        let generic = if self.improvements().generic_anchors {
+            Manifest::GENERIC_ANCHORS
+        } else {
+            0
+        };
+        Network {
+            head: self.kind.head(),
+            generic,
+            ..self.trunk(self.classes())
+        }
+    }
+
+    fn trunk(&self, classes: usize) -> Network {
         match (self.profile, self.setting) {
             (Profile::Compact, Setting::Udi) => {
                 Network::compact(Grid::udi(), classes).with_reach_of_trucks()
@@ -139,30 +322,63 @@ impl Settings {
 
     /// The manifest before training: what the data decides is filled in later.
     pub fn manifest(&self) -> Manifest {
+        let mut manifest = Manifest::untrained(self.setting.name(), self.network());
+        manifest.classes.truncate(self.setting.classes());
+        let like = manifest.classes[0].clone();
+        let unknown = self
+            .setting
+            .unknown_classes()
+            .map(|(name, size_m)| AnchorClass {
+                name: name.into(),
+                size_m,
+                matched_iou: 0.5,
+                unmatched_iou: 0.35,
+                ..like.clone()
+            });
+        let wanted = self.classes() - manifest.classes.len();
+        manifest.classes.extend(unknown.into_iter().take(wanted));
         Manifest {
             uses_intensity: false,
-            prototype_scale: self.prototype_scale,
+            prototype_scale: self.prototype_scale(),
             beams: hdl_64e(),
-            ..Manifest::untrained(self.setting.name(), self.network())
+            ..manifest
         }
+    }
+
+    /// T: fixed where the head is one of logits.
+    pub fn prototype_scale(&self) -> f32 {
+        self.kind
+            .head()
+            .prototype_scale()
+            .unwrap_or(self.prototype_scale)
     }
 
     /// What a resumed run must share with its beginning, as text. The number of steps may change: the cycle then goes on
     /// from the same step, at the rate that the new number gives it.
     pub fn fingerprint(&self) -> String {
-        format!(
+        let mut text = format!(
             "{} {:?} batch {} seed {} rate {} scale {} variance {} augment {} database {} bf16 {}",
             self.setting.name(),
             self.profile,
             self.batch,
             self.seed,
             self.learning_rate,
-            self.prototype_scale,
+            self.prototype_scale(),
             self.variance_weight,
             self.augment,
             self.database_frames,
             self.bf16
-        )
+        );
+        if self.kind != Kind::Metric {
+            text += &format!(" network {}", self.kind.name());
+        }
+        if self.kind == Kind::Improved {
+            text += &format!(" {:?}", self.improvements);
+        }
+        if let Some(init) = &self.init {
+            text += &format!(" init {}", init.display());
+        }
+        text
     }
 }
 

@@ -58,6 +58,7 @@ impl FolderSource {
                 class: self.class_of(&label.class),
                 bounds,
                 points: 0,
+                made_up: false,
             });
         }
         let mut points = self.dataset.scan(name)?;

@@ -5,12 +5,15 @@
 //! below the unmatched one, ignored between; each object's best anchors are positive whatever their overlap.
 //! Cells (for the metric loss, paper section 3.2, eq. 2): those whose centre lies in a footprint (the smallest wins),
 //! the cell of each object's centre, and those of positive anchors.
+//! Made-up objects of no class are matched with the anchors without a class, where the network has them, as known objects
+//! are too; else with those of the class that overlaps them most. The anchors of a class that overlap them are ignored.
 //! Objects that are not trained on (see [`super::scene`]) make anchors and cells under them ignored.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use mluc_geometry::{Box3, limit_period};
-use mluc_model::{AnchorClass, Network};
+use mluc_model::{AnchorClass, Manifest, Network};
 
 use super::scene::Object;
 
@@ -34,14 +37,25 @@ pub struct Positive {
     pub bin: u8,
 }
 
+/// What a cell holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CellClass {
+    /// An object of this class.
+    Known(u32),
+    /// A made-up object of none.
+    Unknown,
+    /// No object.
+    Background,
+}
+
 /// A cell of the metric loss.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellLabel {
     /// y * columns + x.
     pub cell: u32,
-    /// Known class.
-    pub class: u32,
-    /// Sums to 1 over a frame that has objects.
+    /// What it holds.
+    pub is: CellClass,
+    /// Sums to 1 over a frame that has objects, background apart.
     pub weight: f32,
 }
 
@@ -66,12 +80,14 @@ pub struct Anchors {
     step_m: [f64; 2],
     /// Edge of a cell.
     cell_m: [f64; 2],
+    /// Known classes, then sizes without a class.
     classes: Vec<AnchorClass>,
+    known: usize,
 }
 
 impl Anchors {
-    /// For a network and its classes.
-    pub fn new(network: &Network, classes: &[AnchorClass]) -> Anchors {
+    /// For a network, its classes, and its anchors without a class.
+    pub fn new(network: &Network, classes: &[AnchorClass], generic: &[AnchorClass]) -> Anchors {
         let [rows, columns] = network.map_shape();
         let (low, high) = (network.grid.range_min_m, network.grid.range_max_m);
         let span = [0, 1].map(|i| f64::from(high[i]) - f64::from(low[i]));
@@ -81,8 +97,14 @@ impl Anchors {
             min_m: [f64::from(low[0]), f64::from(low[1])],
             step_m: [span[0] / (columns - 1) as f64, span[1] / (rows - 1) as f64],
             cell_m: [span[0] / columns as f64, span[1] / rows as f64],
-            classes: classes.to_vec(),
+            classes: [classes, generic].concat(),
+            known: classes.len(),
         }
+    }
+
+    /// Of a manifest.
+    pub fn of(manifest: &Manifest) -> Anchors {
+        Anchors::new(&manifest.network, &manifest.classes, &manifest.generic)
     }
 
     /// Anchors of a cell.
@@ -178,8 +200,8 @@ impl Anchors {
         let mut targets = Targets::default();
         let mut owners: Vec<(u32, usize)> = vec![];
         let mut ignored = self.ignored_by_objects(objects);
-        for anchor in (0..self.per_cell()).step_by(2) {
-            self.assign_class(anchor / 2, objects, &mut targets, &mut owners, &mut ignored);
+        for group in self.groups() {
+            self.assign_group(group, objects, &mut targets, &mut owners, &mut ignored);
         }
         let anchors = self.per_cell() as u32;
         let positive: std::collections::BTreeSet<u32> = targets
@@ -198,7 +220,7 @@ impl Anchors {
     fn ignored_by_objects(&self, objects: &[Object]) -> Vec<u32> {
         let anchors = self.per_cell() as u32;
         let mut ignored = vec![];
-        for object in objects.iter().filter(|o| o.trained_class().is_none()) {
+        for object in objects.iter().filter(|o| !o.is_trained()) {
             for cell in self.cells_under(&object.bounds, IGNORE_MARGIN_M) {
                 ignored.extend(cell * anchors..(cell + 1) * anchors);
             }
@@ -214,34 +236,66 @@ impl Anchors {
         ignored
     }
 
-    /// Positives and ignored anchors of one class; `owners` notes the cell and the object of each positive.
-    fn assign_class(
+    /// Anchors that one object is matched with: those of a class, and together those without one.
+    fn groups(&self) -> Vec<Range<usize>> {
+        let mut groups: Vec<Range<usize>> = (0..self.known).map(|class| class..class + 1).collect();
+        if self.classes.len() > self.known {
+            groups.push(self.known..self.classes.len());
+        }
+        groups
+    }
+
+    /// The group whose anchors a made-up object is to be found by: those without a class, else that of the largest overlap.
+    fn group_of_unknown(&self, object: &Object) -> usize {
+        if self.classes.len() > self.known {
+            return self.known;
+        }
+        let best = |class: usize| {
+            let pairs = [0, 1].map(|r| self.overlaps(&object.bounds, 2 * class + r));
+            pairs
+                .iter()
+                .flatten()
+                .map(|(_, iou)| *iou)
+                .fold(0.0, f64::max)
+        };
+        let bests: Vec<f64> = (0..self.known).map(best).collect();
+        (0..self.known).fold(0, |a, b| if bests[b] > bests[a] { b } else { a })
+    }
+
+    /// Positives and ignored anchors of one group; `owners` notes the cell and the object of each positive.
+    fn assign_group(
         &self,
-        class: usize,
+        group: Range<usize>,
         objects: &[Object],
         targets: &mut Targets,
         owners: &mut Vec<(u32, usize)>,
         ignored: &mut Vec<u32>,
     ) {
-        let (matched, unmatched) = (
-            f64::from(self.classes[class].matched_iou),
-            f64::from(self.classes[class].unmatched_iou),
-        );
-        // Anchor (cell, rotation): best overlap, its object, forced.
+        // Anchor: best overlap, its object, forced.
         let mut best: BTreeMap<(u32, usize), (f64, usize, bool)> = BTreeMap::new();
-        for (number, object) in objects
-            .iter()
-            .enumerate()
-            .filter(|(_, o)| o.trained_class() == Some(class))
-        {
-            let pairs: Vec<((u32, usize), f64)> = [0, 1]
-                .into_iter()
-                .flat_map(|r| {
-                    self.overlaps(&object.bounds, 2 * class + r)
-                        .into_iter()
-                        .map(move |(c, iou)| ((c, r), iou))
+        let anchors = self.per_cell();
+        for (number, object) in objects.iter().enumerate().filter(|(_, o)| o.is_trained()) {
+            let is_target = match object.trained_class() {
+                Some(class) => group.contains(&class) || group.start == self.known,
+                None => group.start == self.group_of_unknown(object),
+            };
+            if !is_target && object.trained_class().is_some() {
+                continue;
+            }
+            let pairs: Vec<((u32, usize), f64)> = (2 * group.start..2 * group.end)
+                .flat_map(|anchor| {
+                    let near = self.overlaps(&object.bounds, anchor);
+                    near.into_iter().map(move |(c, iou)| ((c, anchor), iou))
                 })
                 .collect();
+            if !is_target {
+                // Neither right nor wrong: an object of no class may look like one to the anchors of a class.
+                let near = pairs
+                    .into_iter()
+                    .filter(|((_, a), iou)| *iou >= self.unmatched(*a));
+                ignored.extend(near.map(|((c, a), _)| c * anchors as u32 + a as u32));
+                continue;
+            }
             let most = pairs.iter().map(|(_, iou)| *iou).fold(0.0, f64::max);
             for (key, iou) in pairs {
                 let entry = best.entry(key).or_insert((0.0, number, false));
@@ -251,18 +305,19 @@ impl Anchors {
                 entry.2 |= iou == most;
             }
         }
-        let anchors = self.per_cell() as u32;
-        for ((cell, rotation), (iou, object, forced)) in best {
-            let anchor = 2 * class + rotation;
-            if forced || iou >= matched {
-                targets
-                    .positives
-                    .push(self.positive(cell, anchor, &objects[object].bounds));
+        for ((cell, anchor), (iou, object, forced)) in best {
+            if forced || iou >= f64::from(self.classes[anchor / 2].matched_iou) {
+                let positive = self.positive(cell, anchor, &objects[object].bounds);
+                targets.positives.push(positive);
                 owners.push((cell, object));
-            } else if iou >= unmatched {
-                ignored.push(cell * anchors + anchor as u32);
+            } else if iou >= self.unmatched(anchor) {
+                ignored.push(cell * anchors as u32 + anchor as u32);
             }
         }
+    }
+
+    fn unmatched(&self, anchor: usize) -> f64 {
+        f64::from(self.classes[anchor / 2].unmatched_iou)
     }
 
     fn positive(&self, cell: u32, anchor: usize, object: &Box3) -> Positive {
@@ -296,7 +351,7 @@ impl Anchors {
 
     fn label_cells(&self, objects: &[Object], owners: &[(u32, usize)]) -> Vec<CellLabel> {
         let mut trained: Vec<usize> = (0..objects.len())
-            .filter(|i| objects[*i].trained_class().is_some())
+            .filter(|i| objects[*i].is_trained())
             .collect();
         // Smallest footprint first, so that the first claim on a cell wins.
         let area = |i: &usize| objects[*i].bounds.size_m[0] * objects[*i].bounds.size_m[1];
@@ -314,24 +369,22 @@ impl Anchors {
         }
         let mut cells_of = vec![0usize; objects.len()];
         owner.values().for_each(|number| cells_of[*number] += 1);
-        let mut objects_of = vec![0usize; self.classes.len()];
-        for (object, _) in objects
+        // The last place counts made-up objects: a class of their own here.
+        let place = |object: &Object| object.class.unwrap_or(self.known);
+        let mut objects_of = vec![0usize; self.known + 1];
+        let with_cells = objects
             .iter()
             .zip(&cells_of)
-            .filter(|(_, cells)| **cells > 0)
-        {
-            object
-                .class
-                .into_iter()
-                .for_each(|class| objects_of[class] += 1);
-        }
+            .filter(|(_, cells)| **cells > 0);
+        with_cells.for_each(|(object, _)| objects_of[place(object)] += 1);
         let present = objects_of.iter().filter(|n| **n > 0).count();
         let label = |(cell, number): (u32, usize)| {
-            let class = objects[number].class.unwrap_or(0);
-            let share = present * objects_of[class] * cells_of[number];
+            let object = &objects[number];
+            let share = present * objects_of[place(object)] * cells_of[number];
+            let known = |class: usize| CellClass::Known(class as u32);
             CellLabel {
                 cell,
-                class: class as u32,
+                is: object.class.map_or(CellClass::Unknown, known),
                 weight: 1.0 / share as f32,
             }
         };

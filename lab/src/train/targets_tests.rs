@@ -19,7 +19,7 @@ pub(crate) fn classes() -> Vec<AnchorClass> {
 }
 
 fn anchors() -> Anchors {
-    Anchors::new(&Network::compact(Grid::kitti_compact(), 3), &classes())
+    Anchors::new(&Network::compact(Grid::kitti_compact(), 3), &classes(), &[])
 }
 
 fn object(class: usize, bounds: [f64; 7], points: usize) -> Object {
@@ -27,6 +27,7 @@ fn object(class: usize, bounds: [f64; 7], points: usize) -> Object {
         class: Some(class),
         bounds: Box3::new(bounds),
         points,
+        made_up: false,
     }
 }
 
@@ -134,14 +135,63 @@ fn weights_balance_objects_and_classes() {
     let sum = |class| {
         cells
             .iter()
-            .filter(|c| c.class == class)
+            .filter(|c| c.is == CellClass::Known(class))
             .map(|c| c.weight)
             .sum::<f32>()
     };
     assert!((sum(0) - 0.5).abs() < 1e-5 && (sum(1) - 0.5).abs() < 1e-5);
     // The pedestrian inside the second car's footprint keeps its own centre.
     let centre = anchors().cell_at(30.5, 0.0);
-    assert!(cells.iter().any(|c| Some(c.cell) == centre && c.class == 1));
+    assert!(
+        cells
+            .iter()
+            .any(|c| Some(c.cell) == centre && c.is == CellClass::Known(1))
+    );
+}
+
+#[test]
+fn a_made_up_object_is_found_without_a_class_and_nobodys_mistake() {
+    let known = object(0, [20.0, 10.0, -1.0, 4.0, 1.7, 1.5, 0.0], 50);
+    let mut cart = object(0, [20.0, 0.0, -1.0, 2.6, 1.3, 1.9, 0.0], 50);
+    (cart.class, cart.made_up) = (None, true);
+    let sized = |size_m| AnchorClass {
+        size_m,
+        matched_iou: 0.5,
+        unmatched_iou: 0.35,
+        ..classes()[0].clone()
+    };
+    let open = Anchors::new(
+        &Network::compact(Grid::kitti_compact(), 3),
+        &classes(),
+        &[sized([2.5, 1.3, 1.9]), sized([9.0, 2.6, 3.2])],
+    );
+    let targets = open.assign(&[known.clone(), cart.clone()]);
+    let of = |y: std::ops::Range<f64>, classes: std::ops::Range<u32>| {
+        let inside = |p: &&Positive| y.contains(&open.bounds(p.cell as usize, 0).center_m[1]);
+        let wanted = |p: &&Positive| classes.contains(&(p.anchor / 2));
+        targets
+            .positives
+            .iter()
+            .filter(inside)
+            .filter(wanted)
+            .count()
+    };
+    // The known one has anchors of its class and without one; the made-up one only those without.
+    assert!(of(8.0..12.0, 0..3) > 0 && of(8.0..12.0, 3..5) > 0);
+    assert!(of(-2.0..2.0, 0..3) == 0 && of(-2.0..2.0, 3..5) > 0);
+    let centre = open.cell_at(20.0, 0.0).unwrap();
+    let cell = targets.cells.iter().find(|c| c.cell == centre).unwrap();
+    assert_eq!(cell.is, CellClass::Unknown);
+    let sum: f32 = targets.cells.iter().map(|c| c.weight).sum();
+    assert!((sum - 1.0).abs() < 1e-5);
+    // Without such anchors the class that overlaps it most has to find it.
+    let targets = anchors().assign(&[known, cart]);
+    assert!(
+        targets
+            .positives
+            .iter()
+            .any(|p| p.cell == centre && p.anchor < 2)
+    );
 }
 
 #[test]

@@ -1,7 +1,10 @@
 //! Training a tiny network: it learns, resumes exactly, and does not depend on threads.
 
+use mluc_model::{Grid, HeadKind, Manifest, Network};
+
 use super::checkpoint;
 use super::export;
+use super::import;
 use super::loader::Batch;
 use super::losses::MetricSettings;
 use super::network_tests::{scans, small, targets};
@@ -29,6 +32,7 @@ fn trainer(steps: u64) -> Trainer {
     let metric = MetricSettings {
         prototype_scale: 2.0,
         variance_weight: 0.01,
+        ..MetricSettings::default()
     };
     Trainer::new(
         &small(),
@@ -95,6 +99,135 @@ fn a_checkpoint_of_another_run_or_cut_short_is_refused() {
     let bytes = std::fs::read(&path).expect("read");
     std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("written");
     assert!(checkpoint::load(&path, &mut t.state, "seed 1").is_err());
+}
+
+#[test]
+fn a_checkpoint_of_another_network_is_refused_and_the_state_left_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("checkpoint.safetensors");
+    let other = Network {
+        head: HeadKind::Sigmoid,
+        ..small()
+    };
+    let metric = MetricSettings::default();
+    let schedule = Schedule {
+        rate_max: 1e-3,
+        steps: 5,
+    };
+    let larger = Trainer::new(&other, schedule, metric, 1);
+    checkpoint::save(&path, &larger.state, "same words").expect("saved");
+    let mut t = trainer(5);
+    let before = t.state.clone();
+    let fault = checkpoint::load(&path, &mut t.state, "same words").expect_err("refused");
+    assert!(fault.to_string().contains("parameters of"), "{fault}");
+    assert_eq!(before, t.state);
+}
+
+/// A folder that cannot be written to stands for a full disk: the last good checkpoint is not touched before the new one is whole.
+#[test]
+fn a_failed_write_leaves_the_last_good_checkpoint() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("checkpoint.safetensors");
+    let mut t = trainer(6);
+    train(&mut t, 0..2);
+    checkpoint::save(&path, &t.state, "same").expect("saved");
+    let good = t.state.clone();
+    train(&mut t, 2..4);
+    // Where the new file is to be written stands a folder: the write fails, as on a full disk.
+    std::fs::create_dir(path.with_extension("partial")).expect("a folder");
+    let fault = checkpoint::save(&path, &t.state, "same").expect_err("no room");
+    assert!(fault.to_string().contains("checkpoint"), "{fault}");
+    let mut restored = trainer(6);
+    assert!(checkpoint::load(&path, &mut restored.state, "same").expect("the old one"));
+    assert_eq!(restored.state, good);
+}
+
+fn model_of(t: &Trainer, manifest: &Manifest, path: &std::path::Path) {
+    let weights = export::weights(&t.chain, &t.state.parameters, &t.state.running);
+    let manifest = export::finish(
+        manifest.clone(),
+        &t.chain,
+        &t.state.parameters,
+        &t.state.running,
+    );
+    std::fs::write(
+        path,
+        mluc_model::model_bytes(&manifest, &weights).expect("a model"),
+    )
+    .expect("written");
+}
+
+/// A compact network on a small range, which a model file can hold.
+fn fresh(head: HeadKind, classes: usize, seed: u64) -> (Trainer, Manifest) {
+    let grid = Grid {
+        range_min_m: [0.0, -3.2, -3.0],
+        range_max_m: [6.4, 3.2, 1.0],
+        ..Grid::kitti_compact()
+    };
+    let network = Network {
+        head,
+        generic: if head == HeadKind::Open { 2 } else { 0 },
+        ..Network::compact(grid, classes)
+    };
+    let manifest = Manifest::untrained("kitti", network.clone());
+    let metric = MetricSettings {
+        prototype_scale: manifest.prototype_scale,
+        ..MetricSettings::default()
+    };
+    let schedule = Schedule {
+        rate_max: 1e-3,
+        steps: 5,
+    };
+    (Trainer::new(&network, schedule, metric, seed), manifest)
+}
+
+#[test]
+fn a_run_starts_from_another_networks_weights_where_they_fit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("model.safetensors");
+    let (base, manifest) = fresh(HeadKind::Metric, 3, 1);
+    model_of(&base, &manifest, &path);
+    // Of the same kind: everything, bit for bit.
+    let (mut same, _) = fresh(HeadKind::Metric, 3, 2);
+    assert_ne!(same.state.parameters, base.state.parameters);
+    let said = import::start_from(folder.path(), &manifest, &mut same).expect("taken");
+    assert_eq!(same.state.parameters, base.state.parameters);
+    assert!(said.contains("fresh: nothing"), "{said}");
+    // An open head: the classes' anchors, and the embedding scaled so that 2 T f stays.
+    let (mut open, to) = fresh(HeadKind::Open, 3, 2);
+    let to = Manifest {
+        prototype_scale: 2.0,
+        ..to
+    };
+    let said = import::start_from(&path, &to, &mut open).expect("taken");
+    assert!(
+        said.contains("4 of 10 rows of head.objectness") && said.contains("head.unknown"),
+        "{said}"
+    );
+    let bias =
+        |t: &Trainer, head: &super::layers::Linear| t.state.parameters[head.bias.clone()].to_vec();
+    let (from, into) = (&base.chain.heads, &open.chain.heads);
+    assert_eq!(bias(&open, &into.boxes)[..42], bias(&base, &from.boxes)[..]);
+    let embeddings = [(&base, from), (&open, into)].map(|(t, heads)| {
+        heads
+            .embedding
+            .as_ref()
+            .map(|head| bias(t, head))
+            .expect("a head")
+    });
+    for (old, new) in embeddings[0].iter().zip(&embeddings[1]) {
+        assert!((old * 3.0 - new * 2.0).abs() < 1e-6, "{old} {new}");
+    }
+    // A sigmoid head of more classes: an anchor's own class takes the objectness.
+    let (mut sigmoid, to) = fresh(HeadKind::Sigmoid, 4, 2);
+    import::start_from(&path, &to, &mut sigmoid).expect("taken");
+    let head = &sigmoid.chain.heads.presence;
+    let found = sigmoid.state.parameters[head.weight.start + 5 * head.cout + 2 * 4 + 1];
+    let head = &base.chain.heads.presence;
+    assert_eq!(
+        found,
+        base.state.parameters[head.weight.start + 5 * head.cout + 2]
+    );
 }
 
 #[test]

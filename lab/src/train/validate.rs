@@ -81,7 +81,9 @@ pub fn validate(model: &Model, dataset: &Dataset, frames: usize) -> Result<Figur
         cells.resize(frame.rows, 0);
         rows.resize(frame.rows * backbone.feature_channels(), 0.0);
         backbone.write_rows(&mut cells, &mut rows)?;
-        head.run(&cells, &rows, &mut boxes)?;
+        let counts = head.run(&cells, &rows, &mut boxes)?;
+        // Boxes without a class are no known objects.
+        boxes.truncate((counts.boxes - counts.generic) as usize);
         count += boxes.len();
         let found: Vec<SensorDetection> = boxes.iter().map(|b| known(model, b)).collect();
         let truth = TruthFrame {

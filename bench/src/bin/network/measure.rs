@@ -10,26 +10,30 @@ use mluc_model::{Manifest, Network, WeightSet};
 
 use crate::report::{Frame, Part, Record};
 
-/// Frames before the clock counts.
-const WARM_UP: usize = 2;
+/// Frames before the clock counts: the first one, which has a time of its own, and one whose work is counted.
+const UNTIMED: usize = 2;
 
 pub(crate) fn measure(
     (manifest, weights, precision): (&Manifest, &WeightSet, Precision),
     points: &[[f32; 4]],
-    rounds: usize,
+    (rounds, cold): (usize, bool),
     record: &mut Record,
 ) -> Result<()> {
     let mut backbone = Backbone::with_precision(manifest, weights, precision)?;
+    if !cold {
+        backbone.warm_up(manifest)?;
+    }
     let mut head = Head::new(manifest, weights)?;
     let cells_max: usize = backbone.map_shape().iter().product();
     let channels = backbone.feature_channels();
-    let (mut cells, mut rows) = (vec![0; cells_max], vec![0.0; cells_max * channels]);
-    let mut detections = vec![];
+    // Touched, as the vehicle's shared memory is.
+    let (mut cells, mut rows) = (vec![1; cells_max], vec![1.0; cells_max * channels]);
+    let mut detections = Vec::with_capacity(manifest.thresholds.boxes_max as usize);
     let network = &manifest.network;
     let products = Products::of(network);
-    for round in 0..WARM_UP + rounds {
+    for round in 0..UNTIMED + rounds {
         let mut frame = Frame::default();
-        let counting = round == 0;
+        let counting = round == 1;
         let start = Instant::now();
         let mut last = start;
         let mut part = Part::Voxelize;
@@ -52,8 +56,10 @@ pub(crate) fn measure(
         if counting {
             record.count_rows(count, products.rows_flop(count), counts.candidates);
         }
-        if round >= WARM_UP {
-            record.frames.push(frame);
+        match round {
+            0 => record.first_ms.push(frame.total_ms),
+            UNTIMED.. => record.frames.push(frame),
+            _ => {}
         }
     }
     Ok(())
@@ -72,7 +78,7 @@ impl Products {
         let pair = |cin: usize, cout: usize| 2.0 * (cin * cout) as f64;
         let sparse = network.sparse.iter();
         let dense = network.block1.iter().chain(&network.block2);
-        let [(_, objectness), ..] = network.heads();
+        let objectness = network.heads().first().map_or(0, |(_, channels)| *channels);
         Products {
             layers: sparse
                 .map(|layer| (layer.name.clone(), pair(layer.cin, layer.cout)))

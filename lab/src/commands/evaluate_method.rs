@@ -1,0 +1,150 @@
+//! `mluc-lab evaluate method`: rows of the paper's tables on labelled scans.
+
+use anyhow::{Context, bail};
+use clap::Args;
+use indicatif::ProgressBar;
+use mluc_lab::evaluate::{
+    ClassRule, JudgedPoint, NeighbourPolicy, RuleRequest, TruthFrame, UnknownRequest, best_index,
+    halves, honest, judged_sweep, rules,
+};
+use mluc_lab::methods::{
+    ImprovedSettings, Method, MethodOutput, improved_steps, run_method_with,
+};
+use mluc_lab::pipeline::{
+    DetectedFrame, FrameSet, detect_frames, known_iou_min, separation, unknown_classes,
+};
+use mluc_model::Model;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Judge methods on the boxes of one network: every threshold, the paper's choice among them, and the honest one (chosen on
+/// one half of the frames, judged on the other).
+///
+/// All figures are of volumes (3d) at moderate, 40 recall positions, unknown objects at an overlap of 0.1.
+#[derive(Args)]
+pub(super) struct MethodArguments {
+    /// closed-set, supervised, naive, osis, osis-geo, ml-only, uc-only, mluc-literal, mluc-corrected, improved
+    /// [default: all that stand on the model's kind of network].
+    #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
+    method: Vec<String>,
+    /// Model file.
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Folder in KITTI's format: velodyne, label_2, calib.
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// First so many frames.
+    #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_name = "N")]
+    frames: usize,
+    /// Of improved: every step of its ablation.
+    #[arg(long)]
+    ablation: bool,
+    /// Print every threshold.
+    #[arg(long)]
+    curve: bool,
+}
+
+/// Runs it.
+pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
+    let model = Model::read(&arguments.model)?;
+    let set = FrameSet::open(&arguments.data, None, arguments.frames)?;
+    if set.is_empty() {
+        bail!("{}: expected scans, found none", arguments.data.display());
+    }
+    let methods = methods(&arguments.method, &model)?;
+    let bar = ProgressBar::new(set.len() as u64);
+    let frames = detect_frames(&model, &set, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let rules = class_rules(&model)?;
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{}: {}", arguments.model.display(), set.describe())?;
+    for s in separation(&frames, &rules) {
+        let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{:.1}", 100.0 * v));
+        let (auroc, fpr) = (percent(s.auroc), percent(s.fpr95));
+        writeln!(out, "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5} ({} known, {} unknown)", s.score, s.known, s.unknown)?;
+    }
+    writeln!(out, "{:28} {}", "method", HEADER)?;
+    for method in methods {
+        let rows = match method == Method::Improved && arguments.ablation {
+            true => improved_steps(),
+            false => vec![(method.name(), ImprovedSettings::default())],
+        };
+        for (name, settings) in rows {
+            let bar = ProgressBar::new(set.len() as u64);
+            let output =
+                run_method_with(method, &settings, &model, &set, &frames, None, &|| bar.inc(1))?;
+            bar.finish_and_clear();
+            let points = judged(&frames, &rules, &output);
+            write_row(&mut out, name, &points, arguments.curve)?;
+        }
+    }
+    Ok(())
+}
+
+const HEADER: &str = "closed  known  AP.1 AP.25  AP.5  harm  recall a-ose  thresh | honest: known AP harm";
+
+fn methods(names: &[String], model: &Model) -> anyhow::Result<Vec<Method>> {
+    let head = model.manifest.network.head;
+    if names.is_empty() {
+        let fits = |m: &Method| m.network().head() == head && !matches!(m, Method::Supervised | Method::Osis);
+        return Ok(Method::ALL.into_iter().filter(fits).collect());
+    }
+    let find = |name: &String| {
+        let found = Method::ALL.into_iter().find(|m| m.name() == name);
+        found.with_context(|| {
+            let all: Vec<&str> = Method::ALL.iter().map(|m| m.name()).collect();
+            format!("--method: expected one of {}, found {name}", all.join(", "))
+        })
+    };
+    names.iter().map(find).collect()
+}
+
+/// The known classes at the paper's overlaps, and the unknown.
+fn class_rules(model: &Model) -> anyhow::Result<Vec<ClassRule>> {
+    let manifest = &model.manifest;
+    let unknown = unknown_classes(&manifest.name);
+    let known = manifest.classes.iter().map(|c| c.name.clone());
+    let classes: Vec<String> = known.filter(|name| !unknown.contains(name)).collect();
+    let request = RuleRequest {
+        iou_min: classes.iter().map(|c| (c.clone(), known_iou_min(&manifest.name, c))).collect(),
+        classes,
+        unknown: (!unknown.is_empty()).then_some(UnknownRequest {
+            classes: unknown,
+            iou_min: 0.1,
+        }),
+        neighbours: NeighbourPolicy::Official,
+    };
+    Ok(rules(&request, &[])?)
+}
+
+fn judged(frames: &[DetectedFrame], rules: &[ClassRule], output: &MethodOutput) -> Vec<JudgedPoint> {
+    let truths: Vec<TruthFrame> = frames.iter().map(|frame| frame.truth.clone()).collect();
+    let [even, odd] = halves(truths.len());
+    let parts = vec![(0..truths.len()).collect(), even, odd];
+    judged_sweep(&truths, rules, &output.thresholds, &parts, |frame, at| {
+        let objects = output.objects[frame][at].iter();
+        objects.map(|o| o.to_detection(&output.classes)).collect()
+    })
+}
+
+fn write_row(out: &mut impl Write, name: &str, points: &[JudgedPoint], curve: bool) -> anyhow::Result<()> {
+    let closed = points.first().map_or(0.0, |p| p.parts[0].known.r40);
+    let best = best_index(points, 0).unwrap_or(0);
+    let line = |point: &JudgedPoint| {
+        let f = &point.parts[0];
+        let [a, b, c] = f.unknown;
+        format!(
+            "{closed:6.2} {:6.2} {:5.2} {:5.2} {:5.2} {:5.2} {:7.2} {:5} {:7.4}",
+            f.known.r40, a.r40, b.r40, c.r40, f.harmonic().r40, f.recall_unknown, f.unknown_as_known, point.threshold
+        )
+    };
+    let honest = honest(points, [1, 2]).map_or(String::new(), |h| {
+        let of = |name: &str| h.figures.get(name).copied().unwrap_or(0.0);
+        format!(" | {:.2} {:.2} {:.2}", of("map_known"), of("ap_unknown"), of("map_harm"))
+    });
+    writeln!(out, "{name:28} {}{honest}", line(&points[best]))?;
+    for point in points.iter().filter(|_| curve) {
+        writeln!(out, "  {:26} {}", "", line(point))?;
+    }
+    Ok(())
+}
