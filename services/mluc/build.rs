@@ -1,6 +1,7 @@
 //! Lists what is embedded: each `weights/NAME.safetensors` becomes `--model NAME`, each `assets/NAME.scan` a frame of
 //! `mluc demo`, each `assets/NAME.txt` its labels. A checkout without them builds too; then a model comes by its path.
-//! And notes what was built, for the reports of `mluc bench`: commit, compiler, target.
+//! And notes by what it was built, for the reports of `mluc bench`. The commit is not noted: a build after every commit would
+//! be the price.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,6 @@ fn main() {
     list(&mut code, "LABELS", &root.join("assets"), "txt");
     let out = env::var("OUT_DIR").expect("set by cargo");
     fs::write(Path::new(&out).join("embedded.rs"), code).expect("cargo's own folder");
-    note("MLUC_COMMIT", commit(&root.join("../..")));
     let compiler = env::var("RUSTC")
         .ok()
         .and_then(|rustc| said(Command::new(rustc).arg("--version")));
@@ -35,33 +35,6 @@ fn note(key: &str, value: Option<String>) {
         "cargo:rustc-env={key}={}",
         value.as_deref().unwrap_or("not known")
     );
-}
-
-/// The commit, with `-dirty` when files differ from it. Looked up again when a commit was made or a source changed.
-fn commit(root: &Path) -> Option<String> {
-    for watched in [
-        ".git/logs/HEAD",
-        "ipc-types",
-        "geometry",
-        "kernels",
-        "model",
-        "services",
-        "bench/transport",
-    ] {
-        let path = root.join(watched);
-        // A path that is missing would run this script at every build.
-        if path.exists() {
-            println!("cargo:rerun-if-changed={}", path.display());
-        }
-    }
-    let describe = [
-        "describe",
-        "--always",
-        "--dirty",
-        "--abbrev=12",
-        "--exclude=*",
-    ];
-    said(Command::new("git").arg("-C").arg(root).args(describe))
 }
 
 /// The first line that a program says, if it ends well.

@@ -1,6 +1,9 @@
 //! What the pipeline ran on, and what was built.
 
 use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::UNIX_EPOCH;
 
 use rustix::thread::sched_getaffinity;
 use serde_json::{Map, Value, json};
@@ -64,12 +67,67 @@ pub(super) fn describe_build() -> Map<String, Value> {
         .and_then(|path| fs::read(path).ok());
     object(json!({
         "version": env!("CARGO_PKG_VERSION"),
-        "commit": env!("MLUC_COMMIT"),
+        "commit": commit(),
         "compiler": env!("MLUC_COMPILER"),
         "target": env!("MLUC_TARGET"),
         "profile": env!("MLUC_PROFILE"),
         "binary": binary.map(|bytes| format!("{:016x}", fingerprint(&bytes))),
     }))
+}
+
+/// Of what was built: `MLUC_COMMIT` when the build had it set; else, where the sources still lie on this machine, the last
+/// commit before the program was built, with `-dirty` when a source changed since that commit and before the build.
+fn commit() -> Option<String> {
+    if let Some(commit) = option_env!("MLUC_COMMIT") {
+        return Some(commit.to_string());
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let built = fs::metadata(std::env::current_exe().ok()?)
+        .and_then(|about| about.modified())
+        .ok()?;
+    let seconds = built.duration_since(UNIX_EPOCH).ok()?.as_secs();
+    let before = format!("--before={seconds}");
+    let commit = git(&root, &["log", "-1", "--abbrev=12", "--format=%h", &before])?;
+    let commit = commit
+        .lines()
+        .next()
+        .filter(|line| !line.is_empty())?
+        .to_string();
+    let ours = [
+        "ipc-types",
+        "geometry",
+        "kernels",
+        "model",
+        "services",
+        "weights",
+        "Cargo.toml",
+    ];
+    let changed = git(
+        &root,
+        &[&["diff", "--name-only", &commit, "--"], &ours[..]].concat(),
+    )?;
+    let is_in_the_build = |name: &&str| {
+        let changed = fs::metadata(root.join(name)).and_then(|about| about.modified());
+        changed.is_ok_and(|changed| changed <= built)
+    };
+    Some(match changed.lines().find(is_in_the_build) {
+        Some(_) => format!("{commit}-dirty"),
+        None => commit,
+    })
+}
+
+/// What git says, if it is there and content.
+fn git(root: &Path, arguments: &[&str]) -> Option<String> {
+    let output = Command::new("git")
+        .arg("-C")
+        .arg(root)
+        .args(arguments)
+        .output()
+        .ok()?;
+    output
+        .status
+        .success()
+        .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 /// FNV-1a over words of 8 bytes.
