@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 
-use mluc_model::{Model, WeightSet, calibrated_levels, calibration_tensor};
+use mluc_model::{Model, WeightSet, calibrated_layers, calibration_tensor};
 
 use super::checkpoint::MANIFEST_KEY;
 use super::{ExchangeError, tensor_names};
 
-/// The bytes of the file. Its metadata holds the manifest, so that [`super::import`] gives the same model again, and
+/// The bytes of the file. Its metadata holds the manifest, so that [`super::import()`] gives the same model again, and
 /// `format: pt`, which PyTorch's readers of safetensors ask for.
 pub fn export(model: &Model) -> Result<Vec<u8>, ExchangeError> {
     let mut renamed = WeightSet::new();
@@ -16,7 +16,7 @@ pub fn export(model: &Model) -> Result<Vec<u8>, ExchangeError> {
         let data = model.weights.get(&ours, &shape)?.to_vec();
         renamed.insert(theirs, shape, data);
     }
-    for (level, _) in calibrated_levels(network) {
+    for (level, _) in calibrated_layers(network) {
         let name = calibration_tensor(&level);
         if let Some(range) = model.weights.find(&name) {
             renamed.insert(name, range.shape.clone(), range.data.clone());

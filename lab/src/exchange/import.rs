@@ -3,7 +3,7 @@
 use mluc_backbone::Backbone;
 use mluc_head::Head;
 use mluc_model::{
-    AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet, calibrated_levels,
+    AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet, calibrated_layers,
     calibration_tensor,
 };
 
@@ -90,7 +90,7 @@ fn anchor_of(
     }
 }
 
-/// Reads a checkpoint of SECOND, or what [`super::export`] wrote; the latter brings its own manifest, and the request
+/// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and the request
 /// does not count.
 pub fn import(bytes: &[u8], request: &ImportRequest) -> Result<Imported, ExchangeError> {
     let checkpoint = checkpoint::read(bytes)?;
@@ -126,7 +126,7 @@ fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> Result<Imported, Exch
     }
     let mut weights = WeightSet::new();
     // Of an exported model.
-    for (level, _) in calibrated_levels(&manifest.network) {
+    for (level, _) in calibrated_layers(&manifest.network) {
         let name = calibration_tensor(&level);
         if let Some(range) = checkpoint.tensors.remove(&name) {
             weights.insert(name, range.shape, range.data);
