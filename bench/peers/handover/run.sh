@@ -1,0 +1,19 @@
+#!/bin/sh
+# A copying pipeline beside our hops, one after the other in one run. Needs Python 3.11 and the package registry.
+set -eu
+here=$(cd "$(dirname "$0")" && pwd)
+root=$(cd "$here/../../.." && pwd)
+work="$root/target/peers/handover"
+mkdir -p "$work"
+
+if [ ! -x "$work/venv/bin/python" ]; then
+    python3 -m venv "$work/venv"
+    "$work/venv/bin/pip" install --quiet --requirement "$here/requirements.txt"
+fi
+
+transport=${TRANSPORT:-}
+if [ -z "$transport" ]; then
+    (cd "$root" && cargo build --release --quiet --package mluc-bench --bin transport)
+    transport="$root/target/release/transport"
+fi
+exec "$work/venv/bin/python" "$here/copy_pipeline.py" "$transport" "$root/bench/record/handover.json" "${ROUNDS:-500}"

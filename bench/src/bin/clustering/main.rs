@@ -1,0 +1,149 @@
+//! Our clusterers at proposals of simulated scans, and the same points as files for other libraries:
+//! `clustering --out FOLDER` (see `bench/peers/clustering`).
+//!
+//! A candidate is what a clusterer of the refiner gets: the points above the ground within a cylinder around a seed. For
+//! each one `NNN.f32` holds x, y, z of its points, `NNN.euclidean.u32` and `NNN.dbscan.u32` the members that we found,
+//! and `candidates.json` tells the rest.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::Parser;
+use mluc_bench::inputs;
+use mluc_bench::machine::Machine;
+use mluc_lab::simulate::SimulatedFrame;
+use mluc_refiner::cluster::{Bounds, Clusterer, Dbscan, Distance, Euclidean};
+use mluc_refiner::{FrameIndex, Gather, GroundPlane, Neighbourhood, Settings};
+use serde_json::{Value, json};
+
+/// Of the simulated sensor, m.
+const SENSOR_HEIGHT_M: f64 = 1.73;
+/// Of the cylinder, m: what the refiner takes where nothing else is set.
+const RADIUS_M: f64 = 6.0;
+/// Runs of each clusterer, of which the median counts.
+const RUNS: usize = 9;
+
+#[derive(Parser)]
+struct Arguments {
+    /// Where to.
+    #[arg(long)]
+    out: PathBuf,
+    /// Simulated scans, every labelled object of which is a candidate.
+    #[arg(long, default_value_t = 8)]
+    frames: u32,
+}
+
+fn main() -> Result<()> {
+    let arguments = Arguments::parse();
+    std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
+    let settings = Settings::default();
+    let mut found = vec![];
+    for index in 0..arguments.frames {
+        let frame = inputs::simulated(index)?;
+        candidates(&frame, &settings, &arguments.out, &mut found)?;
+    }
+    let about = json!({
+        "machine": Machine::here(),
+        "euclidean": { "tolerance_m": settings.reference.tolerance_m },
+        "dbscan": {
+            "epsilon_m": settings.reference.epsilon_m,
+            "core_points": settings.reference.core_points,
+        },
+        "candidates": found,
+    });
+    save(&arguments.out, "candidates.json", format!("{about:#}\n"))
+}
+
+/// Measures and writes the candidates of a frame.
+fn candidates(
+    frame: &SimulatedFrame,
+    settings: &Settings,
+    out: &Path,
+    found: &mut Vec<Value>,
+) -> Result<()> {
+    let points = inputs::as_points(&frame.points);
+    let mut index = FrameIndex::default();
+    index.start();
+    index.want_all();
+    index.sort(&points);
+    let mut around = Neighbourhood::default();
+    for object in &frame.objects {
+        let center_m = object.box_in_sensor.center_m;
+        let center_xy_m = [center_m[0], center_m[1]];
+        let ground = GroundPlane::fit(&index, center_xy_m, SENSOR_HEIGHT_M, &settings.ground);
+        let off = |at_m: [f32; 3]| -> f64 {
+            let off = [0, 1, 2].map(|i| f64::from(at_m[i]) - center_m[i]);
+            off.iter().map(|value| value * value).sum()
+        };
+        let near = index.rows_around(center_xy_m, RADIUS_M).flatten();
+        let above = near.filter(|point| {
+            let [x, y, z] = point.at_m.map(f64::from);
+            z - ground.z_at_m(x, y) >= settings.ground.clearance_m
+        });
+        let Some(seed) = above.min_by(|a, b| off(a.at_m).total_cmp(&off(b.at_m))) else {
+            continue;
+        };
+        let wanted = Gather {
+            radius_m: RADIUS_M,
+            height_m: [settings.ground.clearance_m, settings.ground.height_max_m],
+            points_max: settings.points_per_candidate_max as usize,
+        };
+        let seed = around.gather(&index, seed, &ground, &wanted, &[]);
+        let candidate = one(&around, seed, settings, out, found.len())?;
+        found.push(candidate);
+    }
+    Ok(())
+}
+
+fn one(
+    around: &Neighbourhood,
+    seed: usize,
+    settings: &Settings,
+    out: &Path,
+    number: usize,
+) -> Result<Value> {
+    let name = format!("{number:03}");
+    let columns = around.x_m.iter().zip(&around.y_m).zip(&around.z_m);
+    let values: Vec<f32> = columns.flat_map(|((x, y), z)| [*x, *y, *z]).collect();
+    save(out, &format!("{name}.f32"), bytemuck::cast_slice(&values))?;
+    let reference = &settings.reference;
+    let ways: [(&str, Box<dyn Clusterer>); 3] = [
+        ("euclidean", Box::new(Euclidean::new(reference))),
+        ("dbscan", Box::new(Dbscan::new(reference))),
+        ("distance", Box::new(Distance::new(&settings.distance))),
+    ];
+    let bounds = Bounds {
+        height_min_m: f64::NEG_INFINITY,
+        scale: 1.0,
+    };
+    let mut ours = serde_json::Map::new();
+    for (way, mut clusterer) in ways {
+        let mut members = vec![];
+        let mut times_us: Vec<f64> = (0..=RUNS)
+            .map(|_| {
+                let start = Instant::now();
+                clusterer.grow(around, seed, &bounds, &mut members);
+                start.elapsed().as_secs_f64() * 1e6
+            })
+            .skip(1)
+            .collect();
+        times_us.sort_unstable_by(f64::total_cmp);
+        members.sort_unstable();
+        save(
+            out,
+            &format!("{name}.{way}.u32"),
+            bytemuck::cast_slice(&members),
+        )?;
+        ours.insert(
+            way.into(),
+            json!({ "us": times_us[RUNS / 2], "members": members.len() }),
+        );
+    }
+    Ok(json!({ "name": name, "points": around.len(), "seed": seed, "ours": ours }))
+}
+
+fn save(out: &Path, name: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
+    let path = out.join(name);
+    std::fs::write(&path, bytes).with_context(|| path.display().to_string())
+}

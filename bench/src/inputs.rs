@@ -1,0 +1,91 @@
+//! Scans and models to measure on, the same on every machine: simulated, and with weights of a formula or shipped.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use mluc_ipc_types::Point;
+use mluc_lab::simulate::{Family, SimulatedFrame, Split, frame};
+use mluc_lab::train::hdl_64e;
+use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
+use mluc_refiner::{BeamTable, Sensor};
+
+/// Of all simulated scans here; another seed would do as well.
+const SEED: u64 = 6;
+
+/// A simulated frame of the test split, KITTI's view: some 60,000 points, 64 beams.
+pub fn simulated(index: u32) -> Result<SimulatedFrame> {
+    frame(Family::SimKitti, Split::Test, SEED, index)
+        .with_context(|| format!("simulated frame {index}"))
+}
+
+/// A scan of exactly so many points: as many simulated scans over each other as it takes, thinned evenly.
+pub fn scan_of(points: usize) -> Result<Vec<[f32; 4]>> {
+    let mut all = vec![];
+    let mut index = 0;
+    while all.len() < points {
+        all.extend(simulated(index)?.points);
+        index += 1;
+    }
+    let step = all.len() as f64 / points.max(1) as f64;
+    Ok((0..points)
+        .map(|place| all[(place as f64 * step) as usize])
+        .collect())
+}
+
+/// As the contract has them.
+pub fn as_points(scan: &[[f32; 4]]) -> Vec<Point> {
+    let point = |&[x_m, y_m, z_m, intensity]: &[f32; 4]| Point {
+        x_m,
+        y_m,
+        z_m,
+        intensity,
+    };
+    scan.iter().map(point).collect()
+}
+
+/// The simulated scans' sensor, with its beams.
+pub fn sensor() -> Sensor {
+    let beams = hdl_64e();
+    Sensor {
+        beams: Some(BeamTable {
+            elevation_rad: beams.elevation_rad,
+            azimuth_step_rad: beams.azimuth_step_rad,
+        }),
+        sees_all_around: false,
+        ..Sensor::plain(&["car", "pedestrian", "cyclist"])
+    }
+}
+
+/// The profile `compact` on KITTI's range, weights by formula.
+pub fn compact() -> (Manifest, WeightSet) {
+    let network = Network::compact(Grid::kitti_compact(), 3);
+    let weights = formula_weights(&network);
+    (Manifest::untrained("compact", network), weights)
+}
+
+/// The shipped `kitti` model: real candidates, as a robot meets them.
+pub fn shipped() -> Result<(Manifest, WeightSet)> {
+    let path = PathBuf::from(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../weights/kitti.safetensors"
+    ));
+    let model = Model::read(&path).with_context(|| path.display().to_string())?;
+    Ok((model.manifest, model.weights))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scan_has_as_many_points_as_asked_for_and_is_the_same_every_time() {
+        for points in [0, 1, 10_000, 90_000] {
+            let scan = scan_of(points).unwrap();
+            assert_eq!(scan.len(), points);
+            assert_eq!(scan, scan_of(points).unwrap());
+        }
+        let scan = scan_of(2000).unwrap();
+        let far = scan.iter().filter(|p| p[0].hypot(p[1]) > 20.0).count();
+        assert!(far > 100, "thinned evenly: {far} of 2000 beyond 20 m");
+    }
+}
