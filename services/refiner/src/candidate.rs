@@ -13,13 +13,15 @@ use crate::recipe::{Recipe, SeedRule, clusterer};
 use crate::refined::Counters;
 use crate::seed::Seek;
 use crate::settings::GroundSettings;
-use crate::size::{is_upright, is_within, longest_side};
+use crate::size::{is_rest, is_upright, is_within, longest_side};
 use crate::{Sensor, Settings};
 
 /// Work in points looked at, measured by time: of a candidate before any point, of a point in a growth, and of a point in
 /// the box and its outline.
 const WORK_PER_CANDIDATE: u64 = 4000;
 const WORK_PER_GROWTH: u64 = 6;
+/// No other seed is tried where the last one was as dear as a whole scan.
+const WORK_PER_SEED_MAX: u64 = 131_072;
 const WORK_PER_SHAPE: u64 = 12;
 
 /// Refines candidate after candidate; holds what they share.
@@ -38,6 +40,7 @@ pub(crate) struct Candidates {
     inside: Vec<IndexedPoint>,
     /// Points of clusters that were too small to be a thing.
     tried: Vec<u32>,
+    is_seen: Vec<bool>,
     /// Work of the candidate at hand.
     work: u64,
 }
@@ -57,6 +60,7 @@ impl Candidates {
             fitter: Fitter::default(),
             inside: Vec::new(),
             tried: Vec::new(),
+            is_seen: Vec::new(),
             work: 0,
         }
     }
@@ -112,7 +116,7 @@ impl Candidates {
             is_thinned |= self.around.thinned;
             seed_m = [self.around.x_m[seed], self.around.y_m[seed]];
             self.grow(recipe, &mut *clusterer, seed);
-            if self.members.len() >= recipe.points_min {
+            if self.members.len() >= recipe.points_min || self.work > WORK_PER_SEED_MAX {
                 break;
             }
             let index = |&m: &u32| self.around.index[m as usize];
@@ -171,22 +175,56 @@ impl Candidates {
             return;
         };
         if scales.upright > 0.0 && !is_upright(&self.cluster) {
+            let is_small = is_within(&self.cluster, scales.upright_apart_m);
             seed = self.around.keep_only(&self.members, seed);
             self.grow_once(recipe, clusterer, seed, scales.upright);
-            if self.cluster.len() >= recipe.points_min && is_upright(&self.cluster) {
+            if self.cluster.len() >= recipe.points_min
+                && is_upright(&self.cluster)
+                && !(is_small && self.leaves_a_rest(recipe, clusterer))
+            {
                 return;
             }
             self.take_all();
         }
         let mut scale = 1.0;
         for _ in 0..scales.shrink_attempts {
-            if is_within(&self.cluster, scales.shrink_above_m) {
+            if scales.limits.hold(&self.cluster) {
                 return;
             }
             scale *= scales.shrink_factor;
             seed = self.around.keep_only(&self.members, seed);
             self.grow_once(recipe, clusterer, seed, scale);
         }
+    }
+
+    /// Whether the other parts of the last cluster that do not stand upright are a thing to reckon with. Leaves the
+    /// members as they are.
+    fn leaves_a_rest(&mut self, recipe: &Recipe, clusterer: &mut dyn Clusterer) -> bool {
+        let own = std::mem::take(&mut self.members);
+        self.is_seen.clear();
+        self.is_seen.resize(self.around.len(), false);
+        own.iter().for_each(|&m| self.is_seen[m as usize] = true);
+        let scale = recipe.scales.map_or(1.0, |scales| scales.upright);
+        let (mut upright, mut rest) = (own.len(), 0);
+        for seed in 0..self.around.len() {
+            if self.is_seen[seed] {
+                continue;
+            }
+            self.grow_once(recipe, clusterer, seed, scale);
+            self.is_seen[seed] = true;
+            self.members
+                .iter()
+                .for_each(|&m| self.is_seen[m as usize] = true);
+            if self.cluster.len() >= recipe.points_min {
+                match is_upright(&self.cluster) {
+                    true => upright += self.cluster.len(),
+                    false => rest += self.cluster.len(),
+                }
+            }
+        }
+        self.members = own;
+        self.collect_cluster();
+        is_rest(rest, upright)
     }
 
     fn take_all(&mut self) {

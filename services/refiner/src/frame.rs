@@ -31,7 +31,8 @@ pub struct FrameIndex {
     cell_first: Vec<u32>,
     /// Slot of each cell's lowest point; [`NO_CELL`] where it is empty.
     lowest_slot: Vec<u32>,
-    cell_of_point: Vec<u32>,
+    /// Wanted points and their cells.
+    kept: Vec<(u32, u32)>,
     slots: Vec<IndexedPoint>,
     /// Points with NaN or infinity.
     pub not_finite: u32,
@@ -45,7 +46,7 @@ impl Default for FrameIndex {
             wanted: vec![false; CELLS],
             cell_first: vec![0; CELLS + 1],
             lowest_slot: vec![NO_CELL; CELLS],
-            cell_of_point: Vec::with_capacity(POINTS_MAX),
+            kept: Vec::with_capacity(POINTS_MAX),
             slots: Vec::with_capacity(POINTS_MAX),
             not_finite: 0,
             outside: 0,
@@ -93,24 +94,18 @@ impl FrameIndex {
     fn count_cells(&mut self, scan: &[Point]) {
         self.not_finite = 0;
         self.cell_first.fill(0);
-        self.cell_of_point.clear();
-        for point in scan {
+        self.kept.clear();
+        for (index, point) in scan.iter().enumerate() {
             let cell = cell_of(point);
-            let cell = match cell {
-                Some(cell) if self.wanted[cell as usize] => {
-                    self.cell_first[cell as usize + 1] += 1;
-                    cell
+            if cell == NO_CELL {
+                match point.x_m.is_finite() && point.y_m.is_finite() && point.z_m.is_finite() {
+                    true => self.outside += 1,
+                    false => self.not_finite += 1,
                 }
-                Some(_) => NO_CELL,
-                None => {
-                    match point.x_m.is_finite() && point.y_m.is_finite() && point.z_m.is_finite() {
-                        true => self.outside += 1,
-                        false => self.not_finite += 1,
-                    }
-                    NO_CELL
-                }
-            };
-            self.cell_of_point.push(cell);
+            } else if self.wanted[cell as usize] {
+                self.cell_first[cell as usize + 1] += 1;
+                self.kept.push((index as u32, cell));
+            }
         }
         let mut sum = 0;
         for first in &mut self.cell_first {
@@ -122,18 +117,16 @@ impl FrameIndex {
     /// `cell_first[c]` serves as the cursor of cell c and ends as the first slot of cell c + 1: the sum above is
     /// inclusive one place to the right, so it is walked back afterwards.
     fn fill_slots(&mut self, scan: &[Point]) {
-        let count = self.cell_first[CELLS] as usize;
         self.slots.clear();
-        self.slots.resize(count, IndexedPoint::default());
-        for (index, (point, &cell)) in scan.iter().zip(&self.cell_of_point).enumerate() {
-            if cell != NO_CELL {
-                let cursor = &mut self.cell_first[cell as usize];
-                self.slots[*cursor as usize] = IndexedPoint {
-                    at_m: [point.x_m, point.y_m, point.z_m],
-                    index: index as u32,
-                };
-                *cursor += 1;
-            }
+        self.slots.resize(self.kept.len(), IndexedPoint::default());
+        for &(index, cell) in &self.kept {
+            let point = &scan[index as usize];
+            let cursor = &mut self.cell_first[cell as usize];
+            self.slots[*cursor as usize] = IndexedPoint {
+                at_m: [point.x_m, point.y_m, point.z_m],
+                index,
+            };
+            *cursor += 1;
         }
         self.cell_first.copy_within(0..CELLS, 1);
         self.cell_first[0] = 0;
@@ -141,19 +134,20 @@ impl FrameIndex {
 
     /// Ties go by x and y, so that the order of the scan does not matter.
     fn find_lowest(&mut self) {
-        let key = |slot: u32| {
-            let [x, y, z] = self.slots[slot as usize].at_m;
-            [z, x, y]
-        };
         for cell in 0..CELLS {
             let (first, end) = (self.cell_first[cell], self.cell_first[cell + 1]);
-            self.lowest_slot[cell] =
-                match first < end {
-                    true => (first + 1..end).fold(first, |best, slot| {
-                        if key(slot) < key(best) { slot } else { best }
-                    }),
-                    false => NO_CELL,
-                };
+            self.lowest_slot[cell] = NO_CELL;
+            if first == end {
+                continue;
+            }
+            let mut best = first as usize;
+            for slot in first as usize + 1..end as usize {
+                let ([x, y, z], [bx, by, bz]) = (self.slots[slot].at_m, self.slots[best].at_m);
+                if z < bz || (z == bz && (x < bx || (x == bx && y < by))) {
+                    best = slot;
+                }
+            }
+            self.lowest_slot[cell] = best as u32;
         }
     }
 
@@ -203,14 +197,18 @@ impl FrameIndex {
     }
 }
 
-fn cell_of(point: &Point) -> Option<u32> {
+/// [`NO_CELL`] outside of the square, and for numbers that are not finite.
+fn cell_of(point: &Point) -> u32 {
     const SIDE_F: f32 = SIDE as f32;
     let x = point.x_m + HALF_EXTENT_M as f32;
     let y = point.y_m + HALF_EXTENT_M as f32;
-    // Comparisons with NaN are false.
-    let side = 0.0..SIDE_F;
-    let inside = side.contains(&x) && side.contains(&y) && point.z_m.is_finite();
-    inside.then(|| y as u32 * SIDE as u32 + x as u32)
+    // Comparisons with NaN are false. No short cuts: branches that depend on the data cost more than comparisons.
+    let inside =
+        (x >= 0.0) & (x < SIDE_F) & (y >= 0.0) & (y < SIDE_F) & (point.z_m.abs() <= f32::MAX);
+    match inside {
+        true => (y as i32 * SIDE as i32 + x as i32) as u32,
+        false => NO_CELL,
+    }
 }
 
 impl Cells {

@@ -83,27 +83,42 @@ impl Neighbourhood {
         let rows = || frame.rows_around(center_m, wanted.radius_m);
         let available: usize = rows().map(<[IndexedPoint]>::len).sum();
         self.looked_at = available as u64;
-        let keep_one_in = available.div_ceil(wanted.points_max.max(1)) as u64;
-        self.thinned = keep_one_in > 1;
         let radius_squared = (wanted.radius_m * wanted.radius_m) as f32;
         let height_at_center = ground.z_at_m(center_m[0], center_m[1]) as f32;
         let slope = ground.slope.map(|s| s as f32);
         let [low, high] = wanted.height_m.map(|h| h as f32);
-        for point in rows().flatten() {
-            let [x, y, z] = point.at_m;
+        // Relative to the centre, and the height; `None` for points that are not asked for.
+        let placed = |at_m: [f32; 3]| {
+            let [x, y, z] = at_m;
             let dx = (f64::from(x) - center_m[0]) as f32;
             let dy = (f64::from(y) - center_m[1]) as f32;
             let height = z - (height_at_center + slope[0] * dx + slope[1] * dy);
             let near = dx * dx + dy * dy <= radius_squared;
+            (dx, dy, height, near && height >= low && height <= high)
+        };
+        let points_max = wanted.points_max.max(1);
+        // Only points that are asked for count against the limit: near the sensor most are ground.
+        let keep_one_in = match available > points_max {
+            true => {
+                self.looked_at += available as u64;
+                let asked = rows().flatten().filter(|p| placed(p.at_m).3).count();
+                asked.div_ceil(points_max) as u64
+            }
+            false => 1,
+        };
+        self.thinned = keep_one_in > 1;
+        for point in rows().flatten() {
+            let (dx, dy, height, wanted) = placed(point.at_m);
             let is_seed = point.index == seed.index;
-            let wanted = near && height >= low && height <= high;
-            if is_seed || (wanted && is_kept(point.at_m, keep_one_in)) {
+            // Thousands of equal points stay together or go together.
+            let room = self.len() < 2 * points_max;
+            if is_seed || (wanted && room && is_kept(point.at_m, keep_one_in)) {
                 if is_seed {
                     seed_at = self.len();
                 }
                 self.x_m.push(dx);
                 self.y_m.push(dy);
-                self.z_m.push(z);
+                self.z_m.push(point.at_m[2]);
                 self.height_m.push(height);
                 self.index.push(point.index);
                 let known = is_known.get(point.index as usize).copied();

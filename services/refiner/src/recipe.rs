@@ -2,8 +2,9 @@
 
 use crate::cluster::{Clusterer, Dbscan, Depth, Distance, Euclidean, Literal};
 use crate::draft::Ranking;
-use crate::fit::{BoxFit, EndFace, Extend, Side};
-use crate::{Mode, Sensor, Settings};
+use crate::fit::{BoxFit, CutTop, EndFace, Extend, Side};
+use crate::size::SizeLimits;
+use crate::{DistanceSettings, Mode, Sensor, Settings};
 
 /// Which point a cluster starts from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,8 +52,10 @@ pub(crate) struct Recipe {
 pub(crate) struct Scales {
     /// For what stands upright; 0: not tried.
     pub(crate) upright: f64,
-    /// l, w, h, m, above which a cluster is grown again with a shorter reach.
-    pub(crate) shrink_above_m: [f64; 3],
+    /// A cluster within this, l, w, h, m, is parted only when all its parts stand upright.
+    pub(crate) upright_apart_m: [f64; 3],
+    /// Sizes above which a cluster is grown again with a shorter reach.
+    pub(crate) limits: SizeLimits,
     pub(crate) shrink_factor: f64,
     pub(crate) shrink_attempts: u32,
 }
@@ -61,7 +64,12 @@ impl Scales {
     /// One reach for everything.
     pub(crate) const NONE: Scales = Scales {
         upright: 0.0,
-        shrink_above_m: [f64::INFINITY; 3],
+        upright_apart_m: [0.0; 3],
+        limits: SizeLimits {
+            low_m: [f64::INFINITY; 3],
+            tall_from_m: f64::INFINITY,
+            tall_m: [f64::INFINITY; 3],
+        },
         shrink_factor: 1.0,
         shrink_attempts: 0,
     };
@@ -71,11 +79,12 @@ impl Scales {
 const SIZE_MIN_M: [f64; 3] = [0.1; 3];
 
 impl Recipe {
-    pub(crate) fn of(settings: &Settings) -> Recipe {
+    pub(crate) fn of(settings: &Settings, sensor: &Sensor) -> Recipe {
         let tight = Extend {
             to_ground: false,
             away_from_sensor: None,
-            end_face: None,
+            end_faces: [None; 2],
+            cut_top: None,
             size_min_m: SIZE_MIN_M,
         };
         let corrected = Recipe {
@@ -117,19 +126,20 @@ impl Recipe {
                     away_from_sensor: Some(Side {
                         least_m: 0.0,
                         share: settings.distance.width_share_min,
+                        most_m: settings.distance.width_most_m,
                     }),
-                    end_face: (settings.distance.end_face_share > 0.0).then_some(EndFace {
-                        width_m: settings.distance.end_face_width_m,
-                        height_min_m: 1.0,
-                        aside_max_rad: settings.distance.end_face_aside_max_deg.to_radians(),
-                        share: settings.distance.end_face_share,
-                        top_share_min: settings.distance.end_face_top_share_min,
-                    }),
+                    end_faces: end_faces(&settings.distance),
+                    cut_top: cut_top(&settings.distance, sensor),
                     ..corrected.extend
                 },
                 scales: (settings.mode == Mode::Distance).then_some(Scales {
                     upright: settings.distance.upright_scale,
-                    shrink_above_m: settings.distance.shrink_above_m,
+                    upright_apart_m: settings.distance.upright_apart_m,
+                    limits: SizeLimits {
+                        low_m: settings.distance.shrink_above_m,
+                        tall_from_m: settings.distance.tall_from_m,
+                        tall_m: settings.distance.tall_above_m,
+                    },
                     shrink_factor: settings.distance.shrink_factor,
                     shrink_attempts: settings.distance.shrink_attempts,
                 }),
@@ -139,6 +149,42 @@ impl Recipe {
             },
         }
     }
+}
+
+/// A car's or van's end, and a truck's.
+fn end_faces(settings: &DistanceSettings) -> [Option<EndFace>; 2] {
+    let aside_max_rad = settings.end_face_aside_max_deg.to_radians();
+    let face = |width_m, height_min_m, share| {
+        (share > 0.0).then_some(EndFace {
+            width_m,
+            height_min_m,
+            aside_max_rad,
+            share,
+            top_share_min: settings.end_face_top_share_min,
+        })
+    };
+    let truck_width_m = [settings.end_face_width_m[1], settings.width_most_m + 0.5];
+    [
+        face(settings.end_face_width_m, 1.0, settings.end_face_share),
+        face(
+            truck_width_m,
+            settings.truck_height_min_m,
+            settings.truck_end_share,
+        ),
+    ]
+}
+
+/// For a sensor whose beams are known.
+fn cut_top(settings: &DistanceSettings, sensor: &Sensor) -> Option<CutTop> {
+    /// Returns of the topmost two beams or so, rad: beams of one sensor differ from the table by about 0.1 degrees.
+    const MARGIN_RAD: f64 = 0.009;
+    let top = sensor.beams.as_ref()?.elevation_rad.first()?;
+    (settings.cut_top_height_m > 0.0).then_some(CutTop {
+        elevation_rad: f64::from(*top) - MARGIN_RAD,
+        length_min_m: 3.0,
+        seen_min_m: settings.tall_from_m,
+        height_m: settings.cut_top_height_m,
+    })
 }
 
 /// The growing algorithm of a mode; `None` for the proposal as it is.

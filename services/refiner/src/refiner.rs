@@ -38,7 +38,7 @@ impl Refiner {
         if let Some(beams) = &sensor.beams {
             beams.check()?;
         }
-        let recipe = Recipe::of(&settings);
+        let recipe = Recipe::of(&settings, sensor);
         let radius_m = settings.radius_for(sensor);
         Ok(Refiner {
             classes: sensor.classes.len(),

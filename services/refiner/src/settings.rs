@@ -12,9 +12,9 @@ pub enum Mode {
     /// The paper's algorithm 1 to the letter.
     Literal,
     /// Algorithm 1 with the sign turned, ground removed, and an oriented box.
-    #[default]
     Corrected,
     /// Join distance that grows with range, local ground, shrink, oriented box.
+    #[default]
     #[serde(alias = "improved")]
     Distance,
     /// DBSCAN (Ester et al., 1996) on what stands above the ground: a known reference.
@@ -65,7 +65,7 @@ pub struct Settings {
     /// Which algorithm.
     pub mode: Mode,
     /// Radius r of the cylinder around the seed, m. Unset: the paper's 4 m where the model sees all around (its
-    /// industrial park) and 5 m where it looks ahead (KITTI).
+    /// industrial park) and 5 m where it looks ahead (KITTI); in the modes that look for whole trucks 7 m.
     pub radius_m: Option<f64>,
     /// How the rectangle is laid. Unset: along the axes for literal, by closeness for the others.
     pub box_fit: Option<BoxFit>,
@@ -73,7 +73,7 @@ pub struct Settings {
     pub points_min: u32,
     /// A cluster longer than this, m, is no road user (a truck with its trailer is below).
     pub length_max_m: f64,
-    /// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged. 32,768: a car at
+    /// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged. 16,384: a car at
     /// 4 m has some 10,000.
     pub points_per_candidate_max: u32,
     /// Work that all candidates of a frame may cost: points looked at, as often as they are. Candidates whose turn comes
@@ -81,7 +81,7 @@ pub struct Settings {
     /// output.
     pub work_max: u64,
     /// Time that a frame may take where the sensor sets the pace, ms: kept by the stage, which has a clock. What is left
-    /// over keeps its proposal box, counted and flagged. A tenth of a 10 Hz sensor's period: far above what ordinary
+    /// over keeps its proposal box, counted and flagged. A fifth of a 10 Hz sensor's period: far above what ordinary
     /// frames take, so that it bites on a starved machine alone.
     pub time_max_ms: f64,
     /// The ground under each candidate.
@@ -101,14 +101,14 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Settings {
         Settings {
-            mode: Mode::Corrected,
+            mode: Mode::default(),
             radius_m: None,
             box_fit: None,
             points_min: 8,
             length_max_m: 16.0,
-            points_per_candidate_max: 32_768,
-            work_max: 8_000_000,
-            time_max_ms: 10.0,
+            points_per_candidate_max: 16_384,
+            work_max: 2_500_000,
+            time_max_ms: 20.0,
             ground: GroundSettings::default(),
             literal: LiteralSettings::default(),
             corrected: CorrectedSettings::default(),
@@ -199,8 +199,12 @@ pub struct DistanceSettings {
     pub join_per_range: f64,
     /// Upper bound, m.
     pub join_max_m: f64,
-    /// A cluster larger than this (l, w, h, m: a large van) is grown again with a shorter join distance.
+    /// A cluster larger than this (l, w, h, m: a large van) is grown again with a shorter join distance,
     pub shrink_above_m: [f64; 3],
+    /// unless it is at least this high, m,
+    pub tall_from_m: f64,
+    /// and not larger than this (l, w, h, m: a truck).
+    pub tall_above_m: [f64; 3],
     /// Factor on the join distance of each further attempt.
     pub shrink_factor: f64,
     /// Attempts after the first.
@@ -208,8 +212,13 @@ pub struct DistanceSettings {
     /// Factor on the join distance of the very first attempt, whose cluster is taken when it stands upright: people
     /// beside each other are joined otherwise. 0: no such attempt.
     pub upright_scale: f64,
+    /// Within this size (l, w, h, m) a cluster is taken apart only when all its parts stand upright: the mast of a forklift
+    /// and the rider of a bicycle do, the rest of them does not.
+    pub upright_apart_m: [f64; 3],
     /// The side away from the sensor is at least this share of the other one: it is never seen whole.
     pub width_share_min: f64,
+    /// but need not be more than this, m: no road user is wider.
+    pub width_most_m: f64,
     /// A face of this width, m, seen from the end, belongs to a vehicle,
     pub end_face_width_m: [f64; 2],
     /// provided that the line of sight is at most this far off the vehicle's length, degrees: its side is seen otherwise;
@@ -218,23 +227,37 @@ pub struct DistanceSettings {
     pub end_face_share: f64,
     /// The upper third of such a face is at least this share of its width wide: a cyclist seen from the side is not.
     pub end_face_top_share_min: f64,
+    /// A wider face that is at least this high, m, belongs to a truck,
+    pub truck_height_min_m: f64,
+    /// which is at least this share of its width long. 0: no such rule.
+    pub truck_end_share: f64,
+    /// What is at least 3 m long and `tall_from_m` high and reaches the sensor's topmost beams goes on above them: up to
+    /// this height above the ground, m. 0: no such rule.
+    pub cut_top_height_m: f64,
 }
 
 impl Default for DistanceSettings {
     fn default() -> DistanceSettings {
         DistanceSettings {
             join_m: 0.4,
-            join_per_range: 0.015,
+            join_per_range: 0.0175,
             join_max_m: 1.2,
             shrink_above_m: [7.0, 2.8, 4.0],
+            tall_from_m: 2.0,
+            tall_above_m: [14.0, 3.5, 4.5],
             shrink_factor: 0.6,
             shrink_attempts: 2,
             upright_scale: 0.5,
+            upright_apart_m: [3.4, 1.9, 2.6],
             width_share_min: 0.4,
+            width_most_m: 2.8,
             end_face_width_m: [1.1, 2.1],
             end_face_aside_max_deg: 30.0,
-            end_face_share: 2.0,
+            end_face_share: 2.2,
             end_face_top_share_min: 0.6,
+            truck_height_min_m: 2.4,
+            truck_end_share: 3.0,
+            cut_top_height_m: 3.2,
         }
     }
 }
@@ -292,8 +315,12 @@ impl Default for MergeSettings {
 impl Settings {
     /// The paper's radius for this sensor, unless set.
     pub(crate) fn radius_for(&self, sensor: &Sensor) -> f64 {
-        let paper = if sensor.sees_all_around { 4.0 } else { 5.0 };
-        self.radius_m.unwrap_or(paper)
+        let default = match self.mode {
+            Mode::Distance | Mode::Dbscan | Mode::Euclidean => 7.0,
+            _ if sensor.sees_all_around => 4.0,
+            _ => 5.0,
+        };
+        self.radius_m.unwrap_or(default)
     }
 
     /// Refuses what makes no sense, by name.
@@ -417,6 +444,30 @@ impl Settings {
                 share(d.width_share_min),
             ),
             (
+                "distance.width_most_m",
+                LENGTH,
+                d.width_most_m,
+                length(d.width_most_m),
+            ),
+            (
+                "distance.tall_from_m",
+                LENGTH,
+                d.tall_from_m,
+                length(d.tall_from_m),
+            ),
+            (
+                "distance.cut_top_height_m",
+                "a height of 0 to 10 m",
+                d.cut_top_height_m,
+                (0.0..=10.0).contains(&d.cut_top_height_m),
+            ),
+            (
+                "distance.upright_scale",
+                "a factor of 0 to 1",
+                d.upright_scale,
+                share(d.upright_scale),
+            ),
+            (
                 "reference.tolerance_m",
                 LENGTH,
                 self.reference.tolerance_m,
@@ -480,9 +531,14 @@ mod tests {
     #[test]
     fn the_papers_radius_follows_the_model() {
         let mut sensor = Sensor::plain(&["car"]);
-        assert_eq!(Settings::default().radius_for(&sensor), 4.0);
+        let of = |mode| Settings {
+            mode,
+            ..Settings::default()
+        };
+        assert_eq!(of(Mode::Corrected).radius_for(&sensor), 4.0);
         sensor.sees_all_around = false;
-        assert_eq!(Settings::default().radius_for(&sensor), 5.0);
+        assert_eq!(of(Mode::Literal).radius_for(&sensor), 5.0);
+        assert_eq!(of(Mode::Distance).radius_for(&sensor), 7.0);
         let set = Settings {
             radius_m: Some(3.0),
             ..Settings::default()

@@ -1,6 +1,36 @@
 //! What a cluster's size says about it.
 
+use std::sync::LazyLock;
+
 use crate::fit::ClusterPoints;
+
+/// How large a road user can be: l, w, h, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SizeLimits {
+    /// Of what is lower than `tall_from_m`: two parked cars are longer than one, and as low.
+    pub(crate) low_m: [f64; 3],
+    /// m.
+    pub(crate) tall_from_m: f64,
+    /// Of what is higher: trucks and buses.
+    pub(crate) tall_m: [f64; 3],
+}
+
+impl SizeLimits {
+    /// Whether a cluster is within.
+    pub(crate) fn hold(&self, cluster: &ClusterPoints) -> bool {
+        let limit_m = match height_m(cluster) >= self.tall_from_m {
+            true => self.tall_m,
+            false => self.low_m,
+        };
+        is_within(cluster, limit_m)
+    }
+
+    /// Nothing longer than this along any direction is within, m.
+    pub(crate) fn diagonal_m(&self) -> f64 {
+        let diagonal = |[l, w, _]: [f64; 3]| l.hypot(w);
+        diagonal(self.low_m).max(diagonal(self.tall_m))
+    }
+}
 
 /// Whether a cluster is higher than it is long: a person, a pole. Parts of a vehicle that a short reach tears off are
 /// as wide as they are high, or lower than a person.
@@ -11,36 +41,57 @@ pub(crate) fn is_upright(cluster: &ClusterPoints) -> bool {
     /// One column of returns is no person: a wall seen at a flat angle falls apart into such, m.
     const WIDTH_MIN_M: f64 = 0.15;
     let height = height_m(cluster);
-    height >= HEIGHT_MIN_M
-        && longest_side(cluster).1 >= WIDTH_MIN_M
-        && headings().all(|yaw| {
-            let [a, b] = cluster.rectangle(yaw).size_m();
-            a.max(b) * HEIGHT_PER_LENGTH <= height
-        })
+    if height < HEIGHT_MIN_M {
+        return false;
+    }
+    let limit_m = height / HEIGHT_PER_LENGTH;
+    let widest_m = |heading: &Heading| {
+        let [a, b] = cluster.sides_m(heading.direction);
+        a.max(b)
+    };
+    let octagon_m = widest_m(&HEADINGS[0]).max(widest_m(&HEADINGS[COUNT / 2]));
+    if octagon_m > limit_m || octagon_m < WIDTH_MIN_M {
+        return false;
+    }
+    // Between two of the octagon's directions nothing is wider than this.
+    octagon_m / OCTAGON <= limit_m || HEADINGS.iter().all(|h| widest_m(h) <= limit_m)
 }
+
+/// Whether the points of a cluster's parts that do not stand upright are a thing to reckon with beside those that do: the
+/// body of a forklift beside its mast, and not the kerb beside a person.
+pub(crate) fn is_rest(rest: usize, upright: usize) -> bool {
+    rest * REST_ONE_IN >= upright.max(1)
+}
+
+/// A rest has at least one point for so many that stand upright.
+const REST_ONE_IN: usize = 3;
 
 /// Whether some heading exists at which the cluster is no longer, wider and higher than l, w, h.
 pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
-    // No heading turns something longer than the diagonal into something that fits: this settles most walls.
-    let is_too_long = |yaw: f64| {
-        let [a, b] = cluster.rectangle(yaw).size_m();
-        a.max(b) > l.hypot(w)
-    };
-    let eighth = std::f64::consts::FRAC_PI_4;
-    if height_m(cluster) > h || is_too_long(0.0) || is_too_long(eighth) {
+    if height_m(cluster) > h {
         return false;
     }
-    headings().any(|yaw| {
-        let [a, b] = cluster.rectangle(yaw).size_m();
-        a.max(b) <= l && a.min(b) <= w
-    })
+    let sides_m = |heading: &Heading| cluster.sides_m(heading.direction);
+    let fits = |[a, b]: [f64; 2]| a.max(b) <= l && a.min(b) <= w;
+    // No heading turns something longer than the diagonal into something that fits: this settles most walls.
+    let is_too_long = |[a, b]: [f64; 2]| a.max(b) > l.hypot(w);
+    for middle in [&HEADINGS[0], &HEADINGS[COUNT / 2]] {
+        let sides_m = sides_m(middle);
+        if fits(sides_m) {
+            return true;
+        }
+        if is_too_long(sides_m) {
+            return false;
+        }
+    }
+    HEADINGS.iter().any(|heading| fits(sides_m(heading)))
 }
 
 /// Heading, rad, and length, m, of the longest side of any tight rectangle.
 pub(crate) fn longest_side(cluster: &ClusterPoints) -> (f64, f64) {
-    headings().fold((0.0, 0.0), |longest: (f64, f64), yaw| {
-        let [u, v] = cluster.rectangle(yaw).size_m();
-        [(yaw, u), (yaw + std::f64::consts::FRAC_PI_2, v)]
+    HEADINGS.iter().fold((0.0, 0.0), |longest: (f64, f64), h| {
+        let [u, v] = cluster.sides_m(h.direction);
+        [(h.yaw_rad, u), (h.yaw_rad + std::f64::consts::FRAC_PI_2, v)]
             .into_iter()
             .fold(longest, |a, b| if b.1 > a.1 { b } else { a })
     })
@@ -51,11 +102,27 @@ fn height_m(cluster: &ClusterPoints) -> f64 {
     range.map_or(0.0, |[low, high]| f64::from(high - low))
 }
 
-/// Headings a step of 7.5 degrees apart.
-fn headings() -> impl Iterator<Item = f64> {
-    const COUNT: usize = 12;
-    (0..COUNT).map(|step| std::f64::consts::FRAC_PI_2 * step as f64 / COUNT as f64)
+/// A heading and its direction seen from above.
+struct Heading {
+    yaw_rad: f64,
+    direction: [f32; 2],
 }
+
+/// Headings within a quarter turn.
+const COUNT: usize = 12;
+/// cos(22.5 degrees): widths along two directions 45 degrees apart are at least this share of any between them.
+const OCTAGON: f64 = 0.923_879;
+
+/// Headings 7.5 degrees apart.
+static HEADINGS: LazyLock<[Heading; COUNT]> = LazyLock::new(|| {
+    std::array::from_fn(|step| {
+        let yaw_rad = std::f64::consts::FRAC_PI_2 * step as f64 / COUNT as f64;
+        Heading {
+            yaw_rad,
+            direction: [yaw_rad.cos() as f32, yaw_rad.sin() as f32],
+        }
+    })
+});
 
 #[cfg(test)]
 mod tests {

@@ -301,7 +301,7 @@ fn frames_made_to_be_dear_stay_within_the_work_and_are_flagged() {
     };
     let work_max = settings.work_max;
     // One candidate may be begun with hardly any work left: thinned points, some fifty times.
-    let work_of_one = 50 * u64::from(settings.points_per_candidate_max) + 3 * 131_072;
+    let work_of_one = 50 * u64::from(settings.points_per_candidate_max) + 4 * 131_072;
     let mut refiner = mluc_refiner::Refiner::new(settings, &common::sensor()).expect("settings");
     let mut any_unrefined = false;
     for (name, points) in &clouds() {

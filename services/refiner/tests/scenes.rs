@@ -151,10 +151,8 @@ fn too_few_points_are_told_and_what_is_oversized_is_split() {
     );
     // Never dropped: cut to a road user's length around the seed.
     let piece = &out.objects[0];
-    assert_eq!(
-        (piece.fate, piece.flags),
-        (Fate::Published as u32, Object::SPLIT)
-    );
+    assert_eq!(piece.fate, Fate::Published as u32);
+    assert!(piece.flags & Object::SPLIT != 0);
     assert!(
         piece.size_m[0] > 8.0 && piece.size_m[0] <= 16.0,
         "{:?}",

@@ -64,7 +64,7 @@ proptest! {
         let after = refine(Mode::Distance, &turned_points, &turned_detections);
         for (i, (a, b)) in before.objects.iter().zip(&after.objects).enumerate() {
             prop_assert_eq!(a.fate, b.fate);
-            prop_assert_eq!(a.points_count, b.points_count);
+            prop_assert_eq!(a.points_count, b.points_count, "object {} {:?} {:?}", i, a, b);
             let (a, b) = (box_of(a), box_of(b));
             let (sin, cos) = by_rad.sin_cos();
             let [x, y, z] = a.center_m;
@@ -78,8 +78,8 @@ proptest! {
             let small = a.size_m[0] < 1.0;
             prop_assert!(off < 0.04 || small, "object {}: {} rad", i, off);
             let overlap = iou_3d(&b, &expected);
-            // Half a metre of person with its heading a few degrees off.
-            let least = if small { 0.7 } else { 0.85 };
+            // Half a metre of person, of which two faces are seen, with its heading a few degrees off.
+            let least = if small { 0.6 } else { 0.85 };
             prop_assert!(overlap > least, "object {}: {} {:?}", i, overlap, boxes[i]);
         }
     }
@@ -96,6 +96,28 @@ proptest! {
             let mut expected = box_of(a);
             expected.center_m[2] += f64::from(by_m);
             prop_assert!(iou_3d(&box_of(b), &expected) > 0.98);
+        }
+    }
+
+    /// Not exact as raising is: reach and ground depend on the place, if little.
+    #[test]
+    fn shifting_the_scene_shifts_the_boxes(x_m in -1.5f32..1.5, y_m in -1.5f32..1.5) {
+        let (mut points, boxes, mut detections) = scene();
+        let before = refine(Mode::Distance, &points, &detections);
+        for p in &mut points {
+            (p.x_m, p.y_m) = (p.x_m + x_m, p.y_m + y_m);
+        }
+        for d in &mut detections {
+            (d.center_m[0], d.center_m[1]) = (d.center_m[0] + x_m, d.center_m[1] + y_m);
+        }
+        let after = refine(Mode::Distance, &points, &detections);
+        for (i, (a, b)) in before.objects.iter().zip(&after.objects).enumerate() {
+            prop_assert_eq!(a.fate, b.fate);
+            let mut expected = box_of(a);
+            expected.center_m[0] += f64::from(x_m);
+            expected.center_m[1] += f64::from(y_m);
+            let overlap = iou_3d(&box_of(b), &expected);
+            prop_assert!(overlap > 0.8, "object {}: {} {:?}", i, overlap, boxes[i]);
         }
     }
 

@@ -30,7 +30,8 @@ pub(crate) fn ceiling(
     let extend = Extend {
         to_ground: true,
         away_from_sensor: None,
-        end_face: None,
+        end_faces: [None; 2],
+        cut_top: None,
         size_min_m: [0.1; 3],
     };
     let tight = Closeness::default().fit(&own);

@@ -53,6 +53,9 @@ struct Arguments {
     /// With --adversarial: a limit on a frame's time beside that on its work, ms.
     #[arg(long)]
     limit_ms: Option<f64>,
+    /// Every object with what its first proposal came to: to look at failures.
+    #[arg(long)]
+    list: bool,
     /// The three box fits side by side.
     #[arg(long)]
     fits: bool,
@@ -99,6 +102,9 @@ fn run(arguments: &Arguments, settings: Settings) -> Result<()> {
     let frames = scene::read(&dataset, &arguments.class, arguments.every)?;
     if arguments.everything {
         return whole::run(&frames, &settings, arguments.json);
+    }
+    if arguments.list {
+        return report::list(&frames, settings);
     }
     if !arguments.vary.is_empty() {
         return vary::run(&frames, &settings, &arguments.vary);

@@ -19,6 +19,8 @@ pub(crate) struct Judged {
     pub(crate) class: String,
     pub(crate) ious: Vec<f64>,
     pub(crate) ceiling: f64,
+    /// What its first proposal came to.
+    pub(crate) first: Option<mluc_ipc_types::Object>,
 }
 
 /// Means over some objects.
@@ -46,6 +48,7 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
             around.extend(frame.points.iter().filter(|p| {
                 (p.x_m - x).abs() < SURROUNDINGS_M && (p.y_m - y).abs() < SURROUNDINGS_M
             }));
+            let mut first = None;
             let ious = (0..PROPOSALS_PER_OBJECT)
                 .map(|k| {
                     let keys = [frame.number as u64, object.number as u64, k];
@@ -53,12 +56,14 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
                     let proposed = proposal(&object.class, &object.shape, &mut random);
                     let detections = [candidate(&proposed, 1.0)];
                     refiner.refine(frame.number as u64 * 8 + k, &around, &detections, &mut out);
+                    first = first.or(out.objects.first().copied());
                     let published = out.objects.iter().find(|found| found.is_published());
                     published.map_or(0.0, |found| iou_3d(&box_of(found), &object.shape))
                 })
                 .collect();
             judged.push(Judged {
                 class: object.class.clone(),
+                first,
                 ious,
                 ceiling: ceiling::ceiling(&around, &object.shape, &mut index, height_m),
             });

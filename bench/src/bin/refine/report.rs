@@ -25,6 +25,8 @@ pub(crate) struct Report {
     max_ms: f64,
     cpu_p50_ms: f64,
     cpu_p99_ms: f64,
+    work_p50: f64,
+    work_max: f64,
 }
 
 /// Quality, then time.
@@ -40,6 +42,7 @@ pub(crate) fn measure(
     let times = time(frames, &mut refiner, proposals, anywhere);
     let [p50_ms, p99_ms, max_ms] = percentiles(times.iter().map(|t| t.wall_ms));
     let [cpu_p50_ms, cpu_p99_ms, _] = percentiles(times.iter().map(|t| t.cpu_ms));
+    let [work_p50, _, work_max] = percentiles(times.iter().map(|t| t.work as f64));
     Ok(Report {
         refiner: mode.name(),
         frames: frames.len(),
@@ -52,6 +55,8 @@ pub(crate) fn measure(
         max_ms,
         cpu_p50_ms,
         cpu_p99_ms,
+        work_p50,
+        work_max,
     })
 }
 
@@ -66,6 +71,38 @@ fn by_class(judged: &[Judged]) -> BTreeMap<String, Quality> {
     let rows = classes.into_iter();
     rows.map(|(class, objects)| (class, quality(&objects)))
         .collect()
+}
+
+/// A line for each object.
+pub(crate) fn list(frames: &[Frame], settings: Settings) -> Result<()> {
+    let mut refiner = crate::refiner(settings)?;
+    let judged = judge(frames, &mut refiner);
+    let objects = frames
+        .iter()
+        .flat_map(|f| f.objects.iter().map(|o| (f.number, &o.shape)));
+    println!(
+        "frame class IoU of the first, mean, ceiling | label: place, size, heading | found: fate, place, size, heading, points"
+    );
+    for ((frame, label), own) in objects.zip(&judged) {
+        let mean = own.ious.iter().sum::<f64>() / own.ious.len().max(1) as f64;
+        let first = own.ious.first().copied().unwrap_or(0.0);
+        print!(
+            "{frame:>4} {:<10} {first:.2} {mean:.2} {:.2} |",
+            own.class, own.ceiling
+        );
+        print!(
+            " {:6.1?} {:.1?} {:.1} |",
+            label.center_m, label.size_m, label.yaw_rad
+        );
+        match own.first {
+            Some(o) => println!(
+                " {} {:6.1?} {:.1?} {:.1} {}",
+                o.fate, o.center_m, o.size_m, o.yaw_rad, o.points_count
+            ),
+            None => println!(" nothing"),
+        }
+    }
+    Ok(())
 }
 
 impl Report {
@@ -89,14 +126,16 @@ impl Report {
             );
         }
         println!(
-            "{} proposals a frame: p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms over {} frames; CPU time p50 {:.2} ms, p99 {:.2} ms",
+            "{} proposals a frame: p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms over {} frames; CPU time p50 {:.2} ms, p99 {:.2} ms; work p50 {:.0}, max {:.0}",
             self.proposals,
             self.p50_ms,
             self.p99_ms,
             self.max_ms,
             self.timed_frames,
             self.cpu_p50_ms,
-            self.cpu_p99_ms
+            self.cpu_p99_ms,
+            self.work_p50,
+            self.work_max
         );
     }
 }

@@ -16,6 +16,8 @@ pub(crate) struct Timed {
     pub(crate) wall_ms: f64,
     /// By the thread's own CPU time: what remains comparable on a machine with other work.
     pub(crate) cpu_ms: f64,
+    /// As the refiner counts it.
+    pub(crate) work: u64,
 }
 
 /// What a piece of work costs.
@@ -25,6 +27,7 @@ pub(crate) fn timed(work: impl FnOnce()) -> Timed {
     Timed {
         wall_ms: start.elapsed().as_secs_f64() * 1e3,
         cpu_ms: cpu_ms() - cpu_start_ms,
+        work: 0,
     }
 }
 
@@ -70,7 +73,8 @@ pub(crate) fn time(
                     candidate(&proposed, 1.0 + k as f32)
                 })
                 .collect();
-            let took = timed(|| refiner.refine(number, &frame.points, &detections, &mut out));
+            let mut took = timed(|| refiner.refine(number, &frame.points, &detections, &mut out));
+            took.work = out.counters.work;
             if pass > 0 {
                 times.push(took);
             }

@@ -10,6 +10,8 @@ const CELL_M: f32 = 0.25;
 /// Cells along a side.
 const SIDE: usize = (2.0 * HALF_EXTENT_M / CELL_M as f64) as usize;
 const EMPTY: u32 = u32::MAX;
+/// Rows of cells that any reach touches at most: join distances up to 3.5 m; beyond it a reach is cut short.
+const ROWS_MAX: usize = 16;
 
 /// One cell with points.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +41,10 @@ pub(super) struct Cells {
     pub(super) places_m: Vec<[f32; 2]>,
     pub(super) indices: Vec<u32>,
     parent: Vec<u32>,
+    /// For sorting: places and old numbers, the cells as they were, and their new numbers.
+    by_place: Vec<(u32, u32)>,
+    unsorted: Vec<Cell>,
+    new_number: Vec<u32>,
 }
 
 impl Default for Cells {
@@ -50,6 +56,9 @@ impl Default for Cells {
             places_m: Vec::new(),
             indices: Vec::new(),
             parent: Vec::new(),
+            by_place: Vec::new(),
+            unsorted: Vec::new(),
+            new_number: Vec::new(),
         }
     }
 }
@@ -90,21 +99,32 @@ impl Cells {
         self.added.push((*point, number));
     }
 
-    /// Sorts the points by cell, once all are there.
+    /// Numbers the cells row by row and sorts the points by cell, once all are there.
     pub(super) fn sort(&mut self) {
+        self.by_place.clear();
+        let places = self.cells.iter().enumerate();
+        self.by_place
+            .extend(places.map(|(old, cell)| (cell.place, old as u32)));
+        self.by_place.sort_unstable();
+        self.new_number.resize(self.cells.len(), 0);
+        self.unsorted.clear();
+        self.unsorted.extend_from_slice(&self.cells);
         let mut first = 0;
-        for cell in &mut self.cells {
+        for (new, &(_, old)) in self.by_place.iter().enumerate() {
+            let cell = &mut self.cells[new];
+            *cell = self.unsorted[old as usize];
             cell.first = first;
             first += cell.count;
             // Serves as the cursor below and comes out as it was.
             cell.count = 0;
+            self.new_number[old as usize] = new as u32;
         }
         self.places_m.clear();
         self.places_m.resize(self.added.len(), [0.0; 2]);
         self.indices.clear();
         self.indices.resize(self.added.len(), 0);
-        for (point, number) in &self.added {
-            let cell = &mut self.cells[*number as usize];
+        for (point, old) in &self.added {
+            let cell = &mut self.cells[self.new_number[*old as usize] as usize];
             let slot = (cell.first + cell.count) as usize;
             cell.count += 1;
             self.places_m[slot] = [point.at_m[0], point.at_m[1]];
@@ -137,42 +157,62 @@ impl Cells {
         })
     }
 
-    /// Unites those of `own` that are within the join distance of each other; `piece_of` tells which cells these are:
-    /// all with the piece `piece`. [`Cells::root`] tells the result.
-    pub(super) fn unite(
-        &mut self,
-        own: &[u32],
-        piece_of: &[u32],
-        piece: u32,
-        join_m: impl Fn(f32) -> f32,
-    ) {
+    /// Unites those of `own`, ascending, that are within the join distance of each other. [`Cells::root`] tells the
+    /// result.
+    ///
+    /// A sweep: for each row of cells that a reach touches a cursor moves along, so only cells with points are met.
+    pub(super) fn unite(&mut self, own: &[u32], join_m: impl Fn(f32) -> f32) {
         for &cell in own {
             self.parent[cell as usize] = cell;
         }
-        for &a in own {
+        let farthest_m = own.iter().map(|&cell| self.cells[cell as usize].range_m);
+        let reach_m = farthest_m.map(&join_m).fold(0.0, f32::max);
+        // Cells this many apart may still hold points within reach; the middle of a row is not its nearest point.
+        let rows = ((reach_m / CELL_M) as usize + 1).min(ROWS_MAX - 1);
+        let mut cursors = [0; ROWS_MAX];
+        for (at, &a) in own.iter().enumerate() {
             let cell = self.cells[a as usize];
-            let reach_m = join_m(cell.range_m);
-            // A neighbour may be somewhat farther and join from farther off: one cell more covers that.
-            let reach = (reach_m / CELL_M) as isize + 1;
-            let (x, y) = (cell.place as usize % SIDE, cell.place as usize / SIDE);
-            let to_x = |dx: isize| x.saturating_add_signed(dx).min(SIDE - 1);
-            for row in y..=(y + reach as usize).min(SIDE - 1) {
-                let from = if row == y { x + 1 } else { to_x(-reach) };
-                let row = row * SIDE;
-                for place in row + from..=row + to_x(reach) {
-                    let b = self.number_at[place];
-                    if b == EMPTY || piece_of[b as usize] != piece {
-                        continue;
+            let own_join_m = join_m(cell.range_m);
+            let reach = ((own_join_m / CELL_M) as u32 + 1).min(rows as u32);
+            let x = cell.place % SIDE as u32;
+            let left = x.min(reach);
+            let right = reach.min(SIDE as u32 - 1 - x);
+            for row in 0..=reach {
+                let middle = cell.place + row * SIDE as u32;
+                let (from, to) = match row {
+                    0 => (middle + 1, middle + right),
+                    _ => (middle - left, middle + right),
+                };
+                let cursor = &mut cursors[row as usize];
+                // Cells before the widest reach's start are of no use to any later cell either.
+                let passed = middle - x.min(rows as u32);
+                *cursor = (*cursor).max(at);
+                while own
+                    .get(*cursor)
+                    .is_some_and(|&b| self.cells[b as usize].place < passed)
+                {
+                    *cursor += 1;
+                }
+                for &b in &own[*cursor..] {
+                    let place = self.cells[b as usize].place;
+                    if place > to {
+                        break;
                     }
-                    let (ra, rb) = (self.root(a), self.root(b));
-                    if ra != rb {
-                        let mean_m = (cell.range_m + self.cells[b as usize].range_m) / 2.0;
-                        let join_m = join_m(mean_m);
-                        if self.touch(a, b, join_m * join_m) {
-                            self.parent[ra.max(rb) as usize] = ra.min(rb);
-                        }
+                    if place >= from {
+                        self.join(a, b, &join_m);
                     }
                 }
+            }
+        }
+    }
+
+    fn join(&mut self, a: u32, b: u32, join_m: &impl Fn(f32) -> f32) {
+        let (ra, rb) = (self.root(a), self.root(b));
+        if ra != rb {
+            let ranges_m = self.cells[a as usize].range_m + self.cells[b as usize].range_m;
+            let join_m = join_m(ranges_m / 2.0);
+            if self.touch(a, b, join_m * join_m) {
+                self.parent[ra.max(rb) as usize] = ra.min(rb);
             }
         }
     }
@@ -268,7 +308,7 @@ mod tests {
             let points = scattered(count);
             let mut cells = filled(&points);
             let own: Vec<u32> = (0..cells.cells.len() as u32).collect();
-            cells.unite(&own, &vec![0; own.len()], 0, |_| join_m);
+            cells.unite(&own, |_| join_m);
             let expected = plain(&points, join_m);
             let mut root_of = vec![0; count];
             for &cell in &own {

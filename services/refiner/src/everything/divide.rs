@@ -10,7 +10,10 @@ use super::cluster::FrameCounters;
 use crate::Settings;
 use crate::fit::ClusterPoints;
 use crate::recipe::{Recipe, Scales};
-use crate::size::{is_upright, is_within, longest_side};
+use crate::size::{is_rest, is_upright, is_within, longest_side};
+
+/// What stands upright is at most 4.5 m high, and shorter than high: so much at most along x or y, m.
+const UPRIGHT_LENGTH_MAX_M: f32 = 3.5;
 
 /// Some cells that belong together.
 #[derive(Clone, Copy, Debug)]
@@ -23,8 +26,6 @@ pub(super) struct Piece {
     pub(super) component_length_m: f32,
     /// Whether it was cut to size.
     pub(super) is_cut: bool,
-    /// Number under which `piece_of` knows its cells.
-    number: u32,
 }
 
 /// Divides frame after frame; buffers are reused.
@@ -33,14 +34,14 @@ pub(super) struct Divider {
     scales: Scales,
     points_min: usize,
     length_max_m: f64,
-    /// Cells of all pieces, by their ranges.
+    /// Cells of all pieces, by their ranges; ascending within each until it is cut.
     order: Vec<u32>,
-    piece_of: Vec<u32>,
     pending: Vec<Piece>,
     done: Vec<Piece>,
-    numbers: u32,
     cluster: ClusterPoints,
     scratch: Vec<u32>,
+    /// Parts, and whether they stand upright.
+    uprights: Vec<(Piece, bool)>,
     part_of_root: Vec<u32>,
     part_first: Vec<u32>,
 }
@@ -52,12 +53,11 @@ impl Divider {
             points_min: recipe.points_min,
             length_max_m: settings.length_max_m,
             order: Vec::new(),
-            piece_of: Vec::new(),
             pending: Vec::new(),
             done: Vec::new(),
-            numbers: 0,
             cluster: ClusterPoints::default(),
             scratch: Vec::new(),
+            uprights: Vec::new(),
             part_of_root: Vec::new(),
             part_first: Vec::new(),
         }
@@ -83,18 +83,14 @@ impl Divider {
         let count = cells.cells.len() as u32;
         self.order.clear();
         self.order.extend(0..count);
-        self.piece_of.clear();
-        self.piece_of.resize(count as usize, 0);
         self.pending.clear();
         self.done.clear();
-        self.numbers = 0;
         let all = Piece {
             first: 0,
             end: count,
             attempts: 0,
             component_length_m: 0.0,
             is_cut: false,
-            number: 0,
         };
         self.split(cells, all, 1.0, &join_m);
         for piece in &mut self.pending {
@@ -122,25 +118,42 @@ impl Divider {
             counters.points_too_few += points as u32;
             return;
         }
-        self.collect(cells, &piece);
-        if is_upright(&self.cluster) {
-            self.done.push(piece);
-            return;
+        // Longer than the diagonal of any road user along x or y: no need to look at its points.
+        let [x0, y0, x1, y1] = cells.extent_m(self.cells_of(&piece));
+        let diagonal_m = self.scales.limits.diagonal_m();
+        let is_large = |length_m: f32| f64::from(length_m) > diagonal_m;
+        let mut large = is_large((x1 - x0).max(y1 - y0));
+        let mut is_small = false;
+        if !large {
+            self.collect(cells, &piece);
+            if is_upright(&self.cluster) {
+                self.done.push(piece);
+                return;
+            }
+            is_small = is_within(&self.cluster, self.scales.upright_apart_m);
         }
         if piece.attempts == 0 && self.scales.upright > 0.0 {
-            piece = self.take_upright_parts(cells, piece, join_m);
+            let whole = piece;
+            piece = self.take_upright_parts(cells, piece, is_small, join_m);
             if piece.first == piece.end {
                 return;
             }
-            self.collect(cells, &piece);
+            if piece.first != whole.first {
+                let [x0, y0, x1, y1] = cells.extent_m(self.cells_of(&piece));
+                large = is_large((x1 - x0).max(y1 - y0));
+            }
+            if !large {
+                self.collect(cells, &piece);
+            }
         }
-        if is_within(&self.cluster, self.scales.shrink_above_m) {
+        if !large && self.scales.limits.hold(&self.cluster) {
             self.done.push(piece);
         } else if piece.attempts < self.scales.shrink_attempts {
             piece.attempts += 1;
             let scale = self.scales.shrink_factor.powi(piece.attempts as i32);
             self.split(cells, piece, scale, join_m);
         } else {
+            self.collect(cells, &piece);
             counters.oversized += u32::from(self.cut(cells, piece));
         }
     }
@@ -148,17 +161,17 @@ impl Divider {
     /// Divides a piece by a shorter reach; the parts are pending.
     fn split(&mut self, cells: &mut Cells, piece: Piece, scale: f64, join_m: &impl Fn(f64) -> f64) {
         let own = &self.order[piece.first as usize..piece.end as usize];
-        cells.unite(own, &self.piece_of, piece.number, |range_m| {
-            (join_m(f64::from(range_m)) * scale) as f32
-        });
+        cells.unite(own, |range_m| (join_m(f64::from(range_m)) * scale) as f32);
         self.sort_into_parts(cells, piece);
     }
 
-    /// Parts that stand upright are done; what is left stays one piece.
+    /// Parts that stand upright are done; what is left stays one piece. A small piece is taken apart when no part of it
+    /// does anything else.
     fn take_upright_parts(
         &mut self,
         cells: &mut Cells,
         piece: Piece,
+        is_small: bool,
         join_m: &impl Fn(f64) -> f64,
     ) -> Piece {
         let before = self.pending.len();
@@ -166,15 +179,27 @@ impl Divider {
         let parts = before..self.pending.len();
         if parts.len() == 1 {
             self.pending.truncate(before);
-            return self.renumbered(piece);
+            return piece;
         }
+        self.uprights.clear();
+        let mut points = [0, 0];
+        for at in parts {
+            let part = self.pending[at];
+            let upright = self.stands_upright(cells, &part);
+            let count = cells.count(self.cells_of(&part));
+            if count >= self.points_min {
+                points[usize::from(upright)] += count;
+            }
+            self.uprights.push((part, upright));
+        }
+        self.pending.truncate(before);
+        let takes = !(is_small && is_rest(points[0], points[1]));
         self.scratch.clear();
         let mut upright_end = piece.first as usize;
-        for part in parts {
-            let mut part = self.pending[part];
-            self.collect(cells, &part);
+        for at in 0..self.uprights.len() {
+            let (mut part, upright) = self.uprights[at];
             let range = part.first as usize..part.end as usize;
-            if self.cluster.len() >= self.points_min && is_upright(&self.cluster) {
+            if upright && takes {
                 // Upright parts move to the front, which only cells already looked at leave.
                 self.order.copy_within(range.clone(), upright_end);
                 part.first = upright_end as u32;
@@ -185,24 +210,26 @@ impl Divider {
                 self.scratch.extend_from_slice(&self.order[range]);
             }
         }
-        self.pending.truncate(before);
+        // Ascending again, as a sweep over them wants it.
+        self.scratch.sort_unstable();
         self.order[upright_end..piece.end as usize].copy_from_slice(&self.scratch);
-        self.renumbered(Piece {
+        Piece {
             first: upright_end as u32,
             ..piece
-        })
+        }
     }
 
-    /// Gives a piece's cells a number of their own.
-    fn renumbered(&mut self, piece: Piece) -> Piece {
-        self.numbers += 1;
-        for &cell in &self.order[piece.first as usize..piece.end as usize] {
-            self.piece_of[cell as usize] = self.numbers;
+    /// Whether a part is a thing of its own that stands upright.
+    fn stands_upright(&mut self, cells: &Cells, part: &Piece) -> bool {
+        let own = self.cells_of(part);
+        let [x0, y0, x1, y1] = cells.extent_m(own);
+        let enough = cells.count(own) >= self.points_min;
+        // Nobody is as wide as a car: most parts of walls need no closer look.
+        if !enough || (x1 - x0).max(y1 - y0) > UPRIGHT_LENGTH_MAX_M {
+            return false;
         }
-        Piece {
-            number: self.numbers,
-            ..piece
-        }
+        self.collect(cells, part);
+        is_upright(&self.cluster)
     }
 
     /// A piece's cells by what they are united with: each part becomes a pending piece.
@@ -224,24 +251,20 @@ impl Divider {
             let part = Piece {
                 first,
                 end: first + *count,
-                number: self.numbers + 1,
                 ..piece
             };
-            self.numbers += 1;
             self.pending.push(part);
             *count = first;
             first = part.end;
         }
         self.scratch.clear();
         self.scratch.extend_from_slice(&self.order[range]);
-        let first_number = self.numbers - self.part_first.len() as u32 + 1;
         for at in 0..self.scratch.len() {
             let cell = self.scratch[at];
             let part = self.part_of_root[cells.root(cell) as usize];
             let cursor = &mut self.part_first[part as usize];
             self.order[*cursor as usize] = cell;
             *cursor += 1;
-            self.piece_of[cell as usize] = first_number + part;
         }
         for at in 0..self.scratch.len() {
             self.part_of_root[cells.root(self.scratch[at]) as usize] = NO_PART;

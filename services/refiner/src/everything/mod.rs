@@ -49,7 +49,7 @@ impl Everything {
             mode: Mode::Distance,
             ..settings.clone()
         };
-        let recipe = Recipe::of(&settings);
+        let recipe = Recipe::of(&settings, sensor);
         Ok(Everything {
             sensor_height_m: sensor.height_m,
             height_max_m: recipe.height_max_m as f32,

@@ -4,6 +4,8 @@
 //! side of the tight rectangle. First every third degree, then the degrees beside the best. The sum is taken in whole
 //! numbers, so that it does not depend on the order of the points.
 
+use std::sync::LazyLock;
+
 use super::{ClusterPoints, LANES, Rectangle};
 
 /// Distances below this count the same, m: the sensor's noise.
@@ -12,8 +14,20 @@ const NEAREST_M: f32 = 0.03;
 const STEPS: f32 = 1024.0;
 /// Adding 2^23 leaves a float's whole part in its low bits.
 const WHOLE: f32 = 8_388_608.0;
-/// Larger clusters are thinned to about this many points for the heading alone.
+/// Larger clusters are thinned to about this many points for the heading alone,
 const HEADING_POINTS_MAX: usize = 512;
+/// and to about this many while every third degree is tried.
+const COARSE_POINTS_MAX: usize = 192;
+/// Whole degrees within a quarter turn.
+const DEGREES: usize = 90;
+
+/// Cosine and sine of every whole degree.
+static DIRECTIONS: LazyLock<[[f32; 2]; DEGREES]> = LazyLock::new(|| {
+    std::array::from_fn(|degrees| {
+        let (sin, cos) = (degrees as f64).to_radians().sin_cos();
+        [cos as f32, sin as f32]
+    })
+});
 
 /// The closeness fit; holds its buffers.
 #[derive(Debug, Default)]
@@ -25,29 +39,36 @@ pub struct Closeness {
 impl Closeness {
     /// The rectangle that the points lie closest to.
     pub fn fit(&mut self, points: &ClusterPoints) -> Rectangle {
-        self.thin(points);
-        let score = |degrees: i32| self.score(degrees);
-        let best = |degrees: &mut dyn Iterator<Item = i32>| {
-            // The first of equals, in the order given.
-            degrees.fold((0, 0), |best: (u64, i32), d| {
-                let found = score(d);
-                if found > best.0 { (found, d) } else { best }
-            })
-        };
-        let (_, coarse) = best(&mut (0..90).step_by(3));
-        let (_, fine) = best(&mut [0, -1, 1, -2, 2].into_iter().map(|step| coarse + step));
-        points.rectangle(f64::from(fine.rem_euclid(90)).to_radians())
+        self.thin(points, COARSE_POINTS_MAX);
+        let coarse = self.best((0..DEGREES as i32).step_by(3));
+        self.thin(points, HEADING_POINTS_MAX);
+        let fine = self.best([0, -1, 1, -2, 2].into_iter().map(|step| coarse + step));
+        points.rectangle(f64::from(fine.rem_euclid(DEGREES as i32)).to_radians())
+    }
+
+    /// The first of equals, in the order given.
+    fn best(&self, degrees: impl Iterator<Item = i32>) -> i32 {
+        let (_, best) = degrees.fold((0, 0), |best: (u64, i32), d| {
+            let found = self.score(d);
+            if found > best.0 { (found, d) } else { best }
+        });
+        best
     }
 
     /// A point stays or goes by its coordinates alone. Equal points stay or go together, so their number is bounded by
     /// the candidate's own limit; a lane's sum holds 120,000 terms.
-    fn thin(&mut self, points: &ClusterPoints) {
-        let keep_one_in = points.len().div_ceil(HEADING_POINTS_MAX) as u32;
+    fn thin(&mut self, points: &ClusterPoints, points_max: usize) {
+        let keep_one_in = points.len().div_ceil(points_max) as u32;
         self.x_m.clear();
         self.y_m.clear();
+        if keep_one_in <= 1 {
+            self.x_m.extend_from_slice(&points.x_m);
+            self.y_m.extend_from_slice(&points.y_m);
+            return;
+        }
         for (&x, &y) in points.x_m.iter().zip(&points.y_m) {
             let mixed = (x.to_bits() ^ y.to_bits().rotate_left(16)).wrapping_mul(0x9E37_79B9);
-            if keep_one_in <= 1 || (mixed >> 16) % keep_one_in == 0 {
+            if (mixed >> 16).is_multiple_of(keep_one_in) {
                 self.x_m.push(x);
                 self.y_m.push(y);
             }
@@ -55,8 +76,7 @@ impl Closeness {
     }
 
     fn score(&self, degrees: i32) -> u64 {
-        let yaw = f64::from(degrees).to_radians();
-        let (sin, cos) = (yaw.sin() as f32, yaw.cos() as f32);
+        let [cos, sin] = DIRECTIONS[degrees.rem_euclid(DEGREES as i32) as usize];
         let u = super::span(&self.x_m, &self.y_m, [cos, sin]);
         let v = super::span(&self.x_m, &self.y_m, [-sin, cos]);
         let term = |x: f32, y: f32| {

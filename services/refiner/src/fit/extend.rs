@@ -10,8 +10,23 @@ use crate::ground::GroundPlane;
 pub struct Side {
     /// m.
     pub least_m: f64,
-    /// Of the other side's extent.
+    /// Of the other side's extent,
     pub share: f64,
+    /// but no more than this, m: no road user is wider.
+    pub most_m: f64,
+}
+
+/// A large thing that goes on above the sensor's topmost beam.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CutTop {
+    /// Elevation of the topmost beams, rad: returns at least this high are the sensor's last.
+    pub elevation_rad: f64,
+    /// Only what is at least so long, m, and
+    pub length_min_m: f64,
+    /// at least so high as it is seen, m: a truck, not a car close by.
+    pub seen_min_m: f64,
+    /// Its height above the ground is at least this, m.
+    pub height_m: f64,
 }
 
 /// A face that looks like a vehicle's front or rear, seen from the end.
@@ -37,8 +52,10 @@ pub struct Extend {
     /// Sides shorter than this grow away from the sensor, the near edge stays: a vehicle straight ahead shows one face
     /// only, and its tight box is as thin as paper.
     pub away_from_sensor: Option<Side>,
-    /// What is known of vehicles seen from the end.
-    pub end_face: Option<EndFace>,
+    /// What is known of vehicles seen from the end: the first that fits counts.
+    pub end_faces: [Option<EndFace>; 2],
+    /// What is known of things that the sensor does not see the top of.
+    pub cut_top: Option<CutTop>,
     /// Least l, w, h, m.
     pub size_min_m: [f64; 3],
 }
@@ -59,19 +76,20 @@ impl Extend {
             let [u, v] = r.size_m();
             r.u_m = grow_away(
                 r.u_m,
-                side.least_m.max(side.share * v),
+                side.least_m.max((side.share * v).min(side.most_m)),
                 sensor_along(&r, origin_m, 0),
             );
             r.v_m = grow_away(
                 r.v_m,
-                side.least_m.max(side.share * u),
+                side.least_m.max((side.share * u).min(side.most_m)),
                 sensor_along(&r, origin_m, 1),
             );
         }
         let height_m = z_m[1] - ground.z_at_m(origin_m[0], origin_m[1]);
-        if let Some(face) = self.end_face.filter(|face| height_m >= face.height_min_m) {
-            face.lengthen(&mut r, points, z_m, origin_m);
-        }
+        let mut faces = self.end_faces.iter().flatten();
+        faces.find(|face| {
+            height_m >= face.height_min_m && face.lengthen(&mut r, points, z_m, origin_m)
+        });
         let [x, y] = r.center_m();
         let (x, y) = (x + origin_m[0], y + origin_m[1]);
         let bottom = match self.to_ground {
@@ -79,6 +97,12 @@ impl Extend {
             false => z_m[0],
         };
         let [u, v] = r.size_m();
+        let top = match &self.cut_top {
+            Some(cut) if cut.holds(u.max(v), height_m, points, origin_m) => {
+                z_m[1].max(ground.z_at_m(x, y) + cut.height_m)
+            }
+            _ => z_m[1],
+        };
         // The longer side is the length.
         let (l, w, yaw_rad) = match u >= v {
             true => (u, v, r.yaw_rad),
@@ -86,41 +110,60 @@ impl Extend {
         };
         let [least_l, least_w, least_h] = self.size_min_m;
         Some(Box3 {
-            center_m: [x, y, (bottom + z_m[1]) / 2.0],
-            size_m: [
-                l.max(least_l),
-                w.max(least_w),
-                (z_m[1] - bottom).max(least_h),
-            ],
+            center_m: [x, y, (bottom + top) / 2.0],
+            size_m: [l.max(least_l), w.max(least_w), (top - bottom).max(least_h)],
             yaw_rad: mluc_geometry::limit_period(yaw_rad, 0.5, std::f64::consts::PI),
         })
     }
 }
 
+impl CutTop {
+    fn holds(
+        &self,
+        length_m: f64,
+        seen_m: f64,
+        points: &ClusterPoints,
+        origin_m: [f64; 2],
+    ) -> bool {
+        if length_m < self.length_min_m || seen_m < self.seen_min_m {
+            return false;
+        }
+        let (x, y) = (origin_m[0] as f32, origin_m[1] as f32);
+        let tangent = self.elevation_rad.tan() as f32;
+        let columns = points.x_m.iter().zip(&points.y_m).zip(&points.z_m);
+        // Compared without a root; below the sensor nothing is at its top.
+        columns.into_iter().any(|((px, py), &z)| {
+            let flat = (px + x) * (px + x) + (py + y) * (py + y);
+            z > 0.0 && z * z >= tangent * tangent * flat
+        })
+    }
+}
+
 impl EndFace {
-    /// Grows the side that lies along the line of sight.
+    /// Grows the side that lies along the line of sight; whether this is such a face.
     fn lengthen(
         &self,
         r: &mut Rectangle,
         points: &ClusterPoints,
         z_m: [f64; 2],
         origin_m: [f64; 2],
-    ) {
+    ) -> bool {
         let (u, v) = (sensor_along(r, origin_m, 0), sensor_along(r, origin_m, 1));
         let along_u = u.abs() > v.abs();
         let (ahead, aside) = (u.abs().max(v.abs()), u.abs().min(v.abs()));
         if aside > ahead * self.aside_max_rad.tan() {
-            return;
+            return false;
         }
         let width = r.size_m()[usize::from(along_u)];
         let fits = (self.width_m[0]..=self.width_m[1]).contains(&width);
         if !fits || self.top_width_m(r, points, z_m, along_u) < self.top_share_min * width {
-            return;
+            return false;
         }
         match along_u {
             true => r.u_m = grow_away(r.u_m, self.share * width, u),
             false => r.v_m = grow_away(r.v_m, self.share * width, v),
         }
+        true
     }
 
     /// Extent of the upper third of the points across the line of sight, m.
@@ -174,8 +217,10 @@ mod tests {
         away_from_sensor: Some(Side {
             least_m: 0.8,
             share: 0.45,
+            most_m: 2.5,
         }),
-        end_face: None,
+        end_faces: [None; 2],
+        cut_top: None,
         size_min_m: [0.1; 3],
     };
 
@@ -223,7 +268,7 @@ mod tests {
             top_share_min: 0.6,
         };
         let extend = Extend {
-            end_face: Some(face),
+            end_faces: [Some(face), None],
             ..EXTEND
         };
         let car = rear_box(&extend, -2.0, 10.0);
@@ -240,5 +285,39 @@ mod tests {
         let ground = GroundPlane::flat([10.0, 0.0], 1.7);
         let side = extend.box_around(&cyclist, &rectangle, [10.0, 0.0], &ground);
         assert!(side.is_some_and(|b| b.size_m[1] < 0.9), "{side:?}");
+    }
+
+    #[test]
+    fn a_truck_seen_up_to_the_topmost_beam_goes_on_above_it() {
+        let cut = CutTop {
+            elevation_rad: 0.03,
+            length_min_m: 3.0,
+            seen_min_m: 1.9,
+            height_m: 3.2,
+        };
+        let extend = Extend {
+            cut_top: Some(cut),
+            ..EXTEND
+        };
+        // Its side, 20 m away: seen up to some height above ground 1.7 m below the sensor.
+        let side = |length: f32, top_m: f32| {
+            let mut points = ClusterPoints::default();
+            for i in 0..=30 {
+                for k in 0..=10 {
+                    let z = 0.3 + (top_m - 0.3) * 0.1 * k as f32 - 1.7;
+                    points.push(0.0, length * i as f32 / 30.0, z);
+                }
+            }
+            let ground = GroundPlane::flat([20.0, 0.0], 1.7);
+            let tight = points.rectangle(0.0);
+            let found = extend.box_around(&points, &tight, [20.0, 0.0], &ground);
+            found.map(|b| b.size_m[2]).expect("there are points")
+        };
+        assert!(
+            (side(8.0, 2.4) - 3.2).abs() < 1e-5,
+            "2.4 m is above the last beam"
+        );
+        assert!((side(8.0, 2.0) - 2.0).abs() < 1e-5, "its top is seen");
+        assert!((side(2.0, 2.4) - 2.4).abs() < 1e-5, "too short for a truck");
     }
 }

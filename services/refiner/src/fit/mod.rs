@@ -9,7 +9,7 @@ mod minimum_area;
 
 pub use axis_aligned::axis_aligned;
 pub use closeness::Closeness;
-pub use extend::{EndFace, Extend, Side};
+pub use extend::{CutTop, EndFace, Extend, Side};
 pub use fitter::Fitter;
 pub use footprint::footprint;
 pub use minimum_area::minimum_area;
@@ -79,6 +79,15 @@ impl ClusterPoints {
     /// Lowest and highest coordinate along a direction, m.
     pub fn span_m(&self, direction: [f32; 2]) -> [f32; 2] {
         span(&self.x_m, &self.y_m, direction)
+    }
+
+    /// Lengths along a direction and across it, m.
+    pub(crate) fn sides_m(&self, [cos, sin]: [f32; 2]) -> [f64; 2] {
+        let length = |[low, high]: [f32; 2]| f64::from(high) - f64::from(low);
+        [
+            length(self.span_m([cos, sin])),
+            length(self.span_m([-sin, cos])),
+        ]
     }
 
     /// The tight rectangle whose u axis points to `yaw_rad`.
