@@ -29,6 +29,9 @@ pub(crate) struct ReproduceArguments {
     /// Smaller still, for tests.
     #[arg(long, hide = true)]
     smoke: bool,
+    /// Judge on so many test scans instead of the plan's number.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    test_frames: Option<u32>,
     /// Train nothing: rows whose network does not lie in --runs are left out.
     #[arg(long)]
     no_train: bool,
@@ -129,6 +132,7 @@ impl ReproduceArguments {
             },
             settings,
             size,
+            test_frames: self.test_frames,
             seeds: self.seeds,
             train: !self.no_train,
             program: std::env::current_exe().context("the path of this program")?,
@@ -156,6 +160,9 @@ impl ReproduceArguments {
         }
         if size != Size::Full {
             text += &format!(" --{}", size.name());
+        }
+        if let Some(frames) = self.test_frames {
+            text += &format!(" --test-frames {frames}");
         }
         if self.no_train {
             text += " --no-train";

@@ -109,7 +109,7 @@ fn evaluations(
     test: &Test,
 ) -> Result<BTreeMap<&'static str, Vec<Evaluated>>, ReproduceError> {
     let (layout, setting) = (&options.layout, test.setting);
-    let resamples = options.size.sizes(setting).resamples;
+    let resamples = options.sizes(setting).resamples;
     let mut found: BTreeMap<&'static str, Vec<Evaluated>> = BTreeMap::new();
     for (method, network) in METHOD_NETWORKS {
         for seed in 1..=options.seeds {
@@ -138,15 +138,21 @@ fn ablation(options: &Options, test: &Test) -> Result<Vec<AblationRow>, Reproduc
     if !layout.model_of(setting, "improved", 1).is_file() {
         return Ok(Vec::new());
     }
-    let resamples = options.size.sizes(setting).resamples;
+    let resamples = options.sizes(setting).resamples;
     let key = key(
         &read_model(layout, setting, "improved", 1)?,
         test,
         resamples,
     );
-    let steps = improved_steps().into_iter().enumerate();
+    let steps = improved_steps();
+    let count = steps.len();
+    let steps = steps.into_iter().enumerate();
     let rows = steps.filter_map(|(at, (step, _))| {
-        let kept = Evaluated::read(&layout.evaluation_of(setting, &step_key(at), 1), &key)?;
+        let kept = match at + 1 == count {
+            // With every step it is the row itself.
+            true => Evaluated::read(&layout.evaluation_of(setting, "improved", 1), &key)?,
+            false => Evaluated::read(&layout.evaluation_of(setting, &step_key(at), 1), &key)?,
+        };
         Some(AblationRow {
             step: step.to_owned(),
             figures: combine(&[kept])?,
@@ -200,7 +206,7 @@ fn details(
 }
 
 fn data(options: &Options, test: &Test) -> Result<Vec<Data>, ReproduceError> {
-    let sizes = options.size.sizes(test.setting);
+    let sizes = options.sizes(test.setting);
     let mut data = Vec::new();
     for simulation in Simulation::all(&options.layout, test.setting, &sizes) {
         let hash = match (simulation.name, simulation.folder.is_dir()) {
@@ -238,7 +244,7 @@ fn provenance(options: &Options) -> Provenance {
             options
                 .settings
                 .first()
-                .map_or(0, |s| options.size.sizes(*s).resamples as u64),
+                .map_or(0, |s| options.sizes(*s).resamples as u64),
             BOOTSTRAP_SEED,
         ],
         threads: rayon::current_num_threads(),

@@ -22,12 +22,6 @@ pub(super) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
             .map(|(name, v)| (name, mean_and_spread(&v)))
             .collect()
     };
-    let named = |e: &Evaluated| -> Vec<(String, f64)> {
-        e.figures
-            .named()
-            .map(|(name, value)| (name.to_owned(), value))
-            .to_vec()
-    };
     Some(MethodFigures {
         network: first.network.clone(),
         spread: match several {
@@ -49,10 +43,24 @@ pub(super) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
         }),
         curve: kept(&first.curve),
         figures: match several {
-            true => over_seeds(&named),
-            false => first.bootstrap.clone(),
+            true => over_seeds(&Evaluated::named),
+            false => with_bootstrap(first),
         },
     })
+}
+
+/// Every figure; those that the bootstrap was not taken of have a deviation of 0.
+fn with_bootstrap(evaluated: &Evaluated) -> BTreeMap<String, [f64; 2]> {
+    let spread = |name: &str| {
+        evaluated
+            .bootstrap
+            .get(name)
+            .map_or(0.0, |figure| figure[1])
+    };
+    let named = evaluated.named().into_iter();
+    named
+        .map(|(name, value)| (name.clone(), [value, spread(&name)]))
+        .collect()
 }
 
 /// Points that keep nine tenths of the first one's mAP.
@@ -87,6 +95,7 @@ mod tests {
             threshold: 0.5,
             bootstrap: [("map_known".to_owned(), [map_known, 0.7])].into(),
             figures,
+            strict: OpenSetFigures::default(),
             honest: None,
             curve: [80.0, 75.0, 72.0, 71.0].map(point).to_vec(),
             separation: Vec::new(),

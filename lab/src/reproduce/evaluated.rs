@@ -50,6 +50,8 @@ pub struct Evaluated {
     pub threshold: f64,
     /// Figures there.
     pub figures: OpenSetFigures,
+    /// Figures there where a look-alike (a van found as a car) is wrong, not ignored.
+    pub strict: OpenSetFigures,
     /// Every named figure with its deviation over draws of the frames.
     pub bootstrap: BTreeMap<String, [f64; 2]>,
     /// The honest protocol.
@@ -71,6 +73,17 @@ impl Evaluated {
         let text = std::fs::read(path).ok()?;
         let kept: Evaluated = serde_json::from_slice(&text).ok()?;
         (kept.key == key).then_some(kept)
+    }
+
+    /// Every figure by the name that it has in a report.
+    pub(super) fn named(&self) -> Vec<(String, f64)> {
+        let strict = [
+            ("map_known_strict", self.strict.known.r40),
+            ("map_known_strict_r11", self.strict.known.r11),
+            ("map_harm_strict", self.strict.harmonic().r40),
+        ];
+        let all = self.figures.named().into_iter().chain(strict);
+        all.map(|(name, value)| (name.to_owned(), value)).collect()
     }
 
     /// Keeps it.

@@ -1,11 +1,11 @@
 //! The steps of a reproduction, in order.
 
-use super::kitti::{KittiSource, Preparation};
-use super::layout::Layout;
+use super::Setting;
+use super::kitti::Preparation;
 use super::rows::METHOD_NETWORKS;
+use super::run::Options;
 use super::simulate::Simulation;
 use super::train::{NETWORKS, OSIS_IS_TRAINED, SEEDED, Training};
-use super::{Setting, Size};
 
 /// What a step does.
 #[derive(Clone, Debug, PartialEq)]
@@ -92,18 +92,12 @@ fn pace(setting: Setting) -> Pace {
 }
 
 impl Plan {
-    /// Every step for some settings, whether its outcome is there or not. `seeds`: how many networks of the kinds that are
-    /// trained more than once.
-    pub fn new(
-        layout: &Layout,
-        settings: &[Setting],
-        size: Size,
-        seeds: u64,
-        kitti: Option<&KittiSource>,
-    ) -> Plan {
+    /// Every step for the settings, whether its outcome is there or not.
+    pub fn new(options: &Options) -> Plan {
+        let layout = &options.layout;
         let mut steps = Vec::new();
-        for &setting in settings {
-            let (sizes, pace) = (size.sizes(setting), pace(setting));
+        for &setting in &options.settings {
+            let (sizes, pace) = (options.sizes(setting), pace(setting));
             let mut add = |work: Work, estimate_s: f64| {
                 steps.push(Step {
                     setting,
@@ -115,12 +109,12 @@ impl Plan {
                 let seconds = f64::from(simulation.frames) * pace.frame_s;
                 add(Work::Simulate(simulation), seconds);
             }
-            if let (Setting::Kitti, Some(source)) = (setting, kitti) {
+            if let (Setting::Kitti, Some(source)) = (setting, &options.kitti) {
                 for preparation in source.preparations(layout) {
                     add(Work::Prepare(preparation), 120.0);
                 }
             }
-            let networks = networks(seeds);
+            let networks = networks(options.seeds);
             let trained = networks
                 .iter()
                 .filter(|(network, _)| *network != "osis" || OSIS_IS_TRAINED);
@@ -153,21 +147,27 @@ fn networks(seeds: u64) -> Vec<(&'static str, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reproduce::{Layout, Size};
     use std::path::PathBuf;
 
     fn plan(seeds: u64) -> Plan {
-        let layout = Layout {
-            data: PathBuf::from("data"),
-            runs: PathBuf::from("runs"),
-            out: PathBuf::from("out"),
-        };
-        Plan::new(
-            &layout,
-            &[Setting::SimUdi, Setting::SimKitti],
-            Size::Full,
+        Plan::new(&Options {
+            layout: Layout {
+                data: PathBuf::from("data"),
+                runs: PathBuf::from("runs"),
+                out: PathBuf::from("out"),
+            },
+            settings: vec![Setting::SimUdi, Setting::SimKitti],
+            size: Size::Full,
+            test_frames: None,
             seeds,
-            None,
-        )
+            train: true,
+            program: PathBuf::new(),
+            commit: String::new(),
+            command: String::new(),
+            real: Vec::new(),
+            kitti: None,
+        })
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::layout::Layout;
 use super::plan::{Plan, Step, Work};
 use super::simulate::Simulation;
 use super::train::{RunState, run_state};
-use super::{ReproduceError, Setting, Size};
+use super::{ReproduceError, Setting, Size, Sizes};
 use crate::dataset::Dataset;
 use crate::pipeline::FrameSet;
 use crate::report::Report;
@@ -25,6 +25,8 @@ pub struct Options {
     pub settings: Vec<Setting>,
     /// Size of the plan.
     pub size: Size,
+    /// Test scans, where not the plan's number.
+    pub test_frames: Option<u32>,
     /// Networks of the kinds that are trained more than once.
     pub seeds: u64,
     /// Train what is missing or unfinished; otherwise rows without a network are left out.
@@ -39,6 +41,17 @@ pub struct Options {
     pub real: Vec<PathBuf>,
     /// KITTI's benchmark, for [`Setting::Kitti`].
     pub kitti: Option<KittiSource>,
+}
+
+impl Options {
+    /// Frames and steps of a setting.
+    pub fn sizes(&self, setting: Setting) -> Sizes {
+        let sizes = self.size.sizes(setting);
+        Sizes {
+            test_frames: self.test_frames.unwrap_or(sizes.test_frames),
+            ..sizes
+        }
+    }
 }
 
 /// Where a reproduction shows how far it is. Called from many threads.
@@ -68,7 +81,7 @@ impl Test {
         let frames = match setting {
             // All of a recorded split.
             Setting::Kitti => usize::MAX,
-            _ => options.size.sizes(setting).test_frames as usize,
+            _ => options.sizes(setting).test_frames as usize,
         };
         let set = FrameSet::open(&folder, None, frames)?;
         let hash = data_hash(&Dataset::open(&folder)?, set.len())?;
@@ -78,18 +91,14 @@ impl Test {
 
 /// Takes every step whose outcome is not there yet, then writes the report. What is done stays where a step fails.
 pub fn run(options: &Options, screen: &dyn Screen) -> Result<Report, ReproduceError> {
-    let (layout, kitti) = (&options.layout, options.kitti.as_ref());
-    let plan = Plan::new(
-        layout,
-        &options.settings,
-        options.size,
-        options.seeds,
-        kitti,
-    );
+    let plan = Plan::new(options);
     let mut tests: BTreeMap<Setting, Test> = BTreeMap::new();
     let (mut spent_s, mut guessed_s) = (0.0, 0.0);
     for (index, step) in plan.steps.iter().enumerate() {
         if is_done(options, step)? {
+            if let Work::Evaluate { .. } = step.work {
+                screen.note(&format!("{}: no model, its rows are left out", step.name()));
+            }
             continue;
         }
         let ahead: f64 = plan.steps[index..]
@@ -115,7 +124,7 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<Report, ReproduceEr
     write_report(options, &tests, screen)
 }
 
-/// Whether nothing is left to do. Evaluations say so themselves, once they have looked at the model.
+/// Whether nothing is left to do. Evaluations that are up to date say so themselves, once they have looked at the model.
 fn is_done(options: &Options, step: &Step) -> Result<bool, ReproduceError> {
     match &step.work {
         Work::Simulate(simulation) => is_simulated(options, simulation),
@@ -123,7 +132,11 @@ fn is_done(options: &Options, step: &Step) -> Result<bool, ReproduceError> {
         Work::Train(training) => {
             Ok(!options.train || run_state(&training.folder)? == RunState::Done)
         }
-        Work::Evaluate { .. } => Ok(false),
+        // Nothing can be judged where nothing was and will be trained.
+        Work::Evaluate { network, seed } => {
+            let folder = options.layout.run_of(step.setting, network, *seed);
+            Ok(!options.train && run_state(&folder)? == RunState::Missing)
+        }
     }
 }
 
@@ -166,10 +179,7 @@ fn take(
             let folder = options.layout.run_of(step.setting, network, *seed);
             let folder_name = folder.display();
             match run_state(&folder)? {
-                RunState::Missing => {
-                    screen.note(&format!("{folder_name}: no model, its rows are left out"));
-                    return Ok(());
-                }
+                RunState::Missing => return Ok(()),
                 RunState::Unfinished { step, steps } => screen.note(&format!(
                     "{folder_name}: not trained to its end (step {step} of {steps}), judged as it stands"
                 )),
@@ -181,7 +191,7 @@ fn take(
             let Some(test) = tests.get(&step.setting) else {
                 return Ok(());
             };
-            let resamples = options.size.sizes(step.setting).resamples;
+            let resamples = options.sizes(step.setting).resamples;
             evaluate_network(&options.layout, test, (network, *seed), resamples, screen)
         }
     }
