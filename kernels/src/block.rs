@@ -88,15 +88,12 @@ impl<W: Packed, O: Element> Block<'_, W, O> {
         } = self.job;
         let (taps, cin, _) = weights.shape();
         let index = &gather.index[self.rows.start * taps..self.rows.end * taps];
-        for tap in (0..taps).filter(|_| cin > 0) {
-            weights.tap(
-                simd,
-                input,
-                panel,
-                tap,
-                lists.at_tap(simd, index, taps, tap),
-                sums,
-            );
+        let mut tap = 0;
+        while tap < taps && cin > 0 {
+            let listed = lists.from_tap(simd, index, taps, tap);
+            let next = tap + listed.taps();
+            weights.tap(simd, input, panel, tap, listed, sums);
+            tap = next;
         }
     }
 

@@ -19,7 +19,8 @@ pub(crate) trait Packed: Sync {
     /// What the sums of a row begin with. `bias`: of the panel's used channels.
     fn begin(&self, bias: Option<&[f32]>, sums: &mut [Self::Sum]);
 
-    /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair and each channel of the panel.
+    /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair and each channel of the panel;
+    /// `tap` is the first of the listed ones.
     fn tap<S: Simd>(
         &self,
         simd: S,
@@ -86,7 +87,7 @@ impl Packed for Weights {
         sums: &mut [f32],
     ) {
         let size = self.cin * panel.width;
-        let weights = &self.panel(panel)[tap * size..][..size];
+        let weights = &self.panel(panel)[tap * size..][..listed.taps() * size];
         convolve_tiles(simd, input, self.cin, listed, weights, panel.width, sums);
     }
 
@@ -127,7 +128,7 @@ impl Packed for WeightsBf16 {
         sums: &mut [f32],
     ) {
         let size = self.cin / 2 * panel.width;
-        let weights = &self.panel(panel)[tap * size..][..size];
+        let weights = &self.panel(panel)[tap * size..][..listed.taps() * size];
         convolve_tiles_bf16(simd, input, self.cin, listed, weights, panel.width, sums);
     }
 
@@ -168,7 +169,7 @@ impl Packed for WeightsInt8 {
         sums: &mut [i32],
     ) {
         let size = self.tap_rows() * panel.width;
-        let weights = &self.panel(panel)[tap * size..][..size];
+        let weights = &self.panel(panel)[tap * size..][..listed.taps() * size];
         convolve_tiles_int8(simd, input, self.cin, listed, weights, panel.width, sums);
     }
 

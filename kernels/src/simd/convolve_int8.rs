@@ -1,13 +1,13 @@
 //! The forward inner loop on bytes: u8 inputs, i8 weights, four input channels a step, exact sums in i32.
 
 use super::{
-    LINE, Listed, Pair, Simd,
+    LINE, Listed, Simd,
     cover::{Tile, cover},
 };
 
-/// `sums[pair.row] += input[pair.input] * weights`, for each listed pair, modulo 2^32.
+/// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair, modulo 2^32.
 ///
-/// `input`: rows of `cin`. `weights`: `[cin / 4, rounded up][width]` quads of i8, zero beyond `cin`; then a row of 128
+/// `input`: rows of `cin`. `weights`, for each listed tap: `[cin / 4, rounded up][width]` quads of i8, zero beyond `cin`; then a row of 128
 /// times the sum of each column (see [`Simd::SIGNED_QUADS`]). `sums`: rows of `width`. No two pairs of a call have the
 /// same row.
 #[inline(always)]
@@ -22,24 +22,25 @@ pub(crate) fn convolve_tiles_int8<S: Simd>(
 ) {
     assert!(width.is_multiple_of(LINE), "rows of {width}");
     listed.check(input.len() / cin, sums.len() / width);
-    assert_eq!(weights.len(), (cin.div_ceil(4) + 1) * width);
+    assert_eq!(weights.len(), listed.taps() * (cin.div_ceil(4) + 1) * width);
     let tile = Convolve {
         input: input.as_ptr(),
         cin,
-        pairs: listed.pairs,
+        listed,
         weights: weights.as_ptr(),
         width,
         sums: sums.as_mut_ptr(),
     };
     // SAFETY: the table has a row for each pair and `width` columns; `check` has seen that every pair points to a whole
-    // row inside `input` and inside `sums`, and `weights` has a row of `width` for each four channels and one more.
-    unsafe { cover(simd, listed.pairs.len(), width, &tile) }
+    // row inside `input` and inside `sums`, and `weights` has a row of `width` for each four channels and one more, for
+    // each tap.
+    unsafe { cover(simd, listed.pairs().len(), width, &tile) }
 }
 
 struct Convolve<'a> {
     input: *const u8,
     cin: usize,
-    pairs: &'a [Pair],
+    listed: Listed<'a>,
     weights: *const u32,
     width: usize,
     sums: *mut i32,
@@ -64,35 +65,45 @@ impl Tile for Convolve<'_> {
             let zero = simd.load_integers([0; 16].as_ptr());
             let mut totals = [[zero; V]; R];
             for r in 0..R {
-                let pair = self.pairs.get_unchecked(row + r);
-                inputs[r] = self.input.add(pair.input as usize * self.cin);
+                let pair = self.listed.first().add(row + r).read();
                 sums[r] = self.sums.add(pair.row as usize * self.width + column);
                 for v in 0..V {
                     totals[r][v] = simd.load_integers(sums[r].add(v * S::LANES));
                 }
             }
-            for c in 0..self.cin / 4 {
-                let quad = |r: usize| inputs[r].cast::<u32>().add(c).read_unaligned();
-                step(simd, weights, quad, &mut totals);
-                weights = weights.add(self.width);
-            }
-            let rest = self.cin % 4;
-            if rest > 0 {
-                let quad = |r: usize| {
-                    let mut bytes = [0; 4];
-                    let from = inputs[r].add(self.cin - rest);
-                    (0..rest).for_each(|c| bytes[c] = *from.add(c));
-                    u32::from_ne_bytes(bytes)
-                };
-                step(simd, weights, quad, &mut totals);
+            for tap in 0..self.listed.taps() {
+                let pairs = self.listed.first().add(tap * Listed::TAP_STRIDE + row);
+                for r in 0..R {
+                    inputs[r] = self.input.add((*pairs.add(r)).input as usize * self.cin);
+                }
+                for c in 0..self.cin / 4 {
+                    let quad = |r: usize| inputs[r].cast::<u32>().add(c).read_unaligned();
+                    step(simd, weights, quad, &mut totals);
+                    weights = weights.add(self.width);
+                }
+                let rest = self.cin % 4;
+                if rest > 0 {
+                    let quad = |r: usize| {
+                        let mut bytes = [0; 4];
+                        let from = inputs[r].add(self.cin - rest);
+                        (0..rest).for_each(|c| bytes[c] = *from.add(c));
+                        u32::from_ne_bytes(bytes)
+                    };
+                    step(simd, weights, quad, &mut totals);
+                    weights = weights.add(self.width);
+                }
+                if S::SIGNED_QUADS {
+                    for v in 0..V {
+                        let lacking = simd.load_integers(weights.add(v * S::LANES).cast());
+                        for r in 0..R {
+                            totals[r][v] = simd.add_integers(totals[r][v], lacking);
+                        }
+                    }
+                }
                 weights = weights.add(self.width);
             }
             for r in 0..R {
                 for v in 0..V {
-                    if S::SIGNED_QUADS {
-                        let lacking = simd.load_integers(weights.add(v * S::LANES).cast());
-                        totals[r][v] = simd.add_integers(totals[r][v], lacking);
-                    }
                     simd.store_integers(sums[r].add(v * S::LANES), totals[r][v]);
                 }
             }

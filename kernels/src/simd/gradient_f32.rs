@@ -26,7 +26,7 @@ pub(crate) fn gradient_tiles<S: Simd>(
     let tile = Gradient {
         input: input.as_ptr(),
         cin,
-        pairs: listed.pairs,
+        pairs: listed.pairs(),
         output_gradient: output_gradient.as_ptr(),
         width,
         gradient: gradient.as_mut_ptr(),

@@ -1,6 +1,6 @@
 //! The rows of a block that have an input row, tap by tap.
 
-use std::mem::MaybeUninit;
+use std::{marker::PhantomData, mem::MaybeUninit};
 
 use super::{Pair, Simd};
 use crate::ABSENT;
@@ -28,12 +28,16 @@ pub(crate) struct Lists {
     held: Option<usize>,
 }
 
-/// The pairs of one tap, and what they stay below.
+/// The pairs of one tap, or of several in a row that have all rows of the block; and what they stay below.
 #[derive(Clone, Copy)]
 pub(crate) struct Listed<'a> {
-    pub(super) pairs: &'a [Pair],
-    pub(super) inputs: usize,
-    pub(super) rows: usize,
+    first: *const Pair,
+    /// At each tap.
+    count: usize,
+    taps: usize,
+    inputs: usize,
+    rows: usize,
+    lists: PhantomData<&'a Lists>,
 }
 
 impl Lists {
@@ -77,14 +81,36 @@ impl Lists {
             self.held = Some(first);
         }
         let tap = tap - first;
-        // SAFETY: the first `counts[tap]` pairs of a tap have been written.
-        let pairs = unsafe {
-            std::slice::from_raw_parts(self.pairs[tap].as_ptr().cast(), self.counts[tap])
-        };
         Listed {
-            pairs,
+            first: self.pairs[tap..].as_ptr().cast(),
+            count: self.counts[tap],
+            taps: 1,
             inputs: self.inputs,
             rows: self.rows,
+            lists: PhantomData,
+        }
+    }
+
+    /// [`Lists::at_tap`], with as many taps after it as are listed and, like it, have every row: their sums can stay in
+    /// registers from tap to tap.
+    #[inline(always)]
+    pub(crate) fn from_tap<S: Simd>(
+        &mut self,
+        simd: S,
+        index: &[u32],
+        taps: usize,
+        tap: usize,
+    ) -> Listed<'_> {
+        self.at_tap(simd, index, taps, tap);
+        let (rows, place) = (self.rows, tap % GROUP);
+        let last = GROUP.min(taps - (tap - place));
+        let full = self.counts[place..last]
+            .iter()
+            .take_while(|count| **count == rows);
+        let full = full.count().max(1);
+        Listed {
+            taps: full,
+            ..self.at_tap(simd, index, taps, tap)
         }
     }
 
@@ -132,6 +158,28 @@ impl Lists {
 }
 
 impl Listed<'_> {
+    /// Of the first tap.
+    #[inline(always)]
+    pub(super) fn pairs(&self) -> &[Pair] {
+        // SAFETY: `Lists` has written so many pairs, which the lifetime keeps as they are.
+        unsafe { std::slice::from_raw_parts(self.first, self.count) }
+    }
+
+    /// How many taps.
+    #[inline(always)]
+    pub(crate) fn taps(&self) -> usize {
+        self.taps
+    }
+
+    /// The pairs of each of the taps begin so many pairs after those of the one before.
+    pub(super) const TAP_STRIDE: usize = BLOCK + SLACK;
+
+    /// The first pair of the first tap; [`Listed::taps`] times as many as [`Listed::pairs`] can be read from there on.
+    #[inline(always)]
+    pub(super) fn first(&self) -> *const Pair {
+        self.first
+    }
+
     /// Panics when a pair names a row that is not there.
     #[inline(always)]
     pub(super) fn check(&self, inputs: usize, rows: usize) {
@@ -165,12 +213,50 @@ mod tests {
                     let listed = lists.at_tap(simd, self.index, self.taps, tap);
                     listed.check(700, self.index.len() / self.taps);
                     listed
-                        .pairs
+                        .pairs()
                         .iter()
                         .map(|pair| (pair.input, pair.row))
                         .collect()
                 })
                 .collect()
+        }
+    }
+
+    struct Full<'a> {
+        index: &'a [u32],
+        taps: usize,
+    }
+
+    impl Kernel for Full<'_> {
+        /// First tap and number of taps of each step.
+        type Output = Vec<(usize, usize)>;
+
+        #[inline(always)]
+        fn run<S: Simd>(self, simd: S) -> Self::Output {
+            let (mut lists, mut steps, mut tap) = (Lists::new(), vec![], 0);
+            while tap < self.taps {
+                let taps = lists.from_tap(simd, self.index, self.taps, tap).taps();
+                steps.push((tap, taps));
+                tap += taps;
+            }
+            steps
+        }
+    }
+
+    #[test]
+    fn taps_that_have_every_row_go_together() {
+        let (rows, taps) = (20, 27);
+        let mut index: Vec<u32> = (0..rows * taps).map(|i| i as u32 % 700).collect();
+        index[3 * taps + 4] = ABSENT;
+        index[19 * taps + 5] = ABSENT;
+        index[20] = ABSENT;
+        for level in Level::all() {
+            let steps = level.run(Full {
+                index: &index,
+                taps,
+            });
+            let expected = [(0, 4), (4, 1), (5, 1), (6, 10), (16, 4), (20, 1), (21, 6)];
+            assert_eq!(steps, expected, "{}", level.name());
         }
     }
 
