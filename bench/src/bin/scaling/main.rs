@@ -34,14 +34,13 @@ struct Arguments {
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
     std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
-    let machine = Machine::here();
     let network = network::measure(arguments.precision, arguments.rounds)?;
     network::write(&network, arguments.precision, &arguments.out)?;
     let refiner = refiner::measure(arguments.rounds)?;
     refiner::write(&refiner, &arguments.out)?;
     let fits = [network::fits(&network), refiner::fits(&refiner)].concat();
     let summary = serde_json::json!({
-        "machine": machine,
+        "machine": Machine::here(),
         "precision": arguments.precision.to_string(),
         "rounds": arguments.rounds,
         "fits": fits,
