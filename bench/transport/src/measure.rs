@@ -103,7 +103,6 @@ pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured, TransportE
             occupied_ns: Vec::with_capacity(settings.rounds),
         });
     }
-    // Declared after the senders: it ends first, so that this process is the last member and cleans up.
     let mut peer = Peer::start(settings.program.as_deref(), &order)?;
     for end in &mut ends {
         end.sender.peer_is_ready()?;
@@ -116,6 +115,8 @@ pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured, TransportE
         }
         copy.once(round as u8, counts);
     }
+    // It ends first, so that this process is the last one everywhere and removes all files.
+    drop(peer);
     let mut costs = [None; 4];
     for end in ends {
         costs[end.way as usize] = Some(Cost {
