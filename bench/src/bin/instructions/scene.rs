@@ -12,27 +12,27 @@ const GROUND_M: f32 = -1.73;
 fn place(number: usize) -> [f32; 2] {
     let (row, column) = (number / 3, number % 3);
     [
-        7.0 + 6.5 * row as f32,
-        -9.0 + 8.0 * column as f32 + 1.3 * row as f32,
+        4.5 + 3.6 * row as f32,
+        -6.5 + 5.0 * column as f32 + 0.7 * row as f32,
     ]
 }
 
 /// x, y, z, intensity.
 pub(crate) fn points() -> Vec<[f32; 4]> {
     let mut points = vec![];
-    for ring in 0..60 {
+    for ring in 0..40 {
         // Points of a parabola: as dense near the sensor as rings are, without an angle.
-        let range = 3.0 + 0.5 * ring as f32;
+        let range = 2.5 + 0.4 * ring as f32;
         points.extend((0..200).map(|step| {
             let y = (step as f32 - 99.5) * 0.01 * range;
             [range + 0.1 - 0.3 * y * y / range, y, GROUND_M, 0.3]
         }));
     }
-    for step in 0..300 {
+    for step in 0..140 {
         let x = 2.0 + 0.11 * step as f32;
         for level in 0..10 {
             let z = GROUND_M + 0.05 + 0.25 * level as f32;
-            points.extend([[x, -17.0, z, 0.5], [x, 17.5, z, 0.5]]);
+            points.extend([[x, -9.5, z, 0.5], [x, 9.2, z, 0.5]]);
         }
     }
     for number in 0..BOXES {
