@@ -203,8 +203,8 @@ fn cell_of(point: &Point) -> u32 {
     let x = point.x_m + HALF_EXTENT_M as f32;
     let y = point.y_m + HALF_EXTENT_M as f32;
     // Comparisons with NaN are false. No short cuts: branches that depend on the data cost more than comparisons.
-    let inside =
-        (x >= 0.0) & (x < SIDE_F) & (y >= 0.0) & (y < SIDE_F) & (point.z_m.abs() <= f32::MAX);
+    let side = 0.0..SIDE_F;
+    let inside = side.contains(&x) & side.contains(&y) & (point.z_m.abs() <= f32::MAX);
     match inside {
         true => (y as i32 * SIDE as i32 + x as i32) as u32,
         false => NO_CELL,

@@ -65,7 +65,7 @@ pub struct Settings {
     /// Which algorithm.
     pub mode: Mode,
     /// Radius r of the cylinder around the seed, m. Unset: the paper's 4 m where the model sees all around (its
-    /// industrial park) and 5 m where it looks ahead (KITTI); in the modes that look for whole trucks 7 m.
+    /// industrial park) and 5 m where it looks ahead (KITTI); 5 m everywhere in `distance`, `dbscan` and `euclidean`.
     pub radius_m: Option<f64>,
     /// How the rectangle is laid. Unset: along the axes for literal, by closeness for the others.
     pub box_fit: Option<BoxFit>,
@@ -316,7 +316,7 @@ impl Settings {
     /// The paper's radius for this sensor, unless set.
     pub(crate) fn radius_for(&self, sensor: &Sensor) -> f64 {
         let default = match self.mode {
-            Mode::Distance | Mode::Dbscan | Mode::Euclidean => 7.0,
+            Mode::Distance | Mode::Dbscan | Mode::Euclidean => 5.0,
             _ if sensor.sees_all_around => 4.0,
             _ => 5.0,
         };
@@ -538,7 +538,7 @@ mod tests {
         assert_eq!(of(Mode::Corrected).radius_for(&sensor), 4.0);
         sensor.sees_all_around = false;
         assert_eq!(of(Mode::Literal).radius_for(&sensor), 5.0);
-        assert_eq!(of(Mode::Distance).radius_for(&sensor), 7.0);
+        assert_eq!(of(Mode::Distance).radius_for(&sensor), 5.0);
         let set = Settings {
             radius_m: Some(3.0),
             ..Settings::default()

@@ -4,6 +4,7 @@
 
 mod adversarial;
 mod ceiling;
+mod ground;
 mod proposals;
 mod quality;
 mod report;
@@ -47,6 +48,9 @@ struct Arguments {
     /// Every cluster of each frame, without proposals.
     #[arg(long)]
     everything: bool,
+    /// Our ground beside another program's: a folder of files NAME.ground, one byte a point, 1 for ground.
+    #[arg(long)]
+    ground: Option<PathBuf>,
     /// Frames made to be dear, without a data set.
     #[arg(long)]
     adversarial: bool,
@@ -102,6 +106,9 @@ fn run(arguments: &Arguments, settings: Settings) -> Result<()> {
     let frames = scene::read(&dataset, &arguments.class, arguments.every)?;
     if arguments.everything {
         return whole::run(&frames, &settings, arguments.json);
+    }
+    if let Some(answers) = &arguments.ground {
+        return ground::run(&frames, &settings, answers, arguments.json);
     }
     if arguments.list {
         return report::list(&frames, settings);

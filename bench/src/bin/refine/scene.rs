@@ -26,6 +26,8 @@ pub(crate) struct Object {
 pub(crate) struct Frame {
     /// Counts the folder's frames.
     pub(crate) number: usize,
+    /// Of the scan's file, without its ending.
+    pub(crate) name: String,
     /// The scan.
     pub(crate) points: Vec<Point>,
     /// Those with enough points.
@@ -66,6 +68,7 @@ pub(crate) fn read(dataset: &Dataset, classes: &[String], every: usize) -> Resul
             .collect();
         Ok(Frame {
             number,
+            name: name.clone(),
             points,
             objects,
         })
