@@ -7,9 +7,7 @@ use mluc_lab::evaluate::{
     ClassRule, JudgedPoint, NeighbourPolicy, RuleRequest, TruthFrame, UnknownRequest, best_index,
     halves, honest, judged_sweep, rules,
 };
-use mluc_lab::methods::{
-    ImprovedSettings, Method, MethodOutput, improved_steps, run_method_with,
-};
+use mluc_lab::methods::{ImprovedSettings, Method, MethodOutput, improved_steps, run_method_with};
 use mluc_lab::pipeline::{
     DetectedFrame, FrameSet, detect_frames, known_iou_min, separation, unknown_classes,
 };
@@ -61,7 +59,11 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     for s in separation(&frames, &rules) {
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{:.1}", 100.0 * v));
         let (auroc, fpr) = (percent(s.auroc), percent(s.fpr95));
-        writeln!(out, "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5} ({} known, {} unknown)", s.score, s.known, s.unknown)?;
+        writeln!(
+            out,
+            "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5} ({} known, {} unknown)",
+            s.score, s.known, s.unknown
+        )?;
     }
     writeln!(out, "{:28} {}", "method", HEADER)?;
     for method in methods {
@@ -71,8 +73,9 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
         };
         for (name, settings) in rows {
             let bar = ProgressBar::new(set.len() as u64);
-            let output =
-                run_method_with(method, &settings, &model, &set, &frames, None, &|| bar.inc(1))?;
+            let output = run_method_with(method, &settings, &model, &set, &frames, None, &|| {
+                bar.inc(1)
+            })?;
             bar.finish_and_clear();
             let points = judged(&frames, &rules, &output);
             write_row(&mut out, name, &points, arguments.curve)?;
@@ -81,12 +84,15 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-const HEADER: &str = "closed  known  AP.1 AP.25  AP.5  harm  recall a-ose  thresh | honest: known AP harm";
+const HEADER: &str =
+    "closed  known  AP.1 AP.25  AP.5  harm  recall a-ose  thresh | honest: known AP harm";
 
 fn methods(names: &[String], model: &Model) -> anyhow::Result<Vec<Method>> {
     let head = model.manifest.network.head;
     if names.is_empty() {
-        let fits = |m: &Method| m.network().head() == head && !matches!(m, Method::Supervised | Method::Osis);
+        let fits = |m: &Method| {
+            m.network().head() == head && !matches!(m, Method::Supervised | Method::Osis)
+        };
         return Ok(Method::ALL.into_iter().filter(fits).collect());
     }
     let find = |name: &String| {
@@ -106,7 +112,10 @@ fn class_rules(model: &Model) -> anyhow::Result<Vec<ClassRule>> {
     let known = manifest.classes.iter().map(|c| c.name.clone());
     let classes: Vec<String> = known.filter(|name| !unknown.contains(name)).collect();
     let request = RuleRequest {
-        iou_min: classes.iter().map(|c| (c.clone(), known_iou_min(&manifest.name, c))).collect(),
+        iou_min: classes
+            .iter()
+            .map(|c| (c.clone(), known_iou_min(&manifest.name, c)))
+            .collect(),
         classes,
         unknown: (!unknown.is_empty()).then_some(UnknownRequest {
             classes: unknown,
@@ -117,7 +126,11 @@ fn class_rules(model: &Model) -> anyhow::Result<Vec<ClassRule>> {
     Ok(rules(&request, &[])?)
 }
 
-fn judged(frames: &[DetectedFrame], rules: &[ClassRule], output: &MethodOutput) -> Vec<JudgedPoint> {
+fn judged(
+    frames: &[DetectedFrame],
+    rules: &[ClassRule],
+    output: &MethodOutput,
+) -> Vec<JudgedPoint> {
     let truths: Vec<TruthFrame> = frames.iter().map(|frame| frame.truth.clone()).collect();
     let [even, odd] = halves(truths.len());
     let parts = vec![(0..truths.len()).collect(), even, odd];
@@ -127,7 +140,12 @@ fn judged(frames: &[DetectedFrame], rules: &[ClassRule], output: &MethodOutput) 
     })
 }
 
-fn write_row(out: &mut impl Write, name: &str, points: &[JudgedPoint], curve: bool) -> anyhow::Result<()> {
+fn write_row(
+    out: &mut impl Write,
+    name: &str,
+    points: &[JudgedPoint],
+    curve: bool,
+) -> anyhow::Result<()> {
     let closed = points.first().map_or(0.0, |p| p.parts[0].known.r40);
     let best = best_index(points, 0).unwrap_or(0);
     let line = |point: &JudgedPoint| {
@@ -135,12 +153,24 @@ fn write_row(out: &mut impl Write, name: &str, points: &[JudgedPoint], curve: bo
         let [a, b, c] = f.unknown;
         format!(
             "{closed:6.2} {:6.2} {:5.2} {:5.2} {:5.2} {:5.2} {:7.2} {:5} {:7.4}",
-            f.known.r40, a.r40, b.r40, c.r40, f.harmonic().r40, f.recall_unknown, f.unknown_as_known, point.threshold
+            f.known.r40,
+            a.r40,
+            b.r40,
+            c.r40,
+            f.harmonic().r40,
+            f.recall_unknown,
+            f.unknown_as_known,
+            point.threshold
         )
     };
     let honest = honest(points, [1, 2]).map_or(String::new(), |h| {
         let of = |name: &str| h.figures.get(name).copied().unwrap_or(0.0);
-        format!(" | {:.2} {:.2} {:.2}", of("map_known"), of("ap_unknown"), of("map_harm"))
+        format!(
+            " | {:.2} {:.2} {:.2}",
+            of("map_known"),
+            of("ap_unknown"),
+            of("map_harm")
+        )
     });
     writeln!(out, "{name:28} {}{honest}", line(&points[best]))?;
     for point in points.iter().filter(|_| curve) {

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use mluc_lab::train::{Event, Improvements, Kind, Profile, Progress, Run, Setting, Settings, train_osis};
+use mluc_lab::train::{
+    Event, Improvements, Kind, Profile, Progress, Run, Setting, Settings, train_osis,
+};
 use serde::Deserialize;
 
 /// Without a terminal, a line this often.
@@ -263,7 +265,10 @@ const MEMORY: [(&str, &str); 3] = [
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 fn tune_memory() {
     use std::os::unix::process::CommandExt;
-    if MEMORY.iter().any(|(name, _)| std::env::var_os(name).is_some()) {
+    if MEMORY
+        .iter()
+        .any(|(name, _)| std::env::var_os(name).is_some())
+    {
         return;
     }
     let Ok(program) = std::env::current_exe() else {

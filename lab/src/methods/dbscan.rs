@@ -14,7 +14,11 @@ const REACH_EMBEDDING: f32 = 0.5;
 /// Clusters in the order of their first points. A point with at least `points_min` points within its reach, itself among them, is
 /// a core; cores within each other's reach, and what lies within the reach of a core, are one cluster.
 /// `embeddings`: one a point, all of one length, which may be 0.
-pub(super) fn cluster(points_m: &[[f32; 3]], embeddings: &[&[f32]], points_min: usize) -> Vec<Group> {
+pub(super) fn cluster(
+    points_m: &[[f32; 3]],
+    embeddings: &[&[f32]],
+    points_min: usize,
+) -> Vec<Group> {
     let cell = |p: &[f32; 3]| p.map(|v| (v / REACH_M).floor() as i32);
     let mut cells: BTreeMap<[i32; 3], Vec<usize>> = BTreeMap::new();
     for (i, p) in points_m.iter().enumerate() {
@@ -84,7 +88,12 @@ mod tests {
         assert!(cluster(&points, &plain, 9).is_empty());
         assert!(cluster(&[], &[], 1).is_empty());
         // Two halves of the first line that are told apart by their embedding.
-        let apart: Vec<&[f32]> = (0..points.len()).map(|i| if i < 4 { &[0.0] } else { &[2.0f32] as &[f32] }).collect();
-        assert_eq!(cluster(&points, &apart, 3)[..2], [(0..4).collect::<Vec<_>>(), (4..8).collect()]);
+        let apart: Vec<&[f32]> = (0..points.len())
+            .map(|i| if i < 4 { &[0.0] } else { &[2.0f32] as &[f32] })
+            .collect();
+        assert_eq!(
+            cluster(&points, &apart, 3)[..2],
+            [(0..4).collect::<Vec<_>>(), (4..8).collect()]
+        );
     }
 }

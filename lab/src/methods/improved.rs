@@ -7,11 +7,12 @@ use super::refined::over_frames;
 use super::{ClusterScorer, Input, MethodError, Swept, UnknownScore, unknown_probability};
 use crate::evaluate::Kind;
 use crate::pipeline::{FoundObject, THRESHOLDS};
+use crate::train::clusters::ClusterNet;
 use mluc_geometry::{Box3, intersection_bev_m2};
 use mluc_head::Detection;
 use mluc_ipc_types::{DetectionKind, Point};
 use mluc_model::HeadKind;
-use mluc_refiner::everything::FrameClusters;
+use mluc_refiner::everything::{FrameCluster, FrameClusters};
 use mluc_refiner::{Everything, Mode, Sensor, Settings};
 use std::sync::{Mutex, PoisonError};
 
@@ -26,6 +27,8 @@ pub struct ImprovedSettings {
     pub refine: Option<Mode>,
     /// Sizes of road users only.
     pub hull: bool,
+    /// Rank boxes by the looks of the cluster that they lie on too.
+    pub quality: bool,
     /// Clusters that nobody detected, with this weight beside detected ones; 0: none.
     pub cluster_weight: f32,
     /// How clusters are judged.
@@ -39,6 +42,7 @@ impl Default for ImprovedSettings {
             generic: true,
             refine: Some(Mode::Distance),
             hull: true,
+            quality: true,
             cluster_weight: 0.1,
             clusters: ClusterScorer::default(),
         }
@@ -52,6 +56,7 @@ pub fn improved_steps() -> Vec<(&'static str, ImprovedSettings)> {
         generic: false,
         refine: None,
         hull: false,
+        quality: false,
         cluster_weight: 0.0,
         clusters: ClusterScorer::default(),
     };
@@ -72,16 +77,23 @@ pub fn improved_steps() -> Vec<(&'static str, ImprovedSettings)> {
         hull: true,
         ..refine.clone()
     };
+    let quality = ImprovedSettings {
+        quality: true,
+        ..hull.clone()
+    };
     vec![
         ("delta, boxes as they are", first),
         ("+ logit of the unknown", logit),
         ("+ anchors without a class", generic),
         ("+ range-scaled clustering", refine),
         ("+ sizes of road users", hull),
+        ("+ looks of the cluster", quality),
         ("+ clusters nobody detected", all),
     ]
 }
 
+/// The looks of a box that lies on no cluster.
+const NO_CLUSTER: f32 = 0.05;
 /// Overlap (intersection over the smaller area) above which a cluster is one of the objects that there are.
 const COVERED: f64 = 0.3;
 /// The share of a gated box that another covers, above which the weaker goes.
@@ -138,10 +150,11 @@ pub(super) fn run(input: &Input, settings: &ImprovedSettings) -> Result<Swept, M
         ..Settings::default()
     };
     let sensor = Sensor::from_manifest(manifest)?;
+    let net = ClusterNet::read(&input.model.weights);
     let spare: Mutex<Vec<(Everything, FrameClusters)>> = Mutex::new(vec![]);
     let objects = over_frames(input, &refiner, |finder, frame, points| {
-        let clusters = match settings.cluster_weight > 0.0 {
-            true => clusters(&spare, &refiner, &sensor, settings, points)?,
+        let clusters = match settings.quality || settings.cluster_weight > 0.0 {
+            true => clusters(&spare, &refiner, &sensor, settings, net.as_ref(), points)?,
             false => vec![],
         };
         let detected = &input.frames[frame];
@@ -172,12 +185,13 @@ pub(super) fn run(input: &Input, settings: &ImprovedSettings) -> Result<Swept, M
     Ok((thresholds, objects?))
 }
 
-/// Boxes and scores of a frame's clusters that look like road users.
+/// Boxes and looks (0 to 1) of a frame's clusters of a road user's size.
 fn clusters(
     spare: &Mutex<Vec<(Everything, FrameClusters)>>,
     refiner: &Settings,
     sensor: &Sensor,
     settings: &ImprovedSettings,
+    net: Option<&ClusterNet>,
     points: &[Point],
 ) -> Result<Vec<FoundObject>, MethodError> {
     let lock = || spare.lock().unwrap_or_else(PoisonError::into_inner);
@@ -187,10 +201,16 @@ fn clusters(
         None => (Everything::new(refiner, sensor)?, FrameClusters::default()),
     };
     everything.find(points, &mut found);
-    let object = |cluster: &mluc_refiner::everything::FrameCluster| {
+    let learned = net.map(|net| net.scores(found.clusters.iter().map(|c| &c.measures)));
+    let object = |(i, cluster): (usize, &FrameCluster)| {
         let ([x, y, z], size) = (cluster.shape.center_m, cluster.shape.size_m);
         let size_m = size.map(|v| v as f32);
-        let score = settings.cluster_weight * settings.clusters.score(size_m, &cluster.measures);
+        let plain = settings.clusters.score(size_m, &cluster.measures);
+        let score = match &learned {
+            Some(scores) if within_hull(size_m) => scores[i],
+            Some(_) => 0.0,
+            None => plain,
+        };
         let [l, w, h] = size;
         (score > 0.0).then(|| FoundObject {
             kind: Kind::Unknown,
@@ -199,7 +219,12 @@ fn clusters(
             bounds: [x, y, z, l, w, h, cluster.shape.yaw_rad].map(|v| v as f32),
         })
     };
-    let objects = found.clusters.iter().filter_map(object).collect();
+    let objects = found
+        .clusters
+        .iter()
+        .enumerate()
+        .filter_map(object)
+        .collect();
     lock().push((everything, found));
     Ok(objects)
 }
@@ -217,14 +242,36 @@ impl Levers<'_> {
             o.kind == Kind::Known || !self.settings.hull || within_hull([l, w, h])
         };
         let mut objects: Vec<FoundObject> = found.into_iter().filter(fits).collect();
+        let unknown = objects.iter_mut().filter(|o| o.kind == Kind::Unknown);
+        for object in unknown.filter(|_| self.settings.quality) {
+            object.score *= looks(object, clusters);
+        }
         suppress(&mut objects);
         let taken: Vec<Box3> = objects.iter().map(shape).collect();
         let free = |o: &&FoundObject| {
             let own = shape(o);
             open && taken.iter().all(|other| shared(&own, other) < COVERED)
         };
-        objects.extend(clusters.iter().filter(free));
+        let weight = self.settings.cluster_weight;
+        let weighed = |o: &FoundObject| FoundObject {
+            score: weight * o.score,
+            ..*o
+        };
+        if weight > 0.0 {
+            objects.extend(clusters.iter().filter(free).map(weighed));
+        }
         objects
+    }
+}
+
+/// The looks of the cluster that an object shares most with.
+fn looks(object: &FoundObject, clusters: &[FoundObject]) -> f32 {
+    let own = shape(object);
+    let near = clusters.iter().map(|c| (shared(&own, &shape(c)), c.score));
+    let best = near.reduce(|a, b| if b.0 > a.0 { b } else { a });
+    match best {
+        Some((share, score)) if share > COVERED => score.max(NO_CLUSTER),
+        _ => NO_CLUSTER,
     }
 }
 

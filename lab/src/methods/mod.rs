@@ -21,7 +21,7 @@ pub use scores::{UnknownScore, unknown_probability};
 
 use crate::pipeline::{DetectedFrame, FoundObject, FrameSet, THRESHOLDS, class_names};
 use crate::train::Kind as NetworkKind;
-use mluc_model::Model;
+use mluc_model::{HeadKind, Model};
 use mluc_refiner::Mode;
 
 /// A row.
@@ -156,11 +156,14 @@ pub fn run_method_with(
         step,
     };
     let wanted = method.network().head();
-    if model.manifest.network.head != wanted {
+    // Without training ours works on the paper's network too, which tells what training brings.
+    let found = model.manifest.network.head;
+    let stands = found == wanted || (method == Method::Improved && found == HeadKind::Metric);
+    if !stands {
         return Err(MethodError::OtherHead {
             method: method.name(),
             expected: wanted,
-            found: model.manifest.network.head,
+            found,
         });
     }
     let objects = match method {

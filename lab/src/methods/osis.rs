@@ -139,12 +139,16 @@ fn unknown(standing: &[Standing], threshold: f32, embedder: Option<&Embedder>) -
     let scores: Vec<Option<f32>> =
         embedder.map_or_else(by_place, |e| e.unknown(standing, &left, threshold));
     let pairs = left.into_iter().zip(scores);
-    let (left, scores): (Vec<&Standing>, Vec<f32>) =
-        pairs.filter_map(|(point, score)| Some((point, score?))).unzip();
+    let (left, scores): (Vec<&Standing>, Vec<f32>) = pairs
+        .filter_map(|(point, score)| Some((point, score?)))
+        .unzip();
     let places: Vec<[f32; 3]> = left.iter().map(|s| s.at_m).collect();
     let embeddings: Vec<&[f32]> = left.iter().map(|s| s.embedding.as_slice()).collect();
     let groups = cluster(&places, &embeddings, POINTS_MIN);
-    groups.iter().filter_map(|group| object(&left, &scores, group)).collect()
+    groups
+        .iter()
+        .filter_map(|group| object(&left, &scores, group))
+        .collect()
 }
 
 /// A tight box around a cluster; its score is the mean of its points'.

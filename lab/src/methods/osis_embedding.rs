@@ -25,7 +25,8 @@ impl Embedder<'_> {
     pub(super) fn new(model: &Model) -> Result<Embedder<'_>, MethodError> {
         let manifest = &model.manifest;
         let channels = manifest.network.feature_channels();
-        let embedding = PointEmbedding::read(&model.weights, channels).ok_or(MethodError::NoEmbedding)?;
+        let embedding =
+            PointEmbedding::read(&model.weights, channels).ok_or(MethodError::NoEmbedding)?;
         let backbone = Backbone::new(manifest, &model.weights).map_err(PipelineError::from)?;
         Ok(Embedder {
             model,
@@ -35,14 +36,20 @@ impl Embedder<'_> {
     }
 
     /// Gives every point its embedding; points outside of the map leave.
-    pub(super) fn embed(&self, points: &[Point], standing: &mut Vec<Standing>) -> Result<(), MethodError> {
+    pub(super) fn embed(
+        &self,
+        points: &[Point],
+        standing: &mut Vec<Standing>,
+    ) -> Result<(), MethodError> {
         let (mut cells, mut rows) = (vec![], vec![]);
         {
             let mut backbone = self.backbone.lock().unwrap_or_else(PoisonError::into_inner);
             let frame = backbone.run(bytemuck::cast_slice(points));
             cells.resize(frame.rows, 0);
             rows.resize(frame.rows * backbone.feature_channels(), 0.0);
-            backbone.write_rows(&mut cells, &mut rows).map_err(PipelineError::from)?;
+            backbone
+                .write_rows(&mut cells, &mut rows)
+                .map_err(PipelineError::from)?;
         }
         let features = FrameFeatures::new(&self.model.manifest, &cells, &rows);
         let mut input = vec![];
@@ -55,7 +62,12 @@ impl Embedder<'_> {
     }
 
     /// How unknown each of the points `left` is beside the prototypes of the known boxes; `None` for background.
-    pub(super) fn unknown(&self, all: &[Standing], left: &[&Standing], threshold: f32) -> Vec<Option<f32>> {
+    pub(super) fn unknown(
+        &self,
+        all: &[Standing],
+        left: &[&Standing],
+        threshold: f32,
+    ) -> Vec<Option<f32>> {
         let mut number: BTreeMap<usize, usize> = BTreeMap::new();
         let kept = all.iter().filter(|s| s.known >= threshold && s.known > 0.0);
         let (mut values, mut owner) = (vec![], vec![]);
@@ -68,7 +80,11 @@ impl Embedder<'_> {
         let of = |point: &&Standing| {
             let p = self.embedding.associate(&point.embedding, &prototypes);
             let (background, unknown) = (p[p.len() - 2], p[p.len() - 1]);
-            let others = p.iter().copied().filter(|v| *v != background).fold(0.0, f32::max);
+            let others = p
+                .iter()
+                .copied()
+                .filter(|v| *v != background)
+                .fold(0.0, f32::max);
             (background <= MARGIN * others).then_some(unknown)
         };
         left.iter().map(of).collect()

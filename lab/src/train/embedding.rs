@@ -50,7 +50,10 @@ impl<'a> FrameFeatures<'a> {
         let network = &manifest.network;
         let [map_rows, columns] = network.map_shape();
         let mut row_of = vec![u32::MAX; map_rows * columns];
-        cells.iter().enumerate().for_each(|(row, cell)| row_of[*cell as usize] = row as u32);
+        cells
+            .iter()
+            .enumerate()
+            .for_each(|(row, cell)| row_of[*cell as usize] = row as u32);
         let low = network.grid.range_min_m;
         FrameFeatures {
             row_of,
@@ -77,7 +80,9 @@ impl<'a> FrameFeatures<'a> {
         let cell = place[1] as usize * self.columns + place[0] as usize;
         match self.row_of[cell] {
             u32::MAX => to.resize(to.len() + self.channels, 0.0),
-            row => to.extend_from_slice(&self.rows[row as usize * self.channels..][..self.channels]),
+            row => {
+                to.extend_from_slice(&self.rows[row as usize * self.channels..][..self.channels])
+            }
         }
         to.push((at_m[2] + self.sensor_height_m) / 2.0);
         to.extend(place.map(|p| p.fract() - 0.5));
@@ -109,7 +114,9 @@ impl PointEmbedding {
         let mlp = Mlp::new(&[channels + GEOMETRY, HIDDEN, HIDDEN, WIDTH], &mut random);
         PointEmbedding {
             mlp,
-            background: (0..BACKGROUNDS * WIDTH).map(|_| random.normal() as f32).collect(),
+            background: (0..BACKGROUNDS * WIDTH)
+                .map(|_| random.normal() as f32)
+                .collect(),
             unknown: -2.0,
         }
     }
@@ -119,8 +126,19 @@ impl PointEmbedding {
         let near = |prototype: &[f32]| -squared(embedding, prototype) / 2.0;
         let mut logits: Vec<f32> = prototypes.chunks_exact(WIDTH).map(near).collect();
         let background: Vec<f32> = self.background.chunks_exact(WIDTH).map(near).collect();
-        let most = logits.iter().chain(&background).copied().fold(self.unknown, f32::max);
-        logits.push(background.iter().map(|l| (l - most).exp()).sum::<f32>().ln() + most);
+        let most = logits
+            .iter()
+            .chain(&background)
+            .copied()
+            .fold(self.unknown, f32::max);
+        logits.push(
+            background
+                .iter()
+                .map(|l| (l - most).exp())
+                .sum::<f32>()
+                .ln()
+                + most,
+        );
         logits.push(self.unknown);
         let sum: f32 = logits.iter().map(|l| (l - most).exp()).sum();
         logits.iter().map(|l| (l - most).exp() / sum).collect()
@@ -150,7 +168,9 @@ impl PointEmbedding {
                 loss.value += f64::from(weight * far * far);
                 let scale = 2.0 * weight * far / squared(phi, mean).sqrt().max(1e-6);
                 let d = &mut loss.embedding[i * WIDTH..][..WIDTH];
-                d.iter_mut().zip(phi.iter().zip(mean)).for_each(|(d, (p, m))| *d += scale * (p - m));
+                d.iter_mut()
+                    .zip(phi.iter().zip(mean))
+                    .for_each(|(d, (p, m))| *d += scale * (p - m));
             }
         }
         push(owner, &means, &counts, &mut loss);
@@ -170,7 +190,10 @@ impl PointEmbedding {
         let phi = row(points, i);
         let has_prototype = |k: &usize| !held_out[*k];
         let used: Vec<usize> = (0..held_out.len()).filter(has_prototype).collect();
-        let prototypes = used.iter().map(|k| row(means, *k)).chain(self.background.chunks_exact(WIDTH));
+        let prototypes = used
+            .iter()
+            .map(|k| row(means, *k))
+            .chain(self.background.chunks_exact(WIDTH));
         let prototypes: Vec<&[f32]> = prototypes.collect();
         let mut logits: Vec<f32> = prototypes.iter().map(|m| -squared(phi, m) / 2.0).collect();
         logits.push(self.unknown);
@@ -183,7 +206,12 @@ impl PointEmbedding {
         let most = logits.iter().copied().fold(f32::MIN, f32::max);
         let e: Vec<f32> = logits.iter().map(|l| (l - most).exp()).collect();
         let sum: f32 = e.iter().sum();
-        let wanted: f32 = e.iter().enumerate().filter(|(at, _)| is_target(*at)).map(|(_, e)| e).sum();
+        let wanted: f32 = e
+            .iter()
+            .enumerate()
+            .filter(|(at, _)| is_target(*at))
+            .map(|(_, e)| e)
+            .sum();
         let wanted = wanted.max(1e-30);
         loss.value += f64::from(weight * (sum / wanted).ln());
         for (at, e) in e.iter().enumerate() {
@@ -208,7 +236,11 @@ impl PointEmbedding {
         let name = |part: &str| format!("{BASELINE}osis.{part}");
         let count = self.mlp.parameters.len();
         weights.insert(name("mlp"), vec![count], self.mlp.parameters.clone());
-        weights.insert(name("background"), vec![BACKGROUNDS, WIDTH], self.background.clone());
+        weights.insert(
+            name("background"),
+            vec![BACKGROUNDS, WIDTH],
+            self.background.clone(),
+        );
         weights.insert(name("unknown"), vec![1], vec![self.unknown]);
     }
 
@@ -233,10 +265,16 @@ fn row(values: &[f32], i: usize) -> &[f32] {
 /// Mean embedding of each instance, and its points.
 pub fn means(points: &[f32], owner: &[Option<usize>], instances: usize) -> (Vec<f32>, Vec<usize>) {
     let (mut means, mut counts) = (vec![0.0f32; instances * WIDTH], vec![0; instances]);
-    for (i, k) in owner.iter().enumerate().filter_map(|(i, k)| Some((i, (*k)?))) {
+    for (i, k) in owner
+        .iter()
+        .enumerate()
+        .filter_map(|(i, k)| Some((i, (*k)?)))
+    {
         counts[k] += 1;
         let mean = &mut means[k * WIDTH..][..WIDTH];
-        mean.iter_mut().zip(row(points, i)).for_each(|(m, p)| *m += p);
+        mean.iter_mut()
+            .zip(row(points, i))
+            .for_each(|(m, p)| *m += p);
     }
     for (mean, count) in means.chunks_exact_mut(WIDTH).zip(&counts) {
         mean.iter_mut().for_each(|m| *m /= (*count).max(1) as f32);
@@ -260,7 +298,11 @@ fn push(owner: &[Option<usize>], means: &[f32], counts: &[usize], loss: &mut Poi
             }
         }
     }
-    for (i, k) in owner.iter().enumerate().filter_map(|(i, k)| Some((i, (*k)?))) {
+    for (i, k) in owner
+        .iter()
+        .enumerate()
+        .filter_map(|(i, k)| Some((i, (*k)?)))
+    {
         for c in 0..WIDTH {
             loss.embedding[i * WIDTH + c] += gradient[k * WIDTH + c] / counts[k] as f32;
         }

@@ -14,7 +14,9 @@ fn points(seed: u64, instances: usize) -> (Vec<f32>, Vec<Option<usize>>) {
         let k = i % (instances + 1);
         owner.push((k < instances).then_some(k));
         let center = [k as f64, (k * k % 3) as f64, -(k as f64)];
-        rows.extend((0..CHANNELS + GEOMETRY).map(|c| (center[c % 3] + 0.1 * random.normal()) as f32));
+        rows.extend(
+            (0..CHANNELS + GEOMETRY).map(|c| (center[c % 3] + 0.1 * random.normal()) as f32),
+        );
     }
     (rows, owner)
 }
@@ -42,7 +44,12 @@ fn points_of_an_instance_come_together_and_held_out_ones_become_unknown() {
         embedding.background.copy_from_slice(&all[split..count - 1]);
         embedding.unknown = all[count - 1];
     }
-    assert!(values[299] < 0.3 * values[0], "{} to {}", values[0], values[299]);
+    assert!(
+        values[299] < 0.3 * values[0],
+        "{} to {}",
+        values[0],
+        values[299]
+    );
     let trace = embedding.mlp.forward(rows);
     let (means, _) = means(trace.output(), &owner, 3);
     for (i, owner) in owner.iter().enumerate().take(30) {
@@ -82,6 +89,13 @@ fn a_point_takes_the_features_of_its_cell() {
     assert!(features.append([8.1, 0.3, -0.73], &mut found));
     assert_eq!(found[..channels], rows[..]);
     let expected = [0.5, -0.25, 0.25];
-    assert!(found[channels..].iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{:?}", &found[channels..]);
+    assert!(
+        found[channels..]
+            .iter()
+            .zip(expected)
+            .all(|(a, b)| (a - b).abs() < 1e-3),
+        "{:?}",
+        &found[channels..]
+    );
     assert!(!features.append([-1.0, 0.0, 0.0], &mut found));
 }

@@ -59,6 +59,9 @@ pub enum TrainError {
     /// The head refuses the model.
     #[error(transparent)]
     Head(#[from] mluc_head::HeadError),
+    /// The refiner refuses the model's sensor.
+    #[error(transparent)]
+    Refiner(#[from] mluc_refiner::RefinerError),
     /// The thread that prepares batches ended early.
     #[error("the thread that prepares batches ended before step {step}")]
     LoaderEnded {

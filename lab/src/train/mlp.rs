@@ -59,9 +59,16 @@ impl Mlp {
             let weights = &self.parameters[first..first + cin * cout];
             let bias = &self.parameters[first + cin * cout..][..cout];
             let mut y = vec![0.0f32; rows * cout];
-            for (x, y) in outputs[number].chunks_exact(cin).zip(y.chunks_exact_mut(cout)) {
+            for (x, y) in outputs[number]
+                .chunks_exact(cin)
+                .zip(y.chunks_exact_mut(cout))
+            {
                 y.copy_from_slice(bias);
-                for (x, w) in x.iter().zip(weights.chunks_exact(cout)).filter(|(x, _)| **x != 0.0) {
+                for (x, w) in x
+                    .iter()
+                    .zip(weights.chunks_exact(cout))
+                    .filter(|(x, _)| **x != 0.0)
+                {
                     y.iter_mut().zip(w).for_each(|(y, w)| *y += x * w);
                 }
                 if number + 1 < layers.len() {
@@ -89,7 +96,10 @@ impl Mlp {
                 for c in 0..cin {
                     let row = c * cout..(c + 1) * cout;
                     if x[c] != 0.0 {
-                        weights[row.clone()].iter_mut().zip(dy).for_each(|(w, d)| *w += x[c] * d);
+                        weights[row.clone()]
+                            .iter_mut()
+                            .zip(dy)
+                            .for_each(|(w, d)| *w += x[c] * d);
                     }
                     // Beyond a ReLU that is shut nothing flows; the input itself wants no gradient.
                     if number > 0 && x[c] > 0.0 {
@@ -114,10 +124,18 @@ mod tests {
         let input: Vec<f32> = (0..6 * 3).map(|_| random.normal() as f32).collect();
         let loss = |mlp: &Mlp| -> f64 {
             let y = mlp.forward(input.clone());
-            y.output().iter().enumerate().map(|(i, y)| f64::from(y * y) * (1.0 + i as f64)).sum()
+            y.output()
+                .iter()
+                .enumerate()
+                .map(|(i, y)| f64::from(y * y) * (1.0 + i as f64))
+                .sum()
         };
         let trace = mlp.forward(input.clone());
-        let d = trace.output().iter().enumerate().map(|(i, y)| 2.0 * y * (1.0 + i as f32));
+        let d = trace
+            .output()
+            .iter()
+            .enumerate()
+            .map(|(i, y)| 2.0 * y * (1.0 + i as f32));
         let gradient = mlp.backward(&trace, d.collect());
         for i in 0..mlp.parameters.len() {
             let at = |h: f32| {
@@ -126,7 +144,11 @@ mod tests {
                 loss(&moved)
             };
             let slope = (at(1e-3) - at(-1e-3)) / 2e-3;
-            assert!((slope - f64::from(gradient[i])).abs() < 2e-2 * (1.0 + slope.abs()), "{i}: {slope} {}", gradient[i]);
+            assert!(
+                (slope - f64::from(gradient[i])).abs() < 2e-2 * (1.0 + slope.abs()),
+                "{i}: {slope} {}",
+                gradient[i]
+            );
         }
     }
 }

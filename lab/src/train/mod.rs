@@ -7,6 +7,7 @@
 pub mod augment;
 mod backward;
 pub mod checkpoint;
+pub mod clusters;
 pub mod database;
 pub mod embedding;
 mod error;

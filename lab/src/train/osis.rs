@@ -37,7 +37,11 @@ pub fn train_osis(settings: &Settings, tell: &mut dyn FnMut(Event)) -> Result<Pa
         expected: "a softmax network for osis to stand on",
         found: "nothing".into(),
     })?;
-    let init = if init.is_dir() { init.join("model.safetensors") } else { init };
+    let init = if init.is_dir() {
+        init.join("model.safetensors")
+    } else {
+        init
+    };
     let mut model = Model::read(&init)?;
     if model.manifest.network.head != HeadKind::Softmax {
         return Err(TrainError::Setting {
@@ -96,8 +100,9 @@ fn fit(
         backbone.write_rows(&mut cells, &mut rows)?;
         let features = FrameFeatures::new(manifest, &cells, &rows);
         let (input, owner, instances) = sample(&scene, &features, &mut random);
-        let held_out: Vec<bool> =
-            (0..instances).map(|_| random.uniform(0.0, 1.0) < HELD_OUT).collect();
+        let held_out: Vec<bool> = (0..instances)
+            .map(|_| random.uniform(0.0, 1.0) < HELD_OUT)
+            .collect();
         let trace = embedding.mlp.forward(input);
         let loss = embedding.loss(trace.output(), &owner, &held_out);
         if !loss.value.is_finite() {
@@ -132,7 +137,13 @@ fn fit(
 
 fn flat(embedding: &PointEmbedding) -> Vec<f32> {
     let rest = embedding.background.iter().chain([&embedding.unknown]);
-    embedding.mlp.parameters.iter().chain(rest).copied().collect()
+    embedding
+        .mlp
+        .parameters
+        .iter()
+        .chain(rest)
+        .copied()
+        .collect()
 }
 
 fn unflatten(all: &[f32], embedding: &mut PointEmbedding) {
@@ -150,7 +161,11 @@ fn sample(
     features: &FrameFeatures,
     random: &mut Random,
 ) -> (Vec<f32>, Vec<Option<usize>>, usize) {
-    let tests: Vec<InBox> = scene.objects.iter().map(|o| InBox::new(&o.bounds)).collect();
+    let tests: Vec<InBox> = scene
+        .objects
+        .iter()
+        .map(|o| InBox::new(&o.bounds))
+        .collect();
     let mut of_object: Vec<Vec<usize>> = vec![vec![]; tests.len()];
     let mut background = vec![];
     for (i, point) in scene.points.iter().enumerate() {
@@ -160,12 +175,18 @@ fn sample(
         }
     }
     let known = scene.objects.iter().zip(of_object);
-    let known = known.filter(|(o, _)| o.trained_class().is_some()).map(|(_, points)| points);
+    let known = known
+        .filter(|(o, _)| o.trained_class().is_some())
+        .map(|(_, points)| points);
     let (mut input, mut owner, mut instances) = (vec![], vec![], 0);
     let mut take = |mut from: Vec<usize>, count: usize, of: Option<usize>| -> usize {
         let mut shuffled: Vec<u32> = (0..from.len() as u32).collect();
         random.shuffle(&mut shuffled);
-        from = shuffled.iter().take(count).map(|i| from[*i as usize]).collect();
+        from = shuffled
+            .iter()
+            .take(count)
+            .map(|i| from[*i as usize])
+            .collect();
         let before = owner.len();
         for i in from {
             let [x, y, z, _] = scene.points[i];

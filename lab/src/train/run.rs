@@ -8,6 +8,7 @@ use mluc_model::{Manifest, Model, Provenance, model_bytes};
 
 use super::augment::Augmentation;
 use super::checkpoint::{self, write_atomically};
+use super::clusters::ClusterNet;
 use super::database::{Database, mean_boxes};
 use super::error::TrainError;
 use super::export;
@@ -16,12 +17,15 @@ use super::loader::Preparer;
 use super::log::{Log, Progress};
 use super::losses::MetricSettings;
 use super::optimizer::Schedule;
-use super::settings::{Setting, Settings};
+use super::settings::{Kind, Setting, Settings};
 use super::source::{FolderSource, Source};
 use super::targets::Anchors;
 use super::trainer::Trainer;
 use super::validate::validate;
 use crate::dataset::Dataset;
+
+/// Frames that the judge of clusters is fitted on.
+const CLUSTER_FRAMES: usize = 300;
 
 /// What a run tells while it goes on.
 pub enum Event<'a> {
@@ -38,6 +42,7 @@ pub struct Run {
     trainer: Trainer,
     source: FolderSource,
     database: Database,
+    clusters: Option<ClusterNet>,
 }
 
 impl Run {
@@ -112,6 +117,7 @@ impl Run {
             trainer,
             source,
             database,
+            clusters: None,
         })
     }
 
@@ -162,6 +168,11 @@ impl Run {
             } else if done.is_multiple_of(settings.checkpoint_every.max(1)) {
                 self.save()?;
             }
+        }
+        if settings.kind == Kind::Improved {
+            let (manifest, seed) = (&self.manifest, settings.seed);
+            let net = ClusterNet::fit(&self.source, manifest, CLUSTER_FRAMES, seed)?;
+            self.clusters = Some(net);
         }
         self.save()?;
         self.judge(tell)?;
@@ -230,7 +241,10 @@ impl Run {
             threshold_choice: String::new(),
             calibration: String::new(),
         };
-        let weights = export::weights(chain, &state.parameters, &state.running);
+        let mut weights = export::weights(chain, &state.parameters, &state.running);
+        if let Some(clusters) = &self.clusters {
+            clusters.write(&mut weights);
+        }
         let path = settings.out.join("model.safetensors");
         write_atomically(&path, &model_bytes(&manifest, &weights)?)?;
         Ok(path)

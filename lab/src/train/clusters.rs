@@ -1,0 +1,212 @@
+//! How much a cluster looks like something that drives or walks: a few dense layers on its measurements, fitted on the training
+//! split alone, where clusters on labelled objects of the known classes stand against clusters on nothing.
+//!
+//! Sizes are shaken while it is fitted, so that it learns bodies against walls and leaves rather than the sizes of the known
+//! classes. Extension of the paper.
+
+use mluc_geometry::{Box3, intersection_bev_m2};
+use mluc_ipc_types::Point;
+use mluc_model::{BASELINE, Manifest, WeightSet};
+use mluc_refiner::everything::{FrameClusters, Measures};
+use mluc_refiner::{Everything, Sensor, Settings};
+use rayon::prelude::*;
+
+use super::error::TrainError;
+use super::mlp::Mlp;
+use super::optimizer::{Adam, Schedule};
+use super::random::Random;
+use super::source::Source;
+
+/// Measurements that are looked at.
+const FEATURES: usize = 14;
+const WIDTHS: [usize; 4] = [FEATURES, 32, 16, 1];
+const STEPS: u64 = 400;
+/// Clusters of a step.
+const BATCH: usize = 2048;
+/// Log of the factor by which sizes are shaken, standard deviation.
+const SHAKE: f64 = 0.3;
+/// Shares of a cluster that lie on a label: above the first it is that object, below the second nothing.
+const SHARE_ON: f64 = 0.3;
+const SHARE_OFF: f64 = 0.02;
+
+/// The fitted layers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClusterNet {
+    mlp: Mlp,
+}
+
+/// Numbers of about 1; the first three are the logs of the seen sizes.
+fn features(m: &Measures) -> [f32; FEATURES] {
+    let log = |v: f32| v.max(0.05).ln();
+    let [l, w, h] = m.seen_m;
+    [
+        log(l),
+        log(w),
+        log(h),
+        m.bottom_m,
+        m.top_m / 2.0,
+        2.0 * m.linearity - 1.0,
+        2.0 * m.planarity - 1.0,
+        4.0 * m.scattering,
+        4.0 * m.residual_m,
+        log(m.density),
+        ((m.points as f32).ln() - 4.0) / 2.0,
+        m.range_m / 25.0 - 1.0,
+        log(m.component_length_m) - 1.0,
+        f32::from(u8::from(m.is_cut)),
+    ]
+}
+
+impl ClusterNet {
+    /// 0 to 1, in the order of the measurements.
+    pub fn scores<'a>(&self, measures: impl Iterator<Item = &'a Measures>) -> Vec<f32> {
+        let trace = self.mlp.forward(measures.flat_map(features).collect());
+        trace
+            .output()
+            .iter()
+            .map(|x| 1.0 / (1.0 + (-x).exp()))
+            .collect()
+    }
+
+    /// Fits on the first `frames` scenes.
+    pub fn fit(
+        source: &dyn Source,
+        manifest: &Manifest,
+        frames: usize,
+        seed: u64,
+    ) -> Result<ClusterNet, TrainError> {
+        let sensor = Sensor::from_manifest(manifest)?;
+        let one = |frame: usize| examples(source, &sensor, frame);
+        let frames: Vec<usize> = (0..frames.min(source.count())).collect();
+        let all: Result<Vec<Vec<Example>>, TrainError> = frames.into_par_iter().map(one).collect();
+        Ok(ClusterNet {
+            mlp: fit(&all?.concat(), seed),
+        })
+    }
+
+    /// Into a model's weights.
+    pub fn write(&self, weights: &mut WeightSet) {
+        let parameters = self.mlp.parameters.clone();
+        weights.insert(name(), vec![parameters.len()], parameters);
+    }
+
+    /// From a model's weights, where they have one.
+    pub fn read(weights: &WeightSet) -> Option<ClusterNet> {
+        let mut mlp = Mlp::new(&WIDTHS, &mut Random::new(0, &[]));
+        let found = weights.find(&name())?;
+        (found.data.len() == mlp.parameters.len()).then(|| {
+            mlp.parameters.clone_from(&found.data);
+            ClusterNet { mlp }
+        })
+    }
+}
+
+fn name() -> String {
+    format!("{BASELINE}clusters.mlp")
+}
+
+/// Features, and whether it is an object.
+type Example = ([f32; FEATURES], bool);
+
+fn examples(
+    source: &dyn Source,
+    sensor: &Sensor,
+    frame: usize,
+) -> Result<Vec<Example>, TrainError> {
+    let scene = source.scene(frame)?;
+    let points: Vec<Point> = scene
+        .points
+        .iter()
+        .map(|&[x_m, y_m, z_m, intensity]| Point {
+            x_m,
+            y_m,
+            z_m,
+            intensity,
+        })
+        .collect();
+    let mut found = FrameClusters::default();
+    Everything::new(&Settings::default(), sensor)?.find(&points, &mut found);
+    let example = |cluster: &mluc_refiner::everything::FrameCluster| {
+        let share = |bounds: &Box3| {
+            let area = |b: &Box3| b.size_m[0] * b.size_m[1];
+            let smaller = area(&cluster.shape).min(area(bounds)).max(1e-9);
+            intersection_bev_m2(&cluster.shape, bounds) / smaller
+        };
+        let on = |known: bool| {
+            let objects = scene
+                .objects
+                .iter()
+                .filter(|o| o.trained_class().is_some() == known);
+            objects.map(|o| share(&o.bounds)).fold(0.0, f64::max)
+        };
+        let (known, other) = (on(true), on(false));
+        let is_object = known > SHARE_ON;
+        let is_nothing = known < SHARE_OFF && other < SHARE_OFF;
+        (is_object || is_nothing).then(|| (features(&cluster.measures), is_object))
+    };
+    Ok(found.clusters.iter().filter_map(example).collect())
+}
+
+/// Logistic loss; objects and the rest weigh the same.
+fn fit(examples: &[Example], seed: u64) -> Mlp {
+    let mut random = Random::new(seed, &[0xC1]);
+    let mut mlp = Mlp::new(&WIDTHS, &mut random);
+    let (objects, rest): (Vec<&Example>, Vec<&Example>) = examples.iter().partition(|e| e.1);
+    if objects.is_empty() || rest.is_empty() {
+        return mlp;
+    }
+    let mut adam = Adam::new(mlp.parameters.len());
+    let schedule = Schedule {
+        rate_max: 0.02,
+        steps: STEPS,
+    };
+    for step in 0..STEPS {
+        let mut input = Vec::with_capacity(BATCH * FEATURES);
+        for i in 0..BATCH {
+            let list = if i % 2 == 0 { &objects } else { &rest };
+            let mut values = list[random.below(list.len())].0;
+            values[..3]
+                .iter_mut()
+                .for_each(|v| *v += (SHAKE * random.normal()) as f32);
+            input.extend(values);
+        }
+        let trace = mlp.forward(input);
+        let gradient = trace.output().iter().enumerate().map(|(i, x)| {
+            let p = 1.0 / (1.0 + (-x).exp());
+            (p - if i % 2 == 0 { 1.0 } else { 0.0 }) / BATCH as f32
+        });
+        let gradient = mlp.backward(&trace, gradient.collect());
+        adam.step(&mut mlp.parameters, &gradient, schedule.at(step));
+    }
+    mlp
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bodies_and_leaves_are_told_apart_and_it_comes_back_from_a_model() {
+        let mut random = Random::new(2, &[]);
+        let mut draw = |is_object: bool| {
+            let mut f = [0.0; FEATURES];
+            f.iter_mut().for_each(|v| *v = random.normal() as f32);
+            // Leaves scatter; sizes say nothing.
+            f[7] += if is_object { -2.0 } else { 2.0 };
+            (f, is_object)
+        };
+        let examples: Vec<Example> = (0..600).map(|i| draw(i % 3 == 0)).collect();
+        let net = ClusterNet {
+            mlp: fit(&examples, 1),
+        };
+        let right = examples.iter().filter(|(f, is_object)| {
+            let x = net.mlp.forward(f.to_vec()).output()[0];
+            (x > 0.0) == *is_object
+        });
+        assert!(right.count() > 560);
+        let mut weights = WeightSet::new();
+        assert_eq!(ClusterNet::read(&weights), None);
+        net.write(&mut weights);
+        assert_eq!(ClusterNet::read(&weights), Some(net));
+    }
+}
