@@ -36,7 +36,8 @@ use plan::Plan;
 
 /// `mluc bench`.
 pub(crate) fn bench(args: Box<BenchArgs>) -> anyhow::Result<ExitCode> {
-    log_to_stderr("bench", "warn");
+    // What the pipeline loses stands in the report.
+    log_to_stderr("bench", "error");
     match args.command {
         Some(BenchCommand::Compare(args)) => compare::compare_folders(&args),
         None => {

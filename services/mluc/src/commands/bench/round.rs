@@ -37,6 +37,9 @@ pub(super) fn run_round(
     settings.instance = Instance::new(&format!("bench-{}-{number}", std::process::id()))?;
     let end_s = plan.warm_up_seconds + plan.round_seconds();
     settings.seconds = Some(end_s);
+    if std::env::var_os("MLUC_LOG").is_none() {
+        settings.environment.push(("MLUC_LOG", "error".to_string()));
+    }
     let what = match plan.rounds * plan.variants.len() as u32 {
         1 => variant.name.clone(),
         all => format!("{}, {} of {all}", variant.name, number + 1),

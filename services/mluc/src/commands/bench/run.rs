@@ -210,18 +210,23 @@ fn instrumentation(variant: &Variant) -> Map<String, Value> {
 
 /// What a stage's three stamps cost, us: three readings of the clock and three writes.
 fn stamps_cost_us() -> f64 {
-    const TIMES: u32 = 100_000;
+    const TIMES: u32 = 1000;
     let mut header = mluc_ipc_types::FrameHeader::new(0, "cost");
-    let begun_ns = monotonic_ns();
-    for _ in 0..TIMES {
-        let stamps = header.stamps_mut(mluc_ipc_types::Stage::Head);
-        stamps.received_ns = monotonic_ns();
-        stamps.started_ns = monotonic_ns();
-        stamps.published_ns = monotonic_ns();
-        std::hint::black_box(&mut header);
-    }
-    let us = (monotonic_ns() - begun_ns) as f64 / 1000.0 / f64::from(TIMES);
-    (us * 1e4).round() / 1e4
+    let mut batch_us = || {
+        let begun_ns = monotonic_ns();
+        for _ in 0..TIMES {
+            let stamps = header.stamps_mut(mluc_ipc_types::Stage::Head);
+            stamps.received_ns = monotonic_ns();
+            stamps.started_ns = monotonic_ns();
+            stamps.published_ns = monotonic_ns();
+            std::hint::black_box(&mut header);
+        }
+        (monotonic_ns() - begun_ns) as f64 / 1000.0 / f64::from(TIMES)
+    };
+    // The median batch: one that was interrupted tells of the machine.
+    let mut batches: Vec<f64> = (0..51).map(|_| batch_us()).collect();
+    batches.sort_by(f64::total_cmp);
+    (batches[batches.len() / 2] * 1e4).round() / 1e4
 }
 
 /// Where the processes write their spans, for as long as the measurement lasts.
