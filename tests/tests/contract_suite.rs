@@ -2,13 +2,16 @@
 
 use std::process::Command;
 
-use mluc_tests::mluc_program;
+use mluc_tests::{mluc_program, untrained_model};
 use serde_json::Value;
 
 /// Exit code and reports.
 fn suite(arguments: &[&str]) -> (Option<i32>, Vec<Value>) {
+    let folder = tempfile::tempdir().expect("a writable folder");
+    let model = untrained_model(folder.path());
     let output = Command::new(mluc_program())
-        .args(["refiner-test", "--json"])
+        .args(["refiner-test", "--json", "--model"])
+        .arg(&model)
         .args(arguments)
         .output()
         .expect("mluc starts");

@@ -23,8 +23,11 @@ fn foreign_refiners() -> Vec<(&'static str, Vec<String>)> {
 }
 
 fn passes_the_suite(command: &[String]) {
+    let setting = setting(0);
     let output = Command::new(mluc_program())
-        .args(["refiner-test", "--patience-s", "20", "--"])
+        .args(["refiner-test", "--patience-s", "20", "--model"])
+        .arg(&setting.model)
+        .arg("--")
         .args(command)
         .output()
         .expect("mluc starts");

@@ -167,10 +167,11 @@ impl Player {
         // What waits in the queue was said before.
         self.health()?;
         let begun = Instant::now();
+        let begun_ns = monotonic_ns();
         while begun.elapsed() < patience {
             self.check_running()?;
-            if let Some((health, ago)) = self.health()?
-                && ago < begun.elapsed()
+            if let Some((health, _)) = self.health()?
+                && self.health.heard_ns(Stage::Refiner) > begun_ns
                 && wanted(&health)
             {
                 return Ok(Some(health));
