@@ -74,7 +74,7 @@ const FAULTS: [(&str, &str, &str); 15] = [
 #[test]
 fn a_program_with_a_fault_is_found_out() {
     for (fault, case, word) in FAULTS {
-        let more = ["--case", case, "--patience-s", "2"];
+        let more = ["--case", case, "--patience-s", "4"];
         let (code, report) = wrong_refiner(fault, &more);
         assert_eq!(code, Some(1), "{fault}: {report:#}");
         let found = &report["cases"][0];

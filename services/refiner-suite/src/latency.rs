@@ -95,12 +95,12 @@ impl<'a> Lane<'a> {
         let instance = Instance::new(&format!("hop-{number}-{}", std::process::id()))?;
         let mut player = Player::new(&instance, options.fingerprint, options.shutdown.clone())?;
         let command = (options.command)(instance.name());
+        let since_ns = player.forget_heartbeats()?;
         let mut program = Program::start(&command, &options.environment(&instance))?;
         let begun = Instant::now();
-        while player
-            .await_health(Duration::from_millis(50), |_| true)?
-            .is_none()
-        {
+        while player.health_since(since_ns, |_| true)?.is_none() {
+            player.check_running()?;
+            std::thread::sleep(Duration::from_millis(5));
             anyhow::ensure!(
                 program.ended().is_none() && begun.elapsed() < options.patience,
                 "{} did not start: {}",

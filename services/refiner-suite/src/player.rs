@@ -158,22 +158,34 @@ impl Player {
         Ok(Some((*health, Duration::from_nanos(ago_ns))))
     }
 
-    /// A heartbeat that fulfils `wanted`, taken after now.
+    /// Lets go the heartbeats that were sent before now; gives the time after which one is fresh.
+    pub(crate) fn forget_heartbeats(&mut self) -> anyhow::Result<u64> {
+        self.health()?;
+        Ok(monotonic_ns())
+    }
+
+    /// The last heartbeat, if it came after `since_ns` and fulfils `wanted`.
+    pub(crate) fn health_since(
+        &mut self,
+        since_ns: u64,
+        wanted: impl Fn(&Health) -> bool,
+    ) -> anyhow::Result<Option<Health>> {
+        let heard = self.health()?.map(|(health, _)| health);
+        let is_fresh = self.health.heard_ns(Stage::Refiner) > since_ns;
+        Ok(heard.filter(|health| is_fresh && wanted(health)))
+    }
+
+    /// Waits for a heartbeat from now on that fulfils `wanted`.
     pub(crate) fn await_health(
         &mut self,
         patience: Duration,
         wanted: impl Fn(&Health) -> bool,
     ) -> anyhow::Result<Option<Health>> {
-        // What waits in the queue was said before.
-        self.health()?;
+        let since_ns = self.forget_heartbeats()?;
         let begun = Instant::now();
-        let begun_ns = monotonic_ns();
         while begun.elapsed() < patience {
             self.check_running()?;
-            if let Some((health, _)) = self.health()?
-                && self.health.heard_ns(Stage::Refiner) > begun_ns
-                && wanted(&health)
-            {
+            if let Some(health) = self.health_since(since_ns, &wanted)? {
                 return Ok(Some(health));
             }
             std::thread::sleep(LOOK / 4);

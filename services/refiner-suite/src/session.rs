@@ -125,12 +125,13 @@ impl Session<'_> {
         self.program = None;
         let command = (self.options.command)(self.instance.name());
         let environment = self.options.environment(&self.instance);
+        let since_ns = self.player.forget_heartbeats()?;
         self.program = Some(Program::start(&command, &environment)?);
         let begun = Instant::now();
         loop {
             self.check_alive("it should start")?;
-            let step = Duration::from_millis(50);
-            if let Some(health) = self.player.await_health(step, is_ready)? {
+            std::thread::sleep(Duration::from_millis(5));
+            if let Some(health) = self.player.health_since(since_ns, is_ready)? {
                 self.player.forget_answers()?;
                 return Ok(health);
             }
