@@ -4,8 +4,9 @@ use super::evaluate::Neighbours;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use mluc_backbone::Precision;
 use mluc_lab::pipeline::{
-    Choice, DetectedFrame, FrameSet, GateSweep, Judgement, choose_threshold, detect_frames, judge,
+    Choice, DetectedFrame, FrameSet, GateSweep, Judgement, choose_threshold, detect_frames_in, judge,
     sweep_gate, unknown_classes, write_threshold,
 };
 use mluc_model::Model;
@@ -37,6 +38,9 @@ pub(super) struct ModelArguments {
     /// How candidates become unknown objects.
     #[arg(long, value_enum, default_value_t = RefinerName::Corrected)]
     refiner: RefinerName,
+    /// Of the backbone: f32, bf16 or int8 (after `mluc-lab quantize`).
+    #[arg(long, default_value_t)]
+    precision: Precision,
     /// Label classes that are unknown [default: golf_cart,forklift for udi, van,truck for kitti].
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     unknown: Option<Vec<String>>,
@@ -111,7 +115,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         None => unknown_classes(&model.manifest.name),
     };
     let bar = bar("network", set.len());
-    let frames = detect_frames(&model, &set, || bar.inc(1))?;
+    let frames = detect_frames_in(arguments.precision, &model, &set, || bar.inc(1))?;
     bar.finish_and_clear();
     if let Some(path) = &arguments.boxes {
         write_boxes(path, &model, &set, &frames)?;
