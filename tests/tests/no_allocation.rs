@@ -5,9 +5,9 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use mluc_backbone::{Backbone, Precision};
+use mluc_backbone::{Backbone, Calibrator, Coverage, Precision};
 use mluc_head::Head;
-use mluc_model::{Grid, Manifest, Network, formula_uniform, formula_weights};
+use mluc_model::{Grid, Manifest, Network, WeightSet, formula_uniform, formula_weights};
 
 /// Counts every request of any thread.
 struct Counting;
@@ -79,8 +79,8 @@ fn frames_after_the_first_take_no_memory() {
         .map(|points| scan(*points, &points.to_string()))
         .collect();
     let manifest = manifest();
-    let weights = formula_weights(&manifest.network);
-    for precision in [Precision::F32, Precision::Bf16] {
+    let weights = calibrated(&manifest, &scans[3]);
+    for precision in Precision::ALL {
         for threads in [1, 2] {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
@@ -115,6 +115,19 @@ fn frames_after_the_first_take_no_memory() {
             assert!(boxes > 0, "the frames have contents");
         }
     }
+}
+
+/// Weights by formula, with the ranges that int8 needs.
+fn calibrated(manifest: &Manifest, points: &[[f32; 4]]) -> WeightSet {
+    let mut weights = formula_weights(&manifest.network);
+    let mut calibrator = Calibrator::new(&manifest.network);
+    let mut backbone = Backbone::new(manifest, &weights).expect("a model");
+    backbone.run_observed(points, Coverage::Active, &mut |level| {
+        calibrator.observe(level)
+    });
+    let written = calibrator.write(&manifest.network, &mut weights);
+    assert!(written.expect("a model"), "every level has values");
+    weights
 }
 
 /// Requests while `frame` ran, scan by scan.

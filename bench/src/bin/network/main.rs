@@ -1,6 +1,6 @@
 //! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE --json`.
 //!
-//! Weights by formula, or of a model. With `--json` one object a run: milliseconds by part, what was computed and how far
+//! Weights by formula, or of a model; int8 measures the ranges that it lacks on the scans turned left to right. With `--json` one object a run: milliseconds by part, what was computed and how far
 //! that is from what the registers can do; without it a table of every step. Frames run as on the vehicle; the backbone
 //! says when a step is done.
 
@@ -11,9 +11,9 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
-use mluc_backbone::Precision;
+use mluc_backbone::{Backbone, Calibrator, Coverage, Precision};
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 
 #[derive(Parser)]
@@ -27,7 +27,7 @@ struct Arguments {
     /// A model file in place of the profile with weights by formula.
     #[arg(long)]
     model: Option<PathBuf>,
-    /// `f32` or `bf16`, of the backbone; the head reads f32 rows.
+    /// `f32`, `bf16` or `int8`, of the backbone; the head reads f32 rows.
     #[arg(long, default_value_t)]
     precision: Precision,
     #[arg(long, default_value_t = 2)]
@@ -38,6 +38,9 @@ struct Arguments {
     /// Frames of each scan that are timed, after two that are not.
     #[arg(long, default_value_t = 50)]
     rounds: usize,
+    /// Leave out the warm-up at load, to see what it is worth to the first frame.
+    #[arg(long)]
+    cold: bool,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -45,18 +48,28 @@ struct Arguments {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let (manifest, weights) = model(&arguments)?;
+    let (manifest, mut weights) = model(&arguments)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads)
         .build()?;
     let mut record = report::Record::default();
-    for scan in &arguments.scans {
-        let points = read(scan, arguments.crop)?;
+    let scans = arguments.scans.iter();
+    let scans = scans
+        .map(|scan| Ok((scan, read(scan, arguments.crop)?)))
+        .collect::<Result<Vec<_>>>()?;
+    if arguments.precision == Precision::Int8 && !weights.is_calibrated() {
+        calibrate(
+            &manifest,
+            &mut weights,
+            scans.iter().map(|scan| &scan.1[..]),
+        )?;
+    }
+    for (scan, points) in scans {
         pool.install(|| {
             measure::measure(
                 (&manifest, &weights, arguments.precision),
                 &points,
-                arguments.rounds,
+                (arguments.rounds, arguments.cold),
                 &mut record,
             )
         })
@@ -82,6 +95,26 @@ fn model(arguments: &Arguments) -> Result<(Manifest, WeightSet)> {
     };
     let weights = formula_weights(&network);
     Ok((Manifest::untrained(&arguments.profile, network), weights))
+}
+
+/// Ranges for int8, of the scans turned left to right: like those that are measured, and not the same.
+fn calibrate<'a>(
+    manifest: &Manifest,
+    weights: &mut WeightSet,
+    scans: impl Iterator<Item = &'a [[f32; 4]]>,
+) -> Result<()> {
+    let mut calibrator = Calibrator::new(&manifest.network);
+    let mut backbone = Backbone::new(manifest, weights)?;
+    for points in scans {
+        let turned: Vec<_> = points.iter().map(|&[x, y, z, i]| [x, -y, z, i]).collect();
+        let observe = &mut |level: mluc_backbone::Level| calibrator.observe(level);
+        backbone.run_observed(&turned, Coverage::Active, observe);
+    }
+    ensure!(
+        calibrator.write(&manifest.network, weights)?,
+        "the scans hold nothing to measure ranges on"
+    );
+    Ok(())
 }
 
 fn read(scan: &Path, crop: bool) -> Result<Vec<[f32; 4]>> {

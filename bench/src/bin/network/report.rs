@@ -49,6 +49,8 @@ impl Frame {
 #[derive(Default)]
 pub(crate) struct Record {
     pub(crate) frames: Vec<Frame>,
+    /// Of each scan's first frame after the model was loaded.
+    pub(crate) first_ms: Vec<f64>,
     scans: usize,
     sites: Vec<(String, usize)>,
     flop: [f64; 4],
@@ -120,6 +122,7 @@ impl Record {
             "peak_share": share,
             "peak_gflops": peak_gflops.round(),
             "frames": self.frames.len(),
+            "first_ms": rounded(self.first_ms.iter().copied().fold(0.0, f64::max)),
         })
     }
 
@@ -160,6 +163,8 @@ impl Record {
             self.print_line(name, |frame| frame.steps[place].2);
         }
         self.print_line("TOTAL", |frame| frame.total_ms);
+        let first: Vec<_> = self.first_ms.iter().map(|ms| format!("{ms:.2}")).collect();
+        println!("first frame              {}", first.join(" "));
     }
 
     fn print_line(&self, name: &str, value: impl Fn(&Frame) -> f64 + Copy) {
