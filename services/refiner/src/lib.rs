@@ -30,6 +30,7 @@ mod refiner;
 mod seed;
 mod sensor;
 mod settings;
+mod settings_check;
 mod size;
 pub mod track;
 
