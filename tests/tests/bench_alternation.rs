@@ -66,10 +66,6 @@ fn two_refiners_are_judged_on_the_same_frames() {
             (&2.into(), &2.into()),
             "{comparison}"
         );
-        assert!(
-            quality["unknown_per_frame"].as_f64().unwrap() > 0.0,
-            "{comparison}"
-        );
     }
     let [a, b] = ["a", "b"].map(|name| json(&out.join(name).join("report.json")));
     assert_eq!(
@@ -77,17 +73,13 @@ fn two_refiners_are_judged_on_the_same_frames() {
         (&"none".into(), &"distance".into())
     );
     assert_eq!(a["frames"]["in"], b["frames"]["in"]);
-    let run_us = |report: &Value| {
-        report["stages"]["refiner"]["run_us"]["p50"]
+    // Only where no box is refined does this untrained model publish unknown objects: the tables are those of two refiners.
+    let published = |turn: usize| {
+        comparison["quality"][turn]["unknown_per_frame"]
             .as_f64()
             .unwrap()
     };
-    assert!(
-        run_us(&a) < run_us(&b),
-        "doing nothing is faster: {} {}",
-        run_us(&a),
-        run_us(&b)
-    );
+    assert!(published(0) > published(1), "{comparison}");
     let terminal: String = run
         .lines
         .iter()

@@ -47,6 +47,8 @@ pub(crate) struct Scatter {
     /// Of each resample.
     resampled: Vec<f64>,
     blocks: usize,
+    /// Whole rounds were drawn: the scatter between starts is in it.
+    by_round: bool,
 }
 
 /// `rounds`: the values of each round in the order of time.
@@ -80,6 +82,7 @@ pub(crate) fn scatter(
         value,
         resampled,
         blocks,
+        by_round: rounds.len() >= ROUNDS_MIN,
     }
 }
 
@@ -94,8 +97,14 @@ fn draw_blocks(round: &[f64], random: &mut Random, drawn: &mut Vec<f64>) {
     }
 }
 
-/// The interval in which `b - a` lies with `confidence`; `a` and `b` were resampled independently.
-pub(crate) fn interval(a: &Scatter, b: &Scatter, confidence: f64) -> (f64, f64) {
+/// The interval in which `b - a` lies with `confidence`; `a` and `b` were resampled independently. `start_scatter`: relative
+/// standard deviation between starts, which one start cannot show.
+pub(crate) fn interval(
+    a: &Scatter,
+    b: &Scatter,
+    confidence: f64,
+    start_scatter: f64,
+) -> (f64, f64) {
     let difference = b.value - a.value;
     let differences: Vec<f64> = a
         .resampled
@@ -108,7 +117,11 @@ pub(crate) fn interval(a: &Scatter, b: &Scatter, confidence: f64) -> (f64, f64) 
     let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
     // Resampling k blocks gives k-1 / k of the variance.
     let fewest = a.blocks.min(b.blocks).max(2) as f64;
-    let deviation = (variance * fewest / (fewest - 1.0)).sqrt();
+    let unseen = [a, b].map(|run| match run.by_round {
+        true => 0.0,
+        false => (start_scatter * run.value).powi(2),
+    });
+    let deviation = (variance * fewest / (fewest - 1.0) + unseen[0] + unseen[1]).sqrt();
     let freedom = (a.blocks + b.blocks).max(4) as f64 - 2.0;
     let half = student(normal(0.5 + confidence / 2.0), freedom) * deviation;
     (difference - half, difference + half)
@@ -173,7 +186,7 @@ mod tests {
         for _ in 0..200 {
             let [a, b] = [run(), run()]
                 .map(|run| scatter(&[run], Statistic::Quantile(0.5), 200, &mut draws));
-            let (low, high) = interval(&a, &b, 0.95);
+            let (low, high) = interval(&a, &b, 0.95, 0.0);
             covered += usize::from(low <= 0.0 && 0.0 <= high);
             widths.push(high - low);
         }

@@ -33,7 +33,7 @@ pub(super) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
     let options = CompareOptions {
         margin: args.margin,
         end_to_end_only: bare(&a) || bare(&b),
-        ..CompareOptions::default()
+        ..CompareOptions::on_machines([others(&a), others(&b)])
     };
     let comparison = compare(&frames_a, &frames_b, &options)?;
     let notes = notes(&a, &b);
@@ -82,12 +82,6 @@ fn notes(a: &Value, b: &Value) -> Vec<String> {
             ));
         }
     }
-    let others = |report: &Value| {
-        report
-            .pointer("/quiet/other_processes_share_of_all_cores")
-            .and_then(Value::as_f64)
-            .unwrap_or(0.0)
-    };
     let (of_a, of_b) = (others(a), others(b));
     if (of_a - of_b).abs() > 0.05 {
         notes.push(format!(
@@ -100,6 +94,12 @@ fn notes(a: &Value, b: &Value) -> Vec<String> {
         notes.push("both ran the same program, byte for byte".to_string());
     }
     notes
+}
+
+/// Share of all cores that others took.
+fn others(report: &Value) -> f64 {
+    let share = report.pointer("/quiet/other_processes_share_of_all_cores");
+    share.and_then(Value::as_f64).unwrap_or(0.0)
 }
 
 #[cfg(test)]
