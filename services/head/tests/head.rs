@@ -3,7 +3,7 @@
 use mluc_geometry::{Box3, iou_bev};
 use mluc_head::decode::{Anchors, encode};
 use mluc_head::{Detection, Head, HeadCounts, HeadError, Suppression};
-use mluc_model::{Grid, Manifest, Network, WeightSet, formula_uniform, formula_weights};
+use mluc_model::{Grid, HeadKind, Manifest, Network, WeightSet, formula_uniform, formula_weights};
 
 type Fallible = Result<(), Box<dyn std::error::Error>>;
 
@@ -273,5 +273,83 @@ fn no_rows_no_detections() -> Fallible {
         detect(&mut head, &[], &[])?,
         (vec![], HeadCounts::default())
     );
+    Ok(())
+}
+
+/// A manifest with another kind of head.
+fn manifest_of(head: HeadKind, generic: usize) -> Manifest {
+    let network = Network {
+        head,
+        generic,
+        ..manifest().network
+    };
+    Manifest::untrained("small", network)
+}
+
+#[test]
+fn a_sigmoid_head_takes_the_best_class_of_an_anchor() -> Fallible {
+    let manifest = manifest_of(HeadKind::Sigmoid, 0);
+    let mut head = Head::new(&manifest, &copying(&manifest))?;
+    let anchors = Anchors::new(&manifest);
+    // 6 anchors of 3 class logits, 42 codes, 12 bins.
+    let mut row = vec![0.0; manifest.network.feature_channels()];
+    row[..18].fill(-9.0);
+    let found = Box3::new([3.0, 0.2, -1.0, 4.2, 1.7, 1.5, 0.3]);
+    let (cell, anchor) = (136, 0);
+    let code = encode(&found, &anchors.anchor(cell, anchor));
+    row[18..25].copy_from_slice(&code.map(|value| value as f32));
+    // The anchor is a car's; its pedestrian logit is higher.
+    (row[0], row[1], row[2]) = (1.0, 2.0, -1.0);
+    let (detections, counts) = detect(&mut head, &[cell as u32], &row)?;
+    assert_eq!((detections.len(), counts.generic), (1, 0));
+    let d = &detections[0];
+    let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
+    assert_eq!((d.class_id, d.is_candidate()), (1, false));
+    assert!((d.score - sigmoid(2.0)).abs() < 1e-6 && d.score == d.objectness);
+    assert!((d.probabilities[0] - sigmoid(1.0)).abs() < 1e-6);
+    assert_eq!(d.embedding[..4], [1.0, 2.0, -1.0, 0.0]);
+    assert!((d.center_m[0] - 3.0).abs() < 1e-4);
+    Ok(())
+}
+
+#[test]
+fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class() -> Fallible {
+    let mut manifest = manifest_of(HeadKind::Open, 2);
+    manifest.thresholds.unknown_min = 0.6;
+    let mut head = Head::new(&manifest, &copying(&manifest))?;
+    let anchors = Anchors::new(&manifest);
+    // 10 objectness, 3 embedding, 70 codes, 20 bins, 1 unknown.
+    let row = |cell: usize, logit: f32| {
+        let mut row = vec![0.0; manifest.network.feature_channels()];
+        row[..10].fill(-9.0);
+        // The car's first anchor and the last size's claim the same place.
+        for anchor in [0, 8] {
+            row[anchor] = if anchor == 0 { 1.0 } else { 2.0 };
+            let at = anchors.anchor(cell, anchor);
+            let found = Box3::new([at.center_m[0], at.center_m[1], -1.0, 3.0, 1.4, 1.9, 0.2]);
+            let code = encode(&found, &at).map(|value| value as f32);
+            row[13 + anchor * 7..][..7].copy_from_slice(&code);
+        }
+        row[103] = logit;
+        row
+    };
+    let cell = 136;
+    let (detections, counts) = detect(&mut head, &[cell as u32], &row(cell, 1.5))?;
+    assert_eq!((detections.len(), counts.generic), (2, 1));
+    assert!(detections.iter().all(Detection::is_candidate));
+    // The box of a class comes first, though the other is surer.
+    assert!(detections[0].objectness < detections[1].objectness);
+    assert!(
+        detections
+            .iter()
+            .all(|d| d.embedding[3] == 1.5 && d.class_id < 3)
+    );
+    // A known object there: the box without a class goes, the other is known.
+    let (detections, counts) = detect(&mut head, &[cell as u32], &row(cell, -1.5))?;
+    assert_eq!(
+        (detections.len(), counts.generic, counts.generic_known),
+        (1, 0, 1)
+    );
+    assert!(!detections[0].is_candidate());
     Ok(())
 }
