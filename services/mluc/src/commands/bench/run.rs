@@ -106,6 +106,11 @@ impl Measured {
         report.scenario = plan.describe(variant);
         report.instrumentation = instrumentation(variant);
         report.warnings = self.warnings(plan, &report, quiet);
+        if report.instrumentation["stamps"] == json!("off") {
+            report.warnings.push(
+                "Stamps were off: only the latency end to end means anything here.".to_string(),
+            );
+        }
         report
     }
 

@@ -71,7 +71,7 @@ pub(super) fn alternate(plan: &Plan) -> anyhow::Result<ExitCode> {
     let comparison = compare(&measured[0].frames, &measured[1].frames, &options)?;
     let text = format!(
         "{}\n{}",
-        side_by_side(names, &reports, &quality),
+        side_by_side(names, &reports, &quality, options.end_to_end_only),
         comparison.table(names)
     );
     let mut value = serde_json::to_value(&comparison)?;
@@ -131,7 +131,12 @@ fn write(plan: &Plan, text: &str, value: &Value) -> anyhow::Result<()> {
 }
 
 /// Latency and box quality in one table.
-fn side_by_side(names: [&str; 2], reports: &[Report; 2], quality: &[Option<Quality>; 2]) -> String {
+fn side_by_side(
+    names: [&str; 2],
+    reports: &[Report; 2],
+    quality: &[Option<Quality>; 2],
+    end_to_end_only: bool,
+) -> String {
     let mut text = format!(
         "{:44}{:>16}{:>16}\n",
         "",
@@ -146,8 +151,10 @@ fn side_by_side(names: [&str; 2], reports: &[Report; 2], quality: &[Option<Quali
     };
     row("end to end p50, ms", ms(&|r| r.end_to_end_us.p50));
     row("end to end p99, ms", ms(&|r| r.end_to_end_us.p99));
-    row("refiner run p50, ms", ms(&|r| r.stages.refiner.run_us.p50));
-    row("refiner run p99, ms", ms(&|r| r.stages.refiner.run_us.p99));
+    if !end_to_end_only {
+        row("refiner run p50, ms", ms(&|r| r.stages.refiner.run_us.p50));
+        row("refiner run p99, ms", ms(&|r| r.stages.refiner.run_us.p99));
+    }
     row(
         "frames dropped",
         [0, 1].map(|turn| reports[turn].frames.dropped.to_string()),
