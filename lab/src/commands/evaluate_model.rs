@@ -6,8 +6,8 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use mluc_backbone::Precision;
 use mluc_lab::pipeline::{
-    Choice, DetectedFrame, FrameSet, GateSweep, Judgement, choose_threshold, detect_frames_in, judge,
-    sweep_gate, unknown_classes, write_threshold,
+    Choice, DetectedFrame, FrameSet, GateSweep, Judgement, choose_threshold, detect_frames_in,
+    judge, sweep_gate, unknown_classes, write_threshold,
 };
 use mluc_model::Model;
 use mluc_refiner::{Mode, Settings};

@@ -16,10 +16,15 @@ type Matrix = [Vector; CLASSES_MAX];
 /// The least squared distance of each box to a class.
 pub(super) fn mahalanobis(boxes: &[LabelledBox]) -> Vec<f64> {
     let fits = [0, 1].map(|half| {
-        let other = boxes.iter().filter(|b| b.frame % 2 != half && b.rule.kind == Kind::Known);
+        let other = boxes
+            .iter()
+            .filter(|b| b.frame % 2 != half && b.rule.kind == Kind::Known);
         Fit::of(other.map(|b| (b.rule.name.as_str(), embedding(b))))
     });
-    boxes.iter().map(|b| fits[b.frame % 2].distance(&embedding(b))).collect()
+    boxes
+        .iter()
+        .map(|b| fits[b.frame % 2].distance(&embedding(b)))
+        .collect()
 }
 
 fn embedding(labelled: &LabelledBox) -> Vector {
@@ -103,11 +108,19 @@ mod tests {
             f
         };
         // Class a scatters by 2 along x, class b likewise, both not at all along y.
-        let known = [("a", at(-2.0, 0.0)), ("a", at(2.0, 0.0)), ("b", at(8.0, 3.0)), ("b", at(12.0, 3.0))];
+        let known = [
+            ("a", at(-2.0, 0.0)),
+            ("a", at(2.0, 0.0)),
+            ("b", at(8.0, 3.0)),
+            ("b", at(12.0, 3.0)),
+        ];
         let fit = Fit::of(known.into_iter());
         let [along, across] = [fit.distance(&at(1.0, 0.0)), fit.distance(&at(0.0, 1.0))];
         assert!((along - 1.0 / 4.01).abs() < 1e-9 && (across - 1.0 / 0.01).abs() < 1e-6);
         assert!(fit.distance(&at(10.0, 3.0)) < 1e-12);
-        assert_eq!(Fit::of(std::iter::empty()).distance(&at(0.0, 0.0)), f64::INFINITY);
+        assert_eq!(
+            Fit::of(std::iter::empty()).distance(&at(0.0, 0.0)),
+            f64::INFINITY
+        );
     }
 }

@@ -24,6 +24,6 @@ pub use judge::{Judgement, judge};
 pub use misses::{AlarmRow, MissRow, MissTable, misses};
 pub use rules::{known_iou_min, unknown_classes};
 pub use separation::{ScoreSeparation, separation};
-pub use stages::{Detector, FoundObject, ObjectFinder, Pipeline, detect_frames, detect_frames_in};
 pub(crate) use stages::class_names;
+pub use stages::{Detector, FoundObject, ObjectFinder, Pipeline, detect_frames, detect_frames_in};
 pub use sweep::{GateSweep, THRESHOLDS, sweep_gate};

@@ -49,7 +49,10 @@ pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSep
     let figures = |score: &'static str, values: Vec<f64>| {
         let pairs = || boxes.iter().zip(&values);
         let side = |kind: Kind| -> Vec<f64> {
-            pairs().filter(|(b, _)| b.rule.kind == kind).map(|(_, v)| *v).collect()
+            pairs()
+                .filter(|(b, _)| b.rule.kind == kind)
+                .map(|(_, v)| *v)
+                .collect()
         };
         let (k, u) = (side(Kind::Known), side(Kind::Unknown));
         ScoreSeparation {
@@ -61,7 +64,10 @@ pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSep
         }
     };
     let plain = SCORES.iter().map(|&(score, of)| {
-        figures(score, boxes.iter().map(|b| f64::from(of(b.detection))).collect())
+        figures(
+            score,
+            boxes.iter().map(|b| f64::from(of(b.detection))).collect(),
+        )
     });
     let mut all: Vec<ScoreSeparation> = plain.collect();
     all.push(figures("mahalanobis", distances));

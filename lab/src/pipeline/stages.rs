@@ -139,7 +139,11 @@ impl ObjectFinder {
         detections: &[Detection],
         threshold: f32,
     ) -> Vec<FoundObject> {
-        self.objects_of(sequence, points, detections.iter().map(|d| gated(d, threshold)))
+        self.objects_of(
+            sequence,
+            points,
+            detections.iter().map(|d| gated(d, threshold)),
+        )
     }
 
     /// What is published of detections whose kind is settled, in their order.

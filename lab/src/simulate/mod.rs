@@ -293,7 +293,10 @@ fn turn(
     let (normal, offset) = ground.plane();
     let offset = offset + normal.dot(sensor_at);
     frame.plane = [normal.x, normal.y, normal.z, offset].map(f64::from);
-    Ok((frame, [sensor_at.x, sensor_at.y, sensor_at.z].map(f64::from)))
+    Ok((
+        frame,
+        [sensor_at.x, sensor_at.y, sensor_at.z].map(f64::from),
+    ))
 }
 
 #[cfg(test)]

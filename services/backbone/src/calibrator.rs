@@ -1,9 +1,7 @@
 //! How large the values between the layers get, for [`crate::Precision::Int8`].
 //!
-//! Each channel has a histogram of its values (they are not negative) over equal steps of the logarithm. Its first range
-//! is the one for which rounding to 255 steps, and cutting what is larger, gives the least mean square error. A rare large
-//! value weighs by the square of what would be cut from it, so ranges keep the few cells with objects in them. The
-//! ranges of a level are then balanced against the weights that read it ([`crate::balance`]).
+//! Each channel has a histogram of its values (they are not negative) over equal steps of the logarithm. Its range holds
+//! every value seen and some more; how much more is balanced against the weights that read it ([`crate::balance`]).
 
 use mluc_model::{Folded, ModelError, Network, WeightSet, calibrated_layers};
 

@@ -22,14 +22,44 @@ impl<V: Value> Convolution<V> {
         })
     }
 
-    /// One convolution a tap: a transposed layer, whose taps write different outputs.
-    pub(crate) fn by_tap(layer: &Folded) -> Result<Vec<Convolution<V>>, BackboneError> {
+    /// [`Convolution::new`] whose bias takes up what rounding does to an input of `usual` rows (in the units of the rows
+    /// that it reads), so that its sums there are those of exact numbers.
+    ///
+    /// Almost all of a map is its response to an empty scene, the same row at every cell: its rounding errors do not
+    /// cancel as random ones do, but add up from tap to tap and from layer to layer.
+    pub(crate) fn around(layer: &Folded, usual: &[f32]) -> Result<Convolution<V>, BackboneError> {
+        let mut convolution = Convolution::new(layer)?;
+        if !V::ROUNDS {
+            return Ok(convolution);
+        }
+        let rounded: Vec<V> = usual.iter().map(|value| V::from_f32(*value)).collect();
+        let gather = Gather {
+            taps: layer.taps,
+            index: vec![0; layer.taps],
+        };
+        let mut found = vec![0.0; layer.cout];
+        let (weights, epilogue) = (&convolution.weights, Epilogue::default());
+        V::convolve(&rounded, &gather, weights, epilogue, None, &mut found);
+        let expected = sums(layer, usual);
+        let pairs = convolution.bias.iter_mut().zip(expected.iter().zip(found));
+        pairs.for_each(|(bias, (expected, found))| *bias += expected - found);
+        Ok(convolution)
+    }
+
+    /// [`Convolution::around`], one convolution a tap: a transposed layer, whose taps write different outputs.
+    pub(crate) fn by_tap(
+        layer: &Folded,
+        usual: &[f32],
+    ) -> Result<Vec<Convolution<V>>, BackboneError> {
         let taps = layer.weights.chunks_exact(layer.cin * layer.cout);
         taps.map(|tap| {
-            Ok(Convolution {
-                weights: V::pack(1, layer.cin, layer.cout, tap)?,
+            let layer = Folded {
+                taps: 1,
+                weights: tap.to_vec(),
                 bias: layer.bias.clone(),
-            })
+                ..*layer
+            };
+            Convolution::around(&layer, usual)
         })
         .collect()
     }
@@ -53,4 +83,21 @@ impl<V: Value> Convolution<V> {
         };
         V::convolve(input, gather, &self.weights, epilogue, output_rows, output);
     }
+}
+
+/// What a layer gives where every tap reads the same row: before the bias.
+fn sums(layer: &Folded, row: &[f32]) -> Vec<f32> {
+    let mut sums = vec![0.0; layer.cout];
+    let weights = layer.weights.chunks_exact(layer.cout.max(1));
+    for (weights, value) in weights.zip(row.iter().cycle()) {
+        let pairs = sums.iter_mut().zip(weights);
+        pairs.for_each(|(sum, weight)| *sum += weight * value);
+    }
+    sums
+}
+
+/// What a layer with its bias and ReLU gives where every tap reads the same row.
+pub(crate) fn response(layer: &Folded, row: &[f32]) -> Vec<f32> {
+    let sums = sums(layer, row).into_iter().zip(&layer.bias);
+    sums.map(|(sum, bias)| (sum + bias).max(0.0)).collect()
 }

@@ -31,22 +31,24 @@ pub(crate) struct Features<V: Value> {
 }
 
 impl<V: Value> Features<V> {
-    /// `units`: of the last layers of block1 and block2; feature rows are f32.
+    /// `blocks`: units and usual rows of the last layers of block1 and block2; feature rows are f32.
     pub(crate) fn new(
         network: &Network,
         weights: &WeightSet,
-        units: [&Units; 2],
+        blocks: [(&Units, &[f32]); 2],
     ) -> Result<Features<V>, BackboneError> {
-        let [up1, up2] = [(&network.up1, units[0]), (&network.up2, units[1])].map(|(up, units)| {
-            let folded = Folded::up(weights, up)?;
-            Ok::<_, BackboneError>(Units::between(units, &Units::none(), folded))
-        });
+        let folded = |up, block: (&Units, &[f32])| {
+            let folded = Units::between(block.0, &Units::none(), Folded::up(weights, up)?);
+            Ok::<_, BackboneError>((folded, block.0.counts(block.1)))
+        };
+        let (up1, usual1) = folded(&network.up1, blocks[0])?;
+        let (up2, usual2) = folded(&network.up2, blocks[1])?;
         let shape = network.map_shape();
         let [rows, columns] = shape;
         let (all, quarter) = (rows * columns, rows * columns / 4);
         Ok(Features {
-            up1: Convolution::new(&up1?)?,
-            up2: Convolution::by_tap(&up2?)?,
+            up1: Convolution::around(&up1, &usual1)?,
+            up2: Convolution::by_tap(&up2, &usual2)?,
             cells: CellSet::new(shape),
             gather1: Gather {
                 taps: 1,

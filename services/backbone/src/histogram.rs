@@ -8,8 +8,6 @@ const EXPONENT_MIN: i32 = -24;
 const EXPONENT_MAX: i32 = 24;
 /// Of a histogram.
 pub(crate) const BINS: usize = ((EXPONENT_MAX - EXPONENT_MIN) as usize) << FRACTION_BITS;
-/// Octaves below the largest value in which a range is looked for.
-const OCTAVES: usize = 4;
 /// Steps of a byte.
 pub(crate) const STEPS: f64 = 255.0;
 
@@ -26,13 +24,10 @@ fn edge(bin: usize) -> f64 {
     fraction * 2_f64.powi(EXPONENT_MIN + (bin >> FRACTION_BITS) as i32)
 }
 
-/// The upper edge of a bin for which the mean square error is least; none where nothing was counted.
-pub(crate) fn best_range(counts: &[u64]) -> Option<f64> {
+/// The upper edge of the last bin that counted a value.
+pub(crate) fn largest(counts: &[u64]) -> Option<f64> {
     let last = counts.iter().rposition(|count| *count > 0)?;
-    let lowest = (last + 1).saturating_sub(OCTAVES << FRACTION_BITS).max(1);
-    let errors = (lowest..=last + 1).map(|top| (error(counts, edge(top)), edge(top)));
-    let best = errors.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some(best.1)
+    Some(edge(last + 1))
 }
 
 /// Sum of the square errors when values are rounded to steps of `range` and cut there.
@@ -84,20 +79,15 @@ mod tests {
         assert_eq!(bin(f32::INFINITY), Some(BINS - 1));
     }
 
-    fn histogram(values: &[(f32, u64)]) -> Vec<u64> {
-        let mut counts = vec![0; BINS];
-        for (value, count) in values {
-            counts[bin(*value).expect("a bin")] += count;
-        }
-        counts
-    }
-
     #[test]
-    fn a_rare_large_value_is_kept_and_a_tail_too_thin_is_cut() {
-        let rare = best_range(&histogram(&[(0.1, 1_000_000), (5.0, 20)])).expect("a range");
-        assert!(rare >= 4.0, "{rare}");
-        let thin = best_range(&histogram(&[(1.0, 1_000_000_000), (2.0, 1)])).expect("a range");
-        assert!((1.0..1.2).contains(&thin), "{thin}");
-        assert_eq!(best_range(&vec![0; BINS]), None);
+    fn cutting_costs_the_square_and_rounding_a_twelfth_of_a_step() {
+        let mut counts = vec![0; BINS];
+        assert_eq!(largest(&counts), None);
+        counts[bin(1.0).expect("a bin")] = 12;
+        let top = largest(&counts).expect("values");
+        assert!((1.0..1.1).contains(&top), "{top}");
+        let step = 2.0 / STEPS;
+        assert!((error(&counts, 2.0) - step * step).abs() < 1e-12);
+        assert!((error(&counts, 0.5) - 12.0 * 0.53_f64.powi(2)).abs() < 0.2);
     }
 }

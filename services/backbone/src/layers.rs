@@ -39,24 +39,23 @@ impl<V: Value> Layers<V> {
         let sparse = SparsePart::new(manifest, weights, &units)?;
         let depth = sparse.sites().shape()[0];
         let map_units = sparse.units().repeated(depth);
-        let block = |layers: &[DenseLayer], mut shape: [usize; 2], mut before: Units| {
+        type Before = ([usize; 2], Units, Vec<f32>);
+        let block = |layers: &[DenseLayer], (mut shape, mut before, mut usual): Before| {
             let layers = layers.iter().map(|layer| {
                 let own = units(&layer.name, layer.cout)?;
-                let built = PlaneLayer::new(layer, shape, weights, (&before, own.clone()))?;
-                (shape, before) = (built.active().shape(), own);
+                let built = PlaneLayer::new(layer, shape, weights, (&before, own.clone()), &usual)?;
+                (shape, before, usual) = (built.active().shape(), own, built.usual().to_vec());
                 Ok(built)
             });
-            layers.collect::<Result<Vec<_>, BackboneError>>()
+            let layers = layers.collect::<Result<Vec<_>, BackboneError>>()?;
+            Ok::<_, BackboneError>((layers, before, usual))
         };
-        let last = |block: &[PlaneLayer<V>], before: &Units| {
-            block
-                .last()
-                .map_or(before.clone(), |layer| layer.units().clone())
-        };
-        let block1 = block(&network.block1, shape, map_units.clone())?;
-        let units1 = last(&block1, &map_units);
-        let block2 = block(&network.block2, shape, units1.clone())?;
-        let units2 = last(&block2, &units1);
+        // The map of an empty scene is 0.
+        let empty = vec![0.0; network.map_channels()];
+        let (block1, units1, usual1) = block(&network.block1, (shape, map_units.clone(), empty))?;
+        let before = (shape, units1.clone(), usual1.clone());
+        let (block2, units2, usual2) = block(&network.block2, before)?;
+        let ends = [(&units1, &usual1[..]), (&units2, &usual2[..])];
         let mut layers = Layers {
             sparse,
             map: vec![V::default(); shape[0] * shape[1] * network.map_channels()],
@@ -65,7 +64,7 @@ impl<V: Value> Layers<V> {
             occupied: CellSet::new(shape),
             block1,
             block2,
-            features: Features::new(network, weights, [&units1, &units2])?,
+            features: Features::new(network, weights, ends)?,
             feature_channels: network.feature_channels(),
         };
         let first = layers.block1.iter_mut().take(1);

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::backbone::BackboneError;
 use crate::cells::CellSet;
-use crate::convolution::Convolution;
+use crate::convolution::{Convolution, response};
 use crate::precision::Value;
 use crate::units::Units;
 
@@ -32,6 +32,8 @@ pub(crate) struct PlaneLayer<V: Value> {
     pub(crate) name: String,
     convolution: Convolution<V>,
     units: Units,
+    /// The response to an empty scene far from the border, in exact numbers.
+    usual: Vec<f32>,
     stride: usize,
     input_shape: [usize; 2],
     /// Cells of the input that are not active are zero: their taps need not be computed.
@@ -45,20 +47,24 @@ pub(crate) struct PlaneLayer<V: Value> {
 }
 
 impl<V: Value> PlaneLayer<V> {
-    /// `units`: of the values that it reads, and of its own.
+    /// `units`: of the values that it reads, and of its own. `usual`: what it reads in an empty scene, far from the border.
     pub(crate) fn new(
         layer: &DenseLayer,
         input_shape: [usize; 2],
         weights: &WeightSet,
         units: (&Units, Units),
+        usual: &[f32],
     ) -> Result<PlaneLayer<V>, BackboneError> {
-        let folded = Units::between(units.0, &units.1, Folded::dense(weights, layer)?);
+        let folded = Folded::dense(weights, layer)?;
+        let response = response(&folded, usual);
+        let folded = Units::between(units.0, &units.1, folded);
         let shape = input_shape.map(|edge| edge.div_ceil(layer.stride));
         let values = vec![V::default(); shape[0] * shape[1] * layer.cout];
         Ok(PlaneLayer {
             name: layer.name.clone(),
-            convolution: Convolution::new(&folded)?,
+            convolution: Convolution::around(&folded, &units.0.counts(usual))?,
             units: units.1,
+            usual: response,
             stride: layer.stride,
             input_shape,
             input_zero_elsewhere: false,
@@ -126,6 +132,10 @@ impl<V: Value> PlaneLayer<V> {
     /// Of [`PlaneLayer::values`].
     pub(crate) fn units(&self) -> &Units {
         &self.units
+    }
+    /// Its response to an empty scene far from the border.
+    pub(crate) fn usual(&self) -> &[f32] {
+        &self.usual
     }
     /// Cells that may differ from the empty scene.
     pub(crate) fn active(&self) -> &CellSet {

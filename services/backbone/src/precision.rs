@@ -60,6 +60,9 @@ pub(crate) trait Value: Element + std::fmt::Debug + 'static {
     /// Packed for rows of these.
     type Weights: Clone + std::fmt::Debug + Send + Sync;
 
+    /// Whether a value or a weight is rounded when it becomes one of these.
+    const ROUNDS: bool = true;
+
     /// Packs `[tap][cin][cout]`.
     fn pack(
         taps: usize,
@@ -84,6 +87,7 @@ pub(crate) trait Value: Element + std::fmt::Debug + 'static {
 
 impl Value for f32 {
     type Weights = Weights;
+    const ROUNDS: bool = false;
 
     fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Result<Weights, BackboneError> {
         Ok(Weights::pack(taps, cin, cout, plain))

@@ -71,6 +71,18 @@ impl Units {
         }
     }
 
+    /// Values as counts, not rounded.
+    pub(crate) fn counts(&self, row: &[f32]) -> Vec<f32> {
+        match &self.0 {
+            Some(units) => row
+                .iter()
+                .zip(units)
+                .map(|(value, unit)| value / unit)
+                .collect(),
+            None => row.to_vec(),
+        }
+    }
+
     /// Whether values stand for themselves.
     pub(crate) fn is_none(&self) -> bool {
         self.0.is_none()
