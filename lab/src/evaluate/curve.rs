@@ -92,8 +92,8 @@ impl Curve {
 
     /// The lowest score at or above which at most so many false alarms lie; `None` where even the highest has more.
     pub fn score_at_false_alarms(&self, false_alarms_max: i64) -> Option<f64> {
-        let within = self.steps.iter().filter(|step| step.2 <= false_alarms_max);
-        within.last().map(|step| step.0)
+        let within = |step: &&(f64, i64, i64)| step.2 <= false_alarms_max;
+        self.steps.iter().rfind(within).map(|step| step.0)
     }
 
     /// Average precision; 0 without labels or detections.

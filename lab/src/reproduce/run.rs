@@ -13,6 +13,7 @@ use crate::dataset::Dataset;
 use crate::pipeline::FrameSet;
 use crate::report::Report;
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -117,11 +118,21 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<Report, ReproduceEr
         guessed_s += step.estimate_s;
     }
     for &setting in &options.settings {
-        if !tests.contains_key(&setting) {
-            tests.insert(setting, Test::open(options, setting)?);
-        }
+        test_of(&mut tests, options, setting)?;
     }
     write_report(options, &tests, screen)
+}
+
+/// The test frames of a setting, opened once.
+fn test_of<'a>(
+    tests: &'a mut BTreeMap<Setting, Test>,
+    options: &Options,
+    setting: Setting,
+) -> Result<&'a Test, ReproduceError> {
+    Ok(match tests.entry(setting) {
+        Entry::Occupied(test) => test.into_mut(),
+        Entry::Vacant(place) => place.insert(Test::open(options, setting)?),
+    })
 }
 
 /// Whether nothing is left to do. Evaluations that are up to date say so themselves, once they have looked at the model.
@@ -185,12 +196,7 @@ fn take(
                 )),
                 RunState::Done => {}
             }
-            if !tests.contains_key(&step.setting) {
-                tests.insert(step.setting, Test::open(options, step.setting)?);
-            }
-            let Some(test) = tests.get(&step.setting) else {
-                return Ok(());
-            };
+            let test = test_of(tests, options, step.setting)?;
             let resamples = options.sizes(step.setting).resamples;
             evaluate_network(&options.layout, test, (network, *seed), resamples, screen)
         }
