@@ -90,7 +90,7 @@ impl<W: Packed, O: Element> Block<'_, W, O> {
         let index = &gather.index[self.rows.start * taps..self.rows.end * taps];
         let mut tap = 0;
         while tap < taps && cin > 0 {
-            let listed = lists.from_tap(simd, index, taps, tap);
+            let listed = lists.at_taps_from(simd, index, taps, tap);
             let next = tap + listed.taps();
             weights.tap(simd, input, panel, tap, listed, sums);
             tap = next;

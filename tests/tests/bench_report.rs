@@ -247,7 +247,7 @@ fn a_trace_shows_one_frame_over_all_processes() {
     // The spans agree with the stamps of the same frame.
     let row = measured(&out)
         .into_iter()
-        .find(|cells| cells[1] == sequence.to_string())
+        .find(|cells| cells[1].parse().ok() == sequence.as_u64())
         .expect("the frame is in the table");
     let stamped_us: f64 = row[11].parse::<f64>().unwrap() - row[10].parse::<f64>().unwrap();
     let backbone = names

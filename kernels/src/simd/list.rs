@@ -94,7 +94,7 @@ impl Lists {
     /// [`Lists::at_tap`], with as many taps after it as are listed and, like it, have every row: their sums can stay in
     /// registers from tap to tap.
     #[inline(always)]
-    pub(crate) fn from_tap<S: Simd>(
+    pub(crate) fn at_taps_from<S: Simd>(
         &mut self,
         simd: S,
         index: &[u32],
@@ -235,7 +235,7 @@ mod tests {
         fn run<S: Simd>(self, simd: S) -> Self::Output {
             let (mut lists, mut steps, mut tap) = (Lists::new(), vec![], 0);
             while tap < self.taps {
-                let taps = lists.from_tap(simd, self.index, self.taps, tap).taps();
+                let taps = lists.at_taps_from(simd, self.index, self.taps, tap).taps();
                 steps.push((tap, taps));
                 tap += taps;
             }

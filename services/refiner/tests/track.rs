@@ -80,7 +80,7 @@ fn one_miss_is_bridged_and_a_whole_window_is_not() {
 #[test]
 fn with_ego_motion_what_stands_still_is_found_again_and_without_it_is_not() {
     // The sensor drives 3 m and turns 30 degrees between two frames; the object stands at (10, 4).
-    let poses = [([0.0, 0.0], 0.0), ([3.0, 0.0], 0.5236)];
+    let poses = [([0.0, 0.0], 0.0), ([3.0, 0.0], std::f64::consts::FRAC_PI_6)];
     let seen_from = |(at, yaw): ([f64; 2], f64)| {
         let (dx, dy) = (10.0 - at[0], 4.0 - at[1]);
         let (sin, cos) = yaw.sin_cos();

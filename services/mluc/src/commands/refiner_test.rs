@@ -86,7 +86,7 @@ fn check(args: &RefinerTestArgs) -> Result<(), UsageError> {
 }
 
 fn latency(args: &RefinerTestArgs, tester: &Tester) -> anyhow::Result<ExitCode> {
-    let reference = tester.own(&Mode::default().name().to_string())?;
+    let reference = tester.own(Mode::default().name())?;
     let program = match args.command.is_empty() {
         true => tester.own(&tester.modes()[0])?,
         false => tester.foreign()?,
