@@ -71,7 +71,7 @@ pub fn calibrate(
         });
     }
     manifest.provenance.calibration =
-        format!("{describe}; for each channel the range of least mean square error");
+        format!("{describe}; ranges hold a quarter more than what was seen");
     let levels = levels(&manifest, &weights)?;
     Ok(Calibrated {
         manifest,

@@ -88,7 +88,8 @@ pub(crate) struct PipelineArgs {
     /// it. Known objects are never delayed.
     #[arg(long)]
     pub(crate) track: bool,
-    /// In what the backbone multiplies: f32, or bf16 (faster where the processor has it) [default: f32].
+    /// In what the backbone multiplies: f32, bf16 (faster where the processor has it), or int8 (faster still; the model
+    /// needs a calibration: mluc-lab quantize) [default: f32].
     #[arg(long)]
     pub(crate) precision: Option<String>,
     /// Frames that leave later than this, ms after their scan, are flagged `late` [default: 200 at pace sensor].
