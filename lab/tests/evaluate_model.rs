@@ -299,7 +299,7 @@ fn the_command_prints_json_and_names_faults() {
             .as_array()
             .is_some_and(|points| points.len() > 2)
     );
-    assert_eq!(json["separation"].as_array().map(Vec::len), Some(6));
+    assert_eq!(json["separation"].as_array().map(Vec::len), Some(7));
     let lines = std::fs::read_to_string(&boxes).expect("boxes");
     assert_eq!(lines.lines().count(), 2);
 
