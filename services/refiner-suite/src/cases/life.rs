@@ -56,7 +56,7 @@ pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
     let patience = session.options.patience;
     let running = |health: &Health| health.state == HealthState::Running as u32;
     let heard = session.player.await_health(patience, running)?;
-    heard.context("after a frame health never said running")?;
+    heard.context("after a frame no heartbeat ever said running")?;
     let begun = Instant::now();
     let mut longest = Duration::ZERO;
     while begun.elapsed() < SILENCE {
