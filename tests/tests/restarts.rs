@@ -121,11 +121,18 @@ fn a_crash_of_everything_is_wiped_by_the_next_start() {
     run.wait_until("frames flow", |p| p.line_count() > 1);
     // The supervisor must not see its stages die.
     run.signal(Signal::STOP);
-    for (_, pid) in run.stages() {
-        send_signal(pid, Signal::KILL);
+    let stages = run.stages();
+    for (_, pid) in &stages {
+        send_signal(*pid, Signal::KILL);
     }
     run.signal(Signal::KILL);
     drop(run);
+    // A killed process holds its lock until the kernel has taken its memory back.
+    let begun = Instant::now();
+    while stages.iter().any(|(_, pid)| is_alive(*pid)) {
+        assert!(begun.elapsed() < 10 * SECOND, "{stages:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
     assert!(
         !leftovers(&instance).is_empty(),
         "a crash leaves files: else this test shows nothing"
