@@ -14,13 +14,13 @@ import os
 import statistics
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[2]
 # Rounds of one program at a time: the others wait.
 TURN = 2
+PARTS = "f32,bf16,sparse"
 
 
 def arguments():
@@ -28,7 +28,7 @@ def arguments():
     parser.add_argument("--scans", type=int, default=9, help="first so many scans")
     parser.add_argument("--rounds", type=int, default=7, help="turns of each program on each scan")
     parser.add_argument("--threads", type=int, default=2, help="of the bird's-eye part")
-    parser.add_argument("--only", default="f32,bf16,sparse")
+    parser.add_argument("--only", default=PARTS)
     parser.add_argument("--program", type=Path, default=ROOT / "target/release/network")
     parser.add_argument("--out", type=Path, default=ROOT / "bench/record")
     return parser.parse_args()
@@ -200,7 +200,7 @@ def main():
     record["machine"]["load_average_after"] = os.getloadavg()
     options.out.mkdir(parents=True, exist_ok=True)
     name = "+".join(record["summary"])
-    path = options.out / f"network-{time.strftime('%Y-%m-%d')}-{source.lower()}-{name}.json"
+    path = options.out / ("network.json" if set(record["summary"]) == set(PARTS.split(",")) else f"network-{name}.json")
     path.write_text(json.dumps(record, indent=1) + "\n")
     print_table(record["summary"])
     print(path)

@@ -28,6 +28,8 @@ pub struct Sizes {
     pub base_steps: u64,
     /// Steps of each network that begins with the base's weights.
     pub tuned_steps: u64,
+    /// Steps of `improved`, which begins with them too but has to learn a new output.
+    pub improved_steps: u64,
     /// Steps of the supervised network, which begins with the base's weights too but meets new classes.
     pub supervised_steps: u64,
     /// Frames a step.
@@ -57,9 +59,10 @@ impl Size {
                 supervised_frames: 2500,
                 val_frames: 400,
                 test_frames: 1000,
-                base_steps: if udi { 6000 } else { 8000 },
-                tuned_steps: if udi { 1200 } else { 1600 },
-                supervised_steps: if udi { 2400 } else { 3200 },
+                base_steps: if udi { 4000 } else { 4400 },
+                tuned_steps: 600,
+                improved_steps: 1000,
+                supervised_steps: 1200,
                 batch: 2,
                 validate_frames: 60,
                 resamples: 500,
@@ -71,6 +74,7 @@ impl Size {
                 test_frames: 50,
                 base_steps: if udi { 150 } else { 220 },
                 tuned_steps: if udi { 30 } else { 40 },
+                improved_steps: if udi { 30 } else { 40 },
                 supervised_steps: if udi { 30 } else { 40 },
                 batch: 2,
                 validate_frames: 0,
@@ -83,6 +87,7 @@ impl Size {
                 test_frames: 6,
                 base_steps: 2,
                 tuned_steps: 2,
+                improved_steps: 2,
                 supervised_steps: 2,
                 batch: 1,
                 validate_frames: 0,

@@ -32,6 +32,9 @@ pub(super) const OSIS_IS_TRAINED: bool = true;
 /// Kinds that are trained with several seeds where that is asked for: naive, MLUC and improved stand on them.
 pub(super) const SEEDED: [&str; 3] = [BASE, "softmax", "improved"];
 
+/// Largest learning rate of the networks that begin with the base's weights: half of the base's, which they need not find again.
+const TUNED_RATE: &str = "0.0015";
+
 impl Training {
     pub(super) fn new(
         layout: &Layout,
@@ -45,6 +48,7 @@ impl Training {
         let steps = match network {
             _ if is_base => sizes.base_steps,
             "supervised" => sizes.supervised_steps,
+            "improved" => sizes.improved_steps,
             _ => sizes.tuned_steps,
         };
         let data = match network {
@@ -71,6 +75,7 @@ impl Training {
             let from = if network == "osis" { "softmax" } else { BASE };
             let model = layout.model_of(setting, from, 1);
             arguments.extend(["--init".to_owned(), text(&model)]);
+            arguments.extend(["--learning-rate", TUNED_RATE].map(str::to_owned));
         }
         let numbers = [
             ("--steps", steps),
