@@ -28,18 +28,19 @@ pub enum Fate {
     OverlapsUnknown = 2,
     /// Too few points to be a thing.
     TooFewPoints = 3,
-    /// Larger than any road user, and nothing of it could be cut to size. A piece that could is published with
-    /// [`Object::SPLIT`].
+    /// Larger than any road user, as it is or after it was cut to size ([`Object::SPLIT`]).
     Oversized = 4,
     /// The detection's box made no sense (a size that is not above 0, a place that is not finite).
     InvalidBox = 5,
     /// Not seen in enough of the last frames yet (temporal voting alone says so).
     Unconfirmed = 6,
+    /// Smaller than any road user.
+    Undersized = 7,
 }
 
 impl Fate {
     /// All, by number.
-    pub const ALL: [Fate; 7] = [
+    pub const ALL: [Fate; 8] = [
         Fate::Published,
         Fate::OverlapsKnown,
         Fate::OverlapsUnknown,
@@ -47,6 +48,7 @@ impl Fate {
         Fate::Oversized,
         Fate::InvalidBox,
         Fate::Unconfirmed,
+        Fate::Undersized,
     ];
 
     /// The word in the JSON lines.
@@ -59,6 +61,7 @@ impl Fate {
             "oversized",
             "invalid_box",
             "unconfirmed",
+            "undersized",
         ][self as usize]
     }
 }

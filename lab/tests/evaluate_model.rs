@@ -5,7 +5,7 @@ use mluc_head::Detection;
 use mluc_lab::dataset::{Dataset, DatasetError};
 use mluc_lab::evaluate::{Difficulty, Kind, Metric, NeighbourPolicy};
 use mluc_lab::pipeline::{
-    DetectedFrame, FrameSet, Pipeline, PipelineError, choose_threshold, detect_frames, judge,
+    DetectedFrame, FrameSet, Gate, Pipeline, PipelineError, choose_threshold, detect_frames, judge,
     scan_points, sweep_gate, unknown_classes, write_threshold,
 };
 use mluc_lab::simulate::{ExportOptions, Family, Split, export};
@@ -179,7 +179,14 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     assert!(best.recall_unknown > 30.0, "{best:?}");
     assert!(best.map_known >= 0.9 * closed.map_known);
 
-    let choice = choose_threshold(&swept, &judged, &set.describe(), "corrected").expect("a choice");
+    let choice = choose_threshold(
+        Gate::of(&model),
+        &swept,
+        &judged,
+        &set.describe(),
+        "corrected",
+    )
+    .expect("a choice");
     write_threshold(&path, &model, &choice).expect("written");
     let written = Model::read(&path).expect("a model");
     assert_eq!(written.weights, model.weights);

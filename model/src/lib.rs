@@ -23,7 +23,9 @@ pub use fold::{BATCH_NORM_EPS, Folded};
 pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
 pub use network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer};
-pub use tensors::{BASELINE, Tensor, WeightSet, expected_tensors};
+pub use tensors::{
+    BASELINE, LOOKS, LOOKS_VALUES, LOOKS_WIDTHS, Tensor, WeightSet, expected_tensors,
+};
 pub use validate::{
     BOXES_MAX, CANDIDATES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, GRID_CELLS_MAX, MAP_CELLS_MAX,
     VOXELS_MAX,

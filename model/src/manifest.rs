@@ -38,7 +38,8 @@ pub struct Thresholds {
     /// A box whose largest class probability is below this is a candidate unknown. 0: none is.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub softmax_min: f32,
-    /// Of an open head: a box is a candidate unknown from this probability of being none of the known on. 0: none is.
+    /// Of an open head: a box is a candidate unknown from this probability of being none of the known on; boxes of anchors
+    /// without a class go below it. 0: none is.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub unknown_min: f32,
 }

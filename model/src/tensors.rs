@@ -9,6 +9,17 @@ use crate::network::Network;
 /// Tensors of this prefix belong to a baseline of the laboratory, which stands on the network: no robot reads them.
 pub const BASELINE: &str = "baseline.";
 
+/// The judge of clusters, which a refiner reads where a model has one: dense layers on measurements of a cluster, ReLU between
+/// them, a logit of being something that drives or walks at the end. Layer after layer: `[in][out]`, then a bias of `[out]`.
+pub const LOOKS: &str = "clusters.looks";
+/// Widths of its layers, the input's first.
+pub const LOOKS_WIDTHS: [usize; 4] = [14, 32, 16, 1];
+/// Values of [`LOOKS`].
+pub const LOOKS_VALUES: usize = {
+    let [a, b, c, d] = LOOKS_WIDTHS;
+    (a + 1) * b + (b + 1) * c + (c + 1) * d
+};
+
 /// Row-major values with their shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
@@ -80,9 +91,13 @@ impl WeightSet {
     }
 
     /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance:
-    /// or below 0), and a calibration that is not whole. Tensors of [`BASELINE`] are kept as they are if they are numbers.
+    /// or below 0), and a calibration that is not whole. [`LOOKS`] may be there or not; tensors of [`BASELINE`] are kept as
+    /// they are if they are numbers.
     pub fn check(&self, network: &Network) -> Result<(), ModelError> {
         let mut expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
+        if self.find(LOOKS).is_some() {
+            expected.insert(LOOKS.into(), vec![LOOKS_VALUES]);
+        }
         for (name, shape) in &expected {
             check_values(name, self.get(name, shape)?)?;
         }

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use mluc_model::{
-    Grid, Manifest, Model, ModelError, Network, WeightSet, calibrated_layers, expected_tensors,
-    formula_weights, model_bytes,
+    Grid, LOOKS, LOOKS_VALUES, Manifest, Model, ModelError, Network, WeightSet, calibrated_layers,
+    expected_tensors, formula_weights, model_bytes,
 };
 use safetensors::tensor::{Dtype, TensorView};
 
@@ -149,6 +149,19 @@ fn a_tensor_missing_extra_misshapen_or_not_finite_is_named() -> Fallible {
     assert_names(&error, &["`head.embedding.bias`", "element 2", "NaN"]);
     let error = with(&nan("backbone2d.up1.bn.running_var", -1.0))?;
     assert_names(&error, &["running_var", "not negative", "-1"]);
+    let looks = |values: Vec<f32>| {
+        move |w: &mut WeightSet| w.insert(LOOKS, vec![values.len()], values.clone())
+    };
+    let error = with(&looks(vec![0.0; LOOKS_VALUES - 1]))?;
+    assert_names(&error, &["`clusters.looks`", "[1025]", "found [1024]"]);
+    let error = with(&looks(
+        [vec![0.0; LOOKS_VALUES - 1], vec![f32::INFINITY]].concat(),
+    ))?;
+    assert_names(&error, &["`clusters.looks`", "element 1024", "inf"]);
+    let mut judging = weights.clone();
+    looks(vec![0.5; LOOKS_VALUES])(&mut judging);
+    let model = Model::from_bytes(&model_bytes(&manifest, &judging)?)?;
+    assert_eq!(model.weights, judging);
     Ok(())
 }
 

@@ -4,8 +4,8 @@ use anyhow::{Context, bail};
 use clap::Args;
 use indicatif::ProgressBar;
 use mluc_lab::evaluate::{
-    ClassRule, JudgedPoint, NeighbourPolicy, RuleRequest, TruthFrame, UnknownRequest, best_index,
-    halves, honest, judged_sweep, rules,
+    ClassRule, JudgedPoint, Kind, NeighbourPolicy, OpenSetFigures, RuleRequest, TruthFrame,
+    UnknownRequest, best_index, halves, honest, judged_sweep, rules,
 };
 use mluc_lab::methods::{ImprovedSettings, Method, MethodOutput, improved_steps, run_method_with};
 use mluc_lab::pipeline::{
@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// Judge methods on the boxes of one network: every threshold, the paper's choice among them, and the honest one (chosen on
 /// one half of the frames, judged on the other).
 ///
-/// All figures are of volumes (3d) at moderate, 40 recall positions, unknown objects at an overlap of 0.1.
+/// `false` are unknown objects a frame beyond those that found one. All figures are of volumes (3d) at moderate, 40 recall positions, unknown objects at an overlap of 0.1.
 #[derive(Args)]
 pub(super) struct MethodArguments {
     /// closed-set, supervised, naive, osis, osis-geo, ml-only, uc-only, mluc-literal, mluc-corrected, improved
@@ -78,14 +78,14 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
             })?;
             bar.finish_and_clear();
             let points = judged(&frames, &rules, &output);
-            write_row(&mut out, name, &points, arguments.curve)?;
+            write_row(&mut out, name, &points, &output, arguments.curve)?;
         }
     }
     Ok(())
 }
 
 const HEADER: &str =
-    "closed  known  AP.1 AP.25  AP.5  harm  recall a-ose  thresh | honest: known AP harm";
+    "closed  known  AP.1 AP.25  AP.5  harm  recall a-ose  false  thresh | honest: known AP harm";
 
 fn methods(names: &[String], model: &Model) -> anyhow::Result<Vec<Method>> {
     let head = model.manifest.network.head;
@@ -144,15 +144,16 @@ fn write_row(
     out: &mut impl Write,
     name: &str,
     points: &[JudgedPoint],
+    output: &MethodOutput,
     curve: bool,
 ) -> anyhow::Result<()> {
     let closed = points.first().map_or(0.0, |p| p.parts[0].known.r40);
     let best = best_index(points, 0).unwrap_or(0);
-    let line = |point: &JudgedPoint| {
-        let f = &point.parts[0];
+    let line = |at: usize| {
+        let (point, f) = (&points[at], &points[at].parts[0]);
         let [a, b, c] = f.unknown;
         format!(
-            "{closed:6.2} {:6.2} {:5.2} {:5.2} {:5.2} {:5.2} {:7.2} {:5} {:7.4}",
+            "{closed:6.2} {:6.2} {:5.2} {:5.2} {:5.2} {:5.2} {:7.2} {:5} {:6.2} {:7.4}",
             f.known.r40,
             a.r40,
             b.r40,
@@ -160,6 +161,7 @@ fn write_row(
             f.harmonic().r40,
             f.recall_unknown,
             f.unknown_as_known,
+            false_unknown(output, at, f),
             point.threshold
         )
     };
@@ -172,9 +174,17 @@ fn write_row(
             of("map_harm")
         )
     });
-    writeln!(out, "{name:28} {}{honest}", line(&points[best]))?;
-    for point in points.iter().filter(|_| curve) {
-        writeln!(out, "  {:26} {}", "", line(point))?;
+    writeln!(out, "{name:28} {}{honest}", line(best))?;
+    for at in (0..points.len()).filter(|_| curve) {
+        writeln!(out, "  {:26} {}", "", line(at))?;
     }
     Ok(())
+}
+
+/// Unknown objects a frame at the threshold of index `at`, but for one for each label that was found.
+fn false_unknown(output: &MethodOutput, at: usize, figures: &OpenSetFigures) -> f64 {
+    let objects = output.objects.iter().flat_map(|frame| &frame[at]);
+    let unknown = objects.filter(|o| o.kind == Kind::Unknown).count() as f64;
+    let found = figures.recall_unknown / 100.0 * figures.unknown_labels as f64;
+    (unknown - found) / output.objects.len().max(1) as f64
 }

@@ -6,8 +6,8 @@ use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use mluc_backbone::Precision;
 use mluc_lab::pipeline::{
-    Choice, DetectedFrame, FrameSet, GateSweep, Judgement, choose_threshold, detect_frames_in,
-    judge, sweep_gate, unknown_classes, write_threshold,
+    Choice, DetectedFrame, FrameSet, Gate, GateSweep, Judgement, choose_threshold,
+    detect_frames_in, judge, sweep_gate, unknown_classes, write_threshold,
 };
 use mluc_model::Model;
 use mluc_refiner::{Mode, Settings};
@@ -139,6 +139,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     };
     let choice = match (&sweep, arguments.write_threshold) {
         (Some(sweep), true) => Some(choose_threshold(
+            Gate::of(&model),
             sweep,
             &judgement,
             &set.describe(),

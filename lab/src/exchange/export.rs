@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use mluc_model::{Model, WeightSet, calibrated_layers, calibration_tensor};
+use mluc_model::{LOOKS, Model, WeightSet, calibrated_layers, calibration_tensor};
 
 use super::checkpoint::MANIFEST_KEY;
 use super::{ExchangeError, tensor_names};
@@ -16,10 +16,11 @@ pub fn export(model: &Model) -> Result<Vec<u8>, ExchangeError> {
         let data = model.weights.get(&ours, &shape)?.to_vec();
         renamed.insert(theirs, shape, data);
     }
-    for (level, _) in calibrated_layers(network) {
-        let name = calibration_tensor(&level);
-        if let Some(range) = model.weights.find(&name) {
-            renamed.insert(name, range.shape.clone(), range.data.clone());
+    let ranges = calibrated_layers(network).into_iter();
+    let ranges = ranges.map(|(level, _)| calibration_tensor(&level));
+    for name in ranges.chain([LOOKS.to_owned()]) {
+        if let Some(kept) = model.weights.find(&name) {
+            renamed.insert(name, kept.shape.clone(), kept.data.clone());
         }
     }
     let container = |cause: String| ExchangeError::Container { cause };

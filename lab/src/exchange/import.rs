@@ -3,7 +3,7 @@
 use mluc_backbone::Backbone;
 use mluc_head::Head;
 use mluc_model::{
-    AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet, calibrated_layers,
+    AnchorClass, Grid, HeadKind, LOOKS, Manifest, Network, Tensor, WeightSet, calibrated_layers,
     calibration_tensor,
 };
 
@@ -126,10 +126,11 @@ fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> Result<Imported, Exch
     }
     let mut weights = WeightSet::new();
     // Of an exported model.
-    for (level, _) in calibrated_layers(&manifest.network) {
-        let name = calibration_tensor(&level);
-        if let Some(range) = checkpoint.tensors.remove(&name) {
-            weights.insert(name, range.shape, range.data);
+    let ranges = calibrated_layers(&manifest.network).into_iter();
+    let ranges = ranges.map(|(level, _)| calibration_tensor(&level));
+    for name in ranges.chain([LOOKS.to_owned()]) {
+        if let Some(kept) = checkpoint.tensors.remove(&name) {
+            weights.insert(name, kept.shape, kept.data);
         }
     }
     if let Some(tensor) = checkpoint.tensors.keys().next() {

@@ -18,7 +18,7 @@ pub(super) fn all_known(input: &Input) -> Result<Swept, MethodError> {
 /// Boxes whose score lies below the threshold are unknown, as they are. Suppression among them changes nothing: the head's own
 /// already went over all boxes alike.
 pub(super) fn gated(input: &Input, score: UnknownScore) -> Result<Swept, MethodError> {
-    let of = |d: &Detection| f64::from(score.of(d, 0, false));
+    let of = |d: &Detection| f64::from(score.of(d));
     let boxes = input.frames.iter().flat_map(|frame| &frame.detections);
     let thresholds = input.thresholds_over(&boxes.map(of).collect::<Vec<_>>(), THRESHOLDS);
     let at = |frame: &[Detection], threshold: f64| -> Vec<FoundObject> {

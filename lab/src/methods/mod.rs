@@ -5,7 +5,6 @@
 //! set of that network.
 
 mod boxes;
-mod clusters;
 mod dbscan;
 mod error;
 mod improved;
@@ -14,10 +13,9 @@ mod osis_embedding;
 mod refined;
 mod scores;
 
-pub use clusters::ClusterScorer;
 pub use error::MethodError;
 pub use improved::{ImprovedSettings, improved_steps};
-pub use scores::{UnknownScore, unknown_probability};
+pub use scores::UnknownScore;
 
 use crate::pipeline::{DetectedFrame, FoundObject, FrameSet, THRESHOLDS, class_names};
 use crate::train::Kind as NetworkKind;

@@ -44,7 +44,7 @@ pub(super) struct Standing {
 }
 
 pub(super) fn run(input: &Input, learned: bool) -> Result<Swept, MethodError> {
-    let of = |d: &Detection| f64::from(UnknownScore::Msp.of(d, 0, false));
+    let of = |d: &Detection| f64::from(UnknownScore::Msp.of(d));
     let boxes = input.frames.iter().flat_map(|frame| &frame.detections);
     let thresholds = input.thresholds_over(&boxes.map(of).collect::<Vec<_>>(), THRESHOLDS);
     let settings = Settings {

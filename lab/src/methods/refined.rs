@@ -11,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 /// Boxes whose score lies below the threshold go to the refiner in this mode. The refiner ranks by 1 / EDS as the paper does; with
 /// another gate the boxes carry that gate's score in the EDS' place.
 pub(super) fn gated(input: &Input, score: UnknownScore, mode: Mode) -> Result<Swept, MethodError> {
-    let of = |d: &Detection| f64::from(score.of(d, 0, false));
+    let of = |d: &Detection| f64::from(score.of(d));
     let boxes = input.frames.iter().flat_map(|frame| &frame.detections);
     let thresholds = input.thresholds_over(&boxes.map(of).collect::<Vec<_>>(), THRESHOLDS);
     let settings = Settings {

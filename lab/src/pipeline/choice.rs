@@ -1,6 +1,6 @@
 //! The choice of the gate's threshold, and writing it into the model file.
 
-use super::{GateSweep, Judgement, PipelineError};
+use super::{Gate, GateSweep, Judgement, PipelineError};
 use crate::evaluate::{Difficulty, Kind, Metric, SweepPoint};
 use mluc_model::{Model, model_bytes};
 use std::path::Path;
@@ -20,6 +20,7 @@ pub struct Choice {
 
 /// Chooses by the paper's rule. `data` and `refiner` tell where the figures come from.
 pub fn choose_threshold(
+    gate: Gate,
     sweep: &GateSweep,
     judgement: &Judgement,
     data: &str,
@@ -53,9 +54,9 @@ pub fn choose_threshold(
         closed_classes: closed_classes.collect(),
         reason: format!(
             "best harmonic mean of mAP known and AP unknown (R40, moderate) among {} thresholds that are quantiles of the \
-             kept boxes' normalised EDS, of those with mAP known at least 0.9 of the closed set's; data: {data}; refiner: \
-             {refiner}",
-            sweep.points.len() - 1
+             kept boxes' {}, of those with mAP known at least 0.9 of the closed set's; data: {data}; refiner: {refiner}",
+            sweep.points.len() - 1,
+            gate.describe()
         ),
     })
 }
@@ -72,7 +73,7 @@ pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<(
         });
     }
     let manifest = &mut model.manifest;
-    manifest.thresholds.eds_normalised_max = choice.point.threshold as f32;
+    Gate::of(judged).set(&mut manifest.thresholds, choice.point.threshold as f32);
     manifest.provenance.threshold_choice = choice.reason.clone();
     let metrics = &mut manifest.provenance.metrics;
     let figures = [

@@ -5,7 +5,7 @@ use super::separation::labels_that_count;
 use super::stages::class_names;
 use super::sweep::objects_at;
 use super::{
-    DetectedFrame, FoundObject, FrameSet, MissTable, PipelineError, ScoreSeparation, misses,
+    DetectedFrame, FoundObject, FrameSet, Gate, MissTable, PipelineError, ScoreSeparation, misses,
     separation,
 };
 use crate::evaluate::{
@@ -23,7 +23,7 @@ pub struct Judgement {
     pub closed: Report,
     /// At the model's threshold.
     pub gated: Report,
-    /// The model's threshold on the normalised EDS; 0 where none was chosen.
+    /// The model's threshold as [`Gate`] has it; 0 where none was chosen.
     pub threshold: f32,
     /// Unknown from known, by score.
     pub separation: Vec<ScoreSeparation>,
@@ -49,7 +49,7 @@ pub fn judge(
     settings: &Settings,
 ) -> Result<Judgement, PipelineError> {
     let rules = class_rules(model, unknown, neighbours)?;
-    let threshold = model.manifest.thresholds.eds_normalised_max;
+    let threshold = Gate::of(model).threshold(&model.manifest.thresholds);
     let objects = objects_at(model, set, frames, settings, &[0.0, threshold], || ())?;
     let classes = class_names(model);
     let frames_at = |at: usize| -> Vec<Frame> {

@@ -1,13 +1,13 @@
 //! The stages one after the other, as plain function calls.
 
-use super::{DetectedFrame, FrameSet, PipelineError};
+use super::{DetectedFrame, FrameSet, Gate, PipelineError};
 use crate::evaluate::{Kind, SensorDetection, UNKNOWN};
 use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;
 use mluc_head::{Detection, Head};
-use mluc_ipc_types::{DetectionKind, Fate, Object, ObjectKind, Point};
-use mluc_model::Model;
-use mluc_refiner::{Refined, Refiner, Sensor, Settings};
+use mluc_ipc_types::{Fate, Object, ObjectKind, Point};
+use mluc_model::{HeadKind, Model};
+use mluc_refiner::{Refined, Refiner, Settings};
 
 /// Backbone and head: points to kept boxes, each with every score.
 #[derive(Debug)]
@@ -27,16 +27,21 @@ impl Detector {
 
     /// For one model, with the backbone in this precision.
     pub fn with_precision(model: &Model, precision: Precision) -> Result<Detector, PipelineError> {
+        let mut manifest = model.manifest.clone();
+        if manifest.network.head == HeadKind::Open {
+            // Boxes without a class are kept whatever the threshold: [`Gate`] drops them later.
+            manifest.thresholds.unknown_min = f32::MIN_POSITIVE;
+        }
         Ok(Detector {
-            backbone: Backbone::with_precision(&model.manifest, &model.weights, precision)?,
-            head: Head::new(&model.manifest, &model.weights)?,
+            backbone: Backbone::with_precision(&manifest, &model.weights, precision)?,
+            head: Head::new(&manifest, &model.weights)?,
             cells: Vec::new(),
             rows: Vec::new(),
             generic: 0,
         })
     }
 
-    /// Kept boxes of one scan, the best objectness first; their kind is that of the model's own threshold.
+    /// Kept boxes of one scan, the best objectness first, then those without a class. Their kind says nothing: [`Gate`] does.
     pub fn detect(&mut self, points: &[Point]) -> Result<Vec<Detection>, PipelineError> {
         let frame = self.backbone.run(bytemuck::cast_slice(points));
         self.cells.resize(frame.rows, 0);
@@ -114,6 +119,7 @@ impl FoundObject {
 /// The gate at any threshold, and the refiner.
 #[derive(Debug)]
 pub struct ObjectFinder {
+    gate: Gate,
     refiner: Refiner,
     refined: Refined,
     gated: Vec<Detection>,
@@ -122,28 +128,27 @@ pub struct ObjectFinder {
 impl ObjectFinder {
     /// For one model.
     pub fn new(model: &Model, settings: &Settings) -> Result<ObjectFinder, PipelineError> {
-        let sensor = Sensor::from_manifest(&model.manifest)?;
         Ok(ObjectFinder {
-            refiner: Refiner::new(settings.clone(), &sensor)?,
+            gate: Gate::of(model),
+            refiner: Refiner::for_model(settings.clone(), model)?,
             refined: Refined::default(),
             gated: Vec::new(),
         })
     }
 
-    /// What is published when the gate has this threshold on the normalised EDS; 0 is the closed set. In the order of
-    /// the detections.
+    /// What is published when the gate has this threshold; 0 is the closed set. In the order of the detections, the last
+    /// `generic` of which have no class.
     pub fn objects(
         &mut self,
         sequence: u64,
         points: &[Point],
-        detections: &[Detection],
+        (detections, generic): (&[Detection], usize),
         threshold: f32,
     ) -> Vec<FoundObject> {
-        self.objects_of(
-            sequence,
-            points,
-            detections.iter().map(|d| gated(d, threshold)),
-        )
+        let (gate, first) = (self.gate, detections.len().saturating_sub(generic));
+        let boxes = detections.iter().enumerate();
+        let gated = boxes.filter_map(|(i, d)| gate.apply(d, i >= first, threshold));
+        self.objects_of(sequence, points, gated)
     }
 
     /// What is published of detections whose kind is settled, in their order.
@@ -160,15 +165,6 @@ impl ObjectFinder {
         let published = |object: &&Object| object.fate == Fate::Published as u32;
         let objects = self.refined.objects.iter().filter(published);
         objects.map(FoundObject::of).collect()
-    }
-}
-
-fn gated(detection: &Detection, threshold: f32) -> Detection {
-    let kind: DetectionKind = mluc_head::gate::gate(detection.eds_normalised, threshold);
-    Detection {
-        kind: kind as u32,
-        threshold,
-        ..*detection
     }
 }
 
@@ -195,7 +191,7 @@ impl Pipeline {
         self.detector.detect(points)
     }
 
-    /// [`ObjectFinder::objects`], as the evaluator takes them.
+    /// [`ObjectFinder::objects`] of what [`Pipeline::detect`] gave last, as the evaluator takes them.
     pub fn objects(
         &mut self,
         sequence: u64,
@@ -203,7 +199,8 @@ impl Pipeline {
         detections: &[Detection],
         threshold: f32,
     ) -> Vec<SensorDetection> {
-        let found = self.finder.objects(sequence, points, detections, threshold);
+        let boxes = (detections, self.detector.generic());
+        let found = self.finder.objects(sequence, points, boxes, threshold);
         let classes = &self.classes;
         found.iter().map(|o| o.to_detection(classes)).collect()
     }

@@ -1,8 +1,9 @@
 //! Open-set figures at many thresholds of the gate.
 
 use super::stages::class_names;
-use super::{DetectedFrame, FoundObject, FrameSet, ObjectFinder, PipelineError};
+use super::{DetectedFrame, FoundObject, FrameSet, Gate, ObjectFinder, PipelineError};
 use crate::evaluate::{ClassRule, SweepPoint, TruthFrame, best_point, quantile_grid, sweep};
+use mluc_head::Detection;
 use mluc_model::Model;
 use mluc_refiner::Settings;
 use rayon::prelude::*;
@@ -14,7 +15,7 @@ pub const THRESHOLDS: usize = 60;
 /// The figures of the closed set, then those of a grid of thresholds, ascending.
 #[derive(Clone, Debug)]
 pub struct GateSweep {
-    /// Thresholds on the normalised EDS; the first is 0, the closed set.
+    /// Thresholds as [`Gate`] has them; the first is 0, the closed set.
     pub points: Vec<SweepPoint>,
     /// The best harmonic mean among those that keep nine tenths of the closed set's mAP (paper section 4.3).
     pub best: Option<SweepPoint>,
@@ -30,8 +31,8 @@ impl GateSweep {
     }
 }
 
-/// Refines every frame at every threshold (`step` is called after each frame) and judges each. The thresholds cut the
-/// normalised EDS of all kept boxes into [`THRESHOLDS`] equal parts.
+/// Refines every frame at every threshold (`step` is called after each frame) and judges each. The thresholds cut what
+/// [`Gate`] looks at, over all kept boxes, into [`THRESHOLDS`] equal parts.
 pub fn sweep_gate(
     model: &Model,
     set: &FrameSet,
@@ -40,7 +41,7 @@ pub fn sweep_gate(
     settings: &Settings,
     step: impl Fn() + Sync,
 ) -> Result<GateSweep, PipelineError> {
-    let thresholds = thresholds(frames);
+    let thresholds = thresholds(Gate::of(model), frames);
     let cache = objects_at(model, set, frames, settings, &thresholds, step)?;
     let classes = class_names(model);
     let truths: Vec<TruthFrame> = frames.iter().map(|frame| frame.truth.clone()).collect();
@@ -54,9 +55,10 @@ pub fn sweep_gate(
 }
 
 /// 0, which no box is below, then the grid.
-fn thresholds(frames: &[DetectedFrame]) -> Vec<f32> {
+fn thresholds(gate: Gate, frames: &[DetectedFrame]) -> Vec<f32> {
     let boxes = frames.iter().flat_map(|frame| &frame.detections);
-    let scores: Vec<f64> = boxes.map(|d| f64::from(d.eds_normalised)).collect();
+    let values = boxes.map(|d| gate.value(d)).filter(|v| gate.may_be(*v));
+    let scores: Vec<f64> = values.map(f64::from).collect();
     let grid = quantile_grid(&scores, THRESHOLDS);
     // The grid's values are boxes' own f32 values: they go back without loss.
     [0.0]
@@ -67,7 +69,7 @@ fn thresholds(frames: &[DetectedFrame]) -> Vec<f32> {
 
 /// Published objects by frame, then by threshold; thresholds ascend. Frames go in parallel; the result does not depend
 /// on the number of threads.
-pub(super) fn objects_at(
+pub(crate) fn objects_at(
     model: &Model,
     set: &FrameSet,
     frames: &[DetectedFrame],
@@ -75,6 +77,7 @@ pub(super) fn objects_at(
     thresholds: &[f32],
     step: impl Fn() + Sync,
 ) -> Result<Vec<Vec<Vec<FoundObject>>>, PipelineError> {
+    let gate = Gate::of(model);
     // One refiner a thread at a time: its buffers are large, so they go from frame to frame.
     let spare = Mutex::new(vec![ObjectFinder::new(model, settings)?]);
     let take = || spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
@@ -87,12 +90,16 @@ pub(super) fn objects_at(
         let mut found: Vec<Vec<FoundObject>> = Vec::with_capacity(thresholds.len());
         let mut before = None;
         for &threshold in thresholds {
-            let below = |d: &&mluc_head::Detection| d.eds_normalised < threshold;
-            let candidates = frame.detections.iter().filter(below).count();
+            let boxes = frame.detections.iter();
+            let fires = |d: &&Detection| gate.apply(d, true, threshold).is_some();
+            let candidates = boxes.filter(fires).count();
             // Thresholds ascend: as many candidates are the same candidates.
             let objects = match (before, found.last()) {
                 (Some(count), Some(last)) if count == candidates => last.clone(),
-                _ => finder.objects(index as u64, &points, &frame.detections, threshold),
+                _ => {
+                    let boxes = (&frame.detections[..], frame.generic);
+                    finder.objects(index as u64, &points, boxes, threshold)
+                }
             };
             before = Some(candidates);
             found.push(objects);

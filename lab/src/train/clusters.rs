@@ -1,4 +1,4 @@
-//! How much a cluster looks like something that drives or walks: a few dense layers on its measurements, fitted on the training
+//! Fits the layers that tell how much a cluster looks like something that drives or walks (`mluc_refiner::looks`) on the training
 //! split alone, where clusters on labelled objects of the known classes stand against clusters on nothing.
 //!
 //! Sizes are shaken while it is fitted, so that it learns bodies against walls and leaves rather than the sizes of the known
@@ -6,9 +6,10 @@
 
 use mluc_geometry::{Box3, intersection_bev_m2};
 use mluc_ipc_types::Point;
-use mluc_model::{BASELINE, Manifest, WeightSet};
-use mluc_refiner::everything::{FrameClusters, Measures};
-use mluc_refiner::{Everything, Sensor, Settings};
+use mluc_model::{LOOKS_WIDTHS, Manifest};
+use mluc_refiner::everything::{FrameCluster, FrameClusters};
+use mluc_refiner::looks::{FEATURES, features};
+use mluc_refiner::{Everything, Looks, Sensor, Settings};
 use rayon::prelude::*;
 
 use super::error::TrainError;
@@ -17,9 +18,6 @@ use super::optimizer::{Adam, Schedule};
 use super::random::Random;
 use super::source::Source;
 
-/// Measurements that are looked at.
-const FEATURES: usize = 14;
-const WIDTHS: [usize; 4] = [FEATURES, 32, 16, 1];
 const STEPS: u64 = 400;
 /// Clusters of a step.
 const BATCH: usize = 2048;
@@ -29,80 +27,23 @@ const SHAKE: f64 = 0.3;
 const SHARE_ON: f64 = 0.3;
 const SHARE_OFF: f64 = 0.02;
 
-/// The fitted layers.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ClusterNet {
-    mlp: Mlp,
+/// Fits on the first `frames` scenes.
+pub fn fit_looks(
+    source: &dyn Source,
+    manifest: &Manifest,
+    frames: usize,
+    seed: u64,
+) -> Result<Looks, TrainError> {
+    let sensor = Sensor::from_manifest(manifest)?;
+    let one = |frame: usize| examples(source, &sensor, frame);
+    let frames: Vec<usize> = (0..frames.min(source.count())).collect();
+    let all: Result<Vec<Vec<Example>>, TrainError> = frames.into_par_iter().map(one).collect();
+    Ok(looks(fit(&all?.concat(), seed)))
 }
 
-/// Numbers of about 1; the first three are the logs of the seen sizes.
-fn features(m: &Measures) -> [f32; FEATURES] {
-    let log = |v: f32| v.max(0.05).ln();
-    let [l, w, h] = m.seen_m;
-    [
-        log(l),
-        log(w),
-        log(h),
-        m.bottom_m,
-        m.top_m / 2.0,
-        2.0 * m.linearity - 1.0,
-        2.0 * m.planarity - 1.0,
-        4.0 * m.scattering,
-        4.0 * m.residual_m,
-        log(m.density),
-        ((m.points as f32).ln() - 4.0) / 2.0,
-        m.range_m / 25.0 - 1.0,
-        log(m.component_length_m) - 1.0,
-        f32::from(u8::from(m.is_cut)),
-    ]
-}
-
-impl ClusterNet {
-    /// 0 to 1, in the order of the measurements.
-    pub fn scores<'a>(&self, measures: impl Iterator<Item = &'a Measures>) -> Vec<f32> {
-        let trace = self.mlp.forward(measures.flat_map(features).collect());
-        trace
-            .output()
-            .iter()
-            .map(|x| 1.0 / (1.0 + (-x).exp()))
-            .collect()
-    }
-
-    /// Fits on the first `frames` scenes.
-    pub fn fit(
-        source: &dyn Source,
-        manifest: &Manifest,
-        frames: usize,
-        seed: u64,
-    ) -> Result<ClusterNet, TrainError> {
-        let sensor = Sensor::from_manifest(manifest)?;
-        let one = |frame: usize| examples(source, &sensor, frame);
-        let frames: Vec<usize> = (0..frames.min(source.count())).collect();
-        let all: Result<Vec<Vec<Example>>, TrainError> = frames.into_par_iter().map(one).collect();
-        Ok(ClusterNet {
-            mlp: fit(&all?.concat(), seed),
-        })
-    }
-
-    /// Into a model's weights.
-    pub fn write(&self, weights: &mut WeightSet) {
-        let parameters = self.mlp.parameters.clone();
-        weights.insert(name(), vec![parameters.len()], parameters);
-    }
-
-    /// From a model's weights, where they have one.
-    pub fn read(weights: &WeightSet) -> Option<ClusterNet> {
-        let mut mlp = Mlp::new(&WIDTHS, &mut Random::new(0, &[]));
-        let found = weights.find(&name())?;
-        (found.data.len() == mlp.parameters.len()).then(|| {
-            mlp.parameters.clone_from(&found.data);
-            ClusterNet { mlp }
-        })
-    }
-}
-
-fn name() -> String {
-    format!("{BASELINE}clusters.mlp")
+/// The layers as the refiner runs them: both lay them out alike.
+fn looks(mlp: Mlp) -> Looks {
+    Looks::new(mlp.parameters).expect("the widths are those of the model file")
 }
 
 /// Features, and whether it is an object.
@@ -126,7 +67,7 @@ fn examples(
         .collect();
     let mut found = FrameClusters::default();
     Everything::new(&Settings::default(), sensor)?.find(&points, &mut found);
-    let example = |cluster: &mluc_refiner::everything::FrameCluster| {
+    let example = |cluster: &FrameCluster| {
         let share = |bounds: &Box3| {
             let area = |b: &Box3| b.size_m[0] * b.size_m[1];
             let smaller = area(&cluster.shape).min(area(bounds)).max(1e-9);
@@ -150,7 +91,7 @@ fn examples(
 /// Logistic loss; objects and the rest weigh the same.
 fn fit(examples: &[Example], seed: u64) -> Mlp {
     let mut random = Random::new(seed, &[0xC1]);
-    let mut mlp = Mlp::new(&WIDTHS, &mut random);
+    let mut mlp = Mlp::new(&LOOKS_WIDTHS, &mut random);
     let (objects, rest): (Vec<&Example>, Vec<&Example>) = examples.iter().partition(|e| e.1);
     if objects.is_empty() || rest.is_empty() {
         return mlp;
@@ -186,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bodies_and_leaves_are_told_apart_and_it_comes_back_from_a_model() {
+    fn bodies_and_leaves_are_told_apart() {
         let mut random = Random::new(2, &[]);
         let mut draw = |is_object: bool| {
             let mut f = [0.0; FEATURES];
@@ -196,17 +137,18 @@ mod tests {
             (f, is_object)
         };
         let examples: Vec<Example> = (0..600).map(|i| draw(i % 3 == 0)).collect();
-        let net = ClusterNet {
-            mlp: fit(&examples, 1),
-        };
-        let right = examples.iter().filter(|(f, is_object)| {
-            let x = net.mlp.forward(f.to_vec()).output()[0];
-            (x > 0.0) == *is_object
-        });
+        let mlp = fit(&examples, 1);
+        let said: Vec<f32> = examples
+            .iter()
+            .map(|(f, _)| mlp.forward(f.to_vec()).output()[0])
+            .collect();
+        let right = examples.iter().zip(&said);
+        let right = right.filter(|((_, is_object), x)| (**x > 0.0) == *is_object);
         assert!(right.count() > 560);
-        let mut weights = WeightSet::new();
-        assert_eq!(ClusterNet::read(&weights), None);
-        net.write(&mut weights);
-        assert_eq!(ClusterNet::read(&weights), Some(net));
+        // The robot's forward pass says the same.
+        let looks = looks(mlp);
+        for ((f, _), x) in examples.iter().zip(&said) {
+            assert_eq!(looks.logit(f), *x);
+        }
     }
 }

@@ -5,10 +5,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use mluc_model::{Manifest, Model, Provenance, model_bytes};
+use mluc_refiner::Looks;
 
 use super::augment::Augmentation;
 use super::checkpoint::{self, write_atomically};
-use super::clusters::ClusterNet;
+use super::clusters::fit_looks;
 use super::database::{Database, mean_boxes};
 use super::error::TrainError;
 use super::export;
@@ -42,7 +43,7 @@ pub struct Run {
     trainer: Trainer,
     source: FolderSource,
     database: Database,
-    clusters: Option<ClusterNet>,
+    looks: Option<Looks>,
 }
 
 impl Run {
@@ -117,7 +118,7 @@ impl Run {
             trainer,
             source,
             database,
-            clusters: None,
+            looks: None,
         })
     }
 
@@ -171,8 +172,8 @@ impl Run {
         }
         if settings.kind == Kind::Improved {
             let (manifest, seed) = (&self.manifest, settings.seed);
-            let net = ClusterNet::fit(&self.source, manifest, CLUSTER_FRAMES, seed)?;
-            self.clusters = Some(net);
+            let looks = fit_looks(&self.source, manifest, CLUSTER_FRAMES, seed)?;
+            self.looks = Some(looks);
         }
         self.save()?;
         self.judge(tell)?;
@@ -242,8 +243,8 @@ impl Run {
             calibration: String::new(),
         };
         let mut weights = export::weights(chain, &state.parameters, &state.running);
-        if let Some(clusters) = &self.clusters {
-            clusters.write(&mut weights);
+        if let Some(looks) = &self.looks {
+            looks.write(&mut weights);
         }
         let path = settings.out.join("model.safetensors");
         write_atomically(&path, &model_bytes(&manifest, &weights)?)?;

@@ -23,13 +23,18 @@ pub fn gate_by(scores: &Scores, unknown: Option<f32>, thresholds: &Thresholds) -
         == DetectionKind::Candidate
         || scores.softmax_max < thresholds.softmax_min;
     let fires = unknown.map_or(doubt, |p| {
-        (doubt && p > 0.5) || (thresholds.unknown_min > 0.0 && p >= thresholds.unknown_min)
+        (doubt && p > 0.5) || is_unknown(p, thresholds.unknown_min)
     });
     if fires {
         DetectionKind::Candidate
     } else {
         DetectionKind::Known
     }
+}
+
+/// Whether the probability of being none of the known reaches its threshold; a threshold of 0 is the closed-set detector.
+pub fn is_unknown(unknown: f32, unknown_min: f32) -> bool {
+    unknown_min > 0.0 && unknown >= unknown_min
 }
 
 #[cfg(test)]

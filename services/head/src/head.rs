@@ -8,7 +8,7 @@ use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
 use crate::candidates::{reduce_classes, select, sigmoid};
 use crate::convolutions::{RowHead, RowHeads, read_all};
 use crate::decode::{Anchors, BOX_CODES, decode, direct};
-use crate::gate::gate_by;
+use crate::gate::{gate_by, is_unknown};
 use crate::memory::Memory;
 use crate::prototypes::{Prototypes, Scores};
 use crate::report::{HeadCounts, HeadError};
@@ -69,7 +69,7 @@ impl Head {
 
     /// Detects. `cells`: cell of the map (row * columns + column) of each row; `rows`: the channels, row after row.
     /// `detections` becomes the kept boxes, the best objectness first; of an open head those of classes, then those of
-    /// anchors without a class, which are candidate unknowns.
+    /// anchors without a class, which are candidate unknowns from the threshold `unknown_min` on and left out below.
     pub fn run(
         &mut self,
         cells: &[u32],
@@ -83,10 +83,14 @@ impl Head {
         counts.generic_known = self.drop_generic_on_known();
         counts.non_finite = self.decode_boxes(cells);
         counts.generic = self.suppress();
+        let kept = self.frame.suppressor.kept.len() as u32;
+        counts.boxes_max_reached = kept == self.thresholds.boxes_max;
+        let doubted = self.drop_doubted_generic(counts.generic as usize);
+        counts.generic -= doubted;
+        counts.generic_known += doubted;
         let kept = self.frame.suppressor.kept.iter();
         detections.extend(kept.map(|index| self.describe(*index, cells)));
         counts.boxes = detections.len() as u32;
-        counts.boxes_max_reached = counts.boxes == self.thresholds.boxes_max;
         Ok(counts)
     }
 
@@ -253,6 +257,29 @@ impl Head {
         frame.suppressor = suppressor;
         self.frame = frame;
         generic as u32
+    }
+
+    /// Takes out kept boxes without a class that the gate does not hold for unknown: they have no class to be known by. The
+    /// last `generic` of the kept are such; gives how many go. They have had their say in the suppression, so that the
+    /// threshold chooses among the same boxes whatever it is.
+    fn drop_doubted_generic(&mut self, generic: usize) -> u32 {
+        let unknown_min = self.thresholds.unknown_min;
+        let Memory {
+            candidates,
+            occupied,
+            unknown,
+            suppressor,
+            ..
+        } = &mut self.frame;
+        let kept = &mut suppressor.kept;
+        let (before, first) = (kept.len(), kept.len() - generic);
+        let mut at = 0..before;
+        kept.retain(|&index| {
+            let has_class = at.next().is_some_and(|at| at < first);
+            let logit = unknown.get(place(occupied, candidates[index].row));
+            has_class || logit.is_some_and(|logit| is_unknown(sigmoid(*logit), unknown_min))
+        });
+        (before - kept.len()) as u32
     }
 
     /// The class that a candidate is of; that of the classes' count has none.

@@ -46,8 +46,8 @@ pub struct HeadCounts {
     pub candidates: u32,
     /// Of them left out beyond `candidates_max`.
     pub over_candidates_max: u32,
-    /// Of them anchors without a class whose logit says that they hold a known object: such an object has anchors of its
-    /// class.
+    /// Of them anchors without a class whose logit says that they hold a known object, which has anchors of its class, and
+    /// kept boxes of such anchors that are not unknown enough.
     pub generic_known: u32,
     /// Of them left out because their box or embedding is no number.
     pub non_finite: u32,

@@ -344,6 +344,13 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
             .iter()
             .all(|d| d.embedding[3] == 1.5 && d.class_id < 3)
     );
+    // Too little doubt for the threshold: the box without a class goes too.
+    let (detections, counts) = detect(&mut head, &[cell as u32], &row(cell, 0.3))?;
+    assert_eq!(
+        (detections.len(), counts.generic, counts.generic_known),
+        (1, 0, 1)
+    );
+    assert!(!detections[0].is_candidate());
     // A known object there: the box without a class goes, the other is known.
     let (detections, counts) = detect(&mut head, &[cell as u32], &row(cell, -1.5))?;
     assert_eq!(

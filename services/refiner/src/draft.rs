@@ -51,6 +51,8 @@ pub(crate) enum Ranking {
     InverseEds,
     /// Objectness x (2 - e), both 0 to 1: something is there, and it lies between the prototypes.
     Objectness,
+    /// Objectness x P(none of the known), of the logit at this place of the embedding.
+    Unknown(usize),
 }
 
 impl Ranking {
@@ -63,6 +65,10 @@ impl Ranking {
             Ranking::InverseEds => 0.0,
             Ranking::Objectness => {
                 detection.objectness * (2.0 - detection.eds_normalised).clamp(0.0, 1.0)
+            }
+            Ranking::Unknown(at) => {
+                let logit = detection.embedding.get(at).copied().unwrap_or(f32::NAN);
+                detection.objectness / (1.0 + (-logit).exp())
             }
         };
         if score.is_finite() { score } else { 0.0 }
@@ -130,6 +136,11 @@ impl Draft {
 
     pub(crate) fn is_unknown(&self) -> bool {
         self.kind == ObjectKind::Unknown
+    }
+
+    /// Unknown, and nothing has suppressed it yet.
+    pub(crate) fn is_standing(&self) -> bool {
+        self.is_unknown() && self.fate == Fate::Published
     }
 
     /// The box with a margin on every side, m.

@@ -13,6 +13,12 @@ pub enum RefinerError {
         /// The value given.
         found: f64,
     },
+    /// Clusters shall be judged by their looks, which the model has not learned.
+    #[error("refiner setting looks: expected a model with the tensor {tensor}, found none in it")]
+    NoLooks {
+        /// The tensor.
+        tensor: &'static str,
+    },
     /// The model's beam table cannot make a range image.
     #[error("the model's beams: expected {expected}, found {found}")]
     Beams {

@@ -11,6 +11,7 @@
 //! Lengths in m, angles in rad, sensor frame: x forward, y left, z up.
 
 mod angle;
+mod ascending;
 mod buckets;
 mod candidate;
 pub mod cluster;
@@ -21,7 +22,10 @@ pub mod fit;
 mod frame;
 mod ground;
 mod ground_map;
+mod hull;
 mod inside;
+mod judge;
+pub mod looks;
 mod merge;
 mod neighbourhood;
 mod recipe;
@@ -40,6 +44,8 @@ pub use everything::Everything;
 pub use frame::{FrameIndex, IndexedPoint};
 pub use ground::GroundPlane;
 pub use ground_map::{GroundLabel, GroundMap};
+pub use hull::HullSettings;
+pub use looks::Looks;
 pub use neighbourhood::{Gather, Neighbourhood};
 pub use refined::{Counters, Refined};
 pub use refiner::Refiner;

@@ -18,7 +18,7 @@ pub(crate) fn merge(
     order: &mut Vec<usize>,
 ) {
     order.clear();
-    order.extend((0..drafts.len()).filter(|&i| is_standing(&drafts[i])));
+    order.extend((0..drafts.len()).filter(|&i| drafts[i].is_standing()));
     let rules = &settings.merge;
     match rule {
         MergeRule::LargerFirst => {
@@ -27,16 +27,12 @@ pub(crate) fn merge(
         }
         MergeRule::BetterFirst => {
             clash_with_known(drafts, points, scan, settings);
-            order.retain(|&i| is_standing(&drafts[i]));
+            order.retain(|&i| drafts[i].is_standing());
             sort_by(order, drafts, |d| f64::from(d.score));
             suppress(drafts, order, intersection_over_min_area, rules.overlap_max);
         }
         MergeRule::KnownOnly => clash_with_known(drafts, points, scan, settings),
     }
-}
-
-fn is_standing(draft: &Draft) -> bool {
-    draft.is_unknown() && draft.fate == Fate::Published
 }
 
 /// Best first; ties by place, so that the order of the detections does not matter.
@@ -66,7 +62,7 @@ fn suppress(
         let own = drafts[index].shape;
         let by = order[..rank].iter().find_map(|&better| {
             let better = &drafts[better];
-            if !is_standing(better) || are_apart(&better.shape, &own) {
+            if !better.is_standing() || are_apart(&better.shape, &own) {
                 return None;
             }
             let overlap = overlap(&better.shape, &own);
@@ -79,7 +75,7 @@ fn suppress(
 }
 
 /// Whether two boxes cannot meet, seen from above: quicker than their overlap, which hundreds of boxes would ask for.
-fn are_apart(a: &Box3, b: &Box3) -> bool {
+pub(crate) fn are_apart(a: &Box3, b: &Box3) -> bool {
     distance_m(a, b) > half_diagonal_m(a) + half_diagonal_m(b)
 }
 
@@ -95,7 +91,7 @@ fn distance_m(a: &Box3, b: &Box3) -> f64 {
 /// objects the one that covers most of it says so.
 fn clash_with_known(drafts: &mut [Draft], points: &[u32], scan: &[Point], settings: &Settings) {
     for index in 0..drafts.len() {
-        if !is_standing(&drafts[index]) {
+        if !drafts[index].is_standing() {
             continue;
         }
         let unknown = &drafts[index];

@@ -144,7 +144,10 @@ impl Recipe {
                     shrink_attempts: settings.distance.shrink_attempts,
                 }),
                 keeps_known_apart: true,
-                ranking: Ranking::Objectness,
+                ranking: match sensor.unknown_logit_at {
+                    Some(at) => Ranking::Unknown(at),
+                    None => Ranking::Objectness,
+                },
                 ..corrected
             },
         }

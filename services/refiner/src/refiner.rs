@@ -4,15 +4,17 @@ use mluc_geometry::Box3;
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, Fate, OBJECT_POINTS_MAX, Object, POINTS_MAX, Point,
 };
+use mluc_model::Model;
 
 use crate::candidate::Candidates;
 use crate::draft::{Draft, sound_box};
 use crate::frame::FrameIndex;
 use crate::inside::Inside;
+use crate::judge::Judge;
 use crate::merge::merge;
 use crate::recipe::Recipe;
 use crate::refined::Refined;
-use crate::{RefinerError, Sensor, Settings, seed};
+use crate::{Looks, RefinerError, Sensor, Settings, seed};
 
 /// Refines frame after frame; all buffers are made once.
 #[derive(Debug)]
@@ -23,6 +25,9 @@ pub struct Refiner {
     recipe: Recipe,
     frame: FrameIndex,
     candidates: Candidates,
+    judge: Option<Judge>,
+    /// Whether unknown objects must have a road user's size.
+    is_sized: bool,
     drafts: Vec<Draft>,
     /// Points of all drafts, by their ranges.
     points: Vec<u32>,
@@ -32,18 +37,40 @@ pub struct Refiner {
 }
 
 impl Refiner {
-    /// Refuses settings that make no sense.
+    /// Without what a model has learned of clusters. Refuses settings that make no sense.
     pub fn new(settings: Settings, sensor: &Sensor) -> Result<Refiner, RefinerError> {
+        Refiner::with_looks(settings, sensor, None)
+    }
+
+    /// For a model: its sensor, and its looks where it has them.
+    pub fn for_model(settings: Settings, model: &Model) -> Result<Refiner, RefinerError> {
+        let sensor = Sensor::from_manifest(&model.manifest)?;
+        Refiner::with_looks(settings, &sensor, Looks::of_model(&model.weights))
+    }
+
+    /// With layers that judge clusters, which the settings may leave aside. Refuses settings that make no sense.
+    pub fn with_looks(
+        settings: Settings,
+        sensor: &Sensor,
+        looks: Option<Looks>,
+    ) -> Result<Refiner, RefinerError> {
         settings.check()?;
         if let Some(beams) = &sensor.beams {
             beams.check()?;
         }
+        let judges = settings.judges(looks.is_some())?;
+        let judge = looks
+            .filter(|_| judges)
+            .map(|looks| Judge::new(looks, &settings, sensor))
+            .transpose()?;
         let recipe = Recipe::of(&settings, sensor);
         let radius_m = settings.radius_for(sensor);
         Ok(Refiner {
             classes: sensor.classes.len(),
             radius_m,
             candidates: Candidates::new(&settings, sensor, radius_m),
+            is_sized: settings.hull.applies.unwrap_or(judge.is_some()),
+            judge,
             recipe,
             settings,
             frame: FrameIndex::default(),
@@ -73,10 +100,10 @@ impl Refiner {
         self.refine_within(sequence, points, detections, &mut || false, out);
     }
 
-    /// As [`Refiner::refine`], for a caller with a clock: before each candidate, the best first, `is_over` is asked
-    /// whether the frame's time is up. Then the candidates that are left keep their proposal boxes, are published with
-    /// [`Object::UNREFINED`](mluc_ipc_types::Object::UNREFINED) and counted. One that says yes at once skips them all:
-    /// for a frame whose points are gone.
+    /// As [`Refiner::refine`], for a caller with a clock: before the clusters are looked at, and before each candidate, the
+    /// best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal
+    /// boxes, are published with [`Object::UNREFINED`](mluc_ipc_types::Object::UNREFINED) and counted. One that says yes
+    /// at once skips them all, looks included: for a frame whose points are gone.
     pub fn refine_within(
         &mut self,
         sequence: u64,
@@ -91,7 +118,11 @@ impl Refiner {
         self.draft_proposals(detections, out);
         self.index_regions(points, out);
         self.collect_known(points, out);
-        self.refine_candidates(sequence, detections, is_over, out);
+        let over = !self.look_around(points, is_over);
+        self.refine_candidates(sequence, detections, over, is_over, out);
+        if !over {
+            self.judge_unknown();
+        }
         merge(
             &mut self.drafts,
             &self.points,
@@ -173,20 +204,48 @@ impl Refiner {
         }
     }
 
-    /// Best score first, until the frame's work or time is used up.
+    /// Looks at the clusters where anything shall be judged; whether there was time to.
+    fn look_around(&mut self, points: &[Point], is_over: &mut dyn FnMut() -> bool) -> bool {
+        let Some(judge) = &mut self.judge else {
+            return true;
+        };
+        if !self.drafts.iter().any(Draft::is_standing) {
+            return true;
+        }
+        if is_over() {
+            return false;
+        }
+        judge.look_around(points);
+        true
+    }
+
+    /// Unknown objects that are not of a road user's size go, the others' scores are multiplied by their looks. A proposal
+    /// that nobody refined says nothing of the object's size.
+    fn judge_unknown(&mut self) {
+        for draft in self.drafts.iter_mut().filter(|d| d.is_standing()) {
+            let is_refined = draft.flags & Object::UNREFINED == 0;
+            let refusal = self.settings.hull.refusal(&draft.shape);
+            if let Some(fate) = refusal.filter(|_| self.is_sized && is_refined) {
+                draft.fate = fate;
+            } else if let Some(judge) = &self.judge {
+                draft.score *= judge.looks_of(&draft.shape);
+            }
+        }
+    }
+
+    /// Best score first, until the frame's work or time is used up, or at once when it is `over`.
     fn refine_candidates(
         &mut self,
         sequence: u64,
         detections: &[Detection],
+        mut over: bool,
         is_over: &mut dyn FnMut() -> bool,
         out: &mut Refined,
     ) {
         self.order.clear();
         let drafts = &self.drafts;
-        self.order.extend(
-            (0..drafts.len())
-                .filter(|&i| drafts[i].is_unknown() && drafts[i].fate == Fate::Published),
-        );
+        self.order
+            .extend((0..drafts.len()).filter(|&i| drafts[i].is_standing()));
         self.order.sort_unstable_by(|&a, &b| {
             let key = |i: usize| detections[i].center_m;
             let scores = drafts[b].score.total_cmp(&drafts[a].score);
@@ -195,11 +254,10 @@ impl Refiner {
                 .then_with(|| places().unwrap_or(std::cmp::Ordering::Equal))
                 .then(a.cmp(&b))
         });
-        let mut over = false;
         for &index in &self.order {
             let counters = &mut out.counters;
-            over |= counters.work >= self.settings.work_max || is_over();
-            if over && self.candidates.is_needed() {
+            over = over || counters.work >= self.settings.work_max || is_over();
+            if over && (self.candidates.is_needed() || self.judge.is_some()) {
                 counters.unrefined += 1;
                 self.drafts[index].flags |= Object::UNREFINED;
                 continue;

@@ -1,9 +1,10 @@
 //! Settings with their units; every default says where its number comes from.
 
+use mluc_model::LOOKS;
 use serde::{Deserialize, Serialize};
 
-use crate::Sensor;
 use crate::fit::BoxFit;
+use crate::{HullSettings, RefinerError, Sensor};
 
 /// How a cluster is grown, and the rules around it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -86,6 +87,11 @@ pub struct Settings {
     pub time_max_ms: f64,
     /// The ground under each candidate.
     pub ground: GroundSettings,
+    /// Whether unknown objects are ranked by the looks of the cluster that they lie on too ([`crate::Looks`]). Unset: where
+    /// the model has learned it, in `distance`, `dbscan` and `euclidean`.
+    pub looks: Option<bool>,
+    /// Which sizes unknown objects may have.
+    pub hull: HullSettings,
     /// For [`Mode::Literal`].
     pub literal: LiteralSettings,
     /// For [`Mode::Corrected`].
@@ -110,6 +116,8 @@ impl Default for Settings {
             work_max: 2_500_000,
             time_max_ms: 20.0,
             ground: GroundSettings::default(),
+            looks: None,
+            hull: HullSettings::default(),
             literal: LiteralSettings::default(),
             corrected: CorrectedSettings::default(),
             distance: DistanceSettings::default(),
@@ -313,6 +321,18 @@ impl Default for MergeSettings {
 }
 
 impl Settings {
+    /// Whether clusters are judged by their looks, with a model that has learned it or not.
+    pub(crate) fn judges(&self, is_learned: bool) -> Result<bool, RefinerError> {
+        match (self.looks, is_learned) {
+            (Some(true), false) => Err(RefinerError::NoLooks { tensor: LOOKS }),
+            (Some(judges), _) => Ok(judges),
+            (None, _) => {
+                let ranks = matches!(self.mode, Mode::Distance | Mode::Dbscan | Mode::Euclidean);
+                Ok(is_learned && ranks)
+            }
+        }
+    }
+
     /// The paper's radius for this sensor, unless set.
     pub(crate) fn radius_for(&self, sensor: &Sensor) -> f64 {
         let default = match self.mode {

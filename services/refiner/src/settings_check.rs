@@ -7,10 +7,12 @@ impl Settings {
     pub fn check(&self) -> Result<(), RefinerError> {
         const LENGTH: &str = "a length above 0 and at most 100 m";
         const SHARE: &str = "a share of 0 to 1";
+        const SIZES: &str = "two lengths of 0 to 100 m, the smaller one first";
         const ANGLE: &str = "an angle of 0 to 180 degrees";
         let length = |v: f64| v > 0.0 && v <= 100.0;
         let share = |v: f64| (0.0..=1.0).contains(&v);
         let angle = |v: f64| (0.0..=180.0).contains(&v);
+        let sizes = |[least, most]: [f64; 2]| least >= 0.0 && least <= most && most <= 100.0;
         let (d, c, m) = (&self.distance, &self.corrected, &self.merge);
         let radius_m = self.radius_m.unwrap_or(1.0);
         let rules = [
@@ -49,6 +51,24 @@ impl Settings {
                 LENGTH,
                 self.ground.height_max_m,
                 length(self.ground.height_max_m),
+            ),
+            (
+                "hull.length_m",
+                SIZES,
+                self.hull.length_m[0],
+                sizes(self.hull.length_m),
+            ),
+            (
+                "hull.width_m",
+                SIZES,
+                self.hull.width_m[0],
+                sizes(self.hull.width_m),
+            ),
+            (
+                "hull.height_m",
+                SIZES,
+                self.hull.height_m[0],
+                sizes(self.hull.height_m),
             ),
             (
                 "literal.neighbour_m",

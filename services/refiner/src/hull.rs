@@ -1,0 +1,63 @@
+//! How large road users are. Extension of the paper.
+
+use mluc_geometry::Box3;
+use mluc_ipc_types::Fate;
+use serde::{Deserialize, Serialize};
+
+/// Sizes of road users: unknown objects of others are suppressed, and clusters of others look like nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HullSettings {
+    /// Whether unknown objects of other sizes go. Unset: where they are ranked by their looks.
+    pub applies: Option<bool>,
+    /// Shortest and longest, m: a person seen from one side; a truck with its trailer seen in full.
+    pub length_m: [f64; 2],
+    /// Narrowest and widest, m: the same person; a truck with what sticks out of it. Posts and walls seen from one side are
+    /// narrower.
+    pub width_m: [f64; 2],
+    /// Lowest and highest, m: a child or a low cart; a truck. Kerbs are lower.
+    pub height_m: [f64; 2],
+}
+
+impl Default for HullSettings {
+    fn default() -> HullSettings {
+        HullSettings {
+            applies: None,
+            length_m: [0.4, 14.0],
+            width_m: [0.4, 3.2],
+            height_m: [0.8, 4.2],
+        }
+    }
+}
+
+impl HullSettings {
+    /// Why a box is not of a road user's size, if it is not.
+    pub(crate) fn refusal(&self, shape: &Box3) -> Option<Fate> {
+        let limits = [self.length_m, self.width_m, self.height_m];
+        let mut pairs = shape.size_m.iter().zip(limits);
+        let is_over = pairs.clone().any(|(size, [_, most])| *size > most);
+        let is_under = pairs.any(|(size, [least, _])| *size < least);
+        match (is_over, is_under) {
+            (true, _) => Some(Fate::Oversized),
+            (_, true) => Some(Fate::Undersized),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn carts_stay_and_walls_posts_and_kerbs_go() {
+        let of = |size: [f64; 3]| {
+            let [l, w, h] = size;
+            HullSettings::default().refusal(&Box3::new([0.0, 0.0, 0.0, l, w, h, 0.3]))
+        };
+        assert_eq!(of([2.6, 1.3, 1.9]), None);
+        assert_eq!(of([15.0, 0.2, 2.0]), Some(Fate::Oversized));
+        assert_eq!(of([0.5, 0.2, 2.0]), Some(Fate::Undersized));
+        assert_eq!(of([4.0, 1.0, 0.3]), Some(Fate::Undersized));
+    }
+}
