@@ -56,13 +56,13 @@ impl Size {
         match self {
             Size::Full => Sizes {
                 train_frames: 2500,
-                supervised_frames: 2500,
+                supervised_frames: 2000,
                 val_frames: 400,
                 test_frames: 1000,
                 base_steps: if udi { 4000 } else { 4400 },
-                tuned_steps: 600,
+                tuned_steps: 500,
                 improved_steps: 1000,
-                supervised_steps: 1200,
+                supervised_steps: 1000,
                 batch: 2,
                 validate_frames: 60,
                 resamples: 500,

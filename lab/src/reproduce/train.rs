@@ -55,6 +55,11 @@ impl Training {
             "supervised" => layout.supervised_data_of(setting),
             _ => layout.data_of(setting),
         };
+        // The supervised network's scans have no validation split of their own.
+        let validate_frames = match network {
+            "supervised" => 0,
+            _ => sizes.validate_frames,
+        };
         let text = |path: &Path| path.display().to_string();
         let mut arguments: Vec<String> = [
             "train",
@@ -81,7 +86,7 @@ impl Training {
             ("--steps", steps),
             ("--batch", u64::from(sizes.batch)),
             ("--seed", seed),
-            ("--validate-frames", u64::from(sizes.validate_frames)),
+            ("--validate-frames", u64::from(validate_frames)),
         ];
         arguments.extend(
             numbers
