@@ -14,12 +14,14 @@ mod vary;
 mod whole;
 
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 use mluc_lab::dataset::Dataset;
+use mluc_model::Model;
 use mluc_refiner::fit::BoxFit;
-use mluc_refiner::{Mode, Refiner, Settings};
+use mluc_refiner::{Looks, Mode, Refiner, Settings};
 
 /// Quality and time of a refiner on a folder of labelled scans.
 #[derive(Parser)]
@@ -33,6 +35,9 @@ struct Arguments {
     /// Settings of the refiner as JSON, for experiments: '{"distance":{"join_m":0.5}}'.
     #[arg(long)]
     settings: Option<String>,
+    /// Judge unknown objects by the looks of their clusters and by their sizes, as this model file has learned it.
+    #[arg(long, value_name = "FILE")]
+    looks: Option<PathBuf>,
     /// Objects of these classes alone, by the labels' names: golf_cart,forklift.
     #[arg(long, value_delimiter = ',')]
     class: Vec<String>,
@@ -77,6 +82,11 @@ struct Arguments {
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let settings = settings(&arguments)?;
+    if let Some(path) = &arguments.looks {
+        let looks = Looks::of_model(&Model::read(path)?.weights);
+        let looks = looks.with_context(|| format!("{}: no clusters.looks", path.display()))?;
+        LOOKS.get_or_init(|| looks);
+    }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads)
         .build()?;
@@ -133,7 +143,11 @@ fn run(arguments: &Arguments, settings: Settings) -> Result<()> {
     Ok(())
 }
 
+/// Of `--looks`.
+static LOOKS: OnceLock<Looks> = OnceLock::new();
+
 /// A refiner for the bench's sensor.
 fn refiner(settings: Settings) -> Result<Refiner> {
-    Ok(Refiner::new(settings, &scene::sensor())?)
+    let looks = LOOKS.get().cloned();
+    Ok(Refiner::with_looks(settings, &scene::sensor(), looks)?)
 }
