@@ -10,7 +10,7 @@ use super::progress::Progress;
 /// Before each message, so that the receiver sleeps as it does in a pipeline.
 const PAUSE: Duration = Duration::from_millis(4);
 
-/// Fills in the floors of the two large topics; `payload_bytes` by stage. Gives a warning when they could not be measured.
+/// Fills in the floors of every topic; `payload_bytes` by stage. Gives a warning when they could not be measured.
 pub(super) fn add_floors(
     hops: &mut ByHop<Hop>,
     payload_bytes: [u64; 4],
@@ -18,21 +18,16 @@ pub(super) fn add_floors(
     progress: &mut Progress,
 ) -> Option<String> {
     let each = [
-        &mut hops.points,
-        &mut hops.features,
-        &mut hops.detections,
-        &mut hops.objects,
-    ];
-    for (hop, bytes) in each.into_iter().zip(payload_bytes) {
-        hop.payload_bytes = bytes;
-    }
-    if rounds == 0 {
-        return None;
-    }
-    for (hop, payload) in [
         (&mut hops.points, Payload::Points),
         (&mut hops.features, Payload::Features),
-    ] {
+        (&mut hops.detections, Payload::Detections),
+        (&mut hops.objects, Payload::Objects),
+    ];
+    for ((hop, payload), bytes) in each.into_iter().zip(payload_bytes) {
+        hop.payload_bytes = bytes;
+        if rounds == 0 {
+            continue;
+        }
         progress.show(
             0.5,
             &format!("floors of {}: {rounds} messages each way", payload.name()),
