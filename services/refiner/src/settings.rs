@@ -82,8 +82,8 @@ pub struct Settings {
     /// output.
     pub work_max: u64,
     /// Time that a frame may take where the sensor sets the pace, ms: kept by the stage, which has a clock. What is left
-    /// over keeps its proposal box, counted and flagged. A fifth of a 10 Hz sensor's period: far above what ordinary
-    /// frames take, so that it bites on a starved machine alone.
+    /// over keeps its proposal box, counted and flagged. Three tenths of a 10 Hz sensor's period: far above what ordinary
+    /// frames take (13 ms with the looks of clusters), so that it bites on a starved machine alone.
     pub time_max_ms: f64,
     /// The ground under each candidate.
     pub ground: GroundSettings,
@@ -114,7 +114,7 @@ impl Default for Settings {
             length_max_m: 16.0,
             points_per_candidate_max: 16_384,
             work_max: 2_500_000,
-            time_max_ms: 20.0,
+            time_max_ms: 30.0,
             ground: GroundSettings::default(),
             looks: None,
             hull: HullSettings::default(),
