@@ -1,5 +1,7 @@
 //! Points of a neighbourhood in square buckets seen from above, for neighbour search.
 
+use mluc_kernels::at_best;
+
 /// A bucket grid over a square around the origin; buffers are reused.
 #[derive(Debug, Default)]
 pub(crate) struct Buckets {
@@ -27,35 +29,39 @@ impl Buckets {
         cell_m: f32,
         keep: impl Fn(usize) -> bool,
     ) {
-        let mut half = 0.0f32;
-        for (x, y) in x_m.iter().zip(y_m) {
-            half = half.max(x.abs()).max(y.abs());
-        }
-        self.half_m = half + cell_m;
+        self.half_m = at_best(
+            #[inline(always)]
+            || farthest(x_m).max(farthest(y_m)),
+        ) + cell_m;
         let cell_m = cell_m.max(2.0 * self.half_m / SIDE_MAX as f32);
         self.per_m = 1.0 / cell_m;
         self.side = (2.0 * self.half_m * self.per_m) as usize + 1;
         self.first.clear();
         self.first.resize(self.side * self.side + 1, 0);
-        self.cell_of.clear();
-        for i in 0..x_m.len() {
-            let cell = match keep(i) {
-                true => self.cell_at(x_m[i], y_m[i]) as u32,
-                false => NO_CELL,
-            };
-            if cell != NO_CELL {
-                self.first[cell as usize + 1] += 1;
+        let mut cell_of = std::mem::take(&mut self.cell_of);
+        cell_of.resize(x_m.len(), NO_CELL);
+        at_best(
+            #[inline(always)]
+            || {
+                for ((cell, &x), &y) in cell_of.iter_mut().zip(x_m).zip(y_m) {
+                    *cell = self.cell_at(x, y) as u32;
+                }
+            },
+        );
+        for (i, cell) in cell_of.iter_mut().enumerate() {
+            match keep(i) {
+                true => self.first[*cell as usize + 1] += 1,
+                false => *cell = NO_CELL,
             }
-            self.cell_of.push(cell);
         }
+        self.cell_of = cell_of;
         let mut sum = 0;
         for first in &mut self.first {
             sum += *first;
             *first = sum;
         }
-        self.items.clear();
+        // Every entry is overwritten.
         self.items.resize(sum as usize, 0);
-        self.places.clear();
         self.places.resize(sum as usize, [0.0; 2]);
         for (i, &cell) in self.cell_of.iter().enumerate() {
             if cell != NO_CELL {
@@ -71,14 +77,27 @@ impl Buckets {
     }
 
     /// Cell of a place.
+    #[inline(always)]
     pub(crate) fn cell_at(&self, x_m: f32, y_m: f32) -> usize {
-        let along = |v: f32| (((v + self.half_m) * self.per_m) as usize).min(self.side - 1);
-        along(y_m) * self.side + along(x_m)
+        let side = self.side as u32;
+        // The detour over i32 is what registers of several numbers can do.
+        let along = |v: f32| (((v + self.half_m) * self.per_m) as i32 as u32).min(side - 1);
+        (along(y_m) * side + along(x_m)) as usize
     }
 
     /// Cells in all.
     pub(crate) fn cells(&self) -> usize {
         self.side * self.side
+    }
+
+    /// Side of a cell, m.
+    pub(crate) fn cell_m(&self) -> f32 {
+        1.0 / self.per_m
+    }
+
+    /// Cells along a side.
+    pub(crate) fn side(&self) -> usize {
+        self.side
     }
 
     /// Points of a cell.
@@ -102,6 +121,22 @@ impl Buckets {
     pub(crate) fn block(&self, cell: usize) -> impl Iterator<Item = usize> + '_ {
         (-1..=1).flat_map(move |dy| (-1..=1).filter_map(move |dx| self.shifted(cell, dx, dy)))
     }
+}
+
+/// The largest absolute value; 0 without any.
+#[inline(always)]
+fn farthest(values: &[f32]) -> f32 {
+    const LANES: usize = 16;
+    let more = |most: f32, v: f32| if v.abs() > most { v.abs() } else { most };
+    let mut most = [0.0; LANES];
+    let blocks = values.chunks_exact(LANES);
+    let rest = blocks.remainder();
+    for block in blocks {
+        for lane in 0..LANES {
+            most[lane] = more(most[lane], block[lane]);
+        }
+    }
+    most.into_iter().chain(rest.iter().copied()).fold(0.0, more)
 }
 
 /// Buckets from which points are taken out one by one.

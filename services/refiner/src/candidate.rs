@@ -3,6 +3,7 @@
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Fate, Object};
 
+use crate::ascending::Ascending;
 use crate::cluster::{Bounds, Clusterer};
 use crate::draft::Draft;
 use crate::fit::{ClusterPoints, Fitter, Rectangle, footprint};
@@ -41,6 +42,9 @@ pub(crate) struct Candidates {
     /// Points of clusters that were too small to be a thing.
     tried: Vec<u32>,
     is_seen: Vec<bool>,
+    /// One part of a cluster.
+    part: Vec<u32>,
+    ascending: Ascending,
     /// Work of the candidate at hand.
     work: u64,
 }
@@ -61,6 +65,8 @@ impl Candidates {
             inside: Vec::new(),
             tried: Vec::new(),
             is_seen: Vec::new(),
+            part: Vec::new(),
+            ascending: Ascending::default(),
             work: 0,
         }
     }
@@ -132,7 +138,7 @@ impl Candidates {
         counters.work += std::mem::take(&mut self.work);
         let first = points.len();
         points.extend(self.members.iter().map(|&m| self.around.index[m as usize]));
-        points[first..].sort_unstable();
+        self.ascending.sort(&mut points[first..]);
         draft.points = (first, points.len());
     }
 
@@ -200,29 +206,30 @@ impl Candidates {
     /// Whether the other parts of the last cluster that do not stand upright are a thing to reckon with. Leaves the
     /// members as they are.
     fn leaves_a_rest(&mut self, recipe: &Recipe, clusterer: &mut dyn Clusterer) -> bool {
-        let own = std::mem::take(&mut self.members);
-        self.is_seen.clear();
-        self.is_seen.resize(self.around.len(), false);
-        own.iter().for_each(|&m| self.is_seen[m as usize] = true);
-        let scale = recipe.scales.map_or(1.0, |scales| scales.upright);
-        let (mut upright, mut rest) = (own.len(), 0);
-        for seed in 0..self.around.len() {
-            if self.is_seen[seed] {
-                continue;
-            }
-            self.grow_once(recipe, clusterer, seed, scale);
-            self.is_seen[seed] = true;
-            self.members
-                .iter()
-                .for_each(|&m| self.is_seen[m as usize] = true);
-            if self.cluster.len() >= recipe.points_min {
-                match is_upright(&self.cluster) {
-                    true => upright += self.cluster.len(),
-                    false => rest += self.cluster.len(),
+        let bounds = self.bounds(recipe, recipe.scales.map_or(1.0, |scales| scales.upright));
+        let Candidates {
+            around,
+            members,
+            part,
+            cluster,
+            is_seen,
+            work,
+            ..
+        } = self;
+        is_seen.clear();
+        is_seen.resize(around.len(), false);
+        members.iter().for_each(|&m| is_seen[m as usize] = true);
+        let (mut upright, mut rest) = (members.len(), 0);
+        clusterer.grow_rest(around, &bounds, is_seen, part, &mut |part| {
+            *work += WORK_PER_GROWTH * around.len() as u64;
+            if part.len() >= recipe.points_min {
+                collect(around, part, cluster);
+                match is_upright(cluster) {
+                    true => upright += part.len(),
+                    false => rest += part.len(),
                 }
             }
-        }
-        self.members = own;
+        });
         self.collect_cluster();
         is_rest(rest, upright)
     }
@@ -240,25 +247,24 @@ impl Candidates {
         seed: usize,
         scale: f64,
     ) {
-        let bounds = Bounds {
-            height_min_m: match recipe.removes_ground {
-                true => self.ground.clearance_m,
-                false => f64::NEG_INFINITY,
-            },
-            scale,
-        };
+        let bounds = self.bounds(recipe, scale);
         clusterer.grow(&self.around, seed, &bounds, &mut self.members);
         self.collect_cluster();
         self.work += WORK_PER_GROWTH * self.around.len() as u64;
     }
 
-    fn collect_cluster(&mut self) {
-        self.cluster.clear();
-        for &m in &self.members {
-            let m = m as usize;
-            self.cluster
-                .push(self.around.x_m[m], self.around.y_m[m], self.around.z_m[m]);
+    fn bounds(&self, recipe: &Recipe, scale: f64) -> Bounds {
+        Bounds {
+            height_min_m: match recipe.removes_ground {
+                true => self.ground.clearance_m,
+                false => f64::NEG_INFINITY,
+            },
+            scale,
         }
+    }
+
+    fn collect_cluster(&mut self) {
+        collect(&self.around, &self.members, &mut self.cluster);
     }
 
     /// Box, outline and fate from the cluster.
@@ -314,5 +320,18 @@ impl Candidates {
         self.members
             .retain(|&m| piece(around.x_m[m as usize], around.y_m[m as usize]) == own);
         self.collect_cluster();
+    }
+}
+
+/// The points of `members` by themselves.
+fn collect(around: &Neighbourhood, members: &[u32], cluster: &mut ClusterPoints) {
+    let columns = [
+        (&mut cluster.x_m, &around.x_m),
+        (&mut cluster.y_m, &around.y_m),
+        (&mut cluster.z_m, &around.z_m),
+    ];
+    for (to, from) in columns {
+        to.clear();
+        to.extend(members.iter().map(|&m| from[m as usize]));
     }
 }

@@ -2,17 +2,23 @@
 //!
 //! A counting sort that is linear in the points. Points far from every detection are touched once and then forgotten,
 //! so the cost of all that follows depends on the regions alone. Points that are not finite, or further than
-//! 128 m from the sensor along x or y, are left out and counted.
+//! 128 m from the sensor along x or y, are left out and counted. Rows of cells in which nothing is wanted are never
+//! looked at.
+
+use std::ops::Range;
 
 use mluc_ipc_types::{POINTS_MAX, Point};
+use mluc_kernels::at_best;
 
 /// Half the side of the square that is looked at, m: farther than such sensors reach.
 pub(crate) const HALF_EXTENT_M: f64 = 128.0;
 /// Cells of 1 m along a side.
 const SIDE: usize = 2 * HALF_EXTENT_M as usize;
 const CELLS: usize = SIDE * SIDE;
-/// A point in no wanted cell.
+/// A point in no cell.
 const NO_CELL: u32 = u32::MAX;
+/// Points whose cells are worked out together.
+const BLOCK: usize = 256;
 
 /// A point with its place in the scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -27,6 +33,8 @@ pub struct IndexedPoint {
 #[derive(Debug)]
 pub struct FrameIndex {
     wanted: Vec<bool>,
+    /// Rows of cells in which any is wanted; the lists below hold what is old in all others.
+    rows: Range<usize>,
     /// First slot of each cell, and one past the last.
     cell_first: Vec<u32>,
     /// Slot of each cell's lowest point; [`NO_CELL`] where it is empty.
@@ -44,6 +52,7 @@ impl Default for FrameIndex {
     fn default() -> FrameIndex {
         FrameIndex {
             wanted: vec![false; CELLS],
+            rows: 0..0,
             cell_first: vec![0; CELLS + 1],
             lowest_slot: vec![NO_CELL; CELLS],
             kept: Vec::with_capacity(POINTS_MAX),
@@ -64,12 +73,15 @@ struct Cells {
 impl FrameIndex {
     /// Forgets the regions of the last frame.
     pub fn start(&mut self) {
-        self.wanted.fill(false);
+        let cells = self.cells();
+        self.wanted[cells].fill(false);
+        self.rows = 0..0;
     }
 
     /// Asks for all points.
     pub fn want_all(&mut self) {
         self.wanted.fill(true);
+        self.rows = 0..SIDE;
     }
 
     /// Asks for the points of a square around a centre, m. Centres and half sides that are not finite ask for nothing.
@@ -80,6 +92,15 @@ impl FrameIndex {
         for iy in cells.y.0..=cells.y.1 {
             self.wanted[iy * SIDE + cells.x.0..=iy * SIDE + cells.x.1].fill(true);
         }
+        self.rows = match self.rows.is_empty() {
+            true => cells.y.0..cells.y.1 + 1,
+            false => self.rows.start.min(cells.y.0)..self.rows.end.max(cells.y.1 + 1),
+        };
+    }
+
+    /// The cells of all rows in which any is wanted.
+    fn cells(&self) -> Range<usize> {
+        self.rows.start * SIDE..self.rows.end * SIDE
     }
 
     /// Sorts the scan; points beyond [`POINTS_MAX`] are left out.
@@ -93,22 +114,29 @@ impl FrameIndex {
 
     fn count_cells(&mut self, scan: &[Point]) {
         self.not_finite = 0;
-        self.cell_first.fill(0);
+        let cells = self.cells();
+        self.cell_first[cells.start..=cells.end].fill(0);
         self.kept.clear();
-        for (index, point) in scan.iter().enumerate() {
-            let cell = cell_of(point);
-            if cell == NO_CELL {
-                match point.x_m.is_finite() && point.y_m.is_finite() && point.z_m.is_finite() {
-                    true => self.outside += 1,
-                    false => self.not_finite += 1,
+        let mut cell_of_point = [NO_CELL; BLOCK];
+        for (block, points) in scan.chunks(BLOCK).enumerate() {
+            at_best(
+                #[inline(always)]
+                || cells_of(points, &mut cell_of_point),
+            );
+            for (i, (point, &cell)) in points.iter().zip(&cell_of_point).enumerate() {
+                if cell == NO_CELL {
+                    match point.x_m.is_finite() && point.y_m.is_finite() && point.z_m.is_finite() {
+                        true => self.outside += 1,
+                        false => self.not_finite += 1,
+                    }
+                } else if self.wanted[cell as usize] {
+                    self.cell_first[cell as usize + 1] += 1;
+                    self.kept.push(((block * BLOCK + i) as u32, cell));
                 }
-            } else if self.wanted[cell as usize] {
-                self.cell_first[cell as usize + 1] += 1;
-                self.kept.push((index as u32, cell));
             }
         }
         let mut sum = 0;
-        for first in &mut self.cell_first {
+        for first in &mut self.cell_first[cells.start..=cells.end] {
             sum += *first;
             *first = sum;
         }
@@ -117,7 +145,7 @@ impl FrameIndex {
     /// `cell_first[c]` serves as the cursor of cell c and ends as the first slot of cell c + 1: the sum above is
     /// inclusive one place to the right, so it is walked back afterwards.
     fn fill_slots(&mut self, scan: &[Point]) {
-        self.slots.clear();
+        // Every slot is overwritten.
         self.slots.resize(self.kept.len(), IndexedPoint::default());
         for &(index, cell) in &self.kept {
             let point = &scan[index as usize];
@@ -128,13 +156,14 @@ impl FrameIndex {
             };
             *cursor += 1;
         }
-        self.cell_first.copy_within(0..CELLS, 1);
-        self.cell_first[0] = 0;
+        let cells = self.cells();
+        self.cell_first.copy_within(cells.clone(), cells.start + 1);
+        self.cell_first[cells.start] = 0;
     }
 
     /// Ties go by x and y, so that the order of the scan does not matter.
     fn find_lowest(&mut self) {
-        for cell in 0..CELLS {
+        for cell in self.cells() {
             let (first, end) = (self.cell_first[cell], self.cell_first[cell + 1]);
             self.lowest_slot[cell] = NO_CELL;
             if first == end {
@@ -157,22 +186,35 @@ impl FrameIndex {
         center_m: [f64; 2],
         half_side_m: f64,
     ) -> impl Iterator<Item = &[IndexedPoint]> {
+        self.cell_rows(center_m, half_side_m).map(move |cells| {
+            let first = self.cell_first[cells.start] as usize;
+            let end = self.cell_first[cells.end] as usize;
+            &self.slots[first..end]
+        })
+    }
+
+    /// The cells that a square touches, row by row; rows in which nothing is wanted are left out.
+    fn cell_rows(
+        &self,
+        center_m: [f64; 2],
+        half_side_m: f64,
+    ) -> impl Iterator<Item = Range<usize>> {
         let cells = Cells::around(center_m, half_side_m);
         cells.into_iter().flat_map(move |cells| {
-            (cells.y.0..=cells.y.1).map(move |iy| {
-                let first = self.cell_first[iy * SIDE + cells.x.0] as usize;
-                let end = self.cell_first[iy * SIDE + cells.x.1 + 1] as usize;
-                &self.slots[first..end]
-            })
+            let rows = cells.y.0.max(self.rows.start)..(cells.y.1 + 1).min(self.rows.end);
+            rows.map(move |iy| iy * SIDE + cells.x.0..iy * SIDE + cells.x.1 + 1)
         })
     }
 
     /// The cells with points: where their lower corner lies, m, and their points.
     pub fn occupied_cells(&self) -> impl Iterator<Item = ([f64; 2], &[IndexedPoint])> {
-        self.cell_first
+        let cells = self.cells();
+        let first = cells.start;
+        self.cell_first[first..=cells.end]
             .windows(2)
             .enumerate()
-            .filter_map(|(cell, ends)| {
+            .filter_map(move |(i, ends)| {
+                let cell = first + i;
                 let corner = [cell % SIDE, cell / SIDE].map(|i| i as f64 - HALF_EXTENT_M);
                 let own = &self.slots[ends[0] as usize..ends[1] as usize];
                 (!own.is_empty()).then_some((corner, own))
@@ -185,19 +227,25 @@ impl FrameIndex {
         center_m: [f64; 2],
         half_side_m: f64,
     ) -> impl Iterator<Item = &IndexedPoint> {
-        let cells = Cells::around(center_m, half_side_m);
-        cells.into_iter().flat_map(move |cells| {
-            (cells.y.0..=cells.y.1).flat_map(move |iy| {
-                self.lowest_slot[iy * SIDE + cells.x.0..=iy * SIDE + cells.x.1]
-                    .iter()
-                    .filter(|&&slot| slot != NO_CELL)
-                    .map(|&slot| &self.slots[slot as usize])
-            })
-        })
+        let rows = self.cell_rows(center_m, half_side_m);
+        // Rows without a point are passed over at once.
+        let rows = rows.filter(move |c| self.cell_first[c.start] < self.cell_first[c.end]);
+        rows.flat_map(move |cells| self.lowest_slot[cells].iter())
+            .filter(|&&slot| slot != NO_CELL)
+            .map(move |&slot| &self.slots[slot as usize])
+    }
+}
+
+/// The cell of each point of a block.
+#[inline(always)]
+fn cells_of(points: &[Point], cells: &mut [u32; BLOCK]) {
+    for (cell, point) in cells.iter_mut().zip(points) {
+        *cell = cell_of(point);
     }
 }
 
 /// [`NO_CELL`] outside of the square, and for numbers that are not finite.
+#[inline(always)]
 fn cell_of(point: &Point) -> u32 {
     const SIDE_F: f32 = SIDE as f32;
     let x = point.x_m + HALF_EXTENT_M as f32;
@@ -282,6 +330,46 @@ mod tests {
         assert_eq!(frame.outside, 7);
         let found = frame.rows_around([1.0, 1.0], 1.0).flatten().count();
         assert_eq!(found, POINTS_MAX);
+    }
+
+    #[test]
+    fn a_frame_is_as_after_any_other() {
+        let scan: Vec<Point> = (0..3000)
+            .map(|i| {
+                at(
+                    (i % 97) as f32 - 48.0,
+                    (i % 89) as f32 - 44.0,
+                    i as f32 * 1e-3,
+                )
+            })
+            .collect();
+        let regions = [[0.0, 0.0], [20.0, 30.0], [-30.0, -35.0]];
+        let sorted = |frame: &mut FrameIndex, center_m: [f64; 2]| {
+            frame.start();
+            frame.want(center_m, 6.0);
+            frame.sort(&scan);
+        };
+        let mut used = FrameIndex::default();
+        used.want_all();
+        used.sort(&scan);
+        for center_m in regions {
+            let mut fresh = FrameIndex::default();
+            sorted(&mut fresh, center_m);
+            sorted(&mut used, center_m);
+            for asked in regions {
+                let found = |frame: &FrameIndex| {
+                    let points = frame.rows_around(asked, 40.0).flatten();
+                    let lowest = frame.lowest_around(asked, 40.0);
+                    [
+                        points.map(|p| p.index).collect(),
+                        lowest.map(|p| p.index).collect(),
+                    ]
+                };
+                let (expected, again): ([Vec<u32>; 2], _) = (found(&fresh), found(&used));
+                assert!(!expected[0].is_empty() && expected == again);
+            }
+            assert!(fresh.occupied_cells().eq(used.occupied_cells()));
+        }
     }
 
     #[test]

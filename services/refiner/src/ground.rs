@@ -63,9 +63,12 @@ impl GroundPlane {
         center_m: [f64; 2],
         settings: &GroundSettings,
     ) -> Option<GroundPlane> {
+        let mut lowest = frame.lowest_around(center_m, settings.radius_m).peekable();
+        // Most places of a frame are far from any point.
+        lowest.peek()?;
         let mut cells = [[0.0; 3]; CELLS_MAX];
         let mut count = 0;
-        for point in frame.lowest_around(center_m, settings.radius_m) {
+        for point in lowest {
             let [x, y, z] = point.at_m.map(f64::from);
             let (dx, dy) = (x - center_m[0], y - center_m[1]);
             let near = dx * dx + dy * dy <= settings.radius_m * settings.radius_m;
@@ -97,22 +100,29 @@ impl GroundPlane {
 
 /// The plane through the cells within a band around the last one; `None` when they carry none.
 fn least_squares(cells: &[[f64; 3]], last: &GroundPlane, band_m: f64) -> Option<GroundPlane> {
-    let mut normal = nalgebra::Matrix3::zeros();
-    let mut right = nalgebra::Vector3::zeros();
+    // Of dx, dy and 1 with each other, and with z.
+    let (mut xx, mut xy, mut x1, mut yy, mut y1) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let mut right = [0.0; 3];
     let mut used = 0;
     for &[dx, dy, z] in cells {
         let above_m = z - last.height_m - last.slope[0] * dx - last.slope[1] * dy;
         if above_m.abs() <= band_m {
-            let row = nalgebra::Vector3::new(dx, dy, 1.0);
-            normal += row * row.transpose();
-            right += row * z;
+            xx += dx * dx;
+            xy += dx * dy;
+            x1 += dx;
+            yy += dy * dy;
+            y1 += dy;
+            right[0] += dx * z;
+            right[1] += dy * z;
+            right[2] += z;
             used += 1;
         }
     }
     if used < CELLS_MIN {
         return None;
     }
-    let solution = normal.cholesky()?.solve(&right);
+    let normal = nalgebra::Matrix3::new(xx, xy, x1, xy, yy, y1, x1, y1, used as f64);
+    let solution = normal.cholesky()?.solve(&nalgebra::Vector3::from(right));
     let slope = [solution[0], solution[1]];
     let fine = slope[0].hypot(slope[1]) <= SLOPE_MAX && solution[2].is_finite();
     fine.then_some(GroundPlane {

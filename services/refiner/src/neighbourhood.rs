@@ -26,6 +26,8 @@ pub struct Neighbourhood {
     pub thinned: bool,
     /// For [`Neighbourhood::keep_only`].
     is_kept: Vec<bool>,
+    /// For [`Neighbourhood::gather`].
+    picked: Vec<IndexedPoint>,
 }
 
 /// Which points to gather.
@@ -77,9 +79,8 @@ impl Neighbourhood {
         wanted: &Gather,
         is_known: &[bool],
     ) -> usize {
-        let center_m = [f64::from(seed.at_m[0]), f64::from(seed.at_m[1])];
-        let mut seed_at = 0;
-        self.clear(center_m);
+        let [seed_x, seed_y, _] = seed.at_m;
+        let center_m = [f64::from(seed_x), f64::from(seed_y)];
         let rows = || frame.rows_around(center_m, wanted.radius_m);
         let available: usize = rows().map(<[IndexedPoint]>::len).sum();
         self.looked_at = available as u64;
@@ -87,45 +88,50 @@ impl Neighbourhood {
         let height_at_center = ground.z_at_m(center_m[0], center_m[1]) as f32;
         let slope = ground.slope.map(|s| s as f32);
         let [low, high] = wanted.height_m.map(|h| h as f32);
-        // Relative to the centre, and the height; `None` for points that are not asked for.
-        let placed = |at_m: [f32; 3]| {
-            let [x, y, z] = at_m;
-            let dx = (f64::from(x) - center_m[0]) as f32;
-            let dy = (f64::from(y) - center_m[1]) as f32;
-            let height = z - (height_at_center + slope[0] * dx + slope[1] * dy);
-            let near = dx * dx + dy * dy <= radius_squared;
-            (dx, dy, height, near && height >= low && height <= high)
+        let height = |[x, y, z]: [f32; 3]| {
+            z - (height_at_center + slope[0] * (x - seed_x) + slope[1] * (y - seed_y))
+        };
+        let is_asked = |at_m: [f32; 3]| {
+            let (dx, dy) = (at_m[0] - seed_x, at_m[1] - seed_y);
+            let height = height(at_m);
+            // No short cuts: branches that depend on the data cost more than comparisons.
+            (dx * dx + dy * dy <= radius_squared) & (height >= low) & (height <= high)
         };
         let points_max = wanted.points_max.max(1);
         // Only points that are asked for count against the limit: near the sensor most are ground.
         let keep_one_in = match available > points_max {
             true => {
                 self.looked_at += available as u64;
-                let asked = rows().flatten().filter(|p| placed(p.at_m).3).count();
+                let asked = rows().flatten().filter(|p| is_asked(p.at_m)).count();
                 asked.div_ceil(points_max) as u64
             }
             false => 1,
         };
         self.thinned = keep_one_in > 1;
-        for point in rows().flatten() {
-            let (dx, dy, height, wanted) = placed(point.at_m);
-            let is_seed = point.index == seed.index;
-            // Thousands of equal points stay together or go together.
-            let room = self.len() < 2 * points_max;
-            if is_seed || (wanted && room && is_kept(point.at_m, keep_one_in)) {
-                if is_seed {
-                    seed_at = self.len();
-                }
-                self.x_m.push(dx);
-                self.y_m.push(dy);
-                self.z_m.push(point.at_m[2]);
-                self.height_m.push(height);
-                self.index.push(point.index);
-                let known = is_known.get(point.index as usize).copied();
-                self.is_known.push(known.unwrap_or(false));
+        let mut count = 0;
+        let picked = &mut self.picked;
+        picked.resize(picked.len().max(available), IndexedPoint::default());
+        for row in rows() {
+            for point in row {
+                // Thousands of equal points stay together or go together.
+                let stays = keep_one_in <= 1
+                    || (count < 2 * points_max && is_kept(point.at_m, keep_one_in));
+                // The next one takes the place of one that is not picked.
+                picked[count] = *point;
+                count += usize::from((point.index == seed.index) | (is_asked(point.at_m) & stays));
             }
         }
-        seed_at
+        let picked = &picked[..count];
+        self.origin_m = center_m;
+        fill(&mut self.x_m, picked, |p| p.at_m[0] - seed_x);
+        fill(&mut self.y_m, picked, |p| p.at_m[1] - seed_y);
+        fill(&mut self.z_m, picked, |p| p.at_m[2]);
+        fill(&mut self.height_m, picked, |p| height(p.at_m));
+        fill(&mut self.index, picked, |p| p.index);
+        let known = |p: &IndexedPoint| is_known.get(p.index as usize) == Some(&true);
+        fill(&mut self.is_known, picked, known);
+        let seed_at = self.index.iter().position(|&index| index == seed.index);
+        seed_at.unwrap_or(0)
     }
 
     /// Keeps the points of a cluster alone, in their order, and says where the seed is now.
@@ -135,41 +141,32 @@ impl Neighbourhood {
         for &member in members {
             self.is_kept[member as usize] = true;
         }
-        let mut to = 0;
-        let mut seed_at = 0;
-        for from in 0..self.len() {
-            if !self.is_kept[from] {
-                continue;
-            }
-            if from == seed {
-                seed_at = to;
-            }
-            self.x_m[to] = self.x_m[from];
-            self.y_m[to] = self.y_m[from];
-            self.z_m[to] = self.z_m[from];
-            self.height_m[to] = self.height_m[from];
-            self.index[to] = self.index[from];
-            self.is_known[to] = self.is_known[from];
-            to += 1;
-        }
-        self.x_m.truncate(to);
-        self.y_m.truncate(to);
-        self.z_m.truncate(to);
-        self.height_m.truncate(to);
-        self.index.truncate(to);
-        self.is_known.truncate(to);
-        seed_at
+        let kept = &self.is_kept;
+        compact(&mut self.x_m, kept);
+        compact(&mut self.y_m, kept);
+        compact(&mut self.z_m, kept);
+        compact(&mut self.height_m, kept);
+        compact(&mut self.index, kept);
+        compact(&mut self.is_known, kept);
+        kept[..seed].iter().filter(|&&kept| kept).count()
     }
+}
 
-    fn clear(&mut self, origin_m: [f64; 2]) {
-        self.origin_m = origin_m;
-        self.x_m.clear();
-        self.y_m.clear();
-        self.z_m.clear();
-        self.height_m.clear();
-        self.index.clear();
-        self.is_known.clear();
+/// Overwrites a column.
+fn fill<T>(column: &mut Vec<T>, points: &[IndexedPoint], value: impl Fn(&IndexedPoint) -> T) {
+    column.clear();
+    column.extend(points.iter().map(value));
+}
+
+/// Keeps the entries that are said to be kept.
+fn compact<T: Copy>(column: &mut Vec<T>, kept: &[bool]) {
+    let mut to = 0;
+    for (from, &kept) in kept.iter().enumerate() {
+        // The next one takes the place of one that is not kept.
+        column[to] = column[from];
+        to += usize::from(kept);
     }
+    column.truncate(to);
 }
 
 /// Thins by the coordinates alone, so that the order of the scan does not matter.

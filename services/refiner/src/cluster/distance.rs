@@ -42,15 +42,70 @@ impl Distance {
         (self.join_m + self.join_per_range * range_m).min(self.join_max_m)
     }
 
+    /// The join distance of a growth, m.
+    fn join_m(&self, range_m: f64, bounds: &Bounds) -> f32 {
+        (self.join_distance_m(range_m) * bounds.scale) as f32
+    }
+
+    /// Sorts points into cells for joins of at least `join_m`; none is reached yet.
+    fn sort(&mut self, around: &Neighbourhood, join_m: f32, keep: impl Fn(usize) -> bool) {
+        // A little below the exact size, so that rounding cannot put two distant points into one cell.
+        let cell_m = join_m * (0.999 / std::f32::consts::SQRT_2);
+        self.buckets.fill(&around.x_m, &around.y_m, cell_m, keep);
+        self.extents.clear();
+        for cell in 0..self.buckets.cells() {
+            self.extents.push(self.measure(cell));
+        }
+        self.reached.clear();
+        self.reached.resize(self.buckets.cells(), false);
+    }
+
+    /// The points of all cells that the seed's cell reaches by steps of at most `join_m`.
+    fn reach(&mut self, around: &Neighbourhood, seed: usize, join_m: f32, members: &mut Vec<u32>) {
+        members.clear();
+        let side = self.buckets.side();
+        // Farther cells lie apart by more than the join.
+        let cells = (join_m / self.buckets.cell_m()) as usize + 1;
+        let near = |at: usize| at.saturating_sub(cells)..(at + cells + 1).min(side);
+        let start = self.buckets.cell_at(around.x_m[seed], around.y_m[seed]);
+        self.queue.clear();
+        self.queue.push(start as u32);
+        self.reached[start] = true;
+        let mut next = 0;
+        while let Some(&cell) = self.queue.get(next) {
+            next += 1;
+            let cell = cell as usize;
+            members.extend_from_slice(self.buckets.points(cell));
+            for y in near(cell / side) {
+                for x in near(cell % side) {
+                    let other = y * side + x;
+                    if !self.reached[other]
+                        && !self.buckets.points(other).is_empty()
+                        && self.touch(cell, other, join_m * join_m)
+                    {
+                        self.reached[other] = true;
+                        self.queue.push(other as u32);
+                    }
+                }
+            }
+        }
+        // As it was, for the next seed.
+        for &cell in &self.queue {
+            self.reached[cell as usize] = false;
+        }
+    }
+
     /// Lowest x, y and highest x, y of a cell's points, m.
     fn measure(&self, cell: usize) -> [f32; 4] {
-        let far = f32::INFINITY;
+        let places = self.buckets.places(cell);
+        let Some(&[x, y]) = places.first() else {
+            return [f32::INFINITY; 4];
+        };
         let less = |a: f32, b: f32| if a < b { a } else { b };
-        let places = self.buckets.places(cell).iter();
-        let [x, y, neg_x, neg_y] = places.fold([far; 4], |e, &[x, y]| {
-            [less(x, e[0]), less(y, e[1]), less(-x, e[2]), less(-y, e[3])]
-        });
-        [x, y, -neg_x, -neg_y]
+        let more = |a: f32, b: f32| if a > b { a } else { b };
+        places[1..].iter().fold([x, y, x, y], |e, &[x, y]| {
+            [less(x, e[0]), less(y, e[1]), more(x, e[2]), more(y, e[3])]
+        })
     }
 
     /// Whether any point of one cell is within the join distance of any point of another.
@@ -84,42 +139,31 @@ impl Clusterer for Distance {
         bounds: &Bounds,
         members: &mut Vec<u32>,
     ) {
-        members.clear();
-        let join_m = (self.join_distance_m(around.range_m(seed)) * bounds.scale) as f32;
+        let join_m = self.join_m(around.range_m(seed), bounds);
         let allowed = is_allowed(around, seed, bounds);
-        // A little below the exact size, so that rounding cannot put two distant points into one cell.
-        let cell_m = join_m * (0.999 / std::f32::consts::SQRT_2);
-        self.buckets.fill(&around.x_m, &around.y_m, cell_m, |i| {
-            i == seed || allowed(i)
-        });
-        self.extents.clear();
-        for cell in 0..self.buckets.cells() {
-            self.extents.push(self.measure(cell));
-        }
-        self.reached.clear();
-        self.reached.resize(self.buckets.cells(), false);
-        self.queue.clear();
-        let start = self.buckets.cell_at(around.x_m[seed], around.y_m[seed]);
-        self.reached[start] = true;
-        self.queue.push(start as u32);
-        let mut next = 0;
-        while let Some(&cell) = self.queue.get(next) {
-            next += 1;
-            let cell = cell as usize;
-            members.extend_from_slice(self.buckets.points(cell));
-            for dy in -2isize..=2 {
-                for dx in -2isize..=2 {
-                    let Some(other) = self.buckets.shifted(cell, dx, dy) else {
-                        continue;
-                    };
-                    if !self.reached[other]
-                        && !self.buckets.points(other).is_empty()
-                        && self.touch(cell, other, join_m * join_m)
-                    {
-                        self.reached[other] = true;
-                        self.queue.push(other as u32);
-                    }
-                }
+        self.sort(around, join_m, |i| i == seed || allowed(i));
+        self.reach(around, seed, join_m, members);
+    }
+
+    /// The points are sorted once: cells for the shortest of all joins serve the others too.
+    fn grow_rest(
+        &mut self,
+        around: &Neighbourhood,
+        bounds: &Bounds,
+        is_taken: &mut [bool],
+        members: &mut Vec<u32>,
+        take: &mut dyn FnMut(&[u32]),
+    ) {
+        let ranges_m = (0..around.len()).map(|point| around.range_m(point));
+        let nearest_m = ranges_m.fold(f64::INFINITY, f64::min);
+        let join_m = self.join_m(nearest_m, bounds);
+        self.sort(around, join_m, |_| true);
+        for seed in 0..around.len() {
+            if !is_taken[seed] {
+                let join_m = self.join_m(around.range_m(seed), bounds);
+                self.reach(around, seed, join_m, members);
+                members.iter().for_each(|&m| is_taken[m as usize] = true);
+                take(members);
             }
         }
     }
@@ -186,5 +230,36 @@ mod tests {
             }
         }
         assert!(partial > 0, "no case between alone and everything");
+    }
+
+    #[test]
+    fn the_rest_comes_in_the_parts_that_growing_alone_gives() {
+        let bounds = Bounds {
+            height_min_m: 0.2,
+            scale: 0.6,
+        };
+        for count in [1, 60, 250, 900] {
+            let around = scattered(count);
+            let mut distance = Distance::new(&DistanceSettings::default());
+            let mut members = Vec::new();
+            let mut is_taken = vec![false; count];
+            is_taken[count / 2] = count > 1;
+            let mut expected = Vec::new();
+            let mut is_left: Vec<bool> = is_taken.iter().map(|taken| !taken).collect();
+            while let Some(seed) = is_left.iter().position(|&left| left) {
+                distance.grow(&around, seed, &bounds, &mut members);
+                members.iter().for_each(|&m| is_left[m as usize] = false);
+                members.sort_unstable();
+                expected.push(members.clone());
+            }
+            let mut found = Vec::new();
+            distance.grow_rest(&around, &bounds, &mut is_taken, &mut members, &mut |part| {
+                let mut part = part.to_vec();
+                part.sort_unstable();
+                found.push(part);
+            });
+            assert_eq!(found, expected);
+            assert!(is_taken.iter().all(|&taken| taken));
+        }
     }
 }

@@ -38,6 +38,27 @@ pub trait Clusterer: std::fmt::Debug + Send {
         bounds: &Bounds,
         members: &mut Vec<u32>,
     );
+
+    /// Of points that were grown as one cluster: grows a part from every point that is in none before, in the points'
+    /// order, and hands each to `take`. `is_taken` says which points are in one, and is kept up to date; `members` is a
+    /// buffer.
+    fn grow_rest(
+        &mut self,
+        around: &Neighbourhood,
+        bounds: &Bounds,
+        is_taken: &mut [bool],
+        members: &mut Vec<u32>,
+        take: &mut dyn FnMut(&[u32]),
+    ) {
+        for seed in 0..around.len() {
+            if !is_taken[seed] {
+                self.grow(around, seed, bounds, members);
+                is_taken[seed] = true;
+                members.iter().for_each(|&m| is_taken[m as usize] = true);
+                take(members);
+            }
+        }
+    }
 }
 
 /// Whether a point may belong to the seed's cluster: it stands above the ground, and either both or neither of them are

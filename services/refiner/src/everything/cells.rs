@@ -3,15 +3,21 @@
 //! Points of one cell belong together. Two cells belong together when any pair of their points is within the join
 //! distance of their mean range: so the result depends on no order of points or cells.
 
+use std::ops::Range;
+
+use super::places::{Places, SIDE};
+use crate::ascending::Ascending;
 use crate::frame::{HALF_EXTENT_M, IndexedPoint};
 
 /// Side of a cell, m: its diagonal is below the shortest full join distance (0.4 m).
 const CELL_M: f32 = 0.25;
-/// Cells along a side.
-const SIDE: usize = (2.0 * HALF_EXTENT_M / CELL_M as f64) as usize;
+const _: () = assert!(SIDE == (2.0 * HALF_EXTENT_M / CELL_M as f64) as usize);
 const EMPTY: u32 = u32::MAX;
-/// Rows of cells that any reach touches at most: join distances up to 3.5 m; beyond it a reach is cut short.
-const ROWS_MAX: usize = 16;
+/// Cells that any reach spans at most: join distances up to 3.5 m; beyond it a reach is cut short.
+const REACH_MAX: u32 = 15;
+
+/// More than what rounding takes from a distance, m.
+const ROUNDING_M: f32 = 0.001;
 
 /// One cell with points.
 #[derive(Clone, Copy, Debug)]
@@ -40,9 +46,14 @@ pub(super) struct Cells {
     /// Cell by cell.
     pub(super) places_m: Vec<[f32; 2]>,
     pub(super) indices: Vec<u32>,
-    parent: Vec<u32>,
-    /// For sorting: places and old numbers, the cells as they were, and their new numbers.
-    by_place: Vec<(u32, u32)>,
+    /// First cell of those that each is united with.
+    root: Vec<u32>,
+    /// Places of the cells that are not reached yet, and the cells that are.
+    left: Places,
+    reached: Vec<u32>,
+    /// For sorting: places, the cells as they were, and their new numbers.
+    by_place: Vec<u32>,
+    ascending: Ascending,
     unsorted: Vec<Cell>,
     new_number: Vec<u32>,
 }
@@ -55,8 +66,11 @@ impl Default for Cells {
             added: Vec::new(),
             places_m: Vec::new(),
             indices: Vec::new(),
-            parent: Vec::new(),
+            root: Vec::new(),
+            left: Places::default(),
+            reached: Vec::new(),
             by_place: Vec::new(),
+            ascending: Ascending::default(),
             unsorted: Vec::new(),
             new_number: Vec::new(),
         }
@@ -76,7 +90,6 @@ impl Cells {
     /// One more point, within the frame's square.
     pub(super) fn add(&mut self, point: &IndexedPoint) {
         let [x, y, z] = point.at_m;
-        let along = |v: f32| (((v + HALF_EXTENT_M as f32) / CELL_M) as usize).min(SIDE - 1);
         let place = along(y) * SIDE + along(x);
         let mut number = self.number_at[place];
         if number == EMPTY {
@@ -102,15 +115,15 @@ impl Cells {
     /// Numbers the cells row by row and sorts the points by cell, once all are there.
     pub(super) fn sort(&mut self) {
         self.by_place.clear();
-        let places = self.cells.iter().enumerate();
         self.by_place
-            .extend(places.map(|(old, cell)| (cell.place, old as u32)));
-        self.by_place.sort_unstable();
+            .extend(self.cells.iter().map(|cell| cell.place));
+        self.ascending.sort(&mut self.by_place);
         self.new_number.resize(self.cells.len(), 0);
         self.unsorted.clear();
         self.unsorted.extend_from_slice(&self.cells);
         let mut first = 0;
-        for (new, &(_, old)) in self.by_place.iter().enumerate() {
+        for (new, &place) in self.by_place.iter().enumerate() {
+            let old = self.number_at[place as usize];
             let cell = &mut self.cells[new];
             *cell = self.unsorted[old as usize];
             cell.first = first;
@@ -118,6 +131,7 @@ impl Cells {
             // Serves as the cursor below and comes out as it was.
             cell.count = 0;
             self.new_number[old as usize] = new as u32;
+            self.number_at[place as usize] = new as u32;
         }
         self.places_m.clear();
         self.places_m.resize(self.added.len(), [0.0; 2]);
@@ -130,14 +144,12 @@ impl Cells {
             self.places_m[slot] = [point.at_m[0], point.at_m[1]];
             self.indices[slot] = point.index;
         }
-        self.parent.clear();
-        self.parent.resize(self.cells.len(), 0);
+        self.root.resize(self.cells.len(), 0);
     }
 
     /// Points of a cell.
-    pub(super) fn points(&self, cell: u32) -> std::ops::Range<usize> {
-        let cell = &self.cells[cell as usize];
-        cell.first as usize..(cell.first + cell.count) as usize
+    pub(super) fn points(&self, cell: u32) -> Range<usize> {
+        self.cells[cell as usize].points()
     }
 
     /// Points of many cells.
@@ -158,87 +170,74 @@ impl Cells {
     }
 
     /// Unites those of `own`, ascending, that are within the join distance of each other. [`Cells::root`] tells the
-    /// result.
+    /// result. `join_m` grows with the range, or stays.
     ///
-    /// A sweep: for each row of cells that a reach touches a cursor moves along, so only cells with points are met.
+    /// A flood from every cell that none before has reached. Only cells that are left are met again, and only a join's
+    /// reach around.
     pub(super) fn unite(&mut self, own: &[u32], join_m: impl Fn(f32) -> f32) {
         for &cell in own {
-            self.parent[cell as usize] = cell;
+            self.left.insert(self.cells[cell as usize].place);
         }
-        let farthest_m = own.iter().map(|&cell| self.cells[cell as usize].range_m);
-        let reach_m = farthest_m.map(&join_m).fold(0.0, f32::max);
-        // Cells this many apart may still hold points within reach; the middle of a row is not its nearest point.
-        let rows = ((reach_m / CELL_M) as usize + 1).min(ROWS_MAX - 1);
-        let mut cursors = [0; ROWS_MAX];
-        for (at, &a) in own.iter().enumerate() {
+        for &root in own {
+            if self.left.remove(self.cells[root as usize].place) {
+                self.flood(root, &join_m);
+            }
+        }
+    }
+
+    fn flood(&mut self, root: u32, join_m: &impl Fn(f32) -> f32) {
+        self.reached.clear();
+        self.reached.push(root);
+        let mut next = 0;
+        while let Some(&a) = self.reached.get(next) {
+            next += 1;
+            self.root[a as usize] = root;
             let cell = self.cells[a as usize];
-            let own_join_m = join_m(cell.range_m);
-            let reach = ((own_join_m / CELL_M) as u32 + 1).min(rows as u32);
-            let x = cell.place % SIDE as u32;
-            let left = x.min(reach);
-            let right = reach.min(SIDE as u32 - 1 - x);
-            for row in 0..=reach {
-                let middle = cell.place + row * SIDE as u32;
-                let (from, to) = match row {
-                    0 => (middle + 1, middle + right),
-                    _ => (middle - left, middle + right),
-                };
-                let cursor = &mut cursors[row as usize];
-                // Cells before the widest reach's start are of no use to any later cell either.
-                let passed = middle - x.min(rows as u32);
-                *cursor = (*cursor).max(at);
-                while own
-                    .get(*cursor)
-                    .is_some_and(|&b| self.cells[b as usize].place < passed)
-                {
-                    *cursor += 1;
-                }
-                for &b in &own[*cursor..] {
-                    let place = self.cells[b as usize].place;
-                    if place > to {
-                        break;
-                    }
-                    if place >= from {
-                        self.join(a, b, &join_m);
+            // Of no other cell around is the range longer.
+            let most_m = join_m(cell.range_m + REACH_MAX as f32 * CELL_M);
+            let [columns, rows] = cell.around(most_m + ROUNDING_M);
+            for row in rows {
+                let first = row * SIDE as u32 + columns.start;
+                let mut left = self.left.part(first, columns.len() as u32);
+                while left != 0 {
+                    let place = first + left.trailing_zeros();
+                    left &= left - 1;
+                    let b = self.number_at[place as usize];
+                    let extent_m = self.cells[b as usize].extent_m;
+                    if gap_squared(cell.extent_m, extent_m) <= most_m * most_m
+                        && self.are_joined(a.min(b), a.max(b), join_m)
+                    {
+                        self.left.remove(place);
+                        self.reached.push(b);
                     }
                 }
             }
         }
     }
 
-    fn join(&mut self, a: u32, b: u32, join_m: &impl Fn(f32) -> f32) {
-        let (ra, rb) = (self.root(a), self.root(b));
-        if ra != rb {
-            let ranges_m = self.cells[a as usize].range_m + self.cells[b as usize].range_m;
-            let join_m = join_m(ranges_m / 2.0);
-            if self.touch(a, b, join_m * join_m) {
-                self.parent[ra.max(rb) as usize] = ra.min(rb);
-            }
+    fn are_joined(&self, low: u32, high: u32, join_m: &impl Fn(f32) -> f32) -> bool {
+        let [a, b] = [low, high].map(|cell| &self.cells[cell as usize]);
+        let join = join_m((a.range_m + b.range_m) / 2.0);
+        self.touch(a, b, join * join) && {
+            // The lower cell's reach counts, where two cells see each other differently.
+            let [ax, ay] = a.column_and_row();
+            let [bx, by] = b.column_and_row();
+            ax.abs_diff(bx).max(ay.abs_diff(by)) <= reach_of(join_m(a.range_m))
         }
     }
 
-    /// The cell that stands for all that are united with this one.
-    pub(super) fn root(&mut self, cell: u32) -> u32 {
-        let mut at = cell as usize;
-        while self.parent[at] as usize != at {
-            // Every other step is shortened: later searches are quicker.
-            self.parent[at] = self.parent[self.parent[at] as usize];
-            at = self.parent[at] as usize;
-        }
-        at as u32
+    /// The first of the cells that are united with this one.
+    pub(super) fn root(&self, cell: u32) -> u32 {
+        self.root[cell as usize]
     }
 
-    fn touch(&self, a: u32, b: u32, join_squared: f32) -> bool {
-        let (ea, eb) = (
-            self.cells[a as usize].extent_m,
-            self.cells[b as usize].extent_m,
-        );
-        if gap_squared(ea, eb) > join_squared {
+    fn touch(&self, a: &Cell, b: &Cell, join_squared: f32) -> bool {
+        if gap_squared(a.extent_m, b.extent_m) > join_squared {
             return false;
         }
-        let others = &self.places_m[self.points(b)];
-        self.places_m[self.points(a)].iter().any(|&[x, y]| {
-            gap_squared([x, y, x, y], eb) <= join_squared
+        let others = &self.places_m[b.points()];
+        self.places_m[a.points()].iter().any(|&[x, y]| {
+            gap_squared([x, y, x, y], b.extent_m) <= join_squared
                 && others.iter().any(|&[ox, oy]| {
                     let (dx, dy) = (ox - x, oy - y);
                     dx * dx + dy * dy <= join_squared
@@ -247,13 +246,45 @@ impl Cells {
     }
 }
 
+impl Cell {
+    fn points(&self) -> Range<usize> {
+        self.first as usize..(self.first + self.count) as usize
+    }
+
+    fn column_and_row(&self) -> [u32; 2] {
+        [self.place % SIDE as u32, self.place / SIDE as u32]
+    }
+
+    /// Columns and rows of the cells that may hold points this near, m.
+    fn around(&self, near_m: f32) -> [Range<u32>; 2] {
+        let [column, row] = self.column_and_row();
+        let range = |at: u32, low_m: f32, high_m: f32| {
+            let first = (along(low_m - near_m) as u32).max(at.saturating_sub(REACH_MAX));
+            first..(along(high_m + near_m) as u32).min(at + REACH_MAX) + 1
+        };
+        let [x0, y0, x1, y1] = self.extent_m;
+        [range(column, x0, x1), range(row, y0, y1)]
+    }
+}
+
+/// Column or row of a coordinate.
+fn along(v_m: f32) -> usize {
+    (((v_m + HALF_EXTENT_M as f32) / CELL_M) as usize).min(SIDE - 1)
+}
+
+/// Cells this many apart may still hold points within a join: the middle of a cell is not its nearest point.
+fn reach_of(join_m: f32) -> u32 {
+    ((join_m / CELL_M) as u32 + 1).min(REACH_MAX)
+}
+
 fn middle_m(place: usize) -> [f32; 2] {
     [place % SIDE, place / SIDE].map(|i| (i as f32 + 0.5) * CELL_M - HALF_EXTENT_M as f32)
 }
 
 /// Squared distance between two extents, m^2.
 fn gap_squared(a: [f32; 4], b: [f32; 4]) -> f32 {
-    let gap = |axis: usize| (b[axis] - a[axis + 2]).max(a[axis] - b[axis + 2]).max(0.0);
+    let more = |a: f32, b: f32| if a > b { a } else { b };
+    let gap = |axis: usize| more(more(b[axis] - a[axis + 2], a[axis] - b[axis + 2]), 0.0);
     gap(0) * gap(0) + gap(1) * gap(1)
 }
 

@@ -3,6 +3,7 @@
 //! Sums are taken over whole millimetres, so that they do not depend on the order of the points.
 
 use mluc_ipc_types::Point;
+use mluc_kernels::at_best;
 use nalgebra::Matrix3;
 
 use crate::Sensor;
@@ -121,7 +122,7 @@ impl Measures {
     /// Mean and deviation of the intensities; those that are not finite count as 0.
     pub(super) fn set_intensity<'a>(&mut self, points: impl Iterator<Item = &'a Point>) {
         const STEPS: f32 = 1024.0;
-        let (mut sum, mut squares, mut count) = (0i64, 0i128, 0i64);
+        let (mut sum, mut squares, mut count) = (0i64, 0i64, 0i64);
         for p in points {
             // Above 255 no sensor goes.
             let value = match p.intensity.is_finite() {
@@ -129,7 +130,7 @@ impl Measures {
                 false => 0,
             };
             sum += value;
-            squares += i128::from(value * value);
+            squares += value * value;
             count += 1;
         }
         let count = count.max(1) as f64;
@@ -142,22 +143,10 @@ impl Measures {
 
 /// Linearity, planarity and scattering.
 fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
-    let mut sum = [0i64; 3];
-    let mut products = [0i64; 6];
-    let base = points.z_m.first().copied().unwrap_or(0.0);
-    for i in 0..points.len() {
-        let [x, y, z] = [points.x_m[i], points.y_m[i], points.z_m[i]]
-            .map(|v| v * PER_M)
-            .map(|v| v as i64);
-        let z = z - (base * PER_M) as i64;
-        for (sum, v) in sum.iter_mut().zip([x, y, z]) {
-            *sum += v;
-        }
-        let pairs = [x * x, x * y, x * z, y * y, y * z, z * z];
-        for (product, v) in products.iter_mut().zip(pairs) {
-            *product += v;
-        }
-    }
+    let (sum, products) = at_best(
+        #[inline(always)]
+        || sums(points),
+    );
     let n = points.len().max(1) as f64;
     let mean = sum.map(|s| s as f64 / n);
     let [xx, xy, xz, yy, yz, zz] = products.map(|p| p as f64 / n);
@@ -182,16 +171,41 @@ fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
     [(l[0] - l[1]) / l[0], (l[1] - l[2]) / l[0], l[2] / l[0]].map(|v| v as f32)
 }
 
+/// Sums of x, y, z and of xx, xy, xz, yy, yz, zz, in whole millimetres; z from the first point's.
+#[inline(always)]
+fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
+    let mut sum = [0i64; 3];
+    let mut products = [0i64; 6];
+    // Whole numbers of 32 bits, 2000 km, and their products of 64: what registers of several numbers can do.
+    let whole = |v: f32| (v * PER_M) as i32;
+    let base = points.z_m.first().map_or(0, |&z| whole(z));
+    for ((&x, &y), &z) in points.x_m.iter().zip(&points.y_m).zip(&points.z_m) {
+        let [x, y, z] = [whole(x), whole(y), whole(z).wrapping_sub(base)].map(i64::from);
+        let pairs = [x * x, x * y, x * z, y * y, y * z, z * z];
+        for (sum, v) in sum.iter_mut().zip([x, y, z]) {
+            *sum += v;
+        }
+        for (product, v) in products.iter_mut().zip(pairs) {
+            *product += v;
+        }
+    }
+    (sum, products)
+}
+
 /// Mean distance to the nearest side, m.
 fn residual_m(points: &ClusterPoints, tight: &Rectangle) -> f32 {
     let (sin, cos) = (tight.yaw_rad.sin() as f32, tight.yaw_rad.cos() as f32);
     let (u, v) = (tight.u_m.map(|m| m as f32), tight.v_m.map(|m| m as f32));
-    let mut sum = 0i64;
-    for (x, y) in points.x_m.iter().zip(&points.y_m) {
+    let lower = |a: f32, b: f32| if a < b { a } else { b };
+    let whole_mm = |(x, y): (&f32, &f32)| {
         let (a, b) = (x * cos + y * sin, y * cos - x * sin);
-        let d = (a - u[0]).min(u[1] - a).min(b - v[0]).min(v[1] - b);
-        sum += (d.max(0.0) * PER_M) as i64;
-    }
+        let d = lower(lower(a - u[0], u[1] - a), lower(b - v[0], v[1] - b));
+        i64::from((d.max(0.0) * PER_M) as i32)
+    };
+    let sum: i64 = at_best(
+        #[inline(always)]
+        || points.x_m.iter().zip(&points.y_m).map(whole_mm).sum(),
+    );
     sum as f32 / points.len().max(1) as f32 / PER_M
 }
 

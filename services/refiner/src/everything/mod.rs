@@ -9,6 +9,7 @@ mod cells;
 mod cluster;
 mod divide;
 mod measure;
+mod places;
 
 pub use cluster::{FrameCluster, FrameClusters, FrameCounters};
 pub use measure::Measures;

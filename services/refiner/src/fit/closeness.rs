@@ -6,6 +6,8 @@
 
 use std::sync::LazyLock;
 
+use mluc_kernels::at_best;
+
 use super::{ClusterPoints, LANES, Rectangle};
 
 /// Distances below this count the same, m: the sensor's noise.
@@ -20,6 +22,8 @@ const HEADING_POINTS_MAX: usize = 512;
 const COARSE_POINTS_MAX: usize = 192;
 /// Whole degrees within a quarter turn.
 const DEGREES: usize = 90;
+/// Headings that are tried first.
+const COARSE: usize = DEGREES / 3;
 
 /// Cosine and sine of every whole degree.
 static DIRECTIONS: LazyLock<[[f32; 2]; DEGREES]> = LazyLock::new(|| {
@@ -40,18 +44,30 @@ impl Closeness {
     /// The rectangle that the points lie closest to.
     pub fn fit(&mut self, points: &ClusterPoints) -> Rectangle {
         self.thin(points, COARSE_POINTS_MAX);
-        let coarse = self.best((0..DEGREES as i32).step_by(3));
+        let coarse = std::array::from_fn::<i32, COARSE, _>(|step| 3 * step as i32);
+        let coarse = at_best(
+            #[inline(always)]
+            || self.best(coarse),
+        );
         self.thin(points, HEADING_POINTS_MAX);
-        let fine = self.best([0, -1, 1, -2, 2].into_iter().map(|step| coarse + step));
+        let fine = [0, -1, 1, -2, 2].map(|step| coarse + step);
+        let fine = at_best(
+            #[inline(always)]
+            || self.best(fine),
+        );
         points.rectangle(f64::from(fine.rem_euclid(DEGREES as i32)).to_radians())
     }
 
     /// The first of equals, in the order given.
-    fn best(&self, degrees: impl Iterator<Item = i32>) -> i32 {
-        let (_, best) = degrees.fold((0, 0), |best: (u64, i32), d| {
+    #[inline(always)]
+    fn best<const COUNT: usize>(&self, degrees: [i32; COUNT]) -> i32 {
+        let (mut most, mut best) = (0, 0);
+        for d in degrees {
             let found = self.score(d);
-            if found > best.0 { (found, d) } else { best }
-        });
+            if found > most {
+                (most, best) = (found, d);
+            }
+        }
         best
     }
 
@@ -75,10 +91,10 @@ impl Closeness {
         }
     }
 
+    #[inline(always)]
     fn score(&self, degrees: i32) -> u64 {
         let [cos, sin] = DIRECTIONS[degrees.rem_euclid(DEGREES as i32) as usize];
-        let u = super::span(&self.x_m, &self.y_m, [cos, sin]);
-        let v = super::span(&self.x_m, &self.y_m, [-sin, cos]);
+        let [u, v] = super::spans(&self.x_m, &self.y_m, [cos, sin]);
         let term = |x: f32, y: f32| {
             let (a, b) = (x * cos + y * sin, y * cos - x * sin);
             let least = |p: f32, q: f32| if p < q { p } else { q };

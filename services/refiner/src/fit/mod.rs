@@ -14,6 +14,7 @@ pub use fitter::Fitter;
 pub use footprint::footprint;
 pub use minimum_area::minimum_area;
 
+use mluc_kernels::at_best;
 use serde::{Deserialize, Serialize};
 
 /// How a rectangle is laid around a cluster.
@@ -67,37 +68,41 @@ impl ClusterPoints {
 
     /// Lowest and highest z, m; `None` without points.
     pub fn z_range_m(&self) -> Option<[f32; 2]> {
-        let first = *self.z_m.first()?;
-        Some(self.z_m.iter().fold([first; 2], |[low, high], &z| {
-            [
-                if z < low { z } else { low },
-                if z > high { z } else { high },
-            ]
-        }))
+        (!self.z_m.is_empty()).then(|| {
+            at_best(
+                #[inline(always)]
+                || ends(&self.z_m),
+            )
+        })
     }
 
     /// Lowest and highest coordinate along a direction, m.
     pub fn span_m(&self, direction: [f32; 2]) -> [f32; 2] {
-        span(&self.x_m, &self.y_m, direction)
+        at_best(
+            #[inline(always)]
+            || span(&self.x_m, &self.y_m, direction),
+        )
+    }
+
+    /// Lowest and highest coordinate along a direction and along the one a quarter turn further, m.
+    pub fn spans_m(&self, direction: [f32; 2]) -> [[f32; 2]; 2] {
+        at_best(
+            #[inline(always)]
+            || spans(&self.x_m, &self.y_m, direction),
+        )
     }
 
     /// Lengths along a direction and across it, m.
-    pub(crate) fn sides_m(&self, [cos, sin]: [f32; 2]) -> [f64; 2] {
+    pub(crate) fn sides_m(&self, direction: [f32; 2]) -> [f64; 2] {
         let length = |[low, high]: [f32; 2]| f64::from(high) - f64::from(low);
-        [
-            length(self.span_m([cos, sin])),
-            length(self.span_m([-sin, cos])),
-        ]
+        self.spans_m(direction).map(length)
     }
 
     /// The tight rectangle whose u axis points to `yaw_rad`.
     pub fn rectangle(&self, yaw_rad: f64) -> Rectangle {
         let (sin, cos) = (yaw_rad.sin() as f32, yaw_rad.cos() as f32);
-        Rectangle {
-            yaw_rad,
-            u_m: self.span_m([cos, sin]).map(f64::from),
-            v_m: self.span_m([-sin, cos]).map(f64::from),
-        }
+        let [u_m, v_m] = self.spans_m([cos, sin]).map(|span| span.map(f64::from));
+        Rectangle { yaw_rad, u_m, v_m }
     }
 }
 
@@ -140,32 +145,65 @@ impl Rectangle {
 }
 
 /// Lanes of the loops below: wide enough for the compiler to use vectors.
-const LANES: usize = 8;
+const LANES: usize = 16;
+
+/// Along a direction and along the one a quarter turn further, as [`span`].
+#[inline(always)]
+fn spans(x: &[f32], y: &[f32], [cos, sin]: [f32; 2]) -> [[f32; 2]; 2] {
+    [span(x, y, [cos, sin]), span(x, y, [-sin, cos])]
+}
 
 /// Lowest and highest `x * d[0] + y * d[1]`; infinities without points.
+#[inline(always)]
 fn span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
     let mut low = [f32::INFINITY; LANES];
     let mut high = [f32::NEG_INFINITY; LANES];
-    let mut take = |lane: usize, x: f32, y: f32| {
-        let t = x * d[0] + y * d[1];
-        low[lane] = if t < low[lane] { t } else { low[lane] };
-        high[lane] = if t > high[lane] { t } else { high[lane] };
-    };
     let (x_blocks, y_blocks) = (x.chunks_exact(LANES), y.chunks_exact(LANES));
     let rest = x_blocks.remainder().iter().zip(y_blocks.remainder());
     for (x, y) in x_blocks.zip(y_blocks) {
         for lane in 0..LANES {
-            take(lane, x[lane], y[lane]);
+            let t = x[lane] * d[0] + y[lane] * d[1];
+            low[lane] = lower(low[lane], t);
+            high[lane] = higher(high[lane], t);
         }
     }
-    for (&x, &y) in rest {
-        take(0, x, y);
+    let rest = rest.map(|(x, y)| x * d[0] + y * d[1]);
+    [
+        low.into_iter()
+            .chain(rest.clone())
+            .fold(f32::INFINITY, lower),
+        high.into_iter().chain(rest).fold(f32::NEG_INFINITY, higher),
+    ]
+}
+
+/// Lowest and highest value; infinities without any.
+#[inline(always)]
+fn ends(values: &[f32]) -> [f32; 2] {
+    let mut low = [f32::INFINITY; LANES];
+    let mut high = [f32::NEG_INFINITY; LANES];
+    let blocks = values.chunks_exact(LANES);
+    let rest = blocks.remainder().iter().copied();
+    for block in blocks {
+        for lane in 0..LANES {
+            low[lane] = lower(low[lane], block[lane]);
+            high[lane] = higher(high[lane], block[lane]);
+        }
     }
-    let least = low
-        .iter()
-        .fold(f32::INFINITY, |a, &b| if b < a { b } else { a });
-    let most = high
-        .iter()
-        .fold(f32::NEG_INFINITY, |a, &b| if b > a { b } else { a });
-    [least, most]
+    [
+        low.into_iter()
+            .chain(rest.clone())
+            .fold(f32::INFINITY, lower),
+        high.into_iter().chain(rest).fold(f32::NEG_INFINITY, higher),
+    ]
+}
+
+// Comparisons and not `min` and `max`, which take care of NaN and cost more.
+#[inline(always)]
+fn lower(least: f32, t: f32) -> f32 {
+    if t < least { t } else { least }
+}
+
+#[inline(always)]
+fn higher(most: f32, t: f32) -> f32 {
+    if t > most { t } else { most }
 }
