@@ -4,7 +4,7 @@ use mluc_ipc_types::{
     Detection, Flags, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Point, Stage, Topic,
 };
 use mluc_model::Model;
-use mluc_refiner::{Refined, Refiner, Sensor, Tracker};
+use mluc_refiner::{Refined, Refiner, Tracker};
 use mluc_runtime::{Scans, Shell, monotonic_ns};
 
 use super::frame::{begin, check_model, finish, refuse, stamp_published};
@@ -12,8 +12,7 @@ use super::instruments::{frame_span, run_span};
 use crate::settings::Settings;
 
 pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
-    let sensor = Sensor::from_manifest(&model.manifest)?;
-    let mut refiner = Refiner::new(settings.refiner.clone(), &sensor)?;
+    let mut refiner = Refiner::for_model(settings.refiner.clone(), model)?;
     let mut tracker = settings.track.map(Tracker::new).transpose()?;
     let classes = model.manifest.classes.len();
     let time_max_ns = (settings.refiner.time_max_ms * 1e6) as u64;
