@@ -31,7 +31,7 @@ extern "C" {
 #endif
 
 /* Of the contract that this header describes; mluc_wire_version() tells the library's. */
-#define MLUC_WIRE_VERSION 2u
+#define MLUC_WIRE_VERSION 3u
 
 /* What a call returns; negative ones are errors, and mluc_last_error() says more. */
 enum {
@@ -77,7 +77,8 @@ enum {
     MLUC_TOO_FEW_POINTS = 3,
     MLUC_OVERSIZED = 4,
     MLUC_INVALID_BOX = 5,
-    MLUC_UNCONFIRMED = 6
+    MLUC_UNCONFIRMED = 6,
+    MLUC_UNDERSIZED = 7
 };
 
 /* Bits of an object's flags. */
@@ -191,7 +192,8 @@ int32_t mluc_refiner_open(mluc_refiner **refiner);
 int32_t mluc_refiner_wait(mluc_refiner *refiner, uint32_t timeout_ms, mluc_frame *frame);
 
 /* Publishes the objects of that frame, once: one for each detection, in their order, suppressed ones too. indices point
- * into the frame's points; flags (MLUC_DEGRADED, ...) are added to the header's. */
+ * into the frame's points; flags (MLUC_DEGRADED, ...) are added to the header's. Health counts the
+ * unknown ones by fate. */
 int32_t mluc_refiner_publish(mluc_refiner *refiner, const mluc_object *objects, size_t objects_count,
                              const uint32_t *indices, size_t indices_count, uint32_t flags);
 

@@ -203,6 +203,7 @@ impl Refiner {
         let counters = &mut self.shell.counters;
         counters.frames_in += 1;
         counters.frames_out += 1;
+        counters.candidates.add(objects);
         counters.bytes_read = bytes_read;
         counters.bytes_written = (size_of_val(objects) + size_of_val(indices)) as u64;
         let started_ns = header.stages[Stage::Refiner as usize].started_ns;

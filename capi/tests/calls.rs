@@ -9,7 +9,8 @@ use mluc_capi::{
     mluc_refiner_publish, mluc_refiner_wait, mluc_wire_version,
 };
 use mluc_ipc_types::{
-    Detection, Flags, FrameHeader, HealthState, Object, Point, Stage, Topic, WIRE_VERSION,
+    CandidateCounts, Detection, Fate, Flags, FrameHeader, HealthState, Object, ObjectKind, Point,
+    Stage, Topic, WIRE_VERSION,
 };
 use mluc_runtime::{Input, Instance, Output, Shell, ShellOptions, Shutdown, monotonic_ns};
 
@@ -94,6 +95,14 @@ fn sound_object() -> Object {
         size_m: [1.0; 3],
         points_count: 2,
         ..Object::zeroed()
+    }
+}
+
+fn unknown_object() -> Object {
+    Object {
+        kind: ObjectKind::Unknown as u32,
+        flags: Object::SPLIT,
+        ..sound_object()
     }
 }
 
@@ -203,13 +212,17 @@ fn a_refiner_lives_its_life() {
     others.send(6, |header| header.model_fingerprint = 42);
     assert_eq!(wait(refiner, 2000).0, Code::Ok as i32);
     assert_eq!(
-        publish(refiner, &[sound_object()], &[5, 99]),
+        publish(refiner, &[unknown_object()], &[5, 99]),
         Code::Ok as i32
     );
     watch.update().unwrap();
     let health = *watch.of(Stage::Refiner).unwrap();
     assert_eq!(health.state, HealthState::Running as u32);
     assert_eq!((health.messages_refused, health.frames_out), (1, 2));
+    let mut expected = CandidateCounts::default();
+    expected.by_fate[Fate::Published as usize] = 1;
+    expected.split = 1;
+    assert_eq!(health.candidates, expected);
 
     // SAFETY: opened above, used no more.
     unsafe { mluc_refiner_close(refiner) };

@@ -14,10 +14,10 @@ from types import SimpleNamespace
 import iceoryx2 as iox
 import numpy as np
 
-WIRE_VERSION, REFINER, NONE = 2, 3, 2**32 - 1
+WIRE_VERSION, REFINER, NONE = 3, 3, 2**32 - 1
 POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 131_072, 512, 100_000_000, 1_000_000_000
 DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE = 1 << 2, 1 << 3, 1 << 5, 1 << 7  # bits of a header's flags
-PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED = range(7)
+PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED, UNDERSIZED = range(8)
 STARTING, WAITING_INPUT, RUNNING, BAD, FAILED, STOPPING = range(6)
 
 
@@ -40,7 +40,7 @@ Object = struct("Object", """kind:u fate:u by:u class_id:u score:f center_m:3f s
     eds_normalised:f threshold:f points_first:u points_count:u flags:u track_id:u overlap:f footprint_count:u footprint_m:32f""")
 Health = struct("Health", """wire_version:u stage:u state:u pid:u frames_in:U frames_out:U frames_dropped:U
     messages_refused:U run_p50_us:u run_p99_us:u run_max_us:u bytes_written:u bytes_read:U mappings_verified:U
-    reason:192b""")
+    candidates:11U reason:192b""")
 # element, elements, subscribers, buffer, borrowed, loans, history: both sides open or make a topic with the same ones.
 TOPICS = {
     "points": (Point, POINTS_MAX, 4, 2, 5, 2, 0),
@@ -206,6 +206,12 @@ class Refiner:
             header.flags |= POINTS_GONE | DEGRADED
         return SimpleNamespace(header=header, points=points, detections=view(sample, Detection, count))
 
+    def count(self, unknown):
+        """Health tells what became of the candidates: by fate, then by flag."""
+        counts = np.ctypeslib.as_array(self.health.candidates)
+        counts[:8] += np.bincount(unknown["fate"], minlength=8)[:8].astype(np.uint64)
+        counts[8:] += (unknown["flags"][:, None] >> np.arange(3) & 1).sum(0).astype(np.uint64)
+
     def publish(self, frame, objects, indices):
         """The objects (an array of dtype Object) and their points: indices into the frame's."""
         header = frame.header
@@ -215,6 +221,7 @@ class Refiner:
         self.health.frames_in, self.health.frames_out = self.health.frames_in + 1, self.health.frames_out + 1
         self.health.bytes_read = frame.points.nbytes + frame.detections.nbytes
         self.health.bytes_written = objects.nbytes + 4 * len(indices)
+        self.count(objects[objects["kind"] == 1])
         while len(self.scans) > 2:
             self.scans.pop(0).delete()
         if self.state[0] != RUNNING:

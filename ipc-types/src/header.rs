@@ -7,7 +7,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use crate::{ContractError, NAME_MAX, Text};
 
 /// Version of everything in this crate; any change of a payload bumps it.
-pub const WIRE_VERSION: u32 = 2;
+pub const WIRE_VERSION: u32 = 3;
 
 /// The stages in the order a frame meets them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::{ContractError, REASON_MAX, Stage, Text, WIRE_VERSION};
+use crate::{CandidateCounts, ContractError, REASON_MAX, Stage, Text, WIRE_VERSION};
 
 /// The state words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,11 +81,13 @@ pub struct Health {
     pub bytes_read: u64,
     /// Payloads that were found inside a mapped shared segment, when the stage was asked to look.
     pub mappings_verified: u64,
+    /// What became of the candidates; the refiner's alone.
+    pub candidates: CandidateCounts,
     /// Why, UTF-8, NUL-padded.
     pub reason: [u8; REASON_MAX],
 }
 
-const _: () = assert!(size_of::<Health>() == 80 + REASON_MAX);
+const _: () = assert!(size_of::<Health>() == 168 + REASON_MAX);
 
 impl Health {
     /// Checks a heartbeat: version, stage and state.

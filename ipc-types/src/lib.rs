@@ -4,6 +4,7 @@
 //! A consumer trusts nothing that it reads from shared memory: the `checked` functions turn a wrong version, length,
 //! index or enum value into a [`ContractError`], never a panic.
 
+mod candidate_counts;
 mod detection;
 mod error;
 mod features;
@@ -15,6 +16,7 @@ mod point;
 mod services;
 mod text;
 
+pub use candidate_counts::CandidateCounts;
 pub use detection::{Detection, DetectionKind};
 pub use error::ContractError;
 pub use features::{FeatureBlock, FeatureRows, feature_blocks};

@@ -85,7 +85,7 @@ impl Topic {
     pub const HEALTH: Topic = Topic {
         name: "health",
         elements_max: 1,
-        element_bytes: 272,
+        element_bytes: 360,
         ..Topic::OBJECTS
     };
 }

@@ -53,7 +53,7 @@ fn a_sound_program_passes() {
 }
 
 /// What is wrong, the case that must find it, and a word of the reason.
-const FAULTS: [(&str, &str, &str); 15] = [
+const FAULTS: [(&str, &str, &str); 16] = [
     ("no_health", "start", "heartbeat"),
     ("moves_known", "scene", "known"),
     ("forgets", "scene", "each has one"),
@@ -61,6 +61,7 @@ const FAULTS: [(&str, &str, &str); 15] = [
     ("not_finite", "scene", "not finite"),
     ("bad_index", "scene", "point of an object"),
     ("no_stamps", "scene", "stamps"),
+    ("miscounts", "scene", "count the candidates"),
     ("no_points", "empty", "points_gone"),
     ("unflagged", "points_gone", "points_gone"),
     ("answers_once", "sent_again", "no objects of frame"),

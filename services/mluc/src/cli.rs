@@ -56,7 +56,7 @@ pub(crate) struct PipelineArgs {
     /// A folder of KITTI .bin scans (or of `velodyne/`), or one scan.
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
-    /// An embedded model (kitti, udi) or a model file.
+    /// An embedded model (kitti, udi, udi-open) or a model file.
     #[arg(long)]
     pub(crate) model: Option<String>,
     /// When the next frame enters [default: sensor].
@@ -135,6 +135,9 @@ pub(crate) struct StatusArgs {
     /// Which pipeline.
     #[arg(long, default_value = "default")]
     pub(crate) instance: String,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 #[derive(Args, Clone, Debug)]

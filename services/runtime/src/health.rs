@@ -2,7 +2,9 @@
 
 use hdrhistogram::Histogram;
 use iceoryx2::node::Node;
-use mluc_ipc_types::{FrameHeader, Health, HealthState, Stage, Text, Topic, WIRE_VERSION};
+use mluc_ipc_types::{
+    CandidateCounts, FrameHeader, Health, HealthState, Stage, Text, Topic, WIRE_VERSION,
+};
 
 use crate::input::{Input, InputOptions};
 use crate::{Instance, Ipc, Output, RuntimeError, monotonic_ns};
@@ -29,6 +31,8 @@ pub struct Counters {
     pub bytes_read: u64,
     /// Payloads found inside a mapped segment, when asked to look.
     pub mappings_verified: u64,
+    /// What became of the candidates; the refiner's alone.
+    pub candidates: CandidateCounts,
 }
 
 /// The stage's side.
@@ -104,6 +108,7 @@ impl Heartbeat {
             bytes_written: counters.bytes_written as u32,
             bytes_read: counters.bytes_read,
             mappings_verified: counters.mappings_verified,
+            candidates: counters.candidates,
             reason: Text::pack(&self.reason),
         };
         let mut draft = self

@@ -100,6 +100,9 @@ impl Wrong {
             if !self.has("uncounted") {
                 shell.counters.frames_dropped = input.dropped();
             }
+            if self.has("miscounts") {
+                shell.counters.candidates.by_fate[0] += 77;
+            }
             scans.let_go();
             shell.state(HealthState::Running, "")?;
             shell.tick()?;

@@ -117,6 +117,7 @@ pub(crate) fn layouts() -> Vec<Layout> {
             bytes_written,
             bytes_read,
             mappings_verified,
+            candidates,
             reason,
         }),
     ]

@@ -4,8 +4,9 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::bail;
-use mluc_ipc_types::{Health, Stage};
+use mluc_ipc_types::{CandidateCounts, Health, Stage};
 use mluc_runtime::{Instance, Shell, ShellOptions, Shutdown, log_to_stderr};
+use serde_json::{Map, Value, json};
 
 use crate::UsageError;
 use crate::cli::StatusArgs;
@@ -25,26 +26,37 @@ pub(crate) fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     watch.update()?;
     std::thread::sleep(LISTEN);
     let stages = *watch.update()?;
+    match args.json {
+        true => println!("{}", as_json(&args.instance, &stages)),
+        false => print(&stages),
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print(stages: &[Option<Health>; 4]) {
     println!(
         "{:9} {:8} {:14} {:>8} {:>8} {:>8} {:>8} {:>9} {:>9}  reason",
         "stage", "process", "state", "in", "out", "dropped", "refused", "p50 ms", "p99 ms"
     );
-    for (stage, health) in Stage::ALL.iter().zip(&stages) {
+    for (stage, health) in Stage::ALL.iter().zip(stages) {
         match health {
             Some(health) => println!("{}", row(*stage, health)),
             None => println!("{:9} {:8} {:14}", stage.name(), "-", "silent"),
         }
     }
-    Ok(ExitCode::SUCCESS)
+    for health in stages.iter().flatten() {
+        if health.candidates.total() > 0 {
+            println!("{}", candidates(&health.candidates));
+        }
+    }
 }
 
 fn row(stage: Stage, health: &Health) -> String {
-    let state = health.checked().map_or("?", |(_, state)| state.name());
     format!(
         "{:9} {:<8} {:14} {:8} {:8} {:8} {:8} {:9.2} {:9.2}  {}",
         stage.name(),
         health.pid,
-        state,
+        state(health),
         health.frames_in,
         health.frames_out,
         health.frames_dropped,
@@ -53,4 +65,101 @@ fn row(stage: Stage, health: &Health) -> String {
         f64::from(health.run_p99_us) / 1000.0,
         health.reason()
     )
+}
+
+fn state(health: &Health) -> &'static str {
+    health.checked().map_or("?", |(_, state)| state.name())
+}
+
+/// What is not zero.
+fn counted(counts: &CandidateCounts) -> impl Iterator<Item = (&'static str, u64)> {
+    counts.named().filter(|(_, count)| *count > 0)
+}
+
+fn candidates(counts: &CandidateCounts) -> String {
+    let words: Vec<String> = counted(counts)
+        .map(|(name, count)| format!("{name} {count}"))
+        .collect();
+    format!(
+        "candidates since the refiner began: {} ({})",
+        counts.total(),
+        words.join(", ")
+    )
+}
+
+fn as_json(instance: &str, stages: &[Option<Health>; 4]) -> Value {
+    let stages = Stage::ALL.iter().zip(stages).map(|(stage, health)| {
+        let Some(health) = health else {
+            return json!({"stage": stage.name(), "state": "silent"});
+        };
+        let counts: Map<_, _> = counted(&health.candidates)
+            .map(|(name, count)| (name.to_string(), Value::from(count)))
+            .collect();
+        json!({
+            "stage": stage.name(),
+            "process": health.pid,
+            "state": state(health),
+            "frames_in": health.frames_in,
+            "frames_out": health.frames_out,
+            "frames_dropped": health.frames_dropped,
+            "messages_refused": health.messages_refused,
+            "run_p50_us": health.run_p50_us,
+            "run_p99_us": health.run_p99_us,
+            "run_max_us": health.run_max_us,
+            "candidates": counts,
+            "reason": health.reason(),
+        })
+    });
+    json!({"instance": instance, "stages": stages.collect::<Vec<_>>()})
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use mluc_ipc_types::{Fate, HealthState, Text, WIRE_VERSION};
+
+    fn refiner() -> Health {
+        let mut health = Health {
+            wire_version: WIRE_VERSION,
+            stage: Stage::Refiner as u32,
+            state: HealthState::Running as u32,
+            frames_out: 9,
+            reason: Text::pack("why"),
+            ..Health::zeroed()
+        };
+        health.candidates.by_fate[Fate::Published as usize] = 12;
+        health.candidates.by_fate[Fate::OverlapsKnown as usize] = 3;
+        health.candidates.split = 2;
+        health
+    }
+
+    #[test]
+    fn candidates_are_told_where_there_were_some() {
+        let told = candidates(&refiner().candidates);
+        assert_eq!(
+            told,
+            "candidates since the refiner began: 15 (published 12, overlaps_known 3, split 2)"
+        );
+    }
+
+    #[test]
+    fn json_has_every_stage() {
+        let told = as_json("demo", &[None, None, None, Some(refiner())]);
+        assert_eq!(told["instance"], "demo");
+        assert_eq!(
+            told["stages"][0],
+            json!({"stage": "ingest", "state": "silent"})
+        );
+        let refiner = &told["stages"][3];
+        assert_eq!(
+            (&refiner["state"], &refiner["frames_out"]),
+            (&json!("running"), &json!(9))
+        );
+        assert_eq!(refiner["reason"], "why");
+        assert_eq!(
+            refiner["candidates"],
+            json!({"published": 12, "overlaps_known": 3, "split": 2})
+        );
+    }
 }

@@ -88,6 +88,7 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
         stamp_published(Stage::Refiner, draft.header_mut());
         draft.publish()?;
         shell.counters.frames_in += 1;
+        shell.counters.candidates.add(&refined.objects);
         shell.counters.frames_dropped = input.dropped();
         shell.counters.bytes_read = (size_of_val(points) + size_of_val(detections)) as u64;
         shell.counters.bytes_written =

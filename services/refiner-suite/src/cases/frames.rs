@@ -1,25 +1,53 @@
 //! Frames as they may come from sound stages.
 
-use anyhow::ensure;
-use mluc_ipc_types::{DETECTIONS_MAX, Detection, Flags, POINTS_MAX, Point};
+use anyhow::{Context, ensure};
+use mluc_ipc_types::{CandidateCounts, DETECTIONS_MAX, Detection, Flags, POINTS_MAX, Point};
 
 use super::Outcome;
 use crate::answer::{check_form, check_objects, is_flagged};
+use crate::frame::Answer;
 use crate::scene::{CAR, CART, Thing, blob, candidate, known, scan, usual};
 use crate::session::Session;
 
 pub(super) fn scene(session: &mut Session<'_>) -> Outcome {
     session.ready()?;
+    let before = counted(session)?;
     let (points, detections) = usual();
     let frame = session.player.frame(points, detections);
     let (sent, answer) = session.ask(&frame)?;
     let unknown = &answer.objects[1];
     let off_m = (unknown.center_m[0] - CART.x_m).hypot(unknown.center_m[1] - CART.y_m);
+    let counts = check_counts(before, &answer, counted(session)?)?;
     Ok(format!(
-        "answered in {:.1} ms; the unknown object has {} points and lies {off_m:.2} m off",
+        "answered in {:.1} ms; the unknown object has {} points and lies {off_m:.2} m off; {counts}",
         answer.took_ms(&sent),
         unknown.points_count
     ))
+}
+
+/// What its health says now of the candidates so far.
+fn counted(session: &mut Session<'_>) -> anyhow::Result<CandidateCounts> {
+    let patience = session.options.patience;
+    let heard = session.player.await_health(patience, |_| true)?;
+    Ok(heard.context("no heartbeat")?.candidates)
+}
+
+/// Whoever counts candidates counts right; zeros are fine.
+fn check_counts(
+    before: CandidateCounts,
+    answer: &Answer,
+    after: CandidateCounts,
+) -> anyhow::Result<&'static str> {
+    if after == CandidateCounts::default() {
+        return Ok("health does not count candidates");
+    }
+    let mut expected = before;
+    expected.add(&answer.objects);
+    ensure!(
+        after == expected,
+        "after a frame health should count the candidates {expected:?}, it says {after:?}"
+    );
+    Ok("health counts the candidates")
 }
 
 pub(super) fn empty(session: &mut Session<'_>) -> Outcome {

@@ -1,0 +1,94 @@
+//! What became of the candidates since a refiner began.
+
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
+
+use crate::{Fate, Object, ObjectKind};
+
+/// Unknown objects that a refiner published or suppressed, since its process began. Other stages have zeros, and so has
+/// a refiner that does not count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[cfg_attr(
+    feature = "iceoryx2",
+    derive(ZeroCopySend),
+    type_name("mluc.CandidateCounts")
+)]
+#[repr(C)]
+pub struct CandidateCounts {
+    /// By [`Fate`].
+    pub by_fate: [u64; Fate::ALL.len()],
+    /// With [`Object::UNREFINED`].
+    pub unrefined: u64,
+    /// With [`Object::SPLIT`].
+    pub split: u64,
+    /// With [`Object::THINNED`].
+    pub thinned: u64,
+}
+
+impl CandidateCounts {
+    /// Adds the unknown objects of a frame.
+    pub fn add(&mut self, objects: &[Object]) {
+        let is_unknown = |object: &&Object| object.kind == ObjectKind::Unknown as u32;
+        for object in objects.iter().filter(is_unknown) {
+            if let Some(count) = self.by_fate.get_mut(object.fate as usize) {
+                *count += 1;
+            }
+            let has = |flag: u32| u64::from(object.flags & flag != 0);
+            self.unrefined += has(Object::UNREFINED);
+            self.split += has(Object::SPLIT);
+            self.thinned += has(Object::THINNED);
+        }
+    }
+
+    /// All candidates.
+    pub fn total(&self) -> u64 {
+        self.by_fate.iter().sum()
+    }
+
+    /// Each count with its word, in the order of the fields.
+    pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> {
+        let flags = [self.unrefined, self.split, self.thinned];
+        let by_flag = Object::FLAG_NAMES.into_iter().zip(flags);
+        let by_fate = Fate::ALL.map(Fate::name).into_iter().zip(self.by_fate);
+        by_fate.chain(by_flag)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_objects_are_counted_by_fate_and_flag() {
+        let object = |kind: ObjectKind, fate: u32, flags: u32| Object {
+            kind: kind as u32,
+            fate,
+            flags,
+            ..Object::zeroed()
+        };
+        let unknown = |fate: Fate, flags: u32| object(ObjectKind::Unknown, fate as u32, flags);
+        let objects = [
+            unknown(Fate::Published, Object::SPLIT | Object::THINNED),
+            unknown(Fate::Published, Object::UNREFINED),
+            unknown(Fate::TooFewPoints, 0),
+            object(ObjectKind::Known, 0, Object::SPLIT),
+            // Of another program: no such fate.
+            object(ObjectKind::Unknown, 77, Object::SPLIT),
+        ];
+        let mut counts = CandidateCounts::default();
+        counts.add(&objects);
+        counts.add(&objects[..1]);
+        let named: Vec<_> = counts.named().filter(|(_, count)| *count > 0).collect();
+        let expected = [
+            ("published", 3),
+            ("too_few_points", 1),
+            ("unrefined", 1),
+            ("split", 3),
+            ("thinned", 2),
+        ];
+        assert_eq!(named, expected);
+        assert_eq!(counts.total(), 4);
+        assert_eq!(counts.named().count(), Fate::ALL.len() + 3);
+    }
+}
