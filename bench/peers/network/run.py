@@ -37,8 +37,8 @@ def arguments():
 class Peer:
     """A worker that waits for work."""
 
-    def __init__(self, kind, threads):
-        command = [sys.executable, "-W", "ignore", HERE / "worker.py", kind, str(threads)]
+    def __init__(self, kind, threads, worker=HERE / "worker.py"):
+        command = [sys.executable, "-W", "ignore", worker, kind, str(threads)]
         pipe = subprocess.PIPE
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
         self.read()
@@ -214,4 +214,5 @@ def print_table(parts):
             print(f"| {title} | {view} | {row['ms']['mluc']} | {peers} | {row['ratio_median']:.2f} | {row['ratio_min']:.2f} |")
 
 
-main()
+if __name__ == "__main__":
+    main()

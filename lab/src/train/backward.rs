@@ -23,6 +23,22 @@ impl Chain {
         gradients: &mut [f32],
         pool: &mut Pool,
     ) {
+        let map = self.backward_map(parameters, plan, labelled, pass, outputs, gradients, pool);
+        self.backward_sparse(parameters, plan, pass, &map, gradients, pool);
+        pool.give(map);
+    }
+
+    /// The first part of [`Chain::backward`]: heads, ups, blocks. Returns the gradient of the map's rows.
+    pub fn backward_map(
+        &self,
+        parameters: &[f32],
+        plan: &Plan,
+        labelled: &[u32],
+        pass: &Pass,
+        outputs: &OutputGradients,
+        gradients: &mut [f32],
+        pool: &mut Pool,
+    ) -> Vec<f32> {
         let [mut d1, mut d2] =
             self.backward_heads(parameters, plan, labelled, pass, outputs, gradients, pool);
         let [tail1, tail2] = self.tails(plan);
@@ -54,7 +70,7 @@ impl Chain {
         pool.give(d1);
         add(&mut middle_gradient, &from_block2);
         pool.give(from_block2);
-        let map = self.backward_block(
+        self.backward_block(
             &self.block1,
             parameters,
             gradients,
@@ -63,9 +79,7 @@ impl Chain {
             &plan.map.block1,
             middle_gradient,
             pool,
-        );
-        self.backward_sparse(parameters, plan, pass, &map, gradients, pool);
-        pool.give(map);
+        )
     }
 
     /// Gradients of up 1's and up 2's rows.
@@ -171,7 +185,8 @@ impl Chain {
         gradient
     }
 
-    fn backward_sparse(
+    /// The second part of [`Chain::backward`], from the gradient of the map's rows: sparse layers.
+    pub fn backward_sparse(
         &self,
         parameters: &[f32],
         plan: &Plan,

@@ -294,7 +294,19 @@ impl Chain {
         running: Option<&Running>,
         pool: &mut Pool,
     ) -> Pass {
-        let of = |layer: &Layer| running.map(|r| &r[layer.norm]);
+        let mut pass = self.forward_sparse(parameters, plan, running, pool);
+        self.forward_map(parameters, plan, labelled, running, &mut pass, pool);
+        pass
+    }
+
+    /// The first part of [`Chain::forward`]: sparse layers, and their rows put onto the map.
+    pub fn forward_sparse(
+        &self,
+        parameters: &[f32],
+        plan: &Plan,
+        running: Option<&Running>,
+        pool: &mut Pool,
+    ) -> Pass {
         let mut pass = Pass::default();
         for (number, layer) in self.sparse.iter().enumerate() {
             let input = pass
@@ -302,10 +314,25 @@ impl Chain {
                 .last()
                 .map_or(&plan.sparse.voxels, |a: &Activation| &a.y);
             let gather = &plan.sparse.gathers[number];
-            let a = layer.forward(parameters, input, gather, Tail::default(), of(layer), pool);
+            let running = running.map(|r| &r[layer.norm]);
+            let a = layer.forward(parameters, input, gather, Tail::default(), running, pool);
             pass.sparse.push(a);
         }
         pass.map = self.scatter(pass.sparse.last().map_or(&[], |a| &a.y), plan, pool);
+        pass
+    }
+
+    /// The second part of [`Chain::forward`], from the map that the first left: blocks, ups, heads.
+    pub fn forward_map(
+        &self,
+        parameters: &[f32],
+        plan: &Plan,
+        labelled: &[u32],
+        running: Option<&Running>,
+        pass: &mut Pass,
+        pool: &mut Pool,
+    ) {
+        let of = |layer: &Layer| running.map(|r| &r[layer.norm]);
         let map = &plan.map;
         pass.block1 = self.block(
             &self.block1,
@@ -326,8 +353,7 @@ impl Chain {
         pass.up2 = self
             .up2
             .forward(parameters, half, rows2, tail2, of(&self.up2), pool);
-        self.heads(parameters, plan, labelled, &mut pass);
-        pass
+        self.heads(parameters, plan, labelled, pass);
     }
 
     fn block(

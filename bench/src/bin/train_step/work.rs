@@ -1,0 +1,254 @@
+//! A step to do again and again: one batch, fixed weights, a fixed gradient of the outputs.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+use mluc_lab::dataset::Dataset;
+use mluc_lab::train::augment::crop;
+use mluc_lab::train::halo::Cells;
+use mluc_lab::train::layers::{Linear, Pool};
+use mluc_lab::train::losses::BatchTargets;
+use mluc_lab::train::network::{Chain, OutputGradients, Pass};
+use mluc_lab::train::plan::{MapPlan, Plan, Planner};
+use mluc_lab::train::random::Random;
+use mluc_lab::train::source::{FolderSource, Source};
+use mluc_lab::train::targets::Anchors;
+use mluc_lab::train::{Settings, scene::Scene};
+use mluc_model::{Manifest, Network};
+use serde::Serialize;
+
+/// Of weights and gradients; another would do as well.
+const SEED: u64 = 3;
+/// Plans that are timed.
+const PLANS: usize = 3;
+
+/// Milliseconds of a step's parts.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Times {
+    sparse_forward: Lap,
+    map_forward: Lap,
+    map_backward: Lap,
+    sparse_backward: Lap,
+}
+
+/// Milliseconds.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct Lap {
+    /// By the clock on the wall.
+    wall: f64,
+    /// That all threads of this process had a processor: says more where others want the processors too.
+    cpu: f64,
+}
+
+/// Milliseconds of what the loader's thread does for a batch besides reading and labels; medians.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct PlanTimes {
+    /// Voxels, rulebooks, halo.
+    all: f64,
+    /// The halo alone: what dense layers do without.
+    halo: f64,
+}
+
+pub(crate) struct Work {
+    pub(crate) chain: Chain,
+    pub(crate) parameters: Vec<f32>,
+    pub(crate) plan: Plan,
+    pub(crate) plan_ms: PlanTimes,
+    /// Cells where every head is run; elsewhere it is the presence alone.
+    pub(crate) labelled: Vec<u32>,
+    /// Of the presence logits, cell by cell.
+    pub(crate) presence_gradient: Vec<f32>,
+    pub(crate) outputs: OutputGradients,
+    /// Of the last step, in the order of the parameters.
+    pub(crate) gradients: Vec<f32>,
+    pool: Pool,
+}
+
+impl Work {
+    /// Frames of a folder as the trainer sees them, not augmented.
+    pub(crate) fn read(settings: &Settings, data: &Path, frames: &[usize]) -> Result<Work> {
+        let manifest = settings.manifest();
+        let network = &manifest.network;
+        let scenes = read_scenes(&manifest, data, frames)?;
+        let anchors = Anchors::of(&manifest);
+        let targets: Vec<_> = scenes.iter().map(|s| anchors.assign(&s.objects)).collect();
+        let [rows, columns] = network.map_shape();
+        let labelled = BatchTargets::new(&targets, rows * columns, anchors.per_cell(), 1).labelled;
+        let scans: Vec<_> = scenes.into_iter().map(|scene| scene.points).collect();
+        let (plan, plan_ms) = timed_plan(network, &scans);
+        let chain = Chain::new(network);
+        let mut random = Random::new(SEED, &[]);
+        let mut normal =
+            |count: usize| -> Vec<f32> { (0..count).map(|_| random.normal() as f32).collect() };
+        let presence_gradient = normal(plan.map.cells() * chain.heads.presence.cout);
+        let mut closer = |head: &Linear| normal(labelled.len() * head.cout);
+        let outputs = OutputGradients {
+            presence: Default::default(),
+            embedding: chain.heads.embedding.as_ref().map_or(vec![], &mut closer),
+            boxes: closer(&chain.heads.boxes),
+            direction: closer(&chain.heads.direction),
+            unknown: vec![],
+        };
+        let mut work = Work {
+            parameters: chain.initial(SEED, settings.prototype_scale()),
+            gradients: vec![0.0; chain.parameters],
+            chain,
+            plan,
+            plan_ms,
+            labelled,
+            presence_gradient,
+            outputs,
+            pool: Pool::default(),
+        };
+        work.share_presence_gradient();
+        Ok(work)
+    }
+
+    /// Lists every cell of the map, and labels it: the same numbers come out, at the cost of dense layers.
+    pub(crate) fn compute_every_cell(&mut self) {
+        let map = &self.plan.map;
+        let cell_of = |&(row, z): &(u32, u32)| (map.occupied[row as usize], z);
+        let scatter: Vec<_> = map.scatter.iter().map(cell_of).collect();
+        let cells = Cells::from_marks(map.shape, &vec![true; map.cells()]);
+        self.plan.map = MapPlan::from_cells(&self.chain.network, cells, &scatter);
+        let count = self.plan.map.cells();
+        let labelled = std::mem::replace(&mut self.labelled, (0..count as u32).collect());
+        let outputs = &mut self.outputs;
+        for gradient in [
+            &mut outputs.embedding,
+            &mut outputs.boxes,
+            &mut outputs.direction,
+        ] {
+            *gradient = spread(gradient, &labelled, count);
+        }
+        self.share_presence_gradient();
+    }
+
+    /// A cell's logit is the sum of a row of up 1 and one of up 2; many cells may read the same row.
+    fn share_presence_gradient(&mut self) {
+        let (map, anchors) = (&self.plan.map, self.chain.heads.presence.cout);
+        let [rows1, rows2] = [map.identity[0].outputs(), 4 * map.identity[1].outputs()];
+        self.outputs.presence = [vec![0.0; rows1 * anchors], vec![0.0; rows2 * anchors]];
+        for (to, row_of) in self
+            .outputs
+            .presence
+            .iter_mut()
+            .zip([&map.up1_row, &map.up2_row])
+        {
+            for (row, from) in row_of
+                .iter()
+                .zip(self.presence_gradient.chunks_exact(anchors))
+            {
+                let to = &mut to[*row as usize * anchors..][..anchors];
+                to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
+            }
+        }
+    }
+
+    /// Forward and backward.
+    pub(crate) fn step(&mut self) -> Times {
+        let (pass, times) = self.run();
+        pass.recycle(&mut self.pool);
+        times
+    }
+
+    /// A step, and what its forward half left.
+    pub(crate) fn run(&mut self) -> (Pass, Times) {
+        let (chain, plan, pool) = (&self.chain, &self.plan, &mut self.pool);
+        let (parameters, labelled) = (&self.parameters, &self.labelled);
+        let gradients = &mut self.gradients;
+        let mut lap = laps();
+        let mut pass = chain.forward_sparse(parameters, plan, None, pool);
+        let sparse_forward = lap();
+        chain.forward_map(parameters, plan, labelled, None, &mut pass, pool);
+        let map_forward = lap();
+        gradients.fill(0.0);
+        let outputs = &self.outputs;
+        let map = chain.backward_map(parameters, plan, labelled, &pass, outputs, gradients, pool);
+        let map_backward = lap();
+        chain.backward_sparse(parameters, plan, &pass, &map, gradients, pool);
+        pool.give(map);
+        let times = Times {
+            sparse_forward,
+            map_forward,
+            map_backward,
+            sparse_backward: lap(),
+        };
+        (pass, times)
+    }
+}
+
+fn read_scenes(manifest: &Manifest, data: &Path, frames: &[usize]) -> Result<Vec<Scene>> {
+    let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
+    let source = FolderSource::new(Dataset::open(data)?, names);
+    let read = |&frame: &usize| {
+        let count = source.count();
+        ensure!(frame < count, "{count} frames, found --frame {frame}");
+        let mut scene = source
+            .scene(frame)
+            .with_context(|| data.display().to_string())?;
+        crop(&mut scene, &manifest.network.grid);
+        Ok(scene)
+    };
+    frames.iter().map(read).collect()
+}
+
+fn timed_plan(network: &Network, scans: &[Vec<[f32; 4]>]) -> (Plan, PlanTimes) {
+    let mut planner = Planner::new(network, false);
+    let (mut all, mut halo) = (vec![], vec![]);
+    // The first is not counted.
+    let mut plan = planner.plan(scans);
+    for _ in 0..PLANS {
+        let mut lap = laps();
+        plan = planner.plan(scans);
+        all.push(lap().wall);
+        let map = &plan.map;
+        let cell_of = |&(row, z): &(u32, u32)| (map.occupied[row as usize], z);
+        let scatter: Vec<_> = map.scatter.iter().map(cell_of).collect();
+        lap();
+        let again = MapPlan::new(network, scans.len(), &scatter);
+        halo.push(lap().wall);
+        debug_assert_eq!(again.map_rows, plan.map.map_rows);
+    }
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[PLANS / 2]
+    };
+    let times = PlanTimes {
+        all: median(all),
+        halo: median(halo),
+    };
+    (plan, times)
+}
+
+/// What has passed since the last call.
+fn laps() -> impl FnMut() -> Lap {
+    let now = || {
+        let cpu = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        (
+            Instant::now(),
+            1e3 * cpu.tv_sec as f64 + 1e-6 * cpu.tv_nsec as f64,
+        )
+    };
+    let mut last = now();
+    move || {
+        let (wall, cpu) = now();
+        let lap = Lap {
+            wall: 1e3 * (wall - last.0).as_secs_f64(),
+            cpu: cpu - last.1,
+        };
+        last = (wall, cpu);
+        lap
+    }
+}
+
+/// Rows of some cells among rows of all, 0 elsewhere.
+fn spread(rows: &[f32], cells: &[u32], count: usize) -> Vec<f32> {
+    let width = rows.len() / cells.len().max(1);
+    let mut all = vec![0.0; count * width];
+    for (cell, row) in cells.iter().zip(rows.chunks_exact(width.max(1))) {
+        all[*cell as usize * width..][..width].copy_from_slice(row);
+    }
+    all
+}

@@ -1,0 +1,117 @@
+//! Writes a step for another program: raw little-endian numbers, and a description of their shapes.
+//!
+//! `step.json` has the layers with the places of their numbers in `parameters` (and `gradients`); `gather.N.bin` is layer
+//! N's list of input rows (outputs x taps, `u32::MAX` where there is none).
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use bytemuck::NoUninit;
+use mluc_lab::train::layers::{Layer, Linear};
+use mluc_lab::train::network::{Chain, Pass};
+use serde_json::{Value, json};
+
+use crate::work::Work;
+
+pub(crate) fn write(work: &mut Work, folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let (pass, _) = work.run();
+    let (plan, map) = (&work.plan, &work.plan.map);
+    let cells: Vec<u32> = map
+        .scatter
+        .iter()
+        .map(|(row, _)| map.occupied[*row as usize])
+        .collect();
+    let levels: Vec<u32> = map.scatter.iter().map(|(_, z)| *z).collect();
+    put(folder, "parameters", &work.parameters)?;
+    put(folder, "voxels", &plan.sparse.voxels)?;
+    for (number, gather) in plan.sparse.gathers.iter().enumerate() {
+        put(folder, &format!("gather.{number}"), &gather.index)?;
+    }
+    put(folder, "cells", &cells)?;
+    put(folder, "levels", &levels)?;
+    put(folder, "labelled", &work.labelled)?;
+    put(folder, "presence_gradient", &work.presence_gradient)?;
+    let outputs = &work.outputs;
+    let gradients = [&outputs.embedding, &outputs.boxes, &outputs.direction];
+    put(folder, "labelled_gradient", &side_by_side(work, gradients))?;
+    put(folder, "presence", &presence(work, &pass))?;
+    let answers = [&pass.embedding, &pass.boxes, &pass.direction];
+    put(folder, "labelled_outputs", &side_by_side(work, answers))?;
+    put(folder, "gradients", &work.gradients)?;
+    let path = folder.join("step.json");
+    std::fs::write(&path, description(work).to_string()).with_context(|| path.display().to_string())
+}
+
+fn put<T: NoUninit>(folder: &Path, name: &str, values: &[T]) -> Result<()> {
+    let path = folder.join(format!("{name}.bin"));
+    std::fs::write(&path, bytemuck::cast_slice::<T, u8>(values))
+        .with_context(|| path.display().to_string())
+}
+
+/// Rows of several heads as one.
+fn side_by_side(work: &Work, parts: [&Vec<f32>; 3]) -> Vec<f32> {
+    let count = work.labelled.len();
+    let widths = parts.map(|part| part.len() / count.max(1));
+    let mut rows = Vec::with_capacity(parts.iter().map(|part| part.len()).sum());
+    for row in 0..count {
+        for (part, width) in parts.iter().zip(widths) {
+            rows.extend_from_slice(&part[row * width..][..width]);
+        }
+    }
+    rows
+}
+
+/// The logits of every cell.
+fn presence(work: &Work, pass: &Pass) -> Vec<f32> {
+    let (map, anchors) = (&work.plan.map, work.chain.heads.presence.cout);
+    let [first, second] = &pass.presence;
+    let rows = map.up1_row.iter().zip(&map.up2_row);
+    rows.flat_map(|(row1, row2)| {
+        let [row1, row2] = [*row1, *row2].map(|row| row as usize * anchors);
+        (0..anchors).map(move |a| first[row1 + a] + second[row2 + a])
+    })
+    .collect()
+}
+
+fn description(work: &Work) -> Value {
+    let chain = &work.chain;
+    let Chain { network, heads, .. } = chain;
+    let plain = |layers: &[Layer]| layers.iter().map(|l| layer(l, 1)).collect::<Vec<_>>();
+    let block = |layers: &[Layer], like: &[mluc_model::DenseLayer]| {
+        let pairs = layers.iter().zip(like);
+        pairs.map(|(l, d)| layer(l, d.stride)).collect::<Vec<_>>()
+    };
+    let heads: Vec<_> = [&heads.presence]
+        .into_iter()
+        .chain(&heads.embedding)
+        .chain([&heads.boxes, &heads.direction])
+        .map(head)
+        .collect();
+    json!({
+        "shape": work.plan.map.shape,
+        "map_channels": network.map_channels(),
+        "epsilon": mluc_lab::train::norm::EPSILON,
+        "sparse": plain(&chain.sparse),
+        "block1": block(&chain.block1, &network.block1),
+        "block2": block(&chain.block2, &network.block2),
+        "up1": layer(&chain.up1, 1),
+        "up2": layer(&chain.up2, 1),
+        "heads": heads,
+    })
+}
+
+fn layer(layer: &Layer, stride: usize) -> Value {
+    json!({
+        "name": layer.name, "taps": layer.taps, "cin": layer.cin, "cout": layer.cout,
+        "channels": layer.channels, "stride": stride, "weight": layer.weight.start,
+        "gamma": layer.gamma.start, "beta": layer.beta.start,
+    })
+}
+
+fn head(head: &Linear) -> Value {
+    json!({
+        "name": head.name, "cin": head.cin, "cout": head.cout,
+        "weight": head.weight.start, "bias": head.bias.start,
+    })
+}
