@@ -2,6 +2,8 @@
 
 use mluc_kernels::at_best;
 
+use crate::frame::whole;
+
 /// A bucket grid over a square around the origin; buffers are reused.
 #[derive(Debug, Default)]
 pub(crate) struct Buckets {
@@ -80,8 +82,7 @@ impl Buckets {
     #[inline(always)]
     pub(crate) fn cell_at(&self, x_m: f32, y_m: f32) -> usize {
         let side = self.side as u32;
-        // The detour over i32 is what registers of several numbers can do.
-        let along = |v: f32| (((v + self.half_m) * self.per_m) as i32 as u32).min(side - 1);
+        let along = |v: f32| whole((v + self.half_m) * self.per_m).min(side - 1);
         (along(y_m) * side + along(x_m)) as usize
     }
 

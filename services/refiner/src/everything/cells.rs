@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use super::places::{Places, SIDE};
 use crate::ascending::Ascending;
+use crate::fit::{higher, lower};
 use crate::frame::{HALF_EXTENT_M, IndexedPoint};
 
 /// Side of a cell, m: its diagonal is below the shortest full join distance (0.4 m).
@@ -107,8 +108,8 @@ impl Cells {
         let cell = &mut self.cells[number as usize];
         cell.count += 1;
         let [x0, y0, x1, y1] = cell.extent_m;
-        cell.extent_m = [x0.min(x), y0.min(y), x1.max(x), y1.max(y)];
-        cell.z_m = [cell.z_m[0].min(z), cell.z_m[1].max(z)];
+        cell.extent_m = [lower(x0, x), lower(y0, y), higher(x1, x), higher(y1, y)];
+        cell.z_m = [lower(cell.z_m[0], z), higher(cell.z_m[1], z)];
         self.added.push((*point, number));
     }
 
@@ -235,6 +236,9 @@ impl Cells {
         if gap_squared(a.extent_m, b.extent_m) > join_squared {
             return false;
         }
+        if span_squared(a.extent_m, b.extent_m) <= join_squared {
+            return true;
+        }
         let others = &self.places_m[b.points()];
         self.places_m[a.points()].iter().any(|&[x, y]| {
             gap_squared([x, y, x, y], b.extent_m) <= join_squared
@@ -283,9 +287,14 @@ fn middle_m(place: usize) -> [f32; 2] {
 
 /// Squared distance between two extents, m^2.
 fn gap_squared(a: [f32; 4], b: [f32; 4]) -> f32 {
-    let more = |a: f32, b: f32| if a > b { a } else { b };
-    let gap = |axis: usize| more(more(b[axis] - a[axis + 2], a[axis] - b[axis + 2]), 0.0);
+    let gap = |axis: usize| higher(higher(b[axis] - a[axis + 2], a[axis] - b[axis + 2]), 0.0);
     gap(0) * gap(0) + gap(1) * gap(1)
+}
+
+/// Squared diagonal of both extents together, m^2: no two of their points are farther apart.
+fn span_squared(a: [f32; 4], b: [f32; 4]) -> f32 {
+    let span = |axis: usize| higher(a[axis + 2], b[axis + 2]) - lower(a[axis], b[axis]);
+    span(0) * span(0) + span(1) * span(1)
 }
 
 #[cfg(test)]

@@ -7,7 +7,8 @@ use mluc_kernels::at_best;
 use nalgebra::Matrix3;
 
 use crate::Sensor;
-use crate::fit::{ClusterPoints, Rectangle};
+use crate::fit::{ClusterPoints, Rectangle, higher, lower};
+use crate::frame::whole;
 use crate::ground::GroundPlane;
 
 /// Measurements of one cluster, as the sensor saw it: nothing is completed.
@@ -176,8 +177,13 @@ fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
 fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
     let mut sum = [0i64; 3];
     let mut products = [0i64; 6];
-    // Whole numbers of 32 bits, 2000 km, and their products of 64: what registers of several numbers can do.
-    let whole = |v: f32| (v * PER_M) as i32;
+    // By steps that registers of several numbers can do: adding 1.5 x 2^23 leaves a whole number, up to 4 km, in the low
+    // bits. Products have 64.
+    let whole = |v: f32| {
+        ((v * PER_M).trunc() + 12_582_912.0)
+            .to_bits()
+            .wrapping_sub(0x4B40_0000) as i32
+    };
     let base = points.z_m.first().map_or(0, |&z| whole(z));
     for ((&x, &y), &z) in points.x_m.iter().zip(&points.y_m).zip(&points.z_m) {
         let [x, y, z] = [whole(x), whole(y), whole(z).wrapping_sub(base)].map(i64::from);
@@ -196,13 +202,12 @@ fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
 fn residual_m(points: &ClusterPoints, tight: &Rectangle) -> f32 {
     let (sin, cos) = (tight.yaw_rad.sin() as f32, tight.yaw_rad.cos() as f32);
     let (u, v) = (tight.u_m.map(|m| m as f32), tight.v_m.map(|m| m as f32));
-    let lower = |a: f32, b: f32| if a < b { a } else { b };
     let whole_mm = |(x, y): (&f32, &f32)| {
         let (a, b) = (x * cos + y * sin, y * cos - x * sin);
         let d = lower(lower(a - u[0], u[1] - a), lower(b - v[0], v[1] - b));
-        i64::from((d.max(0.0) * PER_M) as i32)
+        u64::from(whole(higher(d, 0.0) * PER_M))
     };
-    let sum: i64 = at_best(
+    let sum: u64 = at_best(
         #[inline(always)]
         || points.x_m.iter().zip(&points.y_m).map(whole_mm).sum(),
     );

@@ -199,11 +199,11 @@ fn ends(values: &[f32]) -> [f32; 2] {
 
 // Comparisons and not `min` and `max`, which take care of NaN and cost more.
 #[inline(always)]
-fn lower(least: f32, t: f32) -> f32 {
+pub(crate) fn lower(least: f32, t: f32) -> f32 {
     if t < least { t } else { least }
 }
 
 #[inline(always)]
-fn higher(most: f32, t: f32) -> f32 {
+pub(crate) fn higher(most: f32, t: f32) -> f32 {
     if t > most { t } else { most }
 }
