@@ -35,7 +35,7 @@ pub fn features(m: &Measures) -> [f32; FEATURES] {
         4.0 * m.scattering,
         4.0 * m.residual_m,
         log(m.density),
-        ((m.points as f32).ln() - 4.0) / 2.0,
+        ((m.points.max(1) as f32).ln() - 4.0) / 2.0,
         m.range_m / 25.0 - 1.0,
         log(m.component_length_m) - 1.0,
         f32::from(u8::from(m.is_cut)),
