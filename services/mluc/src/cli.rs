@@ -125,9 +125,9 @@ pub(crate) struct DemoArgs {
     /// Where the picture goes.
     #[arg(long, default_value = "mluc-demo.png")]
     pub(crate) picture: PathBuf,
-    /// A model file instead of the embedded `udi`.
-    #[arg(long)]
-    pub(crate) model: Option<String>,
+    /// An embedded model (kitti, udi, udi-open) or a model file.
+    #[arg(long, default_value = "udi-open")]
+    pub(crate) model: String,
 }
 
 #[derive(Args, Clone, Debug)]

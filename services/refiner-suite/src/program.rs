@@ -4,6 +4,7 @@ use std::io::Read;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
@@ -11,12 +12,16 @@ use rustix::process::{Pid, Signal, kill_process_group};
 
 /// Of what it wrote, this much is kept for the report, bytes.
 const WORDS_MAX: usize = 4096;
+/// How long its last words are waited for after its end.
+const READER_PATIENCE: Duration = Duration::from_secs(2);
 
 /// A running program, in a process group of its own: signals reach what a shell in between started, too.
 pub(crate) struct Program {
     process: Child,
     status: Option<ExitStatus>,
     words: Arc<Mutex<Vec<u8>>>,
+    /// Reads its stderr until nobody writes there any more.
+    reader: Option<JoinHandle<()>>,
 }
 
 impl Program {
@@ -35,14 +40,15 @@ impl Program {
             .spawn()
             .with_context(|| format!("starting {program}"))?;
         let words = Arc::new(Mutex::new(Vec::new()));
-        if let Some(stderr) = process.stderr.take() {
+        let reader = process.stderr.take().map(|stderr| {
             let words = words.clone();
-            std::thread::spawn(move || keep_last(stderr, &words));
-        }
+            std::thread::spawn(move || keep_last(stderr, &words))
+        });
         Ok(Program {
             process,
             status: None,
             words,
+            reader,
         })
     }
 
@@ -69,8 +75,12 @@ impl Program {
 
     /// The end of what it wrote to stderr.
     pub(crate) fn last_words(&self) -> String {
-        // Its writer may be a moment behind the process's end.
-        std::thread::sleep(Duration::from_millis(20));
+        // The reader may be behind the process's end; a child that was left running may keep it for good.
+        let patience = Instant::now() + READER_PATIENCE;
+        let is_reading = || self.reader.as_ref().is_some_and(|r| !r.is_finished());
+        while self.status.is_some() && is_reading() && Instant::now() < patience {
+            std::thread::sleep(Duration::from_millis(5));
+        }
         let words = self.words.lock().unwrap_or_else(PoisonError::into_inner);
         String::from_utf8_lossy(&words).trim().to_string()
     }

@@ -16,15 +16,16 @@ use crate::cli::{DemoArgs, Pace, PipelineArgs};
 use crate::settings::Settings;
 use crate::supervisor::{Sink, run};
 
-/// Known objects below this score are not printed or drawn; `mluc up` gives them all.
+/// Objects below these scores, known and unknown, are not printed or drawn; `mluc up` gives them all.
 const SCORE_MIN: f32 = 0.3;
+const UNKNOWN_SCORE_MIN: f32 = 0.05;
 
 pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
     let scans = BundledScans::write("demo")?;
     let settings = Settings::resolve(PipelineArgs {
         input: Some(scans.folder().to_path_buf()),
-        model: Some(args.model.unwrap_or_else(|| "udi".to_string())),
+        model: Some(args.model),
         pace: Some(Pace::Complete),
         instance: Some(format!("demo-{}", std::process::id())),
         ..PipelineArgs::default()
@@ -68,7 +69,11 @@ impl Sink for Show {
         objects: &[Object],
         classes: &[String],
     ) -> anyhow::Result<bool> {
-        let is_shown = |o: &&Object| o.is_published() && (is_unknown(o) || o.score >= SCORE_MIN);
+        let score_min = |o: &Object| match is_unknown(o) {
+            true => UNKNOWN_SCORE_MIN,
+            false => SCORE_MIN,
+        };
+        let is_shown = |o: &&Object| o.is_published() && o.score >= score_min(o);
         let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
         println!(
             "frame {}: {} points, {} objects",
@@ -131,11 +136,7 @@ fn drawn(object: &Object, classes: &[String]) -> DrawnBox {
             BoxKind::Known
         },
         label: label(object, classes).to_lowercase(),
-        caption: match is_unknown(object) {
-            // Its score only orders unknown objects.
-            true => format!("unknown, EDS {:.2}", object.eds_normalised),
-            false => format!("{} {:.2}", label(object, classes), object.score),
-        },
+        caption: format!("{} {:.2}", label(object, classes), object.score),
     }
 }
 
