@@ -377,29 +377,19 @@ fn metric(
     (cross, spread, pulled, gradient)
 }
 
-/// Cross entropy of the logit of the unknown: made-up unknown objects against known ones and background. Each kind weighs the
-/// same (background half), so that a logit of 0 is an even chance however few made-up objects there are.
+/// Cross entropy of the logit of the unknown: made-up unknown objects against known ones and background, every cell with its own
+/// weight. Background is most of it, so the logit says how rare an unknown object is; evening the kinds out was tried and makes
+/// known objects look unknown.
 fn unknown(logits: &[f32], targets: &BatchTargets, weight: f32) -> (f64, Vec<f32>) {
     let mut gradient = vec![0.0; logits.len()];
     let mut loss = 0.0;
-    let kind = |is: CellClass| match is {
-        CellClass::Unknown => 0,
-        CellClass::Known(_) => 1,
-        CellClass::Background => 2,
-    };
-    let mut sums = [0.0f32; 3];
-    let labels = &targets.cells;
-    labels
-        .iter()
-        .for_each(|label| sums[kind(label.is)] += label.weight);
-    for label in labels.iter().filter(|_| !logits.is_empty()) {
+    for label in targets.cells.iter().filter(|_| !logits.is_empty()) {
         let sign = if label.is == CellClass::Unknown {
             -1.0
         } else {
             1.0
         };
-        let at = kind(label.is);
-        let weight = weight * [0.5, 0.5, 0.25][at] * label.weight / sums[at];
+        let weight = weight * label.weight;
         let x = sign * logits[label.row as usize];
         loss += f64::from(weight * softplus(x));
         gradient[label.row as usize] += sign * weight / (1.0 + (-x).exp());
