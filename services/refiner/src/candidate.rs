@@ -334,4 +334,5 @@ fn collect(around: &Neighbourhood, members: &[u32], cluster: &mut ClusterPoints)
         to.clear();
         to.extend(members.iter().map(|&m| from[m as usize]));
     }
+    cluster.look_at(around.origin_m);
 }

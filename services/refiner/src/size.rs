@@ -91,7 +91,8 @@ pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
 pub(crate) fn longest_side(cluster: &ClusterPoints) -> (f64, f64) {
     HEADINGS.iter().fold((0.0, 0.0), |longest: (f64, f64), h| {
         let [u, v] = cluster.sides_m(h.direction);
-        [(h.yaw_rad, u), (h.yaw_rad + std::f64::consts::FRAC_PI_2, v)]
+        let yaw_rad = cluster.ahead_rad() + h.yaw_rad;
+        [(yaw_rad, u), (yaw_rad + std::f64::consts::FRAC_PI_2, v)]
             .into_iter()
             .fold(longest, |a, b| if b.1 > a.1 { b } else { a })
     })
@@ -102,7 +103,7 @@ fn height_m(cluster: &ClusterPoints) -> f64 {
     range.map_or(0.0, |[low, high]| f64::from(high - low))
 }
 
-/// A heading and its direction seen from above.
+/// A heading, counted from the line of sight, and its direction seen from above.
 struct Heading {
     yaw_rad: f64,
     direction: [f32; 2],

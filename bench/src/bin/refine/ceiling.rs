@@ -21,6 +21,7 @@ pub(crate) fn ceiling(
     frame.sort(points);
     let plane = GroundPlane::fit(frame, center, height_m, &ground);
     let mut own = ClusterPoints::default();
+    own.look_at(center);
     for p in inside(points, object) {
         let [x, y, z] = [p.x_m, p.y_m, p.z_m].map(f64::from);
         if z - plane.z_at_m(x, y) >= ground.clearance_m {

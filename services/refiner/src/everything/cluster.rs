@@ -205,6 +205,7 @@ impl Shaper {
         let origin_m = [(x0 + x1) / 2.0, (y0 + y1) / 2.0];
         let own = &all_points[points.clone()];
         self.cluster.clear();
+        self.cluster.look_at(origin_m);
         for p in own.iter().filter_map(|&index| scan.get(index as usize)) {
             let (x, y) = (
                 f64::from(p.x_m) - origin_m[0],

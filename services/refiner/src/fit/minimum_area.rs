@@ -8,9 +8,9 @@ use super::{ClusterPoints, Rectangle};
 /// The tight rectangle of least area; the first heading wins a tie.
 pub fn minimum_area(points: &ClusterPoints) -> Rectangle {
     let area = |r: &Rectangle| r.size_m()[0] * r.size_m()[1];
-    let mut best = points.rectangle(0.0);
-    for degrees in 1..90 {
-        let rectangle = points.rectangle(f64::from(degrees).to_radians());
+    let at = |degrees: i32| points.rectangle(points.ahead_rad() + f64::from(degrees).to_radians());
+    let mut best = at(0);
+    for rectangle in (1..90).map(at) {
         if area(&rectangle) < area(&best) {
             best = rectangle;
         }

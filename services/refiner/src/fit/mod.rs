@@ -31,7 +31,7 @@ pub enum BoxFit {
 }
 
 /// Points of one cluster, in columns: x and y relative to an origin near them, z in the sensor frame, m.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct ClusterPoints {
     /// m.
     pub x_m: Vec<f32>,
@@ -39,9 +39,34 @@ pub struct ClusterPoints {
     pub y_m: Vec<f32>,
     /// m.
     pub z_m: Vec<f32>,
+    /// Headings are counted from here, rad from x,
+    ahead_rad: f64,
+    /// and the same as cosine and sine.
+    ahead: [f32; 2],
+}
+
+impl Default for ClusterPoints {
+    /// No points; headings are counted from x.
+    fn default() -> ClusterPoints {
+        ClusterPoints {
+            x_m: Vec::new(),
+            y_m: Vec::new(),
+            z_m: Vec::new(),
+            ahead_rad: 0.0,
+            ahead: [1.0, 0.0],
+        }
+    }
 }
 
 impl ClusterPoints {
+    /// Headings are counted from the sensor's line of sight to the points' origin, so that boxes turn with the scene and
+    /// nothing else changes.
+    pub fn look_at(&mut self, origin_m: [f64; 2]) {
+        self.ahead_rad = origin_m[1].atan2(origin_m[0]);
+        let (sin, cos) = self.ahead_rad.sin_cos();
+        self.ahead = [cos as f32, sin as f32];
+    }
+
     /// No points.
     pub fn clear(&mut self) {
         self.x_m.clear();
@@ -92,8 +117,15 @@ impl ClusterPoints {
         )
     }
 
-    /// Lengths along a direction and across it, m.
-    pub(crate) fn sides_m(&self, direction: [f32; 2]) -> [f64; 2] {
+    /// What headings are counted from, rad from x.
+    pub(crate) fn ahead_rad(&self) -> f64 {
+        self.ahead_rad
+    }
+
+    /// Lengths along a direction that is counted from the line of sight, and across it, m.
+    pub(crate) fn sides_m(&self, [along, aside]: [f32; 2]) -> [f64; 2] {
+        let [cos, sin] = self.ahead;
+        let direction = [along * cos - aside * sin, along * sin + aside * cos];
         let length = |[low, high]: [f32; 2]| f64::from(high) - f64::from(low);
         self.spans_m(direction).map(length)
     }
