@@ -68,7 +68,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     writeln!(out, "{:28} {}", "method", HEADER)?;
     for method in methods {
         let rows = match method == Method::Improved && arguments.ablation {
-            true => improved_steps(),
+            true => improved_steps(&model),
             false => vec![(method.name(), ImprovedSettings::default())],
         };
         for (name, settings) in rows {

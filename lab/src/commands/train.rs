@@ -88,6 +88,9 @@ struct Choices {
     /// Improved: no anchors without a class.
     #[arg(long)]
     no_generic_anchors: bool,
+    /// Improved: fit layers that judge clusters by their looks [default: true for udi, false for kitti].
+    #[arg(long, value_name = "BOOL")]
+    looks: Option<bool>,
     /// Multiply in bf16 (sums, weights and weight gradients stay f32): faster where the processor has bf16.
     #[arg(long)]
     bf16: bool,
@@ -161,6 +164,7 @@ impl Choices {
             unknown_weight: self.unknown_weight.or(base.unknown_weight),
             background_cells: self.background_cells.or(base.background_cells),
             no_generic_anchors: self.no_generic_anchors || base.no_generic_anchors,
+            looks: self.looks.or(base.looks),
             bf16: self.bf16 || base.bf16,
             no_augment: self.no_augment || base.no_augment,
             database_frames: self.database_frames.or(base.database_frames),
@@ -203,6 +207,7 @@ impl Choices {
             background_cells: self
                 .background_cells
                 .unwrap_or(usual.improvements.background_cells),
+            looks: self.looks.unwrap_or(usual.improvements.looks),
         };
         Ok(Settings {
             init: self.init,

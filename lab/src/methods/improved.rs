@@ -7,7 +7,7 @@
 use super::{Input, MethodError, Swept};
 use crate::pipeline::{DetectedFrame, Gate, THRESHOLDS, objects_at};
 use mluc_head::Detection;
-use mluc_model::{HeadKind, LOOKS};
+use mluc_model::{HeadKind, LOOKS, Model};
 use mluc_refiner::{HullSettings, Mode, Settings};
 
 /// The levers, one by one.
@@ -37,8 +37,8 @@ impl Default for ImprovedSettings {
     }
 }
 
-/// The ablation: every step adds one lever to the one before.
-pub fn improved_steps() -> Vec<(&'static str, ImprovedSettings)> {
+/// The ablation: every step adds one lever to the one before. The last is what `model` is run with.
+pub fn improved_steps(model: &Model) -> Vec<(&'static str, ImprovedSettings)> {
     let first = ImprovedSettings {
         logit: false,
         generic: false,
@@ -63,14 +63,22 @@ pub fn improved_steps() -> Vec<(&'static str, ImprovedSettings)> {
         hull: true,
         ..refine.clone()
     };
-    vec![
+    let mut steps = vec![
         ("delta, boxes as they are", first),
         ("+ logit of the unknown", logit),
         ("+ anchors without a class", generic),
         ("+ range-scaled clustering", refine),
         ("+ sizes of road users", hull),
-        ("+ looks of the cluster", all),
-    ]
+    ];
+    if has_looks(model) {
+        steps.push(("+ looks of the cluster", all));
+    }
+    steps
+}
+
+/// Whether a model has learned the looks of clusters.
+fn has_looks(model: &Model) -> bool {
+    model.weights.find(LOOKS).is_some()
 }
 
 impl ImprovedSettings {
@@ -114,7 +122,7 @@ pub(super) fn run(input: &Input, settings: &ImprovedSettings) -> Result<Swept, M
     let values: Vec<f64> = values.map(f64::from).collect();
     let thresholds = input.thresholds_over(&values, THRESHOLDS);
     let asked: Vec<f32> = thresholds.iter().map(|t| *t as f32).collect();
-    let refiner = settings.refiner(model.weights.find(LOOKS).is_some());
+    let refiner = settings.refiner(has_looks(&model));
     let objects = objects_at(&model, input.set, &frames, &refiner, &asked, input.step)?;
     Ok((thresholds, objects))
 }

@@ -139,12 +139,9 @@ fn ablation(options: &Options, test: &Test) -> Result<Vec<AblationRow>, Reproduc
         return Ok(Vec::new());
     }
     let resamples = options.sizes(setting).resamples;
-    let key = key(
-        &read_model(layout, setting, "improved", 1)?,
-        test,
-        resamples,
-    );
-    let steps = improved_steps();
+    let model = read_model(layout, setting, "improved", 1)?;
+    let key = key(&model, test, resamples);
+    let steps = improved_steps(&model);
     let count = steps.len();
     let steps = steps.into_iter().enumerate();
     let rows = steps.filter_map(|(at, (step, _))| {

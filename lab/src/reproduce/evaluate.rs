@@ -92,7 +92,7 @@ pub(super) fn evaluate_network(
     let setting = test.setting;
     let model = read_model(layout, setting, network, seed)?;
     let key = key(&model, test, resamples);
-    let missing: Vec<Job> = jobs(network, seed)
+    let missing: Vec<Job> = jobs(&model, network, seed)
         .into_iter()
         .filter(|job| {
             Evaluated::read(&layout.evaluation_of(setting, &job.key, seed), &key).is_none()
@@ -135,15 +135,15 @@ struct Job {
     settings: ImprovedSettings,
 }
 
-fn jobs(network: &str, seed: u64) -> Vec<Job> {
+fn jobs(model: &Model, network: &str, seed: u64) -> Vec<Job> {
     let row = |method: &'static str| Job {
         key: method.to_owned(),
         method,
         settings: ImprovedSettings::default(),
     };
-    let mut jobs: Vec<Job> = rows_on(network).map(row).collect();
+    let mut jobs: Vec<Job> = rows_on(network, seed).map(row).collect();
     if network == "improved" && seed == 1 {
-        let mut steps = improved_steps();
+        let mut steps = improved_steps(model);
         // The last one is the row itself.
         steps.pop();
         jobs.extend(

@@ -18,7 +18,7 @@ use super::loader::Preparer;
 use super::log::{Log, Progress};
 use super::losses::MetricSettings;
 use super::optimizer::Schedule;
-use super::settings::{Kind, Setting, Settings};
+use super::settings::{Setting, Settings};
 use super::source::{FolderSource, Source};
 use super::targets::Anchors;
 use super::trainer::Trainer;
@@ -170,7 +170,7 @@ impl Run {
                 self.save()?;
             }
         }
-        if settings.kind == Kind::Improved {
+        if settings.improvements().looks {
             let (manifest, seed) = (&self.manifest, settings.seed);
             let looks = fit_looks(&self.source, manifest, CLUSTER_FRAMES, seed)?;
             self.looks = Some(looks);

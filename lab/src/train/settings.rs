@@ -84,6 +84,8 @@ pub struct Improvements {
     pub generic_anchors: bool,
     /// Cells of a frame without an object that the logit of the unknown learns from too.
     pub background_cells: usize,
+    /// Fit layers that tell objects from walls and leaves by the looks of their clusters.
+    pub looks: bool,
 }
 
 impl Default for Improvements {
@@ -95,6 +97,18 @@ impl Default for Improvements {
             unknown_weight: 1.0,
             generic_anchors: true,
             background_cells: 64,
+            looks: true,
+        }
+    }
+}
+
+impl Improvements {
+    /// What pays in a setting. No known class of KITTI's is as large as a truck, so layers fitted on them take trucks for walls:
+    /// AP of the unknown on validation scans 8.5 with them, 18.2 without.
+    fn of(setting: Setting) -> Improvements {
+        Improvements {
+            looks: setting == Setting::Udi,
+            ..Improvements::default()
         }
     }
 }
@@ -186,7 +200,7 @@ impl Settings {
             profile,
             kind,
             init: None,
-            improvements: Improvements::default(),
+            improvements: Improvements::of(setting),
             data,
             out,
             steps: 20_000,
@@ -290,6 +304,7 @@ impl Settings {
                 made_up: 0,
                 generic_anchors: false,
                 background_cells: 0,
+                looks: false,
                 ..Improvements::default()
             },
         }

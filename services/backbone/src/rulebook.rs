@@ -28,6 +28,16 @@ pub fn rulebook(layer: &SparseLayer, input: &Sites) -> (Option<Sites>, Gather) {
 /// The sites of a strided layer: every cell whose window holds an input site. `output` has the layer's output shape.
 pub fn output_sites(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
     output.clear();
+    let along_x = (layer.kernel[2], layer.stride[2], layer.padding[2]);
+    match along_x {
+        (1, 1, 0) => insert_words(layer, input, output, |word| word),
+        (3, 2, 1) => insert_words(layer, input, output, halved),
+        _ => insert_cells(layer, input, output),
+    }
+    output.finish();
+}
+
+fn insert_cells(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
     let shape = output.shape();
     for site in input.coordinates() {
         let [z, y, x] = [0, 1, 2].map(|i| readers(layer, i, site[i].into(), shape[i]));
@@ -39,7 +49,38 @@ pub fn output_sites(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
             }
         }
     }
-    output.finish();
+}
+
+/// 64 cells of an x-row at a time: `readers_of` turns the bits of a word that begins at x into those of the cells from
+/// x / stride on that read them.
+fn insert_words(
+    layer: &SparseLayer,
+    input: &Sites,
+    output: &mut Sites,
+    readers_of: impl Fn(u64) -> u64,
+) {
+    let shape = output.shape();
+    for ([z, y, x], word) in input.words() {
+        let [zs, ys] = [(0, z), (1, y)].map(|(i, at)| readers(layer, i, at, shape[i]));
+        let found = readers_of(word);
+        for z in zs {
+            for y in ys.clone() {
+                output.insert_word(z, y, x / layer.stride[2], found);
+            }
+        }
+    }
+}
+
+/// Windows of three cells about every second one: cell o reads 2 o - 1 to 2 o + 1. The last input is read by the first
+/// cell beyond the 32 as well.
+fn halved(word: u64) -> u64 {
+    let mut even = (word | word << 1 | word >> 1) & 0x5555_5555_5555_5555;
+    even = (even | even >> 1) & 0x3333_3333_3333_3333;
+    even = (even | even >> 2) & 0x0f0f_0f0f_0f0f_0f0f;
+    even = (even | even >> 4) & 0x00ff_00ff_00ff_00ff;
+    even = (even | even >> 8) & 0x0000_ffff_0000_ffff;
+    even = (even | even >> 16) & 0xffff_ffff;
+    even | (word >> 63) << 32
 }
 
 /// Output positions whose window along one axis holds `at`: all o with o * stride - padding <= at < that + kernel.
@@ -165,6 +206,8 @@ mod tests {
             (2, [7, 10, 67], 200),
             (8, [6, 8, 66], 200),
             (11, [5, 6, 7], 60),
+            (2, [3, 5, 200], 700),
+            (11, [5, 3, 200], 150),
             (2, [4, 4, 4], 0),
         ] {
             let layer = &second.sparse[number];

@@ -107,6 +107,38 @@ impl Sites {
         self.insert_at(self.address(z, y, x))
     }
 
+    /// Adds the cells of an x-row from `x` on whose bits are set; those beyond the grid are left out.
+    pub(crate) fn insert_word(&mut self, z: usize, y: usize, x: usize, bits: u64) {
+        let shift = (x % 64) as u32;
+        let carried = bits.unbounded_shr(64 - shift);
+        let row = (z * self.shape[1] + y) * self.words_per_row;
+        for (word, bits) in [(x / 64, bits << shift), (x / 64 + 1, carried)] {
+            let cells = self.shape[2].saturating_sub(word * 64).min(64) as u32;
+            let bits = bits & !u64::MAX.unbounded_shl(cells);
+            if bits == 0 {
+                continue;
+            }
+            let word = row + word;
+            let present = self.words[word];
+            self.words[word] = present | bits;
+            self.used[word / 64] |= 1 << (word % 64);
+            self.count += (bits & !present).count_ones() as usize;
+        }
+    }
+
+    /// The words in use: z, y and the x of the first bit, and the presence of 64 cells. Valid at any time.
+    pub(crate) fn words(&self) -> impl Iterator<Item = ([usize; 3], u64)> {
+        let used = self.used.iter().enumerate();
+        used.flat_map(move |(group, used)| {
+            bits(*used).map(move |bit| {
+                let word = group * 64 + bit;
+                let (row, first) = (word / self.words_per_row, (word % self.words_per_row) * 64);
+                let (z, y) = (row / self.shape[1], row % self.shape[1]);
+                ([z, y, first], self.words[word])
+            })
+        })
+    }
+
     /// Numbers the sites in (z, y, x) order.
     pub fn finish(&mut self) {
         self.coordinates.clear();

@@ -1,6 +1,6 @@
 //! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE --json`.
 //!
-//! Weights by formula, or of a model; int8 measures the ranges that it lacks on the scans turned left to right. With `--json` one object a run: milliseconds by part, what was computed and how far
+//! `compact` has the weights of the shipped `kitti` model, `second` weights by formula (none are trained); int8 measures the ranges that it lacks on the scans turned left to right. With `--json` one object a run: milliseconds by part, what was computed and how far
 //! that is from what the registers can do; without it a table of every step. Frames run as on the vehicle; the backbone
 //! says when a step is done.
 
@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Parser;
 use mluc_backbone::{Backbone, Calibrator, Coverage, Precision};
+use mluc_bench::inputs;
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 
 #[derive(Parser)]
@@ -24,7 +25,7 @@ struct Arguments {
     /// `compact` or `second`, on KITTI's range.
     #[arg(long, default_value = "compact")]
     profile: String,
-    /// A model file in place of the profile with weights by formula.
+    /// A model file in place of the profile.
     #[arg(long)]
     model: Option<PathBuf>,
     /// `f32`, `bf16` or `int8`, of the backbone; the head reads f32 rows.
@@ -88,13 +89,15 @@ fn model(arguments: &Arguments) -> Result<(Manifest, WeightSet)> {
         let model = Model::read(path)?;
         return Ok((model.manifest, model.weights));
     }
-    let network = match arguments.profile.as_str() {
-        "compact" => Network::compact(Grid::kitti_compact(), 3),
-        "second" => Network::second(Grid::kitti_second(), 3),
+    match arguments.profile.as_str() {
+        "compact" => inputs::shipped(),
+        "second" => {
+            let network = Network::second(Grid::kitti_second(), 3);
+            let weights = formula_weights(&network);
+            Ok((Manifest::untrained("second", network), weights))
+        }
         other => bail!("profile must be compact or second, found {other}"),
-    };
-    let weights = formula_weights(&network);
-    Ok((Manifest::untrained(&arguments.profile, network), weights))
+    }
 }
 
 /// Ranges for int8, of the scans turned left to right: like those that are measured, and not the same.

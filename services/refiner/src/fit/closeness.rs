@@ -101,8 +101,9 @@ impl Closeness {
         for ((&x, &y), &z) in points.x_m.iter().zip(&points.y_m).zip(&points.z_m) {
             let (along, across) = (x * cos + y * sin, y * cos - x * sin);
             let place = |m: f32| (m * PLACES + WHOLE).to_bits();
-            let mixed = (z.to_bits() ^ place(along).rotate_left(11) ^ place(across).rotate_left(21))
-                .wrapping_mul(0x9E37_79B9);
+            let mixed =
+                (z.to_bits() ^ place(along).rotate_left(11) ^ place(across).rotate_left(21))
+                    .wrapping_mul(0x9E37_79B9);
             // The next one takes the place of one that goes.
             (self.x_m[kept], self.y_m[kept]) = (along, across);
             let stays = (keep_one_in <= 1) | ((mixed >> 16).wrapping_mul(share) < share);
