@@ -207,11 +207,11 @@ impl Choices {
             background_cells: self
                 .background_cells
                 .unwrap_or(usual.improvements.background_cells),
-            looks: self.looks.unwrap_or(usual.improvements.looks),
         };
         Ok(Settings {
             init: self.init,
             improvements,
+            looks: self.looks.unwrap_or(usual.looks) && kind == Kind::Improved,
             steps: self.steps.unwrap_or(usual.steps),
             batch: self.batch.unwrap_or(usual.batch),
             seed: self.seed.unwrap_or(usual.seed),

@@ -132,6 +132,11 @@ impl Run {
             classes_m: classes_m(&self.manifest),
             mirror_x: settings.setting == Setting::Udi,
         });
+        if settings.looks {
+            let (manifest, seed) = (&self.manifest, settings.seed);
+            let looks = fit_looks(&self.source, manifest, CLUSTER_FRAMES, seed)?;
+            self.looks = Some(looks);
+        }
         let anchors = Anchors::of(&self.manifest);
         let source = Arc::new(self.source.clone());
         let network = &self.manifest.network;
@@ -169,11 +174,6 @@ impl Run {
             } else if done.is_multiple_of(settings.checkpoint_every.max(1)) {
                 self.save()?;
             }
-        }
-        if settings.improvements().looks {
-            let (manifest, seed) = (&self.manifest, settings.seed);
-            let looks = fit_looks(&self.source, manifest, CLUSTER_FRAMES, seed)?;
-            self.looks = Some(looks);
         }
         self.save()?;
         self.judge(tell)?;

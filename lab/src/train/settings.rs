@@ -84,8 +84,6 @@ pub struct Improvements {
     pub generic_anchors: bool,
     /// Cells of a frame without an object that the logit of the unknown learns from too.
     pub background_cells: usize,
-    /// Fit layers that tell objects from walls and leaves by the looks of their clusters.
-    pub looks: bool,
 }
 
 impl Default for Improvements {
@@ -97,18 +95,6 @@ impl Default for Improvements {
             unknown_weight: 1.0,
             generic_anchors: true,
             background_cells: 64,
-            looks: true,
-        }
-    }
-}
-
-impl Improvements {
-    /// What pays in a setting. No known class of KITTI's is as large as a truck, so layers fitted on them take trucks for walls:
-    /// AP of the unknown on validation scans 8.5 with them, 18.2 without.
-    fn of(setting: Setting) -> Improvements {
-        Improvements {
-            looks: setting == Setting::Udi,
-            ..Improvements::default()
         }
     }
 }
@@ -126,6 +112,9 @@ pub struct Settings {
     pub init: Option<PathBuf>,
     /// Of [`Kind::Improved`] alone.
     pub improvements: Improvements,
+    /// Of [`Kind::Improved`] alone: fit layers that tell objects from walls and leaves by the looks of their clusters. On by default for
+    /// UDI. No known class of KITTI's is as large as a truck, so that the layers take trucks for walls.
+    pub looks: bool,
     /// Folder with `train/` and `val/`.
     pub data: PathBuf,
     /// Folder of the run.
@@ -200,7 +189,8 @@ impl Settings {
             profile,
             kind,
             init: None,
-            improvements: Improvements::of(setting),
+            improvements: Improvements::default(),
+            looks: improved && setting == Setting::Udi,
             data,
             out,
             steps: 20_000,
@@ -304,7 +294,6 @@ impl Settings {
                 made_up: 0,
                 generic_anchors: false,
                 background_cells: 0,
-                looks: false,
                 ..Improvements::default()
             },
         }

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HullSettings {
-    /// Whether unknown objects of other sizes go. Unset: where they are ranked by their looks.
+    /// Whether unknown objects of other sizes go. Unset: where they are ranked by P(unknown) or by their looks, so with an open
+    /// head, in all modes but the paper's.
     pub applies: Option<bool>,
     /// Shortest and longest, m: a person seen from one side; a truck with its trailer seen in full.
     pub length_m: [f64; 2],

@@ -69,7 +69,7 @@ impl Refiner {
             classes: sensor.classes.len(),
             radius_m,
             candidates: Candidates::new(&settings, sensor, radius_m),
-            is_sized: settings.hull.applies.unwrap_or(judge.is_some()),
+            is_sized: settings.sizes(judge.is_some(), sensor.unknown_logit_at.is_some()),
             judge,
             recipe,
             settings,

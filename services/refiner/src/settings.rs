@@ -326,11 +326,20 @@ impl Settings {
         match (self.looks, is_learned) {
             (Some(true), false) => Err(RefinerError::NoLooks { tensor: LOOKS }),
             (Some(judges), _) => Ok(judges),
-            (None, _) => {
-                let ranks = matches!(self.mode, Mode::Distance | Mode::Dbscan | Mode::Euclidean);
-                Ok(is_learned && ranks)
-            }
+            (None, _) => Ok(is_learned && self.ranks()),
         }
+    }
+
+    /// Whether unknown objects must have the size of a road user, where clusters are judged or not, and where the model's head
+    /// is an open one or not.
+    pub(crate) fn sizes(&self, judges: bool, is_open: bool) -> bool {
+        let default = judges || is_open && self.ranks();
+        self.hull.applies.unwrap_or(default)
+    }
+
+    /// Whether unknown objects have a score of our own, not the paper's.
+    fn ranks(&self) -> bool {
+        matches!(self.mode, Mode::Distance | Mode::Dbscan | Mode::Euclidean)
     }
 
     /// The paper's radius for this sensor, unless set.

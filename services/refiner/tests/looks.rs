@@ -93,6 +93,13 @@ fn each_can_be_had_alone_and_neither_in_the_papers_modes() {
     assert_eq!(fates(&out)[2..], [Fate::Undersized, Fate::Oversized]);
     let plain = run(Settings::default(), &sensor(), None);
     assert_eq!(out.objects[1].score, plain.objects[1].score);
+    // A model with a logit of the unknown asks for the size by itself.
+    let open = Sensor {
+        unknown_logit_at: Some(1),
+        ..sensor()
+    };
+    let out = run(Settings::default(), &open, None);
+    assert_eq!(fates(&out)[2..], [Fate::Undersized, Fate::Oversized]);
     for settings in [
         Settings {
             looks: Some(false),
