@@ -82,6 +82,7 @@ impl Sites {
     }
 
     /// Where the bit of a cell of the grid lies; good for the next functions.
+    #[inline(always)]
     pub(crate) fn address(&self, z: usize, y: usize, x: usize) -> usize {
         (z * self.shape[1] + y) * self.words_per_row * 64 + x
     }

@@ -1,9 +1,17 @@
 //! Points to voxels: each voxel's row is the mean of its first points (paper section 3.1; the mean encoder of SECOND).
 
 use mluc_ipc_types::POINTS_MAX;
+use mluc_kernels::at_best;
 use mluc_model::Grid;
+use rayon::prelude::*;
 
 use crate::sites::Sites;
+
+/// In place of an address; none is as large.
+const NON_FINITE: usize = usize::MAX;
+const OUT_OF_RANGE: usize = usize::MAX - 1;
+/// Points that one task looks at: some 50 microseconds of work.
+const POINTS_A_TASK: usize = 8192;
 
 /// Channels of a voxel's row: x, y, z (m), intensity.
 pub const VOXEL_CHANNELS: usize = 4;
@@ -32,6 +40,8 @@ pub struct Voxels {
     pub sites: Sites,
     /// One row a site: mean x, y, z (m, sensor frame), intensity.
     pub rows: Vec<f32>,
+    /// Address of every point's voxel, or why it has none.
+    addresses: Vec<usize>,
     /// Address and point number of every point that has a voxel, in file order.
     placed: Vec<(usize, u32)>,
     points_of_site: Vec<u32>,
@@ -46,6 +56,7 @@ impl Voxels {
         Voxels {
             sites,
             rows: Vec::with_capacity(voxels_max * VOXEL_CHANNELS),
+            addresses: Vec::with_capacity(POINTS_MAX),
             placed: Vec::with_capacity(POINTS_MAX),
             points_of_site: Vec::with_capacity(voxels_max),
         }
@@ -74,27 +85,25 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
         points: points.len() as u32,
         ..PointCounts::default()
     };
-    let cells = grid.cells().map(|cells| cells as f32);
     voxels.sites.clear();
     voxels.placed.clear();
-    for (number, point) in points.iter().enumerate() {
-        if !point.iter().all(|value| value.is_finite()) {
-            counts.non_finite += 1;
+    voxels.addresses.resize(points.len(), OUT_OF_RANGE);
+    let (sites, addresses) = (
+        &voxels.sites,
+        voxels.addresses.par_chunks_mut(POINTS_A_TASK),
+    );
+    addresses
+        .zip(points.par_chunks(POINTS_A_TASK))
+        .for_each(|(addresses, points)| find(points, grid, sites, addresses));
+    for (number, &address) in voxels.addresses.iter().enumerate() {
+        match address {
+            NON_FINITE => counts.non_finite += 1,
+            OUT_OF_RANGE => counts.out_of_range += 1,
+            _ => counts.in_range += 1,
+        }
+        if address >= OUT_OF_RANGE {
             continue;
         }
-        // Not below 0, so that the cast below is the floor.
-        let cell = [0, 1, 2].map(|i| (point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]);
-        if !cell
-            .iter()
-            .zip(cells)
-            .all(|(cell, cells)| (0.0..cells).contains(cell))
-        {
-            counts.out_of_range += 1;
-            continue;
-        }
-        counts.in_range += 1;
-        let [x, y, z] = cell.map(|cell| cell as usize);
-        let address = voxels.sites.address(z, y, x);
         if voxels.sites.len() >= grid.voxels_max as usize && !voxels.sites.contains(address) {
             counts.over_voxels_max += 1;
             continue;
@@ -104,6 +113,28 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
     }
     counts.voxels = voxels.sites.len() as u32;
     counts
+}
+
+/// The address of each point's voxel.
+fn find(points: &[[f32; 4]], grid: &Grid, sites: &Sites, addresses: &mut [usize]) {
+    let cells = grid.cells().map(|cells| cells as f32);
+    at_best(
+        #[inline(always)]
+        || {
+            for (point, address) in points.iter().zip(addresses) {
+                // Not below 0 where it is inside, so that the cast below is the floor.
+                let cell =
+                    [0, 1, 2].map(|i| (point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]);
+                let inside = |i: usize| (cell[i] >= 0.0) & (cell[i] < cells[i]);
+                let [x, y, z] = cell.map(|cell| cell as usize);
+                *address = match point.iter().all(|value| value.is_finite()) {
+                    false => NON_FINITE,
+                    true if inside(0) & inside(1) & inside(2) => sites.address(z, y, x),
+                    true => OUT_OF_RANGE,
+                };
+            }
+        },
+    );
 }
 
 /// Fills the rows with the means.
@@ -118,6 +149,7 @@ fn average(
         rows,
         placed,
         points_of_site,
+        ..
     } = voxels;
     rows.clear();
     rows.resize(sites.len() * VOXEL_CHANNELS, 0.0);
