@@ -72,6 +72,18 @@ impl Detection {
         detections: &'a [Detection],
         classes: usize,
     ) -> Result<&'a [Detection], ContractError> {
+        let detections = Detection::counted(header, detections)?;
+        for (index, detection) in detections.iter().enumerate() {
+            detection.check(index, classes)?;
+        }
+        Ok(detections)
+    }
+
+    /// Checks version and count of a message, for a reader that looks at each detection by itself ([`Detection::check`]).
+    pub fn counted<'a>(
+        header: &FrameHeader,
+        detections: &'a [Detection],
+    ) -> Result<&'a [Detection], ContractError> {
         header.checked()?;
         if detections.len() > DETECTIONS_MAX {
             return Err(ContractError::TooLong {
@@ -80,34 +92,37 @@ impl Detection {
                 found: detections.len(),
             });
         }
-        for (index, d) in detections.iter().enumerate() {
-            if d.class_id as usize >= classes {
-                return Err(ContractError::Index {
-                    what: "class",
-                    len: classes,
-                    found: d.class_id as usize,
-                });
-            }
-            if d.kind > DetectionKind::Candidate as u32 {
-                return Err(ContractError::Value {
-                    what: "kind of a detection",
-                    found: d.kind,
-                });
-            }
-            let numbers = d
-                .center_m
-                .iter()
-                .chain(&d.size_m)
-                .chain([&d.yaw_rad, &d.objectness, &d.score])
-                .chain([&d.eds, &d.eds_normalised, &d.threshold]);
-            if !numbers.copied().all(f32::is_finite) || d.size_m.iter().any(|&s| s <= 0.0) {
-                return Err(ContractError::NotFinite {
-                    what: "detection",
-                    index,
-                });
-            }
-        }
         Ok(detections)
+    }
+
+    /// Checks class, kind and numbers of the detection in a place of its message.
+    pub fn check(&self, index: usize, classes: usize) -> Result<(), ContractError> {
+        if self.class_id as usize >= classes {
+            return Err(ContractError::Index {
+                what: "class",
+                len: classes,
+                found: self.class_id as usize,
+            });
+        }
+        if self.kind > DetectionKind::Candidate as u32 {
+            return Err(ContractError::Value {
+                what: "kind of a detection",
+                found: self.kind,
+            });
+        }
+        let numbers = self
+            .center_m
+            .iter()
+            .chain(&self.size_m)
+            .chain([&self.yaw_rad, &self.objectness, &self.score])
+            .chain([&self.eds, &self.eds_normalised, &self.threshold]);
+        if !numbers.copied().all(f32::is_finite) || self.size_m.iter().any(|&s| s <= 0.0) {
+            return Err(ContractError::NotFinite {
+                what: "detection",
+                index,
+            });
+        }
+        Ok(())
     }
 
     /// Whether the gate made it a candidate unknown.

@@ -1,7 +1,7 @@
 //! An object in the making: one for each detection, in the detections' order.
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{Detection, DetectionKind, FOOTPRINT_MAX, Fate, Object, ObjectKind};
+use mluc_ipc_types::{Detection, FOOTPRINT_MAX, Fate, Object, ObjectKind};
 
 /// What is known of one object before it is written out.
 #[derive(Clone, Copy, Debug)]
@@ -28,15 +28,11 @@ const FAR_M: f32 = 1e4;
 
 /// The detection's box, if it is one.
 pub(crate) fn sound_box(detection: &Detection, classes: usize) -> Option<Box3> {
-    let place = detection.center_m.iter().all(|v| v.abs() <= FAR_M);
-    let size = detection.size_m.iter().all(|&v| v > 0.0 && v <= FAR_M);
-    let known_kind = detection.kind <= DetectionKind::Candidate as u32;
-    let sound = place
-        && size
-        && detection.yaw_rad.abs() <= FAR_M
-        && detection.score.is_finite()
-        && (detection.class_id as usize) < classes
-        && known_kind;
+    let is_near = |v: &f32| v.abs() <= FAR_M;
+    let place = detection.center_m.iter().all(is_near);
+    let size = detection.size_m.iter().all(is_near);
+    let keeps_the_contract = detection.check(0, classes).is_ok();
+    let sound = keeps_the_contract && place && size && is_near(&detection.yaw_rad);
     sound.then(|| Box3 {
         center_m: detection.center_m.map(f64::from),
         size_m: detection.size_m.map(f64::from),

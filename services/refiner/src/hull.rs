@@ -4,11 +4,11 @@ use mluc_geometry::Box3;
 use mluc_ipc_types::Fate;
 use serde::{Deserialize, Serialize};
 
-/// Sizes of road users: unknown objects of others are suppressed, and clusters of others look like nothing.
+/// Sizes of road users: smaller unknown objects are suppressed, larger ones and clusters of neither size look like nothing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HullSettings {
-    /// Whether unknown objects of other sizes go. Unset: where they are ranked by P(unknown) or by their looks, so with an open
+    /// Whether unknown objects are held to these sizes. Unset: where they are ranked by P(unknown) or by their looks, so with an open
     /// head, in all modes but the paper's.
     pub applies: Option<bool>,
     /// Shortest and longest, m: a person seen from one side; a truck with its trailer seen in full.

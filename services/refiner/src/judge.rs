@@ -9,8 +9,9 @@ use crate::{Everything, HullSettings, Looks, RefinerError, Sensor, Settings};
 
 /// An object is on the cluster that shares most with it (intersection over the smaller area), from this on.
 const COVERED: f64 = 0.3;
-/// The looks of an object that is on no cluster, and the least of any: it stays, behind all that look like something.
-const NO_CLUSTER: f32 = 0.05;
+/// The looks of an object that is on no cluster or larger than a road user, and the least of any: it stays, behind all that look
+/// like something.
+pub(crate) const LOOKS_LIKE_NOTHING: f32 = 0.05;
 /// Clusters that memory is made for, five times those of a real scan of 120,000 points.
 const CLUSTERS: usize = 1024;
 
@@ -59,8 +60,8 @@ impl Judge {
         let near = near.filter(|(cluster, _)| !are_apart(cluster, shape));
         let shares = near.map(|(c, looks)| (intersection_over_min_area(shape, c), *looks));
         match shares.reduce(|a, b| if b.0 > a.0 { b } else { a }) {
-            Some((share, looks)) if share > COVERED => looks.max(NO_CLUSTER),
-            _ => NO_CLUSTER,
+            Some((share, looks)) if share > COVERED => looks.max(LOOKS_LIKE_NOTHING),
+            _ => LOOKS_LIKE_NOTHING,
         }
     }
 }

@@ -10,7 +10,7 @@ use crate::candidate::Candidates;
 use crate::draft::{Draft, sound_box};
 use crate::frame::FrameIndex;
 use crate::inside::Inside;
-use crate::judge::Judge;
+use crate::judge::{Judge, LOOKS_LIKE_NOTHING};
 use crate::merge::merge;
 use crate::recipe::Recipe;
 use crate::refined::Refined;
@@ -219,16 +219,17 @@ impl Refiner {
         true
     }
 
-    /// Unknown objects that are not of a road user's size go, the others' scores are multiplied by their looks. A proposal
-    /// that nobody refined says nothing of the object's size.
+    /// Unknown objects that are smaller than a road user go, those that are larger stay behind all others, and the others' scores
+    /// are multiplied by their looks. A proposal that nobody refined says nothing of the object's size.
     fn judge_unknown(&mut self) {
         for draft in self.drafts.iter_mut().filter(|d| d.is_standing()) {
             let is_refined = draft.flags & Object::UNREFINED == 0;
             let refusal = self.settings.hull.refusal(&draft.shape);
-            if let Some(fate) = refusal.filter(|_| self.is_sized && is_refined) {
-                draft.fate = fate;
-            } else if let Some(judge) = &self.judge {
-                draft.score *= judge.looks_of(&draft.shape);
+            match (refusal.filter(|_| self.is_sized && is_refined), &self.judge) {
+                (Some(Fate::Undersized), _) => draft.fate = Fate::Undersized,
+                (Some(_), _) => draft.score *= LOOKS_LIKE_NOTHING,
+                (None, Some(judge)) => draft.score *= judge.looks_of(&draft.shape),
+                (None, None) => {}
             }
         }
     }

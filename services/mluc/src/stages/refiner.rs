@@ -14,7 +14,6 @@ use crate::settings::Settings;
 pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
     let mut refiner = Refiner::for_model(settings.refiner.clone(), model)?;
     let mut tracker = settings.track.map(Tracker::new).transpose()?;
-    let classes = model.manifest.classes.len();
     let time_max_ns = (settings.refiner.time_max_ms * 1e6) as u64;
     let mut refined = Refined::default();
     let mut objects_out = shell.output::<Object>(&Topic::OBJECTS, OBJECTS_MAX)?;
@@ -25,7 +24,8 @@ pub(crate) fn run(mut shell: Shell, settings: &Settings, model: &Model) -> anyho
     while let Some(message) = shell.next(&mut input, &Topic::DETECTIONS, || scans.take())? {
         let mut header = begin(Stage::Refiner, message.header(), message.received_ns);
         let _frame = frame_span(&header);
-        let checked = Detection::checked(&header, message.elements(), classes);
+        // A detection that makes no sense is one object's fate (`invalid_box`), not the frame's.
+        let checked = Detection::counted(&header, message.elements());
         let detections =
             match checked.and_then(|d| check_model(&header, model.fingerprint).map(|()| d)) {
                 Ok(detections) => detections,
