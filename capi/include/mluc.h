@@ -1,4 +1,4 @@
-/* A refiner of one's own for mluc, in C or C++. docs/CONTRACT.md says what a refiner must do; these five functions do the
+/* A refiner of one's own for mluc, in C or C++. docs/CONTRACT.md says what a refiner must do; these functions do the
  * part of it that is the same for all: joining, waiting, checking what came in, finding the points of a frame, stamps,
  * health, leaving.
  *

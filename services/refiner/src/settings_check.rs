@@ -9,10 +9,14 @@ impl Settings {
         const SHARE: &str = "a share of 0 to 1";
         const SIZES: &str = "two lengths of 0 to 100 m, the smaller one first";
         const ANGLE: &str = "an angle of 0 to 180 degrees";
+        const SIDES: &str = "three lengths above 0 and at most 100 m";
+        const TIMES: &str = "a factor of 0 to 20";
         let length = |v: f64| v > 0.0 && v <= 100.0;
         let share = |v: f64| (0.0..=1.0).contains(&v);
         let angle = |v: f64| (0.0..=180.0).contains(&v);
         let sizes = |[least, most]: [f64; 2]| least >= 0.0 && least <= most && most <= 100.0;
+        let sides = |all: [f64; 3]| all.into_iter().all(length);
+        let times = |v: f64| (0.0..=20.0).contains(&v);
         let (d, c, m) = (&self.distance, &self.corrected, &self.merge);
         let radius_m = self.radius_m.unwrap_or(1.0);
         let rules = [
@@ -156,6 +160,60 @@ impl Settings {
                 length(d.tall_from_m),
             ),
             (
+                "distance.shrink_above_m",
+                SIDES,
+                d.shrink_above_m[0],
+                sides(d.shrink_above_m),
+            ),
+            (
+                "distance.tall_above_m",
+                SIDES,
+                d.tall_above_m[0],
+                sides(d.tall_above_m),
+            ),
+            (
+                "distance.upright_apart_m",
+                SIDES,
+                d.upright_apart_m[0],
+                sides(d.upright_apart_m),
+            ),
+            (
+                "distance.end_face_width_m",
+                SIZES,
+                d.end_face_width_m[0],
+                sizes(d.end_face_width_m),
+            ),
+            (
+                "distance.end_face_aside_max_deg",
+                ANGLE,
+                d.end_face_aside_max_deg,
+                angle(d.end_face_aside_max_deg),
+            ),
+            (
+                "distance.end_face_share",
+                TIMES,
+                d.end_face_share,
+                times(d.end_face_share),
+            ),
+            (
+                "distance.end_face_top_share_min",
+                SHARE,
+                d.end_face_top_share_min,
+                share(d.end_face_top_share_min),
+            ),
+            (
+                "distance.truck_height_min_m",
+                LENGTH,
+                d.truck_height_min_m,
+                length(d.truck_height_min_m),
+            ),
+            (
+                "distance.truck_end_share",
+                TIMES,
+                d.truck_end_share,
+                times(d.truck_end_share),
+            ),
+            (
                 "distance.cut_top_height_m",
                 "a height of 0 to 10 m",
                 d.cut_top_height_m,
@@ -184,6 +242,12 @@ impl Settings {
                 SHARE,
                 m.overlap_max,
                 share(m.overlap_max),
+            ),
+            (
+                "merge.known_score_min",
+                SHARE,
+                m.known_score_min.into(),
+                share(m.known_score_min.into()),
             ),
             (
                 "merge.known_points_share",
