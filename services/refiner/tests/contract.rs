@@ -2,7 +2,8 @@
 
 mod common;
 
-use common::{assert_sound, candidate, known, point, refine, refiner, scan, standing};
+use common::{assert_sound, box_of, candidate, known, point, refine, refiner, scan, standing};
+use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Fate, Object, Point};
 use mluc_refiner::{Mode, Refined};
 
@@ -117,7 +118,30 @@ fn clouds_that_are_no_scene() {
         })
         .collect();
     for (name, points) in &clouds() {
-        check_all(points, &detections, name);
+        for (mode, out) in check_all(points, &detections, name) {
+            for object in out.objects.iter().filter(|o| o.is_published()) {
+                holds_its_points(points, &out, object, &format!("{name}, {mode:?}"));
+            }
+        }
+    }
+}
+
+/// No join of what lies apart: an object's points lie in its box, and within reach of each other.
+fn holds_its_points(points: &[Point], out: &Refined, object: &Object, what: &str) {
+    const NOISE_M: f64 = 0.05;
+    const REACH_M: f64 = 10.0;
+    let own = out.points_of(object);
+    let shape = box_of(object);
+    let grown = Box3 {
+        size_m: shape.size_m.map(|side| side + 2.0 * NOISE_M),
+        ..shape
+    };
+    for &index in own {
+        let p = points[index as usize];
+        let at = [p.x_m, p.y_m, p.z_m].map(f64::from);
+        assert!(grown.contains(at), "{what}: {at:?} outside of {shape:?}");
+        let off = (at[0] - shape.center_m[0]).hypot(at[1] - shape.center_m[1]);
+        assert!(off < REACH_M, "{what}: {at:?} in {shape:?}");
     }
 }
 

@@ -167,5 +167,6 @@ fn an_open_heads_logit_ranks() {
     let expected = [2.0f32, -1.0].map(|x| 0.6 / (1.0 + (-x).exp()));
     assert_eq!([0, 1].map(|i: usize| out.objects[i].score), expected);
     assert_eq!(out.objects[2].score, 0.0);
-    assert!((out.objects[3].score - 0.3).abs() < 1e-6);
+    // Larger than a road user: behind all others.
+    assert!((out.objects[3].score - 0.05 * 0.3).abs() < 1e-6);
 }
