@@ -146,6 +146,8 @@ fn a_bad_configuration_is_a_usage_error() {
         &["mluc.toml", "`pase`", "did you mean `pace`?"],
     );
     setting.refuses(2, &["--lambda=-1"], &["lambda"]);
+    setting.refuses(2, &["--unknown-min=2"], &["unknown_min", "0 to 1"]);
+    setting.refuses(2, &["--unknown-min=0.5"], &["unknown_min", "--lambda"]);
     setting.refuses(
         2,
         &["--refiner-mode", "litral"],

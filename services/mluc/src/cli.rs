@@ -81,6 +81,10 @@ pub(crate) struct PipelineArgs {
     /// the centre of all prototypes, 2: at a prototype, 0: no unknowns).
     #[arg(long)]
     pub(crate) lambda: Option<f32>,
+    /// With a model that has a logit of the unknown (udi-open, kitti-open): probability of being none of the known from which
+    /// a box is a candidate unknown, instead of the model's (0: no unknowns). Lower finds more, true and false.
+    #[arg(long)]
+    pub(crate) unknown_min: Option<f32>,
     /// How the refiner clusters: corrected, literal, distance, dbscan, euclidean, none.
     #[arg(long)]
     pub(crate) refiner_mode: Option<String>,

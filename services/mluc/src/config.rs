@@ -21,6 +21,7 @@ pub(crate) struct Config {
     pub(crate) pace: Option<Pace>,
     pub(crate) rate_hz: Option<f64>,
     pub(crate) lambda: Option<f32>,
+    pub(crate) unknown_min: Option<f32>,
     pub(crate) budget_ms: Option<u64>,
     pub(crate) precision: Option<String>,
     #[serde(default)]
@@ -101,6 +102,7 @@ mod tests {
             pace = "complete"
             rate_hz = 10.0
             lambda = 1.2
+            unknown_min = 0.6
             [stages.backbone]
             threads = 4
             [stages.refiner]

@@ -20,6 +20,7 @@ pub(crate) struct Settings {
     pub(crate) input: Option<PathBuf>,
     pub(crate) model: String,
     pub(crate) lambda: Option<f32>,
+    pub(crate) unknown_min: Option<f32>,
     pub(crate) pace: Pace,
     pub(crate) rate_hz: Option<f64>,
     pub(crate) repeat: bool,
@@ -85,6 +86,7 @@ impl Settings {
                 .or(config.model)
                 .unwrap_or_else(|| "kitti".to_string()),
             lambda: args.lambda.or(config.lambda),
+            unknown_min: args.unknown_min.or(config.unknown_min),
             pace,
             rate_hz: args.rate.or(config.rate_hz),
             repeat: args.repeat,
@@ -131,6 +133,11 @@ impl Settings {
             return Err(UsageError(format!(
                 "lambda must be 0 to 100, found {lambda}"
             )));
+        }
+        if let Some(p) = self.unknown_min
+            && !(0.0..=1.0).contains(&p)
+        {
+            return Err(UsageError(format!("unknown_min must be 0 to 1, found {p}")));
         }
         for (stage, &threads) in Stage::ALL.iter().zip(&self.threads) {
             if !(1..=256).contains(&threads) {
@@ -182,6 +189,7 @@ impl Settings {
         };
         add("pace", Some(pace.to_string()));
         add("lambda", self.lambda.map(|v| v.to_string()));
+        add("unknown-min", self.unknown_min.map(|v| v.to_string()));
         add("refiner-mode", Some(self.refiner.mode.name().to_string()));
         add("precision", Some(self.precision.to_string()));
         add("budget-ms", self.budget_ms.map(|v| v.to_string()));
@@ -285,6 +293,8 @@ mod tests {
             "x",
             "--lambda",
             "1.25",
+            "--unknown-min",
+            "0.75",
             "--refiner-mode",
             "literal",
             "--verify-mapping",
@@ -313,6 +323,7 @@ mod tests {
             ["--rate", "NaN"],
             ["--seconds", "-1"],
             ["--lambda", "-0.5"],
+            ["--unknown-min", "1.5"],
             ["--threads", "backbone"],
             ["--threads", "bakbone=2"],
             ["--threads", "head=0"],

@@ -44,10 +44,7 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     let mut options = ShellOptions::new(settings.instance.clone());
     options.verify_mapping = settings.verify_mapping;
     let shell = Shell::stage(options, stage, shutdown)?;
-    let mut model = model::load(&settings.model)?;
-    if let Some(lambda) = settings.lambda {
-        model.manifest.thresholds.eds_normalised_max = lambda;
-    }
+    let model = model::load_for(&settings)?;
     work(stage, shell, &settings, &model, args.start_sequence)
         .with_context(|| format!("stage {}", stage.name()))
 }

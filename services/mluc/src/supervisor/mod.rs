@@ -123,7 +123,7 @@ fn check_before(settings: &Settings) -> anyhow::Result<Model> {
         }
         None => (),
     }
-    model::load(&settings.model)
+    model::load_for(settings)
 }
 
 /// What a foreign stage has to know of the model.
