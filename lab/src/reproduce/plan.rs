@@ -2,7 +2,7 @@
 
 use super::Setting;
 use super::kitti::Preparation;
-use super::rows::METHOD_NETWORKS;
+use super::rows::rows_on;
 use super::run::Options;
 use super::simulate::Simulation;
 use super::train::{NETWORKS, OSIS_IS_TRAINED, SEEDED, Training};
@@ -124,10 +124,7 @@ impl Plan {
                 add(Work::Train(training), seconds);
             }
             for &(network, seed) in &networks {
-                let rows = METHOD_NETWORKS
-                    .iter()
-                    .filter(|(_, on)| *on == network)
-                    .count();
+                let rows = rows_on(network, seed).count();
                 let frame_s = pace.network_s + rows as f64 * pace.row_s;
                 let seconds = f64::from(sizes.test_frames) * frame_s;
                 add(Work::Evaluate { network, seed }, seconds);
@@ -147,6 +144,7 @@ fn networks(seeds: u64) -> Vec<(&'static str, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reproduce::rows::METHOD_NETWORKS;
     use crate::reproduce::{Layout, Size};
     use std::path::PathBuf;
 

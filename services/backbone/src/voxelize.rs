@@ -97,12 +97,15 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
         .for_each(|(addresses, points)| find(points, grid, sites, addresses));
     for (number, &address) in voxels.addresses.iter().enumerate() {
         match address {
-            NON_FINITE => counts.non_finite += 1,
-            OUT_OF_RANGE => counts.out_of_range += 1,
+            NON_FINITE => {
+                counts.non_finite += 1;
+                continue;
+            }
+            OUT_OF_RANGE => {
+                counts.out_of_range += 1;
+                continue;
+            }
             _ => counts.in_range += 1,
-        }
-        if address >= OUT_OF_RANGE {
-            continue;
         }
         if voxels.sites.len() >= grid.voxels_max as usize && !voxels.sites.contains(address) {
             counts.over_voxels_max += 1;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[serde(default, deny_unknown_fields)]
 pub struct HullSettings {
     /// Whether unknown objects are held to these sizes. Unset: where they are ranked by P(unknown) or by their looks, so with an open
-    /// head, in all modes but the paper's.
+    /// head, in `distance`, `dbscan` and `euclidean`.
     pub applies: Option<bool>,
     /// Shortest and longest, m: a person seen from one side; a truck with its trailer seen in full.
     pub length_m: [f64; 2],

@@ -59,7 +59,9 @@ impl Closeness {
             #[inline(always)]
             || self.best(coarse),
         );
-        self.thin(points, HEADING_POINTS_MAX);
+        if points.len() > COARSE_POINTS_MAX {
+            self.thin(points, HEADING_POINTS_MAX);
+        }
         let beside = [0, -1, 1, -2, 2];
         let fine = beside.map(|step| coarse + DEGREE * step);
         let finest = at_best(
