@@ -6,8 +6,9 @@ use std::{hint::black_box, time::Instant};
 
 use mluc_kernels::{
     ABSENT, Bf16, Epilogue, Gather, Level, Statistics, Weights, WeightsBf16, WeightsInt8,
-    batch_norm_backward, batch_norm_forward, convolve_at, convolve_bf16_at, convolve_int8_at, spin,
-    spin_bf16, spin_int8, weight_gradient_at,
+    WeightsWinograd, WinogradTiles, batch_norm_backward, batch_norm_forward, convolve_at,
+    convolve_bf16_at, convolve_int8_at, convolve_winograd_at, spin, spin_bf16, spin_int8,
+    weight_gradient_at,
 };
 use rustix::time::{ClockId, clock_gettime};
 
@@ -56,6 +57,20 @@ fn main() {
         let two = run(2).map(|gflops| format!("{gflops:4.0}"));
         println!("{name:30} {}   {}", one.join(" "), two.join(" "));
     }
+    println!(
+        "3x3 layers by tiles of 2x2 cells, f32: GFLOP/s of the direct sum, and of what is multiplied"
+    );
+    for (w, h, cin, cout) in LAYERS {
+        let gflops = [1, 2].map(|threads| winograd(level, threads, [h, w], cin, cout));
+        let multiplied = gflops[0] * 16.0 / 36.0;
+        println!(
+            "{:30} {:4.0} {multiplied:4.0} {:3.0}%   {:4.0}",
+            format!("3x3 {w}x{h} {cin}->{cout}"),
+            gflops[0],
+            100.0 * multiplied / peaks[0],
+            gflops[1]
+        );
+    }
     if std::env::args().len() > 2 {
         return;
     }
@@ -67,6 +82,42 @@ fn main() {
             );
         }
     }
+}
+
+/// Columns, rows, channels in and out.
+const LAYERS: [(usize, usize, usize, usize); 5] = [
+    (200, 176, 96, 48),
+    (200, 176, 48, 48),
+    (100, 88, 96, 96),
+    (200, 176, 128, 128),
+    (100, 88, 256, 256),
+];
+
+/// GFLOP/s of the direct sum that tiles of 2x2 cells stand for.
+fn winograd(level: Level, threads: usize, shape: [usize; 2], cin: usize, cout: usize) -> f64 {
+    let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else {
+        return 0.0;
+    };
+    let mut random = Random(1);
+    let mut values =
+        |count: usize| -> Vec<f32> { (0..count).map(|_| random.unit() as f32 - 0.5).collect() };
+    let cells = shape[0] * shape[1];
+    let (input, plain) = (values(cells * cin), values(9 * cin * cout));
+    let Some(weights) = WeightsWinograd::pack(cin, cout, &plain) else {
+        return 0.0;
+    };
+    let mut output = values(cells * cout);
+    let mut tiles = WinogradTiles::new(shape);
+    let all: Vec<u32> = (0..cells as u32).collect();
+    let epilogue = Epilogue {
+        bias: None,
+        relu: true,
+    };
+    let seconds = best_seconds(&pool, || {
+        tiles.assign(&all, shape);
+        convolve_winograd_at(level, &input, &tiles, &weights, epilogue, &mut output);
+    });
+    2e-9 * (9 * cells * cin * cout) as f64 / seconds
 }
 
 /// Milliseconds of batch normalisation with ReLU on a map of 200 x 176 cells.

@@ -16,6 +16,7 @@ mod simd;
 mod weights;
 mod weights_bf16;
 mod weights_int8;
+mod winograd;
 
 pub use batch_norm::{Statistics, batch_norm_backward, batch_norm_forward};
 pub use convolve::{
@@ -28,6 +29,7 @@ pub use simd::{Level, at_best, spin, spin_bf16, spin_int8};
 pub use weights::Weights;
 pub use weights_bf16::WeightsBf16;
 pub use weights_int8::WeightsInt8;
+pub use winograd::{WeightsWinograd, WinogradTiles, convolve_winograd, convolve_winograd_at};
 
 /// What happens to a row after its sum.
 #[derive(Clone, Copy, Debug, Default)]

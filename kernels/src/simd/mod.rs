@@ -25,6 +25,7 @@ mod pair;
 mod peak;
 mod plain;
 mod plain_work;
+mod winograd;
 
 pub(crate) use aligned::{Aligned, AlignedArray, LINE};
 pub(crate) use convolve_bf16::convolve_tiles_bf16;
@@ -36,6 +37,7 @@ pub(crate) use list::{BLOCK, Listed, Lists};
 use pair::Pair;
 pub use peak::{spin, spin_bf16, spin_int8};
 pub use plain_work::at_best;
+pub(crate) use winograd::{Windows, WinogradMemory};
 
 /// Vector registers of f32. A value of the implementing type is the proof that the processor has them.
 pub(crate) trait Simd: Copy {

@@ -28,10 +28,9 @@ pub struct Sizes {
     pub base_steps: u64,
     /// Steps of each network that begins with the base's weights.
     pub tuned_steps: u64,
-    /// Steps of `improved`, which begins with them too but has to learn a new output.
-    pub improved_steps: u64,
-    /// Steps of the supervised network, which begins with the base's weights too but meets new classes.
-    pub supervised_steps: u64,
+    /// Steps of the networks that begin with them too but have to learn new outputs or classes (`improved`, `supervised`),
+    /// and of the closed set, with which these are compared.
+    pub longer_steps: u64,
     /// Frames a step.
     pub batch: u32,
     /// Validation scans that the trainer judges on.
@@ -61,8 +60,7 @@ impl Size {
                 test_frames: 1000,
                 base_steps: if udi { 4000 } else { 4400 },
                 tuned_steps: 500,
-                improved_steps: 1000,
-                supervised_steps: 1000,
+                longer_steps: 1000,
                 batch: 2,
                 validate_frames: 60,
                 resamples: 500,
@@ -74,8 +72,7 @@ impl Size {
                 test_frames: 50,
                 base_steps: if udi { 150 } else { 220 },
                 tuned_steps: if udi { 30 } else { 40 },
-                improved_steps: if udi { 30 } else { 40 },
-                supervised_steps: if udi { 30 } else { 40 },
+                longer_steps: if udi { 30 } else { 40 },
                 batch: 2,
                 validate_frames: 0,
                 resamples: 200,
@@ -87,8 +84,7 @@ impl Size {
                 test_frames: 6,
                 base_steps: 2,
                 tuned_steps: 2,
-                improved_steps: 2,
-                supervised_steps: 2,
+                longer_steps: 2,
                 batch: 1,
                 validate_frames: 0,
                 resamples: 20,

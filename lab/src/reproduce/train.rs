@@ -47,8 +47,7 @@ impl Training {
         let is_base = network == BASE && seed == 1;
         let steps = match network {
             _ if is_base => sizes.base_steps,
-            "supervised" => sizes.supervised_steps,
-            "improved" => sizes.improved_steps,
+            "sigmoid" | "improved" | "supervised" => sizes.longer_steps,
             _ => sizes.tuned_steps,
         };
         let data = match network {

@@ -77,11 +77,16 @@ impl<V: Value> Convolution<V> {
         output_rows: Option<&[u32]>,
         output: &mut [O],
     ) {
-        let epilogue = Epilogue {
+        let (weights, epilogue) = (&self.weights, self.epilogue());
+        V::convolve(input, gather, weights, epilogue, output_rows, output);
+    }
+
+    /// What follows the sums.
+    pub(crate) fn epilogue(&self) -> Epilogue<'_> {
+        Epilogue {
             bias: Some(&self.bias),
             relu: true,
-        };
-        V::convolve(input, gather, &self.weights, epilogue, output_rows, output);
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use crate::features::Features;
 use crate::plane::{Coverage, PlaneLayer};
 use crate::precision::Value;
 use crate::sparse::SparsePart;
-use crate::trace::{Place, Watch};
+use crate::trace::{Place, Reads, Watch};
 use crate::units::Units;
 
 /// All layers, with all memory of a frame; `V` is what the rows between them hold.
@@ -97,20 +97,20 @@ impl<V: Value> Layers<V> {
         let points = self.sparse.run(points, watch);
         self.fold_height();
         let place = Place::Map(self.map_shape());
-        watch.step("bev", self.occupied.list().len(), None);
+        watch.step("bev", self.occupied.list().len(), Reads::Nothing);
         let values = (&self.map[..], &self.map_units);
         watch.level("bev", place, self.map_channels, values);
         let (mut values, mut active) = (&self.map[..], &self.occupied);
         for layer in self.block1.iter_mut().chain(&mut self.block2) {
             layer.run(values, active, coverage);
             (values, active) = (layer.values(), layer.active());
-            watch.step(&layer.name, active.list().len(), Some(layer.gather()));
+            watch.step(&layer.name, active.list().len(), layer.reads());
             let place = Place::Map(active.shape());
             let shown = (values, layer.units());
             watch.level(&layer.name, place, layer.channels(), shown);
         }
         self.features.place(active);
-        watch.step("rows", self.cells().len(), None);
+        watch.step("rows", self.cells().len(), Reads::Nothing);
         Frame {
             points,
             rows: self.cells().len(),

@@ -32,7 +32,7 @@ pub use precision::Precision;
 pub use rulebook::{gather, output_sites, rulebook};
 pub use rulebooks::Rulebooks;
 pub use sites::Sites;
-pub use trace::{Level, Observer, Place, Step, Steps};
+pub use trace::{Level, Observer, Place, Reads, Step, Steps};
 pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
 
 // Whatever a checked model gives fits the contract.

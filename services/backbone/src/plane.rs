@@ -4,7 +4,7 @@
 //! near the border. That response is computed once. A frame then computes the cells that read a cell which its input
 //! layer computed; neighbours outside read the stored response. The result equals the dense one.
 
-use mluc_kernels::{ABSENT, Gather};
+use mluc_kernels::{ABSENT, Gather, WeightsWinograd, WinogradTiles, convolve_winograd};
 use mluc_model::{DenseLayer, Folded, WeightSet};
 use rayon::prelude::*;
 
@@ -12,6 +12,7 @@ use crate::backbone::BackboneError;
 use crate::cells::CellSet;
 use crate::convolution::{Convolution, response};
 use crate::precision::Value;
+use crate::trace::Reads;
 use crate::units::Units;
 
 /// Which cells of the bird's-eye layers are computed.
@@ -44,6 +45,14 @@ pub(crate) struct PlaneLayer<V: Value> {
     active: CellSet,
     previous: CellSet,
     gather: Gather,
+    by_tiles: Option<ByTiles>,
+}
+
+/// A layer of stride 1 in f32: tiles of 2x2 cells take 16 products where 4 windows take 36.
+#[derive(Clone, Debug)]
+struct ByTiles {
+    weights: WeightsWinograd,
+    tiles: WinogradTiles,
 }
 
 impl<V: Value> PlaneLayer<V> {
@@ -60,6 +69,13 @@ impl<V: Value> PlaneLayer<V> {
         let folded = Units::between(units.0, &units.1, folded);
         let shape = input_shape.map(|edge| edge.div_ceil(layer.stride));
         let values = vec![V::default(); shape[0] * shape[1] * layer.cout];
+        let by_tiles = (layer.stride == 1 && V::f32_rows(&values).is_some())
+            .then(|| WeightsWinograd::pack(folded.cin, folded.cout, &folded.weights))
+            .flatten()
+            .map(|weights| ByTiles {
+                weights,
+                tiles: WinogradTiles::new(shape),
+            });
         Ok(PlaneLayer {
             name: layer.name.clone(),
             convolution: Convolution::around(&folded, &units.0.counts(usual))?,
@@ -76,12 +92,15 @@ impl<V: Value> PlaneLayer<V> {
                 taps: 9,
                 index: Vec::with_capacity(shape[0] * shape[1] * 9),
             },
+            by_tiles,
         })
     }
 
-    /// This layer reads the map of the sparse part, which is zero where no site lies.
+    /// This layer reads the map of the sparse part, which is zero where no site lies: what is left of the direct sum
+    /// when zeros are skipped is less than tiles would take.
     pub(crate) fn reads_sparse_map(&mut self) {
         self.input_zero_elsewhere = true;
+        self.by_tiles = None;
     }
 
     /// Computes this layer from the map before it, of which `input_active` cells may differ from the empty scene.
@@ -96,6 +115,9 @@ impl<V: Value> PlaneLayer<V> {
             let row = cell * channels..(cell + 1) * channels;
             self.values[row.clone()].copy_from_slice(&self.empty[row]);
         });
+        if self.run_by_tiles(input).is_some() {
+            return;
+        }
         let read = self.input_zero_elsewhere.then_some(input_active);
         window_gather(
             &self.active,
@@ -112,6 +134,15 @@ impl<V: Value> PlaneLayer<V> {
         );
     }
 
+    /// The active cells by tiles, where this layer can.
+    fn run_by_tiles(&mut self, input: &[V]) -> Option<()> {
+        let ByTiles { weights, tiles } = self.by_tiles.as_mut()?;
+        let (input, output) = (V::f32_rows(input)?, V::f32_rows_mut(&mut self.values)?);
+        tiles.assign(self.active.list(), self.active.shape());
+        convolve_winograd(input, tiles, weights, self.convolution.epilogue(), output);
+        Some(())
+    }
+
     /// Takes the present output as the response to an empty scene.
     pub(crate) fn store_empty(&mut self) {
         self.empty.copy_from_slice(&self.values);
@@ -122,8 +153,11 @@ impl<V: Value> PlaneLayer<V> {
         &self.values
     }
     /// Which cells of the input the last run read.
-    pub(crate) fn gather(&self) -> &Gather {
-        &self.gather
+    pub(crate) fn reads(&self) -> Reads<'_> {
+        match &self.by_tiles {
+            Some(by_tiles) => Reads::Tiles(&by_tiles.tiles),
+            None => Reads::Rows(&self.gather),
+        }
     }
     /// Of a row.
     pub(crate) fn channels(&self) -> usize {

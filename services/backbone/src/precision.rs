@@ -81,6 +81,16 @@ pub(crate) trait Value: Element + std::fmt::Debug + 'static {
         output: &mut [O],
     );
 
+    /// These rows, where they hold f32.
+    fn f32_rows(_: &[Self]) -> Option<&[f32]> {
+        None
+    }
+
+    /// [`Value::f32_rows`], to be written.
+    fn f32_rows_mut(_: &mut [Self]) -> Option<&mut [f32]> {
+        None
+    }
+
     /// The same values as f32; `spare` is used where they have to be written out.
     fn as_f32<'a>(values: &'a [Self], spare: &'a mut Vec<f32>) -> &'a [f32];
 }
@@ -102,6 +112,14 @@ impl Value for f32 {
         output: &mut [O],
     ) {
         convolve(input, gather, weights, epilogue, output_rows, output);
+    }
+
+    fn f32_rows(rows: &[f32]) -> Option<&[f32]> {
+        Some(rows)
+    }
+
+    fn f32_rows_mut(rows: &mut [f32]) -> Option<&mut [f32]> {
+        Some(rows)
     }
 
     fn as_f32<'a>(values: &'a [f32], _: &'a mut Vec<f32>) -> &'a [f32] {

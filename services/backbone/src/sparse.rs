@@ -7,7 +7,7 @@ use crate::convolution::Convolution;
 use crate::precision::Value;
 use crate::rulebooks::{Rulebooks, sites_max};
 use crate::sites::Sites;
-use crate::trace::{Place, Watch};
+use crate::trace::{Place, Reads, Watch};
 use crate::units::Units;
 use crate::voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
 
@@ -82,11 +82,11 @@ impl<V: Value> SparsePart<V> {
         } = self;
         let counts = voxelize(points, &network.grid, self.uses_intensity, voxels);
         let place = Place::Sites(&voxels.sites);
-        watch.step("voxels", voxels.sites.len(), None);
+        watch.step("voxels", voxels.sites.len(), Reads::Nothing);
         let values = (&voxels.rows[..], &Units::none());
         watch.level("voxels", place, VOXEL_CHANNELS, values);
         books.build(network, &voxels.sites);
-        watch.step("rulebooks", voxels.sites.len(), None);
+        watch.step("rulebooks", voxels.sites.len(), Reads::Nothing);
         for (number, layer) in network.sparse.iter().enumerate() {
             let sites = books.sites_after(number, &voxels.sites);
             spare.resize(sites.len() * layer.cout, V::default());
@@ -95,7 +95,7 @@ impl<V: Value> SparsePart<V> {
                 _ => others[number - 1].run(rows, books.gather(number), None, spare),
             }
             std::mem::swap(rows, spare);
-            watch.step(&layer.name, sites.len(), Some(books.gather(number)));
+            watch.step(&layer.name, sites.len(), Reads::Rows(books.gather(number)));
             let values = (&rows[..], &units[number]);
             watch.level(&layer.name, Place::Sites(sites), layer.cout, values);
         }

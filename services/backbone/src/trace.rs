@@ -1,6 +1,6 @@
 //! Looking at a frame between the layers, for tests against other implementations.
 
-use mluc_kernels::Gather;
+use mluc_kernels::{Gather, WinogradTiles};
 
 use crate::precision::Value;
 use crate::sites::Sites;
@@ -38,8 +38,19 @@ pub struct Step<'a> {
     pub name: &'a str,
     /// Sites or cells computed.
     pub rows: usize,
-    /// What a layer read: its products are the entries that are not absent, times its channels in and out.
-    pub gather: Option<&'a Gather>,
+    /// What a layer read.
+    pub reads: Reads<'a>,
+}
+
+/// Which input rows a layer multiplied with the weights of a tap.
+#[derive(Clone, Copy, Debug)]
+pub enum Reads<'a> {
+    /// It is no layer.
+    Nothing,
+    /// Those that are not absent.
+    Rows(&'a Gather),
+    /// Transformed windows: 16 rows a tile.
+    Tiles(&'a WinogradTiles),
 }
 
 /// Called after each step of a frame, in order: the caller may look at a clock.
@@ -78,9 +89,9 @@ impl Watch<'_> {
     }
 
     /// Says that a step is done.
-    pub(crate) fn step(&mut self, name: &str, rows: usize, gather: Option<&Gather>) {
+    pub(crate) fn step(&mut self, name: &str, rows: usize, reads: Reads) {
         if let Watch::Steps(steps) = self {
-            steps(Step { name, rows, gather });
+            steps(Step { name, rows, reads });
         }
     }
 }

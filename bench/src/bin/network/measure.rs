@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use mluc_backbone::{Backbone, Precision, Step};
+use mluc_backbone::{Backbone, Precision, Reads, Step};
 use mluc_head::Head;
 use mluc_kernels::ABSENT;
 use mluc_model::{Manifest, Network, WeightSet};
@@ -42,7 +42,7 @@ pub(crate) fn measure(
                 frame.add(part, step.name, &mut last);
                 part = products.part_after(step.name, part);
                 if counting {
-                    record.count(&step, products.flop(&step));
+                    record.count(&step, products.flop(&step), products.executed(&step));
                     last = Instant::now();
                 }
             })
@@ -105,16 +105,28 @@ impl Products {
         }
     }
 
-    /// Of the input rows that exist: the padding and empty voxels are no work.
+    /// Of the input rows that exist, as the layer is defined: the padding and empty voxels are no work.
     fn flop(&self, step: &Step) -> f64 {
-        let channels = self.layers.iter().find(|layer| layer.0 == step.name);
-        match (channels, step.gather) {
-            (Some((_, pair)), Some(gather)) => {
-                let present = gather.index.iter().filter(|row| **row != ABSENT).count();
-                present as f64 * pair
-            }
-            _ => 0.0,
+        match step.reads {
+            // All but the cells at the border have nine.
+            Reads::Tiles(_) => 9.0 * step.rows as f64 * self.pair(step),
+            _ => self.executed(step),
         }
+    }
+
+    /// What the registers multiplied.
+    fn executed(&self, step: &Step) -> f64 {
+        let pairs = match step.reads {
+            Reads::Nothing => 0,
+            Reads::Rows(gather) => gather.index.iter().filter(|row| **row != ABSENT).count(),
+            Reads::Tiles(tiles) => tiles.products(),
+        };
+        pairs as f64 * self.pair(step)
+    }
+
+    fn pair(&self, step: &Step) -> f64 {
+        let layer = self.layers.iter().find(|layer| layer.0 == step.name);
+        layer.map_or(0.0, |layer| layer.1)
     }
 
     fn rows_flop(&self, rows: usize) -> [f64; 2] {

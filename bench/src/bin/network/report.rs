@@ -53,13 +53,16 @@ pub(crate) struct Record {
     pub(crate) first_ms: Vec<f64>,
     scans: usize,
     sites: Vec<(String, usize)>,
+    /// As the layers are defined.
     flop: [f64; 4],
+    /// What the registers multiplied: tiles of 2x2 cells need less.
+    executed: [f64; 4],
     sparse_done: bool,
 }
 
 impl Record {
     /// Counts a step of a scan.
-    pub(crate) fn count(&mut self, step: &Step, flop: f64) {
+    pub(crate) fn count(&mut self, step: &Step, flop: f64, executed: f64) {
         match step.name {
             "voxels" => self.sparse_done = false,
             "bev" => self.sparse_done = true,
@@ -72,14 +75,17 @@ impl Record {
             Part::Sparse3d
         };
         self.flop[part as usize] += flop;
+        self.executed[part as usize] += executed;
         self.add_sites(step.name, step.rows);
     }
 
     /// Counts the end of a scan: its feature rows and what they cost, the candidates.
     pub(crate) fn count_rows(&mut self, rows: usize, [features, head]: [f64; 2], candidates: u32) {
         debug_assert!(rows == 0 || features > 0.0);
-        self.flop[Part::Dense2d as usize] += features;
-        self.flop[Part::Head as usize] += head;
+        for flop in [&mut self.flop, &mut self.executed] {
+            flop[Part::Dense2d as usize] += features;
+            flop[Part::Head as usize] += head;
+        }
         self.add_sites("candidates", candidates as usize);
         self.scans += 1;
     }
@@ -91,7 +97,7 @@ impl Record {
         }
     }
 
-    /// Sites and GFLOP are means over the scans; `peak_share` is of `peak_gflops`.
+    /// Sites and GFLOP are means over the scans; `peak_share` is the part of `peak_gflops` that multiplied.
     pub(crate) fn json(&self, peak_gflops: f64) -> Value {
         let scans = self.scans.max(1) as f64;
         let sites: Map<_, _> = self
@@ -99,26 +105,28 @@ impl Record {
             .iter()
             .map(|(name, count)| (name.clone(), json!((*count as f64 / scans).round() as u64)))
             .collect();
-        let (mut gflop, mut share) = (Map::new(), Map::new());
+        let (mut gflop, mut executed, mut share) = (Map::new(), Map::new(), Map::new());
+        let mean = |flop: f64| 1e-9 * flop / scans;
         for part in [Part::Sparse3d, Part::Dense2d, Part::Head] {
             let name = PARTS[part as usize].1;
-            let each = 1e-9 * self.flop[part as usize] / scans;
-            gflop.insert(name.into(), json!(rounded(each)));
+            let each = mean(self.executed[part as usize]);
+            gflop.insert(name.into(), json!(rounded(mean(self.flop[part as usize]))));
+            executed.insert(name.into(), json!(rounded(each)));
             // The head's time is not one of products: see what its part holds.
             if part != Part::Head {
                 let seconds = 1e-3 * self.percentile(0.5, |frame| frame.part_ms(part));
                 share.insert(name.into(), json!(rounded(each / seconds / peak_gflops)));
             }
         }
-        gflop.insert(
-            "total".into(),
-            json!(rounded(1e-9 * self.flop.iter().sum::<f64>() / scans)),
-        );
+        for (flop, to) in [(&self.flop, &mut gflop), (&self.executed, &mut executed)] {
+            to.insert("total".into(), json!(rounded(mean(flop.iter().sum()))));
+        }
         json!({
             "sites": sites,
             "ms_p50": self.milliseconds(0.5),
             "ms_p99": self.milliseconds(0.99),
             "gflop": gflop,
+            "gflop_executed": executed,
             "peak_share": share,
             "peak_gflops": peak_gflops.round(),
             "frames": self.frames.len(),

@@ -1,0 +1,175 @@
+//! 3x3 layers of stride 1 by tiles of 2x2 outputs: 16 products for each pair of channels instead of 36.
+//!
+//! Winograd's minimal filtering F(2x2, 3x3) (Lavin and Gray 2016, section 4.1): a 4x4 window of input rows d and the
+//! kernel g are each transformed, multiplied place by place (so the sum over input channels is one matrix product a
+//! place), and the 16 sums are transformed back: Y = A'[(G g G') * (B' d B)]A. The transforms only add and halve, so the
+//! result is the direct one up to rounding; each output's rounding depends on its whole window.
+
+mod tiles;
+mod weights;
+
+use std::{mem::MaybeUninit, ops::Range};
+
+use crate::{
+    Epilogue, Level, Weights,
+    simd::{Kernel, Simd, Windows, WinogradMemory},
+    weights::panels,
+};
+
+pub use tiles::WinogradTiles;
+pub use weights::WeightsWinograd;
+
+/// Input rows of a tile's window, and places of the transformed product.
+pub(crate) const PLACES: usize = 16;
+
+/// A chunk's transformed windows and sums lie in the second-level cache, its rows being many enough to use the weights.
+const CHUNK_MAX: usize = 48;
+
+/// A multiple of the heights of the register tiles (6, 8, 12), nearly.
+const CHUNK_STEP: usize = 12;
+
+/// Tiles of one task, about.
+const TILES_A_TASK: usize = 2 * CHUNK_MAX;
+
+/// Tiles of a chunk whose windows have rows of `cin`; 0 where not even one step of them has room.
+fn chunk_tiles(cin: usize) -> usize {
+    (WinogradMemory::WINDOWS / (PLACES * cin)).min(CHUNK_MAX) / CHUNK_STEP * CHUNK_STEP
+}
+
+/// [`crate::convolve`] of a 3x3 layer of stride 1, tile by tile. `input`: rows of `cin`; `output`: rows of `cout`, of
+/// which those that no tile names keep what they hold.
+///
+/// Runs over rayon's ambient pool; the bits of the result do not depend on the number of threads. Allocates nothing.
+///
+/// # Panics
+/// When lengths or row numbers contradict each other (a broken invariant, not data).
+pub fn convolve_winograd(
+    input: &[f32],
+    tiles: &WinogradTiles,
+    weights: &WeightsWinograd,
+    epilogue: Epilogue,
+    output: &mut [f32],
+) {
+    convolve_winograd_at(Level::best(), input, tiles, weights, epilogue, output);
+}
+
+/// [`convolve_winograd`] with the registers of `level`, for tests and measurements.
+pub fn convolve_winograd_at(
+    level: Level,
+    input: &[f32],
+    tiles: &WinogradTiles,
+    weights: &WeightsWinograd,
+    epilogue: Epilogue,
+    output: &mut [f32],
+) {
+    let count = tiles.count();
+    if count == 0 {
+        return;
+    }
+    let weights = &weights.0;
+    assert_eq!(
+        tiles.inputs.len(),
+        count * PLACES,
+        "a window for each of {count} tiles"
+    );
+    assert_eq!(
+        tiles.before(tiles.strips.len()),
+        count,
+        "strips hold all tiles"
+    );
+    assert!(
+        epilogue.bias.is_none_or(|bias| bias.len() == weights.cout),
+        "a bias for each of {} channels",
+        weights.cout
+    );
+    Job {
+        level,
+        input,
+        tiles,
+        weights,
+        epilogue,
+    }
+    .strips(0..tiles.strips.len(), 0, output);
+}
+
+struct Job<'a> {
+    level: Level,
+    input: &'a [f32],
+    tiles: &'a WinogradTiles,
+    weights: &'a Weights,
+    epilogue: Epilogue<'a>,
+}
+
+impl Job<'_> {
+    /// Halves the strips, down to tasks. `output` begins at row `first`.
+    fn strips(&self, strips: Range<usize>, first: usize, output: &mut [f32]) {
+        let tiles = self.tiles.before(strips.start)..self.tiles.before(strips.end);
+        if tiles.len() <= TILES_A_TASK || strips.len() < 2 {
+            return self.task(tiles, first, output);
+        }
+        let half = tiles.start + tiles.len() / 2;
+        let middle = self.tiles.strips[strips.clone()].partition_point(|s| s.tiles_end <= half);
+        let middle = (strips.start + middle).clamp(strips.start + 1, strips.end - 1);
+        let row = self.tiles.strips[middle - 1].rows_end;
+        let (low, high) = output.split_at_mut((row - first) * self.weights.cout);
+        rayon::join(
+            || self.strips(strips.start..middle, first, low),
+            || self.strips(middle..strips.end, row, high),
+        );
+    }
+
+    /// Computes chunks of tiles, of nearly equal size. Not inlined: the memory of a chunk is not to lie in each of the
+    /// frames that halve strips.
+    #[inline(never)]
+    fn task(&self, tiles: Range<usize>, first: usize, output: &mut [f32]) {
+        let chunks = tiles.len().div_ceil(chunk_tiles(self.weights.cin)).max(1);
+        let size = tiles.len().div_ceil(chunks).next_multiple_of(CHUNK_STEP);
+        for start in tiles.clone().step_by(size) {
+            self.level.run(Chunk {
+                job: self,
+                tiles: start..tiles.end.min(start + size),
+                first,
+                output: &mut *output,
+            });
+        }
+    }
+}
+
+/// Tiles whose transformed windows and sums fit the memory of a chunk.
+struct Chunk<'a> {
+    job: &'a Job<'a>,
+    tiles: Range<usize>,
+    first: usize,
+    output: &'a mut [f32],
+}
+
+impl Kernel for Chunk<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Job {
+            input,
+            tiles,
+            weights,
+            epilogue,
+            ..
+        } = self.job;
+        let (cin, cout) = (weights.cin, weights.cout);
+        let floor = if epilogue.relu {
+            0.0
+        } else {
+            f32::NEG_INFINITY
+        };
+        let windows = &tiles.inputs[self.tiles.start * PLACES..self.tiles.end * PLACES];
+        let mut memory = const { MaybeUninit::uninit() };
+        let mut windows = Windows::transformed(simd, &mut memory, input, cin, windows);
+        for panel in panels(cout) {
+            let bias = epilogue.bias.map(|bias| &bias[panel.first..][..panel.used]);
+            let rows = &tiles.outputs[self.tiles.start * 4..self.tiles.end * 4];
+            let columns = panel.first..panel.first + panel.width;
+            let to = (&mut *self.output, self.first, cout);
+            windows.panel(simd, weights.panel(panel), (bias, floor), rows, columns, to);
+        }
+    }
+}

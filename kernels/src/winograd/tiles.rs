@@ -1,0 +1,157 @@
+//! Which rows the tiles of 2x2 outputs read and write.
+
+use super::PLACES;
+use crate::ABSENT;
+
+/// Tiles that hold every wanted cell of a map once. Tiles lie at even rows and columns, so that a cell's tile does not
+/// depend on which other cells are wanted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct WinogradTiles {
+    /// 16 a tile: the input rows of its 4x4 window, row by row; [`ABSENT`] beyond the map.
+    pub(super) inputs: Vec<u32>,
+    /// 4 a tile: where its outputs are written, row by row; [`ABSENT`] where an output is not wanted.
+    pub(super) outputs: Vec<u32>,
+    /// Runs of tiles, in order.
+    pub(super) strips: Vec<Strip>,
+}
+
+/// The tiles of two rows of a map. They write no row at or beyond their end, the strips after them none before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Strip {
+    /// The first tile after it.
+    pub(super) tiles_end: usize,
+    /// The first output row after it.
+    pub(super) rows_end: usize,
+}
+
+impl WinogradTiles {
+    /// None so far, with room for every cell of a map of rows (y) x columns (x).
+    pub fn new([rows, columns]: [usize; 2]) -> WinogradTiles {
+        let (strips, tiles) = (rows.div_ceil(2), rows.div_ceil(2) * columns.div_ceil(2));
+        WinogradTiles {
+            inputs: Vec::with_capacity(tiles * PLACES),
+            outputs: Vec::with_capacity(tiles * 4),
+            strips: Vec::with_capacity(strips),
+        }
+    }
+
+    /// Becomes the tiles of `cells` (row * columns + column, ascending) of a map of this shape.
+    pub fn assign(&mut self, cells: &[u32], [rows, columns]: [usize; 2]) {
+        self.inputs.clear();
+        self.outputs.clear();
+        self.strips.clear();
+        let mut rest = cells;
+        for top in (0..rows).step_by(2) {
+            let mut row = |y: usize| {
+                let (row, after) = rest
+                    .split_at(rest.partition_point(|cell| (*cell as usize) < (y + 1) * columns));
+                rest = after;
+                row.iter().map(move |cell| *cell as usize - y * columns)
+            };
+            let (mut upper, mut lower) = (row(top).peekable(), row(top + 1).peekable());
+            while let Some(x) = [upper.peek(), lower.peek()].into_iter().flatten().min() {
+                let left = x / 2 * 2;
+                let outputs = self.outputs.len();
+                self.outputs.extend([ABSENT; 4]);
+                for (y, row) in [&mut upper, &mut lower].into_iter().enumerate() {
+                    while let Some(x) = row.next_if(|x| *x < left + 2) {
+                        self.outputs[outputs + 2 * y + x - left] = ((top + y) * columns + x) as u32;
+                    }
+                }
+                self.window([top, left], [rows, columns]);
+            }
+            self.strips.push(Strip {
+                tiles_end: self.count(),
+                rows_end: (top + 2).min(rows) * columns,
+            });
+        }
+    }
+
+    /// How many tiles.
+    pub fn count(&self) -> usize {
+        self.outputs.len() / 4
+    }
+
+    /// Input rows of transformed windows, each multiplied with the weights of a place.
+    pub fn products(&self) -> usize {
+        self.inputs.len()
+    }
+
+    /// Those of strips before this one.
+    pub(super) fn before(&self, strip: usize) -> usize {
+        let last = strip.checked_sub(1).map(|last| self.strips[last].tiles_end);
+        last.unwrap_or(0)
+    }
+
+    /// The input rows of the tile at `top`, `left`.
+    fn window(&mut self, [top, left]: [usize; 2], [rows, columns]: [usize; 2]) {
+        if top > 0 && left > 0 && top + 2 < rows && left + 2 < columns {
+            let first = ((top - 1) * columns + left - 1) as u32;
+            for y in 0..4 {
+                let row = first + y * columns as u32;
+                self.inputs.extend([row, row + 1, row + 2, row + 3]);
+            }
+            return;
+        }
+        for y in top..top + 4 {
+            for x in left..left + 4 {
+                // One more than the coordinates, so that they do not go below 0.
+                let inside = (1..=rows).contains(&y) && (1..=columns).contains(&x);
+                self.inputs.push(match inside {
+                    true => ((y - 1) * columns + x - 1) as u32,
+                    false => ABSENT,
+                });
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_hold_the_wanted_cells_and_read_their_windows() {
+        let mut tiles = WinogradTiles::new([3, 5]);
+        tiles.assign(&[1, 4, 5, 8, 14], [3, 5]);
+        let none = ABSENT;
+        assert_eq!(
+            tiles.outputs,
+            [
+                [none, 1, 5, none],
+                [none, none, none, 8],
+                [4, none, none, none],
+                [14, none, none, none]
+            ]
+            .concat()
+        );
+        assert_eq!(
+            tiles.inputs[..16],
+            [
+                [none; 4],
+                [none, 0, 1, 2],
+                [none, 5, 6, 7],
+                [none, 10, 11, 12]
+            ]
+            .concat()
+        );
+        assert_eq!(
+            tiles.inputs[48..],
+            [
+                [8, 9, none, none],
+                [13, 14, none, none],
+                [none; 4],
+                [none; 4]
+            ]
+            .concat()
+        );
+        let ends: Vec<_> = tiles
+            .strips
+            .iter()
+            .map(|s| (s.tiles_end, s.rows_end))
+            .collect();
+        assert_eq!(ends, [(3, 10), (4, 15)]);
+        tiles.assign(&[], [3, 5]);
+        assert_eq!((tiles.count(), tiles.strips.len()), (0, 2));
+    }
+}

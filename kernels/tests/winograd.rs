@@ -1,0 +1,203 @@
+//! Tiles of 2x2 outputs give what the direct convolution gives, up to rounding, with the registers of every level.
+
+mod common;
+
+use common::{Random, assert_near, with_threads};
+use mluc_kernels::{
+    ABSENT, Epilogue, Gather, Level, WeightsWinograd, WinogradTiles, convolve_winograd,
+    convolve_winograd_at,
+};
+
+/// A layer on a map, of which some cells are wanted.
+struct Case {
+    shape: [usize; 2],
+    cin: usize,
+    cout: usize,
+    input: Vec<f32>,
+    weights: Vec<f32>,
+    bias: Vec<f32>,
+    cells: Vec<u32>,
+}
+
+impl Case {
+    fn new(shape: [usize; 2], cin: usize, cout: usize, wanted_percent: usize) -> Case {
+        let mut random = Random((shape[0] * 1000 + shape[1] + cin + 7 * cout) as u64);
+        let cells = shape[0] * shape[1];
+        Case {
+            shape,
+            cin,
+            cout,
+            input: random.values(cells * cin),
+            weights: random.values(9 * cin * cout),
+            bias: random.values(cout),
+            cells: (0..cells as u32)
+                .filter(|_| random.below(100) < wanted_percent)
+                .collect(),
+        }
+    }
+
+    fn tiles(&self) -> WinogradTiles {
+        let mut tiles = WinogradTiles::new(self.shape);
+        tiles.assign(&self.cells, self.shape);
+        tiles
+    }
+
+    fn packed(&self) -> WeightsWinograd {
+        WeightsWinograd::pack(self.cin, self.cout, &self.weights).expect("channels that fit")
+    }
+
+    fn epilogue(&self, relu: bool) -> Epilogue<'_> {
+        Epilogue {
+            bias: Some(&self.bias),
+            relu,
+        }
+    }
+
+    /// The definition, cell by cell; 7 in cells that are not wanted.
+    fn expected(&self, relu: bool) -> Vec<f64> {
+        let [rows, columns] = self.shape.map(|edge| edge as i64);
+        let windows = self.cells.iter().flat_map(|cell| {
+            let (y, x) = (i64::from(*cell) / columns, i64::from(*cell) % columns);
+            (0..9).map(move |tap| {
+                let (y, x) = (y + tap / 3 - 1, x + tap % 3 - 1);
+                let inside = (0..rows).contains(&y) && (0..columns).contains(&x);
+                if inside {
+                    (y * columns + x) as u32
+                } else {
+                    ABSENT
+                }
+            })
+        });
+        let gather = Gather {
+            taps: 9,
+            index: windows.collect(),
+        };
+        let rows = common::convolve(
+            &self.input,
+            self.cin,
+            &gather,
+            &self.weights,
+            self.cout,
+            Some(&self.bias),
+            relu,
+        );
+        let mut map = vec![7.0; self.shape[0] * self.shape[1] * self.cout];
+        for (cell, row) in self.cells.iter().zip(rows.chunks_exact(self.cout)) {
+            map[*cell as usize * self.cout..][..self.cout].copy_from_slice(row);
+        }
+        map
+    }
+
+    fn blank(&self) -> Vec<f32> {
+        vec![7.0; self.shape[0] * self.shape[1] * self.cout]
+    }
+}
+
+#[test]
+fn every_level_gives_the_direct_result_in_the_wanted_cells_and_writes_no_other() {
+    for (shape, cin, cout, wanted) in [
+        ([1, 1], 16, 16, 100),
+        ([2, 2], 16, 32, 100),
+        ([5, 7], 32, 48, 60),
+        ([9, 30], 48, 96, 30),
+        ([13, 20], 96, 48, 100),
+        ([40, 33], 64, 64, 80),
+        ([6, 11], 128, 128, 50),
+        ([4, 9], 256, 80, 100),
+        ([4, 4], 16, 16, 0),
+    ] {
+        let case = Case::new(shape, cin, cout, wanted);
+        for relu in [false, true] {
+            let expected = case.expected(relu);
+            for level in Level::all() {
+                let mut found = case.blank();
+                let epilogue = case.epilogue(relu);
+                convolve_winograd_at(
+                    level,
+                    &case.input,
+                    &case.tiles(),
+                    &case.packed(),
+                    epilogue,
+                    &mut found,
+                );
+                let what = format!("{}: {shape:?}, {cin} -> {cout}, {wanted} %", level.name());
+                assert_near(&found, &expected, 1e-5, &what);
+                let kept = found.iter().zip(&expected).filter(|(_, e)| **e == 7.0);
+                assert!(kept.clone().all(|(found, _)| *found == 7.0), "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_bits_do_not_depend_on_threads_nor_on_which_other_cells_are_wanted() {
+    let mut case = Case::new([60, 44], 48, 96, 100);
+    let run = |case: &Case, threads| {
+        with_threads(threads, || {
+            let mut output = case.blank();
+            let epilogue = case.epilogue(true);
+            convolve_winograd(
+                &case.input,
+                &case.tiles(),
+                &case.packed(),
+                epilogue,
+                &mut output,
+            );
+            output
+        })
+    };
+    let all = run(&case, 1);
+    assert!(run(&case, 2) == all && run(&case, 3) == all);
+    case.cells.retain(|cell| cell % 7 < 3);
+    let some = run(&case, 2);
+    for cell in &case.cells {
+        let row = *cell as usize * case.cout..(*cell as usize + 1) * case.cout;
+        assert_eq!(some[row.clone()], all[row], "cell {cell}");
+    }
+}
+
+#[test]
+fn a_value_that_is_not_a_number_stays_one() {
+    let mut case = Case::new([4, 4], 16, 16, 100);
+    case.input[0] = f32::NAN;
+    let mut output = case.blank();
+    let epilogue = case.epilogue(true);
+    convolve_winograd(
+        &case.input,
+        &case.tiles(),
+        &case.packed(),
+        epilogue,
+        &mut output,
+    );
+    assert!(output[..16].iter().all(|value| value.is_nan()));
+    assert!(output[15 * 16..].iter().all(|value| value.is_finite()));
+}
+
+#[test]
+fn channels_that_are_not_whole_registers_or_too_many_are_left_to_the_direct_kernels() {
+    for (cin, cout, fits) in [
+        (16, 16, true),
+        (512, 16, true),
+        (1024, 16, false),
+        (24, 16, false),
+        (16, 24, false),
+        (0, 16, false),
+    ] {
+        let packed = WeightsWinograd::pack(cin, cout, &vec![0.0; 9 * cin * cout]);
+        assert_eq!(packed.is_some(), fits, "{cin} -> {cout}");
+    }
+}
+
+#[test]
+#[should_panic(expected = "input row 15 of 8")]
+fn a_window_beyond_the_input_is_refused() {
+    let case = Case::new([4, 4], 16, 16, 100);
+    let mut output = case.blank();
+    convolve_winograd(
+        &case.input[..8 * 16],
+        &case.tiles(),
+        &case.packed(),
+        Epilogue::default(),
+        &mut output,
+    );
+}
