@@ -4,7 +4,7 @@ use mluc_geometry::CameraBox;
 use mluc_lab::dataset::Label;
 use mluc_lab::evaluate::{
     AveragePrecision, ClassRule, Detection, Difficulty, Frame, Kind, Metric, NeighbourPolicy,
-    match_frames,
+    UnknownProtocol, match_frames,
 };
 
 /// An object 50 px high that nothing hides, 10 m from its neighbours in space and in the image.
@@ -292,7 +292,11 @@ fn unknown_classes_are_one_class() {
         found(&tram, "unknown", 0.7),
         found(&object("Car", 4), "car", 0.95),
     ];
-    let rule = ClassRule::unknown(&["van".to_owned(), "Truck".to_owned()], 0.1);
+    let rule = ClassRule::unknown(
+        &["van".to_owned(), "Truck".to_owned()],
+        0.1,
+        UnknownProtocol::Literal,
+    );
     let curve = match_frames(
         &[frame(vec![van, truck, tram], detections)],
         &rule,
@@ -303,6 +307,32 @@ fn unknown_classes_are_one_class() {
     assert_eq!((curve.truth_count, curve.missed_count), (2, 0));
     close(curve.average_precision().all, 100.0);
     close(curve.recall_percent(), 100.0);
+}
+
+/// A van is found last, after a tram, something where nobody labelled, half of something there, and a wall.
+#[test]
+fn the_fair_protocol_counts_neither_trams_nor_what_lies_where_nobody_labelled() {
+    let (van, tram, mut region) = (object("Van", 0), object("Tram", 1), object("DontCare", 2));
+    region.camera_box.location_m = [-1000.0; 3];
+    let mut half = object("", 3);
+    half.image_box_px = region.image_box_px.map(|edge| edge + 25.0);
+    let detections = vec![
+        found(&tram, "unknown", 0.9),
+        found(&region, "unknown", 0.8),
+        found(&half, "unknown", 0.7),
+        found(&object("", 4), "unknown", 0.6),
+        found(&van, "unknown", 0.5),
+    ];
+    let frames = [frame(vec![van, tram, region], detections)];
+    for (protocol, false_before_the_van) in [
+        (UnknownProtocol::Literal, 4.0),
+        // A quarter of the half one lies in the region: it is wrong, and so is the wall.
+        (UnknownProtocol::Fair, 2.0),
+    ] {
+        let rule = ClassRule::unknown(&["van".to_owned()], 0.1, protocol);
+        let all = ap_of(&frames, &rule, Metric::Space).all;
+        close(all, 100.0 / (1.0 + false_before_the_van));
+    }
 }
 
 /// All thresholds at once must be what the devkit does one by one: matched again from scratch here.

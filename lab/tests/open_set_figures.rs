@@ -3,8 +3,9 @@
 use mluc_geometry::{Box3, Calibration, ImageSize};
 use mluc_lab::dataset::Label;
 use mluc_lab::evaluate::{
-    ClassRule, Frame, JudgedFrames, Kind, NeighbourPolicy, SensorDetection, TruthFrame, View,
-    best_index, bootstrap, evaluate, halves, honest, judged_sweep, sweep, unknown_as_known,
+    ClassRule, Frame, JudgedFrames, Kind, NeighbourPolicy, SensorDetection, TruthFrame,
+    UnknownProtocol, View, best_index, bootstrap, evaluate, halves, honest, judged_sweep, sweep,
+    unknown_as_known,
 };
 
 fn label(class: &str, x_m: f64) -> Label {
@@ -43,7 +44,7 @@ fn found(kind: Kind, x_m: f64, score: f64) -> SensorDetection {
 fn rules() -> Vec<ClassRule> {
     vec![
         ClassRule::known("car", 0.5, NeighbourPolicy::Official),
-        ClassRule::unknown(&["forklift".to_owned()], 0.1),
+        ClassRule::unknown(&["forklift".to_owned()], 0.1, UnknownProtocol::Literal),
     ]
 }
 

@@ -3,8 +3,8 @@
 use mluc_geometry::{Box3, Calibration, ImageSize};
 use mluc_lab::dataset::Label;
 use mluc_lab::evaluate::{
-    ClassRule, Kind, NeighbourPolicy, SensorDetection, SweepPoint, TruthFrame, View, best_point,
-    evaluate, quantile_grid, sweep,
+    ClassRule, Kind, NeighbourPolicy, SensorDetection, SweepPoint, TruthFrame, UnknownProtocol,
+    View, best_point, evaluate, quantile_grid, sweep,
 };
 
 /// A kept box with the score of the gate: unknown below the threshold.
@@ -86,7 +86,7 @@ fn gate(kept: &[Kept], threshold: f64) -> Vec<SensorDetection> {
 fn rules() -> Vec<ClassRule> {
     vec![
         ClassRule::known("car", 0.7, NeighbourPolicy::Official),
-        ClassRule::unknown(&["van".to_owned()], 0.1),
+        ClassRule::unknown(&["van".to_owned()], 0.1, UnknownProtocol::Literal),
     ]
 }
 

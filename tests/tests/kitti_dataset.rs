@@ -3,8 +3,8 @@
 use mluc_geometry::{ImageSize, iou_2d};
 use mluc_lab::dataset::Dataset;
 use mluc_lab::evaluate::{
-    Difficulty, Kind, Metric, RuleRequest, SensorDetection, TruthFrame, UnknownRequest, View,
-    evaluate, rules,
+    Difficulty, Kind, Metric, RuleRequest, SensorDetection, TruthFrame, UnknownProtocol,
+    UnknownRequest, View, evaluate, rules,
 };
 use std::path::PathBuf;
 
@@ -97,6 +97,7 @@ fn real_labels_as_detections_are_found() {
     let unknown = UnknownRequest {
         classes: vec!["van".into(), "truck".into()],
         iou_min: 0.1,
+        protocol: UnknownProtocol::Literal,
     };
     let request = RuleRequest {
         unknown: Some(unknown),

@@ -6,7 +6,9 @@ use anyhow::Context;
 use clap::{Args, Subcommand, ValueEnum};
 use mluc_geometry::ImageSize;
 use mluc_lab::evaluate::input::{read, sources};
-use mluc_lab::evaluate::{NeighbourPolicy, RuleRequest, UnknownRequest, evaluate, rules, unjudged};
+use mluc_lab::evaluate::{
+    NeighbourPolicy, RuleRequest, UnknownProtocol, UnknownRequest, evaluate, rules, unjudged,
+};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -57,6 +59,10 @@ struct ApArguments {
     /// Overlap of the unknown class.
     #[arg(long, default_value_t = 0.1, value_name = "IOU")]
     unknown_iou: f64,
+    /// What an unknown object may be found on besides labels of unknown classes: literal, nothing; fair, trams, Misc, sitting
+    /// persons, and regions without labels (DontCare), none of which is right or wrong.
+    #[arg(long, value_enum, default_value_t = Protocol::Literal)]
+    unknown_protocol: Protocol,
     /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
     #[arg(long, value_enum, default_value_t = Neighbours::Official)]
     neighbours: Neighbours,
@@ -67,6 +73,12 @@ struct ApArguments {
     /// Print JSON.
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Protocol {
+    Literal,
+    Fair,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -130,6 +142,10 @@ fn average_precision(arguments: ApArguments) -> anyhow::Result<()> {
     let unknown = asks_unknown.then_some(UnknownRequest {
         classes: arguments.unknown,
         iou_min: arguments.unknown_iou,
+        protocol: match arguments.unknown_protocol {
+            Protocol::Literal => UnknownProtocol::Literal,
+            Protocol::Fair => UnknownProtocol::Fair,
+        },
     });
     let request = RuleRequest {
         classes: arguments.classes,

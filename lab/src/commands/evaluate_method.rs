@@ -5,7 +5,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 use mluc_lab::evaluate::{
     ClassRule, JudgedPoint, Kind, NeighbourPolicy, OpenSetFigures, RuleRequest, TruthFrame,
-    UnknownRequest, best_index, halves, honest, judged_sweep, rules,
+    UnknownProtocol, UnknownRequest, best_index, halves, honest, judged_sweep, rules,
 };
 use mluc_lab::methods::{ImprovedSettings, Method, MethodOutput, improved_steps, run_method_with};
 use mluc_lab::pipeline::{
@@ -120,6 +120,7 @@ fn class_rules(model: &Model) -> anyhow::Result<Vec<ClassRule>> {
         unknown: (!unknown.is_empty()).then_some(UnknownRequest {
             classes: unknown,
             iou_min: 0.1,
+            protocol: UnknownProtocol::Literal,
         }),
         neighbours: NeighbourPolicy::Official,
     };

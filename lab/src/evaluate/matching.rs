@@ -82,8 +82,10 @@ fn prepare(
         // is too small may absorb a label.
         let small = (bottom - top).abs().trunc() < difficulty.height_min_px();
         if small || rule.claims(detection) {
-            let in_dont_care = metric == Metric::Image
-                && in_dont_care(frame, &detection.image_box_px, rule.iou_min);
+            let devkits = (metric == Metric::Image).then_some(rule.iou_min);
+            let share_max = rule.dont_care_max.or(devkits);
+            let in_dont_care =
+                share_max.is_some_and(|max| in_dont_care(frame, &detection.image_box_px, max));
             candidates.push(Candidate {
                 score: detection.score,
                 valid: !small,
@@ -118,14 +120,14 @@ fn prepare(
     (truths, candidates)
 }
 
-fn in_dont_care(frame: &Frame, image_box_px: &[f64; 4], iou_min: f64) -> bool {
+fn in_dont_care(frame: &Frame, image_box_px: &[f64; 4], share_max: f64) -> bool {
     let regions = frame
         .labels
         .iter()
         .filter(|label| Label::is_dont_care(label));
     regions
         .map(|region| overlap_of_first_2d(image_box_px, &region.image_box_px))
-        .any(|overlap| overlap > iou_min)
+        .any(|share| share > share_max)
 }
 
 /// First pass: no threshold, the highest score wins.

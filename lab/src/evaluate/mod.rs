@@ -40,7 +40,10 @@ pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
 pub use open_set_error::unknown_as_known;
 pub use protocol::{Honest, JudgedPoint, best_index, halves, honest, judged_sweep};
 pub use report::{ClassReport, Entry, Report, evaluate};
-pub use rule::{ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownRequest, rules, unjudged};
+pub use rule::{
+    ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, UnknownRequest, rules,
+    unjudged,
+};
 pub use separation::{auroc, fpr95};
 pub use summary::{Summary, harmonic_mean};
 pub use sweep::{SweepPoint, best_point, quantile_grid, sweep};

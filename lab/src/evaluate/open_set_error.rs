@@ -38,6 +38,7 @@ pub(super) fn in_frame(frame: &Frame, rule: &ClassRule) -> usize {
 mod tests {
     use super::*;
     use crate::dataset::Label;
+    use crate::evaluate::UnknownProtocol;
     use mluc_geometry::{Box3, Calibration};
 
     fn label(class: &str, x_m: f64) -> Label {
@@ -76,7 +77,11 @@ mod tests {
                 detection(50.0, Kind::Known),
             ],
         };
-        let rules = [ClassRule::unknown(&["van".to_owned()], 0.1)];
+        let rules = [ClassRule::unknown(
+            &["van".to_owned()],
+            0.1,
+            UnknownProtocol::Literal,
+        )];
         assert_eq!(unknown_as_known(std::slice::from_ref(&frame), &rules), 1);
         assert_eq!(unknown_as_known(&[frame], &[]), 0);
     }

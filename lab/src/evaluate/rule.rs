@@ -24,6 +24,31 @@ pub enum NeighbourPolicy {
     Strict,
 }
 
+/// What an unknown object may be found on, besides labels of unknown classes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum UnknownProtocol {
+    /// Nothing: whatever else is found is wrong.
+    #[default]
+    Literal,
+    /// Trams, sitting persons and what is labelled Misc; and things where nobody labelled. None of them is right or wrong.
+    Fair,
+}
+
+impl UnknownProtocol {
+    /// Label classes that may be found or not.
+    fn ignored(self) -> &'static [&'static str] {
+        match self {
+            UnknownProtocol::Literal => &[],
+            UnknownProtocol::Fair => &["tram", "misc", "person_sitting"],
+        }
+    }
+
+    /// A detection more than this share of which lies in a DontCare region of the image is not wrong.
+    fn dont_care_max(self) -> Option<f64> {
+        (self == UnknownProtocol::Fair).then_some(0.5)
+    }
+}
+
 /// How one class is judged.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClassRule {
@@ -37,6 +62,9 @@ pub struct ClassRule {
     pub ignored: Vec<String>,
     /// The overlap of a match must be greater.
     pub iou_min: f64,
+    /// A detection more than this share of which lies in a DontCare region is not wrong, whatever the metric. `None`: as
+    /// the devkit, which looks at those regions in the image's metric alone.
+    pub dont_care_max: Option<f64>,
 }
 
 fn contains(names: &[String], class: &str) -> bool {
@@ -59,21 +87,25 @@ impl ClassRule {
             kind: Kind::Known,
             ignored,
             iou_min,
+            dont_care_max: None,
         }
     }
 
     /// The class of everything unknown: labels of `classes` merged into one.
-    pub fn unknown(classes: &[String], iou_min: f64) -> ClassRule {
-        let valid = classes
+    pub fn unknown(classes: &[String], iou_min: f64, protocol: UnknownProtocol) -> ClassRule {
+        let valid: Vec<String> = classes
             .iter()
             .map(|class| class.to_ascii_lowercase())
             .collect();
+        let ignored = protocol.ignored().iter().map(|class| (*class).to_owned());
+        let ignored = ignored.filter(|class| !valid.contains(class)).collect();
         ClassRule {
             name: UNKNOWN.to_owned(),
             kind: Kind::Unknown,
             valid,
-            ignored: Vec::new(),
+            ignored,
             iou_min,
+            dont_care_max: protocol.dont_care_max(),
         }
     }
 
@@ -107,6 +139,8 @@ pub struct UnknownRequest {
     pub classes: Vec<String>,
     /// Overlap, more than which is a match; the paper asks for 0.1.
     pub iou_min: f64,
+    /// What else may be found.
+    pub protocol: UnknownProtocol,
 }
 
 /// What an evaluation is asked for.
@@ -165,6 +199,7 @@ pub fn rules(request: &RuleRequest, frames: &[Frame]) -> Result<Vec<ClassRule>, 
         rules.push(ClassRule::unknown(
             &unknown,
             checked(UNKNOWN, group.iou_min)?,
+            group.protocol,
         ));
     }
     Ok(rules)
@@ -295,6 +330,7 @@ mod tests {
         let unknown = UnknownRequest {
             classes: vec!["golf_cart".into()],
             iou_min: 0.1,
+            protocol: UnknownProtocol::Literal,
         };
         let request = RuleRequest {
             iou_min: vec![("Car".to_owned(), 0.5)],

@@ -1,7 +1,9 @@
 //! Overlaps and unknown classes of the settings that the paper reports (section 4.1).
 
 use super::PipelineError;
-use crate::evaluate::{ClassRule, NeighbourPolicy, RuleRequest, UnknownRequest, rules};
+use crate::evaluate::{
+    ClassRule, NeighbourPolicy, RuleRequest, UnknownProtocol, UnknownRequest, rules,
+};
 use mluc_model::Model;
 
 /// The paper's overlap of an unknown.
@@ -40,6 +42,7 @@ pub(super) fn class_rules(
         unknown: (!unknown.is_empty()).then(|| UnknownRequest {
             classes: unknown.to_vec(),
             iou_min: UNKNOWN_IOU_MIN,
+            protocol: UnknownProtocol::Literal,
         }),
         neighbours,
     };

@@ -141,6 +141,9 @@ pub struct RealRow {
     pub threshold: f64,
     /// AP over all points, moderate, by class; `unknown` at overlap 0.1, cars at 0.5.
     pub ap_all: BTreeMap<String, f64>,
+    /// AP of `unknown` where trams, Misc, sitting persons and what lies in DontCare regions are neither right nor wrong.
+    #[serde(default)]
+    pub ap_unknown_fair: f64,
     /// Labels that count, by class.
     pub labels: BTreeMap<String, usize>,
     /// Percent.

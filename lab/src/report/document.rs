@@ -107,7 +107,7 @@ fn write_details(text: &mut String, details: &Details) {
     }
     section(text, "The improved method, step by step", &rows);
     let mut rows = String::from(
-        "| method | scans | frames | class: AP all points (labels) | recall unknown |\n|---|---|---|---|---|\n",
+        "| method | scans | frames | class: AP all points (labels) | unknown, fair | recall unknown |\n|---|---|---|---|---|---|\n",
     );
     for row in &details.real {
         let classes: Vec<String> = row
@@ -122,13 +122,17 @@ fn write_details(text: &mut String, details: &Details) {
             .collect();
         let _ = writeln!(
             rows,
-            "| {} | {} | {} | {} | {:.1} |",
+            "| {} | {} | {} | {} | {:.1} | {:.1} |",
             row.method,
             row.data,
             row.frames,
             classes.join(", "),
+            row.ap_unknown_fair,
             row.recall_unknown
         );
+    }
+    if !details.real.is_empty() {
+        rows += "\nFair: trams, Misc, sitting persons, and what lies in regions without labels (DontCare) are neither right nor wrong.\n";
     }
     section(
         text,

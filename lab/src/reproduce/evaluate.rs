@@ -7,7 +7,7 @@ use super::run::{Screen, Test};
 use super::{ReproduceError, Setting};
 use crate::evaluate::{
     ClassRule, JudgedFrames, JudgedPoint, Kind, NeighbourPolicy, RuleRequest, TruthFrame,
-    UnknownRequest, best_index, bootstrap, halves, honest, judged_sweep, rules,
+    UnknownProtocol, UnknownRequest, best_index, bootstrap, halves, honest, judged_sweep, rules,
 };
 use crate::methods::{ImprovedSettings, Method, MethodOutput, improved_steps, run_method_with};
 use crate::pipeline::{
@@ -46,6 +46,7 @@ fn rules_with(
         unknown: Some(UnknownRequest {
             classes: unknown_classes(name),
             iou_min: UNKNOWN_IOU_MIN,
+            protocol: UnknownProtocol::Literal,
         }),
         neighbours,
     };

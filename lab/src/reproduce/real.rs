@@ -6,7 +6,8 @@ use super::layout::Layout;
 use super::run::{Screen, Test};
 use super::{ReproduceError, Setting};
 use crate::evaluate::{
-    Difficulty, Frame, Metric, NeighbourPolicy, RuleRequest, UnknownRequest, evaluate, rules,
+    ClassReport, Difficulty, Frame, Metric, NeighbourPolicy, RuleRequest, UnknownProtocol,
+    UnknownRequest, evaluate, rules,
 };
 use crate::methods::ImprovedSettings;
 use crate::pipeline::{FrameSet, detect_frames, unknown_classes};
@@ -105,6 +106,36 @@ fn row(
     threshold: f64,
     frames: &[Frame],
 ) -> Result<RealRow, ReproduceError> {
+    let [literal, fair] =
+        [UnknownProtocol::Literal, UnknownProtocol::Fair].map(|protocol| classes(frames, protocol));
+    let entry = |class: &ClassReport| *class.entry(Metric::Space, Difficulty::Moderate);
+    let entries: Vec<_> = literal?
+        .iter()
+        .map(|class| (class.rule.name.clone(), entry(class)))
+        .collect();
+    Ok(RealRow {
+        method: method.to_owned(),
+        data: data.to_owned(),
+        frames: frames.len(),
+        threshold,
+        ap_all: entries
+            .iter()
+            .map(|(name, e)| (name.clone(), e.ap.all))
+            .collect(),
+        ap_unknown_fair: fair?.last().map_or(0.0, |class| entry(class).ap.all),
+        labels: entries
+            .iter()
+            .map(|(name, e)| (name.clone(), e.truth_count))
+            .collect(),
+        recall_unknown: entries.last().map_or(0.0, |(_, e)| e.recall_percent),
+    })
+}
+
+/// The known classes, then the unknown one.
+fn classes(
+    frames: &[Frame],
+    protocol: UnknownProtocol,
+) -> Result<Vec<ClassReport>, ReproduceError> {
     let request = RuleRequest {
         classes: IOU_MIN
             .iter()
@@ -117,30 +148,9 @@ fn row(
         unknown: Some(UnknownRequest {
             classes: unknown_classes("kitti"),
             iou_min: UNKNOWN_IOU_MIN,
+            protocol,
         }),
         neighbours: NeighbourPolicy::Official,
     };
-    let report = evaluate(frames, &rules(&request, frames)?);
-    let entries = report.classes.iter().map(|class| {
-        (
-            class.rule.name.clone(),
-            *class.entry(Metric::Space, Difficulty::Moderate),
-        )
-    });
-    let entries: Vec<_> = entries.collect();
-    Ok(RealRow {
-        method: method.to_owned(),
-        data: data.to_owned(),
-        frames: frames.len(),
-        threshold,
-        ap_all: entries
-            .iter()
-            .map(|(name, e)| (name.clone(), e.ap.all))
-            .collect(),
-        labels: entries
-            .iter()
-            .map(|(name, e)| (name.clone(), e.truth_count))
-            .collect(),
-        recall_unknown: entries.last().map_or(0.0, |(_, e)| e.recall_percent),
-    })
+    Ok(evaluate(frames, &rules(&request, frames)?).classes)
 }
