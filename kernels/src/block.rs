@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::{
     Element, Epilogue, Gather,
     packed::Packed,
-    simd::{AlignedArray, BLOCK, Kernel, Level, Lists, Simd},
+    simd::{BLOCK, Kernel, Level, Lists, Room, Simd},
     weights::{PANEL_MAX, Panel, panels},
 };
 
@@ -63,14 +63,14 @@ impl<W: Packed, O: Element> Kernel for Block<'_, W, O> {
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
         let (_, _, cout) = self.job.weights.shape();
-        let mut sums = AlignedArray([W::Sum::default(); BLOCK * PANEL_MAX]);
+        let mut room = Room::<W::Sum, { BLOCK * PANEL_MAX }>::new();
         let mut lists = Lists::new();
         for panel in panels(cout) {
-            let sums = &mut sums.0[..self.rows.len() * panel.width];
             let bias = self.job.epilogue.bias;
             let bias = bias.map(|bias| &bias[panel.first..][..panel.used]);
-            let rows = sums.chunks_exact_mut(panel.width);
-            rows.for_each(|row| self.job.weights.begin(bias, row));
+            let mut first = [W::Sum::default(); PANEL_MAX];
+            self.job.weights.begin(bias, &mut first);
+            let sums = room.rows(self.rows.len(), &first[..panel.width]);
             self.accumulate(simd, panel, &mut lists, sums);
             self.finish(panel, bias, sums);
         }

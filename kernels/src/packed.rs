@@ -16,8 +16,8 @@ pub(crate) trait Packed: Sync {
     /// Taps, input channels, output channels.
     fn shape(&self) -> (usize, usize, usize);
 
-    /// What the sums of a row begin with. `bias`: of the panel's used channels.
-    fn begin(&self, bias: Option<&[f32]>, sums: &mut [Self::Sum]);
+    /// What the sums of a row begin with, where that is not 0. `bias`: of the panel's used channels.
+    fn begin(&self, bias: Option<&[f32]>, zeros: &mut [Self::Sum]);
 
     /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair and each channel of the panel;
     /// `tap` is the first of the listed ones.
@@ -50,10 +50,9 @@ fn clamp(value: f32, floor: f32) -> f32 {
 
 /// Sums in f32 begin with the bias.
 #[inline(always)]
-fn begin_with_bias(bias: Option<&[f32]>, sums: &mut [f32]) {
-    sums.fill(0.0);
+fn begin_with_bias(bias: Option<&[f32]>, zeros: &mut [f32]) {
     if let Some(bias) = bias {
-        sums[..bias.len()].copy_from_slice(bias);
+        zeros[..bias.len()].copy_from_slice(bias);
     }
 }
 
@@ -72,8 +71,8 @@ impl Packed for Weights {
     }
 
     #[inline(always)]
-    fn begin(&self, bias: Option<&[f32]>, sums: &mut [f32]) {
-        begin_with_bias(bias, sums);
+    fn begin(&self, bias: Option<&[f32]>, zeros: &mut [f32]) {
+        begin_with_bias(bias, zeros);
     }
 
     #[inline(always)]
@@ -113,8 +112,8 @@ impl Packed for WeightsBf16 {
     }
 
     #[inline(always)]
-    fn begin(&self, bias: Option<&[f32]>, sums: &mut [f32]) {
-        begin_with_bias(bias, sums);
+    fn begin(&self, bias: Option<&[f32]>, zeros: &mut [f32]) {
+        begin_with_bias(bias, zeros);
     }
 
     #[inline(always)]
@@ -154,9 +153,7 @@ impl Packed for WeightsInt8 {
     }
 
     #[inline(always)]
-    fn begin(&self, _: Option<&[f32]>, sums: &mut [i32]) {
-        sums.fill(0);
-    }
+    fn begin(&self, _: Option<&[f32]>, _: &mut [i32]) {}
 
     #[inline(always)]
     fn tap<S: Simd>(

@@ -1,5 +1,7 @@
 //! Values that begin at a 64-byte boundary, so that no register load crosses a cache line.
 
+use std::mem::MaybeUninit;
+
 /// Values in a cache line, and the granularity to which channels are padded.
 pub(crate) const LINE: usize = 16;
 
@@ -37,3 +39,31 @@ impl<T: Copy + Default> Aligned<T> {
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct AlignedArray<T, const N: usize>(pub(crate) [T; N]);
+
+/// Room for rows on the stack, at a 64-byte boundary. Nothing is written before it is asked for.
+pub(crate) struct Room<T, const N: usize>(AlignedArray<MaybeUninit<T>, N>);
+
+impl<T: Copy, const N: usize> Room<T, N> {
+    /// Not written yet.
+    #[inline(always)]
+    pub(crate) fn new() -> Room<T, N> {
+        Room(AlignedArray([const { MaybeUninit::uninit() }; N]))
+    }
+
+    /// So many rows, all equal to `row`, whose length is a multiple of [`LINE`].
+    #[inline(always)]
+    pub(crate) fn rows(&mut self, count: usize, row: &[T]) -> &mut [T] {
+        assert!(row.len().is_multiple_of(LINE), "rows of {}", row.len());
+        let values = &mut self.0.0[..count * row.len()];
+        for to in values.chunks_exact_mut(row.len()) {
+            // A cache line at a time: the compiler knows how long that is.
+            for (to, from) in to.chunks_exact_mut(LINE).zip(row.chunks_exact(LINE)) {
+                for (to, from) in to.iter_mut().zip(from) {
+                    to.write(*from);
+                }
+            }
+        }
+        // SAFETY: every value has just been written; MaybeUninit<T> has the layout of T.
+        unsafe { &mut *(values as *mut [MaybeUninit<T>] as *mut [T]) }
+    }
+}

@@ -27,7 +27,7 @@ mod plain;
 mod plain_work;
 mod winograd;
 
-pub(crate) use aligned::{Aligned, AlignedArray, LINE};
+pub(crate) use aligned::{Aligned, AlignedArray, LINE, Room};
 pub(crate) use convolve_bf16::convolve_tiles_bf16;
 pub(crate) use convolve_f32::convolve_tiles;
 pub(crate) use convolve_int8::convolve_tiles_int8;
