@@ -16,7 +16,7 @@ pub(crate) trait Packed: Sync {
     /// Taps, input channels, output channels.
     fn shape(&self) -> (usize, usize, usize);
 
-    /// What the sums of a row begin with, where that is not 0. `bias`: of the panel's used channels.
+    /// Writes what the sums of a row begin with into zeros. `bias`: of the panel's used channels.
     fn begin(&self, bias: Option<&[f32]>, zeros: &mut [Self::Sum]);
 
     /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair and each channel of the panel;

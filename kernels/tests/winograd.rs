@@ -105,6 +105,10 @@ fn every_level_gives_the_direct_result_in_the_wanted_cells_and_writes_no_other()
         ([6, 11], 128, 128, 50),
         ([4, 9], 256, 80, 100),
         ([4, 4], 16, 16, 0),
+        ([1, 9], 16, 16, 100),
+        ([9, 1], 16, 16, 100),
+        ([4, 30], 512, 16, 100),
+        ([10, 12], 256, 32, 100),
     ] {
         let case = Case::new(shape, cin, cout, wanted);
         for relu in [false, true] {
@@ -156,21 +160,67 @@ fn the_bits_do_not_depend_on_threads_nor_on_which_other_cells_are_wanted() {
     }
 }
 
+/// Rows of cells far from each other: tasks of which one half is empty, strips of more tiles than a task has.
 #[test]
-fn a_value_that_is_not_a_number_stays_one() {
-    let mut case = Case::new([4, 4], 16, 16, 100);
-    case.input[0] = f32::NAN;
-    let mut output = case.blank();
-    let epilogue = case.epilogue(true);
-    convolve_winograd(
-        &case.input,
-        &case.tiles(),
-        &case.packed(),
-        epilogue,
-        &mut output,
-    );
-    assert!(output[..16].iter().all(|value| value.is_nan()));
-    assert!(output[15 * 16..].iter().all(|value| value.is_finite()));
+fn a_wall_along_a_row_of_an_empty_map_is_computed_wherever_it_lies() {
+    let mut case = Case::new([24, 260], 16, 16, 0);
+    for walls in [&[0][..], &[23], &[11, 12], &[0, 1, 2, 23], &[8, 9, 10, 11]] {
+        let rows = walls.iter().flat_map(|row| row * 260..(row + 1) * 260);
+        case.cells = rows.collect();
+        let expected = case.expected(true);
+        let mut found = case.blank();
+        let epilogue = case.epilogue(true);
+        with_threads(2, || {
+            convolve_winograd(
+                &case.input,
+                &case.tiles(),
+                &case.packed(),
+                epilogue,
+                &mut found,
+            );
+        });
+        assert_near(&found, &expected, 1e-5, &format!("walls {walls:?}"));
+    }
+}
+
+#[test]
+fn tiles_of_the_last_frame_are_forgotten_and_a_bias_may_be_missing() {
+    let mut case = Case::new([12, 40], 32, 32, 70);
+    let mut tiles = case.tiles();
+    case.cells.retain(|cell| cell % 3 == 0);
+    tiles.assign(&case.cells, case.shape);
+    assert_eq!(tiles, case.tiles());
+    case.bias.fill(0.0);
+    let mut found = case.blank();
+    let epilogue = Epilogue::default();
+    convolve_winograd(&case.input, &tiles, &case.packed(), epilogue, &mut found);
+    assert_near(&found, &case.expected(false), 1e-5, "no bias");
+}
+
+#[test]
+fn a_value_that_is_not_a_number_reaches_the_cells_that_read_it_and_no_other() {
+    let mut case = Case::new([7, 8], 16, 16, 100);
+    let input = case.input.clone();
+    for (y, x) in [(0, 0), (1, 1), (2, 3), (3, 2), (6, 7)] {
+        case.input.clone_from(&input);
+        case.input[(y * 8 + x) * 16] = f32::NAN;
+        let mut output = case.blank();
+        let epilogue = case.epilogue(true);
+        convolve_winograd(
+            &case.input,
+            &case.tiles(),
+            &case.packed(),
+            epilogue,
+            &mut output,
+        );
+        for (cell, row) in output.chunks_exact(16).enumerate() {
+            let reads = (cell / 8).abs_diff(y) <= 1 && (cell % 8).abs_diff(x) <= 1;
+            assert!(
+                row.iter().all(|value| value.is_nan() == reads),
+                "{y}, {x}: cell {cell}"
+            );
+        }
+    }
 }
 
 #[test]
@@ -198,6 +248,33 @@ fn a_window_beyond_the_input_is_refused() {
         &case.tiles(),
         &case.packed(),
         Epilogue::default(),
+        &mut output,
+    );
+}
+
+#[test]
+#[should_panic(expected = "cell Some(16) of 4 x 4")]
+fn a_cell_beyond_the_map_is_refused() {
+    WinogradTiles::new([4, 4]).assign(&[3, 16], [4, 4]);
+}
+
+#[test]
+#[should_panic(expected = "cells that ascend")]
+fn cells_that_do_not_ascend_are_refused() {
+    WinogradTiles::new([4, 4]).assign(&[3, 2], [4, 4]);
+}
+
+#[test]
+#[should_panic(expected = "out of range")]
+fn an_output_of_a_smaller_map_is_refused() {
+    let case = Case::new([4, 4], 16, 16, 100);
+    let mut output = vec![0.0; 12 * 16];
+    let epilogue = Epilogue::default();
+    convolve_winograd(
+        &case.input,
+        &case.tiles(),
+        &case.packed(),
+        epilogue,
         &mut output,
     );
 }

@@ -335,6 +335,38 @@ fn the_fair_protocol_counts_neither_trams_nor_what_lies_where_nobody_labelled() 
     }
 }
 
+#[test]
+fn the_fair_protocol_ignores_three_classes_unless_they_are_unknown_and_keeps_the_devkits_rule_in_the_image()
+ {
+    let rule = |unknown: &[&str], protocol| {
+        let unknown: Vec<String> = unknown.iter().map(|class| (*class).to_owned()).collect();
+        ClassRule::unknown(&unknown, 0.1, protocol)
+    };
+    for class in ["Tram", "Misc", "Person_sitting"] {
+        let (van, other) = (object("Van", 0), object(class, 1));
+        let detections = vec![found(&other, "unknown", 0.9), found(&van, "unknown", 0.5)];
+        let frames = [frame(vec![van, other], detections)];
+        for (rule, all) in [
+            (rule(&["van"], UnknownProtocol::Literal), 50.0),
+            (rule(&["van"], UnknownProtocol::Fair), 100.0),
+            (rule(&["van", class], UnknownProtocol::Fair), 100.0),
+        ] {
+            close(ap_of(&frames, &rule, Metric::Space).all, all);
+        }
+    }
+    // Three tenths of it lie in the region: the devkit forgives that in the image, and nowhere else.
+    let (van, region) = (object("Van", 0), object("DontCare", 2));
+    let mut part = found(&object("", 3), "unknown", 0.9);
+    part.image_box_px = region.image_box_px;
+    part.image_box_px[0] += 35.0;
+    part.image_box_px[2] += 35.0;
+    let detections = vec![part, found(&van, "unknown", 0.5)];
+    let frames = [frame(vec![van, region], detections)];
+    let rule = rule(&["van"], UnknownProtocol::Fair);
+    close(ap_of(&frames, &rule, Metric::Image).all, 100.0);
+    close(ap_of(&frames, &rule, Metric::Space).all, 50.0);
+}
+
 /// All thresholds at once must be what the devkit does one by one: matched again from scratch here.
 #[test]
 fn every_threshold_agrees_with_matching_from_scratch() {

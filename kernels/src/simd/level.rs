@@ -150,9 +150,15 @@ impl Level {
             Kind::NeonDot => unsafe { super::neon::run_dot(kernel) },
             #[cfg(target_arch = "aarch64")]
             Kind::Neon => unsafe { super::neon::run(kernel) },
-            Kind::Plain => kernel.run(Plain),
+            Kind::Plain => portable(kernel),
         }
     }
+}
+
+/// Not inlined: the others' callers are not to hold its stack too.
+#[inline(never)]
+fn portable<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run(Plain)
 }
 
 #[cfg(test)]

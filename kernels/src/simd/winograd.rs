@@ -15,9 +15,10 @@ pub(crate) struct WinogradMemory {
 }
 
 impl WinogradMemory {
-    /// Values of transformed windows that have room: 384 KiB.
+    /// Values of transformed windows that have room: 384 KiB, all of a chunk for 128 channels and a step of one for 512.
     pub(crate) const WINDOWS: usize = 96 * 1024;
-    const TILES_MAX: usize = 48;
+    /// With its sums such a chunk fits a second-level cache of 1 MiB. Measured: chunks of 24 and 16 are slower.
+    pub(crate) const TILES_MAX: usize = 48;
     const SUMS: usize = PLACES * WinogradMemory::TILES_MAX * PANEL_MAX;
 }
 

@@ -3,7 +3,8 @@
 //! Winograd's minimal filtering F(2x2, 3x3) (Lavin and Gray 2016, section 4.1): a 4x4 window of input rows d and the
 //! kernel g are each transformed, multiplied place by place (so the sum over input channels is one matrix product a
 //! place), and the 16 sums are transformed back: Y = A'[(G g G') * (B' d B)]A. The transforms only add and halve, so the
-//! result is the direct one up to rounding; each output's rounding depends on its whole window.
+//! result is the direct one up to rounding. An output depends on its own 3x3 inputs alone: what it does not read cancels
+//! in the formula, not in the arithmetic. An infinite input may make it no number.
 
 mod tiles;
 mod weights;
@@ -22,18 +23,16 @@ pub use weights::WeightsWinograd;
 /// Input rows of a tile's window, and places of the transformed product.
 pub(crate) const PLACES: usize = 16;
 
-/// A chunk's transformed windows and sums lie in the second-level cache, its rows being many enough to use the weights.
-const CHUNK_MAX: usize = 48;
-
-/// A multiple of the heights of the register tiles (6, 8, 12), nearly.
+/// Chunks are multiples of it: of the heights of most register tiles (4, 6, 12).
 const CHUNK_STEP: usize = 12;
 
-/// Tiles of one task, about.
-const TILES_A_TASK: usize = 2 * CHUNK_MAX;
+/// Tiles of one task, about: two chunks, so that two threads find something to share in a small scan. A guess.
+const TILES_A_TASK: usize = 2 * WinogradMemory::TILES_MAX;
 
 /// Tiles of a chunk whose windows have rows of `cin`; 0 where not even one step of them has room.
 fn chunk_tiles(cin: usize) -> usize {
-    (WinogradMemory::WINDOWS / (PLACES * cin)).min(CHUNK_MAX) / CHUNK_STEP * CHUNK_STEP
+    (WinogradMemory::WINDOWS / (PLACES * cin)).min(WinogradMemory::TILES_MAX) / CHUNK_STEP
+        * CHUNK_STEP
 }
 
 /// [`crate::convolve`] of a 3x3 layer of stride 1, tile by tile. `input`: rows of `cin`; `output`: rows of `cout`, of
@@ -104,6 +103,9 @@ impl Job<'_> {
     /// Halves the strips, down to tasks. `output` begins at row `first`.
     fn strips(&self, strips: Range<usize>, first: usize, output: &mut [f32]) {
         let tiles = self.tiles.before(strips.start)..self.tiles.before(strips.end);
+        if tiles.is_empty() {
+            return;
+        }
         if tiles.len() <= TILES_A_TASK || strips.len() < 2 {
             return self.task(tiles, first, output);
         }
@@ -122,7 +124,7 @@ impl Job<'_> {
     /// frames that halve strips.
     #[inline(never)]
     fn task(&self, tiles: Range<usize>, first: usize, output: &mut [f32]) {
-        let chunks = tiles.len().div_ceil(chunk_tiles(self.weights.cin)).max(1);
+        let chunks = tiles.len().div_ceil(chunk_tiles(self.weights.cin));
         let size = tiles.len().div_ceil(chunks).next_multiple_of(CHUNK_STEP);
         for start in tiles.clone().step_by(size) {
             self.level.run(Chunk {

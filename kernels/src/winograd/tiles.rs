@@ -36,7 +36,18 @@ impl WinogradTiles {
     }
 
     /// Becomes the tiles of `cells` (row * columns + column, ascending) of a map of this shape.
+    ///
+    /// # Panics
+    /// When the cells do not ascend or lie beyond the map (a broken invariant, not data).
     pub fn assign(&mut self, cells: &[u32], [rows, columns]: [usize; 2]) {
+        assert!(cells.is_sorted_by(|a, b| a < b), "cells that ascend");
+        assert!(
+            cells
+                .last()
+                .is_none_or(|cell| (*cell as usize) < rows * columns),
+            "cell {:?} of {rows} x {columns}",
+            cells.last()
+        );
         self.inputs.clear();
         self.outputs.clear();
         self.strips.clear();

@@ -83,9 +83,10 @@ fn prepare(
         let small = (bottom - top).abs().trunc() < difficulty.height_min_px();
         if small || rule.claims(detection) {
             let devkits = (metric == Metric::Image).then_some(rule.iou_min);
-            let share_max = rule.dont_care_max.or(devkits);
-            let in_dont_care =
-                share_max.is_some_and(|max| in_dont_care(frame, &detection.image_box_px, max));
+            let share_max = [rule.dont_care_max, devkits].into_iter().flatten();
+            let in_dont_care = share_max
+                .reduce(f64::min)
+                .is_some_and(|max| in_dont_care(frame, &detection.image_box_px, max));
             candidates.push(Candidate {
                 score: detection.score,
                 valid: !small,

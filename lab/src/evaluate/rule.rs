@@ -62,8 +62,8 @@ pub struct ClassRule {
     pub ignored: Vec<String>,
     /// The overlap of a match must be greater.
     pub iou_min: f64,
-    /// A detection more than this share of which lies in a DontCare region is not wrong, whatever the metric. `None`: as
-    /// the devkit, which looks at those regions in the image's metric alone.
+    /// A detection more than this share of which lies in a DontCare region is not wrong, whatever the metric; in the image's
+    /// metric the devkit asks for more than `iou_min` anyway. `None`: the devkit's rule alone.
     pub dont_care_max: Option<f64>,
 }
 
@@ -139,7 +139,7 @@ pub struct UnknownRequest {
     pub classes: Vec<String>,
     /// Overlap, more than which is a match; the paper asks for 0.1.
     pub iou_min: f64,
-    /// What else may be found.
+    /// What may be found besides labels of these classes.
     pub protocol: UnknownProtocol,
 }
 

@@ -142,8 +142,9 @@ pub struct RealRow {
     /// AP over all points, moderate, by class; `unknown` at overlap 0.1, cars at 0.5.
     pub ap_all: BTreeMap<String, f64>,
     /// AP of `unknown` where trams, Misc, sitting persons and what lies in DontCare regions are neither right nor wrong.
+    /// `None` in reports of older versions.
     #[serde(default)]
-    pub ap_unknown_fair: f64,
+    pub ap_unknown_fair: Option<f64>,
     /// Labels that count, by class.
     pub labels: BTreeMap<String, usize>,
     /// Percent.

@@ -120,14 +120,17 @@ fn write_details(text: &mut String, details: &Details) {
                 )
             })
             .collect();
+        let fair = row
+            .ap_unknown_fair
+            .map_or("-".to_owned(), |ap| format!("{ap:.1}"));
         let _ = writeln!(
             rows,
-            "| {} | {} | {} | {} | {:.1} | {:.1} |",
+            "| {} | {} | {} | {} | {} | {:.1} |",
             row.method,
             row.data,
             row.frames,
             classes.join(", "),
-            row.ap_unknown_fair,
+            fair,
             row.recall_unknown
         );
     }

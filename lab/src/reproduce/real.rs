@@ -107,7 +107,7 @@ fn row(
     frames: &[Frame],
 ) -> Result<RealRow, ReproduceError> {
     let [literal, fair] =
-        [UnknownProtocol::Literal, UnknownProtocol::Fair].map(|protocol| classes(frames, protocol));
+        [UnknownProtocol::Literal, UnknownProtocol::Fair].map(|protocol| reports(frames, protocol));
     let entry = |class: &ClassReport| *class.entry(Metric::Space, Difficulty::Moderate);
     let entries: Vec<_> = literal?
         .iter()
@@ -122,7 +122,7 @@ fn row(
             .iter()
             .map(|(name, e)| (name.clone(), e.ap.all))
             .collect(),
-        ap_unknown_fair: fair?.last().map_or(0.0, |class| entry(class).ap.all),
+        ap_unknown_fair: fair?.last().map(|class| entry(class).ap.all),
         labels: entries
             .iter()
             .map(|(name, e)| (name.clone(), e.truth_count))
@@ -132,7 +132,7 @@ fn row(
 }
 
 /// The known classes, then the unknown one.
-fn classes(
+fn reports(
     frames: &[Frame],
     protocol: UnknownProtocol,
 ) -> Result<Vec<ClassReport>, ReproduceError> {

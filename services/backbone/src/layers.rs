@@ -40,10 +40,13 @@ impl<V: Value> Layers<V> {
         let depth = sparse.sites().shape()[0];
         let map_units = sparse.units().repeated(depth);
         type Before = ([usize; 2], Units, Vec<f32>);
-        let block = |layers: &[DenseLayer], (mut shape, mut before, mut usual): Before| {
-            let layers = layers.iter().map(|layer| {
+        let block = |layers: &[DenseLayer],
+                     sparse_map,
+                     (mut shape, mut before, mut usual): Before| {
+            let layers = layers.iter().enumerate().map(|(number, layer)| {
                 let own = units(&layer.name, layer.cout)?;
-                let built = PlaneLayer::new(layer, shape, weights, (&before, own.clone()), &usual)?;
+                let reads = (shape, sparse_map && number == 0);
+                let built = PlaneLayer::new(layer, reads, weights, (&before, own.clone()), &usual)?;
                 (shape, before, usual) = (built.active().shape(), own, built.usual().to_vec());
                 Ok(built)
             });
@@ -52,9 +55,10 @@ impl<V: Value> Layers<V> {
         };
         // The map of an empty scene is 0.
         let empty = vec![0.0; network.map_channels()];
-        let (block1, units1, usual1) = block(&network.block1, (shape, map_units.clone(), empty))?;
+        let (block1, units1, usual1) =
+            block(&network.block1, true, (shape, map_units.clone(), empty))?;
         let before = (shape, units1.clone(), usual1.clone());
-        let (block2, units2, usual2) = block(&network.block2, before)?;
+        let (block2, units2, usual2) = block(&network.block2, false, before)?;
         let ends = [(&units1, &usual1[..]), (&units2, &usual2[..])];
         let mut layers = Layers {
             sparse,
@@ -67,8 +71,6 @@ impl<V: Value> Layers<V> {
             features: Features::new(network, weights, ends)?,
             feature_channels: network.feature_channels(),
         };
-        let first = layers.block1.iter_mut().take(1);
-        first.for_each(PlaneLayer::reads_sparse_map);
         layers.run(&[], Coverage::Everywhere, &mut Watch::Nobody);
         let all = layers.block1.iter_mut().chain(&mut layers.block2);
         all.for_each(PlaneLayer::store_empty);

@@ -2,7 +2,8 @@
 //!
 //! Far from any point a layer's output is its response to an empty scene: constant but for the zero padding's influence
 //! near the border. That response is computed once. A frame then computes the cells that read a cell which its input
-//! layer computed; neighbours outside read the stored response. The result equals the dense one.
+//! layer computed; neighbours outside read the stored response. The result equals the dense one: bit for bit where
+//! sums are direct, up to rounding by tiles.
 
 use mluc_kernels::{ABSENT, Gather, WeightsWinograd, WinogradTiles, convolve_winograd};
 use mluc_model::{DenseLayer, Folded, WeightSet};
@@ -57,9 +58,11 @@ struct ByTiles {
 
 impl<V: Value> PlaneLayer<V> {
     /// `units`: of the values that it reads, and of its own. `usual`: what it reads in an empty scene, far from the border.
+    /// `reads_sparse_map`: its input is zero where no site lies; what is left of the direct sum when zeros are skipped is
+    /// less than tiles would take.
     pub(crate) fn new(
         layer: &DenseLayer,
-        input_shape: [usize; 2],
+        (input_shape, reads_sparse_map): ([usize; 2], bool),
         weights: &WeightSet,
         units: (&Units, Units),
         usual: &[f32],
@@ -69,7 +72,8 @@ impl<V: Value> PlaneLayer<V> {
         let folded = Units::between(units.0, &units.1, folded);
         let shape = input_shape.map(|edge| edge.div_ceil(layer.stride));
         let values = vec![V::default(); shape[0] * shape[1] * layer.cout];
-        let by_tiles = (layer.stride == 1 && V::f32_rows(&values).is_some())
+        let by_tiles = layer.stride == 1 && !reads_sparse_map && V::f32_rows(&values).is_some();
+        let by_tiles = by_tiles
             .then(|| WeightsWinograd::pack(folded.cin, folded.cout, &folded.weights))
             .flatten()
             .map(|weights| ByTiles {
@@ -83,24 +87,20 @@ impl<V: Value> PlaneLayer<V> {
             usual: response,
             stride: layer.stride,
             input_shape,
-            input_zero_elsewhere: false,
+            input_zero_elsewhere: reads_sparse_map,
             empty: values.clone(),
             values,
             active: CellSet::new(shape),
             previous: CellSet::new(shape),
             gather: Gather {
                 taps: 9,
-                index: Vec::with_capacity(shape[0] * shape[1] * 9),
+                index: Vec::with_capacity(match by_tiles {
+                    Some(_) => 0,
+                    None => shape[0] * shape[1] * 9,
+                }),
             },
             by_tiles,
         })
-    }
-
-    /// This layer reads the map of the sparse part, which is zero where no site lies: what is left of the direct sum
-    /// when zeros are skipped is less than tiles would take.
-    pub(crate) fn reads_sparse_map(&mut self) {
-        self.input_zero_elsewhere = true;
-        self.by_tiles = None;
     }
 
     /// Computes this layer from the map before it, of which `input_active` cells may differ from the empty scene.

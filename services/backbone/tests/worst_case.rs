@@ -8,7 +8,7 @@ use mluc_model::{Manifest, formula_uniform};
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
-/// Runs a scan with the active cells alone and with all: the same bits, finite, nothing uncounted. Gives the voxels.
+/// Runs a scan with the active cells alone and with all: the same values, finite, nothing uncounted. Gives the voxels.
 fn check(manifest: &Manifest, points: &[[f32; 4]], title: &str) -> Fallible<usize> {
     let weights = calibrated(manifest)?;
     let mut voxels = 0;
