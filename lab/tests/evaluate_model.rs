@@ -8,7 +8,7 @@ use mluc_lab::pipeline::{
     DetectedFrame, FrameSet, Gate, Pipeline, PipelineError, choose_threshold, detect_frames, judge,
     scan_points, sweep_gate, unknown_classes, write_threshold,
 };
-use mluc_lab::simulate::{ExportOptions, Family, Split, export};
+use mluc_lab::simulate::{ExportOptions, Family, Realism, Split, export};
 use mluc_model::{Grid, Manifest, Model, Network, formula_weights, model_bytes};
 use mluc_refiner::Settings;
 use std::path::{Path, PathBuf};
@@ -23,6 +23,7 @@ fn scans(folder: &Path, frames: u32) -> PathBuf {
         frames,
         sequence: None,
         seed: 3,
+        realism: Realism::FULL,
         folder: root.clone(),
         threads: 0,
     };

@@ -6,7 +6,7 @@ use mluc_ipc_types::{Fate, ObjectKind};
 use mluc_lab::evaluate::Kind;
 use mluc_lab::methods::{Method, run_method};
 use mluc_lab::pipeline::{FoundObject, FrameSet, Gate, detect_frames};
-use mluc_lab::simulate::{ExportOptions, Family, Split, export};
+use mluc_lab::simulate::{ExportOptions, Family, Realism, Split, export};
 use mluc_model::{
     Grid, HeadKind, LOOKS, LOOKS_VALUES, Manifest, Model, Network, formula_uniform,
     formula_weights, model_bytes,
@@ -21,6 +21,7 @@ fn scans(folder: &Path) -> FrameSet {
         frames: 4,
         sequence: None,
         seed: 5,
+        realism: Realism::FULL,
         folder: folder.to_owned(),
         threads: 0,
     };

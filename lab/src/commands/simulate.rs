@@ -3,7 +3,7 @@
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
-use mluc_lab::simulate::{ExportOptions, Family, Split, export};
+use mluc_lab::simulate::{ExportOptions, Family, Realism, Split, Step, export};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -34,6 +34,17 @@ pub(crate) struct SimulateArguments {
     /// Folder to write; must be new or empty.
     #[arg(long)]
     out: PathBuf,
+    /// Leave out steps that bring simulated scans closer to recorded ones, to measure what they are worth (comma separated): rings (uneven beams, phases, two
+    /// origins), noise, drop (lost returns, rays through windows), sizes (every object of a class at its mean size, exact labels), confusers (things of a car's
+    /// size that are none). Not for training a model that is to be used.
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        value_name = "STEP,..",
+        hide_possible_values = true
+    )]
+    without: Vec<StepName>,
     /// Threads; 0 takes one per core.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -52,7 +63,29 @@ enum SplitName {
     Test,
 }
 
+#[derive(Clone, Copy, ValueEnum)]
+enum StepName {
+    Rings,
+    Noise,
+    Drop,
+    Sizes,
+    Confusers,
+}
+
+impl From<StepName> for Step {
+    fn from(name: StepName) -> Step {
+        match name {
+            StepName::Rings => Step::Rings,
+            StepName::Noise => Step::Noise,
+            StepName::Drop => Step::Drop,
+            StepName::Sizes => Step::Sizes,
+            StepName::Confusers => Step::Confusers,
+        }
+    }
+}
+
 pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
+    let left_out: Vec<Step> = arguments.without.into_iter().map(Step::from).collect();
     let options = ExportOptions {
         family: match arguments.family {
             FamilyName::SimUdi => Family::SimUdi,
@@ -66,6 +99,7 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
         frames: arguments.frames,
         sequence: arguments.sequence,
         seed: arguments.seed,
+        realism: Realism::without(&left_out),
         folder: arguments.out,
         threads: arguments.threads,
     };
@@ -74,7 +108,8 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
     export(&options, || progress.step()).with_context(|| format!("simulating {name}"))?;
     progress.bar.finish_and_clear();
     println!(
-        "{name}: {} frames in {}",
+        "{name}{}: {} frames in {}",
+        options.realism,
         options.frames,
         options.folder.display()
     );

@@ -3,7 +3,7 @@
 use super::layout::Layout;
 use super::{ReproduceError, Setting};
 use crate::dataset::read_text;
-use crate::simulate::{ExportOptions, Family, Split, export};
+use crate::simulate::{ExportOptions, Family, Realism, Split, export};
 use std::path::{Path, PathBuf};
 
 /// Seed of the simulated training, validation and test scans.
@@ -120,6 +120,7 @@ impl Simulation {
             frames: self.frames,
             sequence: None,
             seed: self.seed,
+            realism: Realism::FULL,
             folder: beside.clone(),
             threads: 0,
         };

@@ -4,7 +4,9 @@
 //! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
 
 use super::labels::calibration;
-use super::{Family, SimulateError, SimulatedFrame, SimulatedObject, Split, frame, sequence_frame};
+use super::{
+    Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split, Stream, Turn, turn,
+};
 use crate::dataset::Label;
 use mluc_geometry::{Calibration, limit_period};
 use rayon::prelude::*;
@@ -33,6 +35,8 @@ pub struct ExportOptions {
     pub sequence: Option<u32>,
     /// Seed of the data set.
     pub seed: u64,
+    /// Steps towards recorded scans: all of them, unless what they are worth is measured.
+    pub realism: Realism,
     /// The folder to write into; made when missing, refused when it holds anything.
     pub folder: PathBuf,
     /// Threads; 0 takes one per core.
@@ -75,10 +79,18 @@ fn simulated(
     options: &ExportOptions,
     index: u32,
 ) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
-    let (family, split, seed) = (options.family, options.split, options.seed);
+    let stream = Stream {
+        family: options.family,
+        split: options.split,
+        seed: options.seed,
+        realism: options.realism,
+    };
     match options.sequence {
-        None => Ok((frame(family, split, seed, index)?, [0.0; 3])),
-        Some(steps) => sequence_frame(family, split, seed, index / steps, index % steps, steps),
+        None => turn(stream, index, None),
+        Some(steps) => {
+            let step = index % steps;
+            turn(stream, index / steps, Some(Turn { step, steps }))
+        }
     }
 }
 

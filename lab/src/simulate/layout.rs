@@ -7,7 +7,7 @@ use super::footprint::Footprint;
 use super::ground::{Ground, Place};
 use super::objects::{Model, build};
 use super::random::Dice;
-use super::{Class, Family, Split};
+use super::{Class, Family, Realism, Split, Stream};
 
 /// An object in the scene: its model, and where it stands in the sensor frame.
 pub(crate) struct Placed {
@@ -19,6 +19,7 @@ pub(crate) struct Placed {
 /// Everything that takes ground, and the objects among it.
 pub(crate) struct Layout<'a> {
     family: Family,
+    realism: Realism,
     ground: &'a Ground,
     pub(crate) taken: Vec<Footprint>,
     pub(crate) placed: Vec<Placed>,
@@ -37,14 +38,11 @@ const ATTEMPTS: usize = 48;
 const ATTEMPTS_PER_RANGE: usize = 16;
 
 /// Places the objects of one frame; unknown classes only where the split allows them.
-pub(crate) fn place_objects<'a>(
-    family: Family,
-    split: Split,
-    ground: &'a Ground,
-    dice: &mut Dice,
-) -> Layout<'a> {
+pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut Dice) -> Layout<'a> {
+    let Stream { family, split, .. } = stream;
     let mut layout = Layout {
         family,
+        realism: stream.realism,
         ground,
         taken: vec![EGO],
         placed: Vec::new(),
@@ -74,7 +72,7 @@ pub(crate) fn place_objects<'a>(
 impl Layout<'_> {
     /// Places one object and perhaps company of its class (a row of cars, a group of people), at most `limit`; returns how many.
     fn place_some(&mut self, class: Class, limit: usize, dice: &mut Dice) -> usize {
-        let model = build(class, self.family, dice);
+        let model = build(class, self.family, self.realism, dice);
         // A range is given up only after many places at it: else near ranges, where less fits, would grow rare.
         let mut range = 0.0;
         let Some(pose) = (0..ATTEMPTS).find_map(|attempt| {
@@ -96,7 +94,7 @@ impl Layout<'_> {
         let mut count = 1;
         let mut last = (pose, length);
         for _ in 0..company.min(limit - 1) {
-            let model = build(class, self.family, dice);
+            let model = build(class, self.family, self.realism, dice);
             let pose = self.beside(class, last, model.size_m().x, dice);
             if self.fits(&model, pose, dice) {
                 last = (pose, model.size_m().x);

@@ -16,12 +16,14 @@ mod layout;
 mod mesh;
 mod objects;
 mod random;
+mod realism;
 mod scan;
 mod scene;
 mod sensor;
 
 pub use export::{ExportOptions, export};
 pub use labels::{calibration, image_size};
+pub use realism::{Realism, Step};
 
 use mluc_geometry::{Box3, CalibrationError};
 use random::Dice;
@@ -225,6 +227,26 @@ pub struct SimulatedFrame {
     pub plane: [f64; 4],
 }
 
+/// What frames are drawn from.
+#[derive(Clone, Copy, Debug)]
+struct Stream {
+    family: Family,
+    split: Split,
+    seed: u64,
+    realism: Realism,
+}
+
+impl Stream {
+    fn full(family: Family, split: Split, seed: u64) -> Stream {
+        Stream {
+            family,
+            split,
+            seed,
+            realism: Realism::FULL,
+        }
+    }
+}
+
 /// Where in a sequence a frame stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Turn {
@@ -241,7 +263,7 @@ pub fn frame(
     seed: u64,
     index: u32,
 ) -> Result<SimulatedFrame, SimulateError> {
-    Ok(turn(family, split, seed, index, None)?.0)
+    Ok(turn(Stream::full(family, split, seed), index, None)?.0)
 }
 
 /// Simulates frame `step` of a sequence of `steps`, a tenth of a second apart: the scene of frame `index`, through which the sensor drives while half of the
@@ -254,29 +276,38 @@ pub fn sequence_frame(
     step: u32,
     steps: u32,
 ) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
-    turn(family, split, seed, index, Some(Turn { step, steps }))
+    turn(
+        Stream::full(family, split, seed),
+        index,
+        Some(Turn { step, steps }),
+    )
 }
 
 fn turn(
-    family: Family,
-    split: Split,
-    seed: u64,
+    stream: Stream,
     index: u32,
     turn: Option<Turn>,
 ) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
+    let Stream {
+        family,
+        split,
+        seed,
+        realism,
+    } = stream;
     let key = random::hash(&[seed, family as u64, split as u64, u64::from(index)]);
     let ground = ground::Ground::draw(family, &mut Dice::new(&[key, 1]));
-    let mut layout = layout::place_objects(family, split, &ground, &mut Dice::new(&[key, 2]));
+    let mut layout = layout::place_objects(stream, &ground, &mut Dice::new(&[key, 2]));
     let mut scene = scene::Scene::default();
     scene.add(&ground.mesh(family, &mut Dice::new(&[key, 3])), 0, |p| p);
     background::fill(
-        family,
+        stream,
         &ground,
         &mut layout,
         &mut scene,
         &mut Dice::new(&[key, 4]),
     );
-    let mut sensor = sensor::Sensor::new(random::hash(&[key, 5]), family == Family::SimKitti);
+    let half_turn = family == Family::SimKitti;
+    let mut sensor = sensor::Sensor::new(random::hash(&[key, 5]), half_turn, realism);
     let mut sensor_at = mesh::v(0.0, 0.0, 0.0);
     if let Some(Turn { step, steps }) = turn {
         let mut dice = Dice::new(&[key, 6]);

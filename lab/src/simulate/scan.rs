@@ -3,7 +3,7 @@
 use super::mesh::{Kind, V3};
 use super::random::{splitmix64, unit};
 use super::scene::{Scene, Searchable};
-use super::sensor::{BEAMS, RANGE_M, Sensor, Stream, drop_probability, intensity};
+use super::sensor::{BEAMS, RANGE_M, Sensor, Stream, drop_probability};
 use parry3d::query::{Ray, RayCast};
 
 /// Surfaces that one ray may pass before it is given up.
@@ -11,9 +11,8 @@ const PASSES_MAX: usize = 8;
 /// Of the rays that meet glass, this many go through, and this many of the rest are lost.
 const GLASS_PASSES: f32 = 0.9;
 const GLASS_LOST: f32 = 0.05;
-/// A depth edge between neighbouring rays, m, and how often the pulse that straddles it is reported at or between the two.
+/// A depth edge between neighbouring rays, m.
 const EDGE_M: [f32; 2] = [0.3, 4.0];
-const MIXED: f32 = 0.15;
 
 /// Where a ray ended.
 #[derive(Clone, Copy, Debug)]
@@ -78,6 +77,7 @@ pub(crate) fn trace(
         let stops = match surface.kind {
             Kind::Solid => true,
             Kind::Porous(passes) => unit(bits) >= passes,
+            Kind::Glass if !sensor.drops => true,
             Kind::Glass if unit(bits) < GLASS_PASSES => false,
             Kind::Glass if unit(bits) < GLASS_PASSES + GLASS_LOST => return None,
             Kind::Glass => true,
@@ -104,8 +104,9 @@ fn returned(
     beam: usize,
     column: usize,
 ) -> Option<[f32; 4]> {
-    if unit(sensor.bits(Stream::Drop, beam, column))
-        < drop_probability(sensor.base_drop, hit.range_m, hit.rho, hit.cos_incidence)
+    if sensor.drops
+        && unit(sensor.bits(Stream::Drop, beam, column))
+            < drop_probability(sensor.base_drop, hit.range_m, hit.rho, hit.cos_incidence)
     {
         return None;
     }
@@ -116,16 +117,7 @@ fn returned(
     }
     let (start, direction): (V3, V3) = sensor.ray(beam, column);
     let p = start + direction * range_m;
-    Some([
-        p.x,
-        p.y,
-        p.z,
-        intensity(
-            hit.rho,
-            hit.cos_incidence,
-            sensor.bits(Stream::Intensity, beam, column),
-        ),
-    ])
+    Some([p.x, p.y, p.z, sensor.intensity(&hit, beam, column)])
 }
 
 /// A pulse that straddles a depth edge is sometimes reported at the nearer surface or between the two.
@@ -135,7 +127,7 @@ fn mixed(sensor: &Sensor, range_m: f32, neighbour: Option<Hit>, beam: usize, col
     };
     let step = range_m - other_m;
     let bits = sensor.bits(Stream::Mixed, beam, column);
-    if !(EDGE_M[0]..EDGE_M[1]).contains(&step) || unit(bits) >= MIXED {
+    if !(EDGE_M[0]..EDGE_M[1]).contains(&step) || unit(bits) >= sensor.noise.mixed {
         return range_m;
     }
     let share = unit(splitmix64(bits));

@@ -7,7 +7,7 @@ use crate::dataset::Dataset;
 use mluc_geometry::intersection_bev_m2;
 
 /// A sensor over flat ground 1.73 m below it, with more things added by the caller.
-fn flat(things: &[(&Mesh, u16)]) -> Scene {
+pub(super) fn flat(things: &[(&Mesh, u16)]) -> Scene {
     let mut ground = Mesh::default();
     let g = -sensor::HEIGHT_M;
     let corners = [
@@ -25,7 +25,7 @@ fn flat(things: &[(&Mesh, u16)]) -> Scene {
     scene
 }
 
-fn block(center: [f32; 3], size: [f32; 3]) -> Mesh {
+pub(super) fn block(center: [f32; 3], size: [f32; 3]) -> Mesh {
     let mut mesh = Mesh::default();
     mesh.block(center.into(), size.into(), mesh::solid(0.6));
     mesh
@@ -55,6 +55,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
             frames: 4,
             sequence: None,
             seed: 5,
+            realism: Realism::FULL,
             folder: folder.clone(),
             threads,
         };
@@ -85,6 +86,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
             frames: 1,
             sequence: None,
             seed: 5,
+            realism: Realism::FULL,
             folder: one,
             threads: 1,
         },
@@ -100,7 +102,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
 
 #[test]
 fn ground_rings_have_the_radius_of_their_elevation() {
-    let sensor = sensor::Sensor::new(11, false);
+    let sensor = sensor::Sensor::new(11, false, Realism::FULL);
     let sweep = scan::sweep(&sensor, &flat(&[])).expect("a sweep");
     for beam in [20, 40, 63] {
         let (start, direction) = sensor.ray(beam, 100);
@@ -128,7 +130,7 @@ fn a_block_returns_as_many_points_as_its_angles_say() {
     for range_m in [10.0f32, 18.0] {
         let (width, height) = (2.0, 1.4);
         let thing = block([range_m + 0.5, 0.0, -0.9], [1.0, width, height]);
-        let sensor = sensor::Sensor::new(3, false);
+        let sensor = sensor::Sensor::new(3, false, Realism::FULL);
         let sweep = scan::sweep(&sensor, &flat(&[(&thing, 1)])).expect("a sweep");
         let found = sweep.instances.iter().filter(|i| **i == 1).count() as f32;
         let columns = 2.0 * (width / 2.0 / range_m).atan().to_degrees() / 0.1728;
@@ -156,7 +158,7 @@ fn visibility_is_one_in_the_open_and_less_behind_a_wall() {
             faces: faces..scene.mesh.triangles.len(),
             vertices: vertices..scene.mesh.vertices.len(),
         };
-        let sensor = sensor::Sensor::new(3, false);
+        let sensor = sensor::Sensor::new(3, false, Realism::FULL);
         let sweep = scan::sweep(&sensor, &scene).expect("a sweep");
         let frame =
             labels::label(Family::SimUdi, &sensor, &scene, &[solid], sweep).expect("labels");
@@ -178,6 +180,7 @@ fn labels_read_back_within_a_centimetre() {
             frames: 2,
             sequence: None,
             seed: 9,
+            realism: Realism::FULL,
             folder: folder.clone(),
             threads: 1,
         };
@@ -238,7 +241,12 @@ fn every_object_of_a_frame_is_labelled_with_its_own_points() {
 fn objects_of(family: Family, split: Split, index: u32) -> Vec<layout::Placed> {
     let key = random::hash(&[1, family as u64, split as u64, u64::from(index)]);
     let ground = ground::Ground::draw(family, &mut Dice::new(&[key, 1]));
-    layout::place_objects(family, split, &ground, &mut Dice::new(&[key, 2])).placed
+    layout::place_objects(
+        Stream::full(family, split, 1),
+        &ground,
+        &mut Dice::new(&[key, 2]),
+    )
+    .placed
 }
 
 #[test]

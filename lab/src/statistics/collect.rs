@@ -128,7 +128,7 @@ fn summarise(objects: &[Object]) -> ClassStatistics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::{ExportOptions, Family, Split, export, frame};
+    use crate::simulate::{ExportOptions, Family, Realism, Split, export, frame};
     use crate::statistics::{read_reference, table};
 
     #[test]
@@ -141,6 +141,7 @@ mod tests {
             frames: 2,
             sequence: None,
             seed: 4,
+            realism: Realism::FULL,
             folder: folder.clone(),
             threads: 1,
         };

@@ -5,13 +5,13 @@ mod frontage;
 mod furniture;
 mod vegetation;
 
-use super::Family;
 use super::footprint::Footprint;
 use super::ground::{Ground, Place};
 use super::layout::Layout;
 use super::mesh::{Mesh, V3, v};
 use super::random::Dice;
 use super::scene::Scene;
+use super::{Family, Step, Stream};
 
 /// Kinds of background, for the instance file: 0x8000 + kind.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,19 +49,22 @@ impl Thing {
 
 /// Fills a scene around its objects. Things that would stand in an object or in each other are left out.
 pub(crate) fn fill(
-    family: Family,
+    stream: Stream,
     ground: &Ground,
     layout: &mut Layout<'_>,
     scene: &mut Scene,
     dice: &mut Dice,
 ) {
     let mut yard = Yard {
-        family,
+        family: stream.family,
         ground,
         taken: &mut layout.taken,
         scene,
+        // Those that are left out keep their places, so that everything else is as it would be with them.
+        shows: stream.realism.has(Step::Confusers),
     };
     confusers::place(&mut yard, dice);
+    yard.shows = true;
     frontage::place(&mut yard, dice);
     furniture::place(&mut yard, dice);
     vegetation::place(&mut yard, dice);
@@ -73,6 +76,8 @@ struct Yard<'a, 'b> {
     ground: &'a Ground,
     taken: &'b mut Vec<Footprint>,
     scene: &'b mut Scene,
+    /// Whether things are seen, or only take their ground.
+    shows: bool,
 }
 
 impl Yard<'_, '_> {
@@ -117,6 +122,9 @@ impl Yard<'_, '_> {
 
     /// Adds a thing without looking for room: `at` is in the sensor frame.
     fn add(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 3], yaw: f32) {
+        if !self.shows {
+            return;
+        }
         let (sin, cos) = yaw.sin_cos();
         self.scene.add(mesh, thing.instance(), |p: V3| {
             v(

@@ -15,7 +15,7 @@ pub(crate) use cyclist::bicycle;
 
 use super::mesh::{Mesh, V3, v};
 use super::random::Dice;
-use super::{Class, Family};
+use super::{Class, Family, Realism, Step};
 
 /// The boxes that people drew around KITTI's vehicles stand off: their points lie 5 to 10 cm further inside than an exact extent would have them. The label of
 /// a vehicle of `sim-kitti` is larger than its triangles by this much on each side, m; those of `sim-udi` are exact.
@@ -53,6 +53,13 @@ impl Model {
         });
     }
 
+    /// Scales triangles and label about the origin on the ground.
+    fn scale(&mut self, by: V3) {
+        self.mesh.map(|p| p * by);
+        self.low *= by;
+        self.high *= by;
+    }
+
     /// l, w, h of the label, m.
     pub(crate) fn size_m(&self) -> V3 {
         self.high - self.low
@@ -60,13 +67,36 @@ impl Model {
 }
 
 /// Builds one object of a class.
-pub(crate) fn build(class: Class, family: Family, dice: &mut Dice) -> Model {
+pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut Dice) -> Model {
     let mut model = exact(class, dice, family);
+    if !realism.has(Step::Sizes) {
+        let change = mean_size_m(class, family) / model.size_m();
+        // Length and width of a person on foot are the step's, not the body's.
+        model.scale(match class {
+            Class::Pedestrian => V3::splat(change.z),
+            _ => change,
+        });
+        return model;
+    }
     let vehicle = matches!(class, Class::Car | Class::Van | Class::Truck);
     if vehicle && family == Family::SimKitti {
         model.stand_off(ANNOTATION_MARGIN_M);
     }
     model
+}
+
+/// Mean of what is published about labels of the class.
+fn mean_size_m(class: Class, family: Family) -> V3 {
+    match (class, family) {
+        (Class::Car, Family::SimKitti) => v(3.89, 1.62, 1.53),
+        (Class::Car, Family::SimUdi) => v(4.5, 1.85, 1.55),
+        (Class::Van, _) => v(5.07, 1.90, 2.21),
+        (Class::Truck, _) => v(9.6, 2.6, 3.3),
+        (Class::Pedestrian, _) => v(0.82, 0.63, 1.76),
+        (Class::Cyclist, _) => v(1.76, 0.6, 1.74),
+        (Class::GolfCart, _) => v(2.8, 1.25, 1.88),
+        (Class::Forklift, _) => v(3.4, 1.25, 2.2),
+    }
 }
 
 /// The object with the exact extent of its triangles as label.
@@ -100,7 +130,7 @@ mod tests {
     fn mean_size(class: Class, family: Family) -> V3 {
         let count = 300;
         let sum = (0..count).fold(V3::ZERO, |sum, i| {
-            sum + build(class, family, &mut Dice::new(&[9, i])).size_m()
+            sum + build(class, family, Realism::FULL, &mut Dice::new(&[9, i])).size_m()
         });
         sum / count as f32
     }
@@ -108,16 +138,17 @@ mod tests {
     #[test]
     fn sizes_meet_the_published_means() {
         let cases = [
-            (Class::Car, Family::SimKitti, v(3.89, 1.62, 1.53)),
-            (Class::Car, Family::SimUdi, v(4.5, 1.85, 1.55)),
-            (Class::Van, Family::SimKitti, v(5.07, 1.90, 2.21)),
-            (Class::Truck, Family::SimUdi, v(9.6, 2.6, 3.3)),
-            (Class::Pedestrian, Family::SimUdi, v(0.82, 0.63, 1.76)),
-            (Class::Cyclist, Family::SimUdi, v(1.76, 0.6, 1.74)),
-            (Class::GolfCart, Family::SimUdi, v(2.8, 1.25, 1.88)),
-            (Class::Forklift, Family::SimUdi, v(3.4, 1.25, 2.2)),
+            (Class::Car, Family::SimKitti),
+            (Class::Car, Family::SimUdi),
+            (Class::Van, Family::SimKitti),
+            (Class::Truck, Family::SimUdi),
+            (Class::Pedestrian, Family::SimUdi),
+            (Class::Cyclist, Family::SimUdi),
+            (Class::GolfCart, Family::SimUdi),
+            (Class::Forklift, Family::SimUdi),
         ];
-        for (class, family, expected) in cases {
+        for (class, family) in cases {
+            let expected = mean_size_m(class, family);
             let mean = mean_size(class, family);
             let relative = ((mean - expected) / expected).abs();
             assert!(
@@ -128,10 +159,47 @@ mod tests {
     }
 
     #[test]
+    fn without_sizes_every_object_has_its_class_mean_and_an_exact_label() {
+        let plain = Realism::without(&[Step::Sizes]);
+        for class in Class::ALL {
+            let expected = mean_size_m(class, Family::SimKitti);
+            for i in 0..20 {
+                let build =
+                    |realism| build(class, Family::SimKitti, realism, &mut Dice::new(&[8, i]));
+                let (model, usual) = (build(plain), build(Realism::FULL));
+                let size = model.size_m();
+                assert!((size.z - expected.z).abs() < 1e-4, "{class:?}: {size}");
+                if class == Class::Pedestrian {
+                    // The proportions stay.
+                    let change = size / usual.size_m();
+                    assert!((change - change.z).abs().max_element() < 1e-4, "{change}");
+                } else {
+                    assert!((size - expected).abs().max_element() < 1e-4, "{size}");
+                }
+                if class == Class::Car {
+                    // Mirrors apart, the triangles reach the label; those of a label that stands off do not.
+                    let gap = |m: &Model| m.high.x - m.mesh.bounds().1.x;
+                    assert!(gap(&model).abs() < 1e-4, "{}", gap(&model));
+                    assert!(
+                        (gap(&usual) - ANNOTATION_MARGIN_M).abs() < 1e-3,
+                        "{}",
+                        gap(&usual)
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
     fn every_object_is_a_lean_mesh_inside_its_label() {
         for class in Class::ALL {
             for i in 0..40 {
-                let model = build(class, Family::SimUdi, &mut Dice::new(&[4, i]));
+                let model = build(
+                    class,
+                    Family::SimUdi,
+                    Realism::FULL,
+                    &mut Dice::new(&[4, i]),
+                );
                 assert!(
                     model.mesh.triangles.len() < 1500,
                     "{class:?} has {} triangles",

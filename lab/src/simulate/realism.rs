@@ -1,0 +1,171 @@
+//! Steps that bring simulated scans closer to recorded ones. Each can be left out, to measure what it is worth.
+
+use std::fmt;
+
+/// One step from a plain simulator to this one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The two blocks of lasers with their spacings and origins, each beam with its own elevation and phase. Without: 64 beams of one origin, evenly spaced and
+    /// fired at once.
+    Rings,
+    /// Noise of range, azimuth and intensity, a bias a beam, points between two surfaces. Without: exact ranges, in steps of 2 mm.
+    Noise,
+    /// Returns that are lost: by chance, with range, at grazing incidence, in and through windows. Without: every surface in reach answers every ray.
+    Drop,
+    /// Objects of their class's spread of sizes, and labels that stand off. Without: objects of the mean size, labels of their exact extent.
+    Sizes,
+    /// Things of a car's size that are none. Without: their place stays empty.
+    Confusers,
+}
+
+impl Step {
+    /// All steps, in the order in which they are measured.
+    pub const ALL: [Step; 5] = [
+        Step::Rings,
+        Step::Noise,
+        Step::Drop,
+        Step::Sizes,
+        Step::Confusers,
+    ];
+
+    /// The step's name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Step::Rings => "rings",
+            Step::Noise => "noise",
+            Step::Drop => "drop",
+            Step::Sizes => "sizes",
+            Step::Confusers => "confusers",
+        }
+    }
+}
+
+/// Which steps are taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Realism([bool; Step::ALL.len()]);
+
+impl Realism {
+    /// Every step: the simulator as it is meant to be.
+    pub const FULL: Realism = Realism([true; Step::ALL.len()]);
+
+    /// All but these.
+    pub fn without(steps: &[Step]) -> Realism {
+        let mut taken = Realism::FULL;
+        for step in steps {
+            taken.0[*step as usize] = false;
+        }
+        taken
+    }
+
+    /// Whether the step is taken.
+    pub fn has(self, step: Step) -> bool {
+        self.0[step as usize]
+    }
+}
+
+/// What is left out, for a person: nothing, or ` without rings, noise`.
+impl fmt::Display for Realism {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let left_out: Vec<&str> = Step::ALL
+            .into_iter()
+            .filter(|step| !self.has(*step))
+            .map(Step::name)
+            .collect();
+        match left_out.is_empty() {
+            true => Ok(()),
+            false => write!(f, " without {}", left_out.join(", ")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{block, flat};
+    use super::super::*;
+    use super::*;
+
+    /// A frame of training with these steps left out.
+    fn frame_without(steps: &[Step], index: u32) -> SimulatedFrame {
+        let stream = Stream {
+            realism: Realism::without(steps),
+            ..Stream::full(Family::SimKitti, Split::Train, 1)
+        };
+        turn(stream, index, None).expect("a frame").0
+    }
+
+    fn boxes(frame: &SimulatedFrame) -> Vec<(Class, Box3)> {
+        let objects = frame.objects.iter();
+        objects.map(|o| (o.class, o.box_in_sensor)).collect()
+    }
+
+    #[test]
+    fn with_every_step_a_frame_is_what_it_is_without_the_option() {
+        let usual = frame(Family::SimKitti, Split::Train, 1, 0).expect("a frame");
+        assert_eq!(frame_without(&[], 0), usual);
+        for step in Step::ALL {
+            let changed = (0..3).any(|i| frame_without(&[step], i) != frame_without(&[], i));
+            assert!(changed, "{step:?} changes nothing");
+        }
+    }
+
+    #[test]
+    fn without_drop_every_ray_comes_back_from_the_first_surface() {
+        let (plain, usual) = (frame_without(&[Step::Drop], 0), frame_without(&[], 0));
+        assert!(plain.points.len() > usual.points.len() * 103 / 100);
+        // Nothing of the sensor's measurements changes where a ray came back in both.
+        let key = |p: &[f32; 4]| p.map(f32::to_bits);
+        let of_plain: std::collections::HashSet<_> = plain.points.iter().map(key).collect();
+        let same = usual.points.iter().filter(|p| of_plain.contains(&key(p)));
+        assert!(same.count() > usual.points.len() * 98 / 100);
+        let wall = block([20.0, 0.0, 0.0], [0.2, 30.0, 30.0]);
+        let sensor = sensor::Sensor::new(3, false, Realism::without(&[Step::Drop]));
+        let sweep = scan::sweep(&sensor, &flat(&[(&wall, 1)])).expect("a sweep");
+        let ended = sweep.ended_on.iter().flatten().count();
+        assert_eq!(sweep.points.len(), ended);
+    }
+
+    #[test]
+    fn without_noise_or_rings_the_scene_stays() {
+        for step in [Step::Noise, Step::Rings] {
+            let (plain, usual) = (frame_without(&[step], 2), frame_without(&[], 2));
+            assert_ne!(plain.points, usual.points);
+            let found = boxes(&plain);
+            let kept = boxes(&usual).iter().filter(|b| found.contains(b)).count();
+            // An object of one point may be lost.
+            assert!(kept + 1 >= usual.objects.len(), "{step:?}: {kept} kept");
+        }
+    }
+
+    #[test]
+    fn without_confusers_nothing_else_moves() {
+        use background::Thing;
+        let confuser = |instance: &u16| {
+            let things = [
+                Thing::Container,
+                Thing::Dumpster,
+                Thing::Pallets,
+                Thing::GasTank,
+                Thing::Cabinet,
+                Thing::Covered,
+            ];
+            things.iter().any(|thing| thing.instance() == *instance)
+        };
+        let mut seen = 0;
+        for index in 0..4 {
+            let (plain, usual) = (
+                frame_without(&[Step::Confusers], index),
+                frame_without(&[], index),
+            );
+            seen += usual.instances.iter().filter(|i| confuser(i)).count();
+            let left = plain.instances.iter().filter(|i| confuser(i)).count();
+            let key = |p: &[f32; 4]| p.map(f32::to_bits);
+            let of_plain: std::collections::HashSet<_> = plain.points.iter().map(key).collect();
+            let moved = usual.points.iter().zip(&usual.instances);
+            let moved = moved.filter(|(p, i)| !confuser(i) && !of_plain.contains(&key(p)));
+            // Points between two surfaces see what stands behind; nothing else does.
+            assert!(moved.count() < 100);
+            assert_eq!(left, 0, "frame {index}");
+        }
+        assert!(seen > 100, "{seen} points on confusers");
+    }
+}
