@@ -11,10 +11,12 @@ kept: the same command goes on where it stopped. OUT gets `results.json` and `ta
 import argparse
 import json
 import math
+import random
 import shutil
 import statistics
 import struct
 import subprocess
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,6 +39,7 @@ def arguments():
     parser.add_argument("--frames", type=int, default=800)
     parser.add_argument("--steps", type=int, default=800)
     parser.add_argument("--seeds", default="1", help="of the training, comma separated; the scans stay")
+    parser.add_argument("--draws", type=int, default=50, help="of the recorded scans: what the figures of so few cars are worth")
     parser.add_argument("--rows", default=",".join(ROWS), help="in this order")
     parser.add_argument("--lab", type=Path, default=ROOT / "target/release/mluc-lab")
     parser.add_argument("--mluc", type=Path, default=ROOT / "target/release/mluc")
@@ -79,6 +82,36 @@ def judged_real(options, model):
                 command += ["--labels", folder / "label_2", "--calib", folder / "calib", "--detections", file]
             report = json.loads(subprocess.check_output(command))
             figures[f"{name} {overlap}"] = {c: report[f"{c}/3d/moderate"]["ap_all"] for c in CLASSES}
+    return figures
+
+
+def drawn(options, model):
+    """Average precision on draws of all recorded scans with replacement, the same draws for every model: by class and overlap."""
+    frames = []
+    for at, folder in enumerate(options.real):
+        for line in model.with_name(f"objects-{at}.jsonl").read_text().splitlines():
+            found = json.loads(line)
+            files = [folder / part / f"{found['frame']}.txt" for part in ("label_2", "calib")]
+            frames.append((found, [file.read_text() for file in files]))
+    dice, figures = random.Random(1), {}
+    for _ in range(options.draws):
+        with tempfile.TemporaryDirectory() as scratch:
+            scratch = Path(scratch)
+            places = [scratch / "label_2", scratch / "calib"]
+            for place in places:
+                place.mkdir()
+            lines = []
+            for at, (found, texts) in enumerate(dice.choices(frames, k=len(frames))):
+                lines.append(json.dumps(found | {"frame": f"{at:06}", "sequence": at}))
+                for place, text in zip(places, texts):
+                    (place / f"{at:06}.txt").write_text(text)
+            (scratch / "objects.jsonl").write_text("\n".join(lines))
+            for overlap, iou in IOU.items():
+                command = [options.lab, "evaluate", "ap", "--json", "--iou", iou, "--classes", ",".join(CLASSES)]
+                command += ["--labels", places[0], "--calib", places[1], "--detections", scratch / "objects.jsonl"]
+                report = json.loads(subprocess.check_output(command))
+                for c in CLASSES:
+                    figures.setdefault(f"{c} {overlap}", []).append(report[f"{c}/3d/moderate"]["ap_all"])
     return figures
 
 
@@ -144,24 +177,44 @@ def measured(options, folder):
     return found
 
 
-def table(results, seeds):
-    head = ["", "returns ahead", "of them 2 to 9 degrees down", "points in a car at 10-20, 20-30, 30-40 m", "length of cars, m", "within 10 cm of the label, %"]
-    head += ["car 0.5", "car 0.7", "pedestrian 0.25", "cyclist 0.25", "simulated: car 0.7", "pedestrian 0.5", "cyclist 0.5"]
+COLUMNS = {"car 0.5": "car 0.5", "car 0.7": "car 0.7", "pedestrian 0.25": "pedestrian 0.5", "cyclist 0.25": "cyclist 0.5"}
+
+
+def table_of_statistics(results):
+    head = ["", "returns ahead", "of them 2 to 9 degrees down", "points in a car at 10-20, 20-30, 30-40 m", "within 10 cm of the label, %", "length of cars, m"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for row, what in {"recorded": None, **ROWS}.items():
-        found = results.get(row, {})
-        if "statistics" not in found:
-            continue
-        s = found["statistics"]
-        points = ", ".join(f"{s[bin]:.0f}" for bin in ("10-20", "20-30", "30-40"))
-        name = row if not what else "+ " + row
-        cells = [name, f"{s['returns']:.0f}", f"{s['band']:.0f}", points, s["length"], f"{s['inside']:.0f}"]
-        judged = [found[str(seed)] for seed in seeds if str(seed) in found]
-        if judged:
-            columns = [("pooled 0.5", "car"), ("pooled 0.7", "car"), ("pooled 0.5", "pedestrian"), ("pooled 0.5", "cyclist")]
-            columns += [("simulated", c) for c in CLASSES]
-            cells += [" / ".join(f"{j[data][c]:.1f}" for j in judged) for data, c in columns]
-        lines.append("| " + " | ".join(cells + [""] * (len(head) - len(cells))) + " |")
+    for row in ["recorded", *ROWS]:
+        if s := results.get(row, {}).get("statistics"):
+            points = ", ".join(f"{s[bin]:.0f}" for bin in ("10-20", "20-30", "30-40"))
+            lines.append(f"| {called(row)} | {s['returns']:.0f} | {s['band']:.0f} | {points} | {s['inside']:.0f} | {s['length']} |")
+    return "\n".join(lines) + "\n"
+
+
+def called(row):
+    return f"+ {row}" if row in STEPS else row
+
+
+def spread(draws):
+    return f"{statistics.mean(draws):+.1f} ± {statistics.stdev(draws):.1f}"
+
+
+def table_of_figures(results, seed):
+    """AP with the deviation over draws of the recorded scans, then the difference to the row above and to the first over the same draws."""
+    head = ["", *COLUMNS, *(f"simulated: {c}" for c in CLASSES)]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    rows = [row for row in ROWS if seed in results.get(row, {})]
+    for row in rows:
+        found = results[row][seed]
+        cells = []
+        for draws in COLUMNS.values():
+            c, overlap = draws.split()
+            cells.append(f"{found['pooled ' + overlap][c]:.1f} ± {statistics.stdev(found['draws'][draws]):.1f}")
+        cells += [f"{found['simulated'][c]:.1f}" for c in CLASSES]
+        lines.append("| " + " | ".join([called(row), *cells]) + " |")
+    for row, before in [*zip(rows[1:], rows), *([(rows[-1], rows[0])] if len(rows) > 2 else [])]:
+        here, there = results[row][seed]["draws"], results[before][seed]["draws"]
+        cells = [spread([a - b for a, b in zip(here[draws], there[draws])]) for draws in COLUMNS.values()]
+        lines.append("| " + " | ".join([f"{row} against {before}", *cells, *([""] * len(CLASSES))]) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -174,7 +227,8 @@ def main():
     def keep():
         path.write_text(json.dumps(results, indent=1))
         seeds = sorted({int(key) for row in results.values() for key in row if key.isdigit()})
-        (options.out / "table.md").write_text(table(results, seeds))
+        tables = [table_of_statistics(results), *(f"Seed {seed}\n\n" + table_of_figures(results, str(seed)) for seed in seeds)]
+        (options.out / "table.md").write_text("\n".join(tables))
 
     results["recorded"] = {"statistics": measured(options, options.real[0])}
     for seed in options.seeds.split(","):
@@ -186,7 +240,7 @@ def main():
                 continue
             simulate(options, row)
             model = train(options, row, seed)
-            found[seed] = judged_real(options, model) | {"simulated": judged_simulated(options, model)}
+            found[seed] = judged_real(options, model) | {"draws": drawn(options, model), "simulated": judged_simulated(options, model)}
             keep()
     print((options.out / "table.md").read_text())
 
