@@ -100,11 +100,7 @@ impl<W: Packed, O: Element> Block<'_, W, O> {
     #[inline(always)]
     fn finish(&mut self, panel: Panel, bias: Option<&[f32]>, sums: &[W::Sum]) {
         let (_, _, cout) = self.job.weights.shape();
-        let floor = if self.job.epilogue.relu {
-            0.0
-        } else {
-            f32::NEG_INFINITY
-        };
+        let floor = self.job.epilogue.floor();
         for (row, sums) in self.rows.clone().zip(sums.chunks_exact(panel.width)) {
             let row = self.output_rows.map_or(row, |rows| rows[row] as usize) - self.first;
             let output = &mut self.output[row * cout + panel.first..][..panel.used];

@@ -3,7 +3,8 @@
 //! One idea carries every layer of the network: **a map is a list of rows** (one row a cell or a voxel, channels
 //! contiguous), and a convolution is a [`Gather`]: for each output row and each tap of the kernel, which input row is
 //! read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2 convolutions differ in their gather alone.
-//! A batch is more rows. A cell that is not computed is a row that is not listed.
+//! A batch is more rows. A cell that is not computed is a row that is not listed. One shape has a way of its own: a 3x3
+//! layer of stride 1 in f32 takes less than half of the products tile by tile ([`convolve_winograd`]).
 
 mod batch_norm;
 mod block;
@@ -38,4 +39,14 @@ pub struct Epilogue<'a> {
     pub bias: Option<&'a [f32]>,
     /// max(0, x) after the bias; NaN stays NaN.
     pub relu: bool,
+}
+
+impl Epilogue<'_> {
+    /// What no output is below.
+    fn floor(&self) -> f32 {
+        match self.relu {
+            true => 0.0,
+            false => f32::NEG_INFINITY,
+        }
+    }
 }

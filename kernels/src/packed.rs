@@ -44,7 +44,7 @@ pub(crate) trait Packed: Sync {
 
 /// Not below `floor`. Written so that NaN passes.
 #[inline(always)]
-fn clamp(value: f32, floor: f32) -> f32 {
+pub(crate) fn clamp(value: f32, floor: f32) -> f32 {
     if value < floor { floor } else { value }
 }
 

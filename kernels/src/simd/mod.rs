@@ -37,7 +37,7 @@ pub(crate) use list::{BLOCK, Listed, Lists};
 use pair::Pair;
 pub use peak::{spin, spin_bf16, spin_int8};
 pub use plain_work::at_best;
-pub(crate) use winograd::{Windows, WinogradMemory};
+pub(crate) use winograd::{Output, Windows, WinogradMemory};
 
 /// Vector registers of f32. A value of the implementing type is the proof that the processor has them.
 pub(crate) trait Simd: Copy {

@@ -3,10 +3,10 @@
 use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
 
 use super::{
-    AlignedArray, Simd,
+    AlignedArray, LINE, Simd,
     cover::{Tile, cover},
 };
-use crate::{ABSENT, weights::PANEL_MAX, winograd::PLACES};
+use crate::{ABSENT, packed::clamp, weights::PANEL_MAX, winograd::PLACES};
 
 /// Room for a chunk of tiles: transformed windows `[place][tile][cin]` and sums `[place][tile][width]`.
 pub(crate) struct WinogradMemory {
@@ -20,6 +20,20 @@ impl WinogradMemory {
     /// With its sums such a chunk fits a second-level cache of 1 MiB. Measured: chunks of 24 and 16 are slower.
     pub(crate) const TILES_MAX: usize = 48;
     const SUMS: usize = PLACES * WinogradMemory::TILES_MAX * PANEL_MAX;
+}
+
+/// Where the outputs of a panel go.
+pub(crate) struct Output<'a> {
+    /// Rows of `channels`, from row `first_row` of the map on.
+    pub(crate) values: &'a mut [f32],
+    /// Rows of tiles count from the map's begin.
+    pub(crate) first_row: usize,
+    /// Of a row.
+    pub(crate) channels: usize,
+    /// Channels of the panel.
+    pub(crate) columns: Range<usize>,
+    /// What no output is below.
+    pub(crate) floor: f32,
 }
 
 /// The transformed windows of a chunk of tiles.
@@ -101,24 +115,25 @@ impl<'a> Windows<'a> {
         }
     }
 
-    /// The outputs of a panel: windows times weights at each place, transformed back, the bias added, not below `floor`.
-    /// `weights`: `[place][cin][width]`; `columns`: `width` channels of the output; `rows`: 4 of the output a tile;
-    /// `output`: begins at row `first`, of `cout` channels.
+    /// The outputs of a panel: windows times weights at each place, transformed back, the bias added. `weights`:
+    /// `[place][cin][width]`; `bias`: `width` values; `rows`: 4 of the map a tile.
     #[inline(always)]
     pub(crate) fn panel<S: Simd>(
         &mut self,
         simd: S,
         weights: &[f32],
-        (bias, floor): (Option<&[f32]>, f32),
+        bias: Option<&[f32]>,
         rows: &[u32],
-        columns: Range<usize>,
-        to: (&mut [f32], usize, usize),
+        output: &mut Output,
     ) {
-        let width = columns.len();
+        let width = output.columns.len();
         assert!(
-            width.is_multiple_of(16) && width <= PANEL_MAX && columns.end <= to.2,
-            "{columns:?} of {}",
-            to.2
+            width.is_multiple_of(LINE)
+                && width <= PANEL_MAX
+                && output.columns.end <= output.channels,
+            "{:?} of {}",
+            output.columns,
+            output.channels
         );
         assert_eq!(weights.len(), PLACES * self.cin * width);
         assert_eq!(rows.len(), 4 * self.tiles, "rows of {} tiles", self.tiles);
@@ -127,7 +142,7 @@ impl<'a> Windows<'a> {
             "a bias a channel"
         );
         self.multiply(simd, weights, width);
-        self.transform_back(simd, (bias, floor), rows, columns, to);
+        self.transform_back(simd, bias, rows, output);
     }
 
     /// A part of [`Windows::panel`], which has checked the lengths.
@@ -159,12 +174,11 @@ impl<'a> Windows<'a> {
     fn transform_back<S: Simd>(
         &self,
         simd: S,
-        (bias, floor): (Option<&[f32]>, f32),
+        bias: Option<&[f32]>,
         rows: &[u32],
-        columns: Range<usize>,
-        (output, first, cout): (&mut [f32], usize, usize),
+        output: &mut Output,
     ) {
-        let (tiles, width) = (self.tiles, columns.len());
+        let (tiles, width) = (self.tiles, output.columns.len());
         let one = simd.splat(1.0);
         for (tile, rows) in rows.chunks_exact(4).enumerate() {
             let mut channel = 0;
@@ -192,13 +206,15 @@ impl<'a> Windows<'a> {
                         if row == ABSENT {
                             continue;
                         }
-                        let from = (row as usize - first) * cout + columns.start + channel;
-                        let to = &mut output[from..][..S::LANES];
+                        // A row before the first one wraps to where no slice reaches.
+                        let row = (row as usize).wrapping_sub(output.first_row);
+                        let from = row.wrapping_mul(output.channels);
+                        let from = from.wrapping_add(output.columns.start + channel);
+                        let to = &mut output.values[from..][..S::LANES];
                         // SAFETY: `to` has LANES values.
                         unsafe { simd.store(to.as_mut_ptr(), simd.fma(m[x][y], one, added)) };
                         for value in to {
-                            // NaN passes.
-                            *value = if *value < floor { floor } else { *value };
+                            *value = clamp(*value, output.floor);
                         }
                     }
                 }

@@ -13,7 +13,7 @@ use std::{mem::MaybeUninit, ops::Range};
 
 use crate::{
     Epilogue, Level, Weights,
-    simd::{Kernel, Simd, Windows, WinogradMemory},
+    simd::{Kernel, Output, Simd, Windows, WinogradMemory},
     weights::panels,
 };
 
@@ -158,20 +158,20 @@ impl Kernel for Chunk<'_> {
             ..
         } = self.job;
         let (cin, cout) = (weights.cin, weights.cout);
-        let floor = if epilogue.relu {
-            0.0
-        } else {
-            f32::NEG_INFINITY
-        };
         let windows = &tiles.inputs[self.tiles.start * PLACES..self.tiles.end * PLACES];
         let mut memory = const { MaybeUninit::uninit() };
         let mut windows = Windows::transformed(simd, &mut memory, input, cin, windows);
         for panel in panels(cout) {
             let bias = epilogue.bias.map(|bias| &bias[panel.first..][..panel.used]);
             let rows = &tiles.outputs[self.tiles.start * 4..self.tiles.end * 4];
-            let columns = panel.first..panel.first + panel.width;
-            let to = (&mut *self.output, self.first, cout);
-            windows.panel(simd, weights.panel(panel), (bias, floor), rows, columns, to);
+            let mut to = Output {
+                values: &mut *self.output,
+                first_row: self.first,
+                channels: cout,
+                columns: panel.first..panel.first + panel.width,
+                floor: epilogue.floor(),
+            };
+            windows.panel(simd, weights.panel(panel), bias, rows, &mut to);
         }
     }
 }

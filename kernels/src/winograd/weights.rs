@@ -1,7 +1,7 @@
 //! The weights of a layer, transformed once.
 
 use super::{PLACES, chunk_tiles};
-use crate::Weights;
+use crate::{Weights, simd::LINE};
 
 /// Transformed weights of a 3x3 layer, packed.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,7 +15,7 @@ impl WeightsWinograd {
     /// When `plain` has another length (a broken invariant, not data).
     pub fn pack(cin: usize, cout: usize, plain: &[f32]) -> Option<WeightsWinograd> {
         assert_eq!(plain.len(), 9 * cin * cout, "weights of 9 x {cin} x {cout}");
-        let fits = cin > 0 && cin.is_multiple_of(16) && cout.is_multiple_of(16);
+        let fits = cin > 0 && cin.is_multiple_of(LINE) && cout.is_multiple_of(LINE);
         if !fits || chunk_tiles(cin) == 0 {
             return None;
         }
