@@ -185,7 +185,7 @@ def main():
         "sparse": lambda: {"mluc": ours("sparse3d", "f32", 1), "spconv": Peer("spconv", 1)},
     }
     record = {
-        "what": "second: bird's-eye part (f32, bf16) and sparse part with index building (one thread), ms",
+        "what": "second: bird's-eye part (f32, bf16), sparse part with index building (one thread), ms; those under `summary`",
         "source": source,
         "threads": {"f32": threads, "bf16": threads, "sparse": 1},
         "rounds": options.rounds,
