@@ -88,6 +88,19 @@ impl Case {
         map
     }
 
+    /// With the best registers, bias and ReLU.
+    fn run(&self) -> Vec<f32> {
+        let mut output = self.blank();
+        convolve_winograd(
+            &self.input,
+            &self.tiles(),
+            &self.packed(),
+            self.epilogue(true),
+            &mut output,
+        );
+        output
+    }
+
     fn blank(&self) -> Vec<f32> {
         vec![7.0; self.shape[0] * self.shape[1] * self.cout]
     }
@@ -136,20 +149,7 @@ fn every_level_gives_the_direct_result_in_the_wanted_cells_and_writes_no_other()
 #[test]
 fn the_bits_do_not_depend_on_threads_nor_on_which_other_cells_are_wanted() {
     let mut case = Case::new([60, 44], 48, 96, 100);
-    let run = |case: &Case, threads| {
-        with_threads(threads, || {
-            let mut output = case.blank();
-            let epilogue = case.epilogue(true);
-            convolve_winograd(
-                &case.input,
-                &case.tiles(),
-                &case.packed(),
-                epilogue,
-                &mut output,
-            );
-            output
-        })
-    };
+    let run = |case: &Case, threads| with_threads(threads, || case.run());
     let all = run(&case, 1);
     assert!(run(&case, 2) == all && run(&case, 3) == all);
     case.cells.retain(|cell| cell % 7 < 3);
@@ -168,17 +168,7 @@ fn a_wall_along_a_row_of_an_empty_map_is_computed_wherever_it_lies() {
         let rows = walls.iter().flat_map(|row| row * 260..(row + 1) * 260);
         case.cells = rows.collect();
         let expected = case.expected(true);
-        let mut found = case.blank();
-        let epilogue = case.epilogue(true);
-        with_threads(2, || {
-            convolve_winograd(
-                &case.input,
-                &case.tiles(),
-                &case.packed(),
-                epilogue,
-                &mut found,
-            );
-        });
+        let found = with_threads(2, || case.run());
         assert_near(&found, &expected, 1e-5, &format!("walls {walls:?}"));
     }
 }
@@ -204,15 +194,7 @@ fn a_value_that_is_not_a_number_reaches_the_cells_that_read_it_and_no_other() {
     for (y, x) in [(0, 0), (1, 1), (2, 3), (3, 2), (6, 7)] {
         case.input.clone_from(&input);
         case.input[(y * 8 + x) * 16] = f32::NAN;
-        let mut output = case.blank();
-        let epilogue = case.epilogue(true);
-        convolve_winograd(
-            &case.input,
-            &case.tiles(),
-            &case.packed(),
-            epilogue,
-            &mut output,
-        );
+        let output = case.run();
         for (cell, row) in output.chunks_exact(16).enumerate() {
             let reads = (cell / 8).abs_diff(y) <= 1 && (cell % 8).abs_diff(x) <= 1;
             assert!(
