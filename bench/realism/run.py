@@ -211,10 +211,14 @@ def table_of_figures(results, seed):
             cells.append(f"{found['pooled ' + overlap][c]:.1f} ± {statistics.stdev(found['draws'][draws]):.1f}")
         cells += [f"{found['simulated'][c]:.1f}" for c in CLASSES]
         lines.append("| " + " | ".join([called(row), *cells]) + " |")
-    for row, before in [*zip(rows[1:], rows), *([(rows[-1], rows[0])] if len(rows) > 2 else [])]:
+    names = list(ROWS)
+    pairs = {f"{row} against {before}": (row, before) for before, row in zip(names, names[1:])} | {"all against plain": (names[-1], names[0])}
+    for name, (row, before) in pairs.items():
+        if row not in rows or before not in rows:
+            continue
         here, there = results[row][seed]["draws"], results[before][seed]["draws"]
         cells = [spread([a - b for a, b in zip(here[draws], there[draws])]) for draws in COLUMNS.values()]
-        lines.append("| " + " | ".join([f"{row} against {before}", *cells, *([""] * len(CLASSES))]) + " |")
+        lines.append("| " + " | ".join([name, *cells, *([""] * len(CLASSES))]) + " |")
     return "\n".join(lines) + "\n"
 
 
