@@ -70,25 +70,46 @@ impl Tile for Convolve<'_> {
                 for r in 0..R {
                     inputs[r] = self.input.add((*pairs.add(r)).input as usize * self.cin);
                 }
-                for c in 0..self.cin {
-                    let mut w = [simd.splat(0.0); V];
-                    for v in 0..V {
-                        w[v] = simd.load(weights.add(v * S::LANES));
-                    }
-                    for r in 0..R {
-                        let x = simd.splat(*inputs[r].add(c));
-                        for v in 0..V {
-                            totals[r][v] = simd.fma(x, w[v], totals[r][v]);
-                        }
-                    }
-                    weights = weights.add(self.width);
-                }
+                multiply(simd, inputs, self.cin, weights, self.width, &mut totals);
+                weights = weights.add(self.cin * self.width);
             }
             for r in 0..R {
                 for v in 0..V {
                     simd.store(sums[r].add(v * S::LANES), totals[r][v]);
                 }
             }
+        }
+    }
+}
+
+/// `totals += inputs * weights`: rows of `cin` times `cin` rows of a matrix, of which V registers are used.
+///
+/// # Safety
+/// Each of `inputs` is valid for reads of `cin` values, and each of `cin` rows from `weights` on, `width` apart, for
+/// reads of V registers.
+#[inline(always)]
+pub(super) unsafe fn multiply<S: Simd, const R: usize, const V: usize>(
+    simd: S,
+    inputs: [*const f32; R],
+    cin: usize,
+    mut weights: *const f32,
+    width: usize,
+    totals: &mut [[S::Vector; V]; R],
+) {
+    // SAFETY: the caller vouches for both.
+    unsafe {
+        for c in 0..cin {
+            let mut w = [simd.splat(0.0); V];
+            for v in 0..V {
+                w[v] = simd.load(weights.add(v * S::LANES));
+            }
+            for r in 0..R {
+                let x = simd.splat(*inputs[r].add(c));
+                for v in 0..V {
+                    totals[r][v] = simd.fma(x, w[v], totals[r][v]);
+                }
+            }
+            weights = weights.add(width);
         }
     }
 }

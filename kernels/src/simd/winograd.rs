@@ -4,6 +4,7 @@ use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
 
 use super::{
     AlignedArray, LINE, Simd,
+    convolve_f32::multiply,
     cover::{Tile, cover},
 };
 use crate::{ABSENT, packed::clamp, weights::PANEL_MAX, winograd::PLACES};
@@ -284,22 +285,13 @@ impl Tile for Product {
     ) {
         // SAFETY: `Windows::multiply` has checked the lengths, the caller gives rows and columns inside.
         unsafe {
-            let windows = self.windows.add(row * self.cin);
-            let mut weights = self.weights.add(column);
-            let mut totals = [[simd.splat(0.0); V]; R];
-            for c in 0..self.cin {
-                let mut w = [simd.splat(0.0); V];
-                for v in 0..V {
-                    w[v] = simd.load(weights.add(v * S::LANES));
-                }
-                for r in 0..R {
-                    let x = simd.splat(*windows.add(r * self.cin + c));
-                    for v in 0..V {
-                        totals[r][v] = simd.fma(x, w[v], totals[r][v]);
-                    }
-                }
-                weights = weights.add(self.width);
+            let mut windows = [self.windows; R];
+            for r in 0..R {
+                windows[r] = self.windows.add((row + r) * self.cin);
             }
+            let mut totals = [[simd.splat(0.0); V]; R];
+            let weights = self.weights.add(column);
+            multiply(simd, windows, self.cin, weights, self.width, &mut totals);
             let sums = self.sums.add(row * self.width + column);
             for r in 0..R {
                 for v in 0..V {
