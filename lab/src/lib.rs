@@ -3,6 +3,7 @@
 pub mod dataset;
 pub mod evaluate;
 pub mod exchange;
+pub mod made_up;
 pub mod methods;
 pub mod pipeline;
 pub mod quantize;

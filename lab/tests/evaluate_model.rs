@@ -24,6 +24,7 @@ fn scans(folder: &Path, frames: u32) -> PathBuf {
         sequence: None,
         seed: 3,
         realism: Realism::FULL,
+        made_up: false,
         folder: root.clone(),
         threads: 0,
     };

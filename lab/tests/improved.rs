@@ -22,6 +22,7 @@ fn scans(folder: &Path) -> FrameSet {
         sequence: None,
         seed: 5,
         realism: Realism::FULL,
+        made_up: false,
         folder: folder.to_owned(),
         threads: 0,
     };

@@ -1,6 +1,6 @@
 //! `mluc-lab simulate`: writes a simulated data set.
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use mluc_lab::simulate::{ExportOptions, Family, Realism, Split, Step, export};
@@ -45,6 +45,10 @@ pub(crate) struct SimulateArguments {
         hide_possible_values = true
     )]
     without: Vec<StepName>,
+    /// Put objects among the known ones that are made up of them, resized and joined, labelled Made_up: what `improved` learns the unknown from. For
+    /// --split train alone.
+    #[arg(long)]
+    made_up: bool,
     /// Threads; 0 takes one per core.
     #[arg(long, default_value_t = 0)]
     threads: usize,
@@ -85,6 +89,9 @@ impl From<StepName> for Step {
 }
 
 pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
+    if arguments.made_up && !matches!(arguments.split, SplitName::Train) {
+        bail!("--made-up: expected --split train, found another one: unknown objects of val and test are real ones");
+    }
     let left_out: Vec<Step> = arguments.without.into_iter().map(Step::from).collect();
     let options = ExportOptions {
         family: match arguments.family {
@@ -100,6 +107,7 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
         sequence: arguments.sequence,
         seed: arguments.seed,
         realism: Realism::without(&left_out),
+        made_up: arguments.made_up,
         folder: arguments.out,
         threads: arguments.threads,
     };

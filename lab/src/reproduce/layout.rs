@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 /// ```text
 /// DATA/sim-udi/{train,val,test}          simulated scans
 /// DATA/sim-udi-supervised/train          with unknown classes, labelled
+/// DATA/sim-udi-made-up/train             with objects made up of known ones: what `improved` learns the unknown from
 /// RUNS/sim-udi/NETWORK[-sSEED]/          one run of the trainer: model.safetensors, checkpoint, log
 /// RUNS/sim-udi/evaluations/METHOD[-sSEED].json
 /// OUT/                                   the report
@@ -31,6 +32,11 @@ impl Layout {
     /// Folder of the supervised network's data: `train` below it.
     pub fn supervised_data_of(&self, setting: Setting) -> PathBuf {
         self.data.join(format!("{}-supervised", setting.name()))
+    }
+
+    /// Folder of the data with made-up objects: `train` below it.
+    pub fn made_up_data_of(&self, setting: Setting) -> PathBuf {
+        self.data.join(format!("{}-made-up", setting.name()))
     }
 
     /// Folder of a network's run.

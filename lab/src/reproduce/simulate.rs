@@ -12,14 +12,18 @@ const SEED: u64 = 1;
 /// seed, so that no layout and no object is in two data sets.
 const SUPERVISED_SEED: u64 = 101;
 
+/// Seed of the scans with made-up objects: training scans of known classes with other layouts.
+const MADE_UP_SEED: u64 = 201;
+
 /// A split to be simulated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
-    /// What it is for: train, supervised, val, test.
+    /// What it is for: train, supervised, made-up, val, test.
     pub name: &'static str,
     pub(super) family: Family,
     pub(super) split: Split,
     pub(super) seed: u64,
+    pub(super) made_up: bool,
     /// Frames.
     pub frames: u32,
     /// Where it goes.
@@ -27,7 +31,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// The splits of a setting: train, val, test, then the supervised network's.
+    /// The splits of a setting: train, val, test, then the supervised network's and that of `improved`.
     pub(super) fn all(layout: &Layout, setting: Setting, sizes: &super::Sizes) -> Vec<Simulation> {
         let Some(family) = setting.family() else {
             return Vec::new();
@@ -38,8 +42,19 @@ impl Simulation {
             family,
             split,
             seed,
+            made_up: false,
             frames,
             folder,
+        };
+        let made_up = Simulation {
+            made_up: true,
+            ..split(
+                "made-up",
+                Split::Train,
+                MADE_UP_SEED,
+                sizes.train_frames,
+                layout.made_up_data_of(setting).join("train"),
+            )
         };
         vec![
             split(
@@ -64,15 +79,17 @@ impl Simulation {
                 sizes.supervised_frames,
                 layout.supervised_data_of(setting).join("train"),
             ),
+            made_up,
         ]
     }
 
     /// The command that does the same.
     pub fn command(&self) -> String {
         format!(
-            "mluc-lab simulate --family {} --split {} --frames {} --seed {} --out {}",
+            "mluc-lab simulate --family {} --split {}{} --frames {} --seed {} --out {}",
             self.family.name(),
             self.split.name(),
+            if self.made_up { " --made-up" } else { "" },
             self.frames,
             self.seed,
             self.folder.display()
@@ -121,6 +138,7 @@ impl Simulation {
             sequence: None,
             seed: self.seed,
             realism: Realism::FULL,
+            made_up: self.made_up,
             folder: beside.clone(),
             threads: 0,
         };

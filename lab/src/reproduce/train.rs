@@ -50,15 +50,14 @@ impl Training {
             "sigmoid" | "improved" | "supervised" => sizes.longer_steps,
             _ => sizes.tuned_steps,
         };
-        let data = match network {
-            "supervised" => layout.supervised_data_of(setting),
-            _ => layout.data_of(setting),
+        // Recorded scans hold no made-up objects: there the trainer bends the points of known ones.
+        let is_simulated = setting.family().is_some();
+        let (data, has_val) = match network {
+            "supervised" => (layout.supervised_data_of(setting), false),
+            "improved" if is_simulated => (layout.made_up_data_of(setting), false),
+            _ => (layout.data_of(setting), true),
         };
-        // The supervised network's scans have no validation split of their own.
-        let validate_frames = match network {
-            "supervised" => 0,
-            _ => sizes.validate_frames,
-        };
+        let validate_frames = if has_val { sizes.validate_frames } else { 0 };
         let text = |path: &Path| path.display().to_string();
         let mut arguments: Vec<String> = [
             "train",

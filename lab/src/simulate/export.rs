@@ -37,6 +37,8 @@ pub struct ExportOptions {
     pub seed: u64,
     /// Steps towards recorded scans: all of them, unless what they are worth is measured.
     pub realism: Realism,
+    /// Whether objects that are made up of known ones stand among them, labelled `Made_up`: unknown objects to train on, without an unknown class.
+    pub made_up: bool,
     /// The folder to write into; made when missing, refused when it holds anything.
     pub folder: PathBuf,
     /// Threads; 0 takes one per core.
@@ -84,6 +86,7 @@ fn simulated(
         split: options.split,
         seed: options.seed,
         realism: options.realism,
+        made_up: options.made_up,
     };
     match options.sequence {
         None => turn(stream, index, None),

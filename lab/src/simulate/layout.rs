@@ -34,6 +34,8 @@ const EGO: Footprint = Footprint {
     yaw: 0.0,
     half: [3.5, 1.3],
 };
+/// Made-up objects of a frame that has some, at most: many more than there are unknown ones, so that each frame teaches more.
+const MADE_UP_MAX: usize = 4;
 const ATTEMPTS: usize = 48;
 const ATTEMPTS_PER_RANGE: usize = 16;
 
@@ -55,6 +57,9 @@ pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut D
     if split != Split::Train {
         let unknown = family.unknown_classes();
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
+    }
+    if stream.made_up {
+        wanted.resize(dice.whole(1, MADE_UP_MAX), Class::MadeUp);
     }
     let knowns = [Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck];
     wanted.extend((0..count).map(|_| knowns[dice.weighted(&weights)]));
@@ -177,6 +182,7 @@ impl Layout<'_> {
         }
         match class {
             Class::Pedestrian => self.pedestrian(range, dice),
+            Class::MadeUp if dice.chance(0.3) => self.pedestrian(range, dice),
             Class::Cyclist => self.cyclist(range, dice),
             _ => self.vehicle(class, range, dice),
         }
@@ -330,7 +336,7 @@ fn footprint(model: &Model, (x, y, yaw): Pose) -> Footprint {
 /// Distribution of the distance of KITTI's labels (percentiles of the public training labels), m.
 fn range_knots(class: Class) -> &'static [(f32, f32)] {
     match class {
-        Class::Car => &[
+        Class::Car | Class::MadeUp => &[
             (0.0, 3.5),
             (0.05, 7.7),
             (0.25, 18.1),

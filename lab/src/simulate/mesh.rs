@@ -267,6 +267,19 @@ impl Mesh {
         }
     }
 
+    /// Keeps the triangles whose middle is where `wanted` says, and of the vertices only what they need.
+    pub(crate) fn keep(&mut self, wanted: impl Fn(V3) -> bool) {
+        let mut kept = Mesh::default();
+        for (triangle, surface) in self.triangles.iter().zip(&self.surfaces) {
+            let corners = triangle.map(|i| self.vertices[i as usize]);
+            if wanted((corners[0] + corners[1] + corners[2]) / 3.0) {
+                let triangle = corners.map(|p| kept.vertex(p));
+                kept.face(triangle, *surface);
+            }
+        }
+        *self = kept;
+    }
+
     /// Pushes every vertex by up to `amount_m` along each axis, so that nothing is a perfect plane.
     pub(crate) fn roughen(&mut self, amount_m: f32, dice: &mut Dice) {
         for p in &mut self.vertices {

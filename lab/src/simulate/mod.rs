@@ -25,6 +25,7 @@ pub use export::{ExportOptions, export};
 pub use labels::{calibration, image_size};
 pub use realism::{Realism, Step};
 
+use crate::made_up::MADE_UP;
 use mluc_geometry::{Box3, CalibrationError};
 use random::Dice;
 
@@ -144,10 +145,12 @@ pub enum Class {
     GolfCart,
     /// Forklift.
     Forklift,
+    /// Made of known objects to stand for an unknown one: for training alone.
+    MadeUp,
 }
 
 impl Class {
-    /// All classes.
+    /// All classes of real things.
     pub const ALL: [Class; 7] = [
         Class::Car,
         Class::Van,
@@ -168,6 +171,7 @@ impl Class {
             Class::Cyclist => "Cyclist",
             Class::GolfCart => "Golf_cart",
             Class::Forklift => "Forklift",
+            Class::MadeUp => MADE_UP,
         }
     }
 
@@ -175,7 +179,7 @@ impl Class {
     fn placing_order(self) -> u8 {
         match self {
             Class::Truck => 0,
-            Class::Van | Class::GolfCart | Class::Forklift => 1,
+            Class::Van | Class::GolfCart | Class::Forklift | Class::MadeUp => 1,
             Class::Car => 3,
             Class::Cyclist | Class::Pedestrian => 2,
         }
@@ -234,6 +238,8 @@ struct Stream {
     split: Split,
     seed: u64,
     realism: Realism,
+    /// Whether made-up objects stand among the known ones.
+    made_up: bool,
 }
 
 impl Stream {
@@ -243,6 +249,7 @@ impl Stream {
             split,
             seed,
             realism: Realism::FULL,
+            made_up: false,
         }
     }
 }
@@ -293,6 +300,7 @@ fn turn(
         split,
         seed,
         realism,
+        ..
     } = stream;
     let key = random::hash(&[seed, family as u64, split as u64, u64::from(index)]);
     let ground = ground::Ground::draw(family, &mut Dice::new(&[key, 1]));

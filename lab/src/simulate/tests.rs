@@ -56,6 +56,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
             sequence: None,
             seed: 5,
             realism: Realism::FULL,
+            made_up: false,
             folder: folder.clone(),
             threads,
         };
@@ -87,6 +88,7 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
             sequence: None,
             seed: 5,
             realism: Realism::FULL,
+            made_up: false,
             folder: one,
             threads: 1,
         },
@@ -181,6 +183,7 @@ fn labels_read_back_within_a_centimetre() {
             sequence: None,
             seed: 9,
             realism: Realism::FULL,
+            made_up: false,
             folder: folder.clone(),
             threads: 1,
         };

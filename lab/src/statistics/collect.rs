@@ -142,6 +142,7 @@ mod tests {
             sequence: None,
             seed: 4,
             realism: Realism::FULL,
+            made_up: false,
             folder: folder.clone(),
             threads: 1,
         };

@@ -1,5 +1,5 @@
 //! Fits the layers that tell how much a cluster looks like something that drives or walks (`mluc_refiner::looks`) on the training
-//! split alone, where clusters on labelled objects of the known classes stand against clusters on nothing.
+//! split alone, where clusters on objects of the known classes, and on made-up ones among them, stand against clusters on nothing.
 //!
 //! Sizes are shaken while it is fitted, so that it learns bodies against walls and leaves rather than the sizes of the known
 //! classes. Extension of the paper.
@@ -73,16 +73,13 @@ fn examples(
             let smaller = area(&cluster.shape).min(area(bounds)).max(1e-9);
             intersection_bev_m2(&cluster.shape, bounds) / smaller
         };
-        let on = |known: bool| {
-            let objects = scene
-                .objects
-                .iter()
-                .filter(|o| o.trained_class().is_some() == known);
+        let on = |trained: bool| {
+            let objects = scene.objects.iter().filter(|o| o.is_trained() == trained);
             objects.map(|o| share(&o.bounds)).fold(0.0, f64::max)
         };
-        let (known, other) = (on(true), on(false));
-        let is_object = known > SHARE_ON;
-        let is_nothing = known < SHARE_OFF && other < SHARE_OFF;
+        let (trained, other) = (on(true), on(false));
+        let is_object = trained > SHARE_ON;
+        let is_nothing = trained < SHARE_OFF && other < SHARE_OFF;
         (is_object || is_nothing).then(|| (features(&cluster.measures), is_object))
     };
     Ok(found.clusters.iter().filter_map(example).collect())

@@ -9,21 +9,10 @@ use mluc_geometry::Box3;
 
 use super::database::{Database, Sample};
 use super::random::Random;
+use crate::made_up::{
+    CUT_CHANCE, CUT_LOW, CUT_SHARE, FACTORS, JOIN_CHANCE, has_known_size, has_road_size,
+};
 
-/// Factors of l, w, h, log-uniform: a guess that spans small carts and lorries.
-const FACTORS: [[f64; 2]; 3] = [[0.45, 2.4], [0.65, 1.6], [0.7, 2.0]];
-/// Smallest and largest l, w, h of anything on a road, m.
-const SIZES_M: [[f64; 2]; 3] = [[0.4, 14.0], [0.4, 3.2], [0.8, 4.2]];
-/// All three sizes within this factor of a class' mean: still an object of that class.
-const ALIKE_FACTOR: f64 = 1.25;
-/// Chance of a join, of a scaled object otherwise.
-const JOIN_CHANCE: f64 = 0.35;
-/// Chance of a cut.
-const CUT_CHANCE: f64 = 0.35;
-/// A cut takes this share of the height,
-const CUT_SHARE: [f64; 2] = [0.2, 0.45];
-/// and starts above this one.
-const CUT_LOW: f64 = 0.25;
 /// Parts are joined that look at the sensor under similar angles.
 const ANGLE_MAX_RAD: f64 = 0.5;
 /// Draws for a partner, and for an object in all.
@@ -159,16 +148,9 @@ fn attempt(database: &Database, classes_m: &[[f64; 3]], random: &mut Random) -> 
     if random.uniform(0.0, 1.0) < CUT_CHANCE {
         local.cut(random);
     }
-    let fits = local
-        .size_m
-        .iter()
-        .zip(SIZES_M)
-        .all(|(s, [low, high])| (low..=high).contains(s));
-    let known = classes_m.iter().any(|class| {
-        let factor = |i: usize| (local.size_m[i] / class[i]).ln().abs();
-        (0..3).all(|i| factor(i) < ALIKE_FACTOR.ln())
-    });
-    if !fits || known || local.points.len() < POINTS_MIN {
+    let size_m = local.size_m;
+    let fits = has_road_size(size_m) && !has_known_size(size_m, classes_m);
+    if !fits || local.points.len() < POINTS_MIN {
         return None;
     }
     let mean = (factors[0] * factors[1])
@@ -243,11 +225,8 @@ mod tests {
             };
             let inside = |p: &[f32; 4]| grown.contains([p[0], p[1], p[2]].map(f64::from));
             assert!(made.points.iter().all(inside), "{:?}", made.bounds);
-            for class in CLASSES_M {
-                let off =
-                    |i: usize| (made.bounds.size_m[i] / class[i]).ln().abs() / ALIKE_FACTOR.ln();
-                assert!((0..3).any(|i| off(i) >= 1.0), "{:?}", made.bounds.size_m);
-            }
+            let size_m = made.bounds.size_m;
+            assert!(!has_known_size(size_m, &CLASSES_M), "{size_m:?}");
             lengths.push(made.bounds.size_m[0]);
         }
         let most = lengths.iter().copied().fold(0.0, f64::max);

@@ -18,7 +18,7 @@ use super::loader::Preparer;
 use super::log::{Log, Progress};
 use super::losses::MetricSettings;
 use super::optimizer::Schedule;
-use super::settings::{Setting, Settings};
+use super::settings::{Kind, Setting, Settings};
 use super::source::{FolderSource, Source};
 use super::targets::Anchors;
 use super::trainer::Trainer;
@@ -53,7 +53,8 @@ impl Run {
         let folder = settings.data.join("train");
         let mut manifest = settings.manifest();
         let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
-        let source = FolderSource::new(Dataset::open(&folder)?, names);
+        let source = FolderSource::new(Dataset::open(&folder)?, names)
+            .with_made_up(settings.kind == Kind::Improved);
         for (class, mean) in manifest
             .classes
             .iter_mut()

@@ -5,6 +5,7 @@ use mluc_geometry::Box3;
 use super::error::TrainError;
 use super::scene::{Object, Scene};
 use crate::dataset::Dataset;
+use crate::made_up::MADE_UP;
 
 /// Where scenes come from.
 pub trait Source: Send + Sync {
@@ -19,6 +20,7 @@ pub trait Source: Send + Sync {
 pub struct FolderSource {
     dataset: Dataset,
     classes: Vec<String>,
+    takes_made_up: bool,
 }
 
 /// A label whose visibility is worse than this teaches nothing new about an object's looks.
@@ -27,7 +29,19 @@ const OCCLUDED_MAX: i32 = 2;
 impl FolderSource {
     /// `classes`: names of the known ones.
     pub fn new(dataset: Dataset, classes: Vec<String>) -> FolderSource {
-        FolderSource { dataset, classes }
+        FolderSource {
+            dataset,
+            classes,
+            takes_made_up: false,
+        }
+    }
+
+    /// Whether objects labelled as made up stand for the unknown; else they are of another kind, whose place is ignored.
+    pub fn with_made_up(self, takes_made_up: bool) -> FolderSource {
+        FolderSource {
+            takes_made_up,
+            ..self
+        }
     }
 
     fn class_of(&self, name: &str) -> Option<usize> {
@@ -58,7 +72,7 @@ impl FolderSource {
                 class: self.class_of(&label.class),
                 bounds,
                 points: 0,
-                made_up: false,
+                made_up: self.takes_made_up && label.class == MADE_UP,
             });
         }
         let mut points = self.dataset.scan(name)?;

@@ -1,4 +1,4 @@
-//! How large road users are. Extension of the paper.
+//! How large road users are, and what is too high for the ground it stands on. Extension of the paper.
 
 use mluc_geometry::Box3;
 use mluc_ipc_types::Fate;
@@ -18,6 +18,10 @@ pub struct HullSettings {
     pub width_m: [f64; 2],
     /// Lowest and highest, m: a child or a low cart; a truck. Kerbs are lower.
     pub height_m: [f64; 2],
+    /// Longest side of the ground under a post, m: what is higher than `post_height_m` on less ground than this is no road user.
+    pub post_side_m: f64,
+    /// Highest, m, that a road user with both sides shorter than `post_side_m` is: a tall person.
+    pub post_height_m: f64,
 }
 
 impl Default for HullSettings {
@@ -27,6 +31,8 @@ impl Default for HullSettings {
             length_m: [0.4, 14.0],
             width_m: [0.4, 3.2],
             height_m: [0.8, 4.2],
+            post_side_m: 1.2,
+            post_height_m: 2.0,
         }
     }
 }
@@ -41,8 +47,15 @@ impl HullSettings {
         match (is_over, is_under) {
             (true, _) => Some(Fate::Oversized),
             (_, true) => Some(Fate::Undersized),
+            _ if self.is_post(shape) => Some(Fate::Oversized),
             _ => None,
         }
+    }
+
+    /// Higher than a person, and no longer than one: a post, a sign, a trunk.
+    fn is_post(&self, shape: &Box3) -> bool {
+        let [length, width, height] = shape.size_m;
+        length.max(width) < self.post_side_m && height > self.post_height_m
     }
 }
 
@@ -60,5 +73,10 @@ mod tests {
         assert_eq!(of([15.0, 0.2, 2.0]), Some(Fate::Oversized));
         assert_eq!(of([0.5, 0.2, 2.0]), Some(Fate::Undersized));
         assert_eq!(of([4.0, 1.0, 0.3]), Some(Fate::Undersized));
+        assert_eq!(of([0.8, 0.9, 2.3]), Some(Fate::Oversized));
+        // A tall person, a person on a scooter, a forklift from its narrow side.
+        for size in [[0.6, 0.7, 1.95], [1.3, 0.6, 2.1], [0.5, 1.25, 2.2]] {
+            assert_eq!(of(size), None, "{size:?}");
+        }
     }
 }

@@ -219,8 +219,8 @@ impl Refiner {
         true
     }
 
-    /// Unknown objects that are smaller than a road user go, those that are larger stay behind all others, and the others' scores
-    /// are multiplied by their looks. A proposal that nobody refined says nothing of the object's size.
+    /// Unknown objects that are smaller than a road user go, those that are larger and posts stay behind all others, and the others'
+    /// scores are multiplied by their looks. A proposal that nobody refined says nothing of the object's size.
     fn judge_unknown(&mut self) {
         for draft in self.drafts.iter_mut().filter(|d| d.is_standing()) {
             let is_refined = draft.flags & Object::UNREFINED == 0;

@@ -7,6 +7,7 @@ mod car;
 mod cyclist;
 mod forklift;
 mod golf_cart;
+mod made_up;
 mod pedestrian;
 mod truck;
 mod vehicle;
@@ -69,6 +70,9 @@ impl Model {
 /// Builds one object of a class.
 pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut Dice) -> Model {
     let mut model = exact(class, dice, family);
+    if class == Class::MadeUp {
+        return model;
+    }
     if !realism.has(Step::Sizes) {
         let change = mean_size_m(class, family) / model.size_m();
         // Length and width of a person on foot are the step's, not the body's.
@@ -96,6 +100,8 @@ fn mean_size_m(class: Class, family: Family) -> V3 {
         (Class::Cyclist, _) => v(1.76, 0.6, 1.74),
         (Class::GolfCart, _) => v(2.8, 1.25, 1.88),
         (Class::Forklift, _) => v(3.4, 1.25, 2.2),
+        // Of every size on a road: about the middle.
+        (Class::MadeUp, _) => v(3.0, 1.4, 1.8),
     }
 }
 
@@ -109,6 +115,7 @@ fn exact(class: Class, dice: &mut Dice, family: Family) -> Model {
         Class::Cyclist => cyclist::cyclist(dice),
         Class::GolfCart => golf_cart::golf_cart(dice),
         Class::Forklift => forklift::forklift(dice),
+        Class::MadeUp => made_up::made_up(family, dice),
     }
 }
 
