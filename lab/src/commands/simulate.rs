@@ -90,7 +90,9 @@ impl From<StepName> for Step {
 
 pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
     if arguments.made_up && !matches!(arguments.split, SplitName::Train) {
-        bail!("--made-up: expected --split train, found another one: unknown objects of val and test are real ones");
+        bail!(
+            "--made-up: expected --split train, found another one: unknown objects of val and test are real ones"
+        );
     }
     let left_out: Vec<Step> = arguments.without.into_iter().map(Step::from).collect();
     let options = ExportOptions {

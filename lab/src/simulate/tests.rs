@@ -271,6 +271,26 @@ fn training_never_shows_an_unknown_class_and_validation_does() {
 }
 
 #[test]
+fn made_up_objects_are_labelled_and_bring_no_unknown_class() {
+    for family in [Family::SimUdi, Family::SimKitti] {
+        let stream = Stream {
+            made_up: true,
+            ..Stream::full(family, Split::Train, 1)
+        };
+        let frames = (0..4).map(|index| turn(stream, index, None).expect("a frame").0);
+        let objects: Vec<SimulatedObject> = frames.flat_map(|frame| frame.objects).collect();
+        let made_up = objects.iter().filter(|o| o.class == Class::MadeUp).count();
+        assert!((3..=16).contains(&made_up), "{family:?}: {made_up}");
+        assert!(objects.len() > 3 * made_up, "{family:?}: {}", objects.len());
+        let is_unknown = |o: &SimulatedObject| family.unknown_classes().contains(&o.class);
+        assert!(!objects.iter().any(is_unknown));
+        // Without the option there is none.
+        let usual = frame(family, Split::Train, 1, 0).expect("a frame");
+        assert!(usual.objects.iter().all(|o| o.class != Class::MadeUp));
+    }
+}
+
+#[test]
 fn objects_never_stand_in_each_other() {
     for index in 0..150 {
         let boxes: Vec<Box3> = objects_of(Family::SimUdi, Split::Val, index)

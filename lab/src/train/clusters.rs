@@ -18,11 +18,11 @@ use super::optimizer::{Adam, Schedule};
 use super::random::Random;
 use super::source::Source;
 
-const STEPS: u64 = 400;
+const STEPS: u64 = 1500;
 /// Clusters of a step.
 const BATCH: usize = 2048;
 /// Log of the factor by which sizes are shaken, standard deviation.
-const SHAKE: f64 = 0.3;
+const SHAKE: f64 = 0.1;
 /// Shares of a cluster that lie on a label: above the first it is that object, below the second nothing.
 const SHARE_ON: f64 = 0.3;
 const SHARE_OFF: f64 = 0.02;

@@ -92,3 +92,41 @@ impl Source for FolderSource {
         Ok(self.scene_with_visibility(number)?.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{ExportOptions, Family, Realism, Split, export};
+
+    #[test]
+    fn made_up_objects_stand_for_the_unknown_where_that_is_asked_for() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let options = ExportOptions {
+            family: Family::SimKitti,
+            split: Split::Train,
+            frames: 2,
+            sequence: None,
+            seed: 3,
+            realism: Realism::FULL,
+            made_up: true,
+            folder: folder.path().to_owned(),
+            threads: 1,
+        };
+        export(&options, || ()).expect("written");
+        let source = || {
+            let dataset = Dataset::open(folder.path()).expect("a data set");
+            FolderSource::new(dataset, vec!["car".into(), "pedestrian".into()])
+        };
+        let count = |source: FolderSource| {
+            let scenes = (0..2).map(|i| source.scene(i).expect("a scene"));
+            let objects: Vec<Object> = scenes.flat_map(|s| s.objects).collect();
+            let made_up: Vec<&Object> = objects.iter().filter(|o| o.made_up).collect();
+            assert!(made_up.iter().all(|o| o.class.is_none()));
+            let none = objects.iter().filter(|o| o.class.is_none()).count();
+            (made_up.len(), none)
+        };
+        let (made_up, none) = count(source().with_made_up(true));
+        assert!(made_up > 0 && none >= made_up);
+        assert_eq!(count(source()), (0, none));
+    }
+}

@@ -121,9 +121,8 @@ mod tests {
                 assert!(has_road_size(size_m), "{size_m:?}");
                 assert!(!has_known_size(size_m, &classes_m), "{size_m:?}");
                 assert!(model.low.z.abs() < 1e-3 && !model.mesh.triangles.is_empty());
-                let inside = |p: &V3| {
-                    p.cmpge(model.low - 1e-2).all() && p.cmple(model.high + 1e-2).all()
-                };
+                let inside =
+                    |p: &V3| p.cmpge(model.low - 1e-2).all() && p.cmple(model.high + 1e-2).all();
                 let mesh = &model.mesh;
                 let used = mesh.triangles.iter().flatten();
                 assert!(used.map(|i| &mesh.vertices[*i as usize]).all(inside));
