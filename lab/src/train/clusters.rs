@@ -1,5 +1,5 @@
 //! Fits the layers that tell how much a cluster looks like something that drives or walks (`mluc_refiner::looks`) on the training
-//! split alone, where clusters on objects of the known classes, and on made-up ones among them, stand against clusters on nothing.
+//! split alone, where clusters on labelled objects of the known classes stand against clusters on nothing.
 //!
 //! Sizes are shaken while it is fitted, so that it learns bodies against walls and leaves rather than the sizes of the known
 //! classes. Extension of the paper.
@@ -18,11 +18,11 @@ use super::optimizer::{Adam, Schedule};
 use super::random::Random;
 use super::source::Source;
 
-const STEPS: u64 = 1500;
+const STEPS: u64 = 400;
 /// Clusters of a step.
 const BATCH: usize = 2048;
 /// Log of the factor by which sizes are shaken, standard deviation.
-const SHAKE: f64 = 0.1;
+const SHAKE: f64 = 0.3;
 /// Shares of a cluster that lie on a label: above the first it is that object, below the second nothing.
 const SHARE_ON: f64 = 0.3;
 const SHARE_OFF: f64 = 0.02;
@@ -73,13 +73,16 @@ fn examples(
             let smaller = area(&cluster.shape).min(area(bounds)).max(1e-9);
             intersection_bev_m2(&cluster.shape, bounds) / smaller
         };
-        let on = |trained: bool| {
-            let objects = scene.objects.iter().filter(|o| o.is_trained() == trained);
+        let on = |known: bool| {
+            let objects = scene
+                .objects
+                .iter()
+                .filter(|o| o.trained_class().is_some() == known);
             objects.map(|o| share(&o.bounds)).fold(0.0, f64::max)
         };
-        let (trained, other) = (on(true), on(false));
-        let is_object = trained > SHARE_ON;
-        let is_nothing = trained < SHARE_OFF && other < SHARE_OFF;
+        let (known, other) = (on(true), on(false));
+        let is_object = known > SHARE_ON;
+        let is_nothing = known < SHARE_OFF && other < SHARE_OFF;
         (is_object || is_nothing).then(|| (features(&cluster.measures), is_object))
     };
     Ok(found.clusters.iter().filter_map(example).collect())

@@ -26,7 +26,7 @@ use super::validate::validate;
 use crate::dataset::Dataset;
 
 /// Frames that the judge of clusters is fitted on.
-const CLUSTER_FRAMES: usize = 1500;
+const CLUSTER_FRAMES: usize = 300;
 
 /// What a run tells while it goes on.
 pub enum Event<'a> {
