@@ -73,7 +73,7 @@ struct Choices {
     /// Weight of the loss that draws embeddings to their prototypes [default: 0, the paper has none; 0.1 for improved].
     #[arg(long)]
     variance_weight: Option<f32>,
-    /// Improved: made-up unknown objects pasted into a frame [default: 6].
+    /// Improved: made-up unknown objects pasted into a frame, beside those that the data holds (simulate --made-up) [default: 6].
     #[arg(long)]
     made_up: Option<usize>,
     /// Improved: weight of the loss that draws their embeddings to the centre [default: 0.5].

@@ -60,7 +60,7 @@ impl Size {
                 test_frames: 1000,
                 base_steps: if udi { 4000 } else { 4400 },
                 tuned_steps: 500,
-                longer_steps: 1000,
+                longer_steps: if udi { 1000 } else { 4000 },
                 batch: 2,
                 validate_frames: 60,
                 resamples: 500,

@@ -50,7 +50,7 @@ impl Training {
             "sigmoid" | "improved" | "supervised" => sizes.longer_steps,
             _ => sizes.tuned_steps,
         };
-        // Recorded scans hold no made-up objects: there the trainer bends the points of known ones.
+        // Recorded scans hold no made-up objects: there `improved` learns from pasted ones alone. Neither split has a `val` beside it.
         let is_simulated = setting.family().is_some();
         let (data, has_val) = match network {
             "supervised" => (layout.supervised_data_of(setting), false),

@@ -51,7 +51,7 @@ impl Drive {
                 let wanted = match object.class {
                     Class::Pedestrian => dice.range(0.6, 1.8),
                     Class::Cyclist => dice.range(2.0, 6.0),
-                    Class::GolfCart | Class::Forklift => dice.range(1.0, 5.0),
+                    Class::GolfCart | Class::Forklift | Class::MadeUp => dice.range(1.0, 5.0),
                     _ => dice.range(3.0, 14.0),
                 };
                 let moves = dice.chance(0.5);

@@ -47,6 +47,10 @@ pub struct ExportOptions {
 
 /// Writes a data set. `written` is called after each frame, from any thread.
 pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), SimulateError> {
+    if options.made_up && options.split != Split::Train {
+        let split = options.split.name();
+        return Err(SimulateError::MadeUpOutsideTraining { split });
+    }
     prepare(&options.folder)?;
     let calibration = calibration(options.family)?;
     let pool = rayon::ThreadPoolBuilder::new()

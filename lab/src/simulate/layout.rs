@@ -34,7 +34,7 @@ const EGO: Footprint = Footprint {
     yaw: 0.0,
     half: [3.5, 1.3],
 };
-/// Made-up objects of a frame that has some, at most: many more than there are unknown ones, so that each frame teaches more.
+/// Made-up objects of a frame, at most: many more than there are unknown ones, so that each frame teaches more.
 const MADE_UP_MAX: usize = 4;
 const ATTEMPTS: usize = 48;
 const ATTEMPTS_PER_RANGE: usize = 16;
@@ -59,7 +59,10 @@ pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut D
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
     }
     if stream.made_up {
-        wanted.resize(dice.whole(1, MADE_UP_MAX), Class::MadeUp);
+        wanted.extend(std::iter::repeat_n(
+            Class::MadeUp,
+            dice.whole(1, MADE_UP_MAX),
+        ));
     }
     let knowns = [Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck];
     wanted.extend((0..count).map(|_| knowns[dice.weighted(&weights)]));

@@ -61,6 +61,14 @@ pub enum SimulateError {
         /// Name of something in it.
         found: String,
     },
+    /// Made-up objects outside of training.
+    #[error(
+        "made-up objects: expected the split train, found {split}: its unknown objects are real ones"
+    )]
+    MadeUpOutsideTraining {
+        /// Which split was asked for.
+        split: &'static str,
+    },
     /// Threads cannot be started.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {
@@ -109,7 +117,7 @@ impl Family {
 /// Which part of a data set: splits never share a random stream, so no layout or object is in two of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Split {
-    /// For training: known classes alone.
+    /// For training: known classes alone, and made-up objects where they are asked for.
     Train,
     /// For choosing thresholds.
     Val,

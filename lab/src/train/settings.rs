@@ -74,7 +74,7 @@ impl Kind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Improvements {
-    /// Made-up unknown objects pasted into a frame, at most.
+    /// Made-up unknown objects pasted into a frame, at most; those that the data itself holds come on top.
     pub made_up: usize,
     /// Weight of the loss that draws their embeddings to the prototypes' centre.
     pub pull_weight: f32,
@@ -377,7 +377,8 @@ impl Settings {
             text += &format!(" network {}", self.kind.name());
         }
         if self.kind == Kind::Improved {
-            text += &format!(" {:?}", self.improvements);
+            let data = self.data.file_name().unwrap_or_default().display();
+            text += &format!(" {:?} data {data}", self.improvements);
         }
         if let Some(init) = &self.init {
             text += &format!(" init {}", init.display());

@@ -72,7 +72,7 @@ impl FolderSource {
                 class: self.class_of(&label.class),
                 bounds,
                 points: 0,
-                made_up: self.takes_made_up && label.class == MADE_UP,
+                made_up: self.takes_made_up && label.is(MADE_UP),
             });
         }
         let mut points = self.dataset.scan(name)?;

@@ -9,7 +9,7 @@ use crate::{Everything, HullSettings, Looks, RefinerError, Sensor, Settings};
 
 /// An object is on the cluster that shares most with it (intersection over the smaller area), from this on.
 const COVERED: f64 = 0.3;
-/// The looks of an object that is on no cluster or larger than a road user, and the least of any: it stays, behind all that look
+/// The looks of an object that is on no cluster, larger than a road user or a post, and the least of any: it stays, behind all that look
 /// like something.
 pub(crate) const LOOKS_LIKE_NOTHING: f32 = 0.05;
 /// Clusters that memory is made for, five times those of a real scan of 120,000 points.

@@ -75,6 +75,18 @@ impl Settings {
                 sizes(self.hull.height_m),
             ),
             (
+                "hull.post_side_m",
+                LENGTH,
+                self.hull.post_side_m,
+                length(self.hull.post_side_m),
+            ),
+            (
+                "hull.post_height_m",
+                LENGTH,
+                self.hull.post_height_m,
+                length(self.hull.post_height_m),
+            ),
+            (
                 "literal.neighbour_m",
                 LENGTH,
                 self.literal.neighbour_m,

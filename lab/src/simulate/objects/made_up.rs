@@ -7,7 +7,7 @@
 
 use super::super::mesh::{Mesh, V3, v};
 use super::super::random::Dice;
-use super::{ANNOTATION_MARGIN_M, Class, Family, Model, exact, mean_size_m};
+use super::{ANNOTATION_MARGIN_M, Class, Family, Model, Realism, Step, exact, mean_size_m};
 use crate::made_up::{
     CUT_CHANCE, CUT_LOW, CUT_SHARE, FACTORS, JOIN_CHANCE, has_known_size, has_road_size,
 };
@@ -15,38 +15,46 @@ use crate::made_up::{
 /// Draws for one object; the last is taken as it comes.
 const DRAWS: usize = 64;
 
-/// Builds one.
-pub(super) fn made_up(family: Family, dice: &mut Dice) -> Model {
-    let known = family.known_classes();
-    let classes_m: Vec<[f64; 3]> = known
+/// Builds one. What a vehicle is part of has a label that stands off, as vehicles do.
+pub(super) fn made_up(family: Family, realism: Realism, dice: &mut Dice) -> Model {
+    let classes_m: Vec<[f64; 3]> = family
+        .known_classes()
         .iter()
         .map(|class| size_of(mean_size_m(*class, family)))
         .collect();
-    let mut model = attempt(family, dice);
+    let mut bent = attempt(family, dice);
     for _ in 1..DRAWS {
-        let size_m = size_of(model.size_m());
+        let size_m = size_of(bent.model.size_m());
         if has_road_size(size_m) && !has_known_size(size_m, &classes_m) {
             break;
         }
-        model = attempt(family, dice);
+        bent = attempt(family, dice);
     }
-    if family == Family::SimKitti {
-        model.stand_off(ANNOTATION_MARGIN_M);
+    if bent.has_vehicle && family == Family::SimKitti && realism.has(Step::Sizes) {
+        bent.model.stand_off(ANNOTATION_MARGIN_M);
     }
-    model
+    bent.model
 }
 
 fn size_of(size_m: V3) -> [f64; 3] {
     [size_m.x, size_m.y, size_m.z].map(f64::from)
 }
 
-fn attempt(family: Family, dice: &mut Dice) -> Model {
-    let draw = |dice: &mut Dice| exact(known_class(family, dice), dice, family).mesh;
-    let mut mesh = draw(dice);
+struct Bent {
+    model: Model,
+    has_vehicle: bool,
+}
+
+fn attempt(family: Family, dice: &mut Dice) -> Bent {
+    let first = known_class(family, dice);
+    let mut mesh = body(first, family, dice);
+    let mut has_vehicle = is_vehicle(first);
     let factors = FACTORS.map(|[low, high]| dice.range(low.ln() as f32, high.ln() as f32));
     let mut factors = V3::from(factors.map(f32::exp));
     if dice.chance(JOIN_CHANCE as f32) {
-        mesh = join(mesh, draw(dice), dice.chance(0.5));
+        let second = known_class(family, dice);
+        has_vehicle |= is_vehicle(second);
+        mesh = join(mesh, body(second, family, dice), dice.chance(0.5));
         // A join is new by itself: scale it less.
         factors = V3::from([factors.x, factors.y, factors.z].map(f32::sqrt));
     }
@@ -56,13 +64,31 @@ fn attempt(family: Family, dice: &mut Dice) -> Model {
     }
     let (low, _) = mesh.bounds();
     mesh.map(|p| v(p.x, p.y, p.z - low.z));
-    Model::new(mesh, &Mesh::default())
+    Bent {
+        model: Model::new(mesh, &Mesh::default()),
+        has_vehicle,
+    }
+}
+
+/// What the label of a known object states the size of: without mirrors.
+fn body(class: Class, family: Family, dice: &mut Dice) -> Mesh {
+    let Model {
+        mut mesh,
+        low,
+        high,
+    } = exact(class, dice, family);
+    mesh.keep(|p| p.cmpge(low - 1e-3).all() && p.cmple(high + 1e-3).all());
+    mesh
+}
+
+fn is_vehicle(class: Class) -> bool {
+    matches!(class, Class::Car | Class::Truck)
 }
 
 /// Vehicles and people alike, though most known classes are people.
 fn known_class(family: Family, dice: &mut Dice) -> Class {
-    let is_vehicle = dice.chance(0.5);
-    let is_wanted = |c: &&Class| matches!(c, Class::Car | Class::Truck) == is_vehicle;
+    let wants_vehicle = dice.chance(0.5);
+    let is_wanted = |c: &&Class| is_vehicle(**c) == wants_vehicle;
     let known: Vec<&Class> = family.known_classes().iter().filter(is_wanted).collect();
     *known[dice.whole(0, known.len() - 1)]
 }
@@ -116,7 +142,7 @@ mod tests {
                 known.map(|c| size_of(mean_size_m(*c, family))).collect();
             let mut lengths = vec![];
             for i in 0..200 {
-                let model = made_up(family, &mut Dice::new(&[11, i]));
+                let model = made_up(family, Realism::FULL, &mut Dice::new(&[11, i]));
                 let size_m = size_of(model.size_m());
                 assert!(has_road_size(size_m), "{size_m:?}");
                 assert!(!has_known_size(size_m, &classes_m), "{size_m:?}");
@@ -132,6 +158,42 @@ mod tests {
             let least = lengths.iter().copied().fold(f64::MAX, f64::min);
             assert!(least < 0.7 && most > 6.0, "lengths {least} to {most} m");
         }
+    }
+
+    #[test]
+    fn a_body_has_the_size_of_its_label() {
+        for family in [Family::SimUdi, Family::SimKitti] {
+            for class in family.known_classes() {
+                for i in 0..20 {
+                    let dice = || Dice::new(&[6, i]);
+                    let label = exact(*class, &mut dice(), family).size_m();
+                    let (low, high) = body(*class, family, &mut dice()).bounds();
+                    let off = (high - low - label).abs().max_element();
+                    assert!(off < 0.05, "{class:?}: {} for {label}", high - low);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn labels_stand_off_where_a_vehicle_is_part_of_it_and_sizes_are_real() {
+        let gap = |realism: Realism, i: u64| {
+            let model = made_up(Family::SimKitti, realism, &mut Dice::new(&[12, i]));
+            let (low, high) = model.mesh.bounds();
+            (model.size_m() - (high - low)).x / 2.0
+        };
+        let plain = Realism::without(&[Step::Sizes]);
+        let full: Vec<f32> = (0..40).map(|i| gap(Realism::FULL, i)).collect();
+        let stand_off = full
+            .iter()
+            .filter(|g| (**g - ANNOTATION_MARGIN_M).abs() < 1e-2)
+            .count();
+        let exact = full.iter().filter(|g| g.abs() < 1e-3).count();
+        assert!(
+            stand_off > 10 && exact > 5 && stand_off + exact == 40,
+            "{full:?}"
+        );
+        assert!((0..40).all(|i| gap(plain, i).abs() < 1e-3));
     }
 
     #[test]

@@ -69,10 +69,10 @@ impl Model {
 
 /// Builds one object of a class.
 pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut Dice) -> Model {
-    let mut model = exact(class, dice, family);
     if class == Class::MadeUp {
-        return model;
+        return made_up::made_up(family, realism, dice);
     }
+    let mut model = exact(class, dice, family);
     if !realism.has(Step::Sizes) {
         let change = mean_size_m(class, family) / model.size_m();
         // Length and width of a person on foot are the step's, not the body's.
@@ -115,7 +115,7 @@ fn exact(class: Class, dice: &mut Dice, family: Family) -> Model {
         Class::Cyclist => cyclist::cyclist(dice),
         Class::GolfCart => golf_cart::golf_cart(dice),
         Class::Forklift => forklift::forklift(dice),
-        Class::MadeUp => made_up::made_up(family, dice),
+        Class::MadeUp => made_up::made_up(family, Realism::without(&Step::ALL), dice),
     }
 }
 
