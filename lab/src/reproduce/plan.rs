@@ -190,6 +190,31 @@ mod tests {
     }
 
     #[test]
+    fn improved_learns_from_scans_with_made_up_objects() {
+        let steps = plan(1).steps;
+        let made: Vec<&Simulation> = steps
+            .iter()
+            .filter_map(|step| match &step.work {
+                Work::Simulate(s) if s.command().contains(" --made-up ") => Some(s),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(made.len(), 2);
+        let learning: Vec<String> = steps
+            .iter()
+            .filter_map(|step| match &step.work {
+                Work::Train(t) if t.network == "improved" => Some(t.command()),
+                _ => None,
+            })
+            .collect();
+        for (simulation, command) in made.iter().zip(&learning) {
+            let data = simulation.folder.parent().expect("a data set").display();
+            assert!(command.contains(&format!("--data {data} ")), "{command}");
+        }
+        assert_eq!(learning.len(), 2);
+    }
+
+    #[test]
     fn every_row_is_evaluated_once() {
         let plan = plan(1);
         let evaluated: Vec<&str> = plan

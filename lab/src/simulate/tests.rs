@@ -284,6 +284,26 @@ fn made_up_objects_are_labelled_and_bring_no_unknown_class() {
         assert!(objects.len() > 3 * made_up, "{family:?}: {}", objects.len());
         let is_unknown = |o: &SimulatedObject| family.unknown_classes().contains(&o.class);
         assert!(!objects.iter().any(is_unknown));
+        // Nor outside of training.
+        let folder = tempfile::tempdir().expect("a folder");
+        let options = ExportOptions {
+            family,
+            split: Split::Val,
+            frames: 1,
+            sequence: None,
+            seed: 1,
+            realism: Realism::FULL,
+            made_up: true,
+            folder: folder.path().join("val"),
+            threads: 1,
+        };
+        let fault = export(&options, || ()).expect_err("real unknown objects");
+        assert!(
+            fault
+                .to_string()
+                .contains("expected the split train, found val"),
+            "{fault}"
+        );
         // Without the option there is none.
         let usual = frame(family, Split::Train, 1, 0).expect("a frame");
         assert!(usual.objects.iter().all(|o| o.class != Class::MadeUp));

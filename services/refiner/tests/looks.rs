@@ -126,6 +126,52 @@ fn each_can_be_had_alone_and_neither_in_the_papers_modes() {
 }
 
 #[test]
+fn a_thing_too_high_for_its_ground_stays_behind_all_others() {
+    let boxes = [
+        standing(10.0, 5.0, [2.6, 1.3, 1.9], 0.4),
+        standing(9.0, -4.0, [0.8, 0.8, 2.4], 0.2),
+    ];
+    let candidates: Vec<Detection> = boxes
+        .iter()
+        .map(|b| candidate(b, [0.1, 0.1], 8.0))
+        .collect();
+    let points = scan(&boxes);
+    let scores = |hull: HullSettings, looks: Option<Looks>| {
+        let settings = Settings {
+            hull,
+            ..Settings::default()
+        };
+        let mut refiner = Refiner::with_looks(settings, &sensor(), looks).expect("settings");
+        let mut out = Refined::default();
+        refiner.refine(7, &points, &candidates, &mut out);
+        assert_eq!(fates(&out), [Fate::Published; 2]);
+        [0, 1].map(|i: usize| out.objects[i].score)
+    };
+    let sized = HullSettings {
+        applies: Some(true),
+        ..HullSettings::default()
+    };
+    let tall_posts = HullSettings {
+        post_height_m: 3.0,
+        ..sized.clone()
+    };
+    let plain = scores(tall_posts.clone(), None);
+    assert_eq!(scores(sized.clone(), None), [plain[0], plain[1] * 0.05]);
+    let judged = scores(sized, Some(tall_ones()));
+    assert!(judged[0] > 0.99 * plain[0] && judged[1] <= 0.051 * plain[1]);
+    assert!(scores(tall_posts, Some(tall_ones()))[1] > 0.9 * plain[1]);
+    let wrong = Settings {
+        hull: HullSettings {
+            post_side_m: f64::NAN,
+            ..HullSettings::default()
+        },
+        ..Settings::default()
+    };
+    let fault = Refiner::new(wrong, &sensor()).expect_err("not a length");
+    assert!(fault.to_string().contains("hull.post_side_m"), "{fault}");
+}
+
+#[test]
 fn what_there_was_no_time_to_judge_is_published_flagged() {
     let (points, detections) = scene();
     let mut refiner =
