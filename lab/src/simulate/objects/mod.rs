@@ -100,7 +100,7 @@ fn mean_size_m(class: Class, family: Family) -> V3 {
         (Class::Cyclist, _) => v(1.76, 0.6, 1.74),
         (Class::GolfCart, _) => v(2.8, 1.25, 1.88),
         (Class::Forklift, _) => v(3.4, 1.25, 2.2),
-        // Of every size on a road: about the middle.
+        // Has no mean of its own: asked for by nobody.
         (Class::MadeUp, _) => v(3.0, 1.4, 1.8),
     }
 }
