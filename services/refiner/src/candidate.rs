@@ -9,6 +9,7 @@ use crate::draft::Draft;
 use crate::fit::{ClusterPoints, Fitter, Rectangle, footprint};
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
+use crate::inside::Inside;
 use crate::neighbourhood::{Gather, Neighbourhood};
 use crate::recipe::{Recipe, SeedRule, clusterer};
 use crate::refined::Counters;
@@ -24,6 +25,9 @@ const WORK_PER_GROWTH: u64 = 6;
 /// No other seed is tried where the last one was as dear as a whole scan.
 const WORK_PER_SEED_MAX: u64 = 131_072;
 const WORK_PER_SHAPE: u64 = 12;
+/// A cluster with less than one in so many of the points in the proposal's box is not what was detected there: it may be a few
+/// returns from within a van, and the van's body lies around them.
+const SPARSE_BELOW: usize = 10;
 
 /// Refines candidate after candidate; holds what they share.
 #[derive(Debug)]
@@ -47,6 +51,25 @@ pub(crate) struct Candidates {
     ascending: Ascending,
     /// Work of the candidate at hand.
     work: u64,
+}
+
+/// Where a candidate is refined.
+struct Scene<'a> {
+    sequence: u64,
+    frame: &'a FrameIndex,
+    /// Of each point of the scan whether a known object owns it; empty: none does.
+    is_known: &'a [bool],
+    ground: &'a GroundPlane,
+}
+
+/// A cluster's beginning.
+#[derive(Clone, Copy, Debug, Default)]
+struct Grown {
+    /// Of the seed among the points around it, m.
+    seed_m: [f32; 2],
+    is_thinned: bool,
+    /// Points around the seed that lie in the proposal's box.
+    in_proposal: usize,
 }
 
 impl Candidates {
@@ -91,46 +114,20 @@ impl Candidates {
             return;
         };
         let ground = self.ground_under(frame, recipe, &draft.shape);
-        let key = (sequence, draft.detection as u64);
-        let (mut seed_m, mut is_thinned) = ([0.0; 2], false);
         self.work = WORK_PER_CANDIDATE;
         self.tried.clear();
         self.members.clear();
         self.cluster.clear();
-        for _ in 0..recipe.seeds {
-            let work = &mut self.work;
-            let seek = Seek {
-                frame,
-                candidate: &draft.shape,
-                ground: &ground,
-                height_m: [self.ground.clearance_m, recipe.height_max_m],
-                tried: &self.tried,
-                is_known: if recipe.keeps_known_apart {
-                    is_known
-                } else {
-                    &[]
-                },
-            };
-            let Some(seed) = (match recipe.seed {
-                SeedRule::RandomInside => seek.random_inside(key, &mut self.inside, work),
-                SeedRule::NearestToCenter => seek.nearest_to_center(work),
-            }) else {
-                break;
-            };
-            let seed = self.gather(frame, recipe, &*clusterer, &seed, &ground, is_known);
-            self.work += self.around.looked_at;
-            is_thinned |= self.around.thinned;
-            seed_m = [self.around.x_m[seed], self.around.y_m[seed]];
-            self.grow(recipe, &mut *clusterer, seed);
-            if self.members.len() >= recipe.points_min || self.work > WORK_PER_SEED_MAX {
-                break;
-            }
-            let index = |&m: &u32| self.around.index[m as usize];
-            self.tried.extend(self.members.iter().map(index));
-        }
+        let on = Scene {
+            sequence,
+            frame,
+            is_known,
+            ground: &ground,
+        };
+        let grown = self.search(&on, recipe, &mut *clusterer, draft);
         self.clusterer = Some(clusterer);
-        self.shape(recipe, &ground, seed_m, draft);
-        if is_thinned {
+        self.shape(recipe, &ground, grown.seed_m, draft);
+        if grown.is_thinned {
             draft.flags |= Object::THINNED;
             counters.thinned += 1;
         }
@@ -150,15 +147,78 @@ impl Candidates {
         }
     }
 
-    fn gather(
+    /// Grows a cluster from seed after seed until one is large enough; of others the largest is taken.
+    fn search(
         &mut self,
-        frame: &FrameIndex,
+        on: &Scene,
         recipe: &Recipe,
-        clusterer: &dyn Clusterer,
+        clusterer: &mut dyn Clusterer,
+        draft: &Draft,
+    ) -> Grown {
+        let proposal = Inside::of(&draft.shape, 0.0);
+        let (mut grown, mut is_thinned) = (Grown::default(), false);
+        let mut largest: Option<(usize, IndexedPoint)> = None;
+        for _ in 0..recipe.seeds {
+            let Some(seed) = self.next_seed(on, recipe, draft) else {
+                break;
+            };
+            grown = self.grow_from(&seed, on, recipe, clusterer, &proposal);
+            is_thinned |= grown.is_thinned;
+            let found = self.members.len();
+            let is_sparse = found * SPARSE_BELOW < grown.in_proposal;
+            let is_enough = found >= recipe.points_min && !is_sparse;
+            if is_enough || self.work > WORK_PER_SEED_MAX {
+                largest = None;
+                break;
+            }
+            if largest.is_none_or(|(most, _)| found > most) {
+                largest = Some((found, seed));
+            }
+            let index = |&m: &u32| self.around.index[m as usize];
+            self.tried.extend(self.members.iter().map(index));
+        }
+        if let Some((most, seed)) = largest
+            && most >= recipe.points_min
+            && most > self.members.len()
+        {
+            grown = self.grow_from(&seed, on, recipe, clusterer, &proposal);
+        }
+        Grown {
+            is_thinned,
+            ..grown
+        }
+    }
+
+    /// Where to begin, past what was tried.
+    fn next_seed(&mut self, on: &Scene, recipe: &Recipe, draft: &Draft) -> Option<IndexedPoint> {
+        let seek = Seek {
+            frame: on.frame,
+            candidate: &draft.shape,
+            ground: on.ground,
+            height_m: [self.ground.clearance_m, recipe.height_max_m],
+            tried: &self.tried,
+            is_known: if recipe.keeps_known_apart {
+                on.is_known
+            } else {
+                &[]
+            },
+        };
+        let (key, work) = ((on.sequence, draft.detection as u64), &mut self.work);
+        match recipe.seed {
+            SeedRule::RandomInside => seek.random_inside(key, &mut self.inside, work),
+            SeedRule::NearestToCenter => seek.nearest_to_center(work),
+        }
+    }
+
+    /// Gathers the points around a seed and grows its cluster among them.
+    fn grow_from(
+        &mut self,
         seed: &IndexedPoint,
-        ground: &GroundPlane,
-        is_known: &[bool],
-    ) -> usize {
+        on: &Scene,
+        recipe: &Recipe,
+        clusterer: &mut dyn Clusterer,
+        proposal: &Inside,
+    ) -> Grown {
         let height_min_m = match clusterer.sees_ground() {
             true => f64::NEG_INFINITY,
             false => self.ground.clearance_m,
@@ -168,7 +228,20 @@ impl Candidates {
             height_m: [height_min_m, recipe.height_max_m],
             points_max: self.points_max,
         };
-        self.around.gather(frame, seed, ground, &wanted, is_known)
+        let around = &mut self.around;
+        let seed = around.gather(on.frame, seed, on.ground, &wanted, on.is_known);
+        self.work += around.looked_at;
+        let grown = Grown {
+            seed_m: [around.x_m[seed], around.y_m[seed]],
+            is_thinned: around.thinned,
+            // One seed is taken as it comes.
+            in_proposal: match recipe.seeds {
+                1 => 0,
+                _ => around.count_within(proposal),
+            },
+        };
+        self.grow(recipe, clusterer, seed);
+        grown
     }
 
     /// Grows the cluster, and again with a shorter reach while it is larger than a road user. Part of it is taken when

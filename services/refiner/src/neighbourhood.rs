@@ -2,6 +2,7 @@
 
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
+use crate::inside::Inside;
 
 /// Points within a cylinder around a seed. Columns of equal length.
 #[derive(Debug, Default)]
@@ -66,6 +67,14 @@ impl Neighbourhood {
             self.origin_m[1] + f64::from(self.y_m[point]),
             f64::from(self.z_m[point]),
         ]
+    }
+
+    /// Points in a box that no known object owns.
+    pub(crate) fn count_within(&self, shape: &Inside) -> usize {
+        let is_within = |&point: &usize| {
+            !self.is_known[point] && shape.contains(self.in_sensor_m(point).map(|c| c as f32))
+        };
+        (0..self.len()).filter(is_within).count()
     }
 
     /// Fills the columns with the points around a seed, and says where the seed is among them.

@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{box_of, candidate, known, refine, scan, standing};
+use common::{box_of, candidate, known, point, refine, scan, standing};
 use mluc_geometry::{Box3, iou_3d};
-use mluc_ipc_types::{Fate, Object};
+use mluc_ipc_types::{Detection, Fate, Object};
 use mluc_refiner::Mode;
 
 const CART: [f64; 3] = [2.6, 1.25, 1.85];
@@ -65,6 +65,30 @@ fn from_its_rear_face_alone_a_cart_is_completed() {
     let completed = iou_of(Mode::Distance);
     assert!(tight < 0.15, "as thin as paper: {tight}");
     assert!(completed > 0.3, "{completed}");
+}
+
+/// Through a rear window a few returns come from within: they lie nearest the proposal's centre, and are not the van.
+#[test]
+fn returns_from_within_a_van_are_not_taken_for_it() {
+    let van = standing(14.0, 3.0, [5.0, 1.9, 2.2], 0.3);
+    let mut points = scan(&[van]);
+    let [x, y, z] = van.center_m;
+    let within = (0..12).map(|i| {
+        let step = f64::from(i % 4) * 0.08;
+        point([x + step, y, z + f64::from(i / 4) * 0.1])
+    });
+    points.extend(within);
+    let proposal = Detection {
+        size_m: van.size_m.map(|s| s as f32 + 0.1),
+        yaw_rad: van.yaw_rad as f32,
+        ..candidate(&van, [0.0, 0.0], 1.0)
+    };
+    for mode in [Mode::Distance, Mode::Euclidean, Mode::Dbscan] {
+        let out = refine(mode, &points, &[proposal]);
+        let found = box_of(&out.objects[0]);
+        let iou = iou_3d(&found, &van);
+        assert!(iou > 0.5, "{mode:?}: {iou} {found:?}");
+    }
 }
 
 #[test]
