@@ -94,6 +94,36 @@ fn class_names(model: &Model) -> Vec<String> {
 }
 
 #[test]
+fn boxes_that_touch_no_label_are_the_background() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = scans(folder.path(), 12);
+    let model = Model::read(&model_file(folder.path())).expect("a model");
+    let set = FrameSet::open(&root, Some("val"), usize::MAX).expect("frames");
+    let dataset = Dataset::open(&root).expect("scans");
+    let mut frames = made_up(&set, &dataset, &class_names(&model));
+    let (settings, policy) = (Settings::default(), NeighbourPolicy::Official);
+    let of_e = |frames: &[DetectedFrame]| {
+        let unknown = unknown_classes("udi");
+        let judged = judge(&model, &set, frames, &unknown, policy, &settings).expect("judged");
+        judged.separation[0].clone()
+    };
+    let before = of_e(&frames);
+    assert_eq!((before.background, before.auroc_background), (0, None));
+    // One between the prototypes and one far beyond them, high above the ground.
+    for frame in &mut frames {
+        let above = Box3::new([20.0, 0.0, 40.0, 2.0, 1.0, 1.5, 0.0]);
+        let boxes = [1.0, 3.0].map(|e| detection(&above, 0, 0.2, e));
+        frame.detections.extend(boxes);
+    }
+    let e = of_e(&frames);
+    assert_eq!((e.background, e.auroc_background), (24, Some(0.5)));
+    assert_eq!(
+        (e.auroc, e.known, e.unknown),
+        (before.auroc, before.known, before.unknown)
+    );
+}
+
+#[test]
 fn without_the_gate_the_objects_are_the_detections() {
     let folder = tempfile::tempdir().expect("a folder");
     let root = scans(folder.path(), 2);

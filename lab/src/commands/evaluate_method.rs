@@ -58,11 +58,11 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     writeln!(out, "{}: {}", arguments.model.display(), set.describe())?;
     for s in separation(&frames, &rules) {
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{:.1}", 100.0 * v));
-        let (auroc, fpr) = (percent(s.auroc), percent(s.fpr95));
+        let [auroc, fpr, background] = [s.auroc, s.fpr95, s.auroc_background].map(percent);
         writeln!(
             out,
-            "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5} ({} known, {} unknown)",
-            s.score, s.known, s.unknown
+            "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5}, against background AUROC {background:>5} ({} known, {} unknown, {} background)",
+            s.score, s.known, s.unknown, s.background
         )?;
     }
     writeln!(out, "{:28} {}", "method", HEADER)?;

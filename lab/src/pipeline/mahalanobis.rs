@@ -3,7 +3,7 @@
 //! Both come from the boxes on known labels in the other half of the frames (even against odd), so that no box is compared with
 //! itself, and no training data is needed.
 
-use super::separation::LabelledBox;
+use super::separation::JudgedBox;
 use crate::evaluate::Kind;
 use mluc_ipc_types::CLASSES_MAX;
 
@@ -14,12 +14,13 @@ type Vector = [f64; CLASSES_MAX];
 type Matrix = [Vector; CLASSES_MAX];
 
 /// The least squared distance of each box to a class.
-pub(super) fn mahalanobis(boxes: &[LabelledBox]) -> Vec<f64> {
+pub(super) fn mahalanobis(boxes: &[JudgedBox]) -> Vec<f64> {
     let fits = [0, 1].map(|half| {
-        let other = boxes
-            .iter()
-            .filter(|b| b.frame % 2 != half && b.rule.kind == Kind::Known);
-        Fit::of(other.map(|b| (b.rule.name.as_str(), embedding(b))))
+        let known = boxes.iter().filter_map(|b| {
+            let rule = b.rule.filter(|rule| rule.kind == Kind::Known)?;
+            (b.frame % 2 != half).then(|| (rule.name.as_str(), embedding(b)))
+        });
+        Fit::of(known)
     });
     boxes
         .iter()
@@ -27,7 +28,7 @@ pub(super) fn mahalanobis(boxes: &[LabelledBox]) -> Vec<f64> {
         .collect()
 }
 
-fn embedding(labelled: &LabelledBox) -> Vector {
+fn embedding(labelled: &JudgedBox) -> Vector {
     labelled.detection.embedding.map(f64::from)
 }
 

@@ -1,4 +1,4 @@
-//! How well each score of a kept box tells unknown from known objects, whatever the threshold.
+//! How well each score of a kept box tells unknown objects from known ones, and from background, whatever the threshold.
 
 use super::DetectedFrame;
 use super::mahalanobis::mahalanobis;
@@ -22,7 +22,7 @@ const SCORES: [Score; 6] = [
     ("energy", |d| -d.energy),
 ];
 
-/// Figures of one score over the boxes that lie on a label.
+/// Figures of one score over the boxes that lie on a label, and over those that touch none.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ScoreSeparation {
     /// `e` (normalised EDS), `e_perp`, `delta`, `msp` (largest probability), `max_logit`, `energy`, `mahalanobis`.
@@ -31,36 +31,43 @@ pub struct ScoreSeparation {
     pub auroc: Option<f64>,
     /// Part of the known called unknown where 95 % of the unknown are, 0..1.
     pub fpr95: Option<f64>,
+    /// Chance that an unknown object's box looks more unknown than one that touches no label, 0..1: the gate and the paper's
+    /// ranking rest on the former figure, AP of the unknown on this one.
+    pub auroc_background: Option<f64>,
     /// Boxes on known labels.
     pub known: usize,
     /// Boxes on unknown labels.
     pub unknown: usize,
+    /// Boxes that touch no label.
+    pub background: usize,
 }
 
 /// The figures of every score. A label that counts at moderate takes the box of the highest objectness that overlaps it
 /// by more than its rule asks, whatever the box's class; a box serves one label.
 pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSeparation> {
-    let boxes: Vec<LabelledBox> = frames
+    let boxes: Vec<JudgedBox> = frames
         .iter()
         .enumerate()
-        .flat_map(|(frame, detected)| boxes_on_labels(frame, detected, rules))
+        .flat_map(|(frame, detected)| judged_boxes(frame, detected, rules))
         .collect();
     let distances = mahalanobis(&boxes);
     let figures = |score: &'static str, values: Vec<f64>| {
-        let pairs = || boxes.iter().zip(&values);
-        let side = |kind: Kind| -> Vec<f64> {
-            pairs()
-                .filter(|(b, _)| b.rule.kind == kind)
+        let side = |kind: Option<Kind>| -> Vec<f64> {
+            let pairs = boxes.iter().zip(&values);
+            pairs
+                .filter(|(b, _)| b.rule.map(|rule| rule.kind) == kind)
                 .map(|(_, v)| *v)
                 .collect()
         };
-        let (k, u) = (side(Kind::Known), side(Kind::Unknown));
+        let [k, u, b] = [Some(Kind::Known), Some(Kind::Unknown), None].map(side);
         ScoreSeparation {
             score,
             auroc: auroc(&k, &u),
             fpr95: fpr95(&k, &u),
+            auroc_background: auroc(&b, &u),
             known: k.len(),
             unknown: u.len(),
+            background: b.len(),
         }
     };
     let plain = SCORES.iter().map(|&(score, of)| {
@@ -74,18 +81,19 @@ pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSep
     all
 }
 
-/// A box on a label that counts.
-pub(super) struct LabelledBox<'a> {
+/// A box on a label that counts, or on nothing.
+pub(super) struct JudgedBox<'a> {
     pub(super) frame: usize,
     pub(super) detection: &'a Detection,
-    pub(super) rule: &'a ClassRule,
+    /// Of its label; none: it touches no label at all.
+    pub(super) rule: Option<&'a ClassRule>,
 }
 
-fn boxes_on_labels<'a>(
+fn judged_boxes<'a>(
     number: usize,
     frame: &'a DetectedFrame,
     rules: &'a [ClassRule],
-) -> Vec<LabelledBox<'a>> {
+) -> Vec<JudgedBox<'a>> {
     let boxes: Vec<Option<Judged>> = frame
         .detections
         .iter()
@@ -100,13 +108,28 @@ fn boxes_on_labels<'a>(
         });
         if let Some(i) = hit {
             taken[i] = true;
-            found.push(LabelledBox {
+            found.push(JudgedBox {
                 frame: number,
                 detection: &frame.detections[i],
-                rule,
+                rule: Some(rule),
             });
         }
     }
+    let labels: Vec<Box3> = frame
+        .truth
+        .labels
+        .iter()
+        .map(|label| label.camera_box.upright())
+        .collect();
+    let touches_none = |b: &Judged| labels.iter().all(|label| iou_3d(&b.upright, label) == 0.0);
+    let background = boxes.iter().zip(&frame.detections).filter_map(|(b, d)| {
+        touches_none(b.as_ref()?).then_some(JudgedBox {
+            frame: number,
+            detection: d,
+            rule: None,
+        })
+    });
+    found.extend(background);
     found
 }
 

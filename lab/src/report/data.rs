@@ -70,7 +70,7 @@ impl MethodFigures {
     }
 }
 
-/// How well one score of a kept box tells unknown from known objects.
+/// How well one score of a kept box tells unknown objects from known ones and from background.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScoreFigures {
     /// `e`, `e_perp`, `delta`, `msp`, `max_logit`, `energy`, `mahalanobis`.
@@ -79,10 +79,15 @@ pub struct ScoreFigures {
     pub auroc: Option<f64>,
     /// 0..1: known called unknown where 95 % of the unknown are.
     pub fpr95: Option<f64>,
+    /// 0..1: the same as `auroc`, against boxes that touch no label.
+    pub auroc_background: Option<f64>,
     /// Boxes on known labels.
     pub known: usize,
     /// Boxes on unknown labels.
     pub unknown: usize,
+    /// Boxes that touch no label.
+    #[serde(default)]
+    pub background: usize,
 }
 
 /// A trained network.

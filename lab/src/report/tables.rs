@@ -165,21 +165,26 @@ pub(super) fn classes(rows: &Rows) -> String {
     text
 }
 
-/// How well each score of each network tells unknown from known.
+/// How well each score of each network tells unknown from known, and from background.
 pub(super) fn separation(report: &Report, setting: &str) -> String {
     let mut text = String::from(
-        "| network | seed | score | AUROC, % | FPR at 95 % TPR, % | boxes on known, unknown |\n|---|---|---|---|---|---|\n",
+        "| network | seed | score | AUROC, % | FPR at 95 % TPR, % | AUROC, unknown against background, % | boxes on known, unknown, background |\n|---|---|---|---|---|---|---|\n",
     );
     let percent =
         |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{:.1}", 100.0 * v));
     let networks = report.details.get(setting).map(|d| d.networks.as_slice());
     for network in networks.unwrap_or_default() {
         for score in &network.separation {
-            let (auroc, fpr95) = (percent(score.auroc), percent(score.fpr95));
+            let [auroc, fpr95, background] =
+                [score.auroc, score.fpr95, score.auroc_background].map(percent);
+            let boxes = [score.known, score.unknown, score.background].map(|n| n.to_string());
             let _ = writeln!(
                 text,
-                "| {} | {} | {} | {auroc} | {fpr95} | {}, {} |",
-                network.network, network.seed, score.score, score.known, score.unknown
+                "| {} | {} | {} | {auroc} | {fpr95} | {background} | {} |",
+                network.network,
+                network.seed,
+                score.score,
+                boxes.join(", ")
             );
         }
     }

@@ -241,8 +241,10 @@ fn score_figures(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreFigu
             score: s.score.to_owned(),
             auroc: s.auroc,
             fpr95: s.fpr95,
+            auroc_background: s.auroc_background,
             known: s.known,
             unknown: s.unknown,
+            background: s.background,
         })
         .collect()
 }

@@ -136,15 +136,23 @@ impl Outcome {
         };
         let _ = writeln!(
             text,
-            "\nunknown from known, on {} known and {} unknown boxes",
-            first.known, first.unknown
+            "\nunknown from known and from background, on {} known, {} unknown and {} boxes that touch no label",
+            first.known, first.unknown, first.background
         );
-        let _ = writeln!(text, "{:<12} {:>7} {:>10}", "score", "AUROC", "FPR at 95%");
+        let _ = writeln!(
+            text,
+            "{:<12} {:>7} {:>10} {:>19}",
+            "score", "AUROC", "FPR at 95%", "AUROC of background"
+        );
         let number =
             |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
         for s in &self.judgement.separation {
-            let (auroc, fpr95) = (number(s.auroc), number(s.fpr95));
-            let _ = writeln!(text, "{:<12} {auroc:>7} {fpr95:>10}", s.score);
+            let [auroc, fpr95, background] = [s.auroc, s.fpr95, s.auroc_background].map(number);
+            let _ = writeln!(
+                text,
+                "{:<12} {auroc:>7} {fpr95:>10} {background:>19}",
+                s.score
+            );
         }
     }
 
