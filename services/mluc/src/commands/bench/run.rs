@@ -95,7 +95,9 @@ impl Measured {
         for (number, stage) in each.into_iter().enumerate() {
             stage.resources = self.resources_of(number);
         }
-        let model = &plan.model.manifest.name;
+        // As it was asked for: models of one setting share the manifest's name.
+        let model = Path::new(&variant.settings.model);
+        let model = model.file_stem().unwrap_or_default().to_string_lossy();
         report.title = format!(
             "mluc bench: {model}, {}, {} Hz, {}",
             variant.settings.precision, plan.rate_hz, plan.scans
