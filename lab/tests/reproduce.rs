@@ -4,7 +4,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output};
 
-const ROWS: [&str; 9] = [
+const ROWS: [&str; 10] = [
     "closed-set",
     "supervised",
     "naive",
@@ -13,6 +13,7 @@ const ROWS: [&str; 9] = [
     "uc-only",
     "mluc-literal",
     "mluc-corrected",
+    "mluc-made-up",
     "improved",
 ];
 

@@ -103,12 +103,10 @@ pub(super) fn run(input: &Input, settings: &ImprovedSettings) -> Result<Swept, M
     let has_logit = model.manifest.network.head == HeadKind::Open && settings.logit;
     model.manifest.network.head = HeadKind::Open;
     let prepare = |frame: &DetectedFrame| {
-        let mut frame = frame.clone();
-        if !settings.generic {
-            let with_class = frame.detections.len() - frame.generic;
-            frame.detections.truncate(with_class);
-            frame.generic = 0;
-        }
+        let mut frame = match settings.generic {
+            true => frame.clone(),
+            false => frame.with_class(),
+        };
         if !has_logit {
             let boxes = frame.detections.iter_mut();
             boxes.for_each(|d| make_logit(d, classes));

@@ -43,13 +43,15 @@ pub enum Method {
     MlucLiteral,
     /// The paper with the clustering's sign and ground corrected.
     MlucCorrected,
+    /// The same on a network that learned from made-up unknown objects: what training alone brings.
+    MlucMadeUp,
     /// Ours.
     Improved,
 }
 
 impl Method {
     /// In the order of the paper's tables.
-    pub const ALL: [Method; 10] = [
+    pub const ALL: [Method; 11] = [
         Method::ClosedSet,
         Method::Supervised,
         Method::Naive,
@@ -59,6 +61,7 @@ impl Method {
         Method::UcOnly,
         Method::MlucLiteral,
         Method::MlucCorrected,
+        Method::MlucMadeUp,
         Method::Improved,
     ];
 
@@ -74,6 +77,7 @@ impl Method {
             Method::UcOnly => "uc-only",
             Method::MlucLiteral => "mluc-literal",
             Method::MlucCorrected => "mluc-corrected",
+            Method::MlucMadeUp => "mluc-made-up",
             Method::Improved => "improved",
         }
     }
@@ -86,7 +90,7 @@ impl Method {
             Method::Naive | Method::UcOnly | Method::OsisGeo => NetworkKind::Softmax,
             Method::Osis => NetworkKind::Osis,
             Method::MlOnly | Method::MlucLiteral | Method::MlucCorrected => NetworkKind::Metric,
-            Method::Improved => NetworkKind::Improved,
+            Method::MlucMadeUp | Method::Improved => NetworkKind::Improved,
         }
     }
 }
@@ -171,6 +175,14 @@ pub fn run_method_with(
         Method::UcOnly => refined::gated(&input, UnknownScore::Msp, Mode::Literal),
         Method::MlucLiteral => refined::gated(&input, UnknownScore::Eds, Mode::Literal),
         Method::MlucCorrected => refined::gated(&input, UnknownScore::Eds, Mode::Corrected),
+        Method::MlucMadeUp => {
+            let frames: Vec<DetectedFrame> = frames.iter().map(DetectedFrame::with_class).collect();
+            let input = Input {
+                frames: &frames,
+                ..input
+            };
+            refined::gated(&input, UnknownScore::Eds, Mode::Corrected)
+        }
         Method::Improved => improved::run(&input, improved),
         Method::Osis => osis::run(&input, true),
         Method::OsisGeo => osis::run(&input, false),

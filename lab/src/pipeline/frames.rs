@@ -27,6 +27,18 @@ pub struct DetectedFrame {
     pub generic: usize,
 }
 
+impl DetectedFrame {
+    /// The same without the boxes of anchors that have no class.
+    pub fn with_class(&self) -> DetectedFrame {
+        let mut frame = self.clone();
+        frame
+            .detections
+            .truncate(self.detections.len() - self.generic);
+        frame.generic = 0;
+        frame
+    }
+}
+
 impl FrameSet {
     /// The first `frames_max` frames of `root`: of the split that `root/ImageSets/SPLIT.txt` names, or of all scans.
     /// A frame without a label file is an error, before anything is computed.
