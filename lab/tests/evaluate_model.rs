@@ -109,14 +109,14 @@ fn boxes_that_touch_no_label_are_the_background() {
     };
     let before = of_e(&frames);
     assert_eq!((before.background, before.auroc_background), (0, None));
-    // One between the prototypes and one far beyond them, high above the ground.
+    // One between the prototypes and three far beyond them, high above the ground.
     for frame in &mut frames {
         let above = Box3::new([20.0, 0.0, 40.0, 2.0, 1.0, 1.5, 0.0]);
-        let boxes = [1.0, 3.0].map(|e| detection(&above, 0, 0.2, e));
+        let boxes = [1.0, 3.0, 3.0, 3.0].map(|e| detection(&above, 0, 0.2, e));
         frame.detections.extend(boxes);
     }
     let e = of_e(&frames);
-    assert_eq!((e.background, e.auroc_background), (24, Some(0.5)));
+    assert_eq!((e.background, e.auroc_background), (48, Some(0.75)));
     assert_eq!(
         (e.auroc, e.known, e.unknown),
         (before.auroc, before.known, before.unknown)

@@ -13,7 +13,7 @@ const ROWS: [&str; 10] = [
     "uc-only",
     "mluc-literal",
     "mluc-corrected",
-    "mluc-made-up",
+    "mluc-open",
     "improved",
 ];
 

@@ -21,7 +21,7 @@ use std::path::PathBuf;
 /// `false` are unknown objects a frame beyond those that found one. All figures are of volumes (3d) at moderate, 40 recall positions, unknown objects at an overlap of 0.1.
 #[derive(Args)]
 pub(super) struct MethodArguments {
-    /// closed-set, supervised, naive, osis, osis-geo, ml-only, uc-only, mluc-literal, mluc-corrected, mluc-made-up, improved
+    /// closed-set, supervised, naive, osis, osis-geo, ml-only, uc-only, mluc-literal, mluc-corrected, mluc-open, improved
     /// [default: all that stand on the model's kind of network].
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     method: Vec<String>,

@@ -43,8 +43,8 @@ pub enum Method {
     MlucLiteral,
     /// The paper with the clustering's sign and ground corrected.
     MlucCorrected,
-    /// The same on a network that learned from made-up unknown objects: what training alone brings.
-    MlucMadeUp,
+    /// The same on the network of ours: what its training alone brings.
+    MlucOpen,
     /// Ours.
     Improved,
 }
@@ -61,7 +61,7 @@ impl Method {
         Method::UcOnly,
         Method::MlucLiteral,
         Method::MlucCorrected,
-        Method::MlucMadeUp,
+        Method::MlucOpen,
         Method::Improved,
     ];
 
@@ -77,7 +77,7 @@ impl Method {
             Method::UcOnly => "uc-only",
             Method::MlucLiteral => "mluc-literal",
             Method::MlucCorrected => "mluc-corrected",
-            Method::MlucMadeUp => "mluc-made-up",
+            Method::MlucOpen => "mluc-open",
             Method::Improved => "improved",
         }
     }
@@ -90,7 +90,7 @@ impl Method {
             Method::Naive | Method::UcOnly | Method::OsisGeo => NetworkKind::Softmax,
             Method::Osis => NetworkKind::Osis,
             Method::MlOnly | Method::MlucLiteral | Method::MlucCorrected => NetworkKind::Metric,
-            Method::MlucMadeUp | Method::Improved => NetworkKind::Improved,
+            Method::MlucOpen | Method::Improved => NetworkKind::Improved,
         }
     }
 }
@@ -175,7 +175,7 @@ pub fn run_method_with(
         Method::UcOnly => refined::gated(&input, UnknownScore::Msp, Mode::Literal),
         Method::MlucLiteral => refined::gated(&input, UnknownScore::Eds, Mode::Literal),
         Method::MlucCorrected => refined::gated(&input, UnknownScore::Eds, Mode::Corrected),
-        Method::MlucMadeUp => {
+        Method::MlucOpen => {
             let frames: Vec<DetectedFrame> = frames.iter().map(DetectedFrame::with_class).collect();
             let input = Input {
                 frames: &frames,

@@ -31,8 +31,8 @@ pub struct ScoreSeparation {
     pub auroc: Option<f64>,
     /// Part of the known called unknown where 95 % of the unknown are, 0..1.
     pub fpr95: Option<f64>,
-    /// Chance that an unknown object's box looks more unknown than one that touches no label, 0..1: the gate and the paper's
-    /// ranking rest on the former figure, AP of the unknown on this one.
+    /// Chance that an unknown object's box looks more unknown than one that touches no label, 0..1. Where a score also ranks the
+    /// unknown, as the paper's does, AP needs this one to be high.
     pub auroc_background: Option<f64>,
     /// Boxes on known labels.
     pub known: usize,

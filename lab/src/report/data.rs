@@ -86,7 +86,6 @@ pub struct ScoreFigures {
     /// Boxes on unknown labels.
     pub unknown: usize,
     /// Boxes that touch no label.
-    #[serde(default)]
     pub background: usize,
 }
 

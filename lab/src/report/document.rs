@@ -56,7 +56,7 @@ pub fn document(report: &Report, pictures: &[(String, String)]) -> String {
         );
         section(
             &mut text,
-            "Unknown from known, by score",
+            "Unknown from known and from background, by score",
             &tables::separation(report, setting),
         );
         if let Some(details) = details {

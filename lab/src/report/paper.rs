@@ -84,8 +84,8 @@ pub const METHODS: [MethodRow; 11] = [
         color: [0, 90, 181],
     },
     MethodRow {
-        key: "mluc-made-up",
-        title: "MLUC, corrected, on made-up objects (ours)",
+        key: "mluc-open",
+        title: "MLUC, our training",
         ablation: Some([true, true]),
         paper: [None, None],
         color: [204, 121, 167],

@@ -168,7 +168,7 @@ pub(super) fn classes(rows: &Rows) -> String {
 /// How well each score of each network tells unknown from known, and from background.
 pub(super) fn separation(report: &Report, setting: &str) -> String {
     let mut text = String::from(
-        "| network | seed | score | AUROC, % | FPR at 95 % TPR, % | AUROC, unknown against background, % | boxes on known, unknown, background |\n|---|---|---|---|---|---|---|\n",
+        "| network | score | AUROC, % | FPR at 95 % TPR, % | AUROC, unknown against background, % | boxes on known, unknown, background |\n|---|---|---|---|---|---|\n",
     );
     let percent =
         |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{:.1}", 100.0 * v));
@@ -180,9 +180,8 @@ pub(super) fn separation(report: &Report, setting: &str) -> String {
             let boxes = [score.known, score.unknown, score.background].map(|n| n.to_string());
             let _ = writeln!(
                 text,
-                "| {} | {} | {} | {auroc} | {fpr95} | {background} | {} |",
+                "| {} | {} | {auroc} | {fpr95} | {background} | {} |",
                 network.network,
-                network.seed,
                 score.score,
                 boxes.join(", ")
             );

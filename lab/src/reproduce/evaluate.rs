@@ -17,7 +17,7 @@ use crate::report::{CurvePoint, ScoreFigures};
 use mluc_model::Model;
 
 /// Changes with the meaning of what is kept.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 /// The paper's overlap of an unknown.
 const UNKNOWN_IOU_MIN: f64 = 0.1;
 /// Seed of the bootstrap.

@@ -11,7 +11,7 @@ pub(super) const METHOD_NETWORKS: [(&str, &str); 11] = [
     ("uc-only", "softmax"),
     ("mluc-literal", "metric"),
     ("mluc-corrected", "metric"),
-    ("mluc-made-up", "improved"),
+    ("mluc-open", "improved"),
     ("improved", "improved"),
 ];
 
@@ -20,7 +20,7 @@ const SEEDED_ROWS: [&str; 5] = [
     "naive",
     "mluc-literal",
     "mluc-corrected",
-    "mluc-made-up",
+    "mluc-open",
     "improved",
 ];
 

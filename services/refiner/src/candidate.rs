@@ -22,12 +22,12 @@ use crate::{Sensor, Settings};
 /// the box and its outline.
 const WORK_PER_CANDIDATE: u64 = 4000;
 const WORK_PER_GROWTH: u64 = 6;
-/// No other seed is tried where the last one was as dear as a whole scan.
+/// No other seed is tried where those so far were as dear as a whole scan.
 const WORK_PER_SEED_MAX: u64 = 131_072;
 const WORK_PER_SHAPE: u64 = 12;
 /// A cluster with less than one in so many of the points in the proposal's box is not what was detected there: it may be a few
-/// returns from within a van, and the van's body lies around them.
-const SPARSE_BELOW: usize = 10;
+/// returns from within a van, and the van's body lies around them. One in 5 is the same on simulated validation scans, one in 20 a little less (docs/refiner.md).
+const SPARSE_ONE_IN: usize = 10;
 
 /// Refines candidate after candidate; holds what they share.
 #[derive(Debug)]
@@ -43,7 +43,7 @@ pub(crate) struct Candidates {
     cluster: ClusterPoints,
     fitter: Fitter,
     inside: Vec<IndexedPoint>,
-    /// Points of clusters that were too small to be a thing.
+    /// Points of clusters that were too small to be a thing, or to be what was detected; ascending.
     tried: Vec<u32>,
     is_seen: Vec<bool>,
     /// One part of a cluster.
@@ -86,7 +86,7 @@ impl Candidates {
             cluster: ClusterPoints::default(),
             fitter: Fitter::default(),
             inside: Vec::new(),
-            tried: Vec::new(),
+            tried: Vec::with_capacity(settings.points_per_candidate_max as usize),
             is_seen: Vec::new(),
             part: Vec::new(),
             ascending: Ascending::default(),
@@ -156,7 +156,7 @@ impl Candidates {
         draft: &Draft,
     ) -> Grown {
         let proposal = Inside::of(&draft.shape, 0.0);
-        let (mut grown, mut is_thinned) = (Grown::default(), false);
+        let (mut grown, mut is_thinned, mut last) = (Grown::default(), false, None);
         let mut largest: Option<(usize, IndexedPoint)> = None;
         for _ in 0..recipe.seeds {
             let Some(seed) = self.next_seed(on, recipe, draft) else {
@@ -164,22 +164,26 @@ impl Candidates {
             };
             grown = self.grow_from(&seed, on, recipe, clusterer, &proposal);
             is_thinned |= grown.is_thinned;
+            last = Some(seed.index);
             let found = self.members.len();
-            let is_sparse = found * SPARSE_BELOW < grown.in_proposal;
-            let is_enough = found >= recipe.points_min && !is_sparse;
-            if is_enough || self.work > WORK_PER_SEED_MAX {
+            let is_sparse = found * SPARSE_ONE_IN < grown.in_proposal;
+            if found >= recipe.points_min && !is_sparse {
                 largest = None;
                 break;
             }
             if largest.is_none_or(|(most, _)| found > most) {
                 largest = Some((found, seed));
             }
+            if self.work > WORK_PER_SEED_MAX {
+                break;
+            }
             let index = |&m: &u32| self.around.index[m as usize];
             self.tried.extend(self.members.iter().map(index));
+            self.tried.sort_unstable();
         }
         if let Some((most, seed)) = largest
             && most >= recipe.points_min
-            && most > self.members.len()
+            && last != Some(seed.index)
         {
             grown = self.grow_from(&seed, on, recipe, clusterer, &proposal);
         }
@@ -231,13 +235,15 @@ impl Candidates {
         let around = &mut self.around;
         let seed = around.gather(on.frame, seed, on.ground, &wanted, on.is_known);
         self.work += around.looked_at;
+        let tries = recipe.seeds > 1;
+        self.work += if tries { around.len() as u64 } else { 0 };
         let grown = Grown {
             seed_m: [around.x_m[seed], around.y_m[seed]],
             is_thinned: around.thinned,
             // One seed is taken as it comes.
-            in_proposal: match recipe.seeds {
-                1 => 0,
-                _ => around.count_within(proposal),
+            in_proposal: match tries {
+                true => around.count_within(proposal),
+                false => 0,
             },
         };
         self.grow(recipe, clusterer, seed);

@@ -30,7 +30,7 @@ pub(crate) struct Seek<'a> {
     pub(crate) ground: &'a GroundPlane,
     /// Lowest and highest height above the ground, m.
     pub(crate) height_m: [f64; 2],
-    /// Points that are passed over: they gave too small a cluster.
+    /// Points that are passed over, ascending: they gave too small a cluster.
     pub(crate) tried: &'a [u32],
     /// Of each point of the scan whether a known object owns it; empty: none does.
     pub(crate) is_known: &'a [bool],
@@ -85,7 +85,7 @@ impl Seek<'_> {
                 let better = best.is_none_or(|(least, b)| {
                     full < least || (full == least && point.at_m < b.at_m)
                 });
-                if better && !self.tried.contains(&point.index) {
+                if better && self.tried.binary_search(&point.index).is_err() {
                     *best = Some((full, *point));
                 }
             }

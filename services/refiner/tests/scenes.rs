@@ -91,6 +91,39 @@ fn returns_from_within_a_van_are_not_taken_for_it() {
     }
 }
 
+/// Close by, a van's many returns leave no time for a third seed: what the first one gave is better than nothing.
+#[test]
+fn where_seeds_cost_too_much_the_largest_cluster_is_taken() {
+    let van = standing(14.0, 3.0, [5.0, 1.9, 2.2], 0.3);
+    let mut points = scan(&[van]);
+    let on_van = Box3 {
+        size_m: van.size_m.map(|s| s + 0.02),
+        ..van
+    };
+    points.retain(|p| on_van.contains([p.x_m, p.y_m, p.z_m].map(f64::from)));
+    let body = points.clone();
+    while points.len() < 9000 {
+        points.extend(&body);
+    }
+    let first = points.len() as u32;
+    let [x, y, z] = van.center_m;
+    let (sin, cos) = van.yaw_rad.sin_cos();
+    let at =
+        |along: f64, up: i32| point([x + along * cos, y + along * sin, z + 0.01 * f64::from(up)]);
+    points.extend((0..30).map(|i| at(0.0, i)));
+    points.extend((0..3).map(|i| at(0.75, i)));
+    let proposal = Detection {
+        size_m: van.size_m.map(|s| s as f32 + 0.1),
+        yaw_rad: van.yaw_rad as f32,
+        ..candidate(&van, [0.0, 0.0], 1.0)
+    };
+    let out = refine(Mode::Distance, &points, &[proposal]);
+    let found = &out.objects[0];
+    assert_eq!(found.fate, Fate::Published as u32, "{found:?}");
+    let own: Vec<u32> = (first..first + 30).collect();
+    assert_eq!(out.points_of(found), own);
+}
+
 #[test]
 fn an_unknown_beside_a_known_truck_survives() {
     let truck = standing(15.0, 0.0, [8.0, 2.5, 3.2], 0.0);

@@ -96,8 +96,7 @@ impl Measured {
             stage.resources = self.resources_of(number);
         }
         // As it was asked for: models of one setting share the manifest's name.
-        let model = Path::new(&variant.settings.model);
-        let model = model.file_stem().unwrap_or_default().to_string_lossy();
+        let model = &variant.settings.model;
         report.title = format!(
             "mluc bench: {model}, {}, {} Hz, {}",
             variant.settings.precision, plan.rate_hz, plan.scans
