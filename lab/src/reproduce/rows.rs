@@ -16,13 +16,7 @@ pub(super) const METHOD_NETWORKS: [(&str, &str); 11] = [
 ];
 
 /// Rows that are judged on further seeds too, where those are asked for.
-const SEEDED_ROWS: [&str; 5] = [
-    "naive",
-    "mluc-literal",
-    "mluc-corrected",
-    "mluc-open",
-    "improved",
-];
+const SEEDED_ROWS: [&str; 4] = ["naive", "mluc-literal", "mluc-corrected", "improved"];
 
 /// Rows on a kind of network of some seed.
 pub(super) fn rows_on(network: &str, seed: u64) -> impl Iterator<Item = &'static str> {

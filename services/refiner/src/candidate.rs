@@ -9,7 +9,6 @@ use crate::draft::Draft;
 use crate::fit::{ClusterPoints, Fitter, Rectangle, footprint};
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
-use crate::inside::Inside;
 use crate::neighbourhood::{Gather, Neighbourhood};
 use crate::recipe::{Recipe, SeedRule, clusterer};
 use crate::refined::Counters;
@@ -155,14 +154,13 @@ impl Candidates {
         clusterer: &mut dyn Clusterer,
         draft: &Draft,
     ) -> Grown {
-        let proposal = Inside::of(&draft.shape, 0.0);
         let (mut grown, mut is_thinned, mut last) = (Grown::default(), false, None);
         let mut largest: Option<(usize, IndexedPoint)> = None;
         for _ in 0..recipe.seeds {
             let Some(seed) = self.next_seed(on, recipe, draft) else {
                 break;
             };
-            grown = self.grow_from(&seed, on, recipe, clusterer, &proposal);
+            grown = self.grow_from(&seed, on, recipe, clusterer, &draft.shape);
             is_thinned |= grown.is_thinned;
             last = Some(seed.index);
             let found = self.members.len();
@@ -185,7 +183,7 @@ impl Candidates {
             && most >= recipe.points_min
             && last != Some(seed.index)
         {
-            grown = self.grow_from(&seed, on, recipe, clusterer, &proposal);
+            grown = self.grow_from(&seed, on, recipe, clusterer, &draft.shape);
         }
         Grown {
             is_thinned,
@@ -221,7 +219,7 @@ impl Candidates {
         on: &Scene,
         recipe: &Recipe,
         clusterer: &mut dyn Clusterer,
-        proposal: &Inside,
+        proposal: &Box3,
     ) -> Grown {
         let height_min_m = match clusterer.sees_ground() {
             true => f64::NEG_INFINITY,

@@ -1,8 +1,9 @@
 //! The points around one candidate's seed, in columns, relative to the seed.
 
+use mluc_geometry::Box3;
+
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
-use crate::inside::Inside;
 
 /// Points within a cylinder around a seed. Columns of equal length.
 #[derive(Debug, Default)]
@@ -70,11 +71,25 @@ impl Neighbourhood {
     }
 
     /// Points in a box that no known object owns.
-    pub(crate) fn count_within(&self, shape: &Inside) -> usize {
-        let is_within = |&point: &usize| {
-            !self.is_known[point] && shape.contains(self.in_sensor_m(point).map(|c| c as f32))
-        };
-        (0..self.len()).filter(is_within).count()
+    pub(crate) fn count_within(&self, shape: &Box3) -> usize {
+        let [x, y] = [0, 1].map(|i| (shape.center_m[i] - self.origin_m[i]) as f32);
+        let z = shape.center_m[2] as f32;
+        let half_m = shape.size_m.map(|s| s as f32 / 2.0);
+        let (sin, cos) = (shape.yaw_rad.sin() as f32, shape.yaw_rad.cos() as f32);
+        let points = self.x_m.iter().zip(&self.y_m).zip(&self.z_m);
+        let within = points
+            .zip(&self.is_known)
+            .map(|(((px, py), pz), is_known)| {
+                let (dx, dy, dz) = (px - x, py - y, pz - z);
+                // No short cuts, as in `gather`.
+                u32::from(
+                    ((dx * cos + dy * sin).abs() <= half_m[0])
+                        & ((dy * cos - dx * sin).abs() <= half_m[1])
+                        & (dz.abs() <= half_m[2])
+                        & !is_known,
+                )
+            });
+        within.sum::<u32>() as usize
     }
 
     /// Fills the columns with the points around a seed, and says where the seed is among them.
