@@ -1,7 +1,7 @@
 //! One candidate: seed, cluster, box (paper algorithm 1, its body).
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{Fate, Object};
+use mluc_ipc_types::{Fate, Object, POINTS_MAX};
 
 use crate::ascending::Ascending;
 use crate::cluster::{Bounds, Clusterer};
@@ -25,7 +25,8 @@ const WORK_PER_GROWTH: u64 = 6;
 const WORK_PER_SEED_MAX: u64 = 131_072;
 const WORK_PER_SHAPE: u64 = 12;
 /// A cluster with less than one in so many of the points in the proposal's box is not what was detected there: it may be a few
-/// returns from within a van, and the van's body lies around them. One in 5 is the same on simulated validation scans, one in 20 a little less (docs/refiner.md).
+/// returns from within a van, and the van's body lies around them. One in 5 is the same on simulated validation scans, one in 20 a
+/// little less (docs/refiner.md).
 const SPARSE_ONE_IN: usize = 10;
 
 /// Refines candidate after candidate; holds what they share.
@@ -85,7 +86,7 @@ impl Candidates {
             cluster: ClusterPoints::default(),
             fitter: Fitter::default(),
             inside: Vec::new(),
-            tried: Vec::with_capacity(settings.points_per_candidate_max as usize),
+            tried: Vec::with_capacity(POINTS_MAX.min(settings.points_per_candidate_max as usize)),
             is_seen: Vec::new(),
             part: Vec::new(),
             ascending: Ascending::default(),
@@ -232,9 +233,8 @@ impl Candidates {
         };
         let around = &mut self.around;
         let seed = around.gather(on.frame, seed, on.ground, &wanted, on.is_known);
-        self.work += around.looked_at;
         let tries = recipe.seeds > 1;
-        self.work += if tries { around.len() as u64 } else { 0 };
+        self.work += around.looked_at + if tries { around.len() as u64 } else { 0 };
         let grown = Grown {
             seed_m: [around.x_m[seed], around.y_m[seed]],
             is_thinned: around.thinned,
