@@ -156,6 +156,8 @@ fn a_perfect_detector_without_a_camera() {
     ] {
         assert_eq!(report[name].as_f64(), Some(100.0), "{name}");
     }
+    let rows = json!({"labels_found_as": {"unknown": 50}, "detections_lie_on": {"van": 50}});
+    assert_eq!(report["unknown_confusion"], rows);
     // Nobody labelled a cyclist: its AP is 0 and map_known leaves it out.
     assert_eq!(figure(&report, "cyclist/3d/moderate", "ap_all"), 0.0);
 }
@@ -295,6 +297,8 @@ fn without_json_a_table_is_printed() {
         "pedestrian",
         "unknown",
         "harmonic mean",
+        "found as",
+        "2 van",
     ] {
         assert!(table.contains(word), "{word}: {table}");
     }

@@ -35,7 +35,8 @@ enum What {
 /// known names (not Van, Tram, Misc, Person_sitting); --classes names them exactly. Their overlaps are KITTI's (car
 /// 0.7, pedestrian and cyclist 0.5), 0.7 for trucks and vans, 0.5 for others, unless --iou says otherwise.
 ///
-/// The open-set figures are of volumes (3d) at moderate; map_known is the mean over the known classes that have labels.
+/// The open-set figures are of volumes (3d) at moderate; map_known is the mean over the known classes that have labels. Two rows say
+/// what unknown labels were found as, and on labels of which class the best unknown detections lie, as many as there are such labels.
 #[derive(Args)]
 struct ApArguments {
     /// Folder of label files (label_2). Repeat it to pool folders: --detections and --calib then in the same order.

@@ -14,6 +14,7 @@
 //! and reports on the other, [`bootstrap`] draws frames anew to say how far a figure can be trusted.
 
 mod bootstrap;
+mod confusion;
 mod curve;
 mod difficulty;
 mod error;
@@ -31,6 +32,7 @@ mod sweep;
 mod table;
 
 pub use bootstrap::{bootstrap, mean_and_spread};
+pub use confusion::Confusion;
 pub use curve::{AveragePrecision, Curve, FrameCurve};
 pub use difficulty::{Difficulty, Metric};
 pub use error::EvaluateError;

@@ -1,6 +1,8 @@
 //! Every class, metric and difficulty at once.
 
-use super::{AveragePrecision, ClassRule, Difficulty, Frame, Metric, Summary, match_frames};
+use super::{
+    AveragePrecision, ClassRule, Confusion, Difficulty, Frame, Kind, Metric, Summary, match_frames,
+};
 use rayon::prelude::*;
 
 /// Figures of one class at one metric and difficulty.
@@ -37,6 +39,8 @@ pub struct Report {
     pub classes: Vec<ClassReport>,
     /// Open-set figures, where an unknown group was asked for.
     pub summary: Option<Summary>,
+    /// What the unknown is confused with, where an unknown group was asked for.
+    pub confusion: Option<Confusion>,
 }
 
 impl Report {
@@ -58,9 +62,11 @@ pub fn evaluate(frames: &[Frame], rules: &[ClassRule]) -> Report {
         rule: rule.clone(),
         entries: entries(frames, rule),
     });
+    let unknown = rules.iter().find(|rule| rule.kind == Kind::Unknown);
     let mut report = Report {
         classes: classes.collect(),
         summary: None,
+        confusion: unknown.map(|rule| Confusion::of(frames, rule)),
     };
     report.summary = Summary::of(&report);
     report

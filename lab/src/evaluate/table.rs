@@ -2,6 +2,7 @@
 
 use super::{AveragePrecision, Difficulty, Metric, Report};
 use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 impl Report {
@@ -25,6 +26,13 @@ impl Report {
         }
         for (key, value) in self.summary_entries() {
             object.insert(key.to_owned(), json!(value));
+        }
+        if let Some(confusion) = &self.confusion {
+            let rows = json!({
+                "labels_found_as": confusion.labels_found_as,
+                "detections_lie_on": confusion.detections_lie_on,
+            });
+            object.insert("unknown_confusion".to_owned(), rows);
         }
         Value::Object(object)
     }
@@ -113,6 +121,22 @@ impl Report {
                 );
             }
         }
+        if let Some(confusion) = &self.confusion {
+            for (what, row) in [
+                ("unknown labels, found as", &confusion.labels_found_as),
+                ("best unknown detections, on", &confusion.detections_lie_on),
+            ] {
+                let _ = writeln!(text, "  {what:<28} {}", counts(row));
+            }
+        }
         text
     }
+}
+
+/// `58 unknown, 11 car, 2 nothing`: most first.
+fn counts(row: &BTreeMap<String, usize>) -> String {
+    let mut row: Vec<(&String, &usize)> = row.iter().collect();
+    row.sort_by_key(|(_, count)| std::cmp::Reverse(**count));
+    let row = row.iter().map(|(class, count)| format!("{count} {class}"));
+    row.collect::<Vec<_>>().join(", ")
 }
