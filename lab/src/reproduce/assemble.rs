@@ -17,11 +17,14 @@ use crate::evaluate::Kind;
 use crate::methods::improved_steps;
 use crate::report::{
     AblationRow, Data, Details, NetworkDetails, Provenance, Report, Scene, document, figure5,
-    figure6, worst,
+    figure6, method_row, worst,
 };
 use mluc_gateway::picture::Canvas;
 use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Rows with a page of the frames in which they did worst: ours, and the paper's.
+const WORST_OF: [&str; 2] = ["improved", "mluc-corrected"];
 
 /// Rows, figures, pictures, JSON, page.
 pub(super) fn write_report(
@@ -33,7 +36,7 @@ pub(super) fn write_report(
         provenance: provenance(options),
         ..Report::default()
     };
-    let (mut scenes, mut worst_of): (Vec<Scene>, Vec<(Setting, Vec<Scene>)>) = Default::default();
+    let (mut scenes, mut worst_of) = (Vec::<Scene>::new(), Vec::new());
     for (&setting, test) in tests {
         let evaluated = evaluations(options, test)?;
         let rows = evaluated
@@ -50,11 +53,10 @@ pub(super) fn write_report(
         };
         report.details.insert(setting.name().to_owned(), details);
         scenes.extend(figure6_scene(test, &evaluated)?);
-        let best = ["improved", "mluc-corrected"]
-            .iter()
-            .find_map(|m| evaluated.get(m)?.first());
-        if let Some(best) = best {
-            worst_of.push((setting, worst_scenes(test, best)?));
+        for method in WORST_OF {
+            if let Some(first) = evaluated.get(method).and_then(|seeds| seeds.first()) {
+                worst_of.push((setting, method, worst_scenes(test, first)?));
+            }
         }
     }
     if report.settings.values().all(BTreeMap::is_empty) {
@@ -74,11 +76,12 @@ pub(super) fn write_report(
                     are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
         pictures.push(("figure6.png".to_owned(), what.to_owned()));
     }
-    for (setting, scenes) in worst_of.iter().filter(|(_, scenes)| !scenes.is_empty()) {
-        let file = format!("worst-{}.png", setting.name());
+    for (setting, method, scenes) in worst_of.iter().filter(|(.., scenes)| !scenes.is_empty()) {
+        let file = format!("worst-{}-{method}.png", setting.name());
         write_png(&out.join(&file), &worst::worst(scenes))?;
+        let title = method_row(method).map_or(*method, |row| row.title);
         let what = format!(
-            "The frames of {} with most errors about unknown objects",
+            "{title}: the frames of {} with most errors about unknown objects",
             setting.name()
         );
         pictures.push((file, what));
