@@ -1,5 +1,6 @@
 //! The devkit's three difficulties and three metrics.
 
+use super::Detection;
 use crate::dataset::Label;
 
 /// Which labelled objects count.
@@ -43,6 +44,12 @@ impl Difficulty {
         label.occluded <= self.occluded_max()
             && label.truncated <= self.truncated_max()
             && height_px >= self.height_min_px()
+    }
+
+    /// Whether a detection is too small in the image to count; the devkit cuts its height to whole pixels.
+    pub fn is_too_small(self, detection: &Detection) -> bool {
+        let [_, top, _, bottom] = detection.image_box_px;
+        (bottom - top).abs().trunc() < self.height_min_px()
     }
 }
 

@@ -77,10 +77,8 @@ fn prepare(
     let mut candidates = Vec::new();
     let mut boxes = Vec::new();
     for detection in &frame.detections {
-        let [_, top, _, bottom] = detection.image_box_px;
-        // The devkit cuts the height to whole pixels, and looks at it before the class: a detection of any class that
-        // is too small may absorb a label.
-        let small = (bottom - top).abs().trunc() < difficulty.height_min_px();
+        // The devkit looks at the height before the class: a detection of any class that is too small may absorb a label.
+        let small = difficulty.is_too_small(detection);
         if small || rule.claims(detection) {
             let devkits = (metric == Metric::Image).then_some(rule.iou_min);
             let share_max = [rule.dont_care_max, devkits].into_iter().flatten();

@@ -7,7 +7,7 @@
 //! A [`Frame`] holds what was labelled and what was found, both in the camera frame. A [`ClassRule`] says which
 //! labels count, which are ignored and how much overlap is asked for. [`match_frames`] turns both into a [`Curve`],
 //! from which AP at 11 positions, at 40 positions and over all points follow; [`evaluate`] does so for every class,
-//! metric and difficulty; [`sweep`] for every threshold of the gate.
+//! metric and difficulty; [`sweep`] for every threshold of the gate. [`Confusion`] says what the unknown is confused with.
 //!
 //! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
 //! [`JudgedFrames`] keeps the parts, [`judged_sweep`] judges halves of the data beside the whole, [`honest`] chooses on one half

@@ -19,7 +19,7 @@ pub(super) fn in_frame(frame: &Frame, rule: &ClassRule) -> usize {
     known.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut count = 0;
     for label in frame.labels.iter() {
-        if rule.label_counts(label) != Some(true) || !Difficulty::Moderate.takes(label) {
+        if !rule.counts_at(label, Difficulty::Moderate) {
             continue;
         }
         let upright = label.camera_box.upright();

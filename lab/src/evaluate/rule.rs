@@ -1,6 +1,6 @@
 //! Which labels and detections count for a class.
 
-use super::{Detection, EvaluateError, Frame, Kind};
+use super::{Detection, Difficulty, EvaluateError, Frame, Kind};
 use crate::dataset::Label;
 
 /// Name of the class into which all unknown classes are merged.
@@ -116,6 +116,11 @@ impl ClassRule {
         } else {
             contains(&self.ignored, &label.class).then_some(false)
         }
+    }
+
+    /// Whether a label is to be found and easy enough to count as missed when it is not.
+    pub(crate) fn counts_at(&self, label: &Label, difficulty: Difficulty) -> bool {
+        self.label_counts(label) == Some(true) && difficulty.takes(label)
     }
 
     /// Whether a detection claims to be of this class. A detector that was trained on unknown classes names them: its

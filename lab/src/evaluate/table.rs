@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 
 impl Report {
     /// `{"car/3d/moderate": {"ap_r11": .., "ap_r40": .., "ap_all": ..}, ..}`, with the open-set figures at the top
-    /// level where there are any. Percent.
+    /// level where there are any, in percent; `unknown_confusion` holds counts.
     pub fn to_json(&self) -> Value {
         let mut object = Map::new();
         for class in &self.classes {
@@ -133,8 +133,11 @@ impl Report {
     }
 }
 
-/// `58 unknown, 11 car, 2 nothing`: most first.
+/// `58 unknown, 11 car, 2 nothing`: most first; `none` of an empty row.
 fn counts(row: &BTreeMap<String, usize>) -> String {
+    if row.is_empty() {
+        return "none".to_owned();
+    }
     let mut row: Vec<(&String, &usize)> = row.iter().collect();
     row.sort_by_key(|(_, count)| std::cmp::Reverse(**count));
     let row = row.iter().map(|(class, count)| format!("{count} {class}"));

@@ -23,7 +23,7 @@ use mluc_gateway::picture::Canvas;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Rows with a page of the frames in which they did worst: ours, and the paper's.
+/// Rows with a page of the frames in which they did worst: ours, and the paper's with its slips mended.
 const WORST_OF: [&str; 2] = ["improved", "mluc-corrected"];
 
 /// Rows, figures, pictures, JSON, page.

@@ -1,4 +1,4 @@
-//! A cluster grows from its seed, and again with a shorter reach while it is larger than a road user (paper, algorithm 1, its loop).
+//! From a seed to a cluster of a road user's size (paper, algorithm 1, its loop).
 
 use super::Candidates;
 use crate::cluster::{Bounds, Clusterer};
@@ -7,7 +7,7 @@ use crate::neighbourhood::Neighbourhood;
 use crate::recipe::Recipe;
 use crate::size::{is_rest, is_upright, is_within};
 
-/// Work of a point in a growth, in points looked at.
+/// Work of a point in a growth, in points looked at, measured by time.
 const WORK_PER_GROWTH: u64 = 6;
 
 impl Candidates {

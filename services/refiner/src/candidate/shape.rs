@@ -10,7 +10,7 @@ use crate::ground::GroundPlane;
 use crate::recipe::Recipe;
 use crate::size::longest_side;
 
-/// Work of a point in the box and its outline, in points looked at.
+/// Work of a point in the box and its outline, in points looked at, measured by time.
 const WORK_PER_SHAPE: u64 = 12;
 
 impl Candidates {
