@@ -65,7 +65,7 @@ fn everything_is_made_once_and_what_is_lost_is_made_again_to_the_same_bits() {
     let networks = first["details"]["sim-kitti"]["networks"]
         .as_array()
         .expect("networks");
-    assert_eq!(networks.len(), 6);
+    assert_eq!(networks.len(), 7);
     assert!(networks.iter().all(|n| {
         n["command"]
             .as_str()

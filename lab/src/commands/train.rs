@@ -70,19 +70,20 @@ struct Choices {
     /// T, the length of the prototypes [default: the number of classes (paper section 3.2); 3 for improved].
     #[arg(long)]
     prototype_scale: Option<f32>,
-    /// Weight of the loss that draws embeddings to their prototypes [default: 0, the paper has none; 0.1 for improved].
+    /// Weight of the loss that draws embeddings to their prototypes [default: 0, the paper has none; 0.1 for metric-open and improved].
     #[arg(long)]
     variance_weight: Option<f32>,
-    /// Improved: made-up unknown objects pasted into a frame, beside those that the data holds (simulate --made-up) [default: 6].
+    /// Metric-open, improved: made-up unknown objects pasted into a frame, beside those that the data holds (simulate --made-up) [default: 6].
     #[arg(long)]
     made_up: Option<usize>,
-    /// Improved: weight of the loss that draws their embeddings to the centre [default: 0.5].
+    /// Metric-open, improved: weight of the loss that draws their embeddings to the centre; of metric-open also background's away from
+    /// it [default: 0.5].
     #[arg(long)]
     pull_weight: Option<f32>,
     /// Improved: weight of the logit of the unknown [default: 1].
     #[arg(long)]
     unknown_weight: Option<f32>,
-    /// Improved: empty cells that the logit of the unknown learns from [default: 64].
+    /// Metric-open, improved: cells of a frame with points and no object that are learned from [default: 512, 64].
     #[arg(long)]
     background_cells: Option<usize>,
     /// Improved: no anchors without a class.
@@ -127,10 +128,12 @@ enum ProfileName {
 }
 
 #[derive(Clone, Copy, ValueEnum, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 enum KindName {
     /// The paper's metric head.
     Metric,
+    /// The paper's metric head, which learns from made-up unknown objects and from background too.
+    MetricOpen,
     /// SECOND's own classifier: the closed set.
     Sigmoid,
     /// Objectness and a softmax: the naive baseline.
@@ -184,6 +187,7 @@ impl Choices {
         };
         let kind = match self.network.unwrap_or(KindName::Metric) {
             KindName::Metric => Kind::Metric,
+            KindName::MetricOpen => Kind::MetricOpen,
             KindName::Sigmoid => Kind::Sigmoid,
             KindName::Softmax => Kind::Softmax,
             KindName::Improved => Kind::Improved,

@@ -43,7 +43,8 @@ pub enum Method {
     MlucLiteral,
     /// The paper with the clustering's sign and ground corrected.
     MlucCorrected,
-    /// The same on the network of ours: what its training alone brings.
+    /// The same on a network with the paper's head that learned from made-up unknown objects and from background: what training alone
+    /// brings.
     MlucOpen,
     /// Ours.
     Improved,
@@ -90,7 +91,8 @@ impl Method {
             Method::Naive | Method::UcOnly | Method::OsisGeo => NetworkKind::Softmax,
             Method::Osis => NetworkKind::Osis,
             Method::MlOnly | Method::MlucLiteral | Method::MlucCorrected => NetworkKind::Metric,
-            Method::MlucOpen | Method::Improved => NetworkKind::Improved,
+            Method::MlucOpen => NetworkKind::MetricOpen,
+            Method::Improved => NetworkKind::Improved,
         }
     }
 }
@@ -174,13 +176,7 @@ pub fn run_method_with(
         Method::MlOnly => boxes::gated(&input, UnknownScore::Eds),
         Method::UcOnly => refined::gated(&input, UnknownScore::Msp, Mode::Literal),
         Method::MlucLiteral => refined::gated(&input, UnknownScore::Eds, Mode::Literal),
-        Method::MlucCorrected => refined::gated(&input, UnknownScore::Eds, Mode::Corrected),
-        Method::MlucOpen => {
-            let frames: Vec<DetectedFrame> = frames.iter().map(DetectedFrame::with_class).collect();
-            let input = Input {
-                frames: &frames,
-                ..input
-            };
+        Method::MlucCorrected | Method::MlucOpen => {
             refined::gated(&input, UnknownScore::Eds, Mode::Corrected)
         }
         Method::Improved => improved::run(&input, improved),

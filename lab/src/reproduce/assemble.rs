@@ -162,7 +162,7 @@ fn ablation(options: &Options, test: &Test) -> Result<Vec<AblationRow>, Reproduc
 }
 
 /// Kinds whose boxes carry scores that tell unknown from known: told of the first network of each.
-const SCORED: [&str; 3] = [BASE, "softmax", "improved"];
+const SCORED: [&str; 4] = [BASE, "softmax", "metric-open", "improved"];
 
 fn details(
     options: &Options,

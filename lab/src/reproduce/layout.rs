@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// ```text
 /// DATA/sim-udi/{train,val,test}          simulated scans
 /// DATA/sim-udi-supervised/train          with unknown classes, labelled
-/// DATA/sim-udi-made-up/train             with objects made up of known ones: what `improved` learns the unknown from
+/// DATA/sim-udi-made-up/train             with objects made up of known ones: what `metric-open` and `improved` learn the unknown from
 /// RUNS/sim-udi/NETWORK[-sSEED]/          one run of the trainer: model.safetensors, checkpoint, log
 /// RUNS/sim-udi/evaluations/METHOD[-sSEED].json
 /// OUT/                                   the report

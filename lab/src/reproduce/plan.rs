@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn improved_learns_from_scans_with_made_up_objects() {
+    fn two_networks_learn_from_scans_with_made_up_objects() {
         let steps = plan(1).steps;
         let made: Vec<&Simulation> = steps
             .iter()
@@ -203,15 +203,17 @@ mod tests {
         let learning: Vec<String> = steps
             .iter()
             .filter_map(|step| match &step.work {
-                Work::Train(t) if t.network == "improved" => Some(t.command()),
+                Work::Train(t) if ["metric-open", "improved"].contains(&t.network) => {
+                    Some(t.command())
+                }
                 _ => None,
             })
             .collect();
-        for (simulation, command) in made.iter().zip(&learning) {
+        for (simulation, command) in made.iter().flat_map(|s| [s, s]).zip(&learning) {
             let data = simulation.folder.parent().expect("a data set").display();
             assert!(command.contains(&format!("--data {data} ")), "{command}");
         }
-        assert_eq!(learning.len(), 2);
+        assert_eq!(learning.len(), 4);
     }
 
     #[test]

@@ -11,7 +11,7 @@ pub(super) const METHOD_NETWORKS: [(&str, &str); 11] = [
     ("uc-only", "softmax"),
     ("mluc-literal", "metric"),
     ("mluc-corrected", "metric"),
-    ("mluc-open", "improved"),
+    ("mluc-open", "metric-open"),
     ("improved", "improved"),
 ];
 

@@ -10,7 +10,7 @@ use std::process::Command;
 /// A network and how it comes to be.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Training {
-    /// Kind of network: `metric`, `sigmoid`, `softmax`, `improved`, `supervised`, `osis`.
+    /// Kind of network: `metric`, `sigmoid`, `softmax`, `metric-open`, `improved`, `supervised`, `osis`.
     pub network: &'static str,
     /// Seed.
     pub seed: u64,
@@ -25,8 +25,15 @@ pub struct Training {
 /// The base network; the others begin with its weights.
 pub(super) const BASE: &str = "metric";
 /// Every kind of network, the base first; `osis` follows `softmax`, whose trunk it keeps.
-pub(super) const NETWORKS: [&str; 6] =
-    [BASE, "sigmoid", "softmax", "improved", "supervised", "osis"];
+pub(super) const NETWORKS: [&str; 7] = [
+    BASE,
+    "sigmoid",
+    "softmax",
+    "metric-open",
+    "improved",
+    "supervised",
+    "osis",
+];
 /// Whether the trainer can make `osis`; where it cannot, the row is judged only if somebody else's model lies there.
 pub(super) const OSIS_IS_TRAINED: bool = true;
 /// Kinds that are trained with several seeds where that is asked for: naive, MLUC and improved stand on them.
@@ -47,14 +54,14 @@ impl Training {
         let is_base = network == BASE && seed == 1;
         let steps = match network {
             _ if is_base => sizes.base_steps,
-            "sigmoid" | "improved" | "supervised" => sizes.longer_steps,
+            "sigmoid" | "metric-open" | "improved" | "supervised" => sizes.longer_steps,
             _ => sizes.tuned_steps,
         };
-        // Recorded scans hold no made-up objects: there `improved` learns from pasted ones alone. Neither split has a `val` beside it.
+        // Recorded scans hold no made-up objects: there networks learn from pasted ones alone. Neither split has a `val` beside it.
         let is_simulated = setting.family().is_some();
         let (data, has_val) = match network {
             "supervised" => (layout.supervised_data_of(setting), false),
-            "improved" if is_simulated => (layout.made_up_data_of(setting), false),
+            "metric-open" | "improved" if is_simulated => (layout.made_up_data_of(setting), false),
             _ => (layout.data_of(setting), true),
         };
         let validate_frames = if has_val { sizes.validate_frames } else { 0 };

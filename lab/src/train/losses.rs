@@ -2,7 +2,7 @@
 //!
 //! L = objectness + metric + variance_weight * variance + pull_weight * pull + unknown_weight * unknown + 2 * box +
 //! 0.2 * direction; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
-//! positives (at least 1), as in the public SECOND. Pull and unknown are of the open head alone, which is ours.
+//! positives (at least 1), as in the public SECOND. Pull and unknown are ours.
 
 use rayon::prelude::*;
 
@@ -24,6 +24,8 @@ pub struct MetricSettings {
     pub variance_weight: f32,
     /// Weight of the loss that draws the embeddings of made-up unknown objects to the prototypes' centre.
     pub pull_weight: f32,
+    /// Weight of the loss that draws the embeddings of background to the centre's mirror image, beyond the known.
+    pub push_weight: f32,
     /// Weight of the logit of the unknown.
     pub unknown_weight: f32,
 }
@@ -41,7 +43,7 @@ pub struct Losses {
     pub boxes: f64,
     /// Cross entropy of the direction bins.
     pub direction: f64,
-    /// Distance of made-up unknown objects to the centre.
+    /// Distance of made-up unknown objects to the centre, and of background to its mirror image.
     pub pull: f64,
     /// Cross entropy of the logit of the unknown.
     pub unknown: f64,
@@ -335,7 +337,9 @@ fn objectness(
 }
 
 /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of
-/// softmax(2 T f), the variance loss |f - m_Y|^2, and for made-up unknown objects |f - c|^2 with the prototypes' centre c.
+/// softmax(2 T f); the variance loss |f - m_Y|^2; and two of ours: |f - c|^2 of made-up unknown objects, with the prototypes' centre c,
+/// where EDS is least, and |f + c|^2 of background. From c to -c leads the direction that eq. 2 does not see, since one number is added
+/// to every logit; EDS does see it, and says 1 + 4 / (C - 1) there, normalised, where a known object has 2.
 fn metric(
     embedding: &[f32],
     targets: &BatchTargets,
@@ -351,11 +355,14 @@ fn metric(
         let (f, d) = (&embedding[range.clone()], &mut gradient[range]);
         let own = match label.is {
             CellClass::Known(class) => class as usize,
-            CellClass::Background => continue,
-            CellClass::Unknown => {
-                let pull = settings.pull_weight * label.weight;
+            CellClass::Unknown | CellClass::Background => {
+                let (weight, to) = match label.is {
+                    CellClass::Unknown => (settings.pull_weight, t / classes as f32),
+                    _ => (settings.push_weight, -t / classes as f32),
+                };
+                let pull = weight * label.weight;
                 for (d, v) in d.iter_mut().zip(f) {
-                    let off = v - t / classes as f32;
+                    let off = v - to;
                     pulled += f64::from(pull * off * off);
                     *d += 2.0 * pull * off;
                 }

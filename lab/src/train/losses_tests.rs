@@ -218,6 +218,30 @@ fn made_up_objects_are_drawn_to_the_centre_and_known_to_be_unknown() {
 }
 
 #[test]
+fn background_is_drawn_to_where_eds_is_large() {
+    let mut targets = batch();
+    targets.cells[0].is = CellClass::Background;
+    let settings = MetricSettings {
+        prototype_scale: 1.5,
+        push_weight: 0.4,
+        ..MetricSettings::default()
+    };
+    let f = draw(4, 0.7);
+    let (_, _, pushed, gradient) = metric(&f, &targets, settings, 2);
+    let value = |x: &[f32]| {
+        let (cross, spread, pull, _) = metric(x, &targets, settings, 2);
+        cross + spread + pull
+    };
+    check(&f, value, &gradient);
+    let off = (f[0] + 0.75).powi(2) + (f[1] + 0.75).powi(2);
+    assert!((pushed - f64::from(0.4 * 0.7 * off)).abs() < 1e-6);
+    // There eq. 2 is as undecided as at the centre, but EDS is 1 + 4 / (C - 1) times as large.
+    let eds = |f: f32| 2.0 * ((f - 1.5).powi(2) + f * f);
+    let (far, centre) = (eds(-0.75), eds(0.75));
+    assert!((far / centre - 5.0).abs() < 1e-5);
+}
+
+#[test]
 fn a_sigmoid_head_learns_one_class_an_anchor() {
     let targets = Targets {
         positives: vec![crate::train::targets::Positive {

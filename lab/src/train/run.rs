@@ -54,7 +54,7 @@ impl Run {
         let mut manifest = settings.manifest();
         let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
         let source = FolderSource::new(Dataset::open(&folder)?, names)
-            .with_made_up(settings.kind == Kind::Improved);
+            .with_made_up(settings.kind.learns_from_made_up());
         for (class, mean) in manifest
             .classes
             .iter_mut()
@@ -259,6 +259,10 @@ fn metric(settings: &Settings) -> MetricSettings {
         prototype_scale: settings.prototype_scale(),
         variance_weight: settings.variance_weight,
         pull_weight: improvements.pull_weight,
+        push_weight: match settings.kind {
+            Kind::MetricOpen => improvements.pull_weight,
+            _ => 0.0,
+        },
         unknown_weight: improvements.unknown_weight,
     }
 }

@@ -29,11 +29,14 @@ pub enum Profile {
 
 /// What is trained: a row, or several, of the paper's tables.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "kebab-case")]
 pub enum Kind {
     /// The paper's metric head.
     #[default]
     Metric,
+    /// The same, taught what the paper's loss leaves open: unknown objects are made up and drawn to the prototypes' centre, where EDS is
+    /// least; background is drawn beyond the known, where it is large.
+    MetricOpen,
     /// SECOND's own classifier: the closed set.
     Sigmoid,
     /// Objectness and a linear softmax: the naive baseline.
@@ -51,6 +54,7 @@ impl Kind {
     pub fn name(self) -> &'static str {
         match self {
             Kind::Metric => "metric",
+            Kind::MetricOpen => "metric-open",
             Kind::Sigmoid => "sigmoid",
             Kind::Softmax => "softmax",
             Kind::Improved => "improved",
@@ -59,10 +63,15 @@ impl Kind {
         }
     }
 
+    /// Whether it learns the unknown from made-up objects.
+    pub fn learns_from_made_up(self) -> bool {
+        matches!(self, Kind::MetricOpen | Kind::Improved)
+    }
+
     /// The head of its model file.
     pub fn head(self) -> HeadKind {
         match self {
-            Kind::Metric => HeadKind::Metric,
+            Kind::Metric | Kind::MetricOpen => HeadKind::Metric,
             Kind::Softmax | Kind::Osis => HeadKind::Softmax,
             Kind::Improved => HeadKind::Open,
             Kind::Sigmoid | Kind::Supervised => HeadKind::Sigmoid,
@@ -70,19 +79,19 @@ impl Kind {
     }
 }
 
-/// What `improved` adds, each to be left out for an ablation.
+/// What [`Kind::Improved`] and in part [`Kind::MetricOpen`] add, each to be left out for an ablation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Improvements {
     /// Made-up unknown objects pasted into a frame, at most; those that the data itself holds come on top.
     pub made_up: usize,
-    /// Weight of the loss that draws their embeddings to the prototypes' centre.
+    /// Weight of the loss that draws their embeddings to the prototypes' centre, and of [`Kind::MetricOpen`] those of background away.
     pub pull_weight: f32,
     /// Weight of the logit of the unknown.
     pub unknown_weight: f32,
     /// Anchors without a class.
     pub generic_anchors: bool,
-    /// Cells of a frame without an object that the logit of the unknown learns from too.
+    /// Cells of a frame that hold points and no object, and are learned from as background.
     pub background_cells: usize,
 }
 
@@ -110,7 +119,7 @@ pub struct Settings {
     pub kind: Kind,
     /// A model file, or the folder of a run, whose weights are taken where they fit.
     pub init: Option<PathBuf>,
-    /// Of [`Kind::Improved`] alone.
+    /// Of kinds that [learn from made-up objects](Kind::learns_from_made_up) alone.
     pub improvements: Improvements,
     /// Of [`Kind::Improved`] alone: fit layers that tell objects from walls and leaves by the looks of their clusters. On by default for
     /// UDI. No known class of KITTI's is as large as a truck, so that the layers take trucks for walls.
@@ -189,7 +198,13 @@ impl Settings {
             profile,
             kind,
             init: None,
-            improvements: Improvements::default(),
+            improvements: Improvements {
+                background_cells: match kind {
+                    Kind::MetricOpen => 512,
+                    _ => Improvements::default().background_cells,
+                },
+                ..Improvements::default()
+            },
             looks: improved && setting == Setting::Udi,
             data,
             out,
@@ -202,7 +217,7 @@ impl Settings {
             } else {
                 setting.classes() as f32
             },
-            variance_weight: if improved { 0.1 } else { 0.0 },
+            variance_weight: if kind.learns_from_made_up() { 0.1 } else { 0.0 },
             bf16: false,
             augment: true,
             database_frames: 1500,
@@ -290,6 +305,10 @@ impl Settings {
     pub fn improvements(&self) -> Improvements {
         match self.kind {
             Kind::Improved => self.improvements.clone(),
+            Kind::MetricOpen => Improvements {
+                generic_anchors: false,
+                ..self.improvements.clone()
+            },
             _ => Improvements {
                 made_up: 0,
                 generic_anchors: false,
@@ -376,7 +395,7 @@ impl Settings {
         if self.kind != Kind::Metric {
             text += &format!(" network {}", self.kind.name());
         }
-        if self.kind == Kind::Improved {
+        if self.kind.learns_from_made_up() {
             let data = self.data.file_name().unwrap_or_default().display();
             text += &format!(" {:?} data {data}", self.improvements);
         }
