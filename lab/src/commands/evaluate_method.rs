@@ -22,7 +22,8 @@ use std::path::PathBuf;
 #[derive(Args)]
 pub(super) struct MethodArguments {
     /// closed-set, supervised, naive, osis, osis-geo, ml-only, uc-only, mluc-literal, mluc-corrected, mluc-open, improved
-    /// [default: all that stand on the model's kind of network].
+    /// [default: all that stand on the model's kind of head but supervised, osis and mluc-open, whose networks differ by training alone].
+    /// How a network was trained is not checked.
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     method: Vec<String>,
     /// Model file.
@@ -90,9 +91,9 @@ const HEADER: &str =
 fn methods(names: &[String], model: &Model) -> anyhow::Result<Vec<Method>> {
     let head = model.manifest.network.head;
     if names.is_empty() {
-        let fits = |m: &Method| {
-            m.network().head() == head && !matches!(m, Method::Supervised | Method::Osis)
-        };
+        // A head does not tell these networks from `sigmoid`, `softmax` and `metric`.
+        let by_training = [Method::Supervised, Method::Osis, Method::MlucOpen];
+        let fits = |m: &Method| m.network().head() == head && !by_training.contains(m);
         return Ok(Method::ALL.into_iter().filter(fits).collect());
     }
     let find = |name: &String| {

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 /// Simulate, train and evaluate what is missing, and write the report: the paper's tables and figures beside ours.
 ///
 /// Every step leaves its outcome in a folder, so a run that was interrupted goes on where it stopped, and networks that lie
-/// in --runs already are taken as they are: RUNS/sim-udi/{metric,sigmoid,softmax,improved,supervised,osis}/model.safetensors, further
-/// seeds in metric-s2 and so on. The full plan takes hours on two cores; --quick a quarter of one.
+/// in --runs already are taken as they are: RUNS/sim-udi/{metric,sigmoid,softmax,metric-open,improved,supervised,osis}/model.safetensors,
+/// further seeds in metric-s2 and so on. The full plan takes hours on two cores; --quick a quarter of one.
 #[derive(Args)]
 pub(crate) struct ReproduceArguments {
     /// Only this setting [default: both simulated ones].

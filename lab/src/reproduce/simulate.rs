@@ -31,7 +31,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// The splits of a setting: train, val, test, then the supervised network's and that of `improved`.
+    /// The splits of a setting: train, val, test, then the supervised network's and that with made-up objects.
     pub(super) fn all(layout: &Layout, setting: Setting, sizes: &super::Sizes) -> Vec<Simulation> {
         let Some(family) = setting.family() else {
             return Vec::new();

@@ -28,8 +28,8 @@ pub struct Sizes {
     pub base_steps: u64,
     /// Steps of each network that begins with the base's weights.
     pub tuned_steps: u64,
-    /// Steps of the networks that begin with them too but have to learn new outputs or classes (`metric-open`, `improved`, `supervised`),
-    /// and of the closed set, with which these are compared. Four times as many on streets, where they take a third of the time:
+    /// Steps of the networks that begin with them too but have to learn new outputs, classes, or where the unknown lies (`metric-open`,
+    /// `improved`, `supervised`), and of the closed set, with which these are compared. Four times as many on streets, where they take a third of the time:
     /// `improved` gains 13 points of AP of the unknown from them on validation scans.
     pub longer_steps: u64,
     /// Frames a step.

@@ -1,8 +1,9 @@
 //! The losses: each returns its value and its gradient with respect to the logits.
 //!
-//! L = objectness + metric + variance_weight * variance + pull_weight * pull + unknown_weight * unknown + 2 * box +
-//! 0.2 * direction; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
-//! positives (at least 1), as in the public SECOND. Pull and unknown are ours.
+//! L = objectness + metric + variance_weight * variance + pull_weight * pull + push_weight * push + unknown_weight * unknown +
+//! 2 * box + 0.2 * direction; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
+//! positives (at least 1), as in the public SECOND. Pull, push (told together
+//! as pull) and unknown are ours.
 
 use rayon::prelude::*;
 
@@ -24,7 +25,7 @@ pub struct MetricSettings {
     pub variance_weight: f32,
     /// Weight of the loss that draws the embeddings of made-up unknown objects to the prototypes' centre.
     pub pull_weight: f32,
-    /// Weight of the loss that draws the embeddings of background to the centre's mirror image, beyond the known.
+    /// Weight of the loss that draws the embeddings of background to the centre's mirror image.
     pub push_weight: f32,
     /// Weight of the logit of the unknown.
     pub unknown_weight: f32,
@@ -338,8 +339,9 @@ fn objectness(
 
 /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of
 /// softmax(2 T f); the variance loss |f - m_Y|^2; and two of ours: |f - c|^2 of made-up unknown objects, with the prototypes' centre c,
-/// where EDS is least, and |f + c|^2 of background. From c to -c leads the direction that eq. 2 does not see, since one number is added
-/// to every logit; EDS does see it, and says 1 + 4 / (C - 1) there, normalised, where a known object has 2.
+/// where EDS is least (pull), and |f + c|^2 of background (push). From c to -c leads the direction that eq. 2 does not see, since one number is added
+/// to every logit; EDS does see it, and says 1 + 4 / (C - 1) there, normalised: more than
+/// a known object's 2 while there are fewer than five classes.
 fn metric(
     embedding: &[f32],
     targets: &BatchTargets,
@@ -356,9 +358,11 @@ fn metric(
         let own = match label.is {
             CellClass::Known(class) => class as usize,
             CellClass::Unknown | CellClass::Background => {
-                let (weight, to) = match label.is {
-                    CellClass::Unknown => (settings.pull_weight, t / classes as f32),
-                    _ => (settings.push_weight, -t / classes as f32),
+                let centre = t / classes as f32;
+                let (weight, to) = if label.is == CellClass::Unknown {
+                    (settings.pull_weight, centre)
+                } else {
+                    (settings.push_weight, -centre)
                 };
                 let pull = weight * label.weight;
                 for (d, v) in d.iter_mut().zip(f) {

@@ -16,7 +16,7 @@ const SETTINGS: MetricSettings = MetricSettings {
     prototype_scale: 2.0,
     variance_weight: 0.05,
     pull_weight: 0.3,
-    push_weight: 0.2,
+    push_weight: 0.0,
     unknown_weight: 0.7,
 };
 

@@ -35,7 +35,7 @@ pub enum Kind {
     #[default]
     Metric,
     /// The same, taught what the paper's loss leaves open: unknown objects are made up and drawn to the prototypes' centre, where EDS is
-    /// least; background is drawn beyond the known, where it is large.
+    /// least; background is drawn where it is large.
     MetricOpen,
     /// SECOND's own classifier: the closed set.
     Sigmoid,
@@ -79,6 +79,9 @@ impl Kind {
     }
 }
 
+/// Cells of background that `metric-open` learns from: many, so that some look like an object. A guess.
+const METRIC_OPEN_BACKGROUND_CELLS: usize = 512;
+
 /// What [`Kind::Improved`] and in part [`Kind::MetricOpen`] add, each to be left out for an ablation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -87,9 +90,9 @@ pub struct Improvements {
     pub made_up: usize,
     /// Weight of the loss that draws their embeddings to the prototypes' centre, and of [`Kind::MetricOpen`] those of background away.
     pub pull_weight: f32,
-    /// Weight of the logit of the unknown.
+    /// Weight of the logit of the unknown; of [`Kind::Improved`] alone.
     pub unknown_weight: f32,
-    /// Anchors without a class.
+    /// Anchors without a class; of [`Kind::Improved`] alone.
     pub generic_anchors: bool,
     /// Cells of a frame that hold points and no object, and are learned from as background.
     pub background_cells: usize,
@@ -200,7 +203,7 @@ impl Settings {
             init: None,
             improvements: Improvements {
                 background_cells: match kind {
-                    Kind::MetricOpen => 512,
+                    Kind::MetricOpen => METRIC_OPEN_BACKGROUND_CELLS,
                     _ => Improvements::default().background_cells,
                 },
                 ..Improvements::default()
