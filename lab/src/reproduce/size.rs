@@ -7,7 +7,7 @@ use super::Setting;
 pub enum Size {
     /// Figures that mean something: hours on two cores.
     Full,
-    /// The whole way in eleven minutes on two cores; the figures mean little.
+    /// The whole way in twelve minutes on two cores; the figures mean little.
     Quick,
     /// The whole way in a minute, for tests; the figures mean nothing.
     Smoke,
