@@ -45,9 +45,8 @@ pub(crate) struct SimulateArguments {
         hide_possible_values = true
     )]
     without: Vec<StepName>,
-    /// Put objects among the known ones that are made up of them, resized and joined, labelled Made_up: what `metric-open` and `improved` learn the unknown
-    /// from. For
-    /// --split train alone.
+    /// Put objects among the known ones that are made up of them, resized and joined, labelled Made_up: what
+    /// `metric-open` and `improved` learn the unknown from. For --split train alone.
     #[arg(long)]
     made_up: bool,
     /// Threads; 0 takes one per core.

@@ -2,8 +2,7 @@
 //!
 //! L = objectness + metric + variance_weight * variance + pull_weight * pull + push_weight * push + unknown_weight * unknown +
 //! 2 * box + 0.2 * direction; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
-//! positives (at least 1), as in the public SECOND. Pull, push (told together
-//! as pull) and unknown are ours.
+//! positives (at least 1), as in the public SECOND. Pull, push (told together as pull) and unknown are ours.
 
 use rayon::prelude::*;
 
@@ -339,9 +338,9 @@ fn objectness(
 
 /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of
 /// softmax(2 T f); the variance loss |f - m_Y|^2; and two of ours: |f - c|^2 of made-up unknown objects, with the prototypes' centre c,
-/// where EDS is least (pull), and |f + c|^2 of background (push). From c to -c leads the direction that eq. 2 does not see, since one number is added
-/// to every logit; EDS does see it, and says 1 + 4 / (C - 1) there, normalised: more than
-/// a known object's 2 while there are fewer than five classes.
+/// where EDS is least (pull), and |f + c|^2 of background (push). From c to -c leads the direction that eq. 2 does not see, since one
+/// number is added to every logit; EDS does see it, and says 1 + 4 / (C - 1) there, normalised: more than a known object's 2 while
+/// there are fewer than five classes.
 fn metric(
     embedding: &[f32],
     targets: &BatchTargets,
