@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 ///
 /// Every step leaves its outcome in a folder, so a run that was interrupted goes on where it stopped, and networks that lie
 /// in --runs already are taken as they are: RUNS/sim-udi/{metric,sigmoid,softmax,metric-open,improved,supervised,osis}/model.safetensors,
-/// further seeds in metric-s2 and so on. The full plan takes hours on two cores; --quick a quarter of one.
+/// further seeds in metric-s2 and so on. The full plan takes hours on two cores; --quick twelve minutes.
 #[derive(Args)]
 pub(crate) struct ReproduceArguments {
     /// Only this setting [default: both simulated ones].

@@ -92,7 +92,7 @@ struct Choices {
     /// Improved: fit layers that judge clusters by their looks [default: true for udi, false for kitti].
     #[arg(long, value_name = "BOOL")]
     looks: Option<bool>,
-    /// Multiply in bf16 (sums, weights and weight gradients stay f32): faster where the processor has bf16.
+    /// Multiply the gradients of layers' inputs in bf16 (all else stays f32): faster where the processor has bf16.
     #[arg(long)]
     bf16: bool,
     /// Do not paste, mirror, turn or scale.

@@ -30,7 +30,7 @@ pub struct Layer {
     pub beta: Range<usize>,
     /// Which running statistics are this layer's.
     pub norm: usize,
-    /// Multiply in bf16 while training (sums, norms, weights and their gradients stay f32).
+    /// Multiply the gradient of the layer's input in bf16 (all else stays f32).
     pub bf16: bool,
 }
 

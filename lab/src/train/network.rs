@@ -217,7 +217,7 @@ impl Chain {
         }
     }
 
-    /// Multiplies in bf16 while training, where a layer's channels are worth it.
+    /// Multiplies gradients of layers' inputs in bf16, where a layer's channels are worth it.
     pub fn use_bf16(&mut self) {
         let blocks = self
             .sparse

@@ -56,7 +56,7 @@ pub(crate) struct PipelineArgs {
     /// A folder of KITTI .bin scans (or of `velodyne/`), or one scan.
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
-    /// An embedded model (kitti, udi, udi-open) or a model file.
+    /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file [default: kitti].
     #[arg(long)]
     pub(crate) model: Option<String>,
     /// When the next frame enters [default: sensor].
@@ -129,7 +129,7 @@ pub(crate) struct DemoArgs {
     /// Where the picture goes.
     #[arg(long, default_value = "mluc-demo.png")]
     pub(crate) picture: PathBuf,
-    /// An embedded model (kitti, udi, udi-open) or a model file.
+    /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file.
     #[arg(long, default_value = "udi-open")]
     pub(crate) model: String,
 }

@@ -1,6 +1,7 @@
 //! A scan from above: points by colour, boxes by kind, range rings in metres. Forward (+x) is up, left (+y) is left.
 
 use super::canvas::{Canvas, Color};
+use super::captions::Captions;
 use super::color::{NIGHT, RING, label_color, ramp};
 use super::legend::draw_legend;
 use mluc_geometry::Box3;
@@ -95,6 +96,7 @@ pub fn bird_eye(points: &[[f32; 4]], boxes: &[DrawnBox], view: &View) -> Canvas 
     for drawn in boxes {
         draw_box(&mut canvas, drawn, view);
     }
+    draw_captions(&mut canvas, boxes, view);
     draw_sensor(&mut canvas, view);
     draw_legend(&mut canvas, boxes, view, RAMP_M);
     canvas
@@ -165,19 +167,21 @@ pub(super) fn color_of(drawn: &DrawnBox) -> Color {
     }
 }
 
-/// Footprint with a bar at the front.
-fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
+/// Corners of the footprint in pixels; `None` for a box that makes no sense or lies far away.
+fn corners_px(drawn: &DrawnBox, view: &View) -> Option<[[f32; 2]; 4]> {
     let corners = drawn
         .box_in_sensor
         .footprint_m()
         .map(|[x, y]| view.at(x as f32, y as f32));
-    if corners
-        .iter()
-        .flatten()
-        .any(|v| !v.is_finite() || v.abs() > 1e5)
-    {
+    let is_sane = |v: &f32| v.is_finite() && v.abs() <= 1e5;
+    corners.iter().flatten().all(is_sane).then_some(corners)
+}
+
+/// Footprint with a bar at the front.
+fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
+    let Some(corners) = corners_px(drawn, view) else {
         return;
-    }
+    };
     let color = color_of(drawn);
     let (width, fill) = match drawn.kind {
         BoxKind::Known => (2.0, 0.18),
@@ -196,10 +200,38 @@ fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
         mix(corners[3], corners[2], 0.18),
     );
     canvas.line(left, right, width, color, 0.95);
-    if !drawn.caption.is_empty() {
-        let right = corners.iter().map(|c| c[0]).fold(f32::MIN, f32::max);
-        let top = corners.iter().map(|c| c[1]).fold(f32::MAX, f32::min);
-        canvas.text([right as i64 + 4, top as i64 - 2], &drawn.caption, 1, color);
+}
+
+/// Left, top, right, bottom.
+fn bounds_px(corners: &[[f32; 2]; 4]) -> [i64; 4] {
+    let of = |i: usize, pick: fn(f32, f32) -> f32| {
+        let values = corners.iter().map(|c| c[i]);
+        values.reduce(pick).unwrap_or(0.0) as i64
+    };
+    [
+        of(0, f32::min),
+        of(1, f32::min),
+        of(0, f32::max),
+        of(1, f32::max),
+    ]
+}
+
+/// Unknown objects' texts first: they get the best places.
+fn draw_captions(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View) {
+    let bounds = |b| corners_px(b, view).map(|corners| (b, bounds_px(&corners)));
+    let mut order: Vec<(&DrawnBox, [i64; 4])> = boxes.iter().filter_map(bounds).collect();
+    let mut captions = Captions::among(order.iter().map(|(_, bounds)| *bounds).collect());
+    order.sort_by_key(|(b, _)| b.kind != BoxKind::Unknown);
+    for (drawn, bounds) in order.iter().filter(|(b, _)| !b.caption.is_empty()) {
+        let size = Canvas::text_size_px(&drawn.caption, 1);
+        let [x, y] = captions.place(*bounds, size);
+        canvas.rectangle(
+            [x - 1, y - 1],
+            [x + size[0] + 1, y + size[1] + 1],
+            NIGHT,
+            0.6,
+        );
+        canvas.text([x, y], &drawn.caption, 1, color_of(drawn));
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod bird_eye;
 mod canvas;
+mod captions;
 mod color;
 mod font;
 mod legend;

@@ -14,7 +14,7 @@ use crate::{EXIT_FAILURE, UsageError, model};
 
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RefinerTestArgs {
-    /// Model whose classes the detections have: embedded (kitti, udi, udi-open) or a model file.
+    /// Model whose classes the detections have: embedded (kitti, kitti-open, udi, udi-open) or a model file.
     #[arg(long, default_value = "kitti")]
     pub(crate) model: String,
     /// Only these cases; all when none is named.

@@ -46,7 +46,7 @@ pub(crate) struct RunArgs {
     /// An embedded model or a model file [default: udi on the bundled scans, else kitti].
     #[arg(long)]
     pub(crate) model: Option<String>,
-    /// f32 or bf16.
+    /// f32, bf16 or int8.
     #[arg(long)]
     pub(crate) precision: Option<String>,
     /// Threads of one stage, STAGE=N.

@@ -188,7 +188,7 @@ impl Measured {
         warn(
             steady > 2.0,
             format!(
-                "The first frame took {steady:.1} times as long as the median one; at most 2 is aimed at."
+                "The first frame took {steady:.1} times as long as the median one; more than 2 says that something was not warm."
             ),
         );
         warnings

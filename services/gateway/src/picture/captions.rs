@@ -1,0 +1,74 @@
+//! Where a box's text goes: beside it, and not over another box or its text.
+
+/// Pixels between a box and its text.
+const GAP_PX: i64 = 4;
+
+/// What stands already, each as left, top, right, bottom, px.
+#[derive(Debug, Default)]
+pub(super) struct Captions {
+    taken: Vec<[i64; 4]>,
+}
+
+impl Captions {
+    /// Among these boxes.
+    pub(super) fn among(boxes: Vec<[i64; 4]>) -> Captions {
+        Captions { taken: boxes }
+    }
+
+    /// Upper left corner of a text of this size for a box with these bounds: the first free place of right, left (both from the top
+    /// downwards), above and below; to the right of its top where all are taken.
+    pub(super) fn place(&mut self, bounds: [i64; 4], size_px: [i64; 2]) -> [i64; 2] {
+        let ([left, top, right, bottom], [width, height]) = (bounds, size_px);
+        let line = height + 2;
+        let (to_right, to_left) = (right + GAP_PX, left - GAP_PX - width);
+        let lines = 0..=(bottom - top).clamp(0, 400) / line + 1;
+        let beside = |x: i64| lines.clone().map(move |i| [x, top - 2 + i * line]);
+        let places = beside(to_right)
+            .chain(beside(to_left))
+            .chain([[left, top - GAP_PX - height], [left, bottom + GAP_PX]]);
+        let place = places
+            .into_iter()
+            .find(|[x, y]| self.is_free([*x, *y, x + width, y + height]))
+            .unwrap_or([to_right, top - 2]);
+        self.taken
+            .push([place[0], place[1], place[0] + width, place[1] + height]);
+        place
+    }
+
+    fn is_free(&self, a: [i64; 4]) -> bool {
+        let covers = |b: &[i64; 4]| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
+        !self.taken.iter().any(covers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_of_boxes_in_one_place_stand_below_each_other() {
+        let mut captions = Captions::default();
+        let places = [0; 3].map(|_| captions.place([100, 50, 120, 90], [60, 7]));
+        assert_eq!(places[0], [124, 48]);
+        for (i, a) in places.iter().enumerate() {
+            for b in &places[..i] {
+                assert!((a[1] - b[1]).abs() >= 7 || (a[0] - b[0]).abs() >= 60);
+            }
+        }
+    }
+
+    #[test]
+    fn a_text_is_not_written_over_another_box() {
+        let mut captions = Captions::among(vec![[130, 40, 300, 70]]);
+        assert_eq!(captions.place([100, 50, 120, 90], [60, 7]), [124, 75]);
+    }
+
+    #[test]
+    fn where_all_is_taken_the_text_is_there_all_the_same() {
+        let mut captions = Captions::default();
+        for _ in 0..100 {
+            captions.place([0, 0, 10, 10], [60, 7]);
+        }
+        assert_eq!(captions.place([0, 0, 10, 10], [60, 7]), [14, -2]);
+    }
+}
