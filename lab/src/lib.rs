@@ -1,4 +1,5 @@
 //! What happens off the vehicle: simulate, train, evaluate, draw.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod dataset;
 pub mod evaluate;
@@ -13,3 +14,4 @@ pub mod reproduce;
 pub mod simulate;
 pub mod statistics;
 pub mod train;
+pub mod whole_file;

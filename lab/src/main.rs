@@ -1,4 +1,5 @@
 //! `mluc-lab`: what happens off the vehicle.
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 mod commands;
 
@@ -16,7 +17,7 @@ fn main() -> std::process::ExitCode {
     match commands::run(Arguments::parse().command) {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("mluc-lab: {error:#}");
+            commands::terminal::tell(format_args!("mluc-lab: {error:#}"));
             std::process::ExitCode::FAILURE
         }
     }

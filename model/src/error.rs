@@ -3,6 +3,14 @@
 /// Why a model is refused: which field or tensor, what was expected, what was found.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
+    /// What is wrong, and in which file.
+    #[error("{}: {cause}", path.display())]
+    InFile {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong with it.
+        cause: Box<ModelError>,
+    },
     /// The bytes are no whole safetensors file.
     #[error("model file of {bytes} bytes is damaged or cut short: {cause}")]
     Container {

@@ -67,7 +67,10 @@ impl Model {
             path: path.into(),
             cause,
         })?;
-        Model::from_bytes(&bytes)
+        Model::from_bytes(&bytes).map_err(|cause| ModelError::InFile {
+            path: path.into(),
+            cause: Box::new(cause),
+        })
     }
 }
 

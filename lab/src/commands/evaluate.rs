@@ -2,12 +2,15 @@
 
 use super::evaluate_method::MethodArguments;
 use super::evaluate_model::ModelArguments;
+use super::terminal::tell;
 use anyhow::Context;
 use clap::{Args, Subcommand, ValueEnum};
 use mluc_geometry::ImageSize;
+use mluc_lab::dataset::Label;
 use mluc_lab::evaluate::input::{read, sources};
 use mluc_lab::evaluate::{
-    NeighbourPolicy, RuleRequest, UnknownProtocol, UnknownRequest, evaluate, rules, unjudged,
+    NeighbourPolicy, RuleRequest, UnknownProtocol, UnknownRequest, evaluate, rules, unheard,
+    unjudged,
 };
 use std::io::Write;
 use std::path::PathBuf;
@@ -133,11 +136,20 @@ pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
     }
 }
 
+/// A label of a class that nobody has heard of is judged nowhere, and a detection of its object counts as false.
+pub(super) fn warn_unheard<'a>(labels: impl Iterator<Item = &'a Label>) {
+    for class in unheard(labels) {
+        tell(format_args!(
+            "warning: labels of class {class}, which is none of KITTI's nor of the simulator's; misspelt?"
+        ));
+    }
+}
+
 fn average_precision(arguments: ApArguments) -> anyhow::Result<()> {
     let sources = sources(&arguments.labels, &arguments.detections, &arguments.calib)?;
     let input = read(&sources, arguments.image_size)?;
     for warning in &input.warnings {
-        eprintln!("warning: {warning}");
+        tell(format_args!("warning: {warning}"));
     }
     let asks_unknown = !arguments.unknown.is_empty();
     let unknown = asks_unknown.then_some(UnknownRequest {
@@ -155,18 +167,19 @@ fn average_precision(arguments: ApArguments) -> anyhow::Result<()> {
         neighbours: arguments.neighbours.policy(),
     };
     let rules = rules(&request, &input.frames)?;
+    warn_unheard(input.frames.iter().flat_map(|frame| frame.labels.iter()));
     if asks_unknown {
         for class in unjudged(&input.frames, &rules) {
-            eprintln!(
+            tell(format_args!(
                 "warning: labels of class {class} count as background; if it is known, name it in --iou"
-            );
+            ));
         }
     }
     let report = evaluate(&input.frames, &rules);
     for class in report.without_labels() {
-        eprintln!(
+        tell(format_args!(
             "warning: no label of class {class} counts at moderate: its AP is 0 and means nothing"
-        );
+        ));
     }
     let text = if arguments.json {
         serde_json::to_string_pretty(&report.to_json()).context("JSON of the report")?

@@ -1,5 +1,6 @@
 //! `mluc-lab evaluate method`: rows of the paper's tables on labelled scans.
 
+use super::evaluate::warn_unheard;
 use anyhow::{Context, bail};
 use clap::Args;
 use indicatif::ProgressBar;
@@ -45,15 +46,19 @@ pub(super) struct MethodArguments {
 
 /// Runs it.
 pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
-    let model = Model::read(&arguments.model)?;
-    let set = FrameSet::open(&arguments.data, None, arguments.frames)?;
-    if set.is_empty() {
-        bail!("{}: expected scans, found none", arguments.data.display());
+    if arguments.frames == 0 {
+        bail!("--frames: expected 1 or more, found 0");
     }
+    let model = Model::read(&arguments.model)?;
     let methods = methods(&arguments.method, &model)?;
+    for method in &methods {
+        method.check(&model)?;
+    }
+    let set = FrameSet::open(&arguments.data, None, arguments.frames)?;
     let bar = ProgressBar::new(set.len() as u64);
     let frames = detect_frames(&model, &set, || bar.inc(1))?;
     bar.finish_and_clear();
+    warn_unheard(frames.iter().flat_map(|frame| frame.truth.labels.iter()));
     let rules = class_rules(&model)?;
     let mut out = std::io::stdout().lock();
     writeln!(out, "{}: {}", arguments.model.display(), set.describe())?;

@@ -1,6 +1,6 @@
 //! `mluc-lab evaluate model`: the whole pipeline over labelled scans.
 
-use super::evaluate::Neighbours;
+use super::evaluate::{Neighbours, warn_unheard};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -117,6 +117,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let bar = bar("network", set.len());
     let frames = detect_frames_in(arguments.precision, &model, &set, || bar.inc(1))?;
     bar.finish_and_clear();
+    warn_unheard(frames.iter().flat_map(|frame| frame.truth.labels.iter()));
     if let Some(path) = &arguments.boxes {
         write_boxes(path, &model, &set, &frames)?;
     }

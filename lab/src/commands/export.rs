@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 use mluc_lab::exchange::export;
+use mluc_lab::whole_file::write_whole;
 use mluc_model::Model;
+
+use super::terminal::answer;
 
 /// Write a model's weights as safetensors with the names that OpenPCDet gives its layers (docs/weights.md).
 ///
@@ -24,7 +27,11 @@ pub(crate) struct ExportArguments {
 pub(crate) fn run(arguments: ExportArguments) -> anyhow::Result<()> {
     let bytes = export(&Model::read(&arguments.model)?)?;
     let out = &arguments.out;
-    std::fs::write(out, bytes).with_context(|| out.display().to_string())?;
-    println!("{}", out.display());
-    Ok(())
+    anyhow::ensure!(
+        out.canonicalize().ok() != arguments.model.canonicalize().ok(),
+        "--out: expected another file than --model, found the same, {}",
+        out.display()
+    );
+    write_whole(out, &bytes).with_context(|| out.display().to_string())?;
+    answer(out.display())
 }

@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::Args;
 use mluc_lab::exchange::{ImportRequest, import};
+use mluc_lab::whole_file::write_whole;
 use mluc_model::{AnchorClass, model_bytes};
+
+use super::terminal::{answer, tell};
 
 /// Turn a checkpoint of OpenPCDet's SECOND into a model file with its closed-set head.
 ///
@@ -91,9 +94,9 @@ pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
     let imported = import(&bytes, &arguments.request()?).with_context(|| path.to_string())?;
     let model = model_bytes(&imported.manifest, &imported.weights)?;
     let out = &arguments.out;
-    std::fs::write(out, model).with_context(|| out.display().to_string())?;
+    write_whole(out, &model).with_context(|| out.display().to_string())?;
     let network = &imported.manifest.network;
-    eprintln!(
+    tell(format_args!(
         "{} tensors, profile {}, {:?} head, classes {}, sparse weights {:?}, score of an empty scene at most {:.3}",
         imported.weights.iter().count(),
         network.profile,
@@ -107,7 +110,6 @@ pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
             .join(", "),
         imported.layout,
         imported.manifest.empty_objectness_max,
-    );
-    println!("{}", out.display());
-    Ok(())
+    ));
+    answer(out.display())
 }

@@ -11,6 +11,7 @@ mod render;
 mod reproduce;
 mod simulate;
 mod stats;
+pub(crate) mod terminal;
 mod train;
 
 use clap::Subcommand;

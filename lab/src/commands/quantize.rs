@@ -5,6 +5,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use mluc_lab::dataset::Dataset;
 use mluc_lab::quantize::{Calibrated, OutputErrors, calibrate, compare, evenly};
+use mluc_lab::whole_file::write_whole;
 use mluc_model::{Model, model_bytes};
 use serde_json::json;
 use std::io::Write;
@@ -88,12 +89,9 @@ fn folder(path: &Path) -> String {
     parts[parts.len().saturating_sub(2)..].join("/")
 }
 
-/// Writes beside the file, then moves over it.
+/// Writes the file as a whole.
 fn replace(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    let beside = path.with_extension("partial");
-    std::fs::write(&beside, bytes)
-        .and_then(|()| std::fs::rename(&beside, path))
-        .with_context(|| format!("{}: cannot be written", path.display()))
+    write_whole(path, bytes).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// On stderr, and only where that is a terminal.

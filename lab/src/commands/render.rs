@@ -1,5 +1,6 @@
 //! `mluc-lab render`: a picture of a scan.
 
+use super::terminal::answer;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use mluc_lab::render::{ColorBy, RenderOptions, render};
@@ -78,6 +79,5 @@ pub(crate) fn run(arguments: RenderArguments) -> anyhow::Result<()> {
     canvas
         .write_png(&mut BufWriter::new(file))
         .with_context(|| format!("{}", arguments.out.display()))?;
-    println!("{}", arguments.out.display());
-    Ok(())
+    answer(arguments.out.display())
 }

@@ -1,5 +1,6 @@
 //! `mluc-lab reproduce`: the paper's tables with one command.
 
+use super::terminal::{answer, tell};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -61,7 +62,7 @@ pub(crate) struct ReproduceArguments {
     #[arg(long, value_enum, default_value_t = PolicyName::DropFrames)]
     policy: PolicyName,
     /// Threads; 0: all cores.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = super::terminal::threads)]
     threads: usize,
 }
 
@@ -181,8 +182,7 @@ pub(crate) fn run_command(arguments: ReproduceArguments) -> anyhow::Result<()> {
     let bars = Bars::new();
     run(&options, &bars)?;
     bars.clear();
-    println!("{}", options.layout.out.join("README.md").display());
-    Ok(())
+    answer(options.layout.out.join("README.md").display())
 }
 
 /// Without a terminal, a line this often.
@@ -263,17 +263,17 @@ impl Screen for Bars {
         state.done += 1;
         if state.last.elapsed() >= LINE_EVERY {
             state.last = Instant::now();
-            eprintln!(
+            tell(format_args!(
                 "{} {}: {}/{}",
                 state.step, state.what, state.done, state.total
-            );
+            ));
         }
     }
 
     fn note(&self, text: &str) {
         match self.terminal {
             true => self.bar.println(text),
-            false => eprintln!("{text}"),
+            false => tell(text),
         }
     }
 

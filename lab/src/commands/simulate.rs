@@ -1,5 +1,6 @@
 //! `mluc-lab simulate`: writes a simulated data set.
 
+use super::terminal::{answer, tell};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -50,7 +51,7 @@ pub(crate) struct SimulateArguments {
     #[arg(long)]
     made_up: bool,
     /// Threads; 0 takes one per core.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = super::terminal::threads)]
     threads: usize,
 }
 
@@ -112,13 +113,12 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
     let progress = Progress::new(&name, options.frames);
     export(&options, || progress.step()).with_context(|| format!("simulating {name}"))?;
     progress.bar.finish_and_clear();
-    println!(
+    answer(format_args!(
         "{name}{}: {} frames in {}",
         options.realism,
         options.frames,
         options.folder.display()
-    );
-    Ok(())
+    ))
 }
 
 /// A bar on a terminal, a line every 5 % elsewhere.
@@ -156,7 +156,7 @@ impl Progress {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         let step = self.total.div_ceil(20);
         if self.lines && (done.is_multiple_of(step) || done == self.total) {
-            eprintln!("{done}/{} frames", self.total);
+            tell(format_args!("{done}/{} frames", self.total));
         }
     }
 }

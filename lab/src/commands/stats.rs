@@ -1,5 +1,6 @@
 //! `mluc-lab stats`: what a data set holds.
 
+use super::terminal::answer;
 use clap::Args;
 use mluc_lab::dataset::Dataset;
 use mluc_lab::statistics::{collect, read_reference, table};
@@ -23,6 +24,6 @@ pub(crate) fn run(arguments: StatsArguments) -> anyhow::Result<()> {
         .map(read_reference)
         .transpose()?;
     let statistics = collect(&Dataset::open(&arguments.dataset)?)?;
-    print!("{}", table(&statistics, reference.as_ref()));
+    answer(table(&statistics, reference.as_ref()).trim_end())?;
     Ok(())
 }

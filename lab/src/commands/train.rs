@@ -1,5 +1,6 @@
 //! `mluc-lab train`.
 
+use super::terminal::{answer, tell};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -26,7 +27,7 @@ pub(crate) struct Train {
     #[command(flatten)]
     choices: Choices,
     /// Threads; 0: all cores.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = super::terminal::threads)]
     threads: usize,
     /// Print where each step's time goes.
     #[arg(long)]
@@ -46,7 +47,7 @@ struct Choices {
     /// What its heads learn [default: metric].
     #[arg(long, value_enum)]
     network: Option<KindName>,
-    /// Folder with train/ and val/ in KITTI's format (`mluc-lab simulate` makes them).
+    /// Folder with train/ and val/ in KITTI's format (`mluc-lab simulate` makes them); all scans in them are taken, lists in ImageSets are not read.
     #[arg(long)]
     data: Option<PathBuf>,
     /// Folder of the run: log, checkpoint, model.safetensors.
@@ -104,6 +105,10 @@ struct Choices {
     /// Frames of val/ that judge the model after every epoch and at the end [default: 400]; 0: none.
     #[arg(long)]
     validate_frames: Option<usize>,
+    /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
+    /// an error: misspelt, it would be background without a word.
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    ignore_classes: Vec<String>,
     /// Steps between checkpoints [default: 200].
     #[arg(long)]
     checkpoint_every: Option<u64>,
@@ -172,6 +177,10 @@ impl Choices {
             no_augment: self.no_augment || base.no_augment,
             database_frames: self.database_frames.or(base.database_frames),
             validate_frames: self.validate_frames.or(base.validate_frames),
+            ignore_classes: match self.ignore_classes.is_empty() {
+                true => base.ignore_classes,
+                false => self.ignore_classes,
+            },
             checkpoint_every: self.checkpoint_every.or(base.checkpoint_every),
         }
     }
@@ -226,6 +235,7 @@ impl Choices {
             augment: !self.no_augment,
             database_frames: self.database_frames.unwrap_or(usual.database_frames),
             validate_frames: self.validate_frames.unwrap_or(usual.validate_frames),
+            ignored_classes: self.ignore_classes,
             commit: commit().unwrap_or_else(|| "unknown".into()),
             checkpoint_every: self.checkpoint_every.unwrap_or(usual.checkpoint_every),
             ..usual
@@ -288,7 +298,7 @@ fn tune_memory() {
         .args(std::env::args_os().skip(1))
         .envs(MEMORY)
         .exec();
-    eprintln!("the allocator keeps its defaults: {fault}");
+    tell(format_args!("the allocator keeps its defaults: {fault}"));
 }
 
 /// Runs it.
@@ -307,8 +317,7 @@ pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
         _ => Run::prepare(&settings, &mut tell)?.finish(&mut tell)?,
     };
     screen.bar.finish_and_clear();
-    println!("{}", path.display());
-    Ok(())
+    answer(path.display())
 }
 
 /// A bar on a terminal, lines elsewhere; always on stderr.
@@ -341,7 +350,7 @@ impl Screen {
     fn show(&mut self, event: Event) {
         match event {
             Event::Note(text) if self.terminal => self.bar.println(text),
-            Event::Note(text) => eprintln!("{text}"),
+            Event::Note(text) => tell(text),
             Event::Progress(progress) => self.progress(progress),
         }
     }
@@ -371,7 +380,7 @@ impl Screen {
         self.bar.set_message(text.clone());
         let due = self.last.is_none_or(|last| last.elapsed() >= LINE_EVERY);
         if !self.terminal && (due || self.every_line || p.step == p.steps) {
-            eprintln!("step {}/{}: {text}", p.step, p.steps);
+            tell(format_args!("step {}/{}: {text}", p.step, p.steps));
             self.last = Some(Instant::now());
         }
     }

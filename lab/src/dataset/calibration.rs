@@ -15,9 +15,9 @@ fn parse(path: &Path, text: &str) -> Result<Calibration, DatasetError> {
     let p2 = matrix::<4>(path, text, "P2")?;
     let r0_rect = matrix::<3>(path, text, "R0_rect")?;
     let velo_to_cam = matrix::<4>(path, text, "Tr_velo_to_cam")?;
-    Calibration::new(p2, r0_rect, velo_to_cam).map_err(|source| DatasetError::Calibration {
+    Calibration::new(p2, r0_rect, velo_to_cam).map_err(|cause| DatasetError::Calibration {
         path: path.to_owned(),
-        source,
+        cause,
     })
 }
 

@@ -78,6 +78,28 @@ pub enum DatasetError {
         /// What is there.
         found: String,
     },
+    /// A label of a class that nobody has heard of: misspelt, it would become background without a word.
+    #[error("{}, line {line}, field type: expected {expected}, found '{found}'", path.display())]
+    Class {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The classes that are heard of.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// A frame that a list names twice.
+    #[error("{}, line {line}: expected each frame once, found '{found}' again", path.display())]
+    RepeatedFrame {
+        /// The list.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The name.
+        found: String,
+    },
     /// A calibration without one of its matrices.
     #[error("{}: expected a line '{name}: ...', found none", path.display())]
     MissingMatrix {
@@ -87,12 +109,12 @@ pub enum DatasetError {
         name: &'static str,
     },
     /// A calibration that cannot be used.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {cause}", path.display())]
     Calibration {
         /// The file.
         path: PathBuf,
         /// Why not.
-        source: CalibrationError,
+        cause: CalibrationError,
     },
     /// A split that names a frame without a scan.
     #[error("{}, line {line}: expected the name of a frame in {}, found '{found}'", path.display(), scans.display())]
@@ -127,12 +149,12 @@ pub enum DatasetError {
         path: PathBuf,
     },
     /// The system refused to write.
-    #[error("{}: cannot be written: {source}", path.display())]
+    #[error("{}: cannot be written: {cause}", path.display())]
     Write {
         /// File or folder.
         path: PathBuf,
         /// The system's answer.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A folder to be written that is there already.
     #[error("{}: expected a new folder, found one that is there already; choose another or remove it", path.display())]

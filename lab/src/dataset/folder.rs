@@ -2,6 +2,7 @@
 
 use super::{DatasetError, Label, read_calibration, read_labels, read_plane, read_scan, read_text};
 use mluc_geometry::{Box3, Calibration};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// A KITTI-format folder, opened: where its files lie and the names of its frames, in order.
@@ -39,7 +40,7 @@ impl Dataset {
     pub fn open_listed(root: &Path, list: &Path) -> Result<Dataset, DatasetError> {
         let mut dataset = Dataset::open(root)?;
         let text = read_text(list)?;
-        let mut names = Vec::new();
+        let (mut names, mut seen) = (Vec::new(), HashSet::new());
         for (index, name) in text
             .lines()
             .map(str::trim)
@@ -55,6 +56,13 @@ impl Dataset {
                     path: list.to_owned(),
                     line: index + 1,
                     scans: dataset.scans,
+                    found: name.chars().take(40).collect(),
+                });
+            }
+            if !seen.insert(name) {
+                return Err(DatasetError::RepeatedFrame {
+                    path: list.to_owned(),
+                    line: index + 1,
                     found: name.chars().take(40).collect(),
                 });
             }
@@ -222,6 +230,7 @@ mod tests {
             ("velodyne/2.bin", ""),
             ("ImageSets/val.txt", "2\n"),
             ("ImageSets/bad.txt", "1\n9\n"),
+            ("ImageSets/twice.txt", "1\n2\n\n1\n"),
         ] {
             write(folder.path(), name, content);
         }
@@ -239,6 +248,8 @@ mod tests {
             "{fault}"
         );
         assert!(Dataset::open_split(folder.path(), "none").is_err());
+        let twice = Dataset::open_split(folder.path(), "twice").expect_err("frame 1 again");
+        assert!(twice.to_string().contains("twice.txt, line 4"), "{twice}");
     }
 
     #[test]

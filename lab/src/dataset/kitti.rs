@@ -1,6 +1,8 @@
 //! What is special about KITTI's object benchmark: its folders, its splits, its classes.
 
+use super::scan::check_scan_size;
 use super::{Dataset, DatasetError, read_text};
+use crate::made_up::MADE_UP;
 use std::path::{Path, PathBuf};
 
 /// Every class that KITTI's labels name.
@@ -15,6 +17,15 @@ pub const KITTI_CLASSES: [&str; 9] = [
     "Misc",
     "DontCare",
 ];
+
+/// Classes that simulated scans name beside KITTI's: those that the network is never trained on, and objects made up of known ones.
+pub const SIMULATED_CLASSES: [&str; 3] = ["Golf_cart", "Forklift", MADE_UP];
+
+/// Whether a class is one of KITTI's or the simulator's, whatever the case of its letters.
+pub fn is_heard_of(class: &str) -> bool {
+    let mut all = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
+    all.any(|known| known.eq_ignore_ascii_case(class))
+}
 
 /// Where a benchmark folder's splits are listed.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,7 +78,7 @@ impl Splits {
     }
 }
 
-/// Checks that every frame has its label and calibration file.
+/// Checks that every frame has its label and calibration file, and a scan of whole points.
 pub fn check_files(dataset: &Dataset) -> Result<(), DatasetError> {
     for name in dataset.names() {
         let files = [
@@ -80,25 +91,24 @@ pub fn check_files(dataset: &Dataset) -> Result<(), DatasetError> {
                 return Err(DatasetError::MissingFile { frame, what, path });
             }
         }
+        check_scan_size(&dataset.scan_path(name))?;
     }
     Ok(())
 }
 
-/// Checks that a label file names KITTI's classes alone: a misspelt one would become background without a word.
-pub fn check_classes(path: &Path) -> Result<(), DatasetError> {
+/// Checks that a label file names classes alone that are heard of: a misspelt one would become background without a word.
+pub fn check_classes<C: AsRef<str>>(path: &Path, heard: &[C]) -> Result<(), DatasetError> {
     for (index, line) in read_text(path)?.lines().enumerate() {
         let Some(class) = line.split_whitespace().next() else {
             continue;
         };
-        if !KITTI_CLASSES
-            .iter()
-            .any(|known| known.eq_ignore_ascii_case(class))
-        {
-            return Err(DatasetError::Field {
+        let is_class = |known: &C| known.as_ref().eq_ignore_ascii_case(class);
+        if !heard.iter().any(is_class) {
+            let names: Vec<&str> = heard.iter().map(C::as_ref).collect();
+            return Err(DatasetError::Class {
                 path: path.to_owned(),
                 line: index + 1,
-                field: "type",
-                expected: "Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc or DontCare",
+                expected: format!("one of {}", names.join(", ")),
                 found: class.chars().take(40).collect(),
             });
         }
@@ -167,7 +177,9 @@ mod tests {
             fault.contains("frame 1: expected its calibration in ") && fault.contains("1.txt"),
             "{fault}"
         );
-        let fault = check_classes(&labels).expect_err("a class").to_string();
-        assert!(fault.ends_with("line 3, field type: expected Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc or DontCare, found 'Carr'"), "{fault}");
+        let fault = check_classes(&labels, &KITTI_CLASSES)
+            .expect_err("a class")
+            .to_string();
+        assert!(fault.ends_with("line 3, field type: expected one of Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc, DontCare, found 'Carr'"), "{fault}");
     }
 }

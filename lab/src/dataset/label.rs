@@ -80,6 +80,10 @@ const COLUMNS: [&str; 15] = [
     "rotation_y",
 ];
 
+/// Sizes and places that a labelled object can have.
+const SIZE_M: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+const PLACE_M: std::ops::RangeInclusive<f64> = -10_000.0..=10_000.0;
+
 /// Reads a label file. An empty file is a frame without objects. A 16th column (a track id) is passed over.
 pub fn read_labels(path: &Path) -> Result<Vec<Label>, DatasetError> {
     parse(path, &read_text(path)?, false)
@@ -145,6 +149,9 @@ impl Line<'_> {
                 self.columns[2],
             ));
         }
+        if !scored && !self.columns[0].eq_ignore_ascii_case("DontCare") {
+            self.check_box(&numbers)?;
+        }
         let score = if scored {
             Some(self.number(self.columns.len() - 1, "score")?)
         } else {
@@ -163,6 +170,21 @@ impl Line<'_> {
             },
             score,
         })
+    }
+
+    /// Whether a labelled box can be an object's.
+    fn check_box(&self, numbers: &[f64; 15]) -> Result<(), DatasetError> {
+        let ranges = [
+            (8..11, SIZE_M, "a size of 0.01 to 100 m"),
+            (11..14, PLACE_M, "a place within 10 km"),
+        ];
+        for (columns, range, expected) in ranges {
+            let mut columns = columns;
+            if let Some(i) = columns.find(|i| !range.contains(&numbers[*i])) {
+                return Err(self.fault(COLUMNS[i], expected, self.columns[i]));
+            }
+        }
+        Ok(())
     }
 
     fn check_count(&self, scored: bool) -> Result<(), DatasetError> {
@@ -272,6 +294,18 @@ mod tests {
             nan,
             "a.txt, line 1, field score: expected a finite number, found 'nan'"
         );
+        let negative = parsed(&CAR.replace("3.9", "-3.9"), false).expect_err("negative");
+        assert_eq!(
+            negative,
+            "a.txt, line 1, field length: expected a size of 0.01 to 100 m, found '-3.9'"
+        );
+        let far = parsed(&CAR.replace("20.0", "1e30"), false).expect_err("far");
+        assert!(
+            far.contains("field z: expected a place within 10 km"),
+            "{far}"
+        );
+        let region = "DontCare -1 -1 -10 0 0 9 9 -1 -1 -1 -1000 -1000 -1000 -10";
+        assert!(parsed(region, false).is_ok());
         let half = parsed(&CAR.replace(" 1 -1.57", " 0.5 -1.57"), false).expect_err("half");
         assert!(half.contains("field occluded"), "{half}");
         let long = parsed(&format!("{CAR} 1 2 3"), false).expect_err("long");

@@ -14,6 +14,7 @@
 mod calibration;
 mod error;
 mod folder;
+mod hash;
 mod kitti;
 mod label;
 mod plane;
@@ -24,7 +25,10 @@ mod scan;
 pub use calibration::read_calibration;
 pub use error::DatasetError;
 pub use folder::{Dataset, file_stems};
-pub use kitti::{KITTI_CLASSES, Splits, check_classes, check_files};
+pub use hash::data_hash;
+pub use kitti::{
+    KITTI_CLASSES, SIMULATED_CLASSES, Splits, check_classes, check_files, is_heard_of,
+};
 pub use label::{Label, read_detections, read_labels};
 pub use plane::read_plane;
 pub use policy::{ERASE_MARGIN_M, UnknownPolicy, erase};
@@ -50,5 +54,10 @@ pub(crate) fn read_text(path: &Path) -> Result<String, DatasetError> {
             found: bytes,
         });
     }
-    std::fs::read_to_string(path).map_err(failed)
+    let text = std::fs::read_to_string(path).map_err(failed)?;
+    // Some editors begin a file with a mark of its byte order; it is no part of the first word.
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(rest) => rest.to_owned(),
+        None => text,
+    })
 }

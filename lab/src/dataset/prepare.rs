@@ -5,8 +5,10 @@
 
 use super::policy::is_unknown;
 use super::{
-    Dataset, DatasetError, Splits, UnknownPolicy, check_classes, check_files, erase, read_text,
+    Dataset, DatasetError, KITTI_CLASSES, Splits, UnknownPolicy, check_classes, check_files, erase,
+    read_text,
 };
+use crate::whole_file::beside;
 use mluc_geometry::{Box3, Calibration, ImageSize};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -37,12 +39,12 @@ pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<(), D
     let names = dataset.names();
     names
         .par_iter()
-        .try_for_each(|name| check_classes(&dataset.label_path(name)))?;
+        .try_for_each(|name| check_classes(&dataset.label_path(name), &KITTI_CLASSES))?;
     if options.out.exists() {
         let path = options.out.clone();
         return Err(DatasetError::NotNew { path });
     }
-    let beside = options.out.with_extension("partial");
+    let beside = beside(&options.out);
     if beside.is_dir() {
         std::fs::remove_dir_all(&beside).map_err(failed(&beside))?;
     }
@@ -156,5 +158,5 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
 
 fn failed(path: &Path) -> impl FnOnce(std::io::Error) -> DatasetError {
     let path = path.to_owned();
-    move |source| DatasetError::Write { path, source }
+    move |cause| DatasetError::Write { path, cause }
 }

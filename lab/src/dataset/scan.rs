@@ -10,11 +10,8 @@ const POINT_BYTES: u64 = 16;
 
 /// Reads a scan as it is: NaN and infinities too, which later steps drop and count. An empty file is a scan of 0 points.
 pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>, DatasetError> {
-    let failed = |source| DatasetError::Read {
-        path: path.to_owned(),
-        source,
-    };
-    let bytes = std::fs::metadata(path).map_err(failed)?.len();
+    let failed = failed(path);
+    let bytes = std::fs::metadata(path).map_err(&failed)?.len();
     let limit = SCAN_POINTS_MAX as u64 * POINT_BYTES;
     if bytes > limit {
         return Err(DatasetError::TooLarge {
@@ -24,15 +21,32 @@ pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>, DatasetError> {
         });
     }
     let data = std::fs::read(path).map_err(failed)?;
-    let found = data.len() as u64;
-    if !found.is_multiple_of(POINT_BYTES) {
-        return Err(DatasetError::ScanSize {
-            path: path.to_owned(),
-            found,
-        });
-    }
+    check_size(path, data.len() as u64)?;
     let (points, _) = data.as_chunks::<16>();
     Ok(points.iter().map(point).collect())
+}
+
+/// Checks that a scan is a whole number of points, without reading it.
+pub(super) fn check_scan_size(path: &Path) -> Result<(), DatasetError> {
+    let found = std::fs::metadata(path).map_err(failed(path))?.len();
+    check_size(path, found)
+}
+
+fn check_size(path: &Path, found: u64) -> Result<(), DatasetError> {
+    if found.is_multiple_of(POINT_BYTES) {
+        return Ok(());
+    }
+    Err(DatasetError::ScanSize {
+        path: path.to_owned(),
+        found,
+    })
+}
+
+fn failed(path: &Path) -> impl Fn(std::io::Error) -> DatasetError {
+    move |source| DatasetError::Read {
+        path: path.to_owned(),
+        source,
+    }
 }
 
 fn point(bytes: &[u8; 16]) -> [f32; 4] {

@@ -44,7 +44,7 @@ pub use protocol::{Honest, JudgedPoint, best_index, halves, honest, judged_sweep
 pub use report::{ClassReport, Entry, Report, evaluate};
 pub use rule::{
     ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, UnknownRequest, rules,
-    unjudged,
+    unheard, unjudged,
 };
 pub use separation::{auroc, fpr95};
 pub use summary::{Summary, harmonic_mean};

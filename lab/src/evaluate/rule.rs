@@ -1,7 +1,8 @@
 //! Which labels and detections count for a class.
 
 use super::{Detection, Difficulty, EvaluateError, Frame, Kind};
-use crate::dataset::Label;
+use crate::dataset::{Label, is_heard_of};
+use std::collections::BTreeSet;
 
 /// Name of the class into which all unknown classes are merged.
 pub const UNKNOWN: &str = "unknown";
@@ -259,6 +260,13 @@ fn labelled_and_detected(frames: &[Frame]) -> Vec<String> {
     classes
 }
 
+/// Classes of labels that are neither KITTI's nor the simulator's, in alphabetical order: misspelt ones, most likely.
+pub fn unheard<'a>(labels: impl Iterator<Item = &'a Label>) -> Vec<String> {
+    let classes = labels.map(|label| label.class.as_str());
+    let unheard: BTreeSet<&str> = classes.filter(|class| !is_heard_of(class)).collect();
+    unheard.into_iter().map(str::to_owned).collect()
+}
+
 /// Labelled classes that no rule judges and that KITTI does not leave out either, in alphabetical order: their labels
 /// are background, which a person may not have meant.
 pub fn unjudged(frames: &[Frame], rules: &[ClassRule]) -> Vec<String> {
@@ -324,6 +332,12 @@ mod tests {
             .iter()
             .map(|&(name, iou)| (name.to_owned(), iou))
             .collect()
+    }
+
+    #[test]
+    fn misspelt_classes_are_unheard_of() {
+        let frames = frames(&["Car", "Carr", "golf_cart", "DontCare", "Carr"], &[]);
+        assert_eq!(unheard(frames[0].labels.iter()), ["Carr"]);
     }
 
     #[test]

@@ -97,6 +97,21 @@ impl Method {
     }
 }
 
+impl Method {
+    /// Whether it stands on this model. Without training ours works on the paper's network too, which tells what training brings.
+    pub fn check(self, model: &Model) -> Result<(), MethodError> {
+        let (expected, found) = (self.network().head(), model.manifest.network.head);
+        if found == expected || (self == Method::Improved && found == HeadKind::Metric) {
+            return Ok(());
+        }
+        Err(MethodError::OtherHead {
+            method: self.name(),
+            expected,
+            found,
+        })
+    }
+}
+
 /// Objects at every threshold.
 #[derive(Clone, Debug)]
 pub struct MethodOutput {
@@ -159,17 +174,7 @@ pub fn run_method_with(
         thresholds,
         step,
     };
-    let wanted = method.network().head();
-    // Without training ours works on the paper's network too, which tells what training brings.
-    let found = model.manifest.network.head;
-    let stands = found == wanted || (method == Method::Improved && found == HeadKind::Metric);
-    if !stands {
-        return Err(MethodError::OtherHead {
-            method: method.name(),
-            expected: wanted,
-            found,
-        });
-    }
+    method.check(model)?;
     let objects = match method {
         Method::ClosedSet | Method::Supervised => boxes::all_known(&input),
         Method::Naive => boxes::gated(&input, UnknownScore::Msp),

@@ -2,6 +2,7 @@
 
 use super::{Gate, GateSweep, Judgement, PipelineError};
 use crate::evaluate::{Difficulty, Kind, Metric, SweepPoint};
+use crate::whole_file::write_whole;
 use mluc_model::{Model, model_bytes};
 use std::path::Path;
 
@@ -87,20 +88,8 @@ pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<(
     let classes = choice.closed_classes.iter();
     metrics.extend(classes.map(|(name, ap)| (format!("ap_closed_{name}"), *ap)));
     let bytes = model_bytes(manifest, &model.weights)?;
-    replace(path, &bytes)
-}
-
-/// Writes beside the file, then moves over it.
-fn replace(path: &Path, bytes: &[u8]) -> Result<(), PipelineError> {
-    let beside = path.with_extension("partial");
-    let failed = |source| PipelineError::Write {
+    write_whole(path, &bytes).map_err(|cause| PipelineError::Write {
         path: path.to_owned(),
-        source,
-    };
-    std::fs::write(&beside, bytes).map_err(failed)?;
-    std::fs::rename(&beside, path).map_err(|source| {
-        // Best effort: the fault to tell is the one above.
-        let _ = std::fs::remove_file(&beside);
-        failed(source)
+        cause,
     })
 }

@@ -68,11 +68,11 @@ pub enum PipelineError {
         found: u64,
     },
     /// The system refused to write.
-    #[error("{}: cannot be written: {source}", path.display())]
+    #[error("{}: cannot be written: {cause}", path.display())]
     Write {
         /// The file.
         path: PathBuf,
         /// The system's answer.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
 }

@@ -3,7 +3,6 @@
 use super::combine::combine;
 use super::evaluate::{BOOTSTRAP_SEED, key, label_counts, read_model, setting_rules};
 use super::evaluated::Evaluated;
-use super::hash::data_hash;
 use super::layout::write_whole;
 use super::pictures::{figure6_scene, worst_scenes};
 use super::real::real_rows;
@@ -13,6 +12,7 @@ use super::simulate::Simulation;
 use super::train::{BASE, NETWORKS, SEEDED, command_of};
 use super::{ReproduceError, Setting};
 use crate::dataset::Dataset;
+use crate::dataset::data_hash;
 use crate::evaluate::Kind;
 use crate::methods::improved_steps;
 use crate::report::{

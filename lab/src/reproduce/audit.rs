@@ -39,7 +39,7 @@ const UNKNOWN: [&str; 2] = ["Van", "Truck"];
 pub fn audit(dataset: &Dataset, split: &str) -> Result<Audit, DatasetError> {
     check_files(dataset)?;
     let read = |name: &String| -> Result<Vec<Label>, DatasetError> {
-        check_classes(&dataset.label_path(name))?;
+        check_classes(&dataset.label_path(name), &KITTI_CLASSES)?;
         dataset.calibration(name)?;
         dataset.labels(name)
     };

@@ -2,6 +2,7 @@
 
 use crate::dataset::DatasetError;
 use crate::evaluate::EvaluateError;
+use crate::methods::MethodError;
 use crate::pipeline::PipelineError;
 use crate::simulate::SimulateError;
 use mluc_model::ModelError;
@@ -25,6 +26,17 @@ pub enum ReproduceError {
     /// A model file cannot be read.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// A row cannot be run.
+    #[error(transparent)]
+    Row(#[from] MethodError),
+    /// A model that its row does not stand on.
+    #[error("{}: {cause}", path.display())]
+    OtherNetwork {
+        /// The model file.
+        path: PathBuf,
+        /// Why not.
+        cause: MethodError,
+    },
     /// A method cannot be run.
     #[error("{method}: {reason}")]
     Method {
@@ -72,12 +84,12 @@ pub enum ReproduceError {
         found: String,
     },
     /// A file or folder cannot be made, read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {cause}", path.display())]
     Io {
         /// Which.
         path: PathBuf,
         /// The system's answer.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A picture cannot be written.
     #[error("{}: {reason}", path.display())]
@@ -93,6 +105,6 @@ impl ReproduceError {
     /// A fault of the file system, with its place.
     pub(super) fn io(path: &std::path::Path) -> impl FnOnce(std::io::Error) -> ReproduceError {
         let path = path.to_owned();
-        move |source| ReproduceError::Io { path, source }
+        move |cause| ReproduceError::Io { path, cause }
     }
 }

@@ -102,6 +102,14 @@ pub(super) fn evaluate_network(
     if missing.is_empty() {
         return Ok(());
     }
+    for method in missing.iter().filter_map(|job| method_of(job.method)) {
+        method
+            .check(&model)
+            .map_err(|cause| ReproduceError::OtherNetwork {
+                path: layout.model_of(setting, network, seed),
+                cause,
+            })?;
+    }
     screen.count("network", test.set.len() as u64);
     let frames = detect_frames(&model, &test.set, || screen.tick())?;
     let rules = setting_rules(setting)?;
@@ -161,6 +169,10 @@ fn jobs(model: &Model, network: &str, seed: u64) -> Vec<Job> {
     jobs
 }
 
+fn method_of(key: &str) -> Option<Method> {
+    Method::ALL.into_iter().find(|method| method.name() == key)
+}
+
 /// A row by its key.
 pub(super) fn method_output(
     key: &'static str,
@@ -171,15 +183,13 @@ pub(super) fn method_output(
     thresholds: Option<&[f64]>,
     step: &(dyn Fn() + Sync),
 ) -> Result<MethodOutput, ReproduceError> {
-    let fault = |reason: String| ReproduceError::Method {
+    let method = method_of(key).ok_or_else(|| ReproduceError::Method {
         method: key,
-        reason,
-    };
-    let method = Method::ALL.into_iter().find(|method| method.name() == key);
-    let method =
-        method.ok_or_else(|| fault("expected a method of this name, found none".into()))?;
-    run_method_with(method, improved, model, set, frames, thresholds, step)
-        .map_err(|e| fault(e.to_string()))
+        reason: "expected a method of this name, found none".into(),
+    })?;
+    Ok(run_method_with(
+        method, improved, model, set, frames, thresholds, step,
+    )?)
 }
 
 /// Sweep, choice, honest protocol, bootstrap; at the chosen threshold also by the strict rules.

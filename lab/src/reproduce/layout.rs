@@ -71,16 +71,10 @@ fn with_seed(name: &str, seed: u64) -> String {
     }
 }
 
-/// Writes beside the place, then moves there: the file is whole or not there. Makes the folder.
+/// Writes a file that is whole or not there. Makes the folder.
 pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), super::ReproduceError> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(super::ReproduceError::io(folder))?;
     }
-    let beside = path.with_extension("partial");
-    let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));
-    written.map_err(|source| {
-        // Best effort: the fault to tell is the one above.
-        let _ = std::fs::remove_file(&beside);
-        super::ReproduceError::io(path)(source)
-    })
+    crate::whole_file::write_whole(path, bytes).map_err(super::ReproduceError::io(path))
 }

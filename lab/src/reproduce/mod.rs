@@ -12,7 +12,6 @@ mod combine;
 mod error;
 mod evaluate;
 mod evaluated;
-mod hash;
 mod kitti;
 mod layout;
 mod pictures;

@@ -2,7 +2,6 @@
 
 use super::assemble::write_report;
 use super::evaluate::evaluate_network;
-use super::hash::data_hash;
 use super::kitti::KittiSource;
 use super::layout::Layout;
 use super::plan::{Plan, Step, Work};
@@ -10,6 +9,7 @@ use super::simulate::Simulation;
 use super::train::{RunState, run_state};
 use super::{ReproduceError, Setting, Size, Sizes};
 use crate::dataset::Dataset;
+use crate::dataset::data_hash;
 use crate::pipeline::FrameSet;
 use crate::report::Report;
 use std::collections::BTreeMap;
@@ -92,6 +92,12 @@ impl Test {
 
 /// Takes every step whose outcome is not there yet, then writes the report. What is done stays where a step fails.
 pub fn run(options: &Options, screen: &dyn Screen) -> Result<Report, ReproduceError> {
+    // What would stop the report is looked at first: hours lie between.
+    for folder in &options.real {
+        FrameSet::open(folder, None, 1)?;
+    }
+    let out = &options.layout.out;
+    std::fs::create_dir_all(out).map_err(ReproduceError::io(out))?;
     let plan = Plan::new(options);
     let mut tests: BTreeMap<Setting, Test> = BTreeMap::new();
     let (mut spent_s, mut guessed_s) = (0.0, 0.0);

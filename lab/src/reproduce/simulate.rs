@@ -127,7 +127,7 @@ impl Simulation {
 
     /// Simulates into a folder beside the place, then moves it there: an interrupted simulation leaves nothing half done.
     pub(super) fn run(&self, step: impl Fn() + Sync) -> Result<(), ReproduceError> {
-        let beside = self.folder.with_extension("partial");
+        let beside = crate::whole_file::beside(&self.folder);
         if beside.is_dir() {
             std::fs::remove_dir_all(&beside).map_err(ReproduceError::io(&beside))?;
         }

@@ -4,6 +4,7 @@
 use super::layout::Layout;
 use super::{ReproduceError, Setting, Sizes};
 use crate::dataset::read_text;
+use mluc_model::Model;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -115,15 +116,16 @@ impl Training {
 
     /// Runs the trainer to its end; its progress goes to this program's stderr.
     pub(super) fn run(&self, program: &Path) -> Result<(), ReproduceError> {
+        // What makes the network, for the report: a model does not know how its run was started.
+        let path = self.folder.join(COMMAND_FILE);
+        super::layout::write_whole(&path, self.command().as_bytes())?;
         let status = Command::new(program)
             .args(&self.arguments)
             .stdout(std::process::Stdio::null())
             .status()
             .map_err(ReproduceError::io(program))?;
         if status.success() {
-            // What made the network, for the report: a model does not know how its run was started.
-            let path = self.folder.join(COMMAND_FILE);
-            return super::layout::write_whole(&path, self.command().as_bytes());
+            return Ok(());
         }
         Err(ReproduceError::Training {
             network: self.network.to_owned(),
@@ -146,7 +148,7 @@ pub(super) fn command_of(folder: &Path) -> String {
 pub enum RunState {
     /// No model.
     Missing,
-    /// The log's last line is short of the run's own aim.
+    /// The model has fewer steps than the run's own aim.
     Unfinished {
         /// Steps done.
         step: u64,
@@ -160,13 +162,13 @@ pub enum RunState {
 /// The parts of the trainer's log that matter here.
 #[derive(serde::Deserialize)]
 struct LogLine {
-    step: u64,
     steps: u64,
 }
 
-/// Looks at a run's folder.
+/// Looks at a run's folder: the log's last line says how far the run was to go, the model how far it came.
 pub fn run_state(folder: &Path) -> Result<RunState, ReproduceError> {
-    if !folder.join("model.safetensors").is_file() {
+    let model = folder.join("model.safetensors");
+    if !model.is_file() {
         return Ok(RunState::Missing);
     }
     let log = folder.join("train.jsonl");
@@ -179,9 +181,10 @@ pub fn run_state(folder: &Path) -> Result<RunState, ReproduceError> {
         .lines()
         .rev()
         .find_map(|line| serde_json::from_str::<LogLine>(line).ok());
+    let step = Model::read(&model)?.manifest.provenance.steps;
     Ok(match last {
-        Some(LogLine { step, steps }) if step < steps => RunState::Unfinished { step, steps },
-        Some(_) => RunState::Done,
-        None => RunState::Unfinished { step: 0, steps: 0 },
+        Some(LogLine { steps }) if step >= steps => RunState::Done,
+        Some(LogLine { steps }) => RunState::Unfinished { step, steps },
+        None => RunState::Unfinished { step, steps: 0 },
     })
 }

@@ -130,7 +130,7 @@ fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), Simula
 fn prepare(folder: &Path) -> Result<(), SimulateError> {
     let failed = |path: &Path| {
         let path = path.to_owned();
-        move |source| SimulateError::Write { path, source }
+        move |cause| SimulateError::Write { path, cause }
     };
     if folder.exists() {
         let first = std::fs::read_dir(folder).map_err(failed(folder))?.next();
@@ -153,9 +153,9 @@ fn prepare(folder: &Path) -> Result<(), SimulateError> {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), SimulateError> {
-    std::fs::write(path, bytes).map_err(|source| SimulateError::Write {
+    std::fs::write(path, bytes).map_err(|cause| SimulateError::Write {
         path: path.to_owned(),
-        source,
+        cause,
     })
 }
 

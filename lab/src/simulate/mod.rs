@@ -44,12 +44,12 @@ pub enum SimulateError {
     #[error("the simulator's calibration is not valid: {0}")]
     Calibration(#[from] CalibrationError),
     /// A folder or file cannot be made or written.
-    #[error("{path}: cannot write: {source}")]
+    #[error("{path}: cannot write: {cause}")]
     Write {
         /// Which.
         path: std::path::PathBuf,
         /// Why.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The output folder holds something already.
     #[error(

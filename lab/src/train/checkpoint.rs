@@ -10,16 +10,14 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use super::error::TrainError;
 use super::trainer::State;
+use crate::whole_file::write_whole;
 
-/// Writes the file beside its place, then moves it there: a crash leaves the old one.
+/// Writes a file of the run: a crash or a full disk leaves the old one.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    let failed = |cause| TrainError::Io {
+    write_whole(path, bytes).map_err(|cause| TrainError::Io {
         path: path.to_owned(),
         cause,
-    };
-    let beside = path.with_extension("partial");
-    std::fs::write(&beside, bytes).map_err(failed)?;
-    std::fs::rename(&beside, path).map_err(failed)
+    })
 }
 
 /// Saves.
@@ -109,11 +107,17 @@ pub fn load(path: &Path, state: &mut State, fingerprint: &str) -> Result<bool, T
                 format!("{} bytes", tensor.data().len()),
             ));
         }
-        Ok(tensor
-            .data()
-            .chunks_exact(4)
+        let values = tensor.data().chunks_exact(4);
+        let values: Vec<f32> = values
             .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-            .collect())
+            .collect();
+        match values.iter().find(|v| !v.is_finite()) {
+            Some(found) => Err(wrong(
+                &format!("finite values in {name}"),
+                found.to_string(),
+            )),
+            None => Ok(values),
+        }
     };
     let count = state.parameters.len();
     let mut restored = state.clone();

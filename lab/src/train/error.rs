@@ -36,6 +36,26 @@ pub enum TrainError {
         /// What is there.
         found: String,
     },
+    /// A folder that another run writes to now.
+    #[error("{}: expected a folder of no other run, found another run training into it; wait for it, or name another folder", path.display())]
+    Busy {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A file that this run would write over and did not make.
+    #[error("{}: expected no file of another run (its checkpoint is not beside it, or is of another kind), found one; move it away or name another folder", path.display())]
+    NotOurs {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Labelled boxes without points.
+    #[error("{}: expected points in the labelled boxes, found none in its first {frames} frames: empty scans, or labels of other ones?", path.display())]
+    NoPoints {
+        /// The split.
+        path: PathBuf,
+        /// Frames looked at.
+        frames: usize,
+    },
     /// A network to start from that shares nothing.
     #[error("{}: expected layers or head rows of the network to be trained, found none", path.display())]
     NothingTaken {
@@ -43,7 +63,9 @@ pub enum TrainError {
         path: PathBuf,
     },
     /// The loss is no longer a number.
-    #[error("step {step}: the loss is {found}; try a lower learning rate")]
+    #[error(
+        "step {step}: the loss is {found}; a lower learning rate may help, unless a scan or a label is wrong"
+    )]
     Diverged {
         /// When.
         step: u64,

@@ -1,7 +1,7 @@
 //! The log of a run: `train.jsonl`, a line every few steps.
 
 use std::fs::File;
-use std::io::Write;
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -36,6 +36,17 @@ pub struct Progress {
     pub timing_ms: Timing,
 }
 
+/// Whether nothing, or a whole line, is last: an interruption may have cut one.
+fn ends_its_line(file: &mut File) -> std::io::Result<bool> {
+    if file.seek(SeekFrom::End(0))? == 0 {
+        return Ok(true);
+    }
+    file.seek(SeekFrom::End(-1))?;
+    let mut last = [0];
+    file.read_exact(&mut last)?;
+    Ok(last == *b"\n")
+}
+
 /// The log file, and the means since its last line.
 pub(super) struct Log {
     file: File,
@@ -50,9 +61,20 @@ pub(super) struct Log {
 }
 
 impl Log {
-    pub(super) fn open(path: &Path, settings: &Settings) -> Result<Log, TrainError> {
-        let file = File::options().create(true).append(true).open(path);
-        let file = file.map_err(|cause| TrainError::Io {
+    /// Goes on with the log of a run that has `begun`; what another run left there is moved to `train.old.jsonl`.
+    pub(super) fn open(path: &Path, settings: &Settings, begun: bool) -> Result<Log, TrainError> {
+        let open = || {
+            if !begun && path.exists() {
+                std::fs::rename(path, path.with_extension("old.jsonl"))?;
+            }
+            let mut options = File::options();
+            let mut file = options.create(true).read(true).append(true).open(path)?;
+            if !ends_its_line(&mut file)? {
+                file.write_all(b"\n")?;
+            }
+            Ok(file)
+        };
+        let file = open().map_err(|cause| TrainError::Io {
             path: path.to_owned(),
             cause,
         })?;
@@ -108,7 +130,8 @@ impl Log {
             cause,
         };
         let text = serde_json::to_string(&line).map_err(|e| failed(e.into()))?;
-        writeln!(self.file, "{text}").map_err(failed)?;
+        let text = text + "\n";
+        self.file.write_all(text.as_bytes()).map_err(failed)?;
         (self.sum, self.count, self.since) = (Progress::default(), 0, Instant::now());
         Ok(Some(line))
     }

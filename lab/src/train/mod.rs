@@ -12,6 +12,7 @@ pub mod database;
 pub mod embedding;
 mod error;
 pub mod export;
+mod folder;
 pub mod halo;
 mod import;
 pub mod layers;

@@ -11,6 +11,7 @@ use mluc_model::{HeadKind, Model, model_bytes};
 use super::checkpoint::write_atomically;
 use super::embedding::{FrameFeatures, PointEmbedding};
 use super::error::TrainError;
+use super::folder;
 use super::log::Log;
 use super::losses::Losses;
 use super::optimizer::{Adam, Schedule};
@@ -50,20 +51,20 @@ pub fn train_osis(settings: &Settings, tell: &mut dyn FnMut(Event)) -> Result<Pa
             found: format!("a {:?} head", model.manifest.network.head),
         });
     }
+    let _lock = folder::enter(&settings.out)?;
     let out = settings.out.join("model.safetensors");
     let channels = model.manifest.network.feature_channels();
     let is_done = |found: &Model| {
-        found.manifest.provenance.steps == settings.steps
+        let from = &found.manifest.provenance;
+        (from.steps, from.seed) == (settings.steps, settings.seed)
             && PointEmbedding::read(&found.weights, channels).is_some()
     };
     if out.is_file() && Model::read(&out).is_ok_and(|found| is_done(&found)) {
         tell(Event::Note("already trained".into()));
         return Ok(out);
     }
-    std::fs::create_dir_all(&settings.out).map_err(|cause| TrainError::Io {
-        path: settings.out.clone(),
-        cause,
-    })?;
+    folder::refuse_other(&settings.out, "model.safetensors")?;
+    folder::refuse_other(&settings.out, "checkpoint.safetensors")?;
     let embedding = fit(&model, settings, tell)?;
     embedding.write(&mut model.weights);
     model.manifest.provenance.steps = settings.steps;
@@ -88,7 +89,7 @@ fn fit(
         rate_max: settings.learning_rate,
         steps: settings.steps,
     };
-    let mut log = Log::open(&settings.out.join("train.jsonl"), settings)?;
+    let mut log = Log::open(&settings.out.join("train.jsonl"), settings, false)?;
     let (mut cells, mut rows) = (vec![], vec![]);
     for step in 0..settings.steps {
         let clock = Instant::now();

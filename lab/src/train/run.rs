@@ -1,11 +1,13 @@
 //! A whole training run: data, steps, log, checkpoints, model file.
 
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use mluc_model::{Manifest, Model, Provenance, model_bytes};
+use mluc_model::{Manifest, Model, ModelError, Provenance, model_bytes};
 use mluc_refiner::Looks;
+use rayon::prelude::*;
 
 use super::augment::Augmentation;
 use super::checkpoint::{self, write_atomically};
@@ -13,6 +15,7 @@ use super::clusters::fit_looks;
 use super::database::{Database, mean_boxes};
 use super::error::TrainError;
 use super::export;
+use super::folder;
 use super::import;
 use super::loader::Preparer;
 use super::log::{Log, Progress};
@@ -23,7 +26,7 @@ use super::source::{FolderSource, Source};
 use super::targets::Anchors;
 use super::trainer::Trainer;
 use super::validate::validate;
-use crate::dataset::Dataset;
+use crate::dataset::{Dataset, check_classes, check_files, data_hash};
 
 /// Frames that the judge of clusters is fitted on.
 const CLUSTER_FRAMES: usize = 300;
@@ -44,17 +47,31 @@ pub struct Run {
     source: FolderSource,
     database: Database,
     looks: Option<Looks>,
+    /// Settings and data, which a checkpoint must share.
+    origin: String,
+    _lock: File,
 }
 
 impl Run {
     /// Reads what the training split says, and the checkpoint where there is one.
     pub fn prepare(settings: &Settings, tell: &mut dyn FnMut(Event)) -> Result<Run, TrainError> {
         settings.check()?;
-        let folder = settings.data.join("train");
+        let lock = folder::enter(&settings.out)?;
+        let data = settings.data.join("train");
         let mut manifest = settings.manifest();
         let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
-        let source = FolderSource::new(Dataset::open(&folder)?, names)
-            .with_made_up(settings.kind.learns_from_made_up());
+        let dataset = Dataset::open(&data)?;
+        let heard = settings.heard_classes();
+        check_labels(&dataset, &heard)?;
+        check_validation(settings, &heard, tell)?;
+        let origin = format!(
+            "{} data {} frames {}",
+            settings.fingerprint(),
+            dataset.len(),
+            data_hash(&dataset, usize::MAX)?
+        );
+        let source =
+            FolderSource::new(dataset, names).with_made_up(settings.kind.learns_from_made_up());
         for (class, mean) in manifest
             .classes
             .iter_mut()
@@ -62,7 +79,7 @@ impl Run {
         {
             if mean.count == 0 {
                 return Err(TrainError::NoObjects {
-                    path: folder,
+                    path: data,
                     class: class.name.clone(),
                 });
             }
@@ -77,12 +94,20 @@ impl Run {
                 mean.bottom_z_m
             )));
         }
+        place_generic_anchors(&mut manifest);
+        manifest.validate().map_err(|cause| ModelError::InFile {
+            path: data.clone(),
+            cause: Box::new(cause),
+        })?;
         let frames = if settings.augment {
             settings.database_frames
         } else {
             0
         };
         let database = Database::build(&source, settings.classes(), frames)?;
+        if frames > 0 && database.samples.iter().all(Vec::is_empty) {
+            return Err(TrainError::NoPoints { path: data, frames });
+        }
         let sizes: Vec<String> = database
             .samples
             .iter()
@@ -101,17 +126,23 @@ impl Run {
         if settings.bf16 {
             trainer.chain.use_bf16();
         }
-        place_generic_anchors(&mut manifest);
-        make_folder(&settings.out)?;
         let path = settings.out.join("checkpoint.safetensors");
-        if checkpoint::load(&path, &mut trainer.state, &settings.fingerprint())? {
-            tell(Event::Note(format!(
-                "resumed at step {}",
-                trainer.state.step
-            )));
-        } else if let Some(path) = &settings.init {
-            let text = import::start_from(path, &manifest, &mut trainer)?;
-            tell(Event::Note(text));
+        if checkpoint::load(&path, &mut trainer.state, &origin)? {
+            let step = trainer.state.step;
+            if step > settings.steps {
+                return Err(TrainError::Checkpoint {
+                    path,
+                    expected: format!("a run of at most {} steps (--steps)", settings.steps),
+                    found: format!("one of {step}"),
+                });
+            }
+            tell(Event::Note(format!("resumed at step {step}")));
+        } else {
+            folder::refuse_other(&settings.out, "model.safetensors")?;
+            if let Some(path) = &settings.init {
+                let text = import::start_from(path, &manifest, &mut trainer)?;
+                tell(Event::Note(text));
+            }
         }
         Ok(Run {
             settings: settings.clone(),
@@ -120,12 +151,33 @@ impl Run {
             source,
             database,
             looks: None,
+            origin,
+            _lock: lock,
         })
+    }
+
+    /// A finished model whose threshold was chosen or whose ranges were measured since: to write it again would lose them.
+    fn is_refined(&self) -> bool {
+        let model = Model::read(&self.settings.out.join("model.safetensors"));
+        let step = self.trainer.state.step;
+        step == self.settings.steps
+            && model.is_ok_and(|model| {
+                let from = model.manifest.provenance;
+                from.steps == step
+                    && !(from.threshold_choice.is_empty() && from.calibration.is_empty())
+            })
     }
 
     /// Trains to the last step, judges the model on `val/`, writes its file; returns the path.
     pub fn finish(mut self, tell: &mut dyn FnMut(Event)) -> Result<PathBuf, TrainError> {
         let settings = self.settings.clone();
+        if self.is_refined() {
+            tell(Event::Note(
+                "already trained; its threshold or int8 ranges were set since, so it stays as it is"
+                    .into(),
+            ));
+            return Ok(settings.out.join("model.safetensors"));
+        }
         let augmentation = settings.augment.then(|| Augmentation {
             database: std::mem::take(&mut self.database),
             wanted: settings.objects_wanted(),
@@ -151,7 +203,8 @@ impl Run {
         )
         .with_background_cells(settings.improvements().background_cells);
         let batches = preparer.spawn(self.trainer.state.step..settings.steps);
-        let mut log = Log::open(&settings.out.join("train.jsonl"), &settings)?;
+        let begun = self.trainer.state.step > 0;
+        let mut log = Log::open(&settings.out.join("train.jsonl"), &settings, begun)?;
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         while self.trainer.state.step < settings.steps {
             let waited = Instant::now();
@@ -213,14 +266,9 @@ impl Run {
         Ok(())
     }
 
-    /// Checkpoint and model file.
+    /// Checkpoint and model file. A model that nobody would take (values that are no numbers) leaves the last good checkpoint.
     fn save(&self) -> Result<PathBuf, TrainError> {
         let (settings, state) = (&self.settings, &self.trainer.state);
-        checkpoint::save(
-            &settings.out.join("checkpoint.safetensors"),
-            state,
-            &settings.fingerprint(),
-        )?;
         let chain = &self.trainer.chain;
         let mut manifest = export::finish(
             self.manifest.clone(),
@@ -247,8 +295,11 @@ impl Run {
         if let Some(looks) = &self.looks {
             looks.write(&mut weights);
         }
+        let bytes = model_bytes(&manifest, &weights)?;
+        let checkpoint = settings.out.join("checkpoint.safetensors");
+        checkpoint::save(&checkpoint, state, &self.origin)?;
         let path = settings.out.join("model.safetensors");
-        write_atomically(&path, &model_bytes(&manifest, &weights)?)?;
+        write_atomically(&path, &bytes)?;
         Ok(path)
     }
 }
@@ -284,9 +335,31 @@ fn classes_m(manifest: &Manifest) -> Vec<[f64; 3]> {
     sizes.collect()
 }
 
-fn make_folder(path: &Path) -> Result<(), TrainError> {
-    std::fs::create_dir_all(path).map_err(|cause| TrainError::Io {
-        path: path.to_owned(),
-        cause,
-    })
+/// Files of every frame, and classes and calibrations that can be read, before hours are spent on them.
+fn check_labels(dataset: &Dataset, heard: &[String]) -> Result<(), TrainError> {
+    check_files(dataset)?;
+    dataset.names().par_iter().try_for_each(|name| {
+        check_classes(&dataset.label_path(name), heard)?;
+        dataset.boxes_in_sensor(name).map(drop)
+    })?;
+    Ok(())
+}
+
+fn check_validation(
+    settings: &Settings,
+    heard: &[String],
+    tell: &mut dyn FnMut(Event),
+) -> Result<(), TrainError> {
+    let folder = settings.data.join("val");
+    if settings.validate_frames == 0 {
+        return Ok(());
+    }
+    if folder.is_dir() {
+        return check_labels(&Dataset::open(&folder)?, heard);
+    }
+    tell(Event::Note(format!(
+        "{}: no such folder, so the model is not judged while it trains",
+        folder.display()
+    )));
+    Ok(())
 }

@@ -6,6 +6,7 @@ use mluc_model::{AnchorClass, Beams, Grid, HeadKind, Manifest, Network};
 use serde::{Deserialize, Serialize};
 
 use super::error::TrainError;
+use crate::dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
 
 /// Classes, range and anchors (paper section 4.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -151,6 +152,8 @@ pub struct Settings {
     pub database_frames: usize,
     /// Frames of `val/` that judge the model after every epoch and at the end; 0: none.
     pub validate_frames: usize,
+    /// Classes that labels name and the network does not know, beside KITTI's and the simulator's: their place teaches nothing.
+    pub ignored_classes: Vec<String>,
     /// Commit of the trainer, for the model file.
     pub commit: String,
     /// Steps between checkpoints.
@@ -225,6 +228,7 @@ impl Settings {
             augment: true,
             database_frames: 1500,
             validate_frames: 400,
+            ignored_classes: Vec::new(),
             commit: "unknown".into(),
             checkpoint_every: 200,
         }
@@ -260,25 +264,28 @@ impl Settings {
                 self.variance_weight.to_string(),
             ),
             () if !(0.0..=100.0).contains(&self.improvements.pull_weight) => wrong(
-                "improvements.pull_weight",
+                "--pull-weight",
                 "0 to 100",
                 self.improvements.pull_weight.to_string(),
             ),
             () if !(0.0..=100.0).contains(&self.improvements.unknown_weight) => wrong(
-                "improvements.unknown_weight",
+                "--unknown-weight",
                 "0 to 100",
                 self.improvements.unknown_weight.to_string(),
             ),
             () if self.improvements.made_up > 64 => wrong(
-                "improvements.made_up",
+                "--made-up",
                 "0 to 64",
                 self.improvements.made_up.to_string(),
             ),
             () if self.improvements.background_cells > 4096 => wrong(
-                "improvements.background_cells",
+                "--background-cells",
                 "0 to 4096",
                 self.improvements.background_cells.to_string(),
             ),
+            () if self.checkpoint_every == 0 => {
+                wrong("--checkpoint-every", "1 or more", "0".into())
+            }
             () => Ok(()),
         }
     }
@@ -344,6 +351,22 @@ impl Settings {
             (Profile::Second, Setting::Udi) => Network::second(Grid::udi(), classes),
             (Profile::Second, Setting::Kitti) => Network::second(Grid::kitti_second(), classes),
         }
+    }
+
+    /// Classes that labels may name: what the network learns, KITTI's, the simulator's, and those to be ignored.
+    pub fn heard_classes(&self) -> Vec<String> {
+        let own = self.manifest().classes.into_iter().map(|class| class.name);
+        let others = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
+        let others = others.map(|name| (*name).to_owned());
+        let mut all: Vec<String> = others.chain(self.ignored_classes.iter().cloned()).collect();
+        let is_there =
+            |all: &[String], name: &str| all.iter().any(|n| n.eq_ignore_ascii_case(name));
+        own.for_each(|name| {
+            if !is_there(&all, &name) {
+                all.push(name);
+            }
+        });
+        all
     }
 
     /// The manifest before training: what the data decides is filled in later.

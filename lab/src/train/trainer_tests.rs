@@ -134,7 +134,7 @@ fn a_failed_write_leaves_the_last_good_checkpoint() {
     let good = t.state.clone();
     train(&mut t, 2..4);
     // Where the new file is to be written stands a folder: the write fails, as on a full disk.
-    std::fs::create_dir(path.with_extension("partial")).expect("a folder");
+    std::fs::create_dir(crate::whole_file::beside(&path)).expect("a folder");
     let fault = checkpoint::save(&path, &t.state, "same").expect_err("no room");
     assert!(fault.to_string().contains("checkpoint"), "{fault}");
     let mut restored = trainer(6);

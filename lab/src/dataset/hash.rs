@@ -1,6 +1,6 @@
 //! A fingerprint of a data set, so that a report says what it was made on.
 
-use crate::dataset::{Dataset, DatasetError};
+use super::{Dataset, DatasetError};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -10,7 +10,7 @@ const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 const PRIME: u64 = 0x0000_0100_0000_01b3;
 
 /// FNV-1a (64 bit) over all labels, the sizes of all scans and the bytes of every 50th scan, of the first `frames` frames, in order.
-pub(super) fn data_hash(dataset: &Dataset, frames: usize) -> Result<String, DatasetError> {
+pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String, DatasetError> {
     let names: Vec<&String> = dataset.names().iter().take(frames).collect();
     let one = |(index, name): (usize, &&String)| -> Result<u64, DatasetError> {
         let labels = read(&dataset.label_path(name))?;

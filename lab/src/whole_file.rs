@@ -1,0 +1,67 @@
+//! Files that are there as a whole or not at all: beside their place first, on the disk, then moved.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Writes a file. A crash or a full disk leaves what was there before: the bytes are on the disk (also where a full one is noticed
+/// late) before they take its place. The error is the system's; what was written of the file is removed.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let beside = beside(path);
+    let written = File::create(&beside).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        std::fs::rename(&beside, path)
+    });
+    if written.is_err() {
+        // Best effort: the fault to tell is the one before.
+        let _ = std::fs::remove_file(&beside);
+        return written;
+    }
+    // The move itself: some file systems cannot be asked for it, and the old file would do.
+    if let Some(Ok(folder)) = path.parent().map(File::open) {
+        let _ = folder.sync_all();
+    }
+    Ok(())
+}
+
+/// Where something is written before it is moved to its place: `.NAME.partial` in the same folder.
+pub fn beside(path: &Path) -> PathBuf {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!(".{name}.partial"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_takes_the_place_of_another_and_leaves_nothing_beside() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.b");
+        for bytes in [b"one".as_slice(), b"two"] {
+            write_whole(&path, bytes).expect("written");
+            assert_eq!(std::fs::read(&path).expect("there"), bytes);
+        }
+        let files = std::fs::read_dir(folder.path()).expect("a folder").count();
+        assert_eq!(files, 1);
+    }
+
+    #[test]
+    fn what_cannot_take_its_place_leaves_the_old_one() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a");
+        std::fs::create_dir_all(path.join("inner")).expect("a folder in the way");
+        assert!(write_whole(&path, b"bytes").is_err());
+        assert!(path.join("inner").is_dir() && !beside(&path).exists());
+        assert!(write_whole(&folder.path().join("none/a"), b"bytes").is_err());
+    }
+
+    #[test]
+    fn places_beside_differ_where_only_extensions_do() {
+        assert_ne!(
+            beside(Path::new("x/set.train")),
+            beside(Path::new("x/set.val"))
+        );
+    }
+}
