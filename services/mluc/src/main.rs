@@ -3,6 +3,8 @@
 //! Results go to stdout, everything else to stderr. Exit codes: 0 fine, 1 failure, 2 usage, 3 finished, but a frame was
 //! lost or a stage had to be restarted.
 
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
 mod bundled;
 mod cli;
 mod commands;
@@ -15,12 +17,14 @@ mod settings;
 mod source;
 mod stages;
 mod supervisor;
+mod terminal;
 
 use std::process::ExitCode;
 
 use clap::Parser;
 
 use cli::{Cli, Command};
+use terminal::tell;
 
 /// Finished, but not all went well.
 const EXIT_WARNINGS: u8 = 3;
@@ -46,7 +50,7 @@ fn main() -> ExitCode {
         Ok(true) => return ExitCode::SUCCESS,
         Ok(false) => (),
         Err(error) => {
-            eprintln!("mluc: {error}");
+            tell(format_args!("mluc: {error}"));
             return ExitCode::from(EXIT_FAILURE);
         }
     }
@@ -65,7 +69,7 @@ fn main() -> ExitCode {
     match result {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("mluc: {error:#}");
+            tell(format_args!("mluc: {error:#}"));
             let usage = error.downcast_ref::<UsageError>().is_some();
             ExitCode::from(if usage { EXIT_USAGE } else { EXIT_FAILURE })
         }

@@ -15,6 +15,7 @@ use crate::bundled::BundledScans;
 use crate::cli::{DemoArgs, Pace, PipelineArgs};
 use crate::settings::Settings;
 use crate::supervisor::{Sink, run};
+use crate::terminal::answer;
 
 /// Objects below these scores, known and unknown, are not printed or drawn; `mluc up` gives them all.
 const SCORE_MIN: f32 = 0.3;
@@ -30,20 +31,21 @@ pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
         instance: Some(format!("demo-{}", std::process::id())),
         ..PipelineArgs::default()
     })?;
-    println!(
-        "{} simulated scans through four processes:\n",
-        scans.points.len()
-    );
+    let count = scans.points.len();
+    answer(format_args!(
+        "{count} simulated scans through four processes:\n"
+    ))?;
     let mut show = Show::default();
     let outcome = run(&settings, &mut show)?;
-    println!("\n{}", outcome.latencies.table());
+    answer(format_args!("\n{}", outcome.latencies.table()))?;
     match show.best {
         Some(best) => {
             let points = scans.points.get(best.sequence as usize);
             draw(&args.picture, points.map_or(&[], Vec::as_slice), &best)?;
-            println!("picture of frame {}: {}", best.name, args.picture.display());
+            let picture = args.picture.display();
+            answer(format_args!("picture of frame {}: {picture}", best.name))?;
         }
-        None => println!("no frame came out: no picture"),
+        None => answer("no frame came out: no picture")?,
     }
     Ok(ExitCode::from(outcome.exit_code()))
 }
@@ -75,14 +77,14 @@ impl Sink for Show {
         };
         let is_shown = |o: &&Object| o.is_published() && o.score >= score_min(o);
         let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
-        println!(
+        answer(format_args!(
             "frame {}: {} points, {} objects",
             header.name(),
             header.points_in,
             shown.len()
-        );
+        ))?;
         for object in &shown {
-            println!("  {}", describe(object, classes));
+            answer(format_args!("  {}", describe(object, classes)))?;
         }
         let unknown = shown.iter().filter(|object| is_unknown(object)).count();
         if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {

@@ -12,6 +12,7 @@ use mluc_runtime::Instance;
 
 use crate::cli::DoctorArgs;
 use crate::model;
+use crate::terminal::answer;
 use crate::{EXIT_FAILURE, EXIT_WARNINGS};
 
 /// How a check came out, from good to bad.
@@ -50,7 +51,7 @@ pub(crate) fn doctor(args: DoctorArgs) -> anyhow::Result<ExitCode> {
             Verdict::Warning => "warning",
             Verdict::Failure => "FAILURE",
         };
-        println!("{word:8} {}", found.text);
+        answer(format_args!("{word:8} {}", found.text))?;
     }
     let worst = findings.iter().map(|found| found.verdict).max();
     Ok(ExitCode::from(match worst.unwrap_or(Verdict::Fine) {

@@ -10,6 +10,7 @@ use mluc_refiner_suite::{Options, Report, case_names, compare_latency, run};
 use mluc_runtime::{Shutdown, log_to_stderr};
 
 use crate::nearest::nearest;
+use crate::terminal::answer;
 use crate::{EXIT_FAILURE, UsageError, model};
 
 #[derive(Args, Clone, Debug)]
@@ -54,12 +55,12 @@ pub(crate) fn refiner_test(args: RefinerTestArgs) -> anyhow::Result<ExitCode> {
     for options in tester.all()? {
         let report = run(&options)?;
         if !args.json {
-            print!("{}", report.text());
+            answer(report.text().trim_end())?;
         }
         reports.push(report);
     }
     if args.json {
-        println!("{}", serde_json::to_string(&reports)?);
+        answer(serde_json::to_string(&reports)?)?;
     }
     let is_passed = reports.iter().all(Report::is_passed);
     Ok(ExitCode::from(if is_passed { 0 } else { EXIT_FAILURE }))
@@ -93,8 +94,8 @@ fn latency(args: &RefinerTestArgs, tester: &Tester) -> anyhow::Result<ExitCode> 
     };
     let report = compare_latency(&reference, &program, args.frames, PERIOD)?;
     match args.json {
-        true => println!("{}", serde_json::to_string(&report)?),
-        false => print!("{}", report.text()),
+        true => answer(serde_json::to_string(&report)?)?,
+        false => answer(report.text().trim_end())?,
     }
     Ok(ExitCode::SUCCESS)
 }

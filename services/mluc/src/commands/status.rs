@@ -10,6 +10,7 @@ use serde_json::{Map, Value, json};
 
 use crate::UsageError;
 use crate::cli::StatusArgs;
+use crate::terminal::answer;
 
 /// Three heartbeats.
 const LISTEN: Duration = Duration::from_millis(350);
@@ -27,28 +28,29 @@ pub(crate) fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     std::thread::sleep(LISTEN);
     let stages = *watch.update()?;
     match args.json {
-        true => println!("{}", as_json(&args.instance, &stages)),
-        false => print(&stages),
+        true => answer(as_json(&args.instance, &stages))?,
+        false => print(&stages)?,
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn print(stages: &[Option<Health>; 4]) {
-    println!(
+fn print(stages: &[Option<Health>; 4]) -> anyhow::Result<()> {
+    answer(format_args!(
         "{:9} {:8} {:14} {:>8} {:>8} {:>8} {:>8} {:>9} {:>9}  reason",
         "stage", "process", "state", "in", "out", "dropped", "refused", "p50 ms", "p99 ms"
-    );
+    ))?;
     for (stage, health) in Stage::ALL.iter().zip(stages) {
         match health {
-            Some(health) => println!("{}", row(*stage, health)),
-            None => println!("{:9} {:8} {:14}", stage.name(), "-", "silent"),
+            Some(health) => answer(row(*stage, health))?,
+            None => answer(format_args!("{:9} {:8} {:14}", stage.name(), "-", "silent"))?,
         }
     }
     for health in stages.iter().flatten() {
         if health.candidates.total() > 0 {
-            println!("{}", candidates(&health.candidates));
+            answer(candidates(&health.candidates))?;
         }
     }
+    Ok(())
 }
 
 fn row(stage: Stage, health: &Health) -> String {

@@ -8,6 +8,7 @@ use mluc_runtime::log_to_stderr;
 use crate::cli::PipelineArgs;
 use crate::settings::Settings;
 use crate::supervisor::{LineWriter, run};
+use crate::terminal::tell;
 
 pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");
@@ -15,16 +16,18 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     let mut lines = LineWriter::new(settings.pace, std::io::stdout());
     let outcome = run(&settings, &mut lines)?;
     let unread = lines.finish().context("writing JSON lines to stdout")?;
-    eprint!("{}", outcome.latencies.table());
-    eprintln!(
+    tell(outcome.latencies.table().trim_end());
+    tell(format_args!(
         "frames: {} in, {} out, {} lost; stages restarted: {}",
         outcome.frames_in,
         outcome.frames_out,
         outcome.frames_lost(),
         outcome.restarts
-    );
+    ));
     if unread > 0 {
-        eprintln!("{unread} lines dropped: the reader of stdout was too slow");
+        tell(format_args!(
+            "{unread} lines dropped: the reader of stdout was too slow"
+        ));
     }
     Ok(ExitCode::from(outcome.exit_code()))
 }

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::arguments::CompareArgs;
 use super::folder;
+use crate::terminal::answer;
 use crate::{EXIT_WARNINGS, UsageError};
 
 /// What should be the same in two reports for their difference to mean anything.
@@ -41,19 +42,16 @@ pub(super) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
         let mut value = serde_json::to_value(&comparison)?;
         value["sentence"] = json!(comparison.sentence());
         value["notes"] = json!(notes);
-        println!("{value}");
+        answer(&value)?;
     } else {
-        print!(
-            "{}",
-            comparison.table(
-                [&args.a, &args.b]
-                    .map(|path| path.display().to_string())
-                    .each_ref()
-                    .map(String::as_str)
-            )
-        );
+        let names = [&args.a, &args.b].map(|path| path.display().to_string());
+        answer(
+            comparison
+                .table(names.each_ref().map(String::as_str))
+                .trim_end(),
+        )?;
         for note in &notes {
-            println!("note: {note}");
+            answer(format_args!("note: {note}"))?;
         }
     }
     let is_higher = comparison

@@ -23,8 +23,9 @@ impl Progress {
         if !self.is_shown || text == self.said {
             return;
         }
-        eprint!("\r{text}\x1b[K");
-        let _ = std::io::stderr().flush();
+        // Lost where it cannot be written.
+        let mut out = std::io::stderr();
+        let _ = write!(out, "\r{text}\x1b[K").and_then(|()| out.flush());
         self.said = text;
     }
 }
@@ -32,7 +33,7 @@ impl Progress {
 impl Drop for Progress {
     fn drop(&mut self) {
         if self.is_shown && !self.said.is_empty() {
-            eprint!("\r\x1b[K");
+            let _ = write!(std::io::stderr(), "\r\x1b[K");
         }
     }
 }

@@ -21,6 +21,7 @@ use super::round::Round;
 use super::summary;
 use super::trace::SPANS_VARIABLE;
 use crate::EXIT_WARNINGS;
+use crate::terminal::answer;
 
 /// All rounds of one variant.
 #[derive(Default)]
@@ -298,10 +299,14 @@ pub(super) fn single(plan: &Plan) -> anyhow::Result<ExitCode> {
     finish(plan, &measured, &mut report, &mut progress);
     drop(progress);
     folder::write(&plan.out, &report, &measured.frames, &measured.samples)?;
-    print!("{}", summary::table(&report));
-    println!("report: {}", plan.out.join("report.html").display());
+    answer(summary::table(&report).trim_end())?;
+    answer(format_args!(
+        "report: {}",
+        plan.out.join("report.html").display()
+    ))?;
     if let (Some(wish), Some(spans)) = (&plan.trace, &spans) {
-        println!("trace of {}", wish.write(spans.path(), &measured.frames)?);
+        let trace = wish.write(spans.path(), &measured.frames)?;
+        answer(format_args!("trace of {trace}"))?;
     }
     Ok(exit_code(&report, &measured))
 }

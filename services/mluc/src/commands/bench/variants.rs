@@ -17,6 +17,7 @@ use super::quiet::Quiet;
 use super::round::run_round;
 use super::run::{Measured, SpansFolder, exit_code, finish};
 use crate::model::class_names;
+use crate::terminal::answer;
 
 /// Folders of the two reports.
 const FOLDERS: [&str; 2] = ["a", "b"];
@@ -79,11 +80,11 @@ pub(super) fn alternate(plan: &Plan) -> anyhow::Result<ExitCode> {
     value["names"] = json!(names);
     value["quality"] = json!(quality);
     write(plan, &text, &value)?;
-    print!("{text}");
-    println!(
+    answer(text.trim_end())?;
+    answer(format_args!(
         "reports: {0}/a/report.html, {0}/b/report.html",
         plan.out.display()
-    );
+    ))?;
     let [a, b] = &reports;
     Ok(match exit_code(a, &measured[0]) == ExitCode::SUCCESS {
         true => exit_code(b, &measured[1]),
