@@ -69,7 +69,7 @@ pub fn shipped() -> Result<(Manifest, WeightSet)> {
         env!("CARGO_MANIFEST_DIR"),
         "/../weights/kitti.safetensors"
     ));
-    let model = Model::read(&path).with_context(|| path.display().to_string())?;
+    let model = Model::read(&path)?;
     Ok((model.manifest, model.weights))
 }
 

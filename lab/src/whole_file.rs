@@ -6,7 +6,14 @@ use std::path::{Path, PathBuf};
 
 /// Writes a file. A crash or a full disk leaves what was there before: the bytes are on the disk (also where a full one is noticed
 /// late) before they take its place. The error is the system's; what was written of the file is removed.
+///
+/// A link stays, and the file that it leads to is replaced. What is no file (a pipe, a device) takes the bytes as they are.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let path = &path.canonicalize().unwrap_or(path.to_owned());
+    let is_file = std::fs::metadata(path).is_ok_and(|there| there.is_file() || there.is_dir());
+    if path.exists() && !is_file {
+        return std::fs::write(path, bytes);
+    }
     let beside = beside(path);
     let written = File::create(&beside).and_then(|mut file| {
         file.write_all(bytes)?;
@@ -55,6 +62,18 @@ mod tests {
         assert!(write_whole(&path, b"bytes").is_err());
         assert!(path.join("inner").is_dir() && !beside(&path).exists());
         assert!(write_whole(&folder.path().join("none/a"), b"bytes").is_err());
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_stays_a_link() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [file, link] = ["file", "link"].map(|name| folder.path().join(name));
+        std::fs::write(&file, b"old").expect("written");
+        std::os::unix::fs::symlink(&file, &link).expect("a link");
+        write_whole(&link, b"new").expect("written");
+        assert!(link.is_symlink());
+        assert_eq!(std::fs::read(&file).expect("there"), b"new");
     }
 
     #[test]

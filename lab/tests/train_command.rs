@@ -6,6 +6,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use mluc_lab::reproduce::{RunState, run_state};
+use mluc_model::{Model, model_bytes};
 
 const LAB: &str = env!("CARGO_BIN_EXE_mluc-lab");
 
@@ -126,7 +127,7 @@ fn empty_scans_are_told_from_hard_ones() {
         let scan = place.path(&format!("data/train/velodyne/{name}.bin"));
         fs::write(scan, []).expect("written");
     }
-    let fault = place.fault("run", &["--steps", "1"]);
+    let fault = place.fault("run", &["--steps", "1", "--no-augment"]);
     assert!(
         fault.contains("expected points in the labelled boxes"),
         "{fault}"
@@ -197,6 +198,78 @@ fn a_run_writes_over_nothing_that_is_not_its_own() {
     lock.lock().expect("taken");
     let fault = place.fault("busy", &steps);
     assert!(fault.contains("another run"), "{fault}");
+}
+
+#[test]
+fn a_model_that_was_worked_on_since_stays_as_it_is() {
+    let place = Place::new();
+    let steps = ["--steps", "2"];
+    succeeds(&place.train("run", &steps).output().expect("started"));
+    let path = place.path("run/model.safetensors");
+    let mut model = Model::read(&path).expect("a model");
+    model.manifest.provenance.threshold_choice = "chosen by hand".into();
+    let bytes = model_bytes(&model.manifest, &model.weights).expect("a model");
+    fs::write(&path, &bytes).expect("written");
+    let output = place.train("run", &steps).output().expect("started");
+    succeeds(&output);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("it stays as it is"));
+    assert_eq!(place.model("run"), bytes);
+    let fault = place.fault("run", &["--steps", "1"]);
+    assert!(
+        fault.contains("expected a run of at most 1 steps"),
+        "{fault}"
+    );
+
+    // What is asked of a model that it cannot give is told before the scans are gone through.
+    let mut command = Command::new(LAB);
+    command.args([
+        "evaluate", "method", "--method", "naive", "--data", "nowhere", "--model",
+    ]);
+    let output = command.arg(&path).output().expect("started");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        text.contains("naive: expected a model with a Softmax head"),
+        "{text}"
+    );
+}
+
+#[test]
+fn osis_is_trained_once_and_over_nothing() {
+    let place = Place::new();
+    let softmax = ["--network", "softmax", "--steps", "1"];
+    succeeds(&place.train("softmax", &softmax).output().expect("started"));
+    let init = place.path("softmax").display().to_string();
+    let osis = ["--network", "osis", "--init", &init, "--steps", "2"];
+    // What another run wrote into a log of this name is kept.
+    fs::create_dir_all(place.path("osis")).expect("a folder");
+    fs::write(place.path("osis/train.jsonl"), "old\n").expect("written");
+    succeeds(&place.train("osis", &osis).output().expect("started"));
+    let old = fs::read_to_string(place.path("osis/train.old.jsonl"));
+    assert_eq!(old.expect("kept"), "old\n");
+    let model = place.model("osis");
+    let again = place.train("osis", &osis).output().expect("started");
+    assert!(String::from_utf8_lossy(&again.stderr).contains("already trained"));
+    let fault = place.fault("osis", &[&osis[..], &["--seed", "2"]].concat());
+    assert!(fault.contains("expected no file of another run"), "{fault}");
+    let fault = place.fault("softmax", &osis);
+    assert!(fault.contains("expected no file of another run"), "{fault}");
+    assert_eq!(place.model("osis"), model);
+}
+
+#[test]
+fn a_report_looks_at_its_recorded_scans_first() {
+    let place = Place::new();
+    let mut command = Command::new(LAB);
+    command.args(["reproduce", "--quick", "--real", "nowhere", "--data"]);
+    command.arg(place.path("made")).arg("--runs");
+    command.arg(place.path("runs")).arg("--out");
+    let output = command.arg(place.path("out")).output().expect("started");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        !output.status.success() && text.contains("nowhere"),
+        "{text}"
+    );
+    assert!(!place.path("made").exists());
 }
 
 #[test]

@@ -9,8 +9,8 @@ use mluc_geometry::ImageSize;
 use mluc_lab::dataset::Label;
 use mluc_lab::evaluate::input::{read, sources};
 use mluc_lab::evaluate::{
-    NeighbourPolicy, RuleRequest, UnknownProtocol, UnknownRequest, evaluate, rules, unheard,
-    unjudged,
+    ClassRule, NeighbourPolicy, RuleRequest, UnknownProtocol, UnknownRequest, evaluate, rules,
+    unheard, unjudged,
 };
 use std::io::Write;
 use std::path::PathBuf;
@@ -136,9 +136,9 @@ pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
     }
 }
 
-/// A label of a class that nobody has heard of is judged nowhere, and a detection of its object counts as false.
-pub(super) fn warn_unheard<'a>(labels: impl Iterator<Item = &'a Label>) {
-    for class in unheard(labels) {
+/// A label that no rule judges and of a class that nobody has heard of: a detection of its object counts as false.
+pub(super) fn warn_unheard<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) {
+    for class in unheard(labels, rules) {
         tell(format_args!(
             "warning: labels of class {class}, which is none of KITTI's nor of the simulator's; misspelt?"
         ));
@@ -167,8 +167,12 @@ fn average_precision(arguments: ApArguments) -> anyhow::Result<()> {
         neighbours: arguments.neighbours.policy(),
     };
     let rules = rules(&request, &input.frames)?;
-    warn_unheard(input.frames.iter().flat_map(|frame| frame.labels.iter()));
-    if asks_unknown {
+    if !asks_unknown {
+        warn_unheard(
+            input.frames.iter().flat_map(|frame| frame.labels.iter()),
+            &rules,
+        );
+    } else {
         for class in unjudged(&input.frames, &rules) {
             tell(format_args!(
                 "warning: labels of class {class} count as background; if it is known, name it in --iou"

@@ -1,6 +1,7 @@
 //! `mluc-lab evaluate method`: rows of the paper's tables on labelled scans.
 
 use super::evaluate::warn_unheard;
+use super::terminal::answer;
 use anyhow::{Context, bail};
 use clap::Args;
 use indicatif::ProgressBar;
@@ -13,7 +14,6 @@ use mluc_lab::pipeline::{
     DetectedFrame, FrameSet, detect_frames, known_iou_min, separation, unknown_classes,
 };
 use mluc_model::Model;
-use std::io::Write;
 use std::path::PathBuf;
 
 /// Judge methods on the boxes of one network: every threshold, the paper's choice among them, and the honest one (chosen on
@@ -58,20 +58,25 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     let bar = ProgressBar::new(set.len() as u64);
     let frames = detect_frames(&model, &set, || bar.inc(1))?;
     bar.finish_and_clear();
-    warn_unheard(frames.iter().flat_map(|frame| frame.truth.labels.iter()));
     let rules = class_rules(&model)?;
-    let mut out = std::io::stdout().lock();
-    writeln!(out, "{}: {}", arguments.model.display(), set.describe())?;
+    warn_unheard(
+        frames.iter().flat_map(|frame| frame.truth.labels.iter()),
+        &rules,
+    );
+    answer(format_args!(
+        "{}: {}",
+        arguments.model.display(),
+        set.describe()
+    ))?;
     for s in separation(&frames, &rules) {
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{:.1}", 100.0 * v));
         let [auroc, fpr, background] = [s.auroc, s.fpr95, s.auroc_background].map(percent);
-        writeln!(
-            out,
+        answer(format_args!(
             "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5}, against background AUROC {background:>5} ({} known, {} unknown, {} background)",
             s.score, s.known, s.unknown, s.background
-        )?;
+        ))?;
     }
-    writeln!(out, "{:28} {}", "method", HEADER)?;
+    answer(format_args!("{:28} {}", "method", HEADER))?;
     for method in methods {
         let rows = match method == Method::Improved && arguments.ablation {
             true => improved_steps(&model),
@@ -84,7 +89,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
             })?;
             bar.finish_and_clear();
             let points = judged(&frames, &rules, &output);
-            write_row(&mut out, name, &points, &output, arguments.curve)?;
+            write_row(name, &points, &output, arguments.curve)?;
         }
     }
     Ok(())
@@ -148,7 +153,6 @@ fn judged(
 }
 
 fn write_row(
-    out: &mut impl Write,
     name: &str,
     points: &[JudgedPoint],
     output: &MethodOutput,
@@ -181,9 +185,9 @@ fn write_row(
             of("map_harm")
         )
     });
-    writeln!(out, "{name:28} {}{honest}", line(best))?;
+    answer(format_args!("{name:28} {}{honest}", line(best)))?;
     for at in (0..points.len()).filter(|_| curve) {
-        writeln!(out, "  {:26} {}", "", line(at))?;
+        answer(format_args!("  {:26} {}", "", line(at)))?;
     }
     Ok(())
 }

@@ -117,7 +117,6 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let bar = bar("network", set.len());
     let frames = detect_frames_in(arguments.precision, &model, &set, || bar.inc(1))?;
     bar.finish_and_clear();
-    warn_unheard(frames.iter().flat_map(|frame| frame.truth.labels.iter()));
     if let Some(path) = &arguments.boxes {
         write_boxes(path, &model, &set, &frames)?;
     }
@@ -129,6 +128,8 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         arguments.neighbours.policy(),
         &settings,
     )?;
+    let labels = frames.iter().flat_map(|frame| frame.truth.labels.iter());
+    warn_unheard(labels, &judgement.rules);
     let sweep = if arguments.sweep || arguments.write_threshold {
         let bar = self::bar("thresholds", set.len());
         let step = || bar.inc(1);

@@ -106,7 +106,7 @@ struct Choices {
     #[arg(long)]
     validate_frames: Option<usize>,
     /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
-    /// an error: misspelt, it would be background without a word.
+    /// an error: misspelt, its objects would be left out without a word.
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     ignore_classes: Vec<String>,
     /// Steps between checkpoints [default: 200].

@@ -78,7 +78,7 @@ pub enum DatasetError {
         /// What is there.
         found: String,
     },
-    /// A label of a class that nobody has heard of: misspelt, it would become background without a word.
+    /// A label of a class that nobody has heard of: misspelt, its object would be left out without a word.
     #[error("{}, line {line}, field type: expected {expected}, found '{found}'", path.display())]
     Class {
         /// The file.

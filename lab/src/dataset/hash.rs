@@ -1,4 +1,4 @@
-//! A fingerprint of a data set, so that a report says what it was made on.
+//! Fingerprints of a data set, so that a report says what it was made on and a checkpoint what it was trained on.
 
 use super::{Dataset, DatasetError};
 use rayon::prelude::*;
@@ -33,6 +33,15 @@ pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String, DatasetErro
     let whole = hashes
         .iter()
         .fold(OFFSET, |hash, frame| fnv(hash, &frame.to_le_bytes()));
+    Ok(format!("{whole:016x}"))
+}
+
+/// FNV-1a (64 bit) over all calibrations, in the order of the frames.
+pub fn calibration_hash(dataset: &Dataset) -> Result<String, DatasetError> {
+    let mut names = dataset.names().iter();
+    let whole = names.try_fold(OFFSET, |hash, name| {
+        Ok(fnv(hash, &read(&dataset.calibration_path(name))?))
+    })?;
     Ok(format!("{whole:016x}"))
 }
 

@@ -96,7 +96,7 @@ pub fn check_files(dataset: &Dataset) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// Checks that a label file names classes alone that are heard of: a misspelt one would become background without a word.
+/// Checks that a label file names classes alone that are heard of: objects of a misspelt one would be left out without a word.
 pub fn check_classes<C: AsRef<str>>(path: &Path, heard: &[C]) -> Result<(), DatasetError> {
     for (index, line) in read_text(path)?.lines().enumerate() {
         let Some(class) = line.split_whitespace().next() else {
@@ -130,6 +130,13 @@ mod tests {
             std::fs::write(scan, []).expect("written");
         }
         folder
+    }
+
+    #[test]
+    fn every_class_of_the_simulators_is_heard_of() {
+        let classes = crate::simulate::Class::ALL.map(|class| class.name());
+        assert!(classes.into_iter().chain([MADE_UP]).all(is_heard_of));
+        assert!(!is_heard_of("Carr"));
     }
 
     #[test]

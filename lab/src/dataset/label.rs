@@ -149,8 +149,10 @@ impl Line<'_> {
                 self.columns[2],
             ));
         }
-        if !scored && !self.columns[0].eq_ignore_ascii_case("DontCare") {
-            self.check_box(&numbers)?;
+        match scored {
+            true => self.check_found(&numbers)?,
+            false if self.columns[0].eq_ignore_ascii_case("DontCare") => {}
+            false => self.check_box(&numbers)?,
         }
         let score = if scored {
             Some(self.number(self.columns.len() - 1, "score")?)
@@ -185,6 +187,18 @@ impl Line<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Sizes of a detection are above 0, or all -1 where it has no box in space (KITTI's word for it).
+    fn check_found(&self, numbers: &[f64; 15]) -> Result<(), DatasetError> {
+        let sizes = &numbers[8..11];
+        match sizes.iter().position(|size| *size <= 0.0) {
+            Some(i) if sizes != [-1.0; 3] => {
+                let expected = "a size above 0 (-1 in all three: none)";
+                Err(self.fault(COLUMNS[8 + i], expected, self.columns[8 + i]))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn check_count(&self, scored: bool) -> Result<(), DatasetError> {
@@ -304,6 +318,14 @@ mod tests {
             far.contains("field z: expected a place within 10 km"),
             "{far}"
         );
+        let found = parsed(&format!("{} 0.5", CAR.replace("3.9", "-3.9")), true);
+        assert!(
+            found
+                .expect_err("negative")
+                .contains("field length: expected a size above 0")
+        );
+        let flat = format!("{} 0.5", CAR.replace("1.5 1.6 3.9", "-1 -1 -1"));
+        assert!(parsed(&flat, true).is_ok());
         let region = "DontCare -1 -1 -10 0 0 9 9 -1 -1 -1 -1000 -1000 -1000 -10";
         assert!(parsed(region, false).is_ok());
         let half = parsed(&CAR.replace(" 1 -1.57", " 0.5 -1.57"), false).expect_err("half");

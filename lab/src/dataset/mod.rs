@@ -25,7 +25,7 @@ mod scan;
 pub use calibration::read_calibration;
 pub use error::DatasetError;
 pub use folder::{Dataset, file_stems};
-pub use hash::data_hash;
+pub use hash::{calibration_hash, data_hash};
 pub use kitti::{
     KITTI_CLASSES, SIMULATED_CLASSES, Splits, check_classes, check_files, is_heard_of,
 };

@@ -260,10 +260,17 @@ fn labelled_and_detected(frames: &[Frame]) -> Vec<String> {
     classes
 }
 
-/// Classes of labels that are neither KITTI's nor the simulator's, in alphabetical order: misspelt ones, most likely.
-pub fn unheard<'a>(labels: impl Iterator<Item = &'a Label>) -> Vec<String> {
+/// Classes of labels that no rule judges and that are neither KITTI's nor the simulator's, in alphabetical order: misspelt ones, most likely.
+pub fn unheard<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) -> Vec<String> {
+    let is_judged = |class: &str| {
+        let class = class.to_ascii_lowercase();
+        let mut rules = rules.iter();
+        rules.any(|rule| rule.valid.contains(&class) || rule.ignored.contains(&class))
+    };
     let classes = labels.map(|label| label.class.as_str());
-    let unheard: BTreeSet<&str> = classes.filter(|class| !is_heard_of(class)).collect();
+    let unheard: BTreeSet<&str> = classes
+        .filter(|class| !is_heard_of(class) && !is_judged(class))
+        .collect();
     unheard.into_iter().map(str::to_owned).collect()
 }
 
@@ -336,8 +343,21 @@ mod tests {
 
     #[test]
     fn misspelt_classes_are_unheard_of() {
-        let frames = frames(&["Car", "Carr", "golf_cart", "DontCare", "Carr"], &[]);
-        assert_eq!(unheard(frames[0].labels.iter()), ["Carr"]);
+        let frames = frames(
+            &["Car", "Carr", "golf_cart", "DontCare", "Barrier", "Carr"],
+            &[],
+        );
+        let request = RuleRequest {
+            unknown: Some(UnknownRequest {
+                classes: vec!["barrier".into()],
+                iou_min: 0.1,
+                protocol: UnknownProtocol::Literal,
+            }),
+            ..RuleRequest::default()
+        };
+        let rules = rules(&request, &frames).expect("rules");
+        assert_eq!(unheard(frames[0].labels.iter(), &rules), ["Carr"]);
+        assert_eq!(unheard(frames[0].labels.iter(), &[]), ["Barrier", "Carr"]);
     }
 
     #[test]

@@ -116,16 +116,20 @@ impl Training {
 
     /// Runs the trainer to its end; its progress goes to this program's stderr.
     pub(super) fn run(&self, program: &Path) -> Result<(), ReproduceError> {
-        // What makes the network, for the report: a model does not know how its run was started.
+        // What makes the network, for the report: a model does not know how its run was started. A run that goes on may have been
+        // begun by another command, and the trainer refuses it then.
         let path = self.folder.join(COMMAND_FILE);
-        super::layout::write_whole(&path, self.command().as_bytes())?;
+        let write = || super::layout::write_whole(&path, self.command().as_bytes());
+        if !self.folder.join("checkpoint.safetensors").exists() {
+            write()?;
+        }
         let status = Command::new(program)
             .args(&self.arguments)
             .stdout(std::process::Stdio::null())
             .status()
             .map_err(ReproduceError::io(program))?;
         if status.success() {
-            return Ok(());
+            return write();
         }
         Err(ReproduceError::Training {
             network: self.network.to_owned(),

@@ -6,6 +6,7 @@
 
 pub mod augment;
 mod backward;
+mod check;
 pub mod checkpoint;
 pub mod clusters;
 pub mod database;

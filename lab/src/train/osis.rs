@@ -8,6 +8,7 @@ use std::time::Instant;
 use mluc_backbone::Backbone;
 use mluc_model::{HeadKind, Model, model_bytes};
 
+use super::check;
 use super::checkpoint::write_atomically;
 use super::embedding::{FrameFeatures, PointEmbedding};
 use super::error::TrainError;
@@ -21,7 +22,6 @@ use super::scene::{InBox, Scene};
 use super::settings::Settings;
 use super::source::{FolderSource, Source};
 use super::trainer::{Report, Timing};
-use crate::dataset::Dataset;
 
 /// Points of an instance that a step looks at.
 const INSTANCE_POINTS: usize = 48;
@@ -56,7 +56,9 @@ pub fn train_osis(settings: &Settings, tell: &mut dyn FnMut(Event)) -> Result<Pa
     let channels = model.manifest.network.feature_channels();
     let is_done = |found: &Model| {
         let from = &found.manifest.provenance;
+        let mut trunk = model.weights.iter();
         (from.steps, from.seed) == (settings.steps, settings.seed)
+            && trunk.all(|tensor| found.weights.iter().any(|other| other == tensor))
             && PointEmbedding::read(&found.weights, channels).is_some()
     };
     if out.is_file() && Model::read(&out).is_ok_and(|found| is_done(&found)) {
@@ -80,7 +82,8 @@ fn fit(
 ) -> Result<PointEmbedding, TrainError> {
     let manifest = &model.manifest;
     let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
-    let source = FolderSource::new(Dataset::open(&settings.data.join("train"))?, names);
+    let source = FolderSource::new(check::training_split(settings)?, names);
+    check::points(&source, settings)?;
     let mut backbone = Backbone::new(manifest, &model.weights)?;
     let mut embedding = PointEmbedding::new(manifest.network.feature_channels(), settings.seed);
     let mut all = flat(&embedding);

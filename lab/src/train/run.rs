@@ -7,9 +7,9 @@ use std::time::Instant;
 
 use mluc_model::{Manifest, Model, ModelError, Provenance, model_bytes};
 use mluc_refiner::Looks;
-use rayon::prelude::*;
 
 use super::augment::Augmentation;
+use super::check;
 use super::checkpoint::{self, write_atomically};
 use super::clusters::fit_looks;
 use super::database::{Database, mean_boxes};
@@ -26,7 +26,7 @@ use super::source::{FolderSource, Source};
 use super::targets::Anchors;
 use super::trainer::Trainer;
 use super::validate::validate;
-use crate::dataset::{Dataset, check_classes, check_files, data_hash};
+use crate::dataset::Dataset;
 
 /// Frames that the judge of clusters is fitted on.
 const CLUSTER_FRAMES: usize = 300;
@@ -60,16 +60,9 @@ impl Run {
         let data = settings.data.join("train");
         let mut manifest = settings.manifest();
         let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
-        let dataset = Dataset::open(&data)?;
-        let heard = settings.heard_classes();
-        check_labels(&dataset, &heard)?;
-        check_validation(settings, &heard, tell)?;
-        let origin = format!(
-            "{} data {} frames {}",
-            settings.fingerprint(),
-            dataset.len(),
-            data_hash(&dataset, usize::MAX)?
-        );
+        let dataset = check::training_split(settings)?;
+        check::validation_split(settings, tell)?;
+        let origin = check::origin(settings, &dataset)?;
         let source =
             FolderSource::new(dataset, names).with_made_up(settings.kind.learns_from_made_up());
         for (class, mean) in manifest
@@ -99,15 +92,13 @@ impl Run {
             path: data.clone(),
             cause: Box::new(cause),
         })?;
+        check::points(&source, settings)?;
         let frames = if settings.augment {
             settings.database_frames
         } else {
             0
         };
         let database = Database::build(&source, settings.classes(), frames)?;
-        if frames > 0 && database.samples.iter().all(Vec::is_empty) {
-            return Err(TrainError::NoPoints { path: data, frames });
-        }
         let sizes: Vec<String> = database
             .samples
             .iter()
@@ -225,7 +216,7 @@ impl Run {
             if done.is_multiple_of(epoch_steps) {
                 self.save()?;
                 self.judge(tell)?;
-            } else if done.is_multiple_of(settings.checkpoint_every.max(1)) {
+            } else if done.is_multiple_of(settings.checkpoint_every) {
                 self.save()?;
             }
         }
@@ -333,33 +324,4 @@ fn classes_m(manifest: &Manifest) -> Vec<[f64; 3]> {
         .iter()
         .map(|class| class.size_m.map(f64::from));
     sizes.collect()
-}
-
-/// Files of every frame, and classes and calibrations that can be read, before hours are spent on them.
-fn check_labels(dataset: &Dataset, heard: &[String]) -> Result<(), TrainError> {
-    check_files(dataset)?;
-    dataset.names().par_iter().try_for_each(|name| {
-        check_classes(&dataset.label_path(name), heard)?;
-        dataset.boxes_in_sensor(name).map(drop)
-    })?;
-    Ok(())
-}
-
-fn check_validation(
-    settings: &Settings,
-    heard: &[String],
-    tell: &mut dyn FnMut(Event),
-) -> Result<(), TrainError> {
-    let folder = settings.data.join("val");
-    if settings.validate_frames == 0 {
-        return Ok(());
-    }
-    if folder.is_dir() {
-        return check_labels(&Dataset::open(&folder)?, heard);
-    }
-    tell(Event::Note(format!(
-        "{}: no such folder, so the model is not judged while it trains",
-        folder.display()
-    )));
-    Ok(())
 }

@@ -144,7 +144,7 @@ pub struct Settings {
     pub prototype_scale: f32,
     /// Weight of the variance loss; 0 in the paper.
     pub variance_weight: f32,
-    /// Multiply in bf16.
+    /// Multiply gradients of layers' inputs in bf16.
     pub bf16: bool,
     /// Paste, flip, turn and scale.
     pub augment: bool,
@@ -353,20 +353,11 @@ impl Settings {
         }
     }
 
-    /// Classes that labels may name: what the network learns, KITTI's, the simulator's, and those to be ignored.
+    /// Classes that labels may name: KITTI's and the simulator's, among them all that the network learns, and those to be ignored.
     pub fn heard_classes(&self) -> Vec<String> {
-        let own = self.manifest().classes.into_iter().map(|class| class.name);
-        let others = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
-        let others = others.map(|name| (*name).to_owned());
-        let mut all: Vec<String> = others.chain(self.ignored_classes.iter().cloned()).collect();
-        let is_there =
-            |all: &[String], name: &str| all.iter().any(|n| n.eq_ignore_ascii_case(name));
-        own.for_each(|name| {
-            if !is_there(&all, &name) {
-                all.push(name);
-            }
-        });
-        all
+        let heard = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
+        let heard = heard.map(|name| (*name).to_owned());
+        heard.chain(self.ignored_classes.iter().cloned()).collect()
     }
 
     /// The manifest before training: what the data decides is filled in later.

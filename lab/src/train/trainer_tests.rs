@@ -123,6 +123,24 @@ fn a_checkpoint_of_another_network_is_refused_and_the_state_left_alone() {
     assert_eq!(before, t.state);
 }
 
+#[test]
+fn a_checkpoint_with_values_that_are_no_numbers_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("checkpoint.safetensors");
+    let mut t = trainer(5);
+    let good = t.state.clone();
+    let mut broken = good.clone();
+    broken.parameters[3] = f32::NAN;
+    checkpoint::save(&path, &broken, "same").expect("saved");
+    let fault = checkpoint::load(&path, &mut t.state, "same").expect_err("refused");
+    let text = fault.to_string();
+    assert!(
+        text.contains("finite values in parameters, found NaN"),
+        "{text}"
+    );
+    assert_eq!(t.state, good);
+}
+
 /// A folder that cannot be written to stands for a full disk: the last good checkpoint is not touched before the new one is whole.
 #[test]
 fn a_failed_write_leaves_the_last_good_checkpoint() {

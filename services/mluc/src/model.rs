@@ -26,7 +26,7 @@ pub(crate) fn load(name: &str) -> anyhow::Result<Model> {
         };
         bail!("model '{name}': no such file, and no embedded model of that name ({known})");
     }
-    Model::read(path).with_context(|| format!("model {name}"))
+    Ok(Model::read(path)?)
 }
 
 /// The model of a run, with the gate's thresholds that the user wants.

@@ -102,11 +102,10 @@ pub fn read_json_lines(
                 "field wire: expected {WIRE_VERSION}, found {found}"
             )));
         }
-        let is_size = |v: &f64| (0.001..=1000.0).contains(v);
         let mut sizes = line.objects.iter().flat_map(|object| object.size_m);
-        if let Some(found) = sizes.find(|v| !is_size(v)) {
+        if let Some(found) = sizes.find(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(fault(format!(
-                "field size_m: expected 0.001 to 1000 m, found {found}"
+                "field size_m: expected sizes above 0, found {found}"
             )));
         }
         let detections = line.objects.into_iter().map(detection).collect();

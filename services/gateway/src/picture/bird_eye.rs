@@ -220,7 +220,8 @@ fn bounds_px(corners: &[[f32; 2]; 4]) -> [i64; 4] {
 fn draw_captions(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View) {
     let bounds = |b| corners_px(b, view).map(|corners| (b, bounds_px(&corners)));
     let mut order: Vec<(&DrawnBox, [i64; 4])> = boxes.iter().filter_map(bounds).collect();
-    let mut captions = Captions::among(order.iter().map(|(_, bounds)| *bounds).collect());
+    let taken = order.iter().map(|(_, bounds)| *bounds).collect();
+    let mut captions = Captions::among(taken, canvas.size_px());
     order.sort_by_key(|(b, _)| b.kind != BoxKind::Unknown);
     for (drawn, bounds) in order.iter().filter(|(b, _)| !b.caption.is_empty()) {
         let size = Canvas::text_size_px(&drawn.caption, 1);

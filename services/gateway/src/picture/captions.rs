@@ -3,20 +3,24 @@
 /// Pixels between a box and its text.
 const GAP_PX: i64 = 4;
 
-/// What stands already, each as left, top, right, bottom, px.
-#[derive(Debug, Default)]
+/// What stands already, each as left, top, right, bottom, px, in a picture of a size.
+#[derive(Debug)]
 pub(super) struct Captions {
+    size_px: [i64; 2],
     taken: Vec<[i64; 4]>,
 }
 
 impl Captions {
-    /// Among these boxes.
-    pub(super) fn among(boxes: Vec<[i64; 4]>) -> Captions {
-        Captions { taken: boxes }
+    /// In a picture with these boxes.
+    pub(super) fn among(boxes: Vec<[i64; 4]>, picture_px: [usize; 2]) -> Captions {
+        Captions {
+            size_px: picture_px.map(|v| v as i64),
+            taken: boxes,
+        }
     }
 
     /// Upper left corner of a text of this size for a box with these bounds: the first free place of right, left (both from the top
-    /// downwards), above and below; to the right of its top where all are taken.
+    /// downwards), above and below; to the right of its top where all are taken. In the picture, if the text fits into it.
     pub(super) fn place(&mut self, bounds: [i64; 4], size_px: [i64; 2]) -> [i64; 2] {
         let ([left, top, right, bottom], [width, height]) = (bounds, size_px);
         let line = height + 2;
@@ -30,6 +34,8 @@ impl Captions {
             .into_iter()
             .find(|[x, y]| self.is_free([*x, *y, x + width, y + height]))
             .unwrap_or([to_right, top - 2]);
+        let within = |i: usize, length: i64| place[i].clamp(0, (self.size_px[i] - length).max(0));
+        let place = [within(0, width), within(1, height)];
         self.taken
             .push([place[0], place[1], place[0] + width, place[1] + height]);
         place
@@ -37,7 +43,9 @@ impl Captions {
 
     fn is_free(&self, a: [i64; 4]) -> bool {
         let covers = |b: &[i64; 4]| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
-        !self.taken.iter().any(covers)
+        let is_inside =
+            a[0] >= 0 && a[1] >= 0 && a[2] <= self.size_px[0] && a[3] <= self.size_px[1];
+        is_inside && !self.taken.iter().any(covers)
     }
 }
 
@@ -45,9 +53,19 @@ impl Captions {
 mod tests {
     use super::*;
 
+    const PICTURE_PX: [usize; 2] = [400, 400];
+
+    #[test]
+    fn texts_stay_in_the_picture() {
+        let mut captions = Captions::among(vec![[34, 90, 80, 130]], PICTURE_PX);
+        let [x, y] = captions.place([8, 100, 30, 110], [59, 7]);
+        assert!(x >= 0 && y >= 0, "{x} {y}");
+        assert_eq!(captions.place([380, 395, 399, 399], [60, 7])[0], 316);
+    }
+
     #[test]
     fn texts_of_boxes_in_one_place_stand_below_each_other() {
-        let mut captions = Captions::default();
+        let mut captions = Captions::among(vec![], PICTURE_PX);
         let places = [0; 3].map(|_| captions.place([100, 50, 120, 90], [60, 7]));
         assert_eq!(places[0], [124, 48]);
         for (i, a) in places.iter().enumerate() {
@@ -59,16 +77,16 @@ mod tests {
 
     #[test]
     fn a_text_is_not_written_over_another_box() {
-        let mut captions = Captions::among(vec![[130, 40, 300, 70]]);
+        let mut captions = Captions::among(vec![[130, 40, 300, 70]], PICTURE_PX);
         assert_eq!(captions.place([100, 50, 120, 90], [60, 7]), [124, 75]);
     }
 
     #[test]
     fn where_all_is_taken_the_text_is_there_all_the_same() {
-        let mut captions = Captions::default();
+        let mut captions = Captions::among(vec![], PICTURE_PX);
         for _ in 0..100 {
             captions.place([0, 0, 10, 10], [60, 7]);
         }
-        assert_eq!(captions.place([0, 0, 10, 10], [60, 7]), [14, -2]);
+        assert_eq!(captions.place([0, 0, 10, 10], [60, 7]), [14, 0]);
     }
 }
