@@ -152,7 +152,7 @@ fn nothing_is_written_where_something_is_wrong() {
     std::fs::write(&labels, CAR.replace("Car", "Auto")).expect("written");
     let told = fault(&options);
     assert!(
-        told.contains("000002.txt, line 1, field type: expected Car, ")
+        told.contains("000002.txt, line 1, field type: expected one of Car, ")
             && told.ends_with("found 'Auto'"),
         "{told}"
     );
