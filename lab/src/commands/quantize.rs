@@ -73,7 +73,8 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
         false => compare(manifest, weights, &dataset, &others, || bar.inc(1))?,
     };
     bar.finish_and_clear();
-    replace(&arguments.out, &bytes)?;
+    write_whole(&arguments.out, &bytes)
+        .with_context(|| format!("{}: cannot be written", arguments.out.display()))?;
     let text = match arguments.json {
         true => serde_json::to_string_pretty(&as_json(&calibrated, &errors, &others))
             .context("JSON of the figures")?,
@@ -87,11 +88,6 @@ fn folder(path: &Path) -> String {
     let path = path.canonicalize().unwrap_or(path.to_owned());
     let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
     parts[parts.len().saturating_sub(2)..].join("/")
-}
-
-/// Writes the file as a whole.
-fn replace(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    write_whole(path, bytes).with_context(|| format!("{}: cannot be written", path.display()))
 }
 
 /// On stderr, and only where that is a terminal.

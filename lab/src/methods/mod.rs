@@ -95,9 +95,7 @@ impl Method {
             Method::Improved => NetworkKind::Improved,
         }
     }
-}
 
-impl Method {
     /// Whether it stands on this model. Without training ours works on the paper's network too, which tells what training brings.
     pub fn check(self, model: &Model) -> Result<(), MethodError> {
         let (expected, found) = (self.network().head(), model.manifest.network.head);
