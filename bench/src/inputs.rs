@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use mluc_ipc_types::Point;
-use mluc_lab::simulate::{Family, SimulatedFrame, Split, frame};
-use mluc_lab::train::hdl_64e;
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_refiner::{BeamTable, Sensor};
+use mluc_simulate::{Family, SimulatedFrame, Split, frame};
+use mluc_train::hdl_64e;
 
 /// Of all simulated scans here; another seed would do as well.
 const SEED: u64 = 6;

@@ -1,5 +1,12 @@
-//! What the benchmarks share: the machine that a figure belongs to, scans and models to measure on, charts.
+//! Measurements of mluc: the program `mluc-bench`, and what the other measuring programs of this folder share.
 
-pub mod chart;
+pub mod clock;
 pub mod inputs;
 pub mod machine;
+pub mod report;
+mod run;
+mod svg;
+pub mod transport;
+
+pub use run::program;
+pub use svg::chart;

@@ -1,107 +1,197 @@
-//! The machine that a figure belongs to, and how quiet it was: without it a figure means little.
+//! The machine that a figure belongs to, and the program that was measured: without them a figure means little.
 
 use std::fs::read_to_string;
+use std::path::Path;
 use std::process::Command;
+use std::time::{SystemTime, UNIX_EPOCH};
 
-use serde::Serialize;
+use rustix::thread::{CpuSet, sched_getaffinity};
+use serde_json::{Map, Value, json};
 
-/// Read from the system at the time of measuring; `?` where it does not say.
-#[derive(Clone, Debug, Serialize)]
-pub struct Machine {
-    /// Of the first processor.
-    pub cpu: String,
-    /// Processors that this process may use.
-    pub cores: usize,
-    /// Vector extensions that matter to the kernels.
-    pub extensions: Vec<String>,
-    /// MiB.
-    pub memory_mib: u64,
-    /// Name and version of the system's kernel.
-    pub kernel: String,
-    /// Of the processors' frequency.
-    pub governor: String,
-    /// Processes that ran or wanted to, over the last minute: near 0 on a quiet machine.
-    pub load_1min: f64,
-    /// The compiler found on the path.
-    pub compiler: String,
-    /// Of the checkout, and whether files differ from it.
-    pub commit: String,
-    /// Seconds since 1970, by the machine's clock.
-    pub unix_time_s: u64,
+/// Instruction sets that the kernels choose by.
+const EXTENSIONS: [&str; 11] = [
+    "avx2",
+    "fma",
+    "avx_vnni",
+    "avx512f",
+    "avx512_bf16",
+    "avx512_vnni",
+    "amx_bf16",
+    "amx_int8",
+    "asimd",
+    "asimddp",
+    "bf16",
+];
+/// Folders whose files are in the program `mluc`.
+const SOURCES: [&str; 7] = [
+    "ipc-types",
+    "geometry",
+    "kernels",
+    "model",
+    "services",
+    "weights",
+    "Cargo.toml",
+];
+
+/// Processor, memory, kernel, and the moment; what the system does not say is null.
+pub fn describe_machine() -> Map<String, Value> {
+    let cpuinfo = text_of("/proc/cpuinfo").unwrap_or_default();
+    let flags = field(&cpuinfo, "flags").or(field(&cpuinfo, "Features"));
+    let flags: Vec<&str> = flags.unwrap_or_default().split_whitespace().collect();
+    let mut extensions = EXTENSIONS.to_vec();
+    extensions.retain(|extension| flags.contains(extension));
+    let meminfo = text_of("/proc/meminfo").unwrap_or_default();
+    let part = || field(&cpuinfo, "CPU part").map(|part| format!("part {part}"));
+    let usable = sched_getaffinity(None).ok();
+    let usable = usable.map(|set| (0..CpuSet::MAX_CPU).filter(|&cpu| set.is_set(cpu)).count());
+    let time = SystemTime::now().duration_since(UNIX_EPOCH);
+    object(json!({
+        "processor": field(&cpuinfo, "model name").map(str::to_string).or_else(part),
+        "cores_usable": usable,
+        "cores_present": cpuinfo.lines().filter(|line| line.starts_with("processor")).count(),
+        "instruction_sets": extensions.join(" "),
+        "caches": caches(),
+        "memory_mib": number_of(&meminfo, "MemTotal:") / 1024,
+        "virtual_machine": flags.contains(&"hypervisor"),
+        "kernel": text_of("/proc/sys/kernel/osrelease"),
+        "kernel_preemption": text_of("/proc/sys/kernel/version"),
+        "governor": text_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").unwrap_or_else(|| "not visible".to_string()),
+        "clock_source": text_of("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
+        "huge_pages": text_of("/sys/kernel/mm/transparent_hugepage/enabled"),
+        "architecture": std::env::consts::ARCH,
+        "load_1min": load(),
+        "unix_time_s": time.map_or(0, |time| time.as_secs()),
+    }))
 }
 
-impl Machine {
-    /// This one, now.
-    pub fn here() -> Machine {
-        let cpuinfo = read_to_string("/proc/cpuinfo").unwrap_or_default();
-        let flags = field(&cpuinfo, "flags").or_else(|| field(&cpuinfo, "Features"));
-        let flags = flags.unwrap_or_default();
-        let known = [
-            "avx2",
-            "fma",
-            "avx512f",
-            "avx512_vnni",
-            "avx512_bf16",
-            "amx_int8",
-            "asimd",
-            "asimddp",
-            "bf16",
-        ];
-        let has = |name: &&str| flags.split_whitespace().any(|flag| flag == *name);
-        let memory = read_to_string("/proc/meminfo").unwrap_or_default();
-        let memory = field(&memory, "MemTotal").unwrap_or_default();
-        Machine {
-            cpu: field(&cpuinfo, "model name").unwrap_or_else(|| "?".into()),
-            cores: std::thread::available_parallelism().map_or(0, usize::from),
-            extensions: known
-                .iter()
-                .filter(|name| has(name))
-                .map(|name| name.to_string())
-                .collect(),
-            memory_mib: memory
-                .split_whitespace()
-                .next()
-                .and_then(|kib| kib.parse::<u64>().ok())
-                .unwrap_or(0)
-                / 1024,
-            kernel: line_of("/proc/sys/kernel/osrelease"),
-            governor: line_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
-            load_1min: line_of("/proc/loadavg")
-                .split_whitespace()
-                .next()
-                .and_then(|load| load.parse().ok())
-                .unwrap_or(0.0),
-            compiler: told_by("rustc", &["--version"]),
-            commit: told_by("git", &["describe", "--always", "--dirty", "--abbrev=12"]),
-            unix_time_s: std::time::SystemTime::now()
-                .duration_since(std::time::UNIX_EPOCH)
-                .map_or(0, |time| time.as_secs()),
-        }
+/// What was built; two reports with the same `binary` ran the same program.
+pub fn describe_build(program: &Path) -> Map<String, Value> {
+    let bytes = std::fs::read(program).unwrap_or_default();
+    object(json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "commit": commit(program),
+        "compiler": compiler(&bytes),
+        "is_optimised": !cfg!(debug_assertions),
+        "binary": format!("{:016x}", fingerprint(&bytes)),
+    }))
+}
+
+/// The machine, and the running program.
+pub fn describe_here() -> Map<String, Value> {
+    let mut machine = describe_machine();
+    let own = std::env::current_exe().unwrap_or_default();
+    machine.extend(describe_build(&own));
+    machine
+}
+
+/// Memory that can be had without swapping, MiB.
+pub(crate) fn available_mib() -> u64 {
+    number_of(
+        &text_of("/proc/meminfo").unwrap_or_default(),
+        "MemAvailable:",
+    ) / 1024
+}
+
+/// Processes that ran or wanted to, over the last minute: near 0 on a quiet machine.
+pub(crate) fn load() -> f64 {
+    let text = text_of("/proc/loadavg").unwrap_or_default();
+    let word = text.split_whitespace().next();
+    word.and_then(|word| word.parse().ok()).unwrap_or(0.0)
+}
+
+/// The number after `key` at the begin of a line; 0 when there is none.
+pub(crate) fn number_of(text: &str, key: &str) -> u64 {
+    let rest = text.lines().find_map(|line| line.strip_prefix(key));
+    let word = rest.and_then(|rest| rest.split_whitespace().next());
+    word.and_then(|word| word.parse().ok()).unwrap_or(0)
+}
+
+/// The map of a JSON object.
+pub(crate) fn object(value: Value) -> Map<String, Value> {
+    match value {
+        Value::Object(map) => map,
+        _ => Map::new(),
     }
 }
 
-/// The value of the first line `key : value`.
-fn field(text: &str, key: &str) -> Option<String> {
-    text.lines().find_map(|line| {
-        let (name, value) = line.split_once(':')?;
-        (name.trim() == key).then(|| value.trim().to_string())
+/// The compiler's note in a program: `rustc version 1.95.0 (...)`.
+fn compiler(program: &[u8]) -> Option<String> {
+    const NOTE: &[u8] = b"rustc version ";
+    let at = program
+        .windows(NOTE.len())
+        .position(|found| found == NOTE)?;
+    let note = program[at..].split(|&byte| byte == 0).next()?;
+    Some(String::from_utf8_lossy(note).into_owned())
+}
+
+/// Of what was built: `MLUC_COMMIT` when the build had it set; else, where the sources still lie on this machine, the last
+/// commit before the program was built, with `-dirty` when a source changed since that commit and before the build.
+fn commit(program: &Path) -> Option<String> {
+    if let Some(commit) = option_env!("MLUC_COMMIT") {
+        return Some(commit.to_string());
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let modified = |path: &Path| std::fs::metadata(path).and_then(|about| about.modified());
+    let built = modified(program).ok()?;
+    let seconds = built.duration_since(UNIX_EPOCH).ok()?.as_secs();
+    let before = format!("--before={seconds}");
+    let log = git(&root, &["log", "-1", "--abbrev=12", "--format=%h", &before])?;
+    let commit = log.lines().next().filter(|line| !line.is_empty())?;
+    let diff = [&["diff", "--name-only", commit, "--"], &SOURCES[..]].concat();
+    let changed = git(&root, &diff)?;
+    let is_in_the_build =
+        |name: &str| modified(&root.join(name)).is_ok_and(|changed| changed <= built);
+    let dirty = if changed.lines().any(is_in_the_build) {
+        "-dirty"
+    } else {
+        ""
+    };
+    Some(format!("{commit}{dirty}"))
+}
+
+/// What git prints, if it is there and content.
+fn git(root: &Path, arguments: &[&str]) -> Option<String> {
+    let mut command = Command::new("git");
+    let output = command.arg("-C").arg(root).args(arguments).output().ok()?;
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    output.status.success().then_some(text)
+}
+
+/// FNV-1a over words of 8 bytes.
+fn fingerprint(bytes: &[u8]) -> u64 {
+    bytes.chunks(8).fold(0xcbf2_9ce4_8422_2325, |hash, chunk| {
+        let mut word = [0; 8];
+        word[..chunk.len()].copy_from_slice(chunk);
+        (hash ^ u64::from_le_bytes(word)).wrapping_mul(0x0100_0000_01b3)
     })
 }
 
-fn line_of(path: &str) -> String {
-    match read_to_string(path) {
-        Ok(text) => text.trim().to_string(),
-        Err(_) => "?".into(),
-    }
+fn caches() -> String {
+    let of = |index: usize| {
+        let folder = format!("/sys/devices/system/cpu/cpu0/cache/index{index}");
+        let read = |name: &str| text_of(&format!("{folder}/{name}"));
+        let letter = match read("type")?.as_str() {
+            "Data" => "d",
+            "Instruction" => "i",
+            _ => "",
+        };
+        Some(format!("L{}{letter} {}", read("level")?, read("size")?))
+    };
+    (0..6).filter_map(of).collect::<Vec<_>>().join(", ")
 }
 
-fn told_by(program: &str, arguments: &[&str]) -> String {
-    match Command::new(program).args(arguments).output() {
-        Ok(output) if output.status.success() => {
-            String::from_utf8_lossy(&output.stdout).trim().to_string()
-        }
-        _ => "?".into(),
-    }
+/// The value of the first line `key : value`.
+fn field<'a>(text: &'a str, key: &str) -> Option<&'a str> {
+    text.lines().find_map(|line| {
+        let (name, value) = line.split_once(':')?;
+        (name.trim() == key).then_some(value.trim())
+    })
+}
+
+/// A small file's text without the line end.
+fn text_of(path: &str) -> Option<String> {
+    let text = read_to_string(path).ok()?;
+    Some(text.trim_end().to_string())
 }
 
 #[cfg(test)]
@@ -109,20 +199,33 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_of_the_system_are_read() {
-        let text = "processor\t: 0\nmodel name\t: Some CPU @ 2 GHz: fast\nflags\t: fma avx2\n";
-        assert_eq!(
-            field(text, "model name").as_deref(),
-            Some("Some CPU @ 2 GHz: fast")
-        );
-        assert_eq!(field(text, "flags").as_deref(), Some("fma avx2"));
-        assert_eq!(field(text, "bugs"), None);
+    fn this_machine_and_program_are_described() {
+        let here = describe_here();
+        assert!(here["memory_mib"].as_u64().unwrap() > 0);
+        assert!(here["cores_usable"].as_u64().unwrap() > 0);
+        assert!(here["kernel"].is_string() && available_mib() > 0);
+        assert!(here["compiler"].as_str().unwrap().starts_with("rustc"));
+        assert_eq!(here["binary"].as_str().unwrap().len(), 16);
     }
 
     #[test]
-    fn this_machine_has_cores_and_memory() {
-        let machine = Machine::here();
-        assert!(machine.cores > 0 && machine.memory_mib > 0, "{machine:?}");
-        assert_ne!(machine.kernel, "?");
+    fn lines_of_the_system_are_read() {
+        let text = "processor\t: 0\nmodel name\t: Some CPU @ 2 GHz: fast\nflags\t: fma avx2\n";
+        assert_eq!(field(text, "model name"), Some("Some CPU @ 2 GHz: fast"));
+        assert_eq!(
+            (field(text, "flags"), field(text, "bugs")),
+            (Some("fma avx2"), None)
+        );
+        let text = "VmRSS:\t  12 kB\nRssAnon:\t   345 kB\n";
+        assert_eq!(
+            [number_of(text, "RssAnon:"), number_of(text, "RssShmem:")],
+            [345, 0]
+        );
+    }
+
+    #[test]
+    fn a_changed_byte_is_another_binary() {
+        assert_ne!(fingerprint(b"0123456789"), fingerprint(b"0123456788"));
+        assert_ne!(fingerprint(b""), fingerprint(b"\0"));
     }
 }

@@ -31,7 +31,7 @@ extern "C" {
 #endif
 
 /* Of the contract that this header describes; mluc_wire_version() tells the library's. */
-#define MLUC_WIRE_VERSION 3u
+#define MLUC_WIRE_VERSION 4u
 
 /* What a call returns; negative ones are errors, and mluc_last_error() says more. */
 enum {
@@ -46,13 +46,14 @@ enum {
 };
 
 /* Limits. */
-#define MLUC_POINTS_MAX 131072u
+#define MLUC_POINTS_MAX 262144u
 #define MLUC_DETECTIONS_MAX 512u
 #define MLUC_OBJECTS_MAX 512u
 #define MLUC_OBJECT_POINTS_MAX 131072u
 #define MLUC_CLASSES_MAX 8u
 #define MLUC_FOOTPRINT_MAX 16u
 #define MLUC_NONE 0xffffffffu
+#define MLUC_NO_PROBABILITY (-1.0f)
 
 /* Bits of a header's flags. */
 enum {
@@ -70,6 +71,9 @@ enum {
 
 enum { MLUC_KNOWN = 0, MLUC_CANDIDATE = 1, MLUC_UNKNOWN = 1 };
 
+/* Which gate of the head decided whether a box is known. */
+enum { MLUC_GATE_NONE = 0, MLUC_GATE_EDS = 1, MLUC_GATE_UNKNOWN_PROBABILITY = 2, MLUC_GATE_SOFTMAX_MAX = 3 };
+
 enum {
     MLUC_PUBLISHED = 0,
     MLUC_OVERLAPS_KNOWN = 1,
@@ -82,7 +86,7 @@ enum {
 };
 
 /* Bits of an object's flags. */
-enum { MLUC_UNREFINED = 1, MLUC_SPLIT = 2, MLUC_THINNED = 4 };
+enum { MLUC_UNREFINED = 1, MLUC_SPLIT = 2, MLUC_THINNED = 4, MLUC_SMALL = 8, MLUC_LARGE = 16, MLUC_POST = 32 };
 
 typedef struct mluc_stamps {
     uint64_t received_ns;
@@ -93,6 +97,7 @@ typedef struct mluc_stamps {
 typedef struct mluc_header {
     uint32_t wire_version;
     uint32_t flags;
+    uint64_t run_id; /* of the run that the frame belongs to */
     uint64_t sequence;
     uint64_t sensor_stamp_ns;
     uint32_t sensor_id;
@@ -134,13 +139,15 @@ typedef struct mluc_detection {
     float softmax_max;
     float logit_max;
     float energy;
-    float threshold;
+    float unknown_probability; /* 0 to 1, or MLUC_NO_PROBABILITY */
+    uint32_t gate;
+    float threshold; /* of the gate, in its unit */
 } mluc_detection;
 
 typedef struct mluc_object {
     uint32_t kind; /* MLUC_KNOWN, MLUC_UNKNOWN */
-    uint32_t fate;
-    uint32_t by; /* index of the object that covers it, or MLUC_NONE */
+    uint32_t disposition;
+    uint32_t suppressed_by; /* index of the object that covers it, or MLUC_NONE */
     uint32_t class_id;
     float score;
     float center_m[3];
@@ -148,7 +155,9 @@ typedef struct mluc_object {
     float yaw_rad;
     float eds;
     float eds_normalised;
-    float threshold;
+    float unknown_probability; /* 0 to 1, or MLUC_NO_PROBABILITY */
+    uint32_t gate;
+    float threshold; /* of the gate, in its unit */
     uint32_t points_first; /* range in the indices */
     uint32_t points_count;
     uint32_t flags;
@@ -158,18 +167,39 @@ typedef struct mluc_object {
     float footprint_m[16][2]; /* counter-clockwise */
 } mluc_object;
 
-MLUC_ASSERT(sizeof(mluc_header) == 248, "mluc_header");
-MLUC_ASSERT(offsetof(mluc_header, stages) == 104, "mluc_header");
-MLUC_ASSERT(offsetof(mluc_header, name) == 200, "mluc_header");
+/* What holds for all frames of a run; texts are UTF-8, NUL-padded. */
+typedef struct mluc_run {
+    uint32_t wire_version;
+    uint32_t classes_count; /* 1 to MLUC_CLASSES_MAX */
+    uint64_t run_id;        /* never 0 */
+    uint64_t started_ns;    /* CLOCK_REALTIME */
+    uint64_t model_fingerprint;
+    double base_from_sensor[6]; /* x, y, z, roll, pitch, yaw */
+    float sensor_height_m;
+    float objectness_min;
+    uint32_t gate;
+    float gate_threshold;
+    char model_name[64];
+    char sensor_name[64];
+    char class_names[8][32];
+    char known_score[96];
+    char unknown_score[96];
+} mluc_run;
+
+MLUC_ASSERT(sizeof(mluc_run) == 672, "mluc_run");
+MLUC_ASSERT(sizeof(mluc_header) == 256, "mluc_header");
+MLUC_ASSERT(offsetof(mluc_header, stages) == 112, "mluc_header");
+MLUC_ASSERT(offsetof(mluc_header, name) == 208, "mluc_header");
 MLUC_ASSERT(sizeof(mluc_point) == 16, "mluc_point");
-MLUC_ASSERT(sizeof(mluc_detection) == 144, "mluc_detection");
-MLUC_ASSERT(offsetof(mluc_detection, threshold) == 140, "mluc_detection");
-MLUC_ASSERT(sizeof(mluc_object) == 212, "mluc_object");
-MLUC_ASSERT(offsetof(mluc_object, footprint_m) == 84, "mluc_object");
+MLUC_ASSERT(sizeof(mluc_detection) == 152, "mluc_detection");
+MLUC_ASSERT(offsetof(mluc_detection, threshold) == 148, "mluc_detection");
+MLUC_ASSERT(sizeof(mluc_object) == 220, "mluc_object");
+MLUC_ASSERT(offsetof(mluc_object, footprint_m) == 92, "mluc_object");
 
 /* Where a frame lies in shared memory: readable, not writable, until the next call with the same handle. */
 typedef struct mluc_frame {
     const mluc_header *header;
+    const mluc_run *run; /* that the frame belongs to: classes, model, gate, meaning of scores */
     const mluc_point *points; /* of the same scan, numbers unchecked; none when they are gone (MLUC_POINTS_GONE) */
     size_t points_count;
     const mluc_detection *detections; /* checked: versions, counts, classes, kinds, finite boxes */
@@ -193,7 +223,7 @@ int32_t mluc_refiner_wait(mluc_refiner *refiner, uint32_t timeout_ms, mluc_frame
 
 /* Publishes the objects of that frame, once: one for each detection, in their order, suppressed ones too. indices point
  * into the frame's points; flags (MLUC_DEGRADED, ...) are added to the header's. Health counts the
- * unknown ones by fate. */
+ * unknown ones by disposition. */
 int32_t mluc_refiner_publish(mluc_refiner *refiner, const mluc_object *objects, size_t objects_count,
                              const uint32_t *indices, size_t indices_count, uint32_t flags);
 

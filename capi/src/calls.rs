@@ -4,7 +4,7 @@ use std::ffi::c_char;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-use mluc_ipc_types::{Detection, Flags, FrameHeader, Object, Point, WIRE_VERSION};
+use mluc_ipc_types::{Detection, Flags, FrameHeader, Object, Point, RunDescription, WIRE_VERSION};
 
 use crate::error::{Code, Failure, last, remember};
 use crate::refiner::{Refiner, Waited};
@@ -18,6 +18,8 @@ pub struct MlucRefiner(Refiner);
 pub struct MlucFrame {
     /// The detections' header.
     pub header: *const FrameHeader,
+    /// The run that it belongs to.
+    pub run: *const RunDescription,
     /// Points of the same scan; none when they are gone (the header's flags say so).
     pub points: *const Point,
     /// How many.
@@ -90,6 +92,7 @@ pub unsafe extern "C" fn mluc_refiner_wait(
         };
         *frame = MlucFrame {
             header: std::ptr::null(),
+            run: std::ptr::null(),
             points: std::ptr::null(),
             points_count: 0,
             detections: std::ptr::null(),
@@ -100,9 +103,10 @@ pub unsafe extern "C" fn mluc_refiner_wait(
             Waited::Stopping => return Ok(Code::Stopping),
             Waited::Frame => (),
         }
-        if let Some((header, points, detections)) = refiner.0.frame() {
+        if let Some((header, run, points, detections)) = refiner.0.frame() {
             *frame = MlucFrame {
                 header,
+                run,
                 points: points.as_ptr(),
                 points_count: points.len(),
                 detections: detections.as_ptr(),
@@ -160,10 +164,12 @@ pub unsafe extern "C" fn mluc_refiner_close(refiner: *mut MlucRefiner) {
 /// # Safety
 /// `first` points to `count` elements, or `count` is 0.
 unsafe fn slice_of<'a, T>(first: *const T, count: usize) -> Result<&'a [T], Failure> {
-    match (first.is_null(), count) {
-        (_, 0) => Ok(&[]),
-        (true, _) => Err(Failure::usage("publish: null where elements should be")),
-        // SAFETY: by the caller's promise.
-        (false, _) => Ok(unsafe { std::slice::from_raw_parts(first, count) }),
+    if count == 0 {
+        return Ok(&[]);
     }
+    if first.is_null() {
+        return Err(Failure::usage("publish: null where elements should be"));
+    }
+    // SAFETY: by the caller's promise.
+    Ok(unsafe { std::slice::from_raw_parts(first, count) })
 }

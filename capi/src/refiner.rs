@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use mluc_ipc_types::{
-    CLASSES_MAX, ContractError, Detection, Flags, FrameHeader, HealthState, OBJECT_POINTS_MAX,
-    OBJECTS_MAX, Object, Point, Stage, Topic,
+    ContractError, Detection, Flags, FrameHeader, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX,
+    Object, Point, RunDescription, Stage, Topic,
 };
 use mluc_runtime::{
-    Input, Message, Next, Output, Scans, Shell, ShellOptions, Shutdown, StageEnvironment,
-    log_to_stderr, monotonic_ns,
+    Frames, Instance, Message, Next, Output, Shell, ShellOptions, Shutdown, log_to_stderr,
+    monotonic_ns,
 };
 
 use crate::error::Failure;
@@ -17,13 +17,10 @@ use crate::error::Failure;
 pub(crate) struct Refiner {
     // Ports and messages go before the shell.
     frame: Option<Frame>,
-    input: Input<Detection>,
-    scans: Scans,
+    frames: Frames<Detection>,
     objects: Output<Object>,
     object_points: Output<u32>,
     shell: Shell,
-    classes: usize,
-    fingerprint: u64,
 }
 
 /// A frame whose detections were checked.
@@ -45,24 +42,18 @@ impl Refiner {
     /// Joins the instance that the environment names, as its refiner.
     pub(crate) fn open() -> Result<Refiner, Failure> {
         log_to_stderr("refiner", "info");
-        let environment = StageEnvironment::read().map_err(Failure::open)?;
+        let instance = Instance::from_environment().map_err(Failure::open)?;
         let shutdown = Shutdown::on_signals().map_err(Failure::open)?;
-        let options = ShellOptions::new(environment.instance);
+        let options = ShellOptions::new(instance);
         let mut shell = Shell::stage(options, Stage::Refiner, shutdown).map_err(Failure::open)?;
         let objects = shell.output(&Topic::OBJECTS, OBJECTS_MAX);
         let object_points = shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX);
         let refiner = Refiner {
             frame: None,
-            input: shell.input(&Topic::DETECTIONS).map_err(Failure::open)?,
-            scans: Scans::new(shell.side_input(&Topic::POINTS).map_err(Failure::open)?),
+            frames: Frames::with_points(&shell, &Topic::DETECTIONS).map_err(Failure::open)?,
             objects: objects.map_err(Failure::open)?,
             object_points: object_points.map_err(Failure::open)?,
             shell,
-            classes: match environment.classes.len() {
-                0 => CLASSES_MAX,
-                count => count,
-            },
-            fingerprint: environment.fingerprint,
         };
         refiner.begun()
     }
@@ -80,16 +71,12 @@ impl Refiner {
         loop {
             let spent = Duration::from_nanos(monotonic_ns() - begun_ns);
             let left = timeout.saturating_sub(spent);
-            let scans = &mut self.scans;
-            let next = self.shell.next_within(
-                &mut self.input,
-                &Topic::DETECTIONS,
-                || scans.take(),
-                left,
-            )?;
+            let next = self.frames.next_within(&mut self.shell, left)?;
             let message = match next {
                 Next::Message(message) => message,
-                Next::Timeout => return Ok(Waited::Timeout),
+                // A frame that was refused ends the wait early.
+                Next::Timeout if left.is_zero() => return Ok(Waited::Timeout),
+                Next::Timeout => continue,
                 Next::Stopping => {
                     self.shell.state(HealthState::Stopping, "")?;
                     return Ok(Waited::Stopping);
@@ -97,8 +84,8 @@ impl Refiner {
             };
             let mut header = *message.header();
             header.stamps_mut(Stage::Refiner).received_ns = message.received_ns;
-            match self.check(&header, &message) {
-                Ok(()) => {
+            match Detection::checked(&header, message.elements(), self.classes()) {
+                Ok(_) => {
                     self.accept(header, message)?;
                     return Ok(Waited::Frame);
                 }
@@ -107,22 +94,9 @@ impl Refiner {
         }
     }
 
-    fn check(
-        &self,
-        header: &FrameHeader,
-        message: &Message<Detection>,
-    ) -> Result<(), ContractError> {
-        Detection::checked(header, message.elements(), self.classes)?;
-        let pair = (self.fingerprint, header.model_fingerprint);
-        match pair {
-            (0, _) | (_, 0) => Ok(()),
-            (own, found) if own == found => Ok(()),
-            (expected, found) => Err(ContractError::Mismatch {
-                what: "fingerprint of the model (all stages must run the same model)",
-                expected,
-                found,
-            }),
-        }
+    /// Known classes of the run's model.
+    fn classes(&self) -> usize {
+        self.shell.run().map_or(0, |run| run.classes_count as usize)
     }
 
     fn accept(
@@ -130,10 +104,7 @@ impl Refiner {
         mut header: FrameHeader,
         detections: Message<Detection>,
     ) -> Result<(), Failure> {
-        self.scans.take()?;
-        let scan = self.scans.of(header.sequence);
-        let has_points =
-            scan.is_some_and(|scan| Point::checked(scan.header(), scan.elements()).is_ok());
+        let has_points = self.frames.points(header.sequence).is_some();
         if !has_points {
             header.flag(Flags::POINTS_GONE.with(Flags::DEGRADED));
         }
@@ -146,14 +117,17 @@ impl Refiner {
         Ok(())
     }
 
-    /// The frame in work: its header, points and detections, where they lie in shared memory.
-    pub(crate) fn frame(&self) -> Option<(&FrameHeader, &[Point], &[Detection])> {
+    /// The frame in work: its header, run, points and detections, where they lie in shared memory.
+    pub(crate) fn frame(&self) -> Option<(&FrameHeader, &RunDescription, &[Point], &[Detection])> {
         let frame = self.frame.as_ref()?;
-        let points = match (frame.has_points, self.scans.of(frame.header.sequence)) {
-            (true, Some(scan)) => scan.elements(),
-            _ => &[],
-        };
-        Some((&frame.header, points, frame.detections.elements()))
+        let points = self.frames.points(frame.header.sequence);
+        let points = points.filter(|_| frame.has_points).unwrap_or_default();
+        Some((
+            &frame.header,
+            self.shell.run()?,
+            points,
+            frame.detections.elements(),
+        ))
     }
 
     /// Publishes the frame's objects; `indices` point into its points. Nothing is published when they break the contract.
@@ -163,12 +137,12 @@ impl Refiner {
         indices: &[u32],
         flags: Flags,
     ) -> Result<(), Failure> {
-        let Some((header, points, detections)) = self.frame() else {
+        let Some((header, _, points, detections)) = self.frame() else {
             return Err(Failure::usage(
                 "publish: there is no frame; wait gives one, and it is published once",
             ));
         };
-        Object::checked(header, objects, self.classes)?;
+        Object::checked(header, objects, self.classes())?;
         if objects.len() < detections.len() {
             return Err(Failure::from(ContractError::Mismatch {
                 what: "objects (one for each detection, suppressed ones too)",
@@ -177,29 +151,21 @@ impl Refiner {
             }));
         }
         Object::checked_points(header, indices, points.len())?;
-        if let Some(index) = objects.iter().position(|object| {
-            u64::from(object.points_first) + u64::from(object.points_count) > indices.len() as u64
-        }) {
-            return Err(Failure::from(ContractError::Index {
-                what: "range of an object's points",
-                len: indices.len(),
-                found: index,
-            }));
-        }
+        Object::checked_ranges(objects, indices.len())?;
         let mut header = *header;
         let bytes_read = (size_of_val(points) + size_of_val(detections)) as u64;
         header.flag(flags);
         // First the indices: whoever has the objects can ask for their points.
-        let mut draft = self.object_points.draft(&header, indices.len())?;
-        draft.elements_mut().copy_from_slice(indices);
-        draft.header_mut().stamps_mut(Stage::Refiner).published_ns = monotonic_ns();
-        draft.publish()?;
-        let mut draft = self.objects.draft(&header, objects.len())?;
-        draft.elements_mut().copy_from_slice(objects);
-        draft.header_mut().stamps_mut(Stage::Refiner).published_ns = monotonic_ns();
-        draft.publish()?;
+        let mut loan = self.object_points.loan(&header, indices.len())?;
+        loan.elements_mut().copy_from_slice(indices);
+        loan.header_mut().stamps_mut(Stage::Refiner).published_ns = monotonic_ns();
+        loan.publish()?;
+        let mut loan = self.objects.loan(&header, objects.len())?;
+        loan.elements_mut().copy_from_slice(objects);
+        loan.header_mut().stamps_mut(Stage::Refiner).published_ns = monotonic_ns();
+        loan.publish()?;
         self.let_go();
-        self.scans.let_go();
+        self.frames.release();
         let counters = &mut self.shell.counters;
         counters.frames_in += 1;
         counters.frames_out += 1;
@@ -215,6 +181,5 @@ impl Refiner {
 
     fn let_go(&mut self) {
         self.frame = None;
-        self.shell.counters.frames_dropped = self.input.dropped();
     }
 }

@@ -9,10 +9,21 @@ use mluc_capi::{
     mluc_refiner_publish, mluc_refiner_wait, mluc_wire_version,
 };
 use mluc_ipc_types::{
-    CandidateCounts, Detection, Fate, Flags, FrameHeader, HealthState, Object, ObjectKind, Point,
-    Stage, Topic, WIRE_VERSION,
+    CandidateCounts, Detection, Disposition, Flags, FrameHeader, HealthState, Object, ObjectKind,
+    Point, RunDescription, Stage, Topic, WIRE_VERSION,
 };
 use mluc_runtime::{Input, Instance, Output, Shell, ShellOptions, Shutdown, monotonic_ns};
+
+/// A run of a model with two classes.
+fn description(run_id: u64) -> RunDescription {
+    RunDescription {
+        wire_version: WIRE_VERSION,
+        classes_count: 2,
+        run_id,
+        model_fingerprint: 42,
+        ..RunDescription::zeroed()
+    }
+}
 
 struct Others {
     points: Output<Point>,
@@ -26,6 +37,7 @@ impl Others {
     fn new(instance: &Instance) -> Others {
         let options = ShellOptions::new(instance.clone());
         let mut shell = Shell::observer(options, None, Shutdown::manual()).unwrap();
+        assert!(shell.begin_run(&description(1)).unwrap());
         Others {
             points: shell.output(&Topic::POINTS, 100).unwrap(),
             detections: shell.output(&Topic::DETECTIONS, 10).unwrap(),
@@ -36,20 +48,23 @@ impl Others {
     }
 
     fn send(&mut self, sequence: u64, change: impl FnOnce(&mut FrameHeader)) {
+        // The description of the run reaches who came later.
+        self.shell.tick().unwrap();
         let mut header = FrameHeader::new(sequence, "a");
+        (header.run_id, header.model_fingerprint) = (1, 42);
         change(&mut header);
-        let mut draft = self.points.draft(&header, 100).unwrap();
-        draft.elements_mut().fill(Point {
+        let mut loan = self.points.loan(&header, 100).unwrap();
+        loan.elements_mut().fill(Point {
             x_m: sequence as f32,
             ..Point::default()
         });
-        draft.publish().unwrap();
-        let mut draft = self.detections.draft(&header, 1).unwrap();
-        draft.elements_mut().fill(Detection {
+        loan.publish().unwrap();
+        let mut loan = self.detections.loan(&header, 1).unwrap();
+        loan.elements_mut().fill(Detection {
             size_m: [1.0; 3],
             ..Detection::default()
         });
-        draft.publish().unwrap();
+        loan.publish().unwrap();
     }
 }
 
@@ -63,6 +78,7 @@ fn words() -> String {
 fn wait(refiner: *mut MlucRefiner, timeout_ms: u32) -> (i32, MlucFrame) {
     let mut frame = MlucFrame {
         header: std::ptr::null(),
+        run: std::ptr::null(),
         points: std::ptr::null(),
         points_count: 7,
         detections: std::ptr::null(),
@@ -90,7 +106,8 @@ fn publish(refiner: *mut MlucRefiner, objects: &[Object], indices: &[u32]) -> i3
 
 fn sound_object() -> Object {
     Object {
-        by: Object::NONE,
+        footprint_count: 4,
+        suppressed_by: Object::NONE,
         track_id: Object::NONE,
         size_m: [1.0; 3],
         points_count: 2,
@@ -113,25 +130,31 @@ fn a_refiner_lives_its_life() {
     let name = format!("capi-{}", std::process::id());
     let instance = Instance::new(&name).unwrap();
     // SAFETY: no other thread of this test reads the environment.
-    unsafe {
-        std::env::set_var("MLUC_INSTANCE", &name);
-        std::env::set_var("MLUC_CLASSES", "car,truck");
-        std::env::set_var("MLUC_MODEL_FINGERPRINT", "42");
-    }
+    unsafe { std::env::set_var(Instance::VARIABLE, &name) };
     let mut others = Others::new(&instance);
-    let mut watch = others.shell.health_watch().unwrap();
     let mut refiner: *mut MlucRefiner = null_mut();
     // SAFETY: a place for the handle.
     assert_eq!(unsafe { mluc_refiner_open(&mut refiner) }, Code::Ok as i32);
+    calls_out_of_turn_are_errors(refiner);
+    a_frame_comes_where_it_lies(refiner, &mut others);
+    what_breaks_the_contract_is_not_published(refiner, &mut others);
+    a_frame_is_published_once(refiner, &mut others);
+    strange_frames_are_refused_and_counted(refiner, &mut others);
+    a_new_run_is_joined(refiner, &mut others);
+    // SAFETY: opened above, used no more.
+    unsafe { mluc_refiner_close(refiner) };
+    // SAFETY: null is fine.
+    unsafe { mluc_refiner_close(null_mut()) };
+}
 
+fn calls_out_of_turn_are_errors(refiner: *mut MlucRefiner) {
     // A second one is refused by name.
     let mut second: *mut MlucRefiner = null_mut();
-    // SAFETY: as above.
+    // SAFETY: a place for the handle.
     assert_eq!(unsafe { mluc_refiner_open(&mut second) }, Code::Open as i32);
     assert!(second.is_null());
     assert!(words().contains("already run by process"), "{}", words());
 
-    // Calls out of turn and null pointers are errors, not crashes.
     assert_eq!(wait(null_mut(), 1).0, Code::Usage as i32);
     assert_eq!(publish(refiner, &[], &[]), Code::Usage as i32);
     assert!(words().contains("no frame"), "{}", words());
@@ -141,16 +164,19 @@ fn a_refiner_lives_its_life() {
     let (code, frame) = wait(refiner, 5);
     assert_eq!(code, Code::Timeout as i32);
     assert_eq!((frame.points_count, frame.detections_count), (0, 0));
+}
 
-    // A frame comes where it lies, the newest one, with its own points.
-    others.send(3, |header| header.model_fingerprint = 42);
-    others.send(4, |header| header.model_fingerprint = 42);
+/// The newest one, with its own points.
+fn a_frame_comes_where_it_lies(refiner: *mut MlucRefiner, others: &mut Others) {
+    others.send(3, |_| ());
+    others.send(4, |_| ());
     let (code, frame) = wait(refiner, 2000);
     assert_eq!(code, Code::Ok as i32);
     // SAFETY: valid until the next call.
-    let (header, points) = unsafe {
+    let (header, run, points) = unsafe {
         (
             *frame.header,
+            *frame.run,
             std::slice::from_raw_parts(frame.points, frame.points_count),
         )
     };
@@ -159,43 +185,33 @@ fn a_refiner_lives_its_life() {
         (4, 100, 4.0)
     );
     assert_eq!(frame.detections_count, 1);
+    assert_eq!(run, description(1));
+}
 
-    // What breaks the contract is not published.
-    let broken = [
-        Object {
-            class_id: 2,
-            ..sound_object()
-        },
-        Object {
-            yaw_rad: f32::NAN,
-            ..sound_object()
-        },
-        Object {
-            points_count: 3,
-            ..sound_object()
-        },
+fn what_breaks_the_contract_is_not_published(refiner: *mut MlucRefiner, others: &mut Others) {
+    let changes: [fn(&mut Object); 3] = [
+        |object| object.class_id = 2,
+        |object| object.yaw_rad = f32::NAN,
+        |object| object.points_count = 3,
     ];
-    for object in broken {
+    for change in changes {
+        let mut object = sound_object();
+        change(&mut object);
         assert_eq!(publish(refiner, &[object], &[5, 99]), Code::Contract as i32);
     }
     assert_eq!(publish(refiner, &[], &[]), Code::Contract as i32);
     assert!(words().contains("one for each detection"), "{}", words());
-    assert_eq!(
-        publish(refiner, &[sound_object()], &[5, 100]),
-        Code::Contract as i32
-    );
+    let found = publish(refiner, &[sound_object()], &[5, 100]);
+    assert_eq!(found, Code::Contract as i32);
     assert!(words().contains("index 100"), "{}", words());
     assert!(others.objects.oldest().unwrap().is_none());
+}
 
-    // The same frame is published once.
-    assert_eq!(
-        publish(refiner, &[sound_object()], &[5, 99]),
-        Code::Ok as i32
-    );
-    assert_eq!(
-        publish(refiner, &[sound_object()], &[5, 99]),
-        Code::Usage as i32
-    );
+fn a_frame_is_published_once(refiner: *mut MlucRefiner, others: &mut Others) {
+    for code in [Code::Ok, Code::Usage] {
+        let found = publish(refiner, &[sound_object()], &[5, 99]);
+        assert_eq!(found, code as i32);
+    }
     let answer = others.objects.oldest().unwrap().unwrap();
     assert_eq!(answer.header().sequence, 4);
     assert!(Flags(answer.header().flags).contains(Flags::DEGRADED));
@@ -205,27 +221,40 @@ fn a_refiner_lives_its_life() {
     assert_eq!(answer.elements()[0], sound_object());
     let indices = others.object_points.oldest().unwrap().unwrap();
     assert_eq!(indices.elements(), [5, 99]);
+}
 
-    // Another model's frame is refused and counted; the one after it comes.
-    others.send(5, |header| header.model_fingerprint = 43);
-    assert_eq!(wait(refiner, 300).0, Code::Timeout as i32);
-    others.send(6, |header| header.model_fingerprint = 42);
+/// Of another model or run; the sound one after them comes.
+fn strange_frames_are_refused_and_counted(refiner: *mut MlucRefiner, others: &mut Others) {
+    let mut watch = others.shell.health_watch().unwrap();
+    let changes: [fn(&mut FrameHeader); 2] = [
+        |header| header.model_fingerprint = 43,
+        |header| header.run_id = 7,
+    ];
+    for change in changes {
+        others.send(5, change);
+        assert_eq!(wait(refiner, 300).0, Code::Timeout as i32);
+    }
+    others.send(6, |_| ());
     assert_eq!(wait(refiner, 2000).0, Code::Ok as i32);
-    assert_eq!(
-        publish(refiner, &[unknown_object()], &[5, 99]),
-        Code::Ok as i32
-    );
+    let found = publish(refiner, &[unknown_object()], &[5, 99]);
+    assert_eq!(found, Code::Ok as i32);
     watch.update().unwrap();
     let health = *watch.of(Stage::Refiner).unwrap();
     assert_eq!(health.state, HealthState::Running as u32);
-    assert_eq!((health.messages_refused, health.frames_out), (1, 2));
+    assert_eq!((health.messages_refused, health.frames_out), (2, 2));
     let mut expected = CandidateCounts::default();
-    expected.by_fate[Fate::Published as usize] = 1;
+    expected.by_disposition[Disposition::Published as usize] = 1;
     expected.split = 1;
     assert_eq!(health.candidates, expected);
+}
 
-    // SAFETY: opened above, used no more.
-    unsafe { mluc_refiner_close(refiner) };
-    // SAFETY: null is fine.
-    unsafe { mluc_refiner_close(null_mut()) };
+/// Its sequences begin at 0.
+fn a_new_run_is_joined(refiner: *mut MlucRefiner, others: &mut Others) {
+    assert!(others.shell.begin_run(&description(2)).unwrap());
+    others.send(0, |header| header.run_id = 2);
+    let (code, frame) = wait(refiner, 2000);
+    assert_eq!(code, Code::Ok as i32);
+    // SAFETY: valid until the next call.
+    let (header, run) = unsafe { (*frame.header, *frame.run) };
+    assert_eq!((header.run_id, run.run_id), (2, 2));
 }

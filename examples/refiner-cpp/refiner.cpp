@@ -47,6 +47,7 @@ class Refiner {
             return left.kind != right.kind ? left.kind < right.kind : left.score > right.score;
         });
         for (uint32_t i : order_) one(frame.points, i);
+        if (indices.size() > MLUC_OBJECT_POINTS_MAX) thin();
     }
 
   private:
@@ -65,7 +66,7 @@ class Refiner {
     static mluc_object proposal(const mluc_detection &d) {
         mluc_object o{};
         o.kind = d.kind;
-        o.by = MLUC_NONE;
+        o.suppressed_by = MLUC_NONE;
         o.track_id = MLUC_NONE;
         o.class_id = d.class_id;
         o.score = d.score;
@@ -74,11 +75,13 @@ class Refiner {
         o.yaw_rad = d.yaw_rad;
         o.eds = d.eds;
         o.eds_normalised = d.eds_normalised;
+        o.unknown_probability = d.unknown_probability;
+        o.gate = d.gate;
         o.threshold = d.threshold;
         const bool is_far = std::any_of(d.center_m, d.center_m + 3, [](float v) { return std::fabs(v) > kFarM; }) ||
                             std::any_of(d.size_m, d.size_m + 3, [](float v) { return v > kFarM; });
         if (is_far) {
-            o.fate = MLUC_INVALID_BOX;
+            o.disposition = MLUC_INVALID_BOX;
             std::fill_n(o.center_m, 3, 0.0f);
             std::fill_n(o.size_m, 3, 0.0f);
         } else {
@@ -100,7 +103,7 @@ class Refiner {
 
     void one(const mluc_point *points, uint32_t i) {
         mluc_object &o = objects[i];
-        if (o.fate != MLUC_PUBLISHED) {
+        if (o.disposition != MLUC_PUBLISHED) {
             flags |= MLUC_DEGRADED;
             return;
         }
@@ -109,7 +112,7 @@ class Refiner {
         } else {
             cluster(points, o);
             if (mine_.size() < kPointsMin) {
-                o.fate = MLUC_TOO_FEW_POINTS;
+                o.disposition = MLUC_TOO_FEW_POINTS;
                 return;
             }
             if (is_covered(o)) return;
@@ -122,6 +125,21 @@ class Refiner {
             indices.push_back(p);
         }
         o.points_count = static_cast<uint32_t>(indices.size()) - o.points_first;
+    }
+
+    // Every second point of each object, or fewer: all of them were more than the topic takes.
+    void thin() {
+        const size_t step = indices.size() / (MLUC_OBJECT_POINTS_MAX - MLUC_OBJECTS_MAX) + 1;
+        std::vector<uint32_t> kept;
+        for (auto &o : objects) {
+            const auto first = static_cast<uint32_t>(kept.size());
+            for (size_t k = 0; k < o.points_count; k += step) kept.push_back(indices[o.points_first + k]);
+            o.points_first = first;
+            o.points_count = static_cast<uint32_t>(kept.size()) - first;
+            o.flags |= MLUC_THINNED;
+        }
+        indices.swap(kept);
+        flags |= MLUC_LIMIT_HIT;
     }
 
     // Points in a known object's box.
@@ -196,8 +214,8 @@ class Refiner {
         }
         const auto most = std::max_element(votes_.begin(), votes_.end());
         if (2 * static_cast<size_t>(*most) <= mine_.size()) return false;
-        o.by = static_cast<uint32_t>(most - votes_.begin());
-        o.fate = objects[o.by].kind == MLUC_KNOWN ? MLUC_OVERLAPS_KNOWN : MLUC_OVERLAPS_UNKNOWN;
+        o.suppressed_by = static_cast<uint32_t>(most - votes_.begin());
+        o.disposition = objects[o.suppressed_by].kind == MLUC_KNOWN ? MLUC_OVERLAPS_KNOWN : MLUC_OVERLAPS_UNKNOWN;
         o.overlap = static_cast<float>(*most) / static_cast<float>(mine_.size());
         return true;
     }

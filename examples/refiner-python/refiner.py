@@ -4,7 +4,8 @@ import numpy as np
 import mluc
 
 CELL_M, SIDE, CLEARANCE_M, POINTS_MIN = 0.4, 24, 0.25, 10
-SAME = ("kind", "class_id", "center_m", "size_m", "yaw_rad", "score", "eds", "eds_normalised", "threshold")
+SAME = ("kind", "class_id", "center_m", "size_m", "yaw_rad", "score", "eds", "eds_normalised", "unknown_probability",
+        "gate", "threshold")
 
 def cluster(points, around, center):
     """Indices of the points around `center` whose cells hang together with the nearest one's."""
@@ -45,7 +46,7 @@ def refine(points, boxes, classes):
     o, owner, lists = np.zeros(len(boxes), mluc.Object), np.full(len(points), -1), [[]] * len(boxes)
     for name in SAME:
         o[name] = np.where(sound, boxes[name].T, 0).T
-    o["by"], o["track_id"], o["fate"] = mluc.NONE, mluc.NONE, np.where(sound, mluc.PUBLISHED, mluc.INVALID_BOX)
+    o["suppressed_by"], o["track_id"], o["disposition"] = mluc.NONE, mluc.NONE, np.where(sound, mluc.PUBLISHED, mluc.INVALID_BOX)
     order = np.argsort(points[:, 0], kind="stable")
     x, around = points[order, 0], lambda at, reach: order[slice(*np.searchsorted(x, (at - reach, at + reach)))]
     for i in [i for i in np.lexsort((-o["score"], o["kind"])) if sound[i]]:
@@ -53,13 +54,13 @@ def refine(points, boxes, classes):
         if o["kind"][i]:
             owners, votes = np.unique(owner[mine], return_counts=True)
             if len(mine) < POINTS_MIN:
-                o["fate"][i] = mluc.TOO_FEW_POINTS
+                o["disposition"][i] = mluc.TOO_FEW_POINTS
             elif owners[votes.argmax()] >= 0 and votes.max() > len(mine) / 2:  # most belong to another
-                o["by"][i], o["overlap"][i] = owners[votes.argmax()], votes.max() / len(mine)
-                o["fate"][i] = [mluc.OVERLAPS_KNOWN, mluc.OVERLAPS_UNKNOWN][o["kind"][o["by"][i]]]
+                o["suppressed_by"][i], o["overlap"][i] = owners[votes.argmax()], votes.max() / len(mine)
+                o["disposition"][i] = [mluc.OVERLAPS_KNOWN, mluc.OVERLAPS_UNKNOWN][o["kind"][o["suppressed_by"][i]]]
             else:
                 fit(points[mine], o[i])
-        lists[i] = mine[owner[mine] < 0] if o["fate"][i] == mluc.PUBLISHED else []
+        lists[i] = mine[owner[mine] < 0] if o["disposition"][i] == mluc.PUBLISHED else []
         owner[lists[i]], o["points_count"][i] = i, len(lists[i])
     o["points_first"] = np.cumsum(o["points_count"]) - o["points_count"]
     c, s, (l, w, _), (u, v, _) = np.cos(o["yaw_rad"]), np.sin(o["yaw_rad"]), o["size_m"].T / 2, o["center_m"].T

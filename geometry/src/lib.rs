@@ -1,4 +1,4 @@
-//! Boxes, rotated overlap, non-maximum suppression, frames of reference.
+//! Boxes, rotated overlap, non-maximum suppression, frames of reference; the one random generator and the one quantile.
 //!
 //! Sensor frame: x forward, y left, z up, metres. Angles in rad, yaw about +z, 0 along +x.
 //! Camera frame (KITTI "rect"): x right, y down, z forward, metres; [`Calibration`] goes between the two.
@@ -10,6 +10,8 @@ mod linear;
 mod nms;
 mod overlap;
 mod polygon;
+mod quantile;
+mod random;
 
 pub use boxes::{Box3, limit_period};
 pub use calibration::{Calibration, CalibrationError, CameraBox};
@@ -18,3 +20,5 @@ pub use nms::{nms, nms_into};
 pub use overlap::{
     intersection_bev_m2, intersection_over_min_area, iou_3d, iou_bev, iou_nearest_bev,
 };
+pub use quantile::{quantile, quantile_of};
+pub use random::{Random, mix};

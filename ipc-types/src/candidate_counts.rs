@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::{Fate, Object, ObjectKind};
+use crate::{Disposition, Object, ObjectKind};
 
 /// Unknown objects that a refiner published or suppressed, since its process began. Other stages have zeros, and so has
 /// a refiner that does not count.
@@ -16,8 +16,8 @@ use crate::{Fate, Object, ObjectKind};
 )]
 #[repr(C)]
 pub struct CandidateCounts {
-    /// By [`Fate`].
-    pub by_fate: [u64; Fate::ALL.len()],
+    /// By [`Disposition`].
+    pub by_disposition: [u64; Disposition::ALL.len()],
     /// With [`Object::UNREFINED`].
     pub unrefined: u64,
     /// With [`Object::SPLIT`].
@@ -31,7 +31,7 @@ impl CandidateCounts {
     pub fn add(&mut self, objects: &[Object]) {
         let is_unknown = |object: &&Object| object.kind == ObjectKind::Unknown as u32;
         for object in objects.iter().filter(is_unknown) {
-            if let Some(count) = self.by_fate.get_mut(object.fate as usize) {
+            if let Some(count) = self.by_disposition.get_mut(object.disposition as usize) {
                 *count += 1;
             }
             let has = |flag: u32| u64::from(object.flags & flag != 0);
@@ -43,15 +43,18 @@ impl CandidateCounts {
 
     /// All candidates.
     pub fn total(&self) -> u64 {
-        self.by_fate.iter().sum()
+        self.by_disposition.iter().sum()
     }
 
     /// Each count with its word, in the order of the fields.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> {
         let flags = [self.unrefined, self.split, self.thinned];
         let by_flag = Object::FLAG_NAMES.into_iter().zip(flags);
-        let by_fate = Fate::ALL.map(Fate::name).into_iter().zip(self.by_fate);
-        by_fate.chain(by_flag)
+        let by_disposition = Disposition::ALL
+            .map(Disposition::name)
+            .into_iter()
+            .zip(self.by_disposition);
+        by_disposition.chain(by_flag)
     }
 }
 
@@ -60,20 +63,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unknown_objects_are_counted_by_fate_and_flag() {
-        let object = |kind: ObjectKind, fate: u32, flags: u32| Object {
+    fn unknown_objects_are_counted_by_disposition_and_flag() {
+        let object = |kind: ObjectKind, disposition: u32, flags: u32| Object {
             kind: kind as u32,
-            fate,
+            disposition,
             flags,
             ..Object::zeroed()
         };
-        let unknown = |fate: Fate, flags: u32| object(ObjectKind::Unknown, fate as u32, flags);
+        let unknown = |disposition: Disposition, flags: u32| {
+            object(ObjectKind::Unknown, disposition as u32, flags)
+        };
         let objects = [
-            unknown(Fate::Published, Object::SPLIT | Object::THINNED),
-            unknown(Fate::Published, Object::UNREFINED),
-            unknown(Fate::TooFewPoints, 0),
+            unknown(Disposition::Published, Object::SPLIT | Object::THINNED),
+            unknown(Disposition::Published, Object::UNREFINED),
+            unknown(Disposition::TooFewPoints, 0),
             object(ObjectKind::Known, 0, Object::SPLIT),
-            // Of another program: no such fate.
+            // Of another program: no such disposition.
             object(ObjectKind::Unknown, 77, Object::SPLIT),
         ];
         let mut counts = CandidateCounts::default();
@@ -89,6 +94,6 @@ mod tests {
         ];
         assert_eq!(named, expected);
         assert_eq!(counts.total(), 4);
-        assert_eq!(counts.named().count(), Fate::ALL.len() + 3);
+        assert_eq!(counts.named().count(), Disposition::ALL.len() + 3);
     }
 }

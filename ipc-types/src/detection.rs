@@ -16,6 +16,48 @@ pub enum DetectionKind {
     Candidate = 1,
 }
 
+/// Which of the head's gates decided whether a box is known. Its threshold stands beside it, in the gate's own unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum GateKind {
+    /// No gate is on: every box is known. The threshold is 0.
+    None = 0,
+    /// The normalised EDS (paper section 3.2): a candidate lies below the threshold.
+    Eds = 1,
+    /// `unknown_probability`: a candidate reaches the threshold.
+    UnknownProbability = 2,
+    /// The largest class probability: a candidate lies below the threshold.
+    SoftmaxMax = 3,
+}
+
+impl GateKind {
+    /// All, by number.
+    pub const ALL: [GateKind; 4] = [
+        GateKind::None,
+        GateKind::Eds,
+        GateKind::UnknownProbability,
+        GateKind::SoftmaxMax,
+    ];
+
+    /// The word in the JSON lines.
+    pub fn name(self) -> &'static str {
+        ["none", "eds", "unknown_probability", "softmax_max"][self as usize]
+    }
+
+    /// By number.
+    pub fn from_number(number: u32) -> Option<GateKind> {
+        GateKind::ALL.get(number as usize).copied()
+    }
+}
+
+/// `unknown_probability` of a model without an output for the unknown.
+pub const NO_PROBABILITY: f32 = -1.0;
+
+/// Whether a number may stand in `unknown_probability`.
+pub(crate) fn is_probability_or_none(value: f32) -> bool {
+    value == NO_PROBABILITY || (0.0..=1.0).contains(&value)
+}
+
 /// One kept box with every score of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[cfg_attr(
@@ -43,7 +85,7 @@ pub struct Detection {
     pub score: f32,
     /// softmax(-d) over the known classes (eq. 2).
     pub probabilities: [f32; CLASSES_MAX],
-    /// The cell's embedding f.
+    /// The cell's embedding f, one value a class; zeros behind.
     pub embedding: [f32; CLASSES_MAX],
     /// Sum of the squared distances to all prototypes (EDS, eq. 5).
     pub eds: f32,
@@ -59,11 +101,15 @@ pub struct Detection {
     pub logit_max: f32,
     /// logsumexp(2 T f).
     pub energy: f32,
-    /// The gate's threshold on `eds_normalised` that decided `kind`.
+    /// Probability of being none of the known, 0 to 1; [`NO_PROBABILITY`] (-1) where the model does not tell it.
+    pub unknown_probability: f32,
+    /// [`GateKind`]: of a candidate the gate that fired, of a known box the gate that it passed.
+    pub gate: u32,
+    /// Threshold of `gate`, in its unit.
     pub threshold: f32,
 }
 
-const _: () = assert!(size_of::<Detection>() == 144);
+const _: () = assert!(size_of::<Detection>() == 152);
 
 impl Detection {
     /// Checks a whole message: version, count, class, kind, finite boxes with sizes above 0.
@@ -110,13 +156,21 @@ impl Detection {
                 found: self.kind,
             });
         }
+        if GateKind::from_number(self.gate).is_none() {
+            return Err(ContractError::Value {
+                what: "gate of a detection",
+                found: self.gate,
+            });
+        }
         let numbers = self
             .center_m
             .iter()
             .chain(&self.size_m)
             .chain([&self.yaw_rad, &self.objectness, &self.score])
             .chain([&self.eds, &self.eds_normalised, &self.threshold]);
-        if !numbers.copied().all(f32::is_finite) || self.size_m.iter().any(|&s| s <= 0.0) {
+        let are_finite = numbers.copied().all(f32::is_finite);
+        let is_sized = self.size_m.iter().all(|&side| side > 0.0);
+        if !are_finite || !is_sized || !is_probability_or_none(self.unknown_probability) {
             return Err(ContractError::NotFinite {
                 what: "detection",
                 index,
@@ -168,6 +222,10 @@ mod tests {
             check(|d| d.kind = 2),
             Err(ContractError::Value { found: 2, .. })
         ));
+        assert!(matches!(
+            check(|d| d.gate = 4),
+            Err(ContractError::Value { found: 4, .. })
+        ));
     }
 
     #[test]
@@ -180,6 +238,9 @@ mod tests {
         assert!(refused(|d| d.eds = f32::NAN));
         assert!(refused(|d| d.size_m[1] = 0.0));
         assert!(refused(|d| d.size_m[1] = -1.0));
+        assert!(refused(|d| d.unknown_probability = 1.5));
+        assert!(refused(|d| d.unknown_probability = f32::NAN));
+        assert_eq!(check(|d| d.unknown_probability = NO_PROBABILITY), Ok(()));
     }
 
     #[test]

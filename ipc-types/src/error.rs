@@ -51,6 +51,34 @@ pub enum ContractError {
         /// The number read.
         found: u32,
     },
+    /// A message of another run of the pipeline.
+    #[error("run {found:016x} of the sender, this run is {expected:016x}")]
+    OtherRun {
+        /// [`crate::RunDescription::run_id`] of this run.
+        expected: u64,
+        /// The sender's.
+        found: u64,
+    },
+    /// A frame that goes back, or that ingest has not sent.
+    #[error(
+        "sequence {found}: expected at least {first} and less than {end}, the frames that ingest has sent"
+    )]
+    Sequence {
+        /// The last one seen.
+        first: u64,
+        /// Frames that ingest has sent.
+        end: u64,
+        /// The sender's.
+        found: u64,
+    },
+    /// Numbers that contradict each other or the contract.
+    #[error("{what}: entry {index} breaks the contract")]
+    Inconsistent {
+        /// Which rule.
+        what: &'static str,
+        /// Where.
+        index: usize,
+    },
     /// A number that is not finite.
     #[error("{what}: entry {index} is not finite")]
     NotFinite {

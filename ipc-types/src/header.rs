@@ -4,10 +4,12 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::{ContractError, NAME_MAX, Text};
+use std::ops::Range;
+
+use crate::{ContractError, NAME_MAX, RunDescription, Text};
 
 /// Version of everything in this crate; any change of a payload bumps it.
-pub const WIRE_VERSION: u32 = 3;
+pub const WIRE_VERSION: u32 = 4;
 
 /// The stages in the order a frame meets them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -142,6 +144,8 @@ pub struct FrameHeader {
     pub wire_version: u32,
     /// Bits of [`Flags`].
     pub flags: u32,
+    /// [`crate::RunDescription::run_id`] of the run that the frame belongs to; a message of another run is not used.
+    pub run_id: u64,
     /// Counts the frames of one run from 0; a gap is a drop.
     pub sequence: u64,
     /// The sensor's own time, ns; carried, never compared with the monotonic clock.
@@ -162,7 +166,7 @@ pub struct FrameHeader {
     pub feature_channels: u32,
     /// Detections or objects that did not fit, or voxels beyond the limit.
     pub limit_dropped: u32,
-    /// Of the model file; a stage with another model refuses the message.
+    /// [`crate::RunDescription::model_fingerprint`]; a message with another one is refused.
     pub model_fingerprint: u64,
     /// Ego motion, where the source knows it.
     pub ego: EgoPose,
@@ -172,7 +176,7 @@ pub struct FrameHeader {
     pub name: [u8; NAME_MAX],
 }
 
-const _: () = assert!(size_of::<FrameHeader>() == 64 + 40 + 4 * 24 + NAME_MAX);
+const _: () = assert!(size_of::<FrameHeader>() == 72 + 40 + 4 * 24 + NAME_MAX);
 const _: () = assert!(align_of::<FrameHeader>() == 8);
 
 impl Default for FrameHeader {
@@ -182,7 +186,7 @@ impl Default for FrameHeader {
 }
 
 impl FrameHeader {
-    /// A fresh header.
+    /// A fresh header, of no run yet: whoever sends it sets `run_id` and `model_fingerprint`.
     pub fn new(sequence: u64, name: &str) -> FrameHeader {
         FrameHeader {
             wire_version: WIRE_VERSION,
@@ -200,6 +204,52 @@ impl FrameHeader {
                 expected: WIRE_VERSION,
                 found,
             }),
+        }
+    }
+
+    /// Refuses a message of another wire version, run or model, and a sequence outside of `sequences`: from the last one
+    /// seen (a frame may be sent again) to what ingest has sent.
+    pub fn checked_in(
+        &self,
+        run: &RunDescription,
+        sequences: Range<u64>,
+    ) -> Result<&FrameHeader, ContractError> {
+        self.checked()?;
+        if self.run_id != run.run_id {
+            return Err(ContractError::OtherRun {
+                expected: run.run_id,
+                found: self.run_id,
+            });
+        }
+        if self.model_fingerprint != run.model_fingerprint {
+            return Err(ContractError::Mismatch {
+                what: "fingerprint of the model (all stages must run the same model)",
+                expected: run.model_fingerprint,
+                found: self.model_fingerprint,
+            });
+        }
+        if !sequences.contains(&self.sequence) {
+            return Err(ContractError::Sequence {
+                first: sequences.start,
+                end: sequences.end,
+                found: self.sequence,
+            });
+        }
+        Ok(self)
+    }
+
+    /// Refuses stamps of a stage that do not ascend; zeros are fine.
+    pub fn checked_stamps(&self, stage: Stage) -> Result<&FrameHeader, ContractError> {
+        let own = &self.stages[stage as usize];
+        let ascend = own.received_ns <= own.started_ns
+            && (own.started_ns <= own.published_ns || own.published_ns == 0);
+        if ascend {
+            Ok(self)
+        } else {
+            Err(ContractError::Inconsistent {
+                what: "order of a stage's stamps",
+                index: stage as usize,
+            })
         }
     }
 
@@ -235,6 +285,52 @@ mod tests {
         ] {
             assert!(text.contains(&part), "{text}");
         }
+    }
+
+    #[test]
+    fn a_frame_of_another_run_or_model_or_out_of_sequence_is_refused() {
+        let run = RunDescription {
+            run_id: 7,
+            model_fingerprint: 9,
+            ..RunDescription::zeroed()
+        };
+        let check = |run_id, model_fingerprint, sequence| {
+            let mut header = FrameHeader::new(sequence, "a");
+            (header.run_id, header.model_fingerprint) = (run_id, model_fingerprint);
+            header.checked_in(&run, 3..6).map(|header| header.sequence)
+        };
+        assert_eq!(check(7, 9, 3), Ok(3));
+        assert_eq!(check(7, 9, 5), Ok(5));
+        for run_id in [0, 8] {
+            let error = check(run_id, 9, 3);
+            assert!(matches!(error, Err(ContractError::OtherRun { .. })));
+        }
+        for fingerprint in [0, 8] {
+            let error = check(7, fingerprint, 3);
+            assert!(matches!(error, Err(ContractError::Mismatch { .. })));
+        }
+        for sequence in [0, 2, 6, u64::MAX - 1, u64::MAX] {
+            let error = check(7, 9, sequence);
+            assert!(
+                matches!(error, Err(ContractError::Sequence { found, .. }) if found == sequence)
+            );
+        }
+    }
+
+    #[test]
+    fn stamps_ascend() {
+        let mut header = FrameHeader::new(0, "a");
+        assert!(header.checked_stamps(Stage::Head).is_ok());
+        *header.stamps_mut(Stage::Head) = StageStamps {
+            received_ns: 5,
+            started_ns: 7,
+            published_ns: 0,
+        };
+        assert!(header.checked_stamps(Stage::Head).is_ok());
+        header.stamps_mut(Stage::Head).published_ns = 6;
+        assert!(header.checked_stamps(Stage::Head).is_err());
+        header.stamps_mut(Stage::Head).received_ns = u64::MAX;
+        assert!(header.checked_stamps(Stage::Head).is_err());
     }
 
     #[test]

@@ -61,6 +61,9 @@ pub struct Health {
     pub state: u32,
     /// Process.
     pub pid: u32,
+    /// [`crate::RunDescription::run_id`] of the run that the stage takes part in; 0 before it knows one. A heartbeat of
+    /// another run says nothing about this one.
+    pub run_id: u64,
     /// Frames taken in.
     pub frames_in: u64,
     /// Frames published.
@@ -87,10 +90,10 @@ pub struct Health {
     pub reason: [u8; REASON_MAX],
 }
 
-const _: () = assert!(size_of::<Health>() == 168 + REASON_MAX);
+const _: () = assert!(size_of::<Health>() == 176 + REASON_MAX);
 
 impl Health {
-    /// Checks a heartbeat: version, stage and state.
+    /// Checks a heartbeat: version, stage, state, process, and counts and times that can be.
     pub fn checked(&self) -> Result<(Stage, HealthState), ContractError> {
         if self.wire_version != WIRE_VERSION {
             return Err(ContractError::WireVersion {
@@ -101,10 +104,19 @@ impl Health {
         let bad = |what, found| ContractError::Value { what, found };
         let stage = Stage::ALL.get(self.stage as usize);
         let state = HealthState::ALL.get(self.state as usize);
-        Ok((
-            *stage.ok_or(bad("stage of a heartbeat", self.stage))?,
-            *state.ok_or(bad("state of a heartbeat", self.state))?,
-        ))
+        let stage = *stage.ok_or(bad("stage of a heartbeat", self.stage))?;
+        let state = *state.ok_or(bad("state of a heartbeat", self.state))?;
+        let can_be = self.pid != 0
+            && self.frames_out <= self.frames_in
+            && self.run_p50_us <= self.run_p99_us
+            && self.run_p99_us <= self.run_max_us;
+        if !can_be {
+            return Err(ContractError::Inconsistent {
+                what: "process, counts and times of a heartbeat",
+                index: self.stage as usize,
+            });
+        }
+        Ok((stage, state))
     }
 
     /// The reason; empty when there is none.
@@ -123,11 +135,27 @@ mod tests {
             wire_version: WIRE_VERSION,
             stage: Stage::Head as u32,
             state: HealthState::Degraded as u32,
+            pid: 5,
+            frames_in: 1,
             reason: Text::pack("slow"),
             ..Health::zeroed()
         };
         assert_eq!(health.checked(), Ok((Stage::Head, HealthState::Degraded)));
         assert_eq!(health.reason(), "slow");
+        let changes: [fn(&mut Health); 4] = [
+            |health| health.pid = 0,
+            |health| health.frames_out = 2,
+            |health| health.run_p50_us = 1,
+            |health| health.run_p99_us = u32::MAX,
+        ];
+        for change in changes {
+            let mut health = health;
+            change(&mut health);
+            assert!(matches!(
+                health.checked(),
+                Err(ContractError::Inconsistent { .. })
+            ));
+        }
         health.state = 6;
         assert!(matches!(
             health.checked(),

@@ -1,7 +1,7 @@
 //! Every capacity, once.
 
 /// Points of one scan; later ones are dropped, counted and flagged.
-pub const POINTS_MAX: usize = 131_072;
+pub const POINTS_MAX: usize = 262_144;
 /// Detections of one frame.
 pub const DETECTIONS_MAX: usize = 512;
 /// Objects of one frame, suppressed ones included.
@@ -18,5 +18,11 @@ pub const CELLS_MAX: usize = 131_072;
 pub const FEATURE_CHANNELS_MAX: usize = 512;
 /// Bytes of a frame's name.
 pub const NAME_MAX: usize = 48;
+/// Bytes of a model's and a sensor profile's name.
+pub const RUN_NAME_MAX: usize = 64;
+/// Bytes of a class's name.
+pub const CLASS_NAME_MAX: usize = 32;
+/// Bytes of what a score means.
+pub const MEANING_MAX: usize = 96;
 /// Bytes of a health reason.
 pub const REASON_MAX: usize = 192;

@@ -4,7 +4,10 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::{ContractError, FOOTPRINT_MAX, FrameHeader, OBJECT_POINTS_MAX, OBJECTS_MAX};
+use crate::detection::is_probability_or_none;
+use crate::{
+    ContractError, FOOTPRINT_MAX, FrameHeader, GateKind, OBJECT_POINTS_MAX, OBJECTS_MAX, Stage,
+};
 
 /// What an object is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,12 +22,12 @@ pub enum ObjectKind {
 /// What became of an object: published, or why not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
-pub enum Fate {
+pub enum Disposition {
     /// In the robot's list.
     Published = 0,
-    /// A known object covers it; `by` says which.
+    /// A known object covers it; `suppressed_by` says which.
     OverlapsKnown = 1,
-    /// Merged into a better unknown that covers it; `by` says which.
+    /// Merged into a better unknown that covers it; `suppressed_by` says which.
     OverlapsUnknown = 2,
     /// Too few points to be a thing.
     TooFewPoints = 3,
@@ -38,17 +41,17 @@ pub enum Fate {
     Undersized = 7,
 }
 
-impl Fate {
+impl Disposition {
     /// All, by number.
-    pub const ALL: [Fate; 8] = [
-        Fate::Published,
-        Fate::OverlapsKnown,
-        Fate::OverlapsUnknown,
-        Fate::TooFewPoints,
-        Fate::Oversized,
-        Fate::InvalidBox,
-        Fate::Unconfirmed,
-        Fate::Undersized,
+    pub const ALL: [Disposition; 8] = [
+        Disposition::Published,
+        Disposition::OverlapsKnown,
+        Disposition::OverlapsUnknown,
+        Disposition::TooFewPoints,
+        Disposition::Oversized,
+        Disposition::InvalidBox,
+        Disposition::Unconfirmed,
+        Disposition::Undersized,
     ];
 
     /// The word in the JSON lines.
@@ -73,10 +76,10 @@ impl Fate {
 pub struct Object {
     /// [`ObjectKind`].
     pub kind: u32,
-    /// [`Fate`].
-    pub fate: u32,
+    /// [`Disposition`].
+    pub disposition: u32,
     /// Index of the object that suppressed this one; [`Object::NONE`] otherwise.
-    pub by: u32,
+    pub suppressed_by: u32,
     /// Index into the model's classes: of a known object its class, of an unknown one the class it was mistaken for.
     pub class_id: u32,
     /// Known: objectness x class probability, 0 to 1. Unknown: how surely it is an unknown object; its scale depends
@@ -92,17 +95,23 @@ pub struct Object {
     pub eds: f32,
     /// EDS / ((C-1) T^2).
     pub eds_normalised: f32,
-    /// The gate's threshold on `eds_normalised`.
+    /// Of its detection: probability of being none of the known, 0 to 1; [`crate::NO_PROBABILITY`] (-1) where the model
+    /// does not tell it.
+    pub unknown_probability: f32,
+    /// [`GateKind`] of its detection.
+    pub gate: u32,
+    /// Threshold of `gate`, in its unit.
     pub threshold: f32,
     /// First entry in `object_points`.
     pub points_first: u32,
     /// Entries there.
     pub points_count: u32,
-    /// What is out of the ordinary: bits, [`Object::UNREFINED`], [`Object::SPLIT`], [`Object::THINNED`].
+    /// What is out of the ordinary: bits, [`Object::UNREFINED`], [`Object::SPLIT`], [`Object::THINNED`],
+    /// [`Object::SMALL`], [`Object::LARGE`], [`Object::POST`].
     pub flags: u32,
     /// The same over the frames in which it was seen (temporal voting); [`Object::NONE`] without.
     pub track_id: u32,
-    /// By how much `by` covers this one, 0 to 1; 0 without. A known object: share of this one's points in its box, or
+    /// By how much `suppressed_by` covers this one, 0 to 1; 0 without. A known object: share of this one's points in its box, or
     /// bird's-eye intersection over union where that decided. An unknown one: intersection over the smaller area.
     pub overlap: f32,
     /// Corners of the footprint in use.
@@ -111,7 +120,7 @@ pub struct Object {
     pub footprint_m: [[f32; 2]; FOOTPRINT_MAX],
 }
 
-const _: () = assert!(size_of::<Object>() == 21 * 4 + FOOTPRINT_MAX * 8);
+const _: () = assert!(size_of::<Object>() == 23 * 4 + FOOTPRINT_MAX * 8);
 
 impl Object {
     /// No object, no track.
@@ -122,16 +131,24 @@ impl Object {
     pub const SPLIT: u32 = 1 << 1;
     /// Bit of `flags`: more points than one candidate may look at; box and points come from an even share of them.
     pub const THINNED: u32 = 1 << 2;
+    /// Bit of `flags`: smaller than any road user, so that it is ranked behind those that are not.
+    pub const SMALL: u32 = 1 << 3;
+    /// Bit of `flags`: larger than any road user, ranked likewise.
+    pub const LARGE: u32 = 1 << 4;
+    /// Bit of `flags`: too high for the ground it stands on (a post, a sign, a trunk), ranked likewise.
+    pub const POST: u32 = 1 << 5;
     /// The bits of `flags` and their names in the JSON lines, in order.
-    pub const FLAG_NAMES: [&'static str; 3] = ["unrefined", "split", "thinned"];
+    pub const FLAG_NAMES: [&'static str; 6] =
+        ["unrefined", "split", "thinned", "small", "large", "post"];
 
-    /// Checks a whole message: version, count, enums, indices, finite numbers.
+    /// Checks a whole message: version, stamps, count, enums, indices, finite numbers, and of what is published a size above 0
+    /// and an outline of three corners or more.
     pub fn checked<'a>(
         header: &FrameHeader,
         objects: &'a [Object],
         classes: usize,
     ) -> Result<&'a [Object], ContractError> {
-        header.checked()?;
+        header.checked()?.checked_stamps(Stage::Refiner)?;
         if objects.len() > OBJECTS_MAX {
             return Err(ContractError::TooLong {
                 what: "objects",
@@ -141,6 +158,7 @@ impl Object {
         }
         for (index, o) in objects.iter().enumerate() {
             o.check(index, objects.len(), classes)?;
+            o.check_meaning(index, objects)?;
         }
         Ok(objects)
     }
@@ -160,14 +178,20 @@ impl Object {
                 found: self.kind,
             });
         }
-        if self.fate as usize >= Fate::ALL.len() {
+        if self.disposition as usize >= Disposition::ALL.len() {
             return Err(ContractError::Value {
-                what: "fate of an object",
-                found: self.fate,
+                what: "disposition of an object",
+                found: self.disposition,
             });
         }
-        if self.by != Object::NONE {
-            bound("suppressing object", self.by, objects)?;
+        if GateKind::from_number(self.gate).is_none() {
+            return Err(ContractError::Value {
+                what: "gate of an object",
+                found: self.gate,
+            });
+        }
+        if self.suppressed_by != Object::NONE {
+            bound("suppressing object", self.suppressed_by, objects)?;
         }
         bound("class", self.class_id, classes)?;
         bound("footprint corners", self.footprint_count, FOOTPRINT_MAX + 1)?;
@@ -187,11 +211,54 @@ impl Object {
             .chain([&self.yaw_rad, &self.score, &self.eds])
             .chain([&self.eds_normalised, &self.threshold, &self.overlap])
             .chain(corners.iter().flatten());
-        match numbers.copied().all(f32::is_finite) {
+        let are_finite = numbers.copied().all(f32::is_finite);
+        match are_finite && is_probability_or_none(self.unknown_probability) {
             true => Ok(()),
             false => Err(ContractError::NotFinite {
                 what: "object",
                 index,
+            }),
+        }
+    }
+
+    /// What the disposition promises.
+    fn check_meaning(&self, index: usize, objects: &[Object]) -> Result<(), ContractError> {
+        let broken = |what| Err(ContractError::Inconsistent { what, index });
+        let suppressor = objects.get(self.suppressed_by as usize);
+        let expected = match self.disposition {
+            d if d == Disposition::OverlapsKnown as u32 => Some(ObjectKind::Known as u32),
+            d if d == Disposition::OverlapsUnknown as u32 => Some(ObjectKind::Unknown as u32),
+            _ => None,
+        };
+        let is_own = self.suppressed_by == index as u32;
+        if is_own || expected.is_some() && suppressor.map(|o| o.kind) != expected {
+            return broken("which object suppresses an object");
+        }
+        if !(0.0..=1.0).contains(&self.overlap) {
+            return broken("overlap of an object");
+        }
+        if self.is_published() && self.size_m.iter().any(|&side| side <= 0.0) {
+            return broken("size of a published object");
+        }
+        if self.is_published() && self.footprint_count < 3 {
+            return broken("outline of a published object");
+        }
+        Ok(())
+    }
+
+    /// Checks that the points of all objects lie inside of the `object_points` message of the frame.
+    pub fn checked_ranges(objects: &[Object], object_points: usize) -> Result<(), ContractError> {
+        let end = |o: &Object| u64::from(o.points_first) + u64::from(o.points_count);
+        match objects
+            .iter()
+            .map(end)
+            .find(|&end| end > object_points as u64)
+        {
+            None => Ok(()),
+            Some(end) => Err(ContractError::Index {
+                what: "range of an object's points",
+                len: object_points,
+                found: end as usize,
             }),
         }
     }
@@ -222,7 +289,7 @@ impl Object {
 
     /// Published, and not suppressed.
     pub fn is_published(&self) -> bool {
-        self.fate == Fate::Published as u32
+        self.disposition == Disposition::Published as u32
     }
 }
 
@@ -232,7 +299,7 @@ mod tests {
 
     fn object() -> Object {
         Object {
-            by: Object::NONE,
+            suppressed_by: Object::NONE,
             size_m: [1.0; 3],
             footprint_count: 4,
             ..Object::zeroed()
@@ -248,7 +315,6 @@ mod tests {
     #[test]
     fn a_sound_object_passes() {
         assert_eq!(check(|_| ()), Ok(()));
-        assert_eq!(check(|o| o.by = 0), Ok(()));
         assert_eq!(check(|o| o.footprint_count = FOOTPRINT_MAX as u32), Ok(()));
     }
 
@@ -258,9 +324,9 @@ mod tests {
             check(|o| o.kind = 2),
             Err(ContractError::Value { found: 2, .. })
         ));
-        let beyond = Fate::ALL.len() as u32;
+        let beyond = Disposition::ALL.len() as u32;
         assert!(matches!(
-            check(|o| o.fate = beyond),
+            check(|o| o.disposition = beyond),
             Err(ContractError::Value { found, .. }) if found == beyond
         ));
     }
@@ -270,7 +336,7 @@ mod tests {
         let refused =
             |change: fn(&mut Object)| matches!(check(change), Err(ContractError::Index { .. }));
         assert!(refused(|o| o.class_id = 3));
-        assert!(refused(|o| o.by = 1));
+        assert!(refused(|o| o.suppressed_by = 1));
         assert!(refused(|o| o.footprint_count = FOOTPRINT_MAX as u32 + 1));
         assert!(refused(|o| o.points_first = OBJECT_POINTS_MAX as u32 + 1));
         assert!(refused(
@@ -291,6 +357,48 @@ mod tests {
             Ok(()),
             "a corner that is not in use"
         );
+    }
+
+    #[test]
+    fn what_the_disposition_promises_is_checked() {
+        let refused = |change: fn(&mut Object)| {
+            matches!(check(change), Err(ContractError::Inconsistent { .. }))
+        };
+        assert!(refused(|o| o.size_m[1] = 0.0));
+        assert!(refused(|o| o.size_m[2] = -1.0));
+        assert!(refused(|o| o.footprint_count = 2));
+        assert!(refused(|o| o.overlap = 1.5));
+        assert!(refused(|o| o.overlap = -0.5));
+        assert!(refused(|o| o.suppressed_by = 0), "itself");
+        assert!(refused(
+            |o| o.disposition = Disposition::OverlapsKnown as u32
+        ));
+        assert_eq!(
+            check(|o| {
+                o.disposition = Disposition::InvalidBox as u32;
+                (o.size_m, o.footprint_count) = ([0.0; 3], 0);
+            }),
+            Ok(()),
+            "what is not published needs no size"
+        );
+        let covered = Object {
+            disposition: Disposition::OverlapsUnknown as u32,
+            suppressed_by: 1,
+            ..object()
+        };
+        let header = FrameHeader::new(0, "a");
+        let by_known = [covered, object()];
+        assert!(Object::checked(&header, &by_known, 3).is_err());
+        let mut by_unknown = by_known;
+        by_unknown[1].kind = ObjectKind::Unknown as u32;
+        assert!(Object::checked(&header, &by_unknown, 3).is_ok());
+        let mut late = header;
+        late.stamps_mut(Stage::Refiner).received_ns = u64::MAX;
+        assert!(Object::checked(&late, &[], 3).is_err());
+        assert!(Object::checked_ranges(&by_known, 0).is_ok());
+        by_unknown[0].points_count = 5;
+        assert!(Object::checked_ranges(&by_unknown, 5).is_ok());
+        assert!(Object::checked_ranges(&by_unknown, 4).is_err());
     }
 
     #[test]

@@ -62,7 +62,7 @@ mod tests {
         let error = Point::checked(&header, &points).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "points: 131073 exceeds the limit of 131072"
+            "points: 262145 exceeds the limit of 262144"
         );
     }
 

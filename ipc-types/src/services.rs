@@ -29,13 +29,13 @@ pub struct Topic {
 }
 
 impl Topic {
-    /// Scans: ingest to backbone, refiner, gateway. Deep enough that the refiner finds the points of a frame whose
-    /// detections took two periods.
+    /// Scans: ingest to backbone and refiner, to head and supervisor, which learn here what was sent, and to two consumers.
+    /// Deep enough that the refiner finds the points of a frame whose detections took two periods.
     pub const POINTS: Topic = Topic {
         name: "points",
         elements_max: POINTS_MAX,
         element_bytes: 16,
-        subscribers_max: 4,
+        subscribers_max: 6,
         buffer: 2,
         borrowed: 5,
         loans: 2,
@@ -57,7 +57,8 @@ impl Topic {
     pub const DETECTIONS: Topic = Topic {
         name: "detections",
         elements_max: DETECTIONS_MAX,
-        element_bytes: 144,
+        element_bytes: 152,
+        subscribers_max: 4,
         history: 1,
         ..Topic::POINTS
     };
@@ -65,7 +66,7 @@ impl Topic {
     pub const OBJECTS: Topic = Topic {
         name: "objects",
         elements_max: OBJECTS_MAX,
-        element_bytes: 212,
+        element_bytes: 220,
         subscribers_max: 8,
         ..Topic::DETECTIONS
     };
@@ -85,8 +86,21 @@ impl Topic {
     pub const HEALTH: Topic = Topic {
         name: "health",
         elements_max: 1,
-        element_bytes: 360,
+        element_bytes: 368,
         ..Topic::OBJECTS
+    };
+    /// What holds for all frames of a run ([`crate::RunDescription`]): supervisor to everybody. Latched: history 1, and
+    /// the writer hands it to late readers.
+    pub const RUN: Topic = Topic {
+        name: "run",
+        elements_max: 1,
+        element_bytes: 672,
+        subscribers_max: 16,
+        buffer: 1,
+        borrowed: 1,
+        loans: 1,
+        history: 1,
+        deadline_ms: 1000,
     };
 }
 
@@ -103,16 +117,18 @@ impl Topic {
 }
 
 /// All of them.
-pub const TOPICS: [Topic; 6] = [
+pub const TOPICS: [Topic; 7] = [
     Topic::POINTS,
     Topic::FEATURES,
     Topic::DETECTIONS,
     Topic::OBJECTS,
     Topic::OBJECT_POINTS,
     Topic::HEALTH,
+    Topic::RUN,
 ];
 
 const _: () = assert!(Topic::DETECTIONS.element_bytes == size_of::<crate::Detection>());
 const _: () = assert!(Topic::OBJECTS.element_bytes == size_of::<crate::Object>());
 const _: () = assert!(Topic::HEALTH.element_bytes == size_of::<crate::Health>());
+const _: () = assert!(Topic::RUN.element_bytes == size_of::<crate::RunDescription>());
 const _: () = assert!(feature_blocks(16, 16) == 17);

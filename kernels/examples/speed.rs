@@ -109,13 +109,9 @@ fn winograd(level: Level, threads: usize, shape: [usize; 2], cin: usize, cout: u
     let mut output = values(cells * cout);
     let mut tiles = WinogradTiles::new(shape);
     let all: Vec<u32> = (0..cells as u32).collect();
-    let epilogue = Epilogue {
-        bias: None,
-        relu: true,
-    };
     let seconds = best_seconds(&pool, || {
         tiles.assign(&all, shape);
-        convolve_winograd_at(level, &input, &tiles, &weights, epilogue, &mut output);
+        convolve_winograd_at(level, &input, &tiles, &weights, Epilogue::RELU, &mut output);
     });
     2e-9 * (9 * cells * cin * cout) as f64 / seconds
 }
@@ -154,65 +150,48 @@ fn batch_norm(threads: usize, channels: usize) -> (f64, f64) {
     (1e3 * forward, 1e3 * backward)
 }
 
-/// Name, gather, input rows, input channels, output channels.
-fn cases() -> Vec<(&'static str, Gather, usize, usize, usize)> {
-    let (w, h) = (200, 176);
-    let half = (w / 2) * (h / 2);
-    vec![
-        ("3x3 200x176 96->48", dense(w, h), w * h, 96, 48),
-        ("3x3 200x176 48->48", dense(w, h), w * h, 48, 48),
-        ("3x3 100x88 96->96", dense(w / 2, h / 2), half, 96, 96),
-        ("3x3 200x176 128->128", dense(w, h), w * h, 128, 128),
-        ("3x3 100x88 256->256", dense(w / 2, h / 2), half, 256, 256),
-        (
-            "1x1 200x176 48->64",
-            Gather {
-                taps: 1,
-                index: (0..(w * h) as u32).collect(),
-            },
-            w * h,
-            48,
-            64,
-        ),
-        (
-            "1x1 200x176 128->63",
-            Gather {
-                taps: 1,
-                index: (0..(w * h) as u32).collect(),
-            },
-            w * h,
-            128,
-            63,
-        ),
-        (
-            "27 taps 20000 4->16, 80% off",
-            sparse(20_000, 0.8),
-            20_000,
-            4,
-            16,
-        ),
-        (
-            "27 taps 20000 16->16, 50% off",
-            sparse(20_000, 0.5),
-            20_000,
-            16,
-            16,
-        ),
-        (
-            "27 taps 20000 32->32, 50% off",
-            sparse(20_000, 0.5),
-            20_000,
-            32,
-            32,
-        ),
-        (
-            "27 taps 20000 48->48, 50% off",
-            sparse(20_000, 0.5),
-            20_000,
-            48,
-            48,
-        ),
-    ]
+/// How the rows of a case are read.
+#[derive(Clone, Copy)]
+enum Reads {
+    /// 3x3 on a map of columns and rows.
+    Dense(usize, usize),
+    /// 1x1 on such a map.
+    Single(usize, usize),
+    /// 27 taps on so many rows, of which a share is absent.
+    Sparse(usize, f64),
+}
+
+/// What is read, channels in and out.
+const CASES: [(Reads, usize, usize); 11] = [
+    (Reads::Dense(200, 176), 96, 48),
+    (Reads::Dense(200, 176), 48, 48),
+    (Reads::Dense(100, 88), 96, 96),
+    (Reads::Dense(200, 176), 128, 128),
+    (Reads::Dense(100, 88), 256, 256),
+    (Reads::Single(200, 176), 48, 64),
+    (Reads::Single(200, 176), 128, 63),
+    (Reads::Sparse(20_000, 0.8), 4, 16),
+    (Reads::Sparse(20_000, 0.5), 16, 16),
+    (Reads::Sparse(20_000, 0.5), 32, 32),
+    (Reads::Sparse(20_000, 0.5), 48, 48),
+];
+
+/// Name, gather, input rows, channels in and out.
+fn cases() -> impl Iterator<Item = (String, Gather, usize, usize, usize)> {
+    CASES.into_iter().map(|(reads, cin, cout)| {
+        let (name, gather, inputs) = match reads {
+            Reads::Dense(w, h) => (format!("3x3 {w}x{h}"), dense(w, h), w * h),
+            Reads::Single(w, h) => {
+                let every = Gather::new(1, (0..(w * h) as u32).collect());
+                (format!("1x1 {w}x{h}"), every, w * h)
+            }
+            Reads::Sparse(rows, off) => {
+                let name = format!("27 taps {rows}, {:.0}% off", 100.0 * off);
+                (name, sparse(rows, off), rows)
+            }
+        };
+        (format!("{name} {cin}->{cout}"), gather, inputs, cin, cout)
+    })
 }
 
 fn dense(width: usize, height: usize) -> Gather {
@@ -230,7 +209,7 @@ fn dense(width: usize, height: usize) -> Gather {
             }
         }
     }
-    Gather { taps: 9, index }
+    Gather::new(9, index)
 }
 
 /// Neighbours near in memory, as in a sorted list of voxels, of which a share `off` is absent.
@@ -246,10 +225,10 @@ fn sparse(rows: usize, off: f64) -> Gather {
             near(row, random)
         }
     };
-    Gather {
-        taps: 27,
-        index: (0..rows * 27).map(|i| pick(i / 27, &mut random)).collect(),
-    }
+    Gather::new(
+        27,
+        (0..rows * 27).map(|i| pick(i / 27, &mut random)).collect(),
+    )
 }
 
 /// GFLOP/s of the forward convolution in f32, bf16 and int8, and of the weight gradient; absent rows are not counted.
@@ -273,46 +252,26 @@ fn measure(
     let input = values(inputs * cin);
     let plain = values(gather.taps * cin * cout);
     let mut output = values(gather.outputs() * cout);
-    let epilogue = Epilogue {
-        bias: None,
-        relu: true,
-    };
-
-    let weights = Weights::pack(gather.taps, cin, cout, &plain);
-    let forward = || convolve_at(level, &input, gather, &weights, epilogue, None, &mut output);
+    let (taps, relu) = (gather.taps, Epilogue::RELU);
+    let weights = Weights::pack(taps, cin, cout, &plain);
+    let forward = || convolve_at(level, &input, gather, &weights, relu, None, &mut output);
     let forward = best_seconds(&pool, forward);
 
-    let weights = WeightsBf16::pack(gather.taps, cin, cout, &plain);
+    let weights = WeightsBf16::pack(taps, cin, cout, &plain);
     let short: Vec<Bf16> = input.iter().map(|&x| Bf16::from_f32(x)).collect();
     let mut short_output = vec![Bf16(0); output.len()];
-    let bf16 = || {
-        convolve_bf16_at(
-            level,
-            &short,
-            gather,
-            &weights,
-            epilogue,
-            None,
-            &mut short_output,
-        )
-    };
-    let bf16 = best_seconds(&pool, bf16);
+    let out = &mut short_output;
+    let bf16 = best_seconds(&pool, || {
+        convolve_bf16_at(level, &short, gather, &weights, relu, None, out)
+    });
 
-    let weights = WeightsInt8::pack(gather.taps, cin, cout, &plain);
+    let weights = WeightsInt8::pack(taps, cin, cout, &plain);
     let bytes: Vec<u8> = input.iter().map(|x| (x * 500.0) as u8).collect();
     let mut byte_output = vec![0_u8; output.len()];
-    let int8 = || {
-        convolve_int8_at(
-            level,
-            &bytes,
-            gather,
-            &weights,
-            epilogue,
-            None,
-            &mut byte_output,
-        )
-    };
-    let int8 = best_seconds(&pool, int8);
+    let out = &mut byte_output;
+    let int8 = best_seconds(&pool, || {
+        convolve_int8_at(level, &bytes, gather, &weights, relu, None, out)
+    });
 
     let mut gradient = vec![0.0; gather.taps * cin * cout];
     let backward = || weight_gradient_at(level, &input, cin, gather, &output, cout, &mut gradient);

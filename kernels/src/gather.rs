@@ -13,6 +13,11 @@ pub struct Gather {
 }
 
 impl Gather {
+    /// `taps` of the kernel, `index` of each output row and tap.
+    pub fn new(taps: usize, index: Vec<u32>) -> Gather {
+        Gather { taps, index }
+    }
+
     /// Output rows; none without taps.
     pub fn outputs(&self) -> usize {
         self.index.len().checked_div(self.taps).unwrap_or(0)
@@ -33,9 +38,6 @@ impl Gather {
                 }
             }
         }
-        Gather {
-            taps: self.taps,
-            index,
-        }
+        Gather::new(self.taps, index)
     }
 }

@@ -42,11 +42,19 @@ pub struct Epilogue<'a> {
 }
 
 impl Epilogue<'_> {
+    /// No bias and no ReLU.
+    pub const NONE: Epilogue<'static> = Epilogue {
+        bias: None,
+        relu: false,
+    };
+    /// No bias, then ReLU.
+    pub const RELU: Epilogue<'static> = Epilogue {
+        bias: None,
+        relu: true,
+    };
+
     /// What no output is below.
     fn floor(&self) -> f32 {
-        match self.relu {
-            true => 0.0,
-            false => f32::NEG_INFINITY,
-        }
+        if self.relu { 0.0 } else { f32::NEG_INFINITY }
     }
 }

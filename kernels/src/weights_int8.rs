@@ -68,9 +68,12 @@ impl WeightsInt8 {
 
     /// `plain`: `[cin][cout]`. `to`: rows of a tap in one panel.
     fn pack_tap(&self, plain: &[f32], panel: Panel, to: &mut [u32]) {
-        let weight = |i: usize, o: usize| match i < self.cin && self.scale[o] > 0.0 {
-            true => (plain[i * self.cout + o] / self.scale[o]).round_ties_even() as i8,
-            false => 0,
+        let weight = |i: usize, o: usize| {
+            if i < self.cin && self.scale[o] > 0.0 {
+                (plain[i * self.cout + o] / self.scale[o]).round_ties_even() as i8
+            } else {
+                0
+            }
         };
         for column in 0..panel.used {
             let o = panel.first + column;

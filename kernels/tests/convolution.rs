@@ -53,20 +53,27 @@ impl Case {
     }
 
     fn expected(&self) -> Vec<f64> {
-        let Case {
-            cin,
-            cout,
-            gather,
-            input,
-            weights,
-            bias,
-            relu,
-        } = self;
-        common::convolve(input, *cin, gather, weights, *cout, bias.as_deref(), *relu)
+        let (input, weights, epilogue) = (&self.input, &self.weights, self.epilogue());
+        common::convolve(input, self.cin, &self.gather, weights, self.cout, epilogue)
     }
 
     fn packed(&self) -> Weights {
         Weights::pack(self.gather.taps, self.cin, self.cout, &self.weights)
+    }
+
+    fn forward(&self, level: Level) -> Vec<f32> {
+        let mut output = vec![f32::NAN; self.gather.outputs() * self.cout];
+        let (weights, epilogue) = (self.packed(), self.epilogue());
+        convolve_at(
+            level,
+            &self.input,
+            &self.gather,
+            &weights,
+            epilogue,
+            None,
+            &mut output,
+        );
+        output
     }
 
     fn name(&self, level: Level) -> String {
@@ -95,17 +102,12 @@ fn forward_equals_plain() {
     for case in all_channels() {
         let expected = case.expected();
         for level in Level::all() {
-            let mut output = vec![f32::NAN; expected.len()];
-            convolve_at(
-                level,
-                &case.input,
-                &case.gather,
-                &case.packed(),
-                case.epilogue(),
-                None,
-                &mut output,
+            assert_near(
+                &case.forward(level),
+                &expected,
+                TOLERANCE,
+                &case.name(level),
             );
-            assert_near(&output, &expected, TOLERANCE, &case.name(level));
         }
     }
 }
@@ -204,6 +206,11 @@ fn weight_gradient_equals_plain() {
     }
 }
 
+/// Without bias and ReLU, in the order of the rows.
+fn plainly(input: &[f32], gather: &Gather, weights: &Weights, output: &mut [f32]) {
+    convolve(input, gather, weights, Epilogue::NONE, None, output);
+}
+
 /// A map of `width x height` read by a 3x3 kernel; each (input row, tap) is read at most once.
 fn dense(width: usize, height: usize) -> Gather {
     let mut index = Vec::new();
@@ -218,7 +225,7 @@ fn dense(width: usize, height: usize) -> Gather {
             });
         }
     }
-    Gather { taps: 9, index }
+    Gather::new(9, index)
 }
 
 /// The loss is `sum of y * dy`; its differences are taken in f64, where they are exact but for rounding.
@@ -229,7 +236,7 @@ fn gradients_equal_finite_differences() {
     let (input, weights) = (random.values(42 * cin), random.values(9 * cin * cout));
     let dy = random.values(42 * cout);
     let loss = |input: &[f32], weights: &[f32]| -> f64 {
-        let y = common::convolve(input, cin, &gather, weights, cout, None, false);
+        let y = common::convolve(input, cin, &gather, weights, cout, Epilogue::NONE);
         y.iter().zip(&dy).map(|(y, dy)| y * f64::from(*dy)).sum()
     };
     let slope = |of: &[f32], at: usize, loss: &dyn Fn(&[f32]) -> f64| {
@@ -240,14 +247,7 @@ fn gradients_equal_finite_differences() {
 
     let mut dx = vec![0.0; input.len()];
     let transposed = Weights::pack_transposed(9, cin, cout, &weights);
-    convolve(
-        &dy,
-        &gather.transposed(42),
-        &transposed,
-        Epilogue::default(),
-        None,
-        &mut dx,
-    );
+    plainly(&dy, &gather.transposed(42), &transposed, &mut dx);
     let expected: Vec<f64> = (0..dx.len())
         .map(|at| slope(&input, at, &|input| loss(input, &weights)))
         .collect();
@@ -271,7 +271,7 @@ fn same_bits_with_any_number_of_threads() {
         let plain = random.values(taps * cin * cout);
         let weights = Weights::pack(taps, cin, cout, &plain);
         let weights_bf16 = WeightsBf16::pack(taps, cin, cout, &plain);
-        let epilogue = Epilogue::default();
+        let epilogue = Epilogue::NONE;
         let work = || {
             let (mut y, mut y_bf16) = (vec![0.0; 3001 * cout], vec![Bf16(0); 3001 * cout]);
             let mut gradient = vec![0.0; taps * cin * cout];
@@ -303,28 +303,14 @@ fn same_bits_for_a_part_of_the_rows() {
     let input = random.values(400 * cin);
     let weights = Weights::pack(taps, cin, cout, &random.values(taps * cin * cout));
     let mut all = vec![0.0; 500 * cout];
-    convolve(
-        &input,
-        &gather,
-        &weights,
-        Epilogue::default(),
-        None,
-        &mut all,
-    );
+    plainly(&input, &gather, &weights, &mut all);
     let kept: Vec<usize> = (0..500).filter(|row| row % 7 < 3).collect();
     let index = kept
         .iter()
         .flat_map(|row| gather.index[row * taps..(row + 1) * taps].to_vec())
         .collect();
     let mut some = vec![0.0; kept.len() * cout];
-    convolve(
-        &input,
-        &Gather { taps, index },
-        &weights,
-        Epilogue::default(),
-        None,
-        &mut some,
-    );
+    plainly(&input, &Gather::new(taps, index), &weights, &mut some);
     for (row, some) in kept.iter().zip(some.chunks_exact(cout)) {
         assert!(some == &all[row * cout..(row + 1) * cout], "row {row}");
     }
@@ -332,20 +318,14 @@ fn same_bits_for_a_part_of_the_rows() {
 
 #[test]
 fn nothing_to_do_changes_nothing() {
-    for gather in [
-        Gather::default(),
-        Gather {
-            taps: 9,
-            index: vec![],
-        },
-    ] {
+    for gather in [Gather::default(), Gather::new(9, vec![])] {
         let weights = Weights::pack(gather.taps, 4, 16, &vec![1.0; gather.taps * 64]);
         let (mut output, mut gradient) = (vec![3.0; 16], vec![3.0; gather.taps * 64]);
         convolve(
             &[1.0; 4],
             &gather,
             &weights,
-            Epilogue::default(),
+            Epilogue::NONE,
             None,
             &mut output,
         );
@@ -357,10 +337,7 @@ fn nothing_to_do_changes_nothing() {
 #[test]
 fn all_absent_leaves_the_bias() {
     let bias: Vec<f32> = (0..63).map(|x| x as f32 - 30.0).collect();
-    let gather = Gather {
-        taps: 9,
-        index: vec![ABSENT; 9 * 200],
-    };
+    let gather = Gather::new(9, vec![ABSENT; 9 * 200]);
     let mut output = vec![f32::NAN; 200 * 63];
     let weights = Weights::pack(9, 4, 63, &[1.0; 9 * 4 * 63]);
     convolve(
@@ -383,14 +360,8 @@ fn all_absent_leaves_the_bias() {
 fn not_a_number_stays_visible() {
     let weights = Weights::pack(1, 1, 16, &[1.0; 16]);
     let mut output = [0.0; 16];
-    let gather = Gather {
-        taps: 1,
-        index: vec![0],
-    };
-    let epilogue = Epilogue {
-        bias: None,
-        relu: true,
-    };
+    let gather = Gather::new(1, vec![0]);
+    let epilogue = Epilogue::RELU;
     convolve(&[f32::NAN], &gather, &weights, epilogue, None, &mut output);
     assert!(output.iter().all(|y| y.is_nan()));
 }
@@ -398,17 +369,14 @@ fn not_a_number_stays_visible() {
 #[test]
 #[should_panic(expected = "input row 10 of 10")]
 fn forward_refuses_a_row_outside_the_input() {
-    let gather = Gather {
-        taps: 1,
-        index: vec![0, 10, ABSENT],
-    };
+    let gather = Gather::new(1, vec![0, 10, ABSENT]);
     let weights = Weights::pack(1, 4, 16, &[1.0; 64]);
     with_threads(1, || {
         convolve(
             &[0.0; 40],
             &gather,
             &weights,
-            Epilogue::default(),
+            Epilogue::NONE,
             None,
             &mut [0.0; 48],
         )
@@ -418,10 +386,7 @@ fn forward_refuses_a_row_outside_the_input() {
 #[test]
 #[should_panic(expected = "input row 10 of 10")]
 fn weight_gradient_refuses_a_row_outside_the_input() {
-    let gather = Gather {
-        taps: 1,
-        index: vec![0, 10, ABSENT],
-    };
+    let gather = Gather::new(1, vec![0, 10, ABSENT]);
     with_threads(1, || {
         weight_gradient(&[0.0; 40], 4, &gather, &[0.0; 48], 16, &mut [0.0; 64])
     });
@@ -430,17 +395,14 @@ fn weight_gradient_refuses_a_row_outside_the_input() {
 #[test]
 #[should_panic]
 fn forward_refuses_an_output_row_outside() {
-    let gather = Gather {
-        taps: 1,
-        index: vec![0, 1],
-    };
+    let gather = Gather::new(1, vec![0, 1]);
     let weights = Weights::pack(1, 4, 16, &[1.0; 64]);
     let output = &mut [0.0; 32];
     convolve(
         &[0.0; 40],
         &gather,
         &weights,
-        Epilogue::default(),
+        Epilogue::NONE,
         Some(&[0, 2]),
         output,
     );

@@ -145,10 +145,7 @@ fn the_largest_sums_are_exact() {
     let (taps, cin, cout) = (9, 1024, 16);
     for (byte, weight) in [(255, 127.0), (255, -127.0), (0, 127.0)] {
         let weights = WeightsInt8::pack(taps, cin, cout, &vec![weight; taps * cin * cout]);
-        let gather = Gather {
-            taps,
-            index: vec![0; 9 * 3],
-        };
+        let gather = Gather::new(taps, vec![0; 9 * 3]);
         for level in Level::all() {
             let mut output = vec![f32::NAN; 3 * cout];
             let input = vec![byte; cin];
@@ -157,7 +154,7 @@ fn the_largest_sums_are_exact() {
                 &input,
                 &gather,
                 &weights,
-                Epilogue::default(),
+                Epilogue::NONE,
                 None,
                 &mut output,
             );
@@ -183,18 +180,8 @@ fn weights_are_rounded_to_a_127th_of_their_channels_largest() {
         let mut input = vec![0; cin];
         input[i] = 1;
         let mut output = vec![f32::NAN; cout];
-        let gather = Gather {
-            taps: 1,
-            index: vec![0],
-        };
-        convolve_int8(
-            &input,
-            &gather,
-            &weights,
-            Epilogue::default(),
-            None,
-            &mut output,
-        );
+        let gather = Gather::new(1, vec![0]);
+        convolve_int8(&input, &gather, &weights, Epilogue::NONE, None, &mut output);
         for (o, (found, scale)) in output.iter().zip(weights.scale()).enumerate() {
             let error = (found - plain[i * cout + o]).abs();
             assert!(error <= 0.500_01 * scale, "{i} -> {o}: {error} of {scale}");
@@ -247,14 +234,7 @@ fn same_bits_with_any_number_of_threads() {
     let weights = WeightsInt8::pack(taps, cin, cout, &random.values(taps * cin * cout));
     let work = || {
         let mut output = vec![0.0; 3001 * cout];
-        convolve_int8(
-            &input,
-            &gather,
-            &weights,
-            Epilogue::default(),
-            None,
-            &mut output,
-        );
+        convolve_int8(&input, &gather, &weights, Epilogue::NONE, None, &mut output);
         output
     };
     let one = with_threads(1, work);
@@ -264,10 +244,7 @@ fn same_bits_with_any_number_of_threads() {
 #[test]
 #[should_panic(expected = "input row 10 of 10")]
 fn a_row_outside_the_input_is_refused() {
-    let gather = Gather {
-        taps: 1,
-        index: vec![0, 10, ABSENT],
-    };
+    let gather = Gather::new(1, vec![0, 10, ABSENT]);
     let weights = WeightsInt8::pack(1, 4, 16, &[1.0; 64]);
     let mut output = [0_u8; 48];
     with_threads(1, || {
@@ -275,7 +252,7 @@ fn a_row_outside_the_input_is_refused() {
             &[0; 40],
             &gather,
             &weights,
-            Epilogue::default(),
+            Epilogue::NONE,
             None,
             &mut output,
         )

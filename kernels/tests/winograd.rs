@@ -68,19 +68,9 @@ impl Case {
                 }
             })
         });
-        let gather = Gather {
-            taps: 9,
-            index: windows.collect(),
-        };
-        let rows = common::convolve(
-            &self.input,
-            self.cin,
-            &gather,
-            &self.weights,
-            self.cout,
-            Some(&self.bias),
-            relu,
-        );
+        let gather = Gather::new(9, windows.collect());
+        let (input, weights, epilogue) = (&self.input, &self.weights, self.epilogue(relu));
+        let rows = common::convolve(input, self.cin, &gather, weights, self.cout, epilogue);
         let mut map = vec![7.0; self.shape[0] * self.shape[1] * self.cout];
         for (cell, row) in self.cells.iter().zip(rows.chunks_exact(self.cout)) {
             map[*cell as usize * self.cout..][..self.cout].copy_from_slice(row);
@@ -182,7 +172,7 @@ fn tiles_of_the_last_frame_are_forgotten_and_a_bias_may_be_missing() {
     assert_eq!(tiles, case.tiles());
     case.bias.fill(0.0);
     let mut found = case.blank();
-    let epilogue = Epilogue::default();
+    let epilogue = Epilogue::NONE;
     convolve_winograd(&case.input, &tiles, &case.packed(), epilogue, &mut found);
     assert_near(&found, &case.expected(false), 1e-5, "no bias");
 }
@@ -229,7 +219,7 @@ fn a_window_beyond_the_input_is_refused() {
         &case.input[..8 * 16],
         &case.tiles(),
         &case.packed(),
-        Epilogue::default(),
+        Epilogue::NONE,
         &mut output,
     );
 }
@@ -251,7 +241,7 @@ fn cells_that_do_not_ascend_are_refused() {
 fn an_output_of_a_smaller_map_is_refused() {
     let case = Case::new([4, 4], 16, 16, 100);
     let mut output = vec![0.0; 12 * 16];
-    let epilogue = Epilogue::default();
+    let epilogue = Epilogue::NONE;
     convolve_winograd(
         &case.input,
         &case.tiles(),

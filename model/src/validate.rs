@@ -1,6 +1,8 @@
 //! Bounds of every field of a manifest: a file from anywhere must not make a stage allocate without limit, index out of
 //! range or compute nonsense.
 
+use std::fmt::Display;
+
 use crate::error::ModelError;
 use crate::manifest::{AnchorClass, Manifest, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
@@ -33,72 +35,45 @@ const EDGE_MAX: f32 = 65_535.0;
 impl Manifest {
     /// Refuses a field out of its bounds, by name.
     pub fn validate(&self) -> Result<(), ModelError> {
-        require(
-            self.format == Manifest::FORMAT,
-            "format",
-            Manifest::FORMAT,
-            self.format,
-        )?;
+        let expected = Manifest::FORMAT;
+        require(self.format == expected, "format", expected, self.format)?;
         require(!self.name.is_empty(), "name", "not empty", "''")?;
         self.network.validate()?;
-        let classes = self.network.classes;
-        require(
-            self.classes.len() == classes,
-            "classes",
-            format!("{classes} (network.classes)"),
-            self.classes.len(),
-        )?;
-        let generic = self.network.generic;
-        require(
-            self.generic.len() == generic,
-            "generic",
-            format!("{generic} (network.generic)"),
-            self.generic.len(),
-        )?;
+        let (classes, generic) = (self.network.classes, self.network.generic);
+        count("classes", self.classes.len(), classes, classes)?;
+        count("generic", self.generic.len(), generic, generic)?;
+        self.validate_classes()?;
+        bounds(&[
+            ("sensor_height_m", self.sensor_height_m, 0.1, 10.0),
+            ("prototype_scale", self.prototype_scale, 0.1, 100.0),
+            ("empty_objectness_max", self.empty_objectness_max, 0.0, 1.0),
+        ])?;
+        self.thresholds.validate()?;
+        self.validate_head()?;
+        let beams = &self.beams;
+        count("beams.elevation_rad", beams.elevation_rad.len(), 0, 1024)?;
+        for (number, &elevation) in beams.elevation_rad.iter().enumerate() {
+            let field = format!("beams.elevation_rad[{number}]");
+            between(&field, elevation, -1.6, 1.6)?;
+        }
+        between("beams.azimuth_step_rad", beams.azimuth_step_rad, 0.0, 1.0)
+    }
+
+    fn validate_classes(&self) -> Result<(), ModelError> {
         let all: Vec<&AnchorClass> = self.classes.iter().chain(&self.generic).collect();
         for (number, class) in all.iter().enumerate() {
-            let first = all.iter().position(|other| other.name == class.name);
-            let field = match number.checked_sub(classes) {
+            let field = match number.checked_sub(self.classes.len()) {
                 Some(number) => format!("generic[{number}]"),
                 None => format!("classes[{number}]"),
             };
-            require(
-                first == Some(number),
-                &format!("{field}.name"),
-                "given once",
-                &class.name,
-            )?;
+            let first = all.iter().position(|other| other.name == class.name);
+            let name = format!("{field}.name");
+            require(first == Some(number), &name, "given once", &class.name)?;
             class.validate(&field)?;
         }
-        between("sensor_height_m", self.sensor_height_m, 0.1, 10.0)?;
-        between("prototype_scale", self.prototype_scale, 0.1, 100.0)?;
-        between("empty_objectness_max", self.empty_objectness_max, 0.0, 1.0)?;
-        self.thresholds.validate()?;
-        self.validate_head()?;
-        require(
-            self.beams.elevation_rad.len() <= 1024,
-            "beams.elevation_rad",
-            "at most 1024",
-            self.beams.elevation_rad.len(),
-        )?;
-        for (number, &elevation) in self.beams.elevation_rad.iter().enumerate() {
-            between(
-                &format!("beams.elevation_rad[{number}]"),
-                elevation,
-                -1.6,
-                1.6,
-            )?;
-        }
-        between(
-            "beams.azimuth_step_rad",
-            self.beams.azimuth_step_rad,
-            0.0,
-            1.0,
-        )
+        Ok(())
     }
-}
 
-impl Manifest {
     /// What only some kinds of heads may say.
     fn validate_head(&self) -> Result<(), ModelError> {
         let (head, t) = (self.network.head, &self.thresholds);
@@ -122,8 +97,9 @@ impl Manifest {
 
 impl AnchorClass {
     fn validate(&self, field: &str) -> Result<(), ModelError> {
+        let length = (1..=64).contains(&self.name.len());
         require(
-            !self.name.is_empty() && self.name.len() <= 64,
+            length,
             &format!("{field}.name"),
             "1 to 64 bytes",
             &self.name,
@@ -131,46 +107,40 @@ impl AnchorClass {
         for (axis, &size) in self.size_m.iter().enumerate() {
             between(&format!("{field}.size_m[{axis}]"), size, 0.05, 50.0)?;
         }
-        between(
-            &format!("{field}.bottom_z_m"),
-            self.bottom_z_m,
-            -100.0,
-            100.0,
-        )?;
-        between(&format!("{field}.matched_iou"), self.matched_iou, 0.0, 1.0)?;
-        between(
-            &format!("{field}.unmatched_iou"),
-            self.unmatched_iou,
-            0.0,
-            self.matched_iou,
-        )
+        let values = [
+            ("bottom_z_m", self.bottom_z_m, -100.0, 100.0),
+            ("matched_iou", self.matched_iou, 0.0, 1.0),
+            ("unmatched_iou", self.unmatched_iou, 0.0, self.matched_iou),
+        ];
+        let mut values = values.into_iter();
+        values.try_for_each(|(name, value, low, high)| {
+            between(&format!("{field}.{name}"), value, low, high)
+        })
     }
 }
 
 impl Thresholds {
     fn validate(&self) -> Result<(), ModelError> {
-        between("thresholds.objectness_min", self.objectness_min, 1e-3, 1.0)?;
-        between(
+        let (candidates, boxes) = (self.candidates_max as usize, self.boxes_max as usize);
+        count(
             "thresholds.candidates_max",
-            self.candidates_max as f32,
-            1.0,
-            CANDIDATES_MAX as f32,
+            candidates,
+            1,
+            CANDIDATES_MAX as usize,
         )?;
-        between("thresholds.nms_iou", self.nms_iou, 0.0, 1.0)?;
-        between(
-            "thresholds.boxes_max",
-            self.boxes_max as f32,
-            1.0,
-            BOXES_MAX as f32,
-        )?;
-        between(
-            "thresholds.eds_normalised_max",
-            self.eds_normalised_max,
-            0.0,
-            1e6,
-        )?;
-        between("thresholds.softmax_min", self.softmax_min, 0.0, 1.0)?;
-        between("thresholds.unknown_min", self.unknown_min, 0.0, 1.0)
+        count("thresholds.boxes_max", boxes, 1, BOXES_MAX as usize)?;
+        bounds(&[
+            ("thresholds.objectness_min", self.objectness_min, 1e-3, 1.0),
+            ("thresholds.nms_iou", self.nms_iou, 0.0, 1.0),
+            (
+                "thresholds.eds_normalised_max",
+                self.eds_normalised_max,
+                0.0,
+                1e6,
+            ),
+            ("thresholds.softmax_min", self.softmax_min, 0.0, 1.0),
+            ("thresholds.unknown_min", self.unknown_min, 0.0, 1.0),
+        ])
     }
 }
 
@@ -178,43 +148,23 @@ impl Grid {
     fn validate(&self) -> Result<(), ModelError> {
         for axis in 0..3 {
             let field = |name: &str| format!("network.grid.{name}[{axis}]");
-            let (low, high, size) = (
-                self.range_min_m[axis],
-                self.range_max_m[axis],
-                self.voxel_size_m[axis],
-            );
+            let (low, high) = (self.range_min_m[axis], self.range_max_m[axis]);
+            let size = self.voxel_size_m[axis];
             between(&field("range_min_m"), low, -1e4, 1e4)?;
             between(&field("range_max_m"), high, low, 1e4)?;
             between(&field("voxel_size_m"), size, 1e-3, 1e4)?;
             let cells = (high - low) / size;
-            let whole =
-                (cells - cells.round()).abs() < 1e-2 && (1.0..EDGE_MAX).contains(&cells.round());
-            require(
-                whole,
-                &field("range_max_m"),
-                "a whole number of voxels (1 to 65,534) above range_min_m",
-                cells,
-            )?;
+            let whole = (cells - cells.round()).abs() < 1e-2;
+            let fits = whole && (1.0..EDGE_MAX).contains(&cells.round());
+            let expected = "a whole number of voxels (1 to 65,534) above range_min_m";
+            require(fits, &field("range_max_m"), expected, cells)?;
         }
-        let cells = self.sparse_shape().iter().product::<usize>();
-        require(
-            cells <= GRID_CELLS_MAX,
-            "network.grid",
-            format!("at most {GRID_CELLS_MAX} voxels"),
-            cells,
-        )?;
-        between(
-            "network.grid.points_per_voxel_max",
-            self.points_per_voxel_max as f32,
-            1.0,
-            1000.0,
-        )?;
-        between(
-            "network.grid.voxels_max",
-            self.voxels_max as f32,
-            1.0,
-            VOXELS_MAX as f32,
-        )
+        let cells = self.sparse_shape().iter().product();
+        count("network.grid: voxels", cells, 1, GRID_CELLS_MAX)?;
+        let points = self.points_per_voxel_max as usize;
+        count("network.grid.points_per_voxel_max", points, 1, 1000)?;
+        let voxels = self.voxels_max as usize;
+        count("network.grid.voxels_max", voxels, 1, VOXELS_MAX as usize)
     }
 }
 
@@ -222,97 +172,68 @@ impl Network {
     /// Refuses a network whose layers do not fit each other or the limits.
     pub fn validate(&self) -> Result<(), ModelError> {
         self.grid.validate()?;
-        for (part, layers) in [
-            ("sparse", self.sparse.len()),
-            ("block1", self.block1.len()),
-            ("block2", self.block2.len()),
-        ] {
-            count(&format!("network.{part}"), layers, 1, LAYERS_MAX)?;
-        }
+        count("network.sparse", self.sparse.len(), 1, LAYERS_MAX)?;
+        count("network.block1", self.block1.len(), 1, LAYERS_MAX)?;
+        count("network.block2", self.block2.len(), 1, LAYERS_MAX)?;
         let mut channels = 4;
         let mut shape = self.grid.sparse_shape();
         for (number, layer) in self.sparse.iter().enumerate() {
             layer.validate(&format!("network.sparse[{number}]"), channels, shape)?;
             (channels, shape) = (layer.cout, layer.output_shape(shape));
         }
-        let cells = shape[1] * shape[2];
-        require(
-            cells <= MAP_CELLS_MAX,
-            "network",
-            format!("a map of at most {MAP_CELLS_MAX} cells"),
-            cells,
+        count(
+            "network: cells of the map",
+            shape[1] * shape[2],
+            1,
+            MAP_CELLS_MAX,
         )?;
         let even = shape[1].is_multiple_of(2) && shape[2].is_multiple_of(2);
-        require(
-            even,
-            "network",
-            "a map with even edges (block2 halves it, up2 doubles it)",
-            format!("{shape:?}"),
-        )?;
-        count(
-            "network: channels of the map",
-            self.map_channels(),
-            1,
-            CHANNELS_MAX,
-        )?;
-        let channels = dense_chain("network.block1", &self.block1, self.map_channels(), 1)?;
+        let expected = "a map with even edges (block2 halves it, up2 doubles it)";
+        require(even, "network", expected, format_args!("{shape:?}"))?;
+        let map = self.map_channels();
+        count("network: channels of the map", map, 1, CHANNELS_MAX)?;
+        let channels = dense_chain("network.block1", &self.block1, map, 1)?;
         count("network.up1.cin", self.up1.cin, channels, channels)?;
         let channels = dense_chain("network.block2", &self.block2, channels, 2)?;
         count("network.up2.cin", self.up2.cin, channels, channels)?;
         self.validate_ups()?;
-        // The unknown logit of an open head is handed on after the embedding, in the same list.
-        let (open, reserved) = (
-            self.head == HeadKind::Open,
-            usize::from(self.head == HeadKind::Open),
-        );
+        count("network.classes", self.classes, CLASSES_MIN, CLASSES_MAX)?;
+        let open = self.head == HeadKind::Open;
         count(
-            "network.classes",
-            self.classes,
-            CLASSES_MIN,
-            CLASSES_MAX - reserved,
+            "network.generic",
+            self.generic,
+            0,
+            if open { GENERIC_MAX } else { 0 },
         )?;
-        let generic_max = if open { GENERIC_MAX } else { 0 };
-        count("network.generic", self.generic, 0, generic_max)?;
         self.validate_names()
     }
 
     fn validate_ups(&self) -> Result<(), ModelError> {
-        count("network.up1.factor", self.up1.factor, 1, 1)?;
-        count("network.up2.factor", self.up2.factor, 2, 2)?;
-        count(
-            "network.up1.cout",
-            self.up1.cout,
-            16,
-            FEATURE_CHANNELS_MAX / 2,
-        )?;
+        let (up1, up2) = (&self.up1, &self.up2);
+        count("network.up1.factor", up1.factor, 1, 1)?;
+        count("network.up2.factor", up2.factor, 2, 2)?;
+        count("network.up1.cout", up1.cout, 16, FEATURE_CHANNELS_MAX / 2)?;
         // A feature row is then two kernel rows side by side, and whole blocks of 16 channels.
-        count(
-            "network.up2.cout",
-            self.up2.cout,
-            self.up1.cout,
-            self.up1.cout,
-        )?;
-        let blocks = self.feature_channels().is_multiple_of(16);
+        count("network.up2.cout", up2.cout, up1.cout, up1.cout)?;
+        let channels = self.feature_channels();
+        let field = "network: channels of a feature row";
         require(
-            blocks,
-            "network: channels of a feature row",
+            channels.is_multiple_of(16),
+            field,
             "a multiple of 16",
-            self.feature_channels(),
+            channels,
         )
     }
 
     fn validate_names(&self) -> Result<(), ModelError> {
-        let dense = self
-            .block1
-            .iter()
-            .chain(&self.block2)
-            .map(|layer| &layer.name);
-        let names = self.sparse.iter().map(|layer| &layer.name).chain(dense);
+        let dense = self.block1.iter().chain(&self.block2);
+        let names = self.sparse.iter().map(|layer| &layer.name);
+        let names = names.chain(dense.map(|layer| &layer.name));
         let names: Vec<_> = names.chain([&self.up1.name, &self.up2.name]).collect();
         for (number, name) in names.iter().enumerate() {
-            let fresh = !names[..number].contains(name);
+            let fits = !names[..number].contains(name) && (1..=128).contains(&name.len());
             require(
-                fresh && !name.is_empty() && name.len() <= 128,
+                fits,
                 "network: name of a layer",
                 "unique, 1 to 128 bytes",
                 name,
@@ -328,23 +249,20 @@ impl SparseLayer {
         count(&format!("{field}.cout"), self.cout, 1, CHANNELS_MAX)?;
         for axis in 0..3 {
             let (kernel, padding) = (self.kernel[axis], self.padding[axis]);
-            count(&format!("{field}.kernel[{axis}]"), kernel, 1, 7)?;
+            let kernel_field = format!("{field}.kernel[{axis}]");
+            count(&kernel_field, kernel, 1, 7)?;
             count(&format!("{field}.stride[{axis}]"), self.stride[axis], 1, 4)?;
             count(&format!("{field}.padding[{axis}]"), padding, 0, kernel - 1)?;
             let fits = input[axis] + 2 * padding >= kernel;
             require(
                 fits,
-                &format!("{field}.kernel[{axis}]"),
+                &kernel_field,
                 "no larger than its padded input",
                 kernel,
             )?;
             let same = !self.submanifold || (kernel == 2 * padding + 1 && self.stride[axis] == 1);
-            require(
-                same,
-                field,
-                "submanifold with stride 1, odd kernel, padding kernel / 2",
-                format!("{self:?}"),
-            )?;
+            let expected = "submanifold with stride 1, odd kernel, padding kernel / 2";
+            require(same, field, expected, format_args!("{self:?}"))?;
         }
         Ok(())
     }
@@ -354,30 +272,15 @@ impl SparseLayer {
 fn dense_chain(
     field: &str,
     layers: &[DenseLayer],
-    channels: usize,
+    mut channels: usize,
     stride: usize,
 ) -> Result<usize, ModelError> {
-    let mut channels = channels;
     for (number, layer) in layers.iter().enumerate() {
         let stride = if number == 0 { stride } else { 1 };
-        count(
-            &format!("{field}[{number}].stride"),
-            layer.stride,
-            stride,
-            stride,
-        )?;
-        count(
-            &format!("{field}[{number}].cin"),
-            layer.cin,
-            channels,
-            channels,
-        )?;
-        count(
-            &format!("{field}[{number}].cout"),
-            layer.cout,
-            1,
-            CHANNELS_MAX,
-        )?;
+        let named = |name: &str| format!("{field}[{number}].{name}");
+        count(&named("stride"), layer.stride, stride, stride)?;
+        count(&named("cin"), layer.cin, channels, channels)?;
+        count(&named("cout"), layer.cout, 1, CHANNELS_MAX)?;
         channels = layer.cout;
     }
     Ok(channels)
@@ -386,8 +289,8 @@ fn dense_chain(
 fn require(
     holds: bool,
     field: &str,
-    expected: impl std::fmt::Display,
-    found: impl std::fmt::Display,
+    expected: impl Display,
+    found: impl Display,
 ) -> Result<(), ModelError> {
     if holds {
         return Ok(());
@@ -399,24 +302,22 @@ fn require(
     })
 }
 
+/// Field, value, least and largest of several.
+fn bounds(values: &[(&str, f32, f32, f32)]) -> Result<(), ModelError> {
+    let mut values = values.iter();
+    values.try_for_each(|&(field, value, low, high)| between(field, value, low, high))
+}
+
 /// Also refuses NaN.
 fn between(field: &str, value: f32, low: f32, high: f32) -> Result<(), ModelError> {
-    require(
-        (low..=high).contains(&value),
-        field,
-        format_args!("between {low} and {high}"),
-        value,
-    )
+    let expected = format_args!("between {low} and {high}");
+    require((low..=high).contains(&value), field, expected, value)
 }
 
 fn count(field: &str, value: usize, low: usize, high: usize) -> Result<(), ModelError> {
+    let holds = (low..=high).contains(&value);
     if low == high {
-        return require(value == low, field, low, value);
+        return require(holds, field, low, value);
     }
-    require(
-        (low..=high).contains(&value),
-        field,
-        format_args!("{low} to {high}"),
-        value,
-    )
+    require(holds, field, format_args!("{low} to {high}"), value)
 }

@@ -1,11 +1,8 @@
 //! Lists what is embedded: each `weights/NAME.safetensors` becomes `--model NAME`, each `assets/NAME.scan` a frame of
 //! `mluc demo`, each `assets/NAME.txt` its labels. A checkout without them builds too; then a model comes by its path.
-//! And notes by what it was built, for the reports of `mluc bench`. The commit is not noted: a build after every commit would
-//! be the price.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::{env, fs};
 
 fn main() {
@@ -22,29 +19,6 @@ fn main() {
     list(&mut code, "LABELS", &root.join("assets"), "txt");
     let out = env::var("OUT_DIR").expect("set by cargo");
     fs::write(Path::new(&out).join("embedded.rs"), code).expect("cargo's own folder");
-    let compiler = env::var("RUSTC")
-        .ok()
-        .and_then(|rustc| said(Command::new(rustc).arg("--version")));
-    note("MLUC_COMPILER", compiler);
-    note("MLUC_TARGET", env::var("TARGET").ok());
-    note("MLUC_PROFILE", env::var("PROFILE").ok());
-}
-
-fn note(key: &str, value: Option<String>) {
-    println!(
-        "cargo:rustc-env={key}={}",
-        value.as_deref().unwrap_or("not known")
-    );
-}
-
-/// The first line that a program says, if it ends well.
-fn said(command: &mut Command) -> Option<String> {
-    let output = command
-        .output()
-        .ok()
-        .filter(|output| output.status.success())?;
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    text.lines().next().map(|line| line.trim().to_string())
 }
 
 /// `pub(crate) const NAME: &[(file stem, bytes)]`, in the order of the names.

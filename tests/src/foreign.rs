@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::skip::skip;
+
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
@@ -15,8 +17,9 @@ pub fn python_refiner() -> Option<Vec<String>> {
         .output()
         .is_ok_and(|output| output.status.success());
     if !has_packages {
-        println!(
-            "skipped: no Python with iceoryx2 and numpy in target/examples/venv (run .ci/examples)"
+        skip(
+            "the Python refiner",
+            "no Python with iceoryx2 and numpy in target/examples/venv (run .ci/examples)",
         );
         return None;
     }
@@ -32,10 +35,8 @@ pub fn python_refiner() -> Option<Vec<String>> {
 pub fn cpp_refiner() -> Option<Vec<String>> {
     let program = root().join("target/examples/refiner-cpp/refiner");
     if !program.exists() {
-        println!(
-            "skipped: {} is not built (run .ci/examples)",
-            program.display()
-        );
+        let why = format!("{} is not built (run .ci/examples)", program.display());
+        skip("the C++ refiner", &why);
         return None;
     }
     Some(vec![program.display().to_string()])

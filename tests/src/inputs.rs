@@ -1,8 +1,13 @@
-//! Models and scans, made up.
+//! Models and scans, made up, and a pipeline on them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::pipeline::{Finished, Pipeline, leftovers, unique_instance};
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 
 /// Writes a model with weights by formula, small and quick: it sees shapes and no sense. Its gate calls half of its
@@ -63,4 +68,96 @@ pub fn clean_folder(folder: &Path, count: usize) -> PathBuf {
         );
     }
     input
+}
+
+/// What a test of a pipeline needs: a folder, the untrained model and sound scans in it, and a name for the instance.
+pub struct Setting {
+    /// Gone with the setting.
+    pub folder: TempDir,
+    /// [`untrained_model`].
+    pub model: PathBuf,
+    /// [`clean_folder`].
+    pub input: PathBuf,
+    /// Of this setting alone.
+    pub instance: String,
+}
+
+impl Setting {
+    /// With so many scans.
+    pub fn new(label: &str, scans: usize) -> Setting {
+        let folder = tempfile::tempdir().expect("a writable folder");
+        Setting {
+            model: untrained_model(folder.path()),
+            input: clean_folder(folder.path(), scans),
+            instance: unique_instance(label),
+            folder,
+        }
+    }
+
+    /// `mluc up` at pace `complete`; another `--pace` wins.
+    pub fn up(&self, more: &[&str]) -> Pipeline {
+        let pace = if more.contains(&"--pace") {
+            &[][..]
+        } else {
+            &["--pace", "complete"]
+        };
+        let arguments = [pace, more].concat();
+        Pipeline::up(&self.instance, &self.model, &self.input, &arguments)
+    }
+
+    /// The same to its end, after which nothing is left in shared memory.
+    pub fn run(&self, more: &[&str]) -> Finished {
+        self.finish(self.up(more))
+    }
+
+    /// Waits for the end of a pipeline of this setting; nothing is left of it in shared memory.
+    pub fn finish(&self, run: Pipeline) -> Finished {
+        let run = run.finish();
+        assert_eq!(leftovers(&self.instance), [""; 0], "{}", run.log);
+        run
+    }
+
+    /// Writes `mluc.toml` and gives its path.
+    pub fn config(&self, text: &str) -> String {
+        let path = self.folder.path().join("mluc.toml");
+        fs::write(&path, text).expect("a writable folder");
+        path.display().to_string()
+    }
+
+    /// Where [`Setting::bench`] has its report written.
+    pub fn report(&self) -> PathBuf {
+        self.folder.path().join("report")
+    }
+
+    /// Starts `mluc bench` on the setting's scans, with options as on a command line.
+    pub fn start_bench(&self, options: &str) -> Pipeline {
+        let paths =
+            [&self.model, &self.input, &self.report()].map(|path| path.display().to_string());
+        let names = ["--model", "--input", "--out"];
+        let own = names
+            .iter()
+            .zip(&paths)
+            .flat_map(|(name, path)| [*name, path]);
+        Pipeline::start(
+            ["bench"]
+                .into_iter()
+                .chain(own)
+                .chain(options.split_whitespace()),
+        )
+    }
+
+    /// The same to its end; it must succeed, at most with warnings.
+    pub fn bench(&self, options: &str) -> Finished {
+        let run = self
+            .start_bench(options)
+            .finish_within(Duration::from_secs(180));
+        assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
+        run
+    }
+}
+
+/// A JSON file.
+pub fn read_json(path: &Path) -> Value {
+    let text = fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    serde_json::from_str(&text).expect("JSON")
 }

@@ -11,17 +11,23 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-/// The program, beside the tests that cargo built: `target/release/deps/test-1234` has it in `target/release`.
-pub fn mluc_program() -> PathBuf {
+/// A program beside the tests that cargo built: `target/release/deps/test-1234` has it in `target/release`.
+pub fn built_program(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("a running test");
     let folder = test.ancestors().nth(2).expect("target/PROFILE");
-    let program = folder.join("mluc");
+    let program = folder.join(name);
     assert!(
         program.exists(),
-        "{} is missing: run `cargo test --workspace`, or `cargo build -p mluc` with the same profile first",
+        "{} is missing: run `cargo test --workspace`, or build it with the same profile first (`cargo build -p mluc -p \
+         mluc-contract --bins --examples`)",
         program.display()
     );
     program
+}
+
+/// The program `mluc`.
+pub fn mluc_program() -> PathBuf {
+    built_program("mluc")
 }
 
 /// A name that no other test uses.
@@ -64,6 +70,12 @@ impl Finished {
             .iter()
             .map(|line| line["frame"].as_str().unwrap_or("?"))
             .collect()
+    }
+
+    /// stdout where it is text.
+    pub fn text(&self) -> String {
+        let lines: Vec<&str> = self.lines.iter().filter_map(Value::as_str).collect();
+        lines.join("\n")
     }
 
     /// The flags of a frame.
@@ -153,25 +165,23 @@ impl Pipeline {
 
     /// Processes of its stages: `(stage, process)`.
     pub fn stages(&self) -> Vec<(String, u32)> {
-        let path = format!("/proc/{0}/task/{0}/children", self.pid());
-        let children = std::fs::read_to_string(path).unwrap_or_default();
-        children
-            .split_whitespace()
+        // `mluc bench` starts a `mluc up`, whose children are the stages.
+        let children = children(self.pid());
+        let grandchildren = children.iter().copied().flat_map(crate::pipeline::children);
+        let all: Vec<u32> = children.iter().copied().chain(grandchildren).collect();
+        all.into_iter()
             .filter_map(|pid| {
                 let command = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).ok()?;
                 let mut words = command.split('\0').skip_while(|word| *word != "stage");
-                Some((words.nth(1)?.to_string(), pid.parse().ok()?))
+                Some((words.nth(1)?.to_string(), pid))
             })
             .collect()
     }
 
     /// Processes of its children whose command line has this word.
     pub fn children_with(&self, word: &str) -> Vec<u32> {
-        let path = format!("/proc/{0}/task/{0}/children", self.pid());
-        let children = std::fs::read_to_string(path).unwrap_or_default();
-        children
-            .split_whitespace()
-            .filter_map(|pid| pid.parse().ok())
+        children(self.pid())
+            .into_iter()
             .filter(|pid: &u32| {
                 let command = std::fs::read_to_string(format!("/proc/{pid}/cmdline"));
                 command.is_ok_and(|command| command.split('\0').any(|found| found == word))
@@ -255,6 +265,13 @@ impl Drop for Pipeline {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
+}
+
+fn children(pid: u32) -> Vec<u32> {
+    let path = format!("/proc/{pid}/task/{pid}/children");
+    let children = std::fs::read_to_string(path).unwrap_or_default();
+    let pids = children.split_whitespace();
+    pids.filter_map(|pid| pid.parse().ok()).collect()
 }
 
 /// Sends a signal to any process.

@@ -1,40 +1,11 @@
 //! Two refiners on the same frames in alternation; instrumentation on against off.
 
 use std::path::Path;
-use std::time::Duration;
 
-use mluc_tests::{Finished, Pipeline, clean_folder, untrained_model};
-use serde_json::Value;
+use mluc_tests::{Setting, mluc_program, read_json};
 
-fn bench(folder: &Path, out: &Path, more: &[&str]) -> Finished {
-    let (model, input) = (untrained_model(folder), clean_folder(folder, 2));
-    let paths = [&model, &input, out].map(|path| path.display().to_string());
-    let mut arguments = vec![
-        "bench",
-        "--model",
-        &paths[0],
-        "--input",
-        &paths[1],
-        "--out",
-        &paths[2],
-        "--seconds",
-        "4",
-        "--warm-up",
-        "0.5",
-        "--rate",
-        "8",
-        "--rounds",
-        "2",
-        "--floor-rounds",
-        "0",
-    ];
-    arguments.extend(more);
-    Pipeline::start(&arguments).finish_within(Duration::from_secs(180))
-}
-
-fn json(path: &Path) -> Value {
-    serde_json::from_str(&std::fs::read_to_string(path).expect("written")).expect("JSON")
-}
+/// Options of a short run, each side in turns.
+const SHORT: &str = "--seconds 4 --warm-up 0.5 --rate 8 --rounds 2 --floor-rounds 0";
 
 /// A label on the car that `car_scan` draws in each scan, which the model does not call a car.
 fn label_all(input: &Path) {
@@ -49,17 +20,15 @@ fn label_all(input: &Path) {
 
 #[test]
 fn two_refiners_are_judged_on_the_same_frames() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    label_all(&folder.path().join("scans"));
-    let run = bench(
-        folder.path(),
-        &out,
-        &["--refiner", "none", "--refiner", "distance"],
+    let setting = Setting::new("bench", 2);
+    let out = setting.report();
+    label_all(&setting.input);
+    let run = setting.bench(&format!("{SHORT} --refiner none --refiner range-scaled"));
+    let comparison = read_json(&out.join("comparison.json"));
+    assert_eq!(
+        comparison["names"],
+        serde_json::json!(["none", "range-scaled"])
     );
-    assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
-    let comparison = json(&out.join("comparison.json"));
-    assert_eq!(comparison["names"], serde_json::json!(["none", "distance"]));
     for quality in comparison["quality"].as_array().unwrap() {
         assert_eq!(
             (&quality["frames"], &quality["labels_unknown"]),
@@ -67,10 +36,10 @@ fn two_refiners_are_judged_on_the_same_frames() {
             "{comparison}"
         );
     }
-    let [a, b] = ["a", "b"].map(|name| json(&out.join(name).join("report.json")));
+    let [a, b] = ["a", "b"].map(|name| read_json(&out.join(name).join("report.json")));
     assert_eq!(
         (&a["scenario"]["refiner"], &b["scenario"]["refiner"]),
-        (&"none".into(), &"distance".into())
+        (&"none".into(), &"range-scaled".into())
     );
     assert_eq!(a["frames"]["in"], b["frames"]["in"]);
     // Only where no box is refined does this untrained model publish unknown objects: the tables are those of two refiners.
@@ -80,12 +49,7 @@ fn two_refiners_are_judged_on_the_same_frames() {
             .unwrap()
     };
     assert!(published(0) > published(1), "{comparison}");
-    let terminal: String = run
-        .lines
-        .iter()
-        .filter_map(Value::as_str)
-        .collect::<Vec<_>>()
-        .join("\n");
+    let terminal = run.text();
     assert!(
         terminal.contains("3-D overlap") && terminal.contains("refiner run p50"),
         "{terminal}"
@@ -95,12 +59,29 @@ fn two_refiners_are_judged_on_the_same_frames() {
 }
 
 #[test]
+fn two_builds_are_measured_by_their_own_programs() {
+    let setting = Setting::new("bench", 2);
+    let out = setting.report();
+    let program = mluc_program().display().to_string();
+    setting.bench(&format!("{SHORT} --against {program}"));
+    let comparison = read_json(&out.join("comparison.json"));
+    assert_eq!(comparison["names"][1], program);
+    for side in ["a", "b"] {
+        // 4 s at 8 Hz, over two starts.
+        let report = read_json(&out.join(side).join("report.json"));
+        assert_eq!(report["frames"]["in"], 32, "{side}");
+        assert!(!report["build"]["binary"].as_str().unwrap().is_empty());
+        let page = std::fs::read_to_string(out.join(side).join("report.html")).unwrap();
+        assert!(page.contains("of round 1"), "each had two rounds");
+    }
+}
+
+#[test]
 fn bare_stages_stamp_nothing_and_only_the_end_is_compared() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    let run = bench(folder.path(), &out, &["--instrumentation", "compare"]);
-    assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
-    let [on, off] = ["a", "b"].map(|name| json(&out.join(name).join("report.json")));
+    let setting = Setting::new("bench", 2);
+    let out = setting.report();
+    setting.bench(&format!("{SHORT} --instrumentation compare"));
+    let [on, off] = ["a", "b"].map(|name| read_json(&out.join(name).join("report.json")));
     assert_eq!(
         (
             &on["instrumentation"]["stamps"],
@@ -121,7 +102,7 @@ fn bare_stages_stamp_nothing_and_only_the_end_is_compared() {
         off["end_to_end_us"]["p50"].as_f64().unwrap() > 0.0,
         "the end is still measured"
     );
-    let rows = json(&out.join("comparison.json"))["rows"].clone();
+    let rows = read_json(&out.join("comparison.json"))["rows"].clone();
     let figures: Vec<&str> = rows
         .as_array()
         .unwrap()

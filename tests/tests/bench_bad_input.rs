@@ -102,7 +102,7 @@ fn a_stage_that_never_answers_is_named() {
     );
 }
 
-/// A report of `frames` made-up frames.
+/// A report of `frames` synthetic frames.
 fn write_report(folder: &Path, version: u32, frames: usize) {
     std::fs::create_dir_all(folder).unwrap();
     std::fs::write(

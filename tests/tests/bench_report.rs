@@ -1,26 +1,9 @@
 //! `mluc bench` writes a report whose figures are those of the frames in it.
 
 use std::path::Path;
-use std::time::Duration;
 
-use mluc_tests::{Finished, Pipeline, clean_folder, untrained_model};
+use mluc_tests::{Setting, read_json};
 use serde_json::Value;
-
-const PATIENCE: Duration = Duration::from_secs(180);
-
-fn bench(folder: &Path, out: &Path, more: &[&str]) -> Finished {
-    let (model, input) = (untrained_model(folder), clean_folder(folder, 3));
-    let paths = [&model, &input, out].map(|path| path.display().to_string());
-    let mut arguments = vec![
-        "bench", "--model", &paths[0], "--input", &paths[1], "--out", &paths[2],
-    ];
-    arguments.extend(more);
-    Pipeline::start(&arguments).finish_within(PATIENCE)
-}
-
-fn json(path: &Path) -> Value {
-    serde_json::from_str(&std::fs::read_to_string(path).expect("a report")).expect("JSON")
-}
 
 /// The rows of frames.csv that were measured, by column.
 fn measured(out: &Path) -> Vec<Vec<String>> {
@@ -39,55 +22,11 @@ fn nearest_rank(values: &mut [f64], q: f64) -> f64 {
 
 #[test]
 fn the_report_holds_what_was_measured() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    let run = bench(
-        folder.path(),
-        &out,
-        &[
-            "--seconds",
-            "5",
-            "--warm-up",
-            "1",
-            "--rate",
-            "5",
-            "--floor-rounds",
-            "30",
-        ],
-    );
-    assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
-    let report = json(&out.join("report.json"));
-    for key in ["p50", "p90", "p99", "p999", "max"] {
-        assert!(
-            report["end_to_end_us"][key].as_f64().unwrap() > 0.0,
-            "{key}"
-        );
-        for stage in ["ingest", "backbone", "head", "refiner"] {
-            for figure in ["queue_us", "run_us"] {
-                assert!(
-                    report["stages"][stage][figure][key].is_number(),
-                    "{stage} {figure} {key}"
-                );
-            }
-        }
-    }
-    for topic in ["points", "features"] {
-        for key in [
-            "p50_us",
-            "p99_us",
-            "raw_p50_us",
-            "raw_p99_us",
-            "socket_p50_us",
-            "futex_p50_us",
-            "memcpy_p50_us",
-        ] {
-            assert!(
-                report["hops"][topic][key].as_f64().unwrap() > 0.0,
-                "{topic} {key}: {}",
-                report["hops"]
-            );
-        }
-    }
+    let setting = Setting::new("bench", 3);
+    let out = setting.report();
+    setting.bench("--seconds 5 --warm-up 1 --rate 5 --floor-rounds 30");
+    let report = read_json(&out.join("report.json"));
+    every_stage_and_hop_has_its_figures(&report);
     let rows = measured(&out);
     assert_eq!(report["frames"]["in"], rows.len());
     // 5 s at 5 Hz, the first second of 6 apart.
@@ -109,13 +48,41 @@ fn the_report_holds_what_was_measured() {
             "{key}: {found} instead of {expected}"
         );
     }
-    let text = |pointer: &str| {
-        report
-            .pointer(pointer)
-            .and_then(Value::as_str)
-            .unwrap_or_default()
-            .to_string()
-    };
+    the_circumstances_are_told(&report);
+}
+
+/// A number of a report by its JSON pointer.
+fn number(report: &Value, pointer: &str) -> f64 {
+    let found = report.pointer(pointer).and_then(Value::as_f64);
+    found.unwrap_or_else(|| panic!("{pointer}: {report}"))
+}
+
+fn every_stage_and_hop_has_its_figures(report: &Value) {
+    for key in ["p50", "p90", "p99", "p999", "max"] {
+        assert!(number(report, &format!("/end_to_end_us/{key}")) > 0.0);
+        for stage in ["ingest", "backbone", "head", "refiner"] {
+            for figure in ["queue_us", "run_us"] {
+                number(report, &format!("/stages/{stage}/{figure}/{key}"));
+            }
+        }
+    }
+    for topic in ["points", "features"] {
+        for key in [
+            "p50",
+            "p99",
+            "raw_p50",
+            "raw_p99",
+            "socket_p50",
+            "futex_p50",
+            "memcpy_p50",
+        ] {
+            let pointer = format!("/hops/{topic}/{key}_us");
+            assert!(number(report, &pointer) > 0.0, "{pointer}");
+        }
+    }
+}
+
+fn the_circumstances_are_told(report: &Value) {
     for pointer in [
         "/machine/kernel",
         "/machine/governor",
@@ -124,43 +91,24 @@ fn the_report_holds_what_was_measured() {
         "/quiet/verdict",
         "/scenario/command",
     ] {
-        assert!(!text(pointer).is_empty(), "{pointer}");
+        let text = report.pointer(pointer).and_then(Value::as_str);
+        assert!(text.is_some_and(|text| !text.is_empty()), "{pointer}");
     }
-    assert!(
-        report["instrumentation"]["stamps_cost_us_a_hop"]
-            .as_f64()
-            .unwrap()
-            < 1.0,
-        "stamps cost below 1 us a hop"
-    );
-    assert!(
-        report["stages"]["backbone"]["resources"]["cpu_cores"]
-            .as_f64()
-            .unwrap()
-            > 0.0
-    );
-    assert!(report["first_frame"]["latency_us"].as_f64().unwrap() > 0.0);
+    let stamps_us = number(report, "/instrumentation/stamps_cost_us_a_hop");
+    assert!(stamps_us < 1.0, "stamps cost below 1 us a hop");
+    for pointer in [
+        "/stages/backbone/resources/cpu_cores",
+        "/first_frame/latency_us",
+    ] {
+        assert!(number(report, pointer) > 0.0, "{pointer}");
+    }
 }
 
 #[test]
 fn the_page_works_offline_and_the_terminal_shows_a_table() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("report");
-    let run = bench(
-        folder.path(),
-        &out,
-        &[
-            "--seconds",
-            "3",
-            "--warm-up",
-            "0.5",
-            "--rate",
-            "5",
-            "--floor-rounds",
-            "0",
-        ],
-    );
-    assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
+    let setting = Setting::new("bench", 3);
+    let out = setting.report();
+    let run = setting.bench("--seconds 3 --warm-up 0.5 --rate 5 --floor-rounds 0");
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     for outside in ["http:", "https:", "<script", "<link", "<img", "url("] {
         assert!(!page.contains(outside), "{outside}");
@@ -170,12 +118,7 @@ fn the_page_works_offline_and_the_terminal_shows_a_table() {
         page.contains("never trained"),
         "the warning stands on the page itself"
     );
-    let terminal: String = run
-        .lines
-        .iter()
-        .filter_map(Value::as_str)
-        .collect::<Vec<_>>()
-        .join("\n");
+    let terminal = run.text();
     for word in [
         "backbone",
         "end to end",
@@ -190,30 +133,13 @@ fn the_page_works_offline_and_the_terminal_shows_a_table() {
 
 #[test]
 fn a_trace_shows_one_frame_over_all_processes() {
-    let folder = tempfile::tempdir().unwrap();
-    let (out, file) = (
-        folder.path().join("report"),
-        folder.path().join("trace.json"),
-    );
+    let setting = Setting::new("bench", 3);
+    let (out, file) = (setting.report(), setting.folder.path().join("trace.json"));
     let trace = file.display().to_string();
-    let run = bench(
-        folder.path(),
-        &out,
-        &[
-            "--seconds",
-            "3",
-            "--warm-up",
-            "0.5",
-            "--rate",
-            "5",
-            "--floor-rounds",
-            "0",
-            "--trace",
-            &trace,
-        ],
-    );
-    assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
-    let trace = json(&file);
+    setting.bench(&format!(
+        "--seconds 3 --warm-up 0.5 --rate 5 --floor-rounds 0 --trace {trace}"
+    ));
+    let trace = read_json(&file);
     let events = trace["traceEvents"].as_array().unwrap();
     let spans: Vec<&Value> = events.iter().filter(|event| event["ph"] == "X").collect();
     let sequence = &spans[0]["args"]["sequence"];

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use mluc_ipc_types::Stage;
 use mluc_runtime::{Instance, Shell, ShellOptions, Shutdown};
-use mluc_tests::{Pipeline, clean_folder, send_signal, untrained_model};
+use mluc_tests::{Pipeline, Setting, read_json, send_signal};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -15,31 +15,10 @@ const STALL: Duration = Duration::from_millis(1500);
 
 /// A run of 6 s in which a stage is stopped for [`STALL`]; the report and the measured latencies, us.
 fn stalled(stage: &str) -> (Value, Vec<f64>) {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 3),
-    );
-    let out = folder.path().join("report");
-    let paths = [&model, &input, &out].map(|path| path.display().to_string());
-    let rate = RATE_HZ.to_string();
-    let mut run = Pipeline::start([
-        "bench",
-        "--model",
-        &paths[0],
-        "--input",
-        &paths[1],
-        "--out",
-        &paths[2],
-        "--rate",
-        &rate,
-        "--seconds",
-        "6",
-        "--warm-up",
-        "0",
-        "--floor-rounds",
-        "0",
-    ]);
+    let setting = Setting::new("bench", 3);
+    let mut run = setting.start_bench(&format!(
+        "--rate {RATE_HZ} --seconds 6 --warm-up 0 --floor-rounds 0"
+    ));
     wait_for_frames(&mut run);
     let stages = run.stages();
     let (_, pid) = stages
@@ -51,7 +30,8 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
     send_signal(*pid, Signal::CONT);
     let finished = run.finish_within(Duration::from_secs(120));
     assert!(matches!(finished.code, Some(0 | 3)), "{}", finished.log);
-    (report(&out), latencies_us(&out))
+    let out = setting.report();
+    (read_json(&out.join("report.json")), latencies_us(&out))
 }
 
 /// Until ten frames are through; then the stall lies within the 6 s.
@@ -67,10 +47,6 @@ fn wait_for_frames(run: &mut Pipeline) {
             .of(Stage::Refiner)
             .is_some_and(|health| health.frames_out >= 10)
     });
-}
-
-fn report(out: &Path) -> Value {
-    serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap()
 }
 
 fn latencies_us(out: &Path) -> Vec<f64> {

@@ -12,6 +12,24 @@ const STAGES: [&str; 5] = [
     "mluc-refiner",
     "mluc-gateway",
 ];
+/// Crates of the laboratory, the benchmark and the tests, and libraries that nobody else needs.
+const ONLY_LAB_AND_TESTS: [&str; 15] = [
+    "mluc-lab",
+    "mluc-dataset",
+    "mluc-simulate",
+    "mluc-train",
+    "mluc-evaluate",
+    "mluc-reproduce",
+    "mluc-bench",
+    "mluc-tests",
+    "mluc-contract",
+    "parry3d",
+    "rand_chacha",
+    "indicatif",
+    "criterion",
+    "proptest",
+    "cargo_metadata",
+];
 const CONTRACT: &str = "mluc-ipc-types";
 const SHARED_MEMORY: &str = "iceoryx2";
 
@@ -95,12 +113,17 @@ fn the_laboratory_knows_no_process() {
     assert_apart("mluc-lab", &["mluc-runtime", "mluc", SHARED_MEMORY]);
 }
 
+/// What trains a network knows nothing of the tables that are made with it.
+#[test]
+fn the_trainer_knows_no_reproduction() {
+    assert_apart("mluc-train", &["mluc-reproduce", "mluc-lab"]);
+    assert_apart("mluc-backbone", &["mluc-train"]);
+}
+
+/// What the robot runs reaches neither laboratory, benchmark nor tests, nor what only they need.
 #[test]
 fn the_program_knows_no_laboratory() {
-    assert_apart(
-        "mluc",
-        &["mluc-lab", "parry3d", "burn", "mluc-bench", "mluc-tests"],
-    );
+    assert_apart("mluc", &ONLY_LAB_AND_TESTS);
 }
 
 #[test]
@@ -145,7 +168,7 @@ fn the_contract_needs_iceoryx2_only_for_the_runtime() {
             let is_direct =
                 dependency.name == SHARED_MEMORY && dependency.kind != DependencyKind::Development;
             // The benchmark of hand-over measures iceoryx2 alone beside our hop.
-            let may = [CONTRACT, "mluc-runtime", "mluc-transport"].contains(&package.name.as_str());
+            let may = [CONTRACT, "mluc-runtime", "mluc-bench"].contains(&package.name.as_str());
             assert!(!is_direct || may, "{} depends on iceoryx2", package.name);
         }
         if package.name.as_str() == CONTRACT {

@@ -1,19 +1,19 @@
 //! Other programs in the refiner's place: by command, and by hand while the other stages run.
 
-use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use mluc_tests::{
-    Pipeline, clean_folder, cpp_refiner, leftovers, mluc_program, python_refiner, send_signal,
-    unique_instance, untrained_model,
+    Setting, built_program, cpp_refiner, leftovers, mluc_program, python_refiner, send_signal,
 };
 use rustix::process::Signal;
 
 /// Those that are there: the one of the tests always.
 fn foreign_refiners() -> Vec<(&'static str, Vec<String>)> {
     let own = vec![
-        env!("CARGO_BIN_EXE_wrong_refiner").to_string(),
+        built_program("examples/wrong_refiner")
+            .display()
+            .to_string(),
         "sound".to_string(),
     ];
     let mut all = vec![("rust", own)];
@@ -22,8 +22,11 @@ fn foreign_refiners() -> Vec<(&'static str, Vec<String>)> {
     all
 }
 
+/// Of the test in which a refiner outlives runs.
+const SCANS: usize = 22;
+
 fn passes_the_suite(command: &[String]) {
-    let setting = setting(0);
+    let setting = Setting::new("suite", 0);
     let output = Command::new(mluc_program())
         .args(["refiner-test", "--patience-s", "20", "--model"])
         .arg(&setting.model)
@@ -33,7 +36,7 @@ fn passes_the_suite(command: &[String]) {
         .expect("mluc starts");
     let report = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{report}");
-    assert!(report.contains("15 passed, 0 failed"), "{report}");
+    assert!(report.contains("18 passed, 0 failed"), "{report}");
 }
 
 #[test]
@@ -50,36 +53,15 @@ fn the_cpp_example_passes_the_suite() {
     }
 }
 
-struct Setting {
-    folder: tempfile::TempDir,
-    model: PathBuf,
-    input: PathBuf,
-}
-
-fn setting(scans: usize) -> Setting {
-    let folder = tempfile::tempdir().unwrap();
-    Setting {
-        model: untrained_model(folder.path()),
-        input: clean_folder(folder.path(), scans),
-        folder,
-    }
-}
-
-fn config(folder: &Path, command: &[String]) -> String {
-    let path = folder.join("mluc.toml");
-    let text = format!("[stages.refiner]\ncommand = {command:?}\n");
-    std::fs::write(&path, text).unwrap();
-    path.display().to_string()
+fn config(setting: &Setting, command: &[String]) -> String {
+    setting.config(&format!("[stages.refiner]\ncommand = {command:?}\n"))
 }
 
 #[test]
 fn a_foreign_refiner_is_started_by_its_command() {
-    let setting = setting(5);
+    let setting = Setting::new("command", 5);
     for (name, command) in foreign_refiners() {
-        let config = config(setting.folder.path(), &command);
-        let instance = unique_instance(name);
-        let more = ["--pace", "complete", "--config", &config];
-        let run = Pipeline::up(&instance, &setting.model, &setting.input, &more).finish();
+        let run = setting.run(&["--config", &config(&setting, &command)]);
         assert_eq!(
             (run.code, run.lines.len()),
             (Some(0), 5),
@@ -99,24 +81,20 @@ fn a_foreign_refiner_is_started_by_its_command() {
                 "{name}: {line}"
             );
         }
-        assert_eq!(leftovers(&instance), Vec::<String>::new(), "{name}");
     }
 }
 
 #[test]
 fn a_killed_foreign_refiner_is_started_again() {
-    let setting = setting(40);
+    let setting = Setting::new("killed", 40);
     for (name, command) in foreign_refiners() {
-        let config = config(setting.folder.path(), &command);
-        let instance = unique_instance(name);
-        let more = ["--pace", "complete", "--config", &config];
-        let mut run = Pipeline::up(&instance, &setting.model, &setting.input, &more);
+        let mut run = setting.up(&["--config", &config(&setting, &command)]);
         run.wait_until("frames flow", |p| p.line_count() > 2);
         let word = command.last().unwrap().clone();
         let victim = run.children_with(&word);
         assert_eq!(victim.len(), 1, "{name}: {victim:?}");
         send_signal(victim[0], Signal::KILL);
-        let run = run.finish();
+        let run = setting.finish(run);
         assert_eq!(
             (run.code, run.lines.len()),
             (Some(3), 40),
@@ -128,7 +106,6 @@ fn a_killed_foreign_refiner_is_started_again() {
             "{name}: {}",
             run.log
         );
-        assert_eq!(leftovers(&instance), Vec::<String>::new(), "{name}");
     }
 }
 
@@ -163,10 +140,8 @@ impl Drop for ByHand {
 
 #[test]
 fn a_refiner_is_replaced_by_hand_while_the_others_run() {
-    let setting = setting(3);
-    let instance = unique_instance("by-hand");
-    let more = ["--pace", "complete", "--loop", "--without", "refiner"];
-    let mut run = Pipeline::up(&instance, &setting.model, &setting.input, &more);
+    let setting = Setting::new("by-hand", 3);
+    let mut run = setting.up(&["--loop", "--without", "refiner"]);
     run.wait_until("it says how", |p| {
         p.log().contains("refiner is left to you")
     });
@@ -182,7 +157,7 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
         "--model".to_string(),
         setting.model.display().to_string(),
         "--instance".to_string(),
-        instance.clone(),
+        setting.instance.clone(),
     ]
     .to_vec();
     let mut commands = vec![("ours", ours.clone())];
@@ -190,13 +165,13 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
     commands.push(("ours again", ours));
     for (name, command) in commands {
         let before = run.line_count();
-        let refiner = ByHand::start(&instance, &command);
+        let refiner = ByHand::start(&setting.instance, &command);
         run.wait_until(name, |p| p.line_count() >= before + 4);
         refiner.end();
     }
     assert_eq!(run.stages(), others, "nobody else was restarted");
     run.signal(Signal::TERM);
-    let run = run.finish();
+    let run = setting.finish(run);
     assert_eq!(run.code, Some(0), "{}", run.log);
     let sequences: Vec<u64> = run
         .lines
@@ -207,5 +182,32 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
         sequences.windows(2).all(|pair| pair[1] == pair[0] + 1),
         "{sequences:?}"
     );
-    assert_eq!(leftovers(&instance), Vec::<String>::new());
+}
+
+/// One that stays joins run after run: the last messages of the run before are nobody's any more.
+#[test]
+fn a_refiner_that_outlives_three_runs_loses_no_frame() {
+    for (name, command) in foreign_refiners() {
+        let setting = Setting::new("outlives", SCANS);
+        // Somebody must make the instance before a refiner can join it.
+        let mut first = setting.up(&["--without", "refiner"]);
+        first.wait_until("it says how", |p| {
+            p.log().contains("refiner is left to you")
+        });
+        let refiner = ByHand::start(&setting.instance, &command);
+        let mut runs = vec![first.finish()];
+        for _ in 1..3 {
+            runs.push(setting.up(&["--without", "refiner"]).finish());
+        }
+        refiner.end();
+        for run in &runs {
+            assert_eq!(
+                (run.code, run.lines.len()),
+                (Some(0), SCANS),
+                "{name}: {}",
+                run.log
+            );
+        }
+        assert_eq!(leftovers(&setting.instance), [""; 0], "{name} leaves last");
+    }
 }

@@ -1,33 +1,20 @@
 //! Reading real KITTI folders: every frame that `MLUC_KITTI` holds.
 
-use mluc_geometry::{ImageSize, iou_2d};
-use mluc_lab::dataset::Dataset;
-use mluc_lab::evaluate::{
-    Difficulty, Kind, Metric, RuleRequest, SensorDetection, TruthFrame, UnknownProtocol,
-    UnknownRequest, View, evaluate, rules,
+use mluc_dataset::Dataset;
+use mluc_evaluate::{
+    CameraView, Difficulty, FrameTruth, Metric, ObjectKind, RuleRequest, SensorDetection,
+    UnknownProtocol, UnknownRequest, evaluate, rules,
 };
-use std::path::PathBuf;
-
-/// The folder of real scans, or `None` when the variable is not set; set and missing is a failure.
-fn kitti() -> Option<PathBuf> {
-    let Some(folder) = std::env::var_os("MLUC_KITTI") else {
-        println!("skipped: MLUC_KITTI not set");
-        return None;
-    };
-    let folder = PathBuf::from(folder);
-    assert!(
-        folder.is_dir(),
-        "MLUC_KITTI: expected a folder, found {}",
-        folder.display()
-    );
-    Some(folder)
-}
+use mluc_geometry::{ImageSize, iou_2d};
+use mluc_tests::data_folder;
 
 /// Projected boxes of labels that lie wholly in the image must fall on the boxes that people drew there, and the
 /// points of a near car must lie in its box: both only hold when every step of the conversion is right.
 #[test]
 fn real_labels_fall_on_their_image_boxes_and_points() {
-    let Some(folder) = kitti() else { return };
+    let Some(folder) = data_folder("MLUC_KITTI") else {
+        return;
+    };
     for part in ["object/training", "drive_0005"] {
         let dataset = Dataset::open(&folder.join(part)).expect("frames");
         let (mut overlap_sum, mut objects, mut near_cars, mut hit_cars) = (0.0, 0, 0, 0);
@@ -66,12 +53,14 @@ fn real_labels_fall_on_their_image_boxes_and_points() {
 /// Labels taken to the sensor frame and back through the evaluator, as detections, are a perfect detector.
 #[test]
 fn real_labels_as_detections_are_found() {
-    let Some(folder) = kitti() else { return };
+    let Some(folder) = data_folder("MLUC_KITTI") else {
+        return;
+    };
     let mut frames = Vec::new();
     for part in ["object/training", "drive_0005"] {
         let dataset = Dataset::open(&folder.join(part)).expect("frames");
         for name in dataset.names() {
-            let view = View {
+            let view = CameraView {
                 calibration: dataset.calibration(name).expect("a calibration"),
                 image: ImageSize::KITTI,
             };
@@ -81,9 +70,9 @@ fn real_labels_as_detections_are_found() {
                 .into_iter()
                 .map(|(label, box_in_sensor)| SensorDetection {
                     kind: if label.is("Van") || label.is("Truck") {
-                        Kind::Unknown
+                        ObjectKind::Unknown
                     } else {
-                        Kind::Known
+                        ObjectKind::Known
                     },
                     class: label.class,
                     score: 0.9,
@@ -91,7 +80,7 @@ fn real_labels_as_detections_are_found() {
                 })
                 .collect();
             let labels = dataset.labels(name).expect("labels").into();
-            frames.push(TruthFrame { labels, view }.with(&found));
+            frames.push(FrameTruth { labels, view }.with(&found));
         }
     }
     let unknown = UnknownRequest {

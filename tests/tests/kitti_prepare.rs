@@ -1,7 +1,8 @@
 //! A recorded benchmark in the trainer's form: the folder that the test writes, and real scans where `MLUC_KITTI` holds them.
 
-use mluc_lab::dataset::{Dataset, PrepareOptions, Splits, UnknownPolicy, prepare};
-use mluc_lab::reproduce::audit;
+use mluc_dataset::{Dataset, PrepareOptions, Splits, UnknownPolicy, prepare};
+use mluc_reproduce::audit;
+use mluc_tests::data_folder;
 use std::path::{Path, PathBuf};
 
 /// A camera like KITTI's, at the sensor.
@@ -84,7 +85,7 @@ fn each_policy_does_what_its_name_says() {
     assert_eq!(kept.names(), ["000001", "000000", "000002"]);
     assert_eq!(classes(&kept, "000001"), ["Car", "Van"]);
     assert_eq!(kept.scan("000001").expect("a scan"), POINTS[..2]);
-    assert!(kept.plane("000001").expect("a plane").is_some());
+    assert!(kept.plane_path("000001").is_file());
 
     let dropped = prepared(&root, Some(UnknownPolicy::DropFrames), &out("drop"));
     assert_eq!(dropped.names(), ["000000", "000002"]);
@@ -174,8 +175,7 @@ fn nothing_is_written_where_something_is_wrong() {
 /// erased ones lose theirs.
 #[test]
 fn real_scans_keep_the_points_of_labelled_objects() {
-    let Some(folder) = std::env::var_os("MLUC_KITTI").map(PathBuf::from) else {
-        println!("skipped: MLUC_KITTI not set");
+    let Some(folder) = data_folder("MLUC_KITTI") else {
         return;
     };
     let root = folder.join("object");

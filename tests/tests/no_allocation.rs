@@ -5,9 +5,10 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use mluc_backbone::{Backbone, Calibrator, Coverage, Precision};
+use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
 use mluc_model::{Grid, Manifest, Network, WeightSet, formula_uniform, formula_weights};
+use mluc_train::quantize::measure_ranges;
 
 /// Counts every request of any thread.
 struct Counting;
@@ -119,15 +120,8 @@ fn frames_after_the_first_take_no_memory() {
 
 /// Weights by formula, with the ranges that int8 needs.
 fn calibrated(manifest: &Manifest, points: &[[f32; 4]]) -> WeightSet {
-    let mut weights = formula_weights(&manifest.network);
-    let mut calibrator = Calibrator::new(&manifest.network);
-    let mut backbone = Backbone::new(manifest, &weights).expect("a model");
-    backbone.run_observed(points, Coverage::Active, &mut |level| {
-        calibrator.observe(level)
-    });
-    let written = calibrator.write(&manifest.network, &mut weights);
-    assert!(written.expect("a model"), "every level has values");
-    weights
+    measure_ranges(manifest, &formula_weights(&manifest.network), [Ok(points)])
+        .expect("every level has values")
 }
 
 /// Requests while `frame` ran, scan by scan.

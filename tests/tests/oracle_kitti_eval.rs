@@ -1,7 +1,7 @@
 //! Average precision against KITTI's own object devkit (C++).
 
-use mluc_lab::evaluate::input::{Source, read};
-use mluc_lab::evaluate::{RuleRequest, evaluate, rules};
+use mluc_evaluate::input::{Source, read};
+use mluc_evaluate::{RuleRequest, evaluate, rules};
 use mluc_tests::oracle;
 
 #[test]

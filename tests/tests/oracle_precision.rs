@@ -1,11 +1,12 @@
 //! The paper's network in bf16 and int8 on the oracle's scan and weights: how far the heads' outputs move from f32.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use mluc_backbone::{Backbone, Calibrator, Coverage, Precision};
+use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
 use mluc_model::{Grid, Manifest, Network, WeightSet, formula_weights};
 use mluc_tests::oracle;
+use mluc_train::quantize::measure_ranges;
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
@@ -22,13 +23,31 @@ fn head_outputs_of_second_stay_close_to_f32() -> Fallible {
         ..Grid::kitti_second()
     };
     let manifest = Manifest::untrained("oracle", Network::second(grid, 3));
-    let points = read_points(&folder.join("second_forward/000008.bin"))?;
-    let weights = calibrated(&manifest, &points)?;
-    let head = Head::new(&manifest, &weights)?;
+    let scans = scans(&folder.join("second_forward"))?;
+    assert!(!scans.is_empty(), "the oracle holds a scan");
+    for scan in scans {
+        stays_close(&manifest, &scan).map_err(|error| format!("{}: {error}", scan.display()))?;
+    }
+    Ok(())
+}
+
+/// Every scan of the oracle's folder.
+fn scans(folder: &Path) -> Fallible<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let paths = entries.map(|entry| Ok(entry?.path()));
+    let mut scans: Vec<PathBuf> = paths.collect::<Fallible<_>>()?;
+    scans.retain(|path| path.extension().is_some_and(|extension| extension == "bin"));
+    Ok(scans)
+}
+
+fn stays_close(manifest: &Manifest, scan: &Path) -> Fallible {
+    let points = read_points(scan)?;
+    let weights = calibrated(manifest, &points)?;
+    let head = Head::new(manifest, &weights)?;
     let names = manifest.network.heads();
-    let expected = heads(&manifest, &weights, &head, Precision::F32, &points)?;
+    let expected = heads(manifest, &weights, &head, Precision::F32, &points)?;
     for (precision, error_max) in ERROR_MAX {
-        let found = heads(&manifest, &weights, &head, precision, &points)?;
+        let found = heads(manifest, &weights, &head, precision, &points)?;
         for (name, (expected, found)) in names.iter().zip(expected.iter().zip(&found)) {
             assert_eq!(expected.len(), found.len(), "every cell has every output");
             let difference = expected.iter().zip(found).map(|(a, b)| a - b);
@@ -46,15 +65,9 @@ fn head_outputs_of_second_stay_close_to_f32() -> Fallible {
 
 /// Ranges of int8 from the scan turned left to right: one like it, and not the same.
 fn calibrated(manifest: &Manifest, points: &[[f32; 4]]) -> Fallible<WeightSet> {
-    let mut weights = formula_weights(&manifest.network);
-    let mut calibrator = Calibrator::new(&manifest.network);
     let turned: Vec<_> = points.iter().map(|&[x, y, z, i]| [x, -y, z, i]).collect();
-    Backbone::new(manifest, &weights)?.run_observed(&turned, Coverage::Active, &mut |level| {
-        calibrator.observe(level)
-    });
-    let written = calibrator.write(&manifest.network, &mut weights)?;
-    assert!(written, "every level has values");
-    Ok(weights)
+    let weights = formula_weights(&manifest.network);
+    Ok(measure_ranges(manifest, &weights, [Ok(turned)])?)
 }
 
 /// The heads' outputs on every cell of the map.

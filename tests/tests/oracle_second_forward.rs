@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use mluc_backbone::{Backbone, Coverage, Level, Place};
 use mluc_head::Head;
 use mluc_model::{Grid, Manifest, Network, formula_weights};
+use mluc_tests::oracle;
 use serde_json::Value;
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
@@ -33,7 +34,6 @@ struct Found {
 #[test]
 fn every_level_of_every_frame_agrees() -> Fallible {
     let Some(frames) = frames()? else {
-        println!("skipped: MLUC_ORACLE not set");
         return Ok(());
     };
     let manifest = manifest();
@@ -80,7 +80,6 @@ fn every_level_of_every_frame_agrees() -> Fallible {
 #[test]
 fn threads_do_not_change_a_bit_of_a_full_scan() -> Fallible {
     let Some(frames) = frames()? else {
-        println!("skipped: MLUC_ORACLE not set");
         return Ok(());
     };
     let mut stages = Stages::new(&manifest())?;
@@ -139,10 +138,10 @@ impl Stages {
 
 /// The expected answers in the oracle's folder; none where it is not asked for, an error where it is empty.
 fn frames() -> Fallible<Option<Vec<PathBuf>>> {
-    let Some(folder) = std::env::var_os("MLUC_ORACLE") else {
+    let Some(folder) = oracle() else {
         return Ok(None);
     };
-    let folder = Path::new(&folder).join("second_forward");
+    let folder = folder.join("second_forward");
     let entries =
         std::fs::read_dir(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let mut frames = entries

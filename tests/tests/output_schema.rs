@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mluc_tests::{Pipeline, clean_folder, unique_instance, untrained_model};
+use mluc_tests::Setting;
 use serde_json::{Value, json};
 
 /// The part of JSON Schema that our schema uses; anything else in it is an error.
@@ -68,13 +68,13 @@ fn check_type(wanted: &Value, value: &Value, place: &str) -> Result<(), String> 
     };
     let fits =
         |name: &Value| *name == json!(found) || (*name == json!("number") && found == "integer");
-    match wanted
+    let names = wanted
         .as_array()
-        .map_or(fits(wanted), |names| names.iter().any(fits))
-    {
-        true => Ok(()),
-        false => Err(format!("{place}: {found} instead of {wanted}")),
+        .map_or(std::slice::from_ref(wanted), Vec::as_slice);
+    if names.iter().any(fits) {
+        return Ok(());
     }
+    Err(format!("{place}: {found} instead of {wanted}"))
 }
 
 fn schema() -> Value {
@@ -84,18 +84,7 @@ fn schema() -> Value {
 
 #[test]
 fn every_line_fits_the_schema() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 3),
-    );
-    let run = Pipeline::up(
-        &unique_instance("schema"),
-        &model,
-        &input,
-        &["--pace", "complete"],
-    )
-    .finish();
+    let run = Setting::new("schema", 3).run(&[]);
     assert_eq!(run.lines.len(), 3, "{}", run.log);
     let schema = schema();
     for line in &run.lines {
@@ -106,16 +95,10 @@ fn every_line_fits_the_schema() {
             .iter()
             .any(|line| !line["objects"].as_array().unwrap().is_empty())
     );
-    let mut wrong = run.lines[0].clone();
-    wrong["latency_us"] = json!("soon");
-    assert!(
-        check(&schema, &schema, &wrong, "line").is_err(),
-        "the check can fail"
-    );
-    let mut wrong = run.lines[0].clone();
-    wrong["more"] = json!(1);
-    assert!(
-        check(&schema, &schema, &wrong, "line").is_err(),
-        "the check can fail"
-    );
+    for (key, value) in [("latency_us", json!("soon")), ("more", json!(1))] {
+        let mut wrong = run.lines[0].clone();
+        wrong[key] = value;
+        let found = check(&schema, &schema, &wrong, "line");
+        assert!(found.is_err(), "the check can fail");
+    }
 }

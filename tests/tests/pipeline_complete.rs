@@ -5,18 +5,12 @@ use std::time::Duration;
 
 use mluc_ipc_types::Stage;
 use mluc_runtime::{Instance, Shell, ShellOptions, Shutdown};
-use mluc_tests::{Pipeline, car_scan, clean_folder, leftovers, unique_instance, untrained_model};
+use mluc_tests::{Finished, Pipeline, Setting, car_scan, leftovers, unique_instance};
 use rustix::process::Signal;
 
 #[test]
 fn all_frames_come_out_in_order() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 12),
-    );
-    let instance = unique_instance("order");
-    let run = Pipeline::up(&instance, &model, &input, &["--pace", "complete"]).finish();
+    let run = Setting::new("order", 12).run(&[]);
     assert_eq!(run.code, Some(0), "{}", run.log);
     let expected: Vec<String> = (0..12).map(|number| format!("{number:06}")).collect();
     assert_eq!(run.frames(), expected);
@@ -40,22 +34,13 @@ fn all_frames_come_out_in_order() {
         "the untrained model finds nothing: the refiner had no work"
     );
     assert!(run.log.contains("12 in, 12 out, 0 lost"), "{}", run.log);
-    assert_eq!(leftovers(&instance), Vec::<String>::new());
 }
 
 #[test]
 fn the_same_scans_give_the_same_objects_whatever_the_threads() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 3),
-    );
-    let runs = ["1", "3"].map(|threads| {
-        let threads = format!("--threads=backbone={threads}");
-        let instance = unique_instance("threads");
-        Pipeline::up(&instance, &model, &input, &["--pace", "complete", &threads]).finish()
-    });
-    let objects = |run: &mluc_tests::Finished| {
+    let setting = Setting::new("threads", 3);
+    let runs = ["1", "3"].map(|threads| setting.run(&[&format!("--threads=backbone={threads}")]));
+    let objects = |run: &Finished| {
         run.lines
             .iter()
             .map(|line| (line["objects"].clone(), line["suppressed"].clone()))
@@ -67,15 +52,9 @@ fn the_same_scans_give_the_same_objects_whatever_the_threads() {
 
 #[test]
 fn frames_are_late_when_a_budget_is_set_and_passed_alone() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 2),
-    );
+    let setting = Setting::new("late", 2);
     let late = |more: &[&str]| {
-        let instance = unique_instance("late");
-        let arguments = [&["--pace", "complete"], more].concat();
-        let run = Pipeline::up(&instance, &model, &input, &arguments).finish();
+        let run = setting.run(more);
         assert_eq!(run.frames().len(), 2, "{}", run.log);
         ["000000", "000001"].map(|frame| run.flags(frame).contains(&"late"))
     };
@@ -85,14 +64,8 @@ fn frames_are_late_when_a_budget_is_set_and_passed_alone() {
 
 #[test]
 fn at_the_sensors_pace_frames_come_at_its_rate() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 10),
-    );
-    let instance = unique_instance("sensor");
     // Slow enough for a loaded machine: a frame that is lost is another test's matter.
-    let run = Pipeline::up(&instance, &model, &input, &["--rate", "4"]).finish();
+    let run = Setting::new("sensor", 10).run(&["--pace", "sensor", "--rate", "4"]);
     let sequences: Vec<u64> = run
         .lines
         .iter()
@@ -120,20 +93,12 @@ fn at_the_sensors_pace_frames_come_at_its_rate() {
 
 #[test]
 fn two_pipelines_run_side_by_side() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 5),
-    );
-    let names = [unique_instance("left"), unique_instance("right")];
-    let runs = names
-        .each_ref()
-        .map(|name| Pipeline::up(name, &model, &input, &["--pace", "complete"]));
-    for run in runs {
-        let run = run.finish();
+    let settings = ["left", "right"].map(|name| Setting::new(name, 5));
+    let runs = settings.each_ref().map(|setting| setting.up(&[]));
+    for (setting, run) in settings.iter().zip(runs) {
+        let run = setting.finish(run);
         assert_eq!((run.code, run.frames().len()), (Some(0), 5), "{}", run.log);
     }
-    assert!(names.iter().all(|name| leftovers(name).is_empty()));
 }
 
 fn stage(name: &str, instance: &str, model: &Path, input: &Path) -> Pipeline {
@@ -147,11 +112,12 @@ fn stage(name: &str, instance: &str, model: &Path, input: &Path) -> Pipeline {
 
 #[test]
 fn stages_start_in_any_order_and_say_what_they_wait_for() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 4),
-    );
+    let Setting {
+        folder: _folder,
+        model,
+        input,
+        ..
+    } = Setting::new("any", 4);
     for order in [
         ["ingest", "refiner", "head", "backbone"],
         ["head", "backbone", "ingest", "refiner"],
@@ -170,7 +136,7 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
             let ended = stage.finish_within(Duration::from_secs(1));
             assert_eq!(ended.code, Some(0), "{}", ended.log);
         }
-        assert_eq!(leftovers(&instance), Vec::<String>::new());
+        assert_eq!(leftovers(&instance), [""; 0]);
     }
     let instance = unique_instance("wait");
     let mut alone = stage("ingest", &instance, &model, &input);
@@ -189,18 +155,12 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
 /// are counted.
 #[test]
 fn payloads_are_read_where_they_lie_and_written_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 1),
-    );
     let scan_bytes = car_scan(8.0).len() as u64 * 16;
-    let instance = unique_instance("copy");
-    let more = ["--pace", "complete", "--loop", "--verify-mapping"];
-    let mut run = Pipeline::up(&instance, &model, &input, &more);
+    let setting = Setting::new("copy", 1);
+    let mut run = setting.up(&["--loop", "--verify-mapping"]);
     run.wait_until("frames flow", |p| p.line_count() > 5);
 
-    let options = ShellOptions::new(Instance::new(&instance).unwrap());
+    let options = ShellOptions::new(Instance::new(&setting.instance).unwrap());
     let shell = Shell::observer(options, None, Shutdown::manual()).unwrap();
     let mut watch = shell.health_watch().unwrap();
     while !Stage::ALL.iter().all(|&stage| watch.is_ready(stage)) {

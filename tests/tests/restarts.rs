@@ -2,9 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use mluc_tests::{
-    Pipeline, clean_folder, leftovers, send_signal, unique_instance, untrained_model,
-};
+use mluc_tests::{Setting, leftovers, send_signal};
 use rustix::process::{Pid, Signal, test_kill_process};
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -15,13 +13,8 @@ fn is_alive(pid: u32) -> bool {
 
 #[test]
 fn each_killed_stage_comes_back_and_no_frame_is_lost() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 60),
-    );
-    let instance = unique_instance("kill");
-    let mut run = Pipeline::up(&instance, &model, &input, &["--pace", "complete"]);
+    let setting = Setting::new("kill", 60);
+    let mut run = setting.up(&[]);
     for (number, stage) in ["backbone", "head", "refiner", "ingest"]
         .into_iter()
         .enumerate()
@@ -41,7 +34,7 @@ fn each_killed_stage_comes_back_and_no_frame_is_lost() {
         });
         assert!(run.log().matches("restart in").count() > number);
     }
-    let finished = run.finish();
+    let finished = setting.finish(run);
     assert_eq!(finished.code, Some(3), "{}", finished.log);
     let expected: Vec<String> = (0..60).map(|number| format!("{number:06}")).collect();
     assert_eq!(finished.frames(), expected, "{}", finished.log);
@@ -50,18 +43,12 @@ fn each_killed_stage_comes_back_and_no_frame_is_lost() {
         "{}",
         finished.log
     );
-    assert_eq!(leftovers(&instance), Vec::<String>::new());
 }
 
 /// From the signal to the end of everything.
 fn time_to_end(signal: Signal, pace: &str) -> Duration {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 3),
-    );
-    let instance = unique_instance("term");
-    let mut run = Pipeline::up(&instance, &model, &input, &["--pace", pace, "--loop"]);
+    let setting = Setting::new("term", 3);
+    let mut run = setting.up(&["--pace", pace, "--loop"]);
     run.wait_until("frames flow", |p| p.line_count() > 3);
     let stages = run.stages();
     assert_eq!(stages.len(), 4);
@@ -70,7 +57,7 @@ fn time_to_end(signal: Signal, pace: &str) -> Duration {
     let finished = run.finish();
     let took = begun.elapsed();
     assert_eq!(finished.code, Some(0), "{}", finished.log);
-    assert_eq!(leftovers(&instance), Vec::<String>::new());
+    assert_eq!(leftovers(&setting.instance), [""; 0]);
     assert!(stages.iter().all(|(_, pid)| !is_alive(*pid)));
     took
 }
@@ -88,22 +75,18 @@ fn a_signal_ends_all_within_a_second_and_leaves_nothing() {
 
 #[test]
 fn stages_end_when_their_supervisor_is_killed() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 3),
-    );
-    let instance = unique_instance("orphan");
-    let mut run = Pipeline::up(&instance, &model, &input, &["--pace", "complete", "--loop"]);
+    let setting = Setting::new("orphan", 3);
+    let instance = &setting.instance;
+    let mut run = setting.up(&["--loop"]);
     run.wait_until("frames flow", |p| p.line_count() > 1);
     let stages = run.stages();
     run.signal(Signal::KILL);
     let begun = Instant::now();
-    while stages.iter().any(|(_, pid)| is_alive(*pid)) || !leftovers(&instance).is_empty() {
+    while stages.iter().any(|(_, pid)| is_alive(*pid)) || !leftovers(instance).is_empty() {
         assert!(
             begun.elapsed() < 10 * SECOND,
             "{stages:?} {:?}",
-            leftovers(&instance)
+            leftovers(instance)
         );
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -111,13 +94,8 @@ fn stages_end_when_their_supervisor_is_killed() {
 
 #[test]
 fn a_crash_of_everything_is_wiped_by_the_next_start() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 2),
-    );
-    let instance = unique_instance("crash");
-    let mut run = Pipeline::up(&instance, &model, &input, &["--pace", "complete", "--loop"]);
+    let setting = Setting::new("crash", 2);
+    let mut run = setting.up(&["--loop"]);
     run.wait_until("frames flow", |p| p.line_count() > 1);
     // The supervisor must not see its stages die.
     run.signal(Signal::STOP);
@@ -134,15 +112,14 @@ fn a_crash_of_everything_is_wiped_by_the_next_start() {
         std::thread::sleep(Duration::from_millis(10));
     }
     assert!(
-        !leftovers(&instance).is_empty(),
+        !leftovers(&setting.instance).is_empty(),
         "a crash leaves files: else this test shows nothing"
     );
-    let again = Pipeline::up(&instance, &model, &input, &["--pace", "complete"]).finish();
+    let again = setting.run(&[]);
     assert_eq!(
         (again.code, again.frames().len()),
         (Some(0), 2),
         "{}",
         again.log
     );
-    assert_eq!(leftovers(&instance), Vec::<String>::new());
 }

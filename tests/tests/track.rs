@@ -1,20 +1,19 @@
 //! `--track`: an unknown object waits for its second sighting and keeps its number; known objects wait for nothing.
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
 
-use mluc_tests::{Pipeline, car_scan, unique_instance, untrained_model, write_scan};
+use mluc_tests::{Setting, car_scan, write_scan};
 use serde_json::Value;
 
 /// The same scan three times, and a sensor that stands still.
-fn standing_still(folder: &Path, poses: &str) -> PathBuf {
-    let input = folder.join("scans");
-    std::fs::create_dir_all(&input).unwrap();
+fn standing_still(poses: &str) -> Setting {
+    let setting = Setting::new("track", 0);
+    let input = &setting.input;
     for number in 0..3 {
         write_scan(&input.join(format!("{number:06}.bin")), &car_scan(9.0));
     }
     std::fs::write(input.join("poses.txt"), poses).unwrap();
-    input
+    setting
 }
 
 fn of_kind<'a>(list: &'a Value, kind: &str) -> Vec<&'a Value> {
@@ -33,14 +32,8 @@ fn tracks(objects: &[&Value]) -> BTreeSet<u64> {
 
 #[test]
 fn unknown_objects_wait_for_their_second_sighting_and_known_ones_do_not() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = untrained_model(folder.path());
-    let input = standing_still(folder.path(), "5 1 0 0.3\n5 1 0 0.3\n5 1 0 0.3\n");
-    let run = |more: &[&str]| {
-        let arguments = [&["--pace", "complete", "--refiner-mode", "none"], more].concat();
-        let instance = unique_instance("track");
-        Pipeline::up(&instance, &model, &input, &arguments).finish()
-    };
+    let setting = standing_still("5 1 0 0.3\n5 1 0 0.3\n5 1 0 0.3\n");
+    let run = |more: &[&str]| setting.run(&[&["--refiner-mode", "none"], more].concat());
     let (plain, tracked) = (run(&[]), run(&["--track"]));
     assert_eq!(tracked.lines.len(), 3, "{}", tracked.log);
     let unknown = of_kind(&plain.lines[0]["objects"], "unknown").len();
@@ -66,10 +59,7 @@ fn unknown_objects_wait_for_their_second_sighting_and_known_ones_do_not() {
 
 #[test]
 fn poses_that_do_not_fit_the_scans_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = untrained_model(folder.path());
-    let input = standing_still(folder.path(), "0 0 0 0\n");
-    let run = Pipeline::up(&unique_instance("poses"), &model, &input, &["--track"]).finish();
+    let run = standing_still("0 0 0 0\n").run(&["--track"]);
     assert_eq!(run.code, Some(1), "{}", run.log);
     assert!(
         run.log.contains("poses.txt") && run.log.contains("expected one a scan, 3, found 1"),

@@ -100,7 +100,6 @@ def main():
             "p50": statistics.median(points),
             "max": max(points),
         },
-        "ours_distance_us_p50": round(statistics.median(c["ours"]["distance"]["us"] for c in about["candidates"]), 1),
     }
     theirs = scikit_learn(folder, about)
     result["scikit_learn"] = {way: summary(about, way, found) for way, found in theirs.items()}

@@ -2,12 +2,13 @@
 
     OMP_NUM_THREADS=1 python checkpoint.py FOLDER [SCAN.bin]
 
-FOLDER gets checkpoint.pth (zip), legacy.pth (the format before 1.6), points.bin (x, y, z, intensity) and, for each of
-conv_cls, conv_box and conv_dir_cls, NAME.bin: f32, cell after cell, channels together. tests/tests/exchange_torch.rs
-reads them where MLUC_PEERS_CHECKPOINT names the folder. Without a scan, points are made up.
+FOLDER gets checkpoint.pth (zip) and legacy.pth (the format before 1.6), both also as safetensors, points.bin (x, y, z,
+intensity) and, for each of conv_cls, conv_box and conv_dir_cls, NAME.bin: f32, cell after cell, channels together.
+lab/mluc-lab/tests/exchange_torch.rs reads them where MLUC_PEERS_CHECKPOINT names the folder. Without a scan, points are made up.
 """
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -19,7 +20,7 @@ import torch
 from second import random_second, to_map, voxelize
 
 
-def made_up_points(count=30_000):
+def synthetic_unknown_points(count=30_000):
     """A floor and some walls."""
     random = np.random.default_rng(1)
     x, y = random.uniform(1, 60, count), random.uniform(-30, 30, count)
@@ -32,7 +33,7 @@ def made_up_points(count=30_000):
 def main():
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    points = made_up_points()
+    points = synthetic_unknown_points()
     if len(sys.argv) > 2:
         points = np.fromfile(sys.argv[2], np.float32).reshape(-1, 4)
     torch.set_num_threads(1)
@@ -47,6 +48,10 @@ def main():
     }
     torch.save(state, folder / "checkpoint.pth")
     torch.save(state, folder / "legacy.pth", _use_new_zipfile_serialization=False)
+    tool = Path(__file__).parents[3] / "tools/checkpoint_to_safetensors.py"
+    for name in ("checkpoint", "legacy"):
+        command = [sys.executable, tool, folder / f"{name}.pth", folder / f"{name}.safetensors"]
+        subprocess.run(command, check=True)
     points.tofile(folder / "points.bin")
     features, sites = voxelize(points)
     with torch.inference_mode():

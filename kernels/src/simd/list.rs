@@ -273,9 +273,12 @@ mod tests {
             for rows in [0, 1, 15, 16, 17, 50, 95, 96] {
                 for absent_percent in [0, 40, 95, 100] {
                     let index: Vec<u32> = (0..rows * taps)
-                        .map(|_| match random(100) < absent_percent {
-                            true => ABSENT,
-                            false => random(700) as u32,
+                        .map(|_| {
+                            if random(100) < absent_percent {
+                                ABSENT
+                            } else {
+                                random(700) as u32
+                            }
                         })
                         .collect();
                     let expected: Vec<Vec<(u32, u32)>> = (0..taps)

@@ -112,20 +112,19 @@ impl<const DOT: bool> Simd for Neon<DOT> {
 
     #[inline(always)]
     fn dot_quads(self, a: int8x16_t, b: int8x16_t, c: int32x4_t) -> int32x4_t {
-        match DOT {
-            true => {
-                let mut sum = c;
-                // SAFETY: self is the proof of the features; registers alone. (The intrinsic is not stable.)
-                unsafe {
-                    std::arch::asm!(
-                        "sdot {sum:v}.4s, {a:v}.16b, {b:v}.16b",
-                        sum = inout(vreg) sum, a = in(vreg) a, b = in(vreg) b,
-                        options(pure, nomem, nostack, preserves_flags)
-                    );
-                }
-                sum
+        if DOT {
+            let mut sum = c;
+            // SAFETY: self is the proof of the features; registers alone. (The intrinsic is not stable.)
+            unsafe {
+                std::arch::asm!(
+                    "sdot {sum:v}.4s, {a:v}.16b, {b:v}.16b",
+                    sum = inout(vreg) sum, a = in(vreg) a, b = in(vreg) b,
+                    options(pure, nomem, nostack, preserves_flags)
+                );
             }
-            false => self.dot_widened(a, b, c),
+            sum
+        } else {
+            self.dot_widened(a, b, c)
         }
     }
 

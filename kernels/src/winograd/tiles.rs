@@ -108,9 +108,10 @@ impl WinogradTiles {
             for x in left..left + 4 {
                 // One more than the coordinates, so that they do not go below 0.
                 let inside = (1..=rows).contains(&y) && (1..=columns).contains(&x);
-                self.inputs.push(match inside {
-                    true => ((y - 1) * columns + x - 1) as u32,
-                    false => ABSENT,
+                self.inputs.push(if inside {
+                    ((y - 1) * columns + x - 1) as u32
+                } else {
+                    ABSENT
                 });
             }
         }

@@ -1,7 +1,7 @@
 //! The plain version that every faster one is compared with, and random cases.
 #![allow(dead_code)] // Each test file uses a part of it.
 
-use mluc_kernels::{ABSENT, Gather};
+use mluc_kernels::{ABSENT, Epilogue, Gather};
 
 /// A linear congruential generator: the same cases on every machine.
 pub(crate) struct Random(pub(crate) u64);
@@ -38,10 +38,7 @@ impl Random {
                 self.below(inputs) as u32
             }
         });
-        Gather {
-            taps,
-            index: index.collect(),
-        }
+        Gather::new(taps, index.collect())
     }
 
     /// 0..count in random order.
@@ -59,13 +56,12 @@ pub(crate) fn convolve(
     gather: &Gather,
     weights: &[f32],
     cout: usize,
-    bias: Option<&[f32]>,
-    relu: bool,
+    epilogue: Epilogue,
 ) -> Vec<f64> {
     let mut output = vec![0.0; gather.outputs() * cout];
     for (o, out) in output.chunks_exact_mut(cout).enumerate() {
         for (channel, out) in out.iter_mut().enumerate() {
-            let mut sum = bias.map_or(0.0, |bias| f64::from(bias[channel]));
+            let mut sum = epilogue.bias.map_or(0.0, |bias| f64::from(bias[channel]));
             for tap in 0..gather.taps {
                 let row = gather.index[o * gather.taps + tap];
                 for i in (0..cin).filter(|_| row != ABSENT) {
@@ -73,7 +69,7 @@ pub(crate) fn convolve(
                         * f64::from(weights[(tap * cin + i) * cout + channel]);
                 }
             }
-            *out = if relu { sum.max(0.0) } else { sum };
+            *out = if epilogue.relu { sum.max(0.0) } else { sum };
         }
     }
     output

@@ -6,8 +6,8 @@ use mluc_model::{Manifest, ModelError, WeightSet};
 use crate::layers::Layers;
 use crate::plane::Coverage;
 use crate::precision::Precision;
+use crate::quant_scale::QuantScale;
 use crate::trace::{Observer, Steps, Watch};
-use crate::units::Units;
 use crate::voxelize::PointCounts;
 use crate::warm_up;
 
@@ -103,11 +103,11 @@ impl Backbone {
         if precision == Precision::Int8 && !weights.is_calibrated() {
             return Err(BackboneError::NotCalibrated);
         }
-        let themselves = |_: &str, _| Ok(Units::none());
-        let counts = |layer: &str, channels| Units::of_layer(weights, layer, channels);
+        let identity = |_: &str, _| Ok(QuantScale::identity());
+        let counts = |layer: &str, channels| QuantScale::of_layer(weights, layer, channels);
         Ok(Backbone(match precision {
-            Precision::F32 => Engine::F32(Box::new(Layers::new(manifest, weights, themselves)?)),
-            Precision::Bf16 => Engine::Bf16(Box::new(Layers::new(manifest, weights, themselves)?)),
+            Precision::F32 => Engine::F32(Box::new(Layers::new(manifest, weights, identity)?)),
+            Precision::Bf16 => Engine::Bf16(Box::new(Layers::new(manifest, weights, identity)?)),
             Precision::Int8 => Engine::Int8(Box::new(Layers::new(manifest, weights, counts)?)),
         }))
     }

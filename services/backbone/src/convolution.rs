@@ -14,7 +14,7 @@ pub(crate) struct Convolution<V: Value> {
 }
 
 impl<V: Value> Convolution<V> {
-    /// All taps of a layer, in the units of the rows that it reads and writes.
+    /// All taps of a layer, in the scale of the rows that it reads and writes.
     pub(crate) fn new(layer: &Folded) -> Result<Convolution<V>, BackboneError> {
         Ok(Convolution {
             weights: V::pack(layer.taps, layer.cin, layer.cout, &layer.weights)?,
@@ -22,25 +22,28 @@ impl<V: Value> Convolution<V> {
         })
     }
 
-    /// [`Convolution::new`] whose bias takes up what rounding does to an input of `usual` rows (in the units of the rows
+    /// [`Convolution::new`] whose bias takes up what rounding does to an input of `empty_response` rows (in the scale of the rows
     /// that it reads), so that its sums there are those of exact numbers.
     ///
     /// Almost all of a map is its response to an empty scene, the same row at every cell: its rounding errors do not
     /// cancel as random ones do, but add up from tap to tap and from layer to layer.
-    pub(crate) fn around(layer: &Folded, usual: &[f32]) -> Result<Convolution<V>, BackboneError> {
+    pub(crate) fn around(
+        layer: &Folded,
+        empty_response: &[f32],
+    ) -> Result<Convolution<V>, BackboneError> {
         let mut convolution = Convolution::new(layer)?;
         if !V::ROUNDS {
             return Ok(convolution);
         }
-        let rounded: Vec<V> = usual.iter().map(|value| V::from_f32(*value)).collect();
-        let gather = Gather {
-            taps: layer.taps,
-            index: vec![0; layer.taps],
-        };
+        let rounded: Vec<V> = empty_response
+            .iter()
+            .map(|value| V::from_f32(*value))
+            .collect();
+        let gather = Gather::new(layer.taps, vec![0; layer.taps]);
         let mut found = vec![0.0; layer.cout];
         let (weights, epilogue) = (&convolution.weights, Epilogue::default());
         V::convolve(&rounded, &gather, weights, epilogue, None, &mut found);
-        let expected = sums(layer, usual);
+        let expected = sums(layer, empty_response);
         let pairs = convolution.bias.iter_mut().zip(expected.iter().zip(found));
         pairs.for_each(|(bias, (expected, found))| *bias += expected - found);
         Ok(convolution)
@@ -49,7 +52,7 @@ impl<V: Value> Convolution<V> {
     /// [`Convolution::around`], one convolution a tap: a transposed layer, whose taps write different outputs.
     pub(crate) fn by_tap(
         layer: &Folded,
-        usual: &[f32],
+        empty_response: &[f32],
     ) -> Result<Vec<Convolution<V>>, BackboneError> {
         let taps = layer.weights.chunks_exact(layer.cin * layer.cout);
         taps.map(|tap| {
@@ -59,7 +62,7 @@ impl<V: Value> Convolution<V> {
                 bias: layer.bias.clone(),
                 ..*layer
             };
-            Convolution::around(&layer, usual)
+            Convolution::around(&layer, empty_response)
         })
         .collect()
     }

@@ -11,7 +11,7 @@ use crate::cells::CellSet;
 use crate::convolution::Convolution;
 use crate::plane::PlaneLayer;
 use crate::precision::Value;
-use crate::units::Units;
+use crate::quant_scale::QuantScale;
 
 /// The two transposed layers, and which rows the present frame has.
 #[derive(Clone, Debug)]
@@ -31,14 +31,15 @@ pub(crate) struct Features<V: Value> {
 }
 
 impl<V: Value> Features<V> {
-    /// `blocks`: units and usual rows of the last layers of block1 and block2; feature rows are f32.
+    /// `blocks`: scale and empty response of the last layers of block1 and block2; feature rows are f32.
     pub(crate) fn new(
         network: &Network,
         weights: &WeightSet,
-        blocks: [(&Units, &[f32]); 2],
+        blocks: [(&QuantScale, &[f32]); 2],
     ) -> Result<Features<V>, BackboneError> {
-        let folded = |up, block: (&Units, &[f32])| {
-            let folded = Units::between(block.0, &Units::none(), Folded::up(weights, up)?);
+        let folded = |up, block: (&QuantScale, &[f32])| {
+            let folded =
+                QuantScale::between(block.0, &QuantScale::identity(), Folded::up(weights, up)?);
             Ok::<_, BackboneError>((folded, block.0.counts(block.1)))
         };
         let (up1, usual1) = folded(&network.up1, blocks[0])?;
@@ -50,15 +51,9 @@ impl<V: Value> Features<V> {
             up1: Convolution::around(&up1, &usual1)?,
             up2: Convolution::by_tap(&up2, &usual2)?,
             cells: CellSet::new(shape),
-            gather1: Gather {
-                taps: 1,
-                index: Vec::with_capacity(all),
-            },
+            gather1: Gather::new(1, Vec::with_capacity(all)),
             rows1: Vec::with_capacity(all),
-            gather2: Gather {
-                taps: 1,
-                index: Vec::with_capacity(quarter),
-            },
+            gather2: Gather::new(1, Vec::with_capacity(quarter)),
             rows2: [(); 4].map(|()| Vec::with_capacity(quarter)),
         })
     }

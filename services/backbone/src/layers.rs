@@ -8,9 +8,9 @@ use crate::cells::CellSet;
 use crate::features::Features;
 use crate::plane::{Coverage, PlaneLayer};
 use crate::precision::Value;
+use crate::quant_scale::QuantScale;
 use crate::sparse::SparsePart;
 use crate::trace::{Place, Reads, Watch};
-use crate::units::Units;
 
 /// All layers, with all memory of a frame; `V` is what the rows between them hold.
 #[derive(Clone, Debug)]
@@ -18,7 +18,7 @@ pub(crate) struct Layers<V: Value> {
     sparse: SparsePart<V>,
     /// The bird's-eye map; zero outside `occupied`.
     map: Vec<V>,
-    map_units: Units,
+    map_scale: QuantScale,
     map_channels: usize,
     occupied: CellSet,
     block1: Vec<PlaneLayer<V>>,
@@ -28,42 +28,49 @@ pub(crate) struct Layers<V: Value> {
 }
 
 impl<V: Value> Layers<V> {
-    /// Of a checked model. `units`: of a layer's output, by its name and channels.
+    /// Of a checked model. `scale`: of a layer's output, by its name and channels.
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
-        units: impl Fn(&str, usize) -> Result<Units, BackboneError>,
+        scale: impl Fn(&str, usize) -> Result<QuantScale, BackboneError>,
     ) -> Result<Layers<V>, BackboneError> {
         let network = &manifest.network;
         let shape = network.map_shape();
-        let sparse = SparsePart::new(manifest, weights, &units)?;
+        let sparse = SparsePart::new(manifest, weights, &scale)?;
         let depth = sparse.sites().shape()[0];
-        let map_units = sparse.units().repeated(depth);
-        type Before = ([usize; 2], Units, Vec<f32>);
+        let map_scale = sparse.scale().repeated(depth);
+        type Before = ([usize; 2], QuantScale, Vec<f32>);
         let block = |layers: &[DenseLayer],
                      sparse_map,
-                     (mut shape, mut before, mut usual): Before| {
+                     (mut shape, mut before, mut empty_response): Before| {
             let layers = layers.iter().enumerate().map(|(number, layer)| {
-                let own = units(&layer.name, layer.cout)?;
+                let own = scale(&layer.name, layer.cout)?;
                 let reads = (shape, sparse_map && number == 0);
-                let built = PlaneLayer::new(layer, reads, weights, (&before, own.clone()), &usual)?;
-                (shape, before, usual) = (built.active().shape(), own, built.usual().to_vec());
+                let built = PlaneLayer::new(
+                    layer,
+                    reads,
+                    weights,
+                    (&before, own.clone()),
+                    &empty_response,
+                )?;
+                (shape, before, empty_response) =
+                    (built.active().shape(), own, built.empty_response().to_vec());
                 Ok(built)
             });
             let layers = layers.collect::<Result<Vec<_>, BackboneError>>()?;
-            Ok::<_, BackboneError>((layers, before, usual))
+            Ok::<_, BackboneError>((layers, before, empty_response))
         };
         // The map of an empty scene is 0.
         let empty = vec![0.0; network.map_channels()];
         let (block1, units1, usual1) =
-            block(&network.block1, true, (shape, map_units.clone(), empty))?;
+            block(&network.block1, true, (shape, map_scale.clone(), empty))?;
         let before = (shape, units1.clone(), usual1.clone());
         let (block2, units2, usual2) = block(&network.block2, false, before)?;
         let ends = [(&units1, &usual1[..]), (&units2, &usual2[..])];
         let mut layers = Layers {
             sparse,
             map: vec![V::default(); shape[0] * shape[1] * network.map_channels()],
-            map_units,
+            map_scale,
             map_channels: network.map_channels(),
             occupied: CellSet::new(shape),
             block1,
@@ -100,7 +107,7 @@ impl<V: Value> Layers<V> {
         self.fold_height();
         let place = Place::Map(self.map_shape());
         watch.step("bev", self.occupied.list().len(), Reads::Nothing);
-        let values = (&self.map[..], &self.map_units);
+        let values = (&self.map[..], &self.map_scale);
         watch.level("bev", place, self.map_channels, values);
         let (mut values, mut active) = (&self.map[..], &self.occupied);
         for layer in self.block1.iter_mut().chain(&mut self.block2) {
@@ -108,7 +115,7 @@ impl<V: Value> Layers<V> {
             (values, active) = (layer.values(), layer.active());
             watch.step(&layer.name, active.list().len(), layer.reads());
             let place = Place::Map(active.shape());
-            let shown = (values, layer.units());
+            let shown = (values, layer.scale());
             watch.level(&layer.name, place, layer.channels(), shown);
         }
         self.features.place(active);

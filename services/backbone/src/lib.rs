@@ -4,16 +4,14 @@
 //! shares. Nothing here knows a process, a file or a clock.
 
 mod backbone;
-mod balance;
 pub mod bev;
-mod calibrator;
 mod cells;
 mod convolution;
 mod features;
-mod histogram;
 mod layers;
 mod plane;
 mod precision;
+mod quant_scale;
 mod rulebook;
 mod rulebooks;
 mod sites;
@@ -21,12 +19,10 @@ mod sparse;
 #[cfg(test)]
 mod testing;
 mod trace;
-mod units;
 mod voxelize;
 mod warm_up;
 
 pub use backbone::{Backbone, BackboneError, Frame};
-pub use calibrator::Calibrator;
 pub use plane::Coverage;
 pub use precision::Precision;
 pub use rulebook::{gather, output_sites, rulebook};

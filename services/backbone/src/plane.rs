@@ -13,8 +13,8 @@ use crate::backbone::BackboneError;
 use crate::cells::CellSet;
 use crate::convolution::{Convolution, response};
 use crate::precision::Value;
+use crate::quant_scale::QuantScale;
 use crate::trace::Reads;
-use crate::units::Units;
 
 /// Which cells of the bird's-eye layers are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,9 +33,9 @@ const CELLS_A_TASK: usize = 2048;
 pub(crate) struct PlaneLayer<V: Value> {
     pub(crate) name: String,
     convolution: Convolution<V>,
-    units: Units,
+    scale: QuantScale,
     /// The response to an empty scene far from the border, in exact numbers.
-    usual: Vec<f32>,
+    empty_response: Vec<f32>,
     stride: usize,
     input_shape: [usize; 2],
     /// Cells of the input that are not active are zero: their taps need not be computed.
@@ -57,19 +57,19 @@ struct ByTiles {
 }
 
 impl<V: Value> PlaneLayer<V> {
-    /// `units`: of the values that it reads, and of its own. `usual`: what it reads in an empty scene, far from the border.
+    /// `scale`: of the values that it reads, and of its own. `empty_response`: what it reads in an empty scene, far from the border.
     /// `reads_sparse_map`: its input is zero where no site lies; what is left of the direct sum when zeros are skipped is
     /// less than tiles would take.
     pub(crate) fn new(
         layer: &DenseLayer,
         (input_shape, reads_sparse_map): ([usize; 2], bool),
         weights: &WeightSet,
-        units: (&Units, Units),
-        usual: &[f32],
+        scale: (&QuantScale, QuantScale),
+        empty_response: &[f32],
     ) -> Result<PlaneLayer<V>, BackboneError> {
         let folded = Folded::dense(weights, layer)?;
-        let response = response(&folded, usual);
-        let folded = Units::between(units.0, &units.1, folded);
+        let response = response(&folded, empty_response);
+        let folded = QuantScale::between(scale.0, &scale.1, folded);
         let shape = input_shape.map(|edge| edge.div_ceil(layer.stride));
         let values = vec![V::default(); shape[0] * shape[1] * layer.cout];
         let by_tiles = layer.stride == 1 && !reads_sparse_map && V::f32_rows(&values).is_some();
@@ -82,9 +82,9 @@ impl<V: Value> PlaneLayer<V> {
             });
         Ok(PlaneLayer {
             name: layer.name.clone(),
-            convolution: Convolution::around(&folded, &units.0.counts(usual))?,
-            units: units.1,
-            usual: response,
+            convolution: Convolution::around(&folded, &scale.0.counts(empty_response))?,
+            scale: scale.1,
+            empty_response: response,
             stride: layer.stride,
             input_shape,
             input_zero_elsewhere: reads_sparse_map,
@@ -92,13 +92,13 @@ impl<V: Value> PlaneLayer<V> {
             values,
             active: CellSet::new(shape),
             previous: CellSet::new(shape),
-            gather: Gather {
-                taps: 9,
-                index: Vec::with_capacity(match by_tiles {
+            gather: Gather::new(
+                9,
+                Vec::with_capacity(match by_tiles {
                     Some(_) => 0,
                     None => shape[0] * shape[1] * 9,
                 }),
-            },
+            ),
             by_tiles,
         })
     }
@@ -164,12 +164,12 @@ impl<V: Value> PlaneLayer<V> {
         self.convolution.cout()
     }
     /// Of [`PlaneLayer::values`].
-    pub(crate) fn units(&self) -> &Units {
-        &self.units
+    pub(crate) fn scale(&self) -> &QuantScale {
+        &self.scale
     }
     /// Its response to an empty scene far from the border.
-    pub(crate) fn usual(&self) -> &[f32] {
-        &self.usual
+    pub(crate) fn empty_response(&self) -> &[f32] {
+        &self.empty_response
     }
     /// Cells that may differ from the empty scene.
     pub(crate) fn active(&self) -> &CellSet {
@@ -229,10 +229,7 @@ mod tests {
     fn windows_read_their_neighbours_and_nothing_beyond_the_border() {
         let mut cells = CellSet::new([2, 3]);
         cells.assign([[0, 0], [1, 2]].into_iter());
-        let mut gather = Gather {
-            taps: 9,
-            index: vec![],
-        };
+        let mut gather = Gather::new(9, vec![]);
         window_gather(&cells, [2, 3], 1, None, &mut gather);
         let none = ABSENT;
         assert_eq!(

@@ -19,7 +19,7 @@ pub enum Precision {
     /// 16 bits, 8 of them of the fraction: half the memory, and twice the products a cycle where the processor has them.
     /// Sums are f32.
     Bf16,
-    /// 8 bits, in units that differ from channel to channel: a quarter of the memory, and four times the products a cycle
+    /// 8 bits, with a scale for each channel: a quarter of the memory, and four times the products a cycle
     /// where the processor has them. Sums are exact. The model needs a calibration.
     Int8,
 }
@@ -158,7 +158,7 @@ impl Value for Bf16 {
     }
 }
 
-/// Counts of units that differ from channel to channel, see [`crate::units::Units`].
+/// Counts whose scale differs from channel to channel, see [`crate::quant_scale::QuantScale`].
 impl Value for u8 {
     type Weights = WeightsInt8;
 

@@ -41,10 +41,10 @@ impl Rulebooks {
             });
             let gather = known.unwrap_or_else(|| {
                 books.sources.push((number, resolution));
-                books.gathers.push(Gather {
-                    taps: layer.taps(),
-                    index: Vec::with_capacity(sites_max[number + 1] * layer.taps()),
-                });
+                books.gathers.push(Gather::new(
+                    layer.taps(),
+                    Vec::with_capacity(sites_max[number + 1] * layer.taps()),
+                ));
                 books.gathers.len() - 1
             });
             if !layer.submanifold {
@@ -98,9 +98,10 @@ pub(crate) fn sites_max(network: &Network) -> Vec<usize> {
     for (layer, shape) in network.sparse.iter().zip(&shapes[1..]) {
         let windows = |axis: usize| layer.kernel[axis].div_ceil(layer.stride[axis]);
         let before = most[most.len() - 1];
-        most.push(match layer.submanifold {
-            true => before,
-            false => cells(shape).min(before.saturating_mul((0..3).map(windows).product())),
+        most.push(if layer.submanifold {
+            before
+        } else {
+            cells(shape).min(before.saturating_mul((0..3).map(windows).product()))
         });
     }
     most

@@ -5,10 +5,10 @@ use mluc_model::{Folded, Manifest, Network, WeightSet};
 use crate::backbone::BackboneError;
 use crate::convolution::Convolution;
 use crate::precision::Value;
+use crate::quant_scale::QuantScale;
 use crate::rulebooks::{Rulebooks, sites_max};
 use crate::sites::Sites;
 use crate::trace::{Place, Reads, Watch};
-use crate::units::Units;
 use crate::voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
 
 /// Layers and the memory of one frame.
@@ -20,7 +20,7 @@ pub(crate) struct SparsePart<V: Value> {
     first: Convolution<f32>,
     others: Vec<Convolution<V>>,
     /// Of each layer's output.
-    units: Vec<Units>,
+    scale: Vec<QuantScale>,
     voxels: Voxels,
     books: Rulebooks,
     /// Output of the last layer that ran, and of the one before.
@@ -29,24 +29,24 @@ pub(crate) struct SparsePart<V: Value> {
 }
 
 impl<V: Value> SparsePart<V> {
-    /// Of a checked manifest, which has a sparse layer at least. `units`: of a layer's output, by its name and channels.
+    /// Of a checked manifest, which has a sparse layer at least. `scale`: of a layer's output, by its name and channels.
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
-        units: impl Fn(&str, usize) -> Result<Units, BackboneError>,
+        scale: impl Fn(&str, usize) -> Result<QuantScale, BackboneError>,
     ) -> Result<SparsePart<V>, BackboneError> {
         let network = manifest.network.clone();
         let outputs = network.sparse.iter();
         let outputs = outputs
-            .map(|layer| units(&layer.name, layer.cout))
+            .map(|layer| scale(&layer.name, layer.cout))
             .collect::<Result<Vec<_>, _>>()?;
         let folded = |number: usize| {
             let layer = Folded::sparse(weights, &network.sparse[number])?;
             let before = match number {
-                0 => &Units::none(),
+                0 => &QuantScale::identity(),
                 _ => &outputs[number - 1],
             };
-            Ok::<_, BackboneError>(Units::between(before, &outputs[number], layer))
+            Ok::<_, BackboneError>(QuantScale::between(before, &outputs[number], layer))
         };
         let others = (1..outputs.len()).map(|number| Convolution::new(&folded(number)?));
         let values_max = sites_max(&network)[1..]
@@ -61,7 +61,7 @@ impl<V: Value> SparsePart<V> {
             voxels: Voxels::new(&network.grid),
             books: Rulebooks::new(&network),
             uses_intensity: manifest.uses_intensity,
-            units: outputs,
+            scale: outputs,
             rows: room(),
             spare: room(),
             network,
@@ -77,13 +77,13 @@ impl<V: Value> SparsePart<V> {
             books,
             rows,
             spare,
-            units,
+            scale,
             ..
         } = self;
         let counts = voxelize(points, &network.grid, self.uses_intensity, voxels);
         let place = Place::Sites(&voxels.sites);
         watch.step("voxels", voxels.sites.len(), Reads::Nothing);
-        let values = (&voxels.rows[..], &Units::none());
+        let values = (&voxels.rows[..], &QuantScale::identity());
         watch.level("voxels", place, VOXEL_CHANNELS, values);
         books.build(network, &voxels.sites);
         watch.step("rulebooks", voxels.sites.len(), Reads::Nothing);
@@ -96,7 +96,7 @@ impl<V: Value> SparsePart<V> {
             }
             std::mem::swap(rows, spare);
             watch.step(&layer.name, sites.len(), Reads::Rows(books.gather(number)));
-            let values = (&rows[..], &units[number]);
+            let values = (&rows[..], &scale[number]);
             watch.level(&layer.name, Place::Sites(sites), layer.cout, values);
         }
         counts
@@ -109,8 +109,8 @@ impl<V: Value> SparsePart<V> {
     }
 
     /// Of [`SparsePart::rows`].
-    pub(crate) fn units(&self) -> &Units {
-        &self.units[self.others.len()]
+    pub(crate) fn scale(&self) -> &QuantScale {
+        &self.scale[self.others.len()]
     }
 
     /// The last layer's rows.

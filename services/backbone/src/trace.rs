@@ -3,8 +3,8 @@
 use mluc_kernels::{Gather, WinogradTiles};
 
 use crate::precision::Value;
+use crate::quant_scale::QuantScale;
 use crate::sites::Sites;
-use crate::units::Units;
 
 /// Where the rows of a level lie.
 #[derive(Clone, Copy, Debug)]
@@ -65,18 +65,18 @@ pub(crate) enum Watch<'a> {
 }
 
 impl Watch<'_> {
-    /// Shows the rows of a level, in the units given; whether anybody looks is decided here.
+    /// Shows the rows of a level, in the scale given; whether anybody looks is decided here.
     pub(crate) fn level<V: Value>(
         &mut self,
         name: &str,
         place: Place,
         channels: usize,
-        (values, units): (&[V], &Units),
+        (values, scale): (&[V], &QuantScale),
     ) {
         if let Watch::Levels(observer, written_out) = self {
             let mut values = V::as_f32(values, written_out);
-            if !units.is_none() {
-                units.apply(written_out);
+            if !scale.is_identity() {
+                scale.apply(written_out);
                 values = written_out;
             }
             observer(Level {

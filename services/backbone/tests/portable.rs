@@ -10,7 +10,7 @@ use mluc_kernels::Level;
 #[test]
 fn without_vector_registers_the_answers_are_the_same() -> Result<(), Box<dyn std::error::Error>> {
     let manifest = manifest();
-    let weights = calibrated(&manifest)?;
+    let weights = calibrated(&manifest);
     let points = scan(9, "portable");
     let mut levels = Level::all();
     let portable = levels.pop().ok_or("no level")?;

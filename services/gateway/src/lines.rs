@@ -1,7 +1,9 @@
 //! One JSON line a frame: what the robot, the evaluator and `jq` read. `docs/output.md` describes it,
 //! `docs/objects.schema.json` checks it.
 
-use mluc_ipc_types::{Fate, Flags, FrameHeader, Object, ObjectKind, Stage, WIRE_VERSION};
+use mluc_ipc_types::{
+    Disposition, Flags, FrameHeader, NO_PROBABILITY, Object, ObjectKind, Stage, WIRE_VERSION,
+};
 use serde::Serialize;
 
 /// A frame's line.
@@ -38,6 +40,8 @@ pub struct ObjectLine<'a> {
     yaw_rad: f32,
     eds: f32,
     eds_normalised: f32,
+    /// Probability of being none of the known, where the model tells it.
+    unknown_probability: Option<f32>,
     points: u32,
     /// Number of its track, where unknown objects are followed over frames.
     track: Option<u32>,
@@ -53,7 +57,7 @@ pub struct ObjectLine<'a> {
 pub struct SuppressedLine<'a> {
     #[serde(flatten)]
     object: ObjectLine<'a>,
-    /// [`Fate`]'s word.
+    /// [`Disposition`]'s word.
     reason: &'static str,
     /// Which of the line's `objects` took its place.
     by: Option<usize>,
@@ -114,10 +118,10 @@ pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [Strin
         objects.iter().partition(|object| object.is_published());
     let suppressed = suppressed.into_iter().map(|object| SuppressedLine {
         object: object_line(object, classes),
-        reason: Fate::ALL
-            .get(object.fate as usize)
-            .map_or("?", |fate| fate.name()),
-        by: places.get(object.by as usize).copied().flatten(),
+        reason: Disposition::ALL
+            .get(object.disposition as usize)
+            .map_or("?", |disposition| disposition.name()),
+        by: places.get(object.suppressed_by as usize).copied().flatten(),
         overlap: object.overlap,
     });
     Line {
@@ -156,6 +160,8 @@ fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
         yaw_rad: object.yaw_rad,
         eds: object.eds,
         eds_normalised: object.eds_normalised,
+        unknown_probability: (object.unknown_probability != NO_PROBABILITY)
+            .then_some(object.unknown_probability),
         points: object.points_count,
         track: (object.track_id != Object::NONE).then_some(object.track_id),
         unrefined: object.flags & Object::UNREFINED != 0,
@@ -166,18 +172,18 @@ fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
 
 #[cfg(test)]
 mod tests {
-    use mluc_ipc_types::{FOOTPRINT_MAX, StageStamps};
+    use mluc_ipc_types::{FOOTPRINT_MAX, GateKind, StageStamps};
     use serde_json::{Value, json};
 
     use super::*;
 
-    fn object(kind: ObjectKind, fate: Fate, by: u32) -> Object {
+    fn object(kind: ObjectKind, disposition: Disposition, suppressed_by: u32) -> Object {
         let mut footprint_m = [[0.0; 2]; FOOTPRINT_MAX];
         footprint_m[1] = [2.0, 0.5];
         Object {
             kind: kind as u32,
-            fate: fate as u32,
-            by,
+            disposition: disposition as u32,
+            suppressed_by,
             class_id: 1,
             score: 0.5,
             center_m: [10.0, -2.0, -1.0],
@@ -185,6 +191,8 @@ mod tests {
             yaw_rad: 0.25,
             eds: 18.0,
             eds_normalised: 1.5,
+            unknown_probability: NO_PROBABILITY,
+            gate: GateKind::Eds as u32,
             threshold: 1.2,
             points_first: 0,
             points_count: 42,
@@ -214,11 +222,13 @@ mod tests {
 
     #[test]
     fn a_frame_is_written_as_documented() {
+        let mut told = object(ObjectKind::Unknown, Disposition::TooFewPoints, Object::NONE);
+        told.unknown_probability = 0.75;
         let line = written(&[
-            object(ObjectKind::Unknown, Fate::OverlapsKnown, 2),
-            object(ObjectKind::Unknown, Fate::Published, Object::NONE),
-            object(ObjectKind::Known, Fate::Published, Object::NONE),
-            object(ObjectKind::Unknown, Fate::TooFewPoints, Object::NONE),
+            object(ObjectKind::Unknown, Disposition::OverlapsKnown, 2),
+            object(ObjectKind::Unknown, Disposition::Published, Object::NONE),
+            object(ObjectKind::Known, Disposition::Published, Object::NONE),
+            told,
         ]);
         assert_eq!(line["wire"], WIRE_VERSION);
         assert_eq!(
@@ -230,10 +240,12 @@ mod tests {
         assert_eq!(
             line["objects"][1],
             json!({"kind": "known", "label": "pedestrian", "score": 0.5, "center_m": [10.0, -2.0, -1.0],
-                   "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5, "points": 42, "track": 7, "unrefined": true, "split": false,
+                   "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5,
+                   "unknown_probability": null, "points": 42, "track": 7, "unrefined": true, "split": false,
                    "footprint_m": [[0.0, 0.0], [2.0, 0.5]]})
         );
         assert_eq!(line["objects"][0]["label"], "unknown");
+        assert_eq!(line["suppressed"][1]["unknown_probability"], 0.75);
         assert_eq!(
             (
                 &line["suppressed"][0]["reason"],

@@ -1,6 +1,6 @@
 //! The gate between knowns and candidate unknowns (paper section 3.2).
 
-use mluc_ipc_types::DetectionKind;
+use mluc_ipc_types::{DetectionKind, GateKind};
 use mluc_model::Thresholds;
 
 use crate::prototypes::Scores;
@@ -15,20 +15,73 @@ pub fn gate(eds_normalised: f32, threshold: f32) -> DetectionKind {
     }
 }
 
+/// On which side of which gate a box lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// The side.
+    pub kind: DetectionKind,
+    /// Of a candidate the gate that fired, of a known box the model's gate.
+    pub gate: GateKind,
+    /// That gate's threshold.
+    pub threshold: f32,
+}
+
+impl Decision {
+    fn of(kind: DetectionKind, gate: GateKind, thresholds: &Thresholds) -> Decision {
+        Decision {
+            kind,
+            gate,
+            threshold: match gate {
+                GateKind::None => 0.0,
+                GateKind::Eds => thresholds.eds_normalised_max,
+                GateKind::UnknownProbability => thresholds.unknown_min,
+                GateKind::SoftmaxMax => thresholds.softmax_min,
+            },
+        }
+    }
+
+    /// A box without a class: it is kept as a candidate by its probability alone.
+    pub fn of_generic(thresholds: &Thresholds) -> Decision {
+        let gate = GateKind::UnknownProbability;
+        Decision::of(DetectionKind::Candidate, gate, thresholds)
+    }
+}
+
+/// The gate that a model's candidates are told by, where several could: that of the probability of the unknown, of the
+/// EDS, of the largest class probability. `is_open`: the head has a logit of the unknown.
+pub fn main_gate(is_open: bool, thresholds: &Thresholds) -> GateKind {
+    if is_open && thresholds.unknown_min > 0.0 {
+        GateKind::UnknownProbability
+    } else if thresholds.eds_normalised_max > 0.0 {
+        GateKind::Eds
+    } else if thresholds.softmax_min > 0.0 {
+        GateKind::SoftmaxMax
+    } else {
+        GateKind::None
+    }
+}
+
 /// By every threshold of a model: e is too small, or the largest class probability (the naive gate of a softmax). Where
 /// the head has a logit of the unknown, its probability `unknown` alone may fire too, and the other two must have it
 /// above one half: a known object is never lost to a doubt.
-pub fn gate_by(scores: &Scores, unknown: Option<f32>, thresholds: &Thresholds) -> DetectionKind {
-    let doubt = gate(scores.eds_normalised, thresholds.eds_normalised_max)
-        == DetectionKind::Candidate
-        || scores.softmax_max < thresholds.softmax_min;
-    let fires = unknown.map_or(doubt, |p| {
-        (doubt && p > 0.5) || is_unknown(p, thresholds.unknown_min)
-    });
-    if fires {
-        DetectionKind::Candidate
+pub fn gate_by(scores: &Scores, unknown: Option<f32>, thresholds: &Thresholds) -> Decision {
+    let eds = gate(scores.eds_normalised, thresholds.eds_normalised_max);
+    let doubt = if eds == DetectionKind::Candidate {
+        Some(GateKind::Eds)
     } else {
-        DetectionKind::Known
+        (scores.softmax_max < thresholds.softmax_min).then_some(GateKind::SoftmaxMax)
+    };
+    let fired = match unknown {
+        None => doubt,
+        Some(p) if is_unknown(p, thresholds.unknown_min) => Some(GateKind::UnknownProbability),
+        Some(p) => doubt.filter(|_| p > 0.5),
+    };
+    match fired {
+        Some(gate) => Decision::of(DetectionKind::Candidate, gate, thresholds),
+        None => {
+            let gate = main_gate(unknown.is_some(), thresholds);
+            Decision::of(DetectionKind::Known, gate, thresholds)
+        }
     }
 }
 
@@ -59,14 +112,30 @@ mod tests {
             ..Scores::default()
         };
         let (known, candidate) = (DetectionKind::Known, DetectionKind::Candidate);
-        assert_eq!(gate_by(&scores, None, &thresholds), known);
+        let decided = |unknown, thresholds: &Thresholds| {
+            let decision = gate_by(&scores, unknown, thresholds);
+            (decision.kind, decision.gate, decision.threshold)
+        };
+        assert_eq!(decided(None, &thresholds), (known, GateKind::None, 0.0));
         thresholds.softmax_min = 0.5;
-        assert_eq!(gate_by(&scores, None, &thresholds), candidate);
-        assert_eq!(gate_by(&scores, Some(0.4), &thresholds), known);
-        assert_eq!(gate_by(&scores, Some(0.6), &thresholds), candidate);
+        let softmax = GateKind::SoftmaxMax;
+        assert_eq!(decided(None, &thresholds), (candidate, softmax, 0.5));
+        assert_eq!(decided(Some(0.4), &thresholds), (known, softmax, 0.5));
+        assert_eq!(decided(Some(0.6), &thresholds), (candidate, softmax, 0.5));
         thresholds.softmax_min = 0.0;
-        assert_eq!(gate_by(&scores, Some(0.6), &thresholds), known);
+        assert_eq!(
+            decided(Some(0.6), &thresholds),
+            (known, GateKind::None, 0.0)
+        );
+        thresholds.eds_normalised_max = 1.3;
+        assert_eq!(decided(None, &thresholds), (candidate, GateKind::Eds, 1.3));
+        assert_eq!(decided(Some(0.4), &thresholds), (known, GateKind::Eds, 1.3));
         thresholds.unknown_min = 0.6;
-        assert_eq!(gate_by(&scores, Some(0.6), &thresholds), candidate);
+        let probability = GateKind::UnknownProbability;
+        assert_eq!(
+            decided(Some(0.6), &thresholds),
+            (candidate, probability, 0.6)
+        );
+        assert_eq!(decided(Some(0.4), &thresholds), (known, probability, 0.6));
     }
 }

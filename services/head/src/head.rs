@@ -1,14 +1,14 @@
 //! Feature rows to detections: the stage as one function.
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{CLASSES_MAX, Detection, DetectionKind};
+use mluc_ipc_types::{CLASSES_MAX, Detection, NO_PROBABILITY};
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
 
 use crate::candidates::{reduce_classes, select, sigmoid};
 use crate::convolutions::{RowHead, RowHeads, read_all};
 use crate::decode::{Anchors, BOX_CODES, decode, direct};
-use crate::gate::{gate_by, is_unknown};
+use crate::gate::{Decision, gate_by, is_unknown};
 use crate::memory::Memory;
 use crate::prototypes::{Prototypes, Scores};
 use crate::report::{HeadCounts, HeadError};
@@ -79,7 +79,7 @@ impl Head {
         self.check(cells, rows)?;
         detections.clear();
         let mut counts = self.find_candidates(rows);
-        self.look_closer(rows);
+        self.run_candidate_heads(rows);
         counts.generic_known = self.drop_generic_on_known();
         counts.non_finite = self.decode_boxes(cells);
         counts.generic = self.suppress();
@@ -157,7 +157,7 @@ impl Head {
     }
 
     /// Embedding, box and direction of the rows that hold a candidate.
-    fn look_closer(&mut self, rows: &[f32]) {
+    fn run_candidate_heads(&mut self, rows: &[f32]) {
         let frame = &mut self.frame;
         frame.occupied.taps = 1;
         let occupied = &mut frame.occupied.index;
@@ -298,13 +298,8 @@ impl Head {
         let mut embedding = [0.0; CLASSES_MAX];
         embedding[..self.classes].copy_from_slice(f);
         let logit = frame.unknown.get(place(&frame.occupied, candidate.row));
-        let unknown = logit.filter(|_| self.kind == HeadKind::Open).copied();
-        // The logit of the unknown follows the embedding.
-        embedding
-            .iter_mut()
-            .skip(self.classes)
-            .zip(unknown)
-            .for_each(|(to, logit)| *to = logit);
+        let logit = logit.filter(|_| self.kind == HeadKind::Open);
+        let unknown = logit.map(|logit| sigmoid(*logit));
         let scores = self.scores(f);
         let group = self.group(frame, candidate.row, candidate.anchor);
         let class = if group < self.classes {
@@ -312,22 +307,23 @@ impl Head {
         } else {
             largest(f)
         };
-        let kind = match group < self.classes {
-            true => gate_by(&scores, unknown.map(sigmoid), thresholds),
-            false => DetectionKind::Candidate,
+        let decision = if group < self.classes {
+            gate_by(&scores, unknown, thresholds)
+        } else {
+            Decision::of_generic(thresholds)
         };
         // A generic box is as sure as its being of no class.
         let share = match self.kind {
             HeadKind::Sigmoid => 1.0,
             _ if group < self.classes => scores.probabilities[class],
-            _ => unknown.map_or(0.0, sigmoid),
+            _ => unknown.unwrap_or(0.0),
         };
         Detection {
             center_m: found.center_m.map(|value| value as f32),
             size_m: found.size_m.map(|value| value as f32),
             yaw_rad: found.yaw_rad as f32,
             class_id: class as u32,
-            kind: kind as u32,
+            kind: decision.kind as u32,
             cell: cells[candidate.row as usize],
             objectness: candidate.objectness,
             score: candidate.objectness * share,
@@ -340,7 +336,9 @@ impl Head {
             softmax_max: scores.softmax_max,
             logit_max: scores.logit_max,
             energy: scores.energy,
-            threshold: thresholds.eds_normalised_max,
+            unknown_probability: unknown.unwrap_or(NO_PROBABILITY),
+            gate: decision.gate as u32,
+            threshold: decision.threshold,
         }
     }
 

@@ -38,10 +38,7 @@ impl Memory {
         let candidates = manifest.thresholds.candidates_max as usize;
         // Each candidate lies in a row of its own at worst.
         let closer = candidates.min(cells);
-        let gather = |rows| Gather {
-            taps: 1,
-            index: Vec::with_capacity(rows),
-        };
+        let gather = |rows| Gather::new(1, Vec::with_capacity(rows));
         let values = |rows: usize, channels: usize| Vec::with_capacity(rows * channels);
         let is_sigmoid = network.head == HeadKind::Sigmoid;
         let class_logits = if is_sigmoid {

@@ -43,6 +43,11 @@ impl DecodeReport {
     }
 }
 
+/// Every whole point of a file as it is, those that [`decode_bin`] leaves out too.
+pub fn bin_points(bytes: &[u8]) -> impl Iterator<Item = Point> {
+    bytes.as_chunks::<POINT_BYTES>().0.iter().map(point)
+}
+
 /// Counts without writing: how much memory [`decode_bin`] needs.
 pub fn inspect_bin(bytes: &[u8]) -> DecodeReport {
     decode_with(bytes, POINTS_MAX, |_, _| ())

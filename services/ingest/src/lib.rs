@@ -7,6 +7,6 @@ mod decode;
 mod packed;
 mod sanity;
 
-pub use decode::{DecodeReport, POINT_BYTES, decode_bin, inspect_bin};
+pub use decode::{DecodeReport, POINT_BYTES, bin_points, decode_bin, inspect_bin};
 pub use packed::{PackedError, pack, unpack};
 pub use sanity::{Finding, Sanity};

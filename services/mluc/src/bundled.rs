@@ -10,14 +10,14 @@ use mluc_ipc_types::Point;
 use crate::embedded;
 
 /// The embedded scans as files: `velodyne/NAME.bin`, and `label_2/NAME.txt` where there are labels.
-pub(crate) struct BundledScans {
+pub struct BundledScans {
     folder: PathBuf,
-    pub(crate) points: Vec<Vec<Point>>,
+    pub points: Vec<Vec<Point>>,
 }
 
 impl BundledScans {
     /// `purpose`: part of the folder's name.
-    pub(crate) fn write(purpose: &str) -> anyhow::Result<BundledScans> {
+    pub fn write(purpose: &str) -> anyhow::Result<BundledScans> {
         if embedded::SCANS.is_empty() {
             bail!("this build brings no scans along (services/mluc/assets/*.scan): give --input");
         }
@@ -50,7 +50,7 @@ impl BundledScans {
         fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))
     }
 
-    pub(crate) fn folder(&self) -> &Path {
+    pub fn folder(&self) -> &Path {
         &self.folder
     }
 }

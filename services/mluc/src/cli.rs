@@ -1,11 +1,14 @@
 //! The command line.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use serde::Deserialize;
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use mluc_ipc_types::Stage;
+use serde::Serialize;
 
-use crate::commands::{BenchArgs, NeighbourArgs, RefinerTestArgs};
+use crate::external::ExternalArgs;
+use crate::settings::{DEFAULT_MODEL, Pace};
 
 /// Known and unknown objects in LiDAR scans.
 #[derive(Debug, Parser)]
@@ -23,91 +26,145 @@ pub(crate) enum Command {
     Demo(DemoArgs),
     /// Run one stage in this process (`up` starts them by itself).
     Stage(StageArgs),
+    /// Check the settings of `up` without a run; with --print, show them and where each comes from.
+    Config(ConfigArgs),
     /// Say how the stages of a running pipeline are.
     Status(StatusArgs),
     /// Check whether this machine can run the pipeline.
     Doctor(DoctorArgs),
-    /// Measure latency, stage by stage, and write a report; `bench compare` judges two.
-    Bench(Box<BenchArgs>),
-    /// Test any program against the refiner's contract (docs/CONTRACT.md); without one, our own in all modes.
-    RefinerTest(RefinerTestArgs),
+    /// Measure latency, stage by stage, and write a report; `bench compare` compares two. Needs the program mluc-bench.
+    Bench(ExternalArgs),
+    /// Test any program against the refiner's contract (docs/CONTRACT.md); needs the program mluc-contract.
+    RefinerTest(ExternalArgs),
     /// Start a program that ends with its parent (used by `up` for foreign stages).
     #[command(hide = true)]
     Exec(ExecArgs),
-    /// Take CPU and memory from the others (used by `bench` for its load).
-    #[command(hide = true)]
-    Neighbour(NeighbourArgs),
 }
 
-/// When the next frame enters.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Pace {
-    /// At the sensor's rate; the newest frame wins.
-    #[default]
-    Sensor,
-    /// When the last one's objects are out; nothing is dropped.
-    Complete,
-}
-
-/// What `up` and `stage` share; everything may stand in the configuration file instead.
-#[derive(Args, Clone, Debug, Default)]
-pub(crate) struct PipelineArgs {
+/// What `up`, `stage` and `config` share; everything may stand in the configuration file instead (docs/configuration.md).
+/// As a document it holds what was given, but for the three lists of words.
+#[derive(Args, Clone, Debug, Default, Serialize)]
+pub struct PipelineArgs {
     /// A folder of KITTI .bin scans (or of `velodyne/`), or one scan.
     #[arg(long)]
-    pub(crate) input: Option<PathBuf>,
-    /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file [default: kitti].
+    pub input: Option<PathBuf>,
+    /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file [default: kitti-open].
     #[arg(long)]
-    pub(crate) model: Option<String>,
+    pub model: Option<String>,
     /// When the next frame enters [default: sensor].
     #[arg(long, value_enum)]
-    pub(crate) pace: Option<Pace>,
+    pub pace: Option<Pace>,
     /// Frames a second at pace `sensor` [default: timestamps.txt beside the scans, else 10].
     #[arg(long)]
-    pub(crate) rate: Option<f64>,
+    #[serde(rename = "rate_hz")]
+    pub rate: Option<f64>,
     /// Begin again after the last scan.
     #[arg(long = "loop")]
-    pub(crate) repeat: bool,
+    #[serde(rename = "loop", skip_serializing_if = "is_off")]
+    pub repeat: bool,
     /// End after so many seconds of input.
     #[arg(long)]
-    pub(crate) seconds: Option<f64>,
+    pub seconds: Option<f64>,
     /// Name of this pipeline: two with different names run side by side [default: default].
     #[arg(long)]
-    pub(crate) instance: Option<String>,
+    pub instance: Option<String>,
     /// Configuration file (TOML).
     #[arg(long)]
-    pub(crate) config: Option<PathBuf>,
-    /// The gate's threshold on the normalised EDS instead of the model's: boxes below it are candidate unknowns (1:
-    /// the centre of all prototypes, 2: at a prototype, 0: no unknowns).
+    #[serde(skip)]
+    pub config: Option<PathBuf>,
+    /// With a model whose gate is the EDS (udi, kitti): threshold on the normalised EDS instead of the model's. Boxes below
+    /// it are candidate unknowns (1: the centre of all prototypes, 2: at a prototype, 0: no unknowns).
     #[arg(long)]
-    pub(crate) lambda: Option<f32>,
+    pub lambda: Option<f64>,
     /// With a model that has a logit of the unknown (udi-open, kitti-open): probability of being none of the known from which
     /// a box is a candidate unknown, instead of the model's (0: no unknowns). Lower finds more, true and false.
     #[arg(long)]
-    pub(crate) unknown_min: Option<f32>,
-    /// How the refiner clusters: corrected, literal, distance, dbscan, euclidean, none.
+    pub unknown_min: Option<f64>,
+    /// How the refiner clusters; an unknown name lists them all.
     #[arg(long)]
-    pub(crate) refiner_mode: Option<String>,
+    #[serde(skip)]
+    pub refiner_mode: Option<String>,
     /// Follow unknown objects over frames: each gets a number, and is published once two of the last three frames saw
     /// it. Known objects are never delayed.
     #[arg(long)]
-    pub(crate) track: bool,
-    /// In what the backbone multiplies: f32, bf16 (faster where the processor has it), or int8 (faster still; the model
-    /// needs a calibration: mluc-lab quantize) [default: f32].
+    #[serde(skip_serializing_if = "is_off")]
+    pub track: bool,
+    /// Arithmetic of the backbone: f32, bf16 (faster where the processor has it), or int8 (faster still; the model needs a
+    /// calibration: mluc-lab quantize) [default: f32].
     #[arg(long)]
-    pub(crate) precision: Option<String>,
+    pub precision: Option<String>,
     /// Frames that leave later than this, ms after their scan, are flagged `late` [default: 200 at pace sensor].
     #[arg(long)]
-    pub(crate) budget_ms: Option<u64>,
+    pub budget_ms: Option<u64>,
     /// Check that each payload lies in shared memory, and fail if not (slow).
     #[arg(long)]
-    pub(crate) verify_mapping: bool,
+    #[serde(skip_serializing_if = "is_off")]
+    pub verify_mapping: bool,
     /// Leave a stage to you: start `mluc stage STAGE`, or a program of your own, and replace it while the others run.
     #[arg(long, value_name = "STAGE")]
-    pub(crate) without: Vec<String>,
+    #[serde(skip)]
+    pub without: Vec<String>,
     /// Threads of one stage, STAGE=N [default: backbone=2, others 1].
     #[arg(long = "threads", value_name = "STAGE=N")]
-    pub(crate) threads: Vec<String>,
+    #[serde(skip)]
+    pub threads: Vec<String>,
+}
+
+fn is_off(flag: &bool) -> bool {
+    !flag
+}
+
+/// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
+const TAKEN_BY: [(&str, &[Stage]); 11] = [
+    ("input", &[Stage::Ingest]),
+    ("pace", &[Stage::Ingest, Stage::Refiner]),
+    ("rate", &[Stage::Ingest]),
+    ("repeat", &[Stage::Ingest]),
+    ("seconds", &[Stage::Ingest]),
+    ("lambda", &[Stage::Head, Stage::Refiner]),
+    ("unknown_min", &[Stage::Head, Stage::Refiner]),
+    ("refiner_mode", &[Stage::Refiner]),
+    ("track", &[Stage::Refiner]),
+    ("precision", &[Stage::Backbone]),
+    ("budget_ms", &[Stage::Refiner]),
+];
+
+impl Cli {
+    /// Reads the command line; ends the program with help or an error where there is one.
+    pub(crate) fn read() -> Cli {
+        let words: Vec<OsString> = std::env::args_os().collect();
+        let matches = Cli::command_for(&words).get_matches_from(words);
+        Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+    }
+
+    /// The help of `mluc stage NAME` lists what that stage takes.
+    fn command_for(words: &[OsString]) -> clap::Command {
+        let stage = match words {
+            [_, command, name, ..] if command == "stage" => {
+                name.to_str().and_then(Stage::from_name)
+            }
+            _ => None,
+        };
+        let is_taken = |id: &str| match TAKEN_BY.iter().find(|(option, _)| *option == id) {
+            Some((_, stages)) => stage.is_none_or(|stage| stages.contains(&stage)),
+            None => id != "without" && (id != "name" || stage.is_none()),
+        };
+        Cli::command().mut_subcommand("stage", |command| {
+            command.mut_args(|arg| {
+                let is_hidden = arg.is_hide_set() || !is_taken(arg.get_id().as_str());
+                arg.hide(is_hidden)
+            })
+        })
+    }
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct ConfigArgs {
+    /// Show the resolved settings: a configuration file with the same effect.
+    #[arg(long)]
+    pub(crate) print: bool,
+    #[command(flatten)]
+    pub(crate) pipeline: PipelineArgs,
 }
 
 #[derive(Args, Clone, Debug)]
@@ -130,7 +187,7 @@ pub(crate) struct DemoArgs {
     #[arg(long, default_value = "mluc-demo.png")]
     pub(crate) picture: PathBuf,
     /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file.
-    #[arg(long, default_value = "udi-open")]
+    #[arg(long, default_value = DEFAULT_MODEL)]
     pub(crate) model: String,
 }
 
@@ -147,7 +204,7 @@ pub(crate) struct StatusArgs {
 #[derive(Args, Clone, Debug)]
 pub(crate) struct DoctorArgs {
     /// The model that shall run.
-    #[arg(long, default_value = "kitti")]
+    #[arg(long, default_value = DEFAULT_MODEL)]
     pub(crate) model: String,
 }
 
@@ -162,4 +219,47 @@ pub(crate) struct ExecArgs {
     /// The program and its arguments.
     #[arg(last = true, required = true)]
     pub(crate) command: Vec<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn help_of_a_stage_lists_what_it_takes() {
+        let options = |name: &str| {
+            let words = ["mluc", "stage", name, "--help"].map(OsString::from);
+            let error = Cli::command_for(&words)
+                .try_get_matches_from(words)
+                .unwrap_err();
+            error.to_string()
+        };
+        let (head, ingest) = (options("head"), options("ingest"));
+        assert!(
+            head.contains("--unknown-min") && head.contains("--instance"),
+            "{head}"
+        );
+        for option in [
+            "--rate",
+            "--loop",
+            "--precision",
+            "--refiner-mode",
+            "--without",
+        ] {
+            assert!(!head.contains(option), "{option}: {head}");
+        }
+        assert!(
+            ingest.contains("--rate") && !ingest.contains("--lambda"),
+            "{ingest}"
+        );
+        let all = Cli::command();
+        let stage = all.find_subcommand("stage").unwrap();
+        let ids: Vec<_> = stage
+            .get_arguments()
+            .map(|arg| arg.get_id().as_str())
+            .collect();
+        for (id, _) in TAKEN_BY {
+            assert!(ids.contains(&id), "{id} is no option");
+        }
+    }
 }

@@ -16,17 +16,17 @@ const SCANS_MAX: usize = 1_000_000;
 
 /// The scans of a run.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Source {
-    pub(crate) scans: Vec<PathBuf>,
+pub struct Source {
+    pub scans: Vec<PathBuf>,
     /// The sensor's time of each scan, ns; from `timestamps.txt`.
-    pub(crate) stamps_ns: Option<Vec<u64>>,
+    pub stamps_ns: Option<Vec<u64>>,
     /// Where the sensor was at each scan; from `poses.txt`.
-    pub(crate) poses: Option<Vec<EgoPose>>,
+    pub poses: Option<Vec<EgoPose>>,
 }
 
 /// What was read of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ReadOutcome {
+pub enum ReadOutcome {
     Whole,
     /// Longer than a scan can be; the rest was left.
     Cut,
@@ -37,10 +37,10 @@ pub(crate) enum ReadOutcome {
 impl Source {
     /// `input`: one `.bin`, or a folder with `.bin` files, or a folder with `velodyne/` or KITTI raw's
     /// `velodyne_points/data/`.
-    pub(crate) fn find(input: &Path) -> anyhow::Result<Source> {
+    pub fn find(input: &Path) -> anyhow::Result<Source> {
         let about = fs::metadata(input).with_context(|| format!("input {}", input.display()))?;
-        if about.is_file() {
-            if input.extension().is_none_or(|kind| kind != "bin") {
+        if !about.is_dir() {
+            if !about.is_file() || input.extension().is_none_or(|kind| kind != "bin") {
                 bail!(
                     "input {}: expected a scan that ends in .bin, or a folder",
                     input.display()
@@ -75,13 +75,13 @@ impl Source {
     }
 
     /// The frame's name: the file's, without its ending.
-    pub(crate) fn name(&self, index: usize) -> String {
+    pub fn name(&self, index: usize) -> String {
         let stem = self.scans[index].file_stem().unwrap_or_default();
         stem.to_string_lossy().into_owned()
     }
 
     /// Reads a scan into `bytes`, which is reused.
-    pub(crate) fn read(&self, index: usize, bytes: &mut Vec<u8>) -> ReadOutcome {
+    pub fn read(&self, index: usize, bytes: &mut Vec<u8>) -> ReadOutcome {
         bytes.clear();
         let path = &self.scans[index];
         let read =
@@ -116,76 +116,51 @@ fn bin_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(scans)
 }
 
-/// KITTI raw's `timestamps.txt`, in the folder or above it: `2011-09-26 13:02:25.964389445`, a line a scan. A file that
-/// does not fit is said and not used.
-fn stamps(folder: &Path, scans: usize) -> Option<Vec<u64>> {
-    let candidates = [Some(folder), folder.parent()];
-    let path = candidates
+/// A file of this name in the folder of scans or above it.
+fn beside(folder: &Path, name: &str) -> Option<PathBuf> {
+    let folders = [Some(folder), folder.parent()];
+    let mut paths = folders
         .into_iter()
         .flatten()
-        .map(|folder| folder.join("timestamps.txt"))
-        .find(|path| path.is_file())?;
+        .map(|folder| folder.join(name));
+    paths.find(|path| path.is_file())
+}
+
+/// KITTI raw's `timestamps.txt`: `2011-09-26 13:02:25.964389445`, a line a scan. A file that does not fit is logged and not
+/// used.
+fn stamps(folder: &Path, scans: usize) -> Option<Vec<u64>> {
+    let path = beside(folder, "timestamps.txt")?;
     let text = fs::read_to_string(&path).ok()?;
-    let stamps: Option<Vec<u64>> = text
-        .lines()
-        .filter(|line| !line.trim().is_empty())
-        .map(stamp_ns)
-        .collect();
+    let lines = text.lines().filter(|line| !line.trim().is_empty());
+    let stamps: Option<Vec<u64>> = lines.map(stamp_ns).collect();
+    let path = path.display();
     match stamps {
-        Some(stamps) if stamps.len() == scans && stamps.is_sorted() => Some(stamps),
+        Some(stamps) if stamps.len() == scans && stamps.is_sorted() => return Some(stamps),
         Some(stamps) => {
-            tracing::warn!(path = %path.display(), lines = stamps.len(), scans, "stamps are not one a scan in ascending order: not used");
-            None
+            tracing::warn!(%path, lines = stamps.len(), scans, "stamps are not one a scan in ascending order: not used");
         }
         None => {
-            tracing::warn!(path = %path.display(), "stamps are not of the form 2011-09-26 13:02:25.964389445: not used");
-            None
+            tracing::warn!(%path, "stamps are not of the form 2011-09-26 13:02:25.964389445: not used");
         }
     }
+    None
 }
 
 /// Nanoseconds since 1970 of a stamp in UTC.
 fn stamp_ns(line: &str) -> Option<u64> {
-    let (date, time) = line.trim().split_once([' ', 'T'])?;
-    let mut parts = date.splitn(3, '-').map(|part| part.parse::<i64>().ok());
-    let (year, month, day) = (parts.next()??, parts.next()??, parts.next()??);
-    let (clock, fraction) = time.split_once('.').unwrap_or((time, "0"));
-    let mut parts = clock.splitn(3, ':').map(|part| part.parse::<u64>().ok());
-    let (hour, minute, second) = (parts.next()??, parts.next()??, parts.next()??);
-    let in_range = (1970..3000).contains(&year)
-        && (1..=12).contains(&month)
-        && (1..=31).contains(&day)
-        && hour < 24
-        && minute < 60
-        && second < 61
-        && (1..=9).contains(&fraction.len());
-    if !in_range {
-        return None;
-    }
-    let nanoseconds = fraction.parse::<u64>().ok()? * 10u64.pow(9 - fraction.len() as u32);
-    let seconds =
-        days_since_1970(year, month, day) as u64 * 86_400 + hour * 3600 + minute * 60 + second;
-    Some(seconds * 1_000_000_000 + nanoseconds)
-}
-
-/// Proleptic Gregorian calendar; years counted from March, so that a leap day ends one (Hinnant, "chrono-compatible
-/// low-level date algorithms").
-fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
-    let year = year - i64::from(month <= 2);
-    let (era, of_era) = (year.div_euclid(400), year.rem_euclid(400));
-    let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
-    era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468
+    let time = humantime::parse_rfc3339_weak(line.trim()).ok()?;
+    let since = time.duration_since(std::time::UNIX_EPOCH).ok()?;
+    u64::try_from(since.as_nanos()).ok()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn folder(label: &str, files: &[&str]) -> PathBuf {
-        let root = std::env::temp_dir().join(format!("mluc-source-{label}-{}", std::process::id()));
-        let _ = fs::remove_dir_all(&root);
+    fn folder(files: &[&str]) -> tempfile::TempDir {
+        let root = tempfile::tempdir().unwrap();
         for file in files {
-            let path = root.join(file);
+            let path = root.path().join(file);
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, b"x").unwrap();
         }
@@ -194,22 +169,12 @@ mod tests {
 
     #[test]
     fn scans_are_found_in_all_layouts_and_sorted() {
-        for (label, inner) in [
-            ("flat", ""),
-            ("kitti", "velodyne/"),
-            ("raw", "velodyne_points/data/"),
-        ] {
-            let files: Vec<String> = ["000002.bin", "000000.bin", "notes.txt"]
-                .iter()
-                .map(|f| format!("{inner}{f}"))
-                .collect();
-            let root = folder(label, &files.iter().map(String::as_str).collect::<Vec<_>>());
-            let source = Source::find(&root).unwrap();
-            assert_eq!(
-                (source.name(0), source.name(1), source.scans.len()),
-                ("000000".into(), "000002".into(), 2)
-            );
-            fs::remove_dir_all(root).unwrap();
+        for inner in ["", "velodyne/", "velodyne_points/data/"] {
+            let files = ["000002.bin", "000000.bin", "notes.txt"].map(|f| format!("{inner}{f}"));
+            let root = folder(&files.each_ref().map(String::as_str));
+            let source = Source::find(root.path()).unwrap();
+            let names: Vec<String> = (0..source.scans.len()).map(|i| source.name(i)).collect();
+            assert_eq!(names, ["000000", "000002"]);
         }
     }
 
@@ -217,14 +182,9 @@ mod tests {
     fn a_missing_and_an_empty_folder_are_errors() {
         let missing = Source::find(Path::new("/nowhere/at/all")).unwrap_err();
         assert!(format!("{missing:#}").contains("/nowhere/at/all"));
-        let root = folder("none", &["notes.txt"]);
-        assert!(
-            Source::find(&root)
-                .unwrap_err()
-                .to_string()
-                .contains("no .bin scans")
-        );
-        fs::remove_dir_all(root).unwrap();
+        let root = folder(&["notes.txt"]);
+        let empty = Source::find(root.path()).unwrap_err().to_string();
+        assert!(empty.contains("no .bin scans"), "{empty}");
     }
 
     #[test]

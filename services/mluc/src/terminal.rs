@@ -6,11 +6,11 @@ use std::io::{Write, stderr, stdout};
 use anyhow::Context;
 
 /// A line on stderr, lost where it cannot be written.
-pub(crate) fn tell(text: impl Display) {
+pub fn print_err(text: impl Display) {
     let _ = writeln!(stderr(), "{text}");
 }
 
 /// A line of the command's answer, on stdout.
-pub(crate) fn answer(text: impl Display) -> anyhow::Result<()> {
+pub fn print_out(text: impl Display) -> anyhow::Result<()> {
     writeln!(stdout(), "{text}").context("standard output")
 }

@@ -13,9 +13,9 @@ pub enum RefinerError {
         /// The value given.
         found: f64,
     },
-    /// Clusters shall be judged by their looks, which the model has not learned.
-    #[error("refiner setting looks: expected a model with the tensor {tensor}, found none in it")]
-    NoLooks {
+    /// Clusters shall be scored, which the model has not learned.
+    #[error("scores of clusters: expected a model with the tensor {tensor}, found none in it")]
+    NoClusterScorer {
         /// The tensor.
         tensor: &'static str,
     },

@@ -10,6 +10,9 @@ use std::ops::Range;
 use mluc_ipc_types::{POINTS_MAX, Point};
 use mluc_kernels::at_best;
 
+use crate::merge::KNOWN_MARGIN_M;
+use crate::proposal::Proposal;
+
 /// Half the side of the square that is looked at, m: farther than such sensors reach.
 pub(crate) const HALF_EXTENT_M: f64 = 128.0;
 /// Cells of 1 m along a side.
@@ -97,6 +100,15 @@ impl FrameIndex {
             true => cells.y.0..cells.y.1 + 1,
             false => self.rows.start.min(cells.y.0)..self.rows.end.max(cells.y.1 + 1),
         };
+    }
+
+    /// Asks for the points in and around the boxes of known objects.
+    pub(crate) fn want_known(&mut self, proposals: &[Proposal]) {
+        for known in proposals.iter().filter(|p| p.is_known()) {
+            let grown = known.grown(KNOWN_MARGIN_M);
+            let [x, y, _] = grown.center_m;
+            self.want([x, y], grown.size_m[0].hypot(grown.size_m[1]) / 2.0);
+        }
     }
 
     /// The cells of all rows in which any is wanted.

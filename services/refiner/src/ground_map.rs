@@ -6,7 +6,6 @@
 
 use crate::frame::{FrameIndex, HALF_EXTENT_M, IndexedPoint};
 use crate::ground::GroundPlane;
-use crate::settings::GroundSettings;
 
 /// Distance between nodes, m: half of what a plane's cells span, so that neighbours share half of them.
 const SPACING_M: f64 = 8.0;
@@ -52,21 +51,23 @@ impl Default for GroundMap {
 
 impl GroundMap {
     /// Fits the ground under all points that the frame holds.
-    pub fn fit(&mut self, frame: &FrameIndex, sensor_height_m: f64, settings: &GroundSettings) {
+    pub fn fit(&mut self, frame: &FrameIndex, sensor_height_m: f64) {
         for &node in &self.outwards {
             let node = node as usize;
             let center_m = center_m(node);
-            let inner = match inner_neighbour(node) {
-                Some(inner) => GroundPlane {
-                    origin_m: center_m,
-                    height_m: self.nodes[inner].z_at_m(center_m[0], center_m[1]),
-                    slope: [0.0; 2],
-                },
-                None => GroundPlane::flat(center_m, sensor_height_m),
+            let inner = inner_neighbour(node).map(|inner| GroundPlane {
+                origin_m: center_m,
+                height_m: self.nodes[inner].z_at_m(center_m[0], center_m[1]),
+                slope: [0.0; 2],
+            });
+            let fits = |plane: &GroundPlane| {
+                let step_m = |inner: GroundPlane| (plane.height_m - inner.height_m).abs();
+                inner.is_none_or(|inner| step_m(inner) <= STEP_MAX_M)
             };
-            let found = GroundPlane::find(frame, center_m, settings);
-            let fits = |plane: &GroundPlane| (plane.height_m - inner.height_m).abs() <= STEP_MAX_M;
-            self.nodes[node] = found.filter(fits).unwrap_or(inner);
+            let found = GroundPlane::find(frame, center_m).filter(fits);
+            self.nodes[node] = found
+                .or(inner)
+                .unwrap_or_else(|| GroundPlane::flat(center_m, sensor_height_m));
         }
     }
 
@@ -160,7 +161,7 @@ mod tests {
         frame.want_all();
         frame.sort(scan);
         let mut map = GroundMap::default();
-        map.fit(&frame, 1.73, &GroundSettings::default());
+        map.fit(&frame, 1.73);
         (frame, map)
     }
 

@@ -1,45 +1,60 @@
 //! Which unknown boxes stay (paper algorithm 1's last line, and what it leaves open).
 
 use mluc_geometry::{Box3, intersection_over_min_area, iou_bev};
-use mluc_ipc_types::{Fate, Point};
+use mluc_ipc_types::{Disposition, Point};
 
-use crate::draft::Draft;
+use crate::Variant;
 use crate::inside::Inside;
-use crate::recipe::MergeRule;
-use crate::settings::Settings;
+use crate::proposal::Proposal;
 
-/// Suppresses unknowns that overlap; `points` are the points of each draft by its range. `order` is a buffer.
+/// Intersection over the smaller area above which the weaker unknown goes.
+const OVERLAP_MAX: f64 = 0.5;
+/// Only known objects with at least this score suppress.
+pub(crate) const KNOWN_SCORE_MIN: f32 = 0.5;
+/// Points this far outside of such a box still count as its own, m: the noise of box and points.
+pub(crate) const KNOWN_MARGIN_M: f64 = 0.1;
+/// An unknown goes when more than this share of its points lies in one such known box,
+const KNOWN_POINTS_SHARE: f64 = 0.5;
+/// or when their bird's-eye IoU is above this.
+const KNOWN_IOU: f64 = 0.3;
+/// The paper's variant: rotated bird's-eye overlap above which the smaller box goes. The paper names neither measure nor
+/// threshold.
+const PAPER_NMS_IOU: f64 = 0.01;
+
+/// Suppresses unknowns that overlap, as the variant has it; `points` are the points of each proposal by its range. `order`
+/// is a buffer.
 pub(crate) fn merge(
-    drafts: &mut [Draft],
+    proposals: &mut [Proposal],
     points: &[u32],
     scan: &[Point],
-    rule: MergeRule,
-    settings: &Settings,
+    variant: Variant,
     order: &mut Vec<usize>,
 ) {
+    if variant != Variant::Paper {
+        clash_with_known(proposals, points, scan);
+    }
     order.clear();
-    order.extend((0..drafts.len()).filter(|&i| drafts[i].is_standing()));
-    let rules = &settings.merge;
-    match rule {
-        MergeRule::LargerFirst => {
-            sort_by(order, drafts, |d| d.shape.volume_m3());
-            suppress(drafts, order, iou_bev, settings.literal.nms_iou);
+    order.extend((0..proposals.len()).filter(|&i| proposals[i].is_standing()));
+    match variant {
+        // Larger boxes first, known objects play no part: as printed.
+        Variant::Paper => {
+            sort_by(order, proposals, |d| d.shape.volume_m3());
+            suppress(proposals, order, iou_bev, PAPER_NMS_IOU);
         }
-        MergeRule::BetterFirst => {
-            clash_with_known(drafts, points, scan, settings);
-            order.retain(|&i| drafts[i].is_standing());
-            sort_by(order, drafts, |d| f64::from(d.score));
-            suppress(drafts, order, intersection_over_min_area, rules.overlap_max);
+        Variant::PaperCorrected | Variant::RangeScaled => {
+            sort_by(order, proposals, |d| f64::from(d.score));
+            suppress(proposals, order, intersection_over_min_area, OVERLAP_MAX);
         }
-        MergeRule::KnownOnly => clash_with_known(drafts, points, scan, settings),
+        // The proposals stay as they are.
+        Variant::None => {}
     }
 }
 
 /// Best first; ties by place, so that the order of the detections does not matter.
-fn sort_by(order: &mut [usize], drafts: &[Draft], value: impl Fn(&Draft) -> f64) {
+fn sort_by(order: &mut [usize], proposals: &[Proposal], value: impl Fn(&Proposal) -> f64) {
     order.sort_unstable_by(|&a, &b| {
-        let (a, b) = (&drafts[a], &drafts[b]);
-        let place = |d: &Draft| [d.shape.center_m, d.shape.size_m];
+        let (a, b) = (&proposals[a], &proposals[b]);
+        let place = |d: &Proposal| [d.shape.center_m, d.shape.size_m];
         value(b)
             .total_cmp(&value(a))
             .then_with(|| {
@@ -53,15 +68,15 @@ fn sort_by(order: &mut [usize], drafts: &[Draft], value: impl Fn(&Draft) -> f64)
 
 /// Greedy: a box goes when one that stays covers it by more than a limit.
 fn suppress(
-    drafts: &mut [Draft],
+    proposals: &mut [Proposal],
     order: &[usize],
     overlap: impl Fn(&Box3, &Box3) -> f64,
     limit: f64,
 ) {
     for (rank, &index) in order.iter().enumerate() {
-        let own = drafts[index].shape;
+        let own = proposals[index].shape;
         let by = order[..rank].iter().find_map(|&better| {
-            let better = &drafts[better];
+            let better = &proposals[better];
             if !better.is_standing() || are_apart(&better.shape, &own) {
                 return None;
             }
@@ -69,7 +84,7 @@ fn suppress(
             (overlap > limit).then_some((better.detection, overlap))
         });
         if let Some((by, overlap)) = by {
-            drafts[index].suppress(Fate::OverlapsUnknown, by, overlap);
+            proposals[index].suppress(Disposition::OverlapsUnknown, by, overlap);
         }
     }
 }
@@ -89,43 +104,37 @@ fn distance_m(a: &Box3, b: &Box3) -> f64 {
 
 /// An unknown goes when most of its points lie in a sure known box, or when their boxes overlap; of several such known
 /// objects the one that covers most of it says so.
-fn clash_with_known(drafts: &mut [Draft], points: &[u32], scan: &[Point], settings: &Settings) {
-    for index in 0..drafts.len() {
-        if !drafts[index].is_standing() {
+fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) {
+    for index in 0..proposals.len() {
+        if !proposals[index].is_standing() {
             continue;
         }
-        let unknown = &drafts[index];
+        let unknown = &proposals[index];
         let own = &points[unknown.points.0..unknown.points.1];
-        let known = drafts.iter().filter(|known| {
+        let known = proposals.iter().filter(|known| {
             !known.is_unknown()
-                && known.fate == Fate::Published
-                && known.score >= settings.merge.known_score_min
+                && known.disposition == Disposition::Published
+                && known.score >= KNOWN_SCORE_MIN
         });
         let clashes = known.filter_map(|known| {
-            let overlap = clash(unknown, known, own, scan, settings)?;
+            let overlap = clash(unknown, known, own, scan)?;
             Some((known.detection, overlap))
         });
         let worst = clashes.reduce(|a, b| if b.1 > a.1 { b } else { a });
         if let Some((by, overlap)) = worst {
-            drafts[index].suppress(Fate::OverlapsKnown, by, overlap);
+            proposals[index].suppress(Disposition::OverlapsKnown, by, overlap);
         }
     }
 }
 
 /// By how much a known object covers an unknown one; `None` when that is too little to matter.
-fn clash(
-    unknown: &Draft,
-    known: &Draft,
-    own: &[u32],
-    scan: &[Point],
-    settings: &Settings,
-) -> Option<f64> {
+fn clash(unknown: &Proposal, known: &Proposal, own: &[u32], scan: &[Point]) -> Option<f64> {
     // Points of the cluster lie in its tight box, which growing to the unseen side moves by less than its size.
     let reach_m = 2.0 * half_diagonal_m(&unknown.shape) + half_diagonal_m(&known.shape);
     if distance_m(&unknown.shape, &known.shape) > reach_m {
         return None;
     }
-    let grown = Inside::of(&known.shape, settings.merge.known_margin_m);
+    let grown = Inside::of(&known.shape, KNOWN_MARGIN_M);
     let inside = own
         .iter()
         .filter_map(|&i| scan.get(i as usize))
@@ -133,79 +142,77 @@ fn clash(
         .count();
     let share = inside as f64 / own.len().max(1) as f64;
     let iou = iou_bev(&unknown.shape, &known.shape);
-    let is_clash = share > settings.merge.known_points_share || iou > settings.merge.known_iou;
+    let is_clash = share > KNOWN_POINTS_SHARE || iou > KNOWN_IOU;
     is_clash.then_some(share.max(iou))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::draft::Ranking;
     use mluc_ipc_types::{Detection, DetectionKind};
 
-    fn draft(index: usize, kind: DetectionKind, x: f64, length: f64, score: f32) -> Draft {
+    fn proposal(index: usize, kind: DetectionKind, x: f64, length: f64, score: f32) -> Proposal {
         let detection = Detection {
             kind: kind as u32,
             score,
-            eds: 1.0 / score,
             ..Detection::default()
         };
         let shape = Box3::new([x, 0.0, 0.0, length, 2.0, 1.5, 0.0]);
-        Draft::of_proposal(index, &detection, shape, Ranking::InverseEds)
+        Proposal::of_detection(index, &detection, shape, score)
     }
 
-    fn fates(mut drafts: Vec<Draft>, rule: MergeRule) -> Vec<(Fate, Option<usize>)> {
-        merge(
-            &mut drafts,
-            &[],
-            &[],
-            rule,
-            &Settings::default(),
-            &mut Vec::new(),
-        );
-        let told = |d: &Draft| d.by.is_some() == (d.overlap > 0.0 && d.overlap <= 1.0);
-        assert!(drafts.iter().all(told), "who covers it says by how much");
-        drafts.iter().map(|d| (d.fate, d.by)).collect()
+    fn dispositions(
+        mut proposals: Vec<Proposal>,
+        variant: Variant,
+    ) -> Vec<(Disposition, Option<usize>)> {
+        merge(&mut proposals, &[], &[], variant, &mut Vec::new());
+        let told =
+            |d: &Proposal| d.suppressed_by.is_some() == (d.overlap > 0.0 && d.overlap <= 1.0);
+        assert!(proposals.iter().all(told), "who covers it says by how much");
+        proposals
+            .iter()
+            .map(|d| (d.disposition, d.suppressed_by))
+            .collect()
     }
 
     use DetectionKind::{Candidate, Known};
 
     #[test]
     fn the_better_of_two_unknowns_stays() {
-        let drafts = vec![
-            draft(0, Candidate, 0.0, 6.0, 0.2),
-            draft(1, Candidate, 0.5, 4.0, 0.9),
-            draft(2, Candidate, 20.0, 4.0, 0.1),
+        let proposals = vec![
+            proposal(0, Candidate, 0.0, 6.0, 0.2),
+            proposal(1, Candidate, 0.5, 4.0, 0.9),
+            proposal(2, Candidate, 20.0, 4.0, 0.1),
         ];
-        let stays = (Fate::Published, None);
+        let stays = (Disposition::Published, None);
         assert_eq!(
-            fates(drafts.clone(), MergeRule::BetterFirst),
-            [(Fate::OverlapsUnknown, Some(1)), stays, stays]
+            dispositions(proposals.clone(), Variant::RangeScaled),
+            [(Disposition::OverlapsUnknown, Some(1)), stays, stays]
         );
         assert_eq!(
-            fates(drafts, MergeRule::LargerFirst),
-            [stays, (Fate::OverlapsUnknown, Some(0)), stays]
+            dispositions(proposals, Variant::Paper),
+            [stays, (Disposition::OverlapsUnknown, Some(0)), stays]
         );
     }
 
     #[test]
     fn a_sure_known_object_suppresses_and_an_unsure_one_does_not() {
         let case = |score| {
-            let drafts = vec![
-                draft(0, Known, 0.0, 4.0, score),
-                draft(1, Candidate, 0.3, 4.0, 0.9),
+            let proposals = vec![
+                proposal(0, Known, 0.0, 4.0, score),
+                proposal(1, Candidate, 0.3, 4.0, 0.9),
             ];
-            fates(drafts, MergeRule::BetterFirst)[1]
+            dispositions(proposals, Variant::RangeScaled)[1]
         };
-        assert_eq!(case(0.8), (Fate::OverlapsKnown, Some(0)));
-        assert_eq!(case(0.4), (Fate::Published, None));
-        let literal = vec![
-            draft(0, Known, 0.0, 4.0, 0.9),
-            draft(1, Candidate, 0.3, 4.0, 0.9),
+        assert_eq!(case(0.8), (Disposition::OverlapsKnown, Some(0)));
+        assert_eq!(case(0.4), (Disposition::Published, None));
+        let paper = vec![
+            proposal(0, Known, 0.0, 4.0, 0.9),
+            proposal(1, Candidate, 0.3, 4.0, 0.9),
         ];
         assert_eq!(
-            fates(literal, MergeRule::LargerFirst)[1],
-            (Fate::Published, None)
+            dispositions(paper, Variant::Paper)[1],
+            (Disposition::Published, None)
         );
     }
 }

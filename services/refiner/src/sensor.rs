@@ -31,8 +31,8 @@ pub struct Sensor {
     pub classes: Vec<String>,
     /// Whether the model sees behind the vehicle too.
     pub sees_all_around: bool,
-    /// Place in a detection's embedding of the logit of being none of the known, where the model's head is an open one.
-    pub unknown_logit_at: Option<usize>,
+    /// Whether the detections tell a probability of being none of the known (the model's head is an open one).
+    pub tells_unknown: bool,
 }
 
 impl Sensor {
@@ -43,7 +43,7 @@ impl Sensor {
             beams: None,
             classes: classes.iter().map(|name| name.to_string()).collect(),
             sees_all_around: true,
-            unknown_logit_at: None,
+            tells_unknown: false,
         }
     }
 
@@ -66,8 +66,7 @@ impl Sensor {
             beams,
             classes: manifest.classes.iter().map(|c| c.name.clone()).collect(),
             sees_all_around: manifest.network.grid.range_min_m[0] < 0.0,
-            unknown_logit_at: (manifest.network.head == HeadKind::Open)
-                .then_some(manifest.classes.len()),
+            tells_unknown: manifest.network.head == HeadKind::Open,
         })
     }
 }

@@ -4,15 +4,15 @@ use std::sync::LazyLock;
 
 use crate::fit::ClusterPoints;
 
-/// How large a road user can be: l, w, h, m.
+/// How large one thing can be: l, w, h, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct SizeLimits {
+pub struct SizeLimits {
     /// Of what is lower than `tall_from_m`: two parked cars are longer than one, and as low.
-    pub(crate) low_m: [f64; 3],
+    pub low_m: [f64; 3],
     /// m.
-    pub(crate) tall_from_m: f64,
+    pub tall_from_m: f64,
     /// Of what is higher: trucks and buses.
-    pub(crate) tall_m: [f64; 3],
+    pub tall_m: [f64; 3],
 }
 
 impl SizeLimits {

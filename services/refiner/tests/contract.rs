@@ -4,8 +4,8 @@ mod common;
 
 use common::{assert_sound, box_of, candidate, known, point, refine, refiner, scan, standing};
 use mluc_geometry::Box3;
-use mluc_ipc_types::{Detection, Fate, Object, Point};
-use mluc_refiner::{Mode, Refined};
+use mluc_ipc_types::{Detection, Disposition, Object, Point};
+use mluc_refiner::{RefinerOutput, Variant, WORK_MAX};
 
 const CART: [f64; 3] = [2.6, 1.25, 1.85];
 
@@ -13,30 +13,34 @@ fn one_candidate() -> Vec<Detection> {
     vec![candidate(&standing(12.0, 1.0, CART, 0.0), [0.5, -0.3], 1.0)]
 }
 
-fn check_all(points: &[Point], detections: &[Detection], what: &str) -> Vec<(Mode, Refined)> {
-    Mode::ALL
+fn check_all(
+    points: &[Point],
+    detections: &[Detection],
+    what: &str,
+) -> Vec<(Variant, RefinerOutput)> {
+    Variant::ALL
         .into_iter()
-        .map(|mode| {
-            let out = refine(mode, points, detections);
+        .map(|variant| {
+            let out = refine(variant, points, detections);
             assert_sound(
                 points,
                 detections,
                 &out,
-                &format!("{what}, {}", mode.name()),
+                &format!("{what}, {}", variant.name()),
             );
-            (mode, out)
+            (variant, out)
         })
         .collect()
 }
 
 #[test]
 fn an_empty_frame_and_no_candidates() {
-    for (mode, out) in check_all(&[], &one_candidate(), "no points") {
-        let expected = match mode {
-            Mode::None => Fate::Published,
-            _ => Fate::TooFewPoints,
+    for (variant, out) in check_all(&[], &one_candidate(), "no points") {
+        let expected = match variant {
+            Variant::None => Disposition::Published,
+            _ => Disposition::TooFewPoints,
         };
-        assert_eq!(out.objects[0].fate, expected as u32, "{mode:?}");
+        assert_eq!(out.objects[0].disposition, expected as u32, "{variant:?}");
     }
     check_all(&scan(&[]), &[], "no candidates");
     check_all(&[], &[], "nothing");
@@ -49,17 +53,17 @@ fn five_hundred_and_twelve_candidates_on_one_spot() {
     let detections: Vec<Detection> = (0..600)
         .map(|k| candidate(&cart, [0.001 * f64::from(k), 0.0], 1.0 + k as f32))
         .collect();
-    for (mode, out) in check_all(&points, &detections, "512 candidates") {
+    for (variant, out) in check_all(&points, &detections, "512 candidates") {
         assert_eq!(out.counters.detections_dropped, 88);
         assert!(out.counters.limit_hit());
-        if matches!(mode, Mode::Corrected | Mode::Distance) {
+        if matches!(variant, Variant::PaperCorrected | Variant::RangeScaled) {
             assert_eq!(
-                out.objects[0].fate,
-                Fate::Published as u32,
+                out.objects[0].disposition,
+                Disposition::Published as u32,
                 "the best one stays"
             );
-            let overlapping = out.counters.with_fate(Fate::OverlapsUnknown);
-            assert!(overlapping >= 500, "{mode:?}: {overlapping}");
+            let overlapping = out.counters.with_disposition(Disposition::OverlapsUnknown);
+            assert!(overlapping >= 500, "{variant:?}: {overlapping}");
         }
     }
 }
@@ -118,16 +122,16 @@ fn clouds_that_are_no_scene() {
         })
         .collect();
     for (name, points) in &clouds() {
-        for (mode, out) in check_all(points, &detections, name) {
+        for (variant, out) in check_all(points, &detections, name) {
             for object in out.objects.iter().filter(|o| o.is_published()) {
-                holds_its_points(points, &out, object, &format!("{name}, {mode:?}"));
+                holds_its_points(points, &out, object, &format!("{name}, {variant:?}"));
             }
         }
     }
 }
 
 /// No join of what lies apart: an object's points lie in its box, and within reach of each other.
-fn holds_its_points(points: &[Point], out: &Refined, object: &Object, what: &str) {
+fn holds_its_points(points: &[Point], out: &RefinerOutput, object: &Object, what: &str) {
     const NOISE_M: f64 = 0.05;
     const REACH_M: f64 = 10.0;
     let own = out.points_of(object);
@@ -158,10 +162,10 @@ fn points_that_are_not_finite_are_left_out_and_counted() {
         ]);
     }
     let detections = [candidate(&cart, [0.4, 0.2], 1.0)];
-    for (mode, out) in check_all(&points, &detections, "not finite") {
-        assert_eq!(out.counters.points_not_finite, 9, "{mode:?}");
-        let without = refine(mode, &clean, &detections);
-        assert_eq!(out.objects, without.objects, "{mode:?}");
+    for (variant, out) in check_all(&points, &detections, "not finite") {
+        assert_eq!(out.counters.points_not_finite, 9, "{variant:?}");
+        let without = refine(variant, &clean, &detections);
+        assert_eq!(out.objects, without.objects, "{variant:?}");
     }
 }
 
@@ -195,18 +199,22 @@ fn detections_that_make_no_sense_are_told() {
         yaw_rad: f32::NAN,
         ..sound
     });
-    for (mode, out) in check_all(&points, &detections, "nonsense") {
+    for (variant, out) in check_all(&points, &detections, "nonsense") {
         assert_eq!(
             out.counters.invalid_detections as usize,
             detections.len() - 1,
-            "{mode:?}"
+            "{variant:?}"
         );
         assert!(out.counters.degraded());
-        assert_eq!(out.objects[0].fate, Fate::Published as u32, "{mode:?}");
+        assert_eq!(
+            out.objects[0].disposition,
+            Disposition::Published as u32,
+            "{variant:?}"
+        );
         assert!(
             out.objects[1..]
                 .iter()
-                .all(|o| o.fate == Fate::InvalidBox as u32)
+                .all(|o| o.disposition == Disposition::InvalidBox as u32)
         );
     }
 }
@@ -223,39 +231,16 @@ fn candidates_far_away_or_of_any_size_are_told() {
     let mut worthless = candidate(&cart, [0.0, 0.0], 0.0);
     worthless.eds_normalised = f32::NAN;
     let detections = [candidate(&far, [0.0, 0.0], 1.0), huge, tiny, worthless];
-    for (mode, out) in check_all(&points, &detections, "far") {
-        if mode != Mode::None {
-            assert_eq!(out.objects[0].fate, Fate::TooFewPoints as u32, "{mode:?}");
+    for (variant, out) in check_all(&points, &detections, "far") {
+        if variant != Variant::None {
+            assert_eq!(
+                out.objects[0].disposition,
+                Disposition::TooFewPoints as u32,
+                "{variant:?}"
+            );
         }
         assert_eq!(out.objects[3].score, 0.0);
     }
-}
-
-#[test]
-fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
-    let cart = standing(12.0, 1.0, CART, 0.3);
-    let points = scan(&[cart]);
-    let settings = mluc_refiner::Settings {
-        mode: Mode::Distance,
-        work_max: 1,
-        ..mluc_refiner::Settings::default()
-    };
-    let mut refiner = mluc_refiner::Refiner::new(settings, &common::sensor()).expect("settings");
-    let second = standing(20.0, -6.0, CART, 0.0);
-    let detections = [
-        candidate(&second, [0.0, 0.0], 9.0),
-        candidate(&cart, [0.4, 0.2], 1.0),
-    ];
-    let mut out = Refined::default();
-    refiner.refine(0, &points, &detections, &mut out);
-    assert_eq!(out.counters.unrefined, 1);
-    assert!(out.counters.limit_hit() && out.counters.degraded());
-    // The better score went first, though it came second.
-    assert!(out.objects[1].points_count > 0);
-    assert_eq!(out.objects[0].size_m, detections[0].size_m);
-    assert_eq!(out.objects[0].fate, Fate::Published as u32);
-    assert_eq!(out.objects[0].flags, Object::UNREFINED);
-    assert_eq!(out.objects[1].flags, 0);
 }
 
 #[test]
@@ -276,28 +261,24 @@ fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
         .enumerate()
         .map(|(k, cart)| candidate(cart, [0.3, -0.3], 1.0 + k as f32))
         .collect();
-    for mode in [
-        Mode::Corrected,
-        Mode::Distance,
-        Mode::Euclidean,
-        Mode::Dbscan,
-    ] {
-        let mut out = Refined::default();
+    for variant in [Variant::PaperCorrected, Variant::RangeScaled] {
+        let mut out = RefinerOutput::default();
         let mut asked = 0;
         let mut is_over = || {
             asked += 1;
-            asked > 2
+            // Once for the clusters, then for each candidate.
+            asked > 3
         };
-        refiner(mode).refine_within(0, &points, &detections, &mut is_over, &mut out);
-        assert_sound(&points, &detections, &out, mode.name());
-        assert_eq!(out.counters.unrefined, 4, "{mode:?}");
-        let without = refine(mode, &points, &detections);
+        refiner(variant).refine_within(0, &points, &detections, &mut is_over, &mut out);
+        assert_sound(&points, &detections, &out, variant.name());
+        assert_eq!(out.counters.unrefined, 4, "{variant:?}");
+        let without = refine(variant, &points, &detections);
         for (k, object) in out.objects.iter().enumerate() {
             let is_refined = k < 2;
             assert_eq!(
                 object.flags & Object::UNREFINED == 0,
                 is_refined,
-                "{mode:?} {k}"
+                "{variant:?} {k}"
             );
             match is_refined {
                 true => assert_eq!(object.center_m, without.objects[k].center_m),
@@ -306,8 +287,8 @@ fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
         }
     }
     // A frame whose points are gone: nothing is looked for, nothing is lost.
-    let mut out = Refined::default();
-    refiner(Mode::Distance).refine_within(0, &[], &detections, &mut || true, &mut out);
+    let mut out = RefinerOutput::default();
+    refiner(Variant::RangeScaled).refine_within(0, &[], &detections, &mut || true, &mut out);
     assert_eq!(out.counters.unrefined, 6);
     assert!(
         out.objects
@@ -317,48 +298,45 @@ fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
 }
 
 /// A wall, a plane, a blob and one spot of 131,072 points each; 512 candidates beside each other and all in one place.
+/// Clusters of the scan cost what its points cost; grown for each candidate, what is left beyond the limit keeps its
+/// proposal, the best scores first.
 #[test]
-fn frames_made_to_be_dear_stay_within_the_work_and_are_flagged() {
-    let settings = mluc_refiner::Settings {
-        mode: Mode::Distance,
-        ..mluc_refiner::Settings::default()
-    };
-    let work_max = settings.work_max;
-    // One candidate may be begun with hardly any work left: thinned points, some fifty times.
-    let work_of_one = 50 * u64::from(settings.points_per_candidate_max) + 4 * 131_072;
-    let mut refiner = mluc_refiner::Refiner::new(settings, &common::sensor()).expect("settings");
-    let mut any_unrefined = false;
-    for (name, points) in &clouds() {
-        for spread_m in [0.0, 30.0] {
-            let detections: Vec<Detection> = (0..512)
-                .map(|k| {
+fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
+    for variant in [Variant::RangeScaled, Variant::PaperCorrected] {
+        let mut refiner = refiner(variant);
+        let mut any_unrefined = false;
+        for (name, points) in &clouds() {
+            for spread_m in [0.0, 30.0] {
+                let spot = |k: u32| {
                     let aside = (f64::from(k) / 512.0 - 0.5) * spread_m;
-                    candidate(
-                        &standing(12.0, 1.0 + aside, CART, 0.0),
-                        [0.0, 0.0],
-                        1.0 + k as f32,
-                    )
-                })
-                .collect();
-            let mut out = Refined::default();
-            refiner.refine(0, points, &detections, &mut out);
-            assert_sound(points, &detections, &out, name);
-            let work = out.counters.work;
-            assert!(work <= work_max + work_of_one, "{name} {spread_m}: {work}");
-            let flagged = out
-                .objects
-                .iter()
-                .filter(|o| o.flags & Object::UNREFINED != 0);
-            assert_eq!(flagged.count() as u32, out.counters.unrefined, "{name}");
-            assert_eq!(
-                out.counters.unrefined > 0,
-                out.counters.work >= work_max,
-                "{name}"
-            );
-            any_unrefined |= out.counters.unrefined > 0;
+                    let place = standing(12.0, 1.0 + aside, CART, 0.0);
+                    candidate(&place, [0.0, 0.0], 1.0 + k as f32)
+                };
+                let detections: Vec<Detection> = (0..512).map(spot).collect();
+                let mut out = RefinerOutput::default();
+                refiner.refine(0, points, &detections, &mut out);
+                assert_sound(points, &detections, &out, name);
+                let (work, unrefined) = (out.counters.work, out.counters.unrefined);
+                // One candidate may be begun with hardly any work left.
+                let most = match variant {
+                    Variant::RangeScaled => points.len() as u64,
+                    _ => WORK_MAX + 50 * 16_384 + 4 * points.len() as u64,
+                };
+                assert!(work <= most, "{name} {spread_m} {variant:?}: {work}");
+                assert_eq!(unrefined > 0, work >= WORK_MAX, "{name}");
+                assert_eq!(out.counters.degraded(), unrefined > 0);
+                let is_left = |o: &Object| o.flags & Object::UNREFINED != 0;
+                let left = out.objects.iter().filter(|o| is_left(o));
+                assert_eq!(left.count() as u32, unrefined, "{name}");
+                if unrefined > 0 {
+                    any_unrefined = true;
+                    assert!(!is_left(&out.objects[0]) && is_left(&out.objects[511]));
+                    assert_eq!(out.objects[511].size_m, detections[511].size_m);
+                }
+            }
         }
+        assert_eq!(any_unrefined, variant == Variant::PaperCorrected);
     }
-    assert!(any_unrefined, "no frame was dear enough");
 }
 
 #[test]
@@ -378,19 +356,19 @@ fn the_same_bits_with_one_and_two_threads_and_on_a_second_run() {
         .iter()
         .map(|cart| candidate(cart, [0.4, -0.6], 2.0))
         .collect();
-    for mode in Mode::ALL {
-        let mut used = refiner(mode);
+    for variant in Variant::ALL {
+        let mut used = refiner(variant);
         let mut run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .build()
                 .expect("pool");
-            let mut out = Refined::default();
+            let mut out = RefinerOutput::default();
             pool.install(|| used.refine(3, &points, &detections, &mut out));
             (out.objects, out.object_points)
         };
         let first = run(1);
-        assert_eq!(first, run(2), "{mode:?}");
-        assert_eq!(first, run(1), "{mode:?}");
+        assert_eq!(first, run(2), "{variant:?}");
+        assert_eq!(first, run(1), "{variant:?}");
     }
 }

@@ -2,8 +2,8 @@
 
 mod common;
 
-use mluc_refiner::cluster::{Bounds, Clusterer, Depth, Literal};
-use mluc_refiner::{CorrectedSettings, LiteralSettings, Neighbourhood};
+use mluc_refiner::paper::Neighbourhood;
+use mluc_refiner::paper::grow::{Depth, Grower, Printed};
 
 /// Two parallel walls seen frontally: the left half at 10 m, the right half `step_m` behind it.
 fn step(step_m: f64) -> (Neighbourhood, Vec<bool>) {
@@ -20,20 +20,14 @@ fn step(step_m: f64) -> (Neighbourhood, Vec<bool>) {
             around.z_m.push(z as f32);
             around.height_m.push((z + 5.0) as f32);
             around.index.push(is_near.len() as u32);
-            around.is_known.push(false);
             is_near.push(column >= 0);
         }
     }
     (around, is_near)
 }
 
-const BOUNDS: Bounds = Bounds {
-    height_min_m: f64::NEG_INFINITY,
-    scale: 1.0,
-};
-
 /// Shares of the near and of the far wall in the cluster of a point on the near one, beside the step.
-fn shares(clusterer: &mut dyn Clusterer, step_m: f64) -> [f64; 2] {
+fn shares(grower: &mut dyn Grower, step_m: f64) -> [f64; 2] {
     let (around, is_near) = step(step_m);
     let seed = (0..around.len())
         .filter(|&i| is_near[i])
@@ -43,7 +37,7 @@ fn shares(clusterer: &mut dyn Clusterer, step_m: f64) -> [f64; 2] {
         })
         .expect("a point");
     let mut members = Vec::new();
-    clusterer.grow(&around, seed, &BOUNDS, &mut members);
+    grower.grow(&around, seed, f64::NEG_INFINITY, &mut members);
     [true, false].map(|side| {
         let all = is_near.iter().filter(|&&near| near == side).count();
         let found = members
@@ -61,16 +55,16 @@ fn the_corrected_sign_keeps_the_surface_and_stops_at_the_step() {
         azimuth_step_rad: std::f32::consts::TAU / 4096.0,
         ..sensor.beams.expect("beams")
     };
-    let mut depth = Depth::new(&CorrectedSettings::default(), Some(&fine));
+    let mut depth = Depth::new(Some(&fine));
     let [near, far] = shares(&mut depth, 1.5);
     assert_eq!((near, far), (1.0, 0.0));
 }
 
 #[test]
 fn the_printed_sign_splits_the_surface_and_jumps_over_the_step() {
-    let mut literal = Literal::new(&LiteralSettings::default());
+    let mut printed = Printed::default();
     // Within its neighbour distance of 0.5 m.
-    let [near, far] = shares(&mut literal, 0.4);
+    let [near, far] = shares(&mut printed, 0.4);
     assert!(near < 0.5, "most of its own surface is left out: {near}");
     assert!(far > 0.0, "and it goes on behind the step: {far}");
 }

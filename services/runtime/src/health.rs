@@ -7,6 +7,7 @@ use mluc_ipc_types::{
 };
 
 use crate::input::{Input, InputOptions};
+use crate::run::RunWatch;
 use crate::{Instance, Ipc, Output, RuntimeError, monotonic_ns};
 
 /// The service's name: each stage has one of its own, so that each has one producer.
@@ -41,6 +42,7 @@ pub(crate) struct Heartbeat {
     stage: Stage,
     state: HealthState,
     reason: String,
+    run_id: u64,
     run_us: Histogram<u64>,
     count: u64,
     last_ns: u64,
@@ -67,6 +69,7 @@ impl Heartbeat {
             stage,
             state: HealthState::Starting,
             reason: String::new(),
+            run_id: 0,
             run_us,
             count: 0,
             last_ns: 0,
@@ -80,6 +83,13 @@ impl Heartbeat {
 
     pub(crate) fn is_due(&self) -> bool {
         monotonic_ns() - self.last_ns >= PERIOD_NS
+    }
+
+    /// Whether this is another run than before.
+    pub(crate) fn set_run(&mut self, run_id: u64) -> bool {
+        let is_new = self.run_id != run_id;
+        self.run_id = run_id;
+        is_new
     }
 
     /// Whether this changes anything.
@@ -98,6 +108,7 @@ impl Heartbeat {
             stage: self.stage as u32,
             state: self.state as u32,
             pid: std::process::id(),
+            run_id: self.run_id,
             frames_in: counters.frames_in,
             frames_out: counters.frames_out,
             frames_dropped: counters.frames_dropped,
@@ -111,19 +122,20 @@ impl Heartbeat {
             candidates: counters.candidates,
             reason: Text::pack(&self.reason),
         };
-        let mut draft = self
-            .output
-            .draft(&FrameHeader::new(self.count, self.stage.name()), 1)?;
-        draft.elements_mut().fill(health);
-        draft.publish()?;
+        let mut header = FrameHeader::new(self.count, self.stage.name());
+        header.run_id = self.run_id;
+        let mut loan = self.output.loan(&header, 1)?;
+        loan.elements_mut().fill(health);
+        loan.publish()?;
         self.count += 1;
         self.last_ns = monotonic_ns();
         Ok(())
     }
 }
 
-/// The reader's side: the last heartbeat of every stage.
+/// The reader's side: the last heartbeat of every stage in the run.
 pub struct HealthWatch {
+    run: RunWatch,
     inputs: Vec<Input<Health>>,
     last: [Option<Health>; 4],
     heard_ns: [u64; 4],
@@ -131,30 +143,34 @@ pub struct HealthWatch {
 
 impl HealthWatch {
     pub(crate) fn open(node: &Node<Ipc>, instance: &Instance) -> Result<HealthWatch, RuntimeError> {
-        let options = InputOptions {
-            wakes: false,
-            verify_mapping: false,
-        };
+        let options = InputOptions::default();
         let inputs = Stage::ALL
             .iter()
             .map(|&stage| Input::open(node, instance, &Topic::HEALTH, &topic_name(stage), options))
             .collect::<Result<_, _>>()?;
         Ok(HealthWatch {
+            run: RunWatch::open(node, instance)?,
             inputs,
             last: [None; 4],
             heard_ns: [0; 4],
         })
     }
 
-    /// Takes what arrived; heartbeats that break the contract are left out.
+    /// Takes what arrived. Left out are heartbeats that break the contract, of another stage than their topic's, and of
+    /// another run; where no run is known, those of any.
     pub fn update(&mut self) -> Result<&[Option<Health>; 4], RuntimeError> {
+        if self.run.update()? {
+            self.last = [None; 4];
+        }
+        let run_id = self.run.id();
         let kept = self.last.iter_mut().zip(&mut self.heard_ns);
-        for (input, (last, heard_ns)) in self.inputs.iter_mut().zip(kept) {
+        for ((input, stage), (last, heard_ns)) in self.inputs.iter_mut().zip(Stage::ALL).zip(kept) {
             let Some(message) = input.newest()? else {
                 continue;
             };
             if let [health] = message.elements()
-                && health.checked().is_ok()
+                && health.checked().is_ok_and(|(found, _)| found == stage)
+                && (run_id == 0 || [0, run_id].contains(&health.run_id))
             {
                 *last = Some(*health);
                 *heard_ns = message.received_ns;
@@ -173,11 +189,14 @@ impl HealthWatch {
         self.heard_ns[stage as usize]
     }
 
-    /// Whether the stage said that it takes frames.
+    /// Whether the stage said that it takes frames of the run.
     pub fn is_ready(&self, stage: Stage) -> bool {
-        let state = self.of(stage).and_then(|health| health.checked().ok());
+        let health = self.of(stage);
+        let takes_part = |health: &&Health| health.run_id == self.run.id() && health.run_id != 0;
         matches!(
-            state,
+            health
+                .filter(takes_part)
+                .and_then(|health| health.checked().ok()),
             Some((
                 _,
                 HealthState::WaitingInput | HealthState::Running | HealthState::Degraded

@@ -23,14 +23,12 @@ pub struct Input<T: Pod + Debug + ZeroCopySend> {
     instance: Instance,
     name: String,
     verify_mapping: bool,
-    last_sequence: Option<u64>,
-    dropped: u64,
     bytes_read: u64,
     mappings_verified: u64,
 }
 
 /// How an input is opened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct InputOptions {
     pub(crate) wakes: bool,
     pub(crate) verify_mapping: bool,
@@ -70,14 +68,12 @@ impl<T: Pod + Debug + ZeroCopySend> Input<T> {
             instance: instance.clone(),
             name: name.to_string(),
             verify_mapping: options.verify_mapping,
-            last_sequence: None,
-            dropped: 0,
             bytes_read: 0,
             mappings_verified: 0,
         })
     }
 
-    /// The newest message; older ones that wait are let go and counted as dropped.
+    /// The newest message; older ones that wait are let go.
     pub fn newest(&mut self) -> Result<Option<Message<T>>, RuntimeError> {
         let mut newest = None;
         // The older one is let go before the next is taken: a topic may allow one held message alone.
@@ -126,13 +122,6 @@ impl<T: Pod + Debug + ZeroCopySend> Input<T> {
         let Some(message) = message else {
             return Ok(None);
         };
-        let sequence = message.header().sequence;
-        // A sequence that goes back is a frame sent again, or a new run: no drop.
-        if let Some(last) = self.last_sequence {
-            let gap = sequence.saturating_sub(last.saturating_add(1));
-            self.dropped = self.dropped.saturating_add(gap);
-        }
-        self.last_sequence = Some(sequence);
         self.bytes_read += size_of_val(message.elements()) as u64;
         if self.verify_mapping && !message.elements().is_empty() {
             if mapping::segment_of(&self.instance, message.elements()).is_none() {
@@ -173,11 +162,6 @@ impl<T: Pod + Debug + ZeroCopySend> Input<T> {
     pub fn consumers(&self) -> usize {
         use iceoryx2::prelude::PortFactory;
         self.service.dynamic_config().number_of_subscribers()
-    }
-
-    /// Messages missed, by sequence gap.
-    pub fn dropped(&self) -> u64 {
-        self.dropped
     }
 
     /// Payload bytes of everything taken.

@@ -1,8 +1,8 @@
 //! One pipeline on this machine: its name, and where its files lie.
 //!
-//! Everything of an instance is in `/dev/shm`: the folder [`Instance::root`] (locks, iceoryx2's small files) and the
-//! segments whose names begin with [`Instance::prefix`]. tmpfs, because iceoryx2 finds a dead process through files there
-//! three times faster than on a disk.
+//! Everything of an instance is in `/dev/shm`: the folder [`Instance::root`], `/dev/shm/mluc-UID-NAME` (locks, iceoryx2's
+//! small files), and the segments whose names begin with [`Instance::prefix`], `mluc-UID-NAME.`. tmpfs, because iceoryx2
+//! finds a dead process through files there three times faster than on a disk.
 
 use std::path::{Path, PathBuf};
 
@@ -58,13 +58,16 @@ impl Instance {
         &self.root
     }
 
-    /// What a foreign stage needs to join: iceoryx2's prefix and root path, and the name, as environment variables.
-    pub fn environment(&self) -> [(&'static str, String); 3] {
-        [
-            ("MLUC_INSTANCE", self.name.clone()),
-            ("MLUC_IOX2_PREFIX", self.prefix.clone()),
-            ("MLUC_IOX2_ROOT", self.root.display().to_string()),
-        ]
+    /// Variable with the instance's name: all that a foreign stage needs. Prefix and root path follow from it and the
+    /// user's number; the model and its classes stand in the topic `run`.
+    pub const VARIABLE: &str = "MLUC_INSTANCE";
+
+    /// The instance that the environment names, else the default one.
+    pub fn from_environment() -> Result<Instance, RuntimeError> {
+        match std::env::var(Instance::VARIABLE) {
+            Ok(name) if !name.is_empty() => Instance::new(&name),
+            _ => Instance::new(Instance::DEFAULT),
+        }
     }
 }
 

@@ -9,8 +9,8 @@
 //! anything; a connection file of 0 bytes would hang every later start, so it is swept first.
 
 mod clock;
-mod environment;
 mod error;
+mod frames;
 mod health;
 mod input;
 mod instance;
@@ -19,23 +19,30 @@ mod mapping;
 mod membership;
 mod node;
 mod output;
+mod run;
 mod scans;
 mod shell;
 mod signals;
+mod stage;
 mod sweep;
 
 pub use clock::{monotonic_ns, wall_clock_ns};
-pub use environment::{StageEnvironment, model_environment};
 pub use error::RuntimeError;
+pub use frames::Frames;
 pub use health::{Counters, HealthWatch};
 pub use input::{Input, Message};
 pub use instance::Instance;
 pub use logging::log_to_stderr;
 pub use membership::{Claim, Membership};
-pub use output::{Draft, Output};
+pub use output::{Loan, Output};
+pub use run::random_run_id;
 pub use scans::Scans;
 pub use shell::{Next, Shell, ShellOptions};
 pub use signals::Shutdown;
+pub use stage::{
+    Algorithm, STAMPS_VARIABLE, StageError, StageInput, finish, frame_span, run_span, run_stage,
+    stamp_published,
+};
 
 /// iceoryx2 between processes.
 pub(crate) type Ipc = iceoryx2::service::ipc::Service;

@@ -60,11 +60,11 @@ impl<T: Pod + Debug + ZeroCopySend> Output<T> {
     }
 
     /// Memory for a message of `elements` elements, to be filled in place. What it holds at first is anything.
-    pub fn draft(
+    pub fn loan(
         &mut self,
         header: &FrameHeader,
         elements: usize,
-    ) -> Result<Draft<'_, T>, RuntimeError> {
+    ) -> Result<Loan<'_, T>, RuntimeError> {
         let sample = self
             .publisher
             .loan_slice_uninit(elements)
@@ -74,10 +74,18 @@ impl<T: Pod + Debug + ZeroCopySend> Output<T> {
         // message), and `T: Pod` takes every bit pattern.
         let mut sample = unsafe { sample.assume_init() };
         *sample.user_header_mut() = *header;
-        Ok(Draft {
+        Ok(Loan {
             sample,
             output: self,
         })
+    }
+
+    /// Connects consumers that came since the last message, which get what the topic's history holds.
+    pub(crate) fn reach_late_readers(&self) -> Result<(), RuntimeError> {
+        use iceoryx2::port::update_connections::UpdateConnections;
+        self.publisher
+            .update_connections()
+            .map_err(|e| self.failed("reaching late readers", format!("{e:?}")))
     }
 
     /// Consumers connected at this time.
@@ -100,13 +108,13 @@ impl<T: Pod + Debug + ZeroCopySend> Output<T> {
     }
 }
 
-/// A message being written, in shared memory. Dropped without [`Draft::publish`], it was never sent.
-pub struct Draft<'a, T: Pod + Debug + ZeroCopySend> {
+/// A message being written, in shared memory. Dropped without [`Loan::publish`], it was never sent.
+pub struct Loan<'a, T: Pod + Debug + ZeroCopySend> {
     sample: SampleMut<Ipc, [T], FrameHeader>,
     output: &'a mut Output<T>,
 }
 
-impl<T: Pod + Debug + ZeroCopySend> Draft<'_, T> {
+impl<T: Pod + Debug + ZeroCopySend> Loan<'_, T> {
     /// The message's header.
     pub fn header_mut(&mut self) -> &mut FrameHeader {
         self.sample.user_header_mut()

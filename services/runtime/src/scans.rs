@@ -1,8 +1,9 @@
-//! The last scans, held where they lie in shared memory: a refiner finds the points of the frame whose detections it got.
+//! The scans of a run, as those behind the backbone see them: how many ingest has sent, and the last ones, held where they
+//! lie in shared memory, so that a refiner finds the points of the frame whose detections it got.
 
 use std::collections::VecDeque;
 
-use mluc_ipc_types::Point;
+use mluc_ipc_types::{Point, RunDescription};
 
 use crate::{Input, Message, RuntimeError};
 
@@ -17,28 +18,58 @@ const KEPT: usize = 4;
 pub struct Scans {
     input: Input<Point>,
     held: VecDeque<Message<Point>>,
+    kept: usize,
+    run_id: u64,
+    count_sent: u64,
 }
 
 impl Scans {
     /// Holds what arrives at `input`.
-    pub fn new(input: Input<Point>) -> Scans {
+    pub fn held(input: Input<Point>) -> Scans {
+        Scans::new(input, KEPT)
+    }
+
+    /// Counts what arrives at `input`, and lets it go.
+    pub fn sent(input: Input<Point>) -> Scans {
+        Scans::new(input, 0)
+    }
+
+    fn new(input: Input<Point>, kept: usize) -> Scans {
         Scans {
             input,
-            held: VecDeque::with_capacity(KEPT + 1),
+            held: VecDeque::with_capacity(kept + 1),
+            kept,
+            run_id: 0,
+            count_sent: 0,
         }
     }
 
-    /// Takes the scans that arrived.
-    pub fn take(&mut self) -> Result<(), RuntimeError> {
+    /// Takes the scans of a run that arrived.
+    pub fn take(&mut self, run: &RunDescription) -> Result<(), RuntimeError> {
+        if self.run_id != run.run_id {
+            (self.run_id, self.count_sent) = (run.run_id, 0);
+            self.held.clear();
+        }
         loop {
-            if self.held.len() > KEPT {
+            if self.held.len() > self.kept {
                 self.held.remove(PINNED);
             }
-            match self.input.oldest()? {
-                Some(scan) => self.held.push_back(scan),
-                None => return Ok(()),
+            let Some(scan) = self.input.oldest()? else {
+                return Ok(());
+            };
+            let Ok(header) = scan.header().checked_in(run, 0..u64::MAX) else {
+                continue;
+            };
+            self.count_sent = self.count_sent.max(header.sequence + 1);
+            if self.kept > 0 {
+                self.held.push_back(scan);
             }
         }
+    }
+
+    /// One more than the largest sequence that ingest has sent in the run; 0: none.
+    pub fn count_sent(&self) -> u64 {
+        self.count_sent
     }
 
     /// A frame was refined: lets go what no later frame can ask for.

@@ -6,12 +6,13 @@ use std::time::Duration;
 use bytemuck::Pod;
 use iceoryx2::node::Node;
 use iceoryx2::prelude::ZeroCopySend;
-use mluc_ipc_types::{HealthState, Stage, Topic};
+use mluc_ipc_types::{ContractError, HealthState, RunDescription, Stage, Topic};
 
 use crate::health::Heartbeat;
 use crate::input::InputOptions;
 use crate::mapping::{self, Prefault};
 use crate::node::{self, Cleaning};
+use crate::run::{self, RunWatch, RunWriter};
 use crate::{
     Claim, Counters, HealthWatch, Input, Instance, Ipc, Membership, Message, Output, RuntimeError,
     Shutdown, monotonic_ns,
@@ -43,6 +44,10 @@ impl ShellOptions {
 pub struct Shell {
     // Fields drop in this order: ports, node, claim, membership.
     heartbeat: Option<Heartbeat>,
+    run: RunWatch,
+    run_writer: Option<RunWriter>,
+    /// Fingerprint of this process's model, if it has one.
+    model: Option<u64>,
     node: Node<Ipc>,
     _claim: Option<Claim>,
     membership: Membership,
@@ -83,18 +88,9 @@ impl Shell {
         let claim = membership.claim(stage.name())?;
         let node = node::join(&options.instance, stage.name(), Cleaning::Yes)?;
         let heartbeat = Heartbeat::open(&node, &options.instance, stage)?;
-        let mut shell = Shell {
-            heartbeat: Some(heartbeat),
-            node,
-            _claim: Some(claim),
-            membership,
-            options,
-            prefault: Prefault::default(),
-            touched_ns: 0,
-            shutdown,
-            silence: None,
-            counters: Counters::default(),
-        };
+        let mut shell = Shell::join(options, membership, Some(claim), node, shutdown)?;
+        shell.heartbeat = Some(heartbeat);
+        shell.follow_run()?;
         shell.beat()?;
         Ok(shell)
     }
@@ -108,8 +104,21 @@ impl Shell {
         let membership = Membership::join(&options.instance, role.unwrap_or("observer"))?;
         let claim = role.map(|role| membership.claim(role)).transpose()?;
         let node = node::join(&options.instance, role.unwrap_or("observer"), Cleaning::No)?;
+        Shell::join(options, membership, claim, node, shutdown)
+    }
+
+    fn join(
+        options: ShellOptions,
+        membership: Membership,
+        claim: Option<Claim>,
+        node: Node<Ipc>,
+        shutdown: Shutdown,
+    ) -> Result<Shell, RuntimeError> {
         Ok(Shell {
             heartbeat: None,
+            run: RunWatch::open(&node, &options.instance)?,
+            run_writer: None,
+            model: None,
             node,
             _claim: claim,
             membership,
@@ -135,6 +144,82 @@ impl Shell {
     /// Which pipeline.
     pub fn instance(&self) -> &Instance {
         self.membership.instance()
+    }
+
+    /// Begins a new run and describes it to everybody, now and later. False: another process of the instance describes the
+    /// run already ([`Shell::await_run`] gives its description).
+    pub fn begin_run(&mut self, description: &RunDescription) -> Result<bool, RuntimeError> {
+        // Of the run that this process began before.
+        self.run_writer = None;
+        let claim = match self.membership.claim(run::ROLE) {
+            Err(RuntimeError::AlreadyRunning { .. }) => return Ok(false),
+            claimed => claimed?,
+        };
+        let output = self.output(&Topic::RUN, 1)?;
+        self.run_writer = Some(RunWriter::begin(output, claim, description)?);
+        self.run.set(*description);
+        self.follow_run()?;
+        Ok(true)
+    }
+
+    /// The run that this process takes part in.
+    pub fn run(&self) -> Option<&RunDescription> {
+        self.run.current()
+    }
+
+    /// Messages are refused while the run has another model than this one.
+    pub fn set_model(&mut self, fingerprint: u64) {
+        self.model = Some(fingerprint);
+    }
+
+    pub(crate) fn check_model(&self) -> Result<(), ContractError> {
+        match (self.model, self.run.current()) {
+            (Some(own), Some(run)) if own != run.model_fingerprint => {
+                Err(ContractError::Mismatch {
+                    what: "fingerprint of the model (all stages must run the same model)",
+                    expected: own,
+                    found: run.model_fingerprint,
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Takes a newer description of the run; the heartbeats carry its id from now on.
+    fn follow_run(&mut self) -> Result<(), RuntimeError> {
+        self.run.update()?;
+        let id = self.run.id();
+        match self.heartbeat.as_mut().is_some_and(|h| h.set_run(id)) {
+            true => self.beat(),
+            false => Ok(()),
+        }
+    }
+
+    /// Waits until a run is known, with heartbeats. `None`: it is known; else how the wait ended.
+    pub fn await_run<T: Pod + Debug + ZeroCopySend>(
+        &mut self,
+        timeout: Duration,
+    ) -> Result<Option<Next<T>>, RuntimeError> {
+        let begun_ns = monotonic_ns();
+        let mut is_said = false;
+        while self.run.current().is_none() {
+            if self.is_stopping() {
+                return Ok(Some(Next::Stopping));
+            }
+            let waited_ns = monotonic_ns() - begun_ns;
+            if u128::from(waited_ns) > timeout.as_nanos() {
+                return Ok(Some(Next::Timeout));
+            }
+            if waited_ns > Topic::RUN.deadline_ms * 1_000_000 && !is_said {
+                is_said = true;
+                let reason = "waiting for the run: no pipeline and no ingest is running";
+                tracing::info!("{reason}");
+                self.state(HealthState::WaitingInput, reason)?;
+            }
+            self.tick()?;
+            std::thread::sleep(RUN_POLL);
+        }
+        Ok(None)
     }
 
     /// The producer's end of a topic, for messages of up to `elements_max` elements.
@@ -199,7 +284,7 @@ impl Shell {
         &mut self,
         input: &mut Input<T>,
         topic: &Topic,
-        mut on_tick: impl FnMut() -> Result<(), RuntimeError>,
+        mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<(), RuntimeError>,
     ) -> Result<Option<Message<T>>, RuntimeError> {
         loop {
             match self.next_within(input, topic, &mut on_tick, Duration::MAX)? {
@@ -215,7 +300,7 @@ impl Shell {
         &mut self,
         input: &mut Input<T>,
         topic: &Topic,
-        mut on_tick: impl FnMut() -> Result<(), RuntimeError>,
+        mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<(), RuntimeError>,
         timeout: Duration,
     ) -> Result<Next<T>, RuntimeError> {
         let begun_ns = monotonic_ns();
@@ -227,7 +312,8 @@ impl Shell {
             if self.is_stopping() {
                 return Ok(Next::Stopping);
             }
-            on_tick()?;
+            self.follow_run()?;
+            on_tick(self.run.current())?;
             // A wake-up whose message was taken already ends the wait below early, once: forgetting it here would cost two
             // system calls between a wake-up and its message.
             if let Some(message) = input.newest()? {
@@ -306,8 +392,12 @@ impl Shell {
         }
     }
 
-    /// What is to be done now and then: a heartbeat.
+    /// What is to be done now and then: a look for a new run, the description for late readers, a heartbeat.
     pub fn tick(&mut self) -> Result<(), RuntimeError> {
+        self.follow_run()?;
+        if let Some(writer) = &self.run_writer {
+            writer.reach_late_readers()?;
+        }
         match self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
             true => self.beat(),
             false => Ok(()),
@@ -340,6 +430,8 @@ impl Shell {
 
 /// Between two looks for new segments.
 const TOUCH_PERIOD_NS: u64 = 100_000_000;
+/// Between two looks for the first description of a run.
+const RUN_POLL: Duration = Duration::from_millis(5);
 /// How often a waiting process looks around: also the longest time until it sees a signal.
 const TICK: Duration = Duration::from_millis(50);
 

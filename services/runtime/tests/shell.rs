@@ -30,15 +30,15 @@ fn leftovers(instance: &Instance) -> Vec<String> {
 
 fn send(output: &mut mluc_runtime::Output<Point>, sequence: u64, points: usize) {
     let header = FrameHeader::new(sequence, "a");
-    let mut draft = output.draft(&header, points).unwrap();
-    for (number, point) in draft.elements_mut().iter_mut().enumerate() {
+    let mut loan = output.loan(&header, points).unwrap();
+    for (number, point) in loan.elements_mut().iter_mut().enumerate() {
         *point = Point {
             x_m: number as f32,
             y_m: sequence as f32,
             ..Point::default()
         };
     }
-    draft.publish().unwrap();
+    loan.publish().unwrap();
 }
 
 #[test]
@@ -49,15 +49,15 @@ fn a_message_is_written_once_and_read_where_it_lies() {
     let mut output = producer.output::<Point>(&Topic::POINTS, 120_000).unwrap();
     let mut input = consumer.input::<Point>(&Topic::POINTS).unwrap();
 
-    let mut draft = output.draft(&FrameHeader::new(0, "a"), 100_000).unwrap();
+    let mut loan = output.loan(&FrameHeader::new(0, "a"), 100_000).unwrap();
     let written_in = producer
-        .segment_of(draft.elements_mut())
+        .segment_of(loan.elements_mut())
         .expect("written in shared memory");
-    draft.elements_mut().fill(Point {
+    loan.elements_mut().fill(Point {
         x_m: 7.0,
         ..Point::default()
     });
-    draft.publish().unwrap();
+    loan.publish().unwrap();
 
     let message = input.newest().unwrap().unwrap();
     let read_in = consumer
@@ -73,7 +73,7 @@ fn a_message_is_written_once_and_read_where_it_lies() {
 }
 
 #[test]
-fn newest_wins_and_drops_are_counted() {
+fn newest_wins() {
     let options = options("newest");
     let mut producer = stage(&options, Stage::Ingest);
     let consumer = stage(&options, Stage::Backbone);
@@ -86,7 +86,6 @@ fn newest_wins_and_drops_are_counted() {
     }
     let newest = input.newest().unwrap().unwrap();
     assert_eq!(newest.header().sequence, 20);
-    assert_eq!(input.dropped(), 19);
     assert!(
         held.elements().iter().all(|point| point.y_m == 0.0),
         "a held message stays as it was"
@@ -101,7 +100,7 @@ fn an_empty_message_arrives_and_an_unsent_one_does_not() {
     let consumer = stage(&options, Stage::Backbone);
     let mut output = producer.output::<Point>(&Topic::POINTS, 100).unwrap();
     let mut input = consumer.input::<Point>(&Topic::POINTS).unwrap();
-    drop(output.draft(&FrameHeader::new(0, "a"), 5).unwrap());
+    drop(output.loan(&FrameHeader::new(0, "a"), 5).unwrap());
     send(&mut output, 1, 0);
     let message = input.newest().unwrap().unwrap();
     assert_eq!(
@@ -109,7 +108,7 @@ fn an_empty_message_arrives_and_an_unsent_one_does_not() {
         (1, 0)
     );
     assert!(matches!(
-        output.draft(&FrameHeader::new(2, "a"), 101).err(),
+        output.loan(&FrameHeader::new(2, "a"), 101).err(),
         Some(RuntimeError::Message { .. })
     ));
 }
@@ -123,9 +122,9 @@ fn blocks_of_64_bytes_keep_their_alignment() {
         .output::<FeatureBlock>(&Topic::FEATURES, 1000)
         .unwrap();
     let mut input = consumer.input::<FeatureBlock>(&Topic::FEATURES).unwrap();
-    let mut draft = output.draft(&FrameHeader::new(0, "a"), 1000).unwrap();
-    draft.elements_mut().fill(FeatureBlock([1.5; 16]));
-    draft.publish().unwrap();
+    let mut loan = output.loan(&FrameHeader::new(0, "a"), 1000).unwrap();
+    loan.elements_mut().fill(FeatureBlock([1.5; 16]));
+    loan.publish().unwrap();
     let message = input.newest().unwrap().unwrap();
     assert_eq!(message.elements().as_ptr() as usize % 64, 0);
     assert_eq!(message.elements()[999].0, [1.5; 16]);
@@ -143,7 +142,7 @@ fn waiting_wakes_up_says_why_and_ends_on_request() {
         ..Topic::POINTS
     };
     let begun = Instant::now();
-    let message = consumer.next(&mut input, &topic, || {
+    let message = consumer.next(&mut input, &topic, |_| {
         if begun.elapsed() > Duration::from_millis(300) {
             shutdown.request();
         }
@@ -158,7 +157,7 @@ fn waiting_wakes_up_says_why_and_ends_on_request() {
         health.reason(),
         "waiting for points: no producer is running"
     );
-    assert!(watch.is_ready(Stage::Backbone) && !watch.is_ready(Stage::Head));
+    assert!(!watch.is_ready(Stage::Backbone), "no run has begun");
 
     let thread_options = options.clone();
     let sender = std::thread::spawn(move || {
@@ -170,7 +169,7 @@ fn waiting_wakes_up_says_why_and_ends_on_request() {
     });
     let mut other = stage(&options, Stage::Head);
     let message = other
-        .next(&mut input, &Topic::POINTS, || Ok(()))
+        .next(&mut input, &Topic::POINTS, |_| Ok(()))
         .unwrap()
         .unwrap();
     assert_eq!(message.header().sequence, 5);

@@ -11,16 +11,24 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use clap::Parser;
 use mluc_bench::inputs;
-use mluc_bench::machine::Machine;
-use mluc_lab::simulate::SimulatedFrame;
-use mluc_refiner::cluster::{Bounds, Clusterer, Dbscan, Distance, Euclidean};
-use mluc_refiner::{FrameIndex, Gather, GroundPlane, Neighbourhood, Settings};
+use mluc_bench::machine::describe_here;
+use mluc_refiner::paper::grow::{Dbscan, Euclidean, Grower};
+use mluc_refiner::paper::{Gather, Neighbourhood};
+use mluc_refiner::{FrameIndex, GroundPlane, Settings};
+use mluc_simulate::SimulatedFrame;
 use serde_json::{Value, json};
 
 /// Of the simulated sensor, m.
 const SENSOR_HEIGHT_M: f64 = 1.73;
 /// Of the cylinder, m: what the refiner takes where nothing else is set.
 const RADIUS_M: f64 = 6.0;
+/// Points that a candidate may have; beyond it they are thinned evenly.
+const POINTS_MAX: usize = 16_384;
+/// Euclidean: points closer than this are joined, m: a usual choice for vehicles.
+const TOLERANCE_M: f32 = 0.5;
+/// DBSCAN: radius of a neighbourhood, m, and points within it that make a core point.
+const EPSILON_M: f32 = 0.6;
+const CORE_POINTS: usize = 5;
 /// Runs of each clusterer, of which the median counts.
 const RUNS: usize = 9;
 
@@ -44,11 +52,11 @@ fn main() -> Result<()> {
         candidates(&frame, &settings, &arguments.out, &mut found)?;
     }
     let about = json!({
-        "machine": Machine::here(),
-        "euclidean": { "tolerance_m": settings.reference.tolerance_m },
+        "machine": describe_here(),
+        "euclidean": { "tolerance_m": TOLERANCE_M },
         "dbscan": {
-            "epsilon_m": settings.reference.epsilon_m,
-            "core_points": settings.reference.core_points,
+            "epsilon_m": EPSILON_M,
+            "core_points": CORE_POINTS,
         },
         "candidates": found,
     });
@@ -71,7 +79,7 @@ fn candidates(
     for object in &frame.objects {
         let center_m = object.box_in_sensor.center_m;
         let center_xy_m = [center_m[0], center_m[1]];
-        let ground = GroundPlane::fit(&index, center_xy_m, SENSOR_HEIGHT_M, &settings.ground);
+        let ground = GroundPlane::fit(&index, center_xy_m, SENSOR_HEIGHT_M);
         let off = |at_m: [f32; 3]| -> f64 {
             let off = [0, 1, 2].map(|i| f64::from(at_m[i]) - center_m[i]);
             off.iter().map(|value| value * value).sum()
@@ -79,51 +87,39 @@ fn candidates(
         let near = index.rows_around(center_xy_m, RADIUS_M).flatten();
         let above = near.filter(|point| {
             let [x, y, z] = point.at_m.map(f64::from);
-            z - ground.z_at_m(x, y) >= settings.ground.clearance_m
+            z - ground.z_at_m(x, y) >= settings.ground_clearance_m
         });
         let Some(seed) = above.min_by(|a, b| off(a.at_m).total_cmp(&off(b.at_m))) else {
             continue;
         };
         let wanted = Gather {
             radius_m: RADIUS_M,
-            height_m: [settings.ground.clearance_m, settings.ground.height_max_m],
-            points_max: settings.points_per_candidate_max as usize,
+            height_m: [settings.ground_clearance_m, settings.height_max_m],
+            points_max: POINTS_MAX,
         };
-        let seed = around.gather(&index, seed, &ground, &wanted, &[]);
-        let candidate = one(&around, seed, settings, out, found.len())?;
+        let seed = around.gather(&index, seed, &ground, &wanted);
+        let candidate = one(&around, seed, out, found.len())?;
         found.push(candidate);
     }
     Ok(())
 }
 
-fn one(
-    around: &Neighbourhood,
-    seed: usize,
-    settings: &Settings,
-    out: &Path,
-    number: usize,
-) -> Result<Value> {
+fn one(around: &Neighbourhood, seed: usize, out: &Path, number: usize) -> Result<Value> {
     let name = format!("{number:03}");
     let columns = around.x_m.iter().zip(&around.y_m).zip(&around.z_m);
     let values: Vec<f32> = columns.flat_map(|((x, y), z)| [*x, *y, *z]).collect();
     save(out, &format!("{name}.f32"), bytemuck::cast_slice(&values))?;
-    let reference = &settings.reference;
-    let ways: [(&str, Box<dyn Clusterer>); 3] = [
-        ("euclidean", Box::new(Euclidean::new(reference))),
-        ("dbscan", Box::new(Dbscan::new(reference))),
-        ("distance", Box::new(Distance::new(&settings.distance))),
+    let ways: [(&str, Box<dyn Grower>); 2] = [
+        ("euclidean", Box::new(Euclidean::new(TOLERANCE_M))),
+        ("dbscan", Box::new(Dbscan::new(EPSILON_M, CORE_POINTS))),
     ];
-    let bounds = Bounds {
-        height_min_m: f64::NEG_INFINITY,
-        scale: 1.0,
-    };
     let mut ours = serde_json::Map::new();
-    for (way, mut clusterer) in ways {
+    for (way, mut grower) in ways {
         let mut members = vec![];
         let mut times_us: Vec<f64> = (0..=RUNS)
             .map(|_| {
                 let start = Instant::now();
-                clusterer.grow(around, seed, &bounds, &mut members);
+                grower.grow(around, seed, f64::NEG_INFINITY, &mut members);
                 start.elapsed().as_secs_f64() * 1e6
             })
             .skip(1)

@@ -1,7 +1,7 @@
 //! Fixed work, cut into parts, for a program that counts instructions: `.ci/callgrind` runs it under valgrind and compares
 //! the counts with recorded ones. Prints the name of each part in order.
 //!
-//! One made-up scan, a sixteenth of KITTI's range (valgrind is a hundred times slower), the network `compact` with weights
+//! One synthetic-unknown scan, a sixteenth of KITTI's range (valgrind is a hundred times slower), the network `compact` with weights
 //! by formula, one thread. The part before each [`instructions_mark`] is what it names; the first is the loading of the
 //! model.
 
@@ -14,7 +14,7 @@ use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
 use mluc_ipc_types::Point;
 use mluc_model::{Grid, Manifest, Network, WeightSet, formula_weights};
-use mluc_refiner::{Refined, Refiner, Sensor, Settings};
+use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings};
 
 /// Frames of each precision; the first finds memory that was never touched.
 const FRAMES: usize = 2;
@@ -111,7 +111,7 @@ fn refiner(manifest: &Manifest, points: &[[f32; 4]], parts: &mut Vec<String>) ->
     let points: Vec<Point> = bytemuck::cast_slice(points).to_vec();
     let candidates = scene::candidates();
     let mut refiner = Refiner::new(Settings::default(), &Sensor::from_manifest(manifest)?)?;
-    let mut refined = Refined::default();
+    let mut refined = RefinerOutput::default();
     for frame in 0..FRAMES {
         instructions_mark("start".into(), parts);
         refiner.refine(7, &points, &candidates, &mut refined);

@@ -11,11 +11,12 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use clap::Parser;
-use mluc_backbone::{Backbone, Calibrator, Coverage, Precision};
+use mluc_backbone::Precision;
 use mluc_bench::inputs;
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
+use mluc_train::{TrainError, quantize::measure_ranges};
 
 #[derive(Parser)]
 struct Arguments {
@@ -106,17 +107,9 @@ fn calibrate<'a>(
     weights: &mut WeightSet,
     scans: impl Iterator<Item = &'a [[f32; 4]]>,
 ) -> Result<()> {
-    let mut calibrator = Calibrator::new(&manifest.network);
-    let mut backbone = Backbone::new(manifest, weights)?;
-    for points in scans {
-        let turned: Vec<_> = points.iter().map(|&[x, y, z, i]| [x, -y, z, i]).collect();
-        let observe = &mut |level: mluc_backbone::Level| calibrator.observe(level);
-        backbone.run_observed(&turned, Coverage::Active, observe);
-    }
-    ensure!(
-        calibrator.write(&manifest.network, weights)?,
-        "the scans hold nothing to measure ranges on"
-    );
+    let turned = |points: &[[f32; 4]]| points.iter().map(|&[x, y, z, i]| [x, -y, z, i]).collect();
+    let turned = scans.map(|points| Ok::<Vec<_>, TrainError>(turned(points)));
+    *weights = measure_ranges(manifest, weights, turned)?;
     Ok(())
 }
 
@@ -127,7 +120,7 @@ fn read(scan: &Path, crop: bool) -> Result<Vec<[f32; 4]>> {
         .map(bytemuck::pod_read_unaligned)
         .collect();
     if crop {
-        let view = crop::View::beside(scan)?;
+        let view = crop::View::of(scan)?;
         points.retain(|point| view.sees(*point));
     }
     Ok(points)

@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::Result;
 use mluc_geometry::Box3;
 use mluc_ipc_types::{DETECTIONS_MAX, Detection, Object, POINTS_MAX, Point};
-use mluc_refiner::{Refined, Settings};
+use mluc_refiner::{RefinerOutput, Settings};
 use serde::Serialize;
 
 use crate::proposals::candidate;
@@ -57,7 +57,7 @@ fn measure(
     limit_ms: Option<f64>,
 ) -> Result<Row> {
     let mut refiner = crate::refiner(settings.clone())?;
-    let mut out = Refined::default();
+    let mut out = RefinerOutput::default();
     let mut times = Vec::new();
     for run in 0..=RUNS {
         let took = timed(|| {

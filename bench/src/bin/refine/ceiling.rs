@@ -7,6 +7,9 @@ use mluc_refiner::{FrameIndex, GroundPlane, Settings};
 
 use crate::scene::inside;
 
+/// Of the ground under an object, m.
+const AROUND_M: f64 = 8.0;
+
 /// IoU of the box around the points inside an object's label, ground left out, with the label.
 pub(crate) fn ceiling(
     points: &[Point],
@@ -14,17 +17,17 @@ pub(crate) fn ceiling(
     frame: &mut FrameIndex,
     height_m: f64,
 ) -> f64 {
-    let ground = Settings::default().ground;
+    let clearance_m = Settings::default().ground_clearance_m;
     let center = [object.center_m[0], object.center_m[1]];
     frame.start();
-    frame.want(center, ground.radius_m);
+    frame.want(center, AROUND_M);
     frame.sort(points);
-    let plane = GroundPlane::fit(frame, center, height_m, &ground);
+    let plane = GroundPlane::fit(frame, center, height_m);
     let mut own = ClusterPoints::default();
     own.look_at(center);
     for p in inside(points, object) {
         let [x, y, z] = [p.x_m, p.y_m, p.z_m].map(f64::from);
-        if z - plane.z_at_m(x, y) >= ground.clearance_m {
+        if z - plane.z_at_m(x, y) >= clearance_m {
             own.push((x - center[0]) as f32, (y - center[1]) as f32, p.z_m);
         }
     }

@@ -42,8 +42,8 @@ pub(crate) fn run(frames: &[Frame], settings: &Settings, answers: &Path, json: b
                 index.start();
                 index.want_all();
                 index.sort(&frame.points);
-                ground.fit(&index, scene::sensor().height_m, &settings.ground);
-                let clearance_m = settings.ground.clearance_m;
+                ground.fit(&index, scene::sensor().height_m);
+                let clearance_m = settings.ground_clearance_m;
                 ground.label(&index, frame.points.len(), clearance_m, &mut labels);
             });
             if pass > 0 {

@@ -18,10 +18,10 @@ use std::sync::OnceLock;
 
 use anyhow::{Context, Result, bail};
 use clap::Parser;
-use mluc_lab::dataset::Dataset;
+use mluc_dataset::Dataset;
 use mluc_model::Model;
 use mluc_refiner::fit::BoxFit;
-use mluc_refiner::{Looks, Mode, Refiner, Settings};
+use mluc_refiner::{ClusterScorer, Refiner, Settings, Study, Variant};
 
 /// Quality and time of a refiner on a folder of labelled scans.
 #[derive(Parser)]
@@ -29,13 +29,13 @@ struct Arguments {
     /// Folder in KITTI's layout: velodyne, label_2, calib.
     #[arg(long)]
     dataset: Option<PathBuf>,
-    /// literal, corrected, distance, dbscan, euclidean or none.
-    #[arg(long, default_value = "distance")]
+    /// paper, paper-corrected, range-scaled or none.
+    #[arg(long, default_value = "range-scaled")]
     refiner: String,
-    /// Settings of the refiner as JSON, for experiments: '{"distance":{"join_m":0.5}}'.
+    /// Settings of the refiner as JSON, for experiments: '{"join_m":0.5}'.
     #[arg(long)]
     settings: Option<String>,
-    /// Judge unknown objects by the looks of their clusters and by their sizes, as this model file has learned it.
+    /// Score unknown objects by their clusters and sizes, as this model file has learned it (its tensor clusters.looks).
     #[arg(long, value_name = "FILE")]
     looks: Option<PathBuf>,
     /// Objects of these classes alone, by the labels' names: golf_cart,forklift.
@@ -68,7 +68,7 @@ struct Arguments {
     /// The three box fits side by side.
     #[arg(long)]
     fits: bool,
-    /// One setting at several values, all else as it is: distance.join_m=0.3,0.4,0.5 (may be given more than once).
+    /// One setting at several values, all else as it is: join_m=0.3,0.4,0.5 (may be given more than once).
     #[arg(long)]
     vary: Vec<String>,
     /// Threads of the pool around it; the refiner works in one.
@@ -83,9 +83,9 @@ fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let settings = settings(&arguments)?;
     if let Some(path) = &arguments.looks {
-        let looks = Looks::of_model(&Model::read(path)?.weights);
-        let looks = looks.with_context(|| format!("{}: no clusters.looks", path.display()))?;
-        LOOKS.get_or_init(|| looks);
+        let scorer = ClusterScorer::of_model(&Model::read(path)?.weights);
+        let scorer = scorer.with_context(|| format!("{}: no clusters.looks", path.display()))?;
+        SCORER.get_or_init(|| scorer);
     }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads)
@@ -94,15 +94,18 @@ fn main() -> Result<()> {
 }
 
 fn settings(arguments: &Arguments) -> Result<Settings> {
-    let Some(mode) = Mode::from_name(&arguments.refiner) else {
-        let names: Vec<_> = Mode::ALL.iter().map(|mode| mode.name()).collect();
+    let Some(variant) = Variant::from_name(&arguments.refiner) else {
+        let names = Variant::ALL.map(Variant::name);
         bail!("refiner {}: expected one of {names:?}", arguments.refiner);
     };
     let settings: Settings = match &arguments.settings {
         Some(text) => serde_json::from_str(text).context("--settings")?,
         None => Settings::default(),
     };
-    Ok(Settings { mode, ..settings })
+    Ok(Settings {
+        variant,
+        ..settings
+    })
 }
 
 fn run(arguments: &Arguments, settings: Settings) -> Result<()> {
@@ -129,7 +132,10 @@ fn run(arguments: &Arguments, settings: Settings) -> Result<()> {
     if arguments.fits {
         let fits = [BoxFit::AxisAligned, BoxFit::MinimumArea, BoxFit::Closeness];
         let with = |fit| Settings {
-            box_fit: Some(fit),
+            study: Study {
+                box_fit: Some(fit),
+                ..settings.study
+            },
             ..settings.clone()
         };
         let rows = fits.map(|fit| (format!("{fit:?}"), with(fit)));
@@ -144,10 +150,10 @@ fn run(arguments: &Arguments, settings: Settings) -> Result<()> {
 }
 
 /// Of `--looks`.
-static LOOKS: OnceLock<Looks> = OnceLock::new();
+static SCORER: OnceLock<ClusterScorer> = OnceLock::new();
 
 /// A refiner for the bench's sensor.
 fn refiner(settings: Settings) -> Result<Refiner> {
-    let looks = LOOKS.get().cloned();
-    Ok(Refiner::with_looks(settings, &scene::sensor(), looks)?)
+    let scorer = SCORER.get().cloned();
+    Ok(Refiner::with_scorer(settings, &scene::sensor(), scorer)?)
 }

@@ -1,6 +1,6 @@
 //! Proposals as a detector without the object's class would make them: off by up to a metre, of a wrong class's size.
 
-use mluc_geometry::Box3;
+use mluc_geometry::{Box3, Random};
 use mluc_ipc_types::{Detection, DetectionKind};
 
 /// Anchor sizes of the known classes, l, w, h, m (the public SECOND configuration for KITTI).
@@ -16,36 +16,12 @@ const SHIFT_MAX_M: f64 = 1.0;
 /// Largest error of the bottom, m.
 const BOTTOM_SHIFT_MAX_M: f64 = 0.2;
 
-/// SplitMix64: small, and the same everywhere.
-pub(crate) struct Random(u64);
-
-impl Random {
-    /// A stream of its own for each key.
-    pub(crate) fn keyed(keys: [u64; 3]) -> Random {
-        let mut random = Random(0x6D6C_7563);
-        for key in keys {
-            random.0 ^= key.wrapping_mul(0x2545_F491_4F6C_DD1D);
-            random.next();
-        }
-        random
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in 0..1.
-    pub(crate) fn share(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Uniform in 0..count.
-    pub(crate) fn below(&mut self, count: usize) -> usize {
-        (self.share() * count as f64) as usize
-    }
+/// A stream of its own for each key.
+pub(crate) fn keyed(keys: [u64; 3]) -> Random {
+    let step = |state: u64, key: u64| {
+        (state ^ key.wrapping_mul(0x2545_F491_4F6C_DD1D)).wrapping_add(0x9E37_79B9_7F4A_7C15)
+    };
+    Random::from_state(keys.into_iter().fold(0x6D6C_7563, step))
 }
 
 /// One proposal for an object of a class: centre within a disc of 1 m, any heading, a size that is not its class's.
@@ -56,10 +32,10 @@ pub(crate) fn proposal(class: &str, object: &Box3, random: &mut Random) -> Box3 
         .map(|&(_, size)| size)
         .collect();
     let size_m = wrong[random.below(wrong.len())];
-    let distance_m = SHIFT_MAX_M * random.share().sqrt();
-    let (sin, cos) = (std::f64::consts::TAU * random.share()).sin_cos();
+    let distance_m = SHIFT_MAX_M * random.unit().sqrt();
+    let (sin, cos) = (std::f64::consts::TAU * random.unit()).sin_cos();
     let bottom_m = object.center_m[2] - object.size_m[2] / 2.0
-        + BOTTOM_SHIFT_MAX_M * (2.0 * random.share() - 1.0);
+        + BOTTOM_SHIFT_MAX_M * (2.0 * random.unit() - 1.0);
     Box3 {
         center_m: [
             object.center_m[0] + distance_m * cos,
@@ -67,7 +43,7 @@ pub(crate) fn proposal(class: &str, object: &Box3, random: &mut Random) -> Box3 
             bottom_m + size_m[2] / 2.0,
         ],
         size_m,
-        yaw_rad: std::f64::consts::TAU * (random.share() - 0.5),
+        yaw_rad: std::f64::consts::TAU * (random.unit() - 0.5),
     }
 }
 

@@ -1,11 +1,11 @@
-//! Refined boxes against labels.
+//! RefinerOutput boxes against labels.
 
 use mluc_geometry::{Box3, iou_3d};
-use mluc_refiner::{FrameIndex, Refined, Refiner};
+use mluc_refiner::{FrameIndex, Refiner, RefinerOutput};
 use serde::Serialize;
 
 use crate::ceiling;
-use crate::proposals::{Random, candidate, proposal};
+use crate::proposals::{candidate, keyed, proposal};
 use crate::scene::{self, Frame};
 
 /// Proposals for each labelled object.
@@ -36,7 +36,7 @@ pub(crate) struct Quality {
 
 /// Each proposal alone: what is judged is the box, not who suppresses whom.
 pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
-    let mut out = Refined::default();
+    let mut out = RefinerOutput::default();
     let mut index = FrameIndex::default();
     let height_m = scene::sensor().height_m;
     let mut judged = Vec::new();
@@ -52,7 +52,7 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
             let ious = (0..PROPOSALS_PER_OBJECT)
                 .map(|k| {
                     let keys = [frame.number as u64, object.number as u64, k];
-                    let mut random = Random::keyed(keys);
+                    let mut random = keyed(keys);
                     let proposed = proposal(&object.class, &object.shape, &mut random);
                     let detections = [candidate(&proposed, 1.0)];
                     refiner.refine(frame.number as u64 * 8 + k, &around, &detections, &mut out);

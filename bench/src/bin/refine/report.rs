@@ -36,7 +36,7 @@ pub(crate) fn measure(
     proposals: usize,
     anywhere: bool,
 ) -> Result<Report> {
-    let mode = settings.mode;
+    let variant = settings.variant;
     let mut refiner = crate::refiner(settings)?;
     let judged = judge(frames, &mut refiner);
     let times = time(frames, &mut refiner, proposals, anywhere);
@@ -44,7 +44,7 @@ pub(crate) fn measure(
     let [cpu_p50_ms, cpu_p99_ms, _] = percentiles(times.iter().map(|t| t.cpu_ms));
     let [work_p50, _, work_max] = percentiles(times.iter().map(|t| t.work as f64));
     Ok(Report {
-        refiner: mode.name(),
+        refiner: variant.name(),
         frames: frames.len(),
         all: quality(&judged.iter().collect::<Vec<_>>()),
         by_class: by_class(&judged),
@@ -81,7 +81,7 @@ pub(crate) fn list(frames: &[Frame], settings: Settings) -> Result<()> {
         .iter()
         .flat_map(|f| f.objects.iter().map(|o| (f.number, &o.shape)));
     println!(
-        "frame class IoU of the first, mean, ceiling | label: place, size, heading | found: fate, place, size, heading, points"
+        "frame class IoU of the first, mean, ceiling | label: place, size, heading | found: disposition, place, size, heading, points"
     );
     for ((frame, label), own) in objects.zip(&judged) {
         let mean = own.ious.iter().sum::<f64>() / own.ious.len().max(1) as f64;
@@ -97,7 +97,7 @@ pub(crate) fn list(frames: &[Frame], settings: Settings) -> Result<()> {
         match own.first {
             Some(o) => println!(
                 " {} {:6.1?} {:.1?} {:.1} {}",
-                o.fate, o.center_m, o.size_m, o.yaw_rad, o.points_count
+                o.disposition, o.center_m, o.size_m, o.yaw_rad, o.points_count
             ),
             None => println!(" nothing"),
         }

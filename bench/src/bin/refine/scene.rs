@@ -1,11 +1,11 @@
 //! Frames of a data set with their labelled objects, and the HDL-64E that recorded them.
 
 use anyhow::{Context, Result};
+use mluc_dataset::Dataset;
 use mluc_geometry::Box3;
 use mluc_ipc_types::Point;
-use mluc_lab::dataset::Dataset;
-use mluc_lab::train::hdl_64e;
 use mluc_refiner::{BeamTable, Sensor};
+use mluc_train::hdl_64e;
 
 use crate::proposals::CLASSES;
 

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use mluc_geometry::Box3;
-use mluc_refiner::{Refined, Refiner};
+use mluc_geometry::{Box3, Random, quantile};
+use mluc_refiner::{Refiner, RefinerOutput};
 
-use crate::proposals::{Random, candidate, proposal};
+use crate::proposals::{candidate, keyed, proposal};
 use crate::scene::Frame;
 
 /// Timed passes over the folder, after one that is not.
@@ -35,11 +35,7 @@ pub(crate) fn timed(work: impl FnOnce()) -> Timed {
 pub(crate) fn percentiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
     let mut values: Vec<f64> = values.collect();
     values.sort_unstable_by(f64::total_cmp);
-    let last = values.len().saturating_sub(1) as f64;
-    [0.5, 0.99, 1.0].map(|share| {
-        let at = (last * share).round() as usize;
-        values.get(at).copied().unwrap_or(0.0)
-    })
+    [0.5, 0.99, 1.0].map(|share| quantile(&values, share).unwrap_or(0.0))
 }
 
 /// The CPU time that this thread has used, ms.
@@ -55,14 +51,14 @@ pub(crate) fn time(
     proposals: usize,
     anywhere: bool,
 ) -> Vec<Timed> {
-    let mut out = Refined::default();
+    let mut out = RefinerOutput::default();
     let mut times = Vec::new();
     for pass in 0..=PASSES {
         for frame in frames.iter().filter(|f| !f.points.is_empty()) {
             let number = frame.number as u64;
             let detections: Vec<_> = (0..proposals)
                 .map(|k| {
-                    let mut random = Random::keyed([number, k as u64, 1000 + pass]);
+                    let mut random = keyed([number, k as u64, 1000 + pass]);
                     let proposed = match frame.objects.len() {
                         count if count > 0 && !anywhere => {
                             let object = &frame.objects[k % count];

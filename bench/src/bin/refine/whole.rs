@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use anyhow::Result;
 use mluc_geometry::iou_3d;
-use mluc_refiner::everything::FrameClusters;
-use mluc_refiner::{Everything, Settings};
+use mluc_refiner::{FrameClusterer, FrameClusters, Settings};
 use serde::Serialize;
 
 use crate::scene::{self, Frame};
@@ -39,14 +38,14 @@ struct Report {
 
 /// Measures and prints.
 pub(crate) fn run(frames: &[Frame], settings: &Settings, json: bool) -> Result<()> {
-    let mut everything = Everything::new(settings, &scene::sensor())?;
+    let mut clusterer = FrameClusterer::new(settings, &scene::sensor())?;
     let mut out = FrameClusters::default();
     let mut times: Vec<Timed> = Vec::new();
     let mut clusters = 0;
     let mut ious: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for pass in 0..=PASSES {
         for frame in frames {
-            let took = timed(|| everything.find(&frame.points, &mut out));
+            let took = timed(|| clusterer.find(&frame.points, &mut out));
             if pass > 0 {
                 times.push(took);
                 continue;

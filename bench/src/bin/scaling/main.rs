@@ -3,7 +3,6 @@
 //! Writes CSV and SVG into `docs/results/scaling/`. Scans are simulated, overlaid and thinned to the count; weights by
 //! formula. Wall time is what a robot waits for; CPU time is what remains comparable on a machine with other work.
 
-mod clock;
 mod fit;
 mod network;
 mod refiner;
@@ -13,7 +12,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Parser;
 use mluc_backbone::Precision;
-use mluc_bench::machine::Machine;
+use mluc_bench::machine::describe_here;
 
 #[derive(Parser)]
 struct Arguments {
@@ -40,7 +39,7 @@ fn main() -> Result<()> {
     refiner::write(&refiner, &arguments.out)?;
     let fits = [network::fits(&network), refiner::fits(&refiner)].concat();
     let summary = serde_json::json!({
-        "machine": Machine::here(),
+        "machine": describe_here(),
         "precision": arguments.precision.to_string(),
         "rounds": arguments.rounds,
         "fits": fits,

@@ -5,10 +5,11 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use mluc_backbone::{Backbone, Precision};
 use mluc_bench::chart::{Chart, Series};
+use mluc_bench::clock::{Lap, laps};
 use mluc_bench::inputs;
+use mluc_geometry::quantile_of;
 use mluc_head::Head;
 
-use crate::clock::{Times, median, timed};
 use crate::fit::Fit;
 
 const POINTS: [usize; 9] = [
@@ -69,28 +70,22 @@ fn one_size(
     let channels = backbone.feature_channels();
     let (mut cells, mut values) = (vec![0; cells_max], vec![0.0; cells_max * channels]);
     let mut detections = vec![];
-    let mut times: Vec<Times> = vec![];
-    let mut failed = None;
-    for round in 0..WARM_UP + rounds {
-        let found = timed(|| {
-            let mut run = || -> Result<()> {
-                let count = backbone.run(scan).rows;
-                let (cells, values) = (&mut cells[..count], &mut values[..count * channels]);
-                backbone.write_rows(cells, values)?;
-                head.run(cells, values, &mut detections)?;
-                Ok(())
-            };
-            failed = run().err();
-        });
-        if let Some(error) = failed.take() {
-            return Err(error);
-        }
-        if round >= WARM_UP {
-            times.push(found);
-        }
+    let mut times: Vec<Lap> = vec![];
+    let mut lap = laps();
+    for _ in 0..WARM_UP + rounds {
+        lap();
+        let count = backbone.run(scan).rows;
+        let (cells, values) = (&mut cells[..count], &mut values[..count * channels]);
+        backbone.write_rows(cells, values)?;
+        head.run(cells, values, &mut detections)?;
+        times.push(lap());
     }
-    row.wall_ms = median(times.iter().map(|times| times.wall_ms).collect());
-    row.cpu_ms = median(times.iter().map(|times| times.cpu_ms).collect());
+    let median = |of: fn(&Lap) -> f64| {
+        let values = times.iter().skip(WARM_UP).map(of).collect();
+        quantile_of(values, 0.5).unwrap_or_default()
+    };
+    row.wall_ms = median(|times| times.wall);
+    row.cpu_ms = median(|times| times.cpu);
     Ok(row)
 }
 
@@ -117,7 +112,6 @@ pub(crate) fn write(rows: &[Row], precision: Precision, out: &Path) -> Result<()
                 points: of(rows, threads)
                     .map(|row| [x(row) as f64, y(row)])
                     .collect(),
-                is_line: true,
             })
             .collect(),
     };

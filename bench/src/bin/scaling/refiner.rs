@@ -4,27 +4,22 @@ use std::path::Path;
 
 use anyhow::Result;
 use mluc_bench::chart::{Chart, Series};
+use mluc_bench::clock::{Lap, laps};
 use mluc_bench::inputs;
-use mluc_geometry::Box3;
+use mluc_geometry::{Box3, quantile_of};
 use mluc_ipc_types::{Detection, DetectionKind};
-use mluc_refiner::{Mode, Refined, Refiner, Settings};
+use mluc_refiner::{Refiner, RefinerOutput, Settings, Study, Variant};
 
-use crate::clock::{Times, median, timed};
 use crate::fit::Fit;
 use crate::network::save;
 
 const PROPOSALS: [usize; 10] = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512];
-const MODES: [Mode; 4] = [
-    Mode::Corrected,
-    Mode::Distance,
-    Mode::Euclidean,
-    Mode::Dbscan,
-];
+const VARIANTS: [Variant; 2] = [Variant::PaperCorrected, Variant::RangeScaled];
 
 /// One number of proposals with one way to cluster; medians.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Row {
-    mode: Mode,
+    variant: Variant,
     proposals: usize,
     wall_ms: f64,
     cpu_ms: f64,
@@ -39,28 +34,35 @@ pub(crate) fn measure(rounds: usize) -> Result<Vec<Row>> {
         .map(|object| object.box_in_sensor)
         .collect();
     let mut rows = vec![];
-    for mode in MODES {
+    for variant in VARIANTS {
         let settings = Settings {
-            mode,
+            variant,
             // The bound on a frame's work would end the line early.
-            work_max: u64::MAX,
+            study: Study {
+                work_max: Some(u64::MAX),
+                ..Study::default()
+            },
             ..Settings::default()
         };
         let mut refiner = Refiner::new(settings, &inputs::sensor())?;
-        let mut refined = Refined::default();
+        let mut refined = RefinerOutput::default();
         for proposals in PROPOSALS {
             let detections: Vec<_> = (0..proposals).map(|k| proposal(&boxes, k)).collect();
-            let times: Vec<Times> = (0..=rounds)
-                .map(|round| {
-                    timed(|| refiner.refine(round as u64, &points, &detections, &mut refined))
-                })
-                .skip(1)
-                .collect();
+            let mut lap = laps();
+            let mut once = |round: usize| {
+                lap();
+                refiner.refine(round as u64, &points, &detections, &mut refined);
+                lap()
+            };
+            let times: Vec<Lap> = (0..=rounds).map(&mut once).skip(1).collect();
+            let median = |of: fn(&Lap) -> f64| {
+                quantile_of(times.iter().map(of).collect(), 0.5).unwrap_or_default()
+            };
             rows.push(Row {
-                mode,
+                variant,
                 proposals,
-                wall_ms: median(times.iter().map(|times| times.wall_ms).collect()),
-                cpu_ms: median(times.iter().map(|times| times.cpu_ms).collect()),
+                wall_ms: median(|times| times.wall),
+                cpu_ms: median(|times| times.cpu),
             });
         }
     }
@@ -89,7 +91,7 @@ pub(crate) fn write(rows: &[Row], out: &Path) -> Result<()> {
     for row in rows {
         csv += &format!(
             "{},{},{:.4},{:.4}\n",
-            row.mode.name(),
+            row.variant.name(),
             row.proposals,
             row.wall_ms,
             row.cpu_ms
@@ -100,12 +102,11 @@ pub(crate) fn write(rows: &[Row], out: &Path) -> Result<()> {
         title: "refiner: one frame, median".into(),
         x_label: "proposals".into(),
         y_label: "CPU time, ms".into(),
-        series: MODES
+        series: VARIANTS
             .iter()
-            .map(|&mode| Series {
-                name: mode.name().into(),
-                points: of(rows, mode),
-                is_line: true,
+            .map(|&variant| Series {
+                name: variant.name().into(),
+                points: of(rows, variant),
             })
             .collect(),
     };
@@ -113,14 +114,14 @@ pub(crate) fn write(rows: &[Row], out: &Path) -> Result<()> {
 }
 
 pub(crate) fn fits(rows: &[Row]) -> Vec<Fit> {
-    let fit = |mode: Mode| {
-        let name = format!("refiner {}: CPU time over proposals", mode.name());
-        Fit::through(name, &of(rows, mode))
+    let fit = |variant: Variant| {
+        let name = format!("refiner {}: CPU time over proposals", variant.name());
+        Fit::through(name, &of(rows, variant))
     };
-    MODES.into_iter().map(fit).collect()
+    VARIANTS.into_iter().map(fit).collect()
 }
 
-fn of(rows: &[Row], mode: Mode) -> Vec<[f64; 2]> {
-    let own = rows.iter().filter(|row| row.mode == mode);
+fn of(rows: &[Row], variant: Variant) -> Vec<[f64; 2]> {
+    let own = rows.iter().filter(|row| row.variant == variant);
     own.map(|row| [row.proposals as f64, row.cpu_ms]).collect()
 }

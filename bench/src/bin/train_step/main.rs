@@ -13,7 +13,8 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use clap::Parser;
-use mluc_lab::train::{Kind, Profile, Setting, Settings};
+use mluc_train::layers::LayerPlan;
+use mluc_train::{Architecture, NetworkKind, Setting, TrainSettings};
 use serde_json::json;
 
 use crate::work::Work;
@@ -64,7 +65,13 @@ fn run(arguments: &Arguments) -> Result<()> {
     };
     // Nothing is trained: the folders of the settings are not looked at.
     let (data, out) = (PathBuf::new(), PathBuf::new());
-    let settings = Settings::new(setting, Profile::Compact, Kind::Metric, data, out);
+    let settings = TrainSettings::new(
+        setting,
+        Architecture::Compact,
+        NetworkKind::Metric,
+        data,
+        out,
+    );
     let mut work = Work::read(&settings, &arguments.data, &arguments.frames)?;
     if arguments.every_cell {
         work.compute_every_cell();
@@ -80,7 +87,7 @@ fn run(arguments: &Arguments) -> Result<()> {
         write::write(&mut work, folder)?;
     }
     let map = &work.plan.map;
-    let rows = |steps: &[mluc_lab::train::halo::Step]| steps.last().map(|s| s.gather.outputs());
+    let rows = |plans: &[LayerPlan]| plans.last().map(|plan| plan.gather.outputs());
     let report = json!({
         "steps_ms": steps,
         "plan_ms": work.plan_ms,

@@ -1,21 +1,24 @@
 //! A step to do again and again: one batch, fixed weights, a fixed gradient of the outputs.
 
 use std::path::Path;
-use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
-use mluc_lab::dataset::Dataset;
-use mluc_lab::train::augment::crop;
-use mluc_lab::train::halo::Cells;
-use mluc_lab::train::layers::{Linear, Pool};
-use mluc_lab::train::losses::BatchTargets;
-use mluc_lab::train::network::{Chain, OutputGradients, Pass};
-use mluc_lab::train::plan::{MapPlan, Plan, Planner};
-use mluc_lab::train::random::Random;
-use mluc_lab::train::source::{FolderSource, Source};
-use mluc_lab::train::targets::Anchors;
-use mluc_lab::train::{Settings, scene::Scene};
+use mluc_bench::clock::{Lap, laps};
+use mluc_dataset::Dataset;
+use mluc_geometry::Random;
+use mluc_geometry::quantile_of;
 use mluc_model::{Manifest, Network};
+use mluc_train::TrainSettings;
+use mluc_train::anchors::Anchors;
+use mluc_train::augment::crop;
+use mluc_train::batch_targets::BatchTargets;
+use mluc_train::halo::Cells;
+use mluc_train::layers::Linear;
+use mluc_train::network::{Chain, Outputs, Pass, StepInput};
+use mluc_train::plan::{MapPlan, Plan, Planner};
+use mluc_train::pool::Pool;
+use mluc_train::scan::LabelledScan;
+use mluc_train::source::ScanSource;
 use serde::Serialize;
 
 /// Of weights and gradients; another would do as well.
@@ -30,15 +33,6 @@ pub(crate) struct Times {
     map_forward: Lap,
     map_backward: Lap,
     sparse_backward: Lap,
-}
-
-/// Milliseconds.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub(crate) struct Lap {
-    /// By the clock on the wall.
-    wall: f64,
-    /// That all threads of this process had a processor: says more where others want the processors too.
-    cpu: f64,
 }
 
 /// Milliseconds of what the loader's thread does for a batch besides reading and labels; medians.
@@ -59,7 +53,7 @@ pub(crate) struct Work {
     pub(crate) labelled: Vec<u32>,
     /// Of the presence logits, cell by cell.
     pub(crate) presence_gradient: Vec<f32>,
-    pub(crate) outputs: OutputGradients,
+    pub(crate) outputs: Outputs,
     /// Of the last step, in the order of the parameters.
     pub(crate) gradients: Vec<f32>,
     pool: Pool,
@@ -67,7 +61,7 @@ pub(crate) struct Work {
 
 impl Work {
     /// Frames of a folder as the trainer sees them, not augmented.
-    pub(crate) fn read(settings: &Settings, data: &Path, frames: &[usize]) -> Result<Work> {
+    pub(crate) fn read(settings: &TrainSettings, data: &Path, frames: &[usize]) -> Result<Work> {
         let manifest = settings.manifest();
         let network = &manifest.network;
         let scenes = read_scenes(&manifest, data, frames)?;
@@ -83,7 +77,7 @@ impl Work {
             |count: usize| -> Vec<f32> { (0..count).map(|_| random.normal() as f32).collect() };
         let presence_gradient = normal(plan.map.cells() * chain.heads.presence.cout);
         let mut closer = |head: &Linear| normal(labelled.len() * head.cout);
-        let outputs = OutputGradients {
+        let outputs = Outputs {
             presence: Default::default(),
             embedding: chain.heads.embedding.as_ref().map_or(vec![], &mut closer),
             boxes: closer(&chain.heads.boxes),
@@ -128,8 +122,8 @@ impl Work {
     /// A cell's logit is the sum of a row of up 1 and one of up 2; many cells may read the same row.
     fn share_presence_gradient(&mut self) {
         let (map, anchors) = (&self.plan.map, self.chain.heads.presence.cout);
-        let [rows1, rows2] = [map.identity[0].outputs(), 4 * map.identity[1].outputs()];
-        self.outputs.presence = [vec![0.0; rows1 * anchors], vec![0.0; rows2 * anchors]];
+        let [rows1, rows2] = [0, 1].map(|up| map.ups[up].gather.outputs());
+        self.outputs.presence = [vec![0.0; rows1 * anchors], vec![0.0; 4 * rows2 * anchors]];
         for (to, row_of) in self
             .outputs
             .presence
@@ -156,18 +150,18 @@ impl Work {
     /// A step, and what its forward half left.
     pub(crate) fn run(&mut self) -> (Pass, Times) {
         let (chain, plan, pool) = (&self.chain, &self.plan, &mut self.pool);
-        let (parameters, labelled) = (&self.parameters, &self.labelled);
+        let input = StepInput::new(&self.parameters, plan, &self.labelled);
         let gradients = &mut self.gradients;
         let mut lap = laps();
-        let mut pass = chain.forward_sparse(parameters, plan, None, pool);
+        let mut pass = chain.forward_sparse(&input, pool);
         let sparse_forward = lap();
-        chain.forward_map(parameters, plan, labelled, None, &mut pass, pool);
+        chain.forward_map(&input, &mut pass, pool);
         let map_forward = lap();
         gradients.fill(0.0);
         let outputs = &self.outputs;
-        let map = chain.backward_map(parameters, plan, labelled, &pass, outputs, gradients, pool);
+        let map = chain.backward_map(&input, &pass, outputs, gradients, pool);
         let map_backward = lap();
-        chain.backward_sparse(parameters, plan, &pass, &map, gradients, pool);
+        chain.backward_sparse(&input, &pass, &map, gradients, pool);
         pool.give(map);
         let times = Times {
             sparse_forward,
@@ -179,14 +173,14 @@ impl Work {
     }
 }
 
-fn read_scenes(manifest: &Manifest, data: &Path, frames: &[usize]) -> Result<Vec<Scene>> {
+fn read_scenes(manifest: &Manifest, data: &Path, frames: &[usize]) -> Result<Vec<LabelledScan>> {
     let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
-    let source = FolderSource::new(Dataset::open(data)?, names);
+    let source = ScanSource::new(Dataset::open(data)?, names, false);
     let read = |&frame: &usize| {
         let count = source.count();
         ensure!(frame < count, "{count} frames, found --frame {frame}");
         let mut scene = source
-            .scene(frame)
+            .scan(frame)
             .with_context(|| data.display().to_string())?;
         crop(&mut scene, &manifest.network.grid);
         Ok(scene)
@@ -209,38 +203,14 @@ fn timed_plan(network: &Network, scans: &[Vec<[f32; 4]>]) -> (Plan, PlanTimes) {
         lap();
         let again = MapPlan::new(network, scans.len(), &scatter);
         halo.push(lap().wall);
-        debug_assert_eq!(again.map_rows, plan.map.map_rows);
+        debug_assert_eq!(again.occupied, plan.map.occupied);
     }
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[PLANS / 2]
-    };
+    let median = |values| quantile_of(values, 0.5).unwrap_or_default();
     let times = PlanTimes {
         all: median(all),
         halo: median(halo),
     };
     (plan, times)
-}
-
-/// What has passed since the last call.
-fn laps() -> impl FnMut() -> Lap {
-    let now = || {
-        let cpu = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-        (
-            Instant::now(),
-            1e3 * cpu.tv_sec as f64 + 1e-6 * cpu.tv_nsec as f64,
-        )
-    };
-    let mut last = now();
-    move || {
-        let (wall, cpu) = now();
-        let lap = Lap {
-            wall: 1e3 * (wall - last.0).as_secs_f64(),
-            cpu: cpu - last.1,
-        };
-        last = (wall, cpu);
-        lap
-    }
 }
 
 /// Rows of some cells among rows of all, 0 elsewhere.

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use bytemuck::NoUninit;
-use mluc_lab::train::layers::{Layer, Linear};
-use mluc_lab::train::network::{Chain, Pass};
+use mluc_train::layers::{Layer, Linear};
+use mluc_train::network::{Chain, Pass};
 use serde_json::{Value, json};
 
 use crate::work::Work;
@@ -25,8 +25,8 @@ pub(crate) fn write(work: &mut Work, folder: &Path) -> Result<()> {
     let levels: Vec<u32> = map.scatter.iter().map(|(_, z)| *z).collect();
     put(folder, "parameters", &work.parameters)?;
     put(folder, "voxels", &plan.sparse.voxels)?;
-    for (number, gather) in plan.sparse.gathers.iter().enumerate() {
-        put(folder, &format!("gather.{number}"), &gather.index)?;
+    for (number, layer) in plan.sparse.layers.iter().enumerate() {
+        put(folder, &format!("gather.{number}"), &layer.gather.index)?;
     }
     put(folder, "cells", &cells)?;
     put(folder, "levels", &levels)?;
@@ -36,7 +36,8 @@ pub(crate) fn write(work: &mut Work, folder: &Path) -> Result<()> {
     let gradients = [&outputs.embedding, &outputs.boxes, &outputs.direction];
     put(folder, "labelled_gradient", &side_by_side(work, gradients))?;
     put(folder, "presence", &presence(work, &pass))?;
-    let answers = [&pass.embedding, &pass.boxes, &pass.direction];
+    let outputs = &pass.outputs;
+    let answers = [&outputs.embedding, &outputs.boxes, &outputs.direction];
     put(folder, "labelled_outputs", &side_by_side(work, answers))?;
     put(folder, "gradients", &work.gradients)?;
     let path = folder.join("step.json");
@@ -65,7 +66,7 @@ fn side_by_side(work: &Work, parts: [&Vec<f32>; 3]) -> Vec<f32> {
 /// The logits of every cell.
 fn presence(work: &Work, pass: &Pass) -> Vec<f32> {
     let (map, anchors) = (&work.plan.map, work.chain.heads.presence.cout);
-    let [first, second] = &pass.presence;
+    let [first, second] = &pass.outputs.presence;
     let rows = map.up1_row.iter().zip(&map.up2_row);
     rows.flat_map(|(row1, row2)| {
         let [row1, row2] = [*row1, *row2].map(|row| row as usize * anchors);
@@ -91,7 +92,7 @@ fn description(work: &Work) -> Value {
     json!({
         "shape": work.plan.map.shape,
         "map_channels": network.map_channels(),
-        "epsilon": mluc_lab::train::norm::EPSILON,
+        "epsilon": mluc_train::norm::EPSILON,
         "sparse": plain(&chain.sparse),
         "block1": block(&chain.block1, &network.block1),
         "block2": block(&chain.block2, &network.block2),

@@ -1,8 +1,9 @@
 //! A small model, scans from blobs, and the written rows.
 #![allow(dead_code)] // Each test file uses a part of it.
 
-use mluc_backbone::{Backbone, BackboneError, Calibrator, Coverage, Frame};
+use mluc_backbone::{Backbone, BackboneError, Frame};
 use mluc_model::{Grid, Manifest, Network, WeightSet, formula_uniform, formula_weights};
+use mluc_train::quantize::measure_ranges;
 
 /// A map of 24 x 40 cells.
 pub(crate) fn manifest() -> Manifest {
@@ -33,17 +34,10 @@ pub(crate) fn scan(blobs: usize, seed: &str) -> Vec<[f32; 4]> {
 }
 
 /// Weights by formula with a calibration on two scans.
-pub(crate) fn calibrated(manifest: &Manifest) -> Result<WeightSet, BackboneError> {
-    let mut weights = formula_weights(&manifest.network);
-    let mut calibrator = Calibrator::new(&manifest.network);
-    let mut backbone = Backbone::new(manifest, &weights)?;
-    for seed in ["calibration 1", "calibration 2"] {
-        let observe = &mut |level: mluc_backbone::Level| calibrator.observe(level);
-        backbone.run_observed(&scan(10, seed), Coverage::Active, observe);
-    }
-    let written = calibrator.write(&manifest.network, &mut weights)?;
-    assert!(written, "every level has values");
-    Ok(weights)
+pub(crate) fn calibrated(manifest: &Manifest) -> WeightSet {
+    let scans = ["calibration 1", "calibration 2"].map(|seed| Ok(scan(10, seed)));
+    measure_ranges(manifest, &formula_weights(&manifest.network), scans)
+        .expect("every level has values")
 }
 
 /// Cells and values of a frame's feature rows.

@@ -104,22 +104,16 @@ pub fn bird_eye(points: &[[f32; 4]], boxes: &[DrawnBox], view: &View) -> Canvas 
 
 fn draw_rings(canvas: &mut Canvas, view: &View) {
     let center = view.at(0.0, 0.0);
-    let furthest = view
-        .x_m
-        .iter()
-        .chain(&view.y_m)
-        .fold(0.0f32, |m, v| m.max(v.abs()));
-    let mut radius = 10.0;
-    while radius <= furthest {
+    let sides = view.x_m.iter().chain(&view.y_m);
+    let furthest = sides.fold(0.0f32, |m, v| m.max(v.abs()));
+    for radius in (1..)
+        .map(|ten| ten as f32 * 10.0)
+        .take_while(|r| *r <= furthest)
+    {
         canvas.ring(center, radius * view.px_per_m, 1.2, RING, 0.8);
-        let at = view.at(radius, 0.0);
-        canvas.text(
-            [at[0] as i64 + 4, at[1] as i64 + 4],
-            &format!("{radius:.0} m"),
-            1,
-            RING.map(|c| c.saturating_add(50)),
-        );
-        radius += 10.0;
+        let at = view.at(radius, 0.0).map(|v| v as i64 + 4);
+        let color = RING.map(|c| c.saturating_add(50));
+        canvas.text(at, &format!("{radius:.0} m"), 1, color);
     }
 }
 
@@ -148,23 +142,16 @@ fn splat(canvas: &mut Canvas, at: [f32; 2], color: Color) {
     let (fx, fy) = (x - x.floor(), y - y.floor());
     for (dx, wx) in [(0, 1.0 - fx), (1, fx)] {
         for (dy, wy) in [(0, 1.0 - fy), (1, fy)] {
-            canvas.blend(
-                x.floor() as i64 + dx,
-                y.floor() as i64 + dy,
-                color,
-                0.25 + 0.75 * wx * wy,
-            );
+            let [x, y] = [x.floor() as i64 + dx, y.floor() as i64 + dy];
+            canvas.blend(x, y, color, 0.25 + 0.75 * wx * wy);
         }
     }
 }
 
 /// Colour of a box: unknown objects share one.
 pub(super) fn color_of(drawn: &DrawnBox) -> Color {
-    if drawn.kind == BoxKind::Unknown {
-        label_color("unknown")
-    } else {
-        label_color(&drawn.label)
-    }
+    let is_unknown = drawn.kind == BoxKind::Unknown;
+    label_color(if is_unknown { "unknown" } else { &drawn.label })
 }
 
 /// Corners of the footprint in pixels; `None` for a box that makes no sense or lies far away.
@@ -195,25 +182,19 @@ fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
     // The front edge lies between the first and the last corner.
     let mix =
         |a: [f32; 2], b: [f32; 2], t: f32| [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t];
-    let (left, right) = (
-        mix(corners[0], corners[1], 0.18),
-        mix(corners[3], corners[2], 0.18),
-    );
+    let left = mix(corners[0], corners[1], 0.18);
+    let right = mix(corners[3], corners[2], 0.18);
     canvas.line(left, right, width, color, 0.95);
 }
 
 /// Left, top, right, bottom.
 fn bounds_px(corners: &[[f32; 2]; 4]) -> [i64; 4] {
-    let of = |i: usize, pick: fn(f32, f32) -> f32| {
-        let values = corners.iter().map(|c| c[i]);
+    let of = |axis: usize, pick: fn(f32, f32) -> f32| {
+        let values = corners.iter().map(|corner| corner[axis]);
         values.reduce(pick).unwrap_or(0.0) as i64
     };
-    [
-        of(0, f32::min),
-        of(1, f32::min),
-        of(0, f32::max),
-        of(1, f32::max),
-    ]
+    let (low, high) = (f32::min, f32::max);
+    [of(0, low), of(1, low), of(0, high), of(1, high)]
 }
 
 /// Unknown objects' texts first: they get the best places.
@@ -226,12 +207,8 @@ fn draw_captions(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View) {
     for (drawn, bounds) in order.iter().filter(|(b, _)| !b.caption.is_empty()) {
         let size = Canvas::text_size_px(&drawn.caption, 1);
         let [x, y] = captions.place(*bounds, size);
-        canvas.rectangle(
-            [x - 1, y - 1],
-            [x + size[0] + 1, y + size[1] + 1],
-            NIGHT,
-            0.6,
-        );
+        let end = [x + size[0] + 1, y + size[1] + 1];
+        canvas.rectangle([x - 1, y - 1], end, NIGHT, 0.6);
         canvas.text([x, y], &drawn.caption, 1, color_of(drawn));
     }
 }
@@ -254,13 +231,22 @@ mod tests {
         }
     }
 
+    fn drawn(x_m: f64) -> DrawnBox {
+        DrawnBox {
+            box_in_sensor: Box3::new([x_m, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]),
+            kind: BoxKind::Unknown,
+            label: "unknown".into(),
+            caption: "x".into(),
+        }
+    }
+
     #[test]
     fn a_point_ahead_is_above_the_middle_and_one_to_the_left_is_left_of_it() {
         let lone = |p: [f32; 4]| {
             let empty = bird_eye(&[], &[], &view());
             let canvas = bird_eye(&[p], &[], &view());
-            let changed: Vec<(usize, usize)> = (0..200)
-                .flat_map(|y| (0..200).map(move |x| (x, y)))
+            let pixels = (0..200).flat_map(|y| (0..200).map(move |x| (x, y)));
+            let changed: Vec<_> = pixels
                 .filter(|(x, y)| canvas.pixel(*x, *y) != empty.pixel(*x, *y))
                 .collect();
             assert!((1..=4).contains(&changed.len()), "{changed:?}");
@@ -271,32 +257,13 @@ mod tests {
     }
 
     #[test]
-    fn points_and_boxes_that_are_not_finite_are_left_out() {
-        let drawn = DrawnBox {
-            box_in_sensor: Box3::new([f64::NAN, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]),
-            kind: BoxKind::Known,
-            label: "car".into(),
-            caption: String::new(),
-        };
-        let canvas = bird_eye(
-            &[[f32::NAN, 0.0, 0.0, 0.0], [f32::INFINITY, 1.0, 0.0, 0.0]],
-            &[drawn],
-            &view(),
-        );
-        assert_eq!(canvas.size_px(), [200, 200]);
-    }
-
-    #[test]
-    fn a_box_is_drawn_in_the_colour_of_its_kind() {
-        let drawn = DrawnBox {
-            box_in_sensor: Box3::new([5.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]),
-            kind: BoxKind::Unknown,
-            label: "unknown".into(),
-            caption: "x".into(),
-        };
-        let canvas = bird_eye(&[], &[drawn], &view());
+    fn boxes_have_the_colour_of_their_kind_and_what_is_not_finite_is_left_out() {
+        let canvas = bird_eye(&[], &[drawn(5.0)], &view());
         // The right edge of the footprint is at y = -1 m.
         let [r, g, _] = canvas.pixel(110, 50).expect("inside");
         assert!(r > 200 && g < 110, "{r} {g}");
+        let points = [[f32::NAN, 0.0, 0.0, 0.0], [f32::INFINITY, 1.0, 0.0, 0.0]];
+        let canvas = bird_eye(&points, &[drawn(f64::NAN)], &view());
+        assert_eq!(canvas.size_px(), [200, 200]);
     }
 }

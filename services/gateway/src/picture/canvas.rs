@@ -67,40 +67,22 @@ impl Canvas {
     /// An anti-aliased line with round ends: every pixel is covered by its distance from the segment.
     pub fn line(&mut self, from: [f32; 2], to: [f32; 2], width_px: f32, color: Color, alpha: f32) {
         let reach = width_px / 2.0 + 1.0;
-        let Some([low, high]) = self.window(
-            [from[0].min(to[0]) - reach, from[1].min(to[1]) - reach],
-            [from[0].max(to[0]) + reach, from[1].max(to[1]) + reach],
-        ) else {
-            return;
-        };
-        for y in low[1]..high[1] {
-            for x in low[0]..high[0] {
-                let distance = distance_to_segment([x as f32 + 0.5, y as f32 + 0.5], from, to);
-                let cover = (width_px / 2.0 + 0.5 - distance).clamp(0.0, 1.0);
-                if cover > 0.0 {
-                    self.blend(x, y, color, alpha * cover);
-                }
-            }
-        }
+        let low = [0, 1].map(|axis| from[axis].min(to[axis]) - reach);
+        let high = [0, 1].map(|axis| from[axis].max(to[axis]) + reach);
+        self.paint([low, high], color, alpha, |p| {
+            width_px / 2.0 + 0.5 - distance_to_segment(p, from, to)
+        });
     }
 
     /// A filled convex polygon without smoothing; its outline hides the edge.
     pub fn polygon(&mut self, corners: &[[f32; 2]], color: Color, alpha: f32) {
-        let bound = |pick: fn(f32, f32) -> f32, start: f32, axis: usize| {
-            corners.iter().map(|c| c[axis]).fold(start, pick)
+        let bound = |pick: fn(f32, f32) -> f32, start: f32| {
+            [0, 1].map(|axis| corners.iter().map(|c| c[axis]).fold(start, pick))
         };
-        let low = [bound(f32::min, f32::MAX, 0), bound(f32::min, f32::MAX, 1)];
-        let high = [bound(f32::max, f32::MIN, 0), bound(f32::max, f32::MIN, 1)];
-        let Some([low, high]) = self.window(low, high) else {
-            return;
-        };
-        for y in low[1]..high[1] {
-            for x in low[0]..high[0] {
-                if inside(corners, [x as f32 + 0.5, y as f32 + 0.5]) {
-                    self.blend(x, y, color, alpha);
-                }
-            }
-        }
+        let bounds = [bound(f32::min, f32::MAX), bound(f32::max, f32::MIN)];
+        self.paint(bounds, color, alpha, |p| {
+            f32::from(u8::from(inside(corners, p)))
+        });
     }
 
     /// An anti-aliased circle.
@@ -112,19 +94,12 @@ impl Canvas {
         color: Color,
         alpha: f32,
     ) {
-        for y in 0..self.height_px as i64 {
-            let dy = y as f32 + 0.5 - center[1];
-            if dy.abs() > radius_px + width_px {
-                continue;
-            }
-            for x in 0..self.width_px as i64 {
-                let distance = ((x as f32 + 0.5 - center[0]).hypot(dy) - radius_px).abs();
-                let cover = (width_px / 2.0 + 0.5 - distance).clamp(0.0, 1.0);
-                if cover > 0.0 {
-                    self.blend(x, y, color, alpha * cover);
-                }
-            }
-        }
+        let reach = radius_px + width_px + 1.0;
+        let bounds = [center.map(|v| v - reach), center.map(|v| v + reach)];
+        self.paint(bounds, color, alpha, |p| {
+            let from_center = (p[0] - center[0]).hypot(p[1] - center[1]);
+            width_px / 2.0 + 0.5 - (from_center - radius_px).abs()
+        });
     }
 
     /// Text with its upper left corner at a place; capitals, digits and common signs. `scale` is px per dot.
@@ -162,17 +137,24 @@ impl Canvas {
         Ok(writer.finish()?)
     }
 
-    /// The pixels between two corners that lie in the picture.
-    fn window(&self, low: [f32; 2], high: [f32; 2]) -> Option<[[i64; 2]; 2]> {
-        let low = [
-            low[0].floor().max(0.0) as i64,
-            low[1].floor().max(0.0) as i64,
-        ];
-        let high = [
-            (high[0].ceil() as i64).min(self.width_px as i64),
-            (high[1].ceil() as i64).min(self.height_px as i64),
-        ];
-        (low[0] < high[0] && low[1] < high[1]).then_some([low, high])
+    /// Blends each pixel between two corners as far as it is covered; `cover` is clamped to 0..1.
+    fn paint(
+        &mut self,
+        [low, high]: [[f32; 2]; 2],
+        color: Color,
+        alpha: f32,
+        cover: impl Fn([f32; 2]) -> f32,
+    ) {
+        let [left, top] = low.map(|v| v.floor().max(0.0) as i64);
+        let [right, bottom] = high.map(|v| v.ceil() as i64);
+        for y in top..bottom.min(self.height_px as i64) {
+            for x in left..right.min(self.width_px as i64) {
+                let cover = cover([x as f32 + 0.5, y as f32 + 0.5]).clamp(0.0, 1.0);
+                if cover > 0.0 {
+                    self.blend(x, y, color, alpha * cover);
+                }
+            }
+        }
     }
 }
 

@@ -22,12 +22,8 @@ pub(super) fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View, 
         .unwrap_or(0);
     let height = title_px + lines.len() as i64 * LINE_PX;
     if height > 0 {
-        canvas.rectangle(
-            [4, 4],
-            [MARGIN_PX + width + 10, MARGIN_PX + height + 2],
-            NIGHT,
-            0.78,
-        );
+        let end = [MARGIN_PX + width + 10, MARGIN_PX + height + 2];
+        canvas.rectangle([4, 4], end, NIGHT, 0.78);
     }
     canvas.text([MARGIN_PX, MARGIN_PX], &view.title, 2, TITLE);
     let mut y = MARGIN_PX + title_px;
@@ -45,10 +41,8 @@ pub(super) fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View, 
 fn lines(boxes: &[DrawnBox]) -> Vec<(Color, String)> {
     let mut seen: Vec<(&DrawnBox, usize)> = Vec::new();
     for drawn in boxes {
-        match seen
-            .iter_mut()
-            .find(|(first, _)| first.label == drawn.label && first.kind == drawn.kind)
-        {
+        let is_same = |first: &DrawnBox| first.label == drawn.label && first.kind == drawn.kind;
+        match seen.iter_mut().find(|(first, _)| is_same(first)) {
             Some(entry) => entry.1 += 1,
             None => seen.push((drawn, 1)),
         }
@@ -71,30 +65,23 @@ fn lines(boxes: &[DrawnBox]) -> Vec<(Color, String)> {
 }
 
 fn draw_ramp(canvas: &mut Canvas, ramp_m: [f32; 2]) {
-    let bottom = canvas.size_px()[1] as i64 - 34;
-    canvas.rectangle(
-        [4, bottom - 8],
-        [MARGIN_PX + RAMP_PX + 10, bottom + 30],
-        NIGHT,
-        0.78,
-    );
+    let top = canvas.size_px()[1] as i64 - 34;
+    let end = [MARGIN_PX + RAMP_PX + 10, top + 30];
+    canvas.rectangle([4, top - 8], end, NIGHT, 0.78);
     for i in 0..RAMP_PX {
-        canvas.rectangle(
-            [MARGIN_PX + i, bottom],
-            [MARGIN_PX + i + 1, bottom + 8],
-            ramp(i as f32 / RAMP_PX as f32),
-            1.0,
-        );
+        let (x, color) = (MARGIN_PX + i, ramp(i as f32 / RAMP_PX as f32));
+        canvas.rectangle([x, top], [x + 1, top + 8], color, 1.0);
     }
-    let (low, high) = (
-        format!("{:.1} m", ramp_m[0]),
-        format!("+{:.1} m", ramp_m[1]),
-    );
-    let right = MARGIN_PX + RAMP_PX - Canvas::text_size_px(&high, 1)[0];
-    let middle = MARGIN_PX + (RAMP_PX - Canvas::text_size_px("height", 1)[0]) / 2;
-    canvas.text([MARGIN_PX, bottom + 14], &low, 1, CAPTION);
-    canvas.text([middle, bottom + 14], "height", 1, CAPTION);
-    canvas.text([right, bottom + 14], &high, 1, CAPTION);
+    let [low, high] = ramp_m;
+    let texts = [
+        format!("{low:.1} m"),
+        "height".into(),
+        format!("+{high:.1} m"),
+    ];
+    for (text, halves) in texts.iter().zip(0..) {
+        let room = RAMP_PX - Canvas::text_size_px(text, 1)[0];
+        canvas.text([MARGIN_PX + room * halves / 2, top + 14], text, 1, CAPTION);
+    }
 }
 
 #[cfg(test)]

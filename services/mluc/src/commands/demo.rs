@@ -12,10 +12,10 @@ use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point};
 use mluc_runtime::log_to_stderr;
 
 use crate::bundled::BundledScans;
-use crate::cli::{DemoArgs, Pace, PipelineArgs};
-use crate::settings::Settings;
+use crate::cli::{DemoArgs, PipelineArgs};
+use crate::settings::{Pace, Settings};
 use crate::supervisor::{Sink, run};
-use crate::terminal::answer;
+use crate::terminal::print_out;
 
 /// Objects below these scores, known and unknown, are not printed or drawn; `mluc up` gives them all.
 const SCORE_MIN: f32 = 0.3;
@@ -32,20 +32,20 @@ pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
         ..PipelineArgs::default()
     })?;
     let count = scans.points.len();
-    answer(format_args!(
+    print_out(format_args!(
         "{count} simulated scans through four processes:\n"
     ))?;
     let mut show = Show::default();
     let outcome = run(&settings, &mut show)?;
-    answer(format_args!("\n{}", outcome.latencies.table()))?;
+    print_out(format_args!("\n{}", outcome.latencies.table()))?;
     match show.best {
         Some(best) => {
             let points = scans.points.get(best.sequence as usize);
             draw(&args.picture, points.map_or(&[], Vec::as_slice), &best)?;
             let picture = args.picture.display();
-            answer(format_args!("picture of frame {}: {picture}", best.name))?;
+            print_out(format_args!("picture of frame {}: {picture}", best.name))?;
         }
-        None => answer("no frame came out: no picture")?,
+        None => print_out("no frame came out: no picture")?,
     }
     Ok(ExitCode::from(outcome.exit_code()))
 }
@@ -71,20 +71,23 @@ impl Sink for Show {
         objects: &[Object],
         classes: &[String],
     ) -> anyhow::Result<bool> {
-        let score_min = |o: &Object| match is_unknown(o) {
-            true => UNKNOWN_SCORE_MIN,
-            false => SCORE_MIN,
+        let score_min = |o: &Object| {
+            if is_unknown(o) {
+                UNKNOWN_SCORE_MIN
+            } else {
+                SCORE_MIN
+            }
         };
         let is_shown = |o: &&Object| o.is_published() && o.score >= score_min(o);
         let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
-        answer(format_args!(
+        print_out(format_args!(
             "frame {}: {} points, {} objects",
             header.name(),
             header.points_in,
             shown.len()
         ))?;
         for object in &shown {
-            answer(format_args!("  {}", describe(object, classes)))?;
+            print_out(format_args!("  {}", describe(object, classes)))?;
         }
         let unknown = shown.iter().filter(|object| is_unknown(object)).count();
         if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
@@ -104,19 +107,18 @@ fn is_unknown(object: &Object) -> bool {
 }
 
 fn label<'a>(object: &Object, classes: &'a [String]) -> &'a str {
-    match is_unknown(object) {
-        true => "UNKNOWN",
-        false => classes
-            .get(object.class_id as usize)
-            .map_or("?", String::as_str),
+    if is_unknown(object) {
+        return "UNKNOWN";
     }
+    let class = classes.get(object.class_id as usize);
+    class.map_or("?", String::as_str)
 }
 
 fn describe(object: &Object, classes: &[String]) -> String {
     let ([x, y, z], [l, w, h]) = (object.center_m, object.size_m);
     format!(
         "{:11} score {:4.2}  at {x:6.1} {y:6.1} {z:5.1} m  size {l:4.1} x {w:3.1} x {h:3.1} m  heading {:4.0} deg  {:5} \
-         points  EDS {:4.2}",
+         points  normalised EDS {:4.2}",
         label(object, classes),
         object.score,
         object.yaw_rad.to_degrees(),

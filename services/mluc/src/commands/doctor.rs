@@ -10,13 +10,13 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_runtime::Instance;
 
+use crate::EXIT_FAILURE;
 use crate::cli::DoctorArgs;
 use crate::model;
-use crate::terminal::answer;
-use crate::{EXIT_FAILURE, EXIT_WARNINGS};
+use crate::terminal::print_out;
 
-/// How a check came out, from good to bad.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// How a check came out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
     Fine,
     Warning,
@@ -51,14 +51,14 @@ pub(crate) fn doctor(args: DoctorArgs) -> anyhow::Result<ExitCode> {
             Verdict::Warning => "warning",
             Verdict::Failure => "FAILURE",
         };
-        answer(format_args!("{word:8} {}", found.text))?;
+        print_out(format_args!("{word:8} {}", found.text))?;
     }
-    let worst = findings.iter().map(|found| found.verdict).max();
-    Ok(ExitCode::from(match worst.unwrap_or(Verdict::Fine) {
-        Verdict::Fine => 0,
-        Verdict::Warning => EXIT_WARNINGS,
-        Verdict::Failure => EXIT_FAILURE,
-    }))
+    let is_failure = |found: &Finding| found.verdict == Verdict::Failure;
+    Ok(if findings.iter().any(is_failure) {
+        ExitCode::from(EXIT_FAILURE)
+    } else {
+        ExitCode::SUCCESS
+    })
 }
 
 fn describe_model(model: &Model) -> Finding {
@@ -70,10 +70,10 @@ fn describe_model(model: &Model) -> Finding {
         model::class_names(model).join(", "),
         model.fingerprint
     );
-    match manifest.provenance.steps {
-        0 => finding(Verdict::Warning, format!("{text}: it was never trained")),
-        _ => finding(Verdict::Fine, text),
+    if manifest.provenance.steps == 0 {
+        return finding(Verdict::Warning, format!("{text}: it was never trained"));
     }
+    finding(Verdict::Fine, text)
 }
 
 /// What all topics take when every slot is in use.
@@ -104,13 +104,11 @@ fn check_shared_memory(model: Option<&Model>) -> Finding {
     };
     let needed_mib = needed_bytes(model).div_ceil(1 << 20);
     let text = format!("/dev/shm: {free_mib} MiB free, this model needs {needed_mib} MiB");
-    match free_mib >= needed_mib {
-        true => finding(Verdict::Fine, text),
-        false => finding(
-            Verdict::Failure,
-            format!("{text}: make it larger (in a container: --shm-size)"),
-        ),
+    if free_mib >= needed_mib {
+        return finding(Verdict::Fine, text);
     }
+    let advice = "make it larger (in a container: --shm-size)";
+    finding(Verdict::Failure, format!("{text}: {advice}"))
 }
 
 fn check_cores() -> Finding {

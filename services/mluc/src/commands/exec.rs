@@ -6,7 +6,7 @@ use std::process::{Command, ExitCode};
 use anyhow::Context;
 
 use crate::cli::ExecArgs;
-use crate::place::pin;
+use crate::placement::pin;
 use crate::stages::end_with;
 
 pub(crate) fn exec(args: ExecArgs) -> anyhow::Result<ExitCode> {

@@ -1,6 +1,6 @@
 //! The subcommands.
 
-mod bench;
+mod config;
 mod demo;
 mod doctor;
 mod exec;
@@ -8,10 +8,10 @@ mod refiner_test;
 mod status;
 mod up;
 
-pub(crate) use bench::{BenchArgs, BenchTable, NeighbourArgs, bench, neighbour};
+pub(crate) use config::config;
 pub(crate) use demo::demo;
 pub(crate) use doctor::doctor;
 pub(crate) use exec::exec;
-pub(crate) use refiner_test::{RefinerTestArgs, refiner_test};
+pub(crate) use refiner_test::refiner_test;
 pub(crate) use status::status;
 pub(crate) use up::up;

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 
 use crate::UsageError;
 use crate::cli::StatusArgs;
-use crate::terminal::answer;
+use crate::terminal::print_out;
 
 /// Three heartbeats.
 const LISTEN: Duration = Duration::from_millis(350);
@@ -27,27 +27,28 @@ pub(crate) fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     watch.update()?;
     std::thread::sleep(LISTEN);
     let stages = *watch.update()?;
-    match args.json {
-        true => answer(as_json(&args.instance, &stages))?,
-        false => print(&stages)?,
+    if args.json {
+        print_out(as_json(&args.instance, &stages))?;
+    } else {
+        print(&stages)?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
 fn print(stages: &[Option<Health>; 4]) -> anyhow::Result<()> {
-    answer(format_args!(
+    print_out(format_args!(
         "{:9} {:8} {:14} {:>8} {:>8} {:>8} {:>8} {:>9} {:>9}  reason",
         "stage", "process", "state", "in", "out", "dropped", "refused", "p50 ms", "p99 ms"
     ))?;
     for (stage, health) in Stage::ALL.iter().zip(stages) {
         match health {
-            Some(health) => answer(row(*stage, health))?,
-            None => answer(format_args!("{:9} {:8} {:14}", stage.name(), "-", "silent"))?,
+            Some(health) => print_out(row(*stage, health))?,
+            None => print_out(format_args!("{:9} {:8} {:14}", stage.name(), "-", "silent"))?,
         }
     }
     for health in stages.iter().flatten() {
         if health.candidates.total() > 0 {
-            answer(candidates(&health.candidates))?;
+            print_out(candidates(&health.candidates))?;
         }
     }
     Ok(())
@@ -119,19 +120,21 @@ fn as_json(instance: &str, stages: &[Option<Health>; 4]) -> Value {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use mluc_ipc_types::{Fate, HealthState, Text, WIRE_VERSION};
+    use mluc_ipc_types::{Disposition, HealthState, Text, WIRE_VERSION};
 
     fn refiner() -> Health {
         let mut health = Health {
             wire_version: WIRE_VERSION,
             stage: Stage::Refiner as u32,
             state: HealthState::Running as u32,
+            pid: 7,
+            frames_in: 9,
             frames_out: 9,
             reason: Text::pack("why"),
             ..Health::zeroed()
         };
-        health.candidates.by_fate[Fate::Published as usize] = 12;
-        health.candidates.by_fate[Fate::OverlapsKnown as usize] = 3;
+        health.candidates.by_disposition[Disposition::Published as usize] = 12;
+        health.candidates.by_disposition[Disposition::OverlapsKnown as usize] = 3;
         health.candidates.split = 2;
         health
     }

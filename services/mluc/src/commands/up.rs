@@ -1,33 +1,132 @@
 //! `mluc up`: the pipeline on scans, JSON lines on stdout.
 
+use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use anyhow::Context;
+use mluc_ipc_types::{Flags, FrameHeader, Object};
 use mluc_runtime::log_to_stderr;
 
+use crate::EXIT_FAILURE;
 use crate::cli::PipelineArgs;
 use crate::settings::Settings;
-use crate::supervisor::{LineWriter, run};
-use crate::terminal::tell;
+use crate::supervisor::{LineWriter, Sink, run};
+use crate::terminal::print_err;
 
 pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");
     let settings = Settings::resolve(args)?;
-    let mut lines = LineWriter::new(settings.pace, std::io::stdout());
+    let mut lines = Lines {
+        writer: LineWriter::new(settings.pace, std::io::stdout()),
+        summary: Summary::default(),
+    };
     let outcome = run(&settings, &mut lines)?;
-    let unread = lines.finish().context("writing JSON lines to stdout")?;
-    tell(outcome.latencies.table().trim_end());
-    tell(format_args!(
+    let unread = lines
+        .writer
+        .finish()
+        .context("writing JSON lines to stdout")?;
+    print_err(outcome.latencies.table().trim_end());
+    print_err(format_args!(
         "frames: {} in, {} out, {} lost; stages restarted: {}",
         outcome.frames_in,
         outcome.frames_out,
         outcome.frames_lost(),
         outcome.restarts
     ));
+    if let Some(flags) = lines.summary.flags() {
+        print_err(flags);
+    }
     if unread > 0 {
-        tell(format_args!(
+        print_err(format_args!(
             "{unread} lines dropped: the reader of stdout was too slow"
         ));
     }
+    if lines.summary.is_useless() {
+        print_err(
+            "no frame was usable: fewer than 5 % of the points of each are finite and in the model's range; are the files scans?",
+        );
+        return Ok(ExitCode::from(EXIT_FAILURE));
+    }
     Ok(ExitCode::from(outcome.exit_code()))
+}
+
+/// The lines of a run, and what they say in all.
+struct Lines {
+    writer: LineWriter,
+    summary: Summary,
+}
+
+impl Sink for Lines {
+    fn frame(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+    ) -> anyhow::Result<bool> {
+        self.summary.record(header);
+        self.writer.frame(header, objects, classes)
+    }
+}
+
+/// Flags of all frames, and whether there was a scan among them.
+#[derive(Default)]
+struct Summary {
+    flags: BTreeMap<&'static str, u64>,
+    frames: u64,
+    usable: u64,
+}
+
+impl Summary {
+    fn record(&mut self, header: &FrameHeader) {
+        self.frames += 1;
+        let unusable = header
+            .points_dropped
+            .saturating_add(header.points_out_of_range);
+        let usable = header.points_in.saturating_sub(unusable);
+        // Some bytes of a text file read as points in range, 2 % or so; of a scan at least a fifth lies there.
+        self.usable += u64::from(usable > header.points_in / 20);
+        for name in Flags(header.flags).names() {
+            *self.flags.entry(name).or_default() += 1;
+        }
+    }
+
+    /// A line with the frames that carry each flag; none where no frame has one.
+    fn flags(&self) -> Option<String> {
+        let words: Vec<String> = self
+            .flags
+            .iter()
+            .map(|(name, count)| format!("{name} {count}"))
+            .collect();
+        (!words.is_empty()).then(|| format!("frames with flags: {}", words.join(", ")))
+    }
+
+    fn is_useless(&self) -> bool {
+        self.frames > 0 && self.usable == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_without_a_usable_frame_is_seen_and_flags_are_counted() {
+        let frame = |points_in, out_of_range, flags: Flags| {
+            let mut header = FrameHeader::new(0, "a");
+            (header.points_in, header.points_out_of_range) = (points_in, out_of_range);
+            header.flag(flags);
+            header
+        };
+        let mut summary = Summary::default();
+        assert!(!summary.is_useless() && summary.flags().is_none());
+        summary.record(&frame(0, 0, Flags::EMPTY));
+        summary.record(&frame(1000, 990, Flags::EMPTY.with(Flags::LATE)));
+        assert!(summary.is_useless());
+        assert_eq!(
+            summary.flags().as_deref(),
+            Some("frames with flags: empty 2, late 1")
+        );
+        summary.record(&frame(1000, 900, Flags::default()));
+        assert!(!summary.is_useless());
+    }
 }

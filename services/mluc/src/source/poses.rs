@@ -10,13 +10,7 @@ use mluc_ipc_types::EgoPose;
 /// a line a scan; empty lines and those that begin with `#` are left out. None where there is no such file. Errors:
 /// another number of lines than scans, a line that is not four finite numbers.
 pub(super) fn read(folder: &Path, scans: usize) -> anyhow::Result<Option<Vec<EgoPose>>> {
-    let candidates = [Some(folder), folder.parent()];
-    let found = candidates
-        .into_iter()
-        .flatten()
-        .map(|folder| folder.join("poses.txt"))
-        .find(|path| path.is_file());
-    let Some(path) = found else {
+    let Some(path) = super::beside(folder, "poses.txt") else {
         return Ok(None);
     };
     let text = fs::read_to_string(&path).with_context(|| format!("poses {}", path.display()))?;

@@ -1,5 +1,6 @@
 //! Scans from files into shared memory, at the sensor's pace or one after the other.
 
+mod downstream;
 mod pace;
 mod sender;
 
@@ -9,14 +10,14 @@ use mluc_model::Model;
 use mluc_runtime::Shell;
 
 use crate::UsageError;
-use crate::cli::Pace;
-use crate::settings::Settings;
+use crate::settings::{Pace, Settings};
 use crate::source::Source;
 
+use super::begin_or_join_run;
 use sender::Sender;
 
 pub(crate) fn run(
-    shell: Shell,
+    shell: &mut Shell,
     settings: &Settings,
     model: &Model,
     start_sequence: u64,
@@ -28,6 +29,9 @@ pub(crate) fn run(
         (true, _) => u64::MAX,
         (false, _) => source.scans.len() as u64,
     };
+    if begin_or_join_run(shell, settings, model)?.is_none() {
+        return Ok(());
+    }
     let mut sender =
         Sender::new(shell, source, model, start_sequence).context("opening the topics")?;
     sender.wait_until_ready()?;

@@ -1,12 +1,10 @@
-//! The thin process around each stage: take a frame, check it, compute, publish.
+//! The process of each stage; its file holds the algorithm's call.
 
 mod backbone;
-mod frame;
+mod description;
 mod head;
 mod ingest;
-mod instruments;
 mod refiner;
-mod wait_ready;
 
 use anyhow::{Context, bail};
 use mluc_ipc_types::Stage;
@@ -16,10 +14,12 @@ use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
 use crate::cli::StageArgs;
 use crate::model;
-use crate::place::pin;
-use crate::settings::{Settings, stage_named};
+use crate::placement::pin;
+use crate::resolve::{Resolved, stage_named};
+use crate::settings::Settings;
 
-pub(crate) use instruments::STAMPS_VARIABLE;
+pub(crate) use description::begin_or_join_run;
+pub use mluc_runtime::STAMPS_VARIABLE;
 
 /// `mluc stage NAME`.
 pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
@@ -28,30 +28,31 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     if let Some(parent) = args.supervised_by {
         end_with(parent)?;
     }
-    let settings = Settings::resolve(args.pipeline)?;
+    let settings = Resolved::of(args.pipeline, true)?.settings;
     // Before any thread is started: they all inherit it.
-    if let Some(cpus) = &settings.places[stage as usize].cpus {
+    if let Some(cpus) = &settings.stages[stage].cpus {
         pin(cpus)?;
     }
     // This thread is one of the pool's: whoever enters a pool from outside waits for it to wake up, and makes it allocate
     // now and then.
     rayon::ThreadPoolBuilder::new()
-        .num_threads(settings.threads[stage as usize])
+        .num_threads(settings.stages[stage].threads)
         .use_current_thread()
         .build_global()
         .context("starting the threads")?;
     let shutdown = Shutdown::on_signals()?;
     let mut options = ShellOptions::new(settings.instance.clone());
     options.verify_mapping = settings.verify_mapping;
-    let shell = Shell::stage(options, stage, shutdown)?;
+    let mut shell = Shell::stage(options, stage, shutdown)?;
     let model = model::load_for(&settings)?;
-    work(stage, shell, &settings, &model, args.start_sequence)
+    shell.set_model(model.fingerprint);
+    work(stage, &mut shell, &settings, &model, args.start_sequence)
         .with_context(|| format!("stage {}", stage.name()))
 }
 
 fn work(
     stage: Stage,
-    shell: Shell,
+    shell: &mut Shell,
     settings: &Settings,
     model: &Model,
     start_sequence: u64,
@@ -65,7 +66,7 @@ fn work(
 }
 
 /// Has the kernel send SIGTERM when the supervisor dies, however it dies.
-pub(crate) fn end_with(parent: u32) -> anyhow::Result<()> {
+pub fn end_with(parent: u32) -> anyhow::Result<()> {
     set_parent_process_death_signal(Some(Signal::TERM))
         .context("tying this process to its parent")?;
     // It may have died before the line above.

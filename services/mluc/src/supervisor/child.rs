@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use mluc_ipc_types::Stage;
+use mluc_runtime::Instance;
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::own_program;
@@ -64,28 +65,29 @@ impl Child {
 
     pub(super) fn start(&mut self, settings: &Settings, start_sequence: u64) -> anyhow::Result<()> {
         use std::os::unix::process::CommandExt;
-        let foreign = &settings.commands[self.stage as usize];
-        let place = &settings.places[self.stage as usize];
+        let own = &settings.stages[self.stage];
         let supervisor = std::process::id().to_string();
-        let mut command = place.command(own_program()?);
-        match foreign {
+        let mut command = own.placed(own_program()?);
+        match &own.command {
             // Our own program first, which ties itself to us and then becomes the other one.
             Some(program) => {
                 command.args(["exec", "--supervised-by", &supervisor]);
-                command.args(place.cpus_argument());
+                command.args(own.cpus_argument());
                 command.arg("--").args(program);
+                if let Some(directory) = &own.directory {
+                    command.current_dir(directory);
+                }
             }
             None => {
-                command.args(settings.stage_arguments(self.stage));
+                command.args(["stage", self.stage.name()]);
+                command.args(["--instance", settings.instance.name()]);
                 command.args(["--supervised-by", &supervisor]);
                 command.args(["--start-sequence", &start_sequence.to_string()]);
             }
         }
         command
-            .envs(settings.instance.environment())
+            .env(Instance::VARIABLE, settings.instance.name())
             .envs(settings.environment.iter().cloned())
-            .env("MLUC_STAGE", self.stage.name())
-            .env("MLUC_MODEL", &settings.model)
             .stdin(Stdio::null())
             // stdout holds the JSON lines, and nothing else.
             .stdout(std::io::stderr())
@@ -98,12 +100,12 @@ impl Child {
         self.started = Instant::now();
         self.due = None;
         self.was_ready = false;
-        self.is_foreign = foreign.is_some();
+        self.is_foreign = own.command.is_some();
         Ok(())
     }
 
     /// Whether it ended; kills it when it hangs in its start.
-    pub(super) fn look(&mut self, is_ready: bool) -> anyhow::Result<Ended> {
+    pub(super) fn watch(&mut self, is_ready: bool) -> anyhow::Result<Ended> {
         self.was_ready |= is_ready;
         let Some(process) = &mut self.process else {
             return Ok(Ended::No);

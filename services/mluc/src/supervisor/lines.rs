@@ -9,13 +9,13 @@ use mluc_gateway::lines::line;
 use mluc_ipc_types::{FrameHeader, Object};
 
 use super::Sink;
-use crate::cli::Pace;
+use crate::settings::Pace;
 
 /// Lines that wait for the reader.
 const LINES_WAITING: usize = 64;
 
 /// Writes a line a frame.
-pub(crate) struct LineWriter {
+pub struct LineWriter {
     lines: Option<SyncSender<Vec<u8>>>,
     thread: Option<JoinHandle<io::Result<()>>>,
     waits_for_reader: bool,
@@ -24,7 +24,7 @@ pub(crate) struct LineWriter {
 
 impl LineWriter {
     /// At pace `complete` no line is dropped: the pipeline waits for the reader. At pace `sensor` the reader loses lines.
-    pub(crate) fn new(pace: Pace, output: impl Write + Send + 'static) -> LineWriter {
+    pub fn new(pace: Pace, output: impl Write + Send + 'static) -> LineWriter {
         let (lines, waiting) = sync_channel(LINES_WAITING);
         LineWriter {
             lines: Some(lines),
@@ -35,7 +35,7 @@ impl LineWriter {
     }
 
     /// Waits until everything is written; gives the lines that were dropped.
-    pub(crate) fn finish(mut self) -> io::Result<u64> {
+    pub fn finish(mut self) -> io::Result<u64> {
         self.lines = None;
         match self.thread.take().map(JoinHandle::join) {
             Some(Ok(Err(error))) if error.kind() != io::ErrorKind::BrokenPipe => Err(error),

@@ -6,22 +6,22 @@ mod report;
 
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
-use mluc_ipc_types::{FrameHeader, Object, Stage, Topic};
+use anyhow::Context;
+use mluc_ipc_types::{FrameHeader, Object, RunDescription, Stage, Topic, WIRE_VERSION};
 use mluc_model::Model;
-use mluc_runtime::{HealthWatch, Input, Shell, ShellOptions, Shutdown};
+use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, ShellOptions, Shutdown};
 
-use crate::cli::Pace;
-use crate::settings::Settings;
+use crate::settings::{Pace, Settings};
 use crate::source::Source;
-use crate::{EXIT_WARNINGS, UsageError, model};
+use crate::stages::begin_or_join_run;
+use crate::{EXIT_WARNINGS, UsageError, document, model};
 
 use child::{Child, Ended};
-pub(crate) use lines::LineWriter;
-pub(crate) use report::Latencies;
+pub use lines::LineWriter;
+pub use report::Latencies;
 
 /// Takes the frames that leave the pipeline.
-pub(crate) trait Sink {
+pub trait Sink {
     /// A frame's objects, checked. False: no more are wanted.
     fn frame(
         &mut self,
@@ -31,33 +31,33 @@ pub(crate) trait Sink {
     ) -> anyhow::Result<bool>;
 
     /// The supervisor looks around, every 20 ms or so; processes by stage, 0: not running. False: end the run.
-    fn look(&mut self, _health: &HealthWatch, _processes: [u32; 4]) -> anyhow::Result<bool> {
+    fn on_tick(&mut self, _health: &HealthWatch, _processes: [u32; 4]) -> anyhow::Result<bool> {
         Ok(true)
     }
 }
 
 /// How a run went.
 #[derive(Debug, Default)]
-pub(crate) struct Outcome {
-    pub(crate) frames_in: u64,
-    pub(crate) frames_out: u64,
+pub struct Outcome {
+    pub frames_in: u64,
+    pub frames_out: u64,
     /// Frames that never came, before one that did.
     frames_skipped: u64,
-    pub(crate) restarts: u32,
-    pub(crate) latencies: Latencies,
+    pub restarts: u32,
+    pub latencies: Latencies,
     /// Ended by a signal: what was not finished is not lost.
-    pub(crate) is_interrupted: bool,
+    pub is_interrupted: bool,
 }
 
 impl Outcome {
-    pub(crate) fn frames_lost(&self) -> u64 {
+    pub fn frames_lost(&self) -> u64 {
         match self.is_interrupted {
             true => self.frames_skipped,
             false => self.frames_in.saturating_sub(self.frames_out),
         }
     }
 
-    pub(crate) fn exit_code(&self) -> u8 {
+    pub fn exit_code(&self) -> u8 {
         match self.frames_lost() + u64::from(self.restarts) {
             0 => 0,
             _ if self.is_interrupted => 0,
@@ -69,13 +69,16 @@ impl Outcome {
 /// Asked to end, stages get this long before they are killed: together with the rest below a second.
 const END_PATIENCE: Duration = Duration::from_millis(600);
 /// How often the supervisor looks around.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 struct Supervisor<'a> {
     shell: Shell,
     settings: &'a Settings,
     classes: Vec<String>,
+    run: RunDescription,
     objects: Input<Object>,
+    /// What ingest has sent.
+    scans: Scans,
     health: HealthWatch,
     children: Vec<Child>,
     next_sequence: u64,
@@ -83,15 +86,21 @@ struct Supervisor<'a> {
 }
 
 /// Runs a pipeline to its end.
-pub(crate) fn run(settings: &Settings, sink: &mut dyn Sink) -> anyhow::Result<Outcome> {
+pub fn run(settings: &Settings, sink: &mut dyn Sink) -> anyhow::Result<Outcome> {
     let model = check_before(settings)?;
     let mut settings = settings.clone();
-    settings.environment.extend(model_environment(&model));
+    settings.complete_from(&model);
     let settings = &settings;
     let shutdown = Shutdown::on_signals()?;
     let options = ShellOptions::new(settings.instance.clone());
-    let shell = Shell::observer(options, Some("pipeline"), shutdown)?;
+    let mut shell = Shell::observer(options, Some("pipeline"), shutdown)?;
+    let _published = document::publish(settings)?;
+    let Some(run) = begin_or_join_run(&mut shell, settings, &model)? else {
+        return Ok(Outcome::default());
+    };
     let mut supervisor = Supervisor {
+        run,
+        scans: Scans::sent(shell.side_input(&Topic::POINTS)?),
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
         shell,
@@ -109,13 +118,13 @@ pub(crate) fn run(settings: &Settings, sink: &mut dyn Sink) -> anyhow::Result<Ou
 
 /// What is wrong with the input or the model is said here, once, and not by four processes.
 fn check_before(settings: &Settings) -> anyhow::Result<Model> {
-    for (stage, place) in Stage::ALL.iter().zip(&settings.places) {
-        place.check_right(stage.name())?;
+    for stage in Stage::ALL {
+        settings.stages[stage].check_right(stage.name())?;
     }
-    let is_own = settings.commands[Stage::Ingest as usize].is_none();
+    let ingest = &settings.stages.ingest;
     match &settings.input {
         Some(input) => drop(Source::find(input)?),
-        None if is_own && !settings.externals[Stage::Ingest as usize] => {
+        None if ingest.command.is_none() && !ingest.external => {
             return Err(UsageError(
                 "--input is missing: a folder of .bin scans, or one".to_string(),
             )
@@ -126,25 +135,13 @@ fn check_before(settings: &Settings) -> anyhow::Result<Model> {
     model::load_for(settings)
 }
 
-/// What a foreign stage has to know of the model.
-fn model_environment(model: &Model) -> [(&'static str, String); 2] {
-    mluc_runtime::model_environment(&model::class_names(model), model.fingerprint)
-}
-
 /// Tells how to start a stage that is left to the user.
 fn tell_external(stage: Stage, settings: &Settings) {
-    let variables: Vec<String> = settings
-        .instance
-        .environment()
-        .into_iter()
-        .chain(settings.environment.iter().cloned())
-        .map(|(key, value)| format!("{key}='{value}'"))
-        .collect();
     let name = stage.name();
     tracing::info!(
-        "{name} is left to you: mluc {}; or a program of yours with {}",
-        settings.stage_arguments(stage).join(" "),
-        variables.join(" ")
+        "{name} is left to you: mluc stage {name} --instance {0}; or a program of yours with {1}={0}",
+        settings.instance.name(),
+        Instance::VARIABLE
     );
 }
 
@@ -152,7 +149,7 @@ impl Supervisor<'_> {
     fn supervise(&mut self, sink: &mut dyn Sink) -> anyhow::Result<()> {
         for stage in Stage::ALL {
             let mut child = Child::new(stage);
-            match self.settings.externals[stage as usize] {
+            match self.settings.stages[stage].external {
                 true => tell_external(stage, self.settings),
                 false => child.start(self.settings, 0)?,
             }
@@ -163,10 +160,12 @@ impl Supervisor<'_> {
                 self.outcome.is_interrupted = true;
                 return Ok(());
             }
+            self.shell.tick()?;
+            self.follow_run();
             self.health.update()?;
             let is_wanted = self.take_objects(sink)?;
             let processes = Stage::ALL.map(|stage| self.children[stage as usize].pid());
-            if !(is_wanted && sink.look(&self.health, processes)?) {
+            if !(is_wanted && sink.on_tick(&self.health, processes)?) {
                 self.outcome.is_interrupted = true;
                 return Ok(());
             }
@@ -174,9 +173,21 @@ impl Supervisor<'_> {
                 // Ingest ends after the last objects; they are in the queue now.
                 self.health.update()?;
                 self.take_objects(sink)?;
-                return self.close_accounts();
+                self.scans.take(&self.run)?;
+                self.outcome.frames_in = self.scans.count_sent();
+                return Ok(());
             }
-            self.shell.wait(&self.objects, LOOK);
+            self.shell.wait(&self.objects, POLL_INTERVAL);
+        }
+    }
+
+    /// The run is another process's: a new one of it begins at frame 0.
+    fn follow_run(&mut self) {
+        if let Some(run) = self.shell.run()
+            && run.run_id != self.run.run_id
+        {
+            tracing::warn!("a new run began: sequences start again");
+            (self.run, self.next_sequence) = (*run, 0);
         }
     }
 
@@ -184,10 +195,23 @@ impl Supervisor<'_> {
     fn take_objects(&mut self, sink: &mut dyn Sink) -> anyhow::Result<bool> {
         while let Some(message) = self.objects.oldest()? {
             let header = *message.header();
-            let objects = match Object::checked(&header, message.elements(), self.classes.len()) {
+            self.scans.take(&self.run)?;
+            // A refiner that outlived a run hands on the last message of that one.
+            if header.wire_version == WIRE_VERSION && header.run_id != self.run.run_id {
+                tracing::debug!(
+                    sequence = header.sequence,
+                    "objects of another run left out"
+                );
+                continue;
+            }
+            let sent = self.scans.count_sent();
+            let checked = header
+                .checked_in(&self.run, 0..sent)
+                .and_then(|_| Object::checked(&header, message.elements(), self.classes.len()));
+            let objects = match checked {
                 Ok(objects) => objects,
                 Err(error) => {
-                    tracing::warn!(frame = header.name(), "objects refused: {error}");
+                    self.shell.refuse(&format!("objects: {error}"))?;
                     continue;
                 }
             };
@@ -220,7 +244,7 @@ impl Supervisor<'_> {
                 .of(child.stage)
                 .is_some_and(|h| h.pid == child.pid())
                 && self.health.is_ready(child.stage);
-            match child.look(is_ready)? {
+            match child.watch(is_ready)? {
                 Ended::No => (),
                 Ended::Done if child.stage == Stage::Ingest => return Ok(true),
                 Ended::Done | Ended::Died => {
@@ -238,22 +262,10 @@ impl Supervisor<'_> {
 
     /// Where a restarted ingest goes on.
     fn start_sequence(&self) -> u64 {
-        let sent = self
-            .health
-            .of(Stage::Ingest)
-            .map_or(0, |health| health.frames_out);
         match self.settings.pace {
             Pace::Complete => self.next_sequence,
-            Pace::Sensor => self.next_sequence.max(sent),
+            Pace::Sensor => self.next_sequence.max(self.scans.count_sent()),
         }
-    }
-
-    fn close_accounts(&mut self) -> anyhow::Result<()> {
-        let Some(ingest) = self.health.of(Stage::Ingest) else {
-            bail!("ingest ended and never said how many frames it sent");
-        };
-        self.outcome.frames_in = ingest.frames_out;
-        Ok(())
     }
 
     /// SIGTERM to all, SIGKILL to those that stay; nothing is left running.

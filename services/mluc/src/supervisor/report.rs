@@ -6,7 +6,7 @@ use mluc_ipc_types::{FrameHeader, Stage};
 
 /// Latencies of all frames, us.
 #[derive(Debug)]
-pub(crate) struct Latencies {
+pub struct Latencies {
     queue: Vec<Histogram<u64>>,
     run: Vec<Histogram<u64>>,
     total: Histogram<u64>,
@@ -32,7 +32,7 @@ fn histogram() -> Histogram<u64> {
 }
 
 impl Latencies {
-    pub(crate) fn record(&mut self, header: &FrameHeader) {
+    pub fn record(&mut self, header: &FrameHeader) {
         for stage in Stage::ALL {
             let times = stage_times(header, stage);
             self.queue[stage as usize].saturating_record(times.queue_us.max(1));
@@ -42,7 +42,7 @@ impl Latencies {
     }
 
     /// The table, ms; the first frame counts too.
-    pub(crate) fn table(&self) -> String {
+    pub fn table(&self) -> String {
         let mut text = String::from("latency, ms        p50      p99      max\n");
         let mut row = |name: &str, histogram: &Histogram<u64>| {
             let [p50, p99, max] = [

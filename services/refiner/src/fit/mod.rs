@@ -1,18 +1,14 @@
 //! A box around a cluster: rectangle seen from above, then height and the parts that the sensor cannot see.
 
-mod axis_aligned;
 mod closeness;
 mod extend;
 mod fitter;
 mod footprint;
-mod minimum_area;
 
-pub use axis_aligned::axis_aligned;
 pub use closeness::Closeness;
 pub use extend::{CutTop, EndFace, Extend, Side};
-pub use fitter::Fitter;
+pub use fitter::{Fitter, axis_aligned, minimum_area};
 pub use footprint::footprint;
-pub use minimum_area::minimum_area;
 
 use mluc_kernels::at_best;
 use serde::{Deserialize, Serialize};

@@ -19,8 +19,6 @@ pub struct TrackSettings {
     pub confirm_hits: u32,
     /// Frames that vote, at most 32. Two of three costs one frame of delay (100 ms at 10 Hz) and bridges one miss.
     pub window: u32,
-    /// Most tracks at once; the oldest unseen one gives way.
-    pub tracks_max: usize,
 }
 
 impl Default for TrackSettings {
@@ -29,13 +27,12 @@ impl Default for TrackSettings {
             distance_max_m: 1.5,
             confirm_hits: 2,
             window: 3,
-            tracks_max: 512,
         }
     }
 }
 
 impl TrackSettings {
-    /// Errors: a distance that is not above 0, votes that cannot be reached, no tracks.
+    /// Errors: a distance that is not above 0, votes that cannot be reached.
     pub fn check(&self) -> Result<(), RefinerError> {
         let wrong = |name, expected, found| {
             Err(RefinerError::Setting {
@@ -54,9 +51,6 @@ impl TrackSettings {
             let found = f64::from(self.confirm_hits);
             return wrong("track.confirm_hits", "1 to track.window", found);
         }
-        match self.tracks_max {
-            0 => wrong("track.tracks_max", "1 or more", 0.0),
-            _ => Ok(()),
-        }
+        Ok(())
     }
 }

@@ -1,9 +1,12 @@
 //! Following unknown objects from frame to frame, and letting the frames vote.
 
-use mluc_ipc_types::{EgoPose, Fate, OBJECTS_MAX, Object, ObjectKind};
+use mluc_ipc_types::{Disposition, EgoPose, OBJECTS_MAX, Object, ObjectKind};
 
 use super::TrackSettings;
-use crate::{Refined, RefinerError};
+use crate::{RefinerError, RefinerOutput};
+
+/// Most tracks at once; the oldest unseen one gives way.
+const TRACKS_MAX: usize = 512;
 
 /// Something unknown, seen in some of the last frames.
 #[derive(Clone, Copy, Debug)]
@@ -39,7 +42,7 @@ impl Tracker {
         settings.check()?;
         Ok(Tracker {
             settings,
-            tracks: Vec::with_capacity(settings.tracks_max.min(4 * OBJECTS_MAX)),
+            tracks: Vec::with_capacity(TRACKS_MAX),
             order: Vec::with_capacity(OBJECTS_MAX),
             next_id: 0,
             last_sequence: None,
@@ -48,11 +51,11 @@ impl Tracker {
     }
 
     /// Unknown objects that are published get the number of their track; those that too few of the last frames saw
-    /// become [`Fate::Unconfirmed`]. Known objects stay as they are, and so do unknown ones beyond the most tracks.
+    /// become [`Disposition::Unconfirmed`]. Known objects stay as they are, and so do unknown ones beyond the most tracks.
     ///
     /// `ego`: the sensor's pose, where known; without it a moving sensor makes what stands still move. Frames that are
     /// missing between two calls count as frames that did not see anything.
-    pub fn update(&mut self, sequence: u64, ego: &EgoPose, refined: &mut Refined) {
+    pub fn update(&mut self, sequence: u64, ego: &EgoPose, refined: &mut RefinerOutput) {
         self.age(sequence, ego.is_known == 1);
         let objects = &mut refined.objects;
         self.order.clear();
@@ -74,9 +77,9 @@ impl Tracker {
             };
             object.track_id = track.id;
             if !track.is_confirmed {
-                object.fate = Fate::Unconfirmed as u32;
-                refined.counters.by_fate[Fate::Published as usize] -= 1;
-                refined.counters.by_fate[Fate::Unconfirmed as usize] += 1;
+                object.disposition = Disposition::Unconfirmed as u32;
+                refined.counters.by_disposition[Disposition::Published as usize] -= 1;
+                refined.counters.by_disposition[Disposition::Unconfirmed as usize] += 1;
             }
         }
     }
@@ -123,7 +126,7 @@ impl Tracker {
     }
 
     fn begin(&mut self, place_m: [f64; 2]) -> Option<usize> {
-        if self.tracks.len() >= self.settings.tracks_max {
+        if self.tracks.len() >= TRACKS_MAX {
             let stalest = (0..self.tracks.len())
                 .filter(|&index| !self.tracks[index].is_taken)
                 .max_by_key(|&index| self.tracks[index].unseen)?;

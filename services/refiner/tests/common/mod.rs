@@ -3,7 +3,7 @@
 
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, DetectionKind, FrameHeader, Object, Point};
-use mluc_refiner::{BeamTable, Mode, Refined, Refiner, Sensor, Settings};
+use mluc_refiner::{BeamTable, Refiner, RefinerOutput, Sensor, Settings, Variant};
 
 /// Height of the sensor above the ground, m.
 pub(crate) const SENSOR_HEIGHT_M: f64 = 1.73;
@@ -123,17 +123,21 @@ pub(crate) fn known(object: &Box3, class_id: u32, score: f32) -> Detection {
     }
 }
 
-pub(crate) fn refiner(mode: Mode) -> Refiner {
+pub(crate) fn refiner(variant: Variant) -> Refiner {
     let settings = Settings {
-        mode,
+        variant,
         ..Settings::default()
     };
     Refiner::new(settings, &sensor()).expect("default settings")
 }
 
-pub(crate) fn refine(mode: Mode, points: &[Point], detections: &[Detection]) -> Refined {
-    let mut out = Refined::default();
-    refiner(mode).refine(7, points, detections, &mut out);
+pub(crate) fn refine(
+    variant: Variant,
+    points: &[Point],
+    detections: &[Detection],
+) -> RefinerOutput {
+    let mut out = RefinerOutput::default();
+    refiner(variant).refine(7, points, detections, &mut out);
     out
 }
 
@@ -146,12 +150,20 @@ pub(crate) fn box_of(object: &Object) -> Box3 {
 }
 
 /// What every answer keeps, whatever the input: the contract's own checks, one object a detection, every index inside.
-pub(crate) fn assert_sound(points: &[Point], detections: &[Detection], out: &Refined, what: &str) {
+pub(crate) fn assert_sound(
+    points: &[Point],
+    detections: &[Detection],
+    out: &RefinerOutput,
+    what: &str,
+) {
     let header = FrameHeader::new(0, "test");
     let checked = Object::checked(&header, &out.objects, 4);
     assert!(checked.is_ok(), "{what}: {checked:?}");
     assert_eq!(out.objects.len(), detections.len().min(512), "{what}");
-    assert!(out.object_points.len() <= 131_072, "{what}");
+    assert!(
+        out.object_points.len() <= mluc_ipc_types::OBJECT_POINTS_MAX,
+        "{what}"
+    );
     assert!(
         out.object_points
             .iter()
@@ -169,10 +181,10 @@ pub(crate) fn assert_sound(points: &[Point], detections: &[Detection], out: &Ref
             .all(|o| o.footprint_m.iter().flatten().all(|v| v.is_finite())),
         "{what}"
     );
-    let told: u32 = out.counters.by_fate.iter().sum();
+    let told: u32 = out.counters.by_disposition.iter().sum();
     assert_eq!(
         told as usize,
         out.objects.len(),
-        "{what}: every fate is counted"
+        "{what}: every disposition is counted"
     );
 }

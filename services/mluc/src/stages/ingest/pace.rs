@@ -17,9 +17,10 @@ const ANSWER_PATIENCE_NS: u64 = 10_000_000_000;
 const RESENDS_MAX: u32 = 2;
 /// How long the last frame of a run at the sensor's pace may take.
 const LAST_FRAME_NS: u64 = 5_000_000_000;
-const LOOK: Duration = Duration::from_millis(20);
+/// How often ingest looks around while it waits.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// At the sensor's rate, whoever follows.
+/// At the sensor's rate, whether or not the stages behind keep up.
 pub(crate) fn sensor(
     sender: &mut Sender,
     settings: &Settings,
@@ -87,7 +88,7 @@ fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
             return Ok(true);
         }
         sender.shell.tick()?;
-        std::thread::sleep(Duration::from_nanos(due_ns - now_ns).min(LOOK));
+        std::thread::sleep(Duration::from_nanos(due_ns - now_ns).min(POLL_INTERVAL));
     }
 }
 
@@ -134,20 +135,26 @@ fn await_objects(
     sequence: u64,
     deadline_ns: u64,
 ) -> Result<bool, RuntimeError> {
-    sender.followers.update()?;
-    let lives = sender.followers.lives();
+    sender.downstream.update()?;
+    let pids = sender.downstream.pids();
     loop {
         while let Some(objects) = sender.objects.oldest()? {
-            if objects.header().sequence >= sequence {
+            let is_of_frame = |run| {
+                objects
+                    .header()
+                    .checked_in(run, sequence..sequence + 1)
+                    .is_ok()
+            };
+            if sender.shell.run().is_some_and(is_of_frame) {
                 return Ok(true);
             }
         }
-        sender.followers.update()?;
-        let is_restarted = sender.followers.is_restarted_since(lives);
+        sender.downstream.update()?;
+        let is_restarted = sender.downstream.is_restarted_since(pids);
         if sender.shell.is_stopping() || monotonic_ns() >= deadline_ns || is_restarted {
             return Ok(false);
         }
         sender.shell.tick()?;
-        sender.shell.wait(&sender.objects, LOOK);
+        sender.shell.wait(&sender.objects, POLL_INTERVAL);
     }
 }

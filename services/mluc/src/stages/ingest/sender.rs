@@ -3,12 +3,13 @@
 use mluc_ingest::{DecodeReport, Sanity, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
 use mluc_model::Model;
-use mluc_runtime::{Input, Output, RuntimeError, Shell, monotonic_ns, wall_clock_ns};
+use mluc_runtime::{
+    Input, Output, RuntimeError, Shell, finish, frame_span, monotonic_ns, run_span,
+    stamp_published, wall_clock_ns,
+};
 
+use super::downstream::DownstreamStages;
 use crate::source::{ReadOutcome, Source};
-use crate::stages::frame::{finish, stamp_published};
-use crate::stages::instruments::{frame_span, run_span};
-use crate::stages::wait_ready::Followers;
 
 /// A scan read from its file, not yet in shared memory.
 struct Loaded {
@@ -19,11 +20,11 @@ struct Loaded {
 }
 
 /// Ingest's ports and buffers.
-pub(crate) struct Sender {
-    pub(crate) shell: Shell,
+pub(crate) struct Sender<'a> {
+    pub(crate) shell: &'a mut Shell,
     pub(crate) source: Source,
     pub(crate) objects: Input<Object>,
-    pub(crate) followers: Followers,
+    pub(crate) downstream: DownstreamStages,
     output: Output<Point>,
     sanity: Sanity,
     fingerprint: u64,
@@ -31,16 +32,16 @@ pub(crate) struct Sender {
     is_suspect: bool,
 }
 
-impl Sender {
-    pub(crate) fn new(
-        mut shell: Shell,
+impl Sender<'_> {
+    pub(crate) fn new<'a>(
+        shell: &'a mut Shell,
         source: Source,
         model: &Model,
         start_sequence: u64,
-    ) -> Result<Sender, RuntimeError> {
+    ) -> Result<Sender<'a>, RuntimeError> {
         let output = shell.output::<Point>(&Topic::POINTS, POINTS_MAX)?;
         let objects = shell.input::<Object>(&Topic::OBJECTS)?;
-        let followers = Followers::new(shell.health_watch()?);
+        let downstream = DownstreamStages::new(shell.health_watch()?);
         // Frames that an earlier life of this process sent.
         shell.counters.frames_in = start_sequence;
         shell.counters.frames_out = start_sequence;
@@ -48,7 +49,7 @@ impl Sender {
             shell,
             source,
             objects,
-            followers,
+            downstream,
             output,
             sanity: Sanity::new(&model.manifest),
             fingerprint: model.fingerprint,
@@ -67,8 +68,8 @@ impl Sender {
         let begun_ns = monotonic_ns();
         let mut said = String::new();
         while !self.shell.is_stopping() {
-            self.followers.update()?;
-            let missing = self.followers.missing(&self.objects);
+            self.downstream.update()?;
+            let missing = self.downstream.missing(&self.objects);
             if missing.is_empty() {
                 self.shell.state(HealthState::Running, "")?;
                 return Ok(true);
@@ -115,6 +116,7 @@ impl Sender {
         let index = (sequence % self.source.scans.len() as u64) as usize;
         let report = self.loaded.report;
         let mut header = FrameHeader::new(sequence, &self.source.name(index));
+        header.run_id = self.shell.run().map_or(0, |run| run.run_id);
         header.attempt = attempt;
         header.model_fingerprint = self.fingerprint;
         header.sensor_stamp_ns = self.stamp_ns(index);
@@ -130,10 +132,10 @@ impl Sender {
         let stamps = header.stamps_mut(Stage::Ingest);
         (stamps.received_ns, stamps.started_ns) = (due_ns.min(started_ns), started_ns);
         let _frame = frame_span(&header);
-        let mut draft = self.output.draft(&header, report.points_out as usize)?;
-        run_span(|| decode_bin(&self.loaded.bytes, draft.elements_mut()));
-        if let Some(finding) = self.sanity.check(draft.elements_mut()) {
-            draft.header_mut().flag(Flags::INPUT_SUSPECT);
+        let mut loan = self.output.loan(&header, report.points_out as usize)?;
+        run_span(|| decode_bin(&self.loaded.bytes, loan.elements_mut()));
+        if let Some(finding) = self.sanity.check(loan.elements_mut()) {
+            loan.header_mut().flag(Flags::INPUT_SUSPECT);
             if !self.is_suspect {
                 tracing::warn!(
                     frame = header.name(),
@@ -142,16 +144,16 @@ impl Sender {
             }
             self.is_suspect = true;
         }
-        stamp_published(Stage::Ingest, draft.header_mut());
-        draft.publish()?;
+        stamp_published(Stage::Ingest, loan.header_mut());
+        loan.publish()?;
         self.shell.counters.bytes_written =
             (report.points_out as usize * size_of::<Point>()) as u64;
         self.shell.counters.mappings_verified = self.objects.mappings_verified();
-        finish(&mut self.shell, Stage::Ingest, &header)?;
         if attempt > 0 {
+            // The same frame once more.
             self.shell.counters.frames_out -= 1;
         }
-        Ok(())
+        finish(self.shell, Stage::Ingest, &header)
     }
 
     fn stamp_ns(&self, index: usize) -> u64 {

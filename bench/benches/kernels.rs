@@ -1,0 +1,148 @@
+//! Single kernels on a simulated scan, in the order of a frame: decoding the scan, voxels, feature rows, the head and its
+//! parts, the refiner. Levels of the network: the program `network` prints them.
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use mluc_backbone::{Backbone, Precision, Voxels, voxelize};
+use mluc_bench::inputs;
+use mluc_geometry::{Box3, Random, nms_into};
+use mluc_head::Head;
+use mluc_head::decode::{ANCHOR_YAWS_RAD, decode, direct};
+use mluc_ingest::decode_bin;
+use mluc_ipc_types::{Detection, DetectionKind, Point};
+use mluc_refiner::{Refiner, RefinerOutput, Settings};
+
+/// As many candidates as a crowded frame has.
+const BOXES: usize = 1024;
+const PROPOSALS: usize = 20;
+
+fn ingest(c: &mut Criterion) {
+    let scan = inputs::simulated(0).expect("a simulated scan").points;
+    let bytes: &[u8] = bytemuck::cast_slice(&scan);
+    let mut points = vec![Point::default(); scan.len()];
+    let mut group = c.benchmark_group("decode scan");
+    group.throughput(Throughput::Elements(scan.len() as u64));
+    group.bench_function(format!("{} points", scan.len()), |b| {
+        b.iter(|| decode_bin(bytes, &mut points))
+    });
+    group.finish();
+}
+
+fn backbone(c: &mut Criterion) {
+    let (manifest, weights) = inputs::compact();
+    let grid = &manifest.network.grid;
+    let mut group = c.benchmark_group("voxelize");
+    for points in [20_000, 60_000, 120_000] {
+        let scan = inputs::scan_of(points).expect("a simulated scan");
+        let mut voxels = Voxels::new(grid);
+        group.bench_function(format!("{points} points"), |b| {
+            b.iter(|| voxelize(&scan, grid, true, &mut voxels))
+        });
+    }
+    group.finish();
+    let scan = inputs::simulated(0).expect("a simulated scan").points;
+    let mut group = c.benchmark_group("feature rows");
+    for precision in [Precision::F32, Precision::Bf16] {
+        let mut backbone =
+            Backbone::with_precision(&manifest, &weights, precision).expect("a sound model");
+        let count = backbone.run(&scan).rows;
+        let mut cells = vec![0; count];
+        let mut rows = vec![0.0; count * backbone.feature_channels()];
+        group.bench_function(precision.to_string(), |b| {
+            b.iter(|| backbone.write_rows(&mut cells, &mut rows).expect("room"))
+        });
+    }
+    group.finish();
+}
+
+/// Boxes as anchors around `objects` objects give them: many near each of a few places.
+fn boxes(objects: usize) -> Vec<Box3> {
+    let mut random = Random::new(1, &[]);
+    let mut around = |at: f64, spread: f64| at + random.uniform(-spread, spread);
+    let places: Vec<[f64; 3]> = (0..objects)
+        .map(|_| [around(35.0, 35.0), around(0.0, 40.0), around(1.5, 1.5)])
+        .collect();
+    (0..BOXES)
+        .map(|k| {
+            let [x, y, yaw] = places[k % objects];
+            let (x, y, yaw) = (around(x, 0.5), around(y, 0.5), around(yaw, 0.1));
+            Box3::new([x, y, -1.0, 3.9, 1.6, 1.5, yaw])
+        })
+        .collect()
+}
+
+fn head(c: &mut Criterion) {
+    let (manifest, weights) = inputs::shipped().expect("the shipped model");
+    let scan = inputs::simulated(0).expect("a simulated scan").points;
+    let mut backbone = Backbone::new(&manifest, &weights).expect("a sound model");
+    let mut head = Head::new(&manifest, &weights).expect("a sound model");
+    let count = backbone.run(&scan).rows;
+    let mut cells = vec![0; count];
+    let mut rows = vec![0.0; count * backbone.feature_channels()];
+    backbone.write_rows(&mut cells, &mut rows).expect("room");
+    let mut detections = vec![];
+    c.bench_function("head/whole", |b| {
+        b.iter(|| head.run(&cells, &rows, &mut detections).expect("rows"))
+    });
+    for objects in [10, 50] {
+        let boxes = boxes(objects);
+        let order: Vec<usize> = (0..boxes.len()).collect();
+        let mut kept = Vec::with_capacity(boxes.len());
+        c.bench_function(&format!("nms/{BOXES} boxes at {objects} objects"), |b| {
+            b.iter(|| nms_into(&boxes, &order, 0.01, 500, &mut kept))
+        });
+    }
+    let mut random = Random::new(2, &[]);
+    let anchor = Box3::new([10.0, 0.0, -1.0, 3.9, 1.6, 1.56, ANCHOR_YAWS_RAD[1]]);
+    let mut code = || [(); 7].map(|()| random.uniform(-0.5, 0.5) as f32);
+    let codes: Vec<[f32; 7]> = (0..BOXES).map(|_| code()).collect();
+    c.bench_function(&format!("decode/{BOXES} boxes"), |b| {
+        b.iter_batched_ref(
+            || Vec::with_capacity(BOXES),
+            |found| {
+                found.extend(codes.iter().filter_map(|code| {
+                    let mut found = decode(code, &anchor)?;
+                    found.yaw_rad = direct(found.yaw_rad, 1);
+                    Some(found)
+                }))
+            },
+            BatchSize::SmallInput,
+        )
+    });
+}
+
+fn refiner(c: &mut Criterion) {
+    let frame = inputs::simulated(0).expect("a simulated scan");
+    let points = inputs::as_points(&frame.points);
+    let mut refiner =
+        Refiner::new(Settings::default(), &inputs::sensor()).expect("default settings");
+    let objects = frame.objects.iter().cycle().take(PROPOSALS);
+    let detections: Vec<Detection> = objects
+        .map(|object| Detection {
+            center_m: object.box_in_sensor.center_m.map(|value| value as f32),
+            size_m: [1.8, 0.7, 1.6],
+            kind: DetectionKind::Candidate as u32,
+            objectness: 0.5,
+            score: 0.3,
+            eds: 1.0,
+            ..Detection::default()
+        })
+        .collect();
+    let mut refined = RefinerOutput::default();
+    c.bench_function(&format!("refiner/{PROPOSALS} proposals"), |b| {
+        b.iter(|| refiner.refine(0, &points, &detections, &mut refined))
+    });
+}
+
+/// One thread, this one: figures of one core compare between machines.
+fn on_one_thread(c: &mut Criterion) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
+    let pool = pool.use_current_thread();
+    pool.build_global().expect("no pool was there before");
+    ingest(c);
+    backbone(c);
+    head(c);
+    refiner(c);
+}
+
+criterion_group!(benches, on_one_thread);
+criterion_main!(benches);

@@ -1,0 +1,184 @@
+//! Our hop between two processes and its baselines, interleaved in one run: `transport --json`.
+//!
+//! For each topic: raw iceoryx2 with the same payload, queue settings and wake-up mode, a futex wake, a Unix socket that
+//! copies the bytes, and one copy within a process. On a machine with other work, run it as
+//! `chrt -f 50 target/release/transport` and read ratios, not microseconds.
+
+use std::time::Duration;
+
+use anyhow::{Result, bail};
+use clap::Parser;
+use mluc_bench::machine::describe_here;
+use mluc_bench::transport::{
+    LatencyPercentiles, Load, Measured, Payload, Settings, Wake, Way, measure, serve_peer,
+};
+use serde_json::{Map, Value, json};
+
+/// A frame at 10 Hz, us.
+const FRAME_US: f64 = 100_000.0;
+
+#[derive(Parser)]
+struct Arguments {
+    /// Messages each way, for each topic. 36 MB messages: a quarter as many.
+    #[arg(long, default_value_t = 2000)]
+    rounds: usize,
+    /// Between two messages, us: long enough that the receiver sleeps.
+    #[arg(long, default_value_t = 1000)]
+    pause_us: u64,
+    /// How raw iceoryx2 waits; our stages sleep.
+    #[arg(long, value_enum, default_value_t)]
+    wake: Wake,
+    /// Cores of sender and receiver, `0,1`; else the kernel decides.
+    #[arg(long, value_delimiter = ',', num_args = 2)]
+    cores: Option<Vec<usize>>,
+    /// These alone, of `points`, `features`, `detections`, `objects`.
+    #[arg(long, value_delimiter = ',')]
+    topics: Vec<String>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+fn main() -> Result<()> {
+    if serve_peer()? {
+        return Ok(());
+    }
+    let arguments = Arguments::parse();
+    let mut topics = arguments.topics.iter();
+    if let Some(topic) = topics.find(|topic| Payload::from_name(topic).is_none()) {
+        bail!("topic {topic}: points, features, detections or objects expected");
+    }
+    let is_wanted = |load: &Load| {
+        let mut topics = arguments.topics.iter();
+        arguments.topics.is_empty() || topics.any(|topic| topic == load.payload.name())
+    };
+    let loads = [
+        Load::POINTS,
+        Load::FEATURES,
+        Load::DETECTIONS,
+        Load::OBJECTS,
+    ];
+    let mut measured = vec![];
+    for load in loads.into_iter().filter(is_wanted) {
+        let rounds = if load == Load::FEATURES {
+            arguments.rounds.div_ceil(4)
+        } else {
+            arguments.rounds
+        };
+        let settings = Settings {
+            pause: Duration::from_micros(arguments.pause_us),
+            wake: arguments.wake,
+            cores: arguments.cores.as_deref().map(|cores| [cores[0], cores[1]]),
+            ..Settings::new(load, rounds)
+        };
+        measured.push((load.payload, measure(&settings, &Way::ALL)?));
+    }
+    if arguments.json {
+        println!("{}", report(&measured)?);
+    } else {
+        print(&measured);
+    }
+    Ok(())
+}
+
+/// Everything, for a program.
+fn report(measured: &[(Payload, Measured)]) -> Result<Value> {
+    let mut topics = Map::new();
+    for (payload, found) in measured {
+        let mut topic = serde_json::to_value(found)?;
+        topic["ratios"] = ratios(found).into_iter().collect();
+        topics.insert(payload.name().to_string(), topic);
+    }
+    let (p50_us, p99_us) = all_hops_us(measured);
+    Ok(json!({
+        "machine": describe_here(),
+        // The receiver has the same.
+        "scheduling": scheduling(),
+        "topics": topics,
+        "all_hops": {
+            "p50_us": p50_us,
+            "p99_us": p99_us,
+            "p50_percent": 100.0 * p50_us / FRAME_US,
+            "p99_percent": 100.0 * p99_us / FRAME_US,
+        },
+    }))
+}
+
+fn print(measured: &[(Payload, Measured)]) {
+    let here = describe_here();
+    println!(
+        "{}, {} cores, load {}, scheduling {}",
+        here["processor"],
+        here["cores_usable"],
+        here["load_1min"],
+        scheduling()
+    );
+    println!(
+        "{:<12} {:>10} {:<7} {:>10} {:>10} {:>10} {:>10} {:>12}",
+        "topic", "bytes", "way", "p50 us", "p90 us", "p99 us", "max us", "sender p50"
+    );
+    for (payload, found) in measured {
+        let row = |way: &str, of: &LatencyPercentiles, sender: &LatencyPercentiles| {
+            println!(
+                "{:<12} {:>10} {way:<7} {:>10.2} {:>10.2} {:>10.2} {:>10.2} {:>12.2}",
+                payload.name(),
+                found.payload_bytes,
+                of.p50_us,
+                of.p90_us,
+                of.p99_us,
+                of.max_us,
+                sender.p50_us
+            );
+        };
+        for way in Way::ALL {
+            if let Some(cost) = found.of(way) {
+                row(way.name(), &cost.latency, &cost.sender);
+            }
+        }
+        row("memcpy", &found.memcpy, &found.memcpy);
+        let each = ratios(found).map(|(name, ratio)| format!("{name} {ratio:.2}"));
+        println!("{:<12} {}", "", each.join("; "));
+    }
+    let (p50_us, p99_us) = all_hops_us(measured);
+    println!(
+        "all hops of a frame: p50 {p50_us:.0} us, {:.2} % of 100 ms; p99 {p99_us:.0} us, {:.2} %",
+        100.0 * p50_us / FRAME_US,
+        100.0 * p99_us / FRAME_US
+    );
+}
+
+/// The frame's way from ingest to the robot: one message of each topic, as large as it can be; p50 and p99.
+fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
+    let hops = measured.iter().map(|(_, found)| latency(found, Way::Hop));
+    hops.fold((0.0, 0.0), |(p50, p99), hop| {
+        (p50 + hop.p50_us, p99 + hop.p99_us)
+    })
+}
+
+/// Ours over a baseline, below which our hop is not to be expected; and a copy over ours.
+fn ratios(found: &Measured) -> [(String, f64); 5] {
+    let [hop, raw, futex, socket] = Way::ALL.map(|way| latency(found, way));
+    [
+        ("hop_over_raw_p50", hop.p50_us / raw.p50_us),
+        ("hop_over_raw_p99", hop.p99_us / raw.p99_us),
+        ("hop_over_futex_p50", hop.p50_us / futex.p50_us),
+        ("socket_over_hop_p50", socket.p50_us / hop.p50_us),
+        ("memcpy_over_hop_p50", found.memcpy.p50_us / hop.p50_us),
+    ]
+    .map(|(name, ratio)| (name.to_string(), ratio))
+}
+
+fn latency(measured: &Measured, way: Way) -> LatencyPercentiles {
+    let cost = measured.of(way);
+    cost.map_or_else(LatencyPercentiles::default, |cost| cost.latency)
+}
+
+/// By the kernel's own word: field 41 of `/proc/self/stat`, 0 for time sharing.
+fn scheduling() -> &'static str {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after_name = stat.rsplit(')').next().unwrap_or_default();
+    match after_name.split_whitespace().nth(38) {
+        Some("1" | "2") => "realtime",
+        _ => "other",
+    }
+}

@@ -1,0 +1,315 @@
+//! The report as a file for programs: `report.json`.
+
+use anyhow::ensure;
+use serde::{Serialize, Serializer};
+use serde_json::{Map, Value};
+
+use super::frame::{FrameRecord, HOPS, STAGES, micros};
+use super::series::{Series, series};
+use super::statistics::Percentiles;
+
+/// Version of `report.json` and `frames.csv`; another one is refused.
+pub(crate) const REPORT_VERSION: u32 = 1;
+
+/// Four values as an object by the names of the stages.
+fn by_stage<T: Serialize, S: Serializer>(values: &[T; 4], to: S) -> Result<S::Ok, S::Error> {
+    to.collect_map(STAGES.iter().zip(values))
+}
+
+/// Four values as an object by the names of the topics.
+fn by_hop<T: Serialize, S: Serializer>(values: &[T; 4], to: S) -> Result<S::Ok, S::Error> {
+    to.collect_map(HOPS.iter().zip(values))
+}
+
+/// What a stage's process took of the machine.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Resources {
+    /// Threads.
+    pub(crate) threads: u32,
+    /// CPU time over time: 1 is a whole core.
+    pub(crate) cpu_cores: f64,
+    /// Largest private memory, MiB.
+    pub(crate) memory_mib: f64,
+    /// Largest shared memory mapped and touched, MiB; several stages touch the same pages.
+    pub(crate) shared_memory_mib: f64,
+    /// The process gave the CPU up, by second.
+    pub(crate) switches_voluntary_per_s: f64,
+    /// The kernel took the CPU away, by second.
+    pub(crate) switches_forced_per_s: f64,
+    /// Ready to run but without a CPU, threads together: share of the time.
+    pub(crate) waiting_for_cpu: f64,
+}
+
+/// A stage's figures.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct StageFigures {
+    /// From its input's publication to the start of computing.
+    pub(crate) queue_us: Percentiles,
+    /// From there to the publication of its result.
+    pub(crate) run_us: Percentiles,
+    /// Of its process.
+    pub(crate) resources: Resources,
+}
+
+/// A topic's hand-over, and what the machine gives at best. `None`: not measured.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct HandOver {
+    /// Payload of a usual message.
+    pub(crate) payload_bytes: u64,
+    /// Frames whose consumer was idle.
+    pub(crate) frames: usize,
+    /// From publication to the consumer having it.
+    pub(crate) p50_us: Option<f64>,
+    /// The same.
+    pub(crate) p99_us: Option<f64>,
+    /// Our hop between two idle processes, in turn with raw iceoryx2: what the transport costs without a pipeline around it.
+    pub(crate) alone_p50_us: Option<f64>,
+    /// The same.
+    pub(crate) alone_p99_us: Option<f64>,
+    /// Raw iceoryx2 with the same payload and wake-up.
+    pub(crate) raw_p50_us: Option<f64>,
+    /// The same.
+    pub(crate) raw_p99_us: Option<f64>,
+    /// A Unix socket copying the same bytes.
+    pub(crate) socket_p50_us: Option<f64>,
+    /// Waking another process, nothing else.
+    pub(crate) futex_p50_us: Option<f64>,
+    /// A copy of the payload inside of one process.
+    pub(crate) memcpy_p50_us: Option<f64>,
+}
+
+/// All hand-overs of a frame.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct AllHandOvers {
+    /// Median.
+    pub(crate) p50_us: Option<f64>,
+    /// 99th percentile.
+    pub(crate) p99_us: Option<f64>,
+    /// The median's share of a frame of 100 ms.
+    pub(crate) share_of_100_ms: Option<f64>,
+}
+
+/// Frames of the measured part.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct FrameCounts {
+    /// Due.
+    #[serde(rename = "in")]
+    pub(crate) taken_in: usize,
+    /// Came out.
+    pub(crate) out: usize,
+    /// Overtaken by a newer one; they count in `end_to_end_us`.
+    pub(crate) dropped: usize,
+    /// Nothing newer came either: counted with a lower bound.
+    pub(crate) unanswered: usize,
+    /// Before the measurement, in no figure.
+    pub(crate) warm_up: usize,
+}
+
+/// The first frame after the start, worst of all rounds.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct FirstFrame {
+    /// End to end; `None`: it was dropped.
+    pub(crate) latency_us: Option<f64>,
+    /// Over the median of the measured frames.
+    pub(crate) over_steady: Option<f64>,
+    /// Computing, by stage, over the stage's median.
+    #[serde(serialize_with = "by_stage")]
+    pub(crate) run_over_steady: [Option<f64>; 4],
+}
+
+/// All figures. `report.json` is this.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct LatencyReport {
+    /// [`REPORT_VERSION`].
+    pub(crate) report_version: u32,
+    /// One line for the page's head.
+    pub(crate) title: String,
+    /// What a reader must know before believing a figure.
+    pub(crate) warnings: Vec<String>,
+    /// From due to objects, every frame.
+    pub(crate) end_to_end_us: Percentiles,
+    /// The same of the frames that came out.
+    pub(crate) end_to_end_delivered_us: Percentiles,
+    /// By stage.
+    #[serde(serialize_with = "by_stage")]
+    pub(crate) stages: [StageFigures; 4],
+    /// By topic.
+    #[serde(serialize_with = "by_hop")]
+    pub(crate) hops: [HandOver; 4],
+    /// Together.
+    pub(crate) hops_together: AllHandOvers,
+    /// Counts.
+    pub(crate) frames: FrameCounts,
+    /// After the start.
+    pub(crate) first_frame: FirstFrame,
+    /// How quiet the machine was.
+    pub(crate) quiet: Map<String, Value>,
+    /// Processor, cores, memory, kernel, governor.
+    pub(crate) machine: Map<String, Value>,
+    /// Version, commit, compiler.
+    pub(crate) build: Map<String, Value>,
+    /// What ran.
+    pub(crate) scenario: Map<String, Value>,
+    /// Stamps and spans: on or off, and what a stamp costs.
+    pub(crate) instrumentation: Map<String, Value>,
+}
+
+impl LatencyReport {
+    /// The figures that follow from the frames; the rest is the caller's.
+    pub(crate) fn of_frames(frames: &[FrameRecord]) -> LatencyReport {
+        let measured: Vec<FrameRecord> = frames.iter().filter(|f| !f.is_warm_up).cloned().collect();
+        let figures = series(&measured);
+        let of = |values: &[f64]| Percentiles::of(values).unwrap_or_default();
+        let end_to_end_us = of(&figures.latency_us);
+        let stages = std::array::from_fn(|stage| StageFigures {
+            queue_us: of(&figures.queue_us[stage]),
+            run_us: of(&figures.run_us[stage]),
+            resources: Resources::default(),
+        });
+        let out = figures.delivered_us.len();
+        LatencyReport {
+            report_version: REPORT_VERSION,
+            end_to_end_us,
+            end_to_end_delivered_us: of(&figures.delivered_us),
+            first_frame: first_frame(frames, &end_to_end_us, &stages),
+            stages,
+            hops: hops(&figures),
+            hops_together: together(&figures.hops_together_us),
+            frames: FrameCounts {
+                taken_in: measured.len(),
+                out,
+                dropped: measured.len() - out,
+                unanswered: figures.unanswered,
+                warm_up: frames.len() - measured.len(),
+            },
+            ..LatencyReport::default()
+        }
+    }
+
+    /// The period between frames by the scenario, ms.
+    pub(crate) fn period_ms(&self) -> Option<f64> {
+        let rate_hz = self.scenario.get("rate_hz")?.as_f64()?;
+        (rate_hz > 0.0).then(|| 1000.0 / rate_hz)
+    }
+}
+
+fn hops(figures: &Series) -> [HandOver; 4] {
+    figures.hand_over_us.each_ref().map(|values| {
+        let percentiles = Percentiles::of(values);
+        HandOver {
+            frames: values.len(),
+            p50_us: percentiles.map(|p| p.p50),
+            p99_us: percentiles.map(|p| p.p99),
+            ..HandOver::default()
+        }
+    })
+}
+
+fn together(values: &[f64]) -> AllHandOvers {
+    let percentiles = Percentiles::of(values);
+    AllHandOvers {
+        p50_us: percentiles.map(|p| p.p50),
+        p99_us: percentiles.map(|p| p.p99),
+        share_of_100_ms: percentiles.map(|p| p.p50 / 100_000.0),
+    }
+}
+
+fn first_frame(
+    frames: &[FrameRecord],
+    steady: &Percentiles,
+    stages: &[StageFigures; 4],
+) -> FirstFrame {
+    let firsts: Vec<&FrameRecord> = frames.iter().filter(|frame| frame.sequence == 0).collect();
+    let worst = |of: &dyn Fn(&FrameRecord) -> Option<f64>| -> Option<f64> {
+        firsts
+            .iter()
+            .filter_map(|frame| of(frame))
+            .max_by(f64::total_cmp)
+    };
+    let over = |value: Option<f64>, steady: f64| value.filter(|_| steady > 0.0).map(|v| v / steady);
+    let latency_us = worst(&|frame| {
+        let published_ns = frame.published_ns()?;
+        Some(micros(published_ns - frame.due_ns))
+    });
+    FirstFrame {
+        latency_us,
+        over_steady: over(latency_us, steady.p50),
+        run_over_steady: std::array::from_fn(|stage| {
+            let first_us = worst(&|frame| frame.run_us(stage));
+            over(first_us, stages[stage].run_us.p50)
+        }),
+    }
+}
+
+/// Refuses a `report.json` of another version before anything else of it is believed.
+pub(crate) fn check_version(report: &Value) -> anyhow::Result<()> {
+    let found = &report["report_version"];
+    ensure!(
+        found.as_u64() == Some(u64::from(REPORT_VERSION)),
+        "report version {found}, expected {REPORT_VERSION}: it was written by another mluc; run `mluc bench` again with this one"
+    );
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::frame::testing::{dropped, frame};
+
+    #[test]
+    fn the_keys_are_the_documented_ones() {
+        let mut frames: Vec<FrameRecord> = (0..40).map(|n| frame(n, 1000)).collect();
+        frames[30] = dropped(30);
+        frames[0] = frame(0, 3000);
+        frames[0].is_warm_up = true;
+        let report = serde_json::to_value(LatencyReport::of_frames(&frames)).unwrap();
+        for pointer in [
+            "/end_to_end_us/p50",
+            "/end_to_end_us/p999",
+            "/end_to_end_us/max",
+            "/stages/backbone/queue_us/p90",
+            "/stages/refiner/run_us/p99",
+            "/hops/points/p50_us",
+            "/hops/points/p99_us",
+            "/hops/points/raw_p50_us",
+            "/hops/points/raw_p99_us",
+            "/hops/points/socket_p50_us",
+            "/hops/features/p50_us",
+            "/machine",
+        ] {
+            assert!(report.pointer(pointer).is_some(), "{pointer}: {report}");
+        }
+        assert_eq!(
+            report["frames"],
+            serde_json::json!({"in": 39, "out": 38, "dropped": 1, "unanswered": 0, "warm_up": 1})
+        );
+        assert_eq!(report["end_to_end_us"]["max"], 104_040.0);
+        assert_eq!(report["end_to_end_delivered_us"]["max"], 4040.0);
+        assert_eq!(report["first_frame"]["latency_us"], 12_040.0);
+        assert_eq!(report["first_frame"]["run_over_steady"]["head"], 3.0);
+        assert_eq!(report["hops_together"]["p50_us"], 50.0);
+        assert!(check_version(&report).is_ok());
+    }
+
+    #[test]
+    fn another_version_is_refused_by_name() {
+        for report in [
+            serde_json::json!({"report_version": 99}),
+            serde_json::json!({}),
+            serde_json::json!([1]),
+        ] {
+            let text = check_version(&report).unwrap_err().to_string();
+            assert!(
+                text.contains("expected 1") && text.contains("mluc bench"),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn nothing_measured_is_no_panic() {
+        let report = LatencyReport::of_frames(&[]);
+        assert_eq!(report.frames.taken_in, 0);
+        assert_eq!(report.hops[0].p50_us, None);
+    }
+}

@@ -1,0 +1,111 @@
+//! The record of one frame.
+
+/// The stages in the order a frame meets them.
+pub(crate) const STAGES: [&str; 4] = ["ingest", "backbone", "head", "refiner"];
+
+/// The topic that each stage publishes, in the order of [`STAGES`].
+pub(crate) const HOPS: [&str; 4] = ["points", "features", "detections", "objects"];
+
+/// When a stage received its input, began to compute and published, ns since the round's first frame was due.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stamps {
+    /// The message was taken from the queue.
+    pub received_ns: i64,
+    /// Computing began.
+    pub started_ns: i64,
+    /// The result was handed over.
+    pub published_ns: i64,
+}
+
+/// One frame that was due, whether it came out or not.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameRecord {
+    /// Which start of the processes it belongs to, from 0.
+    pub round: u32,
+    /// Counts the frames of a round from 0.
+    pub sequence: u64,
+    /// The scan's name; empty when the frame was dropped.
+    pub name: String,
+    /// Before the measurement began.
+    pub is_warm_up: bool,
+    /// When it was due, ns since the round's first frame was.
+    pub due_ns: i64,
+    /// By stage, in their order; `None`: dropped, a newer frame overtook it.
+    pub stamps: Option<[Stamps; 4]>,
+    /// When the consumer of the objects had them, same clock; 0 when dropped.
+    pub arrived_ns: i64,
+    /// Words for what was out of the ordinary, separated by spaces.
+    pub flags: String,
+}
+
+impl FrameRecord {
+    /// Whether its objects came out.
+    pub fn is_out(&self) -> bool {
+        self.stamps.is_some()
+    }
+
+    /// When its objects were published.
+    pub fn published_ns(&self) -> Option<i64> {
+        self.stamps.map(|stamps| stamps[3].published_ns)
+    }
+
+    /// Time in the queue before a stage, us: from its input's publication (ingest: from due) to the start of computing.
+    pub fn queue_us(&self, stage: usize) -> Option<f64> {
+        let stamps = self.stamps?;
+        let input_ns = match stage.checked_sub(1) {
+            Some(before) => stamps[before].published_ns,
+            None => self.due_ns,
+        };
+        Some(micros(stamps[stage].started_ns - input_ns))
+    }
+
+    /// Time of computing in a stage, us.
+    pub fn run_us(&self, stage: usize) -> Option<f64> {
+        let own = self.stamps?[stage];
+        Some(micros(own.published_ns - own.started_ns))
+    }
+}
+
+/// Stamps that a foreign stage left out or mixed up count as 0.
+pub(crate) fn micros(ns: i64) -> f64 {
+    ns.max(0) as f64 / 1000.0
+}
+
+#[cfg(test)]
+pub(crate) mod testing {
+    use super::*;
+
+    /// A frame at 10 Hz whose four stages run `run_us` each after 10 us of hand-over.
+    pub(crate) fn frame(sequence: u64, run_us: i64) -> FrameRecord {
+        let due_ns = sequence as i64 * 100_000_000;
+        let mut at = due_ns;
+        let stamps = std::array::from_fn(|_| {
+            let received_ns = at + 10_000;
+            at = received_ns + run_us * 1000;
+            Stamps {
+                received_ns,
+                started_ns: received_ns,
+                published_ns: at,
+            }
+        });
+        FrameRecord {
+            round: 0,
+            sequence,
+            name: format!("{sequence:06}"),
+            is_warm_up: false,
+            due_ns,
+            stamps: Some(stamps),
+            arrived_ns: at + 20_000,
+            flags: String::new(),
+        }
+    }
+
+    pub(crate) fn dropped(sequence: u64) -> FrameRecord {
+        FrameRecord {
+            name: String::new(),
+            stamps: None,
+            arrived_ns: 0,
+            ..frame(sequence, 0)
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! What a measured run says: from one record a frame to percentiles, a page, a verdict between two runs, and a trace.
+//!
+//! Pure functions of records: no clock, file or process. The terms:
+//!
+//! - **due**: when the scan should have entered, by the fixed rate (open loop). Everything counts from there.
+//! - **latency** of a frame: from due to the publication of its objects. A frame that was dropped counts too, with the time
+//!   until a newer frame's objects were out (the age of the newest available result). So a stall of a second at 10 Hz makes
+//!   ten late frames, not one (no coordinated omission).
+//! - **queue** of a stage: from the publication of its input to the start of computing. **run**: from there to the
+//!   publication of its result. Queue and run of all stages, with ingest's wait for its time, add up to the latency.
+//! - **hand-over** of a topic: from publication to the consumer having it, of frames whose consumer was idle. What a busy
+//!   consumer adds is queueing and no property of the transport.
+
+mod bootstrap;
+mod compare;
+mod csv;
+mod figures;
+mod frame;
+mod histogram;
+mod page;
+mod series;
+mod statistics;
+mod table;
+mod timeline;
+mod trace;
+mod waterfall;
+
+pub use compare::{CompareOptions, Comparison, Verdict, compare};
+pub use csv::{read_frames, write_frames};
+pub(crate) use figures::{HandOver, LatencyReport, Resources, check_version};
+pub(crate) use frame::STAGES;
+pub use frame::{FrameRecord, Stamps};
+pub(crate) use page::page;
+pub(crate) use statistics::Percentiles;
+pub(crate) use timeline::Sample;
+pub(crate) use trace::{Selection, Span, chrome_trace, parse_span};

@@ -1,0 +1,172 @@
+//! From records to series of figures.
+
+use super::frame::{FrameRecord, HOPS, STAGES, micros};
+
+/// A stage that published so long before its next input is waiting for it: what it does after a frame (a heartbeat, now
+/// and then a look at its mappings) is over by then. Measured, below 1 ms.
+const IDLE_NS: i64 = 2_000_000;
+
+/// Figures of all frames given, in their order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Series {
+    /// Of every frame, dropped ones included: see the crate's terms.
+    pub(crate) latency_us: Vec<f64>,
+    /// Of frames that came out.
+    pub(crate) delivered_us: Vec<f64>,
+    /// Of each stage.
+    pub(crate) queue_us: [Vec<f64>; 4],
+    /// Of each stage.
+    pub(crate) run_us: [Vec<f64>; 4],
+    /// Of each topic, only where the consumer was idle.
+    pub(crate) hand_over_us: [Vec<f64>; 4],
+    /// All hand-overs of a frame, of frames where every consumer was idle.
+    pub(crate) hops_together_us: Vec<f64>,
+    /// Frames at the end that nothing newer followed: their latency is a lower bound.
+    pub(crate) unanswered: usize,
+}
+
+/// The series of `frames`, which are in the order of rounds and sequences.
+pub(crate) fn series(frames: &[FrameRecord]) -> Series {
+    let (latency_us, unanswered) = latencies(frames);
+    let mut series = Series {
+        latency_us,
+        unanswered,
+        ..Series::default()
+    };
+    for (index, frame) in frames.iter().enumerate() {
+        let Some(published_ns) = frame.published_ns() else {
+            continue;
+        };
+        series
+            .delivered_us
+            .push(micros(published_ns - frame.due_ns));
+        for stage in 0..STAGES.len() {
+            series.queue_us[stage].extend(frame.queue_us(stage));
+            series.run_us[stage].extend(frame.run_us(stage));
+        }
+        let before = index.checked_sub(1).map(|before| &frames[before]);
+        let hand_overs = hand_overs(frame, before);
+        for (all, hand_over) in series.hand_over_us.iter_mut().zip(hand_overs) {
+            all.extend(hand_over);
+        }
+        let together: Option<f64> = hand_overs.into_iter().sum();
+        series.hops_together_us.extend(together);
+    }
+    series
+}
+
+/// Of each frame the time from due until its objects, or a newer frame's, were out.
+fn latencies(frames: &[FrameRecord]) -> (Vec<f64>, usize) {
+    let mut latency_us = vec![0.0; frames.len()];
+    let mut unanswered = 0;
+    let mut answer: Option<(u32, i64)> = None;
+    for (index, frame) in frames.iter().enumerate().rev() {
+        if let Some(published_ns) = frame.published_ns() {
+            answer = Some((frame.round, published_ns));
+        }
+        let answered_ns = match answer {
+            Some((round, ns)) if round == frame.round => ns,
+            _ => {
+                unanswered += 1;
+                end_ns(frames, frame.round)
+            }
+        };
+        latency_us[index] = micros(answered_ns - frame.due_ns);
+    }
+    (latency_us, unanswered)
+}
+
+/// The last moment of a round that is known.
+fn end_ns(frames: &[FrameRecord], round: u32) -> i64 {
+    let of_round = frames.iter().filter(|frame| frame.round == round);
+    let ends = of_round.map(|frame| frame.due_ns.max(frame.arrived_ns));
+    ends.max().unwrap_or(0)
+}
+
+/// By [`HOPS`]; `None` where the consumer was busy, or where that is not known because the frame before was dropped.
+fn hand_overs(frame: &FrameRecord, before: Option<&FrameRecord>) -> [Option<f64>; 4] {
+    let none = [None; HOPS.len()];
+    let Some(stamps) = frame.stamps else {
+        return none;
+    };
+    let is_next = |before: &&FrameRecord| {
+        before.round == frame.round && before.sequence + 1 == frame.sequence
+    };
+    let before = before.filter(is_next).and_then(|before| before.stamps);
+    let mut hand_overs = none;
+    for (topic, hand_over) in hand_overs.iter_mut().enumerate() {
+        let sent_ns = stamps[topic].published_ns;
+        *hand_over = match stamps.get(topic + 1) {
+            Some(consumer) => before
+                .filter(|before| before[topic + 1].published_ns + IDLE_NS < sent_ns)
+                .map(|_| micros(consumer.received_ns - sent_ns)),
+            // Whoever takes the objects does nothing else.
+            None => Some(micros(frame.arrived_ns - sent_ns)),
+        };
+    }
+    hand_overs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::frame::testing::{dropped, frame};
+
+    #[test]
+    fn a_frame_that_was_overtaken_counts_until_the_newer_one_is_out() {
+        let frames = vec![frame(0, 1000), dropped(1), dropped(2), frame(3, 1000)];
+        let series = series(&frames);
+        // 4 stages of 1 ms and 10 us of hand-over each.
+        assert_eq!(series.latency_us, [4040.0, 204_040.0, 104_040.0, 4040.0]);
+        assert_eq!(series.delivered_us, [4040.0, 4040.0]);
+        assert_eq!(series.unanswered, 0);
+    }
+
+    #[test]
+    fn frames_that_nothing_follows_are_told_and_count_to_the_end() {
+        let mut frames = vec![
+            frame(0, 1000),
+            dropped(1),
+            frame(0, 1000),
+            dropped(1),
+            dropped(2),
+        ];
+        for late in &mut frames[2..] {
+            late.round = 1;
+        }
+        let series = series(&frames);
+        assert_eq!(series.unanswered, 3);
+        assert_eq!(series.latency_us, [4040.0, 0.0, 4040.0, 100_000.0, 0.0]);
+    }
+
+    #[test]
+    fn queue_run_and_hand_over_are_told_apart() {
+        let mut frames = vec![frame(0, 1000), frame(1, 1000)];
+        let later = &mut frames[1];
+        let stamps = later.stamps.as_mut().unwrap();
+        stamps[1].started_ns += 5000;
+        let figures = series(&frames);
+        assert_eq!(figures.queue_us[1], [10.0, 15.0]);
+        assert_eq!(figures.run_us[1], [1000.0, 995.0]);
+        // Of the first frame nobody knows whether the stages were waiting.
+        assert_eq!(figures.hand_over_us[0], [10.0]);
+        assert_eq!(figures.hand_over_us[3], [20.0, 20.0]);
+        assert_eq!(figures.hops_together_us, [50.0]);
+    }
+
+    #[test]
+    fn a_busy_consumer_makes_no_hand_over() {
+        // Each frame takes longer than a period in the backbone.
+        let mut frames = vec![frame(0, 1000), frame(1, 1000)];
+        frames[0].stamps.as_mut().unwrap()[1].published_ns = 101_500_000;
+        let figures = series(&frames);
+        assert!(figures.hand_over_us[0].is_empty());
+        assert_eq!(figures.hand_over_us[1].len(), 1);
+        assert!(figures.hops_together_us.is_empty());
+    }
+
+    #[test]
+    fn without_frames_there_are_no_figures() {
+        assert_eq!(series(&[]), Series::default());
+    }
+}

@@ -1,0 +1,137 @@
+//! This build and another one on the same frames, interleaved. Each side is measured by its own `mluc bench`, because one
+//! program cannot observe two wire versions; the rounds of a side become one report.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, Stdio};
+
+use anyhow::{Context, bail};
+use mluc::{EXIT_WARNINGS, UsageError};
+use serde_json::Value;
+
+use super::compare::{notes, options};
+use super::folder;
+use super::plan::Plan;
+use super::progress::Progress;
+use super::variants::{FOLDERS, turn};
+use crate::report::{FrameRecord, LatencyReport, compare};
+
+/// What the rounds of one build gave.
+#[derive(Default)]
+struct Side {
+    frames: Vec<FrameRecord>,
+    /// The last round's facts of machine, build and scenario.
+    facts: Value,
+    warnings: Vec<String>,
+}
+
+pub(crate) fn against(plan: &Plan, other: &Path) -> anyhow::Result<ExitCode> {
+    if plan.variants.len() > 1 {
+        let text = "--against and two --refiner cannot be told apart: one after the other, please";
+        return Err(UsageError(text.to_string()).into());
+    }
+    folder::make(&plan.out)?;
+    let programs = [plan.program.as_path(), other];
+    let mut progress = Progress::new();
+    let mut sides = [Side::default(), Side::default()];
+    for number in 0..2 * plan.rounds {
+        let turn = turn(number);
+        let (program, all) = (programs[turn], 2 * plan.rounds);
+        let text = format!("{}, {} of {all}", program.display(), number + 1);
+        progress.show(f64::from(number) / f64::from(all), &text);
+        let round = number / 2;
+        let folder = plan.out.join(FOLDERS[turn]).join(format!("round-{round}"));
+        measure(plan, program, &folder)?;
+        sides[turn].add(&folder, round)?;
+    }
+    drop(progress);
+    let mut reports = Vec::new();
+    for (side, name) in sides.iter().zip(FOLDERS) {
+        let report = side.report()?;
+        folder::write(&plan.out.join(name), &report, &side.frames, &[])?;
+        reports.push(report);
+    }
+    let facts = [&sides[0].facts, &sides[1].facts];
+    let comparison = compare(&sides[0].frames, &sides[1].frames, &options(facts))?;
+    let names = programs.map(|program| program.display().to_string());
+    let names = names.each_ref().map(String::as_str);
+    let mut value = serde_json::to_value(&comparison)?;
+    value["notes"] = notes(facts).into();
+    folder::write_comparison(&plan.out, names, &comparison, "", value)?;
+    let is_flawed = reports.iter().any(|report| report.frames.dropped > 0);
+    Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
+}
+
+/// One start of a build's processes, by its own `mluc bench`.
+fn measure(plan: &Plan, program: &Path, folder: &PathBuf) -> anyhow::Result<()> {
+    let args = &plan.args;
+    let mut command = Command::new(program);
+    command.args(["bench", "--rounds", "1", "--floor-rounds", "0", "--out"]);
+    command.arg(folder).arg("--input").arg(&plan.input);
+    let mut add = |key: &str, value: String| {
+        command.args([key, &value]);
+    };
+    add("--model", plan.model_name.clone());
+    add("--seconds", plan.round_seconds().to_string());
+    add("--warm-up", plan.warm_up_seconds.to_string());
+    add("--rate", plan.rate_hz.to_string());
+    add("--patience", plan.patience.as_secs_f64().to_string());
+    let given = [
+        ("--precision", &args.precision),
+        ("--refiner", &args.refiner.first().cloned()),
+    ];
+    for (key, value) in given {
+        if let Some(value) = value {
+            add(key, value.clone());
+        }
+    }
+    for threads in &args.threads {
+        add("--threads", threads.clone());
+    }
+    if let Some(scenario) = &args.scenario {
+        add("--scenario", scenario.display().to_string());
+    }
+    let output = command
+        .stdin(Stdio::null())
+        .output()
+        .with_context(|| format!("starting {}", program.display()))?;
+    if !matches!(output.status.code(), Some(0 | 3)) {
+        bail!(
+            "{} bench ended with {}:\n{}",
+            program.display(),
+            output.status,
+            String::from_utf8_lossy(&output.stderr).trim_end()
+        );
+    }
+    Ok(())
+}
+
+impl Side {
+    fn add(&mut self, folder: &Path, round: u32) -> anyhow::Result<()> {
+        let (facts, frames) = folder::read(folder)?;
+        let own = frames
+            .into_iter()
+            .map(|frame| FrameRecord { round, ..frame });
+        self.frames.extend(own);
+        for warning in facts["warnings"].as_array().into_iter().flatten() {
+            let text = warning.as_str().unwrap_or_default();
+            self.warnings.push(format!("Round {round}: {text}"));
+        }
+        self.facts = facts;
+        Ok(())
+    }
+
+    /// Figures of all rounds, facts of the last one.
+    fn report(&self) -> anyhow::Result<LatencyReport> {
+        let of = |key: &str| serde_json::from_value(self.facts[key].clone());
+        Ok(LatencyReport {
+            title: self.facts["title"].as_str().unwrap_or_default().to_string(),
+            warnings: self.warnings.clone(),
+            quiet: of("quiet")?,
+            machine: of("machine")?,
+            build: of("build")?,
+            scenario: of("scenario")?,
+            instrumentation: of("instrumentation")?,
+            ..LatencyReport::of_frames(&self.frames)
+        })
+    }
+}

@@ -1,0 +1,125 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Latency of the real processes: a report, and the comparison of two.
+#[derive(Debug, Parser)]
+#[command(
+    name = "mluc-bench",
+    bin_name = "mluc bench",
+    version,
+    args_conflicts_with_subcommands = true
+)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Option<Command>,
+    #[command(flatten)]
+    pub(crate) run: RunArgs,
+}
+
+#[derive(Clone, Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Compare report B with report A: what differs, and what is noise.
+    Compare(CompareArgs),
+    /// Take CPU and memory from the others (started for `[bench.load]`).
+    #[command(hide = true)]
+    Neighbour(NeighbourArgs),
+}
+
+/// What is measured; everything but where the report goes may stand in the scenario instead.
+#[derive(Args, Clone, Debug, Default)]
+pub(crate) struct RunArgs {
+    /// Scenario: a configuration file of `mluc up` with a table [bench] (TOML).
+    #[arg(long)]
+    pub(crate) scenario: Option<PathBuf>,
+    /// Folder of the report; made when missing [default: mluc-bench].
+    #[arg(long)]
+    pub(crate) out: Option<PathBuf>,
+    /// How long to measure, s, after the warm-up [default: 20].
+    #[arg(long)]
+    pub(crate) seconds: Option<f64>,
+    /// Frames due in the first seconds count apart [default: 2].
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) warm_up: Option<f64>,
+    /// Frames a second [default: 10].
+    #[arg(long)]
+    pub(crate) rate: Option<f64>,
+    /// Starts of the processes over which the seconds are spread [default: 1; 4 when two things are compared].
+    #[arg(long)]
+    pub(crate) rounds: Option<u32>,
+    /// A folder of scans [default: the bundled simulated ones].
+    #[arg(long)]
+    pub(crate) input: Option<PathBuf>,
+    /// An embedded model or a model file [default: kitti-open].
+    #[arg(long)]
+    pub(crate) model: Option<String>,
+    /// f32, bf16 or int8.
+    #[arg(long)]
+    pub(crate) precision: Option<String>,
+    /// Threads of one stage, STAGE=N.
+    #[arg(long = "threads", value_name = "STAGE=N")]
+    pub(crate) threads: Vec<String>,
+    /// A refiner's name, or a command in its place ("python3 refiner.py"); twice: both on the same frames, interleaved.
+    #[arg(long, value_name = "NAME|COMMAND")]
+    pub(crate) refiner: Vec<String>,
+    /// Stamps and spans: `off` leaves only the latency end to end; `compare` measures both, interleaved.
+    #[arg(long, value_enum)]
+    pub(crate) instrumentation: Option<Instrumentation>,
+    /// Another build's program `mluc`: this build and that one on the same frames, interleaved, each measured by its own
+    /// `mluc bench`.
+    #[arg(long, value_name = "MLUC", conflicts_with_all = ["instrumentation", "trace"])]
+    pub(crate) against: Option<PathBuf>,
+    /// Writes one frame over all processes as a Chrome/Perfetto trace.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) trace: Option<PathBuf>,
+    /// Which frame: median, worst, first, all, or a sequence.
+    #[arg(long, default_value = "median", requires = "trace")]
+    pub(crate) trace_frame: String,
+    /// Messages by which the baselines of the hand-overs are measured; 0: they are left out [default: 200].
+    #[arg(long, visible_alias = "baseline-rounds")]
+    pub(crate) floor_rounds: Option<usize>,
+    /// Seconds until a pipeline that gives no objects is given up [default: 60].
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) patience: Option<f64>,
+}
+
+/// What the stages report of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Instrumentation {
+    /// Stamps, as in production.
+    #[default]
+    On,
+    /// Only what the latency end to end needs.
+    Off,
+    /// Stamps and spans versus nothing.
+    Compare,
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct CompareArgs {
+    /// Folder of the first report.
+    pub(crate) a: PathBuf,
+    /// Folder of the second one.
+    pub(crate) b: PathBuf,
+    /// Differences below this share of the figure are noise, however sure they are.
+    #[arg(long, default_value_t = 0.02)]
+    pub(crate) margin: f64,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Exit code 3 when B is higher anywhere.
+    #[arg(long)]
+    pub(crate) fail_if_higher: bool,
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct NeighbourArgs {
+    /// Threads that compute without a pause.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) cpu_threads: usize,
+    /// Memory that one thread writes over and over, MiB.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) memory_mib: u64,
+}

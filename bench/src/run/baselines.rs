@@ -1,0 +1,62 @@
+//! What the hand-overs could cost at the least, measured right after the run with the payloads that the run had.
+
+use std::time::Duration;
+
+use super::progress::Progress;
+use crate::report::HandOver;
+use crate::transport::{Load, Payload, Settings, Way, measure};
+
+/// Before each message, so that the receiver sleeps as it does in a pipeline.
+const PAUSE: Duration = Duration::from_millis(4);
+
+/// Fills in the baselines of every topic; `payload_bytes` by stage. Gives a warning when they could not be measured.
+pub(crate) fn add_baselines(
+    hops: &mut [HandOver; 4],
+    payload_bytes: [u64; 4],
+    rounds: usize,
+    progress: &mut Progress,
+) -> Option<String> {
+    for ((hop, payload), bytes) in hops.iter_mut().zip(Payload::ALL).zip(payload_bytes) {
+        hop.payload_bytes = bytes;
+        if rounds == 0 {
+            continue;
+        }
+        let topic = payload.name();
+        progress.show(
+            0.5,
+            &format!("baselines of {topic}: {rounds} messages each way"),
+        );
+        let cause = match bytes {
+            0 => "the stage sent no heartbeat with a payload".to_string(),
+            _ => match add(hop, payload, rounds) {
+                Ok(()) => continue,
+                Err(error) => error.to_string(),
+            },
+        };
+        return Some(format!(
+            "the baselines of {topic} could not be measured: {cause}"
+        ));
+    }
+    None
+}
+
+fn add(hop: &mut HandOver, payload: Payload, rounds: usize) -> anyhow::Result<()> {
+    let load = Load {
+        payload,
+        bytes: hop.payload_bytes as usize,
+    };
+    let settings = Settings {
+        pause: PAUSE,
+        ..Settings::new(load, rounds)
+    };
+    let measured = measure(&settings, &Way::ALL)?;
+    let of = |way: Way| measured.of(way).map(|cost| cost.latency);
+    hop.alone_p50_us = of(Way::Hop).map(|latency| latency.p50_us);
+    hop.alone_p99_us = of(Way::Hop).map(|latency| latency.p99_us);
+    hop.raw_p50_us = of(Way::Raw).map(|latency| latency.p50_us);
+    hop.raw_p99_us = of(Way::Raw).map(|latency| latency.p99_us);
+    hop.socket_p50_us = of(Way::Socket).map(|latency| latency.p50_us);
+    hop.futex_p50_us = of(Way::Futex).map(|latency| latency.p50_us);
+    hop.memcpy_p50_us = Some(measured.memcpy.p50_us);
+    Ok(())
+}

@@ -1,0 +1,112 @@
+//! `mluc bench compare A B`.
+
+use std::process::ExitCode;
+
+use mluc::terminal::print_out;
+use mluc::{EXIT_WARNINGS, UsageError};
+use serde_json::{Value, json};
+
+use super::arguments::CompareArgs;
+use super::folder;
+use crate::report::{CompareOptions, Verdict, compare};
+
+/// What should be the same in two reports for their difference to mean anything.
+const SAME: [(&str, &str); 6] = [
+    ("/machine/processor", "processor"),
+    ("/machine/cores_usable", "usable cores"),
+    ("/machine/kernel", "kernel"),
+    ("/machine/governor", "CPU governor"),
+    ("/scenario/rate_hz", "rate"),
+    ("/scenario/scans", "scans"),
+];
+
+pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
+    if !(0.0..1.0).contains(&args.margin) {
+        let text = format!("--margin must be 0 to below 1, found {}", args.margin);
+        return Err(UsageError(text).into());
+    }
+    let (a, frames_a) = folder::read(&args.a)?;
+    let (b, frames_b) = folder::read(&args.b)?;
+    let options = CompareOptions {
+        margin: args.margin,
+        ..options([&a, &b])
+    };
+    let comparison = compare(&frames_a, &frames_b, &options)?;
+    let notes = notes([&a, &b]);
+    if args.json {
+        let mut value = serde_json::to_value(&comparison)?;
+        value["sentence"] = json!(comparison.sentence());
+        value["notes"] = json!(notes);
+        print_out(&value)?;
+    } else {
+        let names = [&args.a, &args.b].map(|path| path.display().to_string());
+        let table = comparison.table(names.each_ref().map(String::as_str));
+        print_out(table.trim_end())?;
+        for note in &notes {
+            print_out(format_args!("note: {note}"))?;
+        }
+    }
+    let mut rows = comparison.rows.iter();
+    let is_higher = rows.any(|row| row.verdict == Verdict::Higher);
+    let is_failed = args.fail_if_higher && is_higher;
+    Ok(ExitCode::from(if is_failed { EXIT_WARNINGS } else { 0 }))
+}
+
+/// How two reports are compared, by what they say of the machine.
+pub(crate) fn options(reports: [&Value; 2]) -> CompareOptions {
+    let stamps = "/instrumentation/stamps";
+    let is_bare = |report: &&Value| report.pointer(stamps) == Some(&json!("off"));
+    CompareOptions {
+        end_to_end_only: reports.iter().any(is_bare),
+        ..CompareOptions::on_machines(reports.map(others))
+    }
+}
+
+/// What makes a comparison weak.
+pub(crate) fn notes([a, b]: [&Value; 2]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (pointer, name) in SAME {
+        let (of_a, of_b) = (a.pointer(pointer), b.pointer(pointer));
+        if of_a != of_b {
+            let text =
+                |value: Option<&Value>| value.map_or("not known".to_string(), Value::to_string);
+            notes.push(format!(
+                "different {name}: {} and {}",
+                text(of_a),
+                text(of_b)
+            ));
+        }
+    }
+    let (of_a, of_b) = (others(a), others(b));
+    if (of_a - of_b).abs() > 0.05 {
+        notes.push(format!(
+            "the machine was not equally quiet: other processes took {:.0} % of it and {:.0} %",
+            100.0 * of_a,
+            100.0 * of_b
+        ));
+    }
+    if a.pointer("/build/binary") == b.pointer("/build/binary") {
+        notes.push("both ran the same program, byte for byte".to_string());
+    }
+    notes
+}
+
+/// Share of all cores that others took.
+fn others(report: &Value) -> f64 {
+    let share = report.pointer("/quiet/other_processes_share_of_all_cores");
+    share.and_then(Value::as_f64).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_makes_a_comparison_weak_is_said() {
+        let of = |kernel: &str, others: f64, binary: &str| json!({"machine": {"kernel": kernel}, "quiet": {"other_processes_share_of_all_cores": others}, "build": {"binary": binary}});
+        assert!(notes([&of("6.1", 0.01, "a"), &of("6.1", 0.02, "b")]).is_empty());
+        let notes = notes([&of("6.1", 0.01, "a"), &of("6.2", 0.30, "a")]);
+        assert_eq!(notes.len(), 3, "{notes:?}");
+        assert!(notes[0].contains("kernel") && notes[1].contains("30 %"));
+    }
+}

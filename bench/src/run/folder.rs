@@ -1,0 +1,104 @@
+//! The report's folder on the disk.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use mluc::terminal::print_out;
+use serde_json::{Value, json};
+
+use crate::report::{
+    Comparison, FrameRecord, LatencyReport, STAGES, Sample, check_version, page, read_frames,
+    write_frames,
+};
+
+/// Made before anything is measured: a path that cannot be written is reported at once.
+pub(crate) fn make(folder: &Path) -> anyhow::Result<()> {
+    fs::create_dir_all(folder)
+        .with_context(|| format!("making the report's folder {}", folder.display()))?;
+    write_file(folder, ".probe", "")?;
+    let probe = folder.join(".probe");
+    fs::remove_file(&probe).with_context(|| format!("writing into {}", folder.display()))
+}
+
+fn write_file(folder: &Path, name: &str, text: &str) -> anyhow::Result<()> {
+    let path = folder.join(name);
+    fs::write(&path, text).with_context(|| format!("writing {}", path.display()))
+}
+
+/// All files of a report.
+pub(crate) fn write(
+    folder: &Path,
+    report: &LatencyReport,
+    frames: &[FrameRecord],
+    samples: &[Sample],
+) -> anyhow::Result<()> {
+    make(folder)?;
+    write_file(
+        folder,
+        "report.json",
+        &serde_json::to_string_pretty(report)?,
+    )?;
+    write_file(folder, "report.html", &page(report, frames, samples))?;
+    write_file(folder, "frames.csv", &write_frames(frames))?;
+    write_file(folder, "resources.csv", &resources(samples))
+}
+
+fn resources(samples: &[Sample]) -> String {
+    let heads = STAGES.map(|stage| format!(",{stage}_cpu_cores,{stage}_memory_mib"));
+    let mut text = format!("at_s{}\n", heads.concat());
+    for Sample {
+        at_s,
+        cpu_cores,
+        memory_mib,
+    } in samples
+    {
+        let cells = cpu_cores.iter().zip(memory_mib);
+        let cells: String = cells
+            .map(|(cores, mib)| format!(",{cores:.4},{mib:.1}"))
+            .collect();
+        text += &format!("{at_s:.3}{cells}\n");
+    }
+    text
+}
+
+/// A report that was written by this version of the program.
+pub(crate) fn read(folder: &Path) -> anyhow::Result<(Value, Vec<FrameRecord>)> {
+    let read = |name: &str| {
+        let path = folder.join(name);
+        fs::read_to_string(&path)
+            .with_context(|| format!("{}: no report of `mluc bench`", path.display()))
+    };
+    let report: Value = serde_json::from_str(&read("report.json")?)
+        .with_context(|| format!("{}: no JSON", folder.join("report.json").display()))?;
+    check_version(&report).with_context(|| folder.display().to_string())?;
+    let frames = read_frames(&read("frames.csv")?).with_context(|| folder.display().to_string())?;
+    if frames.is_empty() {
+        bail!("{}: frames.csv holds no frame", folder.display());
+    }
+    Ok((report, frames))
+}
+
+/// Writes and prints what a comparison of two variants in `folder` found. `table` comes first, `value` is its JSON.
+pub(crate) fn write_comparison(
+    folder: &Path,
+    names: [&str; 2],
+    comparison: &Comparison,
+    table: &str,
+    mut value: Value,
+) -> anyhow::Result<()> {
+    let text = format!("{table}\n{}", comparison.table(names));
+    value["sentence"] = json!(comparison.sentence());
+    value["names"] = json!(names);
+    write_file(folder, "comparison.txt", &text)?;
+    write_file(
+        folder,
+        "comparison.json",
+        &serde_json::to_string_pretty(&value)?,
+    )?;
+    print_out(text.trim())?;
+    let folder = folder.display();
+    print_out(format_args!(
+        "reports: {folder}/a/report.html, {folder}/b/report.html"
+    ))
+}

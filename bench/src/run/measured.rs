@@ -1,0 +1,234 @@
+//! All rounds of one variant, and the report of them.
+
+use anyhow::Result;
+use mluc::model::class_names;
+use mluc_ipc_types::{FrameHeader, Stage};
+use mluc_runtime::monotonic_ns;
+use serde_json::{Map, Value, json};
+
+use super::neighbour::Neighbour;
+use super::pipeline::{Recording, record};
+use super::plan::{Plan, Variant};
+use super::progress::Progress;
+use super::quality::{Boxes, Quality, judge};
+use super::quiet::Quiet;
+use super::round::Clock;
+use super::trace::SPANS_VARIABLE;
+use crate::machine::{describe_build, describe_machine, object};
+use crate::report::{FrameRecord, LatencyReport, Percentiles, Resources, STAGES, Sample};
+
+/// What the rounds of a variant gave.
+#[derive(Default)]
+pub(crate) struct Measured {
+    pub(crate) frames: Vec<FrameRecord>,
+    pub(crate) samples: Vec<Sample>,
+    pub(crate) payload_bytes: [u64; 4],
+    pub(crate) is_interrupted: bool,
+    boxes: Vec<(String, Boxes)>,
+    resources: Vec<[Resources; 4]>,
+    is_heard: [bool; 4],
+    restarts: u32,
+    load_ended: bool,
+}
+
+impl Measured {
+    /// Starts the processes once more. `number`: over all variants, for the instance's name; `round`: of this variant.
+    pub(crate) fn add_round(
+        &mut self,
+        plan: &Plan,
+        variant: &Variant,
+        [number, round]: [u32; 2],
+        quiet: &mut Quiet,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        let what = match plan.rounds * plan.variants.len() as u32 {
+            1 => variant.name.clone(),
+            all => format!("{}, {} of {all}", variant.name, number + 1),
+        };
+        quiet.begin();
+        let mut neighbour = Neighbour::start(&plan.load)?;
+        let recording = record(plan, variant, number, &what, progress)?;
+        self.load_ended |= neighbour.as_mut().is_some_and(|load| !load.is_running());
+        drop(neighbour);
+        quiet.end();
+        let clock = Clock {
+            round,
+            rate_hz: plan.rate_hz,
+            warm_up_s: plan.warm_up_seconds,
+        };
+        self.add(recording, &clock);
+        Ok(())
+    }
+
+    fn add(&mut self, recording: Recording, clock: &Clock) {
+        let offset_s = self.samples.last().map_or(0.0, |sample| sample.at_s + 1.0);
+        let samples = recording.watch.samples().iter();
+        self.samples.extend(samples.map(|sample| Sample {
+            at_s: sample.at_s + offset_s,
+            ..*sample
+        }));
+        let arrivals = &recording.arrivals;
+        self.frames
+            .extend(clock.frames(arrivals, recording.frames_in));
+        for (name, boxes) in recording.boxes {
+            if self.boxes.iter().all(|(seen, _)| *seen != name) {
+                self.boxes.push((name, boxes));
+            }
+        }
+        let resources = std::array::from_fn(|stage| recording.watch.resources(stage));
+        self.resources.push(resources);
+        for (stage, bytes) in recording.payload_bytes.into_iter().enumerate() {
+            self.payload_bytes[stage] = self.payload_bytes[stage].max(bytes);
+            self.is_heard[stage] |= recording.is_heard[stage];
+        }
+        self.restarts += recording.restarts;
+        self.is_interrupted |= recording.is_interrupted;
+    }
+
+    /// Quality of the boxes, where the scans have labels.
+    pub(crate) fn quality(&self, plan: &Plan) -> Result<Option<Quality>> {
+        judge(&self.boxes, &plan.labels, &class_names(&plan.model))
+    }
+
+    /// Something is in the report that should not be there.
+    pub(crate) fn is_flawed(&self, report: &LatencyReport) -> bool {
+        let frames = &report.frames;
+        frames.dropped + frames.unanswered > 0 || self.restarts > 0 || self.is_interrupted
+    }
+
+    /// Means over the rounds; of memory the largest.
+    fn resources_of(&self, stage: usize) -> Resources {
+        let each = || self.resources.iter().map(|round| &round[stage]);
+        let mean = |of: fn(&Resources) -> f64| {
+            each().map(of).sum::<f64>() / self.resources.len().max(1) as f64
+        };
+        let most = |of: fn(&Resources) -> f64| each().map(of).fold(0.0, f64::max);
+        Resources {
+            threads: each().map(|r| r.threads).max().unwrap_or(0),
+            cpu_cores: mean(|r| r.cpu_cores),
+            memory_mib: most(|r| r.memory_mib),
+            shared_memory_mib: most(|r| r.shared_memory_mib),
+            switches_voluntary_per_s: mean(|r| r.switches_voluntary_per_s),
+            switches_forced_per_s: mean(|r| r.switches_forced_per_s),
+            waiting_for_cpu: mean(|r| r.waiting_for_cpu),
+        }
+    }
+
+    /// The report of a variant, without the baselines.
+    pub(crate) fn report(&self, plan: &Plan, variant: &Variant, quiet: &Quiet) -> LatencyReport {
+        let mut report = LatencyReport::of_frames(&self.frames);
+        for (number, stage) in report.stages.iter_mut().enumerate() {
+            stage.resources = self.resources_of(number);
+        }
+        report.title = plan.title();
+        report.quiet = quiet.describe();
+        report.machine = describe_machine();
+        report.build = describe_build(&plan.program);
+        report.scenario = plan.describe(variant);
+        report.instrumentation = instrumentation(variant);
+        report.warnings = self.warnings(plan, &report, quiet);
+        if !variant.has_stamps() {
+            report.warnings.push(
+                "Stamps were off: only the latency end to end means anything here.".to_string(),
+            );
+        }
+        report
+    }
+
+    fn warnings(&self, plan: &Plan, report: &LatencyReport, quiet: &Quiet) -> Vec<String> {
+        let (verdict, is_loud) = quiet.verdict();
+        let counts = &report.frames;
+        let is_degraded = |frame: &&FrameRecord| frame.flags.split(' ').any(|f| f == "degraded");
+        let degraded = self.frames.iter().filter(is_degraded).count();
+        let steady = report.first_frame.over_steady.unwrap_or(0.0);
+        let mut all = vec![
+            (is_loud, format!("The machine was {verdict}.")),
+            (
+                counts.dropped > 0,
+                format!(
+                    "{} of {} frames were dropped: the pipeline does not keep up with {} Hz here, or something stalled it.",
+                    counts.dropped, counts.taken_in, plan.rate_hz
+                ),
+            ),
+            (
+                counts.unanswered > 0,
+                format!(
+                    "Nothing came out after the last {} frames were due: a stage stopped answering; their latency is a lower bound.",
+                    counts.unanswered
+                ),
+            ),
+            (
+                self.restarts > 0,
+                format!("Stages ended and were started again {} times.", self.restarts),
+            ),
+            (
+                self.is_interrupted,
+                "The run was interrupted: less was measured than asked for.".to_string(),
+            ),
+            (
+                self.load_ended,
+                "The load beside the pipeline ended before the run did.".to_string(),
+            ),
+            (
+                cfg!(debug_assertions),
+                "The program was built without optimisation: none of these figures means anything."
+                    .to_string(),
+            ),
+            (
+                plan.model.manifest.provenance.steps == 0,
+                "The model was never trained: the number of its boxes, and so the refiner's work, is accidental.".to_string(),
+            ),
+            (
+                degraded > 0,
+                format!("{degraded} frames are flagged degraded: a stage could not do all of its work."),
+            ),
+            (
+                steady > 2.0,
+                format!(
+                    "The first frame took {steady:.1} times as long as the median one; more than 2 says that something was not warm."
+                ),
+            ),
+        ];
+        for (name, is_heard) in STAGES.iter().zip(self.is_heard) {
+            let text = format!(
+                "{name} sent no heartbeat: a program that is not ours; its stamps are its own word."
+            );
+            all.push((!is_heard, text));
+        }
+        let is_so = |(is_so, text)| if is_so { Some(text) } else { None };
+        all.into_iter().filter_map(is_so).collect()
+    }
+}
+
+fn instrumentation(variant: &Variant) -> Map<String, Value> {
+    let word = |is_on: bool| if is_on { "on" } else { "off" };
+    let has_spans = variant
+        .environment
+        .iter()
+        .any(|(key, _)| *key == SPANS_VARIABLE);
+    object(json!({
+        "stamps": word(variant.has_stamps()),
+        "spans": word(has_spans),
+        "stamps_cost_us_a_hop": stamps_cost_us(),
+    }))
+}
+
+/// What a stage's three stamps cost, us: three readings of the clock and three writes.
+fn stamps_cost_us() -> f64 {
+    const TIMES: u32 = 1000;
+    let mut header = FrameHeader::new(0, "cost");
+    let mut batch_us = || {
+        let begun_ns = monotonic_ns();
+        for _ in 0..TIMES {
+            let stamps = header.stamps_mut(Stage::Head);
+            stamps.received_ns = monotonic_ns();
+            stamps.started_ns = monotonic_ns();
+            stamps.published_ns = monotonic_ns();
+            std::hint::black_box(&mut header);
+        }
+        (monotonic_ns() - begun_ns) as f64 / 1000.0 / f64::from(TIMES)
+    };
+    // The median batch: one that was interrupted shows the machine.
+    let batches: Vec<f64> = (0..51).map(|_| batch_us()).collect();
+    Percentiles::of(&batches).map_or(0.0, |us| us.p50)
+}

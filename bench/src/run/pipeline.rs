@@ -1,0 +1,261 @@
+//! One start of `mluc up`, watched from outside as any consumer can: its objects, its heartbeats, its processes.
+
+use std::fs::{self, File};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use mluc::{EXIT_USAGE, UsageError};
+use mluc_ipc_types::{FrameHeader, Object, Stage, Topic};
+use mluc_runtime::{HealthWatch, Input, Instance, Shell, ShellOptions, Shutdown, monotonic_ns};
+use rustix::process::{Pid, Signal, kill_process};
+
+use super::plan::{Plan, Variant};
+use super::processes::{ProcessWatch, StageProcesses};
+use super::progress::Progress;
+use super::quality::Boxes;
+
+/// How often the processes are looked at; a message ends the wait early.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// Asked to end, the pipeline has this long.
+const END_PATIENCE: Duration = Duration::from_secs(5);
+/// What all processes of the pipeline print.
+const LOG: &str = "pipeline.log";
+
+/// A frame as it arrived.
+#[derive(Clone, Copy)]
+pub(crate) struct Arrival {
+    pub(crate) header: FrameHeader,
+    pub(crate) at_ns: u64,
+}
+
+/// What was recorded of one start of the processes.
+#[derive(Default)]
+pub(crate) struct Recording {
+    pub(crate) arrivals: Vec<Arrival>,
+    /// By the scan's name, the first time that it came: the pipeline is deterministic.
+    pub(crate) boxes: Vec<(String, Boxes)>,
+    pub(crate) watch: ProcessWatch,
+    /// Payload bytes of each stage's last message.
+    pub(crate) payload_bytes: [u64; 4],
+    /// Whether a stage has sent heartbeats: a foreign one may not.
+    pub(crate) is_heard: [bool; 4],
+    /// Frames that ingest sent.
+    pub(crate) frames_in: u64,
+    pub(crate) restarts: u32,
+    pub(crate) is_interrupted: bool,
+}
+
+/// Runs the pipeline once; `number` is part of the instance's name, `what` of the progress line.
+pub(crate) fn record(
+    plan: &Plan,
+    variant: &Variant,
+    number: u32,
+    what: &str,
+    progress: &mut Progress,
+) -> anyhow::Result<Recording> {
+    let instance = Instance::new(&format!("bench-{}-{number}", std::process::id()))?;
+    let shutdown = Shutdown::on_signals()?;
+    let shell = Shell::observer(ShellOptions::new(instance.clone()), None, shutdown)?;
+    let mut recorder = Recorder {
+        objects: shell.input::<Object>(&Topic::OBJECTS)?,
+        health: shell.health_watch()?,
+        shell,
+        up: Up::start(plan, variant, &instance)?,
+        stages: StageProcesses::default(),
+        classes: plan.model.manifest.classes.len(),
+        recording: Recording::default(),
+    };
+    recorder.run(plan, what, progress)?;
+    let mut recording = recorder.recording;
+    recording.restarts = recorder.stages.restarts();
+    Ok(recording)
+}
+
+struct Recorder {
+    // Ended before this process leaves the instance, and so removes its files.
+    up: Up,
+    objects: Input<Object>,
+    health: HealthWatch,
+    shell: Shell,
+    stages: StageProcesses,
+    classes: usize,
+    recording: Recording,
+}
+
+impl Recorder {
+    fn run(&mut self, plan: &Plan, what: &str, progress: &mut Progress) -> anyhow::Result<()> {
+        let begun = Instant::now();
+        let end_s = plan.warm_up_seconds + plan.round_seconds();
+        loop {
+            let ended = self.up.process.try_wait().context("watching mluc up")?;
+            self.take()?;
+            if self.shell.is_stopping() {
+                self.recording.is_interrupted = true;
+                self.up.end();
+                return Ok(());
+            }
+            if let Some(status) = ended {
+                return self.up.check(status);
+            }
+            self.stages.update(self.up.process.id());
+            if let Some(at_s) = self.recording.at_s() {
+                let is_measured = at_s >= plan.warm_up_seconds;
+                let watch = &mut self.recording.watch;
+                watch.look(at_s, is_measured, self.stages.pids);
+                let (now_s, frames) = (at_s.min(end_s), self.recording.arrivals.len());
+                let text = format!("{what}: {now_s:.0} of {end_s:.0} s, {frames} frames");
+                progress.show(at_s / end_s, &text);
+            } else {
+                progress.show(0.0, &format!("{what}: starting"));
+                if begun.elapsed() > plan.patience {
+                    return self.give_up(plan);
+                }
+            }
+            self.shell.wait(&self.objects, POLL_INTERVAL);
+        }
+    }
+
+    /// Takes objects and heartbeats that have come.
+    fn take(&mut self) -> anyhow::Result<()> {
+        self.health.update()?;
+        let recording = &mut self.recording;
+        for stage in Stage::ALL {
+            if let Some(health) = self.health.of(stage) {
+                recording.payload_bytes[stage as usize] = u64::from(health.bytes_written);
+                recording.is_heard[stage as usize] = true;
+            }
+        }
+        while let Some(message) = self.objects.oldest()? {
+            let at_ns = monotonic_ns();
+            let header = *message.header();
+            let last = recording.arrivals.last();
+            let is_new = last.is_none_or(|last| header.sequence > last.header.sequence);
+            match Object::checked(&header, message.elements(), self.classes) {
+                Ok(objects) if is_new => recording.add(header, at_ns, objects),
+                // A frame that was sent again may answer twice.
+                Ok(_) => (),
+                Err(error) => tracing::error!(frame = header.name(), "objects refused: {error}"),
+            }
+        }
+        let last = recording.arrivals.last();
+        let seen = last.map_or(0, |last| last.header.sequence + 1);
+        let ingest = self.health.of(Stage::Ingest);
+        recording.frames_in = ingest.map_or(0, |ingest| ingest.frames_out).max(seen);
+        Ok(())
+    }
+
+    fn give_up(&mut self, plan: &Plan) -> anyhow::Result<()> {
+        self.up.end();
+        let words: Vec<String> = Stage::ALL
+            .iter()
+            .map(|&stage| describe(stage, &self.health))
+            .collect();
+        bail!(
+            "no objects came within {} s of the start: {}; {} holds what the processes printed",
+            plan.patience.as_secs_f64(),
+            words.join("; "),
+            self.up.log.display()
+        )
+    }
+}
+
+impl Recording {
+    fn add(&mut self, header: FrameHeader, at_ns: u64, objects: &[Object]) {
+        self.arrivals.push(Arrival { header, at_ns });
+        if self.boxes.iter().all(|(name, _)| name != header.name()) {
+            let boxes = Boxes::of(objects);
+            self.boxes.push((header.name().to_string(), boxes));
+        }
+    }
+
+    /// Since the first frame was due, by the first one that came.
+    fn at_s(&self) -> Option<f64> {
+        let first = self.arrivals.first()?;
+        let due_ns = first.header.stages[Stage::Ingest as usize].received_ns;
+        Some((monotonic_ns() as f64 - due_ns as f64) * 1e-9)
+    }
+}
+
+fn describe(stage: Stage, health: &HealthWatch) -> String {
+    let name = stage.name();
+    let health = health.of(stage);
+    match health.and_then(|health| Some((health, health.checked().ok()?.1))) {
+        None => format!("{name} is silent"),
+        Some((health, state)) if health.reason().is_empty() => format!("{name}: {}", state.name()),
+        Some((health, state)) => format!("{name}: {} ({})", state.name(), health.reason()),
+    }
+}
+
+/// A running `mluc up`; ended when dropped, and when this process ends.
+struct Up {
+    process: Child,
+    log: PathBuf,
+}
+
+impl Up {
+    fn start(plan: &Plan, variant: &Variant, instance: &Instance) -> anyhow::Result<Up> {
+        let log = plan.out.join(LOG);
+        let file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
+        let supervisor = std::process::id().to_string();
+        let mut command = Command::new(&plan.program);
+        // `exec` ties the process to this one, however this one ends.
+        command
+            .args(["exec", "--supervised-by", &supervisor, "--"])
+            .arg(&plan.program)
+            .args(plan.up_arguments(variant, instance.name()))
+            .envs(variant.environment.iter().cloned())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(file)
+            // Ctrl-C reaches this process alone, which ends the pipeline.
+            .process_group(0);
+        if std::env::var_os("MLUC_LOG").is_none() {
+            command.env("MLUC_LOG", "error");
+        }
+        let process = command
+            .spawn()
+            .with_context(|| format!("starting {}", plan.program.display()))?;
+        Ok(Up { process, log })
+    }
+
+    /// Of an end by itself: 0, or 3 where frames were lost, which the report says too.
+    fn check(&self, status: ExitStatus) -> anyhow::Result<()> {
+        if matches!(status.code(), Some(0 | 3)) {
+            return Ok(());
+        }
+        let text = format!("mluc up ended with {status}:\n{}", last_lines(&self.log));
+        if status.code() == Some(i32::from(EXIT_USAGE)) {
+            return Err(UsageError(text).into());
+        }
+        bail!(text)
+    }
+
+    fn end(&mut self) {
+        let pid = Pid::from_raw(self.process.id() as i32);
+        let begun = Instant::now();
+        if let (Ok(None), Some(pid)) = (self.process.try_wait(), pid) {
+            let _ = kill_process(pid, Signal::TERM);
+        }
+        while matches!(self.process.try_wait(), Ok(None)) && begun.elapsed() < END_PATIENCE {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+impl Drop for Up {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// Enough of a log to see why a process ended.
+fn last_lines(log: &Path) -> String {
+    let text = fs::read_to_string(log).unwrap_or_default();
+    let lines: Vec<&str> = text.lines().collect();
+    lines[lines.len().saturating_sub(20)..].join("\n")
+}

@@ -1,0 +1,224 @@
+//! What each stage's process takes of the machine, read from `/proc` now and then.
+
+use std::fs;
+
+use mluc_ipc_types::Stage;
+
+use crate::machine::number_of;
+use crate::report::{Resources, Sample};
+
+/// Two looks at least so far apart, s.
+const PERIOD_S: f64 = 0.5;
+
+/// What the kernel has counted for one process up to now.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Counts {
+    at_s: f64,
+    pid: u32,
+    threads: u32,
+    cpu_ns: u64,
+    waiting_ns: u64,
+    voluntary: u64,
+    forced: u64,
+    private_mib: f64,
+    shared_mib: f64,
+}
+
+/// The processes of the stages, among the children of `mluc up`.
+#[derive(Default)]
+pub(crate) struct StageProcesses {
+    /// By stage; 0: not running.
+    pub(crate) pids: [u32; 4],
+    children: String,
+    starts: [u32; 4],
+}
+
+impl StageProcesses {
+    pub(crate) fn update(&mut self, supervisor: u32) {
+        let children = format!("/proc/{supervisor}/task/{supervisor}/children");
+        let children = fs::read_to_string(children).unwrap_or_default();
+        if children == self.children {
+            return;
+        }
+        let command_line = |pid: &str| fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        let own = command_line(&supervisor.to_string());
+        let mut pids = [0; 4];
+        for pid in children.split_whitespace() {
+            let line = command_line(pid);
+            // A process that was just forked has its parent's command line: looked at again.
+            if line.is_empty() || line == own {
+                return;
+            }
+            let line = String::from_utf8_lossy(&line);
+            let mut words = line.split('\0').skip_while(|word| *word != "stage");
+            // Our stages are `mluc stage NAME`; of a program in a stage's place the refiner's is the one that is measured.
+            let stage = words.nth(1).and_then(Stage::from_name);
+            pids[stage.unwrap_or(Stage::Refiner) as usize] = pid.parse().unwrap_or(0);
+        }
+        for (stage, pid) in pids.iter().enumerate() {
+            self.starts[stage] += u32::from(*pid != 0 && *pid != self.pids[stage]);
+        }
+        self.pids = pids;
+        self.children = children;
+    }
+
+    /// Starts after the first one, of all stages.
+    pub(crate) fn restarts(&self) -> u32 {
+        self.starts
+            .iter()
+            .map(|starts| starts.saturating_sub(1))
+            .sum()
+    }
+}
+
+/// Looks at the four processes while they run.
+#[derive(Default)]
+pub(crate) struct ProcessWatch {
+    first: [Option<Counts>; 4],
+    last: [Option<Counts>; 4],
+    peak: [Option<Counts>; 4],
+    samples: Vec<Sample>,
+    looked_s: Option<f64>,
+}
+
+impl ProcessWatch {
+    /// `at_s`: since the first frame was due. Before the measurement begins only the running figures are kept.
+    pub(crate) fn look(&mut self, at_s: f64, is_measured: bool, processes: [u32; 4]) {
+        if self
+            .looked_s
+            .is_some_and(|looked_s| at_s - looked_s < PERIOD_S)
+        {
+            return;
+        }
+        self.looked_s = Some(at_s);
+        let mut sample = Sample {
+            at_s,
+            ..Sample::default()
+        };
+        for (stage, &pid) in processes.iter().enumerate() {
+            let Some(counts) = counts(pid, at_s) else {
+                continue;
+            };
+            if let Some(before) = self.last[stage].filter(|before| before.pid == pid) {
+                sample.cpu_cores[stage] = cores(&before, &counts);
+            }
+            sample.memory_mib[stage] = counts.private_mib;
+            self.last[stage] = Some(counts);
+            if is_measured {
+                // A restarted process counts from its own begin.
+                let is_known = self.first[stage].is_some_and(|first| first.pid == pid);
+                if !is_known {
+                    self.first[stage] = Some(counts);
+                }
+                let peak = self.peak[stage].get_or_insert(counts);
+                peak.private_mib = peak.private_mib.max(counts.private_mib);
+                peak.shared_mib = peak.shared_mib.max(counts.shared_mib);
+            }
+        }
+        self.samples.push(sample);
+    }
+
+    pub(crate) fn samples(&self) -> &[Sample] {
+        &self.samples
+    }
+
+    /// Over the measured part.
+    pub(crate) fn resources(&self, stage: usize) -> Resources {
+        let (Some(first), Some(last), Some(peak)) =
+            (self.first[stage], self.last[stage], self.peak[stage])
+        else {
+            return Resources::default();
+        };
+        let seconds = (last.at_s - first.at_s).max(1e-3);
+        let by_second = |from: u64, to: u64| to.saturating_sub(from) as f64 / seconds;
+        Resources {
+            threads: last.threads,
+            cpu_cores: cores(&first, &last),
+            memory_mib: peak.private_mib,
+            shared_memory_mib: peak.shared_mib,
+            switches_voluntary_per_s: by_second(first.voluntary, last.voluntary),
+            switches_forced_per_s: by_second(first.forced, last.forced),
+            waiting_for_cpu: by_second(first.waiting_ns, last.waiting_ns) * 1e-9,
+        }
+    }
+}
+
+fn cores(from: &Counts, to: &Counts) -> f64 {
+    let seconds = (to.at_s - from.at_s).max(1e-3);
+    to.cpu_ns.saturating_sub(from.cpu_ns) as f64 * 1e-9 / seconds
+}
+
+/// `None`: the process is gone.
+fn counts(pid: u32, at_s: f64) -> Option<Counts> {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let mib = |key: &str| number_of(&status, key) as f64 / 1024.0;
+    let mut counts = Counts {
+        at_s,
+        pid,
+        private_mib: mib("RssAnon:") + mib("RssFile:"),
+        shared_mib: mib("RssShmem:"),
+        cpu_ns: cpu_ns(pid)?,
+        ..Counts::default()
+    };
+    for task in fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten() {
+        let read = |name: &str| fs::read_to_string(task.path().join(name)).unwrap_or_default();
+        let (schedule, status) = (read("schedstat"), read("status"));
+        let waiting = schedule.split_whitespace().nth(1);
+        counts.threads += 1;
+        counts.waiting_ns += waiting.and_then(|ns| ns.parse().ok()).unwrap_or(0u64);
+        counts.voluntary += number_of(&status, "voluntary_ctxt_switches:");
+        counts.forced += number_of(&status, "nonvoluntary_ctxt_switches:");
+    }
+    Some(counts)
+}
+
+/// Of all threads, those that have ended too (a thread that ends takes its own counts with it).
+fn cpu_ns(pid: u32) -> Option<u64> {
+    /// The kernel's unit in this file, on every processor: 1/100 s.
+    const TICK_NS: u64 = 10_000_000;
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // The program's name stands in parentheses and may hold anything; `utime` and `stime` are the 14th and 15th field.
+    let (_, fields) = stat.rsplit_once(')')?;
+    let ticks = fields.split_whitespace().skip(11).take(2);
+    let ticks: u64 = ticks.filter_map(|ticks| ticks.parse::<u64>().ok()).sum();
+    Some(ticks * TICK_NS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn this_process_is_seen_and_a_missing_one_is_not() {
+        let own = counts(std::process::id(), 0.0).unwrap();
+        assert!(own.threads >= 1 && own.private_mib > 0.1, "{own:?}");
+        assert_eq!(counts(0, 0.0), None);
+    }
+
+    #[test]
+    fn figures_are_differences() {
+        let pid = std::process::id();
+        let mut watch = ProcessWatch::default();
+        watch.look(-1.0, false, [pid, 0, 0, 0]);
+        watch.look(0.0, true, [pid, 0, 0, 0]);
+        watch.look(0.1, true, [pid, 0, 0, 0]);
+        let (begin, mut value) = (cpu_ns(pid).unwrap(), 1u64);
+        while cpu_ns(pid).unwrap() < begin + 50_000_000 {
+            for n in 0..1_000_000u64 {
+                value = std::hint::black_box(value.wrapping_mul(n | 1));
+            }
+        }
+        watch.look(1.0, true, [pid, 0, 0, 0]);
+        assert_eq!(
+            watch.samples().len(),
+            3,
+            "two looks were too near each other"
+        );
+        let resources = watch.resources(0);
+        assert!(
+            resources.cpu_cores > 0.0 && resources.memory_mib > 0.0,
+            "{resources:?}"
+        );
+        assert_eq!(watch.resources(1), Resources::default());
+    }
+}

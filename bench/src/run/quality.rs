@@ -1,0 +1,246 @@
+//! How good the boxes are, where there are labels: by this a swapped refiner is judged, besides its latency.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use mluc_dataset::{read_calibration, read_labels};
+use mluc_geometry::{Box3, Calibration, iou_3d};
+use mluc_ipc_types::{Object, ObjectKind};
+use serde::Serialize;
+
+/// Where labels lie, in KITTI's layout (`label_2/NAME.txt`, `calib/NAME.txt`); `None`: there are none.
+pub(crate) struct Labels(Option<PathBuf>);
+
+/// Class and box in the sensor frame.
+type Label = (String, Box3);
+
+impl Labels {
+    /// `input`: a folder with `velodyne/`, that folder itself, or a scan in it.
+    pub(crate) fn near(input: &Path) -> Labels {
+        let mut folders = input.ancestors().take(3);
+        let root = folders.find(|folder| folder.join("label_2").is_dir());
+        Labels(root.map(Path::to_path_buf))
+    }
+
+    /// Of a frame; `None`: it has no labels.
+    fn of(&self, frame: &str) -> anyhow::Result<Option<Vec<Label>>> {
+        let Some(root) = &self.0 else {
+            return Ok(None);
+        };
+        let path = root.join(format!("label_2/{frame}.txt"));
+        if !path.exists() {
+            return Ok(None);
+        }
+        let calib = root.join(format!("calib/{frame}.txt"));
+        let calibration = if calib.exists() {
+            read_calibration(&calib)?
+        } else {
+            Calibration::without_camera()
+        };
+        let labels = read_labels(&path)?.into_iter();
+        let labels = labels.filter(|label| !label.is_dont_care()).map(|label| {
+            let box_in_sensor = calibration.box_in_sensor_from_label(&label.camera_box);
+            (label.class, box_in_sensor)
+        });
+        Ok(Some(labels.collect()))
+    }
+}
+
+/// Published objects of a frame.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Boxes {
+    known: Vec<Box3>,
+    unknown: Vec<Box3>,
+}
+
+impl Boxes {
+    pub(crate) fn of(objects: &[Object]) -> Boxes {
+        let mut boxes = Boxes::default();
+        for object in objects.iter().filter(|object| object.is_published()) {
+            let box_in_sensor = Box3 {
+                center_m: object.center_m.map(f64::from),
+                size_m: object.size_m.map(f64::from),
+                yaw_rad: f64::from(object.yaw_rad),
+            };
+            if object.kind == ObjectKind::Unknown as u32 {
+                boxes.unknown.push(box_in_sensor);
+            } else {
+                boxes.known.push(box_in_sensor);
+            }
+        }
+        boxes
+    }
+}
+
+/// Over all frames with labels. A label's overlap is that of the published box that fits it best, 3-D.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Quality {
+    /// Frames that have labels.
+    frames: usize,
+    /// Labelled objects of classes that the model does not know.
+    labels_unknown: usize,
+    /// Of those, covered by an unknown object's box, by at least 0.1.
+    found: usize,
+    /// Mean overlap of those that were found.
+    mean_iou_found: f64,
+    /// Share of all labels of unknown classes whose overlap is above 0.3.
+    share_above_0_3: f64,
+    /// Above 0.5.
+    share_above_0_5: f64,
+    /// Labelled objects of all classes, any published box: mean best overlap.
+    mean_iou_all: f64,
+    /// Unknown objects published a frame.
+    unknown_per_frame: f64,
+}
+
+impl Quality {
+    /// Names and figures for a table.
+    pub(crate) fn rows(&self) -> [(&'static str, String); 7] {
+        let found = format!("{} / {}", self.found, self.labels_unknown);
+        let share = |value: f64| format!("{value:.2}");
+        [
+            ("labelled frames", self.frames.to_string()),
+            ("labels of unknown classes: found / all", found),
+            (
+                "  3-D overlap of the found ones, mean",
+                format!("{:.3}", self.mean_iou_found),
+            ),
+            ("  share of all above 0.3", share(self.share_above_0_3)),
+            ("  share of all above 0.5", share(self.share_above_0_5)),
+            (
+                "all labels: 3-D overlap of the best box, mean",
+                format!("{:.3}", self.mean_iou_all),
+            ),
+            (
+                "unknown objects a frame",
+                format!("{:.1}", self.unknown_per_frame),
+            ),
+        ]
+    }
+}
+
+/// A label is covered from here on.
+const FOUND_MIN: f64 = 0.1;
+
+/// Judges frames by their names; `None` without labels.
+pub(crate) fn judge(
+    frames: &[(String, Boxes)],
+    labels: &Labels,
+    known: &[String],
+) -> anyhow::Result<Option<Quality>> {
+    let mut cache: HashMap<&str, Option<Vec<Label>>> = HashMap::new();
+    let mut sums = Sums::default();
+    for (name, boxes) in frames {
+        if !cache.contains_key(name.as_str()) {
+            cache.insert(name, labels.of(name)?);
+        }
+        if let Some(Some(labels)) = cache.get(name.as_str()) {
+            sums.add(labels, boxes, known);
+        }
+    }
+    Ok((sums.frames > 0).then(|| sums.quality()))
+}
+
+#[derive(Default)]
+struct Sums {
+    frames: usize,
+    unknown: Vec<f64>,
+    all: Vec<f64>,
+    published_unknown: usize,
+}
+
+impl Sums {
+    fn add(&mut self, labels: &[Label], boxes: &Boxes, known: &[String]) {
+        self.frames += 1;
+        self.published_unknown += boxes.unknown.len();
+        let best = |label: &Box3, boxes: &[Box3]| {
+            let overlaps = boxes.iter().map(|found| iou_3d(found, label));
+            overlaps.fold(0.0, f64::max)
+        };
+        for (class, label) in labels {
+            let by_unknown = best(label, &boxes.unknown);
+            self.all.push(best(label, &boxes.known).max(by_unknown));
+            if !known.iter().any(|name| name.eq_ignore_ascii_case(class)) {
+                self.unknown.push(by_unknown);
+            }
+        }
+    }
+
+    fn quality(&self) -> Quality {
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let share_above = |least: f64| {
+            let count = self.unknown.iter().filter(|&&iou| iou > least).count();
+            count as f64 / self.unknown.len().max(1) as f64
+        };
+        let found = self.unknown.iter().copied();
+        let found: Vec<f64> = found.filter(|&iou| iou >= FOUND_MIN).collect();
+        Quality {
+            frames: self.frames,
+            labels_unknown: self.unknown.len(),
+            found: found.len(),
+            mean_iou_found: mean(&found),
+            share_above_0_3: share_above(0.3),
+            share_above_0_5: share_above(0.5),
+            mean_iou_all: mean(&self.all),
+            unknown_per_frame: self.published_unknown as f64 / self.frames.max(1) as f64,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cube(x: f64) -> Box3 {
+        Box3 {
+            center_m: [x, 0.0, 0.0],
+            size_m: [2.0; 3],
+            yaw_rad: 0.0,
+        }
+    }
+
+    #[test]
+    fn overlaps_count_by_label() {
+        let label = |class: &str, x: f64| (class.to_string(), cube(x));
+        let labels = [
+            label("forklift", 0.0),
+            label("forklift", 20.0),
+            label("car", 40.0),
+        ];
+        let boxes = Boxes {
+            known: vec![cube(40.0)],
+            unknown: vec![cube(1.0), cube(60.0)],
+        };
+        let mut sums = Sums::default();
+        sums.add(&labels, &boxes, &["Car".to_string()]);
+        let quality = sums.quality();
+        let counts = [quality.frames, quality.labels_unknown, quality.found];
+        assert_eq!(counts, [1, 2, 1]);
+        let shares = [quality.share_above_0_3, quality.share_above_0_5];
+        assert_eq!(shares, [0.5, 0.0]);
+        // Half of one in the other: a third.
+        assert!((quality.mean_iou_found - 1.0 / 3.0).abs() < 1e-6);
+        assert!((quality.mean_iou_all - (1.0 / 3.0 + 1.0) / 3.0).abs() < 1e-6);
+        assert_eq!(quality.unknown_per_frame, 2.0);
+    }
+
+    #[test]
+    fn labels_come_into_the_sensor_frame_and_damage_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("label_2")).unwrap();
+        let file = folder.path().join("label_2/a.txt");
+        let truck = "Truck 0.00 0 -2.7107 0 0 100 100 3.0 2.5 8.0 -20.0 1.5 47.0 0.0";
+        let region = truck.replace("Truck", "DontCare");
+        std::fs::write(&file, format!("{truck}\n{region}\n")).unwrap();
+        let labels = Labels::near(&folder.path().join("velodyne"));
+        let found = labels.of("a").unwrap().unwrap();
+        assert_eq!((found.len(), found[0].0.as_str()), (1, "Truck"));
+        assert_eq!(found[0].1.center_m, [47.0, 20.0, 0.0]);
+        assert_eq!(found[0].1.size_m, [8.0, 2.5, 3.0]);
+        assert!(labels.of("b").unwrap().is_none() && Labels(None).of("a").unwrap().is_none());
+        for damaged in ["Car 1 2".to_string(), truck.replace("47.0", "x")] {
+            std::fs::write(&file, damaged).unwrap();
+            assert!(labels.of("a").is_err());
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! Drawing with SVG: axes, text, shapes. No script and nothing from outside, so a page works offline and for ever.
+
+pub mod chart;
+
+use std::fmt::Write;
+
+/// By stage: grey, blue, orange, green. Told apart with the usual colour blindnesses, on white and on black.
+pub(crate) const STAGE_COLORS: [&str; 4] = ["#7d8590", "#2f7ed8", "#e08a2b", "#1d9e74"];
+/// End to end.
+pub(crate) const TOTAL_COLOR: &str = "#8250df";
+/// Dropped, late.
+pub(crate) const ALARM_COLOR: &str = "#d1242f";
+/// Waiting.
+pub(crate) const QUEUE_COLOR: &str = "#b9c0c9";
+
+/// A picture that grows.
+pub(crate) struct Svg {
+    width: f64,
+    height: f64,
+    body: String,
+}
+
+/// Where a text stands with its point.
+#[derive(Clone, Copy)]
+pub(crate) enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+impl Svg {
+    pub(crate) fn new(width: f64, height: f64) -> Svg {
+        Svg {
+            width,
+            height,
+            body: String::new(),
+        }
+    }
+
+    pub(crate) fn rect(&mut self, [x, y, width, height]: [f64; 4], fill: &str, tip: &str) {
+        let _ = write!(
+            self.body,
+            r#"<rect x="{x:.1}" y="{y:.1}" width="{:.1}" height="{:.1}" fill="{fill}">{}</rect>"#,
+            width.max(0.0),
+            height.max(0.0),
+            title(tip)
+        );
+    }
+
+    pub(crate) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, fill: &str, tip: &str) {
+        let _ = write!(
+            self.body,
+            r#"<circle cx="{x:.1}" cy="{y:.1}" r="{radius}" fill="{fill}">{}</circle>"#,
+            title(tip)
+        );
+    }
+
+    pub(crate) fn cross(&mut self, [x, y]: [f64; 2], size: f64, tip: &str) {
+        let _ = write!(
+            self.body,
+            r#"<path d="M{:.1} {:.1}l{s} {s}m0 -{s}l-{s} {s}" stroke="{ALARM_COLOR}" stroke-width="1.4" fill="none">{}</path>"#,
+            x - size / 2.0,
+            y - size / 2.0,
+            title(tip),
+            s = size
+        );
+    }
+
+    /// `class`: `grid`, `axis` or `mark` of the page's style.
+    pub(crate) fn line(&mut self, from: [f64; 2], to: [f64; 2], class: &str) {
+        let _ = write!(
+            self.body,
+            r#"<line class="{class}" x1="{:.1}" y1="{:.1}" x2="{:.1}" y2="{:.1}"/>"#,
+            from[0], from[1], to[0], to[1]
+        );
+    }
+
+    pub(crate) fn polyline(&mut self, points: &[[f64; 2]], color: &str) {
+        let mut path = String::new();
+        for [x, y] in points {
+            let _ = write!(path, "{x:.1},{y:.1} ");
+        }
+        let _ = write!(
+            self.body,
+            r#"<polyline points="{}" fill="none" stroke="{color}" stroke-width="1.8"/>"#,
+            path.trim_end()
+        );
+    }
+
+    pub(crate) fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, text: &str) {
+        let anchor = anchor.word();
+        let text = escape(text);
+        let _ = write!(
+            self.body,
+            r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{text}</text>"#
+        );
+    }
+
+    /// `label`: read out to those who do not see it. Colours of text and lines come from the page's style.
+    pub(crate) fn finish(self, label: &str) -> String {
+        let (width, height, label) = (self.width, self.height, escape(label));
+        format!(
+            r#"<svg viewBox="0 0 {width:.0} {height:.0}" width="{width:.0}" role="img" aria-label="{label}">{}</svg>"#,
+            self.body
+        )
+    }
+
+    /// As a file of its own, on white.
+    fn finish_file(self) -> String {
+        let (width, height) = (self.width, self.height);
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"sans-serif\" \
+             font-size=\"12\">\n<style>.grid {{ stroke: #dddddd }}</style>\n\
+             <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n{}</svg>\n",
+            self.body.replace("><", ">\n<")
+        )
+    }
+}
+
+impl Anchor {
+    fn word(self) -> &'static str {
+        match self {
+            Anchor::Start => "start",
+            Anchor::Middle => "middle",
+            Anchor::End => "end",
+        }
+    }
+}
+
+fn title(tip: &str) -> String {
+    if tip.is_empty() {
+        return String::new();
+    }
+    format!("<title>{}</title>", escape(tip))
+}
+
+/// Text for HTML and SVG, attributes too.
+pub(crate) fn escape(text: &str) -> String {
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    let text = text.replace('>', "&gt;").replace('"', "&quot;");
+    text.replace('\'', "&#39;")
+}
+
+/// From values to places along one direction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scale {
+    values: [f64; 2],
+    places: [f64; 2],
+    is_log: bool,
+}
+
+impl Scale {
+    pub(crate) fn linear(values: [f64; 2], places: [f64; 2]) -> Scale {
+        let [low, high] = values;
+        Scale {
+            values: [low, if high > low { high } else { low + 1.0 }],
+            places,
+            is_log: false,
+        }
+    }
+
+    /// Both values above 0.
+    pub(crate) fn log(values: [f64; 2], places: [f64; 2]) -> Scale {
+        let low = values[0].max(1e-9);
+        Scale {
+            values: [low, values[1].max(low * 1.001)],
+            places,
+            is_log: true,
+        }
+    }
+
+    pub(crate) fn place(&self, value: f64) -> f64 {
+        let [low, high] = self.values;
+        let share = if self.is_log {
+            (value.max(low) / low).ln() / (high / low).ln()
+        } else {
+            (value - low) / (high - low)
+        };
+        self.places[0] + share.clamp(0.0, 1.0) * (self.places[1] - self.places[0])
+    }
+
+    /// Round values inside, few enough to be read.
+    pub(crate) fn ticks(&self) -> Vec<f64> {
+        let [low, high] = self.values;
+        if !self.is_log {
+            let step = round_step((high - low) / 5.0);
+            let first = (low / step).ceil() as i64;
+            let last = (high / step + 1e-9).floor() as i64;
+            return (first..=last).map(|n| n as f64 * step).collect();
+        }
+        let decades = (high / low).log10();
+        let steps: &[f64] = if decades > 2.5 {
+            &[1.0]
+        } else {
+            &[1.0, 2.0, 5.0]
+        };
+        let powers = low.log10().floor() as i32..=high.log10().ceil() as i32;
+        powers
+            .flat_map(|power| steps.iter().map(move |step| step * 10f64.powi(power)))
+            .filter(|tick| (low * 0.999..=high * 1.001).contains(tick))
+            .collect()
+    }
+}
+
+/// 1, 2 or 5 times a power of ten, at least `least`.
+fn round_step(least: f64) -> f64 {
+    let power = 10f64.powf(least.max(1e-9).log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .find(|s| s * power >= least * 0.999);
+    step.unwrap_or(10.0) * power
+}
+
+/// A number with the digits that matter.
+pub(crate) fn short(value: f64) -> String {
+    let digits = match value.abs() {
+        v if v >= 99.95 => 0,
+        v if v >= 9.995 => 1,
+        v if v >= 0.995 => 2,
+        0.0 => 0,
+        _ => 3,
+    };
+    let text = format!("{value:.digits$}");
+    if text.contains('.') {
+        return text.trim_end_matches('0').trim_end_matches('.').to_string();
+    }
+    text
+}
+
+/// Grid and numbers of a vertical axis from `left` to `right`.
+pub(crate) fn vertical_axis(svg: &mut Svg, scale: &Scale, left: f64, right: f64, unit: &str) {
+    for tick in scale.ticks() {
+        let y = scale.place(tick);
+        svg.line([left, y], [right, y], "grid");
+        svg.text([left - 6.0, y + 4.0], Anchor::End, &short(tick));
+    }
+    svg.text([left - 6.0, scale.places[1] - 8.0], Anchor::End, unit);
+}
+
+/// Grid and numbers of a horizontal axis at `bottom`.
+pub(crate) fn horizontal_axis(svg: &mut Svg, scale: &Scale, top: f64, bottom: f64, unit: &str) {
+    for tick in scale.ticks() {
+        let x = scale.place(tick);
+        svg.line([x, top], [x, bottom], "grid");
+        svg.text([x, bottom + 15.0], Anchor::Middle, &short(tick));
+    }
+    svg.text([scale.places[1], bottom + 30.0], Anchor::End, unit);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        let scale = Scale::linear([0.0, 47.0], [0.0, 100.0]);
+        assert_eq!(scale.ticks(), [0.0, 10.0, 20.0, 30.0, 40.0]);
+        let scale = Scale::log([0.03, 900.0], [0.0, 100.0]);
+        assert_eq!(scale.ticks().len(), 4);
+        let scale = Scale::log([10.0, 100.0], [0.0, 100.0]);
+        assert_eq!(scale.ticks(), [10.0, 20.0, 50.0, 100.0]);
+        assert_eq!(Scale::linear([3.0, 3.0], [0.0, 1.0]).place(9.0), 1.0);
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let texts = [0.0, 0.0123, 1.5, 2.0, 12.34, 99.97, 1234.5].map(short);
+        assert_eq!(texts, ["0", "0.012", "1.5", "2", "12.3", "100", "1234"]);
+    }
+
+    #[test]
+    fn text_cannot_leave_its_place() {
+        assert_eq!(
+            escape("<a href=\"x\">'&"),
+            "&lt;a href=&quot;x&quot;&gt;&#39;&amp;"
+        );
+    }
+}

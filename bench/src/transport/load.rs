@@ -1,0 +1,155 @@
+//! What is sent, how often, and how the receiver learns of it.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::ValueEnum;
+use mluc_ipc_types::Topic;
+use serde::{Deserialize, Serialize};
+
+use anyhow::{Result, ensure};
+
+/// Whose queue settings and elements a message has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Payload {
+    /// Ingest to backbone and refiner.
+    Points,
+    /// Backbone to head.
+    Features,
+    /// Head to refiner.
+    Detections,
+    /// Refiner to the robot.
+    Objects,
+}
+
+impl Payload {
+    /// In the order of a frame.
+    pub const ALL: [Payload; 4] = [
+        Payload::Points,
+        Payload::Features,
+        Payload::Detections,
+        Payload::Objects,
+    ];
+
+    /// The topic that carries it.
+    pub fn topic(self) -> &'static Topic {
+        match self {
+            Payload::Points => &Topic::POINTS,
+            Payload::Features => &Topic::FEATURES,
+            Payload::Detections => &Topic::DETECTIONS,
+            Payload::Objects => &Topic::OBJECTS,
+        }
+    }
+
+    /// The topic's name.
+    pub fn name(self) -> &'static str {
+        self.topic().name
+    }
+
+    /// By the topic's name.
+    pub fn from_name(name: &str) -> Option<Payload> {
+        Payload::ALL
+            .into_iter()
+            .find(|payload| payload.name() == name)
+    }
+}
+
+/// A message: its topic and its size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+pub struct Load {
+    /// Whose queue settings.
+    pub payload: Payload,
+    /// Bytes; rounded up to whole elements.
+    pub bytes: usize,
+}
+
+impl Load {
+    /// The largest scan: 2 MB.
+    pub const POINTS: Load = Load {
+        payload: Payload::Points,
+        bytes: Topic::POINTS.elements_max * Topic::POINTS.element_bytes,
+    };
+    /// A dense map of 200 x 176 cells with 256 channels, as `second` has it: 36 MB.
+    pub const FEATURES: Load = Load {
+        payload: Payload::Features,
+        bytes: mluc_ipc_types::feature_blocks(200 * 176, 256) * Topic::FEATURES.element_bytes,
+    };
+    /// As many boxes as fit.
+    pub const DETECTIONS: Load = Load {
+        payload: Payload::Detections,
+        bytes: Topic::DETECTIONS.elements_max * Topic::DETECTIONS.element_bytes,
+    };
+    /// As many objects as fit.
+    pub const OBJECTS: Load = Load {
+        payload: Payload::Objects,
+        bytes: Topic::OBJECTS.elements_max * Topic::OBJECTS.element_bytes,
+    };
+
+    /// Elements of a message.
+    pub(crate) fn elements(&self) -> usize {
+        self.bytes.div_ceil(self.payload.topic().element_bytes)
+    }
+
+    /// Bytes of whole elements.
+    pub(crate) fn whole_bytes(&self) -> usize {
+        self.elements() * self.payload.topic().element_bytes
+    }
+
+    pub(crate) fn check(&self) -> Result<()> {
+        let topic = self.payload.topic();
+        ensure!(
+            (1..=topic.elements_max).contains(&self.elements()),
+            "payload: 1 to {} bytes expected, found {}",
+            topic.elements_max * topic.element_bytes,
+            self.bytes
+        );
+        Ok(())
+    }
+}
+
+/// How the receiver of raw iceoryx2 learns that a message is there. Our hop and the futex always sleep: this is how the
+/// stages do it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Wake {
+    /// It sleeps until an event wakes it.
+    #[default]
+    Event,
+    /// It looks all the time: a core for a microsecond.
+    Poll,
+}
+
+/// How a measurement is made.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// What is sent.
+    pub load: Load,
+    /// Messages each way that count.
+    pub rounds: usize,
+    /// Messages each way before those: more than the pool has places, so that all of its pages are touched.
+    pub warm_up: usize,
+    /// How the receiver learns of a message.
+    pub wake: Wake,
+    /// Before each message: long enough that the receiver sleeps.
+    pub pause: Duration,
+    /// Cores of the sender and the receiver; `None`: the kernel decides.
+    pub cores: Option<[usize; 2]>,
+    /// The receiver's program; `None`: this one.
+    pub program: Option<PathBuf>,
+}
+
+impl Settings {
+    /// One load, the rest as usual.
+    pub fn new(load: Load, rounds: usize) -> Settings {
+        Settings {
+            load,
+            rounds,
+            warm_up: 40,
+            wake: Wake::Event,
+            pause: Duration::from_millis(1),
+            cores: None,
+            program: None,
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! The ways a message can go.
+
+mod futex;
+mod hop;
+mod raw;
+mod socket;
+
+use std::time::Duration;
+
+use anyhow::Result;
+use mluc_runtime::Instance;
+use serde::{Deserialize, Serialize};
+
+use crate::transport::load::{Load, Wake};
+
+/// One way from process to process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Way {
+    /// The stages' own: `mluc-runtime` with the one table of services.
+    Hop,
+    /// iceoryx2 alone, with the same queue settings, header and elements.
+    Raw,
+    /// A wake-up that carries nothing: a POSIX semaphore in shared memory, which is a futex call on each side.
+    Futex,
+    /// A Unix stream socket that copies the payload.
+    Socket,
+}
+
+impl Way {
+    /// All.
+    pub const ALL: [Way; 4] = [Way::Hop, Way::Raw, Way::Futex, Way::Socket];
+
+    /// `hop`, `raw`, `futex`, `socket`.
+    pub fn name(self) -> &'static str {
+        ["hop", "raw", "futex", "socket"][self as usize]
+    }
+}
+
+/// Longest time that a receiver waits for one message.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
+
+fn silence(way: Way) -> anyhow::Error {
+    let seconds = PATIENCE.as_secs();
+    anyhow::anyhow!("{}: no message within {seconds} s", way.name())
+}
+
+/// What the sender knows of a message that it sent.
+pub(crate) struct Sent {
+    /// The clock right before sending, CLOCK_MONOTONIC.
+    pub(crate) at_ns: u64,
+    /// How long sending kept the sender, filling apart: lending memory, sending, waking.
+    pub(crate) occupied_ns: u64,
+    /// Of the words sent, modulo 2^32.
+    pub(crate) sum: u32,
+}
+
+/// What the receiver knows of a message that it took.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Arrived {
+    /// The clock once the whole message was there.
+    pub(crate) at_ns: u64,
+    /// Of the words read.
+    pub(crate) sum: u32,
+}
+
+/// The sender's end.
+pub(crate) trait Sender {
+    /// Fills a message with a word and sends it.
+    fn send(&mut self, word: u32) -> Result<Sent>;
+
+    /// The receiver is there now.
+    fn peer_is_ready(&mut self) -> Result<()> {
+        Ok(())
+    }
+}
+
+/// The receiver's end.
+pub(crate) trait Receiver {
+    /// Waits for a message, then reads all of it.
+    fn receive(&mut self) -> Result<Arrived>;
+}
+
+/// What both ends must agree on.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub(crate) struct Link {
+    pub(crate) load: Load,
+    pub(crate) wake: Wake,
+    /// Part of the name of everything shared.
+    pub(crate) label: String,
+}
+
+impl Link {
+    /// A pipeline of its own for each way.
+    fn instance(&self, way: Way) -> Result<Instance> {
+        Ok(Instance::new(&format!("{}-{}", self.label, way.name()))?)
+    }
+
+    pub(crate) fn sender(&self, way: Way) -> Result<Box<dyn Sender>> {
+        match way {
+            Way::Hop => hop::sender(self),
+            Way::Raw => raw::sender(self),
+            Way::Futex => futex::sender(self),
+            Way::Socket => socket::sender(self),
+        }
+    }
+
+    pub(crate) fn receiver(&self, way: Way) -> Result<Box<dyn Receiver>> {
+        match way {
+            Way::Hop => hop::receiver(self),
+            Way::Raw => raw::receiver(self),
+            Way::Futex => futex::receiver(self),
+            Way::Socket => socket::receiver(self),
+        }
+    }
+}
+
+/// Builds a generic end for the elements that the topic of a link carries.
+macro_rules! for_elements {
+    ($link:expr, $build:ident) => {
+        match $link.load.payload {
+            crate::transport::load::Payload::Points => $build::<mluc_ipc_types::Point>($link),
+            crate::transport::load::Payload::Features => {
+                $build::<mluc_ipc_types::FeatureBlock>($link)
+            }
+            crate::transport::load::Payload::Detections => {
+                $build::<mluc_ipc_types::Detection>($link)
+            }
+            crate::transport::load::Payload::Objects => $build::<mluc_ipc_types::Object>($link),
+        }
+    };
+}
+use for_elements;
+
+/// What the topics carry: plain data of whole words.
+pub(crate) trait Element:
+    bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend
+{
+}
+impl<T: bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend> Element for T {}
+
+/// An element that is the same word everywhere.
+fn element_of<T: Element>(word: u32) -> T {
+    let mut element = T::zeroed();
+    bytemuck::cast_slice_mut(std::slice::from_mut(&mut element)).fill(word);
+    element
+}
+
+/// The sum of a message of such elements.
+fn sum_of<T: Element>(word: u32, elements: usize) -> u32 {
+    word.wrapping_mul((elements * size_of::<T>() / 4) as u32)
+}
+
+/// The sum of all words.
+fn read<T: Element>(elements: &[T]) -> u32 {
+    let words: &[u32] = bytemuck::cast_slice(elements);
+    words.iter().fold(0, |sum, word| sum.wrapping_add(*word))
+}

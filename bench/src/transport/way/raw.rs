@@ -1,0 +1,214 @@
+//! iceoryx2 alone: the same services, header and elements, and nothing around them.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{
+    AllocationStrategy, BackpressureStrategy, Config, FileName, Path, SemanticString, ServiceName,
+    SignalHandlingMode,
+};
+use iceoryx2::sample::Sample;
+use iceoryx2::service::ipc::Service as Ipc;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use mluc_ipc_types::FrameHeader;
+use mluc_runtime::{Instance, Membership, monotonic_ns};
+
+use super::{
+    Arrived, Element, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, for_elements, read,
+    silence, sum_of,
+};
+use crate::transport::load::Wake;
+
+pub(super) fn sender(link: &Link) -> Result<Box<dyn Sender>> {
+    for_elements!(link, sender_of)
+}
+
+pub(super) fn receiver(link: &Link) -> Result<Box<dyn Receiver>> {
+    for_elements!(link, receiver_of)
+}
+
+/// A process's place among the others. Drop it last: the last member removes all files.
+struct Place {
+    node: Node<Ipc>,
+    _member: Membership,
+}
+
+impl Place {
+    fn join(instance: &Instance) -> Result<Place> {
+        let member = Membership::join(instance, "raw")?;
+        let mut config = Config::default();
+        let root = instance.root().to_string_lossy().into_owned();
+        let root = Path::new(root.as_bytes()).context("a root path")?;
+        config.global.set_root_path(&root);
+        config.global.prefix = FileName::new(instance.prefix().as_bytes()).context("a prefix")?;
+        let node = NodeBuilder::new()
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Ipc>()
+            .context("joining iceoryx2")?;
+        Ok(Place {
+            node,
+            _member: member,
+        })
+    }
+
+    fn data<T: Element>(
+        &self,
+        link: &Link,
+    ) -> Result<publish_subscribe::PortFactory<Ipc, [T], FrameHeader>> {
+        let topic = link.load.payload.topic();
+        self.node
+            .service_builder(&name("data")?)
+            .publish_subscribe::<[T]>()
+            .user_header::<FrameHeader>()
+            .enable_safe_overflow(true)
+            .max_publishers(1)
+            .max_subscribers(topic.subscribers_max)
+            .subscriber_max_buffer_size(topic.buffer)
+            .subscriber_max_borrowed_samples(topic.borrowed)
+            .history_size(topic.history)
+            .open_or_create()
+            .context("opening a service")
+    }
+
+    fn wake(&self, link: &Link) -> Result<event::PortFactory<Ipc>> {
+        self.node
+            .service_builder(&name("wake")?)
+            .event()
+            .max_notifiers(4)
+            .max_listeners(link.load.payload.topic().subscribers_max)
+            .event_id_max_value(1)
+            .open_or_create()
+            .context("opening an event")
+    }
+}
+
+fn name(text: &str) -> Result<ServiceName> {
+    ServiceName::new(text).context("a service's name")
+}
+
+fn sender_of<T: Element>(link: &Link) -> Result<Box<dyn Sender>> {
+    let place = Place::join(&link.instance(Way::Raw)?)?;
+    let publisher = place
+        .data::<T>(link)?
+        .publisher_builder()
+        .initial_max_slice_len(link.load.elements())
+        .allocation_strategy(AllocationStrategy::Static)
+        .max_loaned_samples(link.load.payload.topic().loans)
+        .backpressure_strategy(BackpressureStrategy::DiscardData)
+        .create()
+        .context("making a publisher")?;
+    let notifier = match link.wake {
+        Wake::Event => Some(
+            place
+                .wake(link)?
+                .notifier_builder()
+                .create()
+                .context("making a notifier")?,
+        ),
+        Wake::Poll => None,
+    };
+    Ok(Box::new(RawSender {
+        publisher,
+        notifier,
+        elements: link.load.elements(),
+        _place: place,
+    }))
+}
+
+fn receiver_of<T: Element>(link: &Link) -> Result<Box<dyn Receiver>> {
+    let place = Place::join(&link.instance(Way::Raw)?)?;
+    let subscriber = place
+        .data::<T>(link)?
+        .subscriber_builder()
+        .create()
+        .context("making a subscriber")?;
+    let listener = match link.wake {
+        Wake::Event => Some(
+            place
+                .wake(link)?
+                .listener_builder()
+                .create()
+                .context("making a listener")?,
+        ),
+        Wake::Poll => None,
+    };
+    Ok(Box::new(RawReceiver {
+        subscriber,
+        listener,
+        _place: place,
+    }))
+}
+
+struct RawSender<T: Element> {
+    publisher: Publisher<Ipc, [T], FrameHeader>,
+    notifier: Option<Notifier<Ipc>>,
+    elements: usize,
+    _place: Place,
+}
+
+impl<T: Element> Sender for RawSender<T> {
+    fn send(&mut self, word: u32) -> Result<Sent> {
+        let asked_ns = monotonic_ns();
+        let sample = self
+            .publisher
+            .loan_slice_uninit(self.elements)
+            .context("lending memory")?;
+        let lent_ns = monotonic_ns();
+        let element = element_of(word);
+        let mut sample = sample.write_from_fn(|_| element);
+        let at_ns = monotonic_ns();
+        sample.user_header_mut().stages[0].published_ns = at_ns;
+        sample.send().context("sending")?;
+        if let Some(notifier) = &self.notifier {
+            notifier.notify().context("waking")?;
+        }
+        Ok(Sent {
+            at_ns,
+            occupied_ns: lent_ns - asked_ns + monotonic_ns() - at_ns,
+            sum: sum_of::<T>(word, self.elements),
+        })
+    }
+}
+
+struct RawReceiver<T: Element> {
+    subscriber: Subscriber<Ipc, [T], FrameHeader>,
+    listener: Option<Listener<Ipc>>,
+    _place: Place,
+}
+
+impl<T: Element> RawReceiver<T> {
+    fn take(&self) -> Result<Option<Sample<Ipc, [T], FrameHeader>>> {
+        self.subscriber.receive().context("taking a message")
+    }
+}
+
+impl<T: Element> Receiver for RawReceiver<T> {
+    fn receive(&mut self) -> Result<Arrived> {
+        let begun = Instant::now();
+        loop {
+            if let Some(sample) = self.take()? {
+                return Ok(Arrived {
+                    at_ns: monotonic_ns(),
+                    sum: read(sample.payload()),
+                });
+            }
+            if begun.elapsed() > PATIENCE {
+                return Err(silence(Way::Raw));
+            }
+            match &self.listener {
+                // A wake-up of a message that is taken already ends this early: then it looks again.
+                Some(listener) => {
+                    let waited = listener.timed_wait(|_| (), PATIENCE);
+                    waited.context("waiting")?;
+                }
+                None => std::hint::spin_loop(),
+            }
+        }
+    }
+}

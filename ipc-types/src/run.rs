@@ -1,0 +1,155 @@
+//! What holds for all frames of one run of a pipeline.
+
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "iceoryx2")]
+use iceoryx2::prelude::ZeroCopySend;
+
+use crate::{
+    CLASS_NAME_MAX, CLASSES_MAX, ContractError, GateKind, MEANING_MAX, RUN_NAME_MAX, Text,
+    WIRE_VERSION,
+};
+
+/// The one message of the topic `run`: what a stage or a consumer must know besides the frames.
+///
+/// Its one writer is the supervisor; where stages run without a supervisor, ingest. The topic keeps the message for
+/// late readers (history 1). A new description begins a new run: its `run_id` differs, its sequences begin at 0, and
+/// messages of the run before must not be used any more. `mluc_runtime::Shell` follows the topic for its process.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[cfg_attr(
+    feature = "iceoryx2",
+    derive(ZeroCopySend),
+    type_name("mluc.RunDescription")
+)]
+#[repr(C)]
+pub struct RunDescription {
+    /// [`WIRE_VERSION`] of the writer.
+    pub wire_version: u32,
+    /// Known classes of the model, 1 to [`CLASSES_MAX`].
+    pub classes_count: u32,
+    /// Random at each start of a pipeline, never 0; every header and heartbeat of the run carries it.
+    pub run_id: u64,
+    /// When the run began: CLOCK_REALTIME, ns since 1970.
+    pub started_ns: u64,
+    /// Of the model file; every header of the run carries it.
+    pub model_fingerprint: u64,
+    /// Where the sensor sits on the robot: x, y, z in m, roll, pitch, yaw in rad. A point p of the sensor frame lies at
+    /// R p + (x, y, z) in the base frame, R = Rz(yaw) Ry(pitch) Rx(roll). Zeros are the identity.
+    pub base_from_sensor: [f64; 6],
+    /// Height of the sensor above the ground, m.
+    pub sensor_height_m: f32,
+    /// Boxes below this objectness are not in the detections.
+    pub objectness_min: f32,
+    /// [`GateKind`]: what the model's candidate unknowns are told by.
+    pub gate: u32,
+    /// That gate's threshold, in the gate's own unit; 0 without a gate.
+    pub gate_threshold: f32,
+    /// The model's name, UTF-8, NUL-padded.
+    pub model_name: [u8; RUN_NAME_MAX],
+    /// The sensor profile's name, UTF-8, NUL-padded; empty when it has none.
+    pub sensor_name: [u8; RUN_NAME_MAX],
+    /// Names by class id, UTF-8, NUL-padded; `classes_count` of them are in use.
+    pub class_names: [[u8; CLASS_NAME_MAX]; CLASSES_MAX],
+    /// What the score of a known object means, UTF-8, NUL-padded.
+    pub known_score: [u8; MEANING_MAX],
+    /// What the score of an unknown object means, UTF-8, NUL-padded.
+    pub unknown_score: [u8; MEANING_MAX],
+}
+
+const _: () = assert!(
+    size_of::<RunDescription>()
+        == 96 + 2 * RUN_NAME_MAX + CLASSES_MAX * CLASS_NAME_MAX + 2 * MEANING_MAX
+);
+
+impl RunDescription {
+    /// Checks version, run id, class count, gate, numbers and texts.
+    pub fn checked(&self) -> Result<&RunDescription, ContractError> {
+        let value = |what, found| Err(ContractError::Value { what, found });
+        if self.wire_version != WIRE_VERSION {
+            return Err(ContractError::WireVersion {
+                expected: WIRE_VERSION,
+                found: self.wire_version,
+            });
+        }
+        if self.run_id == 0 {
+            return value("id of the run", 0);
+        }
+        if !(1..=CLASSES_MAX as u32).contains(&self.classes_count) {
+            return value("number of classes", self.classes_count);
+        }
+        if GateKind::from_number(self.gate).is_none() {
+            return value("gate of the run", self.gate);
+        }
+        let places = self.base_from_sensor.iter();
+        let numbers = [
+            self.sensor_height_m,
+            self.objectness_min,
+            self.gate_threshold,
+        ];
+        let are_finite =
+            places.copied().all(f64::is_finite) && numbers.iter().all(|v| v.is_finite());
+        let names = [&self.model_name, &self.sensor_name];
+        let meanings = [&self.known_score, &self.unknown_score];
+        let are_texts = names.iter().all(|text| Text::unpack(*text).is_some())
+            && meanings.iter().all(|text| Text::unpack(*text).is_some())
+            && self
+                .class_names
+                .iter()
+                .all(|text| Text::unpack(text).is_some());
+        if !are_finite || !are_texts {
+            return Err(ContractError::NotFinite {
+                what: "numbers and texts of the run",
+                index: 0,
+            });
+        }
+        Ok(self)
+    }
+
+    /// Names of the classes by class id.
+    pub fn class_names(&self) -> impl Iterator<Item = &str> {
+        let count = (self.classes_count as usize).min(CLASSES_MAX);
+        let names = self.class_names[..count].iter();
+        names.map(|name| Text::unpack(name).unwrap_or("?"))
+    }
+
+    /// The model's name; `?` when it is not UTF-8.
+    pub fn model_name(&self) -> &str {
+        Text::unpack(&self.model_name).unwrap_or("?")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_description_is_checked() {
+        let mut class_names = [[0; CLASS_NAME_MAX]; CLASSES_MAX];
+        class_names[1] = Text::pack("pedestrian");
+        let sound = RunDescription {
+            wire_version: WIRE_VERSION,
+            classes_count: 2,
+            run_id: 7,
+            model_name: Text::pack("kitti"),
+            class_names,
+            ..RunDescription::zeroed()
+        };
+        assert!(sound.checked().is_ok());
+        assert_eq!(sound.model_name(), "kitti");
+        assert_eq!(sound.class_names().collect::<Vec<_>>(), ["", "pedestrian"]);
+        let changes: [fn(&mut RunDescription); 8] = [
+            |run| run.wire_version += 1,
+            |run| run.run_id = 0,
+            |run| run.classes_count = 0,
+            |run| run.classes_count = CLASSES_MAX as u32 + 1,
+            |run| run.gate = 9,
+            |run| run.gate_threshold = f32::NAN,
+            |run| run.base_from_sensor[5] = f64::INFINITY,
+            |run| run.class_names[0] = [0xff; CLASS_NAME_MAX],
+        ];
+        for (number, change) in changes.into_iter().enumerate() {
+            let mut run = sound;
+            change(&mut run);
+            assert!(run.checked().is_err(), "change {number}");
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! Reading folders in the format of the KITTI object benchmark.
+//!
+//! ```text
+//! DIR/velodyne/NNNNNN.bin   scans: x, y, z (m, sensor frame), intensity 0..1, f32 little endian (or DIR/NNNNNN.bin)
+//! DIR/label_2/NNNNNN.txt    one object a line, camera frame
+//! DIR/calib/NNNNNN.txt      P0..P3, R0_rect, Tr_velo_to_cam
+//! DIR/ImageSets/SPLIT.txt   frame names of a split, one a line (optional)
+//! DIR/planes/NNNNNN.txt     ground plane, camera frame (optional; copied, not read)
+//! ```
+//!
+//! Nothing is repaired in silence: a file that is not what the format says is an error that names the file, the line,
+//! the field, what was expected and what was found.
+
+mod calibration;
+mod error;
+mod folder;
+mod hash;
+mod kitti;
+mod label;
+mod policy;
+mod prepare;
+mod scan;
+pub mod whole_file;
+
+pub use calibration::read_calibration;
+pub use error::DatasetError;
+pub use folder::{Dataset, file_stems};
+pub use hash::{calibration_hash, data_hash};
+pub use kitti::{
+    KITTI_CLASSES, SIMULATED_CLASSES, SYNTHETIC_UNKNOWN, Splits, check_classes, check_files,
+    is_heard_of,
+};
+pub use label::{Label, read_detections, read_labels};
+pub use policy::{ERASE_MARGIN_M, UnknownPolicy, erase};
+pub use prepare::{PrepareOptions, prepare};
+pub use scan::{SCAN_POINTS_MAX, read_scan};
+
+use std::path::Path;
+
+/// Text files of a data set are small; a larger one is something else.
+const TEXT_BYTES_MAX: u64 = 16 << 20;
+
+/// A text file, whole, after a look at its size.
+pub fn read_text(path: &Path) -> Result<String, DatasetError> {
+    let failed = |source| DatasetError::Read {
+        path: path.to_owned(),
+        source,
+    };
+    let bytes = std::fs::metadata(path).map_err(failed)?.len();
+    if bytes > TEXT_BYTES_MAX {
+        return Err(DatasetError::TooLarge {
+            path: path.to_owned(),
+            limit: TEXT_BYTES_MAX,
+            found: bytes,
+        });
+    }
+    let text = std::fs::read_to_string(path).map_err(failed)?;
+    // Some editors begin a file with a mark of its byte order; it is no part of the first word.
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(rest) => rest.to_owned(),
+        None => text,
+    })
+}

@@ -1,0 +1,81 @@
+//! Scans: little-endian f32 x, y, z, intensity a point.
+
+use super::DatasetError;
+use mluc_ingest::{POINT_BYTES, bin_points};
+use std::path::Path;
+
+/// Most points of one file: some thirty times a full scan of 128 beams. A larger file is not one scan.
+pub const SCAN_POINTS_MAX: usize = 8_000_000;
+
+/// Reads a scan as it is: NaN and infinities too, which later steps drop and count. An empty file is a scan of 0 points.
+pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>, DatasetError> {
+    let failed = failed(path);
+    let bytes = std::fs::metadata(path).map_err(&failed)?.len();
+    let limit = (SCAN_POINTS_MAX * POINT_BYTES) as u64;
+    if bytes > limit {
+        return Err(DatasetError::TooLarge {
+            path: path.to_owned(),
+            limit,
+            found: bytes,
+        });
+    }
+    let data = std::fs::read(path).map_err(failed)?;
+    check_size(path, data.len() as u64)?;
+    let points = bin_points(&data);
+    Ok(points.map(|p| [p.x_m, p.y_m, p.z_m, p.intensity]).collect())
+}
+
+/// Checks that a scan is a whole number of points, without reading it.
+pub(super) fn check_scan_size(path: &Path) -> Result<(), DatasetError> {
+    let found = std::fs::metadata(path).map_err(failed(path))?.len();
+    check_size(path, found)
+}
+
+fn check_size(path: &Path, found: u64) -> Result<(), DatasetError> {
+    if found.is_multiple_of(POINT_BYTES as u64) {
+        return Ok(());
+    }
+    Err(DatasetError::ScanSize {
+        path: path.to_owned(),
+        found,
+    })
+}
+
+fn failed(path: &Path) -> impl Fn(std::io::Error) -> DatasetError {
+    move |source| DatasetError::Read {
+        path: path.to_owned(),
+        source,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_points_and_refuses_a_cut_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("000000.bin");
+        let points = [[1.0f32, -2.0, 0.5, 0.25], [f32::NAN, 0.0, 0.0, 1.0]];
+        let bytes: Vec<u8> = points
+            .iter()
+            .flatten()
+            .flat_map(|v| v.to_le_bytes())
+            .collect();
+        std::fs::write(&path, &bytes).expect("written");
+        let read = read_scan(&path).expect("a scan");
+        assert_eq!((read.len(), read[0]), (2, points[0]));
+        assert!(read[1][0].is_nan());
+        std::fs::write(&path, &bytes[..30]).expect("written");
+        let fault = read_scan(&path).expect_err("cut").to_string();
+        assert!(
+            fault.contains("000000.bin")
+                && fault.contains("multiple of 16")
+                && fault.contains("30 bytes"),
+            "{fault}"
+        );
+        std::fs::write(&path, []).expect("written");
+        assert!(read_scan(&path).expect("empty").is_empty());
+        assert!(read_scan(&folder.path().join("none.bin")).is_err());
+    }
+}

@@ -1,0 +1,215 @@
+//! From matches to average precision.
+
+/// Recall positions of the devkit: 0, 1/40, ..., 1.
+const POSITIONS: usize = 41;
+
+/// Average precision in percent, three ways.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct AveragePrecision {
+    /// Mean at the 11 recalls 0, 0.1, ..., 1.
+    pub r11: f64,
+    /// Mean at the 40 recalls 1/40, ..., 1. With fewer than 41 labels even a perfect detector stays below 100.
+    pub r40: f64,
+    /// Area under the whole curve; 100 for a perfect detector whatever the number of labels.
+    pub all: f64,
+}
+
+impl AveragePrecision {
+    /// The mean of several, each way of averaging by itself; 0 of none.
+    pub fn mean(of: &[AveragePrecision]) -> AveragePrecision {
+        let mean = |value: fn(&AveragePrecision) -> f64| {
+            of.iter().map(value).sum::<f64>() / of.len().max(1) as f64
+        };
+        AveragePrecision {
+            r11: mean(|ap| ap.r11),
+            r40: mean(|ap| ap.r40),
+            all: mean(|ap| ap.all),
+        }
+    }
+
+    /// The harmonic mean of two, each way of averaging by itself.
+    pub fn harmonic(self, other: AveragePrecision) -> AveragePrecision {
+        AveragePrecision {
+            r11: harmonic_mean(self.r11, other.r11),
+            r40: harmonic_mean(self.r40, other.r40),
+            all: harmonic_mean(self.all, other.all),
+        }
+    }
+}
+
+/// Harmonic mean of two percentages; 0 when both are.
+pub fn harmonic_mean(known: f64, unknown: f64) -> f64 {
+    if known + unknown > 0.0 {
+        2.0 * known * unknown / (known + unknown)
+    } else {
+        0.0
+    }
+}
+
+/// Hits and false alarms of one frame, as a function of the threshold. Frames are matched one by one, so the curve of
+/// any choice of frames, with repeats too, is made of their parts.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameCurve {
+    /// Labels that count.
+    pub truth_count: usize,
+    /// Labels that count and that no detection overlaps enough.
+    pub missed_count: usize,
+    /// Scores of the hits when every detection takes part.
+    pub(crate) hit_scores: Vec<f64>,
+    /// Score, and what changes there: hits and false alarms.
+    pub(crate) steps: Vec<(f64, i64, i64)>,
+}
+
+/// Hits and false alarms over all frames, as a function of the threshold.
+#[derive(Clone, Debug, Default)]
+pub struct Curve {
+    /// Labels that count.
+    pub truth_count: usize,
+    /// Labels that count and that no detection overlaps enough, whatever its score.
+    pub missed_count: usize,
+    /// Scores of the hits when every detection takes part; from high to low once finished.
+    hit_scores: Vec<f64>,
+    /// Score, and hits and false alarms of everything at or above it, from high to low once finished.
+    steps: Vec<(f64, i64, i64)>,
+}
+
+impl Curve {
+    /// Of frames that were matched one by one; one that is named twice counts twice.
+    pub fn of<'a>(frames: impl IntoIterator<Item = &'a FrameCurve>) -> Curve {
+        let mut curve = Curve::default();
+        for frame in frames {
+            curve.truth_count += frame.truth_count;
+            curve.missed_count += frame.missed_count;
+            curve.hit_scores.extend_from_slice(&frame.hit_scores);
+            curve.steps.extend_from_slice(&frame.steps);
+        }
+        curve.finish();
+        curve
+    }
+
+    /// Sorts the scores and adds up the changes.
+    fn finish(&mut self) {
+        self.hit_scores.sort_by(|a, b| b.total_cmp(a));
+        self.steps.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (mut hits, mut false_alarms) = (0, 0);
+        for step in &mut self.steps {
+            hits += step.1;
+            false_alarms += step.2;
+            (step.1, step.2) = (hits, false_alarms);
+        }
+        // One entry a score: the last one holds all of its changes.
+        self.steps.dedup_by(|later, earlier| {
+            let same = later.0 == earlier.0;
+            if same {
+                *earlier = *later;
+            }
+            same
+        });
+    }
+
+    /// Part of the labels that is found when every detection takes part, percent: hits / (hits + misses).
+    pub fn recall_percent(&self) -> f64 {
+        let hits = self.hit_scores.len() as f64;
+        let all = hits + self.missed_count as f64;
+        if all > 0.0 { 100.0 * hits / all } else { 0.0 }
+    }
+
+    /// Hits and false alarms when the detections at or above a score take part.
+    pub fn counts_at(&self, score_min: f64) -> (i64, i64) {
+        let count = self.steps.partition_point(|step| step.0 >= score_min);
+        let last = self.steps[..count].last();
+        last.map_or((0, 0), |step| (step.1, step.2))
+    }
+
+    /// The lowest score at or above which at most so many false alarms lie; `None` where even the highest has more.
+    pub fn score_at_false_alarms(&self, false_alarms_max: i64) -> Option<f64> {
+        let within = |step: &&(f64, i64, i64)| step.2 <= false_alarms_max;
+        self.steps.iter().rfind(within).map(|step| step.0)
+    }
+
+    /// Average precision; 0 without labels or detections.
+    pub fn average_precision(&self) -> AveragePrecision {
+        let precision = self.precision_at_positions();
+        let r11: f64 = precision.iter().step_by(4).sum::<f64>() / 11.0;
+        let r40: f64 = precision[1..].iter().sum::<f64>() / 40.0;
+        AveragePrecision {
+            r11: 100.0 * r11,
+            r40: 100.0 * r40,
+            all: 100.0 * self.area(),
+        }
+    }
+
+    /// The devkit's thresholds: those scores of hits at which the recall comes nearest to each position.
+    fn thresholds(&self) -> Vec<f64> {
+        let truths = self.truth_count as f64;
+        let mut thresholds = Vec::with_capacity(POSITIONS);
+        let mut wanted = 0.0;
+        for (i, &score) in self.hit_scores.iter().enumerate() {
+            let last = i + 1 == self.hit_scores.len();
+            let here = (i + 1) as f64 / truths;
+            let next = if last { here } else { (i + 2) as f64 / truths };
+            if !last && next - wanted < wanted - here {
+                continue;
+            }
+            thresholds.push(score);
+            wanted += 1.0 / (POSITIONS as f64 - 1.0);
+        }
+        thresholds.truncate(POSITIONS);
+        thresholds
+    }
+
+    /// Precision at the thresholds, 0 beyond them, made to fall: each the best of all that follow.
+    fn precision_at_positions(&self) -> [f64; POSITIONS] {
+        let mut precision = [0.0; POSITIONS];
+        for (value, threshold) in precision.iter_mut().zip(self.thresholds()) {
+            *value = precision_of(self.counts_at(threshold));
+        }
+        for i in (0..POSITIONS - 1).rev() {
+            precision[i] = f64::max(precision[i], precision[i + 1]);
+        }
+        precision
+    }
+
+    /// Area under precision over recall, every threshold taking part, precision made to fall.
+    fn area(&self) -> f64 {
+        let steps = self.steps.iter();
+        let mut points: Vec<(i64, f64)> = steps
+            .map(|&(_, hits, alarms)| (hits, precision_of((hits, alarms))))
+            .collect();
+        points.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        let (mut area, mut best) = (0.0, 0.0f64);
+        for i in (0..points.len()).rev() {
+            best = best.max(points[i].1);
+            let below = if i == 0 { 0 } else { points[i - 1].0 };
+            area += best * (points[i].0 - below) as f64;
+        }
+        if self.truth_count == 0 {
+            0.0
+        } else {
+            area / self.truth_count as f64
+        }
+    }
+}
+
+fn precision_of((hits, false_alarms): (i64, i64)) -> f64 {
+    if hits > 0 {
+        hits as f64 / (hits + false_alarms) as f64
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::harmonic_mean;
+
+    #[test]
+    fn harmonic_means_of_the_paper() {
+        for (known, unknown, expected) in
+            [(79.4, 13.2, 22.64), (66.8, 9.7, 16.94), (75.3, 3.0, 5.77)]
+        {
+            assert!((harmonic_mean(known, unknown) - expected).abs() < 0.005);
+        }
+        assert_eq!(harmonic_mean(0.0, 0.0), 0.0);
+    }
+}

@@ -1,0 +1,65 @@
+//! The devkit's three difficulties and three metrics.
+
+use crate::CameraDetection;
+use mluc_dataset::Label;
+
+/// Which labelled objects count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Difficulty {
+    /// 40 px high or more, not occluded, at most 15 % outside the image.
+    Easy,
+    /// 25 px, partly occluded, 30 %.
+    Moderate,
+    /// 25 px, largely occluded, 50 %.
+    Hard,
+}
+
+impl Difficulty {
+    /// All of them, easiest first.
+    pub const ALL: [Difficulty; 3] = [Difficulty::Easy, Difficulty::Moderate, Difficulty::Hard];
+
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        ["easy", "moderate", "hard"][self as usize]
+    }
+
+    /// Least height of the image box, px.
+    fn height_min_px(self) -> f64 {
+        [40.0, 25.0, 25.0][self as usize]
+    }
+
+    /// Whether an object is easy enough to count as missed when it is not found.
+    pub fn takes(self, label: &Label) -> bool {
+        let height_px = label.image_box_px[3] - label.image_box_px[1];
+        label.occluded <= [0, 1, 2][self as usize]
+            && label.truncated <= [0.15, 0.30, 0.50][self as usize]
+            && height_px >= self.height_min_px()
+    }
+
+    /// Whether a detection is too small in the image to count; the devkit cuts its height to whole pixels.
+    pub fn is_too_small(self, detection: &CameraDetection) -> bool {
+        let [_, top, _, bottom] = detection.image_box_px;
+        (bottom - top).abs().trunc() < self.height_min_px()
+    }
+}
+
+/// What the overlap is taken of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Metric {
+    /// Boxes in the image.
+    Image,
+    /// Rotated footprints seen from above.
+    Bev,
+    /// Volumes.
+    Space,
+}
+
+impl Metric {
+    /// All of them, in the devkit's order.
+    pub const ALL: [Metric; 3] = [Metric::Image, Metric::Bev, Metric::Space];
+
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        ["2d", "bev", "3d"][self as usize]
+    }
+}

@@ -1,0 +1,98 @@
+//! What was labelled and what was found in one scan, made comparable.
+
+use mluc_dataset::Label;
+use mluc_geometry::{Box3, Calibration, ImageSize};
+use mluc_ipc_types::ObjectKind;
+use std::sync::Arc;
+
+/// The image box of everything where there is no camera: high enough for every difficulty.
+const IMAGE_BOX_WITHOUT_CAMERA_PX: [f64; 4] = [0.0, 0.0, 100.0, 100.0];
+
+/// A detection as the pipeline gives it, in the sensor frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorDetection {
+    /// Known or unknown.
+    pub kind: ObjectKind,
+    /// Class name (of an unknown: any).
+    pub class: String,
+    /// Confidence; higher is better; finite.
+    pub score: f64,
+    /// Where it is.
+    pub box_in_sensor: Box3,
+}
+
+/// A detection ready to be compared with labels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraDetection {
+    /// Known or unknown.
+    pub kind: ObjectKind,
+    /// Class name (of an unknown: any).
+    pub class: String,
+    /// Confidence; higher is better; finite.
+    pub score: f64,
+    /// Left, top, right, bottom in the image, px.
+    pub image_box_px: [f64; 4],
+    /// The box at the camera's place with the sensor's axes (see [`mluc_geometry::CameraBox::upright`]).
+    pub upright: Box3,
+}
+
+/// How a frame is seen: what turns sensor boxes into label boxes and image boxes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraView {
+    /// Calibration of the frame. Without a camera (P2 all 0) nothing lies outside an image.
+    pub calibration: Calibration,
+    /// Size of the image.
+    pub image: ImageSize,
+}
+
+impl CameraView {
+    /// The detection in the camera frame; `None` when there is an image and nothing of the box lies in it.
+    pub fn detection(&self, found: &SensorDetection) -> Option<CameraDetection> {
+        let calibration = &self.calibration;
+        let camera_box = calibration.label_from_box_in_sensor(&found.box_in_sensor);
+        let image_box_px = if calibration.has_camera() {
+            calibration.project_label_to_image(&camera_box, self.image)?
+        } else {
+            IMAGE_BOX_WITHOUT_CAMERA_PX
+        };
+        Some(CameraDetection {
+            kind: found.kind,
+            class: found.class.clone(),
+            score: found.score,
+            image_box_px,
+            upright: camera_box.upright(),
+        })
+    }
+}
+
+/// A labelled frame that waits for detections.
+#[derive(Clone, Debug)]
+pub struct FrameTruth {
+    /// Labels in file order, DontCare among them. Shared: a sweep uses them once a threshold.
+    pub labels: Arc<[Label]>,
+    /// How the frame is seen.
+    pub view: CameraView,
+}
+
+impl FrameTruth {
+    /// The frame with what was found in it; what lies outside the image is dropped.
+    pub fn with(&self, found: &[SensorDetection]) -> LabelledFrame {
+        let detections = found
+            .iter()
+            .filter_map(|d| self.view.detection(d))
+            .collect();
+        LabelledFrame {
+            labels: Arc::clone(&self.labels),
+            detections,
+        }
+    }
+}
+
+/// Labels and detections of one frame.
+#[derive(Clone, Debug)]
+pub struct LabelledFrame {
+    /// Labels in file order, DontCare among them.
+    pub labels: Arc<[Label]>,
+    /// Detections in file order; ties in score are settled by it.
+    pub detections: Vec<CameraDetection>,
+}

@@ -1,0 +1,169 @@
+//! The pipeline's JSON lines: one frame a line, objects in the sensor frame.
+//!
+//! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed`
+//! and everything else is passed over.
+
+use crate::{EvaluateError, ObjectKind, SensorDetection};
+use mluc_geometry::Box3;
+use mluc_ipc_types::WIRE_VERSION;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+/// Longest line, bytes: some twenty times 512 objects with footprints.
+const LINE_BYTES_MAX: u64 = 8 << 20;
+
+#[derive(Deserialize)]
+struct Line {
+    /// Lines of hand-made tools may leave it out.
+    wire: Option<u32>,
+    frame: String,
+    objects: Vec<Object>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum KindName {
+    Known,
+    Unknown,
+}
+
+#[derive(Deserialize)]
+struct Object {
+    kind: KindName,
+    label: String,
+    score: f64,
+    center_m: [f64; 3],
+    size_m: [f64; 3],
+    yaw_rad: f64,
+}
+
+/// Reads JSON lines: detections by frame name. A frame that comes twice is an error, as is a line cut short.
+pub fn read_json_lines(
+    path: &Path,
+) -> Result<BTreeMap<String, Vec<SensorDetection>>, EvaluateError> {
+    let failed = |e| EvaluateError::file(path, e);
+    let mut reader = BufReader::new(std::fs::File::open(path).map_err(failed)?);
+    let mut frames = BTreeMap::new();
+    let mut bytes = Vec::new();
+    for number in 1.. {
+        bytes.clear();
+        let fault = |message: String| {
+            EvaluateError::Input(format!("{}, line {number}: {message}", path.display()))
+        };
+        let mut limited = reader.by_ref().take(LINE_BYTES_MAX + 1);
+        let count = limited.read_until(b'\n', &mut bytes).map_err(failed)?;
+        if count == 0 {
+            break;
+        }
+        if count as u64 > LINE_BYTES_MAX {
+            return Err(fault(format!(
+                "expected at most {LINE_BYTES_MAX} bytes a line, found more"
+            )));
+        }
+        if bytes.trim_ascii().is_empty() {
+            continue;
+        }
+        let line: Line = serde_json::from_slice(&bytes).map_err(|e| fault(e.to_string()))?;
+        if let Some(found) = line.wire.filter(|&wire| wire != WIRE_VERSION) {
+            return Err(fault(format!(
+                "field wire: expected {WIRE_VERSION}, found {found}"
+            )));
+        }
+        let mut sizes = line.objects.iter().flat_map(|object| object.size_m);
+        if let Some(found) = sizes.find(|v| !(v.is_finite() && *v > 0.0)) {
+            return Err(fault(format!(
+                "field size_m: expected sizes above 0, found {found}"
+            )));
+        }
+        let detections = line.objects.into_iter().map(detection).collect();
+        if frames.insert(line.frame.clone(), detections).is_some() {
+            return Err(fault(format!(
+                "field frame: expected each frame once, found '{}' again",
+                line.frame
+            )));
+        }
+    }
+    Ok(frames)
+}
+
+fn detection(object: Object) -> SensorDetection {
+    SensorDetection {
+        kind: match object.kind {
+            KindName::Known => ObjectKind::Known,
+            KindName::Unknown => ObjectKind::Unknown,
+        },
+        class: object.label,
+        score: object.score,
+        box_in_sensor: Box3 {
+            center_m: object.center_m,
+            size_m: object.size_m,
+            yaw_rad: object.yaw_rad,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINE: &str = r#"{"wire":WIRE,"sequence":8,"frame":"000008","objects":[{"kind":"unknown","label":"unknown","score":0.5,"center_m":[10,1,-1],"size_m":[4,2,1.5],"yaw_rad":0.1,"points":9}],"suppressed":[{"reason":"overlaps_known"}],"flags":[]}"#;
+
+    /// A line of this version's.
+    fn good() -> String {
+        LINE.replace("WIRE", &WIRE_VERSION.to_string())
+    }
+
+    fn read_text(text: &str) -> Result<BTreeMap<String, Vec<SensorDetection>>, String> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("o.jsonl");
+        std::fs::write(&path, text).expect("written");
+        let name = folder.path().display().to_string();
+        read_json_lines(&path).map_err(|e| e.to_string().replace(&name, ""))
+    }
+
+    #[test]
+    fn takes_objects_and_passes_over_the_rest() {
+        let good = good();
+        let frames = read_text(&format!("{good}\n\n")).expect("a frame");
+        let objects = &frames["000008"];
+        let (count, first) = (objects.len(), &objects[0]);
+        assert_eq!(
+            (count, first.kind, first.score),
+            (1, ObjectKind::Unknown, 0.5)
+        );
+        let expected = Box3::new([10.0, 1.0, -1.0, 4.0, 2.0, 1.5, 0.1]);
+        assert_eq!(first.box_in_sensor, expected);
+        assert!(read_text("").expect("nothing").is_empty());
+    }
+
+    #[test]
+    fn faults_name_line_and_field() {
+        let good = good();
+        let wrong_wire = format!("line 2: field wire: expected {WIRE_VERSION}, found 77");
+        for (line, expected) in [
+            (
+                good.clone(),
+                "line 2: field frame: expected each frame once, found '000008' again",
+            ),
+            (
+                good.replace("\"score\":0.5,", ""),
+                "line 2: missing field `score`",
+            ),
+            (
+                good.replace("\"kind\":\"unknown\"", "\"kind\":\"odd\""),
+                "unknown variant `odd`, expected `known` or `unknown`",
+            ),
+            (LINE.replace("WIRE", "77"), &wrong_wire),
+            (
+                good.replace("[4,2,1.5]", "[4,0,1.5]"),
+                "line 2: field size_m: expected sizes above 0, found 0",
+            ),
+            (good[..60].to_owned(), "line 2: EOF"),
+        ] {
+            let fault = read_text(&format!("{good}\n{line}")).expect_err(expected);
+            assert!(fault.contains(expected), "{fault}");
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! From folders and files to frames.
+//!
+//! A source is a folder of labels with the detections that belong to it: a folder of detection files in KITTI's format of the same
+//! names, or one file of JSON lines with the folder of calibrations that brings its boxes into the camera frame.
+//! Several sources are pooled: the same name in two of them is two frames.
+
+mod json_lines;
+
+pub use json_lines::read_json_lines;
+
+use crate::{
+    CameraDetection, CameraView, EvaluateError, FrameTruth, LabelledFrame, ObjectKind,
+    SensorDetection, UNKNOWN,
+};
+use mluc_dataset::{Label, file_stems, read_calibration, read_detections, read_labels};
+use mluc_geometry::ImageSize;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+/// One folder of labels and what was detected there.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Folder of label files. Its frames are the ones that are judged.
+    pub labels: PathBuf,
+    /// Folder of detection files, or a file of JSON lines.
+    pub detections: PathBuf,
+    /// Folder of calibration files; JSON lines need it.
+    pub calibration: Option<PathBuf>,
+}
+
+/// The frames of all sources.
+#[derive(Clone, Debug, Default)]
+pub struct Input {
+    /// By source, then by name.
+    pub frames: Vec<LabelledFrame>,
+    /// What a person should know before believing the figures.
+    pub warnings: Vec<String>,
+}
+
+/// Pairs the options of a command: as many detections as labels, as many calibrations or none.
+pub fn sources(
+    labels: &[PathBuf],
+    detections: &[PathBuf],
+    calibrations: &[PathBuf],
+) -> Result<Vec<Source>, EvaluateError> {
+    let expected = labels.len();
+    for (what, found, optional) in [
+        ("--detections", detections.len(), false),
+        ("--calib", calibrations.len(), true),
+    ] {
+        if found != expected && !(optional && found == 0) {
+            return Err(EvaluateError::Input(format!(
+                "expected as many {what} as --labels ({expected}), in the same order, found {found}"
+            )));
+        }
+    }
+    let pairs = labels.iter().zip(detections).enumerate();
+    let source = |(i, (labels, detections)): (usize, (&PathBuf, &PathBuf))| Source {
+        labels: labels.clone(),
+        detections: detections.clone(),
+        calibration: calibrations.get(i).cloned(),
+    };
+    Ok(pairs.map(source).collect())
+}
+
+/// Reads every source. Frames without detections count with none found, and are warned about; so are detections of
+/// frames that have no labels, which are left out. A source whose detections all lie elsewhere is an error.
+/// `image` overrides the size of the images beside the labels.
+pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input, EvaluateError> {
+    let mut input = Input::default();
+    for source in sources {
+        let labelled = file_stems(&source.labels, "txt", "label files (*.txt)")?;
+        let found = Found::read(source)?;
+        compare_names(source, &labelled, &found.names(), &mut input)?;
+        for name in labelled {
+            let frame = found.frame(source, &name, image)?;
+            input.frames.push(frame);
+        }
+    }
+    Ok(input)
+}
+
+/// The detections of a source.
+enum Found {
+    /// Names of the files in the folder.
+    Folder(Vec<String>),
+    /// With the folder of calibrations.
+    Lines(PathBuf, BTreeMap<String, Vec<SensorDetection>>),
+}
+
+impl Found {
+    fn read(source: &Source) -> Result<Found, EvaluateError> {
+        let path = &source.detections;
+        if path.is_dir() {
+            let names = file_stems(path, "txt", "detection files (*.txt)")?;
+            return Ok(Found::Folder(names));
+        }
+        let fault = |what| Err(EvaluateError::file(path, what));
+        if !path.exists() {
+            return fault(
+                "expected a folder of detection files or a file of JSON lines, found nothing",
+            );
+        }
+        let Some(calibrations) = source.calibration.clone() else {
+            return fault(
+                "JSON lines need the calibration of their frames: expected --calib DIR, found none",
+            );
+        };
+        Ok(Found::Lines(calibrations, read_json_lines(path)?))
+    }
+
+    /// Sorted.
+    fn names(&self) -> Vec<&str> {
+        match self {
+            Found::Folder(names) => names.iter().map(String::as_str).collect(),
+            Found::Lines(_, frames) => frames.keys().map(String::as_str).collect(),
+        }
+    }
+
+    fn frame(
+        &self,
+        source: &Source,
+        name: &str,
+        image: Option<ImageSize>,
+    ) -> Result<LabelledFrame, EvaluateError> {
+        let file = format!("{name}.txt");
+        let labels = read_labels(&source.labels.join(&file))?.into();
+        match self {
+            Found::Folder(_) => {
+                let path = source.detections.join(file);
+                let lines = path.is_file().then(|| read_detections(&path));
+                let lines = lines.transpose()?.unwrap_or_default();
+                let detections = lines.into_iter().map(detection).collect();
+                Ok(LabelledFrame { labels, detections })
+            }
+            Found::Lines(calibrations, frames) => {
+                let calibration = read_calibration(&calibrations.join(file))?;
+                let image = image.map_or_else(|| image_size_beside(&source.labels, name), Ok)?;
+                let truth = FrameTruth {
+                    labels,
+                    view: CameraView { calibration, image },
+                };
+                Ok(truth.with(frames.get(name).map_or(&[], Vec::as_slice)))
+            }
+        }
+    }
+}
+
+/// The image box is the file's own; nothing is dropped.
+fn detection(line: Label) -> CameraDetection {
+    CameraDetection {
+        kind: if line.is(UNKNOWN) {
+            ObjectKind::Unknown
+        } else {
+            ObjectKind::Known
+        },
+        // The reader has seen to it that detections have a score.
+        score: line.score.unwrap_or_default(),
+        image_box_px: line.image_box_px,
+        upright: line.camera_box.upright(),
+        class: line.class,
+    }
+}
+
+/// Checks that labels and detections share frames, and says what only one of them has. Both lists are sorted.
+fn compare_names(
+    source: &Source,
+    labelled: &[String],
+    detected: &[&str],
+    input: &mut Input,
+) -> Result<(), EvaluateError> {
+    let labelled: Vec<&str> = labelled.iter().map(String::as_str).collect();
+    let only = |these: &[&'_ str], others: &[&str]| -> Vec<String> {
+        let alone = these
+            .iter()
+            .filter(|name| others.binary_search(name).is_err());
+        alone.map(|name| (*name).to_owned()).collect()
+    };
+    let (missing, foreign) = (only(&labelled, detected), only(detected, &labelled));
+    if missing.len() == labelled.len() {
+        let first = |names: &[&str]| names.first().copied().unwrap_or_default().to_owned();
+        let what = format!(
+            "expected detections of frames in {}, found none (first here '{}', first there '{}')",
+            source.labels.display(),
+            first(detected),
+            first(&labelled)
+        );
+        return Err(EvaluateError::file(&source.detections, what));
+    }
+    let missing_words = "have labels but no detections: counted with nothing found";
+    let foreign_words = "have detections but no labels: left out";
+    for (names, what, path) in [
+        (missing, missing_words, &source.detections),
+        (foreign, foreign_words, &source.labels),
+    ] {
+        if let Some(first) = names.first() {
+            let (path, count) = (path.display(), names.len());
+            let warning = format!("{path}: {count} frames {what} (first: {first})");
+            input.warnings.push(warning);
+        }
+    }
+    Ok(())
+}
+
+/// Size of `image_2/NAME.png` beside the folder of labels where it is present, else KITTI's.
+pub(crate) fn image_size_beside(labels: &Path, name: &str) -> Result<ImageSize, EvaluateError> {
+    let path = labels.join("../image_2").join(format!("{name}.png"));
+    if !path.is_file() {
+        return Ok(ImageSize::KITTI);
+    }
+    let file = File::open(&path).map_err(|e| EvaluateError::file(&path, e))?;
+    let mut decoder = png::Decoder::new(BufReader::new(file));
+    let head = decoder.read_header_info().map_err(|e| {
+        let what = format!("expected a PNG image of known size, found something else ({e})");
+        EvaluateError::file(&path, what)
+    })?;
+    Ok(ImageSize {
+        width_px: head.width,
+        height_px: head.height,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_size_comes_from_the_image_where_there_is_one() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (labels, images) = (folder.path().join("label_2"), folder.path().join("image_2"));
+        std::fs::create_dir_all(&labels).expect("a folder");
+        std::fs::create_dir_all(&images).expect("a folder");
+        let none = image_size_beside(&labels, "0").expect("no image");
+        assert_eq!(none, ImageSize::KITTI);
+        let file = File::create(images.join("0.png")).expect("a file");
+        let mut writer = png::Encoder::new(file, 7, 5);
+        writer.set_color(png::ColorType::Grayscale);
+        let written = writer
+            .write_header()
+            .and_then(|mut w| w.write_image_data(&[0; 35]));
+        written.expect("an image");
+        let size = image_size_beside(&labels, "0").expect("an image");
+        assert_eq!((size.width_px, size.height_px), (7, 5));
+        std::fs::write(images.join("1.png"), [0; 100]).expect("written");
+        assert!(image_size_beside(&labels, "1").is_err());
+    }
+}

@@ -1,0 +1,52 @@
+//! How good detections are: average precision as the KITTI object devkit computes it, and its open-set companions.
+//!
+//! Source: KITTI's object development kit (Geiger, Lenz, Urtasun, CVPR 2012), the offline version with 41 recall
+//! positions; the open-set figures (recall and AP of the unknown, mAP of the known, their harmonic mean, the choice of
+//! the threshold) from the paper "Open-set 3D Object Detection", section 4.
+//!
+//! A [`LabelledFrame`] holds what was labelled and what was found, both in the camera frame. A [`ClassRule`] says which
+//! labels count, which are ignored and how much overlap is asked for. [`match_frames`] turns both into a [`Curve`],
+//! from which AP at 11 positions, at 40 positions and over all points follow; [`evaluate`] does so for every class,
+//! metric and difficulty; [`sweep`] for every threshold of the gate. [`Confusion`] says what the unknown is confused with.
+//!
+//! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
+//! [`JudgedFrames`] keeps the parts, [`judged_sweep`] judges halves of the data beside the whole, [`honest`] chooses on one half
+//! and reports on the other, [`bootstrap`] draws frames anew to say how far a figure can be trusted.
+
+mod bootstrap;
+mod confusion;
+mod curve;
+mod difficulty;
+mod error;
+mod frame;
+pub mod input;
+mod matching;
+mod open_set;
+pub mod pipeline;
+mod report;
+mod rule;
+mod separation;
+mod sweep;
+mod table;
+#[cfg(test)]
+mod testing;
+
+pub use bootstrap::{bootstrap, mean_and_spread};
+pub use confusion::Confusion;
+pub use curve::{AveragePrecision, Curve, FrameCurve, harmonic_mean};
+pub use difficulty::{Difficulty, Metric};
+pub use error::EvaluateError;
+pub use frame::{CameraDetection, CameraView, FrameTruth, LabelledFrame, SensorDetection};
+pub use matching::{match_frame, match_frames};
+pub use mluc_ipc_types::ObjectKind;
+pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS, unknown_as_known};
+pub use report::{ApEntry, ApReport, ClassReport, OpenSetSummary, evaluate};
+pub use rule::{
+    ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, UnknownRequest, rules,
+    unheard, unjudged,
+};
+pub use separation::{auroc, fpr95};
+pub use sweep::{
+    Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, best_point, halves, honest,
+    judged_sweep, quantile_grid, sweep,
+};

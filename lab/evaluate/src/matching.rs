@@ -1,0 +1,222 @@
+//! Which detections find which labels: the devkit's greedy matching, at every threshold at once.
+//!
+//! The devkit matches twice. Once over all detections, where a label takes the detection with the highest score: the
+//! scores of those matches become the thresholds. Then at each threshold, where a label takes the detection that
+//! overlaps most. A frame's matching changes only where the threshold crosses one of its own detections, so each frame
+//! is matched once for each of those, and the counts over all frames follow by adding up the changes.
+//!
+//! Terms: a label or detection is *valid* when it counts, *ignored* when it may take part in a match that then counts
+//! neither way (too small, too occluded, a neighbour class). Labels keep file order; a match needs an overlap strictly
+//! above the class' least one.
+
+use crate::{ClassRule, Curve, Difficulty, FrameCurve, LabelledFrame, Metric};
+use mluc_geometry::{iou_2d, iou_3d, iou_bev, overlap_of_first_2d};
+
+/// A label that takes part.
+struct Truth {
+    valid: bool,
+    /// Detections that overlap enough, in file order: index into the candidates, overlap.
+    near: Vec<(usize, f64)>,
+}
+
+/// A detection that takes part.
+struct Candidate {
+    score: f64,
+    valid: bool,
+    /// Lies in a region without labels: unmatched, it is not counted as false.
+    in_dont_care: bool,
+    /// Overlaps a label: only then can it change the matching.
+    near_truth: bool,
+}
+
+/// Outcome of matching one frame at one threshold.
+#[derive(Clone, Copy, Default, PartialEq)]
+struct Counts {
+    hits: i64,
+    false_alarms: i64,
+}
+
+/// Matches every frame for one class, metric and difficulty.
+pub fn match_frames(
+    frames: &[LabelledFrame],
+    rule: &ClassRule,
+    metric: Metric,
+    difficulty: Difficulty,
+) -> Curve {
+    let matched = |frame| match_frame(frame, rule, metric, difficulty);
+    let parts: Vec<FrameCurve> = frames.iter().map(matched).collect();
+    Curve::of(&parts)
+}
+
+/// Matches one frame.
+pub fn match_frame(
+    frame: &LabelledFrame,
+    rule: &ClassRule,
+    metric: Metric,
+    difficulty: Difficulty,
+) -> FrameCurve {
+    let (truths, candidates) = prepare(frame, rule, metric, difficulty);
+    let mut curve = FrameCurve {
+        truth_count: truths.iter().filter(|truth| truth.valid).count(),
+        ..FrameCurve::default()
+    };
+    match_by_score(&truths, &candidates, &mut curve);
+    collect_steps(&truths, &candidates, &mut curve);
+    curve
+}
+
+fn prepare(
+    frame: &LabelledFrame,
+    rule: &ClassRule,
+    metric: Metric,
+    difficulty: Difficulty,
+) -> (Vec<Truth>, Vec<Candidate>) {
+    let mut candidates = Vec::new();
+    let mut boxes = Vec::new();
+    for detection in &frame.detections {
+        // The devkit looks at the height before the class: a detection of any class that is too small may absorb a label.
+        let small = difficulty.is_too_small(detection);
+        if small || rule.claims(detection) {
+            let devkits = (metric == Metric::Image).then_some(rule.iou_min);
+            let share_max = [rule.dont_care_max, devkits].into_iter().flatten();
+            let in_dont_care = share_max
+                .reduce(f64::min)
+                .is_some_and(|max| in_dont_care(frame, &detection.image_box_px, max));
+            candidates.push(Candidate {
+                score: detection.score,
+                valid: !small,
+                in_dont_care,
+                near_truth: false,
+            });
+            boxes.push(detection);
+        }
+    }
+    let mut truths = Vec::new();
+    for label in frame.labels.iter() {
+        let Some(counts) = rule.label_counts(label) else {
+            continue;
+        };
+        let upright = label.camera_box.upright();
+        let overlap = |i: usize| match metric {
+            Metric::Image => iou_2d(&boxes[i].image_box_px, &label.image_box_px),
+            Metric::Bev => iou_bev(&boxes[i].upright, &upright),
+            Metric::Space => iou_3d(&boxes[i].upright, &upright),
+        };
+        let near: Vec<(usize, f64)> = (0..boxes.len())
+            .map(|i| (i, overlap(i)))
+            .filter(|&(_, overlap)| overlap > rule.iou_min)
+            .collect();
+        near.iter()
+            .for_each(|&(i, _)| candidates[i].near_truth = true);
+        truths.push(Truth {
+            valid: counts && difficulty.takes(label),
+            near,
+        });
+    }
+    (truths, candidates)
+}
+
+fn in_dont_care(frame: &LabelledFrame, image_box_px: &[f64; 4], share_max: f64) -> bool {
+    let mut regions = frame.labels.iter().filter(|l| l.is_dont_care());
+    regions.any(|r| overlap_of_first_2d(image_box_px, &r.image_box_px) > share_max)
+}
+
+/// First pass: no threshold, the highest score wins.
+fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
+    let mut taken = vec![false; candidates.len()];
+    for truth in truths {
+        let mut best: Option<usize> = None;
+        for &(i, _) in &truth.near {
+            let higher = best.is_none_or(|b| candidates[i].score > candidates[b].score);
+            if !taken[i] && higher {
+                best = Some(i);
+            }
+        }
+        match best {
+            None => curve.missed_count += usize::from(truth.valid),
+            Some(i) => {
+                taken[i] = true;
+                if truth.valid && candidates[i].valid {
+                    curve.hit_scores.push(candidates[i].score);
+                }
+            }
+        }
+    }
+}
+
+/// Second pass at one threshold: the greatest overlap wins, an ignored detection only where there is nothing else.
+fn match_by_overlap(
+    truths: &[Truth],
+    candidates: &[Candidate],
+    score_min: f64,
+    taken: &mut [bool],
+) -> i64 {
+    taken.fill(false);
+    let mut hits = 0;
+    for truth in truths {
+        let mut best: Option<(usize, f64)> = None;
+        for &(i, overlap) in &truth.near {
+            if taken[i] || candidates[i].score < score_min {
+                continue;
+            }
+            let better = match best {
+                None => true,
+                Some((b, greatest)) => {
+                    candidates[i].valid && (!candidates[b].valid || overlap > greatest)
+                }
+            };
+            if better {
+                best = Some((i, overlap));
+            }
+        }
+        if let Some((i, _)) = best {
+            taken[i] = true;
+            hits += i64::from(truth.valid && candidates[i].valid);
+        }
+    }
+    hits
+}
+
+/// The frame's counts as a function of the threshold: a step at each score where they change.
+fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
+    let mut order: Vec<usize> = (0..candidates.len()).collect();
+    order.sort_by(|&a, &b| candidates[b].score.total_cmp(&candidates[a].score));
+    let mut taken = vec![false; candidates.len()];
+    // What the matching does not touch, and what it does, apart: only the second needs matching again.
+    let (mut lonely_false_alarms, mut matched, mut before) =
+        (0i64, Counts::default(), Counts::default());
+    let mut start = 0;
+    while start < order.len() {
+        let score = candidates[order[start]].score;
+        let end = start
+            + order[start..]
+                .iter()
+                .take_while(|&&i| candidates[i].score == score)
+                .count();
+        let group = || order[start..end].iter().map(|&i| &candidates[i]);
+        lonely_false_alarms += group()
+            .filter(|c| !c.near_truth && c.valid && !c.in_dont_care)
+            .count() as i64;
+        if group().any(|c| c.near_truth) {
+            matched.hits = match_by_overlap(truths, candidates, score, &mut taken);
+            let unmatched = |&&i: &&usize| {
+                let c = &candidates[i];
+                c.near_truth && c.valid && !c.in_dont_care && !taken[i]
+            };
+            matched.false_alarms = order[..end].iter().filter(unmatched).count() as i64;
+        }
+        let now = Counts {
+            hits: matched.hits,
+            false_alarms: matched.false_alarms + lonely_false_alarms,
+        };
+        if now != before {
+            curve.steps.push((
+                score,
+                now.hits - before.hits,
+                now.false_alarms - before.false_alarms,
+            ));
+        }
+        before = now;
+        start = end;
+    }
+}

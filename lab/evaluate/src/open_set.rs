@@ -1,0 +1,233 @@
+//! The open-set figures of any choice of frames (paper, section 4.1): mAP of the known, AP and recall of the unknown,
+//! their harmonic mean, and how many unknown objects were taken for known ones (absolute open-set error; Dhamija et al., WACV 2020).
+
+use crate::{
+    AveragePrecision, CameraDetection, ClassRule, Curve, Difficulty, FrameCurve, LabelledFrame,
+    Metric, ObjectKind, match_frame,
+};
+use mluc_geometry::iou_3d;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Overlaps at which the unknown are judged: the paper's 0.1 first, two more that show how well the boxes fit.
+pub const UNKNOWN_IOUS: [f64; 3] = [0.1, 0.25, 0.5];
+
+/// Average precision of a known class: volumes, moderate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ClassPrecision {
+    /// The class.
+    pub class: String,
+    /// Overlap asked for.
+    pub iou_min: f64,
+    /// Labels that count.
+    pub labels: usize,
+    /// Percent.
+    pub ap: AveragePrecision,
+}
+
+/// Open-set figures in percent: volumes, moderate.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct OpenSetFigures {
+    /// Mean AP of the known classes that have labels.
+    pub known: AveragePrecision,
+    /// AP of the unknown at each of [`UNKNOWN_IOUS`].
+    pub unknown: [AveragePrecision; 3],
+    /// Unknown labels found by any unknown detection, at the first overlap.
+    pub recall_unknown: f64,
+    /// Unknown labels that count.
+    pub unknown_labels: usize,
+    /// Unknown labels that a known detection lies on (absolute open-set error).
+    pub unknown_as_known: usize,
+    /// Each known class.
+    pub classes: Vec<ClassPrecision>,
+}
+
+impl OpenSetFigures {
+    /// Harmonic mean of known and unknown, each way of averaging by itself.
+    pub fn harmonic(&self) -> AveragePrecision {
+        self.known.harmonic(self.unknown[0])
+    }
+
+    /// Every figure by the name that it has in `report.json`; 40 positions where the name says nothing else.
+    pub fn named(&self) -> [(&'static str, f64); 18] {
+        let harm = self.harmonic();
+        let [tenth, quarter, half] = self.unknown;
+        [
+            ("map_known", self.known.r40),
+            ("ap_unknown", tenth.r40),
+            ("map_harm", harm.r40),
+            ("recall_unknown", self.recall_unknown),
+            ("map_known_r11", self.known.r11),
+            ("ap_unknown_r11", tenth.r11),
+            ("map_harm_r11", harm.r11),
+            ("map_known_all", self.known.all),
+            ("ap_unknown_all", tenth.all),
+            ("map_harm_all", harm.all),
+            ("ap_unknown_iou25", quarter.r40),
+            ("ap_unknown_iou25_r11", quarter.r11),
+            ("ap_unknown_iou25_all", quarter.all),
+            ("ap_unknown_iou50", half.r40),
+            ("ap_unknown_iou50_r11", half.r11),
+            ("ap_unknown_iou50_all", half.all),
+            ("a_ose", self.unknown_as_known as f64),
+            ("unknown_labels", self.unknown_labels as f64),
+        ]
+    }
+}
+
+/// One frame's part of every figure.
+#[derive(Clone, Debug, Default)]
+struct FrameParts {
+    known: Vec<FrameCurve>,
+    unknown: Vec<FrameCurve>,
+    unknown_as_known: usize,
+}
+
+/// Frames matched one by one.
+#[derive(Clone, Debug)]
+pub struct JudgedFrames {
+    known_rules: Vec<ClassRule>,
+    frames: Vec<FrameParts>,
+}
+
+impl JudgedFrames {
+    /// Matches every frame by every rule; the unknown rule at each of [`UNKNOWN_IOUS`] in place of its own overlap.
+    pub fn of(frames: &[LabelledFrame], rules: &[ClassRule]) -> JudgedFrames {
+        let of_kind = |kind| rules.iter().filter(move |rule| rule.kind == kind);
+        let known_rules: Vec<ClassRule> = of_kind(ObjectKind::Known).cloned().collect();
+        let unknown = of_kind(ObjectKind::Unknown).take(1);
+        let at_each_overlap = |rule: &ClassRule| {
+            UNKNOWN_IOUS.map(|iou_min| ClassRule {
+                iou_min,
+                ..rule.clone()
+            })
+        };
+        let unknown_rules: Vec<ClassRule> = unknown.flat_map(at_each_overlap).collect();
+        let matched = |frame: &LabelledFrame, rules: &[ClassRule]| {
+            let rules = rules.iter();
+            rules
+                .map(|rule| match_frame(frame, rule, Metric::Space, Difficulty::Moderate))
+                .collect()
+        };
+        let judged = frames.par_iter().map(|frame| FrameParts {
+            known: matched(frame, &known_rules),
+            unknown: matched(frame, &unknown_rules),
+            unknown_as_known: unknown_as_known(std::slice::from_ref(frame), &unknown_rules),
+        });
+        JudgedFrames {
+            frames: judged.collect(),
+            known_rules,
+        }
+    }
+
+    /// Number of frames.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// Figures of all frames.
+    pub fn all(&self) -> OpenSetFigures {
+        let indices: Vec<usize> = (0..self.len()).collect();
+        self.figures(&indices)
+    }
+
+    /// The lowest score of an unknown detection at or above which there is at most one false alarm a frame, at the first overlap: a
+    /// fair place to cut for pictures, since every method is granted the same number of false alarms. `None` without such.
+    pub fn unknown_score_min(&self) -> Option<f64> {
+        let parts = self.frames.iter().filter_map(|frame| frame.unknown.first());
+        Curve::of(parts).score_at_false_alarms(self.len() as i64)
+    }
+
+    /// Figures of the frames of these indices (each below [`JudgedFrames::len`], others are passed over); one named twice
+    /// counts twice.
+    pub fn figures(&self, indices: &[usize]) -> OpenSetFigures {
+        let frames: Vec<&FrameParts> = indices.iter().filter_map(|i| self.frames.get(*i)).collect();
+        let rules = self.known_rules.iter().enumerate();
+        let classes: Vec<ClassPrecision> = rules
+            .map(|(at, rule)| {
+                let curve = Curve::of(frames.iter().map(|frame| &frame.known[at]));
+                ClassPrecision {
+                    class: rule.name.clone(),
+                    iou_min: rule.iou_min,
+                    labels: curve.truth_count,
+                    ap: curve.average_precision(),
+                }
+            })
+            .collect();
+        let labelled = classes.iter().filter(|class| class.labels > 0);
+        let labelled: Vec<AveragePrecision> = labelled.map(|class| class.ap).collect();
+        let mut figures = OpenSetFigures {
+            known: AveragePrecision::mean(&labelled),
+            classes,
+            unknown_as_known: frames.iter().map(|frame| frame.unknown_as_known).sum(),
+            ..OpenSetFigures::default()
+        };
+        if frames.iter().all(|frame| frame.unknown.is_empty()) {
+            return figures;
+        }
+        for (at, ap) in figures.unknown.iter_mut().enumerate() {
+            let curve = Curve::of(frames.iter().map(|frame| &frame.unknown[at]));
+            *ap = curve.average_precision();
+            if at == 0 {
+                figures.recall_unknown = curve.recall_percent();
+                figures.unknown_labels = curve.truth_count;
+            }
+        }
+        figures
+    }
+}
+
+/// Unknown labels that count at moderate and that a detection of kind known overlaps by more than the unknown rule
+/// asks. Labels go in file order and take the highest score; a detection serves one label. 0 without an unknown rule.
+pub fn unknown_as_known(frames: &[LabelledFrame], rules: &[ClassRule]) -> usize {
+    let Some(rule) = rules.iter().find(|rule| rule.kind == ObjectKind::Unknown) else {
+        return 0;
+    };
+    let is_known = |d: &&CameraDetection| d.kind == ObjectKind::Known && !rule.claims(d);
+    let mut count = 0;
+    for frame in frames {
+        let mut known: Vec<&CameraDetection> = frame.detections.iter().filter(is_known).collect();
+        known.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let labels = frame.labels.iter();
+        for label in labels.filter(|label| rule.counts_at(label, Difficulty::Moderate)) {
+            let upright = label.camera_box.upright();
+            let overlaps = |d: &&CameraDetection| iou_3d(&d.upright, &upright) > rule.iou_min;
+            if let Some(index) = known.iter().position(overlaps) {
+                known.remove(index);
+                count += 1;
+            }
+        }
+    }
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::UnknownProtocol;
+    use crate::testing::{camera_detection, label};
+
+    #[test]
+    fn a_known_detection_counts_once_and_an_unknown_one_does_not() {
+        let labels = [("Van", 10.0), ("Van", 10.5), ("Van", 30.0), ("Car", 50.0)];
+        let found = |(x_m, kind)| camera_detection(kind, "car", x_m, 0.5);
+        let frame = LabelledFrame {
+            labels: labels.map(|(class, x_m)| label(class, x_m)).into(),
+            detections: [
+                (10.2, ObjectKind::Known),
+                (30.0, ObjectKind::Unknown),
+                (50.0, ObjectKind::Known),
+            ]
+            .map(found)
+            .into(),
+        };
+        let rule = ClassRule::unknown(&["van".to_owned()], 0.1, UnknownProtocol::Literal);
+        assert_eq!(unknown_as_known(std::slice::from_ref(&frame), &[rule]), 1);
+        assert_eq!(unknown_as_known(&[frame], &[]), 0);
+    }
+}

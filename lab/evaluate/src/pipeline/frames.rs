@@ -1,0 +1,150 @@
+//! The labelled frames that a model is judged on.
+
+use crate::input::image_size_beside;
+use crate::{CameraView, EvaluateError, FrameTruth};
+use mluc_dataset::{Dataset, DatasetError};
+use mluc_head::Detection;
+use mluc_ipc_types::{POINTS_MAX, Point};
+use std::path::Path;
+
+/// Frames of a data set, all of them labelled.
+#[derive(Clone, Debug)]
+pub struct FrameSet {
+    dataset: Dataset,
+    names: Vec<String>,
+    split: String,
+}
+
+/// What was labelled and what the network kept.
+#[derive(Clone, Debug)]
+pub struct DetectedFrame {
+    /// Labels and view.
+    pub truth: FrameTruth,
+    /// Kept boxes, the best objectness first.
+    pub detections: Vec<Detection>,
+    /// How many of them are of anchors without a class: the last ones.
+    pub generic: usize,
+}
+
+impl DetectedFrame {
+    /// The same without the boxes of anchors that have no class.
+    pub fn with_class(&self) -> DetectedFrame {
+        let mut frame = self.clone();
+        frame
+            .detections
+            .truncate(self.detections.len() - self.generic);
+        frame.generic = 0;
+        frame
+    }
+}
+
+impl FrameSet {
+    /// The first `frames_max` frames of `root`: of the split that `root/ImageSets/SPLIT.txt` names, or of all scans.
+    /// A frame without a label file is an error, before anything is computed.
+    pub fn open(
+        root: &Path,
+        split: Option<&str>,
+        frames_max: usize,
+    ) -> Result<FrameSet, EvaluateError> {
+        let dataset = match split {
+            Some(split) => Dataset::open_split(root, split)?,
+            None => Dataset::open(root)?,
+        };
+        let names: Vec<String> = dataset.names().iter().take(frames_max).cloned().collect();
+        for name in &names {
+            let path = dataset.label_path(name);
+            if !path.is_file() {
+                let what = format!("frame {name}: expected labels, found no such file");
+                return Err(EvaluateError::file(&path, what));
+            }
+        }
+        Ok(FrameSet {
+            split: split.unwrap_or("all").to_owned(),
+            dataset,
+            names,
+        })
+    }
+
+    /// Number of frames.
+    pub fn len(&self) -> usize {
+        self.names.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.names.is_empty()
+    }
+
+    /// Names of the frames, in order.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// For a person: folder, split and number of frames.
+    pub fn describe(&self) -> String {
+        let folder = self.dataset.root();
+        let folder = folder.canonicalize().unwrap_or(folder.to_owned());
+        // The folder above tells data sets apart whose splits are folders of the same names.
+        let parts: Vec<_> = folder
+            .iter()
+            .map(|part| part.to_string_lossy())
+            .filter(|part| *part != "/")
+            .collect();
+        let tail = parts[parts.len().saturating_sub(2)..].join("/");
+        format!("{tail}, split {}, {} frames", self.split, self.len())
+    }
+
+    /// The frame's scan as the first stage hands it on.
+    pub fn points(&self, index: usize) -> Result<Vec<Point>, EvaluateError> {
+        Ok(scan_points(&self.dataset, &self.names[index])?)
+    }
+
+    /// The frame's labels and how it is seen.
+    pub fn truth(&self, index: usize) -> Result<FrameTruth, EvaluateError> {
+        let name = &self.names[index];
+        let labels = self.dataset.root().join("label_2");
+        Ok(FrameTruth {
+            labels: self.dataset.labels(name)?.into(),
+            view: CameraView {
+                calibration: self.dataset.calibration(name)?,
+                image: image_size_beside(&labels, name)?,
+            },
+        })
+    }
+}
+
+/// A scan as the first stage hands it on: finite points, at most the contract's number of them, in file order.
+pub fn scan_points(dataset: &Dataset, name: &str) -> Result<Vec<Point>, DatasetError> {
+    let scan = dataset.scan(name)?;
+    let points = scan.iter().map(|&[x_m, y_m, z_m, intensity]| Point {
+        x_m,
+        y_m,
+        z_m,
+        intensity,
+    });
+    Ok(points.filter(Point::is_finite).take(POINTS_MAX).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_those_that_the_first_stage_decodes() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let point = |i: usize| match i % 7 {
+            3 => [1.0, f32::NAN, 0.0, 0.0],
+            _ => [i as f32, -1.0, 0.5, 0.25],
+        };
+        let bytes: Vec<u8> = (0..POINTS_MAX * 3 / 2)
+            .flat_map(point)
+            .flat_map(f32::to_le_bytes)
+            .collect();
+        std::fs::write(folder.path().join("0.bin"), &bytes).expect("written");
+        let dataset = Dataset::open(folder.path()).expect("a scan");
+        let mut expected = vec![Point::default(); POINTS_MAX];
+        let report = mluc_ingest::decode_bin(&bytes, &mut expected);
+        assert!(report.dropped_not_finite > 0 && report.dropped_over_limit > 0);
+        assert_eq!(scan_points(&dataset, "0").expect("points"), expected);
+    }
+}

@@ -1,0 +1,133 @@
+//! How well each score of a kept box tells unknown objects from known ones, and from background, whatever the threshold.
+
+use super::mahalanobis::{Embedded, mahalanobis};
+use super::misses::labels_that_count;
+use super::{DetectedFrame, FoundObject};
+use crate::{CameraDetection, ClassRule, ObjectKind, auroc, fpr95};
+use mluc_geometry::{Box3, iou_3d};
+use mluc_head::Detection;
+use serde::{Deserialize, Serialize};
+
+/// A score of a kept box, turned so that higher means more unknown.
+type Score = (&'static str, fn(&Detection) -> f32);
+
+/// Every score of the gate's input: EDS and its projected form (low between the prototypes), the distance to the nearest
+/// prototype (high away from all), and the usual ones (low where the network is unsure).
+const SCORES: [Score; 6] = [
+    ("e", |d| -d.eds_normalised),
+    ("e_perp", |d| -d.eds_perpendicular),
+    ("delta", |d| d.delta),
+    ("msp", |d| -d.softmax_max),
+    ("max_logit", |d| -d.logit_max),
+    ("energy", |d| -d.energy),
+];
+
+/// Figures of one score over the boxes that lie on a label, and over those that touch none.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ScoreSeparation {
+    /// `e` (normalised EDS), `e_perp`, `delta`, `msp` (largest probability), `max_logit`, `energy`, `mahalanobis`.
+    pub score: String,
+    /// Chance that an unknown object's box looks more unknown than a known one's, 0..1; none without both kinds.
+    pub auroc: Option<f64>,
+    /// Part of the known called unknown where 95 % of the unknown are, 0..1.
+    pub fpr95: Option<f64>,
+    /// Chance that an unknown object's box looks more unknown than one that touches no label, 0..1. Where a score also ranks the
+    /// unknown, as the paper's does, AP needs this one to be high.
+    pub auroc_background: Option<f64>,
+    /// Boxes on known labels.
+    pub known: usize,
+    /// Boxes on unknown labels.
+    pub unknown: usize,
+    /// Boxes that touch no label.
+    pub background: usize,
+}
+
+/// The figures of every score. A label that counts at moderate takes the box of the highest objectness that overlaps it
+/// by more than its rule asks, whatever the box's class; a box serves one label.
+pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSeparation> {
+    let of_frame = |(number, frame)| judged_boxes(number, frame, rules);
+    let boxes: Vec<JudgedBox> = frames.iter().enumerate().flat_map(of_frame).collect();
+    let figures = |score: &str, values: Vec<f64>| {
+        let side = |kind: Option<ObjectKind>| -> Vec<f64> {
+            let pairs = boxes.iter().zip(&values);
+            let of_kind = pairs.filter(|(b, _)| b.rule.map(|rule| rule.kind) == kind);
+            of_kind.map(|(_, v)| *v).collect()
+        };
+        let [k, u, b] = [Some(ObjectKind::Known), Some(ObjectKind::Unknown), None].map(side);
+        ScoreSeparation {
+            score: score.to_owned(),
+            auroc: auroc(&k, &u),
+            fpr95: fpr95(&k, &u),
+            auroc_background: auroc(&b, &u),
+            known: k.len(),
+            unknown: u.len(),
+            background: b.len(),
+        }
+    };
+    let plain = SCORES.iter().map(|&(score, of)| {
+        let values = boxes.iter().map(|b| f64::from(of(b.detection)));
+        figures(score, values.collect())
+    });
+    let mut all: Vec<ScoreSeparation> = plain.collect();
+    let embedded: Vec<Embedded> = boxes.iter().map(JudgedBox::embedded).collect();
+    all.push(figures("mahalanobis", mahalanobis(&embedded)));
+    all
+}
+
+/// A box on a label that counts, or on nothing.
+struct JudgedBox<'a> {
+    frame: usize,
+    detection: &'a Detection,
+    /// Of its label; none: it touches no label at all.
+    rule: Option<&'a ClassRule>,
+}
+
+impl JudgedBox<'_> {
+    fn embedded(&self) -> Embedded<'_> {
+        let known = self.rule.filter(|rule| rule.kind == ObjectKind::Known);
+        Embedded {
+            half: self.frame % 2,
+            known_class: known.map(|rule| rule.name.as_str()),
+            embedding: self.detection.embedding.map(f64::from).into(),
+        }
+    }
+}
+
+fn judged_boxes<'a>(
+    number: usize,
+    frame: &'a DetectedFrame,
+    rules: &'a [ClassRule],
+) -> Vec<JudgedBox<'a>> {
+    let in_camera = |d: &Detection| {
+        // The box alone, for its place in the camera frame.
+        let object = FoundObject::of_box(d, ObjectKind::Known, 0.0);
+        frame.truth.view.detection(&object.to_detection(&[]))
+    };
+    let boxes: Vec<Option<CameraDetection>> = frame.detections.iter().map(in_camera).collect();
+    let mut taken = vec![false; boxes.len()];
+    let mut found = Vec::new();
+    let judged = |detection, rule| JudgedBox {
+        frame: number,
+        detection,
+        rule,
+    };
+    for (label, rule) in labels_that_count(&frame.truth.labels, rules) {
+        let hit = (0..boxes.len()).find(|&i| {
+            let overlap = boxes[i].as_ref().map(|b| iou_3d(&b.upright, &label));
+            !taken[i] && overlap.is_some_and(|overlap| overlap > rule.iou_min)
+        });
+        if let Some(i) = hit {
+            taken[i] = true;
+            found.push(judged(&frame.detections[i], Some(rule)));
+        }
+    }
+    let labels = frame.truth.labels.iter();
+    let labels: Vec<Box3> = labels.map(|label| label.camera_box.upright()).collect();
+    let touches = |b: &CameraDetection| labels.iter().any(|l| iou_3d(&b.upright, l) != 0.0);
+    for (in_camera, detection) in boxes.iter().zip(&frame.detections) {
+        if in_camera.as_ref().is_some_and(|b| !touches(b)) {
+            found.push(judged(detection, None));
+        }
+    }
+    found
+}

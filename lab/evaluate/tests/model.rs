@@ -1,0 +1,306 @@
+//! A model judged on simulated scans: the path from points to figures, the closed set, the choice of the threshold.
+
+use mluc_dataset::{Dataset, DatasetError};
+use mluc_evaluate::pipeline::{
+    DetectedFrame, FrameSet, GateSweep, ModelGate, ModelJudgement, Pipeline, choose_threshold,
+    detect_frames, judge, scan_points, sweep_gate, unknown_classes, write_threshold,
+};
+use mluc_evaluate::{EvaluateError, NeighbourPolicy, ObjectKind};
+use mluc_geometry::Box3;
+use mluc_head::Detection;
+use mluc_model::{Grid, Manifest, Model, Network, formula_weights, model_bytes};
+use mluc_refiner::Settings;
+use mluc_simulate::{ExportOptions, Family, Split, export};
+use std::path::{Path, PathBuf};
+
+/// Validation scenes, which show unknown objects too.
+fn scans(folder: &Path, frames: u32) -> PathBuf {
+    let root = folder.join("val");
+    let folder = root.clone();
+    let options = ExportOptions::new(Family::SimUdi, Split::Val, frames, 3, folder);
+    export(&options, || ()).expect("simulated scans");
+    root
+}
+
+/// Weights by formula on a small map: nothing is learned, but every stage has work.
+fn model_file(folder: &Path) -> PathBuf {
+    let grid = Grid {
+        range_min_m: [-12.8, -12.8, -5.0],
+        range_max_m: [12.8, 12.8, 3.0],
+        ..Grid::udi()
+    };
+    let network = Network::compact(grid, 4);
+    let mut manifest = Manifest::untrained("udi", network);
+    manifest.thresholds.candidates_max = 300;
+    let bytes = model_bytes(&manifest, &formula_weights(&manifest.network)).expect("a model");
+    let path = folder.join("model.safetensors");
+    std::fs::write(&path, bytes).expect("written");
+    path
+}
+
+/// Boxes on the labels as a trained network would keep them: knowns near their prototypes, unknowns (called cars)
+/// between them, with one known of each frame as unsure as the unknowns.
+fn synthetic_unknown(set: &FrameSet, dataset: &Dataset, classes: &[String]) -> Vec<DetectedFrame> {
+    let frame = |index: usize| {
+        let name = &set.names()[index];
+        let labels = dataset.boxes_in_sensor(name).expect("labels");
+        let kept = labels.iter().enumerate().map(|(i, (label, shape))| {
+            let class = classes.iter().position(|c| label.is(c));
+            let noise = ((index * 31 + i) * 7919 % 100) as f32 / 1000.0;
+            let e = match class {
+                Some(_) if i % 9 == 0 => 1.3 + noise,
+                Some(_) => 1.8 + noise,
+                None => 1.1 + noise,
+            };
+            detection(shape, class.unwrap_or(0), 0.9 - noise, e)
+        });
+        DetectedFrame {
+            truth: set.truth(index).expect("labels"),
+            detections: kept.collect(),
+            generic: 0,
+        }
+    };
+    (0..set.len()).map(frame).collect()
+}
+
+fn detection(shape: &Box3, class: usize, score: f32, e: f32) -> Detection {
+    Detection {
+        center_m: shape.center_m.map(|v| v as f32),
+        size_m: shape.size_m.map(|v| v as f32),
+        yaw_rad: shape.yaw_rad as f32,
+        class_id: class as u32,
+        objectness: score,
+        score,
+        eds: 48.0 * e,
+        eds_normalised: e,
+        eds_perpendicular: e,
+        ..Detection::default()
+    }
+}
+
+fn class_names(model: &Model) -> Vec<String> {
+    let classes = model.manifest.classes.iter();
+    classes.map(|class| class.name.clone()).collect()
+}
+
+#[test]
+fn boxes_that_touch_no_label_are_the_background() {
+    let mut fixture = Fixture::new(12);
+    let of_e = |fixture: &Fixture| fixture.judge(&fixture.model).separation[0].clone();
+    let before = of_e(&fixture);
+    assert_eq!((before.background, before.auroc_background), (0, None));
+    // One between the prototypes and three far beyond them, high above the ground.
+    for frame in &mut fixture.frames {
+        let above = Box3::new([20.0, 0.0, 40.0, 2.0, 1.0, 1.5, 0.0]);
+        let boxes = [1.0, 3.0, 3.0, 3.0].map(|e| detection(&above, 0, 0.2, e));
+        frame.detections.extend(boxes);
+    }
+    let e = of_e(&fixture);
+    assert_eq!((e.background, e.auroc_background), (48, Some(0.75)));
+    assert_eq!(
+        (e.auroc, e.known, e.unknown),
+        (before.auroc, before.known, before.unknown)
+    );
+}
+
+#[test]
+fn without_the_gate_the_objects_are_the_detections() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = scans(folder.path(), 2);
+    let model = Model::read(&model_file(folder.path())).expect("a model");
+    let dataset = Dataset::open(&root).expect("scans");
+    let mut pipeline = Pipeline::new(&model, &Settings::default()).expect("a pipeline");
+    let classes = class_names(&model);
+    for name in dataset.names() {
+        let points = scan_points(&dataset, name).expect("points");
+        let detections = pipeline.detect(&points).expect("detections");
+        assert!(detections.len() > 10, "{} boxes", detections.len());
+        let objects = pipeline.objects(0, &points, &detections, 0.0);
+        assert_eq!(objects.len(), detections.len());
+        for (object, detection) in objects.iter().zip(&detections) {
+            assert_eq!(object.kind, ObjectKind::Known);
+            assert_eq!(object.class, classes[detection.class_id as usize]);
+            assert_eq!(object.score, f64::from(detection.score));
+            let shape = object.box_in_sensor;
+            assert_eq!(shape.center_m, detection.center_m.map(f64::from));
+            assert_eq!(shape.size_m, detection.size_m.map(f64::from));
+            assert_eq!(shape.yaw_rad, f64::from(detection.yaw_rad));
+        }
+        // Where all is below the threshold nothing stays known.
+        let objects = pipeline.objects(0, &points, &detections, f32::MAX);
+        assert!(
+            objects
+                .iter()
+                .all(|object| object.kind == ObjectKind::Unknown)
+        );
+    }
+}
+
+#[test]
+fn detections_and_figures_do_not_depend_on_threads() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = scans(folder.path(), 2);
+    let model = Model::read(&model_file(folder.path())).expect("a model");
+    let set = FrameSet::open(&root, Some("val"), usize::MAX).expect("frames");
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.expect("threads").install(|| {
+            let frames = detect_frames(&model, &set, || ()).expect("detections");
+            let unknown = unknown_classes("udi");
+            let (settings, policy) = (Settings::default(), NeighbourPolicy::Official);
+            let judged = judge(&model, &set, &frames, &unknown, policy, &settings).expect("judged");
+            let rules = &judged.rules;
+            let swept = sweep_gate(&model, &set, &frames, rules, &settings, &|| ()).expect("swept");
+            let detections: Vec<Detection> =
+                frames.iter().flat_map(|f| f.detections.clone()).collect();
+            (detections, swept.points)
+        })
+    };
+    assert_eq!(run(1), run(3));
+}
+
+/// Scans, an untrained model and boxes as a trained network would keep them.
+struct Fixture {
+    folder: tempfile::TempDir,
+    path: PathBuf,
+    model: Model,
+    set: FrameSet,
+    frames: Vec<DetectedFrame>,
+}
+
+impl Fixture {
+    fn new(scan_count: u32) -> Fixture {
+        let folder = tempfile::tempdir().expect("a folder");
+        let root = scans(folder.path(), scan_count);
+        let path = model_file(folder.path());
+        let model = Model::read(&path).expect("a model");
+        let set = FrameSet::open(&root, Some("val"), usize::MAX).expect("frames");
+        let dataset = Dataset::open(&root).expect("scans");
+        let frames = synthetic_unknown(&set, &dataset, &class_names(&model));
+        Fixture {
+            folder,
+            path,
+            model,
+            set,
+            frames,
+        }
+    }
+
+    fn judge(&self, model: &Model) -> ModelJudgement {
+        let (unknown, policy) = (unknown_classes("udi"), NeighbourPolicy::Official);
+        let settings = Settings::default();
+        judge(model, &self.set, &self.frames, &unknown, policy, &settings).expect("judged")
+    }
+
+    fn sweep(&self, judged: &ModelJudgement) -> GateSweep {
+        let (settings, rules) = (Settings::default(), &judged.rules);
+        let swept = sweep_gate(
+            &self.model,
+            &self.set,
+            &self.frames,
+            rules,
+            &settings,
+            &|| (),
+        );
+        swept.expect("figures")
+    }
+}
+
+#[test]
+fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
+    let fixture = Fixture::new(12);
+    let judged = fixture.judge(&fixture.model);
+    let swept = fixture.sweep(&judged);
+
+    let closed = judged.closed.map_known().r40;
+    assert!(closed > 30.0, "{closed:?}");
+    let first = swept.points[0];
+    assert_eq!(first.threshold, 0.0);
+    assert_eq!(first.map_known.to_bits(), closed.to_bits());
+    assert_eq!((first.recall_unknown, first.ap_unknown), (0.0, 0.0));
+    assert!(swept.points.len() > 30);
+
+    // Every unknown lies below 1.2, the sure knowns above 1.8.
+    assert!(judged.unknown_labels > 0);
+    assert_eq!(judged.unknown_as_known, judged.unknown_labels);
+    let e = &judged.separation[0];
+    assert!(
+        e.auroc > Some(0.99) && e.known > 40 && e.unknown > 0,
+        "{e:?}"
+    );
+    let best = swept.best.expect("a threshold");
+    assert!((1.1..=1.81).contains(&best.threshold), "{best:?}");
+    assert!(best.recall_unknown > 30.0, "{best:?}");
+    assert!(best.map_known >= 0.9 * closed);
+
+    let (model, path) = (&fixture.model, &fixture.path);
+    let (gate, data) = (ModelGate::of(model), fixture.set.describe());
+    let choice = choose_threshold(gate, &swept, &judged, &data, "paper-corrected");
+    let choice = choice.expect("a choice");
+    write_threshold(path, model, &choice).expect("written");
+    let written = Model::read(path).expect("a model");
+    assert_eq!(written.weights, model.weights);
+    let threshold = written.manifest.thresholds.eds_normalised_max;
+    assert_eq!(f64::from(threshold), best.threshold);
+    let provenance = &written.manifest.provenance;
+    let reason = &provenance.threshold_choice;
+    assert!(reason.contains("val, split val, 12 frames"), "{reason}");
+    assert_eq!(provenance.metrics["ap_unknown"], best.ap_unknown);
+    assert_eq!(provenance.metrics["map_known_closed"], closed);
+    let files = std::fs::read_dir(fixture.folder.path()).expect("a folder");
+    assert_eq!(files.count(), 2);
+
+    // At its new threshold the model's own figures are the sweep's.
+    let again = fixture.judge(&written);
+    let gated = again.gated.summary().expect("an unknown group");
+    assert_eq!(gated.known.r40.to_bits(), best.map_known.to_bits());
+    assert_eq!(gated.unknown.r40.to_bits(), best.ap_unknown.to_bits());
+
+    // The file is no longer the one that was judged.
+    let fault = write_threshold(path, model, &choice).expect_err("changed");
+    let expected = "expected the file that was judged";
+    assert!(fault.to_string().contains(expected), "{fault}");
+}
+
+#[test]
+fn every_label_has_one_disposition() {
+    let mut fixture = Fixture::new(4);
+    let frames = &mut fixture.frames;
+    // One frame where nothing is found, and one where all is found 0.4 m further on.
+    frames[0].detections.clear();
+    let moved = |d: &mut Detection| d.center_m[1] += 0.4;
+    frames[1].detections.iter_mut().for_each(moved);
+    let judged = fixture.judge(&fixture.model);
+    let (mut found, mut displaced, mut missed) = (0, 0, 0);
+    for (table, class) in judged.misses.iter().zip(&judged.closed.classes) {
+        let labels: usize = table.by_range.iter().map(|row| row.labels).sum();
+        let entry = class.main();
+        assert_eq!(labels, entry.truth_count, "{}", table.class);
+        for row in &table.by_range {
+            let dispositions = row.found + row.weak + row.displaced + row.other_class + row.missed;
+            assert_eq!(dispositions, row.labels, "{}", table.class);
+            (found, displaced, missed) = (
+                found + row.found,
+                displaced + row.displaced,
+                missed + row.missed,
+            );
+        }
+        let a = &table.alarms;
+        let dispositions = a.right + a.displaced + a.other_class + a.background;
+        assert_eq!(dispositions, a.detections);
+    }
+    assert!(
+        found > 5 && displaced > 0 && missed > 0,
+        "{found} {displaced} {missed}"
+    );
+}
+
+#[test]
+fn a_folder_without_scans_is_an_error() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let fault = FrameSet::open(folder.path(), None, 1).expect_err("no scans");
+    assert!(matches!(
+        fault,
+        EvaluateError::Dataset(DatasetError::Empty { .. })
+    ));
+}

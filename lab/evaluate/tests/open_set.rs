@@ -1,0 +1,289 @@
+//! The open-set figures: of the whole and of parts of a data set, at many thresholds of the gate, and the choice of one.
+
+use mluc_dataset::Label;
+use mluc_evaluate::{
+    CameraView, ClassRule, FrameTruth, JudgedFrames, LabelledFrame, NeighbourPolicy, ObjectKind,
+    SensorDetection, SweepPoint, UnknownProtocol, best_index, best_point, bootstrap, evaluate,
+    halves, honest, judged_sweep, quantile_grid, sweep, unknown_as_known,
+};
+use mluc_geometry::{Box3, Calibration, ImageSize};
+
+fn shape(x_m: f64, y_m: f64) -> Box3 {
+    Box3::new([x_m, y_m, 0.0, 4.0, 2.0, 1.5, 0.0])
+}
+
+fn truth(labels: &[(&str, Box3)]) -> FrameTruth {
+    let calibration = Calibration::without_camera();
+    let label = |(class, shape): &(&str, Box3)| Label {
+        class: (*class).to_owned(),
+        truncated: 0.0,
+        occluded: 0,
+        alpha_rad: 0.0,
+        image_box_px: [0.0, 0.0, 100.0, 100.0],
+        camera_box: calibration.label_from_box_in_sensor(shape),
+        score: None,
+    };
+    FrameTruth {
+        labels: labels.iter().map(label).collect(),
+        view: CameraView {
+            calibration,
+            image: ImageSize::KITTI,
+        },
+    }
+}
+
+/// A box of the network: unknown where its gate's score lies below the threshold.
+struct Kept {
+    gate: f64,
+    score: f64,
+    shape: Box3,
+}
+
+impl Kept {
+    fn at(&self, threshold: f64) -> SensorDetection {
+        SensorDetection {
+            kind: if self.gate < threshold {
+                ObjectKind::Unknown
+            } else {
+                ObjectKind::Known
+            },
+            class: "car".to_owned(),
+            score: self.score,
+            box_in_sensor: self.shape,
+        }
+    }
+}
+
+struct Scene {
+    truths: Vec<FrameTruth>,
+    kept: Vec<Vec<Kept>>,
+    rules: Vec<ClassRule>,
+}
+
+impl Scene {
+    fn detections(&self, frame: usize, threshold: f64) -> Vec<SensorDetection> {
+        self.kept[frame].iter().map(|k| k.at(threshold)).collect()
+    }
+
+    fn frames(&self, threshold: f64) -> Vec<LabelledFrame> {
+        let truths = self.truths.iter().enumerate();
+        let with = |(i, truth): (usize, &FrameTruth)| truth.with(&self.detections(i, threshold));
+        truths.map(with).collect()
+    }
+
+    fn sweep(&self, thresholds: &[f64]) -> Vec<SweepPoint> {
+        let at = |frame: usize, at: usize| self.detections(frame, thresholds[at]);
+        sweep(&self.truths, &self.rules, thresholds, at)
+    }
+}
+
+fn rules(iou_min: f64, unknown: &str) -> Vec<ClassRule> {
+    vec![
+        ClassRule::known("car", iou_min, NeighbourPolicy::Official),
+        ClassRule::unknown(&[unknown.to_owned()], 0.1, UnknownProtocol::Literal),
+    ]
+}
+
+/// Frames of ten cars and two vans, all kept as cars; the gate's score of the cars is 1 to 2, that of the vans 0.5 to 1.5.
+fn cars_and_vans(frames: usize) -> Scene {
+    let place = |i: usize| shape(10.0 + 8.0 * (i % 5) as f64, 8.0 * (i / 5) as f64 - 16.0);
+    let class = |i: usize| if i < 10 { "Car" } else { "Van" };
+    let labels: Vec<_> = (0..12).map(|i| (class(i), place(i))).collect();
+    let kept = |f: usize| {
+        let one = |i: usize| {
+            let noise = ((f * 12 + i) * 7919 % 1000) as f64 / 1000.0;
+            Kept {
+                gate: if i < 10 { 1.0 + noise } else { 0.5 + noise },
+                score: 0.2 + 0.7 * noise,
+                shape: place(i),
+            }
+        };
+        (0..12).map(one).collect()
+    };
+    Scene {
+        truths: vec![truth(&labels); frames],
+        kept: (0..frames).map(kept).collect(),
+        rules: rules(0.7, "van"),
+    }
+}
+
+/// Sixty frames; two of three have a forklift. Every car is found, and every fifth looks like an unknown object; so do all forklifts.
+fn cars_and_forklifts() -> Scene {
+    let cars = [10.0, 12.0, 20.0].map(|x| shape(x, 0.0));
+    let frame = |i: usize| match i % 3 {
+        0 => truth(&[("Car", cars[0]), ("Forklift", shape(30.0, 0.0))]),
+        1 => truth(&[("Car", cars[1])]),
+        _ => truth(&[("Car", cars[2]), ("Forklift", shape(40.0, 0.0))]),
+    };
+    let kept = |i: usize| {
+        let score = 0.5 + (i * 37 % 60) as f64 / 200.0;
+        let mut all = vec![Kept {
+            gate: if i.is_multiple_of(5) { 1.2 } else { 1.9 },
+            score,
+            shape: cars[i % 3],
+        }];
+        if i % 3 != 1 {
+            // Half a metre off still overlaps by 0.5 of 4 m x 2 m.
+            all.push(Kept {
+                gate: 1.1 + score / 10.0,
+                score: score - 0.2,
+                shape: shape(if i.is_multiple_of(3) { 30.0 } else { 40.5 }, 0.0),
+            });
+        }
+        all
+    };
+    Scene {
+        truths: (0..60).map(frame).collect(),
+        kept: (0..60).map(kept).collect(),
+        rules: rules(0.5, "forklift"),
+    }
+}
+
+#[test]
+fn pooled_frames_give_the_figures_of_the_evaluator() {
+    let scene = cars_and_forklifts();
+    for threshold in [0.0, 1.15, 1.18, 5.0] {
+        let frames = scene.frames(threshold);
+        let summary = evaluate(&frames, &scene.rules).summary().expect("open set");
+        let figures = JudgedFrames::of(&frames, &scene.rules).all();
+        assert_eq!(figures.known, summary.known);
+        assert_eq!(figures.unknown[0], summary.unknown);
+        assert_eq!(figures.harmonic(), summary.harmonic());
+        assert_eq!(figures.recall_unknown, summary.recall_unknown);
+        let as_known = unknown_as_known(&frames, &scene.rules);
+        assert_eq!(figures.unknown_as_known, as_known);
+        assert_eq!(figures.unknown_labels, 40);
+        assert!(figures.unknown[2].all <= figures.unknown[0].all);
+    }
+}
+
+#[test]
+fn a_frame_named_twice_counts_twice() {
+    let scene = cars_and_forklifts();
+    let judged = JudgedFrames::of(&scene.frames(1.165), &scene.rules);
+    let twice: Vec<usize> = (0..60).chain(0..60).collect();
+    let figures = judged.figures(&twice);
+    assert_eq!(figures.unknown_labels, 80);
+    assert_eq!(figures.recall_unknown, judged.all().recall_unknown);
+    assert_eq!(figures.unknown[0].all, judged.all().unknown[0].all);
+}
+
+#[test]
+fn a_sweep_over_parts_begins_with_the_whole() {
+    let scene = cars_and_forklifts();
+    let thresholds = [0.0, 1.12, 1.15, 1.18, 1.3];
+    let [even, odd] = halves(60);
+    let parts = vec![(0..60).collect(), even, odd];
+    let points = judged_sweep(&scene.truths, &scene.rules, &thresholds, &parts, |i, at| {
+        scene.detections(i, thresholds[at])
+    });
+    let whole: Vec<SweepPoint> = points.iter().map(|point| point.of_part(0)).collect();
+    assert_eq!(whole, scene.sweep(&thresholds));
+    // 1.2 is where cars begin to fall: the best threshold lies below.
+    let best = best_index(&points, 0).expect("a point");
+    assert_eq!(thresholds[best], 1.18);
+    let honest = honest(&points, [1, 2]).expect("halves");
+    assert!(honest.thresholds.iter().all(|t| *t <= 1.18 && *t > 0.0));
+    // The honest figures cannot come from thresholds that see the judged half.
+    let of = |part: usize, threshold: f64| {
+        let mut points = points.iter();
+        let point = points.find(|p| p.threshold == threshold).expect("it");
+        point.parts[part].recall_unknown
+    };
+    let expected = (of(1, honest.thresholds[1]) + of(2, honest.thresholds[0])) / 2.0;
+    assert_eq!(honest.figures["recall_unknown"], expected);
+}
+
+#[test]
+fn the_bootstrap_keeps_the_figure_and_gives_its_spread() {
+    let scene = cars_and_forklifts();
+    let judged = JudgedFrames::of(&scene.frames(1.165), &scene.rules);
+    let spread = bootstrap(&judged, 200, 1);
+    for (name, value) in judged.all().named() {
+        assert_eq!(spread[name][0], value, "{name}");
+    }
+    // 40 labels of which a share p is found: the deviation of a share of about 40 draws.
+    let recall = judged.all().recall_unknown / 100.0;
+    let expected = 100.0 * (recall * (1.0 - recall) / 40.0).sqrt();
+    let found = spread["recall_unknown"][1];
+    let range = expected / 2.0..expected * 2.0;
+    assert!(range.contains(&found), "{found}, expected {expected}");
+    assert_eq!(bootstrap(&judged, 200, 1), spread);
+    assert_ne!(bootstrap(&judged, 200, 2), spread);
+    assert_eq!(bootstrap(&judged, 0, 1)["map_known"][1], 0.0);
+}
+
+#[test]
+fn a_closed_gate_is_the_closed_set() {
+    let scene = cars_and_vans(20);
+    let closed = scene.sweep(&[f64::NEG_INFINITY])[0];
+    let report = evaluate(&scene.frames(f64::NEG_INFINITY), &scene.rules);
+    let known = report.summary().expect("an unknown group").known;
+    assert_eq!(closed.map_known.to_bits(), known.r40.to_bits());
+    let unknown = (closed.ap_unknown, closed.recall_unknown, closed.map_harm());
+    assert_eq!(unknown, (0.0, 0.0, 0.0));
+    // Every car is found; a van called a car is neither right nor wrong.
+    assert_eq!(closed.map_known, 100.0);
+}
+
+#[test]
+fn opening_the_gate_gives_knowns_away_for_unknowns() {
+    let scene = cars_and_vans(40);
+    let all: Vec<f64> = scene.kept.iter().flatten().map(|k| k.gate).collect();
+    let mut thresholds = vec![f64::NEG_INFINITY];
+    thresholds.extend(quantile_grid(&all, 60));
+    let points = scene.sweep(&thresholds);
+    assert_eq!(points.len(), 61);
+    for pair in points.windows(2) {
+        assert!(pair[1].map_known <= pair[0].map_known);
+        assert!(pair[1].recall_unknown >= pair[0].recall_unknown);
+    }
+    let best = best_point(&points, points[0].map_known).expect("a point");
+    assert!(
+        best.map_known >= 90.0 && best.recall_unknown > 40.0,
+        "{best:?}"
+    );
+    assert!(best.map_harm() > 0.0);
+    assert!(points.iter().any(|p| p.map_known < 90.0));
+    assert_eq!(points, scene.sweep(&thresholds));
+}
+
+#[test]
+fn the_choice_keeps_nine_tenths_of_the_known() {
+    let point = |threshold, map_known, ap_unknown| SweepPoint {
+        threshold,
+        map_known,
+        recall_unknown: 0.0,
+        ap_unknown,
+    };
+    let points = [
+        point(1.0, 70.5, 0.0),
+        point(1.2, 63.8, 4.0),
+        point(1.3, 63.4, 5.0),
+        point(1.25, 63.8, 4.0),
+    ];
+    assert_eq!(best_point(&points, 70.5).map(|p| p.threshold), Some(1.2));
+    assert_eq!(best_point(&points[2..3], 70.5), None);
+}
+
+#[test]
+fn quantiles_cut_into_equal_parts() {
+    let values: Vec<f64> = (0..100).rev().map(f64::from).collect();
+    assert_eq!(quantile_grid(&values, 4), [12.0, 37.0, 62.0, 87.0]);
+    assert_eq!(quantile_grid(&[3.0, f64::NAN, 3.0], 60), [3.0]);
+    assert!(quantile_grid(&[], 60).is_empty());
+}
+
+/// As many frames and thresholds as a validation has must not take long.
+#[test]
+fn four_hundred_frames_at_sixty_thresholds() {
+    let scene = cars_and_vans(400);
+    let thresholds: Vec<f64> = (0..60).map(|i| 0.5 + f64::from(i) / 40.0).collect();
+    let start = std::time::Instant::now();
+    let points = scene.sweep(&thresholds);
+    let elapsed = start.elapsed();
+    println!("400 frames, 60 thresholds: {elapsed:?}");
+    assert_eq!(points.len(), 60);
+    // Half a second on two cores; the limit leaves room for a busy machine.
+    assert!(elapsed.as_secs() < 20, "{elapsed:?}");
+}

@@ -1,0 +1,146 @@
+//! `mluc-lab evaluate ap`: detections of any program against labels.
+
+use super::shared::{Neighbours, check_unknown, warn_unheard};
+use crate::commands::terminal::{print_err, print_out};
+use anyhow::Context;
+use clap::{Args, ValueEnum};
+use mluc_evaluate::input::{read, sources};
+use mluc_evaluate::{RuleRequest, UnknownProtocol, UnknownRequest, evaluate, rules, unjudged};
+use mluc_geometry::ImageSize;
+use std::path::PathBuf;
+
+/// Average precision as KITTI's object devkit computes it, and open-set figures.
+///
+/// Prints a table, or JSON with --json. Every labelled frame counts: one without detections counts with nothing found,
+/// and a warning on stderr says how many there are. Detections of frames without labels are left out, with a warning.
+///
+/// Known classes are car, pedestrian and cyclist, those named in --iou, and any labelled class that a detection of kind
+/// known names (not Van, Tram, Misc, Person_sitting); --classes names them exactly. Their overlaps are KITTI's (car
+/// 0.7, pedestrian and cyclist 0.5), 0.7 for trucks and vans, 0.5 for others, unless --iou says otherwise.
+///
+/// The open-set figures are of volumes (3d) at moderate; map_known is the mean over the known classes that have labels. Two rows say
+/// what unknown labels were found as, and on labels of which class the best unknown detections lie, as many as there are such labels.
+#[derive(Args)]
+pub(super) struct ApArguments {
+    /// Folder of label files (label_2). Repeat it to pool folders: --detections and --calib then in the same order.
+    #[arg(long, required = true, value_name = "DIR")]
+    labels: Vec<PathBuf>,
+    /// Folder of detection files in KITTI's format, or a file of JSON lines as `mluc up` prints them.
+    #[arg(long, required = true, value_name = "DIR|FILE.jsonl")]
+    detections: Vec<PathBuf>,
+    /// Folder of calibration files; JSON lines need it.
+    #[arg(long, value_name = "DIR")]
+    calib: Vec<PathBuf>,
+    /// Overlap a class: a match needs more than it.
+    #[arg(long, value_delimiter = ',', value_parser = class_overlap, value_name = "CLASS=IOU,..")]
+    iou: Vec<(String, f64)>,
+    /// The known classes, exactly.
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    classes: Vec<String>,
+    /// Label classes that are unknown; they are merged into one class, `unknown`.
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    unknown: Vec<String>,
+    /// Overlap of the unknown class.
+    #[arg(long, default_value_t = 0.1, value_name = "IOU")]
+    unknown_iou: f64,
+    /// What an unknown object may be found on besides labels of unknown classes: literal, nothing; fair, trams, Misc, sitting
+    /// persons, and regions without labels (DontCare), none of which is right or wrong.
+    #[arg(long, value_enum, default_value_t = Protocol::Literal)]
+    unknown_protocol: Protocol,
+    /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
+    #[arg(long, value_enum, default_value_t = Neighbours::Official)]
+    neighbours: Neighbours,
+    /// Size of the images [default: of image_2/ beside the labels where present, else 1242x375]. Where a calibration's
+    /// P2 is all 0 there is no image, and nothing is dropped for lying outside it.
+    #[arg(long, value_parser = image_size, value_name = "WxH")]
+    image_size: Option<ImageSize>,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Protocol {
+    Literal,
+    Fair,
+}
+
+fn class_overlap(text: &str) -> Result<(String, f64), String> {
+    let pair = text
+        .split_once('=')
+        .and_then(|(class, iou)| Some((class.trim(), iou.trim().parse().ok()?)));
+    match pair {
+        Some((class, iou)) if !class.is_empty() => Ok((class.to_owned(), iou)),
+        _ => Err(format!(
+            "expected CLASS=IOU such as car=0.5, found '{text}'"
+        )),
+    }
+}
+
+fn image_size(text: &str) -> Result<ImageSize, String> {
+    let pair = text
+        .split_once(['x', 'X'])
+        .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match pair {
+        Some((width_px, height_px)) if width_px > 0 && height_px > 0 => Ok(ImageSize {
+            width_px,
+            height_px,
+        }),
+        _ => Err(format!(
+            "expected WIDTHxHEIGHT in pixels such as 1242x375, found '{text}'"
+        )),
+    }
+}
+
+/// Runs it.
+pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
+    let sources = sources(&arguments.labels, &arguments.detections, &arguments.calib)?;
+    let input = read(&sources, arguments.image_size)?;
+    for warning in &input.warnings {
+        print_err(format_args!("warning: {warning}"));
+    }
+    let labels = || input.frames.iter().flat_map(|frame| frame.labels.iter());
+    check_unknown(labels(), &arguments.unknown)?;
+    let asks_unknown = !arguments.unknown.is_empty();
+    let unknown = asks_unknown.then_some(UnknownRequest {
+        classes: arguments.unknown,
+        iou_min: arguments.unknown_iou,
+        protocol: match arguments.unknown_protocol {
+            Protocol::Literal => UnknownProtocol::Literal,
+            Protocol::Fair => UnknownProtocol::Fair,
+        },
+    });
+    let request = RuleRequest {
+        classes: arguments.classes,
+        iou_min: arguments.iou,
+        unknown,
+        neighbours: arguments.neighbours.into(),
+    };
+    let rules = rules(&request, &input.frames)?;
+    if asks_unknown {
+        for class in unjudged(&input.frames, &rules) {
+            print_err(format_args!(
+                "warning: labels of class {class} count as background; if it is known, name it in --iou"
+            ));
+        }
+    } else {
+        warn_unheard(labels(), &rules);
+    }
+    let report = evaluate(&input.frames, &rules);
+    for class in report.without_labels() {
+        print_err(format_args!(
+            "warning: no label of class {class} counts at moderate: its AP is 0 and means nothing"
+        ));
+    }
+    if arguments.json {
+        let text = serde_json::to_string_pretty(&report.to_json());
+        return print_out(text.context("JSON of the report")?);
+    }
+    let objects = input.frames.iter().map(|frame| frame.detections.len());
+    print_out(format_args!(
+        "{} frames, {} detections\n\n{}",
+        input.frames.len(),
+        objects.sum::<usize>(),
+        report.to_table().trim_end()
+    ))
+}

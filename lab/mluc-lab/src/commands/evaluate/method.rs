@@ -1,0 +1,185 @@
+//! `mluc-lab evaluate method`: rows of the paper's tables on labelled scans.
+
+use super::shared::{Scans, warn_unheard};
+use crate::commands::terminal::{frames_bar, print_out};
+use anyhow::Context;
+use clap::Args;
+use mluc_evaluate::pipeline::{
+    DetectedFrame, FrameSet, detect_frames, paper_rules, separation, unknown_classes,
+};
+use mluc_evaluate::{
+    ClassRule, FrameTruth, JudgedPoint, NeighbourPolicy, ObjectKind, OpenSetFigures, best_index,
+    halves, honest, judged_sweep,
+};
+use mluc_model::Model;
+use mluc_reproduce::methods::{
+    FullSettings, METHODS, Method, MethodInput, MethodOutput, MethodRow, full_steps, run_method,
+};
+
+/// Judge methods on the boxes of one network: every threshold, the paper's choice among them, and the honest one (chosen on
+/// one half of the frames, judged on the other).
+///
+/// `false` are unknown objects a frame beyond those that found one. All figures are of volumes (3d) at moderate, 40 recall positions, unknown objects at an overlap of 0.1.
+#[derive(Args)]
+pub(super) struct MethodArguments {
+    /// closed-set, supervised, naive, osis, osis-geo, ml-only, uc-only, paper, paper-corrected, mluc-open, mluc-full
+    /// [default: all that stand on the model's kind of head but supervised, osis and mluc-open, whose networks differ by training alone].
+    /// How a network was trained is not checked.
+    #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
+    method: Vec<String>,
+    #[command(flatten)]
+    scans: Scans,
+    /// Of mluc-full: every step of its ablation.
+    #[arg(long)]
+    ablation: bool,
+    /// Print every threshold.
+    #[arg(long)]
+    curve: bool,
+}
+
+/// Runs it.
+pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
+    let scans = &arguments.scans;
+    scans.check()?;
+    let model = Model::read(&scans.model)?;
+    let methods = methods(&arguments.method, &model)?;
+    for method in &methods {
+        method.check(&model)?;
+    }
+    let set = FrameSet::open(&scans.data, None, scans.frames)?;
+    let bar = frames_bar("network", set.len());
+    let frames = detect_frames(&model, &set, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let rules = class_rules(&model)?;
+    warn_unheard(
+        frames.iter().flat_map(|frame| frame.truth.labels.iter()),
+        &rules,
+    );
+    print_out(format_args!(
+        "{}: {}",
+        scans.model.display(),
+        set.describe()
+    ))?;
+    for s in separation(&frames, &rules) {
+        let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{:.1}", 100.0 * v));
+        let [auroc, fpr, background] = [s.auroc, s.fpr95, s.auroc_background].map(percent);
+        print_out(format_args!(
+            "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5}, against background AUROC {background:>5} ({} known, {} unknown, {} background)",
+            s.score, s.known, s.unknown, s.background
+        ))?;
+    }
+    print_out(format_args!("{:28} {}", "method", HEADER))?;
+    for method in methods {
+        let rows = if method == Method::MlucFull && arguments.ablation {
+            full_steps(&model)
+        } else {
+            vec![(method.row().key.as_str(), FullSettings::default())]
+        };
+        for (name, full) in rows {
+            let bar = frames_bar(name, set.len());
+            let input = MethodInput {
+                full,
+                step: &|| bar.inc(1),
+                ..MethodInput::new(&model, &set, &frames)
+            };
+            let output = run_method(method, &input)?;
+            bar.finish_and_clear();
+            let points = judged(&frames, &rules, &output);
+            write_row(name, &points, &output, arguments.curve)?;
+        }
+    }
+    Ok(())
+}
+
+const HEADER: &str =
+    "closed  known  AP.1 AP.25  AP.5  harm  recall a-ose  false  thresh | honest: known AP harm";
+
+fn methods(names: &[String], model: &Model) -> anyhow::Result<Vec<Method>> {
+    let head = model.manifest.network.head;
+    if names.is_empty() {
+        // A head does not tell these networks from `sigmoid`, `softmax` and `metric`.
+        let by_training = [Method::Supervised, Method::Osis, Method::MlucOpen];
+        let fits =
+            |row: &&MethodRow| row.network().head() == head && !by_training.contains(&row.method);
+        return Ok(METHODS.iter().filter(fits).map(|row| row.method).collect());
+    }
+    let find = |name: &String| {
+        let found = MethodRow::find(name).map(|row| row.method);
+        found.with_context(|| {
+            let all: Vec<&str> = METHODS.iter().map(|row| row.key.as_str()).collect();
+            format!("--method: expected one of {}, found {name}", all.join(", "))
+        })
+    };
+    names.iter().map(find).collect()
+}
+
+/// The known classes at the paper's overlaps, and the unknown.
+fn class_rules(model: &Model) -> anyhow::Result<Vec<ClassRule>> {
+    let manifest = &model.manifest;
+    let unknown = unknown_classes(&manifest.name);
+    let known = manifest.classes.iter().map(|c| c.name.clone());
+    let known: Vec<String> = known.filter(|name| !unknown.contains(name)).collect();
+    let rules = paper_rules(&manifest.name, &known, &unknown, NeighbourPolicy::Official);
+    Ok(rules?)
+}
+
+fn judged(
+    frames: &[DetectedFrame],
+    rules: &[ClassRule],
+    output: &MethodOutput,
+) -> Vec<JudgedPoint> {
+    let truths: Vec<FrameTruth> = frames.iter().map(|frame| frame.truth.clone()).collect();
+    let [even, odd] = halves(truths.len());
+    let parts = vec![(0..truths.len()).collect(), even, odd];
+    judged_sweep(&truths, rules, &output.thresholds, &parts, |frame, at| {
+        output.detections(frame, at)
+    })
+}
+
+fn write_row(
+    name: &str,
+    points: &[JudgedPoint],
+    output: &MethodOutput,
+    curve: bool,
+) -> anyhow::Result<()> {
+    let closed = points.first().map_or(0.0, |p| p.parts[0].known.r40);
+    let best = best_index(points, 0).unwrap_or(0);
+    let line = |at: usize| {
+        let (point, f) = (&points[at], &points[at].parts[0]);
+        let [a, b, c] = f.unknown;
+        format!(
+            "{closed:6.2} {:6.2} {:5.2} {:5.2} {:5.2} {:5.2} {:7.2} {:5} {:6.2} {:7.4}",
+            f.known.r40,
+            a.r40,
+            b.r40,
+            c.r40,
+            f.harmonic().r40,
+            f.recall_unknown,
+            f.unknown_as_known,
+            false_unknown(output, at, f),
+            point.threshold
+        )
+    };
+    let honest = honest(points, [1, 2]).map_or(String::new(), |h| {
+        let of = |name: &str| h.figures.get(name).copied().unwrap_or(0.0);
+        format!(
+            " | {:.2} {:.2} {:.2}",
+            of("map_known"),
+            of("ap_unknown"),
+            of("map_harm")
+        )
+    });
+    print_out(format_args!("{name:28} {}{honest}", line(best)))?;
+    for at in (0..points.len()).filter(|_| curve) {
+        print_out(format_args!("  {:26} {}", "", line(at)))?;
+    }
+    Ok(())
+}
+
+/// Unknown objects a frame at the threshold of index `at`, but for one for each label that was found.
+fn false_unknown(output: &MethodOutput, at: usize, figures: &OpenSetFigures) -> f64 {
+    let objects = output.objects.iter().flat_map(|frame| &frame[at]);
+    let unknown = objects.filter(|o| o.kind == ObjectKind::Unknown).count() as f64;
+    let found = figures.recall_unknown / 100.0 * figures.unknown_labels as f64;
+    (unknown - found) / output.objects.len().max(1) as f64
+}

@@ -1,0 +1,114 @@
+//! `mluc-lab import`: weights of others as a model file.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use clap::Args;
+use mluc_dataset::whole_file::write_whole;
+use mluc_lab::exchange::{ImportRequest, import};
+use mluc_model::{AnchorClass, model_bytes};
+
+use super::terminal::{print_err, print_out};
+
+/// Turn a checkpoint of OpenPCDet's SECOND into a model file with its closed-set head.
+///
+/// The checkpoint is a safetensors file: tools/checkpoint_to_safetensors.py makes it of a PyTorch file. Weights of spconv
+/// 1 and 2 are read; what `mluc-lab export` wrote comes back as it was. The network must be SECOND on KITTI's range
+/// (second.yaml); its classes and anchors are not in the checkpoint: name the classes in the order of its configuration.
+#[derive(Args)]
+pub(crate) struct ImportArguments {
+    /// The checkpoint.
+    #[arg(long, value_name = "FILE.safetensors")]
+    checkpoint: PathBuf,
+    /// The model file to be written.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Name of the model; `kitti` is judged by KITTI's rules.
+    #[arg(long, default_value = "kitti")]
+    name: String,
+    /// Classes in the order of the checkpoint's configuration.
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "car,pedestrian,cyclist",
+        value_name = "CLASS,.."
+    )]
+    classes: Vec<String>,
+    /// Anchor of a class, m; bottom is its z in the sensor frame. Those of OpenPCDet's KITTI configurations are known.
+    #[arg(long, value_parser = anchor, value_name = "CLASS=LENGTH,WIDTH,HEIGHT,BOTTOM")]
+    anchor: Vec<AnchorClass>,
+    /// Height of the sensor above the ground, m.
+    #[arg(long, default_value_t = 1.73)]
+    sensor_height_m: f32,
+    /// Boxes below this score are not reported.
+    #[arg(long, default_value_t = 0.1)]
+    score_min: f32,
+}
+
+/// Overlaps of an anchor given on the command line: they count in training alone.
+const IOUS: [f32; 2] = [0.5, 0.35];
+
+fn anchor(text: &str) -> Result<AnchorClass, String> {
+    let expected = "CLASS=LENGTH,WIDTH,HEIGHT,BOTTOM with numbers in m";
+    let (name, values) = text.split_once('=').ok_or(expected)?;
+    let values: Result<Vec<f32>, _> = values.split(',').map(str::parse).collect();
+    match values.as_deref() {
+        Ok([length, width, height, bottom]) => Ok(AnchorClass {
+            name: name.into(),
+            size_m: [*length, *width, *height],
+            bottom_z_m: *bottom,
+            matched_iou: IOUS[0],
+            unmatched_iou: IOUS[1],
+        }),
+        _ => Err(expected.into()),
+    }
+}
+
+impl ImportArguments {
+    fn request(&self) -> anyhow::Result<ImportRequest> {
+        for given in &self.anchor {
+            if !self.classes.contains(&given.name) {
+                bail!("--anchor {}: --classes does not name it", given.name);
+            }
+        }
+        let class = |name: &String| {
+            let given = self.anchor.iter().find(|anchor| anchor.name == *name);
+            given
+                .cloned()
+                .map_or_else(|| ImportRequest::anchor(name), Ok)
+        };
+        Ok(ImportRequest {
+            name: self.name.clone(),
+            classes: self.classes.iter().map(class).collect::<Result<_, _>>()?,
+            sensor_height_m: self.sensor_height_m,
+            score_min: self.score_min,
+        })
+    }
+}
+
+/// Runs it.
+pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
+    let path = arguments.checkpoint.display();
+    let bytes = std::fs::read(&arguments.checkpoint).with_context(|| path.to_string())?;
+    let imported = import(&bytes, &arguments.request()?).with_context(|| path.to_string())?;
+    let model = model_bytes(&imported.manifest, &imported.weights)?;
+    let out = &arguments.out;
+    write_whole(out, &model).with_context(|| out.display().to_string())?;
+    let network = &imported.manifest.network;
+    print_err(format_args!(
+        "{} tensors, profile {}, {:?} head, classes {}, sparse weights {:?}, score of an empty scene at most {:.3}",
+        imported.weights.iter().count(),
+        network.profile,
+        network.head,
+        imported
+            .manifest
+            .classes
+            .iter()
+            .map(|class| class.name.as_str())
+            .collect::<Vec<_>>()
+            .join(", "),
+        imported.layout,
+        imported.manifest.empty_objectness_max,
+    ));
+    print_out(out.display())
+}

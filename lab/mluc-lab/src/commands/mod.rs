@@ -1,0 +1,46 @@
+//! One subcommand a file.
+
+mod audit;
+mod evaluate;
+mod export;
+mod import;
+mod quantize;
+mod render;
+mod reproduce;
+mod simulate;
+mod stats;
+pub(crate) mod terminal;
+mod train;
+
+use clap::Subcommand;
+
+/// What `mluc-lab` can do.
+#[derive(Subcommand)]
+pub(crate) enum Command {
+    Audit(audit::AuditArguments),
+    Evaluate(evaluate::EvaluateArguments),
+    Export(export::ExportArguments),
+    Import(import::ImportArguments),
+    Quantize(quantize::QuantizeArguments),
+    Render(render::RenderArguments),
+    Reproduce(reproduce::ReproduceArguments),
+    Simulate(simulate::SimulateArguments),
+    Stats(stats::StatsArguments),
+    Train(train::Train),
+}
+
+/// Runs one subcommand.
+pub(crate) fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Audit(arguments) => audit::run(arguments),
+        Command::Evaluate(arguments) => evaluate::run(arguments),
+        Command::Export(arguments) => export::run(arguments),
+        Command::Import(arguments) => import::run(arguments),
+        Command::Quantize(arguments) => quantize::run(arguments),
+        Command::Render(arguments) => render::run(arguments),
+        Command::Reproduce(arguments) => reproduce::run_command(arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Stats(arguments) => stats::run(arguments),
+        Command::Train(arguments) => train::run(arguments),
+    }
+}

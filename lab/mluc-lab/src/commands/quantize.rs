@@ -1,0 +1,143 @@
+//! `mluc-lab quantize`: makes a model fit for int8.
+
+use super::terminal::{frames_bar, print_out};
+use anyhow::{Context, ensure};
+use clap::Args;
+use mluc_dataset::Dataset;
+use mluc_dataset::whole_file::write_whole;
+use mluc_model::{Model, model_bytes};
+use mluc_train::quantize::{Calibrated, OutputErrors, calibrate, compare, evenly};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Measure on scans how large the values between a model's layers get, and store it in a model file, so that it runs with
+/// `--precision int8`.
+///
+/// The weights stay as they are, and f32 and bf16 results with them. Take scans like those the model will see: its
+/// training or validation data. Labels are not needed. Printed: the ranges of each level, and how far each output of the
+/// network moves from f32 on frames that were not measured.
+#[derive(Args)]
+pub(crate) struct QuantizeArguments {
+    /// Model file.
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Folder of scans in KITTI's format: DIR/velodyne/*.bin, or DIR/*.bin.
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Only the frames that ImageSets/SPLIT.txt names [default: all scans].
+    #[arg(long)]
+    split: Option<String>,
+    /// Frames to measure, evenly spaced.
+    #[arg(long, default_value_t = 48, value_name = "N")]
+    frames: usize,
+    /// Frames to compare the precisions on, between those.
+    #[arg(long, default_value_t = 8, value_name = "N")]
+    check_frames: usize,
+    /// Where the model goes with what was measured; may be the same file.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs it.
+pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
+    ensure!(
+        arguments.frames > 0,
+        "--frames: expected 1 or more, found 0"
+    );
+    let model = Model::read(&arguments.model)?;
+    let dataset = match &arguments.split {
+        Some(split) => Dataset::open_split(&arguments.data, split)?,
+        None => Dataset::open(&arguments.data)?,
+    };
+    let frames = evenly(dataset.names(), arguments.frames, 0.0);
+    let describe = format!(
+        "{} of {} frames of {}",
+        frames.len(),
+        dataset.len(),
+        folder(&arguments.data)
+    );
+    let bar = frames_bar("ranges", frames.len());
+    let calibrated = calibrate(&model, &dataset, &frames, &describe, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let (manifest, weights) = (&calibrated.manifest, &calibrated.weights);
+    let bytes = model_bytes(manifest, weights)?;
+    // Frames between the measured ones; of a small set they may be the same.
+    let others = evenly(dataset.names(), arguments.check_frames, 0.5);
+    let bar = frames_bar("errors", others.len());
+    let errors = if others.is_empty() {
+        vec![]
+    } else {
+        compare(manifest, weights, &dataset, &others, || bar.inc(1))?
+    };
+    bar.finish_and_clear();
+    write_whole(&arguments.out, &bytes)
+        .with_context(|| format!("{}: cannot be written", arguments.out.display()))?;
+    if arguments.json {
+        let text = serde_json::to_string_pretty(&as_json(&calibrated, &errors, &others));
+        return print_out(text.context("JSON of the figures")?);
+    }
+    print_out(as_table(&calibrated, &errors, others.len()).trim_end())
+}
+
+/// The last two parts: `sim-kitti/val`.
+fn folder(path: &Path) -> String {
+    let path = path.canonicalize().unwrap_or(path.to_owned());
+    let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
+    parts[parts.len().saturating_sub(2)..].join("/")
+}
+
+fn as_table(calibrated: &Calibrated, errors: &[OutputErrors], frames: usize) -> String {
+    let mut text = format!(
+        "calibration: {}\n\n{:24} {:>8} {:>10} {:>10} {:>10}\n",
+        calibrated.manifest.provenance.calibration,
+        "level",
+        "channels",
+        "smallest",
+        "middle",
+        "largest"
+    );
+    for level in &calibrated.levels {
+        let [smallest, middle, largest] = level.ranges;
+        text += &format!(
+            "{:24} {:8} {smallest:10.4} {middle:10.4} {largest:10.4}\n",
+            level.level, level.channels
+        );
+    }
+    text += &format!("\nerror against f32, of its root mean square, on {frames} frames\n");
+    for precision in errors {
+        let outputs = precision.outputs.iter();
+        let outputs: Vec<_> = outputs
+            .map(|(name, error)| format!("{name} {:.2} %", 100.0 * error))
+            .collect();
+        text += &format!("{:5} {}\n", precision.precision, outputs.join(", "));
+    }
+    text
+}
+
+fn as_json(
+    calibrated: &Calibrated,
+    errors: &[OutputErrors],
+    others: &[String],
+) -> serde_json::Value {
+    let levels = calibrated.levels.iter().map(|level| {
+        json!({"level": level.level, "channels": level.channels, "smallest": level.ranges[0],
+               "middle": level.ranges[1], "largest": level.ranges[2]})
+    });
+    let errors = errors.iter().map(|errors| {
+        let outputs: serde_json::Map<_, _> = errors
+            .outputs
+            .iter()
+            .map(|(name, error)| (name.clone(), json!(error)))
+            .collect();
+        (errors.precision.name().to_string(), outputs.into())
+    });
+    json!({
+        "calibration": calibrated.manifest.provenance.calibration,
+        "levels": levels.collect::<Vec<_>>(),
+        "errors": errors.collect::<serde_json::Map<_, _>>(),
+        "frames_compared": others.len(),
+    })
+}

@@ -1,0 +1,77 @@
+//! Named tensors out of a safetensors file.
+
+use std::collections::BTreeMap;
+
+use half::{bf16, f16};
+use mluc_model::Tensor;
+use safetensors::tensor::{Dtype, SafeTensors};
+
+use super::ExchangeError;
+
+/// Metadata key of our manifest.
+pub(super) const MANIFEST_KEY: &str = "mluc";
+/// How PyTorch's files begin: a zip archive, or (before PyTorch 1.6) a pickle of protocol 2.
+const PYTORCH: [&[u8]; 2] = [b"PK\x03\x04", b"\x80\x02"];
+
+/// What a file holds.
+pub(super) struct Checkpoint {
+    /// Weights by their names in the file. Counters and other integers are left out.
+    pub(super) tensors: BTreeMap<String, Tensor>,
+    /// Our manifest, where `mluc-lab export` wrote the file.
+    pub(super) manifest: Option<String>,
+}
+
+pub(super) fn read(bytes: &[u8]) -> Result<Checkpoint, ExchangeError> {
+    if PYTORCH.iter().any(|head| bytes.starts_with(head)) {
+        return Err(ExchangeError::PyTorch);
+    }
+    let damaged = |cause: safetensors::SafeTensorError| ExchangeError::Container {
+        bytes: bytes.len(),
+        cause: cause.to_string(),
+    };
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let metadata = header.metadata().as_ref();
+    let manifest = metadata.and_then(|metadata| metadata.get(MANIFEST_KEY).cloned());
+    let file = SafeTensors::deserialize(bytes).map_err(damaged)?;
+    let tensors = file.iter().filter_map(|(name, view)| {
+        let data = numbers(view.data(), view.dtype())?;
+        let shape = view.shape().to_vec();
+        Some((name.to_owned(), Tensor { shape, data }))
+    });
+    Ok(Checkpoint {
+        tensors: tensors.collect(),
+        manifest,
+    })
+}
+
+/// Little-endian elements as f32; f64 is rounded. `None` for integers.
+fn numbers(bytes: &[u8], element: Dtype) -> Option<Vec<f32>> {
+    fn each<const N: usize>(bytes: &[u8], convert: impl Fn([u8; N]) -> f32) -> Vec<f32> {
+        let values = bytes.as_chunks::<N>().0.iter();
+        values.map(|value| convert(*value)).collect()
+    }
+    match element {
+        Dtype::F32 => Some(each(bytes, f32::from_le_bytes)),
+        Dtype::F64 => Some(each(bytes, |value| f64::from_le_bytes(value) as f32)),
+        Dtype::F16 => Some(each(bytes, |value| f16::from_le_bytes(value).to_f32())),
+        Dtype::BF16 => Some(each(bytes, |value| bf16::from_le_bytes(value).to_f32())),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_element_becomes_f32() {
+        assert_eq!(numbers(&1.5_f64.to_le_bytes(), Dtype::F64), Some(vec![1.5]));
+        assert_eq!(numbers(&[0xC0, 0x3F], Dtype::BF16), Some(vec![1.5]));
+        // 1.5, -2, the smallest, the largest, infinity.
+        let halves = [0x3E00_u16, 0xC000, 0x0001, 0x7BFF, 0x7C00];
+        let bytes: Vec<u8> = halves.iter().flat_map(|h| h.to_le_bytes()).collect();
+        let expected = vec![1.5, -2.0, 5.960_464_5e-8, 65504.0, f32::INFINITY];
+        assert_eq!(numbers(&bytes, Dtype::F16), Some(expected));
+        assert_eq!(numbers(&[7; 8], Dtype::I64), None);
+    }
+}

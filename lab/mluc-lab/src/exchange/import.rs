@@ -1,0 +1,180 @@
+//! A checkpoint as a model file with a closed-set head.
+
+use mluc_backbone::Backbone;
+use mluc_head::Head;
+use mluc_model::{AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet};
+
+use super::checkpoint::{self, Checkpoint};
+use super::names::{tensor_names, unchanged_names};
+use super::{ExchangeError, SparseLayout};
+
+/// What a checkpoint does not say.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImportRequest {
+    /// Name of the model; `kitti` is judged by KITTI's rules.
+    pub name: String,
+    /// Classes in the order of the checkpoint's configuration, with their anchors.
+    pub classes: Vec<AnchorClass>,
+    /// Height of the sensor above the ground, m.
+    pub sensor_height_m: f32,
+    /// Boxes below this score are not reported.
+    pub score_min: f32,
+}
+
+/// A model that passes every check.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Imported {
+    /// Closed set, or that of an exported model.
+    pub manifest: Manifest,
+    /// Under our names.
+    pub weights: WeightSet,
+    /// Layout of the sparse layers in the file.
+    pub layout: SparseLayout,
+}
+
+/// Anchors of OpenPCDet's SECOND configurations: name; l, w, h; z of the bottom on KITTI, m; matched and unmatched overlap.
+const ANCHORS: [(&str, [f32; 3], f32, [f32; 2]); 5] = [
+    ("car", [3.9, 1.6, 1.56], -1.78, [0.6, 0.45]),
+    ("pedestrian", [0.8, 0.6, 1.73], -0.6, [0.5, 0.35]),
+    ("cyclist", [1.76, 0.6, 1.73], -0.6, [0.5, 0.35]),
+    ("van", [5.07, 1.9, 2.21], -1.78, [0.6, 0.45]),
+    ("truck", [10.13, 2.58, 3.25], -1.78, [0.55, 0.4]),
+];
+
+impl ImportRequest {
+    /// OpenPCDet's SECOND on KITTI: car, pedestrian, cyclist.
+    pub fn kitti() -> ImportRequest {
+        let classes = ANCHORS[..3].iter().map(|anchor| anchor_of(*anchor));
+        ImportRequest {
+            name: "kitti".into(),
+            classes: classes.collect(),
+            sensor_height_m: 1.73,
+            score_min: 0.1,
+        }
+    }
+
+    /// The anchor that OpenPCDet's configurations give a class.
+    pub fn anchor(class: &str) -> Result<AnchorClass, ExchangeError> {
+        let known = ANCHORS.into_iter().find(|(name, ..)| *name == class);
+        known.map(anchor_of).ok_or_else(|| ExchangeError::NoAnchor {
+            class: class.into(),
+        })
+    }
+
+    /// SECOND on KITTI's grid.
+    fn manifest(&self) -> Manifest {
+        let network = Network {
+            head: HeadKind::Sigmoid,
+            ..Network::second(Grid::kitti_second(), self.classes.len())
+        };
+        let mut manifest = Manifest::untrained(&self.name, network);
+        manifest.classes = self.classes.clone();
+        manifest.sensor_height_m = self.sensor_height_m;
+        manifest.thresholds.objectness_min = self.score_min;
+        manifest.provenance.data = "imported from a checkpoint of OpenPCDet".into();
+        manifest
+    }
+}
+
+fn anchor_of(
+    (name, size_m, bottom_z_m, [matched_iou, unmatched_iou]): (&str, [f32; 3], f32, [f32; 2]),
+) -> AnchorClass {
+    AnchorClass {
+        name: name.into(),
+        size_m,
+        bottom_z_m,
+        matched_iou,
+        unmatched_iou,
+    }
+}
+
+/// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and the request
+/// does not count.
+pub fn import(bytes: &[u8], request: &ImportRequest) -> Result<Imported, ExchangeError> {
+    let checkpoint = checkpoint::read(bytes)?;
+    let Some(json) = &checkpoint.manifest else {
+        let mut imported = fill(request.manifest(), checkpoint)?;
+        imported.manifest.empty_objectness_max = empty_score(&imported)?;
+        // Refuses a network that sees things where nothing is.
+        Head::new(&imported.manifest, &imported.weights)?;
+        return Ok(imported);
+    };
+    fill(serde_json::from_str(json)?, checkpoint)
+}
+
+fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> Result<Imported, ExchangeError> {
+    manifest.validate()?;
+    let classes = manifest.network.classes;
+    let mut found = vec![];
+    for (ours, theirs, shape) in tensor_names(&manifest.network) {
+        let Some(tensor) = checkpoint.tensors.remove(&theirs) else {
+            return Err(ExchangeError::Missing {
+                tensor: theirs,
+                expected: shape,
+                classes,
+            });
+        };
+        found.push((ours, theirs, shape, tensor));
+    }
+    let mut weights = WeightSet::new();
+    for name in unchanged_names(&manifest.network) {
+        if let Some(kept) = checkpoint.tensors.remove(&name) {
+            weights.insert(name, kept.shape, kept.data);
+        }
+    }
+    if let Some(tensor) = checkpoint.tensors.keys().next() {
+        return Err(ExchangeError::Extra {
+            tensor: tensor.clone(),
+            others: checkpoint.tensors.len() - 1,
+        });
+    }
+    let sparse: Vec<_> = found
+        .iter()
+        .filter_map(|(.., shape, tensor)| Some((five(shape)?, tensor.shape.clone())))
+        .collect();
+    let layout = SparseLayout::of(&sparse);
+    for (ours, theirs, shape, tensor) in found {
+        let tensor = fitted(theirs, &shape, tensor, layout)?;
+        weights.insert(ours, tensor.shape, tensor.data);
+    }
+    weights.check(&manifest.network)?;
+    Ok(Imported {
+        manifest,
+        weights,
+        // Without one a sparse layer was refused above.
+        layout: layout.unwrap_or(SparseLayout::OutTapsIn),
+    })
+}
+
+/// The shape of a sparse layer's weights; no other tensor has five axes.
+fn five(shape: &[usize]) -> Option<[usize; 5]> {
+    shape.try_into().ok()
+}
+
+fn fitted(
+    name: String,
+    shape: &[usize],
+    tensor: Tensor,
+    layout: Option<SparseLayout>,
+) -> Result<Tensor, ExchangeError> {
+    let expected = match (five(shape), layout) {
+        (None, _) if tensor.shape == shape => return Ok(tensor),
+        (None, _) => format!("{shape:?}"),
+        (Some(ours), Some(layout)) => return Ok(layout.to_ours(&tensor, ours)),
+        (Some(ours), None) => format!(
+            "{:?}, every sparse layer in the same of these orders",
+            SparseLayout::ALL.map(|layout| layout.shape(ours))
+        ),
+    };
+    Err(ExchangeError::Shape {
+        tensor: name,
+        expected,
+        found: tensor.shape,
+    })
+}
+
+/// The largest score of a scan without points.
+fn empty_score(imported: &Imported) -> Result<f32, ExchangeError> {
+    let rows = Backbone::new(&imported.manifest, &imported.weights)?.empty_rows()?;
+    Ok(Head::new(&imported.manifest, &imported.weights)?.objectness_max(&rows))
+}

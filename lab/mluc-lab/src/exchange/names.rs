@@ -1,0 +1,96 @@
+//! What OpenPCDet calls each tensor of SECOND (`VoxelBackBone8x`, `BaseBEVBackbone`, `AnchorHeadSingle`).
+//!
+//! Its modules are lists of modules, so a name counts places: in a block of the bird's-eye part, padding, convolution,
+//! normalisation and ReLU of layer `i` stand at places 0, 1 + 3 i, 2 + 3 i and 3 + 3 i.
+
+use mluc_model::{LOOKS, Network, calibrated_layers, calibration_tensor, expected_tensors};
+
+/// OpenPCDet's name of one of our tensors; heads that it does not have are named alike.
+pub fn openpcdet_name(ours: &str) -> String {
+    let (layer, part) = ours.rsplit_once('.').unwrap_or((ours, ""));
+    let (layer, norm) = match layer.strip_suffix(".bn") {
+        Some(layer) => (layer, 1),
+        None => (layer, 0),
+    };
+    if let Some(module) = layer.strip_prefix("backbone3d.") {
+        return format!("backbone_3d.{module}.{norm}.{part}");
+    }
+    if let Some((block, index)) = in_block(layer) {
+        let place = 1 + 3 * index + norm;
+        return format!("backbone_2d.blocks.{}.{place}.{part}", block - 1);
+    }
+    let module = match layer {
+        "backbone2d.up1" => return format!("backbone_2d.deblocks.0.{norm}.{part}"),
+        "backbone2d.up2" => return format!("backbone_2d.deblocks.1.{norm}.{part}"),
+        "head.class" => "conv_cls",
+        "head.box" => "conv_box",
+        "head.direction" => "conv_dir_cls",
+        "head.objectness" => "conv_objectness",
+        "head.embedding" => "conv_embedding",
+        "head.unknown" => "conv_unknown",
+        other => other,
+    };
+    format!("dense_head.{module}.{part}")
+}
+
+/// Block (from 1) and layer (from 0) of `backbone2d.blockB.i`.
+fn in_block(layer: &str) -> Option<(usize, usize)> {
+    let (block, index) = layer.strip_prefix("backbone2d.block")?.split_once('.')?;
+    Some((block.parse().ok()?, index.parse().ok()?))
+}
+
+/// Ours, OpenPCDet's and the shape of every tensor of a network, in the order of its layers.
+pub fn tensor_names(network: &Network) -> Vec<(String, String, Vec<usize>)> {
+    let tensors = expected_tensors(network).into_iter();
+    let named = tensors.map(|(ours, shape)| {
+        let theirs = openpcdet_name(&ours);
+        (ours, theirs, shape)
+    });
+    named.collect()
+}
+
+/// Optional tensors that keep our names: calibration ranges and the scorer of clusters.
+pub(super) fn unchanged_names(network: &Network) -> impl Iterator<Item = String> {
+    let ranges = calibrated_layers(network).into_iter();
+    let ranges = ranges.map(|(level, _)| calibration_tensor(&level));
+    ranges.chain([LOOKS.to_owned()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_model::Grid;
+    use std::collections::HashSet;
+
+    const NAMES: &str = "\
+        backbone3d.conv_input.weight backbone_3d.conv_input.0.weight
+        backbone3d.conv1.0.bn.bias backbone_3d.conv1.0.1.bias
+        backbone3d.conv4.2.weight backbone_3d.conv4.2.0.weight
+        backbone3d.conv_out.bn.running_var backbone_3d.conv_out.1.running_var
+        backbone2d.block1.0.weight backbone_2d.blocks.0.1.weight
+        backbone2d.block2.5.bn.weight backbone_2d.blocks.1.17.weight
+        backbone2d.up2.weight backbone_2d.deblocks.1.0.weight
+        backbone2d.up1.bn.running_mean backbone_2d.deblocks.0.1.running_mean
+        head.class.bias dense_head.conv_cls.bias
+        head.direction.weight dense_head.conv_dir_cls.weight";
+
+    #[test]
+    fn names_are_those_of_the_public_modules() {
+        for line in NAMES.lines() {
+            let (ours, theirs) = line.trim().split_once(' ').expect("two names");
+            assert_eq!(openpcdet_name(ours), theirs);
+        }
+    }
+
+    #[test]
+    fn no_two_tensors_share_a_name() {
+        for network in [
+            Network::second(Grid::kitti_second(), 3),
+            Network::compact(Grid::udi(), 4).with_reach_of_trucks(),
+        ] {
+            let names = tensor_names(&network);
+            let theirs: HashSet<_> = names.iter().map(|(_, theirs, _)| theirs).collect();
+            assert_eq!(theirs.len(), names.len());
+        }
+    }
+}

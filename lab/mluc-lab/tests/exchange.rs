@@ -1,0 +1,235 @@
+//! `mluc-lab import` and `export`: checkpoints of every layout give the same weights, exports come back bit by bit, and
+//! files that are damaged or of PyTorch are refused with what was expected.
+
+use mluc_lab::exchange::{ImportRequest, SparseLayout, export, import, tensor_names};
+use mluc_model::{
+    Grid, HeadKind, Manifest, Model, Network, Tensor, WeightSet, formula_weights, model_bytes,
+};
+use std::collections::BTreeMap;
+use std::process::Command;
+
+type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
+/// Tensors by OpenPCDet's names.
+type Entries = BTreeMap<String, Tensor>;
+
+fn second() -> Network {
+    Network {
+        head: HeadKind::Sigmoid,
+        ..Network::second(Grid::kitti_second(), 3)
+    }
+}
+
+/// Weights by formula that see nothing in an empty scene.
+fn weights(network: &Network) -> WeightSet {
+    let mut weights = formula_weights(network);
+    if let Some(bias) = weights.find_mut("head.class.bias") {
+        bias.data.fill(-30.0);
+    }
+    weights
+}
+
+/// The state_dict of a network, sparse weights in `layout`.
+fn entries(network: &Network, weights: &WeightSet, layout: SparseLayout) -> Fallible<Entries> {
+    let entry = |(ours, theirs, shape): (String, String, Vec<usize>)| {
+        let data = weights.get(&ours, &shape)?.to_vec();
+        let tensor = match <[usize; 5]>::try_from(shape.clone()) {
+            Ok(ours) => from_ours(&data, ours, layout),
+            Err(_) => Tensor { shape, data },
+        };
+        Ok((theirs, tensor))
+    };
+    tensor_names(network).into_iter().map(entry).collect()
+}
+
+/// The inverse of what the importer does, written the other way round: by walking the layout's own order.
+fn from_ours(data: &[f32], ours: [usize; 5], layout: SparseLayout) -> Tensor {
+    let [out, z, y, x, cin] = ours;
+    let taps = z * y * x;
+    let mut turned = vec![];
+    for a in 0..taps {
+        match layout {
+            SparseLayout::OutTapsIn => {}
+            SparseLayout::TapsInOut => {
+                for i in 0..cin {
+                    turned.extend((0..out).map(|o| data[(o * taps + a) * cin + i]));
+                }
+            }
+            SparseLayout::TapsOutIn => {
+                for o in 0..out {
+                    turned.extend((0..cin).map(|i| data[(o * taps + a) * cin + i]));
+                }
+            }
+        }
+    }
+    Tensor {
+        shape: layout.shape(ours).to_vec(),
+        data: if turned.is_empty() {
+            data.to_vec()
+        } else {
+            turned
+        },
+    }
+}
+
+/// A safetensors file without our manifest.
+fn file(entries: &Entries) -> Vec<u8> {
+    let mut set = WeightSet::new();
+    for (name, tensor) in entries {
+        set.insert(name, tensor.shape.clone(), tensor.data.clone());
+    }
+    safetensors::serialize(set.iter(), None).expect("a file")
+}
+
+#[test]
+fn every_layout_gives_the_same_weights() -> Fallible {
+    let network = second();
+    let expected = weights(&network);
+    for layout in SparseLayout::ALL {
+        let imported = import(
+            &file(&entries(&network, &expected, layout)?),
+            &ImportRequest::kitti(),
+        )?;
+        assert_eq!(imported.layout, layout);
+        assert!(imported.weights == expected, "{layout:?}: weights differ");
+        let manifest = imported.manifest;
+        assert_eq!(manifest.network, network);
+        let anchors = manifest.classes.iter();
+        let anchors = anchors.map(|class| (class.name.as_str(), class.bottom_z_m));
+        assert!(anchors.eq([("car", -1.78), ("pedestrian", -0.6), ("cyclist", -0.6)]));
+        assert!(manifest.empty_objectness_max < 0.01);
+    }
+    Ok(())
+}
+
+#[test]
+fn an_export_comes_back_bit_by_bit() -> Fallible {
+    let udi = Network::compact(Grid::udi(), 4).with_reach_of_trucks();
+    for network in [second(), Network::compact(Grid::kitti_compact(), 3), udi] {
+        let weights = formula_weights(&network);
+        let bytes = model_bytes(&Manifest::untrained("a name", network), &weights)?;
+        comes_back(&bytes)?;
+    }
+    for setting in ["kitti", "udi"] {
+        let path = format!(
+            "{}/../../weights/{setting}.safetensors",
+            env!("CARGO_MANIFEST_DIR")
+        );
+        comes_back(&std::fs::read(path)?)?;
+    }
+    Ok(())
+}
+
+/// The same model gives the same bytes; a file may have been written by an older version.
+fn comes_back(bytes: &[u8]) -> Fallible {
+    let model = Model::from_bytes(bytes)?;
+    let request = ImportRequest {
+        name: "not used".into(),
+        ..ImportRequest::kitti()
+    };
+    let imported = import(&export(&model)?, &request)?;
+    let expected = model_bytes(&model.manifest, &model.weights)?;
+    assert!(model_bytes(&imported.manifest, &imported.weights)? == expected);
+    Ok(())
+}
+
+fn refused(file: &[u8]) -> String {
+    match import(file, &ImportRequest::kitti()) {
+        Ok(_) => panic!("the file was taken"),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[test]
+fn what_is_missing_or_too_much_or_of_another_shape_is_named() -> Fallible {
+    let network = second();
+    let whole = entries(&network, &weights(&network), SparseLayout::OutTapsIn)?;
+    let attempt = |change: &dyn Fn(&mut Entries), words: &str| {
+        let mut changed = whole.clone();
+        change(&mut changed);
+        let error = refused(&file(&changed));
+        assert!(error.contains(words), "{error}");
+    };
+    let zeros = |count: usize| Tensor {
+        shape: vec![count],
+        data: vec![0.0; count],
+    };
+    let first = "backbone_3d.conv_input.0.weight";
+    let of = |entries: &mut Entries, name: &str, change: &dyn Fn(&mut Tensor)| {
+        change(entries.get_mut(name).expect("a tensor"));
+    };
+    attempt(
+        &|entries| drop(entries.remove("dense_head.conv_dir_cls.bias")),
+        "`dense_head.conv_dir_cls.bias` of shape [12]",
+    );
+    attempt(
+        &|entries| drop(entries.insert("point_head.weight".into(), zeros(1))),
+        "`point_head.weight`",
+    );
+    attempt(
+        &|entries| of(entries, "dense_head.conv_cls.bias", &|t| *t = zeros(6)),
+        "expected shape [18], found [6]",
+    );
+    attempt(
+        &|entries| of(entries, first, &|tensor| tensor.shape.swap(0, 1)),
+        &format!("`{first}`"),
+    );
+    attempt(
+        &|entries| of(entries, first, &|tensor| tensor.data[5] = f32::NAN),
+        "element 5",
+    );
+    Ok(())
+}
+
+#[test]
+fn a_network_that_sees_things_in_an_empty_scene_is_refused() -> Fallible {
+    let network = second();
+    let loud = formula_weights(&network);
+    let error = refused(&file(&entries(&network, &loud, SparseLayout::OutTapsIn)?));
+    assert!(error.contains("empty scene"), "{error}");
+    Ok(())
+}
+
+#[test]
+fn files_of_any_length_and_with_any_byte_changed_are_refused() {
+    let tensor = Tensor {
+        shape: vec![2, 3],
+        data: vec![0.5; 6],
+    };
+    let file = file(&BTreeMap::from([(
+        "backbone_3d.conv_input.0.weight".into(),
+        tensor,
+    )]));
+    assert!(refused(&file).contains("is missing"), "it was read whole");
+    for length in 0..file.len() {
+        refused(&file[..length]);
+    }
+    for place in 0..file.len() {
+        for flip in [0x01, 0x80, 0xFF] {
+            let mut changed = file.clone();
+            changed[place] ^= flip;
+            refused(&changed);
+        }
+    }
+    assert!(refused(b"").contains("found 0 bytes"));
+}
+
+#[test]
+fn a_file_of_pytorch_is_sent_to_the_tool() -> Fallible {
+    let folder = tempfile::tempdir()?;
+    for head in [
+        &b"PK\x03\x04 a zip archive"[..],
+        b"\x80\x02\x8a\x0a a pickle",
+    ] {
+        let path = folder.path().join("second.pth");
+        std::fs::write(&path, head)?;
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mluc-lab"));
+        command.arg("import").arg("--checkpoint").arg(&path);
+        let output = command.args(["--out", "never.safetensors"]).output()?;
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{error}");
+        for word in ["second.pth", "tools/checkpoint_to_safetensors.py"] {
+            assert!(error.contains(word), "{error}");
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,103 @@
+//! From evaluations to the rows of a report.
+
+use crate::Evaluated;
+use crate::report::{MeanSpread, MethodFigures, SpreadKind};
+use mluc_evaluate::{KNOWN_KEPT_MIN, SweepPoint, mean_and_spread};
+use std::collections::BTreeMap;
+
+/// One row from the evaluations of its seeds: the spread is over seeds where there are several, else over draws of the frames.
+pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
+    let first = seeds.first()?;
+    let over_seeds = |of: &dyn Fn(&Evaluated) -> Vec<(String, f64)>| {
+        let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        for (name, value) in seeds.iter().flat_map(of) {
+            values.entry(name).or_default().push(value);
+        }
+        let values = values.into_iter();
+        values
+            .map(|(name, v)| (name, mean_and_spread(&v)))
+            .collect()
+    };
+    let (spread, figures) = if seeds.len() > 1 {
+        (SpreadKind::Seeds, over_seeds(&Evaluated::named))
+    } else {
+        (SpreadKind::Bootstrap, with_bootstrap(first))
+    };
+    Some(MethodFigures {
+        network: first.network.clone(),
+        spread,
+        seeds: seeds.iter().map(|e| e.seed).collect(),
+        thresholds: seeds.iter().map(|e| e.threshold).collect(),
+        classes: over_seeds(&|e| {
+            let classes = e.figures.classes.iter();
+            classes.map(|c| (c.class.clone(), c.ap.r40)).collect()
+        }),
+        honest: over_seeds(&|e| {
+            let honest = e.honest.iter().flat_map(|h| &h.figures);
+            honest.map(|(name, value)| (name.clone(), *value)).collect()
+        }),
+        curve: kept(&first.curve),
+        figures,
+    })
+}
+
+/// Every figure; those that the bootstrap was not taken of have a deviation of 0.
+fn with_bootstrap(evaluated: &Evaluated) -> BTreeMap<String, MeanSpread> {
+    let spread = |name: &str| evaluated.bootstrap.get(name).map_or(0.0, |f| f[1]);
+    let named = evaluated.named().into_iter();
+    let with_spread = named.map(|(name, value)| {
+        let spread = spread(&name);
+        (name, [value, spread])
+    });
+    with_spread.collect()
+}
+
+/// Points that keep nine tenths of the first one's mAP.
+fn kept(curve: &[SweepPoint]) -> Vec<SweepPoint> {
+    let closed = curve.first().map_or(0.0, |point| point.map_known);
+    let keeps = |point: &&SweepPoint| point.map_known >= KNOWN_KEPT_MIN * closed;
+    curve.iter().filter(keeps).copied().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_evaluate::{AveragePrecision, OpenSetFigures};
+
+    fn evaluated(seed: u64, map_known: f64) -> Evaluated {
+        let point = |map_known: f64| SweepPoint {
+            map_known,
+            ..SweepPoint::default()
+        };
+        Evaluated {
+            seed,
+            bootstrap: [("map_known".to_owned(), [map_known, 0.7])].into(),
+            figures: OpenSetFigures {
+                known: AveragePrecision {
+                    r40: map_known,
+                    ..AveragePrecision::default()
+                },
+                ..OpenSetFigures::default()
+            },
+            curve: [80.0, 75.0, 72.0, 71.0].map(point).to_vec(),
+            ..Evaluated::default()
+        }
+    }
+
+    #[test]
+    fn one_seed_has_the_bootstraps_spread_and_several_have_their_own() {
+        let one = combine(&[evaluated(1, 80.0)]).expect("a row");
+        assert_eq!(
+            (one.spread, one.figures["map_known"]),
+            (SpreadKind::Bootstrap, [80.0, 0.7])
+        );
+        assert_eq!(one.curve.len(), 3);
+        let two = combine(&[evaluated(1, 80.0), evaluated(2, 82.0)]).expect("a row");
+        assert_eq!(
+            (two.spread, two.seeds.clone()),
+            (SpreadKind::Seeds, vec![1, 2])
+        );
+        assert_eq!(two.figures["map_known"], [81.0, 2f64.sqrt()]);
+        assert!(combine(&[]).is_none());
+    }
+}

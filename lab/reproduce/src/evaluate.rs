@@ -1,0 +1,178 @@
+//! The step that judges every row on one network.
+
+use crate::evaluated::{Evaluated, StoredObject};
+use crate::layout::Layout;
+use crate::methods::{FullSettings, Method, MethodInput, MethodOutput, MethodRow};
+use crate::methods::{full_steps, run_method};
+use crate::options::{Screen, TestFrames};
+use crate::{ReproduceError, Setting};
+use mluc_evaluate::pipeline::{detect_frames, paper_rules, separation, unknown_classes};
+use mluc_evaluate::{
+    ClassRule, FrameTruth, JudgedFrames, NeighbourPolicy, best_index, bootstrap, halves, honest,
+    judged_sweep,
+};
+use mluc_model::Model;
+use mluc_train::NetworkKind;
+
+/// Changes with the meaning of what is kept.
+const FORMAT: u32 = 4;
+/// Seed of the bootstrap.
+pub(crate) const BOOTSTRAP_SEED: u64 = 1;
+
+/// The known classes of a setting at the paper's overlaps, then the unknown.
+pub(crate) fn setting_rules(
+    setting: Setting,
+    neighbours: NeighbourPolicy,
+) -> Result<Vec<ClassRule>, ReproduceError> {
+    let name = setting.trainer_name();
+    let known = ["car", "pedestrian", "cyclist", "truck"].map(str::to_owned);
+    let count = if setting == Setting::SimUdi { 4 } else { 3 };
+    let rules = paper_rules(name, &known[..count], &unknown_classes(name), neighbours);
+    Ok(rules?)
+}
+
+/// The key of an evaluation: the network, the frames, the draws.
+pub(crate) fn key(model: &Model, test: &TestFrames) -> String {
+    format!(
+        "format {FORMAT}, model {:016x}, data {}, {} frames, {} draws",
+        model.fingerprint,
+        test.hash,
+        test.set.len(),
+        test.resamples
+    )
+}
+
+/// Reads the model of a run and checks that it is of the setting.
+pub(crate) fn read_model(
+    layout: &Layout,
+    setting: Setting,
+    network: NetworkKind,
+    seed: u64,
+) -> Result<Model, ReproduceError> {
+    let path = layout.model_of(setting, network, seed);
+    let model = Model::read(&path)?;
+    let (expected, found) = (setting.trainer_name(), &model.manifest.name);
+    if found != expected {
+        let what = format!("expected a model of setting {expected}, found {found}");
+        return Err(ReproduceError::file(&path, what));
+    }
+    Ok(model)
+}
+
+/// Judges every row on a network that is not judged yet, and the steps of our method. Frames go through the network once.
+pub(crate) fn evaluate_network(
+    layout: &Layout,
+    test: &TestFrames,
+    (network, seed): (NetworkKind, u64),
+    screen: &dyn Screen,
+) -> Result<(), ReproduceError> {
+    let setting = test.setting;
+    let model = read_model(layout, setting, network, seed)?;
+    let key = key(&model, test);
+    let mut missing = jobs(&model, network, seed);
+    let path = |job: &Job| layout.evaluation_of(setting, &job.key, seed);
+    missing.retain(|job| Evaluated::read(&path(job), &key).is_none());
+    if missing.is_empty() {
+        return Ok(());
+    }
+    for job in &missing {
+        let file = layout.model_of(setting, network, seed);
+        let checked = job.method.check(&model);
+        checked.map_err(|cause| ReproduceError::file(&file, cause))?;
+    }
+    screen.count("network", test.set.len() as u64);
+    let frames = detect_frames(&model, &test.set, || screen.tick())?;
+    let rules = setting_rules(setting, NeighbourPolicy::Official)?;
+    let strict = setting_rules(setting, NeighbourPolicy::Strict)?;
+    let truths: Vec<FrameTruth> = frames.iter().map(|frame| frame.truth.clone()).collect();
+    let separation = separation(&frames, &rules);
+    for job in missing {
+        screen.count(&job.key, test.set.len() as u64);
+        let input = MethodInput {
+            full: job.settings,
+            step: &|| screen.tick(),
+            ..MethodInput::new(&model, &test.set, &frames)
+        };
+        let output = run_method(job.method, &input)?;
+        let evaluated = Evaluated {
+            key: key.clone(),
+            method: job.method.row().key.clone(),
+            network: network.name().to_owned(),
+            seed,
+            separation: separation.clone(),
+            ..judge(&truths, [&rules, &strict], &output, test.resamples)
+        };
+        evaluated.write(&path(&job))?;
+    }
+    Ok(())
+}
+
+/// Something to be judged: a row, or our method as it was after one of its steps.
+struct Job {
+    key: String,
+    method: Method,
+    settings: FullSettings,
+}
+
+fn jobs(model: &Model, network: NetworkKind, seed: u64) -> Vec<Job> {
+    let row = |row: &MethodRow| Job {
+        key: row.key.clone(),
+        method: row.method,
+        settings: FullSettings::default(),
+    };
+    let mut jobs: Vec<Job> = MethodRow::on(network, seed).map(row).collect();
+    if network == Method::MlucFull.row().network() && seed == 1 {
+        let mut steps = full_steps(model);
+        // The last one is the row itself.
+        steps.pop();
+        jobs.extend(
+            steps
+                .into_iter()
+                .enumerate()
+                .map(|(at, (_, settings))| Job {
+                    key: step_key(at),
+                    method: Method::MlucFull,
+                    settings,
+                }),
+        );
+    }
+    jobs
+}
+
+/// Key of an evaluation of one step of our method.
+pub(crate) fn step_key(step: usize) -> String {
+    format!("{}-step{step}", Method::MlucFull.row().key)
+}
+
+/// Sweep, choice, honest protocol, bootstrap; at the chosen threshold also by the strict rules.
+fn judge(
+    truths: &[FrameTruth],
+    [rules, strict]: [&[ClassRule]; 2],
+    output: &MethodOutput,
+    resamples: usize,
+) -> Evaluated {
+    let [even, odd] = halves(truths.len());
+    let parts = vec![(0..truths.len()).collect(), even, odd];
+    let found = |frame: usize, at: usize| output.detections(frame, at);
+    let points = judged_sweep(truths, rules, &output.thresholds, &parts, found);
+    let best = best_index(&points, 0).unwrap_or(0);
+    let frames = truths.iter().enumerate();
+    let frames: Vec<_> = frames
+        .map(|(i, truth)| truth.with(&found(i, best)))
+        .collect();
+    let judged = JudgedFrames::of(&frames, rules);
+    let objects = (0..truths.len()).map(|frame| found(frame, best));
+    Evaluated {
+        threshold: points.get(best).map_or(0.0, |point| point.threshold),
+        figures: judged.all(),
+        strict: JudgedFrames::of(&frames, strict).all(),
+        bootstrap: bootstrap(&judged, resamples, BOOTSTRAP_SEED),
+        honest: honest(&points, [1, 2]),
+        curve: points.iter().map(|point| point.of_part(0)).collect(),
+        unknown_score_min: judged.unknown_score_min(),
+        objects: objects
+            .map(|found| found.iter().map(StoredObject::of).collect())
+            .collect(),
+        ..Evaluated::default()
+    }
+}

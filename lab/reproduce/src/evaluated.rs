@@ -1,0 +1,94 @@
+//! The outcome of an evaluation, as it is kept between runs.
+
+use crate::ReproduceError;
+use crate::error::write_whole;
+use mluc_evaluate::pipeline::ScoreSeparation;
+use mluc_evaluate::{Honest, ObjectKind, OpenSetFigures, SensorDetection, SweepPoint};
+use mluc_geometry::Box3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A published object, small: kind (true: unknown), class, score, and x, y, z, l, w, h (m), yaw (rad) in the sensor frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StoredObject(pub bool, pub String, pub f32, pub [f32; 7]);
+
+impl StoredObject {
+    /// Of an object that was found.
+    pub fn of(found: &SensorDetection) -> StoredObject {
+        let Box3 {
+            center_m: [x, y, z],
+            size_m: [l, w, h],
+            yaw_rad,
+        } = found.box_in_sensor;
+        StoredObject(
+            found.kind == ObjectKind::Unknown,
+            found.class.clone(),
+            found.score as f32,
+            [x, y, z, l, w, h, yaw_rad].map(|v| v as f32),
+        )
+    }
+
+    /// Its box.
+    pub fn bounds(&self) -> Box3 {
+        Box3::new(self.3.map(f64::from))
+    }
+}
+
+/// A row judged on one network.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Evaluated {
+    /// What it depends on: while this is the same, the evaluation need not be made again.
+    pub key: String,
+    /// Key of the row.
+    pub method: String,
+    /// Kind of network.
+    pub network: String,
+    /// Seed.
+    pub seed: u64,
+    /// The chosen threshold.
+    pub threshold: f64,
+    /// Figures there.
+    pub figures: OpenSetFigures,
+    /// Figures there where a look-alike (a van found as a car) is wrong, not ignored.
+    pub strict: OpenSetFigures,
+    /// Every named figure with its deviation over draws of the frames.
+    pub bootstrap: BTreeMap<String, [f64; 2]>,
+    /// The honest protocol.
+    pub honest: Option<Honest>,
+    /// Every threshold, the closed set first.
+    pub curve: Vec<SweepPoint>,
+    /// How well the scores of the network's boxes separate; the same for every row on a network.
+    pub separation: Vec<ScoreSeparation>,
+    /// Unknown objects of a lower score are left out of pictures: one false alarm a frame in the mean.
+    pub unknown_score_min: Option<f64>,
+    /// What was found at the chosen threshold, frame by frame.
+    pub objects: Vec<Vec<StoredObject>>,
+}
+
+impl Evaluated {
+    /// What is kept at a place, if it is of this key.
+    pub fn read(path: &Path, key: &str) -> Option<Evaluated> {
+        // A file that cannot be read or is of an older form is made again.
+        let text = std::fs::read(path).ok()?;
+        let kept: Evaluated = serde_json::from_slice(&text).ok()?;
+        (kept.key == key).then_some(kept)
+    }
+
+    /// Every figure by the name that it has in a report.
+    pub(crate) fn named(&self) -> Vec<(String, f64)> {
+        let strict = [
+            ("map_known_strict", self.strict.known.r40),
+            ("map_known_strict_r11", self.strict.known.r11),
+            ("map_harm_strict", self.strict.harmonic().r40),
+        ];
+        let all = self.figures.named().into_iter().chain(strict);
+        all.map(|(name, value)| (name.to_owned(), value)).collect()
+    }
+
+    /// Keeps it.
+    pub(crate) fn write(&self, path: &Path) -> Result<(), ReproduceError> {
+        let bytes = serde_json::to_vec(self).map_err(|e| ReproduceError::file(path, e))?;
+        write_whole(path, &bytes)
+    }
+}

@@ -1,0 +1,170 @@
+//! The modified OSIS: points of no known box and not of the ground, clustered (Wong et al., CoRL 2019, as the paper uses it in
+//! section 4.4).
+//!
+//! A point is unknown only if every box that holds it is below the threshold; points in no box qualify too, hence trees and walls.
+//! `osis-geo` tells points apart by place alone; `osis` by a learned embedding too, which also takes out what it holds for
+//! background.
+
+use super::dbscan::{Group, cluster};
+use super::gated::{UnknownScore, known};
+use super::osis_embedding::{Embedder, Standing};
+use super::{MethodInput, Swept};
+use crate::ReproduceError;
+use mluc_evaluate::ObjectKind;
+use mluc_evaluate::pipeline::FoundObject;
+use mluc_head::Detection;
+use mluc_ipc_types::Point;
+use mluc_refiner::fit::{ClusterPoints, minimum_area};
+use mluc_refiner::{FrameClusterer, FrameClusters, RefinerError, Sensor, Settings};
+use mluc_train::scan::InBox;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Thresholds beside the closed set: every one is a clustering of every frame.
+const THRESHOLDS: usize = 20;
+/// Points are thinned to one a cube of this edge, m: neighbours lie much further.
+const THIN_M: f32 = 0.2;
+/// Points lower above the ground are the ground's, m.
+const CLEARANCE_M: f64 = 0.2;
+/// Clusters with fewer thinned points are none.
+const POINTS_MIN: usize = 5;
+/// Longer ones would match no label; left out to save their boxes' time, m.
+const LENGTH_MAX_M: f64 = 20.0;
+
+pub(super) fn run(input: &MethodInput, learned: bool) -> Result<Swept, ReproduceError> {
+    let of = |d: &Detection| UnknownScore::Msp.of(d);
+    let thresholds = input.thresholds_over(input.boxes().map(of), THRESHOLDS);
+    let settings = Settings::default();
+    let sensor = Sensor::from_manifest(&input.model.manifest)?;
+    let embedder = learned.then(|| Embedder::new(input.model)).transpose()?;
+    let one_frame = |clusterer: &mut Result<FrameClusterer, RefinerError>, frame: usize| {
+        let clusterer = clusterer.as_mut().map_err(|e| e.clone())?;
+        let points = input.set.points(frame)?;
+        let detections = &input.frames[frame].detections;
+        let mut standing = standing(clusterer, &points, detections);
+        if let Some(embedder) = &embedder {
+            embedder.embed(&points, &mut standing)?;
+        }
+        let at = |threshold: &f64| {
+            let boxes = detections.iter().filter(|d| f64::from(of(d)) >= *threshold);
+            let mut objects: Vec<FoundObject> = boxes.map(known).collect();
+            if *threshold > 0.0 {
+                objects.extend(unknown(&standing, *threshold as f32, embedder.as_ref()));
+            }
+            objects
+        };
+        (input.step)();
+        Ok(thresholds.iter().map(at).collect())
+    };
+    let frames = (0..input.frames.len()).into_par_iter();
+    let objects: Result<Vec<_>, ReproduceError> = frames
+        .map_init(|| FrameClusterer::new(&settings, &sensor), one_frame)
+        .collect();
+    Ok((thresholds, objects?))
+}
+
+/// One point a cube of those that stand on the ground, in the order of their cubes.
+fn standing(
+    clusterer: &mut FrameClusterer,
+    points: &[Point],
+    detections: &[Detection],
+) -> Vec<Standing> {
+    let mut clusters = FrameClusters::default();
+    // For the ground alone.
+    clusterer.find(points, &mut clusters);
+    let ground = clusterer.ground();
+    let mut cubes: BTreeMap<[i32; 3], [f32; 3]> = BTreeMap::new();
+    for p in points {
+        let at = [p.x_m, p.y_m, p.z_m];
+        cubes
+            .entry(at.map(|v| (v / THIN_M).floor() as i32))
+            .or_insert(at);
+    }
+    let tests: Vec<(InBox, f32)> = detections
+        .iter()
+        .map(|d| (InBox::new(&known(d).box_in_sensor()), d.softmax_max))
+        .collect();
+    let stands = |at: &[f32; 3]| {
+        let [x, y, z] = at.map(f64::from);
+        z - ground.plane_at([x, y]).z_at_m(x, y) > CLEARANCE_M
+    };
+    let point = |at_m: [f32; 3]| {
+        let [x, y, z] = at_m;
+        let around = tests.iter().enumerate();
+        let around = around.filter(|(_, (test, _))| test.contains(&[x, y, z, 0.0]));
+        let best = around
+            .map(|(i, (_, p))| (i, *p))
+            .reduce(|a, b| if b.1 > a.1 { b } else { a });
+        Standing {
+            at_m,
+            known: best.map_or(0.0, |(_, p)| p),
+            inside: best.map(|(i, _)| i),
+            embedding: vec![],
+        }
+    };
+    cubes.into_values().filter(stands).map(point).collect()
+}
+
+fn unknown(standing: &[Standing], threshold: f32, embedder: Option<&Embedder>) -> Vec<FoundObject> {
+    let left: Vec<&Standing> = standing.iter().filter(|s| s.known < threshold).collect();
+    // By place alone a point is as unknown as its boxes leave it.
+    let by_place = || left.iter().map(|s| Some(1.0 - s.known)).collect();
+    let scores: Vec<Option<f32>> =
+        embedder.map_or_else(by_place, |e| e.unknown(standing, &left, threshold));
+    let pairs = left.into_iter().zip(scores);
+    let (left, scores): (Vec<&Standing>, Vec<f32>) = pairs
+        .filter_map(|(point, score)| Some((point, score?)))
+        .unzip();
+    let places: Vec<[f32; 3]> = left.iter().map(|s| s.at_m).collect();
+    let embeddings: Vec<&[f32]> = left.iter().map(|s| s.embedding.as_slice()).collect();
+    let groups = cluster(&places, &embeddings, POINTS_MIN);
+    groups
+        .iter()
+        .filter_map(|group| object(&left, &scores, group))
+        .collect()
+}
+
+/// A tight box around a cluster; its score is the mean of its points'.
+fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<FoundObject> {
+    let origin = left[*group.first()?].at_m;
+    let mut points = ClusterPoints::default();
+    for &i in group {
+        let [x, y, z] = left[i].at_m;
+        points.push(x - origin[0], y - origin[1], z);
+    }
+    let extent = |values: &[f32]| {
+        let low = values.iter().copied().fold(f32::MAX, f32::min);
+        f64::from(values.iter().copied().fold(f32::MIN, f32::max) - low)
+    };
+    if extent(&points.x_m).hypot(extent(&points.y_m)) > LENGTH_MAX_M {
+        return None;
+    }
+    let rectangle = minimum_area(&points);
+    let ([cx, cy], [l, w], [low, high]) = (
+        rectangle.center_m(),
+        rectangle.size_m(),
+        points.z_range_m()?,
+    );
+    // The longer side is the heading.
+    let (l, w, yaw) = if l >= w {
+        (l, w, rectangle.yaw_rad)
+    } else {
+        (w, l, rectangle.yaw_rad + std::f64::consts::FRAC_PI_2)
+    };
+    let unsure: f32 = group.iter().map(|i| scores[*i]).sum();
+    let size = |v: f64| v.max(0.1) as f32;
+    Some(FoundObject {
+        kind: ObjectKind::Unknown,
+        class_id: 0,
+        score: unsure / group.len() as f32,
+        bounds: [
+            origin[0] + cx as f32,
+            origin[1] + cy as f32,
+            (low + high) / 2.0,
+            size(l),
+            size(w),
+            (high - low).max(0.1),
+            yaw as f32,
+        ],
+    })
+}

@@ -1,0 +1,201 @@
+//! The steps of a reproduction, in order.
+
+use crate::kitti::Preparation;
+use crate::methods::MethodRow;
+use crate::train::{NETWORKS, SEEDED};
+use crate::{Options, Setting, Simulation, Training};
+use mluc_train::NetworkKind;
+
+/// What a step does.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Work {
+    /// Simulates a split.
+    Simulate(Simulation),
+    /// Brings a split of recorded scans into the trainer's form.
+    Prepare(Preparation),
+    /// Trains a network.
+    Train(Training),
+    /// Judges every row that runs on a network.
+    Evaluate {
+        /// Kind of network.
+        network: NetworkKind,
+        /// Seed.
+        seed: u64,
+    },
+}
+
+/// A step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// Of which setting.
+    pub setting: Setting,
+    /// What it does.
+    pub work: Work,
+    /// Seconds that it takes on two quiet cores: a guess, for the time left alone.
+    pub estimate_s: f64,
+}
+
+impl Step {
+    /// For a person.
+    pub fn name(&self) -> String {
+        let setting = self.setting.name();
+        let with_seed = |network: NetworkKind, seed: u64| match seed {
+            1 => network.name().to_owned(),
+            _ => format!("{}, seed {seed}", network.name()),
+        };
+        match &self.work {
+            Work::Simulate(s) => format!("{setting}: simulate {} ({} frames)", s.name, s.frames),
+            Work::Prepare(p) => format!("{setting}: prepare {}", p.name),
+            Work::Train(t) => {
+                let network = with_seed(t.network, t.seed);
+                format!("{setting}: train {network} ({} steps)", t.steps)
+            }
+            Work::Evaluate { network, seed } => {
+                format!("{setting}: evaluate {}", with_seed(*network, *seed))
+            }
+        }
+    }
+}
+
+/// The steps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// In order.
+    pub steps: Vec<Step>,
+}
+
+impl Plan {
+    /// Every step for the settings, whether its outcome is there or not.
+    pub fn new(options: &Options) -> Plan {
+        let layout = &options.layout;
+        let mut steps = Vec::new();
+        for &setting in &options.settings {
+            let sizes = options.sizes(setting);
+            // Measured on two cores beside other work: a simulated frame, a step of two frames, a frame through the network, a frame
+            // through all thresholds of a row.
+            let [simulated_s, step_s, network_s, row_s] = match setting {
+                Setting::SimUdi => [0.1, 0.75, 0.16, 0.12],
+                Setting::SimKitti | Setting::Kitti => [0.04, 0.38, 0.08, 0.06],
+            };
+            let mut add = |work: Work, estimate_s: f64| {
+                steps.push(Step {
+                    setting,
+                    work,
+                    estimate_s,
+                });
+            };
+            for simulation in Simulation::all(layout, setting, &sizes) {
+                let seconds = f64::from(simulation.frames) * simulated_s;
+                add(Work::Simulate(simulation), seconds);
+            }
+            if let (Setting::Kitti, Some(source)) = (setting, &options.kitti) {
+                for preparation in source.preparations(layout) {
+                    add(Work::Prepare(preparation), 120.0);
+                }
+            }
+            let networks = networks(options.seeds);
+            for &(network, seed) in &networks {
+                let training = Training::new(layout, setting, &sizes, network, seed);
+                let seconds = training.steps as f64 * step_s * f64::from(sizes.batch) / 2.0;
+                add(Work::Train(training), seconds);
+            }
+            for &(network, seed) in &networks {
+                let rows = MethodRow::on(network, seed).count();
+                let seconds = f64::from(sizes.test_frames) * (network_s + rows as f64 * row_s);
+                add(Work::Evaluate { network, seed }, seconds);
+            }
+        }
+        Plan { steps }
+    }
+}
+
+/// Kinds and seeds, each after what it begins with.
+fn networks(seeds: u64) -> Vec<(NetworkKind, u64)> {
+    let first = NETWORKS.iter().map(|network| (*network, 1));
+    let more = (2..=seeds).flat_map(|seed| SEEDED.iter().map(move |network| (*network, seed)));
+    first.chain(more).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::methods::METHODS;
+    use crate::{Layout, Size};
+    use std::path::PathBuf;
+
+    fn plan(seeds: u64) -> Plan {
+        Plan::new(&Options {
+            layout: Layout {
+                data: PathBuf::from("data"),
+                runs: PathBuf::from("runs"),
+                out: PathBuf::from("out"),
+            },
+            settings: vec![Setting::SimUdi, Setting::SimKitti],
+            size: Size::Full,
+            test_frames: None,
+            seeds,
+            train: true,
+            program: PathBuf::new(),
+            commit: String::new(),
+            command: String::new(),
+            real: Vec::new(),
+            kitti: None,
+        })
+    }
+
+    fn trainings(seeds: u64) -> impl Iterator<Item = Training> {
+        let steps = plan(seeds).steps.into_iter();
+        steps.filter_map(|step| match step.work {
+            Work::Train(training) => Some(training),
+            _ => None,
+        })
+    }
+
+    #[test]
+    fn every_network_begins_with_one_that_was_trained_before() {
+        let mut there: Vec<PathBuf> = Vec::new();
+        for training in trainings(3) {
+            let after = |name: &str| {
+                let at = training.arguments.iter().position(|a| a == name)?;
+                training.arguments.get(at + 1).map(PathBuf::from)
+            };
+            if let Some(model) = after("--init") {
+                assert!(there.contains(&model), "{}", training.command());
+            }
+            there.push(after("--out").expect("a folder").join("model.safetensors"));
+        }
+        // Every kind, and two more seeds of three of them, in two settings.
+        assert_eq!(there.len(), 2 * (NETWORKS.len() + 2 * 3));
+    }
+
+    #[test]
+    fn two_networks_learn_from_scans_with_synthetic_unknown_objects() {
+        for setting in ["sim-udi", "sim-kitti"] {
+            let data = format!("data/{setting}-synthetic-unknown");
+            let is_made = |step: &Step| match &step.work {
+                Work::Simulate(s) => {
+                    s.command().contains(" --synthetic-unknown ") && s.folder.starts_with(&data)
+                }
+                _ => false,
+            };
+            assert_eq!(plan(1).steps.iter().filter(|s| is_made(s)).count(), 1);
+            let learning =
+                trainings(1).filter(|t| t.command().contains(&format!("--data {data} ")));
+            let learning: Vec<NetworkKind> = learning.map(|t| t.network).collect();
+            assert_eq!(learning, [NetworkKind::MetricOpen, NetworkKind::MlucFull]);
+        }
+    }
+
+    #[test]
+    fn every_row_is_evaluated_once() {
+        let plan = plan(1);
+        for row in METHODS.iter() {
+            let is_it = |step: &&Step| match step.work {
+                Work::Evaluate { network, .. } => network == row.network(),
+                _ => false,
+            };
+            let here = plan.steps.iter().filter(|s| s.setting == Setting::SimKitti);
+            assert_eq!(here.filter(is_it).count(), 1, "{}", row.key);
+        }
+    }
+}

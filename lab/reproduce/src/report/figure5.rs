@@ -1,0 +1,196 @@
+//! The paper's figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method, one column a
+//! setting. Points are those that keep nine tenths of the closed set's mAP; a ring marks the chosen one.
+
+use super::canvas_backend::CanvasBackend;
+use super::data::ReproductionReport;
+use super::tables::{Rows, present};
+use crate::methods::METHODS;
+use mluc_evaluate::SweepPoint;
+use mluc_gateway::picture::Canvas;
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+const PANEL_PX: (u32, u32) = (500, 320);
+const LEGEND_PX: u32 = 240;
+/// Pixels of the PNG a unit of the SVG.
+const PNG_SCALE: f32 = 2.0;
+const FONT: &str = "sans-serif";
+
+type Fault<B> = DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>;
+
+/// A panel: its name, the figure that it shows and that figure of a point.
+type Shown = (&'static str, &'static str, fn(&SweepPoint) -> f64);
+
+/// As SVG; an error in words where it cannot be drawn.
+pub fn svg(report: &ReproductionReport) -> Result<String, String> {
+    let mut text = String::new();
+    let backend = SVGBackend::with_string(&mut text, size_px(report));
+    draw(backend, report).map_err(|e| e.to_string())?;
+    Ok(text)
+}
+
+/// As pixels.
+pub fn canvas(report: &ReproductionReport) -> Result<Canvas, String> {
+    let (width, height) = size_px(report);
+    let [width, height] = [width, height].map(|v| (v as f32 * PNG_SCALE) as usize);
+    let mut canvas = Canvas::new(width, height, [255; 3]);
+    let backend = CanvasBackend {
+        canvas: &mut canvas,
+        scale: PNG_SCALE,
+    };
+    draw(backend, report).map_err(|e| e.to_string())?;
+    Ok(canvas)
+}
+
+fn size_px(report: &ReproductionReport) -> (u32, u32) {
+    let columns = report.settings.len().max(1) as u32;
+    (columns * PANEL_PX.0 + LEGEND_PX, 2 * PANEL_PX.1)
+}
+
+fn draw<B: DrawingBackend>(backend: B, report: &ReproductionReport) -> Result<(), Fault<B>> {
+    let root = backend.into_drawing_area();
+    root.fill(&WHITE)?;
+    let columns = report.settings.len().max(1);
+    let (panels, legend) = root.split_horizontally(columns as u32 * PANEL_PX.0);
+    let shown: [Shown; 2] = [
+        ("AP of the unknown, %", "ap_unknown", |p| p.ap_unknown),
+        ("mAP of the known, %", "map_known", |p| p.map_known),
+    ];
+    // The paper's order: the industrial park first.
+    let settings: Vec<_> = report.settings.iter().rev().collect();
+    for (at, area) in panels.split_evenly((2, columns)).iter().enumerate() {
+        if let Some((setting, rows)) = settings.get(at % columns) {
+            draw_panel(area, setting, rows, shown[at / columns])?;
+        }
+    }
+    draw_legend(&legend, report)?;
+    root.present()
+}
+
+fn draw_panel<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    setting: &str,
+    rows: &Rows,
+    (name, figure, of): Shown,
+) -> Result<(), Fault<B>> {
+    let curves = rows.values().flat_map(|row| &row.curve).map(of);
+    let chosen = rows.values().filter_map(|row| Some(row.get(figure)?[0]));
+    // Round ends. Curves that keep nine tenths of the known lie close together, so that axis begins below the lowest.
+    let (low, high) = if figure == "map_known" {
+        let least = curves.fold(100.0, f64::min) - 4.0;
+        ((10.0 * (least / 10.0).floor()).max(0.0), 100.0)
+    } else {
+        let most = curves.chain(chosen).fold(5.0, f64::max);
+        (0.0, (10.0 * (most / 10.0).ceil()).min(100.0))
+    };
+    let mut chart = ChartBuilder::on(area)
+        .caption(format!("{setting}: {name}"), (FONT, 15))
+        .margin(14)
+        .x_label_area_size(36)
+        .y_label_area_size(36)
+        .build_cartesian_2d(0.0..100.0, low..high)?;
+    chart
+        .configure_mesh()
+        .x_desc("recall of the unknown, %")
+        .x_labels(6)
+        .y_labels(6)
+        .light_line_style(TRANSPARENT)
+        .label_style((FONT, 12))
+        .draw()?;
+    for (method, figures) in present(rows) {
+        let [r, g, b] = method.color;
+        let color = RGBColor(r, g, b);
+        let curve = figures.curve.iter();
+        let mut points: Vec<(f64, f64)> = curve.map(|p| (p.recall_unknown, of(p))).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
+        if let (Some([x, _]), Some([y, _])) = (figures.get("recall_unknown"), figures.get(figure)) {
+            let ring = [(5, color), (2, WHITE)];
+            chart.draw_series(ring.map(|(radius, color)| {
+                let at = (x, y.clamp(low, high));
+                Circle::new(at, radius, color.filled())
+            }))?;
+        }
+    }
+    Ok(())
+}
+
+fn draw_legend<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    report: &ReproductionReport,
+) -> Result<(), Fault<B>> {
+    let is_shown = |key: &String| report.settings.values().any(|rows| rows.contains_key(key));
+    let style = (FONT, 12).into_font();
+    let style = style
+        .into_text_style(area)
+        .pos(Pos::new(HPos::Left, VPos::Center));
+    let mut y = 60;
+    for method in METHODS.iter().filter(|method| is_shown(&method.key)) {
+        let [r, g, b] = method.color;
+        let line = vec![(10, y), (32, y)];
+        area.draw(&PathElement::new(line, RGBColor(r, g, b).stroke_width(3)))?;
+        area.draw(&Text::new(method.title.as_str(), (40, y), &style))?;
+        y += 22;
+    }
+    area.draw(&Circle::new((21, y), 5, BLACK.filled()))?;
+    area.draw(&Circle::new((21, y), 2, WHITE.filled()))?;
+    area.draw(&Text::new("chosen", (40, y), &style))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::MethodFigures;
+
+    #[test]
+    fn both_forms_show_a_curve_in_its_colour() {
+        let point = |recall: f64| SweepPoint {
+            threshold: recall / 100.0,
+            recall_unknown: recall,
+            ap_unknown: recall / 2.0,
+            map_known: 80.0 - recall / 10.0,
+        };
+        let figures = [
+            ("recall_unknown", 40.0),
+            ("ap_unknown", 20.0),
+            ("map_known", 76.0),
+        ];
+        let row = MethodFigures {
+            curve: [60.0, 0.0, 20.0, 40.0].map(point).to_vec(),
+            figures: figures.map(|(name, v)| (name.to_owned(), [v, 0.0])).into(),
+            ..MethodFigures::default()
+        };
+        let report = ReproductionReport {
+            settings: [("sim-udi".to_owned(), [("mluc-full".to_owned(), row)].into())].into(),
+            ..ReproductionReport::default()
+        };
+        let text = svg(&report).expect("a picture");
+        let curves: Vec<&str> = text.lines().filter(|l| l.contains("#D52828")).collect();
+        let lines: Vec<&&str> = curves.iter().filter(|l| l.contains("<polyline")).collect();
+        // Two panels and the legend, and a ring a panel.
+        assert_eq!((lines.len(), curves.len()), (3, 5), "{text}");
+        let corners = lines[0].split("points=\"").nth(1).expect("points");
+        let corners = corners
+            .split('"')
+            .next()
+            .expect("points")
+            .split_whitespace();
+        let corners: Vec<(f64, f64)> = corners
+            .map(|c| c.split_once(',').expect("x, y"))
+            .map(|(x, y)| (x.parse().expect("x"), y.parse().expect("y")))
+            .collect();
+        assert_eq!(corners.len(), 4);
+        assert!(
+            corners.is_sorted_by(|a, b| a.0 < b.0 && a.1 > b.1),
+            "{corners:?}"
+        );
+        assert!(text.contains("MLUC full (ours)"));
+        let canvas = canvas(&report).expect("a picture");
+        let [width, height] = canvas.size_px();
+        let is_red = |at: usize| canvas.pixel(at % width, at / width) == Some([213, 40, 40]);
+        assert!((0..width * height).filter(|at| is_red(*at)).count() > 500);
+        // An empty report is a picture without curves, not a fault.
+        svg(&ReproductionReport::default()).expect("a picture");
+    }
+}

@@ -1,0 +1,187 @@
+//! A labelled scan with what several methods found in it, ready to be drawn.
+
+use super::perspective::Projection;
+use mluc_gateway::picture::{Canvas, Color, label_color, ramp};
+use mluc_geometry::Box3;
+
+/// Ground of pictures.
+pub(super) const NIGHT: Color = [11, 15, 22];
+const WHITE: Color = [245, 245, 245];
+/// Heights at the ends of the colour ramp, m above the sensor.
+const RAMP_M: [f32; 2] = [-2.2, 1.6];
+
+/// A label or a detection.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneBox {
+    /// Class; of an unknown: any.
+    pub class: String,
+    /// Whether it is unknown.
+    pub unknown: bool,
+    /// In the sensor frame.
+    pub bounds: Box3,
+}
+
+/// What one method found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Panel {
+    /// Heading.
+    pub title: String,
+    /// Its boxes.
+    pub boxes: Vec<SceneBox>,
+}
+
+/// A scan, its labels, and what was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrawnScene {
+    /// What a reader should know: data set, frame, errors.
+    pub caption: String,
+    /// x, y, z (m, sensor frame), intensity.
+    pub points: Vec<[f32; 4]>,
+    /// Labels.
+    pub truth: Vec<SceneBox>,
+    /// One a method.
+    pub panels: Vec<Panel>,
+    /// Where to look: x, y, m.
+    pub target_m: [f64; 2],
+}
+
+/// One panel: points by height, boxes as wires over `labelled` ones, which are dashed in white.
+pub(super) fn draw(
+    points: &[[f32; 4]],
+    boxes: &[SceneBox],
+    labelled: &[&SceneBox],
+    projection: &Projection,
+) -> Canvas {
+    let [width, height] = projection.size_px();
+    let mut canvas = Canvas::new(width, height, NIGHT);
+    draw_points(&mut canvas, points, projection);
+    for label in labelled {
+        for [a, b] in wires(&label.bounds, projection) {
+            dashes(&mut canvas, a, b);
+        }
+    }
+    for found in boxes {
+        let (color, width) = if found.unknown {
+            (label_color("unknown"), 3.0)
+        } else {
+            (label_color(&found.class), 1.8)
+        };
+        fill(&mut canvas, &found.bounds, projection, color);
+        for [a, b] in wires(&found.bounds, projection) {
+            canvas.line(a, b, width, color, 0.95);
+        }
+    }
+    canvas
+}
+
+/// Far points first, so that what is near is on top; from above, low points first.
+fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], projection: &Projection) {
+    let mut seen: Vec<(f32, [f32; 2], f32)> = points
+        .iter()
+        .filter_map(|&[x, y, z, _]| {
+            let (at, depth) = projection.project([x, y, z].map(f64::from))?;
+            Some((depth, at, z))
+        })
+        .collect();
+    seen.sort_by(|a, b| b.0.total_cmp(&a.0));
+    for (depth, [x, y], z) in seen {
+        let color = ramp((z - RAMP_M[0]) / (RAMP_M[1] - RAMP_M[0]));
+        let (x, y) = (x.floor() as i64, y.floor() as i64);
+        canvas.blend(x, y, color, 0.85);
+        if projection.is_near(depth) {
+            canvas.blend(x + 1, y, color, 0.7);
+            canvas.blend(x, y + 1, color, 0.7);
+        }
+    }
+}
+
+/// The twelve edges that are in front of the eye.
+fn wires(bounds: &Box3, projection: &Projection) -> Vec<[[f32; 2]; 2]> {
+    let half = bounds.size_m[2] / 2.0;
+    let corners: Vec<Option<[f32; 2]>> = [-half, half]
+        .into_iter()
+        .flat_map(|dz| {
+            let footprint = bounds.footprint_m();
+            footprint.map(|[x, y]| [x, y, bounds.center_m[2] + dz])
+        })
+        .map(|corner| projection.project(corner).map(|(at, _)| at))
+        .collect();
+    let edges = (0..4).flat_map(|i| [[i, (i + 1) % 4], [i + 4, (i + 1) % 4 + 4], [i, i + 4]]);
+    edges
+        .filter_map(|[a, b]| Some([corners[a]?, corners[b]?]))
+        .collect()
+}
+
+fn fill(canvas: &mut Canvas, bounds: &Box3, projection: &Projection, color: Color) {
+    let z = bounds.center_m[2] - bounds.size_m[2] / 2.0;
+    let corners: Vec<[f32; 2]> = bounds
+        .footprint_m()
+        .iter()
+        .filter_map(|[x, y]| projection.project([*x, *y, z]).map(|(at, _)| at))
+        .collect();
+    if corners.len() == 4 {
+        canvas.polygon(&corners, color, 0.25);
+    }
+}
+
+fn dashes(canvas: &mut Canvas, a: [f32; 2], b: [f32; 2]) {
+    let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+    // Wires that leave the picture far behind are not worth a thousand dashes.
+    if !(1.0..4000.0).contains(&length) {
+        return;
+    }
+    let mix = |t: f32| {
+        [
+            a[0] + (b[0] - a[0]) * t / length,
+            a[1] + (b[1] - a[1]) * t / length,
+        ]
+    };
+    let mut from = 0.0;
+    while from < length {
+        canvas.line(mix(from), mix((from + 3.0).min(length)), 1.2, WHITE, 0.9);
+        from += 6.0;
+    }
+}
+
+/// Copies a picture into another.
+pub(super) fn paste(onto: &mut Canvas, picture: &Canvas, left: usize, top: usize) {
+    let [width, height] = picture.size_px();
+    for y in 0..height {
+        for x in 0..width {
+            if let Some(color) = picture.pixel(x, y) {
+                onto.blend((left + x) as i64, (top + y) as i64, color, 1.0);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_box_is_red_and_a_label_is_dashed_in_white() {
+        let found = |unknown| SceneBox {
+            class: "car".into(),
+            unknown,
+            bounds: Box3::new([10.0, 0.0, -1.0, 8.0, 8.0, 1.5, 0.0]),
+        };
+        let projection = Projection::above([10.0, 0.0], 10.0, [200, 200]);
+        let reds = |canvas: &Canvas| {
+            let pixels = (0..200).flat_map(|y| (0..200).map(move |x| (x, y)));
+            let is_red = |c: Color| c[0] > 200 && c[1] < 120 && c[2] < 120;
+            pixels
+                .filter(|(x, y)| canvas.pixel(*x, *y).is_some_and(is_red))
+                .count()
+        };
+        let unknown = draw(&[], &[found(true)], &[], &projection);
+        let known = draw(&[], &[found(false)], &[], &projection);
+        assert!(reds(&unknown) > 300 && reds(&known) == 0);
+        let label = found(true);
+        let dashed = draw(&[], &[], &[&label], &projection);
+        let row: Vec<bool> = (60..140)
+            .map(|x| dashed.pixel(x, 60).is_some_and(|c| c[0] > 150))
+            .collect();
+        assert!(row.iter().any(|on| *on) && row.iter().any(|on| !on));
+    }
+}

@@ -1,0 +1,178 @@
+//! The step that trains a network, as the command that a person would give: a run that was interrupted is resumed by the trainer
+//! itself, and a fault in it cannot take the reproduction's state along.
+
+use crate::error::write_whole;
+use crate::{Layout, ReproduceError, Setting, Sizes};
+use mluc_dataset::read_text;
+use mluc_model::Model;
+use mluc_train::NetworkKind;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// A network and how it comes to be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Training {
+    /// Kind of network.
+    pub network: NetworkKind,
+    /// Seed.
+    pub seed: u64,
+    /// Folder of the run.
+    pub folder: PathBuf,
+    /// Optimiser steps.
+    pub steps: u64,
+    /// Arguments of `mluc-lab`.
+    pub arguments: Vec<String>,
+}
+
+/// The base network; the others begin with its weights.
+pub(crate) const BASE: NetworkKind = NetworkKind::Metric;
+/// Every kind of network, the base first; `osis` follows `softmax`, whose trunk it keeps.
+pub(crate) const NETWORKS: [NetworkKind; 7] = [
+    BASE,
+    NetworkKind::Sigmoid,
+    NetworkKind::Softmax,
+    NetworkKind::MetricOpen,
+    NetworkKind::MlucFull,
+    NetworkKind::Supervised,
+    NetworkKind::Osis,
+];
+/// Kinds that are trained with several seeds where that is asked for: naive, MLUC and our method run on them.
+pub(crate) const SEEDED: [NetworkKind; 3] = [BASE, NetworkKind::Softmax, NetworkKind::MlucFull];
+
+/// Largest learning rate of the networks that begin with the base's weights: half of the base's, which they need not find again.
+const TUNED_RATE: &str = "0.0015";
+
+impl Training {
+    pub(crate) fn new(
+        layout: &Layout,
+        setting: Setting,
+        sizes: &Sizes,
+        network: NetworkKind,
+        seed: u64,
+    ) -> Training {
+        let folder = layout.run_of(setting, network, seed);
+        let is_base = network == BASE && seed == 1;
+        let learns_unknown = network.learns_from_synthetic_unknown();
+        let is_supervised = network == NetworkKind::Supervised;
+        let steps = if is_base {
+            sizes.base_steps
+        } else if learns_unknown || is_supervised || network == NetworkKind::Sigmoid {
+            sizes.longer_steps
+        } else {
+            sizes.tuned_steps
+        };
+        // Recorded scans hold no synthetic unknown objects: there networks learn from pasted ones alone. Neither of these has a `val`.
+        let (data, validate_frames) = if is_supervised {
+            (layout.supervised_data_of(setting), 0)
+        } else if learns_unknown && setting.family().is_some() {
+            (layout.synthetic_unknown_data_of(setting), 0)
+        } else {
+            (layout.data_of(setting), sizes.validate_frames)
+        };
+        let mut arguments = vec!["train".to_owned()];
+        let mut add = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
+        let text = |path: &Path| path.display().to_string();
+        add("--setting", setting.trainer_name().to_owned());
+        add("--network", network.name().to_owned());
+        add("--data", text(&data));
+        add("--out", text(&folder));
+        if !is_base {
+            let is_osis = network == NetworkKind::Osis;
+            let from = if is_osis { NetworkKind::Softmax } else { BASE };
+            add("--init", text(&layout.model_of(setting, from, 1)));
+            add("--learning-rate", TUNED_RATE.to_owned());
+        }
+        add("--steps", steps.to_string());
+        add("--batch", sizes.batch.to_string());
+        add("--seed", seed.to_string());
+        add("--validate-frames", validate_frames.to_string());
+        arguments.push("--bf16".to_owned());
+        Training {
+            network,
+            seed,
+            folder,
+            steps,
+            arguments,
+        }
+    }
+
+    /// The command.
+    pub fn command(&self) -> String {
+        format!("mluc-lab {}", self.arguments.join(" "))
+    }
+
+    /// Runs the trainer to its end; its progress goes to this program's stderr.
+    pub(crate) fn run(&self, program: &Path) -> Result<(), ReproduceError> {
+        // What makes the network, for the report: a model does not know how its run was started. A run that goes on may have been
+        // begun by another command, and the trainer refuses it then.
+        let path = self.folder.join(COMMAND_FILE);
+        let write = || write_whole(&path, self.command().as_bytes());
+        if !self.folder.join("checkpoint.safetensors").exists() {
+            write()?;
+        }
+        let status = Command::new(program)
+            .args(&self.arguments)
+            .stdout(Stdio::null())
+            .status()
+            .map_err(|e| ReproduceError::file(program, e))?;
+        if status.success() {
+            return write();
+        }
+        Err(ReproduceError::Training {
+            network: self.network.name(),
+            status: status.to_string(),
+            command: self.command(),
+        })
+    }
+}
+
+/// In a run's folder: the command that made it, where a reproduction did.
+const COMMAND_FILE: &str = "command.txt";
+
+/// The command that made a run; "given" where it was not made by a reproduction.
+pub(crate) fn command_of(folder: &Path) -> String {
+    std::fs::read_to_string(folder.join(COMMAND_FILE)).unwrap_or_else(|_| "given".to_owned())
+}
+
+/// How far a run of the trainer is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunState {
+    /// No model.
+    Missing,
+    /// The model has fewer steps than the run's own aim.
+    Unfinished {
+        /// Steps done.
+        step: u64,
+        /// Steps in all.
+        steps: u64,
+    },
+    /// The run reached its own aim, or a model lies there without a log.
+    Done,
+}
+
+/// The parts of the trainer's log that matter here.
+#[derive(serde::Deserialize)]
+struct LogLine {
+    steps: u64,
+}
+
+/// Looks at a run's folder: the log's last line says how far the run was to go, the model how far it came.
+pub fn run_state(folder: &Path) -> Result<RunState, ReproduceError> {
+    let (model, log) = (folder.join("model.safetensors"), folder.join("train.jsonl"));
+    if !model.is_file() {
+        return Ok(RunState::Missing);
+    }
+    if !log.is_file() {
+        return Ok(RunState::Done);
+    }
+    // A line that was cut by an interruption is passed over.
+    let text = read_text(&log)?;
+    let mut lines = text.lines().rev();
+    let last = lines.find_map(|line| serde_json::from_str::<LogLine>(line).ok());
+    let step = Model::read(&model)?.manifest.provenance.steps;
+    Ok(match last {
+        Some(LogLine { steps }) if step >= steps => RunState::Done,
+        Some(LogLine { steps }) => RunState::Unfinished { step, steps },
+        None => RunState::Unfinished { step, steps: 0 },
+    })
+}

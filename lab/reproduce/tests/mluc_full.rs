@@ -1,0 +1,115 @@
+//! The method `mluc-full` is the product: the head at its own threshold and the refiner with what the model has learned.
+
+use mluc_backbone::Backbone;
+use mluc_evaluate::pipeline::{FoundObject, FrameSet, ModelGate, detect_frames};
+use mluc_head::{Detection, Head};
+use mluc_ipc_types::{Disposition, ObjectKind};
+use mluc_model::{
+    Grid, HeadKind, LOOKS, LOOKS_VALUES, Manifest, Model, Network, formula_uniform,
+    formula_weights, model_bytes,
+};
+use mluc_refiner::{Refiner, RefinerOutput, Settings};
+use mluc_reproduce::methods::{Method, MethodInput, run_method};
+use mluc_simulate::{ExportOptions, Family, Split, export};
+use std::path::Path;
+
+fn scans(folder: &Path) -> FrameSet {
+    let options = ExportOptions::new(Family::SimUdi, Split::Val, 4, 5, folder.to_owned());
+    export(&options, || ()).expect("simulated scans");
+    FrameSet::open(folder, None, usize::MAX).expect("frames")
+}
+
+/// An open head with weights by formula on a small map, and layers that judge clusters somehow.
+fn model() -> Model {
+    let grid = Grid {
+        range_min_m: [-25.6, -25.6, -5.0],
+        range_max_m: [25.6, 25.6, 3.0],
+        ..Grid::udi()
+    };
+    let network = Network {
+        head: HeadKind::Open,
+        generic: Manifest::GENERIC_ANCHORS,
+        ..Network::compact(grid, 4)
+    };
+    let mut manifest = Manifest::untrained("udi", network);
+    manifest.thresholds.candidates_max = 300;
+    let mut weights = formula_weights(&manifest.network);
+    let looks = (0..LOOKS_VALUES).map(|i| formula_uniform(LOOKS, i) as f32 - 0.5);
+    weights.insert(LOOKS, vec![LOOKS_VALUES], looks.collect());
+    let bytes = model_bytes(&manifest, &weights).expect("a model");
+    Model::from_bytes(&bytes).expect("a model")
+}
+
+/// Scan by scan, as the stages do it.
+fn product(model: &Model, set: &FrameSet) -> Vec<Vec<FoundObject>> {
+    let mut backbone = Backbone::new(&model.manifest, &model.weights).expect("a model");
+    let mut head = Head::new(&model.manifest, &model.weights).expect("a model");
+    let mut refiner = Refiner::for_model(Settings::default(), model).expect("a model");
+    let mut refined = RefinerOutput::default();
+    let mut one = |index: usize| {
+        let points = set.points(index).expect("points");
+        let count = backbone.run(bytemuck::cast_slice(&points)).rows;
+        let mut cells = vec![0; count];
+        let mut rows = vec![0.0; count * backbone.feature_channels()];
+        backbone.write_rows(&mut cells, &mut rows).expect("rows");
+        let mut detections: Vec<Detection> = Vec::new();
+        head.run(&cells, &rows, &mut detections).expect("boxes");
+        refiner.refine(index as u64, &points, &detections, &mut refined);
+        let published = refined
+            .objects
+            .iter()
+            .filter(|o| o.disposition == Disposition::Published as u32);
+        let object = |o: &mluc_ipc_types::Object| FoundObject {
+            kind: if o.kind == ObjectKind::Unknown as u32 {
+                ObjectKind::Unknown
+            } else {
+                ObjectKind::Known
+            },
+            class_id: o.class_id,
+            score: o.score,
+            bounds: [
+                o.center_m[0],
+                o.center_m[1],
+                o.center_m[2],
+                o.size_m[0],
+                o.size_m[1],
+                o.size_m[2],
+                o.yaw_rad,
+            ],
+        };
+        published.map(object).collect()
+    };
+    (0..set.len()).map(&mut one).collect()
+}
+
+#[test]
+fn the_method_at_the_models_threshold_is_the_products_pipeline() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let set = scans(folder.path());
+    let mut model = model();
+    let gate = ModelGate::of(&model);
+    let frames = detect_frames(&model, &set, || ()).expect("boxes");
+    let boxes = frames.iter().flat_map(|f| &f.detections);
+    let mut values: Vec<f32> = boxes.map(|d| gate.value(d)).collect();
+    values.retain(|v| gate.may_be(*v));
+    values.sort_by(f32::total_cmp);
+    assert!(values.len() > 20, "{} doubted boxes", values.len());
+    for threshold in [0.0, values[values.len() / 2], values[values.len() - 1]] {
+        gate.set(&mut model.manifest.thresholds, threshold);
+        let asked = [f64::from(threshold)];
+        let input = MethodInput {
+            thresholds: Some(&asked),
+            ..MethodInput::new(&model, &set, &frames)
+        };
+        let output = run_method(Method::MlucFull, &input).expect("objects");
+        let found = product(&model, &set);
+        let unknown = found
+            .iter()
+            .flatten()
+            .filter(|o| o.kind == ObjectKind::Unknown);
+        assert_eq!(unknown.count() > 0, threshold > 0.0);
+        for (lab, product) in output.objects.iter().zip(&found) {
+            assert_eq!(lab[0], *product);
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! Everything that is neither ground nor labelled: frontages along the road, street furniture, vegetation, and things of a car's size that are none.
+
+mod confusers;
+mod frontage;
+mod furniture;
+mod vegetation;
+
+use super::footprint::Footprint;
+use super::ground::{Ground, Place};
+use super::layout::Layout;
+use super::mesh::{Mesh, V3, v};
+use super::random::Dice;
+use super::scene::Scene;
+use super::{Family, Step, Stream};
+
+/// Kinds of background, for the instance file: 0x8000 + kind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(u16)]
+pub(crate) enum Thing {
+    Building = 1,
+    Wall,
+    Fence,
+    Hedge,
+    Bush,
+    Tree,
+    Pole,
+    Sign,
+    Bollard,
+    Hydrant,
+    Bin,
+    Bench,
+    Bicycles,
+    Shelter,
+    Planter,
+    Pallets,
+    Container,
+    Dumpster,
+    GasTank,
+    Cabinet,
+    Covered,
+}
+
+impl Thing {
+    /// Instance number of every point on a thing of this kind.
+    pub(crate) fn instance(self) -> u16 {
+        0x8000 + self as u16
+    }
+}
+
+/// Fills a scene around its objects. Things that would stand in an object or in each other are left out.
+pub(crate) fn fill(
+    stream: Stream,
+    ground: &Ground,
+    layout: &mut Layout<'_>,
+    scene: &mut Scene,
+    dice: &mut Dice,
+) {
+    let mut yard = Yard {
+        family: stream.family,
+        ground,
+        taken: &mut layout.taken,
+        scene,
+        // Those that are left out keep their places, so that everything else is as it would be with them.
+        shows: stream.realism.has(Step::Confusers),
+    };
+    confusers::place(&mut yard, dice);
+    yard.shows = true;
+    frontage::place(&mut yard, dice);
+    furniture::place(&mut yard, dice);
+    vegetation::place(&mut yard, dice);
+}
+
+/// What the builders place things into.
+struct Yard<'a, 'b> {
+    family: Family,
+    ground: &'a Ground,
+    taken: &'b mut Vec<Footprint>,
+    scene: &'b mut Scene,
+    /// Whether things are seen, or only take their ground.
+    shows: bool,
+}
+
+impl Yard<'_, '_> {
+    /// How far things stand along the road, m.
+    fn along_m(&self) -> [f32; 2] {
+        match self.family {
+            Family::SimUdi => [-72.0, 72.0],
+            Family::SimKitti => [0.0, 82.0],
+        }
+    }
+
+    /// Length of road over which rates are counted, in units of 100 m.
+    fn hundreds(&self) -> f32 {
+        let [low, high] = self.along_m();
+        (high - low) / 100.0
+    }
+
+    /// Places a thing at road coordinates, turned by `yaw` against the road, if there is room; true when placed.
+    fn put(&mut self, thing: Thing, mesh: &Mesh, along: f32, across: f32, yaw: f32) -> bool {
+        let (low, high) = mesh.bounds();
+        let (x, y) = self.ground.sensor(along, across);
+        let yaw = self.ground.yaw_rad + yaw;
+        let footprint = Footprint::of(low, high, [x, y], yaw);
+        let mut taken = self.taken.iter();
+        if taken.any(|other| footprint.overlaps(other, 0.1)) {
+            return false;
+        }
+        self.taken.push(footprint);
+        self.add(thing, mesh, [x, y, self.ground.height(x, y)], yaw);
+        true
+    }
+
+    /// Adds a thing without looking for room: `at` is in the sensor frame.
+    fn add(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 3], yaw: f32) {
+        if !self.shows {
+            return;
+        }
+        let (sin, cos) = yaw.sin_cos();
+        self.scene.add(mesh, thing.instance(), |p: V3| {
+            v(
+                at[0] + p.x * cos - p.y * sin,
+                at[1] + p.x * sin + p.y * cos,
+                at[2] + p.z,
+            )
+        });
+    }
+
+    /// Whether the place is of this kind.
+    fn is(&self, place: Place) -> bool {
+        self.ground.place == place
+    }
+
+    /// A place along the road.
+    fn somewhere(&self, dice: &mut Dice) -> f32 {
+        let [low, high] = self.along_m();
+        dice.range(low, high)
+    }
+
+    /// A place across the road between kerb and frontage.
+    fn on_pavement(&self, dice: &mut Dice) -> f32 {
+        dice.sign() * dice.range(self.ground.half_width_m + 0.25, self.ground.edge_m)
+    }
+
+    /// A place across the road behind the pavement, up to `depth_m` deep; on a plaza anywhere.
+    fn behind(&self, depth_m: f32, dice: &mut Dice) -> f32 {
+        if self.is(Place::Plaza) && dice.chance(0.6) {
+            return dice.spread(self.ground.half_width_m);
+        }
+        dice.sign() * (self.ground.edge_m + dice.range(0.4, depth_m))
+    }
+}

@@ -1,0 +1,278 @@
+//! Writing simulated frames as a KITTI-format folder.
+//!
+//! `velodyne/*.bin` (x, y, z, intensity as little-endian f32), `label_2/*.txt`, `calib/*.txt`, `planes/*.txt`, `instances/*.u16` (little-endian, one a point)
+//! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
+
+use super::labels::calibration;
+use super::{
+    Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split, Stream, Turn, turn,
+};
+use mluc_dataset::Label;
+use mluc_geometry::{Calibration, limit_period};
+use rayon::prelude::*;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+const FOLDERS: [&str; 6] = [
+    "velodyne",
+    "label_2",
+    "calib",
+    "planes",
+    "instances",
+    "ImageSets",
+];
+
+/// What to write.
+#[derive(Clone, Debug)]
+pub struct ExportOptions {
+    /// Family of scenes.
+    pub family: Family,
+    /// Split: decides the random streams and whether unknown classes appear.
+    pub split: Split,
+    /// How many frames.
+    pub frames: u32,
+    /// Frames of a sequence, a tenth of a second apart; None: every frame is a scene of its own.
+    pub sequence: Option<u32>,
+    /// Seed of the data set.
+    pub seed: u64,
+    /// Steps towards recorded scans: all of them, unless what they are worth is measured.
+    pub realism: Realism,
+    /// Whether objects that are made up of known ones stand among them, labelled `Synthetic_unknown`: unknown objects to train on, without an unknown class.
+    pub synthetic_unknown: bool,
+    /// The folder to write into; made when missing, refused when it holds anything.
+    pub folder: PathBuf,
+    /// Threads; 0 takes one per core.
+    pub threads: usize,
+}
+
+impl ExportOptions {
+    /// Scenes of their own with every step of realism, on all cores.
+    pub fn new(family: Family, split: Split, frames: u32, seed: u64, folder: PathBuf) -> Self {
+        ExportOptions {
+            family,
+            split,
+            frames,
+            sequence: None,
+            seed,
+            realism: Realism::FULL,
+            synthetic_unknown: false,
+            folder,
+            threads: 0,
+        }
+    }
+}
+
+/// Writes a data set. `written` is called after each frame, from any thread.
+pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), SimulateError> {
+    if options.synthetic_unknown && options.split != Split::Train {
+        let split = options.split.name();
+        return Err(SimulateError::SyntheticUnknownOutsideTraining { split });
+    }
+    prepare(&options.folder)?;
+    let calibration = calibration(options.family)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads)
+        .build()
+        .map_err(|e| SimulateError::Threads {
+            threads: options.threads,
+            reason: e.to_string(),
+        })?;
+    pool.install(|| {
+        let one = |index| {
+            let (frame, pose) = simulated(options, index)?;
+            write_frame(options, &calibration, index, &frame)?;
+            written();
+            Ok::<_, SimulateError>(pose)
+        };
+        (0..options.frames)
+            .into_par_iter()
+            .map(one)
+            .collect::<Result<Vec<_>, _>>()
+    })
+    .and_then(|poses| write_poses(options, &poses))?;
+    let names: String = (0..options.frames).map(|i| format!("{i:06}\n")).collect();
+    let list = format!("{}.txt", options.split.name());
+    write(
+        &options.folder.join("ImageSets").join(list),
+        names.as_bytes(),
+    )
+}
+
+fn simulated(
+    options: &ExportOptions,
+    index: u32,
+) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
+    let stream = Stream {
+        family: options.family,
+        split: options.split,
+        seed: options.seed,
+        realism: options.realism,
+        synthetic_unknown: options.synthetic_unknown,
+    };
+    match options.sequence {
+        None => turn(stream, index, None),
+        Some(steps) => {
+            let step = index % steps;
+            turn(stream, index / steps, Some(Turn { step, steps }))
+        }
+    }
+}
+
+/// Poses and stamps of sequences. Another sequence is another place: it lies a kilometre further, so that nothing is found again.
+fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), SimulateError> {
+    let Some(steps) = options.sequence else {
+        return Ok(());
+    };
+    let mut text = String::from("# x y z yaw (m, rad)\n");
+    let mut stamps = String::new();
+    for (index, [x, y, z]) in poses.iter().enumerate() {
+        let sequence = index / steps as usize;
+        // Writing into a String cannot fail.
+        let _ = writeln!(text, "{} {y} {z} 0", x + 1000.0 * sequence as f64);
+        let tenths = index % 10;
+        let seconds = index / 10;
+        let _ = writeln!(
+            stamps,
+            "2000-01-01 {:02}:{:02}:{:02}.{tenths}00000000",
+            seconds / 3600 % 24,
+            seconds / 60 % 60,
+            seconds % 60
+        );
+    }
+    write(&options.folder.join("poses.txt"), text.as_bytes())?;
+    write(&options.folder.join("timestamps.txt"), stamps.as_bytes())
+}
+
+/// Makes the folder and its parts; refuses one that holds anything.
+fn prepare(folder: &Path) -> Result<(), SimulateError> {
+    let failed = |path: &Path| {
+        let path = path.to_owned();
+        move |cause| SimulateError::Write { path, cause }
+    };
+    if folder.exists() {
+        let mut entries = std::fs::read_dir(folder).map_err(failed(folder))?;
+        if let Some(entry) = entries.next() {
+            let name = entry.map_err(failed(folder))?.file_name();
+            return Err(SimulateError::NotEmpty {
+                path: folder.to_owned(),
+                found: name.to_string_lossy().into_owned(),
+            });
+        }
+    }
+    FOLDERS.iter().try_for_each(|name| {
+        let path = folder.join(name);
+        std::fs::create_dir_all(&path).map_err(failed(&path))
+    })
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), SimulateError> {
+    std::fs::write(path, bytes).map_err(|cause| SimulateError::Write {
+        path: path.to_owned(),
+        cause,
+    })
+}
+
+fn write_frame(
+    options: &ExportOptions,
+    calibration: &Calibration,
+    index: u32,
+    frame: &SimulatedFrame,
+) -> Result<(), SimulateError> {
+    let path = |folder: &str, extension: &str| {
+        options
+            .folder
+            .join(folder)
+            .join(format!("{index:06}.{extension}"))
+    };
+    let points: Vec<u8> = frame
+        .points
+        .iter()
+        .flatten()
+        .flat_map(|value| value.to_le_bytes())
+        .collect();
+    write(&path("velodyne", "bin"), &points)?;
+    let instances: Vec<u8> = frame
+        .instances
+        .iter()
+        .flat_map(|i| i.to_le_bytes())
+        .collect();
+    write(&path("instances", "u16"), &instances)?;
+    let labels: String = frame
+        .objects
+        .iter()
+        .map(|o| format!("{}\n", label_of(o, options.family, calibration)))
+        .collect();
+    write(&path("label_2", "txt"), labels.as_bytes())?;
+    write(
+        &path("calib", "txt"),
+        calibration_text(calibration).as_bytes(),
+    )?;
+    write(
+        &path("planes", "txt"),
+        plane_text(calibration, frame.plane).as_bytes(),
+    )
+}
+
+/// The label line of an object.
+pub(crate) fn label_of(
+    object: &SimulatedObject,
+    family: Family,
+    calibration: &Calibration,
+) -> Label {
+    let camera_box = calibration.label_from_box_in_sensor(&object.box_in_sensor);
+    let [x, _, z] = camera_box.location_m;
+    Label {
+        class: object.class.name().to_owned(),
+        truncated: object.truncated,
+        occluded: object.occluded(family),
+        alpha_rad: limit_period(
+            camera_box.rotation_y_rad - x.atan2(z),
+            0.5,
+            std::f64::consts::TAU,
+        ),
+        image_box_px: object.image_box_px,
+        camera_box,
+        score: None,
+    }
+}
+
+fn calibration_text(calibration: &Calibration) -> String {
+    const IDENTITY: [f64; 12] = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0.];
+    let p2 = calibration.p2().as_flattened();
+    let matrices = [
+        ("P0", p2),
+        ("P1", p2),
+        ("P2", p2),
+        ("P3", p2),
+        ("R0_rect", calibration.r0_rect().as_flattened()),
+        ("Tr_velo_to_cam", calibration.velo_to_cam().as_flattened()),
+        ("Tr_imu_to_velo", &IDENTITY),
+    ];
+    let line = |(name, values): (&str, &[f64])| {
+        let values: String = values.iter().map(|value| format!(" {value}")).collect();
+        format!("{name}:{values}\n")
+    };
+    matrices.map(line).concat()
+}
+
+/// The ground plane in the camera frame, in the layout of the road planes published for KITTI.
+fn plane_text(calibration: &Calibration, [a, b, c, d]: [f64; 4]) -> String {
+    // A plane through three of its points, carried to the camera frame.
+    let on_plane = |x: f64, y: f64| calibration.rect_from_sensor([x, y, -(a * x + b * y + d) / c]);
+    let (p, q, r) = (on_plane(0.0, 0.0), on_plane(1.0, 0.0), on_plane(0.0, 1.0));
+    let (u, w) = (
+        [q[0] - p[0], q[1] - p[1], q[2] - p[2]],
+        [r[0] - p[0], r[1] - p[1], r[2] - p[2]],
+    );
+    let n = [
+        u[1] * w[2] - u[2] * w[1],
+        u[2] * w[0] - u[0] * w[2],
+        u[0] * w[1] - u[1] * w[0],
+    ];
+    let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+    // Upward in the camera frame is -y.
+    let sign = if n[1] > 0.0 { -1.0 } else { 1.0 };
+    let [nx, ny, nz] = n.map(|v| sign * v / length);
+    let offset = -(nx * p[0] + ny * p[1] + nz * p[2]);
+    format!("# Plane\nWidth 4\nHeight 1\n{nx:.6e} {ny:.6e} {nz:.6e} {offset:.6e}\n")
+}

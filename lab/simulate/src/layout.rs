@@ -1,0 +1,321 @@
+//! Where the labelled objects of a scene stand.
+//!
+//! The range of each object is drawn first, from the range distribution of KITTI's labels of its class; the place across the road follows from what such
+//! objects do (lanes, kerb, parking lots, pavements), and the place along the road from both. Objects never overlap.
+
+use super::footprint::Footprint;
+use super::ground::{Ground, Place};
+use super::objects::{Model, build};
+use super::random::Dice;
+use super::{Class, Family, Realism, Split, Stream};
+
+/// An object in the scene: its model, and where it stands in the sensor frame.
+pub(crate) struct Placed {
+    pub(crate) class: Class,
+    pub(crate) model: Model,
+    pub(crate) footprint: Footprint,
+}
+
+/// Everything that takes ground, and the objects among it.
+pub(crate) struct Layout<'a> {
+    family: Family,
+    realism: Realism,
+    ground: &'a Ground,
+    pub(crate) taken: Vec<Footprint>,
+    pub(crate) placed: Vec<Placed>,
+}
+
+type Pose = (f32, f32, f32);
+
+/// The sensor's own vehicle and free space before it, m.
+const EGO: Footprint = Footprint {
+    x: 0.5,
+    y: 0.0,
+    yaw: 0.0,
+    half: [3.5, 1.3],
+};
+/// Synthetic unknown objects of a frame, at most: many more than there are unknown ones, so that each frame teaches more.
+const SYNTHETIC_UNKNOWN_MAX: usize = 4;
+const ATTEMPTS: usize = 48;
+const ATTEMPTS_PER_RANGE: usize = 16;
+
+/// Places the objects of one frame; unknown classes only where the split allows them.
+pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut Dice) -> Layout<'a> {
+    let Stream { family, split, .. } = stream;
+    let mut layout = Layout {
+        family,
+        realism: stream.realism,
+        ground,
+        taken: vec![EGO],
+        placed: Vec::new(),
+    };
+    let (count, weights) = match family {
+        Family::SimUdi => (dice.whole(9, 20), [0.53, 0.21, 0.11, 0.15]),
+        Family::SimKitti => (dice.whole(6, 15), [0.58, 0.24, 0.18, 0.0]),
+    };
+    let mut wanted = Vec::new();
+    if split != Split::Train {
+        let unknown = family.unknown_classes();
+        wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
+    }
+    if stream.synthetic_unknown {
+        wanted.extend(std::iter::repeat_n(
+            Class::SyntheticUnknown,
+            dice.whole(1, SYNTHETIC_UNKNOWN_MAX),
+        ));
+    }
+    let knowns = [Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck];
+    wanted.extend((0..count).map(|_| knowns[dice.weighted(&weights)]));
+    // Long things first: they find no room later.
+    wanted.sort_by_key(|class| class.placing_order());
+    let mut index = 0;
+    while index < wanted.len() {
+        let class = wanted[index];
+        let same = wanted[index..].iter().take_while(|c| **c == class).count();
+        index += layout.place_some(class, same, dice).max(1);
+    }
+    layout
+}
+
+impl Layout<'_> {
+    /// Places one object and perhaps company of its class (a row of cars, a group of people), at most `limit`; returns how many.
+    fn place_some(&mut self, class: Class, limit: usize, dice: &mut Dice) -> usize {
+        let model = build(class, self.family, self.realism, dice);
+        // A range is given up only after many places at it: else near ranges, where less fits, would grow rare.
+        let mut range = 0.0;
+        let Some(pose) = (0..ATTEMPTS).find_map(|attempt| {
+            if attempt % ATTEMPTS_PER_RANGE == 0 {
+                range = dice.quantile(&range_knots(class));
+            }
+            let pose = self.pose(class, range, dice)?;
+            self.fits(&model, pose, dice).then_some(pose)
+        }) else {
+            return 0;
+        };
+        let length = model.size_m().x;
+        self.put(class, model, pose);
+        let company = match class {
+            Class::Car if dice.chance(0.45) => dice.whole(1, 4),
+            Class::Pedestrian if dice.chance(0.45) => dice.whole(1, 3),
+            _ => 0,
+        };
+        let mut count = 1;
+        let mut last = (pose, length);
+        for _ in 0..company.min(limit - 1) {
+            let model = build(class, self.family, self.realism, dice);
+            let pose = self.beside(class, last, model.size_m().x, dice);
+            if self.fits(&model, pose, dice) {
+                last = (pose, model.size_m().x);
+                self.put(class, model, pose);
+                count += 1;
+            }
+        }
+        count
+    }
+
+    /// The next place in a row of cars (along the road or side by side), or next to a person.
+    fn beside(&self, class: Class, last: (Pose, f32), length: f32, dice: &mut Dice) -> Pose {
+        let ((x, y, yaw), last_length) = last;
+        if class == Class::Pedestrian {
+            let angle = dice.range(0.0, std::f32::consts::TAU);
+            let away = dice.range(0.7, 1.6);
+            let heading = if dice.chance(0.6) {
+                yaw + dice.spread(0.3)
+            } else {
+                dice.spread(std::f32::consts::PI)
+            };
+            return (x + away * angle.cos(), y + away * angle.sin(), heading);
+        }
+        let across = (yaw - self.ground.yaw_rad).sin().abs() > 0.5;
+        let step = if across {
+            dice.range(2.3, 3.0)
+        } else {
+            (length + last_length) / 2.0 + dice.range(0.5, 1.6)
+        };
+        let (sin, cos) = self.ground.yaw_rad.sin_cos();
+        // Rows that begin far away come nearer, so that they stay in view.
+        let away = x * cos + y * sin > 28.0;
+        let step = if away { -step } else { step };
+        let turn = half_turn(dice.chance(0.15));
+        (
+            x + step * cos,
+            y + step * sin,
+            yaw + turn + dice.normal(0.0, 0.02),
+        )
+    }
+
+    fn put(&mut self, class: Class, model: Model, pose: Pose) {
+        let footprint = footprint(&model, pose);
+        self.taken.push(footprint);
+        self.placed.push(Placed {
+            class,
+            model,
+            footprint,
+        });
+    }
+
+    fn fits(&self, model: &Model, pose: Pose, dice: &mut Dice) -> bool {
+        let (x, y, _) = pose;
+        let inside = match self.family {
+            Family::SimUdi => x.abs() < 50.0 && y.abs() < 50.0,
+            // Outside of the camera's view only now and then.
+            Family::SimKitti => {
+                x > 2.0 && x < 69.5 && y.abs() < 39.0 && (y.abs() < 0.8 * x || dice.chance(0.3))
+            }
+        };
+        let footprint = footprint(model, pose);
+        inside
+            && self
+                .taken
+                .iter()
+                .all(|other| !footprint.overlaps(other, 0.25))
+    }
+
+    /// Draws where an object of this class could be at this range; None when the range does not reach the place across the road.
+    fn pose(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
+        if self.ground.place == Place::Plaza && dice.chance(0.7) {
+            return Some(self.anywhere(class, range, dice));
+        }
+        match class {
+            Class::Pedestrian => self.pedestrian(range, dice),
+            Class::SyntheticUnknown if dice.chance(0.3) => self.pedestrian(range, dice),
+            Class::Cyclist => self.cyclist(range, dice),
+            _ => self.vehicle(class, range, dice),
+        }
+    }
+
+    /// A pose at this place across the road and this range; `yaw` is relative to the road.
+    fn at(&self, across: f32, range: f32, yaw: f32, dice: &mut Dice) -> Option<Pose> {
+        let w = across - self.ground.lane_m;
+        let along = (range * range - w * w).max(0.0).sqrt();
+        if along == 0.0 && w.abs() > 1.3 * range {
+            return None;
+        }
+        let forward = match self.family {
+            Family::SimKitti => 1.0,
+            Family::SimUdi => dice.sign(),
+        };
+        let (x, y) = self.ground.sensor(forward * along, across);
+        Some((x, y, self.ground.yaw_rad + yaw))
+    }
+
+    fn vehicle(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
+        let g = self.ground;
+        let side = dice.sign();
+        let small = matches!(class, Class::GolfCart | Class::Forklift);
+        let weights = if small {
+            [0.2, 0.25, 0.35, 0.2]
+        } else {
+            [0.34, 0.3, 0.2, 0.16]
+        };
+        match dice.weighted(&weights) {
+            0 => {
+                let across = side * g.half_width_m * dice.range(0.35, 0.6);
+                let yaw = half_turn(side > 0.0);
+                self.at(across, range, yaw + dice.normal(0.0, 0.05), dice)
+            }
+            1 => {
+                let across = side * (g.half_width_m - dice.range(0.2, 1.2));
+                let yaw = half_turn(dice.chance(0.75) != (side < 0.0));
+                self.at(across, range, yaw + dice.normal(0.0, 0.04), dice)
+            }
+            2 => {
+                let across = side * (g.edge_m + dice.range(1.0, 14.0));
+                let quarter = std::f32::consts::FRAC_PI_2 * dice.whole(0, 3) as f32;
+                self.at(across, range, quarter + dice.normal(0.0, 0.08), dice)
+            }
+            _ => match g.crossing {
+                Some([at, half]) => {
+                    let yaw = side * std::f32::consts::FRAC_PI_2 + dice.normal(0.0, 0.08);
+                    let across = dice.spread(30.0);
+                    let (x, y) = g.sensor(at + side * half * 0.5, across);
+                    Some((x, y, g.yaw_rad + yaw))
+                }
+                None => Some(self.anywhere(class, range, dice)),
+            },
+        }
+    }
+
+    fn pedestrian(&self, range: f32, dice: &mut Dice) -> Option<Pose> {
+        let g = self.ground;
+        let side = dice.sign();
+        let along_or_any = |dice: &mut Dice| match dice.weighted(&[0.35, 0.35, 0.3]) {
+            0 => dice.normal(0.0, 0.15),
+            1 => std::f32::consts::PI + dice.normal(0.0, 0.15),
+            _ => dice.spread(std::f32::consts::PI),
+        };
+        match dice.weighted(&[0.62, 0.2, 0.18]) {
+            0 => {
+                let across = side * dice.range(g.half_width_m + 0.3, g.edge_m + 0.3);
+                let yaw = along_or_any(dice);
+                self.at(across, range, yaw, dice)
+            }
+            1 => {
+                let across = dice.spread(g.half_width_m);
+                let yaw = side * std::f32::consts::FRAC_PI_2 + dice.normal(0.0, 0.2);
+                self.at(across, range, yaw, dice)
+            }
+            _ => Some(self.anywhere(Class::Pedestrian, range, dice)),
+        }
+    }
+
+    fn cyclist(&self, range: f32, dice: &mut Dice) -> Option<Pose> {
+        let g = self.ground;
+        let side = dice.sign();
+        let direction = half_turn(side > 0.0);
+        match dice.weighted(&[0.55, 0.25, 0.2]) {
+            0 => {
+                let across = side * (g.half_width_m - dice.range(0.4, 2.6));
+                self.at(across, range, direction + dice.normal(0.0, 0.1), dice)
+            }
+            1 => {
+                let across = side * dice.range(g.half_width_m + 0.4, g.edge_m);
+                let yaw = direction + half_turn(dice.chance(0.3)) + dice.normal(0.0, 0.15);
+                self.at(across, range, yaw, dice)
+            }
+            _ => Some(self.anywhere(Class::Cyclist, range, dice)),
+        }
+    }
+
+    /// Any azimuth, any heading.
+    fn anywhere(&self, class: Class, range: f32, dice: &mut Dice) -> Pose {
+        let azimuth = match self.family {
+            Family::SimUdi => dice.spread(std::f32::consts::PI),
+            Family::SimKitti => dice.spread(0.75),
+        };
+        let yaw = if class == Class::Pedestrian || dice.chance(0.5) {
+            dice.spread(std::f32::consts::PI)
+        } else {
+            self.ground.yaw_rad
+                + std::f32::consts::FRAC_PI_2 * dice.whole(0, 3) as f32
+                + dice.normal(0.0, 0.05)
+        };
+        (range * azimuth.cos(), range * azimuth.sin(), yaw)
+    }
+}
+
+/// The rectangle of a model at a pose; the label's middle need not be the model's origin.
+fn footprint(model: &Model, (x, y, yaw): Pose) -> Footprint {
+    Footprint::of(model.low, model.high, [x, y], yaw)
+}
+
+/// A heading against the road, rad: turned around or along.
+fn half_turn(around: bool) -> f32 {
+    if around { std::f32::consts::PI } else { 0.0 }
+}
+
+/// Shares of the knots below.
+const RANGE_SHARES: [f32; 7] = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0];
+
+/// Distribution of the distance of KITTI's labels (percentiles of the public training labels), m.
+fn range_knots(class: Class) -> [(f32, f32); 7] {
+    let ranges_m = match class {
+        Class::Car | Class::SyntheticUnknown => [3.5, 7.7, 18.1, 28.8, 41.8, 62.2, 72.0],
+        Class::Pedestrian => [3.5, 7.3, 10.5, 17.4, 27.0, 41.6, 60.0],
+        Class::Cyclist => [4.0, 7.9, 14.2, 21.7, 30.5, 42.3, 60.0],
+        Class::Van => [5.0, 9.7, 20.6, 33.7, 50.0, 65.0, 70.0],
+        Class::Truck => [6.0, 11.1, 26.0, 38.0, 48.0, 64.0, 72.0],
+        Class::GolfCart | Class::Forklift => [4.0, 7.0, 14.0, 22.0, 32.0, 45.0, 50.0],
+    };
+    std::array::from_fn(|i| (RANGE_SHARES[i], ranges_m[i]))
+}

@@ -1,0 +1,358 @@
+//! Simulated scans of an HDL-64E with labels: a pure function from (family, split, seed, frame) to points and boxes.
+//!
+//! A frame is laid out (`ground`, `layout`, `background`), flattened into one triangle mesh (`scene`), scanned ray by ray (`scan`, `sensor`) and labelled
+//! (`labels`). All randomness is hashed from its key, so the bits do not depend on threads or on other frames. Sizes and ranges of objects follow published
+//! statistics of KITTI's labels; nothing of its data is used.
+//!
+//! What it leaves out: motion of the sensor during a turn, several returns of one ray, rain, and a physical model of intensity.
+
+mod background;
+mod drive;
+mod export;
+mod footprint;
+mod ground;
+mod labels;
+mod layout;
+mod mesh;
+mod objects;
+mod random;
+mod realism;
+mod scan;
+mod scene;
+mod sensor;
+pub mod statistics;
+pub mod synthetic_unknown;
+
+pub use export::{ExportOptions, export};
+pub use labels::{calibration, image_size};
+pub use realism::{Realism, Step};
+
+use mluc_dataset::SYNTHETIC_UNKNOWN;
+use mluc_geometry::{Box3, CalibrationError};
+use random::Dice;
+
+/// What can go wrong while simulating or writing.
+#[derive(Debug, thiserror::Error)]
+pub enum SimulateError {
+    /// The scene's triangles cannot be searched.
+    #[error("frame {index}: the scene's mesh cannot be built: {reason}")]
+    Mesh {
+        /// Frame.
+        index: u32,
+        /// What the ray caster says.
+        reason: String,
+    },
+    /// The family's own calibration is refused.
+    #[error("the simulator's calibration is not valid: {0}")]
+    Calibration(#[from] CalibrationError),
+    /// A folder or file cannot be made or written.
+    #[error("{path}: cannot write: {cause}")]
+    Write {
+        /// Which.
+        path: std::path::PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// The output folder holds something already.
+    #[error(
+        "{path}: expected an empty or a new folder, found {found} in it; choose another folder or remove it"
+    )]
+    NotEmpty {
+        /// Which folder.
+        path: std::path::PathBuf,
+        /// Name of something in it.
+        found: String,
+    },
+    /// Synthetic unknown objects outside of training.
+    #[error(
+        "synthetic unknown objects: expected the split train, found {split}: its unknown objects are real ones"
+    )]
+    SyntheticUnknownOutsideTraining {
+        /// Which split was asked for.
+        split: &'static str,
+    },
+    /// Threads cannot be started.
+    #[error("cannot start {threads} threads: {reason}")]
+    Threads {
+        /// How many were asked for.
+        threads: usize,
+        /// What the system says.
+        reason: String,
+    },
+}
+
+/// A scenario family: sensor view, sizes, and which classes are known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Family {
+    /// Full circle, within 51.2 m; known car, pedestrian, cyclist, truck; unknown golf cart, forklift.
+    SimUdi,
+    /// Forward half, x up to 70.4 m, |y| up to 40 m, with a camera; known car, pedestrian, cyclist; unknown van, truck.
+    SimKitti,
+}
+
+impl Family {
+    /// Both families.
+    pub const ALL: [Family; 2] = [Family::SimUdi, Family::SimKitti];
+
+    /// The family's name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Family::SimUdi => "sim-udi",
+            Family::SimKitti => "sim-kitti",
+        }
+    }
+
+    /// Classes that training shows.
+    pub fn known_classes(self) -> &'static [Class] {
+        match self {
+            Family::SimUdi => &[Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck],
+            Family::SimKitti => &[Class::Car, Class::Pedestrian, Class::Cyclist],
+        }
+    }
+
+    /// Classes that training never shows.
+    pub fn unknown_classes(self) -> &'static [Class] {
+        match self {
+            Family::SimUdi => &[Class::GolfCart, Class::Forklift],
+            Family::SimKitti => &[Class::Van, Class::Truck],
+        }
+    }
+}
+
+/// Which part of a data set: splits never share a random stream, so no layout or object is in two of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Split {
+    /// For training: known classes alone, and synthetic unknown objects where they are asked for.
+    Train,
+    /// For choosing thresholds.
+    Val,
+    /// For figures.
+    Test,
+}
+
+impl Split {
+    /// The splits in their usual order.
+    pub const ALL: [Split; 3] = [Split::Train, Split::Val, Split::Test];
+
+    /// The split's name in `ImageSets`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Split::Train => "train",
+            Split::Val => "val",
+            Split::Test => "test",
+        }
+    }
+}
+
+/// Class of a labelled object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Class {
+    /// Passenger car.
+    Car,
+    /// Van.
+    Van,
+    /// Truck.
+    Truck,
+    /// Person on foot.
+    Pedestrian,
+    /// Person on a bicycle.
+    Cyclist,
+    /// Golf cart.
+    GolfCart,
+    /// Forklift.
+    Forklift,
+    /// Made of known objects to stand for an unknown one: for training alone.
+    SyntheticUnknown,
+}
+
+impl Class {
+    /// All classes of real things.
+    pub const ALL: [Class; 7] = [
+        Class::Car,
+        Class::Van,
+        Class::Truck,
+        Class::Pedestrian,
+        Class::Cyclist,
+        Class::GolfCart,
+        Class::Forklift,
+    ];
+
+    /// Name in label files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Class::Car => "Car",
+            Class::Van => "Van",
+            Class::Truck => "Truck",
+            Class::Pedestrian => "Pedestrian",
+            Class::Cyclist => "Cyclist",
+            Class::GolfCart => "Golf_cart",
+            Class::Forklift => "Forklift",
+            Class::SyntheticUnknown => SYNTHETIC_UNKNOWN,
+        }
+    }
+
+    /// Long and rare things are placed first, while there is room.
+    fn placing_order(self) -> u8 {
+        match self {
+            Class::Truck => 0,
+            Class::Van | Class::GolfCart | Class::Forklift | Class::SyntheticUnknown => 1,
+            Class::Car => 3,
+            Class::Cyclist | Class::Pedestrian => 2,
+        }
+    }
+}
+
+/// A labelled object of a simulated frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SimulatedObject {
+    /// What it is.
+    pub class: Class,
+    /// Its box in the sensor frame.
+    pub box_in_sensor: Box3,
+    /// Rays that hit it over rays that would hit it if it stood alone, 0..1.
+    pub visibility: f32,
+    /// Points of the scan inside the box, whatever they lie on.
+    pub points: u32,
+    /// Left, top, right, bottom of the object's triangles in the image, px, clipped; all 0 outside of it. Without a camera 0 0 100 100.
+    pub image_box_px: [f64; 4],
+    /// Part of the projected rectangle outside the image, 0..1.
+    pub truncated: f64,
+}
+
+impl SimulatedObject {
+    /// KITTI's level: 0 visible, 1 partly, 2 largely occluded, 3 hardly seen. Without a camera fewer than 10 points are level 3 too.
+    pub fn occluded(&self, family: Family) -> i32 {
+        if family == Family::SimUdi && self.points < 10 {
+            return 3;
+        }
+        match self.visibility {
+            v if v >= 0.75 => 0,
+            v if v >= 0.4 => 1,
+            v if v >= 0.1 => 2,
+            _ => 3,
+        }
+    }
+}
+
+/// A simulated frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimulatedFrame {
+    /// x, y, z (m, sensor frame), intensity 0..1; beam by beam from the top.
+    pub points: Vec<[f32; 4]>,
+    /// Labelled objects: each holds at least one point.
+    pub objects: Vec<SimulatedObject>,
+    /// For each point what it lies on: 0 ground, n the n-th object (from 1), 0x8000 and above background, 0x7FFF an object without a label. Diagnostics only.
+    pub instances: Vec<u16>,
+    /// Ground at the sensor: a, b, c, d with a x + b y + c z + d = 0, (a, b, c) upward of length 1, sensor frame.
+    pub plane: [f64; 4],
+}
+
+/// What frames are drawn from.
+#[derive(Clone, Copy, Debug)]
+struct Stream {
+    family: Family,
+    split: Split,
+    seed: u64,
+    realism: Realism,
+    /// Whether synthetic unknown objects stand among the known ones.
+    synthetic_unknown: bool,
+}
+
+impl Stream {
+    fn full(family: Family, split: Split, seed: u64) -> Stream {
+        Stream {
+            family,
+            split,
+            seed,
+            realism: Realism::FULL,
+            synthetic_unknown: false,
+        }
+    }
+}
+
+/// Where in a sequence a frame stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Turn {
+    /// From 0.
+    step: u32,
+    /// Frames of the sequence.
+    steps: u32,
+}
+
+/// Simulates one frame. Pure: the same arguments give the same bits, whatever was simulated before.
+pub fn frame(
+    family: Family,
+    split: Split,
+    seed: u64,
+    index: u32,
+) -> Result<SimulatedFrame, SimulateError> {
+    Ok(turn(Stream::full(family, split, seed), index, None)?.0)
+}
+
+/// Simulates frame `step` of a sequence of `steps`, a tenth of a second apart: the scene of frame `index`, through which the sensor drives while half of the
+/// objects move. Returns the frame, and where the sensor is in the sensor frame of step 0 (x, y, z, m; its heading stays). Pure, like [`frame`].
+pub fn sequence_frame(
+    family: Family,
+    split: Split,
+    seed: u64,
+    index: u32,
+    step: u32,
+    steps: u32,
+) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
+    turn(
+        Stream::full(family, split, seed),
+        index,
+        Some(Turn { step, steps }),
+    )
+}
+
+fn turn(
+    stream: Stream,
+    index: u32,
+    turn: Option<Turn>,
+) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
+    let Stream {
+        family,
+        split,
+        seed,
+        realism,
+        ..
+    } = stream;
+    let key = random::hash(&[seed, family as u64, split as u64, u64::from(index)]);
+    let ground = ground::Ground::draw(family, &mut Dice::new(&[key, 1]));
+    let mut layout = layout::place_objects(stream, &ground, &mut Dice::new(&[key, 2]));
+    let mut scene = scene::Scene::default();
+    scene.add(&ground.mesh(family, &mut Dice::new(&[key, 3])), 0, |p| p);
+    background::fill(
+        stream,
+        &ground,
+        &mut layout,
+        &mut scene,
+        &mut Dice::new(&[key, 4]),
+    );
+    let half_turn = family == Family::SimKitti;
+    let mut sensor = sensor::Sensor::new(random::hash(&[key, 5]), half_turn, realism);
+    let mut sensor_at = mesh::v(0.0, 0.0, 0.0);
+    if let Some(Turn { step, steps }) = turn {
+        let mut dice = Dice::new(&[key, 6]);
+        let drive = drive::Drive::draw(&ground, &layout.placed, &layout.taken, steps, &mut dice);
+        drive.move_objects(step, &mut layout.placed);
+        sensor_at = drive.sensor_at(step, &ground);
+        sensor = sensor.at_turn(step);
+    }
+    let mut solids = scene.add_objects(&ground, &layout.placed);
+    scene.see_from(sensor_at, &mut solids);
+    let mesh_error = |reason: String| SimulateError::Mesh { index, reason };
+    let sweep = scan::sweep(&sensor, &scene).map_err(mesh_error)?;
+    let mut frame = labels::label(family, &sensor, &scene, &solids, sweep).map_err(mesh_error)?;
+    let (normal, offset) = ground.plane();
+    let offset = offset + normal.dot(sensor_at);
+    frame.plane = [normal.x, normal.y, normal.z, offset].map(f64::from);
+    Ok((
+        frame,
+        [sensor_at.x, sensor_at.y, sensor_at.z].map(f64::from),
+    ))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,338 @@
+//! Triangles with a surface each, and the primitives that parts are made of.
+
+use super::random::Dice;
+
+pub(crate) use parry3d::math::Vector as V3;
+
+/// What a ray meets on a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Kind {
+    /// Returns the ray.
+    Solid,
+    /// Window: most rays pass.
+    Glass,
+    /// Foliage, wire mesh, spokes: passes a ray with this probability.
+    Porous(f32),
+}
+
+/// Reflectivity and kind of a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Surface {
+    /// Share of the light that comes back at normal incidence, 0..1.
+    pub(crate) rho: f32,
+    /// Solid or not.
+    pub(crate) kind: Kind,
+}
+
+/// A solid surface.
+pub(crate) const fn solid(rho: f32) -> Surface {
+    Surface {
+        rho,
+        kind: Kind::Solid,
+    }
+}
+
+/// A porous surface that lets this share of the rays pass.
+pub(crate) const fn porous(rho: f32, passes: f32) -> Surface {
+    Surface {
+        rho,
+        kind: Kind::Porous(passes),
+    }
+}
+
+/// Window glass.
+pub(crate) const GLASS: Surface = Surface {
+    rho: 0.2,
+    kind: Kind::Glass,
+};
+/// Tyres.
+pub(crate) const RUBBER: Surface = solid(0.07);
+/// Bare or galvanised metal.
+pub(crate) const METAL: Surface = solid(0.35);
+/// Seats and dashboards.
+pub(crate) const INTERIOR: Surface = solid(0.12);
+/// Number plates, signs, reflective strips.
+pub(crate) const RETRO: Surface = solid(0.97);
+/// Faces and hands.
+pub(crate) const SKIN: Surface = solid(0.45);
+
+/// A triangle soup; `surfaces[i]` belongs to `triangles[i]`.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Mesh {
+    pub(crate) vertices: Vec<V3>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+    pub(crate) surfaces: Vec<Surface>,
+}
+
+/// Short for a point.
+pub(crate) fn v(x: f32, y: f32, z: f32) -> V3 {
+    V3::new(x, y, z)
+}
+
+/// Points around a circle, placed by the cosine and sine of their angle; the first lies `phase` steps on.
+pub(crate) fn circle(sides: usize, phase: f32, mut place: impl FnMut(f32, f32) -> V3) -> Vec<V3> {
+    let mut point = |i: usize| {
+        let angle = std::f32::consts::TAU * (i as f32 + phase) / sides as f32;
+        let (sin, cos) = angle.sin_cos();
+        place(cos, sin)
+    };
+    (0..sides).map(&mut point).collect()
+}
+
+impl Mesh {
+    /// One more vertex; returns its index.
+    pub(crate) fn vertex(&mut self, point: V3) -> u32 {
+        self.vertices.push(point);
+        (self.vertices.len() - 1) as u32
+    }
+
+    /// A triangle over existing vertices.
+    pub(crate) fn face(&mut self, triangle: [u32; 3], surface: Surface) {
+        self.triangles.push(triangle);
+        self.surfaces.push(surface);
+    }
+
+    /// A quadrilateral, split along a-c.
+    pub(crate) fn quad(&mut self, corners: [V3; 4], surface: Surface) {
+        let [a, b, c, d] = corners.map(|p| self.vertex(p));
+        self.face([a, b, c], surface);
+        self.face([a, c, d], surface);
+    }
+
+    /// Skin between rings of equally many points; `surface(ring, point)` chooses per quad, None leaves a hole.
+    pub(crate) fn loft(
+        &mut self,
+        rings: &[Vec<V3>],
+        closed: bool,
+        surface: impl Fn(usize, usize) -> Option<Surface>,
+    ) {
+        let first = self.vertices.len() as u32;
+        let count = rings.iter().map(Vec::len).min().unwrap_or(0);
+        for ring in rings {
+            self.vertices.extend_from_slice(&ring[..count]);
+        }
+        let steps = if closed {
+            count
+        } else {
+            count.saturating_sub(1)
+        };
+        for r in 0..rings.len().saturating_sub(1) {
+            for i in 0..steps {
+                if let Some(s) = surface(r, i) {
+                    let at =
+                        |ring: usize, point: usize| first + (ring * count + point % count) as u32;
+                    self.face([at(r, i), at(r, i + 1), at(r + 1, i + 1)], s);
+                    self.face([at(r, i), at(r + 1, i + 1), at(r + 1, i)], s);
+                }
+            }
+        }
+    }
+
+    /// A flat lid over a ring: a fan about its middle.
+    pub(crate) fn cap(&mut self, ring: &[V3], surface: Surface) {
+        let Some(sum) = ring.iter().copied().reduce(|a, b| a + b) else {
+            return;
+        };
+        let middle = self.vertex(sum / ring.len() as f32);
+        let first = self.vertices.len() as u32;
+        self.vertices.extend_from_slice(ring);
+        let count = ring.len() as u32;
+        for i in 0..count {
+            self.face([middle, first + i, first + (i + 1) % count], surface);
+        }
+    }
+
+    /// A block along the axes.
+    pub(crate) fn block(&mut self, center: V3, size: V3, surface: Surface) {
+        self.tapered(center, size, 1.0, 1.0, surface);
+    }
+
+    /// A block whose top is scaled by these factors along x and y.
+    pub(crate) fn tapered(
+        &mut self,
+        center: V3,
+        size: V3,
+        top_x: f32,
+        top_y: f32,
+        surface: Surface,
+    ) {
+        let h = size / 2.0;
+        let ring = |z: f32, sx: f32, sy: f32| -> Vec<V3> {
+            [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
+                .map(|(x, y)| center + v(x * h.x * sx, y * h.y * sy, z))
+                .to_vec()
+        };
+        let rings = [ring(-h.z, 1.0, 1.0), ring(h.z, top_x, top_y)];
+        self.loft(&rings, true, |_, _| Some(surface));
+        for r in &rings {
+            self.quad([r[0], r[1], r[2], r[3]], surface);
+        }
+    }
+
+    /// A block for each centre and size, in order.
+    pub(crate) fn blocks<const N: usize>(&mut self, blocks: [(V3, V3); N], surface: Surface) {
+        for (center, size) in blocks {
+            self.block(center, size, surface);
+        }
+    }
+
+    /// Two blocks, to the right (-y) and to the left of the middle.
+    pub(crate) fn twins(&mut self, center: V3, size: V3, surface: Surface) {
+        for side in [-1.0, 1.0] {
+            self.block(center * v(1.0, side, 1.0), size, surface);
+        }
+    }
+
+    /// A rectangle across y, from the first to the second x and z.
+    pub(crate) fn pane(&mut self, x: [f32; 2], y: f32, z: [f32; 2], surface: Surface) {
+        let at = |i: usize, j: usize| v(x[i], y, z[j]);
+        self.quad([at(0, 0), at(1, 0), at(1, 1), at(0, 1)], surface);
+    }
+
+    /// A tapered tube between two points with lids.
+    pub(crate) fn tube(&mut self, ends: [V3; 2], radii: [f32; 2], sides: usize, surface: Surface) {
+        let axis = ends[1] - ends[0];
+        if axis.length_squared() < 1e-8 {
+            return;
+        }
+        let axis = axis.normalize();
+        let helper = if axis.z.abs() < 0.8 { V3::Z } else { V3::X };
+        let side = axis.cross(helper).normalize();
+        let up = axis.cross(side);
+        let rings = [0, 1].map(|end| {
+            circle(sides, 0.0, |cos, sin| {
+                ends[end] + (side * cos + up * sin) * radii[end]
+            })
+        });
+        self.loft(&rings, true, |_, _| Some(surface));
+        for (r, radius) in rings.iter().zip(radii) {
+            if radius > 0.02 {
+                self.cap(r, surface);
+            }
+        }
+    }
+
+    /// A tube of one radius.
+    pub(crate) fn rod(&mut self, ends: [V3; 2], radius: f32, sides: usize, surface: Surface) {
+        self.tube(ends, [radius, radius], sides, surface);
+    }
+
+    /// A thin strut.
+    pub(crate) fn strut(&mut self, from: V3, to: V3, radius: f32, surface: Surface) {
+        self.rod([from, to], radius, 4, surface);
+    }
+
+    /// A skin over closed rings with a lid at both ends.
+    pub(crate) fn hull(&mut self, rings: &[Vec<V3>], surface: Surface) {
+        self.loft(rings, true, |_, _| Some(surface));
+        if let (Some(first), Some(last)) = (rings.first(), rings.last()) {
+            self.cap(first, surface);
+            self.cap(last, surface);
+        }
+    }
+
+    /// Stacked ellipses along z: (z, centre x, half x, half y) from bottom to top, with lids.
+    pub(crate) fn stack(&mut self, levels: &[[f32; 4]], sides: usize, surface: Surface) {
+        let ring = |&[z, cx, rx, ry]: &[f32; 4]| {
+            circle(sides, 0.5, |cos, sin| v(cx + rx * cos, ry * sin, z))
+        };
+        let rings: Vec<Vec<V3>> = levels.iter().map(ring).collect();
+        self.hull(&rings, surface);
+    }
+
+    /// An ellipsoid of stacked rings; each vertex is pushed in or out by up to `rough` of its radius.
+    pub(crate) fn blob(
+        &mut self,
+        center: V3,
+        radii: V3,
+        (levels, sides): (usize, usize),
+        rough: f32,
+        dice: &mut Dice,
+        surface: Surface,
+    ) {
+        let mut ring = |level: usize| {
+            let t = (level as f32 + 0.5) / levels as f32;
+            let (sin, cos) = ((t - 0.5) * std::f32::consts::PI).sin_cos();
+            circle(sides, 0.0, |c, s| {
+                let scale = 1.0 + dice.spread(rough);
+                center + v(radii.x * cos * c, radii.y * cos * s, radii.z * sin) * scale
+            })
+        };
+        let rings: Vec<Vec<V3>> = (0..levels).map(&mut ring).collect();
+        self.hull(&rings, surface);
+    }
+
+    /// Adds another mesh, each vertex moved by `place`.
+    pub(crate) fn add(&mut self, other: &Mesh, place: impl Fn(V3) -> V3) {
+        let first = self.vertices.len() as u32;
+        self.vertices
+            .extend(other.vertices.iter().map(|p| place(*p)));
+        self.triangles
+            .extend(other.triangles.iter().map(|t| t.map(|i| i + first)));
+        self.surfaces.extend_from_slice(&other.surfaces);
+    }
+
+    /// Moves every vertex.
+    pub(crate) fn map(&mut self, place: impl Fn(V3) -> V3) {
+        for p in &mut self.vertices {
+            *p = place(*p);
+        }
+    }
+
+    /// Keeps the triangles whose middle is where `wanted` says, and of the vertices only what they need.
+    pub(crate) fn keep(&mut self, wanted: impl Fn(V3) -> bool) {
+        let mut kept = Mesh::default();
+        for (triangle, surface) in self.triangles.iter().zip(&self.surfaces) {
+            let corners = triangle.map(|i| self.vertices[i as usize]);
+            if wanted((corners[0] + corners[1] + corners[2]) / 3.0) {
+                let triangle = corners.map(|p| kept.vertex(p));
+                kept.face(triangle, *surface);
+            }
+        }
+        *self = kept;
+    }
+
+    /// Pushes every vertex by up to `amount_m` along each axis, so that nothing is a perfect plane.
+    pub(crate) fn roughen(&mut self, amount_m: f32, dice: &mut Dice) {
+        for p in &mut self.vertices {
+            *p += v(
+                dice.spread(amount_m),
+                dice.spread(amount_m),
+                dice.spread(amount_m),
+            );
+        }
+    }
+
+    /// Lowest and highest corner; both zero when the mesh is empty.
+    pub(crate) fn bounds(&self) -> (V3, V3) {
+        self.vertices
+            .iter()
+            .fold(None, |acc: Option<(V3, V3)>, p| {
+                Some(acc.map_or((*p, *p), |(lo, hi)| (lo.min(*p), hi.max(*p))))
+            })
+            .unwrap_or((V3::ZERO, V3::ZERO))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_block_has_its_size_and_twelve_faces() {
+        let mut mesh = Mesh::default();
+        mesh.block(v(1.0, 2.0, 3.0), v(2.0, 4.0, 6.0), METAL);
+        assert_eq!(mesh.bounds(), (v(0.0, 0.0, 0.0), v(2.0, 4.0, 6.0)));
+        assert_eq!(mesh.triangles.len(), 12);
+        assert_eq!(mesh.surfaces.len(), 12);
+    }
+
+    #[test]
+    fn a_tube_stays_within_its_radius() {
+        let mut mesh = Mesh::default();
+        mesh.tube([v(0.0, 0.0, 0.0), v(0.0, 0.0, 2.0)], [0.5, 0.25], 8, METAL);
+        for p in &mesh.vertices {
+            assert!(p.x.hypot(p.y) <= 0.5 + 1e-5 && (-1e-5..=2.0 + 1e-5).contains(&p.z));
+        }
+    }
+}

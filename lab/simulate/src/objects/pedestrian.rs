@@ -1,0 +1,111 @@
+//! Pedestrians: walking or standing, sometimes with a bag, an umbrella or a stroller.
+
+use super::super::mesh::{METAL, Mesh, RUBBER, SKIN, Surface, circle, solid, v};
+use super::super::random::Dice;
+use super::Model;
+
+/// A person of 1.76 m on average, in any phase of the step.
+pub(super) fn pedestrian(dice: &mut Dice) -> Model {
+    let height = if dice.chance(0.06) {
+        dice.range(1.15, 1.45)
+    } else {
+        dice.normal(1.78, 0.085)
+    };
+    let s = height / 1.76;
+    let stride = if dice.chance(0.8) {
+        dice.range(0.3, 0.66)
+    } else {
+        dice.range(0.0, 0.1)
+    };
+    let phase = dice.sign() * dice.range(0.3, 1.0);
+    let swing = stride * phase;
+    let coat = solid(dice.range(0.08, 0.7));
+    let trousers = solid(dice.range(0.08, 0.4));
+    let girth = dice.range(0.9, 1.2);
+    let mut mesh = Mesh::default();
+    legs(&mut mesh, swing, dice.range(0.07, 0.13), trousers);
+    let lean = 0.06 * stride + dice.range(-0.01, 0.04);
+    torso(&mut mesh, girth, lean, coat);
+    arms(&mut mesh, swing, lean, girth, coat, dice);
+    let head = v(0.03 + lean, 0.0, 1.62);
+    mesh.blob(head, v(0.115, 0.085, 0.14), (4, 7), 0.05, dice, SKIN);
+    if dice.chance(0.3) {
+        // Rucksack.
+        mesh.block(v(-0.22 * girth, 0.0, 1.22), v(0.2, 0.3, 0.45), coat);
+    }
+    if dice.chance(0.22) {
+        // Bag in the hand.
+        mesh.block(v(-swing * 0.5, 0.34, 0.5), v(0.3, 0.12, 0.32), trousers);
+    }
+    mesh.map(|p| p * s);
+    rare_things(&mut mesh, s, dice);
+    mesh.roughen(0.006, dice);
+    let low = mesh.bounds().0.z;
+    mesh.map(|p| v(p.x, p.y, p.z - low));
+    Model::new(mesh, &Mesh::default())
+}
+
+fn legs(mesh: &mut Mesh, swing: f32, spacing: f32, trousers: Surface) {
+    for side in [-1.0, 1.0] {
+        let foot_x = side * swing;
+        let hip = v(0.0, side * 0.09, 0.9);
+        // The rear foot's heel lifts and its knee bends.
+        let lift = if foot_x < 0.0 { 0.35 * -foot_x } else { 0.0 };
+        let ankle = v(foot_x, side * spacing, 0.08 + lift);
+        let knee = (hip + ankle) / 2.0 + v(0.05 + 0.12 * foot_x.abs(), 0.0, 0.0);
+        mesh.tube([hip, knee], [0.098, 0.07], 6, trousers);
+        mesh.tube([knee, ankle], [0.068, 0.05], 6, trousers);
+        mesh.block(ankle + v(0.06, 0.0, -0.04), v(0.26, 0.095, 0.08), RUBBER);
+    }
+}
+
+fn torso(mesh: &mut Mesh, girth: f32, lean: f32, coat: Surface) {
+    let levels = [
+        [0.80, 0.0, 0.12, 0.17],
+        [0.98, 0.0, 0.125, 0.165],
+        [1.15, lean * 0.5, 0.12, 0.16],
+        [1.32, lean * 0.8, 0.13, 0.19],
+        [1.44, lean, 0.10, 0.20],
+        [1.50, lean, 0.06, 0.08],
+    ];
+    mesh.stack(
+        &levels.map(|[z, x, rx, ry]| [z, x, rx * girth, ry * girth]),
+        8,
+        coat,
+    );
+}
+
+fn arms(mesh: &mut Mesh, swing: f32, lean: f32, girth: f32, coat: Surface, dice: &mut Dice) {
+    for side in [-1.0f32, 1.0] {
+        let shoulder = v(lean, side * 0.2 * girth, 1.4);
+        let hanging_x = -side * swing * 0.85 + 0.03;
+        let hand = match dice.weighted(&[0.8, 0.1, 0.1]) {
+            0 => v(hanging_x, side * (0.22 * girth + 0.02), 0.84),
+            1 => v(0.28, side * 0.1, 1.12),
+            _ => v(0.2, side * 0.2, 1.45),
+        };
+        let elbow = (shoulder + hand) / 2.0 + v(-0.05, side * 0.04, 0.0);
+        mesh.tube([shoulder, elbow], [0.062, 0.05], 5, coat);
+        mesh.tube([elbow, hand], [0.048, 0.035], 5, coat);
+        mesh.block(hand + v(0.02, 0.0, -0.04), v(0.07, 0.05, 0.14), SKIN);
+    }
+}
+
+/// Umbrella 2 %, stroller 3 %.
+fn rare_things(mesh: &mut Mesh, scale: f32, dice: &mut Dice) {
+    let chance = dice.unit();
+    if chance < 0.02 {
+        let top = v(0.15, 0.1, 1.95 * scale);
+        mesh.strut(v(0.25, 0.15, 1.1 * scale), top, 0.012, METAL);
+        let rim = circle(8, 0.0, |c, s| top + v(0.45 * c, 0.45 * s, -0.14));
+        mesh.loft(&[rim, vec![top; 8]], true, |_, _| Some(solid(0.2)));
+    } else if chance < 0.05 {
+        mesh.tapered(v(0.75, 0.0, 0.62), v(0.7, 0.45, 0.4), 1.15, 1.0, solid(0.2));
+        for (x, y) in [(0.5, 0.2), (0.5, -0.2), (1.0, 0.2), (1.0, -0.2)] {
+            mesh.rod([v(x, y - 0.02, 0.1), v(x, y + 0.02, 0.1)], 0.1, 6, RUBBER);
+            mesh.strut(v(x, y, 0.1), v(0.75, y, 0.45), 0.015, METAL);
+        }
+        mesh.strut(v(0.4, 0.2, 0.8), v(0.25, 0.2, 1.05), 0.015, METAL);
+        mesh.strut(v(0.4, -0.2, 0.8), v(0.25, -0.2, 1.05), 0.015, METAL);
+    }
+}

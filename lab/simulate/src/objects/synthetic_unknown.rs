@@ -1,0 +1,210 @@
+//! Objects that stand for the unknown, made of known ones before they are scanned: no unknown class is in them.
+//!
+//! A known object is scaled axis by axis, or the rear (the lower part) of one meets the front (the upper part) of another, and a slab may be cut out, as
+//! windows and open sides are. What still has the size of a known class is thrown away. Since rays are cast at it like at anything else, it hides what stands
+//! behind it and its points lie where a sensor's would, which points that are moved about (`train::synthetic_unknown`) cannot have.
+//! Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
+
+use super::super::mesh::{Mesh, V3, v};
+use super::super::random::Dice;
+use super::{ANNOTATION_MARGIN_M, Class, Family, Model, Realism, Step, exact, mean_size_m};
+use crate::synthetic_unknown::{
+    CUT_CHANCE, CUT_LOW, CUT_SHARE, FACTORS, JOIN_CHANCE, has_known_size, has_road_size,
+};
+
+/// Draws for one object; the last is taken as it comes.
+const DRAWS: usize = 64;
+
+/// Builds one. What a vehicle is part of has a label that stands off, as vehicles do.
+pub(super) fn synthetic_unknown(family: Family, realism: Realism, dice: &mut Dice) -> Model {
+    let classes_m: Vec<[f64; 3]> = family
+        .known_classes()
+        .iter()
+        .map(|class| size_of(mean_size_m(*class, family)))
+        .collect();
+    let mut bent = attempt(family, dice);
+    for _ in 1..DRAWS {
+        let size_m = size_of(bent.model.size_m());
+        if has_road_size(size_m) && !has_known_size(size_m, &classes_m) {
+            break;
+        }
+        bent = attempt(family, dice);
+    }
+    if bent.has_vehicle && family == Family::SimKitti && realism.has(Step::Sizes) {
+        bent.model.stand_off(ANNOTATION_MARGIN_M);
+    }
+    bent.model
+}
+
+fn size_of(size_m: V3) -> [f64; 3] {
+    [size_m.x, size_m.y, size_m.z].map(f64::from)
+}
+
+struct Bent {
+    model: Model,
+    has_vehicle: bool,
+}
+
+fn attempt(family: Family, dice: &mut Dice) -> Bent {
+    let first = known_class(family, dice);
+    let mut mesh = body(first, family, dice);
+    let mut has_vehicle = is_vehicle(first);
+    let factors = FACTORS.map(|[low, high]| dice.range(low.ln() as f32, high.ln() as f32));
+    let mut factors = V3::from(factors.map(f32::exp));
+    if dice.chance(JOIN_CHANCE as f32) {
+        let second = known_class(family, dice);
+        has_vehicle |= is_vehicle(second);
+        mesh = join(mesh, body(second, family, dice), dice.chance(0.5));
+        // A join is new by itself: scale it less.
+        factors = V3::from([factors.x, factors.y, factors.z].map(f32::sqrt));
+    }
+    mesh.map(|p| p * factors);
+    if dice.chance(CUT_CHANCE as f32) {
+        cut(&mut mesh, dice);
+    }
+    let (low, _) = mesh.bounds();
+    mesh.map(|p| v(p.x, p.y, p.z - low.z));
+    Bent {
+        model: Model::new(mesh, &Mesh::default()),
+        has_vehicle,
+    }
+}
+
+/// What the label of a known object states the size of: without mirrors.
+fn body(class: Class, family: Family, dice: &mut Dice) -> Mesh {
+    let Model {
+        mut mesh,
+        low,
+        high,
+    } = exact(class, dice, family);
+    mesh.keep(|p| p.cmpge(low - 1e-3).all() && p.cmple(high + 1e-3).all());
+    mesh
+}
+
+fn is_vehicle(class: Class) -> bool {
+    matches!(class, Class::Car | Class::Truck)
+}
+
+/// Vehicles and people alike, though most known classes are people.
+fn known_class(family: Family, dice: &mut Dice) -> Class {
+    let wants_vehicle = dice.chance(0.5);
+    let is_wanted = |c: &&Class| is_vehicle(**c) == wants_vehicle;
+    let known: Vec<&Class> = family.known_classes().iter().filter(is_wanted).collect();
+    *known[dice.whole(0, known.len() - 1)]
+}
+
+/// The part of `rear` behind its middle (below it, if `stacked`), and of `front`, brought to the same width and length (width
+/// and height), the part before (above) its own.
+fn join(mut rear: Mesh, mut front: Mesh, stacked: bool) -> Mesh {
+    let size = |mesh: &Mesh| {
+        let (low, high) = mesh.bounds();
+        (high - low).max(V3::splat(1e-3))
+    };
+    let fit = size(&rear) / size(&front);
+    front.map(|p| match stacked {
+        true => v(p.x * fit.x, p.y * fit.y, p.z),
+        false => v(p.x, p.y * fit.y, p.z * fit.z),
+    });
+    let along = |p: V3| if stacked { p.z } else { p.x };
+    let middle = |mesh: &Mesh| {
+        let (low, high) = mesh.bounds();
+        along((low + high) / 2.0)
+    };
+    let (low, high) = (middle(&rear), middle(&front));
+    rear.keep(|p| along(p) < low);
+    front.keep(|p| along(p) >= high);
+    let shift = match stacked {
+        true => v(0.0, 0.0, low - high),
+        false => v(low - high, 0.0, 0.0),
+    };
+    rear.add(&front, |p| p + shift);
+    rear
+}
+
+/// Without the triangles that have their middle in a slab of the height.
+fn cut(mesh: &mut Mesh, dice: &mut Dice) {
+    let (bottom, top) = mesh.bounds();
+    let share = dice.range(CUT_SHARE[0] as f32, CUT_SHARE[1] as f32);
+    let from = dice.range(CUT_LOW as f32, 0.9 - share);
+    let at = |share: f32| bottom.z + share * (top.z - bottom.z);
+    mesh.keep(|p| p.z < at(from) || p.z > at(from + share));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_stand_on_the_ground_have_no_known_size_and_differ() {
+        for family in [Family::SimUdi, Family::SimKitti] {
+            let known = family.known_classes().iter();
+            let classes_m: Vec<[f64; 3]> =
+                known.map(|c| size_of(mean_size_m(*c, family))).collect();
+            let mut lengths = vec![];
+            for i in 0..200 {
+                let model = synthetic_unknown(family, Realism::FULL, &mut Dice::new(&[11, i]));
+                let size_m = size_of(model.size_m());
+                assert!(has_road_size(size_m), "{size_m:?}");
+                assert!(!has_known_size(size_m, &classes_m), "{size_m:?}");
+                assert!(model.low.z.abs() < 1e-3 && !model.mesh.triangles.is_empty());
+                let inside =
+                    |p: &V3| p.cmpge(model.low - 1e-2).all() && p.cmple(model.high + 1e-2).all();
+                let mesh = &model.mesh;
+                let used = mesh.triangles.iter().flatten();
+                assert!(used.map(|i| &mesh.vertices[*i as usize]).all(inside));
+                lengths.push(size_m[0]);
+            }
+            let most = lengths.iter().copied().fold(0.0, f64::max);
+            let least = lengths.iter().copied().fold(f64::MAX, f64::min);
+            assert!(least < 0.7 && most > 6.0, "lengths {least} to {most} m");
+        }
+    }
+
+    #[test]
+    fn a_body_has_the_size_of_its_label() {
+        for family in [Family::SimUdi, Family::SimKitti] {
+            for class in family.known_classes() {
+                for i in 0..20 {
+                    let dice = || Dice::new(&[6, i]);
+                    let label = exact(*class, &mut dice(), family).size_m();
+                    let (low, high) = body(*class, family, &mut dice()).bounds();
+                    let off = (high - low - label).abs().max_element();
+                    assert!(off < 0.05, "{class:?}: {} for {label}", high - low);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn labels_stand_off_where_a_vehicle_is_part_of_it_and_sizes_are_real() {
+        let gap = |realism: Realism, i: u64| {
+            let model = synthetic_unknown(Family::SimKitti, realism, &mut Dice::new(&[12, i]));
+            let (low, high) = model.mesh.bounds();
+            (model.size_m() - (high - low)).x / 2.0
+        };
+        let plain = Realism::without(&[Step::Sizes]);
+        let full: Vec<f32> = (0..40).map(|i| gap(Realism::FULL, i)).collect();
+        let stand_off = full
+            .iter()
+            .filter(|g| (**g - ANNOTATION_MARGIN_M).abs() < 1e-2)
+            .count();
+        let exact = full.iter().filter(|g| g.abs() < 1e-3).count();
+        assert!(
+            stand_off > 10 && exact > 5 && stand_off + exact == 40,
+            "{full:?}"
+        );
+        assert!((0..40).all(|i| gap(plain, i).abs() < 1e-3));
+    }
+
+    #[test]
+    fn a_join_has_the_rear_of_one_and_the_front_of_the_other() {
+        let dice = || Dice::new(&[5, 5]);
+        let car = exact(Class::Car, &mut dice(), Family::SimKitti).mesh;
+        let person = exact(Class::Pedestrian, &mut dice(), Family::SimKitti).mesh;
+        let joined = join(car.clone(), person.clone(), false);
+        assert!(joined.triangles.len() < car.triangles.len() + person.triangles.len());
+        assert!(joined.triangles.len() > car.triangles.len() / 4);
+        let length = |mesh: &Mesh| mesh.bounds().1.x - mesh.bounds().0.x;
+        assert!(length(&joined) < length(&car) && length(&joined) > length(&person));
+    }
+}

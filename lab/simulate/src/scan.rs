@@ -1,0 +1,130 @@
+//! One turn of the sensor: every ray is cast, passes windows and foliage, comes back or is lost, and is measured.
+
+use super::mesh::{Kind, V3};
+use super::random::{splitmix64, unit};
+use super::scene::{Scene, Searchable};
+use super::sensor::{BEAMS, Hit, RANGE_M, Sensor, Stream, drop_probability};
+use parry3d::query::{Ray, RayCast};
+
+/// Surfaces that one ray may pass before it is given up.
+const PASSES_MAX: usize = 8;
+/// Of the rays that meet glass, this many go through, and this many of the rest are lost.
+const GLASS_PASSES: f32 = 0.9;
+const GLASS_LOST: f32 = 0.05;
+/// A depth edge between neighbouring rays, m.
+const EDGE_M: [f32; 2] = [0.3, 4.0];
+
+/// Points and what each lies on; and, for every ray, which instance it ended on before noise and drop (row of a beam, then column).
+pub(crate) struct Sweep {
+    pub(crate) points: Vec<[f32; 4]>,
+    pub(crate) instances: Vec<u16>,
+    pub(crate) ended_on: Vec<Option<u16>>,
+}
+
+/// Casts all rays of a turn.
+pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
+    let world = scene.searchable(0..scene.mesh.triangles.len())?;
+    let columns = sensor.column_count();
+    let hits: Vec<Option<Hit>> = (0..BEAMS * columns)
+        .map(|i| trace(&world, sensor, i / columns, i % columns))
+        .collect();
+    let mut sweep = Sweep {
+        points: Vec::with_capacity(hits.len()),
+        instances: Vec::with_capacity(hits.len()),
+        ended_on: hits.iter().map(|hit| hit.map(|h| h.instance)).collect(),
+    };
+    for (i, hit) in hits.iter().enumerate() {
+        let (beam, column) = (i / columns, i % columns);
+        let Some(hit) = hit else { continue };
+        let neighbour = hits[beam * columns + (column + 1) % columns];
+        if let Some(point) = returned(sensor, *hit, neighbour, beam, column) {
+            sweep.points.push(point);
+            sweep.instances.push(hit.instance);
+        }
+    }
+    Ok(sweep)
+}
+
+/// Follows one ray to the surface that stops it. The draws at each surface depend on the ray and the count of passes alone, so that an object alone in the
+/// world is hit by the same rays as in the scene.
+pub(crate) fn trace(
+    world: &Searchable<'_>,
+    sensor: &Sensor,
+    beam: usize,
+    column: usize,
+) -> Option<Hit> {
+    let (start, direction) = sensor.ray(beam, column);
+    let mut bits = sensor.bits(Stream::Pass, beam, column);
+    let mut from = 0.0;
+    for _ in 0..PASSES_MAX {
+        let ray = Ray::new(start + direction * from, direction);
+        let hit = world
+            .mesh
+            .cast_local_ray_and_get_normal(&ray, RANGE_M[1] - from, false)?;
+        let face = hit.subshape as usize;
+        let surface = *world.surfaces.get(face)?;
+        let range_m = from + hit.time_of_impact;
+        bits = splitmix64(bits);
+        let stops = match surface.kind {
+            Kind::Solid => true,
+            Kind::Porous(passes) => unit(bits) >= passes,
+            Kind::Glass if !sensor.drops => true,
+            Kind::Glass if unit(bits) < GLASS_PASSES => false,
+            Kind::Glass if unit(bits) < GLASS_PASSES + GLASS_LOST => return None,
+            Kind::Glass => true,
+        };
+        if stops {
+            let cos_incidence = hit.normal.dot(-direction).abs();
+            return (range_m > RANGE_M[0]).then_some(Hit {
+                range_m,
+                cos_incidence,
+                rho: surface.rho,
+                instance: world.instances[face],
+            });
+        }
+        from = range_m + 1e-3;
+    }
+    None
+}
+
+/// The point that comes back, or None when it is lost.
+fn returned(
+    sensor: &Sensor,
+    hit: Hit,
+    neighbour: Option<Hit>,
+    beam: usize,
+    column: usize,
+) -> Option<[f32; 4]> {
+    if sensor.drops
+        && unit(sensor.bits(Stream::Drop, beam, column))
+            < drop_probability(sensor.base_drop, hit.range_m, hit.rho, hit.cos_incidence)
+    {
+        return None;
+    }
+    let true_m = mixed(sensor, hit.range_m, neighbour, beam, column);
+    let range_m = sensor.measured(true_m, beam, column);
+    if !(RANGE_M[0]..RANGE_M[1]).contains(&range_m) {
+        return None;
+    }
+    let (start, direction): (V3, V3) = sensor.ray(beam, column);
+    let p = start + direction * range_m;
+    Some([p.x, p.y, p.z, sensor.intensity(&hit, beam, column)])
+}
+
+/// A pulse that straddles a depth edge is sometimes reported at the nearer surface or between the two.
+fn mixed(sensor: &Sensor, range_m: f32, neighbour: Option<Hit>, beam: usize, column: usize) -> f32 {
+    let Some(other_m) = neighbour.map(|n| n.range_m) else {
+        return range_m;
+    };
+    let step = range_m - other_m;
+    let bits = sensor.bits(Stream::Mixed, beam, column);
+    if !(EDGE_M[0]..EDGE_M[1]).contains(&step) || unit(bits) >= sensor.noise.mixed {
+        return range_m;
+    }
+    let share = unit(splitmix64(bits));
+    if share < 0.5 {
+        other_m
+    } else {
+        other_m + step * (share - 0.5) * 2.0
+    }
+}

@@ -1,0 +1,278 @@
+//! The beams of a Velodyne HDL-64E and what it does to a range.
+//!
+//! Elevations: nominal values of public calibrations (upper block 2.02 - 0.34 i deg, lower block -8.95 - 0.5084 j deg, 32 beams each), with a jitter of
+//! 0.05 deg a beam. Azimuth: 10 Hz, 0.1728 deg, 2083 columns a turn, each beam with its own phase. Range noise 2 cm, bias of 1 cm a beam, steps of 2 mm.
+//! Without the step `rings` or `noise` it is the sensor of its data sheet: 64 beams evenly over 26.8 degrees that measure exactly.
+
+use super::mesh::{V3, v};
+use super::random::{hash, normal, unit};
+use super::{Realism, Step};
+
+/// Beams of the sensor.
+pub(crate) const BEAMS: usize = 64;
+/// Columns of a full turn at 10 Hz.
+pub(crate) const COLUMNS: usize = 2083;
+/// Shortest and longest range that is reported, m.
+pub(crate) const RANGE_M: [f32; 2] = [0.9, 120.0];
+/// Height above the road on KITTI's car, m.
+pub(crate) const HEIGHT_M: f32 = 1.73;
+
+const RANGE_STEP_M: f32 = 0.002;
+const ELEVATION_JITTER_DEG: f32 = 0.05;
+/// The lower block of lasers sits this far below the upper one, m.
+const BLOCK_OFFSET_M: f32 = 0.043;
+
+/// Highest and lowest beam of the data sheet, degrees.
+const FIELD_DEG: [f32; 2] = [2.0, -24.8];
+
+/// How far measurements stray.
+pub(crate) struct Noise {
+    range_m: f32,
+    beam_bias_m: f32,
+    azimuth_rad: f32,
+    /// Share of the intensity.
+    intensity: f32,
+    /// How often the pulse that straddles a depth edge is reported at or between the two surfaces.
+    pub(crate) mixed: f32,
+}
+
+const NOISE: Noise = Noise {
+    range_m: 0.02,
+    beam_bias_m: 0.01,
+    azimuth_rad: 0.02 * std::f32::consts::PI / 180.0,
+    intensity: 0.1,
+    mixed: 0.15,
+};
+
+const EXACT: Noise = Noise {
+    range_m: 0.0,
+    beam_bias_m: 0.0,
+    azimuth_rad: 0.0,
+    intensity: 0.0,
+    mixed: 0.0,
+};
+
+/// Where a ray ended.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hit {
+    pub(crate) range_m: f32,
+    pub(crate) cos_incidence: f32,
+    pub(crate) rho: f32,
+    pub(crate) instance: u16,
+}
+
+/// Streams of per-ray randomness: one number each, so that no two draws share bits.
+#[derive(Clone, Copy)]
+pub(crate) enum Stream {
+    Elevation = 1,
+    Phase,
+    Bias,
+    Range,
+    Azimuth,
+    Drop,
+    Pass,
+    Intensity,
+    Mixed,
+}
+
+/// One sensor, as it is in one frame.
+pub(crate) struct Sensor {
+    key: u64,
+    elevation_rad: [f32; BEAMS],
+    phase: [f32; BEAMS],
+    bias_m: [f32; BEAMS],
+    /// Height of each beam's origin, m.
+    origin_z_m: [f32; BEAMS],
+    first_column: usize,
+    column_count: usize,
+    pub(crate) noise: Noise,
+    /// Whether surfaces swallow rays and windows pass them.
+    pub(crate) drops: bool,
+    /// Share of all hits that is lost for no visible reason.
+    pub(crate) base_drop: f32,
+}
+
+impl Sensor {
+    /// The sensor of a frame; `half_turn` casts only the columns with x > 0.
+    pub(crate) fn new(key: u64, half_turn: bool, realism: Realism) -> Sensor {
+        let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
+        let rings = realism.has(Step::Rings);
+        let nominal = |b: usize| match b {
+            _ if !rings => {
+                FIELD_DEG[0] + (FIELD_DEG[1] - FIELD_DEG[0]) * b as f32 / (BEAMS - 1) as f32
+            }
+            0..32 => 2.02 - 0.34 * b as f32,
+            _ => -8.95 - 0.5084 * (b - 32) as f32,
+        };
+        let jitter_deg = if rings { ELEVATION_JITTER_DEG } else { 0.0 };
+        let noise = if realism.has(Step::Noise) {
+            NOISE
+        } else {
+            EXACT
+        };
+        let (first_column, column_count) = if half_turn {
+            (COLUMNS - COLUMNS / 4, COLUMNS / 2)
+        } else {
+            (0, COLUMNS)
+        };
+        Sensor {
+            key,
+            elevation_rad: std::array::from_fn(|b| {
+                (nominal(b) + jitter_deg * normal(draw(Stream::Elevation, b))).to_radians()
+            }),
+            phase: std::array::from_fn(|b| draw(Stream::Phase, b))
+                .map(|bits| if rings { unit(bits) } else { 0.5 }),
+            bias_m: std::array::from_fn(|b| noise.beam_bias_m * normal(draw(Stream::Bias, b))),
+            origin_z_m: std::array::from_fn(|b| {
+                if rings && b >= 32 {
+                    -BLOCK_OFFSET_M
+                } else {
+                    0.0
+                }
+            }),
+            first_column,
+            column_count,
+            noise,
+            drops: realism.has(Step::Drop),
+            base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, BEAMS)),
+        }
+    }
+
+    /// The same sensor at a later turn: its beams stay, the noise of its rays is another.
+    pub(crate) fn at_turn(self, turn: u32) -> Sensor {
+        Sensor {
+            key: hash(&[self.key, u64::from(turn)]),
+            ..self
+        }
+    }
+
+    /// Columns that are cast.
+    pub(crate) fn column_count(&self) -> usize {
+        self.column_count
+    }
+
+    /// Random bits of one ray for one purpose.
+    pub(crate) fn bits(&self, stream: Stream, beam: usize, column: usize) -> u64 {
+        hash(&[
+            self.key ^ ((stream as u64) << 56),
+            (beam * 4096 + column) as u64,
+        ])
+    }
+
+    /// Where the ray starts and its unit direction; `column` counts the columns that are cast.
+    pub(crate) fn ray(&self, beam: usize, column: usize) -> (V3, V3) {
+        let turn = ((self.first_column + column) % COLUMNS) as f32 + self.phase[beam];
+        let azimuth = std::f32::consts::TAU * turn / COLUMNS as f32
+            + self.noise.azimuth_rad * normal(self.bits(Stream::Azimuth, beam, column));
+        let (sin_a, cos_a) = azimuth.sin_cos();
+        let (sin_e, cos_e) = self.elevation_rad[beam].sin_cos();
+        let start = v(0.0, 0.0, self.origin_z_m[beam]);
+        (start, v(cos_e * cos_a, cos_e * sin_a, sin_e))
+    }
+
+    /// Direction of a column in the plane, without phase and jitter of its beams.
+    pub(crate) fn column_direction(&self, column: usize) -> [f32; 2] {
+        let turn = ((self.first_column + column) % COLUMNS) as f32 + 0.5;
+        let (sin, cos) = (std::f32::consts::TAU * turn / COLUMNS as f32).sin_cos();
+        [cos, sin]
+    }
+
+    /// The range as it is reported, m.
+    pub(crate) fn measured(&self, range_m: f32, beam: usize, column: usize) -> f32 {
+        let noisy = range_m
+            + self.noise.range_m * normal(self.bits(Stream::Range, beam, column))
+            + self.bias_m[beam];
+        (noisy / RANGE_STEP_M).round() * RANGE_STEP_M
+    }
+
+    /// Reflected intensity, 0..0.99 in steps of 0.01.
+    pub(crate) fn intensity(&self, hit: &Hit, beam: usize, column: usize) -> f32 {
+        let value = if hit.rho > 0.9 {
+            hit.rho
+        } else {
+            let strays = normal(self.bits(Stream::Intensity, beam, column));
+            hit.rho * hit.cos_incidence.max(0.0).sqrt() * (1.0 + self.noise.intensity * strays)
+        };
+        (value.clamp(0.0, 0.99) * 100.0).round() / 100.0
+    }
+}
+
+/// Probability that a hit does not come back, from range, reflectivity and cosine of incidence. The constants are guesses from
+/// published sensor models: a base share of everything (1 to 6 %, one number a frame), half of the returns at 135 sqrt(rho) m, up to 45 % more at grazing incidence.
+pub(crate) fn drop_probability(base: f32, range_m: f32, rho: f32, cos_incidence: f32) -> f32 {
+    let half_m = 135.0 * rho.sqrt();
+    let far = 1.0 / (1.0 + (-(range_m - half_m) / 8.0).exp());
+    let graze = 0.45 * (0.15 - cos_incidence).max(0.0) / 0.15;
+    (base + far + graze).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elevations_span_the_data_sheet() {
+        let sensor = Sensor::new(5, false, Realism::FULL);
+        let degrees: Vec<f32> = sensor
+            .elevation_rad
+            .iter()
+            .map(|e| e.to_degrees())
+            .collect();
+        assert!((degrees[0] - 2.02).abs() < 0.2 && (degrees[63] + 24.71).abs() < 0.2);
+        assert!(degrees.windows(2).all(|w| w[0] > w[1] - 0.05));
+    }
+
+    #[test]
+    fn the_half_turn_looks_forward() {
+        let sensor = Sensor::new(5, true, Realism::FULL);
+        for column in 1..sensor.column_count() - 2 {
+            assert!(sensor.ray(0, column).1.x > 0.0, "column {column}");
+        }
+    }
+
+    #[test]
+    fn drop_grows_with_range_and_grazing() {
+        assert!(drop_probability(0.03, 20.0, 0.4, 1.0) < 0.05);
+        assert!(drop_probability(0.03, 80.0, 0.1, 1.0) > 0.95);
+        let grazing = drop_probability(0.03, 20.0, 0.4, 0.01);
+        assert!(grazing > 10.0 * drop_probability(0.03, 20.0, 0.4, 1.0));
+    }
+
+    #[test]
+    fn without_rings_beams_are_even_and_start_together() {
+        let sensor = Sensor::new(5, false, Realism::without(&[Step::Rings, Step::Noise]));
+        let first = sensor.ray(0, 10).1;
+        let degrees: Vec<f32> = (0..BEAMS)
+            .map(|b| {
+                let (start, direction) = sensor.ray(b, 10);
+                assert_eq!(start, V3::ZERO);
+                let turned = direction.y.atan2(direction.x) - first.y.atan2(first.x);
+                assert!(turned.abs() < 1e-5, "beam {b} looks {turned} rad aside");
+                direction.z.asin().to_degrees()
+            })
+            .collect();
+        let even = (FIELD_DEG[0] - FIELD_DEG[1]) / (BEAMS - 1) as f32;
+        assert!(
+            degrees
+                .windows(2)
+                .all(|w| (w[0] - w[1] - even).abs() < 1e-3)
+        );
+    }
+
+    #[test]
+    fn without_noise_ranges_are_exact_and_beams_stay_as_they_are() {
+        let (plain, usual) = (
+            Sensor::new(5, false, Realism::without(&[Step::Noise])),
+            Sensor::new(5, false, Realism::FULL),
+        );
+        assert_eq!(plain.elevation_rad, usual.elevation_rad);
+        assert_eq!(plain.phase, usual.phase);
+        assert_eq!(plain.base_drop, usual.base_drop);
+        let error = |sensor: &Sensor| {
+            let errors = (0..500).map(|c| (sensor.measured(17.3, c % BEAMS, c) - 17.3).abs());
+            errors.fold(0.0, f32::max)
+        };
+        assert!(error(&plain) <= RANGE_STEP_M, "{}", error(&plain));
+        assert!(error(&usual) > 0.03, "{}", error(&usual));
+    }
+}

@@ -1,0 +1,34 @@
+//! What a synthetic unknown object may be: shared by the trainer, which bends the points of known objects, and the simulator,
+//! which bends their surfaces before they are scanned.
+//!
+//! Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
+
+/// Factors of l, w, h, log-uniform: a guess that spans small carts and lorries.
+pub const FACTORS: [[f64; 2]; 3] = [[0.45, 2.4], [0.65, 1.6], [0.7, 2.0]];
+/// Chance of a join, of a scaled object otherwise.
+pub const JOIN_CHANCE: f64 = 0.35;
+/// Chance of a cut.
+pub const CUT_CHANCE: f64 = 0.35;
+/// A cut takes this share of the height,
+pub const CUT_SHARE: [f64; 2] = [0.2, 0.45];
+/// and starts above this one.
+pub const CUT_LOW: f64 = 0.25;
+
+/// Smallest and largest l, w, h of anything on a road, m.
+const SIZES_M: [[f64; 2]; 3] = [[0.4, 14.0], [0.4, 3.2], [0.8, 4.2]];
+/// All three sizes within this factor of a class' mean: still an object of that class.
+const ALIKE_FACTOR: f64 = 1.25;
+
+/// Whether l, w, h are those of something on a road.
+pub fn has_road_size(size_m: [f64; 3]) -> bool {
+    let mut sizes = size_m.iter().zip(SIZES_M);
+    sizes.all(|(s, [low, high])| (low..=high).contains(s))
+}
+
+/// Whether l, w, h are alike those of a known class; `classes_m`: their means.
+pub fn has_known_size(size_m: [f64; 3], classes_m: &[[f64; 3]]) -> bool {
+    classes_m.iter().any(|class| {
+        let factor = |i: usize| (size_m[i] / class[i]).ln().abs();
+        (0..3).all(|i| factor(i) < ALIKE_FACTOR.ln())
+    })
+}

@@ -1,0 +1,362 @@
+//! What the simulator promises: the same bits for the same key, geometry that can be computed by hand, labels that read back, no unknown class in training.
+
+use super::mesh::{Mesh, v};
+use super::scene::{Scene, Solid};
+use super::*;
+use mluc_dataset::Dataset;
+use mluc_geometry::intersection_bev_m2;
+
+/// A sensor over flat ground 1.73 m below it, with more things added by the caller.
+pub(super) fn flat(things: &[(&Mesh, u16)]) -> Scene {
+    let mut ground = Mesh::default();
+    let g = -sensor::HEIGHT_M;
+    let corners = [(-90.0, -90.0), (90.0, -90.0), (90.0, 90.0), (-90.0, 90.0)];
+    ground.quad(corners.map(|(x, y)| v(x, y, g)), mesh::solid(0.9));
+    let mut scene = Scene::default();
+    scene.add(&ground, 0, |p| p);
+    for (mesh, instance) in things {
+        scene.add(mesh, *instance, |p| p);
+    }
+    scene
+}
+
+pub(super) fn block(center: [f32; 3], size: [f32; 3]) -> Mesh {
+    let mut mesh = Mesh::default();
+    mesh.block(center.into(), size.into(), mesh::solid(0.6));
+    mesh
+}
+
+#[test]
+fn frames_are_the_same_bits_whatever_came_before() {
+    let a = frame(Family::SimKitti, Split::Val, 7, 3).expect("a frame");
+    assert_eq!(
+        a,
+        frame(Family::SimKitti, Split::Val, 7, 3).expect("a frame")
+    );
+    for other in [(Split::Test, 7, 3), (Split::Val, 8, 3), (Split::Val, 7, 4)] {
+        let b = frame(Family::SimKitti, other.0, other.1, other.2).expect("a frame");
+        assert_ne!(a.points, b.points, "{other:?}");
+    }
+}
+
+#[test]
+fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |threads: usize| {
+        let folder = folder.path().join(threads.to_string());
+        let options = ExportOptions {
+            threads,
+            ..ExportOptions::new(Family::SimUdi, Split::Val, 4, 5, folder.clone())
+        };
+        export(&options, || ()).expect("written");
+        folder
+    };
+    let (one, two) = (run(1), run(2));
+    for part in [
+        "velodyne/000003.bin",
+        "label_2/000000.txt",
+        "label_2/000003.txt",
+        "instances/000002.u16",
+        "calib/000001.txt",
+        "planes/000001.txt",
+        "ImageSets/val.txt",
+    ] {
+        let read = |root: &std::path::Path| std::fs::read(root.join(part)).expect("a file");
+        assert!(read(&one) == read(&two), "{part} differs");
+        assert!(
+            !read(&one).is_empty() || part.starts_with("label_2"),
+            "{part} is empty"
+        );
+    }
+    let again = ExportOptions::new(Family::SimUdi, Split::Val, 1, 5, one);
+    let refused = export(&again, || ()).expect_err("not empty").to_string();
+    assert!(
+        refused.contains("expected an empty or a new folder"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn ground_rings_have_the_radius_of_their_elevation() {
+    let sensor = sensor::Sensor::new(11, false, Realism::FULL);
+    let sweep = scan::sweep(&sensor, &flat(&[])).expect("a sweep");
+    for beam in [20, 40, 63] {
+        let (start, direction) = sensor.ray(beam, 100);
+        let expected = (sensor::HEIGHT_M + start.z) * direction.x.hypot(direction.y) / -direction.z;
+        // Rays come back beam by beam; those of one beam are found by their elevation.
+        let slope = direction.z / direction.x.hypot(direction.y);
+        let radii: Vec<f32> = sweep
+            .points
+            .iter()
+            .filter(|p| ((p[2] - start.z) / p[0].hypot(p[1]) - slope).abs() < 2e-4)
+            .map(|p| p[0].hypot(p[1]))
+            .collect();
+        assert!(radii.len() > 1000, "beam {beam}: {} returns", radii.len());
+        let mean = radii.iter().sum::<f32>() / radii.len() as f32;
+        // A beam's own bias is up to 3.5 cm.
+        assert!(
+            (mean - expected).abs() < 0.05,
+            "beam {beam}: {mean} m, expected {expected} m"
+        );
+    }
+}
+
+#[test]
+fn a_block_returns_as_many_points_as_its_angles_say() {
+    for range_m in [10.0f32, 18.0] {
+        let (width, height) = (2.0, 1.4);
+        let thing = block([range_m + 0.5, 0.0, -0.9], [1.0, width, height]);
+        let sensor = sensor::Sensor::new(3, false, Realism::FULL);
+        let sweep = scan::sweep(&sensor, &flat(&[(&thing, 1)])).expect("a sweep");
+        let found = sweep.instances.iter().filter(|i| **i == 1).count() as f32;
+        let columns = 2.0 * (width / 2.0 / range_m).atan().to_degrees() / 0.1728;
+        // The block lies in the upper beams, 0.34 degrees apart.
+        let beams = ((-0.2f32 / range_m).atan() - (-1.6f32 / range_m).atan()).to_degrees() / 0.34;
+        let expected = columns * beams * (1.0 - sensor.base_drop);
+        assert!(
+            (found / expected - 1.0).abs() < 0.2,
+            "{range_m} m: {found} points, expected {expected}"
+        );
+    }
+}
+
+#[test]
+fn visibility_is_one_in_the_open_and_less_behind_a_wall() {
+    let thing = block([15.0, 0.0, -0.95], [4.0, 2.0, 1.5]);
+    let wall = block([8.0, 1.5, -0.5], [0.2, 3.0, 3.0]);
+    let seen = |walls: &[(&Mesh, u16)]| {
+        let mut scene = flat(walls);
+        let (faces, vertices) = (scene.mesh.triangles.len(), scene.mesh.vertices.len());
+        scene.add(&thing, 1, |p| p);
+        let solid = Solid {
+            class: Class::Car,
+            box_in_sensor: Box3::new([15.0, 0.0, -0.95, 4.0, 2.0, 1.5, 0.0]),
+            faces: faces..scene.mesh.triangles.len(),
+            vertices: vertices..scene.mesh.vertices.len(),
+        };
+        let sensor = sensor::Sensor::new(3, false, Realism::FULL);
+        let sweep = scan::sweep(&sensor, &scene).expect("a sweep");
+        let frame =
+            labels::label(Family::SimUdi, &sensor, &scene, &[solid], sweep).expect("labels");
+        frame.objects[0].visibility
+    };
+    assert!(seen(&[]) > 0.97, "{}", seen(&[]));
+    let half = seen(&[(&wall, 0x8002)]);
+    assert!((0.35..0.65).contains(&half), "{half}");
+}
+
+#[test]
+fn labels_read_back_within_a_centimetre() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for family in [Family::SimUdi, Family::SimKitti] {
+        let folder = folder.path().join(family.name());
+        let options = ExportOptions::new(family, Split::Val, 2, 9, folder.clone());
+        export(&options, || ()).expect("written");
+        let dataset = Dataset::open_split(&folder, "val").expect("a data set");
+        for (index, name) in dataset.names().iter().enumerate() {
+            let frame = frame(family, Split::Val, 9, index as u32).expect("a frame");
+            let read = dataset.boxes_in_sensor(name).expect("labels");
+            assert_eq!(read.len(), frame.objects.len());
+            assert_eq!(dataset.scan(name).expect("a scan"), frame.points);
+            for ((label, found), object) in read.iter().zip(&frame.objects) {
+                assert!(label.is(object.class.name()));
+                let expected = object.box_in_sensor;
+                for axis in 0..3 {
+                    assert!((found.center_m[axis] - expected.center_m[axis]).abs() < 0.01);
+                    assert!((found.size_m[axis] - expected.size_m[axis]).abs() < 0.01);
+                }
+                assert!((found.yaw_rad - expected.yaw_rad).sin().abs() < 1e-3);
+            }
+            let plane = std::fs::read_to_string(dataset.plane_path(name)).expect("a plane");
+            let last = plane.lines().last().unwrap_or_default().split(' ');
+            let numbers: Vec<f64> = last.map(|n| n.parse().expect("a number")).collect();
+            let (b, d) = (numbers[1], numbers[3]);
+            assert!(b < -0.99 && (1.5..1.9).contains(&d), "plane {b} {d}");
+        }
+    }
+}
+
+#[test]
+fn every_object_of_a_frame_is_labelled_with_its_own_points() {
+    for family in [Family::SimUdi, Family::SimKitti] {
+        let frame = frame(family, Split::Test, 2, 1).expect("a frame");
+        assert_eq!(frame.points.len(), frame.instances.len());
+        assert!(frame.objects.len() > 3);
+        for (index, object) in frame.objects.iter().enumerate() {
+            let own: Vec<&[f32; 4]> = frame
+                .points
+                .iter()
+                .zip(&frame.instances)
+                .filter(|(_, i)| **i == (index + 1) as u16)
+                .map(|(p, _)| p)
+                .collect();
+            let mut grown = object.box_in_sensor;
+            grown.size_m = grown.size_m.map(|s| s + 0.5);
+            let inside = own
+                .iter()
+                .filter(|p| grown.contains([p[0], p[1], p[2]].map(f64::from)))
+                .count();
+            assert!(!own.is_empty() && object.points > 0);
+            assert!(
+                inside * 10 >= own.len() * 9,
+                "{:?}: {inside} of {} points in its box",
+                object.class,
+                own.len()
+            );
+        }
+    }
+}
+
+/// Classes and footprints of a frame, without casting a ray.
+fn objects_of(family: Family, split: Split, index: u32) -> Vec<layout::Placed> {
+    let key = random::hash(&[1, family as u64, split as u64, u64::from(index)]);
+    let ground = ground::Ground::draw(family, &mut Dice::new(&[key, 1]));
+    layout::place_objects(
+        Stream::full(family, split, 1),
+        &ground,
+        &mut Dice::new(&[key, 2]),
+    )
+    .placed
+}
+
+#[test]
+fn training_never_shows_an_unknown_class_and_validation_does() {
+    for family in [Family::SimUdi, Family::SimKitti] {
+        let unknown = |split: Split, frames: u32| {
+            let all = (0..frames).flat_map(|i| objects_of(family, split, i));
+            all.filter(|o| family.unknown_classes().contains(&o.class))
+                .count() as f32
+                / frames as f32
+        };
+        assert_eq!(unknown(Split::Train, 1500), 0.0);
+        let mean = unknown(Split::Val, 400);
+        assert!(
+            (0.4..0.8).contains(&mean),
+            "{family:?}: {mean} unknown objects a frame"
+        );
+    }
+}
+
+#[test]
+fn synthetic_unknown_objects_are_labelled_and_bring_no_unknown_class() {
+    for family in [Family::SimUdi, Family::SimKitti] {
+        let stream = Stream {
+            synthetic_unknown: true,
+            ..Stream::full(family, Split::Train, 1)
+        };
+        let frames = (0..4).map(|index| turn(stream, index, None).expect("a frame").0);
+        let objects: Vec<SimulatedObject> = frames.flat_map(|frame| frame.objects).collect();
+        let synthetic_unknown = objects
+            .iter()
+            .filter(|o| o.class == Class::SyntheticUnknown)
+            .count();
+        assert!(
+            (3..=16).contains(&synthetic_unknown),
+            "{family:?}: {synthetic_unknown}"
+        );
+        assert!(
+            objects.len() > 3 * synthetic_unknown,
+            "{family:?}: {}",
+            objects.len()
+        );
+        let is_unknown = |o: &SimulatedObject| family.unknown_classes().contains(&o.class);
+        assert!(!objects.iter().any(is_unknown));
+        // Nor outside of training.
+        let folder = tempfile::tempdir().expect("a folder");
+        let options = ExportOptions {
+            synthetic_unknown: true,
+            ..ExportOptions::new(family, Split::Val, 1, 1, folder.path().join("val"))
+        };
+        let fault = export(&options, || ()).expect_err("real unknown objects");
+        let words = "expected the split train, found val";
+        assert!(fault.to_string().contains(words), "{fault}");
+        // Without the option there is none.
+        let usual = frame(family, Split::Train, 1, 0).expect("a frame");
+        let mut classes = usual.objects.iter().map(|o| o.class);
+        assert!(classes.all(|class| class != Class::SyntheticUnknown));
+    }
+}
+
+#[test]
+fn objects_never_stand_in_each_other() {
+    for index in 0..150 {
+        let boxes: Vec<Box3> = objects_of(Family::SimUdi, Split::Val, index)
+            .iter()
+            .map(|o| {
+                let f = o.footprint;
+                Box3::new(
+                    [f.x, f.y, 0.0, 2.0 * f.half[0], 2.0 * f.half[1], 1.0, f.yaw].map(f64::from),
+                )
+            })
+            .collect();
+        for (i, a) in boxes.iter().enumerate() {
+            for b in &boxes[..i] {
+                assert!(intersection_bev_m2(a, b) < 1e-6, "frame {index}");
+            }
+        }
+    }
+}
+
+#[test]
+fn without_a_camera_labels_carry_the_level_of_their_points() {
+    let object = SimulatedObject {
+        class: Class::Car,
+        box_in_sensor: Box3::new([9.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]),
+        visibility: 1.0,
+        points: 9,
+        image_box_px: [0.0, 0.0, 100.0, 100.0],
+        truncated: 0.0,
+    };
+    assert_eq!(object.occluded(Family::SimUdi), 3);
+    assert_eq!(object.occluded(Family::SimKitti), 0);
+    let at = |visibility: f32| {
+        SimulatedObject {
+            visibility,
+            points: 10,
+            ..object
+        }
+        .occluded(Family::SimUdi)
+    };
+    assert_eq!([1.0, 0.74, 0.39, 0.09].map(at), [0, 1, 2, 3]);
+}
+
+#[test]
+fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
+    let (family, split, seed, steps) = (Family::SimUdi, Split::Test, 3, 10);
+    let shown = |index, step| sequence_frame(family, split, seed, index, step, steps).unwrap();
+    // The first turn is at the place, and with the objects, of the frame without a sequence.
+    let (first, start) = shown(0, 0);
+    assert_eq!(start, [0.0; 3]);
+    let alone = frame(family, split, seed, 0).unwrap();
+    let places = |frame: &SimulatedFrame| -> Vec<Box3> {
+        frame.objects.iter().map(|o| o.box_in_sensor).collect()
+    };
+    assert_eq!(places(&first), places(&alone));
+    let mut still = 0;
+    let mut drove = false;
+    for index in 0..4 {
+        let (first, _) = shown(index, 0);
+        let (last, at) = shown(index, steps - 1);
+        drove |= at[0].hypot(at[1]) > 1.0;
+        assert!(at[0].hypot(at[1]) < 12.0 && at[2].abs() < 1.0, "{at:?}");
+        // What stands still is found where it was, once the sensor's way is added.
+        for object in &last.objects {
+            let moved = |axis: usize| object.box_in_sensor.center_m[axis] + at[axis];
+            let same_place = |o: &&SimulatedObject| {
+                let there = o.box_in_sensor.center_m;
+                o.class == object.class && (there[0] - moved(0)).hypot(there[1] - moved(1)) < 0.01
+            };
+            still += usize::from(first.objects.iter().any(|o| same_place(&o)));
+        }
+    }
+    assert!(drove, "no sensor drove");
+    assert!(still > 10, "{still} objects stood still");
+}
+
+#[test]
+fn every_class_of_the_simulator_is_known_to_the_dataset() {
+    let classes = super::Class::ALL.map(|class| class.name());
+    let mut named = classes.into_iter().chain([mluc_dataset::SYNTHETIC_UNKNOWN]);
+    assert!(named.all(mluc_dataset::is_heard_of));
+    assert!(!mluc_dataset::is_heard_of("Carr"));
+}

@@ -1,0 +1,78 @@
+//! What is checked before hours are spent on it: files, classes, boxes, points; and what a checkpoint must have been made of.
+
+use mluc_dataset::{Dataset, calibration_hash, check_classes, check_files, data_hash};
+use rayon::prelude::*;
+
+use crate::error::TrainError;
+use crate::log::TrainEvent;
+use crate::settings::TrainSettings;
+use crate::source::ScanSource;
+
+/// Scans whose labelled boxes are looked into: scans of other frames, or empty ones, show in the first few.
+const POINT_FRAMES: usize = 20;
+
+/// The training split: every frame has its files, whole scans, labels of classes that are heard of, a calibration that can be used.
+pub(crate) fn training_split(settings: &TrainSettings) -> Result<Dataset, TrainError> {
+    let dataset = Dataset::open(&settings.data.join("train"))?;
+    check(&dataset, settings)?;
+    Ok(dataset)
+}
+
+/// The same of the validation split, where it is there and wanted.
+pub(crate) fn validation_split(
+    settings: &TrainSettings,
+    notify: &mut dyn FnMut(TrainEvent),
+) -> Result<(), TrainError> {
+    let folder = settings.data.join("val");
+    if settings.validate_frames == 0 {
+        return Ok(());
+    }
+    if folder.is_dir() {
+        return check(&Dataset::open(&folder)?, settings);
+    }
+    let folder = folder.display();
+    notify(TrainEvent::Note(format!(
+        "{folder}: no such folder, so the model is not judged while it trains"
+    )));
+    Ok(())
+}
+
+fn check(dataset: &Dataset, settings: &TrainSettings) -> Result<(), TrainError> {
+    let heard = settings.heard_classes();
+    check_files(dataset)?;
+    dataset.names().par_iter().try_for_each(|name| {
+        check_classes(&dataset.label_path(name), &heard)?;
+        dataset.boxes_in_sensor(name).map(drop)
+    })?;
+    Ok(())
+}
+
+/// Labelled boxes without a single point between them are of other scans, or the scans are empty.
+pub(crate) fn points(source: &ScanSource, settings: &TrainSettings) -> Result<(), TrainError> {
+    let frames = source.count().min(POINT_FRAMES);
+    let scans = (0..frames).into_par_iter().map(|i| source.scan(i));
+    let scans: Vec<_> = scans.collect::<Result<_, _>>()?;
+    let mut counts = scans.iter().flat_map(|s| &s.objects).map(|o| o.points);
+    if counts.clone().next().is_some() && counts.all(|points| points == 0) {
+        let path = settings.data.join("train");
+        let found =
+            format!("none in its first {frames} frames: empty scans, or labels of other ones?");
+        return Err(TrainError::refused(
+            &path,
+            "points in the labelled boxes",
+            found,
+        ));
+    }
+    Ok(())
+}
+
+/// Settings and data as one text, which a checkpoint must share with the run that goes on from it.
+pub(crate) fn origin(settings: &TrainSettings, dataset: &Dataset) -> Result<String, TrainError> {
+    Ok(format!(
+        "{} data {} frames {} calib {}",
+        settings.fingerprint(),
+        dataset.len(),
+        data_hash(dataset, usize::MAX)?,
+        calibration_hash(dataset)?
+    ))
+}

@@ -1,0 +1,142 @@
+//! Saves and restores a run, exactly: a resumed run gives the bits of an uninterrupted one.
+//!
+//! A safetensors file: `parameters`, Adam's moments, and the running statistics one after another; its metadata holds
+//! the steps and the settings. The batches of a step depend on the seed and the step alone, so no random state is kept.
+
+use std::collections::HashMap;
+use std::fmt::Display;
+use std::path::Path;
+
+use safetensors::SafeTensorError;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+
+use crate::error::TrainError;
+use crate::run_folder;
+use crate::trainer::TrainState;
+
+/// A checkpoint that is not one, or not of this run.
+pub(crate) fn wrong(path: &Path, expected: impl Into<String>, found: impl Display) -> TrainError {
+    let found = format!("{found}; move it away to start anew");
+    TrainError::refused(path, expected, found)
+}
+
+/// Saves.
+pub fn save(path: &Path, state: &TrainState, fingerprint: &str) -> Result<(), TrainError> {
+    let broken = |cause: SafeTensorError| wrong(path, "tensors that can be written", cause);
+    let adam = &state.adam;
+    let means: Vec<f32> = state.running.iter().flat_map(|s| s.mean.clone()).collect();
+    let variances: Vec<f32> = state.running.iter().flat_map(|s| s.var.clone()).collect();
+    let lists = [
+        ("parameters", &state.parameters),
+        ("adam.first", &adam.first),
+        ("adam.second", &adam.second),
+        ("running.mean", &means),
+        ("running.variance", &variances),
+    ];
+    let mut views = vec![];
+    for (name, list) in lists {
+        let bytes = bytemuck::cast_slice(list);
+        let view = TensorView::new(Dtype::F32, vec![list.len()], bytes);
+        views.push((name, view.map_err(broken)?));
+    }
+    let metadata = [
+        ("step", state.step.to_string()),
+        ("adam.steps", adam.steps.to_string()),
+        (
+            "adam.momentum_product",
+            adam.momentum_product.to_bits().to_string(),
+        ),
+        ("settings", fingerprint.to_owned()),
+    ];
+    let metadata = HashMap::from(metadata.map(|(name, value)| (name.to_owned(), value)));
+    let bytes = safetensors::serialize(views, Some(metadata)).map_err(broken)?;
+    run_folder::write(path, &bytes)
+}
+
+/// The tensors and the metadata of a checkpoint.
+struct Reader<'a> {
+    path: &'a Path,
+    tensors: SafeTensors<'a>,
+    metadata: HashMap<String, String>,
+}
+
+impl Reader<'_> {
+    fn new<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<Reader<'a>, TrainError> {
+        let not_one = |cause: SafeTensorError| wrong(path, "a checkpoint", cause);
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(not_one)?;
+        Ok(Reader {
+            path,
+            tensors: SafeTensors::deserialize(bytes).map_err(not_one)?,
+            metadata: header.metadata().clone().unwrap_or_default(),
+        })
+    }
+
+    fn text(&self, name: &str) -> &str {
+        self.metadata.get(name).map_or("", String::as_str)
+    }
+
+    fn number(&self, name: &str) -> Result<u64, TrainError> {
+        let expected = || format!("a whole number in {name}");
+        let text = self.text(name);
+        text.parse().map_err(|_| wrong(self.path, expected(), text))
+    }
+
+    /// Finite values, as many as `to` has.
+    fn list(&self, name: &str, to: &mut [f32]) -> Result<(), TrainError> {
+        let tensor = self.tensors.tensor(name);
+        let tensor = tensor.map_err(|cause| wrong(self.path, "a checkpoint", cause))?;
+        let data = tensor.data();
+        if tensor.dtype() != Dtype::F32 || data.len() != 4 * to.len() {
+            let expected = format!("{name} of {} f32", to.len());
+            return Err(wrong(self.path, expected, format!("{} bytes", data.len())));
+        }
+        for (to, bytes) in to.iter_mut().zip(data.chunks_exact(4)) {
+            *to = f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+            if !to.is_finite() {
+                return Err(wrong(self.path, format!("finite values in {name}"), *to));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Restores into a state of the same shapes; false when there is no checkpoint.
+pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bool, TrainError> {
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(false),
+        Err(cause) => return Err(TrainError::io(path, cause)),
+    };
+    let reader = Reader::new(path, &bytes)?;
+    let found = reader.text("settings");
+    if found != fingerprint {
+        let expected = format!("a run with '{fingerprint}'");
+        return Err(wrong(path, expected, format!("'{found}'")));
+    }
+    let mut restored = state.clone();
+    let adam = &mut restored.adam;
+    reader.list("parameters", &mut restored.parameters)?;
+    reader.list("adam.first", &mut adam.first)?;
+    reader.list("adam.second", &mut adam.second)?;
+    adam.steps = reader.number("adam.steps")?;
+    adam.momentum_product = f64::from_bits(reader.number("adam.momentum_product")?);
+    restored.step = reader.number("step")?;
+    let channels = state.running.iter().map(|s| s.mean.len()).sum();
+    let (mut means, mut variances) = (vec![0.0; channels], vec![0.0; channels]);
+    reader.list("running.mean", &mut means)?;
+    reader.list("running.variance", &mut variances)?;
+    let (mut means, mut variances) = (&means[..], &variances[..]);
+    for statistics in &mut restored.running {
+        take(&mut statistics.mean, &mut means);
+        take(&mut statistics.var, &mut variances);
+    }
+    *state = restored;
+    Ok(true)
+}
+
+/// Moves values from the front of a list.
+fn take(to: &mut [f32], from: &mut &[f32]) {
+    let (first, rest) = from.split_at(to.len());
+    to.copy_from_slice(first);
+    *from = rest;
+}

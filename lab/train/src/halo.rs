@@ -1,0 +1,192 @@
+//! Which cells of a bird's-eye map need a row of their own: the halo.
+//!
+//! Most cells of the map see no voxel through the few convolutions before them. Away from the map's border all such
+//! cells hold the same vector, so one **background row** stands for all of them, with its multiplicity. A cell is
+//! **listed** (has its own row) when one of its taps reads a listed cell or padding. This is exact: no cell that could
+//! differ is left out. Rows of a map: the listed cells in order (frame, y, x), then the background row.
+
+use mluc_kernels::{ABSENT, Gather};
+
+use crate::layers::LayerPlan;
+use crate::norm::Tail;
+
+/// The listed cells of a batch of maps.
+#[derive(Clone, Debug)]
+pub struct Cells {
+    /// Frames, rows (y), columns (x).
+    pub shape: [usize; 3],
+    /// Row of each cell of the dense map; unlisted: the background row [`Cells::background`].
+    pub row_of: Vec<u32>,
+    /// Dense index of each listed cell, ascending.
+    pub listed: Vec<u32>,
+}
+
+impl Cells {
+    /// From marks of a dense map.
+    pub fn from_marks(shape: [usize; 3], marks: &[bool]) -> Cells {
+        let listed: Vec<u32> = (0..marks.len() as u32)
+            .filter(|cell| marks[*cell as usize])
+            .collect();
+        let mut row_of = vec![listed.len() as u32; marks.len()];
+        for (row, &cell) in listed.iter().enumerate() {
+            row_of[cell as usize] = row as u32;
+        }
+        Cells {
+            shape,
+            row_of,
+            listed,
+        }
+    }
+
+    /// The row that stands for every unlisted cell.
+    pub fn background(&self) -> u32 {
+        self.listed.len() as u32
+    }
+
+    /// Listed cells and the background.
+    pub fn rows(&self) -> usize {
+        self.listed.len() + 1
+    }
+
+    /// The background as so many rows.
+    pub fn tail(&self, rows: usize) -> Tail {
+        let multiplicity = self.row_of.len() - self.listed.len();
+        Tail { rows, multiplicity }
+    }
+
+    /// Frame, y and x of a cell.
+    fn place(&self, cell: u32) -> (usize, usize, usize) {
+        let ([_, rows, columns], cell) = (self.shape, cell as usize);
+        let (line, x) = (cell / columns, cell % columns);
+        (line / rows, line % rows, x)
+    }
+}
+
+/// What unlisted cells of a convolution's input hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unlisted {
+    /// Zero, like padding: the scattered sparse map. There is no background row to read.
+    Zero,
+    /// The background row.
+    Background,
+}
+
+/// Plans one 3x3 convolution (padding 1) over listed cells: the rows that it reads, and its output's cells.
+pub fn convolution(input: &Cells, stride: usize, unlisted: Unlisted) -> (LayerPlan, Cells) {
+    let output = output_cells(input, stride, unlisted);
+    let [_, rows, columns] = input.shape;
+    let background = (unlisted == Unlisted::Background).then(|| input.background());
+    let mut index = Vec::with_capacity(output.rows() * 9);
+    for &cell in &output.listed {
+        let (frame, y, x) = output.place(cell);
+        for tap in 0..9 {
+            let (ty, tx) = (y * stride + tap / 3, x * stride + tap % 3);
+            // Padding 1: tap coordinates are one too large.
+            if ty == 0 || tx == 0 || ty > rows || tx > columns {
+                index.push(ABSENT);
+                continue;
+            }
+            let row = input.row_of[(frame * rows + ty - 1) * columns + tx - 1];
+            let absent = background.is_none() && row == input.background();
+            index.push(if absent { ABSENT } else { row });
+        }
+    }
+    index.extend([background.unwrap_or(ABSENT); 9]);
+    let gather = Gather { taps: 9, index };
+    let mut transposed = gather.transposed(input.rows());
+    transposed.index.truncate(input.listed.len() * 9);
+    let plan = LayerPlan {
+        gather,
+        transposed: Some(transposed),
+        background,
+        tail: output.tail(1),
+    };
+    (plan, output)
+}
+
+/// Every cell with a tap on a listed cell, or on padding where padding differs from the background.
+fn output_cells(input: &Cells, stride: usize, unlisted: Unlisted) -> Cells {
+    let [frames, rows, columns] = input.shape;
+    let [out_rows, out_columns] = [rows, columns].map(|size| (size - 1) / stride + 1);
+    let shape = [frames, out_rows, out_columns];
+    let mut marks = vec![false; frames * out_rows * out_columns];
+    // Output (y, x) reads inputs y * stride - 1 ..= y * stride + 1: those y with |y * stride - input| <= 1.
+    let readers = |at: usize, limit: usize| {
+        let first = at.saturating_sub(1).div_ceil(stride);
+        (first, ((at + 1) / stride).min(limit - 1))
+    };
+    for &cell in &input.listed {
+        let (frame, y, x) = input.place(cell);
+        let ((y0, y1), (x0, x1)) = (readers(y, out_rows), readers(x, out_columns));
+        for oy in y0..=y1 {
+            let start = (frame * out_rows + oy) * out_columns;
+            if x0 <= x1 {
+                marks[start + x0..=start + x1].fill(true);
+            }
+        }
+    }
+    if unlisted == Unlisted::Background {
+        let on_padding = |at: usize, limit: usize| at == 0 || at * stride + 1 >= limit;
+        for (number, line) in marks.chunks_exact_mut(out_columns).enumerate() {
+            let whole_line = on_padding(number % out_rows, rows);
+            for (x, mark) in line.iter_mut().enumerate() {
+                *mark |= whole_line || on_padding(x, columns);
+            }
+        }
+    }
+    Cells::from_marks(shape, &marks)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one_cell(shape: [usize; 3], cell: usize) -> Cells {
+        let mut marks = vec![false; shape.iter().product()];
+        marks[cell] = true;
+        Cells::from_marks(shape, &marks)
+    }
+
+    #[test]
+    fn the_halo_grows_by_one_cell_and_the_border_joins_after_the_first_layer() {
+        let input = one_cell([1, 12, 12], 5 * 12 + 5);
+        let (plan, first) = convolution(&input, 1, Unlisted::Zero);
+        assert_eq!(first.listed.len(), 9);
+        assert_eq!(plan.tail.multiplicity, 144 - 9);
+        let (_, second) = convolution(&first, 1, Unlisted::Background);
+        assert_eq!(second.listed.len(), 25 + 44);
+    }
+
+    #[test]
+    fn stride_two_lists_every_reader() {
+        for cell in 0..100 {
+            let input = one_cell([1, 10, 10], cell);
+            let (plan, output) = convolution(&input, 2, Unlisted::Background);
+            let readers = output.listed.len();
+            let bruteforce = (0..25)
+                .filter(|o| {
+                    (0..9).any(|t| {
+                        let y = (o / 5 * 2 + t / 3) as isize - 1;
+                        let x = (o % 5 * 2 + t % 3) as isize - 1;
+                        let outside = y < 0 || x < 0 || y > 9 || x > 9;
+                        outside || (y * 10 + x) as usize == cell
+                    })
+                })
+                .count();
+            assert_eq!(readers, bruteforce, "cell {cell}");
+            assert_eq!(plan.gather.outputs(), readers + 1);
+        }
+    }
+
+    #[test]
+    fn a_full_map_leaves_the_background_without_cells() {
+        let input = Cells::from_marks([2, 4, 4], &[true; 32]);
+        let (plan, output) = convolution(&input, 1, Unlisted::Background);
+        assert_eq!((plan.tail.multiplicity, output.listed.len()), (0, 32));
+        assert!(
+            plan.gather.index[..32 * 9]
+                .iter()
+                .all(|i| *i != input.background())
+        );
+    }
+}

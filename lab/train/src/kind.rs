@@ -1,0 +1,130 @@
+//! What can be trained: classes and range, size of the network, and what its heads learn.
+
+use clap::ValueEnum;
+use mluc_model::{Grid, HeadKind, Network};
+use serde::Deserialize;
+
+/// Classes, range and anchors (paper section 4.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Setting {
+    /// All around: car, pedestrian, cyclist, truck.
+    Udi,
+    /// To the front: car, pedestrian, cyclist.
+    Kitti,
+}
+
+/// Size of the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Architecture {
+    /// A tenth of the paper's network, for a few cores.
+    Compact,
+    /// The paper's network.
+    Second,
+}
+
+/// What is trained: a row, or several, of the paper's tables.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum NetworkKind {
+    /// The paper's metric head.
+    #[default]
+    Metric,
+    /// The paper's metric head, which learns from synthetic unknown objects and from background too.
+    MetricOpen,
+    /// SECOND's own classifier: the closed set.
+    Sigmoid,
+    /// Objectness and a linear softmax: the naive baseline.
+    Softmax,
+    /// Ours: metric head, class-agnostic anchors, synthetic unknown objects.
+    MlucFull,
+    /// SECOND's classifier with the unknown classes labelled: the upper bound; needs scans with unknown objects.
+    Supervised,
+    /// A point embedding on the frozen trunk of a softmax network, which --init names: the OSIS baseline.
+    Osis,
+}
+
+impl NetworkKind {
+    /// `metric` and so on.
+    pub fn name(self) -> &'static str {
+        match self {
+            NetworkKind::Metric => "metric",
+            NetworkKind::MetricOpen => "metric-open",
+            NetworkKind::Sigmoid => "sigmoid",
+            NetworkKind::Softmax => "softmax",
+            NetworkKind::MlucFull => "mluc-full",
+            NetworkKind::Supervised => "supervised",
+            NetworkKind::Osis => "osis",
+        }
+    }
+
+    /// Whether it learns the unknown from synthetic unknown objects.
+    pub fn learns_from_synthetic_unknown(self) -> bool {
+        matches!(self, NetworkKind::MetricOpen | NetworkKind::MlucFull)
+    }
+
+    /// The head of its model file.
+    pub fn head(self) -> HeadKind {
+        match self {
+            NetworkKind::Metric | NetworkKind::MetricOpen => HeadKind::Metric,
+            NetworkKind::Softmax | NetworkKind::Osis => HeadKind::Softmax,
+            NetworkKind::MlucFull => HeadKind::Open,
+            NetworkKind::Sigmoid | NetworkKind::Supervised => HeadKind::Sigmoid,
+        }
+    }
+}
+
+impl Setting {
+    /// `udi` or `kitti`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Setting::Udi => "udi",
+            Setting::Kitti => "kitti",
+        }
+    }
+
+    /// Known classes.
+    pub fn classes(self) -> usize {
+        match self {
+            Setting::Udi => 4,
+            Setting::Kitti => 3,
+        }
+    }
+
+    /// The unknown classes, which only the upper bound learns: name, and a size (l, w, h, m) until the data gives one.
+    pub fn unknown_classes(self) -> [(&'static str, [f32; 3]); 2] {
+        match self {
+            Setting::Udi => [
+                ("golf_cart", [2.4, 1.25, 1.85]),
+                ("forklift", [3.0, 1.2, 2.1]),
+            ],
+            Setting::Kitti => [("van", [5.1, 1.9, 2.2]), ("truck", [10.0, 2.6, 3.2])],
+        }
+    }
+
+    /// Objects of each class, then of each unknown one, that a frame holds after pasting (paper's implementation for KITTI; a
+    /// choice for UDI and for the unknown classes).
+    pub(crate) fn objects_wanted(self) -> &'static [usize] {
+        match self {
+            Setting::Udi => &[8, 10, 10, 5, 5, 5],
+            Setting::Kitti => &[15, 10, 10, 5, 5],
+        }
+    }
+
+    /// The network up to its heads.
+    pub(crate) fn trunk(self, architecture: Architecture, classes: usize) -> Network {
+        match (architecture, self) {
+            (Architecture::Compact, Setting::Udi) => {
+                Network::compact(Grid::udi(), classes).with_reach_of_trucks()
+            }
+            (Architecture::Compact, Setting::Kitti) => {
+                Network::compact(Grid::kitti_compact(), classes)
+            }
+            (Architecture::Second, Setting::Udi) => Network::second(Grid::udi(), classes),
+            (Architecture::Second, Setting::Kitti) => {
+                Network::second(Grid::kitti_second(), classes)
+            }
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! One convolution with batch norm and ReLU, and a head: forward and backward on rows.
+
+use std::ops::Range;
+
+use mluc_kernels::{
+    Epilogue, Gather, Statistics, Weights, WeightsBf16, convolve, convolve_bf16, weight_gradient,
+};
+
+use crate::norm::{self, Activation, Tail};
+use crate::pool::Pool;
+
+/// Which rows a layer reads and writes in one batch.
+#[derive(Clone, Debug, Default)]
+pub struct LayerPlan {
+    /// Rows of the output by the rows of the input they read.
+    pub gather: Gather,
+    /// Rows of the input (without the background) by the output rows that read them, for the input's gradient; `None`
+    /// where nobody wants it.
+    pub transposed: Option<Gather>,
+    /// The last input row, where it stands for many cells and so has many readers.
+    pub background: Option<u32>,
+    /// The last output rows, which stand for many cells.
+    pub tail: Tail,
+}
+
+/// Where a layer's numbers lie in the flat list of parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// `backbone2d.block1.0`, for instance.
+    pub name: String,
+    /// Taps of the kernel as the gather sees it.
+    pub taps: usize,
+    /// Input channels.
+    pub cin: usize,
+    /// Columns of the weights: `channels`, or 4 * `channels` for the 2x2 transposed convolution.
+    pub cout: usize,
+    /// Channels of batch norm.
+    pub channels: usize,
+    /// `[tap][cin][cout]`.
+    pub weight: Range<usize>,
+    /// Batch norm's scale.
+    pub gamma: Range<usize>,
+    /// Batch norm's shift; follows `gamma`.
+    pub beta: Range<usize>,
+    /// Which running statistics are this layer's.
+    pub norm: usize,
+    /// Multiply the gradient of the layer's input in bf16 (all else stays f32).
+    pub bf16: bool,
+}
+
+/// Running statistics, by [`Layer::norm`].
+pub type RunningStatistics = Vec<Statistics>;
+
+impl Layer {
+    /// Batch statistics when `running` is `None`, else those given.
+    pub fn forward(
+        &self,
+        parameters: &[f32],
+        input: &[f32],
+        plan: &LayerPlan,
+        running: Option<&RunningStatistics>,
+        pool: &mut Pool,
+    ) -> Activation {
+        let plain = &parameters[self.weight.clone()];
+        let weights = Weights::pack(self.taps, self.cin, self.cout, plain);
+        let mut x = pool.take(plan.gather.outputs() * self.cout);
+        let no_bias = Epilogue::default();
+        convolve(input, &plan.gather, &weights, no_bias, None, &mut x);
+        let mut y = pool.take(x.len());
+        let affine = [&self.gamma, &self.beta].map(|range| &parameters[range.clone()]);
+        let statistics = if let Some(running) = running {
+            let statistics = running[self.norm].clone();
+            norm::normalise(&x, affine, &statistics, &mut y);
+            statistics
+        } else {
+            norm::forward(&x, affine, plan.tail, &mut y)
+        };
+        Activation { x, y, statistics }
+    }
+
+    /// Adds to the gradients of the parameters. `gradient` is that of the activation's `y`; returned is that of `input`,
+    /// empty where the plan wants none.
+    pub fn backward(
+        &self,
+        parameters: &[f32],
+        gradients: &mut [f32],
+        input: &[f32],
+        activation: &Activation,
+        plan: &LayerPlan,
+        mut gradient: Vec<f32>,
+        pool: &mut Pool,
+    ) -> Vec<f32> {
+        let affine = &mut gradients[self.gamma.start..self.beta.end];
+        let affine = affine.split_at_mut(self.channels);
+        let gamma = &parameters[self.gamma.clone()];
+        norm::backward(activation, plan.tail, gamma, &mut gradient, affine);
+        let weight = &mut gradients[self.weight.clone()];
+        weight_gradient(input, self.cin, &plan.gather, &gradient, self.cout, weight);
+        let to = self.input_gradient(parameters, &gradient, input.len(), plan, pool);
+        pool.give(gradient);
+        to
+    }
+
+    /// From the gradient of `x`.
+    fn input_gradient(
+        &self,
+        parameters: &[f32],
+        gradient: &[f32],
+        len: usize,
+        plan: &LayerPlan,
+        pool: &mut Pool,
+    ) -> Vec<f32> {
+        let Some(transposed) = &plan.transposed else {
+            return vec![];
+        };
+        let (taps, cin, cout) = (self.taps, self.cin, self.cout);
+        let plain = &parameters[self.weight.clone()];
+        let mut all = pool.take(len);
+        let (to, last) = all.split_at_mut(transposed.outputs() * cin);
+        let no_bias = Epilogue::default();
+        if self.bf16 {
+            let turned = transposed_weights(taps, cin, cout, plain);
+            let weights = WeightsBf16::pack(taps, cout, cin, &turned);
+            convolve_bf16(
+                pool.round(gradient),
+                transposed,
+                &weights,
+                no_bias,
+                None,
+                to,
+            );
+        } else {
+            let weights = Weights::pack_transposed(taps, cin, cout, plain);
+            convolve(gradient, transposed, &weights, no_bias, None, to);
+        }
+        if let Some(background) = plan.background {
+            self.background_gradient(plain, gradient, &plan.gather, background, last);
+        }
+        all
+    }
+
+    /// Gradient of the background row: for each tap, the sum of its readers' gradients times that tap's weights.
+    fn background_gradient(
+        &self,
+        weights: &[f32],
+        gradient: &[f32],
+        gather: &Gather,
+        background: u32,
+        to: &mut [f32],
+    ) {
+        let mut sums = vec![0.0f32; self.taps * self.cout];
+        let rows = gradient.chunks_exact(self.cout);
+        for (taps, row) in gather.index.chunks_exact(self.taps).zip(rows) {
+            for (sum, input) in sums.chunks_exact_mut(self.cout).zip(taps) {
+                if *input == background {
+                    add(sum, row);
+                }
+            }
+        }
+        let weights = weights.chunks_exact(self.cin * self.cout);
+        to.fill(0.0);
+        for (sum, weights) in sums.chunks_exact(self.cout).zip(weights) {
+            for (to, row) in to.iter_mut().zip(weights.chunks_exact(self.cout)) {
+                *to += row.iter().zip(sum).map(|(w, s)| w * s).sum::<f32>();
+            }
+        }
+    }
+}
+
+/// Runs layers one after another.
+pub(crate) fn forward_all(
+    layers: &[Layer],
+    parameters: &[f32],
+    input: &[f32],
+    plans: &[LayerPlan],
+    running: Option<&RunningStatistics>,
+    pool: &mut Pool,
+) -> Vec<Activation> {
+    let mut activations: Vec<Activation> = vec![];
+    for (layer, plan) in layers.iter().zip(plans) {
+        let input = activations.last().map_or(input, |a| &a.y);
+        activations.push(layer.forward(parameters, input, plan, running, pool));
+    }
+    activations
+}
+
+/// The gradient of the first layer's input, from that of the last one's output.
+pub(crate) fn backward_all(
+    layers: &[Layer],
+    parameters: &[f32],
+    gradients: &mut [f32],
+    input: &[f32],
+    activations: &[Activation],
+    plans: &[LayerPlan],
+    mut gradient: Vec<f32>,
+    pool: &mut Pool,
+) -> Vec<f32> {
+    for (i, (layer, plan)) in layers.iter().zip(plans).enumerate().rev() {
+        let input = i.checked_sub(1).map_or(input, |i| &activations[i].y);
+        let own = &activations[i];
+        gradient = layer.backward(parameters, gradients, input, own, plan, gradient, pool);
+    }
+    gradient
+}
+
+/// `[tap][cin][cout]` as `[tap][cout][cin]`.
+fn transposed_weights(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Vec<f32> {
+    let at = |i: usize| plain[(i / (cin * cout) * cin + i % cin) * cout + i / cin % cout];
+    (0..taps * cin * cout).map(at).collect()
+}
+
+/// `to += from`.
+pub(crate) fn add(to: &mut [f32], from: &[f32]) {
+    to.iter_mut().zip(from).for_each(|(t, f)| *t += f);
+}
+
+/// A gather of `rows` rows onto themselves.
+pub(crate) fn identity(rows: usize) -> Gather {
+    let index = (0..rows as u32).collect();
+    Gather { taps: 1, index }
+}
+
+/// A 1x1 convolution with a bias: a head.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Linear {
+    /// `head.box`, for instance.
+    pub name: String,
+    /// Input channels.
+    pub cin: usize,
+    /// Output channels.
+    pub cout: usize,
+    /// `[cin][cout]`.
+    pub weight: Range<usize>,
+    /// `cout` values.
+    pub bias: Range<usize>,
+}
+
+impl Linear {
+    /// `cout` outputs a row.
+    pub fn forward(&self, parameters: &[f32], input: &[f32], rows: &Gather) -> Vec<f32> {
+        let plain = &parameters[self.weight.clone()];
+        let bias = Some(&parameters[self.bias.clone()]);
+        linear(input, rows, [self.cin, self.cout], plain, bias)
+    }
+
+    /// Adds to the parameters' gradients and to the input's.
+    pub fn backward(
+        &self,
+        parameters: &[f32],
+        gradients: &mut [f32],
+        input: &[f32],
+        rows: &Gather,
+        gradient: &[f32],
+        input_gradient: &mut [f32],
+    ) {
+        for row in gradient.chunks_exact(self.cout) {
+            add(&mut gradients[self.bias.clone()], row);
+        }
+        let weight = &mut gradients[self.weight.clone()];
+        weight_gradient(input, self.cin, rows, gradient, self.cout, weight);
+        let plain = &parameters[self.weight.clone()];
+        let mut back = vec![0.0; input.len()];
+        linear_input_gradient(gradient, rows, [self.cin, self.cout], plain, &mut back);
+        add(input_gradient, &back);
+    }
+}
+
+/// Rows times weights `[cin][cout]`, plus a bias.
+pub(crate) fn linear(
+    input: &[f32],
+    rows: &Gather,
+    [cin, cout]: [usize; 2],
+    plain: &[f32],
+    bias: Option<&[f32]>,
+) -> Vec<f32> {
+    let weights = Weights::pack(1, cin, cout, plain);
+    let mut output = vec![0.0; rows.outputs() * cout];
+    let epilogue = Epilogue { bias, relu: false };
+    convolve(input, rows, &weights, epilogue, None, &mut output);
+    output
+}
+
+/// The gradient of [`linear`]'s input from that of its output.
+pub(crate) fn linear_input_gradient(
+    gradient: &[f32],
+    rows: &Gather,
+    [cin, cout]: [usize; 2],
+    plain: &[f32],
+    to: &mut [f32],
+) {
+    let weights = Weights::pack_transposed(1, cin, cout, plain);
+    convolve(gradient, rows, &weights, Epilogue::default(), None, to);
+}

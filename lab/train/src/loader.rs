@@ -1,0 +1,162 @@
+//! Prepares batches on a thread of its own, a few steps ahead.
+//!
+//! Which frames a step sees and how they are varied depends on the seed and the step alone.
+
+use std::collections::BTreeSet;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::Instant;
+
+use mluc_geometry::Random;
+use mluc_model::{HeadKind, Manifest};
+
+use crate::anchors::Anchors;
+use crate::augment::{Augmentation, crop};
+use crate::batch_targets::BatchTargets;
+use crate::error::TrainError;
+use crate::plan::{Plan, Planner};
+use crate::source::ScanSource;
+use crate::targets::{CellClass, CellLabel, Targets};
+
+/// Batches that wait at most: bounds the memory.
+const QUEUE: usize = 2;
+
+/// The weight of a frame's background cells together, where its objects' is 1.
+const BACKGROUND_SHARE: f32 = 0.5;
+
+/// A step's input.
+#[derive(Debug)]
+pub struct Batch {
+    /// Which step.
+    pub step: u64,
+    /// Gathers.
+    pub plan: Plan,
+    /// Labels.
+    pub targets: BatchTargets,
+    /// What preparing it took.
+    pub seconds: f64,
+}
+
+/// What batches are made of.
+pub struct DataLoader {
+    source: ScanSource,
+    augmentation: Option<Augmentation>,
+    manifest: Manifest,
+    anchors: Anchors,
+    planner: Planner,
+    background_cells: usize,
+    batch: usize,
+    seed: u64,
+    /// Which epoch, and its order of the frames.
+    order: (u64, Vec<u32>),
+}
+
+impl DataLoader {
+    /// For one network. `background_cells`: label as many cells of a frame that hold points and no object.
+    pub fn new(
+        source: ScanSource,
+        augmentation: Option<Augmentation>,
+        manifest: &Manifest,
+        background_cells: usize,
+        batch: usize,
+        seed: u64,
+    ) -> DataLoader {
+        DataLoader {
+            source,
+            augmentation,
+            manifest: manifest.clone(),
+            anchors: Anchors::of(manifest),
+            planner: Planner::new(&manifest.network, false),
+            background_cells,
+            batch,
+            seed,
+            order: (u64::MAX, vec![]),
+        }
+    }
+
+    fn frame_number(&mut self, place: u64) -> usize {
+        let count = self.source.count() as u64;
+        let epoch = place / count;
+        if self.order.0 != epoch {
+            let mut order: Vec<u32> = (0..count as u32).collect();
+            Random::new(self.seed, &[1, epoch]).shuffle(&mut order);
+            self.order = (epoch, order);
+        }
+        self.order.1[(place % count) as usize] as usize
+    }
+
+    /// The batch of a step.
+    pub fn prepare(&mut self, step: u64) -> Result<Batch, TrainError> {
+        let start = Instant::now();
+        let (mut scans, mut targets) = (vec![], vec![]);
+        for number in 0..self.batch as u64 {
+            let place = step * self.batch as u64 + number;
+            let frame = self.frame_number(place);
+            let mut scan = self.source.scan(frame)?;
+            if let Some(augmentation) = &self.augmentation {
+                augmentation.apply(&mut scan, &mut Random::new(self.seed, &[2, place]));
+            }
+            crop(&mut scan, &self.manifest.network.grid);
+            targets.push(self.anchors.assign(&scan.objects));
+            scans.push(scan.points);
+        }
+        let plan = self.planner.plan(&scans);
+        let network = &self.manifest.network;
+        let [rows, columns] = network.map_shape();
+        let cells = rows * columns;
+        for (number, targets) in targets.iter_mut().enumerate() {
+            let place = step * self.batch as u64 + number as u64;
+            let first = (number * cells) as u32;
+            let inside = first..first + cells as u32;
+            let occupied = plan.map.occupied.iter().filter(|c| inside.contains(c));
+            let occupied = occupied.map(|cell| cell - first).collect();
+            self.label_background(occupied, targets, place);
+        }
+        let is_sigmoid = network.head == HeadKind::Sigmoid;
+        let classes = if is_sigmoid { network.classes } else { 1 };
+        let targets = BatchTargets::new(&targets, cells, self.anchors.per_cell(), classes);
+        Ok(Batch {
+            step,
+            plan,
+            targets,
+            seconds: start.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// Labels cells of a frame that hold points (`occupied`) and nothing else.
+    fn label_background(&self, mut occupied: Vec<u32>, targets: &mut Targets, place: u64) {
+        if self.background_cells == 0 {
+            return;
+        }
+        let anchors = self.anchors.per_cell() as u32;
+        let labelled = targets.cells.iter().map(|c| c.cell);
+        let positive = targets.positives.iter().map(|p| p.cell);
+        let ignored = targets.ignored.iter().map(|a| a / anchors);
+        let taken: BTreeSet<u32> = labelled.chain(positive).chain(ignored).collect();
+        occupied.retain(|cell| !taken.contains(cell));
+        Random::new(self.seed, &[3, place]).shuffle(&mut occupied);
+        occupied.truncate(self.background_cells);
+        let weight = BACKGROUND_SHARE / occupied.len().max(1) as f32;
+        targets
+            .cells
+            .extend(occupied.into_iter().map(|cell| CellLabel {
+                cell,
+                is: CellClass::Background,
+                weight,
+            }));
+    }
+
+    /// Batches of `steps`, prepared ahead. The thread ends when the receiver is dropped.
+    pub fn spawn(mut self, steps: std::ops::Range<u64>) -> Receiver<Result<Batch, TrainError>> {
+        let (sender, receiver) = sync_channel(QUEUE);
+        std::thread::spawn(move || {
+            for step in steps {
+                let batch = self.prepare(step);
+                let failed = batch.is_err();
+                if sender.send(batch).is_err() || failed {
+                    return;
+                }
+            }
+        });
+        receiver
+    }
+}

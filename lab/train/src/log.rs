@@ -1,0 +1,144 @@
+//! The log of a run: `train.jsonl`, a line every few steps.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use crate::error::TrainError;
+use crate::losses::Losses;
+use crate::settings::TrainSettings;
+
+/// Steps that one line of the log averages.
+const LOG_STEPS: u64 = 20;
+
+/// What a run says while it goes on.
+pub enum TrainEvent<'a> {
+    /// Something worth a line.
+    Note(String),
+    /// A line of the log.
+    Progress(&'a Progress),
+}
+
+/// Where a step's time went, ms.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub struct Timing {
+    /// Waiting for the batch.
+    pub wait: f64,
+    /// Preparing it, on the other thread.
+    pub prepare: f64,
+    /// Forward.
+    pub forward: f64,
+    /// Losses.
+    pub losses: f64,
+    /// Backward.
+    pub backward: f64,
+    /// Optimiser.
+    pub update: f64,
+}
+
+/// A line of `train.jsonl`: means over the steps since the last line.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub struct Progress {
+    /// Steps done.
+    pub step: u64,
+    /// Steps in all.
+    pub steps: u64,
+    /// Sum of the losses.
+    pub loss: f64,
+    /// Each.
+    pub losses: Losses,
+    /// Before clipping.
+    pub gradient_norm: f64,
+    /// Learning rate; that of the last step.
+    pub rate: f64,
+    /// Frames a second.
+    pub frames_per_s: f64,
+    /// Seconds left.
+    pub left_s: f64,
+    /// Milliseconds a step.
+    pub timing_ms: Timing,
+}
+
+impl Progress {
+    /// What is averaged.
+    fn means_mut(&mut self) -> impl Iterator<Item = &mut f64> {
+        let t = &mut self.timing_ms;
+        let times = [&mut t.wait, &mut t.prepare, &mut t.forward];
+        let more = [&mut t.losses, &mut t.backward, &mut t.update];
+        let losses = self.losses.named_mut().into_iter().map(|(_, value)| value);
+        let sums = [&mut self.loss, &mut self.gradient_norm];
+        losses.chain(sums).chain(times).chain(more)
+    }
+}
+
+/// The log file, and the sums since its last line.
+pub(crate) struct Log {
+    file: File,
+    path: PathBuf,
+    sum: Progress,
+    count: u64,
+    since: Instant,
+    steps: u64,
+    batch: usize,
+    /// Seconds a step, smoothed.
+    pace_s: Option<f64>,
+}
+
+impl Log {
+    /// Goes on with the log of a run that has `begun`; what another run left there is moved to `train.old.jsonl`.
+    pub(crate) fn open(settings: &TrainSettings, begun: bool) -> Result<Log, TrainError> {
+        let path = settings.out.join("train.jsonl");
+        let open = || {
+            if !begun && path.exists() {
+                std::fs::rename(&path, path.with_extension("old.jsonl"))?;
+            }
+            let mut file = File::options().create(true).append(true).open(&path)?;
+            // An interruption may have cut the last line.
+            let is_cut = std::fs::read(&path)?
+                .last()
+                .is_some_and(|last| *last != b'\n');
+            if is_cut {
+                file.write_all(b"\n")?;
+            }
+            Ok(file)
+        };
+        Ok(Log {
+            file: open().map_err(|cause| TrainError::io(&path, cause))?,
+            path,
+            sum: Progress::default(),
+            count: 0,
+            since: Instant::now(),
+            steps: settings.steps,
+            batch: settings.batch,
+            pace_s: None,
+        })
+    }
+
+    /// Adds a step; a line when enough steps have come together.
+    pub(crate) fn add(&mut self, mut step: Progress) -> Result<Option<Progress>, TrainError> {
+        let (done, rate) = (step.step, step.rate);
+        let pairs = self.sum.means_mut().zip(step.means_mut());
+        pairs.for_each(|(sum, value)| *sum += *value);
+        self.count += 1;
+        if !done.is_multiple_of(LOG_STEPS) && done != self.steps {
+            return Ok(None);
+        }
+        let mut line = std::mem::take(&mut self.sum);
+        let count = self.count as f64;
+        line.means_mut().for_each(|value| *value /= count);
+        let seconds = self.since.elapsed().as_secs_f64() / count;
+        let pace_s = self
+            .pace_s
+            .map_or(seconds, |pace| 0.9 * pace + 0.1 * seconds);
+        (line.step, line.steps, line.rate) = (done, self.steps, rate);
+        line.frames_per_s = self.batch as f64 / seconds;
+        line.left_s = pace_s * (self.steps - done) as f64;
+        let failed = |cause| TrainError::io(&self.path, cause);
+        let text = serde_json::to_string(&line).map_err(|e| failed(e.into()))?;
+        let text = text + "\n";
+        self.file.write_all(text.as_bytes()).map_err(failed)?;
+        (self.pace_s, self.count, self.since) = (Some(pace_s), 0, Instant::now());
+        Ok(Some(line))
+    }
+}

@@ -1,0 +1,108 @@
+//! The losses: each returns its value and its gradient with respect to the logits.
+//!
+//! L = objectness + metric + variance_weight * variance + center_loss_weight * center + push_weight * push + unknown_weight * unknown +
+//! 2 * box + 0.2 * direction; the mean over frames. Objectness, box and direction are sums over a frame's anchors divided by its
+//! positives (at least 1), as in the public SECOND. Center, push (logged together as center) and unknown are ours.
+
+mod boxes;
+mod cells;
+mod objectness;
+
+use crate::batch_targets::BatchTargets;
+use crate::network::Outputs;
+use crate::plan::MapPlan;
+
+/// The settings of the losses on cells (paper section 3.2).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LossSettings {
+    /// T: prototype t is T times the t-th unit vector.
+    pub prototype_scale: f32,
+    /// Weight of the variance loss; 0 in the paper.
+    pub variance_weight: f32,
+    /// Weight of the loss that draws the embeddings of synthetic unknown objects to the prototypes' centre.
+    pub center_loss_weight: f32,
+    /// Weight of the loss that draws the embeddings of background to the centre's mirror image.
+    pub push_weight: f32,
+    /// Weight of the logit of the unknown.
+    pub unknown_weight: f32,
+}
+
+/// Values of the losses, weighted as in the sum, averaged over frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Losses {
+    /// Focal, per anchor.
+    pub objectness: f64,
+    /// Cross entropy of the embedding.
+    pub metric: f64,
+    /// Distance of embeddings to their prototypes.
+    pub variance: f64,
+    /// Smooth L1 of the box codes.
+    pub boxes: f64,
+    /// Cross entropy of the direction bins.
+    pub direction: f64,
+    /// Distance of synthetic unknown objects to the centre, and of background to its mirror image.
+    pub center: f64,
+    /// Cross entropy of the logit of the unknown.
+    pub unknown: f64,
+}
+
+impl Losses {
+    /// Each, by name.
+    pub fn named_mut(&mut self) -> [(&'static str, &mut f64); 7] {
+        [
+            ("objectness", &mut self.objectness),
+            ("metric", &mut self.metric),
+            ("variance", &mut self.variance),
+            ("box", &mut self.boxes),
+            ("direction", &mut self.direction),
+            ("center", &mut self.center),
+            ("unknown", &mut self.unknown),
+        ]
+    }
+
+    /// What is minimised.
+    pub fn total(&self) -> f64 {
+        let cells = self.metric + self.variance + self.center + self.unknown;
+        self.objectness + cells + self.boxes + self.direction
+    }
+}
+
+/// Every loss and the gradients of the network's outputs.
+pub fn evaluate(
+    outputs: &Outputs,
+    plan: &MapPlan,
+    targets: &BatchTargets,
+    settings: LossSettings,
+    classes: usize,
+) -> (Losses, Outputs) {
+    let anchors = outputs.direction.len() / 2 / targets.labelled.len().max(1);
+    let (cells, embedding) = cells::metric(&outputs.embedding, targets, settings, classes);
+    let (objectness, presence) = objectness::objectness(&outputs.presence, plan, targets);
+    let weight = settings.unknown_weight;
+    let (unknown, d_unknown) = cells::unknown(&outputs.unknown, targets, weight);
+    let (boxes, d_boxes) = boxes::boxes(&outputs.boxes, targets, anchors);
+    let (direction, d_direction) = boxes::direction(&outputs.direction, targets, anchors);
+    let losses = Losses {
+        objectness,
+        boxes,
+        direction,
+        unknown,
+        ..cells
+    };
+    let gradients = Outputs {
+        presence,
+        embedding,
+        boxes: d_boxes,
+        direction: d_direction,
+        unknown: d_unknown,
+    };
+    (losses, gradients)
+}
+
+/// ln(1 + exp(x)) without overflow.
+fn softplus(x: f32) -> f32 {
+    x.max(0.0) + (-x.abs()).exp().ln_1p()
+}
+
+#[cfg(test)]
+mod tests;

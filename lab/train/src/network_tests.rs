@@ -1,0 +1,321 @@
+//! The network's passes against plain dense ones, and its gradients against finite differences.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use mluc_geometry::{Box3, Random};
+use mluc_model::{AnchorClass, HeadKind, Network};
+
+use crate::anchors::Anchors;
+use crate::batch_targets::BatchTargets;
+use crate::halo::Cells;
+use crate::layers::Layer;
+use crate::losses::{self, LossSettings};
+use crate::network::{Chain, Outputs, Pass, StepInput};
+use crate::norm::EPSILON;
+use crate::plan::{MapPlan, Plan, Planner};
+use crate::pool::Pool;
+use crate::scan::LabelledObject;
+use crate::testing::assert_slope;
+
+const LOSSES: LossSettings = LossSettings {
+    prototype_scale: 2.0,
+    variance_weight: 0.05,
+    center_loss_weight: 0.3,
+    push_weight: 0.0,
+    unknown_weight: 0.7,
+};
+
+/// A network of the real one's shape with few channels, on a map of 16 x 20.
+pub(crate) fn small() -> Network {
+    serde_json::from_str(include_str!("small_network.json")).expect("a network")
+}
+
+/// Two frames: points in a corner region, so that most cells are background, and two objects.
+pub(crate) fn scans() -> Vec<Vec<[f32; 4]>> {
+    let mut random = Random::new(9, &[]);
+    let mut around = |x: f64, y: f64, n: usize| -> Vec<[f32; 4]> {
+        let ranges = [(-0.4, 0.4), (-0.3, 0.3), (-0.8, 0.4)];
+        let mut point = || {
+            let [dx, dy, z] = ranges.map(|(low, high)| random.uniform(low, high));
+            [(x + dx) as f32, (y + dy) as f32, z as f32, 0.0]
+        };
+        (0..n).map(|_| point()).collect()
+    };
+    [2.0, 3.0]
+        .map(|x| [around(x, 0.5, 30), around(5.1, -0.6, 20)].concat())
+        .into()
+}
+
+pub(crate) fn targets(network: &Network) -> BatchTargets {
+    let class = |name: &str, size_m| AnchorClass {
+        name: name.into(),
+        size_m,
+        bottom_z_m: -0.8,
+        matched_iou: 0.6,
+        unmatched_iou: 0.45,
+    };
+    let classes = [class("a", [0.9, 0.7, 1.2]), class("b", [0.6, 0.5, 1.0])];
+    let agnostic = &[class("any", [0.8, 0.6, 1.1])][..network.generic];
+    let anchors = Anchors::new(network, &classes, agnostic);
+    let object = |class, x, y| {
+        let bounds = Box3::new([x, y, -0.2, 0.9, 0.65, 1.2, 0.4]);
+        LabelledObject::new(class, bounds, 20)
+    };
+    let is_open = network.head == HeadKind::Open;
+    let frames = [2.0, 3.0].map(|x| {
+        let mut objects = vec![object(Some(0), x, 0.5), object(Some(1), 5.1, -0.6)];
+        objects.extend(is_open.then(|| object(None, 6.5, 1.5)));
+        anchors.assign(&objects)
+    });
+    let [rows, columns] = network.map_shape();
+    let is_sigmoid = network.head == HeadKind::Sigmoid;
+    let logits = if is_sigmoid { 2 } else { 1 };
+    BatchTargets::new(&frames, rows * columns, anchors.per_cell(), logits)
+}
+
+/// The same batch with every cell of the map listed: plain dense layers.
+fn dense(network: &Network, plan: &Plan) -> Plan {
+    let [rows, columns] = network.map_shape();
+    let cells = Cells::from_marks([2, rows, columns], &vec![true; 2 * rows * columns]);
+    // Undo the row numbers: dense index of each listed row.
+    let listed = listed_cells(network);
+    let cell_of = |(row, z): &(u32, u32)| (listed[*row as usize], *z);
+    let scatter: Vec<(u32, u32)> = plan.map.scatter.iter().map(cell_of).collect();
+    Plan {
+        sparse: plan.sparse.clone(),
+        map: MapPlan::from_cells(network, cells, &scatter),
+    }
+}
+
+/// Cells of the scattered map, found again from the voxels.
+fn listed_cells(network: &Network) -> Vec<u32> {
+    let [rows, columns] = network.map_shape();
+    let mut marks = BTreeSet::new();
+    for (frame, scan) in scans().iter().enumerate() {
+        let mut voxels = mluc_backbone::Voxels::new(&network.grid);
+        mluc_backbone::voxelize(scan, &network.grid, false, &mut voxels);
+        let mut books = mluc_backbone::Rulebooks::new(network);
+        books.build(network, &voxels.sites);
+        let sites = books.sites_after(network.sparse.len() - 1, &voxels.sites);
+        for site in sites.coordinates() {
+            let [_, y, x] = site.map(usize::from);
+            marks.insert(((frame * rows + y) * columns + x) as u32);
+        }
+    }
+    marks.into_iter().collect()
+}
+
+struct Setup {
+    network: Network,
+    chain: Chain,
+    parameters: Vec<f32>,
+    plan: Plan,
+    targets: BatchTargets,
+}
+
+impl Setup {
+    fn new(head: HeadKind) -> Setup {
+        let network = Network {
+            head,
+            generic: usize::from(head == HeadKind::Open),
+            ..small()
+        };
+        let chain = Chain::new(&network);
+        let mut parameters = chain.initial(3, 2.0);
+        // Away from the special first values, so that every path carries weight.
+        let mut random = Random::new(4, &[]);
+        let values = parameters.iter_mut();
+        values.for_each(|p| *p += 0.1 * random.normal() as f32);
+        Setup {
+            plan: Planner::new(&network, false).plan(&scans()),
+            targets: targets(&network),
+            network,
+            chain,
+            parameters,
+        }
+    }
+
+    fn run(&self, plan: &Plan, parameters: &[f32]) -> (f64, Pass, Outputs) {
+        let input = StepInput::new(parameters, plan, &self.targets.labelled);
+        let pass = self.chain.forward(&input, &mut Pool::default());
+        let (losses, gradients) =
+            losses::evaluate(&pass.outputs, &plan.map, &self.targets, LOSSES, 2);
+        (losses.total(), pass, gradients)
+    }
+
+    fn gradients(&self, plan: &Plan, pass: &Pass, outputs: &Outputs) -> Vec<f32> {
+        let mut gradients = vec![0.0; self.chain.parameters];
+        let input = StepInput::new(&self.parameters, plan, &self.targets.labelled);
+        let (chain, pool) = (&self.chain, &mut Pool::default());
+        chain.backward(&input, pass, outputs, &mut gradients, pool);
+        gradients
+    }
+}
+
+#[test]
+fn halo_training_equals_dense_training() {
+    let s = Setup::new(HeadKind::Metric);
+    let full = dense(&s.network, &s.plan);
+    let multiplicity = |plan: &Plan| plan.map.block1[1].tail.multiplicity;
+    assert!(multiplicity(&s.plan) > 300, "{}", multiplicity(&s.plan));
+    assert_eq!(multiplicity(&full), 0);
+    let (loss, pass, outputs) = s.run(&s.plan, &s.parameters);
+    let (full_loss, full_pass, full_outputs) = s.run(&full, &s.parameters);
+    assert!((loss - full_loss).abs() < 1e-5 * loss, "{loss} {full_loss}");
+    let near = |a: &[f32], b: &[f32], most: f32| {
+        let pairs = a.iter().zip(b);
+        pairs.for_each(|(a, b)| assert!((a - b).abs() < most.max(most * b.abs()), "{a} {b}"));
+    };
+    for (a, b) in pass.statistics().zip(full_pass.statistics()) {
+        assert_eq!(a.count, b.count);
+        near(&a.mean, &b.mean, 1e-5);
+        near(&a.var, &b.var, 1e-5);
+    }
+    let (found, expected) = (&pass.outputs, &full_pass.outputs);
+    near(&found.boxes, &expected.boxes, 1e-4);
+    near(&found.embedding, &expected.embedding, 1e-4);
+    let halo = s.gradients(&s.plan, &pass, &outputs);
+    let plain = s.gradients(&full, &full_pass, &full_outputs);
+    let most = plain.iter().fold(0.0f32, |m, g| m.max(g.abs()));
+    for (i, (a, b)) in halo.iter().zip(&plain).enumerate() {
+        let limit = 1e-4 * most.max(b.abs());
+        assert!((a - b).abs() < limit, "parameter {i}: {a} {b}");
+    }
+}
+
+/// Directional derivatives of each layer's parameters: along the gradient the slope is its norm.
+#[test]
+fn gradients_are_those_of_the_loss() {
+    for head in [HeadKind::Metric, HeadKind::Sigmoid, HeadKind::Open] {
+        let s = Setup::new(head);
+        let (_, pass, outputs) = s.run(&s.plan, &s.parameters);
+        let analytic = s.gradients(&s.plan, &pass, &outputs);
+        let mut ranges: Vec<(String, Range<usize>)> = vec![];
+        for l in s.chain.layers() {
+            ranges.push((format!("{} weight", l.name), l.weight.clone()));
+            ranges.push((format!("{} gamma", l.name), l.gamma.clone()));
+            ranges.push((format!("{} beta", l.name), l.beta.clone()));
+        }
+        let heads = s.chain.heads.all();
+        ranges.extend(heads.map(|h| (h.name.clone(), h.weight.start..h.bias.end)));
+        for (name, range) in ranges {
+            let gradient = &analytic[range.clone()];
+            let norm = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
+            assert_slope(&name, 1.0, 5e-3, |h| {
+                let mut p = s.parameters.clone();
+                let values = p[range.clone()].iter_mut().zip(gradient);
+                values.for_each(|(p, g)| *p += h / norm * g);
+                s.run(&s.plan, &p).0 / f64::from(norm)
+            });
+        }
+    }
+}
+
+/// The map's layers written out cell by cell, without rows or gathers.
+#[test]
+fn forward_equals_a_plain_dense_network() {
+    let s = Setup::new(HeadKind::Metric);
+    let [rows, columns] = s.network.map_shape();
+    let (_, pass, _) = s.run(&s.plan, &s.parameters);
+    let width = s.network.map_channels();
+    let mut x = vec![0.0f32; 2 * rows * columns * width];
+    for (row, cell) in listed_cells(&s.network).iter().enumerate() {
+        x[*cell as usize * width..][..width].copy_from_slice(&pass.map[row * width..][..width]);
+    }
+    let mut shape = [2, rows, columns];
+    let mut ends = vec![];
+    let blocks = [
+        (&s.chain.block1, &s.network.block1),
+        (&s.chain.block2, &s.network.block2),
+    ];
+    for (layers, descriptions) in blocks {
+        for (layer, description) in layers.iter().zip(descriptions) {
+            (x, shape) = plain_convolution(&x, shape, layer, description.stride, &s.parameters);
+        }
+        ends.push(x.clone());
+    }
+    let up1 = plain_up(&ends[0], &s.chain.up1, &s.parameters);
+    let up2 = plain_up(&ends[1], &s.chain.up2, &s.parameters);
+    let head = &s.chain.heads.presence;
+    let weights = &s.parameters[head.weight.clone()];
+    let bias = &s.parameters[head.bias.clone()];
+    for cell in 0..2 * rows * columns {
+        let (line, column) = (cell / columns, cell % columns);
+        let (frame, y) = (line / rows, line % rows);
+        let half = (frame * (rows / 2) + y / 2) * (columns / 2) + column / 2;
+        let second = 4 * half + y % 2 * 2 + column % 2;
+        let feature = [&up1[cell * 5..][..5], &up2[second * 3..][..3]].concat();
+        let [row1, row2] = s.plan.map.up_rows(cell);
+        for a in 0..4 {
+            let products = (0..8).map(|c| feature[c] * weights[c * 4 + a]);
+            let logit = products.sum::<f32>() + bias[a];
+            let [ours1, ours2] = &pass.outputs.presence;
+            let found = ours1[row1 * 4 + a] + ours2[row2 * 4 + a];
+            let error = (found - logit).abs();
+            assert!(error < 2e-4, "cell {cell} anchor {a}: {found} {logit}");
+        }
+    }
+}
+
+fn plain_norm(x: &mut [f32], layer: &Layer, parameters: &[f32]) {
+    let channels = layer.channels;
+    for c in 0..channels {
+        let column = x.iter().skip(c).step_by(channels).map(|v| f64::from(*v));
+        let count = column.len() as f64;
+        let mean = column.clone().sum::<f64>() / count;
+        let variance = column.map(|v| (v - mean).powi(2)).sum::<f64>() / count;
+        let [gamma, beta] =
+            [&layer.gamma, &layer.beta].map(|range| f64::from(parameters[range.start + c]));
+        let scale = gamma / (variance + f64::from(EPSILON)).sqrt();
+        for v in x.iter_mut().skip(c).step_by(channels) {
+            *v = (scale * (f64::from(*v) - mean) + beta).max(0.0) as f32;
+        }
+    }
+}
+
+/// `out` plus the products of `input` with weights `[cin][cout]`.
+fn add_products(out: &mut [f32], input: &[f32], weights: &[f32]) {
+    for (v, weights) in input.iter().zip(weights.chunks_exact(out.len())) {
+        out.iter_mut().zip(weights).for_each(|(o, w)| *o += v * w);
+    }
+}
+
+fn plain_convolution(
+    x: &[f32],
+    [frames, rows, columns]: [usize; 3],
+    layer: &Layer,
+    stride: usize,
+    parameters: &[f32],
+) -> (Vec<f32>, [usize; 3]) {
+    let shape = [frames, rows / stride, columns / stride];
+    let mut y = vec![0.0; shape.iter().product::<usize>() * layer.cout];
+    let weights = &parameters[layer.weight.clone()];
+    for (at, out) in y.chunks_exact_mut(layer.cout).enumerate() {
+        let (line, ox) = (at / shape[2], at % shape[2]);
+        let (frame, oy) = (line / shape[1], line % shape[1]);
+        for (tap, weights) in weights.chunks_exact(layer.cin * layer.cout).enumerate() {
+            // One too large.
+            let (iy, ix) = (oy * stride + tap / 3, ox * stride + tap % 3);
+            if (1..=rows).contains(&iy) && (1..=columns).contains(&ix) {
+                let cell = (frame * rows + iy - 1) * columns + ix - 1;
+                add_products(out, &x[cell * layer.cin..][..layer.cin], weights);
+            }
+        }
+    }
+    plain_norm(&mut y, layer, parameters);
+    (y, shape)
+}
+
+fn plain_up(x: &[f32], layer: &Layer, parameters: &[f32]) -> Vec<f32> {
+    let mut y = vec![0.0; x.len() / layer.cin * layer.cout];
+    let weights = &parameters[layer.weight.clone()];
+    for (input, out) in x
+        .chunks_exact(layer.cin)
+        .zip(y.chunks_exact_mut(layer.cout))
+    {
+        add_products(out, input, weights);
+    }
+    plain_norm(&mut y, layer, parameters);
+    y
+}

@@ -1,0 +1,58 @@
+//! Vectors reused from step to step: a fresh large allocation costs a page fault every 4 KiB.
+
+use mluc_kernels::Bf16;
+use rayon::prelude::*;
+
+/// Values of a task that rounds to bf16.
+const ROUND_CHUNK: usize = 1 << 14;
+/// Vectors kept: bounds the memory.
+const FREE_MAX: usize = 96;
+
+/// The vectors that nobody uses now.
+#[derive(Debug, Default)]
+pub struct Pool {
+    free: Vec<Vec<f32>>,
+    rounded: Vec<Bf16>,
+}
+
+impl Pool {
+    /// A vector of `len` numbers of any value.
+    pub fn take(&mut self, len: usize) -> Vec<f32> {
+        // The smallest that is large enough, else the largest.
+        let fit = |v: &Vec<f32>| (v.capacity() < len, v.capacity().abs_diff(len));
+        let best = (0..self.free.len()).min_by_key(|i| fit(&self.free[*i]));
+        let mut vector = best.map_or_else(Vec::new, |i| self.free.swap_remove(i));
+        if vector.capacity() < len {
+            // Growing would copy what nobody reads.
+            vector = Vec::with_capacity(len + len / 4);
+        }
+        vector.resize(len, 0.0);
+        vector
+    }
+
+    /// Gives a vector back.
+    pub fn give(&mut self, vector: Vec<f32>) {
+        if self.free.len() < FREE_MAX && vector.capacity() > 0 {
+            self.free.push(vector);
+        }
+    }
+
+    /// `values` in bf16, in memory that the next call takes again.
+    pub(crate) fn round(&mut self, values: &[f32]) -> &[Bf16] {
+        if self.rounded.len() < values.len() {
+            self.rounded = vec![Bf16(0); values.len() + values.len() / 4];
+        }
+        let to = &mut self.rounded[..values.len()];
+        let tasks = to.par_chunks_mut(ROUND_CHUNK);
+        tasks
+            .zip(values.par_chunks(ROUND_CHUNK))
+            .for_each(|(to, from)| {
+                // Nearest, ties to even, without the case of NaN: a loss that is no number ends the run anyway.
+                for (to, from) in to.iter_mut().zip(from) {
+                    let bits = from.to_bits();
+                    *to = Bf16((bits.wrapping_add(0x7fff + ((bits >> 16) & 1)) >> 16) as u16);
+                }
+            });
+        to
+    }
+}

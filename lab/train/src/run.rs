@@ -1,0 +1,275 @@
+//! A whole training run: data, steps, log, checkpoints, model file.
+
+use std::fs::File;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use mluc_dataset::Dataset;
+use mluc_model::{Manifest, Model, ModelError, Provenance, model_bytes};
+use mluc_refiner::ClusterScorer;
+
+use crate::augment::Augmentation;
+use crate::cluster_scorer::fit_cluster_scorer;
+use crate::database::{self, Database, mean_boxes};
+use crate::error::TrainError;
+use crate::kind::Setting;
+use crate::loader::DataLoader;
+use crate::log::{Log, TrainEvent};
+use crate::optimizer::Schedule;
+use crate::settings::TrainSettings;
+use crate::source::ScanSource;
+use crate::trainer::Trainer;
+use crate::validate::validate;
+use crate::{check, checkpoint, export, import, run_folder};
+
+/// Frames that the cluster scorer is fitted on.
+const CLUSTER_FRAMES: usize = 300;
+
+/// A run, its data read and its state restored.
+pub struct Run {
+    settings: TrainSettings,
+    manifest: Manifest,
+    trainer: Trainer,
+    source: ScanSource,
+    database: Database,
+    cluster_scorer: Option<ClusterScorer>,
+    /// Settings and data, which a checkpoint must share.
+    origin: String,
+    _lock: File,
+}
+
+type Notify<'a> = &'a mut dyn FnMut(TrainEvent);
+
+impl Run {
+    /// Reads what the training split says, and the checkpoint where there is one.
+    pub fn prepare(settings: &TrainSettings, notify: Notify) -> Result<Run, TrainError> {
+        settings.check()?;
+        let lock = run_folder::enter(&settings.out)?;
+        let dataset = check::training_split(settings)?;
+        check::validation_split(settings, notify)?;
+        let origin = check::origin(settings, &dataset)?;
+        let mut manifest = settings.manifest();
+        let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
+        let takes_synthetic_unknown = settings.kind.learns_from_synthetic_unknown();
+        let source = ScanSource::new(dataset, names, takes_synthetic_unknown);
+        measure_anchors(&mut manifest, settings, &source, notify)?;
+        check::points(&source, settings)?;
+        let augments = usize::from(settings.augment);
+        let frames = augments * settings.database_frames;
+        let database = database::build(&source, settings.classes(), frames)?;
+        let sizes: Vec<_> = database.iter().map(|s| s.len().to_string()).collect();
+        let sizes = sizes.join(", ");
+        notify(TrainEvent::Note(format!(
+            "objects to paste, by class: {sizes}"
+        )));
+        let schedule = Schedule::new(settings.learning_rate, settings.steps);
+        let (network, losses) = (&manifest.network, settings.losses());
+        let mut trainer = Trainer::new(network, schedule, losses, settings.seed);
+        if settings.bf16 {
+            trainer.chain.use_bf16();
+        }
+        let mut run = Run {
+            settings: settings.clone(),
+            manifest,
+            trainer,
+            source,
+            database,
+            cluster_scorer: None,
+            origin,
+            _lock: lock,
+        };
+        run.restore(notify)?;
+        Ok(run)
+    }
+
+    /// From the run's checkpoint; else, where that is asked for, from another network's weights.
+    fn restore(&mut self, notify: Notify) -> Result<(), TrainError> {
+        let (settings, trainer) = (&self.settings, &mut self.trainer);
+        let path = settings.out.join("checkpoint.safetensors");
+        let text = if checkpoint::load(&path, &mut trainer.state, &self.origin)? {
+            let step = trainer.state.step;
+            if step > settings.steps {
+                let expected = format!("a run of at most {} steps (--steps)", settings.steps);
+                return Err(checkpoint::wrong(&path, expected, format!("one of {step}")));
+            }
+            format!("resumed at step {step}")
+        } else {
+            run_folder::refuse_other(&settings.out, "model.safetensors")?;
+            let Some(init) = &settings.init else {
+                return Ok(());
+            };
+            import::start_from(init, &self.manifest, trainer)?
+        };
+        notify(TrainEvent::Note(text));
+        Ok(())
+    }
+
+    fn model_path(&self) -> PathBuf {
+        self.settings.out.join("model.safetensors")
+    }
+
+    /// A finished model whose threshold was chosen or whose ranges were measured since: to write it again would lose them.
+    fn is_refined(&self) -> bool {
+        let step = self.trainer.state.step;
+        let is_refined = |model: Model| {
+            let from = model.manifest.provenance;
+            let is_plain = from.threshold_choice.is_empty() && from.calibration.is_empty();
+            from.steps == step && !is_plain
+        };
+        step == self.settings.steps && Model::read(&self.model_path()).is_ok_and(is_refined)
+    }
+
+    /// Trains to the last step, judges the model on `val/`, writes its file; returns the path.
+    pub fn finish(mut self, notify: Notify) -> Result<PathBuf, TrainError> {
+        if self.is_refined() {
+            let text = "already trained; its threshold or int8 ranges were set since, so it stays as it is";
+            notify(TrainEvent::Note(text.into()));
+            return Ok(self.model_path());
+        }
+        if self.settings.cluster_scorer {
+            let (manifest, seed) = (&self.manifest, self.settings.seed);
+            let scorer = fit_cluster_scorer(&self.source, manifest, CLUSTER_FRAMES, seed)?;
+            self.cluster_scorer = Some(scorer);
+        }
+        let loader = self.loader();
+        let settings = self.settings.clone();
+        let first = self.trainer.state.step;
+        let batches = loader.spawn(first..settings.steps);
+        let mut log = Log::open(&settings, first > 0)?;
+        let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
+        for step in first..settings.steps {
+            let waited = Instant::now();
+            let batch = batches.recv();
+            let batch = batch.map_err(|_| TrainError::LoaderEnded { step })??;
+            let wait = 1e3 * waited.elapsed().as_secs_f64();
+            let mut progress = self.trainer.step(&batch)?;
+            progress.timing_ms.wait = wait;
+            let done = progress.step;
+            if let Some(line) = log.add(progress)? {
+                notify(TrainEvent::Progress(&line));
+            }
+            let ends_epoch = done.is_multiple_of(epoch_steps);
+            if done == settings.steps {
+                break;
+            } else if ends_epoch || done.is_multiple_of(settings.checkpoint_every) {
+                self.save()?;
+            }
+            if ends_epoch {
+                self.judge(notify)?;
+            }
+        }
+        self.save()?;
+        self.judge(notify)?;
+        self.save()
+    }
+
+    fn loader(&mut self) -> DataLoader {
+        let (settings, manifest) = (&self.settings, &self.manifest);
+        let open_set = settings.applied_open_set();
+        let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
+        let augmentation = settings.augment.then(|| Augmentation {
+            database: std::mem::take(&mut self.database),
+            wanted: settings.setting.objects_wanted().to_vec(),
+            synthetic_unknown: open_set.synthetic_unknown,
+            classes_m: sizes_m.collect(),
+            mirror_x: settings.setting == Setting::Udi,
+        });
+        DataLoader::new(
+            self.source.clone(),
+            augmentation,
+            manifest,
+            open_set.background_cells,
+            settings.batch,
+            settings.seed,
+        )
+    }
+
+    /// Validates the model file just written; its figures go into the next one and `validation.json`.
+    fn judge(&mut self, notify: Notify) -> Result<(), TrainError> {
+        let folder = self.settings.data.join("val");
+        let frames = self.settings.validate_frames;
+        if frames == 0 || !folder.is_dir() {
+            return Ok(());
+        }
+        let model = Model::read(&self.model_path())?;
+        let figures = validate(&model, &Dataset::open(&folder)?, frames)?;
+        for c in &figures.classes {
+            let (name, iou, ap, labels) = (&c.class, c.iou_min, c.ap_r40, c.labels);
+            notify(TrainEvent::Note(format!(
+                "{name}: AP R40 {ap:.2} at overlap {iou}, {labels} labels"
+            )));
+        }
+        let (map, count) = (figures.map_known, figures.frames);
+        notify(TrainEvent::Note(format!(
+            "mean AP of the known classes {map:.2} on {count} frames"
+        )));
+        let path = self.settings.out.join("validation.json");
+        let bytes = serde_json::to_vec(&figures);
+        let bytes = bytes.map_err(|cause| TrainError::io(&path, cause.into()))?;
+        run_folder::write(&path, &bytes)?;
+        self.manifest.provenance.metrics = figures.metrics();
+        Ok(())
+    }
+
+    /// Checkpoint and model file. A model that nobody would take (values that are no numbers) leaves the last good checkpoint.
+    fn save(&self) -> Result<PathBuf, TrainError> {
+        let (settings, state) = (&self.settings, &self.trainer.state);
+        let chain = &self.trainer.chain;
+        let mut manifest = export::finish(self.manifest.clone(), chain, state);
+        let data = settings.data.file_name().unwrap_or_default();
+        manifest.provenance = Provenance {
+            data: data.to_string_lossy().into_owned(),
+            seed: settings.seed,
+            steps: state.step,
+            batch: settings.batch as u32,
+            commit: settings.commit.clone(),
+            metrics: self.manifest.provenance.metrics.clone(),
+            threshold_choice: String::new(),
+            calibration: String::new(),
+        };
+        let mut weights = export::weights(chain, state);
+        if let Some(scorer) = &self.cluster_scorer {
+            scorer.write(&mut weights);
+        }
+        let bytes = model_bytes(&manifest, &weights)?;
+        let checkpoint = settings.out.join("checkpoint.safetensors");
+        checkpoint::save(&checkpoint, state, &self.origin)?;
+        let path = self.model_path();
+        run_folder::write(&path, &bytes)?;
+        Ok(path)
+    }
+}
+
+/// Gives the anchors of each class the mean size and height of its objects. Class-agnostic anchors stand where the classes' objects
+/// stand on average.
+fn measure_anchors(
+    manifest: &mut Manifest,
+    settings: &TrainSettings,
+    source: &ScanSource,
+    notify: Notify,
+) -> Result<(), TrainError> {
+    let path = settings.data.join("train");
+    let means = mean_boxes(source, settings.classes())?;
+    for (class, mean) in manifest.classes.iter_mut().zip(means) {
+        if mean.count == 0 {
+            let expected = "objects of every class in the training split";
+            let found = format!("no {}", class.name);
+            return Err(TrainError::refused(&path, expected, found));
+        }
+        (class.size_m, class.bottom_z_m) = (mean.size_m, mean.bottom_z_m);
+        let ([l, w, h], bottom) = (mean.size_m, mean.bottom_z_m);
+        notify(TrainEvent::Note(format!(
+            "{}: {} objects, mean {l:.2} x {w:.2} x {h:.2} m, bottom at {bottom:.2} m",
+            class.name, mean.count
+        )));
+    }
+    let count = manifest.classes.len().max(1) as f32;
+    let bottom_z_m = manifest.classes.iter().map(|c| c.bottom_z_m).sum::<f32>() / count;
+    for anchor in &mut manifest.generic {
+        anchor.bottom_z_m = bottom_z_m;
+    }
+    manifest.validate().map_err(|cause| {
+        let cause = Box::new(cause);
+        TrainError::Model(ModelError::InFile { path, cause })
+    })
+}

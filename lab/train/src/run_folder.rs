@@ -1,0 +1,63 @@
+//! The folder of a run: one run at a time writes to it, and none over a model that it did not make.
+
+use std::fs::{File, TryLockError};
+use std::path::Path;
+
+use mluc_dataset::whole_file::write_whole;
+
+use crate::error::TrainError;
+
+/// Makes the folder and takes it for this process, as long as the file is open.
+pub(crate) fn enter(out: &Path) -> Result<File, TrainError> {
+    std::fs::create_dir_all(out).map_err(|cause| TrainError::io(out, cause))?;
+    let path = out.join(".lock");
+    let mut options = File::options();
+    let file = options.create(true).truncate(false).write(true).open(&path);
+    let file = file.map_err(|cause| TrainError::io(&path, cause))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(TrainError::refused(
+            out,
+            "a folder of no other run",
+            "another run training into it; wait for it, or name another folder",
+        )),
+        Err(TryLockError::Error(cause)) => Err(TrainError::io(&path, cause)),
+    }
+}
+
+/// For a run that begins: refuses the folder where a file of another run lies.
+pub(crate) fn refuse_other(out: &Path, file: &str) -> Result<(), TrainError> {
+    let path = out.join(file);
+    if path.exists() {
+        let expected = "no file of another run (its checkpoint is missing, or is of another kind)";
+        let found = "one; move it away or name another folder";
+        return Err(TrainError::refused(&path, expected, found));
+    }
+    Ok(())
+}
+
+/// Writes a file of the run: a crash or a full disk leaves the old one.
+pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
+    write_whole(path, bytes).map_err(|cause| TrainError::io(path, cause))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_taken_by_one_run_at_a_time_and_its_model_is_not_written_over() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let out = folder.path().join("new/run");
+        let first = enter(&out).expect("free");
+        let fault = enter(&out).expect_err("taken").to_string();
+        assert!(fault.contains("another run"), "{fault}");
+        drop(first);
+        assert!(enter(&out).is_ok());
+
+        assert!(refuse_other(&out, "model.safetensors").is_ok());
+        std::fs::write(out.join("model.safetensors"), b"somebody's").expect("written");
+        let fault = refuse_other(&out, "model.safetensors").expect_err("refused");
+        assert!(fault.to_string().contains("move it away"), "{fault}");
+    }
+}

@@ -1,0 +1,101 @@
+//! A labelled scan as the trainer sees it.
+
+use mluc_geometry::Box3;
+
+/// Objects with fewer points teach nothing: their place is ignored, neither object nor background.
+pub const POINTS_MIN: usize = 3;
+
+/// A labelled object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LabelledObject {
+    /// Index among the model's classes; `None` for an object of another kind, whose place is ignored.
+    pub class: Option<usize>,
+    /// In the sensor frame.
+    pub bounds: Box3,
+    /// Points of the scan inside it.
+    pub points: usize,
+    /// A synthetic object that stands for the unknown; of no class.
+    pub synthetic_unknown: bool,
+}
+
+impl LabelledObject {
+    /// Of a class, or synthetic unknown.
+    pub fn new(class: Option<usize>, bounds: Box3, points: usize) -> LabelledObject {
+        LabelledObject {
+            class,
+            bounds,
+            points,
+            synthetic_unknown: class.is_none(),
+        }
+    }
+
+    /// Whether it has enough points to be trained on.
+    fn is_seen(&self) -> bool {
+        self.points >= POINTS_MIN
+    }
+
+    /// The class to train it as.
+    pub fn trained_class(&self) -> Option<usize> {
+        self.class.filter(|_| self.is_seen())
+    }
+
+    /// Whether it is trained on, as a class or as synthetic unknown.
+    pub fn is_trained(&self) -> bool {
+        (self.class.is_some() || self.synthetic_unknown) && self.is_seen()
+    }
+}
+
+/// A scan and its objects.
+#[derive(Clone, Debug, Default)]
+pub struct LabelledScan {
+    /// x, y, z (m, sensor frame), intensity.
+    pub points: Vec<[f32; 4]>,
+    /// Labels.
+    pub objects: Vec<LabelledObject>,
+}
+
+impl LabelledScan {
+    /// Counts every object's points.
+    pub fn count_points(&mut self) {
+        for object in &mut self.objects {
+            let test = InBox::new(&object.bounds);
+            object.points = self.points.iter().filter(|p| test.contains(p)).count();
+        }
+    }
+}
+
+/// A fast test whether a point lies in a box.
+#[derive(Clone, Copy, Debug)]
+pub struct InBox {
+    center: [f32; 3],
+    half: [f32; 3],
+    radius: f32,
+    sin: f32,
+    cos: f32,
+}
+
+impl InBox {
+    /// Of one box.
+    pub fn new(bounds: &Box3) -> InBox {
+        let half = bounds.size_m.map(|s| s as f32 / 2.0);
+        let (sin, cos) = (bounds.yaw_rad as f32).sin_cos();
+        InBox {
+            center: bounds.center_m.map(|c| c as f32),
+            half,
+            radius: half[0].hypot(half[1]),
+            sin,
+            cos,
+        }
+    }
+
+    /// Inside or on the surface.
+    pub fn contains(&self, point: &[f32; 4]) -> bool {
+        let (dx, dy) = (point[0] - self.center[0], point[1] - self.center[1]);
+        if dx.abs() > self.radius || dy.abs() > self.radius {
+            return false;
+        }
+        let (u, v) = (dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin);
+        let dz = point[2] - self.center[2];
+        u.abs() <= self.half[0] && v.abs() <= self.half[1] && dz.abs() <= self.half[2]
+    }
+}

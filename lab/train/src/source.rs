@@ -1,0 +1,118 @@
+//! Labelled scans by number, from a folder in KITTI's format.
+
+use mluc_dataset::{Dataset, SYNTHETIC_UNKNOWN};
+use mluc_geometry::Box3;
+
+use crate::error::TrainError;
+use crate::scan::{LabelledObject, LabelledScan};
+
+/// A label whose visibility is worse than this teaches nothing new about an object's looks.
+const OCCLUDED_MAX: i32 = 2;
+
+/// A folder, and which of its labels are trained on.
+#[derive(Clone, Debug)]
+pub struct ScanSource {
+    dataset: Dataset,
+    classes: Vec<String>,
+    takes_synthetic_unknown: bool,
+}
+
+impl ScanSource {
+    /// `classes`: names of the known ones. `takes_synthetic_unknown`: whether objects labelled as synthetic unknown stand for the
+    /// unknown; else they are of another kind, whose place is ignored.
+    pub fn new(
+        dataset: Dataset,
+        classes: Vec<String>,
+        takes_synthetic_unknown: bool,
+    ) -> ScanSource {
+        ScanSource {
+            dataset,
+            classes,
+            takes_synthetic_unknown,
+        }
+    }
+
+    fn class_of(&self, name: &str) -> Option<usize> {
+        let mut classes = self.classes.iter();
+        classes.position(|class| class.eq_ignore_ascii_case(name))
+    }
+
+    /// Scans there are.
+    pub fn count(&self) -> usize {
+        self.dataset.len()
+    }
+
+    /// One of them, points of its objects counted.
+    pub fn scan(&self, number: usize) -> Result<LabelledScan, TrainError> {
+        Ok(self.scan_with_visibility(number)?.0)
+    }
+
+    /// A scan, and for each object whether it is seen well enough to be pasted elsewhere.
+    pub fn scan_with_visibility(
+        &self,
+        number: usize,
+    ) -> Result<(LabelledScan, Vec<bool>), TrainError> {
+        let name = &self.dataset.names()[number];
+        let mut visible = vec![];
+        let mut scan = LabelledScan::default();
+        for (label, bounds) in self.dataset.boxes_in_sensor(name)? {
+            visible.push(label.occluded <= OCCLUDED_MAX);
+            scan.objects.push(LabelledObject {
+                class: self.class_of(&label.class),
+                bounds,
+                points: 0,
+                synthetic_unknown: self.takes_synthetic_unknown && label.is(SYNTHETIC_UNKNOWN),
+            });
+        }
+        scan.points = self.dataset.scan(name)?;
+        scan.points.retain(|p| p.iter().all(|v| v.is_finite()));
+        scan.count_points();
+        Ok((scan, visible))
+    }
+
+    /// Class and box of every labelled object of a known class, without its scan.
+    pub fn labelled(&self, number: usize) -> Result<Vec<(usize, Box3)>, TrainError> {
+        let name = &self.dataset.names()[number];
+        let boxes = self.dataset.boxes_in_sensor(name)?.into_iter();
+        let known = boxes.filter_map(|(label, b)| Some((self.class_of(&label.class)?, b)));
+        Ok(known.collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_simulate::{ExportOptions, Family, Realism, Split, export};
+
+    #[test]
+    fn synthetic_unknown_objects_stand_for_the_unknown_where_that_is_asked_for() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let options = ExportOptions {
+            family: Family::SimKitti,
+            split: Split::Train,
+            frames: 2,
+            sequence: None,
+            seed: 3,
+            realism: Realism::FULL,
+            synthetic_unknown: true,
+            folder: folder.path().to_owned(),
+            threads: 1,
+        };
+        export(&options, || ()).expect("written");
+        // Synthetic unknown objects, and objects of no class.
+        let count = |takes_synthetic_unknown: bool| {
+            let dataset = Dataset::open(folder.path()).expect("a data set");
+            let classes = vec!["car".into(), "pedestrian".into()];
+            let source = ScanSource::new(dataset, classes, takes_synthetic_unknown);
+            let scans = (0..2).map(|i| source.scan(i).expect("a scan"));
+            let objects: Vec<LabelledObject> = scans.flat_map(|s| s.objects).collect();
+            let synthetic = objects.iter().filter(|o| o.synthetic_unknown);
+            assert!(synthetic.clone().all(|o| o.class.is_none()));
+            let without_class = objects.iter().filter(|o| o.class.is_none());
+            (synthetic.count(), without_class.count())
+        };
+        let (synthetic, without_class) = count(true);
+        assert!(synthetic > 0 && without_class >= synthetic);
+        assert_eq!(count(false), (0, without_class));
+    }
+}

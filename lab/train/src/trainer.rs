@@ -1,0 +1,131 @@
+//! One step after another: forward, losses, backward, optimiser.
+
+use std::time::Instant;
+
+use mluc_model::Network;
+
+use crate::error::TrainError;
+use crate::layers::RunningStatistics;
+use crate::loader::Batch;
+use crate::log::{Progress, Timing};
+use crate::losses::{self, LossSettings};
+use crate::network::{Chain, Pass, StepInput};
+use crate::optimizer::{Adam, Schedule};
+use crate::pool::Pool;
+
+/// The share of a new batch in the running statistics, once enough batches have been seen. Before, the plain mean of all
+/// batches: a short run must not remember its first weights. At the end of the cycle the rate is nearly 0, so the last
+/// 50 batches share one set of weights and the statistics are theirs.
+const MOMENTUM_MIN: f32 = 0.02;
+
+/// What training has reached.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrainState {
+    /// Weights.
+    pub parameters: Vec<f32>,
+    /// Batch norm's statistics for inference.
+    pub running: RunningStatistics,
+    /// Optimiser.
+    pub adam: Adam,
+    /// Steps done.
+    pub step: u64,
+}
+
+/// A network in training.
+pub struct Trainer {
+    /// Layers.
+    pub chain: Chain,
+    /// What training has reached.
+    pub state: TrainState,
+    schedule: Schedule,
+    losses: LossSettings,
+    gradients: Vec<f32>,
+    pool: Pool,
+}
+
+impl Trainer {
+    /// Before the first step.
+    pub fn new(network: &Network, schedule: Schedule, losses: LossSettings, seed: u64) -> Trainer {
+        let chain = Chain::new(network);
+        let state = TrainState {
+            parameters: chain.initial(seed, losses.prototype_scale),
+            running: chain.initial_running(),
+            adam: Adam::new(chain.parameters),
+            step: 0,
+        };
+        Trainer {
+            gradients: vec![0.0; chain.parameters],
+            chain,
+            state,
+            schedule,
+            losses,
+            pool: Pool::default(),
+        }
+    }
+
+    /// One step.
+    pub fn step(&mut self, batch: &Batch) -> Result<Progress, TrainError> {
+        let (plan, targets, pool) = (&batch.plan, &batch.targets, &mut self.pool);
+        let mut timing_ms = Timing {
+            prepare: 1e3 * batch.seconds,
+            ..Timing::default()
+        };
+        let mut clock = Instant::now();
+        let mut lap = || {
+            let ms = 1e3 * clock.elapsed().as_secs_f64();
+            clock = Instant::now();
+            ms
+        };
+        let chain = &self.chain;
+        let input = StepInput::new(&self.state.parameters, plan, &targets.labelled);
+        let pass = chain.forward(&input, pool);
+        timing_ms.forward = lap();
+        let classes = chain.network.classes;
+        let (losses, outputs) =
+            losses::evaluate(&pass.outputs, &plan.map, targets, self.losses, classes);
+        timing_ms.losses = lap();
+        let loss = losses.total();
+        if !loss.is_finite() {
+            let step = self.state.step;
+            return Err(TrainError::Diverged { step, found: loss });
+        }
+        let gradients = &mut self.gradients;
+        gradients.fill(0.0);
+        chain.backward(&input, &pass, &outputs, gradients, pool);
+        timing_ms.backward = lap();
+        follow_statistics(&mut self.state, &pass);
+        pass.recycle(pool);
+        let (rate, momentum) = self.schedule.at(self.state.step);
+        let parameters = &mut self.state.parameters;
+        let gradient_norm = self
+            .state
+            .adam
+            .step(parameters, gradients, (rate, momentum));
+        self.state.step += 1;
+        timing_ms.update = lap();
+        Ok(Progress {
+            step: self.state.step,
+            loss,
+            losses,
+            gradient_norm,
+            rate,
+            timing_ms,
+            ..Progress::default()
+        })
+    }
+}
+
+fn follow_statistics(state: &mut TrainState, pass: &Pass) {
+    let share = MOMENTUM_MIN.max(1.0 / (state.step + 1) as f32);
+    // A batch without a row says nothing (a scan without a point in range).
+    let pairs = state.running.iter_mut().zip(pass.statistics());
+    for (running, batch) in pairs.filter(|(_, batch)| batch.count >= 2.0) {
+        let unbiased = (batch.count / (batch.count - 1.0)) as f32;
+        let mix = |to: &mut [f32], from: &[f32], scale: f32| {
+            let pairs = to.iter_mut().zip(from);
+            pairs.for_each(|(to, from)| *to += share * (from * scale - *to));
+        };
+        mix(&mut running.mean, &batch.mean, 1.0);
+        mix(&mut running.var, &batch.var, unbiased);
+    }
+}

@@ -1,0 +1,130 @@
+//! The scale of int8 rows: the value of a count of 1 in each channel, a 255th of the channel's range in the calibration.
+//!
+//! A value is its count times the scale. A layer that reads and writes counts has weights w * scale of the input / scale of the
+//! output and the bias over the scale of the output; the kernel then rounds the weights of each output channel to 127ths
+//! of the largest. So a range for each channel costs nothing at run time.
+
+use mluc_model::{Folded, WeightSet};
+
+use crate::backbone::BackboneError;
+
+/// The scale of each channel of a row; `None`: values are plain numbers.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct QuantScale(Option<Vec<f32>>);
+
+impl QuantScale {
+    /// Of rows that hold plain numbers.
+    pub(crate) fn identity() -> QuantScale {
+        QuantScale(None)
+    }
+
+    /// Of a layer's output, by the calibration of a checked model that has one.
+    pub(crate) fn of_layer(
+        weights: &WeightSet,
+        layer: &str,
+        channels: usize,
+    ) -> Result<QuantScale, BackboneError> {
+        let range = weights.range(layer, channels)?;
+        Ok(QuantScale(Some(
+            range.iter().map(|range| range / 255.0).collect(),
+        )))
+    }
+
+    /// Each scale so many times in a row: of channels that are the same ones at several heights.
+    pub(crate) fn repeated(&self, times: usize) -> QuantScale {
+        let repeat = |scale: &Vec<f32>| {
+            let each = scale
+                .iter()
+                .flat_map(|one| std::iter::repeat_n(*one, times));
+            each.collect()
+        };
+        QuantScale(self.0.as_ref().map(repeat))
+    }
+
+    /// The layer from counts of `input` to counts of `output`.
+    pub(crate) fn between(input: &QuantScale, output: &QuantScale, mut layer: Folded) -> Folded {
+        if let Some(scale) = &input.0 {
+            let rows = layer.weights.chunks_exact_mut(layer.cout);
+            for (row, one) in rows.zip(scale.iter().cycle()) {
+                row.iter_mut().for_each(|weight| *weight *= one);
+            }
+        }
+        if let Some(scale) = &output.0 {
+            let rows = layer.weights.chunks_exact_mut(layer.cout);
+            for row in rows.chain([&mut layer.bias[..]]) {
+                row.iter_mut()
+                    .zip(scale)
+                    .for_each(|(value, one)| *value /= one);
+            }
+        }
+        layer
+    }
+
+    /// Turns counts into values; `rows`: of the channels.
+    pub(crate) fn apply(&self, rows: &mut [f32]) {
+        if let Some(scale) = &self.0 {
+            for row in rows.chunks_exact_mut(scale.len()) {
+                row.iter_mut()
+                    .zip(scale)
+                    .for_each(|(value, one)| *value *= one);
+            }
+        }
+    }
+
+    /// Values as counts, not rounded.
+    pub(crate) fn counts(&self, row: &[f32]) -> Vec<f32> {
+        match &self.0 {
+            Some(scale) => row
+                .iter()
+                .zip(scale)
+                .map(|(value, one)| value / one)
+                .collect(),
+            None => row.to_vec(),
+        }
+    }
+
+    /// Whether rows hold plain numbers.
+    pub(crate) fn is_identity(&self) -> bool {
+        self.0.is_none()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_layer_between_units_gives_the_same_values() {
+        let layer = Folded {
+            taps: 2,
+            cin: 2,
+            cout: 3,
+            weights: (0..12).map(|i| i as f32).collect(),
+            bias: vec![1.0, 2.0, 3.0],
+        };
+        let input = QuantScale(Some(vec![0.5, 2.0]));
+        let output = QuantScale(Some(vec![4.0, 1.0, 0.25]));
+        let turned = QuantScale::between(&input, &output, layer.clone());
+        for tap in 0..2 {
+            for o in 0..3 {
+                // Counts of 6 and 1 stand for 3 and 2.
+                let at = |layer: &Folded, i: usize| layer.weights[(tap * 2 + i) * 3 + o];
+                let counts = 6.0 * at(&turned, 0) + at(&turned, 1) + turned.bias[o];
+                let value = 3.0 * at(&layer, 0) + 2.0 * at(&layer, 1) + layer.bias[o];
+                assert!((counts * [4.0, 1.0, 0.25][o] - value).abs() < 1e-4);
+            }
+        }
+        let mut row = [3.0, 3.0, 4.0, 4.0];
+        input.apply(&mut row);
+        assert_eq!(row, [1.5, 6.0, 2.0, 8.0]);
+        assert_eq!(input.repeated(2).0, Some(vec![0.5, 0.5, 2.0, 2.0]));
+        assert_eq!(
+            QuantScale::between(
+                &QuantScale::identity(),
+                &QuantScale::identity(),
+                layer.clone()
+            ),
+            layer
+        );
+    }
+}

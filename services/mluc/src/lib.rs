@@ -1,0 +1,81 @@
+//! What the program `mluc` consists of: a thin process around each stage, the supervisor that keeps them running, and how
+//! a run is configured. Programs that start pipelines of their own (`mluc-bench`, `mluc-contract`) use it too.
+//!
+//! Results go to stdout, everything else to stderr. Exit codes: 0 fine, 1 failure, 2 usage, 3 finished, but a frame was
+//! lost or a stage had to be restarted (docs/output.md).
+
+#![warn(clippy::print_stdout, clippy::print_stderr)]
+
+#[allow(missing_docs)]
+pub mod bundled;
+pub mod cli;
+mod commands;
+pub mod document;
+mod embedded;
+pub mod external;
+pub mod model;
+pub mod names;
+pub mod placement;
+pub mod resolve;
+pub mod settings;
+#[allow(missing_docs)]
+pub mod source;
+pub mod stages;
+#[allow(missing_docs)]
+pub mod supervisor;
+pub mod terminal;
+
+use std::process::ExitCode;
+
+use cli::{Cli, Command};
+use terminal::print_err;
+
+/// Finished, but not all went well.
+pub const EXIT_WARNINGS: u8 = 3;
+/// The command line or the configuration is wrong.
+pub const EXIT_USAGE: u8 = 2;
+/// Everything else that stops a program.
+pub const EXIT_FAILURE: u8 = 1;
+
+/// An error of the user's making: exit code 2.
+#[derive(Debug)]
+pub struct UsageError(pub String);
+
+impl std::fmt::Display for UsageError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for UsageError {}
+
+/// The exit code of a command; an error is printed first, after `program`'s name.
+pub fn exit_code(program: &str, result: anyhow::Result<ExitCode>) -> ExitCode {
+    result.unwrap_or_else(|error| {
+        print_err(format_args!("{program}: {error:#}"));
+        let is_usage = error.downcast_ref::<UsageError>().is_some();
+        ExitCode::from(if is_usage { EXIT_USAGE } else { EXIT_FAILURE })
+    })
+}
+
+/// The program `mluc`; `has_stdout`: whether standard output was open when it was started.
+pub fn main(has_stdout: bool) -> ExitCode {
+    let command = Cli::read().command;
+    // A stage writes nothing there.
+    if !has_stdout && !matches!(command, Command::Stage(_) | Command::Exec(_)) {
+        print_err("mluc: standard output is closed: results would be lost");
+        return ExitCode::from(EXIT_FAILURE);
+    }
+    let result = match command {
+        Command::Up(args) => commands::up(args),
+        Command::Demo(args) => commands::demo(args),
+        Command::Stage(args) => stages::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Config(args) => commands::config(args),
+        Command::Status(args) => commands::status(args),
+        Command::Doctor(args) => commands::doctor(args),
+        Command::Bench(_) => external::external("mluc-bench", "mluc-bench", &[]),
+        Command::RefinerTest(args) => commands::refiner_test(args),
+        Command::Exec(args) => commands::exec(args),
+    };
+    exit_code("mluc", result)
+}

@@ -1,0 +1,133 @@
+//! Where a stage runs: its cores and its priority.
+//!
+//! Cores are set by the process itself, before it starts threads. A real-time priority needs a call that only `unsafe` code
+//! can make; `chrt` of util-linux, which every distribution has, makes it and becomes the stage.
+
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+use anyhow::Context;
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+
+use crate::UsageError;
+use crate::settings::StageSettings;
+
+impl StageSettings {
+    /// Whether this machine has the cores and the priority.
+    pub(crate) fn check_placement(&self, stage: &str) -> Result<(), UsageError> {
+        if let Some(cpus) = &self.cpus {
+            let usable = usable_cpus();
+            let missing = cpus.iter().find(|cpu| !usable.contains(cpu));
+            if cpus.is_empty() || missing.is_some() {
+                return Err(UsageError(format!(
+                    "cpus of {stage}: expected some of {usable:?}, which this process may use, found {cpus:?}"
+                )));
+            }
+        }
+        match self.priority {
+            Some(priority) if !(1..=99).contains(&priority) => Err(UsageError(format!(
+                "priority of {stage} must be 1 to 99, found {priority}"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether this user may have the priority: tried with a program that does nothing.
+    pub(crate) fn check_right(&self, stage: &str) -> Result<(), UsageError> {
+        let Some(priority) = self.priority else {
+            return Ok(());
+        };
+        let tried = self
+            .placed("true".into())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status();
+        let cause = match tried {
+            Ok(status) if status.success() => return Ok(()),
+            Ok(_) => "not permitted: run as root, or allow it with `ulimit -r` or the capability CAP_SYS_NICE".to_string(),
+            Err(error) => format!("chrt (package util-linux): {error}"),
+        };
+        Err(UsageError(format!(
+            "priority of {stage}: real-time priority {priority} is not to be had: {cause}"
+        )))
+    }
+
+    /// `program`, with the priority.
+    pub(crate) fn placed(&self, program: PathBuf) -> Command {
+        let Some(priority) = self.priority else {
+            return Command::new(program);
+        };
+        let mut command = Command::new("chrt");
+        command.args(["--fifo", &priority.to_string()]).arg(program);
+        command
+    }
+
+    /// The cores, for `mluc exec`.
+    pub(crate) fn cpus_argument(&self) -> Option<String> {
+        let cpus = self.cpus.as_ref()?;
+        let words: Vec<String> = cpus.iter().map(usize::to_string).collect();
+        Some(format!("--cpus={}", words.join(",")))
+    }
+}
+
+/// Cores that this process may run on.
+pub fn usable_cpus() -> Vec<usize> {
+    match sched_getaffinity(None) {
+        Ok(set) => (0..CpuSet::MAX_CPU)
+            .filter(|&cpu| set.is_set(cpu))
+            .collect(),
+        Err(_) => Vec::new(),
+    }
+}
+
+/// Keeps this process, and what it starts from now on, on `cpus`.
+pub fn pin(cpus: &[usize]) -> anyhow::Result<()> {
+    let mut set = CpuSet::new();
+    for &cpu in cpus.iter().filter(|&&cpu| cpu < CpuSet::MAX_CPU) {
+        set.set(cpu);
+    }
+    sched_setaffinity(None, &set).with_context(|| format!("pinning this process to cores {cpus:?}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_there_is_refused() {
+        let usable = usable_cpus();
+        assert!(!usable.is_empty());
+        let check = |cpus: &[usize], priority| {
+            let stage = StageSettings {
+                cpus: Some(cpus.to_vec()),
+                priority,
+                ..StageSettings::default()
+            };
+            stage.check_placement("head").map_err(|e| e.to_string())
+        };
+        assert!(check(&usable, Some(10)).is_ok());
+        let error = check(&[usable[0], 4000], None).unwrap_err();
+        assert!(error.contains("cpus of head") && error.contains("4000"));
+        assert!(check(&[], None).is_err());
+        for priority in [0, 100] {
+            assert!(check(&usable, Some(priority)).is_err());
+        }
+    }
+
+    #[test]
+    fn the_command_carries_the_priority() {
+        let stage = StageSettings {
+            cpus: Some(vec![0, 2]),
+            priority: Some(7),
+            ..StageSettings::default()
+        };
+        let command = stage.placed("mluc".into());
+        assert_eq!(command.get_program(), "chrt");
+        let words: Vec<_> = command.get_args().collect();
+        assert_eq!(words, ["--fifo", "7", "mluc"]);
+        assert_eq!(stage.cpus_argument().as_deref(), Some("--cpus=0,2"));
+        let plain = StageSettings::default().placed("mluc".into());
+        assert_eq!(plain.get_program(), "mluc");
+    }
+}

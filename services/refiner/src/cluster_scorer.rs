@@ -1,0 +1,139 @@
+//! How likely a cluster is something that drives or walks: a few dense layers on its measurements.
+//!
+//! Boxes say that something may be there; bushes, walls and posts measure otherwise than bodies do, whatever class they are
+//! of. The layers are fitted without any unknown class. Extension of the paper, which ranks by the embedding alone.
+
+use mluc_model::{LOOKS, LOOKS_VALUES, LOOKS_WIDTHS, WeightSet};
+
+use crate::clusters::Measures;
+
+/// Measurements that count.
+pub const FEATURES: usize = LOOKS_WIDTHS[0];
+/// Of any layer.
+const WIDEST: usize = 32;
+
+const _: () = {
+    let mut layer = 0;
+    while layer < LOOKS_WIDTHS.len() {
+        assert!(LOOKS_WIDTHS[layer] <= WIDEST);
+        layer += 1;
+    }
+};
+
+/// Numbers of about 1; the first three are the logs of the seen sizes.
+pub fn features(m: &Measures) -> [f32; FEATURES] {
+    let log = |v: f32| v.max(0.05).ln();
+    let [l, w, h] = m.seen_m;
+    [
+        log(l),
+        log(w),
+        log(h),
+        m.bottom_m,
+        m.top_m / 2.0,
+        2.0 * m.linearity - 1.0,
+        2.0 * m.planarity - 1.0,
+        4.0 * m.scattering,
+        4.0 * m.residual_m,
+        log(m.density),
+        ((m.points.max(1) as f32).ln() - 4.0) / 2.0,
+        m.range_m / 25.0 - 1.0,
+        log(m.component_length_m) - 1.0,
+        f32::from(u8::from(m.is_cut)),
+    ]
+}
+
+/// The fitted layers, as [`LOOKS`] lays them out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClusterScorer {
+    values: Vec<f32>,
+}
+
+impl ClusterScorer {
+    /// `None` for another number than [`LOOKS_VALUES`].
+    pub fn new(values: Vec<f32>) -> Option<ClusterScorer> {
+        (values.len() == LOOKS_VALUES).then_some(ClusterScorer { values })
+    }
+
+    /// From a model's weights, where they have it.
+    pub fn of_model(weights: &WeightSet) -> Option<ClusterScorer> {
+        ClusterScorer::new(weights.find(LOOKS)?.data.clone())
+    }
+
+    /// Into a model's weights.
+    pub fn write(&self, weights: &mut WeightSet) {
+        weights.insert(LOOKS, vec![LOOKS_VALUES], self.values.clone());
+    }
+
+    /// Of one cluster, 0 to 1; 0 where the layers give no number.
+    pub fn score(&self, measures: &Measures) -> f32 {
+        let score = 1.0 / (1.0 + (-self.logit(&features(measures))).exp());
+        if score.is_nan() { 0.0 } else { score }
+    }
+
+    /// What the last layer says of [`features`].
+    pub fn logit(&self, features: &[f32; FEATURES]) -> f32 {
+        let mut x = [0.0; WIDEST];
+        x[..FEATURES].copy_from_slice(features);
+        let mut rest = &self.values[..];
+        for pair in LOOKS_WIDTHS.windows(2) {
+            let (cin, cout) = (pair[0], pair[1]);
+            let (weights, after) = rest.split_at(cin * cout);
+            let (bias, after) = after.split_at(cout);
+            rest = after;
+            let mut y = [0.0; WIDEST];
+            y[..cout].copy_from_slice(bias);
+            for (x, weights) in x.iter().zip(weights.chunks_exact(cout)) {
+                y.iter_mut().zip(weights).for_each(|(y, w)| *y += x * w);
+            }
+            if !rest.is_empty() {
+                y.iter_mut().for_each(|y| *y = y.max(0.0));
+            }
+            x = y;
+        }
+        x[0]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Layers that hand one feature through: logit = gain x (feature - offset), for features above the offset.
+    fn of_feature(feature: usize, gain: f32, offset: f32) -> ClusterScorer {
+        let [a, b, c, _] = LOOKS_WIDTHS;
+        let mut values = vec![0.0; LOOKS_VALUES];
+        values[feature * b] = 1.0;
+        values[a * b] = -offset;
+        let second = (a + 1) * b;
+        values[second] = 1.0;
+        values[second + (b + 1) * c] = gain;
+        ClusterScorer { values }
+    }
+
+    #[test]
+    fn the_layers_are_read_in_their_order() {
+        let scorer = of_feature(13, 3.0, 0.25);
+        let mut measures = Measures::default();
+        assert_eq!(
+            scorer.score(&measures),
+            0.5,
+            "below the offset nothing is said"
+        );
+        measures.is_cut = true;
+        assert_eq!(scorer.logit(&features(&measures)), 3.0 * 0.75);
+        assert!((scorer.score(&measures) - 1.0 / (1.0 + (-2.25f32).exp())).abs() < 1e-6);
+        let mut weights = WeightSet::new();
+        assert_eq!(ClusterScorer::of_model(&weights), None);
+        scorer.write(&mut weights);
+        assert_eq!(ClusterScorer::of_model(&weights), Some(scorer));
+        assert_eq!(ClusterScorer::new(vec![0.0; 3]), None);
+    }
+
+    #[test]
+    fn what_overflows_scorer_like_nothing() {
+        let mut values = vec![f32::MAX; LOOKS_VALUES];
+        values[LOOKS_VALUES - 2] = f32::MIN;
+        let score = ClusterScorer { values }.score(&Measures::default());
+        assert!((0.0..=1.0).contains(&score), "{score}");
+    }
+}

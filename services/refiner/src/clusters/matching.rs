@@ -1,0 +1,122 @@
+//! Which cluster a proposal is about.
+//!
+//! Proposals are off by up to a metre and of a wrong class's size. The cluster nearest the proposal's centre is taken,
+//! first among those close by, unless it is sparse: a few returns from within a van lie nearer its centre than its body.
+//! Cells stand for their points, so that the cost does not depend on their number.
+
+use mluc_geometry::Box3;
+
+use super::{FrameClusterer, NO_CLUSTER};
+use crate::inside::Inside;
+
+/// Clusters are looked for at least this far from the box's centre, m: a proposal may lie a metre off, and of a long
+/// object often only the far end is seen;
+const REACH_MIN_M: f64 = 4.0;
+/// and not further than this: boxes may be larger than any object.
+const REACH_MAX_M: f64 = 10.0;
+/// The share of the box's half diagonal that is looked at.
+const ENLARGED: f64 = 1.2;
+/// What is this near comes first, m.
+pub(crate) const NEAR_M: f64 = 1.5;
+/// A cluster with less than one in so many of the points in the proposal's box is not what was detected there. One in 5
+/// and one in 20 are the same on simulated validation scans.
+const SPARSE_ONE_IN: u32 = 10;
+/// Clusters that are tried.
+const TRIES: usize = 4;
+
+/// The cluster that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Match {
+    pub(crate) cluster: usize,
+    /// From the proposal's centre, seen from above, m.
+    pub(crate) distance_m: f64,
+}
+
+/// A cluster near a proposal.
+#[derive(Clone, Copy, Debug)]
+struct Near {
+    cluster: u32,
+    /// From the proposal's centre to the nearest of its cells: seen from above and in space, squared, m^2.
+    flat: f64,
+    full: f64,
+    /// Points in the proposal's box.
+    inside: u32,
+}
+
+/// Matches proposals; buffers are reused.
+#[derive(Debug, Default)]
+pub(crate) struct Matcher {
+    near: Vec<Near>,
+    /// Place in `near` of each cluster.
+    place: Vec<u32>,
+}
+
+impl Matcher {
+    /// The cluster that a proposal is about, if there is any within reach.
+    pub(crate) fn find(&mut self, clusterer: &FrameClusterer, proposal: &Box3) -> Option<Match> {
+        self.collect(clusterer, proposal);
+        let inside: u32 = self.near.iter().map(|near| near.inside).sum();
+        let is_near = |near: &Near| near.flat <= NEAR_M * NEAR_M;
+        self.near.sort_unstable_by(|a, b| {
+            let by_distance = a.full.total_cmp(&b.full).then(a.cluster.cmp(&b.cluster));
+            is_near(b).cmp(&is_near(a)).then(by_distance)
+        });
+        let tried = &self.near[..self.near.len().min(TRIES)];
+        let is_dense = |near: &&Near| near.inside * SPARSE_ONE_IN >= inside;
+        // Clusters are numbered from the largest on.
+        let largest = || tried.iter().min_by_key(|near| near.cluster);
+        let found = tried.iter().find(is_dense).or_else(largest)?;
+        Some(Match {
+            cluster: found.cluster as usize,
+            distance_m: found.flat.sqrt(),
+        })
+    }
+
+    /// How far from a proposal's centre clusters are looked for, m.
+    pub(crate) fn reach_m(proposal: &Box3) -> f64 {
+        let half_diagonal_m = proposal.size_m[0].hypot(proposal.size_m[1]) / 2.0;
+        (half_diagonal_m * ENLARGED).clamp(REACH_MIN_M, REACH_MAX_M)
+    }
+
+    /// Lists the clusters within reach.
+    fn collect(&mut self, clusterer: &FrameClusterer, proposal: &Box3) {
+        let [cx, cy, cz] = proposal.center_m;
+        let reach_m = Matcher::reach_m(proposal);
+        let within = Inside::of(proposal, 0.0);
+        let cells = &clusterer.cells;
+        self.near.clear();
+        self.place.clear();
+        self.place.resize(clusterer.count(), NO_CLUSTER);
+        for number in cells.around([cx as f32, cy as f32], reach_m as f32) {
+            let cluster = clusterer.cluster_of_cell[number as usize];
+            if cluster == NO_CLUSTER {
+                continue;
+            }
+            let cell = &cells.cells[number as usize];
+            let [x0, y0, x1, y1] = cell.extent_m.map(f64::from);
+            let [z0, z1] = cell.z_m.map(f64::from);
+            let gap = |c: f64, low: f64, high: f64| (low - c).max(c - high).max(0.0);
+            let (dx, dy, dz) = (gap(cx, x0, x1), gap(cy, y0, y1), gap(cz, z0, z1));
+            let flat = dx * dx + dy * dy;
+            if flat > reach_m * reach_m {
+                continue;
+            }
+            let middle = [(x0 + x1) / 2.0, (y0 + y1) / 2.0, (z0 + z1) / 2.0];
+            let is_inside = within.contains(middle.map(|v| v as f32));
+            let place = &mut self.place[cluster as usize];
+            if *place == NO_CLUSTER {
+                *place = self.near.len() as u32;
+                self.near.push(Near {
+                    cluster,
+                    flat,
+                    full: f64::INFINITY,
+                    inside: 0,
+                });
+            }
+            let near = &mut self.near[*place as usize];
+            near.flat = near.flat.min(flat);
+            near.full = near.full.min(flat + dz * dz);
+            near.inside += if is_inside { cell.count } else { 0 };
+        }
+    }
+}

@@ -1,0 +1,291 @@
+//! Measurements of a cluster, for a classifier of objects against clutter.
+//!
+//! Sums are taken over whole millimetres, so that they do not depend on the order of the points.
+
+use mluc_ipc_types::Point;
+use mluc_kernels::at_best;
+use nalgebra::Matrix3;
+
+use crate::Sensor;
+use crate::fit::{ClusterPoints, Rectangle, higher, lower};
+use crate::frame::whole;
+use crate::ground::GroundPlane;
+
+/// Measurements of one cluster, as the sensor saw it: nothing is completed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Measures {
+    /// Points.
+    pub points: u32,
+    /// From the sensor's axis to the mean of its points, m.
+    pub range_m: f32,
+    /// Length, width (of the tight rectangle) and height of what was seen, m.
+    pub seen_m: [f32; 3],
+    /// Of its lowest point above the ground, m.
+    pub bottom_m: f32,
+    /// Of its highest point above the ground, m.
+    pub top_m: f32,
+    /// (l1 - l2) / l1 of the eigenvalues of the points' covariance, l1 the largest: 1 for a line.
+    pub linearity: f32,
+    /// (l2 - l3) / l1: 1 for a disc.
+    pub planarity: f32,
+    /// l3 / l1: 1 for a ball.
+    pub scattering: f32,
+    /// Mean distance of the points to the nearest side of the tight rectangle, m: small for a vehicle's body.
+    pub residual_m: f32,
+    /// Points over those that a solid face of its width and height would return, 0 to 10.
+    pub density: f32,
+    /// Mean intensity.
+    pub intensity_mean: f32,
+    /// Standard deviation of the intensity.
+    pub intensity_deviation: f32,
+    /// Longest side along x or y of the component that it was divided from, m: long for parts of walls and hedges.
+    pub component_length_m: f32,
+    /// Cut from something longer than any road user.
+    pub is_cut: bool,
+}
+
+/// What is known of the sensor's rays.
+#[derive(Debug)]
+pub(super) struct Measurer {
+    /// Between columns, rad.
+    azimuth_step_rad: f32,
+    /// Between beams, rad.
+    elevation_step_rad: f32,
+}
+
+/// HDL-64E at 10 Hz, rad: 0.1728 degrees between columns, 26.8 degrees over 64 beams.
+const STEPS_DEFAULT_RAD: [f32; 2] = [0.003_015_929, 0.007_425];
+const DENSITY_MAX: f32 = 10.0;
+const PER_M: f32 = 1000.0;
+
+impl Measurer {
+    pub(super) fn new(sensor: &Sensor) -> Measurer {
+        let [azimuth_step_rad, elevation_step_rad] = match &sensor.beams {
+            Some(beams) => {
+                let table = &beams.elevation_rad;
+                let steps = (table.len() as f32 - 1.0).max(1.0);
+                let span = match (table.first(), table.last()) {
+                    (Some(first), Some(last)) if first > last => first - last,
+                    _ => STEPS_DEFAULT_RAD[1] * steps,
+                };
+                [beams.azimuth_step_rad, span / steps]
+            }
+            None => STEPS_DEFAULT_RAD,
+        };
+        Measurer {
+            azimuth_step_rad,
+            elevation_step_rad,
+        }
+    }
+
+    /// Measures a cluster whose points have their origin at `origin_m`; intensities and origins are for the caller.
+    pub(super) fn measure(
+        &self,
+        points: &ClusterPoints,
+        tight: &Rectangle,
+        origin_m: [f64; 2],
+        ground: &GroundPlane,
+    ) -> Measures {
+        let Some([low, high]) = points.z_range_m() else {
+            return Measures::default();
+        };
+        let range_m = origin_m[0].hypot(origin_m[1]);
+        let [u, v] = tight.size_m().map(|side| side as f32);
+        let floor = ground.z_at_m(origin_m[0], origin_m[1]) as f32;
+        let [linearity, planarity, scattering] = eigen_features(points);
+        Measures {
+            points: points.len() as u32,
+            range_m: range_m as f32,
+            seen_m: [u.max(v), u.min(v), high - low],
+            bottom_m: low - floor,
+            top_m: high - floor,
+            linearity,
+            planarity,
+            scattering,
+            residual_m: residual_m(points, tight),
+            density: self.density(points, origin_m, high - low),
+            ..Measures::default()
+        }
+    }
+
+    fn density(&self, points: &ClusterPoints, origin_m: [f64; 2], height_m: f32) -> f32 {
+        let range = origin_m[0].hypot(origin_m[1]).max(1.0);
+        let across = [(-origin_m[1] / range) as f32, (origin_m[0] / range) as f32];
+        let [low, high] = points.span_m(across);
+        let range = range as f32;
+        let columns = (high - low) / (range * self.azimuth_step_rad) + 1.0;
+        let rows = height_m / (range * self.elevation_step_rad) + 1.0;
+        (points.len() as f32 / (columns * rows)).min(DENSITY_MAX)
+    }
+}
+
+impl Measures {
+    /// Mean and deviation of the intensities; those that are not finite count as 0.
+    pub(super) fn set_intensity<'a>(&mut self, points: impl Iterator<Item = &'a Point>) {
+        const STEPS: f32 = 1024.0;
+        let (mut sum, mut squares, mut count) = (0i64, 0i64, 0i64);
+        for p in points {
+            // Above 255 no sensor goes.
+            let value = match p.intensity.is_finite() {
+                true => (p.intensity.clamp(0.0, 255.0) * STEPS) as i64,
+                false => 0,
+            };
+            sum += value;
+            squares += value * value;
+            count += 1;
+        }
+        let count = count.max(1) as f64;
+        let mean = sum as f64 / count;
+        let variance = (squares as f64 / count - mean * mean).max(0.0);
+        self.intensity_mean = mean as f32 / STEPS;
+        self.intensity_deviation = variance.sqrt() as f32 / STEPS;
+    }
+}
+
+/// Linearity, planarity and scattering.
+fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
+    let (sum, products) = at_best(
+        #[inline(always)]
+        || sums(points),
+    );
+    let n = points.len().max(1) as f64;
+    let mean = sum.map(|s| s as f64 / n);
+    let [xx, xy, xz, yy, yz, zz] = products.map(|p| p as f64 / n);
+    let c = |p: f64, a: usize, b: usize| p - mean[a] * mean[b];
+    let covariance = Matrix3::new(
+        c(xx, 0, 0),
+        c(xy, 0, 1),
+        c(xz, 0, 2),
+        c(xy, 0, 1),
+        c(yy, 1, 1),
+        c(yz, 1, 2),
+        c(xz, 0, 2),
+        c(yz, 1, 2),
+        c(zz, 2, 2),
+    );
+    let values = covariance.symmetric_eigenvalues();
+    let mut l = [values[0], values[1], values[2]].map(|v| v.max(0.0));
+    l.sort_unstable_by(|a, b| b.total_cmp(a));
+    if l[0] <= 0.0 {
+        return [0.0; 3];
+    }
+    [(l[0] - l[1]) / l[0], (l[1] - l[2]) / l[0], l[2] / l[0]].map(|v| v as f32)
+}
+
+/// Sums of x, y, z and of xx, xy, xz, yy, yz, zz, in whole millimetres; z from the first point's.
+#[inline(always)]
+fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
+    let mut sum = [0i64; 3];
+    let mut products = [0i64; 6];
+    // By steps that registers of several numbers can do: adding 1.5 x 2^23 leaves a whole number, up to 4 km, in the low
+    // bits. Products have 64.
+    let whole = |v: f32| {
+        ((v * PER_M).trunc() + 12_582_912.0)
+            .to_bits()
+            .wrapping_sub(0x4B40_0000) as i32
+    };
+    let base = points.z_m.first().map_or(0, |&z| whole(z));
+    for ((&x, &y), &z) in points.x_m.iter().zip(&points.y_m).zip(&points.z_m) {
+        let [x, y, z] = [whole(x), whole(y), whole(z).wrapping_sub(base)].map(i64::from);
+        let pairs = [x * x, x * y, x * z, y * y, y * z, z * z];
+        for (sum, v) in sum.iter_mut().zip([x, y, z]) {
+            *sum += v;
+        }
+        for (product, v) in products.iter_mut().zip(pairs) {
+            *product += v;
+        }
+    }
+    (sum, products)
+}
+
+/// Mean distance to the nearest side, m.
+fn residual_m(points: &ClusterPoints, tight: &Rectangle) -> f32 {
+    let (sin, cos) = (tight.yaw_rad.sin() as f32, tight.yaw_rad.cos() as f32);
+    let (u, v) = (tight.u_m.map(|m| m as f32), tight.v_m.map(|m| m as f32));
+    let whole_mm = |(x, y): (&f32, &f32)| {
+        let (a, b) = (x * cos + y * sin, y * cos - x * sin);
+        let d = lower(lower(a - u[0], u[1] - a), lower(b - v[0], v[1] - b));
+        u64::from(whole(higher(d, 0.0) * PER_M))
+    };
+    let sum: u64 = at_best(
+        #[inline(always)]
+        || points.x_m.iter().zip(&points.y_m).map(whole_mm).sum(),
+    );
+    sum as f32 / points.len().max(1) as f32 / PER_M
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measured(points: &ClusterPoints) -> Measures {
+        let measurer = Measurer::new(&Sensor::plain(&["car"]));
+        let tight = points.rectangle(0.0);
+        measurer.measure(
+            points,
+            &tight,
+            [20.0, 0.0],
+            &GroundPlane::flat([20.0, 0.0], 1.7),
+        )
+    }
+
+    fn grid(l: usize, w: usize, h: usize) -> ClusterPoints {
+        let mut points = ClusterPoints::default();
+        for i in 0..l * w * h {
+            let at = [i % l, i / l % w, i / l / w].map(|k| k as f32 * 0.1);
+            points.push(at[0], at[1], at[2] - 1.5);
+        }
+        points
+    }
+
+    #[test]
+    fn a_line_a_wall_and_a_block_are_told_apart() {
+        let line = measured(&grid(30, 1, 1));
+        assert!(line.linearity > 0.99, "{line:?}");
+        let wall = measured(&grid(1, 30, 30));
+        assert!(wall.planarity > 0.95 && wall.residual_m < 0.01, "{wall:?}");
+        let block = measured(&grid(10, 10, 10));
+        assert!(
+            block.scattering > 0.95 && block.residual_m > 0.1,
+            "{block:?}"
+        );
+        assert_eq!(measured(&ClusterPoints::default()).points, 0);
+    }
+
+    #[test]
+    fn heights_are_above_the_ground() {
+        let wall = measured(&grid(1, 30, 11));
+        assert!((wall.bottom_m - 0.2).abs() < 1e-5 && (wall.top_m - 1.2).abs() < 1e-5);
+        assert!((wall.seen_m[0] - 2.9).abs() < 1e-5 && (wall.seen_m[2] - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_face_seen_beam_by_beam_has_a_density_of_about_one() {
+        let [az, el] = STEPS_DEFAULT_RAD;
+        let mut points = ClusterPoints::default();
+        for i in 0..30 {
+            for k in 0..20 {
+                points.push(0.0, 20.0 * az * i as f32, 20.0 * el * k as f32 - 1.5);
+            }
+        }
+        let density = measured(&points).density;
+        assert!((density - 1.0).abs() < 0.1, "{density}");
+    }
+
+    #[test]
+    fn intensities_are_averaged_and_garbage_counts_as_nothing() {
+        let at = |intensity| Point {
+            x_m: 0.0,
+            y_m: 0.0,
+            z_m: 0.0,
+            intensity,
+        };
+        let mut measures = Measures::default();
+        measures.set_intensity([at(0.5), at(1.0), at(f32::NAN), at(0.5)].iter());
+        assert!((measures.intensity_mean - 0.5).abs() < 1e-3);
+        assert!(
+            (measures.intensity_deviation - 0.3536).abs() < 1e-2,
+            "{measures:?}"
+        );
+    }
+}

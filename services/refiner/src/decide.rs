@@ -1,0 +1,164 @@
+//! What is unknown, what it is worth, and why: the one place that decides.
+//!
+//! 1. **Gate** (paper section 3.2, in the head): a detection is known or a candidate.
+//! 2. **Cluster**: a candidate without points is `too_few_points`; one on a known object's points is `overlaps_known`.
+//! 3. **Score**: of the proposal (how sure the network is that something is there and that it is none of the known),
+//!    times that of its cluster (how likely it is something that drives or walks). What is of no road user's size is
+//!    multiplied by 0.05 instead, and says so by a flag: it stays, behind all others.
+//! 4. **Disposition**: what the robot's owner allows it to drive over is `undersized`; then known objects and better
+//!    unknown ones suppress what they cover ([`crate::merge`]). Everything else is published.
+
+use mluc_geometry::Box3;
+use mluc_ipc_types::{Detection, Disposition, Object};
+
+use crate::clusters::Measures;
+use crate::proposal::Proposal;
+use crate::{ClusterScorer, PRIORS, RefinerError, RobotSettings, Sensor, Settings};
+
+/// Factor on the score of what is unlikely an object, and the least that a cluster's score may be.
+const UNLIKELY: f32 = 0.05;
+
+/// Why a size is not a road user's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum SizeReason {
+    Small,
+    Large,
+    /// Too high for the ground it stands on: a post, a sign, a trunk.
+    Post,
+}
+
+/// What a proposal is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ProposalScore {
+    /// 1 / EDS (the paper ranks by -EDS). Boxes of background have the lowest EDS of all and come first.
+    InverseEds,
+    /// Objectness x (2 - e), both 0 to 1: something is there, and it lies between the prototypes.
+    Objectness,
+    /// Objectness x P(none of the known).
+    Unknown,
+}
+
+/// Scores unknown objects and says which sizes count.
+#[derive(Debug)]
+pub(crate) struct UnknownScorer {
+    proposal: ProposalScore,
+    cluster: Option<ClusterScorer>,
+    ranks_sizes: bool,
+    robot: RobotSettings,
+}
+
+impl UnknownScorer {
+    /// With layers that score clusters, which the settings may leave aside.
+    pub(crate) fn new(
+        settings: &Settings,
+        sensor: &Sensor,
+        cluster: Option<ClusterScorer>,
+    ) -> Result<UnknownScorer, RefinerError> {
+        let is_ours = settings.is_ours();
+        if settings.study.scores_clusters == Some(true) && cluster.is_none() {
+            return Err(RefinerError::NoClusterScorer {
+                tensor: mluc_model::LOOKS,
+            });
+        }
+        let cluster = cluster.filter(|_| settings.study.scores_clusters.unwrap_or(is_ours));
+        let ranks_sizes = is_ours && (cluster.is_some() || sensor.tells_unknown);
+        Ok(UnknownScorer {
+            proposal: match (is_ours, sensor.tells_unknown) {
+                (false, _) => ProposalScore::InverseEds,
+                (true, true) => ProposalScore::Unknown,
+                (true, false) => ProposalScore::Objectness,
+            },
+            ranks_sizes: settings.study.ranks_sizes.unwrap_or(ranks_sizes),
+            cluster,
+            robot: settings.robot,
+        })
+    }
+
+    /// Of a candidate before its cluster is known. Finite; 0 where the detection's numbers make no sense.
+    pub(crate) fn score(&self, detection: &Detection) -> f32 {
+        /// Far above anything that a model gives.
+        const SCORE_MAX: f32 = 1e6;
+        let score = match self.proposal {
+            ProposalScore::InverseEds if detection.eds > 0.0 => {
+                (1.0 / detection.eds).min(SCORE_MAX)
+            }
+            ProposalScore::InverseEds => 0.0,
+            ProposalScore::Objectness => {
+                detection.objectness * (2.0 - detection.eds_normalised).clamp(0.0, 1.0)
+            }
+            ProposalScore::Unknown => detection.objectness * detection.unknown_probability.max(0.0),
+        };
+        if score.is_finite() { score } else { 0.0 }
+    }
+
+    /// Score, flags and disposition of an unknown object from its box and its cluster's measurements.
+    pub(crate) fn decide(&self, proposal: &mut Proposal, measures: Option<&Measures>) {
+        if !proposal.is_standing() {
+            return;
+        }
+        let reason = size_reason(&proposal.shape).filter(|_| self.ranks_sizes);
+        proposal.score *= match (reason, &self.cluster, measures) {
+            (Some(_), ..) => UNLIKELY,
+            (None, Some(scorer), Some(measures)) => scorer.score(measures).max(UNLIKELY),
+            (None, ..) => 1.0,
+        };
+        proposal.flags |= match reason {
+            Some(SizeReason::Small) => Object::SMALL,
+            Some(SizeReason::Large) => Object::LARGE,
+            Some(SizeReason::Post) => Object::POST,
+            None => 0,
+        };
+        let [length, width, height] = proposal.shape.size_m;
+        if height < self.robot.height_min_m || length.min(width) < self.robot.width_min_m {
+            proposal.disposition = Disposition::Undersized;
+        }
+    }
+
+    /// A candidate that nobody refined, in a frame whose clusters are scored: its box says nothing of a size, and it comes
+    /// behind all that was looked at.
+    pub(crate) fn decide_unrefined(&self, proposal: &mut Proposal) {
+        if self.cluster.is_some() {
+            proposal.score *= UNLIKELY;
+        }
+    }
+}
+
+/// Why a box is not of a road user's size, if it is not.
+fn size_reason(shape: &Box3) -> Option<SizeReason> {
+    let pairs = shape.size_m.iter().zip(PRIORS.road_user_m);
+    let [length, width, height] = shape.size_m;
+    let [post_side_m, post_height_m] = PRIORS.post_m;
+    if pairs.clone().any(|(size, [_, most])| *size > most) {
+        Some(SizeReason::Large)
+    } else if pairs.clone().any(|(size, [least, _])| *size < least) {
+        Some(SizeReason::Small)
+    } else if length.max(width) < post_side_m && height > post_height_m {
+        Some(SizeReason::Post)
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_of_walls_posts_and_kerbs_have_a_reason_and_carts_have_none() {
+        let of = |[l, w, h]: [f64; 3]| size_reason(&Box3::new([0.0, 0.0, 0.0, l, w, h, 0.3]));
+        let cases = [
+            ([2.6, 1.3, 1.9], None),
+            ([15.0, 0.2, 2.0], Some(SizeReason::Large)),
+            ([0.5, 0.2, 2.0], Some(SizeReason::Small)),
+            ([4.0, 1.0, 0.3], Some(SizeReason::Small)),
+            ([0.8, 0.9, 2.3], Some(SizeReason::Post)),
+            // A tall person, a person on a scooter, a forklift from its narrow side.
+            ([0.6, 0.7, 1.95], None),
+            ([1.3, 0.6, 2.1], None),
+            ([0.5, 1.25, 2.2], None),
+        ];
+        for (size_m, expected) in cases {
+            assert_eq!(of(size_m), expected, "{size_m:?}");
+        }
+    }
+}

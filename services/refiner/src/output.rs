@@ -1,0 +1,86 @@
+//! What a frame gives.
+
+use mluc_ipc_types::{Disposition, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
+
+/// Counts of one frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Detections on the known side of the gate, with a sound box.
+    pub known: u32,
+    /// Candidates, with a sound box.
+    pub candidates: u32,
+    /// Objects by [`Disposition`], known ones included.
+    pub by_disposition: [u32; Disposition::ALL.len()],
+    /// Candidates whose turn came after the frame's work or time was used up: published with their proposal box.
+    pub unrefined: u32,
+    /// Candidates whose cluster was larger than any road user: a piece of it was published.
+    pub split: u32,
+    /// Candidates whose neighbourhood was thinned.
+    pub thinned: u32,
+    /// Detections with a size, place, class or kind that makes no sense.
+    pub invalid_detections: u32,
+    /// Detections beyond the contract's limit.
+    pub detections_dropped: u32,
+    /// Points with NaN or infinity.
+    pub points_not_finite: u32,
+    /// Points outside of the area looked at, or beyond the contract's limit.
+    pub points_outside: u32,
+    /// Entries of `object_points` that did not fit.
+    pub object_points_dropped: u32,
+    /// The work that was counted for all candidates: points looked at, as often as they were.
+    pub work: u64,
+}
+
+impl Counters {
+    /// Objects with this disposition.
+    pub fn with_disposition(&self, disposition: Disposition) -> u32 {
+        self.by_disposition[disposition as usize]
+    }
+
+    /// Whether a limit was reached: the frame deserves the flag of that name.
+    pub fn limit_hit(&self) -> bool {
+        self.unrefined + self.thinned + self.detections_dropped + self.object_points_dropped > 0
+    }
+
+    /// Whether some input was unusable: the frame deserves the flag `degraded`.
+    pub fn degraded(&self) -> bool {
+        self.unrefined + self.invalid_detections > 0
+    }
+}
+
+/// The objects of one frame; buffers are reused from frame to frame.
+#[derive(Debug)]
+pub struct RefinerOutput {
+    /// One for each detection, in their order.
+    pub objects: Vec<Object>,
+    /// Indices into the scan; each object has a range of them.
+    pub object_points: Vec<u32>,
+    /// Counts.
+    pub counters: Counters,
+}
+
+impl Default for RefinerOutput {
+    fn default() -> RefinerOutput {
+        RefinerOutput {
+            objects: Vec::with_capacity(OBJECTS_MAX),
+            object_points: Vec::with_capacity(OBJECT_POINTS_MAX),
+            counters: Counters::default(),
+        }
+    }
+}
+
+impl RefinerOutput {
+    pub(crate) fn clear(&mut self) {
+        self.objects.clear();
+        self.object_points.clear();
+        self.counters = Counters::default();
+    }
+
+    /// Indices of an object's points into the scan.
+    pub fn points_of(&self, object: &Object) -> &[u32] {
+        let first = object.points_first as usize;
+        self.object_points
+            .get(first..first + object.points_count as usize)
+            .unwrap_or(&[])
+    }
+}

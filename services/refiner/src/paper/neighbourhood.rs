@@ -1,0 +1,225 @@
+//! The points around one candidate's seed, in columns, relative to the seed.
+
+use crate::frame::{FrameIndex, IndexedPoint};
+use crate::ground::GroundPlane;
+
+/// Points within a cylinder around a seed. Columns of equal length.
+#[derive(Debug, Default)]
+pub struct Neighbourhood {
+    /// x and y of the seed: what `x_m` and `y_m` are relative to, m.
+    pub origin_m: [f64; 2],
+    /// Relative to the origin, m.
+    pub x_m: Vec<f32>,
+    /// Relative to the origin, m.
+    pub y_m: Vec<f32>,
+    /// In the sensor frame, m.
+    pub z_m: Vec<f32>,
+    /// Above the local ground, m; where the ground is not looked for, above a plane at the sensor's height.
+    pub height_m: Vec<f32>,
+    /// Index into the scan.
+    pub index: Vec<u32>,
+    /// Points looked at to fill this: the work that it cost.
+    pub looked_at: u64,
+    /// Whether points were left out because of the limit.
+    pub thinned: bool,
+    /// For [`Neighbourhood::gather`].
+    picked: Vec<IndexedPoint>,
+}
+
+/// Which points to gather.
+#[derive(Clone, Copy, Debug)]
+pub struct Gather {
+    /// Horizontal distance from the seed, m: r of the paper.
+    pub radius_m: f64,
+    /// Lowest and highest height above ground, m.
+    pub height_m: [f64; 2],
+    /// At most about so many; beyond it points are thinned evenly.
+    pub points_max: usize,
+}
+
+impl Neighbourhood {
+    /// Points.
+    pub fn len(&self) -> usize {
+        self.index.len()
+    }
+
+    /// No point.
+    pub fn is_empty(&self) -> bool {
+        self.index.is_empty()
+    }
+
+    /// Range from the sensor's axis to a point, m.
+    pub fn range_m(&self, point: usize) -> f64 {
+        let x = self.origin_m[0] + f64::from(self.x_m[point]);
+        let y = self.origin_m[1] + f64::from(self.y_m[point]);
+        x.hypot(y)
+    }
+
+    /// A point in the sensor frame, m.
+    pub fn in_sensor_m(&self, point: usize) -> [f64; 3] {
+        [
+            self.origin_m[0] + f64::from(self.x_m[point]),
+            self.origin_m[1] + f64::from(self.y_m[point]),
+            f64::from(self.z_m[point]),
+        ]
+    }
+
+    /// Fills the columns with the points around a seed, and says where the seed is among them.
+    pub fn gather(
+        &mut self,
+        frame: &FrameIndex,
+        seed: &IndexedPoint,
+        ground: &GroundPlane,
+        wanted: &Gather,
+    ) -> usize {
+        let [seed_x, seed_y, _] = seed.at_m;
+        let center_m = [f64::from(seed_x), f64::from(seed_y)];
+        let rows = || frame.rows_around(center_m, wanted.radius_m);
+        let available: usize = rows().map(<[IndexedPoint]>::len).sum();
+        self.looked_at = available as u64;
+        let radius_squared = (wanted.radius_m * wanted.radius_m) as f32;
+        let height_at_center = ground.z_at_m(center_m[0], center_m[1]) as f32;
+        let slope = ground.slope.map(|s| s as f32);
+        let [low, high] = wanted.height_m.map(|h| h as f32);
+        let height = |[x, y, z]: [f32; 3]| {
+            z - (height_at_center + slope[0] * (x - seed_x) + slope[1] * (y - seed_y))
+        };
+        let is_asked = |at_m: [f32; 3]| {
+            let (dx, dy) = (at_m[0] - seed_x, at_m[1] - seed_y);
+            let height = height(at_m);
+            // No short cuts: branches that depend on the data cost more than comparisons.
+            (dx * dx + dy * dy <= radius_squared) & (height >= low) & (height <= high)
+        };
+        let points_max = wanted.points_max.max(1);
+        // Only points that are asked for count against the limit: near the sensor most are ground.
+        let keep_one_in = match available > points_max {
+            true => {
+                self.looked_at += available as u64;
+                let asked = rows().flatten().filter(|p| is_asked(p.at_m)).count();
+                asked.div_ceil(points_max) as u64
+            }
+            false => 1,
+        };
+        self.thinned = keep_one_in > 1;
+        let mut count = 0;
+        let picked = &mut self.picked;
+        picked.resize(picked.len().max(available), IndexedPoint::default());
+        for row in rows() {
+            for point in row {
+                // Thousands of equal points stay together or go together.
+                let stays = keep_one_in <= 1
+                    || (count < 2 * points_max && is_kept(point.at_m, keep_one_in));
+                // The next one takes the place of one that is not picked.
+                picked[count] = *point;
+                count += usize::from((point.index == seed.index) | (is_asked(point.at_m) & stays));
+            }
+        }
+        let picked = &picked[..count];
+        self.origin_m = center_m;
+        fill(&mut self.x_m, picked, |p| p.at_m[0] - seed_x);
+        fill(&mut self.y_m, picked, |p| p.at_m[1] - seed_y);
+        fill(&mut self.z_m, picked, |p| p.at_m[2]);
+        fill(&mut self.height_m, picked, |p| height(p.at_m));
+        fill(&mut self.index, picked, |p| p.index);
+        let seed_at = self.index.iter().position(|&index| index == seed.index);
+        seed_at.unwrap_or(0)
+    }
+}
+
+/// Overwrites a column.
+fn fill<T>(column: &mut Vec<T>, points: &[IndexedPoint], value: impl Fn(&IndexedPoint) -> T) {
+    column.clear();
+    column.extend(points.iter().map(value));
+}
+
+/// Thins by the coordinates alone, so that the order of the scan does not matter.
+fn is_kept(at_m: [f32; 3], keep_one_in: u64) -> bool {
+    keep_one_in <= 1 || {
+        let [x, y, z] = at_m.map(|v| u64::from(v.to_bits()));
+        let mixed = (x << 32 ^ z << 16 ^ y).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        (mixed >> 32).is_multiple_of(keep_one_in)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_ipc_types::Point;
+
+    fn gather(scan: &[Point], seed: usize, points_max: usize) -> (Neighbourhood, usize) {
+        let mut frame = FrameIndex::default();
+        frame.start();
+        frame.want([10.0, 2.0], 5.0);
+        frame.sort(scan);
+        let mut around = Neighbourhood::default();
+        let wanted = Gather {
+            radius_m: 3.0,
+            height_m: [0.2, 4.0],
+            points_max,
+        };
+        let ground = GroundPlane::flat([10.0, 2.0], 1.7);
+        let at = scan[seed];
+        let seed = IndexedPoint {
+            at_m: [at.x_m, at.y_m, at.z_m],
+            index: seed as u32,
+        };
+        let found = around.gather(&frame, &seed, &ground, &wanted);
+        (around, found)
+    }
+
+    fn point(x_m: f32, y_m: f32, z_m: f32) -> Point {
+        Point {
+            x_m,
+            y_m,
+            z_m,
+            intensity: 0.0,
+        }
+    }
+
+    #[test]
+    fn distance_and_height_select() {
+        let scan = [
+            point(10.5, 2.0, -1.0),
+            point(10.0, 2.5, -1.0),
+            point(13.7, 2.0, -1.0),
+            point(10.0, 2.0, -1.6),
+            point(10.0, 2.0, 3.0),
+        ];
+        let (around, seed) = gather(&scan, 1, 100);
+        let mut index = around.index.clone();
+        index.sort_unstable();
+        assert_eq!(index, [0, 1]);
+        assert_eq!(around.index[seed], 1);
+        assert_eq!((around.x_m[seed], around.y_m[seed]), (0.0, 0.0));
+        assert!((around.height_m[seed] - 0.7).abs() < 1e-5);
+        assert!(!around.thinned);
+        assert_eq!(around.in_sensor_m(seed), [10.0, 2.5, -1.0]);
+    }
+
+    #[test]
+    fn thinning_keeps_about_the_limit_and_the_seed_and_ignores_the_order() {
+        let mut scan: Vec<Point> = (0..20_000)
+            .map(|i| {
+                point(
+                    9.0 + (i % 200) as f32 * 0.01,
+                    1.0 + (i / 200) as f32 * 0.02,
+                    -1.0,
+                )
+            })
+            .collect();
+        let set = |around: &Neighbourhood| {
+            let mut bits: Vec<[u32; 2]> = (0..around.len())
+                .map(|i| [around.x_m[i].to_bits(), around.y_m[i].to_bits()])
+                .collect();
+            bits.sort_unstable();
+            bits
+        };
+        let (around, seed) = gather(&scan, 777, 1000);
+        assert_eq!(around.index[seed], 777);
+        assert!(around.thinned && around.looked_at >= 20_000);
+        assert!((700..1300).contains(&around.len()), "{}", around.len());
+        let before = set(&around);
+        scan.reverse();
+        assert_eq!(set(&gather(&scan, 20_000 - 1 - 777, 1000).0), before);
+    }
+}

@@ -1,0 +1,166 @@
+//! What the head proposes, and what becomes of it: one for each detection, in the detections' order.
+
+use mluc_geometry::Box3;
+use mluc_ipc_types::{
+    Detection, Disposition, FOOTPRINT_MAX, GateKind, NO_PROBABILITY, Object, ObjectKind,
+};
+
+/// What is known of one object before it is written out.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Proposal {
+    pub(crate) detection: usize,
+    pub(crate) kind: ObjectKind,
+    pub(crate) disposition: Disposition,
+    /// Detection of the object that suppressed this one.
+    pub(crate) suppressed_by: Option<usize>,
+    /// By how much, 0 to 1.
+    pub(crate) overlap: f32,
+    /// Bits of [`Object::flags`].
+    pub(crate) flags: u32,
+    pub(crate) score: f32,
+    pub(crate) shape: Box3,
+    /// Range in the list of points.
+    pub(crate) points: (usize, usize),
+    pub(crate) footprint_m: [[f32; 2]; FOOTPRINT_MAX],
+    pub(crate) footprint_count: usize,
+}
+
+/// Coordinates and sizes beyond this are nonsense, m.
+const FAR_M: f32 = 1e4;
+
+/// The detection's box, if it is one.
+pub(crate) fn valid_box(detection: &Detection, classes: usize) -> Option<Box3> {
+    let is_near = |v: &f32| v.abs() <= FAR_M;
+    let place = detection.center_m.iter().all(is_near);
+    let size = detection.size_m.iter().all(is_near);
+    let keeps_the_contract = detection.check(0, classes).is_ok();
+    let sound = keeps_the_contract && place && size && is_near(&detection.yaw_rad);
+    sound.then(|| Box3 {
+        center_m: detection.center_m.map(f64::from),
+        size_m: detection.size_m.map(f64::from),
+        yaw_rad: f64::from(detection.yaw_rad),
+    })
+}
+
+/// As the contract has it, whatever the detection holds.
+fn unknown_probability(detection: &Detection) -> f32 {
+    let p = detection.unknown_probability;
+    if (0.0..=1.0).contains(&p) {
+        p
+    } else {
+        NO_PROBABILITY
+    }
+}
+
+impl Proposal {
+    /// With the detection's own box.
+    pub(crate) fn of_detection(
+        index: usize,
+        detection: &Detection,
+        shape: Box3,
+        unknown_score: f32,
+    ) -> Proposal {
+        let (kind, score) = if detection.is_candidate() {
+            (ObjectKind::Unknown, unknown_score)
+        } else {
+            (ObjectKind::Known, detection.score)
+        };
+        let mut proposal = Proposal {
+            detection: index,
+            kind,
+            disposition: Disposition::Published,
+            suppressed_by: None,
+            overlap: 0.0,
+            flags: 0,
+            score,
+            shape,
+            points: (0, 0),
+            footprint_m: [[0.0; 2]; FOOTPRINT_MAX],
+            footprint_count: 0,
+        };
+        proposal.set_footprint(&shape.footprint_m(), [0.0; 2]);
+        proposal
+    }
+
+    /// For a detection that is none: no size, in the sensor's place.
+    pub(crate) fn invalid(index: usize, detection: &Detection) -> Proposal {
+        let nowhere = Box3::new([0.0; 7]);
+        Proposal {
+            disposition: Disposition::InvalidBox,
+            footprint_count: 0,
+            ..Proposal::of_detection(index, detection, nowhere, 0.0)
+        }
+    }
+
+    /// Corners relative to an origin, m; those beyond the contract's limit are left out.
+    pub(crate) fn set_footprint(&mut self, corners_m: &[[f64; 2]], origin_m: [f64; 2]) {
+        self.footprint_count = corners_m.len().min(FOOTPRINT_MAX);
+        self.footprint_m = [[0.0; 2]; FOOTPRINT_MAX];
+        for (to, from) in self.footprint_m.iter_mut().zip(corners_m) {
+            *to = [
+                (from[0] + origin_m[0]) as f32,
+                (from[1] + origin_m[1]) as f32,
+            ];
+        }
+    }
+
+    /// Covered by the object of another detection, by a share of 0 to 1.
+    pub(crate) fn suppress(&mut self, disposition: Disposition, by: usize, overlap: f64) {
+        self.disposition = disposition;
+        self.suppressed_by = Some(by);
+        self.overlap = overlap.clamp(0.0, 1.0) as f32;
+    }
+
+    pub(crate) fn is_unknown(&self) -> bool {
+        self.kind == ObjectKind::Unknown
+    }
+
+    /// Known, with a box that makes sense.
+    pub(crate) fn is_known(&self) -> bool {
+        !self.is_unknown() && self.disposition == Disposition::Published
+    }
+
+    /// Unknown, and nothing has suppressed it yet.
+    pub(crate) fn is_standing(&self) -> bool {
+        self.is_unknown() && self.disposition == Disposition::Published
+    }
+
+    /// The box with a margin on every side, m.
+    pub(crate) fn grown(&self, margin_m: f64) -> Box3 {
+        Box3 {
+            size_m: self.shape.size_m.map(|s| s + 2.0 * margin_m),
+            ..self.shape
+        }
+    }
+
+    /// The object as the contract has it, without points.
+    pub(crate) fn object(&self, detection: &Detection, classes: usize) -> Object {
+        let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        Object {
+            kind: self.kind as u32,
+            disposition: self.disposition as u32,
+            suppressed_by: self.suppressed_by.map_or(Object::NONE, |by| by as u32),
+            class_id: if (detection.class_id as usize) < classes {
+                detection.class_id
+            } else {
+                0
+            },
+            score: finite(self.score),
+            center_m: self.shape.center_m.map(|v| v as f32),
+            size_m: self.shape.size_m.map(|v| v as f32),
+            yaw_rad: self.shape.yaw_rad as f32,
+            eds: finite(detection.eds),
+            eds_normalised: finite(detection.eds_normalised),
+            unknown_probability: unknown_probability(detection),
+            gate: GateKind::from_number(detection.gate).map_or(0, |gate| gate as u32),
+            threshold: finite(detection.threshold),
+            points_first: 0,
+            points_count: 0,
+            flags: self.flags,
+            track_id: Object::NONE,
+            overlap: self.overlap,
+            footprint_count: self.footprint_count as u32,
+            footprint_m: self.footprint_m,
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! Every cluster of a scene, and nothing of the ground.
+
+mod common;
+
+use common::{point, scan, sensor, standing};
+use mluc_geometry::{Box3, iou_3d};
+use mluc_ipc_types::{POINTS_MAX, Point};
+use mluc_refiner::clusters::NO_CLUSTER;
+use mluc_refiner::{FrameClusterer, FrameClusters, Settings};
+
+fn find(points: &[Point]) -> FrameClusters {
+    let mut clusterer = FrameClusterer::new(&Settings::default(), &sensor()).expect("settings");
+    let mut out = FrameClusters::default();
+    // Twice: nothing of a frame may stay for the next one.
+    clusterer.find(&scan(&[standing(8.0, 3.0, [3.0, 2.0, 2.0], 0.5)]), &mut out);
+    clusterer.find(points, &mut out);
+    assert_sound(points, &out);
+    out
+}
+
+/// Every point is accounted for once, and ranges, labels and boxes agree.
+fn assert_sound(points: &[Point], out: &FrameClusters) {
+    let mut seen = vec![false; points.len()];
+    for (number, cluster) in out.clusters.iter().enumerate() {
+        let own = out.points_of(cluster);
+        assert!(own.len() >= 8 && own.is_sorted());
+        assert_eq!(own.len() as u32, cluster.measures.points);
+        for &index in own {
+            assert!(!std::mem::replace(&mut seen[index as usize], true));
+            assert_eq!(out.cluster_of_point[index as usize], number as u32);
+        }
+        assert!(cluster.shape.size_m.iter().all(|&side| side > 0.0));
+        assert!((3..=16).contains(&cluster.footprint().len()));
+    }
+    let c = &out.counters;
+    let told = c.points_not_finite + c.points_outside + c.points_ground + c.points_above;
+    let in_clusters = seen.iter().filter(|&&s| s).count();
+    assert_eq!(
+        told as usize + c.points_too_few as usize + in_clusters,
+        points.len()
+    );
+    for (index, &number) in out.cluster_of_point.iter().enumerate() {
+        assert_eq!(number == NO_CLUSTER, !seen[index]);
+    }
+}
+
+/// Clusters but for a beam's returns on a roof, or a sliver of a face.
+fn substantial(out: &FrameClusters) -> usize {
+    out.clusters
+        .iter()
+        .filter(|c| c.measures.points >= 50)
+        .count()
+}
+
+fn street() -> Vec<Box3> {
+    vec![
+        standing(11.0, 4.0, [2.6, 1.25, 1.85], 1.1),
+        standing(16.0, -6.0, [4.2, 1.8, 1.5], 0.3),
+        standing(9.0, -1.5, [0.6, 0.6, 1.7], 0.0),
+        standing(-12.0, 3.0, [4.1, 1.7, 1.5], 2.0),
+        standing(-20.0, -8.0, [2.4, 1.1, 2.1], 0.9),
+    ]
+}
+
+#[test]
+fn every_object_of_a_street_is_one_cluster() {
+    let boxes = street();
+    let points = scan(&boxes);
+    let out = find(&points);
+    assert_eq!(substantial(&out), boxes.len());
+    for object in &boxes {
+        let best = out.clusters.iter().map(|c| iou_3d(&c.shape, object));
+        let best = best.fold(0.0, f64::max);
+        assert!(best > 0.35, "{object:?}: {best}");
+    }
+}
+
+#[test]
+fn people_beside_each_other_are_told_apart() {
+    let people = [
+        standing(10.0, 0.0, [0.5, 0.5, 1.75], 0.0),
+        standing(10.0, 0.9, [0.5, 0.5, 1.7], 0.0),
+    ];
+    let out = find(&scan(&people));
+    assert_eq!(substantial(&out), 2);
+}
+
+#[test]
+fn a_long_wall_is_cut_and_never_dropped() {
+    let wall = standing(12.0, 0.0, [0.4, 50.0, 3.0], 0.0);
+    let points = scan(&[wall]);
+    let out = find(&points);
+    assert!(out.counters.oversized >= 1, "{:?}", out.counters);
+    assert!(out.clusters.iter().filter(|c| c.measures.is_cut).count() >= 3);
+    let on_wall = |p: &Point| p.z_m > -1.73 + 0.3 && (p.x_m - 11.8).abs() < 0.1;
+    for (p, &number) in points.iter().zip(&out.cluster_of_point) {
+        assert!(!on_wall(p) || number != NO_CLUSTER, "{p:?}");
+    }
+    for cluster in &out.clusters {
+        let m = &cluster.measures;
+        assert!(m.component_length_m > 30.0, "{cluster:?}");
+        // Sixteen metres, and half a cell on either side.
+        assert!(cluster.measures.seen_m[0] <= 16.5, "{:?}", cluster.measures);
+    }
+}
+
+#[test]
+fn nothing_and_garbage_give_no_cluster() {
+    assert!(find(&[]).clusters.is_empty());
+    let bad = [f64::NAN, f64::INFINITY, 1e30].map(|v| point([v, 1.0, -1.0]));
+    let out = find(&bad);
+    assert!(out.clusters.is_empty());
+    assert_eq!(
+        (out.counters.points_not_finite, out.counters.points_outside),
+        (2, 1)
+    );
+    let many = find(&vec![point([12.0, 1.0, -1.0]); POINTS_MAX + 8]);
+    assert_eq!(many.counters.points_outside, 8);
+}
+
+#[test]
+fn the_order_of_points_changes_nothing() {
+    let points = scan(&street());
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by_key(|&i| (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+    let shuffled: Vec<Point> = order.iter().map(|&i| points[i]).collect();
+    let (before, after) = (find(&points), find(&shuffled));
+    assert_eq!(before.counters, after.counters);
+    for (a, b) in before.clusters.iter().zip(&after.clusters) {
+        assert_eq!((a.shape, a.footprint()), (b.shape, b.footprint()));
+        let mut own: Vec<u32> = after
+            .points_of(b)
+            .iter()
+            .map(|&i| order[i as usize] as u32)
+            .collect();
+        own.sort_unstable();
+        assert_eq!(before.points_of(a), own);
+    }
+}

@@ -1,0 +1,161 @@
+//! A stage's process, but for its algorithm: take, check, count, stamp, publish.
+
+use std::fmt::Debug;
+use std::sync::OnceLock;
+
+use bytemuck::Pod;
+use iceoryx2::prelude::ZeroCopySend;
+use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage};
+use tracing::span::EnteredSpan;
+
+use crate::{Frames, Output, RuntimeError, Shell, monotonic_ns};
+
+/// Of the spans that [`crate::log_to_stderr`] writes.
+const SPANS: &str = "mluc::frame";
+
+/// Switches off what `mluc bench` compares against: `off` leaves only the stamps that the latency end to end needs.
+pub const STAMPS_VARIABLE: &str = "MLUC_STAMPS";
+
+/// Whether the stages stamp their own times.
+fn stamps_are_on() -> bool {
+    static ON: OnceLock<bool> = OnceLock::new();
+    *ON.get_or_init(|| std::env::var(STAMPS_VARIABLE).as_deref() != Ok("off"))
+}
+
+/// Why a stage has no result for a frame.
+#[derive(Debug, thiserror::Error)]
+pub enum StageError {
+    /// The message breaks the contract: refused, counted, and the next one is taken.
+    #[error(transparent)]
+    Refused(#[from] ContractError),
+    /// Shared memory failed: the stage ends.
+    #[error(transparent)]
+    Runtime(#[from] RuntimeError),
+    /// The algorithm failed: the stage ends.
+    #[error(transparent)]
+    Failed(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl StageError {
+    /// For `map_err` on an algorithm's own errors.
+    pub fn failed(error: impl std::error::Error + Send + Sync + 'static) -> StageError {
+        StageError::Failed(Box::new(error))
+    }
+}
+
+/// What a stage is given of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct StageInput<'a, T> {
+    /// The message's elements, where they lie in shared memory; the algorithm checks them.
+    pub elements: &'a [T],
+    /// The points of the frame, for a stage that holds them; `None`: they are gone.
+    pub points: Option<&'a [Point]>,
+}
+
+/// What a stage is, besides its process.
+pub trait Algorithm {
+    /// Element of what it takes.
+    type Input: Pod + Debug + ZeroCopySend;
+    /// Element of what it gives.
+    type Output: Pod + Debug + ZeroCopySend;
+
+    /// Checks and computes a frame, and says in the header what was out of the ordinary. Gives the elements of the
+    /// result.
+    fn run(
+        &mut self,
+        header: &mut FrameHeader,
+        input: StageInput<'_, Self::Input>,
+    ) -> Result<usize, StageError>;
+
+    /// Writes the result to shared memory.
+    fn write(&mut self, output: &mut [Self::Output]) -> Result<(), StageError>;
+
+    /// Publishes what goes out before the result; gives its bytes.
+    fn publish_aside(&mut self, _header: &FrameHeader) -> Result<u64, RuntimeError> {
+        Ok(0)
+    }
+
+    /// Adds to what the stage counts.
+    fn count(&self, _shell: &mut Shell) {}
+}
+
+/// Runs a stage until it is asked to end.
+pub fn run_stage<A: Algorithm>(
+    stage: Stage,
+    shell: &mut Shell,
+    frames: &mut Frames<A::Input>,
+    output: &mut Output<A::Output>,
+    algorithm: &mut A,
+) -> Result<(), StageError> {
+    let waiting = format!("waiting for {}", frames.topic().name);
+    shell.state(HealthState::WaitingInput, &waiting)?;
+    while let Some(message) = frames.next(shell)? {
+        let mut header = *message.header();
+        begin(stage, &mut header, message.received_ns);
+        let _frame = frame_span(&header);
+        let input = StageInput {
+            elements: message.elements(),
+            points: frames.points(header.sequence),
+        };
+        let bytes_read = size_of_val(input.elements) + input.points.map_or(0, size_of_val);
+        let count = match run_span(|| algorithm.run(&mut header, input)) {
+            Ok(count) => count,
+            Err(StageError::Refused(error)) => {
+                shell.refuse(&error.to_string())?;
+                continue;
+            }
+            Err(error) => return Err(error),
+        };
+        let bytes_aside = algorithm.publish_aside(&header)?;
+        let mut loan = output.loan(&header, count)?;
+        algorithm.write(loan.elements_mut())?;
+        stamp_published(stage, loan.header_mut());
+        loan.publish()?;
+        frames.release();
+        algorithm.count(shell);
+        let counters = &mut shell.counters;
+        counters.frames_in += 1;
+        counters.bytes_read = bytes_read as u64;
+        counters.bytes_written = bytes_aside + (count * size_of::<A::Output>()) as u64;
+        counters.mappings_verified = frames.mappings_verified();
+        finish(shell, stage, &header)?;
+    }
+    Ok(shell.state(HealthState::Stopping, "")?)
+}
+
+/// A stage's first two stamps.
+fn begin(stage: Stage, header: &mut FrameHeader, received_ns: u64) {
+    if stamps_are_on() {
+        let stamps = header.stamps_mut(stage);
+        stamps.received_ns = received_ns;
+        stamps.started_ns = monotonic_ns();
+    }
+}
+
+/// The last stamp, right before the message is handed over. The refiner's ends the frame: it is always there.
+pub fn stamp_published(stage: Stage, header: &mut FrameHeader) {
+    if stamps_are_on() || stage == Stage::Refiner {
+        header.stamps_mut(stage).published_ns = monotonic_ns();
+    }
+}
+
+/// A frame left: counts it and its time.
+pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(), RuntimeError> {
+    let stamps = header.stages[stage as usize];
+    if stamps_are_on() {
+        shell.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
+    }
+    shell.counters.frames_out += 1;
+    shell.state(HealthState::Running, "")?;
+    shell.tick()
+}
+
+/// From taking a frame to having published it.
+pub fn frame_span(header: &FrameHeader) -> EnteredSpan {
+    tracing::trace_span!(target: SPANS, "frame", sequence = header.sequence).entered()
+}
+
+/// The stage's own work on the frame.
+pub fn run_span<T>(work: impl FnOnce() -> T) -> T {
+    tracing::trace_span!(target: SPANS, "run").in_scope(work)
+}

@@ -1,0 +1,236 @@
+//! What is not of this run, of this model, or out of sequence is never used; heartbeats that make no sense are left out.
+
+use std::time::Duration;
+
+use bytemuck::Zeroable;
+use mluc_ipc_types::{
+    Detection, FeatureBlock, FrameHeader, Health, HealthState, Point, RunDescription, Stage, Topic,
+    WIRE_VERSION,
+};
+use mluc_runtime::{Frames, Instance, Next, Output, Shell, ShellOptions, Shutdown, random_run_id};
+
+const MODEL: u64 = 42;
+
+/// Spoils a header.
+type Spoil = fn(&mut FrameHeader);
+
+fn options(label: &str) -> ShellOptions {
+    let name = format!("{label}-{}", std::process::id());
+    ShellOptions::new(Instance::new(&name).unwrap())
+}
+
+fn observer(options: &ShellOptions) -> Shell {
+    Shell::observer(options.clone(), None, Shutdown::manual()).unwrap()
+}
+
+fn stage(options: &ShellOptions, stage: Stage) -> Shell {
+    Shell::stage(options.clone(), stage, Shutdown::manual()).unwrap()
+}
+
+fn description() -> RunDescription {
+    RunDescription {
+        wire_version: WIRE_VERSION,
+        classes_count: 3,
+        run_id: random_run_id(),
+        model_fingerprint: MODEL,
+        ..RunDescription::zeroed()
+    }
+}
+
+/// The stages before a consumer, as hostile as one likes.
+struct Others {
+    points: Output<Point>,
+    detections: Output<Detection>,
+    features: Output<FeatureBlock>,
+    shell: Shell,
+    run: RunDescription,
+}
+
+impl Others {
+    fn new(options: &ShellOptions) -> Others {
+        let mut shell = observer(options);
+        let run = description();
+        assert!(shell.begin_run(&run).unwrap());
+        Others {
+            points: shell.output(&Topic::POINTS, 10).unwrap(),
+            detections: shell.output(&Topic::DETECTIONS, 10).unwrap(),
+            features: shell.output(&Topic::FEATURES, 10).unwrap(),
+            shell,
+            run,
+        }
+    }
+
+    fn begin_run(&mut self) {
+        self.run = description();
+        assert!(self.shell.begin_run(&self.run).unwrap());
+    }
+
+    fn header(&self, sequence: u64) -> FrameHeader {
+        let mut header = FrameHeader::new(sequence, "a");
+        (header.run_id, header.model_fingerprint) = (self.run.run_id, MODEL);
+        header
+    }
+
+    fn scan(&mut self, sequence: u64) {
+        let header = self.header(sequence);
+        self.points.loan(&header, 5).unwrap().publish().unwrap();
+    }
+
+    fn send(&mut self, change: impl Fn(&mut FrameHeader), sequence: u64) {
+        let mut header = self.header(sequence);
+        change(&mut header);
+        self.detections.loan(&header, 0).unwrap().publish().unwrap();
+        self.features.loan(&header, 0).unwrap().publish().unwrap();
+    }
+}
+
+/// The sequence that is taken, or `None`: refused.
+fn taken<T: bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend>(
+    frames: &mut Frames<T>,
+    shell: &mut Shell,
+) -> Option<u64> {
+    match frames.next_within(shell, Duration::from_millis(1)).unwrap() {
+        Next::Message(message) => Some(message.header().sequence),
+        _ => None,
+    }
+}
+
+#[test]
+fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
+    let options = options("hostile");
+    let mut others = Others::new(&options);
+    let mut head = stage(&options, Stage::Head);
+    let mut refiner = stage(&options, Stage::Refiner);
+    let mut features = Frames::<FeatureBlock>::new(&head, &Topic::FEATURES).unwrap();
+    let mut detections = Frames::<Detection>::with_points(&refiner, &Topic::DETECTIONS).unwrap();
+    let mut both = |others: &mut Others| {
+        others.shell.tick().unwrap();
+        let of_head = taken(&mut features, &mut head);
+        let of_refiner = taken(&mut detections, &mut refiner);
+        assert_eq!(of_head, of_refiner);
+        let counters = [&head.counters, &refiner.counters];
+        (
+            of_head,
+            counters.map(|c| (c.messages_refused, c.frames_dropped)),
+        )
+    };
+    // Both learn of the run.
+    assert_eq!(both(&mut others).0, None);
+    others.scan(3);
+    others.send(|_| (), 3);
+    assert_eq!(both(&mut others).0, Some(3));
+    let spoils: [(&str, Spoil); 8] = [
+        ("2^64-1", |h| h.sequence = u64::MAX),
+        ("2^64-2", |h| h.sequence = u64::MAX - 1),
+        ("not sent yet", |h| h.sequence = 5),
+        ("back", |h| h.sequence = 2),
+        ("another run", |h| h.run_id ^= 1),
+        ("no run", |h| h.run_id = 0),
+        ("another model", |h| h.model_fingerprint ^= 1),
+        ("no model", |h| h.model_fingerprint = 0),
+    ];
+    for (number, (what, spoil)) in spoils.into_iter().enumerate() {
+        others.send(spoil, 4);
+        let (frame, counts) = both(&mut others);
+        assert_eq!(frame, None, "{what}");
+        assert_eq!(counts, [(number as u64 + 1, 0); 2], "{what}");
+    }
+    // Sent again: taken. A gap: counted.
+    others.send(|_| (), 3);
+    assert_eq!(both(&mut others).0, Some(3));
+    others.scan(6);
+    others.send(|_| (), 6);
+    assert_eq!(both(&mut others), (Some(6), [(8, 2); 2]));
+    // The next run begins at 0; the last message of the old one is not used.
+    let old = others.run;
+    others.begin_run();
+    others.scan(0);
+    others.send(|header| header.run_id = old.run_id, 6);
+    assert_eq!(both(&mut others).0, None);
+    others.send(|_| (), 0);
+    assert_eq!(both(&mut others), (Some(0), [(9, 2); 2]));
+}
+
+#[test]
+fn a_stage_of_another_model_refuses_everything() {
+    let options = options("model");
+    let mut others = Others::new(&options);
+    let mut head = stage(&options, Stage::Head);
+    head.set_model(MODEL + 1);
+    let mut features = Frames::<FeatureBlock>::new(&head, &Topic::FEATURES).unwrap();
+    others.shell.tick().unwrap();
+    assert_eq!(taken(&mut features, &mut head), None);
+    others.scan(0);
+    others.send(|_| (), 0);
+    assert_eq!(taken(&mut features, &mut head), None);
+    assert_eq!(head.counters.messages_refused, 1);
+}
+
+#[test]
+fn a_late_reader_gets_the_description_and_a_second_writer_is_none() {
+    let options = options("latched");
+    let mut others = Others::new(&options);
+    let mut late = observer(&options);
+    assert!(late.run().is_none());
+    others.shell.tick().unwrap();
+    let ended = late.await_run::<Point>(Duration::from_secs(1)).unwrap();
+    assert!(ended.is_none());
+    assert_eq!(late.run().map(|run| run.run_id), Some(others.run.run_id));
+    assert!(!late.begin_run(&description()).unwrap());
+    drop(others);
+    assert!(late.begin_run(&description()).unwrap(), "the writer left");
+}
+
+#[test]
+fn a_heartbeat_that_makes_no_sense_is_left_out() {
+    let options = options("garbage");
+    let mut others = Others::new(&options);
+    let topic = Topic {
+        name: "health/refiner",
+        ..Topic::HEALTH
+    };
+    let mut output = others.shell.output::<Health>(&topic, 1).unwrap();
+    let mut watch = others.shell.health_watch().unwrap();
+    let sound = Health {
+        wire_version: WIRE_VERSION,
+        stage: Stage::Refiner as u32,
+        state: HealthState::Running as u32,
+        pid: 77,
+        run_id: others.run.run_id,
+        frames_in: 5,
+        frames_out: 5,
+        ..Health::zeroed()
+    };
+    let mut send = |change: &dyn Fn(&mut Health)| {
+        let mut health = sound;
+        change(&mut health);
+        let mut loan = output.loan(&FrameHeader::new(0, "refiner"), 1).unwrap();
+        loan.elements_mut().fill(health);
+        loan.publish().unwrap();
+    };
+    others.shell.tick().unwrap();
+    watch.update().unwrap();
+    let changes: [&dyn Fn(&mut Health); 9] = [
+        &|h| *h = bytemuck::cast([0xa5u8; size_of::<Health>()]),
+        &|h| *h = Health::zeroed(),
+        &|h| h.stage = Stage::Ingest as u32,
+        &|h| h.state = 6,
+        &|h| h.pid = 0,
+        &|h| h.frames_out = u64::MAX,
+        &|h| h.run_p50_us = 9,
+        &|h| h.run_id ^= 1,
+        &|h| h.wire_version += 1,
+    ];
+    for (number, change) in changes.into_iter().enumerate() {
+        send(change);
+        watch.update().unwrap();
+        assert_eq!(watch.of(Stage::Refiner), None, "change {number}");
+        assert_eq!(watch.of(Stage::Ingest), None, "change {number}");
+    }
+    send(&|h| h.run_id = 0);
+    watch.update().unwrap();
+    assert!(watch.of(Stage::Refiner).is_some() && !watch.is_ready(Stage::Refiner));
+    send(&|_| ());
+    watch.update().unwrap();
+    assert!(watch.is_ready(Stage::Refiner));
+}

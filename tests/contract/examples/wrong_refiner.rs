@@ -1,0 +1,229 @@
+//! A refiner with one fault, named by its argument: the contract suite must find it. `sound` has none.
+//!
+//! It refines nothing: each candidate is published with its proposal box.
+
+use mluc_ipc_types::{
+    Detection, Disposition, Flags, FrameHeader, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX,
+    Object, Point, RunDescription, Stage, Topic,
+};
+use mluc_runtime::{
+    Input, Instance, Message, Output, RuntimeError, Scans, Shell, ShellOptions, Shutdown,
+    monotonic_ns,
+};
+
+fn main() -> Result<(), RuntimeError> {
+    let fault = std::env::args().nth(1).unwrap_or_default();
+    let mut shutdown = Shutdown::on_signals()?;
+    if fault == "deaf" {
+        // Signals are caught and forgotten.
+        shutdown = Shutdown::manual();
+    }
+    let options = ShellOptions::new(Instance::from_environment()?);
+    let mut shell = if fault == "no_health" {
+        Shell::observer(options, None, shutdown)?
+    } else {
+        Shell::stage(options, Stage::Refiner, shutdown)?
+    };
+    let mut wrong = Wrong {
+        objects: shell.output(&Topic::OBJECTS, OBJECTS_MAX)?,
+        object_points: shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?,
+        scans: Scans::held(shell.side_input(&Topic::POINTS)?),
+        input: shell.input(&Topic::DETECTIONS)?,
+        run_id: 0,
+        last: None,
+        fault,
+    };
+    shell.state(HealthState::WaitingInput, "waiting for detections")?;
+    while let Some(message) = wrong.next(&mut shell)? {
+        wrong.frame(&mut shell, &message)?;
+        shell.tick()?;
+    }
+    shell.state(HealthState::Stopping, "")
+}
+
+struct Wrong {
+    // Ports and messages go before the shell.
+    objects: Output<Object>,
+    object_points: Output<u32>,
+    scans: Scans,
+    input: Input<Detection>,
+    run_id: u64,
+    last: Option<u64>,
+    fault: String,
+}
+
+impl Wrong {
+    fn has(&self, fault: &str) -> bool {
+        self.fault == fault
+    }
+
+    fn next(&mut self, shell: &mut Shell) -> Result<Option<Message<Detection>>, RuntimeError> {
+        let is_silent = self.has("silent");
+        let scans = &mut self.scans;
+        let mut take = |run: Option<&RunDescription>| run.map_or(Ok(()), |run| scans.take(run));
+        if !is_silent {
+            return shell.next(&mut self.input, &Topic::DETECTIONS, take);
+        }
+        // No heartbeat while it waits.
+        while !shell.is_stopping() {
+            take(shell.run())?;
+            if let Some(message) = self.input.newest()? {
+                return Ok(Some(message));
+            }
+            shell.wait(&self.input, std::time::Duration::from_millis(20));
+        }
+        Ok(None)
+    }
+
+    /// Takes a frame, answers or refuses it.
+    fn frame(
+        &mut self,
+        shell: &mut Shell,
+        message: &Message<Detection>,
+    ) -> Result<(), RuntimeError> {
+        let mut header = *message.header();
+        header.stages[3].received_ns = message.received_ns;
+        header.stages[3].started_ns = monotonic_ns();
+        let Some(run) = shell.run().copied() else {
+            return shell.refuse("no run");
+        };
+        self.scans.take(&run)?;
+        if self.run_id != run.run_id {
+            (self.run_id, self.last) = (run.run_id, None);
+        }
+        if let Err(why) = self.check(&run, &header, message.elements()) {
+            return shell.refuse(&why);
+        }
+        let is_answered = self.last >= Some(header.sequence);
+        if !self.has("uncounted") {
+            let next = self
+                .last
+                .map_or(header.sequence, |last| last.wrapping_add(1));
+            shell.counters.frames_dropped += header.sequence.saturating_sub(next);
+        }
+        self.last = Some(header.sequence);
+        if self.has("answers_once") && is_answered {
+            return Ok(());
+        }
+        self.answer(header, message.elements())?;
+        shell.counters.frames_in += 1;
+        shell.counters.frames_out += 1;
+        if self.has("miscounts") {
+            shell.counters.candidates.by_disposition[0] += 77;
+        }
+        self.scans.let_go();
+        shell.state(HealthState::Running, "")
+    }
+
+    fn check(
+        &self,
+        run: &RunDescription,
+        header: &FrameHeader,
+        detections: &[Detection],
+    ) -> Result<(), String> {
+        let mut seen = *header;
+        let mut sequences = self.last.unwrap_or(0)..self.scans.count_sent();
+        match self.fault.as_str() {
+            "any_version" => return Ok(()),
+            "any_run" => seen.run_id = run.run_id,
+            "any_sequence" => sequences = 0..u64::MAX,
+            _ => (),
+        }
+        let in_run = seen.checked_in(run, sequences).map(drop);
+        in_run.map_err(|error| error.to_string())?;
+        let checked = Detection::checked(header, detections, run.classes_count as usize);
+        if self.has("brittle") {
+            checked.expect("sound detections");
+            return Ok(());
+        }
+        checked.map(drop).map_err(|error| error.to_string())
+    }
+
+    fn answer(
+        &mut self,
+        mut header: FrameHeader,
+        detections: &[Detection],
+    ) -> Result<(), RuntimeError> {
+        let scan = self
+            .scans
+            .of(header.sequence)
+            .filter(|_| !self.has("no_points"));
+        let points = scan.and_then(|scan| Point::checked(scan.header(), scan.elements()).ok());
+        if points.is_none() && !self.has("unflagged") {
+            header.flag(Flags::POINTS_GONE.with(Flags::DEGRADED));
+        }
+        let points = points.unwrap_or_default();
+        if !points.iter().all(Point::is_finite) {
+            header.flag(Flags::NOT_FINITE);
+        }
+        let mut objects: Vec<Object> = detections.iter().map(object).collect();
+        self.spoil(&mut header, &mut objects);
+        let far = if self.has("bad_index") { 1 << 20 } else { 0 };
+        let indices = &[far, 1, 2][..points.len().min(3)];
+        if points.len() > 3 {
+            objects
+                .iter_mut()
+                .for_each(|object| object.points_count = 3);
+        }
+        let mut loan = self.object_points.loan(&header, indices.len())?;
+        loan.elements_mut().copy_from_slice(indices);
+        loan.publish()?;
+        if !self.has("no_stamps") {
+            header.stages[3].published_ns = monotonic_ns();
+        }
+        let mut loan = self.objects.loan(&header, objects.len())?;
+        loan.elements_mut().copy_from_slice(&objects);
+        loan.publish()
+    }
+
+    /// What the fault does to the answer.
+    fn spoil(&self, header: &mut FrameHeader, objects: &mut Vec<Object>) {
+        match self.fault.as_str() {
+            "moves_known" => {
+                let known = objects.iter_mut().filter(|object| object.kind == 0);
+                known.for_each(|object| object.center_m[0] += 0.01);
+            }
+            "forgets" => drop(objects.pop()),
+            "renumbers" => header.sequence += 1,
+            "forgets_run" => header.run_id = 0,
+            "not_finite" => objects
+                .iter_mut()
+                .for_each(|object| object.yaw_rad = f32::NAN),
+            _ => (),
+        }
+    }
+}
+
+fn object(d: &Detection) -> Object {
+    let [x, y, _] = d.center_m;
+    let (l, w) = (d.size_m[0] / 2.0, d.size_m[1] / 2.0);
+    let mut footprint_m = [[0.0; 2]; 16];
+    footprint_m[..4].copy_from_slice(&[
+        [x + l, y + w],
+        [x - l, y + w],
+        [x - l, y - w],
+        [x + l, y - w],
+    ]);
+    Object {
+        kind: d.kind,
+        disposition: Disposition::Published as u32,
+        suppressed_by: Object::NONE,
+        class_id: d.class_id,
+        score: d.score,
+        center_m: d.center_m,
+        size_m: d.size_m,
+        yaw_rad: d.yaw_rad,
+        eds: d.eds,
+        eds_normalised: d.eds_normalised,
+        unknown_probability: d.unknown_probability,
+        gate: d.gate,
+        threshold: d.threshold,
+        points_first: 0,
+        points_count: 0,
+        flags: 0,
+        track_id: Object::NONE,
+        overlap: 0.0,
+        footprint_count: 4,
+        footprint_m,
+    }
+}

@@ -1,0 +1,124 @@
+//! Start, silence, death, end.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail, ensure};
+use mluc_ipc_types::{Health, HealthState};
+use rustix::process::Signal;
+
+use super::Outcome;
+use crate::refiner::scene::usual;
+use crate::refiner::session::{Session, describe};
+
+/// Longest time between two heartbeats of a program that waits; five times the usual.
+const HEARTBEAT_MAX: Duration = Duration::from_millis(500);
+/// Longer than every topic's deadline.
+const SILENCE: Duration = Duration::from_millis(2500);
+/// After SIGTERM. The supervisor is less patient (0.6 s) and kills then; a loaded test machine is slow.
+const END_PATIENCE: Duration = Duration::from_secs(3);
+/// How often it is killed.
+const KILLS: usize = 3;
+
+pub(super) fn start(session: &mut Session<'_>) -> Outcome {
+    session.stop_program();
+    let begun = Instant::now();
+    let health = session.start()?;
+    let took = begun.elapsed();
+    check_waiting(&health)?;
+    let wrapped = if session.program()?.pid() == health.pid {
+        ""
+    } else {
+        " (its process is not the one that was started: the supervisor cannot tell when it is ready)"
+    };
+    Ok(format!(
+        "ready after {:.2} s: '{}'{wrapped}",
+        took.as_secs_f64(),
+        health.reason()
+    ))
+}
+
+fn check_waiting(health: &Health) -> anyhow::Result<()> {
+    let (_, state) = health.checked()?;
+    ensure!(
+        state == HealthState::WaitingInput && !health.reason().is_empty(),
+        "without input health should be waiting_input with a reason, it is: {}",
+        describe(health)
+    );
+    Ok(())
+}
+
+pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
+    session.ready()?;
+    let (points, detections) = usual();
+    let frame = session.player.frame(points, detections);
+    session.ask(&frame)?;
+    let patience = session.options.patience;
+    let running = |health: &Health| health.state == HealthState::Running as u32;
+    let heard = session.player.await_health(patience, running)?;
+    heard.context("after a frame no heartbeat ever said running")?;
+    let begun = Instant::now();
+    let mut longest = Duration::ZERO;
+    while begun.elapsed() < SILENCE {
+        session.check_alive("nothing came in")?;
+        if let Some((_, ago)) = session.player.health()? {
+            longest = longest.max(ago);
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    ensure!(
+        longest < HEARTBEAT_MAX,
+        "no heartbeat for {} ms; one is due every 100 ms",
+        longest.as_millis()
+    );
+    match session.player.health()? {
+        Some((health, _)) => check_waiting(&health)?,
+        None => bail!("no heartbeat"),
+    }
+    let (points, detections) = usual();
+    let frame = session.player.frame(points, detections);
+    session.ask(&frame)?;
+    Ok(format!(
+        "waited {:.1} s, longest gap between heartbeats {} ms; the next frame was answered",
+        SILENCE.as_secs_f64(),
+        longest.as_millis()
+    ))
+}
+
+pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
+    let mut slowest = Duration::ZERO;
+    for kill in 0..KILLS {
+        session.ready()?;
+        let (points, detections) = usual();
+        let frame = session.player.frame(points, detections);
+        session.player.send(&frame)?;
+        // In the middle of its work, more or less.
+        std::thread::sleep(Duration::from_micros(300 * kill as u64));
+        session.program()?.signal(Signal::KILL);
+        session.program()?.kill();
+        let begun = Instant::now();
+        session
+            .start()
+            .with_context(|| format!("after kill -9 number {}", kill + 1))?;
+        let (points, detections) = usual();
+        let frame = session.player.frame(points, detections);
+        session.ask(&frame)?;
+        slowest = slowest.max(begun.elapsed());
+    }
+    Ok(format!(
+        "killed {KILLS} times; back with an answer within {:.2} s",
+        slowest.as_secs_f64()
+    ))
+}
+
+pub(super) fn stop(session: &mut Session<'_>) -> Outcome {
+    session.ready()?;
+    let begun = Instant::now();
+    session.program()?.signal(Signal::TERM);
+    let ended = session.program()?.end_within(END_PATIENCE);
+    let took = begun.elapsed();
+    match ended {
+        None => bail!("still running {END_PATIENCE:?} after SIGTERM"),
+        Some(status) if !status.success() => bail!("{status} after SIGTERM"),
+        Some(_) => Ok(format!("ended {} ms after SIGTERM", took.as_millis())),
+    }
+}

@@ -1,0 +1,163 @@
+//! The suite of the refiner: plays ingest, backbone and head over the same shared memory as the real stages, and looks at
+//! what comes back. [`session::judge`] runs the cases on one program, [`latency::compare`] measures what a hop into and
+//! out of it costs beside another program.
+
+mod answer;
+mod cases;
+mod frame;
+mod latency;
+mod player;
+mod scene;
+mod session;
+
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::Context;
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use mluc::EXIT_FAILURE;
+use mluc::external::installed_program;
+use mluc::model::{class_names, load};
+use mluc::terminal::print_out;
+use mluc_model::Model;
+use mluc_refiner::Variant;
+use mluc_runtime::{Shutdown, log_to_stderr};
+
+use crate::report::Report;
+use session::{Options, judge};
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct RefinerArgs {
+    /// Model whose classes the detections have: embedded (kitti, kitti-open, udi, udi-open) or a model file.
+    #[arg(long, default_value = "kitti")]
+    model: String,
+    /// Only these cases; all when none is named.
+    #[arg(long = "case", value_name = "NAME", value_parser = PossibleValuesParser::new(cases::names()))]
+    cases: Vec<String>,
+    /// Only this mode of our own refiner.
+    #[arg(long, value_name = "MODE", conflicts_with = "command")]
+    refiner_mode: Option<String>,
+    /// How long a start or an answer may take, s.
+    #[arg(long, default_value = "10", value_parser = patience)]
+    patience_s: Duration,
+    /// Measure what a hop costs beside our own refiner, instead of the suite.
+    #[arg(long)]
+    latency: bool,
+    /// Frames for --latency.
+    #[arg(long, default_value_t = 500, requires = "latency", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    frames: u32,
+    /// JSON on stdout.
+    #[arg(long)]
+    json: bool,
+    /// The program and its arguments.
+    #[arg(last = true)]
+    command: Vec<String>,
+}
+
+fn patience(text: &str) -> Result<Duration, String> {
+    let seconds: Option<f64> = text.parse().ok();
+    let seconds = seconds.filter(|seconds| (0.1..=600.0).contains(seconds));
+    let seconds = seconds.ok_or("expected 0.1 to 600 seconds")?;
+    Ok(Duration::from_secs_f64(seconds))
+}
+
+pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
+    log_to_stderr("refiner-test", "warn");
+    let tester = Tester::new(&args)?;
+    if args.latency {
+        return latency(&args, &tester);
+    }
+    let mut reports = Vec::new();
+    for options in tester.programs()? {
+        let report = judge(&options)?;
+        if !args.json {
+            print_out(report.text().trim_end())?;
+        }
+        reports.push(report);
+    }
+    if args.json {
+        print_out(serde_json::to_string(&reports)?)?;
+    }
+    let is_passed = reports.iter().all(Report::is_passed);
+    Ok(ExitCode::from(if is_passed { 0 } else { EXIT_FAILURE }))
+}
+
+fn latency(args: &RefinerArgs, tester: &Tester) -> anyhow::Result<ExitCode> {
+    let reference = tester.own(Variant::default().name());
+    let program = tester.programs()?.remove(0);
+    let report = latency::compare(&reference, &program, args.frames)?;
+    print_out(if args.json {
+        serde_json::to_string(&report)?
+    } else {
+        report.text().trim_end().to_string()
+    })?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What all programs are tested with.
+struct Tester<'a> {
+    args: &'a RefinerArgs,
+    model: Model,
+    shutdown: Shutdown,
+}
+
+impl Tester<'_> {
+    fn new(args: &RefinerArgs) -> anyhow::Result<Tester<'_>> {
+        Ok(Tester {
+            args,
+            model: load(&args.model)?,
+            shutdown: Shutdown::on_signals()?,
+        })
+    }
+
+    /// The user's program, or ours in each mode asked for.
+    fn programs(&self) -> anyhow::Result<Vec<Options>> {
+        if !self.args.command.is_empty() {
+            return Ok(vec![self.foreign()?]);
+        }
+        Ok(match &self.args.refiner_mode {
+            Some(mode) => vec![self.own(mode)],
+            None => Variant::ALL.map(|mode| self.own(mode.name())).into(),
+        })
+    }
+
+    /// Our own refiner, as `mluc up` starts it.
+    fn own(&self, mode: &str) -> Options {
+        let program = installed_program("mluc").display().to_string();
+        let supervisor = std::process::id().to_string();
+        let words = [
+            ["stage", "refiner"],
+            ["--model", &self.args.model],
+            ["--refiner-mode", mode],
+            ["--supervised-by", &supervisor],
+        ];
+        let words = words.as_flattened().iter().map(|word| word.to_string());
+        let command = [program].into_iter().chain(words).collect();
+        self.options(format!("mluc stage refiner, mode {mode}"), command, true)
+    }
+
+    /// The user's program, as `mluc up` starts it: first this one, which ties it to this process.
+    fn foreign(&self) -> anyhow::Result<Options> {
+        let own = std::env::current_exe().context("finding this program's file")?;
+        let supervisor = std::process::id().to_string();
+        let mut command = vec![own.display().to_string()];
+        command.extend(["exec", "--supervised-by", &supervisor, "--"].map(str::to_string));
+        command.extend(self.args.command.iter().cloned());
+        Ok(self.options(self.args.command.join(" "), command, false))
+    }
+
+    fn options(&self, title: String, command: Vec<String>, names_instance: bool) -> Options {
+        Options {
+            title,
+            command,
+            names_instance,
+            classes: class_names(&self.model),
+            fingerprint: self.model.fingerprint,
+            model: self.args.model.clone(),
+            cases: self.args.cases.clone(),
+            patience: self.args.patience_s,
+            shutdown: self.shutdown.clone(),
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! Synthetic scans: flat ground, boxes that stand on it, and what a head would say of them. No randomness but a fixed one.
+
+use mluc_ipc_types::{CLASSES_MAX, Detection, DetectionKind, GateKind, NO_PROBABILITY, Point};
+
+/// Height of the sensor above the ground, m.
+const SENSOR_HEIGHT_M: f32 = 1.73;
+
+/// A box that stands on the ground.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Thing {
+    pub(crate) x_m: f32,
+    pub(crate) y_m: f32,
+    pub(crate) size_m: [f32; 3],
+}
+
+/// A golf cart and a car.
+pub(crate) const CART: Thing = Thing {
+    x_m: 12.0,
+    y_m: 1.0,
+    size_m: [2.6, 1.25, 1.85],
+};
+pub(crate) const CAR: Thing = Thing {
+    x_m: 18.0,
+    y_m: -6.0,
+    size_m: [4.2, 1.8, 1.5],
+};
+
+impl Thing {
+    fn center_m(&self) -> [f32; 3] {
+        [self.x_m, self.y_m, self.size_m[2] / 2.0 - SENSOR_HEIGHT_M]
+    }
+}
+
+/// Even numbers from 0 to 1 that never repeat.
+fn share(number: usize, step: f64) -> f32 {
+    (number as f64 * step).fract() as f32
+}
+
+/// `count` points: a third of them on the sides of `things` that face the sensor, the others on the ground to 60 m.
+pub(crate) fn scan(things: &[Thing], count: usize) -> Vec<Point> {
+    let on_things = if things.is_empty() { 0 } else { count / 3 };
+    let mut points: Vec<Point> = (0..on_things)
+        .map(|number| on_sides(&things[number % things.len()], number))
+        .collect();
+    points.extend((on_things..count).map(|number| {
+        let angle = share(number, 0.618_034) * std::f32::consts::TAU;
+        let range = 3.0 + 57.0 * share(number, 0.414_214);
+        Point {
+            x_m: range * angle.cos(),
+            y_m: range * angle.sin(),
+            z_m: -SENSOR_HEIGHT_M,
+            intensity: 0.3,
+        }
+    }));
+    points
+}
+
+/// A point on one of the two sides of a box that the sensor sees.
+fn on_sides(thing: &Thing, number: usize) -> Point {
+    let [l, w, h] = thing.size_m;
+    let (along, up) = (
+        share(number, 0.618_034) - 0.5,
+        share(number, 0.414_214) * h - SENSOR_HEIGHT_M,
+    );
+    let toward = -thing.y_m.signum();
+    let (dx, dy) = match number / 7 % 2 {
+        0 => (-l / 2.0, w * along),
+        _ => (l * along, toward * w / 2.0),
+    };
+    Point {
+        x_m: thing.x_m + dx,
+        y_m: thing.y_m + dy,
+        z_m: up,
+        intensity: 0.6,
+    }
+}
+
+/// A dense cloud of `count` points around a thing.
+pub(crate) fn blob(thing: &Thing, count: usize) -> Vec<Point> {
+    let [x, y, z] = thing.center_m();
+    (0..count)
+        .map(|number| Point {
+            x_m: x + 3.0 * (share(number, 0.618_034) - 0.5),
+            y_m: y + 3.0 * (share(number, 0.414_214) - 0.5),
+            z_m: z + 2.0 * (share(number, 0.732_051) - 0.5),
+            intensity: 0.5,
+        })
+        .collect()
+}
+
+/// A box of the network that lies between the prototypes: shifted, and of a wrong class's size.
+pub(crate) fn candidate(thing: &Thing, shift_m: [f32; 2]) -> Detection {
+    let mut detection = known(thing);
+    detection.kind = DetectionKind::Candidate as u32;
+    detection.center_m[0] += shift_m[0];
+    detection.center_m[1] += shift_m[1];
+    detection.size_m = [1.8, 0.7, 1.7];
+    detection.eds_normalised = 0.8;
+    detection.eds = 0.8 * 18.0;
+    detection
+}
+
+/// A box of the network near a prototype.
+pub(crate) fn known(thing: &Thing) -> Detection {
+    let mut probabilities = [0.0; CLASSES_MAX];
+    probabilities[0] = 1.0;
+    Detection {
+        center_m: thing.center_m(),
+        size_m: thing.size_m,
+        yaw_rad: 0.0,
+        class_id: 0,
+        kind: DetectionKind::Known as u32,
+        cell: 17,
+        objectness: 0.9,
+        score: 0.9,
+        probabilities,
+        embedding: [0.0; CLASSES_MAX],
+        eds: 36.0,
+        eds_normalised: 2.0,
+        eds_perpendicular: 2.0,
+        delta: 0.1,
+        softmax_max: 1.0,
+        logit_max: 9.0,
+        energy: 9.0,
+        unknown_probability: NO_PROBABILITY,
+        gate: GateKind::Eds as u32,
+        threshold: 1.3,
+    }
+}
+
+/// The scene of most cases: a car that is known, a golf cart that is not.
+pub(crate) fn usual() -> (Vec<Point>, Vec<Detection>) {
+    let detections = vec![known(&CAR), candidate(&CART, [0.4, -0.3])];
+    (scan(&[CART, CAR], 20_000), detections)
+}
+
+/// Numbers without a pattern, the same in every run (xorshift, Marsaglia 2003).
+pub(crate) struct Noise(pub(crate) u64);
+
+impl Noise {
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+
+    /// Overwrites an element with noise.
+    pub(crate) fn fill<T: bytemuck::Pod>(&mut self, element: &mut T) {
+        for byte in bytemuck::bytes_of_mut(element) {
+            *byte = (self.next() >> 32) as u8;
+        }
+    }
+}

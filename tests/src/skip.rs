@@ -1,0 +1,35 @@
+//! Checks that need what is not everywhere: real scans, answers from outside, another language's packages.
+
+use std::io::{Write, stderr};
+use std::path::PathBuf;
+
+/// Says in one line that a check did not run. `.ci/run` counts these lines.
+pub fn skip(what: &str, why: &str) {
+    // Cargo captures what the print macros write, not what is written to the stream itself. One call, so that no other
+    // test's line comes between.
+    let _ = stderr().write_all(format!("skipped: {what}: {why}\n").as_bytes());
+}
+
+/// The folder that `variable` names; `None`, said: it is not set. A folder that is missing is a failure, and so is a
+/// variable that is not set where `MLUC_REQUIRE_ORACLE=1`.
+pub fn data_folder(variable: &str) -> Option<PathBuf> {
+    let Some(folder) = std::env::var_os(variable).map(PathBuf::from) else {
+        let is_required = std::env::var_os("MLUC_REQUIRE_ORACLE").is_some_and(|value| value == "1");
+        assert!(
+            !is_required,
+            "{variable} is not set, and MLUC_REQUIRE_ORACLE=1 asks for it"
+        );
+        let test = std::thread::current();
+        skip(
+            test.name().unwrap_or("a test"),
+            &format!("{variable} is not set"),
+        );
+        return None;
+    };
+    assert!(
+        folder.is_dir(),
+        "{variable}: expected a folder, found {}",
+        folder.display()
+    );
+    Some(folder)
+}

@@ -1,0 +1,153 @@
+//! An accuracy floor: the shipped models on the labelled scans of this checkout, through backbone, head and refiner. The
+//! scans are few and simulated: the figures say that nothing broke, not how good a model is.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use mluc_evaluate::pipeline::{FrameSet, detect_frames, judge, unknown_classes};
+use mluc_evaluate::{Difficulty, Metric, NeighbourPolicy};
+use mluc_ingest::unpack;
+use mluc_model::Model;
+use mluc_refiner::Settings;
+
+/// Average precision and recall in %, at the model's own threshold, in 3-D, moderate.
+type Figures = BTreeMap<String, [f64; 2]>;
+
+/// By model and class: the least that is accepted, about ten points, or two labels, below what was measured when the floor was set
+/// (`cargo test -p mluc-tests --test accuracy -- --nocapture` prints the present figures).
+const FLOORS: [(&str, &str, [f64; 2]); 18] = [
+    ("kitti", "car", [70.0, 70.0]),
+    ("kitti", "pedestrian", [68.0, 73.0]),
+    ("kitti", "cyclist", [80.0, 77.0]),
+    ("kitti", "unknown", [25.0, 70.0]),
+    ("kitti-open", "car", [70.0, 70.0]),
+    ("kitti-open", "pedestrian", [72.0, 78.0]),
+    ("kitti-open", "cyclist", [80.0, 77.0]),
+    ("kitti-open", "unknown", [55.0, 70.0]),
+    ("udi", "car", [88.0, 87.0]),
+    ("udi", "pedestrian", [70.0, 80.0]),
+    ("udi", "cyclist", [60.0, 66.0]),
+    ("udi", "truck", [5.0, 10.0]),
+    ("udi", "unknown", [4.0, 20.0]),
+    ("udi-open", "car", [88.0, 87.0]),
+    ("udi-open", "pedestrian", [70.0, 80.0]),
+    ("udi-open", "cyclist", [66.0, 66.0]),
+    ("udi-open", "truck", [20.0, 30.0]),
+    ("udi-open", "unknown", [60.0, 60.0]),
+];
+
+/// The shipped models.
+const MODELS: [&str; 4] = ["kitti", "kitti-open", "udi", "udi-open"];
+
+/// KITTI's axes without a camera: what the simulator's full-circle frames carry.
+const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
+    Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+fn model(name: &str) -> Model {
+    Model::read(&root().join(format!("weights/{name}.safetensors"))).expect("a shipped model")
+}
+
+/// The labelled scans of a setting as a KITTI folder.
+fn scans(setting: &str, folder: &Path) -> FrameSet {
+    let (assets, calibration) = match setting {
+        "kitti" => {
+            let assets = root().join("tests/assets/kitti");
+            let calibration = std::fs::read_to_string(assets.join("calibration"));
+            (assets, calibration.expect("a calibration"))
+        }
+        _ => (root().join("services/mluc/assets"), NO_CAMERA.to_string()),
+    };
+    let write = |inner: &str, bytes: &[u8]| {
+        let path = folder.join(inner);
+        std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
+        std::fs::write(path, bytes).expect("written");
+    };
+    for entry in std::fs::read_dir(assets).expect("assets").flatten() {
+        let path = entry.path();
+        if path.extension().is_some_and(|kind| kind == "scan") {
+            let name = path.file_stem().expect("a name").to_string_lossy();
+            let read = |path: &Path| std::fs::read(path).expect("an asset");
+            let points = unpack(&read(&path)).expect("a packed scan");
+            write(
+                &format!("velodyne/{name}.bin"),
+                bytemuck::cast_slice(&points),
+            );
+            write(
+                &format!("label_2/{name}.txt"),
+                &read(&path.with_extension("txt")),
+            );
+            write(&format!("calib/{name}.txt"), calibration.as_bytes());
+        }
+    }
+    FrameSet::open(folder, None, usize::MAX).expect("labelled frames")
+}
+
+/// What a model reaches, its boxes moved by `shift_m` along x.
+fn figures(name: &str, model: &Model, shift_m: f32) -> Figures {
+    let folder = tempfile::tempdir().expect("a folder");
+    let setting = name.trim_end_matches("-open");
+    let set = scans(setting, folder.path());
+    let mut frames = detect_frames(model, &set, || ()).expect("the model fits");
+    for detection in frames.iter_mut().flat_map(|frame| &mut frame.detections) {
+        detection.center_m[0] += shift_m;
+    }
+    let (unknown, settings) = (unknown_classes(setting), Settings::default());
+    let judged = judge(
+        model,
+        &set,
+        &frames,
+        &unknown,
+        NeighbourPolicy::Official,
+        &settings,
+    );
+    let classes = judged.expect("figures").gated.classes;
+    classes
+        .iter()
+        .map(|class| {
+            let entry = class.entry(Metric::Space, Difficulty::Moderate);
+            (
+                class.rule.name.clone(),
+                [entry.ap.all, entry.recall_percent],
+            )
+        })
+        .collect()
+}
+
+/// The classes that lie below the model's floor.
+fn below(model: &str, figures: &Figures) -> Vec<&'static str> {
+    let of_model = FLOORS.iter().filter(|(name, ..)| *name == model);
+    let low = of_model.filter(|(_, class, floor)| {
+        let found = figures.get(*class).unwrap_or(&[0.0; 2]);
+        found.iter().zip(floor).any(|(found, floor)| found < floor)
+    });
+    low.map(|(_, class, _)| *class).collect()
+}
+
+#[test]
+fn shipped_models_keep_their_accuracy() {
+    for name in MODELS {
+        let figures = figures(name, &model(name), 0.0);
+        println!("{name}: {figures:.1?}");
+        assert_eq!(below(name, &figures), [""; 0], "{name}: {figures:.1?}");
+    }
+}
+
+/// The floor is not so low that a fault passes: boxes that lie half a metre off, and a weight of the network's first
+/// layers lost.
+#[test]
+fn a_broken_decoder_or_weight_falls_below_the_floor() {
+    for name in MODELS {
+        let sound = model(name);
+        let shifted = figures(name, &sound, 0.5);
+        assert!(!below(name, &shifted).is_empty(), "{name}: {shifted:.1?}");
+        let mut broken = sound;
+        let weight = broken.weights.find_mut("backbone2d.block1.0.weight");
+        weight.expect("every network has it").data.reverse();
+        let broken = figures(name, &broken, 0.0);
+        assert!(!below(name, &broken).is_empty(), "{name}: {broken:.1?}");
+    }
+}

@@ -1,0 +1,36 @@
+#!/usr/bin/env python3
+"""Converts a PyTorch checkpoint of OpenPCDet to safetensors, which `mluc-lab import` reads.
+
+    python tools/checkpoint_to_safetensors.py second.pth second.safetensors
+
+Needs the packages torch, numpy and safetensors. The file is loaded with weights_only=True: tensors and plain values are
+read, and a pickle that calls anything else is refused.
+"""
+
+import sys
+
+import numpy as np
+import torch
+from safetensors.torch import save_file
+
+# An optimiser's state holds learning rates as numpy scalars.
+scalar = (np._core if hasattr(np, "_core") else np.core).multiarray.scalar
+NUMPY = [scalar, (scalar, "numpy.core.multiarray.scalar"), np.dtype, type(np.dtype("f4")), type(np.dtype("f8"))]
+
+
+def weights(path):
+    with torch.serialization.safe_globals(NUMPY):
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    # Trainers keep the weights under one of these keys; `module.` precedes the names where several devices trained.
+    state = next((checkpoint[key] for key in ("model_state", "state_dict") if key in checkpoint), checkpoint)
+    tensors = {name: value.contiguous().clone() for name, value in state.items() if torch.is_tensor(value)}
+    if not tensors:
+        sys.exit(f"{path}: expected a dictionary with model_state (name -> tensor), found {list(checkpoint)[:8]}")
+    parallel = all(name.startswith("module.") for name in tensors)
+    return {name.removeprefix("module.") if parallel else name: value for name, value in tensors.items()}
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("usage: checkpoint_to_safetensors.py CHECKPOINT.pth OUT.safetensors")
+    save_file(weights(sys.argv[1]), sys.argv[2], metadata={"format": "pt"})
