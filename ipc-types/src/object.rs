@@ -164,13 +164,16 @@ impl Object {
     }
 
     fn check(&self, index: usize, objects: usize, classes: usize) -> Result<(), ContractError> {
-        let bound = |what, found: u32, len: usize| match (found as usize) < len {
-            true => Ok(()),
-            false => Err(ContractError::Index {
-                what,
-                len,
-                found: found as usize,
-            }),
+        let bound = |what, found: u32, len: usize| {
+            if (found as usize) < len {
+                Ok(())
+            } else {
+                Err(ContractError::Index {
+                    what,
+                    len,
+                    found: found as usize,
+                })
+            }
         };
         if self.kind > ObjectKind::Unknown as u32 {
             return Err(ContractError::Value {
@@ -212,12 +215,13 @@ impl Object {
             .chain([&self.eds_normalised, &self.threshold, &self.overlap])
             .chain(corners.iter().flatten());
         let are_finite = numbers.copied().all(f32::is_finite);
-        match are_finite && is_probability_or_none(self.unknown_probability) {
-            true => Ok(()),
-            false => Err(ContractError::NotFinite {
+        if are_finite && is_probability_or_none(self.unknown_probability) {
+            Ok(())
+        } else {
+            Err(ContractError::NotFinite {
                 what: "object",
                 index,
-            }),
+            })
         }
     }
 

@@ -31,13 +31,14 @@ impl Point {
         points: &'a [Point],
     ) -> Result<&'a [Point], ContractError> {
         header.checked()?;
-        match points.len() <= POINTS_MAX {
-            true => Ok(points),
-            false => Err(ContractError::TooLong {
+        if points.len() <= POINTS_MAX {
+            Ok(points)
+        } else {
+            Err(ContractError::TooLong {
                 what: "points",
                 limit: POINTS_MAX,
                 found: points.len(),
-            }),
+            })
         }
     }
 

@@ -65,18 +65,20 @@ pub(crate) fn scatter(
         .map(|_| {
             drawn.clear();
             for round in rounds {
-                let round = match rounds.len() >= ROUNDS_MIN {
-                    true => &rounds[random.below(rounds.len())],
-                    false => round,
+                let round = if rounds.len() >= ROUNDS_MIN {
+                    &rounds[random.below(rounds.len())]
+                } else {
+                    round
                 };
                 draw_blocks(round, random, &mut drawn);
             }
             statistic.of(&mut drawn)
         })
         .collect();
-    let blocks = match rounds.len() >= ROUNDS_MIN {
-        true => rounds.len(),
-        false => count.min(BLOCKS_PER_ROUND * rounds.len()),
+    let blocks = if rounds.len() >= ROUNDS_MIN {
+        rounds.len()
+    } else {
+        count.min(BLOCKS_PER_ROUND * rounds.len())
     };
     Scatter {
         value,
@@ -117,9 +119,12 @@ pub(crate) fn interval(
     let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
     // Resampling k blocks gives k-1 / k of the variance.
     let fewest = a.blocks.min(b.blocks).max(2) as f64;
-    let unseen = [a, b].map(|run| match run.by_round {
-        true => 0.0,
-        false => (start_scatter * run.value).powi(2),
+    let unseen = [a, b].map(|run| {
+        if run.by_round {
+            0.0
+        } else {
+            (start_scatter * run.value).powi(2)
+        }
     });
     let deviation = (variance * fewest / (fewest - 1.0) + unseen[0] + unseen[1]).sqrt();
     let freedom = (a.blocks + b.blocks).max(4) as f64 - 2.0;

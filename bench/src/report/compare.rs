@@ -232,16 +232,20 @@ fn judge(figure: &Figure, confidence: f64, options: &CompareOptions, random: &mu
         .rounds
         .each_ref()
         .map(|rounds| scatter(rounds, figure.statistic, resamples, random));
-    let (low, high) = match is_enough {
-        true => interval(&a, &b, confidence, options.start_scatter),
-        false => (f64::NEG_INFINITY, f64::INFINITY),
+    let (low, high) = if is_enough {
+        interval(&a, &b, confidence, options.start_scatter)
+    } else {
+        (f64::NEG_INFINITY, f64::INFINITY)
     };
     let margin = (options.margin * a.value.abs()).max(figure.margin_floor);
-    let verdict = match () {
-        () if !is_enough => Verdict::TooFewFrames,
-        () if low > margin => Verdict::Higher,
-        () if high < -margin => Verdict::Lower,
-        () => Verdict::Noise,
+    let verdict = if !is_enough {
+        Verdict::TooFewFrames
+    } else if low > margin {
+        Verdict::Higher
+    } else if high < -margin {
+        Verdict::Lower
+    } else {
+        Verdict::Noise
     };
     Row {
         figure: figure.name.clone(),

@@ -41,9 +41,10 @@ pub(crate) fn latency_over_time(frames: &[FrameRecord], period_ms: Option<f64>) 
     };
     let (median, ninth) = (sorted[sorted.len() / 2], sorted[sorted.len() * 99 / 100]);
     let high = most.max(period_ms.unwrap_or(0.0)) * 1.05;
-    let y = match most > LOG_FROM * median.max(0.001) {
-        true => Scale::log([(least * 0.8).max(0.01), high], [bottom, top]),
-        false => Scale::linear([0.0, high], [bottom, top]),
+    let y = if most > LOG_FROM * median.max(0.001) {
+        Scale::log([(least * 0.8).max(0.01), high], [bottom, top])
+    } else {
+        Scale::linear([0.0, high], [bottom, top])
     };
     let starts_s = round_starts_s(frames);
     let at_s = |frame: &FrameRecord| starts_s[frame.round as usize] + frame.due_ns as f64 * 1e-9;

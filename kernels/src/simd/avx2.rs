@@ -113,10 +113,11 @@ impl<const VNNI: bool> Simd for Avx2<VNNI> {
 
     #[inline(always)]
     fn dot_quads(self, a: __m256i, b: __m256i, c: __m256i) -> __m256i {
-        match VNNI {
+        if VNNI {
             // SAFETY: self is the proof of the features.
-            true => unsafe { _mm256_dpbusd_avx_epi32(c, a, b) },
-            false => self.dot_widened(a, b, c),
+            unsafe { _mm256_dpbusd_avx_epi32(c, a, b) }
+        } else {
+            self.dot_widened(a, b, c)
         }
     }
 

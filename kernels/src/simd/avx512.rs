@@ -134,10 +134,11 @@ impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
 
     #[inline(always)]
     fn dot_quads(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
-        match VNNI {
+        if VNNI {
             // SAFETY: self is the proof of the features.
-            true => unsafe { _mm512_dpbusd_epi32(c, a, b) },
-            false => self.dot_widened(a, b, c),
+            unsafe { _mm512_dpbusd_epi32(c, a, b) }
+        } else {
+            self.dot_widened(a, b, c)
         }
     }
 

@@ -137,16 +137,13 @@ impl Line<'_> {
                 self.columns[2],
             ));
         }
-        match scored {
-            true => self.check_found(&numbers)?,
-            false if self.columns[0].eq_ignore_ascii_case("DontCare") => {}
-            false => self.check_box(&numbers)?,
+        let mut score = None;
+        if scored {
+            self.check_found(&numbers)?;
+            score = Some(self.number(self.columns.len() - 1, "score")?);
+        } else if !self.columns[0].eq_ignore_ascii_case("DontCare") {
+            self.check_box(&numbers)?;
         }
-        let score = if scored {
-            Some(self.number(self.columns.len() - 1, "score")?)
-        } else {
-            None
-        };
         Ok(Label {
             class: self.columns[0].to_owned(),
             truncated,

@@ -71,9 +71,10 @@ impl fmt::Display for Realism {
             .filter(|step| !self.has(*step))
             .map(Step::name)
             .collect();
-        match left_out.is_empty() {
-            true => Ok(()),
-            false => write!(f, " without {}", left_out.join(", ")),
+        if left_out.is_empty() {
+            Ok(())
+        } else {
+            write!(f, " without {}", left_out.join(", "))
         }
     }
 }

@@ -130,10 +130,12 @@ fn find(points: &[[f32; 4]], grid: &Grid, sites: &Sites, addresses: &mut [usize]
                     [0, 1, 2].map(|i| (point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]);
                 let inside = |i: usize| (cell[i] >= 0.0) & (cell[i] < cells[i]);
                 let [x, y, z] = cell.map(|cell| cell as usize);
-                *address = match point.iter().all(|value| value.is_finite()) {
-                    false => NON_FINITE,
-                    true if inside(0) & inside(1) & inside(2) => sites.address(z, y, x),
-                    true => OUT_OF_RANGE,
+                *address = if !point.iter().all(|value| value.is_finite()) {
+                    NON_FINITE
+                } else if inside(0) & inside(1) & inside(2) {
+                    sites.address(z, y, x)
+                } else {
+                    OUT_OF_RANGE
                 };
             }
         },

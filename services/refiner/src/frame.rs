@@ -96,9 +96,10 @@ impl FrameIndex {
         for iy in cells.y.0..=cells.y.1 {
             self.wanted[iy * SIDE + cells.x.0..=iy * SIDE + cells.x.1].fill(true);
         }
-        self.rows = match self.rows.is_empty() {
-            true => cells.y.0..cells.y.1 + 1,
-            false => self.rows.start.min(cells.y.0)..self.rows.end.max(cells.y.1 + 1),
+        self.rows = if self.rows.is_empty() {
+            cells.y.0..cells.y.1 + 1
+        } else {
+            self.rows.start.min(cells.y.0)..self.rows.end.max(cells.y.1 + 1)
         };
     }
 
@@ -139,9 +140,10 @@ impl FrameIndex {
             );
             for (i, (point, &cell)) in points.iter().zip(&cell_of_point).enumerate() {
                 if cell == NO_CELL {
-                    match point.x_m.is_finite() && point.y_m.is_finite() && point.z_m.is_finite() {
-                        true => self.outside += 1,
-                        false => self.not_finite += 1,
+                    if point.x_m.is_finite() && point.y_m.is_finite() && point.z_m.is_finite() {
+                        self.outside += 1;
+                    } else {
+                        self.not_finite += 1;
                     }
                 } else if wanted[cell as usize] {
                     cell_first[cell as usize + 1] += 1;
@@ -268,9 +270,10 @@ fn cell_of(point: &Point) -> u32 {
     // Comparisons with NaN are false. No short cuts: branches that depend on the data cost more than comparisons.
     let side = 0.0..SIDE_F;
     let inside = side.contains(&x) & side.contains(&y) & (point.z_m.abs() <= f32::MAX);
-    match inside {
-        true => whole(y) * SIDE as u32 + whole(x),
-        false => NO_CELL,
+    if inside {
+        whole(y) * SIDE as u32 + whole(x)
+    } else {
+        NO_CELL
     }
 }
 

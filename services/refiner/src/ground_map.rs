@@ -123,9 +123,10 @@ impl GroundMap {
         labels.resize(points, GroundLabel::Outside);
         let clearance = clearance_m as f32;
         self.for_each_height(frame, |point, height| {
-            labels[point.index as usize] = match height < clearance {
-                true => GroundLabel::Ground,
-                false => GroundLabel::Standing,
+            labels[point.index as usize] = if height < clearance {
+                GroundLabel::Ground
+            } else {
+                GroundLabel::Standing
             };
         });
     }

@@ -18,9 +18,10 @@ pub struct SizeLimits {
 impl SizeLimits {
     /// Whether a cluster is within.
     pub(crate) fn hold(&self, cluster: &ClusterPoints) -> bool {
-        let limit_m = match height_m(cluster) >= self.tall_from_m {
-            true => self.tall_m,
-            false => self.low_m,
+        let limit_m = if height_m(cluster) >= self.tall_from_m {
+            self.tall_m
+        } else {
+            self.low_m
         };
         is_within(cluster, limit_m)
     }

@@ -280,9 +280,10 @@ fn when_the_time_is_up_the_worst_candidates_keep_their_proposals() {
                 is_refined,
                 "{variant:?} {k}"
             );
-            match is_refined {
-                true => assert_eq!(object.center_m, without.objects[k].center_m),
-                false => assert_eq!(object.size_m, detections[k].size_m),
+            if is_refined {
+                assert_eq!(object.center_m, without.objects[k].center_m);
+            } else {
+                assert_eq!(object.size_m, detections[k].size_m);
             }
         }
     }

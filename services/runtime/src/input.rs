@@ -48,9 +48,10 @@ impl<T: Pod + Debug + ZeroCopySend> Input<T> {
             .subscriber_builder()
             .create()
             .map_err(|e| failed(format!("no place for another consumer ({e:?})")))?;
-        let wake = match options.wakes {
-            true => Some(open_wake(node, instance, topic, name)?),
-            false => None,
+        let wake = if options.wakes {
+            Some(open_wake(node, instance, topic, name)?)
+        } else {
+            None
         };
         let listener = match &wake {
             Some(wake) => Some(

@@ -85,9 +85,10 @@ impl Prefault {
 #[allow(unsafe_code)]
 fn populate(mapping: &Mapping) -> std::io::Result<()> {
     use rustix::mm::{Advice, madvise};
-    let advice = match mapping.is_writable {
-        true => Advice::LinuxPopulateWrite,
-        false => Advice::LinuxPopulateRead,
+    let advice = if mapping.is_writable {
+        Advice::LinuxPopulateWrite
+    } else {
+        Advice::LinuxPopulateRead
     };
     let start = mapping.addresses.start as *mut std::ffi::c_void;
     // SAFETY: MADV_POPULATE_* only faults pages in; it changes no content and fails with an error, not a signal, when

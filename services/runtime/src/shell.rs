@@ -189,9 +189,10 @@ impl Shell {
     fn follow_run(&mut self) -> Result<(), RuntimeError> {
         self.run.update()?;
         let id = self.run.id();
-        match self.heartbeat.as_mut().is_some_and(|h| h.set_run(id)) {
-            true => self.beat(),
-            false => Ok(()),
+        if self.heartbeat.as_mut().is_some_and(|h| h.set_run(id)) {
+            self.beat()
+        } else {
+            Ok(())
         }
     }
 
@@ -379,9 +380,10 @@ impl Shell {
     /// Says how this stage is; logged and published when it changes.
     pub fn state(&mut self, state: HealthState, reason: &str) -> Result<(), RuntimeError> {
         let heartbeat = self.heartbeat.as_mut();
-        match heartbeat.is_some_and(|heartbeat| heartbeat.set(state, reason)) {
-            true => self.beat(),
-            false => Ok(()),
+        if heartbeat.is_some_and(|heartbeat| heartbeat.set(state, reason)) {
+            self.beat()
+        } else {
+            Ok(())
         }
     }
 
@@ -398,9 +400,10 @@ impl Shell {
         if let Some(writer) = &self.run_writer {
             writer.reach_late_readers()?;
         }
-        match self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
-            true => self.beat(),
-            false => Ok(()),
+        if self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
+            self.beat()
+        } else {
+            Ok(())
         }
     }
 

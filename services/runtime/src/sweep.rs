@@ -38,9 +38,10 @@ pub(crate) fn wipe(instance: &Instance, keep: &str) -> usize {
             continue;
         }
         let path = entry.path();
-        let removed = match path.is_dir() {
-            true => fs::remove_dir_all(&path),
-            false => fs::remove_file(&path),
+        let removed = if path.is_dir() {
+            fs::remove_dir_all(&path)
+        } else {
+            fs::remove_file(&path)
         };
         count += usize::from(removed.is_ok());
     }

@@ -77,10 +77,12 @@ fn network(
     let last_sparse = manifest.network.sparse.last();
     let last_sparse = last_sparse.map_or("", |layer| layer.name.as_str());
     for frame in 0..FRAMES {
-        let name = |part: &str| match frame + 1 == FRAMES {
-            true => format!("{precision}.{part}"),
+        let name = |part: &str| {
+            if frame + 1 == FRAMES {
+                return format!("{precision}.{part}");
+            }
             // Loading and memory that is touched for the first time.
-            false => "start".to_owned(),
+            "start".to_owned()
         };
         instructions_mark("start".into(), parts);
         let mut part = "voxelize";

@@ -78,9 +78,10 @@ fn main() -> Result<()> {
         .with_context(|| scan.display().to_string())?;
     }
     let peak_gflops = peak::gflops(arguments.precision, arguments.threads);
-    match arguments.json {
-        true => println!("{}", record.json(peak_gflops)),
-        false => record.print(),
+    if arguments.json {
+        println!("{}", record.json(peak_gflops));
+    } else {
+        record.print();
     }
     Ok(())
 }

@@ -42,9 +42,10 @@ pub(crate) fn run(settings: Settings, limit_ms: Option<f64>, json: bool) -> Resu
             rows.push(measure(name, &points, &detections, &settings, limit_ms)?);
         }
     }
-    match json {
-        true => println!("{}", serde_json::to_string(&rows)?),
-        false => print(&rows),
+    if json {
+        println!("{}", serde_json::to_string(&rows)?);
+    } else {
+        print(&rows);
     }
     Ok(())
 }

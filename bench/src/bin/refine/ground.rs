@@ -72,9 +72,10 @@ pub(crate) fn run(frames: &[Frame], settings: &Settings, answers: &Path, json: b
         cpu_p50_ms,
         cpu_p99_ms,
     };
-    match json {
-        true => println!("{}", serde_json::to_string(&report)?),
-        false => println!(
+    if json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        println!(
             "{} frames, {} points: {:.2} % the same; of their ground {:.2} % is ours, of ours {:.2} % theirs\nours: p50 {:.2} ms, p99 {:.2} ms; CPU time p50 {:.2} ms, p99 {:.2} ms",
             report.frames,
             report.points,
@@ -85,7 +86,7 @@ pub(crate) fn run(frames: &[Frame], settings: &Settings, answers: &Path, json: b
             report.p99_ms,
             report.cpu_p50_ms,
             report.cpu_p99_ms
-        ),
+        )
     }
     Ok(())
 }

@@ -142,9 +142,10 @@ fn run(arguments: &Arguments, settings: Settings) -> Result<()> {
         return vary::table(&frames, &rows);
     }
     let report = report::measure(&frames, settings, arguments.proposals, arguments.anywhere)?;
-    match arguments.json {
-        true => println!("{}", serde_json::to_string(&report)?),
-        false => report.print(),
+    if arguments.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        report.print();
     }
     Ok(())
 }

@@ -77,9 +77,10 @@ pub(crate) fn run(frames: &[Frame], settings: &Settings, json: bool) -> Result<(
         cpu_p50_ms,
         cpu_p99_ms,
     };
-    match json {
-        true => println!("{}", serde_json::to_string(&report)?),
-        false => print(&report),
+    if json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        print(&report);
     }
     Ok(())
 }

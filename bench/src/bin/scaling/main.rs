@@ -46,14 +46,13 @@ fn main() -> Result<()> {
     });
     let path = arguments.out.join("summary.json");
     std::fs::write(&path, format!("{summary:#}\n")).with_context(|| path.display().to_string())?;
-    match arguments.json {
-        true => println!("{summary}"),
-        false => {
-            for fit in &fits {
-                println!("{fit}");
-            }
-            println!("written to {}", arguments.out.display());
+    if arguments.json {
+        println!("{summary}");
+    } else {
+        for fit in &fits {
+            println!("{fit}");
         }
+        println!("written to {}", arguments.out.display());
     }
     Ok(())
 }

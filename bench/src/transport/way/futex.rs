@@ -54,9 +54,10 @@ impl Receiver for End {
     fn receive(&mut self) -> Result<Arrived> {
         let woken = self.0.timed_wait(PATIENCE).context("waiting")?;
         let at_ns = monotonic_ns();
-        match woken {
-            true => Ok(Arrived { at_ns, sum: 0 }),
-            false => Err(silence(Way::Futex)),
+        if woken {
+            Ok(Arrived { at_ns, sum: 0 })
+        } else {
+            Err(silence(Way::Futex))
         }
     }
 }

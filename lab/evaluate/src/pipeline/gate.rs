@@ -101,9 +101,10 @@ impl ModelGate {
 
 /// Exact, both ways, for thresholds that are one minus a probability of a half or more.
 fn unknown_min(threshold: f32) -> f32 {
-    match threshold > 0.0 {
-        true => 1.0 - threshold,
-        false => 0.0,
+    if threshold > 0.0 {
+        1.0 - threshold
+    } else {
+        0.0
     }
 }
 

@@ -101,9 +101,12 @@ fn join(mut rear: Mesh, mut front: Mesh, stacked: bool) -> Mesh {
         (high - low).max(V3::splat(1e-3))
     };
     let fit = size(&rear) / size(&front);
-    front.map(|p| match stacked {
-        true => v(p.x * fit.x, p.y * fit.y, p.z),
-        false => v(p.x, p.y * fit.y, p.z * fit.z),
+    front.map(|p| {
+        if stacked {
+            v(p.x * fit.x, p.y * fit.y, p.z)
+        } else {
+            v(p.x, p.y * fit.y, p.z * fit.z)
+        }
     });
     let along = |p: V3| if stacked { p.z } else { p.x };
     let middle = |mesh: &Mesh| {
@@ -113,9 +116,10 @@ fn join(mut rear: Mesh, mut front: Mesh, stacked: bool) -> Mesh {
     let (low, high) = (middle(&rear), middle(&front));
     rear.keep(|p| along(p) < low);
     front.keep(|p| along(p) >= high);
-    let shift = match stacked {
-        true => v(0.0, 0.0, low - high),
-        false => v(low - high, 0.0, 0.0),
+    let shift = if stacked {
+        v(0.0, 0.0, low - high)
+    } else {
+        v(low - high, 0.0, 0.0)
     };
     rear.add(&front, |p| p + shift);
     rear

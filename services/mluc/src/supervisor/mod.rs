@@ -51,9 +51,10 @@ pub struct Outcome {
 
 impl Outcome {
     pub fn frames_lost(&self) -> u64 {
-        match self.is_interrupted {
-            true => self.frames_skipped,
-            false => self.frames_in.saturating_sub(self.frames_out),
+        if self.is_interrupted {
+            self.frames_skipped
+        } else {
+            self.frames_in.saturating_sub(self.frames_out)
         }
     }
 
@@ -149,9 +150,10 @@ impl Supervisor<'_> {
     fn supervise(&mut self, sink: &mut dyn Sink) -> anyhow::Result<()> {
         for stage in Stage::ALL {
             let mut child = Child::new(stage);
-            match self.settings.stages[stage].external {
-                true => tell_external(stage, self.settings),
-                false => child.start(self.settings, 0)?,
+            if self.settings.stages[stage].external {
+                tell_external(stage, self.settings);
+            } else {
+                child.start(self.settings, 0)?;
             }
             self.children.push(child);
         }

@@ -126,9 +126,10 @@ impl Measures {
         let (mut sum, mut squares, mut count) = (0i64, 0i64, 0i64);
         for p in points {
             // Above 255 no sensor goes.
-            let value = match p.intensity.is_finite() {
-                true => (p.intensity.clamp(0.0, 255.0) * STEPS) as i64,
-                false => 0,
+            let value = if p.intensity.is_finite() {
+                (p.intensity.clamp(0.0, 255.0) * STEPS) as i64
+            } else {
+                0
             };
             sum += value;
             squares += value * value;

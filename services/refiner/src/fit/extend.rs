@@ -92,9 +92,10 @@ impl Extend {
         });
         let [x, y] = r.center_m();
         let (x, y) = (x + origin_m[0], y + origin_m[1]);
-        let bottom = match self.to_ground {
-            true => z_m[0].min(ground.z_at_m(x, y)),
-            false => z_m[0],
+        let bottom = if self.to_ground {
+            z_m[0].min(ground.z_at_m(x, y))
+        } else {
+            z_m[0]
         };
         let [u, v] = r.size_m();
         let top = match &self.cut_top {
@@ -104,9 +105,10 @@ impl Extend {
             _ => z_m[1],
         };
         // The longer side is the length.
-        let (l, w, yaw_rad) = match u >= v {
-            true => (u, v, r.yaw_rad),
-            false => (v, u, r.yaw_rad + std::f64::consts::FRAC_PI_2),
+        let (l, w, yaw_rad) = if u >= v {
+            (u, v, r.yaw_rad)
+        } else {
+            (v, u, r.yaw_rad + std::f64::consts::FRAC_PI_2)
         };
         let [least_l, least_w, least_h] = self.size_min_m;
         Some(Box3 {
@@ -159,9 +161,10 @@ impl EndFace {
         if !fits || self.top_width_m(r, points, z_m, along_u) < self.top_share_min * width {
             return false;
         }
-        match along_u {
-            true => r.u_m = grow_away(r.u_m, self.share * width, u),
-            false => r.v_m = grow_away(r.v_m, self.share * width, v),
+        if along_u {
+            r.u_m = grow_away(r.u_m, self.share * width, u);
+        } else {
+            r.v_m = grow_away(r.v_m, self.share * width, v);
         }
         true
     }
@@ -202,9 +205,10 @@ fn grow_away([low, high]: [f64; 2], extent_m: f64, sensor_m: f64) -> [f64; 2] {
     if high - low >= extent_m {
         return [low, high];
     }
-    match sensor_m <= (low + high) / 2.0 {
-        true => [low, low + extent_m],
-        false => [high - extent_m, high],
+    if sensor_m <= (low + high) / 2.0 {
+        [low, low + extent_m]
+    } else {
+        [high - extent_m, high]
     }
 }
 

@@ -49,9 +49,10 @@ impl Buckets {
             },
         );
         for (i, cell) in cell_of.iter_mut().enumerate() {
-            match keep(i) {
-                true => self.first[*cell as usize + 1] += 1,
-                false => *cell = NO_CELL,
+            if keep(i) {
+                self.first[*cell as usize + 1] += 1;
+            } else {
+                *cell = NO_CELL;
             }
         }
         self.cell_of = cell_of;

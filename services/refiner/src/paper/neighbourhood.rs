@@ -92,13 +92,12 @@ impl Neighbourhood {
         };
         let points_max = wanted.points_max.max(1);
         // Only points that are asked for count against the limit: near the sensor most are ground.
-        let keep_one_in = match available > points_max {
-            true => {
-                self.looked_at += available as u64;
-                let asked = rows().flatten().filter(|p| is_asked(p.at_m)).count();
-                asked.div_ceil(points_max) as u64
-            }
-            false => 1,
+        let keep_one_in = if available > points_max {
+            self.looked_at += available as u64;
+            let asked = rows().flatten().filter(|p| is_asked(p.at_m)).count();
+            asked.div_ceil(points_max) as u64
+        } else {
+            1
         };
         self.thinned = keep_one_in > 1;
         let mut count = 0;

@@ -41,9 +41,10 @@ pub(crate) fn scan(boxes: &[Box3]) -> Vec<Point> {
             let azimuth = (column as f64 + 0.5) * std::f64::consts::TAU / COLUMNS as f64;
             let flat = elevation.cos();
             let ray = [flat * azimuth.cos(), flat * azimuth.sin(), elevation.sin()];
-            let ground = match ray[2] < 0.0 {
-                true => -SENSOR_HEIGHT_M / ray[2],
-                false => f64::INFINITY,
+            let ground = if ray[2] < 0.0 {
+                -SENSOR_HEIGHT_M / ray[2]
+            } else {
+                f64::INFINITY
             };
             let range = boxes
                 .iter()
