@@ -5,23 +5,8 @@
 //! passed a ReLU); larger values are cut. `mluc-lab quantize` writes them.
 
 use crate::error::ModelError;
-use crate::network::Network;
+use crate::network::{Network, calibrated_layers, calibration_tensor};
 use crate::tensors::WeightSet;
-
-/// Name of a layer's tensor.
-pub fn calibration_tensor(layer: &str) -> String {
-    format!("calibration.{layer}")
-}
-
-/// Name and output channels of every layer that has a range, in the order of computation.
-pub fn calibrated_layers(network: &Network) -> Vec<(String, usize)> {
-    let sparse = network.sparse.iter();
-    let dense = network.block1.iter().chain(&network.block2);
-    sparse
-        .map(|layer| (layer.name.clone(), layer.cout))
-        .chain(dense.map(|layer| (layer.name.clone(), layer.cout)))
-        .collect()
-}
 
 impl WeightSet {
     /// Whether there is a calibration: a checked set has all of its tensors then.

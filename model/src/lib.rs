@@ -16,13 +16,15 @@ mod tensors;
 mod untrained;
 mod validate;
 
-pub use calibration::{calibrated_layers, calibration_tensor};
 pub use error::ModelError;
 pub use file::{Model, model_bytes};
 pub use fold::{BATCH_NORM_EPS, Folded};
 pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
-pub use network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer};
+pub use network::{
+    DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, calibrated_layers,
+    calibration_tensor,
+};
 pub use tensors::{
     BASELINE, LOOKS, LOOKS_VALUES, LOOKS_WIDTHS, Tensor, WeightSet, expected_tensors,
 };

@@ -206,3 +206,18 @@ impl Network {
         ]
     }
 }
+
+/// Name of the tensor of a layer's range (`calibration.rs`).
+pub fn calibration_tensor(layer: &str) -> String {
+    format!("calibration.{layer}")
+}
+
+/// Name and output channels of every layer that has a range, in the order of computation.
+pub fn calibrated_layers(network: &Network) -> Vec<(String, usize)> {
+    let sparse = network.sparse.iter();
+    let dense = network.block1.iter().chain(&network.block2);
+    sparse
+        .map(|layer| (layer.name.clone(), layer.cout))
+        .chain(dense.map(|layer| (layer.name.clone(), layer.cout)))
+        .collect()
+}

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::calibration::{calibrated_layers, calibration_tensor};
 use crate::error::ModelError;
-use crate::network::Network;
+use crate::network::{Network, calibrated_layers, calibration_tensor};
 
 /// Tensors of this prefix belong to a baseline of the laboratory, which stands on the network: no robot reads them.
 pub const BASELINE: &str = "baseline.";

@@ -3,7 +3,9 @@
 
 use std::arch::x86_64::*;
 
-use super::{Kernel, Lists, Simd, list_avx512};
+use super::{Kernel, Lists, Simd};
+
+mod list;
 
 /// Made where the features are known only, so whoever holds one runs on a processor that has these registers and
 /// products.
@@ -168,6 +170,6 @@ impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
 
     #[inline(always)]
     fn list(self, index: &[u32], taps: usize, first: usize, lists: &mut Lists) {
-        list_avx512::list(self, index, taps, first, lists);
+        list::list(self, index, taps, first, lists);
     }
 }

@@ -17,8 +17,6 @@ mod cover;
 mod gradient_f32;
 mod level;
 mod list;
-#[cfg(target_arch = "x86_64")]
-mod list_avx512;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod pair;

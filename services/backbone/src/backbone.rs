@@ -1,65 +1,19 @@
 //! Points to feature rows: the stage as one function.
 
 use mluc_kernels::Bf16;
-use mluc_model::{Manifest, ModelError, WeightSet};
+use mluc_model::{Manifest, WeightSet};
 
+use crate::error::BackboneError;
+use crate::frame::Frame;
 use crate::layers::Layers;
 use crate::plane::Coverage;
 use crate::precision::Precision;
 use crate::quant_scale::QuantScale;
 use crate::trace::{Observer, Steps, Watch};
-use crate::voxelize::PointCounts;
 use crate::warm_up;
 
 /// The second one finds the memory of the first.
 const WARM_UP_FRAMES: usize = 2;
-
-/// Why the backbone cannot run.
-#[derive(Debug, thiserror::Error)]
-pub enum BackboneError {
-    /// The model does not fit.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// [`Backbone::write_rows`] was given room for another number of values.
-    #[error("features: room for {expected} {what} needed, {found} given")]
-    Room {
-        /// `cells` or `values`.
-        what: &'static str,
-        /// As [`Frame::rows`] says.
-        expected: usize,
-        /// Length of the slice.
-        found: usize,
-    },
-    /// Not the name of a precision.
-    #[error("precision: f32, bf16 or int8 expected, found `{found}`")]
-    Precision {
-        /// The name.
-        found: String,
-    },
-    /// A layer that bf16 cannot compute.
-    #[error(
-        "precision bf16: an even number of input channels expected in every layer, found {found}; run it in f32 or int8"
-    )]
-    OddChannels {
-        /// Input channels of the layer.
-        found: usize,
-    },
-    /// Int8 needs to know how large values get.
-    #[error(
-        "precision int8: a model with a calibration expected, found none; make one with `mluc-lab quantize --model FILE \
-         --data DIR --out FILE`, or run this model in f32 or bf16"
-    )]
-    NotCalibrated,
-}
-
-/// What a frame gave.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Frame {
-    /// What became of the points.
-    pub points: PointCounts,
-    /// Feature rows to be written.
-    pub rows: usize,
-}
 
 /// The network up to its feature rows, with all memory of a frame.
 ///

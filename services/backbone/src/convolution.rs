@@ -3,7 +3,7 @@
 use mluc_kernels::{Element, Epilogue, Gather};
 use mluc_model::Folded;
 
-use crate::backbone::BackboneError;
+use crate::error::BackboneError;
 use crate::precision::Value;
 
 /// Packed weights and bias of a layer that reads rows of `V`.

@@ -6,9 +6,9 @@
 use mluc_kernels::Gather;
 use mluc_model::{Folded, Network, WeightSet};
 
-use crate::backbone::BackboneError;
 use crate::cells::CellSet;
 use crate::convolution::Convolution;
+use crate::error::BackboneError;
 use crate::plane::PlaneLayer;
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;

@@ -2,10 +2,11 @@
 
 use mluc_model::{DenseLayer, Manifest, WeightSet};
 
-use crate::backbone::{BackboneError, Frame};
 use crate::bev;
 use crate::cells::CellSet;
+use crate::error::BackboneError;
 use crate::features::Features;
+use crate::frame::Frame;
 use crate::plane::{Coverage, PlaneLayer};
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;

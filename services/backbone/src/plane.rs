@@ -9,9 +9,9 @@ use mluc_kernels::{ABSENT, Gather, WeightsWinograd, WinogradTiles, convolve_wino
 use mluc_model::{DenseLayer, Folded, WeightSet};
 use rayon::prelude::*;
 
-use crate::backbone::BackboneError;
 use crate::cells::CellSet;
 use crate::convolution::{Convolution, response};
+use crate::error::BackboneError;
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 use crate::trace::Reads;

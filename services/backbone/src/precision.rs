@@ -5,7 +5,7 @@ use mluc_kernels::{
     convolve_int8,
 };
 
-use crate::backbone::BackboneError;
+use crate::error::BackboneError;
 
 /// What rows and weights hold between the first layer and the feature rows.
 ///

@@ -6,7 +6,7 @@
 
 use mluc_model::{Folded, WeightSet};
 
-use crate::backbone::BackboneError;
+use crate::error::BackboneError;
 
 /// The scale of each channel of a row; `None`: values are plain numbers.
 #[derive(Clone, Debug, Default)]

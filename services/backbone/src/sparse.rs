@@ -2,8 +2,8 @@
 
 use mluc_model::{Folded, Manifest, Network, WeightSet};
 
-use crate::backbone::BackboneError;
 use crate::convolution::Convolution;
+use crate::error::BackboneError;
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 use crate::rulebooks::{Rulebooks, sites_max};

@@ -6,7 +6,9 @@ mod captions;
 mod color;
 mod font;
 mod legend;
+mod view;
 
-pub use bird_eye::{BoxKind, DrawnBox, PointColor, View, bird_eye};
+pub use bird_eye::bird_eye;
 pub use canvas::{Canvas, Color, PictureError};
 pub use color::{label_color, ramp};
+pub use view::{BoxKind, DrawnBox, PointColor, View};

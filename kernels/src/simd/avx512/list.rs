@@ -3,12 +3,10 @@
 
 use std::arch::x86_64::*;
 
-use super::{
-    avx512::Avx512,
-    list::{GROUP, Lists},
-};
+use super::Avx512;
+use crate::simd::list::{GROUP, Lists};
 
-/// As [`super::Simd::list`]. The processor is proof that it has the registers.
+/// As [`crate::simd::Simd::list`]. The processor is proof that it has the registers.
 #[inline(always)]
 pub(super) fn list<const BF16: bool, const VNNI: bool>(
     _: Avx512<BF16, VNNI>,
