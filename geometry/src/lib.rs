@@ -1,8 +1,9 @@
-//! Boxes, rotated overlap, non-maximum suppression, frames of reference; the one random generator and the one quantile.
+//! Boxes, rotated overlap, non-maximum suppression, frames of reference; the one random generator, quantile and bootstrap.
 //!
 //! Sensor frame: x forward, y left, z up, metres. Angles in rad, yaw about +z, 0 along +x.
 //! Camera frame (KITTI "rect"): x right, y down, z forward, metres; [`Calibration`] goes between the two.
 
+mod bootstrap;
 mod boxes;
 mod calibration;
 mod image;
@@ -13,6 +14,7 @@ mod polygon;
 mod quantile;
 mod random;
 
+pub use bootstrap::{mean_and_spread, resample};
 pub use boxes::{Box3, limit_period};
 pub use calibration::{Calibration, CalibrationError, CameraBox};
 pub use image::{ImageSize, iou_2d, overlap_of_first_2d};

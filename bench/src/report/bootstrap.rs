@@ -4,7 +4,7 @@
 //! drawn: the interval would be far too narrow. Drawing whole blocks keeps that dependence (moving-block bootstrap, Künsch
 //! 1989). Blocks are a tenth of a round, so that slow drift inside of a run widens the interval as well.
 
-use mluc_geometry::Random;
+use mluc_geometry::{Random, resample};
 
 /// Blocks that make up a round; the degrees of freedom of the interval come from it.
 const BLOCKS_PER_ROUND: usize = 10;
@@ -91,12 +91,8 @@ pub(crate) fn scatter(
 /// As many values as `round` has, in blocks that begin anywhere.
 fn draw_blocks(round: &[f64], random: &mut Random, drawn: &mut Vec<f64>) {
     let length = round.len().div_ceil(BLOCKS_PER_ROUND).max(1);
-    let end = drawn.len() + round.len();
-    while drawn.len() < end {
-        let first = random.below(round.len() - length + 1);
-        let wanted = length.min(end - drawn.len());
-        drawn.extend_from_slice(&round[first..first + wanted]);
-    }
+    let indices = resample(round.len(), length, random).into_iter();
+    drawn.extend(indices.map(|i| round[i]));
 }
 
 /// The interval in which `b - a` lies with `confidence`; `a` and `b` were resampled independently. `start_scatter`: relative

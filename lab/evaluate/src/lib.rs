@@ -31,7 +31,7 @@ mod table;
 #[cfg(test)]
 mod testing;
 
-pub use bootstrap::{bootstrap, mean_and_spread};
+pub use bootstrap::bootstrap;
 pub use confusion::Confusion;
 pub use curve::{AveragePrecision, Curve, FrameCurve, harmonic_mean};
 pub use difficulty::{Difficulty, Metric};

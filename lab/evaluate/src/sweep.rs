@@ -1,10 +1,8 @@
 //! The threshold of the gate: open-set figures for many, and the choice of one (paper, section 4.3): the paper's way (on the test frames
 //! themselves, an oracle) and the honest one (on one half of the frames, judged on the other, and swapped).
 
-use crate::{
-    ClassRule, FrameTruth, JudgedFrames, OpenSetFigures, SensorDetection, harmonic_mean,
-    mean_and_spread,
-};
+use crate::{ClassRule, FrameTruth, JudgedFrames, OpenSetFigures, SensorDetection, harmonic_mean};
+use mluc_geometry::mean_and_spread;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -2,7 +2,8 @@
 
 use crate::Evaluated;
 use crate::report::{MeanSpread, MethodFigures, SpreadKind};
-use mluc_evaluate::{KNOWN_KEPT_MIN, SweepPoint, mean_and_spread};
+use mluc_evaluate::{KNOWN_KEPT_MIN, SweepPoint};
+use mluc_geometry::mean_and_spread;
 use std::collections::BTreeMap;
 
 /// One row from the evaluations of its seeds: the spread is over seeds where there are several, else over draws of the frames.

@@ -1,0 +1,50 @@
+//! The one bootstrap: what a draw takes of `count` things (Efron 1979; in blocks, Künsch 1989), and how far values lie apart.
+
+use crate::Random;
+
+/// As many indices as there are things, in runs of `block` neighbours (1 to `count`) that begin anywhere: what depends on its
+/// neighbours stays with them. Runs of 1 are the plain bootstrap.
+pub fn resample(count: usize, block: usize, random: &mut Random) -> Vec<usize> {
+    let mut drawn = Vec::with_capacity(count);
+    while drawn.len() < count {
+        let first = random.below(count - block + 1);
+        drawn.extend(first..first + block.min(count - drawn.len()));
+    }
+    drawn
+}
+
+/// Mean and standard deviation (n - 1) of some values; the deviation of fewer than two is 0.
+pub fn mean_and_spread(values: &[f64]) -> [f64; 2] {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    [mean, (squares / (count - 1.0).max(1.0)).sqrt()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_draw_has_as_many_in_runs_and_depends_on_the_seed() {
+        let draw = |seed, block| resample(1000, block, &mut Random::from_state(seed));
+        let mut seen = draw(1, 1);
+        seen.sort_unstable();
+        seen.dedup();
+        // 1 - 1/e of them: 632 in the mean, 15 either way is three deviations and more.
+        assert!((587..=677).contains(&seen.len()), "{}", seen.len());
+        assert!(draw(1, 1) == draw(1, 1) && draw(1, 1) != draw(2, 1));
+        let runs = draw(1, 70);
+        assert_eq!(runs.len(), 1000);
+        let joins = |pair: &[usize]| pair[0] + 1 == pair[1];
+        assert!(runs.chunks(70).all(|run| run.windows(2).all(joins)));
+        assert!(resample(0, 1, &mut Random::from_state(1)).is_empty());
+    }
+
+    #[test]
+    fn mean_and_deviation() {
+        assert_eq!(mean_and_spread(&[1.0, 3.0]), [2.0, 2.0f64.sqrt()]);
+        assert_eq!(mean_and_spread(&[5.0]), [5.0, 0.0]);
+        assert_eq!(mean_and_spread(&[]), [0.0, 0.0]);
+    }
+}
