@@ -7,8 +7,7 @@ use mluc_ipc_types::{
     Object, Point, RunDescription, Stage, Topic,
 };
 use mluc_runtime::{
-    Frames, Instance, Message, Next, Output, Shell, ShellOptions, Shutdown, log_to_stderr,
-    monotonic_ns,
+    Frames, Instance, Message, Next, Output, Shell, Shutdown, log_to_stderr, monotonic_ns,
 };
 
 use crate::error::Failure;
@@ -44,8 +43,7 @@ impl Refiner {
         log_to_stderr("refiner", "info");
         let instance = Instance::from_environment().map_err(Failure::open)?;
         let shutdown = Shutdown::on_signals().map_err(Failure::open)?;
-        let options = ShellOptions::new(instance);
-        let mut shell = Shell::stage(options, Stage::Refiner, shutdown).map_err(Failure::open)?;
+        let mut shell = Shell::stage(&instance, Stage::Refiner, shutdown).map_err(Failure::open)?;
         let objects = shell.output(&Topic::OBJECTS, OBJECTS_MAX);
         let object_points = shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX);
         let refiner = Refiner {
@@ -166,12 +164,12 @@ impl Refiner {
         loan.publish()?;
         self.let_go();
         self.frames.release();
-        let counters = &mut self.shell.counters;
+        let counters = &mut self.shell.health;
         counters.frames_in += 1;
         counters.frames_out += 1;
         counters.candidates.add(objects);
         counters.bytes_read = bytes_read;
-        counters.bytes_written = (size_of_val(objects) + size_of_val(indices)) as u64;
+        counters.bytes_written = (size_of_val(objects) + size_of_val(indices)) as u32;
         let started_ns = header.stages[Stage::Refiner as usize].started_ns;
         self.shell
             .record_run(monotonic_ns().saturating_sub(started_ns));

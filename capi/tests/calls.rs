@@ -12,7 +12,7 @@ use mluc_ipc_types::{
     CandidateCounts, Detection, Disposition, Flags, FrameHeader, HealthState, Object, ObjectKind,
     Point, RunDescription, Stage, Topic, WIRE_VERSION,
 };
-use mluc_runtime::{Input, Instance, Output, Shell, ShellOptions, Shutdown, monotonic_ns};
+use mluc_runtime::{Input, Instance, Output, Shell, Shutdown, monotonic_ns};
 
 /// A run of a model with two classes.
 fn description(run_id: u64) -> RunDescription {
@@ -35,8 +35,7 @@ struct Others {
 
 impl Others {
     fn new(instance: &Instance) -> Others {
-        let options = ShellOptions::new(instance.clone());
-        let mut shell = Shell::observer(options, None, Shutdown::manual()).unwrap();
+        let mut shell = Shell::observer(instance, None, Shutdown::manual()).unwrap();
         assert!(shell.begin_run(&description(1)).unwrap());
         Others {
             points: shell.output(&Topic::POINTS, 100).unwrap(),

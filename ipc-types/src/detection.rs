@@ -4,6 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::error::Result;
 use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader};
 
 /// Which side of the gate a detection lies on.
@@ -117,7 +118,7 @@ impl Detection {
         header: &FrameHeader,
         detections: &'a [Detection],
         classes: usize,
-    ) -> Result<&'a [Detection], ContractError> {
+    ) -> Result<&'a [Detection]> {
         let detections = Detection::counted(header, detections)?;
         for (index, detection) in detections.iter().enumerate() {
             detection.check(index, classes)?;
@@ -129,39 +130,17 @@ impl Detection {
     pub fn counted<'a>(
         header: &FrameHeader,
         detections: &'a [Detection],
-    ) -> Result<&'a [Detection], ContractError> {
+    ) -> Result<&'a [Detection]> {
         header.checked()?;
-        if detections.len() > DETECTIONS_MAX {
-            return Err(ContractError::TooLong {
-                what: "detections",
-                limit: DETECTIONS_MAX,
-                found: detections.len(),
-            });
-        }
+        ContractError::check_length("detections", detections.len(), DETECTIONS_MAX)?;
         Ok(detections)
     }
 
     /// Checks class, kind and numbers of the detection in a place of its message.
-    pub fn check(&self, index: usize, classes: usize) -> Result<(), ContractError> {
-        if self.class_id as usize >= classes {
-            return Err(ContractError::Index {
-                what: "class",
-                len: classes,
-                found: self.class_id as usize,
-            });
-        }
-        if self.kind > DetectionKind::Candidate as u32 {
-            return Err(ContractError::Value {
-                what: "kind of a detection",
-                found: self.kind,
-            });
-        }
-        if GateKind::from_number(self.gate).is_none() {
-            return Err(ContractError::Value {
-                what: "gate of a detection",
-                found: self.gate,
-            });
-        }
+    pub fn check(&self, index: usize, classes: usize) -> Result<()> {
+        ContractError::check_index("class", self.class_id as usize, classes)?;
+        ContractError::check_value("kind of a detection", self.kind, 2)?;
+        ContractError::check_value("gate of a detection", self.gate, GateKind::ALL.len())?;
         let numbers = self
             .center_m
             .iter()
@@ -171,10 +150,8 @@ impl Detection {
         let are_finite = numbers.copied().all(f32::is_finite);
         let is_sized = self.size_m.iter().all(|&side| side > 0.0);
         if !are_finite || !is_sized || !is_probability_or_none(self.unknown_probability) {
-            return Err(ContractError::NotFinite {
-                what: "detection",
-                index,
-            });
+            let what = "detection";
+            return Err(ContractError::NotFinite { what, index });
         }
         Ok(())
     }
@@ -189,79 +166,59 @@ impl Detection {
 mod tests {
     use super::*;
 
-    fn check(change: impl FnOnce(&mut Detection)) -> Result<(), ContractError> {
+    /// A change, and how the error about it begins.
+    type Change = (fn(&mut Detection), &'static str);
+
+    /// What is said about a detection with one field changed; empty: it passes.
+    fn said(change: fn(&mut Detection)) -> String {
         let mut detection = Detection {
             size_m: [4.0, 2.0, 1.5],
             ..Detection::default()
         };
         change(&mut detection);
-        Detection::checked(&FrameHeader::new(0, "a"), &[detection], 3).map(|_| ())
+        match Detection::checked(&FrameHeader::new(0, "a"), &[detection], 3) {
+            Ok(_) => String::new(),
+            Err(error) => error.to_string(),
+        }
     }
 
     #[test]
-    fn a_sound_detection_passes() {
-        assert_eq!(check(|_| ()), Ok(()));
-        assert_eq!(check(|d| d.kind = DetectionKind::Candidate as u32), Ok(()));
-    }
-
-    #[test]
-    fn class_and_kind_are_checked() {
-        assert!(matches!(
-            check(|d| d.class_id = 3),
-            Err(ContractError::Index {
-                found: 3,
-                len: 3,
-                ..
-            })
-        ));
-        assert!(matches!(
-            check(|d| d.class_id = u32::MAX),
-            Err(ContractError::Index { .. })
-        ));
-        assert!(matches!(
-            check(|d| d.kind = 2),
-            Err(ContractError::Value { found: 2, .. })
-        ));
-        assert!(matches!(
-            check(|d| d.gate = 4),
-            Err(ContractError::Value { found: 4, .. })
-        ));
-    }
-
-    #[test]
-    fn numbers_are_checked() {
-        let refused = |change: fn(&mut Detection)| {
-            matches!(check(change), Err(ContractError::NotFinite { .. }))
-        };
-        assert!(refused(|d| d.center_m[0] = f32::NAN));
-        assert!(refused(|d| d.yaw_rad = f32::INFINITY));
-        assert!(refused(|d| d.eds = f32::NAN));
-        assert!(refused(|d| d.size_m[1] = 0.0));
-        assert!(refused(|d| d.size_m[1] = -1.0));
-        assert!(refused(|d| d.unknown_probability = 1.5));
-        assert!(refused(|d| d.unknown_probability = f32::NAN));
-        assert_eq!(check(|d| d.unknown_probability = NO_PROBABILITY), Ok(()));
+    fn what_breaks_the_contract_is_named() {
+        assert_eq!(said(|_| ()), "");
+        assert_eq!(said(|d| d.kind = DetectionKind::Candidate as u32), "");
+        assert_eq!(said(|d| d.unknown_probability = NO_PROBABILITY), "");
+        let changes: [Change; 11] = [
+            (|d| d.class_id = 3, "class: index 3 outside of 3"),
+            (|d| d.class_id = u32::MAX, "class: index 4294967295"),
+            (|d| d.kind = 2, "kind of a detection: 2 is"),
+            (|d| d.gate = 4, "gate of a detection: 4 is"),
+            (|d| d.center_m[0] = f32::NAN, "detection: entry 0"),
+            (|d| d.yaw_rad = f32::INFINITY, "detection: entry 0"),
+            (|d| d.eds = f32::NAN, "detection: entry 0"),
+            (|d| d.size_m[1] = 0.0, "detection: entry 0"),
+            (|d| d.size_m[1] = -1.0, "detection: entry 0"),
+            (|d| d.unknown_probability = 1.5, "detection: entry 0"),
+            (|d| d.unknown_probability = f32::NAN, "detection: entry"),
+        ];
+        for (change, expected) in changes {
+            let error = said(change);
+            assert!(error.starts_with(expected), "{expected}: {error}");
+        }
     }
 
     #[test]
     fn too_many_or_another_version_are_errors() {
-        let many = vec![
-            Detection {
-                size_m: [1.0; 3],
-                ..Detection::default()
-            };
-            DETECTIONS_MAX + 1
-        ];
+        let sound = Detection {
+            size_m: [1.0; 3],
+            ..Detection::default()
+        };
+        let many = vec![sound; DETECTIONS_MAX + 1];
         let mut header = FrameHeader::new(0, "a");
         assert!(Detection::checked(&header, &many[1..], 1).is_ok());
-        assert!(matches!(
-            Detection::checked(&header, &many, 1),
-            Err(ContractError::TooLong { .. })
-        ));
+        let error = Detection::checked(&header, &many, 1).unwrap_err();
+        assert!(matches!(error, ContractError::TooLong { .. }));
         header.wire_version = 0;
-        assert!(matches!(
-            Detection::checked(&header, &[], 1),
-            Err(ContractError::WireVersion { found: 0, .. })
-        ));
+        let error = Detection::checked(&header, &[], 1).unwrap_err();
+        assert!(matches!(error, ContractError::WireVersion { found: 0, .. }));
     }
 }

@@ -1,90 +1,99 @@
 //! What a consumer answers to a message that breaks the contract.
 
+pub(crate) type Result<T> = std::result::Result<T, ContractError>;
+
 /// A message that breaks the contract; each variant names what was expected and what was found.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs)] // The message above each variant says what its fields are.
 pub enum ContractError {
     /// The other side was built with another contract.
     #[error(
         "wire version {found} of the sender, expected {expected}: run the same mluc on both sides"
     )]
-    WireVersion {
-        /// Ours.
-        expected: u32,
-        /// The sender's.
-        found: u32,
-    },
+    WireVersion { expected: u32, found: u32 },
     /// A length beyond its bound.
     #[error("{what}: {found} exceeds the limit of {limit}")]
     TooLong {
-        /// Which length.
         what: &'static str,
-        /// The bound.
         limit: usize,
-        /// The length read.
         found: usize,
     },
-    /// Two lengths that must agree.
+    /// Two quantities that must agree.
     #[error("{what}: expected {expected}, found {found}")]
     Mismatch {
-        /// Which quantity.
         what: &'static str,
-        /// By the header or the model.
         expected: u64,
-        /// In the message.
         found: u64,
     },
     /// An index outside of what it points into.
     #[error("{what}: index {found} outside of {len} entries")]
     Index {
-        /// Which index.
         what: &'static str,
-        /// Entries there.
         len: usize,
-        /// The index read.
         found: usize,
     },
     /// A number that is none of an enum's values.
     #[error("{what}: {found} is no known value")]
-    Value {
-        /// Which enum.
-        what: &'static str,
-        /// The number read.
-        found: u32,
-    },
+    Value { what: &'static str, found: u32 },
     /// A message of another run of the pipeline.
     #[error("run {found:016x} of the sender, this run is {expected:016x}")]
-    OtherRun {
-        /// [`crate::RunDescription::run_id`] of this run.
-        expected: u64,
-        /// The sender's.
-        found: u64,
-    },
-    /// A frame that goes back, or that ingest has not sent.
+    OtherRun { expected: u64, found: u64 },
+    /// A frame that goes back (`first` is the last one seen), or that ingest has not sent.
     #[error(
         "sequence {found}: expected at least {first} and less than {end}, the frames that ingest has sent"
     )]
-    Sequence {
-        /// The last one seen.
-        first: u64,
-        /// Frames that ingest has sent.
-        end: u64,
-        /// The sender's.
-        found: u64,
-    },
+    Sequence { first: u64, end: u64, found: u64 },
     /// Numbers that contradict each other or the contract.
     #[error("{what}: entry {index} breaks the contract")]
-    Inconsistent {
-        /// Which rule.
-        what: &'static str,
-        /// Where.
-        index: usize,
-    },
+    Inconsistent { what: &'static str, index: usize },
     /// A number that is not finite.
     #[error("{what}: entry {index} is not finite")]
-    NotFinite {
-        /// Which quantity.
-        what: &'static str,
-        /// Where.
-        index: usize,
-    },
+    NotFinite { what: &'static str, index: usize },
+}
+
+impl ContractError {
+    /// Refuses another wire version than ours.
+    pub(crate) fn check_version(found: u32) -> Result<()> {
+        let expected = crate::WIRE_VERSION;
+        if found == expected {
+            return Ok(());
+        }
+        Err(ContractError::WireVersion { expected, found })
+    }
+
+    /// Refuses a length above its limit.
+    pub(crate) fn check_length(what: &'static str, found: usize, limit: usize) -> Result<()> {
+        if found <= limit {
+            return Ok(());
+        }
+        Err(ContractError::TooLong { what, limit, found })
+    }
+
+    /// Refuses an index outside of `len` entries.
+    pub(crate) fn check_index(what: &'static str, found: usize, len: usize) -> Result<()> {
+        if found < len {
+            return Ok(());
+        }
+        Err(ContractError::Index { what, len, found })
+    }
+
+    /// Refuses a number that is none of an enum's `values`, which begin at 0.
+    pub(crate) fn check_value(what: &'static str, found: u32, values: usize) -> Result<()> {
+        if (found as usize) < values {
+            return Ok(());
+        }
+        Err(ContractError::Value { what, found })
+    }
+
+    /// Refuses two quantities that differ.
+    pub(crate) fn check_equal(what: &'static str, found: u64, expected: u64) -> Result<()> {
+        if found == expected {
+            return Ok(());
+        }
+        Err(ContractError::Mismatch {
+            what,
+            expected,
+            found,
+        })
+    }
 }

@@ -8,6 +8,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::error::Result;
 use crate::{CELLS_MAX, ContractError, FEATURE_CHANNELS_MAX, FrameHeader};
 
 /// 64 bytes, aligned: rows can be read by the widest vector units.
@@ -46,45 +47,18 @@ impl<'a> FeatureRows<'a> {
         blocks: &'a [FeatureBlock],
         map_cells: usize,
         channels: usize,
-    ) -> Result<FeatureRows<'a>, ContractError> {
+    ) -> Result<FeatureRows<'a>> {
         header.checked()?;
         let rows = header.feature_rows as usize;
         let map_cells = map_cells.min(CELLS_MAX);
-        if rows > map_cells {
-            return Err(ContractError::TooLong {
-                what: "feature rows",
-                limit: map_cells,
-                found: rows,
-            });
-        }
-        if channels > FEATURE_CHANNELS_MAX {
-            return Err(ContractError::TooLong {
-                what: "feature channels",
-                limit: FEATURE_CHANNELS_MAX,
-                found: channels,
-            });
-        }
-        let mismatch = |what, expected: usize, found: usize| {
-            Err(ContractError::Mismatch {
-                what,
-                expected: expected as u64,
-                found: found as u64,
-            })
-        };
-        if header.feature_channels as usize != channels || !channels.is_multiple_of(16) {
-            return mismatch(
-                "feature channels",
-                channels,
-                header.feature_channels as usize,
-            );
-        }
-        if blocks.len() != feature_blocks(rows, channels) {
-            return mismatch(
-                "feature blocks",
-                feature_blocks(rows, channels),
-                blocks.len(),
-            );
-        }
+        ContractError::check_length("feature rows", rows, map_cells)?;
+        ContractError::check_length("feature channels", channels, FEATURE_CHANNELS_MAX)?;
+        let what = "feature channels";
+        ContractError::check_equal(what, header.feature_channels.into(), channels as u64)?;
+        let whole = channels.next_multiple_of(16) as u64;
+        ContractError::check_equal(what, channels as u64, whole)?;
+        let expected = feature_blocks(rows, channels) as u64;
+        ContractError::check_equal("feature blocks", blocks.len() as u64, expected)?;
         let (cells, values) = blocks.split_at(rows.div_ceil(16));
         let cells: &[u32] = &bytemuck::cast_slice(cells)[..rows];
         let ascending = cells.windows(2).all(|pair| pair[0] < pair[1]);
@@ -134,90 +108,57 @@ mod tests {
         (header, blocks)
     }
 
-    fn check<'a>(
-        header: &FrameHeader,
-        blocks: &'a [FeatureBlock],
-    ) -> Result<FeatureRows<'a>, ContractError> {
-        FeatureRows::checked(header, blocks, MAP_CELLS, CHANNELS)
+    fn check(header: &FrameHeader, blocks: &[FeatureBlock]) -> Result<()> {
+        FeatureRows::checked(header, blocks, MAP_CELLS, CHANNELS).map(drop)
     }
 
     #[test]
     fn what_is_written_is_read() {
         for rows in [0, 1, 15, 16, 17, 100] {
             let (header, blocks) = message(rows);
-            let read = check(&header, &blocks).unwrap();
-            assert_eq!(read.cells.len(), rows);
-            assert!(
-                read.cells
-                    .iter()
-                    .enumerate()
-                    .all(|(row, &cell)| cell == 3 * (row as u32 + 1))
-            );
-            assert_eq!(read.rows.len(), rows * CHANNELS);
-            assert!(
-                read.rows
-                    .iter()
-                    .enumerate()
-                    .all(|(number, &value)| value == number as f32)
-            );
+            let read = FeatureRows::checked(&header, &blocks, MAP_CELLS, CHANNELS).unwrap();
+            let cells: Vec<u32> = (1..=rows as u32).map(|row| 3 * row).collect();
+            let values: Vec<f32> = (0..rows * CHANNELS).map(|number| number as f32).collect();
+            assert_eq!((read.cells, read.rows), (&cells[..], &values[..]));
         }
     }
 
     #[test]
     fn lengths_must_agree() {
-        let (mut header, blocks) = message(20);
-        assert!(matches!(
-            check(&header, &blocks[1..]),
-            Err(ContractError::Mismatch { .. })
-        ));
-        header.feature_rows = 21;
-        assert!(matches!(
-            check(&header, &blocks),
-            Err(ContractError::Mismatch { .. })
-        ));
-        header.feature_rows = u32::MAX;
-        assert!(matches!(
-            check(&header, &blocks),
-            Err(ContractError::TooLong { .. })
-        ));
-        header.feature_rows = 20;
-        header.feature_channels = 48;
-        assert!(matches!(
-            check(&header, &blocks),
-            Err(ContractError::Mismatch { .. })
-        ));
+        let (sound, blocks) = message(20);
+        let error = |rows, channels, blocks: &[FeatureBlock]| {
+            let mut header = sound;
+            (header.feature_rows, header.feature_channels) = (rows, channels);
+            check(&header, blocks).unwrap_err().to_string()
+        };
+        assert!(error(20, 32, &blocks[1..]).contains("blocks: expected 42, found 41"));
+        assert!(error(21, 32, &blocks).contains("blocks: expected 44, found 42"));
+        assert!(error(u32::MAX, 32, &blocks).contains("exceeds the limit of 400"));
+        assert!(error(20, 48, &blocks).contains("channels: expected 32, found 48"));
     }
 
     #[test]
     fn cells_must_ascend_and_lie_on_the_map() {
-        let (header, mut blocks) = message(20);
-        blocks[0].0[4] = f32::from_bits(1);
-        assert!(matches!(
-            check(&header, &blocks),
-            Err(ContractError::Index { .. })
-        ));
-        let (header, mut blocks) = message(20);
-        blocks[1].0[3] = f32::from_bits(MAP_CELLS as u32);
-        assert!(matches!(
-            check(&header, &blocks),
-            Err(ContractError::Index { .. })
-        ));
-        blocks[1].0[3] = f32::from_bits(MAP_CELLS as u32 - 1);
-        assert!(check(&header, &blocks).is_ok());
+        let changed = |block: usize, place: usize, cell: usize| {
+            let (header, mut blocks) = message(20);
+            blocks[block].0[place] = f32::from_bits(cell as u32);
+            check(&header, &blocks)
+        };
+        for (block, place, cell) in [(0, 4, 1), (1, 3, MAP_CELLS)] {
+            let error = changed(block, place, cell).unwrap_err();
+            assert!(matches!(error, ContractError::Index { .. }));
+        }
+        assert_eq!(changed(1, 3, MAP_CELLS - 1), Ok(()));
     }
 
     #[test]
     fn too_many_channels_or_another_version_are_errors() {
         let (mut header, blocks) = message(4);
         let wide = FEATURE_CHANNELS_MAX + 16;
-        assert!(matches!(
-            FeatureRows::checked(&header, &blocks, MAP_CELLS, wide),
-            Err(ContractError::TooLong { .. })
-        ));
+        let error = FeatureRows::checked(&header, &blocks, MAP_CELLS, wide).unwrap_err();
+        assert!(matches!(error, ContractError::TooLong { .. }));
         header.wire_version = crate::WIRE_VERSION + 1;
-        assert!(matches!(
-            check(&header, &blocks),
-            Err(ContractError::WireVersion { .. })
-        ));
+        let error = check(&header, &blocks).unwrap_err();
+        assert!(matches!(error, ContractError::WireVersion { .. }));
     }
 }

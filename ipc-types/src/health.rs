@@ -4,7 +4,8 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::{CandidateCounts, ContractError, REASON_MAX, Stage, Text, WIRE_VERSION};
+use crate::error::Result;
+use crate::{CandidateCounts, ContractError, REASON_MAX, Stage, Text};
 
 /// The state words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,18 +95,11 @@ const _: () = assert!(size_of::<Health>() == 176 + REASON_MAX);
 
 impl Health {
     /// Checks a heartbeat: version, stage, state, process, and counts and times that can be.
-    pub fn checked(&self) -> Result<(Stage, HealthState), ContractError> {
-        if self.wire_version != WIRE_VERSION {
-            return Err(ContractError::WireVersion {
-                expected: WIRE_VERSION,
-                found: self.wire_version,
-            });
-        }
-        let bad = |what, found| ContractError::Value { what, found };
-        let stage = Stage::ALL.get(self.stage as usize);
-        let state = HealthState::ALL.get(self.state as usize);
-        let stage = *stage.ok_or(bad("stage of a heartbeat", self.stage))?;
-        let state = *state.ok_or(bad("state of a heartbeat", self.state))?;
+    pub fn checked(&self) -> Result<(Stage, HealthState)> {
+        let (stage, state) = (self.stage as usize, self.state as usize);
+        ContractError::check_version(self.wire_version)?;
+        ContractError::check_value("stage of a heartbeat", self.stage, Stage::ALL.len())?;
+        ContractError::check_value("state of a heartbeat", self.state, HealthState::ALL.len())?;
         let can_be = self.pid != 0
             && self.frames_out <= self.frames_in
             && self.run_p50_us <= self.run_p99_us
@@ -113,10 +107,10 @@ impl Health {
         if !can_be {
             return Err(ContractError::Inconsistent {
                 what: "process, counts and times of a heartbeat",
-                index: self.stage as usize,
+                index: stage,
             });
         }
-        Ok((stage, state))
+        Ok((Stage::ALL[stage], HealthState::ALL[state]))
     }
 
     /// The reason; empty when there is none.
@@ -128,6 +122,10 @@ impl Health {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::WIRE_VERSION;
+
+    /// A change, and how the error about it begins.
+    type Change = (fn(&mut Health), &'static str);
 
     #[test]
     fn a_heartbeat_is_checked() {
@@ -142,36 +140,21 @@ mod tests {
         };
         assert_eq!(health.checked(), Ok((Stage::Head, HealthState::Degraded)));
         assert_eq!(health.reason(), "slow");
-        let changes: [fn(&mut Health); 4] = [
-            |health| health.pid = 0,
-            |health| health.frames_out = 2,
-            |health| health.run_p50_us = 1,
-            |health| health.run_p99_us = u32::MAX,
+        let changes: [Change; 7] = [
+            (|h| h.pid = 0, "process, counts and times"),
+            (|h| h.frames_out = 2, "process, counts and times"),
+            (|h| h.run_p50_us = 1, "process, counts and times"),
+            (|h| h.run_p99_us = u32::MAX, "process, counts and times"),
+            (|h| h.state = 6, "state of a heartbeat: 6 is"),
+            (|h| h.stage = 4, "stage of a heartbeat: 4 is"),
+            (|h| h.wire_version = 9, "wire version 9"),
         ];
-        for change in changes {
+        for (change, expected) in changes {
             let mut health = health;
             change(&mut health);
-            assert!(matches!(
-                health.checked(),
-                Err(ContractError::Inconsistent { .. })
-            ));
+            let error = health.checked().unwrap_err().to_string();
+            assert!(error.starts_with(expected), "{error}");
         }
-        health.state = 6;
-        assert!(matches!(
-            health.checked(),
-            Err(ContractError::Value { found: 6, .. })
-        ));
-        health.state = 0;
-        health.stage = 4;
-        assert!(matches!(
-            health.checked(),
-            Err(ContractError::Value { found: 4, .. })
-        ));
-        health.wire_version = 9;
-        assert!(matches!(
-            health.checked(),
-            Err(ContractError::WireVersion { found: 9, .. })
-        ));
         health.reason = [0xff; REASON_MAX];
         assert_eq!(health.reason(), "?");
     }

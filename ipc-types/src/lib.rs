@@ -27,5 +27,5 @@ pub use limits::*;
 pub use object::{Disposition, Object, ObjectKind};
 pub use point::Point;
 pub use run::RunDescription;
-pub use services::{TOPICS, Topic};
+pub use services::Topic;
 pub use text::Text;

@@ -5,6 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::detection::is_probability_or_none;
+use crate::error::Result;
 use crate::{
     ContractError, FOOTPRINT_MAX, FrameHeader, GateKind, OBJECT_POINTS_MAX, OBJECTS_MAX, Stage,
 };
@@ -147,15 +148,9 @@ impl Object {
         header: &FrameHeader,
         objects: &'a [Object],
         classes: usize,
-    ) -> Result<&'a [Object], ContractError> {
+    ) -> Result<&'a [Object]> {
         header.checked()?.checked_stamps(Stage::Refiner)?;
-        if objects.len() > OBJECTS_MAX {
-            return Err(ContractError::TooLong {
-                what: "objects",
-                limit: OBJECTS_MAX,
-                found: objects.len(),
-            });
-        }
+        ContractError::check_length("objects", objects.len(), OBJECTS_MAX)?;
         for (index, o) in objects.iter().enumerate() {
             o.check(index, objects.len(), classes)?;
             o.check_meaning(index, objects)?;
@@ -163,50 +158,20 @@ impl Object {
         Ok(objects)
     }
 
-    fn check(&self, index: usize, objects: usize, classes: usize) -> Result<(), ContractError> {
-        let bound = |what, found: u32, len: usize| {
-            if (found as usize) < len {
-                Ok(())
-            } else {
-                Err(ContractError::Index {
-                    what,
-                    len,
-                    found: found as usize,
-                })
-            }
-        };
-        if self.kind > ObjectKind::Unknown as u32 {
-            return Err(ContractError::Value {
-                what: "kind of an object",
-                found: self.kind,
-            });
-        }
-        if self.disposition as usize >= Disposition::ALL.len() {
-            return Err(ContractError::Value {
-                what: "disposition of an object",
-                found: self.disposition,
-            });
-        }
-        if GateKind::from_number(self.gate).is_none() {
-            return Err(ContractError::Value {
-                what: "gate of an object",
-                found: self.gate,
-            });
-        }
+    fn check(&self, index: usize, objects: usize, classes: usize) -> Result<()> {
+        ContractError::check_value("kind of an object", self.kind, 2)?;
+        let dispositions = Disposition::ALL.len();
+        ContractError::check_value("disposition of an object", self.disposition, dispositions)?;
+        ContractError::check_value("gate of an object", self.gate, GateKind::ALL.len())?;
         if self.suppressed_by != Object::NONE {
-            bound("suppressing object", self.suppressed_by, objects)?;
+            let suppressor = self.suppressed_by as usize;
+            ContractError::check_index("suppressing object", suppressor, objects)?;
         }
-        bound("class", self.class_id, classes)?;
-        bound("footprint corners", self.footprint_count, FOOTPRINT_MAX + 1)?;
-        let points_end = u64::from(self.points_first) + u64::from(self.points_count);
-        if points_end > OBJECT_POINTS_MAX as u64 {
-            return Err(ContractError::Index {
-                what: "object points",
-                len: OBJECT_POINTS_MAX,
-                found: points_end as usize,
-            });
-        }
-        let corners = &self.footprint_m[..self.footprint_count as usize];
+        ContractError::check_index("class", self.class_id as usize, classes)?;
+        let corners = self.footprint_count as usize;
+        ContractError::check_length("footprint corners", corners, FOOTPRINT_MAX)?;
+        ContractError::check_length("object points", self.points_end(), OBJECT_POINTS_MAX)?;
+        let corners = &self.footprint_m[..corners];
         let numbers = self
             .center_m
             .iter()
@@ -215,18 +180,15 @@ impl Object {
             .chain([&self.eds_normalised, &self.threshold, &self.overlap])
             .chain(corners.iter().flatten());
         let are_finite = numbers.copied().all(f32::is_finite);
-        if are_finite && is_probability_or_none(self.unknown_probability) {
-            Ok(())
-        } else {
-            Err(ContractError::NotFinite {
-                what: "object",
-                index,
-            })
+        if !are_finite || !is_probability_or_none(self.unknown_probability) {
+            let what = "object";
+            return Err(ContractError::NotFinite { what, index });
         }
+        Ok(())
     }
 
     /// What the disposition promises.
-    fn check_meaning(&self, index: usize, objects: &[Object]) -> Result<(), ContractError> {
+    fn check_meaning(&self, index: usize, objects: &[Object]) -> Result<()> {
         let broken = |what| Err(ContractError::Inconsistent { what, index });
         let suppressor = objects.get(self.suppressed_by as usize);
         let expected = match self.disposition {
@@ -251,20 +213,10 @@ impl Object {
     }
 
     /// Checks that the points of all objects lie inside of the `object_points` message of the frame.
-    pub fn checked_ranges(objects: &[Object], object_points: usize) -> Result<(), ContractError> {
-        let end = |o: &Object| u64::from(o.points_first) + u64::from(o.points_count);
-        match objects
-            .iter()
-            .map(end)
-            .find(|&end| end > object_points as u64)
-        {
-            None => Ok(()),
-            Some(end) => Err(ContractError::Index {
-                what: "range of an object's points",
-                len: object_points,
-                found: end as usize,
-            }),
-        }
+    pub fn checked_ranges(objects: &[Object], object_points: usize) -> Result<()> {
+        let what = "range of an object's points";
+        let end = objects.iter().map(Object::points_end).max().unwrap_or(0);
+        ContractError::check_length(what, end, object_points)
     }
 
     /// Checks an `object_points` message: version, count, and every index against the `points` of the scan.
@@ -272,23 +224,18 @@ impl Object {
         header: &FrameHeader,
         indices: &'a [u32],
         points: usize,
-    ) -> Result<&'a [u32], ContractError> {
+    ) -> Result<&'a [u32]> {
         header.checked()?;
-        if indices.len() > OBJECT_POINTS_MAX {
-            return Err(ContractError::TooLong {
-                what: "object points",
-                limit: OBJECT_POINTS_MAX,
-                found: indices.len(),
-            });
+        ContractError::check_length("object points", indices.len(), OBJECT_POINTS_MAX)?;
+        if let Some(&largest) = indices.iter().max() {
+            ContractError::check_index("point of an object", largest as usize, points)?;
         }
-        match indices.iter().find(|&&index| index as usize >= points) {
-            None => Ok(indices),
-            Some(&index) => Err(ContractError::Index {
-                what: "point of an object",
-                len: points,
-                found: index as usize,
-            }),
-        }
+        Ok(indices)
+    }
+
+    /// One more than its last entry in `object_points`.
+    fn points_end(&self) -> usize {
+        self.points_first as usize + self.points_count as usize
     }
 
     /// Published, and not suppressed.
@@ -301,6 +248,9 @@ impl Object {
 mod tests {
     use super::*;
 
+    /// A change, and how the error about it begins.
+    type Change = (fn(&mut Object), &'static str);
+
     fn object() -> Object {
         Object {
             suppressed_by: Object::NONE,
@@ -310,81 +260,64 @@ mod tests {
         }
     }
 
-    fn check(change: impl FnOnce(&mut Object)) -> Result<(), ContractError> {
+    /// What is said about an object with one field changed; empty: it passes.
+    fn said(change: fn(&mut Object)) -> String {
         let mut object = object();
         change(&mut object);
-        Object::checked(&FrameHeader::new(0, "a"), &[object], 3).map(|_| ())
+        match Object::checked(&FrameHeader::new(0, "a"), &[object], 3) {
+            Ok(_) => String::new(),
+            Err(error) => error.to_string(),
+        }
     }
 
     #[test]
-    fn a_sound_object_passes() {
-        assert_eq!(check(|_| ()), Ok(()));
-        assert_eq!(check(|o| o.footprint_count = FOOTPRINT_MAX as u32), Ok(()));
-    }
-
-    #[test]
-    fn an_enum_value_out_of_range_is_an_error() {
-        assert!(matches!(
-            check(|o| o.kind = 2),
-            Err(ContractError::Value { found: 2, .. })
-        ));
-        let beyond = Disposition::ALL.len() as u32;
-        assert!(matches!(
-            check(|o| o.disposition = beyond),
-            Err(ContractError::Value { found, .. }) if found == beyond
-        ));
-    }
-
-    #[test]
-    fn an_index_out_of_range_is_an_error() {
-        let refused =
-            |change: fn(&mut Object)| matches!(check(change), Err(ContractError::Index { .. }));
-        assert!(refused(|o| o.class_id = 3));
-        assert!(refused(|o| o.suppressed_by = 1));
-        assert!(refused(|o| o.footprint_count = FOOTPRINT_MAX as u32 + 1));
-        assert!(refused(|o| o.points_first = OBJECT_POINTS_MAX as u32 + 1));
-        assert!(refused(
-            |o| (o.points_first, o.points_count) = (u32::MAX, u32::MAX)
-        ));
-    }
-
-    #[test]
-    fn a_number_that_is_not_finite_is_an_error() {
-        let refused =
-            |change: fn(&mut Object)| matches!(check(change), Err(ContractError::NotFinite { .. }));
-        assert!(refused(|o| o.center_m[1] = f32::NAN));
-        assert!(refused(|o| o.size_m[2] = f32::INFINITY));
-        assert!(refused(|o| o.eds = f32::NAN));
-        assert!(refused(|o| o.footprint_m[3][1] = f32::NEG_INFINITY));
-        assert_eq!(
-            check(|o| o.footprint_m[4][0] = f32::NAN),
-            Ok(()),
-            "a corner that is not in use"
-        );
-    }
-
-    #[test]
-    fn what_the_disposition_promises_is_checked() {
-        let refused = |change: fn(&mut Object)| {
-            matches!(check(change), Err(ContractError::Inconsistent { .. }))
+    fn what_breaks_the_contract_is_named() {
+        let sound: [fn(&mut Object); 4] = [
+            |_| (),
+            |o| o.footprint_count = FOOTPRINT_MAX as u32,
+            // A corner that is not in use.
+            |o| o.footprint_m[4][0] = f32::NAN,
+            // What is not published needs no size and no outline.
+            |o| (o.disposition, o.size_m, o.footprint_count) = (5, [0.0; 3], 0),
+        ];
+        for change in sound {
+            assert_eq!(said(change), "");
+        }
+        let changes: [Change; 19] = [
+            (|o| o.kind = 2, "kind of an object: 2 is"),
+            (|o| o.disposition = 8, "disposition of an object: 8 is"),
+            (|o| o.gate = 4, "gate of an object: 4 is"),
+            (|o| o.class_id = 3, "class: index 3 outside of 3"),
+            (|o| o.suppressed_by = 1, "suppressing object: index 1"),
+            (|o| o.footprint_count = 17, "footprint corners: 17"),
+            (|o| o.points_first = 131_073, "object points: 131073"),
+            (|o| o.points_count = u32::MAX, "object points: 4294967295"),
+            (|o| o.center_m[1] = f32::NAN, "object: entry 0"),
+            (|o| o.size_m[2] = f32::INFINITY, "object: entry 0"),
+            (|o| o.eds = f32::NAN, "object: entry 0"),
+            (|o| o.footprint_m[3][1] = -f32::INFINITY, "object: entry 0"),
+            (|o| o.size_m[1] = 0.0, "size of a published"),
+            (|o| o.size_m[2] = -1.0, "size of a published"),
+            (|o| o.footprint_count = 2, "outline of a published"),
+            (|o| o.overlap = 1.5, "overlap of an object: entry 0"),
+            (|o| o.overlap = -0.5, "overlap of an object: entry 0"),
+            (|o| o.suppressed_by = 0, "which object suppresses"),
+            (|o| o.disposition = 1, "which object suppresses"),
+        ];
+        for (change, expected) in changes {
+            let error = said(change);
+            assert!(error.starts_with(expected), "{expected}: {error}");
+        }
+        let far = Object {
+            points_first: u32::MAX,
+            points_count: u32::MAX,
+            ..object()
         };
-        assert!(refused(|o| o.size_m[1] = 0.0));
-        assert!(refused(|o| o.size_m[2] = -1.0));
-        assert!(refused(|o| o.footprint_count = 2));
-        assert!(refused(|o| o.overlap = 1.5));
-        assert!(refused(|o| o.overlap = -0.5));
-        assert!(refused(|o| o.suppressed_by = 0), "itself");
-        assert!(refused(
-            |o| o.disposition = Disposition::OverlapsKnown as u32
-        ));
-        assert_eq!(
-            check(|o| {
-                o.disposition = Disposition::InvalidBox as u32;
-                (o.size_m, o.footprint_count) = ([0.0; 3], 0);
-            }),
-            Ok(()),
-            "what is not published needs no size"
-        );
+        assert!(Object::checked(&FrameHeader::new(0, "a"), &[far], 3).is_err());
+    }
+
+    #[test]
+    fn suppressors_stamps_and_ranges_are_checked() {
         let covered = Object {
             disposition: Disposition::OverlapsUnknown as u32,
             suppressed_by: 1,
@@ -409,32 +342,22 @@ mod tests {
     fn too_many_objects_or_another_version_are_errors() {
         let many = vec![object(); OBJECTS_MAX + 1];
         let mut header = FrameHeader::new(0, "a");
-        assert!(matches!(
-            Object::checked(&header, &many, 3),
-            Err(ContractError::TooLong { .. })
-        ));
+        let error = Object::checked(&header, &many, 3).unwrap_err();
+        assert!(matches!(error, ContractError::TooLong { .. }));
         header.wire_version += 1;
-        assert!(matches!(
-            Object::checked(&header, &[], 3),
-            Err(ContractError::WireVersion { .. })
-        ));
+        let error = Object::checked(&header, &[], 3).unwrap_err();
+        assert!(matches!(error, ContractError::WireVersion { .. }));
     }
 
     #[test]
     fn point_indices_are_checked_against_the_scan() {
-        let header = FrameHeader::new(0, "a");
-        assert_eq!(
-            Object::checked_points(&header, &[0, 9], 10),
-            Ok(&[0, 9][..])
-        );
-        assert!(matches!(
-            Object::checked_points(&header, &[0, 10], 10),
-            Err(ContractError::Index { found: 10, .. })
-        ));
-        let many = vec![0; OBJECT_POINTS_MAX + 1];
-        assert!(matches!(
-            Object::checked_points(&header, &many, 10),
-            Err(ContractError::TooLong { .. })
-        ));
+        let check = |indices: &[u32]| {
+            Object::checked_points(&FrameHeader::new(0, "a"), indices, 10).map(<[u32]>::to_vec)
+        };
+        assert_eq!(check(&[0, 9]), Ok(vec![0, 9]));
+        let error = check(&[0, 10]).unwrap_err();
+        assert!(matches!(error, ContractError::Index { found: 10, .. }));
+        let error = check(&vec![0; OBJECT_POINTS_MAX + 1]).unwrap_err();
+        assert!(matches!(error, ContractError::TooLong { .. }));
     }
 }

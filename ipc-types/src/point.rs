@@ -4,6 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::error::Result;
 use crate::{ContractError, FrameHeader, POINTS_MAX};
 
 /// Sensor frame: x forward, y left, z up. Finite, as ingest publishes it.
@@ -26,28 +27,16 @@ const _: () = assert!(size_of::<Point>() == 16);
 impl Point {
     /// Checks a points message: version and count. The numbers are not read here: a stage that meets one that is not
     /// finite leaves that point out.
-    pub fn checked<'a>(
-        header: &FrameHeader,
-        points: &'a [Point],
-    ) -> Result<&'a [Point], ContractError> {
+    pub fn checked<'a>(header: &FrameHeader, points: &'a [Point]) -> Result<&'a [Point]> {
         header.checked()?;
-        if points.len() <= POINTS_MAX {
-            Ok(points)
-        } else {
-            Err(ContractError::TooLong {
-                what: "points",
-                limit: POINTS_MAX,
-                found: points.len(),
-            })
-        }
+        ContractError::check_length("points", points.len(), POINTS_MAX)?;
+        Ok(points)
     }
 
     /// Whether all four numbers are finite.
     pub fn is_finite(&self) -> bool {
-        self.x_m.is_finite()
-            && self.y_m.is_finite()
-            && self.z_m.is_finite()
-            && self.intensity.is_finite()
+        let numbers = [self.x_m, self.y_m, self.z_m, self.intensity];
+        numbers.iter().all(|number| number.is_finite())
     }
 }
 
@@ -56,20 +45,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_scan_at_the_limit_passes_and_one_beyond_does_not() {
-        let header = FrameHeader::new(0, "a");
+    fn a_scan_beyond_the_limit_or_of_another_version_is_refused() {
+        let mut header = FrameHeader::new(0, "a");
         let points = vec![Point::default(); POINTS_MAX + 1];
         assert!(Point::checked(&header, &points[..POINTS_MAX]).is_ok());
-        let error = Point::checked(&header, &points).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "points: 262145 exceeds the limit of 262144"
-        );
-    }
-
-    #[test]
-    fn another_wire_version_is_refused() {
-        let mut header = FrameHeader::new(0, "a");
+        let error = Point::checked(&header, &points).unwrap_err().to_string();
+        assert_eq!(error, "points: 262145 exceeds the limit of 262144");
         header.wire_version = 7;
         let error = Point::checked(&header, &[]).unwrap_err();
         assert!(matches!(error, ContractError::WireVersion { found: 7, .. }));

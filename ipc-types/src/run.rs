@@ -4,9 +4,9 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::error::Result;
 use crate::{
     CLASS_NAME_MAX, CLASSES_MAX, ContractError, GateKind, MEANING_MAX, RUN_NAME_MAX, Text,
-    WIRE_VERSION,
 };
 
 /// The one message of the topic `run`: what a stage or a consumer must know besides the frames.
@@ -62,46 +62,44 @@ const _: () = assert!(
 
 impl RunDescription {
     /// Checks version, run id, class count, gate, numbers and texts.
-    pub fn checked(&self) -> Result<&RunDescription, ContractError> {
+    pub fn checked(&self) -> Result<&RunDescription> {
         let value = |what, found| Err(ContractError::Value { what, found });
-        if self.wire_version != WIRE_VERSION {
-            return Err(ContractError::WireVersion {
-                expected: WIRE_VERSION,
-                found: self.wire_version,
-            });
-        }
+        ContractError::check_version(self.wire_version)?;
         if self.run_id == 0 {
             return value("id of the run", 0);
         }
         if !(1..=CLASSES_MAX as u32).contains(&self.classes_count) {
             return value("number of classes", self.classes_count);
         }
-        if GateKind::from_number(self.gate).is_none() {
-            return value("gate of the run", self.gate);
-        }
-        let places = self.base_from_sensor.iter();
+        ContractError::check_value("gate of the run", self.gate, GateKind::ALL.len())?;
         let numbers = [
             self.sensor_height_m,
             self.objectness_min,
             self.gate_threshold,
         ];
-        let are_finite =
-            places.copied().all(f64::is_finite) && numbers.iter().all(|v| v.is_finite());
-        let names = [&self.model_name, &self.sensor_name];
-        let meanings = [&self.known_score, &self.unknown_score];
-        let are_texts = names.iter().all(|text| Text::unpack(*text).is_some())
-            && meanings.iter().all(|text| Text::unpack(*text).is_some())
-            && self
-                .class_names
-                .iter()
-                .all(|text| Text::unpack(text).is_some());
-        if !are_finite || !are_texts {
+        let numbers = numbers.into_iter().map(f64::from);
+        let are_finite = numbers.chain(self.base_from_sensor).all(f64::is_finite);
+        let names: [&[u8]; 4] = [
+            &self.model_name,
+            &self.sensor_name,
+            &self.known_score,
+            &self.unknown_score,
+        ];
+        let class_names = self.class_names.iter().map(|name| &name[..]);
+        let mut texts = names.into_iter().chain(class_names);
+        if !are_finite || !texts.all(|text| Text::unpack(text).is_some()) {
             return Err(ContractError::NotFinite {
                 what: "numbers and texts of the run",
                 index: 0,
             });
         }
         Ok(self)
+    }
+
+    /// Refuses another model than the run's.
+    pub fn check_model(&self, fingerprint: u64) -> Result<()> {
+        let what = "fingerprint of the model (all stages must run the same model)";
+        ContractError::check_equal(what, fingerprint, self.model_fingerprint)
     }
 
     /// Names of the classes by class id.
@@ -120,6 +118,7 @@ impl RunDescription {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::WIRE_VERSION;
 
     #[test]
     fn a_description_is_checked() {

@@ -1,5 +1,7 @@
 //! The one table of services: both sides of every topic take their queue settings from here.
 
+use std::time::Duration;
+
 use crate::{
     CELLS_MAX, DETECTIONS_MAX, FEATURE_CHANNELS_MAX, OBJECT_POINTS_MAX, OBJECTS_MAX, POINTS_MAX,
     feature_blocks,
@@ -24,11 +26,12 @@ pub struct Topic {
     pub loans: usize,
     /// Messages that a late consumer still gets.
     pub history: usize,
-    /// Silence after which a consumer speaks of a missing producer, ms.
-    pub deadline_ms: u64,
 }
 
 impl Topic {
+    /// Silence after which a consumer speaks of a missing producer.
+    pub const SILENCE_MAX: Duration = Duration::from_secs(1);
+
     /// Scans: ingest to backbone and refiner, to head and supervisor, which learn here what was sent, and to two consumers.
     /// Deep enough that the refiner finds the points of a frame whose detections took two periods.
     pub const POINTS: Topic = Topic {
@@ -40,12 +43,12 @@ impl Topic {
         borrowed: 5,
         loans: 2,
         history: 0,
-        deadline_ms: 1000,
     };
-    /// Feature rows: backbone to head. The producer's model says how large its messages get, up to this.
+    /// Feature rows: backbone to head. The producer's model says how large its messages get: `elements_max` is a bound and no
+    /// pool.
     pub const FEATURES: Topic = Topic {
         name: "features",
-        elements_max: feature_blocks_max(),
+        elements_max: feature_blocks(CELLS_MAX, FEATURE_CHANNELS_MAX),
         element_bytes: 64,
         subscribers_max: 2,
         buffer: 1,
@@ -80,7 +83,6 @@ impl Topic {
         borrowed: 2,
         loans: 1,
         history: 0,
-        ..Topic::OBJECTS
     };
     /// Heartbeats: each stage to the supervisor, as a service of its own (`health/backbone`).
     pub const HEALTH: Topic = Topic {
@@ -100,32 +102,13 @@ impl Topic {
         borrowed: 1,
         loans: 1,
         history: 1,
-        deadline_ms: 1000,
     };
-}
 
-/// A bound and no pool: the producer makes its pool for its model's map and channels.
-const fn feature_blocks_max() -> usize {
-    feature_blocks(CELLS_MAX, FEATURE_CHANNELS_MAX)
-}
-
-impl Topic {
     /// Messages that the producer's memory holds: as many as all consumers can keep at the same time, and the loans.
     pub const fn slots(&self) -> usize {
         self.subscribers_max * (self.buffer + self.borrowed) + self.history + self.loans
     }
 }
-
-/// All of them.
-pub const TOPICS: [Topic; 7] = [
-    Topic::POINTS,
-    Topic::FEATURES,
-    Topic::DETECTIONS,
-    Topic::OBJECTS,
-    Topic::OBJECT_POINTS,
-    Topic::HEALTH,
-    Topic::RUN,
-];
 
 const _: () = assert!(Topic::DETECTIONS.element_bytes == size_of::<crate::Detection>());
 const _: () = assert!(Topic::OBJECTS.element_bytes == size_of::<crate::Object>());

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use mluc_ipc_types::Stage;
-use mluc_runtime::{Instance, Shell, ShellOptions, Shutdown};
+use mluc_runtime::{Instance, Shell, Shutdown};
 use mluc_tests::{Pipeline, Setting, read_json, send_signal};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -38,7 +38,7 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
 fn wait_for_frames(run: &mut Pipeline) {
     run.wait_until("all stages run", |run| run.stages().len() == 4);
     let instance = Instance::new(&format!("bench-{}-0", run.pid())).unwrap();
-    let shell = Shell::observer(ShellOptions::new(instance), None, Shutdown::manual()).unwrap();
+    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
     let watch = RefCell::new(shell.health_watch().unwrap());
     run.wait_until("frames flow", |_| {
         let mut watch = watch.borrow_mut();

@@ -8,9 +8,7 @@ use std::thread::JoinHandle;
 use mluc_ipc_types::{
     Detection, FrameHeader, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Stage, Topic,
 };
-use mluc_runtime::{
-    Frames, Instance, Output, RuntimeError, Shell, ShellOptions, Shutdown, monotonic_ns,
-};
+use mluc_runtime::{Frames, Instance, Output, RuntimeError, Shell, Shutdown, monotonic_ns};
 use mluc_tests::{Finished, Pipeline, clean_folder, leftovers, unique_instance, untrained_model};
 
 /// A refiner in this process that publishes no object: each frame's answer goes through `answer`, which sends what it likes.
@@ -24,11 +22,11 @@ type Answer = fn(&mut Output<Object>, &FrameHeader) -> Result<(), RuntimeError>;
 
 impl Foreign {
     fn start(instance: &str, answer: Answer) -> Foreign {
-        let options = ShellOptions::new(Instance::new(instance).unwrap());
+        let instance = Instance::new(instance).unwrap();
         let (shutdown, refused) = (Shutdown::manual(), Arc::new(AtomicU64::new(0)));
         let (own_shutdown, own_refused) = (shutdown.clone(), refused.clone());
         let thread =
-            std::thread::spawn(move || refine(options, own_shutdown, &own_refused, answer));
+            std::thread::spawn(move || refine(&instance, own_shutdown, &own_refused, answer));
         Foreign {
             shutdown,
             refused,
@@ -52,12 +50,12 @@ impl Drop for Foreign {
 }
 
 fn refine(
-    options: ShellOptions,
+    instance: &Instance,
     shutdown: Shutdown,
     refused: &AtomicU64,
     answer: Answer,
 ) -> Result<(), RuntimeError> {
-    let mut shell = Shell::stage(options, Stage::Refiner, shutdown)?;
+    let mut shell = Shell::stage(instance, Stage::Refiner, shutdown)?;
     let mut objects = shell.output::<Object>(&Topic::OBJECTS, OBJECTS_MAX)?;
     let mut points = shell.output::<u32>(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
     let mut frames = Frames::<Detection>::with_points(&shell, &Topic::DETECTIONS)?;
@@ -70,9 +68,9 @@ fn refine(
         points.loan(&header, 0)?.publish()?;
         answer(&mut objects, &header)?;
         frames.release();
-        shell.counters.frames_in += 1;
-        shell.counters.frames_out += 1;
-        refused.store(shell.counters.messages_refused, Ordering::SeqCst);
+        shell.health.frames_in += 1;
+        shell.health.frames_out += 1;
+        refused.store(shell.health.messages_refused, Ordering::SeqCst);
         shell.state(HealthState::Running, "")?;
         shell.tick()?;
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use mluc_ipc_types::Stage;
-use mluc_runtime::{Instance, Shell, ShellOptions, Shutdown};
+use mluc_runtime::{Instance, Shell, Shutdown};
 use mluc_tests::{Finished, Pipeline, Setting, car_scan, leftovers, unique_instance};
 use rustix::process::Signal;
 
@@ -160,8 +160,8 @@ fn payloads_are_read_where_they_lie_and_written_once() {
     let mut run = setting.up(&["--loop", "--verify-mapping"]);
     run.wait_until("frames flow", |p| p.line_count() > 5);
 
-    let options = ShellOptions::new(Instance::new(&setting.instance).unwrap());
-    let shell = Shell::observer(options, None, Shutdown::manual()).unwrap();
+    let instance = Instance::new(&setting.instance).unwrap();
+    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
     let mut watch = shell.health_watch().unwrap();
     while !Stage::ALL.iter().all(|&stage| watch.is_ready(stage)) {
         watch.update().unwrap();

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use mluc::{EXIT_USAGE, UsageError};
 use mluc_ipc_types::{FrameHeader, Object, Stage, Topic};
-use mluc_runtime::{HealthWatch, Input, Instance, Shell, ShellOptions, Shutdown, monotonic_ns};
+use mluc_runtime::{HealthWatch, Input, Instance, Shell, Shutdown, monotonic_ns};
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::plan::{Plan, Variant};
@@ -58,7 +58,7 @@ pub(crate) fn record(
 ) -> anyhow::Result<Recording> {
     let instance = Instance::new(&format!("bench-{}-{number}", std::process::id()))?;
     let shutdown = Shutdown::on_signals()?;
-    let shell = Shell::observer(ShellOptions::new(instance.clone()), None, shutdown)?;
+    let shell = Shell::observer(&instance, None, shutdown)?;
     let mut recorder = Recorder {
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
@@ -114,7 +114,7 @@ impl Recorder {
                     return self.give_up(plan);
                 }
             }
-            self.shell.wait(&self.objects, POLL_INTERVAL);
+            self.objects.wait(POLL_INTERVAL);
         }
     }
 

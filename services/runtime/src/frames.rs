@@ -1,19 +1,16 @@
 //! The frames of a topic as a stage takes them: the newest one of this run and this model, that ingest has sent and that
 //! does not go back. All others are refused and counted.
 
-use std::fmt::Debug;
 use std::time::Duration;
 
-use bytemuck::Pod;
-use iceoryx2::prelude::ZeroCopySend;
-use mluc_ipc_types::{ContractError, FrameHeader, Point, Topic};
+use mluc_ipc_types::{ContractError, FrameHeader, Point, RunDescription, Topic};
 
-use crate::{Input, Message, Next, RuntimeError, Scans, Shell};
+use crate::error::Result;
+use crate::{Input, Message, Next, Payload, Scans, Shell};
 
 /// A topic's frames.
-pub struct Frames<T: Pod + Debug + ZeroCopySend> {
+pub struct Frames<T: Payload> {
     input: Input<T>,
-    topic: Topic,
     /// `None`: the topic is ingest's own.
     scans: Option<Scans>,
     run_id: u64,
@@ -21,28 +18,25 @@ pub struct Frames<T: Pod + Debug + ZeroCopySend> {
     dropped: u64,
 }
 
-impl<T: Pod + Debug + ZeroCopySend> Frames<T> {
+impl<T: Payload> Frames<T> {
     /// Of the topic that ingest sends.
-    pub fn of_ingest(shell: &Shell, topic: &Topic) -> Result<Frames<T>, RuntimeError> {
+    pub fn of_ingest(shell: &Shell, topic: &Topic) -> Result<Frames<T>> {
         Frames::open(shell, topic, None)
     }
 
     /// Of a later topic; the topic `points` tells what ingest has sent.
-    pub fn new(shell: &Shell, topic: &Topic) -> Result<Frames<T>, RuntimeError> {
-        let scans = Scans::sent(shell.side_input(&Topic::POINTS)?);
-        Frames::open(shell, topic, Some(scans))
+    pub fn new(shell: &Shell, topic: &Topic) -> Result<Frames<T>> {
+        Frames::open(shell, topic, Some(Scans::sent(shell)?))
     }
 
     /// The same, and the points of a frame are held for it.
-    pub fn with_points(shell: &Shell, topic: &Topic) -> Result<Frames<T>, RuntimeError> {
-        let scans = Scans::held(shell.side_input(&Topic::POINTS)?);
-        Frames::open(shell, topic, Some(scans))
+    pub fn with_points(shell: &Shell, topic: &Topic) -> Result<Frames<T>> {
+        Frames::open(shell, topic, Some(Scans::held(shell)?))
     }
 
-    fn open(shell: &Shell, topic: &Topic, scans: Option<Scans>) -> Result<Frames<T>, RuntimeError> {
+    fn open(shell: &Shell, topic: &Topic, scans: Option<Scans>) -> Result<Frames<T>> {
         Ok(Frames {
             input: shell.input(topic)?,
-            topic: *topic,
             scans,
             run_id: 0,
             last: None,
@@ -50,13 +44,13 @@ impl<T: Pod + Debug + ZeroCopySend> Frames<T> {
         })
     }
 
-    /// Of which topic.
-    pub fn topic(&self) -> &Topic {
-        &self.topic
+    /// The topic's name.
+    pub(crate) fn name(&self) -> &str {
+        self.input.name()
     }
 
     /// Waits for the newest frame; `None`: this process was asked to end.
-    pub fn next(&mut self, shell: &mut Shell) -> Result<Option<Message<T>>, RuntimeError> {
+    pub fn next(&mut self, shell: &mut Shell) -> Result<Option<Message<T>>> {
         loop {
             match self.next_within(shell, Duration::MAX)? {
                 Next::Message(message) => return Ok(Some(message)),
@@ -67,59 +61,55 @@ impl<T: Pod + Debug + ZeroCopySend> Frames<T> {
     }
 
     /// The same, and gives up after `timeout`, or when a frame was refused.
-    pub fn next_within(
-        &mut self,
-        shell: &mut Shell,
-        timeout: Duration,
-    ) -> Result<Next<T>, RuntimeError> {
-        if let Some(stop) = shell.await_run(timeout)? {
-            return Ok(stop);
+    pub fn next_within(&mut self, shell: &mut Shell, timeout: Duration) -> Result<Next<T>> {
+        if !shell.await_run(timeout)? {
+            let is_stopping = shell.is_stopping();
+            return Ok(if is_stopping {
+                Next::Stopping
+            } else {
+                Next::Timeout
+            });
         }
         let scans = &mut self.scans;
-        let next = shell.next_within(
-            &mut self.input,
-            &self.topic,
-            |run| match (&mut *scans, run) {
-                (Some(scans), Some(run)) => scans.take(run),
-                _ => Ok(()),
-            },
-            timeout,
-        )?;
+        let take_scans = |run: Option<&RunDescription>| match (scans.as_mut(), run) {
+            (Some(scans), Some(run)) => scans.take(run),
+            _ => Ok(()),
+        };
+        let next = shell.next_within(&mut self.input, take_scans, timeout)?;
         if let Next::Message(message) = &next
             && let Err(error) = self.admit(shell, message.header())?
         {
             shell.refuse(&error.to_string())?;
             return Ok(Next::Timeout);
         }
-        shell.counters.frames_dropped = self.dropped;
+        shell.health.frames_dropped = self.dropped;
         Ok(next)
     }
 
     /// Whether the frame may be used.
     fn admit(
         &mut self,
-        shell: &mut Shell,
+        shell: &Shell,
         header: &FrameHeader,
-    ) -> Result<Result<(), ContractError>, RuntimeError> {
+    ) -> Result<std::result::Result<(), ContractError>> {
         let Some(run) = shell.run() else {
             return Ok(Ok(()));
         };
         if self.run_id != run.run_id {
             (self.run_id, self.last) = (run.run_id, None);
         }
-        let sent = match &mut self.scans {
-            Some(scans) => {
-                scans.take(run)?;
-                scans.count_sent()
-            }
-            None => header.sequence.saturating_add(1),
-        };
+        let mut sent = header.sequence.saturating_add(1);
+        if let Some(scans) = &mut self.scans {
+            scans.take(run)?;
+            sent = scans.count_sent();
+        }
+        let own_model = shell.model.unwrap_or(run.model_fingerprint);
         let sequences = self.last.unwrap_or(0)..sent;
-        if let Err(error) = shell
-            .check_model()
-            .and_then(|()| header.checked_in(run, sequences).map(drop))
-        {
-            return Ok(Err(error));
+        let checked = run
+            .check_model(own_model)
+            .and_then(|()| header.checked_in(run, sequences).map(drop));
+        if checked.is_err() {
+            return Ok(checked);
         }
         if let Some(last) = self.last {
             let gap = header.sequence.saturating_sub(last.saturating_add(1));
@@ -144,10 +134,7 @@ impl<T: Pod + Debug + ZeroCopySend> Frames<T> {
 
     /// Payloads that were found inside a mapped segment of the instance.
     pub fn mappings_verified(&self) -> u64 {
-        let of_scans = self
-            .scans
-            .as_ref()
-            .map_or(0, |scans| scans.input().mappings_verified());
+        let of_scans = self.scans.as_ref().map_or(0, Scans::mappings_verified);
         self.input.mappings_verified() + of_scans
     }
 }

@@ -1,75 +1,39 @@
 //! What a stage tells of itself, and how others read it.
 
 use hdrhistogram::Histogram;
-use iceoryx2::node::Node;
-use mluc_ipc_types::{
-    CandidateCounts, FrameHeader, Health, HealthState, Stage, Text, Topic, WIRE_VERSION,
-};
+use mluc_ipc_types::{FrameHeader, Health, HealthState, Stage, Topic};
 
-use crate::input::{Input, InputOptions};
+use crate::error::Result;
+use crate::node::IpcNode;
 use crate::run::RunWatch;
-use crate::{Instance, Ipc, Output, RuntimeError, monotonic_ns};
-
-/// The service's name: each stage has one of its own, so that each has one producer.
-fn topic_name(stage: Stage) -> String {
-    format!("{}/{}", Topic::HEALTH.name, stage.name())
-}
-
-/// What a stage counts; the program adds to it, [`crate::Shell`] publishes it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Frames taken in.
-    pub frames_in: u64,
-    /// Frames published.
-    pub frames_out: u64,
-    /// Frames missed, by sequence gap.
-    pub frames_dropped: u64,
-    /// Messages refused: wrong version, length, index.
-    pub messages_refused: u64,
-    /// Payload bytes written to shared memory for the last frame.
-    pub bytes_written: u64,
-    /// Payload bytes read from shared memory for the last frame.
-    pub bytes_read: u64,
-    /// Payloads found inside a mapped segment, when asked to look.
-    pub mappings_verified: u64,
-    /// What became of the candidates; the refiner's alone.
-    pub candidates: CandidateCounts,
-}
-
-/// The stage's side.
-pub(crate) struct Heartbeat {
-    output: Output<Health>,
-    stage: Stage,
-    state: HealthState,
-    reason: String,
-    run_id: u64,
-    run_us: Histogram<u64>,
-    count: u64,
-    last_ns: u64,
-}
+use crate::{Input, Output, RuntimeError, monotonic_ns};
 
 /// Between two heartbeats when nothing changes.
 const PERIOD_NS: u64 = 100_000_000;
 /// Longest time that the histogram tells apart, us: a minute.
 const RUN_MAX_US: u64 = 60_000_000;
 
+/// The service's name: each stage has one of its own, so that each has one producer.
+fn topic_name(stage: Stage) -> String {
+    format!("{}/{}", Topic::HEALTH.name, stage.name())
+}
+
+/// The stage's side.
+pub(crate) struct Heartbeat {
+    output: Output<Health>,
+    stage: Stage,
+    run_us: Histogram<u64>,
+    count: u64,
+    last_ns: u64,
+}
+
 impl Heartbeat {
-    pub(crate) fn open(
-        node: &Node<Ipc>,
-        instance: &Instance,
-        stage: Stage,
-    ) -> Result<Heartbeat, RuntimeError> {
-        let run_us =
-            Histogram::new_with_bounds(1, RUN_MAX_US, 3).map_err(|e| RuntimeError::Node {
-                instance: instance.name().to_string(),
-                cause: e.to_string(),
-            })?;
+    pub(crate) fn open(node: &IpcNode, stage: Stage) -> Result<Heartbeat> {
+        let run_us = Histogram::new_with_bounds(1, RUN_MAX_US, 3)
+            .map_err(|e| RuntimeError::instance(&node.instance, e))?;
         Ok(Heartbeat {
-            output: Output::open(node, instance, &Topic::HEALTH, &topic_name(stage), 1)?,
+            output: Output::open(node, &Topic::HEALTH, &topic_name(stage), 1)?,
             stage,
-            state: HealthState::Starting,
-            reason: String::new(),
-            run_id: 0,
             run_us,
             count: 0,
             last_ns: 0,
@@ -85,45 +49,16 @@ impl Heartbeat {
         monotonic_ns() - self.last_ns >= PERIOD_NS
     }
 
-    /// Whether this is another run than before.
-    pub(crate) fn set_run(&mut self, run_id: u64) -> bool {
-        let is_new = self.run_id != run_id;
-        self.run_id = run_id;
-        is_new
-    }
-
-    /// Whether this changes anything.
-    pub(crate) fn set(&mut self, state: HealthState, reason: &str) -> bool {
-        if self.state == state && self.reason == reason {
-            return false;
-        }
-        self.state = state;
-        self.reason = reason.to_string();
-        true
-    }
-
-    pub(crate) fn publish(&mut self, counters: &Counters) -> Result<(), RuntimeError> {
+    pub(crate) fn publish(&mut self, health: &Health) -> Result<()> {
         let health = Health {
-            wire_version: WIRE_VERSION,
             stage: self.stage as u32,
-            state: self.state as u32,
-            pid: std::process::id(),
-            run_id: self.run_id,
-            frames_in: counters.frames_in,
-            frames_out: counters.frames_out,
-            frames_dropped: counters.frames_dropped,
-            messages_refused: counters.messages_refused,
             run_p50_us: self.run_us.value_at_quantile(0.50) as u32,
             run_p99_us: self.run_us.value_at_quantile(0.99) as u32,
             run_max_us: self.run_us.max() as u32,
-            bytes_written: counters.bytes_written as u32,
-            bytes_read: counters.bytes_read,
-            mappings_verified: counters.mappings_verified,
-            candidates: counters.candidates,
-            reason: Text::pack(&self.reason),
+            ..*health
         };
         let mut header = FrameHeader::new(self.count, self.stage.name());
-        header.run_id = self.run_id;
+        header.run_id = health.run_id;
         let mut loan = self.output.loan(&header, 1)?;
         loan.elements_mut().fill(health);
         loan.publish()?;
@@ -136,21 +71,18 @@ impl Heartbeat {
 /// The reader's side: the last heartbeat of every stage in the run.
 pub struct HealthWatch {
     run: RunWatch,
-    inputs: Vec<Input<Health>>,
+    inputs: [Input<Health>; 4],
     last: [Option<Health>; 4],
     heard_ns: [u64; 4],
 }
 
 impl HealthWatch {
-    pub(crate) fn open(node: &Node<Ipc>, instance: &Instance) -> Result<HealthWatch, RuntimeError> {
-        let options = InputOptions::default();
-        let inputs = Stage::ALL
-            .iter()
-            .map(|&stage| Input::open(node, instance, &Topic::HEALTH, &topic_name(stage), options))
-            .collect::<Result<_, _>>()?;
+    pub(crate) fn open(node: &IpcNode) -> Result<HealthWatch> {
+        let open = |stage| Input::open(node, &Topic::HEALTH, &topic_name(stage), false);
+        let [ingest, backbone, head, refiner] = Stage::ALL.map(open);
         Ok(HealthWatch {
-            run: RunWatch::open(node, instance)?,
-            inputs,
+            run: RunWatch::open(node)?,
+            inputs: [ingest?, backbone?, head?, refiner?],
             last: [None; 4],
             heard_ns: [0; 4],
         })
@@ -158,22 +90,19 @@ impl HealthWatch {
 
     /// Takes what arrived. Left out are heartbeats that break the contract, of another stage than their topic's, and of
     /// another run; where no run is known, those of any.
-    pub fn update(&mut self) -> Result<&[Option<Health>; 4], RuntimeError> {
+    pub fn update(&mut self) -> Result<&[Option<Health>; 4]> {
         if self.run.update()? {
             self.last = [None; 4];
         }
         let run_id = self.run.id();
-        let kept = self.last.iter_mut().zip(&mut self.heard_ns);
-        for ((input, stage), (last, heard_ns)) in self.inputs.iter_mut().zip(Stage::ALL).zip(kept) {
-            let Some(message) = input.newest()? else {
-                continue;
-            };
-            if let [health] = message.elements()
+        for (stage, input) in Stage::ALL.into_iter().zip(&mut self.inputs) {
+            if let Some(message) = input.newest()?
+                && let [health] = message.elements()
                 && health.checked().is_ok_and(|(found, _)| found == stage)
                 && (run_id == 0 || [0, run_id].contains(&health.run_id))
             {
-                *last = Some(*health);
-                *heard_ns = message.received_ns;
+                self.last[stage as usize] = Some(*health);
+                self.heard_ns[stage as usize] = message.received_ns;
             }
         }
         Ok(&self.last)
@@ -191,16 +120,12 @@ impl HealthWatch {
 
     /// Whether the stage said that it takes frames of the run.
     pub fn is_ready(&self, stage: Stage) -> bool {
-        let health = self.of(stage);
-        let takes_part = |health: &&Health| health.run_id == self.run.id() && health.run_id != 0;
-        matches!(
-            health
-                .filter(takes_part)
-                .and_then(|health| health.checked().ok()),
-            Some((
-                _,
-                HealthState::WaitingInput | HealthState::Running | HealthState::Degraded
-            ))
-        )
+        use HealthState::{Degraded, Running, WaitingInput};
+        let takes_frames = |state| [WaitingInput, Running, Degraded].contains(&state);
+        self.of(stage).is_some_and(|health| {
+            health.run_id != 0
+                && health.run_id == self.run.id()
+                && health.checked().is_ok_and(|(_, state)| takes_frames(state))
+        })
     }
 }

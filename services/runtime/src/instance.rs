@@ -7,6 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::RuntimeError;
+use crate::error::Result;
 
 /// Where POSIX shared memory lies on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
@@ -26,12 +27,14 @@ impl Instance {
     const NAME_MAX: usize = 24;
 
     /// Checks the name.
-    pub fn new(name: &str) -> Result<Instance, RuntimeError> {
+    pub fn new(name: &str) -> Result<Instance> {
         let fits = (1..=Instance::NAME_MAX).contains(&name.len());
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !fits || !name.chars().all(plain) {
-            return Err(RuntimeError::InstanceName {
-                name: name.to_string(),
+            return Err(RuntimeError::Instance {
+                instance: name.to_string(),
+                cause: "its name must be 1 to 24 of the characters a-z, A-Z, 0-9, '-' and '_'"
+                    .into(),
             });
         }
         // A dot ends the name, so that no instance's prefix begins another's.
@@ -63,7 +66,7 @@ impl Instance {
     pub const VARIABLE: &str = "MLUC_INSTANCE";
 
     /// The instance that the environment names, else the default one.
-    pub fn from_environment() -> Result<Instance, RuntimeError> {
+    pub fn from_environment() -> Result<Instance> {
         match std::env::var(Instance::VARIABLE) {
             Ok(name) if !name.is_empty() => Instance::new(&name),
             _ => Instance::new(Instance::DEFAULT),
@@ -77,16 +80,8 @@ mod tests {
 
     #[test]
     fn names_that_could_leave_the_folder_are_refused() {
-        for name in [
-            "",
-            ".",
-            "..",
-            "a/b",
-            "a.b",
-            "a b",
-            "\u{e4}",
-            &"x".repeat(25),
-        ] {
+        let long = "x".repeat(25);
+        for name in ["", ".", "..", "a/b", "a.b", "a b", "\u{e4}", &long] {
             assert!(Instance::new(name).is_err(), "{name:?}");
         }
         assert!(Instance::new(&"x".repeat(24)).is_ok());

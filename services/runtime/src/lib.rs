@@ -29,7 +29,7 @@ mod sweep;
 pub use clock::{monotonic_ns, wall_clock_ns};
 pub use error::RuntimeError;
 pub use frames::Frames;
-pub use health::{Counters, HealthWatch};
+pub use health::HealthWatch;
 pub use input::{Input, Message};
 pub use instance::Instance;
 pub use logging::log_to_stderr;
@@ -37,7 +37,7 @@ pub use membership::{Claim, Membership};
 pub use output::{Loan, Output};
 pub use run::random_run_id;
 pub use scans::Scans;
-pub use shell::{Next, Shell, ShellOptions};
+pub use shell::{Next, Shell};
 pub use signals::Shutdown;
 pub use stage::{
     Algorithm, STAMPS_VARIABLE, StageError, StageInput, finish, frame_span, run_span, run_stage,
@@ -46,3 +46,8 @@ pub use stage::{
 
 /// iceoryx2 between processes.
 pub(crate) type Ipc = iceoryx2::service::ipc::Service;
+
+/// An element that can lie in shared memory.
+pub trait Payload: bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend {}
+
+impl<T: bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend> Payload for T {}

@@ -11,7 +11,7 @@ use crate::Instance;
 use crate::instance::SHARED_MEMORY;
 
 /// A part of this process's address space that shows a data segment of an instance.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq, Eq)]
 pub(crate) struct Mapping {
     pub(crate) addresses: Range<usize>,
     pub(crate) is_writable: bool,
@@ -22,9 +22,8 @@ pub(crate) struct Mapping {
 pub(crate) fn mappings(instance: &Instance) -> Vec<Mapping> {
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     let start = format!("{SHARED_MEMORY}/{}", instance.prefix());
-    maps.lines()
-        .filter_map(|line| parse(line, &start))
-        .collect()
+    let lines = maps.lines();
+    lines.filter_map(|line| parse(line, &start)).collect()
 }
 
 /// `7f00-7f10 rw-s 00000000 00:1a 42 /dev/shm/mluc-0-a.1.data`
@@ -49,9 +48,8 @@ fn parse(line: &str, start: &str) -> Option<Mapping> {
 pub(crate) fn segment_of<T>(instance: &Instance, slice: &[T]) -> Option<Mapping> {
     let at = slice.as_ptr_range();
     let (start, end) = (at.start as usize, at.end as usize);
-    mappings(instance)
-        .into_iter()
-        .find(|mapping| mapping.addresses.start <= start && end <= mapping.addresses.end)
+    let holds = |m: &Mapping| m.addresses.start <= start && end <= m.addresses.end;
+    mappings(instance).into_iter().find(holds)
 }
 
 /// Remembers which segments were touched.
@@ -62,23 +60,19 @@ pub(crate) struct Prefault {
 
 impl Prefault {
     /// Touches every page of segments that are new since the last call: for writing where this process writes.
-    /// Returns the bytes touched; a segment that cannot be touched (old kernel, memory full) is said and left.
-    pub(crate) fn touch(&mut self, instance: &Instance) -> u64 {
-        let mut bytes = 0;
+    /// A segment that cannot be touched (old kernel, memory full) is said and left.
+    pub(crate) fn touch(&mut self, instance: &Instance) {
         for mapping in mappings(instance) {
-            if !self.touched.insert(mapping.addresses.start) {
-                continue;
-            }
-            match populate(&mapping) {
-                Ok(()) => bytes += mapping.addresses.len() as u64,
-                Err(error) => tracing::warn!(
+            if self.touched.insert(mapping.addresses.start)
+                && let Err(error) = populate(&mapping)
+            {
+                tracing::warn!(
                     %error,
                     bytes = mapping.addresses.len(),
                     "cannot touch shared memory ahead of time: first frames will be slow, and a full /dev/shm ends a stage"
-                ),
+                );
             }
         }
-        bytes
     }
 }
 
@@ -107,12 +101,7 @@ mod tests {
         assert_eq!(mapping.addresses, 0x7f5a00000000..0x7f5a00003000);
         assert_eq!((mapping.is_writable, mapping.inode), (false, 42));
         assert_eq!(parse(line, "/dev/shm/mluc-0-b."), None);
-        assert_eq!(
-            parse(
-                "7f5a00000000-7f5a00003000 rw-p 00000000 00:00 0",
-                "/dev/shm/"
-            ),
-            None
-        );
+        let line = "7f5a00000000-7f5a00003000 rw-p 00000000 00:00 0";
+        assert_eq!(parse(line, "/dev/shm/"), None);
     }
 }

@@ -13,10 +13,12 @@ use mluc_ipc_types::WIRE_VERSION;
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{Pid, getppid};
 
+use crate::error::Result;
 use crate::{Instance, RuntimeError, sweep};
 
 const LOCK: &str = ".lock";
 const CONTRACT: &str = "contract";
+const OUR_VERSION: &str = env!("CARGO_PKG_VERSION");
 /// Another process wipes or writes the contract for milliseconds; a guess with room.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// A killed parent's threads may hold its lock for a moment after its children heard of its death.
@@ -32,7 +34,7 @@ pub struct Membership {
 
 impl Membership {
     /// Joins; `role` is told to those who come later.
-    pub fn join(instance: &Instance, role: &str) -> Result<Membership, RuntimeError> {
+    pub fn join(instance: &Instance, role: &str) -> Result<Membership> {
         let begun = Instant::now();
         loop {
             if let Some(lock) = Membership::try_join(instance, role)? {
@@ -45,17 +47,15 @@ impl Membership {
                 return Ok(member);
             }
             if begun.elapsed() > PATIENCE {
-                return Err(RuntimeError::Node {
-                    instance: instance.name().to_string(),
-                    cause: format!("{} stays locked", instance.root().display()),
-                });
+                let cause = format!("joining: {} stays locked", instance.root().display());
+                return Err(RuntimeError::instance(instance, cause));
             }
             std::thread::sleep(Duration::from_millis(2));
         }
     }
 
     /// One try; `None`: the folder was just removed or is being wiped.
-    fn try_join(instance: &Instance, role: &str) -> Result<Option<File>, RuntimeError> {
+    fn try_join(instance: &Instance, role: &str) -> Result<Option<File>> {
         let root = instance.root();
         fs::DirBuilder::new()
             .recursive(true)
@@ -81,7 +81,7 @@ impl Membership {
         Ok((shared && is_same_file(&lock, &path)).then_some(lock))
     }
 
-    fn check_contract(&self, begun: Instant) -> Result<(), RuntimeError> {
+    fn check_contract(&self, begun: Instant) -> Result<()> {
         let path = self.instance.root().join(CONTRACT);
         let text = loop {
             match fs::read_to_string(&path) {
@@ -93,51 +93,42 @@ impl Membership {
             }
         };
         let field = |key: &str| {
-            text.split_whitespace()
-                .find_map(|word| word.strip_prefix(key))
+            let mut words = text.split_whitespace();
+            words.find_map(|word| word.strip_prefix(key)).unwrap_or("?")
         };
-        let found = field("wire=").and_then(|v| v.parse().ok()).unwrap_or(0);
-        if found == WIRE_VERSION {
+        if field("wire=").parse() == Ok(WIRE_VERSION) {
             return Ok(());
         }
-        Err(RuntimeError::OtherVersion {
-            instance: self.instance.name().to_string(),
-            expected: WIRE_VERSION,
-            found,
-            version: field("version=").unwrap_or("?").to_string(),
-            our_version: env!("CARGO_PKG_VERSION"),
-            by: field("by=").unwrap_or("?").to_string(),
-            pid: field("pid=").and_then(|v| v.parse().ok()).unwrap_or(0),
-        })
+        let cause = format!(
+            "it speaks wire version {} (mluc {}, begun by {}, process {}); this is mluc {OUR_VERSION} with wire version \
+             {WIRE_VERSION}: stop the other one, run the same mluc on both sides, or choose another --instance",
+            field("wire="),
+            field("version="),
+            field("by="),
+            field("pid="),
+        );
+        Err(RuntimeError::instance(&self.instance, cause))
     }
 
     /// Takes a role that only one process may have (`pipeline`, `backbone`); released when the claim is dropped or the
     /// process dies.
-    pub fn claim(&self, role: &str) -> Result<Claim, RuntimeError> {
+    pub fn claim(&self, role: &str) -> Result<Claim> {
         let path = self.instance.root().join(format!("{role}.pid"));
         let mut file = open_lock(&path).map_err(RuntimeError::io("opening", &path))?;
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
             let mut pid = String::new();
             let _ = file.read_to_string(&mut pid);
+            let pid = pid.split_whitespace().next().unwrap_or("?");
             return Err(RuntimeError::AlreadyRunning {
                 role: role.to_string(),
                 instance: self.instance.name().to_string(),
-                pid: if pid.trim().is_empty() {
-                    "?".to_string()
-                } else {
-                    pid.trim().to_string()
-                },
+                pid: pid.to_string(),
             });
         }
         file.set_len(0)
             .and_then(|()| writeln!(file, "{}", std::process::id()))
             .map_err(RuntimeError::io("writing", &path))?;
         Ok(Claim { _file: file })
-    }
-
-    /// Which one.
-    pub fn instance(&self) -> &Instance {
-        &self.instance
     }
 }
 
@@ -184,13 +175,10 @@ fn is_same_file(file: &File, path: &Path) -> bool {
     }
 }
 
-fn write_contract(instance: &Instance, role: &str) -> Result<(), RuntimeError> {
+fn write_contract(instance: &Instance, role: &str) -> Result<()> {
     let path = instance.root().join(CONTRACT);
-    let text = format!(
-        "wire={WIRE_VERSION} version={} by={role} pid={}\n",
-        env!("CARGO_PKG_VERSION"),
-        std::process::id()
-    );
+    let pid = std::process::id();
+    let text = format!("wire={WIRE_VERSION} version={OUR_VERSION} by={role} pid={pid}\n");
     fs::write(&path, text).map_err(RuntimeError::io("writing", &path))
 }
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::prelude::{
     Config, FileName, LogLevel, NodeName, Path, SemanticString, ServiceName, SignalHandlingMode,
-    ZeroCopySend, set_log_level,
+    set_log_level,
 };
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
@@ -14,7 +14,8 @@ use iceoryx2::service::builder::publish_subscribe::{
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use mluc_ipc_types::{FrameHeader, Topic};
 
-use crate::{Instance, Ipc, RuntimeError, sweep};
+use crate::error::Result;
+use crate::{Instance, Ipc, Payload, RuntimeError, sweep};
 
 pub(crate) type DataService<T> = publish_subscribe::PortFactory<Ipc, [T], FrameHeader>;
 pub(crate) type WakeService = event::PortFactory<Ipc>;
@@ -24,135 +25,130 @@ const NODES_MAX: usize = 16;
 /// How long another process may take to make or remove a service; a guess with room.
 const OPEN_PATIENCE: Duration = Duration::from_secs(3);
 
-/// Whether this process removes what killed processes left. The supervisor does not: its stages do when they start, each
-/// under the supervisor's eye, so that a cleaning that hangs never hangs the supervisor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Cleaning {
-    Yes,
-    No,
+/// This process's node in an instance.
+pub(crate) struct IpcNode {
+    node: Node<Ipc>,
+    pub(crate) instance: Instance,
 }
 
-pub(crate) fn config(instance: &Instance, cleaning: Cleaning) -> Result<Config, RuntimeError> {
-    let failed = |cause: String| RuntimeError::Node {
-        instance: instance.name().to_string(),
-        cause,
-    };
+impl IpcNode {
+    /// `cleans`: whether this process removes what killed processes left. The supervisor does not: its stages do when they
+    /// start, each under the supervisor's eye, so that a cleaning that hangs never hangs the supervisor.
+    pub(crate) fn join(instance: &Instance, role: &str, cleans: bool) -> Result<IpcNode> {
+        set_log_level(LogLevel::Fatal);
+        let count = sweep::sweep_stillborn(instance);
+        if count > 0 {
+            tracing::warn!(
+                count,
+                "removed segments that a killed process never finished"
+            );
+        }
+        let failed = |cause: String| RuntimeError::instance(instance, format!("joining: {cause}"));
+        let name = NodeName::new(role).map_err(|e| failed(format!("{e:?}")))?;
+        let config = config(instance, cleans).map_err(failed)?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Ipc>()
+            .map_err(|e| failed(format!("{e:?}")))?;
+        sweep::close_to_others(instance);
+        Ok(IpcNode {
+            node,
+            instance: instance.clone(),
+        })
+    }
+
+    /// Opens or makes the service that carries a topic's messages, with the table's settings. `name` is the topic's, or
+    /// `health/<stage>`.
+    pub(crate) fn open_data<T: Payload>(
+        &self,
+        topic: &Topic,
+        name: &str,
+    ) -> Result<DataService<T>> {
+        let service_name = self.service_name(name)?;
+        let open = || {
+            self.node
+                .service_builder(&service_name)
+                .publish_subscribe::<[T]>()
+                .user_header::<FrameHeader>()
+                .enable_safe_overflow(true)
+                .max_publishers(1)
+                .max_subscribers(topic.subscribers_max)
+                .subscriber_max_buffer_size(topic.buffer)
+                .subscriber_max_borrowed_samples(topic.borrowed)
+                .history_size(topic.history)
+                .max_nodes(NODES_MAX)
+                .open_or_create()
+        };
+        self.retried(name, open, is_lasting)
+    }
+
+    /// Opens or makes the service that wakes a topic's consumers.
+    pub(crate) fn open_wake(&self, topic: &Topic, name: &str) -> Result<WakeService> {
+        let service_name = self.service_name(name)?;
+        // A killed producer's notifier keeps its place until it is cleaned: room for its successor.
+        let open = || {
+            self.node
+                .service_builder(&service_name)
+                .event()
+                .max_notifiers(4)
+                .max_listeners(topic.subscribers_max)
+                .max_nodes(NODES_MAX)
+                .event_id_max_value(1)
+                .open_or_create()
+        };
+        self.retried(name, open, |_| false)
+    }
+
+    fn service_name(&self, name: &str) -> Result<ServiceName> {
+        ServiceName::new(&format!("mluc/{name}"))
+            .map_err(|e| RuntimeError::topic(&self.instance, name, format!("{e:?}")))
+    }
+
+    /// Other processes make and remove services at the same time: all but lasting errors get more tries.
+    fn retried<S, E: Debug>(
+        &self,
+        name: &str,
+        open: impl Fn() -> std::result::Result<S, E>,
+        is_lasting: impl Fn(&E) -> bool,
+    ) -> Result<S> {
+        let begun = Instant::now();
+        loop {
+            let (error, hint) = match open() {
+                Ok(service) => return Ok(service),
+                Err(error) if is_lasting(&error) => (
+                    error,
+                    "another program or another mluc made it with other types or settings; stop that one, or choose \
+                     another --instance",
+                ),
+                Err(error) if begun.elapsed() > OPEN_PATIENCE => (
+                    error,
+                    "a process was killed while it made this topic; stop all processes of the instance, the next start \
+                     removes the rest",
+                ),
+                Err(_) => {
+                    std::thread::sleep(Duration::from_millis(20));
+                    continue;
+                }
+            };
+            let cause = format!("{error:?}: {hint}");
+            return Err(RuntimeError::topic(&self.instance, name, cause));
+        }
+    }
+}
+
+fn config(instance: &Instance, cleans: bool) -> std::result::Result<Config, String> {
     let mut config = Config::default();
     let root = Path::new(instance.root().to_string_lossy().as_bytes())
-        .map_err(|e| failed(format!("root path: {e:?}")))?;
+        .map_err(|e| format!("root path: {e:?}"))?;
     config.global.set_root_path(&root);
-    config.global.prefix = FileName::new(instance.prefix().as_bytes())
-        .map_err(|e| failed(format!("prefix: {e:?}")))?;
-    let cleans = cleaning == Cleaning::Yes;
+    config.global.prefix =
+        FileName::new(instance.prefix().as_bytes()).map_err(|e| format!("prefix: {e:?}"))?;
     config.global.node.cleanup_dead_nodes_on_creation = cleans;
     config.global.node.cleanup_dead_nodes_on_destruction = false;
     config.global.service.cleanup_dead_nodes_on_open = cleans;
     Ok(config)
-}
-
-pub(crate) fn join(
-    instance: &Instance,
-    role: &str,
-    cleaning: Cleaning,
-) -> Result<Node<Ipc>, RuntimeError> {
-    let failed = |cause: String| RuntimeError::Node {
-        instance: instance.name().to_string(),
-        cause,
-    };
-    set_log_level(LogLevel::Fatal);
-    let count = sweep::sweep_stillborn(instance);
-    if count > 0 {
-        tracing::warn!(
-            count,
-            "removed segments that a killed process never finished"
-        );
-    }
-    let name = NodeName::new(role).map_err(|e| failed(format!("{e:?}")))?;
-    let node = NodeBuilder::new()
-        .name(&name)
-        .config(&config(instance, cleaning)?)
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create::<Ipc>()
-        .map_err(|e| failed(format!("{e:?}")))?;
-    sweep::close_to_others(instance);
-    Ok(node)
-}
-
-/// Opens or makes the service that carries a topic's messages, with the table's settings. `name` is the topic's, or
-/// `health/<stage>`.
-pub(crate) fn open_data<T: Debug + ZeroCopySend + 'static>(
-    node: &Node<Ipc>,
-    instance: &Instance,
-    topic: &Topic,
-    name: &str,
-) -> Result<DataService<T>, RuntimeError> {
-    let service_name = service_name(instance, name)?;
-    let open = || {
-        node.service_builder(&service_name)
-            .publish_subscribe::<[T]>()
-            .user_header::<FrameHeader>()
-            .enable_safe_overflow(true)
-            .max_publishers(1)
-            .max_subscribers(topic.subscribers_max)
-            .subscriber_max_buffer_size(topic.buffer)
-            .subscriber_max_borrowed_samples(topic.borrowed)
-            .history_size(topic.history)
-            .max_nodes(NODES_MAX)
-            .open_or_create()
-    };
-    retried(instance, name, open, is_lasting)
-}
-
-/// Opens or makes the service that wakes a topic's consumers.
-pub(crate) fn open_wake(
-    node: &Node<Ipc>,
-    instance: &Instance,
-    topic: &Topic,
-    name: &str,
-) -> Result<WakeService, RuntimeError> {
-    let service_name = service_name(instance, name)?;
-    // A killed producer's notifier keeps its place until it is cleaned: room for its successor.
-    let open = || {
-        node.service_builder(&service_name)
-            .event()
-            .max_notifiers(4)
-            .max_listeners(topic.subscribers_max)
-            .max_nodes(NODES_MAX)
-            .event_id_max_value(1)
-            .open_or_create()
-    };
-    retried(instance, name, open, |_| false)
-}
-
-fn service_name(instance: &Instance, name: &str) -> Result<ServiceName, RuntimeError> {
-    ServiceName::new(&format!("mluc/{name}"))
-        .map_err(|e| topic_error(instance, name, format!("{e:?}"), ""))
-}
-
-/// Other processes make and remove services at the same time: all but lasting errors get more tries.
-fn retried<S, E: Debug>(
-    instance: &Instance,
-    name: &str,
-    open: impl Fn() -> Result<S, E>,
-    is_lasting: impl Fn(&E) -> bool,
-) -> Result<S, RuntimeError> {
-    let begun = Instant::now();
-    loop {
-        match open() {
-            Ok(service) => return Ok(service),
-            Err(error) if is_lasting(&error) => {
-                let hint = ": another program or another mluc made it with other types or settings; stop that one, or \
-                            choose another --instance";
-                return Err(topic_error(instance, name, format!("{error:?}"), hint));
-            }
-            Err(error) if begun.elapsed() > OPEN_PATIENCE => {
-                let hint = ": a process was killed while it made this topic; stop all processes of the instance, the \
-                            next start removes the rest";
-                return Err(topic_error(instance, name, format!("{error:?}"), hint));
-            }
-            Err(_) => std::thread::sleep(Duration::from_millis(20)),
-        }
-    }
 }
 
 fn is_lasting(error: &PublishSubscribeOpenOrCreateError) -> bool {
@@ -174,18 +170,4 @@ fn is_lasting(error: &PublishSubscribeOpenOrCreateError) -> bool {
             | E::InsufficientPermissions
             | E::VersionMismatch
     )
-}
-
-pub(crate) fn topic_error(
-    instance: &Instance,
-    topic: &str,
-    cause: String,
-    hint: &'static str,
-) -> RuntimeError {
-    RuntimeError::Topic {
-        topic: topic.to_string(),
-        instance: instance.name().to_string(),
-        cause,
-        hint,
-    }
 }

@@ -1,41 +1,38 @@
 //! The producer's end of a topic.
 
-use std::fmt::Debug;
-
-use bytemuck::Pod;
-use iceoryx2::node::Node;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
-use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, ZeroCopySend};
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy};
 use iceoryx2::sample_mut::SampleMut;
 use mluc_ipc_types::{FrameHeader, Topic};
 
-use crate::node::{DataService, WakeService, open_data, open_wake, topic_error};
-use crate::{Instance, Ipc, RuntimeError};
+use crate::error::Result;
+use crate::instance::SHARED_MEMORY;
+use crate::node::{IpcNode, WakeService};
+use crate::{Instance, Ipc, Payload, RuntimeError};
 
 /// Lends memory of a topic, sends it, and wakes who waits for it.
-pub struct Output<T: Pod + Debug + ZeroCopySend> {
+pub struct Output<T: Payload> {
     publisher: Publisher<Ipc, [T], FrameHeader>,
     notifier: Notifier<Ipc>,
-    service: DataService<T>,
     _wake: WakeService,
+    instance: Instance,
     name: String,
-    bytes_written: u64,
 }
 
-impl<T: Pod + Debug + ZeroCopySend> Output<T> {
+impl<T: Payload> Output<T> {
     /// `elements_max`: the largest message; the pool has [`Topic::slots`] times that.
     pub(crate) fn open(
-        node: &Node<Ipc>,
-        instance: &Instance,
+        node: &IpcNode,
         topic: &Topic,
         name: &str,
         elements_max: usize,
-    ) -> Result<Output<T>, RuntimeError> {
-        check_room(topic, name, elements_max * size_of::<T>())?;
-        let service = open_data::<T>(node, instance, topic, name)?;
-        let wake = open_wake(node, instance, topic, name)?;
-        let failed = |cause: String| topic_error(instance, name, cause, "");
+    ) -> Result<Output<T>> {
+        let failed = |cause: String| RuntimeError::topic(&node.instance, name, cause);
+        check_room((topic.slots() * elements_max * size_of::<T>()) as u64).map_err(failed)?;
+        let service = node.open_data::<T>(topic, name)?;
+        let wake = node.open_wake(topic, name)?;
         let publisher = service
             .publisher_builder()
             .initial_max_slice_len(elements_max.max(1))
@@ -45,30 +42,20 @@ impl<T: Pod + Debug + ZeroCopySend> Output<T> {
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| failed(format!("no place for another producer ({e:?})")))?;
-        let notifier = wake
-            .notifier_builder()
-            .create()
-            .map_err(|e| failed(format!("{e:?}")))?;
+        let notifier = wake.notifier_builder().create();
         Ok(Output {
             publisher,
-            notifier,
-            service,
+            notifier: notifier.map_err(|e| failed(format!("{e:?}")))?,
             _wake: wake,
+            instance: node.instance.clone(),
             name: name.to_string(),
-            bytes_written: 0,
         })
     }
 
     /// Memory for a message of `elements` elements, to be filled in place. What it holds at first is anything.
-    pub fn loan(
-        &mut self,
-        header: &FrameHeader,
-        elements: usize,
-    ) -> Result<Loan<'_, T>, RuntimeError> {
-        let sample = self
-            .publisher
-            .loan_slice_uninit(elements)
-            .map_err(|e| self.failed("lending memory for a message", format!("{e:?}")))?;
+    pub fn loan(&mut self, header: &FrameHeader, elements: usize) -> Result<Loan<'_, T>> {
+        let sample = self.publisher.loan_slice_uninit(elements);
+        let sample = sample.map_err(|e| self.failed("lending memory for a message", e))?;
         #[allow(unsafe_code)]
         // SAFETY: the memory is a mapped segment, whose bytes are all initialised (by the kernel to 0, or by an earlier
         // message), and `T: Pod` takes every bit pattern.
@@ -81,40 +68,23 @@ impl<T: Pod + Debug + ZeroCopySend> Output<T> {
     }
 
     /// Connects consumers that came since the last message, which get what the topic's history holds.
-    pub(crate) fn reach_late_readers(&self) -> Result<(), RuntimeError> {
-        use iceoryx2::port::update_connections::UpdateConnections;
-        self.publisher
-            .update_connections()
-            .map_err(|e| self.failed("reaching late readers", format!("{e:?}")))
+    pub(crate) fn reach_late_readers(&self) -> Result<()> {
+        let updated = self.publisher.update_connections();
+        updated.map_err(|e| self.failed("reaching late readers", e))
     }
 
-    /// Consumers connected at this time.
-    pub fn consumers(&self) -> usize {
-        use iceoryx2::prelude::PortFactory;
-        self.service.dynamic_config().number_of_subscribers()
-    }
-
-    /// Payload bytes of everything sent.
-    pub fn bytes_written(&self) -> u64 {
-        self.bytes_written
-    }
-
-    fn failed(&self, action: &'static str, cause: String) -> RuntimeError {
-        RuntimeError::Message {
-            topic: self.name.clone(),
-            action,
-            cause,
-        }
+    fn failed(&self, action: &str, cause: impl std::fmt::Debug) -> RuntimeError {
+        RuntimeError::topic(&self.instance, &self.name, format!("{action}: {cause:?}"))
     }
 }
 
 /// A message being written, in shared memory. Dropped without [`Loan::publish`], it was never sent.
-pub struct Loan<'a, T: Pod + Debug + ZeroCopySend> {
+pub struct Loan<'a, T: Payload> {
     sample: SampleMut<Ipc, [T], FrameHeader>,
     output: &'a mut Output<T>,
 }
 
-impl<T: Pod + Debug + ZeroCopySend> Loan<'_, T> {
+impl<T: Payload> Loan<'_, T> {
     /// The message's header.
     pub fn header_mut(&mut self) -> &mut FrameHeader {
         self.sample.user_header_mut()
@@ -126,12 +96,10 @@ impl<T: Pod + Debug + ZeroCopySend> Loan<'_, T> {
     }
 
     /// Sends it and wakes the consumers.
-    pub fn publish(self) -> Result<(), RuntimeError> {
+    pub fn publish(self) -> Result<()> {
         let _span = tracing::trace_span!(target: "mluc::frame", "publish").entered();
-        self.output.bytes_written += size_of_val(self.sample.payload()) as u64;
-        self.sample
-            .send()
-            .map_err(|e| self.output.failed("sending", format!("{e:?}")))?;
+        let sent = self.sample.send();
+        sent.map_err(|e| self.output.failed("sending", e))?;
         // The message is there already; a consumer that cannot be woken finds it at its next look.
         if let Err(error) = self.output.notifier.notify() {
             tracing::debug!(?error, topic = self.output.name, "waking the consumers");
@@ -141,18 +109,17 @@ impl<T: Pod + Debug + ZeroCopySend> Loan<'_, T> {
 }
 
 /// Writing to shared memory that is full kills the process by a signal: better said before.
-fn check_room(topic: &Topic, name: &str, message_bytes: usize) -> Result<(), RuntimeError> {
-    let needed = (topic.slots() * message_bytes) as u64;
-    let Ok(about) = rustix::fs::statvfs(crate::instance::SHARED_MEMORY) else {
+fn check_room(needed: u64) -> std::result::Result<(), String> {
+    let Ok(about) = rustix::fs::statvfs(SHARED_MEMORY) else {
         return Ok(());
     };
     let free = about.f_bavail * about.f_frsize;
     if needed <= free {
         return Ok(());
     }
-    Err(RuntimeError::SharedMemoryFull {
-        topic: name.to_string(),
-        needed_mib: needed.div_ceil(1 << 20),
-        free_mib: free >> 20,
-    })
+    Err(format!(
+        "needs {} MiB of shared memory, {SHARED_MEMORY} has {} MiB free: make it larger (in a container: --shm-size)",
+        needed.div_ceil(1 << 20),
+        free >> 20
+    ))
 }

@@ -2,11 +2,11 @@
 
 use std::hash::{BuildHasher, RandomState};
 
-use iceoryx2::node::Node;
 use mluc_ipc_types::{FrameHeader, RunDescription, Topic};
 
-use crate::input::{Input, InputOptions};
-use crate::{Claim, Instance, Ipc, Output, RuntimeError, monotonic_ns};
+use crate::error::Result;
+use crate::node::IpcNode;
+use crate::{Claim, Input, Output, monotonic_ns};
 
 /// Role of the process that describes the run: one at a time.
 pub(crate) const ROLE: &str = "run";
@@ -21,40 +21,28 @@ pub fn random_run_id() -> u64 {
 /// Follows the topic.
 pub(crate) struct RunWatch {
     input: Input<RunDescription>,
-    current: Option<RunDescription>,
+    pub(crate) current: Option<RunDescription>,
 }
 
 impl RunWatch {
-    pub(crate) fn open(node: &Node<Ipc>, instance: &Instance) -> Result<RunWatch, RuntimeError> {
-        let options = InputOptions::default();
+    pub(crate) fn open(node: &IpcNode) -> Result<RunWatch> {
         Ok(RunWatch {
-            input: Input::open(node, instance, &Topic::RUN, Topic::RUN.name, options)?,
+            input: Input::open(node, &Topic::RUN, Topic::RUN.name, false)?,
             current: None,
         })
     }
 
     /// Takes a newer description. True: a new run began. What breaks the contract is left out.
-    pub(crate) fn update(&mut self) -> Result<bool, RuntimeError> {
+    pub(crate) fn update(&mut self) -> Result<bool> {
         let Some(message) = self.input.newest()? else {
             return Ok(false);
         };
+        let before = self.id();
         match message.elements() {
-            [run] if run.checked().is_ok() => Ok(self.set(*run)),
-            _ => {
-                tracing::warn!("the description of the run breaks the contract: left out");
-                Ok(false)
-            }
+            [run] if run.checked().is_ok() => self.current = Some(*run),
+            _ => tracing::warn!("the description of the run breaks the contract: left out"),
         }
-    }
-
-    pub(crate) fn set(&mut self, run: RunDescription) -> bool {
-        let is_new = self.current.is_none_or(|old| old.run_id != run.run_id);
-        self.current = Some(run);
-        is_new
-    }
-
-    pub(crate) fn current(&self) -> Option<&RunDescription> {
-        self.current.as_ref()
+        Ok(self.id() != before)
     }
 
     /// 0 before one is known.
@@ -63,9 +51,9 @@ impl RunWatch {
     }
 }
 
-/// Describes the run and hands the description to late readers.
+/// Describes the run; hands the description to late readers with [`Output::reach_late_readers`].
 pub(crate) struct RunWriter {
-    output: Output<RunDescription>,
+    pub(crate) output: Output<RunDescription>,
     _claim: Claim,
 }
 
@@ -74,7 +62,7 @@ impl RunWriter {
         mut output: Output<RunDescription>,
         claim: Claim,
         run: &RunDescription,
-    ) -> Result<RunWriter, RuntimeError> {
+    ) -> Result<RunWriter> {
         let mut header = FrameHeader::new(0, ROLE);
         (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
         let mut loan = output.loan(&header, 1)?;
@@ -84,10 +72,5 @@ impl RunWriter {
             output,
             _claim: claim,
         })
-    }
-
-    /// Readers that came since the last call get the description.
-    pub(crate) fn reach_late_readers(&self) -> Result<(), RuntimeError> {
-        self.output.reach_late_readers()
     }
 }

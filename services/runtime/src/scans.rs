@@ -3,15 +3,15 @@
 
 use std::collections::VecDeque;
 
-use mluc_ipc_types::{Point, RunDescription};
+use mluc_ipc_types::{Point, RunDescription, Topic};
 
-use crate::{Input, Message, RuntimeError};
+use crate::error::Result;
+use crate::{Input, Message, Shell};
 
 /// Scans kept after a frame was refined: the backbone has taken the newest or the one before it at about that time.
 const PINNED: usize = 2;
 /// Scans kept in all: the pinned ones, and the newest two for a backbone that waited. So the points of a frame are found
-/// again however long the backbone takes; one more is held while it is being sorted in
-/// ([`mluc_ipc_types::Topic::POINTS`]`.borrowed`).
+/// again however long the backbone takes; one more is held while it is being sorted in ([`Topic::POINTS`]`.borrowed`).
 const KEPT: usize = 4;
 
 /// Scans by their sequence.
@@ -24,28 +24,28 @@ pub struct Scans {
 }
 
 impl Scans {
-    /// Holds what arrives at `input`.
-    pub fn held(input: Input<Point>) -> Scans {
-        Scans::new(input, KEPT)
+    /// Holds what ingest sends.
+    pub fn held(shell: &Shell) -> Result<Scans> {
+        Scans::open(shell, KEPT)
     }
 
-    /// Counts what arrives at `input`, and lets it go.
-    pub fn sent(input: Input<Point>) -> Scans {
-        Scans::new(input, 0)
+    /// Counts what ingest sends, and lets it go.
+    pub fn sent(shell: &Shell) -> Result<Scans> {
+        Scans::open(shell, 0)
     }
 
-    fn new(input: Input<Point>, kept: usize) -> Scans {
-        Scans {
-            input,
+    fn open(shell: &Shell, kept: usize) -> Result<Scans> {
+        Ok(Scans {
+            input: shell.side_input(&Topic::POINTS)?,
             held: VecDeque::with_capacity(kept + 1),
             kept,
             run_id: 0,
             count_sent: 0,
-        }
+        })
     }
 
     /// Takes the scans of a run that arrived.
-    pub fn take(&mut self, run: &RunDescription) -> Result<(), RuntimeError> {
+    pub fn take(&mut self, run: &RunDescription) -> Result<()> {
         if self.run_id != run.run_id {
             (self.run_id, self.count_sent) = (run.run_id, 0);
             self.held.clear();
@@ -81,14 +81,12 @@ impl Scans {
 
     /// The points of a frame, if they are still there; unchecked.
     pub fn of(&self, sequence: u64) -> Option<&Message<Point>> {
-        self.held
-            .iter()
-            .rev()
-            .find(|scan| scan.header().sequence == sequence)
+        let mut newest_first = self.held.iter().rev();
+        newest_first.find(|scan| scan.header().sequence == sequence)
     }
 
-    /// The input that they come from.
-    pub fn input(&self) -> &Input<Point> {
-        &self.input
+    /// Scans that were found inside a mapped segment of the instance.
+    pub(crate) fn mappings_verified(&self) -> u64 {
+        self.input.mappings_verified()
     }
 }

@@ -1,44 +1,25 @@
 //! One process of an instance.
 
-use std::fmt::Debug;
 use std::time::Duration;
 
-use bytemuck::Pod;
-use iceoryx2::node::Node;
-use iceoryx2::prelude::ZeroCopySend;
-use mluc_ipc_types::{ContractError, HealthState, RunDescription, Stage, Topic};
+use mluc_ipc_types::{Health, HealthState, RunDescription, Stage, Text, Topic, WIRE_VERSION};
 
+use crate::error::Result;
 use crate::health::Heartbeat;
-use crate::input::InputOptions;
 use crate::mapping::{self, Prefault};
-use crate::node::{self, Cleaning};
+use crate::node::IpcNode;
 use crate::run::{self, RunWatch, RunWriter};
 use crate::{
-    Claim, Counters, HealthWatch, Input, Instance, Ipc, Membership, Message, Output, RuntimeError,
+    Claim, HealthWatch, Input, Instance, Membership, Message, Output, Payload, RuntimeError,
     Shutdown, monotonic_ns,
 };
 
-/// How a process joins.
-#[derive(Clone, Debug)]
-pub struct ShellOptions {
-    /// Which pipeline.
-    pub instance: Instance,
-    /// Looks up each payload in `/proc/self/maps` (about 0.1 ms a message) and fails when it is no shared memory.
-    pub verify_mapping: bool,
-    /// Touches shared memory before the first frame does.
-    pub prefault: bool,
-}
-
-impl ShellOptions {
-    /// Without the check, with prefault.
-    pub fn new(instance: Instance) -> ShellOptions {
-        ShellOptions {
-            instance,
-            verify_mapping: false,
-            prefault: true,
-        }
-    }
-}
+/// Between two looks for new segments.
+const TOUCH_PERIOD_NS: u64 = 100_000_000;
+/// Between two looks for the first description of a run.
+const RUN_POLL: Duration = Duration::from_millis(5);
+/// How often a waiting process looks around: also the longest time until it sees a signal.
+const TICK: Duration = Duration::from_millis(50);
 
 /// A process of an instance: ports, waiting, health, and leaving without a trace. Drop the ports first.
 pub struct Shell {
@@ -46,23 +27,25 @@ pub struct Shell {
     heartbeat: Option<Heartbeat>,
     run: RunWatch,
     run_writer: Option<RunWriter>,
-    /// Fingerprint of this process's model, if it has one.
-    model: Option<u64>,
-    node: Node<Ipc>,
+    node: IpcNode,
     _claim: Option<Claim>,
     membership: Membership,
-    options: ShellOptions,
+    /// Fingerprint of this process's model, if it has one: messages are refused while the run has another.
+    pub model: Option<u64>,
+    /// Inputs opened from now on look up each payload in `/proc/self/maps` (about 0.1 ms a message) and fail when it is no
+    /// shared memory.
+    pub verify_mapping: bool,
     prefault: Prefault,
     touched_ns: u64,
     shutdown: Shutdown,
     /// Since the last message that was waited for.
     silence: Option<Silence>,
-    /// Published with every heartbeat.
-    pub counters: Counters,
+    /// Published with every heartbeat; the program counts in it.
+    pub health: Health,
 }
 
 /// What a wait with a timeout ends with.
-pub enum Next<T: Pod + Debug + ZeroCopySend> {
+pub enum Next<T: Payload> {
     /// The newest message.
     Message(Message<T>),
     /// None came.
@@ -79,61 +62,53 @@ struct Silence {
 
 impl Shell {
     /// Joins as a stage; fails when another process is that stage already.
-    pub fn stage(
-        options: ShellOptions,
-        stage: Stage,
-        shutdown: Shutdown,
-    ) -> Result<Shell, RuntimeError> {
-        let membership = Membership::join(&options.instance, stage.name())?;
-        let claim = membership.claim(stage.name())?;
-        let node = node::join(&options.instance, stage.name(), Cleaning::Yes)?;
-        let heartbeat = Heartbeat::open(&node, &options.instance, stage)?;
-        let mut shell = Shell::join(options, membership, Some(claim), node, shutdown)?;
-        shell.heartbeat = Some(heartbeat);
+    pub fn stage(instance: &Instance, stage: Stage, shutdown: Shutdown) -> Result<Shell> {
+        let mut shell = Shell::join(instance, Some(stage.name()), true, shutdown)?;
+        shell.heartbeat = Some(Heartbeat::open(&shell.node, stage)?);
         shell.follow_run()?;
         shell.beat()?;
         Ok(shell)
     }
 
     /// Joins as one that looks on: supervisor, status. With a `role`, only one process may have it.
-    pub fn observer(
-        options: ShellOptions,
-        role: Option<&str>,
-        shutdown: Shutdown,
-    ) -> Result<Shell, RuntimeError> {
-        let membership = Membership::join(&options.instance, role.unwrap_or("observer"))?;
-        let claim = role.map(|role| membership.claim(role)).transpose()?;
-        let node = node::join(&options.instance, role.unwrap_or("observer"), Cleaning::No)?;
-        Shell::join(options, membership, claim, node, shutdown)
+    pub fn observer(instance: &Instance, role: Option<&str>, shutdown: Shutdown) -> Result<Shell> {
+        Shell::join(instance, role, false, shutdown)
     }
 
     fn join(
-        options: ShellOptions,
-        membership: Membership,
-        claim: Option<Claim>,
-        node: Node<Ipc>,
+        instance: &Instance,
+        role: Option<&str>,
+        cleans: bool,
         shutdown: Shutdown,
-    ) -> Result<Shell, RuntimeError> {
+    ) -> Result<Shell> {
+        let name = role.unwrap_or("observer");
+        let membership = Membership::join(instance, name)?;
+        let claim = role.map(|role| membership.claim(role)).transpose()?;
+        let node = IpcNode::join(instance, name, cleans)?;
         Ok(Shell {
             heartbeat: None,
-            run: RunWatch::open(&node, &options.instance)?,
+            run: RunWatch::open(&node)?,
             run_writer: None,
-            model: None,
             node,
             _claim: claim,
             membership,
-            options,
+            model: None,
+            verify_mapping: false,
             prefault: Prefault::default(),
             touched_ns: 0,
             shutdown,
             silence: None,
-            counters: Counters::default(),
+            health: Health {
+                wire_version: WIRE_VERSION,
+                pid: std::process::id(),
+                ..bytemuck::Zeroable::zeroed()
+            },
         })
     }
 
     /// The shared segment (its inode) that `elements` lie in; `None` when they lie elsewhere. For proofs, not for frames.
     pub fn segment_of<T>(&self, elements: &[T]) -> Option<u64> {
-        mapping::segment_of(&self.options.instance, elements).map(|mapping| mapping.inode)
+        mapping::segment_of(self.instance(), elements).map(|mapping| mapping.inode)
     }
 
     /// Whether this process was asked to end.
@@ -143,12 +118,12 @@ impl Shell {
 
     /// Which pipeline.
     pub fn instance(&self) -> &Instance {
-        self.membership.instance()
+        &self.node.instance
     }
 
     /// Begins a new run and describes it to everybody, now and later. False: another process of the instance describes the
     /// run already ([`Shell::await_run`] gives its description).
-    pub fn begin_run(&mut self, description: &RunDescription) -> Result<bool, RuntimeError> {
+    pub fn begin_run(&mut self, description: &RunDescription) -> Result<bool> {
         // Of the run that this process began before.
         self.run_writer = None;
         let claim = match self.membership.claim(run::ROLE) {
@@ -157,61 +132,36 @@ impl Shell {
         };
         let output = self.output(&Topic::RUN, 1)?;
         self.run_writer = Some(RunWriter::begin(output, claim, description)?);
-        self.run.set(*description);
+        self.run.current = Some(*description);
         self.follow_run()?;
         Ok(true)
     }
 
     /// The run that this process takes part in.
     pub fn run(&self) -> Option<&RunDescription> {
-        self.run.current()
-    }
-
-    /// Messages are refused while the run has another model than this one.
-    pub fn set_model(&mut self, fingerprint: u64) {
-        self.model = Some(fingerprint);
-    }
-
-    pub(crate) fn check_model(&self) -> Result<(), ContractError> {
-        match (self.model, self.run.current()) {
-            (Some(own), Some(run)) if own != run.model_fingerprint => {
-                Err(ContractError::Mismatch {
-                    what: "fingerprint of the model (all stages must run the same model)",
-                    expected: own,
-                    found: run.model_fingerprint,
-                })
-            }
-            _ => Ok(()),
-        }
+        self.run.current.as_ref()
     }
 
     /// Takes a newer description of the run; the heartbeats carry its id from now on.
-    fn follow_run(&mut self) -> Result<(), RuntimeError> {
+    fn follow_run(&mut self) -> Result<()> {
         self.run.update()?;
-        let id = self.run.id();
-        if self.heartbeat.as_mut().is_some_and(|h| h.set_run(id)) {
-            self.beat()
-        } else {
-            Ok(())
+        if self.health.run_id == self.run.id() {
+            return Ok(());
         }
+        self.health.run_id = self.run.id();
+        self.beat()
     }
 
-    /// Waits until a run is known, with heartbeats. `None`: it is known; else how the wait ended.
-    pub fn await_run<T: Pod + Debug + ZeroCopySend>(
-        &mut self,
-        timeout: Duration,
-    ) -> Result<Option<Next<T>>, RuntimeError> {
+    /// Waits until a run is known, with heartbeats. False: the time is over, or this process was asked to end.
+    pub fn await_run(&mut self, timeout: Duration) -> Result<bool> {
         let begun_ns = monotonic_ns();
         let mut is_said = false;
-        while self.run.current().is_none() {
-            if self.is_stopping() {
-                return Ok(Some(Next::Stopping));
+        while self.run().is_none() {
+            let waited = Duration::from_nanos(monotonic_ns() - begun_ns);
+            if self.is_stopping() || waited > timeout {
+                return Ok(false);
             }
-            let waited_ns = monotonic_ns() - begun_ns;
-            if u128::from(waited_ns) > timeout.as_nanos() {
-                return Ok(Some(Next::Timeout));
-            }
-            if waited_ns > Topic::RUN.deadline_ms * 1_000_000 && !is_said {
+            if waited > Topic::SILENCE_MAX && !is_said {
                 is_said = true;
                 let reason = "waiting for the run: no pipeline and no ingest is running";
                 tracing::info!("{reason}");
@@ -220,75 +170,47 @@ impl Shell {
             self.tick()?;
             std::thread::sleep(RUN_POLL);
         }
-        Ok(None)
+        Ok(true)
     }
 
     /// The producer's end of a topic, for messages of up to `elements_max` elements.
-    pub fn output<T: Pod + Debug + ZeroCopySend>(
-        &mut self,
-        topic: &Topic,
-        elements_max: usize,
-    ) -> Result<Output<T>, RuntimeError> {
-        let output = Output::open(
-            &self.node,
-            &self.options.instance,
-            topic,
-            topic.name,
-            elements_max.min(topic.elements_max),
-        )?;
+    pub fn output<T: Payload>(&mut self, topic: &Topic, elements_max: usize) -> Result<Output<T>> {
+        let elements_max = elements_max.min(topic.elements_max);
+        let output = Output::open(&self.node, topic, topic.name, elements_max)?;
         self.touch();
         Ok(output)
     }
 
     /// The consumer's end of a topic that this process waits for.
-    pub fn input<T: Pod + Debug + ZeroCopySend>(
-        &self,
-        topic: &Topic,
-    ) -> Result<Input<T>, RuntimeError> {
+    pub fn input<T: Payload>(&self, topic: &Topic) -> Result<Input<T>> {
         self.open_input(topic, true)
     }
 
     /// The consumer's end of a topic that this process only looks at.
-    pub fn side_input<T: Pod + Debug + ZeroCopySend>(
-        &self,
-        topic: &Topic,
-    ) -> Result<Input<T>, RuntimeError> {
+    pub fn side_input<T: Payload>(&self, topic: &Topic) -> Result<Input<T>> {
         self.open_input(topic, false)
     }
 
-    fn open_input<T: Pod + Debug + ZeroCopySend>(
-        &self,
-        topic: &Topic,
-        wakes: bool,
-    ) -> Result<Input<T>, RuntimeError> {
-        let options = InputOptions {
-            wakes,
-            verify_mapping: self.options.verify_mapping,
-        };
-        Input::open(
-            &self.node,
-            &self.options.instance,
-            topic,
-            topic.name,
-            options,
-        )
+    fn open_input<T: Payload>(&self, topic: &Topic, wakes: bool) -> Result<Input<T>> {
+        let mut input = Input::open(&self.node, topic, topic.name, wakes)?;
+        input.verify_mapping = self.verify_mapping;
+        Ok(input)
     }
 
     /// All stages' heartbeats.
-    pub fn health_watch(&self) -> Result<HealthWatch, RuntimeError> {
-        HealthWatch::open(&self.node, &self.options.instance)
+    pub fn health_watch(&self) -> Result<HealthWatch> {
+        HealthWatch::open(&self.node)
     }
 
     /// Waits for the newest message, with heartbeats; `None`: this process was asked to end. Says what it waits for
-    /// when nothing came within the topic's deadline.
-    pub fn next<T: Pod + Debug + ZeroCopySend>(
+    /// after [`Topic::SILENCE_MAX`].
+    pub fn next<T: Payload>(
         &mut self,
         input: &mut Input<T>,
-        topic: &Topic,
-        mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<(), RuntimeError>,
-    ) -> Result<Option<Message<T>>, RuntimeError> {
+        mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<()>,
+    ) -> Result<Option<Message<T>>> {
         loop {
-            match self.next_within(input, topic, &mut on_tick, Duration::MAX)? {
+            match self.next_within(input, &mut on_tick, Duration::MAX)? {
                 Next::Message(message) => return Ok(Some(message)),
                 Next::Stopping => return Ok(None),
                 Next::Timeout => (),
@@ -297,13 +219,12 @@ impl Shell {
     }
 
     /// The same, and gives up after `timeout`. Silence is counted over the calls.
-    pub fn next_within<T: Pod + Debug + ZeroCopySend>(
+    pub fn next_within<T: Payload>(
         &mut self,
         input: &mut Input<T>,
-        topic: &Topic,
-        mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<(), RuntimeError>,
+        mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<()>,
         timeout: Duration,
-    ) -> Result<Next<T>, RuntimeError> {
+    ) -> Result<Next<T>> {
         let begun_ns = monotonic_ns();
         self.silence.get_or_insert(Silence {
             since_ns: begun_ns,
@@ -314,15 +235,19 @@ impl Shell {
                 return Ok(Next::Stopping);
             }
             self.follow_run()?;
-            on_tick(self.run.current())?;
+            on_tick(self.run())?;
             // A wake-up whose message was taken already ends the wait below early, once: forgetting it here would cost two
             // system calls between a wake-up and its message.
             if let Some(message) = input.newest()? {
-                self.end_silence(topic);
+                self.end_silence(input.name());
                 return Ok(Next::Message(message));
             }
-            self.say_silence(input, topic)?;
-            self.touch_when_due();
+            self.say_silence(input)?;
+            // Only while there is nothing to do: reading this process's map takes 0.1 ms, for which the consumer of a
+            // message just sent may wait where cores are few.
+            if monotonic_ns() - self.touched_ns >= TOUCH_PERIOD_NS {
+                self.touch();
+            }
             self.tick()?;
             let left = timeout.saturating_sub(Duration::from_nanos(monotonic_ns() - begun_ns));
             if left.is_zero() {
@@ -332,39 +257,37 @@ impl Shell {
         }
     }
 
-    /// Says once what is missing, when the topic's deadline is over.
-    fn say_silence<T: Pod + Debug + ZeroCopySend>(
-        &mut self,
-        input: &Input<T>,
-        topic: &Topic,
-    ) -> Result<(), RuntimeError> {
-        let deadline_ns = topic.deadline_ms * 1_000_000;
-        match &mut self.silence {
-            Some(silence)
-                if !silence.is_said && monotonic_ns() - silence.since_ns > deadline_ns =>
-            {
-                silence.is_said = true;
-            }
-            _ => return Ok(()),
+    /// Says once what is missing.
+    fn say_silence<T: Payload>(&mut self, input: &Input<T>) -> Result<()> {
+        let Some(silence) = self.silence.as_mut().filter(|silence| !silence.is_said) else {
+            return Ok(());
+        };
+        if Duration::from_nanos(monotonic_ns() - silence.since_ns) <= Topic::SILENCE_MAX {
+            return Ok(());
         }
-        let reason = waiting_for(input, topic);
+        silence.is_said = true;
+        let what = match input.producers() {
+            0 => "no producer is running",
+            _ => "their producer is silent",
+        };
+        let reason = format!("waiting for {}: {what}", input.name());
         tracing::info!("{reason}");
         self.state(HealthState::WaitingInput, &reason)
     }
 
-    fn end_silence(&mut self, topic: &Topic) {
+    fn end_silence(&mut self, topic: &str) {
         if let Some(silence) = self.silence.take()
             && silence.is_said
         {
             let waited_ms = (monotonic_ns() - silence.since_ns) / 1_000_000;
-            tracing::info!(waited_ms, "{} arrive", topic.name);
+            tracing::info!(waited_ms, "{topic} arrive");
         }
     }
 
     /// Refuses a message that breaks the contract or comes of another model: counted, said, and the next one is taken.
-    pub fn refuse(&mut self, why: &str) -> Result<(), RuntimeError> {
-        self.counters.messages_refused += 1;
-        let count = self.counters.messages_refused;
+    pub fn refuse(&mut self, why: &str) -> Result<()> {
+        self.health.messages_refused += 1;
+        let count = self.health.messages_refused;
         // A lasting cause would fill the log at the sensor's rate.
         if count <= 3 || count.is_multiple_of(100) {
             tracing::warn!(count, "message refused: {why}");
@@ -372,19 +295,14 @@ impl Shell {
         self.state(HealthState::Degraded, why)
     }
 
-    /// Waits at most `timeout` for a message on `input`, without taking it.
-    pub fn wait<T: Pod + Debug + ZeroCopySend>(&self, input: &Input<T>, timeout: Duration) {
-        input.wait(timeout);
-    }
-
-    /// Says how this stage is; logged and published when it changes.
-    pub fn state(&mut self, state: HealthState, reason: &str) -> Result<(), RuntimeError> {
-        let heartbeat = self.heartbeat.as_mut();
-        if heartbeat.is_some_and(|heartbeat| heartbeat.set(state, reason)) {
-            self.beat()
-        } else {
-            Ok(())
+    /// Says how this stage is; published when it changes.
+    pub fn state(&mut self, state: HealthState, reason: &str) -> Result<()> {
+        let said = (state as u32, Text::pack(reason));
+        if (self.health.state, self.health.reason) == said {
+            return Ok(());
         }
+        (self.health.state, self.health.reason) = said;
+        self.beat()
     }
 
     /// How long the stage computed for a frame.
@@ -395,52 +313,28 @@ impl Shell {
     }
 
     /// What is to be done now and then: a look for a new run, the description for late readers, a heartbeat.
-    pub fn tick(&mut self) -> Result<(), RuntimeError> {
+    pub fn tick(&mut self) -> Result<()> {
         self.follow_run()?;
         if let Some(writer) = &self.run_writer {
-            writer.reach_late_readers()?;
+            writer.output.reach_late_readers()?;
         }
         if self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
-            self.beat()
-        } else {
-            Ok(())
+            self.beat()?;
         }
+        Ok(())
     }
 
     /// A heartbeat now.
-    pub fn beat(&mut self) -> Result<(), RuntimeError> {
+    pub fn beat(&mut self) -> Result<()> {
         match &mut self.heartbeat {
-            Some(heartbeat) => heartbeat.publish(&self.counters),
+            Some(heartbeat) => heartbeat.publish(&self.health),
             None => Ok(()),
         }
     }
 
-    /// Touches segments that other processes made, now and then, and only while there is nothing to do: reading this
-    /// process's map takes 0.1 ms, for which the consumer of a message just sent may wait where cores are few.
-    fn touch_when_due(&mut self) {
-        if monotonic_ns() - self.touched_ns >= TOUCH_PERIOD_NS {
-            self.touch();
-        }
-    }
-
+    /// Touches segments that other processes made.
     fn touch(&mut self) {
         self.touched_ns = monotonic_ns();
-        if self.options.prefault {
-            self.prefault.touch(&self.options.instance);
-        }
-    }
-}
-
-/// Between two looks for new segments.
-const TOUCH_PERIOD_NS: u64 = 100_000_000;
-/// Between two looks for the first description of a run.
-const RUN_POLL: Duration = Duration::from_millis(5);
-/// How often a waiting process looks around: also the longest time until it sees a signal.
-const TICK: Duration = Duration::from_millis(50);
-
-fn waiting_for<T: Pod + Debug + ZeroCopySend>(input: &Input<T>, topic: &Topic) -> String {
-    match input.producers() {
-        0 => format!("waiting for {}: no producer is running", topic.name),
-        _ => format!("waiting for {}: their producer is silent", topic.name),
+        self.prefault.touch(&self.node.instance);
     }
 }

@@ -4,8 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 
 use crate::RuntimeError;
+use crate::error::Result;
 
 /// Whether this process was asked to end. Clones share the flag.
 #[derive(Clone, Debug, Default)]
@@ -14,20 +16,16 @@ pub struct Shutdown(Arc<AtomicBool>);
 impl Shutdown {
     /// Listens for SIGTERM and SIGINT. A SIGINT after either ends the process at once; further SIGTERMs do nothing more:
     /// the kernel sends one for each thread of a parent that dies, and there must be time to clean up.
-    pub fn on_signals() -> Result<Shutdown, RuntimeError> {
+    pub fn on_signals() -> Result<Shutdown> {
         let shutdown = Shutdown::default();
         for signal in [SIGTERM, SIGINT] {
-            let failed = |source| RuntimeError::Io {
-                action: "listening for signals",
-                path: "SIGTERM, SIGINT".into(),
-                source,
-            };
+            let failed = || RuntimeError::io("listening for signals", "SIGTERM, SIGINT");
             if signal == SIGINT {
                 // Before the other: it sees the flag of the signal before.
-                signal_hook::flag::register_conditional_shutdown(signal, 1, shutdown.0.clone())
-                    .map_err(failed)?;
+                flag::register_conditional_shutdown(signal, 1, shutdown.0.clone())
+                    .map_err(failed())?;
             }
-            signal_hook::flag::register(signal, shutdown.0.clone()).map_err(failed)?;
+            flag::register(signal, shutdown.0.clone()).map_err(failed())?;
         }
         Ok(shutdown)
     }

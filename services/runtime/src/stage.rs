@@ -1,14 +1,11 @@
 //! A stage's process, but for its algorithm: take, check, count, stamp, publish.
 
-use std::fmt::Debug;
 use std::sync::OnceLock;
 
-use bytemuck::Pod;
-use iceoryx2::prelude::ZeroCopySend;
 use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage};
 use tracing::span::EnteredSpan;
 
-use crate::{Frames, Output, RuntimeError, Shell, monotonic_ns};
+use crate::{Frames, Output, Payload, RuntimeError, Shell, monotonic_ns};
 
 /// Of the spans that [`crate::log_to_stderr`] writes.
 const SPANS: &str = "mluc::frame";
@@ -55,9 +52,9 @@ pub struct StageInput<'a, T> {
 /// What a stage is, besides its process.
 pub trait Algorithm {
     /// Element of what it takes.
-    type Input: Pod + Debug + ZeroCopySend;
+    type Input: Payload;
     /// Element of what it gives.
-    type Output: Pod + Debug + ZeroCopySend;
+    type Output: Payload;
 
     /// Checks and computes a frame, and says in the header what was out of the ordinary. Gives the elements of the
     /// result.
@@ -71,7 +68,7 @@ pub trait Algorithm {
     fn write(&mut self, output: &mut [Self::Output]) -> Result<(), StageError>;
 
     /// Publishes what goes out before the result; gives its bytes.
-    fn publish_aside(&mut self, _header: &FrameHeader) -> Result<u64, RuntimeError> {
+    fn publish_aside(&mut self, _header: &FrameHeader) -> Result<usize, RuntimeError> {
         Ok(0)
     }
 
@@ -87,7 +84,7 @@ pub fn run_stage<A: Algorithm>(
     output: &mut Output<A::Output>,
     algorithm: &mut A,
 ) -> Result<(), StageError> {
-    let waiting = format!("waiting for {}", frames.topic().name);
+    let waiting = format!("waiting for {}", frames.name());
     shell.state(HealthState::WaitingInput, &waiting)?;
     while let Some(message) = frames.next(shell)? {
         let mut header = *message.header();
@@ -113,11 +110,10 @@ pub fn run_stage<A: Algorithm>(
         loan.publish()?;
         frames.release();
         algorithm.count(shell);
-        let counters = &mut shell.counters;
-        counters.frames_in += 1;
-        counters.bytes_read = bytes_read as u64;
-        counters.bytes_written = bytes_aside + (count * size_of::<A::Output>()) as u64;
-        counters.mappings_verified = frames.mappings_verified();
+        shell.health.frames_in += 1;
+        shell.health.bytes_read = bytes_read as u64;
+        shell.health.bytes_written = (bytes_aside + count * size_of::<A::Output>()) as u32;
+        shell.health.mappings_verified = frames.mappings_verified();
         finish(shell, stage, &header)?;
     }
     Ok(shell.state(HealthState::Stopping, "")?)
@@ -145,7 +141,7 @@ pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(
     if stamps_are_on() {
         shell.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
     }
-    shell.counters.frames_out += 1;
+    shell.health.frames_out += 1;
     shell.state(HealthState::Running, "")?;
     shell.tick()
 }

@@ -1,7 +1,8 @@
 //! Removing what an instance left in shared memory.
 
+use std::ffi::OsString;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use crate::Instance;
@@ -9,17 +10,13 @@ use crate::instance::SHARED_MEMORY;
 
 /// Paths of the instance's segments.
 fn segments(instance: &Instance) -> Vec<PathBuf> {
-    let Ok(entries) = fs::read_dir(SHARED_MEMORY) else {
-        return Vec::new();
-    };
-    entries
-        .flatten()
-        .filter(|entry| {
-            let name = entry.file_name();
-            name.to_string_lossy().starts_with(instance.prefix())
-        })
-        .map(|entry| entry.path())
-        .collect()
+    let is_ours = |name: OsString| name.to_string_lossy().starts_with(instance.prefix());
+    let entries = entries(Path::new(SHARED_MEMORY)).filter(|entry| is_ours(entry.file_name()));
+    entries.map(|entry| entry.path()).collect()
+}
+
+fn entries(folder: &Path) -> impl Iterator<Item = fs::DirEntry> {
+    fs::read_dir(folder).into_iter().flatten().flatten()
 }
 
 /// Removes all segments, and all of the root folder but the file named `keep`. Only for the one process that is alone.
@@ -29,14 +26,7 @@ pub(crate) fn wipe(instance: &Instance, keep: &str) -> usize {
     for path in segments(instance) {
         count += usize::from(fs::remove_file(path).is_ok());
     }
-    for entry in fs::read_dir(instance.root())
-        .into_iter()
-        .flatten()
-        .flatten()
-    {
-        if entry.file_name() == keep {
-            continue;
-        }
+    for entry in entries(instance.root()).filter(|entry| entry.file_name() != keep) {
         let path = entry.path();
         let removed = if path.is_dir() {
             fs::remove_dir_all(&path)
@@ -57,18 +47,14 @@ const STILLBORN_AGE: Duration = Duration::from_millis(200);
 pub(crate) fn sweep_stillborn(instance: &Instance) -> usize {
     let now = SystemTime::now();
     let stillborn = |path: &PathBuf| {
-        let Ok(about) = fs::symlink_metadata(path) else {
-            return false;
-        };
-        let age = about
-            .modified()
+        let about = fs::symlink_metadata(path)
             .ok()
-            .and_then(|at| now.duration_since(at).ok());
-        about.len() == 0 && age.is_some_and(|age| age > STILLBORN_AGE)
+            .filter(|about| about.len() == 0);
+        let age = about.and_then(|about| now.duration_since(about.modified().ok()?).ok());
+        age.is_some_and(|age| age > STILLBORN_AGE)
     };
-    segments(instance)
-        .into_iter()
-        .filter(stillborn)
+    let stillborn = segments(instance).into_iter().filter(stillborn);
+    stillborn
         .filter(|path| fs::remove_file(path).is_ok())
         .count()
 }
@@ -93,21 +79,18 @@ mod tests {
     fn only_old_empty_segments_of_this_instance_are_stillborn() {
         let name = format!("sweep-{}", std::process::id());
         let instance = Instance::new(&name).unwrap();
-        let at =
-            |suffix: &str| PathBuf::from(format!("{SHARED_MEMORY}/{}{suffix}", instance.prefix()));
-        let old = SystemTime::now() - Duration::from_secs(2);
-        fs::write(at("old.connection"), b"").unwrap();
-        fs::File::open(at("old.connection"))
-            .unwrap()
-            .set_modified(old)
-            .unwrap();
-        fs::write(at("new.connection"), b"").unwrap();
-        fs::write(at("full.connection"), b"x").unwrap();
-        fs::File::open(at("full.connection"))
-            .unwrap()
-            .set_modified(old)
-            .unwrap();
-
+        let at = |name: &str| PathBuf::from(format!("{SHARED_MEMORY}/{}{name}", instance.prefix()));
+        let now = SystemTime::now();
+        let old = now - Duration::from_secs(2);
+        for (name, bytes, modified) in [
+            ("old.connection", &b""[..], old),
+            ("new.connection", b"", now),
+            ("full.connection", b"x", old),
+        ] {
+            fs::write(at(name), bytes).unwrap();
+            let file = fs::File::open(at(name)).unwrap();
+            file.set_modified(modified).unwrap();
+        }
         assert_eq!(sweep_stillborn(&instance), 1);
         assert!(!at("old.connection").exists());
         assert!(at("new.connection").exists() && at("full.connection").exists());

@@ -7,24 +7,23 @@ use mluc_ipc_types::{
     Detection, FeatureBlock, FrameHeader, Health, HealthState, Point, RunDescription, Stage, Topic,
     WIRE_VERSION,
 };
-use mluc_runtime::{Frames, Instance, Next, Output, Shell, ShellOptions, Shutdown, random_run_id};
+use mluc_runtime::{Frames, Instance, Next, Output, Payload, Shell, Shutdown, random_run_id};
 
 const MODEL: u64 = 42;
 
 /// Spoils a header.
 type Spoil = fn(&mut FrameHeader);
 
-fn options(label: &str) -> ShellOptions {
-    let name = format!("{label}-{}", std::process::id());
-    ShellOptions::new(Instance::new(&name).unwrap())
+fn instance(label: &str) -> Instance {
+    Instance::new(&format!("{label}-{}", std::process::id())).unwrap()
 }
 
-fn observer(options: &ShellOptions) -> Shell {
-    Shell::observer(options.clone(), None, Shutdown::manual()).unwrap()
+fn observer(instance: &Instance) -> Shell {
+    Shell::observer(instance, None, Shutdown::manual()).unwrap()
 }
 
-fn stage(options: &ShellOptions, stage: Stage) -> Shell {
-    Shell::stage(options.clone(), stage, Shutdown::manual()).unwrap()
+fn stage(instance: &Instance, stage: Stage) -> Shell {
+    Shell::stage(instance, stage, Shutdown::manual()).unwrap()
 }
 
 fn description() -> RunDescription {
@@ -47,8 +46,8 @@ struct Others {
 }
 
 impl Others {
-    fn new(options: &ShellOptions) -> Others {
-        let mut shell = observer(options);
+    fn new(instance: &Instance) -> Others {
+        let mut shell = observer(instance);
         let run = description();
         assert!(shell.begin_run(&run).unwrap());
         Others {
@@ -85,10 +84,7 @@ impl Others {
 }
 
 /// The sequence that is taken, or `None`: refused.
-fn taken<T: bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend>(
-    frames: &mut Frames<T>,
-    shell: &mut Shell,
-) -> Option<u64> {
+fn taken<T: Payload>(frames: &mut Frames<T>, shell: &mut Shell) -> Option<u64> {
     match frames.next_within(shell, Duration::from_millis(1)).unwrap() {
         Next::Message(message) => Some(message.header().sequence),
         _ => None,
@@ -97,10 +93,10 @@ fn taken<T: bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend>(
 
 #[test]
 fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
-    let options = options("hostile");
-    let mut others = Others::new(&options);
-    let mut head = stage(&options, Stage::Head);
-    let mut refiner = stage(&options, Stage::Refiner);
+    let instance = instance("hostile");
+    let mut others = Others::new(&instance);
+    let mut head = stage(&instance, Stage::Head);
+    let mut refiner = stage(&instance, Stage::Refiner);
     let mut features = Frames::<FeatureBlock>::new(&head, &Topic::FEATURES).unwrap();
     let mut detections = Frames::<Detection>::with_points(&refiner, &Topic::DETECTIONS).unwrap();
     let mut both = |others: &mut Others| {
@@ -108,7 +104,7 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
         let of_head = taken(&mut features, &mut head);
         let of_refiner = taken(&mut detections, &mut refiner);
         assert_eq!(of_head, of_refiner);
-        let counters = [&head.counters, &refiner.counters];
+        let counters = [&head.health, &refiner.health];
         (
             of_head,
             counters.map(|c| (c.messages_refused, c.frames_dropped)),
@@ -153,28 +149,27 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
 
 #[test]
 fn a_stage_of_another_model_refuses_everything() {
-    let options = options("model");
-    let mut others = Others::new(&options);
-    let mut head = stage(&options, Stage::Head);
-    head.set_model(MODEL + 1);
+    let instance = instance("model");
+    let mut others = Others::new(&instance);
+    let mut head = stage(&instance, Stage::Head);
+    head.model = Some(MODEL + 1);
     let mut features = Frames::<FeatureBlock>::new(&head, &Topic::FEATURES).unwrap();
     others.shell.tick().unwrap();
     assert_eq!(taken(&mut features, &mut head), None);
     others.scan(0);
     others.send(|_| (), 0);
     assert_eq!(taken(&mut features, &mut head), None);
-    assert_eq!(head.counters.messages_refused, 1);
+    assert_eq!(head.health.messages_refused, 1);
 }
 
 #[test]
 fn a_late_reader_gets_the_description_and_a_second_writer_is_none() {
-    let options = options("latched");
-    let mut others = Others::new(&options);
-    let mut late = observer(&options);
+    let instance = instance("latched");
+    let mut others = Others::new(&instance);
+    let mut late = observer(&instance);
     assert!(late.run().is_none());
     others.shell.tick().unwrap();
-    let ended = late.await_run::<Point>(Duration::from_secs(1)).unwrap();
-    assert!(ended.is_none());
+    assert!(late.await_run(Duration::from_secs(1)).unwrap());
     assert_eq!(late.run().map(|run| run.run_id), Some(others.run.run_id));
     assert!(!late.begin_run(&description()).unwrap());
     drop(others);
@@ -183,8 +178,8 @@ fn a_late_reader_gets_the_description_and_a_second_writer_is_none() {
 
 #[test]
 fn a_heartbeat_that_makes_no_sense_is_left_out() {
-    let options = options("garbage");
-    let mut others = Others::new(&options);
+    let instance = instance("garbage");
+    let mut others = Others::new(&instance);
     let topic = Topic {
         name: "health/refiner",
         ..Topic::HEALTH

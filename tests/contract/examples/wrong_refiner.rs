@@ -7,8 +7,7 @@ use mluc_ipc_types::{
     Object, Point, RunDescription, Stage, Topic,
 };
 use mluc_runtime::{
-    Input, Instance, Message, Output, RuntimeError, Scans, Shell, ShellOptions, Shutdown,
-    monotonic_ns,
+    Input, Instance, Message, Output, RuntimeError, Scans, Shell, Shutdown, monotonic_ns,
 };
 
 fn main() -> Result<(), RuntimeError> {
@@ -18,16 +17,16 @@ fn main() -> Result<(), RuntimeError> {
         // Signals are caught and forgotten.
         shutdown = Shutdown::manual();
     }
-    let options = ShellOptions::new(Instance::from_environment()?);
+    let instance = Instance::from_environment()?;
     let mut shell = if fault == "no_health" {
-        Shell::observer(options, None, shutdown)?
+        Shell::observer(&instance, None, shutdown)?
     } else {
-        Shell::stage(options, Stage::Refiner, shutdown)?
+        Shell::stage(&instance, Stage::Refiner, shutdown)?
     };
     let mut wrong = Wrong {
         objects: shell.output(&Topic::OBJECTS, OBJECTS_MAX)?,
         object_points: shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?,
-        scans: Scans::held(shell.side_input(&Topic::POINTS)?),
+        scans: Scans::held(&shell)?,
         input: shell.input(&Topic::DETECTIONS)?,
         run_id: 0,
         last: None,
@@ -62,7 +61,7 @@ impl Wrong {
         let scans = &mut self.scans;
         let mut take = |run: Option<&RunDescription>| run.map_or(Ok(()), |run| scans.take(run));
         if !is_silent {
-            return shell.next(&mut self.input, &Topic::DETECTIONS, take);
+            return shell.next(&mut self.input, take);
         }
         // No heartbeat while it waits.
         while !shell.is_stopping() {
@@ -70,7 +69,7 @@ impl Wrong {
             if let Some(message) = self.input.newest()? {
                 return Ok(Some(message));
             }
-            shell.wait(&self.input, std::time::Duration::from_millis(20));
+            self.input.wait(std::time::Duration::from_millis(20));
         }
         Ok(None)
     }
@@ -99,17 +98,17 @@ impl Wrong {
             let next = self
                 .last
                 .map_or(header.sequence, |last| last.wrapping_add(1));
-            shell.counters.frames_dropped += header.sequence.saturating_sub(next);
+            shell.health.frames_dropped += header.sequence.saturating_sub(next);
         }
         self.last = Some(header.sequence);
         if self.has("answers_once") && is_answered {
             return Ok(());
         }
         self.answer(header, message.elements())?;
-        shell.counters.frames_in += 1;
-        shell.counters.frames_out += 1;
+        shell.health.frames_in += 1;
+        shell.health.frames_out += 1;
         if self.has("miscounts") {
-            shell.counters.candidates.by_disposition[0] += 77;
+            shell.health.candidates.by_disposition[0] += 77;
         }
         self.scans.let_go();
         shell.state(HealthState::Running, "")

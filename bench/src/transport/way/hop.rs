@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use mluc_ipc_types::{FrameHeader, Stage, Topic};
-use mluc_runtime::{Input, Output, Shell, ShellOptions, Shutdown, monotonic_ns};
+use mluc_ipc_types::{FrameHeader, Stage};
+use mluc_runtime::{Input, Output, Shell, Shutdown, monotonic_ns};
 
 use super::{
     Arrived, Element, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, for_elements, read,
@@ -20,8 +20,8 @@ pub(super) fn receiver(link: &Link) -> Result<Box<dyn Receiver>> {
 }
 
 fn sender_of<T: Element>(link: &Link) -> Result<Box<dyn Sender>> {
-    let options = ShellOptions::new(link.instance(Way::Hop)?);
-    let mut shell = Shell::stage(options, Stage::Ingest, Shutdown::manual())?;
+    let instance = link.instance(Way::Hop)?;
+    let mut shell = Shell::stage(&instance, Stage::Ingest, Shutdown::manual())?;
     let output = shell.output::<T>(link.load.payload.topic(), link.load.elements())?;
     Ok(Box::new(HopSender {
         output,
@@ -32,14 +32,13 @@ fn sender_of<T: Element>(link: &Link) -> Result<Box<dyn Sender>> {
 }
 
 fn receiver_of<T: Element>(link: &Link) -> Result<Box<dyn Receiver>> {
-    let options = ShellOptions::new(link.instance(Way::Hop)?);
+    let instance = link.instance(Way::Hop)?;
     let shutdown = Shutdown::manual();
-    let shell = Shell::stage(options, Stage::Backbone, shutdown.clone())?;
+    let shell = Shell::stage(&instance, Stage::Backbone, shutdown.clone())?;
     let input = shell.input::<T>(link.load.payload.topic())?;
     Ok(Box::new(HopReceiver {
         input,
         shell,
-        topic: *link.load.payload.topic(),
         shutdown,
     }))
 }
@@ -79,7 +78,6 @@ impl<T: Element> Sender for HopSender<T> {
 struct HopReceiver<T: Element> {
     input: Input<T>,
     shell: Shell,
-    topic: Topic,
     shutdown: Shutdown,
 }
 
@@ -87,7 +85,7 @@ impl<T: Element> Receiver for HopReceiver<T> {
     fn receive(&mut self) -> Result<Arrived> {
         let begun = Instant::now();
         let shutdown = &self.shutdown;
-        let message = self.shell.next(&mut self.input, &self.topic, |_| {
+        let message = self.shell.next(&mut self.input, |_| {
             if begun.elapsed() > PATIENCE {
                 shutdown.request();
             }

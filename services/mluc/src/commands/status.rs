@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::bail;
 use mluc_ipc_types::{CandidateCounts, Health, Stage};
-use mluc_runtime::{Instance, Shell, ShellOptions, Shutdown, log_to_stderr};
+use mluc_runtime::{Instance, Shell, Shutdown, log_to_stderr};
 use serde_json::{Map, Value, json};
 
 use crate::UsageError;
@@ -21,7 +21,7 @@ pub(crate) fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     if !instance.root().exists() {
         bail!("no pipeline runs under the name '{}'", instance.name());
     }
-    let shell = Shell::observer(ShellOptions::new(instance), None, Shutdown::on_signals()?)?;
+    let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
     let mut watch = shell.health_watch()?;
     // What waits in the queues may be the last word of a stage that is gone.
     watch.update()?;

@@ -4,11 +4,9 @@ use std::time::Duration;
 
 use anyhow::bail;
 use mluc_head::gate::main_gate;
-use mluc_ipc_types::{
-    CLASS_NAME_MAX, CLASSES_MAX, GateKind, Object, RunDescription, Text, WIRE_VERSION,
-};
+use mluc_ipc_types::{CLASS_NAME_MAX, CLASSES_MAX, GateKind, RunDescription, Text, WIRE_VERSION};
 use mluc_model::{HeadKind, Model};
-use mluc_runtime::{Next, Shell, random_run_id, wall_clock_ns};
+use mluc_runtime::{Shell, random_run_id, wall_clock_ns};
 
 use crate::settings::Settings;
 
@@ -25,15 +23,13 @@ pub(crate) fn begin_or_join_run(
     if shell.begin_run(&own)? {
         return Ok(Some(own));
     }
-    let ended = shell.await_run::<Object>(PATIENCE)?;
+    shell.await_run(PATIENCE)?;
     let instance = settings.instance.name();
-    match (ended, shell.run()) {
-        (Some(Next::Stopping), _) => Ok(None),
-        (_, None) => {
-            bail!("instance '{instance}': the process that began the run does not describe it")
-        }
-        (_, Some(run)) if run.model_fingerprint == own.model_fingerprint => Ok(Some(*run)),
-        (_, Some(run)) => bail!(
+    match shell.run() {
+        _ if shell.is_stopping() => Ok(None),
+        None => bail!("instance '{instance}': the process that began the run does not describe it"),
+        Some(run) if run.model_fingerprint == own.model_fingerprint => Ok(Some(*run)),
+        Some(run) => bail!(
             "instance '{instance}' runs the model '{}' (fingerprint {:016x}), this process '{}' ({:016x}): start all with \
              the same --model",
             run.model_name(),

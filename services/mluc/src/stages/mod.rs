@@ -9,7 +9,7 @@ mod refiner;
 use anyhow::{Context, bail};
 use mluc_ipc_types::Stage;
 use mluc_model::Model;
-use mluc_runtime::{Shell, ShellOptions, Shutdown, log_to_stderr};
+use mluc_runtime::{Shell, Shutdown, log_to_stderr};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
 use crate::cli::StageArgs;
@@ -41,11 +41,10 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
         .build_global()
         .context("starting the threads")?;
     let shutdown = Shutdown::on_signals()?;
-    let mut options = ShellOptions::new(settings.instance.clone());
-    options.verify_mapping = settings.verify_mapping;
-    let mut shell = Shell::stage(options, stage, shutdown)?;
+    let mut shell = Shell::stage(&settings.instance, stage, shutdown)?;
+    shell.verify_mapping = settings.verify_mapping;
     let model = model::load_for(&settings)?;
-    shell.set_model(model.fingerprint);
+    shell.model = Some(model.fingerprint);
     work(stage, &mut shell, &settings, &model, args.start_sequence)
         .with_context(|| format!("stage {}", stage.name()))
 }

@@ -101,13 +101,13 @@ impl Algorithm for RefinerStage {
     }
 
     /// First the indices: whoever has the objects can ask for their points.
-    fn publish_aside(&mut self, header: &FrameHeader) -> Result<u64, RuntimeError> {
+    fn publish_aside(&mut self, header: &FrameHeader) -> Result<usize, RuntimeError> {
         let indices = &self.refined.object_points;
         let mut loan = self.object_points.loan(header, indices.len())?;
         loan.elements_mut().copy_from_slice(indices);
         stamp_published(Stage::Refiner, loan.header_mut());
         loan.publish()?;
-        Ok(size_of_val(&indices[..]) as u64)
+        Ok(size_of_val(&indices[..]))
     }
 
     fn write(&mut self, output: &mut [Object]) -> Result<(), StageError> {
@@ -116,6 +116,6 @@ impl Algorithm for RefinerStage {
     }
 
     fn count(&self, shell: &mut Shell) {
-        shell.counters.candidates.add(&self.refined.objects);
+        shell.health.candidates.add(&self.refined.objects);
     }
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use mluc_ipc_types::{FrameHeader, Object, RunDescription, Stage, Topic, WIRE_VERSION};
 use mluc_model::Model;
-use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, ShellOptions, Shutdown};
+use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown};
 
 use crate::settings::{Pace, Settings};
 use crate::source::Source;
@@ -93,15 +93,14 @@ pub fn run(settings: &Settings, sink: &mut dyn Sink) -> anyhow::Result<Outcome> 
     settings.complete_from(&model);
     let settings = &settings;
     let shutdown = Shutdown::on_signals()?;
-    let options = ShellOptions::new(settings.instance.clone());
-    let mut shell = Shell::observer(options, Some("pipeline"), shutdown)?;
+    let mut shell = Shell::observer(&settings.instance, Some("pipeline"), shutdown)?;
     let _published = document::publish(settings)?;
     let Some(run) = begin_or_join_run(&mut shell, settings, &model)? else {
         return Ok(Outcome::default());
     };
     let mut supervisor = Supervisor {
         run,
-        scans: Scans::sent(shell.side_input(&Topic::POINTS)?),
+        scans: Scans::sent(&shell)?,
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
         shell,
@@ -179,7 +178,7 @@ impl Supervisor<'_> {
                 self.outcome.frames_in = self.scans.count_sent();
                 return Ok(());
             }
-            self.shell.wait(&self.objects, POLL_INTERVAL);
+            self.objects.wait(POLL_INTERVAL);
         }
     }
 

@@ -8,9 +8,7 @@ use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FrameHeader, Health, Object, POINTS_MAX, Point, RunDescription,
     Stage, Text, Topic, WIRE_VERSION,
 };
-use mluc_runtime::{
-    HealthWatch, Input, Instance, Output, Shell, ShellOptions, monotonic_ns, random_run_id,
-};
+use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell, monotonic_ns, random_run_id};
 
 use crate::refiner::frame::{Answer, Frame, Sent};
 use crate::refiner::session::Options;
@@ -36,9 +34,8 @@ pub(crate) struct Player {
 
 impl Player {
     pub(crate) fn new(instance: &Instance, options: &Options) -> anyhow::Result<Player> {
-        let shell = ShellOptions::new(instance.clone());
         let shutdown = options.shutdown.clone();
-        let mut shell = Shell::observer(shell, Some("refiner-test"), shutdown)?;
+        let mut shell = Shell::observer(instance, Some("refiner-test"), shutdown)?;
         let wide = |topic: Topic, elements_max: usize| Topic {
             elements_max,
             ..topic
@@ -167,7 +164,7 @@ impl Player {
 
     /// Sleeps until objects may have come, at most a moment.
     pub(crate) fn wait(&self) {
-        self.shell.wait(&self.objects, LOOK);
+        self.objects.wait(LOOK);
     }
 
     /// Fails when this process was asked to end.

@@ -118,7 +118,7 @@ pub(crate) fn complete(
             }
         }
         if !is_out && !sender.shell.is_stopping() {
-            sender.shell.counters.frames_dropped += 1;
+            sender.shell.health.frames_dropped += 1;
             tracing::error!(
                 sequence,
                 "frame lost: no objects came, although it was sent {} times",
@@ -155,6 +155,6 @@ fn await_objects(
             return Ok(false);
         }
         sender.shell.tick()?;
-        sender.shell.wait(&sender.objects, POLL_INTERVAL);
+        sender.objects.wait(POLL_INTERVAL);
     }
 }

@@ -43,8 +43,8 @@ impl Sender<'_> {
         let objects = shell.input::<Object>(&Topic::OBJECTS)?;
         let downstream = DownstreamStages::new(shell.health_watch()?);
         // Frames that an earlier life of this process sent.
-        shell.counters.frames_in = start_sequence;
-        shell.counters.frames_out = start_sequence;
+        shell.health.frames_in = start_sequence;
+        shell.health.frames_out = start_sequence;
         Ok(Sender {
             shell,
             source,
@@ -65,7 +65,7 @@ impl Sender<'_> {
 
     /// Waits until all stages behind take frames; false: asked to end.
     pub(crate) fn wait_until_ready(&mut self) -> Result<bool, RuntimeError> {
-        let begun_ns = monotonic_ns();
+        let begun = std::time::Instant::now();
         let mut said = String::new();
         while !self.shell.is_stopping() {
             self.downstream.update()?;
@@ -75,7 +75,7 @@ impl Sender<'_> {
                 return Ok(true);
             }
             let reason = format!("waiting for {} to be ready", missing.join(", "));
-            if reason != said && monotonic_ns() - begun_ns > Topic::POINTS.deadline_ms * 1_000_000 {
+            if reason != said && begun.elapsed() > Topic::SILENCE_MAX {
                 tracing::info!("{reason}");
                 said.clone_from(&reason);
             }
@@ -101,7 +101,7 @@ impl Sender<'_> {
         };
         loaded.report = inspect_bin(&loaded.bytes);
         loaded.flags = loaded.flags.with(loaded.report.flags());
-        self.shell.counters.frames_in += 1;
+        self.shell.health.frames_in += 1;
     }
 
     /// Publishes the scan of `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
@@ -146,12 +146,11 @@ impl Sender<'_> {
         }
         stamp_published(Stage::Ingest, loan.header_mut());
         loan.publish()?;
-        self.shell.counters.bytes_written =
-            (report.points_out as usize * size_of::<Point>()) as u64;
-        self.shell.counters.mappings_verified = self.objects.mappings_verified();
+        self.shell.health.bytes_written = (report.points_out as usize * size_of::<Point>()) as u32;
+        self.shell.health.mappings_verified = self.objects.mappings_verified();
         if attempt > 0 {
             // The same frame once more.
-            self.shell.counters.frames_out -= 1;
+            self.shell.health.frames_out -= 1;
         }
         finish(self.shell, Stage::Ingest, &header)
     }
