@@ -8,7 +8,7 @@ use mluc_geometry::{Box3, Random, nms_into};
 use mluc_head::Head;
 use mluc_head::decode::{ANCHOR_YAWS_RAD, decode, direct};
 use mluc_ingest::decode_bin;
-use mluc_ipc_types::{Detection, DetectionKind, Point};
+use mluc_ipc_types::{Detection, Point};
 use mluc_refiner::{Refiner, RefinerOutput, Settings};
 
 /// As many candidates as a crowded frame has.
@@ -112,24 +112,23 @@ fn head(c: &mut Criterion) {
 
 fn refiner(c: &mut Criterion) {
     let frame = inputs::simulated(0).expect("a simulated scan");
-    let points = inputs::as_points(&frame.points);
+    let points = bytemuck::cast_slice(&frame.points);
     let mut refiner =
         Refiner::new(Settings::default(), &inputs::sensor()).expect("default settings");
     let objects = frame.objects.iter().cycle().take(PROPOSALS);
     let detections: Vec<Detection> = objects
-        .map(|object| Detection {
-            center_m: object.box_in_sensor.center_m.map(|value| value as f32),
-            size_m: [1.8, 0.7, 1.6],
-            kind: DetectionKind::Candidate as u32,
-            objectness: 0.5,
-            score: 0.3,
-            eds: 1.0,
-            ..Detection::default()
+        .map(|object| {
+            let shape = Box3 {
+                size_m: [1.8, 0.7, 1.6],
+                yaw_rad: 0.0,
+                ..object.box_in_sensor
+            };
+            inputs::candidate(&shape, 1.0)
         })
         .collect();
     let mut refined = RefinerOutput::default();
     c.bench_function(&format!("refiner/{PROPOSALS} proposals"), |b| {
-        b.iter(|| refiner.refine(0, &points, &detections, &mut refined))
+        b.iter(|| refiner.refine(0, points, &detections, &mut refined))
     });
 }
 

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use mluc_ipc_types::Point;
+use mluc_geometry::Box3;
+use mluc_ipc_types::{Detection, DetectionKind};
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_refiner::{BeamTable, Sensor};
 use mluc_simulate::{Family, SimulatedFrame, Split, frame};
@@ -32,15 +33,18 @@ pub fn scan_of(points: usize) -> Result<Vec<[f32; 4]>> {
         .collect())
 }
 
-/// As the contract has them.
-pub fn as_points(scan: &[[f32; 4]]) -> Vec<Point> {
-    let point = |&[x_m, y_m, z_m, intensity]: &[f32; 4]| Point {
-        x_m,
-        y_m,
-        z_m,
-        intensity,
-    };
-    scan.iter().map(point).collect()
+/// An unknown's candidate as the head hands it over.
+pub fn candidate(shape: &Box3, eds: f32) -> Detection {
+    Detection {
+        center_m: shape.center_m.map(|value| value as f32),
+        size_m: shape.size_m.map(|value| value as f32),
+        yaw_rad: shape.yaw_rad as f32,
+        kind: DetectionKind::Candidate as u32,
+        objectness: 0.5,
+        score: 0.3,
+        eds,
+        ..Detection::default()
+    }
 }
 
 /// The simulated scans' sensor, with its beams.

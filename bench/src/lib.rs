@@ -9,4 +9,3 @@ mod svg;
 pub mod transport;
 
 pub use run::program;
-pub use svg::chart;

@@ -28,29 +28,27 @@ fn leftovers() -> Vec<String> {
 /// One test, so that no measurement runs beside another.
 #[test]
 fn every_way_carries_every_payload_and_leaves_nothing() {
-    for load in [
-        Load::POINTS,
-        Load::DETECTIONS,
-        Load::OBJECTS,
-        Load {
-            payload: Payload::Features,
-            bytes: 1_000_000,
-        },
-    ] {
+    let points = Load::largest(Payload::Points);
+    let features = Load {
+        payload: Payload::Features,
+        bytes: 1_000_000,
+    };
+    let [detections, objects] = [Payload::Detections, Payload::Objects].map(Load::largest);
+    for load in [points, features, detections, objects] {
         let measured = measure(&settings(load), &Way::ALL).unwrap();
         sensible(&measured);
     }
     // A copy of 2 MB takes longer than handing it over; that is what the copy-free way is for.
-    let points = measure(&settings(Load::POINTS), &[Way::Socket]).unwrap();
-    let socket = points.of(Way::Socket).unwrap().latency;
-    assert!(socket.p50_us > points.memcpy.p50_us, "{points:?}");
+    let copied = measure(&settings(points), &[Way::Socket]).unwrap();
+    let socket = copied.latency(Way::Socket).unwrap();
+    assert!(socket.p50_us > copied.memcpy.p50_us, "{copied:?}");
     let polled = Settings {
         wake: Wake::Poll,
-        ..settings(Load::POINTS)
+        ..settings(points)
     };
     let polled = measure(&polled, &[Way::Raw]).unwrap();
-    assert!(polled.of(Way::Raw).unwrap().latency.p50_us > 0.0);
-    assert!(polled.of(Way::Hop).is_none());
+    assert!(polled.latency(Way::Raw).unwrap().p50_us > 0.0);
+    assert!(polled.latency(Way::Hop).is_none());
 
     refusals();
     assert_eq!(leftovers(), Vec::<String>::new());
@@ -58,27 +56,27 @@ fn every_way_carries_every_payload_and_leaves_nothing() {
 
 fn sensible(measured: &Measured) {
     for way in Way::ALL {
-        let cost = measured.of(way).unwrap();
-        assert_eq!(cost.latency.count, 25);
-        assert!(cost.latency.p50_us > 0.1, "{way:?}: {cost:?}");
-        assert!(cost.latency.p50_us < 1e6, "{way:?}: {cost:?}");
-        assert!(cost.latency.p50_us <= cost.latency.p99_us);
+        let latency = measured.latency(way).unwrap();
+        assert_eq!(latency.count, 25);
+        assert!((0.1..1e6).contains(&latency.p50_us), "{way:?}: {latency:?}");
+        assert!(latency.p50_us <= latency.p99_us);
     }
     let json = serde_json::to_value(measured).unwrap();
     assert!(json["ways"]["hop"]["latency"]["p50_us"].is_number());
 }
 
 fn refusals() {
-    let too_long = Load {
-        payload: Payload::Points,
-        bytes: Load::POINTS.bytes + 1,
-    };
     let error = |settings: &Settings| format!("{:#}", measure(settings, &Way::ALL).unwrap_err());
-    assert!(error(&settings(too_long)).contains(&format!("1 to {} bytes", Load::POINTS.bytes)));
+    let largest = Load::largest(Payload::Points);
+    for bytes in [0, largest.bytes + 1] {
+        let wrong = Load { bytes, ..largest };
+        let expected = format!("1 to {} bytes", largest.bytes);
+        assert!(error(&settings(wrong)).contains(&expected));
+    }
     // A program that does not call `serve_peer` says nothing, and is noticed.
     let other = Settings {
         program: Some(PathBuf::from("/bin/true")),
-        ..settings(Load::DETECTIONS)
+        ..settings(Load::largest(Payload::Detections))
     };
     assert!(error(&other).contains("the receiving process is gone"));
 }

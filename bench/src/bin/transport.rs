@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Parser;
 use mluc_bench::machine::describe_here;
 use mluc_bench::transport::{
@@ -31,9 +31,9 @@ struct Arguments {
     /// Cores of sender and receiver, `0,1`; else the kernel decides.
     #[arg(long, value_delimiter = ',', num_args = 2)]
     cores: Option<Vec<usize>>,
-    /// These alone, of `points`, `features`, `detections`, `objects`.
-    #[arg(long, value_delimiter = ',')]
-    topics: Vec<String>,
+    /// These alone.
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = Payload::ALL)]
+    topics: Vec<Payload>,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -44,34 +44,19 @@ fn main() -> Result<()> {
         return Ok(());
     }
     let arguments = Arguments::parse();
-    let mut topics = arguments.topics.iter();
-    if let Some(topic) = topics.find(|topic| Payload::from_name(topic).is_none()) {
-        bail!("topic {topic}: points, features, detections or objects expected");
-    }
-    let is_wanted = |load: &Load| {
-        let mut topics = arguments.topics.iter();
-        arguments.topics.is_empty() || topics.any(|topic| topic == load.payload.name())
-    };
-    let loads = [
-        Load::POINTS,
-        Load::FEATURES,
-        Load::DETECTIONS,
-        Load::OBJECTS,
-    ];
     let mut measured = vec![];
-    for load in loads.into_iter().filter(is_wanted) {
-        let rounds = if load == Load::FEATURES {
-            arguments.rounds.div_ceil(4)
-        } else {
-            arguments.rounds
+    for payload in arguments.topics {
+        let rounds = match payload {
+            Payload::Features => arguments.rounds.div_ceil(4),
+            _ => arguments.rounds,
         };
         let settings = Settings {
             pause: Duration::from_micros(arguments.pause_us),
             wake: arguments.wake,
             cores: arguments.cores.as_deref().map(|cores| [cores[0], cores[1]]),
-            ..Settings::new(load, rounds)
+            ..Settings::new(Load::largest(payload), rounds)
         };
-        measured.push((load.payload, measure(&settings, &Way::ALL)?));
+        measured.push((payload, measure(&settings, &Way::ALL)?));
     }
     if arguments.json {
         println!("{}", report(&measured)?);
@@ -87,7 +72,7 @@ fn report(measured: &[(Payload, Measured)]) -> Result<Value> {
     for (payload, found) in measured {
         let mut topic = serde_json::to_value(found)?;
         topic["ratios"] = ratios(found).into_iter().collect();
-        topics.insert(payload.name().to_string(), topic);
+        topics.insert(payload.topic().name.to_string(), topic);
     }
     let (p50_us, p99_us) = all_hops_us(measured);
     Ok(json!({
@@ -121,7 +106,7 @@ fn print(measured: &[(Payload, Measured)]) {
         let row = |way: &str, of: &LatencyPercentiles, sender: &LatencyPercentiles| {
             println!(
                 "{:<12} {:>10} {way:<7} {:>10.2} {:>10.2} {:>10.2} {:>10.2} {:>12.2}",
-                payload.name(),
+                payload.topic().name,
                 found.payload_bytes,
                 of.p50_us,
                 of.p90_us,
@@ -130,10 +115,8 @@ fn print(measured: &[(Payload, Measured)]) {
                 sender.p50_us
             );
         };
-        for way in Way::ALL {
-            if let Some(cost) = found.of(way) {
-                row(way.name(), &cost.latency, &cost.sender);
-            }
+        for (way, cost) in &found.ways {
+            row(way.name(), &cost.latency, &cost.sender);
         }
         row("memcpy", &found.memcpy, &found.memcpy);
         let each = ratios(found).map(|(name, ratio)| format!("{name} {ratio:.2}"));
@@ -149,7 +132,8 @@ fn print(measured: &[(Payload, Measured)]) {
 
 /// The frame's way from ingest to the robot: one message of each topic, as large as it can be; p50 and p99.
 fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
-    let hops = measured.iter().map(|(_, found)| latency(found, Way::Hop));
+    let hops = measured.iter();
+    let hops = hops.filter_map(|(_, found)| found.latency(Way::Hop));
     hops.fold((0.0, 0.0), |(p50, p99), hop| {
         (p50 + hop.p50_us, p99 + hop.p99_us)
     })
@@ -157,7 +141,7 @@ fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
 
 /// Ours over a baseline, below which our hop is not to be expected; and a copy over ours.
 fn ratios(found: &Measured) -> [(String, f64); 5] {
-    let [hop, raw, futex, socket] = Way::ALL.map(|way| latency(found, way));
+    let [hop, raw, futex, socket] = Way::ALL.map(|way| found.latency(way).unwrap_or_default());
     [
         ("hop_over_raw_p50", hop.p50_us / raw.p50_us),
         ("hop_over_raw_p99", hop.p99_us / raw.p99_us),
@@ -166,11 +150,6 @@ fn ratios(found: &Measured) -> [(String, f64); 5] {
         ("memcpy_over_hop_p50", found.memcpy.p50_us / hop.p50_us),
     ]
     .map(|(name, ratio)| (name.to_string(), ratio))
-}
-
-fn latency(measured: &Measured, way: Way) -> LatencyPercentiles {
-    let cost = measured.of(way);
-    cost.map_or_else(LatencyPercentiles::default, |cost| cost.latency)
 }
 
 /// By the kernel's own word: field 41 of `/proc/self/stat`, 0 for time sharing.

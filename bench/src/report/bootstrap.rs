@@ -58,33 +58,31 @@ pub(crate) fn scatter(
     resamples: usize,
     random: &mut Random,
 ) -> Scatter {
+    let by_round = rounds.len() >= ROUNDS_MIN;
     let mut drawn: Vec<f64> = rounds.concat();
-    let count = drawn.len();
-    let value = statistic.of(&mut drawn);
-    let resampled = (0..resamples)
-        .map(|_| {
-            drawn.clear();
-            for round in rounds {
-                let round = if rounds.len() >= ROUNDS_MIN {
-                    &rounds[random.below(rounds.len())]
-                } else {
-                    round
-                };
-                draw_blocks(round, random, &mut drawn);
-            }
-            statistic.of(&mut drawn)
-        })
-        .collect();
-    let blocks = if rounds.len() >= ROUNDS_MIN {
+    let blocks = if by_round {
         rounds.len()
     } else {
-        count.min(BLOCKS_PER_ROUND * rounds.len())
+        drawn.len().min(BLOCKS_PER_ROUND * rounds.len())
+    };
+    let value = statistic.of(&mut drawn);
+    let mut resample = |_| {
+        drawn.clear();
+        for round in rounds {
+            let place = by_round.then(|| random.below(rounds.len()));
+            draw_blocks(
+                place.map_or(round, |place| &rounds[place]),
+                random,
+                &mut drawn,
+            );
+        }
+        statistic.of(&mut drawn)
     };
     Scatter {
         value,
-        resampled,
+        resampled: (0..resamples).map(&mut resample).collect(),
         blocks,
-        by_round: rounds.len() >= ROUNDS_MIN,
+        by_round,
     }
 }
 
@@ -104,25 +102,16 @@ pub(crate) fn interval(
     start_scatter: f64,
 ) -> (f64, f64) {
     let difference = b.value - a.value;
-    let differences: Vec<f64> = a
-        .resampled
-        .iter()
-        .zip(&b.resampled)
-        .map(|(a, b)| b - a)
-        .collect();
-    let count = differences.len().max(1) as f64;
-    let mean = differences.iter().sum::<f64>() / count;
-    let variance = differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / count;
+    let pairs = || a.resampled.iter().zip(&b.resampled);
+    let count = pairs().count().max(1) as f64;
+    let mean = pairs().map(|(a, b)| b - a).sum::<f64>() / count;
+    let squares: f64 = pairs().map(|(a, b)| (b - a - mean).powi(2)).sum();
     // Resampling k blocks gives k-1 / k of the variance.
     let fewest = a.blocks.min(b.blocks).max(2) as f64;
-    let unseen = [a, b].map(|run| {
-        if run.by_round {
-            0.0
-        } else {
-            (start_scatter * run.value).powi(2)
-        }
-    });
-    let deviation = (variance * fewest / (fewest - 1.0) + unseen[0] + unseen[1]).sqrt();
+    let seen = squares / count * fewest / (fewest - 1.0);
+    let scatter_of = |run: &Scatter| if run.by_round { 0.0 } else { start_scatter };
+    let unseen = [a, b].map(|run| (scatter_of(run) * run.value).powi(2));
+    let deviation = (seen + unseen[0] + unseen[1]).sqrt();
     let freedom = (a.blocks + b.blocks).max(4) as f64 - 2.0;
     let half = student(normal(0.5 + confidence / 2.0), freedom) * deviation;
     (difference - half, difference + half)

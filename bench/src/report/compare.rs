@@ -1,18 +1,35 @@
 //! Whether two runs differ, or whether it is noise.
 
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
+use mluc_geometry::Random;
 use serde::Serialize;
 
 use super::bootstrap::{Statistic, interval, scatter};
-use super::frame::{FrameRecord, STAGES};
+use super::frame::{FrameRecord, STAGES, measured};
 use super::series::{Series, series};
-use mluc_geometry::Random;
+
+/// With this probability none of the intervals misses, all rows together.
+const CONFIDENCE: f64 = 0.95;
+/// Draws of the bootstrap, and their seed.
+const RESAMPLES: usize = 1000;
+const SEED: u64 = 1;
+/// Of a quiet machine: where pages lie, which core a thread got. Measured over starts: 1 to 2 %.
+const START_SCATTER: f64 = 0.015;
+/// What other work adds, all cores busy with it: neighbours in the caches and on the memory bus differ from run to run.
+/// Measured with two thirds of the cores taken: 6 % end to end.
+const START_SCATTER_BUSY: f64 = 0.12;
+/// Fewer frames than this say nothing.
+const FRAMES_MIN: usize = 20;
+/// Times below this are the scatter of a wake-up, whatever their share, us.
+const MARGIN_US: f64 = 10.0;
+/// Of the whole frame: nobody acts on a stage that takes so much more or less of it.
+const MARGIN_OF_FRAME: f64 = 0.005;
+/// Dropped frames: below this share no difference is reported.
+const MARGIN_DROPPED: f64 = 0.01;
 
 /// How to judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CompareOptions {
-    /// With this probability none of the intervals misses, all rows together.
-    pub confidence: f64,
     /// A difference below this share of the figure is noise to whoever decides, however sure it is.
     pub margin: f64,
     /// Relative standard deviation between two starts of the same program, where a report holds fewer than four starts: it
@@ -20,30 +37,17 @@ pub struct CompareOptions {
     pub start_scatter: f64,
     /// Leaves the stages' own figures out: one of the runs has none.
     pub end_to_end_only: bool,
-    /// Draws of the bootstrap.
-    pub resamples: usize,
-    /// Of the draws.
-    pub seed: u64,
 }
 
 impl Default for CompareOptions {
     fn default() -> CompareOptions {
         CompareOptions {
-            confidence: 0.95,
             margin: 0.02,
             start_scatter: START_SCATTER,
             end_to_end_only: false,
-            resamples: 1000,
-            seed: 1,
         }
     }
 }
-
-/// Of a quiet machine: where pages lie, which core a thread got. Measured over starts: 1 to 2 %.
-const START_SCATTER: f64 = 0.015;
-/// What other work adds, all cores busy with it: neighbours in the caches and on the memory bus differ from run to run.
-/// Measured with two thirds of the cores taken: 6 % end to end.
-const START_SCATTER_BUSY: f64 = 0.12;
 
 impl CompareOptions {
     /// For runs during which other processes took these shares of all cores.
@@ -100,15 +104,6 @@ pub struct Comparison {
     pub is_equal: bool,
 }
 
-/// Fewer frames than this say nothing.
-const FRAMES_MIN: usize = 20;
-/// Times below this are the scatter of a wake-up, whatever their share, us.
-const MARGIN_US: f64 = 10.0;
-/// Of the whole frame: nobody acts on a stage that takes so much more or less of it.
-const MARGIN_OF_FRAME: f64 = 0.005;
-/// Dropped frames: below this share no difference is told.
-const MARGIN_DROPPED: f64 = 0.01;
-
 /// Values of one figure, by round.
 struct Figure {
     name: String,
@@ -123,93 +118,68 @@ pub fn compare(
     b: &[FrameRecord],
     options: &CompareOptions,
 ) -> Result<Comparison> {
-    let rounds = [rounds(a), rounds(b)];
-    let frames = rounds
-        .each_ref()
-        .map(|rounds| rounds.iter().map(Vec::len).sum());
-    if let Some(&fewest) = frames.iter().min()
-        && fewest < FRAMES_MIN
-    {
-        bail!("{fewest} measured frames: at least {FRAMES_MIN} are needed for a comparison");
-    }
-    let mut figures = figures(&rounds);
-    if options.end_to_end_only {
-        figures.retain(|figure| STAGES.iter().all(|stage| !figure.name.starts_with(stage)));
-    }
+    let runs = [measured(a), measured(b)];
+    let frames = runs.each_ref().map(Vec::len);
+    let fewest = frames[0].min(frames[1]);
+    ensure!(
+        fewest >= FRAMES_MIN,
+        "{fewest} measured frames: at least {FRAMES_MIN} are needed for a comparison"
+    );
+    let rounds = runs.map(|frames| {
+        let rounds = frames.chunk_by(|a, b| a.round == b.round);
+        rounds.map(series).collect()
+    });
+    let figures = figures(&rounds, options.end_to_end_only);
     let judged = figures.iter().filter(|figure| figure.is_enough()).count();
     // Bonferroni: with so many rows one would stray by chance.
-    let confidence = 1.0 - (1.0 - options.confidence) / judged.max(1) as f64;
-    let mut random = Random::from_state(options.seed);
+    let confidence = 1.0 - (1.0 - CONFIDENCE) / judged.max(1) as f64;
+    let mut random = Random::from_state(SEED);
+    let figures = figures.into_iter();
     let rows: Vec<Row> = figures
-        .iter()
-        .map(|figure| judge(figure, confidence, options, &mut random))
+        .map(|figure| figure.judge(confidence, options, &mut random))
         .collect();
-    let is_equal = rows
-        .iter()
-        .all(|row| !matches!(row.verdict, Verdict::Lower | Verdict::Higher));
+    let mut verdicts = rows.iter().map(|row| row.verdict);
     Ok(Comparison {
         frames,
+        is_equal: !verdicts.any(|verdict| matches!(verdict, Verdict::Lower | Verdict::Higher)),
         rows,
-        is_equal,
     })
 }
 
-/// Measured frames of each round.
-fn rounds(frames: &[FrameRecord]) -> Vec<Vec<FrameRecord>> {
-    let mut rounds: Vec<Vec<FrameRecord>> = Vec::new();
-    for frame in frames.iter().filter(|frame| !frame.is_warm_up) {
-        match rounds.last_mut() {
-            Some(round) if round[0].round == frame.round => round.push(frame.clone()),
-            _ => rounds.push(vec![frame.clone()]),
-        }
-    }
-    rounds
-}
-
-fn figures(rounds: &[Vec<Vec<FrameRecord>>; 2]) -> Vec<Figure> {
-    let all = rounds.each_ref().map(|rounds| {
-        let each = rounds.iter().map(|round| series(round));
-        each.collect::<Vec<Series>>()
-    });
-    let first = all[0].iter().flat_map(|series| &series.latency_us);
+/// Of both runs, by round.
+fn figures(runs: &[Vec<Series>; 2], end_to_end_only: bool) -> Vec<Figure> {
+    let first = runs[0].iter().flat_map(|series| &series.latency_us);
     let frame_us = Statistic::Quantile(0.5).of(&mut first.copied().collect::<Vec<_>>());
     let margin_us = MARGIN_US.max(MARGIN_OF_FRAME * frame_us);
-    let mut figures = Vec::new();
-    let mut add = |name: &str, percents: &[u32], pick: &dyn Fn(&Series) -> Vec<f64>| {
-        for percent in percents {
-            let rounds = all.each_ref().map(|rounds| {
-                let picked = rounds.iter().map(pick);
-                picked.filter(|values| !values.is_empty()).collect()
-            });
-            figures.push(Figure {
-                name: format!("{name} p{percent}, us"),
-                statistic: Statistic::Quantile(f64::from(*percent) / 100.0),
-                margin_floor: margin_us,
-                rounds,
-            });
-        }
+    let values = |pick: &dyn Fn(&Series) -> &Vec<f64>| {
+        runs.each_ref().map(|rounds| {
+            let picked = rounds.iter().map(|series| pick(series).clone());
+            picked.filter(|values| !values.is_empty()).collect()
+        })
     };
-    add("end to end", &[50, 90, 99], &|s| s.latency_us.clone());
-    for (stage, name) in STAGES.iter().enumerate() {
-        add(&format!("{name} run"), &[50, 99], &|s| {
-            s.run_us[stage].clone()
-        });
+    let mut figures = Vec::new();
+    let mut add_times = |name: &str, percents: &[u32], pick: &dyn Fn(&Series) -> &Vec<f64>| {
+        figures.extend(percents.iter().map(|&percent| Figure {
+            name: format!("{name} p{percent}, us"),
+            statistic: Statistic::Quantile(f64::from(percent) / 100.0),
+            margin_floor: margin_us,
+            rounds: values(pick),
+        }));
+    };
+    add_times("end to end", &[50, 90, 99], &|s| &s.latency_us);
+    if !end_to_end_only {
+        for (stage, name) in STAGES.iter().enumerate() {
+            add_times(&format!("{name} run"), &[50, 99], &|s| &s.run_us[stage]);
+        }
+        for (stage, name) in STAGES.iter().enumerate().skip(1) {
+            add_times(&format!("{name} queue"), &[50], &|s| &s.queue_us[stage]);
+        }
     }
-    for (stage, name) in STAGES.iter().enumerate().skip(1) {
-        add(&format!("{name} queue"), &[50], &|s| {
-            s.queue_us[stage].clone()
-        });
-    }
-    let is_dropped = |frame: &FrameRecord| f64::from(u8::from(!frame.is_out()));
     figures.push(Figure {
         name: "frames dropped, share".to_string(),
         statistic: Statistic::Mean,
         margin_floor: MARGIN_DROPPED,
-        rounds: rounds.each_ref().map(|rounds| {
-            let each = rounds.iter();
-            each.map(|round| round.iter().map(is_dropped).collect())
-                .collect()
-        }),
+        rounds: values(&|s| &s.is_dropped),
     });
     figures
 }
@@ -217,80 +187,67 @@ fn figures(rounds: &[Vec<Vec<FrameRecord>>; 2]) -> Vec<Figure> {
 impl Figure {
     fn is_enough(&self) -> bool {
         let least = self.statistic.values_min();
-        let counts = self
-            .rounds
-            .each_ref()
-            .map(|rounds| rounds.iter().map(Vec::len).sum::<usize>());
-        counts.iter().all(|&count| count >= least)
+        let count = |rounds: &Vec<Vec<f64>>| rounds.iter().map(Vec::len).sum::<usize>();
+        self.rounds.iter().all(|rounds| count(rounds) >= least)
     }
-}
 
-fn judge(figure: &Figure, confidence: f64, options: &CompareOptions, random: &mut Random) -> Row {
-    let is_enough = figure.is_enough();
-    let resamples = if is_enough { options.resamples } else { 0 };
-    let [a, b] = figure
-        .rounds
-        .each_ref()
-        .map(|rounds| scatter(rounds, figure.statistic, resamples, random));
-    let (low, high) = if is_enough {
-        interval(&a, &b, confidence, options.start_scatter)
-    } else {
-        (f64::NEG_INFINITY, f64::INFINITY)
-    };
-    let margin = (options.margin * a.value.abs()).max(figure.margin_floor);
-    let verdict = if !is_enough {
-        Verdict::TooFewFrames
-    } else if low > margin {
-        Verdict::Higher
-    } else if high < -margin {
-        Verdict::Lower
-    } else {
-        Verdict::Noise
-    };
-    Row {
-        figure: figure.name.clone(),
-        a: a.value,
-        b: b.value,
-        difference: b.value - a.value,
-        low,
-        high,
-        verdict,
+    fn judge(self, confidence: f64, options: &CompareOptions, random: &mut Random) -> Row {
+        let is_enough = self.is_enough();
+        let resamples = if is_enough { RESAMPLES } else { 0 };
+        let scatter = |rounds: &Vec<_>| scatter(rounds, self.statistic, resamples, random);
+        let [a, b] = self.rounds.each_ref().map(scatter);
+        let margin = (options.margin * a.value.abs()).max(self.margin_floor);
+        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+        let mut verdict = Verdict::TooFewFrames;
+        if is_enough {
+            (low, high) = interval(&a, &b, confidence, options.start_scatter);
+            verdict = if low > margin {
+                Verdict::Higher
+            } else if high < -margin {
+                Verdict::Lower
+            } else {
+                Verdict::Noise
+            };
+        }
+        Row {
+            figure: self.name,
+            a: a.value,
+            b: b.value,
+            difference: b.value - a.value,
+            low,
+            high,
+            verdict,
+        }
     }
 }
 
 impl Comparison {
     /// As text for a terminal.
-    pub fn table(&self, names: [&str; 2]) -> String {
-        let mut text = format!(
-            "A: {} ({} frames)\nB: {} ({} frames)\n\n",
-            names[0], self.frames[0], names[1], self.frames[1]
-        );
+    pub fn table(&self, [a, b]: [&str; 2]) -> String {
+        let [frames_a, frames_b] = self.frames;
+        let mut text = format!("A: {a} ({frames_a} frames)\nB: {b} ({frames_b} frames)\n\n");
         text += &format!(
-            "{:24}{:>12}{:>12}{:>12}{:>9}   {:26}\n",
-            "", "A", "B", "B - A", "%", "interval of B - A"
+            "{:24}{:>12}{:>12}{:>12}{:>9}   interval of B - A\n",
+            "", "A", "B", "B - A", "%"
         );
-        for row in &self.rows {
-            text += &row.line();
-        }
+        text.extend(self.rows.iter().map(Row::line));
         text + &format!("\n{}\n", self.sentence())
     }
 
     /// The verdict in words.
     pub fn sentence(&self) -> String {
-        let of = |wanted: Verdict| -> Vec<&str> {
+        let of = |wanted: Verdict| -> Option<String> {
             let rows = self.rows.iter().filter(|row| row.verdict == wanted);
-            rows.map(|row| row.figure.as_str()).collect()
+            let figures: Vec<&str> = rows.map(|row| row.figure.as_str()).collect();
+            (!figures.is_empty()).then(|| figures.join("; "))
         };
-        let (lower, higher) = (of(Verdict::Lower), of(Verdict::Higher));
-        match (lower.is_empty(), higher.is_empty()) {
-            (true, true) => "equal: every difference is within the noise of these runs".to_string(),
-            (false, true) => format!("different: B is lower in {}", lower.join("; ")),
-            (true, false) => format!("different: B is higher in {}", higher.join("; ")),
-            (false, false) => format!(
-                "different: B is lower in {}, and higher in {}",
-                lower.join("; "),
-                higher.join("; ")
-            ),
+        match (of(Verdict::Lower), of(Verdict::Higher)) {
+            (None, None) => "equal: every difference is within the noise of these runs".to_string(),
+            (Some(lower), None) => format!("different: B is lower in {lower}"),
+            (None, Some(higher)) => format!("different: B is higher in {higher}"),
+            (Some(lower), Some(higher)) => {
+                format!("different: B is lower in {lower}, and higher in {higher}")
+            }
         }
     }
 }
@@ -302,19 +259,15 @@ impl Row {
             0.0 => String::new(),
             a => format!("{:+.1}", 100.0 * self.difference / a),
         };
-        let (interval, word) = match self.verdict {
-            Verdict::TooFewFrames => ("-".to_string(), "too few frames"),
-            verdict => {
-                let word = match verdict {
-                    Verdict::Lower => "LOWER",
-                    Verdict::Higher => "HIGHER",
-                    _ => "noise",
-                };
-                (
-                    format!("{:+.digits$} to {:+.digits$}", self.low, self.high),
-                    word,
-                )
-            }
+        let word = match self.verdict {
+            Verdict::TooFewFrames => "too few frames",
+            Verdict::Lower => "LOWER",
+            Verdict::Higher => "HIGHER",
+            Verdict::Noise => "noise",
+        };
+        let interval = match self.verdict {
+            Verdict::TooFewFrames => "-".to_string(),
+            _ => format!("{:+.digits$} to {:+.digits$}", self.low, self.high),
         };
         format!(
             "{:24}{:12.digits$}{:12.digits$}{:+12.digits$}{percent:>9}   {interval:26} {word}\n",
@@ -331,58 +284,44 @@ mod tests {
     /// Runs of 10 ms a stage that scatter by a tenth, slower by `more_us`.
     fn run(frames: u64, seed: u64, more_us: i64) -> Vec<FrameRecord> {
         let mut random = Random::from_state(seed);
+        let mut run_us = || 10_000 + more_us + random.below(1000) as i64;
         (0..frames)
-            .map(|sequence| frame(sequence, 10_000 + more_us + random.below(1000) as i64))
+            .map(|sequence| frame(sequence, run_us()))
             .collect()
     }
 
-    fn verdict_of(comparison: &Comparison, figure: &str) -> Verdict {
-        comparison
-            .rows
-            .iter()
-            .find(|row| row.figure == figure)
-            .unwrap()
-            .verdict
+    fn judged(a: &[FrameRecord], b: &[FrameRecord]) -> Comparison {
+        compare(a, b, &CompareOptions::default()).unwrap()
+    }
+
+    fn assert_verdicts(comparison: &Comparison, expected: &[(&str, Verdict)]) {
+        for (figure, verdict) in expected {
+            let row = comparison.rows.iter().find(|row| row.figure == *figure);
+            assert_eq!(row.unwrap().verdict, *verdict, "{figure}");
+        }
     }
 
     #[test]
     fn equal_runs_are_equal_and_a_shift_is_found() {
-        let options = CompareOptions::default();
-        let equal = (0..40)
-            .filter(|&n| {
-                compare(&run(200, 2 * n, 0), &run(200, 2 * n + 1, 0), &options)
-                    .unwrap()
-                    .is_equal
-            })
-            .count();
+        let pair = |n: u64| judged(&run(200, 2 * n, 0), &run(200, 2 * n + 1, 0));
+        let equal = (0..40).filter(|&n| pair(n).is_equal).count();
         assert!(equal >= 38, "{equal} of 40");
-        let shifted = compare(&run(200, 1, 0), &run(200, 2, 1500), &options).unwrap();
-        assert_eq!(verdict_of(&shifted, "end to end p50, us"), Verdict::Higher);
-        assert_eq!(
-            verdict_of(&shifted, "backbone run p50, us"),
-            Verdict::Higher
-        );
-        assert_eq!(
-            verdict_of(&shifted, "backbone queue p50, us"),
-            Verdict::Noise
-        );
-        assert!(
-            shifted
-                .sentence()
-                .starts_with("different: B is higher in end to end p50")
-        );
-        let back = compare(&run(200, 2, 1500), &run(200, 1, 0), &options).unwrap();
-        assert_eq!(verdict_of(&back, "end to end p50, us"), Verdict::Lower);
+        let shifted = judged(&run(200, 1, 0), &run(200, 2, 1500));
+        let verdicts = [
+            ("end to end p50, us", Verdict::Higher),
+            ("backbone run p50, us", Verdict::Higher),
+            ("backbone queue p50, us", Verdict::Noise),
+        ];
+        assert_verdicts(&shifted, &verdicts);
+        let sentence = shifted.sentence();
+        assert!(sentence.starts_with("different: B is higher in end to end p50"));
+        let back = judged(&run(200, 2, 1500), &run(200, 1, 0));
+        assert_verdicts(&back, &[("end to end p50, us", Verdict::Lower)]);
     }
 
     #[test]
     fn a_difference_that_nobody_would_act_on_is_noise() {
-        let comparison = compare(
-            &run(3000, 1, 0),
-            &run(3000, 2, 60),
-            &CompareOptions::default(),
-        )
-        .unwrap();
+        let comparison = judged(&run(3000, 1, 0), &run(3000, 2, 60));
         assert!(comparison.is_equal, "{}", comparison.table(["a", "b"]));
     }
 
@@ -392,44 +331,29 @@ mod tests {
         for sequence in (0..200).step_by(5) {
             losing[sequence] = dropped(sequence as u64);
         }
-        let comparison = compare(&run(200, 2, 0), &losing, &CompareOptions::default()).unwrap();
-        assert_eq!(
-            verdict_of(&comparison, "frames dropped, share"),
-            Verdict::Higher
-        );
-        assert_eq!(
-            verdict_of(&comparison, "end to end p90, us"),
-            Verdict::Higher
-        );
-        assert_eq!(verdict_of(&comparison, "head run p50, us"), Verdict::Noise);
+        let verdicts = [
+            ("frames dropped, share", Verdict::Higher),
+            ("end to end p90, us", Verdict::Higher),
+            ("head run p50, us", Verdict::Noise),
+        ];
+        assert_verdicts(&judged(&run(200, 2, 0), &losing), &verdicts);
     }
 
     #[test]
     fn too_few_frames_are_said() {
-        let error =
-            compare(&run(19, 1, 0), &run(30, 2, 0), &CompareOptions::default()).unwrap_err();
-        let text = error.to_string();
-        assert!(
-            text.contains("19 measured") && text.contains("at least 20"),
-            "{text}"
-        );
-        let few = compare(&run(200, 1, 0), &run(200, 2, 0), &CompareOptions::default()).unwrap();
-        assert_eq!(
-            verdict_of(&few, "end to end p99, us"),
-            Verdict::TooFewFrames
-        );
-        let many = compare(&run(600, 1, 0), &run(600, 2, 0), &CompareOptions::default()).unwrap();
-        assert_eq!(verdict_of(&many, "end to end p99, us"), Verdict::Noise);
+        let error = compare(&run(19, 1, 0), &run(30, 2, 0), &CompareOptions::default());
+        let text = error.unwrap_err().to_string();
+        assert!(text.contains("19 measured frames: at least 20"), "{text}");
+        for (frames, verdict) in [(200, Verdict::TooFewFrames), (600, Verdict::Noise)] {
+            let comparison = judged(&run(frames, 1, 0), &run(frames, 2, 0));
+            assert_verdicts(&comparison, &[("end to end p99, us", verdict)]);
+        }
     }
 
     #[test]
     fn the_same_reports_give_the_same_words() {
         let (a, b) = (run(200, 1, 0), run(200, 2, 100));
-        let once = || {
-            compare(&a, &b, &CompareOptions::default())
-                .unwrap()
-                .table(["a", "b"])
-        };
+        let once = || judged(&a, &b).table(["a", "b"]);
         assert_eq!(once(), once());
     }
 }

@@ -49,6 +49,11 @@ impl FrameRecord {
         self.stamps.map(|stamps| stamps[3].published_ns)
     }
 
+    /// From due until its own objects were out, us.
+    pub(crate) fn delivered_us(&self) -> Option<f64> {
+        Some(micros(self.published_ns()? - self.due_ns))
+    }
+
     /// Time in the queue before a stage, us: from its input's publication (ingest: from due) to the start of computing.
     pub fn queue_us(&self, stage: usize) -> Option<f64> {
         let stamps = self.stamps?;
@@ -64,6 +69,12 @@ impl FrameRecord {
         let own = self.stamps?[stage];
         Some(micros(own.published_ns - own.started_ns))
     }
+}
+
+/// Those that are not of the warm-up.
+pub(crate) fn measured(frames: &[FrameRecord]) -> Vec<FrameRecord> {
+    let measured = frames.iter().filter(|frame| !frame.is_warm_up);
+    measured.cloned().collect()
 }
 
 /// Stamps that a foreign stage left out or mixed up count as 0.

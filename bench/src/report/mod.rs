@@ -12,19 +12,17 @@
 //!   consumer adds is queueing and no property of the transport.
 
 mod bootstrap;
+mod charts;
 mod compare;
 mod csv;
 mod figures;
 mod frame;
-mod histogram;
 mod page;
 mod series;
 mod statistics;
 mod table;
-mod timeline;
-mod trace;
-mod waterfall;
 
+pub(crate) use charts::Sample;
 pub use compare::{CompareOptions, Comparison, Verdict, compare};
 pub use csv::{read_frames, write_frames};
 pub(crate) use figures::{HandOver, LatencyReport, Resources, check_version};
@@ -32,5 +30,3 @@ pub(crate) use frame::STAGES;
 pub use frame::{FrameRecord, Stamps};
 pub(crate) use page::page;
 pub(crate) use statistics::Percentiles;
-pub(crate) use timeline::Sample;
-pub(crate) use trace::{Selection, Span, chrome_trace, parse_span};

@@ -1,6 +1,6 @@
 //! From records to series of figures.
 
-use super::frame::{FrameRecord, HOPS, STAGES, micros};
+use super::frame::{FrameRecord, STAGES, micros};
 
 /// A stage that published so long before its next input is waiting for it: what it does after a frame (a heartbeat, now
 /// and then a look at its mappings) is over by then. Measured, below 1 ms.
@@ -11,11 +11,12 @@ const IDLE_NS: i64 = 2_000_000;
 pub(crate) struct Series {
     /// Of every frame, dropped ones included: see the crate's terms.
     pub(crate) latency_us: Vec<f64>,
+    /// Of every frame: 1 where it was dropped.
+    pub(crate) is_dropped: Vec<f64>,
     /// Of frames that came out.
     pub(crate) delivered_us: Vec<f64>,
-    /// Of each stage.
+    /// By stage.
     pub(crate) queue_us: [Vec<f64>; 4],
-    /// Of each stage.
     pub(crate) run_us: [Vec<f64>; 4],
     /// Of each topic, only where the consumer was idle.
     pub(crate) hand_over_us: [Vec<f64>; 4],
@@ -28,18 +29,15 @@ pub(crate) struct Series {
 /// The series of `frames`, which are in the order of rounds and sequences.
 pub(crate) fn series(frames: &[FrameRecord]) -> Series {
     let (latency_us, unanswered) = latencies(frames);
+    let is_dropped = |frame: &FrameRecord| f64::from(u8::from(!frame.is_out()));
     let mut series = Series {
         latency_us,
+        is_dropped: frames.iter().map(is_dropped).collect(),
         unanswered,
         ..Series::default()
     };
     for (index, frame) in frames.iter().enumerate() {
-        let Some(published_ns) = frame.published_ns() else {
-            continue;
-        };
-        series
-            .delivered_us
-            .push(micros(published_ns - frame.due_ns));
+        series.delivered_us.extend(frame.delivered_us());
         for stage in 0..STAGES.len() {
             series.queue_us[stage].extend(frame.queue_us(stage));
             series.run_us[stage].extend(frame.run_us(stage));
@@ -83,28 +81,22 @@ fn end_ns(frames: &[FrameRecord], round: u32) -> i64 {
     ends.max().unwrap_or(0)
 }
 
-/// By [`HOPS`]; `None` where the consumer was busy, or where that is not known because the frame before was dropped.
+/// By topic; `None` where the consumer was busy, or where that is not known because the frame before was dropped.
 fn hand_overs(frame: &FrameRecord, before: Option<&FrameRecord>) -> [Option<f64>; 4] {
-    let none = [None; HOPS.len()];
-    let Some(stamps) = frame.stamps else {
-        return none;
-    };
     let is_next = |before: &&FrameRecord| {
         before.round == frame.round && before.sequence + 1 == frame.sequence
     };
     let before = before.filter(is_next).and_then(|before| before.stamps);
-    let mut hand_overs = none;
-    for (topic, hand_over) in hand_overs.iter_mut().enumerate() {
+    std::array::from_fn(|topic| {
+        let stamps = frame.stamps?;
         let sent_ns = stamps[topic].published_ns;
-        *hand_over = match stamps.get(topic + 1) {
-            Some(consumer) => before
-                .filter(|before| before[topic + 1].published_ns + IDLE_NS < sent_ns)
-                .map(|_| micros(consumer.received_ns - sent_ns)),
+        let Some(consumer) = stamps.get(topic + 1) else {
             // Whoever takes the objects does nothing else.
-            None => Some(micros(frame.arrived_ns - sent_ns)),
+            return Some(micros(frame.arrived_ns - sent_ns));
         };
-    }
-    hand_overs
+        let is_idle = before?[topic + 1].published_ns + IDLE_NS < sent_ns;
+        is_idle.then(|| micros(consumer.received_ns - sent_ns))
+    })
 }
 
 #[cfg(test)]
@@ -124,16 +116,9 @@ mod tests {
 
     #[test]
     fn frames_that_nothing_follows_are_told_and_count_to_the_end() {
-        let mut frames = vec![
-            frame(0, 1000),
-            dropped(1),
-            frame(0, 1000),
-            dropped(1),
-            dropped(2),
-        ];
-        for late in &mut frames[2..] {
-            late.round = 1;
-        }
+        let mut frames = vec![frame(0, 1000), dropped(1)];
+        let later = [frame(0, 1000), dropped(1), dropped(2)];
+        frames.extend(later.map(|frame| FrameRecord { round: 1, ..frame }));
         let series = series(&frames);
         assert_eq!(series.unanswered, 3);
         assert_eq!(series.latency_us, [4040.0, 0.0, 4040.0, 100_000.0, 0.0]);
@@ -142,9 +127,7 @@ mod tests {
     #[test]
     fn queue_run_and_hand_over_are_told_apart() {
         let mut frames = vec![frame(0, 1000), frame(1, 1000)];
-        let later = &mut frames[1];
-        let stamps = later.stamps.as_mut().unwrap();
-        stamps[1].started_ns += 5000;
+        frames[1].stamps.as_mut().unwrap()[1].started_ns += 5000;
         let figures = series(&frames);
         assert_eq!(figures.queue_us[1], [10.0, 15.0]);
         assert_eq!(figures.run_us[1], [1000.0, 995.0]);
@@ -163,10 +146,5 @@ mod tests {
         assert!(figures.hand_over_us[0].is_empty());
         assert_eq!(figures.hand_over_us[1].len(), 1);
         assert!(figures.hops_together_us.is_empty());
-    }
-
-    #[test]
-    fn without_frames_there_are_no_figures() {
-        assert_eq!(series(&[]), Series::default());
     }
 }

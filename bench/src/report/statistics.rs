@@ -6,15 +6,11 @@ use serde::Serialize;
 /// Quantiles and the largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Percentiles {
-    /// Median.
     pub(crate) p50: f64,
-    /// 90 of 100 are at most this.
     pub(crate) p90: f64,
-    /// 99 of 100.
     pub(crate) p99: f64,
-    /// 999 of 1000; with fewer than 1000 values: the largest.
+    /// 999 of 1000 are at most this; with fewer than 1000 values: the largest.
     pub(crate) p999: f64,
-    /// Largest.
     pub(crate) max: f64,
 }
 

@@ -29,7 +29,7 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> anyhow::Result<ExitCode> {
         let text = "--against and two --refiner cannot be told apart: one after the other, please";
         return Err(UsageError(text.to_string()).into());
     }
-    folder::make(&plan.out)?;
+    folder::make(&plan.args.out)?;
     let programs = [plan.program.as_path(), other];
     let mut progress = Progress::new();
     let mut sides = [Side::default(), Side::default()];
@@ -39,7 +39,11 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> anyhow::Result<ExitCode> {
         let text = format!("{}, {} of {all}", program.display(), number + 1);
         progress.show(f64::from(number) / f64::from(all), &text);
         let round = number / 2;
-        let folder = plan.out.join(FOLDERS[turn]).join(format!("round-{round}"));
+        let folder = plan
+            .args
+            .out
+            .join(FOLDERS[turn])
+            .join(format!("round-{round}"));
         measure(plan, program, &folder)?;
         sides[turn].add(&folder, round)?;
     }
@@ -47,7 +51,7 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> anyhow::Result<ExitCode> {
     let mut reports = Vec::new();
     for (side, name) in sides.iter().zip(FOLDERS) {
         let report = side.report()?;
-        folder::write(&plan.out.join(name), &report, &side.frames, &[])?;
+        folder::write(&plan.args.out.join(name), &report, &side.frames, &[])?;
         reports.push(report);
     }
     let facts = [&sides[0].facts, &sides[1].facts];
@@ -56,7 +60,7 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> anyhow::Result<ExitCode> {
     let names = names.each_ref().map(String::as_str);
     let mut value = serde_json::to_value(&comparison)?;
     value["notes"] = notes(facts).into();
-    folder::write_comparison(&plan.out, names, &comparison, "", value)?;
+    folder::write_comparison(&plan.args.out, names, &comparison, "", value)?;
     let is_flawed = reports.iter().any(|report| report.frames.dropped > 0);
     Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
 }

@@ -1,8 +1,12 @@
-//! The command line.
+//! The command line, and the table `[bench]` of a scenario: a configuration file of `mluc up`. The command line wins.
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use mluc::UsageError;
+use serde::{Deserialize, Serialize};
+
+use super::trace::Which;
 
 /// Latency of the real processes: a report, and the comparison of two.
 #[derive(Debug, Parser)]
@@ -25,30 +29,23 @@ pub(crate) enum Command {
     Compare(CompareArgs),
     /// Take CPU and memory from the others (started for `[bench.load]`).
     #[command(hide = true)]
-    Neighbour(NeighbourArgs),
+    Neighbour(LoadTable),
 }
 
 /// What is measured; everything but where the report goes may stand in the scenario instead.
-#[derive(Args, Clone, Debug, Default)]
+#[derive(Args, Clone, Debug)]
 pub(crate) struct RunArgs {
     /// Scenario: a configuration file of `mluc up` with a table [bench] (TOML).
     #[arg(long)]
     pub(crate) scenario: Option<PathBuf>,
-    /// Folder of the report; made when missing [default: mluc-bench].
-    #[arg(long)]
-    pub(crate) out: Option<PathBuf>,
-    /// How long to measure, s, after the warm-up [default: 20].
-    #[arg(long)]
-    pub(crate) seconds: Option<f64>,
-    /// Frames due in the first seconds count apart [default: 2].
-    #[arg(long, value_name = "SECONDS")]
-    pub(crate) warm_up: Option<f64>,
+    /// Folder of the report; made when missing.
+    #[arg(long, default_value = "mluc-bench")]
+    pub(crate) out: PathBuf,
+    #[command(flatten)]
+    pub(crate) bench: BenchTable,
     /// Frames a second [default: 10].
     #[arg(long)]
     pub(crate) rate: Option<f64>,
-    /// Starts of the processes over which the seconds are spread [default: 1; 4 when two things are compared].
-    #[arg(long)]
-    pub(crate) rounds: Option<u32>,
     /// A folder of scans [default: the bundled simulated ones].
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
@@ -65,8 +62,8 @@ pub(crate) struct RunArgs {
     #[arg(long, value_name = "NAME|COMMAND")]
     pub(crate) refiner: Vec<String>,
     /// Stamps and spans: `off` leaves only the latency end to end; `compare` measures both, interleaved.
-    #[arg(long, value_enum)]
-    pub(crate) instrumentation: Option<Instrumentation>,
+    #[arg(long, value_enum, default_value_t)]
+    pub(crate) instrumentation: Instrumentation,
     /// Another build's program `mluc`: this build and that one on the same frames, interleaved, each measured by its own
     /// `mluc bench`.
     #[arg(long, value_name = "MLUC", conflicts_with_all = ["instrumentation", "trace"])]
@@ -76,13 +73,81 @@ pub(crate) struct RunArgs {
     pub(crate) trace: Option<PathBuf>,
     /// Which frame: median, worst, first, all, or a sequence.
     #[arg(long, default_value = "median", requires = "trace")]
-    pub(crate) trace_frame: String,
+    pub(crate) trace_frame: Which,
+}
+
+/// How long and how often: options, and `[bench]`.
+#[derive(Args, Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct BenchTable {
+    /// How long to measure, s, after the warm-up [default: 20].
+    #[arg(long)]
+    pub(crate) seconds: Option<f64>,
+    /// Frames due in the first seconds count apart [default: 2].
+    #[arg(long = "warm-up", value_name = "SECONDS")]
+    pub(crate) warm_up_seconds: Option<f64>,
+    /// Starts of the processes over which the seconds are spread [default: 1; 4 when two things are compared].
+    #[arg(long)]
+    pub(crate) rounds: Option<u32>,
     /// Messages by which the baselines of the hand-overs are measured; 0: they are left out [default: 200].
     #[arg(long, visible_alias = "baseline-rounds")]
+    #[serde(alias = "baseline_rounds")]
     pub(crate) floor_rounds: Option<usize>,
     /// Seconds until a pipeline that gives no objects is given up [default: 60].
-    #[arg(long, value_name = "SECONDS")]
-    pub(crate) patience: Option<f64>,
+    #[arg(long = "patience", value_name = "SECONDS")]
+    pub(crate) patience_seconds: Option<f64>,
+    /// Other work on the same machine.
+    #[arg(skip)]
+    pub(crate) load: LoadTable,
+}
+
+impl BenchTable {
+    /// These options, and the table where none was given.
+    pub(crate) fn over(&self, table: BenchTable) -> BenchTable {
+        BenchTable {
+            seconds: self.seconds.or(table.seconds),
+            warm_up_seconds: self.warm_up_seconds.or(table.warm_up_seconds),
+            rounds: self.rounds.or(table.rounds),
+            floor_rounds: self.floor_rounds.or(table.floor_rounds),
+            patience_seconds: self.patience_seconds.or(table.patience_seconds),
+            load: table.load,
+        }
+    }
+}
+
+/// A process beside the pipeline: `[bench.load]`.
+#[derive(Args, Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct LoadTable {
+    /// Threads that compute without a pause.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) cpu_threads: usize,
+    /// Memory that one thread writes over and over, MiB.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) memory_mib: u64,
+}
+
+/// Threads of the load; a guess far above any machine.
+const CPU_THREADS_MAX: usize = 1024;
+
+impl LoadTable {
+    /// Whether the machine has the memory. `available_mib` as the kernel counts it.
+    pub(crate) fn check(&self, available_mib: u64) -> Result<(), UsageError> {
+        if self.cpu_threads > CPU_THREADS_MAX {
+            return Err(UsageError(format!(
+                "bench.load.cpu_threads must be at most {CPU_THREADS_MAX}, found {}",
+                self.cpu_threads
+            )));
+        }
+        // The pipeline needs some itself; a machine that swaps measures its disk.
+        if self.memory_mib > available_mib * 3 / 4 {
+            return Err(UsageError(format!(
+                "bench.load.memory_mib: {} MiB are asked for, {available_mib} MiB are available (three quarters of them may be asked for)",
+                self.memory_mib
+            )));
+        }
+        Ok(())
+    }
 }
 
 /// What the stages report of a frame.
@@ -112,14 +177,4 @@ pub(crate) struct CompareArgs {
     /// Exit code 3 when B is higher anywhere.
     #[arg(long)]
     pub(crate) fail_if_higher: bool,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct NeighbourArgs {
-    /// Threads that compute without a pause.
-    #[arg(long, default_value_t = 0)]
-    pub(crate) cpu_threads: usize,
-    /// Memory that one thread writes over and over, MiB.
-    #[arg(long, default_value_t = 0)]
-    pub(crate) memory_mib: u64,
 }

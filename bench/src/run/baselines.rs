@@ -21,7 +21,7 @@ pub(crate) fn add_baselines(
         if rounds == 0 {
             continue;
         }
-        let topic = payload.name();
+        let topic = payload.topic().name;
         progress.show(
             0.5,
             &format!("baselines of {topic}: {rounds} messages each way"),
@@ -50,13 +50,14 @@ fn add(hop: &mut HandOver, payload: Payload, rounds: usize) -> anyhow::Result<()
         ..Settings::new(load, rounds)
     };
     let measured = measure(&settings, &Way::ALL)?;
-    let of = |way: Way| measured.of(way).map(|cost| cost.latency);
-    hop.alone_p50_us = of(Way::Hop).map(|latency| latency.p50_us);
-    hop.alone_p99_us = of(Way::Hop).map(|latency| latency.p99_us);
-    hop.raw_p50_us = of(Way::Raw).map(|latency| latency.p50_us);
-    hop.raw_p99_us = of(Way::Raw).map(|latency| latency.p99_us);
-    hop.socket_p50_us = of(Way::Socket).map(|latency| latency.p50_us);
-    hop.futex_p50_us = of(Way::Futex).map(|latency| latency.p50_us);
+    let p50_us = |way| measured.latency(way).map(|latency| latency.p50_us);
+    let p99_us = |way| measured.latency(way).map(|latency| latency.p99_us);
+    hop.alone_p50_us = p50_us(Way::Hop);
+    hop.alone_p99_us = p99_us(Way::Hop);
+    hop.raw_p50_us = p50_us(Way::Raw);
+    hop.raw_p99_us = p99_us(Way::Raw);
+    hop.socket_p50_us = p50_us(Way::Socket);
+    hop.futex_p50_us = p50_us(Way::Futex);
     hop.memcpy_p50_us = Some(measured.memcpy.p50_us);
     Ok(())
 }

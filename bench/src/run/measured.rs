@@ -202,13 +202,9 @@ impl Measured {
 
 fn instrumentation(variant: &Variant) -> Map<String, Value> {
     let word = |is_on: bool| if is_on { "on" } else { "off" };
-    let has_spans = variant
-        .environment
-        .iter()
-        .any(|(key, _)| *key == SPANS_VARIABLE);
     object(json!({
         "stamps": word(variant.has_stamps()),
-        "spans": word(has_spans),
+        "spans": word(variant.has(SPANS_VARIABLE)),
         "stamps_cost_us_a_hop": stamps_cost_us(),
     }))
 }

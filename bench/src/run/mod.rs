@@ -18,7 +18,6 @@ mod progress;
 mod quality;
 mod quiet;
 mod round;
-mod scenario;
 mod single;
 mod trace;
 mod variants;
@@ -49,7 +48,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Neighbour(args)) => neighbour::neighbour(args),
         None => {
             let plan = Plan::resolve(cli.run)?;
-            if let Some(other) = &plan.against {
+            if let Some(other) = &plan.args.against {
                 against::against(&plan, other)
             } else if plan.variants.len() == 1 {
                 single::single(&plan)

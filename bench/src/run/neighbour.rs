@@ -6,15 +6,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
-use super::arguments::NeighbourArgs;
-use super::scenario::LoadTable;
+use super::arguments::LoadTable;
 use crate::transport::end_with_parent;
 
 /// Until its memory is touched and its threads run.
 const SETTLE: Duration = Duration::from_millis(500);
 
 /// Computes and writes memory until its parent ends or ends it.
-pub(crate) fn neighbour(args: NeighbourArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn neighbour(args: LoadTable) -> anyhow::Result<ExitCode> {
     end_with_parent()?;
     let mut threads: Vec<_> = (0..args.cpu_threads)
         .map(|_| std::thread::spawn(compute))

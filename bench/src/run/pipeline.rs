@@ -197,7 +197,7 @@ struct Up {
 
 impl Up {
     fn start(plan: &Plan, variant: &Variant, instance: &Instance) -> anyhow::Result<Up> {
-        let log = plan.out.join(LOG);
+        let log = plan.args.out.join(LOG);
         let file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
         let supervisor = std::process::id().to_string();
         let mut command = Command::new(&plan.program);

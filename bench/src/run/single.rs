@@ -16,9 +16,13 @@ use super::trace::SpansFolder;
 use crate::report::LatencyReport;
 
 pub(crate) fn single(plan: &Plan) -> anyhow::Result<ExitCode> {
-    folder::make(&plan.out)?;
+    folder::make(&plan.args.out)?;
     let mut variant = plan.variants[0].clone();
-    let spans = plan.trace.as_ref().map(|_| SpansFolder::make(&plan.out));
+    let spans = plan
+        .args
+        .trace
+        .as_ref()
+        .map(|_| SpansFolder::make(&plan.args.out));
     let spans = spans.transpose()?;
     variant
         .environment
@@ -35,12 +39,12 @@ pub(crate) fn single(plan: &Plan) -> anyhow::Result<ExitCode> {
     let mut report = measured.report(plan, &variant, &quiet);
     finish(plan, &measured, &mut report, &mut progress);
     drop(progress);
-    folder::write(&plan.out, &report, &measured.frames, &measured.samples)?;
+    folder::write(&plan.args.out, &report, &measured.frames, &measured.samples)?;
     print_out(report.table().trim_end())?;
-    let page = plan.out.join("report.html");
+    let page = plan.args.out.join("report.html");
     print_out(format_args!("report: {}", page.display()))?;
-    if let (Some(request), Some(spans)) = (&plan.trace, &spans) {
-        let trace = request.write(spans.path(), &measured.frames)?;
+    if let (Some(file), Some(spans)) = (&plan.args.trace, &spans) {
+        let trace = spans.write_trace(file, plan.args.trace_frame, &measured.frames)?;
         print_out(format_args!("trace of {trace}"))?;
     }
     let is_flawed = measured.is_flawed(&report);
@@ -54,7 +58,7 @@ pub(crate) fn finish(
     report: &mut LatencyReport,
     progress: &mut Progress,
 ) {
-    let is_bare = plan.instrumentation == Instrumentation::Off;
+    let is_bare = plan.args.instrumentation == Instrumentation::Off;
     let rounds = if measured.is_interrupted || is_bare {
         0
     } else {

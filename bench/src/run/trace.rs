@@ -1,74 +1,63 @@
-//! `--trace`: spans of all processes to one file.
+//! `--trace`: one frame across processes, as Chrome's trace format (read by Perfetto and chrome://tracing).
+//!
+//! Every process writes its spans as lines while it runs; the sequence in each of them ties a frame together. Times are
+//! CLOCK_MONOTONIC, the same in all processes, so nothing has to be aligned.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
-use anyhow::{Context, bail};
-use mluc::UsageError;
+use anyhow::{Context, Result, ensure};
+use serde::Deserialize;
+use serde_json::{Value, json};
 
-use super::arguments::RunArgs;
-use crate::report::{FrameRecord, Selection, Span, chrome_trace, parse_span};
+use crate::report::{FrameRecord, STAGES};
 
 /// Names the folder into which the processes write their spans.
 pub(crate) const SPANS_VARIABLE: &str = "MLUC_SPANS";
 
-/// A trace that was asked for.
-#[derive(Clone, Debug)]
-pub(crate) struct TraceRequest {
-    file: PathBuf,
-    frame: Which,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Which {
+/// The frame that a trace shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Which {
+    #[default]
     Median,
     Worst,
-    First,
     All,
     Sequence(u64),
 }
 
-impl TraceRequest {
-    pub(crate) fn resolve(
-        args: &RunArgs,
-        variants: usize,
-    ) -> Result<Option<TraceRequest>, UsageError> {
-        let Some(file) = args.trace.clone() else {
-            return Ok(None);
-        };
-        if variants > 1 || args.rounds.is_some_and(|rounds| rounds > 1) {
-            return Err(UsageError(
-                "a trace shows one run: --trace goes with one round of one pipeline".to_string(),
-            ));
-        }
-        let frame = which(&args.trace_frame)?;
-        Ok(Some(TraceRequest { file, frame }))
-    }
+impl FromStr for Which {
+    type Err = String;
 
-    /// Reads the spans and writes the trace; the frame's sequence for the terminal.
-    pub(crate) fn write(
-        &self,
-        spans_folder: &Path,
-        frames: &[FrameRecord],
-    ) -> anyhow::Result<String> {
-        let spans = read(spans_folder)?;
-        let (selection, text) = match self.frame {
-            Which::All => (Selection::All, "all frames".to_string()),
-            which => {
-                let sequence = choose(which, frames)?;
-                (Selection::Frame(sequence), format!("frame {sequence}"))
-            }
-        };
-        let trace = chrome_trace(&spans, selection);
-        if trace["traceEvents"].as_array().is_none_or(Vec::is_empty) {
-            bail!("no spans of {text}: was it dropped, or does the run have fewer frames?");
+    fn from_str(word: &str) -> Result<Which, String> {
+        let expected = || "expected median, worst, first, all or a sequence".to_string();
+        match word {
+            "median" => Ok(Which::Median),
+            "worst" => Ok(Which::Worst),
+            "first" => Ok(Which::Sequence(0)),
+            "all" => Ok(Which::All),
+            number => number.parse().map(Which::Sequence).map_err(|_| expected()),
         }
-        fs::write(&self.file, trace.to_string())
-            .with_context(|| format!("writing {}", self.file.display()))?;
-        Ok(format!(
-            "{text}: {} (open it in ui.perfetto.dev or chrome://tracing)",
-            self.file.display()
-        ))
+    }
+}
+
+impl Which {
+    /// `None`: all of them.
+    fn sequence(self, frames: &[FrameRecord]) -> Result<Option<u64>> {
+        let measured = frames.iter().filter(|frame| !frame.is_warm_up);
+        let mut out: Vec<(i64, u64)> = measured
+            .filter_map(|frame| Some((frame.published_ns()? - frame.due_ns, frame.sequence)))
+            .collect();
+        out.sort_unstable();
+        let chosen = match self {
+            Which::All => return Ok(None),
+            Which::Sequence(sequence) => return Ok(Some(sequence)),
+            Which::Median => out.get(out.len().saturating_sub(1) / 2),
+            Which::Worst => out.last(),
+        };
+        let chosen = chosen.map(|&(_, sequence)| sequence);
+        chosen.context("no frame came out: no trace").map(Some)
     }
 }
 
@@ -76,21 +65,56 @@ impl TraceRequest {
 pub(crate) struct SpansFolder(PathBuf);
 
 impl SpansFolder {
-    pub(crate) fn make(out: &Path) -> anyhow::Result<SpansFolder> {
+    pub(crate) fn make(out: &Path) -> Result<SpansFolder> {
         let folder = out.join("spans");
         fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
         // Stages find it whatever folder they run in.
-        let folder =
-            fs::canonicalize(&folder).with_context(|| format!("finding {}", folder.display()))?;
-        Ok(SpansFolder(folder))
-    }
-
-    pub(crate) fn path(&self) -> &Path {
-        &self.0
+        let whole = fs::canonicalize(&folder);
+        whole
+            .map(SpansFolder)
+            .with_context(|| format!("finding {}", folder.display()))
     }
 
     pub(crate) fn variable(&self) -> (&'static str, String) {
         (SPANS_VARIABLE, self.0.display().to_string())
+    }
+
+    /// Writes the trace; what it is of, for the terminal.
+    pub(crate) fn write_trace(
+        &self,
+        file: &Path,
+        which: Which,
+        frames: &[FrameRecord],
+    ) -> Result<String> {
+        let sequence = which.sequence(frames)?;
+        let text = match sequence {
+            None => "all frames".to_string(),
+            Some(sequence) => format!("frame {sequence}"),
+        };
+        let mut spans = self.read()?;
+        spans.retain(|span| sequence.is_none_or(|sequence| sequence == span.sequence));
+        ensure!(
+            !spans.is_empty(),
+            "no spans of {text}: was it dropped, or does the run have fewer frames?"
+        );
+        let trace = chrome_trace(spans).to_string();
+        let place = file.display();
+        fs::write(file, trace).with_context(|| format!("writing {place}"))?;
+        Ok(format!(
+            "{text}: {place} (open it in ui.perfetto.dev or chrome://tracing)"
+        ))
+    }
+
+    fn read(&self) -> Result<Vec<Span>> {
+        let place = self.0.display();
+        let entries = fs::read_dir(&self.0).with_context(|| format!("spans in {place}"))?;
+        let mut spans = Vec::new();
+        for path in entries.flatten().map(|entry| entry.path()) {
+            let text = fs::read_to_string(&path);
+            let text = text.with_context(|| format!("reading {}", path.display()))?;
+            spans.extend(text.lines().filter_map(parse_span));
+        }
+        Ok(spans)
     }
 }
 
@@ -100,47 +124,82 @@ impl Drop for SpansFolder {
     }
 }
 
-fn which(word: &str) -> Result<Which, UsageError> {
-    match word {
-        "median" => Ok(Which::Median),
-        "worst" => Ok(Which::Worst),
-        "first" => Ok(Which::First),
-        "all" => Ok(Which::All),
-        number => number.parse().map(Which::Sequence).map_err(|_| {
-            UsageError(format!(
-                "--trace-frame must be median, worst, first, all or a sequence, found '{word}'"
-            ))
-        }),
+/// A piece of work of one process for one frame; times on CLOCK_MONOTONIC.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+struct Span {
+    /// The stage's name.
+    process: String,
+    pid: u32,
+    tid: u64,
+    name: String,
+    sequence: u64,
+    begin_ns: u64,
+    end_ns: u64,
+}
+
+impl Span {
+    fn ns(&self) -> u64 {
+        self.end_ns - self.begin_ns
     }
 }
 
-fn choose(which: Which, frames: &[FrameRecord]) -> anyhow::Result<u64> {
-    let mut out: Vec<(i64, u64)> = frames
-        .iter()
-        .filter(|frame| !frame.is_warm_up)
-        .filter_map(|frame| Some((frame.published_ns()? - frame.due_ns, frame.sequence)))
-        .collect();
-    out.sort_unstable();
-    let chosen = match which {
-        Which::Sequence(sequence) => return Ok(sequence),
-        Which::First | Which::All => return Ok(0),
-        Which::Median => out.get(out.len().saturating_sub(1) / 2),
-        Which::Worst => out.last(),
-    };
-    chosen
-        .map(|&(_, sequence)| sequence)
-        .context("no frame came out: no trace")
+/// A span from its line; `None`: a line that a killed process did not finish.
+fn parse_span(line: &str) -> Option<Span> {
+    let span: Span = serde_json::from_str(line).ok()?;
+    (span.end_ns >= span.begin_ns).then_some(span)
 }
 
-fn read(folder: &Path) -> anyhow::Result<Vec<Span>> {
-    let entries = fs::read_dir(folder).with_context(|| format!("spans in {}", folder.display()))?;
-    let mut spans = Vec::new();
-    for entry in entries.flatten() {
-        let text = fs::read_to_string(entry.path())
-            .with_context(|| format!("reading {}", entry.path().display()))?;
-        spans.extend(text.lines().filter_map(parse_span));
+/// The trace file. Times begin at the first span. Arrows lead from each stage's publication to the next stage's work on
+/// the same frame.
+fn chrome_trace(mut spans: Vec<Span>) -> Value {
+    spans.sort_by_key(|span| (span.begin_ns, u64::MAX - span.end_ns));
+    let zero_ns = spans.first().map_or(0, |span| span.begin_ns);
+    let us = |ns: u64| ns.saturating_sub(zero_ns) as f64 / 1000.0;
+    let mut events = processes(&spans);
+    events.extend(spans.iter().map(|span| {
+        json!({"name": span.name, "cat": "frame", "ph": "X", "ts": us(span.begin_ns), "dur": us(span.end_ns) - us(span.begin_ns),
+               "pid": span.pid, "tid": span.tid, "args": {"sequence": span.sequence}})
+    }));
+    for (number, (from, to)) in hand_overs(&spans).into_iter().enumerate() {
+        for (phase, span, ns) in [("s", from, from.end_ns), ("f", to, to.begin_ns)] {
+            events.push(json!({"name": "hand-over", "cat": "hand-over", "ph": phase, "id": number, "ts": us(ns), "pid": span.pid,
+                               "tid": span.tid, "bp": "e", "args": {"sequence": span.sequence}}));
+        }
     }
-    Ok(spans)
+    json!({"displayTimeUnit": "ms", "traceEvents": events})
+}
+
+fn stage_of(process: &str) -> Option<usize> {
+    STAGES.iter().position(|stage| *stage == process)
+}
+
+/// Names, in the order of the stages.
+fn processes(spans: &[Span]) -> Vec<Value> {
+    let names: BTreeMap<u32, &str> = spans.iter().map(|s| (s.pid, s.process.as_str())).collect();
+    let names = names.into_iter().flat_map(|(pid, name)| {
+        let index = stage_of(name).unwrap_or(STAGES.len());
+        [
+            json!({"name": "process_name", "ph": "M", "pid": pid, "args": {"name": name}}),
+            json!({"name": "process_sort_index", "ph": "M", "pid": pid, "args": {"sort_index": index}}),
+        ]
+    });
+    names.collect()
+}
+
+/// Per frame and pair of neighbouring stages: the longest span of each, the one that spans the whole frame.
+fn hand_overs(spans: &[Span]) -> Vec<(&Span, &Span)> {
+    let mut whole: BTreeMap<(u64, usize), &Span> = BTreeMap::new();
+    for span in spans {
+        let Some(stage) = stage_of(&span.process) else {
+            continue;
+        };
+        let longest = whole.entry((span.sequence, stage)).or_insert(span);
+        if span.ns() > longest.ns() {
+            *longest = span;
+        }
+    }
+    let pair = |(&(sequence, stage), &from)| Some((from, *whole.get(&(sequence, stage + 1))?));
+    whole.iter().filter_map(pair).collect()
 }
 
 #[cfg(test)]
@@ -149,10 +208,40 @@ mod tests {
 
     #[test]
     fn frames_are_chosen_by_word_or_number() {
-        assert_eq!(which("worst").unwrap(), Which::Worst);
-        assert_eq!(which("17").unwrap(), Which::Sequence(17));
-        assert!(which("wurst").is_err());
-        assert!(choose(Which::Median, &[]).is_err());
-        assert_eq!(choose(Which::Sequence(4), &[]).unwrap(), 4);
+        assert_eq!("worst".parse(), Ok(Which::Worst));
+        assert_eq!("17".parse(), Ok(Which::Sequence(17)));
+        assert!("wurst".parse::<Which>().is_err());
+        assert!(Which::Median.sequence(&[]).is_err());
+    }
+
+    const LINES: [&str; 3] = [
+        r#"{"process":"ingest","pid":10,"tid":1,"name":"frame","sequence":7,"begin_ns":1000000,"end_ns":2000000}"#,
+        r#"{"process":"backbone","pid":11,"tid":1,"name":"frame","sequence":7,"begin_ns":2050000,"end_ns":9000000}"#,
+        r#"{"process":"backbone","pid":11,"tid":1,"name":"run","sequence":7,"begin_ns":2060000,"end_ns":8000000}"#,
+    ];
+
+    #[test]
+    fn the_spans_of_a_frame_are_tied_together() {
+        let trace = chrome_trace(LINES.into_iter().filter_map(parse_span).collect());
+        let events = trace["traceEvents"].as_array().unwrap();
+        let of = |phase: &str| -> Vec<&Value> {
+            let events = events.iter().filter(|event| event["ph"] == phase);
+            events.collect()
+        };
+        assert_eq!((of("X").len(), of("M").len()), (3, 4));
+        assert_eq!(of("X")[0]["ts"], 0.0);
+        assert_eq!(of("X")[1]["dur"], 6950.0);
+        assert_eq!((of("s").len(), of("f").len()), (1, 1));
+        let (start, end) = (of("s")[0], of("f")[0]);
+        assert_eq!((&start["pid"], &end["pid"]), (&json!(10), &json!(11)));
+        assert_eq!((&start["ts"], &end["ts"]), (&json!(1000.0), &json!(1050.0)));
+    }
+
+    #[test]
+    fn half_lines_are_left_out() {
+        let line = LINES[0];
+        assert!(parse_span(line).is_some());
+        assert_eq!(parse_span(&line[..line.len() / 2]), None);
+        assert_eq!(parse_span(""), None);
     }
 }

@@ -26,10 +26,10 @@ pub(crate) fn turn(number: u32) -> usize {
 }
 
 pub(crate) fn interleave(plan: &Plan) -> anyhow::Result<ExitCode> {
-    folder::make(&plan.out)?;
+    folder::make(&plan.args.out)?;
     let mut variants: [Variant; 2] = [0, 1].map(|turn| plan.variants[turn].clone());
-    let is_bare_compared = plan.instrumentation == Instrumentation::Compare;
-    let spans = is_bare_compared.then(|| SpansFolder::make(&plan.out));
+    let is_bare_compared = plan.args.instrumentation == Instrumentation::Compare;
+    let spans = is_bare_compared.then(|| SpansFolder::make(&plan.args.out));
     let spans = spans.transpose()?;
     // The instrumented one writes spans as well.
     let variable = spans.as_ref().map(SpansFolder::variable);
@@ -62,7 +62,7 @@ pub(crate) fn interleave(plan: &Plan) -> anyhow::Result<ExitCode> {
         let Measured {
             frames, samples, ..
         } = &measured[turn];
-        folder::write(&plan.out.join(name), &reports[turn], frames, samples)?;
+        folder::write(&plan.args.out.join(name), &reports[turn], frames, samples)?;
     }
     let quality = [measured[0].quality(plan)?, measured[1].quality(plan)?];
     let names = variants.each_ref().map(|variant| variant.name.as_str());
@@ -74,7 +74,7 @@ pub(crate) fn interleave(plan: &Plan) -> anyhow::Result<ExitCode> {
     let table = side_by_side(names, &reports, &quality, is_bare_compared);
     let mut value = serde_json::to_value(&comparison)?;
     value["quality"] = json!(quality);
-    folder::write_comparison(&plan.out, names, &comparison, &table, value)?;
+    folder::write_comparison(&plan.args.out, names, &comparison, &table, value)?;
     let is_flawed = [0, 1].map(|turn| measured[turn].is_flawed(&reports[turn]));
     Ok(ExitCode::from(if is_flawed.contains(&true) {
         EXIT_WARNINGS

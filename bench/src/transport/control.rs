@@ -115,39 +115,3 @@ pub(crate) fn answer(arrived: Arrived) -> [u8; 12] {
     bytes[8..].copy_from_slice(&arrived.sum.to_le_bytes());
     bytes
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::transport::{Load, Wake};
-
-    #[test]
-    fn what_is_ordered_is_understood_and_a_wrong_word_is_named() {
-        let order = Order {
-            ways: vec![Way::Raw, Way::Socket],
-            link: Link {
-                load: Load::POINTS,
-                wake: Wake::Poll,
-                label: "t1".into(),
-            },
-            core: Some(1),
-        };
-        let text = serde_json::to_string(&order).unwrap();
-        let heard = Order::parse(&text).unwrap();
-        assert_eq!(format!("{heard:?}"), format!("{order:?}"));
-        let bytes = format!("\"bytes\":{}", Load::POINTS.bytes);
-        for (from, to, part) in [
-            ("raw", "pigeon", "pigeon"),
-            ("points", "nonsense", "nonsense"),
-            (&bytes, "\"bytes\":-1", "bytes"),
-            (&bytes, "\"bytes\":0", "1 to "),
-            ("poll", "sleepy", "sleepy"),
-            ("1}", "\"x\"}", "x"),
-        ] {
-            let wrong = text.replace(from, to);
-            assert_ne!(wrong, text);
-            let error = format!("{:#}", Order::parse(&wrong).unwrap_err());
-            assert!(error.contains(part), "{error}");
-        }
-    }
-}

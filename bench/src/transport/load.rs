@@ -3,14 +3,13 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use anyhow::{Result, ensure};
 use clap::ValueEnum;
-use mluc_ipc_types::Topic;
+use mluc_ipc_types::{Topic, feature_blocks};
 use serde::{Deserialize, Serialize};
 
-use anyhow::{Result, ensure};
-
 /// Whose queue settings and elements a message has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Payload {
     /// Ingest to backbone and refiner.
@@ -33,25 +32,13 @@ impl Payload {
     ];
 
     /// The topic that carries it.
-    pub fn topic(self) -> &'static Topic {
+    pub const fn topic(self) -> &'static Topic {
         match self {
             Payload::Points => &Topic::POINTS,
             Payload::Features => &Topic::FEATURES,
             Payload::Detections => &Topic::DETECTIONS,
             Payload::Objects => &Topic::OBJECTS,
         }
-    }
-
-    /// The topic's name.
-    pub fn name(self) -> &'static str {
-        self.topic().name
-    }
-
-    /// By the topic's name.
-    pub fn from_name(name: &str) -> Option<Payload> {
-        Payload::ALL
-            .into_iter()
-            .find(|payload| payload.name() == name)
     }
 }
 
@@ -65,26 +52,18 @@ pub struct Load {
 }
 
 impl Load {
-    /// The largest scan: 2 MB.
-    pub const POINTS: Load = Load {
-        payload: Payload::Points,
-        bytes: Topic::POINTS.elements_max * Topic::POINTS.element_bytes,
-    };
-    /// A dense map of 200 x 176 cells with 256 channels, as `second` has it: 36 MB.
-    pub const FEATURES: Load = Load {
-        payload: Payload::Features,
-        bytes: mluc_ipc_types::feature_blocks(200 * 176, 256) * Topic::FEATURES.element_bytes,
-    };
-    /// As many boxes as fit.
-    pub const DETECTIONS: Load = Load {
-        payload: Payload::Detections,
-        bytes: Topic::DETECTIONS.elements_max * Topic::DETECTIONS.element_bytes,
-    };
-    /// As many objects as fit.
-    pub const OBJECTS: Load = Load {
-        payload: Payload::Objects,
-        bytes: Topic::OBJECTS.elements_max * Topic::OBJECTS.element_bytes,
-    };
+    /// As large as it can be; of features a dense map of 200 x 176 cells with 256 channels, as `second` has it: 36 MB.
+    pub const fn largest(payload: Payload) -> Load {
+        let topic = payload.topic();
+        let elements = match payload {
+            Payload::Features => feature_blocks(200 * 176, 256),
+            _ => topic.elements_max,
+        };
+        Load {
+            payload,
+            bytes: elements * topic.element_bytes,
+        }
+    }
 
     /// Elements of a message.
     pub(crate) fn elements(&self) -> usize {

@@ -1,18 +1,55 @@
 //! Messages in turn on every way.
 
+use std::collections::BTreeMap;
+use std::hint::black_box;
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use anyhow::{Result, ensure};
-use mluc_geometry::Random;
+use mluc_geometry::{Random, quantile};
 use mluc_runtime::monotonic_ns;
 use serde::Serialize;
 
 use super::control::{Order, Peer};
 use super::load::{Settings, Wake};
-use super::percentiles::LatencyPercentiles;
 use super::pin::Pin;
 use super::way::{Link, Sender, Way};
 
-/// What one way costs.
+/// Of one quantity, us.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct LatencyPercentiles {
+    /// Values.
+    pub count: usize,
+    /// Half are at most this.
+    pub p50_us: f64,
+    /// 90 in 100.
+    pub p90_us: f64,
+    /// 99 in 100.
+    pub p99_us: f64,
+    /// 999 in 1000.
+    pub p999_us: f64,
+    /// All.
+    pub max_us: f64,
+}
+
+impl LatencyPercentiles {
+    /// By nearest rank; zeros without values.
+    pub fn of_ns(values_ns: &[u64]) -> LatencyPercentiles {
+        let mut ascending: Vec<f64> = values_ns.iter().map(|&ns| ns as f64 / 1e3).collect();
+        ascending.sort_unstable_by(f64::total_cmp);
+        let at = |q: f64| quantile(&ascending, q).unwrap_or(0.0);
+        LatencyPercentiles {
+            count: ascending.len(),
+            p50_us: at(0.5),
+            p90_us: at(0.9),
+            p99_us: at(0.99),
+            p999_us: at(0.999),
+            max_us: at(1.0),
+        }
+    }
+}
+
+/// What one way costs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Cost {
     /// From the sender's clock right before sending to the receiver's clock once the whole message is there.
     pub latency: LatencyPercentiles,
@@ -21,32 +58,23 @@ pub struct Cost {
 }
 
 /// Everything measured in one run.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measured {
     /// Bytes of a message.
     pub payload_bytes: usize,
     /// How raw iceoryx2 woke.
     pub wake: Wake,
-    /// By [`Way`], `None` for those not asked for.
-    #[serde(serialize_with = "by_name")]
-    pub ways: [Option<Cost>; 4],
+    /// Those asked for.
+    pub ways: BTreeMap<Way, Cost>,
     /// Copying the payload once, within one process.
     pub memcpy: LatencyPercentiles,
 }
 
 impl Measured {
-    /// Of one way.
-    pub fn of(&self, way: Way) -> Option<&Cost> {
-        self.ways[way as usize].as_ref()
+    /// Of a way that was asked for.
+    pub fn latency(&self, way: Way) -> Option<LatencyPercentiles> {
+        Some(self.ways.get(&way)?.latency)
     }
-}
-
-fn by_name<S: serde::Serializer>(
-    ways: &[Option<Cost>; 4],
-    serializer: S,
-) -> Result<S::Ok, S::Error> {
-    let found = Way::ALL.into_iter().zip(ways);
-    serializer.collect_map(found.filter_map(|(way, cost)| Some((way.name(), cost.as_ref()?))))
 }
 
 /// Sends in turn on every way, each time in another order, and a copy within this process.
@@ -75,28 +103,33 @@ pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
     for end in &mut ends {
         end.sender.peer_is_ready()?;
     }
-    let mut copy = Copy::new(settings.load.whole_bytes());
+    let payload_bytes = settings.load.whole_bytes();
+    let (mut from, mut to) = (vec![1; payload_bytes], vec![2; payload_bytes]);
+    let mut copied_ns = vec![];
     for round in 0..settings.warm_up + settings.rounds {
         let counts = round >= settings.warm_up;
         for place in shuffled(ends.len(), round as u64) {
             ends[place].exchange(&mut peer, settings, round as u32, counts)?;
         }
-        copy.once(round as u8, counts);
+        from.fill(round as u8);
+        let begun_ns = monotonic_ns();
+        to.copy_from_slice(black_box(from.as_slice()));
+        black_box(to.as_slice());
+        if counts {
+            copied_ns.push(monotonic_ns() - begun_ns);
+        }
     }
     // It ends first, so that this process is the last one everywhere and removes all files.
     drop(peer);
-    let mut costs = [None; 4];
-    for end in ends {
-        costs[end.way as usize] = Some(Cost {
-            latency: LatencyPercentiles::of_ns(&end.latency_ns),
-            sender: LatencyPercentiles::of_ns(&end.occupied_ns),
-        });
-    }
+    let cost = |end: &End| Cost {
+        latency: LatencyPercentiles::of_ns(&end.latency_ns),
+        sender: LatencyPercentiles::of_ns(&end.occupied_ns),
+    };
     Ok(Measured {
-        payload_bytes: settings.load.whole_bytes(),
+        payload_bytes,
         wake: settings.wake,
-        ways: costs,
-        memcpy: LatencyPercentiles::of_ns(&copy.took_ns),
+        ways: ends.iter().map(|end| (end.way, cost(end))).collect(),
+        memcpy: LatencyPercentiles::of_ns(&copied_ns),
     })
 }
 
@@ -110,7 +143,6 @@ fn shuffled(count: usize, round: u64) -> Vec<usize> {
 
 /// Of this measurement alone.
 fn label() -> String {
-    use std::sync::atomic::{AtomicU32, Ordering};
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let count = COUNT.fetch_add(1, Ordering::Relaxed);
     format!("t{}-{count}", std::process::id())
@@ -149,34 +181,6 @@ impl End {
             self.occupied_ns.push(sent.occupied_ns);
         }
         Ok(())
-    }
-}
-
-/// One copy within this process.
-struct Copy {
-    from: Vec<u8>,
-    to: Vec<u8>,
-    took_ns: Vec<u64>,
-}
-
-impl Copy {
-    fn new(bytes: usize) -> Copy {
-        Copy {
-            from: vec![1; bytes],
-            to: vec![2; bytes],
-            took_ns: vec![],
-        }
-    }
-
-    fn once(&mut self, value: u8, counts: bool) {
-        self.from.fill(value);
-        let begun_ns = monotonic_ns();
-        self.to
-            .copy_from_slice(std::hint::black_box(self.from.as_slice()));
-        std::hint::black_box(self.to.as_slice());
-        if counts {
-            self.took_ns.push(monotonic_ns() - begun_ns);
-        }
     }
 }
 

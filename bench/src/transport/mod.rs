@@ -16,13 +16,11 @@ mod control;
 mod load;
 mod measure;
 mod peer;
-mod percentiles;
 mod pin;
 mod way;
 
 pub use load::{Load, Payload, Settings, Wake};
-pub use measure::{Cost, Measured, measure};
+pub use measure::{Cost, LatencyPercentiles, Measured, measure};
 pub(crate) use peer::end_with_parent;
 pub use peer::serve_peer;
-pub use percentiles::LatencyPercentiles;
 pub use way::Way;

@@ -6,10 +6,10 @@
 //! and `candidates.json` tells the rest.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use anyhow::{Context, Result};
 use clap::Parser;
+use mluc_bench::clock::{lap_quantile, timed};
 use mluc_bench::inputs;
 use mluc_bench::machine::describe_here;
 use mluc_refiner::paper::grow::{Dbscan, Euclidean, Grower};
@@ -70,11 +70,10 @@ fn candidates(
     out: &Path,
     found: &mut Vec<Value>,
 ) -> Result<()> {
-    let points = inputs::as_points(&frame.points);
     let mut index = FrameIndex::default();
     index.start();
     index.want_all();
-    index.sort(&points);
+    index.sort(bytemuck::cast_slice(&frame.points));
     let mut around = Neighbourhood::default();
     for object in &frame.objects {
         let center_m = object.box_in_sensor.center_m;
@@ -116,25 +115,14 @@ fn one(around: &Neighbourhood, seed: usize, out: &Path, number: usize) -> Result
     let mut ours = serde_json::Map::new();
     for (way, mut grower) in ways {
         let mut members = vec![];
-        let mut times_us: Vec<f64> = (0..=RUNS)
-            .map(|_| {
-                let start = Instant::now();
-                grower.grow(around, seed, f64::NEG_INFINITY, &mut members);
-                start.elapsed().as_secs_f64() * 1e6
-            })
-            .skip(1)
-            .collect();
-        times_us.sort_unstable_by(f64::total_cmp);
+        let mut grow = |_| timed(|| grower.grow(around, seed, f64::NEG_INFINITY, &mut members));
+        let times: Vec<_> = (0..=RUNS).map(&mut grow).skip(1).collect();
+        let us = 1e3 * lap_quantile(&times, 0.5).wall;
         members.sort_unstable();
-        save(
-            out,
-            &format!("{name}.{way}.u32"),
-            bytemuck::cast_slice(&members),
-        )?;
-        ours.insert(
-            way.into(),
-            json!({ "us": times_us[RUNS / 2], "members": members.len() }),
-        );
+        let file = format!("{name}.{way}.u32");
+        save(out, &file, bytemuck::cast_slice(&members))?;
+        let found = json!({ "us": us, "members": members.len() });
+        ours.insert(way.into(), found);
     }
     Ok(json!({ "name": name, "points": around.len(), "seed": seed, "ours": ours }))
 }

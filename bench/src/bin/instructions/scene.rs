@@ -1,7 +1,9 @@
 //! A scan made by arithmetic alone: ground in rings, a wall on each side, boxes on the ground, and a candidate at each.
 //! The same on every machine.
 
-use mluc_ipc_types::{Detection, DetectionKind};
+use mluc_bench::inputs::candidate;
+use mluc_geometry::Box3;
+use mluc_ipc_types::Detection;
 
 /// Length, width, height of the boxes, m.
 const SIZES: [[f32; 3]; 3] = [[4.0, 1.7, 1.5], [0.7, 0.7, 1.7], [2.4, 1.2, 1.9]];
@@ -57,16 +59,13 @@ pub(crate) fn candidates() -> Vec<Detection> {
     let candidate = |number: usize| {
         let [x, y] = place(number);
         let off = 0.1 * number as f32 - 0.5;
-        Detection {
-            center_m: [x + off, y - 0.5 * off, GROUND_M + 0.8],
+        let place = [x + off, y - 0.5 * off, GROUND_M + 0.8];
+        let shape = Box3 {
+            center_m: place.map(f64::from),
             size_m: [3.9, 1.6, 1.56],
-            yaw_rad: 0.4 * number as f32,
-            kind: DetectionKind::Candidate as u32,
-            objectness: 0.5,
-            score: 0.3,
-            eds: 20.0,
-            ..Detection::default()
-        }
+            yaw_rad: f64::from(0.4 * number as f32),
+        };
+        candidate(&shape, 20.0)
     };
     (0..BOXES).map(candidate).collect()
 }

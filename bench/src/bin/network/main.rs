@@ -1,12 +1,11 @@
 //! Time of the network on real scans: `network --profile compact --precision bf16 --threads 2 --scan FILE --json`.
 //!
-//! `compact` has the weights of the shipped `kitti` model, `second` weights by formula (none are trained); int8 measures the ranges that it lacks on the scans turned left to right. With `--json` one object a run: milliseconds by part, what was computed and how far
-//! that is from what the registers can do; without it a table of every step. Frames run as on the vehicle; the backbone
-//! says when a step is done.
+//! `compact` has the weights of the shipped `kitti` model, `second` weights by formula (none are trained); int8 measures the
+//! ranges that it lacks on the scans turned left to right. With `--json` one object a run: milliseconds by part, what was
+//! computed and how far that is from what the registers can do; without it a table of every step. Frames run as on the
+//! vehicle; the backbone says when a step is done.
 
-mod crop;
 mod measure;
-mod peak;
 mod report;
 
 use std::path::{Path, PathBuf};
@@ -15,6 +14,7 @@ use anyhow::{Context, Result, bail};
 use clap::Parser;
 use mluc_backbone::Precision;
 use mluc_bench::inputs;
+use mluc_dataset::{read_calibration, read_scan};
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_train::{TrainError, quantize::measure_ranges};
 
@@ -60,11 +60,12 @@ fn main() -> Result<()> {
         .map(|scan| Ok((scan, read(scan, arguments.crop)?)))
         .collect::<Result<Vec<_>>>()?;
     if arguments.precision == Precision::Int8 && !weights.is_calibrated() {
-        calibrate(
-            &manifest,
-            &mut weights,
-            scans.iter().map(|scan| &scan.1[..]),
-        )?;
+        // Of the scans turned left to right: like those that are measured, and not the same.
+        let turned = scans.iter().map(|(_, points)| {
+            let turned = points.iter().map(|&[x, y, z, i]| [x, -y, z, i]);
+            Ok::<Vec<_>, TrainError>(turned.collect())
+        });
+        weights = measure_ranges(&manifest, &weights, turned)?;
     }
     for (scan, points) in scans {
         pool.install(|| {
@@ -77,8 +78,8 @@ fn main() -> Result<()> {
         })
         .with_context(|| scan.display().to_string())?;
     }
-    let peak_gflops = peak::gflops(arguments.precision, arguments.threads);
     if arguments.json {
+        let peak_gflops = report::peak_gflops(arguments.precision, arguments.threads);
         println!("{}", record.json(peak_gflops));
     } else {
         record.print();
@@ -102,27 +103,23 @@ fn model(arguments: &Arguments) -> Result<(Manifest, WeightSet)> {
     }
 }
 
-/// Ranges for int8, of the scans turned left to right: like those that are measured, and not the same.
-fn calibrate<'a>(
-    manifest: &Manifest,
-    weights: &mut WeightSet,
-    scans: impl Iterator<Item = &'a [[f32; 4]]>,
-) -> Result<()> {
-    let turned = |points: &[[f32; 4]]| points.iter().map(|&[x, y, z, i]| [x, -y, z, i]).collect();
-    let turned = scans.map(|points| Ok::<Vec<_>, TrainError>(turned(points)));
-    *weights = measure_ranges(manifest, weights, turned)?;
-    Ok(())
-}
-
+/// A scan's points; with `crop` those alone that KITTI's left colour camera sees, as its labels cover no more:
+/// `.../velodyne/NAME.bin` has `.../calib/NAME.txt`.
 fn read(scan: &Path, crop: bool) -> Result<Vec<[f32; 4]>> {
-    let bytes = std::fs::read(scan).with_context(|| scan.display().to_string())?;
-    let mut points: Vec<[f32; 4]> = bytes
-        .chunks_exact(16)
-        .map(bytemuck::pod_read_unaligned)
-        .collect();
+    /// Edges of a picture, pixels: those of most of KITTI's.
+    const PICTURE: [f64; 2] = [1242.0, 375.0];
+    let mut points = read_scan(scan)?;
     if crop {
-        let view = crop::View::of(scan)?;
-        points.retain(|point| view.sees(*point));
+        let folder = scan.parent().and_then(Path::parent);
+        let folder = folder.context("a scan in a folder")?.join("calib");
+        let name = scan.file_stem().context("a scan with a name")?;
+        let camera = read_calibration(&folder.join(name).with_extension("txt"))?;
+        points.retain(|&[x, y, z, _]| {
+            let pixel = camera.project_point_to_image([x, y, z].map(f64::from));
+            let is_inside =
+                |[u, v]: [f64; 2]| (0.0..PICTURE[0]).contains(&u) && (0.0..PICTURE[1]).contains(&v);
+            pixel.is_some_and(is_inside)
+        });
     }
     Ok(points)
 }

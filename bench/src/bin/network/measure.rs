@@ -30,7 +30,7 @@ pub(crate) fn measure(
     let (mut cells, mut rows) = (vec![1; cells_max], vec![1.0; cells_max * channels]);
     let mut detections = Vec::with_capacity(manifest.thresholds.boxes_max as usize);
     let network = &manifest.network;
-    let products = Products::of(network);
+    let last_sparse = network.sparse.last().map_or("", |layer| &layer.name);
     for round in 0..UNTIMED + rounds {
         let mut frame = Frame::default();
         let counting = round == 1;
@@ -40,10 +40,15 @@ pub(crate) fn measure(
         let count = backbone
             .run_in_steps(points, &mut |step| {
                 frame.add(part, step.name, &mut last);
-                part = products.part_after(step.name, part);
                 if counting {
-                    record.count(&step, products.flop(&step), products.executed(&step));
+                    let [flop, executed] = products(network, &step);
+                    record.count(part, &step, flop, executed);
                     last = Instant::now();
+                }
+                match step.name {
+                    "voxels" => part = Part::Sparse3d,
+                    step if step == last_sparse => part = Part::Dense2d,
+                    _ => {}
                 }
             })
             .rows;
@@ -54,7 +59,8 @@ pub(crate) fn measure(
         frame.add(Part::Head, "head", &mut last);
         frame.total_ms = start.elapsed().as_secs_f64() * 1e3;
         if counting {
-            record.count_rows(count, products.rows_flop(count), counts.candidates);
+            let flop = row_products(network).map(|row| row * count as f64);
+            record.count_rows(flop, counts.candidates);
         }
         match round {
             0 => record.first_ms.push(frame.total_ms),
@@ -65,71 +71,36 @@ pub(crate) fn measure(
     Ok(())
 }
 
-/// Channels of every layer, to turn what was read into operations.
-struct Products {
-    layers: Vec<(String, f64)>,
-    last_sparse: String,
-    /// Of a feature row: both transposed layers; the head that runs on every row.
-    row: [f64; 2],
+/// Operations of one product of a row with a layer's weights.
+fn pair(cin: usize, cout: usize) -> f64 {
+    2.0 * (cin * cout) as f64
 }
 
-impl Products {
-    fn of(network: &Network) -> Products {
-        let pair = |cin: usize, cout: usize| 2.0 * (cin * cout) as f64;
-        let sparse = network.sparse.iter();
-        let dense = network.block1.iter().chain(&network.block2);
-        let objectness = network.heads().first().map_or(0, |(_, channels)| *channels);
-        Products {
-            layers: sparse
-                .map(|layer| (layer.name.clone(), pair(layer.cin, layer.cout)))
-                .chain(dense.map(|layer| (layer.name.clone(), pair(layer.cin, layer.cout))))
-                .collect(),
-            last_sparse: network
-                .sparse
-                .last()
-                .map(|layer| layer.name.clone())
-                .unwrap_or_default(),
-            row: [
-                pair(network.up1.cin, network.up1.cout) + pair(network.up2.cin, network.up2.cout),
-                pair(network.feature_channels(), objectness),
-            ],
+/// Operations of a step: of the input rows that exist, as the layer is defined (the padding and empty voxels are no
+/// work), and what the registers multiplied.
+fn products(network: &Network, step: &Step) -> [f64; 2] {
+    let sparse = network.sparse.iter().map(|l| (&l.name, l.cin, l.cout));
+    let dense = network.block1.iter().chain(&network.block2);
+    let mut layers = sparse.chain(dense.map(|l| (&l.name, l.cin, l.cout)));
+    let layer = layers.find(|layer| layer.0 == step.name);
+    let pair = layer.map_or(0.0, |(_, cin, cout)| pair(cin, cout));
+    match step.reads {
+        Reads::Nothing => [0.0; 2],
+        Reads::Rows(gather) => {
+            let rows = gather.index.iter().filter(|row| **row != ABSENT).count();
+            [rows as f64 * pair; 2]
         }
+        // All but the cells at the border have nine.
+        Reads::Tiles(tiles) => [9 * step.rows, tiles.products()].map(|rows| rows as f64 * pair),
     }
+}
 
-    /// The part that begins when `step` has ended.
-    fn part_after(&self, step: &str, part: Part) -> Part {
-        match step {
-            "voxels" => Part::Sparse3d,
-            step if step == self.last_sparse => Part::Dense2d,
-            _ => part,
-        }
-    }
-
-    /// Of the input rows that exist, as the layer is defined: the padding and empty voxels are no work.
-    fn flop(&self, step: &Step) -> f64 {
-        match step.reads {
-            // All but the cells at the border have nine.
-            Reads::Tiles(_) => 9.0 * step.rows as f64 * self.pair(step),
-            _ => self.executed(step),
-        }
-    }
-
-    /// What the registers multiplied.
-    fn executed(&self, step: &Step) -> f64 {
-        let pairs = match step.reads {
-            Reads::Nothing => 0,
-            Reads::Rows(gather) => gather.index.iter().filter(|row| **row != ABSENT).count(),
-            Reads::Tiles(tiles) => tiles.products(),
-        };
-        pairs as f64 * self.pair(step)
-    }
-
-    fn pair(&self, step: &Step) -> f64 {
-        let layer = self.layers.iter().find(|layer| layer.0 == step.name);
-        layer.map_or(0.0, |layer| layer.1)
-    }
-
-    fn rows_flop(&self, rows: usize) -> [f64; 2] {
-        self.row.map(|row| row * rows as f64)
-    }
+/// Operations of a feature row: both transposed layers; the head that runs on every row.
+fn row_products(network: &Network) -> [f64; 2] {
+    let (up1, up2) = (&network.up1, &network.up2);
+    let objectness = network.heads().first().map_or(0, |(_, channels)| *channels);
+    [
+        pair(up1.cin, up1.cout) + pair(up2.cin, up2.cout),
+        pair(network.feature_channels(), objectness),
+    ]
 }

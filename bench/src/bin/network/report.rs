@@ -1,11 +1,14 @@
 //! What was measured, as a table or as JSON.
 
+use std::hint::black_box;
 use std::time::Instant;
 
-use mluc_backbone::Step;
+use mluc_backbone::{Precision, Step};
+use mluc_geometry::quantile_of;
+use mluc_kernels::{Level, spin, spin_bf16, spin_int8};
 use serde_json::{Map, Value, json};
 
-/// A part of the network, as the report names them.
+/// A part of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
     Voxelize,
@@ -17,6 +20,7 @@ pub(crate) enum Part {
     Head,
 }
 
+/// As the report names them.
 const PARTS: [(Part, &str); 4] = [
     (Part::Voxelize, "voxelize"),
     (Part::Sparse3d, "sparse3d"),
@@ -33,9 +37,8 @@ pub(crate) struct Frame {
 
 impl Frame {
     pub(crate) fn add(&mut self, part: Part, step: &str, last: &mut Instant) {
-        let now = Instant::now();
-        self.steps
-            .push((part, step.into(), (now - *last).as_secs_f64() * 1e3));
+        let ms = last.elapsed().as_secs_f64() * 1e3;
+        self.steps.push((part, step.into(), ms));
         *last = Instant::now();
     }
 
@@ -57,31 +60,20 @@ pub(crate) struct Record {
     flop: [f64; 4],
     /// What the registers multiplied: tiles of 2x2 cells need less.
     executed: [f64; 4],
-    sparse_done: bool,
 }
 
 impl Record {
     /// Counts a step of a scan.
-    pub(crate) fn count(&mut self, step: &Step, flop: f64, executed: f64) {
-        match step.name {
-            "voxels" => self.sparse_done = false,
-            "bev" => self.sparse_done = true,
-            "rulebooks" => return,
-            _ => {}
-        }
-        let part = if self.sparse_done {
-            Part::Dense2d
-        } else {
-            Part::Sparse3d
-        };
+    pub(crate) fn count(&mut self, part: Part, step: &Step, flop: f64, executed: f64) {
         self.flop[part as usize] += flop;
         self.executed[part as usize] += executed;
-        self.add_sites(step.name, step.rows);
+        if step.name != "rulebooks" {
+            self.add_sites(step.name, step.rows);
+        }
     }
 
-    /// Counts the end of a scan: its feature rows and what they cost, the candidates.
-    pub(crate) fn count_rows(&mut self, rows: usize, [features, head]: [f64; 2], candidates: u32) {
-        debug_assert!(rows == 0 || features > 0.0);
+    /// Counts the end of a scan: what its feature rows cost, the candidates.
+    pub(crate) fn count_rows(&mut self, [features, head]: [f64; 2], candidates: u32) {
         for flop in [&mut self.flop, &mut self.executed] {
             flop[Part::Dense2d as usize] += features;
             flop[Part::Head as usize] += head;
@@ -100,33 +92,33 @@ impl Record {
     /// Sites and GFLOP are means over the scans; `peak_share` is the part of `peak_gflops` that multiplied.
     pub(crate) fn json(&self, peak_gflops: f64) -> Value {
         let scans = self.scans.max(1) as f64;
-        let sites: Map<_, _> = self
-            .sites
-            .iter()
+        let sites = self.sites.iter();
+        let sites: Map<_, _> = sites
             .map(|(name, count)| (name.clone(), json!((*count as f64 / scans).round() as u64)))
             .collect();
-        let (mut gflop, mut executed, mut share) = (Map::new(), Map::new(), Map::new());
         let mean = |flop: f64| 1e-9 * flop / scans;
-        for part in [Part::Sparse3d, Part::Dense2d, Part::Head] {
-            let name = PARTS[part as usize].1;
-            let each = mean(self.executed[part as usize]);
-            gflop.insert(name.into(), json!(rounded(mean(self.flop[part as usize]))));
-            executed.insert(name.into(), json!(rounded(each)));
-            // The head's time is not one of products: see what its part holds.
-            if part != Part::Head {
-                let seconds = 1e-3 * self.percentile(0.5, |frame| frame.part_ms(part));
-                share.insert(name.into(), json!(rounded(each / seconds / peak_gflops)));
-            }
-        }
-        for (flop, to) in [(&self.flop, &mut gflop), (&self.executed, &mut executed)] {
-            to.insert("total".into(), json!(rounded(mean(flop.iter().sum()))));
-        }
+        let gflop = |flop: &[f64; 4]| -> Map<_, _> {
+            let computing = PARTS[1..].iter();
+            let each = computing.map(|(part, name)| (*name, flop[*part as usize]));
+            let all = each.chain([("total", flop.iter().sum())]);
+            all.map(|(name, flop)| (name.into(), rounded(mean(flop))))
+                .collect()
+        };
+        // The head's time is not one of products: see what its part holds.
+        let share: Map<_, _> = PARTS[1..3]
+            .iter()
+            .map(|&(part, name)| {
+                let seconds = 1e-3 * self.quantile(0.5, |frame| frame.part_ms(part));
+                let gflops = mean(self.executed[part as usize]) / seconds;
+                (name.into(), rounded(gflops / peak_gflops))
+            })
+            .collect();
         json!({
             "sites": sites,
             "ms_p50": self.milliseconds(0.5),
             "ms_p99": self.milliseconds(0.99),
-            "gflop": gflop,
-            "gflop_executed": executed,
+            "gflop": gflop(&self.flop),
+            "gflop_executed": gflop(&self.executed),
             "peak_share": share,
             "peak_gflops": peak_gflops.round(),
             "frames": self.frames.len(),
@@ -134,40 +126,26 @@ impl Record {
         })
     }
 
-    fn milliseconds(&self, share: f64) -> Value {
-        let mut parts: Map<_, _> = PARTS
-            .iter()
-            .map(|&(part, name)| {
-                let value = self.percentile(share, |frame| frame.part_ms(part));
-                (name.into(), json!(rounded(value)))
-            })
-            .collect();
-        let total = self.percentile(share, |frame| frame.total_ms);
-        parts.insert("total".into(), json!(rounded(total)));
+    fn milliseconds(&self, q: f64) -> Value {
+        let part = |(part, name): (Part, &str)| {
+            let ms = self.quantile(q, |frame| frame.part_ms(part));
+            (name.to_owned(), rounded(ms))
+        };
+        let mut parts: Map<_, _> = PARTS.into_iter().map(part).collect();
+        let total = self.quantile(q, |frame| frame.total_ms);
+        parts.insert("total".into(), rounded(total));
         Value::Object(parts)
     }
 
-    fn percentile(&self, share: f64, value: impl Fn(&Frame) -> f64) -> f64 {
-        let mut values: Vec<f64> = self.frames.iter().map(value).collect();
-        values.sort_by(f64::total_cmp);
-        let last = values.len().saturating_sub(1);
-        let place = (share * values.len() as f64) as usize;
-        values.get(place.min(last)).copied().unwrap_or(0.0)
+    fn quantile(&self, q: f64, value: impl Fn(&Frame) -> f64) -> f64 {
+        quantile_of(self.frames.iter().map(value).collect(), q).unwrap_or(0.0)
     }
 
     /// A line a step, over all frames of all scans.
     pub(crate) fn print(&self) {
-        println!(
-            "{:24} {:>8} {:>8} {:>8}",
-            "step", "min ms", "p50 ms", "p99 ms"
-        );
-        let names: Vec<_> = self
-            .frames
-            .first()
-            .into_iter()
-            .flat_map(|frame| &frame.steps)
-            .collect();
-        for (place, (_, name, _)) in names.iter().enumerate() {
+        println!("{:24}   min ms   p50 ms   p99 ms", "step");
+        let steps = self.frames.first().map_or(&[][..], |frame| &frame.steps);
+        for (place, (_, name, _)) in steps.iter().enumerate() {
             self.print_line(name, |frame| frame.steps[place].2);
         }
         self.print_line("TOTAL", |frame| frame.total_ms);
@@ -176,12 +154,31 @@ impl Record {
     }
 
     fn print_line(&self, name: &str, value: impl Fn(&Frame) -> f64 + Copy) {
-        let [min, p50, p99] = [0.0, 0.5, 0.99].map(|share| self.percentile(share, value));
+        let [min, p50, p99] = [0.0, 0.5, 0.99].map(|q| self.quantile(q, value));
         println!("{name:24} {min:8.2} {p50:8.2} {p99:8.2}");
     }
 }
 
 /// To four digits after the point.
-fn rounded(value: f64) -> f64 {
-    (value * 1e4).round() / 1e4
+fn rounded(value: f64) -> Value {
+    json!((value * 1e4).round() / 1e4)
+}
+
+/// What the registers can do at most: GFLOP/s of multiply-adds on registers alone (int8: of whole numbers), of one thread
+/// times `threads`.
+pub(crate) fn peak_gflops(precision: Precision, threads: usize) -> f64 {
+    /// Steps of a try: some milliseconds.
+    const STEPS: usize = 500_000;
+    const TRIES: usize = 15;
+    let spin = |level, steps| match precision {
+        Precision::F32 => black_box(spin(level, steps)).0,
+        Precision::Bf16 => black_box(spin_bf16(level, steps)).0,
+        Precision::Int8 => black_box(spin_int8(level, steps)).0,
+    };
+    let once = |_| {
+        let start = Instant::now();
+        let flop = spin(Level::best(), STEPS);
+        1e-9 * flop / start.elapsed().as_secs_f64()
+    };
+    threads as f64 * (0..TRIES).map(once).fold(0.0, f64::max)
 }

@@ -1,78 +1,68 @@
-//! Frames made to be dear: what they cost, and whether the frame's limits hold and are told.
+//! Frames made to be expensive: what they cost, and whether the frame's limits hold and are reported.
 
 use std::time::Instant;
 
 use anyhow::Result;
+use mluc_bench::clock::timed;
+use mluc_bench::inputs::candidate;
 use mluc_geometry::Box3;
 use mluc_ipc_types::{DETECTIONS_MAX, Detection, Object, POINTS_MAX, Point};
-use mluc_refiner::{RefinerOutput, Settings};
+use mluc_refiner::RefinerOutput;
 use serde::Serialize;
 
-use crate::proposals::candidate;
-use crate::timing::{percentiles, timed};
+use crate::Setup;
+use crate::timing::Times;
 
 /// Timed runs of each frame, after one that is not.
 const RUNS: usize = 20;
+/// Proposals of a frame, and the row beside the wall that they fill, m.
+const CROWDS: [(usize, f64); 3] = [(20, 10.0), (DETECTIONS_MAX, 40.0), (DETECTIONS_MAX, 0.0)];
 
 /// What one frame cost.
 #[derive(Serialize)]
 struct Row {
-    frame: &'static str,
+    frame: String,
     proposals: usize,
     refined: usize,
     unrefined: u32,
     flagged: usize,
     work: u64,
-    p50_ms: f64,
-    max_ms: f64,
-    cpu_p50_ms: f64,
-    cpu_max_ms: f64,
+    #[serde(flatten)]
+    times: Times,
 }
 
 /// Every frame with 20 and with 512 proposals.
-pub(crate) fn run(settings: Settings, limit_ms: Option<f64>, json: bool) -> Result<()> {
+pub(crate) fn run(setup: &Setup, limit_ms: Option<f64>) -> Result<()> {
     let mut rows = Vec::new();
     for (name, points) in frames() {
-        for (proposals, spread_m) in [(20, 10.0), (DETECTIONS_MAX, 40.0), (DETECTIONS_MAX, 0.0)] {
+        for (proposals, spread_m) in CROWDS {
+            let place = if spread_m == 0.0 { ", one spot" } else { "" };
             let detections = spots(proposals, spread_m);
-            let name = match spread_m {
-                0.0 => name_on_one_spot(name),
-                _ => name,
-            };
-            rows.push(measure(name, &points, &detections, &settings, limit_ms)?);
+            let frame = format!("{name}{place}");
+            rows.push(measure(setup, frame, &points, &detections, limit_ms)?);
         }
     }
-    if json {
-        println!("{}", serde_json::to_string(&rows)?);
-    } else {
-        print(&rows);
-    }
-    Ok(())
+    setup.print(&rows, || print(&rows))
 }
 
 fn measure(
-    frame: &'static str,
+    setup: &Setup,
+    frame: String,
     points: &[Point],
     detections: &[Detection],
-    settings: &Settings,
     limit_ms: Option<f64>,
 ) -> Result<Row> {
-    let mut refiner = crate::refiner(settings.clone())?;
+    let mut refiner = setup.refiner(&setup.settings)?;
     let mut out = RefinerOutput::default();
-    let mut times = Vec::new();
-    for run in 0..=RUNS {
-        let took = timed(|| {
+    let mut once = |_| {
+        timed(|| {
             let start = Instant::now();
             let mut is_over =
                 || limit_ms.is_some_and(|limit| start.elapsed().as_secs_f64() * 1e3 > limit);
             refiner.refine_within(0, points, detections, &mut is_over, &mut out);
-        });
-        if run > 0 {
-            times.push(took);
-        }
-    }
-    let [p50_ms, _, max_ms] = percentiles(times.iter().map(|t| t.wall_ms));
-    let [cpu_p50_ms, _, cpu_max_ms] = percentiles(times.iter().map(|t| t.cpu_ms));
+        })
+    };
+    let laps: Vec<_> = (0..=RUNS).map(&mut once).skip(1).collect();
     let is_flagged = |object: &&Object| object.flags & Object::UNREFINED != 0;
     let unrefined = out.counters.unrefined;
     Ok(Row {
@@ -82,88 +72,57 @@ fn measure(
         unrefined,
         flagged: out.objects.iter().filter(is_flagged).count(),
         work: out.counters.work,
-        p50_ms,
-        max_ms,
-        cpu_p50_ms,
-        cpu_max_ms,
+        times: Times::of(&laps),
     })
 }
 
-fn name_on_one_spot(name: &str) -> &'static str {
-    match name {
-        "wall" => "wall, one spot",
-        "plane" => "plane, one spot",
-        "blob" => "blob, one spot",
-        _ => "equal points, one spot",
-    }
-}
-
-/// A wall, a plane, a blob, and all points equal: 131,072 points each.
+/// A wall, a plane, a blob, and all points equal: as many points each as a scan may have.
 fn frames() -> [(&'static str, Vec<Point>); 4] {
-    let share = |i: usize, k: f64| (i as f64 * k).fract() - 0.5;
-    let made = |place: &dyn Fn(usize) -> [f64; 3]| -> Vec<Point> {
-        (0..POINTS_MAX)
-            .map(|i| {
-                let [x_m, y_m, z_m] = place(i).map(|v| v as f32);
-                Point {
-                    x_m,
-                    y_m,
-                    z_m,
-                    intensity: 0.3,
-                }
-            })
-            .collect()
-    };
     const K: [f64; 3] = [0.618_034, 0.414_214, 0.732_051];
+    let share = |i: usize, axis: usize| (i as f64 * K[axis]).fract() - 0.5;
+    let made = |place: &dyn Fn(usize) -> [f64; 3]| -> Vec<Point> {
+        let point = |i| {
+            let [x_m, y_m, z_m] = place(i).map(|v| v as f32);
+            Point {
+                x_m,
+                y_m,
+                z_m,
+                intensity: 0.3,
+            }
+        };
+        (0..POINTS_MAX).map(point).collect()
+    };
+    let wall = |i| [12.0, 80.0 * share(i, 0), 4.0 * share(i, 1)];
+    let plane = |i| [80.0 * share(i, 0), 80.0 * share(i, 1), -1.73];
+    let blob = |i| {
+        let [x, y, z] = [0, 1, 2].map(|axis| share(i, axis));
+        [12.0 + 3.0 * x, 1.0 + 3.0 * y, -0.5 + 2.0 * z]
+    };
     [
-        (
-            "wall",
-            made(&|i| [12.0, 80.0 * share(i, K[0]), 4.0 * share(i, K[1])]),
-        ),
-        (
-            "plane",
-            made(&|i| [80.0 * share(i, K[0]), 80.0 * share(i, K[1]), -1.73]),
-        ),
-        (
-            "blob",
-            made(&|i| {
-                [
-                    12.0 + 3.0 * share(i, K[0]),
-                    1.0 + 3.0 * share(i, K[1]),
-                    -0.5 + 2.0 * share(i, K[2]),
-                ]
-            }),
-        ),
+        ("wall", made(&wall)),
+        ("plane", made(&plane)),
+        ("blob", made(&blob)),
         ("equal points", made(&|_| [12.0, 1.0, -1.0])),
     ]
 }
 
 /// Candidates in a row beside the wall, all through the plane and around the blob.
 fn spots(count: usize, spread_m: f64) -> Vec<Detection> {
-    (0..count)
-        .map(|k| {
-            let aside_m = (k as f64 / count as f64 - 0.5) * spread_m;
-            let shape = Box3::new([12.0, 1.0 + aside_m, -0.8, 2.6, 1.3, 1.8, 0.1]);
-            candidate(&shape, 1.0 + k as f32)
-        })
-        .collect()
+    let spot = |k: usize| {
+        let aside_m = (k as f64 / count as f64 - 0.5) * spread_m;
+        let shape = Box3::new([12.0, 1.0 + aside_m, -0.8, 2.6, 1.3, 1.8, 0.1]);
+        candidate(&shape, 1.0 + k as f32)
+    };
+    (0..count).map(spot).collect()
 }
 
 fn print(rows: &[Row]) {
     println!(
-        "{:<24} {:>9} {:>7} {:>9} {:>7} {:>10} {:>8} {:>8} {:>8} {:>8}",
-        "frame",
-        "proposals",
-        "refined",
-        "unrefined",
-        "flagged",
-        "work",
-        "p50 ms",
-        "max ms",
-        "CPU p50",
-        "CPU max"
+        "{:<24} proposals refined unrefined flagged       work   p50 ms   max ms  CPU p50  CPU max",
+        "frame"
     );
     for row in rows {
+        let times = &row.times;
         println!(
             "{:<24} {:>9} {:>7} {:>9} {:>7} {:>10} {:>8.2} {:>8.2} {:>8.2} {:>8.2}",
             row.frame,
@@ -172,10 +131,10 @@ fn print(rows: &[Row]) {
             row.unrefined,
             row.flagged,
             row.work,
-            row.p50_ms,
-            row.max_ms,
-            row.cpu_p50_ms,
-            row.cpu_max_ms
+            times.p50_ms,
+            times.max_ms,
+            times.cpu_p50_ms,
+            times.cpu_max_ms
         );
     }
 }

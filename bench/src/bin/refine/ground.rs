@@ -5,14 +5,17 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
-use mluc_refiner::{FrameIndex, GroundLabel, GroundMap, Settings};
+use anyhow::{Context, Result, ensure};
+use mluc_bench::clock::timed;
+use mluc_bench::inputs::sensor;
+use mluc_refiner::{FrameIndex, GroundLabel, GroundMap};
 use serde::Serialize;
 
-use crate::scene::{self, Frame};
-use crate::timing::{PASSES, percentiles, timed};
+use crate::Setup;
+use crate::scene::Frame;
+use crate::timing::{PASSES, Times};
 
-#[derive(Default, Serialize)]
+#[derive(Serialize)]
 struct Report {
     frames: usize,
     points: u64,
@@ -21,33 +24,32 @@ struct Report {
     /// Of what the other calls ground, the share that we do; and the other way round.
     theirs_in_ours: f64,
     ours_in_theirs: f64,
-    p50_ms: f64,
-    p99_ms: f64,
-    cpu_p50_ms: f64,
-    cpu_p99_ms: f64,
+    #[serde(flatten)]
+    times: Times,
 }
 
 /// Compares and prints.
-pub(crate) fn run(frames: &[Frame], settings: &Settings, answers: &Path, json: bool) -> Result<()> {
+pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()> {
     let mut index = FrameIndex::default();
     let mut ground = GroundMap::default();
     let mut labels = Vec::new();
-    let mut times = Vec::new();
+    let mut laps = Vec::new();
+    let clearance_m = setup.settings.ground_clearance_m;
+    let height_m = sensor().height_m;
     // Points by ours and theirs: neither, theirs alone, ours alone, both.
     let mut counts = [0u64; 4];
     for frame in frames {
         let theirs = read(answers, frame)?;
         for pass in 0..=PASSES {
-            let took = timed(|| {
+            let lap = timed(|| {
                 index.start();
                 index.want_all();
                 index.sort(&frame.points);
-                ground.fit(&index, scene::sensor().height_m);
-                let clearance_m = settings.ground_clearance_m;
+                ground.fit(&index, height_m);
                 ground.label(&index, frame.points.len(), clearance_m, &mut labels);
             });
             if pass > 0 {
-                times.push(took);
+                laps.push(lap);
             }
         }
         for (&label, &theirs) in labels.iter().zip(&theirs) {
@@ -59,48 +61,36 @@ pub(crate) fn run(frames: &[Frame], settings: &Settings, answers: &Path, json: b
     }
     let [neither, theirs, ours, both] = counts.map(|count| count as f64);
     let points = (neither + theirs + ours + both).max(1.0);
-    let [p50_ms, p99_ms, _] = percentiles(times.iter().map(|t| t.wall_ms));
-    let [cpu_p50_ms, cpu_p99_ms, _] = percentiles(times.iter().map(|t| t.cpu_ms));
     let report = Report {
         frames: frames.len(),
         points: points as u64,
         agreement: (neither + both) / points,
         theirs_in_ours: both / (both + theirs).max(1.0),
         ours_in_theirs: both / (both + ours).max(1.0),
-        p50_ms,
-        p99_ms,
-        cpu_p50_ms,
-        cpu_p99_ms,
+        times: Times::of(&laps),
     };
-    if json {
-        println!("{}", serde_json::to_string(&report)?);
-    } else {
+    setup.print(&report, || {
         println!(
-            "{} frames, {} points: {:.2} % the same; of their ground {:.2} % is ours, of ours {:.2} % theirs\nours: p50 {:.2} ms, p99 {:.2} ms; CPU time p50 {:.2} ms, p99 {:.2} ms",
+            "{} frames, {} points: {:.2} % the same; of their ground {:.2} % is ours, of ours {:.2} % theirs\nours: {}",
             report.frames,
             report.points,
             100.0 * report.agreement,
             100.0 * report.theirs_in_ours,
             100.0 * report.ours_in_theirs,
-            report.p50_ms,
-            report.p99_ms,
-            report.cpu_p50_ms,
-            report.cpu_p99_ms
-        )
-    }
-    Ok(())
+            report.times
+        );
+    })
 }
 
 fn read(answers: &Path, frame: &Frame) -> Result<Vec<u8>> {
     let path = answers.join(format!("{}.ground", frame.name));
     let theirs = std::fs::read(&path).with_context(|| path.display().to_string())?;
-    if theirs.len() != frame.points.len() {
-        bail!(
-            "{}: expected {} labels, one a point, found {}",
-            path.display(),
-            frame.points.len(),
-            theirs.len()
-        );
-    }
+    ensure!(
+        theirs.len() == frame.points.len(),
+        "{}: expected {} labels, one a point, found {}",
+        path.display(),
+        frame.points.len(),
+        theirs.len()
+    );
     Ok(theirs)
 }

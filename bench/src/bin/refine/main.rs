@@ -1,27 +1,25 @@
 //! How good and how fast a refiner is on labelled scans, without a network: simulated proposals around each labelled
 //! object, the refined box against the label. `--json` prints one object for a program. Other modes: every cluster of
-//! whole frames, frames made to be dear, box fits side by side, and one setting varied.
+//! whole frames, frames made to be expensive, box fits side by side, and one setting varied.
 
 mod adversarial;
-mod ceiling;
+mod boxes;
 mod ground;
-mod proposals;
 mod quality;
-mod report;
 mod scene;
 mod timing;
-mod vary;
 mod whole;
 
 use std::path::PathBuf;
-use std::sync::OnceLock;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::Parser;
+use mluc_bench::inputs;
 use mluc_dataset::Dataset;
 use mluc_model::Model;
 use mluc_refiner::fit::BoxFit;
 use mluc_refiner::{ClusterScorer, Refiner, Settings, Study, Variant};
+use serde::Serialize;
 
 /// Quality and time of a refiner on a folder of labelled scans.
 #[derive(Parser)]
@@ -30,11 +28,11 @@ struct Arguments {
     #[arg(long)]
     dataset: Option<PathBuf>,
     /// paper, paper-corrected, range-scaled or none.
-    #[arg(long, default_value = "range-scaled")]
-    refiner: String,
+    #[arg(long, default_value = "range-scaled", value_parser = variant)]
+    refiner: Variant,
     /// Settings of the refiner as JSON, for experiments: '{"join_m":0.5}'.
-    #[arg(long)]
-    settings: Option<String>,
+    #[arg(long, value_parser = |text: &str| serde_json::from_str::<Settings>(text))]
+    settings: Option<Settings>,
     /// Score unknown objects by their clusters and sizes, as this model file has learned it (its tensor clusters.looks).
     #[arg(long, value_name = "FILE")]
     looks: Option<PathBuf>,
@@ -47,7 +45,7 @@ struct Arguments {
     /// Proposals a frame in the timing part.
     #[arg(long, default_value_t = 20)]
     proposals: usize,
-    /// Timing at random points of the scan instead of at the labelled objects: dearer, walls and bushes are large.
+    /// Timing at random points of the scan instead of at the labelled objects: more expensive, walls and bushes are large.
     #[arg(long)]
     anywhere: bool,
     /// Every cluster of each frame, without proposals.
@@ -56,7 +54,7 @@ struct Arguments {
     /// Our ground beside another program's: a folder of files NAME.ground, one byte a point, 1 for ground.
     #[arg(long)]
     ground: Option<PathBuf>,
-    /// Frames made to be dear, without a data set.
+    /// Frames made to be expensive, without a data set.
     #[arg(long)]
     adversarial: bool,
     /// With --adversarial: a limit on a frame's time beside that on its work, ms.
@@ -79,82 +77,88 @@ struct Arguments {
     json: bool,
 }
 
+fn variant(name: &str) -> Result<Variant, String> {
+    let names = Variant::ALL.map(Variant::name);
+    Variant::from_name(name).ok_or_else(|| format!("expected one of {names:?}"))
+}
+
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let settings = settings(&arguments)?;
-    if let Some(path) = &arguments.looks {
+    let scorer = arguments.looks.as_ref().map(|path| {
         let scorer = ClusterScorer::of_model(&Model::read(path)?.weights);
-        let scorer = scorer.with_context(|| format!("{}: no clusters.looks", path.display()))?;
-        SCORER.get_or_init(|| scorer);
-    }
+        scorer.with_context(|| format!("{}: no clusters.looks", path.display()))
+    });
+    let setup = Setup {
+        settings: Settings {
+            variant: arguments.refiner,
+            ..arguments.settings.clone().unwrap_or_default()
+        },
+        scorer: scorer.transpose()?,
+        json: arguments.json,
+    };
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(arguments.threads)
         .build()?;
-    pool.install(|| run(&arguments, settings))
+    pool.install(|| run(&arguments, &setup))
 }
 
-fn settings(arguments: &Arguments) -> Result<Settings> {
-    let Some(variant) = Variant::from_name(&arguments.refiner) else {
-        let names = Variant::ALL.map(Variant::name);
-        bail!("refiner {}: expected one of {names:?}", arguments.refiner);
-    };
-    let settings: Settings = match &arguments.settings {
-        Some(text) => serde_json::from_str(text).context("--settings")?,
-        None => Settings::default(),
-    };
-    Ok(Settings {
-        variant,
-        ..settings
-    })
-}
-
-fn run(arguments: &Arguments, settings: Settings) -> Result<()> {
+fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
     if arguments.adversarial {
-        return adversarial::run(settings, arguments.limit_ms, arguments.json);
+        return adversarial::run(setup, arguments.limit_ms);
     }
-    let Some(dataset) = &arguments.dataset else {
-        bail!("--dataset is missing: a folder with velodyne, label_2 and calib");
-    };
+    let dataset = arguments.dataset.as_ref();
+    let dataset =
+        dataset.context("--dataset is missing: a folder with velodyne, label_2 and calib")?;
     let dataset = Dataset::open(dataset)?;
     let frames = scene::read(&dataset, &arguments.class, arguments.every)?;
     if arguments.everything {
-        return whole::run(&frames, &settings, arguments.json);
+        return whole::run(setup, &frames);
     }
     if let Some(answers) = &arguments.ground {
-        return ground::run(&frames, &settings, answers, arguments.json);
+        return ground::run(setup, &frames, answers);
     }
     if arguments.list {
-        return report::list(&frames, settings);
+        return boxes::list(setup, &frames);
     }
     if !arguments.vary.is_empty() {
-        return vary::run(&frames, &settings, &arguments.vary);
+        return boxes::vary(setup, &frames, &arguments.vary);
     }
     if arguments.fits {
-        let fits = [BoxFit::AxisAligned, BoxFit::MinimumArea, BoxFit::Closeness];
-        let with = |fit| Settings {
-            study: Study {
+        let rows = [BoxFit::AxisAligned, BoxFit::MinimumArea, BoxFit::Closeness].map(|fit| {
+            let mut settings = setup.settings.clone();
+            settings.study = Study {
                 box_fit: Some(fit),
                 ..settings.study
-            },
-            ..settings.clone()
-        };
-        let rows = fits.map(|fit| (format!("{fit:?}"), with(fit)));
-        return vary::table(&frames, &rows);
+            };
+            (format!("{fit:?}"), settings)
+        });
+        return boxes::table(setup, &frames, &rows);
     }
-    let report = report::measure(&frames, settings, arguments.proposals, arguments.anywhere)?;
-    if arguments.json {
-        println!("{}", serde_json::to_string(&report)?);
-    } else {
-        report.print();
-    }
-    Ok(())
+    boxes::run(setup, &frames, arguments.proposals, arguments.anywhere)
 }
 
-/// Of `--looks`.
-static SCORER: OnceLock<ClusterScorer> = OnceLock::new();
+/// What every mode needs.
+struct Setup {
+    settings: Settings,
+    /// Of `--looks`.
+    scorer: Option<ClusterScorer>,
+    json: bool,
+}
 
-/// A refiner for the bench's sensor.
-fn refiner(settings: Settings) -> Result<Refiner> {
-    let scorer = SCORER.get().cloned();
-    Ok(Refiner::with_scorer(settings, &scene::sensor(), scorer)?)
+impl Setup {
+    /// A refiner for the bench's sensor.
+    fn refiner(&self, settings: &Settings) -> Result<Refiner> {
+        let (sensor, scorer) = (inputs::sensor(), self.scorer.clone());
+        Ok(Refiner::with_scorer(settings.clone(), &sensor, scorer)?)
+    }
+
+    /// One JSON object on stdout, or the text that a person reads.
+    fn print(&self, report: &impl Serialize, text: impl FnOnce()) -> Result<()> {
+        if self.json {
+            println!("{}", serde_json::to_string(report)?);
+        } else {
+            text();
+        }
+        Ok(())
+    }
 }

@@ -1,44 +1,120 @@
-//! RefinerOutput boxes against labels.
+//! Refined boxes against labels.
 
+use std::collections::BTreeMap;
+
+use mluc_bench::inputs::{candidate, sensor};
 use mluc_geometry::{Box3, iou_3d};
-use mluc_refiner::{FrameIndex, Refiner, RefinerOutput};
+use mluc_ipc_types::{Object, Point};
+use mluc_refiner::fit::{Closeness, ClusterPoints, Extend};
+use mluc_refiner::{FrameIndex, GroundPlane, Refiner, RefinerOutput, Settings};
 use serde::Serialize;
 
-use crate::ceiling;
-use crate::proposals::{candidate, keyed, proposal};
-use crate::scene::{self, Frame};
+use crate::scene::{Frame, inside, keyed, proposal};
 
 /// Proposals for each labelled object.
 const PROPOSALS_PER_OBJECT: u64 = 8;
 /// Points farther from an object than this along x or y are never looked at for its proposals, m: what is passed over is
 /// the sorting alone.
 const SURROUNDINGS_M: f32 = 30.0;
+/// Of the ground under an object, m.
+const AROUND_M: f64 = 8.0;
 
 /// All figures of one labelled object.
+#[derive(Default)]
 pub(crate) struct Judged {
     pub(crate) class: String,
+    /// Of each of its boxes with the label.
     pub(crate) ious: Vec<f64>,
-    pub(crate) ceiling: f64,
+    pub(crate) ceiling: Option<f64>,
     /// What its first proposal came to.
-    pub(crate) first: Option<mluc_ipc_types::Object>,
+    pub(crate) first: Option<Object>,
 }
 
 /// Means over some objects.
-#[derive(Default, Serialize)]
-pub(crate) struct Quality {
-    pub(crate) objects: usize,
+#[derive(Serialize)]
+pub(crate) struct Overlaps {
+    objects: usize,
     pub(crate) mean_iou_3d: f64,
-    pub(crate) share_above_0_1: f64,
+    share_above_0_1: f64,
     pub(crate) share_above_0_3: f64,
-    pub(crate) share_above_0_5: f64,
-    pub(crate) ceiling_mean_iou_3d: f64,
+    share_above_0_5: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ceiling_mean_iou_3d: Option<f64>,
+}
+
+impl Overlaps {
+    fn of(objects: &[&Judged]) -> Overlaps {
+        let ious: Vec<f64> = objects.iter().flat_map(|o| &o.ious).copied().collect();
+        let count = ious.len().max(1) as f64;
+        let above = |least: f64| ious.iter().filter(|&&iou| iou > least).count() as f64 / count;
+        let ceilings: Option<f64> = objects.iter().map(|o| o.ceiling).sum();
+        Overlaps {
+            objects: objects.len(),
+            mean_iou_3d: ious.iter().sum::<f64>() / count,
+            share_above_0_1: above(0.1),
+            share_above_0_3: above(0.3),
+            share_above_0_5: above(0.5),
+            ceiling_mean_iou_3d: ceilings.map(|sum| sum / objects.len().max(1) as f64),
+        }
+    }
+
+    fn print(&self, name: &str) {
+        print!(
+            "{name:<16} {:>7} {:>9.3} {:>6.2} {:>6.2} {:>6.2}",
+            self.objects,
+            self.mean_iou_3d,
+            self.share_above_0_1,
+            self.share_above_0_3,
+            self.share_above_0_5,
+        );
+        match self.ceiling_mean_iou_3d {
+            Some(ceiling) => println!(" {ceiling:>8.3}"),
+            None => println!(),
+        }
+    }
+}
+
+/// Of all objects, and by class.
+#[derive(Serialize)]
+pub(crate) struct Quality {
+    #[serde(flatten)]
+    pub(crate) all: Overlaps,
+    pub(crate) by_class: BTreeMap<String, Overlaps>,
+}
+
+impl Quality {
+    pub(crate) fn of(judged: &[Judged]) -> Quality {
+        let mut classes: BTreeMap<&str, Vec<&Judged>> = BTreeMap::new();
+        for object in judged {
+            classes.entry(&object.class).or_default().push(object);
+        }
+        let by_class = classes.into_iter();
+        Quality {
+            all: Overlaps::of(&judged.iter().collect::<Vec<_>>()),
+            by_class: by_class
+                .map(|(class, own)| (class.to_owned(), Overlaps::of(&own)))
+                .collect(),
+        }
+    }
+
+    pub(crate) fn print(&self) {
+        let ceiling = self.all.ceiling_mean_iou_3d.map_or("", |_| "  ceiling");
+        println!(
+            "{:<16} {:>7} {:>9} {:>6} {:>6} {:>6}{ceiling}",
+            "class", "objects", "mean IoU", ">0.1", ">0.3", ">0.5"
+        );
+        for (name, overlaps) in &self.by_class {
+            overlaps.print(name);
+        }
+        self.all.print("all");
+    }
 }
 
 /// Each proposal alone: what is judged is the box, not who suppresses whom.
 pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
     let mut out = RefinerOutput::default();
     let mut index = FrameIndex::default();
-    let height_m = scene::sensor().height_m;
+    let height_m = sensor().height_m;
     let mut judged = Vec::new();
     let mut around = Vec::new();
     for frame in frames {
@@ -51,8 +127,7 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
             let mut first = None;
             let ious = (0..PROPOSALS_PER_OBJECT)
                 .map(|k| {
-                    let keys = [frame.number as u64, object.number as u64, k];
-                    let mut random = keyed(keys);
+                    let mut random = keyed([frame.number as u64, object.number as u64, k]);
                     let proposed = proposal(&object.class, &object.shape, &mut random);
                     let detections = [candidate(&proposed, 1.0)];
                     refiner.refine(frame.number as u64 * 8 + k, &around, &detections, &mut out);
@@ -65,14 +140,14 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
                 class: object.class.clone(),
                 first,
                 ious,
-                ceiling: ceiling::ceiling(&around, &object.shape, &mut index, height_m),
+                ceiling: Some(ceiling(&around, &object.shape, &mut index, height_m)),
             });
         }
     }
     judged
 }
 
-pub(crate) fn box_of(object: &mluc_ipc_types::Object) -> Box3 {
+fn box_of(object: &Object) -> Box3 {
     Box3 {
         center_m: object.center_m.map(f64::from),
         size_m: object.size_m.map(f64::from),
@@ -80,20 +155,31 @@ pub(crate) fn box_of(object: &mluc_ipc_types::Object) -> Box3 {
     }
 }
 
-pub(crate) fn quality(objects: &[&Judged]) -> Quality {
-    let ious: Vec<f64> = objects
-        .iter()
-        .flat_map(|o| o.ious.iter().copied())
-        .collect();
-    let count = ious.len().max(1) as f64;
-    let above = |least: f64| ious.iter().filter(|&&iou| iou > least).count() as f64 / count;
-    let ceilings: f64 = objects.iter().map(|o| o.ceiling).sum();
-    Quality {
-        objects: objects.len(),
-        mean_iou_3d: ious.iter().sum::<f64>() / count,
-        share_above_0_1: above(0.1),
-        share_above_0_3: above(0.3),
-        share_above_0_5: above(0.5),
-        ceiling_mean_iou_3d: ceilings / objects.len().max(1) as f64,
+/// What the labelled points themselves reach: IoU with the label of the L-shape around an object's own points, ground left
+/// out, extended to the ground.
+fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f64) -> f64 {
+    let clearance_m = Settings::default().ground_clearance_m;
+    let center = [object.center_m[0], object.center_m[1]];
+    frame.start();
+    frame.want(center, AROUND_M);
+    frame.sort(points);
+    let plane = GroundPlane::fit(frame, center, height_m);
+    let mut own = ClusterPoints::default();
+    own.look_at(center);
+    for p in inside(points, object) {
+        let [x, y, z] = [p.x_m, p.y_m, p.z_m].map(f64::from);
+        if z - plane.z_at_m(x, y) >= clearance_m {
+            own.push((x - center[0]) as f32, (y - center[1]) as f32, p.z_m);
+        }
     }
+    let extend = Extend {
+        to_ground: true,
+        away_from_sensor: None,
+        end_faces: [None; 2],
+        cut_top: None,
+        size_min_m: [0.1; 3],
+    };
+    let tight = Closeness::default().fit(&own);
+    let fitted = extend.box_around(&own, &tight, center, &plane);
+    fitted.map_or(0.0, |fitted| iou_3d(&fitted, object))
 }

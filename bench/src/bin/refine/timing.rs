@@ -1,82 +1,92 @@
 //! Times of whole frames with so many candidates.
 
-use std::time::Instant;
+use std::fmt::{Display, Formatter};
 
-use mluc_geometry::{Box3, Random, quantile};
+use mluc_bench::clock::{Lap, lap_quantile, timed};
+use mluc_bench::inputs::candidate;
+use mluc_geometry::{Box3, Random};
 use mluc_refiner::{Refiner, RefinerOutput};
+use serde::Serialize;
 
-use crate::proposals::{candidate, keyed, proposal};
-use crate::scene::Frame;
+use crate::scene::{Frame, keyed, proposal};
 
 /// Timed passes over the folder, after one that is not.
 pub(crate) const PASSES: u64 = 5;
 
-/// One frame.
-pub(crate) struct Timed {
-    pub(crate) wall_ms: f64,
-    /// By the thread's own CPU time: what remains comparable on a machine with other work.
-    pub(crate) cpu_ms: f64,
-    /// As the refiner counts it.
-    pub(crate) work: u64,
+/// Of whole frames, ms.
+#[derive(Serialize)]
+pub(crate) struct Times {
+    timed_frames: usize,
+    pub(crate) p50_ms: f64,
+    p99_ms: f64,
+    pub(crate) max_ms: f64,
+    pub(crate) cpu_p50_ms: f64,
+    cpu_p99_ms: f64,
+    pub(crate) cpu_max_ms: f64,
 }
 
-/// What a piece of work costs.
-pub(crate) fn timed(work: impl FnOnce()) -> Timed {
-    let (start, cpu_start_ms) = (Instant::now(), cpu_ms());
-    work();
-    Timed {
-        wall_ms: start.elapsed().as_secs_f64() * 1e3,
-        cpu_ms: cpu_ms() - cpu_start_ms,
-        work: 0,
+impl Times {
+    pub(crate) fn of(laps: &[Lap]) -> Times {
+        let [p50, p99, max] = [0.5, 0.99, 1.0].map(|q| lap_quantile(laps, q));
+        Times {
+            timed_frames: laps.len(),
+            p50_ms: p50.wall,
+            p99_ms: p99.wall,
+            max_ms: max.wall,
+            cpu_p50_ms: p50.cpu,
+            cpu_p99_ms: p99.cpu,
+            cpu_max_ms: max.cpu,
+        }
     }
 }
 
-/// p50, p99 and the largest.
-pub(crate) fn percentiles(values: impl Iterator<Item = f64>) -> [f64; 3] {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_unstable_by(f64::total_cmp);
-    [0.5, 0.99, 1.0].map(|share| quantile(&values, share).unwrap_or(0.0))
+impl Display for Times {
+    fn fmt(&self, f: &mut Formatter) -> std::fmt::Result {
+        write!(
+            f,
+            "p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms over {} frames; CPU time p50 {:.2} ms, p99 {:.2} ms",
+            self.p50_ms,
+            self.p99_ms,
+            self.max_ms,
+            self.timed_frames,
+            self.cpu_p50_ms,
+            self.cpu_p99_ms
+        )
+    }
 }
 
-/// The CPU time that this thread has used, ms.
-fn cpu_ms() -> f64 {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 / 1e6
-}
-
-/// Frames with candidates at the labelled objects in turn, or wherever random points of the scan lie.
+/// Frames with candidates at the labelled objects in turn, or wherever random points of the scan lie; with the work of
+/// each as the refiner counts it.
 pub(crate) fn time(
     frames: &[Frame],
     refiner: &mut Refiner,
     proposals: usize,
     anywhere: bool,
-) -> Vec<Timed> {
+) -> (Times, Vec<f64>) {
     let mut out = RefinerOutput::default();
-    let mut times = Vec::new();
+    let (mut laps, mut work) = (Vec::new(), Vec::new());
     for pass in 0..=PASSES {
         for frame in frames.iter().filter(|f| !f.points.is_empty()) {
             let number = frame.number as u64;
             let detections: Vec<_> = (0..proposals)
                 .map(|k| {
                     let mut random = keyed([number, k as u64, 1000 + pass]);
-                    let proposed = match frame.objects.len() {
-                        count if count > 0 && !anywhere => {
-                            let object = &frame.objects[k % count];
-                            proposal(&object.class, &object.shape, &mut random)
-                        }
-                        _ => proposal("", &random_place(frame, &mut random), &mut random),
+                    let object = frame.objects.iter().cycle().nth(k);
+                    let proposed = match object.filter(|_| !anywhere) {
+                        Some(object) => proposal(&object.class, &object.shape, &mut random),
+                        None => proposal("", &random_place(frame, &mut random), &mut random),
                     };
                     candidate(&proposed, 1.0 + k as f32)
                 })
                 .collect();
-            let mut took = timed(|| refiner.refine(number, &frame.points, &detections, &mut out));
-            took.work = out.counters.work;
+            let lap = timed(|| refiner.refine(number, &frame.points, &detections, &mut out));
             if pass > 0 {
-                times.push(took);
+                laps.push(lap);
+                work.push(out.counters.work as f64);
             }
         }
     }
-    times
+    (Times::of(&laps), work)
 }
 
 /// A box of 1 m at a random point of the scan: mostly walls and bushes near the sensor.

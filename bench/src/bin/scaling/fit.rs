@@ -17,30 +17,24 @@ pub(crate) struct Fit {
 
 impl Fit {
     /// `points`: size and cost in ms.
-    pub(crate) fn through(of: String, points: &[[f64; 2]]) -> Fit {
+    pub(crate) fn through(of: String, points: &[(f64, f64)]) -> Fit {
         let count = points.len().max(1) as f64;
-        let mean = |axis: usize| points.iter().map(|point| point[axis]).sum::<f64>() / count;
-        let [x_mean, y_mean] = [mean(0), mean(1)];
-        let product = |a: usize, b: usize| -> f64 {
-            let means = [x_mean, y_mean];
-            let terms = points.iter();
-            terms
-                .map(|point| (point[a] - means[a]) * (point[b] - means[b]))
-                .sum()
-        };
-        let slope = match product(0, 0) {
-            0.0 => 0.0,
-            spread => product(0, 1) / spread,
-        };
-        let r_squared = match product(0, 0) * product(1, 1) {
-            0.0 => 1.0,
-            both => product(0, 1).powi(2) / both,
-        };
+        let x_mean = points.iter().map(|(x, _)| x).sum::<f64>() / count;
+        let y_mean = points.iter().map(|(_, y)| y).sum::<f64>() / count;
+        let off = points.iter().map(|(x, y)| (x - x_mean, y - y_mean));
+        let [xx, xy, yy] = off.fold([0.0; 3], |[xx, xy, yy], (x, y)| {
+            [xx + x * x, xy + x * y, yy + y * y]
+        });
+        let slope = if xx > 0.0 { xy / xx } else { 0.0 };
         Fit {
             of,
             at_zero_ms: y_mean - slope * x_mean,
             us_each: 1e3 * slope,
-            r_squared,
+            r_squared: if xx * yy > 0.0 {
+                xy * xy / (xx * yy)
+            } else {
+                1.0
+            },
         }
     }
 }
@@ -61,11 +55,11 @@ mod tests {
 
     #[test]
     fn a_line_is_found_and_a_bend_is_told() {
-        let line: Vec<_> = (0..10).map(|x| [x as f64, 3.0 + 0.5 * x as f64]).collect();
+        let line: Vec<_> = (0..10).map(|x| (x as f64, 3.0 + 0.5 * x as f64)).collect();
         let fit = Fit::through("line".into(), &line);
         assert!((fit.at_zero_ms - 3.0).abs() < 1e-9 && (fit.us_each - 500.0).abs() < 1e-6);
         assert!((fit.r_squared - 1.0).abs() < 1e-9);
-        let bend: Vec<_> = (0..10).map(|x| [x as f64, (x * x * x) as f64]).collect();
+        let bend: Vec<_> = (0..10).map(|x| (x as f64, (x * x * x) as f64)).collect();
         assert!(Fit::through("bend".into(), &bend).r_squared < 0.9);
         assert_eq!(Fit::through("nothing".into(), &[]).us_each, 0.0);
     }

@@ -3,6 +3,7 @@
 //! Writes CSV and SVG into `docs/results/scaling/`. Scans are simulated, overlaid and thinned to the count; weights by
 //! formula. Wall time is what a robot waits for; CPU time is what remains comparable on a machine with other work.
 
+mod chart;
 mod fit;
 mod network;
 mod refiner;
@@ -32,27 +33,35 @@ struct Arguments {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
-    let network = network::measure(arguments.precision, arguments.rounds)?;
-    network::write(&network, arguments.precision, &arguments.out)?;
-    let refiner = refiner::measure(arguments.rounds)?;
-    refiner::write(&refiner, &arguments.out)?;
-    let fits = [network::fits(&network), refiner::fits(&refiner)].concat();
+    let out = Folder(arguments.out);
+    std::fs::create_dir_all(&out.0).with_context(|| out.0.display().to_string())?;
+    let network = network::run(arguments.precision, arguments.rounds, &out)?;
+    let refiner = refiner::run(arguments.rounds, &out)?;
+    let fits = [network, refiner].concat();
     let summary = serde_json::json!({
         "machine": describe_here(),
         "precision": arguments.precision.to_string(),
         "rounds": arguments.rounds,
         "fits": fits,
     });
-    let path = arguments.out.join("summary.json");
-    std::fs::write(&path, format!("{summary:#}\n")).with_context(|| path.display().to_string())?;
+    out.save("summary.json", &format!("{summary:#}\n"))?;
     if arguments.json {
         println!("{summary}");
     } else {
         for fit in &fits {
             println!("{fit}");
         }
-        println!("written to {}", arguments.out.display());
+        println!("written to {}", out.0.display());
     }
     Ok(())
+}
+
+/// Where the results go.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn save(&self, name: &str, text: &str) -> Result<()> {
+        let path = self.0.join(name);
+        std::fs::write(&path, text).with_context(|| path.display().to_string())
+    }
 }

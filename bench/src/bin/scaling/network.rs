@@ -1,16 +1,13 @@
 //! Backbone and head over the size of the scan.
 
-use std::path::Path;
-
-use anyhow::{Context, Result};
+use anyhow::Result;
 use mluc_backbone::{Backbone, Precision};
-use mluc_bench::chart::{Chart, Series};
-use mluc_bench::clock::{Lap, laps};
+use mluc_bench::clock::{Lap, lap_quantile, laps};
 use mluc_bench::inputs;
-use mluc_geometry::quantile_of;
 use mluc_head::Head;
 
 use crate::fit::Fit;
+use crate::{Folder, chart};
 
 const POINTS: [usize; 9] = [
     10_000, 20_000, 40_000, 70_000, 100_000, 131_072, 200_000, 350_000, 500_000,
@@ -18,9 +15,12 @@ const POINTS: [usize; 9] = [
 const THREADS: [usize; 2] = [1, 2];
 const WARM_UP: usize = 2;
 
+type Size = fn(&Row) -> usize;
+type Time = fn(&Lap) -> f64;
+
 /// One size with one number of threads; medians.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Row {
+struct Row {
     points: usize,
     threads: usize,
     voxels: usize,
@@ -28,11 +28,67 @@ pub(crate) struct Row {
     active: usize,
     /// Cells of the bird's-eye map with a feature row.
     cells: usize,
-    wall_ms: f64,
-    cpu_ms: f64,
+    ms: Lap,
 }
 
-pub(crate) fn measure(precision: Precision, rounds: usize) -> Result<Vec<Row>> {
+/// Measures, writes the table and the pictures; lines through them.
+pub(crate) fn run(precision: Precision, rounds: usize, out: &Folder) -> Result<Vec<Fit>> {
+    let rows = measure(precision, rounds)?;
+    let mut csv = String::from("points,threads,voxels,active,cells,wall_ms_p50,cpu_ms_p50\n");
+    for row in &rows {
+        csv += &format!(
+            "{},{},{},{},{},{:.3},{:.3}\n",
+            row.points, row.threads, row.voxels, row.active, row.cells, row.ms.wall, row.ms.cpu
+        );
+    }
+    out.save("network.csv", &csv)?;
+    let line = |threads: usize, x: Size, y: Time| -> Vec<(f64, f64)> {
+        let rows = rows.iter().filter(|row| row.threads == threads);
+        rows.map(|row| (x(row) as f64, y(&row.ms))).collect()
+    };
+    let title = format!("compact, {precision}: one frame, median");
+    let active = "sites and cells computed, all layers";
+    let pictures: [(_, _, Size, _, Time); 3] = [
+        (
+            "points.svg",
+            "points",
+            |r| r.points,
+            "wall time, ms",
+            |l| l.wall,
+        ),
+        (
+            "active.svg",
+            active,
+            |r| r.active,
+            "wall time, ms",
+            |l| l.wall,
+        ),
+        (
+            "active_cpu.svg",
+            active,
+            |r| r.active,
+            "CPU time, ms",
+            |l| l.cpu,
+        ),
+    ];
+    for (name, x_label, x, y_label, y) in pictures {
+        let lines = THREADS.map(|threads| {
+            let plural = if threads == 1 { "" } else { "s" };
+            (format!("{threads} thread{plural}"), line(threads, x, y))
+        });
+        out.save(name, &chart::svg(&title, [x_label, y_label], &lines)?)?;
+    }
+    let times: [(_, Time); 2] = [("wall time", |l| l.wall), ("CPU time", |l| l.cpu)];
+    let fits = THREADS.into_iter().flat_map(|threads| {
+        times.map(|(what, y)| {
+            let of = format!("network, {threads} thread(s): {what} over sites and cells computed");
+            Fit::through(of, &line(threads, |row| row.active, y))
+        })
+    });
+    Ok(fits.collect())
+}
+
+fn measure(precision: Precision, rounds: usize) -> Result<Vec<Row>> {
     let (manifest, weights) = inputs::compact();
     let mut rows = vec![];
     for threads in THREADS {
@@ -70,7 +126,7 @@ fn one_size(
     let channels = backbone.feature_channels();
     let (mut cells, mut values) = (vec![0; cells_max], vec![0.0; cells_max * channels]);
     let mut detections = vec![];
-    let mut times: Vec<Lap> = vec![];
+    let mut times = vec![];
     let mut lap = laps();
     for _ in 0..WARM_UP + rounds {
         lap();
@@ -80,89 +136,6 @@ fn one_size(
         head.run(cells, values, &mut detections)?;
         times.push(lap());
     }
-    let median = |of: fn(&Lap) -> f64| {
-        let values = times.iter().skip(WARM_UP).map(of).collect();
-        quantile_of(values, 0.5).unwrap_or_default()
-    };
-    row.wall_ms = median(|times| times.wall);
-    row.cpu_ms = median(|times| times.cpu);
+    row.ms = lap_quantile(&times[WARM_UP..], 0.5);
     Ok(row)
-}
-
-pub(crate) fn write(rows: &[Row], precision: Precision, out: &Path) -> Result<()> {
-    let mut csv = String::from("points,threads,voxels,active,cells,wall_ms_p50,cpu_ms_p50\n");
-    for row in rows {
-        csv += &format!(
-            "{},{},{},{},{},{:.3},{:.3}\n",
-            row.points, row.threads, row.voxels, row.active, row.cells, row.wall_ms, row.cpu_ms
-        );
-    }
-    save(out, "network.csv", &csv)?;
-    let chart = |x_label: &str, x: fn(&Row) -> usize, y_label: &str, y: fn(&Row) -> f64| Chart {
-        title: format!("compact, {precision}: one frame, median"),
-        x_label: x_label.into(),
-        y_label: y_label.into(),
-        series: THREADS
-            .iter()
-            .map(|&threads| Series {
-                name: match threads {
-                    1 => "1 thread".into(),
-                    _ => format!("{threads} threads"),
-                },
-                points: of(rows, threads)
-                    .map(|row| [x(row) as f64, y(row)])
-                    .collect(),
-            })
-            .collect(),
-    };
-    let active = "sites and cells computed, all layers";
-    save(
-        out,
-        "points.svg",
-        &chart(
-            "points",
-            |row| row.points,
-            "wall time, ms",
-            |row| row.wall_ms,
-        )
-        .svg(),
-    )?;
-    save(
-        out,
-        "active.svg",
-        &chart(active, |row| row.active, "wall time, ms", |row| row.wall_ms).svg(),
-    )?;
-    save(
-        out,
-        "active_cpu.svg",
-        &chart(active, |row| row.active, "CPU time, ms", |row| row.cpu_ms).svg(),
-    )
-}
-
-pub(crate) fn fits(rows: &[Row]) -> Vec<Fit> {
-    let fit = |threads: usize, what: &str, y: fn(&Row) -> f64| {
-        let points: Vec<_> = of(rows, threads)
-            .map(|row| [row.active as f64, y(row)])
-            .collect();
-        let of = format!("network, {threads} thread(s): {what} over sites and cells computed");
-        Fit::through(of, &points)
-    };
-    THREADS
-        .into_iter()
-        .flat_map(|threads| {
-            [
-                fit(threads, "wall time", |row| row.wall_ms),
-                fit(threads, "CPU time", |row| row.cpu_ms),
-            ]
-        })
-        .collect()
-}
-
-fn of(rows: &[Row], threads: usize) -> impl Iterator<Item = &Row> {
-    rows.iter().filter(move |row| row.threads == threads)
-}
-
-pub(crate) fn save(out: &Path, name: &str, text: &str) -> Result<()> {
-    let path = out.join(name);
-    std::fs::write(&path, text).with_context(|| path.display().to_string())
 }

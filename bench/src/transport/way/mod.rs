@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::transport::load::{Load, Wake};
 
 /// One way from process to process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Way {
     /// The stages' own: `mluc-runtime` with the one table of services.
@@ -117,18 +117,16 @@ impl Link {
 
 /// Builds a generic end for the elements that the topic of a link carries.
 macro_rules! for_elements {
-    ($link:expr, $build:ident) => {
+    ($link:expr, $build:ident) => {{
+        use crate::transport::load::Payload::{Detections, Features, Objects, Points};
+        use mluc_ipc_types::{Detection, FeatureBlock, Object, Point};
         match $link.load.payload {
-            crate::transport::load::Payload::Points => $build::<mluc_ipc_types::Point>($link),
-            crate::transport::load::Payload::Features => {
-                $build::<mluc_ipc_types::FeatureBlock>($link)
-            }
-            crate::transport::load::Payload::Detections => {
-                $build::<mluc_ipc_types::Detection>($link)
-            }
-            crate::transport::load::Payload::Objects => $build::<mluc_ipc_types::Object>($link),
+            Points => $build::<Point>($link),
+            Features => $build::<FeatureBlock>($link),
+            Detections => $build::<Detection>($link),
+            Objects => $build::<Object>($link),
         }
-    };
+    }};
 }
 use for_elements;
 

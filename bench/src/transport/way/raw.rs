@@ -12,11 +12,11 @@ use iceoryx2::prelude::{
     AllocationStrategy, BackpressureStrategy, Config, FileName, Path, SemanticString, ServiceName,
     SignalHandlingMode,
 };
-use iceoryx2::sample::Sample;
 use iceoryx2::service::ipc::Service as Ipc;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
-use mluc_ipc_types::FrameHeader;
-use mluc_runtime::{Instance, Membership, monotonic_ns};
+use iceoryx2::service::port_factory::event::PortFactory as Event;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory as PubSub;
+use mluc_ipc_types::{FrameHeader, Topic};
+use mluc_runtime::{Membership, monotonic_ns};
 
 use super::{
     Arrived, Element, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, for_elements, read,
@@ -39,8 +39,9 @@ struct Place {
 }
 
 impl Place {
-    fn join(instance: &Instance) -> Result<Place> {
-        let member = Membership::join(instance, "raw")?;
+    fn join(link: &Link) -> Result<Place> {
+        let instance = link.instance(Way::Raw)?;
+        let member = Membership::join(&instance, "raw")?;
         let mut config = Config::default();
         let root = instance.root().to_string_lossy().into_owned();
         let root = Path::new(root.as_bytes()).context("a root path")?;
@@ -57,13 +58,9 @@ impl Place {
         })
     }
 
-    fn data<T: Element>(
-        &self,
-        link: &Link,
-    ) -> Result<publish_subscribe::PortFactory<Ipc, [T], FrameHeader>> {
-        let topic = link.load.payload.topic();
+    fn data<T: Element>(&self, topic: &Topic) -> Result<PubSub<Ipc, [T], FrameHeader>> {
         self.node
-            .service_builder(&name("data")?)
+            .service_builder(&ServiceName::new("data")?)
             .publish_subscribe::<[T]>()
             .user_header::<FrameHeader>()
             .enable_safe_overflow(true)
@@ -76,71 +73,55 @@ impl Place {
             .context("opening a service")
     }
 
-    fn wake(&self, link: &Link) -> Result<event::PortFactory<Ipc>> {
+    /// `None`: the receiver polls.
+    fn wake(&self, link: &Link) -> Result<Option<Event<Ipc>>> {
+        if link.wake == Wake::Poll {
+            return Ok(None);
+        }
         self.node
-            .service_builder(&name("wake")?)
+            .service_builder(&ServiceName::new("wake")?)
             .event()
             .max_notifiers(4)
             .max_listeners(link.load.payload.topic().subscribers_max)
             .event_id_max_value(1)
             .open_or_create()
             .context("opening an event")
+            .map(Some)
     }
 }
 
-fn name(text: &str) -> Result<ServiceName> {
-    ServiceName::new(text).context("a service's name")
-}
-
 fn sender_of<T: Element>(link: &Link) -> Result<Box<dyn Sender>> {
-    let place = Place::join(&link.instance(Way::Raw)?)?;
+    let (place, topic) = (Place::join(link)?, link.load.payload.topic());
     let publisher = place
-        .data::<T>(link)?
+        .data::<T>(topic)?
         .publisher_builder()
         .initial_max_slice_len(link.load.elements())
         .allocation_strategy(AllocationStrategy::Static)
-        .max_loaned_samples(link.load.payload.topic().loans)
+        .max_loaned_samples(topic.loans)
         .backpressure_strategy(BackpressureStrategy::DiscardData)
         .create()
         .context("making a publisher")?;
-    let notifier = match link.wake {
-        Wake::Event => Some(
-            place
-                .wake(link)?
-                .notifier_builder()
-                .create()
-                .context("making a notifier")?,
-        ),
-        Wake::Poll => None,
-    };
+    let notifier = place
+        .wake(link)?
+        .map(|wake| wake.notifier_builder().create());
     Ok(Box::new(RawSender {
         publisher,
-        notifier,
+        notifier: notifier.transpose().context("making a notifier")?,
         elements: link.load.elements(),
         _place: place,
     }))
 }
 
 fn receiver_of<T: Element>(link: &Link) -> Result<Box<dyn Receiver>> {
-    let place = Place::join(&link.instance(Way::Raw)?)?;
-    let subscriber = place
-        .data::<T>(link)?
-        .subscriber_builder()
-        .create()
-        .context("making a subscriber")?;
-    let listener = match link.wake {
-        Wake::Event => Some(
-            place
-                .wake(link)?
-                .listener_builder()
-                .create()
-                .context("making a listener")?,
-        ),
-        Wake::Poll => None,
-    };
+    let place = Place::join(link)?;
+    let data = place.data::<T>(link.load.payload.topic())?;
+    let subscriber = data.subscriber_builder().create();
+    let listener = place
+        .wake(link)?
+        .map(|wake| wake.listener_builder().create());
     Ok(Box::new(RawReceiver {
-        subscriber,
-        listener,
+        subscriber: subscriber.context("making a subscriber")?,
+        listener: listener.transpose().context("making a listener")?,
         _place: place,
     }))
 }
@@ -182,17 +163,11 @@ struct RawReceiver<T: Element> {
     _place: Place,
 }
 
-impl<T: Element> RawReceiver<T> {
-    fn take(&self) -> Result<Option<Sample<Ipc, [T], FrameHeader>>> {
-        self.subscriber.receive().context("taking a message")
-    }
-}
-
 impl<T: Element> Receiver for RawReceiver<T> {
     fn receive(&mut self) -> Result<Arrived> {
         let begun = Instant::now();
         loop {
-            if let Some(sample) = self.take()? {
+            if let Some(sample) = self.subscriber.receive().context("taking a message")? {
                 return Ok(Arrived {
                     at_ns: monotonic_ns(),
                     sum: read(sample.payload()),

@@ -1,7 +1,5 @@
 //! Drawing with SVG: axes, text, shapes. No script and nothing from outside, so a page works offline and for ever.
 
-pub mod chart;
-
 use std::fmt::Write;
 
 /// By stage: grey, blue, orange, green. Told apart with the usual colour blindnesses, on white and on black.
@@ -37,63 +35,92 @@ impl Svg {
         }
     }
 
+    /// `tip`: shown where the pointer rests.
+    fn shape(&mut self, name: &str, attributes: String, tip: &str) {
+        let tip = match tip {
+            "" => String::new(),
+            tip => format!("<title>{}</title>", escape(tip)),
+        };
+        let _ = write!(self.body, "<{name} {attributes}>{tip}</{name}>");
+    }
+
     pub(crate) fn rect(&mut self, [x, y, width, height]: [f64; 4], fill: &str, tip: &str) {
-        let _ = write!(
-            self.body,
-            r#"<rect x="{x:.1}" y="{y:.1}" width="{:.1}" height="{:.1}" fill="{fill}">{}</rect>"#,
-            width.max(0.0),
-            height.max(0.0),
-            title(tip)
+        let (width, height) = (width.max(0.0), height.max(0.0));
+        let attributes = format!(
+            r#"x="{x:.1}" y="{y:.1}" width="{width:.1}" height="{height:.1}" fill="{fill}""#
         );
+        self.shape("rect", attributes, tip);
     }
 
     pub(crate) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, fill: &str, tip: &str) {
-        let _ = write!(
-            self.body,
-            r#"<circle cx="{x:.1}" cy="{y:.1}" r="{radius}" fill="{fill}">{}</circle>"#,
-            title(tip)
-        );
+        let attributes = format!(r#"cx="{x:.1}" cy="{y:.1}" r="{radius}" fill="{fill}""#);
+        self.shape("circle", attributes, tip);
     }
 
-    pub(crate) fn cross(&mut self, [x, y]: [f64; 2], size: f64, tip: &str) {
-        let _ = write!(
-            self.body,
-            r#"<path d="M{:.1} {:.1}l{s} {s}m0 -{s}l-{s} {s}" stroke="{ALARM_COLOR}" stroke-width="1.4" fill="none">{}</path>"#,
-            x - size / 2.0,
-            y - size / 2.0,
-            title(tip),
-            s = size
+    pub(crate) fn cross(&mut self, [x, y]: [f64; 2], s: f64, tip: &str) {
+        let (x, y) = (x - s / 2.0, y - s / 2.0);
+        let attributes = format!(
+            r#"d="M{x:.1} {y:.1}l{s} {s}m0 -{s}l-{s} {s}" stroke="{ALARM_COLOR}" stroke-width="1.4" fill="none""#
         );
+        self.shape("path", attributes, tip);
     }
 
     /// `class`: `grid`, `axis` or `mark` of the page's style.
-    pub(crate) fn line(&mut self, from: [f64; 2], to: [f64; 2], class: &str) {
-        let _ = write!(
-            self.body,
-            r#"<line class="{class}" x1="{:.1}" y1="{:.1}" x2="{:.1}" y2="{:.1}"/>"#,
-            from[0], from[1], to[0], to[1]
-        );
+    pub(crate) fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], class: &str) {
+        let attributes =
+            format!(r#"class="{class}" x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}""#);
+        self.shape("line", attributes, "");
     }
 
-    pub(crate) fn polyline(&mut self, points: &[[f64; 2]], color: &str) {
-        let mut path = String::new();
-        for [x, y] in points {
-            let _ = write!(path, "{x:.1},{y:.1} ");
-        }
-        let _ = write!(
-            self.body,
-            r#"<polyline points="{}" fill="none" stroke="{color}" stroke-width="1.8"/>"#,
-            path.trim_end()
+    pub(crate) fn polyline(&mut self, points: impl Iterator<Item = [f64; 2]>, color: &str) {
+        let points: Vec<String> = points.map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+        let attributes = format!(
+            r#"points="{}" fill="none" stroke="{color}" stroke-width="1.8""#,
+            points.join(" ")
         );
+        self.shape("polyline", attributes, "");
     }
 
     pub(crate) fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, text: &str) {
-        let anchor = anchor.word();
+        let anchor = match anchor {
+            Anchor::Start => "start",
+            Anchor::Middle => "middle",
+            Anchor::End => "end",
+        };
         let text = escape(text);
         let _ = write!(
             self.body,
             r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{text}</text>"#
         );
+    }
+
+    /// Grid and numbers of a vertical axis from `left` to `right`.
+    pub(crate) fn vertical_axis(&mut self, scale: &Scale, [left, right]: [f64; 2], unit: &str) {
+        for tick in scale.ticks() {
+            let y = scale.place(tick);
+            self.line([left, y], [right, y], "grid");
+            self.text([left - 6.0, y + 4.0], Anchor::End, &short(tick));
+        }
+        self.text([left - 6.0, scale.places[1] - 8.0], Anchor::End, unit);
+    }
+
+    /// Grid and numbers of a horizontal axis at `bottom`.
+    pub(crate) fn horizontal_axis(&mut self, scale: &Scale, [top, bottom]: [f64; 2], unit: &str) {
+        for tick in scale.ticks() {
+            let x = scale.place(tick);
+            self.line([x, top], [x, bottom], "grid");
+            self.text([x, bottom + 15.0], Anchor::Middle, &short(tick));
+        }
+        self.text([scale.places[1], bottom + 30.0], Anchor::End, unit);
+    }
+
+    /// Colours and their words, along the upper edge from `x`.
+    pub(crate) fn legend(&mut self, mut x: f64, entries: &[(&str, &str)]) {
+        for (color, text) in entries {
+            self.rect([x, 4.0, 11.0, 11.0], color, "");
+            self.text([x + 16.0, 14.0], Anchor::Start, text);
+            x += 34.0 + 7.0 * text.len() as f64;
+        }
     }
 
     /// `label`: read out to those who do not see it. Colours of text and lines come from the page's style.
@@ -104,34 +131,6 @@ impl Svg {
             self.body
         )
     }
-
-    /// As a file of its own, on white.
-    fn finish_file(self) -> String {
-        let (width, height) = (self.width, self.height);
-        format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"sans-serif\" \
-             font-size=\"12\">\n<style>.grid {{ stroke: #dddddd }}</style>\n\
-             <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n{}</svg>\n",
-            self.body.replace("><", ">\n<")
-        )
-    }
-}
-
-impl Anchor {
-    fn word(self) -> &'static str {
-        match self {
-            Anchor::Start => "start",
-            Anchor::Middle => "middle",
-            Anchor::End => "end",
-        }
-    }
-}
-
-fn title(tip: &str) -> String {
-    if tip.is_empty() {
-        return String::new();
-    }
-    format!("<title>{}</title>", escape(tip))
 }
 
 /// Text for HTML and SVG, attributes too.
@@ -150,8 +149,7 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
-    pub(crate) fn linear(values: [f64; 2], places: [f64; 2]) -> Scale {
-        let [low, high] = values;
+    pub(crate) fn linear([low, high]: [f64; 2], places: [f64; 2]) -> Scale {
         Scale {
             values: [low, if high > low { high } else { low + 1.0 }],
             places,
@@ -160,10 +158,10 @@ impl Scale {
     }
 
     /// Both values above 0.
-    pub(crate) fn log(values: [f64; 2], places: [f64; 2]) -> Scale {
-        let low = values[0].max(1e-9);
+    pub(crate) fn log([low, high]: [f64; 2], places: [f64; 2]) -> Scale {
+        let low = low.max(1e-9);
         Scale {
-            values: [low, values[1].max(low * 1.001)],
+            values: [low, high.max(low * 1.001)],
             places,
             is_log: true,
         }
@@ -188,15 +186,13 @@ impl Scale {
             let last = (high / step + 1e-9).floor() as i64;
             return (first..=last).map(|n| n as f64 * step).collect();
         }
-        let decades = (high / low).log10();
-        let steps: &[f64] = if decades > 2.5 {
-            &[1.0]
-        } else {
-            &[1.0, 2.0, 5.0]
-        };
+        let is_wide = (high / low).log10() > 2.5;
+        let steps = if is_wide { 1 } else { 3 };
         let powers = low.log10().floor() as i32..=high.log10().ceil() as i32;
         powers
-            .flat_map(|power| steps.iter().map(move |step| step * 10f64.powi(power)))
+            .flat_map(|power| {
+                [1.0, 2.0, 5.0].map(|step| step * 10f64.powi(power))[..steps].to_vec()
+            })
             .filter(|tick| (low * 0.999..=high * 1.001).contains(tick))
             .collect()
     }
@@ -205,10 +201,9 @@ impl Scale {
 /// 1, 2 or 5 times a power of ten, at least `least`.
 fn round_step(least: f64) -> f64 {
     let power = 10f64.powf(least.max(1e-9).log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0]
-        .into_iter()
-        .find(|s| s * power >= least * 0.999);
-    step.unwrap_or(10.0) * power
+    let steps = [1.0, 2.0, 5.0].map(|step| step * power);
+    let step = steps.into_iter().find(|step| *step >= least * 0.999);
+    step.unwrap_or(10.0 * power)
 }
 
 /// A number with the digits that matter.
@@ -227,26 +222,6 @@ pub(crate) fn short(value: f64) -> String {
     text
 }
 
-/// Grid and numbers of a vertical axis from `left` to `right`.
-pub(crate) fn vertical_axis(svg: &mut Svg, scale: &Scale, left: f64, right: f64, unit: &str) {
-    for tick in scale.ticks() {
-        let y = scale.place(tick);
-        svg.line([left, y], [right, y], "grid");
-        svg.text([left - 6.0, y + 4.0], Anchor::End, &short(tick));
-    }
-    svg.text([left - 6.0, scale.places[1] - 8.0], Anchor::End, unit);
-}
-
-/// Grid and numbers of a horizontal axis at `bottom`.
-pub(crate) fn horizontal_axis(svg: &mut Svg, scale: &Scale, top: f64, bottom: f64, unit: &str) {
-    for tick in scale.ticks() {
-        let x = scale.place(tick);
-        svg.line([x, top], [x, bottom], "grid");
-        svg.text([x, bottom + 15.0], Anchor::Middle, &short(tick));
-    }
-    svg.text([scale.places[1], bottom + 30.0], Anchor::End, unit);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -263,16 +238,10 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_short() {
+    fn numbers_are_short_and_text_cannot_leave_its_place() {
         let texts = [0.0, 0.0123, 1.5, 2.0, 12.34, 99.97, 1234.5].map(short);
         assert_eq!(texts, ["0", "0.012", "1.5", "2", "12.3", "100", "1234"]);
-    }
-
-    #[test]
-    fn text_cannot_leave_its_place() {
-        assert_eq!(
-            escape("<a href=\"x\">'&"),
-            "&lt;a href=&quot;x&quot;&gt;&#39;&amp;"
-        );
+        let escaped = "&lt;a href=&quot;x&quot;&gt;&#39;&amp;";
+        assert_eq!(escape("<a href=\"x\">'&"), escaped);
     }
 }

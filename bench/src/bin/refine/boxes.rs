@@ -1,0 +1,141 @@
+//! Simulated proposals around each labelled object: the figures of one refiner, every object in a list, or several settings
+//! side by side.
+
+use std::collections::BTreeSet;
+
+use anyhow::{Context, Result};
+use mluc_bench::clock::timed;
+use mluc_geometry::quantile_of;
+use mluc_refiner::Settings;
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::Setup;
+use crate::quality::{Quality, judge};
+use crate::scene::Frame;
+use crate::timing::{Times, time};
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report {
+    refiner: &'static str,
+    frames: usize,
+    #[serde(flatten)]
+    quality: Quality,
+    proposals: usize,
+    #[serde(flatten)]
+    times: Times,
+    work_p50: f64,
+    work_max: f64,
+}
+
+/// Quality, then time.
+pub(crate) fn run(setup: &Setup, frames: &[Frame], proposals: usize, anywhere: bool) -> Result<()> {
+    let mut refiner = setup.refiner(&setup.settings)?;
+    let judged = judge(frames, &mut refiner);
+    let (times, work) = time(frames, &mut refiner, proposals, anywhere);
+    let work_at = |q| quantile_of(work.clone(), q).unwrap_or_default();
+    let report = Report {
+        refiner: setup.settings.variant.name(),
+        frames: frames.len(),
+        quality: Quality::of(&judged),
+        proposals,
+        times,
+        work_p50: work_at(0.5),
+        work_max: work_at(1.0),
+    };
+    setup.print(&report, || {
+        println!("refiner {}, {} frames", report.refiner, report.frames);
+        report.quality.print();
+        println!(
+            "{} proposals a frame: {}; work p50 {:.0}, max {:.0}",
+            report.proposals, report.times, report.work_p50, report.work_max
+        );
+    })
+}
+
+/// A line for each object.
+pub(crate) fn list(setup: &Setup, frames: &[Frame]) -> Result<()> {
+    let judged = judge(frames, &mut setup.refiner(&setup.settings)?);
+    let objects = frames
+        .iter()
+        .flat_map(|f| f.objects.iter().map(|o| (f.number, &o.shape)));
+    println!(
+        "frame class IoU of the first, mean, ceiling | label: place, size, heading | found: disposition, place, size, heading, points"
+    );
+    for ((frame, label), own) in objects.zip(&judged) {
+        let mean = own.ious.iter().sum::<f64>() / own.ious.len().max(1) as f64;
+        let first = own.ious.first().copied().unwrap_or(0.0);
+        let ceiling = own.ceiling.unwrap_or(0.0);
+        print!(
+            "{frame:>4} {:<10} {first:.2} {mean:.2} {ceiling:.2} | {:6.1?} {:.1?} {:.1} |",
+            own.class, label.center_m, label.size_m, label.yaw_rad
+        );
+        match own.first {
+            Some(o) => println!(
+                " {} {:6.1?} {:.1?} {:.1} {}",
+                o.disposition, o.center_m, o.size_m, o.yaw_rad, o.points_count
+            ),
+            None => println!(" nothing"),
+        }
+    }
+    Ok(())
+}
+
+/// A table with a row for each value of each `path=v1,v2,...`.
+pub(crate) fn vary(setup: &Setup, frames: &[Frame], words: &[String]) -> Result<()> {
+    let mut rows = vec![("as set".to_owned(), setup.settings.clone())];
+    for word in words {
+        let (path, values) = word
+            .split_once('=')
+            .with_context(|| format!("--vary {word}: expected path=value,value"))?;
+        // Lists have commas of their own: values are then parted by semicolons.
+        let part = if values.contains(';') { ';' } else { ',' };
+        for value in values.split(part) {
+            let settings = changed(&setup.settings, path, value)?;
+            rows.push((format!("{path}={value}"), settings));
+        }
+    }
+    table(setup, frames, &rows)
+}
+
+fn changed(settings: &Settings, path: &str, value: &str) -> Result<Settings> {
+    let mut tree = serde_json::to_value(settings)?;
+    let pointer = format!("/{}", path.replace('.', "/"));
+    let place = tree
+        .pointer_mut(&pointer)
+        .with_context(|| format!("no setting {path}"))?;
+    *place = serde_json::from_str(value).unwrap_or_else(|_| Value::String(value.to_owned()));
+    serde_json::from_value(tree).with_context(|| format!("{path}={value}"))
+}
+
+/// Mean IoU and share above 0.3, overall, as the mean over the classes, and mean IoU by class.
+pub(crate) fn table(setup: &Setup, frames: &[Frame], rows: &[(String, Settings)]) -> Result<()> {
+    let objects = frames.iter().flat_map(|frame| &frame.objects);
+    let classes: BTreeSet<&str> = objects.map(|object| object.class.as_str()).collect();
+    print!(
+        "{:<44} {:>6} {:>6} {:>7} {:>7}",
+        "settings", "mean", ">0.3", "classes", "CPU s"
+    );
+    classes.iter().for_each(|class| print!(" {class:>10}"));
+    println!();
+    for (name, settings) in rows {
+        let mut refiner = setup.refiner(settings)?;
+        let mut judged = Vec::new();
+        let took = timed(|| judged = judge(frames, &mut refiner));
+        let Quality { all, by_class } = Quality::of(&judged);
+        let sum: f64 = by_class.values().map(|own| own.mean_iou_3d).sum();
+        let mean = sum / by_class.len().max(1) as f64;
+        print!(
+            "{name:<44} {:>6.4} {:>6.3} {mean:>7.4} {:>7.1}",
+            all.mean_iou_3d,
+            all.share_above_0_3,
+            took.cpu / 1e3
+        );
+        for own in by_class.values() {
+            print!(" {:>10.3}", own.mean_iou_3d);
+        }
+        println!();
+    }
+    Ok(())
+}
