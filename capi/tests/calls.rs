@@ -9,8 +9,8 @@ use mluc_capi::{
     mluc_refiner_publish, mluc_refiner_wait, mluc_wire_version,
 };
 use mluc_ipc_types::{
-    CandidateCounts, Detection, Disposition, Flags, FrameHeader, HealthState, Object, ObjectKind,
-    Point, RunDescription, Stage, Topic, WIRE_VERSION,
+    CandidateCounts, Detection, Disposition, FOOTPRINT_MAX, Flags, FrameHeader, HealthState,
+    Object, ObjectKind, Point, RunDescription, Stage, Topic, WIRE_VERSION,
 };
 use mluc_runtime::{Input, Instance, Output, Shell, Shutdown, monotonic_ns};
 
@@ -104,8 +104,11 @@ fn publish(refiner: *mut MlucRefiner, objects: &[Object], indices: &[u32]) -> i3
 }
 
 fn sound_object() -> Object {
+    let mut footprint_m = [[0.0; 2]; FOOTPRINT_MAX];
+    footprint_m[..3].copy_from_slice(&[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]);
     Object {
-        footprint_count: 4,
+        footprint_count: 3,
+        footprint_m,
         suppressed_by: Object::NONE,
         track_id: Object::NONE,
         size_m: [1.0; 3],
@@ -188,7 +191,8 @@ fn a_frame_comes_where_it_lies(refiner: *mut MlucRefiner, others: &mut Others) {
 }
 
 fn what_breaks_the_contract_is_not_published(refiner: *mut MlucRefiner, others: &mut Others) {
-    let changes: [fn(&mut Object); 3] = [
+    let changes: [fn(&mut Object); 4] = [
+        |object| object.footprint_m.swap(0, 1),
         |object| object.class_id = 2,
         |object| object.yaw_rad = f32::NAN,
         |object| object.points_count = 3,

@@ -143,7 +143,7 @@ impl Object {
         ["unrefined", "split", "thinned", "small", "large", "post"];
 
     /// Checks a whole message: version, stamps, count, enums, indices, finite numbers, and of what is published a size above 0
-    /// and an outline of three corners or more.
+    /// and a convex outline of three corners or more, counter-clockwise.
     pub fn checked<'a>(
         header: &FrameHeader,
         objects: &'a [Object],
@@ -206,10 +206,31 @@ impl Object {
         if self.is_published() && self.size_m.iter().any(|&side| side <= 0.0) {
             return broken("size of a published object");
         }
-        if self.is_published() && self.footprint_count < 3 {
+        if self.is_published() && !self.has_sound_outline() {
             return broken("outline of a published object");
         }
         Ok(())
+    }
+
+    /// Three corners or more, counter-clockwise and without a dent: no corner lies to the right of a side. Tolerated are
+    /// 1 mm and what f32 rounds off far from the sensor.
+    fn has_sound_outline(&self) -> bool {
+        let corners = &self.footprint_m[..self.footprint_count as usize];
+        let far_m = corners
+            .iter()
+            .flatten()
+            .fold(0.0f32, |far, v| far.max(v.abs()));
+        let slack_m = 1e-3 + 1e-6 * f64::from(far_m);
+        let is_left = |a: &[f32; 2], b: &[f32; 2], c: &[f32; 2]| {
+            let from_a =
+                |to: &[f32; 2]| [0, 1].map(|axis| f64::from(to[axis]) - f64::from(a[axis]));
+            let ([bx, by], [cx, cy]) = (from_a(b), from_a(c));
+            // Twice the area of the triangle, against its height times its longest side.
+            bx * cy - by * cx >= -slack_m * (bx.abs() + by.abs() + cx.abs() + cy.abs())
+        };
+        let sides = corners.iter().zip(corners.iter().cycle().skip(1));
+        let is_convex = |(a, b)| corners.iter().all(|c| is_left(a, b, c));
+        corners.len() >= 3 && sides.into_iter().all(is_convex)
     }
 
     /// Checks that the points of all objects lie inside of the `object_points` message of the frame.
@@ -252,18 +273,28 @@ mod tests {
     type Change = (fn(&mut Object), &'static str);
 
     fn object() -> Object {
-        Object {
+        outlined(&[[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
+    }
+
+    fn outlined(corners_m: &[[f32; 2]]) -> Object {
+        let mut object = Object {
             suppressed_by: Object::NONE,
             size_m: [1.0; 3],
-            footprint_count: 4,
+            footprint_count: corners_m.len() as u32,
             ..Object::zeroed()
-        }
+        };
+        object.footprint_m[..corners_m.len()].copy_from_slice(corners_m);
+        object
     }
 
     /// What is said about an object with one field changed; empty: it passes.
     fn said(change: fn(&mut Object)) -> String {
         let mut object = object();
         change(&mut object);
+        said_of(object)
+    }
+
+    fn said_of(object: Object) -> String {
         match Object::checked(&FrameHeader::new(0, "a"), &[object], 3) {
             Ok(_) => String::new(),
             Err(error) => error.to_string(),
@@ -314,6 +345,52 @@ mod tests {
             ..object()
         };
         assert!(Object::checked(&FrameHeader::new(0, "a"), &[far], 3).is_err());
+    }
+
+    #[test]
+    fn the_outline_of_what_is_published_is_convex_and_counter_clockwise() {
+        let [a, b, c, d] = [[60.0, 1.0], [58.0, 1.0], [58.0, -1.0], [60.0, -1.0]];
+        let sound: [&[[f32; 2]]; 4] = [
+            &[a, b, c, d],
+            &[a, b, c],
+            &[a, a, b, c, d],
+            &[a, [59.0, 0.9995], b, c, d],
+        ];
+        for corners in sound {
+            assert_eq!(said_of(outlined(corners)), "", "{corners:?}");
+        }
+        // Of what f32 leaves of a disc, also where its corners fall together.
+        for (x_m, radius_m) in [(100.0, 0.01), (9e3, 3.0), (1e30, 1.0), (0.0, 1e37f32)] {
+            let disc: [_; FOOTPRINT_MAX] = std::array::from_fn(|k| {
+                let angle = k as f32 * std::f32::consts::TAU / FOOTPRINT_MAX as f32;
+                [x_m + radius_m * angle.cos(), radius_m * angle.sin()]
+            });
+            assert_eq!(said_of(outlined(&disc)), "", "{x_m} {radius_m}");
+        }
+        let star = [
+            [0.0, 2.0],
+            [-1.2, -1.6],
+            [1.9, 0.6],
+            [-1.9, 0.6],
+            [1.2, -1.6],
+        ];
+        let broken: [&[[f32; 2]]; 5] = [
+            &[a, b],
+            &[d, c, b, a],
+            &[a, c, b, d],
+            &[a, [59.0, 0.99], b, c, d],
+            &star,
+        ];
+        for corners in broken {
+            let said = said_of(outlined(corners));
+            assert!(
+                said.starts_with("outline of a published"),
+                "{corners:?}: {said}"
+            );
+        }
+        let mut unpublished = outlined(&[d, c, b, a]);
+        unpublished.disposition = Disposition::TooFewPoints as u32;
+        assert_eq!(said_of(unpublished), "");
     }
 
     #[test]

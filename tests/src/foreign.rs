@@ -1,13 +1,9 @@
 //! The refiners in other languages, where `.ci/examples` has installed what they need.
 
-use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::inputs::root;
 use crate::skip::skip;
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
 
 /// The Python example's command; `None`, said: Python or its packages are not there.
 pub fn python_refiner() -> Option<Vec<String>> {

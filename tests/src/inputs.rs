@@ -1,5 +1,6 @@
 //! Models and scans, made up, and a pipeline on them.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -7,7 +8,7 @@ use std::time::Duration;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::pipeline::{Finished, Pipeline, leftovers, unique_instance};
+use crate::running::{Finished, Running, leftovers, unique_instance};
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 
 /// Writes a model with weights by formula, small and quick: it sees shapes and no sense. Its gate calls half of its
@@ -57,26 +58,13 @@ pub fn write_scan(path: &Path, points: &[[f32; 4]]) {
     fs::write(path, bytes).expect("a writable folder");
 }
 
-/// A folder of `count` sound scans, 000000.bin and so on.
-pub fn clean_folder(folder: &Path, count: usize) -> PathBuf {
-    let input = folder.join("scans");
-    fs::create_dir_all(&input).expect("a writable folder");
-    for number in 0..count {
-        write_scan(
-            &input.join(format!("{number:06}.bin")),
-            &car_scan(8.0 + number as f32),
-        );
-    }
-    input
-}
-
 /// What a test of a pipeline needs: a folder, the untrained model and sound scans in it, and a name for the instance.
 pub struct Setting {
     /// Gone with the setting.
     pub folder: TempDir,
     /// [`untrained_model`].
     pub model: PathBuf,
-    /// [`clean_folder`].
+    /// 000000.bin and so on.
     pub input: PathBuf,
     /// Of this setting alone.
     pub instance: String,
@@ -86,42 +74,49 @@ impl Setting {
     /// With so many scans.
     pub fn new(label: &str, scans: usize) -> Setting {
         let folder = tempfile::tempdir().expect("a writable folder");
+        let input = folder.path().join("scans");
+        fs::create_dir(&input).expect("a writable folder");
+        for number in 0..scans {
+            let file = input.join(format!("{number:06}.bin"));
+            write_scan(&file, &car_scan(8.0 + number as f32));
+        }
         Setting {
             model: untrained_model(folder.path()),
-            input: clean_folder(folder.path(), scans),
+            input,
             instance: unique_instance(label),
             folder,
         }
     }
 
-    /// `mluc up` at pace `complete`; another `--pace` wins.
-    pub fn up(&self, more: &[&str]) -> Pipeline {
-        let pace = if more.contains(&"--pace") {
-            &[][..]
+    /// `mluc up` with options as on a command line, at pace `complete` unless they have another.
+    pub fn up(&self, options: &str) -> Running {
+        let pace = if options.contains("--pace") {
+            ""
         } else {
-            &["--pace", "complete"]
+            "--pace complete"
         };
-        let arguments = [pace, more].concat();
-        Pipeline::up(&self.instance, &self.model, &self.input, &arguments)
+        self.start(&format!("up --instance {} {pace} {options}", self.instance))
     }
 
     /// The same to its end, after which nothing is left in shared memory.
-    pub fn run(&self, more: &[&str]) -> Finished {
-        self.finish(self.up(more))
+    #[track_caller]
+    pub fn run(&self, options: &str) -> Finished {
+        self.finish(self.up(options))
     }
 
     /// Waits for the end of a pipeline of this setting; nothing is left of it in shared memory.
-    pub fn finish(&self, run: Pipeline) -> Finished {
+    #[track_caller]
+    pub fn finish(&self, run: Running) -> Finished {
         let run = run.finish();
         assert_eq!(leftovers(&self.instance), [""; 0], "{}", run.log);
         run
     }
 
-    /// Writes `mluc.toml` and gives its path.
+    /// Writes `mluc.toml` and gives the option that names it.
     pub fn config(&self, text: &str) -> String {
         let path = self.folder.path().join("mluc.toml");
         fs::write(&path, text).expect("a writable folder");
-        path.display().to_string()
+        format!("--config {}", path.display())
     }
 
     /// Where [`Setting::bench`] has its report written.
@@ -129,31 +124,34 @@ impl Setting {
         self.folder.path().join("report")
     }
 
-    /// Starts `mluc bench` on the setting's scans, with options as on a command line.
-    pub fn start_bench(&self, options: &str) -> Pipeline {
-        let paths =
-            [&self.model, &self.input, &self.report()].map(|path| path.display().to_string());
-        let names = ["--model", "--input", "--out"];
-        let own = names
-            .iter()
-            .zip(&paths)
-            .flat_map(|(name, path)| [*name, path]);
-        Pipeline::start(
-            ["bench"]
-                .into_iter()
-                .chain(own)
-                .chain(options.split_whitespace()),
-        )
+    /// Starts `mluc bench` on the setting's scans.
+    pub fn start_bench(&self, options: &str) -> Running {
+        self.start(&format!(
+            "bench --out {} {options}",
+            self.report().display()
+        ))
     }
 
     /// The same to its end; it must succeed, at most with warnings.
+    #[track_caller]
     pub fn bench(&self, options: &str) -> Finished {
-        let run = self
-            .start_bench(options)
-            .finish_within(Duration::from_secs(180));
+        let run = self.start_bench(options);
+        let run = run.finish_within(Duration::from_secs(180));
         assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
         run
     }
+
+    /// Starts `mluc COMMAND` on the setting's model and scans.
+    fn start(&self, command: &str) -> Running {
+        let (model, input) = (self.model.as_os_str(), self.input.as_os_str());
+        let files = ["--model".as_ref(), model, "--input".as_ref(), input];
+        Running::mluc(command.split_whitespace().map(OsStr::new).chain(files))
+    }
+}
+
+/// The checkout.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
 /// A JSON file.

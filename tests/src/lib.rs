@@ -1,15 +1,17 @@
-//! What the tests of whole pipelines share: a model without training, synthetic scans, running the program `mluc`.
+//! What the tests of whole pipelines share: a model without training, synthetic scans, running the program `mluc`,
+//! answers from outside.
 
 mod foreign;
 mod inputs;
 mod oracle;
-mod pipeline;
+mod running;
 mod skip;
 
 pub use foreign::{cpp_refiner, python_refiner};
-pub use inputs::{Setting, car_scan, clean_folder, read_json, untrained_model, write_scan};
-pub use oracle::oracle;
-pub use pipeline::{
-    Finished, Pipeline, built_program, leftovers, mluc_program, send_signal, unique_instance,
+pub use inputs::{Setting, car_scan, read_json, root, untrained_model, write_scan};
+pub use oracle::{PaperFrame, feature_map, paper_frames, paper_network, rms};
+pub use running::{
+    Finished, Running, built_program, is_alive, leftovers, mluc_program, send_signal,
+    unique_instance, wait_for,
 };
-pub use skip::{data_folder, skip};
+pub use skip::{data_folder, oracle, skip};

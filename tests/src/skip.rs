@@ -33,3 +33,8 @@ pub fn data_folder(variable: &str) -> Option<PathBuf> {
     );
     Some(folder)
 }
+
+/// The folder of answers from outside; see [`data_folder`].
+pub fn oracle() -> Option<PathBuf> {
+    data_folder("MLUC_ORACLE")
+}

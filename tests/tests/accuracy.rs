@@ -2,13 +2,14 @@
 //! scans are few and simulated: the figures say that nothing broke, not how good a model is.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, judge, unknown_classes};
 use mluc_evaluate::{Difficulty, Metric, NeighbourPolicy};
 use mluc_ingest::unpack;
 use mluc_model::Model;
 use mluc_refiner::Settings;
+use mluc_tests::root;
 
 /// Average precision and recall in %, at the model's own threshold, in 3-D, moderate.
 type Figures = BTreeMap<String, [f64; 2]>;
@@ -43,10 +44,6 @@ const MODELS: [&str; 4] = ["kitti", "kitti-open", "udi", "udi-open"];
 const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
     Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
-
 fn model(name: &str) -> Model {
     Model::read(&root().join(format!("weights/{name}.safetensors"))).expect("a shipped model")
 }
@@ -72,14 +69,12 @@ fn scans(setting: &str, folder: &Path) -> FrameSet {
             let name = path.file_stem().expect("a name").to_string_lossy();
             let read = |path: &Path| std::fs::read(path).expect("an asset");
             let points = unpack(&read(&path)).expect("a packed scan");
+            let labels = read(&path.with_extension("txt"));
             write(
                 &format!("velodyne/{name}.bin"),
                 bytemuck::cast_slice(&points),
             );
-            write(
-                &format!("label_2/{name}.txt"),
-                &read(&path.with_extension("txt")),
-            );
+            write(&format!("label_2/{name}.txt"), &labels);
             write(&format!("calib/{name}.txt"), calibration.as_bytes());
         }
     }
@@ -96,25 +91,14 @@ fn figures(name: &str, model: &Model, shift_m: f32) -> Figures {
         detection.center_m[0] += shift_m;
     }
     let (unknown, settings) = (unknown_classes(setting), Settings::default());
-    let judged = judge(
-        model,
-        &set,
-        &frames,
-        &unknown,
-        NeighbourPolicy::Official,
-        &settings,
-    );
-    let classes = judged.expect("figures").gated.classes;
-    classes
-        .iter()
-        .map(|class| {
-            let entry = class.entry(Metric::Space, Difficulty::Moderate);
-            (
-                class.rule.name.clone(),
-                [entry.ap.all, entry.recall_percent],
-            )
-        })
-        .collect()
+    let policy = NeighbourPolicy::Official;
+    let judged = judge(model, &set, &frames, &unknown, policy, &settings).expect("figures");
+    let classes = judged.gated.classes.iter().map(|class| {
+        let entry = class.entry(Metric::Space, Difficulty::Moderate);
+        let figures = [entry.ap.all, entry.recall_percent];
+        (class.rule.name.clone(), figures)
+    });
+    classes.collect()
 }
 
 /// The classes that lie below the model's floor.

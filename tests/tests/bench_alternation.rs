@@ -3,9 +3,15 @@
 use std::path::Path;
 
 use mluc_tests::{Setting, mluc_program, read_json};
+use serde_json::{Value, json};
 
 /// Options of a short run, each side in turns.
 const SHORT: &str = "--seconds 4 --warm-up 0.5 --rate 8 --rounds 2 --floor-rounds 0";
+
+/// Of both sides.
+fn reports(out: &Path) -> [Value; 2] {
+    ["a", "b"].map(|side| read_json(&out.join(side).join("report.json")))
+}
 
 /// A label on the car that `car_scan` draws in each scan, which the model does not call a car.
 fn label_all(input: &Path) {
@@ -25,35 +31,25 @@ fn two_refiners_are_judged_on_the_same_frames() {
     label_all(&setting.input);
     let run = setting.bench(&format!("{SHORT} --refiner none --refiner range-scaled"));
     let comparison = read_json(&out.join("comparison.json"));
-    assert_eq!(
-        comparison["names"],
-        serde_json::json!(["none", "range-scaled"])
-    );
-    for quality in comparison["quality"].as_array().unwrap() {
+    assert_eq!(comparison["names"], json!(["none", "range-scaled"]));
+    let quality = comparison["quality"].as_array().unwrap();
+    for side in quality {
         assert_eq!(
-            (&quality["frames"], &quality["labels_unknown"]),
-            (&2.into(), &2.into()),
-            "{comparison}"
+            (&side["frames"], &side["labels_unknown"]),
+            (&2.into(), &2.into())
         );
     }
-    let [a, b] = ["a", "b"].map(|name| read_json(&out.join(name).join("report.json")));
-    assert_eq!(
-        (&a["scenario"]["refiner"], &b["scenario"]["refiner"]),
-        (&"none".into(), &"range-scaled".into())
-    );
+    let [a, b] = reports(&out);
+    assert_eq!(a["scenario"]["refiner"], "none");
+    assert_eq!(b["scenario"]["refiner"], "range-scaled");
     assert_eq!(a["frames"]["in"], b["frames"]["in"]);
     // Only where no box is refined does this untrained model publish unknown objects: the tables are those of two refiners.
-    let published = |turn: usize| {
-        comparison["quality"][turn]["unknown_per_frame"]
-            .as_f64()
-            .unwrap()
-    };
+    let published = |side: usize| quality[side]["unknown_per_frame"].as_f64().unwrap();
     assert!(published(0) > published(1), "{comparison}");
     let terminal = run.text();
-    assert!(
-        terminal.contains("3-D overlap") && terminal.contains("refiner run p50"),
-        "{terminal}"
-    );
+    for words in ["3-D overlap", "refiner run p50"] {
+        assert!(terminal.contains(words), "{terminal}");
+    }
     let page = std::fs::read_to_string(out.join("b/report.html")).unwrap();
     assert!(page.contains("of round 1"), "each had two rounds");
 }
@@ -66,9 +62,8 @@ fn two_builds_are_measured_by_their_own_programs() {
     setting.bench(&format!("{SHORT} --against {program}"));
     let comparison = read_json(&out.join("comparison.json"));
     assert_eq!(comparison["names"][1], program);
-    for side in ["a", "b"] {
+    for (side, report) in ["a", "b"].into_iter().zip(reports(&out)) {
         // 4 s at 8 Hz, over two starts.
-        let report = read_json(&out.join(side).join("report.json"));
         assert_eq!(report["frames"]["in"], 32, "{side}");
         assert!(!report["build"]["binary"].as_str().unwrap().is_empty());
         let page = std::fs::read_to_string(out.join(side).join("report.html")).unwrap();
@@ -81,38 +76,23 @@ fn bare_stages_stamp_nothing_and_only_the_end_is_compared() {
     let setting = Setting::new("bench", 2);
     let out = setting.report();
     setting.bench(&format!("{SHORT} --instrumentation compare"));
-    let [on, off] = ["a", "b"].map(|name| read_json(&out.join(name).join("report.json")));
-    assert_eq!(
-        (
-            &on["instrumentation"]["stamps"],
-            &on["instrumentation"]["spans"]
-        ),
-        (&"on".into(), &"on".into())
-    );
-    assert_eq!(
-        (
-            &off["instrumentation"]["stamps"],
-            &off["instrumentation"]["spans"]
-        ),
-        (&"off".into(), &"off".into())
-    );
+    let [on, off] = reports(&out);
+    for what in ["stamps", "spans"] {
+        assert_eq!(on["instrumentation"][what], "on");
+        assert_eq!(off["instrumentation"][what], "off");
+    }
     assert!(on["stages"]["backbone"]["run_us"]["p50"].as_f64().unwrap() > 0.0);
     assert_eq!(off["stages"]["backbone"]["run_us"]["p50"], 0.0);
-    assert!(
-        off["end_to_end_us"]["p50"].as_f64().unwrap() > 0.0,
-        "the end is still measured"
-    );
-    let rows = read_json(&out.join("comparison.json"))["rows"].clone();
-    let figures: Vec<&str> = rows
+    let p50_us = off["end_to_end_us"]["p50"].as_f64().unwrap();
+    assert!(p50_us > 0.0, "the end is still measured");
+    for row in read_json(&out.join("comparison.json"))["rows"]
         .as_array()
         .unwrap()
-        .iter()
-        .filter_map(|row| row["figure"].as_str())
-        .collect();
-    assert!(
-        figures
-            .iter()
-            .all(|name| name.starts_with("end to end") || name.starts_with("frames")),
-        "{figures:?}"
-    );
+    {
+        let figure = row["figure"].as_str().unwrap();
+        assert!(
+            figure.starts_with("end to end") || figure.starts_with("frames"),
+            "{figure}"
+        );
+    }
 }

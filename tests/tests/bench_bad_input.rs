@@ -3,21 +3,24 @@
 use std::path::Path;
 use std::time::Duration;
 
-use mluc_tests::{Finished, Pipeline, clean_folder, untrained_model};
-use serde_json::{Value, json};
+use mluc_tests::{Finished, Running, Setting};
+use serde_json::json;
 
-fn mluc(arguments: &[&str]) -> Finished {
-    Pipeline::start(arguments).finish_within(Duration::from_secs(120))
+/// `mluc bench` with words as on a command line.
+fn bench(words: &str) -> Finished {
+    let words = ["bench"].into_iter().chain(words.split_whitespace());
+    Running::mluc(words).finish_within(Duration::from_secs(120))
 }
 
 /// `mluc bench` with a scenario.
-fn with_scenario(folder: &Path, scenario: &str, more: &[&str]) -> Finished {
-    let file = folder.join("scenario.toml");
+fn with_scenario(folder: &Path, scenario: &str, options: &str) -> Finished {
+    let [file, out] = ["scenario.toml", "report"].map(|name| folder.join(name));
     std::fs::write(&file, scenario).unwrap();
-    let paths = [&file, &folder.join("report")].map(|path| path.display().to_string());
-    let mut arguments = vec!["bench", "--scenario", &paths[0], "--out", &paths[1]];
-    arguments.extend(more);
-    mluc(&arguments)
+    bench(&format!(
+        "--scenario {} --out {} {options}",
+        file.display(),
+        out.display()
+    ))
 }
 
 #[test]
@@ -49,92 +52,64 @@ fn what_the_machine_does_not_have_is_refused_before_anything_runs() {
         ("[bench]\nrounds = 0", &["rounds must be"]),
         ("model = \"nowhere.safetensors\"", &["nowhere.safetensors"]),
     ] {
-        let run = with_scenario(folder.path(), scenario, &[]);
-        assert!(
-            matches!(run.code, Some(1 | 2)),
-            "{scenario}: {:?} {}",
-            run.code,
-            run.log
-        );
-        for word in words {
-            assert!(run.log.contains(word), "{scenario}: {}", run.log);
-        }
+        let run = with_scenario(folder.path(), scenario, "");
+        assert!(matches!(run.code, Some(1 | 2)), "{scenario}: {run:?}");
         assert!(run.lines.is_empty());
+        run.assert_says(words);
     }
-    for arguments in [
-        &["bench", "--refiner", "distnace"][..],
-        &[
-            "bench",
-            "--refiner",
-            "none",
-            "--refiner",
-            "depth",
-            "--refiner",
-            "none",
-        ],
-        &["bench", "--trace", "t.json", "--trace-frame", "slowest"],
-        &["bench", "--trace", "t.json", "--rounds", "3"],
-        &["bench", "--rate", "0"],
+    for options in [
+        "--refiner distnace",
+        "--refiner none --refiner depth --refiner none",
+        "--trace t.json --trace-frame slowest",
+        "--trace t.json --rounds 3",
+        "--rate 0",
     ] {
-        let run = mluc(arguments);
-        assert_eq!(run.code, Some(2), "{arguments:?}: {}", run.log);
+        let run = bench(options);
+        assert_eq!(run.code, Some(2), "{options}: {}", run.log);
     }
 }
 
 #[test]
 fn a_stage_that_never_answers_is_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let (model, input) = (
-        untrained_model(folder.path()),
-        clean_folder(folder.path(), 2),
-    );
+    let setting = Setting::new("silent", 2);
     let scenario = format!(
         "model = {:?}\ninput = {:?}\n[stages.refiner]\ncommand = [\"sleep\", \"1000\"]",
-        model.display().to_string(),
-        input.display().to_string()
+        setting.model, setting.input
     );
-    let run = with_scenario(folder.path(), &scenario, &["--patience", "4"]);
+    let run = with_scenario(setting.folder.path(), &scenario, "--patience 4");
     assert_eq!(run.code, Some(1), "{}", run.log);
-    assert!(
-        run.log.contains("no objects came within 4 s") && run.log.contains("refiner is silent"),
-        "{}",
-        run.log
-    );
+    run.assert_says(&["no objects came within 4 s", "refiner is silent"]);
 }
 
 /// A report of `frames` synthetic frames.
 fn write_report(folder: &Path, version: u32, frames: usize) {
     std::fs::create_dir_all(folder).unwrap();
-    std::fs::write(
-        folder.join("report.json"),
-        json!({"report_version": version}).to_string(),
-    )
-    .unwrap();
+    let report = json!({"report_version": version}).to_string();
+    std::fs::write(folder.join("report.json"), report).unwrap();
     let head = "round,sequence,frame,phase,outcome,due_us,ingest_received_us,ingest_started_us,ingest_published_us,\
                 backbone_received_us,backbone_started_us,backbone_published_us,head_received_us,head_started_us,\
                 head_published_us,refiner_received_us,refiner_started_us,refiner_published_us,arrived_us,latency_us,flags";
     let mut text = format!("{head}\n");
     for n in 0..frames {
         let due = n as f64 * 1e5;
-        let stamps: String = (0..12)
-            .map(|k| format!(",{}", due + 1000.0 * f64::from(k)))
-            .collect();
+        let stamps = (0..12).map(|k| format!(",{}", due + 1000.0 * f64::from(k)));
+        let stamps: String = stamps.collect();
         text += &format!("0,{n},a,measured,out,{due}{stamps},{},11000,\n", due + 12e3);
     }
     std::fs::write(folder.join("frames.csv"), text).unwrap();
-}
-
-fn compare(a: &Path, b: &Path, more: &[&str]) -> Finished {
-    let paths = [a, b].map(|path| path.display().to_string());
-    let mut arguments = vec!["bench", "compare", &paths[0], &paths[1]];
-    arguments.extend(more);
-    mluc(&arguments)
 }
 
 #[test]
 fn reports_that_cannot_be_judged_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
+    let compare = |other: &str| {
+        bench(&format!(
+            "compare --json {} {}",
+            at("good").display(),
+            at(other).display()
+        ))
+    };
     write_report(&at("good"), 1, 40);
     write_report(&at("future"), 99, 40);
     write_report(&at("short"), 1, 5);
@@ -146,16 +121,11 @@ fn reports_that_cannot_be_judged_are_errors() {
         ("cut", "expected the columns"),
         ("nowhere", "no report of `mluc bench`"),
     ] {
-        let run = compare(&at("good"), &at(other), &[]);
+        let run = compare(other);
         assert_eq!(run.code, Some(1), "{other}");
-        assert!(run.log.contains(words), "{other}: {}", run.log);
+        run.assert_says(&[words]);
     }
-    let run = compare(&at("good"), &at("good"), &["--json"]);
+    let run = compare("good");
     assert_eq!(run.code, Some(0), "{}", run.log);
-    assert_eq!(
-        run.lines[0]["is_equal"],
-        Value::Bool(true),
-        "{:?}",
-        run.lines
-    );
+    assert_eq!(run.lines[0]["is_equal"], true, "{:?}", run.lines);
 }

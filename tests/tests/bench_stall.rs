@@ -1,12 +1,11 @@
 //! A stall counts for every frame that it delays, not only for the one that met it (no coordinated omission).
 
-use std::cell::RefCell;
 use std::path::Path;
 use std::time::Duration;
 
 use mluc_ipc_types::Stage;
 use mluc_runtime::{Instance, Shell, Shutdown};
-use mluc_tests::{Pipeline, Setting, read_json, send_signal};
+use mluc_tests::{Running, Setting, read_json, send_signal};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -16,18 +15,13 @@ const STALL: Duration = Duration::from_millis(1500);
 /// A run of 6 s in which a stage is stopped for [`STALL`]; the report and the measured latencies, us.
 fn stalled(stage: &str) -> (Value, Vec<f64>) {
     let setting = Setting::new("bench", 3);
-    let mut run = setting.start_bench(&format!(
-        "--rate {RATE_HZ} --seconds 6 --warm-up 0 --floor-rounds 0"
-    ));
+    let options = format!("--rate {RATE_HZ} --seconds 6 --warm-up 0 --floor-rounds 0");
+    let mut run = setting.start_bench(&options);
     wait_for_frames(&mut run);
-    let stages = run.stages();
-    let (_, pid) = stages
-        .iter()
-        .find(|(name, _)| name == stage)
-        .expect("the stage runs");
-    send_signal(*pid, Signal::STOP);
+    let process = run.stage(stage);
+    send_signal(process, Signal::STOP);
     std::thread::sleep(STALL);
-    send_signal(*pid, Signal::CONT);
+    send_signal(process, Signal::CONT);
     let finished = run.finish_within(Duration::from_secs(120));
     assert!(matches!(finished.code, Some(0 | 3)), "{}", finished.log);
     let out = setting.report();
@@ -35,26 +29,22 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
 }
 
 /// Until ten frames are through; then the stall lies within the 6 s.
-fn wait_for_frames(run: &mut Pipeline) {
+fn wait_for_frames(run: &mut Running) {
     run.wait_until("all stages run", |run| run.stages().len() == 4);
     let instance = Instance::new(&format!("bench-{}-0", run.pid())).unwrap();
     let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
-    let watch = RefCell::new(shell.health_watch().unwrap());
+    let mut watch = shell.health_watch().unwrap();
     run.wait_until("frames flow", |_| {
-        let mut watch = watch.borrow_mut();
         watch.update().unwrap();
-        watch
-            .of(Stage::Refiner)
-            .is_some_and(|health| health.frames_out >= 10)
+        let refiner = watch.of(Stage::Refiner);
+        refiner.is_some_and(|health| health.frames_out >= 10)
     });
 }
 
 fn latencies_us(out: &Path) -> Vec<f64> {
     let text = std::fs::read_to_string(out.join("frames.csv")).unwrap();
-    text.lines()
-        .skip(1)
-        .map(|line| line.split(',').nth(19).unwrap().parse().unwrap())
-        .collect()
+    let latency_us = |line: &str| line.split(',').nth(19).unwrap().parse().unwrap();
+    text.lines().skip(1).map(latency_us).collect()
 }
 
 /// Frames due evenly over a stall of S wait between 0 and S: as many are later than a share of S as the rest of S holds.
@@ -74,14 +64,12 @@ fn assert_counted(latencies_us: &[f64], stage: &str) {
 fn a_stage_that_stands_still_delays_all_frames_that_were_due() {
     let (report, latencies_us) = stalled("backbone");
     assert_counted(&latencies_us, "backbone");
-    let dropped = report["frames"]["dropped"].as_u64().unwrap();
-    assert!(
-        dropped as f64 > 0.5 * STALL.as_secs_f64() * RATE_HZ,
-        "newer frames overtook them: {dropped}"
-    );
+    let dropped = report["frames"]["dropped"].as_f64().unwrap();
+    let is_overtaken = dropped > 0.5 * STALL.as_secs_f64() * RATE_HZ;
+    assert!(is_overtaken, "newer frames overtook them: {dropped}");
     // A measurement that asks only those that came out hides the stall from its 90th percentile.
-    let of = |figures: &str| report[figures]["p90"].as_f64().unwrap();
-    assert!(of("end_to_end_us") > 0.2e6, "{}", of("end_to_end_us"));
+    let p90_us = report["end_to_end_us"]["p90"].as_f64().unwrap();
+    assert!(p90_us > 0.2e6, "{p90_us}");
     let warnings = report["warnings"].to_string();
     assert!(warnings.contains("were dropped"), "{warnings}");
 }

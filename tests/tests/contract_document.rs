@@ -2,17 +2,15 @@
 
 mod contract_layouts;
 
-use std::path::Path;
-
 use contract_layouts::{Layout, c_struct, layouts, python_struct};
 use mluc_ipc_types::{
     CLASSES_MAX, DETECTIONS_MAX, Disposition, FOOTPRINT_MAX, Flags, GateKind, HealthState,
     OBJECT_POINTS_MAX, OBJECTS_MAX, Object, POINTS_MAX, Topic, WIRE_VERSION,
 };
+use mluc_tests::root;
 
 fn read(path: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path);
-    std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+    std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
 /// The cells of the tables below a heading, up to the next heading.
@@ -22,16 +20,31 @@ fn rows(document: &str, heading: &str) -> Vec<Vec<String>> {
         lines.any(|line| line == heading),
         "no heading '{heading}' in the document"
     );
-    lines
-        .take_while(|line| !line.starts_with('#'))
-        .filter(|line| line.starts_with('|') && !line.starts_with("|---"))
-        .map(|line| {
-            let cells = line.trim_matches('|').split('|');
-            cells
-                .map(|cell| cell.trim().trim_matches('`').to_string())
-                .collect()
-        })
+    let below = lines.take_while(|line| !line.starts_with('#'));
+    let rows = below.filter(|line| line.starts_with('|') && !line.starts_with("|---"));
+    let cell = |cell: &str| cell.trim().trim_matches('`').to_string();
+    rows.map(|row| row.trim_matches('|').split('|').map(cell).collect())
         .collect()
+}
+
+/// Names and numbers of a table's rows.
+fn codes(rows: &[Vec<String>]) -> Vec<(&str, u32)> {
+    let rows = rows.iter();
+    rows.map(|row| (row[0].as_str(), row[1].parse().unwrap()))
+        .collect()
+}
+
+/// The numbers that a queue of a topic is made with, as both languages list them.
+fn queue(topic: &Topic) -> [usize; 5] {
+    let Topic {
+        subscribers_max,
+        buffer,
+        borrowed,
+        loans,
+        history,
+        ..
+    } = *topic;
+    [subscribers_max, buffer, borrowed, loans, history]
 }
 
 #[test]
@@ -46,17 +59,11 @@ fn the_document_has_every_field_at_its_offset() {
     {
         let heading = format!("### `mluc.{name}`: {size} bytes, alignment {align}");
         let rows = rows(&document, &heading);
-        let said: Vec<(String, usize, usize)> = rows[1..]
-            .iter()
-            .map(|row| {
-                (
-                    row[3].clone(),
-                    row[0].parse().unwrap(),
-                    row[1].parse().unwrap(),
-                )
-            })
-            .collect();
-        assert_eq!(said, fields, "{name}");
+        let said = rows[1..].iter().map(|row| {
+            let [offset, bytes] = [0, 1].map(|column| row[column].parse().unwrap());
+            (row[3].clone(), offset, bytes)
+        });
+        assert_eq!(said.collect::<Vec<_>>(), fields, "{name}");
         let empty = rows.iter().find(|row| row.iter().any(String::is_empty));
         assert_eq!(empty, None, "{name}: every field has a meaning");
     }
@@ -79,62 +86,39 @@ fn the_document_has_the_topics_settings() {
     let document = read("docs/CONTRACT.md");
     let said = rows(&document, "## Services");
     let topics = [
-        (Topic::POINTS, "mluc.Point"),
-        (Topic::DETECTIONS, "mluc.Detection"),
-        (Topic::OBJECTS, "mluc.Object"),
-        (Topic::OBJECT_POINTS, "u32"),
-        (Topic::HEALTH, "mluc.Health"),
-        (Topic::RUN, "mluc.RunDescription"),
+        ("points", Topic::POINTS, "mluc.Point"),
+        ("detections", Topic::DETECTIONS, "mluc.Detection"),
+        ("objects", Topic::OBJECTS, "mluc.Object"),
+        ("object_points", Topic::OBJECT_POINTS, "u32"),
+        ("health/refiner", Topic::HEALTH, "mluc.Health"),
+        ("run", Topic::RUN, "mluc.RunDescription"),
     ];
-    let expected: Vec<Vec<String>> = topics
-        .iter()
-        .map(|(topic, element)| {
-            let name = match topic.name {
-                "health" => "health/refiner",
-                name => name,
-            };
-            let numbers = [
-                topic.elements_max,
-                topic.subscribers_max,
-                topic.buffer,
-                topic.borrowed,
-                topic.loans,
-                topic.history,
-            ];
-            [name.to_string(), element.to_string()]
-                .into_iter()
-                .chain(numbers.map(|number| number.to_string()))
-                .collect()
-        })
-        .collect();
+    let expected = topics.map(|(name, topic, element)| {
+        assert!(name.starts_with(topic.name));
+        let numbers = [&[topic.elements_max][..], &queue(&topic)].concat();
+        let words = [name, element].map(str::to_string).into_iter();
+        words
+            .chain(numbers.iter().map(usize::to_string))
+            .collect::<Vec<_>>()
+    });
     assert_eq!(said[1..], expected);
 }
 
 #[test]
 fn the_document_has_the_codes() {
     let document = read("docs/CONTRACT.md");
-    let codes = rows(&document, "### Codes");
-    assert!(codes.iter().flatten().all(|cell| !cell.is_empty()));
-    let table = |head: &str| codes.iter().position(|row| row[0] == head).unwrap();
+    let tables = rows(&document, "### Codes");
+    assert!(tables.iter().flatten().all(|cell| !cell.is_empty()));
+    let table = |head: &str| tables.iter().position(|row| row[0] == head).unwrap();
     let (second, third) = (table("disposition"), table("gate"));
-    let pairs = |rows: &[Vec<String>]| -> Vec<(String, u32)> {
-        rows.iter()
-            .map(|row| (row[0].clone(), row[1].parse().unwrap()))
-            .collect()
-    };
-    let flags: Vec<(String, u32)> = Flags(u32::MAX)
-        .names()
-        .zip(0..)
-        .map(|(name, bit)| (name.to_string(), bit))
-        .collect();
-    assert_eq!(pairs(&codes[1..second]), flags);
-    let dispositions =
-        Disposition::ALL.map(|disposition| (disposition.name().to_string(), disposition as u32));
-    assert_eq!(pairs(&codes[second + 1..third]), dispositions);
-    let gates = GateKind::ALL.map(|gate| (gate.name().to_string(), gate as u32));
-    assert_eq!(pairs(&codes[third + 1..]), gates);
-    let states = HealthState::ALL.map(|state| (state.name().to_string(), state as u32));
-    assert_eq!(pairs(&rows(&document, "## Health")[1..]), states);
+    let flags: Vec<_> = Flags(u32::MAX).names().zip(0..).collect();
+    assert_eq!(codes(&tables[1..second]), flags);
+    let dispositions = Disposition::ALL.map(|disposition| (disposition.name(), disposition as u32));
+    assert_eq!(codes(&tables[second + 1..third]), dispositions);
+    let gates = GateKind::ALL.map(|gate| (gate.name(), gate as u32));
+    assert_eq!(codes(&tables[third + 1..]), gates);
+    let states = HealthState::ALL.map(|state| (state.name(), state as u32));
+    assert_eq!(codes(&rows(&document, "## Health")[1..]), states);
     for (bit, name) in Object::FLAG_NAMES.iter().enumerate() {
         assert!(document.contains(&format!("{} {name}", 1 << bit)), "{name}");
     }
@@ -153,43 +137,27 @@ fn the_c_header_is_the_contract() {
             layout.name
         );
     }
-    let defined = |key: &str| -> u64 {
-        let line = header
-            .lines()
-            .find(|line| line.starts_with(&format!("#define {key} ")))
-            .unwrap_or_else(|| panic!("no {key}"));
-        let word = line
-            .split_whitespace()
-            .nth(2)
-            .unwrap()
-            .trim_end_matches('u');
-        match word.strip_prefix("0x") {
-            Some(hex) => u64::from_str_radix(hex, 16).unwrap(),
-            None => word.parse().unwrap(),
-        }
-    };
-    for (key, value) in [
-        ("MLUC_WIRE_VERSION", WIRE_VERSION as usize),
-        ("MLUC_POINTS_MAX", POINTS_MAX),
-        ("MLUC_DETECTIONS_MAX", DETECTIONS_MAX),
-        ("MLUC_OBJECTS_MAX", OBJECTS_MAX),
-        ("MLUC_OBJECT_POINTS_MAX", OBJECT_POINTS_MAX),
-        ("MLUC_CLASSES_MAX", CLASSES_MAX),
-        ("MLUC_FOOTPRINT_MAX", FOOTPRINT_MAX),
-        ("MLUC_NONE", Object::NONE as usize),
-    ] {
-        assert_eq!(defined(key), value as u64, "{key}");
-    }
-    for disposition in Disposition::ALL {
-        let line = format!(
-            "MLUC_{} = {}",
-            disposition.name().to_uppercase(),
-            disposition as u32
-        );
-        assert!(header.contains(&line), "{line}");
-    }
-    for (bit, name) in Flags(u32::MAX).names().enumerate() {
-        let line = format!("MLUC_{} = 1 << {bit}", name.to_uppercase());
+    let limits = [
+        ("WIRE_VERSION", WIRE_VERSION as usize),
+        ("POINTS_MAX", POINTS_MAX),
+        ("DETECTIONS_MAX", DETECTIONS_MAX),
+        ("OBJECTS_MAX", OBJECTS_MAX),
+        ("OBJECT_POINTS_MAX", OBJECT_POINTS_MAX),
+        ("CLASSES_MAX", CLASSES_MAX),
+        ("FOOTPRINT_MAX", FOOTPRINT_MAX),
+    ];
+    let limits = limits.map(|(key, value)| format!("#define MLUC_{key} {value}u\n"));
+    let none = format!("#define MLUC_NONE {:#x}u\n", Object::NONE);
+    let dispositions =
+        Disposition::ALL.map(|d| format!("MLUC_{} = {}", d.name().to_uppercase(), d as u32));
+    let flags = Flags(u32::MAX).names().enumerate();
+    let flags = flags.map(|(bit, name)| format!("MLUC_{} = 1 << {bit}", name.to_uppercase()));
+    for line in limits
+        .into_iter()
+        .chain([none])
+        .chain(dispositions)
+        .chain(flags)
+    {
         assert!(header.contains(&line), "{line}");
     }
 }
@@ -209,14 +177,7 @@ fn the_python_module_is_the_contract() {
     for topic in [Topic::POINTS, Topic::DETECTIONS, Topic::OBJECTS] {
         let start = format!("\"{}\": (", topic.name);
         let line = module.lines().find(|line| line.contains(&start)).unwrap();
-        let queue = [
-            topic.subscribers_max,
-            topic.buffer,
-            topic.borrowed,
-            topic.loans,
-            topic.history,
-        ];
-        let queue = queue.map(|number| number.to_string()).join(", ");
+        let queue = queue(&topic).map(|number| number.to_string()).join(", ");
         assert!(line.ends_with(&format!("{queue}),")), "{line}: {queue}");
     }
 }

@@ -1,92 +1,93 @@
-//! Bad input: a clear error, or a flagged frame and the next one.
+//! Bad input, a full disk, a reader that is gone: a clear error, or a flagged frame and the next one; never a panic.
 
-use std::fs;
+use std::fs::{self, File};
+use std::process::{Command, Stdio};
 
-use mluc_tests::{Setting, car_scan, write_scan};
+use mluc_tests::{Setting, car_scan, leftovers, mluc_program, write_scan};
 
 /// It must end with this code, without a line, and say these words.
-fn refuses(setting: &Setting, code: i32, more: &[&str], words: &[&str]) {
-    let run = setting.run(more);
-    assert_eq!(run.code, Some(code), "{}", run.log);
-    assert!(run.lines.is_empty());
-    for word in words {
-        assert!(
-            run.log.contains(word),
-            "'{word}' is missing in: {}",
-            run.log
-        );
-    }
+#[track_caller]
+fn refuses(setting: &Setting, code: i32, options: &str, words: &[&str]) {
+    let run = setting.run(options);
+    run.assert_ended(code, 0);
+    run.assert_says(words);
 }
 
 #[test]
 fn damaged_scans_are_flagged_and_the_next_one_comes() {
     let setting = Setting::new("damaged", 0);
     let good = car_scan(10.0);
-    let scan = |name: &str| setting.input.join(name);
-    write_scan(&scan("0-good.bin"), &good);
+    let scan = |name: &str| setting.input.join(format!("{name}.bin"));
+    write_scan(&scan("0-good"), &good);
     let mut holes = good.clone();
     holes[5] = [f32::NAN; 4];
     holes[9][2] = f32::INFINITY;
-    write_scan(&scan("1-holes.bin"), &holes);
-    write_scan(&scan("2-cut.bin"), &good);
-    let whole = fs::read(scan("2-cut.bin")).unwrap();
-    fs::write(scan("2-cut.bin"), &whole[..whole.len() - 7]).unwrap();
-    fs::write(scan("3-empty.bin"), b"").unwrap();
+    write_scan(&scan("1-holes"), &holes);
+    let whole = fs::read(scan("0-good")).unwrap();
+    fs::write(scan("2-cut"), &whole[..whole.len() - 7]).unwrap();
+    fs::write(scan("3-empty"), b"").unwrap();
     let million: Vec<[f32; 4]> = good.iter().cycle().take(1_000_000).copied().collect();
-    write_scan(&scan("4-million.bin"), &million);
-    fs::create_dir(scan("5-folder.bin")).unwrap();
-    write_scan(&scan("6-good.bin"), &good);
+    write_scan(&scan("4-million"), &million);
+    fs::create_dir(scan("5-folder")).unwrap();
+    write_scan(&scan("6-good"), &good);
 
-    let run = setting.run(&[]);
-    assert_eq!(run.code, Some(0), "{}", run.log);
-    let names = [
-        "0-good",
-        "1-holes",
-        "2-cut",
-        "3-empty",
-        "4-million",
-        "5-folder",
-        "6-good",
+    let run = setting.run("");
+    run.assert_ended(0, 7);
+    let expected: [(&str, &[&str]); 7] = [
+        ("0-good", &[]),
+        ("1-holes", &["not_finite"]),
+        ("2-cut", &["damaged_input"]),
+        ("3-empty", &["empty"]),
+        ("4-million", &["truncated"]),
+        ("5-folder", &["damaged_input", "empty"]),
+        ("6-good", &[]),
     ];
-    assert_eq!(run.frames(), names);
-    for (frame, flag) in [
-        ("1-holes", "not_finite"),
-        ("2-cut", "damaged_input"),
-        ("3-empty", "empty"),
-        ("4-million", "truncated"),
-        ("5-folder", "damaged_input"),
-        ("5-folder", "empty"),
-    ] {
+    assert_eq!(run.frames(), expected.map(|(frame, _)| frame));
+    let of_input = [
+        "not_finite",
+        "damaged_input",
+        "empty",
+        "truncated",
+        "points_gone",
+        "resent",
+    ];
+    for (frame, flags) in expected {
+        let found = run.flags(frame);
         assert!(
-            run.flags(frame).contains(&flag),
-            "{frame}: {:?}",
-            run.flags(frame)
+            flags.iter().all(|flag| found.contains(flag)),
+            "{frame}: {found:?}"
         );
+        let is_sound = !of_input.iter().any(|flag| found.contains(flag));
+        assert_eq!(is_sound, flags.is_empty(), "{frame}: {found:?}");
     }
-    for frame in ["0-good", "6-good"] {
-        for flag in [
-            "not_finite",
-            "damaged_input",
-            "empty",
-            "truncated",
-            "points_gone",
-            "resent",
-        ] {
-            assert!(!run.flags(frame).contains(&flag), "{frame}: {flag}");
-        }
+    let objects = |line: usize| &run.lines[line]["objects"];
+    assert_eq!(objects(0), objects(6), "the same scan, the same objects");
+}
+
+#[test]
+fn a_run_without_a_usable_frame_fails_and_one_with_a_usable_frame_does_not() {
+    let setting = Setting::new("garbage", 0);
+    let not_finite: Vec<u8> = f32::NAN.to_le_bytes().repeat(4 * 1000);
+    for (name, bytes) in [
+        ("empty", &b""[..]),
+        ("text", b"hello"),
+        ("nan", &not_finite),
+    ] {
+        fs::write(setting.input.join(format!("{name}.bin")), bytes).unwrap();
     }
-    assert_eq!(
-        run.lines[0]["objects"], run.lines[6]["objects"],
-        "the same scan, the same objects"
-    );
+    let garbage = setting.run("");
+    garbage.assert_ended(1, 3);
+    garbage.assert_says(&["no frame was usable", "empty 3"]);
+    write_scan(&setting.input.join("scan.bin"), &car_scan(8.0));
+    setting.run("").assert_ended(0, 4);
 }
 
 #[test]
 fn a_missing_or_empty_input_is_a_failure() {
     let mut setting = Setting::new("input", 0);
-    refuses(&setting, 1, &[], &["no .bin scans", "velodyne"]);
+    refuses(&setting, 1, "", &["no .bin scans", "velodyne"]);
     setting.input = setting.folder.path().join("nowhere");
-    refuses(&setting, 1, &[], &["nowhere", "No such file"]);
+    refuses(&setting, 1, "", &["nowhere", "No such file"]);
 }
 
 #[test]
@@ -94,58 +95,84 @@ fn a_bad_model_is_a_failure() {
     let mut setting = Setting::new("model", 1);
     let whole = fs::read(&setting.model).unwrap();
     fs::write(&setting.model, &whole[..whole.len() / 2]).unwrap();
-    refuses(&setting, 1, &[], &["untrained.safetensors", "cut short"]);
+    refuses(&setting, 1, "", &["untrained.safetensors", "cut short"]);
     setting.model = "nosuchmodel".into();
-    refuses(&setting, 2, &[], &["nosuchmodel", "no such file"]);
+    refuses(&setting, 2, "", &["nosuchmodel", "no such file"]);
 }
 
 #[test]
 fn a_bad_configuration_is_a_usage_error() {
     let setting = Setting::new("config", 1);
-    let path = setting.config("pase = \"complete\"\n");
+    let config = setting.config("pase = \"complete\"\n");
     refuses(
         &setting,
         2,
-        &["--config", &path],
+        &config,
         &["mluc.toml", "`pase`", "did you mean `pace`?"],
     );
-    for (argument, words) in [
-        (&["--lambda=-1"][..], &["lambda"][..]),
-        (&["--unknown-min=2"], &["unknown_min", "0 to 1"]),
-        (&["--unknown-min=0.5"], &["unknown_min", "--lambda"]),
-        (&["--refiner-mode", "papr"], &["did you mean 'paper'?"]),
+    for (option, words) in [
+        ("--lambda=-1", &["lambda"][..]),
+        ("--unknown-min=2", &["unknown_min", "0 to 1"]),
+        ("--unknown-min=0.5", &["unknown_min", "--lambda"]),
+        ("--refiner-mode papr", &["did you mean 'paper'?"]),
     ] {
-        refuses(&setting, 2, argument, words);
+        refuses(&setting, 2, option, words);
     }
 }
 
 #[test]
 fn a_second_pipeline_of_the_same_name_is_refused_and_the_first_goes_on() {
     let setting = Setting::new("second", 3);
-    let mut first = setting.up(&["--loop"]);
-    first.wait_until("the first frame is out", |p| p.line_count() > 0);
-    let second = setting.up(&["--loop"]).finish();
-    assert_eq!(second.code, Some(1), "{}", second.log);
-    let pid = first.pid().to_string();
-    for word in ["pipeline", &setting.instance, &pid, "--instance"] {
-        assert!(
-            second.log.contains(word),
-            "'{word}' is missing in: {}",
-            second.log
-        );
-    }
-    let before = first.line_count();
-    first.wait_until("more frames are out", |p| p.line_count() > before + 2);
+    let mut first = setting.up("--loop");
+    first.wait_for_lines(1);
+    let second = setting.up("--loop").finish();
+    second.assert_ended(1, 0);
+    second.assert_says(&[
+        "pipeline",
+        &setting.instance,
+        &first.pid().to_string(),
+        "--instance",
+    ]);
+    first.wait_for_lines(3);
 }
 
 #[test]
 fn a_stage_that_cannot_start_ends_the_run_and_says_so() {
     let setting = Setting::new("foreign", 1);
-    let path = setting.config("[stages.refiner]\ncommand = [\"/nowhere/refiner\"]\n");
+    let config = setting.config("[stages.refiner]\ncommand = [\"/nowhere/refiner\"]\n");
     refuses(
         &setting,
         1,
-        &["--config", &path],
+        &config,
         &["/nowhere/refiner", "refiner failed to start 3 times"],
     );
+}
+
+fn full() -> File {
+    let full = File::options().write(true).open("/dev/full");
+    full.expect("Linux has it")
+}
+
+#[test]
+fn a_demo_that_cannot_be_printed_ends_with_an_error_and_leaves_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let picture = folder.path().join("picture.png");
+    let mut demo = Command::new(mluc_program());
+    demo.arg("demo").arg("--picture").arg(&picture);
+    demo.stdout(full()).stderr(Stdio::piped());
+    let child = demo.spawn().expect("started");
+    let instance = format!("demo-{}", child.id());
+    let output = child.wait_with_output().expect("ended");
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{log}");
+    assert!(
+        log.contains("standard output") && !log.contains("panicked"),
+        "{log}"
+    );
+    assert_eq!(leftovers(&instance), [""; 0]);
+
+    // A log that cannot be written stops nothing.
+    let output = demo.stdout(Stdio::null()).stderr(full()).output();
+    assert_eq!(output.expect("started").status.code(), Some(0));
+    assert!(picture.is_file());
 }

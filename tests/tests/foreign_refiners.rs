@@ -1,55 +1,38 @@
-//! Other programs in the refiner's place: by command, and by hand while the other stages run.
+//! Somebody else's program in the refiner's place: started by command, replaced by hand, outliving runs; and no message of
+//! it, however wrong, silences the pipeline.
 
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::time::Duration;
 
 use mluc_tests::{
-    Setting, built_program, cpp_refiner, leftovers, mluc_program, python_refiner, send_signal,
+    Running, Setting, built_program, cpp_refiner, leftovers, mluc_program, python_refiner,
+    send_signal,
 };
 use rustix::process::Signal;
 
+/// The refiner of the tests, with a fault or `sound`.
+fn own_refiner(fault: &str) -> Vec<String> {
+    let program = built_program("examples/wrong_refiner");
+    vec![program.display().to_string(), fault.to_string()]
+}
+
 /// Those that are there: the one of the tests always.
-fn foreign_refiners() -> Vec<(&'static str, Vec<String>)> {
-    let own = vec![
-        built_program("examples/wrong_refiner")
-            .display()
-            .to_string(),
-        "sound".to_string(),
-    ];
-    let mut all = vec![("rust", own)];
-    all.extend(python_refiner().map(|command| ("python", command)));
-    all.extend(cpp_refiner().map(|command| ("cpp", command)));
-    all
+fn foreign_refiners() -> Vec<Vec<String>> {
+    let others = [python_refiner(), cpp_refiner()];
+    let all = std::iter::once(own_refiner("sound"));
+    all.chain(others.into_iter().flatten()).collect()
 }
 
-/// Of the test in which a refiner outlives runs.
-const SCANS: usize = 22;
-
-fn passes_the_suite(command: &[String]) {
+#[test]
+fn the_examples_pass_the_suite() {
     let setting = Setting::new("suite", 0);
-    let output = Command::new(mluc_program())
-        .args(["refiner-test", "--patience-s", "20", "--model"])
-        .arg(&setting.model)
-        .arg("--")
-        .args(command)
-        .output()
-        .expect("mluc starts");
-    let report = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(output.status.code(), Some(0), "{report}");
-    assert!(report.contains("18 passed, 0 failed"), "{report}");
-}
-
-#[test]
-fn the_python_example_passes_the_suite() {
-    if let Some(command) = python_refiner() {
-        passes_the_suite(&command);
-    }
-}
-
-#[test]
-fn the_cpp_example_passes_the_suite() {
-    if let Some(command) = cpp_refiner() {
-        passes_the_suite(&command);
+    for command in [python_refiner(), cpp_refiner()].into_iter().flatten() {
+        let mut suite = Command::new(mluc_program());
+        suite.args(["refiner-test", "--patience-s", "20", "--model"]);
+        suite.arg(&setting.model).arg("--").args(&command);
+        let run = Running::start(&mut suite).finish_within(Duration::from_secs(300));
+        assert_eq!(run.code, Some(0), "{}", run.text());
+        assert!(run.text().contains("18 passed, 0 failed"), "{}", run.text());
     }
 }
 
@@ -60,26 +43,18 @@ fn config(setting: &Setting, command: &[String]) -> String {
 #[test]
 fn a_foreign_refiner_is_started_by_its_command() {
     let setting = Setting::new("command", 5);
-    for (name, command) in foreign_refiners() {
-        let run = setting.run(&["--config", &config(&setting, &command)]);
-        assert_eq!(
-            (run.code, run.lines.len()),
-            (Some(0), 5),
-            "{name}: {}",
-            run.log
-        );
+    for command in foreign_refiners() {
+        let run = setting.run(&config(&setting, &command));
+        run.assert_ended(0, 5);
         for line in &run.lines {
             let count = |key: &str| line[key].as_array().map_or(0, Vec::len);
             let objects = count("objects") + count("suppressed");
             assert!(
                 objects > 0,
-                "{name}: the model has boxes in every frame: {line}"
+                "{command:?}: the model has boxes in every frame: {line}"
             );
-            assert!(
-                !run.flags(line["frame"].as_str().unwrap())
-                    .contains(&"points_gone"),
-                "{name}: {line}"
-            );
+            let flags = run.flags(line["frame"].as_str().unwrap());
+            assert!(!flags.contains(&"points_gone"), "{command:?}: {line}");
         }
     }
 }
@@ -87,97 +62,70 @@ fn a_foreign_refiner_is_started_by_its_command() {
 #[test]
 fn a_killed_foreign_refiner_is_started_again() {
     let setting = Setting::new("killed", 40);
-    for (name, command) in foreign_refiners() {
-        let mut run = setting.up(&["--config", &config(&setting, &command)]);
-        run.wait_until("frames flow", |p| p.line_count() > 2);
-        let word = command.last().unwrap().clone();
-        let victim = run.children_with(&word);
-        assert_eq!(victim.len(), 1, "{name}: {victim:?}");
+    for command in foreign_refiners() {
+        let mut run = setting.up(&config(&setting, &command));
+        run.wait_for_lines(3);
+        let victim = run.children_with(command.last().unwrap());
+        assert_eq!(victim.len(), 1, "{command:?}: {victim:?}");
         send_signal(victim[0], Signal::KILL);
         let run = setting.finish(run);
-        assert_eq!(
-            (run.code, run.lines.len()),
-            (Some(3), 40),
-            "{name}: {}",
-            run.log
-        );
-        assert!(
-            run.log.contains("0 lost; stages restarted: 1"),
-            "{name}: {}",
-            run.log
-        );
+        run.assert_ended(3, 40);
+        run.assert_says(&["0 lost; stages restarted: 1"]);
     }
 }
 
 /// A refiner that the test starts and ends.
-struct ByHand(Child);
-
-impl ByHand {
-    fn start(instance: &str, command: &[String]) -> ByHand {
-        let process = Command::new(&command[0])
+fn start_by_hand(setting: &Setting, command: &[String]) -> Running {
+    let mut process = Command::new(&command[0]);
+    Running::start(
+        process
             .args(&command[1..])
-            .env("MLUC_INSTANCE", instance)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .spawn()
-            .expect("the refiner starts");
-        ByHand(process)
-    }
-
-    fn end(mut self) {
-        send_signal(self.0.id(), Signal::TERM);
-        let status = self.0.wait().expect("a child of ours");
-        assert!(status.success(), "{status}");
-    }
+            .env("MLUC_INSTANCE", &setting.instance),
+    )
 }
 
-impl Drop for ByHand {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
+/// Ends it; gives what it wrote to stderr.
+fn end_by_hand(refiner: Running) -> String {
+    refiner.signal(Signal::TERM);
+    let ended = refiner.finish();
+    assert_eq!(ended.code, Some(0), "{}", ended.log);
+    ended.log
+}
+
+/// A pipeline whose refiner is started by hand: it makes the instance that the refiner joins.
+fn up_without_refiner(setting: &Setting, options: &str) -> Running {
+    let mut run = setting.up(&format!("--without refiner {options}"));
+    run.wait_until("it says how to start one", |run| {
+        run.log().contains("refiner is left to you")
+    });
+    run
 }
 
 #[test]
 fn a_refiner_is_replaced_by_hand_while_the_others_run() {
     let setting = Setting::new("by-hand", 3);
-    let mut run = setting.up(&["--loop", "--without", "refiner"]);
-    run.wait_until("it says how", |p| {
-        p.log().contains("refiner is left to you")
-    });
-    run.wait_until("three stages run", |p| p.stages().len() == 3);
+    let mut run = up_without_refiner(&setting, "--loop");
+    run.wait_until("three stages run", |run| run.stages().len() == 3);
     let others = run.stages();
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(run.line_count(), 0, "no refiner, no objects");
 
-    let ours: Vec<String> = [
-        mluc_program().display().to_string(),
-        "stage".to_string(),
-        "refiner".to_string(),
-        "--model".to_string(),
-        setting.model.display().to_string(),
-        "--instance".to_string(),
-        setting.instance.clone(),
-    ]
-    .to_vec();
-    let mut commands = vec![("ours", ours.clone())];
-    commands.extend(foreign_refiners());
-    commands.push(("ours again", ours));
-    for (name, command) in commands {
-        let before = run.line_count();
-        let refiner = ByHand::start(&setting.instance, &command);
-        run.wait_until(name, |p| p.line_count() >= before + 4);
-        refiner.end();
+    let (program, model) = (mluc_program(), setting.model.display().to_string());
+    let program = program.display().to_string();
+    let ours = [&program, "stage", "refiner", "--model", &model]
+        .map(str::to_string)
+        .to_vec();
+    let ours = || std::iter::once(ours.clone());
+    for command in ours().chain(foreign_refiners()).chain(ours()) {
+        let refiner = start_by_hand(&setting, &command);
+        run.wait_for_lines(4);
+        end_by_hand(refiner);
     }
     assert_eq!(run.stages(), others, "nobody else was restarted");
     run.signal(Signal::TERM);
     let run = setting.finish(run);
     assert_eq!(run.code, Some(0), "{}", run.log);
-    let sequences: Vec<u64> = run
-        .lines
-        .iter()
-        .filter_map(|line| line["sequence"].as_u64())
-        .collect();
+    let sequences = run.sequences();
     assert!(
         sequences.windows(2).all(|pair| pair[1] == pair[0] + 1),
         "{sequences:?}"
@@ -187,27 +135,44 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
 /// One that stays joins run after run: the last messages of the run before are nobody's any more.
 #[test]
 fn a_refiner_that_outlives_three_runs_loses_no_frame() {
-    for (name, command) in foreign_refiners() {
-        let setting = Setting::new("outlives", SCANS);
-        // Somebody must make the instance before a refiner can join it.
-        let mut first = setting.up(&["--without", "refiner"]);
-        first.wait_until("it says how", |p| {
-            p.log().contains("refiner is left to you")
-        });
-        let refiner = ByHand::start(&setting.instance, &command);
+    for command in foreign_refiners() {
+        let setting = Setting::new("outlives", 22);
+        let first = up_without_refiner(&setting, "");
+        let refiner = start_by_hand(&setting, &command);
         let mut runs = vec![first.finish()];
         for _ in 1..3 {
-            runs.push(setting.up(&["--without", "refiner"]).finish());
+            runs.push(setting.up("--without refiner").finish());
         }
-        refiner.end();
+        let log = end_by_hand(refiner);
         for run in &runs {
+            run.assert_ended(0, 22);
             assert_eq!(
-                (run.code, run.lines.len()),
-                (Some(0), SCANS),
-                "{name}: {}",
+                run.sequences(),
+                Vec::from_iter(0..22),
+                "{command:?}: {}",
                 run.log
             );
         }
-        assert_eq!(leftovers(&setting.instance), [""; 0], "{name} leaves last");
+        assert!(!log.contains("message refused"), "{command:?}: {log}");
+        assert_eq!(
+            leftovers(&setting.instance),
+            [""; 0],
+            "{command:?} leaves last"
+        );
     }
+}
+
+/// Before each answer this one sends sequences that never were, that go back, and messages of another run, model and
+/// version.
+#[test]
+fn hostile_sequences_silence_nobody() {
+    let setting = Setting::new("hostile", 6);
+    let run = up_without_refiner(&setting, "");
+    let refiner = start_by_hand(&setting, &own_refiner("hostile"));
+    let run = run.finish();
+    end_by_hand(refiner);
+    run.assert_ended(0, 6);
+    assert_eq!(run.sequences(), Vec::from_iter(0..6), "{}", run.log);
+    run.assert_says(&["6 in, 6 out, 0 lost", "message refused: objects: sequence"]);
+    assert_eq!(leftovers(&setting.instance), [""; 0]);
 }

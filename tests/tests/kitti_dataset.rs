@@ -1,11 +1,11 @@
 //! Reading real KITTI folders: every frame that `MLUC_KITTI` holds.
 
-use mluc_dataset::Dataset;
+use mluc_dataset::{Dataset, Label};
 use mluc_evaluate::{
     CameraView, Difficulty, FrameTruth, Metric, ObjectKind, RuleRequest, SensorDetection,
     UnknownProtocol, UnknownRequest, evaluate, rules,
 };
-use mluc_geometry::{ImageSize, iou_2d};
+use mluc_geometry::{Box3, ImageSize, iou_2d};
 use mluc_tests::data_folder;
 
 /// Projected boxes of labels that lie wholly in the image must fall on the boxes that people drew there, and the
@@ -22,30 +22,26 @@ fn real_labels_fall_on_their_image_boxes_and_points() {
             let scan = dataset.scan(name).expect("a scan");
             let calibration = dataset.calibration(name).expect("a calibration");
             for (label, box_in_sensor) in dataset.boxes_in_sensor(name).expect("labels") {
-                let inside = label.truncated == 0.0;
                 let seen = calibration.project_box_to_image(&box_in_sensor, ImageSize::KITTI);
-                if let (true, Some(seen)) = (inside, seen) {
+                if let Some(seen) = seen.filter(|_| label.truncated == 0.0) {
                     overlap_sum += iou_2d(&seen, &label.image_box_px);
                     objects += 1;
                 }
-                if box_in_sensor.center_m[0] < 30.0
-                    && label.occluded == 0
-                    && (label.is("Car") || label.is("Van"))
-                {
+                let is_near = box_in_sensor.center_m[0] < 30.0 && label.occluded == 0;
+                if is_near && (label.is("Car") || label.is("Van")) {
                     near_cars += 1;
-                    let count = scan
-                        .iter()
-                        .filter(|p| box_in_sensor.contains([p[0], p[1], p[2]].map(f64::from)))
-                        .count();
+                    let is_inside =
+                        |&[x, y, z, _]: &[f32; 4]| box_in_sensor.contains([x, y, z].map(f64::from));
+                    let count = scan.iter().copied().filter(is_inside).count();
                     hit_cars += usize::from(count >= 50);
                 }
             }
         }
+        let overlap = overlap_sum / f64::from(objects);
         println!(
-            "{part}: mean image overlap {:.3} of {objects}, {hit_cars} of {near_cars} near cars hit",
-            overlap_sum / f64::from(objects)
+            "{part}: mean image overlap {overlap:.3} of {objects}, {hit_cars} of {near_cars} near cars hit"
         );
-        assert!(objects > 20 && overlap_sum / f64::from(objects) > 0.75);
+        assert!(objects > 20 && overlap > 0.75);
         assert!(near_cars > 5 && hit_cars * 10 >= near_cars * 9);
     }
 }
@@ -64,21 +60,17 @@ fn real_labels_as_detections_are_found() {
                 calibration: dataset.calibration(name).expect("a calibration"),
                 image: ImageSize::KITTI,
             };
-            let found: Vec<SensorDetection> = dataset
-                .boxes_in_sensor(name)
-                .expect("labels")
-                .into_iter()
-                .map(|(label, box_in_sensor)| SensorDetection {
-                    kind: if label.is("Van") || label.is("Truck") {
-                        ObjectKind::Unknown
-                    } else {
-                        ObjectKind::Known
-                    },
-                    class: label.class,
-                    score: 0.9,
-                    box_in_sensor,
-                })
-                .collect();
+            let detection = |(label, box_in_sensor): (Label, Box3)| SensorDetection {
+                kind: match label.is("Van") || label.is("Truck") {
+                    true => ObjectKind::Unknown,
+                    false => ObjectKind::Known,
+                },
+                class: label.class,
+                score: 0.9,
+                box_in_sensor,
+            };
+            let boxes = dataset.boxes_in_sensor(name).expect("labels").into_iter();
+            let found: Vec<SensorDetection> = boxes.map(detection).collect();
             let labels = dataset.labels(name).expect("labels").into();
             frames.push(FrameTruth { labels, view }.with(&found));
         }
@@ -97,10 +89,7 @@ fn real_labels_as_detections_are_found() {
     for class in &report.classes {
         let entry = class.entry(Metric::Space, Difficulty::Moderate);
         // A label drawn a little higher than its box projects may be found by a detection that is too small to count.
-        assert!(
-            entry.truth_count > 0 && entry.ap.all > 95.0,
-            "{}: {entry:?}",
-            class.rule.name
-        );
+        let is_found = entry.truth_count > 0 && entry.ap.all > 95.0;
+        assert!(is_found, "{}: {entry:?}", class.rule.name);
     }
 }

@@ -30,45 +30,47 @@ fn benchmark(folder: &Path) -> PathBuf {
         std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
         std::fs::write(path, bytes).expect("written");
     };
-    let scan: Vec<u8> = POINTS
-        .as_flattened()
-        .iter()
-        .flat_map(|v| v.to_le_bytes())
-        .collect();
+    let plane = "# Plane\nWidth 4\nHeight 1\n0 -1 0 1.7\n";
     for (name, labels) in [
         ("000000", CAR.to_owned()),
         ("000001", format!("{CAR}{VAN}")),
         ("000002", format!("{CAR}{TRAM}")),
     ] {
-        write(&format!("training/velodyne/{name}.bin"), &scan);
-        write(&format!("training/label_2/{name}.txt"), labels.as_bytes());
         write(
-            &format!("training/calib/{name}.txt"),
-            CALIBRATION.as_bytes(),
+            &format!("training/velodyne/{name}.bin"),
+            bytemuck::cast_slice(&POINTS),
         );
-        write(
-            &format!("training/planes/{name}.txt"),
-            b"# Plane\nWidth 4\nHeight 1\n0 -1 0 1.7\n",
-        );
+        for (part, text) in [
+            ("label_2", labels.as_str()),
+            ("calib", CALIBRATION),
+            ("planes", plane),
+        ] {
+            write(&format!("training/{part}/{name}.txt"), text.as_bytes());
+        }
     }
     write("ImageSets/train.txt", b"000001\n000000\n000002\n");
     write("ImageSets/val.txt", b"000001\n");
     root
 }
 
-fn prepared(root: &Path, policy: Option<UnknownPolicy>, out: &Path) -> Dataset {
-    let options = PrepareOptions {
+/// The split `train` of `root`, whose lists are in `lists` where that is given.
+fn options(root: &Path, lists: Option<&Path>, out: PathBuf) -> PrepareOptions {
+    PrepareOptions {
         splits: Splits {
             root: root.to_owned(),
-            folder: None,
+            folder: lists.map(Path::to_owned),
         },
         split: "train".to_owned(),
-        policy,
+        policy: None,
         unknown: vec!["van".to_owned(), "truck".to_owned()],
-        out: out.to_owned(),
-    };
+        out,
+    }
+}
+
+fn prepared(options: PrepareOptions, policy: Option<UnknownPolicy>) -> Dataset {
+    let options = PrepareOptions { policy, ..options };
     prepare(&options, || ()).expect("prepared");
-    Dataset::open_split(out, "train").expect("a split")
+    Dataset::open_split(&options.out, "train").expect("a split")
 }
 
 #[test]
@@ -79,24 +81,27 @@ fn each_policy_does_what_its_name_says() {
         let labels = dataset.labels(name).expect("labels");
         labels.into_iter().map(|label| label.class).collect()
     };
-    let out = |name: &str| folder.path().join(name);
+    let prepared = |policy, out: &str| {
+        let out = folder.path().join(out);
+        prepared(options(&root, None, out), policy)
+    };
 
-    let kept = prepared(&root, None, &out("keep"));
+    let kept = prepared(None, "keep");
     assert_eq!(kept.names(), ["000001", "000000", "000002"]);
     assert_eq!(classes(&kept, "000001"), ["Car", "Van"]);
     assert_eq!(kept.scan("000001").expect("a scan"), POINTS[..2]);
     assert!(kept.plane_path("000001").is_file());
 
-    let dropped = prepared(&root, Some(UnknownPolicy::DropFrames), &out("drop"));
+    let dropped = prepared(Some(UnknownPolicy::DropFrames), "drop");
     assert_eq!(dropped.names(), ["000000", "000002"]);
-    assert!(!out("drop/velodyne/000001.bin").exists());
+    assert!(!folder.path().join("drop/velodyne/000001.bin").exists());
 
-    let erased = prepared(&root, Some(UnknownPolicy::Erase), &out("erase"));
+    let erased = prepared(Some(UnknownPolicy::Erase), "erase");
     assert_eq!(erased.scan("000001").expect("a scan"), POINTS[..1]);
     // The label stays: the trainer ignores the place of what it has no class for.
     assert_eq!(classes(&erased, "000001"), ["Car", "Van"]);
 
-    let background = prepared(&root, Some(UnknownPolicy::Background), &out("background"));
+    let background = prepared(Some(UnknownPolicy::Background), "background");
     assert_eq!(background.scan("000001").expect("a scan"), POINTS[..2]);
     assert_eq!(classes(&background, "000001"), ["Car"]);
     // Trams are neither known nor unknown: ignored under any policy.
@@ -106,25 +111,21 @@ fn each_policy_does_what_its_name_says() {
 #[test]
 fn the_audit_counts_what_the_paper_may_have_counted() {
     let folder = tempfile::tempdir().expect("a folder");
-    let splits = Splits {
-        root: benchmark(folder.path()),
-        folder: None,
-    };
-    let train = audit(&splits.open("train").expect("a split"), "train").expect("counts");
+    let options = options(&benchmark(folder.path()), None, PathBuf::new());
+    let split = options.splits.open("train").expect("a split");
+    let train = audit(&split, "train").expect("counts");
     assert_eq!((train.frames, train.with_unknown), (3, 1));
     // Cars of the two frames without a van; the van is too occluded to count at moderate.
     assert_eq!(train.known_without_unknown(), 2);
     assert_eq!((train.classes[1].all, train.classes[1].moderate), (1, 0));
     let text = train.to_markdown();
-    assert!(
-        text.contains("3 frames: 1 with a van or truck, 2 without"),
-        "{text}"
-    );
-    assert!(text.contains("| Car | 3 | 3 | 1 | 1 |"), "{text}");
-    assert!(
-        text.contains("| known, frames without unknown | 2 | 8690 (train) |"),
-        "{text}"
-    );
+    for words in [
+        "3 frames: 1 with a van or truck, 2 without",
+        "| Car | 3 | 3 | 1 | 1 |",
+        "| known, frames without unknown | 2 | 8690 (train) |",
+    ] {
+        assert!(text.contains(words), "{text}");
+    }
 }
 
 #[test]
@@ -132,16 +133,7 @@ fn nothing_is_written_where_something_is_wrong() {
     let folder = tempfile::tempdir().expect("a folder");
     let root = benchmark(folder.path());
     let out = folder.path().join("out");
-    let options = PrepareOptions {
-        splits: Splits {
-            root: root.clone(),
-            folder: None,
-        },
-        split: "train".to_owned(),
-        policy: None,
-        unknown: vec![],
-        out: out.clone(),
-    };
+    let options = options(&root, None, out.clone());
     let fault =
         |options: &PrepareOptions| prepare(options, || ()).expect_err("a fault").to_string();
     let trainval = PrepareOptions {
@@ -152,11 +144,8 @@ fn nothing_is_written_where_something_is_wrong() {
     let labels = root.join("training/label_2/000002.txt");
     std::fs::write(&labels, CAR.replace("Car", "Auto")).expect("written");
     let told = fault(&options);
-    assert!(
-        told.contains("000002.txt, line 1, field type: expected one of Car, ")
-            && told.ends_with("found 'Auto'"),
-        "{told}"
-    );
+    let names_place = told.contains("000002.txt, line 1, field type: expected one of Car, ");
+    assert!(names_place && told.ends_with("found 'Auto'"), "{told}");
     std::fs::write(&labels, CAR).expect("written");
     let calibration = root.join("training/calib/000000.txt");
     std::fs::remove_file(&calibration).expect("removed");
@@ -181,25 +170,10 @@ fn real_scans_keep_the_points_of_labelled_objects() {
     let root = folder.join("object");
     let original = Dataset::open(&root.join("training")).expect("real scans");
     let lists = tempfile::tempdir().expect("a folder");
-    let names: String = original
-        .names()
-        .iter()
-        .map(|name| format!("{name}\n"))
-        .collect();
-    std::fs::write(lists.path().join("train.txt"), names).expect("written");
+    std::fs::write(lists.path().join("train.txt"), original.names().join("\n")).expect("written");
     let of = |policy, out: &str| {
-        let options = PrepareOptions {
-            splits: Splits {
-                root: root.clone(),
-                folder: Some(lists.path().to_owned()),
-            },
-            split: "train".to_owned(),
-            policy,
-            unknown: vec!["van".to_owned(), "truck".to_owned()],
-            out: lists.path().join(out),
-        };
-        prepare(&options, || ()).expect("prepared");
-        Dataset::open_split(&options.out, "train").expect("a split")
+        let out = lists.path().join(out);
+        prepared(options(&root, Some(lists.path()), out), policy)
     };
     let (kept, erased) = (of(None, "keep"), of(Some(UnknownPolicy::Erase), "erase"));
     let count = |dataset: &Dataset, unknown: bool| -> (usize, usize) {

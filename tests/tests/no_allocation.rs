@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
-use mluc_model::{Grid, Manifest, Network, WeightSet, formula_uniform, formula_weights};
+use mluc_model::{Grid, Manifest, Network, formula_uniform, formula_weights};
 use mluc_train::quantize::measure_ranges;
 
 /// Counts every request of any thread.
@@ -55,14 +55,9 @@ fn scan(points: usize, seed: &str) -> Vec<[f32; 4]> {
     let value = |index: usize, low: f64, high: f64| {
         (low + (high - low) * formula_uniform(seed, index)) as f32
     };
-    let point = |i: usize| {
-        [
-            value(4 * i, -1.0, 20.0),
-            value(4 * i + 1, -10.0, 10.0),
-            value(4 * i + 2, -3.2, 1.2),
-            value(4 * i + 3, 0.0, 1.0),
-        ]
-    };
+    let ranges = [(-1.0, 20.0), (-10.0, 10.0), (-3.2, 1.2), (0.0, 1.0)];
+    let axes = std::array::from_fn::<_, 4, _>(|axis| (axis, ranges[axis]));
+    let point = |i: usize| axes.map(|(axis, (low, high))| value(4 * i + axis, low, high));
     (0..points).map(point).collect()
 }
 
@@ -75,20 +70,17 @@ fn frames_after_the_first_take_no_memory() {
 
     // Small before large: nothing may grow on the way.
     let sizes = [800, 300, 0, 6000, 40_000, 131_072, 2000];
-    let scans: Vec<_> = sizes
-        .iter()
-        .map(|points| scan(*points, &points.to_string()))
-        .collect();
+    let scans = sizes.map(|points| scan(points, &points.to_string()));
     let manifest = manifest();
-    let weights = calibrated(&manifest, &scans[3]);
+    // By formula, with the ranges that int8 needs.
+    let weights = formula_weights(&manifest.network);
+    let weights = measure_ranges(&manifest, &weights, [Ok(&scans[3])]).expect("values everywhere");
     for precision in Precision::ALL {
         for threads in [1, 2] {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .expect("a pool");
-            let mut backbone =
-                Backbone::with_precision(&manifest, &weights, precision).expect("a model");
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let pool = pool.build().expect("a pool");
+            let backbone = Backbone::with_precision(&manifest, &weights, precision);
+            let mut backbone = backbone.expect("a model");
             let mut head = Head::new(&manifest, &weights).expect("a model");
             // What shared memory is to the vehicle.
             let cells_max: usize = backbone.map_shape().iter().product();
@@ -106,31 +98,15 @@ fn frames_after_the_first_take_no_memory() {
             // All frames from within the pool: whoever enters it from outside pays for the entry.
             let taken = pool.install(|| {
                 frame(&scans[0]);
-                requests(&scans, &mut frame)
+                scans.each_ref().map(|scan| {
+                    let before = REQUESTS.load(Ordering::Relaxed);
+                    frame(scan);
+                    REQUESTS.load(Ordering::Relaxed) - before
+                })
             });
-            assert_eq!(
-                taken,
-                vec![0; scans.len()],
-                "{precision}, {threads} threads, scans of {sizes:?} points"
-            );
+            let circumstances = format!("{precision}, {threads} threads, {sizes:?} points");
+            assert_eq!(taken, [0; 7], "{circumstances}");
             assert!(boxes > 0, "the frames have contents");
         }
     }
-}
-
-/// Weights by formula, with the ranges that int8 needs.
-fn calibrated(manifest: &Manifest, points: &[[f32; 4]]) -> WeightSet {
-    measure_ranges(manifest, &formula_weights(&manifest.network), [Ok(points)])
-        .expect("every level has values")
-}
-
-/// Requests while `frame` ran, scan by scan.
-fn requests(scans: &[Vec<[f32; 4]>], mut frame: impl FnMut(&[[f32; 4]])) -> Vec<usize> {
-    let mut taken = vec![0; scans.len()];
-    for (scan, taken) in scans.iter().zip(&mut taken) {
-        let before = REQUESTS.load(Ordering::Relaxed);
-        frame(scan);
-        *taken = REQUESTS.load(Ordering::Relaxed) - before;
-    }
-    taken
 }

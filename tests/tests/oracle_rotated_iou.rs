@@ -5,31 +5,21 @@
 //! sides of a line, an overlap above the tolerance is impossible, and 0 is asked for instead. Such answers are counted
 //! and printed, and may be no more than one in a hundred.
 
-use mluc_geometry::{Box3, iou_3d, iou_bev};
-use mluc_tests::oracle;
 use std::f64::consts::FRAC_PI_2;
 
+use mluc_geometry::{Box3, iou_3d, iou_bev};
+use mluc_tests::{oracle, read_json};
+
 fn box_of(value: &serde_json::Value) -> Box3 {
-    let numbers: Vec<f64> = value
-        .as_array()
-        .expect("a box")
-        .iter()
-        .map(|v| v.as_f64().expect("a number"))
-        .collect();
-    Box3::new(numbers.try_into().expect("seven numbers"))
+    let numbers: [f64; 7] = serde_json::from_value(value.clone()).expect("seven numbers");
+    Box3::new(numbers)
 }
 
 /// Whether a line along a side of `a` or `b` has the two footprints on its two sides, to 1 nm.
 fn separated(a: &Box3, b: &Box3) -> bool {
     let offset = [b.center_m[0] - a.center_m[0], b.center_m[1] - a.center_m[1]];
-    [
-        a.yaw_rad,
-        a.yaw_rad + FRAC_PI_2,
-        b.yaw_rad,
-        b.yaw_rad + FRAC_PI_2,
-    ]
-    .iter()
-    .any(|&direction| {
+    let sides = [a.yaw_rad, b.yaw_rad].map(|yaw_rad| [yaw_rad, yaw_rad + FRAC_PI_2]);
+    sides.as_flattened().iter().any(|&direction| {
         let reach = |b: &Box3| {
             let turn = direction - b.yaw_rad;
             (b.size_m[0] * turn.cos().abs() + b.size_m[1] * turn.sin().abs()) / 2.0
@@ -42,19 +32,18 @@ fn separated(a: &Box3, b: &Box3) -> bool {
 #[test]
 fn oracle_rotated_iou_agrees_within_1e_6() {
     let Some(folder) = oracle() else { return };
-    let path = folder.join("rotated_iou.json");
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let answer: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    let answer = read_json(&folder.join("rotated_iou.json"));
     let pairs = answer["pairs"].as_array().expect("pairs");
-    assert!(!pairs.is_empty(), "{}: no pairs", path.display());
+    assert!(!pairs.is_empty(), "no pairs");
     let (mut worst, mut impossible) = (0.0f64, 0);
     for (i, pair) in pairs.iter().enumerate() {
         let (a, b) = (box_of(&pair["a"]), box_of(&pair["b"]));
         for (name, found) in [("iou_bev", iou_bev(&a, &b)), ("iou_3d", iou_3d(&a, &b))] {
+            let title = format!("pair {i}, {name}");
             let mut expected = pair[name].as_f64().expect("a number");
             if expected > 1e-6 && separated(&a, &b) {
                 println!(
-                    "pair {i}, {name}: the answer {expected} is impossible, the boxes only touch: 0 is asked for"
+                    "{title}: the answer {expected} is impossible, the boxes only touch: 0 is asked for"
                 );
                 (expected, impossible) = (0.0, impossible + 1);
             }
@@ -62,17 +51,14 @@ fn oracle_rotated_iou_agrees_within_1e_6() {
             worst = worst.max(difference);
             assert!(
                 difference <= 1e-6,
-                "pair {i}, {name}: expected {expected}, found {found}"
+                "{title}: expected {expected}, found {found}"
             );
         }
     }
+    let pairs = pairs.len();
+    println!("{pairs} pairs, worst difference {worst:e}, {impossible} impossible answers");
     assert!(
-        impossible * 100 <= 2 * pairs.len(),
-        "{impossible} answers of {} pairs are impossible",
-        pairs.len()
-    );
-    println!(
-        "{} pairs, worst difference {worst:e}, {impossible} impossible answers",
-        pairs.len()
+        impossible * 100 <= 2 * pairs,
+        "{impossible} answers of {pairs} pairs are impossible"
     );
 }

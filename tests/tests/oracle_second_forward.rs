@@ -2,26 +2,37 @@
 //! sampled values within 1e-3 of the level's rms; once with every bird's-eye cell computed, once with the active ones.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 use mluc_backbone::{Backbone, Coverage, Level, Place};
 use mluc_head::Head;
-use mluc_model::{Grid, Manifest, Network, formula_weights};
-use mluc_tests::oracle;
-use serde_json::Value;
+use mluc_model::formula_weights;
+use mluc_tests::{PaperFrame, feature_map, paper_frames, paper_network, rms};
+use serde::Deserialize;
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
 /// Of a level's rms.
 const TOLERANCE: f64 = 1e-3;
 
-/// A level as the file shows it.
+/// The file of a frame.
+#[derive(Deserialize)]
+struct Answers {
+    levels: BTreeMap<String, Expected>,
+}
+
+#[derive(Deserialize)]
 struct Expected {
     sites: usize,
     channels: usize,
     mean: f64,
     rms: f64,
-    samples: Vec<(Vec<usize>, Vec<f64>)>,
+    samples: Vec<Sample>,
+}
+
+#[derive(Deserialize)]
+struct Sample {
+    site: Vec<usize>,
+    values: Vec<f64>,
 }
 
 /// A level as computed here: the values and where the row of each site is.
@@ -33,44 +44,35 @@ struct Found {
 
 #[test]
 fn every_level_of_every_frame_agrees() -> Fallible {
-    let Some(frames) = frames()? else {
-        return Ok(());
-    };
-    let manifest = manifest();
+    let manifest = paper_network();
     let weights = formula_weights(&manifest.network);
     let mut backbone = Backbone::new(&manifest, &weights)?;
     let head = Head::new(&manifest, &weights)?;
     let empty = backbone.empty_rows()?;
-    for frame in frames {
-        let expected = read_expected(&frame)?;
-        let points = read_points(&frame.with_extension("bin"))?;
+    for frame in paper_frames()? {
+        let expected = read_answers(&frame)?;
         for coverage in [Coverage::Everywhere, Coverage::Active] {
-            let mut found = levels(&mut backbone, &points, coverage)?;
-            let features = features(&backbone, &empty, &mut found);
-            for ((name, channels), values) in manifest
-                .network
-                .heads()
-                .into_iter()
-                .zip(head.outputs(&features))
-            {
-                found.insert(
-                    name.into(),
-                    Found {
-                        channels,
-                        values,
-                        rows: found["features"].rows.clone(),
-                    },
-                );
+            let mut found = levels(&mut backbone, &frame.points, coverage);
+            let features = feature_map(&backbone, empty.clone())?;
+            let of_head = head.outputs(&features);
+            let mut add = |name: &str, channels: usize, values: Vec<f32>| {
+                let rows = cells_of(backbone.map_shape());
+                let level = Found {
+                    channels,
+                    rows,
+                    values,
+                };
+                found.insert(name.into(), level);
+            };
+            add("features", backbone.feature_channels(), features);
+            for ((name, channels), values) in manifest.network.heads().into_iter().zip(of_head) {
+                add(name, channels, values);
             }
             for (name, expected) in &expected {
-                let found = found
-                    .get(name)
-                    .ok_or_else(|| format!("level {name} is not computed"))?;
-                compare(
-                    &format!("{} {coverage:?} {name}", frame.display()),
-                    expected,
-                    found,
-                );
+                let title = format!("{} {coverage:?} {name}", frame.name);
+                let found = found.get(name);
+                let found = found.ok_or_else(|| format!("{title}: is not computed"))?;
+                compare(&title, expected, found);
             }
         }
     }
@@ -79,121 +81,56 @@ fn every_level_of_every_frame_agrees() -> Fallible {
 
 #[test]
 fn threads_do_not_change_a_bit_of_a_full_scan() -> Fallible {
-    let Some(frames) = frames()? else {
-        return Ok(());
-    };
-    let mut stages = Stages::new(&manifest())?;
-    for frame in frames {
-        let points = read_points(&frame.with_extension("bin"))?;
-        let (one, two) = (stages.run(&points, 1)?, stages.run(&points, 2)?);
-        assert!(one == two, "{}: one thread and two", frame.display());
+    let manifest = paper_network();
+    let weights = formula_weights(&manifest.network);
+    let mut backbone = Backbone::new(&manifest, &weights)?;
+    let mut head = Head::new(&manifest, &weights)?;
+    for frame in paper_frames()? {
+        let mut bits = |threads: usize| -> Fallible<Vec<u32>> {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()?;
+            Ok(pool.install(|| stages(&mut backbone, &mut head, &frame.points))?)
+        };
+        assert!(bits(1)? == bits(2)?, "{}: one thread and two", frame.name);
     }
     Ok(())
 }
 
-/// Both stages, as the vehicle runs them.
-struct Stages {
-    backbone: Backbone,
-    head: Head,
-}
-
-impl Stages {
-    fn new(manifest: &Manifest) -> Fallible<Stages> {
-        let weights = formula_weights(&manifest.network);
-        Ok(Stages {
-            backbone: Backbone::new(manifest, &weights)?,
-            head: Head::new(manifest, &weights)?,
-        })
-    }
-
-    /// The bits of the feature rows and the detections.
-    fn run(&mut self, points: &[[f32; 4]], threads: usize) -> Fallible<Vec<u32>> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()?;
-        let bits = pool.install(|| -> Result<Vec<u32>, String> {
-            let (count, channels) = (
-                self.backbone.run(points).rows,
-                self.backbone.feature_channels(),
-            );
-            let (mut cells, mut rows, mut detections) =
-                (vec![0; count], vec![0.0; count * channels], vec![]);
-            self.backbone
-                .write_rows(&mut cells, &mut rows)
-                .map_err(|error| error.to_string())?;
-            self.head
-                .run(&cells, &rows, &mut detections)
-                .map_err(|error| error.to_string())?;
-            let mut bits = bytemuck::cast_slice(&rows).to_vec();
-            bits.extend_from_slice(bytemuck::cast_slice(&detections));
-            assert!(
-                bits.len() > 1000 && !detections.is_empty(),
-                "the frame has contents"
-            );
-            Ok(bits)
-        });
-        Ok(bits?)
-    }
-}
-
-/// The expected answers in the oracle's folder; none where it is not asked for, an error where it is empty.
-fn frames() -> Fallible<Option<Vec<PathBuf>>> {
-    let Some(folder) = oracle() else {
-        return Ok(None);
-    };
-    let folder = folder.join("second_forward");
-    let entries =
-        std::fs::read_dir(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-    let mut frames = entries
-        .map(|entry| Ok(entry?.path()))
-        .collect::<Fallible<Vec<_>>>()?;
-    frames.retain(|path| {
-        path.extension()
-            .is_some_and(|extension| extension == "json")
-    });
-    frames.sort();
-    if frames.is_empty() {
-        return Err(format!("{} holds no frame", folder.display()).into());
-    }
-    Ok(Some(frames))
-}
-
-/// No voxel budget but the contract's points.
-fn manifest() -> Manifest {
-    let grid = Grid {
-        voxels_max: mluc_model::VOXELS_MAX,
-        ..Grid::kitti_second()
-    };
-    Manifest::untrained("oracle", Network::second(grid, 3))
-}
-
-fn read_points(path: &Path) -> Fallible<Vec<[f32; 4]>> {
-    let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    Ok(bytes
-        .chunks_exact(16)
-        .map(bytemuck::pod_read_unaligned)
-        .collect())
-}
-
-fn read_expected(path: &Path) -> Fallible<BTreeMap<String, Expected>> {
-    let file: Value = serde_json::from_slice(&std::fs::read(path)?)?;
-    let levels = file["levels"].as_object().ok_or("no levels")?;
-    let expected: BTreeMap<_, _> = levels
-        .iter()
-        .map(|(name, level)| {
-            Ok((
-                level_name(name),
-                read_level(level).ok_or("a level without its numbers")?,
-            ))
-        })
-        .collect::<Fallible<_>>()?;
+/// Both stages, as the vehicle runs them: the bits of the feature rows and the detections.
+fn stages(
+    backbone: &mut Backbone,
+    head: &mut Head,
+    points: &[[f32; 4]],
+) -> Result<Vec<u32>, String> {
+    let (count, channels) = (backbone.run(points).rows, backbone.feature_channels());
+    let (mut cells, mut rows) = (vec![0; count], vec![0.0; count * channels]);
+    let mut detections = vec![];
+    backbone
+        .write_rows(&mut cells, &mut rows)
+        .map_err(|error| error.to_string())?;
+    head.run(&cells, &rows, &mut detections)
+        .map_err(|error| error.to_string())?;
     assert!(
-        expected.len() > 15,
-        "{}: {} levels",
-        path.display(),
-        expected.len()
+        rows.len() > 1000 && !detections.is_empty(),
+        "the frame has contents"
     );
-    Ok(expected)
+    let bits: [&[u32]; 2] = [
+        bytemuck::cast_slice(&rows),
+        bytemuck::cast_slice(&detections),
+    ];
+    Ok(bits.concat())
+}
+
+fn read_answers(frame: &PaperFrame) -> Fallible<BTreeMap<String, Expected>> {
+    let answers: Answers = serde_json::from_slice(&std::fs::read(&frame.answers)?)
+        .map_err(|error| format!("{}: {error}", frame.answers.display()))?;
+    let count = answers.levels.len();
+    assert!(count > 15, "{}: {count} levels", frame.name);
+    let levels = answers.levels.into_iter();
+    Ok(levels
+        .map(|(title, level)| (level_name(&title), level))
+        .collect())
 }
 
 /// `voxels (site = ...)` -> `voxels`; a block is known here by its last layer.
@@ -205,91 +142,39 @@ fn level_name(title: &str) -> String {
     }
 }
 
-fn read_level(level: &Value) -> Option<Expected> {
-    let sample = |sample: &Value| {
-        let site = sample["site"]
-            .as_array()?
-            .iter()
-            .map(|at| Some(at.as_u64()? as usize))
-            .collect::<Option<_>>()?;
-        let values = sample["values"]
-            .as_array()?
-            .iter()
-            .map(Value::as_f64)
-            .collect::<Option<_>>()?;
-        Some((site, values))
-    };
-    Some(Expected {
-        sites: level["sites"].as_u64()? as usize,
-        channels: level["channels"].as_u64()? as usize,
-        mean: level["mean"].as_f64()?,
-        rms: level["rms"].as_f64()?,
-        samples: level["samples"]
-            .as_array()?
-            .iter()
-            .map(sample)
-            .collect::<Option<_>>()?,
-    })
-}
-
-/// Runs a frame and keeps every level.
+/// Runs a frame and keeps every level of the backbone.
 fn levels(
     backbone: &mut Backbone,
     points: &[[f32; 4]],
     coverage: Coverage,
-) -> Fallible<BTreeMap<String, Found>> {
+) -> BTreeMap<String, Found> {
     let mut found = BTreeMap::new();
     backbone.run_observed(points, coverage, &mut |level: Level| {
-        let rows: BTreeMap<Vec<usize>, usize> = match level.place {
-            Place::Sites(sites) => sites
-                .coordinates()
-                .iter()
-                .enumerate()
-                .map(|(row, at)| (at.map(usize::from).to_vec(), row))
-                .collect(),
+        let rows = match level.place {
+            Place::Sites(sites) => {
+                let sites = sites.coordinates().iter().enumerate();
+                sites
+                    .map(|(row, at)| (at.map(usize::from).to_vec(), row))
+                    .collect()
+            }
             Place::Map(shape) => cells_of(shape),
         };
-        let values = level.values.to_vec();
-        found.insert(
-            level.name.to_string(),
-            Found {
-                channels: level.channels,
-                rows,
-                values,
-            },
-        );
+        let (channels, values) = (level.channels, level.values.to_vec());
+        let level_found = Found {
+            channels,
+            rows,
+            values,
+        };
+        found.insert(level.name.to_string(), level_found);
     });
-    Ok(found)
+    found
 }
 
 fn cells_of([rows, columns]: [usize; 2]) -> BTreeMap<Vec<usize>, usize> {
-    (0..rows * columns)
+    let cells = 0..rows * columns;
+    cells
         .map(|cell| (vec![cell / columns, cell % columns], cell))
         .collect()
-}
-
-/// The written rows laid over those of the empty scene.
-fn features(backbone: &Backbone, empty: &[f32], found: &mut BTreeMap<String, Found>) -> Vec<f32> {
-    let channels = backbone.feature_channels();
-    let count = backbone.rows();
-    let (mut cells, mut rows) = (vec![0; count], vec![0.0; count * channels]);
-    backbone
-        .write_rows(&mut cells, &mut rows)
-        .expect("room for every row");
-    let mut values = empty.to_vec();
-    for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
-        values[*cell as usize * channels..][..channels].copy_from_slice(row);
-    }
-    let rows = cells_of(backbone.map_shape());
-    found.insert(
-        "features".into(),
-        Found {
-            channels,
-            rows,
-            values: values.clone(),
-        },
-    );
-    values
 }
 
 fn compare(title: &str, expected: &Expected, found: &Found) {
@@ -299,31 +184,20 @@ fn compare(title: &str, expected: &Expected, found: &Found) {
         "{title}: sites, channels"
     );
     let limit = TOLERANCE * expected.rms;
-    let count = found.values.len() as f64;
-    let mean = found.values.iter().map(|v| f64::from(*v)).sum::<f64>() / count;
-    let rms = (found
-        .values
-        .iter()
-        .map(|v| f64::from(*v).powi(2))
-        .sum::<f64>()
-        / count)
-        .sqrt();
-    assert!(
-        (mean - expected.mean).abs() < limit,
-        "{title}: mean {mean}, expected {}",
-        expected.mean
-    );
-    assert!(
-        (rms - expected.rms).abs() < limit,
-        "{title}: rms {rms}, expected {}",
-        expected.rms
-    );
+    let sum: f64 = found.values.iter().map(|value| f64::from(*value)).sum();
+    for (what, found, expected) in [
+        ("mean", sum / found.values.len() as f64, expected.mean),
+        ("rms", rms(found.values.iter().copied()), expected.rms),
+    ] {
+        assert!(
+            (found - expected).abs() < limit,
+            "{title}: {what} {found}, expected {expected}"
+        );
+    }
     let mut worst: f64 = 0.0;
-    for (site, values) in &expected.samples {
-        let row = found
-            .rows
-            .get(site)
-            .unwrap_or_else(|| panic!("{title}: no site {site:?}"));
+    for Sample { site, values } in &expected.samples {
+        let row = found.rows.get(site);
+        let row = row.unwrap_or_else(|| panic!("{title}: no site {site:?}"));
         let row = &found.values[row * found.channels..][..found.channels];
         for (value, expected) in row.iter().zip(values) {
             worst = worst.max((f64::from(*value) - expected).abs());

@@ -2,62 +2,51 @@
 
 use std::time::{Duration, Instant};
 
-use mluc_tests::{Setting, leftovers, send_signal};
-use rustix::process::{Pid, Signal, test_kill_process};
+use mluc_tests::{Setting, is_alive, leftovers, send_signal, wait_for};
+use rustix::process::Signal;
 
 const SECOND: Duration = Duration::from_secs(1);
-
-fn is_alive(pid: u32) -> bool {
-    Pid::from_raw(pid as i32).is_some_and(|pid| test_kill_process(pid).is_ok())
-}
 
 #[test]
 fn each_killed_stage_comes_back_and_no_frame_is_lost() {
     let setting = Setting::new("kill", 60);
-    let mut run = setting.up(&[]);
+    let mut run = setting.up("");
     for (number, stage) in ["backbone", "head", "refiner", "ingest"]
         .into_iter()
         .enumerate()
     {
-        let before = run.line_count();
-        run.wait_until("frames flow", |p| p.line_count() >= before + 3);
-        let stages = run.stages();
-        let (_, pid) = stages
-            .iter()
-            .find(|(name, _)| name == stage)
-            .expect("all stages run");
-        send_signal(*pid, Signal::KILL);
-        run.wait_until("it has another process", |p| {
-            p.stages()
-                .iter()
-                .any(|(name, new)| name == stage && new != pid)
+        run.wait_for_lines(3);
+        let killed = run.stage(stage);
+        send_signal(killed, Signal::KILL);
+        run.wait_until("it has another process", |run| {
+            let mut stages = run.stages().into_iter();
+            stages.any(|(name, pid)| name == stage && pid != killed)
         });
         assert!(run.log().matches("restart in").count() > number);
     }
     let finished = setting.finish(run);
-    assert_eq!(finished.code, Some(3), "{}", finished.log);
-    let expected: Vec<String> = (0..60).map(|number| format!("{number:06}")).collect();
-    assert_eq!(finished.frames(), expected, "{}", finished.log);
-    assert!(
-        finished.log.contains("0 lost; stages restarted: 4"),
+    finished.assert_ended(3, 60);
+    assert_eq!(
+        finished.sequences(),
+        Vec::from_iter(0..60),
         "{}",
         finished.log
     );
+    finished.assert_says(&["0 lost; stages restarted: 4"]);
 }
 
 /// From the signal to the end of everything.
 fn time_to_end(signal: Signal, pace: &str) -> Duration {
     let setting = Setting::new("term", 3);
-    let mut run = setting.up(&["--pace", pace, "--loop"]);
-    run.wait_until("frames flow", |p| p.line_count() > 3);
+    let mut run = setting.up(&format!("--pace {pace} --loop"));
+    run.wait_for_lines(4);
     let stages = run.stages();
     assert_eq!(stages.len(), 4);
     let begun = Instant::now();
     run.signal(signal);
-    let finished = run.finish();
+    let finished = setting.finish(run);
     let took = begun.elapsed();
     assert_eq!(finished.code, Some(0), "{}", finished.log);
-    assert_eq!(leftovers(&setting.instance), [""; 0]);
     assert!(stages.iter().all(|(_, pid)| !is_alive(*pid)));
     took
 }
@@ -66,37 +55,28 @@ fn time_to_end(signal: Signal, pace: &str) -> Duration {
 fn a_signal_ends_all_within_a_second_and_leaves_nothing() {
     for (signal, pace) in [(Signal::TERM, "complete"), (Signal::INT, "sensor")] {
         // Tests run beside each other on few cores: the best of three tells what the program needs by itself.
-        let best = (0..3)
-            .map(|_| time_to_end(signal, pace))
-            .find(|took| *took < SECOND);
-        assert!(best.is_some(), "three ends took longer than a second");
+        let is_quick = (0..3).any(|_| time_to_end(signal, pace) < SECOND);
+        assert!(is_quick, "three ends took longer than a second");
     }
 }
 
 #[test]
 fn stages_end_when_their_supervisor_is_killed() {
     let setting = Setting::new("orphan", 3);
-    let instance = &setting.instance;
-    let mut run = setting.up(&["--loop"]);
-    run.wait_until("frames flow", |p| p.line_count() > 1);
+    let mut run = setting.up("--loop");
+    run.wait_for_lines(2);
     let stages = run.stages();
     run.signal(Signal::KILL);
-    let begun = Instant::now();
-    while stages.iter().any(|(_, pid)| is_alive(*pid)) || !leftovers(instance).is_empty() {
-        assert!(
-            begun.elapsed() < 10 * SECOND,
-            "{stages:?} {:?}",
-            leftovers(instance)
-        );
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    let left = || leftovers(&setting.instance);
+    let all_gone = || !stages.iter().any(|(_, pid)| is_alive(*pid)) && left().is_empty();
+    assert!(wait_for(10 * SECOND, all_gone), "{stages:?} {:?}", left());
 }
 
 #[test]
 fn a_crash_of_everything_is_wiped_by_the_next_start() {
     let setting = Setting::new("crash", 2);
-    let mut run = setting.up(&["--loop"]);
-    run.wait_until("frames flow", |p| p.line_count() > 1);
+    let mut run = setting.up("--loop");
+    run.wait_for_lines(2);
     // The supervisor must not see its stages die.
     run.signal(Signal::STOP);
     let stages = run.stages();
@@ -106,20 +86,12 @@ fn a_crash_of_everything_is_wiped_by_the_next_start() {
     run.signal(Signal::KILL);
     drop(run);
     // A killed process holds its lock until the kernel has taken its memory back.
-    let begun = Instant::now();
-    while stages.iter().any(|(_, pid)| is_alive(*pid)) {
-        assert!(begun.elapsed() < 10 * SECOND, "{stages:?}");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    let all_dead = || !stages.iter().any(|(_, pid)| is_alive(*pid));
+    assert!(wait_for(10 * SECOND, all_dead), "{stages:?}");
+    let left = leftovers(&setting.instance);
     assert!(
-        !leftovers(&setting.instance).is_empty(),
+        !left.is_empty(),
         "a crash leaves files: else this test shows nothing"
     );
-    let again = setting.run(&[]);
-    assert_eq!(
-        (again.code, again.frames().len()),
-        (Some(0), 2),
-        "{}",
-        again.log
-    );
+    setting.run("").assert_ended(0, 2);
 }

@@ -8,42 +8,38 @@ use serde_json::Value;
 /// The same scan three times, and a sensor that stands still.
 fn standing_still(poses: &str) -> Setting {
     let setting = Setting::new("track", 0);
-    let input = &setting.input;
     for number in 0..3 {
-        write_scan(&input.join(format!("{number:06}.bin")), &car_scan(9.0));
+        write_scan(
+            &setting.input.join(format!("{number:06}.bin")),
+            &car_scan(9.0),
+        );
     }
-    std::fs::write(input.join("poses.txt"), poses).unwrap();
+    std::fs::write(setting.input.join("poses.txt"), poses).unwrap();
     setting
 }
 
 fn of_kind<'a>(list: &'a Value, kind: &str) -> Vec<&'a Value> {
-    let list = list.as_array().unwrap();
-    list.iter()
-        .filter(|object| object["kind"] == kind)
-        .collect()
+    let objects = list.as_array().unwrap().iter();
+    objects.filter(|object| object["kind"] == kind).collect()
 }
 
 fn tracks(objects: &[&Value]) -> BTreeSet<u64> {
-    objects
-        .iter()
-        .map(|object| object["track"].as_u64().expect("a number"))
-        .collect()
+    let tracks = objects.iter().map(|object| object["track"].as_u64());
+    tracks.map(|track| track.expect("a number")).collect()
 }
 
 #[test]
 fn unknown_objects_wait_for_their_second_sighting_and_known_ones_do_not() {
     let setting = standing_still("5 1 0 0.3\n5 1 0 0.3\n5 1 0 0.3\n");
-    let run = |more: &[&str]| setting.run(&[&["--refiner-mode", "none"], more].concat());
-    let (plain, tracked) = (run(&[]), run(&["--track"]));
-    assert_eq!(tracked.lines.len(), 3, "{}", tracked.log);
+    let plain = setting.run("--refiner-mode none");
+    let tracked = setting.run("--refiner-mode none --track");
+    tracked.assert_ended(0, 3);
     let unknown = of_kind(&plain.lines[0]["objects"], "unknown").len();
     assert!(unknown > 0, "the untrained model has no candidates");
     let first = &tracked.lines[0];
     assert_eq!(of_kind(&first["objects"], "unknown").len(), 0);
-    let waiting: Vec<&Value> = of_kind(&first["suppressed"], "unknown")
-        .into_iter()
-        .filter(|object| object["reason"] == "unconfirmed")
-        .collect();
+    let mut waiting = of_kind(&first["suppressed"], "unknown");
+    waiting.retain(|object| object["reason"] == "unconfirmed");
     assert_eq!(waiting.len(), unknown);
     for line in &tracked.lines[1..] {
         let published = of_kind(&line["objects"], "unknown");
@@ -59,11 +55,7 @@ fn unknown_objects_wait_for_their_second_sighting_and_known_ones_do_not() {
 
 #[test]
 fn poses_that_do_not_fit_the_scans_are_named() {
-    let run = standing_still("0 0 0 0\n").run(&["--track"]);
-    assert_eq!(run.code, Some(1), "{}", run.log);
-    assert!(
-        run.log.contains("poses.txt") && run.log.contains("expected one a scan, 3, found 1"),
-        "{}",
-        run.log
-    );
+    let run = standing_still("0 0 0 0\n").run("--track");
+    run.assert_ended(1, 0);
+    run.assert_says(&["poses.txt", "expected one a scan, 3, found 1"]);
 }

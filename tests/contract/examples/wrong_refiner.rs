@@ -2,6 +2,9 @@
 //!
 //! It refines nothing: each candidate is published with its proposal box.
 
+use std::time::Duration;
+
+use bytemuck::Zeroable;
 use mluc_ipc_types::{
     Detection, Disposition, Flags, FrameHeader, HealthState, OBJECT_POINTS_MAX, OBJECTS_MAX,
     Object, Point, RunDescription, Stage, Topic,
@@ -69,7 +72,7 @@ impl Wrong {
             if let Some(message) = self.input.newest()? {
                 return Ok(Some(message));
             }
-            self.input.wait(std::time::Duration::from_millis(20));
+            self.input.wait(Duration::from_millis(20));
         }
         Ok(None)
     }
@@ -155,24 +158,46 @@ impl Wrong {
         if !points.iter().all(Point::is_finite) {
             header.flag(Flags::NOT_FINITE);
         }
-        let mut objects: Vec<Object> = detections.iter().map(object).collect();
-        self.spoil(&mut header, &mut objects);
         let far = if self.has("bad_index") { 1 << 20 } else { 0 };
         let indices = &[far, 1, 2][..points.len().min(3)];
-        if points.len() > 3 {
-            objects
-                .iter_mut()
-                .for_each(|object| object.points_count = 3);
+        let mut objects: Vec<Object> = detections.iter().map(object).collect();
+        for object in &mut objects {
+            object.points_count = indices.len() as u32;
         }
+        self.spoil(&mut header, &mut objects);
         let mut loan = self.object_points.loan(&header, indices.len())?;
         loan.elements_mut().copy_from_slice(indices);
         loan.publish()?;
         if !self.has("no_stamps") {
             header.stages[3].published_ns = monotonic_ns();
         }
+        if self.has("hostile") {
+            self.publish_hostile(&header)?;
+        }
         let mut loan = self.objects.loan(&header, objects.len())?;
         loan.elements_mut().copy_from_slice(&objects);
         loan.publish()
+    }
+
+    /// Sequences that never were and that go back, messages of another run, model and version.
+    fn publish_hostile(&mut self, header: &FrameHeader) -> Result<(), RuntimeError> {
+        let changes: [fn(&mut FrameHeader); 7] = [
+            |h| h.sequence = u64::MAX - 1,
+            |h| h.sequence = u64::MAX,
+            |h| h.sequence += 1,
+            |h| h.sequence = 0,
+            |h| h.run_id ^= 1,
+            |h| h.model_fingerprint ^= 1,
+            |h| h.wire_version += 1,
+        ];
+        for change in changes {
+            let mut wrong = *header;
+            change(&mut wrong);
+            self.objects.loan(&wrong, 0)?.publish()?;
+            // The queue of a topic holds two: each is to be read.
+            std::thread::sleep(Duration::from_millis(30));
+        }
+        Ok(())
     }
 
     /// What the fault does to the answer.
@@ -185,9 +210,8 @@ impl Wrong {
             "forgets" => drop(objects.pop()),
             "renumbers" => header.sequence += 1,
             "forgets_run" => header.run_id = 0,
-            "not_finite" => objects
-                .iter_mut()
-                .for_each(|object| object.yaw_rad = f32::NAN),
+            "not_finite" => objects.iter_mut().for_each(|o| o.yaw_rad = f32::NAN),
+            "clockwise" => objects.iter_mut().for_each(|o| o.footprint_m.swap(0, 2)),
             _ => (),
         }
     }
@@ -197,12 +221,10 @@ fn object(d: &Detection) -> Object {
     let [x, y, _] = d.center_m;
     let (l, w) = (d.size_m[0] / 2.0, d.size_m[1] / 2.0);
     let mut footprint_m = [[0.0; 2]; 16];
-    footprint_m[..4].copy_from_slice(&[
-        [x + l, y + w],
-        [x - l, y + w],
-        [x - l, y - w],
-        [x + l, y - w],
-    ]);
+    let corners = [[l, w], [-l, w], [-l, -w], [l, -w]];
+    for (to, [along, across]) in footprint_m.iter_mut().zip(corners) {
+        *to = [x + along, y + across];
+    }
     Object {
         kind: d.kind,
         disposition: Disposition::Published as u32,
@@ -217,12 +239,9 @@ fn object(d: &Detection) -> Object {
         unknown_probability: d.unknown_probability,
         gate: d.gate,
         threshold: d.threshold,
-        points_first: 0,
-        points_count: 0,
-        flags: 0,
         track_id: Object::NONE,
-        overlap: 0.0,
         footprint_count: 4,
         footprint_m,
+        ..Object::zeroed()
     }
 }

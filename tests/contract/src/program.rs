@@ -1,4 +1,4 @@
-//! The process under test.
+//! The program under test, and its process.
 
 use std::io::Read;
 use std::os::unix::process::CommandExt;
@@ -8,12 +8,44 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use mluc_runtime::{Instance, Shutdown};
 use rustix::process::{Pid, Signal, kill_process_group};
 
 /// Of what it wrote, this much is kept for the report, bytes.
 const WORDS_MAX: usize = 4096;
 /// How long its last words are waited for after its end.
 const READER_PATIENCE: Duration = Duration::from_secs(2);
+
+/// What a suite shall test, and how.
+pub(crate) struct Options {
+    /// For the report.
+    pub(crate) title: String,
+    /// Program and arguments.
+    pub(crate) command: Vec<String>,
+    /// Whether `--instance NAME` is added: ours takes no other word for it.
+    pub(crate) names_instance: bool,
+    /// Names of the model's classes.
+    pub(crate) classes: Vec<String>,
+    /// Of the model.
+    pub(crate) fingerprint: u64,
+    /// Its name in the description of the run.
+    pub(crate) model: String,
+    /// How long an answer, or a start, may take. A program that needs longer failed.
+    pub(crate) patience: Duration,
+    /// Ends the suite early.
+    pub(crate) shutdown: Shutdown,
+}
+
+impl Options {
+    /// Starts the program in an instance, whose name in its environment is all that it needs.
+    pub(crate) fn start(&self, instance: &Instance) -> anyhow::Result<Program> {
+        let mut command = self.command.clone();
+        if self.names_instance {
+            command.extend(["--instance", instance.name()].map(str::to_string));
+        }
+        Program::start(&command, instance)
+    }
+}
 
 /// A running program, in a process group of its own: signals reach what a shell in between started, too.
 pub(crate) struct Program {
@@ -25,14 +57,11 @@ pub(crate) struct Program {
 }
 
 impl Program {
-    pub(crate) fn start(
-        command: &[String],
-        environment: &[(String, String)],
-    ) -> anyhow::Result<Program> {
+    fn start(command: &[String], instance: &Instance) -> anyhow::Result<Program> {
         let (program, arguments) = command.split_first().context("no program given")?;
         let mut process = Command::new(program)
             .args(arguments)
-            .envs(environment.iter().cloned())
+            .env(Instance::VARIABLE, instance.name())
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())

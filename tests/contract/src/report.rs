@@ -3,13 +3,12 @@
 use serde::Serialize;
 
 /// One case.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Serialize)]
 pub(crate) struct Verdict {
     /// A word: `overload`.
     pub(crate) name: &'static str,
     /// What the contract asks there.
     pub(crate) asks: &'static str,
-    /// Whether the program did it.
     pub(crate) passed: bool,
     /// Passed: what was seen. Failed: why.
     pub(crate) what: String,
@@ -18,38 +17,27 @@ pub(crate) struct Verdict {
 }
 
 /// All cases of one program.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Serialize)]
 pub(crate) struct Report {
-    /// Which program.
-    pub(crate) program: String,
-    /// How many cases it passed.
-    pub(crate) passed: usize,
-    /// How many it failed.
-    pub(crate) failed: usize,
-    /// How many were not tried, because the program never started.
-    pub(crate) not_run: usize,
-    /// Each of them, in the order they ran.
-    pub(crate) cases: Vec<Verdict>,
+    program: String,
+    passed: usize,
+    failed: usize,
+    /// Not tried, because the program never started.
+    not_run: usize,
+    /// In the order they ran.
+    cases: Vec<Verdict>,
 }
 
 impl Report {
-    pub(crate) fn new(program: String) -> Report {
+    pub(crate) fn new(program: String, cases: Vec<Verdict>, not_run: usize) -> Report {
+        let passed = cases.iter().filter(|case| case.passed).count();
         Report {
             program,
-            passed: 0,
-            failed: 0,
-            not_run: 0,
-            cases: Vec::new(),
+            passed,
+            failed: cases.len() - passed,
+            not_run,
+            cases,
         }
-    }
-
-    pub(crate) fn add(&mut self, verdict: Verdict) {
-        if verdict.passed {
-            self.passed += 1;
-        } else {
-            self.failed += 1;
-        }
-        self.cases.push(verdict);
     }
 
     /// Whether every case passed, and at least one ran.
@@ -62,11 +50,10 @@ impl Report {
         let mut text = format!("{}\n", self.program);
         for case in &self.cases {
             let word = if case.passed { "pass" } else { "FAIL" };
+            let seconds = case.ms as f64 / 1000.0;
             text += &format!(
-                "  {word}  {:16} {:6.1} s  {}\n",
-                case.name,
-                case.ms as f64 / 1000.0,
-                case.what
+                "  {word}  {:16} {seconds:6.1} s  {}\n",
+                case.name, case.what
             );
             if !case.passed {
                 text += &format!("        the contract asks: {}\n", case.asks);

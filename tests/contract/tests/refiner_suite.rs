@@ -71,7 +71,7 @@ fn a_sound_program_passes() {
 }
 
 /// What is wrong, the case that must find it, and a word of the reason.
-const FAULTS: [(&str, &str, &str); 19] = [
+const FAULTS: [(&str, &str, &str); 20] = [
     ("no_health", "start", "heartbeat"),
     ("moves_known", "scene", "known"),
     ("forgets", "scene", "each has one"),
@@ -80,6 +80,7 @@ const FAULTS: [(&str, &str, &str); 19] = [
     ("any_sequence", "sequences", "answered"),
     ("any_run", "other_run", "answered"),
     ("not_finite", "scene", "not finite"),
+    ("clockwise", "scene", "outline of a published object"),
     ("bad_index", "scene", "point of an object"),
     ("no_stamps", "scene", "stamps"),
     ("miscounts", "scene", "count the candidates"),

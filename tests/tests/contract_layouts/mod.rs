@@ -74,11 +74,8 @@ pub(crate) fn c_struct(header: &str, name: &str) -> Fields {
     let start = format!("typedef struct mluc_{} {{", name.to_lowercase());
     let (_, body) = header.split_once(&start).expect("the struct's name");
     let mut fields = Fields::new();
-    for line in body
-        .lines()
-        .skip(1)
-        .take_while(|line| !line.starts_with('}'))
-    {
+    let lines = body.lines().skip(1);
+    for line in lines.take_while(|line| !line.starts_with('}')) {
         let (line, _) = line.split_once(';').expect("a field a line");
         let (kind, names) = line.trim().split_once(' ').expect("type and name");
         let (bytes, times) = match kind {
@@ -92,12 +89,8 @@ pub(crate) fn c_struct(header: &str, name: &str) -> Fields {
             let mut parts = name.split('[');
             let field = parts.next().unwrap();
             let dimensions = parts.map(|part| part.trim_end_matches(']').parse::<usize>().unwrap());
-            push(
-                &mut fields,
-                field,
-                bytes,
-                times * dimensions.product::<usize>(),
-            );
+            let count = times * dimensions.product::<usize>();
+            push(&mut fields, field, bytes, count);
         }
     }
     fields
@@ -105,9 +98,8 @@ pub(crate) fn c_struct(header: &str, name: &str) -> Fields {
 
 /// `NAME = struct("NAME", "field:3f ...")` of the Python module.
 pub(crate) fn python_struct(module: &str, name: &str) -> Fields {
-    let (_, body) = module
-        .split_once(&format!("struct(\"{name}\", "))
-        .expect("the struct's name");
+    let start = format!("struct(\"{name}\", ");
+    let (_, body) = module.split_once(&start).expect("the struct's name");
     let (text, _) = body.split_once(')').expect("its end");
     let mut fields = Fields::new();
     for word in text.trim_matches('"').split_whitespace() {

@@ -1,12 +1,9 @@
 //! Whether an answer keeps the contract.
 
 use anyhow::{bail, ensure};
-use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, DetectionKind, Disposition, Flags, FrameHeader, Object, ObjectKind,
-    Stage,
-};
+use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Flags, FrameHeader, Object, Stage};
 
-use crate::refiner::frame::{Answer, Sent};
+use crate::refiner::player::{Answer, Sent};
 
 /// What holds of every answer, whatever came in.
 pub(crate) fn check_form(sent: &Sent, answer: &Answer, classes: usize) -> anyhow::Result<()> {
@@ -22,38 +19,28 @@ pub(crate) fn check_form(sent: &Sent, answer: &Answer, classes: usize) -> anyhow
         answer.header.sequence
     );
     Object::checked_points(indices_header, indices, sent.points)?;
-    Object::checked_ranges(objects, indices.len())?;
-    Ok(())
+    Ok(Object::checked_ranges(objects, indices.len())?)
 }
+
+type Field = fn(&FrameHeader) -> u64;
 
 /// Everything that a refiner passes on is as it came.
 fn check_header(sent: &FrameHeader, answer: &Answer) -> anyhow::Result<()> {
     let got = &answer.header;
     got.checked()?;
-    let pairs = [
-        ("run", sent.run_id, got.run_id),
-        ("sequence", sent.sequence, got.sequence),
-        ("sensor stamp", sent.sensor_stamp_ns, got.sensor_stamp_ns),
-        ("sensor", sent.sensor_id.into(), got.sensor_id.into()),
-        ("attempt", sent.attempt.into(), got.attempt.into()),
-        ("points in", sent.points_in.into(), got.points_in.into()),
-        (
-            "points dropped",
-            sent.points_dropped.into(),
-            got.points_dropped.into(),
-        ),
-        (
-            "points out of range",
-            sent.points_out_of_range.into(),
-            got.points_out_of_range.into(),
-        ),
-        (
-            "fingerprint of the model",
-            sent.model_fingerprint,
-            got.model_fingerprint,
-        ),
+    let fields: [(&str, Field); 9] = [
+        ("run", |h| h.run_id),
+        ("sequence", |h| h.sequence),
+        ("sensor stamp", |h| h.sensor_stamp_ns),
+        ("sensor", |h| h.sensor_id.into()),
+        ("attempt", |h| h.attempt.into()),
+        ("points in", |h| h.points_in.into()),
+        ("points dropped", |h| h.points_dropped.into()),
+        ("points out of range", |h| h.points_out_of_range.into()),
+        ("fingerprint of the model", |h| h.model_fingerprint),
     ];
-    for (what, expected, found) in pairs {
+    for (what, field) in fields {
+        let (expected, found) = (field(sent), field(got));
         ensure!(
             expected == found,
             "header: {what} is {found}, the detections' message had {expected}"
@@ -75,10 +62,8 @@ fn check_header(sent: &FrameHeader, answer: &Answer) -> anyhow::Result<()> {
     );
     let own = got.stages[Stage::Refiner as usize];
     let begun_ns = sent.stages[Stage::Head as usize].published_ns;
-    let in_order = begun_ns <= own.received_ns
-        && own.received_ns <= own.started_ns
-        && own.started_ns <= own.published_ns
-        && own.published_ns <= answer.received_ns;
+    let times_ns = [begun_ns, own.received_ns, own.started_ns, own.published_ns];
+    let in_order = times_ns.is_sorted() && own.published_ns <= answer.received_ns;
     // A frame whose head never ran has a stamp that means nothing.
     ensure!(
         in_order || begun_ns == u64::MAX,
@@ -97,49 +82,35 @@ pub(crate) fn check_objects(sent: &Sent, answer: &Answer) -> anyhow::Result<()> 
         answer.objects.len()
     );
     for (index, (detection, object)) in sent.detections.iter().zip(&answer.objects).enumerate() {
-        let kind = if detection.is_candidate() {
-            ObjectKind::Unknown
-        } else {
-            ObjectKind::Known
-        };
-        ensure!(
-            object.kind == kind as u32,
-            "object {index} has kind {}, its detection is of kind {}",
-            object.kind,
-            detection.kind
-        );
+        // A candidate becomes an unknown object: the same number.
+        let pairs = [
+            ("kind", detection.kind, object.kind),
+            ("class", detection.class_id, object.class_id),
+        ];
+        for (what, expected, found) in pairs {
+            ensure!(
+                expected == found,
+                "object {index} has {what} {found}, its detection {expected}"
+            );
+        }
         ensure!(
             object.disposition != Disposition::InvalidBox as u32,
             "object {index}: its detection's box is sound and called invalid"
         );
+        let is_same = object.center_m == detection.center_m
+            && object.size_m == detection.size_m
+            && object.yaw_rad == detection.yaw_rad
+            && object.score == detection.score;
         ensure!(
-            object.class_id == detection.class_id,
-            "object {index} has class {}, its detection {}",
-            object.class_id,
-            detection.class_id
+            detection.is_candidate() || is_same && object.is_published(),
+            "object {index} is known: its box and score pass unchanged and published"
         );
-        if detection.kind == DetectionKind::Known as u32 {
-            check_known(index, detection, object)?;
-        }
     }
-    Ok(())
-}
-
-fn check_known(index: usize, detection: &Detection, object: &Object) -> anyhow::Result<()> {
-    let is_same = object.center_m == detection.center_m
-        && object.size_m == detection.size_m
-        && object.yaw_rad == detection.yaw_rad
-        && object.score == detection.score;
-    ensure!(
-        is_same && object.is_published(),
-        "object {index} is known: its box and score pass unchanged and published"
-    );
     Ok(())
 }
 
 /// Whether one of `flags` is set.
 pub(crate) fn is_flagged(answer: &Answer, flags: &[Flags]) -> bool {
-    flags
-        .iter()
-        .any(|&flag| Flags(answer.header.flags).contains(flag))
+    let of_answer = Flags(answer.header.flags);
+    flags.iter().any(|&flag| of_answer.contains(flag))
 }

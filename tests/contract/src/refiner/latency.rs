@@ -7,51 +7,43 @@ use mluc_geometry::quantile;
 use mluc_ipc_types::Stage;
 use serde::Serialize;
 
-use crate::refiner::scene::usual;
-use crate::refiner::session::{Options, Session};
+use crate::program::Options;
+use crate::refiner::session::Session;
 
 /// Frames before the first that counts.
 const WARM_UP: u32 = 20;
 /// Between two frames; long enough that both programs sleep when the next one comes.
 const PERIOD: Duration = Duration::from_millis(10);
 
-/// Of one quantity, us.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct Percentiles {
-    /// Median.
-    pub(crate) p50_us: f64,
-    /// 99th percentile.
-    pub(crate) p99_us: f64,
-    /// Largest.
-    pub(crate) max_us: f64,
+#[derive(Clone, Copy, Serialize)]
+struct Percentiles {
+    p50_us: f64,
+    p99_us: f64,
+    max_us: f64,
 }
 
 /// Of one program.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct HopTimes {
-    /// Which program.
-    pub(crate) program: String,
+#[derive(Serialize)]
+struct HopTimes {
+    program: String,
     /// From the head's publication to the refiner's reception.
-    pub(crate) hop_in: Percentiles,
+    hop_in: Percentiles,
     /// From its reception to its publication.
-    pub(crate) run: Percentiles,
+    run: Percentiles,
     /// From its publication to the reception behind it.
-    pub(crate) hop_out: Percentiles,
+    hop_out: Percentiles,
 }
 
 /// Two programs side by side.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Serialize)]
 pub(crate) struct LatencyReport {
-    /// Frames measured of each.
-    pub(crate) frames: u32,
-    /// What the other is compared with.
-    pub(crate) reference: HopTimes,
-    /// The program.
-    pub(crate) program: HopTimes,
-    /// Program minus reference, p50 of the hop in, us.
-    pub(crate) extra_in_p50_us: f64,
-    /// The same of the hop out.
-    pub(crate) extra_out_p50_us: f64,
+    /// Measured of each.
+    frames: u32,
+    reference: HopTimes,
+    program: HopTimes,
+    /// Program minus reference.
+    extra_in_p50_us: f64,
+    extra_out_p50_us: f64,
 }
 
 /// A running program and its times: hop in, run, hop out.
@@ -99,22 +91,20 @@ impl<'a> Lane<'a> {
     }
 
     fn frame(&mut self, counts: bool) -> anyhow::Result<()> {
-        let (points, detections) = usual();
-        let frame = self.session.player.frame(points, detections);
+        let frame = self.session.player.usual();
         let sent = self.session.player.send(&frame)?;
         let answer = self.session.await_answer(&sent)?;
         let own = answer.header.stages[Stage::Refiner as usize];
-        let spans = [
-            (
-                sent.header.stages[Stage::Head as usize].published_ns,
-                own.received_ns,
-            ),
-            (own.received_ns, own.published_ns),
-            (own.published_ns, answer.received_ns),
+        let sent_ns = sent.header.stages[Stage::Head as usize].published_ns;
+        let passed_ns = [
+            sent_ns,
+            own.received_ns,
+            own.published_ns,
+            answer.received_ns,
         ];
         if counts {
-            for (times_us, (from, to)) in self.times_us.iter_mut().zip(spans) {
-                times_us.push(to.saturating_sub(from) as f64 * 1e-3);
+            for (times_us, span_ns) in self.times_us.iter_mut().zip(passed_ns.windows(2)) {
+                times_us.push(span_ns[1].saturating_sub(span_ns[0]) as f64 * 1e-3);
             }
         }
         Ok(())
@@ -143,10 +133,9 @@ impl<'a> Lane<'a> {
 impl LatencyReport {
     /// The table.
     pub(crate) fn text(&self) -> String {
-        let mut text = format!(
-            "{} frames each, in turns; us           p50        p99        max\n",
-            self.frames
-        );
+        let frames = self.frames;
+        let mut text =
+            format!("{frames} frames each, in turns; us           p50        p99        max\n");
         for times in [&self.reference, &self.program] {
             text += &format!("{}\n", times.program);
             for (name, p) in [
@@ -154,10 +143,8 @@ impl LatencyReport {
                 ("received -> published", times.run),
                 ("published -> received behind", times.hop_out),
             ] {
-                text += &format!(
-                    "  {name:32}{:10.1} {:10.1} {:10.1}\n",
-                    p.p50_us, p.p99_us, p.max_us
-                );
+                let [p50, p99, max] = [p.p50_us, p.p99_us, p.max_us];
+                text += &format!("  {name:32}{p50:10.1} {p99:10.1} {max:10.1}\n");
             }
         }
         text + &format!(

@@ -1,17 +1,16 @@
 //! The suite of the refiner: plays ingest, backbone and head over the same shared memory as the real stages, and looks at
-//! what comes back. [`session::judge`] runs the cases on one program, [`latency::compare`] measures what a hop into and
-//! out of it costs beside another program.
+//! what comes back. [`judge`] runs the cases on one program, [`latency::compare`] measures what a hop into and out of it
+//! costs beside another program.
 
 mod answer;
 mod cases;
-mod frame;
 mod latency;
 mod player;
 mod scene;
 mod session;
 
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use clap::Args;
@@ -24,8 +23,9 @@ use mluc_model::Model;
 use mluc_refiner::Variant;
 use mluc_runtime::{Shutdown, log_to_stderr};
 
-use crate::report::Report;
-use session::{Options, judge};
+use crate::program::Options;
+use crate::report::{Report, Verdict};
+use session::Session;
 
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RefinerArgs {
@@ -70,7 +70,7 @@ pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
     }
     let mut reports = Vec::new();
     for options in tester.programs()? {
-        let report = judge(&options)?;
+        let report = judge(&options, &args.cases)?;
         if !args.json {
             print_out(report.text().trim_end())?;
         }
@@ -81,6 +81,35 @@ pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
     }
     let is_passed = reports.iter().all(Report::is_passed);
     Ok(ExitCode::from(if is_passed { 0 } else { EXIT_FAILURE }))
+}
+
+/// Runs the suite. A program that never became ready is not asked for more: every case would fail for the same reason.
+fn judge(options: &Options, wanted: &[String]) -> anyhow::Result<Report> {
+    let mut session = Session::new(options, "suite")?;
+    let is_wanted = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
+    let mut cases = cases::CASES.iter().filter(|case| is_wanted(case.name));
+    let (mut verdicts, mut not_run) = (Vec::new(), 0);
+    while let Some(case) = cases.next() {
+        let begun = Instant::now();
+        let result = (case.run)(&mut session);
+        session.player.check_running()?;
+        let passed = result.is_ok();
+        verdicts.push(Verdict {
+            name: case.name,
+            asks: case.asks,
+            passed,
+            what: result.unwrap_or_else(|error| format!("{error:#}")),
+            ms: begun.elapsed().as_millis() as u64,
+        });
+        if !passed {
+            // The next case begins with a fresh process.
+            session.stop_program();
+            if !session.was_ready {
+                not_run = cases.by_ref().count();
+            }
+        }
+    }
+    Ok(Report::new(options.title.clone(), verdicts, not_run))
 }
 
 fn latency(args: &RefinerArgs, tester: &Tester) -> anyhow::Result<ExitCode> {
@@ -155,7 +184,6 @@ impl Tester<'_> {
             classes: class_names(&self.model),
             fingerprint: self.model.fingerprint,
             model: self.args.model.clone(),
-            cases: self.args.cases.clone(),
             patience: self.args.patience_s,
             shutdown: self.shutdown.clone(),
         }

@@ -1,6 +1,6 @@
 //! Plays ingest, backbone and head, and reads what the refiner says.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::Context;
 use bytemuck::Zeroable;
@@ -10,14 +10,50 @@ use mluc_ipc_types::{
 };
 use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell, monotonic_ns, random_run_id};
 
-use crate::refiner::frame::{Answer, Frame, Sent};
-use crate::refiner::session::Options;
+use crate::program::Options;
+use crate::refiner::scene::usual;
 
 /// Room for messages that break the contract: longer than its bounds.
 const TOO_MANY_DETECTIONS: usize = DETECTIONS_MAX + 88;
 const TOO_MANY_POINTS: usize = POINTS_MAX + 1000;
 /// How often a wait looks around.
 const LOOK: Duration = Duration::from_millis(20);
+
+/// A frame to be sent: its detections, and its points unless they shall be missing.
+#[derive(Clone)]
+pub(crate) struct Frame {
+    /// Of the detections' message.
+    pub(crate) header: FrameHeader,
+    /// Of the points' message; `None`: it is never sent.
+    pub(crate) points_header: Option<FrameHeader>,
+    pub(crate) points: Vec<Point>,
+    pub(crate) detections: Vec<Detection>,
+}
+
+/// What was sent, as it lay in shared memory.
+pub(crate) struct Sent {
+    pub(crate) header: FrameHeader,
+    pub(crate) points: usize,
+    pub(crate) detections: Vec<Detection>,
+}
+
+/// What came back.
+pub(crate) struct Answer {
+    pub(crate) header: FrameHeader,
+    pub(crate) objects: Vec<Object>,
+    /// The newest message of `object_points` when the objects came.
+    pub(crate) indices: Option<(FrameHeader, Vec<u32>)>,
+    /// CLOCK_MONOTONIC, ns.
+    pub(crate) received_ns: u64,
+}
+
+impl Answer {
+    /// From the end of the detections' sending, ms.
+    pub(crate) fn took_ms(&self, sent: &Sent) -> f64 {
+        let begun_ns = sent.header.stages[Stage::Head as usize].published_ns;
+        self.received_ns.saturating_sub(begun_ns) as f64 * 1e-6
+    }
+}
 
 /// The ports of the stages before and behind the refiner.
 pub(crate) struct Player {
@@ -28,7 +64,7 @@ pub(crate) struct Player {
     object_points: Input<u32>,
     health: HealthWatch,
     shell: Shell,
-    next_sequence: u64,
+    pub(crate) next_sequence: u64,
     run: RunDescription,
 }
 
@@ -40,6 +76,8 @@ impl Player {
             elements_max,
             ..topic
         };
+        let points = wide(Topic::POINTS, TOO_MANY_POINTS);
+        let detections = wide(Topic::DETECTIONS, TOO_MANY_DETECTIONS);
         let mut run = RunDescription {
             wire_version: WIRE_VERSION,
             classes_count: options.classes.len() as u32,
@@ -51,11 +89,8 @@ impl Player {
             *packed = Text::pack(name);
         }
         let mut player = Player {
-            points: shell.output(&wide(Topic::POINTS, TOO_MANY_POINTS), TOO_MANY_POINTS)?,
-            detections: shell.output(
-                &wide(Topic::DETECTIONS, TOO_MANY_DETECTIONS),
-                TOO_MANY_DETECTIONS,
-            )?,
+            points: shell.output(&points, points.elements_max)?,
+            detections: shell.output(&detections, detections.elements_max)?,
             objects: shell.input(&Topic::OBJECTS)?,
             object_points: shell.side_input(&Topic::OBJECT_POINTS)?,
             health: shell.health_watch()?,
@@ -106,9 +141,10 @@ impl Player {
         }
     }
 
-    /// Of the next frame.
-    pub(crate) fn next_sequence(&self) -> u64 {
-        self.next_sequence
+    /// The next frame, of the scene of most cases.
+    pub(crate) fn usual(&mut self) -> Frame {
+        let (points, detections) = usual();
+        self.frame(points, detections)
     }
 
     /// Sends the points alone.
@@ -156,6 +192,16 @@ impl Player {
         }))
     }
 
+    /// The answer to a frame, if it waits; answers to earlier ones are passed over.
+    pub(crate) fn take_answer_to(&mut self, sequence: u64) -> anyhow::Result<Option<Answer>> {
+        while let Some(answer) = self.take_answer()? {
+            if answer.header.sequence == sequence {
+                return Ok(Some(answer));
+            }
+        }
+        Ok(None)
+    }
+
     /// Takes and forgets all answers.
     pub(crate) fn forget_answers(&mut self) -> anyhow::Result<()> {
         while self.take_answer()?.is_some() {}
@@ -173,51 +219,14 @@ impl Player {
         Ok(())
     }
 
-    /// The refiner's last heartbeat, and how long ago it came.
-    pub(crate) fn health(&mut self) -> anyhow::Result<Option<(Health, Duration)>> {
+    /// The refiner's last heartbeat, and when it came (CLOCK_MONOTONIC, ns).
+    pub(crate) fn health(&mut self) -> anyhow::Result<Option<(Health, u64)>> {
         // A refiner that started meanwhile gets the description of the run.
         self.shell.tick()?;
         self.health.update().context("reading heartbeats")?;
-        let Some(health) = self.health.of(Stage::Refiner) else {
-            return Ok(None);
-        };
-        let ago_ns = monotonic_ns().saturating_sub(self.health.heard_ns(Stage::Refiner));
-        Ok(Some((*health, Duration::from_nanos(ago_ns))))
-    }
-
-    /// Lets go the heartbeats that were sent before now; gives the time after which one is fresh.
-    pub(crate) fn forget_heartbeats(&mut self) -> anyhow::Result<u64> {
-        self.health()?;
-        Ok(monotonic_ns())
-    }
-
-    /// The last heartbeat, if it came after `since_ns` and fulfils `wanted`.
-    pub(crate) fn health_since(
-        &mut self,
-        since_ns: u64,
-        wanted: impl Fn(&Health) -> bool,
-    ) -> anyhow::Result<Option<Health>> {
-        let heard = self.health()?.map(|(health, _)| health);
-        let is_fresh = self.health.heard_ns(Stage::Refiner) > since_ns;
-        Ok(heard.filter(|health| is_fresh && wanted(health)))
-    }
-
-    /// Waits for a heartbeat from now on that fulfils `wanted`.
-    pub(crate) fn await_health(
-        &mut self,
-        patience: Duration,
-        wanted: impl Fn(&Health) -> bool,
-    ) -> anyhow::Result<Option<Health>> {
-        let since_ns = self.forget_heartbeats()?;
-        let begun = Instant::now();
-        while begun.elapsed() < patience {
-            self.check_running()?;
-            if let Some(health) = self.health_since(since_ns, &wanted)? {
-                return Ok(Some(health));
-            }
-            std::thread::sleep(LOOK / 4);
-        }
-        Ok(None)
+        let heard_ns = self.health.heard_ns(Stage::Refiner);
+        let health = self.health.of(Stage::Refiner);
+        Ok(health.map(|health| (*health, heard_ns)))
     }
 }
 

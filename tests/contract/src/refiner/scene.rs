@@ -58,10 +58,7 @@ pub(crate) fn scan(things: &[Thing], count: usize) -> Vec<Point> {
 /// A point on one of the two sides of a box that the sensor sees.
 fn on_sides(thing: &Thing, number: usize) -> Point {
     let [l, w, h] = thing.size_m;
-    let (along, up) = (
-        share(number, 0.618_034) - 0.5,
-        share(number, 0.414_214) * h - SENSOR_HEIGHT_M,
-    );
+    let along = share(number, 0.618_034) - 0.5;
     let toward = -thing.y_m.signum();
     let (dx, dy) = match number / 7 % 2 {
         0 => (-l / 2.0, w * along),
@@ -70,7 +67,7 @@ fn on_sides(thing: &Thing, number: usize) -> Point {
     Point {
         x_m: thing.x_m + dx,
         y_m: thing.y_m + dy,
-        z_m: up,
+        z_m: share(number, 0.414_214) * h - SENSOR_HEIGHT_M,
         intensity: 0.6,
     }
 }
@@ -107,14 +104,11 @@ pub(crate) fn known(thing: &Thing) -> Detection {
     Detection {
         center_m: thing.center_m(),
         size_m: thing.size_m,
-        yaw_rad: 0.0,
-        class_id: 0,
         kind: DetectionKind::Known as u32,
         cell: 17,
         objectness: 0.9,
         score: 0.9,
         probabilities,
-        embedding: [0.0; CLASSES_MAX],
         eds: 36.0,
         eds_normalised: 2.0,
         eds_perpendicular: 2.0,
@@ -125,6 +119,7 @@ pub(crate) fn known(thing: &Thing) -> Detection {
         unknown_probability: NO_PROBABILITY,
         gate: GateKind::Eds as u32,
         threshold: 1.3,
+        ..Detection::default()
     }
 }
 

@@ -1,95 +1,19 @@
 //! One program under test, and the ports around it.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{Context, bail};
 use mluc_ipc_types::{Health, HealthState};
-use mluc_runtime::{Instance, Shutdown};
+use mluc_runtime::{Instance, monotonic_ns};
 
-use crate::program::Program;
+use crate::program::{Options, Program};
 use crate::refiner::answer::{check_form, check_objects};
-use crate::refiner::cases::{CASES, Case};
-use crate::refiner::frame::{Answer, Frame, Sent};
-use crate::refiner::player::Player;
-use crate::report::{Report, Verdict};
-
-/// What the suite shall test, and how.
-pub(crate) struct Options {
-    /// For the report.
-    pub(crate) title: String,
-    /// Program and arguments.
-    pub(crate) command: Vec<String>,
-    /// Whether `--instance NAME` is added: ours takes no other word for it.
-    pub(crate) names_instance: bool,
-    /// Names of the model's classes.
-    pub(crate) classes: Vec<String>,
-    /// Of the model.
-    pub(crate) fingerprint: u64,
-    /// Its name in the description of the run.
-    pub(crate) model: String,
-    /// Only these cases; empty: all.
-    pub(crate) cases: Vec<String>,
-    /// How long an answer, or a start, may take. A program that needs longer failed.
-    pub(crate) patience: Duration,
-    /// Ends the suite early.
-    pub(crate) shutdown: Shutdown,
-}
-
-impl Options {
-    /// Program and arguments for an instance.
-    pub(crate) fn command_for(&self, instance: &Instance) -> Vec<String> {
-        let mut command = self.command.clone();
-        if self.names_instance {
-            command.extend(["--instance", instance.name()].map(str::to_string));
-        }
-        command
-    }
-
-    /// What the program finds in its environment: all that it needs.
-    pub(crate) fn environment(&self, instance: &Instance) -> [(String, String); 1] {
-        [(Instance::VARIABLE.to_string(), instance.name().to_string())]
-    }
-}
-
-/// Runs the suite. A program that never became ready is not asked for more: every case would fail for the same reason.
-pub(crate) fn judge(options: &Options) -> anyhow::Result<Report> {
-    let mut report = Report::new(options.title.clone());
-    let wanted = |case: &&Case| {
-        options.cases.is_empty() || options.cases.iter().any(|name| name == case.name)
-    };
-    let mut session = Session::new(options, "suite")?;
-    let mut cases = CASES.iter().filter(wanted);
-    while let Some(case) = cases.next() {
-        let begun = Instant::now();
-        let result = (case.run)(&mut session);
-        session.player.check_running()?;
-        let (passed, what) = match result {
-            Ok(seen) => (true, seen),
-            Err(error) => (false, format!("{error:#}")),
-        };
-        if !passed {
-            // The next case begins with a fresh process.
-            session.stop_program();
-        }
-        report.add(Verdict {
-            name: case.name,
-            asks: case.asks,
-            passed,
-            what,
-            ms: begun.elapsed().as_millis() as u64,
-        });
-        if !passed && !session.was_ready {
-            report.not_run = cases.count();
-            break;
-        }
-    }
-    Ok(report)
-}
+use crate::refiner::player::{Answer, Frame, Player, Sent};
 
 /// How a program takes a frame that makes no sense.
 pub(crate) enum Reaction {
     /// With objects, whose form was not looked at.
-    Answered(Box<(Sent, Answer)>),
+    Answered(Box<Answer>),
     /// With `messages_refused`; the reason it told.
     Refused(String),
 }
@@ -99,7 +23,7 @@ pub(crate) struct Session<'a> {
     pub(crate) options: &'a Options,
     program: Option<Program>,
     /// Whether a start of it ever came to a heartbeat.
-    was_ready: bool,
+    pub(crate) was_ready: bool,
     pub(crate) player: Player,
     pub(crate) instance: Instance,
 }
@@ -129,116 +53,150 @@ impl Session<'_> {
     /// Starts the program anew and waits until its health says that it takes frames.
     pub(crate) fn start(&mut self) -> anyhow::Result<Health> {
         self.program = None;
-        let command = self.options.command_for(&self.instance);
-        let environment = self.options.environment(&self.instance);
-        let since_ns = self.player.forget_heartbeats()?;
-        self.program = Some(Program::start(&command, &environment)?);
-        let begun = Instant::now();
-        loop {
-            self.check_alive("it should start")?;
-            std::thread::sleep(Duration::from_millis(5));
-            let run_id = self.player.run_id();
-            let is_ready = |health: &Health| is_ready(health, run_id);
-            if let Some(health) = self.player.health_since(since_ns, is_ready)? {
-                self.was_ready = true;
-                self.player.forget_answers()?;
-                return Ok(health);
-            }
-            if begun.elapsed() > self.options.patience {
-                let heard = self.player.health()?;
-                bail!(
-                    "no heartbeat of health/refiner with state waiting_input, running or degraded within {:?} of the \
-                     start (last heard: {})",
-                    self.options.patience,
-                    heard.map_or("nothing".to_string(), |(health, _)| describe(&health))
-                );
-            }
-        }
+        let since_ns = self.forget_heartbeats()?;
+        self.program = Some(self.options.start(&self.instance)?);
+        let what = "heartbeat of health/refiner with state waiting_input, running or degraded";
+        let run_id = self.player.run_id();
+        let is_ready = |health: &Health| is_ready(health, run_id);
+        let health = self.heartbeat_since(since_ns, what, is_ready)?;
+        self.was_ready = true;
+        self.player.forget_answers()?;
+        Ok(health)
     }
 
     /// Starts the program unless it runs.
     pub(crate) fn ready(&mut self) -> anyhow::Result<()> {
-        let runs = self
-            .program
-            .as_mut()
-            .is_some_and(|program| program.ended().is_none());
-        if !runs {
+        let program = self.program.as_mut();
+        if program.is_none_or(|program| program.ended().is_some()) {
             self.start()?;
         }
         self.player.forget_answers()
     }
 
-    pub(crate) fn check_alive(&mut self, while_what: &str) -> anyhow::Result<()> {
+    pub(crate) fn check_alive(&mut self, awaited: &str) -> anyhow::Result<()> {
         self.player.check_running()?;
         let program = self.program()?;
-        match program.ended() {
-            None => Ok(()),
-            Some(status) => {
-                let words = program.last_words();
-                bail!("it ended ({status}) while {while_what}; its last words: {words}")
-            }
+        if let Some(status) = program.ended() {
+            let words = program.last_words();
+            bail!("it ended ({status}), awaited: {awaited}; its last words: {words}");
         }
+        Ok(())
     }
 
-    /// Waits for the objects of a frame; answers to earlier ones are passed over.
-    pub(crate) fn await_answer(&mut self, sent: &Sent) -> anyhow::Result<Answer> {
+    /// What `look` finds within the patience, while the program lives.
+    pub(crate) fn await_any<T>(
+        &mut self,
+        awaited: &str,
+        mut look: impl FnMut(&mut Player) -> anyhow::Result<Option<T>>,
+    ) -> anyhow::Result<T> {
         let begun = Instant::now();
-        let sequence = sent.header.sequence;
         loop {
-            while let Some(answer) = self.player.take_answer()? {
-                if answer.header.sequence == sequence {
-                    return Ok(answer);
-                }
+            if let Some(found) = look(&mut self.player)? {
+                return Ok(found);
             }
-            self.check_alive(&format!("it should answer frame {sequence}"))?;
-            if begun.elapsed() > self.options.patience {
+            self.check_alive(awaited)?;
+            let patience = self.options.patience;
+            if begun.elapsed() > patience {
                 let heard = self.player.health()?;
-                bail!(
-                    "no objects of frame {sequence} within {:?} (health: {})",
-                    self.options.patience,
-                    heard.map_or("none".to_string(), |(health, _)| describe(&health))
-                );
+                let heard = heard.map_or("none".to_string(), |(health, _)| describe(&health));
+                bail!("no {awaited} within {patience:?} (health: {heard})");
             }
             self.player.wait();
         }
+    }
+
+    /// Takes the heartbeats that were sent before now; gives the time after which one is fresh.
+    fn forget_heartbeats(&mut self) -> anyhow::Result<u64> {
+        self.player.health()?;
+        Ok(monotonic_ns())
+    }
+
+    fn heartbeat_since(
+        &mut self,
+        since_ns: u64,
+        what: &str,
+        wanted: impl Fn(&Health) -> bool,
+    ) -> anyhow::Result<Health> {
+        self.await_any(what, |player| {
+            let heard = player.health()?;
+            let fresh = heard.filter(|(health, heard_ns)| *heard_ns > since_ns && wanted(health));
+            Ok(fresh.map(|(health, _)| health))
+        })
+    }
+
+    /// Waits for a heartbeat from now on that fulfils `wanted`; `what` names it.
+    pub(crate) fn await_health(
+        &mut self,
+        what: &str,
+        wanted: impl Fn(&Health) -> bool,
+    ) -> anyhow::Result<Health> {
+        let since_ns = self.forget_heartbeats()?;
+        self.heartbeat_since(since_ns, what, wanted)
+    }
+
+    /// What its health says now: an older heartbeat may not yet count what happened before.
+    pub(crate) fn fresh_health(&mut self) -> anyhow::Result<Health> {
+        self.await_health("heartbeat", |_| true)
+    }
+
+    /// Waits for the objects of a frame.
+    pub(crate) fn await_answer(&mut self, sent: &Sent) -> anyhow::Result<Answer> {
+        let sequence = sent.header.sequence;
+        let awaited = format!("objects of frame {sequence}");
+        self.await_any(&awaited, |player| player.take_answer_to(sequence))
     }
 
     /// Sends a frame whose detections make sense, and checks the answer.
     pub(crate) fn ask(&mut self, frame: &Frame) -> anyhow::Result<(Sent, Answer)> {
         let sent = self.player.send(frame)?;
-        let answer = self.await_answer(&sent)?;
-        check_form(&sent, &answer, self.options.classes.len())?;
-        check_objects(&sent, &answer)?;
+        let answer = self.await_sound_answer(&sent)?;
         Ok((sent, answer))
     }
 
+    /// Waits for the objects of a frame whose detections make sense, and checks them.
+    pub(crate) fn await_sound_answer(&mut self, sent: &Sent) -> anyhow::Result<Answer> {
+        let answer = self.await_answer(sent)?;
+        self.check_form(sent, &answer)?;
+        check_objects(sent, &answer)?;
+        Ok(answer)
+    }
+
+    /// Sends the next frame of the usual scene, and checks the answer.
+    pub(crate) fn ask_usual(&mut self) -> anyhow::Result<(Sent, Answer)> {
+        let frame = self.player.usual();
+        self.ask(&frame)
+    }
+
+    /// Checks what holds of every answer.
+    pub(crate) fn check_form(&self, sent: &Sent, answer: &Answer) -> anyhow::Result<()> {
+        check_form(sent, answer, self.options.classes.len())
+    }
+
     /// Sends a frame that makes no sense; it must be answered, or refused and counted.
-    pub(crate) fn provoke(&mut self, frame: &Frame) -> anyhow::Result<Reaction> {
-        // A fresh heartbeat: an older one may not yet count what was refused before.
-        let heard = self.player.await_health(self.options.patience, |_| true)?;
-        let before = heard.map_or(0, |health| health.messages_refused);
+    pub(crate) fn provoke(&mut self, frame: &Frame) -> anyhow::Result<(Sent, Reaction)> {
+        let before = self.fresh_health()?.messages_refused;
         let sent = self.player.send(frame)?;
-        let begun = Instant::now();
-        loop {
-            while let Some(answer) = self.player.take_answer()? {
-                if answer.header.sequence == sent.header.sequence {
-                    return Ok(Reaction::Answered(Box::new((sent, answer))));
-                }
+        let sequence = sent.header.sequence;
+        let reaction = self.await_any("objects or count of messages_refused", |player| {
+            if let Some(answer) = player.take_answer_to(sequence)? {
+                return Ok(Some(Reaction::Answered(Box::new(answer))));
             }
-            self.check_alive("it should answer or refuse it")?;
-            if let Some((health, _)) = self.player.health()?
-                && health.messages_refused > before
-            {
-                return Ok(Reaction::Refused(health.reason().to_string()));
-            }
-            if begun.elapsed() > self.options.patience {
-                bail!(
-                    "neither objects nor a higher count of messages_refused within {:?}",
-                    self.options.patience
-                );
-            }
-            self.player.wait();
-        }
+            let heard = player.health()?.map(|(health, _)| health);
+            let refused = heard.filter(|health| health.messages_refused > before);
+            Ok(refused.map(|health| Reaction::Refused(health.reason().to_string())))
+        })?;
+        Ok((sent, reaction))
+    }
+
+    /// A frame that must be refused, after which the next sound one is answered; gives the reason that was told.
+    pub(crate) fn must_refuse(&mut self, what: &str, frame: &Frame) -> anyhow::Result<String> {
+        let (_, reaction) = self.provoke(frame).with_context(|| what.to_string())?;
+        let Reaction::Refused(reason) = reaction else {
+            bail!("{what}: answered, it should be refused");
+        };
+        let asked = self.ask_usual();
+        asked.with_context(|| format!("the sound frame after: {what}"))?;
+        Ok(reason)
     }
 }
 

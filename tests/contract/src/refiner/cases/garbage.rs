@@ -1,71 +1,81 @@
 //! What no sound stage sends.
 
 use anyhow::{Context, ensure};
-use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, Disposition, Flags, NAME_MAX, Object, POINTS_MAX, Point,
-};
+use mluc_ipc_types::{DETECTIONS_MAX, Detection, Disposition, Flags, NAME_MAX, Object, POINTS_MAX};
 
 use super::Outcome;
-use crate::refiner::answer::{check_form, is_flagged};
-use crate::refiner::frame::{Answer, Frame};
-use crate::refiner::scene::{CART, Noise, candidate, scan, usual};
+use crate::refiner::answer::is_flagged;
+use crate::refiner::player::{Answer, Frame};
+use crate::refiner::scene::{CART, Noise, candidate, scan};
 use crate::refiner::session::{Reaction, Session};
 
 /// Frames of noise.
 const NOISY_FRAMES: u64 = 8;
 
-/// Provokes, and sees that a sound frame is answered afterwards. True: it was refused.
-fn survive(
-    session: &mut Session<'_>,
-    what: &str,
-    frame: &Frame,
-    is_told: impl Fn(&Answer) -> bool,
-) -> anyhow::Result<bool> {
-    let reaction = session.provoke(frame).with_context(|| what.to_string())?;
-    if let Reaction::Answered(pair) = &reaction {
-        let (sent, answer) = pair.as_ref();
-        check_form(sent, answer, session.options.classes.len())
-            .with_context(|| what.to_string())?;
-        ensure!(
-            is_told(answer),
-            "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
-            answer.header.flags
-        );
-    }
-    let (points, detections) = usual();
-    let sound = session.player.frame(points, detections);
-    session
-        .ask(&sound)
-        .with_context(|| format!("the sound frame after: {what}"))?;
-    Ok(matches!(reaction, Reaction::Refused(_)))
+/// The session with a program that was provoked, and how often it refused.
+struct Provoked<'a, 's> {
+    session: &'a mut Session<'s>,
+    count: usize,
+    refused: usize,
 }
 
-fn summary(count: usize, refused: usize) -> String {
-    format!(
-        "{count} survived: {refused} refused, {} answered and flagged",
-        count - refused
-    )
+impl<'a, 's> Provoked<'a, 's> {
+    fn begin(session: &'a mut Session<'s>) -> anyhow::Result<Provoked<'a, 's>> {
+        session.ready()?;
+        Ok(Provoked {
+            session,
+            count: 0,
+            refused: 0,
+        })
+    }
+
+    /// Provokes, and sees that a sound frame is answered afterwards.
+    fn survives(
+        &mut self,
+        what: &str,
+        frame: &Frame,
+        is_told: impl Fn(&Answer) -> bool,
+    ) -> anyhow::Result<()> {
+        let session = &mut *self.session;
+        let (sent, reaction) = session.provoke(frame).with_context(|| what.to_string())?;
+        match reaction {
+            Reaction::Refused(_) => self.refused += 1,
+            Reaction::Answered(answer) => {
+                let form = session.check_form(&sent, &answer);
+                form.with_context(|| what.to_string())?;
+                ensure!(
+                    is_told(&answer),
+                    "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
+                    answer.header.flags
+                );
+            }
+        }
+        self.count += 1;
+        let asked = session.ask_usual();
+        asked.with_context(|| format!("the sound frame after: {what}"))?;
+        Ok(())
+    }
+
+    fn summary(&self) -> Outcome {
+        let (count, refused) = (self.count, self.refused);
+        let answered = count - refused;
+        Ok(format!(
+            "{count} survived: {refused} refused, {answered} answered and flagged"
+        ))
+    }
 }
 
 pub(super) fn lengths(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
-    let too_many = vec![candidate(&CART, [0.1, 0.1]); DETECTIONS_MAX + 88];
-    let (points, detections) = usual();
-    let many = session.player.frame(points, too_many);
-    let long = session
-        .player
-        .frame(scan(&[CART], POINTS_MAX + 1000), detections);
-    let is_told = |answer: &Answer| {
-        is_flagged(
-            answer,
-            &[Flags::LIMIT_HIT, Flags::DEGRADED, Flags::TRUNCATED],
-        )
-    };
-    let mut refused = 0;
+    let mut provoked = Provoked::begin(session)?;
+    let mut many = provoked.session.player.usual();
+    many.detections = vec![candidate(&CART, [0.1, 0.1]); DETECTIONS_MAX + 88];
+    let mut long = provoked.session.player.usual();
+    long.points = scan(&[CART], POINTS_MAX + 1000);
+    let flags = [Flags::LIMIT_HIT, Flags::DEGRADED, Flags::TRUNCATED];
     for (what, frame) in [("600 detections", many), ("263,144 points", long)] {
-        refused += usize::from(survive(session, what, &frame, is_told)?);
+        provoked.survives(what, &frame, |answer| is_flagged(answer, &flags))?;
     }
-    Ok(summary(2, refused))
+    provoked.summary()
 }
 
 /// Spoils a detection.
@@ -91,54 +101,32 @@ const SPOILS: [(&str, Spoil); 14] = [
 ];
 
 pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
-    let (mut count, mut refused) = (0, 0);
+    let mut provoked = Provoked::begin(session)?;
     for (what, spoil) in SPOILS {
-        for which in [0, 1] {
-            let (points, mut detections) = usual();
-            spoil(&mut detections[which]);
-            let frame = session.player.frame(points, detections);
-            let is_told = |answer: &Answer| is_told_of(answer, which);
-            let name = ["of a known box", "of a candidate"][which];
-            refused += usize::from(survive(
-                session,
-                &format!("{what} {name}"),
-                &frame,
-                is_told,
-            )?);
-            count += 1;
+        for (which, name) in ["of a known box", "of a candidate"].into_iter().enumerate() {
+            let mut frame = provoked.session.player.usual();
+            spoil(&mut frame.detections[which]);
+            provoked.survives(&format!("{what} {name}"), &frame, |answer| {
+                is_told_of(answer, which)
+            })?;
         }
     }
-    let (mut points, detections) = usual();
-    for (number, point) in points.iter_mut().enumerate().step_by(3) {
+    let mut frame = provoked.session.player.usual();
+    for (number, point) in frame.points.iter_mut().enumerate().step_by(3) {
         let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX][number % 4];
-        match number % 5 {
-            0 => point.x_m = bad,
-            1 => point.y_m = bad,
-            2 => point.z_m = bad,
-            3 => point.intensity = bad,
-            _ => {
-                *point = Point {
-                    x_m: bad,
-                    y_m: bad,
-                    z_m: bad,
-                    intensity: bad,
-                }
-            }
+        let coordinates: &mut [f32; 4] = bytemuck::cast_mut(point);
+        match coordinates.get_mut(number % 5) {
+            Some(coordinate) => *coordinate = bad,
+            None => *coordinates = [bad; 4],
         }
     }
-    let frame = session.player.frame(points, detections);
     let flags = [Flags::NOT_FINITE, Flags::DEGRADED];
     let is_told = |answer: &Answer| is_flagged(answer, &flags);
-    refused += usize::from(survive(
-        session,
-        "points that are not finite",
-        &frame,
-        is_told,
-    )?);
-    let frame = noisy_header(session);
-    refused += usize::from(survive(session, "a header of noise", &frame, |_| true)?);
-    Ok(summary(count + 2, refused))
+    provoked.survives("points that are not finite", &frame, is_told)?;
+    let mut frame = provoked.session.player.usual();
+    spoil_header(&mut frame);
+    provoked.survives("a header of noise", &frame, |_| true)?;
+    provoked.summary()
 }
 
 fn is_told_of(answer: &Answer, which: usize) -> bool {
@@ -147,10 +135,8 @@ fn is_told_of(answer: &Answer, which: usize) -> bool {
         || told.is_some_and(|object: &Object| object.disposition == Disposition::InvalidBox as u32)
 }
 
-/// Everything but version, sequence and model is nonsense: it is passed on as it came.
-fn noisy_header(session: &mut Session<'_>) -> Frame {
-    let (points, detections) = usual();
-    let mut frame = session.player.frame(points, detections);
+/// Everything but version, run, sequence and model is nonsense: it is passed on as it came.
+fn spoil_header(frame: &mut Frame) {
     let header = &mut frame.header;
     header.flags = u32::MAX;
     (header.points_in, header.points_dropped) = (u32::MAX, u32::MAX);
@@ -160,28 +146,22 @@ fn noisy_header(session: &mut Session<'_>) -> Frame {
     header.ego.position_m = [f64::NAN; 3];
     header.ego.is_known = 77;
     header.name = [0xff; NAME_MAX];
-    frame
 }
 
 pub(super) fn noise(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
-    let mut refused = 0;
+    let mut provoked = Provoked::begin(session)?;
     for seed in 1..=NOISY_FRAMES {
         let mut noise = Noise(seed * 0x9e37_79b9_7f4a_7c15);
-        let (mut points, mut detections) = usual();
-        detections.resize(64, detections[1]);
-        let mut frame = session.player.frame(Vec::new(), Vec::new());
-        match seed % 3 {
-            0 => points.iter_mut().for_each(|point| noise.fill(point)),
-            1 => detections.iter_mut().for_each(|d| noise.fill(d)),
-            _ => {
-                points.iter_mut().for_each(|point| noise.fill(point));
-                detections.iter_mut().for_each(|d| noise.fill(d));
-            }
+        let mut frame = provoked.session.player.usual();
+        let second = frame.detections[1];
+        frame.detections.resize(64, second);
+        if seed % 3 != 1 {
+            frame.points.iter_mut().for_each(|point| noise.fill(point));
         }
-        (frame.points, frame.detections) = (points, detections);
-        let what = format!("noise of seed {seed}");
-        refused += usize::from(survive(session, &what, &frame, |_| true)?);
+        if seed % 3 != 0 {
+            frame.detections.iter_mut().for_each(|d| noise.fill(d));
+        }
+        provoked.survives(&format!("noise of seed {seed}"), &frame, |_| true)?;
     }
-    Ok(summary(NOISY_FRAMES as usize, refused))
+    provoked.summary()
 }

@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{Health, HealthState};
+use mluc_runtime::monotonic_ns;
 use rustix::process::Signal;
 
 use super::Outcome;
-use crate::refiner::scene::usual;
 use crate::refiner::session::{Session, describe};
 
 /// Longest time between two heartbeats of a program that waits; five times the usual.
@@ -49,19 +49,16 @@ fn check_waiting(health: &Health) -> anyhow::Result<()> {
 
 pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
     session.ready()?;
-    let (points, detections) = usual();
-    let frame = session.player.frame(points, detections);
-    session.ask(&frame)?;
-    let patience = session.options.patience;
+    session.ask_usual()?;
     let running = |health: &Health| health.state == HealthState::Running as u32;
-    let heard = session.player.await_health(patience, running)?;
-    heard.context("after a frame no heartbeat ever said running")?;
+    session.await_health("heartbeat with state running after a frame", running)?;
     let begun = Instant::now();
     let mut longest = Duration::ZERO;
     while begun.elapsed() < SILENCE {
-        session.check_alive("nothing came in")?;
-        if let Some((_, ago)) = session.player.health()? {
-            longest = longest.max(ago);
+        session.check_alive("heartbeats while nothing came in")?;
+        if let Some((_, heard_ns)) = session.player.health()? {
+            let ago_ns = monotonic_ns().saturating_sub(heard_ns);
+            longest = longest.max(Duration::from_nanos(ago_ns));
         }
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -70,13 +67,8 @@ pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
         "no heartbeat for {} ms; one is due every 100 ms",
         longest.as_millis()
     );
-    match session.player.health()? {
-        Some((health, _)) => check_waiting(&health)?,
-        None => bail!("no heartbeat"),
-    }
-    let (points, detections) = usual();
-    let frame = session.player.frame(points, detections);
-    session.ask(&frame)?;
+    check_waiting(&session.fresh_health()?)?;
+    session.ask_usual()?;
     Ok(format!(
         "waited {:.1} s, longest gap between heartbeats {} ms; the next frame was answered",
         SILENCE.as_secs_f64(),
@@ -88,20 +80,15 @@ pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
     let mut slowest = Duration::ZERO;
     for kill in 0..KILLS {
         session.ready()?;
-        let (points, detections) = usual();
-        let frame = session.player.frame(points, detections);
+        let frame = session.player.usual();
         session.player.send(&frame)?;
         // In the middle of its work, more or less.
         std::thread::sleep(Duration::from_micros(300 * kill as u64));
-        session.program()?.signal(Signal::KILL);
         session.program()?.kill();
         let begun = Instant::now();
-        session
-            .start()
-            .with_context(|| format!("after kill -9 number {}", kill + 1))?;
-        let (points, detections) = usual();
-        let frame = session.player.frame(points, detections);
-        session.ask(&frame)?;
+        let started = session.start();
+        started.with_context(|| format!("after kill -9 number {}", kill + 1))?;
+        session.ask_usual()?;
         slowest = slowest.max(begun.elapsed());
     }
     Ok(format!(

@@ -1,14 +1,14 @@
 //! More frames than it can take.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::ensure;
 use rustix::process::Signal;
 
 use super::Outcome;
-use crate::refiner::frame::Sent;
+use crate::refiner::player::Player;
 use crate::refiner::scene::usual;
-use crate::refiner::session::{Session, describe};
+use crate::refiner::session::Session;
 
 /// Frames that come while the program is held.
 const HELD: usize = 10;
@@ -20,96 +20,71 @@ const ANSWERS_MAX: usize = 3;
 pub(super) fn overload(session: &mut Session<'_>) -> Outcome {
     session.ready()?;
     // A first frame, so that gaps can be counted from it.
-    let (points, detections) = usual();
-    let frame = session.player.frame(points, detections);
-    session.ask(&frame)?;
+    session.ask_usual()?;
 
-    let before = dropped(session)?;
+    let before = session.fresh_health()?.frames_dropped;
     session.program()?.signal(Signal::STOP);
     std::thread::sleep(Duration::from_millis(50));
-    let held = flood(session, HELD, Duration::from_millis(5), before, true)?;
+    let sequences = flood(session, HELD, Duration::from_millis(5))?;
+    session.program()?.signal(Signal::CONT);
+    let held = count_answers(session, HELD, sequences, before)?;
     ensure!(
-        held.answered <= ANSWERS_MAX,
-        "held back while {HELD} frames came, it answered {} of them: old ones are to be passed over",
-        held.answered
+        held <= ANSWERS_MAX,
+        "held back while {HELD} frames came, it answered {held} of them: old ones are to be passed over"
     );
-    let before = dropped(session)?;
-    let burst = flood(session, BURST, Duration::ZERO, before, false)?;
-    Ok(format!(
-        "held: {} of {HELD} answered, {} dropped and counted; burst: {} of {BURST} answered, {} dropped and counted",
-        held.answered, held.dropped, burst.answered, burst.dropped
-    ))
+    let before = session.fresh_health()?.frames_dropped;
+    let sequences = flood(session, BURST, Duration::ZERO)?;
+    let burst = count_answers(session, BURST, sequences, before)?;
+    let told = |answered, count| {
+        let dropped = count - answered;
+        format!("{answered} of {count} answered, {dropped} dropped and counted")
+    };
+    let (held, burst) = (told(held, HELD), told(burst, BURST));
+    Ok(format!("held: {held}; burst: {burst}"))
 }
 
-/// What its health counts now.
-fn dropped(session: &mut Session<'_>) -> anyhow::Result<u64> {
-    let patience = session.options.patience;
-    let heard = session.player.await_health(patience, |_| true)?;
-    Ok(heard.context("no heartbeat")?.frames_dropped)
+/// Sends frames; gives the sequences that were answered meanwhile.
+fn flood(session: &mut Session<'_>, count: usize, pause: Duration) -> anyhow::Result<Vec<u64>> {
+    let player = &mut session.player;
+    let (points, detections) = usual();
+    let mut answered = Vec::new();
+    for _ in 0..count {
+        let frame = player.frame(points.clone(), detections.clone());
+        player.send(&frame)?;
+        std::thread::sleep(pause);
+        collect(player, &mut answered)?;
+    }
+    Ok(answered)
 }
 
-struct Flood {
-    answered: usize,
-    dropped: u64,
-}
-
-fn flood(
+/// Waits for the answer to the newest of `count` frames, and until its health counts the others as dropped; gives how many
+/// were answered.
+fn count_answers(
     session: &mut Session<'_>,
     count: usize,
-    pause: Duration,
-    before: u64,
-    is_held: bool,
-) -> anyhow::Result<Flood> {
-    let patience = session.options.patience;
-    let (points, detections) = usual();
-    let mut last: Option<Sent> = None;
-    let mut sequences = Vec::new();
-    for _ in 0..count {
-        let frame = session.player.frame(points.clone(), detections.clone());
-        last = Some(session.player.send(&frame)?);
-        std::thread::sleep(pause);
-        collect(session, &mut sequences)?;
-    }
-    if is_held {
-        session.program()?.signal(Signal::CONT);
-    }
-    let Some(last) = last else {
-        bail!("nothing was sent")
-    };
-    let begun = Instant::now();
-    while sequences.last() != Some(&last.header.sequence) {
-        collect(session, &mut sequences)?;
-        session.check_alive("it was flooded")?;
-        ensure!(
-            begun.elapsed() < patience,
-            "the newest of {count} frames ({}) was not answered; answered were {sequences:?}",
-            last.header.sequence
-        );
-        session.player.wait();
-    }
+    mut answered: Vec<u64>,
+    dropped_before: u64,
+) -> anyhow::Result<usize> {
+    let newest = session.player.next_sequence - 1;
+    let awaited = format!("objects of the newest of {count} frames, {newest}");
+    session.await_any(&awaited, |player| {
+        collect(player, &mut answered)?;
+        Ok((answered.last() == Some(&newest)).then_some(()))
+    })?;
     ensure!(
-        sequences.is_sorted_by(|a, b| a < b),
-        "frames were answered out of order: {sequences:?}"
+        answered.is_sorted_by(|a, b| a < b),
+        "frames were answered out of order: {answered:?}"
     );
-    let expected = (count - sequences.len()) as u64;
-    let counted = |health: &mluc_ipc_types::Health| health.frames_dropped == before + expected;
-    let heard = session.player.await_health(patience, counted)?;
-    if heard.is_none() {
-        let said = session.player.health()?;
-        bail!(
-            "{expected} frames were overtaken, frames_dropped should be {}; health says: {}",
-            before + expected,
-            said.map_or("nothing".to_string(), |(health, _)| describe(&health))
-        );
-    }
-    Ok(Flood {
-        answered: sequences.len(),
-        dropped: expected,
-    })
+    let overtaken = (count - answered.len()) as u64;
+    let dropped = dropped_before + overtaken;
+    let awaited =
+        format!("heartbeat with frames_dropped {dropped}, as {overtaken} frames were overtaken");
+    session.await_health(&awaited, |health| health.frames_dropped == dropped)?;
+    Ok(answered.len())
 }
 
-fn collect(session: &mut Session<'_>, sequences: &mut Vec<u64>) -> anyhow::Result<()> {
-    while let Some(answer) = session.player.take_answer()? {
+fn collect(player: &mut Player, sequences: &mut Vec<u64>) -> anyhow::Result<()> {
+    while let Some(answer) = player.take_answer()? {
         sequences.push(answer.header.sequence);
     }
     Ok(())

@@ -1,0 +1,308 @@
+//! Running `mluc`, or a stage of somebody else, as a process.
+
+use std::ffi::OsStr;
+use std::io::{BufRead, BufReader, Read};
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde_json::Value;
+
+/// A program beside the tests that cargo built: `target/release/deps/test-1234` has it in `target/release`.
+pub fn built_program(name: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("a running test");
+    let folder = test.ancestors().nth(2).expect("target/PROFILE");
+    let program = folder.join(name);
+    assert!(
+        program.exists(),
+        "{} is missing: run `cargo test --workspace`, or build it with the same profile first (`cargo build -p mluc -p \
+         mluc-contract --bins --examples`)",
+        program.display()
+    );
+    program
+}
+
+/// The program `mluc`.
+pub fn mluc_program() -> PathBuf {
+    built_program("mluc")
+}
+
+/// A name that no other test uses.
+pub fn unique_instance(label: &str) -> String {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    format!("{label}-{}-{count}", std::process::id())
+}
+
+/// Files of an instance in shared memory.
+pub fn leftovers(instance: &str) -> Vec<String> {
+    let stem = format!("mluc-{}-{instance}", rustix::process::geteuid().as_raw());
+    let entries = std::fs::read_dir("/dev/shm")
+        .expect("shared memory")
+        .flatten();
+    entries
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .filter(|name| *name == stem || name.starts_with(&format!("{stem}.")))
+        .collect()
+}
+
+/// Sends a signal to any process.
+pub fn send_signal(pid: u32, signal: Signal) {
+    if let Some(pid) = Pid::from_raw(pid as i32) {
+        kill_process(pid, signal).expect("a process of ours");
+    }
+}
+
+/// Whether a process exists.
+pub fn is_alive(pid: u32) -> bool {
+    Pid::from_raw(pid as i32).is_some_and(|pid| test_kill_process(pid).is_ok())
+}
+
+/// Waits at most `patience`; whether `condition` came true.
+pub fn wait_for(patience: Duration, mut condition: impl FnMut() -> bool) -> bool {
+    let begun = Instant::now();
+    loop {
+        if condition() {
+            return true;
+        }
+        if begun.elapsed() > patience {
+            return false;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// How a run ended.
+#[derive(Debug)]
+pub struct Finished {
+    /// Exit code; `None`: by a signal.
+    pub code: Option<i32>,
+    /// stdout, a value a line.
+    pub lines: Vec<Value>,
+    /// stderr.
+    pub log: String,
+}
+
+impl Finished {
+    /// Fails unless it ended with this code and wrote so many lines.
+    #[track_caller]
+    pub fn assert_ended(&self, code: i32, lines: usize) {
+        let found = (self.code, self.lines.len());
+        assert_eq!(found, (Some(code), lines), "{}", self.log);
+    }
+
+    /// Fails unless stderr has all these words.
+    #[track_caller]
+    pub fn assert_says(&self, words: &[&str]) {
+        for word in words {
+            assert!(
+                self.log.contains(word),
+                "'{word}' is missing in: {}",
+                self.log
+            );
+        }
+    }
+
+    /// The frames' names in the order of the lines.
+    pub fn frames(&self) -> Vec<&str> {
+        let frames = self.lines.iter().map(|line| line["frame"].as_str());
+        frames.map(|frame| frame.unwrap_or("?")).collect()
+    }
+
+    /// The frames' numbers in the order of the lines.
+    pub fn sequences(&self) -> Vec<u64> {
+        let lines = self.lines.iter();
+        lines.filter_map(|line| line["sequence"].as_u64()).collect()
+    }
+
+    /// stdout where it is text.
+    pub fn text(&self) -> String {
+        let lines: Vec<&str> = self.lines.iter().filter_map(Value::as_str).collect();
+        lines.join("\n")
+    }
+
+    /// The flags of a frame.
+    pub fn flags(&self, frame: &str) -> Vec<&str> {
+        let line = self.lines.iter().find(|line| line["frame"] == frame);
+        let line = line.unwrap_or_else(|| panic!("no line of frame {frame}: {}", self.log));
+        let flags = line["flags"].as_array().into_iter().flatten();
+        flags.filter_map(Value::as_str).collect()
+    }
+}
+
+/// A running program; ended when dropped.
+pub struct Running {
+    process: Child,
+    lines: Arc<Mutex<Vec<Value>>>,
+    log: Arc<Mutex<String>>,
+    readers: [JoinHandle<()>; 2],
+}
+
+impl Running {
+    /// Starts `mluc ARGUMENTS`.
+    pub fn mluc<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Running {
+        Running::start(Command::new(mluc_program()).args(arguments))
+    }
+
+    /// Starts any program.
+    pub fn start(command: &mut Command) -> Running {
+        command.stdin(Stdio::null());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut process = command.spawn().expect("the program starts");
+        let (lines, log) = (
+            Arc::<Mutex<Vec<_>>>::default(),
+            Arc::<Mutex<String>>::default(),
+        );
+        let (own_lines, own_log) = (lines.clone(), log.clone());
+        let readers = [
+            read_lines(process.stdout.take().expect("piped"), move |line| {
+                let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
+                own_lines.lock().expect("no panic").push(value);
+            }),
+            read_lines(process.stderr.take().expect("piped"), move |line| {
+                *own_log.lock().expect("no panic") += &(line + "\n");
+            }),
+        ];
+        Running {
+            process,
+            lines,
+            log,
+            readers,
+        }
+    }
+
+    /// Of the program itself.
+    pub fn pid(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// Its stages: name and process.
+    pub fn stages(&self) -> Vec<(String, u32)> {
+        let stage = |(pid, words): (u32, Vec<String>)| {
+            let mut words = words.into_iter().skip_while(|word| word != "stage");
+            Some((words.nth(1)?, pid))
+        };
+        self.descendants().into_iter().filter_map(stage).collect()
+    }
+
+    /// The process of a stage that runs.
+    #[track_caller]
+    pub fn stage(&self, name: &str) -> u32 {
+        let stages = self.stages();
+        let found = stages.iter().find(|(stage, _)| stage == name);
+        found
+            .unwrap_or_else(|| panic!("no stage {name}: {stages:?}"))
+            .1
+    }
+
+    /// The processes that it started whose command line has this word.
+    pub fn children_with(&self, word: &str) -> Vec<u32> {
+        let mut found = self.descendants();
+        found.retain(|(_, words)| words.iter().any(|found| found == word));
+        found.into_iter().map(|(pid, _)| pid).collect()
+    }
+
+    /// Processes and their command lines: `mluc bench` starts a `mluc up`, whose children are the stages.
+    fn descendants(&self) -> Vec<(u32, Vec<String>)> {
+        let children = children(self.pid());
+        let grandchildren = children.iter().flat_map(|pid| self::children(*pid));
+        let all = children.iter().copied().chain(grandchildren);
+        let with_command = |pid| {
+            let command = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).ok()?;
+            Some((pid, command.split('\0').map(str::to_string).collect()))
+        };
+        all.filter_map(with_command).collect()
+    }
+
+    /// Lines so far.
+    pub fn line_count(&self) -> usize {
+        self.lines.lock().expect("no panic").len()
+    }
+
+    /// stderr so far.
+    pub fn log(&self) -> String {
+        self.log.lock().expect("no panic").clone()
+    }
+
+    /// Waits until `condition`, at most half a minute.
+    #[track_caller]
+    pub fn wait_until(&mut self, what: &str, mut condition: impl FnMut(&Running) -> bool) {
+        let (mut is_met, mut has_ended) = (false, false);
+        wait_for(Duration::from_secs(30), || {
+            is_met = condition(self);
+            has_ended = matches!(self.process.try_wait(), Ok(Some(_)));
+            is_met || has_ended
+        });
+        assert!(is_met, "waiting until {what}: {}", self.log());
+    }
+
+    /// Waits for `more` lines than there are now.
+    #[track_caller]
+    pub fn wait_for_lines(&mut self, more: usize) {
+        let before = self.line_count();
+        self.wait_until("frames flow", |run| run.line_count() >= before + more);
+    }
+
+    /// Sends a signal to the program itself.
+    pub fn signal(&self, signal: Signal) {
+        send_signal(self.pid(), signal);
+    }
+
+    /// Waits for the end, at most `patience`.
+    #[track_caller]
+    pub fn finish_within(mut self, patience: Duration) -> Finished {
+        let mut status = None;
+        wait_for(patience, || {
+            status = self.process.try_wait().expect("a child of ours");
+            status.is_some() && self.readers.iter().all(JoinHandle::is_finished)
+        });
+        let status = status.unwrap_or_else(|| panic!("no end within {patience:?}: {}", self.log()));
+        let lines = std::mem::take(&mut *self.lines.lock().expect("no panic"));
+        Finished {
+            code: status.code(),
+            lines,
+            log: self.log(),
+        }
+    }
+
+    /// Waits for the end, at most a minute.
+    #[track_caller]
+    pub fn finish(self) -> Finished {
+        self.finish_within(Duration::from_secs(60))
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // Asked first, so that a test that failed leaves nothing in shared memory.
+        if matches!(self.process.try_wait(), Ok(None)) {
+            send_signal(self.pid(), Signal::TERM);
+        }
+        wait_for(Duration::from_secs(5), || {
+            !matches!(self.process.try_wait(), Ok(None))
+        });
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn read_lines(
+    from: impl Read + Send + 'static,
+    mut take: impl FnMut(String) + Send + 'static,
+) -> JoinHandle<()> {
+    std::thread::spawn(move || {
+        let lines = BufReader::new(from).split(b'\n').map_while(Result::ok);
+        lines.for_each(|line| take(String::from_utf8_lossy(&line).into_owned()));
+    })
+}
+
+fn children(pid: u32) -> Vec<u32> {
+    let path = format!("/proc/{pid}/task/{pid}/children");
+    let children = std::fs::read_to_string(path).unwrap_or_default();
+    let pids = children.split_whitespace();
+    pids.filter_map(|pid| pid.parse().ok()).collect()
+}
