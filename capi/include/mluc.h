@@ -66,7 +66,13 @@ enum {
     MLUC_DAMAGED_INPUT = 1 << 6,
     MLUC_POINTS_GONE = 1 << 7,
     MLUC_EMPTY = 1 << 8,
-    MLUC_INPUT_SUSPECT = 1 << 9
+    MLUC_INPUT_SUSPECT = 1 << 9,
+    /* Which limit, beside MLUC_LIMIT_HIT. */
+    MLUC_LIMIT_VOXELS = 1 << 10,
+    MLUC_LIMIT_CANDIDATES = 1 << 11,
+    MLUC_LIMIT_DETECTIONS = 1 << 12,
+    MLUC_LIMIT_OBJECT_POINTS = 1 << 13,
+    MLUC_LIMIT_WORK = 1 << 14
 };
 
 enum { MLUC_KNOWN = 0, MLUC_CANDIDATE = 1, MLUC_UNKNOWN = 1 };

@@ -139,7 +139,7 @@ class Refiner {
             o.flags |= MLUC_THINNED;
         }
         indices.swap(kept);
-        flags |= MLUC_LIMIT_HIT;
+        flags |= MLUC_LIMIT_HIT | MLUC_LIMIT_OBJECT_POINTS;
     }
 
     // Points in a known object's box.

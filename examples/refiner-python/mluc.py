@@ -19,7 +19,8 @@ import numpy as np
 WIRE_VERSION, REFINER, NONE = 4, 3, 2**32 - 1
 POINTS_MAX, OBJECT_POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 262_144, 131_072, 512, 100_000_000, 1_000_000_000
 THINNED = 4  # a bit of an object's flags
-DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE = 1 << 2, 1 << 3, 1 << 5, 1 << 7  # bits of a header's flags
+# Bits of a header's flags.
+DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, LIMIT_OBJECT_POINTS = 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 13
 PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED, UNDERSIZED = range(8)
 STARTING, WAITING_INPUT, RUNNING, BAD, FAILED, STOPPING = range(6)
 
@@ -265,7 +266,7 @@ class Refiner:
         objects["flags"] |= np.where(count > 1, THINNED, 0).astype(np.uint32)
         objects["points_count"] = -(-count // step)
         objects["points_first"] = np.cumsum(objects["points_count"]) - objects["points_count"]
-        header.flags |= LIMIT_HIT
+        header.flags |= LIMIT_HIT | LIMIT_OBJECT_POINTS
         return np.concatenate([indices[f : f + n : step] for f, n in zip(first, count)])
 
     def publish(self, frame, objects, indices):

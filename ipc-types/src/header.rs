@@ -69,7 +69,7 @@ impl Flags {
     pub const TRUNCATED: Flags = Flags(1 << 1);
     /// A stage could not do all of its work (points of the frame gone, for instance).
     pub const DEGRADED: Flags = Flags(1 << 2);
-    /// A limit (voxels, candidates, objects) was reached.
+    /// A limit was reached; a stage of ours also says which, with one of the `LIMIT_` flags below.
     pub const LIMIT_HIT: Flags = Flags(1 << 3);
     /// The frame was sent again after silence or a restart.
     pub const RESENT: Flags = Flags(1 << 4);
@@ -83,8 +83,18 @@ impl Flags {
     pub const EMPTY: Flags = Flags(1 << 8);
     /// The input does not look like what the model was trained for (sensor height, intensity scale).
     pub const INPUT_SUSPECT: Flags = Flags(1 << 9);
+    /// [`Flags::LIMIT_HIT`] of voxels: points of a frame fill more than the network takes.
+    pub const LIMIT_VOXELS: Flags = Flags(1 << 10 | Flags::LIMIT_HIT.0);
+    /// [`Flags::LIMIT_HIT`] of the boxes that the head decodes before it suppresses overlapping ones.
+    pub const LIMIT_CANDIDATES: Flags = Flags(1 << 11 | Flags::LIMIT_HIT.0);
+    /// [`Flags::LIMIT_HIT`] of detections: the head kept as many as a message holds, or the refiner was sent more.
+    pub const LIMIT_DETECTIONS: Flags = Flags(1 << 12 | Flags::LIMIT_HIT.0);
+    /// [`Flags::LIMIT_HIT`] of the objects' points.
+    pub const LIMIT_OBJECT_POINTS: Flags = Flags(1 << 13 | Flags::LIMIT_HIT.0);
+    /// [`Flags::LIMIT_HIT`] of the refiner's work or time for a frame.
+    pub const LIMIT_WORK: Flags = Flags(1 << 14 | Flags::LIMIT_HIT.0);
 
-    const NAMES: [&'static str; 10] = [
+    const NAMES: [&'static str; 15] = [
         "late",
         "truncated",
         "degraded",
@@ -95,6 +105,11 @@ impl Flags {
         "points_gone",
         "empty",
         "input_suspect",
+        "limit_voxels",
+        "limit_candidates",
+        "limit_detections",
+        "limit_object_points",
+        "limit_work",
     ];
 
     /// Both sets.
@@ -191,6 +206,14 @@ impl FrameHeader {
             sequence,
             name: Text::pack(name),
             ..FrameHeader::zeroed()
+        }
+    }
+
+    /// Counts and flags what a limit left out; nothing where that is 0.
+    pub fn count_over(&mut self, limit: Flags, dropped: u32) {
+        if dropped > 0 {
+            self.flag(limit);
+            self.limit_dropped = self.limit_dropped.saturating_add(dropped);
         }
     }
 

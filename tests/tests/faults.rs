@@ -114,7 +114,7 @@ fn a_bad_configuration_is_a_usage_error() {
         ("--lambda=-1", &["lambda"][..]),
         ("--unknown-min=2", &["unknown_min", "0 to 1"]),
         ("--unknown-min=0.5", &["unknown_min", "--lambda"]),
-        ("--refiner-mode papr", &["did you mean 'paper'?"]),
+        ("--refiner-mode papr", &["exists: 'paper'"]),
     ] {
         refuses(&setting, 2, option, words);
     }

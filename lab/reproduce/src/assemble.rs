@@ -113,10 +113,7 @@ fn write_pictures(
 }
 
 fn write_png(path: &Path, canvas: &Canvas) -> Result<(), ReproduceError> {
-    let mut bytes = Vec::new();
-    let written = canvas.write_png(&mut bytes);
-    written.map_err(|e| ReproduceError::file(path, e))?;
-    write_whole(path, &bytes)
+    write_whole(path, &canvas.png())
 }
 
 /// Every evaluation of a setting that is up to date.

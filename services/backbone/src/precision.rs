@@ -4,6 +4,7 @@ use mluc_kernels::{
     Bf16, Element, Epilogue, Gather, Weights, WeightsBf16, WeightsInt8, convolve, convolve_bf16,
     convolve_int8,
 };
+use serde::{Deserialize, Serialize};
 
 use crate::error::BackboneError;
 
@@ -11,7 +12,8 @@ use crate::error::BackboneError;
 ///
 /// The first sparse layer reads coordinates in m, of which bf16 would keep 8 bits: it is computed in f32, and the feature
 /// rows leave as f32.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// 32 bits.
     #[default]

@@ -12,7 +12,8 @@ use crate::embedded;
 /// The embedded scans as files: `velodyne/NAME.bin`, and `label_2/NAME.txt` where there are labels.
 pub struct BundledScans {
     folder: PathBuf,
-    pub points: Vec<Vec<Point>>,
+    /// Of each scan, in the order of their names.
+    pub(crate) points: Vec<Vec<Point>>,
 }
 
 impl BundledScans {
@@ -22,34 +23,31 @@ impl BundledScans {
             bail!("this build brings no scans along (services/mluc/assets/*.scan): give --input");
         }
         let folder = std::env::temp_dir().join(format!("mluc-{purpose}-{}", std::process::id()));
-        let mut scans = BundledScans {
-            folder,
-            points: Vec::new(),
-        };
-        for inner in ["velodyne", "label_2"] {
-            let folder = scans.folder.join(inner);
-            fs::create_dir_all(&folder)
-                .with_context(|| format!("creating {}", folder.display()))?;
-        }
+        let points = Vec::new();
+        let mut scans = BundledScans { folder, points };
         for (name, bytes) in embedded::SCANS {
             let points = unpack(bytes).with_context(|| format!("embedded scan {name}"))?;
             scans.file(
-                &format!("velodyne/{name}.bin"),
+                "velodyne",
+                &format!("{name}.bin"),
                 bytemuck::cast_slice(&points),
             )?;
             scans.points.push(points);
         }
         for (name, bytes) in embedded::LABELS {
-            scans.file(&format!("label_2/{name}.txt"), bytes)?;
+            scans.file("label_2", &format!("{name}.txt"), bytes)?;
         }
         Ok(scans)
     }
 
-    fn file(&self, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
-        let path = self.folder.join(name);
-        fs::write(&path, bytes).with_context(|| format!("writing {}", path.display()))
+    fn file(&self, folder: &str, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
+        let folder = self.folder.join(folder);
+        let written =
+            fs::create_dir_all(&folder).and_then(|()| fs::write(folder.join(name), bytes));
+        written.with_context(|| format!("writing {name} in {}", folder.display()))
     }
 
+    /// Where the files lie.
     pub fn folder(&self) -> &Path {
         &self.folder
     }

@@ -4,7 +4,9 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
+use mluc_refiner::Variant;
 use serde::Serialize;
 
 use crate::external::ExternalArgs;
@@ -44,74 +46,84 @@ pub(crate) enum Command {
 /// What `up`, `stage` and `config` share; everything may stand in the configuration file instead (docs/configuration.md).
 /// As a document it holds what was given, but for the three lists of words.
 #[derive(Args, Clone, Debug, Default, Serialize)]
-pub struct PipelineArgs {
+pub(crate) struct PipelineArgs {
     /// A folder of KITTI .bin scans (or of `velodyne/`), or one scan.
     #[arg(long)]
-    pub input: Option<PathBuf>,
+    pub(crate) input: Option<PathBuf>,
     /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file [default: kitti-open].
     #[arg(long)]
-    pub model: Option<String>,
+    pub(crate) model: Option<String>,
     /// When the next frame enters [default: sensor].
     #[arg(long, value_enum)]
-    pub pace: Option<Pace>,
+    pub(crate) pace: Option<Pace>,
     /// Frames a second at pace `sensor` [default: timestamps.txt beside the scans, else 10].
     #[arg(long)]
     #[serde(rename = "rate_hz")]
-    pub rate: Option<f64>,
+    pub(crate) rate: Option<f64>,
     /// Begin again after the last scan.
     #[arg(long = "loop")]
     #[serde(rename = "loop", skip_serializing_if = "is_off")]
-    pub repeat: bool,
+    pub(crate) repeat: bool,
     /// End after so many seconds of input.
     #[arg(long)]
-    pub seconds: Option<f64>,
+    pub(crate) seconds: Option<f64>,
     /// Name of this pipeline: two with different names run side by side [default: default].
     #[arg(long)]
-    pub instance: Option<String>,
+    pub(crate) instance: Option<String>,
     /// Configuration file (TOML).
     #[arg(long)]
     #[serde(skip)]
-    pub config: Option<PathBuf>,
+    pub(crate) config: Option<PathBuf>,
     /// With a model whose gate is the EDS (udi, kitti): threshold on the normalised EDS instead of the model's. Boxes below
     /// it are candidate unknowns (1: the centre of all prototypes, 2: at a prototype, 0: no unknowns).
     #[arg(long)]
-    pub lambda: Option<f64>,
+    pub(crate) lambda: Option<f64>,
     /// With a model that has a logit of the unknown (udi-open, kitti-open): probability of being none of the known from which
     /// a box is a candidate unknown, instead of the model's (0: no unknowns). Lower finds more, true and false.
     #[arg(long)]
-    pub unknown_min: Option<f64>,
-    /// How the refiner clusters; an unknown name lists them all.
-    #[arg(long)]
+    pub(crate) unknown_min: Option<f64>,
+    /// How the refiner clusters.
+    #[arg(long, value_parser = Variant::ALL.map(Variant::name))]
     #[serde(skip)]
-    pub refiner_mode: Option<String>,
+    pub(crate) refiner_mode: Option<String>,
     /// Follow unknown objects over frames: each gets a number, and is published once two of the last three frames saw
     /// it. Known objects are never delayed.
     #[arg(long)]
     #[serde(skip_serializing_if = "is_off")]
-    pub track: bool,
+    pub(crate) track: bool,
     /// Arithmetic of the backbone: f32, bf16 (faster where the processor has it), or int8 (faster still; the model needs a
     /// calibration: mluc-lab quantize) [default: f32].
-    #[arg(long)]
-    pub precision: Option<String>,
+    #[arg(long, value_parser = Precision::ALL.map(Precision::name), hide_possible_values = true)]
+    pub(crate) precision: Option<String>,
     /// Frames that leave later than this, ms after their scan, are flagged `late` [default: 200 at pace sensor].
     #[arg(long)]
-    pub budget_ms: Option<u64>,
+    pub(crate) budget_ms: Option<u64>,
     /// Check that each payload lies in shared memory, and fail if not (slow).
     #[arg(long)]
     #[serde(skip_serializing_if = "is_off")]
-    pub verify_mapping: bool,
+    pub(crate) verify_mapping: bool,
     /// Leave a stage to you: start `mluc stage STAGE`, or a program of your own, and replace it while the others run.
-    #[arg(long, value_name = "STAGE")]
+    #[arg(long, value_name = "STAGE", value_parser = Stage::ALL.map(Stage::name))]
     #[serde(skip)]
-    pub without: Vec<String>,
+    pub(crate) without: Vec<String>,
     /// Threads of one stage, STAGE=N [default: backbone=2, others 1].
-    #[arg(long = "threads", value_name = "STAGE=N")]
+    #[arg(long, value_name = "STAGE=N", value_parser = stage_threads)]
     #[serde(skip)]
-    pub threads: Vec<String>,
+    pub(crate) threads: Vec<(Stage, u16)>,
 }
 
 fn is_off(flag: &bool) -> bool {
     !flag
+}
+
+fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
+    let pair = word
+        .split_once('=')
+        .and_then(|(name, count)| Some((Stage::from_name(name)?, count.parse().ok()?)));
+    pair.ok_or_else(|| {
+        let stages = Stage::ALL.map(Stage::name).join(", ");
+        format!("expected STAGE=N, backbone=2 for instance; the stages are {stages}")
+    })
 }
 
 /// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
@@ -169,7 +181,8 @@ pub(crate) struct ConfigArgs {
 
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StageArgs {
-    /// ingest, backbone, head or refiner.
+    /// Which one.
+    #[arg(value_parser = Stage::ALL.map(Stage::name))]
     pub(crate) name: String,
     #[command(flatten)]
     pub(crate) pipeline: PipelineArgs,
@@ -227,18 +240,15 @@ mod tests {
 
     #[test]
     fn help_of_a_stage_lists_what_it_takes() {
-        let options = |name: &str| {
+        let help = |name: &str| {
             let words = ["mluc", "stage", name, "--help"].map(OsString::from);
-            let error = Cli::command_for(&words)
-                .try_get_matches_from(words)
-                .unwrap_err();
-            error.to_string()
+            let error = Cli::command_for(&words).try_get_matches_from(words);
+            error.unwrap_err().to_string()
         };
-        let (head, ingest) = (options("head"), options("ingest"));
-        assert!(
-            head.contains("--unknown-min") && head.contains("--instance"),
-            "{head}"
-        );
+        let (head, ingest) = (help("head"), help("ingest"));
+        for option in ["--unknown-min", "--instance"] {
+            assert!(head.contains(option), "{option}: {head}");
+        }
         for option in [
             "--rate",
             "--loop",
@@ -254,12 +264,9 @@ mod tests {
         );
         let all = Cli::command();
         let stage = all.find_subcommand("stage").unwrap();
-        let ids: Vec<_> = stage
-            .get_arguments()
-            .map(|arg| arg.get_id().as_str())
-            .collect();
         for (id, _) in TAKEN_BY {
-            assert!(ids.contains(&id), "{id} is no option");
+            let is_option = stage.get_arguments().any(|arg| arg.get_id() == id);
+            assert!(is_option, "{id} is no option");
         }
     }
 }

@@ -10,7 +10,6 @@ use serde::de::DeserializeOwned;
 use toml::Table;
 
 use crate::UsageError;
-use crate::names::nearest;
 use crate::settings::Settings;
 
 /// Reads a TOML file as `T`. An error names line and column, and the nearest key where the key is unknown.
@@ -20,54 +19,63 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {
     Ok(parse(&text).map_err(usage)?)
 }
 
-pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
-    toml::from_str(text).map_err(|error| {
-        let mut expected = expected_keys(error.message());
-        let hint = (!expected.is_empty())
-            .then(|| expected.remove(0))
-            .and_then(|found| nearest(found, expected))
-            .map_or(String::new(), |key| format!("\ndid you mean `{key}`?"));
-        format!("{}{hint}", error.to_string().trim_end())
-    })
+fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    toml::from_str(text).map_err(|error| with_hint(error.to_string().trim_end(), &error))
 }
 
-/// The words in serde's ``unknown field `modle`, expected one of `instance`, `input`, ...``: the unknown key, then the known
-/// ones.
-fn expected_keys(message: &str) -> Vec<&str> {
-    let words = message.strip_prefix("unknown field ");
-    words.map_or(Vec::new(), |words| {
-        words.split('`').skip(1).step_by(2).collect()
-    })
+/// `text` about an error, and the name that was meant where an unknown one is near it.
+pub(crate) fn with_hint(text: &str, error: &toml::de::Error) -> String {
+    let words = unknown_and_known(error.message());
+    let near = words
+        .split_first()
+        .and_then(|(unknown, known)| nearest(unknown, known.to_vec()));
+    let hint = near.map(|near| format!("\ndid you mean `{near}`?"));
+    format!("{text}{}", hint.unwrap_or_default())
+}
+
+/// The candidate with the fewest edits (insert, delete, change a character), if they are few for the word's length.
+pub(crate) fn nearest<'a>(word: &str, candidates: Vec<&'a str>) -> Option<&'a str> {
+    let distances = candidates
+        .into_iter()
+        .map(|name| (strsim::levenshtein(word, name), name));
+    let limit = word.chars().count().max(3) / 2 + 1;
+    let near = distances.filter(|(distance, _)| *distance <= limit);
+    near.min().map(|(_, name)| name)
+}
+
+/// The words in serde's ``unknown field `modle`, expected one of `instance`, `input`, ...`` (or `variant`): the unknown
+/// one, then the known ones.
+fn unknown_and_known(message: &str) -> Vec<&str> {
+    let is_unknown =
+        message.starts_with("unknown field ") || message.starts_with("unknown variant ");
+    let words = message.split('`').skip(1).step_by(2);
+    words.filter(|_| is_unknown).collect()
 }
 
 /// All keys of a table of the configuration (`stages.head`; empty: the top), those without a default too. Empty where
 /// there is no such table.
 pub fn known_keys(table: &str) -> Vec<String> {
-    let header = if table.is_empty() {
-        String::new()
+    let key = if table.is_empty() {
+        "?".to_string()
     } else {
-        format!("[{table}]\n")
+        format!("{table}.?")
     };
-    let Err(error) = toml::from_str::<Settings>(&format!("{header}\"?\" = 0")) else {
+    let key = key.replace('?', "\"?\"");
+    let Err(error) = toml::from_str::<Settings>(&format!("{key} = 0")) else {
         return Vec::new();
     };
-    let keys = expected_keys(error.message());
+    let keys = unknown_and_known(error.message());
     keys.into_iter().skip(1).map(str::to_string).collect()
 }
 
-/// The document of a running pipeline, in the instance's folder. It counts while this value holds its lock.
-#[derive(Debug)]
-pub struct Published {
-    _lock: File,
-}
-
+/// Where the document of a running pipeline lies: in the instance's folder.
 fn place(instance: &Instance) -> PathBuf {
     instance.root().join("settings.toml")
 }
 
 /// Hands `settings` to the stages of its instance. The caller must have joined the instance, which removes the file when the
-/// last process leaves.
-pub fn publish(settings: &Settings) -> anyhow::Result<Published> {
+/// last process leaves. The document counts for as long as the file that is given is open, and with it locked.
+pub(crate) fn publish(settings: &Settings) -> anyhow::Result<File> {
     let path = place(&settings.instance);
     let text = toml::to_string(settings).context("writing the settings")?;
     let write = || -> std::io::Result<File> {
@@ -79,8 +87,7 @@ pub fn publish(settings: &Settings) -> anyhow::Result<Published> {
         std::fs::rename(&new, &path)?;
         Ok(file)
     };
-    let lock = write().with_context(|| format!("writing {}", path.display()))?;
-    Ok(Published { _lock: lock })
+    write().with_context(|| format!("writing {}", path.display()))
 }
 
 /// The document of the pipeline that runs under this name; none where no supervisor is alive.
@@ -104,28 +111,35 @@ mod tests {
             ("[stages.backbon]\nthreads = 1", "backbon", "backbone"),
             ("[stages.head]\nthread = 1", "thread", "threads"),
             ("[refiner]\nvarient = 1", "varient", "variant"),
+            ("[refiner]\nvariant = \"papr\"", "papr", "paper"),
             ("[track]\nwindw = 1", "windw", "window"),
+            ("precision = \"fp32\"", "fp32", "f32"),
         ] {
             let error = parse::<Settings>(text).unwrap_err();
-            assert!(error.contains(&format!("`{found}`")), "{error}");
-            assert!(
-                error.contains(&format!("did you mean `{hint}`?")),
-                "{error}"
-            );
+            for words in [format!("`{found}`"), format!("did you mean `{hint}`?")] {
+                assert!(error.contains(&words), "{words}: {error}");
+            }
         }
-        let error = parse::<Settings>("model = \"udi\"\npace = \"fast\"").unwrap_err();
-        assert!(
-            error.contains("line 2") && error.contains("sensor"),
-            "{error}"
-        );
+        let error = parse::<Settings>("model = \"udi\"\npace = \"xylophone\"").unwrap_err();
+        for words in ["line 2", "`sensor`", "`complete`"] {
+            assert!(error.contains(words), "{words}: {error}");
+        }
+        assert!(!error.contains("did you mean"), "{error}");
     }
 
     #[test]
     fn keys_without_a_default_are_known_too() {
-        let keys = known_keys("");
-        assert!(keys.iter().any(|key| key == "seconds") && keys.iter().any(|key| key == "stages"));
-        assert!(known_keys("stages.head").iter().any(|key| key == "cpus"));
-        assert!(known_keys("track").iter().any(|key| key == "window"));
+        for (table, key) in [
+            ("", "seconds"),
+            ("", "stages"),
+            ("stages.head", "cpus"),
+            ("track", "window"),
+        ] {
+            assert!(
+                known_keys(table).iter().any(|known| known == key),
+                "{table} {key}"
+            );
+        }
         assert!(known_keys("model").is_empty());
     }
 

@@ -6,24 +6,24 @@
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
-#[allow(missing_docs)]
 pub mod bundled;
-pub mod cli;
+mod cli;
 mod commands;
 pub mod document;
-mod embedded;
 pub mod external;
 pub mod model;
-pub mod names;
-pub mod placement;
+mod placement;
 pub mod resolve;
 pub mod settings;
-#[allow(missing_docs)]
 pub mod source;
 pub mod stages;
-#[allow(missing_docs)]
-pub mod supervisor;
+mod supervisor;
 pub mod terminal;
+
+/// Models and scans inside the program; see `build.rs`.
+mod embedded {
+    include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
+}
 
 use std::process::ExitCode;
 
@@ -38,16 +38,9 @@ pub const EXIT_USAGE: u8 = 2;
 pub const EXIT_FAILURE: u8 = 1;
 
 /// An error of the user's making: exit code 2.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
 pub struct UsageError(pub String);
-
-impl std::fmt::Display for UsageError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for UsageError {}
 
 /// The exit code of a command; an error is printed first, after `program`'s name.
 pub fn exit_code(program: &str, result: anyhow::Result<ExitCode>) -> ExitCode {
@@ -73,8 +66,8 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Config(args) => commands::config(args),
         Command::Status(args) => commands::status(args),
         Command::Doctor(args) => commands::doctor(args),
-        Command::Bench(_) => external::external("mluc-bench", "mluc-bench", &[]),
-        Command::RefinerTest(args) => commands::refiner_test(args),
+        Command::Bench(_) => external::external("mluc-bench", &[]),
+        Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),
         Command::Exec(args) => commands::exec(args),
     };
     exit_code("mluc", result)

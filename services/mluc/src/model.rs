@@ -5,23 +5,19 @@ use std::path::Path;
 use anyhow::Context;
 use mluc_model::{HeadKind, Model};
 
-use crate::names::hint;
+use crate::document::nearest;
 use crate::settings::Settings;
 use crate::{UsageError, embedded};
 
-/// Whether this binary holds a model of that name.
-pub(crate) fn is_embedded(name: &str) -> bool {
-    bytes_of(name).is_some()
-}
-
-fn bytes_of(name: &str) -> Option<&'static [u8]> {
+/// A model that this binary holds.
+pub(crate) fn embedded(name: &str) -> Option<&'static [u8]> {
     let mut models = embedded::MODELS.iter();
-    models.find_map(|(embedded, bytes)| (*embedded == name).then_some(*bytes))
+    models.find_map(|(own, bytes)| (*own == name).then_some(*bytes))
 }
 
 /// Loads and checks a model. A name wins over a file of that name; `./kitti` is always a file.
 pub fn load(name: &str) -> anyhow::Result<Model> {
-    if let Some(bytes) = bytes_of(name) {
+    if let Some(bytes) = embedded(name) {
         return Model::from_bytes(bytes).with_context(|| format!("embedded model '{name}'"));
     }
     let path = Path::new(name);
@@ -32,40 +28,40 @@ pub fn load(name: &str) -> anyhow::Result<Model> {
         } else {
             format!("embedded are: {}", names.join(", "))
         };
-        return Err(UsageError(format!(
-            "model '{name}': no such file, and no embedded model of that name ({known}){}",
-            hint(name, names)
-        ))
-        .into());
+        let hint = nearest(name, names).map(|near| format!("; did you mean '{near}'?"));
+        let hint = hint.unwrap_or_default();
+        let text = format!(
+            "model '{name}': no such file, and no embedded model of that name ({known}){hint}"
+        );
+        return Err(UsageError(text).into());
     }
     Ok(Model::read(path)?)
 }
 
 /// The model of a run, with the gate's threshold that the user wants.
-pub fn load_for(settings: &Settings) -> anyhow::Result<Model> {
+pub(crate) fn load_for(settings: &Settings) -> anyhow::Result<Model> {
     let mut model = load(&settings.model)?;
     let is_open = model.manifest.network.head == HeadKind::Open;
     let name = &settings.model;
-    let thresholds = &mut model.manifest.thresholds;
-    match (settings.lambda, settings.unknown_min) {
-        (Some(_), _) if is_open => Err(UsageError(format!(
+    let refused = |text: String| Err(UsageError(text).into());
+    if settings.lambda.is_some() && is_open {
+        return refused(format!(
             "lambda: expected a model whose gate is the EDS (udi, kitti), found '{name}', whose gate is --unknown-min"
-        ))
-        .into()),
-        (_, Some(_)) if !is_open => Err(UsageError(format!(
-            "unknown_min: expected a model with a logit of the unknown (udi-open, kitti-open), found '{name}', whose gate is --lambda"
-        ))
-        .into()),
-        (lambda, unknown_min) => {
-            if let Some(lambda) = lambda {
-                thresholds.eds_normalised_max = lambda as f32;
-            }
-            if let Some(unknown_min) = unknown_min {
-                thresholds.unknown_min = unknown_min as f32;
-            }
-            Ok(model)
-        }
+        ));
     }
+    if settings.unknown_min.is_some() && !is_open {
+        return refused(format!(
+            "unknown_min: expected a model with a logit of the unknown (udi-open, kitti-open), found '{name}', whose gate is --lambda"
+        ));
+    }
+    let thresholds = &mut model.manifest.thresholds;
+    if let Some(lambda) = settings.lambda {
+        thresholds.eds_normalised_max = lambda as f32;
+    }
+    if let Some(unknown_min) = settings.unknown_min {
+        thresholds.unknown_min = unknown_min as f32;
+    }
+    Ok(model)
 }
 
 /// Names of the classes, in the order of class ids.

@@ -17,18 +17,18 @@ impl StageSettings {
     pub(crate) fn check_placement(&self, stage: &str) -> Result<(), UsageError> {
         if let Some(cpus) = &self.cpus {
             let usable = usable_cpus();
-            let missing = cpus.iter().find(|cpu| !usable.contains(cpu));
-            if cpus.is_empty() || missing.is_some() {
+            if cpus.is_empty() || cpus.iter().any(|cpu| !usable.contains(cpu)) {
                 return Err(UsageError(format!(
                     "cpus of {stage}: expected some of {usable:?}, which this process may use, found {cpus:?}"
                 )));
             }
         }
         match self.priority {
-            Some(priority) if !(1..=99).contains(&priority) => Err(UsageError(format!(
-                "priority of {stage} must be 1 to 99, found {priority}"
-            ))),
-            _ => Ok(()),
+            None | Some(1..=99) => Ok(()),
+            Some(found) => {
+                let text = format!("priority of {stage} must be 1 to 99, found {found}");
+                Err(UsageError(text))
+            }
         }
     }
 
@@ -72,17 +72,15 @@ impl StageSettings {
 }
 
 /// Cores that this process may run on.
-pub fn usable_cpus() -> Vec<usize> {
-    match sched_getaffinity(None) {
-        Ok(set) => (0..CpuSet::MAX_CPU)
-            .filter(|&cpu| set.is_set(cpu))
-            .collect(),
-        Err(_) => Vec::new(),
-    }
+fn usable_cpus() -> Vec<usize> {
+    let set = sched_getaffinity(None).unwrap_or_default();
+    (0..CpuSet::MAX_CPU)
+        .filter(|&cpu| set.is_set(cpu))
+        .collect()
 }
 
 /// Keeps this process, and what it starts from now on, on `cpus`.
-pub fn pin(cpus: &[usize]) -> anyhow::Result<()> {
+pub(crate) fn pin(cpus: &[usize]) -> anyhow::Result<()> {
     let mut set = CpuSet::new();
     for &cpu in cpus.iter().filter(|&&cpu| cpu < CpuSet::MAX_CPU) {
         set.set(cpu);

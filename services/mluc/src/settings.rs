@@ -1,7 +1,7 @@
 //! What a run shall do: one document. The configuration file has its form, `mluc config --print` shows it, and the supervisor
 //! hands it to the stages. `docs/configuration.md` describes every key.
 
-use std::ops::{Index, IndexMut};
+use std::ops::Index;
 use std::path::PathBuf;
 
 use clap::ValueEnum;
@@ -61,7 +61,6 @@ pub struct Settings {
     /// Objects that leave later are flagged `late`.
     pub budget_ms: Option<u64>,
     /// Arithmetic of the backbone.
-    #[serde(with = "by_name")]
     pub precision: Precision,
     /// Check that each payload lies in shared memory.
     pub verify_mapping: bool,
@@ -79,9 +78,6 @@ pub struct Settings {
     /// `[bench]`: how `mluc-bench` measures this configuration. It reads the table.
     #[serde(skip_serializing)]
     pub bench: Option<Table>,
-    /// Variables that the stages find in their environment, for measurements.
-    #[serde(skip)]
-    pub environment: Vec<(&'static str, String)>,
 }
 
 impl Default for Settings {
@@ -105,7 +101,6 @@ impl Default for Settings {
             sensor: SensorSettings::default(),
             track: None,
             bench: None,
-            environment: Vec::new(),
         }
     }
 }
@@ -134,12 +129,13 @@ pub struct Stages {
 impl Default for Stages {
     fn default() -> Stages {
         let one = StageSettings::default;
+        let backbone = StageSettings {
+            threads: BACKBONE_THREADS,
+            ..one()
+        };
         Stages {
             ingest: one(),
-            backbone: StageSettings {
-                threads: BACKBONE_THREADS,
-                ..one()
-            },
+            backbone,
             head: one(),
             refiner: one(),
         }
@@ -155,17 +151,6 @@ impl Index<Stage> for Stages {
             Stage::Backbone => &self.backbone,
             Stage::Head => &self.head,
             Stage::Refiner => &self.refiner,
-        }
-    }
-}
-
-impl IndexMut<Stage> for Stages {
-    fn index_mut(&mut self, stage: Stage) -> &mut StageSettings {
-        match stage {
-            Stage::Ingest => &mut self.ingest,
-            Stage::Backbone => &mut self.backbone,
-            Stage::Head => &mut self.head,
-            Stage::Refiner => &mut self.refiner,
         }
     }
 }
@@ -214,158 +199,110 @@ impl Settings {
 
     /// The gate's threshold where none was given: the model's.
     pub(crate) fn complete_from(&mut self, model: &Model) {
-        let manifest = &model.manifest;
+        let thresholds = &model.manifest.thresholds;
+        let (threshold, default) = match model.manifest.network.head {
+            HeadKind::Open => (&mut self.unknown_min, thresholds.unknown_min),
+            _ => (&mut self.lambda, thresholds.eds_normalised_max),
+        };
         // Through its text: the nearest f64 of an f32 has digits that nobody wrote.
-        let written = |value: f32| value.to_string().parse().unwrap_or(f64::from(value));
-        match manifest.network.head {
-            HeadKind::Open => {
-                let default = written(manifest.thresholds.unknown_min);
-                self.unknown_min.get_or_insert(default);
-            }
-            _ => {
-                let default = written(manifest.thresholds.eds_normalised_max);
-                self.lambda.get_or_insert(default);
-            }
-        }
+        threshold.get_or_insert(default.to_string().parse().unwrap_or(f64::from(default)));
     }
 
     /// Refuses what makes no sense, by its key.
-    pub fn check(&self) -> Result<(), UsageError> {
-        let within = |key: &str, value: Option<f64>, low: f64, high: f64| match value {
-            Some(value) if !(low..=high).contains(&value) => Err(UsageError(format!(
-                "{key} must be {low} to {high}, found {value}"
-            ))),
-            _ => Ok(()),
-        };
-        within("rate_hz", self.rate_hz, 0.001, 1000.0)?;
-        within("seconds", self.seconds, 0.001, 1e7)?;
-        within("lambda", self.lambda, 0.0, 100.0)?;
-        within("unknown_min", self.unknown_min, 0.0, 1.0)?;
-        within(
-            "budget_ms",
-            self.budget_ms.map(|v| v as f64),
-            0.0,
-            600_000.0,
-        )?;
-        for &number in &self.sensor.extrinsics {
-            within("extrinsics of [sensor]", Some(number), -1e6, 1e6)?;
+    pub(crate) fn check(&self) -> Result<(), UsageError> {
+        let budget_ms = self.budget_ms.map(|ms| ms as f64);
+        let mut ranges = vec![
+            ("rate_hz", self.rate_hz, 0.001, 1000.0),
+            ("seconds", self.seconds, 0.001, 1e7),
+            ("lambda", self.lambda, 0.0, 100.0),
+            ("unknown_min", self.unknown_min, 0.0, 1.0),
+            ("budget_ms", budget_ms, 0.0, 600_000.0),
+        ];
+        let extrinsics = self.sensor.extrinsics;
+        ranges.extend(extrinsics.map(|v| ("extrinsics of [sensor]", Some(v), -1e6, 1e6)));
+        for (key, value, low, high) in ranges {
+            if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
+                return refused(format!("{key} must be {low} to {high}, found {value}"));
+            }
         }
         for stage in Stage::ALL {
             self.stages[stage].check(stage.name())?;
         }
-        let refused =
-            |table: &str, error: mluc_refiner::RefinerError| UsageError(format!("{table}{error}"));
-        self.refiner
-            .check()
-            .map_err(|error| refused("[refiner] ", error))?;
-        match &self.track {
-            Some(track) => track.check().map_err(|error| refused("", error)),
-            None => Ok(()),
+        if let Err(error) = self.refiner.check() {
+            return refused(format!("[refiner] {error}"));
+        }
+        match self.track.map(|track| track.check()) {
+            Some(Err(error)) => refused(error.to_string()),
+            _ => Ok(()),
         }
     }
 }
 
 impl StageSettings {
     fn check(&self, stage: &str) -> Result<(), UsageError> {
-        if !(1..=256).contains(&self.threads) {
-            return Err(UsageError(format!(
-                "threads of {stage} must be 1 to 256, found {}",
-                self.threads
-            )));
+        let threads = self.threads;
+        if !(1..=256).contains(&threads) {
+            return refused(format!(
+                "threads of {stage} must be 1 to 256, found {threads}"
+            ));
         }
         match &self.command {
-            Some(_) if self.external => Err(UsageError(format!(
+            Some(_) if self.external => refused(format!(
                 "stage {stage} has a command and is external: one of them starts it"
-            ))),
-            Some(words) if words.is_empty() => Err(UsageError(format!(
-                "the command of stage {stage} must name a program"
-            ))),
+            )),
+            Some(words) if words.is_empty() => {
+                refused(format!("the command of stage {stage} must name a program"))
+            }
             _ => self.check_placement(stage),
         }
     }
 }
 
-/// Values that are written as their names.
+fn refused(text: String) -> Result<(), UsageError> {
+    Err(UsageError(text))
+}
+
+/// An instance as its name.
 mod by_name {
-    use super::{Instance, Precision};
+    use super::Instance;
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
 
-    pub(super) trait Named: Sized {
-        fn name(&self) -> &str;
-        fn from_name(name: &str) -> Result<Self, String>;
-    }
-
-    impl Named for Instance {
-        fn name(&self) -> &str {
-            Instance::name(self)
-        }
-
-        fn from_name(name: &str) -> Result<Instance, String> {
-            Instance::new(name).map_err(|error| error.to_string())
-        }
-    }
-
-    impl Named for Precision {
-        fn name(&self) -> &str {
-            Precision::name(*self)
-        }
-
-        fn from_name(name: &str) -> Result<Precision, String> {
-            let all = Precision::ALL;
-            crate::names::named("precision", name, &all, Precision::name).map_err(|e| e.to_string())
-        }
-    }
-
-    pub(super) fn serialize<T: Named, S: Serializer>(value: &T, to: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<S: Serializer>(value: &Instance, to: S) -> Result<S::Ok, S::Error> {
         to.serialize_str(value.name())
     }
 
-    pub(super) fn deserialize<'de, T: Named, D: Deserializer<'de>>(from: D) -> Result<T, D::Error> {
-        let name = String::deserialize(from)?;
-        T::from_name(&name).map_err(D::Error::custom)
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Instance, D::Error> {
+        Instance::new(&String::deserialize(from)?).map_err(D::Error::custom)
     }
 }
 
 /// `true`, `false`, or a table that says how.
 mod switch {
-    use std::marker::PhantomData;
-
-    use serde::de::value::MapAccessDeserializer;
-    use serde::de::{MapAccess, Visitor};
+    use super::TrackSettings;
+    use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use toml::Value;
 
-    pub(super) fn serialize<T: Serialize, S: Serializer>(
-        value: &Option<T>,
-        to: S,
-    ) -> Result<S::Ok, S::Error> {
+    type Switch = Option<TrackSettings>;
+
+    pub(super) fn serialize<S: Serializer>(value: &Switch, to: S) -> Result<S::Ok, S::Error> {
         match value {
             Some(table) => table.serialize(to),
             None => to.serialize_bool(false),
         }
     }
 
-    pub(super) fn deserialize<'de, T, D>(from: D) -> Result<Option<T>, D::Error>
-    where
-        T: Deserialize<'de> + Default,
-        D: Deserializer<'de>,
-    {
-        struct Switch<T>(PhantomData<T>);
-        impl<'de, T: Deserialize<'de> + Default> Visitor<'de> for Switch<T> {
-            type Value = Option<T>;
-
-            fn expecting(&self, to: &mut std::fmt::Formatter) -> std::fmt::Result {
-                to.write_str("true, false or a table")
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Switch, D::Error> {
+        match Value::deserialize(from)? {
+            Value::Boolean(is_on) => Ok(is_on.then(TrackSettings::default)),
+            Value::Table(table) => {
+                let settings = table.try_into().map(Some);
+                settings.map_err(|error| D::Error::custom(error.message()))
             }
-
-            fn visit_bool<E>(self, is_on: bool) -> Result<Option<T>, E> {
-                Ok(is_on.then(T::default))
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Option<T>, A::Error> {
-                T::deserialize(MapAccessDeserializer::new(map)).map(Some)
-            }
+            other => Err(D::Error::custom(format!(
+                "expected true, false or a table, found {other}"
+            ))),
         }
-        from.deserialize_any(Switch(PhantomData))
     }
 }

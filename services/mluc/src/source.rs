@@ -6,8 +6,8 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
-use mluc_ipc_types::EgoPose;
+use anyhow::{Context, bail, ensure};
+use mluc_ipc_types::{EgoPose, Flags};
 
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
@@ -17,35 +17,26 @@ const SCANS_MAX: usize = 1_000_000;
 /// The scans of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
+    /// Their files, in order.
     pub scans: Vec<PathBuf>,
     /// The sensor's time of each scan, ns; from `timestamps.txt`.
-    pub stamps_ns: Option<Vec<u64>>,
+    pub(crate) stamps_ns: Option<Vec<u64>>,
     /// Where the sensor was at each scan; from `poses.txt`.
-    pub poses: Option<Vec<EgoPose>>,
-}
-
-/// What was read of a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ReadOutcome {
-    Whole,
-    /// Longer than a scan can be; the rest was left.
-    Cut,
-    /// Could not be read.
-    Failed,
+    pub(crate) poses: Option<Vec<EgoPose>>,
 }
 
 impl Source {
     /// `input`: one `.bin`, or a folder with `.bin` files, or a folder with `velodyne/` or KITTI raw's
     /// `velodyne_points/data/`.
     pub fn find(input: &Path) -> anyhow::Result<Source> {
-        let about = fs::metadata(input).with_context(|| format!("input {}", input.display()))?;
+        let name = input.display();
+        let about = fs::metadata(input).with_context(|| format!("input {name}"))?;
         if !about.is_dir() {
-            if !about.is_file() || input.extension().is_none_or(|kind| kind != "bin") {
-                bail!(
-                    "input {}: expected a scan that ends in .bin, or a folder",
-                    input.display()
-                );
-            }
+            let is_scan = about.is_file() && input.extension().is_some_and(|kind| kind == "bin");
+            ensure!(
+                is_scan,
+                "input {name}: expected a scan that ends in .bin, or a folder"
+            );
             return Ok(Source {
                 scans: vec![input.to_path_buf()],
                 stamps_ns: None,
@@ -54,54 +45,52 @@ impl Source {
         }
         for inner in ["velodyne", "velodyne_points/data", ""] {
             let folder = input.join(inner);
-            if !folder.is_dir() {
-                continue;
-            }
             let scans = bin_files(&folder)?;
             if !scans.is_empty() {
-                let stamps_ns = stamps(&folder, scans.len());
-                let poses = poses::read(&folder, scans.len())?;
                 return Ok(Source {
+                    stamps_ns: stamps(&folder, scans.len()),
+                    poses: poses::read(&folder, scans.len())?,
                     scans,
-                    stamps_ns,
-                    poses,
                 });
             }
         }
         bail!(
-            "input {}: no .bin scans there, nor in velodyne/ or velodyne_points/data/ below it",
-            input.display()
+            "input {name}: no .bin scans there, nor in velodyne/ or velodyne_points/data/ below it"
         )
     }
 
     /// The frame's name: the file's, without its ending.
-    pub fn name(&self, index: usize) -> String {
+    pub(crate) fn name(&self, index: usize) -> String {
         let stem = self.scans[index].file_stem().unwrap_or_default();
         stem.to_string_lossy().into_owned()
     }
 
-    /// Reads a scan into `bytes`, which is reused.
-    pub fn read(&self, index: usize, bytes: &mut Vec<u8>) -> ReadOutcome {
+    /// Reads a scan into `bytes`, which is reused. The flags say that it is longer than a scan can be and was cut, or could
+    /// not be read.
+    pub(crate) fn read(&self, index: usize, bytes: &mut Vec<u8>) -> Flags {
         bytes.clear();
         let path = &self.scans[index];
-        let read =
-            File::open(path).and_then(|file| file.take(SCAN_BYTES_MAX + 1).read_to_end(bytes));
-        match read {
+        let file = File::open(path);
+        match file.and_then(|file| file.take(SCAN_BYTES_MAX + 1).read_to_end(bytes)) {
             Err(error) => {
                 tracing::warn!(%error, path = %path.display(), "cannot read a scan: an empty frame takes its place");
                 bytes.clear();
-                ReadOutcome::Failed
+                Flags::DAMAGED_INPUT
             }
             Ok(length) if length as u64 > SCAN_BYTES_MAX => {
                 bytes.truncate(SCAN_BYTES_MAX as usize);
-                ReadOutcome::Cut
+                Flags::TRUNCATED
             }
-            Ok(_) => ReadOutcome::Whole,
+            Ok(_) => Flags::default(),
         }
     }
 }
 
+/// None where there is no such folder.
 fn bin_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
     let entries = fs::read_dir(folder).with_context(|| format!("input {}", folder.display()))?;
     let mut scans: Vec<PathBuf> = entries
         .flatten()
@@ -109,20 +98,19 @@ fn bin_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
         .filter(|path| path.extension().is_some_and(|kind| kind == "bin"))
         .take(SCANS_MAX + 1)
         .collect();
-    if scans.len() > SCANS_MAX {
-        bail!("input {}: more than {SCANS_MAX} scans", folder.display());
-    }
+    let is_bounded = scans.len() <= SCANS_MAX;
+    ensure!(
+        is_bounded,
+        "input {}: more than {SCANS_MAX} scans",
+        folder.display()
+    );
     scans.sort();
     Ok(scans)
 }
 
 /// A file of this name in the folder of scans or above it.
 fn beside(folder: &Path, name: &str) -> Option<PathBuf> {
-    let folders = [Some(folder), folder.parent()];
-    let mut paths = folders
-        .into_iter()
-        .flatten()
-        .map(|folder| folder.join(name));
+    let mut paths = folder.ancestors().take(2).map(|folder| folder.join(name));
     paths.find(|path| path.is_file())
 }
 
@@ -189,15 +177,13 @@ mod tests {
 
     #[test]
     fn stamps_are_seconds_since_1970() {
-        assert_eq!(stamp_ns("1970-01-01 00:00:00.000000000"), Some(0));
-        assert_eq!(
-            stamp_ns("2011-09-26 13:02:25.964389445"),
-            Some(1_317_042_145_964_389_445)
-        );
-        assert_eq!(
-            stamp_ns("2024-02-29T12:00:00.5"),
-            Some(1_709_208_000_500_000_000)
-        );
+        for (stamp, ns) in [
+            ("1970-01-01 00:00:00.000000000", 0),
+            ("2011-09-26 13:02:25.964389445", 1_317_042_145_964_389_445),
+            ("2024-02-29T12:00:00.5", 1_709_208_000_500_000_000),
+        ] {
+            assert_eq!(stamp_ns(stamp), Some(ns));
+        }
         for bad in [
             "",
             "2011-09-26",
@@ -217,7 +203,7 @@ mod tests {
             poses: None,
         };
         let mut bytes = vec![1, 2, 3];
-        assert_eq!(source.read(0, &mut bytes), ReadOutcome::Failed);
+        assert_eq!(source.read(0, &mut bytes), Flags::DAMAGED_INPUT);
         assert!(bytes.is_empty());
         assert_eq!(source.name(0), "000007");
     }

@@ -1,6 +1,6 @@
 //! What a frame gives.
 
-use mluc_ipc_types::{Disposition, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
+use mluc_ipc_types::{Disposition, Flags, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
 
 /// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,14 +37,17 @@ impl Counters {
         self.by_disposition[disposition as usize]
     }
 
-    /// Whether a limit was reached: the frame deserves the flag of that name.
-    pub fn limit_hit(&self) -> bool {
-        self.unrefined + self.thinned + self.detections_dropped + self.object_points_dropped > 0
-    }
-
-    /// Whether some input was unusable: the frame deserves the flag `degraded`.
-    pub fn degraded(&self) -> bool {
-        self.unrefined + self.invalid_detections > 0
+    /// What the frame deserves: limits that were reached, input that was not usable.
+    pub fn flags(&self) -> Flags {
+        let flags = [
+            (self.points_not_finite, Flags::NOT_FINITE),
+            (self.detections_dropped, Flags::LIMIT_DETECTIONS),
+            (self.object_points_dropped, Flags::LIMIT_OBJECT_POINTS),
+            (self.unrefined + self.thinned, Flags::LIMIT_WORK),
+            (self.unrefined + self.invalid_detections, Flags::DEGRADED),
+        ];
+        let set = flags.into_iter().filter(|(count, _)| *count > 0);
+        set.fold(Flags::default(), |all, (_, flag)| all.with(flag))
     }
 }
 

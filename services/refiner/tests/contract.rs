@@ -4,7 +4,7 @@ mod common;
 
 use common::{assert_sound, box_of, candidate, known, point, refine, refiner, scan, standing};
 use mluc_geometry::Box3;
-use mluc_ipc_types::{Detection, Disposition, Object, Point};
+use mluc_ipc_types::{Detection, Disposition, Flags, Object, Point};
 use mluc_refiner::{RefinerOutput, Variant, WORK_MAX};
 
 const CART: [f64; 3] = [2.6, 1.25, 1.85];
@@ -55,7 +55,7 @@ fn five_hundred_and_twelve_candidates_on_one_spot() {
         .collect();
     for (variant, out) in check_all(&points, &detections, "512 candidates") {
         assert_eq!(out.counters.detections_dropped, 88);
-        assert!(out.counters.limit_hit());
+        assert!(out.counters.flags().contains(Flags::LIMIT_DETECTIONS));
         if matches!(variant, Variant::PaperCorrected | Variant::RangeScaled) {
             assert_eq!(
                 out.objects[0].disposition,
@@ -205,7 +205,7 @@ fn detections_that_make_no_sense_are_told() {
             detections.len() - 1,
             "{variant:?}"
         );
-        assert!(out.counters.degraded());
+        assert!(out.counters.flags().contains(Flags::DEGRADED));
         assert_eq!(
             out.objects[0].disposition,
             Disposition::Published as u32,
@@ -325,7 +325,8 @@ fn work_is_bounded_and_what_is_left_keeps_its_proposal() {
                 };
                 assert!(work <= most, "{name} {spread_m} {variant:?}: {work}");
                 assert_eq!(unrefined > 0, work >= WORK_MAX, "{name}");
-                assert_eq!(out.counters.degraded(), unrefined > 0);
+                let is_degraded = out.counters.flags().contains(Flags::DEGRADED);
+                assert_eq!(is_degraded, unrefined > 0);
                 let is_left = |o: &Object| o.flags & Object::UNREFINED != 0;
                 let left = out.objects.iter().filter(|o| is_left(o));
                 assert_eq!(left.count() as u32, unrefined, "{name}");

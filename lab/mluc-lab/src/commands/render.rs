@@ -4,7 +4,6 @@ use super::terminal::print_out;
 use anyhow::{Context, bail};
 use clap::Args;
 use mluc_lab::render::{ColorBy, RenderOptions, render};
-use std::io::BufWriter;
 use std::path::PathBuf;
 
 /// Draw a scan from above as a PNG, with the boxes of its labels.
@@ -65,10 +64,8 @@ pub(crate) fn run(arguments: RenderArguments) -> anyhow::Result<()> {
         ahead: arguments.ahead,
     };
     let canvas = render(&options)?;
-    let file = std::fs::File::create(&arguments.out)
-        .with_context(|| format!("{}: cannot create", arguments.out.display()))?;
-    canvas
-        .write_png(&mut BufWriter::new(file))
-        .with_context(|| format!("{}", arguments.out.display()))?;
+    let out = arguments.out.display();
+    std::fs::write(&arguments.out, canvas.png())
+        .with_context(|| format!("{out}: cannot create"))?;
     print_out(arguments.out.display())
 }

@@ -1,18 +1,9 @@
 //! Pixels: blending, anti-aliased lines and rings, text, PNG.
 
 use super::font::{GLYPH_COLUMNS, GLYPH_ROWS, glyph};
-use std::io::Write;
 
 /// Red, green, blue, 0..255.
 pub type Color = [u8; 3];
-
-/// Why a picture could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum PictureError {
-    /// The PNG encoder or the stream behind it.
-    #[error("cannot write the picture: {0}")]
-    Png(#[from] png::EncodingError),
-}
 
 /// A picture in memory, 8-bit RGB, row by row from the top.
 #[derive(Clone, Debug)]
@@ -127,14 +118,20 @@ impl Canvas {
         ]
     }
 
-    /// Writes the picture as PNG.
-    pub fn write_png(&self, out: &mut impl Write) -> Result<(), PictureError> {
-        let mut encoder = png::Encoder::new(out, self.width_px as u32, self.height_px as u32);
+    /// The picture as a PNG file.
+    pub fn png(&self) -> Vec<u8> {
+        let mut file = Vec::new();
+        let [width, height] = self.size_px().map(|side| side as u32);
+        let mut encoder = png::Encoder::new(&mut file, width, height);
         encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(self.pixels.as_flattened())?;
-        Ok(writer.finish()?)
+        let mut writer = encoder
+            .write_header()
+            .expect("sides above 0, room in memory");
+        let written = writer.write_image_data(self.pixels.as_flattened());
+        written
+            .and_then(|()| writer.finish())
+            .expect("as many pixels as the header says");
+        file
     }
 
     /// Blends each pixel between two corners as far as it is covered; `cover` is clamped to 0..1.
@@ -215,11 +212,8 @@ mod tests {
     fn a_png_reads_back() {
         let mut canvas = Canvas::new(7, 5, [10, 20, 30]);
         canvas.text([0, 0], "A", 1, WHITE);
-        let mut bytes = Vec::new();
-        canvas.write_png(&mut bytes).expect("written");
-        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
-            .read_info()
-            .expect("a PNG");
+        let decoder = png::Decoder::new(std::io::Cursor::new(canvas.png()));
+        let mut reader = decoder.read_info().expect("a PNG");
         let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
         let info = reader.next_frame(&mut pixels).expect("a frame");
         assert_eq!((info.width, info.height), (7, 5));

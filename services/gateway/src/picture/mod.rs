@@ -9,6 +9,6 @@ mod legend;
 mod view;
 
 pub use bird_eye::bird_eye;
-pub use canvas::{Canvas, Color, PictureError};
+pub use canvas::{Canvas, Color};
 pub use color::{label_color, ramp};
 pub use view::{BoxKind, DrawnBox, PointColor, View};

@@ -1,7 +1,5 @@
 //! `mluc demo`: the whole pipeline, four processes, on scans that the program brings along.
 
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -14,7 +12,7 @@ use mluc_runtime::log_to_stderr;
 use crate::bundled::BundledScans;
 use crate::cli::{DemoArgs, PipelineArgs};
 use crate::settings::{Pace, Settings};
-use crate::supervisor::{Sink, run};
+use crate::supervisor::run;
 use crate::terminal::print_out;
 
 /// Objects below these scores, known and unknown, are not printed or drawn; `mluc up` gives them all.
@@ -35,10 +33,22 @@ pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
     print_out(format_args!(
         "{count} simulated scans through four processes:\n"
     ))?;
-    let mut show = Show::default();
-    let outcome = run(&settings, &mut show)?;
+    let mut best: Option<Best> = None;
+    let outcome = run(settings, &mut |header, objects, classes| {
+        let shown = print(header, objects, classes)?;
+        let unknown = shown.iter().filter(|object| is_unknown(object)).count();
+        if best.as_ref().is_none_or(|best| unknown > best.unknown) {
+            best = Some(Best {
+                sequence: header.sequence,
+                name: header.name().to_string(),
+                unknown,
+                boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
+            });
+        }
+        Ok(true)
+    })?;
     print_out(format_args!("\n{}", outcome.latencies.table()))?;
-    match show.best {
+    match best {
         Some(best) => {
             let points = scans.points.get(best.sequence as usize);
             draw(&args.picture, points.map_or(&[], Vec::as_slice), &best)?;
@@ -47,10 +57,10 @@ pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
         }
         None => print_out("no frame came out: no picture")?,
     }
-    Ok(ExitCode::from(outcome.exit_code()))
+    Ok(outcome.exit_code())
 }
 
-/// A frame that is worth a picture.
+/// The frame with the most unknown objects.
 struct Best {
     sequence: u64,
     name: String,
@@ -58,48 +68,29 @@ struct Best {
     boxes: Vec<DrawnBox>,
 }
 
-/// Prints each frame and remembers the one with the most unknown objects.
-#[derive(Default)]
-struct Show {
-    best: Option<Best>,
-}
-
-impl Sink for Show {
-    fn frame(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-    ) -> anyhow::Result<bool> {
-        let score_min = |o: &Object| {
-            if is_unknown(o) {
-                UNKNOWN_SCORE_MIN
-            } else {
-                SCORE_MIN
-            }
+/// Prints a frame; gives the objects that are shown.
+fn print<'a>(
+    header: &FrameHeader,
+    objects: &'a [Object],
+    classes: &[String],
+) -> anyhow::Result<Vec<&'a Object>> {
+    let is_shown = |object: &&Object| {
+        let score_min = if is_unknown(object) {
+            UNKNOWN_SCORE_MIN
+        } else {
+            SCORE_MIN
         };
-        let is_shown = |o: &&Object| o.is_published() && o.score >= score_min(o);
-        let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
-        print_out(format_args!(
-            "frame {}: {} points, {} objects",
-            header.name(),
-            header.points_in,
-            shown.len()
-        ))?;
-        for object in &shown {
-            print_out(format_args!("  {}", describe(object, classes)))?;
-        }
-        let unknown = shown.iter().filter(|object| is_unknown(object)).count();
-        if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
-            self.best = Some(Best {
-                sequence: header.sequence,
-                name: header.name().to_string(),
-                unknown,
-                boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
-            });
-        }
-        Ok(true)
+        object.is_published() && object.score >= score_min
+    };
+    let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
+    let (name, points, count) = (header.name(), header.points_in, shown.len());
+    print_out(format_args!(
+        "frame {name}: {points} points, {count} objects"
+    ))?;
+    for object in &shown {
+        print_out(format_args!("  {}", describe(object, classes)))?;
     }
+    Ok(shown)
 }
 
 fn is_unknown(object: &Object) -> bool {
@@ -128,19 +119,21 @@ fn describe(object: &Object, classes: &[String]) -> String {
 }
 
 fn drawn(object: &Object, classes: &[String]) -> DrawnBox {
+    let label = label(object, classes);
+    let kind = if is_unknown(object) {
+        BoxKind::Unknown
+    } else {
+        BoxKind::Known
+    };
     DrawnBox {
         box_in_sensor: Box3 {
             center_m: object.center_m.map(f64::from),
             size_m: object.size_m.map(f64::from),
             yaw_rad: f64::from(object.yaw_rad),
         },
-        kind: if is_unknown(object) {
-            BoxKind::Unknown
-        } else {
-            BoxKind::Known
-        },
-        label: label(object, classes).to_lowercase(),
-        caption: format!("{} {:.2}", label(object, classes), object.score),
+        kind,
+        label: label.to_lowercase(),
+        caption: format!("{label} {:.2}", object.score),
     }
 }
 
@@ -149,9 +142,6 @@ fn draw(path: &Path, points: &[Point], best: &Best) -> anyhow::Result<()> {
         title: format!("mluc demo, frame {}", best.name),
         ..View::around()
     };
-    let file = File::create(path).with_context(|| format!("creating {}", path.display()))?;
     let canvas = bird_eye(bytemuck::cast_slice(points), &best.boxes, &view);
-    canvas
-        .write_png(&mut BufWriter::new(file))
-        .with_context(|| format!("writing {}", path.display()))
+    std::fs::write(path, canvas.png()).with_context(|| format!("writing {}", path.display()))
 }

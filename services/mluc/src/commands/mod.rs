@@ -1,17 +1,46 @@
-//! The subcommands.
+//! The subcommands; those of a few lines stand here.
 
-mod config;
 mod demo;
 mod doctor;
-mod exec;
-mod refiner_test;
 mod status;
 mod up;
 
-pub(crate) use config::config;
+use std::os::unix::process::CommandExt;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use mluc_runtime::log_to_stderr;
+
+use crate::cli::{ConfigArgs, ExecArgs};
+use crate::placement::pin;
+use crate::resolve::Resolved;
+use crate::stages::end_with;
+use crate::terminal::print_out;
+
 pub(crate) use demo::demo;
 pub(crate) use doctor::doctor;
-pub(crate) use exec::exec;
-pub(crate) use refiner_test::refiner_test;
 pub(crate) use status::status;
 pub(crate) use up::up;
+
+/// `mluc config`: the settings of a run, without the run.
+pub(crate) fn config(args: ConfigArgs) -> anyhow::Result<ExitCode> {
+    log_to_stderr("config", "warn");
+    let mut resolved = Resolved::of(args.pipeline, false)?;
+    resolved.load_model()?;
+    if args.print {
+        print_out(resolved.print()?.trim_end())?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `mluc exec`: ties this process to the supervisor and becomes another program.
+pub(crate) fn exec(args: ExecArgs) -> anyhow::Result<ExitCode> {
+    end_with(args.supervised_by)?;
+    if let Some(cpus) = &args.cpus {
+        pin(cpus)?;
+    }
+    let (program, arguments) = args.command.split_first().context("no program given")?;
+    // Only returns when it fails.
+    let error = std::process::Command::new(program).args(arguments).exec();
+    Err(error).with_context(|| format!("starting {program}"))
+}

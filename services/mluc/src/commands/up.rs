@@ -4,27 +4,25 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use mluc_ipc_types::{Flags, FrameHeader, Object};
+use mluc_ipc_types::{Flags, FrameHeader};
 use mluc_runtime::log_to_stderr;
 
 use crate::EXIT_FAILURE;
 use crate::cli::PipelineArgs;
 use crate::settings::Settings;
-use crate::supervisor::{LineWriter, Sink, run};
+use crate::supervisor::{LineWriter, run};
 use crate::terminal::print_err;
 
 pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");
     let settings = Settings::resolve(args)?;
-    let mut lines = Lines {
-        writer: LineWriter::new(settings.pace, std::io::stdout()),
-        summary: Summary::default(),
-    };
-    let outcome = run(&settings, &mut lines)?;
-    let unread = lines
-        .writer
-        .finish()
-        .context("writing JSON lines to stdout")?;
+    let mut writer = LineWriter::new(settings.pace, std::io::stdout());
+    let mut summary = Summary::default();
+    let outcome = run(settings, &mut |header, objects, classes| {
+        summary.record(header);
+        writer.write(header, objects, classes)
+    })?;
+    let unread = writer.finish().context("writing JSON lines to stdout")?;
     print_err(outcome.latencies.table().trim_end());
     print_err(format_args!(
         "frames: {} in, {} out, {} lost; stages restarted: {}",
@@ -33,7 +31,7 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
         outcome.frames_lost(),
         outcome.restarts
     ));
-    if let Some(flags) = lines.summary.flags() {
+    if let Some(flags) = summary.flags() {
         print_err(flags);
     }
     if unread > 0 {
@@ -41,31 +39,13 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
             "{unread} lines dropped: the reader of stdout was too slow"
         ));
     }
-    if lines.summary.is_useless() {
+    if summary.is_useless() {
         print_err(
             "no frame was usable: fewer than 5 % of the points of each are finite and in the model's range; are the files scans?",
         );
         return Ok(ExitCode::from(EXIT_FAILURE));
     }
-    Ok(ExitCode::from(outcome.exit_code()))
-}
-
-/// The lines of a run, and what they say in all.
-struct Lines {
-    writer: LineWriter,
-    summary: Summary,
-}
-
-impl Sink for Lines {
-    fn frame(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-    ) -> anyhow::Result<bool> {
-        self.summary.record(header);
-        self.writer.frame(header, objects, classes)
-    }
+    Ok(outcome.exit_code())
 }
 
 /// Flags of all frames, and whether there was a scan among them.
@@ -92,11 +72,11 @@ impl Summary {
 
     /// A line with the frames that carry each flag; none where no frame has one.
     fn flags(&self) -> Option<String> {
-        let words: Vec<String> = self
+        let words = self
             .flags
             .iter()
-            .map(|(name, count)| format!("{name} {count}"))
-            .collect();
+            .map(|(name, count)| format!("{name} {count}"));
+        let words: Vec<String> = words.collect();
         (!words.is_empty()).then(|| format!("frames with flags: {}", words.join(", ")))
     }
 

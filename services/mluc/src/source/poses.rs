@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, ensure};
 use mluc_ipc_types::EgoPose;
 
 /// Reads `poses.txt` in the folder of scans or above it: `x y z yaw` of the sensor in a frame that stands still (m, rad),
@@ -13,38 +13,31 @@ pub(super) fn read(folder: &Path, scans: usize) -> anyhow::Result<Option<Vec<Ego
     let Some(path) = super::beside(folder, "poses.txt") else {
         return Ok(None);
     };
-    let text = fs::read_to_string(&path).with_context(|| format!("poses {}", path.display()))?;
+    let name = path.display();
+    let text = fs::read_to_string(&path).with_context(|| format!("poses {name}"))?;
     let mut poses = Vec::new();
     for (number, line) in text.lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
             continue;
         }
-        let pose = pose(line).with_context(|| {
-            format!(
-                "poses {}, line {}: expected four finite numbers `x y z yaw` (m, rad), found `{line}`",
-                path.display(),
-                number + 1
-            )
-        })?;
-        poses.push(pose);
+        let number = number + 1;
+        let expected = "expected four finite numbers `x y z yaw` (m, rad)";
+        let fault = || format!("poses {name}, line {number}: {expected}, found `{line}`");
+        poses.push(pose(line).with_context(fault)?);
     }
-    if poses.len() != scans {
-        bail!(
-            "poses {}: expected one a scan, {scans}, found {}",
-            path.display(),
-            poses.len()
-        );
-    }
+    let found = poses.len();
+    ensure!(
+        found == scans,
+        "poses {name}: expected one a scan, {scans}, found {found}"
+    );
     Ok(Some(poses))
 }
 
 fn pose(line: &str) -> Option<EgoPose> {
-    let numbers: Vec<f64> = line
-        .split_whitespace()
-        .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()))
-        .collect::<Option<_>>()?;
-    let [x, y, z, yaw_rad] = numbers[..] else {
+    let words = line.split_whitespace();
+    let numbers = words.map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()));
+    let [x, y, z, yaw_rad] = numbers.collect::<Option<Vec<f64>>>()?[..] else {
         return None;
     };
     Some(EgoPose {
@@ -72,22 +65,20 @@ mod tests {
         let poses = read(&inner, 2).unwrap().unwrap();
         assert_eq!(poses[1].position_m, [2.5, 2.0, 0.0]);
         assert_eq!((poses[0].yaw_rad, poses[0].is_known), (0.5, 1));
-        assert!(
-            read(&tempfile::tempdir().unwrap().path().join("a"), 2)
-                .unwrap()
-                .is_none()
-        );
+        let none = tempfile::tempdir().unwrap();
+        assert!(read(&none.path().join("a"), 2).unwrap().is_none());
     }
 
     #[test]
     fn what_is_wrong_is_named() {
-        let text = |content: &str| {
-            let folder = folder_with(content);
-            format!("{:#}", read(folder.path(), 2).unwrap_err())
-        };
-        assert!(text("1 2 3 4\n").contains("expected one a scan, 2, found 1"));
-        assert!(text("1 2 3 4\n1 2 x 4\n").contains("line 2"));
-        assert!(text("1 2 3 4\n1 2 3\n").contains("found `1 2 3`"));
-        assert!(text("NaN 2 3 4\n1 2 3 4\n").contains("line 1"));
+        for (content, words) in [
+            ("1 2 3 4\n", "expected one a scan, 2, found 1"),
+            ("1 2 3 4\n1 2 x 4\n", "line 2"),
+            ("1 2 3 4\n1 2 3\n", "found `1 2 3`"),
+            ("NaN 2 3 4\n1 2 3 4\n", "line 1"),
+        ] {
+            let error = read(folder_with(content).path(), 2).unwrap_err();
+            assert!(format!("{error:#}").contains(words), "{error:#}");
+        }
     }
 }

@@ -49,12 +49,7 @@ impl Algorithm for BackboneStage {
         let points = Point::checked(header, input.elements)?;
         let frame = self.backbone.run(bytemuck::cast_slice(points));
         header.points_out_of_range = frame.points.out_of_range;
-        header.limit_dropped = header
-            .limit_dropped
-            .saturating_add(frame.points.over_voxels_max);
-        if frame.points.over_voxels_max > 0 {
-            header.flag(Flags::LIMIT_HIT);
-        }
+        header.count_over(Flags::LIMIT_VOXELS, frame.points.over_voxels_max);
         self.rows = frame.rows;
         header.feature_rows = frame.rows as u32;
         header.feature_channels = self.channels as u32;

@@ -47,11 +47,9 @@ impl Algorithm for HeadStage {
             .head
             .run(features.cells, features.rows, &mut self.detections)
             .map_err(StageError::failed)?;
-        header.limit_dropped = header
-            .limit_dropped
-            .saturating_add(counts.over_candidates_max);
-        if counts.over_candidates_max > 0 || counts.boxes_max_reached {
-            header.flag(Flags::LIMIT_HIT);
+        header.count_over(Flags::LIMIT_CANDIDATES, counts.over_candidates_max);
+        if counts.boxes_max_reached {
+            header.flag(Flags::LIMIT_DETECTIONS);
         }
         if counts.non_finite > 0 {
             header.flag(Flags::DEGRADED);

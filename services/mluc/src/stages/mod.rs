@@ -15,15 +15,14 @@ use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use crate::cli::StageArgs;
 use crate::model;
 use crate::placement::pin;
-use crate::resolve::{Resolved, stage_named};
+use crate::resolve::Resolved;
 use crate::settings::Settings;
 
 pub(crate) use description::begin_or_join_run;
-pub use mluc_runtime::STAMPS_VARIABLE;
 
 /// `mluc stage NAME`.
 pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
-    let stage = stage_named(&args.name)?;
+    let stage = Stage::from_name(&args.name).context("stage")?;
     log_to_stderr(stage.name(), "info");
     if let Some(parent) = args.supervised_by {
         end_with(parent)?;

@@ -47,23 +47,12 @@ impl RefinerStage {
     /// What the refiner's counters and the frame's age say of it.
     fn flag(&self, header: &mut FrameHeader) {
         let counters = &self.refined.counters;
-        header.limit_dropped = header
-            .limit_dropped
-            .saturating_add(counters.detections_dropped);
-        let ingest = header.stages[Stage::Ingest as usize];
-        let age_ns = monotonic_ns().saturating_sub(ingest.received_ns);
-        for (is_so, flag) in [
-            (counters.points_not_finite > 0, Flags::NOT_FINITE),
-            (counters.limit_hit(), Flags::LIMIT_HIT),
-            (counters.degraded(), Flags::DEGRADED),
-            (
-                self.limits_ns.is_some_and(|(_, max)| age_ns > max),
-                Flags::LATE,
-            ),
-        ] {
-            if is_so {
-                header.flag(flag);
-            }
+        header.count_over(Flags::LIMIT_DETECTIONS, counters.detections_dropped);
+        header.flag(counters.flags());
+        let received_ns = header.stages[Stage::Ingest as usize].received_ns;
+        let age_ns = monotonic_ns().saturating_sub(received_ns);
+        if self.limits_ns.is_some_and(|(_, max)| age_ns > max) {
+            header.flag(Flags::LATE);
         }
     }
 }

@@ -8,7 +8,6 @@ use mluc_ipc_types::Stage;
 use mluc_runtime::Instance;
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::own_program;
 use crate::EXIT_USAGE;
 use crate::settings::Settings;
 
@@ -67,7 +66,8 @@ impl Child {
         use std::os::unix::process::CommandExt;
         let own = &settings.stages[self.stage];
         let supervisor = std::process::id().to_string();
-        let mut command = own.placed(own_program()?);
+        let mut command =
+            own.placed(std::env::current_exe().context("finding this program's file")?);
         match &own.command {
             // Our own program first, which ties itself to us and then becomes the other one.
             Some(program) => {
@@ -87,7 +87,6 @@ impl Child {
         }
         command
             .env(Instance::VARIABLE, settings.instance.name())
-            .envs(settings.environment.iter().cloned())
             .stdin(Stdio::null())
             // stdout holds the JSON lines, and nothing else.
             .stdout(std::io::stderr())
@@ -112,13 +111,10 @@ impl Child {
         };
         let status = process.try_wait().context("watching a stage")?;
         let Some(status) = status else {
-            let hangs =
-                !self.was_ready && !self.is_foreign && self.started.elapsed() > READY_PATIENCE;
-            if hangs {
-                tracing::error!(
-                    stage = self.stage.name(),
-                    "not ready after {READY_PATIENCE:?}: killed"
-                );
+            let is_starting = !self.was_ready && !self.is_foreign;
+            if is_starting && self.started.elapsed() > READY_PATIENCE {
+                let stage = self.stage.name();
+                tracing::error!(stage, "not ready after {READY_PATIENCE:?}: killed");
                 process.kill().context("killing a stage that hangs")?;
             }
             return Ok(Ended::No);
@@ -136,11 +132,7 @@ impl Child {
         let name = self.stage.name();
         tracing::error!(stage = name, "ended: {status}");
         let failed_to_start = status.code().is_some() && !self.was_ready;
-        self.failed_starts = if failed_to_start {
-            self.failed_starts + 1
-        } else {
-            0
-        };
+        self.failed_starts = u32::from(failed_to_start) * (self.failed_starts + 1);
         if status.code() == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
             bail!("stage {name} refuses its settings (see above)");
         }
@@ -150,43 +142,30 @@ impl Child {
         Ok(())
     }
 
-    pub(super) fn plan_restart(&mut self) -> anyhow::Result<()> {
+    pub(super) fn plan_restart(&mut self) {
         if self.started.elapsed() > LIFE_GOOD {
             self.delay = DELAY_FIRST;
         }
         tracing::warn!(stage = self.stage.name(), "restart in {:?}", self.delay);
         self.due = Some(Instant::now() + self.delay);
         self.delay = (self.delay * 2).min(DELAY_MAX);
-        Ok(())
     }
 
-    pub(super) fn start_if_due(
-        &mut self,
-        settings: &Settings,
-        start_sequence: u64,
-    ) -> anyhow::Result<()> {
-        match self.due {
-            Some(due) if due <= Instant::now() => self.start(settings, start_sequence),
-            _ => Ok(()),
-        }
+    /// Whether a planned restart's time has come.
+    pub(super) fn is_due(&self) -> bool {
+        self.due.is_some_and(|due| due <= Instant::now())
     }
 
     pub(super) fn ask_to_end(&mut self) {
-        if let Some(pid) = self
-            .process
-            .as_ref()
-            .and_then(|p| Pid::from_raw(p.id() as i32))
-        {
+        if let Some(pid) = Pid::from_raw(self.pid() as i32) {
             // It may have ended already.
             let _ = kill_process(pid, Signal::TERM);
         }
     }
 
     pub(super) fn is_running(&mut self) -> bool {
-        match &mut self.process {
-            Some(process) => !matches!(process.try_wait(), Ok(Some(_))),
-            None => false,
-        }
+        let process = self.process.as_mut();
+        process.is_some_and(|process| !matches!(process.try_wait(), Ok(Some(_))))
     }
 
     /// By force, and waits until it is gone.

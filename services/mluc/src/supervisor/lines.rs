@@ -1,46 +1,63 @@
 //! JSON lines to a writer that may be slow: a thread of its own, so that a full pipe never stops the supervisor.
 
-use std::io::{self, Write};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::io::{self, ErrorKind, Write};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use crossbeam_channel::{Receiver, SendTimeoutError, Sender, bounded};
 use mluc_gateway::lines::line;
 use mluc_ipc_types::{FrameHeader, Object};
 
-use super::Sink;
 use crate::settings::Pace;
 
 /// Lines that wait for the reader.
 const LINES_WAITING: usize = 64;
 
 /// Writes a line a frame.
-pub struct LineWriter {
-    lines: Option<SyncSender<Vec<u8>>>,
-    thread: Option<JoinHandle<io::Result<()>>>,
-    waits_for_reader: bool,
+pub(crate) struct LineWriter {
+    lines: Sender<Vec<u8>>,
+    thread: JoinHandle<io::Result<()>>,
+    /// How long the pipeline waits for the reader.
+    patience: Duration,
     dropped: u64,
 }
 
 impl LineWriter {
     /// At pace `complete` no line is dropped: the pipeline waits for the reader. At pace `sensor` the reader loses lines.
-    pub fn new(pace: Pace, output: impl Write + Send + 'static) -> LineWriter {
-        let (lines, waiting) = sync_channel(LINES_WAITING);
+    pub(crate) fn new(pace: Pace, output: impl Write + Send + 'static) -> LineWriter {
+        let (lines, waiting) = bounded(LINES_WAITING);
         LineWriter {
-            lines: Some(lines),
-            thread: Some(std::thread::spawn(move || write_all(waiting, output))),
-            waits_for_reader: pace == Pace::Complete,
+            lines,
+            thread: std::thread::spawn(move || write_all(waiting, output)),
+            patience: match pace {
+                Pace::Complete => Duration::MAX,
+                Pace::Sensor => Duration::ZERO,
+            },
             dropped: 0,
         }
     }
 
+    /// Hands a frame's line on. False: nobody reads any more.
+    pub(crate) fn write(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+    ) -> anyhow::Result<bool> {
+        let mut bytes = serde_json::to_vec(&line(header, objects, classes))?;
+        bytes.push(b'\n');
+        let sent = self.lines.send_timeout(bytes, self.patience);
+        self.dropped += u64::from(matches!(sent, Err(SendTimeoutError::Timeout(_))));
+        Ok(!matches!(sent, Err(SendTimeoutError::Disconnected(_))))
+    }
+
     /// Waits until everything is written; gives the lines that were dropped.
-    pub fn finish(mut self) -> io::Result<u64> {
-        self.lines = None;
-        match self.thread.take().map(JoinHandle::join) {
-            Some(Ok(Err(error))) if error.kind() != io::ErrorKind::BrokenPipe => Err(error),
-            Some(Err(_)) => Err(io::Error::other("the thread that writes lines ended")),
-            _ => Ok(self.dropped),
+    pub(crate) fn finish(self) -> io::Result<u64> {
+        drop(self.lines);
+        match self.thread.join() {
+            Ok(Err(error)) if error.kind() != ErrorKind::BrokenPipe => Err(error),
+            Ok(_) => Ok(self.dropped),
+            Err(_) => Err(io::Error::other("the thread that writes lines ended")),
         }
     }
 }
@@ -52,33 +69,4 @@ fn write_all(waiting: Receiver<Vec<u8>>, mut output: impl Write) -> io::Result<(
         output.flush()?;
     }
     Ok(())
-}
-
-impl Sink for LineWriter {
-    fn frame(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-    ) -> anyhow::Result<bool> {
-        let mut bytes = serde_json::to_vec(&line(header, objects, classes))?;
-        bytes.push(b'\n');
-        let Some(lines) = &self.lines else {
-            return Ok(false);
-        };
-        loop {
-            match lines.try_send(bytes) {
-                Ok(()) => return Ok(true),
-                Err(TrySendError::Disconnected(_)) => return Ok(false),
-                Err(TrySendError::Full(back)) if self.waits_for_reader => {
-                    bytes = back;
-                    std::thread::sleep(Duration::from_millis(2));
-                }
-                Err(TrySendError::Full(_)) => {
-                    self.dropped += 1;
-                    return Ok(true);
-                }
-            }
-        }
-    }
 }

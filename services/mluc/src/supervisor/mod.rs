@@ -4,9 +4,9 @@ mod child;
 mod lines;
 mod report;
 
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
 use mluc_ipc_types::{FrameHeader, Object, RunDescription, Stage, Topic, WIRE_VERSION};
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown};
@@ -17,40 +17,29 @@ use crate::stages::begin_or_join_run;
 use crate::{EXIT_WARNINGS, UsageError, document, model};
 
 use child::{Child, Ended};
-pub use lines::LineWriter;
-pub use report::Latencies;
+pub(crate) use lines::LineWriter;
+use report::Latencies;
 
-/// Takes the frames that leave the pipeline.
-pub trait Sink {
-    /// A frame's objects, checked. False: no more are wanted.
-    fn frame(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-    ) -> anyhow::Result<bool>;
-
-    /// The supervisor looks around, every 20 ms or so; processes by stage, 0: not running. False: end the run.
-    fn on_tick(&mut self, _health: &HealthWatch, _processes: [u32; 4]) -> anyhow::Result<bool> {
-        Ok(true)
-    }
-}
+/// Takes a frame that leaves the pipeline: its header, its checked objects, the names of the classes. False: no more are
+/// wanted.
+pub(crate) type Sink<'a> =
+    dyn FnMut(&FrameHeader, &[Object], &[String]) -> anyhow::Result<bool> + 'a;
 
 /// How a run went.
 #[derive(Debug, Default)]
-pub struct Outcome {
-    pub frames_in: u64,
-    pub frames_out: u64,
+pub(crate) struct Outcome {
+    pub(crate) frames_in: u64,
+    pub(crate) frames_out: u64,
     /// Frames that never came, before one that did.
     frames_skipped: u64,
-    pub restarts: u32,
-    pub latencies: Latencies,
+    pub(crate) restarts: u32,
+    pub(crate) latencies: Latencies,
     /// Ended by a signal: what was not finished is not lost.
-    pub is_interrupted: bool,
+    is_interrupted: bool,
 }
 
 impl Outcome {
-    pub fn frames_lost(&self) -> u64 {
+    pub(crate) fn frames_lost(&self) -> u64 {
         if self.is_interrupted {
             self.frames_skipped
         } else {
@@ -58,11 +47,12 @@ impl Outcome {
         }
     }
 
-    pub fn exit_code(&self) -> u8 {
-        match self.frames_lost() + u64::from(self.restarts) {
-            0 => 0,
-            _ if self.is_interrupted => 0,
-            _ => EXIT_WARNINGS,
+    pub(crate) fn exit_code(&self) -> ExitCode {
+        let is_clean = self.frames_lost() == 0 && self.restarts == 0;
+        if is_clean || self.is_interrupted {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::from(EXIT_WARNINGS)
         }
     }
 }
@@ -72,9 +62,9 @@ const END_PATIENCE: Duration = Duration::from_millis(600);
 /// How often the supervisor looks around.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-struct Supervisor<'a> {
+struct Supervisor {
     shell: Shell,
-    settings: &'a Settings,
+    settings: Settings,
     classes: Vec<String>,
     run: RunDescription,
     objects: Input<Object>,
@@ -87,15 +77,13 @@ struct Supervisor<'a> {
 }
 
 /// Runs a pipeline to its end.
-pub fn run(settings: &Settings, sink: &mut dyn Sink) -> anyhow::Result<Outcome> {
-    let model = check_before(settings)?;
-    let mut settings = settings.clone();
+pub(crate) fn run(mut settings: Settings, sink: &mut Sink) -> anyhow::Result<Outcome> {
+    let model = check_before(&settings)?;
     settings.complete_from(&model);
-    let settings = &settings;
     let shutdown = Shutdown::on_signals()?;
     let mut shell = Shell::observer(&settings.instance, Some("pipeline"), shutdown)?;
-    let _published = document::publish(settings)?;
-    let Some(run) = begin_or_join_run(&mut shell, settings, &model)? else {
+    let _published = document::publish(&settings)?;
+    let Some(run) = begin_or_join_run(&mut shell, &settings, &model)? else {
         return Ok(Outcome::default());
     };
     let mut supervisor = Supervisor {
@@ -125,48 +113,34 @@ fn check_before(settings: &Settings) -> anyhow::Result<Model> {
     match &settings.input {
         Some(input) => drop(Source::find(input)?),
         None if ingest.command.is_none() && !ingest.external => {
-            return Err(UsageError(
-                "--input is missing: a folder of .bin scans, or one".to_string(),
-            )
-            .into());
+            let text = "--input is missing: a folder of .bin scans, or one";
+            return Err(UsageError(text.to_string()).into());
         }
         None => (),
     }
     model::load_for(settings)
 }
 
-/// Tells how to start a stage that is left to the user.
-fn tell_external(stage: Stage, settings: &Settings) {
-    let name = stage.name();
-    tracing::info!(
-        "{name} is left to you: mluc stage {name} --instance {0}; or a program of yours with {1}={0}",
-        settings.instance.name(),
-        Instance::VARIABLE
-    );
-}
-
-impl Supervisor<'_> {
-    fn supervise(&mut self, sink: &mut dyn Sink) -> anyhow::Result<()> {
+impl Supervisor {
+    fn supervise(&mut self, sink: &mut Sink) -> anyhow::Result<()> {
         for stage in Stage::ALL {
             let mut child = Child::new(stage);
             if self.settings.stages[stage].external {
-                tell_external(stage, self.settings);
+                let (name, instance) = (stage.name(), self.settings.instance.name());
+                let variable = Instance::VARIABLE;
+                tracing::info!(
+                    "{name} is left to you: mluc stage {name} --instance {instance}; or a program of yours with {variable}={instance}"
+                );
             } else {
-                child.start(self.settings, 0)?;
+                child.start(&self.settings, 0)?;
             }
             self.children.push(child);
         }
         loop {
-            if self.shell.is_stopping() {
-                self.outcome.is_interrupted = true;
-                return Ok(());
-            }
             self.shell.tick()?;
             self.follow_run();
             self.health.update()?;
-            let is_wanted = self.take_objects(sink)?;
-            let processes = Stage::ALL.map(|stage| self.children[stage as usize].pid());
-            if !(is_wanted && sink.on_tick(&self.health, processes)?) {
+            if self.shell.is_stopping() || !self.take_objects(sink)? {
                 self.outcome.is_interrupted = true;
                 return Ok(());
             }
@@ -193,7 +167,7 @@ impl Supervisor<'_> {
     }
 
     /// False: the sink wants no more.
-    fn take_objects(&mut self, sink: &mut dyn Sink) -> anyhow::Result<bool> {
+    fn take_objects(&mut self, sink: &mut Sink) -> anyhow::Result<bool> {
         while let Some(message) = self.objects.oldest()? {
             let header = *message.header();
             self.scans.take(&self.run)?;
@@ -229,7 +203,7 @@ impl Supervisor<'_> {
             self.outcome.frames_in = self.outcome.frames_in.max(self.next_sequence);
             self.outcome.frames_out += 1;
             self.outcome.latencies.record(&header);
-            if !sink.frame(&header, objects, &self.classes)? {
+            if !sink(&header, objects, &self.classes)? {
                 return Ok(false);
             }
         }
@@ -240,10 +214,8 @@ impl Supervisor<'_> {
     fn look_after_children(&mut self) -> anyhow::Result<bool> {
         let start_sequence = self.start_sequence();
         for child in &mut self.children {
-            let is_ready = self
-                .health
-                .of(child.stage)
-                .is_some_and(|h| h.pid == child.pid())
+            let health = self.health.of(child.stage);
+            let is_ready = health.is_some_and(|health| health.pid == child.pid())
                 && self.health.is_ready(child.stage);
             match child.watch(is_ready)? {
                 Ended::No => (),
@@ -252,11 +224,13 @@ impl Supervisor<'_> {
                     if self.shell.is_stopping() {
                         continue;
                     }
-                    child.plan_restart()?;
+                    child.plan_restart();
                     self.outcome.restarts += 1;
                 }
             }
-            child.start_if_due(self.settings, start_sequence)?;
+            if child.is_due() {
+                child.start(&self.settings, start_sequence)?;
+            }
         }
         Ok(false)
     }
@@ -284,9 +258,4 @@ impl Supervisor<'_> {
             child.kill();
         }
     }
-}
-
-/// Where this program lies, to be started again.
-fn own_program() -> anyhow::Result<std::path::PathBuf> {
-    std::env::current_exe().context("finding this program's file")
 }

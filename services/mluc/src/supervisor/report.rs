@@ -4,35 +4,31 @@ use hdrhistogram::Histogram;
 use mluc_gateway::lines::{latency_us, stage_times};
 use mluc_ipc_types::{FrameHeader, Stage};
 
+/// Longest time told apart, us: ten minutes.
+const LONGEST_US: u64 = 600_000_000;
+
 /// Latencies of all frames, us.
 #[derive(Debug)]
-pub struct Latencies {
-    queue: Vec<Histogram<u64>>,
-    run: Vec<Histogram<u64>>,
+pub(crate) struct Latencies {
+    queue: [Histogram<u64>; 4],
+    run: [Histogram<u64>; 4],
     total: Histogram<u64>,
 }
 
 impl Default for Latencies {
     fn default() -> Latencies {
-        let four = || (0..4).map(|_| histogram()).collect();
+        // Three digits.
+        let empty = Histogram::new_with_bounds(1, LONGEST_US, 3).expect("constant bounds that fit");
         Latencies {
-            queue: four(),
-            run: four(),
-            total: histogram(),
+            queue: std::array::from_fn(|_| empty.clone()),
+            run: std::array::from_fn(|_| empty.clone()),
+            total: empty,
         }
     }
 }
 
-/// Longest time told apart, us: ten minutes.
-const LONGEST_US: u64 = 600_000_000;
-
-/// Three digits.
-fn histogram() -> Histogram<u64> {
-    Histogram::new_with_bounds(1, LONGEST_US, 3).expect("constant bounds that fit")
-}
-
 impl Latencies {
-    pub fn record(&mut self, header: &FrameHeader) {
+    pub(super) fn record(&mut self, header: &FrameHeader) {
         for stage in Stage::ALL {
             let times = stage_times(header, stage);
             self.queue[stage as usize].saturating_record(times.queue_us.max(1));
@@ -42,15 +38,15 @@ impl Latencies {
     }
 
     /// The table, ms; the first frame counts too.
-    pub fn table(&self) -> String {
+    pub(crate) fn table(&self) -> String {
         let mut text = String::from("latency, ms        p50      p99      max\n");
-        let mut row = |name: &str, histogram: &Histogram<u64>| {
-            let [p50, p99, max] = [
-                histogram.value_at_quantile(0.50),
-                histogram.value_at_quantile(0.99),
-                histogram.max(),
-            ]
-            .map(|us| us as f64 / 1000.0);
+        let mut row = |name: &str, us: &Histogram<u64>| {
+            let figures = [
+                us.value_at_quantile(0.50),
+                us.value_at_quantile(0.99),
+                us.max(),
+            ];
+            let [p50, p99, max] = figures.map(|us| us as f64 / 1000.0);
             text += &format!("{name:14}{p50:9.2}{p99:9.2}{max:9.2}\n");
         };
         for stage in Stage::ALL {

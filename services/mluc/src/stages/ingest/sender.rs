@@ -9,7 +9,7 @@ use mluc_runtime::{
 };
 
 use super::downstream::DownstreamStages;
-use crate::source::{ReadOutcome, Source};
+use crate::source::Source;
 
 /// A scan read from its file, not yet in shared memory.
 struct Loaded {
@@ -94,23 +94,14 @@ impl Sender<'_> {
         }
         loaded.sequence = sequence;
         let index = (sequence % self.source.scans.len() as u64) as usize;
-        loaded.flags = match self.source.read(index, &mut loaded.bytes) {
-            ReadOutcome::Whole => Flags::default(),
-            ReadOutcome::Cut => Flags::TRUNCATED,
-            ReadOutcome::Failed => Flags::DAMAGED_INPUT,
-        };
+        let flags = self.source.read(index, &mut loaded.bytes);
         loaded.report = inspect_bin(&loaded.bytes);
-        loaded.flags = loaded.flags.with(loaded.report.flags());
+        loaded.flags = flags.with(loaded.report.flags());
         self.shell.health.frames_in += 1;
     }
 
     /// Publishes the scan of `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
-    pub(crate) fn send(
-        &mut self,
-        sequence: u64,
-        attempt: u32,
-        due_ns: u64,
-    ) -> Result<(), RuntimeError> {
+    pub(crate) fn send(&mut self, sequence: u64, attempt: u32, due_ns: u64) -> anyhow::Result<()> {
         let started_ns = monotonic_ns();
         self.load(sequence);
         let index = (sequence % self.source.scans.len() as u64) as usize;
@@ -119,7 +110,8 @@ impl Sender<'_> {
         header.run_id = self.shell.run().map_or(0, |run| run.run_id);
         header.attempt = attempt;
         header.model_fingerprint = self.fingerprint;
-        header.sensor_stamp_ns = self.stamp_ns(index);
+        let stamps_ns = self.source.stamps_ns.as_ref();
+        header.sensor_stamp_ns = stamps_ns.map_or_else(wall_clock_ns, |stamps| stamps[index]);
         if let Some(poses) = &self.source.poses {
             header.ego = poses[index];
         }
@@ -137,8 +129,9 @@ impl Sender<'_> {
         if let Some(finding) = self.sanity.check(loan.elements_mut()) {
             loan.header_mut().flag(Flags::INPUT_SUSPECT);
             if !self.is_suspect {
+                let frame = header.name();
                 tracing::warn!(
-                    frame = header.name(),
+                    frame,
                     "the input does not look like the model's training data: {finding}"
                 );
             }
@@ -152,13 +145,6 @@ impl Sender<'_> {
             // The same frame once more.
             self.shell.health.frames_out -= 1;
         }
-        finish(self.shell, Stage::Ingest, &header)
-    }
-
-    fn stamp_ns(&self, index: usize) -> u64 {
-        match &self.source.stamps_ns {
-            Some(stamps) => stamps[index],
-            None => wall_clock_ns(),
-        }
+        Ok(finish(self.shell, Stage::Ingest, &header)?)
     }
 }

@@ -1,3 +1,0 @@
-//! Models and scans inside the program; see `build.rs`.
-
-include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
