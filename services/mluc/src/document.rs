@@ -65,7 +65,12 @@ pub fn known_keys(table: &str) -> Vec<String> {
         return Vec::new();
     };
     let keys = unknown_and_known(error.message());
-    keys.into_iter().skip(1).map(str::to_string).collect()
+    let is_table = error.message().starts_with("unknown field");
+    keys.into_iter()
+        .skip(1)
+        .filter(|_| is_table)
+        .map(str::to_string)
+        .collect()
 }
 
 /// Where the document of a running pipeline lies: in the instance's folder.
@@ -140,7 +145,7 @@ mod tests {
                 "{table} {key}"
             );
         }
-        assert!(known_keys("model").is_empty());
+        assert!(known_keys("model").is_empty() && known_keys("pace").is_empty());
     }
 
     #[test]
