@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use mluc_geometry::Box3;
-use mluc_ipc_types::{Detection, DetectionKind};
+use mluc_ipc_types::{Detection, DetectionKind, Object};
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_refiner::{BeamTable, Sensor};
 use mluc_simulate::{Family, SimulatedFrame, Split, frame};
@@ -44,6 +44,15 @@ pub fn candidate(shape: &Box3, eds: f32) -> Detection {
         score: 0.3,
         eds,
         ..Detection::default()
+    }
+}
+
+/// An object's box in the sensor frame.
+pub fn box_of(object: &Object) -> Box3 {
+    Box3 {
+        center_m: object.center_m.map(f64::from),
+        size_m: object.size_m.map(f64::from),
+        yaw_rad: f64::from(object.yaw_rad),
     }
 }
 

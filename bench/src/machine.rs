@@ -5,49 +5,28 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use rustix::thread::{CpuSet, sched_getaffinity};
+use mluc::placement::usable_cpus;
 use serde_json::{Map, Value, json};
 
 /// Instruction sets that the kernels choose by.
-const EXTENSIONS: [&str; 11] = [
-    "avx2",
-    "fma",
-    "avx_vnni",
-    "avx512f",
-    "avx512_bf16",
-    "avx512_vnni",
-    "amx_bf16",
-    "amx_int8",
-    "asimd",
-    "asimddp",
-    "bf16",
-];
+const EXTENSIONS: &str =
+    "avx2 fma avx_vnni avx512f avx512_bf16 avx512_vnni amx_bf16 amx_int8 asimd asimddp bf16";
 /// Folders whose files are in the program `mluc`.
-const SOURCES: [&str; 7] = [
-    "ipc-types",
-    "geometry",
-    "kernels",
-    "model",
-    "services",
-    "weights",
-    "Cargo.toml",
-];
+const SOURCES: &str = "ipc-types geometry kernels model services weights Cargo.toml";
 
 /// Processor, memory, kernel, and the moment; what the system does not say is null.
 pub fn describe_machine() -> Map<String, Value> {
     let cpuinfo = text_of("/proc/cpuinfo").unwrap_or_default();
     let flags = field(&cpuinfo, "flags").or(field(&cpuinfo, "Features"));
     let flags: Vec<&str> = flags.unwrap_or_default().split_whitespace().collect();
-    let mut extensions = EXTENSIONS.to_vec();
+    let mut extensions: Vec<&str> = EXTENSIONS.split(' ').collect();
     extensions.retain(|extension| flags.contains(extension));
     let meminfo = text_of("/proc/meminfo").unwrap_or_default();
     let part = || field(&cpuinfo, "CPU part").map(|part| format!("part {part}"));
-    let usable = sched_getaffinity(None).ok();
-    let usable = usable.map(|set| (0..CpuSet::MAX_CPU).filter(|&cpu| set.is_set(cpu)).count());
     let time = SystemTime::now().duration_since(UNIX_EPOCH);
     object(json!({
         "processor": field(&cpuinfo, "model name").map(str::to_string).or_else(part),
-        "cores_usable": usable,
+        "cores_usable": usable_cpus().len(),
         "cores_present": cpuinfo.lines().filter(|line| line.starts_with("processor")).count(),
         "instruction_sets": extensions.join(" "),
         "caches": caches(),
@@ -86,10 +65,8 @@ pub fn describe_here() -> Map<String, Value> {
 
 /// Memory that can be had without swapping, MiB.
 pub(crate) fn available_mib() -> u64 {
-    number_of(
-        &text_of("/proc/meminfo").unwrap_or_default(),
-        "MemAvailable:",
-    ) / 1024
+    let meminfo = text_of("/proc/meminfo").unwrap_or_default();
+    number_of(&meminfo, "MemAvailable:") / 1024
 }
 
 /// Processes that ran or wanted to, over the last minute: near 0 on a quiet machine.
@@ -104,6 +81,15 @@ pub(crate) fn number_of(text: &str, key: &str) -> u64 {
     let rest = text.lines().find_map(|line| line.strip_prefix(key));
     let word = rest.and_then(|rest| rest.split_whitespace().next());
     word.and_then(|word| word.parse().ok()).unwrap_or(0)
+}
+
+/// Ticks of the CPU in `/proc/PID/stat`, fields 14 to 17: in the program and in the kernel, of the process and of its children
+/// that have ended (proc(5)).
+pub(crate) fn cpu_ticks(stat: &str) -> [u64; 4] {
+    // The name in parentheses may hold anything; what follows it begins with field 3.
+    let fields = stat.rsplit_once(')').map_or("", |(_, fields)| fields);
+    let mut ticks = fields.split_whitespace().skip(11);
+    [(); 4].map(|()| ticks.next().and_then(|word| word.parse().ok()).unwrap_or(0))
 }
 
 /// The map of a JSON object.
@@ -137,16 +123,13 @@ fn commit(program: &Path) -> Option<String> {
     let before = format!("--before={seconds}");
     let log = git(&root, &["log", "-1", "--abbrev=12", "--format=%h", &before])?;
     let commit = log.lines().next().filter(|line| !line.is_empty())?;
-    let diff = [&["diff", "--name-only", commit, "--"], &SOURCES[..]].concat();
+    let mut diff = vec!["diff", "--name-only", commit, "--"];
+    diff.extend(SOURCES.split(' '));
     let changed = git(&root, &diff)?;
     let is_in_the_build =
         |name: &str| modified(&root.join(name)).is_ok_and(|changed| changed <= built);
-    let dirty = if changed.lines().any(is_in_the_build) {
-        "-dirty"
-    } else {
-        ""
-    };
-    Some(format!("{commit}{dirty}"))
+    let is_dirty = changed.lines().any(is_in_the_build);
+    Some(format!("{commit}{}", if is_dirty { "-dirty" } else { "" }))
 }
 
 /// What git prints, if it is there and content.
@@ -212,15 +195,14 @@ mod tests {
     fn lines_of_the_system_are_read() {
         let text = "processor\t: 0\nmodel name\t: Some CPU @ 2 GHz: fast\nflags\t: fma avx2\n";
         assert_eq!(field(text, "model name"), Some("Some CPU @ 2 GHz: fast"));
-        assert_eq!(
-            (field(text, "flags"), field(text, "bugs")),
-            (Some("fma avx2"), None)
-        );
+        assert_eq!(field(text, "flags"), Some("fma avx2"));
+        assert_eq!(field(text, "bugs"), None);
         let text = "VmRSS:\t  12 kB\nRssAnon:\t   345 kB\n";
-        assert_eq!(
-            [number_of(text, "RssAnon:"), number_of(text, "RssShmem:")],
-            [345, 0]
-        );
+        let numbers = ["RssAnon:", "RssShmem:"].map(|key| number_of(text, key));
+        assert_eq!(numbers, [345, 0]);
+        let stat = "1 (a) b)) S 2 3 4 5 6 7 8 9 10 11 100 20 3 4 20 0 1 0";
+        assert_eq!(cpu_ticks(stat), [100, 20, 3, 4]);
+        assert_eq!(cpu_ticks(""), [0; 4]);
     }
 
     #[test]

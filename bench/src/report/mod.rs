@@ -25,7 +25,7 @@ mod table;
 pub(crate) use charts::Sample;
 pub use compare::{CompareOptions, Comparison, Verdict, compare};
 pub use csv::{read_frames, write_frames};
-pub(crate) use figures::{HandOver, LatencyReport, Resources, check_version};
+pub(crate) use figures::{FrameCounts, HandOver, LatencyReport, Resources, check_version};
 pub(crate) use frame::STAGES;
 pub use frame::{FrameRecord, Stamps};
 pub(crate) use page::page;

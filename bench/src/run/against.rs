@@ -1,6 +1,7 @@
 //! This build and another one on the same frames, interleaved. Each side is measured by its own `mluc bench`, because one
 //! program cannot observe two wire versions; the rounds of a side become one report.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
@@ -9,10 +10,10 @@ use mluc::{EXIT_WARNINGS, UsageError};
 use serde_json::Value;
 
 use super::compare::{notes, options};
-use super::folder;
+use super::folder::{self, FOLDERS};
+use super::local::turn;
 use super::plan::Plan;
-use super::progress::Progress;
-use super::variants::{FOLDERS, turn};
+use super::{progress, show};
 use crate::report::{FrameRecord, LatencyReport, compare};
 
 /// What the rounds of one build gave.
@@ -31,13 +32,13 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> anyhow::Result<ExitCode> {
     }
     folder::make(&plan.args.out)?;
     let programs = [plan.program.as_path(), other];
-    let mut progress = Progress::new();
+    let progress = progress();
     let mut sides = [Side::default(), Side::default()];
     for number in 0..2 * plan.rounds {
         let turn = turn(number);
         let (program, all) = (programs[turn], 2 * plan.rounds);
         let text = format!("{}, {} of {all}", program.display(), number + 1);
-        progress.show(f64::from(number) / f64::from(all), &text);
+        show(&progress, f64::from(number) / f64::from(all), text);
         let round = number / 2;
         let folder = plan
             .args
@@ -71,33 +72,28 @@ fn measure(plan: &Plan, program: &Path, folder: &PathBuf) -> anyhow::Result<()> 
     let mut command = Command::new(program);
     command.args(["bench", "--rounds", "1", "--floor-rounds", "0", "--out"]);
     command.arg(folder).arg("--input").arg(&plan.input);
-    let mut add = |key: &str, value: String| {
-        command.args([key, &value]);
+    let mut add = |key: &str, value: &dyn Display| {
+        command.args([key, &value.to_string()]);
     };
-    add("--model", plan.model_name.clone());
-    add("--seconds", plan.round_seconds().to_string());
-    add("--warm-up", plan.warm_up_seconds.to_string());
-    add("--rate", plan.rate_hz.to_string());
-    add("--patience", plan.patience.as_secs_f64().to_string());
-    let given = [
-        ("--precision", &args.precision),
-        ("--refiner", &args.refiner.first().cloned()),
-    ];
-    for (key, value) in given {
-        if let Some(value) = value {
-            add(key, value.clone());
-        }
+    add("--model", &plan.model_name);
+    add("--seconds", &plan.round_seconds());
+    add("--warm-up", &plan.warm_up_seconds);
+    add("--rate", &plan.rate_hz);
+    add("--patience", &plan.patience.as_secs_f64());
+    if let Some(precision) = &args.precision {
+        add("--precision", precision);
+    }
+    if let Some(refiner) = args.refiner.first() {
+        add("--refiner", refiner);
     }
     for threads in &args.threads {
-        add("--threads", threads.clone());
+        add("--threads", threads);
     }
     if let Some(scenario) = &args.scenario {
-        add("--scenario", scenario.display().to_string());
+        add("--scenario", &scenario.display());
     }
-    let output = command
-        .stdin(Stdio::null())
-        .output()
-        .with_context(|| format!("starting {}", program.display()))?;
+    let output = command.stdin(Stdio::null()).output();
+    let output = output.with_context(|| format!("starting {}", program.display()))?;
     if !matches!(output.status.code(), Some(0 | 3)) {
         bail!(
             "{} bench ended with {}:\n{}",

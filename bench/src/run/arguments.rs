@@ -27,9 +27,6 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Compare report B with report A: what differs, and what is noise.
     Compare(CompareArgs),
-    /// Take CPU and memory from the others (started for `[bench.load]`).
-    #[command(hide = true)]
-    Neighbour(LoadTable),
 }
 
 /// What is measured; everything but where the report goes may stand in the scenario instead.
@@ -115,15 +112,13 @@ impl BenchTable {
     }
 }
 
-/// A process beside the pipeline: `[bench.load]`.
-#[derive(Args, Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
+/// Other work beside the pipeline: `[bench.load]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct LoadTable {
     /// Threads that compute without a pause.
-    #[arg(long, default_value_t = 0)]
     pub(crate) cpu_threads: usize,
     /// Memory that one thread writes over and over, MiB.
-    #[arg(long, default_value_t = 0)]
     pub(crate) memory_mib: u64,
 }
 

@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use super::progress::Progress;
+use anyhow::{Result, ensure};
+use indicatif::ProgressBar;
+
+use super::show;
 use crate::report::HandOver;
 use crate::transport::{Load, Payload, Settings, Way, measure};
 
@@ -14,7 +17,7 @@ pub(crate) fn add_baselines(
     hops: &mut [HandOver; 4],
     payload_bytes: [u64; 4],
     rounds: usize,
-    progress: &mut Progress,
+    progress: &ProgressBar,
 ) -> Option<String> {
     for ((hop, payload), bytes) in hops.iter_mut().zip(Payload::ALL).zip(payload_bytes) {
         hop.payload_bytes = bytes;
@@ -22,25 +25,22 @@ pub(crate) fn add_baselines(
             continue;
         }
         let topic = payload.topic().name;
-        progress.show(
-            0.5,
-            &format!("baselines of {topic}: {rounds} messages each way"),
-        );
-        let cause = match bytes {
-            0 => "the stage sent no heartbeat with a payload".to_string(),
-            _ => match add(hop, payload, rounds) {
-                Ok(()) => continue,
-                Err(error) => error.to_string(),
-            },
-        };
-        return Some(format!(
-            "the baselines of {topic} could not be measured: {cause}"
-        ));
+        let text = format!("baselines of {topic}: {rounds} messages each way");
+        show(progress, 0.5, text);
+        if let Err(cause) = add(hop, payload, rounds) {
+            return Some(format!(
+                "the baselines of {topic} could not be measured: {cause}"
+            ));
+        }
     }
     None
 }
 
-fn add(hop: &mut HandOver, payload: Payload, rounds: usize) -> anyhow::Result<()> {
+fn add(hop: &mut HandOver, payload: Payload, rounds: usize) -> Result<()> {
+    ensure!(
+        hop.payload_bytes > 0,
+        "the stage sent no heartbeat with a payload"
+    );
     let load = Load {
         payload,
         bytes: hop.payload_bytes as usize,

@@ -12,6 +12,9 @@ use crate::report::{
     write_frames,
 };
 
+/// Of the two reports of a comparison.
+pub(crate) const FOLDERS: [&str; 2] = ["a", "b"];
+
 /// Made before anything is measured: a path that cannot be written is reported at once.
 pub(crate) fn make(folder: &Path) -> anyhow::Result<()> {
     fs::create_dir_all(folder)
@@ -34,11 +37,8 @@ pub(crate) fn write(
     samples: &[Sample],
 ) -> anyhow::Result<()> {
     make(folder)?;
-    write_file(
-        folder,
-        "report.json",
-        &serde_json::to_string_pretty(report)?,
-    )?;
+    let json = serde_json::to_string_pretty(report)?;
+    write_file(folder, "report.json", &json)?;
     write_file(folder, "report.html", &page(report, frames, samples))?;
     write_file(folder, "frames.csv", &write_frames(frames))?;
     write_file(folder, "resources.csv", &resources(samples))
@@ -47,17 +47,10 @@ pub(crate) fn write(
 fn resources(samples: &[Sample]) -> String {
     let heads = STAGES.map(|stage| format!(",{stage}_cpu_cores,{stage}_memory_mib"));
     let mut text = format!("at_s{}\n", heads.concat());
-    for Sample {
-        at_s,
-        cpu_cores,
-        memory_mib,
-    } in samples
-    {
-        let cells = cpu_cores.iter().zip(memory_mib);
-        let cells: String = cells
-            .map(|(cores, mib)| format!(",{cores:.4},{mib:.1}"))
-            .collect();
-        text += &format!("{at_s:.3}{cells}\n");
+    for sample in samples {
+        let cells = sample.cpu_cores.iter().zip(sample.memory_mib);
+        let cells = cells.map(|(cores, mib)| format!(",{cores:.4},{mib:.1}"));
+        text += &format!("{:.3}{}\n", sample.at_s, cells.collect::<String>());
     }
     text
 }
@@ -91,11 +84,8 @@ pub(crate) fn write_comparison(
     value["sentence"] = json!(comparison.sentence());
     value["names"] = json!(names);
     write_file(folder, "comparison.txt", &text)?;
-    write_file(
-        folder,
-        "comparison.json",
-        &serde_json::to_string_pretty(&value)?,
-    )?;
+    let json = serde_json::to_string_pretty(&value)?;
+    write_file(folder, "comparison.json", &json)?;
     print_out(text.trim())?;
     let folder = folder.display();
     print_out(format_args!(

@@ -1,6 +1,9 @@
 //! All rounds of one variant, and the report of them.
 
+use std::collections::BTreeMap;
+
 use anyhow::Result;
+use indicatif::ProgressBar;
 use mluc::model::class_names;
 use mluc_ipc_types::{FrameHeader, Stage};
 use mluc_runtime::monotonic_ns;
@@ -9,13 +12,14 @@ use serde_json::{Map, Value, json};
 use super::neighbour::Neighbour;
 use super::pipeline::{Recording, record};
 use super::plan::{Plan, Variant};
-use super::progress::Progress;
 use super::quality::{Boxes, Quality, judge};
 use super::quiet::Quiet;
 use super::round::Clock;
 use super::trace::SPANS_VARIABLE;
 use crate::machine::{describe_build, describe_machine, object};
-use crate::report::{FrameRecord, LatencyReport, Percentiles, Resources, STAGES, Sample};
+use crate::report::{
+    FrameCounts, FrameRecord, LatencyReport, Percentiles, Resources, STAGES, Sample,
+};
 
 /// What the rounds of a variant gave.
 #[derive(Default)]
@@ -24,11 +28,11 @@ pub(crate) struct Measured {
     pub(crate) samples: Vec<Sample>,
     pub(crate) payload_bytes: [u64; 4],
     pub(crate) is_interrupted: bool,
-    boxes: Vec<(String, Boxes)>,
+    boxes: BTreeMap<String, Boxes>,
+    /// By round and stage.
     resources: Vec<[Resources; 4]>,
     is_heard: [bool; 4],
     restarts: u32,
-    load_ended: bool,
 }
 
 impl Measured {
@@ -39,16 +43,15 @@ impl Measured {
         variant: &Variant,
         [number, round]: [u32; 2],
         quiet: &mut Quiet,
-        progress: &mut Progress,
+        progress: &ProgressBar,
     ) -> Result<()> {
         let what = match plan.rounds * plan.variants.len() as u32 {
             1 => variant.name.clone(),
             all => format!("{}, {} of {all}", variant.name, number + 1),
         };
         quiet.begin();
-        let mut neighbour = Neighbour::start(&plan.load)?;
+        let neighbour = Neighbour::start(&plan.load);
         let recording = record(plan, variant, number, &what, progress)?;
-        self.load_ended |= neighbour.as_mut().is_some_and(|load| !load.is_running());
         drop(neighbour);
         quiet.end();
         let clock = Clock {
@@ -56,30 +59,26 @@ impl Measured {
             rate_hz: plan.rate_hz,
             warm_up_s: plan.warm_up_seconds,
         };
-        self.add(recording, &clock);
+        let frames = clock.frames(&recording.arrivals, recording.frames_in);
+        self.frames.extend(frames);
+        self.add(recording);
         Ok(())
     }
 
-    fn add(&mut self, recording: Recording, clock: &Clock) {
+    fn add(&mut self, recording: Recording) {
         let offset_s = self.samples.last().map_or(0.0, |sample| sample.at_s + 1.0);
-        let samples = recording.watch.samples().iter();
-        self.samples.extend(samples.map(|sample| Sample {
-            at_s: sample.at_s + offset_s,
-            ..*sample
-        }));
-        let arrivals = &recording.arrivals;
-        self.frames
-            .extend(clock.frames(arrivals, recording.frames_in));
-        for (name, boxes) in recording.boxes {
-            if self.boxes.iter().all(|(seen, _)| *seen != name) {
-                self.boxes.push((name, boxes));
-            }
-        }
-        let resources = std::array::from_fn(|stage| recording.watch.resources(stage));
-        self.resources.push(resources);
-        for (stage, bytes) in recording.payload_bytes.into_iter().enumerate() {
-            self.payload_bytes[stage] = self.payload_bytes[stage].max(bytes);
-            self.is_heard[stage] |= recording.is_heard[stage];
+        let mut samples = recording.watch.samples;
+        samples
+            .iter_mut()
+            .for_each(|sample| sample.at_s += offset_s);
+        self.samples.extend(samples);
+        self.boxes.extend(recording.boxes);
+        self.resources
+            .push(recording.watch.stages.map(|stage| stage.resources()));
+        for stage in 0..STAGES.len() {
+            let bytes = recording.payload_bytes[stage];
+            self.payload_bytes[stage] = self.payload_bytes[stage].max(bytes.unwrap_or(0));
+            self.is_heard[stage] |= bytes.is_some();
         }
         self.restarts += recording.restarts;
         self.is_interrupted |= recording.is_interrupted;
@@ -137,66 +136,69 @@ impl Measured {
 
     fn warnings(&self, plan: &Plan, report: &LatencyReport, quiet: &Quiet) -> Vec<String> {
         let (verdict, is_loud) = quiet.verdict();
-        let counts = &report.frames;
+        let FrameCounts {
+            dropped,
+            taken_in,
+            unanswered,
+            ..
+        } = report.frames;
+        let (rate_hz, restarts) = (plan.rate_hz, self.restarts);
         let is_degraded = |frame: &&FrameRecord| frame.flags.split(' ').any(|f| f == "degraded");
         let degraded = self.frames.iter().filter(is_degraded).count();
         let steady = report.first_frame.over_steady.unwrap_or(0.0);
-        let mut all = vec![
-            (is_loud, format!("The machine was {verdict}.")),
-            (
-                counts.dropped > 0,
-                format!(
-                    "{} of {} frames were dropped: the pipeline does not keep up with {} Hz here, or something stalled it.",
-                    counts.dropped, counts.taken_in, plan.rate_hz
-                ),
+        let mut warnings = Vec::new();
+        let mut warn = |is_so: bool, text: String| warnings.extend(is_so.then_some(text));
+        warn(is_loud, format!("The machine was {verdict}."));
+        warn(
+            dropped > 0,
+            format!(
+                "{dropped} of {taken_in} frames were dropped: the pipeline does not keep up with {rate_hz} Hz here, or something stalled it."
             ),
-            (
-                counts.unanswered > 0,
-                format!(
-                    "Nothing came out after the last {} frames were due: a stage stopped answering; their latency is a lower bound.",
-                    counts.unanswered
-                ),
+        );
+        warn(
+            unanswered > 0,
+            format!(
+                "Nothing came out after the last {unanswered} frames were due: a stage stopped answering; their latency is a lower bound."
             ),
-            (
-                self.restarts > 0,
-                format!("Stages ended and were started again {} times.", self.restarts),
+        );
+        warn(
+            restarts > 0,
+            format!("Stages ended and were started again {restarts} times."),
+        );
+        warn(
+            self.is_interrupted,
+            "The run was interrupted: less was measured than asked for.".into(),
+        );
+        warn(
+            cfg!(debug_assertions),
+            "The program was built without optimisation: none of these figures means anything."
+                .into(),
+        );
+        warn(
+            plan.model.manifest.provenance.steps == 0,
+            "The model was never trained: the number of its boxes, and so the refiner's work, is accidental.".into(),
+        );
+        warn(
+            degraded > 0,
+            format!(
+                "{degraded} frames are flagged degraded: a stage could not do all of its work."
             ),
-            (
-                self.is_interrupted,
-                "The run was interrupted: less was measured than asked for.".to_string(),
+        );
+        warn(
+            steady > 2.0,
+            format!(
+                "The first frame took {steady:.1} times as long as the median one; more than 2 says that something was not warm."
             ),
-            (
-                self.load_ended,
-                "The load beside the pipeline ended before the run did.".to_string(),
-            ),
-            (
-                cfg!(debug_assertions),
-                "The program was built without optimisation: none of these figures means anything."
-                    .to_string(),
-            ),
-            (
-                plan.model.manifest.provenance.steps == 0,
-                "The model was never trained: the number of its boxes, and so the refiner's work, is accidental.".to_string(),
-            ),
-            (
-                degraded > 0,
-                format!("{degraded} frames are flagged degraded: a stage could not do all of its work."),
-            ),
-            (
-                steady > 2.0,
-                format!(
-                    "The first frame took {steady:.1} times as long as the median one; more than 2 says that something was not warm."
-                ),
-            ),
-        ];
+        );
         for (name, is_heard) in STAGES.iter().zip(self.is_heard) {
-            let text = format!(
-                "{name} sent no heartbeat: a program that is not ours; its stamps are its own word."
+            warn(
+                !is_heard,
+                format!(
+                    "{name} sent no heartbeat: a program that is not ours; its stamps are its own word."
+                ),
             );
-            all.push((!is_heard, text));
         }
-        let is_so = |(is_so, text)| if is_so { Some(text) } else { None };
-        all.into_iter().filter_map(is_so).collect()
+        warnings
     }
 }
 

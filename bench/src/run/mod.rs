@@ -9,22 +9,21 @@ mod arguments;
 mod baselines;
 mod compare;
 mod folder;
+mod local;
 mod measured;
 mod neighbour;
 mod pipeline;
 mod plan;
 mod processes;
-mod progress;
 mod quality;
 mod quiet;
 mod round;
-mod single;
 mod trace;
-mod variants;
 
 use std::process::ExitCode;
 
 use clap::Parser;
+use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 use mluc_runtime::log_to_stderr;
 
 use arguments::{Cli, Command};
@@ -45,16 +44,26 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     log_to_stderr("bench", "error");
     match cli.command {
         Some(Command::Compare(args)) => compare::compare_folders(&args),
-        Some(Command::Neighbour(args)) => neighbour::neighbour(args),
         None => {
             let plan = Plan::resolve(cli.run)?;
-            if let Some(other) = &plan.args.against {
-                against::against(&plan, other)
-            } else if plan.variants.len() == 1 {
-                single::single(&plan)
-            } else {
-                variants::interleave(&plan)
+            match &plan.args.against {
+                Some(other) => against::against(&plan, other),
+                None => local::measure(&plan),
             }
         }
     }
+}
+
+/// A line on stderr that shows how far the measurement is; only on a terminal.
+fn progress() -> ProgressBar {
+    let style = ProgressStyle::with_template("[{bar:30}] {msg}");
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    let bar = ProgressBar::new(100).with_finish(ProgressFinish::AndClear);
+    bar.with_style(style)
+}
+
+/// `share` of the work is done: 0 to 1.
+fn show(progress: &ProgressBar, share: f64, what: String) {
+    progress.set_position((100.0 * share) as u64);
+    progress.set_message(what);
 }

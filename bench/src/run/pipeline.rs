@@ -1,12 +1,14 @@
 //! One start of `mluc up`, watched from outside as any consumer can: its objects, its heartbeats, its processes.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, Result, bail};
+use indicatif::ProgressBar;
 use mluc::{EXIT_USAGE, UsageError};
 use mluc_ipc_types::{FrameHeader, Object, Stage, Topic};
 use mluc_runtime::{HealthWatch, Input, Instance, Shell, Shutdown, monotonic_ns};
@@ -14,8 +16,8 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::plan::{Plan, Variant};
 use super::processes::{ProcessWatch, StageProcesses};
-use super::progress::Progress;
 use super::quality::Boxes;
+use super::show;
 
 /// How often the processes are looked at; a message ends the wait early.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -35,13 +37,11 @@ pub(crate) struct Arrival {
 #[derive(Default)]
 pub(crate) struct Recording {
     pub(crate) arrivals: Vec<Arrival>,
-    /// By the scan's name, the first time that it came: the pipeline is deterministic.
-    pub(crate) boxes: Vec<(String, Boxes)>,
+    /// By the scan's name: the pipeline is deterministic.
+    pub(crate) boxes: BTreeMap<String, Boxes>,
     pub(crate) watch: ProcessWatch,
-    /// Payload bytes of each stage's last message.
-    pub(crate) payload_bytes: [u64; 4],
-    /// Whether a stage has sent heartbeats: a foreign one may not.
-    pub(crate) is_heard: [bool; 4],
+    /// Payload bytes of each stage's last message; `None`: no heartbeats, a foreign stage may send none.
+    pub(crate) payload_bytes: [Option<u64>; 4],
     /// Frames that ingest sent.
     pub(crate) frames_in: u64,
     pub(crate) restarts: u32,
@@ -54,8 +54,8 @@ pub(crate) fn record(
     variant: &Variant,
     number: u32,
     what: &str,
-    progress: &mut Progress,
-) -> anyhow::Result<Recording> {
+    progress: &ProgressBar,
+) -> Result<Recording> {
     let instance = Instance::new(&format!("bench-{}-{number}", std::process::id()))?;
     let shutdown = Shutdown::on_signals()?;
     let shell = Shell::observer(&instance, None, shutdown)?;
@@ -86,7 +86,7 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn run(&mut self, plan: &Plan, what: &str, progress: &mut Progress) -> anyhow::Result<()> {
+    fn run(&mut self, plan: &Plan, what: &str, progress: &ProgressBar) -> Result<()> {
         let begun = Instant::now();
         let end_s = plan.warm_up_seconds + plan.round_seconds();
         loop {
@@ -107,9 +107,9 @@ impl Recorder {
                 watch.look(at_s, is_measured, self.stages.pids);
                 let (now_s, frames) = (at_s.min(end_s), self.recording.arrivals.len());
                 let text = format!("{what}: {now_s:.0} of {end_s:.0} s, {frames} frames");
-                progress.show(at_s / end_s, &text);
+                show(progress, at_s / end_s, text);
             } else {
-                progress.show(0.0, &format!("{what}: starting"));
+                show(progress, 0.0, format!("{what}: starting"));
                 if begun.elapsed() > plan.patience {
                     return self.give_up(plan);
                 }
@@ -119,13 +119,12 @@ impl Recorder {
     }
 
     /// Takes objects and heartbeats that have come.
-    fn take(&mut self) -> anyhow::Result<()> {
+    fn take(&mut self) -> Result<()> {
         self.health.update()?;
         let recording = &mut self.recording;
         for stage in Stage::ALL {
             if let Some(health) = self.health.of(stage) {
-                recording.payload_bytes[stage as usize] = u64::from(health.bytes_written);
-                recording.is_heard[stage as usize] = true;
+                recording.payload_bytes[stage as usize] = Some(u64::from(health.bytes_written));
             }
         }
         while let Some(message) = self.objects.oldest()? {
@@ -147,12 +146,9 @@ impl Recorder {
         Ok(())
     }
 
-    fn give_up(&mut self, plan: &Plan) -> anyhow::Result<()> {
+    fn give_up(&mut self, plan: &Plan) -> Result<()> {
         self.up.end();
-        let words: Vec<String> = Stage::ALL
-            .iter()
-            .map(|&stage| describe(stage, &self.health))
-            .collect();
+        let words = Stage::ALL.map(|stage| describe(stage, &self.health));
         bail!(
             "no objects came within {} s of the start: {}; {} holds what the processes printed",
             plan.patience.as_secs_f64(),
@@ -165,10 +161,8 @@ impl Recorder {
 impl Recording {
     fn add(&mut self, header: FrameHeader, at_ns: u64, objects: &[Object]) {
         self.arrivals.push(Arrival { header, at_ns });
-        if self.boxes.iter().all(|(name, _)| name != header.name()) {
-            let boxes = Boxes::of(objects);
-            self.boxes.push((header.name().to_string(), boxes));
-        }
+        let boxes = self.boxes.entry(header.name().to_string());
+        boxes.or_insert_with(|| Boxes::of(objects));
     }
 
     /// Since the first frame was due, by the first one that came.
@@ -196,7 +190,7 @@ struct Up {
 }
 
 impl Up {
-    fn start(plan: &Plan, variant: &Variant, instance: &Instance) -> anyhow::Result<Up> {
+    fn start(plan: &Plan, variant: &Variant, instance: &Instance) -> Result<Up> {
         let log = plan.args.out.join(LOG);
         let file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
         let supervisor = std::process::id().to_string();
@@ -222,7 +216,7 @@ impl Up {
     }
 
     /// Of an end by itself: 0, or 3 where frames were lost, which the report says too.
-    fn check(&self, status: ExitStatus) -> anyhow::Result<()> {
+    fn check(&self, status: ExitStatus) -> Result<()> {
         if matches!(status.code(), Some(0 | 3)) {
             return Ok(());
         }

@@ -4,7 +4,7 @@ use std::fs;
 
 use mluc_ipc_types::Stage;
 
-use crate::machine::number_of;
+use crate::machine::{cpu_ticks, number_of};
 use crate::report::{Resources, Sample};
 
 /// Two looks at least so far apart, s.
@@ -64,30 +64,32 @@ impl StageProcesses {
 
     /// Starts after the first one, of all stages.
     pub(crate) fn restarts(&self) -> u32 {
-        self.starts
-            .iter()
-            .map(|starts| starts.saturating_sub(1))
-            .sum()
+        let again = self.starts.iter().map(|starts| starts.saturating_sub(1));
+        again.sum()
     }
 }
 
 /// Looks at the four processes while they run.
 #[derive(Default)]
 pub(crate) struct ProcessWatch {
-    first: [Option<Counts>; 4],
-    last: [Option<Counts>; 4],
-    peak: [Option<Counts>; 4],
-    samples: Vec<Sample>,
+    pub(crate) stages: [StageWatch; 4],
+    pub(crate) samples: Vec<Sample>,
     looked_s: Option<f64>,
+}
+
+/// Of one stage: the first and the last look, and the largest memory, of the measured part.
+#[derive(Default)]
+pub(crate) struct StageWatch {
+    first: Option<Counts>,
+    last: Counts,
+    peak: Counts,
 }
 
 impl ProcessWatch {
     /// `at_s`: since the first frame was due. Before the measurement begins only the running figures are kept.
     pub(crate) fn look(&mut self, at_s: f64, is_measured: bool, processes: [u32; 4]) {
-        if self
-            .looked_s
-            .is_some_and(|looked_s| at_s - looked_s < PERIOD_S)
-        {
+        let is_soon = |looked_s: f64| at_s - looked_s < PERIOD_S;
+        if self.looked_s.is_some_and(is_soon) {
             return;
         }
         self.looked_s = Some(at_s);
@@ -95,45 +97,42 @@ impl ProcessWatch {
             at_s,
             ..Sample::default()
         };
-        for (stage, &pid) in processes.iter().enumerate() {
+        for (stage, pid) in processes.into_iter().enumerate() {
             let Some(counts) = counts(pid, at_s) else {
                 continue;
             };
-            if let Some(before) = self.last[stage].filter(|before| before.pid == pid) {
-                sample.cpu_cores[stage] = cores(&before, &counts);
+            let watch = &mut self.stages[stage];
+            if watch.last.pid == pid {
+                sample.cpu_cores[stage] = cores(&watch.last, &counts);
             }
             sample.memory_mib[stage] = counts.private_mib;
-            self.last[stage] = Some(counts);
+            watch.last = counts;
             if is_measured {
                 // A restarted process counts from its own begin.
-                let is_known = self.first[stage].is_some_and(|first| first.pid == pid);
-                if !is_known {
-                    self.first[stage] = Some(counts);
-                }
-                let peak = self.peak[stage].get_or_insert(counts);
+                watch.first = watch
+                    .first
+                    .filter(|first| first.pid == pid)
+                    .or(Some(counts));
+                let peak = &mut watch.peak;
                 peak.private_mib = peak.private_mib.max(counts.private_mib);
                 peak.shared_mib = peak.shared_mib.max(counts.shared_mib);
             }
         }
         self.samples.push(sample);
     }
+}
 
-    pub(crate) fn samples(&self) -> &[Sample] {
-        &self.samples
-    }
-
-    /// Over the measured part.
-    pub(crate) fn resources(&self, stage: usize) -> Resources {
-        let (Some(first), Some(last), Some(peak)) =
-            (self.first[stage], self.last[stage], self.peak[stage])
-        else {
+impl StageWatch {
+    pub(crate) fn resources(&self) -> Resources {
+        let Some(first) = &self.first else {
             return Resources::default();
         };
+        let (last, peak) = (&self.last, &self.peak);
         let seconds = (last.at_s - first.at_s).max(1e-3);
         let by_second = |from: u64, to: u64| to.saturating_sub(from) as f64 / seconds;
         Resources {
             threads: last.threads,
-            cpu_cores: cores(&first, &last),
+            cpu_cores: cores(first, last),
             memory_mib: peak.private_mib,
             shared_memory_mib: peak.shared_mib,
             switches_voluntary_per_s: by_second(first.voluntary, last.voluntary),
@@ -177,11 +176,8 @@ fn cpu_ns(pid: u32) -> Option<u64> {
     /// The kernel's unit in this file, on every processor: 1/100 s.
     const TICK_NS: u64 = 10_000_000;
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The program's name stands in parentheses and may hold anything; `utime` and `stime` are the 14th and 15th field.
-    let (_, fields) = stat.rsplit_once(')')?;
-    let ticks = fields.split_whitespace().skip(11).take(2);
-    let ticks: u64 = ticks.filter_map(|ticks| ticks.parse::<u64>().ok()).sum();
-    Some(ticks * TICK_NS)
+    let [user, system, ..] = cpu_ticks(&stat);
+    Some((user + system) * TICK_NS)
 }
 
 #[cfg(test)]
@@ -189,14 +185,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn this_process_is_seen_and_a_missing_one_is_not() {
-        let own = counts(std::process::id(), 0.0).unwrap();
-        assert!(own.threads >= 1 && own.private_mib > 0.1, "{own:?}");
-        assert_eq!(counts(0, 0.0), None);
-    }
-
-    #[test]
     fn figures_are_differences() {
+        assert_eq!(counts(0, 0.0), None);
         let pid = std::process::id();
         let mut watch = ProcessWatch::default();
         watch.look(-1.0, false, [pid, 0, 0, 0]);
@@ -209,16 +199,10 @@ mod tests {
             }
         }
         watch.look(1.0, true, [pid, 0, 0, 0]);
-        assert_eq!(
-            watch.samples().len(),
-            3,
-            "two looks were too near each other"
-        );
-        let resources = watch.resources(0);
-        assert!(
-            resources.cpu_cores > 0.0 && resources.memory_mib > 0.0,
-            "{resources:?}"
-        );
-        assert_eq!(watch.resources(1), Resources::default());
+        let looks = watch.samples.len();
+        assert_eq!(looks, 3, "two looks were too near each other");
+        let own = watch.stages[0].resources();
+        assert!(own.threads >= 1 && own.cpu_cores > 0.0 && own.memory_mib > 0.1);
+        assert_eq!(watch.stages[1].resources(), Resources::default());
     }
 }

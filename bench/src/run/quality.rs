@@ -1,12 +1,15 @@
 //! How good the boxes are, where there are labels: by this a swapped refiner is judged, besides its latency.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use anyhow::Result;
 use mluc_dataset::{read_calibration, read_labels};
 use mluc_geometry::{Box3, Calibration, iou_3d};
 use mluc_ipc_types::{Object, ObjectKind};
 use serde::Serialize;
+
+use crate::inputs::box_of;
 
 /// Where labels lie, in KITTI's layout (`label_2/NAME.txt`, `calib/NAME.txt`); `None`: there are none.
 pub(crate) struct Labels(Option<PathBuf>);
@@ -23,7 +26,7 @@ impl Labels {
     }
 
     /// Of a frame; `None`: it has no labels.
-    fn of(&self, frame: &str) -> anyhow::Result<Option<Vec<Label>>> {
+    fn of(&self, frame: &str) -> Result<Option<Vec<Label>>> {
         let Some(root) = &self.0 else {
             return Ok(None);
         };
@@ -57,16 +60,13 @@ impl Boxes {
     pub(crate) fn of(objects: &[Object]) -> Boxes {
         let mut boxes = Boxes::default();
         for object in objects.iter().filter(|object| object.is_published()) {
-            let box_in_sensor = Box3 {
-                center_m: object.center_m.map(f64::from),
-                size_m: object.size_m.map(f64::from),
-                yaw_rad: f64::from(object.yaw_rad),
-            };
-            if object.kind == ObjectKind::Unknown as u32 {
-                boxes.unknown.push(box_in_sensor);
+            let is_unknown = object.kind == ObjectKind::Unknown as u32;
+            let list = if is_unknown {
+                &mut boxes.unknown
             } else {
-                boxes.known.push(box_in_sensor);
-            }
+                &mut boxes.known
+            };
+            list.push(box_of(object));
         }
         boxes
     }
@@ -81,11 +81,9 @@ pub(crate) struct Quality {
     labels_unknown: usize,
     /// Of those, covered by an unknown object's box, by at least 0.1.
     found: usize,
-    /// Mean overlap of those that were found.
     mean_iou_found: f64,
-    /// Share of all labels of unknown classes whose overlap is above 0.3.
+    /// Share of all labels of unknown classes.
     share_above_0_3: f64,
-    /// Above 0.5.
     share_above_0_5: f64,
     /// Labelled objects of all classes, any published box: mean best overlap.
     mean_iou_all: f64,
@@ -97,24 +95,21 @@ impl Quality {
     /// Names and figures for a table.
     pub(crate) fn rows(&self) -> [(&'static str, String); 7] {
         let found = format!("{} / {}", self.found, self.labels_unknown);
-        let share = |value: f64| format!("{value:.2}");
+        let number = |value: f64, digits: usize| format!("{value:.digits$}");
         [
             ("labelled frames", self.frames.to_string()),
             ("labels of unknown classes: found / all", found),
             (
                 "  3-D overlap of the found ones, mean",
-                format!("{:.3}", self.mean_iou_found),
+                number(self.mean_iou_found, 3),
             ),
-            ("  share of all above 0.3", share(self.share_above_0_3)),
-            ("  share of all above 0.5", share(self.share_above_0_5)),
+            ("  share of all above 0.3", number(self.share_above_0_3, 2)),
+            ("  share of all above 0.5", number(self.share_above_0_5, 2)),
             (
                 "all labels: 3-D overlap of the best box, mean",
-                format!("{:.3}", self.mean_iou_all),
+                number(self.mean_iou_all, 3),
             ),
-            (
-                "unknown objects a frame",
-                format!("{:.1}", self.unknown_per_frame),
-            ),
+            ("unknown objects a frame", number(self.unknown_per_frame, 1)),
         ]
     }
 }
@@ -124,66 +119,51 @@ const FOUND_MIN: f64 = 0.1;
 
 /// Judges frames by their names; `None` without labels.
 pub(crate) fn judge(
-    frames: &[(String, Boxes)],
+    frames: &BTreeMap<String, Boxes>,
     labels: &Labels,
     known: &[String],
-) -> anyhow::Result<Option<Quality>> {
-    let mut cache: HashMap<&str, Option<Vec<Label>>> = HashMap::new();
-    let mut sums = Sums::default();
+) -> Result<Option<Quality>> {
+    let mut judged = Vec::new();
     for (name, boxes) in frames {
-        if !cache.contains_key(name.as_str()) {
-            cache.insert(name, labels.of(name)?);
-        }
-        if let Some(Some(labels)) = cache.get(name.as_str()) {
-            sums.add(labels, boxes, known);
-        }
+        judged.extend(labels.of(name)?.map(|labels| (labels, boxes)));
     }
-    Ok((sums.frames > 0).then(|| sums.quality()))
+    Ok((!judged.is_empty()).then(|| quality(&judged, known)))
 }
 
-#[derive(Default)]
-struct Sums {
-    frames: usize,
-    unknown: Vec<f64>,
-    all: Vec<f64>,
-    published_unknown: usize,
-}
-
-impl Sums {
-    fn add(&mut self, labels: &[Label], boxes: &Boxes, known: &[String]) {
-        self.frames += 1;
-        self.published_unknown += boxes.unknown.len();
-        let best = |label: &Box3, boxes: &[Box3]| {
-            let overlaps = boxes.iter().map(|found| iou_3d(found, label));
-            overlaps.fold(0.0, f64::max)
-        };
+/// `known`: names of the model's classes.
+fn quality(frames: &[(Vec<Label>, &Boxes)], known: &[String]) -> Quality {
+    let best = |label: &Box3, boxes: &[Box3]| {
+        let overlaps = boxes.iter().map(|found| iou_3d(found, label));
+        overlaps.fold(0.0, f64::max)
+    };
+    let (mut unknown, mut all) = (Vec::new(), Vec::new());
+    for (labels, boxes) in frames {
         for (class, label) in labels {
             let by_unknown = best(label, &boxes.unknown);
-            self.all.push(best(label, &boxes.known).max(by_unknown));
+            all.push(best(label, &boxes.known).max(by_unknown));
             if !known.iter().any(|name| name.eq_ignore_ascii_case(class)) {
-                self.unknown.push(by_unknown);
+                unknown.push(by_unknown);
             }
         }
     }
-
-    fn quality(&self) -> Quality {
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let share_above = |least: f64| {
-            let count = self.unknown.iter().filter(|&&iou| iou > least).count();
-            count as f64 / self.unknown.len().max(1) as f64
-        };
-        let found = self.unknown.iter().copied();
-        let found: Vec<f64> = found.filter(|&iou| iou >= FOUND_MIN).collect();
-        Quality {
-            frames: self.frames,
-            labels_unknown: self.unknown.len(),
-            found: found.len(),
-            mean_iou_found: mean(&found),
-            share_above_0_3: share_above(0.3),
-            share_above_0_5: share_above(0.5),
-            mean_iou_all: mean(&self.all),
-            unknown_per_frame: self.published_unknown as f64 / self.frames.max(1) as f64,
-        }
+    let over = |sum: f64, count: usize| sum / count.max(1) as f64;
+    let mean = |values: &[f64]| over(values.iter().sum(), values.len());
+    let above = |least: f64| {
+        let count = unknown.iter().filter(|&&iou| iou > least).count();
+        over(count as f64, unknown.len())
+    };
+    let found = unknown.iter().copied().filter(|&iou| iou >= FOUND_MIN);
+    let found: Vec<f64> = found.collect();
+    let published: usize = frames.iter().map(|(_, boxes)| boxes.unknown.len()).sum();
+    Quality {
+        frames: frames.len(),
+        labels_unknown: unknown.len(),
+        found: found.len(),
+        mean_iou_found: mean(&found),
+        share_above_0_3: above(0.3),
+        share_above_0_5: above(0.5),
+        mean_iou_all: mean(&all),
+        unknown_per_frame: over(published as f64, frames.len()),
     }
 }
 
@@ -202,18 +182,13 @@ mod tests {
     #[test]
     fn overlaps_count_by_label() {
         let label = |class: &str, x: f64| (class.to_string(), cube(x));
-        let labels = [
-            label("forklift", 0.0),
-            label("forklift", 20.0),
-            label("car", 40.0),
-        ];
+        let forklifts = [label("forklift", 0.0), label("forklift", 20.0)];
+        let labels = [&forklifts[..], &[label("car", 40.0)]].concat();
         let boxes = Boxes {
             known: vec![cube(40.0)],
             unknown: vec![cube(1.0), cube(60.0)],
         };
-        let mut sums = Sums::default();
-        sums.add(&labels, &boxes, &["Car".to_string()]);
-        let quality = sums.quality();
+        let quality = quality(&[(labels, &boxes)], &["Car".to_string()]);
         let counts = [quality.frames, quality.labels_unknown, quality.found];
         assert_eq!(counts, [1, 2, 1]);
         let shares = [quality.share_above_0_3, quality.share_above_0_5];

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde_json::{Map, Value, json};
 
-use crate::machine::{load, number_of, object};
+use crate::machine::{cpu_ticks, load, number_of, object};
 
 /// Share of all cores that other processes may take on a quiet machine; above, figures are upper bounds.
 const QUIET_SHARE: f64 = 0.02;
@@ -72,33 +72,23 @@ impl Quiet {
 
     /// In words, and whether a reader must be warned.
     pub(crate) fn verdict(&self) -> (String, bool) {
-        let (others, steal) = (self.others(), self.steal());
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-        if others > NOISY_SHARE {
-            let text = format!(
-                "noisy: other processes took {} of all cores; the figures are upper bounds and say little about this pipeline",
-                percent(others)
-            );
-            (text, true)
-        } else if steal > STEAL_SHARE {
-            let text = format!(
-                "noisy: the hypervisor gave {} of the time to other machines; the tails are theirs",
-                percent(steal)
-            );
-            (text, true)
-        } else if others > QUIET_SHARE {
-            let text = format!(
-                "not quite quiet: other processes took {} of all cores; the tails may be theirs",
-                percent(others)
-            );
-            (text, true)
+        let (others, steal) = (percent(self.others()), percent(self.steal()));
+        let took = format!("other processes took {others} of all cores");
+        let text = if self.others() > NOISY_SHARE {
+            format!(
+                "noisy: {took}; the figures are upper bounds and say little about this pipeline"
+            )
+        } else if self.steal() > STEAL_SHARE {
+            format!(
+                "noisy: the hypervisor gave {steal} of the time to other machines; the tails are theirs"
+            )
+        } else if self.others() > QUIET_SHARE {
+            format!("not quite quiet: {took}; the tails may be theirs")
         } else {
-            let text = format!(
-                "quiet: other processes took {} of all cores",
-                percent(others)
-            );
-            (text, false)
-        }
+            return (format!("quiet: {took}"), false);
+        };
+        (text, true)
     }
 
     /// For the report.
@@ -118,42 +108,29 @@ impl Quiet {
 }
 
 fn now() -> Ticks {
-    let stat = fs::read_to_string("/proc/stat").unwrap_or_default();
-    let own = fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let read = |path| fs::read_to_string(path).unwrap_or_default();
     Ticks {
-        ours: own_ticks(&own),
-        ..machine_ticks(&stat)
+        // Of its children too that have ended.
+        ours: cpu_ticks(&read("/proc/self/stat")).iter().sum(),
+        ..machine_ticks(&read("/proc/stat"))
     }
 }
 
 /// `cpu  user nice system idle iowait irq softirq steal guest guest_nice`: guests are in user and nice already.
 fn machine_ticks(stat: &str) -> Ticks {
     let line = stat.lines().next().unwrap_or_default();
-    let numbers: Vec<u64> = line
-        .split_whitespace()
-        .skip(1)
-        .map(|word| word.parse().unwrap_or(0))
-        .collect();
-    let at = |index: usize| numbers.get(index).copied().unwrap_or(0);
-    let busy = at(0) + at(1) + at(2) + at(5) + at(6);
+    let words = line.split_whitespace().skip(1);
+    let mut ticks = words.map(|word| word.parse().unwrap_or(0));
+    let [user, nice, system, idle, iowait, irq, softirq, steal] =
+        std::array::from_fn(|_| ticks.next().unwrap_or(0u64));
+    let busy = user + nice + system + irq + softirq;
     Ticks {
         busy,
-        steal: at(7),
-        all: busy + at(3) + at(4) + at(7),
+        steal,
+        all: busy + idle + iowait + steal,
         switches: number_of(stat, "ctxt"),
         ours: 0,
     }
-}
-
-/// User and system time of this process and of its children that ended (proc(5), fields 14 to 17).
-fn own_ticks(stat: &str) -> u64 {
-    // The name in parentheses may hold anything; what follows it begins with field 3.
-    let rest = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
-    rest.split_whitespace()
-        .skip(11)
-        .take(4)
-        .map(|word| word.parse().unwrap_or(0))
-        .sum()
 }
 
 #[cfg(test)]
@@ -163,18 +140,27 @@ mod tests {
     #[test]
     fn the_kernels_lines_are_read() {
         let ticks = machine_ticks("cpu  100 20 30 800 40 1 2 7 50 0\ncpu0 1 2\nctxt 12345\n");
-        assert_eq!(
-            (ticks.busy, ticks.steal, ticks.all, ticks.switches),
-            (153, 7, 1000, 12345)
-        );
-        let stat = "1 (a) b)) S 2 3 4 5 6 7 8 9 10 11 100 20 3 4 20 0 1 0";
-        assert_eq!(own_ticks(stat), 127);
-        assert_eq!((machine_ticks(""), own_ticks("")), (Ticks::default(), 0));
+        let Ticks {
+            busy,
+            steal,
+            all,
+            switches,
+            ..
+        } = ticks;
+        assert_eq!((busy, steal, all, switches), (153, 7, 1000, 12345));
+        assert_eq!(machine_ticks(""), Ticks::default());
     }
 
     #[test]
     fn the_verdict_follows_what_others_took() {
-        let with = |busy: u64, ours: u64, steal: u64| {
+        for (busy, ours, steal, begin) in [
+            (510, 500, 0, "quiet: "),
+            (540, 500, 0, "not quite quiet: other processes took 4.0 %"),
+            (700, 500, 0, "noisy: other processes took 20.0 %"),
+            (500, 500, 20, "noisy: the hypervisor gave 2.0 %"),
+            // Ticks of ours that the kernel counted elsewhere are no negative noise.
+            (400, 500, 0, "quiet: "),
+        ] {
             let sum = Ticks {
                 busy,
                 ours,
@@ -182,21 +168,13 @@ mod tests {
                 all: 1000,
                 switches: 0,
             };
-            Quiet {
+            let quiet = Quiet {
                 sum,
                 ..Quiet::default()
-            }
-            .verdict()
-        };
-        assert!(!with(510, 500, 0).1);
-        assert!(with(540, 500, 0).0.starts_with("not quite quiet"));
-        assert!(
-            with(700, 500, 0)
-                .0
-                .starts_with("noisy: other processes took 20.0 %")
-        );
-        assert!(with(500, 500, 20).0.contains("hypervisor"));
-        // Ticks of ours that the kernel counted elsewhere are no negative noise.
-        assert!(!with(400, 500, 0).1);
+            };
+            let (text, is_loud) = quiet.verdict();
+            assert!(text.starts_with(begin), "{text}");
+            assert_eq!(is_loud, !begin.starts_with("quiet"));
+        }
     }
 }

@@ -5,13 +5,13 @@ use std::hint::black_box;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::{Result, ensure};
+use mluc::placement::pin;
 use mluc_geometry::{Random, quantile};
 use mluc_runtime::monotonic_ns;
 use serde::Serialize;
 
-use super::control::{Order, Peer};
 use super::load::{Settings, Wake};
-use super::pin::Pin;
+use super::peer::{Order, Peer};
 use super::way::{Link, Sender, Way};
 
 /// Of one quantity, us.
@@ -80,7 +80,9 @@ impl Measured {
 /// Sends in turn on every way, each time in another order, and a copy within this process.
 pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
     settings.load.check()?;
-    let _pin = Pin::to(settings.cores.map(|[sender, _]| sender))?;
+    if let Some([sender, _]) = settings.cores {
+        pin(&[sender])?;
+    }
     let order = Order {
         ways: ways.to_vec(),
         link: Link {

@@ -12,15 +12,12 @@
 //!
 //! Nothing here is part of the robot's frame path.
 
-mod control;
 mod load;
 mod measure;
 mod peer;
-mod pin;
 mod way;
 
 pub use load::{Load, Payload, Settings, Wake};
 pub use measure::{Cost, LatencyPercentiles, Measured, measure};
-pub(crate) use peer::end_with_parent;
 pub use peer::serve_peer;
 pub use way::Way;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use mluc_bench::inputs::{candidate, sensor};
+use mluc_bench::inputs::{box_of, candidate, sensor};
 use mluc_geometry::{Box3, iou_3d};
 use mluc_ipc_types::{Object, Point};
 use mluc_refiner::fit::{Closeness, ClusterPoints, Extend};
@@ -145,14 +145,6 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
         }
     }
     judged
-}
-
-fn box_of(object: &Object) -> Box3 {
-    Box3 {
-        center_m: object.center_m.map(f64::from),
-        size_m: object.size_m.map(f64::from),
-        yaw_rad: f64::from(object.yaw_rad),
-    }
 }
 
 /// What the labelled points themselves reach: IoU with the label of the L-shape around an object's own points, ground left

@@ -56,7 +56,7 @@ pub(crate) struct Sent {
 }
 
 /// What the receiver knows of a message that it took.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 pub(crate) struct Arrived {
     /// The clock once the whole message was there.
     pub(crate) at_ns: u64,

@@ -1,0 +1,147 @@
+//! This build: one pipeline and its report, or two variants on the same frames, interleaved: A, B, B, A, each time from a
+//! fresh start, so that a machine that slowly changes treats both alike.
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use indicatif::ProgressBar;
+use mluc::EXIT_WARNINGS;
+use mluc::terminal::print_out;
+use serde_json::json;
+
+use super::arguments::Instrumentation;
+use super::baselines::add_baselines;
+use super::folder::{self, FOLDERS};
+use super::measured::Measured;
+use super::plan::{Plan, Variant};
+use super::quality::Quality;
+use super::quiet::Quiet;
+use super::trace::SpansFolder;
+use crate::report::{CompareOptions, HandOver, LatencyReport, compare};
+
+/// Whose turn it is: A, B, B, A, and again.
+pub(crate) fn turn(number: u32) -> usize {
+    usize::from(matches!(number % 4, 1 | 2))
+}
+
+pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
+    let out = &plan.args.out;
+    folder::make(out)?;
+    let mut variants = plan.variants.clone();
+    let is_bare_compared = plan.args.instrumentation == Instrumentation::Compare;
+    let has_spans = is_bare_compared || plan.args.trace.is_some();
+    let spans = has_spans.then(|| SpansFolder::make(out)).transpose()?;
+    // Of two the instrumented one writes them.
+    let variable = spans.as_ref().map(SpansFolder::variable);
+    variants[0].environment.extend(variable);
+    let progress = super::progress();
+    let (measured, mut reports) = rounds(plan, &variants, &progress)?;
+    let is_bare = plan.args.instrumentation == Instrumentation::Off;
+    let has_baselines = !measured[0].is_interrupted && !is_bare;
+    let messages = if has_baselines {
+        plan.baseline_rounds
+    } else {
+        0
+    };
+    let (first, bytes) = (&mut reports[0], measured[0].payload_bytes);
+    let warning = add_baselines(&mut first.hops, bytes, messages, &progress);
+    first.warnings.extend(warning);
+    drop(progress);
+    let mut pairs = measured.iter().zip(&reports);
+    let is_flawed = pairs.any(|(measured, report)| measured.is_flawed(report));
+    match &measured[..] {
+        [a, b] => {
+            share_baselines(&mut reports);
+            let quality = [a.quality(plan)?, b.quality(plan)?];
+            for ((name, measured), report) in FOLDERS.iter().zip(&measured).zip(&reports) {
+                folder::write(&out.join(name), report, &measured.frames, &measured.samples)?;
+            }
+            let options = CompareOptions {
+                end_to_end_only: is_bare_compared,
+                ..CompareOptions::default()
+            };
+            let comparison = compare(&a.frames, &b.frames, &options)?;
+            let names = [0, 1].map(|turn| variants[turn].name.as_str());
+            let table = side_by_side(names, &reports, &quality, is_bare_compared);
+            let mut value = serde_json::to_value(&comparison)?;
+            value["quality"] = json!(quality);
+            folder::write_comparison(out, names, &comparison, &table, value)?;
+        }
+        _ => {
+            let (own, report) = (&measured[0], &reports[0]);
+            folder::write(out, report, &own.frames, &own.samples)?;
+            print_out(report.table().trim_end())?;
+            let page = out.join("report.html");
+            print_out(format_args!("report: {}", page.display()))?;
+            if let (Some(file), Some(spans)) = (&plan.args.trace, &spans) {
+                let trace = spans.write_trace(file, plan.args.trace_frame, &own.frames)?;
+                print_out(format_args!("trace of {trace}"))?;
+            }
+        }
+    }
+    Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
+}
+
+/// All rounds of all variants.
+fn rounds(
+    plan: &Plan,
+    variants: &[Variant],
+    progress: &ProgressBar,
+) -> Result<(Vec<Measured>, Vec<LatencyReport>)> {
+    let mut quiet = Quiet::new();
+    let mut measured: Vec<Measured> = variants.iter().map(|_| Measured::default()).collect();
+    let count = variants.len() as u32;
+    for number in 0..count * plan.rounds {
+        let turn = if count > 1 { turn(number) } else { 0 };
+        let (own, numbers) = (&mut measured[turn], [number, number / count]);
+        own.add_round(plan, &variants[turn], numbers, &mut quiet, progress)?;
+        if own.is_interrupted {
+            break;
+        }
+    }
+    let pairs = variants.iter().zip(&measured);
+    let reports = pairs.map(|(variant, own)| own.report(plan, variant, &quiet));
+    let reports = reports.collect();
+    Ok((measured, reports))
+}
+
+/// The baselines are the machine's and not a variant's.
+fn share_baselines(reports: &mut [LatencyReport]) {
+    let baselines = reports[0].hops.clone();
+    for (own, baseline) in reports[1].hops.iter_mut().zip(baselines) {
+        *own = HandOver {
+            frames: own.frames,
+            p50_us: own.p50_us,
+            p99_us: own.p99_us,
+            ..baseline
+        };
+    }
+}
+
+/// Latency and box quality in one table.
+fn side_by_side(
+    names: [&str; 2],
+    reports: &[LatencyReport],
+    quality: &[Option<Quality>; 2],
+    end_to_end_only: bool,
+) -> String {
+    let mut text = String::new();
+    let mut row = |name: &str, [a, b]: [String; 2]| text += &format!("{name:48}{a:>16}{b:>16}\n");
+    row("", names.map(|name| name.chars().take(15).collect()));
+    let both = |of: &dyn Fn(&LatencyReport) -> String| [of(&reports[0]), of(&reports[1])];
+    let ms = |us: f64| format!("{:.2}", us / 1000.0);
+    row("end to end p50, ms", both(&|r| ms(r.end_to_end_us.p50)));
+    row("end to end p99, ms", both(&|r| ms(r.end_to_end_us.p99)));
+    if !end_to_end_only {
+        row("refiner run p50, ms", both(&|r| ms(r.stages[3].run_us.p50)));
+        row("refiner run p99, ms", both(&|r| ms(r.stages[3].run_us.p99)));
+    }
+    row("frames dropped", both(&|r| r.frames.dropped.to_string()));
+    let [Some(a), Some(b)] = quality else {
+        return text + "box quality: the scans have no labels\n";
+    };
+    for ((name, of_a), (_, of_b)) in a.rows().into_iter().zip(b.rows()) {
+        row(name, [of_a, of_b]);
+    }
+    text
+}
