@@ -12,7 +12,7 @@ mod commands;
 pub mod document;
 pub mod external;
 pub mod model;
-mod placement;
+pub mod placement;
 pub mod resolve;
 pub mod settings;
 pub mod source;

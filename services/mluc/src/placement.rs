@@ -72,7 +72,7 @@ impl StageSettings {
 }
 
 /// Cores that this process may run on.
-fn usable_cpus() -> Vec<usize> {
+pub fn usable_cpus() -> Vec<usize> {
     let set = sched_getaffinity(None).unwrap_or_default();
     (0..CpuSet::MAX_CPU)
         .filter(|&cpu| set.is_set(cpu))
@@ -80,7 +80,7 @@ fn usable_cpus() -> Vec<usize> {
 }
 
 /// Keeps this process, and what it starts from now on, on `cpus`.
-pub(crate) fn pin(cpus: &[usize]) -> anyhow::Result<()> {
+pub fn pin(cpus: &[usize]) -> anyhow::Result<()> {
     let mut set = CpuSet::new();
     for &cpu in cpus.iter().filter(|&&cpu| cpu < CpuSet::MAX_CPU) {
         set.set(cpu);
