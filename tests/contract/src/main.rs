@@ -10,13 +10,10 @@ mod program;
 mod refiner;
 mod report;
 
-use std::os::unix::process::CommandExt;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
-use anyhow::Context;
-use clap::{Args, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 use mluc::exit_code;
-use mluc::stages::end_with;
 
 /// Judges programs that stand in a stage's place.
 #[derive(Debug, Parser)]
@@ -30,34 +27,9 @@ struct Cli {
 enum Suite {
     /// Test any program against the refiner's contract; without one, our own refiner in all modes.
     Refiner(refiner::RefinerArgs),
-    /// Start a program that ends with this one.
-    #[command(hide = true)]
-    Exec(ExecArgs),
-}
-
-#[derive(Args, Debug)]
-struct ExecArgs {
-    /// Process to end with.
-    #[arg(long)]
-    supervised_by: u32,
-    /// The program and its arguments.
-    #[arg(last = true, required = true)]
-    command: Vec<String>,
 }
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().suite {
-        Suite::Refiner(args) => refiner::run(args),
-        Suite::Exec(args) => exec(&args),
-    };
-    exit_code("mluc-contract", result)
-}
-
-fn exec(args: &ExecArgs) -> anyhow::Result<ExitCode> {
-    end_with(args.supervised_by)?;
-    // Only returns when it fails.
-    let error = Command::new(&args.command[0])
-        .args(&args.command[1..])
-        .exec();
-    Err(error).with_context(|| format!("starting {}", args.command[0]))
+    let Suite::Refiner(args) = Cli::parse().suite;
+    exit_code("mluc-contract", refiner::run(args))
 }

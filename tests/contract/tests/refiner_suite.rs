@@ -1,37 +1,32 @@
 //! `mluc-contract refiner`: our refiners pass, a program with a fault does not.
 
 use std::process::Command;
+use std::time::Duration;
 
-use mluc_tests::{built_program, untrained_model};
+use mluc_tests::{Finished, Running, built_program, untrained_model};
 use serde_json::Value;
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_mluc-contract");
+/// `mluc-contract refiner ARGUMENTS`.
+fn refiner(arguments: &[&str]) -> Finished {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_mluc-contract"));
+    let run = Running::start(program.arg("refiner").args(arguments));
+    run.finish_within(Duration::from_secs(600))
+}
 
 /// Exit code and reports.
 fn suite(arguments: &[&str]) -> (Option<i32>, Vec<Value>) {
     let folder = tempfile::tempdir().expect("a writable folder");
-    let model = untrained_model(folder.path());
-    let output = Command::new(PROGRAM)
-        .args(["refiner", "--json", "--model"])
-        .arg(&model)
-        .args(arguments)
-        .output()
-        .expect("mluc starts");
-    let words = String::from_utf8_lossy(&output.stderr).into_owned();
-    let reports: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| {
-        panic!("no JSON; stderr: {words}");
-    });
-    let reports = reports.as_array().expect("a list").clone();
-    (output.status.code(), reports)
+    let model = untrained_model(folder.path()).display().to_string();
+    let run = refiner(&[&["--json", "--model", &model], arguments].concat());
+    let reports = run.lines.first().and_then(Value::as_array);
+    let reports = reports.unwrap_or_else(|| panic!("no list of reports: {}", run.log));
+    (run.code, reports.clone())
 }
 
 fn wrong_refiner(fault: &str, more: &[&str]) -> (Option<i32>, Value) {
-    let mut arguments = more.to_vec();
-    let program = built_program("examples/wrong_refiner")
-        .display()
-        .to_string();
-    arguments.extend(["--", &program, fault]);
-    let (code, mut reports) = suite(&arguments);
+    let program = built_program("examples/wrong_refiner");
+    let program = program.display().to_string();
+    let (code, mut reports) = suite(&[more, &["--", &program, fault]].concat());
     assert_eq!(reports.len(), 1);
     (code, reports.remove(0))
 }
@@ -63,11 +58,8 @@ fn our_refiner_passes_in_every_mode() {
 #[test]
 fn a_sound_program_passes() {
     let (code, report) = wrong_refiner("sound", &[]);
-    assert_eq!(
-        (code, &report["failed"]),
-        (Some(0), &Value::from(0)),
-        "{report:#}"
-    );
+    assert_eq!(code, Some(0), "{report:#}");
+    assert_eq!(report["failed"], 0, "{report:#}");
 }
 
 /// What is wrong, the case that must find it, and a word of the reason.
@@ -104,10 +96,7 @@ fn a_program_with_a_fault_is_found_out() {
         assert_eq!(found["name"], case, "{fault}");
         assert_eq!(found["passed"], false, "{fault}");
         let what = found["what"].as_str().expect("a reason");
-        assert!(
-            what.contains(word),
-            "{fault}: '{word}' is missing in: {what}"
-        );
+        assert!(what.contains(word), "{fault}: no '{word}' in: {what}");
     }
 }
 
@@ -126,14 +115,7 @@ fn a_program_that_is_none_fails_and_says_so() {
 
 #[test]
 fn an_unknown_case_is_a_usage_error() {
-    let output = Command::new(PROGRAM)
-        .args(["refiner", "--case", "overlod"])
-        .output()
-        .expect("mluc starts");
-    assert_eq!(output.status.code(), Some(2));
-    let words = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        words.contains("a similar value exists: 'overload'"),
-        "{words}"
-    );
+    let run = refiner(&["--case", "overlod"]);
+    run.assert_ended(2, 0);
+    run.assert_says(&["a similar value exists: 'overload'"]);
 }

@@ -12,7 +12,6 @@ mod session;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use mluc::EXIT_FAILURE;
@@ -64,12 +63,16 @@ fn patience(text: &str) -> Result<Duration, String> {
 
 pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("refiner-test", "warn");
-    let tester = Tester::new(&args)?;
+    let tester = Tester {
+        args: &args,
+        model: load(&args.model)?,
+        shutdown: Shutdown::on_signals()?,
+    };
     if args.latency {
         return latency(&args, &tester);
     }
     let mut reports = Vec::new();
-    for options in tester.programs()? {
+    for options in tester.programs() {
         let report = judge(&options, &args.cases)?;
         if !args.json {
             print_out(report.text().trim_end())?;
@@ -114,13 +117,13 @@ fn judge(options: &Options, wanted: &[String]) -> anyhow::Result<Report> {
 
 fn latency(args: &RefinerArgs, tester: &Tester) -> anyhow::Result<ExitCode> {
     let reference = tester.own(Variant::default().name());
-    let program = tester.programs()?.remove(0);
+    let program = tester.programs().remove(0);
     let report = latency::compare(&reference, &program, args.frames)?;
-    print_out(if args.json {
-        serde_json::to_string(&report)?
+    if args.json {
+        print_out(serde_json::to_string(&report)?)?;
     } else {
-        report.text().trim_end().to_string()
-    })?;
+        print_out(report.text().trim_end())?;
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -132,48 +135,37 @@ struct Tester<'a> {
 }
 
 impl Tester<'_> {
-    fn new(args: &RefinerArgs) -> anyhow::Result<Tester<'_>> {
-        Ok(Tester {
-            args,
-            model: load(&args.model)?,
-            shutdown: Shutdown::on_signals()?,
-        })
-    }
-
     /// The user's program, or ours in each mode asked for.
-    fn programs(&self) -> anyhow::Result<Vec<Options>> {
-        if !self.args.command.is_empty() {
-            return Ok(vec![self.foreign()?]);
-        }
-        Ok(match &self.args.refiner_mode {
+    fn programs(&self) -> Vec<Options> {
+        let RefinerArgs {
+            command,
+            refiner_mode,
+            ..
+        } = self.args;
+        match refiner_mode {
+            _ if !command.is_empty() => vec![self.foreign(command)],
             Some(mode) => vec![self.own(mode)],
             None => Variant::ALL.map(|mode| self.own(mode.name())).into(),
-        })
+        }
     }
 
     /// Our own refiner, as `mluc up` starts it.
     fn own(&self, mode: &str) -> Options {
-        let program = installed_program("mluc").display().to_string();
-        let supervisor = std::process::id().to_string();
         let words = [
             ["stage", "refiner"],
             ["--model", &self.args.model],
             ["--refiner-mode", mode],
-            ["--supervised-by", &supervisor],
         ];
-        let words = words.as_flattened().iter().map(|word| word.to_string());
-        let command = [program].into_iter().chain(words).collect();
-        self.options(format!("mluc stage refiner, mode {mode}"), command, true)
+        let title = format!("mluc stage refiner, mode {mode}");
+        self.options(title, supervised(words.as_flattened()), true)
     }
 
-    /// The user's program, as `mluc up` starts it: first this one, which ties it to this process.
-    fn foreign(&self) -> anyhow::Result<Options> {
-        let own = std::env::current_exe().context("finding this program's file")?;
-        let supervisor = std::process::id().to_string();
-        let mut command = vec![own.display().to_string()];
-        command.extend(["exec", "--supervised-by", &supervisor, "--"].map(str::to_string));
-        command.extend(self.args.command.iter().cloned());
-        Ok(self.options(self.args.command.join(" "), command, false))
+    /// The user's program, as `mluc up` starts it.
+    fn foreign(&self, program: &[String]) -> Options {
+        let mut command = supervised(&["exec"]);
+        command.push("--".to_string());
+        command.extend(program.iter().cloned());
+        self.options(program.join(" "), command, false)
     }
 
     fn options(&self, title: String, command: Vec<String>, names_instance: bool) -> Options {
@@ -188,4 +180,17 @@ impl Tester<'_> {
             shutdown: self.shutdown.clone(),
         }
     }
+}
+
+/// `mluc WORDS`, tied to this process.
+fn supervised(words: &[&str]) -> Vec<String> {
+    let program = installed_program("mluc").display().to_string();
+    let supervisor = std::process::id().to_string();
+    let words = [
+        &[program.as_str()],
+        words,
+        &["--supervised-by", &supervisor],
+    ]
+    .concat();
+    words.into_iter().map(str::to_string).collect()
 }

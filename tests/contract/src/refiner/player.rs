@@ -114,11 +114,6 @@ impl Player {
         Ok(self.run.run_id)
     }
 
-    /// Of the run that the suite plays.
-    pub(crate) fn run_id(&self) -> u64 {
-        self.run.run_id
-    }
-
     /// A frame with the next sequence and a header as the stages before leave it.
     pub(crate) fn frame(&mut self, points: Vec<Point>, detections: Vec<Detection>) -> Frame {
         let sequence = self.next_sequence;
@@ -219,14 +214,23 @@ impl Player {
         Ok(())
     }
 
-    /// The refiner's last heartbeat, and when it came (CLOCK_MONOTONIC, ns).
-    pub(crate) fn health(&mut self) -> anyhow::Result<Option<(Health, u64)>> {
+    /// When the refiner's last heartbeat came, 0: never (CLOCK_MONOTONIC, ns).
+    pub(crate) fn heard_ns(&mut self) -> anyhow::Result<u64> {
         // A refiner that started meanwhile gets the description of the run.
         self.shell.tick()?;
         self.health.update().context("reading heartbeats")?;
-        let heard_ns = self.health.heard_ns(Stage::Refiner);
-        let health = self.health.of(Stage::Refiner);
-        Ok(health.map(|health| (*health, heard_ns)))
+        Ok(self.health.heard_ns(Stage::Refiner))
+    }
+
+    /// Its last heartbeat, if it came after `since_ns`.
+    pub(crate) fn health_since(&mut self, since_ns: u64) -> anyhow::Result<Option<Health>> {
+        let is_fresh = self.heard_ns()? > since_ns;
+        Ok(self.health.of(Stage::Refiner).filter(|_| is_fresh).copied())
+    }
+
+    /// Whether its last heartbeat says that it takes frames of the run.
+    pub(crate) fn is_ready(&self) -> bool {
+        self.health.is_ready(Stage::Refiner)
     }
 }
 

@@ -38,11 +38,10 @@ fn share(number: usize, step: f64) -> f32 {
 
 /// `count` points: a third of them on the sides of `things` that face the sensor, the others on the ground to 60 m.
 pub(crate) fn scan(things: &[Thing], count: usize) -> Vec<Point> {
-    let on_things = if things.is_empty() { 0 } else { count / 3 };
-    let mut points: Vec<Point> = (0..on_things)
-        .map(|number| on_sides(&things[number % things.len()], number))
-        .collect();
-    points.extend((on_things..count).map(|number| {
+    let point = |number: usize| {
+        if number < count / 3 {
+            return on_sides(&things[number % things.len()], number);
+        }
         let angle = share(number, 0.618_034) * std::f32::consts::TAU;
         let range = 3.0 + 57.0 * share(number, 0.414_214);
         Point {
@@ -51,8 +50,8 @@ pub(crate) fn scan(things: &[Thing], count: usize) -> Vec<Point> {
             z_m: -SENSOR_HEIGHT_M,
             intensity: 0.3,
         }
-    }));
-    points
+    };
+    (0..count).map(point).collect()
 }
 
 /// A point on one of the two sides of a box that the sensor sees.
@@ -75,14 +74,13 @@ fn on_sides(thing: &Thing, number: usize) -> Point {
 /// A dense cloud of `count` points around a thing.
 pub(crate) fn blob(thing: &Thing, count: usize) -> Vec<Point> {
     let [x, y, z] = thing.center_m();
-    (0..count)
-        .map(|number| Point {
-            x_m: x + 3.0 * (share(number, 0.618_034) - 0.5),
-            y_m: y + 3.0 * (share(number, 0.414_214) - 0.5),
-            z_m: z + 2.0 * (share(number, 0.732_051) - 0.5),
-            intensity: 0.5,
-        })
-        .collect()
+    let point = |number| Point {
+        x_m: x + 3.0 * (share(number, 0.618_034) - 0.5),
+        y_m: y + 3.0 * (share(number, 0.414_214) - 0.5),
+        z_m: z + 2.0 * (share(number, 0.732_051) - 0.5),
+        intensity: 0.5,
+    };
+    (0..count).map(point).collect()
 }
 
 /// A box of the network that lies between the prototypes: shifted, and of a wrong class's size.

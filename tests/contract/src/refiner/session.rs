@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context, bail};
-use mluc_ipc_types::{Health, HealthState};
+use mluc_ipc_types::Health;
 use mluc_runtime::{Instance, monotonic_ns};
 
 use crate::program::{Options, Program};
@@ -56,9 +56,10 @@ impl Session<'_> {
         let since_ns = self.forget_heartbeats()?;
         self.program = Some(self.options.start(&self.instance)?);
         let what = "heartbeat of health/refiner with state waiting_input, running or degraded";
-        let run_id = self.player.run_id();
-        let is_ready = |health: &Health| is_ready(health, run_id);
-        let health = self.heartbeat_since(since_ns, what, is_ready)?;
+        let health = self.await_any(what, |player| {
+            let heard = player.health_since(since_ns)?;
+            Ok(heard.filter(|_| player.is_ready()))
+        })?;
         self.was_ready = true;
         self.player.forget_answers()?;
         Ok(health)
@@ -97,8 +98,8 @@ impl Session<'_> {
             self.check_alive(awaited)?;
             let patience = self.options.patience;
             if begun.elapsed() > patience {
-                let heard = self.player.health()?;
-                let heard = heard.map_or("none".to_string(), |(health, _)| describe(&health));
+                let heard = self.player.health_since(0)?;
+                let heard = heard.map_or("none".to_string(), |health| describe(&health));
                 bail!("no {awaited} within {patience:?} (health: {heard})");
             }
             self.player.wait();
@@ -107,21 +108,8 @@ impl Session<'_> {
 
     /// Takes the heartbeats that were sent before now; gives the time after which one is fresh.
     fn forget_heartbeats(&mut self) -> anyhow::Result<u64> {
-        self.player.health()?;
+        self.player.heard_ns()?;
         Ok(monotonic_ns())
-    }
-
-    fn heartbeat_since(
-        &mut self,
-        since_ns: u64,
-        what: &str,
-        wanted: impl Fn(&Health) -> bool,
-    ) -> anyhow::Result<Health> {
-        self.await_any(what, |player| {
-            let heard = player.health()?;
-            let fresh = heard.filter(|(health, heard_ns)| *heard_ns > since_ns && wanted(health));
-            Ok(fresh.map(|(health, _)| health))
-        })
     }
 
     /// Waits for a heartbeat from now on that fulfils `wanted`; `what` names it.
@@ -131,7 +119,9 @@ impl Session<'_> {
         wanted: impl Fn(&Health) -> bool,
     ) -> anyhow::Result<Health> {
         let since_ns = self.forget_heartbeats()?;
-        self.heartbeat_since(since_ns, what, wanted)
+        self.await_any(what, |player| {
+            Ok(player.health_since(since_ns)?.filter(&wanted))
+        })
     }
 
     /// What its health says now: an older heartbeat may not yet count what happened before.
@@ -181,7 +171,7 @@ impl Session<'_> {
             if let Some(answer) = player.take_answer_to(sequence)? {
                 return Ok(Some(Reaction::Answered(Box::new(answer))));
             }
-            let heard = player.health()?.map(|(health, _)| health);
+            let heard = player.health_since(0)?;
             let refused = heard.filter(|health| health.messages_refused > before);
             Ok(refused.map(|health| Reaction::Refused(health.reason().to_string())))
         })?;
@@ -198,16 +188,6 @@ impl Session<'_> {
         asked.with_context(|| format!("the sound frame after: {what}"))?;
         Ok(reason)
     }
-}
-
-/// Whether it takes frames of the run.
-fn is_ready(health: &Health, run_id: u64) -> bool {
-    let state = health.checked().map(|(_, state)| state);
-    health.run_id == run_id
-        && matches!(
-            state,
-            Ok(HealthState::WaitingInput | HealthState::Running | HealthState::Degraded)
-        )
 }
 
 /// A heartbeat in words.

@@ -16,6 +16,9 @@ const HEARTBEAT_MAX: Duration = Duration::from_millis(500);
 const SILENCE: Duration = Duration::from_millis(2500);
 /// After SIGTERM. The supervisor is less patient (0.6 s) and kills then; a loaded test machine is slow.
 const END_PATIENCE: Duration = Duration::from_secs(3);
+/// Of a program that another one started.
+const WRAPPED: &str =
+    " (its process is not the one that was started: the supervisor cannot tell when it is ready)";
 /// How often it is killed.
 const KILLS: usize = 3;
 
@@ -25,16 +28,10 @@ pub(super) fn start(session: &mut Session<'_>) -> Outcome {
     let health = session.start()?;
     let took = begun.elapsed();
     check_waiting(&health)?;
-    let wrapped = if session.program()?.pid() == health.pid {
-        ""
-    } else {
-        " (its process is not the one that was started: the supervisor cannot tell when it is ready)"
-    };
-    Ok(format!(
-        "ready after {:.2} s: '{}'{wrapped}",
-        took.as_secs_f64(),
-        health.reason()
-    ))
+    let is_direct = session.program()?.pid() == health.pid;
+    let wrapped = if is_direct { "" } else { WRAPPED };
+    let (seconds, reason) = (took.as_secs_f64(), health.reason());
+    Ok(format!("ready after {seconds:.2} s: '{reason}'{wrapped}"))
 }
 
 fn check_waiting(health: &Health) -> anyhow::Result<()> {
@@ -56,23 +53,20 @@ pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
     let mut longest = Duration::ZERO;
     while begun.elapsed() < SILENCE {
         session.check_alive("heartbeats while nothing came in")?;
-        if let Some((_, heard_ns)) = session.player.health()? {
-            let ago_ns = monotonic_ns().saturating_sub(heard_ns);
-            longest = longest.max(Duration::from_nanos(ago_ns));
-        }
+        let heard_ns = session.player.heard_ns()?;
+        let ago_ns = monotonic_ns().saturating_sub(heard_ns);
+        longest = longest.max(Duration::from_nanos(ago_ns));
         std::thread::sleep(Duration::from_millis(10));
     }
+    let longest_ms = longest.as_millis();
     ensure!(
         longest < HEARTBEAT_MAX,
-        "no heartbeat for {} ms; one is due every 100 ms",
-        longest.as_millis()
+        "no heartbeat for {longest_ms} ms; one is due every 100 ms"
     );
     check_waiting(&session.fresh_health()?)?;
     session.ask_usual()?;
     Ok(format!(
-        "waited {:.1} s, longest gap between heartbeats {} ms; the next frame was answered",
-        SILENCE.as_secs_f64(),
-        longest.as_millis()
+        "waited {SILENCE:?}, longest gap between heartbeats {longest_ms} ms; the next frame was answered"
     ))
 }
 
@@ -91,9 +85,9 @@ pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
         session.ask_usual()?;
         slowest = slowest.max(begun.elapsed());
     }
+    let seconds = slowest.as_secs_f64();
     Ok(format!(
-        "killed {KILLS} times; back with an answer within {:.2} s",
-        slowest.as_secs_f64()
+        "killed {KILLS} times; back with an answer within {seconds:.2} s"
     ))
 }
 
