@@ -20,11 +20,8 @@ pub fn python_refiner() -> Option<Vec<String>> {
         return None;
     }
     let script = root().join("examples/refiner-python/refiner.py");
-    Some(
-        [python, script]
-            .map(|path| path.display().to_string())
-            .to_vec(),
-    )
+    let words = [python, script].map(|path| path.display().to_string());
+    Some(words.to_vec())
 }
 
 /// The C++ example's command; `None`, said: it was not built.

@@ -21,11 +21,8 @@ pub fn untrained_model(folder: &Path) -> PathBuf {
     manifest.thresholds.boxes_max = 40;
     manifest.thresholds.eds_normalised_max = 1.5;
     let path = folder.join("untrained.safetensors");
-    fs::write(
-        &path,
-        model_bytes(&manifest, &weights).expect("a sound model"),
-    )
-    .expect("a writable folder");
+    let bytes = model_bytes(&manifest, &weights).expect("a sound model");
+    fs::write(&path, bytes).expect("a writable folder");
     path
 }
 
@@ -48,16 +45,6 @@ pub fn car_scan(distance_m: f32) -> Vec<[f32; 4]> {
     points
 }
 
-/// Writes KITTI's `.bin`.
-pub fn write_scan(path: &Path, points: &[[f32; 4]]) {
-    let bytes: Vec<u8> = points
-        .iter()
-        .flatten()
-        .flat_map(|v| v.to_le_bytes())
-        .collect();
-    fs::write(path, bytes).expect("a writable folder");
-}
-
 /// What a test of a pipeline needs: a folder, the untrained model and sound scans in it, and a name for the instance.
 pub struct Setting {
     /// Gone with the setting.
@@ -76,16 +63,25 @@ impl Setting {
         let folder = tempfile::tempdir().expect("a writable folder");
         let input = folder.path().join("scans");
         fs::create_dir(&input).expect("a writable folder");
-        for number in 0..scans {
-            let file = input.join(format!("{number:06}.bin"));
-            write_scan(&file, &car_scan(8.0 + number as f32));
-        }
-        Setting {
+        let setting = Setting {
             model: untrained_model(folder.path()),
             input,
             instance: unique_instance(label),
             folder,
+        };
+        for number in 0..scans {
+            setting.write_scan(&format!("{number:06}"), &car_scan(8.0 + number as f32));
         }
+        setting
+    }
+
+    /// Writes KITTI's `.bin` beside the others; gives its path.
+    pub fn write_scan(&self, name: &str, points: &[[f32; 4]]) -> PathBuf {
+        let path = self.input.join(format!("{name}.bin"));
+        let values = points.as_flattened().iter();
+        let bytes: Vec<u8> = values.flat_map(|value| value.to_le_bytes()).collect();
+        fs::write(&path, bytes).expect("a writable folder");
+        path
     }
 
     /// `mluc up` with options as on a command line, at pace `complete` unless they have another.
@@ -126,10 +122,8 @@ impl Setting {
 
     /// Starts `mluc bench` on the setting's scans.
     pub fn start_bench(&self, options: &str) -> Running {
-        self.start(&format!(
-            "bench --out {} {options}",
-            self.report().display()
-        ))
+        let out = self.report();
+        self.start(&format!("bench --out {} {options}", out.display()))
     }
 
     /// The same to its end; it must succeed, at most with warnings.

@@ -95,15 +95,19 @@ impl Finished {
         assert_eq!(found, (Some(code), lines), "{}", self.log);
     }
 
+    /// Fails unless it ended with this code after exactly the frames 0, 1, 2 and so on, each once and in order.
+    #[track_caller]
+    pub fn assert_complete(&self, code: i32, frames: u64) {
+        let found = (self.code, self.sequences());
+        assert_eq!(found, (Some(code), (0..frames).collect()), "{}", self.log);
+    }
+
     /// Fails unless stderr has all these words.
     #[track_caller]
     pub fn assert_says(&self, words: &[&str]) {
+        let log = &self.log;
         for word in words {
-            assert!(
-                self.log.contains(word),
-                "'{word}' is missing in: {}",
-                self.log
-            );
+            assert!(log.contains(word), "'{word}' is missing in: {log}");
         }
     }
 
@@ -153,10 +157,8 @@ impl Running {
         command.stdin(Stdio::null());
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut process = command.spawn().expect("the program starts");
-        let (lines, log) = (
-            Arc::<Mutex<Vec<_>>>::default(),
-            Arc::<Mutex<String>>::default(),
-        );
+        let lines: Arc<Mutex<Vec<Value>>> = Arc::default();
+        let log: Arc<Mutex<String>> = Arc::default();
         let (own_lines, own_log) = (lines.clone(), log.clone());
         let readers = [
             read_lines(process.stdout.take().expect("piped"), move |line| {

@@ -15,21 +15,15 @@ pub fn skip(what: &str, why: &str) {
 pub fn data_folder(variable: &str) -> Option<PathBuf> {
     let Some(folder) = std::env::var_os(variable).map(PathBuf::from) else {
         let is_required = std::env::var_os("MLUC_REQUIRE_ORACLE").is_some_and(|value| value == "1");
-        assert!(
-            !is_required,
-            "{variable} is not set, and MLUC_REQUIRE_ORACLE=1 asks for it"
-        );
-        let test = std::thread::current();
-        skip(
-            test.name().unwrap_or("a test"),
-            &format!("{variable} is not set"),
-        );
+        let why = format!("{variable} is not set");
+        assert!(!is_required, "{why}, and MLUC_REQUIRE_ORACLE=1 asks for it");
+        skip(std::thread::current().name().unwrap_or("a test"), &why);
         return None;
     };
+    let found = folder.display();
     assert!(
         folder.is_dir(),
-        "{variable}: expected a folder, found {}",
-        folder.display()
+        "{variable}: expected a folder, found {found}"
     );
     Some(folder)
 }

@@ -16,46 +16,41 @@ fn bench(words: &str) -> Finished {
 fn with_scenario(folder: &Path, scenario: &str, options: &str) -> Finished {
     let [file, out] = ["scenario.toml", "report"].map(|name| folder.join(name));
     std::fs::write(&file, scenario).unwrap();
-    bench(&format!(
-        "--scenario {} --out {} {options}",
-        file.display(),
-        out.display()
-    ))
+    let (file, out) = (file.display(), out.display());
+    bench(&format!("--scenario {file} --out {out} {options}"))
 }
 
 #[test]
 fn what_the_machine_does_not_have_is_refused_before_anything_runs() {
     let folder = tempfile::tempdir().unwrap();
-    for (scenario, words) in [
+    for (table, line, words) in [
         (
-            "[stages.backbone]\ncpus = [0, 4000]",
-            &["cpus of backbone", "4000"][..],
+            "stages.backbone",
+            "cpus = [0, 4000]",
+            "cpus of backbone, 4000",
         ),
+        ("stages.head", "priority = 200", "priority of head, 1 to 99"),
         (
-            "[stages.head]\npriority = 200",
-            &["priority of head", "1 to 99"],
+            "bench.load",
+            "memory_mib = 1000000000",
+            "memory_mib, available",
         ),
-        (
-            "[bench.load]\nmemory_mib = 1000000000",
-            &["memory_mib", "available"],
-        ),
-        (
-            "[bench.load]\ncpu_threads = 100000",
-            &["cpu_threads", "1024"],
-        ),
-        ("pace = \"complete\"", &["open loop"]),
-        (
-            "[bench]\nsecond = 3",
-            &["second", "did you mean `seconds`?"],
-        ),
-        ("[bench]\nseconds = -1", &["seconds must be", "-1"]),
-        ("[bench]\nrounds = 0", &["rounds must be"]),
-        ("model = \"nowhere.safetensors\"", &["nowhere.safetensors"]),
+        ("bench.load", "cpu_threads = 100000", "cpu_threads, 1024"),
+        ("", "pace = \"complete\"", "open loop"),
+        ("bench", "second = 3", "second, did you mean `seconds`?"),
+        ("bench", "seconds = -1", "seconds must be, -1"),
+        ("bench", "rounds = 0", "rounds must be"),
+        ("", "model = \"nowhere.safetensors\"", "nowhere.safetensors"),
     ] {
-        let run = with_scenario(folder.path(), scenario, "");
-        assert!(matches!(run.code, Some(1 | 2)), "{scenario}: {run:?}");
+        let heading = if table.is_empty() {
+            ""
+        } else {
+            &format!("[{table}]\n")
+        };
+        let run = with_scenario(folder.path(), &format!("{heading}{line}"), "");
+        assert!(matches!(run.code, Some(1 | 2)), "{line}: {run:?}");
         assert!(run.lines.is_empty());
-        run.assert_says(words);
+        run.assert_says(&words.split(", ").collect::<Vec<_>>());
     }
     for options in [
         "--refiner distnace",
@@ -104,11 +99,8 @@ fn reports_that_cannot_be_judged_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let compare = |other: &str| {
-        bench(&format!(
-            "compare --json {} {}",
-            at("good").display(),
-            at(other).display()
-        ))
+        let [good, other] = [at("good"), at(other)].map(|path| path.display().to_string());
+        bench(&format!("compare --json {good} {other}"))
     };
     write_report(&at("good"), 1, 40);
     write_report(&at("future"), 99, 40);

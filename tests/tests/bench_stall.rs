@@ -53,10 +53,8 @@ fn assert_counted(latencies_us: &[f64], stage: &str) {
         let limit_us = share * STALL.as_secs_f64() * 1e6;
         let late = latencies_us.iter().filter(|&&us| us > limit_us).count() as f64;
         let expected = (1.0 - share) * STALL.as_secs_f64() * RATE_HZ;
-        assert!(
-            late >= 0.8 * expected,
-            "{stage}: {late} frames later than {limit_us} us, expected {expected}"
-        );
+        let what = format!("{stage}: {late} frames later than {limit_us} us");
+        assert!(late >= 0.8 * expected, "{what}, expected {expected}");
     }
 }
 

@@ -16,10 +16,8 @@ fn read(path: &str) -> String {
 /// The cells of the tables below a heading, up to the next heading.
 fn rows(document: &str, heading: &str) -> Vec<Vec<String>> {
     let mut lines = document.lines();
-    assert!(
-        lines.any(|line| line == heading),
-        "no heading '{heading}' in the document"
-    );
+    let is_there = lines.any(|line| line == heading);
+    assert!(is_there, "no heading '{heading}' in the document");
     let below = lines.take_while(|line| !line.starts_with('#'));
     let rows = below.filter(|line| line.starts_with('|') && !line.starts_with("|---"));
     let cell = |cell: &str| cell.trim().trim_matches('`').to_string();
@@ -36,34 +34,25 @@ fn codes(rows: &[Vec<String>]) -> Vec<(&str, u32)> {
 
 /// The numbers that a queue of a topic is made with, as both languages list them.
 fn queue(topic: &Topic) -> [usize; 5] {
-    let Topic {
-        subscribers_max,
-        buffer,
-        borrowed,
-        loans,
-        history,
-        ..
-    } = *topic;
-    [subscribers_max, buffer, borrowed, loans, history]
+    let t = topic;
+    [t.subscribers_max, t.buffer, t.borrowed, t.loans, t.history]
 }
 
 #[test]
 fn the_document_has_every_field_at_its_offset() {
     let document = read("docs/CONTRACT.md");
-    for Layout {
-        name,
-        size,
-        align,
-        fields,
-    } in layouts()
-    {
-        let heading = format!("### `mluc.{name}`: {size} bytes, alignment {align}");
+    for layout in layouts() {
+        let Layout { name, size, .. } = layout;
+        let heading = format!(
+            "### `mluc.{name}`: {size} bytes, alignment {}",
+            layout.align
+        );
         let rows = rows(&document, &heading);
         let said = rows[1..].iter().map(|row| {
             let [offset, bytes] = [0, 1].map(|column| row[column].parse().unwrap());
             (row[3].clone(), offset, bytes)
         });
-        assert_eq!(said.collect::<Vec<_>>(), fields, "{name}");
+        assert_eq!(said.collect::<Vec<_>>(), layout.fields, "{name}");
         let empty = rows.iter().find(|row| row.iter().any(String::is_empty));
         assert_eq!(empty, None, "{name}: every field has a meaning");
     }
@@ -130,12 +119,8 @@ fn the_c_header_is_the_contract() {
     let header = read("capi/include/mluc.h");
     // The library tells health by itself.
     for layout in layouts().iter().filter(|layout| layout.name != "Health") {
-        assert_eq!(
-            c_struct(&header, layout.name),
-            layout.fields,
-            "{}",
-            layout.name
-        );
+        let said = c_struct(&header, layout.name);
+        assert_eq!(said, layout.fields, "{}", layout.name);
     }
     let limits = [
         ("WIRE_VERSION", WIRE_VERSION as usize),
@@ -146,18 +131,13 @@ fn the_c_header_is_the_contract() {
         ("CLASSES_MAX", CLASSES_MAX),
         ("FOOTPRINT_MAX", FOOTPRINT_MAX),
     ];
-    let limits = limits.map(|(key, value)| format!("#define MLUC_{key} {value}u\n"));
-    let none = format!("#define MLUC_NONE {:#x}u\n", Object::NONE);
-    let dispositions =
-        Disposition::ALL.map(|d| format!("MLUC_{} = {}", d.name().to_uppercase(), d as u32));
+    let mut lines = vec![format!("#define MLUC_NONE {:#x}u\n", Object::NONE)];
+    lines.extend(limits.map(|(key, value)| format!("#define MLUC_{key} {value}u\n")));
+    let code = |name: &str, value: String| format!("MLUC_{} = {value}", name.to_uppercase());
+    lines.extend(Disposition::ALL.map(|d| code(d.name(), format!("{}", d as u32))));
     let flags = Flags(u32::MAX).names().enumerate();
-    let flags = flags.map(|(bit, name)| format!("MLUC_{} = 1 << {bit}", name.to_uppercase()));
-    for line in limits
-        .into_iter()
-        .chain([none])
-        .chain(dispositions)
-        .chain(flags)
-    {
+    lines.extend(flags.map(|(bit, name)| code(name, format!("1 << {bit}"))));
+    for line in lines {
         assert!(header.contains(&line), "{line}");
     }
 }
@@ -166,12 +146,8 @@ fn the_c_header_is_the_contract() {
 fn the_python_module_is_the_contract() {
     let module = read("examples/refiner-python/mluc.py");
     for layout in layouts() {
-        assert_eq!(
-            python_struct(&module, layout.name),
-            layout.fields,
-            "{}",
-            layout.name
-        );
+        let said = python_struct(&module, layout.name);
+        assert_eq!(said, layout.fields, "{}", layout.name);
     }
     assert!(module.contains(&format!("NONE = {WIRE_VERSION}, 3, 2**32 - 1")));
     for topic in [Topic::POINTS, Topic::DETECTIONS, Topic::OBJECTS] {

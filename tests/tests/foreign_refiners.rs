@@ -45,14 +45,12 @@ fn a_foreign_refiner_is_started_by_its_command() {
     let setting = Setting::new("command", 5);
     for command in foreign_refiners() {
         let run = setting.run(&config(&setting, &command));
-        run.assert_ended(0, 5);
+        run.assert_complete(0, 5);
         for line in &run.lines {
             let count = |key: &str| line[key].as_array().map_or(0, Vec::len);
+            // The model has boxes in every frame.
             let objects = count("objects") + count("suppressed");
-            assert!(
-                objects > 0,
-                "{command:?}: the model has boxes in every frame: {line}"
-            );
+            assert!(objects > 0, "{command:?}: no objects: {line}");
             let flags = run.flags(line["frame"].as_str().unwrap());
             assert!(!flags.contains(&"points_gone"), "{command:?}: {line}");
         }
@@ -69,7 +67,7 @@ fn a_killed_foreign_refiner_is_started_again() {
         assert_eq!(victim.len(), 1, "{command:?}: {victim:?}");
         send_signal(victim[0], Signal::KILL);
         let run = setting.finish(run);
-        run.assert_ended(3, 40);
+        run.assert_complete(3, 40);
         run.assert_says(&["0 lost; stages restarted: 1"]);
     }
 }
@@ -77,11 +75,8 @@ fn a_killed_foreign_refiner_is_started_again() {
 /// A refiner that the test starts and ends.
 fn start_by_hand(setting: &Setting, command: &[String]) -> Running {
     let mut process = Command::new(&command[0]);
-    Running::start(
-        process
-            .args(&command[1..])
-            .env("MLUC_INSTANCE", &setting.instance),
-    )
+    process.env("MLUC_INSTANCE", &setting.instance);
+    Running::start(process.args(&command[1..]))
 }
 
 /// Ends it; gives what it wrote to stderr.
@@ -110,13 +105,12 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
     std::thread::sleep(Duration::from_millis(300));
     assert_eq!(run.line_count(), 0, "no refiner, no objects");
 
-    let (program, model) = (mluc_program(), setting.model.display().to_string());
-    let program = program.display().to_string();
-    let ours = [&program, "stage", "refiner", "--model", &model]
-        .map(str::to_string)
-        .to_vec();
-    let ours = || std::iter::once(ours.clone());
-    for command in ours().chain(foreign_refiners()).chain(ours()) {
+    let [program, model] = [&mluc_program(), &setting.model].map(|path| path.display().to_string());
+    let ours = [&program, "stage", "refiner", "--model", &model].map(str::to_string);
+    let mut commands = foreign_refiners();
+    commands.insert(0, ours.to_vec());
+    commands.push(ours.to_vec());
+    for command in commands {
         let refiner = start_by_hand(&setting, &command);
         run.wait_for_lines(4);
         end_by_hand(refiner);
@@ -126,10 +120,8 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
     let run = setting.finish(run);
     assert_eq!(run.code, Some(0), "{}", run.log);
     let sequences = run.sequences();
-    assert!(
-        sequences.windows(2).all(|pair| pair[1] == pair[0] + 1),
-        "{sequences:?}"
-    );
+    let has_no_gap = sequences.windows(2).all(|pair| pair[1] == pair[0] + 1);
+    assert!(has_no_gap, "{sequences:?}");
 }
 
 /// One that stays joins run after run: the last messages of the run before are nobody's any more.
@@ -144,21 +136,10 @@ fn a_refiner_that_outlives_three_runs_loses_no_frame() {
             runs.push(setting.up("--without refiner").finish());
         }
         let log = end_by_hand(refiner);
-        for run in &runs {
-            run.assert_ended(0, 22);
-            assert_eq!(
-                run.sequences(),
-                Vec::from_iter(0..22),
-                "{command:?}: {}",
-                run.log
-            );
-        }
-        assert!(!log.contains("message refused"), "{command:?}: {log}");
-        assert_eq!(
-            leftovers(&setting.instance),
-            [""; 0],
-            "{command:?} leaves last"
-        );
+        println!("{command:?}");
+        runs.iter().for_each(|run| run.assert_complete(0, 22));
+        assert!(!log.contains("message refused"), "{log}");
+        assert_eq!(leftovers(&setting.instance), [""; 0], "it leaves last");
     }
 }
 
@@ -171,8 +152,7 @@ fn hostile_sequences_silence_nobody() {
     let refiner = start_by_hand(&setting, &own_refiner("hostile"));
     let run = run.finish();
     end_by_hand(refiner);
-    run.assert_ended(0, 6);
-    assert_eq!(run.sequences(), Vec::from_iter(0..6), "{}", run.log);
+    run.assert_complete(0, 6);
     run.assert_says(&["6 in, 6 out, 0 lost", "message refused: objects: sequence"]);
     assert_eq!(leftovers(&setting.instance), [""; 0]);
 }

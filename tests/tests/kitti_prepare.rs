@@ -36,15 +36,10 @@ fn benchmark(folder: &Path) -> PathBuf {
         ("000001", format!("{CAR}{VAN}")),
         ("000002", format!("{CAR}{TRAM}")),
     ] {
-        write(
-            &format!("training/velodyne/{name}.bin"),
-            bytemuck::cast_slice(&POINTS),
-        );
-        for (part, text) in [
-            ("label_2", labels.as_str()),
-            ("calib", CALIBRATION),
-            ("planes", plane),
-        ] {
+        let scan = bytemuck::cast_slice(&POINTS);
+        write(&format!("training/velodyne/{name}.bin"), scan);
+        let texts = [labels.as_str(), CALIBRATION, plane];
+        for (part, text) in ["label_2", "calib", "planes"].into_iter().zip(texts) {
             write(&format!("training/{part}/{name}.txt"), text.as_bytes());
         }
     }
@@ -150,10 +145,8 @@ fn nothing_is_written_where_something_is_wrong() {
     let calibration = root.join("training/calib/000000.txt");
     std::fs::remove_file(&calibration).expect("removed");
     let told = fault(&options);
-    assert!(
-        told.starts_with("frame 000000: expected its calibration in "),
-        "{told}"
-    );
+    let names_frame = told.starts_with("frame 000000: expected its calibration in ");
+    assert!(names_frame, "{told}");
     std::fs::write(&calibration, CALIBRATION).expect("written");
     assert!(!out.exists());
     std::fs::create_dir(&out).expect("a folder");

@@ -27,9 +27,10 @@ fn oracle_kitti_eval_agrees_within_0_01() {
             let ours = found[key][name].as_f64();
             let difference = ours.map_or(f64::INFINITY, |ours| (ours - expected).abs());
             worst = worst.max(difference);
+            let title = format!("{key} {name}");
             assert!(
                 difference <= 0.01,
-                "{key} {name}: expected {expected}, found {ours:?}"
+                "{title}: expected {expected}, found {ours:?}"
             );
         }
     }

@@ -9,7 +9,7 @@ use mluc_model::formula_weights;
 use mluc_tests::{PaperFrame, feature_map, paper_frames, paper_network, rms};
 use serde::Deserialize;
 
-type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
+type Fallible<T = ()> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
 /// Of a level's rms.
 const TOLERANCE: f64 = 1e-3;
@@ -87,10 +87,9 @@ fn threads_do_not_change_a_bit_of_a_full_scan() -> Fallible {
     let mut head = Head::new(&manifest, &weights)?;
     for frame in paper_frames()? {
         let mut bits = |threads: usize| -> Fallible<Vec<u32>> {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()?;
-            Ok(pool.install(|| stages(&mut backbone, &mut head, &frame.points))?)
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let pool = pool.build()?;
+            pool.install(|| stages(&mut backbone, &mut head, &frame.points))
         };
         assert!(bits(1)? == bits(2)?, "{}: one thread and two", frame.name);
     }
@@ -98,28 +97,17 @@ fn threads_do_not_change_a_bit_of_a_full_scan() -> Fallible {
 }
 
 /// Both stages, as the vehicle runs them: the bits of the feature rows and the detections.
-fn stages(
-    backbone: &mut Backbone,
-    head: &mut Head,
-    points: &[[f32; 4]],
-) -> Result<Vec<u32>, String> {
+fn stages(backbone: &mut Backbone, head: &mut Head, points: &[[f32; 4]]) -> Fallible<Vec<u32>> {
     let (count, channels) = (backbone.run(points).rows, backbone.feature_channels());
     let (mut cells, mut rows) = (vec![0; count], vec![0.0; count * channels]);
     let mut detections = vec![];
-    backbone
-        .write_rows(&mut cells, &mut rows)
-        .map_err(|error| error.to_string())?;
-    head.run(&cells, &rows, &mut detections)
-        .map_err(|error| error.to_string())?;
-    assert!(
-        rows.len() > 1000 && !detections.is_empty(),
-        "the frame has contents"
-    );
-    let bits: [&[u32]; 2] = [
-        bytemuck::cast_slice(&rows),
-        bytemuck::cast_slice(&detections),
-    ];
-    Ok(bits.concat())
+    backbone.write_rows(&mut cells, &mut rows)?;
+    head.run(&cells, &rows, &mut detections)?;
+    let has_contents = rows.len() > 1000 && !detections.is_empty();
+    assert!(has_contents, "the frame is empty");
+    let mut bits: Vec<u32> = bytemuck::cast_slice(&rows).to_vec();
+    bits.extend_from_slice(bytemuck::cast_slice(&detections));
+    Ok(bits)
 }
 
 fn read_answers(frame: &PaperFrame) -> Fallible<BTreeMap<String, Expected>> {
@@ -189,10 +177,8 @@ fn compare(title: &str, expected: &Expected, found: &Found) {
         ("mean", sum / found.values.len() as f64, expected.mean),
         ("rms", rms(found.values.iter().copied()), expected.rms),
     ] {
-        assert!(
-            (found - expected).abs() < limit,
-            "{title}: {what} {found}, expected {expected}"
-        );
+        let is_close = (found - expected).abs() < limit;
+        assert!(is_close, "{title}: {what} {found}, expected {expected}");
     }
     let mut worst: f64 = 0.0;
     for Sample { site, values } in &expected.samples {
@@ -209,8 +195,6 @@ fn compare(title: &str, expected: &Expected, found: &Found) {
         expected.samples.len(),
         worst / expected.rms
     );
-    assert!(
-        worst < limit && !expected.samples.is_empty(),
-        "{title}: {worst} of at most {limit}"
-    );
+    let is_close = worst < limit && !expected.samples.is_empty();
+    assert!(is_close, "{title}: {worst} of at most {limit}");
 }

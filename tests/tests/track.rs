@@ -2,17 +2,14 @@
 
 use std::collections::BTreeSet;
 
-use mluc_tests::{Setting, car_scan, write_scan};
+use mluc_tests::{Setting, car_scan};
 use serde_json::Value;
 
 /// The same scan three times, and a sensor that stands still.
 fn standing_still(poses: &str) -> Setting {
     let setting = Setting::new("track", 0);
     for number in 0..3 {
-        write_scan(
-            &setting.input.join(format!("{number:06}.bin")),
-            &car_scan(9.0),
-        );
+        setting.write_scan(&format!("{number:06}"), &car_scan(9.0));
     }
     std::fs::write(setting.input.join("poses.txt"), poses).unwrap();
     setting

@@ -99,7 +99,7 @@ fn judge(options: &Options, wanted: &[String]) -> anyhow::Result<Report> {
         let passed = result.is_ok();
         verdicts.push(Verdict {
             name: case.name,
-            asks: case.asks,
+            asks: case.asks(),
             passed,
             what: result.unwrap_or_else(|error| format!("{error:#}")),
             ms: begun.elapsed().as_millis() as u64,
