@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, judge, unknown_classes};
 use mluc_evaluate::{Difficulty, Metric, NeighbourPolicy};
 use mluc_ingest::unpack;
@@ -65,7 +66,8 @@ fn figures(name: &str, model: &Model, shift_m: f32) -> Figures {
     let folder = tempfile::tempdir().expect("a folder");
     let setting = name.trim_end_matches("-open");
     let set = scans(setting, folder.path());
-    let mut frames = detect_frames(model, &set, || ()).expect("the model fits");
+    let mut frames =
+        detect_frames(Precision::default(), model, &set, || ()).expect("the model fits");
     for detection in frames.iter_mut().flat_map(|frame| &mut frame.detections) {
         detection.center_m[0] += shift_m;
     }

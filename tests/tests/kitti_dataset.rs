@@ -2,8 +2,7 @@
 
 use mluc_dataset::{Dataset, Label};
 use mluc_evaluate::{
-    CameraView, Difficulty, FrameTruth, Metric, ObjectKind, RuleRequest, SensorDetection,
-    UnknownProtocol, UnknownRequest, evaluate, rules,
+    Difficulty, FrameTruth, Metric, ObjectKind, RuleRequest, SensorDetection, evaluate, rules,
 };
 use mluc_geometry::{Box3, ImageSize, iou_2d};
 use mluc_tests::data_folder;
@@ -56,14 +55,11 @@ fn real_labels_as_detections_are_found() {
     for part in ["object/training", "drive_0005"] {
         let dataset = Dataset::open(&folder.join(part)).expect("frames");
         for name in dataset.names() {
-            let view = CameraView {
-                calibration: dataset.calibration(name).expect("a calibration"),
-                image: ImageSize::KITTI,
-            };
             let detection = |(label, box_in_sensor): (Label, Box3)| SensorDetection {
-                kind: match label.is("Van") || label.is("Truck") {
-                    true => ObjectKind::Unknown,
-                    false => ObjectKind::Known,
+                kind: if label.is("Van") || label.is("Truck") {
+                    ObjectKind::Unknown
+                } else {
+                    ObjectKind::Known
                 },
                 class: label.class,
                 score: 0.9,
@@ -71,17 +67,17 @@ fn real_labels_as_detections_are_found() {
             };
             let boxes = dataset.boxes_in_sensor(name).expect("labels").into_iter();
             let found: Vec<SensorDetection> = boxes.map(detection).collect();
-            let labels = dataset.labels(name).expect("labels").into();
-            frames.push(FrameTruth { labels, view }.with(&found));
+            let truth = FrameTruth {
+                labels: dataset.labels(name).expect("labels").into(),
+                calibration: dataset.calibration(name).expect("a calibration"),
+                image: ImageSize::KITTI,
+            };
+            frames.push(truth.with(&found));
         }
     }
-    let unknown = UnknownRequest {
-        classes: vec!["van".into(), "truck".into()],
-        iou_min: 0.1,
-        protocol: UnknownProtocol::Literal,
-    };
     let request = RuleRequest {
-        unknown: Some(unknown),
+        unknown: vec!["van".into(), "truck".into()],
+        unknown_iou_min: 0.1,
         ..RuleRequest::default()
     };
     let report = evaluate(&frames, &rules(&request, &frames).expect("rules"));

@@ -112,7 +112,7 @@ fn the_audit_counts_what_the_paper_may_have_counted() {
     assert_eq!((train.frames, train.with_unknown), (3, 1));
     // Cars of the two frames without a van; the van is too occluded to count at moderate.
     assert_eq!(train.known_without_unknown(), 2);
-    assert_eq!((train.classes[1].all, train.classes[1].moderate), (1, 0));
+    assert_eq!(train.classes[1], [1, 0, 1, 0]);
     let text = train.to_markdown();
     for words in [
         "3 frames: 1 with a van or truck, 2 without",

@@ -40,7 +40,7 @@ pub enum EvaluateError {
 
 impl EvaluateError {
     /// A fault of a file or folder.
-    pub(crate) fn file(path: &Path, what: impl std::fmt::Display) -> EvaluateError {
+    pub fn file(path: &Path, what: impl std::fmt::Display) -> EvaluateError {
         EvaluateError::File {
             path: path.to_owned(),
             what: what.to_string(),

@@ -36,22 +36,26 @@ pub struct CameraDetection {
     pub upright: Box3,
 }
 
-/// How a frame is seen: what turns sensor boxes into label boxes and image boxes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CameraView {
-    /// Calibration of the frame. Without a camera (P2 all 0) nothing lies outside an image.
+/// A labelled frame that waits for detections.
+#[derive(Clone, Debug)]
+pub struct FrameTruth {
+    /// Labels in file order, DontCare among them. Shared: a sweep uses them once a threshold.
+    pub labels: Arc<[Label]>,
+    /// Turns sensor boxes into label boxes and image boxes. Without a camera (P2 all 0) nothing lies outside an image.
     pub calibration: Calibration,
     /// Size of the image.
     pub image: ImageSize,
 }
 
-impl CameraView {
-    /// The detection in the camera frame; `None` when there is an image and nothing of the box lies in it.
-    pub fn detection(&self, found: &SensorDetection) -> Option<CameraDetection> {
-        let calibration = &self.calibration;
-        let camera_box = calibration.label_from_box_in_sensor(&found.box_in_sensor);
-        let image_box_px = if calibration.has_camera() {
-            calibration.project_label_to_image(&camera_box, self.image)?
+impl FrameTruth {
+    /// A detection in the camera frame; `None` when there is an image and nothing of the box lies in it.
+    pub(crate) fn detection(&self, found: &SensorDetection) -> Option<CameraDetection> {
+        let camera_box = self
+            .calibration
+            .label_from_box_in_sensor(&found.box_in_sensor);
+        let image_box_px = if self.calibration.has_camera() {
+            self.calibration
+                .project_label_to_image(&camera_box, self.image)?
         } else {
             IMAGE_BOX_WITHOUT_CAMERA_PX
         };
@@ -63,27 +67,12 @@ impl CameraView {
             upright: camera_box.upright(),
         })
     }
-}
 
-/// A labelled frame that waits for detections.
-#[derive(Clone, Debug)]
-pub struct FrameTruth {
-    /// Labels in file order, DontCare among them. Shared: a sweep uses them once a threshold.
-    pub labels: Arc<[Label]>,
-    /// How the frame is seen.
-    pub view: CameraView,
-}
-
-impl FrameTruth {
     /// The frame with what was found in it; what lies outside the image is dropped.
     pub fn with(&self, found: &[SensorDetection]) -> LabelledFrame {
-        let detections = found
-            .iter()
-            .filter_map(|d| self.view.detection(d))
-            .collect();
         LabelledFrame {
             labels: Arc::clone(&self.labels),
-            detections,
+            detections: found.iter().filter_map(|d| self.detection(d)).collect(),
         }
     }
 }

@@ -10,10 +10,9 @@
 //! metric and difficulty; [`sweep`] for every threshold of the gate. [`Confusion`] says what the unknown is confused with.
 //!
 //! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
-//! [`JudgedFrames`] keeps the parts, [`judged_sweep`] judges halves of the data beside the whole, [`honest`] chooses on one half
-//! and reports on the other, [`bootstrap`] draws frames anew to say how far a figure can be trusted.
+//! [`JudgedFrames`] keeps the parts, [`sweep`] judges halves of the data beside the whole, [`honest`] chooses on one half
+//! and reports on the other, [`JudgedFrames::bootstrap`] draws frames anew to say how far a figure can be trusted.
 
-mod bootstrap;
 mod confusion;
 mod curve;
 mod difficulty;
@@ -31,22 +30,19 @@ mod table;
 #[cfg(test)]
 mod testing;
 
-pub use bootstrap::bootstrap;
 pub use confusion::Confusion;
 pub use curve::{AveragePrecision, Curve, FrameCurve, harmonic_mean};
 pub use difficulty::{Difficulty, Metric};
 pub use error::EvaluateError;
-pub use frame::{CameraDetection, CameraView, FrameTruth, LabelledFrame, SensorDetection};
+pub use frame::{CameraDetection, FrameTruth, LabelledFrame, SensorDetection};
 pub use matching::{match_frame, match_frames};
 pub use mluc_ipc_types::ObjectKind;
 pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS, unknown_as_known};
-pub use report::{ApEntry, ApReport, ClassReport, OpenSetSummary, evaluate};
+pub use report::{ApEntry, ApReport, ClassReport, evaluate};
 pub use rule::{
-    ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, UnknownRequest, rules,
-    unheard, unjudged,
+    ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, rules, unheard, unjudged,
 };
 pub use separation::{auroc, fpr95};
 pub use sweep::{
-    Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, best_point, halves, honest,
-    judged_sweep, quantile_grid, sweep,
+    Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, honest, quantile_grid, sweep,
 };

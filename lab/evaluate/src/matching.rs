@@ -29,13 +29,6 @@ struct Candidate {
     near_truth: bool,
 }
 
-/// Outcome of matching one frame at one threshold.
-#[derive(Clone, Copy, Default, PartialEq)]
-struct Counts {
-    hits: i64,
-    false_alarms: i64,
-}
-
 /// Matches every frame for one class, metric and difficulty.
 pub fn match_frames(
     frames: &[LabelledFrame],
@@ -121,102 +114,75 @@ fn in_dont_care(frame: &LabelledFrame, image_box_px: &[f64; 4], share_max: f64) 
     regions.any(|r| overlap_of_first_2d(image_box_px, &r.image_box_px) > share_max)
 }
 
-/// First pass: no threshold, the highest score wins.
-fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
-    let mut taken = vec![false; candidates.len()];
-    for truth in truths {
-        let mut best: Option<usize> = None;
-        for &(i, _) in &truth.near {
-            let higher = best.is_none_or(|b| candidates[i].score > candidates[b].score);
-            if !taken[i] && higher {
-                best = Some(i);
-            }
-        }
-        match best {
-            None => curve.missed_count += usize::from(truth.valid),
-            Some(i) => {
-                taken[i] = true;
-                if truth.valid && candidates[i].valid {
-                    curve.hit_scores.push(candidates[i].score);
-                }
-            }
-        }
-    }
-}
-
-/// Second pass at one threshold: the greatest overlap wins, an ignored detection only where there is nothing else.
-fn match_by_overlap(
+/// What each label takes: in file order the best free detection of at least a score.
+fn take(
     truths: &[Truth],
     candidates: &[Candidate],
     score_min: f64,
-    taken: &mut [bool],
-) -> i64 {
-    taken.fill(false);
-    let mut hits = 0;
-    for truth in truths {
-        let mut best: Option<(usize, f64)> = None;
-        for &(i, overlap) in &truth.near {
-            if taken[i] || candidates[i].score < score_min {
-                continue;
-            }
-            let better = match best {
-                None => true,
-                Some((b, greatest)) => {
-                    candidates[i].valid && (!candidates[b].valid || overlap > greatest)
-                }
-            };
-            if better {
-                best = Some((i, overlap));
-            }
-        }
-        if let Some((i, _)) = best {
-            taken[i] = true;
-            hits += i64::from(truth.valid && candidates[i].valid);
+    is_better: impl Fn(&(usize, f64), &(usize, f64)) -> bool,
+) -> Vec<Option<usize>> {
+    let mut taken = vec![false; candidates.len()];
+    let mut one = |truth: &Truth| {
+        let near = truth.near.iter();
+        let free = near.filter(|(i, _)| !taken[*i] && candidates[*i].score >= score_min);
+        let best = free.reduce(|best, near| if is_better(near, best) { near } else { best });
+        let (best, _) = *best?;
+        taken[best] = true;
+        Some(best)
+    };
+    truths.iter().map(&mut one).collect()
+}
+
+/// First pass: no threshold, the highest score wins.
+fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
+    let score = |near: &(usize, f64)| candidates[near.0].score;
+    let found = take(truths, candidates, f64::NEG_INFINITY, |a, b| {
+        score(a) > score(b)
+    });
+    for (_, found) in truths.iter().zip(found).filter(|(truth, _)| truth.valid) {
+        match found.map(|i| &candidates[i]) {
+            None => curve.missed_count += 1,
+            Some(candidate) if candidate.valid => curve.hit_scores.push(candidate.score),
+            Some(_) => {}
         }
     }
-    hits
 }
 
 /// The frame's counts as a function of the threshold: a step at each score where they change.
 fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| candidates[b].score.total_cmp(&candidates[a].score));
-    let mut taken = vec![false; candidates.len()];
+    let is_alarm = |c: &Candidate| c.valid && !c.in_dont_care;
     // What the matching does not touch, and what it does, apart: only the second needs matching again.
-    let (mut lonely_false_alarms, mut matched, mut before) =
-        (0i64, Counts::default(), Counts::default());
-    let mut start = 0;
-    while start < order.len() {
-        let score = candidates[order[start]].score;
-        let end = start
-            + order[start..]
-                .iter()
-                .take_while(|&&i| candidates[i].score == score)
-                .count();
-        let group = || order[start..end].iter().map(|&i| &candidates[i]);
-        lonely_false_alarms += group()
-            .filter(|c| !c.near_truth && c.valid && !c.in_dont_care)
-            .count() as i64;
-        if group().any(|c| c.near_truth) {
-            matched.hits = match_by_overlap(truths, candidates, score, &mut taken);
-            let unmatched = |&&i: &&usize| {
-                let c = &candidates[i];
-                c.near_truth && c.valid && !c.in_dont_care && !taken[i]
+    let (mut lonely_alarms, mut hits, mut near_alarms) = (0, 0, 0);
+    let (mut before, mut seen) = ((0, 0), 0);
+    for group in order.chunk_by(|&a, &b| candidates[a].score == candidates[b].score) {
+        seen += group.len();
+        let score = candidates[group[0]].score;
+        let of_group = || group.iter().map(|&i| &candidates[i]);
+        lonely_alarms += of_group().filter(|c| !c.near_truth && is_alarm(c)).count() as i64;
+        if of_group().any(|c| c.near_truth) {
+            // Second pass: the greatest overlap wins, an ignored detection only where there is nothing else.
+            let found = take(truths, candidates, score, |a, b| {
+                candidates[a.0].valid && (!candidates[b.0].valid || a.1 > b.1)
+            });
+            let pairs = truths.iter().zip(&found);
+            let is_hit = |(truth, i): &(&Truth, &Option<usize>)| {
+                truth.valid && i.is_some_and(|i| candidates[i].valid)
             };
-            matched.false_alarms = order[..end].iter().filter(unmatched).count() as i64;
+            hits = pairs.filter(is_hit).count() as i64;
+            let is_open = |i: &&usize| {
+                let c = &candidates[**i];
+                c.near_truth && is_alarm(c) && !found.contains(&Some(**i))
+            };
+            near_alarms = order[..seen].iter().filter(is_open).count() as i64;
         }
-        let now = Counts {
-            hits: matched.hits,
-            false_alarms: matched.false_alarms + lonely_false_alarms,
-        };
+        let now = (hits, near_alarms + lonely_alarms);
         if now != before {
-            curve.steps.push((
-                score,
-                now.hits - before.hits,
-                now.false_alarms - before.false_alarms,
-            ));
+            curve
+                .steps
+                .push((score, now.0 - before.0, now.1 - before.1));
         }
         before = now;
-        start = end;
     }
 }

@@ -38,24 +38,6 @@ impl ClassReport {
     }
 }
 
-/// Open-set figures in percent: volumes, moderate.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OpenSetSummary {
-    /// Mean AP of the known classes that have labels.
-    pub known: AveragePrecision,
-    /// AP of the unknown.
-    pub unknown: AveragePrecision,
-    /// Unknown labels found by any unknown detection.
-    pub recall_unknown: f64,
-}
-
-impl OpenSetSummary {
-    /// Harmonic mean of known and unknown.
-    pub fn harmonic(&self) -> AveragePrecision {
-        self.known.harmonic(self.unknown)
-    }
-}
-
 /// Outcome of an evaluation.
 #[derive(Clone, Debug)]
 pub struct ApReport {
@@ -78,15 +60,10 @@ impl ApReport {
         AveragePrecision::mean(&labelled.map(|class| class.main().ap).collect::<Vec<_>>())
     }
 
-    /// Open-set figures, where an unknown group was asked for.
-    pub fn summary(&self) -> Option<OpenSetSummary> {
+    /// The unknown, where such a group was asked for.
+    pub fn unknown(&self) -> Option<&ClassReport> {
         let mut classes = self.classes.iter();
-        let unknown = classes.find(|class| class.rule.kind == ObjectKind::Unknown)?;
-        Some(OpenSetSummary {
-            known: self.map_known(),
-            unknown: unknown.main().ap,
-            recall_unknown: unknown.main().recall_percent,
-        })
+        classes.find(|class| class.rule.kind == ObjectKind::Unknown)
     }
 
     /// Names of the classes of which no label counts at moderate.

@@ -1,6 +1,7 @@
 //! Which labels and detections count for a class.
 
 use crate::{CameraDetection, Difficulty, EvaluateError, LabelledFrame, ObjectKind};
+use clap::ValueEnum;
 use mluc_dataset::{Label, is_heard_of};
 use std::collections::BTreeSet;
 
@@ -16,7 +17,7 @@ const NEVER_KNOWN_UNASKED: [&str; 6] =
     ["dontcare", "misc", "tram", "van", "person_sitting", UNKNOWN];
 
 /// What a class' look-alikes are to it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum NeighbourPolicy {
     /// As the devkit: a van found as a car, or a sitting person found as a pedestrian, is neither right nor wrong.
     #[default]
@@ -26,28 +27,13 @@ pub enum NeighbourPolicy {
 }
 
 /// What an unknown object may be found on, besides labels of unknown classes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum UnknownProtocol {
     /// Nothing: whatever else is found is wrong.
     #[default]
     Literal,
     /// Trams, sitting persons and what is labelled Misc; and things where nobody labelled. None of them is right or wrong.
     Fair,
-}
-
-impl UnknownProtocol {
-    /// Label classes that may be found or not.
-    fn ignored(self) -> &'static [&'static str] {
-        match self {
-            UnknownProtocol::Literal => &[],
-            UnknownProtocol::Fair => &["tram", "misc", "person_sitting"],
-        }
-    }
-
-    /// A detection more than this share of which lies in a DontCare region of the image is not wrong.
-    fn dont_care_max(self) -> Option<f64> {
-        (self == UnknownProtocol::Fair).then_some(0.5)
-    }
 }
 
 /// How one class is judged.
@@ -76,17 +62,16 @@ impl ClassRule {
     /// A known class.
     pub fn known(name: &str, iou_min: f64, policy: NeighbourPolicy) -> ClassRule {
         let name = name.to_ascii_lowercase();
-        let neighbour = match (policy, name.as_str()) {
-            (NeighbourPolicy::Official, "car") => Some("van"),
-            (NeighbourPolicy::Official, "pedestrian") => Some("person_sitting"),
-            _ => None,
+        let ignored: &[&str] = match (policy, name.as_str()) {
+            (NeighbourPolicy::Official, "car") => &["van"],
+            (NeighbourPolicy::Official, "pedestrian") => &["person_sitting"],
+            _ => &[],
         };
-        let ignored = neighbour.into_iter().map(str::to_owned).collect();
         ClassRule {
             valid: vec![name.clone()],
             name,
             kind: ObjectKind::Known,
-            ignored,
+            ignored: ignored.iter().map(|class| (*class).to_owned()).collect(),
             iou_min,
             dont_care_max: None,
         }
@@ -94,19 +79,18 @@ impl ClassRule {
 
     /// The class of everything unknown: labels of `classes` merged into one.
     pub fn unknown(classes: &[String], iou_min: f64, protocol: UnknownProtocol) -> ClassRule {
-        let valid: Vec<String> = classes
-            .iter()
-            .map(|class| class.to_ascii_lowercase())
-            .collect();
-        let ignored = protocol.ignored().iter().map(|class| (*class).to_owned());
-        let ignored = ignored.filter(|class| !valid.contains(class)).collect();
+        let (ignored, dont_care_max): (&[&str], _) = match protocol {
+            UnknownProtocol::Literal => (&[], None),
+            UnknownProtocol::Fair => (&["tram", "misc", "person_sitting"], Some(0.5)),
+        };
+        let ignored = ignored.iter().map(|class| (*class).to_owned());
         ClassRule {
             name: UNKNOWN.to_owned(),
             kind: ObjectKind::Unknown,
-            valid,
-            ignored,
+            valid: classes.iter().map(|c| c.to_ascii_lowercase()).collect(),
+            ignored: ignored.filter(|class| !contains(classes, class)).collect(),
             iou_min,
-            dont_care_max: protocol.dont_care_max(),
+            dont_care_max,
         }
     }
 
@@ -133,22 +117,6 @@ impl ClassRule {
             ObjectKind::Unknown => is_kind || contains(&self.valid, &detection.class),
         }
     }
-
-    /// Whether labels of a class take part.
-    fn judges(&self, class: &str) -> bool {
-        contains(&self.valid, class) || contains(&self.ignored, class)
-    }
-}
-
-/// What the unknown group is asked to be.
-#[derive(Clone, Debug)]
-pub struct UnknownRequest {
-    /// Label classes that are unknown.
-    pub classes: Vec<String>,
-    /// Overlap, more than which is a match; the paper asks for 0.1.
-    pub iou_min: f64,
-    /// What may be found besides labels of these classes.
-    pub protocol: UnknownProtocol,
 }
 
 /// What an evaluation is asked for.
@@ -159,8 +127,12 @@ pub struct RuleRequest {
     pub classes: Vec<String>,
     /// Overlaps of classes; the others keep KITTI's, or 0.7 for trucks and vans, or 0.5.
     pub iou_min: Vec<(String, f64)>,
-    /// The unknown group, if any.
-    pub unknown: Option<UnknownRequest>,
+    /// Label classes that are unknown; empty: there is no unknown group.
+    pub unknown: Vec<String>,
+    /// Overlap, more than which is a match with an unknown object; the paper asks for 0.1.
+    pub unknown_iou_min: f64,
+    /// What may be found besides labels of these classes.
+    pub protocol: UnknownProtocol,
     /// What look-alikes are.
     pub neighbours: NeighbourPolicy,
 }
@@ -170,8 +142,8 @@ pub fn rules(
     request: &RuleRequest,
     frames: &[LabelledFrame],
 ) -> Result<Vec<ClassRule>, EvaluateError> {
-    let unknown = request.unknown.iter().flat_map(|group| &group.classes);
-    let unknown: Vec<String> = unknown.map(|c| c.to_ascii_lowercase()).collect();
+    let lower = |class: &String| class.to_ascii_lowercase();
+    let unknown: Vec<String> = request.unknown.iter().map(lower).collect();
     let with_overlap = request.iou_min.iter().map(|(class, _)| class);
     let named = request.classes.iter().chain(with_overlap);
     if let Some(class) = named.clone().find(|class| contains(&unknown, class)) {
@@ -179,29 +151,23 @@ pub fn rules(
             "{class}: expected a class that is either known (--iou, --classes) or unknown (--unknown), found it in both"
         )));
     }
-    let mut known: Vec<String> = Vec::new();
-    let mut add = |class: &str| {
-        let class = class.to_ascii_lowercase();
-        if !known.contains(&class) && !unknown.contains(&class) {
-            known.push(class);
-        }
-    };
-    if request.classes.is_empty() {
-        KITTI_CLASSES.iter().for_each(|(class, _)| add(class));
-        named.for_each(|class| add(class));
-        let found = labelled_and_detected(frames);
-        found.iter().for_each(|class| add(class));
+    let mut known: Vec<String> = if request.classes.is_empty() {
+        let kitti = KITTI_CLASSES.iter().map(|(class, _)| (*class).to_owned());
+        let labelled = labelled_and_detected(frames);
+        kitti.chain(named.map(lower)).chain(labelled).collect()
     } else {
-        request.classes.iter().for_each(|class| add(class));
-    }
+        request.classes.iter().map(lower).collect()
+    };
+    let mut seen: BTreeSet<String> = unknown.iter().cloned().collect();
+    known.retain(|class| seen.insert(class.clone()));
     let mut rules = Vec::new();
     for class in known {
         let iou_min = checked(&class, overlap_of(&class, &request.iou_min))?;
         rules.push(ClassRule::known(&class, iou_min, request.neighbours));
     }
-    if let Some(group) = &request.unknown {
-        let iou_min = checked(UNKNOWN, group.iou_min)?;
-        rules.push(ClassRule::unknown(&unknown, iou_min, group.protocol));
+    if !unknown.is_empty() {
+        let iou_min = checked(UNKNOWN, request.unknown_iou_min)?;
+        rules.push(ClassRule::unknown(&unknown, iou_min, request.protocol));
     }
     Ok(rules)
 }
@@ -226,36 +192,40 @@ fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
     found.map_or(0.5, |(_, iou)| iou)
 }
 
-/// Classes that occur in the labels and in detections of kind known, in alphabetical order.
+/// Classes that occur in the labels and in detections of kind known.
 fn labelled_and_detected(frames: &[LabelledFrame]) -> BTreeSet<String> {
-    let labels = frames.iter().flat_map(|frame| frame.labels.iter());
-    let labelled: BTreeSet<String> = labels.map(|l| l.class.to_ascii_lowercase()).collect();
     let detections = frames.iter().flat_map(|frame| &frame.detections);
     let known = detections.filter(|d| d.kind == ObjectKind::Known);
     let detected: BTreeSet<String> = known.map(|d| d.class.to_ascii_lowercase()).collect();
-    let mut both = &labelled & &detected;
-    both.retain(|class| !NEVER_KNOWN_UNASKED.contains(&class.as_str()));
-    both
+    &labelled(frames) & &detected
+}
+
+/// Labelled classes that KITTI does not leave out.
+fn labelled(frames: &[LabelledFrame]) -> BTreeSet<String> {
+    let labels = frames.iter().flat_map(|frame| frame.labels.iter());
+    let classes = labels.map(|label| label.class.to_ascii_lowercase());
+    let counts = |class: &String| !NEVER_KNOWN_UNASKED.contains(&class.as_str());
+    classes.filter(counts).collect()
+}
+
+fn is_judged(class: &str, rules: &[ClassRule]) -> bool {
+    let mut rules = rules.iter();
+    rules.any(|rule| contains(&rule.valid, class) || contains(&rule.ignored, class))
 }
 
 /// Classes of labels that no rule judges and that are neither KITTI's nor the simulator's, in alphabetical order: misspelt ones, most likely.
 pub fn unheard<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) -> Vec<String> {
     let classes: BTreeSet<&str> = labels.map(|label| label.class.as_str()).collect();
-    let is_judged = |class: &str| rules.iter().any(|rule| rule.judges(class));
-    let unheard = classes
-        .into_iter()
-        .filter(|c| !is_heard_of(c) && !is_judged(c));
-    unheard.map(str::to_owned).collect()
+    let unheard = |class: &&str| !is_heard_of(class) && !is_judged(class, rules);
+    let classes = classes.into_iter().filter(unheard);
+    classes.map(str::to_owned).collect()
 }
 
 /// Labelled classes that no rule judges and that KITTI does not leave out either, in alphabetical order: their labels
 /// are background, which a person may not have meant.
 pub fn unjudged(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<String> {
-    let labels = frames.iter().flat_map(|frame| frame.labels.iter());
-    let mut classes: BTreeSet<String> = labels.map(|l| l.class.to_ascii_lowercase()).collect();
-    classes.retain(|class| !NEVER_KNOWN_UNASKED.contains(&class.as_str()));
-    classes.retain(|class| !rules.iter().any(|rule| rule.judges(class)));
-    classes.into_iter().collect()
+    let classes = labelled(frames).into_iter();
+    classes.filter(|class| !is_judged(class, rules)).collect()
 }
 
 #[cfg(test)]
@@ -272,14 +242,6 @@ mod tests {
         }]
     }
 
-    fn unknown(class: &str) -> Option<UnknownRequest> {
-        Some(UnknownRequest {
-            classes: vec![class.into()],
-            iou_min: 0.1,
-            protocol: UnknownProtocol::Literal,
-        })
-    }
-
     fn names(rules: &[ClassRule]) -> Vec<(&str, f64)> {
         rules
             .iter()
@@ -292,7 +254,7 @@ mod tests {
         let classes = ["Car", "Carr", "golf_cart", "DontCare", "Barrier", "Carr"];
         let frames = frames(&classes, &[]);
         let request = RuleRequest {
-            unknown: unknown("barrier"),
+            unknown: vec!["barrier".to_owned()],
             ..RuleRequest::default()
         };
         let rules = rules(&request, &frames).expect("rules");
@@ -308,7 +270,8 @@ mod tests {
         );
         let request = RuleRequest {
             iou_min: vec![("Car".to_owned(), 0.5)],
-            unknown: unknown("golf_cart"),
+            unknown: vec!["golf_cart".to_owned()],
+            unknown_iou_min: 0.1,
             ..RuleRequest::default()
         };
         let found = rules(&request, &frames).expect("rules");

@@ -25,93 +25,72 @@ pub struct SweepPoint {
 }
 
 impl SweepPoint {
+    fn of(threshold: f64, figures: &OpenSetFigures) -> SweepPoint {
+        SweepPoint {
+            threshold,
+            recall_unknown: figures.recall_unknown,
+            ap_unknown: figures.unknown[0].r40,
+            map_known: figures.known.r40,
+        }
+    }
+
     /// Harmonic mean of known and unknown.
     pub fn map_harm(&self) -> f64 {
         harmonic_mean(self.map_known, self.ap_unknown)
     }
 }
 
-/// Figures at one threshold, of several parts of the data.
+/// Figures at one threshold.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JudgedPoint {
     /// The threshold.
     pub threshold: f64,
-    /// One entry a part, in their order.
-    pub parts: Vec<OpenSetFigures>,
+    /// Of all frames.
+    pub all: OpenSetFigures,
+    /// Of the frames of even and of odd index.
+    pub halves: [OpenSetFigures; 2],
 }
 
 impl JudgedPoint {
-    /// The main figures of one part.
-    pub fn of_part(&self, part: usize) -> SweepPoint {
-        let figures = &self.parts[part];
-        SweepPoint {
-            threshold: self.threshold,
-            recall_unknown: figures.recall_unknown,
-            ap_unknown: figures.unknown[0].r40,
-            map_known: figures.known.r40,
-        }
+    /// The main figures of all frames.
+    pub fn main(&self) -> SweepPoint {
+        SweepPoint::of(self.threshold, &self.all)
     }
 }
 
-/// Judges every threshold on every part (a part is a list of frame indices). `detect(frame, at)` gives what is detected in that
-/// frame at the threshold of index `at`; it is called from many threads and must depend on its arguments alone. The result does not
-/// depend on their number.
-pub fn judged_sweep(
+/// Judges every threshold. `detect(frame, at)` gives what is detected in that frame at the threshold of index `at`; it is called from
+/// many threads and must depend on its arguments alone. The result does not depend on their number.
+pub fn sweep(
     truths: &[FrameTruth],
     rules: &[ClassRule],
     thresholds: &[f64],
-    parts: &[Vec<usize>],
     detect: impl Fn(usize, usize) -> Vec<SensorDetection> + Sync,
 ) -> Vec<JudgedPoint> {
     let point = |(at, threshold): (usize, &f64)| {
         let with = |(i, truth): (usize, &FrameTruth)| truth.with(&detect(i, at));
         let frames: Vec<_> = truths.iter().enumerate().map(with).collect();
         let judged = JudgedFrames::of(&frames, rules);
+        let half = |first: usize| (first..frames.len()).step_by(2).collect::<Vec<_>>();
         JudgedPoint {
             threshold: *threshold,
-            parts: parts.iter().map(|part| judged.figures(part)).collect(),
+            all: judged.all(),
+            halves: [0, 1].map(|first| judged.figures(&half(first))),
         }
     };
     thresholds.par_iter().enumerate().map(point).collect()
 }
 
-/// The main figures of all frames at every threshold, in their order; `detect` as in [`judged_sweep`].
-pub fn sweep(
-    truths: &[FrameTruth],
-    rules: &[ClassRule],
-    thresholds: &[f64],
-    detect: impl Fn(usize, usize) -> Vec<SensorDetection> + Sync,
-) -> Vec<SweepPoint> {
-    let all = [(0..truths.len()).collect()];
-    let points = judged_sweep(truths, rules, thresholds, &all, detect);
-    points.iter().map(|point| point.of_part(0)).collect()
-}
-
-/// The point with the best harmonic mean among those that keep nine tenths of the closed set's mean AP; the first of
-/// equal ones; `None` when no point keeps them.
-pub fn best_point(points: &[SweepPoint], closed_map_known: f64) -> Option<SweepPoint> {
-    let least = KNOWN_KEPT_MIN * closed_map_known;
-    let kept = points.iter().filter(|point| point.map_known >= least);
-    let better = |best: SweepPoint, point: SweepPoint| {
-        if point.map_harm() > best.map_harm() {
-            point
-        } else {
-            best
+/// Index of the point with the best harmonic mean among those that keep nine tenths of the mean AP of the first one, the closed set;
+/// the first of equal ones; 0 without points.
+pub fn best_index(points: &[SweepPoint]) -> usize {
+    let least = KNOWN_KEPT_MIN * points.first().map_or(0.0, |closed| closed.map_known);
+    let mut best = 0;
+    for (i, point) in points.iter().enumerate() {
+        if point.map_known >= least && point.map_harm() > points[best].map_harm() {
+            best = i;
         }
-    };
-    kept.copied().reduce(better)
-}
-
-/// Index of the best point on one part, the closed set being the first point. `None` without points.
-pub fn best_index(points: &[JudgedPoint], part: usize) -> Option<usize> {
-    let of_part: Vec<SweepPoint> = points.iter().map(|point| point.of_part(part)).collect();
-    let best = best_point(&of_part, of_part.first()?.map_known)?;
-    of_part.iter().position(|point| *point == best)
-}
-
-/// Frames of even and of odd index.
-pub fn halves(frames: usize) -> [Vec<usize>; 2] {
-    [0, 1].map(|first| (first..frames).step_by(2).collect())
+    }
+    best
 }
 
 /// Outcome of the honest protocol.
@@ -123,19 +102,20 @@ pub struct Honest {
     pub figures: BTreeMap<String, f64>,
 }
 
-/// Chooses on each half and judges on the other; `parts` are the indices of the halves among the points' parts.
-pub fn honest(points: &[JudgedPoint], parts: [usize; 2]) -> Option<Honest> {
-    let [even, odd] = parts;
-    let (chosen_even, chosen_odd) = (best_index(points, even)?, best_index(points, odd)?);
-    let of_even = points[chosen_odd].parts[even].named();
-    let of_odd = points[chosen_even].parts[odd].named();
-    let pairs = of_even.iter().zip(&of_odd);
-    let mean = |((name, a), (_, b)): (&(&str, f64), &(&str, f64))| {
-        ((*name).to_owned(), mean_and_spread(&[*a, *b])[0])
-    };
+/// Chooses on each half and judges on the other; `None` without points.
+pub fn honest(points: &[JudgedPoint]) -> Option<Honest> {
+    points.first()?;
+    let [even, odd] = [0, 1].map(|half| {
+        let points = points.iter();
+        let of_half = points.map(|p| SweepPoint::of(p.threshold, &p.halves[half]));
+        best_index(&of_half.collect::<Vec<_>>())
+    });
+    let of_even = points[odd].halves[0].named().into_iter();
+    let pairs = of_even.zip(points[even].halves[1].named());
+    let means = pairs.map(|((name, a), (_, b))| (name, mean_and_spread(&[a, b])[0]));
     Some(Honest {
-        thresholds: [points[chosen_even].threshold, points[chosen_odd].threshold],
-        figures: pairs.map(mean).collect(),
+        thresholds: [points[even].threshold, points[odd].threshold],
+        figures: means.collect(),
     })
 }
 

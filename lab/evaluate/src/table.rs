@@ -1,6 +1,6 @@
 //! Reports as text: JSON for programs, a table for people.
 
-use crate::{ApReport, AveragePrecision, Difficulty, Metric};
+use crate::{ApReport, AveragePrecision, ClassReport, Difficulty, Metric};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
@@ -18,18 +18,13 @@ impl ApReport {
                 object.insert(format!("{name}/{metric}/{difficulty}"), figures);
             }
         }
-        if let Some(s) = self.summary() {
-            let harm = s.harmonic();
+        for (name, known, recall, unknown, harm) in self.open_set() {
             // Recall has no recall positions: its twin is the same number.
-            for (end, known, unknown, harm) in [
-                ("", s.known.r40, s.unknown.r40, harm.r40),
-                ("_all", s.known.all, s.unknown.all, harm.all),
-            ] {
-                object.insert(format!("map_known{end}"), json!(known));
-                object.insert(format!("recall_unknown{end}"), json!(s.recall_unknown));
-                object.insert(format!("ap_unknown{end}"), json!(unknown));
-                object.insert(format!("map_harm{end}"), json!(harm));
-            }
+            let end = if name == "R40" { "" } else { "_all" };
+            object.insert(format!("map_known{end}"), json!(known));
+            object.insert(format!("recall_unknown{end}"), json!(recall));
+            object.insert(format!("ap_unknown{end}"), json!(unknown));
+            object.insert(format!("map_harm{end}"), json!(harm));
         }
         if let Some(confusion) = &self.confusion {
             let rows = json!({
@@ -39,6 +34,20 @@ impl ApReport {
             object.insert("unknown_confusion".to_owned(), rows);
         }
         Value::Object(object)
+    }
+
+    /// At 40 positions and over all points, where an unknown group was asked for: mAP of the known, recall and AP of the unknown, and
+    /// the harmonic mean.
+    fn open_set(&self) -> Vec<(&'static str, f64, f64, f64, f64)> {
+        let Some(unknown) = self.unknown().map(ClassReport::main) else {
+            return Vec::new();
+        };
+        let known = self.map_known();
+        let (harm, recall) = (known.harmonic(unknown.ap), unknown.recall_percent);
+        vec![
+            ("R40", known.r40, recall, unknown.ap.r40, harm.r40),
+            ("all points", known.all, recall, unknown.ap.all, harm.all),
+        ]
     }
 
     /// The same for people: easy / moderate / hard beside each other.
@@ -72,17 +81,14 @@ impl ApReport {
                 text.push('\n');
             }
         }
-        if let Some(s) = self.summary() {
+        let open_set = self.open_set();
+        if !open_set.is_empty() {
             text += "\nopen set (3d, moderate, %)   mAP known  recall unknown  AP unknown  harmonic mean\n";
-            let (recall, harm) = (s.recall_unknown, s.harmonic());
-            for (name, known, unknown, harm) in [
-                ("R40", s.known.r40, s.unknown.r40, harm.r40),
-                ("all points", s.known.all, s.unknown.all, harm.all),
-            ] {
-                text += &format!(
-                    "  {name:<26} {known:>9.2}  {recall:>14.2}  {unknown:>10.2}  {harm:>13.2}\n"
-                );
-            }
+        }
+        for (name, known, recall, unknown, harm) in open_set {
+            text += &format!(
+                "  {name:<26} {known:>9.2}  {recall:>14.2}  {unknown:>10.2}  {harm:>13.2}\n"
+            );
         }
         if let Some(confusion) = &self.confusion {
             for (what, row) in [

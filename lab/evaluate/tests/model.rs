@@ -1,11 +1,12 @@
 //! A model judged on simulated scans: the path from points to figures, the closed set, the choice of the threshold.
 
+use mluc_backbone::Precision;
 use mluc_dataset::{Dataset, DatasetError};
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, GateSweep, ModelGate, ModelJudgement, Pipeline, choose_threshold,
-    detect_frames, judge, scan_points, sweep_gate, unknown_classes, write_threshold,
+    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_threshold, class_names,
+    detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_threshold,
 };
-use mluc_evaluate::{EvaluateError, NeighbourPolicy, ObjectKind};
+use mluc_evaluate::{EvaluateError, NeighbourPolicy, ObjectKind, SweepPoint, best_index};
 use mluc_geometry::Box3;
 use mluc_head::Detection;
 use mluc_model::{Grid, Manifest, Model, Network, formula_weights, model_bytes};
@@ -16,8 +17,7 @@ use std::path::{Path, PathBuf};
 /// Validation scenes, which show unknown objects too.
 fn scans(folder: &Path, frames: u32) -> PathBuf {
     let root = folder.join("val");
-    let folder = root.clone();
-    let options = ExportOptions::new(Family::SimUdi, Split::Val, frames, 3, folder);
+    let options = ExportOptions::new(Family::SimUdi, Split::Val, frames, 3, root.clone());
     export(&options, || ()).expect("simulated scans");
     root
 }
@@ -78,11 +78,6 @@ fn detection(shape: &Box3, class: usize, score: f32, e: f32) -> Detection {
     }
 }
 
-fn class_names(model: &Model) -> Vec<String> {
-    let classes = model.manifest.classes.iter();
-    classes.map(|class| class.name.clone()).collect()
-}
-
 #[test]
 fn boxes_that_touch_no_label_are_the_background() {
     let mut fixture = Fixture::new(12);
@@ -105,19 +100,19 @@ fn boxes_that_touch_no_label_are_the_background() {
 
 #[test]
 fn without_the_gate_the_objects_are_the_detections() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let root = scans(folder.path(), 2);
-    let model = Model::read(&model_file(folder.path())).expect("a model");
-    let dataset = Dataset::open(&root).expect("scans");
-    let mut pipeline = Pipeline::new(&model, &Settings::default()).expect("a pipeline");
-    let classes = class_names(&model);
-    for name in dataset.names() {
-        let points = scan_points(&dataset, name).expect("points");
-        let detections = pipeline.detect(&points).expect("detections");
-        assert!(detections.len() > 10, "{} boxes", detections.len());
-        let objects = pipeline.objects(0, &points, &detections, 0.0);
-        assert_eq!(objects.len(), detections.len());
-        for (object, detection) in objects.iter().zip(&detections) {
+    let fixture = Fixture::new(2);
+    let (model, set) = (&fixture.model, &fixture.set);
+    let frames = detect_frames(Precision::default(), model, set, || ()).expect("detections");
+    let (gate, settings) = (ModelGate::of(model), Settings::default());
+    // Where all is below the threshold nothing stays known.
+    let asked = vec![0.0, f64::from(f32::MAX)];
+    let found = objects_at(model, gate, set, &frames, &settings, asked, &|| ()).expect("objects");
+    let classes = class_names(model);
+    for (index, frame) in frames.iter().enumerate() {
+        let objects = found.detections(index, 0);
+        let count = frame.detections.len();
+        assert!(count > 10 && objects.len() == count, "{count} boxes");
+        for (object, detection) in objects.iter().zip(&frame.detections) {
             assert_eq!(object.kind, ObjectKind::Known);
             assert_eq!(object.class, classes[detection.class_id as usize]);
             assert_eq!(object.score, f64::from(detection.score));
@@ -126,34 +121,22 @@ fn without_the_gate_the_objects_are_the_detections() {
             assert_eq!(shape.size_m, detection.size_m.map(f64::from));
             assert_eq!(shape.yaw_rad, f64::from(detection.yaw_rad));
         }
-        // Where all is below the threshold nothing stays known.
-        let objects = pipeline.objects(0, &points, &detections, f32::MAX);
-        assert!(
-            objects
-                .iter()
-                .all(|object| object.kind == ObjectKind::Unknown)
-        );
+        let gated = &found.objects[index][1];
+        assert!(gated.iter().all(|o| o.kind == ObjectKind::Unknown));
     }
 }
 
 #[test]
 fn detections_and_figures_do_not_depend_on_threads() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let root = scans(folder.path(), 2);
-    let model = Model::read(&model_file(folder.path())).expect("a model");
-    let set = FrameSet::open(&root, Some("val"), usize::MAX).expect("frames");
-    let run = |threads: usize| {
+    let mut fixture = Fixture::new(2);
+    let mut run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.expect("threads").install(|| {
-            let frames = detect_frames(&model, &set, || ()).expect("detections");
-            let unknown = unknown_classes("udi");
-            let (settings, policy) = (Settings::default(), NeighbourPolicy::Official);
-            let judged = judge(&model, &set, &frames, &unknown, policy, &settings).expect("judged");
-            let rules = &judged.rules;
-            let swept = sweep_gate(&model, &set, &frames, rules, &settings, &|| ()).expect("swept");
-            let detections: Vec<Detection> =
-                frames.iter().flat_map(|f| f.detections.clone()).collect();
-            (detections, swept.points)
+            let (model, set) = (&fixture.model, &fixture.set);
+            fixture.frames = detect_frames(Precision::default(), model, set, || ()).expect("boxes");
+            let points = fixture.sweep(&fixture.judge(&fixture.model));
+            let boxes = fixture.frames.iter().flat_map(|f| f.detections.clone());
+            (boxes.collect::<Vec<Detection>>(), points)
         })
     };
     assert_eq!(run(1), run(3));
@@ -192,17 +175,10 @@ impl Fixture {
         judge(model, &self.set, &self.frames, &unknown, policy, &settings).expect("judged")
     }
 
-    fn sweep(&self, judged: &ModelJudgement) -> GateSweep {
+    fn sweep(&self, judged: &ModelJudgement) -> Vec<SweepPoint> {
         let (settings, rules) = (Settings::default(), &judged.rules);
-        let swept = sweep_gate(
-            &self.model,
-            &self.set,
-            &self.frames,
-            rules,
-            &settings,
-            &|| (),
-        );
-        swept.expect("figures")
+        let (model, set, frames) = (&self.model, &self.set, &self.frames);
+        sweep_gate(model, set, frames, rules, &settings, &|| ()).expect("figures")
     }
 }
 
@@ -214,21 +190,21 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
 
     let closed = judged.closed.map_known().r40;
     assert!(closed > 30.0, "{closed:?}");
-    let first = swept.points[0];
+    let first = swept[0];
     assert_eq!(first.threshold, 0.0);
     assert_eq!(first.map_known.to_bits(), closed.to_bits());
     assert_eq!((first.recall_unknown, first.ap_unknown), (0.0, 0.0));
-    assert!(swept.points.len() > 30);
+    assert!(swept.len() > 30);
 
     // Every unknown lies below 1.2, the sure knowns above 1.8.
-    assert!(judged.unknown_labels > 0);
-    assert_eq!(judged.unknown_as_known, judged.unknown_labels);
+    assert!(judged.unknown_labels() > 0);
+    assert_eq!(judged.unknown_as_known, judged.unknown_labels());
     let e = &judged.separation[0];
     assert!(
         e.auroc > Some(0.99) && e.known > 40 && e.unknown > 0,
         "{e:?}"
     );
-    let best = swept.best.expect("a threshold");
+    let best = swept[best_index(&swept)];
     assert!((1.1..=1.81).contains(&best.threshold), "{best:?}");
     assert!(best.recall_unknown > 30.0, "{best:?}");
     assert!(best.map_known >= 0.9 * closed);
@@ -252,9 +228,10 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
 
     // At its new threshold the model's own figures are the sweep's.
     let again = fixture.judge(&written);
-    let gated = again.gated.summary().expect("an unknown group");
-    assert_eq!(gated.known.r40.to_bits(), best.map_known.to_bits());
-    assert_eq!(gated.unknown.r40.to_bits(), best.ap_unknown.to_bits());
+    let unknown = again.gated.unknown().expect("an unknown group").main();
+    let known = again.gated.map_known();
+    assert_eq!(known.r40.to_bits(), best.map_known.to_bits());
+    assert_eq!(unknown.ap.r40.to_bits(), best.ap_unknown.to_bits());
 
     // The file is no longer the one that was judged.
     let fault = write_threshold(path, model, &choice).expect_err("changed");

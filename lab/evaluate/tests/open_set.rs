@@ -2,9 +2,9 @@
 
 use mluc_dataset::Label;
 use mluc_evaluate::{
-    CameraView, ClassRule, FrameTruth, JudgedFrames, LabelledFrame, NeighbourPolicy, ObjectKind,
-    SensorDetection, SweepPoint, UnknownProtocol, best_index, best_point, bootstrap, evaluate,
-    halves, honest, judged_sweep, quantile_grid, sweep, unknown_as_known,
+    ClassRule, FrameTruth, JudgedFrames, JudgedPoint, LabelledFrame, NeighbourPolicy, ObjectKind,
+    SensorDetection, SweepPoint, UnknownProtocol, best_index, evaluate, honest, quantile_grid,
+    sweep, unknown_as_known,
 };
 use mluc_geometry::{Box3, Calibration, ImageSize};
 
@@ -25,10 +25,8 @@ fn truth(labels: &[(&str, Box3)]) -> FrameTruth {
     };
     FrameTruth {
         labels: labels.iter().map(label).collect(),
-        view: CameraView {
-            calibration,
-            image: ImageSize::KITTI,
-        },
+        calibration,
+        image: ImageSize::KITTI,
     }
 }
 
@@ -71,9 +69,14 @@ impl Scene {
         truths.map(with).collect()
     }
 
-    fn sweep(&self, thresholds: &[f64]) -> Vec<SweepPoint> {
+    fn judged(&self, thresholds: &[f64]) -> Vec<JudgedPoint> {
         let at = |frame: usize, at: usize| self.detections(frame, thresholds[at]);
         sweep(&self.truths, &self.rules, thresholds, at)
+    }
+
+    fn sweep(&self, thresholds: &[f64]) -> Vec<SweepPoint> {
+        let points = self.judged(thresholds);
+        points.iter().map(JudgedPoint::main).collect()
     }
 }
 
@@ -144,12 +147,12 @@ fn pooled_frames_give_the_figures_of_the_evaluator() {
     let scene = cars_and_forklifts();
     for threshold in [0.0, 1.15, 1.18, 5.0] {
         let frames = scene.frames(threshold);
-        let summary = evaluate(&frames, &scene.rules).summary().expect("open set");
+        let report = evaluate(&frames, &scene.rules);
+        let (known, unknown) = (report.map_known(), *report.unknown().expect("it").main());
         let figures = JudgedFrames::of(&frames, &scene.rules).all();
-        assert_eq!(figures.known, summary.known);
-        assert_eq!(figures.unknown[0], summary.unknown);
-        assert_eq!(figures.harmonic(), summary.harmonic());
-        assert_eq!(figures.recall_unknown, summary.recall_unknown);
+        assert_eq!((figures.known, figures.unknown[0]), (known, unknown.ap));
+        assert_eq!(figures.harmonic(), known.harmonic(unknown.ap));
+        assert_eq!(figures.recall_unknown, unknown.recall_percent);
         let as_known = unknown_as_known(&frames, &scene.rules);
         assert_eq!(figures.unknown_as_known, as_known);
         assert_eq!(figures.unknown_labels, 40);
@@ -169,28 +172,25 @@ fn a_frame_named_twice_counts_twice() {
 }
 
 #[test]
-fn a_sweep_over_parts_begins_with_the_whole() {
+fn a_threshold_is_chosen_on_one_half_and_judged_on_the_other() {
     let scene = cars_and_forklifts();
     let thresholds = [0.0, 1.12, 1.15, 1.18, 1.3];
-    let [even, odd] = halves(60);
-    let parts = vec![(0..60).collect(), even, odd];
-    let points = judged_sweep(&scene.truths, &scene.rules, &thresholds, &parts, |i, at| {
-        scene.detections(i, thresholds[at])
-    });
-    let whole: Vec<SweepPoint> = points.iter().map(|point| point.of_part(0)).collect();
-    assert_eq!(whole, scene.sweep(&thresholds));
+    let points = scene.judged(&thresholds);
+    let judged = JudgedFrames::of(&scene.frames(1.15), &scene.rules);
+    let odd: Vec<usize> = (1..60).step_by(2).collect();
+    assert_eq!(points[2].all, judged.all());
+    assert_eq!(points[2].halves[1], judged.figures(&odd));
     // 1.2 is where cars begin to fall: the best threshold lies below.
-    let best = best_index(&points, 0).expect("a point");
-    assert_eq!(thresholds[best], 1.18);
-    let honest = honest(&points, [1, 2]).expect("halves");
+    assert_eq!(thresholds[best_index(&scene.sweep(&thresholds))], 1.18);
+    let honest = honest(&points).expect("points");
     assert!(honest.thresholds.iter().all(|t| *t <= 1.18 && *t > 0.0));
     // The honest figures cannot come from thresholds that see the judged half.
-    let of = |part: usize, threshold: f64| {
+    let of = |half: usize, threshold: f64| {
         let mut points = points.iter();
         let point = points.find(|p| p.threshold == threshold).expect("it");
-        point.parts[part].recall_unknown
+        point.halves[half].recall_unknown
     };
-    let expected = (of(1, honest.thresholds[1]) + of(2, honest.thresholds[0])) / 2.0;
+    let expected = (of(0, honest.thresholds[1]) + of(1, honest.thresholds[0])) / 2.0;
     assert_eq!(honest.figures["recall_unknown"], expected);
 }
 
@@ -198,9 +198,9 @@ fn a_sweep_over_parts_begins_with_the_whole() {
 fn the_bootstrap_keeps_the_figure_and_gives_its_spread() {
     let scene = cars_and_forklifts();
     let judged = JudgedFrames::of(&scene.frames(1.165), &scene.rules);
-    let spread = bootstrap(&judged, 200, 1);
+    let spread = judged.bootstrap(200, 1);
     for (name, value) in judged.all().named() {
-        assert_eq!(spread[name][0], value, "{name}");
+        assert_eq!(spread[&name][0], value, "{name}");
     }
     // 40 labels of which a share p is found: the deviation of a share of about 40 draws.
     let recall = judged.all().recall_unknown / 100.0;
@@ -208,9 +208,9 @@ fn the_bootstrap_keeps_the_figure_and_gives_its_spread() {
     let found = spread["recall_unknown"][1];
     let range = expected / 2.0..expected * 2.0;
     assert!(range.contains(&found), "{found}, expected {expected}");
-    assert_eq!(bootstrap(&judged, 200, 1), spread);
-    assert_ne!(bootstrap(&judged, 200, 2), spread);
-    assert_eq!(bootstrap(&judged, 0, 1)["map_known"][1], 0.0);
+    assert_eq!(judged.bootstrap(200, 1), spread);
+    assert_ne!(judged.bootstrap(200, 2), spread);
+    assert_eq!(judged.bootstrap(0, 1)["map_known"][1], 0.0);
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn a_closed_gate_is_the_closed_set() {
     let scene = cars_and_vans(20);
     let closed = scene.sweep(&[f64::NEG_INFINITY])[0];
     let report = evaluate(&scene.frames(f64::NEG_INFINITY), &scene.rules);
-    let known = report.summary().expect("an unknown group").known;
+    let known = report.map_known();
     assert_eq!(closed.map_known.to_bits(), known.r40.to_bits());
     let unknown = (closed.ap_unknown, closed.recall_unknown, closed.map_harm());
     assert_eq!(unknown, (0.0, 0.0, 0.0));
@@ -238,7 +238,7 @@ fn opening_the_gate_gives_knowns_away_for_unknowns() {
         assert!(pair[1].map_known <= pair[0].map_known);
         assert!(pair[1].recall_unknown >= pair[0].recall_unknown);
     }
-    let best = best_point(&points, points[0].map_known).expect("a point");
+    let best = points[best_index(&points)];
     assert!(
         best.map_known >= 90.0 && best.recall_unknown > 40.0,
         "{best:?}"
@@ -262,8 +262,8 @@ fn the_choice_keeps_nine_tenths_of_the_known() {
         point(1.3, 63.4, 5.0),
         point(1.25, 63.8, 4.0),
     ];
-    assert_eq!(best_point(&points, 70.5).map(|p| p.threshold), Some(1.2));
-    assert_eq!(best_point(&points[2..3], 70.5), None);
+    assert_eq!(points[best_index(&points)].threshold, 1.2);
+    assert_eq!(best_index(&[points[0], points[2]]), 0);
 }
 
 #[test]

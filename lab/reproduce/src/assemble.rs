@@ -1,20 +1,22 @@
 //! The report: what was judged, made into rows, figures, pictures, JSON and a page.
 
+use crate::Setting;
 use crate::combine::combine;
-use crate::error::write_whole;
 use crate::evaluate::{BOOTSTRAP_SEED, key, read_model, setting_rules, step_key};
+use crate::evaluated::Evaluated;
+use crate::layout::write_whole;
 use crate::methods::{METHODS, Method, MethodRow, full_steps};
 use crate::options::{Options, Screen, TestFrames};
 use crate::pictures::{figure6_scene, worst_scenes};
 use crate::real::real_rows;
 use crate::report::{
-    AblationRow, DataOrigin, Details, NetworkDetails, Provenance, ReproductionReport, document,
-    figure5, figure6, worst_page,
+    AblationRow, DataOrigin, Details, NetworkDetails, Provenance, ReproductionReport, figure5,
+    figure6, page, worst_page,
 };
+use crate::simulate::Simulation;
 use crate::train::{BASE, NETWORKS, SEEDED, command_of};
-use crate::{Evaluated, ReproduceError, Setting, Simulation};
 use mluc_dataset::{Dataset, data_hash};
-use mluc_evaluate::{JudgedFrames, LabelledFrame, NeighbourPolicy};
+use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame, NeighbourPolicy};
 use mluc_gateway::picture::Canvas;
 use mluc_train::NetworkKind;
 use std::collections::BTreeMap;
@@ -31,7 +33,7 @@ pub(crate) fn write_report(
     options: &Options,
     tests: &BTreeMap<Setting, TestFrames>,
     screen: &dyn Screen,
-) -> Result<ReproductionReport, ReproduceError> {
+) -> Result<(), EvaluateError> {
     let mut report = ReproductionReport {
         provenance: provenance(options),
         ..ReproductionReport::default()
@@ -53,15 +55,14 @@ pub(crate) fn write_report(
     }
     if report.settings.values().all(BTreeMap::is_empty) {
         let what = "expected a trained network of at least one kind (NETWORK/model.safetensors), found none";
-        return Err(ReproduceError::file(&options.layout.runs, what));
+        return Err(EvaluateError::file(&options.layout.runs, what));
     }
     let out = &options.layout.out;
     let pictures = write_pictures(out, &report, &by_setting)?;
-    let json = serde_json::to_vec_pretty(&report).map_err(|e| ReproduceError::file(out, e))?;
+    let json = serde_json::to_vec_pretty(&report).map_err(|e| EvaluateError::file(out, e))?;
     write_whole(&out.join("report.json"), &json)?;
-    let page = document(&report, &pictures);
-    write_whole(&out.join("README.md"), page.as_bytes())?;
-    Ok(report)
+    let page = page(&report, &pictures);
+    write_whole(&out.join("README.md"), page.as_bytes())
 }
 
 /// Writes every picture; each file with what it shows.
@@ -69,9 +70,9 @@ fn write_pictures(
     out: &Path,
     report: &ReproductionReport,
     by_setting: &[(&TestFrames, ByRow)],
-) -> Result<Vec<(String, String)>, ReproduceError> {
+) -> Result<Vec<(String, String)>, EvaluateError> {
     let mut pictures = Vec::new();
-    let drawn = |what| ReproduceError::file(out, what);
+    let drawn = |what| EvaluateError::file(out, what);
     let curves = figure5::svg(report).map_err(drawn)?;
     write_whole(&out.join("figure5.svg"), curves.as_bytes())?;
     write_png(
@@ -112,12 +113,12 @@ fn write_pictures(
     Ok(pictures)
 }
 
-fn write_png(path: &Path, canvas: &Canvas) -> Result<(), ReproduceError> {
+fn write_png(path: &Path, canvas: &Canvas) -> Result<(), EvaluateError> {
     write_whole(path, &canvas.png())
 }
 
 /// Every evaluation of a setting that is up to date.
-fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, ReproduceError> {
+fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, EvaluateError> {
     let (layout, setting) = (&options.layout, test.setting);
     let mut found = ByRow::new();
     for row in METHODS.iter() {
@@ -135,7 +136,7 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, ReproduceE
 }
 
 /// Our method after each of its steps, as far as it was judged.
-fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, ReproduceError> {
+fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, EvaluateError> {
     let (layout, setting, row) = (&options.layout, test.setting, Method::MlucFull.row());
     if !layout.model_of(setting, row.network(), 1).is_file() {
         return Ok(Vec::new());
@@ -144,7 +145,7 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, Re
     let key = key(&model, test);
     let steps = full_steps(&model);
     let last = steps.len() - 1;
-    let rows = steps.into_iter().enumerate().filter_map(|(at, (step, _))| {
+    let rows = steps.into_iter().enumerate().filter_map(|(at, step)| {
         // With every step it is the row itself.
         let of_step = if at == last {
             row.key.clone()
@@ -172,10 +173,10 @@ fn details(
     options: &Options,
     test: &TestFrames,
     evaluated: &ByRow,
-) -> Result<Details, ReproduceError> {
+) -> Result<Details, EvaluateError> {
     let (layout, setting) = (&options.layout, test.setting);
     let frames = (0..test.set.len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
-    let frames: Vec<LabelledFrame> = frames.collect::<Result<_, ReproduceError>>()?;
+    let frames: Vec<LabelledFrame> = frames.collect::<Result<_, EvaluateError>>()?;
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let labels = JudgedFrames::of(&frames, &rules).all();
     let mut networks = Vec::new();
@@ -215,24 +216,19 @@ fn details(
     })
 }
 
-fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>, ReproduceError> {
+fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>, EvaluateError> {
     let sizes = options.sizes(test.setting);
     let mut data = Vec::new();
     for simulation in Simulation::all(&options.layout, test.setting, &sizes) {
-        let frames = simulation.frames as usize;
-        let hash = if simulation.name == "test" {
-            test.hash.clone()
-        } else if simulation.folder.is_dir() {
-            data_hash(&Dataset::open(&simulation.folder)?, frames)?
-        } else {
-            continue;
-        };
-        data.push(DataOrigin {
-            split: simulation.name.to_owned(),
-            frames,
-            command: simulation.command(),
-            hash,
-        });
+        let (frames, folder) = (simulation.options.frames, &simulation.options.folder);
+        if folder.is_dir() {
+            data.push(DataOrigin {
+                split: simulation.name.to_owned(),
+                frames: frames as usize,
+                command: simulation.command(),
+                hash: data_hash(&Dataset::open(folder)?, frames as usize)?,
+            });
+        }
     }
     if data.is_empty() {
         data.push(DataOrigin {
@@ -246,10 +242,8 @@ fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>, Reprodu
 }
 
 fn provenance(options: &Options) -> Provenance {
-    let draws = options
-        .settings
-        .first()
-        .map(|s| options.sizes(*s).resamples);
+    let mut settings = options.settings.iter();
+    let draws = settings.next().map(|s| options.sizes(*s).resamples);
     Provenance {
         commit: options.commit.clone(),
         command: options.command.clone(),

@@ -4,20 +4,9 @@
 use mluc_dataset::{Dataset, DatasetError, KITTI_CLASSES, Label, check_classes, check_files};
 use mluc_evaluate::Difficulty;
 use rayon::prelude::*;
-use std::fmt::Write as _;
 
-/// Objects of one class.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ClassCount {
-    /// All of them.
-    pub all: usize,
-    /// Those that count at moderate (easy ones among them).
-    pub moderate: usize,
-    /// All, in frames that hold an unknown object.
-    pub beside_unknown: usize,
-    /// Those that count at moderate, in frames that hold an unknown object.
-    pub moderate_beside_unknown: usize,
-}
+/// Objects: all of them; those that count at moderate (easy ones among them); both again in frames that hold an unknown object.
+pub type ObjectCounts = [usize; 4];
 
 /// Counts of a split.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,7 +18,7 @@ pub struct Audit {
     /// Frames that hold an unknown object.
     pub with_unknown: usize,
     /// By class, in KITTI's order ([`KITTI_CLASSES`]).
-    pub classes: [ClassCount; 9],
+    pub classes: [ObjectCounts; 9],
 }
 
 const KNOWN: [&str; 3] = ["Car", "Pedestrian", "Cyclist"];
@@ -43,11 +32,8 @@ pub fn audit(dataset: &Dataset, split: &str) -> Result<Audit, DatasetError> {
         dataset.calibration(name)?;
         dataset.labels(name)
     };
-    let frames: Vec<Vec<Label>> = dataset
-        .names()
-        .par_iter()
-        .map(read)
-        .collect::<Result<_, _>>()?;
+    let frames: Result<Vec<_>, _> = dataset.names().par_iter().map(read).collect();
+    let frames = frames?;
     let mut audit = Audit {
         split: split.to_owned(),
         frames: frames.len(),
@@ -55,36 +41,36 @@ pub fn audit(dataset: &Dataset, split: &str) -> Result<Audit, DatasetError> {
         classes: Default::default(),
     };
     for labels in &frames {
-        let has_unknown = labels
-            .iter()
-            .any(|label| UNKNOWN.iter().any(|class| label.is(class)));
-        audit.with_unknown += usize::from(has_unknown);
+        let is_unknown = |label: &Label| UNKNOWN.iter().any(|class| label.is(class));
+        let beside = labels.iter().any(is_unknown);
+        audit.with_unknown += usize::from(beside);
         for label in labels {
             let Some(at) = KITTI_CLASSES.iter().position(|class| label.is(class)) else {
                 continue;
             };
-            let (count, moderate) = (&mut audit.classes[at], Difficulty::Moderate.takes(label));
-            count.all += 1;
-            count.moderate += usize::from(moderate);
-            count.beside_unknown += usize::from(has_unknown);
-            count.moderate_beside_unknown += usize::from(has_unknown && moderate);
+            let moderate = Difficulty::Moderate.takes(label);
+            let counted = [true, moderate, beside, beside && moderate];
+            for (count, counts) in audit.classes[at].iter_mut().zip(counted) {
+                *count += usize::from(counts);
+            }
         }
     }
     Ok(audit)
 }
 
 impl Audit {
-    fn sum(&self, classes: &[&str], of: fn(&ClassCount) -> usize) -> usize {
+    fn sum(&self, classes: &[&str]) -> ObjectCounts {
         let counted = KITTI_CLASSES.iter().zip(&self.classes);
-        counted
-            .filter(|(class, _)| classes.contains(class))
-            .map(|(_, count)| of(count))
-            .sum()
+        let counted = counted.filter(|(class, _)| classes.contains(class));
+        counted.fold([0; 4], |sum, (_, counts)| {
+            [0, 1, 2, 3].map(|i| sum[i] + counts[i])
+        })
     }
 
     /// Known objects in frames without any unknown one: what policy `drop_frames` trains on.
     pub fn known_without_unknown(&self) -> usize {
-        self.sum(&KNOWN, |c| c.all - c.beside_unknown)
+        let [all, _, beside_unknown, _] = self.sum(&KNOWN);
+        all - beside_unknown
     }
 
     /// As Markdown: by class, then the counts that the paper's can be compared with.
@@ -98,44 +84,20 @@ impl Audit {
             self.frames - self.with_unknown
         );
         let objects = KITTI_CLASSES.iter().zip(&self.classes);
-        for (class, c) in objects.filter(|(class, _)| **class != "DontCare") {
-            // Writing to a String does not fail.
-            let _ = writeln!(
-                text,
-                "| {class} | {} | {} | {} | {} |",
-                c.all, c.moderate, c.beside_unknown, c.moderate_beside_unknown
-            );
+        for (class, [a, b, c, d]) in objects.filter(|(class, _)| **class != "DontCare") {
+            text += &format!("| {class} | {a} | {b} | {c} | {d} |\n");
         }
-        let known = |of| self.sum(&KNOWN, of);
-        let unknown = |of| self.sum(&UNKNOWN, of);
-        text += "\n| known: car, pedestrian, cyclist; unknown: van, truck | here | the paper |\n|---|---|---|\n";
-        let rows = [
-            ("known, all frames", known(|c| c.all), ""),
-            (
-                "known, frames without unknown",
-                self.known_without_unknown(),
-                "8690 (train)",
-            ),
-            (
-                "known, moderate or easier, all frames",
-                known(|c| c.moderate),
-                "",
-            ),
-            (
-                "known, moderate or easier, frames with unknown",
-                known(|c| c.moderate_beside_unknown),
-                "4845 (test)",
-            ),
-            ("unknown, all", unknown(|c| c.all), ""),
-            (
-                "unknown, moderate or easier",
-                unknown(|c| c.moderate),
-                "1255 (test)",
-            ),
-        ];
-        for (what, count, paper) in rows {
-            let _ = writeln!(text, "| {what} | {count} | {paper} |");
-        }
-        text
+        let [all, moderate, _, moderate_beside] = self.sum(&KNOWN);
+        let [unknown, unknown_moderate, ..] = self.sum(&UNKNOWN);
+        let without = self.known_without_unknown();
+        text + &format!(
+            "\n| known: car, pedestrian, cyclist; unknown: van, truck | here | the paper |\n|---|---|---|\n\
+                 | known, all frames | {all} |  |\n\
+                 | known, frames without unknown | {without} | 8690 (train) |\n\
+                 | known, moderate or easier, all frames | {moderate} |  |\n\
+                 | known, moderate or easier, frames with unknown | {moderate_beside} | 4845 (test) |\n\
+                 | unknown, all | {unknown} |  |\n\
+                 | unknown, moderate or easier | {unknown_moderate} | 1255 (test) |\n"
+        )
     }
 }

@@ -1,6 +1,6 @@
 //! From evaluations to the rows of a report.
 
-use crate::Evaluated;
+use crate::evaluated::Evaluated;
 use crate::report::{MeanSpread, MethodFigures, SpreadKind};
 use mluc_evaluate::{KNOWN_KEPT_MIN, SweepPoint};
 use mluc_geometry::mean_and_spread;
@@ -15,9 +15,8 @@ pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
             values.entry(name).or_default().push(value);
         }
         let values = values.into_iter();
-        values
-            .map(|(name, v)| (name, mean_and_spread(&v)))
-            .collect()
+        let with_spread = values.map(|(name, v)| (name, mean_and_spread(&v)));
+        with_spread.collect()
     };
     let (spread, figures) = if seeds.len() > 1 {
         (SpreadKind::Seeds, over_seeds(&Evaluated::named))
@@ -44,13 +43,11 @@ pub(crate) fn combine(seeds: &[Evaluated]) -> Option<MethodFigures> {
 
 /// Every figure; those that the bootstrap was not taken of have a deviation of 0.
 fn with_bootstrap(evaluated: &Evaluated) -> BTreeMap<String, MeanSpread> {
-    let spread = |name: &str| evaluated.bootstrap.get(name).map_or(0.0, |f| f[1]);
-    let named = evaluated.named().into_iter();
-    let with_spread = named.map(|(name, value)| {
-        let spread = spread(&name);
+    let with_spread = |(name, value): (String, f64)| {
+        let spread = evaluated.bootstrap.get(&name).map_or(0.0, |f| f[1]);
         (name, [value, spread])
-    });
-    with_spread.collect()
+    };
+    evaluated.named().into_iter().map(with_spread).collect()
 }
 
 /// Points that keep nine tenths of the first one's mAP.

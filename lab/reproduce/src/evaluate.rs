@@ -1,15 +1,17 @@
 //! The step that judges every row on one network.
 
+use crate::Setting;
 use crate::evaluated::{Evaluated, StoredObject};
 use crate::layout::Layout;
-use crate::methods::{FullSettings, Method, MethodInput, MethodOutput, MethodRow};
-use crate::methods::{full_steps, run_method};
+use crate::methods::{Method, MethodInput, MethodRow, full_steps, run_method};
 use crate::options::{Screen, TestFrames};
-use crate::{ReproduceError, Setting};
-use mluc_evaluate::pipeline::{detect_frames, paper_rules, separation, unknown_classes};
+use mluc_backbone::Precision;
+use mluc_evaluate::pipeline::{
+    DetectedFrame, GatedObjects, detect_frames, paper_rules, separation, unknown_classes,
+};
 use mluc_evaluate::{
-    ClassRule, FrameTruth, JudgedFrames, NeighbourPolicy, best_index, bootstrap, halves, honest,
-    judged_sweep,
+    ClassRule, EvaluateError, JudgedFrames, JudgedPoint, LabelledFrame, NeighbourPolicy,
+    SweepPoint, best_index, honest,
 };
 use mluc_model::Model;
 use mluc_train::NetworkKind;
@@ -23,12 +25,11 @@ pub(crate) const BOOTSTRAP_SEED: u64 = 1;
 pub(crate) fn setting_rules(
     setting: Setting,
     neighbours: NeighbourPolicy,
-) -> Result<Vec<ClassRule>, ReproduceError> {
+) -> Result<Vec<ClassRule>, EvaluateError> {
     let name = setting.trainer_name();
     let known = ["car", "pedestrian", "cyclist", "truck"].map(str::to_owned);
     let count = if setting == Setting::SimUdi { 4 } else { 3 };
-    let rules = paper_rules(name, &known[..count], &unknown_classes(name), neighbours);
-    Ok(rules?)
+    paper_rules(name, &known[..count], &unknown_classes(name), neighbours)
 }
 
 /// The key of an evaluation: the network, the frames, the draws.
@@ -48,13 +49,13 @@ pub(crate) fn read_model(
     setting: Setting,
     network: NetworkKind,
     seed: u64,
-) -> Result<Model, ReproduceError> {
+) -> Result<Model, EvaluateError> {
     let path = layout.model_of(setting, network, seed);
     let model = Model::read(&path)?;
     let (expected, found) = (setting.trainer_name(), &model.manifest.name);
     if found != expected {
         let what = format!("expected a model of setting {expected}, found {found}");
-        return Err(ReproduceError::file(&path, what));
+        return Err(EvaluateError::file(&path, what));
     }
     Ok(model)
 }
@@ -65,7 +66,7 @@ pub(crate) fn evaluate_network(
     test: &TestFrames,
     (network, seed): (NetworkKind, u64),
     screen: &dyn Screen,
-) -> Result<(), ReproduceError> {
+) -> Result<(), EvaluateError> {
     let setting = test.setting;
     let model = read_model(layout, setting, network, seed)?;
     let key = key(&model, test);
@@ -78,18 +79,17 @@ pub(crate) fn evaluate_network(
     for job in &missing {
         let file = layout.model_of(setting, network, seed);
         let checked = job.method.check(&model);
-        checked.map_err(|cause| ReproduceError::file(&file, cause))?;
+        checked.map_err(|cause| EvaluateError::file(&file, cause))?;
     }
     screen.count("network", test.set.len() as u64);
-    let frames = detect_frames(&model, &test.set, || screen.tick())?;
+    let frames = detect_frames(Precision::default(), &model, &test.set, || screen.tick())?;
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let strict = setting_rules(setting, NeighbourPolicy::Strict)?;
-    let truths: Vec<FrameTruth> = frames.iter().map(|frame| frame.truth.clone()).collect();
     let separation = separation(&frames, &rules);
     for job in missing {
         screen.count(&job.key, test.set.len() as u64);
         let input = MethodInput {
-            full: job.settings,
+            full_step: job.full_step,
             step: &|| screen.tick(),
             ..MethodInput::new(&model, &test.set, &frames)
         };
@@ -100,7 +100,7 @@ pub(crate) fn evaluate_network(
             network: network.name().to_owned(),
             seed,
             separation: separation.clone(),
-            ..judge(&truths, [&rules, &strict], &output, test.resamples)
+            ..judge(&frames, [&rules, &strict], &output, test.resamples)
         };
         evaluated.write(&path(&job))?;
     }
@@ -111,30 +111,23 @@ pub(crate) fn evaluate_network(
 struct Job {
     key: String,
     method: Method,
-    settings: FullSettings,
+    full_step: usize,
 }
 
 fn jobs(model: &Model, network: NetworkKind, seed: u64) -> Vec<Job> {
     let row = |row: &MethodRow| Job {
         key: row.key.clone(),
         method: row.method,
-        settings: FullSettings::default(),
+        full_step: usize::MAX,
     };
     let mut jobs: Vec<Job> = MethodRow::on(network, seed).map(row).collect();
     if network == Method::MlucFull.row().network() && seed == 1 {
-        let mut steps = full_steps(model);
         // The last one is the row itself.
-        steps.pop();
-        jobs.extend(
-            steps
-                .into_iter()
-                .enumerate()
-                .map(|(at, (_, settings))| Job {
-                    key: step_key(at),
-                    method: Method::MlucFull,
-                    settings,
-                }),
-        );
+        jobs.extend((0..full_steps(model).len() - 1).map(|full_step| Job {
+            key: step_key(full_step),
+            method: Method::MlucFull,
+            full_step,
+        }));
     }
     jobs
 }
@@ -146,33 +139,30 @@ pub(crate) fn step_key(step: usize) -> String {
 
 /// Sweep, choice, honest protocol, bootstrap; at the chosen threshold also by the strict rules.
 fn judge(
-    truths: &[FrameTruth],
+    frames: &[DetectedFrame],
     [rules, strict]: [&[ClassRule]; 2],
-    output: &MethodOutput,
+    output: &GatedObjects,
     resamples: usize,
 ) -> Evaluated {
-    let [even, odd] = halves(truths.len());
-    let parts = vec![(0..truths.len()).collect(), even, odd];
-    let found = |frame: usize, at: usize| output.detections(frame, at);
-    let points = judged_sweep(truths, rules, &output.thresholds, &parts, found);
-    let best = best_index(&points, 0).unwrap_or(0);
-    let frames = truths.iter().enumerate();
-    let frames: Vec<_> = frames
-        .map(|(i, truth)| truth.with(&found(i, best)))
+    let points = output.sweep(frames, rules);
+    let curve: Vec<SweepPoint> = points.iter().map(JudgedPoint::main).collect();
+    let best = best_index(&curve);
+    let found: Vec<_> = (0..frames.len())
+        .map(|i| output.detections(i, best))
         .collect();
-    let judged = JudgedFrames::of(&frames, rules);
-    let objects = (0..truths.len()).map(|frame| found(frame, best));
+    let pairs = frames.iter().zip(&found);
+    let labelled: Vec<LabelledFrame> = pairs.map(|(f, found)| f.truth.with(found)).collect();
+    let judged = JudgedFrames::of(&labelled, rules);
+    let stored = |found: &Vec<_>| found.iter().map(StoredObject::of).collect();
     Evaluated {
-        threshold: points.get(best).map_or(0.0, |point| point.threshold),
+        threshold: curve.get(best).map_or(0.0, |point| point.threshold),
         figures: judged.all(),
-        strict: JudgedFrames::of(&frames, strict).all(),
-        bootstrap: bootstrap(&judged, resamples, BOOTSTRAP_SEED),
-        honest: honest(&points, [1, 2]),
-        curve: points.iter().map(|point| point.of_part(0)).collect(),
+        strict: JudgedFrames::of(&labelled, strict).all(),
+        bootstrap: judged.bootstrap(resamples, BOOTSTRAP_SEED),
+        honest: honest(&points),
+        curve,
         unknown_score_min: judged.unknown_score_min(),
-        objects: objects
-            .map(|found| found.iter().map(StoredObject::of).collect())
-            .collect(),
+        objects: found.iter().map(stored).collect(),
         ..Evaluated::default()
     }
 }

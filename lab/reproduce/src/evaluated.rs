@@ -1,9 +1,10 @@
 //! The outcome of an evaluation, as it is kept between runs.
 
-use crate::ReproduceError;
-use crate::error::write_whole;
+use crate::layout::write_whole;
 use mluc_evaluate::pipeline::ScoreSeparation;
-use mluc_evaluate::{Honest, ObjectKind, OpenSetFigures, SensorDetection, SweepPoint};
+use mluc_evaluate::{
+    EvaluateError, Honest, ObjectKind, OpenSetFigures, SensorDetection, SweepPoint,
+};
 use mluc_geometry::Box3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -11,11 +12,16 @@ use std::path::Path;
 
 /// A published object, small: kind (true: unknown), class, score, and x, y, z, l, w, h (m), yaw (rad) in the sensor frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StoredObject(pub bool, pub String, pub f32, pub [f32; 7]);
+pub(crate) struct StoredObject(
+    pub(crate) bool,
+    pub(crate) String,
+    pub(crate) f32,
+    pub(crate) [f32; 7],
+);
 
 impl StoredObject {
     /// Of an object that was found.
-    pub fn of(found: &SensorDetection) -> StoredObject {
+    pub(crate) fn of(found: &SensorDetection) -> StoredObject {
         let Box3 {
             center_m: [x, y, z],
             size_m: [l, w, h],
@@ -29,46 +35,42 @@ impl StoredObject {
         )
     }
 
-    /// Its box.
-    pub fn bounds(&self) -> Box3 {
+    pub(crate) fn bounds(&self) -> Box3 {
         Box3::new(self.3.map(f64::from))
     }
 }
 
 /// A row judged on one network.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Evaluated {
+pub(crate) struct Evaluated {
     /// What it depends on: while this is the same, the evaluation need not be made again.
-    pub key: String,
+    pub(crate) key: String,
     /// Key of the row.
-    pub method: String,
-    /// Kind of network.
-    pub network: String,
-    /// Seed.
-    pub seed: u64,
+    pub(crate) method: String,
+    pub(crate) network: String,
+    pub(crate) seed: u64,
     /// The chosen threshold.
-    pub threshold: f64,
+    pub(crate) threshold: f64,
     /// Figures there.
-    pub figures: OpenSetFigures,
+    pub(crate) figures: OpenSetFigures,
     /// Figures there where a look-alike (a van found as a car) is wrong, not ignored.
-    pub strict: OpenSetFigures,
+    pub(crate) strict: OpenSetFigures,
     /// Every named figure with its deviation over draws of the frames.
-    pub bootstrap: BTreeMap<String, [f64; 2]>,
-    /// The honest protocol.
-    pub honest: Option<Honest>,
+    pub(crate) bootstrap: BTreeMap<String, [f64; 2]>,
+    pub(crate) honest: Option<Honest>,
     /// Every threshold, the closed set first.
-    pub curve: Vec<SweepPoint>,
+    pub(crate) curve: Vec<SweepPoint>,
     /// How well the scores of the network's boxes separate; the same for every row on a network.
-    pub separation: Vec<ScoreSeparation>,
+    pub(crate) separation: Vec<ScoreSeparation>,
     /// Unknown objects of a lower score are left out of pictures: one false alarm a frame in the mean.
-    pub unknown_score_min: Option<f64>,
+    pub(crate) unknown_score_min: Option<f64>,
     /// What was found at the chosen threshold, frame by frame.
-    pub objects: Vec<Vec<StoredObject>>,
+    pub(crate) objects: Vec<Vec<StoredObject>>,
 }
 
 impl Evaluated {
     /// What is kept at a place, if it is of this key.
-    pub fn read(path: &Path, key: &str) -> Option<Evaluated> {
+    pub(crate) fn read(path: &Path, key: &str) -> Option<Evaluated> {
         // A file that cannot be read or is of an older form is made again.
         let text = std::fs::read(path).ok()?;
         let kept: Evaluated = serde_json::from_slice(&text).ok()?;
@@ -82,13 +84,12 @@ impl Evaluated {
             ("map_known_strict_r11", self.strict.known.r11),
             ("map_harm_strict", self.strict.harmonic().r40),
         ];
-        let all = self.figures.named().into_iter().chain(strict);
-        all.map(|(name, value)| (name.to_owned(), value)).collect()
+        let strict = strict.map(|(name, value)| (name.to_owned(), value));
+        self.figures.named().into_iter().chain(strict).collect()
     }
 
-    /// Keeps it.
-    pub(crate) fn write(&self, path: &Path) -> Result<(), ReproduceError> {
-        let bytes = serde_json::to_vec(self).map_err(|e| ReproduceError::file(path, e))?;
+    pub(crate) fn write(&self, path: &Path) -> Result<(), EvaluateError> {
+        let bytes = serde_json::to_vec(self).map_err(|e| EvaluateError::file(path, e))?;
         write_whole(path, &bytes)
     }
 }

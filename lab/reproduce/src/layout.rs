@@ -1,8 +1,10 @@
 //! Where everything lies.
 
 use crate::Setting;
+use mluc_dataset::whole_file;
+use mluc_evaluate::EvaluateError;
 use mluc_train::NetworkKind;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The three folders of a reproduction.
 ///
@@ -25,42 +27,28 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Folder of a setting's data: `train`, `val`, `test` below it.
-    pub fn data_of(&self, setting: Setting) -> PathBuf {
-        self.data.join(setting.name())
-    }
-
-    /// Folder of the supervised network's data: `train` below it.
-    pub fn supervised_data_of(&self, setting: Setting) -> PathBuf {
-        self.data.join(format!("{}-supervised", setting.name()))
-    }
-
-    /// Folder of the data with synthetic unknown objects: `train` below it.
-    pub fn synthetic_unknown_data_of(&self, setting: Setting) -> PathBuf {
-        self.data
-            .join(format!("{}-synthetic-unknown", setting.name()))
+    /// Folder of a setting's data; `what` is empty, `-supervised` or `-synthetic-unknown`.
+    pub(crate) fn data_of(&self, setting: Setting, what: &str) -> PathBuf {
+        self.data.join(format!("{}{what}", setting.name()))
     }
 
     /// Folder of a network's run.
-    pub fn run_of(&self, setting: Setting, network: NetworkKind, seed: u64) -> PathBuf {
-        self.runs
-            .join(setting.name())
-            .join(with_seed(network.name(), seed))
+    pub(crate) fn run_of(&self, setting: Setting, network: NetworkKind, seed: u64) -> PathBuf {
+        let run = with_seed(network.name(), seed);
+        self.runs.join(setting.name()).join(run)
     }
 
     /// Its model file.
-    pub fn model_of(&self, setting: Setting, network: NetworkKind, seed: u64) -> PathBuf {
-        self.run_of(setting, network, seed)
-            .join("model.safetensors")
+    pub(crate) fn model_of(&self, setting: Setting, network: NetworkKind, seed: u64) -> PathBuf {
+        let run = self.run_of(setting, network, seed);
+        run.join("model.safetensors")
     }
 
     /// Where a row's evaluation is kept.
-    pub fn evaluation_of(&self, setting: Setting, method: &str, seed: u64) -> PathBuf {
+    pub(crate) fn evaluation_of(&self, setting: Setting, method: &str, seed: u64) -> PathBuf {
         let file = format!("{}.json", with_seed(method, seed));
-        self.runs
-            .join(setting.name())
-            .join("evaluations")
-            .join(file)
+        let folder = self.runs.join(setting.name()).join("evaluations");
+        folder.join(file)
     }
 }
 
@@ -71,4 +59,11 @@ fn with_seed(name: &str, seed: u64) -> String {
     } else {
         format!("{name}-s{seed}")
     }
+}
+
+/// Writes a file that is whole or not there. Makes the folder.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), EvaluateError> {
+    let folder = path.parent().unwrap_or(path);
+    std::fs::create_dir_all(folder).map_err(|e| EvaluateError::file(folder, e))?;
+    whole_file::write_whole(path, bytes).map_err(|e| EvaluateError::file(path, e))
 }

@@ -1,6 +1,6 @@
 //! The paper's tables with one command: simulate what is missing, train what is missing, evaluate, report.
 //!
-//! [`Plan`] lists the steps; [`run`] takes them one by one. Every step leaves its outcome in a file (a data set, a model, an
+//! [`run`] takes the steps of a plan one by one. Every step leaves its outcome in a file (a data set, a model, an
 //! evaluation), written whole or not at all, so a run that was interrupted goes on where it stopped, and a network that
 //! was trained elsewhere is taken as it is.
 //!
@@ -9,7 +9,6 @@
 mod assemble;
 mod audit;
 mod combine;
-mod error;
 mod evaluate;
 mod evaluated;
 mod kitti;
@@ -19,20 +18,16 @@ mod options;
 mod pictures;
 mod plan;
 mod real;
-pub mod report;
+mod report;
 mod run;
 mod setting;
 mod simulate;
 mod train;
 
-pub use audit::{Audit, ClassCount, audit};
-pub use error::ReproduceError;
-pub use evaluated::{Evaluated, StoredObject};
-pub use kitti::{KittiSource, Preparation};
+pub use audit::{Audit, ObjectCounts, audit};
+pub use kitti::KittiSource;
 pub use layout::Layout;
 pub use options::{Options, Screen};
-pub use plan::{Plan, Step, Work};
 pub use run::run;
-pub use setting::{Setting, Size, Sizes};
-pub use simulate::Simulation;
-pub use train::{RunState, Training, run_state};
+pub use setting::{Setting, Size};
+pub use train::{RunState, run_state};

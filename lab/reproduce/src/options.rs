@@ -1,8 +1,10 @@
 //! What a reproduction is asked for, where it shows how far it is, and the frames that its figures are taken on.
 
 use crate::kitti::KittiSource;
-use crate::{Layout, ReproduceError, Setting, Size, Sizes};
+use crate::setting::Sizes;
+use crate::{Layout, Setting, Size};
 use mluc_dataset::{Dataset, data_hash};
+use mluc_evaluate::EvaluateError;
 use mluc_evaluate::pipeline::FrameSet;
 use std::path::PathBuf;
 
@@ -35,7 +37,7 @@ pub struct Options {
 
 impl Options {
     /// Frames and steps of a setting.
-    pub fn sizes(&self, setting: Setting) -> Sizes {
+    pub(crate) fn sizes(&self, setting: Setting) -> Sizes {
         let sizes = self.size.sizes(setting);
         Sizes {
             test_frames: self.test_frames.unwrap_or(sizes.test_frames),
@@ -69,8 +71,8 @@ pub(crate) struct TestFrames {
 }
 
 impl TestFrames {
-    pub(crate) fn open(options: &Options, setting: Setting) -> Result<TestFrames, ReproduceError> {
-        let folder = options.layout.data_of(setting).join("test");
+    pub(crate) fn open(options: &Options, setting: Setting) -> Result<TestFrames, EvaluateError> {
+        let folder = options.layout.data_of(setting, "").join("test");
         let sizes = options.sizes(setting);
         let frames = match setting {
             // All of a recorded split.

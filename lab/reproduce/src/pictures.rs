@@ -1,12 +1,11 @@
 //! Scenes for the figures: which frames are shown, and what each row found in them.
 
-use crate::error::ReproduceError;
 use crate::evaluate::setting_rules;
 use crate::evaluated::{Evaluated, StoredObject};
 use crate::methods::MethodRow;
 use crate::options::TestFrames;
 use crate::report::{DrawnScene, Panel, SceneBox};
-use mluc_evaluate::{Difficulty, NeighbourPolicy, ObjectKind};
+use mluc_evaluate::{Difficulty, EvaluateError, NeighbourPolicy, ObjectKind};
 use mluc_geometry::{Box3, iou_3d};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -38,14 +37,14 @@ struct Truth {
 }
 
 /// Labels of a frame that are seen at all (in view of the camera where there is one).
-fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>, ReproduceError> {
+fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>, EvaluateError> {
     let rules = setting_rules(test.setting, NeighbourPolicy::Official)?;
     let truth = test.set.truth(index)?;
     let seen = truth.labels.iter().filter(|label| !label.is_dont_care());
     let drawn = seen.map(|label| {
         let mut rules = rules.iter();
         let rule = rules.find(|rule| rule.valid.iter().any(|class| label.is(class)));
-        let calibration = &truth.view.calibration;
+        let calibration = &truth.calibration;
         let bounds = calibration.box_in_sensor_from_label(&label.camera_box);
         Truth {
             counts: rule.is_some() && Difficulty::Moderate.takes(label),
@@ -65,7 +64,7 @@ fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>, ReproduceError>
 pub(crate) fn figure6_scene(
     test: &TestFrames,
     evaluated: &BTreeMap<&'static str, Vec<Evaluated>>,
-) -> Result<Option<DrawnScene>, ReproduceError> {
+) -> Result<Option<DrawnScene>, EvaluateError> {
     let mut best: Option<([usize; 2], usize)> = None;
     for index in 0..test.set.len() {
         let truths = truths(test, index)?;
@@ -118,7 +117,7 @@ fn scene(
     index: usize,
     caption: String,
     panels: Vec<Panel>,
-) -> Result<DrawnScene, ReproduceError> {
+) -> Result<DrawnScene, EvaluateError> {
     let (points, truths) = (test.set.points(index)?, truths(test, index)?);
     let near = truths.iter().filter(|t| t.shown.unknown && t.counts);
     let nearest = near.min_by(|a, b| a.range_m.total_cmp(&b.range_m));
@@ -142,11 +141,7 @@ struct Errors {
     false_unknown: usize,
 }
 
-fn errors(
-    test: &TestFrames,
-    evaluated: &Evaluated,
-    index: usize,
-) -> Result<Errors, ReproduceError> {
+fn errors(test: &TestFrames, evaluated: &Evaluated, index: usize) -> Result<Errors, EvaluateError> {
     let truths = truths(test, index)?;
     let unknown: Vec<&Truth> = truths.iter().filter(|t| t.shown.unknown).collect();
     let objects = evaluated.objects[index].iter();
@@ -166,10 +161,10 @@ fn errors(
 pub(crate) fn worst_scenes(
     test: &TestFrames,
     evaluated: &Evaluated,
-) -> Result<Vec<DrawnScene>, ReproduceError> {
+) -> Result<Vec<DrawnScene>, EvaluateError> {
     let mut ranked: Vec<(usize, Errors)> = (0..evaluated.objects.len())
         .map(|index| Ok((index, errors(test, evaluated, index)?)))
-        .collect::<Result<_, ReproduceError>>()?;
+        .collect::<Result<_, EvaluateError>>()?;
     let count = |e: &Errors| 2 * e.missed.len() + e.false_unknown;
     ranked.sort_by_key(|(index, e)| (Reverse(count(e)), *index));
     let title = MethodRow::find(&evaluated.method).map_or("", |row| &row.title);

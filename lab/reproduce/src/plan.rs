@@ -1,112 +1,92 @@
 //! The steps of a reproduction, in order.
 
-use crate::kitti::Preparation;
 use crate::methods::MethodRow;
-use crate::train::{NETWORKS, SEEDED};
-use crate::{Options, Setting, Simulation, Training};
+use crate::simulate::Simulation;
+use crate::train::{NETWORKS, SEEDED, Training};
+use crate::{Options, Setting};
+use mluc_dataset::PrepareOptions;
 use mluc_train::NetworkKind;
 
 /// What a step does.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Work {
+pub(crate) enum Work {
     /// Simulates a split.
     Simulate(Simulation),
-    /// Brings a split of recorded scans into the trainer's form.
-    Prepare(Preparation),
+    /// Brings a split of recorded scans into the trainer's form: what it is for, and how.
+    Prepare(&'static str, PrepareOptions),
     /// Trains a network.
     Train(Training),
-    /// Judges every row that runs on a network.
-    Evaluate {
-        /// Kind of network.
-        network: NetworkKind,
-        /// Seed.
-        seed: u64,
-    },
+    /// Judges every row that runs on a network of this kind and seed.
+    Evaluate(NetworkKind, u64),
 }
 
 /// A step.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Step {
-    /// Of which setting.
-    pub setting: Setting,
-    /// What it does.
-    pub work: Work,
+pub(crate) struct Step {
+    pub(crate) setting: Setting,
+    pub(crate) work: Work,
     /// Seconds that it takes on two quiet cores: a guess, for the time left alone.
-    pub estimate_s: f64,
+    pub(crate) estimate_s: f64,
 }
 
 impl Step {
     /// For a person.
-    pub fn name(&self) -> String {
-        let setting = self.setting.name();
+    pub(crate) fn name(&self) -> String {
         let with_seed = |network: NetworkKind, seed: u64| match seed {
             1 => network.name().to_owned(),
             _ => format!("{}, seed {seed}", network.name()),
         };
-        match &self.work {
-            Work::Simulate(s) => format!("{setting}: simulate {} ({} frames)", s.name, s.frames),
-            Work::Prepare(p) => format!("{setting}: prepare {}", p.name),
+        let work = match &self.work {
+            Work::Simulate(s) => format!("simulate {} ({} frames)", s.name, s.options.frames),
+            Work::Prepare(name, _) => format!("prepare {name}"),
             Work::Train(t) => {
-                let network = with_seed(t.network, t.seed);
-                format!("{setting}: train {network} ({} steps)", t.steps)
+                format!("train {} ({} steps)", with_seed(t.network, t.seed), t.steps)
             }
-            Work::Evaluate { network, seed } => {
-                format!("{setting}: evaluate {}", with_seed(*network, *seed))
-            }
-        }
+            Work::Evaluate(network, seed) => format!("evaluate {}", with_seed(*network, *seed)),
+        };
+        format!("{}: {work}", self.setting.name())
     }
 }
 
-/// The steps.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
-    /// In order.
-    pub steps: Vec<Step>,
-}
-
-impl Plan {
-    /// Every step for the settings, whether its outcome is there or not.
-    pub fn new(options: &Options) -> Plan {
-        let layout = &options.layout;
-        let mut steps = Vec::new();
-        for &setting in &options.settings {
-            let sizes = options.sizes(setting);
-            // Measured on two cores beside other work: a simulated frame, a step of two frames, a frame through the network, a frame
-            // through all thresholds of a row.
-            let [simulated_s, step_s, network_s, row_s] = match setting {
-                Setting::SimUdi => [0.1, 0.75, 0.16, 0.12],
-                Setting::SimKitti | Setting::Kitti => [0.04, 0.38, 0.08, 0.06],
-            };
-            let mut add = |work: Work, estimate_s: f64| {
-                steps.push(Step {
-                    setting,
-                    work,
-                    estimate_s,
-                });
-            };
-            for simulation in Simulation::all(layout, setting, &sizes) {
-                let seconds = f64::from(simulation.frames) * simulated_s;
-                add(Work::Simulate(simulation), seconds);
-            }
-            if let (Setting::Kitti, Some(source)) = (setting, &options.kitti) {
-                for preparation in source.preparations(layout) {
-                    add(Work::Prepare(preparation), 120.0);
-                }
-            }
-            let networks = networks(options.seeds);
-            for &(network, seed) in &networks {
-                let training = Training::new(layout, setting, &sizes, network, seed);
-                let seconds = training.steps as f64 * step_s * f64::from(sizes.batch) / 2.0;
-                add(Work::Train(training), seconds);
-            }
-            for &(network, seed) in &networks {
-                let rows = MethodRow::on(network, seed).count();
-                let seconds = f64::from(sizes.test_frames) * (network_s + rows as f64 * row_s);
-                add(Work::Evaluate { network, seed }, seconds);
+/// Every step for the settings, whether its outcome is there or not.
+pub(crate) fn plan(options: &Options) -> Vec<Step> {
+    let layout = &options.layout;
+    let mut steps = Vec::new();
+    for &setting in &options.settings {
+        let sizes = options.sizes(setting);
+        // Measured on two cores beside other work: a simulated frame, a step of two frames, a frame through the network, a frame
+        // through all thresholds of a row.
+        let [simulated_s, step_s, network_s, row_s] = match setting {
+            Setting::SimUdi => [0.1, 0.75, 0.16, 0.12],
+            Setting::SimKitti | Setting::Kitti => [0.04, 0.38, 0.08, 0.06],
+        };
+        let mut add = |work: Work, estimate_s: f64| {
+            steps.push(Step {
+                setting,
+                work,
+                estimate_s,
+            });
+        };
+        for simulation in Simulation::all(layout, setting, &sizes) {
+            let seconds = f64::from(simulation.options.frames) * simulated_s;
+            add(Work::Simulate(simulation), seconds);
+        }
+        if let (Setting::Kitti, Some(source)) = (setting, &options.kitti) {
+            for (name, preparation) in source.preparations(layout) {
+                add(Work::Prepare(name, preparation), 120.0);
             }
         }
-        Plan { steps }
+        let networks = networks(options.seeds);
+        for &(network, seed) in &networks {
+            let training = Training::new(layout, setting, &sizes, network, seed);
+            let seconds = training.steps as f64 * step_s * f64::from(sizes.batch) / 2.0;
+            add(Work::Train(training), seconds);
+        }
+        for &(network, seed) in &networks {
+            let rows = MethodRow::on(network, seed).count();
+            let seconds = f64::from(sizes.test_frames) * (network_s + rows as f64 * row_s);
+            add(Work::Evaluate(network, seed), seconds);
+        }
     }
+    steps
 }
 
 /// Kinds and seeds, each after what it begins with.
@@ -123,8 +103,8 @@ mod tests {
     use crate::{Layout, Size};
     use std::path::PathBuf;
 
-    fn plan(seeds: u64) -> Plan {
-        Plan::new(&Options {
+    fn steps(seeds: u64) -> Vec<Step> {
+        plan(&Options {
             layout: Layout {
                 data: PathBuf::from("data"),
                 runs: PathBuf::from("runs"),
@@ -144,7 +124,7 @@ mod tests {
     }
 
     fn trainings(seeds: u64) -> impl Iterator<Item = Training> {
-        let steps = plan(seeds).steps.into_iter();
+        let steps = steps(seeds).into_iter();
         steps.filter_map(|step| match step.work {
             Work::Train(training) => Some(training),
             _ => None,
@@ -174,13 +154,14 @@ mod tests {
             let data = format!("data/{setting}-synthetic-unknown");
             let is_made = |step: &Step| match &step.work {
                 Work::Simulate(s) => {
-                    s.command().contains(" --synthetic-unknown ") && s.folder.starts_with(&data)
+                    let command = s.command();
+                    command.contains(" --synthetic-unknown ") && command.contains(&data)
                 }
                 _ => false,
             };
-            assert_eq!(plan(1).steps.iter().filter(|s| is_made(s)).count(), 1);
-            let learning =
-                trainings(1).filter(|t| t.command().contains(&format!("--data {data} ")));
+            assert_eq!(steps(1).iter().filter(|s| is_made(s)).count(), 1);
+            let data = format!("--data {data} ");
+            let learning = trainings(1).filter(|t| t.command().contains(&data));
             let learning: Vec<NetworkKind> = learning.map(|t| t.network).collect();
             assert_eq!(learning, [NetworkKind::MetricOpen, NetworkKind::MlucFull]);
         }
@@ -188,13 +169,13 @@ mod tests {
 
     #[test]
     fn every_row_is_evaluated_once() {
-        let plan = plan(1);
+        let steps = steps(1);
         for row in METHODS.iter() {
             let is_it = |step: &&Step| match step.work {
-                Work::Evaluate { network, .. } => network == row.network(),
+                Work::Evaluate(network, _) => network == row.network(),
                 _ => false,
             };
-            let here = plan.steps.iter().filter(|s| s.setting == Setting::SimKitti);
+            let here = steps.iter().filter(|s| s.setting == Setting::SimKitti);
             assert_eq!(here.filter(is_it).count(), 1, "{}", row.key);
         }
     }

@@ -1,36 +1,37 @@
 //! Taking the steps, one after the other.
 
+use crate::Setting;
 use crate::assemble::write_report;
 use crate::evaluate::evaluate_network;
 use crate::options::{Options, Screen, TestFrames};
-use crate::plan::{Plan, Step, Work};
-use crate::report::ReproductionReport;
+use crate::plan::{Step, Work, plan};
 use crate::train::{RunState, run_state};
-use crate::{ReproduceError, Setting};
+use mluc_dataset::prepare;
+use mluc_evaluate::EvaluateError;
 use mluc_evaluate::pipeline::FrameSet;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::time::Instant;
 
 /// Takes every step whose outcome is not there yet, then writes the report. What is done stays where a step fails.
-pub fn run(options: &Options, screen: &dyn Screen) -> Result<ReproductionReport, ReproduceError> {
+pub fn run(options: &Options, screen: &dyn Screen) -> Result<(), EvaluateError> {
     // What would stop the report is looked at first: hours lie between.
     for folder in &options.real {
         FrameSet::open(folder, None, 1)?;
     }
     let out = &options.layout.out;
-    std::fs::create_dir_all(out).map_err(|e| ReproduceError::file(out, e))?;
-    let plan = Plan::new(options);
+    std::fs::create_dir_all(out).map_err(|e| EvaluateError::file(out, e))?;
+    let plan = plan(options);
     let mut tests: BTreeMap<Setting, TestFrames> = BTreeMap::new();
     let (mut spent_s, mut guessed_s) = (0.0, 0.0);
-    for (index, step) in plan.steps.iter().enumerate() {
+    for (index, step) in plan.iter().enumerate() {
         if is_done(options, step)? {
-            if let Work::Evaluate { .. } = step.work {
+            if let Work::Evaluate(..) = step.work {
                 screen.note(&format!("{}: no model, its rows are left out", step.name()));
             }
             continue;
         }
-        let ahead = plan.steps[index..].iter();
+        let ahead = plan[index..].iter();
         let ahead = ahead.filter(|step| !is_done(options, step).unwrap_or(false));
         let guess_s: f64 = ahead.map(|step| step.estimate_s).sum();
         let pace = if guessed_s > 0.0 {
@@ -38,7 +39,7 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<ReproductionReport,
         } else {
             1.0
         };
-        screen.step(index + 1, plan.steps.len(), &step.name(), guess_s * pace);
+        screen.step(index + 1, plan.len(), &step.name(), guess_s * pace);
         let begun = Instant::now();
         take(options, step, &mut tests, screen)?;
         spent_s += begun.elapsed().as_secs_f64();
@@ -55,7 +56,7 @@ fn test_frames<'a>(
     tests: &'a mut BTreeMap<Setting, TestFrames>,
     options: &Options,
     setting: Setting,
-) -> Result<&'a TestFrames, ReproduceError> {
+) -> Result<&'a TestFrames, EvaluateError> {
     Ok(match tests.entry(setting) {
         Entry::Occupied(test) => test.into_mut(),
         Entry::Vacant(place) => place.insert(TestFrames::open(options, setting)?),
@@ -63,19 +64,19 @@ fn test_frames<'a>(
 }
 
 /// Whether nothing is left to do. Evaluations that are up to date say so themselves, once they have looked at the model.
-fn is_done(options: &Options, step: &Step) -> Result<bool, ReproduceError> {
+fn is_done(options: &Options, step: &Step) -> Result<bool, EvaluateError> {
     match &step.work {
         // Where nothing is trained only the test frames are needed.
         Work::Simulate(simulation) => {
             let is_needed = options.train || simulation.name == "test";
             Ok(!is_needed || simulation.is_done()?)
         }
-        Work::Prepare(preparation) => Ok(preparation.is_done()),
+        Work::Prepare(_, options) => Ok(options.out.is_dir()),
         Work::Train(training) => {
             Ok(!options.train || run_state(&training.folder)? == RunState::Done)
         }
         // Nothing can be judged where nothing was and will be trained.
-        Work::Evaluate { network, seed } => {
+        Work::Evaluate(network, seed) => {
             let folder = options.layout.run_of(step.setting, *network, *seed);
             Ok(!options.train && run_state(&folder)? == RunState::Missing)
         }
@@ -87,21 +88,21 @@ fn take(
     step: &Step,
     tests: &mut BTreeMap<Setting, TestFrames>,
     screen: &dyn Screen,
-) -> Result<(), ReproduceError> {
+) -> Result<(), EvaluateError> {
     match &step.work {
         Work::Simulate(simulation) => {
-            screen.count("frames", u64::from(simulation.frames));
+            screen.count("frames", u64::from(simulation.options.frames));
             simulation.run(|| screen.tick())
         }
-        Work::Prepare(preparation) => {
+        Work::Prepare(_, options) => {
             screen.count("frames", 0);
-            preparation.run(|| screen.tick())
+            Ok(prepare(options, || screen.tick())?)
         }
         Work::Train(training) => {
             screen.clear();
             training.run(&options.program)
         }
-        Work::Evaluate { network, seed } => {
+        Work::Evaluate(network, seed) => {
             let folder = options.layout.run_of(step.setting, *network, *seed);
             match run_state(&folder)? {
                 RunState::Missing => return Ok(()),

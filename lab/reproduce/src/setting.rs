@@ -1,4 +1,8 @@
-//! What tables are made on, and how large a reproduction is: one table that the documentation quotes.
+//! What tables are made on, and how large a reproduction is.
+
+use mluc_simulate::Family;
+use serde::Deserialize;
+use std::collections::BTreeMap;
 
 /// What the tables are made on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -13,29 +17,18 @@ pub enum Setting {
 
 impl Setting {
     /// Key in `report.json`, name of its folders.
-    pub fn name(self) -> &'static str {
-        match self {
-            Setting::SimUdi => "sim-udi",
-            Setting::SimKitti => "sim-kitti",
-            Setting::Kitti => "kitti",
-        }
+    pub(crate) fn name(self) -> &'static str {
+        ["sim-udi", "sim-kitti", "kitti"][self as usize]
     }
 
     /// The trainer's name of its classes and range.
-    pub fn trainer_name(self) -> &'static str {
-        match self {
-            Setting::SimUdi => "udi",
-            Setting::SimKitti | Setting::Kitti => "kitti",
-        }
+    pub(crate) fn trainer_name(self) -> &'static str {
+        ["udi", "kitti", "kitti"][self as usize]
     }
 
     /// The simulator's family; none for recorded scans.
-    pub fn family(self) -> Option<mluc_simulate::Family> {
-        match self {
-            Setting::SimUdi => Some(mluc_simulate::Family::SimUdi),
-            Setting::SimKitti => Some(mluc_simulate::Family::SimKitti),
-            Setting::Kitti => None,
-        }
+    pub(crate) fn family(self) -> Option<Family> {
+        [Some(Family::SimUdi), Some(Family::SimKitti), None][self as usize]
     }
 }
 
@@ -51,82 +44,43 @@ pub enum Size {
 }
 
 /// Frames and steps of a plan, for one setting.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sizes {
-    /// Training scans, known classes alone.
-    pub train_frames: u32,
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub(crate) struct Sizes {
+    /// Training scans, known classes alone; as many with synthetic unknown objects.
+    pub(crate) train_frames: u32,
     /// Training scans of the supervised network: unknown classes too, labelled.
-    pub supervised_frames: u32,
+    pub(crate) supervised_frames: u32,
     /// Validation scans: the trainer's own look at a network.
-    pub val_frames: u32,
+    pub(crate) val_frames: u32,
     /// Test scans: every figure of the report.
-    pub test_frames: u32,
+    pub(crate) test_frames: u32,
     /// Steps of the base network (`metric`).
-    pub base_steps: u64,
+    pub(crate) base_steps: u64,
     /// Steps of each network that begins with the base's weights.
-    pub tuned_steps: u64,
+    pub(crate) tuned_steps: u64,
     /// Steps of the networks that begin with them too but have to learn new outputs, classes, or where the unknown lies (`metric-open`,
     /// our own, `supervised`), and of the closed set, with which these are compared. Four times as many on streets, where our own gains
     /// 13 points of AP of the unknown from them on validation scans.
-    pub longer_steps: u64,
+    pub(crate) longer_steps: u64,
     /// Frames a step.
-    pub batch: u32,
+    pub(crate) batch: u32,
     /// Validation scans that the trainer judges on.
-    pub validate_frames: u32,
+    pub(crate) validate_frames: u32,
     /// Draws of the bootstrap.
-    pub resamples: usize,
+    pub(crate) resamples: usize,
 }
 
 impl Size {
     /// Name on the command line and in the report.
     pub fn name(self) -> &'static str {
-        match self {
-            Size::Full => "full",
-            Size::Quick => "quick",
-            Size::Smoke => "smoke",
-        }
+        ["full", "quick", "smoke"][self as usize]
     }
 
-    /// The table.
-    pub fn sizes(self, setting: Setting) -> Sizes {
-        let udi = setting == Setting::SimUdi;
-        match self {
-            Size::Full => Sizes {
-                train_frames: 2500,
-                supervised_frames: 2000,
-                val_frames: 400,
-                test_frames: 1000,
-                base_steps: if udi { 4000 } else { 4400 },
-                tuned_steps: 500,
-                longer_steps: if udi { 1000 } else { 4000 },
-                batch: 2,
-                validate_frames: 60,
-                resamples: 500,
-            },
-            Size::Quick => Sizes {
-                train_frames: 150,
-                supervised_frames: 100,
-                val_frames: 10,
-                test_frames: 50,
-                base_steps: if udi { 150 } else { 220 },
-                tuned_steps: if udi { 30 } else { 40 },
-                longer_steps: if udi { 30 } else { 40 },
-                batch: 2,
-                validate_frames: 0,
-                resamples: 200,
-            },
-            Size::Smoke => Sizes {
-                train_frames: 6,
-                supervised_frames: 6,
-                val_frames: 2,
-                test_frames: 6,
-                base_steps: 2,
-                tuned_steps: 2,
-                longer_steps: 2,
-                batch: 1,
-                validate_frames: 0,
-                resamples: 20,
-            },
-        }
+    /// The table in `sizes.json`, which the documentation quotes.
+    pub(crate) fn sizes(self, setting: Setting) -> Sizes {
+        let table = include_str!("sizes.json");
+        let table: BTreeMap<String, BTreeMap<String, Sizes>> =
+            serde_json::from_str(table).expect("the table of sizes");
+        table[self.name()][setting.trainer_name()]
     }
 }

@@ -1,27 +1,26 @@
 //! The step that trains a network, as the command that a person would give: a run that was interrupted is resumed by the trainer
 //! itself, and a fault in it cannot take the reproduction's state along.
 
-use crate::error::write_whole;
-use crate::{Layout, ReproduceError, Setting, Sizes};
+use crate::layout::write_whole;
+use crate::setting::Sizes;
+use crate::{Layout, Setting};
 use mluc_dataset::read_text;
+use mluc_evaluate::EvaluateError;
 use mluc_model::Model;
 use mluc_train::NetworkKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// A network and how it comes to be.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Training {
-    /// Kind of network.
-    pub network: NetworkKind,
-    /// Seed.
-    pub seed: u64,
+pub(crate) struct Training {
+    pub(crate) network: NetworkKind,
+    pub(crate) seed: u64,
     /// Folder of the run.
-    pub folder: PathBuf,
+    pub(crate) folder: PathBuf,
     /// Optimiser steps.
-    pub steps: u64,
+    pub(crate) steps: u64,
     /// Arguments of `mluc-lab`.
-    pub arguments: Vec<String>,
+    pub(crate) arguments: Vec<String>,
 }
 
 /// The base network; the others begin with its weights.
@@ -62,19 +61,19 @@ impl Training {
             sizes.tuned_steps
         };
         // Recorded scans hold no synthetic unknown objects: there networks learn from pasted ones alone. Neither of these has a `val`.
-        let (data, validate_frames) = if is_supervised {
-            (layout.supervised_data_of(setting), 0)
+        let (what, validate_frames) = if is_supervised {
+            ("-supervised", 0)
         } else if learns_unknown && setting.family().is_some() {
-            (layout.synthetic_unknown_data_of(setting), 0)
+            ("-synthetic-unknown", 0)
         } else {
-            (layout.data_of(setting), sizes.validate_frames)
+            ("", sizes.validate_frames)
         };
         let mut arguments = vec!["train".to_owned()];
         let mut add = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
         let text = |path: &Path| path.display().to_string();
         add("--setting", setting.trainer_name().to_owned());
         add("--network", network.name().to_owned());
-        add("--data", text(&data));
+        add("--data", text(&layout.data_of(setting, what)));
         add("--out", text(&folder));
         if !is_base {
             let is_osis = network == NetworkKind::Osis;
@@ -97,12 +96,12 @@ impl Training {
     }
 
     /// The command.
-    pub fn command(&self) -> String {
+    pub(crate) fn command(&self) -> String {
         format!("mluc-lab {}", self.arguments.join(" "))
     }
 
     /// Runs the trainer to its end; its progress goes to this program's stderr.
-    pub(crate) fn run(&self, program: &Path) -> Result<(), ReproduceError> {
+    pub(crate) fn run(&self, program: &Path) -> Result<(), EvaluateError> {
         // What makes the network, for the report: a model does not know how its run was started. A run that goes on may have been
         // begun by another command, and the trainer refuses it then.
         let path = self.folder.join(COMMAND_FILE);
@@ -114,15 +113,15 @@ impl Training {
             .args(&self.arguments)
             .stdout(Stdio::null())
             .status()
-            .map_err(|e| ReproduceError::file(program, e))?;
+            .map_err(|e| EvaluateError::file(program, e))?;
         if status.success() {
             return write();
         }
-        Err(ReproduceError::Training {
-            network: self.network.name(),
-            status: status.to_string(),
-            command: self.command(),
-        })
+        Err(EvaluateError::Input(format!(
+            "training {}: expected exit status 0, found {status}; the command was: {}",
+            self.network.name(),
+            self.command()
+        )))
     }
 }
 
@@ -157,7 +156,7 @@ struct LogLine {
 }
 
 /// Looks at a run's folder: the log's last line says how far the run was to go, the model how far it came.
-pub fn run_state(folder: &Path) -> Result<RunState, ReproduceError> {
+pub fn run_state(folder: &Path) -> Result<RunState, EvaluateError> {
     let (model, log) = (folder.join("model.safetensors"), folder.join("train.jsonl"));
     if !model.is_file() {
         return Ok(RunState::Missing);

@@ -1,9 +1,9 @@
 //! The method `mluc-full` is the product: the head at its own threshold and the refiner with what the model has learned.
 
-use mluc_backbone::Backbone;
+use mluc_backbone::{Backbone, Precision};
 use mluc_evaluate::pipeline::{FoundObject, FrameSet, ModelGate, detect_frames};
 use mluc_head::{Detection, Head};
-use mluc_ipc_types::{Disposition, ObjectKind};
+use mluc_ipc_types::ObjectKind;
 use mluc_model::{
     Grid, HeadKind, LOOKS, LOOKS_VALUES, Manifest, Model, Network, formula_uniform,
     formula_weights, model_bytes,
@@ -55,29 +55,7 @@ fn product(model: &Model, set: &FrameSet) -> Vec<Vec<FoundObject>> {
         let mut detections: Vec<Detection> = Vec::new();
         head.run(&cells, &rows, &mut detections).expect("boxes");
         refiner.refine(index as u64, &points, &detections, &mut refined);
-        let published = refined
-            .objects
-            .iter()
-            .filter(|o| o.disposition == Disposition::Published as u32);
-        let object = |o: &mluc_ipc_types::Object| FoundObject {
-            kind: if o.kind == ObjectKind::Unknown as u32 {
-                ObjectKind::Unknown
-            } else {
-                ObjectKind::Known
-            },
-            class_id: o.class_id,
-            score: o.score,
-            bounds: [
-                o.center_m[0],
-                o.center_m[1],
-                o.center_m[2],
-                o.size_m[0],
-                o.size_m[1],
-                o.size_m[2],
-                o.yaw_rad,
-            ],
-        };
-        published.map(object).collect()
+        FoundObject::published(&refined)
     };
     (0..set.len()).map(&mut one).collect()
 }
@@ -88,17 +66,14 @@ fn the_method_at_the_models_threshold_is_the_products_pipeline() {
     let set = scans(folder.path());
     let mut model = model();
     let gate = ModelGate::of(&model);
-    let frames = detect_frames(&model, &set, || ()).expect("boxes");
-    let boxes = frames.iter().flat_map(|f| &f.detections);
-    let mut values: Vec<f32> = boxes.map(|d| gate.value(d)).collect();
-    values.retain(|v| gate.may_be(*v));
-    values.sort_by(f32::total_cmp);
+    let frames = detect_frames(Precision::default(), &model, &set, || ()).expect("boxes");
+    let values = gate.thresholds(&frames, 1000);
     assert!(values.len() > 20, "{} doubted boxes", values.len());
     for threshold in [0.0, values[values.len() / 2], values[values.len() - 1]] {
-        gate.set(&mut model.manifest.thresholds, threshold);
-        let asked = [f64::from(threshold)];
+        gate.set(&mut model.manifest.thresholds, threshold as f32);
+        let asked = [threshold];
         let input = MethodInput {
-            thresholds: Some(&asked),
+            asked: Some(&asked),
             ..MethodInput::new(&model, &set, &frames)
         };
         let output = run_method(Method::MlucFull, &input).expect("objects");

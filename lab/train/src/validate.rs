@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 use mluc_backbone::Backbone;
 use mluc_dataset::Dataset;
 use mluc_evaluate::{
-    CameraView, ClassReport, ClassRule, Difficulty, FrameTruth, LabelledFrame, Metric,
-    NeighbourPolicy, ObjectKind, SensorDetection, evaluate,
+    ClassReport, ClassRule, Difficulty, FrameTruth, LabelledFrame, Metric, NeighbourPolicy,
+    ObjectKind, SensorDetection, evaluate,
 };
 use mluc_geometry::{Box3, ImageSize};
 use mluc_head::Head;
@@ -88,10 +88,8 @@ pub fn validate(model: &Model, dataset: &Dataset, frames: usize) -> Result<Figur
         let found: Vec<SensorDetection> = boxes.iter().map(|b| known(model, b)).collect();
         let truth = FrameTruth {
             labels: dataset.labels(name)?.into(),
-            view: CameraView {
-                calibration: dataset.calibration(name)?,
-                image: ImageSize::KITTI,
-            },
+            calibration: dataset.calibration(name)?,
+            image: ImageSize::KITTI,
         };
         judged.push(truth.with(&found));
     }

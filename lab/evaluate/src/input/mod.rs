@@ -9,12 +9,11 @@ mod json_lines;
 pub use json_lines::read_json_lines;
 
 use crate::{
-    CameraDetection, CameraView, EvaluateError, FrameTruth, LabelledFrame, ObjectKind,
-    SensorDetection, UNKNOWN,
+    CameraDetection, EvaluateError, FrameTruth, LabelledFrame, ObjectKind, SensorDetection, UNKNOWN,
 };
 use mluc_dataset::{Label, file_stems, read_calibration, read_detections, read_labels};
 use mluc_geometry::ImageSize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -56,14 +55,16 @@ pub fn sources(
             )));
         }
     }
-    let pairs = labels.iter().zip(detections).enumerate();
-    let source = |(i, (labels, detections)): (usize, (&PathBuf, &PathBuf))| Source {
-        labels: labels.clone(),
-        detections: detections.clone(),
+    let source = |i: usize| Source {
+        labels: labels[i].clone(),
+        detections: detections[i].clone(),
         calibration: calibrations.get(i).cloned(),
     };
-    Ok(pairs.map(source).collect())
+    Ok((0..expected).map(source).collect())
 }
+
+/// Detections of JSON lines by frame, with the folder of calibrations.
+type Lines<'a> = (&'a Path, BTreeMap<String, Vec<SensorDetection>>);
 
 /// Reads every source. Frames without detections count with none found, and are warned about; so are detections of
 /// frames that have no labels, which are left out. A source whose detections all lie elsewhere is an error.
@@ -72,80 +73,61 @@ pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input, Evalu
     let mut input = Input::default();
     for source in sources {
         let labelled = file_stems(&source.labels, "txt", "label files (*.txt)")?;
-        let found = Found::read(source)?;
-        compare_names(source, &labelled, &found.names(), &mut input)?;
-        for name in labelled {
-            let frame = found.frame(source, &name, image)?;
+        let lines = lines(source)?;
+        let detected = match &lines {
+            Some((_, frames)) => frames.keys().cloned().collect(),
+            None => file_stems(&source.detections, "txt", "detection files (*.txt)")?,
+        };
+        compare_names(source, &labelled, &detected, &mut input.warnings)?;
+        for name in &labelled {
+            let frame = frame(source, lines.as_ref(), name, image)?;
             input.frames.push(frame);
         }
     }
     Ok(input)
 }
 
-/// The detections of a source.
-enum Found {
-    /// Names of the files in the folder.
-    Folder(Vec<String>),
-    /// With the folder of calibrations.
-    Lines(PathBuf, BTreeMap<String, Vec<SensorDetection>>),
+/// `None` where the detections are files of a folder.
+fn lines(source: &Source) -> Result<Option<Lines<'_>>, EvaluateError> {
+    let path = &source.detections;
+    let fault = |what| Err(EvaluateError::file(path, what));
+    if path.is_dir() {
+        return Ok(None);
+    }
+    if !path.exists() {
+        return fault(
+            "expected a folder of detection files or a file of JSON lines, found nothing",
+        );
+    }
+    let Some(calibrations) = &source.calibration else {
+        return fault(
+            "JSON lines need the calibration of their frames: expected --calib DIR, found none",
+        );
+    };
+    Ok(Some((calibrations, read_json_lines(path)?)))
 }
 
-impl Found {
-    fn read(source: &Source) -> Result<Found, EvaluateError> {
-        let path = &source.detections;
-        if path.is_dir() {
-            let names = file_stems(path, "txt", "detection files (*.txt)")?;
-            return Ok(Found::Folder(names));
-        }
-        let fault = |what| Err(EvaluateError::file(path, what));
-        if !path.exists() {
-            return fault(
-                "expected a folder of detection files or a file of JSON lines, found nothing",
-            );
-        }
-        let Some(calibrations) = source.calibration.clone() else {
-            return fault(
-                "JSON lines need the calibration of their frames: expected --calib DIR, found none",
-            );
-        };
-        Ok(Found::Lines(calibrations, read_json_lines(path)?))
-    }
-
-    /// Sorted.
-    fn names(&self) -> Vec<&str> {
-        match self {
-            Found::Folder(names) => names.iter().map(String::as_str).collect(),
-            Found::Lines(_, frames) => frames.keys().map(String::as_str).collect(),
-        }
-    }
-
-    fn frame(
-        &self,
-        source: &Source,
-        name: &str,
-        image: Option<ImageSize>,
-    ) -> Result<LabelledFrame, EvaluateError> {
-        let file = format!("{name}.txt");
-        let labels = read_labels(&source.labels.join(&file))?.into();
-        match self {
-            Found::Folder(_) => {
-                let path = source.detections.join(file);
-                let lines = path.is_file().then(|| read_detections(&path));
-                let lines = lines.transpose()?.unwrap_or_default();
-                let detections = lines.into_iter().map(detection).collect();
-                Ok(LabelledFrame { labels, detections })
-            }
-            Found::Lines(calibrations, frames) => {
-                let calibration = read_calibration(&calibrations.join(file))?;
-                let image = image.map_or_else(|| image_size_beside(&source.labels, name), Ok)?;
-                let truth = FrameTruth {
-                    labels,
-                    view: CameraView { calibration, image },
-                };
-                Ok(truth.with(frames.get(name).map_or(&[], Vec::as_slice)))
-            }
-        }
-    }
+fn frame(
+    source: &Source,
+    lines: Option<&Lines>,
+    name: &str,
+    image: Option<ImageSize>,
+) -> Result<LabelledFrame, EvaluateError> {
+    let file = format!("{name}.txt");
+    let labels = read_labels(&source.labels.join(&file))?.into();
+    let Some((calibrations, frames)) = lines else {
+        let path = source.detections.join(file);
+        let lines = path.is_file().then(|| read_detections(&path));
+        let lines = lines.transpose()?.unwrap_or_default();
+        let detections = lines.into_iter().map(detection).collect();
+        return Ok(LabelledFrame { labels, detections });
+    };
+    let truth = FrameTruth {
+        labels,
+        calibration: read_calibration(&calibrations.join(file))?,
+        image: image.map_or_else(|| image_size_beside(&source.labels, name), Ok)?,
+    };
+    Ok(truth.with(frames.get(name).map_or(&[], Vec::as_slice)))
 }
 
 /// The image box is the file's own; nothing is dropped.
@@ -164,28 +146,24 @@ fn detection(line: Label) -> CameraDetection {
     }
 }
 
-/// Checks that labels and detections share frames, and says what only one of them has. Both lists are sorted.
+/// Checks that labels and detections share frames, and says what only one of them has.
 fn compare_names(
     source: &Source,
     labelled: &[String],
-    detected: &[&str],
-    input: &mut Input,
+    detected: &[String],
+    warnings: &mut Vec<String>,
 ) -> Result<(), EvaluateError> {
-    let labelled: Vec<&str> = labelled.iter().map(String::as_str).collect();
-    let only = |these: &[&'_ str], others: &[&str]| -> Vec<String> {
-        let alone = these
-            .iter()
-            .filter(|name| others.binary_search(name).is_err());
-        alone.map(|name| (*name).to_owned()).collect()
+    let only = |these: &[String], others: &[String]| -> Vec<String> {
+        let others: BTreeSet<&String> = others.iter().collect();
+        let alone = these.iter().filter(|name| !others.contains(name));
+        alone.cloned().collect()
     };
-    let (missing, foreign) = (only(&labelled, detected), only(detected, &labelled));
+    let (missing, foreign) = (only(labelled, detected), only(detected, labelled));
     if missing.len() == labelled.len() {
-        let first = |names: &[&str]| names.first().copied().unwrap_or_default().to_owned();
+        let [here, there] = [detected, labelled].map(|names| names.first().map_or("", |n| n));
         let what = format!(
-            "expected detections of frames in {}, found none (first here '{}', first there '{}')",
-            source.labels.display(),
-            first(detected),
-            first(&labelled)
+            "expected detections of frames in {}, found none (first here '{here}', first there '{there}')",
+            source.labels.display()
         );
         return Err(EvaluateError::file(&source.detections, what));
     }
@@ -197,8 +175,7 @@ fn compare_names(
     ] {
         if let Some(first) = names.first() {
             let (path, count) = (path.display(), names.len());
-            let warning = format!("{path}: {count} frames {what} (first: {first})");
-            input.warnings.push(warning);
+            warnings.push(format!("{path}: {count} frames {what} (first: {first})"));
         }
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! The choice of the gate's threshold, and writing it into the model file.
 
-use super::{GateSweep, ModelGate, ModelJudgement};
-use crate::{EvaluateError, ObjectKind, SweepPoint};
+use super::{ModelGate, ModelJudgement};
+use crate::{ClassReport, EvaluateError, SweepPoint, best_index};
 use mluc_dataset::whole_file::write_whole;
 use mluc_model::{Model, model_bytes};
 use std::path::Path;
@@ -9,53 +9,49 @@ use std::path::Path;
 /// A threshold with where it comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
-    /// The threshold and its figures.
-    pub point: SweepPoint,
-    /// Mean AP of the known without the gate.
-    pub closed_map_known: f64,
-    /// Average precision (40 positions) of each known class without the gate.
-    pub closed_classes: Vec<(String, f64)>,
+    /// As [`ModelGate`] has it.
+    pub threshold: f64,
     /// In words: data, refiner, rule.
     pub reason: String,
+    /// By name: the figures at the threshold, the closed set's mAP, each known class' AP (40 positions) without the gate.
+    pub metrics: Vec<(String, f64)>,
 }
 
-/// Chooses by the paper's rule. `data` and `refiner` tell where the figures come from.
+/// Chooses by the paper's rule among the points of a sweep, the closed set first. `data` and `refiner` tell where the figures come from.
 pub fn choose_threshold(
     gate: ModelGate,
-    sweep: &GateSweep,
+    sweep: &[SweepPoint],
     judgement: &ModelJudgement,
     data: &str,
     refiner: &str,
 ) -> Result<Choice, EvaluateError> {
-    if judgement.unknown_labels == 0 {
-        let rules = judgement.rules.iter();
-        let unknown = rules.filter(|rule| rule.kind == ObjectKind::Unknown);
-        let classes: Vec<&str> = unknown.flat_map(|r| &r.valid).map(String::as_str).collect();
-        let classes = if classes.is_empty() {
-            "none named".to_owned()
-        } else {
-            classes.join(", ")
-        };
+    if judgement.unknown_labels() == 0 {
+        let unknown = judgement.closed.unknown();
+        let classes = unknown.map_or("none named".to_owned(), |c| c.rule.valid.join(", "));
         return Err(EvaluateError::Input(format!(
             "the data: expected labelled objects of the unknown classes ({classes}) that count at moderate, found none"
         )));
     }
-    let closed_map_known = sweep.points.first().map_or(0.0, |point| point.map_known);
-    let point = sweep.best.ok_or_else(|| {
-        EvaluateError::Input(format!(
-            "the gate: expected a threshold that keeps nine tenths of the closed set's mAP ({closed_map_known:.2}), found none"
-        ))
-    })?;
-    let known = judgement.closed.known();
-    let closed_classes = known.map(|class| (class.rule.name.clone(), class.main().ap.r40));
+    let (closed, point) = (sweep[0], sweep[best_index(sweep)]);
+    let figures = [
+        ("map_known", point.map_known),
+        ("map_known_closed", closed.map_known),
+        ("recall_unknown", point.recall_unknown),
+        ("ap_unknown", point.ap_unknown),
+        ("map_harm", point.map_harm()),
+    ];
+    let mut metrics = figures
+        .map(|(name, value)| (name.to_owned(), value))
+        .to_vec();
+    let of_class = |c: &ClassReport| (format!("ap_closed_{}", c.rule.name), c.main().ap.r40);
+    metrics.extend(judgement.closed.known().map(of_class));
     Ok(Choice {
-        point,
-        closed_map_known,
-        closed_classes: closed_classes.collect(),
+        threshold: point.threshold,
+        metrics,
         reason: format!(
             "best harmonic mean of mAP known and AP unknown (R40, moderate) among {} thresholds that are quantiles of the \
              kept boxes' {}, of those with mAP known at least 0.9 of the closed set's; data: {data}; refiner: {refiner}",
-            sweep.points.len() - 1,
+            sweep.len() - 1,
             gate.describe()
         ),
     })
@@ -73,19 +69,9 @@ pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<(
         return Err(EvaluateError::file(path, what));
     }
     let manifest = &mut model.manifest;
-    ModelGate::of(judged).set(&mut manifest.thresholds, choice.point.threshold as f32);
+    ModelGate::of(judged).set(&mut manifest.thresholds, choice.threshold as f32);
     manifest.provenance.threshold_choice = choice.reason.clone();
-    let metrics = &mut manifest.provenance.metrics;
-    let figures = [
-        ("map_known", choice.point.map_known),
-        ("map_known_closed", choice.closed_map_known),
-        ("recall_unknown", choice.point.recall_unknown),
-        ("ap_unknown", choice.point.ap_unknown),
-        ("map_harm", choice.point.map_harm()),
-    ];
-    metrics.extend(figures.map(|(name, value)| (name.to_owned(), value)));
-    let classes = choice.closed_classes.iter();
-    metrics.extend(classes.map(|(name, ap)| (format!("ap_closed_{name}"), *ap)));
+    manifest.provenance.metrics.extend(choice.metrics.clone());
     let bytes = model_bytes(manifest, &model.weights)?;
     write_whole(path, &bytes)
         .map_err(|cause| EvaluateError::file(path, format!("cannot be written: {cause}")))

@@ -1,7 +1,8 @@
 //! The labelled frames that a model is judged on.
 
+use super::ModelGate;
 use crate::input::image_size_beside;
-use crate::{CameraView, EvaluateError, FrameTruth};
+use crate::{EvaluateError, FrameTruth};
 use mluc_dataset::{Dataset, DatasetError};
 use mluc_head::Detection;
 use mluc_ipc_types::{POINTS_MAX, Point};
@@ -18,7 +19,7 @@ pub struct FrameSet {
 /// What was labelled and what the network kept.
 #[derive(Clone, Debug)]
 pub struct DetectedFrame {
-    /// Labels and view.
+    /// What was labelled.
     pub truth: FrameTruth,
     /// Kept boxes, the best objectness first.
     pub detections: Vec<Detection>,
@@ -27,14 +28,18 @@ pub struct DetectedFrame {
 }
 
 impl DetectedFrame {
-    /// The same without the boxes of anchors that have no class.
-    pub fn with_class(&self) -> DetectedFrame {
-        let mut frame = self.clone();
-        frame
-            .detections
-            .truncate(self.detections.len() - self.generic);
-        frame.generic = 0;
-        frame
+    /// What goes to the refiner at a threshold of the gate, in its order.
+    pub(super) fn gated(&self, gate: ModelGate, threshold: f32) -> Vec<Detection> {
+        let first_generic = self.detections.len() - self.generic;
+        let boxes = self.detections.iter().enumerate();
+        let gated = boxes.filter_map(|(i, d)| gate.apply(d, i >= first_generic, threshold));
+        gated.collect()
+    }
+
+    /// Leaves out the boxes of anchors that have no class.
+    pub fn drop_generic(&mut self) {
+        let with_class = self.detections.len() - std::mem::take(&mut self.generic);
+        self.detections.truncate(with_class);
     }
 }
 
@@ -85,12 +90,7 @@ impl FrameSet {
         let folder = self.dataset.root();
         let folder = folder.canonicalize().unwrap_or(folder.to_owned());
         // The folder above tells data sets apart whose splits are folders of the same names.
-        let parts: Vec<_> = folder
-            .iter()
-            .map(|part| part.to_string_lossy())
-            .filter(|part| *part != "/")
-            .collect();
-        let tail = parts[parts.len().saturating_sub(2)..].join("/");
+        let tail = folder_tail(&folder);
         format!("{tail}, split {}, {} frames", self.split, self.len())
     }
 
@@ -105,12 +105,17 @@ impl FrameSet {
         let labels = self.dataset.root().join("label_2");
         Ok(FrameTruth {
             labels: self.dataset.labels(name)?.into(),
-            view: CameraView {
-                calibration: self.dataset.calibration(name)?,
-                image: image_size_beside(&labels, name)?,
-            },
+            calibration: self.dataset.calibration(name)?,
+            image: image_size_beside(&labels, name)?,
         })
     }
+}
+
+/// The last two parts of a path: they tell folders apart without telling where they lie.
+pub fn folder_tail(folder: &Path) -> String {
+    let parts = folder.iter().map(|part| part.to_string_lossy());
+    let parts: Vec<_> = parts.filter(|part| *part != "/").collect();
+    parts[parts.len().saturating_sub(2)..].join("/")
 }
 
 /// A scan as the first stage hands it on: finite points, at most the contract's number of them, in file order.

@@ -3,9 +3,14 @@
 //! The network runs once with every box kept; this says what the head says at a threshold of its own. A threshold is always
 //! one on a score that is low for the unknown, and 0 is the closed set.
 
+use super::DetectedFrame;
+use crate::quantile_grid;
 use mluc_head::{Detection, gate};
 use mluc_ipc_types::{DetectionKind, GateKind};
 use mluc_model::{HeadKind, Model, Thresholds};
+
+/// Thresholds tried beside the closed set.
+pub const THRESHOLDS: usize = 60;
 
 /// What a model's boxes are gated by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +19,8 @@ pub enum ModelGate {
     Eds,
     /// One minus the probability of being none of the known.
     Known,
+    /// The largest class probability: the naive baseline's.
+    Softmax,
 }
 
 impl ModelGate {
@@ -26,10 +33,11 @@ impl ModelGate {
     }
 
     /// In words.
-    pub fn describe(self) -> &'static str {
+    pub(super) fn describe(self) -> &'static str {
         match self {
             ModelGate::Eds => "normalised EDS",
             ModelGate::Known => "one minus P(unknown), below a half",
+            ModelGate::Softmax => "largest class probability",
         }
     }
 
@@ -38,55 +46,79 @@ impl ModelGate {
         match self {
             ModelGate::Eds => detection.eds_normalised,
             ModelGate::Known => 1.0 - detection.unknown_probability,
+            ModelGate::Softmax => detection.softmax_max,
         }
+    }
+
+    /// What orders unknown boxes among each other where nothing else does: the paper's 1 / EDS, or one minus the probability.
+    pub fn rank(self, detection: &Detection) -> f32 {
+        match self {
+            ModelGate::Eds => 1.0 / detection.eds.max(1e-6),
+            ModelGate::Known | ModelGate::Softmax => 1.0 - self.value(detection),
+        }
+    }
+
+    /// 0, the closed set, then at most `count` thresholds that cut what the boxes have into equal parts, ascending.
+    pub fn thresholds(self, frames: &[DetectedFrame], count: usize) -> Vec<f64> {
+        let boxes = frames.iter().flat_map(|frame| &frame.detections);
+        let values = boxes.map(|d| self.value(d)).filter(|v| self.may_be(*v));
+        let values: Vec<f64> = values.map(f64::from).collect();
+        let grid = quantile_grid(&values, count);
+        [0.0].into_iter().chain(grid).collect()
     }
 
     /// Whether a sweep tries a threshold: a box that is more likely known than not is never gated by the logit.
-    pub fn may_be(self, threshold: f32) -> bool {
-        match self {
-            ModelGate::Eds => true,
-            ModelGate::Known => threshold > 0.0 && threshold <= 0.5,
-        }
+    fn may_be(self, threshold: f32) -> bool {
+        self != ModelGate::Known || (threshold > 0.0 && threshold <= 0.5)
     }
 
     /// The box with its kind at a threshold; `None` for one without a class (`is_generic`) that is not unknown.
-    pub fn apply(
+    pub(super) fn apply(
         self,
         detection: &Detection,
         is_generic: bool,
         threshold: f32,
     ) -> Option<Detection> {
-        let kind = match self {
-            ModelGate::Eds => gate::gate(detection.eds_normalised, threshold),
+        let is_unknown = match self {
             ModelGate::Known => {
-                if gate::is_unknown(detection.unknown_probability, unknown_min(threshold)) {
-                    DetectionKind::Candidate
-                } else {
-                    DetectionKind::Known
-                }
+                gate::is_unknown(detection.unknown_probability, unknown_min(threshold))
             }
+            _ => self.value(detection) < threshold,
         };
-        let stays = !is_generic || kind == DetectionKind::Candidate;
-        stays.then_some(Detection {
+        if is_generic && !is_unknown {
+            return None;
+        }
+        let kind = if is_unknown {
+            DetectionKind::Candidate
+        } else {
+            DetectionKind::Known
+        };
+        let (gate, threshold) = match self {
+            ModelGate::Eds => (GateKind::Eds, threshold),
+            ModelGate::Known => (GateKind::UnknownProbability, unknown_min(threshold)),
+            ModelGate::Softmax => (GateKind::SoftmaxMax, threshold),
+        };
+        let eds = match self {
+            // The paper's refiner ranks by 1 / EDS: there the box carries this gate's rank.
+            ModelGate::Softmax => 1.0 / self.rank(detection).max(1e-6),
+            _ => detection.eds,
+        };
+        Some(Detection {
             kind: kind as u32,
-            gate: match self {
-                ModelGate::Eds => GateKind::Eds,
-                ModelGate::Known => GateKind::UnknownProbability,
-            } as u32,
-            threshold: match self {
-                ModelGate::Eds => threshold,
-                ModelGate::Known => unknown_min(threshold),
-            },
+            gate: gate as u32,
+            threshold,
+            eds,
             ..*detection
         })
     }
 
     /// A model's own threshold.
-    pub fn threshold(self, thresholds: &Thresholds) -> f32 {
+    pub(super) fn threshold(self, thresholds: &Thresholds) -> f32 {
         match self {
             ModelGate::Eds => thresholds.eds_normalised_max,
             ModelGate::Known if thresholds.unknown_min == 0.0 => 0.0,
             ModelGate::Known => 1.0 - thresholds.unknown_min,
+            ModelGate::Softmax => thresholds.softmax_min,
         }
     }
 
@@ -95,6 +127,7 @@ impl ModelGate {
         match self {
             ModelGate::Eds => thresholds.eds_normalised_max = threshold,
             ModelGate::Known => thresholds.unknown_min = unknown_min(threshold),
+            ModelGate::Softmax => thresholds.softmax_min = threshold,
         }
     }
 }
@@ -111,6 +144,7 @@ fn unknown_min(threshold: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mluc_model::{Grid, Manifest, Network};
 
     fn with_logit(logit: f32) -> Detection {
         Detection {
@@ -122,11 +156,8 @@ mod tests {
     #[test]
     fn a_box_is_gated_at_its_own_value_and_not_below() {
         let gate = ModelGate::Known;
-        let mut thresholds = mluc_model::Manifest::untrained(
-            "t",
-            mluc_model::Network::compact(mluc_model::Grid::udi(), 3),
-        )
-        .thresholds;
+        let manifest = Manifest::untrained("t", Network::compact(Grid::udi(), 3));
+        let mut thresholds = manifest.thresholds;
         for i in 1..200 {
             let detection = with_logit(0.07 * i as f32);
             let own = gate.value(&detection);
@@ -134,13 +165,10 @@ mod tests {
             gate.set(&mut thresholds, own);
             assert_eq!(gate.threshold(&thresholds), own, "comes back");
             let candidate = |t: f32| {
-                let kept = gate.apply(&detection, true, t);
-                assert_eq!(
-                    kept.is_some(),
-                    gate.apply(&detection, false, t)
-                        .is_some_and(|d| d.is_candidate())
-                );
-                kept.is_some()
+                let with_class = gate.apply(&detection, false, t).expect("stays");
+                let kept = gate.apply(&detection, true, t).is_some();
+                assert_eq!(kept, with_class.is_candidate());
+                kept
             };
             assert!(candidate(own) && !candidate(0.9 * own) && !candidate(0.0));
         }

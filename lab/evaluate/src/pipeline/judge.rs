@@ -1,14 +1,12 @@
-//! A model's figures at its own threshold and without the gate.
+//! A model's figures at its own threshold, without the gate, and at many thresholds.
 
-use super::misses::{MissTable, labels_that_count, misses};
+use super::misses::{MissTable, misses};
 use super::rules::paper_rules;
 use super::separation::{ScoreSeparation, separation};
-use super::stages::class_names;
-use super::sweep::objects_at;
-use super::{DetectedFrame, FrameSet, ModelGate};
+use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects_at};
 use crate::{
-    ApReport, ClassRule, EvaluateError, LabelledFrame, NeighbourPolicy, ObjectKind, evaluate,
-    unknown_as_known,
+    ApReport, ClassRule, EvaluateError, JudgedPoint, LabelledFrame, NeighbourPolicy, SweepPoint,
+    evaluate, unknown_as_known,
 };
 use mluc_model::Model;
 use mluc_refiner::Settings;
@@ -26,8 +24,6 @@ pub struct ModelJudgement {
     pub threshold: f32,
     /// Unknown from known, by score.
     pub separation: Vec<ScoreSeparation>,
-    /// Unknown labels that count.
-    pub unknown_labels: usize,
     /// Unknown labels that a known object lies on (absolute open-set error), without the gate.
     pub unknown_as_known_closed: usize,
     /// The same at the model's threshold.
@@ -36,6 +32,14 @@ pub struct ModelJudgement {
     pub misses: Vec<MissTable>,
     /// Boxes that the network kept.
     pub boxes: usize,
+}
+
+impl ModelJudgement {
+    /// Unknown labels that count.
+    pub fn unknown_labels(&self) -> usize {
+        let unknown = self.gated.unknown();
+        unknown.map_or(0, |class| class.main().truth_count)
+    }
 }
 
 /// Judges the detections of a set; `unknown` are the label classes that count as unknown.
@@ -49,30 +53,41 @@ pub fn judge(
 ) -> Result<ModelJudgement, EvaluateError> {
     let classes = class_names(model);
     let rules = paper_rules(&model.manifest.name, &classes, unknown, neighbours)?;
-    let threshold = ModelGate::of(model).threshold(&model.manifest.thresholds);
-    let objects = objects_at(model, set, frames, settings, &[0.0, threshold], &|| ())?;
-    let frames_at = |at: usize| -> Vec<LabelledFrame> {
-        let pairs = frames.iter().zip(&objects).map(|(frame, found)| {
-            let objects: Vec<_> = found[at].iter().map(|o| o.to_detection(&classes)).collect();
-            frame.truth.with(&objects)
-        });
-        pairs.collect()
-    };
-    let (closed, gated) = (frames_at(0), frames_at(1));
-    let labels = frames
-        .iter()
-        .flat_map(|f| labels_that_count(&f.truth.labels, &rules));
-    let unknown = labels.filter(|(_, rule)| rule.kind == ObjectKind::Unknown);
+    let gate = ModelGate::of(model);
+    let threshold = gate.threshold(&model.manifest.thresholds);
+    let asked = vec![0.0, f64::from(threshold)];
+    let objects = objects_at(model, gate, set, frames, settings, asked, &|| ())?;
+    let [closed, gated] = [0, 1].map(|at| -> Vec<LabelledFrame> {
+        let frames = frames.iter().enumerate();
+        let with = |(i, f): (usize, &DetectedFrame)| f.truth.with(&objects.detections(i, at));
+        frames.map(with).collect()
+    });
     Ok(ModelJudgement {
         closed: evaluate(&closed, &rules),
         gated: evaluate(&gated, &rules),
         threshold,
         separation: separation(frames, &rules),
-        unknown_labels: unknown.count(),
         unknown_as_known_closed: unknown_as_known(&closed, &rules),
         unknown_as_known: unknown_as_known(&gated, &rules),
         misses: misses(&closed, &rules),
         boxes: frames.iter().map(|frame| frame.detections.len()).sum(),
         rules,
     })
+}
+
+/// The figures of the closed set, then those of [`THRESHOLDS`] thresholds of the model's gate, ascending. Every frame is refined at
+/// every one (`step` is called after each frame).
+pub fn sweep_gate(
+    model: &Model,
+    set: &FrameSet,
+    frames: &[DetectedFrame],
+    rules: &[ClassRule],
+    settings: &Settings,
+    step: &(dyn Fn() + Sync),
+) -> Result<Vec<SweepPoint>, EvaluateError> {
+    let gate = ModelGate::of(model);
+    let thresholds = gate.thresholds(frames, THRESHOLDS);
+    let objects = objects_at(model, gate, set, frames, settings, thresholds, step)?;
+    let points = objects.sweep(frames, rules);
+    Ok(points.iter().map(JudgedPoint::main).collect())
 }

@@ -13,23 +13,17 @@ const RIDGE: f64 = 0.01;
 type Vector = SVector<f64, CLASSES_MAX>;
 type Matrix = SMatrix<f64, CLASSES_MAX, CLASSES_MAX>;
 
-/// A box by its embedding.
-pub(super) struct Embedded<'a> {
-    /// 0 or 1: of its frame.
-    pub(super) half: usize,
-    /// Of its label; none on unknown labels and on background.
-    pub(super) known_class: Option<&'a str>,
-    pub(super) embedding: Vector,
-}
+/// A box: half of the frames that it is in (0 or 1), class of its label (none on unknown labels and on background), embedding.
+pub(super) type Embedded<'a> = (usize, Option<&'a str>, Vector);
 
 /// The least squared distance of each box to a class.
 pub(super) fn mahalanobis(boxes: &[Embedded]) -> Vec<f64> {
     let fits = [1, 0].map(|half| {
-        let others = boxes.iter().filter(|b| b.half == half);
-        ClassFit::of(others.filter_map(|b| Some((b.known_class?, b.embedding))))
+        let others = boxes.iter().filter(|b| b.0 == half);
+        ClassFit::of(others.filter_map(|b| Some((b.1?, b.2))))
     });
     let boxes = boxes.iter();
-    boxes.map(|b| fits[b.half].distance(&b.embedding)).collect()
+    boxes.map(|b| fits[b.0].distance(&b.2)).collect()
 }
 
 struct ClassFit {

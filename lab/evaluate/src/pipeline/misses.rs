@@ -68,7 +68,7 @@ pub(super) fn labels_that_count<'a>(
 }
 
 /// One table a rule; `frames` hold the detections to examine.
-pub fn misses(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<MissTable> {
+pub(super) fn misses(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<MissTable> {
     let table = |rule: &ClassRule| {
         let mut table = MissTable {
             class: rule.name.clone(),

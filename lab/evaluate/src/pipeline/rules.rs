@@ -1,12 +1,11 @@
 //! Overlaps and unknown classes of the settings that the paper reports (section 4.1).
 
 use crate::{
-    ClassRule, EvaluateError, NeighbourPolicy, RuleRequest, UNKNOWN_IOUS, UnknownProtocol,
-    UnknownRequest, rules,
+    ClassRule, EvaluateError, NeighbourPolicy, RuleRequest, UNKNOWN_IOUS, UnknownProtocol, rules,
 };
 
 /// Overlap asked of a known class: KITTI's 0.7 for its cars, 0.5 in the industrial park; 0.7 for trucks and vans.
-pub fn known_iou_min(model_name: &str, class: &str) -> f64 {
+fn known_iou_min(model_name: &str, class: &str) -> f64 {
     match (model_name, class) {
         ("kitti", "car") | (_, "truck" | "van") => 0.7,
         _ => 0.5,
@@ -34,11 +33,9 @@ pub fn paper_rules(
     let request = RuleRequest {
         classes: known.to_vec(),
         iou_min: known.iter().map(overlap).collect(),
-        unknown: (!unknown.is_empty()).then(|| UnknownRequest {
-            classes: unknown.to_vec(),
-            iou_min: UNKNOWN_IOUS[0],
-            protocol: UnknownProtocol::Literal,
-        }),
+        unknown: unknown.to_vec(),
+        unknown_iou_min: UNKNOWN_IOUS[0],
+        protocol: UnknownProtocol::Literal,
         neighbours,
     };
     // The classes are named, so the frames are not asked for them.

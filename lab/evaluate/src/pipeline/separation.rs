@@ -69,7 +69,12 @@ pub fn separation(frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<ScoreSep
         figures(score, values.collect())
     });
     let mut all: Vec<ScoreSeparation> = plain.collect();
-    let embedded: Vec<Embedded> = boxes.iter().map(JudgedBox::embedded).collect();
+    let embedded = boxes.iter().map(|b| -> Embedded {
+        let known = b.rule.filter(|rule| rule.kind == ObjectKind::Known);
+        let embedding = b.detection.embedding.map(f64::from).into();
+        (b.frame % 2, known.map(|rule| rule.name.as_str()), embedding)
+    });
+    let embedded: Vec<Embedded> = embedded.collect();
     all.push(figures("mahalanobis", mahalanobis(&embedded)));
     all
 }
@@ -82,17 +87,6 @@ struct JudgedBox<'a> {
     rule: Option<&'a ClassRule>,
 }
 
-impl JudgedBox<'_> {
-    fn embedded(&self) -> Embedded<'_> {
-        let known = self.rule.filter(|rule| rule.kind == ObjectKind::Known);
-        Embedded {
-            half: self.frame % 2,
-            known_class: known.map(|rule| rule.name.as_str()),
-            embedding: self.detection.embedding.map(f64::from).into(),
-        }
-    }
-}
-
 fn judged_boxes<'a>(
     number: usize,
     frame: &'a DetectedFrame,
@@ -101,7 +95,7 @@ fn judged_boxes<'a>(
     let in_camera = |d: &Detection| {
         // The box alone, for its place in the camera frame.
         let object = FoundObject::of_box(d, ObjectKind::Known, 0.0);
-        frame.truth.view.detection(&object.to_detection(&[]))
+        frame.truth.detection(&object.to_detection(&[]))
     };
     let boxes: Vec<Option<CameraDetection>> = frame.detections.iter().map(in_camera).collect();
     let mut taken = vec![false; boxes.len()];

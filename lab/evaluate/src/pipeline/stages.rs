@@ -1,63 +1,49 @@
-//! The stages one after the other, as plain function calls.
+//! The stages one after the other, as plain function calls: the network over scans, then a gate and the refiner at many thresholds.
 
 use super::{DetectedFrame, FrameSet, ModelGate};
-use crate::{EvaluateError, ObjectKind, SensorDetection, UNKNOWN};
+use crate::{
+    ClassRule, EvaluateError, FrameTruth, JudgedPoint, ObjectKind, SensorDetection, UNKNOWN, sweep,
+};
 use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;
 use mluc_head::{Detection, Head};
-use mluc_ipc_types::{Disposition, Object, Point};
+use mluc_ipc_types::Object;
 use mluc_model::{HeadKind, Model};
 use mluc_refiner::{Refiner, RefinerError, RefinerOutput, Settings};
+use rayon::prelude::*;
 
-/// Backbone and head: points to kept boxes, each with every score.
-#[derive(Debug)]
-pub struct Detector {
-    backbone: Backbone,
-    head: Head,
-    cells: Vec<u32>,
-    rows: Vec<f32>,
-    generic: usize,
-}
-
-impl Detector {
-    /// For one model.
-    pub fn new(model: &Model) -> Result<Detector, EvaluateError> {
-        Detector::with_precision(model, Precision::default())
+/// The network over every frame of a set, one after the other (a frame uses all threads of the pool), the backbone in this precision.
+/// `step` is called after each. Detections' kinds say nothing: [`ModelGate`] does.
+pub fn detect_frames(
+    precision: Precision,
+    model: &Model,
+    set: &FrameSet,
+    mut step: impl FnMut(),
+) -> Result<Vec<DetectedFrame>, EvaluateError> {
+    let mut manifest = model.manifest.clone();
+    if manifest.network.head == HeadKind::Open {
+        // Boxes without a class are kept whatever the threshold: the gate drops them later.
+        manifest.thresholds.unknown_min = f32::MIN_POSITIVE;
     }
-
-    /// For one model, with the backbone in this precision.
-    pub fn with_precision(model: &Model, precision: Precision) -> Result<Detector, EvaluateError> {
-        let mut manifest = model.manifest.clone();
-        if manifest.network.head == HeadKind::Open {
-            // Boxes without a class are kept whatever the threshold: [`ModelGate`] drops them later.
-            manifest.thresholds.unknown_min = f32::MIN_POSITIVE;
-        }
-        Ok(Detector {
-            backbone: Backbone::with_precision(&manifest, &model.weights, precision)?,
-            head: Head::new(&manifest, &model.weights)?,
-            cells: Vec::new(),
-            rows: Vec::new(),
-            generic: 0,
-        })
-    }
-
-    /// Kept boxes of one scan, the best objectness first, then those without a class. Their kind says nothing: [`ModelGate`] does.
-    pub fn detect(&mut self, points: &[Point]) -> Result<Vec<Detection>, EvaluateError> {
-        let frame = self.backbone.run(bytemuck::cast_slice(points));
-        self.cells.resize(frame.rows, 0);
-        let values = frame.rows * self.backbone.feature_channels();
-        self.rows.resize(values, 0.0);
-        self.backbone.write_rows(&mut self.cells, &mut self.rows)?;
+    let mut backbone = Backbone::with_precision(&manifest, &model.weights, precision)?;
+    let mut head = Head::new(&manifest, &model.weights)?;
+    let (mut cells, mut rows) = (Vec::new(), Vec::new());
+    let mut one = |index: usize| {
+        let points = set.points(index)?;
+        let frame = backbone.run(bytemuck::cast_slice(&points));
+        cells.resize(frame.rows, 0);
+        rows.resize(frame.rows * backbone.feature_channels(), 0.0);
+        backbone.write_rows(&mut cells, &mut rows)?;
         let mut detections = Vec::new();
-        let counts = self.head.run(&self.cells, &self.rows, &mut detections)?;
-        self.generic = counts.generic as usize;
-        Ok(detections)
-    }
-
-    /// How many boxes of the last scan are of anchors without a class: the last ones of its list.
-    pub fn generic(&self) -> usize {
-        self.generic
-    }
+        let generic = head.run(&cells, &rows, &mut detections)?.generic as usize;
+        step();
+        Ok(DetectedFrame {
+            truth: set.truth(index)?,
+            detections,
+            generic,
+        })
+    };
+    (0..set.len()).map(&mut one).collect()
 }
 
 /// A published object, as small as it can be kept for many thresholds.
@@ -74,9 +60,9 @@ pub struct FoundObject {
 }
 
 impl FoundObject {
-    fn of(object: &Object) -> FoundObject {
-        let ([x, y, z], [l, w, h]) = (object.center_m, object.size_m);
-        FoundObject {
+    /// What the refiner published, in its order.
+    pub fn published(refined: &RefinerOutput) -> Vec<FoundObject> {
+        let object = |object: &Object| FoundObject {
             kind: if object.kind == ObjectKind::Unknown as u32 {
                 ObjectKind::Unknown
             } else {
@@ -84,18 +70,19 @@ impl FoundObject {
             },
             class_id: object.class_id,
             score: object.score,
-            bounds: [x, y, z, l, w, h, object.yaw_rad],
-        }
+            bounds: bounds(object.center_m, object.size_m, object.yaw_rad),
+        };
+        let published = refined.objects.iter().filter(|o| o.is_published());
+        published.map(object).collect()
     }
 
     /// A detection's own box, of this kind and score.
     pub fn of_box(detection: &Detection, kind: ObjectKind, score: f32) -> FoundObject {
-        let ([x, y, z], [l, w, h]) = (detection.center_m, detection.size_m);
         FoundObject {
             kind,
             class_id: detection.class_id,
             score,
-            bounds: [x, y, z, l, w, h, detection.yaw_rad],
+            bounds: bounds(detection.center_m, detection.size_m, detection.yaw_rad),
         }
     }
 
@@ -105,144 +92,96 @@ impl FoundObject {
     }
 
     /// As the evaluator takes it; `classes` are the model's, in order.
-    pub fn to_detection(&self, classes: &[String]) -> SensorDetection {
+    pub(super) fn to_detection(self, classes: &[String]) -> SensorDetection {
         let named = || classes.get(self.class_id as usize).cloned();
-        let class = match self.kind {
-            ObjectKind::Unknown => UNKNOWN.to_owned(),
-            ObjectKind::Known => named().unwrap_or_default(),
-        };
         SensorDetection {
             kind: self.kind,
-            class,
+            class: match self.kind {
+                ObjectKind::Unknown => UNKNOWN.to_owned(),
+                ObjectKind::Known => named().unwrap_or_default(),
+            },
             score: f64::from(self.score),
             box_in_sensor: self.box_in_sensor(),
         }
     }
 }
 
-/// The gate at any threshold, and the refiner.
-#[derive(Debug)]
-pub struct ObjectFinder {
+fn bounds([x, y, z]: [f32; 3], [l, w, h]: [f32; 3], yaw: f32) -> [f32; 7] {
+    [x, y, z, l, w, h, yaw]
+}
+
+/// Objects at every threshold of a gate.
+#[derive(Clone, Debug)]
+pub struct GatedObjects {
+    /// Thresholds, ascending; the first is 0, the closed set.
+    pub thresholds: Vec<f64>,
+    /// Objects by frame, then by threshold.
+    pub objects: Vec<Vec<Vec<FoundObject>>>,
+    /// Classes that the objects count by.
+    pub classes: Vec<String>,
+}
+
+impl GatedObjects {
+    /// What is found in a frame at the threshold of index `at`.
+    pub fn detections(&self, frame: usize, at: usize) -> Vec<SensorDetection> {
+        let objects = self.objects[frame][at].iter();
+        objects.map(|o| o.to_detection(&self.classes)).collect()
+    }
+
+    /// Judges every threshold on the frames that the objects were found in.
+    pub fn sweep(&self, frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<JudgedPoint> {
+        let truths: Vec<FrameTruth> = frames.iter().map(|frame| frame.truth.clone()).collect();
+        let detect = |frame: usize, at: usize| self.detections(frame, at);
+        sweep(&truths, rules, &self.thresholds, detect)
+    }
+}
+
+/// What the refiner publishes at each threshold of a gate; thresholds ascend and are f32 values. Frames go in parallel (`step` is
+/// called after each); the result does not depend on the number of threads.
+pub fn objects_at(
+    model: &Model,
     gate: ModelGate,
-    refiner: Refiner,
-    refined: RefinerOutput,
-    gated: Vec<Detection>,
-}
-
-impl ObjectFinder {
-    /// For one model.
-    pub fn new(model: &Model, settings: &Settings) -> Result<ObjectFinder, RefinerError> {
-        Ok(ObjectFinder {
-            gate: ModelGate::of(model),
-            refiner: Refiner::for_model(settings.clone(), model)?,
-            refined: RefinerOutput::default(),
-            gated: Vec::new(),
-        })
-    }
-
-    /// What is published when the gate has this threshold; 0 is the closed set. In the order of the detections, the last
-    /// `generic` of which have no class.
-    pub fn objects(
-        &mut self,
-        sequence: u64,
-        points: &[Point],
-        (detections, generic): (&[Detection], usize),
-        threshold: f32,
-    ) -> Vec<FoundObject> {
-        let (gate, first) = (self.gate, detections.len().saturating_sub(generic));
-        let boxes = detections.iter().enumerate();
-        let gated = boxes.filter_map(|(i, d)| gate.apply(d, i >= first, threshold));
-        self.objects_of(sequence, points, gated)
-    }
-
-    /// What is published of detections whose kind is settled, in their order.
-    pub fn objects_of(
-        &mut self,
-        sequence: u64,
-        points: &[Point],
-        detections: impl Iterator<Item = Detection>,
-    ) -> Vec<FoundObject> {
-        self.gated.clear();
-        self.gated.extend(detections);
-        self.refiner
-            .refine(sequence, points, &self.gated, &mut self.refined);
-        let published = |object: &&Object| object.disposition == Disposition::Published as u32;
-        let objects = self.refined.objects.iter().filter(published);
-        objects.map(FoundObject::of).collect()
-    }
-}
-
-/// A scan in, objects out.
-#[derive(Debug)]
-pub struct Pipeline {
-    detector: Detector,
-    finder: ObjectFinder,
-    classes: Vec<String>,
-}
-
-impl Pipeline {
-    /// For one model.
-    pub fn new(model: &Model, settings: &Settings) -> Result<Pipeline, EvaluateError> {
-        Ok(Pipeline {
-            detector: Detector::new(model)?,
-            finder: ObjectFinder::new(model, settings)?,
-            classes: class_names(model),
-        })
-    }
-
-    /// [`Detector::detect`].
-    pub fn detect(&mut self, points: &[Point]) -> Result<Vec<Detection>, EvaluateError> {
-        self.detector.detect(points)
-    }
-
-    /// [`ObjectFinder::objects`] of what [`Pipeline::detect`] gave last, as the evaluator takes them.
-    pub fn objects(
-        &mut self,
-        sequence: u64,
-        points: &[Point],
-        detections: &[Detection],
-        threshold: f32,
-    ) -> Vec<SensorDetection> {
-        let boxes = (detections, self.detector.generic());
-        let found = self.finder.objects(sequence, points, boxes, threshold);
-        let classes = &self.classes;
-        found.iter().map(|o| o.to_detection(classes)).collect()
-    }
+    set: &FrameSet,
+    frames: &[DetectedFrame],
+    settings: &Settings,
+    thresholds: Vec<f64>,
+    step: &(dyn Fn() + Sync),
+) -> Result<GatedObjects, EvaluateError> {
+    // A refiner's buffers are large, so they go from frame to frame.
+    let refiner = || Refiner::for_model(settings.clone(), model);
+    let one = |refiner: &mut Result<Refiner, RefinerError>, index: usize| {
+        let refiner = refiner.as_mut().map_err(|e| e.clone())?;
+        let (points, mut refined) = (set.points(index)?, RefinerOutput::default());
+        let mut found: Vec<Vec<FoundObject>> = Vec::with_capacity(thresholds.len());
+        let mut before = None;
+        for &threshold in &thresholds {
+            let gated = frames[index].gated(gate, threshold as f32);
+            let candidates = gated.iter().filter(|d| d.is_candidate()).count();
+            // Thresholds ascend: as many candidates are the same candidates.
+            let objects = match found.last() {
+                Some(last) if before == Some(candidates) => last.clone(),
+                _ => {
+                    refiner.refine(index as u64, &points, &gated, &mut refined);
+                    FoundObject::published(&refined)
+                }
+            };
+            before = Some(candidates);
+            found.push(objects);
+        }
+        step();
+        Ok(found)
+    };
+    let frames = (0..set.len()).into_par_iter();
+    let objects: Result<_, EvaluateError> = frames.map_init(refiner, one).collect();
+    Ok(GatedObjects {
+        objects: objects?,
+        thresholds,
+        classes: class_names(model),
+    })
 }
 
 /// The model's classes, in order.
 pub fn class_names(model: &Model) -> Vec<String> {
     let classes = model.manifest.classes.iter();
     classes.map(|class| class.name.clone()).collect()
-}
-
-/// The network over every frame of a set, one after the other (a frame uses all threads of the pool). `step` is called
-/// after each.
-pub fn detect_frames(
-    model: &Model,
-    set: &FrameSet,
-    step: impl FnMut(),
-) -> Result<Vec<DetectedFrame>, EvaluateError> {
-    detect_frames_in(Precision::default(), model, set, step)
-}
-
-/// [`detect_frames`] with the backbone in this precision.
-pub fn detect_frames_in(
-    precision: Precision,
-    model: &Model,
-    set: &FrameSet,
-    mut step: impl FnMut(),
-) -> Result<Vec<DetectedFrame>, EvaluateError> {
-    let mut detector = Detector::with_precision(model, precision)?;
-    let mut detected = Vec::with_capacity(set.len());
-    for index in 0..set.len() {
-        let detections = detector.detect(&set.points(index)?)?;
-        detected.push(DetectedFrame {
-            truth: set.truth(index)?,
-            detections,
-            generic: detector.generic(),
-        });
-        step();
-    }
-    Ok(detected)
 }

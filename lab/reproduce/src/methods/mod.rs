@@ -11,15 +11,16 @@ mod osis;
 mod osis_embedding;
 mod rows;
 
-pub use full::{FullSettings, full_steps};
-pub use rows::{METHODS, Method, MethodRow, PaperFigures};
+pub use full::full_steps;
+pub use rows::{METHODS, Method, MethodRow};
 
-use crate::ReproduceError;
-use gated::UnknownScore;
-use mluc_evaluate::pipeline::{DetectedFrame, FoundObject, FrameSet, THRESHOLDS, class_names};
-use mluc_evaluate::{SensorDetection, quantile_grid};
+use mluc_evaluate::EvaluateError;
+use mluc_evaluate::pipeline::{
+    DetectedFrame, FoundObject, FrameSet, GatedObjects, ModelGate, THRESHOLDS, class_names,
+    objects_at,
+};
 use mluc_model::Model;
-use mluc_refiner::Variant;
+use mluc_refiner::{Settings, Variant};
 
 /// What a method works on.
 #[derive(Clone, Copy)]
@@ -30,10 +31,10 @@ pub struct MethodInput<'a> {
     pub set: &'a FrameSet,
     /// [`mluc_evaluate::pipeline::detect_frames`] of the same model and scans.
     pub frames: &'a [DetectedFrame],
-    /// Exactly these thresholds (the first should be 0); `None`: 0 and a grid of [`THRESHOLDS`] quantiles.
-    pub thresholds: Option<&'a [f64]>,
-    /// Of [`Method::MlucFull`] alone.
-    pub full: FullSettings,
+    /// Exactly these thresholds (the first should be 0); `None`: 0 and a grid of quantiles.
+    pub asked: Option<&'a [f64]>,
+    /// Of [`Method::MlucFull`] alone: the last of [`full_steps`] that is taken.
+    pub full_step: usize,
     /// Called after each frame.
     pub step: &'a (dyn Fn() + Sync),
 }
@@ -45,69 +46,62 @@ impl<'a> MethodInput<'a> {
             model,
             set,
             frames,
-            thresholds: None,
-            full: FullSettings::default(),
+            asked: None,
+            full_step: usize::MAX,
             step: &|| (),
         }
     }
 
-    /// 0, then at most `count` quantiles of `values`; or what was asked for.
-    fn thresholds_over(&self, values: impl Iterator<Item = f32>, count: usize) -> Vec<f64> {
-        if let Some(asked) = self.thresholds {
-            return asked.to_vec();
+    /// 0, then at most `count` quantiles of what the gate looks at; or what was asked for.
+    fn thresholds(&self, gate: ModelGate, frames: &[DetectedFrame], count: usize) -> Vec<f64> {
+        let own = || gate.thresholds(frames, count);
+        self.asked.map_or_else(own, <[f64]>::to_vec)
+    }
+
+    /// What a refiner publishes at every threshold of the gate.
+    fn refined(
+        &self,
+        model: &Model,
+        gate: ModelGate,
+        frames: &[DetectedFrame],
+        settings: &Settings,
+    ) -> Result<GatedObjects, EvaluateError> {
+        let thresholds = self.thresholds(gate, frames, THRESHOLDS);
+        objects_at(
+            model, gate, self.set, frames, settings, thresholds, self.step,
+        )
+    }
+
+    fn output(&self, thresholds: Vec<f64>, objects: Vec<Vec<Vec<FoundObject>>>) -> GatedObjects {
+        GatedObjects {
+            thresholds,
+            objects,
+            classes: class_names(self.model),
         }
-        let values: Vec<f64> = values.map(f64::from).collect();
-        let grid = quantile_grid(&values, count.min(THRESHOLDS));
-        [0.0].into_iter().chain(grid).collect()
-    }
-
-    /// Every kept box of every frame.
-    fn boxes(&self) -> impl Iterator<Item = &'a mluc_head::Detection> {
-        self.frames.iter().flat_map(|frame| &frame.detections)
     }
 }
 
-/// Objects at every threshold.
-#[derive(Clone, Debug)]
-pub struct MethodOutput {
-    /// Thresholds; the first is the closed set.
-    pub thresholds: Vec<f64>,
-    /// Objects by frame, then by threshold.
-    pub objects: Vec<Vec<Vec<FoundObject>>>,
-    /// Classes that the objects count by.
-    pub classes: Vec<String>,
-}
-
-impl MethodOutput {
-    /// What is found in a frame at the threshold of index `at`.
-    pub fn detections(&self, frame: usize, at: usize) -> Vec<SensorDetection> {
-        let objects = self.objects[frame][at].iter();
-        objects.map(|o| o.to_detection(&self.classes)).collect()
-    }
-}
-
-/// Thresholds, and objects by frame and threshold.
-type Swept = (Vec<f64>, Vec<Vec<Vec<FoundObject>>>);
-
-/// Runs a method. The result does not depend on the number of threads.
-pub fn run_method(method: Method, input: &MethodInput) -> Result<MethodOutput, ReproduceError> {
+/// Runs a method: its objects at every threshold. The result does not depend on the number of threads.
+pub fn run_method(method: Method, input: &MethodInput) -> Result<GatedObjects, EvaluateError> {
     method.check(input.model)?;
-    let (thresholds, objects) = match method {
-        Method::ClosedSet | Method::Supervised => gated::all_known(input),
-        Method::Naive => gated::as_they_are(input, UnknownScore::Msp),
-        Method::MlOnly => gated::as_they_are(input, UnknownScore::Eds),
-        Method::UcOnly => gated::refined(input, UnknownScore::Msp, Variant::Paper)?,
-        Method::Paper => gated::refined(input, UnknownScore::Eds, Variant::Paper)?,
-        Method::PaperCorrected | Method::MlucOpen => {
-            gated::refined(input, UnknownScore::Eds, Variant::PaperCorrected)?
-        }
-        Method::MlucFull => full::run(input)?,
-        Method::Osis => osis::run(input, true)?,
-        Method::OsisGeo => osis::run(input, false)?,
+    let refined = |gate, variant| {
+        let settings = Settings {
+            variant,
+            ..Settings::default()
+        };
+        input.refined(input.model, gate, input.frames, &settings)
     };
-    Ok(MethodOutput {
-        thresholds,
-        objects,
-        classes: class_names(input.model),
-    })
+    match method {
+        Method::ClosedSet | Method::Supervised => Ok(gated::all_known(input)),
+        Method::Naive => Ok(gated::as_they_are(input, ModelGate::Softmax)),
+        Method::MlOnly => Ok(gated::as_they_are(input, ModelGate::Eds)),
+        Method::UcOnly => refined(ModelGate::Softmax, Variant::Paper),
+        Method::Paper => refined(ModelGate::Eds, Variant::Paper),
+        Method::PaperCorrected | Method::MlucOpen => {
+            refined(ModelGate::Eds, Variant::PaperCorrected)
+        }
+        Method::MlucFull => full::run(input),
+        Method::Osis => osis::run(input, true),
+        Method::OsisGeo => osis::run(input, false),
+    }
 }

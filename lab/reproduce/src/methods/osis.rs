@@ -5,13 +5,12 @@
 //! `osis-geo` tells points apart by place alone; `osis` by a learned embedding too, which also takes out what it holds for
 //! background.
 
+use super::MethodInput;
 use super::dbscan::{Group, cluster};
-use super::gated::{UnknownScore, known};
+use super::gated::known;
 use super::osis_embedding::{Embedder, Standing};
-use super::{MethodInput, Swept};
-use crate::ReproduceError;
-use mluc_evaluate::ObjectKind;
-use mluc_evaluate::pipeline::FoundObject;
+use mluc_evaluate::pipeline::{FoundObject, GatedObjects, ModelGate};
+use mluc_evaluate::{EvaluateError, ObjectKind};
 use mluc_head::Detection;
 use mluc_ipc_types::Point;
 use mluc_refiner::fit::{ClusterPoints, minimum_area};
@@ -31,9 +30,8 @@ const POINTS_MIN: usize = 5;
 /// Longer ones would match no label; left out to save their boxes' time, m.
 const LENGTH_MAX_M: f64 = 20.0;
 
-pub(super) fn run(input: &MethodInput, learned: bool) -> Result<Swept, ReproduceError> {
-    let of = |d: &Detection| UnknownScore::Msp.of(d);
-    let thresholds = input.thresholds_over(input.boxes().map(of), THRESHOLDS);
+pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects, EvaluateError> {
+    let thresholds = input.thresholds(ModelGate::Softmax, input.frames, THRESHOLDS);
     let settings = Settings::default();
     let sensor = Sensor::from_manifest(&input.model.manifest)?;
     let embedder = learned.then(|| Embedder::new(input.model)).transpose()?;
@@ -46,7 +44,9 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<Swept, Reproduce
             embedder.embed(&points, &mut standing)?;
         }
         let at = |threshold: &f64| {
-            let boxes = detections.iter().filter(|d| f64::from(of(d)) >= *threshold);
+            let boxes = detections
+                .iter()
+                .filter(|d| f64::from(d.softmax_max) >= *threshold);
             let mut objects: Vec<FoundObject> = boxes.map(known).collect();
             if *threshold > 0.0 {
                 objects.extend(unknown(&standing, *threshold as f32, embedder.as_ref()));
@@ -57,10 +57,10 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<Swept, Reproduce
         Ok(thresholds.iter().map(at).collect())
     };
     let frames = (0..input.frames.len()).into_par_iter();
-    let objects: Result<Vec<_>, ReproduceError> = frames
+    let objects: Result<Vec<_>, EvaluateError> = frames
         .map_init(|| FrameClusterer::new(&settings, &sensor), one_frame)
         .collect();
-    Ok((thresholds, objects?))
+    Ok(input.output(thresholds, objects?))
 }
 
 /// One point a cube of those that stand on the ground, in the order of their cubes.

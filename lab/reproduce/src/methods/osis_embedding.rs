@@ -1,6 +1,5 @@
 //! The learned part of OSIS: embeddings of points, and whether they belong to a known object, to the background, or to nothing known.
 
-use crate::ReproduceError;
 use mluc_backbone::Backbone;
 use mluc_evaluate::EvaluateError;
 use mluc_ipc_types::Point;
@@ -32,15 +31,15 @@ pub(super) struct Embedder<'a> {
 
 impl Embedder<'_> {
     /// Refuses a model without an embedding.
-    pub(super) fn new(model: &Model) -> Result<Embedder<'_>, ReproduceError> {
+    pub(super) fn new(model: &Model) -> Result<Embedder<'_>, EvaluateError> {
         let manifest = &model.manifest;
         let channels = manifest.network.feature_channels();
         let embedding = PointEmbedding::read(&model.weights, channels).ok_or_else(|| {
             let reason =
                 "osis: expected a model with a point embedding, found none; osis-geo needs none";
-            ReproduceError::Method(reason.into())
+            EvaluateError::Input(reason.into())
         })?;
-        let backbone = Backbone::new(manifest, &model.weights).map_err(EvaluateError::from)?;
+        let backbone = Backbone::new(manifest, &model.weights)?;
         Ok(Embedder {
             model,
             embedding,
@@ -53,16 +52,14 @@ impl Embedder<'_> {
         &self,
         points: &[Point],
         standing: &mut Vec<Standing>,
-    ) -> Result<(), ReproduceError> {
+    ) -> Result<(), EvaluateError> {
         let (mut cells, mut rows) = (vec![], vec![]);
         {
             let mut backbone = self.backbone.lock().unwrap_or_else(PoisonError::into_inner);
             let frame = backbone.run(bytemuck::cast_slice(points));
             cells.resize(frame.rows, 0);
             rows.resize(frame.rows * backbone.feature_channels(), 0.0);
-            backbone
-                .write_rows(&mut cells, &mut rows)
-                .map_err(EvaluateError::from)?;
+            backbone.write_rows(&mut cells, &mut rows)?;
         }
         let features = FrameFeatures::new(&self.model.manifest, &cells, &rows);
         let mut input = vec![];

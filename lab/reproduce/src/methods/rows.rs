@@ -1,6 +1,6 @@
 //! The rows of the paper's tables ("Open-set 3D Object Detection", tables 1 and 2; percent), and ours.
 
-use crate::ReproduceError;
+use mluc_evaluate::EvaluateError;
 use mluc_model::{HeadKind, Model};
 use mluc_train::NetworkKind;
 use serde::Deserialize;
@@ -35,9 +35,6 @@ pub enum Method {
     MlucFull,
 }
 
-/// The paper's mAP of the known, AP of the unknown and their harmonic mean.
-pub type PaperFigures = [f64; 3];
-
 /// A method's row in the tables.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct MethodRow {
@@ -53,9 +50,10 @@ pub struct MethodRow {
     /// Metric learning and unsupervised clustering, as table 1 has them; `None` in table 2 alone.
     #[serde(default)]
     pub ablation: Option<[bool; 2]>,
-    /// The paper's figures on its industrial park and on KITTI; rows that it does not have are `None`.
+    /// The paper's mAP of the known, AP of the unknown and their harmonic mean, on its industrial park and on KITTI; rows that it
+    /// does not have are `None`.
     #[serde(default)]
-    pub paper: [Option<PaperFigures>; 2],
+    pub paper: [Option<[f64; 3]>; 2],
     /// Colour in figures, red, green, blue.
     pub color: [u8; 3],
 }
@@ -71,7 +69,7 @@ impl MethodRow {
     }
 
     /// The paper's figures in the setting that this one stands for (`sim-udi`; `sim-kitti` and `kitti`).
-    pub fn paper_figures(&self, setting: &str) -> Option<PaperFigures> {
+    pub(crate) fn paper_figures(&self, setting: &str) -> Option<[f64; 3]> {
         self.paper[usize::from(setting.ends_with("kitti"))]
     }
 
@@ -89,7 +87,7 @@ impl MethodRow {
     }
 
     /// The rows on a kind of network of some seed.
-    pub fn on(network: NetworkKind, seed: u64) -> impl Iterator<Item = &'static MethodRow> {
+    pub(crate) fn on(network: NetworkKind, seed: u64) -> impl Iterator<Item = &'static MethodRow> {
         let is_on = move |row: &&MethodRow| row.network() == network && (seed == 1 || row.seeded);
         METHODS.iter().filter(is_on)
     }
@@ -102,13 +100,13 @@ impl Method {
     }
 
     /// Refuses a model that it cannot run on. Our method runs on the paper's network too, which shows what training brings.
-    pub fn check(self, model: &Model) -> Result<(), ReproduceError> {
+    pub fn check(self, model: &Model) -> Result<(), EvaluateError> {
         let row = self.row();
         let (expected, found) = (row.network().head(), model.manifest.network.head);
         if found == expected || (self == Method::MlucFull && found == HeadKind::Metric) {
             return Ok(());
         }
-        Err(ReproduceError::Method(format!(
+        Err(EvaluateError::Input(format!(
             "{}: expected a model with a {expected:?} head, found a {found:?} head",
             row.key
         )))

@@ -74,33 +74,6 @@ impl DrawingBackend for CanvasBackend<'_> {
         Ok(())
     }
 
-    fn draw_line<S: BackendStyle>(
-        &mut self,
-        from: BackendCoord,
-        to: BackendCoord,
-        style: &S,
-    ) -> Outcome {
-        self.draw_path([from, to], style)
-    }
-
-    fn draw_rect<S: BackendStyle>(
-        &mut self,
-        low: BackendCoord,
-        high: BackendCoord,
-        style: &S,
-        fill: bool,
-    ) -> Outcome {
-        if fill {
-            let [low, high] = [low, high].map(|corner| self.at(corner).map(|v| v as i64));
-            let (color, alpha) = split(style.color());
-            self.canvas.rectangle(low, high, color, alpha);
-            return Ok(());
-        }
-        let ((left, top), (right, bottom)) = (low, high);
-        let corners = [(left, top), (right, top), (right, bottom), (left, bottom)];
-        self.draw_path(corners.into_iter().chain([low]), style)
-    }
-
     fn draw_circle<S: BackendStyle>(
         &mut self,
         center: BackendCoord,

@@ -2,8 +2,7 @@
 //! setting. Points are those that keep nine tenths of the closed set's mAP; a ring marks the chosen one.
 
 use super::canvas_backend::CanvasBackend;
-use super::data::ReproductionReport;
-use super::tables::{Rows, present};
+use super::data::{ReproductionReport, Rows, present};
 use crate::methods::METHODS;
 use mluc_evaluate::SweepPoint;
 use mluc_gateway::picture::Canvas;
@@ -23,7 +22,7 @@ type Fault<B> = DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>;
 type Shown = (&'static str, &'static str, fn(&SweepPoint) -> f64);
 
 /// As SVG; an error in words where it cannot be drawn.
-pub fn svg(report: &ReproductionReport) -> Result<String, String> {
+pub(crate) fn svg(report: &ReproductionReport) -> Result<String, String> {
     let mut text = String::new();
     let backend = SVGBackend::with_string(&mut text, size_px(report));
     draw(backend, report).map_err(|e| e.to_string())?;
@@ -31,7 +30,7 @@ pub fn svg(report: &ReproductionReport) -> Result<String, String> {
 }
 
 /// As pixels.
-pub fn canvas(report: &ReproductionReport) -> Result<Canvas, String> {
+pub(crate) fn canvas(report: &ReproductionReport) -> Result<Canvas, String> {
     let (width, height) = size_px(report);
     let [width, height] = [width, height].map(|v| (v as f32 * PNG_SCALE) as usize);
     let mut canvas = Canvas::new(width, height, [255; 3]);
@@ -170,15 +169,12 @@ mod tests {
         let lines: Vec<&&str> = curves.iter().filter(|l| l.contains("<polyline")).collect();
         // Two panels and the legend, and a ring a panel.
         assert_eq!((lines.len(), curves.len()), (3, 5), "{text}");
-        let corners = lines[0].split("points=\"").nth(1).expect("points");
-        let corners = corners
-            .split('"')
-            .next()
-            .expect("points")
-            .split_whitespace();
+        let corners = lines[0].split('"').find(|part| part.contains(','));
+        let corners = corners.expect("points").split_whitespace();
+        let number = |text: &str| text.parse::<f64>().expect("a number");
         let corners: Vec<(f64, f64)> = corners
-            .map(|c| c.split_once(',').expect("x, y"))
-            .map(|(x, y)| (x.parse().expect("x"), y.parse().expect("y")))
+            .map(|corner| corner.split_once(',').expect("x, y"))
+            .map(|(x, y)| (number(x), number(y)))
             .collect();
         assert_eq!(corners.len(), 4);
         assert!(

@@ -46,7 +46,7 @@ impl Cell {
 }
 
 /// Draws scenes below each other: labels first, then a column a panel.
-pub fn figure6(scenes: &[DrawnScene]) -> Canvas {
+pub(crate) fn figure6(scenes: &[DrawnScene]) -> Canvas {
     const CELL: Cell = Cell {
         above_px: [330, 300],
         eye_px: [330, 210],
@@ -77,7 +77,7 @@ pub fn figure6(scenes: &[DrawnScene]) -> Canvas {
 }
 
 /// Draws the first panel of each scene, three a row, with the caption (two lines) over it.
-pub fn worst_page(scenes: &[DrawnScene]) -> Canvas {
+pub(crate) fn worst_page(scenes: &[DrawnScene]) -> Canvas {
     const CELL: Cell = Cell {
         above_px: [460, 380],
         eye_px: [460, 260],

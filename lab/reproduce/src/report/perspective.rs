@@ -5,106 +5,72 @@ const NEAR_M: f64 = 0.5;
 
 /// How places become pixels.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Projection {
-    /// Forward (+x) is up, left (+y) is left.
-    Above {
-        /// x and y in the middle of the picture, m.
-        center_m: [f64; 2],
-        /// Pixels a metre.
-        px_per_m: f64,
-        /// Width and height, px.
-        size_px: [usize; 2],
-    },
-    /// A pinhole.
-    Eye {
-        /// Where it is, m.
-        eye_m: [f64; 3],
-        /// To the right, down, forward: unit vectors.
-        axes: [[f64; 3]; 3],
-        /// Focal length, px.
-        focal_px: f64,
-        /// Width and height, px.
-        size_px: [usize; 2],
-    },
+pub(super) struct Projection {
+    /// Where the eye is, or, from above, what is in the middle of the picture, m.
+    origin_m: [f64; 3],
+    /// To the right, down, forward: unit vectors.
+    axes: [[f64; 3]; 3],
+    /// Focal length, px; from above pixels a metre.
+    scale: f64,
+    /// A pinhole; else all lines of sight are parallel.
+    is_pinhole: bool,
+    /// Width and height, px.
+    pub(super) size_px: [usize; 2],
 }
 
 impl Projection {
-    pub(super) fn above(center_m: [f64; 2], px_per_m: f64, size_px: [usize; 2]) -> Projection {
-        Projection::Above {
-            center_m,
-            px_per_m,
+    /// From above: forward (+x) is up, left (+y) is left.
+    pub(super) fn above([x, y]: [f64; 2], px_per_m: f64, size_px: [usize; 2]) -> Projection {
+        Projection {
+            origin_m: [x, y, 0.0],
+            axes: [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
+            scale: px_per_m,
+            is_pinhole: false,
             size_px,
         }
     }
 
     /// An eye on the sensor's side of a place, 15 m before it and 7 m above the sensor's feet, that looks at it.
-    pub(super) fn towards(target_m: [f64; 2], size_px: [usize; 2]) -> Projection {
-        let [x, y] = target_m;
+    pub(super) fn towards([x, y]: [f64; 2], size_px: [usize; 2]) -> Projection {
         let range = x.hypot(y).max(1e-6);
         let (ux, uy) = (x / range, y / range);
-        let eye_m = [x - 15.0 * ux, y - 15.0 * uy, 5.0];
-        let down = (eye_m[2] + 1.2) / 15.0f64.hypot(eye_m[2] + 1.2);
+        let origin_m = [x - 15.0 * ux, y - 15.0 * uy, 5.0];
+        let down = (origin_m[2] + 1.2) / 15.0f64.hypot(origin_m[2] + 1.2);
         let flat = (1.0 - down * down).sqrt();
-        Projection::Eye {
-            eye_m,
+        Projection {
+            origin_m,
             axes: [
                 [uy, -ux, 0.0],
                 [-down * ux, -down * uy, -flat],
                 [flat * ux, flat * uy, -down],
             ],
-            focal_px: 0.85 * size_px[0] as f64,
+            scale: 0.85 * size_px[0] as f64,
+            is_pinhole: true,
             size_px,
-        }
-    }
-
-    /// Width and height, px.
-    pub(super) fn size_px(&self) -> [usize; 2] {
-        match self {
-            Projection::Above { size_px, .. } | Projection::Eye { size_px, .. } => *size_px,
         }
     }
 
     /// Place in the picture and depth (from above: how far below the sensor, so that high things come last), m. `None` behind the
     /// eye, far outside the picture, and for what is not finite.
     pub(super) fn project(&self, place_m: [f64; 3]) -> Option<([f32; 2], f32)> {
-        let [x, y, z] = place_m;
-        let (at, depth) = match self {
-            Projection::Above {
-                center_m,
-                px_per_m,
-                size_px,
-            } => {
-                let right = (center_m[1] - y) * px_per_m + size_px[0] as f64 / 2.0;
-                let down = (center_m[0] - x) * px_per_m + size_px[1] as f64 / 2.0;
-                ([right, down], -z)
-            }
-            Projection::Eye {
-                eye_m,
-                axes,
-                focal_px,
-                size_px,
-            } => {
-                let d = [x - eye_m[0], y - eye_m[1], z - eye_m[2]];
-                let along = |axis: &[f64; 3]| axis[0] * d[0] + axis[1] * d[1] + axis[2] * d[2];
-                let depth = along(&axes[2]);
-                if depth < NEAR_M {
-                    return None;
-                }
-                let at =
-                    [0, 1].map(|i| focal_px * along(&axes[i]) / depth + size_px[i] as f64 / 2.0);
-                (at, depth)
-            }
-        };
+        let d = [0, 1, 2].map(|i| place_m[i] - self.origin_m[i]);
+        let [right, down, depth] = self.axes.map(|a| a[0] * d[0] + a[1] * d[1] + a[2] * d[2]);
+        if self.is_pinhole && depth < NEAR_M {
+            return None;
+        }
+        let away = if self.is_pinhole { depth } else { 1.0 };
+        let [right, down] = [right, down].map(|v| self.scale * v / away);
+        let at = [
+            right + self.size_px[0] as f64 / 2.0,
+            down + self.size_px[1] as f64 / 2.0,
+        ];
         let inside = at.iter().all(|v| v.is_finite() && v.abs() < 1e4);
         inside.then(|| (at.map(|v| v as f32), depth as f32))
     }
 
     /// Whether points at this depth are drawn larger.
     pub(super) fn is_near(&self, depth: f32) -> bool {
-        match self {
-            Projection::Above { .. } => false,
-            Projection::Eye { .. } => depth < 24.0,
-        }
+        self.is_pinhole && depth < 24.0
     }
 }
 

@@ -12,37 +12,33 @@ const RAMP_M: [f32; 2] = [-2.2, 1.6];
 
 /// A label or a detection.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SceneBox {
+pub(crate) struct SceneBox {
     /// Class; of an unknown: any.
-    pub class: String,
-    /// Whether it is unknown.
-    pub unknown: bool,
+    pub(crate) class: String,
+    pub(crate) unknown: bool,
     /// In the sensor frame.
-    pub bounds: Box3,
+    pub(crate) bounds: Box3,
 }
 
 /// What one method found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Panel {
-    /// Heading.
-    pub title: String,
-    /// Its boxes.
-    pub boxes: Vec<SceneBox>,
+pub(crate) struct Panel {
+    pub(crate) title: String,
+    pub(crate) boxes: Vec<SceneBox>,
 }
 
 /// A scan, its labels, and what was found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct DrawnScene {
+pub(crate) struct DrawnScene {
     /// What a reader should know: data set, frame, errors.
-    pub caption: String,
+    pub(crate) caption: String,
     /// x, y, z (m, sensor frame), intensity.
-    pub points: Vec<[f32; 4]>,
-    /// Labels.
-    pub truth: Vec<SceneBox>,
+    pub(crate) points: Vec<[f32; 4]>,
+    pub(crate) truth: Vec<SceneBox>,
     /// One a method.
-    pub panels: Vec<Panel>,
+    pub(crate) panels: Vec<Panel>,
     /// Where to look: x, y, m.
-    pub target_m: [f64; 2],
+    pub(crate) target_m: [f64; 2],
 }
 
 /// One panel: points by height, boxes as wires over `labelled` ones, which are dashed in white.
@@ -52,7 +48,7 @@ pub(super) fn draw(
     labelled: &[&SceneBox],
     projection: &Projection,
 ) -> Canvas {
-    let [width, height] = projection.size_px();
+    let [width, height] = projection.size_px;
     let mut canvas = Canvas::new(width, height, NIGHT);
     draw_points(&mut canvas, points, projection);
     for label in labelled {

@@ -1,11 +1,11 @@
 //! `mluc-lab evaluate ap`: detections of any program against labels.
 
-use super::shared::{Neighbours, check_unknown, warn_unheard};
+use super::shared::{check_unknown, warn_unheard};
 use crate::commands::terminal::{print_err, print_out};
 use anyhow::Context;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use mluc_evaluate::input::{read, sources};
-use mluc_evaluate::{RuleRequest, UnknownProtocol, UnknownRequest, evaluate, rules, unjudged};
+use mluc_evaluate::{NeighbourPolicy, RuleRequest, UnknownProtocol, evaluate, rules, unjudged};
 use mluc_geometry::ImageSize;
 use std::path::PathBuf;
 
@@ -45,11 +45,11 @@ pub(super) struct ApArguments {
     unknown_iou: f64,
     /// What an unknown object may be found on besides labels of unknown classes: literal, nothing; fair, trams, Misc, sitting
     /// persons, and regions without labels (DontCare), none of which is right or wrong.
-    #[arg(long, value_enum, default_value_t = Protocol::Literal)]
-    unknown_protocol: Protocol,
+    #[arg(long, value_enum, default_value_t = UnknownProtocol::Literal)]
+    unknown_protocol: UnknownProtocol,
     /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
-    #[arg(long, value_enum, default_value_t = Neighbours::Official)]
-    neighbours: Neighbours,
+    #[arg(long, value_enum, default_value_t = NeighbourPolicy::Official)]
+    neighbours: NeighbourPolicy,
     /// Size of the images [default: of image_2/ beside the labels where present, else 1242x375]. Where a calibration's
     /// P2 is all 0 there is no image, and nothing is dropped for lying outside it.
     #[arg(long, value_parser = image_size, value_name = "WxH")]
@@ -57,12 +57,6 @@ pub(super) struct ApArguments {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum Protocol {
-    Literal,
-    Fair,
 }
 
 fn class_overlap(text: &str) -> Result<(String, f64), String> {
@@ -102,19 +96,13 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
     let labels = || input.frames.iter().flat_map(|frame| frame.labels.iter());
     check_unknown(labels(), &arguments.unknown)?;
     let asks_unknown = !arguments.unknown.is_empty();
-    let unknown = asks_unknown.then_some(UnknownRequest {
-        classes: arguments.unknown,
-        iou_min: arguments.unknown_iou,
-        protocol: match arguments.unknown_protocol {
-            Protocol::Literal => UnknownProtocol::Literal,
-            Protocol::Fair => UnknownProtocol::Fair,
-        },
-    });
     let request = RuleRequest {
         classes: arguments.classes,
         iou_min: arguments.iou,
-        unknown,
-        neighbours: arguments.neighbours.into(),
+        unknown: arguments.unknown,
+        unknown_iou_min: arguments.unknown_iou,
+        protocol: arguments.unknown_protocol,
+        neighbours: arguments.neighbours,
     };
     let rules = rules(&request, &input.frames)?;
     if asks_unknown {

@@ -4,17 +4,16 @@ use super::shared::{Scans, warn_unheard};
 use crate::commands::terminal::{frames_bar, print_out};
 use anyhow::Context;
 use clap::Args;
+use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, detect_frames, paper_rules, separation, unknown_classes,
+    FrameSet, GatedObjects, detect_frames, paper_rules, separation, unknown_classes,
 };
 use mluc_evaluate::{
-    ClassRule, FrameTruth, JudgedPoint, NeighbourPolicy, ObjectKind, OpenSetFigures, best_index,
-    halves, honest, judged_sweep,
+    ClassRule, JudgedPoint, NeighbourPolicy, ObjectKind, OpenSetFigures, SweepPoint, best_index,
+    honest,
 };
 use mluc_model::Model;
-use mluc_reproduce::methods::{
-    FullSettings, METHODS, Method, MethodInput, MethodOutput, MethodRow, full_steps, run_method,
-};
+use mluc_reproduce::methods::{METHODS, Method, MethodInput, MethodRow, full_steps, run_method};
 
 /// Judge methods on the boxes of one network: every threshold, the paper's choice among them, and the honest one (chosen on
 /// one half of the frames, judged on the other).
@@ -48,7 +47,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     }
     let set = FrameSet::open(&scans.data, None, scans.frames)?;
     let bar = frames_bar("network", set.len());
-    let frames = detect_frames(&model, &set, || bar.inc(1))?;
+    let frames = detect_frames(Precision::default(), &model, &set, || bar.inc(1))?;
     bar.finish_and_clear();
     let rules = class_rules(&model)?;
     warn_unheard(
@@ -70,21 +69,22 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     }
     print_out(format_args!("{:28} {}", "method", HEADER))?;
     for method in methods {
-        let rows = if method == Method::MlucFull && arguments.ablation {
+        let is_ablation = method == Method::MlucFull && arguments.ablation;
+        let rows = if is_ablation {
             full_steps(&model)
         } else {
-            vec![(method.row().key.as_str(), FullSettings::default())]
+            vec![method.row().key.as_str()]
         };
-        for (name, full) in rows {
+        for (at, name) in rows.into_iter().enumerate() {
             let bar = frames_bar(name, set.len());
             let input = MethodInput {
-                full,
+                full_step: if is_ablation { at } else { usize::MAX },
                 step: &|| bar.inc(1),
                 ..MethodInput::new(&model, &set, &frames)
             };
             let output = run_method(method, &input)?;
             bar.finish_and_clear();
-            let points = judged(&frames, &rules, &output);
+            let points = output.sweep(&frames, &rules);
             write_row(name, &points, &output, arguments.curve)?;
         }
     }
@@ -123,29 +123,17 @@ fn class_rules(model: &Model) -> anyhow::Result<Vec<ClassRule>> {
     Ok(rules?)
 }
 
-fn judged(
-    frames: &[DetectedFrame],
-    rules: &[ClassRule],
-    output: &MethodOutput,
-) -> Vec<JudgedPoint> {
-    let truths: Vec<FrameTruth> = frames.iter().map(|frame| frame.truth.clone()).collect();
-    let [even, odd] = halves(truths.len());
-    let parts = vec![(0..truths.len()).collect(), even, odd];
-    judged_sweep(&truths, rules, &output.thresholds, &parts, |frame, at| {
-        output.detections(frame, at)
-    })
-}
-
 fn write_row(
     name: &str,
     points: &[JudgedPoint],
-    output: &MethodOutput,
+    output: &GatedObjects,
     curve: bool,
 ) -> anyhow::Result<()> {
-    let closed = points.first().map_or(0.0, |p| p.parts[0].known.r40);
-    let best = best_index(points, 0).unwrap_or(0);
+    let closed = points.first().map_or(0.0, |p| p.all.known.r40);
+    let main: Vec<SweepPoint> = points.iter().map(JudgedPoint::main).collect();
+    let best = best_index(&main);
     let line = |at: usize| {
-        let (point, f) = (&points[at], &points[at].parts[0]);
+        let (point, f) = (&points[at], &points[at].all);
         let [a, b, c] = f.unknown;
         format!(
             "{closed:6.2} {:6.2} {:5.2} {:5.2} {:5.2} {:5.2} {:7.2} {:5} {:6.2} {:7.4}",
@@ -160,7 +148,7 @@ fn write_row(
             point.threshold
         )
     };
-    let honest = honest(points, [1, 2]).map_or(String::new(), |h| {
+    let honest = honest(points).map_or(String::new(), |h| {
         let of = |name: &str| h.figures.get(name).copied().unwrap_or(0.0);
         format!(
             " | {:.2} {:.2} {:.2}",
@@ -177,7 +165,7 @@ fn write_row(
 }
 
 /// Unknown objects a frame at the threshold of index `at`, but for one for each label that was found.
-fn false_unknown(output: &MethodOutput, at: usize, figures: &OpenSetFigures) -> f64 {
+fn false_unknown(output: &GatedObjects, at: usize, figures: &OpenSetFigures) -> f64 {
     let objects = output.objects.iter().flat_map(|frame| &frame[at]);
     let unknown = objects.filter(|o| o.kind == ObjectKind::Unknown).count() as f64;
     let found = figures.recall_unknown / 100.0 * figures.unknown_labels as f64;

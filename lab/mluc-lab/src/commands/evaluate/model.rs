@@ -1,13 +1,14 @@
 //! `mluc-lab evaluate model`: the whole pipeline over labelled scans.
 
 use super::report::Outcome;
-use super::shared::{Neighbours, Scans, check_unknown, warn_unheard};
+use super::shared::{Scans, check_unknown, warn_unheard};
 use crate::commands::terminal::{frames_bar, print_out};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use mluc_backbone::Precision;
+use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, choose_threshold, detect_frames_in, judge, sweep_gate,
+    DetectedFrame, FrameSet, ModelGate, choose_threshold, detect_frames, judge, sweep_gate,
     unknown_classes, write_threshold,
 };
 use mluc_model::Model;
@@ -39,8 +40,8 @@ pub(super) struct ModelArguments {
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     unknown: Option<Vec<String>>,
     /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
-    #[arg(long, value_enum, default_value_t = Neighbours::Official)]
-    neighbours: Neighbours,
+    #[arg(long, value_enum, default_value_t = NeighbourPolicy::Official)]
+    neighbours: NeighbourPolicy,
     /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed
     /// set's mAP.
     #[arg(long)]
@@ -90,7 +91,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         ..Settings::default()
     };
     let bar = frames_bar("network", set.len());
-    let frames = detect_frames_in(arguments.precision, &model, &set, || bar.inc(1))?;
+    let frames = detect_frames(arguments.precision, &model, &set, || bar.inc(1))?;
     bar.finish_and_clear();
     if let Some(path) = &arguments.boxes {
         write_boxes(path, &model, &set, &frames)?;
@@ -103,7 +104,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         }
         None => unknown_classes(&model.manifest.name),
     };
-    let neighbours = arguments.neighbours.into();
+    let neighbours = arguments.neighbours;
     let judgement = judge(&model, &set, &frames, &unknown, neighbours, &settings)?;
     warn_unheard(labels(), &judgement.rules);
     let mut sweep = None;

@@ -1,7 +1,7 @@
 //! The outcome as JSON and as a table.
 
-use mluc_evaluate::pipeline::{Choice, GateSweep, MissRow, MissTable, ModelJudgement};
-use mluc_evaluate::{ClassReport, SweepPoint};
+use mluc_evaluate::pipeline::{Choice, MissRow, MissTable, ModelJudgement};
+use mluc_evaluate::{ClassReport, SweepPoint, best_index};
 use mluc_model::Model;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -12,7 +12,8 @@ pub(super) struct Outcome {
     pub(super) data: String,
     pub(super) frames: usize,
     pub(super) judgement: ModelJudgement,
-    pub(super) sweep: Option<GateSweep>,
+    /// The closed set first.
+    pub(super) sweep: Option<Vec<SweepPoint>>,
     pub(super) choice: Option<Choice>,
 }
 
@@ -38,14 +39,14 @@ impl Outcome {
             "gated": judgement.gated.to_json(),
             "map_known_closed": self.judgement.closed.map_known().r40,
             "separation": judgement.separation,
-            "unknown_labels": judgement.unknown_labels,
+            "unknown_labels": judgement.unknown_labels(),
             "unknown_as_known": judgement.unknown_as_known,
             "unknown_as_known_closed": judgement.unknown_as_known_closed,
             "labels_closed": judgement.misses,
         });
         if let Some(sweep) = &self.sweep {
-            object["sweep"] = sweep.points.iter().map(point_json).collect();
-            object["best"] = sweep.best.as_ref().map_or(Value::Null, point_json);
+            object["sweep"] = sweep.iter().map(point_json).collect();
+            object["best"] = point_json(&sweep[best_index(sweep)]);
         }
         if let Some(choice) = &self.choice {
             object["threshold_choice"] = json!(choice.reason);
@@ -110,20 +111,21 @@ impl Outcome {
             "mAP of the known, closed set, R40: {:.2}",
             self.judgement.closed.map_known().r40
         );
-        if let Some(s) = judgement.gated.summary() {
+        if let Some(unknown) = judgement.gated.unknown() {
+            let (known, unknown) = (judgement.gated.map_known(), unknown.main());
             let _ = writeln!(
                 text,
                 "at the threshold: mAP known {:.2}, recall unknown {:.2}, AP unknown {:.2}, harmonic mean {:.2}",
-                s.known.r40,
-                s.recall_unknown,
-                s.unknown.r40,
-                s.harmonic().r40
+                known.r40,
+                unknown.recall_percent,
+                unknown.ap.r40,
+                known.harmonic(unknown.ap).r40
             );
             let _ = writeln!(
                 text,
                 "unknown objects taken for known ones: {} of {} (closed set: {})",
                 judgement.unknown_as_known,
-                judgement.unknown_labels,
+                judgement.unknown_labels(),
                 judgement.unknown_as_known_closed
             );
         }
@@ -175,15 +177,15 @@ impl Outcome {
                 p.map_harm()
             );
         };
-        for point in &sweep.points {
-            let is_best = sweep.best.is_some_and(|best| best == *point);
-            line(text, point, if is_best { "  best" } else { "" });
+        let best = best_index(sweep);
+        for (at, point) in sweep.iter().enumerate() {
+            line(text, point, if at == best { "  best" } else { "" });
         }
         if let Some(choice) = &self.choice {
             let _ = writeln!(
                 text,
                 "\nwritten: threshold {:.6}, {}",
-                choice.point.threshold, choice.reason
+                choice.threshold, choice.reason
             );
         }
     }

@@ -2,9 +2,9 @@
 
 use crate::commands::terminal::print_err;
 use anyhow::ensure;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use mluc_dataset::Label;
-use mluc_evaluate::{ClassRule, NeighbourPolicy, unheard};
+use mluc_evaluate::{ClassRule, unheard};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -26,21 +26,6 @@ impl Scans {
     pub(super) fn check(&self) -> anyhow::Result<()> {
         ensure!(self.frames > 0, "--frames: expected 1 or more, found 0");
         Ok(())
-    }
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub(super) enum Neighbours {
-    Official,
-    Strict,
-}
-
-impl From<Neighbours> for NeighbourPolicy {
-    fn from(name: Neighbours) -> NeighbourPolicy {
-        match name {
-            Neighbours::Official => NeighbourPolicy::Official,
-            Neighbours::Strict => NeighbourPolicy::Strict,
-        }
     }
 }
 
