@@ -11,6 +11,8 @@ pub(crate) struct Candidate {
     pub(crate) row: u32,
     /// Of that row's cell.
     pub(crate) anchor: u32,
+    /// Where the row stands among the rows that hold a candidate.
+    pub(crate) place: u32,
 }
 
 /// 1 / (1 + e^-x).
@@ -30,14 +32,13 @@ pub(crate) fn select(
     // The logarithm is exact enough to rule out nearly all; the exact comparison follows.
     let logit_min = (objectness_min / (1.0 - objectness_min)).ln() - 0.01;
     candidates.clear();
-    let likely = logits
-        .iter()
-        .enumerate()
-        .filter(|(_, logit)| **logit >= logit_min);
+    let logits = logits.iter().enumerate();
+    let likely = logits.filter(|(_, logit)| **logit >= logit_min);
     let passed = likely.map(|(number, logit)| Candidate {
         objectness: sigmoid(*logit),
         row: (number / anchors) as u32,
         anchor: (number % anchors) as u32,
+        place: 0,
     });
     candidates.extend(passed.filter(|candidate| candidate.objectness >= objectness_min));
     let found = candidates.len();

@@ -1,9 +1,7 @@
 //! The gate between knowns and candidate unknowns (paper section 3.2).
 
-use mluc_ipc_types::{DetectionKind, GateKind};
+use mluc_ipc_types::{Detection, DetectionKind, GateKind};
 use mluc_model::Thresholds;
-
-use crate::prototypes::Scores;
 
 /// A box whose embedding lies near the prototypes' centre, e < threshold, belongs to no known class. e is never below 1:
 /// a threshold of 1 or less is the closed-set detector.
@@ -15,35 +13,13 @@ pub fn gate(eds_normalised: f32, threshold: f32) -> DetectionKind {
     }
 }
 
-/// On which side of which gate a box lies.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Decision {
-    /// The side.
-    pub kind: DetectionKind,
-    /// Of a candidate the gate that fired, of a known box the model's gate.
-    pub gate: GateKind,
-    /// That gate's threshold.
-    pub threshold: f32,
-}
-
-impl Decision {
-    fn of(kind: DetectionKind, gate: GateKind, thresholds: &Thresholds) -> Decision {
-        Decision {
-            kind,
-            gate,
-            threshold: match gate {
-                GateKind::None => 0.0,
-                GateKind::Eds => thresholds.eds_normalised_max,
-                GateKind::UnknownProbability => thresholds.unknown_min,
-                GateKind::SoftmaxMax => thresholds.softmax_min,
-            },
-        }
-    }
-
-    /// A box without a class: it is kept as a candidate by its probability alone.
-    pub fn of_generic(thresholds: &Thresholds) -> Decision {
-        let gate = GateKind::UnknownProbability;
-        Decision::of(DetectionKind::Candidate, gate, thresholds)
+/// A gate's threshold, in the gate's own unit; 0 without a gate.
+pub fn threshold_of(gate: GateKind, thresholds: &Thresholds) -> f32 {
+    match gate {
+        GateKind::None => 0.0,
+        GateKind::Eds => thresholds.eds_normalised_max,
+        GateKind::UnknownProbability => thresholds.unknown_min,
+        GateKind::SoftmaxMax => thresholds.softmax_min,
     }
 }
 
@@ -63,8 +39,12 @@ pub fn main_gate(is_open: bool, thresholds: &Thresholds) -> GateKind {
 
 /// By every threshold of a model: e is too small, or the largest class probability (the naive gate of a softmax). Where
 /// the head has a logit of the unknown, its probability `unknown` alone may fire too, and the other two must have it
-/// above one half: a known object is never lost to a doubt.
-pub fn gate_by(scores: &Scores, unknown: Option<f32>, thresholds: &Thresholds) -> Decision {
+/// above one half: a known object is never lost to a doubt. Gives the gate that fired, or of a known box the model's.
+pub fn gate_by(
+    scores: &Detection,
+    unknown: Option<f32>,
+    thresholds: &Thresholds,
+) -> (DetectionKind, GateKind) {
     let eds = gate(scores.eds_normalised, thresholds.eds_normalised_max);
     let doubt = if eds == DetectionKind::Candidate {
         Some(GateKind::Eds)
@@ -77,11 +57,11 @@ pub fn gate_by(scores: &Scores, unknown: Option<f32>, thresholds: &Thresholds) -
         Some(p) => doubt.filter(|_| p > 0.5),
     };
     match fired {
-        Some(gate) => Decision::of(DetectionKind::Candidate, gate, thresholds),
-        None => {
-            let gate = main_gate(unknown.is_some(), thresholds);
-            Decision::of(DetectionKind::Known, gate, thresholds)
-        }
+        Some(gate) => (DetectionKind::Candidate, gate),
+        None => (
+            DetectionKind::Known,
+            main_gate(unknown.is_some(), thresholds),
+        ),
     }
 }
 
@@ -104,38 +84,39 @@ mod tests {
 
     #[test]
     fn a_doubt_needs_the_logit_of_the_unknown_where_there_is_one() {
-        let network = Network::compact(Grid::udi(), 3);
-        let mut thresholds = Manifest::untrained("t", network).thresholds;
-        let scores = Scores {
+        use GateKind::{Eds, None as NoGate, SoftmaxMax, UnknownProbability};
+        let scores = Detection {
             eds_normalised: 1.2,
             softmax_max: 0.4,
-            ..Scores::default()
+            ..Detection::default()
         };
+        let network = Network::compact(Grid::udi(), 3);
+        let mut thresholds = Manifest::untrained("t", network).thresholds;
         let (known, candidate) = (DetectionKind::Known, DetectionKind::Candidate);
-        let decided = |unknown, thresholds: &Thresholds| {
-            let decision = gate_by(&scores, unknown, thresholds);
-            (decision.kind, decision.gate, decision.threshold)
-        };
-        assert_eq!(decided(None, &thresholds), (known, GateKind::None, 0.0));
-        thresholds.softmax_min = 0.5;
-        let softmax = GateKind::SoftmaxMax;
-        assert_eq!(decided(None, &thresholds), (candidate, softmax, 0.5));
-        assert_eq!(decided(Some(0.4), &thresholds), (known, softmax, 0.5));
-        assert_eq!(decided(Some(0.6), &thresholds), (candidate, softmax, 0.5));
-        thresholds.softmax_min = 0.0;
-        assert_eq!(
-            decided(Some(0.6), &thresholds),
-            (known, GateKind::None, 0.0)
-        );
-        thresholds.eds_normalised_max = 1.3;
-        assert_eq!(decided(None, &thresholds), (candidate, GateKind::Eds, 1.3));
-        assert_eq!(decided(Some(0.4), &thresholds), (known, GateKind::Eds, 1.3));
-        thresholds.unknown_min = 0.6;
-        let probability = GateKind::UnknownProbability;
-        assert_eq!(
-            decided(Some(0.6), &thresholds),
-            (candidate, probability, 0.6)
-        );
-        assert_eq!(decided(Some(0.4), &thresholds), (known, probability, 0.6));
+        // softmax_min, eds_normalised_max, unknown_min; the probability of the unknown; kind, gate, threshold.
+        for (limits, unknown, expected) in [
+            ([0.0, 0.0, 0.0], None, (known, NoGate, 0.0)),
+            ([0.5, 0.0, 0.0], None, (candidate, SoftmaxMax, 0.5)),
+            ([0.5, 0.0, 0.0], Some(0.4), (known, SoftmaxMax, 0.5)),
+            ([0.5, 0.0, 0.0], Some(0.6), (candidate, SoftmaxMax, 0.5)),
+            ([0.0, 0.0, 0.0], Some(0.6), (known, NoGate, 0.0)),
+            ([0.0, 1.3, 0.0], None, (candidate, Eds, 1.3)),
+            ([0.0, 1.3, 0.0], Some(0.4), (known, Eds, 1.3)),
+            (
+                [0.0, 1.3, 0.6],
+                Some(0.6),
+                (candidate, UnknownProbability, 0.6),
+            ),
+            ([0.0, 1.3, 0.6], Some(0.4), (known, UnknownProbability, 0.6)),
+        ] {
+            [
+                thresholds.softmax_min,
+                thresholds.eds_normalised_max,
+                thresholds.unknown_min,
+            ] = limits;
+            let (kind, gate) = gate_by(&scores, unknown, &thresholds);
+            let found = (kind, gate, threshold_of(gate, &thresholds));
+            assert_eq!(found, expected, "{limits:?}, {unknown:?}");
+        }
     }
 }

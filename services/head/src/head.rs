@@ -1,18 +1,17 @@
 //! Feature rows to detections: the stage as one function.
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{CLASSES_MAX, Detection, NO_PROBABILITY};
+use mluc_ipc_types::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
 
-use crate::candidates::{reduce_classes, select, sigmoid};
+use crate::candidates::{Candidate, reduce_classes, select, sigmoid};
 use crate::convolutions::{RowHead, RowHeads, read_all};
 use crate::decode::{Anchors, BOX_CODES, decode, direct};
-use crate::gate::{Decision, gate_by, is_unknown};
+use crate::gate::{gate_by, is_unknown, threshold_of};
 use crate::memory::Memory;
-use crate::prototypes::{Prototypes, Scores};
+use crate::prototypes::Prototypes;
 use crate::report::{HeadCounts, HeadError};
-use crate::suppress::Suppression;
 
 /// The heads, the prototypes and the gate, with all memory of a frame.
 #[derive(Clone, Debug)]
@@ -21,7 +20,6 @@ pub struct Head {
     anchors: Anchors,
     prototypes: Prototypes,
     thresholds: Thresholds,
-    suppression: Suppression,
     kind: HeadKind,
     classes: usize,
     channels: usize,
@@ -30,14 +28,12 @@ pub struct Head {
 }
 
 impl Head {
-    /// Checks the model and packs its weights. Suppression is [`Suppression::Agnostic`].
+    /// Checks the model and packs its weights.
     pub fn new(manifest: &Manifest, weights: &WeightSet) -> Result<Head, HeadError> {
         manifest.validate()?;
         weights.check(&manifest.network)?;
-        let (empty_objectness_max, objectness_min) = (
-            manifest.empty_objectness_max,
-            manifest.thresholds.objectness_min,
-        );
+        let empty_objectness_max = manifest.empty_objectness_max;
+        let objectness_min = manifest.thresholds.objectness_min;
         if empty_objectness_max >= objectness_min {
             return Err(HeadError::FiresOnNothing {
                 empty_objectness_max,
@@ -50,21 +46,12 @@ impl Head {
             anchors: Anchors::new(manifest),
             prototypes: Prototypes::new(network.classes, manifest.prototype_scale),
             thresholds: manifest.thresholds.clone(),
-            suppression: Suppression::default(),
             kind: network.head,
             classes: network.classes,
             channels: network.feature_channels(),
             map_cells: network.map_shape().iter().product(),
             frame: Memory::new(manifest),
         })
-    }
-
-    /// The same head with another kind of suppression.
-    pub fn with_suppression(self, suppression: Suppression) -> Head {
-        Head {
-            suppression,
-            ..self
-        }
     }
 
     /// Detects. `cells`: cell of the map (row * columns + column) of each row; `rows`: the channels, row after row.
@@ -165,6 +152,9 @@ impl Head {
         occupied.extend(frame.candidates.iter().map(|candidate| candidate.row));
         occupied.sort_unstable();
         occupied.dedup();
+        for candidate in &mut frame.candidates {
+            candidate.place = occupied.partition_point(|row| *row < candidate.row) as u32;
+        }
         let (heads, which) = (&self.heads, &frame.occupied);
         if let Some(embedding) = &heads.embedding {
             embedding.run(rows, which, &mut frame.embeddings);
@@ -181,81 +171,63 @@ impl Head {
         if self.kind != HeadKind::Open {
             return 0;
         }
-        let Memory {
-            candidates,
-            occupied,
-            unknown,
-            ..
-        } = &mut self.frame;
+        let (candidates, unknown) = (&mut self.frame.candidates, &self.frame.unknown);
         let before = candidates.len();
-        let is_known = |row: u32| unknown[place(occupied, row)] <= 0.0;
-        candidates.retain(|c| Anchors::class(c.anchor as usize) < self.classes || !is_known(c.row));
+        let is_known = |c: &Candidate| unknown[c.place as usize] <= 0.0;
+        candidates.retain(|c| c.class() < self.classes || !is_known(c));
         (before - candidates.len()) as u32
     }
 
     /// The values that the scores of a candidate are made of: its cell's embedding, or its anchor's class logits.
-    fn embedding<'a>(&self, frame: &'a Memory, row: u32, anchor: u32) -> &'a [f32] {
-        let first = match self.kind {
-            HeadKind::Sigmoid => {
-                let slot = row as usize * self.anchors.per_cell() + anchor as usize;
-                return &frame.class_logits[slot * self.classes..][..self.classes];
-            }
-            _ => place(&frame.occupied, row) * self.classes,
+    fn embedding(&self, candidate: &Candidate) -> &[f32] {
+        let (frame, anchors) = (&self.frame, self.anchors.per_cell());
+        let (values, place) = match self.kind {
+            HeadKind::Sigmoid => (
+                &frame.class_logits,
+                candidate.row as usize * anchors + candidate.anchor as usize,
+            ),
+            _ => (&frame.embeddings, candidate.place as usize),
         };
-        &frame.embeddings[first..][..self.classes]
+        &values[place * self.classes..][..self.classes]
     }
 
     /// Boxes of the candidates. Those that are no numbers leave; gives how many.
     fn decode_boxes(&mut self, cells: &[u32]) -> u32 {
-        let mut frame = std::mem::take(&mut self.frame);
-        let before = frame.candidates.len();
-        let mut candidates = std::mem::take(&mut frame.candidates);
-        frame.boxes.clear();
+        let mut candidates = std::mem::take(&mut self.frame.candidates);
+        let mut boxes = std::mem::take(&mut self.frame.boxes);
+        let before = candidates.len();
+        boxes.clear();
         candidates.retain(|candidate| {
-            let found = self.decode_box(&frame, candidate.row, candidate.anchor, cells);
-            let Some(found) = found else {
-                return false;
-            };
-            frame.boxes.push(found);
-            true
+            let found = self.decode_box(candidate, cells);
+            boxes.extend(found);
+            found.is_some()
         });
         let dropped = before - candidates.len();
-        frame.candidates = candidates;
-        self.frame = frame;
+        (self.frame.candidates, self.frame.boxes) = (candidates, boxes);
         dropped as u32
     }
 
-    fn decode_box(&self, frame: &Memory, row: u32, anchor: u32, cells: &[u32]) -> Option<Box3> {
-        let slot = place(&frame.occupied, row) * self.anchors.per_cell() + anchor as usize;
-        let at = self
-            .anchors
-            .anchor(cells[row as usize] as usize, anchor as usize);
+    fn decode_box(&self, candidate: &Candidate, cells: &[u32]) -> Option<Box3> {
+        let (frame, anchor) = (&self.frame, candidate.anchor as usize);
+        let slot = candidate.place as usize * self.anchors.per_cell() + anchor;
+        let cell = cells[candidate.row as usize] as usize;
+        let at = self.anchors.anchor(cell, anchor);
         let mut found = decode(&frame.codes[slot * BOX_CODES..][..BOX_CODES], &at)?;
-        let values = self.embedding(frame, row, anchor);
         let bins = &frame.directions[slot * 2..][..2];
         found.yaw_rad = direct(found.yaw_rad, usize::from(bins[1] > bins[0]));
-        values
-            .iter()
-            .all(|value| value.is_finite())
-            .then_some(found)
+        let values = self.embedding(candidate);
+        let are_finite = values.iter().all(|value| value.is_finite());
+        are_finite.then_some(found)
     }
 
     /// Keeps the best boxes; gives how many of the kept have no class.
     fn suppress(&mut self) -> u32 {
-        let mut frame = std::mem::take(&mut self.frame);
-        let mut suppressor = std::mem::take(&mut frame.suppressor);
-        let group = |index: usize| {
-            let candidate = &frame.candidates[index];
-            self.group(&frame, candidate.row, candidate.anchor)
-        };
-        let (iou_max, boxes_max) = (
-            f64::from(self.thresholds.nms_iou),
-            self.thresholds.boxes_max as usize,
-        );
-        let (mode, classes, boxes) = (self.suppression, self.classes, &frame.boxes);
-        let generic = suppressor.run(mode, boxes, (group, classes), iou_max, boxes_max);
-        frame.suppressor = suppressor;
-        self.frame = frame;
+        let (frame, thresholds) = (&mut self.frame, &self.thresholds);
+        let has_class = |index: usize| frame.candidates[index].class() < self.classes;
+        let (iou_max, boxes_max) = (thresholds.nms_iou.into(), thresholds.boxes_max as usize);
+        let generic = frame
+            .suppressor
+            .run(&frame.boxes, has_class, iou_max, boxes_max);
         generic as u32
     }
 
@@ -264,58 +236,43 @@ impl Head {
     /// threshold chooses among the same boxes whatever it is.
     fn drop_doubted_generic(&mut self, generic: usize) -> u32 {
         let unknown_min = self.thresholds.unknown_min;
-        let Memory {
-            candidates,
-            occupied,
-            unknown,
-            suppressor,
-            ..
-        } = &mut self.frame;
-        let kept = &mut suppressor.kept;
+        let frame = &mut self.frame;
+        let (candidates, unknown) = (&frame.candidates, &frame.unknown);
+        let kept = &mut frame.suppressor.kept;
         let (before, first) = (kept.len(), kept.len() - generic);
         let mut at = 0..before;
         kept.retain(|&index| {
             let has_class = at.next().is_some_and(|at| at < first);
-            let logit = unknown.get(place(occupied, candidates[index].row));
+            let logit = unknown.get(candidates[index].place as usize);
             has_class || logit.is_some_and(|logit| is_unknown(sigmoid(*logit), unknown_min))
         });
         (before - kept.len()) as u32
     }
 
-    /// The class that a candidate is of; that of the classes' count has none.
-    fn group(&self, frame: &Memory, row: u32, anchor: u32) -> usize {
-        match self.kind {
-            HeadKind::Sigmoid => largest(self.embedding(frame, row, anchor)),
-            _ => Anchors::class(anchor as usize).min(self.classes),
-        }
-    }
-
     /// Everything that is known of a kept box.
     fn describe(&self, index: usize, cells: &[u32]) -> Detection {
-        let (frame, thresholds) = (&self.frame, &self.thresholds);
-        let (candidate, found) = (frame.candidates[index], frame.boxes[index]);
-        let f = self.embedding(frame, candidate.row, candidate.anchor);
-        let mut embedding = [0.0; CLASSES_MAX];
-        embedding[..self.classes].copy_from_slice(f);
-        let logit = frame.unknown.get(place(&frame.occupied, candidate.row));
+        let (candidate, found) = (&self.frame.candidates[index], &self.frame.boxes[index]);
+        let f = self.embedding(candidate);
+        let logit = self.frame.unknown.get(candidate.place as usize);
         let logit = logit.filter(|_| self.kind == HeadKind::Open);
         let unknown = logit.map(|logit| sigmoid(*logit));
         let scores = self.scores(f);
-        let group = self.group(frame, candidate.row, candidate.anchor);
-        let class = if group < self.classes {
-            group
-        } else {
-            largest(f)
+        let has_class = candidate.class() < self.classes;
+        let class = match self.kind {
+            HeadKind::Sigmoid => largest(f),
+            _ if has_class => candidate.class(),
+            _ => largest(f),
         };
-        let decision = if group < self.classes {
-            gate_by(&scores, unknown, thresholds)
+        let (kind, gate) = if has_class {
+            gate_by(&scores, unknown, &self.thresholds)
         } else {
-            Decision::of_generic(thresholds)
+            // It is kept as a candidate by its probability alone.
+            (DetectionKind::Candidate, GateKind::UnknownProbability)
         };
         // A generic box is as sure as its being of no class.
         let share = match self.kind {
             HeadKind::Sigmoid => 1.0,
-            _ if group < self.classes => scores.probabilities[class],
+            _ if has_class => scores.probabilities[class],
             _ => unknown.unwrap_or(0.0),
         };
         Detection {
@@ -323,27 +280,19 @@ impl Head {
             size_m: found.size_m.map(|value| value as f32),
             yaw_rad: found.yaw_rad as f32,
             class_id: class as u32,
-            kind: decision.kind as u32,
+            kind: kind as u32,
             cell: cells[candidate.row as usize],
             objectness: candidate.objectness,
             score: candidate.objectness * share,
-            probabilities: scores.probabilities,
-            embedding,
-            eds: scores.eds,
-            eds_normalised: scores.eds_normalised,
-            eds_perpendicular: scores.eds_perpendicular,
-            delta: scores.delta,
-            softmax_max: scores.softmax_max,
-            logit_max: scores.logit_max,
-            energy: scores.energy,
             unknown_probability: unknown.unwrap_or(NO_PROBABILITY),
-            gate: decision.gate as u32,
-            threshold: decision.threshold,
+            gate: gate as u32,
+            threshold: threshold_of(gate, &self.thresholds),
+            ..scores
         }
     }
 
     /// Every score of an embedding or of class logits; a sigmoid head's probabilities are those of each class alone.
-    fn scores(&self, f: &[f32]) -> Scores {
+    fn scores(&self, f: &[f32]) -> Detection {
         let mut scores = self.prototypes.scores(f);
         if self.kind == HeadKind::Sigmoid {
             let pairs = scores.probabilities.iter_mut().zip(f);
@@ -354,13 +303,15 @@ impl Head {
     }
 }
 
+impl Candidate {
+    /// Its anchor's class; beyond the classes lie the sizes without one.
+    fn class(&self) -> usize {
+        Anchors::class(self.anchor as usize)
+    }
+}
+
 /// Index of the largest value, the first of equal ones.
 fn largest(values: &[f32]) -> usize {
     let better = |best: usize, i: usize| if values[i] > values[best] { i } else { best };
     (0..values.len()).fold(0, better)
-}
-
-/// Where a feature row stands among the occupied ones, which hold every candidate's row.
-fn place(occupied: &Gather, row: u32) -> usize {
-    occupied.index.partition_point(|other| *other < row)
 }

@@ -17,7 +17,6 @@ mod suppress;
 pub use head::Head;
 pub use mluc_ipc_types::{Detection, DetectionKind};
 pub use report::{HeadCounts, HeadError};
-pub use suppress::Suppression;
 
 // Whatever a checked model gives fits the contract.
 const _: () = assert!(mluc_model::CLASSES_MAX <= mluc_ipc_types::CLASSES_MAX);

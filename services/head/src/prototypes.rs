@@ -10,34 +10,13 @@
 //! - delta = min d / T^2: 0 at a prototype, (C - 1) / C at the centre; grows on both sides, also where f overshoots
 //! - the usual ones: the largest probability, the largest logit 2 T f, energy = log sum exp(2 T f)
 
-use mluc_ipc_types::CLASSES_MAX;
+use mluc_ipc_types::{CLASSES_MAX, Detection};
 
 /// The prototypes of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prototypes {
     classes: usize,
     scale: f32,
-}
-
-/// What an embedding says about its cell. Arrays hold 0 beyond the known classes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Scores {
-    /// p.
-    pub probabilities: [f32; CLASSES_MAX],
-    /// EDS.
-    pub eds: f32,
-    /// e.
-    pub eds_normalised: f32,
-    /// e_perp.
-    pub eds_perpendicular: f32,
-    /// delta.
-    pub delta: f32,
-    /// max p.
-    pub softmax_max: f32,
-    /// max 2 T f.
-    pub logit_max: f32,
-    /// log sum exp(2 T f).
-    pub energy: f32,
 }
 
 impl Prototypes {
@@ -55,17 +34,14 @@ impl Prototypes {
         let mut distances = [0.0; CLASSES_MAX];
         for (t, distance) in distances.iter_mut().enumerate().take(self.classes) {
             let prototype = |i| if i == t { self.scale } else { 0.0 };
-            *distance = f
-                .iter()
-                .enumerate()
-                .map(|(i, f)| (f - prototype(i)).powi(2))
-                .sum();
+            let offsets = f.iter().enumerate().map(|(i, f)| f - prototype(i));
+            *distance = offsets.map(|offset| offset.powi(2)).sum();
         }
         distances
     }
 
-    /// Every score; `f` holds C values.
-    pub fn scores(&self, f: &[f32]) -> Scores {
+    /// Every score of an embedding and the embedding itself (`f`, C values), in the fields that a detection has for them.
+    pub fn scores(&self, f: &[f32]) -> Detection {
         let (c, t) = (self.classes as f32, self.scale);
         let all = self.distances(f);
         let d = &all[..self.classes];
@@ -74,23 +50,21 @@ impl Prototypes {
         let d_min = d.iter().copied().fold(f32::INFINITY, f32::min);
 
         let mut probabilities = [0.0; CLASSES_MAX];
-        probabilities
-            .iter_mut()
-            .zip(d)
-            .for_each(|(p, d)| *p = (d_min - d).exp());
+        let pairs = probabilities.iter_mut().zip(d);
+        pairs.for_each(|(p, d)| *p = (d_min - d).exp());
         let sum: f32 = probabilities.iter().sum();
         probabilities.iter_mut().for_each(|p| *p /= sum);
 
         let mean = f.iter().sum::<f32>() / c;
         let perpendicular: f32 = f.iter().map(|f| (f - mean).powi(2)).sum();
         let logit_max = 2.0 * t * f.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let energy = logit_max
-            + f.iter()
-                .map(|f| (2.0 * t * f - logit_max).exp())
-                .sum::<f32>()
-                .ln();
-        Scores {
+        let exponentials = f.iter().map(|f| (2.0 * t * f - logit_max).exp());
+        let energy = logit_max + exponentials.sum::<f32>().ln();
+        let mut embedding = [0.0; CLASSES_MAX];
+        embedding[..self.classes].copy_from_slice(f);
+        Detection {
             probabilities,
+            embedding,
             eds,
             eds_normalised: eds / unit,
             eds_perpendicular: 1.0 + c * perpendicular / unit,
@@ -98,6 +72,7 @@ impl Prototypes {
             softmax_max: probabilities.iter().copied().fold(0.0, f32::max),
             logit_max,
             energy,
+            ..Detection::default()
         }
     }
 }
@@ -108,10 +83,8 @@ mod tests {
     use mluc_model::formula_uniform;
 
     fn close(a: f32, b: f32) {
-        assert!(
-            (a - b).abs() <= 1e-4 * (1.0 + a.abs().max(b.abs())),
-            "{a} is not {b}"
-        );
+        let tolerance = 1e-4 * (1.0 + a.abs().max(b.abs()));
+        assert!((a - b).abs() <= tolerance, "{a} is not {b}");
     }
 
     /// C and T: the paper's T = C, and the 1 and 3 of the authors' earlier code.
@@ -123,10 +96,9 @@ mod tests {
         for (number, (classes, t)) in SETTINGS.into_iter().enumerate() {
             let c = classes as f32;
             for sample in 0..20 {
+                let uniform = |i| formula_uniform("f", number * 1000 + sample * 10 + i);
                 let f: Vec<f32> = (0..classes)
-                    .map(|i| {
-                        (formula_uniform("f", number * 1000 + sample * 10 + i) * 8.0 - 3.0) as f32
-                    })
+                    .map(|i| (uniform(i) * 8.0 - 3.0) as f32)
                     .collect();
                 let scores = Prototypes::new(classes, t).scores(&f);
                 let (squares, sum): (f32, f32) = (f.iter().map(|f| f * f).sum(), f.iter().sum());
@@ -167,35 +139,25 @@ mod tests {
             let mut midpoint = vec![0.0; classes];
             midpoint[..2].fill(t / 2.0);
             let between_two = prototypes.scores(&midpoint);
-            close(
-                between_two.eds_normalised,
-                (3.0 * c - 4.0) / (2.0 * (c - 1.0)),
-            );
+            let expected = (3.0 * c - 4.0) / (2.0 * (c - 1.0));
+            close(between_two.eds_normalised, expected);
             close(between_two.delta, 0.5);
             for a in [0.25, 0.5, 0.75] {
-                let f: Vec<f32> = centre
-                    .iter()
-                    .zip(&prototype)
-                    .map(|(c, m)| c + a * (m - c))
-                    .collect();
+                let pairs = centre.iter().zip(&prototype);
+                let f: Vec<f32> = pairs.map(|(c, m)| c + a * (m - c)).collect();
                 let scores = prototypes.scores(&f);
                 close(scores.eds_normalised, 1.0 + a * a);
-                close(
-                    scores.softmax_max,
-                    1.0 / (1.0 + (c - 1.0) * (-2.0 * t * t * a).exp()),
-                );
+                let expected = 1.0 / (1.0 + (c - 1.0) * (-2.0 * t * t * a).exp());
+                close(scores.softmax_max, expected);
             }
         }
     }
 
     #[test]
     fn an_overshooting_embedding_is_known_to_eds_and_far_to_delta() {
-        let prototypes = Prototypes::new(3, 3.0);
-        let scores = prototypes.scores(&[6.0, 0.0, 0.0]);
-        assert!(
-            scores.eds_normalised > 2.0 && scores.delta > 0.9,
-            "{scores:?}"
-        );
+        let scores = Prototypes::new(3, 3.0).scores(&[6.0, 0.0, 0.0]);
+        let far = (scores.eds_normalised > 2.0, scores.delta > 0.9);
+        assert_eq!(far, (true, true), "{scores:?}");
     }
 
     #[test]

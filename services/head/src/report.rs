@@ -4,6 +4,7 @@ use mluc_model::ModelError;
 
 /// Why the head cannot run.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)] // The message above each variant says what its fields are.
 pub enum HeadError {
     /// The model does not fit.
     #[error(transparent)]
@@ -14,29 +15,19 @@ pub enum HeadError {
          {objectness_min}: raise the threshold or train further"
     )]
     FiresOnNothing {
-        /// Of the manifest.
         empty_objectness_max: f32,
-        /// Of the manifest.
         objectness_min: f32,
     },
     /// Cells and rows of other lengths.
     #[error("features: {expected} values for {cells} cells needed, {found} given")]
     Length {
-        /// Cells given.
         cells: usize,
-        /// cells x channels.
         expected: usize,
-        /// Values given.
         found: usize,
     },
     /// A cell beyond the map.
     #[error("features: cells must be below {expected}, found {found}")]
-    Cell {
-        /// Cells of the map.
-        expected: usize,
-        /// The cell.
-        found: u32,
-    },
+    Cell { expected: usize, found: u32 },
 }
 
 /// What a frame came to.

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use anyhow::bail;
-use mluc_head::gate::main_gate;
-use mluc_ipc_types::{CLASS_NAME_MAX, CLASSES_MAX, GateKind, RunDescription, Text, WIRE_VERSION};
+use mluc_head::gate::{main_gate, threshold_of};
+use mluc_ipc_types::{CLASS_NAME_MAX, CLASSES_MAX, RunDescription, Text, WIRE_VERSION};
 use mluc_model::{HeadKind, Model};
 use mluc_runtime::{Shell, random_run_id, wall_clock_ns};
 
@@ -59,12 +59,7 @@ fn describe_run(settings: &Settings, model: &Model) -> RunDescription {
         sensor_height_m: manifest.sensor_height_m,
         objectness_min: thresholds.objectness_min,
         gate: gate as u32,
-        gate_threshold: match gate {
-            GateKind::None => 0.0,
-            GateKind::Eds => thresholds.eds_normalised_max,
-            GateKind::UnknownProbability => thresholds.unknown_min,
-            GateKind::SoftmaxMax => thresholds.softmax_min,
-        },
+        gate_threshold: threshold_of(gate, thresholds),
         model_name: Text::pack(&manifest.name),
         sensor_name: Text::pack(&settings.sensor.name),
         class_names,
