@@ -7,10 +7,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::error::Result;
-use crate::{ContractError, NAME_MAX, RunDescription, Text};
-
-/// Version of everything in this crate; any change of a payload bumps it.
-pub const WIRE_VERSION: u32 = 4;
+use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION};
 
 /// The stages in the order a frame meets them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

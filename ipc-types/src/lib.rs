@@ -21,7 +21,7 @@ pub use candidate_counts::CandidateCounts;
 pub use detection::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
 pub use error::ContractError;
 pub use features::{FeatureBlock, FeatureRows, feature_blocks};
-pub use header::{EgoPose, Flags, FrameHeader, Stage, StageStamps, WIRE_VERSION};
+pub use header::{EgoPose, Flags, FrameHeader, Stage, StageStamps};
 pub use health::{Health, HealthState};
 pub use limits::*;
 pub use object::{Disposition, Object, ObjectKind};

@@ -4,19 +4,18 @@
 //! layer of both blocks, one value a channel. A byte of 255 stands for that value and 0 for 0 (all of these outputs have
 //! passed a ReLU); larger values are cut. `mluc-lab quantize` writes them.
 
-use crate::error::ModelError;
-use crate::network::{Network, calibrated_layers, calibration_tensor};
+use crate::error::Result;
+use crate::network::{CALIBRATION, Network, calibrated_layers, calibration_tensor};
 use crate::tensors::WeightSet;
 
 impl WeightSet {
     /// Whether there is a calibration: a checked set has all of its tensors then.
     pub fn is_calibrated(&self) -> bool {
-        self.iter()
-            .any(|(name, _)| name.starts_with(&calibration_tensor("")))
+        self.iter().any(|(name, _)| name.starts_with(CALIBRATION))
     }
 
     /// The values that a byte of 255 stands for, one an output channel of a layer.
-    pub fn range(&self, layer: &str, channels: usize) -> Result<&[f32], ModelError> {
+    pub fn range(&self, layer: &str, channels: usize) -> Result<&[f32]> {
         self.get(&calibration_tensor(layer), &[channels])
     }
 
@@ -30,22 +29,5 @@ impl WeightSet {
         for (layer, _) in calibrated_layers(network) {
             self.remove(&calibration_tensor(&layer));
         }
-    }
-
-    /// Refuses a range that is missing where others are there, of another length, or not above 0.
-    pub(crate) fn check_calibration(&self, network: &Network) -> Result<(), ModelError> {
-        for (layer, channels) in calibrated_layers(network) {
-            let range = self.range(&layer, channels)?;
-            let bad = |value: &f32| !(value.is_finite() && *value > 0.0);
-            if let Some(index) = range.iter().position(bad) {
-                return Err(ModelError::TensorValue {
-                    tensor: calibration_tensor(&layer),
-                    index,
-                    expected: "finite and above 0",
-                    found: range[index],
-                });
-            }
-        }
-        Ok(())
     }
 }

@@ -1,106 +1,49 @@
 //! What can be wrong with a model.
 
+use std::fmt::Display;
+use std::path::PathBuf;
+
+pub(crate) type Result<T> = std::result::Result<T, ModelError>;
+
 /// Why a model is refused: which field or tensor, what was expected, what was found.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)] // The message above each variant says what its fields are.
 pub enum ModelError {
     /// What is wrong, and in which file.
     #[error("{}: {cause}", path.display())]
     InFile {
-        /// The file.
-        path: std::path::PathBuf,
-        /// What is wrong with it.
+        path: PathBuf,
         cause: Box<ModelError>,
     },
-    /// The bytes are no whole safetensors file.
-    #[error("model file of {bytes} bytes is damaged or cut short: {cause}")]
-    Container {
-        /// Length of the file.
-        bytes: usize,
-        /// What the reader said.
-        cause: String,
-    },
-    /// Metadata without our manifest.
-    #[error("model file has no manifest (metadata key `{key}`)")]
-    NoManifest {
-        /// The key looked for.
-        key: &'static str,
-    },
-    /// Another version of the format.
-    #[error(
-        "model file has format {found}, this program reads format {expected}: train it again or convert it"
-    )]
-    Format {
-        /// [`crate::Manifest::FORMAT`].
-        expected: u32,
-        /// In the file.
-        found: String,
-    },
-    /// The manifest is no JSON of the expected fields.
-    #[error("manifest: {cause}")]
-    ManifestSyntax {
-        /// Field, line and column.
-        cause: String,
-    },
-    /// A field of the manifest out of its bounds.
+    /// The bytes are no safetensors file with a manifest of this format.
+    #[error("model file {0}")]
+    File(String),
+    /// The manifest is no JSON of the expected fields; says field, line and column.
+    #[error("manifest: {0}")]
+    Syntax(#[from] serde_json::Error),
+    /// A field of the manifest out of its bounds: `network.grid.voxel_size_m[0]` for instance.
     #[error("manifest: {field} must be {expected}, found {found}")]
     Field {
-        /// Path of the field, `network.grid.voxel_size_m[0]` for instance.
         field: String,
-        /// Allowed values in words.
         expected: String,
-        /// The value.
         found: String,
     },
-    /// A tensor that the network needs.
-    #[error("weights: tensor `{tensor}` of shape {expected:?} is missing")]
-    TensorMissing {
-        /// Its name.
-        tensor: String,
-        /// Its shape.
-        expected: Vec<usize>,
-    },
-    /// A tensor that the network does not have.
-    #[error("weights: tensor `{tensor}` does not belong to this network")]
-    TensorUnknown {
-        /// Its name.
-        tensor: String,
-    },
-    /// A tensor of another shape.
-    #[error("weights: tensor `{tensor}` must have shape {expected:?}, found {found:?}")]
-    TensorShape {
-        /// Its name.
-        tensor: String,
-        /// By the network.
-        expected: Vec<usize>,
-        /// In the file.
-        found: Vec<usize>,
-    },
-    /// A tensor of another element type.
-    #[error("weights: tensor `{tensor}` must hold F32, found {found}")]
-    TensorType {
-        /// Its name.
-        tensor: String,
-        /// In the file.
-        found: String,
-    },
-    /// NaN, infinity, or a variance below 0.
-    #[error("weights: tensor `{tensor}`, element {index}: must be {expected}, found {found}")]
-    TensorValue {
-        /// Its name.
-        tensor: String,
-        /// Row-major.
-        index: usize,
-        /// Allowed values in words.
-        expected: &'static str,
-        /// The value.
-        found: f32,
-    },
+    /// A tensor that is missing or unknown, of another shape or type, or with a value that is out of its bounds.
+    #[error("weights: tensor `{tensor}` {cause}")]
+    Tensor { tensor: String, cause: String },
     /// Reading the file.
     #[error("model file {path}: {cause}")]
     Io {
-        /// Which file.
-        path: std::path::PathBuf,
-        /// What the system said.
+        path: PathBuf,
         cause: std::io::Error,
     },
+}
+
+impl ModelError {
+    pub(crate) fn tensor(tensor: &str, cause: impl Display) -> ModelError {
+        ModelError::Tensor {
+            tensor: tensor.into(),
+            cause: cause.to_string(),
+        }
+    }
 }

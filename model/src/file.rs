@@ -4,9 +4,10 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
+use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, View};
 
-use crate::error::ModelError;
+use crate::error::{ModelError, Result};
 use crate::manifest::Manifest;
 use crate::tensors::{Tensor, WeightSet};
 
@@ -26,66 +27,56 @@ pub struct Model {
 
 impl Model {
     /// Reads and checks a model file's bytes.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Model, ModelError> {
-        let damaged = |cause: safetensors::SafeTensorError| ModelError::Container {
-            bytes: bytes.len(),
-            cause: cause.to_string(),
+    pub fn from_bytes(bytes: &[u8]) -> Result<Model> {
+        let damaged = |cause: SafeTensorError| {
+            let length = bytes.len();
+            ModelError::File(format!(
+                "of {length} bytes is damaged or cut short: {cause}"
+            ))
         };
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
-        let metadata = header
-            .metadata()
-            .as_ref()
-            .and_then(|metadata| metadata.get(MANIFEST_KEY));
-        let manifest =
-            read_manifest(metadata.ok_or(ModelError::NoManifest { key: MANIFEST_KEY })?)?;
+        let metadata = header.metadata().as_ref();
+        let manifest = metadata.and_then(|metadata| metadata.get(MANIFEST_KEY));
+        let missing = || format!("has no manifest (metadata key `{MANIFEST_KEY}`)");
+        let manifest = read_manifest(manifest.ok_or_else(|| ModelError::File(missing()))?)?;
         let mut weights = WeightSet::new();
         for (name, view) in SafeTensors::deserialize(bytes).map_err(damaged)?.iter() {
             if view.dtype() != Dtype::F32 {
-                let found = format!("{:?}", view.dtype());
-                return Err(ModelError::TensorType {
-                    tensor: name.into(),
-                    found,
-                });
+                let cause = format!("must hold F32, found {:?}", view.dtype());
+                return Err(ModelError::tensor(name, cause));
             }
-            let values = view
-                .data()
-                .chunks_exact(4)
-                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+            let (values, _) = view.data().as_chunks();
+            let values = values.iter().map(|bytes| f32::from_le_bytes(*bytes));
             weights.insert(name, view.shape().to_vec(), values.collect());
         }
         weights.check(&manifest.network)?;
         Ok(Model {
             manifest,
             weights,
-            fingerprint: fingerprint(bytes),
+            fingerprint: fnv1a(bytes),
         })
     }
 
     /// Reads and checks a model file.
-    pub fn read(path: &Path) -> Result<Model, ModelError> {
-        let bytes = std::fs::read(path).map_err(|cause| ModelError::Io {
-            path: path.into(),
-            cause,
-        })?;
-        Model::from_bytes(&bytes).map_err(|cause| ModelError::InFile {
-            path: path.into(),
-            cause: Box::new(cause),
-        })
+    pub fn read(path: &Path) -> Result<Model> {
+        let path = path.to_path_buf();
+        match std::fs::read(&path) {
+            Ok(bytes) => Model::from_bytes(&bytes).map_err(|cause| ModelError::InFile {
+                path,
+                cause: Box::new(cause),
+            }),
+            Err(cause) => Err(ModelError::Io { path, cause }),
+        }
     }
 }
 
 /// The bytes of a model file; the same model gives the same bytes. Refuses what [`Model::from_bytes`] would refuse.
-pub fn model_bytes(manifest: &Manifest, weights: &WeightSet) -> Result<Vec<u8>, ModelError> {
+pub fn model_bytes(manifest: &Manifest, weights: &WeightSet) -> Result<Vec<u8>> {
     manifest.validate()?;
     weights.check(&manifest.network)?;
-    let json = serde_json::to_string(manifest).map_err(|cause| ModelError::ManifestSyntax {
-        cause: cause.to_string(),
-    })?;
-    let metadata = HashMap::from([(MANIFEST_KEY.to_string(), json)]);
-    safetensors::serialize(weights.iter(), Some(metadata)).map_err(|cause| ModelError::Container {
-        bytes: 0,
-        cause: cause.to_string(),
-    })
+    let metadata = HashMap::from([(MANIFEST_KEY.to_string(), serde_json::to_string(manifest)?)]);
+    safetensors::serialize(weights.iter(), Some(metadata))
+        .map_err(|cause| ModelError::File(format!("cannot be written: {cause}")))
 }
 
 impl View for &Tensor {
@@ -96,10 +87,8 @@ impl View for &Tensor {
         &self.shape
     }
     fn data(&self) -> Cow<'_, [u8]> {
-        self.data
-            .iter()
-            .flat_map(|value| value.to_le_bytes())
-            .collect()
+        let values = self.data.iter();
+        values.flat_map(|value| value.to_le_bytes()).collect()
     }
     fn data_len(&self) -> usize {
         self.data.len() * 4
@@ -107,25 +96,26 @@ impl View for &Tensor {
 }
 
 /// The format version first: another version's fields would only give a misleading message.
-fn read_manifest(json: &str) -> Result<Manifest, ModelError> {
-    let syntax = |cause: serde_json::Error| ModelError::ManifestSyntax {
-        cause: cause.to_string(),
-    };
-    let loose: serde_json::Value = serde_json::from_str(json).map_err(syntax)?;
-    let format = loose.get("format");
-    if format.and_then(serde_json::Value::as_u64) != Some(u64::from(Manifest::FORMAT)) {
-        let found = format.map_or("none".into(), ToString::to_string);
-        return Err(ModelError::Format {
-            expected: Manifest::FORMAT,
-            found,
-        });
+fn read_manifest(json: &str) -> Result<Manifest> {
+    let loose: serde_json::Value = serde_json::from_str(json)?;
+    let (format, expected) = (&loose["format"], Manifest::FORMAT);
+    if *format != expected {
+        return Err(ModelError::File(format!(
+            "has format {}, this program reads format {expected}: train it again or convert it",
+            if format.is_null() {
+                "none".into()
+            } else {
+                format.to_string()
+            }
+        )));
     }
-    let manifest: Manifest = serde_json::from_str(json).map_err(syntax)?;
+    let manifest: Manifest = serde_json::from_str(json)?;
     manifest.validate()?;
     Ok(manifest)
 }
 
-fn fingerprint(bytes: &[u8]) -> u64 {
+/// FNV-1a.
+pub(crate) fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xCBF2_9CE4_8422_2325, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01B3)
     })

@@ -3,7 +3,7 @@
 //! y = gamma (w * x - mean) / sqrt(var + eps) + beta is again a convolution: with weights w gamma / sqrt(var + eps) and
 //! bias beta - mean gamma / sqrt(var + eps).
 
-use crate::error::ModelError;
+use crate::error::Result;
 use crate::network::{DenseLayer, Network, SparseLayer, UpLayer};
 use crate::tensors::WeightSet;
 
@@ -27,7 +27,7 @@ pub struct Folded {
 
 impl Folded {
     /// A sparse layer with its batch norm. Taps in (kz, ky, kx) order.
-    pub fn sparse(weights: &WeightSet, layer: &SparseLayer) -> Result<Folded, ModelError> {
+    pub fn sparse(weights: &WeightSet, layer: &SparseLayer) -> Result<Folded> {
         let [z, y, x] = layer.kernel;
         let shape = [layer.cout, z, y, x, layer.cin];
         let (taps, cin) = (layer.taps(), layer.cin);
@@ -36,20 +36,15 @@ impl Folded {
     }
 
     /// A 3x3 layer with its batch norm. Taps in (ky, kx) order.
-    pub fn dense(weights: &WeightSet, layer: &DenseLayer) -> Result<Folded, ModelError> {
+    pub fn dense(weights: &WeightSet, layer: &DenseLayer) -> Result<Folded> {
         let (taps, cin) = (9, layer.cin);
         let at = |tap: usize, i: usize, o: usize| (o * cin + i) * taps + tap;
-        normalised(
-            weights,
-            &layer.name,
-            &[layer.cout, cin, 3, 3],
-            [taps, cin, layer.cout],
-            at,
-        )
+        let shape = [layer.cout, cin, 3, 3];
+        normalised(weights, &layer.name, &shape, [taps, cin, layer.cout], at)
     }
 
     /// A transposed layer with its batch norm: one tap a position (dy, dx) within the output's `factor` x `factor` patch.
-    pub fn up(weights: &WeightSet, layer: &UpLayer) -> Result<Folded, ModelError> {
+    pub fn up(weights: &WeightSet, layer: &UpLayer) -> Result<Folded> {
         let (taps, cout) = (layer.factor * layer.factor, layer.cout);
         let shape = [layer.cin, cout, layer.factor, layer.factor];
         let at = |tap: usize, i: usize, o: usize| (i * cout + o) * taps + tap;
@@ -57,28 +52,34 @@ impl Folded {
     }
 
     /// A head: 1x1 with a bias, no batch norm. `name` and `cout` of [`Network::heads`].
-    pub fn head(
-        weights: &WeightSet,
-        network: &Network,
-        name: &str,
-        cout: usize,
-    ) -> Result<Folded, ModelError> {
+    pub fn head(weights: &WeightSet, network: &Network, name: &str, cout: usize) -> Result<Folded> {
         let cin = network.feature_channels();
         let source = weights.get(&format!("{name}.weight"), &[cout, cin, 1, 1])?;
         let bias = weights.get(&format!("{name}.bias"), &[cout])?.to_vec();
-        let mut folded = vec![0.0; cin * cout];
-        for i in 0..cin {
-            for o in 0..cout {
-                folded[i * cout + o] = source[o * cin + i];
+        let at = |_, i: usize, o: usize| o * cin + i;
+        Ok(Folded::arranged(source, bias, [1, cin, cout], at))
+    }
+
+    /// `at(tap, cin, cout)`: where the source holds that element.
+    fn arranged(
+        source: &[f32],
+        bias: Vec<f32>,
+        [taps, cin, cout]: [usize; 3],
+        at: impl Fn(usize, usize, usize) -> usize,
+    ) -> Folded {
+        let mut weights = Vec::with_capacity(source.len());
+        for tap in 0..taps {
+            for i in 0..cin {
+                weights.extend((0..cout).map(|o| source[at(tap, i, o)]));
             }
         }
-        Ok(Folded {
-            taps: 1,
+        Folded {
+            taps,
             cin,
             cout,
-            weights: folded,
+            weights,
             bias,
-        })
+        }
     }
 }
 
@@ -89,34 +90,20 @@ fn normalised(
     shape: &[usize],
     [taps, cin, cout]: [usize; 3],
     at: impl Fn(usize, usize, usize) -> usize,
-) -> Result<Folded, ModelError> {
+) -> Result<Folded> {
     let source = weights.get(&format!("{name}.weight"), shape)?;
     let norm = |part: &str| weights.get(&format!("{name}.bn.{part}"), &[cout]);
-    let (gamma, beta, mean, variance) = (
-        norm("weight")?,
-        norm("bias")?,
-        norm("running_mean")?,
-        norm("running_var")?,
-    );
-    let scale: Vec<f32> = gamma
-        .iter()
-        .zip(variance)
-        .map(|(gamma, variance)| gamma / (variance + BATCH_NORM_EPS).sqrt())
-        .collect();
+    let (gamma, beta) = (norm("weight")?, norm("bias")?);
+    let (mean, variance) = (norm("running_mean")?, norm("running_var")?);
+    let scale = |o: usize| gamma[o] / (variance[o] + BATCH_NORM_EPS).sqrt();
+    let scale: Vec<f32> = (0..cout).map(scale).collect();
     let bias = (0..cout).map(|o| beta[o] - mean[o] * scale[o]).collect();
-    let mut folded = Vec::with_capacity(source.len());
-    for tap in 0..taps {
-        for i in 0..cin {
-            folded.extend((0..cout).map(|o| source[at(tap, i, o)] * scale[o]));
-        }
+    let mut folded = Folded::arranged(source, bias, [taps, cin, cout], at);
+    for row in folded.weights.chunks_exact_mut(cout) {
+        let pairs = row.iter_mut().zip(&scale);
+        pairs.for_each(|(weight, scale)| *weight *= scale);
     }
-    Ok(Folded {
-        taps,
-        cin,
-        cout,
-        weights: folded,
-        bias,
-    })
+    Ok(folded)
 }
 
 #[cfg(test)]
@@ -126,11 +113,8 @@ mod tests {
     fn weights(name: &str, shape: Vec<usize>, cout: usize) -> WeightSet {
         let mut set = WeightSet::new();
         let elements: usize = shape.iter().product();
-        set.insert(
-            format!("{name}.weight"),
-            shape,
-            (0..elements).map(|i| i as f32).collect(),
-        );
+        let data = (0..elements).map(|i| i as f32).collect();
+        set.insert(format!("{name}.weight"), shape, data);
         for (part, value) in [
             ("weight", 3.0),
             ("bias", 0.5),
@@ -142,8 +126,17 @@ mod tests {
         set
     }
 
+    fn dense_layer() -> DenseLayer {
+        DenseLayer {
+            name: "d".into(),
+            stride: 1,
+            cin: 1,
+            cout: 2,
+        }
+    }
+
     #[test]
-    fn every_layout_arrives_at_tap_cin_cout() -> Result<(), ModelError> {
+    fn every_layout_arrives_at_tap_cin_cout() -> Result<()> {
         // gamma / sqrt(var + eps) = 1: the values stay, the bias is 0.5 - 2.
         let layer = SparseLayer {
             name: "s".into(),
@@ -155,19 +148,11 @@ mod tests {
             cout: 2,
         };
         let folded = Folded::sparse(&weights("s", vec![2, 3, 1, 1, 2], 2), &layer)?;
-        assert_eq!(
-            folded.weights,
-            [0.0, 6.0, 1.0, 7.0, 2.0, 8.0, 3.0, 9.0, 4.0, 10.0, 5.0, 11.0]
-        );
+        let expected: Vec<f32> = (0..6).flat_map(|i| [i as f32, (i + 6) as f32]).collect();
+        assert_eq!(folded.weights, expected);
         assert_eq!(folded.bias, [-1.5, -1.5]);
 
-        let layer = DenseLayer {
-            name: "d".into(),
-            stride: 1,
-            cin: 1,
-            cout: 2,
-        };
-        let folded = Folded::dense(&weights("d", vec![2, 1, 3, 3], 2), &layer)?;
+        let folded = Folded::dense(&weights("d", vec![2, 1, 3, 3], 2), &dense_layer())?;
         assert_eq!(folded.weights[..4], [0.0, 9.0, 1.0, 10.0]);
 
         let layer = UpLayer {
@@ -183,18 +168,9 @@ mod tests {
 
     #[test]
     fn a_tensor_of_another_shape_is_named() {
-        let layer = DenseLayer {
-            name: "d".into(),
-            stride: 1,
-            cin: 1,
-            cout: 2,
-        };
-        let error = Folded::dense(&weights("d", vec![1, 2, 3, 3], 2), &layer)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            error.contains("`d.weight`") && error.contains("[2, 1, 3, 3]"),
-            "{error}"
-        );
+        let error = Folded::dense(&weights("d", vec![1, 2, 3, 3], 2), &dense_layer());
+        let error = error.unwrap_err().to_string();
+        let parts = ["`d.weight`", "[2, 1, 3, 3]"];
+        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
     }
 }

@@ -1,16 +1,13 @@
 //! Weights by a formula: the same for everyone, without a file. For tests and for timing a network before it is trained.
 
+use crate::file::fnv1a;
 use crate::network::Network;
 use crate::tensors::{WeightSet, expected_tensors};
 
 /// A number in [0, 1) for element `index` of the tensor `name`: splitmix64's finaliser over FNV-1a of the name.
 pub fn formula_uniform(name: &str, index: usize) -> f64 {
-    let hash = name.bytes().fold(0xCBF2_9CE4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
-    });
-    let mut z = hash
-        .wrapping_add(index as u64)
-        .wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let mut z = fnv1a(name.as_bytes()).wrapping_add(index as u64);
+    z = z.wrapping_add(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     ((z ^ (z >> 31)) >> 40) as f64 / (1u64 << 24) as f64
@@ -21,9 +18,8 @@ pub fn formula_weights(network: &Network) -> WeightSet {
     let mut weights = WeightSet::new();
     for (name, shape) in expected_tensors(network) {
         let elements = shape.iter().product();
-        let data = (0..elements)
-            .map(|i| value(&name, &shape, formula_uniform(&name, i)) as f32)
-            .collect();
+        let element = |i| value(&name, &shape, formula_uniform(&name, i)) as f32;
+        let data = (0..elements).map(element).collect();
         weights.insert(name, shape, data);
     }
     weights

@@ -207,17 +207,19 @@ impl Network {
     }
 }
 
-/// Name of the tensor of a layer's range (`calibration.rs`).
+/// How the names of the tensors of layers' ranges begin (`calibration.rs`).
+pub(crate) const CALIBRATION: &str = "calibration.";
+
+/// Name of the tensor of a layer's range.
 pub fn calibration_tensor(layer: &str) -> String {
-    format!("calibration.{layer}")
+    format!("{CALIBRATION}{layer}")
 }
 
 /// Name and output channels of every layer that has a range, in the order of computation.
 pub fn calibrated_layers(network: &Network) -> Vec<(String, usize)> {
     let sparse = network.sparse.iter();
+    let sparse = sparse.map(|layer| (layer.name.clone(), layer.cout));
     let dense = network.block1.iter().chain(&network.block2);
-    sparse
-        .map(|layer| (layer.name.clone(), layer.cout))
-        .chain(dense.map(|layer| (layer.name.clone(), layer.cout)))
-        .collect()
+    let dense = dense.map(|layer| (layer.name.clone(), layer.cout));
+    sparse.chain(dense).collect()
 }

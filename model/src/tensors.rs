@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::error::ModelError;
-use crate::network::{Network, calibrated_layers, calibration_tensor};
+use crate::error::{ModelError, Result};
+use crate::network::{CALIBRATION, Network, calibrated_layers, calibration_tensor};
 
 /// Tensors of this prefix belong to a baseline of the laboratory, which stands on the network: no robot reads them.
 pub const BASELINE: &str = "baseline.";
@@ -56,32 +56,27 @@ impl WeightSet {
     }
 
     /// The values of a tensor that must have `shape`.
-    pub fn get(&self, name: &str, shape: &[usize]) -> Result<&[f32], ModelError> {
-        let missing = || ModelError::TensorMissing {
-            tensor: name.into(),
-            expected: shape.to_vec(),
+    pub fn get(&self, name: &str, shape: &[usize]) -> Result<&[f32]> {
+        let Some(tensor) = self.tensors.get(name) else {
+            let cause = format!("of shape {shape:?} is missing");
+            return Err(ModelError::tensor(name, cause));
         };
-        let tensor = self.tensors.get(name).ok_or_else(missing)?;
-        let whole = tensor.data.len() == shape.iter().product::<usize>();
-        if tensor.shape != shape || !whole {
-            return Err(ModelError::TensorShape {
-                tensor: name.into(),
-                expected: shape.to_vec(),
-                found: if whole {
-                    tensor.shape.clone()
-                } else {
-                    vec![tensor.data.len()]
-                },
-            });
+        let mut found = &tensor.shape[..];
+        let elements = [tensor.data.len()];
+        if found.iter().product::<usize>() != elements[0] {
+            found = &elements;
+        }
+        if found != shape {
+            let cause = format!("must have shape {shape:?}, found {found:?}");
+            return Err(ModelError::tensor(name, cause));
         }
         Ok(&tensor.data)
     }
 
     /// In the order of their names.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Tensor)> {
-        self.tensors
-            .iter()
-            .map(|(name, tensor)| (name.as_str(), tensor))
+        let tensors = self.tensors.iter();
+        tensors.map(|(name, tensor)| (name.as_str(), tensor))
     }
 
     /// Takes a tensor out.
@@ -92,54 +87,45 @@ impl WeightSet {
     /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance:
     /// or below 0), and a calibration that is not whole. [`LOOKS`] may be there or not; tensors of [`BASELINE`] are kept as
     /// they are if they are numbers.
-    pub fn check(&self, network: &Network) -> Result<(), ModelError> {
+    pub fn check(&self, network: &Network) -> Result<()> {
         let mut expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
         if self.find(LOOKS).is_some() {
             expected.insert(LOOKS.into(), vec![LOOKS_VALUES]);
         }
+        if self.is_calibrated() {
+            let ranges = calibrated_layers(network).into_iter();
+            expected.extend(ranges.map(|(layer, cout)| (calibration_tensor(&layer), vec![cout])));
+        }
         for (name, shape) in &expected {
             check_values(name, self.get(name, shape)?)?;
         }
-        let ranges = calibrated_layers(network).into_iter();
-        let ranges: Vec<_> = ranges
-            .map(|(layer, channels)| (calibration_tensor(&layer), vec![channels]))
-            .collect();
-        if self.is_calibrated() {
-            self.check_calibration(network)?;
-            expected.extend(ranges);
+        for (name, tensor) in &self.tensors {
+            if name.starts_with(BASELINE) {
+                check_values(name, &tensor.data)?;
+            } else if !expected.contains_key(name) {
+                return Err(ModelError::tensor(name, "does not belong to this network"));
+            }
         }
-        let baseline = |name: &String| name.starts_with(BASELINE);
-        for (name, tensor) in self.tensors.iter().filter(|(name, _)| baseline(name)) {
-            check_values(name, &tensor.data)?;
-        }
-        match self
-            .tensors
-            .keys()
-            .find(|name| !expected.contains_key(*name) && !baseline(name))
-        {
-            Some(name) => Err(ModelError::TensorUnknown {
-                tensor: name.clone(),
-            }),
-            None => Ok(()),
-        }
+        Ok(())
     }
 }
 
-fn check_values(name: &str, data: &[f32]) -> Result<(), ModelError> {
-    let is_variance = name.ends_with(".running_var");
-    let bad = |value: &f32| !value.is_finite() || (is_variance && *value < 0.0);
-    match data.iter().position(bad) {
+fn check_values(name: &str, data: &[f32]) -> Result<()> {
+    let (expected, fits): (_, fn(f32) -> bool) = if name.ends_with(".running_var") {
+        ("finite and not negative", |value| value >= 0.0)
+    } else if name.starts_with(CALIBRATION) {
+        ("finite and above 0", |value| value > 0.0)
+    } else {
+        ("finite", |_| true)
+    };
+    let is_bad = |value: &f32| !value.is_finite() || !fits(*value);
+    match data.iter().position(is_bad) {
         None => Ok(()),
-        Some(index) => Err(ModelError::TensorValue {
-            tensor: name.into(),
-            index,
-            expected: if is_variance {
-                "finite and not negative"
-            } else {
-                "finite"
-            },
-            found: data[index],
-        }),
+        Some(index) => {
+            let found = data[index];
+            let cause = format!("must be {expected}, found {found} at element {index}");
+            Err(ModelError::tensor(name, cause))
+        }
     }
 }
 
@@ -154,27 +140,19 @@ pub fn expected_tensors(network: &Network) -> Vec<(String, Vec<usize>)> {
     };
     for layer in &network.sparse {
         let [z, y, x] = layer.kernel;
-        normalised(
-            &layer.name,
-            vec![layer.cout, z, y, x, layer.cin],
-            layer.cout,
-        );
+        let shape = vec![layer.cout, z, y, x, layer.cin];
+        normalised(&layer.name, shape, layer.cout);
     }
     for layer in network.block1.iter().chain(&network.block2) {
         normalised(&layer.name, vec![layer.cout, layer.cin, 3, 3], layer.cout);
     }
     for layer in [&network.up1, &network.up2] {
-        normalised(
-            &layer.name,
-            vec![layer.cin, layer.cout, layer.factor, layer.factor],
-            layer.cout,
-        );
+        let shape = vec![layer.cin, layer.cout, layer.factor, layer.factor];
+        normalised(&layer.name, shape, layer.cout);
     }
     for (name, channels) in network.heads() {
-        tensors.push((
-            format!("{name}.weight"),
-            vec![channels, network.feature_channels(), 1, 1],
-        ));
+        let shape = vec![channels, network.feature_channels(), 1, 1];
+        tensors.push((format!("{name}.weight"), shape));
         tensors.push((format!("{name}.bias"), vec![channels]));
     }
     tensors

@@ -3,7 +3,7 @@
 
 use std::fmt::Display;
 
-use crate::error::ModelError;
+use crate::error::{ModelError, Result};
 use crate::manifest::{AnchorClass, Manifest, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
@@ -34,7 +34,7 @@ const EDGE_MAX: f32 = 65_535.0;
 
 impl Manifest {
     /// Refuses a field out of its bounds, by name.
-    pub fn validate(&self) -> Result<(), ModelError> {
+    pub fn validate(&self) -> Result<()> {
         let expected = Manifest::FORMAT;
         require(self.format == expected, "format", expected, self.format)?;
         require(!self.name.is_empty(), "name", "not empty", "''")?;
@@ -43,11 +43,12 @@ impl Manifest {
         count("classes", self.classes.len(), classes, classes)?;
         count("generic", self.generic.len(), generic, generic)?;
         self.validate_classes()?;
-        bounds(&[
+        let values = [
             ("sensor_height_m", self.sensor_height_m, 0.1, 10.0),
             ("prototype_scale", self.prototype_scale, 0.1, 100.0),
             ("empty_objectness_max", self.empty_objectness_max, 0.0, 1.0),
-        ])?;
+        ];
+        bounds("", &values)?;
         self.thresholds.validate()?;
         self.validate_head()?;
         let beams = &self.beams;
@@ -59,7 +60,7 @@ impl Manifest {
         between("beams.azimuth_step_rad", beams.azimuth_step_rad, 0.0, 1.0)
     }
 
-    fn validate_classes(&self) -> Result<(), ModelError> {
+    fn validate_classes(&self) -> Result<()> {
         let all: Vec<&AnchorClass> = self.classes.iter().chain(&self.generic).collect();
         for (number, class) in all.iter().enumerate() {
             let field = match number.checked_sub(self.classes.len()) {
@@ -75,7 +76,7 @@ impl Manifest {
     }
 
     /// What only some kinds of heads may say.
-    fn validate_head(&self) -> Result<(), ModelError> {
+    fn validate_head(&self) -> Result<()> {
         let (head, t) = (self.network.head, &self.thresholds);
         if let Some(scale) = head.prototype_scale() {
             between("prototype_scale", self.prototype_scale, scale, scale)?;
@@ -96,14 +97,9 @@ impl Manifest {
 }
 
 impl AnchorClass {
-    fn validate(&self, field: &str) -> Result<(), ModelError> {
-        let length = (1..=64).contains(&self.name.len());
-        require(
-            length,
-            &format!("{field}.name"),
-            "1 to 64 bytes",
-            &self.name,
-        )?;
+    fn validate(&self, field: &str) -> Result<()> {
+        let (name, fits) = (&self.name, (1..=64).contains(&self.name.len()));
+        require(fits, &format!("{field}.name"), "1 to 64 bytes", name)?;
         for (axis, &size) in self.size_m.iter().enumerate() {
             between(&format!("{field}.size_m[{axis}]"), size, 0.05, 50.0)?;
         }
@@ -112,40 +108,29 @@ impl AnchorClass {
             ("matched_iou", self.matched_iou, 0.0, 1.0),
             ("unmatched_iou", self.unmatched_iou, 0.0, self.matched_iou),
         ];
-        let mut values = values.into_iter();
-        values.try_for_each(|(name, value, low, high)| {
-            between(&format!("{field}.{name}"), value, low, high)
-        })
+        bounds(&format!("{field}."), &values)
     }
 }
 
 impl Thresholds {
-    fn validate(&self) -> Result<(), ModelError> {
-        let (candidates, boxes) = (self.candidates_max as usize, self.boxes_max as usize);
-        count(
-            "thresholds.candidates_max",
-            candidates,
-            1,
-            CANDIDATES_MAX as usize,
-        )?;
-        count("thresholds.boxes_max", boxes, 1, BOXES_MAX as usize)?;
-        bounds(&[
-            ("thresholds.objectness_min", self.objectness_min, 1e-3, 1.0),
-            ("thresholds.nms_iou", self.nms_iou, 0.0, 1.0),
-            (
-                "thresholds.eds_normalised_max",
-                self.eds_normalised_max,
-                0.0,
-                1e6,
-            ),
-            ("thresholds.softmax_min", self.softmax_min, 0.0, 1.0),
-            ("thresholds.unknown_min", self.unknown_min, 0.0, 1.0),
-        ])
+    fn validate(&self) -> Result<()> {
+        let (candidates, most) = (self.candidates_max as usize, CANDIDATES_MAX as usize);
+        count("thresholds.candidates_max", candidates, 1, most)?;
+        let (boxes, most) = (self.boxes_max as usize, BOXES_MAX as usize);
+        count("thresholds.boxes_max", boxes, 1, most)?;
+        let values = [
+            ("objectness_min", self.objectness_min, 1e-3, 1.0),
+            ("nms_iou", self.nms_iou, 0.0, 1.0),
+            ("eds_normalised_max", self.eds_normalised_max, 0.0, 1e6),
+            ("softmax_min", self.softmax_min, 0.0, 1.0),
+            ("unknown_min", self.unknown_min, 0.0, 1.0),
+        ];
+        bounds("thresholds.", &values)
     }
 }
 
 impl Grid {
-    fn validate(&self) -> Result<(), ModelError> {
+    fn validate(&self) -> Result<()> {
         for axis in 0..3 {
             let field = |name: &str| format!("network.grid.{name}[{axis}]");
             let (low, high) = (self.range_min_m[axis], self.range_max_m[axis]);
@@ -170,7 +155,7 @@ impl Grid {
 
 impl Network {
     /// Refuses a network whose layers do not fit each other or the limits.
-    pub fn validate(&self) -> Result<(), ModelError> {
+    pub fn validate(&self) -> Result<()> {
         self.grid.validate()?;
         count("network.sparse", self.sparse.len(), 1, LAYERS_MAX)?;
         count("network.block1", self.block1.len(), 1, LAYERS_MAX)?;
@@ -181,12 +166,8 @@ impl Network {
             layer.validate(&format!("network.sparse[{number}]"), channels, shape)?;
             (channels, shape) = (layer.cout, layer.output_shape(shape));
         }
-        count(
-            "network: cells of the map",
-            shape[1] * shape[2],
-            1,
-            MAP_CELLS_MAX,
-        )?;
+        let cells = shape[1] * shape[2];
+        count("network: cells of the map", cells, 1, MAP_CELLS_MAX)?;
         let even = shape[1].is_multiple_of(2) && shape[2].is_multiple_of(2);
         let expected = "a map with even edges (block2 halves it, up2 doubles it)";
         require(even, "network", expected, format_args!("{shape:?}"))?;
@@ -198,17 +179,13 @@ impl Network {
         count("network.up2.cin", self.up2.cin, channels, channels)?;
         self.validate_ups()?;
         count("network.classes", self.classes, CLASSES_MIN, CLASSES_MAX)?;
-        let open = self.head == HeadKind::Open;
-        count(
-            "network.generic",
-            self.generic,
-            0,
-            if open { GENERIC_MAX } else { 0 },
-        )?;
+        let is_open = self.head == HeadKind::Open;
+        let most = if is_open { GENERIC_MAX } else { 0 };
+        count("network.generic", self.generic, 0, most)?;
         self.validate_names()
     }
 
-    fn validate_ups(&self) -> Result<(), ModelError> {
+    fn validate_ups(&self) -> Result<()> {
         let (up1, up2) = (&self.up1, &self.up2);
         count("network.up1.factor", up1.factor, 1, 1)?;
         count("network.up2.factor", up2.factor, 2, 2)?;
@@ -217,34 +194,26 @@ impl Network {
         count("network.up2.cout", up2.cout, up1.cout, up1.cout)?;
         let channels = self.feature_channels();
         let field = "network: channels of a feature row";
-        require(
-            channels.is_multiple_of(16),
-            field,
-            "a multiple of 16",
-            channels,
-        )
+        let fits = channels.is_multiple_of(16);
+        require(fits, field, "a multiple of 16", channels)
     }
 
-    fn validate_names(&self) -> Result<(), ModelError> {
+    fn validate_names(&self) -> Result<()> {
         let dense = self.block1.iter().chain(&self.block2);
         let names = self.sparse.iter().map(|layer| &layer.name);
         let names = names.chain(dense.map(|layer| &layer.name));
         let names: Vec<_> = names.chain([&self.up1.name, &self.up2.name]).collect();
         for (number, name) in names.iter().enumerate() {
             let fits = !names[..number].contains(name) && (1..=128).contains(&name.len());
-            require(
-                fits,
-                "network: name of a layer",
-                "unique, 1 to 128 bytes",
-                name,
-            )?;
+            let field = "network: name of a layer";
+            require(fits, field, "unique, 1 to 128 bytes", name)?;
         }
         Ok(())
     }
 }
 
 impl SparseLayer {
-    fn validate(&self, field: &str, channels: usize, input: [usize; 3]) -> Result<(), ModelError> {
+    fn validate(&self, field: &str, channels: usize, input: [usize; 3]) -> Result<()> {
         count(&format!("{field}.cin"), self.cin, channels, channels)?;
         count(&format!("{field}.cout"), self.cout, 1, CHANNELS_MAX)?;
         for axis in 0..3 {
@@ -254,12 +223,8 @@ impl SparseLayer {
             count(&format!("{field}.stride[{axis}]"), self.stride[axis], 1, 4)?;
             count(&format!("{field}.padding[{axis}]"), padding, 0, kernel - 1)?;
             let fits = input[axis] + 2 * padding >= kernel;
-            require(
-                fits,
-                &kernel_field,
-                "no larger than its padded input",
-                kernel,
-            )?;
+            let expected = "no larger than its padded input";
+            require(fits, &kernel_field, expected, kernel)?;
             let same = !self.submanifold || (kernel == 2 * padding + 1 && self.stride[axis] == 1);
             let expected = "submanifold with stride 1, odd kernel, padding kernel / 2";
             require(same, field, expected, format_args!("{self:?}"))?;
@@ -274,7 +239,7 @@ fn dense_chain(
     layers: &[DenseLayer],
     mut channels: usize,
     stride: usize,
-) -> Result<usize, ModelError> {
+) -> Result<usize> {
     for (number, layer) in layers.iter().enumerate() {
         let stride = if number == 0 { stride } else { 1 };
         let named = |name: &str| format!("{field}[{number}].{name}");
@@ -286,12 +251,7 @@ fn dense_chain(
     Ok(channels)
 }
 
-fn require(
-    holds: bool,
-    field: &str,
-    expected: impl Display,
-    found: impl Display,
-) -> Result<(), ModelError> {
+fn require(holds: bool, field: &str, expected: impl Display, found: impl Display) -> Result<()> {
     if holds {
         return Ok(());
     }
@@ -302,19 +262,21 @@ fn require(
     })
 }
 
-/// Field, value, least and largest of several.
-fn bounds(values: &[(&str, f32, f32, f32)]) -> Result<(), ModelError> {
-    let mut values = values.iter();
-    values.try_for_each(|&(field, value, low, high)| between(field, value, low, high))
+/// Field without its `prefix`, value, least and largest of several.
+fn bounds(prefix: &str, values: &[(&str, f32, f32, f32)]) -> Result<()> {
+    for &(field, value, low, high) in values {
+        between(&format!("{prefix}{field}"), value, low, high)?;
+    }
+    Ok(())
 }
 
 /// Also refuses NaN.
-fn between(field: &str, value: f32, low: f32, high: f32) -> Result<(), ModelError> {
+fn between(field: &str, value: f32, low: f32, high: f32) -> Result<()> {
     let expected = format_args!("between {low} and {high}");
     require((low..=high).contains(&value), field, expected, value)
 }
 
-fn count(field: &str, value: usize, low: usize, high: usize) -> Result<(), ModelError> {
+fn count(field: &str, value: usize, low: usize, high: usize) -> Result<()> {
     let holds = (low..=high).contains(&value);
     if low == high {
         return require(holds, field, low, value);

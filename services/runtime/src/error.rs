@@ -3,8 +3,6 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
-use crate::Instance;
-
 pub(crate) type Result<T> = std::result::Result<T, RuntimeError>;
 
 /// A failure of the process shell.
@@ -40,17 +38,17 @@ pub enum RuntimeError {
 }
 
 impl RuntimeError {
-    pub(crate) fn instance(instance: &Instance, cause: impl Display) -> RuntimeError {
+    pub(crate) fn instance(instance: &str, cause: impl Display) -> RuntimeError {
         RuntimeError::Instance {
-            instance: instance.name().to_string(),
+            instance: instance.to_string(),
             cause: cause.to_string(),
         }
     }
 
-    pub(crate) fn topic(instance: &Instance, topic: &str, cause: impl Display) -> RuntimeError {
+    pub(crate) fn topic(instance: &str, topic: &str, cause: impl Display) -> RuntimeError {
         RuntimeError::Topic {
             topic: topic.to_string(),
-            instance: instance.name().to_string(),
+            instance: instance.to_string(),
             cause: cause.to_string(),
         }
     }

@@ -30,7 +30,7 @@ pub(crate) struct Heartbeat {
 impl Heartbeat {
     pub(crate) fn open(node: &IpcNode, stage: Stage) -> Result<Heartbeat> {
         let run_us = Histogram::new_with_bounds(1, RUN_MAX_US, 3)
-            .map_err(|e| RuntimeError::instance(&node.instance, e))?;
+            .map_err(|e| RuntimeError::instance(node.instance.name(), e))?;
         Ok(Heartbeat {
             output: Output::open(node, &Topic::HEALTH, &topic_name(stage), 1)?,
             stage,

@@ -28,7 +28,7 @@ impl<T: Payload> Input<T> {
     /// `wakes`: whether the producer ends a wait on this input.
     pub(crate) fn open(node: &IpcNode, topic: &Topic, name: &str, wakes: bool) -> Result<Input<T>> {
         let service = node.open_data::<T>(topic, name)?;
-        let failed = |cause: String| RuntimeError::topic(&node.instance, name, cause);
+        let failed = |cause: String| RuntimeError::topic(node.instance.name(), name, cause);
         let subscriber = service.subscriber_builder().create();
         let subscriber =
             subscriber.map_err(|e| failed(format!("no place for another consumer ({e:?})")))?;
@@ -121,7 +121,7 @@ impl<T: Payload> Input<T> {
     }
 
     fn failed(&self, cause: String) -> RuntimeError {
-        RuntimeError::topic(&self.instance, &self.name, cause)
+        RuntimeError::topic(self.instance.name(), &self.name, cause)
     }
 }
 

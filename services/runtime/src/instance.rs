@@ -31,11 +31,8 @@ impl Instance {
         let fits = (1..=Instance::NAME_MAX).contains(&name.len());
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if !fits || !name.chars().all(plain) {
-            return Err(RuntimeError::Instance {
-                instance: name.to_string(),
-                cause: "its name must be 1 to 24 of the characters a-z, A-Z, 0-9, '-' and '_'"
-                    .into(),
-            });
+            let cause = "its name must be 1 to 24 of the characters a-z, A-Z, 0-9, '-' and '_'";
+            return Err(RuntimeError::instance(name, cause));
         }
         // A dot ends the name, so that no instance's prefix begins another's.
         let stem = format!("mluc-{}-{name}", rustix::process::geteuid().as_raw());

@@ -48,7 +48,7 @@ impl Membership {
             }
             if begun.elapsed() > PATIENCE {
                 let cause = format!("joining: {} stays locked", instance.root().display());
-                return Err(RuntimeError::instance(instance, cause));
+                return Err(RuntimeError::instance(instance.name(), cause));
             }
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -107,7 +107,7 @@ impl Membership {
             field("by="),
             field("pid="),
         );
-        Err(RuntimeError::instance(&self.instance, cause))
+        Err(RuntimeError::instance(self.instance.name(), cause))
     }
 
     /// Takes a role that only one process may have (`pipeline`, `backbone`); released when the claim is dropped or the

@@ -43,7 +43,8 @@ impl IpcNode {
                 "removed segments that a killed process never finished"
             );
         }
-        let failed = |cause: String| RuntimeError::instance(instance, format!("joining: {cause}"));
+        let failed =
+            |cause: String| RuntimeError::instance(instance.name(), format!("joining: {cause}"));
         let name = NodeName::new(role).map_err(|e| failed(format!("{e:?}")))?;
         let config = config(instance, cleans).map_err(failed)?;
         let node = NodeBuilder::new()
@@ -103,7 +104,7 @@ impl IpcNode {
 
     fn service_name(&self, name: &str) -> Result<ServiceName> {
         ServiceName::new(&format!("mluc/{name}"))
-            .map_err(|e| RuntimeError::topic(&self.instance, name, format!("{e:?}")))
+            .map_err(|e| RuntimeError::topic(self.instance.name(), name, format!("{e:?}")))
     }
 
     /// Other processes make and remove services at the same time: all but lasting errors get more tries.
@@ -133,7 +134,7 @@ impl IpcNode {
                 }
             };
             let cause = format!("{error:?}: {hint}");
-            return Err(RuntimeError::topic(&self.instance, name, cause));
+            return Err(RuntimeError::topic(self.instance.name(), name, cause));
         }
     }
 }

@@ -29,7 +29,7 @@ impl<T: Payload> Output<T> {
         name: &str,
         elements_max: usize,
     ) -> Result<Output<T>> {
-        let failed = |cause: String| RuntimeError::topic(&node.instance, name, cause);
+        let failed = |cause: String| RuntimeError::topic(node.instance.name(), name, cause);
         check_room((topic.slots() * elements_max * size_of::<T>()) as u64).map_err(failed)?;
         let service = node.open_data::<T>(topic, name)?;
         let wake = node.open_wake(topic, name)?;
@@ -74,7 +74,11 @@ impl<T: Payload> Output<T> {
     }
 
     fn failed(&self, action: &str, cause: impl std::fmt::Debug) -> RuntimeError {
-        RuntimeError::topic(&self.instance, &self.name, format!("{action}: {cause:?}"))
+        RuntimeError::topic(
+            self.instance.name(),
+            &self.name,
+            format!("{action}: {cause:?}"),
+        )
     }
 }
 
