@@ -3,7 +3,7 @@
 use mluc_kernels::Bf16;
 use mluc_model::{Manifest, WeightSet};
 
-use crate::error::BackboneError;
+use crate::error::{BackboneError, Result};
 use crate::frame::Frame;
 use crate::layers::Layers;
 use crate::plane::Coverage;
@@ -42,7 +42,7 @@ macro_rules! on_layers {
 
 impl Backbone {
     /// Checks the model, packs its weights and computes its response to an empty scene; in f32.
-    pub fn new(manifest: &Manifest, weights: &WeightSet) -> Result<Backbone, BackboneError> {
+    pub fn new(manifest: &Manifest, weights: &WeightSet) -> Result<Backbone> {
         Backbone::with_precision(manifest, weights, Precision::F32)
     }
 
@@ -51,7 +51,7 @@ impl Backbone {
         manifest: &Manifest,
         weights: &WeightSet,
         precision: Precision,
-    ) -> Result<Backbone, BackboneError> {
+    ) -> Result<Backbone> {
         manifest.validate()?;
         weights.check(&manifest.network)?;
         if precision == Precision::Int8 && !weights.is_calibrated() {
@@ -68,7 +68,7 @@ impl Backbone {
 
     /// Runs frames of an invented scan, so that the first one that counts finds its memory mapped and its code and weights
     /// in the caches. `manifest`: as at [`Backbone::new`]. Forgets the last frame.
-    pub fn warm_up(&mut self, manifest: &Manifest) -> Result<(), BackboneError> {
+    pub fn warm_up(&mut self, manifest: &Manifest) -> Result<()> {
         let points = warm_up::scan(manifest);
         for _ in 0..WARM_UP_FRAMES {
             let count = self.run(&points).rows;
@@ -133,7 +133,7 @@ impl Backbone {
 
     /// Writes the last frame's rows: `cells` (row * columns + column of the map, ascending; one a row) and `rows`
     /// ([`Backbone::feature_channels`] values a cell). A cell without a row equals the response to an empty scene.
-    pub fn write_rows(&self, cells: &mut [u32], rows: &mut [f32]) -> Result<(), BackboneError> {
+    pub fn write_rows(&self, cells: &mut [u32], rows: &mut [f32]) -> Result<()> {
         let found = self.cells();
         for (what, expected, given) in [
             ("cells", found.len(), cells.len()),
@@ -153,13 +153,10 @@ impl Backbone {
     }
 
     /// The response to an empty scene: one feature row for every cell of the map, in order.
-    pub fn empty_rows(&mut self) -> Result<Vec<f32>, BackboneError> {
-        let frame = self.watched(&[], Coverage::Everywhere, Watch::Nobody);
-        let (mut cells, mut rows) = (
-            vec![0; frame.rows],
-            vec![0.0; frame.rows * self.feature_channels()],
-        );
-        self.write_rows(&mut cells, &mut rows)?;
+    pub fn empty_rows(&mut self) -> Result<Vec<f32>> {
+        let count = self.watched(&[], Coverage::Everywhere, Watch::Nobody).rows;
+        let mut rows = vec![0.0; count * self.feature_channels()];
+        self.write_rows(&mut vec![0; count], &mut rows)?;
         Ok(rows)
     }
 }

@@ -1,12 +1,16 @@
 //! A set of cells of a bird's-eye map: those whose features can differ from the empty scene's.
 
+use crate::bits::{even_bits, set_bits};
+
 /// Bits (every map row starts a fresh word) and the ascending list of the same cells.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CellSet {
-    shape: [usize; 2],
+    /// Rows, columns.
+    pub(crate) shape: [usize; 2],
     words_per_row: usize,
     words: Vec<u64>,
-    list: Vec<u32>,
+    /// row * columns + column, ascending.
+    pub(crate) list: Vec<u32>,
     /// One row of another set while it is read.
     scratch: Vec<u64>,
 }
@@ -24,16 +28,6 @@ impl CellSet {
             // An input map is at most twice as wide.
             scratch: Vec::with_capacity(2 * words_per_row),
         }
-    }
-
-    /// Rows, columns.
-    pub(crate) fn shape(&self) -> [usize; 2] {
-        self.shape
-    }
-
-    /// row * columns + column, ascending.
-    pub(crate) fn list(&self) -> &[u32] {
-        &self.list
     }
 
     /// Becomes the cells given as (row, column), in any order.
@@ -65,12 +59,10 @@ impl CellSet {
             }
             let out = &mut self.words[y * self.words_per_row..][..self.words_per_row];
             for (word, out) in out.iter_mut().enumerate() {
+                let even = |word| even_bits(widened(&row, word));
                 *out = match stride {
                     1 => widened(&row, word),
-                    _ => {
-                        even_bits(widened(&row, 2 * word))
-                            | even_bits(widened(&row, 2 * word + 1)) << 32
-                    }
+                    _ => even(2 * word) | even(2 * word + 1) << 32,
                 };
             }
             mask_beyond(out, self.shape[1]);
@@ -82,20 +74,17 @@ impl CellSet {
     /// Becomes the 2x2 patches of `input`'s cells, on a map twice its size.
     pub(crate) fn assign_doubled(&mut self, input: &CellSet) {
         let columns = input.shape[1];
-        let cells = input
-            .list
-            .iter()
-            .map(|cell| [*cell as usize / columns, *cell as usize % columns]);
-        self.assign(cells.flat_map(|[y, x]| {
-            [[0, 0], [0, 1], [1, 0], [1, 1]].map(|[dy, dx]| [2 * y + dy, 2 * x + dx])
-        }));
+        let cells = input.list.iter().map(|cell| *cell as usize);
+        let corners = cells.map(|cell| [2 * (cell / columns), 2 * (cell % columns)]);
+        let patch = |[y, x]: [usize; 2]| [[y, x], [y, x + 1], [y + 1, x], [y + 1, x + 1]];
+        self.assign(corners.flat_map(patch));
     }
 
     /// Calls `visit` with every cell that is here and not in `other`, ascending.
     pub(crate) fn for_each_missing(&self, other: &CellSet, mut visit: impl FnMut(usize)) {
         for (number, (here, there)) in self.words.iter().zip(&other.words).enumerate() {
-            self.cells_of(number, here & !there)
-                .for_each(|cell| visit(cell as usize));
+            let first = self.first_cell(number);
+            set_bits(here & !there).for_each(|bit| visit(first + bit));
         }
     }
 
@@ -112,25 +101,16 @@ impl CellSet {
         let mut list = std::mem::take(&mut self.list);
         list.clear();
         for (number, word) in self.words.iter().enumerate() {
-            list.extend(self.cells_of(number, *word));
+            let first = self.first_cell(number);
+            list.extend(set_bits(*word).map(|bit| (first + bit) as u32));
         }
         self.list = list;
     }
 
-    /// Cells of the set bits of the `number`-th word.
-    fn cells_of(&self, number: usize, mut word: u64) -> impl Iterator<Item = u32> + use<> {
-        let (y, first) = (
-            number / self.words_per_row,
-            number % self.words_per_row * 64,
-        );
-        let base = (y * self.shape[1] + first) as u32;
-        std::iter::from_fn(move || {
-            let bit = word.trailing_zeros();
-            (word != 0).then(|| {
-                word &= word - 1;
-                base + bit
-            })
-        })
+    /// The cell of the first bit of the `number`-th word.
+    fn first_cell(&self, number: usize) -> usize {
+        let (y, word) = (number / self.words_per_row, number % self.words_per_row);
+        y * self.shape[1] + word * 64
     }
 }
 
@@ -139,16 +119,6 @@ fn widened(row: &[u64], word: usize) -> u64 {
     let at = |word: Option<usize>| word.and_then(|word| row.get(word)).copied().unwrap_or(0);
     let (before, here, after) = (at(word.checked_sub(1)), at(Some(word)), at(Some(word + 1)));
     here | here << 1 | here >> 1 | before >> 63 | after << 63
-}
-
-/// Bits 0, 2, 4, ... moved together into the low half.
-fn even_bits(mut word: u64) -> u64 {
-    word &= 0x5555_5555_5555_5555;
-    word = (word | word >> 1) & 0x3333_3333_3333_3333;
-    word = (word | word >> 2) & 0x0F0F_0F0F_0F0F_0F0F;
-    word = (word | word >> 4) & 0x00FF_00FF_00FF_00FF;
-    word = (word | word >> 8) & 0x0000_FFFF_0000_FFFF;
-    (word | word >> 16) & 0xFFFF_FFFF
 }
 
 /// Clears the bits of the last word that lie beyond the map.
@@ -161,10 +131,10 @@ fn mask_beyond(row: &mut [u64], columns: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::Random;
+    use mluc_geometry::Random;
 
     fn random_set(shape: [usize; 2], count: usize, seed: u64) -> CellSet {
-        let mut random = Random::new(seed);
+        let mut random = Random::from_state(seed);
         let mut set = CellSet::new(shape);
         set.assign((0..count).map(|_| [random.below(shape[0]), random.below(shape[1])]));
         set
@@ -177,24 +147,17 @@ mod tests {
 
     #[test]
     fn readers_are_those_of_the_definition() {
-        for (shape, count) in [
-            ([10, 64], 30),
-            ([7, 130], 25),
-            ([12, 176], 60),
-            ([5, 9], 0),
-            ([6, 66], 1),
-        ] {
+        let maps = [[10, 64], [7, 130], [12, 176], [5, 9], [6, 66]];
+        for (shape, count) in maps.into_iter().zip([30, 25, 60, 0, 1]) {
             let input = random_set(shape, count, shape[1] as u64);
             for stride in [1, 2] {
                 let mut found = CellSet::new(shape.map(|edge| edge.div_ceil(stride)));
                 found.assign_readers(&input, stride);
                 for y in 0..found.shape[0] as i64 {
                     for x in 0..found.shape[1] as i64 {
-                        let reads = (-1..=1).any(|dy| {
-                            (-1..=1).any(|dx| {
-                                has(&input, y * stride as i64 + dy, x * stride as i64 + dx)
-                            })
-                        });
+                        let (y_in, x_in) = (y * stride as i64, x * stride as i64);
+                        let mut window = (0..9).map(|i| (y_in + i / 3 - 1, x_in + i % 3 - 1));
+                        let reads = window.any(|(y, x)| has(&input, y, x));
                         assert_eq!(has(&found, y, x), reads, "{shape:?} / {stride} at {y}, {x}");
                     }
                 }
@@ -215,12 +178,8 @@ mod tests {
         }
         let mut missing = vec![];
         doubled.for_each_missing(&other, |cell| missing.push(cell as u32));
-        let expected: Vec<u32> = doubled
-            .list
-            .iter()
-            .copied()
-            .filter(|cell| !other.list.contains(cell))
-            .collect();
+        let mut expected = doubled.list.clone();
+        expected.retain(|cell| !other.list.contains(cell));
         assert_eq!(missing, expected);
         doubled.assign_all();
         assert_eq!(doubled.list, (0..1400).collect::<Vec<_>>());

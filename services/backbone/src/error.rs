@@ -2,8 +2,11 @@
 
 use mluc_model::ModelError;
 
+pub(crate) type Result<T> = std::result::Result<T, BackboneError>;
+
 /// Why the backbone cannot run.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)] // The message above each variant says what its fields are.
 pub enum BackboneError {
     /// The model does not fit.
     #[error(transparent)]
@@ -11,27 +14,18 @@ pub enum BackboneError {
     /// [`crate::Backbone::write_rows`] was given room for another number of values.
     #[error("features: room for {expected} {what} needed, {found} given")]
     Room {
-        /// `cells` or `values`.
         what: &'static str,
-        /// As [`crate::Frame::rows`] says.
         expected: usize,
-        /// Length of the slice.
         found: usize,
     },
     /// Not the name of a precision.
     #[error("precision: f32, bf16 or int8 expected, found `{found}`")]
-    Precision {
-        /// The name.
-        found: String,
-    },
+    Precision { found: String },
     /// A layer that bf16 cannot compute.
     #[error(
         "precision bf16: an even number of input channels expected in every layer, found {found}; run it in f32 or int8"
     )]
-    OddChannels {
-        /// Input channels of the layer.
-        found: usize,
-    },
+    OddChannels { found: usize },
     /// Int8 needs to know how large values get.
     #[error(
         "precision int8: a model with a calibration expected, found none; make one with `mluc-lab quantize --model FILE \

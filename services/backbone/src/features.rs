@@ -8,8 +8,8 @@ use mluc_model::{Folded, Network, WeightSet};
 
 use crate::cells::CellSet;
 use crate::convolution::Convolution;
-use crate::error::BackboneError;
-use crate::plane::PlaneLayer;
+use crate::error::{BackboneError, Result};
+use crate::plane::{MapRows, PlaneLayer};
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 
@@ -31,51 +31,49 @@ pub(crate) struct Features<V: Value> {
 }
 
 impl<V: Value> Features<V> {
-    /// `blocks`: scale and empty response of the last layers of block1 and block2; feature rows are f32.
+    /// `blocks`: what the last layers of block1 and block2 give; feature rows are f32.
     pub(crate) fn new(
         network: &Network,
         weights: &WeightSet,
-        blocks: [(&QuantScale, &[f32]); 2],
-    ) -> Result<Features<V>, BackboneError> {
-        let folded = |up, block: (&QuantScale, &[f32])| {
-            let folded =
-                QuantScale::between(block.0, &QuantScale::identity(), Folded::up(weights, up)?);
-            Ok::<_, BackboneError>((folded, block.0.counts(block.1)))
+        blocks: [&MapRows; 2],
+    ) -> Result<Features<V>> {
+        let folded = |up, block: &MapRows| {
+            let folded = Folded::up(weights, up)?;
+            let folded = QuantScale::between(&block.scale, &QuantScale::identity(), folded);
+            Ok::<_, BackboneError>((folded, block.scale.counts(&block.empty_response)))
         };
-        let (up1, usual1) = folded(&network.up1, blocks[0])?;
-        let (up2, usual2) = folded(&network.up2, blocks[1])?;
+        let (up1, reads1) = folded(&network.up1, blocks[0])?;
+        let (up2, reads2) = folded(&network.up2, blocks[1])?;
         let shape = network.map_shape();
-        let [rows, columns] = shape;
-        let (all, quarter) = (rows * columns, rows * columns / 4);
+        let cells = shape[0] * shape[1];
         Ok(Features {
-            up1: Convolution::around(&up1, &usual1)?,
-            up2: Convolution::by_tap(&up2, &usual2)?,
+            up1: Convolution::around(&up1, &reads1)?,
+            up2: Convolution::by_tap(&up2, &reads2)?,
             cells: CellSet::new(shape),
-            gather1: Gather::new(1, Vec::with_capacity(all)),
-            rows1: Vec::with_capacity(all),
-            gather2: Gather::new(1, Vec::with_capacity(quarter)),
-            rows2: [(); 4].map(|()| Vec::with_capacity(quarter)),
+            gather1: Gather::new(1, Vec::with_capacity(cells)),
+            rows1: Vec::with_capacity(cells),
+            gather2: Gather::new(1, Vec::with_capacity(cells / 4)),
+            rows2: [(); 4].map(|()| Vec::with_capacity(cells / 4)),
         })
     }
 
     /// Cells that have a row, ascending.
     pub(crate) fn cells(&self) -> &[u32] {
-        self.cells.list()
+        &self.cells.list
     }
 
     /// Decides the rows of this frame from block2's active cells.
     pub(crate) fn place(&mut self, block2_active: &CellSet) {
         self.cells.assign_doubled(block2_active);
-        self.gather1.index.clear();
-        self.gather1.index.extend_from_slice(self.cells.list());
+        let cells = &self.cells.list;
+        self.gather1.index.clone_from(cells);
+        self.gather2.index.clone_from(&block2_active.list);
         self.rows1.clear();
         self.rows1
-            .extend((0..self.cells.list().len() as u32).map(|row| 2 * row));
-        self.gather2.index.clear();
-        self.gather2.index.extend_from_slice(block2_active.list());
+            .extend((0..cells.len() as u32).map(|row| 2 * row));
         self.rows2.iter_mut().for_each(Vec::clear);
-        let columns = self.cells.shape()[1] as u32;
-        for (row, cell) in self.cells.list().iter().enumerate() {
+        let columns = self.cells.shape[1] as u32;
+        for (row, cell) in cells.iter().enumerate() {
             let position = cell / columns % 2 * 2 + cell % 2;
             self.rows2[position as usize].push(2 * row as u32 + 1);
         }
@@ -84,9 +82,9 @@ impl<V: Value> Features<V> {
     /// Computes the rows into `rows`, one for each of [`Features::cells`].
     pub(crate) fn write(&self, block1: &PlaneLayer<V>, block2: &PlaneLayer<V>, rows: &mut [f32]) {
         self.up1
-            .run(block1.values(), &self.gather1, Some(&self.rows1), rows);
+            .run(&block1.values, &self.gather1, Some(&self.rows1), rows);
         for (up2, to) in self.up2.iter().zip(&self.rows2) {
-            up2.run(block2.values(), &self.gather2, Some(to), rows);
+            up2.run(&block2.values, &self.gather2, Some(to), rows);
         }
     }
 }

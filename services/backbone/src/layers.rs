@@ -2,14 +2,14 @@
 
 use mluc_model::{DenseLayer, Manifest, WeightSet};
 
-use crate::bev;
 use crate::cells::CellSet;
-use crate::error::BackboneError;
+use crate::error::{BackboneError, Result};
 use crate::features::Features;
 use crate::frame::Frame;
-use crate::plane::{Coverage, PlaneLayer};
+use crate::plane::{Coverage, MapRows, PlaneLayer};
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
+use crate::sites::Sites;
 use crate::sparse::SparsePart;
 use crate::trace::{Place, Reads, Watch};
 
@@ -33,41 +33,31 @@ impl<V: Value> Layers<V> {
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
-        scale: impl Fn(&str, usize) -> Result<QuantScale, BackboneError>,
-    ) -> Result<Layers<V>, BackboneError> {
+        scale: impl Fn(&str, usize) -> Result<QuantScale>,
+    ) -> Result<Layers<V>> {
         let network = &manifest.network;
         let shape = network.map_shape();
         let sparse = SparsePart::new(manifest, weights, &scale)?;
-        let depth = sparse.sites().shape()[0];
-        let map_scale = sparse.scale().repeated(depth);
-        type Before = ([usize; 2], QuantScale, Vec<f32>);
-        let block = |layers: &[DenseLayer],
-                     sparse_map,
-                     (mut shape, mut before, mut empty_response): Before| {
-            let layers = layers.iter().enumerate().map(|(number, layer)| {
+        let map_scale = sparse.scale().repeated(sparse.sites().shape()[0]);
+        let block = |layers: &[DenseLayer], reads_sparse_map: bool, mut before: MapRows| {
+            let mut block: Vec<PlaneLayer<V>> = Vec::with_capacity(layers.len());
+            for layer in layers {
                 let own = scale(&layer.name, layer.cout)?;
-                let reads = (shape, sparse_map && number == 0);
-                let built = PlaneLayer::new(
-                    layer,
-                    reads,
-                    weights,
-                    (&before, own.clone()),
-                    &empty_response,
-                )?;
-                (shape, before, empty_response) =
-                    (built.active().shape(), own, built.empty_response().to_vec());
-                Ok(built)
-            });
-            let layers = layers.collect::<Result<Vec<_>, BackboneError>>()?;
-            Ok::<_, BackboneError>((layers, before, empty_response))
+                let reads_sparse_map = reads_sparse_map && block.is_empty();
+                let layer = PlaneLayer::new(layer, weights, &before, own, reads_sparse_map)?;
+                before = layer.output.clone();
+                block.push(layer);
+            }
+            Ok::<_, BackboneError>((block, before))
         };
-        // The map of an empty scene is 0.
-        let empty = vec![0.0; network.map_channels()];
-        let (block1, units1, usual1) =
-            block(&network.block1, true, (shape, map_scale.clone(), empty))?;
-        let before = (shape, units1.clone(), usual1.clone());
-        let (block2, units2, usual2) = block(&network.block2, false, before)?;
-        let ends = [(&units1, &usual1[..]), (&units2, &usual2[..])];
+        let map = MapRows {
+            shape,
+            scale: map_scale.clone(),
+            // The map of an empty scene is 0.
+            empty_response: vec![0.0; network.map_channels()],
+        };
+        let (block1, end1) = block(&network.block1, true, map)?;
+        let (block2, end2) = block(&network.block2, false, end1.clone())?;
         let mut layers = Layers {
             sparse,
             map: vec![V::default(); shape[0] * shape[1] * network.map_channels()],
@@ -76,7 +66,7 @@ impl<V: Value> Layers<V> {
             occupied: CellSet::new(shape),
             block1,
             block2,
-            features: Features::new(network, weights, ends)?,
+            features: Features::new(network, weights, [&end1, &end2])?,
             feature_channels: network.feature_channels(),
         };
         layers.run(&[], Coverage::Everywhere, &mut Watch::Nobody);
@@ -86,7 +76,7 @@ impl<V: Value> Layers<V> {
     }
 
     pub(crate) fn map_shape(&self) -> [usize; 2] {
-        self.occupied.shape()
+        self.occupied.shape
     }
 
     pub(crate) fn feature_channels(&self) -> usize {
@@ -107,16 +97,16 @@ impl<V: Value> Layers<V> {
         let points = self.sparse.run(points, watch);
         self.fold_height();
         let place = Place::Map(self.map_shape());
-        watch.step("bev", self.occupied.list().len(), Reads::Nothing);
+        watch.step("bev", self.occupied.list.len(), Reads::Nothing);
         let values = (&self.map[..], &self.map_scale);
         watch.level("bev", place, self.map_channels, values);
-        let (mut values, mut active) = (&self.map[..], &self.occupied);
+        let (mut values, mut active) = (&self.map, &self.occupied);
         for layer in self.block1.iter_mut().chain(&mut self.block2) {
             layer.run(values, active, coverage);
-            (values, active) = (layer.values(), layer.active());
-            watch.step(&layer.name, active.list().len(), layer.reads());
-            let place = Place::Map(active.shape());
-            let shown = (values, layer.scale());
+            (values, active) = (&layer.values, &layer.active);
+            watch.step(&layer.name, active.list.len(), layer.reads());
+            let place = Place::Map(active.shape);
+            let shown = (&values[..], &layer.output.scale);
             watch.level(&layer.name, place, layer.channels(), shown);
         }
         self.features.place(active);
@@ -138,21 +128,46 @@ impl<V: Value> Layers<V> {
     /// The sparse part's last sites become the bird's-eye map.
     fn fold_height(&mut self) {
         let channels = self.map_channels;
-        for cell in self.occupied.list() {
+        for cell in &self.occupied.list {
             self.map[*cell as usize * channels..][..channels].fill(V::default());
         }
         let sites = self.sparse.sites();
-        self.occupied.assign(
-            sites
-                .coordinates()
-                .iter()
-                .map(|[_, y, x]| [usize::from(*y), usize::from(*x)]),
-        );
-        bev::scatter(
-            sites,
-            self.sparse.rows(),
-            channels / sites.shape()[0],
-            &mut self.map,
-        );
+        let coordinates = sites.coordinates().iter();
+        self.occupied
+            .assign(coordinates.map(|[_, y, x]| [usize::from(*y), usize::from(*x)]));
+        let site_channels = channels / sites.shape()[0];
+        scatter(sites, self.sparse.rows(), site_channels, &mut self.map);
+    }
+}
+
+/// Writes each site's row into its cell of `map`, one row a cell in (y, x) order; the rest stays as it is. Heights become
+/// channels: channel = c * depth + z (paper section 3.1: the height is folded into the channels, innermost).
+fn scatter<T: Copy>(sites: &Sites, rows: &[T], channels: usize, map: &mut [T]) {
+    let [depth, _, width] = sites.shape();
+    for (site, row) in sites.coordinates().iter().zip(rows.chunks_exact(channels)) {
+        let [z, y, x] = site.map(usize::from);
+        let cell = &mut map[(y * width + x) * channels * depth..][..channels * depth];
+        let places = cell[z..].iter_mut().step_by(depth);
+        places.zip(row).for_each(|(to, from)| *to = *from);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_is_innermost() {
+        let mut sites = Sites::new([2, 2, 3]);
+        for [z, y, x] in [[0, 1, 2], [1, 1, 2], [1, 0, 0]] {
+            sites.insert(z, y, x);
+        }
+        sites.finish();
+        let mut map = vec![0.0; 24];
+        scatter(&sites, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2, &mut map);
+        let mut expected = vec![0.0; 24];
+        expected[20..].copy_from_slice(&[1.0, 5.0, 2.0, 6.0]);
+        expected[..4].copy_from_slice(&[0.0, 3.0, 0.0, 4.0]);
+        assert_eq!(map, expected);
     }
 }

@@ -1,10 +1,9 @@
 //! Points to bird's-eye feature rows: voxels, sparse 3-D convolutions, bird's-eye convolutions (paper section 3.1).
 //!
-//! [`Backbone`] is the stage. Its parts ([`voxelize`], [`rulebook`], [`bev`]) are plain functions that the trainer
-//! shares. Nothing here knows a process, a file or a clock.
+//! [`Backbone`] is the stage. Its parts ([`voxelize`], [`Rulebooks`]) are plain functions that the trainer shares. Nothing here knows a process, a file or a clock.
 
 mod backbone;
-pub mod bev;
+mod bits;
 mod cells;
 mod convolution;
 mod error;
@@ -29,7 +28,6 @@ pub use error::BackboneError;
 pub use frame::Frame;
 pub use plane::Coverage;
 pub use precision::Precision;
-pub use rulebook::{gather, output_sites, rulebook};
 pub use rulebooks::Rulebooks;
 pub use sites::Sites;
 pub use trace::{Level, Observer, Place, Reads, Step, Steps};

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::cells::CellSet;
 use crate::convolution::{Convolution, response};
-use crate::error::BackboneError;
+use crate::error::Result;
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 use crate::trace::Reads;
@@ -28,22 +28,32 @@ pub enum Coverage {
 /// Cells that one task looks up.
 const CELLS_A_TASK: usize = 2048;
 
+/// What the rows of a map hold.
+#[derive(Clone, Debug)]
+pub(crate) struct MapRows {
+    /// Rows (y), columns (x).
+    pub(crate) shape: [usize; 2],
+    /// Of the values.
+    pub(crate) scale: QuantScale,
+    /// The row of an empty scene far from the border, in exact numbers.
+    pub(crate) empty_response: Vec<f32>,
+}
+
 /// One layer with its output map.
 #[derive(Clone, Debug)]
 pub(crate) struct PlaneLayer<V: Value> {
     pub(crate) name: String,
+    pub(crate) output: MapRows,
+    /// One row a cell; rows outside `active` hold the empty scene's.
+    pub(crate) values: Vec<V>,
+    /// Cells that may differ from the empty scene.
+    pub(crate) active: CellSet,
     convolution: Convolution<V>,
-    scale: QuantScale,
-    /// The response to an empty scene far from the border, in exact numbers.
-    empty_response: Vec<f32>,
     stride: usize,
     input_shape: [usize; 2],
     /// Cells of the input that are not active are zero: their taps need not be computed.
     input_zero_elsewhere: bool,
-    /// One row a cell; rows outside `active` hold the empty scene's.
-    values: Vec<V>,
     empty: Vec<V>,
-    active: CellSet,
     previous: CellSet,
     gather: Gather,
     by_tiles: Option<ByTiles>,
@@ -57,21 +67,21 @@ struct ByTiles {
 }
 
 impl<V: Value> PlaneLayer<V> {
-    /// `scale`: of the values that it reads, and of its own. `empty_response`: what it reads in an empty scene, far from the border.
-    /// `reads_sparse_map`: its input is zero where no site lies; what is left of the direct sum when zeros are skipped is
-    /// less than tiles would take.
+    /// `input`: what it reads; `scale`: of its own values. `reads_sparse_map`: its input is zero where no site lies; what is
+    /// left of the direct sum when zeros are skipped is less than tiles would take.
     pub(crate) fn new(
         layer: &DenseLayer,
-        (input_shape, reads_sparse_map): ([usize; 2], bool),
         weights: &WeightSet,
-        scale: (&QuantScale, QuantScale),
-        empty_response: &[f32],
-    ) -> Result<PlaneLayer<V>, BackboneError> {
+        input: &MapRows,
+        scale: QuantScale,
+        reads_sparse_map: bool,
+    ) -> Result<PlaneLayer<V>> {
         let folded = Folded::dense(weights, layer)?;
-        let response = response(&folded, empty_response);
-        let folded = QuantScale::between(scale.0, &scale.1, folded);
-        let shape = input_shape.map(|edge| edge.div_ceil(layer.stride));
-        let values = vec![V::default(); shape[0] * shape[1] * layer.cout];
+        let empty_response = response(&folded, &input.empty_response);
+        let folded = QuantScale::between(&input.scale, &scale, folded);
+        let shape = input.shape.map(|edge| edge.div_ceil(layer.stride));
+        let cells = shape[0] * shape[1];
+        let values = vec![V::default(); cells * layer.cout];
         let by_tiles = layer.stride == 1 && !reads_sparse_map && V::f32_rows(&values).is_some();
         let by_tiles = by_tiles
             .then(|| WeightsWinograd::pack(folded.cin, folded.cout, &folded.weights))
@@ -80,25 +90,24 @@ impl<V: Value> PlaneLayer<V> {
                 weights,
                 tiles: WinogradTiles::new(shape),
             });
+        let taps = if by_tiles.is_some() { 0 } else { cells * 9 };
+        let reads = input.scale.counts(&input.empty_response);
         Ok(PlaneLayer {
             name: layer.name.clone(),
-            convolution: Convolution::around(&folded, &scale.0.counts(empty_response))?,
-            scale: scale.1,
-            empty_response: response,
+            convolution: Convolution::around(&folded, &reads)?,
+            output: MapRows {
+                shape,
+                scale,
+                empty_response,
+            },
             stride: layer.stride,
-            input_shape,
+            input_shape: input.shape,
             input_zero_elsewhere: reads_sparse_map,
             empty: values.clone(),
             values,
             active: CellSet::new(shape),
             previous: CellSet::new(shape),
-            gather: Gather::new(
-                9,
-                Vec::with_capacity(match by_tiles {
-                    Some(_) => 0,
-                    None => shape[0] * shape[1] * 9,
-                }),
-            ),
+            gather: Gather::new(9, Vec::with_capacity(taps)),
             by_tiles,
         })
     }
@@ -119,26 +128,18 @@ impl<V: Value> PlaneLayer<V> {
             return;
         }
         let read = self.input_zero_elsewhere.then_some(input_active);
-        window_gather(
-            &self.active,
-            self.input_shape,
-            self.stride,
-            read,
-            &mut self.gather,
-        );
-        self.convolution.run(
-            input,
-            &self.gather,
-            Some(self.active.list()),
-            &mut self.values,
-        );
+        let (active, gather) = (&self.active, &mut self.gather);
+        window_gather(active, self.input_shape, self.stride, read, gather);
+        let output_rows = Some(&active.list[..]);
+        self.convolution
+            .run(input, gather, output_rows, &mut self.values);
     }
 
     /// The active cells by tiles, where this layer can.
     fn run_by_tiles(&mut self, input: &[V]) -> Option<()> {
         let ByTiles { weights, tiles } = self.by_tiles.as_mut()?;
         let (input, output) = (V::f32_rows(input)?, V::f32_rows_mut(&mut self.values)?);
-        tiles.assign(self.active.list(), self.active.shape());
+        tiles.assign(&self.active.list, self.active.shape);
         convolve_winograd(input, tiles, weights, self.convolution.epilogue(), output);
         Some(())
     }
@@ -148,10 +149,6 @@ impl<V: Value> PlaneLayer<V> {
         self.empty.copy_from_slice(&self.values);
     }
 
-    /// One row a cell of the whole map.
-    pub(crate) fn values(&self) -> &[V] {
-        &self.values
-    }
     /// Which cells of the input the last run read.
     pub(crate) fn reads(&self) -> Reads<'_> {
         match &self.by_tiles {
@@ -159,21 +156,10 @@ impl<V: Value> PlaneLayer<V> {
             None => Reads::Rows(&self.gather),
         }
     }
+
     /// Of a row.
     pub(crate) fn channels(&self) -> usize {
         self.convolution.cout()
-    }
-    /// Of [`PlaneLayer::values`].
-    pub(crate) fn scale(&self) -> &QuantScale {
-        &self.scale
-    }
-    /// Its response to an empty scene far from the border.
-    pub(crate) fn empty_response(&self) -> &[f32] {
-        &self.empty_response
-    }
-    /// Cells that may differ from the empty scene.
-    pub(crate) fn active(&self) -> &CellSet {
-        &self.active
     }
 }
 
@@ -186,12 +172,10 @@ fn window_gather(
     read: Option<&CellSet>,
     gather: &mut Gather,
 ) {
-    let [_, columns] = active.shape();
-    gather.index.resize(active.list().len() * 9, ABSENT);
-    let tasks = gather
-        .index
-        .par_chunks_mut(CELLS_A_TASK * 9)
-        .zip(active.list().par_chunks(CELLS_A_TASK));
+    let [_, columns] = active.shape;
+    gather.index.resize(active.list.len() * 9, ABSENT);
+    let tasks = gather.index.par_chunks_mut(CELLS_A_TASK * 9);
+    let tasks = tasks.zip(active.list.par_chunks(CELLS_A_TASK));
     tasks.for_each(|(index, cells)| {
         for (taps, cell) in index.chunks_exact_mut(9).zip(cells) {
             let cell = *cell as usize;
@@ -231,22 +215,13 @@ mod tests {
         cells.assign([[0, 0], [1, 2]].into_iter());
         let mut gather = Gather::new(9, vec![]);
         window_gather(&cells, [2, 3], 1, None, &mut gather);
-        let none = ABSENT;
-        assert_eq!(
-            gather.index[..9],
-            [none, none, none, none, 0, 1, none, 3, 4]
-        );
-        assert_eq!(
-            gather.index[9..],
-            [1, 2, none, 4, 5, none, none, none, none]
-        );
+        let o = ABSENT;
+        assert_eq!(gather.index[..9], [o, o, o, o, 0, 1, o, 3, 4]);
+        assert_eq!(gather.index[9..], [1, 2, o, 4, 5, o, o, o, o]);
         window_gather(&cells, [2, 3], 1, Some(&cells), &mut gather);
-        let present: Vec<_> = gather
-            .index
-            .iter()
-            .filter(|cell| **cell != ABSENT)
-            .collect();
-        assert_eq!(present, [&0, &5], "of the two cells neither sees the other");
+        let present = gather.index.iter().filter(|cell| **cell != ABSENT);
+        // Of the two cells neither sees the other.
+        assert!(present.eq(&[0, 5]));
         window_gather(&cells, [4, 6], 2, None, &mut gather);
         assert_eq!(gather.index[9..], [9, 10, 11, 15, 16, 17, 21, 22, 23]);
     }

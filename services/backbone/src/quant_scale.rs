@@ -6,7 +6,7 @@
 
 use mluc_model::{Folded, WeightSet};
 
-use crate::error::BackboneError;
+use crate::error::Result;
 
 /// The scale of each channel of a row; `None`: values are plain numbers.
 #[derive(Clone, Debug, Default)]
@@ -23,20 +23,17 @@ impl QuantScale {
         weights: &WeightSet,
         layer: &str,
         channels: usize,
-    ) -> Result<QuantScale, BackboneError> {
+    ) -> Result<QuantScale> {
         let range = weights.range(layer, channels)?;
-        Ok(QuantScale(Some(
-            range.iter().map(|range| range / 255.0).collect(),
-        )))
+        let scale = range.iter().map(|range| range / 255.0);
+        Ok(QuantScale(Some(scale.collect())))
     }
 
     /// Each scale so many times in a row: of channels that are the same ones at several heights.
     pub(crate) fn repeated(&self, times: usize) -> QuantScale {
         let repeat = |scale: &Vec<f32>| {
-            let each = scale
-                .iter()
-                .flat_map(|one| std::iter::repeat_n(*one, times));
-            each.collect()
+            let scale = scale.iter();
+            scale.flat_map(|one| [*one].repeat(times)).collect()
         };
         QuantScale(self.0.as_ref().map(repeat))
     }
@@ -52,9 +49,8 @@ impl QuantScale {
         if let Some(scale) = &output.0 {
             let rows = layer.weights.chunks_exact_mut(layer.cout);
             for row in rows.chain([&mut layer.bias[..]]) {
-                row.iter_mut()
-                    .zip(scale)
-                    .for_each(|(value, one)| *value /= one);
+                let pairs = row.iter_mut().zip(scale);
+                pairs.for_each(|(value, one)| *value /= one);
             }
         }
         layer
@@ -64,23 +60,19 @@ impl QuantScale {
     pub(crate) fn apply(&self, rows: &mut [f32]) {
         if let Some(scale) = &self.0 {
             for row in rows.chunks_exact_mut(scale.len()) {
-                row.iter_mut()
-                    .zip(scale)
-                    .for_each(|(value, one)| *value *= one);
+                let pairs = row.iter_mut().zip(scale);
+                pairs.for_each(|(value, one)| *value *= one);
             }
         }
     }
 
     /// Values as counts, not rounded.
     pub(crate) fn counts(&self, row: &[f32]) -> Vec<f32> {
-        match &self.0 {
-            Some(scale) => row
-                .iter()
-                .zip(scale)
-                .map(|(value, one)| value / one)
-                .collect(),
-            None => row.to_vec(),
-        }
+        let Some(scale) = &self.0 else {
+            return row.to_vec();
+        };
+        let pairs = row.iter().zip(scale);
+        pairs.map(|(value, one)| value / one).collect()
     }
 
     /// Whether rows hold plain numbers.
@@ -118,13 +110,8 @@ mod tests {
         input.apply(&mut row);
         assert_eq!(row, [1.5, 6.0, 2.0, 8.0]);
         assert_eq!(input.repeated(2).0, Some(vec![0.5, 0.5, 2.0, 2.0]));
-        assert_eq!(
-            QuantScale::between(
-                &QuantScale::identity(),
-                &QuantScale::identity(),
-                layer.clone()
-            ),
-            layer
-        );
+        let identity = QuantScale::identity();
+        let same = QuantScale::between(&identity, &identity, layer.clone());
+        assert_eq!(same, layer);
     }
 }

@@ -7,26 +7,14 @@ use mluc_kernels::{ABSENT, Gather, at_best};
 use mluc_model::SparseLayer;
 use rayon::prelude::*;
 
+use crate::bits::even_bits;
 use crate::sites::Sites;
 
 /// Output sites that one task looks up: some 50 microseconds of work.
 const ROWS_A_TASK: usize = 1024;
 
-/// The rulebook of one layer: its output sites (none for a submanifold layer: those of the input) and its gather.
-pub fn rulebook(layer: &SparseLayer, input: &Sites) -> (Option<Sites>, Gather) {
-    let mut table = Gather::default();
-    if layer.submanifold {
-        gather(layer, input, input, &mut table);
-        return (None, table);
-    }
-    let mut output = Sites::new(layer.output_shape(input.shape()));
-    output_sites(layer, input, &mut output);
-    gather(layer, input, &output, &mut table);
-    (Some(output), table)
-}
-
 /// The sites of a strided layer: every cell whose window holds an input site. `output` has the layer's output shape.
-pub fn output_sites(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
+pub(crate) fn output_sites(layer: &SparseLayer, input: &Sites, output: &mut Sites) {
     output.clear();
     let along_x = (layer.kernel[2], layer.stride[2], layer.padding[2]);
     match along_x {
@@ -74,13 +62,7 @@ fn insert_words(
 /// Windows of three cells about every second one: cell o reads 2 o - 1 to 2 o + 1. The last input is read by the first
 /// cell beyond the 32 as well.
 fn halved(word: u64) -> u64 {
-    let mut even = (word | word << 1 | word >> 1) & 0x5555_5555_5555_5555;
-    even = (even | even >> 1) & 0x3333_3333_3333_3333;
-    even = (even | even >> 2) & 0x0f0f_0f0f_0f0f_0f0f;
-    even = (even | even >> 4) & 0x00ff_00ff_00ff_00ff;
-    even = (even | even >> 8) & 0x0000_ffff_0000_ffff;
-    even = (even | even >> 16) & 0xffff_ffff;
-    even | (word >> 63) << 32
+    even_bits(word | word << 1 | word >> 1) | (word >> 63) << 32
 }
 
 /// Output positions whose window along one axis holds `at`: all o with o * stride - padding <= at < that + kernel.
@@ -92,7 +74,7 @@ fn readers(layer: &SparseLayer, axis: usize, at: usize, edge: usize) -> std::ops
 }
 
 /// The gather of a layer from `input`'s rows to `output`'s (the same sites for a submanifold layer).
-pub fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: &mut Gather) {
+pub(crate) fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: &mut Gather) {
     table.taps = layer.taps();
     // Every entry is written below.
     table.index.resize(output.len() * table.taps, ABSENT);
@@ -114,26 +96,16 @@ pub fn gather(layer: &SparseLayer, input: &Sites, output: &Sites, table: &mut Ga
 #[inline(always)]
 fn look_up(layer: &SparseLayer, input: &Sites, site: [u16; 3], taps: &mut [u32]) {
     match layer.kernel[2] {
-        1 => look_up_rows(
-            layer,
-            input,
-            site,
-            taps.as_chunks_mut::<1>()
-                .0
-                .iter_mut()
-                .map(|row| &mut row[..]),
-        ),
-        3 => look_up_rows(
-            layer,
-            input,
-            site,
-            taps.as_chunks_mut::<3>()
-                .0
-                .iter_mut()
-                .map(|row| &mut row[..]),
-        ),
+        1 => look_up_rows(layer, input, site, rows_of::<1>(taps)),
+        3 => look_up_rows(layer, input, site, rows_of::<3>(taps)),
         width => look_up_rows(layer, input, site, taps.chunks_exact_mut(width)),
     }
+}
+
+#[inline(always)]
+fn rows_of<const WIDTH: usize>(taps: &mut [u32]) -> impl Iterator<Item = &mut [u32]> {
+    let (rows, _) = taps.as_chunks_mut::<WIDTH>();
+    rows.iter_mut().map(|row| &mut row[..])
 }
 
 #[inline(always)]
@@ -159,39 +131,33 @@ fn look_up_rows<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::random_sites;
+    use crate::testing::{random_sites, rulebook};
     use mluc_model::{Grid, Network};
 
     /// Every output cell, every tap, by the definition.
     fn brute_force(layer: &SparseLayer, input: &Sites) -> (Vec<[u16; 3]>, Vec<u32>) {
         let [depth, height, width] = layer.output_shape(input.shape());
+        let [_, rows, columns] = layer.kernel;
         let (mut sites, mut index) = (vec![], vec![]);
         for cell in 0..depth * height * width {
             let at = [cell / (height * width), cell / width % height, cell % width];
-            let taps: Vec<u32> = (0..layer.taps())
-                .map(|tap| {
-                    let k = [
-                        tap / (layer.kernel[1] * layer.kernel[2]),
-                        tap / layer.kernel[2] % layer.kernel[1],
-                        tap % layer.kernel[2],
-                    ];
-                    let read = [0, 1, 2]
-                        .map(|i| (at[i] * layer.stride[i] + k[i]) as i64 - layer.padding[i] as i64);
-                    let row = input
-                        .coordinates()
-                        .iter()
-                        .position(|site| site.map(i64::from) == read);
-                    row.map_or(ABSENT, |row| row as u32)
-                })
-                .collect();
-            let occupied = input.coordinates().contains(&at.map(|v| v as u16));
+            let site = at.map(|v| v as u16);
+            let read = |tap: usize| {
+                let k = [tap / (rows * columns), tap / columns % rows, tap % columns];
+                let read = [0, 1, 2]
+                    .map(|i| (at[i] * layer.stride[i] + k[i]) as i64 - layer.padding[i] as i64);
+                let mut sites = input.coordinates().iter();
+                let row = sites.position(|site| site.map(i64::from) == read);
+                row.map_or(ABSENT, |row| row as u32)
+            };
+            let taps: Vec<u32> = (0..layer.taps()).map(read).collect();
             let exists = if layer.submanifold {
-                occupied
+                input.coordinates().contains(&site)
             } else {
                 taps.iter().any(|tap| *tap != ABSENT)
             };
             if exists {
-                sites.push(at.map(|v| v as u16));
+                sites.push(site);
                 index.extend(taps);
             }
         }
@@ -214,12 +180,7 @@ mod tests {
             let input = random_sites(shape, count, number as u64);
             let (output, table) = rulebook(layer, &input);
             let (sites, index) = brute_force(layer, &input);
-            assert_eq!(
-                output.as_ref().unwrap_or(&input).coordinates(),
-                sites,
-                "{}",
-                layer.name
-            );
+            assert_eq!(output.coordinates(), sites, "{}", layer.name);
             assert_eq!(table.index, index, "{}", layer.name);
             assert_eq!(table.taps, layer.taps());
         }

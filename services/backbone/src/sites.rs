@@ -6,6 +6,8 @@
 
 use mluc_kernels::ABSENT;
 
+use crate::bits::set_bits;
+
 /// Sites of one resolution. Fill with [`Sites::insert`], then [`Sites::finish`], then look up; [`Sites::clear`] starts
 /// the next frame in the same memory.
 #[derive(Clone, Debug, Default)]
@@ -27,10 +29,8 @@ impl Sites {
     ///
     /// Panics where an edge exceeds 65,536 cells: a checked manifest bounds them.
     pub fn new(shape: [usize; 3]) -> Sites {
-        assert!(
-            shape.iter().all(|edge| *edge <= 1 << 16),
-            "grid {shape:?} is too large"
-        );
+        let fits = shape.iter().all(|edge| *edge <= 1 << 16);
+        assert!(fits, "grid {shape:?} is too large");
         let words_per_row = shape[2].div_ceil(64);
         let words = shape[0] * shape[1] * words_per_row;
         Sites {
@@ -73,7 +73,7 @@ impl Sites {
     /// Forgets all sites; the memory stays.
     pub fn clear(&mut self) {
         for (group, used) in self.used.iter_mut().enumerate() {
-            for bit in bits(std::mem::take(used)) {
+            for bit in set_bits(std::mem::take(used)) {
                 self.words[group * 64 + bit] = 0;
             }
         }
@@ -131,7 +131,7 @@ impl Sites {
     pub(crate) fn words(&self) -> impl Iterator<Item = ([usize; 3], u64)> {
         let used = self.used.iter().enumerate();
         used.flat_map(move |(group, used)| {
-            bits(*used).map(move |bit| {
+            set_bits(*used).map(move |bit| {
                 let word = group * 64 + bit;
                 let (row, first) = (word / self.words_per_row, (word % self.words_per_row) * 64);
                 let (z, y) = (row / self.shape[1], row % self.shape[1]);
@@ -144,26 +144,16 @@ impl Sites {
     pub fn finish(&mut self) {
         self.coordinates.clear();
         for (group, used) in self.used.iter().enumerate() {
-            for bit in bits(*used) {
+            for bit in set_bits(*used) {
                 let word = group * 64 + bit;
                 self.sites_before[word] = self.coordinates.len() as u32;
                 let (row, first) = (word / self.words_per_row, (word % self.words_per_row) * 64);
                 let (z, y) = ((row / self.shape[1]) as u16, (row % self.shape[1]) as u16);
-                let xs = bits(self.words[word]);
+                let xs = set_bits(self.words[word]);
                 self.coordinates
                     .extend(xs.map(|x| [z, y, (first + x) as u16]));
             }
         }
-    }
-
-    /// Row number of the site at a cell; none where the cell is empty or off the grid. Valid after [`Sites::finish`].
-    pub fn index_of(&self, z: usize, y: usize, x: usize) -> Option<u32> {
-        let inside = [z, y, x]
-            .iter()
-            .zip(self.shape)
-            .all(|(at, edge)| *at < edge);
-        let address = self.address(z, y, x);
-        (inside && self.contains(address)).then(|| self.index_at(address))
     }
 
     /// Sites before the cell at an address; if the cell is a site: its row number. Of a word in use, after
@@ -213,41 +203,27 @@ impl Sites {
 /// `number | ABSENT` is [`ABSENT`].
 const _: () = assert!(ABSENT == u32::MAX);
 
-/// Positions of the set bits, lowest first.
-fn bits(mut word: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let bit = word.trailing_zeros() as usize;
-        (word != 0).then(|| {
-            word &= word - 1;
-            bit
-        })
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::Random;
+    use crate::testing::random_sites;
+    use mluc_geometry::Random;
 
     #[test]
-    fn looking_along_a_row_equals_looking_cell_by_cell() {
-        let sites = crate::testing::random_sites([2, 3, 130], 300, 9);
+    fn looking_along_a_row_finds_the_sites_there() {
+        let sites = random_sites([2, 3, 130], 300, 9);
+        let index_of = |at: [isize; 3]| {
+            let mut sites = sites.coordinates().iter();
+            let row = sites.position(|site| site.map(|v| v as isize) == at);
+            row.map_or(ABSENT, |row| row as u32)
+        };
         for (z, y) in [(0, 0), (1, 2), (-1, 0), (2, 0), (0, 3)] {
             for x in -4..134 {
                 for width in [1, 3, 7] {
                     let mut found = vec![7; width];
                     sites.look_along([z, y, x], &mut found);
-                    for (dx, found) in found.iter().enumerate() {
-                        let at = [z, y, x + dx as isize]
-                            .map(|at| usize::try_from(at).unwrap_or(usize::MAX >> 8));
-                        let inside = at.iter().all(|at| *at < 1000);
-                        let expected = if inside {
-                            sites.index_of(at[0], at[1], at[2])
-                        } else {
-                            None
-                        };
-                        assert_eq!(*found, expected.unwrap_or(u32::MAX));
-                    }
+                    let expected = (x..).map(|x| index_of([z, y, x])).take(width);
+                    assert_eq!(found, expected.collect::<Vec<_>>());
                 }
             }
         }
@@ -256,33 +232,28 @@ mod tests {
     #[test]
     fn rows_are_sorted_and_found_also_in_reused_memory() {
         let mut sites = Sites::new([5, 17, 131]);
-        let mut random = Random::new(1);
+        let mut random = Random::from_state(1);
         for _ in 0..3 {
             sites.clear();
             let mut expected = std::collections::BTreeSet::new();
             for _ in 0..700 {
-                let at = [random.below(5), random.below(17), random.below(131)];
+                let at = [5, 17, 131].map(|edge| random.below(edge));
                 assert_eq!(sites.insert(at[0], at[1], at[2]), expected.insert(at));
             }
             sites.finish();
-            let found: Vec<_> = sites
-                .coordinates()
-                .iter()
-                .map(|c| c.map(usize::from))
-                .collect();
-            assert_eq!(found, expected.iter().copied().collect::<Vec<_>>());
+            let found = sites.coordinates().iter().map(|c| c.map(usize::from));
+            assert!(found.eq(expected.iter().copied()));
             assert_eq!(sites.len(), expected.len());
-            for z in 0..5 {
-                for y in 0..17 {
-                    for x in 0..131 {
-                        let row = expected.iter().position(|at| *at == [z, y, x]);
-                        assert_eq!(sites.index_of(z, y, x), row.map(|row| row as u32));
-                        assert_eq!(sites.contains(sites.address(z, y, x)), row.is_some());
-                    }
+            for cell in 0..5 * 17 * 131 {
+                let [z, y, x] = [cell / (17 * 131), cell / 131 % 17, cell % 131];
+                let address = sites.address(z, y, x);
+                let is_site = expected.contains(&[z, y, x]);
+                assert_eq!(sites.contains(address), is_site);
+                if is_site {
+                    let row = expected.range(..[z, y, x]).count();
+                    assert_eq!(sites.index_at(address), row as u32);
                 }
             }
         }
-        assert_eq!(sites.index_of(5, 0, 0), None);
-        assert_eq!(sites.index_of(0, 0, 131), None);
     }
 }

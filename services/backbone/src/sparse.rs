@@ -3,7 +3,7 @@
 use mluc_model::{Folded, Manifest, Network, WeightSet};
 
 use crate::convolution::Convolution;
-use crate::error::BackboneError;
+use crate::error::{BackboneError, Result};
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 use crate::rulebooks::{Rulebooks, sites_max};
@@ -33,13 +33,12 @@ impl<V: Value> SparsePart<V> {
     pub(crate) fn new(
         manifest: &Manifest,
         weights: &WeightSet,
-        scale: impl Fn(&str, usize) -> Result<QuantScale, BackboneError>,
-    ) -> Result<SparsePart<V>, BackboneError> {
+        scale: impl Fn(&str, usize) -> Result<QuantScale>,
+    ) -> Result<SparsePart<V>> {
         let network = manifest.network.clone();
         let outputs = network.sparse.iter();
-        let outputs = outputs
-            .map(|layer| scale(&layer.name, layer.cout))
-            .collect::<Result<Vec<_>, _>>()?;
+        let outputs = outputs.map(|layer| scale(&layer.name, layer.cout));
+        let outputs = outputs.collect::<Result<Vec<_>>>()?;
         let folded = |number: usize| {
             let layer = Folded::sparse(weights, &network.sparse[number])?;
             let before = match number {
@@ -49,15 +48,13 @@ impl<V: Value> SparsePart<V> {
             Ok::<_, BackboneError>(QuantScale::between(before, &outputs[number], layer))
         };
         let others = (1..outputs.len()).map(|number| Convolution::new(&folded(number)?));
-        let values_max = sites_max(&network)[1..]
-            .iter()
-            .zip(&network.sparse)
-            .map(|(sites, layer)| sites * layer.cout)
-            .max();
+        let sites_max = sites_max(&network);
+        let outputs_max = sites_max[1..].iter().zip(&network.sparse);
+        let values_max = outputs_max.map(|(sites, layer)| sites * layer.cout).max();
         let room = || Vec::with_capacity(values_max.unwrap_or(0));
         Ok(SparsePart {
             first: Convolution::new(&folded(0)?)?,
-            others: others.collect::<Result<_, BackboneError>>()?,
+            others: others.collect::<Result<_>>()?,
             voxels: Voxels::new(&network.grid),
             books: Rulebooks::new(&network),
             uses_intensity: manifest.uses_intensity,
@@ -69,17 +66,8 @@ impl<V: Value> SparsePart<V> {
     }
 
     pub(crate) fn run(&mut self, points: &[[f32; 4]], watch: &mut Watch) -> PointCounts {
-        let SparsePart {
-            network,
-            first,
-            others,
-            voxels,
-            books,
-            rows,
-            spare,
-            scale,
-            ..
-        } = self;
+        let (network, voxels, books) = (&self.network, &mut self.voxels, &mut self.books);
+        let (rows, spare) = (&mut self.rows, &mut self.spare);
         let counts = voxelize(points, &network.grid, self.uses_intensity, voxels);
         let place = Place::Sites(&voxels.sites);
         watch.step("voxels", voxels.sites.len(), Reads::Nothing);
@@ -91,12 +79,12 @@ impl<V: Value> SparsePart<V> {
             let sites = books.sites_after(number, &voxels.sites);
             spare.resize(sites.len() * layer.cout, V::default());
             match number {
-                0 => first.run(&voxels.rows, books.gather(0), None, spare),
-                _ => others[number - 1].run(rows, books.gather(number), None, spare),
+                0 => self.first.run(&voxels.rows, books.gather(0), None, spare),
+                _ => self.others[number - 1].run(rows, books.gather(number), None, spare),
             }
             std::mem::swap(rows, spare);
             watch.step(&layer.name, sites.len(), Reads::Rows(books.gather(number)));
-            let values = (&rows[..], &scale[number]);
+            let values = (&rows[..], &self.scale[number]);
             watch.level(&layer.name, Place::Sites(sites), layer.cout, values);
         }
         counts

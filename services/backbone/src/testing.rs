@@ -1,41 +1,32 @@
-//! Random numbers for the tests of this crate.
+//! Random sites and the rulebook of one layer, for the tests of this crate.
 
-/// splitmix64.
-pub(crate) struct Random(u64);
+use mluc_geometry::Random;
+use mluc_kernels::Gather;
+use mluc_model::SparseLayer;
 
-impl Random {
-    pub(crate) fn new(seed: u64) -> Random {
-        Random(seed)
-    }
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-    pub(crate) fn below(&mut self, bound: usize) -> usize {
-        (self.next() % bound as u64) as usize
-    }
-    /// In [low, high).
-    pub(crate) fn uniform(&mut self, low: f32, high: f32) -> f32 {
-        low + (high - low) * (self.next() >> 40) as f32 / (1u64 << 24) as f32
-    }
-}
-
+use crate::rulebook::{gather, output_sites};
 use crate::sites::Sites;
 
 /// At most `count` sites anywhere on a grid.
 pub(crate) fn random_sites(shape: [usize; 3], count: usize, seed: u64) -> Sites {
     let mut sites = Sites::new(shape);
-    let mut random = Random::new(seed);
+    let mut random = Random::from_state(seed);
     for _ in 0..count {
-        sites.insert(
-            random.below(shape[0]),
-            random.below(shape[1]),
-            random.below(shape[2]),
-        );
+        let [z, y, x] = shape.map(|edge| random.below(edge));
+        sites.insert(z, y, x);
     }
     sites.finish();
     sites
+}
+
+/// A layer's output sites (of a submanifold layer those of its input) and its gather.
+pub(crate) fn rulebook(layer: &SparseLayer, input: &Sites) -> (Sites, Gather) {
+    let mut output = input.clone();
+    if !layer.submanifold {
+        output = Sites::new(layer.output_shape(input.shape()));
+        output_sites(layer, input, &mut output);
+    }
+    let mut table = Gather::default();
+    gather(layer, input, &output, &mut table);
+    (output, table)
 }

@@ -75,7 +75,7 @@ pub fn voxelize(
 ) -> PointCounts {
     let counts = place(points, grid, voxels);
     voxels.sites.finish();
-    average(points, grid.points_per_voxel_max, uses_intensity, voxels);
+    average(points, grid, uses_intensity, voxels);
     counts
 }
 
@@ -88,33 +88,27 @@ fn place(points: &[[f32; 4]], grid: &Grid, voxels: &mut Voxels) -> PointCounts {
     voxels.sites.clear();
     voxels.placed.clear();
     voxels.addresses.resize(points.len(), OUT_OF_RANGE);
-    let (sites, addresses) = (
-        &voxels.sites,
-        voxels.addresses.par_chunks_mut(POINTS_A_TASK),
-    );
-    addresses
+    let (sites, addresses) = (&mut voxels.sites, &mut voxels.addresses);
+    let tasks = addresses.par_chunks_mut(POINTS_A_TASK);
+    tasks
         .zip(points.par_chunks(POINTS_A_TASK))
         .for_each(|(addresses, points)| find(points, grid, sites, addresses));
-    for (number, &address) in voxels.addresses.iter().enumerate() {
+    for (number, &address) in addresses.iter().enumerate() {
         match address {
-            NON_FINITE => {
-                counts.non_finite += 1;
-                continue;
+            NON_FINITE => counts.non_finite += 1,
+            OUT_OF_RANGE => counts.out_of_range += 1,
+            _ => {
+                counts.in_range += 1;
+                if sites.len() >= grid.voxels_max as usize && !sites.contains(address) {
+                    counts.over_voxels_max += 1;
+                } else {
+                    sites.insert_at(address);
+                    voxels.placed.push((address, number as u32));
+                }
             }
-            OUT_OF_RANGE => {
-                counts.out_of_range += 1;
-                continue;
-            }
-            _ => counts.in_range += 1,
         }
-        if voxels.sites.len() >= grid.voxels_max as usize && !voxels.sites.contains(address) {
-            counts.over_voxels_max += 1;
-            continue;
-        }
-        voxels.sites.insert_at(address);
-        voxels.placed.push((address, number as u32));
     }
-    counts.voxels = voxels.sites.len() as u32;
+    counts.voxels = sites.len() as u32;
     counts
 }
 
@@ -143,31 +137,20 @@ fn find(points: &[[f32; 4]], grid: &Grid, sites: &Sites, addresses: &mut [usize]
 }
 
 /// Fills the rows with the means.
-fn average(
-    points: &[[f32; 4]],
-    points_per_voxel_max: u32,
-    uses_intensity: bool,
-    voxels: &mut Voxels,
-) {
-    let Voxels {
-        sites,
-        rows,
-        placed,
-        points_of_site,
-        ..
-    } = voxels;
+fn average(points: &[[f32; 4]], grid: &Grid, uses_intensity: bool, voxels: &mut Voxels) {
+    let (sites, rows) = (&voxels.sites, &mut voxels.rows);
+    let points_of_site = &mut voxels.points_of_site;
     rows.clear();
     rows.resize(sites.len() * VOXEL_CHANNELS, 0.0);
     points_of_site.clear();
     points_of_site.resize(sites.len(), 0);
-    for &(address, number) in placed.iter() {
+    for &(address, number) in &voxels.placed {
         let site = sites.index_at(address) as usize;
-        if points_of_site[site] < points_per_voxel_max {
+        if points_of_site[site] < grid.points_per_voxel_max {
             points_of_site[site] += 1;
             let row = &mut rows[site * VOXEL_CHANNELS..][..VOXEL_CHANNELS];
-            row.iter_mut()
-                .zip(points[number as usize])
-                .for_each(|(sum, value)| *sum += value);
+            let pairs = row.iter_mut().zip(points[number as usize]);
+            pairs.for_each(|(sum, value)| *sum += value);
         }
     }
     for (row, count) in rows.chunks_exact_mut(VOXEL_CHANNELS).zip(points_of_site) {
@@ -181,7 +164,7 @@ fn average(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::Random;
+    use mluc_geometry::Random;
 
     fn grid() -> Grid {
         Grid {
@@ -194,17 +177,10 @@ mod tests {
     }
 
     fn scan(count: usize, seed: u64) -> Vec<[f32; 4]> {
-        let mut random = Random::new(seed);
-        (0..count)
-            .map(|_| {
-                [
-                    random.uniform(-0.5, 6.5),
-                    random.uniform(-2.5, 2.5),
-                    random.uniform(-1.2, 1.2),
-                    random.uniform(0.0, 1.0),
-                ]
-            })
-            .collect()
+        let mut random = Random::from_state(seed);
+        let ranges = [(-0.5, 6.5), (-2.5, 2.5), (-1.2, 1.2), (0.0, 1.0)];
+        let point = |_| ranges.map(|(low, high)| random.uniform(low, high) as f32);
+        (0..count).map(point).collect()
     }
 
     /// Voxel by voxel with a map and plain lists.
@@ -215,11 +191,8 @@ mod tests {
             let at = [2, 1, 0]
                 .map(|i| ((point[i] - grid.range_min_m[i]) / grid.voxel_size_m[i]).floor());
             let cells = grid.cells();
-            if [2, 1, 0]
-                .iter()
-                .zip(at)
-                .any(|(i, at)| !(at >= 0.0 && at < cells[*i] as f32))
-            {
+            let mut places = at.into_iter().zip([cells[2], cells[1], cells[0]]);
+            if !places.all(|(at, edge)| at >= 0.0 && at < edge as f32) {
                 continue;
             }
             let at = at.map(|at| at as usize);
@@ -244,26 +217,17 @@ mod tests {
             let points = scan(count, seed);
             let counts = voxelize(&points, &grid(), true, &mut voxels);
             let (sites, rows, left_out) = plain(&points, &grid());
-            let found: Vec<_> = voxels
-                .sites
-                .coordinates()
-                .iter()
-                .map(|c| c.map(usize::from))
-                .collect();
-            assert_eq!(found, sites);
+            let found = voxels.sites.coordinates().iter();
+            assert!(found.map(|c| c.map(usize::from)).eq(sites.iter().copied()));
             assert_eq!(voxels.rows, rows);
             assert_eq!(counts.over_voxels_max, left_out);
             assert_eq!(counts.voxels as usize, sites.len());
-            assert_eq!(
-                counts.in_range + counts.out_of_range + counts.non_finite,
-                count as u32
-            );
+            let all = counts.in_range + counts.out_of_range + counts.non_finite;
+            assert_eq!(all, count as u32);
+            // The largest exercises the limits.
+            let is_large = count == 3000;
+            assert!(!is_large || counts.over_voxels_max > 0 && counts.out_of_range > 0);
         }
-        let counts = voxelize(&scan(3000, 3), &grid(), true, &mut voxels);
-        assert!(
-            counts.over_voxels_max > 0 && counts.out_of_range > 0,
-            "{counts:?} exercises the limits"
-        );
     }
 
     #[test]
@@ -275,10 +239,8 @@ mod tests {
         points.push([1.0, 0.0, 0.0, 0.5]);
         let mut voxels = Voxels::new(&grid());
         let counts = voxelize(&points, &grid(), false, &mut voxels);
-        assert_eq!(
-            (counts.non_finite, counts.out_of_range, counts.in_range),
-            (4, 1, 1)
-        );
+        let found = (counts.non_finite, counts.out_of_range, counts.in_range);
+        assert_eq!(found, (4, 1, 1));
         assert_eq!(voxels.rows, [1.0, 0.0, 0.0, 0.0]);
     }
 

@@ -1,75 +1,67 @@
-//! The whole backbone on random scans: the active cells alone give what the dense computation gives, with any number of
-//! threads, from frame to frame in the same memory.
+//! The whole backbone on random scans, in every precision: the active cells alone give what the dense computation gives, with
+//! any number of threads, from frame to frame in the same memory; bf16 and int8 are close to f32.
 
 mod common;
 
-use common::{manifest, scan, written};
-use mluc_backbone::{Backbone, BackboneError, Coverage};
+use common::{backbone, check_coverage, manifest, scan, written};
+use mluc_backbone::{Backbone, BackboneError, Coverage, Level, Precision};
 use mluc_model::formula_weights;
+use mluc_train::quantize::measure_ranges;
 
-type Fallible = Result<(), Box<dyn std::error::Error>>;
+type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
+
+fn rms(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    (values.clone().map(|value| value * value).sum::<f64>() / values.count() as f64).sqrt()
+}
 
 #[test]
 fn active_cells_give_the_dense_result_and_absent_cells_the_empty_scene() -> Fallible {
     let manifest = manifest();
-    let mut backbone = Backbone::new(&manifest, &formula_weights(&manifest.network))?;
-    let channels = backbone.feature_channels();
-    let empty = backbone.empty_rows()?;
-    let mut absent = 0;
-    for (blobs, seed) in [(1, "a"), (12, "b"), (0, "c"), (3, "d"), (2, "e")] {
-        let points = scan(blobs, seed);
-        let frame = backbone.run(&points);
-        let (cells, rows) = written(&backbone, frame)?;
-        let mut assembled = empty.clone();
-        for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
-            assembled[*cell as usize * channels..][..channels].copy_from_slice(row);
+    for precision in Precision::ALL {
+        let mut backbone = backbone(&manifest, precision)?;
+        let empty = backbone.empty_rows()?;
+        let cells = empty.len() / backbone.feature_channels();
+        let mut absent = 0;
+        for (blobs, seed) in [(1, "a"), (12, "b"), (0, "c"), (3, "d"), (2, "e")] {
+            let (_, active) = check_coverage(&mut backbone, &empty, &scan(blobs, seed))?;
+            absent += cells - active;
         }
-        let frame = backbone.run_observed(&points, Coverage::Everywhere, &mut |_| ());
-        let (_, dense) = written(&backbone, frame)?;
-        assert_eq!(dense.len(), assembled.len());
-        let worst = dense
-            .iter()
-            .zip(&assembled)
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f32::max);
-        assert!(worst < 1e-5, "scan {seed}: {worst}");
-        absent += empty.len() / channels - cells.len();
+        assert!(absent > 1000, "the scans leave cells uncomputed: {absent}");
     }
-    assert!(absent > 1000, "the scans leave cells uncomputed: {absent}");
     Ok(())
 }
 
 #[test]
 fn the_bits_do_not_depend_on_threads_or_on_the_frame_before() -> Fallible {
     let manifest = manifest();
-    let fresh = Backbone::new(&manifest, &formula_weights(&manifest.network))?;
-    let run = |threads: usize, before: &[&str]| -> Result<Vec<u32>, Box<dyn std::error::Error>> {
-        let mut backbone = fresh.clone();
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()?;
-        let bits = pool.install(|| {
-            for seed in before {
-                backbone.run(&scan(8, seed));
-            }
-            let frame = backbone.run(&scan(6, "measured"));
-            let (mut bits, rows) = written(&backbone, frame)?;
+    for precision in Precision::ALL {
+        let fresh = backbone(&manifest, precision)?;
+        let run = |threads: usize, before: &[&str]| -> Fallible<Vec<u32>> {
+            let mut backbone = fresh.clone();
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let (mut bits, rows) = pool.build()?.install(|| {
+                for seed in before {
+                    backbone.run(&scan(8, seed));
+                }
+                let frame = backbone.run(&scan(6, "measured"));
+                written(&backbone, frame)
+            })?;
             bits.extend(rows.iter().map(|value| value.to_bits()));
-            Ok::<_, BackboneError>(bits)
-        })?;
-        Ok(bits)
-    };
-    let bits = run(1, &[])?;
-    assert!(bits.len() > 1000);
-    assert_eq!(bits, run(2, &[])?);
-    assert_eq!(bits, run(2, &["x", "y"])?);
+            Ok(bits)
+        };
+        let bits = run(1, &[])?;
+        assert!(bits.len() > 1000);
+        for (threads, before) in [(2, &[][..]), (2, &["x", "y"]), (5, &[])] {
+            assert!(bits == run(threads, before)?, "{precision}");
+        }
+    }
     Ok(())
 }
 
 #[test]
 fn warming_up_changes_no_bit() -> Fallible {
     let manifest = manifest();
-    let mut cold = Backbone::new(&manifest, &formula_weights(&manifest.network))?;
+    let mut cold = backbone(&manifest, Precision::F32)?;
     let mut warm = cold.clone();
     warm.warm_up(&manifest)?;
     assert_eq!(warm.rows(), 0, "its frames are forgotten");
@@ -83,18 +75,14 @@ fn warming_up_changes_no_bit() -> Fallible {
 
 #[test]
 fn an_empty_scan_has_no_row_and_points_are_accounted_for() -> Fallible {
-    let manifest = manifest();
-    let mut backbone = Backbone::new(&manifest, &formula_weights(&manifest.network))?;
+    let mut backbone = backbone(&manifest(), Precision::F32)?;
     assert_eq!(backbone.run(&[]).rows, 0);
     let mut points = scan(5, "z");
     points.push([f32::NAN; 4]);
     let counts = backbone.run(&points).points;
     assert_eq!(counts.points as usize, points.len());
-    assert_eq!(
-        counts.points,
-        counts.non_finite + counts.out_of_range + counts.in_range
-    );
-    assert_eq!(counts.non_finite, 1);
+    let all = counts.non_finite + counts.out_of_range + counts.in_range;
+    assert_eq!((counts.points, counts.non_finite), (all, 1));
     assert!(counts.out_of_range > 0 && counts.voxels > 0 && counts.voxels <= counts.in_range);
     Ok(())
 }
@@ -105,16 +93,104 @@ fn a_buffer_of_another_length_and_a_model_that_does_not_fit_are_refused() -> Fal
     let mut weights = formula_weights(&manifest.network);
     let mut backbone = Backbone::new(&manifest, &weights)?;
     let rows = backbone.run(&scan(1, "w")).rows;
-    let channels = backbone.feature_channels();
-    let error = backbone.write_rows(&mut vec![0; rows], &mut vec![0.0; rows * channels - 1]);
-    assert!(
-        matches!(error, Err(BackboneError::Room { what: "values", .. })),
-        "{error:?}"
-    );
+    let mut values = vec![0.0; rows * backbone.feature_channels() - 1];
+    let error = backbone.write_rows(&mut vec![0; rows], &mut values);
+    let what = "values";
+    assert!(matches!(error, Err(BackboneError::Room { what: found, .. }) if found == what));
     weights.remove("backbone2d.up2.weight");
-    let error = Backbone::new(&manifest, &weights)
-        .expect_err("a tensor is missing")
-        .to_string();
+    let error = Backbone::new(&manifest, &weights).expect_err("a tensor is missing");
+    let error = error.to_string();
     assert!(error.contains("`backbone2d.up2.weight`"), "{error}");
     Ok(())
+}
+
+#[test]
+fn short_ones_are_close_to_f32() -> Fallible {
+    let manifest = manifest();
+    let mut exact = backbone(&manifest, Precision::F32)?;
+    // The most that the root mean square of the difference may be of the root mean square in f32.
+    for (precision, error_max) in [(Precision::Bf16, 0.02), (Precision::Int8, 0.05)] {
+        let mut short = backbone(&manifest, precision)?;
+        assert_eq!(short.precision(), precision);
+        for (blobs, seed) in [(1, "a"), (12, "b"), (4, "c")] {
+            let points = scan(blobs, seed);
+            let frames = [exact.run(&points), short.run(&points)];
+            assert_eq!(frames[0], frames[1], "the same points and rows");
+            let (cells, expected) = written(&exact, frames[0])?;
+            let (cells_short, found) = written(&short, frames[1])?;
+            assert_eq!(cells, cells_short);
+            let difference = expected.iter().zip(&found);
+            let error = rms(difference.map(|(a, b)| f64::from(a - b)))
+                / rms(expected.iter().map(|value| f64::from(*value)));
+            // None at all would mean that f32 was computed.
+            let fits = (1e-6..error_max).contains(&error);
+            assert!(fits, "{precision}, scan {seed}: {error} of the rms");
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn levels_are_shown_as_f32_in_any_precision() -> Fallible {
+    let manifest = manifest();
+    let mut seen = vec![];
+    for precision in Precision::ALL {
+        let mut levels = vec![];
+        let observe = &mut |level: Level| {
+            let largest = level.values.iter().copied().fold(0.0, f32::max);
+            levels.push((level.name.to_string(), level.values.len(), largest));
+        };
+        let mut backbone = backbone(&manifest, precision)?;
+        backbone.run_observed(&scan(2, "levels"), Coverage::Active, observe);
+        seen.push(levels);
+    }
+    assert!(seen[0].len() > 8);
+    for short in &seen[1..] {
+        assert_eq!(seen[0].len(), short.len());
+        for (exact, short) in seen[0].iter().zip(short) {
+            assert_eq!((&exact.0, exact.1), (&short.0, short.1));
+            let is_close = (exact.2 - short.2).abs() <= 0.15 * exact.2;
+            assert!(is_close, "{exact:?} and {short:?}");
+        }
+    }
+    Ok(())
+}
+
+/// In the bird's-eye layers; int8 takes any number there.
+#[test]
+fn an_odd_number_of_channels_is_refused_in_bf16_and_computed_in_the_others() -> Fallible {
+    let mut manifest = manifest();
+    let (last, network) = (manifest.network.block1.len() - 1, &mut manifest.network);
+    network.block1[last].cout = 47;
+    network.block2[0].cin = 47;
+    network.up1.cin = 47;
+    let error = backbone(&manifest, Precision::Bf16).expect_err("47 channels");
+    assert!(error.to_string().contains("found 47"), "{error}");
+    for precision in [Precision::F32, Precision::Int8] {
+        let mut backbone = backbone(&manifest, precision)?;
+        assert!(backbone.run(&scan(1, "odd")).rows > 0);
+    }
+    Ok(())
+}
+
+#[test]
+fn int8_without_a_calibration_names_the_command() {
+    let manifest = manifest();
+    let weights = formula_weights(&manifest.network);
+    let error = Backbone::with_precision(&manifest, &weights, Precision::Int8);
+    let error = error.expect_err("no calibration").to_string();
+    assert!(error.contains("mluc-lab quantize --model"), "{error}");
+}
+
+#[test]
+fn nothing_to_calibrate_on_is_said() {
+    let manifest = manifest();
+    let weights = formula_weights(&manifest.network);
+    // No frame; an empty scene, whose map is 0.
+    for scans in [vec![], vec![Ok(vec![])]] {
+        let frames = scans.len();
+        let fault = measure_ranges::<Vec<[f32; 4]>>(&manifest, &weights, scans);
+        let text = fault.expect_err("nothing was seen").to_string();
+        assert!(text.contains(&format!("found {frames} frames")), "{text}");
+    }
 }

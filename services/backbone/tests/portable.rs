@@ -30,7 +30,7 @@ fn without_vector_registers_the_answers_are_the_same() -> Result<(), Box<dyn std
         assert_eq!(cells, cells_portable);
         assert!(rows.len() > 1000);
         let square = |rows: &mut dyn Iterator<Item = f32>| -> f64 {
-            rows.map(|value| f64::from(value).powi(2)).sum::<f64>()
+            rows.map(|value| f64::from(value).powi(2)).sum()
         };
         let difference = square(&mut rows.iter().zip(&rows_portable).map(|(a, b)| a - b));
         let error = (difference / square(&mut rows.iter().copied())).sqrt();

@@ -2,45 +2,20 @@
 
 mod common;
 
-use common::{calibrated, manifest, scan, written};
-use mluc_backbone::{Backbone, Coverage, Precision};
+use common::{backbone, check_coverage, manifest, scan};
+use mluc_backbone::Precision;
 use mluc_model::{Manifest, formula_uniform};
 
 type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
-/// Runs a scan with the active cells alone and with all: the same values, finite, nothing uncounted. Gives the voxels.
-fn check(manifest: &Manifest, points: &[[f32; 4]], title: &str) -> Fallible<usize> {
-    let weights = calibrated(manifest);
+/// Checks a scan in every precision; gives its voxels.
+fn check(manifest: &Manifest, points: &[[f32; 4]]) -> Fallible<usize> {
     let mut voxels = 0;
     for precision in Precision::ALL {
-        let mut backbone = Backbone::with_precision(manifest, &weights, precision)?;
-        let channels = backbone.feature_channels();
-        let mut assembled = backbone.empty_rows()?;
-        let frame = backbone.run(points);
-        let (cells, rows) = written(&backbone, frame)?;
-        assert!(
-            rows.iter().all(|value| value.is_finite()),
-            "{title} {precision}"
-        );
-        for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
-            assembled[*cell as usize * channels..][..channels].copy_from_slice(row);
-        }
-        let everywhere = backbone.run_observed(points, Coverage::Everywhere, &mut |_| ());
-        let (_, dense) = written(&backbone, everywhere)?;
-        let worst = dense
-            .iter()
-            .zip(&assembled)
-            .map(|(a, b)| (a - b).abs())
-            .fold(0.0, f32::max);
-        assert!(worst < 1e-5, "{title} {precision}: {worst}");
-        let counts = frame.points;
-        assert_eq!(counts.points as usize, points.len(), "{title}");
-        assert_eq!(
-            counts.points,
-            counts.in_range + counts.out_of_range + counts.non_finite,
-            "{title}"
-        );
-        voxels = counts.voxels as usize;
+        let mut backbone = backbone(manifest, precision)?;
+        let empty = backbone.empty_rows()?;
+        let (frame, _) = check_coverage(&mut backbone, &empty, points)?;
+        voxels = frame.points.voxels as usize;
     }
     Ok(voxels)
 }
@@ -48,7 +23,7 @@ fn check(manifest: &Manifest, points: &[[f32; 4]], title: &str) -> Fallible<usiz
 #[test]
 fn all_points_in_one_voxel() -> Fallible {
     let points = vec![[4.03, 0.02, -1.01, 0.4]; 100_000];
-    assert_eq!(check(&manifest(), &points, "one voxel")?, 1);
+    assert_eq!(check(&manifest(), &points)?, 1);
     Ok(())
 }
 
@@ -62,7 +37,7 @@ fn all_points_in_one_column() -> Fallible {
             [7.05, -1.05, z, 0.1]
         })
         .collect();
-    assert_eq!(check(&manifest(), &points, "one column")?, height);
+    assert_eq!(check(&manifest(), &points)?, height);
     Ok(())
 }
 
@@ -81,38 +56,30 @@ fn points_on_the_border_of_the_range() -> Fallible {
         points.push([at(0, false), at(1, false), at(2, false), 1.0]);
     }
     // The low corner belongs to the range in both readings, every other corner in the first one alone.
-    assert_eq!(check(&manifest(), &points, "border")?, 8);
+    assert_eq!(check(&manifest(), &points)?, 8);
     Ok(())
 }
 
 #[test]
 fn a_million_points() -> Fallible {
-    let points: Vec<_> = (0..1_000_000)
-        .map(|point| {
-            let uniform = |i: usize| formula_uniform("million", 4 * point + i) as f32;
-            [
-                uniform(0) * 16.2 - 0.1,
-                uniform(1) * 9.8 - 4.9,
-                uniform(2) * 4.2 - 3.1,
-                uniform(3),
-            ]
-        })
-        .collect();
+    let point = |point: usize| {
+        let uniform = |i: usize| formula_uniform("million", 4 * point + i) as f32;
+        let (x, y) = (uniform(0) * 16.2 - 0.1, uniform(1) * 9.8 - 4.9);
+        [x, y, uniform(2) * 4.2 - 3.1, uniform(3)]
+    };
+    let points: Vec<_> = (0..1_000_000).map(point).collect();
     let mut manifest = manifest();
     manifest.network.grid.voxels_max = 60_000;
-    assert_eq!(
-        check(&manifest, &points, "a million")?,
-        60_000,
-        "voxels_max is reached"
-    );
+    // voxels_max is reached.
+    assert_eq!(check(&manifest, &points)?, 60_000);
     Ok(())
 }
 
 #[test]
 fn no_active_cell() -> Fallible {
     let outside = vec![[-50.0, 0.0, 0.0, 0.5]; 1000];
-    assert_eq!(check(&manifest(), &outside, "outside")?, 0);
-    assert_eq!(check(&manifest(), &[], "nothing")?, 0);
+    assert_eq!(check(&manifest(), &outside)?, 0);
+    assert_eq!(check(&manifest(), &[])?, 0);
     Ok(())
 }
 
@@ -123,27 +90,20 @@ fn layers_of_odd_sizes() -> Fallible {
     manifest.network.grid.range_max_m = [15.2, 4.0, 1.0];
     let network = &mut manifest.network;
     let mut cin = 4;
-    for (layer, cout) in network
-        .sparse
-        .iter_mut()
-        .zip([6, 10, 18, 22, 34, 50, 14, 26])
-    {
+    let sparse = network.sparse.iter_mut();
+    for (layer, cout) in sparse.zip([6, 10, 18, 22, 34, 50, 14, 26]) {
         (layer.cin, layer.cout) = (cin, cout);
         cin = cout;
     }
-    let mut cin = network.map_channels();
-    for (layer, cout) in network.block1.iter_mut().zip([38, 70, 66]) {
+    cin = network.map_channels();
+    let blocks = network.block1.iter_mut().chain(&mut network.block2);
+    for (layer, cout) in blocks.zip([38, 70, 66, 2, 130, 62, 58]) {
         (layer.cin, layer.cout) = (cin, cout);
         cin = cout;
     }
-    network.up1.cin = cin;
-    for (layer, cout) in network.block2.iter_mut().zip([2, 130, 62, 58]) {
-        (layer.cin, layer.cout) = (cin, cout);
-        cin = cout;
-    }
-    network.up2.cin = cin;
+    (network.up1.cin, network.up2.cin) = (66, 58);
     (network.up1.cout, network.up2.cout) = (24, 24);
-    let found = check(&manifest, &scan(7, "odd"), "odd sizes")?;
+    let found = check(&manifest, &scan(7, "odd"))?;
     assert!(found > 50, "{found} voxels");
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! A small model, scans from blobs, and the written rows.
 #![allow(dead_code)] // Each test file uses a part of it.
 
-use mluc_backbone::{Backbone, BackboneError, Frame};
+use mluc_backbone::{Backbone, BackboneError, Coverage, Frame, Precision};
 use mluc_model::{Grid, Manifest, Network, WeightSet, formula_uniform, formula_weights};
 use mluc_train::quantize::measure_ranges;
 
@@ -40,15 +40,50 @@ pub(crate) fn calibrated(manifest: &Manifest) -> WeightSet {
         .expect("every level has values")
 }
 
+/// Of a model with calibrated weights.
+pub(crate) fn backbone(
+    manifest: &Manifest,
+    precision: Precision,
+) -> Result<Backbone, BackboneError> {
+    Backbone::with_precision(manifest, &calibrated(manifest), precision)
+}
+
 /// Cells and values of a frame's feature rows.
 pub(crate) fn written(
     backbone: &Backbone,
     frame: Frame,
 ) -> Result<(Vec<u32>, Vec<f32>), BackboneError> {
-    let (mut cells, mut rows) = (
-        vec![0; frame.rows],
-        vec![f32::NAN; frame.rows * backbone.feature_channels()],
-    );
+    let mut cells = vec![0; frame.rows];
+    let mut rows = vec![f32::NAN; frame.rows * backbone.feature_channels()];
     backbone.write_rows(&mut cells, &mut rows)?;
     Ok((cells, rows))
+}
+
+/// Runs a scan with the active cells alone, put into `empty`'s rows, and with all cells: the same values, finite (in f32
+/// tiles round otherwise than direct sums), and every point accounted for. Gives the frame and its cells.
+pub(crate) fn check_coverage(
+    backbone: &mut Backbone,
+    empty: &[f32],
+    points: &[[f32; 4]],
+) -> Result<(Frame, usize), BackboneError> {
+    let channels = backbone.feature_channels();
+    let frame = backbone.run(points);
+    let (cells, rows) = written(backbone, frame)?;
+    assert!(rows.iter().all(|value| value.is_finite()));
+    let mut assembled = empty.to_vec();
+    for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
+        assembled[*cell as usize * channels..][..channels].copy_from_slice(row);
+    }
+    let everywhere = backbone.run_observed(points, Coverage::Everywhere, &mut |_| ());
+    let (_, dense) = written(backbone, everywhere)?;
+    assert_eq!(dense.len(), assembled.len());
+    let differences = dense.iter().zip(&assembled).map(|(a, b)| (a - b).abs());
+    let worst = differences.fold(0.0, f32::max);
+    let by_tiles = backbone.precision() == Precision::F32;
+    assert!(worst <= if by_tiles { 1e-5 } else { 0.0 }, "{worst}");
+    let counts = frame.points;
+    assert_eq!(counts.points as usize, points.len());
+    let all = counts.in_range + counts.out_of_range + counts.non_finite;
+    assert_eq!(counts.points, all);
+    Ok((frame, cells.len()))
 }
