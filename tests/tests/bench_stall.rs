@@ -15,7 +15,9 @@ const STALL: Duration = Duration::from_millis(1500);
 /// A run of 6 s in which a stage is stopped for [`STALL`]; the report and the measured latencies, us.
 fn stalled(stage: &str) -> (Value, Vec<f64>) {
     let setting = Setting::new("bench", 3);
-    let options = format!("--rate {RATE_HZ} --seconds 6 --warm-up 0 --floor-rounds 0");
+    // A stop of this length is a hang otherwise, and the stage would be killed.
+    let config = setting.config(&format!("[stages.{stage}]\nheartbeat_max_ms = 0\n"));
+    let options = format!("--rate {RATE_HZ} --seconds 6 --warm-up 0 --floor-rounds 0 {config}");
     let mut run = setting.start_bench(&options);
     wait_for_frames(&mut run);
     let process = run.stage(stage);

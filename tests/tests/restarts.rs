@@ -2,31 +2,91 @@
 
 use std::time::{Duration, Instant};
 
-use mluc_tests::{Setting, is_alive, leftovers, send_signal, wait_for};
+use mluc_tests::{
+    Finished, Running, Setting, is_alive, leftovers, mluc_program, send_signal, wait_for,
+};
 use rustix::process::Signal;
 
 const SECOND: Duration = Duration::from_secs(1);
 
-#[test]
-fn each_killed_stage_comes_back_and_no_frame_is_lost() {
-    let setting = Setting::new("kill", 60);
+/// Each stage is hit once by the signal, and gets a new process.
+fn each_stage_is_replaced(signal: Signal, label: &str) -> Finished {
+    let setting = Setting::new(label, 60);
     let mut run = setting.up("");
-    for (number, stage) in ["backbone", "head", "refiner", "ingest"]
-        .into_iter()
-        .enumerate()
-    {
+    for stage in ["backbone", "head", "refiner", "ingest"] {
         run.wait_for_lines(3);
-        let killed = run.stage(stage);
-        send_signal(killed, Signal::KILL);
+        // Three heartbeats: the supervisor knows that it has published.
+        std::thread::sleep(Duration::from_millis(300));
+        let hit = run.stage(stage);
+        send_signal(hit, signal);
         run.wait_until("it has another process", |run| {
             let mut stages = run.stages().into_iter();
-            stages.any(|(name, pid)| name == stage && pid != killed)
+            stages.any(|(name, pid)| name == stage && pid != hit)
         });
-        assert!(run.log().matches("restart in").count() > number);
+        assert!(!is_alive(hit));
     }
     let finished = setting.finish(run);
     finished.assert_complete(3, 60);
     finished.assert_says(&["0 lost; stages restarted: 4"]);
+    finished
+}
+
+#[test]
+fn each_killed_stage_comes_back_and_no_frame_is_lost() {
+    let finished = each_stage_is_replaced(Signal::KILL, "kill");
+    finished.assert_says(&["restart in 0ns"]);
+}
+
+#[test]
+fn each_stopped_stage_is_killed_and_comes_back_and_no_frame_is_lost() {
+    let finished = each_stage_is_replaced(Signal::STOP, "stop");
+    let said = finished
+        .log
+        .matches("1000 allowed (heartbeat_max_ms of")
+        .count();
+    assert_eq!(said, 4, "{}", finished.log);
+}
+
+#[test]
+fn a_refiner_behind_a_script_is_killed_and_ends_with_it() {
+    let setting = Setting::new("script", 3);
+    let program = mluc_program();
+    let script = format!("{} stage refiner; true", program.display());
+    let config = setting.config(&format!(
+        "[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n"
+    ));
+    let mut run = setting.up(&format!("{config} --loop"));
+    run.wait_for_lines(3);
+    std::thread::sleep(Duration::from_millis(300));
+    let stopped = run.stage("refiner");
+    send_signal(stopped, Signal::STOP);
+    run.wait_until("it is killed", |run| run.log().contains("hangs"));
+    run.wait_for_lines(3);
+    let refiner = run.stage("refiner");
+    run.signal(Signal::TERM);
+    setting.finish(run);
+    assert!(!is_alive(stopped) && !is_alive(refiner));
+}
+
+#[test]
+fn a_stage_of_somebody_else_is_reported_and_never_signalled() {
+    let setting = Setting::new("silent", 3);
+    let mut run = setting.up("--without refiner --loop");
+    let stage = ["stage", "refiner", "--instance", &setting.instance];
+    let own = Running::mluc(stage);
+    run.wait_for_lines(3);
+    send_signal(own.pid(), Signal::STOP);
+    run.wait_until("the silence is reported", |run| {
+        run.log().contains("no heartbeat for")
+    });
+    assert!(is_alive(own.pid()));
+    send_signal(own.pid(), Signal::CONT);
+    run.wait_until("it is heard again", |run| {
+        run.log().contains("heartbeats again")
+    });
+    run.wait_for_lines(3);
+    run.signal(Signal::TERM);
+    run.finish();
 }
 
 /// From the signal to the end of everything.

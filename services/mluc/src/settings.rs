@@ -171,6 +171,10 @@ pub struct StageSettings {
     pub cpus: Option<Vec<usize>>,
     /// Real-time priority (SCHED_FIFO), 1 to 99; unset: none.
     pub priority: Option<u8>,
+    /// Longest time without a heartbeat, ms, once it has published a frame; then it is killed and restarted. 0: never.
+    pub heartbeat_max_ms: u64,
+    /// Longest time from its start until it is ready, ms. 0: no limit.
+    pub start_max_ms: u64,
 }
 
 impl Default for StageSettings {
@@ -182,6 +186,8 @@ impl Default for StageSettings {
             threads: 1,
             cpus: None,
             priority: None,
+            heartbeat_max_ms: 1000,
+            start_max_ms: 30_000,
         }
     }
 }

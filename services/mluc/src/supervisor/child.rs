@@ -1,24 +1,24 @@
-//! One stage's process: start, watch, restart with a growing delay.
+//! One stage's process: start, watch, restart. One that says nothing for too long is killed.
 
+use std::collections::VecDeque;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child as Process, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use mluc_ipc_types::Stage;
-use mluc_runtime::Instance;
-use rustix::process::{Pid, Signal, kill_process};
+use mluc_runtime::{HealthWatch, Instance, monotonic_ns};
+use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::EXIT_USAGE;
-use crate::settings::Settings;
+use crate::settings::{Settings, StageSettings};
 
-/// First delay; each further one is twice as long.
+/// Delay of a restart where no frame was published since the last one; each further one is twice as long.
 const DELAY_FIRST: Duration = Duration::from_millis(50);
 const DELAY_MAX: Duration = Duration::from_secs(5);
-/// A stage that lived so long begins with the first delay again.
-const LIFE_GOOD: Duration = Duration::from_secs(10);
-/// A stage that is not ready after this long hangs (cleaning after a killed process, for instance): killed and restarted.
-/// A guess with room for a large model on a loaded machine.
-const READY_PATIENCE: Duration = Duration::from_secs(30);
+/// A stage that dies by itself more often than this within [`CRASH_LOOP_TIME`] is reported as a crash loop. A guess.
+const CRASH_LOOP_DEATHS: usize = 5;
+const CRASH_LOOP_TIME: Duration = Duration::from_secs(600);
 /// Starts that fail in a row, with an error and before the stage was ready, until the run is given up.
 const FAILED_STARTS_MAX: u32 = 3;
 
@@ -35,12 +35,18 @@ pub(super) enum Ended {
 pub(super) struct Child {
     pub(super) stage: Stage,
     process: Option<Process>,
-    started: Instant,
+    started_ns: u64,
     due: Option<Instant>,
     delay: Duration,
     was_ready: bool,
+    /// A frame since its start.
+    has_published: bool,
     failed_starts: u32,
+    /// When it died by itself, at most one more than [`CRASH_LOOP_DEATHS`].
+    deaths: VecDeque<Instant>,
     is_foreign: bool,
+    /// One that somebody else started is reported once in each silence.
+    is_silence_reported: bool,
 }
 
 impl Child {
@@ -48,12 +54,15 @@ impl Child {
         Child {
             stage,
             process: None,
-            started: Instant::now(),
+            started_ns: 0,
             due: None,
             delay: DELAY_FIRST,
             was_ready: false,
+            has_published: false,
             failed_starts: 0,
+            deaths: VecDeque::new(),
             is_foreign: false,
+            is_silence_reported: false,
         }
     }
 
@@ -62,8 +71,15 @@ impl Child {
         self.process.as_ref().map_or(0, Process::id)
     }
 
+    /// The process and all that it started: a script's program, for instance.
+    fn signal(&self, signal: Signal) {
+        if let Some(group) = Pid::from_raw(self.pid() as i32) {
+            // It may have ended already.
+            let _ = kill_process_group(group, signal);
+        }
+    }
+
     pub(super) fn start(&mut self, settings: &Settings, start_sequence: u64) -> anyhow::Result<()> {
-        use std::os::unix::process::CommandExt;
         let own = &settings.stages[self.stage];
         let supervisor = std::process::id().to_string();
         let mut command =
@@ -96,41 +112,88 @@ impl Child {
             .spawn()
             .with_context(|| format!("starting stage {}", self.stage.name()))?;
         self.process = Some(process);
-        self.started = Instant::now();
+        self.started_ns = monotonic_ns();
         self.due = None;
-        self.was_ready = false;
+        (self.was_ready, self.has_published) = (false, false);
         self.is_foreign = own.command.is_some();
         Ok(())
     }
 
-    /// Whether it ended; kills it when it hangs in its start.
-    pub(super) fn watch(&mut self, is_ready: bool) -> anyhow::Result<Ended> {
-        self.was_ready |= is_ready;
+    /// Whether it ended; kills it when it has said nothing for longer than its settings allow.
+    pub(super) fn watch(
+        &mut self,
+        health: &HealthWatch,
+        own: &StageSettings,
+    ) -> anyhow::Result<Ended> {
+        if own.external {
+            self.report_silence(health, own);
+            return Ok(Ended::No);
+        }
+        let heartbeat = health
+            .of(self.stage)
+            .filter(|health| self.is_foreign || health.pid == self.pid());
+        let heard_ns = health.heard_ns(self.stage);
+        let heartbeat = heartbeat.filter(|_| heard_ns > self.started_ns);
+        self.was_ready |= heartbeat.is_some() && health.is_ready(self.stage);
+        self.has_published |= heartbeat.is_some_and(|health| health.frames_out > 0);
         let Some(process) = &mut self.process else {
             return Ok(Ended::No);
         };
-        let status = process.try_wait().context("watching a stage")?;
-        let Some(status) = status else {
-            let is_starting = !self.was_ready && !self.is_foreign;
-            if is_starting && self.started.elapsed() > READY_PATIENCE {
-                let stage = self.stage.name();
-                tracing::error!(stage, "not ready after {READY_PATIENCE:?}: killed");
-                process.kill().context("killing a stage that hangs")?;
+        if let Some(status) = process.try_wait().context("watching a stage")? {
+            // What it started may still run and hold the stage's place.
+            self.signal(Signal::KILL);
+            self.process = None;
+            if status.success() {
+                return Ok(Ended::Done);
             }
-            return Ok(Ended::No);
-        };
-        self.process = None;
-        if status.success() {
-            return Ok(Ended::Done);
+            self.judge(status)?;
+            return Ok(Ended::Died);
         }
-        self.judge(status)?;
-        Ok(Ended::Died)
+        let run_max_us = heartbeat.map_or(0, |health| health.run_max_us);
+        let since_ns = self.started_ns.max(heard_ns * u64::from(self.was_ready));
+        let (limit_ms, key) = if self.has_published {
+            (heartbeat_limit_ms(own, run_max_us), "heartbeat_max_ms")
+        } else {
+            (own.start_max_ms, "start_max_ms")
+        };
+        let silent_ms = monotonic_ns().saturating_sub(since_ns) / 1_000_000;
+        if limit_ms > 0 && silent_ms > limit_ms {
+            let name = self.stage.name();
+            tracing::error!(
+                stage = name,
+                "hangs: {silent_ms} ms without a sign of life, {limit_ms} allowed ({key} of [stages.{name}]): killed"
+            );
+            self.signal(Signal::KILL);
+        }
+        Ok(Ended::No)
+    }
+
+    /// A process of somebody else is never signalled.
+    fn report_silence(&mut self, health: &HealthWatch, own: &StageSettings) {
+        let Some(heartbeat) = health.of(self.stage) else {
+            return;
+        };
+        let limit_ms = heartbeat_limit_ms(own, heartbeat.run_max_us);
+        let silent_ns = monotonic_ns().saturating_sub(health.heard_ns(self.stage));
+        let is_silent = limit_ms > 0 && silent_ns / 1_000_000 > limit_ms;
+        let (stage, pid) = (self.stage.name(), heartbeat.pid);
+        match (is_silent, self.is_silence_reported) {
+            (true, false) => tracing::error!(
+                stage,
+                pid,
+                "no heartbeat for {limit_ms} ms: it hangs or has ended"
+            ),
+            (false, true) => tracing::info!(stage, pid, "heartbeats again"),
+            _ => (),
+        }
+        self.is_silence_reported = is_silent;
     }
 
     /// An error at the start that repeats is no accident.
     fn judge(&mut self, status: ExitStatus) -> anyhow::Result<()> {
         let name = self.stage.name();
         tracing::error!(stage = name, "ended: {status}");
+        self.count_death(&status);
         let failed_to_start = status.code().is_some() && !self.was_ready;
         self.failed_starts = u32::from(failed_to_start) * (self.failed_starts + 1);
         if status.code() == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
@@ -142,13 +205,37 @@ impl Child {
         Ok(())
     }
 
-    pub(super) fn plan_restart(&mut self) {
-        if self.started.elapsed() > LIFE_GOOD {
-            self.delay = DELAY_FIRST;
+    /// Says so when it dies again and again. A kill comes from outside and does not count.
+    fn count_death(&mut self, status: &ExitStatus) {
+        if status.signal() == Some(Signal::KILL.as_raw()) {
+            return;
         }
-        tracing::warn!(stage = self.stage.name(), "restart in {:?}", self.delay);
-        self.due = Some(Instant::now() + self.delay);
-        self.delay = (self.delay * 2).min(DELAY_MAX);
+        self.deaths.push_back(Instant::now());
+        if self.deaths.len() > CRASH_LOOP_DEATHS + 1 {
+            self.deaths.pop_front();
+        }
+        let is_loop =
+            self.deaths.len() > CRASH_LOOP_DEATHS && self.deaths[0].elapsed() < CRASH_LOOP_TIME;
+        if is_loop {
+            tracing::error!(
+                stage = self.stage.name(),
+                "crash loop: died by itself {} times in {:.0} s",
+                self.deaths.len(),
+                self.deaths[0].elapsed().as_secs_f64()
+            );
+        }
+    }
+
+    /// At once where it has published a frame, else after a growing delay.
+    pub(super) fn plan_restart(&mut self) {
+        let delay = if self.has_published {
+            Duration::ZERO
+        } else {
+            self.delay
+        };
+        tracing::warn!(stage = self.stage.name(), "restart in {delay:?}");
+        self.due = Some(Instant::now() + delay);
+        self.delay = (delay * 2).clamp(DELAY_FIRST, DELAY_MAX);
     }
 
     /// Whether a planned restart's time has come.
@@ -157,10 +244,7 @@ impl Child {
     }
 
     pub(super) fn ask_to_end(&mut self) {
-        if let Some(pid) = Pid::from_raw(self.pid() as i32) {
-            // It may have ended already.
-            let _ = kill_process(pid, Signal::TERM);
-        }
+        self.signal(Signal::TERM);
     }
 
     pub(super) fn is_running(&mut self) -> bool {
@@ -170,9 +254,15 @@ impl Child {
 
     /// By force, and waits until it is gone.
     pub(super) fn kill(&mut self) {
+        self.signal(Signal::KILL);
         if let Some(mut process) = self.process.take() {
-            let _ = process.kill();
             let _ = process.wait();
         }
     }
+}
+
+/// A frame may take twice as long as the longest one so far: a slow network is no hang. 0: no limit.
+fn heartbeat_limit_ms(own: &StageSettings, run_max_us: u32) -> u64 {
+    let twice_ms = u64::from(run_max_us) / 500;
+    own.heartbeat_max_ms.max(twice_ms) * u64::from(own.heartbeat_max_ms > 0)
 }

@@ -213,11 +213,10 @@ impl Supervisor {
     /// Restarts what died. True: ingest has come to the end of its input.
     fn look_after_children(&mut self) -> anyhow::Result<bool> {
         let start_sequence = self.start_sequence();
+        // The reader of the lines may have kept us waiting: heartbeats of that time are no silence.
+        self.health.update()?;
         for child in &mut self.children {
-            let health = self.health.of(child.stage);
-            let is_ready = health.is_some_and(|health| health.pid == child.pid())
-                && self.health.is_ready(child.stage);
-            match child.watch(is_ready)? {
+            match child.watch(&self.health, &self.settings.stages[child.stage])? {
                 Ended::No => (),
                 Ended::Done if child.stage == Stage::Ingest => return Ok(true),
                 Ended::Done | Ended::Died => {
