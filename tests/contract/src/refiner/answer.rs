@@ -3,11 +3,11 @@
 use anyhow::{bail, ensure};
 use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Flags, FrameHeader, Object, Stage};
 
-use crate::refiner::player::{Answer, Sent};
+use crate::refiner::player::{Answer, Frame};
 
 /// What holds of every answer, whatever came in.
-pub(crate) fn check_form(sent: &Sent, answer: &Answer, classes: usize) -> anyhow::Result<()> {
-    check_header(&sent.header, answer)?;
+pub(crate) fn check_form(frame: &Frame, answer: &Answer, classes: usize) -> anyhow::Result<()> {
+    check_header(&frame.header, answer)?;
     let objects = Object::checked(&answer.header, &answer.objects, classes)?;
     let Some((indices_header, indices)) = &answer.indices else {
         bail!("objects came without object_points, which are published first");
@@ -18,7 +18,7 @@ pub(crate) fn check_form(sent: &Sent, answer: &Answer, classes: usize) -> anyhow
         indices_header.sequence,
         answer.header.sequence
     );
-    Object::checked_points(indices_header, indices, sent.points)?;
+    Object::checked_points(indices_header, indices, frame.points_found())?;
     Ok(Object::checked_ranges(objects, indices.len())?)
 }
 
@@ -74,14 +74,14 @@ fn check_header(sent: &FrameHeader, answer: &Answer) -> anyhow::Result<()> {
 }
 
 /// What holds when all detections make sense: each has its object in its place, known ones unchanged.
-pub(crate) fn check_objects(sent: &Sent, answer: &Answer) -> anyhow::Result<()> {
-    let expected = sent.detections.len().min(DETECTIONS_MAX);
+pub(crate) fn check_objects(frame: &Frame, answer: &Answer) -> anyhow::Result<()> {
+    let expected = frame.detections.len().min(DETECTIONS_MAX);
     ensure!(
         answer.objects.len() >= expected,
         "{} objects for {expected} detections: each has one, suppressed ones too",
         answer.objects.len()
     );
-    for (index, (detection, object)) in sent.detections.iter().zip(&answer.objects).enumerate() {
+    for (index, (detection, object)) in frame.detections.iter().zip(&answer.objects).enumerate() {
         // A candidate becomes an unknown object: the same number.
         let pairs = [
             ("kind", detection.kind, object.kind),

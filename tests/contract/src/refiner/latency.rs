@@ -66,8 +66,8 @@ pub(crate) fn compare(
         for lane in &mut lanes {
             std::thread::sleep(PERIOD);
             let title = &lane.session.options.title;
-            lane.frame(number >= WARM_UP)
-                .with_context(|| title.clone())?;
+            let measured = lane.frame(number >= WARM_UP);
+            measured.with_context(|| title.clone())?;
         }
     }
     let [reference, program] = lanes.map(Lane::result);
@@ -91,11 +91,10 @@ impl<'a> Lane<'a> {
     }
 
     fn frame(&mut self, counts: bool) -> anyhow::Result<()> {
-        let frame = self.session.player.usual();
-        let sent = self.session.player.send(&frame)?;
-        let answer = self.session.await_answer(&sent)?;
+        let mut frame = self.session.player.usual();
+        let answer = self.session.exchange(&mut frame)?;
         let own = answer.header.stages[Stage::Refiner as usize];
-        let sent_ns = sent.header.stages[Stage::Head as usize].published_ns;
+        let sent_ns = frame.header.stages[Stage::Head as usize].published_ns;
         let passed_ns = [
             sent_ns,
             own.received_ns,

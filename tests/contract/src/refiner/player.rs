@@ -20,7 +20,6 @@ const TOO_MANY_POINTS: usize = POINTS_MAX + 1000;
 const LOOK: Duration = Duration::from_millis(20);
 
 /// A frame to be sent: its detections, and its points unless they shall be missing.
-#[derive(Clone)]
 pub(crate) struct Frame {
     /// Of the detections' message.
     pub(crate) header: FrameHeader,
@@ -30,11 +29,13 @@ pub(crate) struct Frame {
     pub(crate) detections: Vec<Detection>,
 }
 
-/// What was sent, as it lay in shared memory.
-pub(crate) struct Sent {
-    pub(crate) header: FrameHeader,
-    pub(crate) points: usize,
-    pub(crate) detections: Vec<Detection>,
+impl Frame {
+    /// Points that can be found for the detections.
+    pub(crate) fn points_found(&self) -> usize {
+        let of = |header: FrameHeader| (header.run_id, header.sequence);
+        let is_its_own = self.points_header.map(of) == Some(of(self.header));
+        if is_its_own { self.points.len() } else { 0 }
+    }
 }
 
 /// What came back.
@@ -49,8 +50,8 @@ pub(crate) struct Answer {
 
 impl Answer {
     /// From the end of the detections' sending, ms.
-    pub(crate) fn took_ms(&self, sent: &Sent) -> f64 {
-        let begun_ns = sent.header.stages[Stage::Head as usize].published_ns;
+    pub(crate) fn took_ms(&self, frame: &Frame) -> f64 {
+        let begun_ns = frame.header.stages[Stage::Head as usize].published_ns;
         self.received_ns.saturating_sub(begun_ns) as f64 * 1e-6
     }
 }
@@ -153,24 +154,19 @@ impl Player {
         Ok(())
     }
 
-    /// Sends the points, then the detections.
-    pub(crate) fn send(&mut self, frame: &Frame) -> anyhow::Result<Sent> {
-        let mut header = frame.header;
-        if frame.points_header.is_some() {
-            stamp(&mut header, Stage::Ingest);
-        }
+    /// Sends the points, then the detections, whose header gets the stamps of the stages before.
+    pub(crate) fn send(&mut self, frame: &mut Frame) -> anyhow::Result<()> {
         self.send_points(frame)?;
-        let mut loan = self.detections.loan(&header, frame.detections.len())?;
+        let header = &mut frame.header;
+        let mut loan = self.detections.loan(header, frame.detections.len())?;
         loan.elements_mut().copy_from_slice(&frame.detections);
-        stamp(&mut header, Stage::Backbone);
-        stamp(&mut header, Stage::Head);
-        *loan.header_mut() = header;
-        loan.publish()?;
-        Ok(Sent {
-            header,
-            points: frame.points_header.map_or(0, |_| frame.points.len()),
-            detections: frame.detections.clone(),
-        })
+        if frame.points_header.is_some() {
+            stamp(header, Stage::Ingest);
+        }
+        stamp(header, Stage::Backbone);
+        stamp(header, Stage::Head);
+        *loan.header_mut() = *header;
+        Ok(loan.publish()?)
     }
 
     /// The oldest answer that waits.

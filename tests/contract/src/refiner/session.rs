@@ -8,7 +8,7 @@ use mluc_runtime::{Instance, monotonic_ns};
 
 use crate::program::{Options, Program};
 use crate::refiner::answer::{check_form, check_objects};
-use crate::refiner::player::{Answer, Frame, Player, Sent};
+use crate::refiner::player::{Answer, Frame, Player};
 
 /// How a program takes a frame that makes no sense.
 pub(crate) enum Reaction {
@@ -130,43 +130,50 @@ impl Session<'_> {
     }
 
     /// Waits for the objects of a frame.
-    pub(crate) fn await_answer(&mut self, sent: &Sent) -> anyhow::Result<Answer> {
-        let sequence = sent.header.sequence;
+    fn await_answer(&mut self, frame: &Frame) -> anyhow::Result<Answer> {
+        let sequence = frame.header.sequence;
         let awaited = format!("objects of frame {sequence}");
         self.await_any(&awaited, |player| player.take_answer_to(sequence))
     }
 
-    /// Sends a frame whose detections make sense, and checks the answer.
-    pub(crate) fn ask(&mut self, frame: &Frame) -> anyhow::Result<(Sent, Answer)> {
-        let sent = self.player.send(frame)?;
-        let answer = self.await_sound_answer(&sent)?;
-        Ok((sent, answer))
+    /// Sends a frame and waits for its objects.
+    pub(crate) fn exchange(&mut self, frame: &mut Frame) -> anyhow::Result<Answer> {
+        self.player.send(frame)?;
+        self.await_answer(frame)
     }
 
-    /// Waits for the objects of a frame whose detections make sense, and checks them.
-    pub(crate) fn await_sound_answer(&mut self, sent: &Sent) -> anyhow::Result<Answer> {
-        let answer = self.await_answer(sent)?;
-        self.check_form(sent, &answer)?;
-        check_objects(sent, &answer)?;
+    /// Sends a frame whose detections make sense, and checks the answer.
+    pub(crate) fn ask(&mut self, frame: &mut Frame) -> anyhow::Result<Answer> {
+        let answer = self.exchange(frame)?;
+        self.check_form(frame, &answer)?;
+        check_objects(frame, &answer)?;
         Ok(answer)
     }
 
     /// Sends the next frame of the usual scene, and checks the answer.
-    pub(crate) fn ask_usual(&mut self) -> anyhow::Result<(Sent, Answer)> {
-        let frame = self.player.usual();
-        self.ask(&frame)
+    pub(crate) fn ask_usual(&mut self) -> anyhow::Result<(Frame, Answer)> {
+        let mut frame = self.player.usual();
+        let answer = self.ask(&mut frame)?;
+        Ok((frame, answer))
+    }
+
+    /// The same after something else was sent, which an error tells.
+    pub(crate) fn ask_after(&mut self, what: &str) -> anyhow::Result<()> {
+        let asked = self.ask_usual();
+        asked.with_context(|| format!("the sound frame after: {what}"))?;
+        Ok(())
     }
 
     /// Checks what holds of every answer.
-    pub(crate) fn check_form(&self, sent: &Sent, answer: &Answer) -> anyhow::Result<()> {
-        check_form(sent, answer, self.options.classes.len())
+    pub(crate) fn check_form(&self, frame: &Frame, answer: &Answer) -> anyhow::Result<()> {
+        check_form(frame, answer, self.options.classes.len())
     }
 
     /// Sends a frame that makes no sense; it must be answered, or refused and counted.
-    pub(crate) fn provoke(&mut self, frame: &Frame) -> anyhow::Result<(Sent, Reaction)> {
+    pub(crate) fn provoke(&mut self, what: &str, frame: &mut Frame) -> anyhow::Result<Reaction> {
         let before = self.fresh_health()?.messages_refused;
-        let sent = self.player.send(frame)?;
-        let sequence = sent.header.sequence;
+        self.player.send(frame)?;
+        let sequence = frame.header.sequence;
         let reaction = self.await_any("objects or count of messages_refused", |player| {
             if let Some(answer) = player.take_answer_to(sequence)? {
                 return Ok(Some(Reaction::Answered(Box::new(answer))));
@@ -174,18 +181,16 @@ impl Session<'_> {
             let heard = player.health_since(0)?;
             let refused = heard.filter(|health| health.messages_refused > before);
             Ok(refused.map(|health| Reaction::Refused(health.reason().to_string())))
-        })?;
-        Ok((sent, reaction))
+        });
+        reaction.with_context(|| what.to_string())
     }
 
     /// A frame that must be refused, after which the next sound one is answered; gives the reason that was told.
-    pub(crate) fn must_refuse(&mut self, what: &str, frame: &Frame) -> anyhow::Result<String> {
-        let (_, reaction) = self.provoke(frame).with_context(|| what.to_string())?;
-        let Reaction::Refused(reason) = reaction else {
+    pub(crate) fn must_refuse(&mut self, what: &str, mut frame: Frame) -> anyhow::Result<String> {
+        let Reaction::Refused(reason) = self.provoke(what, &mut frame)? else {
             bail!("{what}: answered, it should be refused");
         };
-        let asked = self.ask_usual();
-        asked.with_context(|| format!("the sound frame after: {what}"))?;
+        self.ask_after(what)?;
         Ok(reason)
     }
 }

@@ -12,13 +12,13 @@ use crate::refiner::session::Session;
 pub(super) fn scene(session: &mut Session<'_>) -> Outcome {
     session.ready()?;
     let before = session.fresh_health()?.candidates;
-    let (sent, answer) = session.ask_usual()?;
+    let (frame, answer) = session.ask_usual()?;
     let unknown = &answer.objects[1];
     let off_m = (unknown.center_m[0] - CART.x_m).hypot(unknown.center_m[1] - CART.y_m);
     let after = session.fresh_health()?.candidates;
     Ok(format!(
         "answered in {:.1} ms; the unknown object has {} points and lies {off_m:.2} m off; {}",
-        answer.took_ms(&sent),
+        answer.took_ms(&frame),
         unknown.points_count,
         check_counts(before, &answer, after)?
     ))
@@ -56,7 +56,7 @@ pub(super) fn empty(session: &mut Session<'_>) -> Outcome {
         if frame.points.is_empty() {
             frame.header.flags |= Flags::EMPTY.0;
         }
-        let (_, answer) = session.ask(&frame)?;
+        let answer = session.ask(&mut frame)?;
         ensure!(
             !is_flagged(&answer, &[Flags::POINTS_GONE]),
             "a scan without points is flagged points_gone, although it came"
@@ -70,9 +70,9 @@ fn slowest(session: &mut Session<'_>, frames: [(Vec<Point>, Vec<Detection>); 3])
     session.ready()?;
     let mut slowest_ms = 0.0f64;
     for (points, detections) in frames {
-        let frame = session.player.frame(points, detections);
-        let (sent, answer) = session.ask(&frame)?;
-        slowest_ms = slowest_ms.max(answer.took_ms(&sent));
+        let mut frame = session.player.frame(points, detections);
+        let answer = session.ask(&mut frame)?;
+        slowest_ms = slowest_ms.max(answer.took_ms(&frame));
     }
     Ok(format!(
         "3 frames answered, the slowest in {slowest_ms:.1} ms"
@@ -128,10 +128,8 @@ pub(super) fn points_gone(session: &mut Session<'_>) -> Outcome {
     let mut never_sent = session.player.usual();
     never_sent.points_header = None;
     // The later scan first: ingest has sent more than the frame without points.
-    for frame in [of_another, never_sent] {
-        let mut sent = session.player.send(&frame)?;
-        sent.points = 0;
-        let answer = session.await_sound_answer(&sent)?;
+    for mut frame in [of_another, never_sent] {
+        let answer = session.ask(&mut frame)?;
         for (flag, name) in [
             (Flags::POINTS_GONE, "points_gone"),
             (Flags::DEGRADED, "degraded"),
@@ -145,12 +143,12 @@ pub(super) fn points_gone(session: &mut Session<'_>) -> Outcome {
 pub(super) fn sent_again(session: &mut Session<'_>) -> Outcome {
     session.ready()?;
     let mut frame = session.player.usual();
-    let (_, first) = session.ask(&frame)?;
+    let first = session.ask(&mut frame)?;
     for header in std::iter::once(&mut frame.header).chain(&mut frame.points_header) {
         header.attempt = 1;
         header.flags |= Flags::RESENT.0;
     }
-    let (_, second) = session.ask(&frame)?;
+    let second = session.ask(&mut frame)?;
     let is_same = first.objects == second.objects;
     let which = if is_same { "the same" } else { "OTHER" };
     Ok(format!(

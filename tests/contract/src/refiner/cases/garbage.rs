@@ -33,15 +33,14 @@ impl<'a, 's> Provoked<'a, 's> {
     fn survives(
         &mut self,
         what: &str,
-        frame: &Frame,
+        mut frame: Frame,
         is_told: impl Fn(&Answer) -> bool,
     ) -> anyhow::Result<()> {
         let session = &mut *self.session;
-        let (sent, reaction) = session.provoke(frame).with_context(|| what.to_string())?;
-        match reaction {
+        match session.provoke(what, &mut frame)? {
             Reaction::Refused(_) => self.refused += 1,
             Reaction::Answered(answer) => {
-                let form = session.check_form(&sent, &answer);
+                let form = session.check_form(&frame, &answer);
                 form.with_context(|| what.to_string())?;
                 ensure!(
                     is_told(&answer),
@@ -51,9 +50,7 @@ impl<'a, 's> Provoked<'a, 's> {
             }
         }
         self.count += 1;
-        let asked = session.ask_usual();
-        asked.with_context(|| format!("the sound frame after: {what}"))?;
-        Ok(())
+        session.ask_after(what)
     }
 
     fn summary(&self) -> Outcome {
@@ -73,7 +70,7 @@ pub(super) fn lengths(session: &mut Session<'_>) -> Outcome {
     long.points = scan(&[CART], POINTS_MAX + 1000);
     let flags = [Flags::LIMIT_HIT, Flags::DEGRADED, Flags::TRUNCATED];
     for (what, frame) in [("600 detections", many), ("263,144 points", long)] {
-        provoked.survives(what, &frame, |answer| is_flagged(answer, &flags))?;
+        provoked.survives(what, frame, |answer| is_flagged(answer, &flags))?;
     }
     provoked.summary()
 }
@@ -106,9 +103,8 @@ pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
         for (which, name) in ["of a known box", "of a candidate"].into_iter().enumerate() {
             let mut frame = provoked.session.player.usual();
             spoil(&mut frame.detections[which]);
-            provoked.survives(&format!("{what} {name}"), &frame, |answer| {
-                is_told_of(answer, which)
-            })?;
+            let what = format!("{what} {name}");
+            provoked.survives(&what, frame, |answer| is_told_of(answer, which))?;
         }
     }
     let mut frame = provoked.session.player.usual();
@@ -122,10 +118,10 @@ pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
     }
     let flags = [Flags::NOT_FINITE, Flags::DEGRADED];
     let is_told = |answer: &Answer| is_flagged(answer, &flags);
-    provoked.survives("points that are not finite", &frame, is_told)?;
+    provoked.survives("points that are not finite", frame, is_told)?;
     let mut frame = provoked.session.player.usual();
     spoil_header(&mut frame);
-    provoked.survives("a header of noise", &frame, |_| true)?;
+    provoked.survives("a header of noise", frame, |_| true)?;
     provoked.summary()
 }
 
@@ -161,7 +157,7 @@ pub(super) fn noise(session: &mut Session<'_>) -> Outcome {
         if seed % 3 != 0 {
             frame.detections.iter_mut().for_each(|d| noise.fill(d));
         }
-        provoked.survives(&format!("noise of seed {seed}"), &frame, |_| true)?;
+        provoked.survives(&format!("noise of seed {seed}"), frame, |_| true)?;
     }
     provoked.summary()
 }

@@ -74,8 +74,8 @@ pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
     let mut slowest = Duration::ZERO;
     for kill in 0..KILLS {
         session.ready()?;
-        let frame = session.player.usual();
-        session.player.send(&frame)?;
+        let mut frame = session.player.usual();
+        session.player.send(&mut frame)?;
         // In the middle of its work, more or less.
         std::thread::sleep(Duration::from_micros(300 * kill as u64));
         session.program()?.kill();

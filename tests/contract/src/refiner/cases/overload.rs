@@ -49,8 +49,8 @@ fn flood(session: &mut Session<'_>, count: usize, pause: Duration) -> anyhow::Re
     let (points, detections) = usual();
     let mut answered = Vec::new();
     for _ in 0..count {
-        let frame = player.frame(points.clone(), detections.clone());
-        player.send(&frame)?;
+        let mut frame = player.frame(points.clone(), detections.clone());
+        player.send(&mut frame)?;
         std::thread::sleep(pause);
         collect(player, &mut answered)?;
     }

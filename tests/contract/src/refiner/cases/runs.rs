@@ -25,7 +25,7 @@ pub(super) fn sequences(session: &mut Session<'_>) -> Outcome {
         let mut frame = session.player.usual();
         // Its points come under the number that is theirs.
         frame.header.sequence = sequence;
-        session.must_refuse(what, &frame)?;
+        session.must_refuse(what, frame)?;
     }
     let count = hostile.len();
     Ok(format!(
@@ -37,17 +37,14 @@ pub(super) fn other_run(session: &mut Session<'_>) -> Outcome {
     session.ready()?;
     let mut frame = session.player.usual();
     frame.header.run_id = OTHER_RUN;
-    session.must_refuse("a frame of another run", &frame)?;
+    session.must_refuse("a frame of another run", frame)?;
     // Points of another run under the sequence of a frame of this one, which sent its own later.
     let mut frame = session.player.usual();
     let header = frame.points_header.as_mut().context("points")?;
     header.run_id = OTHER_RUN;
     let next = session.player.usual();
     session.player.send_points(&next)?;
-    let mut sent = session.player.send(&frame)?;
-    sent.points = 0;
-    let answer = session.await_answer(&sent)?;
-    session.check_form(&sent, &answer)?;
+    let answer = session.ask(&mut frame)?;
     ensure!(
         is_flagged(&answer, &[Flags::POINTS_GONE]),
         "points of another run were taken for the frame's own"
@@ -63,8 +60,7 @@ pub(super) fn new_run(session: &mut Session<'_>) -> Outcome {
     session.await_health("heartbeat with the id of the new run", |health| {
         health.run_id == id
     })?;
-    let asked = session.ask_usual();
-    asked.context("the sound frame after the new run began, from sequence 0")?;
-    session.must_refuse("a frame of the run before", &old)?;
+    session.ask_after("the new run began, from sequence 0")?;
+    session.must_refuse("a frame of the run before", old)?;
     Ok("joined; sequences begin at 0; the run before is over".to_string())
 }

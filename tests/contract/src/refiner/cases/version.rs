@@ -28,7 +28,7 @@ fn wrong_messages(session: &mut Session<'_>) -> anyhow::Result<String> {
     let mut frame = session.player.usual();
     let other = WIRE_VERSION + 41;
     frame.header.wire_version = other;
-    let reason = session.must_refuse(&format!("detections of wire version {other}"), &frame)?;
+    let reason = session.must_refuse(&format!("detections of wire version {other}"), frame)?;
     ensure!(
         names_both(&reason, other),
         "detections of wire version {other} were refused with the reason '{reason}': it should name both versions, \
@@ -36,7 +36,7 @@ fn wrong_messages(session: &mut Session<'_>) -> anyhow::Result<String> {
     );
     let mut frame = session.player.usual();
     frame.header.model_fingerprint ^= 0xffff;
-    session.must_refuse("detections of another model (fingerprint)", &frame)?;
+    session.must_refuse("detections of another model (fingerprint)", frame)?;
     Ok(reason)
 }
 
