@@ -92,14 +92,6 @@ fn a_bad_configuration_is_a_usage_error() {
     let config = setting.config("pase = \"complete\"\n");
     let words = ["mluc.toml", "`pase`", "did you mean `pace`?"];
     refuses(&setting, 2, &config, &words);
-    for (option, words) in [
-        ("--lambda=-1", &["lambda"][..]),
-        ("--unknown-min=2", &["unknown_min", "0 to 1"]),
-        ("--unknown-min=0.5", &["unknown_min", "--lambda"]),
-        ("--refiner-mode papr", &["exists: 'paper'"]),
-    ] {
-        refuses(&setting, 2, option, words);
-    }
 }
 
 #[test]
