@@ -15,10 +15,8 @@ const RUNS: [&str; 7] = [
 /// Share of the cores that other processes took during these runs: the worst case, and a stage's figures scatter by a tenth.
 const OTHERS: f64 = 0.65;
 
-fn runs() -> Vec<Vec<FrameRecord>> {
-    RUNS.iter()
-        .map(|text| read_frames(text).expect("a recorded run"))
-        .collect()
+fn runs() -> [Vec<FrameRecord>; 7] {
+    RUNS.map(|text| read_frames(text).expect("a recorded run"))
 }
 
 fn judged(a: &[FrameRecord], b: &[FrameRecord]) -> Comparison {
@@ -44,57 +42,53 @@ fn slower(frames: &[FrameRecord], share: f64) -> Vec<FrameRecord> {
     slower
 }
 
-fn verdict(comparison: &Comparison, figure: &str) -> Verdict {
-    let row = comparison.rows.iter().find(|row| row.figure == figure);
-    row.expect("a figure of that name").verdict
+/// Whether the backbone and the whole are found slower, and the head is not.
+fn is_found(comparison: &Comparison) -> bool {
+    let verdict = |figure: &str| {
+        let row = comparison.rows.iter().find(|row| row.figure == figure);
+        row.expect("a figure of that name").verdict
+    };
+    verdict("backbone run p50, us") == Verdict::Higher
+        && verdict("end to end p50, us") == Verdict::Higher
+        && verdict("head run p50, us") == Verdict::Noise
 }
 
 #[test]
 fn runs_of_one_program_are_equal_in_19_of_20_pairs() {
     let runs = runs();
-    let pairs = || (0..runs.len()).flat_map(|a| (a + 1..runs.len()).map(move |b| (a, b)));
-    let different: Vec<String> = pairs()
-        .map(|(a, b)| (a, b, judged(&runs[a], &runs[b])))
-        .filter(|(.., comparison)| !comparison.is_equal)
-        .map(|(a, b, comparison)| format!("{a} {b}: {}", comparison.sentence()))
+    let pairs: Vec<_> = (0..runs.len())
+        .flat_map(|a| (a + 1..runs.len()).map(move |b| (a, b)))
         .collect();
-    let all = pairs().count();
+    let mut different = vec![];
+    for &(a, b) in &pairs {
+        let comparison = judged(&runs[a], &runs[b]);
+        if !comparison.is_equal {
+            different.push(format!("{a} {b}: {}", comparison.sentence()));
+        }
+    }
+    let all = pairs.len();
     assert!(
         all >= 20 && 20 * different.len() <= all,
-        "{} of {all}: {different:#?}",
-        different.len()
+        "of {all}: {different:#?}"
     );
 }
 
 #[test]
 fn halves_of_one_run_are_equal() {
-    for run in runs() {
-        let measured: Vec<FrameRecord> =
-            run.into_iter().filter(|frame| !frame.is_warm_up).collect();
-        let (first, second) = measured.split_at(measured.len() / 2);
+    for mut run in runs() {
+        run.retain(|frame| !frame.is_warm_up);
+        let (first, second) = run.split_at(run.len() / 2);
         let comparison = judged(first, second);
-        assert!(
-            comparison.is_equal,
-            "{}",
-            comparison.table(["first half", "second half"])
-        );
+        let table = comparison.table(["first half", "second half"]);
+        assert!(comparison.is_equal, "{table}");
     }
-}
-
-/// Whether the backbone and the whole are found slower, and the head is not.
-fn is_found(comparison: &Comparison) -> bool {
-    verdict(comparison, "backbone run p50, us") == Verdict::Higher
-        && verdict(comparison, "end to end p50, us") == Verdict::Higher
-        && verdict(comparison, "head run p50, us") == Verdict::Noise
 }
 
 #[test]
 fn one_start_on_a_busy_machine_tells_a_multiple() {
-    let runs = runs();
-    let found = (0..runs.len() - 1)
-        .filter(|&a| is_found(&judged(&runs[a], &slower(&runs[a + 1], 1.5))))
-        .count();
-    assert_eq!(found, runs.len() - 1);
+    for pair in runs().windows(2) {
+        assert!(is_found(&judged(&pair[0], &slower(&pair[1], 1.5))));
+    }
 }
 
 /// Four starts each: what differs between starts is seen, and needs not be assumed.
@@ -102,13 +96,13 @@ fn one_start_on_a_busy_machine_tells_a_multiple() {
 fn four_starts_tell_much_less() {
     let runs = runs();
     let rounds = |numbers: [usize; 4]| -> Vec<FrameRecord> {
-        let each = numbers.iter().enumerate().flat_map(|(round, &number)| {
-            runs[number].iter().cloned().map(move |frame| FrameRecord {
-                round: round as u32,
-                ..frame
-            })
-        });
-        each.collect()
+        let mut all = vec![];
+        for (round, number) in numbers.into_iter().enumerate() {
+            let own = runs[number].iter().cloned();
+            let round = round as u32;
+            all.extend(own.map(|frame| FrameRecord { round, ..frame }));
+        }
+        all
     };
     let (a, b) = (rounds([0, 2, 4, 6]), rounds([1, 3, 5, 0]));
     let equal = judged(&a, &b);

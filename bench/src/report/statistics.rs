@@ -36,21 +36,3 @@ pub(crate) fn sorted(values: &[f64]) -> Vec<f64> {
     sorted.sort_by(f64::total_cmp);
     sorted
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn percentiles_are_by_nearest_rank() {
-        let thousand: Vec<f64> = (1..=1000).rev().map(f64::from).collect();
-        let all = Percentiles::of(&thousand).unwrap();
-        assert_eq!(
-            (all.p50, all.p90, all.p99, all.p999, all.max),
-            (500.0, 900.0, 990.0, 999.0, 1000.0)
-        );
-        let one = Percentiles::of(&[7.0]).unwrap();
-        assert_eq!((one.p50, one.p999, one.max), (7.0, 7.0, 7.0));
-        assert_eq!(Percentiles::of(&[]), None);
-    }
-}

@@ -15,7 +15,7 @@ use mluc_runtime::{HealthWatch, Input, Instance, Shell, Shutdown, monotonic_ns};
 use rustix::process::{Pid, Signal, kill_process};
 
 use super::plan::{Plan, Variant};
-use super::processes::{ProcessWatch, StageProcesses};
+use super::processes::ProcessWatch;
 use super::quality::Boxes;
 use super::show;
 
@@ -64,14 +64,12 @@ pub(crate) fn record(
         health: shell.health_watch()?,
         shell,
         up: Up::start(plan, variant, &instance)?,
-        stages: StageProcesses::default(),
+        pids: [0; 4],
         classes: plan.model.manifest.classes.len(),
         recording: Recording::default(),
     };
     recorder.run(plan, what, progress)?;
-    let mut recording = recorder.recording;
-    recording.restarts = recorder.stages.restarts();
-    Ok(recording)
+    Ok(recorder.recording)
 }
 
 struct Recorder {
@@ -80,7 +78,8 @@ struct Recorder {
     objects: Input<Object>,
     health: HealthWatch,
     shell: Shell,
-    stages: StageProcesses,
+    /// Of the stages; 0: not known.
+    pids: [u32; 4],
     classes: usize,
     recording: Recording,
 }
@@ -100,11 +99,11 @@ impl Recorder {
             if let Some(status) = ended {
                 return self.up.check(status);
             }
-            self.stages.update(self.up.process.id());
+            self.find_stages();
             if let Some(at_s) = self.recording.at_s() {
                 let is_measured = at_s >= plan.warm_up_seconds;
                 let watch = &mut self.recording.watch;
-                watch.look(at_s, is_measured, self.stages.pids);
+                watch.look(at_s, is_measured, self.pids);
                 let (now_s, frames) = (at_s.min(end_s), self.recording.arrivals.len());
                 let text = format!("{what}: {now_s:.0} of {end_s:.0} s, {frames} frames");
                 show(progress, at_s / end_s, text);
@@ -144,6 +143,27 @@ impl Recorder {
         let ingest = self.health.of(Stage::Ingest);
         recording.frames_in = ingest.map_or(0, |ingest| ingest.frames_out).max(seen);
         Ok(())
+    }
+
+    /// By their heartbeats; a foreign refiner may send none: then it is the child of `mluc up` that is no other stage.
+    fn find_stages(&mut self) {
+        const REFINER: usize = Stage::Refiner as usize;
+        let mut pids = Stage::ALL.map(|stage| self.health.of(stage).map_or(0, |own| own.pid));
+        if pids[REFINER] == 0 && !pids[..REFINER].contains(&0) {
+            let children = self.up.children();
+            let known = children.iter().find(|pid| **pid == self.pids[REFINER]);
+            let other = || children.iter().find(|pid| !pids.contains(pid));
+            pids[REFINER] = known.or_else(other).copied().unwrap_or(0);
+        }
+        for (pid, found) in self
+            .pids
+            .iter_mut()
+            .zip(pids)
+            .filter(|(_, found)| *found != 0)
+        {
+            self.recording.restarts += u32::from(*pid != 0 && *pid != found);
+            *pid = found;
+        }
     }
 
     fn give_up(&mut self, plan: &Plan) -> Result<()> {
@@ -213,6 +233,16 @@ impl Up {
             .spawn()
             .with_context(|| format!("starting {}", plan.program.display()))?;
         Ok(Up { process, log })
+    }
+
+    fn children(&self) -> Vec<u32> {
+        let pid = self.process.id();
+        let children = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
+        let children = children.unwrap_or_default();
+        children
+            .split_whitespace()
+            .filter_map(|pid| pid.parse().ok())
+            .collect()
     }
 
     /// Of an end by itself: 0, or 3 where frames were lost, which the report says too.

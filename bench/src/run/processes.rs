@@ -2,8 +2,6 @@
 
 use std::fs;
 
-use mluc_ipc_types::Stage;
-
 use crate::machine::{cpu_ticks, number_of};
 use crate::report::{Resources, Sample};
 
@@ -22,51 +20,6 @@ struct Counts {
     forced: u64,
     private_mib: f64,
     shared_mib: f64,
-}
-
-/// The processes of the stages, among the children of `mluc up`.
-#[derive(Default)]
-pub(crate) struct StageProcesses {
-    /// By stage; 0: not running.
-    pub(crate) pids: [u32; 4],
-    children: String,
-    starts: [u32; 4],
-}
-
-impl StageProcesses {
-    pub(crate) fn update(&mut self, supervisor: u32) {
-        let children = format!("/proc/{supervisor}/task/{supervisor}/children");
-        let children = fs::read_to_string(children).unwrap_or_default();
-        if children == self.children {
-            return;
-        }
-        let command_line = |pid: &str| fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-        let own = command_line(&supervisor.to_string());
-        let mut pids = [0; 4];
-        for pid in children.split_whitespace() {
-            let line = command_line(pid);
-            // A process that was just forked has its parent's command line: looked at again.
-            if line.is_empty() || line == own {
-                return;
-            }
-            let line = String::from_utf8_lossy(&line);
-            let mut words = line.split('\0').skip_while(|word| *word != "stage");
-            // Our stages are `mluc stage NAME`; of a program in a stage's place the refiner's is the one that is measured.
-            let stage = words.nth(1).and_then(Stage::from_name);
-            pids[stage.unwrap_or(Stage::Refiner) as usize] = pid.parse().unwrap_or(0);
-        }
-        for (stage, pid) in pids.iter().enumerate() {
-            self.starts[stage] += u32::from(*pid != 0 && *pid != self.pids[stage]);
-        }
-        self.pids = pids;
-        self.children = children;
-    }
-
-    /// Starts after the first one, of all stages.
-    pub(crate) fn restarts(&self) -> u32 {
-        let again = self.starts.iter().map(|starts| starts.saturating_sub(1));
-        again.sum()
-    }
 }
 
 /// Looks at the four processes while they run.
