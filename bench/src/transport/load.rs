@@ -8,7 +8,7 @@ use clap::ValueEnum;
 use mluc_ipc_types::{Topic, feature_blocks};
 use serde::{Deserialize, Serialize};
 
-/// Whose queue settings and elements a message has.
+/// Whose queue settings and elements a message has: a topic's, in the order of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Payload {

@@ -102,9 +102,6 @@ pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
         });
     }
     let mut peer = Peer::start(settings.program.as_deref(), &order)?;
-    for end in &mut ends {
-        end.sender.peer_is_ready()?;
-    }
     let payload_bytes = settings.load.whole_bytes();
     let (mut from, mut to) = (vec![1; payload_bytes], vec![2; payload_bytes]);
     let mut copied_ns = vec![];
@@ -153,7 +150,7 @@ fn label() -> String {
 /// One way and what was measured on it.
 struct End {
     way: Way,
-    sender: Box<dyn Sender>,
+    sender: Sender,
     latency_ns: Vec<u64>,
     occupied_ns: Vec<u64>,
 }
@@ -168,7 +165,7 @@ impl End {
     ) -> Result<()> {
         peer.expect(self.way)?;
         std::thread::sleep(settings.pause);
-        let sent = self.sender.send(word)?;
+        let sent = (self.sender)(word)?;
         let arrived = peer.arrived()?;
         ensure!(
             arrived.sum == sent.sum,

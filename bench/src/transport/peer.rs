@@ -113,7 +113,7 @@ fn serve(order: &Order) -> Result<()> {
     if let Some(core) = order.core {
         pin(&[core])?;
     }
-    let mut receivers: Vec<(&str, Box<dyn Receiver>)> = vec![];
+    let mut receivers: Vec<(&str, Receiver)> = vec![];
     for &way in &order.ways {
         receivers.push((way.name(), order.link.receiver(way)?));
     }
@@ -122,7 +122,7 @@ fn serve(order: &Order) -> Result<()> {
     for named in std::io::stdin().lines().map_while(Result::ok) {
         let receiver = receivers.iter_mut().find(|(way, _)| *way == named);
         let (_, receiver) = receiver.context("the receiving process: the way named is not open")?;
-        let arrived = serde_json::to_string(&receiver.receive()?)?;
+        let arrived = serde_json::to_string(&receiver()?)?;
         if writeln!(output, "{arrived}").is_err() {
             break;
         }

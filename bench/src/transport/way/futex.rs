@@ -3,17 +3,17 @@
 //! A named POSIX semaphore is a counter in shared memory; glibc posts with one FUTEX_WAKE and waits with one FUTEX_WAIT.
 //! A futex of our own would take unsafe code for the mapping and would be no faster.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use iceoryx2::prelude::{FileName, SemanticString};
 use iceoryx2_bb_posix::clock::ClockType;
 use iceoryx2_bb_posix::creation_mode::CreationMode;
 use iceoryx2_bb_posix::permission::Permission;
-use iceoryx2_bb_posix::semaphore::{NamedSemaphore, NamedSemaphoreBuilder, SemaphoreInterface};
+use iceoryx2_bb_posix::semaphore::{NamedSemaphoreBuilder, SemaphoreInterface};
 use mluc_runtime::monotonic_ns;
 
 use super::{Arrived, Link, PATIENCE, Receiver, Sender, Sent, Way, silence};
 
-pub(super) fn sender(link: &Link) -> Result<Box<dyn Sender>> {
+pub(super) fn sender(link: &Link) -> Result<Sender> {
     let semaphore = NamedSemaphoreBuilder::new(&name(link)?)
         .clock_type(ClockType::Realtime)
         .creation_mode(CreationMode::PurgeAndCreate)
@@ -21,43 +21,30 @@ pub(super) fn sender(link: &Link) -> Result<Box<dyn Sender>> {
         .initial_value(0)
         .create()
         .context("making a semaphore")?;
-    Ok(Box::new(End(semaphore)))
-}
-
-pub(super) fn receiver(link: &Link) -> Result<Box<dyn Receiver>> {
-    let semaphore = NamedSemaphoreBuilder::new(&name(link)?)
-        .clock_type(ClockType::Realtime)
-        .open_existing()
-        .context("opening a semaphore")?;
-    Ok(Box::new(End(semaphore)))
-}
-
-fn name(link: &Link) -> Result<FileName> {
-    FileName::new(format!("mluc-{}", link.label).as_bytes()).context("a semaphore's name")
-}
-
-struct End(NamedSemaphore);
-
-impl Sender for End {
-    fn send(&mut self, _word: u32) -> Result<Sent> {
+    Ok(Box::new(move |_word| {
         let at_ns = monotonic_ns();
-        self.0.post().context("waking")?;
+        semaphore.post().context("waking")?;
         Ok(Sent {
             at_ns,
             occupied_ns: monotonic_ns() - at_ns,
             sum: 0,
         })
-    }
+    }))
 }
 
-impl Receiver for End {
-    fn receive(&mut self) -> Result<Arrived> {
-        let woken = self.0.timed_wait(PATIENCE).context("waiting")?;
+pub(super) fn receiver(link: &Link) -> Result<Receiver> {
+    let semaphore = NamedSemaphoreBuilder::new(&name(link)?)
+        .clock_type(ClockType::Realtime)
+        .open_existing()
+        .context("opening a semaphore")?;
+    Ok(Box::new(move || {
+        let is_woken = semaphore.timed_wait(PATIENCE).context("waiting")?;
         let at_ns = monotonic_ns();
-        if woken {
-            Ok(Arrived { at_ns, sum: 0 })
-        } else {
-            Err(silence(Way::Futex))
-        }
-    }
+        ensure!(is_woken, silence(Way::Futex));
+        Ok(Arrived { at_ns, sum: 0 })
+    }))
+}
+
+fn name(link: &Link) -> Result<FileName> {
+    FileName::new(format!("mluc-{}", link.label).as_bytes()).context("a semaphore's name")
 }

@@ -2,60 +2,29 @@
 
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use mluc_ipc_types::{FrameHeader, Stage};
-use mluc_runtime::{Input, Output, Shell, Shutdown, monotonic_ns};
+use mluc_runtime::{Shell, Shutdown, monotonic_ns};
 
 use super::{
-    Arrived, Element, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, for_elements, read,
-    silence, sum_of,
+    Arrived, Element, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, read, silence,
+    sum_of,
 };
 
-pub(super) fn sender(link: &Link) -> Result<Box<dyn Sender>> {
-    for_elements!(link, sender_of)
-}
-
-pub(super) fn receiver(link: &Link) -> Result<Box<dyn Receiver>> {
-    for_elements!(link, receiver_of)
-}
-
-fn sender_of<T: Element>(link: &Link) -> Result<Box<dyn Sender>> {
+pub(super) fn sender<T: Element>(link: &Link) -> Result<Sender> {
+    let elements = link.load.elements();
     let instance = link.instance(Way::Hop)?;
     let mut shell = Shell::stage(&instance, Stage::Ingest, Shutdown::manual())?;
-    let output = shell.output::<T>(link.load.payload.topic(), link.load.elements())?;
-    Ok(Box::new(HopSender {
-        output,
-        shell,
-        elements: link.load.elements(),
-        sequence: 0,
-    }))
-}
-
-fn receiver_of<T: Element>(link: &Link) -> Result<Box<dyn Receiver>> {
-    let instance = link.instance(Way::Hop)?;
-    let shutdown = Shutdown::manual();
-    let shell = Shell::stage(&instance, Stage::Backbone, shutdown.clone())?;
-    let input = shell.input::<T>(link.load.payload.topic())?;
-    Ok(Box::new(HopReceiver {
-        input,
-        shell,
-        shutdown,
-    }))
-}
-
-struct HopSender<T: Element> {
-    output: Output<T>,
-    shell: Shell,
-    elements: usize,
-    sequence: u64,
-}
-
-impl<T: Element> Sender for HopSender<T> {
-    fn send(&mut self, word: u32) -> Result<Sent> {
-        let header = FrameHeader::new(self.sequence, "bench");
-        self.sequence += 1;
+    let output = shell.output::<T>(link.load.payload.topic(), elements)?;
+    // The shell is dropped last.
+    let mut end = (output, shell);
+    let mut sequence = 0;
+    Ok(Box::new(move |word| {
+        let (output, shell) = &mut end;
+        let header = FrameHeader::new(sequence, "bench");
+        sequence += 1;
         let asked_ns = monotonic_ns();
-        let mut loan = self.output.loan(&header, self.elements)?;
+        let mut loan = output.loan(&header, elements)?;
         let lent_ns = monotonic_ns();
         // Element by element, as raw iceoryx2 fills its memory.
         let element = element_of(word);
@@ -66,35 +35,34 @@ impl<T: Element> Sender for HopSender<T> {
         loan.header_mut().stamps_mut(Stage::Ingest).published_ns = at_ns;
         loan.publish()?;
         let occupied_ns = lent_ns - asked_ns + monotonic_ns() - at_ns;
-        self.shell.tick()?;
+        shell.tick()?;
         Ok(Sent {
             at_ns,
             occupied_ns,
-            sum: sum_of::<T>(word, self.elements),
+            sum: sum_of::<T>(word, elements),
         })
-    }
+    }))
 }
 
-struct HopReceiver<T: Element> {
-    input: Input<T>,
-    shell: Shell,
-    shutdown: Shutdown,
-}
-
-impl<T: Element> Receiver for HopReceiver<T> {
-    fn receive(&mut self) -> Result<Arrived> {
+pub(super) fn receiver<T: Element>(link: &Link) -> Result<Receiver> {
+    let instance = link.instance(Way::Hop)?;
+    let shutdown = Shutdown::manual();
+    let shell = Shell::stage(&instance, Stage::Backbone, shutdown.clone())?;
+    let input = shell.input::<T>(link.load.payload.topic())?;
+    let mut end = (input, shell);
+    Ok(Box::new(move || {
+        let (input, shell) = &mut end;
         let begun = Instant::now();
-        let shutdown = &self.shutdown;
-        let message = self.shell.next(&mut self.input, |_| {
+        let message = shell.next(input, |_| {
             if begun.elapsed() > PATIENCE {
                 shutdown.request();
             }
             Ok(())
         })?;
-        let message = message.ok_or_else(|| silence(Way::Hop))?;
+        let message = message.with_context(|| silence(Way::Hop))?;
         Ok(Arrived {
             at_ns: message.received_ns,
             sum: read(message.elements()),
         })
-    }
+    }))
 }

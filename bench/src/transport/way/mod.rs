@@ -8,10 +8,11 @@ mod socket;
 use std::time::Duration;
 
 use anyhow::Result;
+use mluc_ipc_types::{Detection, FeatureBlock, Object, Point};
 use mluc_runtime::Instance;
 use serde::{Deserialize, Serialize};
 
-use crate::transport::load::{Load, Wake};
+use super::load::{Load, Payload, Wake};
 
 /// One way from process to process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize)]
@@ -40,9 +41,9 @@ impl Way {
 /// Longest time that a receiver waits for one message.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 
-fn silence(way: Way) -> anyhow::Error {
+fn silence(way: Way) -> String {
     let seconds = PATIENCE.as_secs();
-    anyhow::anyhow!("{}: no message within {seconds} s", way.name())
+    format!("{}: no message within {seconds} s", way.name())
 }
 
 /// What the sender knows of a message that it sent.
@@ -64,21 +65,22 @@ pub(crate) struct Arrived {
     pub(crate) sum: u32,
 }
 
-/// The sender's end.
-pub(crate) trait Sender {
-    /// Fills a message with a word and sends it.
-    fn send(&mut self, word: u32) -> Result<Sent>;
+/// The sender's end: fills a message with a word and sends it.
+pub(crate) type Sender = Box<dyn FnMut(u32) -> Result<Sent>>;
 
-    /// The receiver is there now.
-    fn peer_is_ready(&mut self) -> Result<()> {
-        Ok(())
-    }
-}
+/// The receiver's end: waits for a message, then reads all of it.
+pub(crate) type Receiver = Box<dyn FnMut() -> Result<Arrived>>;
 
-/// The receiver's end.
-pub(crate) trait Receiver {
-    /// Waits for a message, then reads all of it.
-    fn receive(&mut self) -> Result<Arrived>;
+/// Makes a generic end for the elements that the topic of a link carries.
+macro_rules! for_elements {
+    ($link:expr, $($end:ident)::+) => {
+        match $link.load.payload {
+            Payload::Points => $($end)::+::<Point>($link),
+            Payload::Features => $($end)::+::<FeatureBlock>($link),
+            Payload::Detections => $($end)::+::<Detection>($link),
+            Payload::Objects => $($end)::+::<Object>($link),
+        }
+    };
 }
 
 /// What both ends must agree on.
@@ -96,39 +98,24 @@ impl Link {
         Ok(Instance::new(&format!("{}-{}", self.label, way.name()))?)
     }
 
-    pub(crate) fn sender(&self, way: Way) -> Result<Box<dyn Sender>> {
+    pub(crate) fn sender(&self, way: Way) -> Result<Sender> {
         match way {
-            Way::Hop => hop::sender(self),
-            Way::Raw => raw::sender(self),
+            Way::Hop => for_elements!(self, hop::sender),
+            Way::Raw => for_elements!(self, raw::sender),
             Way::Futex => futex::sender(self),
             Way::Socket => socket::sender(self),
         }
     }
 
-    pub(crate) fn receiver(&self, way: Way) -> Result<Box<dyn Receiver>> {
+    pub(crate) fn receiver(&self, way: Way) -> Result<Receiver> {
         match way {
-            Way::Hop => hop::receiver(self),
-            Way::Raw => raw::receiver(self),
+            Way::Hop => for_elements!(self, hop::receiver),
+            Way::Raw => for_elements!(self, raw::receiver),
             Way::Futex => futex::receiver(self),
             Way::Socket => socket::receiver(self),
         }
     }
 }
-
-/// Builds a generic end for the elements that the topic of a link carries.
-macro_rules! for_elements {
-    ($link:expr, $build:ident) => {{
-        use crate::transport::load::Payload::{Detections, Features, Objects, Points};
-        use mluc_ipc_types::{Detection, FeatureBlock, Object, Point};
-        match $link.load.payload {
-            Points => $build::<Point>($link),
-            Features => $build::<FeatureBlock>($link),
-            Detections => $build::<Detection>($link),
-            Objects => $build::<Object>($link),
-        }
-    }};
-}
-use for_elements;
 
 /// What the topics carry: plain data of whole words.
 pub(crate) trait Element:

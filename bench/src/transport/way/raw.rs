@@ -2,12 +2,8 @@
 
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use iceoryx2::node::{Node, NodeBuilder};
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{
     AllocationStrategy, BackpressureStrategy, Config, FileName, Path, SemanticString, ServiceName,
     SignalHandlingMode,
@@ -19,18 +15,10 @@ use mluc_ipc_types::{FrameHeader, Topic};
 use mluc_runtime::{Membership, monotonic_ns};
 
 use super::{
-    Arrived, Element, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, for_elements, read,
-    silence, sum_of,
+    Arrived, Element, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, read, silence,
+    sum_of,
 };
 use crate::transport::load::Wake;
-
-pub(super) fn sender(link: &Link) -> Result<Box<dyn Sender>> {
-    for_elements!(link, sender_of)
-}
-
-pub(super) fn receiver(link: &Link) -> Result<Box<dyn Receiver>> {
-    for_elements!(link, receiver_of)
-}
 
 /// A process's place among the others. Drop it last: the last member removes all files.
 struct Place {
@@ -90,12 +78,13 @@ impl Place {
     }
 }
 
-fn sender_of<T: Element>(link: &Link) -> Result<Box<dyn Sender>> {
+pub(super) fn sender<T: Element>(link: &Link) -> Result<Sender> {
     let (place, topic) = (Place::join(link)?, link.load.payload.topic());
+    let elements = link.load.elements();
     let publisher = place
         .data::<T>(topic)?
         .publisher_builder()
-        .initial_max_slice_len(link.load.elements())
+        .initial_max_slice_len(elements)
         .allocation_strategy(AllocationStrategy::Static)
         .max_loaned_samples(topic.loans)
         .backpressure_strategy(BackpressureStrategy::DiscardData)
@@ -104,79 +93,51 @@ fn sender_of<T: Element>(link: &Link) -> Result<Box<dyn Sender>> {
     let notifier = place
         .wake(link)?
         .map(|wake| wake.notifier_builder().create());
-    Ok(Box::new(RawSender {
-        publisher,
-        notifier: notifier.transpose().context("making a notifier")?,
-        elements: link.load.elements(),
-        _place: place,
-    }))
-}
-
-fn receiver_of<T: Element>(link: &Link) -> Result<Box<dyn Receiver>> {
-    let place = Place::join(link)?;
-    let data = place.data::<T>(link.load.payload.topic())?;
-    let subscriber = data.subscriber_builder().create();
-    let listener = place
-        .wake(link)?
-        .map(|wake| wake.listener_builder().create());
-    Ok(Box::new(RawReceiver {
-        subscriber: subscriber.context("making a subscriber")?,
-        listener: listener.transpose().context("making a listener")?,
-        _place: place,
-    }))
-}
-
-struct RawSender<T: Element> {
-    publisher: Publisher<Ipc, [T], FrameHeader>,
-    notifier: Option<Notifier<Ipc>>,
-    elements: usize,
-    _place: Place,
-}
-
-impl<T: Element> Sender for RawSender<T> {
-    fn send(&mut self, word: u32) -> Result<Sent> {
+    let notifier = notifier.transpose().context("making a notifier")?;
+    let end = (publisher, notifier, place);
+    Ok(Box::new(move |word| {
+        let (publisher, notifier, _) = &end;
         let asked_ns = monotonic_ns();
-        let sample = self
-            .publisher
-            .loan_slice_uninit(self.elements)
-            .context("lending memory")?;
+        let sample = publisher.loan_slice_uninit(elements);
+        let sample = sample.context("lending memory")?;
         let lent_ns = monotonic_ns();
         let element = element_of(word);
         let mut sample = sample.write_from_fn(|_| element);
         let at_ns = monotonic_ns();
         sample.user_header_mut().stages[0].published_ns = at_ns;
         sample.send().context("sending")?;
-        if let Some(notifier) = &self.notifier {
+        if let Some(notifier) = notifier {
             notifier.notify().context("waking")?;
         }
         Ok(Sent {
             at_ns,
             occupied_ns: lent_ns - asked_ns + monotonic_ns() - at_ns,
-            sum: sum_of::<T>(word, self.elements),
+            sum: sum_of::<T>(word, elements),
         })
-    }
+    }))
 }
 
-struct RawReceiver<T: Element> {
-    subscriber: Subscriber<Ipc, [T], FrameHeader>,
-    listener: Option<Listener<Ipc>>,
-    _place: Place,
-}
-
-impl<T: Element> Receiver for RawReceiver<T> {
-    fn receive(&mut self) -> Result<Arrived> {
+pub(super) fn receiver<T: Element>(link: &Link) -> Result<Receiver> {
+    let place = Place::join(link)?;
+    let data = place.data::<T>(link.load.payload.topic())?;
+    let subscriber = data.subscriber_builder().create();
+    let subscriber = subscriber.context("making a subscriber")?;
+    let listener = place
+        .wake(link)?
+        .map(|wake| wake.listener_builder().create());
+    let listener = listener.transpose().context("making a listener")?;
+    let end = (subscriber, listener, place);
+    Ok(Box::new(move || {
+        let (subscriber, listener, _) = &end;
         let begun = Instant::now();
-        loop {
-            if let Some(sample) = self.subscriber.receive().context("taking a message")? {
+        while begun.elapsed() <= PATIENCE {
+            if let Some(sample) = subscriber.receive().context("taking a message")? {
                 return Ok(Arrived {
                     at_ns: monotonic_ns(),
                     sum: read(sample.payload()),
                 });
             }
-            if begun.elapsed() > PATIENCE {
-                return Err(silence(Way::Raw));
-            }
-            match &self.listener {
+            match listener {
                 // A wake-up of a message that is taken already ends this early: then it looks again.
                 Some(listener) => {
                     let waited = listener.timed_wait(|_| (), PATIENCE);
@@ -185,5 +146,6 @@ impl<T: Element> Receiver for RawReceiver<T> {
                 None => std::hint::spin_loop(),
             }
         }
-    }
+        bail!(silence(Way::Raw))
+    }))
 }
