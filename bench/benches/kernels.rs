@@ -1,7 +1,7 @@
 //! Single kernels on a simulated scan, in the order of a frame: decoding the scan, voxels, feature rows, the head and its
 //! parts, the refiner. Levels of the network: the program `network` prints them.
 
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use mluc_backbone::{Backbone, Precision, Voxels, voxelize};
 use mluc_bench::inputs;
 use mluc_geometry::{Box3, Random, nms_into};
@@ -61,13 +61,12 @@ fn boxes(objects: usize) -> Vec<Box3> {
     let places: Vec<[f64; 3]> = (0..objects)
         .map(|_| [around(35.0, 35.0), around(0.0, 40.0), around(1.5, 1.5)])
         .collect();
-    (0..BOXES)
-        .map(|k| {
-            let [x, y, yaw] = places[k % objects];
-            let (x, y, yaw) = (around(x, 0.5), around(y, 0.5), around(yaw, 0.1));
-            Box3::new([x, y, -1.0, 3.9, 1.6, 1.5, yaw])
-        })
-        .collect()
+    let anchor = |k: usize| {
+        let [x, y, yaw] = places[k % objects];
+        let (x, y, yaw) = (around(x, 0.5), around(y, 0.5), around(yaw, 0.1));
+        Box3::new([x, y, -1.0, 3.9, 1.6, 1.5, yaw])
+    };
+    (0..BOXES).map(anchor).collect()
 }
 
 fn head(c: &mut Criterion) {
@@ -93,20 +92,19 @@ fn head(c: &mut Criterion) {
     }
     let mut random = Random::new(2, &[]);
     let anchor = Box3::new([10.0, 0.0, -1.0, 3.9, 1.6, 1.56, ANCHOR_YAWS_RAD[1]]);
-    let mut code = || [(); 7].map(|()| random.uniform(-0.5, 0.5) as f32);
-    let codes: Vec<[f32; 7]> = (0..BOXES).map(|_| code()).collect();
+    let mut code = |_| [(); 7].map(|()| random.uniform(-0.5, 0.5) as f32);
+    let codes: Vec<[f32; 7]> = (0..BOXES).map(&mut code).collect();
+    let decoded = |code: &[f32; 7]| {
+        let mut found = decode(code, &anchor)?;
+        found.yaw_rad = direct(found.yaw_rad, 1);
+        Some(found)
+    };
+    let mut found = Vec::with_capacity(BOXES);
     c.bench_function(&format!("decode/{BOXES} boxes"), |b| {
-        b.iter_batched_ref(
-            || Vec::with_capacity(BOXES),
-            |found| {
-                found.extend(codes.iter().filter_map(|code| {
-                    let mut found = decode(code, &anchor)?;
-                    found.yaw_rad = direct(found.yaw_rad, 1);
-                    Some(found)
-                }))
-            },
-            BatchSize::SmallInput,
-        )
+        b.iter(|| {
+            found.clear();
+            found.extend(codes.iter().filter_map(decoded));
+        })
     });
 }
 

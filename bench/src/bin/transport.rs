@@ -132,11 +132,13 @@ fn print(measured: &[(Payload, Measured)]) {
 
 /// The frame's way from ingest to the robot: one message of each topic, as large as it can be; p50 and p99.
 fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
-    let hops = measured.iter();
-    let hops = hops.filter_map(|(_, found)| found.latency(Way::Hop));
-    hops.fold((0.0, 0.0), |(p50, p99), hop| {
-        (p50 + hop.p50_us, p99 + hop.p99_us)
-    })
+    let hops = || {
+        measured
+            .iter()
+            .filter_map(|(_, found)| found.latency(Way::Hop))
+    };
+    let p50_us = hops().map(|hop| hop.p50_us).sum();
+    (p50_us, hops().map(|hop| hop.p99_us).sum())
 }
 
 /// Ours over a baseline, below which our hop is not to be expected; and a copy over ours.

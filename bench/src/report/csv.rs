@@ -1,9 +1,8 @@
 //! The table of frames: every frame that was due, a line each, times in us since the round's first frame was due.
 
-use std::fmt::Write;
 use std::str::FromStr;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 
 use super::frame::{FrameRecord, Stamps};
 use super::series::series;
@@ -15,6 +14,9 @@ const HEAD: &str = "round,sequence,frame,phase,outcome,due_us,\
     refiner_received_us,refiner_started_us,refiner_published_us,\
     arrived_us,latency_us,flags";
 
+const PHASES: [&str; 2] = ["warm_up", "measured"];
+const OUTCOMES: [&str; 2] = ["out", "dropped"];
+
 /// Columns before the stamps, and with them.
 const FIXED: usize = 6;
 const ARRIVED: usize = FIXED + 12;
@@ -25,27 +27,17 @@ pub fn write_frames(frames: &[FrameRecord]) -> String {
     let mut text = format!("{HEAD}\n");
     let us = |ns: i64| format!(",{:.3}", ns as f64 / 1000.0);
     for (frame, latency_us) in frames.iter().zip(latency_us) {
-        let phase = if frame.is_warm_up {
-            "warm_up"
-        } else {
-            "measured"
-        };
-        let outcome = if frame.is_out() { "out" } else { "dropped" };
+        let (round, sequence, flags) = (frame.round, frame.sequence, &frame.flags);
         let name = frame.name.replace([',', '"', '\n', '\r'], "");
-        let (round, sequence) = (frame.round, frame.sequence);
+        let phase = PHASES[usize::from(!frame.is_warm_up)];
+        let outcome = OUTCOMES[usize::from(!frame.is_out())];
         let due = us(frame.due_ns);
         let times = frame.stamps.map_or(",".repeat(13), |stamps| {
-            let each = stamps.map(|own| {
-                [own.received_ns, own.started_ns, own.published_ns]
-                    .map(us)
-                    .concat()
-            });
-            each.concat() + &us(frame.arrived_ns)
+            let own = |own: Stamps| [own.received_ns, own.started_ns, own.published_ns];
+            stamps.map(|stage| own(stage).map(us).concat()).concat() + &us(frame.arrived_ns)
         });
-        let flags = &frame.flags;
-        let _ = writeln!(
-            text,
-            "{round},{sequence},{name},{phase},{outcome}{due}{times},{latency_us:.3},{flags}"
+        text += &format!(
+            "{round},{sequence},{name},{phase},{outcome}{due}{times},{latency_us:.3},{flags}\n"
         );
     }
     text
@@ -54,36 +46,34 @@ pub fn write_frames(frames: &[FrameRecord]) -> String {
 /// The frames of a table that [`write_frames`] wrote.
 pub fn read_frames(text: &str) -> Result<Vec<FrameRecord>> {
     let head = text.lines().next().unwrap_or_default();
-    if head != HEAD {
-        let found: String = head.chars().take(200).collect();
-        bail!("frames.csv: expected the columns `{HEAD}`, found `{found}`");
-    }
-    let lines = text.lines().enumerate().skip(1);
+    ensure!(
+        head == HEAD,
+        "frames.csv: expected the columns `{HEAD}`, found `{head:.200}`"
+    );
+    let lines = text.lines().zip(1..).skip(1);
+    let read = |(line, number): (&str, usize)| {
+        read_frame(line).with_context(|| format!("frames.csv, line {number}"))
+    };
     lines
-        .filter(|(_, line)| !line.is_empty())
-        .map(|(index, line)| {
-            read_frame(line).with_context(|| format!("frames.csv, line {}", index + 1))
-        })
+        .filter(|(line, _)| !line.is_empty())
+        .map(read)
         .collect()
 }
 
 fn read_frame(line: &str) -> Result<FrameRecord> {
     let cells: Vec<&str> = line.split(',').collect();
-    let expected = HEAD.split(',').count();
+    let (expected, found) = (HEAD.split(',').count(), cells.len());
     ensure!(
-        cells.len() == expected,
-        "expected {expected} cells, found {}",
-        cells.len()
+        found == expected,
+        "expected {expected} cells, found {found}"
     );
     let ns = |column: usize| -> Result<i64> {
         let us: f64 = number(cells[column])?;
-        ensure!(
-            us.abs() < 1e12,
-            "expected a time in us below 1e12, found `{us}`"
-        );
+        let is_time = us.abs() < 1e12;
+        ensure!(is_time, "expected a time in us below 1e12, found `{us}`");
         Ok((us * 1000.0).round() as i64)
     };
-    let is_out = is_first(cells[4], ["out", "dropped"])?;
+    let is_out = is_first(cells[4], OUTCOMES)?;
     let mut stamps = [Stamps::default(); 4];
     for (stage, own) in stamps.iter_mut().enumerate().filter(|_| is_out) {
         let column = FIXED + 3 * stage;
@@ -95,7 +85,7 @@ fn read_frame(line: &str) -> Result<FrameRecord> {
         round: number(cells[0])?,
         sequence: number(cells[1])?,
         name: cells[2].to_string(),
-        is_warm_up: is_first(cells[3], ["warm_up", "measured"])?,
+        is_warm_up: is_first(cells[3], PHASES)?,
         due_ns: ns(5)?,
         stamps: is_out.then_some(stamps),
         arrived_ns: if is_out { ns(ARRIVED)? } else { 0 },
@@ -108,10 +98,10 @@ fn number<T: FromStr>(cell: &str) -> Result<T> {
     cell.parse().ok().with_context(wrong)
 }
 
-fn is_first(cell: &str, words: [&str; 2]) -> Result<bool> {
-    let [first, second] = words;
+fn is_first(cell: &str, [first, second]: [&str; 2]) -> Result<bool> {
+    let is_either = [first, second].contains(&cell);
     ensure!(
-        words.contains(&cell),
+        is_either,
         "expected {first} or {second}, found `{cell:.40}`"
     );
     Ok(cell == first)
@@ -125,9 +115,8 @@ mod tests {
     #[test]
     fn what_is_written_is_read() {
         let mut frames = vec![frame(0, 900), dropped(1), frame(2, 1000)];
-        frames[0].is_warm_up = true;
+        (frames[0].is_warm_up, frames[2].round) = (true, 3);
         frames[2].flags = "late resent".to_string();
-        frames[2].round = 3;
         assert_eq!(read_frames(&write_frames(&frames)).unwrap(), frames);
     }
 
@@ -140,12 +129,9 @@ mod tests {
         }
         let short = text.trim_end().rsplit_once(',').unwrap().0;
         assert!(error(short).contains("line 2: expected 21 cells, found 20"));
-        for (from, to) in [
-            (",measured,", ",hot,"),
-            (",out,", ",gone,"),
-            ("0.000", "soon"),
-            ("0.000", "inf"),
-        ] {
+        let damages = [(",measured,", ",hot,"), (",out,", ",gone,")];
+        let times = ["soon", "inf"].map(|time| ("0.000", time));
+        for (from, to) in damages.into_iter().chain(times) {
             let error = error(&text.replace(from, to));
             assert!(error.contains("line 2: expected"), "{error}");
         }

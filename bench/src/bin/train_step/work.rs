@@ -5,8 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use mluc_bench::clock::{Lap, laps};
 use mluc_dataset::Dataset;
-use mluc_geometry::Random;
-use mluc_geometry::quantile_of;
+use mluc_geometry::{Random, quantile_of};
 use mluc_model::{Manifest, Network};
 use mluc_train::TrainSettings;
 use mluc_train::anchors::Anchors;
@@ -102,18 +101,18 @@ impl Work {
     /// Lists every cell of the map, and labels it: the same numbers come out, at the cost of dense layers.
     pub(crate) fn compute_every_cell(&mut self) {
         let map = &self.plan.map;
-        let cell_of = |&(row, z): &(u32, u32)| (map.occupied[row as usize], z);
-        let scatter: Vec<_> = map.scatter.iter().map(cell_of).collect();
+        let scatter = scatter_of(map);
         let cells = Cells::from_marks(map.shape, &vec![true; map.cells()]);
         self.plan.map = MapPlan::from_cells(&self.chain.network, cells, &scatter);
         let count = self.plan.map.cells();
         let labelled = std::mem::replace(&mut self.labelled, (0..count as u32).collect());
-        let outputs = &mut self.outputs;
-        for gradient in [
-            &mut outputs.embedding,
-            &mut outputs.boxes,
-            &mut outputs.direction,
-        ] {
+        let Outputs {
+            embedding,
+            boxes,
+            direction,
+            ..
+        } = &mut self.outputs;
+        for gradient in [embedding, boxes, direction] {
             *gradient = spread(gradient, &labelled, count);
         }
         self.share_presence_gradient();
@@ -124,16 +123,10 @@ impl Work {
         let (map, anchors) = (&self.plan.map, self.chain.heads.presence.cout);
         let [rows1, rows2] = [0, 1].map(|up| map.ups[up].gather.outputs());
         self.outputs.presence = [vec![0.0; rows1 * anchors], vec![0.0; 4 * rows2 * anchors]];
-        for (to, row_of) in self
-            .outputs
-            .presence
-            .iter_mut()
-            .zip([&map.up1_row, &map.up2_row])
-        {
-            for (row, from) in row_of
-                .iter()
-                .zip(self.presence_gradient.chunks_exact(anchors))
-            {
+        let rows = [&map.up1_row, &map.up2_row];
+        for (to, row_of) in self.outputs.presence.iter_mut().zip(rows) {
+            let gradients = self.presence_gradient.chunks_exact(anchors);
+            for (row, from) in row_of.iter().zip(gradients) {
                 let to = &mut to[*row as usize * anchors..][..anchors];
                 to.iter_mut().zip(from).for_each(|(to, from)| *to += from);
             }
@@ -179,9 +172,8 @@ fn read_scenes(manifest: &Manifest, data: &Path, frames: &[usize]) -> Result<Vec
     let read = |&frame: &usize| {
         let count = source.count();
         ensure!(frame < count, "{count} frames, found --frame {frame}");
-        let mut scene = source
-            .scan(frame)
-            .with_context(|| data.display().to_string())?;
+        let scene = source.scan(frame);
+        let mut scene = scene.with_context(|| data.display().to_string())?;
         crop(&mut scene, &manifest.network.grid);
         Ok(scene)
     };
@@ -197,20 +189,20 @@ fn timed_plan(network: &Network, scans: &[Vec<[f32; 4]>]) -> (Plan, PlanTimes) {
         let mut lap = laps();
         plan = planner.plan(scans);
         all.push(lap().wall);
-        let map = &plan.map;
-        let cell_of = |&(row, z): &(u32, u32)| (map.occupied[row as usize], z);
-        let scatter: Vec<_> = map.scatter.iter().map(cell_of).collect();
+        let scatter = scatter_of(&plan.map);
         lap();
         let again = MapPlan::new(network, scans.len(), &scatter);
         halo.push(lap().wall);
         debug_assert_eq!(again.occupied, plan.map.occupied);
     }
-    let median = |values| quantile_of(values, 0.5).unwrap_or_default();
-    let times = PlanTimes {
-        all: median(all),
-        halo: median(halo),
-    };
-    (plan, times)
+    let [all, halo] = [all, halo].map(|ms| quantile_of(ms, 0.5).unwrap_or_default());
+    (plan, PlanTimes { all, halo })
+}
+
+/// Cell and height of each row that the map reads.
+pub(crate) fn scatter_of(map: &MapPlan) -> Vec<(u32, u32)> {
+    let cell_of = |&(row, z): &(u32, u32)| (map.occupied[row as usize], z);
+    map.scatter.iter().map(cell_of).collect()
 }
 
 /// Rows of some cells among rows of all, 0 elsewhere.

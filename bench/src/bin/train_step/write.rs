@@ -7,22 +7,18 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use bytemuck::NoUninit;
+use mluc_model::DenseLayer;
 use mluc_train::layers::{Layer, Linear};
 use mluc_train::network::{Chain, Pass};
 use serde_json::{Value, json};
 
-use crate::work::Work;
+use crate::work::{Work, scatter_of};
 
 pub(crate) fn write(work: &mut Work, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let (pass, _) = work.run();
-    let (plan, map) = (&work.plan, &work.plan.map);
-    let cells: Vec<u32> = map
-        .scatter
-        .iter()
-        .map(|(row, _)| map.occupied[*row as usize])
-        .collect();
-    let levels: Vec<u32> = map.scatter.iter().map(|(_, z)| *z).collect();
+    let plan = &work.plan;
+    let (cells, levels): (Vec<u32>, Vec<u32>) = scatter_of(&plan.map).into_iter().unzip();
     put(folder, "parameters", &work.parameters)?;
     put(folder, "voxels", &plan.sparse.voxels)?;
     for (number, layer) in plan.sparse.layers.iter().enumerate() {
@@ -78,17 +74,13 @@ fn presence(work: &Work, pass: &Pass) -> Vec<f32> {
 fn description(work: &Work) -> Value {
     let chain = &work.chain;
     let Chain { network, heads, .. } = chain;
-    let plain = |layers: &[Layer]| layers.iter().map(|l| layer(l, 1)).collect::<Vec<_>>();
-    let block = |layers: &[Layer], like: &[mluc_model::DenseLayer]| {
+    let plain = |layers: &[Layer]| -> Value { layers.iter().map(|l| layer(l, 1)).collect() };
+    let block = |layers: &[Layer], like: &[DenseLayer]| -> Value {
         let pairs = layers.iter().zip(like);
-        pairs.map(|(l, d)| layer(l, d.stride)).collect::<Vec<_>>()
+        pairs.map(|(l, d)| layer(l, d.stride)).collect()
     };
-    let heads: Vec<_> = [&heads.presence]
-        .into_iter()
-        .chain(&heads.embedding)
-        .chain([&heads.boxes, &heads.direction])
-        .map(head)
-        .collect();
+    let presence = [&heads.presence].into_iter().chain(&heads.embedding);
+    let heads = presence.chain([&heads.boxes, &heads.direction]).map(head);
     json!({
         "shape": work.plan.map.shape,
         "map_channels": network.map_channels(),
@@ -98,7 +90,7 @@ fn description(work: &Work) -> Value {
         "block2": block(&chain.block2, &network.block2),
         "up1": layer(&chain.up1, 1),
         "up2": layer(&chain.up2, 1),
-        "heads": heads,
+        "heads": heads.collect::<Vec<_>>(),
     })
 }
 
