@@ -117,27 +117,28 @@ fn commit(program: &Path) -> Option<String> {
         return Some(commit.to_string());
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let git = |arguments: &[&str]| {
+        let mut command = Command::new("git");
+        let output = command.arg("-C").arg(&root).args(arguments).output().ok()?;
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        output.status.success().then_some(text)
+    };
     let modified = |path: &Path| std::fs::metadata(path).and_then(|about| about.modified());
     let built = modified(program).ok()?;
     let seconds = built.duration_since(UNIX_EPOCH).ok()?.as_secs();
     let before = format!("--before={seconds}");
-    let log = git(&root, &["log", "-1", "--abbrev=12", "--format=%h", &before])?;
+    let log = git(&["log", "-1", "--abbrev=12", "--format=%h", &before])?;
     let commit = log.lines().next().filter(|line| !line.is_empty())?;
     let mut diff = vec!["diff", "--name-only", commit, "--"];
     diff.extend(SOURCES.split(' '));
-    let changed = git(&root, &diff)?;
-    let is_in_the_build =
-        |name: &str| modified(&root.join(name)).is_ok_and(|changed| changed <= built);
-    let is_dirty = changed.lines().any(is_in_the_build);
-    Some(format!("{commit}{}", if is_dirty { "-dirty" } else { "" }))
-}
-
-/// What git prints, if it is there and content.
-fn git(root: &Path, arguments: &[&str]) -> Option<String> {
-    let mut command = Command::new("git");
-    let output = command.arg("-C").arg(root).args(arguments).output().ok()?;
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    output.status.success().then_some(text)
+    let changed = git(&diff)?;
+    let is_built = |name: &str| modified(&root.join(name)).is_ok_and(|changed| changed <= built);
+    let dirty = if changed.lines().any(is_built) {
+        "-dirty"
+    } else {
+        ""
+    };
+    Some(format!("{commit}{dirty}"))
 }
 
 /// FNV-1a over words of 8 bytes.
@@ -184,11 +185,13 @@ mod tests {
     #[test]
     fn this_machine_and_program_are_described() {
         let here = describe_here();
-        assert!(here["memory_mib"].as_u64().unwrap() > 0);
-        assert!(here["cores_usable"].as_u64().unwrap() > 0);
+        assert!(here["memory_mib"].as_u64() > Some(0) && here["cores_usable"].as_u64() > Some(0));
         assert!(here["kernel"].is_string() && available_mib() > 0);
         assert!(here["compiler"].as_str().unwrap().starts_with("rustc"));
         assert_eq!(here["binary"].as_str().unwrap().len(), 16);
+        // A changed byte is another binary.
+        assert_ne!(fingerprint(b"0123456789"), fingerprint(b"0123456788"));
+        assert_ne!(fingerprint(b""), fingerprint(b"\0"));
     }
 
     #[test]
@@ -203,11 +206,5 @@ mod tests {
         let stat = "1 (a) b)) S 2 3 4 5 6 7 8 9 10 11 100 20 3 4 20 0 1 0";
         assert_eq!(cpu_ticks(stat), [100, 20, 3, 4]);
         assert_eq!(cpu_ticks(""), [0; 4]);
-    }
-
-    #[test]
-    fn a_changed_byte_is_another_binary() {
-        assert_ne!(fingerprint(b"0123456789"), fingerprint(b"0123456788"));
-        assert_ne!(fingerprint(b""), fingerprint(b"\0"));
     }
 }

@@ -57,10 +57,8 @@ impl FrameRecord {
     /// Time in the queue before a stage, us: from its input's publication (ingest: from due) to the start of computing.
     pub fn queue_us(&self, stage: usize) -> Option<f64> {
         let stamps = self.stamps?;
-        let input_ns = match stage.checked_sub(1) {
-            Some(before) => stamps[before].published_ns,
-            None => self.due_ns,
-        };
+        let before = stage.checked_sub(1).map(|before| stamps[before]);
+        let input_ns = before.map_or(self.due_ns, |before| before.published_ns);
         Some(micros(stamps[stage].started_ns - input_ns))
     }
 
@@ -89,25 +87,21 @@ pub(crate) mod testing {
     /// A frame at 10 Hz whose four stages run `run_us` each after 10 us of hand-over.
     pub(crate) fn frame(sequence: u64, run_us: i64) -> FrameRecord {
         let due_ns = sequence as i64 * 100_000_000;
-        let mut at = due_ns;
-        let stamps = std::array::from_fn(|_| {
-            let received_ns = at + 10_000;
-            at = received_ns + run_us * 1000;
+        let stamps = [0, 1, 2, 3].map(|stage| {
+            let received_ns = due_ns + stage * (10 + run_us) * 1000 + 10_000;
             Stamps {
                 received_ns,
                 started_ns: received_ns,
-                published_ns: at,
+                published_ns: received_ns + run_us * 1000,
             }
         });
         FrameRecord {
-            round: 0,
             sequence,
             name: format!("{sequence:06}"),
-            is_warm_up: false,
             due_ns,
             stamps: Some(stamps),
-            arrived_ns: at + 20_000,
-            flags: String::new(),
+            arrived_ns: stamps[3].published_ns + 20_000,
+            ..FrameRecord::default()
         }
     }
 

@@ -29,4 +29,3 @@ pub(crate) use figures::{FrameCounts, HandOver, LatencyReport, Resources, check_
 pub(crate) use frame::STAGES;
 pub use frame::{FrameRecord, Stamps};
 pub(crate) use page::page;
-pub(crate) use statistics::Percentiles;

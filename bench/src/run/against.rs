@@ -2,10 +2,10 @@
 //! program cannot observe two wire versions; the rounds of a side become one report.
 
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, Result, ensure};
 use mluc::{EXIT_WARNINGS, UsageError};
 use serde_json::Value;
 
@@ -25,35 +25,32 @@ struct Side {
     warnings: Vec<String>,
 }
 
-pub(crate) fn against(plan: &Plan, other: &Path) -> anyhow::Result<ExitCode> {
+pub(crate) fn against(plan: &Plan, other: &Path) -> Result<ExitCode> {
     if plan.variants.len() > 1 {
         let text = "--against and two --refiner cannot be told apart: one after the other, please";
         return Err(UsageError(text.to_string()).into());
     }
-    folder::make(&plan.args.out)?;
+    let out = &plan.args.out;
+    folder::make(out)?;
     let programs = [plan.program.as_path(), other];
     let progress = progress();
     let mut sides = [Side::default(), Side::default()];
-    for number in 0..2 * plan.rounds {
-        let turn = turn(number);
-        let (program, all) = (programs[turn], 2 * plan.rounds);
+    let all = 2 * plan.rounds;
+    for number in 0..all {
+        let (turn, round) = (turn(number), number / 2);
+        let program = programs[turn];
         let text = format!("{}, {} of {all}", program.display(), number + 1);
         show(&progress, f64::from(number) / f64::from(all), text);
-        let round = number / 2;
-        let folder = plan
-            .args
-            .out
-            .join(FOLDERS[turn])
-            .join(format!("round-{round}"));
+        let folder = out.join(FOLDERS[turn]).join(format!("round-{round}"));
         measure(plan, program, &folder)?;
         sides[turn].add(&folder, round)?;
     }
     drop(progress);
-    let mut reports = Vec::new();
+    let mut is_flawed = false;
     for (side, name) in sides.iter().zip(FOLDERS) {
         let report = side.report()?;
-        folder::write(&plan.args.out.join(name), &report, &side.frames, &[])?;
-        reports.push(report);
+        is_flawed |= report.frames.dropped > 0;
+        folder::write(&out.join(name), &report, &side.frames, &[])?;
     }
     let facts = [&sides[0].facts, &sides[1].facts];
     let comparison = compare(&sides[0].frames, &sides[1].frames, &options(facts))?;
@@ -61,13 +58,12 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> anyhow::Result<ExitCode> {
     let names = names.each_ref().map(String::as_str);
     let mut value = serde_json::to_value(&comparison)?;
     value["notes"] = notes(facts).into();
-    folder::write_comparison(&plan.args.out, names, &comparison, "", value)?;
-    let is_flawed = reports.iter().any(|report| report.frames.dropped > 0);
+    folder::write_comparison(out, names, &comparison, "", value)?;
     Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
 }
 
 /// One start of a build's processes, by its own `mluc bench`.
-fn measure(plan: &Plan, program: &Path, folder: &PathBuf) -> anyhow::Result<()> {
+fn measure(plan: &Plan, program: &Path, folder: &Path) -> Result<()> {
     let args = &plan.args;
     let mut command = Command::new(program);
     command.args(["bench", "--rounds", "1", "--floor-rounds", "0", "--out"]);
@@ -94,24 +90,23 @@ fn measure(plan: &Plan, program: &Path, folder: &PathBuf) -> anyhow::Result<()> 
     }
     let output = command.stdin(Stdio::null()).output();
     let output = output.with_context(|| format!("starting {}", program.display()))?;
-    if !matches!(output.status.code(), Some(0 | 3)) {
-        bail!(
-            "{} bench ended with {}:\n{}",
-            program.display(),
-            output.status,
-            String::from_utf8_lossy(&output.stderr).trim_end()
-        );
-    }
+    let log = String::from_utf8_lossy(&output.stderr);
+    ensure!(
+        matches!(output.status.code(), Some(0 | 3)),
+        "{} bench ended with {}:\n{}",
+        program.display(),
+        output.status,
+        log.trim_end()
+    );
     Ok(())
 }
 
 impl Side {
-    fn add(&mut self, folder: &Path, round: u32) -> anyhow::Result<()> {
+    fn add(&mut self, folder: &Path, round: u32) -> Result<()> {
         let (facts, frames) = folder::read(folder)?;
-        let own = frames
-            .into_iter()
-            .map(|frame| FrameRecord { round, ..frame });
-        self.frames.extend(own);
+        let own = frames.into_iter();
+        self.frames
+            .extend(own.map(|frame| FrameRecord { round, ..frame }));
         for warning in facts["warnings"].as_array().into_iter().flatten() {
             let text = warning.as_str().unwrap_or_default();
             self.warnings.push(format!("Round {round}: {text}"));
@@ -121,7 +116,7 @@ impl Side {
     }
 
     /// Figures of all rounds, facts of the last one.
-    fn report(&self) -> anyhow::Result<LatencyReport> {
+    fn report(&self) -> Result<LatencyReport> {
         let of = |key: &str| serde_json::from_value(self.facts[key].clone());
         Ok(LatencyReport {
             title: self.facts["title"].as_str().unwrap_or_default().to_string(),

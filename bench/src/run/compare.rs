@@ -66,23 +66,16 @@ pub(crate) fn options(reports: [&Value; 2]) -> CompareOptions {
 pub(crate) fn notes([a, b]: [&Value; 2]) -> Vec<String> {
     let mut notes = Vec::new();
     for (pointer, name) in SAME {
-        let (of_a, of_b) = (a.pointer(pointer), b.pointer(pointer));
-        if of_a != of_b {
-            let text =
-                |value: Option<&Value>| value.map_or("not known".to_string(), Value::to_string);
-            notes.push(format!(
-                "different {name}: {} and {}",
-                text(of_a),
-                text(of_b)
-            ));
+        let of = [a, b].map(|report| report.pointer(pointer));
+        if of[0] != of[1] {
+            let [a, b] = of.map(|value| value.map_or("not known".to_string(), Value::to_string));
+            notes.push(format!("different {name}: {a} and {b}"));
         }
     }
-    let (of_a, of_b) = (others(a), others(b));
-    if (of_a - of_b).abs() > 0.05 {
+    let [of_a, of_b] = [a, b].map(|report| 100.0 * others(report));
+    if (of_a - of_b).abs() > 5.0 {
         notes.push(format!(
-            "the machine was not equally quiet: other processes took {:.0} % of it and {:.0} %",
-            100.0 * of_a,
-            100.0 * of_b
+            "the machine was not equally quiet: other processes took {of_a:.0} % of it and {of_b:.0} %"
         ));
     }
     if a.pointer("/build/binary") == b.pointer("/build/binary") {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, Result, ensure};
 use mluc::terminal::print_out;
 use serde_json::{Value, json};
 
@@ -16,7 +16,7 @@ use crate::report::{
 pub(crate) const FOLDERS: [&str; 2] = ["a", "b"];
 
 /// Made before anything is measured: a path that cannot be written is reported at once.
-pub(crate) fn make(folder: &Path) -> anyhow::Result<()> {
+pub(crate) fn make(folder: &Path) -> Result<()> {
     fs::create_dir_all(folder)
         .with_context(|| format!("making the report's folder {}", folder.display()))?;
     write_file(folder, ".probe", "")?;
@@ -24,7 +24,7 @@ pub(crate) fn make(folder: &Path) -> anyhow::Result<()> {
     fs::remove_file(&probe).with_context(|| format!("writing into {}", folder.display()))
 }
 
-fn write_file(folder: &Path, name: &str, text: &str) -> anyhow::Result<()> {
+fn write_file(folder: &Path, name: &str, text: &str) -> Result<()> {
     let path = folder.join(name);
     fs::write(&path, text).with_context(|| format!("writing {}", path.display()))
 }
@@ -35,7 +35,7 @@ pub(crate) fn write(
     report: &LatencyReport,
     frames: &[FrameRecord],
     samples: &[Sample],
-) -> anyhow::Result<()> {
+) -> Result<()> {
     make(folder)?;
     let json = serde_json::to_string_pretty(report)?;
     write_file(folder, "report.json", &json)?;
@@ -56,19 +56,18 @@ fn resources(samples: &[Sample]) -> String {
 }
 
 /// A report that was written by this version of the program.
-pub(crate) fn read(folder: &Path) -> anyhow::Result<(Value, Vec<FrameRecord>)> {
+pub(crate) fn read(folder: &Path) -> Result<(Value, Vec<FrameRecord>)> {
+    let place = || folder.display().to_string();
     let read = |name: &str| {
         let path = folder.join(name);
-        fs::read_to_string(&path)
-            .with_context(|| format!("{}: no report of `mluc bench`", path.display()))
+        let text = fs::read_to_string(&path);
+        text.with_context(|| format!("{}: no report of `mluc bench`", path.display()))
     };
     let report: Value = serde_json::from_str(&read("report.json")?)
-        .with_context(|| format!("{}: no JSON", folder.join("report.json").display()))?;
-    check_version(&report).with_context(|| folder.display().to_string())?;
-    let frames = read_frames(&read("frames.csv")?).with_context(|| folder.display().to_string())?;
-    if frames.is_empty() {
-        bail!("{}: frames.csv holds no frame", folder.display());
-    }
+        .with_context(|| format!("{}/report.json: no JSON", place()))?;
+    check_version(&report).with_context(place)?;
+    let frames = read_frames(&read("frames.csv")?).with_context(place)?;
+    ensure!(!frames.is_empty(), "{}: frames.csv holds no frame", place());
     Ok((report, frames))
 }
 
@@ -79,7 +78,7 @@ pub(crate) fn write_comparison(
     comparison: &Comparison,
     table: &str,
     mut value: Value,
-) -> anyhow::Result<()> {
+) -> Result<()> {
     let text = format!("{table}\n{}", comparison.table(names));
     value["sentence"] = json!(comparison.sentence());
     value["names"] = json!(names);

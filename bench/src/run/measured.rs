@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use anyhow::Result;
 use indicatif::ProgressBar;
 use mluc::model::class_names;
+use mluc_geometry::quantile_of;
 use mluc_ipc_types::{FrameHeader, Stage};
 use mluc_runtime::monotonic_ns;
 use serde_json::{Map, Value, json};
@@ -17,9 +18,7 @@ use super::quiet::Quiet;
 use super::round::Clock;
 use super::trace::SPANS_VARIABLE;
 use crate::machine::{describe_build, describe_machine, object};
-use crate::report::{
-    FrameCounts, FrameRecord, LatencyReport, Percentiles, Resources, STAGES, Sample,
-};
+use crate::report::{FrameCounts, FrameRecord, LatencyReport, Resources, STAGES, Sample};
 
 /// What the rounds of a variant gave.
 #[derive(Default)]
@@ -115,21 +114,22 @@ impl Measured {
 
     /// The report of a variant, without the baselines.
     pub(crate) fn report(&self, plan: &Plan, variant: &Variant, quiet: &Quiet) -> LatencyReport {
-        let mut report = LatencyReport::of_frames(&self.frames);
+        let mut report = LatencyReport {
+            title: plan.title(),
+            quiet: quiet.describe(),
+            machine: describe_machine(),
+            build: describe_build(&plan.program),
+            scenario: plan.describe(variant),
+            instrumentation: instrumentation(variant),
+            ..LatencyReport::of_frames(&self.frames)
+        };
         for (number, stage) in report.stages.iter_mut().enumerate() {
             stage.resources = self.resources_of(number);
         }
-        report.title = plan.title();
-        report.quiet = quiet.describe();
-        report.machine = describe_machine();
-        report.build = describe_build(&plan.program);
-        report.scenario = plan.describe(variant);
-        report.instrumentation = instrumentation(variant);
         report.warnings = self.warnings(plan, &report, quiet);
         if !variant.has_stamps() {
-            report.warnings.push(
-                "Stamps were off: only the latency end to end means anything here.".to_string(),
-            );
+            let text = "Stamps were off: only the latency end to end means anything here.";
+            report.warnings.push(text.to_string());
         }
         report
     }
@@ -215,7 +215,7 @@ fn instrumentation(variant: &Variant) -> Map<String, Value> {
 fn stamps_cost_us() -> f64 {
     const TIMES: u32 = 1000;
     let mut header = FrameHeader::new(0, "cost");
-    let mut batch_us = || {
+    let mut batch_us = |_| {
         let begun_ns = monotonic_ns();
         for _ in 0..TIMES {
             let stamps = header.stamps_mut(Stage::Head);
@@ -227,6 +227,6 @@ fn stamps_cost_us() -> f64 {
         (monotonic_ns() - begun_ns) as f64 / 1000.0 / f64::from(TIMES)
     };
     // The median batch: one that was interrupted shows the machine.
-    let batches: Vec<f64> = (0..51).map(|_| batch_us()).collect();
-    Percentiles::of(&batches).map_or(0.0, |us| us.p50)
+    let median = quantile_of((0..51).map(&mut batch_us).collect(), 0.5);
+    median.map_or(0.0, |us| (us * 1000.0).round() / 1000.0)
 }
