@@ -7,7 +7,7 @@ use std::time::Duration;
 use mluc_ipc_types::{Detection, Flags, FrameHeader, Object, Point, RunDescription, WIRE_VERSION};
 
 use crate::error::{Code, Failure, last, remember};
-use crate::refiner::{Refiner, Waited};
+use crate::refiner::Refiner;
 
 /// `mluc_refiner` in C: a handle.
 pub struct MlucRefiner(Refiner);
@@ -30,20 +30,32 @@ pub struct MlucFrame {
     pub detections_count: usize,
 }
 
-fn guarded(call: impl FnOnce() -> Result<Code, Failure>) -> i32 {
-    let result = catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(|_| {
-        Err(Failure {
-            code: Code::Internal,
-            words: "a bug in mluc-capi: see stderr".to_string(),
-        })
-    });
-    match result {
-        Ok(code) => code as i32,
-        Err(failure) => {
-            remember(&failure.words);
-            failure.code as i32
+impl Default for MlucFrame {
+    fn default() -> MlucFrame {
+        MlucFrame {
+            header: std::ptr::null(),
+            run: std::ptr::null(),
+            points: std::ptr::null(),
+            points_count: 0,
+            detections: std::ptr::null(),
+            detections_count: 0,
         }
     }
+}
+
+fn guarded(call: impl FnOnce() -> Result<Code, Failure>) -> i32 {
+    let bug = |_| {
+        Err(Failure::new(
+            Code::Internal,
+            "a bug in mluc-capi: see stderr",
+        ))
+    };
+    let result = catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(bug);
+    let code = result.unwrap_or_else(|failure| {
+        remember(&failure.words);
+        failure.code
+    });
+    code as i32
 }
 
 /// The version of the contract that this library speaks.
@@ -67,9 +79,10 @@ pub unsafe extern "C" fn mluc_refiner_open(refiner: *mut *mut MlucRefiner) -> i3
     guarded(|| {
         // SAFETY: by the caller's promise.
         let place = unsafe { refiner.as_mut() }
-            .ok_or_else(|| Failure::usage("open: the handle's place is null"))?;
+            .ok_or_else(|| Failure::new(Code::Usage, "open: the handle's place is null"))?;
         *place = std::ptr::null_mut();
-        *place = Box::into_raw(Box::new(MlucRefiner(Refiner::open()?)));
+        let own = Refiner::open().map_err(|error| Failure::new(Code::Open, error))?;
+        *place = Box::into_raw(Box::new(MlucRefiner(own)));
         Ok(Code::Ok)
     })
 }
@@ -88,21 +101,13 @@ pub unsafe extern "C" fn mluc_refiner_wait(
         // SAFETY: by the caller's promise.
         let (refiner, frame) = unsafe { (refiner.as_mut(), frame.as_mut()) };
         let (Some(refiner), Some(frame)) = (refiner, frame) else {
-            return Err(Failure::usage("wait: the handle or the frame is null"));
+            return Err(Failure::new(
+                Code::Usage,
+                "wait: the handle or the frame is null",
+            ));
         };
-        *frame = MlucFrame {
-            header: std::ptr::null(),
-            run: std::ptr::null(),
-            points: std::ptr::null(),
-            points_count: 0,
-            detections: std::ptr::null(),
-            detections_count: 0,
-        };
-        match refiner.0.wait(Duration::from_millis(timeout_ms.into()))? {
-            Waited::Timeout => return Ok(Code::Timeout),
-            Waited::Stopping => return Ok(Code::Stopping),
-            Waited::Frame => (),
-        }
+        *frame = MlucFrame::default();
+        let code = refiner.0.wait(Duration::from_millis(timeout_ms.into()))?;
         if let Some((header, run, points, detections)) = refiner.0.frame() {
             *frame = MlucFrame {
                 header,
@@ -113,7 +118,7 @@ pub unsafe extern "C" fn mluc_refiner_wait(
                 detections_count: detections.len(),
             };
         }
-        Ok(Code::Ok)
+        Ok(code)
     })
 }
 
@@ -132,15 +137,12 @@ pub unsafe extern "C" fn mluc_refiner_publish(
 ) -> i32 {
     guarded(|| {
         // SAFETY: by the caller's promise.
-        let refiner =
-            unsafe { refiner.as_mut() }.ok_or_else(|| Failure::usage("publish: null handle"))?;
-        // SAFETY: by the caller's promise; every bit pattern is a sound Object and u32.
-        let (objects, indices) = unsafe {
-            (
-                slice_of(objects, objects_count)?,
-                slice_of(indices, indices_count)?,
-            )
-        };
+        let refiner = unsafe { refiner.as_mut() }
+            .ok_or_else(|| Failure::new(Code::Usage, "publish: null handle"))?;
+        // SAFETY: by the caller's promise; every bit pattern is a sound Object.
+        let objects = unsafe { slice_of(objects, objects_count)? };
+        // SAFETY: as above.
+        let indices = unsafe { slice_of(indices, indices_count)? };
         refiner.0.publish(objects, indices, Flags(flags))?;
         Ok(Code::Ok)
     })
@@ -168,7 +170,10 @@ unsafe fn slice_of<'a, T>(first: *const T, count: usize) -> Result<&'a [T], Fail
         return Ok(&[]);
     }
     if first.is_null() {
-        return Err(Failure::usage("publish: null where elements should be"));
+        return Err(Failure::new(
+            Code::Usage,
+            "publish: null where elements should be",
+        ));
     }
     // SAFETY: by the caller's promise.
     Ok(unsafe { std::slice::from_raw_parts(first, count) })

@@ -36,36 +36,21 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    pub(crate) fn usage(words: &str) -> Failure {
-        Failure {
-            code: Code::Usage,
-            words: words.to_string(),
-        }
-    }
-
-    pub(crate) fn open(error: RuntimeError) -> Failure {
-        Failure {
-            code: Code::Open,
-            words: error.to_string(),
-        }
+    pub(crate) fn new(code: Code, words: impl ToString) -> Failure {
+        let words = words.to_string();
+        Failure { code, words }
     }
 }
 
 impl From<RuntimeError> for Failure {
     fn from(error: RuntimeError) -> Failure {
-        Failure {
-            code: Code::Memory,
-            words: error.to_string(),
-        }
+        Failure::new(Code::Memory, error)
     }
 }
 
 impl From<ContractError> for Failure {
     fn from(error: ContractError) -> Failure {
-        Failure {
-            code: Code::Contract,
-            words: error.to_string(),
-        }
+        Failure::new(Code::Contract, error)
     }
 }
 

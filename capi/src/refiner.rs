@@ -7,10 +7,11 @@ use mluc_ipc_types::{
     Object, Point, RunDescription, Stage, Topic,
 };
 use mluc_runtime::{
-    Frames, Instance, Message, Next, Output, Shell, Shutdown, log_to_stderr, monotonic_ns,
+    Frames, Instance, Message, Next, Output, RuntimeError, Shell, Shutdown, log_to_stderr,
+    monotonic_ns,
 };
 
-use crate::error::Failure;
+use crate::error::{Code, Failure};
 
 /// Ports, health and the frame in work.
 pub(crate) struct Refiner {
@@ -23,96 +24,71 @@ pub(crate) struct Refiner {
 }
 
 /// A frame whose detections were checked.
-pub(crate) struct Frame {
-    pub(crate) header: FrameHeader,
+struct Frame {
+    header: FrameHeader,
     detections: Message<Detection>,
     has_points: bool,
 }
 
-/// How a wait ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Waited {
-    Frame,
-    Timeout,
-    Stopping,
-}
-
 impl Refiner {
     /// Joins the instance that the environment names, as its refiner.
-    pub(crate) fn open() -> Result<Refiner, Failure> {
+    pub(crate) fn open() -> Result<Refiner, RuntimeError> {
         log_to_stderr("refiner", "info");
-        let instance = Instance::from_environment().map_err(Failure::open)?;
-        let shutdown = Shutdown::on_signals().map_err(Failure::open)?;
-        let mut shell = Shell::stage(&instance, Stage::Refiner, shutdown).map_err(Failure::open)?;
-        let objects = shell.output(&Topic::OBJECTS, OBJECTS_MAX);
-        let object_points = shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX);
-        let refiner = Refiner {
+        let instance = Instance::from_environment()?;
+        let mut shell = Shell::stage(&instance, Stage::Refiner, Shutdown::on_signals()?)?;
+        let objects = shell.output(&Topic::OBJECTS, OBJECTS_MAX)?;
+        let object_points = shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
+        let frames = Frames::with_points(&shell, &Topic::DETECTIONS)?;
+        shell.state(HealthState::WaitingInput, "waiting for detections")?;
+        Ok(Refiner {
             frame: None,
-            frames: Frames::with_points(&shell, &Topic::DETECTIONS).map_err(Failure::open)?,
-            objects: objects.map_err(Failure::open)?,
-            object_points: object_points.map_err(Failure::open)?,
+            frames,
+            objects,
+            object_points,
             shell,
-        };
-        refiner.begun()
+        })
     }
 
-    fn begun(mut self) -> Result<Refiner, Failure> {
-        self.shell
-            .state(HealthState::WaitingInput, "waiting for detections")?;
-        Ok(self)
-    }
-
-    /// Waits for the newest frame that keeps the contract; others are refused and counted.
-    pub(crate) fn wait(&mut self, timeout: Duration) -> Result<Waited, Failure> {
-        self.let_go();
+    /// Waits for the newest frame that keeps the contract; others are refused and counted. [`Code::Ok`]: it came.
+    pub(crate) fn wait(&mut self, timeout: Duration) -> Result<Code, Failure> {
+        self.frame = None;
         let begun_ns = monotonic_ns();
         loop {
             let spent = Duration::from_nanos(monotonic_ns() - begun_ns);
             let left = timeout.saturating_sub(spent);
-            let next = self.frames.next_within(&mut self.shell, left)?;
-            let message = match next {
+            let detections = match self.frames.next_within(&mut self.shell, left)? {
                 Next::Message(message) => message,
                 // A frame that was refused ends the wait early.
-                Next::Timeout if left.is_zero() => return Ok(Waited::Timeout),
+                Next::Timeout if left.is_zero() => return Ok(Code::Timeout),
                 Next::Timeout => continue,
                 Next::Stopping => {
                     self.shell.state(HealthState::Stopping, "")?;
-                    return Ok(Waited::Stopping);
+                    return Ok(Code::Stopping);
                 }
             };
-            let mut header = *message.header();
-            header.stamps_mut(Stage::Refiner).received_ns = message.received_ns;
-            match Detection::checked(&header, message.elements(), self.classes()) {
-                Ok(_) => {
-                    self.accept(header, message)?;
-                    return Ok(Waited::Frame);
-                }
-                Err(error) => self.shell.refuse(&error.to_string())?,
+            let mut header = *detections.header();
+            if let Err(error) = Detection::checked(&header, detections.elements(), self.classes()) {
+                self.shell.refuse(&error.to_string())?;
+                continue;
             }
+            let has_points = self.frames.points(header.sequence).is_some();
+            if !has_points {
+                header.flag(Flags::POINTS_GONE.with(Flags::DEGRADED));
+            }
+            let stamps = header.stamps_mut(Stage::Refiner);
+            (stamps.received_ns, stamps.started_ns) = (detections.received_ns, monotonic_ns());
+            self.frame = Some(Frame {
+                header,
+                detections,
+                has_points,
+            });
+            return Ok(Code::Ok);
         }
     }
 
     /// Known classes of the run's model.
     fn classes(&self) -> usize {
         self.shell.run().map_or(0, |run| run.classes_count as usize)
-    }
-
-    fn accept(
-        &mut self,
-        mut header: FrameHeader,
-        detections: Message<Detection>,
-    ) -> Result<(), Failure> {
-        let has_points = self.frames.points(header.sequence).is_some();
-        if !has_points {
-            header.flag(Flags::POINTS_GONE.with(Flags::DEGRADED));
-        }
-        header.stamps_mut(Stage::Refiner).started_ns = monotonic_ns();
-        self.frame = Some(Frame {
-            header,
-            detections,
-            has_points,
-        });
-        Ok(())
     }
 
     /// The frame in work: its header, run, points and detections, where they lie in shared memory.
@@ -136,7 +112,8 @@ impl Refiner {
         flags: Flags,
     ) -> Result<(), Failure> {
         let Some((header, _, points, detections)) = self.frame() else {
-            return Err(Failure::usage(
+            return Err(Failure::new(
+                Code::Usage,
                 "publish: there is no frame; wait gives one, and it is published once",
             ));
         };
@@ -162,7 +139,7 @@ impl Refiner {
         loan.elements_mut().copy_from_slice(objects);
         loan.header_mut().stamps_mut(Stage::Refiner).published_ns = monotonic_ns();
         loan.publish()?;
-        self.let_go();
+        self.frame = None;
         self.frames.release();
         let counters = &mut self.shell.health;
         counters.frames_in += 1;
@@ -175,9 +152,5 @@ impl Refiner {
             .record_run(monotonic_ns().saturating_sub(started_ns));
         self.shell.state(HealthState::Running, "")?;
         Ok(self.shell.tick()?)
-    }
-
-    fn let_go(&mut self) {
-        self.frame = None;
     }
 }

@@ -69,19 +69,15 @@ impl Others {
 
 fn words() -> String {
     // SAFETY: the library's own text, ended by NUL.
-    unsafe { CStr::from_ptr(mluc_last_error()) }
-        .to_string_lossy()
-        .into_owned()
+    let text = unsafe { CStr::from_ptr(mluc_last_error()) };
+    text.to_string_lossy().into_owned()
 }
 
 fn wait(refiner: *mut MlucRefiner, timeout_ms: u32) -> (i32, MlucFrame) {
     let mut frame = MlucFrame {
-        header: std::ptr::null(),
-        run: std::ptr::null(),
-        points: std::ptr::null(),
         points_count: 7,
-        detections: std::ptr::null(),
         detections_count: 7,
+        ..MlucFrame::default()
     };
     // SAFETY: an open handle, and a place for the frame.
     let code = unsafe { mluc_refiner_wait(refiner, timeout_ms, &mut frame) };
@@ -89,18 +85,9 @@ fn wait(refiner: *mut MlucRefiner, timeout_ms: u32) -> (i32, MlucFrame) {
 }
 
 fn publish(refiner: *mut MlucRefiner, objects: &[Object], indices: &[u32]) -> i32 {
-    let (o, i) = (objects.as_ptr(), indices.as_ptr());
+    let (o, i, flags) = (objects.as_ptr(), indices.as_ptr(), Flags::DEGRADED.0);
     // SAFETY: an open handle, and slices.
-    unsafe {
-        mluc_refiner_publish(
-            refiner,
-            o,
-            objects.len(),
-            i,
-            indices.len(),
-            Flags::DEGRADED.0,
-        )
-    }
+    unsafe { mluc_refiner_publish(refiner, o, objects.len(), i, indices.len(), flags) }
 }
 
 fn sound_object() -> Object {
@@ -175,17 +162,11 @@ fn a_frame_comes_where_it_lies(refiner: *mut MlucRefiner, others: &mut Others) {
     let (code, frame) = wait(refiner, 2000);
     assert_eq!(code, Code::Ok as i32);
     // SAFETY: valid until the next call.
-    let (header, run, points) = unsafe {
-        (
-            *frame.header,
-            *frame.run,
-            std::slice::from_raw_parts(frame.points, frame.points_count),
-        )
-    };
-    assert_eq!(
-        (header.sequence, points.len(), points[0].x_m),
-        (4, 100, 4.0)
-    );
+    let (header, run) = unsafe { (*frame.header, *frame.run) };
+    // SAFETY: as above.
+    let points = unsafe { std::slice::from_raw_parts(frame.points, frame.points_count) };
+    let found = (header.sequence, points.len(), points[0].x_m);
+    assert_eq!(found, (4, 100, 4.0));
     assert_eq!(frame.detections_count, 1);
     assert_eq!(run, description(1));
 }

@@ -18,6 +18,13 @@ pub enum UnknownPolicy {
 }
 
 impl UnknownPolicy {
+    /// All of them.
+    pub const ALL: [UnknownPolicy; 3] = [
+        UnknownPolicy::DropFrames,
+        UnknownPolicy::Erase,
+        UnknownPolicy::Background,
+    ];
+
     /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {

@@ -2,4 +2,3 @@
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod exchange;
-pub mod render;

@@ -135,7 +135,7 @@ fn comes_back(bytes: &[u8]) -> Fallible {
 fn refused(file: &[u8]) -> String {
     match import(file, &ImportRequest::kitti()) {
         Ok(_) => panic!("the file was taken"),
-        Err(error) => error.to_string(),
+        Err(error) => format!("{error:#}"),
     }
 }
 

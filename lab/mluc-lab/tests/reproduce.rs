@@ -17,6 +17,14 @@ const ROWS: [&str; 10] = [
     "mluc-full",
 ];
 
+const FIGURES: [&str; 5] = [
+    "map_known",
+    "ap_unknown",
+    "map_harm",
+    "recall_unknown",
+    "ap_unknown_iou25_r11",
+];
+
 fn reproduce(folder: &Path, more: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_mluc-lab"))
         .args(["reproduce", "--setting", "kitti", "--smoke"])
@@ -27,8 +35,11 @@ fn reproduce(folder: &Path, more: &[&str]) -> Output {
         .expect("mluc-lab runs")
 }
 
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
+/// What a run said that went well, or did not.
+fn said(output: &Output, is_well: bool) -> String {
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.success(), is_well, "{text}");
+    text
 }
 
 fn report(folder: &Path) -> Value {
@@ -40,37 +51,24 @@ fn report(folder: &Path) -> Value {
 fn everything_is_made_once_and_what_is_lost_is_made_again_to_the_same_bits() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let output = reproduce(folder, &[]);
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    said(&reproduce(folder, &[]), true);
     let first = report(folder);
     for row in ROWS {
         let figures = &first["sim-kitti"][row];
-        for name in [
-            "map_known",
-            "ap_unknown",
-            "map_harm",
-            "recall_unknown",
-            "ap_unknown_iou25_r11",
-        ] {
-            let value = figures[name]
-                .as_array()
-                .unwrap_or_else(|| panic!("{row}: {name}"));
-            assert!(
-                value.len() == 2 && value.iter().all(|v| v.is_f64()),
-                "{row}: {name}"
-            );
+        for name in FIGURES {
+            let value = figures[name].as_array();
+            let is_pair = value.is_some_and(|v| v.len() == 2 && v.iter().all(Value::is_f64));
+            assert!(is_pair, "{row}: {name}");
         }
         assert_eq!(figures["spread"], "bootstrap");
     }
-    let networks = first["details"]["sim-kitti"]["networks"]
-        .as_array()
-        .expect("networks");
+    let networks = &first["details"]["sim-kitti"]["networks"];
+    let networks = networks.as_array().expect("networks");
     assert_eq!(networks.len(), 7);
-    assert!(networks.iter().all(|n| {
-        n["command"]
-            .as_str()
-            .is_some_and(|c| c.starts_with("mluc-lab train"))
-    }));
+    for network in networks {
+        let command = network["command"].as_str().expect("a command");
+        assert!(command.starts_with("mluc-lab train"), "{command}");
+    }
     let page = std::fs::read_to_string(folder.join("report/README.md")).expect("a page");
     for part in ["Table 1", "Table 2", "66.8", "figure5.svg"] {
         assert!(page.contains(part), "{part}");
@@ -86,17 +84,15 @@ fn everything_is_made_once_and_what_is_lost_is_made_again_to_the_same_bits() {
     }
 
     // One evaluation and a network are lost: both are made again, the rest is left alone.
-    std::fs::remove_file(folder.join("runs/sim-kitti/evaluations/ml-only.json"))
-        .expect("it was there");
-    std::fs::remove_dir_all(folder.join("runs/sim-kitti/mluc-full")).expect("it was there");
-    let output = reproduce(folder, &[]);
-    let told = text(&output.stderr);
-    assert!(output.status.success(), "{told}");
+    let lost = folder.join("runs/sim-kitti");
+    std::fs::remove_file(lost.join("evaluations/ml-only.json")).expect("it was there");
+    std::fs::remove_dir_all(lost.join("mluc-full")).expect("it was there");
+    let told = said(&reproduce(folder, &[]), true);
+    assert!(told.contains("train mluc-full"), "{told}");
     assert!(
-        told.contains("train mluc-full") && !told.contains("train metric"),
+        !told.contains("train metric") && !told.contains("simulate"),
         "{told}"
     );
-    assert!(!told.contains("simulate"), "{told}");
     assert_eq!(report(folder), first);
 }
 
@@ -104,28 +100,20 @@ fn everything_is_made_once_and_what_is_lost_is_made_again_to_the_same_bits() {
 fn faults_are_told_with_what_was_expected_and_found() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
+    let refused = |words: &str| {
+        let told = said(&reproduce(folder, &["--no-train"]), false);
+        assert!(told.contains(words), "{told}");
+    };
     // Somebody's folder where a split should be.
     let test = folder.join("data/sim-kitti/test");
     std::fs::create_dir_all(&test).expect("a folder");
     std::fs::write(test.join("notes.txt"), "mine").expect("written");
-    let output = reproduce(folder, &["--no-train"]);
-    let told = text(&output.stderr);
-    assert!(!output.status.success());
-    assert!(
-        told.contains("data/sim-kitti/test: expected a data set of at least 6 frames, found 0"),
-        "{told}"
-    );
+    refused("data/sim-kitti/test: expected a data set of at least 6 frames, found 0");
     assert!(test.join("notes.txt").is_file());
     std::fs::remove_dir_all(&test).expect("removed");
 
     // No network at all.
-    let output = reproduce(folder, &["--no-train"]);
-    let told = text(&output.stderr);
-    assert!(!output.status.success());
-    assert!(
-        told.contains("runs: expected a trained network of at least one kind"),
-        "{told}"
-    );
+    refused("runs: expected a trained network of at least one kind");
 
     // A model of the other setting.
     let grid = mluc_model::Grid::udi();
@@ -135,11 +123,5 @@ fn faults_are_told_with_what_was_expected_and_found() {
     let run = folder.join("runs/sim-kitti/metric");
     std::fs::create_dir_all(&run).expect("a folder");
     std::fs::write(run.join("model.safetensors"), bytes).expect("written");
-    let output = reproduce(folder, &["--no-train"]);
-    let told = text(&output.stderr);
-    assert!(!output.status.success());
-    assert!(
-        told.contains("expected a model of setting kitti, found udi"),
-        "{told}"
-    );
+    refused("expected a model of setting kitti, found udi");
 }

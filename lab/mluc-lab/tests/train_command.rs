@@ -38,13 +38,22 @@ impl Place {
         command
     }
 
-    /// Its complaint.
-    fn fault(&self, run: &str, more: &[&str]) -> String {
+    /// Trains to the end; gives what was said.
+    fn trained(&self, run: &str, more: &[&str]) -> String {
         let output = self.train(run, more).output().expect("started");
+        let text = said(&output);
+        assert!(output.status.success(), "{text}");
+        text
+    }
+
+    /// It complains with these words.
+    fn refuses(&self, run: &str, more: &[&str], words: &[&str]) {
+        let output = self.train(run, more).output().expect("started");
+        let text = said(&output);
         assert!(!output.status.success(), "it went on");
-        let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(!text.contains("panicked"), "{text}");
-        text.lines().last().unwrap_or_default().to_owned()
+        let fault = text.lines().last().unwrap_or_default();
+        assert!(words.iter().all(|word| fault.contains(word)), "{fault}");
     }
 
     fn model(&self, run: &str) -> Vec<u8> {
@@ -52,72 +61,68 @@ impl Place {
     }
 }
 
-fn succeeds(output: &Output) {
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{text}");
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// Changes a file for as long as `what` takes.
-fn with(path: &Path, change: impl Fn(String) -> String, what: impl Fn()) {
+fn with(path: &Path, change: impl Fn(&[u8]) -> Vec<u8>, what: impl Fn()) {
     let before = fs::read(path).expect("a file");
-    let text = String::from_utf8_lossy(&before).into_owned();
-    fs::write(path, change(text)).expect("written");
+    fs::write(path, change(&before)).expect("written");
     what();
     fs::write(path, before).expect("written");
 }
 
+const ONE: [&str; 2] = ["--steps", "1"];
+
 #[test]
 fn wrong_data_is_named_before_anything_is_trained() {
     let place = Place::new();
-    let label = place.path("data/train/label_2/000001.txt");
-    let calibration = place.path("data/train/calib/000002.txt");
-    let scan = place.path("data/train/velodyne/000003.bin");
-    let few = ["--steps", "1"];
-
-    let misspelt = |text: String| text.replacen("Car ", "Carr ", 1);
-    with(&label, misspelt, || {
-        let fault = place.fault("class", &few);
-        assert!(fault.contains("000001.txt, line"), "{fault}");
-        assert!(
-            fault.contains("field type: expected one of Car, Van"),
-            "{fault}"
-        );
-        assert!(fault.contains("found 'Carr'"), "{fault}");
-        let mut ignoring = place.train("ignoring", &["--steps", "1", "--ignore-classes", "carr"]);
-        succeeds(&ignoring.output().expect("started"));
-    });
-    let negative = |text: String| {
-        let mut columns: Vec<String> = text.split(' ').map(str::to_owned).collect();
-        columns[8] = "-1.5".into();
-        columns.join(" ")
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let misspelt = |bytes: &[u8]| text(bytes).replacen("Car ", "Carr ", 1).into();
+    let negative = |bytes: &[u8]| {
+        let text = text(bytes);
+        let mut columns: Vec<&str> = text.split(' ').collect();
+        columns[8] = "-1.5";
+        columns.join(" ").into()
     };
-    with(&label, negative, || {
-        let fault = place.fault("size", &few);
-        assert!(
-            fault.contains("000001.txt, line 1, field height"),
-            "{fault}"
-        );
-        assert!(fault.contains("found '-1.5'"), "{fault}");
+    type Change<'a> = &'a dyn Fn(&[u8]) -> Vec<u8>;
+    let cases: [(&str, Change, &[&str]); 4] = [
+        (
+            "label_2/000001.txt",
+            &misspelt,
+            &[
+                "000001.txt, line",
+                "field type: expected one of Car, Van",
+                "found 'Carr'",
+            ],
+        ),
+        (
+            "label_2/000001.txt",
+            &negative,
+            &["000001.txt, line 1, field height", "found '-1.5'"],
+        ),
+        (
+            "calib/000002.txt",
+            &|_| b"P2: 1 2 3\n".into(),
+            &["000002.txt, line 1"],
+        ),
+        (
+            "velodyne/000003.bin",
+            &|bytes| bytes[..bytes.len() - 7].into(),
+            &["000003.bin: expected a multiple of 16 bytes"],
+        ),
+    ];
+    for (file, change, words) in cases {
+        let file = place.path("data/train").join(file);
+        with(&file, change, || place.refuses("run", &ONE, words));
+    }
+    let label = place.path("data/train/label_2/000001.txt");
+    with(&label, misspelt, || {
+        place.trained("ignoring", &["--steps", "1", "--ignore-classes", "carr"]);
     });
-    with(
-        &calibration,
-        |_| "P2: 1 2 3\n".into(),
-        || {
-            let fault = place.fault("calib", &few);
-            assert!(fault.contains("000002.txt, line 1"), "{fault}");
-        },
-    );
-    let whole = fs::read(&scan).expect("a scan");
-    fs::write(&scan, &whole[..whole.len() - 7]).expect("written");
-    let fault = place.fault("scan", &few);
-    assert!(
-        fault.contains("000003.bin: expected a multiple of 16 bytes"),
-        "{fault}"
-    );
-    fs::write(&scan, whole).expect("written");
-
-    let fault = place.fault("threads", &["--threads", "1000000"]);
-    assert!(!place.path("threads").exists(), "{fault}");
+    place.refuses("threads", &["--threads", "1000000"], &[]);
+    assert!(!place.path("threads").exists());
 }
 
 #[test]
@@ -127,18 +132,15 @@ fn empty_scans_are_told_from_hard_ones() {
         let scan = place.path(&format!("data/train/velodyne/{name}.bin"));
         fs::write(scan, []).expect("written");
     }
-    let fault = place.fault("run", &["--steps", "1", "--no-augment"]);
-    assert!(
-        fault.contains("expected points in the labelled boxes"),
-        "{fault}"
-    );
+    let options = ["--steps", "1", "--no-augment"];
+    place.refuses("run", &options, &["expected points in the labelled boxes"]);
 }
 
 #[test]
 fn a_killed_run_goes_on_to_the_bits_of_an_uninterrupted_one() {
     let place = Place::new();
     let steps = ["--steps", "8", "--checkpoint-every", "1"];
-    succeeds(&place.train("whole", &steps).output().expect("started"));
+    place.trained("whole", &steps);
 
     let mut first = place.train("cut", &steps);
     let mut child = first.stderr(Stdio::null()).spawn().expect("started");
@@ -152,81 +154,66 @@ fn a_killed_run_goes_on_to_the_bits_of_an_uninterrupted_one() {
     // The log may be cut in a line.
     let log = place.path("cut/train.jsonl");
     fs::write(&log, "{\"step\":1,\"ste").expect("written");
-    succeeds(&place.train("cut", &steps).output().expect("started"));
+    place.trained("cut", &steps);
     assert_eq!(place.model("cut"), place.model("whole"));
-    assert_eq!(
-        run_state(&place.path("cut")).expect("a run"),
-        RunState::Done
-    );
+    let state = || run_state(&place.path("cut")).expect("a run");
+    assert_eq!(state(), RunState::Done);
 
     // More steps than were done: not at its end, whatever the log says.
-    let line = "{\"step\":9,\"steps\":9}\n";
-    fs::write(&log, line).expect("written");
-    let unfinished = RunState::Unfinished { step: 8, steps: 9 };
-    assert_eq!(run_state(&place.path("cut")).expect("a run"), unfinished);
+    fs::write(&log, "{\"step\":9,\"steps\":9}\n").expect("written");
+    assert_eq!(state(), RunState::Unfinished { step: 8, steps: 9 });
 }
 
 #[test]
 fn a_run_writes_over_nothing_that_is_not_its_own() {
     let place = Place::new();
-    let steps = ["--steps", "1"];
-    succeeds(&place.train("run", &steps).output().expect("started"));
+    place.trained("run", &ONE);
     let model = place.model("run");
 
-    let fault = place.fault("run", &["--steps", "1", "--seed", "2"]);
-    assert!(
-        fault.contains("checkpoint.safetensors: expected a run with"),
-        "{fault}"
-    );
+    let other_run = ["checkpoint.safetensors: expected a run with"];
+    place.refuses("run", &["--steps", "1", "--seed", "2"], &other_run);
     // Other labels under the same name are other data.
     let label = place.path("data/train/label_2/000001.txt");
-    let less = |text: String| text.lines().skip(1).map(|l| format!("{l}\n")).collect();
+    let less = |bytes: &[u8]| {
+        let first = bytes
+            .iter()
+            .position(|byte| *byte == b'\n')
+            .expect("a line");
+        bytes[first + 1..].to_vec()
+    };
     with(&label, less, || {
-        let fault = place.fault("run", &steps);
-        assert!(fault.contains("expected a run with"), "{fault}");
+        place.refuses("run", &ONE, &["expected a run with"])
     });
     fs::remove_file(place.path("run/checkpoint.safetensors")).expect("removed");
-    let fault = place.fault("run", &steps);
-    assert!(
-        fault.contains("model.safetensors: expected no file of another run"),
-        "{fault}"
-    );
+    let other_file = ["model.safetensors: expected no file of another run"];
+    place.refuses("run", &ONE, &other_file);
     assert_eq!(place.model("run"), model);
 
     fs::create_dir_all(place.path("busy")).expect("a folder");
     let lock = File::create(place.path("busy/.lock")).expect("a file");
     lock.lock().expect("taken");
-    let fault = place.fault("busy", &steps);
-    assert!(fault.contains("another run"), "{fault}");
+    place.refuses("busy", &ONE, &["another run"]);
 }
 
 #[test]
 fn a_model_that_was_worked_on_since_stays_as_it_is() {
     let place = Place::new();
     let steps = ["--steps", "2"];
-    succeeds(&place.train("run", &steps).output().expect("started"));
+    place.trained("run", &steps);
     let path = place.path("run/model.safetensors");
     let mut model = Model::read(&path).expect("a model");
     model.manifest.provenance.threshold_choice = "chosen by hand".into();
     let bytes = model_bytes(&model.manifest, &model.weights).expect("a model");
     fs::write(&path, &bytes).expect("written");
-    let output = place.train("run", &steps).output().expect("started");
-    succeeds(&output);
-    assert!(String::from_utf8_lossy(&output.stderr).contains("it stays as it is"));
+    assert!(place.trained("run", &steps).contains("it stays as it is"));
     assert_eq!(place.model("run"), bytes);
-    let fault = place.fault("run", &["--steps", "1"]);
-    assert!(
-        fault.contains("expected a run of at most 1 steps"),
-        "{fault}"
-    );
+    place.refuses("run", &ONE, &["expected a run of at most 1 steps"]);
 
     // What is asked of a model that it cannot give is told before the scans are gone through.
     let mut command = Command::new(LAB);
-    command.args([
-        "evaluate", "method", "--method", "naive", "--data", "nowhere", "--model",
-    ]);
-    let output = command.arg(&path).output().expect("started");
-    let text = String::from_utf8_lossy(&output.stderr);
+    command.args(["evaluate", "method", "--method", "naive"]);
+    command.args(["--data", "nowhere", "--model"]).arg(&path);
+    let text = said(&command.output().expect("started"));
     assert!(
         text.contains("naive: expected a model with a Softmax head"),
         "{text}"
@@ -236,23 +223,20 @@ fn a_model_that_was_worked_on_since_stays_as_it_is() {
 #[test]
 fn osis_is_trained_once_and_over_nothing() {
     let place = Place::new();
-    let softmax = ["--network", "softmax", "--steps", "1"];
-    succeeds(&place.train("softmax", &softmax).output().expect("started"));
+    place.trained("softmax", &["--network", "softmax", "--steps", "1"]);
     let init = place.path("softmax").display().to_string();
     let osis = ["--network", "osis", "--init", &init, "--steps", "2"];
     // What another run wrote into a log of this name is kept.
     fs::create_dir_all(place.path("osis")).expect("a folder");
     fs::write(place.path("osis/train.jsonl"), "old\n").expect("written");
-    succeeds(&place.train("osis", &osis).output().expect("started"));
+    place.trained("osis", &osis);
     let old = fs::read_to_string(place.path("osis/train.old.jsonl"));
     assert_eq!(old.expect("kept"), "old\n");
     let model = place.model("osis");
-    let again = place.train("osis", &osis).output().expect("started");
-    assert!(String::from_utf8_lossy(&again.stderr).contains("already trained"));
-    let fault = place.fault("osis", &[&osis[..], &["--seed", "2"]].concat());
-    assert!(fault.contains("expected no file of another run"), "{fault}");
-    let fault = place.fault("softmax", &osis);
-    assert!(fault.contains("expected no file of another run"), "{fault}");
+    assert!(place.trained("osis", &osis).contains("already trained"));
+    let other_file = ["expected no file of another run"];
+    place.refuses("osis", &[&osis[..], &["--seed", "2"]].concat(), &other_file);
+    place.refuses("softmax", &osis, &other_file);
     assert_eq!(place.model("osis"), model);
 }
 
@@ -264,7 +248,7 @@ fn a_report_looks_at_its_recorded_scans_first() {
     command.arg(place.path("made")).arg("--runs");
     command.arg(place.path("runs")).arg("--out");
     let output = command.arg(place.path("out")).output().expect("started");
-    let text = String::from_utf8_lossy(&output.stderr);
+    let text = said(&output);
     assert!(
         !output.status.success() && text.contains("nowhere"),
         "{text}"
@@ -282,14 +266,14 @@ fn a_full_terminal_stops_nothing() {
             .open("/dev/full")
             .expect("there")
     };
-    let mut command = place.train("run", &["--steps", "1"]);
+    let mut command = place.train("run", &ONE);
     let status = command.stderr(full()).stdout(Stdio::null()).status();
     assert!(status.expect("started").success());
     assert!(!place.model("run").is_empty());
     // The answer itself has to arrive; that it did not is no panic.
-    let mut command = place.train("other", &["--steps", "1"]);
+    let mut command = place.train("other", &ONE);
     let output = command.stdout(full()).output().expect("started");
-    let text = String::from_utf8_lossy(&output.stderr);
+    let text = said(&output);
     assert_eq!(output.status.code(), Some(1), "{text}");
     assert!(text.contains("standard output"), "{text}");
 }

@@ -2,10 +2,10 @@
 
 use clap::ValueEnum;
 use mluc_model::{Grid, HeadKind, Network};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Classes, range and anchors (paper section 4.1).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Setting {
     /// All around: car, pedestrian, cyclist, truck.
@@ -15,7 +15,7 @@ pub enum Setting {
 }
 
 /// Size of the network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Architecture {
     /// A tenth of the paper's network, for a few cores.
@@ -25,7 +25,7 @@ pub enum Architecture {
 }
 
 /// What is trained: a row, or several, of the paper's tables.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum NetworkKind {
     /// The paper's metric head.

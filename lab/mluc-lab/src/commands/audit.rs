@@ -1,9 +1,9 @@
 //! `mluc-lab audit`: what a benchmark folder holds.
 
-use super::reproduce::PolicyName;
-use anyhow::bail;
+use super::terminal::one_of;
+use anyhow::Context;
 use clap::Args;
-use mluc_dataset::{Dataset, PrepareOptions, Splits, prepare};
+use mluc_dataset::{Dataset, PrepareOptions, Splits, UnknownPolicy, prepare};
 use mluc_evaluate::pipeline::unknown_classes;
 use mluc_reproduce::audit;
 use std::io::Write;
@@ -29,8 +29,8 @@ pub(crate) struct AuditArguments {
     #[arg(long, value_name = "SPLIT", requires = "out", conflicts_with = "all")]
     prepare: Option<String>,
     /// What becomes of vans and trucks in the written split [default: they stay, labelled].
-    #[arg(long, value_enum, requires = "prepare")]
-    policy: Option<PolicyName>,
+    #[arg(long, value_parser = one_of(&UnknownPolicy::ALL, UnknownPolicy::name), requires = "prepare")]
+    policy: Option<UnknownPolicy>,
     /// Folder to write; must not exist.
     #[arg(long, value_name = "DIR", requires = "prepare")]
     out: Option<PathBuf>,
@@ -44,13 +44,12 @@ pub(crate) fn run(arguments: AuditArguments) -> anyhow::Result<()> {
     };
     let mut text = String::new();
     if let Some(split) = arguments.prepare {
-        let Some(out) = arguments.out else {
-            bail!("--prepare: expected --out beside it, found none");
-        };
+        let expected = "--prepare: expected --out beside it, found none";
+        let out = arguments.out.context(expected)?;
         let options = PrepareOptions {
             splits,
             split,
-            policy: arguments.policy.map(PolicyName::policy),
+            policy: arguments.policy,
             unknown: unknown_classes("kitti"),
             out,
         };

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::Args;
 use mluc_dataset::whole_file::write_whole;
-use mluc_lab::exchange::{ImportRequest, import};
+use mluc_lab::exchange::{ImportRequest, Imported, import};
 use mluc_model::{AnchorClass, model_bytes};
 
 use super::terminal::{print_err, print_out};
@@ -79,7 +79,11 @@ impl ImportArguments {
         };
         Ok(ImportRequest {
             name: self.name.clone(),
-            classes: self.classes.iter().map(class).collect::<Result<_, _>>()?,
+            classes: self
+                .classes
+                .iter()
+                .map(class)
+                .collect::<anyhow::Result<_>>()?,
             sensor_height_m: self.sensor_height_m,
             score_min: self.score_min,
         })
@@ -94,21 +98,19 @@ pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
     let model = model_bytes(&imported.manifest, &imported.weights)?;
     let out = &arguments.out;
     write_whole(out, &model).with_context(|| out.display().to_string())?;
-    let network = &imported.manifest.network;
+    let Imported {
+        manifest,
+        weights,
+        layout,
+    } = &imported;
+    let classes = manifest.classes.iter().map(|class| class.name.as_str());
     print_err(format_args!(
-        "{} tensors, profile {}, {:?} head, classes {}, sparse weights {:?}, score of an empty scene at most {:.3}",
-        imported.weights.iter().count(),
-        network.profile,
-        network.head,
-        imported
-            .manifest
-            .classes
-            .iter()
-            .map(|class| class.name.as_str())
-            .collect::<Vec<_>>()
-            .join(", "),
-        imported.layout,
-        imported.manifest.empty_objectness_max,
+        "{} tensors, profile {}, {:?} head, classes {}, sparse weights {layout:?}, score of an empty scene at most {:.3}",
+        weights.iter().count(),
+        manifest.network.profile,
+        manifest.network.head,
+        classes.collect::<Vec<_>>().join(", "),
+        manifest.empty_objectness_max,
     ));
     print_out(out.display())
 }

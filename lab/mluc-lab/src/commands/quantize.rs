@@ -76,8 +76,7 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
     write_whole(&arguments.out, &bytes)
         .with_context(|| format!("{}: cannot be written", arguments.out.display()))?;
     if arguments.json {
-        let text = serde_json::to_string_pretty(&as_json(&calibrated, &errors, &others));
-        return print_out(text.context("JSON of the figures")?);
+        return print_out(format_args!("{:#}", as_json(&calibrated, &errors, &others)));
     }
     print_out(as_table(&calibrated, &errors, others.len()).trim_end())
 }

@@ -1,10 +1,17 @@
-//! `mluc-lab render`: a picture of a scan.
+//! `mluc-lab render`: a picture of a scan and its labels, from above.
 
 use super::terminal::print_out;
 use anyhow::{Context, bail};
-use clap::Args;
-use mluc_lab::render::{ColorBy, RenderOptions, render};
+use clap::{Args, ValueEnum};
+use mluc_dataset::{Label, read_calibration, read_labels, read_scan};
+use mluc_gateway::picture::{
+    BoxKind, Canvas, Color, DrawnBox, PointColor, View, bird_eye, label_color,
+};
+use mluc_geometry::Box3;
 use std::path::PathBuf;
+
+/// Colour of points outside of every box when points are coloured by label.
+const OUTSIDE: Color = [74, 84, 98];
 
 /// Draw a scan from above as a PNG, with the boxes of its labels.
 #[derive(Args)]
@@ -19,7 +26,7 @@ pub(crate) struct RenderArguments {
     #[arg(long)]
     calib: Option<PathBuf>,
     /// Colour of the points.
-    #[arg(long, value_enum, default_value = "height")]
+    #[arg(long, value_enum, default_value_t)]
     color: ColorBy,
     /// Pixels a metre.
     #[arg(long, default_value_t = 10.0, value_parser = scale)]
@@ -32,6 +39,16 @@ pub(crate) struct RenderArguments {
     out: PathBuf,
 }
 
+/// How points are coloured.
+#[derive(Clone, Copy, Default, ValueEnum)]
+enum ColorBy {
+    /// By height over the sensor.
+    #[default]
+    Height,
+    /// By the class of the box that a point lies in.
+    Label,
+}
+
 fn scale(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(value) if (1.0..=60.0).contains(&value) => Ok(value),
@@ -39,33 +56,127 @@ fn scale(text: &str) -> Result<f32, String> {
     }
 }
 
+/// Runs it.
 pub(crate) fn run(arguments: RenderArguments) -> anyhow::Result<()> {
-    let beside = |folder: &str| {
-        let name = arguments.scan.with_extension("txt");
-        let root = arguments.scan.parent()?.parent()?;
-        Some(root.join(folder).join(name.file_name()?)).filter(|path| path.is_file())
-    };
-    let labels = match (
-        arguments.labels.clone().or_else(|| beside("label_2")),
-        arguments.calib.clone().or_else(|| beside("calib")),
-    ) {
-        (Some(labels), Some(calibration)) => Some((labels, calibration)),
-        (Some(labels), None) => bail!(
-            "{}: labels need a calibration: give --calib",
-            labels.display()
-        ),
-        (None, _) => None,
-    };
-    let options = RenderOptions {
-        scan: arguments.scan,
-        labels,
-        color: arguments.color,
-        px_per_m: arguments.px_per_m,
-        ahead: arguments.ahead,
-    };
-    let canvas = render(&options)?;
     let out = arguments.out.display();
-    std::fs::write(&arguments.out, canvas.png())
-        .with_context(|| format!("{out}: cannot create"))?;
-    print_out(arguments.out.display())
+    let picture = arguments.draw()?.png();
+    std::fs::write(&arguments.out, picture).with_context(|| format!("{out}: cannot create"))?;
+    print_out(out)
+}
+
+impl RenderArguments {
+    fn draw(&self) -> anyhow::Result<Canvas> {
+        let points = read_scan(&self.scan)?;
+        let boxes = self.labelled_boxes()?;
+        let color = match self.color {
+            ColorBy::Height => PointColor::Height,
+            ColorBy::Label => {
+                PointColor::Each(points.iter().map(|p| color_inside(p, &boxes)).collect())
+            }
+        };
+        let title = self.scan.file_stem().unwrap_or_default().to_string_lossy();
+        let view = View {
+            px_per_m: self.px_per_m,
+            color,
+            title: title.into_owned(),
+            ..if self.ahead {
+                View::ahead()
+            } else {
+                View::around()
+            }
+        };
+        let drawn = boxes.into_iter().map(|(label, box_in_sensor)| DrawnBox {
+            box_in_sensor,
+            kind: BoxKind::Truth,
+            label: label.class,
+            caption: String::new(),
+        });
+        Ok(bird_eye(&points, &drawn.collect::<Vec<_>>(), &view))
+    }
+
+    /// The given file, or the scan's in a folder beside the scan's own.
+    fn given_or_beside(&self, given: &Option<PathBuf>, folder: &str) -> Option<PathBuf> {
+        let beside = || {
+            let root = self.scan.parent()?.parent()?;
+            let path = root
+                .join(folder)
+                .join(self.scan.with_extension("txt").file_name()?);
+            path.is_file().then_some(path)
+        };
+        given.clone().or_else(beside)
+    }
+
+    fn labelled_boxes(&self) -> anyhow::Result<Vec<(Label, Box3)>> {
+        let Some(path) = self.given_or_beside(&self.labels, "label_2") else {
+            return Ok(Vec::new());
+        };
+        let Some(calibration) = self.given_or_beside(&self.calib, "calib") else {
+            bail!(
+                "{}: labels need a calibration: give --calib",
+                path.display()
+            );
+        };
+        let calibration = read_calibration(&calibration)?;
+        let labels = read_labels(&path)?.into_iter();
+        let labels = labels.filter(|label| !label.is_dont_care());
+        let in_sensor = |label: Label| {
+            let box_in_sensor = calibration.box_in_sensor_from_label(&label.camera_box);
+            (label, box_in_sensor)
+        };
+        Ok(labels.map(in_sensor).collect())
+    }
+}
+
+fn color_inside(point: &[f32; 4], boxes: &[(Label, Box3)]) -> Color {
+    let at = [point[0], point[1], point[2]].map(f64::from);
+    let mut around = boxes.iter().filter(|(_, b)| b.contains(at));
+    around
+        .next()
+        .map_or(OUTSIDE, |(label, _)| label_color(&label.class))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_in_a_labelled_box_take_its_colour() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let write = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).expect("written");
+            path
+        };
+        // One point in the car's box 20 m ahead, in the middle of a pixel, one far beside it.
+        let points = [[19.95f32, -0.05, -1.0, 0.0], [20.0, 15.0, -1.0, 0.0]];
+        let scan = write("0.bin", bytemuck::cast_slice(&points));
+        let labels = write(
+            "l.txt",
+            b"Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n",
+        );
+        let calibration = write(
+            "c.txt",
+            b"P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n",
+        );
+        let draw = |scan: &PathBuf, labels: Option<PathBuf>| {
+            let arguments = RenderArguments {
+                scan: scan.clone(),
+                labels,
+                calib: Some(calibration.clone()),
+                color: ColorBy::Label,
+                px_per_m: 10.0,
+                ahead: true,
+                out: PathBuf::new(),
+            };
+            // In the view ahead, 20 m before the sensor in the middle: row 504, column 400.
+            arguments
+                .draw()
+                .map(|canvas| canvas.pixel(400, 504).expect("inside"))
+        };
+        let (labelled, plain) = (draw(&scan, Some(labels)), draw(&scan, None));
+        let labelled = labelled.expect("a picture");
+        assert_ne!(labelled, plain.expect("a picture"));
+        assert!(labelled[2] > 180, "{labelled:?}");
+        assert!(draw(&folder.path().join("none.bin"), None).is_err());
+    }
 }

@@ -1,15 +1,12 @@
 //! `mluc-lab reproduce`: the paper's tables with one command.
 
-use super::terminal::{Threads, bar, print_err, print_out};
+use super::terminal::{Progress, Threads, one_of, print_out};
+use super::train::commit;
 use anyhow::{Context, bail};
-use clap::{Args, ValueEnum};
-use indicatif::ProgressBar;
+use clap::Args;
 use mluc_dataset::UnknownPolicy;
 use mluc_reproduce::{KittiSource, Layout, Options, Screen, Setting, Size, run};
-use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::time::{Duration, Instant};
 
 /// Simulate, train and evaluate what is missing, and write the report: the paper's tables and figures beside ours.
 ///
@@ -18,9 +15,9 @@ use std::time::{Duration, Instant};
 /// further seeds in metric-s2 and so on. The full plan takes hours on two cores; --quick twelve minutes.
 #[derive(Args)]
 pub(crate) struct ReproduceArguments {
-    /// Only this setting [default: both simulated ones].
-    #[arg(long, value_enum)]
-    setting: Option<SettingName>,
+    /// Only this setting: udi (industrial park, all around) or kitti (streets, ahead) [default: both, simulated].
+    #[arg(long, value_parser = one_of(&[Setting::SimUdi, Setting::SimKitti], Setting::trainer_name))]
+    setting: Option<Setting>,
     /// Networks of the kinds that naive, MLUC and mluc-full run on: their rows then have a spread over seeds.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=20))]
     seeds: u64,
@@ -49,55 +46,21 @@ pub(crate) struct ReproduceArguments {
     /// repeated.
     #[arg(long, value_name = "DIR")]
     real: Vec<PathBuf>,
-    /// Tables on a recorded benchmark instead: needs --root.
-    #[arg(long, value_enum, requires = "root")]
-    dataset: Option<DatasetName>,
+    /// Tables on KITTI's object benchmark instead: needs --root.
+    #[arg(long, value_parser = ["kitti"], requires = "root")]
+    dataset: Option<String>,
     /// Folder of KITTI's object benchmark: training/ with velodyne, label_2 and calib; ImageSets with train.txt and val.txt.
     #[arg(long, value_name = "DIR", requires = "dataset")]
     root: Option<PathBuf>,
     /// Folder with train.txt and val.txt [default: ImageSets in or beside --root].
     #[arg(long, value_name = "DIR", requires = "dataset")]
     splits: Option<PathBuf>,
-    /// What training sees of vans and trucks.
-    #[arg(long, value_enum, default_value_t = PolicyName::DropFrames)]
-    policy: PolicyName,
+    /// What training sees of vans and trucks: drop_frames, nothing (fits the paper's counts); erase, points deleted and their
+    /// place ignored; background, points alone (wrong for open sets, for comparison).
+    #[arg(long, value_parser = one_of(&UnknownPolicy::ALL, UnknownPolicy::name), default_value = "drop_frames")]
+    policy: UnknownPolicy,
     #[command(flatten)]
     threads: Threads,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum SettingName {
-    /// Industrial park, all around.
-    Udi,
-    /// Streets, ahead.
-    Kitti,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum DatasetName {
-    /// KITTI's object benchmark.
-    Kitti,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub(super) enum PolicyName {
-    /// Frames with a van or truck are left out (fits the paper's counts).
-    #[value(name = "drop_frames")]
-    DropFrames,
-    /// Their points are deleted and their place ignored.
-    Erase,
-    /// Their points stay as background: wrong for open sets, for comparison.
-    Background,
-}
-
-impl PolicyName {
-    pub(super) fn policy(self) -> UnknownPolicy {
-        match self {
-            PolicyName::DropFrames => UnknownPolicy::DropFrames,
-            PolicyName::Erase => UnknownPolicy::Erase,
-            PolicyName::Background => UnknownPolicy::Background,
-        }
-    }
 }
 
 impl ReproduceArguments {
@@ -112,17 +75,16 @@ impl ReproduceArguments {
             _ => PathBuf::from(folder).join(size.name()),
         };
         let runs = self.runs.clone().unwrap_or_else(|| below("runs"));
-        let settings = match (self.dataset, self.setting) {
-            (Some(DatasetName::Kitti), None) => vec![Setting::Kitti],
+        let settings = match (&self.dataset, self.setting) {
+            (Some(_), None) => vec![Setting::Kitti],
             (Some(_), Some(_)) => bail!("--setting: expected none beside --dataset, found one"),
-            (None, Some(SettingName::Udi)) => vec![Setting::SimUdi],
-            (None, Some(SettingName::Kitti)) => vec![Setting::SimKitti],
+            (None, Some(setting)) => vec![setting],
             (None, None) => vec![Setting::SimUdi, Setting::SimKitti],
         };
         let kitti = self.root.as_ref().map(|root| KittiSource {
             root: root.clone(),
             splits: self.splits.clone(),
-            policy: self.policy.policy(),
+            policy: self.policy,
         });
         Ok(Options {
             layout: Layout {
@@ -136,7 +98,7 @@ impl ReproduceArguments {
             seeds: self.seeds,
             train: !self.no_train,
             program: std::env::current_exe().context("the path of this program")?,
-            commit: super::train::commit().unwrap_or_else(|| "unknown".into()),
+            commit: commit(),
             command: self.command(size),
             real: self.real.clone(),
             kitti,
@@ -146,14 +108,11 @@ impl ReproduceArguments {
     /// The command as a reader would repeat it: without folders of this machine.
     fn command(&self, size: Size) -> String {
         let mut text = "mluc-lab reproduce".to_owned();
-        match (self.dataset, self.setting) {
-            (Some(_), _) => {
-                let policy = self.policy.policy().name();
-                text += &format!(" --dataset kitti --root DIR --policy {policy}");
-            }
-            (None, Some(SettingName::Udi)) => text += " --setting udi",
-            (None, Some(SettingName::Kitti)) => text += " --setting kitti",
-            (None, None) => {}
+        if let Some(dataset) = &self.dataset {
+            let policy = self.policy.name();
+            text += &format!(" --dataset {dataset} --root DIR --policy {policy}");
+        } else if let Some(setting) = self.setting {
+            text += &format!(" --setting {}", setting.trainer_name());
         }
         if self.seeds > 1 {
             text += &format!(" --seeds {}", self.seeds);
@@ -175,89 +134,40 @@ impl ReproduceArguments {
 pub(crate) fn run_command(arguments: ReproduceArguments) -> anyhow::Result<()> {
     arguments.threads.start()?;
     let options = arguments.options()?;
-    let bars = Bars::new();
-    run(&options, &bars)?;
-    bars.clear();
+    let style = "{prefix} {msg} [{bar:30}] {pos}/{len}, {eta} left of this";
+    let screen = Progress::new("", 0, style);
+    run(&options, &screen)?;
+    screen.clear();
     print_out(options.layout.out.join("README.md").display())
 }
 
-/// Without a terminal, a line this often.
-const LINE_EVERY: Duration = Duration::from_secs(30);
-
-/// A bar for the part that runs, with the step in front; lines where there is no terminal. All on stderr.
-struct Bars {
-    terminal: bool,
-    bar: ProgressBar,
-    state: Mutex<State>,
-}
-
-#[derive(Default)]
-struct State {
-    step: String,
-    what: String,
-    total: u64,
-    done: u64,
-    /// When the last line was printed, or the part began.
-    last: Option<Instant>,
-}
-
-impl Bars {
-    fn new() -> Bars {
-        Bars {
-            terminal: std::io::stderr().is_terminal(),
-            bar: bar("", 0, "{msg} [{bar:30}] {pos}/{len}, {eta} left of this"),
-            state: Mutex::default(),
-        }
-    }
-
-    fn state(&self) -> std::sync::MutexGuard<'_, State> {
-        self.state
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner)
-    }
-}
-
-impl Screen for Bars {
+impl Screen for Progress {
     fn step(&self, number: usize, steps: usize, name: &str, left_s: f64) {
-        let text = format!(
-            "[{number}/{steps}] {name}; about {:.0} min left in all",
-            left_s / 60.0
+        let (step, left_min) = (format!("[{number}/{steps}]"), left_s / 60.0);
+        Progress::note(
+            self,
+            &format!("{step} {name}; about {left_min:.0} min left in all"),
         );
-        self.note(&text);
-        self.state().step = format!("[{number}/{steps}]");
+        self.bar.set_prefix(step);
     }
 
     fn count(&self, what: &str, total: u64) {
-        let mut state = self.state();
-        (state.what, state.total, state.done) = (what.to_owned(), total, 0);
-        state.last = Some(Instant::now());
+        self.wait_with_lines();
         self.bar.reset();
         self.bar.set_length(total);
-        self.bar.set_message(format!("{} {what}", state.step));
+        self.bar.set_message(what.to_owned());
     }
 
     fn tick(&self) {
         self.bar.inc(1);
-        if self.terminal {
-            return;
-        }
-        let mut state = self.state();
-        state.done += 1;
-        if state.last.is_none_or(|last| last.elapsed() >= LINE_EVERY) {
-            state.last = Some(Instant::now());
-            print_err(format_args!(
-                "{} {}: {}/{}",
-                state.step, state.what, state.done, state.total
-            ));
-        }
+        let bar = &self.bar;
+        let (step, what, done) = (bar.prefix(), bar.message(), bar.position());
+        let total = bar.length().unwrap_or(done);
+        self.line(false, format_args!("{step} {what}: {done}/{total}"));
     }
 
     fn note(&self, text: &str) {
-        if self.terminal {
-            self.bar.println(text);
-        } else {
-            print_err(text);
-        }
+        Progress::note(self, text);
     }
 
     fn clear(&self) {

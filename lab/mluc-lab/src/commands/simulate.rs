@@ -1,13 +1,10 @@
 //! `mluc-lab simulate`: writes a simulated data set.
 
-use super::terminal::{Threads, bar, one_of, print_err, print_out};
+use super::terminal::{Progress, Threads, one_of, print_out};
 use anyhow::Context;
 use clap::Args;
-use indicatif::ProgressBar;
 use mluc_simulate::{ExportOptions, Family, Realism, Split, Step, export};
-use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Write simulated, labelled scans as a KITTI-format folder.
 ///
@@ -67,42 +64,16 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
         threads: arguments.threads.threads,
     };
     let name = format!("{} {}", options.family.name(), options.split.name());
-    let progress = Progress::new(&name, options.frames);
-    export(&options, || progress.step()).with_context(|| format!("simulating {name}"))?;
+    let total = u64::from(options.frames);
+    let style = "{msg} [{bar:40}] {pos}/{len} {per_sec}, {eta} left";
+    let progress = Progress::new(&name, total, style);
+    let step = || {
+        progress.bar.inc(1);
+        let done = progress.bar.position();
+        progress.line(done == total, format_args!("{done}/{total} frames"));
+    };
+    export(&options, step).with_context(|| format!("simulating {name}"))?;
     progress.bar.finish_and_clear();
-    print_out(format_args!(
-        "{name}{}: {} frames in {}",
-        options.realism,
-        options.frames,
-        options.folder.display()
-    ))
-}
-
-/// A bar on a terminal, a line every 5 % elsewhere.
-struct Progress {
-    bar: ProgressBar,
-    lines: bool,
-    done: AtomicU32,
-    total: u32,
-}
-
-impl Progress {
-    fn new(name: &str, total: u32) -> Progress {
-        let style = "{msg} [{bar:40}] {pos}/{len} {per_sec}, {eta} left";
-        Progress {
-            bar: bar(name, u64::from(total), style),
-            lines: !std::io::stderr().is_terminal(),
-            done: AtomicU32::new(0),
-            total,
-        }
-    }
-
-    fn step(&self) {
-        self.bar.inc(1);
-        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
-        let step = self.total.div_ceil(20);
-        if self.lines && (done.is_multiple_of(step) || done == self.total) {
-            print_err(format_args!("{done}/{} frames", self.total));
-        }
-    }
+    let (realism, folder) = (options.realism, options.folder.display());
+    print_out(format_args!("{name}{realism}: {total} frames in {folder}"))
 }

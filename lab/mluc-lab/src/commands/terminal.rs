@@ -1,7 +1,9 @@
 //! What commands print, and what their options share. A terminal or file that is full or closed must not stop the work.
 
 use std::fmt::Display;
-use std::io::{Write, stderr, stdout};
+use std::io::{IsTerminal, Write, stderr, stdout};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -17,19 +19,58 @@ pub(crate) fn print_out(text: impl Display) -> anyhow::Result<()> {
     writeln!(stdout(), "{text}").context("standard output")
 }
 
-/// A progress bar on stderr, shown only where that is a terminal.
-pub(crate) fn bar(what: &str, total: u64, style: &str) -> ProgressBar {
-    let bar = ProgressBar::new(total).with_message(what.to_owned());
-    if let Ok(style) = ProgressStyle::with_template(style) {
-        bar.set_style(style);
-    }
-    bar
+/// Without a terminal, a line this often.
+const LINE_EVERY: Duration = Duration::from_secs(30);
+
+/// A progress bar on a terminal, lines elsewhere; always on stderr.
+pub(crate) struct Progress {
+    pub(crate) bar: ProgressBar,
+    pub(crate) is_terminal: bool,
+    /// When the last line was printed.
+    last: Mutex<Option<Instant>>,
 }
 
-/// A [`bar`] that counts frames.
+impl Progress {
+    pub(crate) fn new(what: &str, total: u64, style: &str) -> Progress {
+        let style = ProgressStyle::with_template(style).expect("a constant template");
+        Progress {
+            bar: ProgressBar::new(total)
+                .with_message(what.to_owned())
+                .with_style(style),
+            is_terminal: stderr().is_terminal(),
+            last: Mutex::default(),
+        }
+    }
+
+    /// A line where there is no bar and the last line is long ago, or where it `must` be.
+    pub(crate) fn line(&self, must: bool, text: impl Display) {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_due = last.is_none_or(|last| last.elapsed() >= LINE_EVERY);
+        if !self.is_terminal && (is_due || must) {
+            print_err(text);
+            *last = Some(Instant::now());
+        }
+    }
+
+    /// A line in any case.
+    pub(crate) fn note(&self, text: &str) {
+        if self.is_terminal {
+            self.bar.println(text);
+        } else {
+            print_err(text);
+        }
+    }
+
+    /// The next line is due after the time between two.
+    pub(crate) fn wait_with_lines(&self) {
+        *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
+    }
+}
+
+/// A bar that counts frames, shown only on a terminal.
 pub(crate) fn frames_bar(what: &str, frames: usize) -> ProgressBar {
     let style = "{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left";
-    bar(what, frames as u64, style)
+    Progress::new(what, frames as u64, style).bar
 }
 
 /// An option's value by its name.
@@ -37,17 +78,11 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     all: &'static [T],
     name: fn(T) -> &'static str,
 ) -> impl TypedValueParser<Value = T> {
-    let names = all.iter().map(|value| name(*value));
-    PossibleValuesParser::new(names).try_map(move |given| {
+    PossibleValuesParser::new(all.iter().map(|value| name(*value))).map(move |given| {
         let found = all.iter().find(|value| name(**value) == given);
-        found.copied().ok_or(NotNamed)
+        *found.expect("clap has compared the names")
     })
 }
-
-/// Never seen: clap has compared the names.
-#[derive(Debug, thiserror::Error)]
-#[error("no such value")]
-struct NotNamed;
 
 /// Threads of a command.
 #[derive(clap::Args)]

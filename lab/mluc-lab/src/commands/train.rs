@@ -1,21 +1,15 @@
 //! `mluc-lab train`.
 
-use super::terminal::{Threads, bar, print_err, print_out};
-use std::io::IsTerminal;
-use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use super::terminal::{Progress, Threads, print_err, print_out};
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::Args;
-use indicatif::ProgressBar;
 use mluc_train::{
-    Architecture, NetworkKind, OpenSetSettings, Progress, Run, Setting, TrainEvent, TrainSettings,
+    Architecture, NetworkKind, Progress as TrainProgress, Run, Setting, TrainEvent, TrainSettings,
     train_osis,
 };
-use serde::Deserialize;
-
-/// Without a terminal, a line this often.
-const LINE_EVERY: Duration = Duration::from_secs(30);
+use serde::{Deserialize, Serialize};
 
 /// Train the network on a simulated or recorded data set and write its model file.
 ///
@@ -35,7 +29,7 @@ pub(crate) struct Train {
 }
 
 /// What may be set on the command line and in a file.
-#[derive(Args, Clone, Default, Deserialize)]
+#[derive(Args, Default, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 struct Choices {
     /// Classes and range.
@@ -89,15 +83,18 @@ struct Choices {
     background_cells: Option<usize>,
     /// Mluc-full: no class-agnostic anchors.
     #[arg(long)]
+    #[serde(skip_serializing_if = "is_off")]
     no_class_agnostic_anchors: bool,
     /// Mluc-full: fit the layers that score clusters [default: true for udi, false for kitti].
     #[arg(long, value_name = "BOOL")]
     cluster_scorer: Option<bool>,
     /// Multiply the gradients of layers' inputs in bf16 (all else stays f32): faster where the processor has bf16.
     #[arg(long)]
+    #[serde(skip_serializing_if = "is_off")]
     bf16: bool,
     /// Do not paste, mirror, turn or scale.
     #[arg(long)]
+    #[serde(skip_serializing_if = "is_off")]
     no_augment: bool,
     /// Frames of the training split that give objects to paste [default: 1500].
     #[arg(long)]
@@ -108,49 +105,36 @@ struct Choices {
     /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
     /// an error: misspelt, its objects would be left out without a word.
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     ignore_classes: Vec<String>,
     /// Steps between checkpoints [default: 200].
     #[arg(long)]
     checkpoint_every: Option<u64>,
 }
 
+fn is_off(flag: &bool) -> bool {
+    !flag
+}
+
 impl Choices {
-    /// These, and where they say nothing those of `base`.
-    fn or(self, base: Choices) -> Choices {
-        Choices {
-            setting: self.setting.or(base.setting),
-            architecture: self.architecture.or(base.architecture),
-            network: self.network.or(base.network),
-            data: self.data.or(base.data),
-            out: self.out.or(base.out),
-            init: self.init.or(base.init),
-            steps: self.steps.or(base.steps),
-            batch: self.batch.or(base.batch),
-            seed: self.seed.or(base.seed),
-            learning_rate: self.learning_rate.or(base.learning_rate),
-            prototype_scale: self.prototype_scale.or(base.prototype_scale),
-            variance_weight: self.variance_weight.or(base.variance_weight),
-            synthetic_unknown: self.synthetic_unknown.or(base.synthetic_unknown),
-            center_loss_weight: self.center_loss_weight.or(base.center_loss_weight),
-            unknown_weight: self.unknown_weight.or(base.unknown_weight),
-            background_cells: self.background_cells.or(base.background_cells),
-            no_class_agnostic_anchors: self.no_class_agnostic_anchors
-                || base.no_class_agnostic_anchors,
-            cluster_scorer: self.cluster_scorer.or(base.cluster_scorer),
-            bf16: self.bf16 || base.bf16,
-            no_augment: self.no_augment || base.no_augment,
-            database_frames: self.database_frames.or(base.database_frames),
-            validate_frames: self.validate_frames.or(base.validate_frames),
-            ignore_classes: if self.ignore_classes.is_empty() {
-                base.ignore_classes
-            } else {
-                self.ignore_classes
-            },
-            checkpoint_every: self.checkpoint_every.or(base.checkpoint_every),
-        }
+    /// These, and where they say nothing those of the file.
+    fn or_of(&self, file: &Path) -> anyhow::Result<Choices> {
+        let name = file.display();
+        let text =
+            std::fs::read_to_string(file).with_context(|| format!("{name} cannot be read"))?;
+        // As choices alone: an error then names line and key.
+        toml::from_str::<Choices>(&text).with_context(|| name.to_string())?;
+        let mut all: toml::Table = toml::from_str(&text)?;
+        all.extend(toml::Table::try_from(self)?);
+        Ok(all.try_into()?)
     }
 
     fn settings(self) -> anyhow::Result<TrainSettings> {
+        fn set<T>(place: &mut T, given: Option<T>) {
+            if let Some(value) = given {
+                *place = value;
+            }
+        }
         let setting = self.setting.context("--setting is missing: udi or kitti")?;
         let architecture = self.architecture.unwrap_or(Architecture::Compact);
         let kind = self.network.unwrap_or_default();
@@ -160,71 +144,45 @@ impl Choices {
         let out = self
             .out
             .context("--out is missing: the folder of the run")?;
-        let default = TrainSettings::new(setting, architecture, kind, data, out);
-        let open_set = OpenSetSettings {
-            synthetic_unknown: self
-                .synthetic_unknown
-                .unwrap_or(default.open_set.synthetic_unknown),
-            center_loss_weight: self
-                .center_loss_weight
-                .unwrap_or(default.open_set.center_loss_weight),
-            unknown_weight: self
-                .unknown_weight
-                .unwrap_or(default.open_set.unknown_weight),
-            class_agnostic_anchors: !self.no_class_agnostic_anchors,
-            background_cells: self
-                .background_cells
-                .unwrap_or(default.open_set.background_cells),
-        };
+        let mut all = TrainSettings::new(setting, architecture, kind, data, out);
+        let open_set = &mut all.open_set;
+        set(&mut open_set.synthetic_unknown, self.synthetic_unknown);
+        set(&mut open_set.center_loss_weight, self.center_loss_weight);
+        set(&mut open_set.unknown_weight, self.unknown_weight);
+        set(&mut open_set.background_cells, self.background_cells);
+        open_set.class_agnostic_anchors = !self.no_class_agnostic_anchors;
+        set(&mut all.cluster_scorer, self.cluster_scorer);
+        all.cluster_scorer &= kind == NetworkKind::MlucFull;
+        set(&mut all.steps, self.steps);
+        set(&mut all.batch, self.batch);
+        set(&mut all.seed, self.seed);
+        set(&mut all.learning_rate, self.learning_rate);
+        set(&mut all.prototype_scale, self.prototype_scale);
+        set(&mut all.variance_weight, self.variance_weight);
+        set(&mut all.database_frames, self.database_frames);
+        set(&mut all.validate_frames, self.validate_frames);
+        set(&mut all.checkpoint_every, self.checkpoint_every);
         Ok(TrainSettings {
             init: self.init,
-            open_set,
-            cluster_scorer: self.cluster_scorer.unwrap_or(default.cluster_scorer)
-                && kind == NetworkKind::MlucFull,
-            steps: self.steps.unwrap_or(default.steps),
-            batch: self.batch.unwrap_or(default.batch),
-            seed: self.seed.unwrap_or(default.seed),
-            learning_rate: self.learning_rate.unwrap_or(default.learning_rate),
-            prototype_scale: self.prototype_scale.unwrap_or(default.prototype_scale),
-            variance_weight: self.variance_weight.unwrap_or(default.variance_weight),
             bf16: self.bf16,
             augment: !self.no_augment,
-            database_frames: self.database_frames.unwrap_or(default.database_frames),
-            validate_frames: self.validate_frames.unwrap_or(default.validate_frames),
             ignored_classes: self.ignore_classes,
-            commit: commit().unwrap_or_else(|| "unknown".into()),
-            checkpoint_every: self.checkpoint_every.unwrap_or(default.checkpoint_every),
-            ..default
+            commit: commit(),
+            ..all
         })
     }
 }
 
-impl Train {
-    fn settings(&self) -> anyhow::Result<TrainSettings> {
-        let file = match &self.config {
-            None => Choices::default(),
-            Some(path) => {
-                let text = std::fs::read_to_string(path)
-                    .with_context(|| format!("{} cannot be read", path.display()))?;
-                toml::from_str(&text).with_context(|| path.display().to_string())?
-            }
-        };
-        self.choices.clone().or(file).settings()
-    }
-}
-
-/// The commit that is checked out, where git and a repository are at hand.
-pub(super) fn commit() -> Option<String> {
-    let output = std::process::Command::new("git")
-        .args(["rev-parse", "--short=12", "HEAD"])
-        .output()
-        .ok()?;
-    let text = String::from_utf8(output.stdout).ok()?;
-    output
-        .status
-        .success()
-        .then(|| text.trim().to_owned())
-        .filter(|text| !text.is_empty())
+/// The commit that is checked out; `unknown` where git or a repository is not at hand.
+pub(super) fn commit() -> String {
+    let mut git = std::process::Command::new("git");
+    let output = git.args(["rev-parse", "--short=12", "HEAD"]).output();
+    let output = output.ok().filter(|output| output.status.success());
+    let text = output.and_then(|output| String::from_utf8(output.stdout).ok());
+    let commit = text
+        .map(|text| text.trim().to_owned())
+        .filter(|text| !text.is_empty());
+    commit.unwrap_or_else(|| "unknown".into())
 }
 
 /// What glibc's allocator is told: large blocks come from the heap and stay there. By default every block above 32 MiB at most is
@@ -262,9 +220,16 @@ pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     tune_memory();
     arguments.threads.start()?;
-    let settings = arguments.settings()?;
-    let mut screen = Screen::new(settings.steps, arguments.profile_steps);
-    let mut tell = |event: TrainEvent| screen.show(event);
+    let choices = match &arguments.config {
+        None => arguments.choices,
+        Some(file) => arguments.choices.or_of(file)?,
+    };
+    let settings = choices.settings()?;
+    let screen = Progress::new("", settings.steps, "{bar:30} {pos}/{len} {msg}");
+    let mut tell = |event: TrainEvent| match event {
+        TrainEvent::Note(text) => screen.note(&text),
+        TrainEvent::Progress(progress) => show(&screen, progress, arguments.profile_steps),
+    };
     let path = match settings.kind {
         NetworkKind::Osis => train_osis(&settings, &mut tell)?,
         _ => Run::prepare(&settings, &mut tell)?.finish(&mut tell)?,
@@ -273,60 +238,30 @@ pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
     print_out(path.display())
 }
 
-/// A bar on a terminal, lines elsewhere; always on stderr.
-struct Screen {
-    bar: ProgressBar,
-    terminal: bool,
-    every_line: bool,
-    last: Option<Instant>,
-}
-
-impl Screen {
-    fn new(steps: u64, every_line: bool) -> Screen {
-        let terminal = std::io::stderr().is_terminal();
-        Screen {
-            bar: bar("", steps, "{bar:30} {pos}/{len} {msg}"),
-            terminal,
-            every_line,
-            last: None,
-        }
-    }
-
-    fn show(&mut self, event: TrainEvent) {
-        match event {
-            TrainEvent::Note(text) if self.terminal => self.bar.println(text),
-            TrainEvent::Note(text) => print_err(text),
-            TrainEvent::Progress(progress) => self.progress(progress),
-        }
-    }
-
-    fn progress(&mut self, p: &Progress) {
-        let mut losses = p.losses;
-        let named = losses.named_mut();
-        let used = named.iter().filter(|(_, value)| **value != 0.0);
-        let parts: Vec<String> = used
-            .map(|(name, value)| format!("{name} {value:.3}"))
-            .collect();
-        let mut text = format!(
-            "loss {:.3} ({}), {:.2} frames/s, {:.0} min left",
-            p.loss,
-            parts.join(", "),
-            p.frames_per_s,
-            p.left_s / 60.0
+/// Shows a step; `every_line`: with its times, and as a line wherever lines are printed.
+fn show(screen: &Progress, p: &TrainProgress, every_line: bool) {
+    let mut losses = p.losses;
+    let named = losses.named_mut();
+    let used = named.iter().filter(|(_, value)| **value != 0.0);
+    let parts: Vec<String> = used
+        .map(|(name, value)| format!("{name} {value:.3}"))
+        .collect();
+    let mut text = format!(
+        "loss {:.3} ({}), {:.2} frames/s, {:.0} min left",
+        p.loss,
+        parts.join(", "),
+        p.frames_per_s,
+        p.left_s / 60.0
+    );
+    if every_line {
+        let t = &p.timing_ms;
+        text += &format!(
+            "; ms: wait {:.0}, prepare {:.0}, forward {:.0}, losses {:.0}, backward {:.0}, update {:.0}",
+            t.wait, t.prepare, t.forward, t.losses, t.backward, t.update
         );
-        if self.every_line {
-            let t = &p.timing_ms;
-            text += &format!(
-                "; ms: wait {:.0}, prepare {:.0}, forward {:.0}, losses {:.0}, backward {:.0}, update {:.0}",
-                t.wait, t.prepare, t.forward, t.losses, t.backward, t.update
-            );
-        }
-        self.bar.set_position(p.step);
-        self.bar.set_message(text.clone());
-        let due = self.last.is_none_or(|last| last.elapsed() >= LINE_EVERY);
-        if !self.terminal && (due || self.every_line || p.step == p.steps) {
-            print_err(format_args!("step {}/{}: {text}", p.step, p.steps));
-            self.last = Some(Instant::now());
-        }
     }
+    let must = every_line || p.step == p.steps;
+    screen.line(must, format_args!("step {}/{}: {text}", p.step, p.steps));
+    screen.bar.set_position(p.step);
+    screen.bar.set_message(text);
 }

@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use anyhow::{Context, ensure};
 use half::{bf16, f16};
 use mluc_model::Tensor;
 use safetensors::tensor::{Dtype, SafeTensors};
-
-use super::ExchangeError;
 
 /// Metadata key of our manifest.
 pub(super) const MANIFEST_KEY: &str = "mluc";
@@ -21,27 +20,26 @@ pub(super) struct Checkpoint {
     pub(super) manifest: Option<String>,
 }
 
-pub(super) fn read(bytes: &[u8]) -> Result<Checkpoint, ExchangeError> {
-    if PYTORCH.iter().any(|head| bytes.starts_with(head)) {
-        return Err(ExchangeError::PyTorch);
-    }
-    let damaged = |cause: safetensors::SafeTensorError| ExchangeError::Container {
-        bytes: bytes.len(),
-        cause: cause.to_string(),
-    };
-    let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+pub(super) fn read(bytes: &[u8]) -> anyhow::Result<Checkpoint> {
+    ensure!(
+        !PYTORCH.iter().any(|head| bytes.starts_with(head)),
+        "expected safetensors, found a PyTorch checkpoint; convert it with \
+         `python tools/checkpoint_to_safetensors.py CHECKPOINT.pth CHECKPOINT.safetensors`"
+    );
+    let count = bytes.len();
+    let damaged =
+        || format!("expected safetensors, found {count} bytes that are none or are cut short");
+    let (_, header) = SafeTensors::read_metadata(bytes).with_context(damaged)?;
     let metadata = header.metadata().as_ref();
     let manifest = metadata.and_then(|metadata| metadata.get(MANIFEST_KEY).cloned());
-    let file = SafeTensors::deserialize(bytes).map_err(damaged)?;
+    let file = SafeTensors::deserialize(bytes).with_context(damaged)?;
     let tensors = file.iter().filter_map(|(name, view)| {
         let data = numbers(view.data(), view.dtype())?;
         let shape = view.shape().to_vec();
         Some((name.to_owned(), Tensor { shape, data }))
     });
-    Ok(Checkpoint {
-        tensors: tensors.collect(),
-        manifest,
-    })
+    let tensors = tensors.collect();
+    Ok(Checkpoint { tensors, manifest })
 }
 
 /// Little-endian elements as f32; f64 is rounded. `None` for integers.

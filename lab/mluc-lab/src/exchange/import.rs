@@ -1,12 +1,13 @@
 //! A checkpoint as a model file with a closed-set head.
 
+use anyhow::{Context, bail};
 use mluc_backbone::Backbone;
 use mluc_head::Head;
 use mluc_model::{AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet};
 
+use super::SparseLayout;
 use super::checkpoint::{self, Checkpoint};
 use super::names::{tensor_names, unchanged_names};
-use super::{ExchangeError, SparseLayout};
 
 /// What a checkpoint does not say.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,11 +55,12 @@ impl ImportRequest {
     }
 
     /// The anchor that OpenPCDet's configurations give a class.
-    pub fn anchor(class: &str) -> Result<AnchorClass, ExchangeError> {
+    pub fn anchor(class: &str) -> anyhow::Result<AnchorClass> {
         let known = ANCHORS.into_iter().find(|(name, ..)| *name == class);
-        known.map(anchor_of).ok_or_else(|| ExchangeError::NoAnchor {
-            class: class.into(),
-        })
+        let expected = "expected its anchor (name=length,width,height,bottom in m), found none";
+        known
+            .map(anchor_of)
+            .with_context(|| format!("class {class}: {expected}"))
     }
 
     /// SECOND on KITTI's grid.
@@ -90,7 +92,7 @@ fn anchor_of(
 
 /// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and the request
 /// does not count.
-pub fn import(bytes: &[u8], request: &ImportRequest) -> Result<Imported, ExchangeError> {
+pub fn import(bytes: &[u8], request: &ImportRequest) -> anyhow::Result<Imported> {
     let checkpoint = checkpoint::read(bytes)?;
     let Some(json) = &checkpoint.manifest else {
         let mut imported = fill(request.manifest(), checkpoint)?;
@@ -99,21 +101,20 @@ pub fn import(bytes: &[u8], request: &ImportRequest) -> Result<Imported, Exchang
         Head::new(&imported.manifest, &imported.weights)?;
         return Ok(imported);
     };
-    fill(serde_json::from_str(json)?, checkpoint)
+    let manifest = serde_json::from_str(json).context("the manifest in the file's metadata")?;
+    fill(manifest, checkpoint)
 }
 
-fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> Result<Imported, ExchangeError> {
+fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> anyhow::Result<Imported> {
     manifest.validate()?;
     let classes = manifest.network.classes;
     let mut found = vec![];
     for (ours, theirs, shape) in tensor_names(&manifest.network) {
-        let Some(tensor) = checkpoint.tensors.remove(&theirs) else {
-            return Err(ExchangeError::Missing {
-                tensor: theirs,
-                expected: shape,
-                classes,
-            });
-        };
+        let tensor = checkpoint.tensors.remove(&theirs).with_context(|| {
+            format!(
+                "tensor `{theirs}` of shape {shape:?} is missing: is the checkpoint of SECOND with {classes} classes?"
+            )
+        })?;
         found.push((ours, theirs, shape, tensor));
     }
     let mut weights = WeightSet::new();
@@ -122,11 +123,13 @@ fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> Result<Imported, Exch
             weights.insert(name, kept.shape, kept.data);
         }
     }
-    if let Some(tensor) = checkpoint.tensors.keys().next() {
-        return Err(ExchangeError::Extra {
-            tensor: tensor.clone(),
-            others: checkpoint.tensors.len() - 1,
-        });
+    let mut others = checkpoint.tensors.keys();
+    if let Some(tensor) = others.next() {
+        let others = match others.len() {
+            0 => String::new(),
+            count => format!(" and {count} more"),
+        };
+        bail!("tensor `{tensor}`{others}: expected a layer of SECOND, found none of that name");
     }
     let sparse: Vec<_> = found
         .iter()
@@ -134,7 +137,7 @@ fn fill(manifest: Manifest, mut checkpoint: Checkpoint) -> Result<Imported, Exch
         .collect();
     let layout = SparseLayout::of(&sparse);
     for (ours, theirs, shape, tensor) in found {
-        let tensor = fitted(theirs, &shape, tensor, layout)?;
+        let tensor = fitted(&theirs, &shape, tensor, layout)?;
         weights.insert(ours, tensor.shape, tensor.data);
     }
     weights.check(&manifest.network)?;
@@ -152,11 +155,11 @@ fn five(shape: &[usize]) -> Option<[usize; 5]> {
 }
 
 fn fitted(
-    name: String,
+    name: &str,
     shape: &[usize],
     tensor: Tensor,
     layout: Option<SparseLayout>,
-) -> Result<Tensor, ExchangeError> {
+) -> anyhow::Result<Tensor> {
     let expected = match (five(shape), layout) {
         (None, _) if tensor.shape == shape => return Ok(tensor),
         (None, _) => format!("{shape:?}"),
@@ -166,15 +169,14 @@ fn fitted(
             SparseLayout::ALL.map(|layout| layout.shape(ours))
         ),
     };
-    Err(ExchangeError::Shape {
-        tensor: name,
-        expected,
-        found: tensor.shape,
-    })
+    bail!(
+        "tensor `{name}`: expected shape {expected}, found {:?}",
+        tensor.shape
+    )
 }
 
 /// The largest score of a scan without points.
-fn empty_score(imported: &Imported) -> Result<f32, ExchangeError> {
+fn empty_score(imported: &Imported) -> anyhow::Result<f32> {
     let rows = Backbone::new(&imported.manifest, &imported.weights)?.empty_rows()?;
     Ok(Head::new(&imported.manifest, &imported.weights)?.objectness_max(&rows))
 }

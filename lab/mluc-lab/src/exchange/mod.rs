@@ -5,13 +5,11 @@
 //! `tools/checkpoint_to_safetensors.py` converts them with PyTorch's restricted reader.
 
 mod checkpoint;
-mod error;
 mod export;
 mod import;
 mod names;
 mod sparse;
 
-pub use error::ExchangeError;
 pub use export::export;
 pub use import::{ImportRequest, Imported, import};
 pub use names::{openpcdet_name, tensor_names};

@@ -1,64 +1,35 @@
 //! A small bitmap alphabet: 5 x 7 dots a letter, capitals alone (small letters are shown as capitals).
 
+use std::array;
+use std::collections::HashMap;
+use std::sync::LazyLock;
+
 /// Dots across a letter.
 pub(super) const GLYPH_COLUMNS: usize = 5;
 /// Dots down a letter.
 pub(super) const GLYPH_ROWS: usize = 7;
 
-/// Rows of a letter from the top; the highest of the five bits is the left dot. A sign that is not drawn here is a hollow box.
-#[rustfmt::skip]
-pub(super) fn glyph(letter: char) -> [u8; GLYPH_ROWS] {
-    match letter.to_ascii_uppercase() {
-        '0' => [0b01110, 0b10001, 0b10011, 0b10101, 0b11001, 0b10001, 0b01110],
-        '1' => [0b00100, 0b01100, 0b00100, 0b00100, 0b00100, 0b00100, 0b01110],
-        '2' => [0b01110, 0b10001, 0b00001, 0b00110, 0b01000, 0b10000, 0b11111],
-        '3' => [0b01110, 0b10001, 0b00001, 0b00110, 0b00001, 0b10001, 0b01110],
-        '4' => [0b00010, 0b00110, 0b01010, 0b10010, 0b11111, 0b00010, 0b00010],
-        '5' => [0b11111, 0b10000, 0b11110, 0b00001, 0b00001, 0b10001, 0b01110],
-        '6' => [0b00110, 0b01000, 0b10000, 0b11110, 0b10001, 0b10001, 0b01110],
-        '7' => [0b11111, 0b00001, 0b00010, 0b00100, 0b00100, 0b01000, 0b01000],
-        '8' => [0b01110, 0b10001, 0b10001, 0b01110, 0b10001, 0b10001, 0b01110],
-        '9' => [0b01110, 0b10001, 0b10001, 0b01111, 0b00001, 0b00010, 0b01100],
-        'A' => [0b01110, 0b10001, 0b10001, 0b11111, 0b10001, 0b10001, 0b10001],
-        'B' => [0b11110, 0b10001, 0b10001, 0b11110, 0b10001, 0b10001, 0b11110],
-        'C' => [0b01110, 0b10001, 0b10000, 0b10000, 0b10000, 0b10001, 0b01110],
-        'D' => [0b11110, 0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b11110],
-        'E' => [0b11111, 0b10000, 0b10000, 0b11110, 0b10000, 0b10000, 0b11111],
-        'F' => [0b11111, 0b10000, 0b10000, 0b11110, 0b10000, 0b10000, 0b10000],
-        'G' => [0b01110, 0b10001, 0b10000, 0b10111, 0b10001, 0b10001, 0b01110],
-        'H' => [0b10001, 0b10001, 0b10001, 0b11111, 0b10001, 0b10001, 0b10001],
-        'I' => [0b01110, 0b00100, 0b00100, 0b00100, 0b00100, 0b00100, 0b01110],
-        'J' => [0b00111, 0b00010, 0b00010, 0b00010, 0b00010, 0b10010, 0b01100],
-        'K' => [0b10001, 0b10010, 0b10100, 0b11000, 0b10100, 0b10010, 0b10001],
-        'L' => [0b10000, 0b10000, 0b10000, 0b10000, 0b10000, 0b10000, 0b11111],
-        'M' => [0b10001, 0b11011, 0b10101, 0b10101, 0b10001, 0b10001, 0b10001],
-        'N' => [0b10001, 0b11001, 0b10101, 0b10011, 0b10001, 0b10001, 0b10001],
-        'O' => [0b01110, 0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b01110],
-        'P' => [0b11110, 0b10001, 0b10001, 0b11110, 0b10000, 0b10000, 0b10000],
-        'Q' => [0b01110, 0b10001, 0b10001, 0b10001, 0b10101, 0b10010, 0b01101],
-        'R' => [0b11110, 0b10001, 0b10001, 0b11110, 0b10100, 0b10010, 0b10001],
-        'S' => [0b01111, 0b10000, 0b10000, 0b01110, 0b00001, 0b00001, 0b11110],
-        'T' => [0b11111, 0b00100, 0b00100, 0b00100, 0b00100, 0b00100, 0b00100],
-        'U' => [0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b01110],
-        'V' => [0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b01010, 0b00100],
-        'W' => [0b10001, 0b10001, 0b10001, 0b10101, 0b10101, 0b11011, 0b10001],
-        'X' => [0b10001, 0b10001, 0b01010, 0b00100, 0b01010, 0b10001, 0b10001],
-        'Y' => [0b10001, 0b10001, 0b01010, 0b00100, 0b00100, 0b00100, 0b00100],
-        'Z' => [0b11111, 0b00001, 0b00010, 0b00100, 0b01000, 0b10000, 0b11111],
-        '.' => [0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b01100, 0b01100],
-        ',' => [0b00000, 0b00000, 0b00000, 0b00000, 0b01100, 0b00100, 0b01000],
-        ':' => [0b00000, 0b01100, 0b01100, 0b00000, 0b01100, 0b01100, 0b00000],
-        '-' => [0b00000, 0b00000, 0b00000, 0b11111, 0b00000, 0b00000, 0b00000],
-        '+' => [0b00000, 0b00100, 0b00100, 0b11111, 0b00100, 0b00100, 0b00000],
-        '/' => [0b00001, 0b00001, 0b00010, 0b00100, 0b01000, 0b10000, 0b10000],
-        '%' => [0b11001, 0b11001, 0b00010, 0b00100, 0b01000, 0b10011, 0b10011],
-        '(' => [0b00010, 0b00100, 0b01000, 0b01000, 0b01000, 0b00100, 0b00010],
-        ')' => [0b01000, 0b00100, 0b00010, 0b00010, 0b00010, 0b00100, 0b01000],
-        '=' => [0b00000, 0b00000, 0b11111, 0b00000, 0b11111, 0b00000, 0b00000],
-        '_' => [0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b11111],
-        ' ' => [0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b00000],
-        _ => [0b11111, 0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b11111],
-    }
+type Glyph = [u8; GLYPH_ROWS];
+
+/// A line a sign: the sign, and its rows from the top.
+static ALPHABET: LazyLock<HashMap<char, Glyph>> = LazyLock::new(|| {
+    let bits = |row: &str| {
+        row.chars()
+            .fold(0, |bits, dot| bits << 1 | u8::from(dot == '#'))
+    };
+    let glyph = |line: &'static str| {
+        let mut signs = line.chars();
+        let sign = signs.next()?;
+        let mut rows = signs.as_str().split_whitespace().map(bits);
+        Some((sign, array::from_fn(|_| rows.next().unwrap_or(0))))
+    };
+    include_str!("font.txt").lines().filter_map(glyph).collect()
+});
+
+/// Rows of a letter from the top; the highest of the five bits is the left dot. A sign that the alphabet does not have is a hollow box.
+pub(super) fn glyph(letter: char) -> Glyph {
+    let known = ALPHABET.get(&letter.to_ascii_uppercase());
+    *known.unwrap_or(&ALPHABET[&'\u{25a1}'])
 }
 
 #[cfg(test)]
@@ -67,14 +38,11 @@ mod tests {
 
     #[test]
     fn letters_differ_and_fit() {
-        let all: Vec<char> = ('A'..='Z')
-            .chain('0'..='9')
-            .chain(".,:-+/%()=_ ".chars())
-            .collect();
-        let glyphs: std::collections::BTreeSet<[u8; GLYPH_ROWS]> =
-            all.iter().map(|c| glyph(*c)).collect();
-        assert_eq!(glyphs.len(), all.len());
+        let signs = ('A'..='Z').chain('0'..='9').chain(".,:-+/%()=_ ?".chars());
+        let glyphs: std::collections::BTreeSet<Glyph> = signs.map(glyph).collect();
+        assert_eq!(glyphs.len(), ALPHABET.len());
         assert!(glyphs.iter().flatten().all(|row| *row < 1 << GLYPH_COLUMNS));
         assert_eq!(glyph('a'), glyph('A'));
+        assert_eq!(glyph('L'), [16, 16, 16, 16, 16, 16, 31]);
     }
 }

@@ -2,7 +2,6 @@
 
 use super::shared::{check_unknown, warn_unheard};
 use crate::commands::terminal::{print_err, print_out};
-use anyhow::Context;
 use clap::Args;
 use mluc_evaluate::input::{read, sources};
 use mluc_evaluate::{NeighbourPolicy, RuleRequest, UnknownProtocol, evaluate, rules, unjudged};
@@ -45,10 +44,10 @@ pub(super) struct ApArguments {
     unknown_iou: f64,
     /// What an unknown object may be found on besides labels of unknown classes: literal, nothing; fair, trams, Misc, sitting
     /// persons, and regions without labels (DontCare), none of which is right or wrong.
-    #[arg(long, value_enum, default_value_t = UnknownProtocol::Literal)]
+    #[arg(long, value_enum, default_value_t)]
     unknown_protocol: UnknownProtocol,
     /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
-    #[arg(long, value_enum, default_value_t = NeighbourPolicy::Official)]
+    #[arg(long, value_enum, default_value_t)]
     neighbours: NeighbourPolicy,
     /// Size of the images [default: of image_2/ beside the labels where present, else 1242x375]. Where a calibration's
     /// P2 is all 0 there is no image, and nothing is dropped for lying outside it.
@@ -62,28 +61,21 @@ pub(super) struct ApArguments {
 fn class_overlap(text: &str) -> Result<(String, f64), String> {
     let pair = text
         .split_once('=')
-        .and_then(|(class, iou)| Some((class.trim(), iou.trim().parse().ok()?)));
-    match pair {
-        Some((class, iou)) if !class.is_empty() => Ok((class.to_owned(), iou)),
-        _ => Err(format!(
-            "expected CLASS=IOU such as car=0.5, found '{text}'"
-        )),
-    }
+        .filter(|(class, _)| !class.trim().is_empty());
+    pair.and_then(|(class, iou)| Some((class.trim().to_owned(), iou.trim().parse().ok()?)))
+        .ok_or_else(|| format!("expected CLASS=IOU such as car=0.5, found '{text}'"))
 }
 
 fn image_size(text: &str) -> Result<ImageSize, String> {
-    let pair = text
-        .split_once(['x', 'X'])
-        .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
-    match pair {
-        Some((width_px, height_px)) if width_px > 0 && height_px > 0 => Ok(ImageSize {
+    let side = |text: &str| text.parse().ok().filter(|side| *side > 0);
+    let size = text.split_once(['x', 'X']).and_then(|(width, height)| {
+        let (width_px, height_px) = (side(width)?, side(height)?);
+        Some(ImageSize {
             width_px,
             height_px,
-        }),
-        _ => Err(format!(
-            "expected WIDTHxHEIGHT in pixels such as 1242x375, found '{text}'"
-        )),
-    }
+        })
+    });
+    size.ok_or_else(|| format!("expected WIDTHxHEIGHT in pixels such as 1242x375, found '{text}'"))
 }
 
 /// Runs it.
@@ -121,8 +113,7 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
         ));
     }
     if arguments.json {
-        let text = serde_json::to_string_pretty(&report.to_json());
-        return print_out(text.context("JSON of the report")?);
+        return print_out(format_args!("{:#}", report.to_json()));
     }
     let objects = input.frames.iter().map(|frame| frame.detections.len());
     print_out(format_args!(

@@ -2,9 +2,9 @@
 
 use super::report::Outcome;
 use super::shared::{Scans, check_unknown, warn_unheard};
-use crate::commands::terminal::{frames_bar, print_out};
+use crate::commands::terminal::{frames_bar, one_of, print_out};
 use anyhow::Context;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use mluc_backbone::Precision;
 use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
@@ -30,9 +30,10 @@ pub(super) struct ModelArguments {
     /// Only the frames that ImageSets/SPLIT.txt names [default: all scans].
     #[arg(long)]
     split: Option<String>,
-    /// How candidates become unknown objects.
-    #[arg(long, value_enum, default_value_t = RefinerName::PaperCorrected)]
-    refiner: RefinerName,
+    /// How candidates become unknown objects: paper, its algorithm as printed; paper-corrected, with its sign turned, ground
+    /// removed, an oriented box; range-scaled, with a join distance that grows with range; none, the proposal box as it is.
+    #[arg(long, value_parser = one_of(&Variant::ALL, Variant::name), default_value = "paper-corrected")]
+    refiner: Variant,
     /// Of the backbone: f32, bf16 or int8 (after `mluc-lab quantize`).
     #[arg(long, default_value_t)]
     precision: Precision,
@@ -40,7 +41,7 @@ pub(super) struct ModelArguments {
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     unknown: Option<Vec<String>>,
     /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
-    #[arg(long, value_enum, default_value_t = NeighbourPolicy::Official)]
+    #[arg(long, value_enum, default_value_t)]
     neighbours: NeighbourPolicy,
     /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed
     /// set's mAP.
@@ -57,29 +58,6 @@ pub(super) struct ModelArguments {
     json: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum RefinerName {
-    /// The paper's algorithm with its sign turned, ground removed, an oriented box.
-    PaperCorrected,
-    /// The paper's algorithm as it is printed.
-    Paper,
-    /// Join distance that grows with range.
-    RangeScaled,
-    /// The proposal box as it is: the metric head alone.
-    None,
-}
-
-impl RefinerName {
-    fn variant(self) -> Variant {
-        match self {
-            RefinerName::PaperCorrected => Variant::PaperCorrected,
-            RefinerName::Paper => Variant::Paper,
-            RefinerName::RangeScaled => Variant::RangeScaled,
-            RefinerName::None => Variant::None,
-        }
-    }
-}
-
 /// Runs it.
 pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let scans = &arguments.scans;
@@ -87,7 +65,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let model = Model::read(&scans.model)?;
     let set = FrameSet::open(&scans.data, arguments.split.as_deref(), scans.frames)?;
     let settings = Settings {
-        variant: arguments.refiner.variant(),
+        variant: arguments.refiner,
         ..Settings::default()
     };
     let bar = frames_bar("network", set.len());
@@ -131,8 +109,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         choice,
     };
     if arguments.json {
-        let text = serde_json::to_string_pretty(&outcome.to_json());
-        return print_out(text.context("JSON of the figures")?);
+        return print_out(format_args!("{:#}", outcome.to_json()));
     }
     print_out(outcome.to_table().trim_end())
 }

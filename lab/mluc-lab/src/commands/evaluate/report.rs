@@ -4,7 +4,6 @@ use mluc_evaluate::pipeline::{Choice, MissRow, MissTable, ModelJudgement};
 use mluc_evaluate::{ClassReport, SweepPoint, best_index};
 use mluc_model::Model;
 use serde_json::{Value, json};
-use std::fmt::Write as _;
 
 /// Everything that was found out.
 pub(super) struct Outcome {
@@ -37,7 +36,7 @@ impl Outcome {
             "threshold": judgement.threshold,
             "closed": judgement.closed.to_json(),
             "gated": judgement.gated.to_json(),
-            "map_known_closed": self.judgement.closed.map_known().r40,
+            "map_known_closed": judgement.closed.map_known().r40,
             "separation": judgement.separation,
             "unknown_labels": judgement.unknown_labels(),
             "unknown_as_known": judgement.unknown_as_known,
@@ -59,176 +58,148 @@ impl Outcome {
     }
 
     pub(super) fn to_table(&self) -> String {
-        let (model, judgement) = (&self.model.manifest, &self.judgement);
-        let mut text = String::new();
-        // Writing to a String does not fail.
-        let _ = writeln!(
-            text,
-            "model {}, {} steps; {}; {:.1} boxes a frame\n",
-            model.name,
-            model.provenance.steps,
-            self.data,
-            self.boxes_per_frame()
+        let model = &self.model.manifest;
+        let (steps, boxes) = (model.provenance.steps, self.boxes_per_frame());
+        let mut text = format!(
+            "model {}, {steps} steps; {}; {boxes:.1} boxes a frame\n\n",
+            model.name, self.data
         );
-        self.write_classes(&mut text);
-        self.write_separation(&mut text);
-        write_misses(&mut text, &judgement.misses);
-        self.write_sweep(&mut text);
-        text
+        text += &self.classes();
+        text += &self.separation();
+        text += &misses(&self.judgement.misses);
+        text + &self.thresholds()
     }
 
-    fn write_classes(&self, text: &mut String) {
-        let judgement = &self.judgement;
-        let _ = writeln!(
-            text,
-            "3d, moderate                  closed set, %                     at threshold {:.4}, %",
-            judgement.threshold
+    fn classes(&self) -> String {
+        let ModelJudgement { closed, gated, .. } = &self.judgement;
+        let mut text = format!(
+            "3d, moderate                  closed set, %                     at threshold {:.4}, %\n",
+            self.judgement.threshold
         );
         let heads = format!("{:>7} {:>7} {:>7} {:>7}", "R40", "R11", "all", "recall");
-        let _ = writeln!(
-            text,
-            "{:<12} {:>5} {:>7}  {heads}   {heads}",
+        text += &format!(
+            "{:<12} {:>5} {:>7}  {heads}   {heads}\n",
             "class", "IoU >", "labels"
         );
-        for (closed, gated) in judgement
-            .closed
-            .classes
-            .iter()
-            .zip(&judgement.gated.classes)
-        {
-            let labels = closed.main().truth_count;
-            let _ = writeln!(
-                text,
-                "{:<12} {:>5.2} {labels:>7}  {}   {}",
-                closed.rule.name,
-                closed.rule.iou_min,
-                figures(closed),
-                figures(gated)
+        for (closed, gated) in closed.classes.iter().zip(&gated.classes) {
+            let (rule, labels) = (&closed.rule, closed.main().truth_count);
+            let figures = [closed, gated].map(figures).join("   ");
+            text += &format!(
+                "{:<12} {:>5.2} {labels:>7}  {figures}\n",
+                rule.name, rule.iou_min
             );
         }
-        let _ = writeln!(
-            text,
-            "mAP of the known, closed set, R40: {:.2}",
-            self.judgement.closed.map_known().r40
-        );
-        if let Some(unknown) = judgement.gated.unknown() {
-            let (known, unknown) = (judgement.gated.map_known(), unknown.main());
-            let _ = writeln!(
-                text,
-                "at the threshold: mAP known {:.2}, recall unknown {:.2}, AP unknown {:.2}, harmonic mean {:.2}",
+        let known = closed.map_known().r40;
+        text += &format!("mAP of the known, closed set, R40: {known:.2}\n");
+        if let Some(unknown) = gated.unknown() {
+            let (known, unknown) = (gated.map_known(), unknown.main());
+            text += &format!(
+                "at the threshold: mAP known {:.2}, recall unknown {:.2}, AP unknown {:.2}, harmonic mean {:.2}\n",
                 known.r40,
                 unknown.recall_percent,
                 unknown.ap.r40,
                 known.harmonic(unknown.ap).r40
             );
-            let _ = writeln!(
-                text,
-                "unknown objects taken for known ones: {} of {} (closed set: {})",
-                judgement.unknown_as_known,
-                judgement.unknown_labels(),
-                judgement.unknown_as_known_closed
+            text += &format!(
+                "unknown objects taken for known ones: {} of {} (closed set: {})\n",
+                self.judgement.unknown_as_known,
+                self.judgement.unknown_labels(),
+                self.judgement.unknown_as_known_closed
             );
         }
+        text
     }
 
-    fn write_separation(&self, text: &mut String) {
+    fn separation(&self) -> String {
         let Some(first) = self.judgement.separation.first() else {
-            return;
+            return String::new();
         };
-        let _ = writeln!(
-            text,
-            "\nunknown from known and from background, on {} known, {} unknown and {} boxes that touch no label",
+        let mut text = format!(
+            "\nunknown from known and from background, on {} known, {} unknown and {} boxes that touch no label\n",
             first.known, first.unknown, first.background
         );
-        let _ = writeln!(
-            text,
-            "{:<12} {:>7} {:>10} {:>19}",
-            "score", "AUROC", "FPR at 95%", "AUROC of background"
-        );
-        let number =
-            |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+        let mut row = |[score, auroc, fpr95, background]: [&str; 4]| {
+            text += &format!("{score:<12} {auroc:>7} {fpr95:>10} {background:>19}\n");
+        };
+        row(["score", "AUROC", "FPR at 95%", "AUROC of background"]);
+        let number = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.3}"));
         for s in &self.judgement.separation {
             let [auroc, fpr95, background] = [s.auroc, s.fpr95, s.auroc_background].map(number);
-            let _ = writeln!(
-                text,
-                "{:<12} {auroc:>7} {fpr95:>10} {background:>19}",
-                s.score
-            );
+            row([&s.score, &auroc, &fpr95, &background]);
         }
+        text
     }
 
-    fn write_sweep(&self, text: &mut String) {
+    fn thresholds(&self) -> String {
         let Some(sweep) = &self.sweep else {
-            return;
+            return String::new();
         };
-        let _ = writeln!(
-            text,
-            "\n{:>10}  {:>9}  {:>14}  {:>10}  {:>13}",
+        let mut text = format!(
+            "\n{:>10}  {:>9}  {:>14}  {:>10}  {:>13}\n",
             "threshold", "mAP known", "recall unknown", "AP unknown", "harmonic mean"
         );
-        let line = |text: &mut String, p: &SweepPoint, mark: &str| {
-            let _ = writeln!(
-                text,
-                "{:>10.4}  {:>9.2}  {:>14.2}  {:>10.2}  {:>13.2}{mark}",
-                p.threshold,
-                p.map_known,
-                p.recall_unknown,
-                p.ap_unknown,
-                p.map_harm()
-            );
-        };
         let best = best_index(sweep);
         for (at, point) in sweep.iter().enumerate() {
-            line(text, point, if at == best { "  best" } else { "" });
-        }
-        if let Some(choice) = &self.choice {
-            let _ = writeln!(
-                text,
-                "\nwritten: threshold {:.6}, {}",
-                choice.threshold, choice.reason
+            text += &format!(
+                "{:>10.4}  {:>9.2}  {:>14.2}  {:>10.2}  {:>13.2}{}\n",
+                point.threshold,
+                point.map_known,
+                point.recall_unknown,
+                point.ap_unknown,
+                point.map_harm(),
+                if at == best { "  best" } else { "" }
             );
         }
+        if let Some(Choice {
+            threshold, reason, ..
+        }) = &self.choice
+        {
+            text += &format!("\nwritten: threshold {threshold:.6}, {reason}\n");
+        }
+        text
     }
 }
 
 fn figures(class: &ClassReport) -> String {
-    let entry = class.main();
-    let ap = entry.ap;
-    format!(
-        "{:>7.2} {:>7.2} {:>7.2} {:>7.2}",
-        ap.r40, ap.r11, ap.all, entry.recall_percent
-    )
+    let (ap, recall) = (class.main().ap, class.main().recall_percent);
+    [ap.r40, ap.r11, ap.all, recall]
+        .map(|figure| format!("{figure:>7.2}"))
+        .join(" ")
 }
 
-fn write_misses(text: &mut String, tables: &[MissTable]) {
-    let _ = writeln!(
-        text,
-        "\nclosed set, labels at moderate: found (score 0.3 or more) / weak (less) / displaced / other class / missed"
+fn misses(tables: &[MissTable]) -> String {
+    let mut text = String::from(
+        "\nclosed set, labels at moderate: found (score 0.3 or more) / weak (less) / displaced / other class / missed\n",
     );
-    let _ = writeln!(
-        text,
-        "{:<12} {:>24} {:>24} {:>24} {:>24}",
-        "class", "below 15 m", "15 to 30 m", "30 to 45 m", "beyond"
-    );
-    let cell = |row: &MissRow| {
-        let (a, b, c) = (row.found, row.weak, row.displaced);
-        format!("{a} / {b} / {c} / {} / {}", row.other_class, row.missed)
+    let mut row = |class: &str, cells: [String; 4]| {
+        text += &format!(
+            "{class:<12} {}\n",
+            cells.map(|cell| format!("{cell:>24}")).join(" ")
+        );
     };
+    row(
+        "class",
+        ["below 15 m", "15 to 30 m", "30 to 45 m", "beyond"].map(String::from),
+    );
     for table in tables {
-        let [a, b, c, d] = table.by_range.each_ref().map(cell);
-        let _ = writeln!(text, "{:<12} {a:>24} {b:>24} {c:>24} {d:>24}", table.class);
+        let cell = |row: &MissRow| {
+            let (a, b, c) = (row.found, row.weak, row.displaced);
+            format!("{a} / {b} / {c} / {} / {}", row.other_class, row.missed)
+        };
+        row(&table.class, table.by_range.each_ref().map(cell));
     }
-    let _ = writeln!(
-        text,
-        "\ndetections of score 0.3 or more: {:>6} {:>10} {:>12} {:>11}",
+    text += &format!(
+        "\ndetections of score 0.3 or more: {:>6} {:>10} {:>12} {:>11}\n",
         "right", "displaced", "other class", "background"
     );
-    for table in tables {
-        let a = &table.alarms;
-        let _ = writeln!(
-            text,
-            "{:<12} {:>18} {:>7} {:>10} {:>12} {:>11}",
-            table.class, a.detections, a.right, a.displaced, a.other_class, a.background
+    for MissTable {
+        class, alarms: a, ..
+    } in tables
+    {
+        text += &format!(
+            "{class:<12} {:>18} {:>7} {:>10} {:>12} {:>11}\n",
+            a.detections, a.right, a.displaced, a.other_class, a.background
         );
     }
+    text
 }
