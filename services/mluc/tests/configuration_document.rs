@@ -10,60 +10,54 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// The word in backticks that begins a table's row, with the headings above it.
-fn rows(document: &str) -> Vec<(String, String)> {
-    let mut heading = String::new();
+fn document() -> String {
+    std::fs::read_to_string(root().join("docs/configuration.md")).expect("the document")
+}
+
+/// The cells of each table's row that begins with a word in backticks, which are left out, after the heading above it.
+fn rows(document: &str) -> Vec<(&str, Vec<&str>)> {
+    let mut heading = "";
     let mut rows = Vec::new();
     for line in document.lines() {
         if line.starts_with('#') {
-            heading = line.trim_start_matches('#').trim().to_string();
+            heading = line.trim_start_matches('#').trim();
         }
-        if let Some(word) = line
-            .strip_prefix("| `")
-            .and_then(|rest| rest.split('`').next())
-        {
-            rows.push((heading.clone(), word.to_string()));
+        if line.starts_with("| `") {
+            let cells = line.split('|').skip(1);
+            rows.push((
+                heading,
+                cells.map(|cell| cell.trim().trim_matches('`')).collect(),
+            ));
         }
     }
     rows
 }
 
+const STAGES: &str = "`[stages.ingest]`, `[stages.backbone]`, `[stages.head]`, `[stages.refiner]`";
+
 /// Keys of the settings by their heading in the document.
 fn keys() -> BTreeSet<(String, String)> {
-    let tables = toml::Table::try_from(Settings::default()).expect("settings as a document");
-    let mut keys = BTreeSet::new();
-    let mut add = |heading: &str, table: &str| {
-        let known = known_keys(table);
-        assert!(!known.is_empty(), "{table} has no keys");
-        // Keys that are tables have headings of their own.
-        let is_table = |key: &String| {
-            let inner = if table.is_empty() {
-                key.clone()
-            } else {
-                format!("{table}.{key}")
-            };
-            key != "track" && (key == "bench" || !known_keys(&inner).is_empty())
-        };
-        keys.extend(
-            known
-                .into_iter()
-                .filter(|key| !is_table(key))
-                .map(|key| (heading.to_string(), key)),
-        );
-    };
-    let mut inner: Vec<String> = tables
+    let document = toml::Table::try_from(Settings::default()).expect("settings as a document");
+    let tables = document
         .iter()
-        .filter(|(_, value)| value.is_table())
-        .map(|(key, _)| key.clone())
-        .collect();
-    inner.push("track".to_string());
-    add("Keys", "");
-    for table in inner.iter().filter(|table| *table != "stages") {
-        add(&format!("`[{table}]`"), table);
-    }
-    let stages = "`[stages.ingest]`, `[stages.backbone]`, `[stages.head]`, `[stages.refiner]`";
-    for stage in ["ingest", "backbone", "head", "refiner"] {
-        add(stages, &format!("stages.{stage}"));
+        .filter(|(key, value)| value.is_table() && *key != "stages");
+    let tables = tables.map(|(key, _)| key.as_str()).chain(["track"]);
+    let named = tables.map(|table| (format!("`[{table}]`"), table.to_string()));
+    let stages = ["ingest", "backbone", "head", "refiner"];
+    let stages = stages.map(|stage| (STAGES.to_string(), format!("stages.{stage}")));
+    let top = [("Keys".to_string(), String::new())];
+    let mut keys = BTreeSet::new();
+    for (heading, table) in top.into_iter().chain(named).chain(stages) {
+        let known = known_keys(&table);
+        assert!(!known.is_empty(), "{table} has no keys");
+        for key in known {
+            // Keys that are tables have headings of their own; `track` may be one.
+            let inner = format!("{table}.{key}");
+            let is_table = key == "bench" || !known_keys(inner.trim_start_matches('.')).is_empty();
+            if key == "track" || !is_table {
+                keys.insert((heading.clone(), key));
+            }
+        }
     }
     keys
 }
@@ -72,31 +66,27 @@ fn keys() -> BTreeSet<(String, String)> {
 /// and the C header's constants, are none that a user sets.
 fn variables() -> BTreeSet<String> {
     let mut found = BTreeSet::new();
-    let mut folders: Vec<PathBuf> = ["ipc-types", "services", "capi", "bench", "lab", "tests"]
-        .map(|name| root().join(name))
-        .to_vec();
+    let folders = ["ipc-types", "services", "capi", "bench", "lab", "tests"];
+    let mut folders: Vec<PathBuf> = folders.map(|name| root().join(name)).to_vec();
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(&folder).expect("a folder").flatten() {
             let path = entry.path();
             let name = entry.file_name().to_string_lossy().into_owned();
+            let is_code =
+                name.ends_with(".rs") && name != "contract_document.rs" && name != "build.rs";
             if path.is_dir() && name != "target" {
                 folders.push(path);
-            } else if name.ends_with(".rs") && name != "contract_document.rs" && name != "build.rs"
-            {
+            } else if is_code {
                 let code = std::fs::read_to_string(&path).expect("readable");
-                let mut parts = code.split("\"MLUC_");
-                let mut before = parts.next().unwrap_or("");
-                for part in parts {
-                    let name: String = part
-                        .chars()
-                        .take_while(|c| c.is_ascii_uppercase() || *c == '_' || c.is_ascii_digit())
-                        .collect();
-                    let is_set_by_build = before.ends_with(" env!(") || before.ends_with("(env!(");
-                    if part[name.len()..].starts_with('"') && !name.is_empty() && !is_set_by_build {
-                        found.insert(format!("MLUC_{name}"));
-                    }
-                    before = part;
-                }
+                let code = code.replace("env!(\"", "env!(");
+                let literals = code.split("\"MLUC_").skip(1);
+                let names =
+                    literals.filter_map(|literal| literal.split_once('"').map(|(name, _)| name));
+                let is_variable = |name: &&str| {
+                    let plain = |c: char| c.is_ascii_uppercase() || c == '_' || c.is_ascii_digit();
+                    !name.is_empty() && name.chars().all(plain)
+                };
+                found.extend(names.filter(is_variable).map(|name| format!("MLUC_{name}")));
             }
         }
     }
@@ -105,13 +95,12 @@ fn variables() -> BTreeSet<String> {
 
 #[test]
 fn the_document_has_every_key_and_no_other() {
-    let document =
-        std::fs::read_to_string(root().join("docs/configuration.md")).expect("the document");
+    let document = document();
     let written = rows(&document)
         .into_iter()
-        .filter(|(heading, _)| heading != "Environment");
-    let written: BTreeSet<(String, String)> = written.collect();
-    let known = keys();
+        .filter(|(heading, _)| *heading != "Environment");
+    let written = written.map(|(heading, cells)| (heading.to_string(), cells[0].to_string()));
+    let (written, known): (BTreeSet<_>, _) = (written.collect(), keys());
     let missing: Vec<_> = known.difference(&written).collect();
     let unknown: Vec<_> = written.difference(&known).collect();
     assert!(
@@ -122,53 +111,41 @@ fn the_document_has_every_key_and_no_other() {
 
 #[test]
 fn the_document_has_every_environment_variable_and_no_other() {
-    let document =
-        std::fs::read_to_string(root().join("docs/configuration.md")).expect("the document");
+    let document = document();
     let rows = rows(&document)
         .into_iter()
-        .filter(|(heading, _)| heading == "Environment");
-    let written: BTreeSet<String> = rows.map(|(_, name)| name).collect();
+        .filter(|(heading, _)| *heading == "Environment");
+    let written: BTreeSet<String> = rows.map(|(_, cells)| cells[0].to_string()).collect();
     assert_eq!(written, variables());
 }
 
 /// A row says the default that the code has, where it is a plain value.
 #[test]
 fn the_document_has_the_defaults_of_the_code() {
-    let document =
-        std::fs::read_to_string(root().join("docs/configuration.md")).expect("the document");
+    let document = document();
     let tables = toml::Table::try_from(Settings::default()).expect("settings as a document");
-    let mut section = String::new();
     let mut compared = 0;
-    for line in document.lines() {
-        if line.starts_with('#') {
-            section = line
-                .trim_start_matches('#')
-                .trim()
-                .trim_matches(['`', '[', ']'])
-                .to_string();
-        }
-        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-        let [_, key, _, _, default, ..] = cells[..] else {
+    for (heading, cells) in rows(&document) {
+        let [key, _, _, written, ..] = cells[..] else {
             continue;
         };
-        let key = key.trim_matches('`');
-        let table = if section == "Keys" {
-            Some(&tables)
-        } else {
-            tables.get(&section).and_then(|t| t.as_table())
+        let table = match heading {
+            "Keys" => Some(&tables),
+            _ => tables
+                .get(heading.trim_matches(['`', '[', ']']))
+                .and_then(|t| t.as_table()),
         };
         let Some(value) = table.and_then(|table| table.get(key)) else {
             continue;
         };
-        let written = default.trim_matches('`');
-        let same = match value {
+        let is_same = match value {
             toml::Value::String(text) => text == written,
             toml::Value::Float(number) => written.parse() == Ok(*number),
             other => other.to_string() == written,
         };
         assert!(
-            same,
-            "{section} {key}: the document says {written}, the code {value}"
+            is_same,
+            "{heading} {key}: the document says {written}, the code {value}"
         );
         compared += 1;
     }

@@ -51,6 +51,8 @@ pub struct StageInput<'a, T> {
 
 /// What a stage is, besides its process.
 pub trait Algorithm {
+    /// Which one.
+    const STAGE: Stage;
     /// Element of what it takes.
     type Input: Payload;
     /// Element of what it gives.
@@ -78,12 +80,12 @@ pub trait Algorithm {
 
 /// Runs a stage until it is asked to end.
 pub fn run_stage<A: Algorithm>(
-    stage: Stage,
     shell: &mut Shell,
-    frames: &mut Frames<A::Input>,
-    output: &mut Output<A::Output>,
-    algorithm: &mut A,
+    mut frames: Frames<A::Input>,
+    mut output: Output<A::Output>,
+    mut algorithm: A,
 ) -> Result<(), StageError> {
+    let stage = A::STAGE;
     let waiting = format!("waiting for {}", frames.name());
     shell.state(HealthState::WaitingInput, &waiting)?;
     while let Some(message) = frames.next(shell)? {

@@ -16,28 +16,23 @@ struct BackboneStage {
 }
 
 pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
-    let mut backbone =
-        Backbone::with_precision(&model.manifest, &model.weights, settings.precision)?;
-    backbone.warm_up(&model.manifest)?;
+    let (manifest, weights) = (&model.manifest, &model.weights);
+    let mut backbone = Backbone::with_precision(manifest, weights, settings.precision)?;
+    backbone.warm_up(manifest)?;
     let channels = backbone.feature_channels();
     let cells = backbone.map_shape().iter().product();
-    let mut output = shell.output(&Topic::FEATURES, feature_blocks(cells, channels))?;
-    let mut frames = Frames::of_ingest(shell, &Topic::POINTS)?;
-    let mut stage = BackboneStage {
+    let output = shell.output(&Topic::FEATURES, feature_blocks(cells, channels))?;
+    let frames = Frames::of_ingest(shell, &Topic::POINTS)?;
+    let stage = BackboneStage {
         backbone,
         channels,
         rows: 0,
     };
-    Ok(run_stage(
-        Stage::Backbone,
-        shell,
-        &mut frames,
-        &mut output,
-        &mut stage,
-    )?)
+    Ok(run_stage(shell, frames, output, stage)?)
 }
 
 impl Algorithm for BackboneStage {
+    const STAGE: Stage = Stage::Backbone;
     type Input = Point;
     type Output = FeatureBlock;
 
@@ -58,8 +53,7 @@ impl Algorithm for BackboneStage {
 
     fn write(&mut self, output: &mut [FeatureBlock]) -> Result<(), StageError> {
         let (cells, rows) = FeatureRows::split_mut(output, self.rows);
-        self.backbone
-            .write_rows(cells, rows)
-            .map_err(StageError::failed)
+        let written = self.backbone.write_rows(cells, rows);
+        written.map_err(StageError::failed)
     }
 }

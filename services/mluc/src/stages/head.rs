@@ -16,24 +16,19 @@ struct HeadStage {
 
 pub(crate) fn run(shell: &mut Shell, model: &Model) -> anyhow::Result<()> {
     let network = &model.manifest.network;
-    let mut stage = HeadStage {
+    let stage = HeadStage {
         head: Head::new(&model.manifest, &model.weights)?,
         map_cells: network.map_shape().iter().product(),
         channels: network.feature_channels(),
         detections: Vec::with_capacity(DETECTIONS_MAX),
     };
-    let mut output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
-    let mut frames = Frames::new(shell, &Topic::FEATURES)?;
-    Ok(run_stage(
-        Stage::Head,
-        shell,
-        &mut frames,
-        &mut output,
-        &mut stage,
-    )?)
+    let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
+    let frames = Frames::new(shell, &Topic::FEATURES)?;
+    Ok(run_stage(shell, frames, output, stage)?)
 }
 
 impl Algorithm for HeadStage {
+    const STAGE: Stage = Stage::Head;
     type Input = FeatureBlock;
     type Output = Detection;
 
@@ -43,10 +38,9 @@ impl Algorithm for HeadStage {
         input: StageInput<'_, FeatureBlock>,
     ) -> Result<usize, StageError> {
         let features = FeatureRows::checked(header, input.elements, self.map_cells, self.channels)?;
-        let counts = self
-            .head
-            .run(features.cells, features.rows, &mut self.detections)
-            .map_err(StageError::failed)?;
+        let FeatureRows { cells, rows, .. } = features;
+        let counts = self.head.run(cells, rows, &mut self.detections);
+        let counts = counts.map_err(StageError::failed)?;
         header.count_over(Flags::LIMIT_CANDIDATES, counts.over_candidates_max);
         if counts.boxes_max_reached {
             header.flag(Flags::LIMIT_DETECTIONS);

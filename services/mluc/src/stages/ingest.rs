@@ -25,10 +25,8 @@ pub(crate) fn run(
     let input = settings.input.as_deref();
     let input = input.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
     let source = Source::find(input)?;
-    let frames = match (settings.repeat, settings.seconds) {
-        (true, _) => u64::MAX,
-        (false, _) => source.scans.len() as u64,
-    };
+    let scans = source.scans.len() as u64;
+    let frames = if settings.repeat { u64::MAX } else { scans };
     if begin_or_join_run(shell, settings, model)?.is_none() {
         return Ok(());
     }

@@ -8,7 +8,6 @@ mod refiner;
 
 use anyhow::{Context, bail};
 use mluc_ipc_types::Stage;
-use mluc_model::Model;
 use mluc_runtime::{Shell, Shutdown, log_to_stderr};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
@@ -16,7 +15,6 @@ use crate::cli::StageArgs;
 use crate::model;
 use crate::placement::pin;
 use crate::resolve::Resolved;
-use crate::settings::Settings;
 
 pub(crate) use description::begin_or_join_run;
 
@@ -44,23 +42,13 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     shell.verify_mapping = settings.verify_mapping;
     let model = model::load_for(&settings)?;
     shell.model = Some(model.fingerprint);
-    work(stage, &mut shell, &settings, &model, args.start_sequence)
-        .with_context(|| format!("stage {}", stage.name()))
-}
-
-fn work(
-    stage: Stage,
-    shell: &mut Shell,
-    settings: &Settings,
-    model: &Model,
-    start_sequence: u64,
-) -> anyhow::Result<()> {
-    match stage {
-        Stage::Ingest => ingest::run(shell, settings, model, start_sequence),
-        Stage::Backbone => backbone::run(shell, settings, model),
-        Stage::Head => head::run(shell, model),
-        Stage::Refiner => refiner::run(shell, settings, model),
-    }
+    let done = match stage {
+        Stage::Ingest => ingest::run(&mut shell, &settings, &model, args.start_sequence),
+        Stage::Backbone => backbone::run(&mut shell, &settings, &model),
+        Stage::Head => head::run(&mut shell, &model),
+        Stage::Refiner => refiner::run(&mut shell, &settings, &model),
+    };
+    done.with_context(|| format!("stage {}", stage.name()))
 }
 
 /// Has the kernel send SIGTERM when the supervisor dies, however it dies.

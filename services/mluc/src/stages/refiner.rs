@@ -23,41 +23,20 @@ struct RefinerStage {
 
 pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
     let time_max_ns = (settings.refiner.time_max_ms * 1e6) as u64;
-    let mut stage = RefinerStage {
+    let stage = RefinerStage {
         refiner: Refiner::for_model(settings.refiner.clone(), model)?,
         tracker: settings.track.map(Tracker::new).transpose()?,
         refined: RefinerOutput::default(),
         object_points: shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?,
-        limits_ns: settings
-            .budget_ms
-            .map(|budget_ms| (time_max_ns, budget_ms * 1_000_000)),
+        limits_ns: settings.budget_ms.map(|ms| (time_max_ns, ms * 1_000_000)),
     };
-    let mut output = shell.output(&Topic::OBJECTS, OBJECTS_MAX)?;
-    let mut frames = Frames::with_points(shell, &Topic::DETECTIONS)?;
-    Ok(run_stage(
-        Stage::Refiner,
-        shell,
-        &mut frames,
-        &mut output,
-        &mut stage,
-    )?)
-}
-
-impl RefinerStage {
-    /// What the refiner's counters and the frame's age say of it.
-    fn flag(&self, header: &mut FrameHeader) {
-        let counters = &self.refined.counters;
-        header.count_over(Flags::LIMIT_DETECTIONS, counters.detections_dropped);
-        header.flag(counters.flags());
-        let received_ns = header.stages[Stage::Ingest as usize].received_ns;
-        let age_ns = monotonic_ns().saturating_sub(received_ns);
-        if self.limits_ns.is_some_and(|(_, max)| age_ns > max) {
-            header.flag(Flags::LATE);
-        }
-    }
+    let output = shell.output(&Topic::OBJECTS, OBJECTS_MAX)?;
+    let frames = Frames::with_points(shell, &Topic::DETECTIONS)?;
+    Ok(run_stage(shell, frames, output, stage)?)
 }
 
 impl Algorithm for RefinerStage {
+    const STAGE: Stage = Stage::Refiner;
     type Input = Detection;
     type Output = Object;
 
@@ -85,7 +64,14 @@ impl Algorithm for RefinerStage {
         if let Some(tracker) = &mut self.tracker {
             tracker.update(sequence, &header.ego, refined);
         }
-        self.flag(header);
+        let counters = &refined.counters;
+        header.count_over(Flags::LIMIT_DETECTIONS, counters.detections_dropped);
+        header.flag(counters.flags());
+        let received_ns = header.stages[Stage::Ingest as usize].received_ns;
+        let age_ns = monotonic_ns().saturating_sub(received_ns);
+        if self.limits_ns.is_some_and(|(_, max)| age_ns > max) {
+            header.flag(Flags::LATE);
+        }
         Ok(self.refined.objects.len())
     }
 

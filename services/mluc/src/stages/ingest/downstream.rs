@@ -1,7 +1,7 @@
 //! Whether the stages behind ingest take frames: what is sent before is lost.
 
 use mluc_ipc_types::{Object, Stage};
-use mluc_runtime::{HealthWatch, Input, RuntimeError, monotonic_ns};
+use mluc_runtime::{HealthWatch, Input, monotonic_ns};
 
 /// The stages that a frame still has to pass.
 const BEHIND: [Stage; 3] = [Stage::Backbone, Stage::Head, Stage::Refiner];
@@ -11,7 +11,7 @@ const HEARTBEAT_PATIENCE_NS: u64 = 500_000_000;
 
 /// Watches the stages behind ingest.
 pub(crate) struct DownstreamStages {
-    watch: HealthWatch,
+    pub(crate) watch: HealthWatch,
     /// Since when `objects` has a producer that tells no health.
     silent_since_ns: Option<u64>,
 }
@@ -22,10 +22,6 @@ impl DownstreamStages {
             watch,
             silent_since_ns: None,
         }
-    }
-
-    pub(crate) fn update(&mut self) -> Result<(), RuntimeError> {
-        self.watch.update().map(|_| ())
     }
 
     /// Those that are not ready. A refiner that tells no health (somebody else's program) counts as ready when it has
@@ -39,12 +35,9 @@ impl DownstreamStages {
         }
         let is_foreign = is_silent && now_ns - since_ns > HEARTBEAT_PATIENCE_NS;
         let is_ready =
-            |&stage: &Stage| self.watch.is_ready(stage) || (stage == Stage::Refiner && is_foreign);
-        BEHIND
-            .iter()
-            .filter(|stage| !is_ready(stage))
-            .map(|stage| stage.name())
-            .collect()
+            |stage: Stage| self.watch.is_ready(stage) || (stage == Stage::Refiner && is_foreign);
+        let missing = BEHIND.into_iter().filter(|stage| !is_ready(*stage));
+        missing.map(Stage::name).collect()
     }
 
     /// Processes of the stages; 0: not heard of.

@@ -44,8 +44,7 @@ pub(crate) fn sensor(
         last = Some(sequence);
     }
     if let Some(last) = last {
-        let deadline_ns = monotonic_ns() + LAST_FRAME_NS;
-        await_objects(sender, last, deadline_ns)?;
+        await_objects(sender, last, LAST_FRAME_NS)?;
     }
     Ok(())
 }
@@ -69,10 +68,8 @@ fn offset_ns(source: &Source, settings: &Settings, first: u64, sequence: u64) ->
 }
 
 fn end_ns(settings: &Settings, begun_ns: u64) -> u64 {
-    match settings.seconds {
-        Some(seconds) => begun_ns + (seconds * 1e9) as u64,
-        None => u64::MAX,
-    }
+    let seconds = settings.seconds;
+    seconds.map_or(u64::MAX, |seconds| begun_ns + (seconds * 1e9) as u64)
 }
 
 /// False: asked to end.
@@ -112,44 +109,37 @@ pub(crate) fn complete(
                 tracing::warn!(sequence, attempt, "frame sent again");
             }
             sender.send(sequence, attempt, monotonic_ns())?;
-            is_out = await_objects(sender, sequence, monotonic_ns() + ANSWER_PATIENCE_NS)?;
+            is_out = await_objects(sender, sequence, ANSWER_PATIENCE_NS)?;
             if is_out || sender.shell.is_stopping() {
                 break;
             }
         }
         if !is_out && !sender.shell.is_stopping() {
             sender.shell.health.frames_dropped += 1;
+            let times = RESENDS_MAX + 1;
             tracing::error!(
                 sequence,
-                "frame lost: no objects came, although it was sent {} times",
-                RESENDS_MAX + 1
+                "frame lost: no objects came, although it was sent {times} times"
             );
         }
     }
     Ok(())
 }
 
-/// Waits for the objects of a frame; false: the deadline passed, a stage behind was restarted, or asked to end.
-fn await_objects(
-    sender: &mut Sender,
-    sequence: u64,
-    deadline_ns: u64,
-) -> Result<bool, RuntimeError> {
-    sender.downstream.update()?;
+/// Waits for the objects of a frame; false: the patience ended, a stage behind was restarted, or asked to end.
+fn await_objects(sender: &mut Sender, sequence: u64, patience_ns: u64) -> anyhow::Result<bool> {
+    let deadline_ns = monotonic_ns() + patience_ns;
+    sender.downstream.watch.update()?;
     let pids = sender.downstream.pids();
     loop {
         while let Some(objects) = sender.objects.oldest()? {
-            let is_of_frame = |run| {
-                objects
-                    .header()
-                    .checked_in(run, sequence..sequence + 1)
-                    .is_ok()
-            };
-            if sender.shell.run().is_some_and(is_of_frame) {
+            let (header, wanted) = (objects.header(), sequence..sequence + 1);
+            let run = sender.shell.run();
+            if run.is_some_and(|run| header.checked_in(run, wanted).is_ok()) {
                 return Ok(true);
             }
         }
-        sender.downstream.update()?;
+        sender.downstream.watch.update()?;
         let is_restarted = sender.downstream.is_restarted_since(pids);
         if sender.shell.is_stopping() || monotonic_ns() >= deadline_ns || is_restarted {
             return Ok(false);

@@ -12,8 +12,9 @@ use super::downstream::DownstreamStages;
 use crate::source::Source;
 
 /// A scan read from its file, not yet in shared memory.
+#[derive(Default)]
 struct Loaded {
-    sequence: u64,
+    sequence: Option<u64>,
     bytes: Vec<u8>,
     report: DecodeReport,
     flags: Flags,
@@ -53,12 +54,7 @@ impl Sender<'_> {
             output,
             sanity: Sanity::new(&model.manifest),
             fingerprint: model.fingerprint,
-            loaded: Loaded {
-                sequence: u64::MAX,
-                bytes: Vec::new(),
-                report: DecodeReport::default(),
-                flags: Flags::default(),
-            },
+            loaded: Loaded::default(),
             is_suspect: false,
         })
     }
@@ -68,7 +64,7 @@ impl Sender<'_> {
         let begun = std::time::Instant::now();
         let mut said = String::new();
         while !self.shell.is_stopping() {
-            self.downstream.update()?;
+            self.downstream.watch.update()?;
             let missing = self.downstream.missing(&self.objects);
             if missing.is_empty() {
                 self.shell.state(HealthState::Running, "")?;
@@ -89,10 +85,9 @@ impl Sender<'_> {
     /// Reads the scan of `sequence` from its file, unless it is the one read last.
     pub(crate) fn load(&mut self, sequence: u64) {
         let loaded = &mut self.loaded;
-        if loaded.sequence == sequence {
+        if loaded.sequence.replace(sequence) == Some(sequence) {
             return;
         }
-        loaded.sequence = sequence;
         let index = (sequence % self.source.scans.len() as u64) as usize;
         let flags = self.source.read(index, &mut loaded.bytes);
         loaded.report = inspect_bin(&loaded.bytes);
