@@ -22,7 +22,7 @@ impl Setting {
     }
 
     /// The trainer's name of its classes and range.
-    pub(crate) fn trainer_name(self) -> &'static str {
+    pub fn trainer_name(self) -> &'static str {
         ["udi", "kitti", "kitti"][self as usize]
     }
 
