@@ -50,11 +50,8 @@ impl CandidateCounts {
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> {
         let flags = [self.unrefined, self.split, self.thinned];
         let by_flag = Object::FLAG_NAMES.into_iter().zip(flags);
-        let by_disposition = Disposition::ALL
-            .map(Disposition::name)
-            .into_iter()
-            .zip(self.by_disposition);
-        by_disposition.chain(by_flag)
+        let names = Disposition::ALL.map(Disposition::name).into_iter();
+        names.zip(self.by_disposition).chain(by_flag)
     }
 }
 
@@ -64,35 +61,28 @@ mod tests {
 
     #[test]
     fn unknown_objects_are_counted_by_disposition_and_flag() {
-        let object = |kind: ObjectKind, disposition: u32, flags: u32| Object {
-            kind: kind as u32,
+        let object = |kind, disposition, flags| Object {
+            kind,
             disposition,
             flags,
             ..Object::zeroed()
         };
-        let unknown = |disposition: Disposition, flags: u32| {
-            object(ObjectKind::Unknown, disposition as u32, flags)
-        };
         let objects = [
-            unknown(Disposition::Published, Object::SPLIT | Object::THINNED),
-            unknown(Disposition::Published, Object::UNREFINED),
-            unknown(Disposition::TooFewPoints, 0),
-            object(ObjectKind::Known, 0, Object::SPLIT),
+            object(1, 0, Object::SPLIT | Object::THINNED),
+            object(1, 0, Object::UNREFINED),
+            object(1, Disposition::TooFewPoints as u32, 0),
+            // A known one.
+            object(0, 0, Object::SPLIT),
             // Of another program: no such disposition.
-            object(ObjectKind::Unknown, 77, Object::SPLIT),
+            object(1, 77, Object::SPLIT),
         ];
         let mut counts = CandidateCounts::default();
         counts.add(&objects);
         counts.add(&objects[..1]);
         let named: Vec<_> = counts.named().filter(|(_, count)| *count > 0).collect();
-        let expected = [
-            ("published", 3),
-            ("too_few_points", 1),
-            ("unrefined", 1),
-            ("split", 3),
-            ("thinned", 2),
-        ];
-        assert_eq!(named, expected);
+        let by_disposition = [("published", 3), ("too_few_points", 1)];
+        let by_flag = [("unrefined", 1), ("split", 3), ("thinned", 2)];
+        assert_eq!(named, [&by_disposition[..], &by_flag].concat());
         assert_eq!(counts.total(), 4);
         assert_eq!(counts.named().count(), Disposition::ALL.len() + 3);
     }

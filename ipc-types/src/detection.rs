@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::Result;
+use crate::error::{Result, check_index, check_length, check_value};
 use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader};
 
 /// Which side of the gate a detection lies on.
@@ -43,11 +43,6 @@ impl GateKind {
     /// The word in the JSON lines.
     pub fn name(self) -> &'static str {
         ["none", "eds", "unknown_probability", "softmax_max"][self as usize]
-    }
-
-    /// By number.
-    pub fn from_number(number: u32) -> Option<GateKind> {
-        GateKind::ALL.get(number as usize).copied()
     }
 }
 
@@ -132,22 +127,19 @@ impl Detection {
         detections: &'a [Detection],
     ) -> Result<&'a [Detection]> {
         header.checked()?;
-        ContractError::check_length("detections", detections.len(), DETECTIONS_MAX)?;
+        check_length("detections", detections.len(), DETECTIONS_MAX)?;
         Ok(detections)
     }
 
     /// Checks class, kind and numbers of the detection in a place of its message.
     pub fn check(&self, index: usize, classes: usize) -> Result<()> {
-        ContractError::check_index("class", self.class_id as usize, classes)?;
-        ContractError::check_value("kind of a detection", self.kind, 2)?;
-        ContractError::check_value("gate of a detection", self.gate, GateKind::ALL.len())?;
-        let numbers = self
-            .center_m
-            .iter()
-            .chain(&self.size_m)
-            .chain([&self.yaw_rad, &self.objectness, &self.score])
-            .chain([&self.eds, &self.eds_normalised, &self.threshold]);
-        let are_finite = numbers.copied().all(f32::is_finite);
+        check_index("class", self.class_id as usize, classes)?;
+        check_value("kind of a detection", self.kind, 2)?;
+        check_value("gate of a detection", self.gate, GateKind::ALL.len())?;
+        let boxes = self.center_m.iter().chain(&self.size_m);
+        let numbers = boxes.chain([&self.yaw_rad, &self.objectness, &self.score]);
+        let mut numbers = numbers.chain([&self.eds, &self.eds_normalised, &self.threshold]);
+        let are_finite = numbers.all(|number| number.is_finite());
         let is_sized = self.size_m.iter().all(|&side| side > 0.0);
         if !are_finite || !is_sized || !is_probability_or_none(self.unknown_probability) {
             let what = "detection";

@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::Result;
+use crate::error::{Result, check_equal, check_length};
 use crate::{CELLS_MAX, ContractError, FEATURE_CHANNELS_MAX, FrameHeader};
 
 /// 64 bytes, aligned: rows can be read by the widest vector units.
@@ -51,14 +51,14 @@ impl<'a> FeatureRows<'a> {
         header.checked()?;
         let rows = header.feature_rows as usize;
         let map_cells = map_cells.min(CELLS_MAX);
-        ContractError::check_length("feature rows", rows, map_cells)?;
-        ContractError::check_length("feature channels", channels, FEATURE_CHANNELS_MAX)?;
+        check_length("feature rows", rows, map_cells)?;
+        check_length("feature channels", channels, FEATURE_CHANNELS_MAX)?;
         let what = "feature channels";
-        ContractError::check_equal(what, header.feature_channels.into(), channels as u64)?;
+        check_equal(what, header.feature_channels.into(), channels as u64)?;
         let whole = channels.next_multiple_of(16) as u64;
-        ContractError::check_equal(what, channels as u64, whole)?;
+        check_equal(what, channels as u64, whole)?;
         let expected = feature_blocks(rows, channels) as u64;
-        ContractError::check_equal("feature blocks", blocks.len() as u64, expected)?;
+        check_equal("feature blocks", blocks.len() as u64, expected)?;
         let (cells, values) = blocks.split_at(rows.div_ceil(16));
         let cells: &[u32] = &bytemuck::cast_slice(cells)[..rows];
         let ascending = cells.windows(2).all(|pair| pair[0] < pair[1]);

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::Result;
+use crate::error::{Result, check_version};
 use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION};
 
 /// The stages in the order a frame meets them.
@@ -216,7 +216,7 @@ impl FrameHeader {
 
     /// Refuses a message of another wire version.
     pub fn checked(&self) -> Result<&FrameHeader> {
-        ContractError::check_version(self.wire_version)?;
+        check_version(self.wire_version)?;
         Ok(self)
     }
 
@@ -280,31 +280,6 @@ mod tests {
         let text = header.checked().unwrap_err().to_string();
         let expected = "wire version 5 of the sender, expected 4: ";
         assert!(text.starts_with(expected), "{text}");
-    }
-
-    #[test]
-    fn a_frame_of_another_run_or_model_or_out_of_sequence_is_refused() {
-        let run = RunDescription {
-            run_id: 7,
-            model_fingerprint: 9,
-            ..RunDescription::zeroed()
-        };
-        let check = |run_id, model_fingerprint, sequence| {
-            let mut header = FrameHeader::new(sequence, "a");
-            (header.run_id, header.model_fingerprint) = (run_id, model_fingerprint);
-            header.checked_in(&run, 3..6).map(|header| header.sequence)
-        };
-        use ContractError::{Mismatch, OtherRun, Sequence};
-        assert_eq!(check(7, 9, 3), Ok(3));
-        assert_eq!(check(7, 9, 5), Ok(5));
-        for other in [0, 8] {
-            assert!(matches!(check(other, 9, 3), Err(OtherRun { .. })));
-            assert!(matches!(check(7, other, 3), Err(Mismatch { .. })));
-        }
-        for sequence in [0, 2, 6, u64::MAX - 1, u64::MAX] {
-            let error = check(7, 9, sequence);
-            assert!(matches!(error, Err(Sequence { found, .. }) if found == sequence));
-        }
     }
 
     #[test]

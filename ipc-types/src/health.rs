@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::Result;
+use crate::error::{Result, check_value, check_version};
 use crate::{CandidateCounts, ContractError, REASON_MAX, Stage, Text};
 
 /// The state words.
@@ -97,9 +97,9 @@ impl Health {
     /// Checks a heartbeat: version, stage, state, process, and counts and times that can be.
     pub fn checked(&self) -> Result<(Stage, HealthState)> {
         let (stage, state) = (self.stage as usize, self.state as usize);
-        ContractError::check_version(self.wire_version)?;
-        ContractError::check_value("stage of a heartbeat", self.stage, Stage::ALL.len())?;
-        ContractError::check_value("state of a heartbeat", self.state, HealthState::ALL.len())?;
+        check_version(self.wire_version)?;
+        check_value("stage of a heartbeat", self.stage, Stage::ALL.len())?;
+        check_value("state of a heartbeat", self.state, HealthState::ALL.len())?;
         let can_be = self.pid != 0
             && self.frames_out <= self.frames_in
             && self.run_p50_us <= self.run_p99_us

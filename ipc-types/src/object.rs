@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::detection::is_probability_or_none;
-use crate::error::Result;
+use crate::error::{Result, check_index, check_length, check_value};
 use crate::{
     ContractError, FOOTPRINT_MAX, FrameHeader, GateKind, OBJECT_POINTS_MAX, OBJECTS_MAX, Stage,
 };
@@ -150,7 +150,7 @@ impl Object {
         classes: usize,
     ) -> Result<&'a [Object]> {
         header.checked()?.checked_stamps(Stage::Refiner)?;
-        ContractError::check_length("objects", objects.len(), OBJECTS_MAX)?;
+        check_length("objects", objects.len(), OBJECTS_MAX)?;
         for (index, o) in objects.iter().enumerate() {
             o.check(index, objects.len(), classes)?;
             o.check_meaning(index, objects)?;
@@ -159,27 +159,26 @@ impl Object {
     }
 
     fn check(&self, index: usize, objects: usize, classes: usize) -> Result<()> {
-        ContractError::check_value("kind of an object", self.kind, 2)?;
-        let dispositions = Disposition::ALL.len();
-        ContractError::check_value("disposition of an object", self.disposition, dispositions)?;
-        ContractError::check_value("gate of an object", self.gate, GateKind::ALL.len())?;
+        check_value("kind of an object", self.kind, 2)?;
+        check_value(
+            "disposition of an object",
+            self.disposition,
+            Disposition::ALL.len(),
+        )?;
+        check_value("gate of an object", self.gate, GateKind::ALL.len())?;
         if self.suppressed_by != Object::NONE {
-            let suppressor = self.suppressed_by as usize;
-            ContractError::check_index("suppressing object", suppressor, objects)?;
+            check_index("suppressing object", self.suppressed_by as usize, objects)?;
         }
-        ContractError::check_index("class", self.class_id as usize, classes)?;
+        check_index("class", self.class_id as usize, classes)?;
         let corners = self.footprint_count as usize;
-        ContractError::check_length("footprint corners", corners, FOOTPRINT_MAX)?;
-        ContractError::check_length("object points", self.points_end(), OBJECT_POINTS_MAX)?;
+        check_length("footprint corners", corners, FOOTPRINT_MAX)?;
+        check_length("object points", self.points_end(), OBJECT_POINTS_MAX)?;
         let corners = &self.footprint_m[..corners];
-        let numbers = self
-            .center_m
-            .iter()
-            .chain(&self.size_m)
-            .chain([&self.yaw_rad, &self.score, &self.eds])
-            .chain([&self.eds_normalised, &self.threshold, &self.overlap])
-            .chain(corners.iter().flatten());
-        let are_finite = numbers.copied().all(f32::is_finite);
+        let boxes = self.center_m.iter().chain(&self.size_m);
+        let others = [&self.yaw_rad, &self.score, &self.eds, &self.eds_normalised];
+        let numbers = boxes.chain(others).chain([&self.threshold, &self.overlap]);
+        let mut numbers = numbers.chain(corners.iter().flatten());
+        let are_finite = numbers.all(|number| number.is_finite());
         if !are_finite || !is_probability_or_none(self.unknown_probability) {
             let what = "object";
             return Err(ContractError::NotFinite { what, index });
@@ -216,10 +215,8 @@ impl Object {
     /// 1 mm and what f32 rounds off far from the sensor.
     fn has_sound_outline(&self) -> bool {
         let corners = &self.footprint_m[..self.footprint_count as usize];
-        let far_m = corners
-            .iter()
-            .flatten()
-            .fold(0.0f32, |far, v| far.max(v.abs()));
+        let places = corners.iter().flatten();
+        let far_m = places.fold(0.0f32, |far, v| far.max(v.abs()));
         let slack_m = 1e-3 + 1e-6 * f64::from(far_m);
         let is_left = |a: &[f32; 2], b: &[f32; 2], c: &[f32; 2]| {
             let from_a =
@@ -237,7 +234,7 @@ impl Object {
     pub fn checked_ranges(objects: &[Object], object_points: usize) -> Result<()> {
         let what = "range of an object's points";
         let end = objects.iter().map(Object::points_end).max().unwrap_or(0);
-        ContractError::check_length(what, end, object_points)
+        check_length(what, end, object_points)
     }
 
     /// Checks an `object_points` message: version, count, and every index against the `points` of the scan.
@@ -247,9 +244,9 @@ impl Object {
         points: usize,
     ) -> Result<&'a [u32]> {
         header.checked()?;
-        ContractError::check_length("object points", indices.len(), OBJECT_POINTS_MAX)?;
+        check_length("object points", indices.len(), OBJECT_POINTS_MAX)?;
         if let Some(&largest) = indices.iter().max() {
-            ContractError::check_index("point of an object", largest as usize, points)?;
+            check_index("point of an object", largest as usize, points)?;
         }
         Ok(indices)
     }

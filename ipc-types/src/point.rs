@@ -4,8 +4,8 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::Result;
-use crate::{ContractError, FrameHeader, POINTS_MAX};
+use crate::error::{Result, check_length};
+use crate::{FrameHeader, POINTS_MAX};
 
 /// Sensor frame: x forward, y left, z up. Finite, as ingest publishes it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -29,7 +29,7 @@ impl Point {
     /// finite leaves that point out.
     pub fn checked<'a>(header: &FrameHeader, points: &'a [Point]) -> Result<&'a [Point]> {
         header.checked()?;
-        ContractError::check_length("points", points.len(), POINTS_MAX)?;
+        check_length("points", points.len(), POINTS_MAX)?;
         Ok(points)
     }
 
@@ -52,7 +52,7 @@ mod tests {
         let error = Point::checked(&header, &points).unwrap_err().to_string();
         assert_eq!(error, "points: 262145 exceeds the limit of 262144");
         header.wire_version = 7;
-        let error = Point::checked(&header, &[]).unwrap_err();
-        assert!(matches!(error, ContractError::WireVersion { found: 7, .. }));
+        let error = Point::checked(&header, &[]).unwrap_err().to_string();
+        assert!(error.starts_with("wire version 7"), "{error}");
     }
 }

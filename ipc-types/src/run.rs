@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::Result;
+use crate::error::{Result, check_equal, check_value, check_version};
 use crate::{
     CLASS_NAME_MAX, CLASSES_MAX, ContractError, GateKind, MEANING_MAX, RUN_NAME_MAX, Text,
 };
@@ -64,14 +64,14 @@ impl RunDescription {
     /// Checks version, run id, class count, gate, numbers and texts.
     pub fn checked(&self) -> Result<&RunDescription> {
         let value = |what, found| Err(ContractError::Value { what, found });
-        ContractError::check_version(self.wire_version)?;
+        check_version(self.wire_version)?;
         if self.run_id == 0 {
             return value("id of the run", 0);
         }
         if !(1..=CLASSES_MAX as u32).contains(&self.classes_count) {
             return value("number of classes", self.classes_count);
         }
-        ContractError::check_value("gate of the run", self.gate, GateKind::ALL.len())?;
+        check_value("gate of the run", self.gate, GateKind::ALL.len())?;
         let numbers = [
             self.sensor_height_m,
             self.objectness_min,
@@ -99,7 +99,7 @@ impl RunDescription {
     /// Refuses another model than the run's.
     pub fn check_model(&self, fingerprint: u64) -> Result<()> {
         let what = "fingerprint of the model (all stages must run the same model)";
-        ContractError::check_equal(what, fingerprint, self.model_fingerprint)
+        check_equal(what, fingerprint, self.model_fingerprint)
     }
 
     /// Names of the classes by class id.

@@ -4,7 +4,6 @@
 //! a model was trained for. [`Model`] is a file that passed every check, [`Folded`] its layers in the order that the
 //! kernels read. Nothing here computes a network.
 
-mod calibration;
 mod error;
 mod file;
 mod fold;
@@ -21,12 +20,10 @@ pub use file::{Model, model_bytes};
 pub use fold::{BATCH_NORM_EPS, Folded};
 pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
-pub use network::{
-    DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, calibrated_layers,
-    calibration_tensor,
-};
+pub use network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, calibrated_layers};
 pub use tensors::{
-    BASELINE, LOOKS, LOOKS_VALUES, LOOKS_WIDTHS, Tensor, WeightSet, expected_tensors,
+    BASELINE, LOOKS, LOOKS_VALUES, LOOKS_WIDTHS, Tensor, WeightSet, calibration_tensor,
+    expected_tensors,
 };
 pub use validate::{
     BOXES_MAX, CANDIDATES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, GRID_CELLS_MAX, MAP_CELLS_MAX,

@@ -207,14 +207,6 @@ impl Network {
     }
 }
 
-/// How the names of the tensors of layers' ranges begin (`calibration.rs`).
-pub(crate) const CALIBRATION: &str = "calibration.";
-
-/// Name of the tensor of a layer's range.
-pub fn calibration_tensor(layer: &str) -> String {
-    format!("{CALIBRATION}{layer}")
-}
-
 /// Name and output channels of every layer that has a range, in the order of computation.
 pub fn calibrated_layers(network: &Network) -> Vec<(String, usize)> {
     let sparse = network.sparse.iter();

@@ -176,17 +176,15 @@ mod tests {
     }
 
     #[test]
-    fn compact_keeps_the_anchor_grid_and_ends_at_two_levels() {
-        let kitti = Network::compact(Grid::kitti_compact(), 3);
-        assert_eq!(*kitti.sparse_shapes().last().unwrap(), [2, 200, 176]);
+    fn compact_ends_at_two_levels_and_second_on_udi_has_the_papers_map() {
+        let last = |network: &Network| *network.sparse_shapes().last().unwrap();
+        assert_eq!(
+            last(&Network::compact(Grid::kitti_compact(), 3)),
+            [2, 200, 176]
+        );
         let udi = Network::compact(Grid::udi(), 4);
-        assert_eq!(*udi.sparse_shapes().last().unwrap(), [2, 256, 256]);
-        assert_eq!(udi.map_channels(), 96);
-    }
-
-    #[test]
-    fn second_on_udi_has_the_papers_map() {
-        let network = Network::second(Grid::udi(), 4);
-        assert_eq!(network.map_shape(), [128, 128]);
+        assert_eq!((last(&udi), udi.map_channels()), ([2, 256, 256], 96));
+        let second = Network::second(Grid::udi(), 4);
+        assert_eq!(second.map_shape(), [128, 128]);
     }
 }

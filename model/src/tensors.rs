@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::error::{ModelError, Result};
-use crate::network::{CALIBRATION, Network, calibrated_layers, calibration_tensor};
+use crate::network::{Network, calibrated_layers};
 
 /// Tensors of this prefix belong to a baseline of the laboratory, which stands on the network: no robot reads them.
 pub const BASELINE: &str = "baseline.";
@@ -18,6 +18,17 @@ pub const LOOKS_VALUES: usize = {
     let [a, b, c, d] = LOOKS_WIDTHS;
     (a + 1) * b + (b + 1) * c + (c + 1) * d
 };
+
+/// How the names of the ranges of layers begin: what int8 needs to know of a model, how large the values between its layers
+/// get. Optional, all or none: `calibration.LAYER` for the output of each sparse layer and of each layer of both blocks, one
+/// value a channel. A byte of 255 stands for that value and 0 for 0 (all of these outputs have passed a ReLU); larger values
+/// are cut. `mluc-lab quantize` writes them.
+const CALIBRATION: &str = "calibration.";
+
+/// Name of the tensor of a layer's range.
+pub fn calibration_tensor(layer: &str) -> String {
+    format!("{CALIBRATION}{layer}")
+}
 
 /// Row-major values with their shape.
 #[derive(Clone, Debug, PartialEq)]
@@ -82,6 +93,28 @@ impl WeightSet {
     /// Takes a tensor out.
     pub fn remove(&mut self, name: &str) -> Option<Tensor> {
         self.tensors.remove(name)
+    }
+
+    /// Whether there is a calibration: a checked set has all of its tensors then.
+    pub fn is_calibrated(&self) -> bool {
+        self.iter().any(|(name, _)| name.starts_with(CALIBRATION))
+    }
+
+    /// The values that a byte of 255 stands for, one an output channel of a layer.
+    pub fn range(&self, layer: &str, channels: usize) -> Result<&[f32]> {
+        self.get(&calibration_tensor(layer), &[channels])
+    }
+
+    /// Adds or replaces the range of a layer.
+    pub fn set_range(&mut self, layer: &str, range: Vec<f32>) {
+        self.insert(calibration_tensor(layer), vec![range.len()], range);
+    }
+
+    /// Takes the calibration out, after the weights have changed.
+    pub fn remove_calibration(&mut self, network: &Network) {
+        for (layer, _) in calibrated_layers(network) {
+            self.remove(&calibration_tensor(&layer));
+        }
     }
 
     /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance:

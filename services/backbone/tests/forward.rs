@@ -74,20 +74,6 @@ fn warming_up_changes_no_bit() -> Fallible {
 }
 
 #[test]
-fn an_empty_scan_has_no_row_and_points_are_accounted_for() -> Fallible {
-    let mut backbone = backbone(&manifest(), Precision::F32)?;
-    assert_eq!(backbone.run(&[]).rows, 0);
-    let mut points = scan(5, "z");
-    points.push([f32::NAN; 4]);
-    let counts = backbone.run(&points).points;
-    assert_eq!(counts.points as usize, points.len());
-    let all = counts.non_finite + counts.out_of_range + counts.in_range;
-    assert_eq!((counts.points, counts.non_finite), (all, 1));
-    assert!(counts.out_of_range > 0 && counts.voxels > 0 && counts.voxels <= counts.in_range);
-    Ok(())
-}
-
-#[test]
 fn a_buffer_of_another_length_and_a_model_that_does_not_fit_are_refused() -> Fallible {
     let manifest = manifest();
     let mut weights = formula_weights(&manifest.network);

@@ -40,16 +40,12 @@ impl Anchors {
             let size = class.size_m.map(f64::from);
             (size, f64::from(class.bottom_z_m) + size[2] / 2.0)
         };
+        let classes = manifest.classes.iter().chain(&manifest.generic);
         Anchors {
             columns,
             origin_m: low,
             step_m: [0, 1].map(|i| (high[i] - low[i]) / steps[i]),
-            classes: manifest
-                .classes
-                .iter()
-                .chain(&manifest.generic)
-                .map(class)
-                .collect(),
+            classes: classes.map(class).collect(),
         }
     }
 
@@ -79,19 +75,11 @@ impl Anchors {
 /// A box as its code against an anchor.
 pub fn encode(found: &Box3, anchor: &Box3) -> [f64; BOX_CODES] {
     let [la, wa, ha] = anchor.size_m;
-    let offset = [0, 1, 2].map(|i| found.center_m[i] - anchor.center_m[i]);
+    let [x, y, z] = [0, 1, 2].map(|i| found.center_m[i] - anchor.center_m[i]);
     let diagonal = la.hypot(wa);
     let [l, w, h] = [0, 1, 2].map(|i| (found.size_m[i] / anchor.size_m[i]).ln());
     let yaw = found.yaw_rad - anchor.yaw_rad;
-    [
-        offset[0] / diagonal,
-        offset[1] / diagonal,
-        offset[2] / ha,
-        l,
-        w,
-        h,
-        yaw,
-    ]
+    [x / diagonal, y / diagonal, z / ha, l, w, h, yaw]
 }
 
 /// The box of a code; its yaw still has two readings half a turn apart. None where the code is no number.
@@ -137,17 +125,9 @@ mod tests {
         ] {
             let code = encode(&Box3::new(found), &anchor).map(|value| value as f32);
             let back = decode(&code, &anchor).expect("a finite code");
-            let values: Vec<f64> = back
-                .center_m
-                .iter()
-                .chain(&back.size_m)
-                .chain([&back.yaw_rad])
-                .copied()
-                .collect();
-            assert!(
-                values.iter().zip(found).all(|(a, b)| (a - b).abs() < 1e-5),
-                "{values:?}"
-            );
+            let values = [&back.center_m[..], &back.size_m, &[back.yaw_rad]].concat();
+            let mut pairs = values.iter().zip(found);
+            assert!(pairs.all(|(a, b)| (a - b).abs() < 1e-5), "{values:?}");
         }
     }
 
@@ -157,10 +137,8 @@ mod tests {
             let yaw = f64::from(degree).to_radians() + 1e-3;
             let bin = direction_bin(yaw);
             for reading in [yaw, yaw + PI, yaw - PI, yaw + 2.0 * PI] {
-                assert!(
-                    (direct(reading, bin) - yaw).abs() < 1e-9,
-                    "{degree} degrees"
-                );
+                let error = direct(reading, bin) - yaw;
+                assert!(error.abs() < 1e-9, "{degree} degrees");
             }
         }
     }

@@ -136,6 +136,7 @@ impl Proposal {
     /// The object as the contract has it, without points.
     pub(crate) fn object(&self, detection: &Detection, classes: usize) -> Object {
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        let is_gate = (detection.gate as usize) < GateKind::ALL.len();
         Object {
             kind: self.kind as u32,
             disposition: self.disposition as u32,
@@ -152,7 +153,7 @@ impl Proposal {
             eds: finite(detection.eds),
             eds_normalised: finite(detection.eds_normalised),
             unknown_probability: unknown_probability(detection),
-            gate: GateKind::from_number(detection.gate).map_or(0, |gate| gate as u32),
+            gate: if is_gate { detection.gate } else { 0 },
             threshold: finite(detection.threshold),
             points_first: 0,
             points_count: 0,

@@ -43,7 +43,7 @@ impl Membership {
                     lock,
                     parent: getppid(),
                 };
-                member.check_contract(begun)?;
+                member.check_contract()?;
                 return Ok(member);
             }
             if begun.elapsed() > PATIENCE {
@@ -81,17 +81,10 @@ impl Membership {
         Ok((shared && is_same_file(&lock, &path)).then_some(lock))
     }
 
-    fn check_contract(&self, begun: Instant) -> Result<()> {
+    fn check_contract(&self) -> Result<()> {
         let path = self.instance.root().join(CONTRACT);
-        let text = loop {
-            match fs::read_to_string(&path) {
-                Ok(text) if text.ends_with('\n') => break text,
-                other if begun.elapsed() > PATIENCE => {
-                    other.map_err(RuntimeError::io("reading", &path))?;
-                }
-                _ => std::thread::sleep(Duration::from_millis(2)),
-            }
-        };
+        // Whoever was alone wrote it before anybody else could share the lock.
+        let text = fs::read_to_string(&path).map_err(RuntimeError::io("reading", &path))?;
         let field = |key: &str| {
             let mut words = text.split_whitespace();
             words.find_map(|word| word.strip_prefix(key)).unwrap_or("?")

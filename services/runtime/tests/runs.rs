@@ -205,14 +205,11 @@ fn a_heartbeat_that_makes_no_sense_is_left_out() {
     };
     others.shell.tick().unwrap();
     watch.update().unwrap();
-    let changes: [&dyn Fn(&mut Health); 9] = [
+    // What else a heartbeat may not say is a promise of its own check.
+    let changes: [&dyn Fn(&mut Health); 5] = [
         &|h| *h = bytemuck::cast([0xa5u8; size_of::<Health>()]),
         &|h| *h = Health::zeroed(),
         &|h| h.stage = Stage::Ingest as u32,
-        &|h| h.state = 6,
-        &|h| h.pid = 0,
-        &|h| h.frames_out = u64::MAX,
-        &|h| h.run_p50_us = 9,
         &|h| h.run_id ^= 1,
         &|h| h.wire_version += 1,
     ];
