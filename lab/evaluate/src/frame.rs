@@ -48,31 +48,33 @@ pub struct FrameTruth {
 }
 
 impl FrameTruth {
-    /// A detection in the camera frame; `None` when there is an image and nothing of the box lies in it.
-    pub(crate) fn detection(&self, found: &SensorDetection) -> Option<CameraDetection> {
-        let camera_box = self
-            .calibration
-            .label_from_box_in_sensor(&found.box_in_sensor);
+    /// A box in the image and as [`CameraDetection::upright`]; `None` when there is an image and nothing of the box lies in it.
+    pub(crate) fn in_camera(&self, box_in_sensor: &Box3) -> Option<([f64; 4], Box3)> {
+        let camera_box = self.calibration.label_from_box_in_sensor(box_in_sensor);
         let image_box_px = if self.calibration.has_camera() {
             self.calibration
                 .project_label_to_image(&camera_box, self.image)?
         } else {
             IMAGE_BOX_WITHOUT_CAMERA_PX
         };
-        Some(CameraDetection {
-            kind: found.kind,
-            class: found.class.clone(),
-            score: found.score,
-            image_box_px,
-            upright: camera_box.upright(),
-        })
+        Some((image_box_px, camera_box.upright()))
     }
 
     /// The frame with what was found in it; what lies outside the image is dropped.
     pub fn with(&self, found: &[SensorDetection]) -> LabelledFrame {
+        let detection = |found: &SensorDetection| {
+            let (image_box_px, upright) = self.in_camera(&found.box_in_sensor)?;
+            Some(CameraDetection {
+                kind: found.kind,
+                class: found.class.clone(),
+                score: found.score,
+                image_box_px,
+                upright,
+            })
+        };
         LabelledFrame {
             labels: Arc::clone(&self.labels),
-            detections: found.iter().filter_map(|d| self.detection(d)).collect(),
+            detections: found.iter().filter_map(detection).collect(),
         }
     }
 }

@@ -106,14 +106,13 @@ fn count_label(label: &Box3, frame: &LabelledFrame, rule: &ClassRule, row: &mut 
         other |= !own && overlap > TOUCHES_IOU;
     }
     row.labels += 1;
-    let dispositions = [
+    count_first([
         (found, &mut row.found),
         (weak, &mut row.weak),
         (displaced, &mut row.displaced),
         (other, &mut row.other_class),
         (true, &mut row.missed),
-    ];
-    count_first(dispositions);
+    ]);
 }
 
 /// Adds one to the first count whose condition holds.
@@ -125,14 +124,8 @@ fn count_first<const N: usize>(counts: [(bool, &mut usize); N]) {
 
 fn count_alarms(frame: &LabelledFrame, rule: &ClassRule, row: &mut AlarmRow) {
     let labels = frame.labels.iter().filter(|label| !label.is_dont_care());
-    let boxes: Vec<(bool, Box3)> = labels
-        .map(|label| {
-            (
-                rule.label_counts(label).is_some(),
-                label.camera_box.upright(),
-            )
-        })
-        .collect();
+    let own_and_box = |l: &Label| (rule.label_counts(l).is_some(), l.camera_box.upright());
+    let boxes: Vec<(bool, Box3)> = labels.map(own_and_box).collect();
     let detections = frame.detections.iter();
     for detection in detections.filter(|d| is_sure(d, rule) && rule.claims(d)) {
         let best = |own: bool| {

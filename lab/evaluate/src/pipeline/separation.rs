@@ -3,7 +3,7 @@
 use super::mahalanobis::{Embedded, mahalanobis};
 use super::misses::labels_that_count;
 use super::{DetectedFrame, FoundObject};
-use crate::{CameraDetection, ClassRule, ObjectKind, auroc, fpr95};
+use crate::{ClassRule, ObjectKind, auroc, fpr95};
 use mluc_geometry::{Box3, iou_3d};
 use mluc_head::Detection;
 use serde::{Deserialize, Serialize};
@@ -92,12 +92,12 @@ fn judged_boxes<'a>(
     frame: &'a DetectedFrame,
     rules: &'a [ClassRule],
 ) -> Vec<JudgedBox<'a>> {
-    let in_camera = |d: &Detection| {
-        // The box alone, for its place in the camera frame.
-        let object = FoundObject::of_box(d, ObjectKind::Known, 0.0);
-        frame.truth.detection(&object.to_detection(&[]))
+    let upright = |d: &Detection| -> Option<Box3> {
+        let found = FoundObject::of_box(d, ObjectKind::Known, 0.0);
+        let (_, upright) = frame.truth.in_camera(&found.box_in_sensor())?;
+        Some(upright)
     };
-    let boxes: Vec<Option<CameraDetection>> = frame.detections.iter().map(in_camera).collect();
+    let boxes: Vec<Option<Box3>> = frame.detections.iter().map(upright).collect();
     let mut taken = vec![false; boxes.len()];
     let mut found = Vec::new();
     let judged = |detection, rule| JudgedBox {
@@ -106,10 +106,8 @@ fn judged_boxes<'a>(
         rule,
     };
     for (label, rule) in labels_that_count(&frame.truth.labels, rules) {
-        let hit = (0..boxes.len()).find(|&i| {
-            let overlap = boxes[i].as_ref().map(|b| iou_3d(&b.upright, &label));
-            !taken[i] && overlap.is_some_and(|overlap| overlap > rule.iou_min)
-        });
+        let fits = |b: &Box3| iou_3d(b, &label) > rule.iou_min;
+        let hit = (0..boxes.len()).find(|&i| !taken[i] && boxes[i].as_ref().is_some_and(fits));
         if let Some(i) = hit {
             taken[i] = true;
             found.push(judged(&frame.detections[i], Some(rule)));
@@ -117,9 +115,9 @@ fn judged_boxes<'a>(
     }
     let labels = frame.truth.labels.iter();
     let labels: Vec<Box3> = labels.map(|label| label.camera_box.upright()).collect();
-    let touches = |b: &CameraDetection| labels.iter().any(|l| iou_3d(&b.upright, l) != 0.0);
-    for (in_camera, detection) in boxes.iter().zip(&frame.detections) {
-        if in_camera.as_ref().is_some_and(|b| !touches(b)) {
+    let is_apart = |b: &Box3| labels.iter().all(|l| iou_3d(b, l) == 0.0);
+    for (upright, detection) in boxes.iter().zip(&frame.detections) {
+        if upright.as_ref().is_some_and(is_apart) {
             found.push(judged(detection, None));
         }
     }

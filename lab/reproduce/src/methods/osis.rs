@@ -76,14 +76,11 @@ fn standing(
     let mut cubes: BTreeMap<[i32; 3], [f32; 3]> = BTreeMap::new();
     for p in points {
         let at = [p.x_m, p.y_m, p.z_m];
-        cubes
-            .entry(at.map(|v| (v / THIN_M).floor() as i32))
-            .or_insert(at);
+        let cube = at.map(|v| (v / THIN_M).floor() as i32);
+        cubes.entry(cube).or_insert(at);
     }
-    let tests: Vec<(InBox, f32)> = detections
-        .iter()
-        .map(|d| (InBox::new(&known(d).box_in_sensor()), d.softmax_max))
-        .collect();
+    let test = |d: &Detection| (InBox::new(&known(d).box_in_sensor()), d.softmax_max);
+    let tests: Vec<(InBox, f32)> = detections.iter().map(test).collect();
     let stands = |at: &[f32; 3]| {
         let [x, y, z] = at.map(f64::from);
         z - ground.plane_at([x, y]).z_at_m(x, y) > CLEARANCE_M
@@ -92,9 +89,8 @@ fn standing(
         let [x, y, z] = at_m;
         let around = tests.iter().enumerate();
         let around = around.filter(|(_, (test, _))| test.contains(&[x, y, z, 0.0]));
-        let best = around
-            .map(|(i, (_, p))| (i, *p))
-            .reduce(|a, b| if b.1 > a.1 { b } else { a });
+        let around = around.map(|(i, (_, p))| (i, *p));
+        let best = around.reduce(|a, b| if b.1 > a.1 { b } else { a });
         Standing {
             at_m,
             known: best.map_or(0.0, |(_, p)| p),
@@ -112,16 +108,13 @@ fn unknown(standing: &[Standing], threshold: f32, embedder: Option<&Embedder>) -
     let scores: Vec<Option<f32>> =
         embedder.map_or_else(by_place, |e| e.unknown(standing, &left, threshold));
     let pairs = left.into_iter().zip(scores);
-    let (left, scores): (Vec<&Standing>, Vec<f32>) = pairs
-        .filter_map(|(point, score)| Some((point, score?)))
-        .unzip();
+    let pairs = pairs.filter_map(|(point, score)| Some((point, score?)));
+    let (left, scores): (Vec<&Standing>, Vec<f32>) = pairs.unzip();
     let places: Vec<[f32; 3]> = left.iter().map(|s| s.at_m).collect();
     let embeddings: Vec<&[f32]> = left.iter().map(|s| s.embedding.as_slice()).collect();
-    let groups = cluster(&places, &embeddings, POINTS_MIN);
-    groups
-        .iter()
-        .filter_map(|group| object(&left, &scores, group))
-        .collect()
+    let groups = cluster(&places, &embeddings, POINTS_MIN).into_iter();
+    let objects = groups.filter_map(|group| object(&left, &scores, &group));
+    objects.collect()
 }
 
 /// A tight box around a cluster; its score is the mean of its points'.
@@ -132,19 +125,14 @@ fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<FoundObje
         let [x, y, z] = left[i].at_m;
         points.push(x - origin[0], y - origin[1], z);
     }
-    let extent = |values: &[f32]| {
-        let low = values.iter().copied().fold(f32::MAX, f32::min);
-        f64::from(values.iter().copied().fold(f32::MIN, f32::max) - low)
-    };
-    if extent(&points.x_m).hypot(extent(&points.y_m)) > LENGTH_MAX_M {
+    let sides_m = points.spans_m([1.0, 0.0]);
+    let [along, aside] = sides_m.map(|[low, high]| f64::from(high - low));
+    if along.hypot(aside) > LENGTH_MAX_M {
         return None;
     }
     let rectangle = minimum_area(&points);
-    let ([cx, cy], [l, w], [low, high]) = (
-        rectangle.center_m(),
-        rectangle.size_m(),
-        points.z_range_m()?,
-    );
+    let ([cx, cy], [l, w]) = (rectangle.center_m(), rectangle.size_m());
+    let [low, high] = points.z_range_m()?;
     // The longer side is the heading.
     let (l, w, yaw) = if l >= w {
         (l, w, rectangle.yaw_rad)

@@ -13,7 +13,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 const PANEL_PX: (u32, u32) = (500, 320);
 const LEGEND_PX: u32 = 240;
 /// Pixels of the PNG a unit of the SVG.
-const PNG_SCALE: f32 = 2.0;
+const PNG_SCALE: u32 = 2;
 const FONT: &str = "sans-serif";
 
 type Fault<B> = DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>;
@@ -24,34 +24,35 @@ type Shown = (&'static str, &'static str, fn(&SweepPoint) -> f64);
 /// As SVG; an error in words where it cannot be drawn.
 pub(crate) fn svg(report: &ReproductionReport) -> Result<String, String> {
     let mut text = String::new();
-    let backend = SVGBackend::with_string(&mut text, size_px(report));
-    draw(backend, report).map_err(|e| e.to_string())?;
+    let backend = SVGBackend::with_string(&mut text, size_px(report, 1));
+    draw(backend, report, 1).map_err(|e| e.to_string())?;
     Ok(text)
 }
 
 /// As pixels.
 pub(crate) fn canvas(report: &ReproductionReport) -> Result<Canvas, String> {
-    let (width, height) = size_px(report);
-    let [width, height] = [width, height].map(|v| (v as f32 * PNG_SCALE) as usize);
-    let mut canvas = Canvas::new(width, height, [255; 3]);
-    let backend = CanvasBackend {
-        canvas: &mut canvas,
-        scale: PNG_SCALE,
-    };
-    draw(backend, report).map_err(|e| e.to_string())?;
+    let (width, height) = size_px(report, PNG_SCALE);
+    let mut canvas = Canvas::new(width as usize, height as usize, [255; 3]);
+    let backend = CanvasBackend(&mut canvas);
+    draw(backend, report, PNG_SCALE).map_err(|e| e.to_string())?;
     Ok(canvas)
 }
 
-fn size_px(report: &ReproductionReport) -> (u32, u32) {
+fn size_px(report: &ReproductionReport, scale: u32) -> (u32, u32) {
     let columns = report.settings.len().max(1) as u32;
-    (columns * PANEL_PX.0 + LEGEND_PX, 2 * PANEL_PX.1)
+    let width = columns * PANEL_PX.0 + LEGEND_PX;
+    (scale * width, scale * 2 * PANEL_PX.1)
 }
 
-fn draw<B: DrawingBackend>(backend: B, report: &ReproductionReport) -> Result<(), Fault<B>> {
+fn draw<B: DrawingBackend>(
+    backend: B,
+    report: &ReproductionReport,
+    scale: u32,
+) -> Result<(), Fault<B>> {
     let root = backend.into_drawing_area();
     root.fill(&WHITE)?;
     let columns = report.settings.len().max(1);
-    let (panels, legend) = root.split_horizontally(columns as u32 * PANEL_PX.0);
+    let (panels, legend) = root.split_horizontally(scale * columns as u32 * PANEL_PX.0);
     let shown: [Shown; 2] = [
         ("AP of the unknown, %", "ap_unknown", |p| p.ap_unknown),
         ("mAP of the known, %", "map_known", |p| p.map_known),
@@ -60,10 +61,10 @@ fn draw<B: DrawingBackend>(backend: B, report: &ReproductionReport) -> Result<()
     let settings: Vec<_> = report.settings.iter().rev().collect();
     for (at, area) in panels.split_evenly((2, columns)).iter().enumerate() {
         if let Some((setting, rows)) = settings.get(at % columns) {
-            draw_panel(area, setting, rows, shown[at / columns])?;
+            draw_panel(area, setting, rows, shown[at / columns], scale)?;
         }
     }
-    draw_legend(&legend, report)?;
+    draw_legend(&legend, report, scale as i32)?;
     root.present()
 }
 
@@ -72,6 +73,7 @@ fn draw_panel<B: DrawingBackend>(
     setting: &str,
     rows: &Rows,
     (name, figure, of): Shown,
+    scale: u32,
 ) -> Result<(), Fault<B>> {
     let curves = rows.values().flat_map(|row| &row.curve).map(of);
     let chosen = rows.values().filter_map(|row| Some(row.get(figure)?[0]));
@@ -84,10 +86,10 @@ fn draw_panel<B: DrawingBackend>(
         (0.0, (10.0 * (most / 10.0).ceil()).min(100.0))
     };
     let mut chart = ChartBuilder::on(area)
-        .caption(format!("{setting}: {name}"), (FONT, 15))
-        .margin(14)
-        .x_label_area_size(36)
-        .y_label_area_size(36)
+        .caption(format!("{setting}: {name}"), (FONT, 15 * scale))
+        .margin(14 * scale)
+        .x_label_area_size(36 * scale)
+        .y_label_area_size(36 * scale)
         .build_cartesian_2d(0.0..100.0, low..high)?;
     chart
         .configure_mesh()
@@ -95,7 +97,7 @@ fn draw_panel<B: DrawingBackend>(
         .x_labels(6)
         .y_labels(6)
         .light_line_style(TRANSPARENT)
-        .label_style((FONT, 12))
+        .label_style((FONT, 12 * scale))
         .draw()?;
     for (method, figures) in present(rows) {
         let [r, g, b] = method.color;
@@ -103,12 +105,12 @@ fn draw_panel<B: DrawingBackend>(
         let curve = figures.curve.iter();
         let mut points: Vec<(f64, f64)> = curve.map(|p| (p.recall_unknown, of(p))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
+        chart.draw_series(LineSeries::new(points, color.stroke_width(2 * scale)))?;
         if let (Some([x, _]), Some([y, _])) = (figures.get("recall_unknown"), figures.get(figure)) {
             let ring = [(5, color), (2, WHITE)];
             chart.draw_series(ring.map(|(radius, color)| {
                 let at = (x, y.clamp(low, high));
-                Circle::new(at, radius, color.filled())
+                Circle::new(at, radius * scale, color.filled())
             }))?;
         }
     }
@@ -118,23 +120,25 @@ fn draw_panel<B: DrawingBackend>(
 fn draw_legend<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     report: &ReproductionReport,
+    scale: i32,
 ) -> Result<(), Fault<B>> {
     let is_shown = |key: &String| report.settings.values().any(|rows| rows.contains_key(key));
-    let style = (FONT, 12).into_font();
-    let style = style
-        .into_text_style(area)
-        .pos(Pos::new(HPos::Left, VPos::Center));
+    let at = |x: i32, y: i32| (x * scale, y * scale);
+    let style = (FONT, 12 * scale).into_font().into_text_style(area);
+    let style = style.pos(Pos::new(HPos::Left, VPos::Center));
     let mut y = 60;
     for method in METHODS.iter().filter(|method| is_shown(&method.key)) {
         let [r, g, b] = method.color;
-        let line = vec![(10, y), (32, y)];
-        area.draw(&PathElement::new(line, RGBColor(r, g, b).stroke_width(3)))?;
-        area.draw(&Text::new(method.title.as_str(), (40, y), &style))?;
+        let style_of_line = RGBColor(r, g, b).stroke_width(3 * scale as u32);
+        let line = vec![at(10, y), at(32, y)];
+        area.draw(&PathElement::new(line, style_of_line))?;
+        area.draw(&Text::new(method.title.as_str(), at(40, y), &style))?;
         y += 22;
     }
-    area.draw(&Circle::new((21, y), 5, BLACK.filled()))?;
-    area.draw(&Circle::new((21, y), 2, WHITE.filled()))?;
-    area.draw(&Text::new("chosen", (40, y), &style))
+    for (radius, color) in [(5, BLACK), (2, WHITE)] {
+        area.draw(&Circle::new(at(21, y), radius * scale, color.filled()))?;
+    }
+    area.draw(&Text::new("chosen", at(40, y), &style))
 }
 
 #[cfg(test)]

@@ -10,35 +10,59 @@ const INK: Color = [30, 30, 30];
 const GAP_PX: usize = 8;
 const FOOT_PX: usize = 34;
 
-/// A scene from above with the same in perspective below it.
-struct Cell {
+/// Pictures in rows and columns: each a scene from above with the same in perspective below it, lines of text over them.
+struct Grid {
+    head_px: usize,
+    line_px: usize,
+    /// Pixels of a dot of the letters.
+    dot_px: usize,
     above_px: [usize; 2],
     eye_px: [usize; 2],
     px_per_m: f64,
 }
 
-impl Cell {
-    /// Width and height with the gaps after them.
-    fn size_px(&self) -> [usize; 2] {
-        let height = self.above_px[1] + self.eye_px[1] + 2 * GAP_PX;
+impl Grid {
+    /// Width and height of a picture with the gaps after it.
+    fn cell_px(&self) -> [usize; 2] {
+        let height = self.head_px + self.above_px[1] + self.eye_px[1] + 2 * GAP_PX;
         [self.above_px[0] + GAP_PX, height]
+    }
+
+    /// An empty page with what the colours mean at its foot.
+    fn page(&self, columns: usize, rows: usize) -> Canvas {
+        let [width, height] = self.cell_px();
+        let mut canvas = Canvas::new(columns * width + GAP_PX, rows * height + FOOT_PX, PAPER);
+        let (mut x, y) = (GAP_PX as i64, (rows * height) as i64 + 10);
+        for name in ["car", "pedestrian", "cyclist", "truck", "unknown"] {
+            canvas.rectangle([x, y], [x + 14, y + 14], label_color(name), 1.0);
+            canvas.text([x + 20, y], name, 2, INK);
+            x += 40 + Canvas::text_size_px(name, 2)[0];
+        }
+        canvas.text([x + 10, y], "white dashes: labelled unknown", 2, INK);
+        canvas
     }
 
     /// Draws boxes over a scene's points; its unknown labels are dashed where `with_labels`.
     fn draw(
         &self,
         canvas: &mut Canvas,
-        scene: &DrawnScene,
-        boxes: &[SceneBox],
+        [column, row]: [usize; 2],
+        lines: &[&str],
+        (scene, boxes): (&DrawnScene, &[SceneBox]),
         with_labels: bool,
-        [left, top]: [usize; 2],
     ) {
+        let [width, height] = self.cell_px();
+        let (left, top) = (GAP_PX + column * width, row * height);
+        for (line, text) in lines.iter().enumerate() {
+            let at = [left, top + 8 + line * self.line_px].map(|v| v as i64);
+            canvas.text(at, text, self.dot_px, INK);
+        }
         let labels = scene.truth.iter();
         let labels: Vec<&SceneBox> = labels.filter(|l| l.unknown && with_labels).collect();
         let above = Projection::above(scene.target_m, self.px_per_m, self.above_px);
         let eye = Projection::towards(scene.target_m, self.eye_px);
-        let below = top + self.above_px[1] + GAP_PX;
-        for (projection, top) in [(above, top), (eye, below)] {
+        let top = top + self.head_px;
+        for (projection, top) in [(above, top), (eye, top + self.above_px[1] + GAP_PX)] {
             let picture = draw(&scene.points, boxes, &labels, &projection);
             paste(canvas, &picture, left, top);
         }
@@ -47,74 +71,46 @@ impl Cell {
 
 /// Draws scenes below each other: labels first, then a column a panel.
 pub(crate) fn figure6(scenes: &[DrawnScene]) -> Canvas {
-    const CELL: Cell = Cell {
+    let grid = Grid {
+        head_px: 60,
+        line_px: 30,
+        dot_px: 2,
         above_px: [330, 300],
         eye_px: [330, 210],
         px_per_m: 8.0,
     };
-    const HEAD_PX: usize = 30;
-    let [cell_width, cell_height] = CELL.size_px();
     let panels = scenes.iter().map(|scene| scene.panels.len()).max();
-    let columns = 1 + panels.unwrap_or(0);
-    let scene_px = 2 * HEAD_PX + cell_height;
-    let width = columns * cell_width + GAP_PX;
-    let mut canvas = Canvas::new(width, scenes.len() * scene_px + FOOT_PX, PAPER);
+    let mut canvas = grid.page(1 + panels.unwrap_or(0), scenes.len());
     for (row, scene) in scenes.iter().enumerate() {
-        let top = row * scene_px;
-        canvas.text([GAP_PX as i64, top as i64 + 9], &scene.caption, 2, INK);
-        let found = scene.panels.iter().map(|p| (p.title.as_str(), &p.boxes));
-        let panels = std::iter::once(("Labels", &scene.truth)).chain(found);
-        for (column, (title, boxes)) in panels.enumerate() {
-            let left = GAP_PX + column * cell_width;
-            let heading = [left as i64 + 4, (top + HEAD_PX) as i64 + 8];
-            canvas.text(heading, title, 2, INK);
-            let at = [left, top + 2 * HEAD_PX];
-            CELL.draw(&mut canvas, scene, boxes, column > 0, at);
+        let labels = [&scene.caption, "Labels"];
+        grid.draw(&mut canvas, [0, row], &labels, (scene, &scene.truth), false);
+        for (column, panel) in scene.panels.iter().enumerate() {
+            let (at, lines) = ([1 + column, row], ["", &panel.title]);
+            grid.draw(&mut canvas, at, &lines, (scene, &panel.boxes), true);
         }
     }
-    draw_legend(&mut canvas, scenes.len() * scene_px);
     canvas
 }
 
 /// Draws the first panel of each scene, three a row, with the caption (two lines) over it.
 pub(crate) fn worst_page(scenes: &[DrawnScene]) -> Canvas {
-    const CELL: Cell = Cell {
+    const COLUMNS: usize = 3;
+    let grid = Grid {
+        head_px: 36,
+        line_px: 14,
+        dot_px: 1,
         above_px: [460, 380],
         eye_px: [460, 260],
         px_per_m: 7.0,
     };
-    const HEAD_PX: usize = 36;
-    const COLUMNS: usize = 3;
-    let [cell_width, cell_height] = CELL.size_px();
-    let row_px = HEAD_PX + cell_height;
-    let rows = scenes.len().div_ceil(COLUMNS).max(1);
-    let mut canvas = Canvas::new(
-        COLUMNS * cell_width + GAP_PX,
-        rows * row_px + FOOT_PX,
-        PAPER,
-    );
+    let mut canvas = grid.page(COLUMNS, scenes.len().div_ceil(COLUMNS).max(1));
     for (index, scene) in scenes.iter().enumerate() {
-        let left = GAP_PX + index % COLUMNS * cell_width;
-        let top = index / COLUMNS * row_px;
-        for (line, text) in scene.caption.lines().enumerate() {
-            canvas.text([left as i64, (top + 8 + 14 * line) as i64], text, 1, INK);
-        }
+        let lines: Vec<&str> = scene.caption.lines().collect();
         let boxes = scene.panels.first().map_or(&[][..], |panel| &panel.boxes);
-        CELL.draw(&mut canvas, scene, boxes, true, [left, top + HEAD_PX]);
+        let at = [index % COLUMNS, index / COLUMNS];
+        grid.draw(&mut canvas, at, &lines, (scene, boxes), true);
     }
-    draw_legend(&mut canvas, rows * row_px);
     canvas
-}
-
-/// What the colours mean.
-fn draw_legend(canvas: &mut Canvas, top: usize) {
-    let (mut x, y) = (GAP_PX as i64, top as i64 + 10);
-    for name in ["car", "pedestrian", "cyclist", "truck", "unknown"] {
-        canvas.rectangle([x, y], [x + 14, y + 14], label_color(name), 1.0);
-        canvas.text([x + 20, y], name, 2, INK);
-        x += 40 + Canvas::text_size_px(name, 2)[0];
-    }
-    canvas.text([x + 10, y], "white dashes: labelled unknown", 2, INK);
 }
 
 #[cfg(test)]
