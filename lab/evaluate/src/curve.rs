@@ -15,25 +15,23 @@ pub struct AveragePrecision {
 }
 
 impl AveragePrecision {
+    fn each_way(figure: impl Fn(fn(&AveragePrecision) -> f64) -> f64) -> AveragePrecision {
+        AveragePrecision {
+            r11: figure(|ap| ap.r11),
+            r40: figure(|ap| ap.r40),
+            all: figure(|ap| ap.all),
+        }
+    }
+
     /// The mean of several, each way of averaging by itself; 0 of none.
     pub fn mean(of: &[AveragePrecision]) -> AveragePrecision {
-        let mean = |value: fn(&AveragePrecision) -> f64| {
-            of.iter().map(value).sum::<f64>() / of.len().max(1) as f64
-        };
-        AveragePrecision {
-            r11: mean(|ap| ap.r11),
-            r40: mean(|ap| ap.r40),
-            all: mean(|ap| ap.all),
-        }
+        let count = of.len().max(1) as f64;
+        AveragePrecision::each_way(|way| of.iter().map(way).sum::<f64>() / count)
     }
 
     /// The harmonic mean of two, each way of averaging by itself.
     pub fn harmonic(self, other: AveragePrecision) -> AveragePrecision {
-        AveragePrecision {
-            r11: harmonic_mean(self.r11, other.r11),
-            r40: harmonic_mean(self.r40, other.r40),
-            all: harmonic_mean(self.all, other.all),
-        }
+        AveragePrecision::each_way(|way| harmonic_mean(way(&self), way(&other)))
     }
 }
 
@@ -83,28 +81,23 @@ impl Curve {
             curve.hit_scores.extend_from_slice(&frame.hit_scores);
             curve.steps.extend_from_slice(&frame.steps);
         }
-        curve.finish();
-        curve
-    }
-
-    /// Sorts the scores and adds up the changes.
-    fn finish(&mut self) {
-        self.hit_scores.sort_by(|a, b| b.total_cmp(a));
-        self.steps.sort_by(|a, b| b.0.total_cmp(&a.0));
+        curve.hit_scores.sort_by(|a, b| b.total_cmp(a));
+        curve.steps.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (mut hits, mut false_alarms) = (0, 0);
-        for step in &mut self.steps {
+        for step in &mut curve.steps {
             hits += step.1;
             false_alarms += step.2;
             (step.1, step.2) = (hits, false_alarms);
         }
         // One entry a score: the last one holds all of its changes.
-        self.steps.dedup_by(|later, earlier| {
+        curve.steps.dedup_by(|later, earlier| {
             let same = later.0 == earlier.0;
             if same {
                 *earlier = *later;
             }
             same
         });
+        curve
     }
 
     /// Part of the labels that is found when every detection takes part, percent: hits / (hits + misses).
@@ -183,11 +176,7 @@ impl Curve {
             let below = if i == 0 { 0 } else { points[i - 1].0 };
             area += best * (points[i].0 - below) as f64;
         }
-        if self.truth_count == 0 {
-            0.0
-        } else {
-            area / self.truth_count as f64
-        }
+        area / self.truth_count.max(1) as f64
     }
 }
 

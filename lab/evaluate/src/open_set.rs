@@ -102,10 +102,8 @@ impl JudgedFrames {
         };
         let unknown_rules: Vec<ClassRule> = unknown.flat_map(at_each_overlap).collect();
         let matched = |frame: &LabelledFrame, rules: &[ClassRule]| {
-            let rules = rules.iter();
-            rules
-                .map(|rule| match_frame(frame, rule, Metric::Space, Difficulty::Moderate))
-                .collect()
+            let one = |rule| match_frame(frame, rule, Metric::Space, Difficulty::Moderate);
+            rules.iter().map(one).collect()
         };
         let judged = frames.par_iter().map(|frame| FrameParts {
             known: matched(frame, &known_rules),
@@ -166,24 +164,16 @@ impl JudgedFrames {
             .collect();
         let labelled = classes.iter().filter(|class| class.labels > 0);
         let labelled: Vec<AveragePrecision> = labelled.map(|class| class.ap).collect();
-        let mut figures = OpenSetFigures {
+        let of_overlap = |at| Curve::of(frames.iter().filter_map(|frame| frame.unknown.get(at)));
+        let unknown: [Curve; 3] = [0, 1, 2].map(of_overlap);
+        OpenSetFigures {
             known: AveragePrecision::mean(&labelled),
-            classes,
+            unknown: unknown.each_ref().map(Curve::average_precision),
+            recall_unknown: unknown[0].recall_percent(),
+            unknown_labels: unknown[0].truth_count,
             unknown_as_known: frames.iter().map(|frame| frame.unknown_as_known).sum(),
-            ..OpenSetFigures::default()
-        };
-        if frames.iter().all(|frame| frame.unknown.is_empty()) {
-            return figures;
+            classes,
         }
-        for (at, ap) in figures.unknown.iter_mut().enumerate() {
-            let curve = Curve::of(frames.iter().map(|frame| &frame.unknown[at]));
-            *ap = curve.average_precision();
-            if at == 0 {
-                figures.recall_unknown = curve.recall_percent();
-                figures.unknown_labels = curve.truth_count;
-            }
-        }
-        figures
     }
 }
 

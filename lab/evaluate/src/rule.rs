@@ -183,12 +183,13 @@ fn checked(class: &str, iou_min: f64) -> Result<f64, EvaluateError> {
 
 /// The overlap asked for, else KITTI's, else 0.7 for trucks and vans and 0.5 for others.
 fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
-    let mut asked = asked.iter().map(|(name, iou)| (name.as_str(), *iou));
-    let mut defaults = KITTI_CLASSES
+    let asked = asked.iter().map(|(name, iou)| (name.as_str(), *iou));
+    let defaults = KITTI_CLASSES
         .into_iter()
         .chain([("truck", 0.7), ("van", 0.7)]);
-    let is_it = |(name, _): &(&str, f64)| name.eq_ignore_ascii_case(class);
-    let found = asked.find(is_it).or_else(|| defaults.find(is_it));
+    let found = asked
+        .chain(defaults)
+        .find(|(name, _)| name.eq_ignore_ascii_case(class));
     found.map_or(0.5, |(_, iou)| iou)
 }
 

@@ -10,12 +10,13 @@ impl ApReport {
     pub fn to_json(&self) -> Value {
         let mut object = Map::new();
         for class in &self.classes {
-            for (metric, difficulty) in metrics_and_difficulties() {
-                let AveragePrecision { r11, r40, all } = class.entry(metric, difficulty).ap;
-                let (name, metric, difficulty) =
-                    (&class.rule.name, metric.name(), difficulty.name());
-                let figures = json!({"ap_r11": r11, "ap_r40": r40, "ap_all": all});
-                object.insert(format!("{name}/{metric}/{difficulty}"), figures);
+            for (metric, entries) in Metric::ALL.iter().zip(&class.entries) {
+                for (difficulty, entry) in Difficulty::ALL.iter().zip(entries) {
+                    let AveragePrecision { r11, r40, all } = entry.ap;
+                    let figures = json!({"ap_r11": r11, "ap_r40": r40, "ap_all": all});
+                    let (class, metric) = (&class.rule.name, metric.name());
+                    object.insert(format!("{class}/{metric}/{}", difficulty.name()), figures);
+                }
             }
         }
         for (name, known, recall, unknown, harm) in self.open_set() {
@@ -62,16 +63,11 @@ impl ApReport {
             "", "easy   mod  hard"
         );
         for class in &self.classes {
-            for metric in Metric::ALL {
-                let entries = Difficulty::ALL.map(|difficulty| *class.entry(metric, difficulty));
-                let is_first = metric == Metric::ALL[0];
-                let name = if is_first { &class.rule.name } else { "" };
+            let mut name = class.rule.name.as_str();
+            for (metric, entries) in Metric::ALL.iter().zip(&class.entries) {
                 let counts = entries.map(|e| format!("{:>5}", e.truth_count)).join(" ");
-                let [metric, iou] = [
-                    metric.name().to_owned(),
-                    format!("{:.2}", class.rule.iou_min),
-                ];
-                text += &format!("{name:<12} {metric:<4} {iou:>5}  {counts}");
+                let (metric, iou) = (metric.name(), class.rule.iou_min);
+                text += &format!("{name:<12} {metric:<4} {iou:>5.2}  {counts}");
                 let aps: [fn(&AveragePrecision) -> f64; 3] =
                     [|ap| ap.r11, |ap| ap.r40, |ap| ap.all];
                 for ap in aps {
@@ -79,6 +75,8 @@ impl ApReport {
                     text += &format!("  {}", three.join(" "));
                 }
                 text.push('\n');
+                // Once a class.
+                name = "";
             }
         }
         let open_set = self.open_set();
@@ -100,11 +98,6 @@ impl ApReport {
         }
         text
     }
-}
-
-fn metrics_and_difficulties() -> impl Iterator<Item = (Metric, Difficulty)> {
-    let metrics = Metric::ALL.into_iter();
-    metrics.flat_map(|metric| Difficulty::ALL.map(|difficulty| (metric, difficulty)))
 }
 
 /// `58 unknown, 11 car, 2 nothing`: most first; `none` of an empty row.

@@ -14,11 +14,10 @@ use crate::report::{
     figure6, page, worst_page,
 };
 use crate::simulate::Simulation;
-use crate::train::{BASE, NETWORKS, SEEDED, command_of};
+use crate::train::{BASE, NETWORKS, command_of};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame, NeighbourPolicy};
 use mluc_gateway::picture::Canvas;
-use mluc_train::NetworkKind;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -161,14 +160,6 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, Ev
     Ok(rows.collect())
 }
 
-/// Kinds whose boxes carry scores that tell unknown from known: reported of the first network of each.
-const SCORED: [NetworkKind; 4] = [
-    BASE,
-    NetworkKind::Softmax,
-    NetworkKind::MetricOpen,
-    NetworkKind::MlucFull,
-];
-
 fn details(
     options: &Options,
     test: &TestFrames,
@@ -180,7 +171,8 @@ fn details(
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let labels = JudgedFrames::of(&frames, &rules).all();
     let mut networks = Vec::new();
-    for network in NETWORKS {
+    for plan in NETWORKS.iter() {
+        let network = plan.network;
         for seed in 1..=options.seeds {
             let mut rows = evaluated.values().flatten();
             let is_it = |e: &&Evaluated| e.network == network.name() && e.seed == seed;
@@ -190,7 +182,7 @@ fn details(
             let model = read_model(layout, setting, network, seed)?;
             let provenance = &model.manifest.provenance;
             let mut separation = row.separation.clone();
-            if seed > 1 || !SCORED.contains(&network) {
+            if seed > 1 || !plan.scored {
                 separation.clear();
             }
             networks.push(NetworkDetails {
@@ -244,6 +236,10 @@ fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>, Evaluat
 fn provenance(options: &Options) -> Provenance {
     let mut settings = options.settings.iter();
     let draws = settings.next().map(|s| options.sizes(*s).resamples);
+    let seeded = NETWORKS
+        .iter()
+        .filter(|n| n.seeded)
+        .map(|n| n.network.name());
     Provenance {
         commit: options.commit.clone(),
         command: options.command.clone(),
@@ -256,7 +252,7 @@ fn provenance(options: &Options) -> Provenance {
              begin with the same base: their spread is that of the last part of the training. Networks that lay in the runs' folder \
              already are taken as they are and listed as given.",
             BASE.name(),
-            SEEDED.map(NetworkKind::name).join(", ")
+            seeded.collect::<Vec<_>>().join(", ")
         ),
     }
 }

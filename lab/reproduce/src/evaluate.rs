@@ -147,9 +147,8 @@ fn judge(
     let points = output.sweep(frames, rules);
     let curve: Vec<SweepPoint> = points.iter().map(JudgedPoint::main).collect();
     let best = best_index(&curve);
-    let found: Vec<_> = (0..frames.len())
-        .map(|i| output.detections(i, best))
-        .collect();
+    let detections = |i| output.detections(i, best);
+    let found: Vec<_> = (0..frames.len()).map(detections).collect();
     let pairs = frames.iter().zip(&found);
     let labelled: Vec<LabelledFrame> = pairs.map(|(f, found)| f.truth.with(found)).collect();
     let judged = JudgedFrames::of(&labelled, rules);

@@ -2,7 +2,7 @@
 
 use crate::methods::MethodRow;
 use crate::simulate::Simulation;
-use crate::train::{NETWORKS, SEEDED, Training};
+use crate::train::{NETWORKS, NetworkPlan, Training};
 use crate::{Options, Setting};
 use mluc_dataset::PrepareOptions;
 use mluc_train::NetworkKind;
@@ -80,20 +80,22 @@ pub(crate) fn plan(options: &Options) -> Vec<Step> {
             let seconds = training.steps as f64 * step_s * f64::from(sizes.batch) / 2.0;
             add(Work::Train(training), seconds);
         }
-        for &(network, seed) in &networks {
-            let rows = MethodRow::on(network, seed).count();
+        for &(NetworkPlan { network, .. }, seed) in &networks {
+            let rows = MethodRow::on(*network, seed).count();
             let seconds = f64::from(sizes.test_frames) * (network_s + rows as f64 * row_s);
-            add(Work::Evaluate(network, seed), seconds);
+            add(Work::Evaluate(*network, seed), seconds);
         }
     }
     steps
 }
 
 /// Kinds and seeds, each after what it begins with.
-fn networks(seeds: u64) -> Vec<(NetworkKind, u64)> {
-    let first = NETWORKS.iter().map(|network| (*network, 1));
-    let more = (2..=seeds).flat_map(|seed| SEEDED.iter().map(move |network| (*network, seed)));
-    first.chain(more).collect()
+fn networks(seeds: u64) -> Vec<(&'static NetworkPlan, u64)> {
+    let of_seed = |seed| {
+        let networks = NETWORKS.iter().filter(move |n| seed == 1 || n.seeded);
+        networks.map(move |network| (network, seed))
+    };
+    (1..=seeds).flat_map(of_seed).collect()
 }
 
 #[cfg(test)]

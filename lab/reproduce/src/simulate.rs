@@ -12,7 +12,7 @@ const SEED: u64 = 1;
 /// seed, so that no layout and no object is in two data sets.
 const SUPERVISED_SEED: u64 = 101;
 /// Seed of the scans with synthetic unknown objects: training scans of known classes with other layouts.
-const SYNTHETIC_UNKNOWN_SEED: u64 = 201;
+const SYNTHETIC_SEED: u64 = 201;
 
 /// A split to be simulated.
 pub(crate) struct Simulation {
@@ -36,7 +36,7 @@ impl Simulation {
             };
             let folder = layout.data_of(setting, &what).join(folder);
             let options = ExportOptions {
-                synthetic_unknown: seed == SYNTHETIC_UNKNOWN_SEED,
+                synthetic_unknown: seed == SYNTHETIC_SEED,
                 ..ExportOptions::new(family, split, frames, seed, folder)
             };
             Simulation { name, options }
@@ -47,12 +47,7 @@ impl Simulation {
             ("val", sizes.val_frames, Split::Val, SEED),
             ("test", sizes.test_frames, Split::Test, SEED),
             ("supervised", supervised, Split::Val, SUPERVISED_SEED),
-            (
-                "synthetic-unknown",
-                train,
-                Split::Train,
-                SYNTHETIC_UNKNOWN_SEED,
-            ),
+            ("synthetic-unknown", train, Split::Train, SYNTHETIC_SEED),
         ];
         splits.map(of).into()
     }

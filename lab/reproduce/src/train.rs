@@ -8,8 +8,10 @@ use mluc_dataset::read_text;
 use mluc_evaluate::EvaluateError;
 use mluc_model::Model;
 use mluc_train::NetworkKind;
+use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::LazyLock;
 
 /// A network and how it comes to be.
 pub(crate) struct Training {
@@ -23,22 +25,31 @@ pub(crate) struct Training {
     pub(crate) arguments: Vec<String>,
 }
 
+/// A kind of network and how it is trained, as `networks.json` has it.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+pub(crate) struct NetworkPlan {
+    pub(crate) network: NetworkKind,
+    /// Whose weights it begins with; the first network of the base, `metric`, begins with nothing.
+    init: NetworkKind,
+    /// Takes [`Sizes::longer_steps`].
+    longer: bool,
+    /// Data of its own, see [`Layout::data_of`]; these have no `val`.
+    data: String,
+    /// Trained with several seeds where that is asked for: naive, MLUC and our method run on such.
+    pub(crate) seeded: bool,
+    /// Its boxes carry scores that tell unknown from known.
+    pub(crate) scored: bool,
+}
+
+/// Every kind of network, each after the one that it begins with.
+pub(crate) static NETWORKS: LazyLock<Vec<NetworkPlan>> =
+    LazyLock::new(|| serde_json::from_str(include_str!("networks.json")).expect("the table"));
+
 /// The base network; the others begin with its weights.
 pub(crate) const BASE: NetworkKind = NetworkKind::Metric;
-/// Every kind of network, the base first; `osis` follows `softmax`, whose trunk it keeps.
-pub(crate) const NETWORKS: [NetworkKind; 7] = [
-    BASE,
-    NetworkKind::Sigmoid,
-    NetworkKind::Softmax,
-    NetworkKind::MetricOpen,
-    NetworkKind::MlucFull,
-    NetworkKind::Supervised,
-    NetworkKind::Osis,
-];
-/// Kinds that are trained with several seeds where that is asked for: naive, MLUC and our method run on them.
-pub(crate) const SEEDED: [NetworkKind; 3] = [BASE, NetworkKind::Softmax, NetworkKind::MlucFull];
 
-/// Largest learning rate of the networks that begin with the base's weights: half of the base's, which they need not find again.
+/// Largest learning rate of the networks that begin with another's weights: half of the base's, which they need not find again.
 const TUNED_RATE: &str = "0.0015";
 
 impl Training {
@@ -46,39 +57,39 @@ impl Training {
         layout: &Layout,
         setting: Setting,
         sizes: &Sizes,
-        network: NetworkKind,
+        plan: &NetworkPlan,
         seed: u64,
     ) -> Training {
+        let network = plan.network;
         let folder = layout.run_of(setting, network, seed);
         let is_base = network == BASE && seed == 1;
-        let learns_unknown = network.learns_from_synthetic_unknown();
-        let is_supervised = network == NetworkKind::Supervised;
         let steps = if is_base {
             sizes.base_steps
-        } else if learns_unknown || is_supervised || network == NetworkKind::Sigmoid {
+        } else if plan.longer {
             sizes.longer_steps
         } else {
             sizes.tuned_steps
         };
-        // Recorded scans hold no synthetic unknown objects: there networks learn from pasted ones alone. Neither of these has a `val`.
-        let (what, validate_frames) = if is_supervised {
-            ("-supervised", 0)
-        } else if learns_unknown && setting.family().is_some() {
-            ("-synthetic-unknown", 0)
+        // Recorded scans hold no synthetic unknown objects: there networks learn from pasted ones alone.
+        let is_recorded = setting.family().is_none();
+        let data = match plan.data.as_str() {
+            "-synthetic-unknown" if is_recorded => "",
+            data => data,
+        };
+        let validate_frames = if data.is_empty() {
+            sizes.validate_frames
         } else {
-            ("", sizes.validate_frames)
+            0
         };
         let mut arguments = vec!["train".to_owned()];
         let mut add = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
         let text = |path: &Path| path.display().to_string();
         add("--setting", setting.trainer_name().to_owned());
         add("--network", network.name().to_owned());
-        add("--data", text(&layout.data_of(setting, what)));
+        add("--data", text(&layout.data_of(setting, data)));
         add("--out", text(&folder));
         if !is_base {
-            let is_osis = network == NetworkKind::Osis;
-            let from = if is_osis { NetworkKind::Softmax } else { BASE };
-            add("--init", text(&layout.model_of(setting, from, 1)));
+            add("--init", text(&layout.model_of(setting, plan.init, 1)));
             add("--learning-rate", TUNED_RATE.to_owned());
         }
         add("--steps", steps.to_string());
@@ -150,7 +161,7 @@ pub enum RunState {
 }
 
 /// The parts of the trainer's log that matter here.
-#[derive(serde::Deserialize)]
+#[derive(Deserialize)]
 struct LogLine {
     steps: u64,
 }
