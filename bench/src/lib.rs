@@ -3,7 +3,7 @@
 pub mod clock;
 pub mod inputs;
 pub mod machine;
-pub mod report;
+mod report;
 mod run;
 mod svg;
 pub mod transport;

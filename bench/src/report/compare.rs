@@ -29,14 +29,14 @@ const MARGIN_DROPPED: f64 = 0.01;
 
 /// How to judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CompareOptions {
+pub(crate) struct CompareOptions {
     /// A difference below this share of the figure is noise to whoever decides, however sure it is.
-    pub margin: f64,
+    pub(crate) margin: f64,
     /// Relative standard deviation between two starts of the same program, where a report holds fewer than four starts: it
     /// cannot be seen in one. See [`CompareOptions::on_machines`].
-    pub start_scatter: f64,
+    pub(crate) start_scatter: f64,
     /// Leaves the stages' own figures out: one of the runs has none.
-    pub end_to_end_only: bool,
+    pub(crate) end_to_end_only: bool,
 }
 
 impl Default for CompareOptions {
@@ -51,7 +51,7 @@ impl Default for CompareOptions {
 
 impl CompareOptions {
     /// For runs during which other processes took these shares of all cores.
-    pub fn on_machines(others: [f64; 2]) -> CompareOptions {
+    pub(crate) fn on_machines(others: [f64; 2]) -> CompareOptions {
         let others = others[0].max(others[1]).clamp(0.0, 1.0);
         CompareOptions {
             start_scatter: START_SCATTER + START_SCATTER_BUSY * others,
@@ -63,12 +63,11 @@ impl CompareOptions {
 /// What a row says of B against A.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub(crate) enum Verdict {
     /// The interval of the difference does not leave the margin around 0.
     Noise,
     /// B is surely lower.
     Lower,
-    /// B is surely higher.
     Higher,
     /// Too few frames lie beyond this quantile.
     TooFewFrames,
@@ -76,32 +75,26 @@ pub enum Verdict {
 
 /// One figure of both runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub(crate) struct Row {
     /// Which figure, with its unit.
-    pub figure: String,
-    /// In A.
-    pub a: f64,
-    /// In B.
-    pub b: f64,
-    /// B - A.
-    pub difference: f64,
-    /// Lower end of the difference's interval.
-    pub low: f64,
-    /// Upper end.
-    pub high: f64,
-    /// What follows.
-    pub verdict: Verdict,
+    pub(crate) figure: String,
+    pub(crate) a: f64,
+    pub(crate) b: f64,
+    pub(crate) difference: f64,
+    /// Ends of the difference's interval.
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+    pub(crate) verdict: Verdict,
 }
 
 /// All figures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Comparison {
+pub(crate) struct Comparison {
     /// Measured frames of A and B.
-    pub frames: [usize; 2],
-    /// The rows.
-    pub rows: Vec<Row>,
+    pub(crate) frames: [usize; 2],
+    pub(crate) rows: Vec<Row>,
     /// No row says otherwise.
-    pub is_equal: bool,
+    pub(crate) is_equal: bool,
 }
 
 /// Values of one figure, by round.
@@ -113,7 +106,7 @@ struct Figure {
 }
 
 /// Judges B against A by their measured frames, each in the order of rounds and sequences.
-pub fn compare(
+pub(crate) fn compare(
     a: &[FrameRecord],
     b: &[FrameRecord],
     options: &CompareOptions,
@@ -197,18 +190,15 @@ impl Figure {
         let scatter = |rounds: &Vec<_>| scatter(rounds, self.statistic, resamples, random);
         let [a, b] = self.rounds.each_ref().map(scatter);
         let margin = (options.margin * a.value.abs()).max(self.margin_floor);
-        let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-        let mut verdict = Verdict::TooFewFrames;
-        if is_enough {
-            (low, high) = interval(&a, &b, confidence, options.start_scatter);
-            verdict = if low > margin {
-                Verdict::Higher
-            } else if high < -margin {
-                Verdict::Lower
-            } else {
-                Verdict::Noise
-            };
-        }
+        let all = (f64::NEG_INFINITY, f64::INFINITY);
+        let interval = || interval(&a, &b, confidence, options.start_scatter);
+        let (low, high) = is_enough.then(interval).unwrap_or(all);
+        let verdict = match () {
+            () if !is_enough => Verdict::TooFewFrames,
+            () if low > margin => Verdict::Higher,
+            () if high < -margin => Verdict::Lower,
+            () => Verdict::Noise,
+        };
         Row {
             figure: self.name,
             a: a.value,
@@ -223,7 +213,7 @@ impl Figure {
 
 impl Comparison {
     /// As text for a terminal.
-    pub fn table(&self, [a, b]: [&str; 2]) -> String {
+    pub(crate) fn table(&self, [a, b]: [&str; 2]) -> String {
         let [frames_a, frames_b] = self.frames;
         let mut text = format!("A: {a} ({frames_a} frames)\nB: {b} ({frames_b} frames)\n\n");
         text += &format!(
@@ -235,7 +225,7 @@ impl Comparison {
     }
 
     /// The verdict in words.
-    pub fn sentence(&self) -> String {
+    pub(crate) fn sentence(&self) -> String {
         let of = |wanted: Verdict| -> Option<String> {
             let rows = self.rows.iter().filter(|row| row.verdict == wanted);
             let figures: Vec<&str> = rows.map(|row| row.figure.as_str()).collect();

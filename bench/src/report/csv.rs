@@ -22,7 +22,7 @@ const FIXED: usize = 6;
 const ARRIVED: usize = FIXED + 12;
 
 /// The table as text.
-pub fn write_frames(frames: &[FrameRecord]) -> String {
+pub(crate) fn write_frames(frames: &[FrameRecord]) -> String {
     let latency_us = series(frames).latency_us;
     let mut text = format!("{HEAD}\n");
     let us = |ns: i64| format!(",{:.3}", ns as f64 / 1000.0);
@@ -44,7 +44,7 @@ pub fn write_frames(frames: &[FrameRecord]) -> String {
 }
 
 /// The frames of a table that [`write_frames`] wrote.
-pub fn read_frames(text: &str) -> Result<Vec<FrameRecord>> {
+pub(crate) fn read_frames(text: &str) -> Result<Vec<FrameRecord>> {
     let head = text.lines().next().unwrap_or_default();
     ensure!(
         head == HEAD,

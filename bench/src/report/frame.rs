@@ -8,44 +8,39 @@ pub(crate) const HOPS: [&str; 4] = ["points", "features", "detections", "objects
 
 /// When a stage received its input, began to compute and published, ns since the round's first frame was due.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Stamps {
-    /// The message was taken from the queue.
-    pub received_ns: i64,
-    /// Computing began.
-    pub started_ns: i64,
-    /// The result was handed over.
-    pub published_ns: i64,
+pub(crate) struct Stamps {
+    pub(crate) received_ns: i64,
+    pub(crate) started_ns: i64,
+    pub(crate) published_ns: i64,
 }
 
 /// One frame that was due, whether it came out or not.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct FrameRecord {
+pub(crate) struct FrameRecord {
     /// Which start of the processes it belongs to, from 0.
-    pub round: u32,
+    pub(crate) round: u32,
     /// Counts the frames of a round from 0.
-    pub sequence: u64,
+    pub(crate) sequence: u64,
     /// The scan's name; empty when the frame was dropped.
-    pub name: String,
+    pub(crate) name: String,
     /// Before the measurement began.
-    pub is_warm_up: bool,
+    pub(crate) is_warm_up: bool,
     /// When it was due, ns since the round's first frame was.
-    pub due_ns: i64,
+    pub(crate) due_ns: i64,
     /// By stage, in their order; `None`: dropped, a newer frame overtook it.
-    pub stamps: Option<[Stamps; 4]>,
+    pub(crate) stamps: Option<[Stamps; 4]>,
     /// When the consumer of the objects had them, same clock; 0 when dropped.
-    pub arrived_ns: i64,
+    pub(crate) arrived_ns: i64,
     /// Words for what was out of the ordinary, separated by spaces.
-    pub flags: String,
+    pub(crate) flags: String,
 }
 
 impl FrameRecord {
-    /// Whether its objects came out.
-    pub fn is_out(&self) -> bool {
+    pub(crate) fn is_out(&self) -> bool {
         self.stamps.is_some()
     }
 
-    /// When its objects were published.
-    pub fn published_ns(&self) -> Option<i64> {
+    pub(crate) fn published_ns(&self) -> Option<i64> {
         self.stamps.map(|stamps| stamps[3].published_ns)
     }
 
@@ -55,7 +50,7 @@ impl FrameRecord {
     }
 
     /// Time in the queue before a stage, us: from its input's publication (ingest: from due) to the start of computing.
-    pub fn queue_us(&self, stage: usize) -> Option<f64> {
+    pub(crate) fn queue_us(&self, stage: usize) -> Option<f64> {
         let stamps = self.stamps?;
         let before = stage.checked_sub(1).map(|before| stamps[before]);
         let input_ns = before.map_or(self.due_ns, |before| before.published_ns);
@@ -63,7 +58,7 @@ impl FrameRecord {
     }
 
     /// Time of computing in a stage, us.
-    pub fn run_us(&self, stage: usize) -> Option<f64> {
+    pub(crate) fn run_us(&self, stage: usize) -> Option<f64> {
         let own = self.stamps?[stage];
         Some(micros(own.published_ns - own.started_ns))
     }

@@ -18,14 +18,16 @@ mod csv;
 mod figures;
 mod frame;
 mod page;
+#[cfg(test)]
+mod recorded;
 mod series;
 mod statistics;
 mod table;
 
 pub(crate) use charts::Sample;
-pub use compare::{CompareOptions, Comparison, Verdict, compare};
-pub use csv::{read_frames, write_frames};
+pub(crate) use compare::{CompareOptions, Comparison, Verdict, compare};
+pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{FrameCounts, HandOver, LatencyReport, Resources, check_version};
 pub(crate) use frame::STAGES;
-pub use frame::{FrameRecord, Stamps};
+pub(crate) use frame::{FrameRecord, Stamps};
 pub(crate) use page::page;

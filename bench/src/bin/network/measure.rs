@@ -8,7 +8,7 @@ use mluc_head::Head;
 use mluc_kernels::ABSENT;
 use mluc_model::{Manifest, Network, WeightSet};
 
-use crate::report::{Frame, Part, Record};
+use crate::report::{Frame, Record};
 
 /// Frames before the clock counts: the first one, which has a time of its own, and one whose work is counted.
 const UNTIMED: usize = 2;
@@ -36,7 +36,7 @@ pub(crate) fn measure(
         let counting = round == 1;
         let start = Instant::now();
         let mut last = start;
-        let mut part = Part::Voxelize;
+        let mut part = "voxelize";
         let count = backbone
             .run_in_steps(points, &mut |step| {
                 frame.add(part, step.name, &mut last);
@@ -46,17 +46,17 @@ pub(crate) fn measure(
                     last = Instant::now();
                 }
                 match step.name {
-                    "voxels" => part = Part::Sparse3d,
-                    step if step == last_sparse => part = Part::Dense2d,
+                    "voxels" => part = "sparse3d",
+                    step if step == last_sparse => part = "dense2d",
                     _ => {}
                 }
             })
             .rows;
         let (cells, rows) = (&mut cells[..count], &mut rows[..count * channels]);
         backbone.write_rows(cells, rows)?;
-        frame.add(Part::Dense2d, "features", &mut last);
+        frame.add("dense2d", "features", &mut last);
         let counts = head.run(cells, rows, &mut detections)?;
-        frame.add(Part::Head, "head", &mut last);
+        frame.add("head", "head", &mut last);
         frame.total_ms = start.elapsed().as_secs_f64() * 1e3;
         if counting {
             let flop = row_products(network).map(|row| row * count as f64);

@@ -1,5 +1,6 @@
 //! What was measured, as a table or as JSON.
 
+use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -8,41 +9,25 @@ use mluc_geometry::quantile_of;
 use mluc_kernels::{Level, spin, spin_bf16, spin_int8};
 use serde_json::{Map, Value, json};
 
-/// A part of the network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Part {
-    Voxelize,
-    /// Rulebooks included.
-    Sparse3d,
-    /// The fold of the height and the writing of feature rows included.
-    Dense2d,
-    /// All but the backbone: 1x1 convolutions, decoding, suppression, scores.
-    Head,
-}
-
-/// As the report names them.
-const PARTS: [(Part, &str); 4] = [
-    (Part::Voxelize, "voxelize"),
-    (Part::Sparse3d, "sparse3d"),
-    (Part::Dense2d, "dense2d"),
-    (Part::Head, "head"),
-];
+/// The parts of the network: rulebooks are in `sparse3d`, the fold of the height and the writing of feature rows in
+/// `dense2d`, all but the backbone (1x1 convolutions, decoding, suppression, scores) in `head`.
+pub(crate) const PARTS: [&str; 4] = ["voxelize", "sparse3d", "dense2d", "head"];
 
 /// Milliseconds of one frame.
 #[derive(Default)]
 pub(crate) struct Frame {
-    steps: Vec<(Part, String, f64)>,
+    steps: Vec<(&'static str, String, f64)>,
     pub(crate) total_ms: f64,
 }
 
 impl Frame {
-    pub(crate) fn add(&mut self, part: Part, step: &str, last: &mut Instant) {
+    pub(crate) fn add(&mut self, part: &'static str, step: &str, last: &mut Instant) {
         let ms = last.elapsed().as_secs_f64() * 1e3;
         self.steps.push((part, step.into(), ms));
         *last = Instant::now();
     }
 
-    fn part_ms(&self, part: Part) -> f64 {
+    fn part_ms(&self, part: &str) -> f64 {
         let steps = self.steps.iter().filter(|step| step.0 == part);
         steps.map(|step| step.2).sum()
     }
@@ -56,17 +41,17 @@ pub(crate) struct Record {
     pub(crate) first_ms: Vec<f64>,
     scans: usize,
     sites: Vec<(String, usize)>,
-    /// As the layers are defined.
-    flop: [f64; 4],
-    /// What the registers multiplied: tiles of 2x2 cells need less.
-    executed: [f64; 4],
+    /// By part, as the layers are defined.
+    flop: BTreeMap<&'static str, f64>,
+    /// By part, what the registers multiplied: tiles of 2x2 cells need less.
+    executed: BTreeMap<&'static str, f64>,
 }
 
 impl Record {
     /// Counts a step of a scan.
-    pub(crate) fn count(&mut self, part: Part, step: &Step, flop: f64, executed: f64) {
-        self.flop[part as usize] += flop;
-        self.executed[part as usize] += executed;
+    pub(crate) fn count(&mut self, part: &'static str, step: &Step, flop: f64, executed: f64) {
+        *self.flop.entry(part).or_default() += flop;
+        *self.executed.entry(part).or_default() += executed;
         if step.name != "rulebooks" {
             self.add_sites(step.name, step.rows);
         }
@@ -74,9 +59,9 @@ impl Record {
 
     /// Counts the end of a scan: what its feature rows cost, the candidates.
     pub(crate) fn count_rows(&mut self, [features, head]: [f64; 2], candidates: u32) {
-        for flop in [&mut self.flop, &mut self.executed] {
-            flop[Part::Dense2d as usize] += features;
-            flop[Part::Head as usize] += head;
+        for sums in [&mut self.flop, &mut self.executed] {
+            *sums.entry("dense2d").or_default() += features;
+            *sums.entry("head").or_default() += head;
         }
         self.add_sites("candidates", candidates as usize);
         self.scans += 1;
@@ -97,29 +82,25 @@ impl Record {
             .map(|(name, count)| (name.clone(), json!((*count as f64 / scans).round() as u64)))
             .collect();
         let mean = |flop: f64| 1e-9 * flop / scans;
-        let gflop = |flop: &[f64; 4]| -> Map<_, _> {
-            let computing = PARTS[1..].iter();
-            let each = computing.map(|(part, name)| (*name, flop[*part as usize]));
-            let all = each.chain([("total", flop.iter().sum())]);
+        let gflop = |sums: &BTreeMap<&str, f64>| -> Map<_, _> {
+            let parts = PARTS[1..].iter().map(|part| (*part, sums[part]));
+            let all = parts.chain([("total", sums.values().sum())]);
             all.map(|(name, flop)| (name.into(), rounded(mean(flop))))
                 .collect()
         };
         // The head's time is not one of products: see what its part holds.
-        let share: Map<_, _> = PARTS[1..3]
-            .iter()
-            .map(|&(part, name)| {
-                let seconds = 1e-3 * self.quantile(0.5, |frame| frame.part_ms(part));
-                let gflops = mean(self.executed[part as usize]) / seconds;
-                (name.into(), rounded(gflops / peak_gflops))
-            })
-            .collect();
+        let share = PARTS[1..3].iter().map(|part| {
+            let seconds = 1e-3 * self.quantile(0.5, |frame| frame.part_ms(part));
+            let gflops = mean(self.executed[part]) / seconds;
+            (part.to_string(), rounded(gflops / peak_gflops))
+        });
         json!({
             "sites": sites,
             "ms_p50": self.milliseconds(0.5),
             "ms_p99": self.milliseconds(0.99),
             "gflop": gflop(&self.flop),
             "gflop_executed": gflop(&self.executed),
-            "peak_share": share,
+            "peak_share": share.collect::<Map<_, _>>(),
             "peak_gflops": peak_gflops.round(),
             "frames": self.frames.len(),
             "first_ms": rounded(self.first_ms.iter().copied().fold(0.0, f64::max)),
@@ -127,9 +108,9 @@ impl Record {
     }
 
     fn milliseconds(&self, q: f64) -> Value {
-        let part = |(part, name): (Part, &str)| {
+        let part = |part: &str| {
             let ms = self.quantile(q, |frame| frame.part_ms(part));
-            (name.to_owned(), rounded(ms))
+            (part.to_owned(), rounded(ms))
         };
         let mut parts: Map<_, _> = PARTS.into_iter().map(part).collect();
         let total = self.quantile(q, |frame| frame.total_ms);

@@ -1,15 +1,15 @@
 //! The judgement on recorded runs: the same program, seven times on the same machine, and the same with a known change.
 
-use mluc_bench::report::{CompareOptions, Comparison, FrameRecord, Verdict, compare, read_frames};
+use super::{CompareOptions, Comparison, FrameRecord, Verdict, compare, read_frames};
 
 const RUNS: [&str; 7] = [
-    include_str!("recorded/run_0.csv"),
-    include_str!("recorded/run_1.csv"),
-    include_str!("recorded/run_2.csv"),
-    include_str!("recorded/run_3.csv"),
-    include_str!("recorded/run_4.csv"),
-    include_str!("recorded/run_5.csv"),
-    include_str!("recorded/run_6.csv"),
+    include_str!("../../tests/recorded/run_0.csv"),
+    include_str!("../../tests/recorded/run_1.csv"),
+    include_str!("../../tests/recorded/run_2.csv"),
+    include_str!("../../tests/recorded/run_3.csv"),
+    include_str!("../../tests/recorded/run_4.csv"),
+    include_str!("../../tests/recorded/run_5.csv"),
+    include_str!("../../tests/recorded/run_6.csv"),
 ];
 
 /// Share of the cores that other processes took during these runs: the worst case, and a stage's figures scatter by a tenth.
