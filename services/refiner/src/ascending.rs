@@ -42,28 +42,26 @@ impl Ascending {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     #[test]
     fn numbers_come_out_as_from_comparing_them() {
         let mut ascending = Ascending::default();
+        let spread = |count: usize, step: u32| {
+            let numbers = (0..count as u32).map(move |i| i.wrapping_mul(2_654_435_761) % 8192);
+            numbers.map(move |n| n * step + 131)
+        };
         for count in [0, 1, FEW - 1, FEW, 1000, 5000] {
-            for spread in [1, 7, 26] {
-                let numbers: Vec<u32> = (0..count as u32)
-                    .map(|i| (i.wrapping_mul(2_654_435_761) % 8192) * spread + 131)
-                    .collect();
-                let mut expected = numbers.clone();
-                expected.sort_unstable();
-                expected.dedup();
+            for step in [1, 7, 26] {
+                let expected: BTreeSet<u32> = spread(count, step).collect();
                 let mut found: Vec<u32> = expected.iter().rev().copied().collect();
                 let half = found.len() / 2;
                 found.rotate_left(half);
                 ascending.sort(&mut found);
-                assert_eq!(found, expected);
+                assert!(found.into_iter().eq(expected));
             }
         }
-        let mut far: Vec<u32> = (0..100).map(|i| (1 << 20) - i).collect();
-        ascending.sort(&mut far);
-        assert!(far.is_sorted());
     }
 }

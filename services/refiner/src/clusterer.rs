@@ -1,53 +1,63 @@
-//! A variant's way from a scan and its proposals to clusters, and the way that clusters the scan once.
+//! A variant's way from a scan and its proposals to clusters and their boxes, and the way that clusters the scan once.
 
 use mluc_geometry::Box3;
 use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Object, Point};
 
-use crate::clusters::{FrameCluster, FrameClusterer, Matcher, Measures, NEAR_M};
-use crate::frame::FrameIndex;
+use crate::clusters::{ClusterFinder, FrameCluster, Matcher, Measures};
+use crate::frame::{FrameIndex, tile_rows};
 use crate::output::Counters;
-use crate::proposal::Proposal;
-use crate::{RefinerError, Sensor, Settings};
+use crate::proposal::{NEAR_M, Proposal, reach_m};
+use crate::{Sensor, Settings};
 
-/// One frame.
-pub(crate) struct FrameInput<'a> {
+/// One frame, and what comes of it.
+pub(crate) struct FrameTask<'a> {
     pub(crate) sequence: u64,
     pub(crate) scan: &'a [Point],
+    /// The scan's points that were asked for.
+    pub(crate) frame: &'a FrameIndex,
     /// Of each point whether a known object of a high score owns it, where a variant keeps them apart.
     pub(crate) is_known: &'a [bool],
     /// Those known objects: detection and box.
     pub(crate) known: &'a [(usize, Box3)],
+    /// Points of all proposals, by their ranges.
+    pub(crate) points: &'a mut Vec<u32>,
+    pub(crate) counters: &'a mut Counters,
 }
 
-/// Finds the cluster of each proposal.
+/// Finds the cluster of each proposal, and its box. By default proposals keep their boxes.
 pub(crate) trait Clusterer: std::fmt::Debug + Send {
-    /// Sorts the points that the proposals may be about; those of known objects alone when nothing will be clustered.
-    fn sort(&mut self, input: &FrameInput, proposals: &[Proposal], is_clustered: bool);
+    /// Asks for the points that ground and clusters of these proposals are found by.
+    fn want(&self, _proposals: &[Proposal], _frame: &mut FrameIndex) {}
 
-    /// What was sorted.
-    fn frame(&self) -> &FrameIndex;
+    /// Ground and clusters near the candidates, for a variant that finds them all at once.
+    fn cluster_scan(&mut self, _task: &FrameTask, _proposals: &[Proposal]) {}
 
-    /// Ground and clusters of the sorted scan, for a variant that finds them all at once.
-    fn cluster_scan(&mut self, _input: &FrameInput) {}
+    /// Whether there is a cluster that a proposal is about; without one the proposal gets the disposition that says why.
+    fn match_cluster(&mut self, _task: &mut FrameTask, _proposal: &mut Proposal) -> bool {
+        true
+    }
 
-    /// Puts box, outline and disposition of its cluster into the proposal; the cluster's points are appended to `points`.
-    /// Measurements of it, where the variant takes any.
-    fn refine(
-        &mut self,
-        input: &FrameInput,
-        proposal: &mut Proposal,
-        points: &mut Vec<u32>,
-        counters: &mut Counters,
-    ) -> Option<Measures>;
+    /// Puts box, outline and points of that cluster into the proposal. Measurements of it, where the variant takes any.
+    fn lay_box(&mut self, _task: &mut FrameTask, _proposal: &mut Proposal) -> Option<Measures> {
+        None
+    }
 }
+
+/// Proposals keep their boxes.
+#[derive(Debug)]
+pub(crate) struct NoClusterer;
+
+impl Clusterer for NoClusterer {}
 
 /// Ground and clusters of the scan once; each proposal is matched to one of them.
 #[derive(Debug)]
 pub(crate) struct ScanClusterer {
-    clusterer: FrameClusterer,
+    finder: ClusterFinder,
     matcher: Matcher,
-    /// Clusters whose box was laid in this frame, with the range of their points,
-    shaped: Vec<(FrameCluster, (usize, usize))>,
+    /// The cluster of the proposal in hand.
+    matched: usize,
+    /// Clusters whose box was laid in this frame,
+    shaped: Vec<FrameCluster>,
     /// and the place of each cluster among them.
     place: Vec<Option<u32>>,
 }
@@ -56,119 +66,76 @@ pub(crate) struct ScanClusterer {
 const CLUSTERS: usize = 1024;
 
 impl ScanClusterer {
-    pub(crate) fn new(settings: &Settings, sensor: &Sensor) -> Result<ScanClusterer, RefinerError> {
-        Ok(ScanClusterer {
-            clusterer: FrameClusterer::new(settings, sensor)?,
+    pub(crate) fn new(settings: &Settings, sensor: &Sensor) -> ScanClusterer {
+        ScanClusterer {
+            finder: ClusterFinder::new(settings, sensor),
             matcher: Matcher::default(),
+            matched: 0,
             shaped: Vec::with_capacity(DETECTIONS_MAX),
             place: Vec::with_capacity(CLUSTERS),
-        })
+        }
     }
 
-    /// The place of a cluster among those with a box.
-    fn shape(
-        &mut self,
-        scan: &[Point],
-        cluster: usize,
-        points: &mut Vec<u32>,
-        counters: &mut Counters,
-    ) -> usize {
-        if let Some(place) = self.place[cluster] {
-            return place as usize;
-        }
-        let first = points.len();
-        self.clusterer.points_of(cluster, points);
-        counters.work += (points.len() - first) as u64;
-        let shaped = self.clusterer.shape(scan, cluster, &points[first..]);
-        self.place[cluster] = Some(self.shaped.len() as u32);
-        self.shaped.push((shaped, (first, points.len())));
-        self.shaped.len() - 1
+    /// Ground, and the clusters that have points in or near these tiles.
+    fn cluster(&mut self, task: &FrameTask, tiles: impl Iterator<Item = usize>) {
+        self.finder.cluster(task.frame, task.is_known, tiles);
+        self.shaped.clear();
+        self.place.clear();
+        self.place.resize(self.finder.count(), None);
     }
 }
 
 impl Clusterer for ScanClusterer {
-    fn sort(&mut self, input: &FrameInput, proposals: &[Proposal], is_clustered: bool) {
-        self.clusterer.sort(input.scan, |frame| {
-            if is_clustered {
-                frame.want_all();
-            } else {
-                frame.want_known(proposals);
-            }
+    /// Components may reach anywhere.
+    fn want(&self, _proposals: &[Proposal], frame: &mut FrameIndex) {
+        frame.want_all();
+    }
+
+    /// Where a proposal looks for its cluster.
+    fn cluster_scan(&mut self, task: &FrameTask, proposals: &[Proposal]) {
+        let candidates = proposals.iter().filter(|p| p.is_standing());
+        let around = candidates.flat_map(|candidate| {
+            let [x, y, _] = candidate.shape.center_m;
+            tile_rows([x, y], reach_m(&candidate.shape)).flatten()
         });
+        self.cluster(task, around);
     }
 
-    fn frame(&self) -> &FrameIndex {
-        self.clusterer.frame()
-    }
-
-    fn cluster_scan(&mut self, input: &FrameInput) {
-        self.clusterer.cluster(input.is_known);
-        self.shaped.clear();
-        self.place.clear();
-        self.place.resize(self.clusterer.count(), None);
-    }
-
-    fn refine(
-        &mut self,
-        input: &FrameInput,
-        proposal: &mut Proposal,
-        points: &mut Vec<u32>,
-        counters: &mut Counters,
-    ) -> Option<Measures> {
-        let found = self.matcher.find(&self.clusterer, &proposal.shape);
-        let known = nearest_known(input.known, &proposal.shape);
-        let reach_m = found.map_or(Matcher::reach_m(&proposal.shape), |found| found.distance_m);
-        if let Some((by, distance_m)) = known
+    fn match_cluster(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> bool {
+        let matched = self.matcher.find(&self.finder, &proposal.shape);
+        let reach_m = matched.map_or(reach_m(&proposal.shape), |matched| matched.distance_m);
+        if let Some((by, distance_m)) = nearest_known(task.known, &proposal.shape)
             && reach_m > NEAR_M
             && (distance_m <= NEAR_M || distance_m < reach_m)
         {
             // All of the points that it is about are the known object's.
             proposal.suppress(Disposition::OverlapsKnown, by, 1.0);
-            return None;
+            return false;
         }
-        let Some(found) = found else {
-            proposal.disposition = Disposition::TooFewPoints;
-            return None;
-        };
-        let place = self.shape(input.scan, found.cluster, points, counters);
-        let (cluster, range) = &self.shaped[place];
+        match matched {
+            Some(matched) => self.matched = matched.cluster,
+            None => proposal.disposition = Disposition::TooFewPoints,
+        }
+        matched.is_some()
+    }
+
+    /// A cluster's box is laid once.
+    fn lay_box(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> Option<Measures> {
+        let place = *self.place[self.matched].get_or_insert_with(|| {
+            let shaped = (self.finder).shape(task.frame, task.scan, self.matched, task.points);
+            task.counters.work += shaped.points.len() as u64;
+            self.shaped.push(shaped);
+            self.shaped.len() as u32 - 1
+        });
+        let cluster = &self.shaped[place as usize];
         proposal.shape = cluster.shape;
-        proposal.points = *range;
-        proposal.footprint_m = cluster.footprint_m;
-        proposal.footprint_count = cluster.footprint_count;
+        proposal.points = (cluster.points.start, cluster.points.end);
+        proposal.footprint = cluster.footprint;
         if cluster.measures.is_cut {
             proposal.flags |= Object::SPLIT;
-            counters.split += 1;
+            task.counters.split += 1;
         }
         Some(cluster.measures)
-    }
-}
-
-/// Proposals keep their boxes.
-#[derive(Debug, Default)]
-pub(crate) struct NoClusterer {
-    frame: FrameIndex,
-}
-
-impl Clusterer for NoClusterer {
-    fn sort(&mut self, input: &FrameInput, proposals: &[Proposal], _is_clustered: bool) {
-        self.frame.start();
-        self.frame.want_known(proposals);
-        self.frame.sort(input.scan);
-    }
-
-    fn frame(&self) -> &FrameIndex {
-        &self.frame
-    }
-
-    fn refine(
-        &mut self,
-        _input: &FrameInput,
-        _proposal: &mut Proposal,
-        _points: &mut Vec<u32>,
-        _counters: &mut Counters,
-    ) -> Option<Measures> {
-        None
     }
 }
 
@@ -181,4 +148,97 @@ fn nearest_known(known: &[(usize, Box3)], proposal: &Box3) -> Option<(usize, f64
     };
     let distances = known.iter().map(|(by, shape)| (*by, distance_m(shape)));
     distances.min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use mluc_geometry::Random;
+    use mluc_ipc_types::{Detection, DetectionKind};
+
+    use super::*;
+
+    /// Simulated scans that the programs bring along.
+    const SCANS: [&str; 4] = [
+        "services/mluc/assets/000010.scan",
+        "services/mluc/assets/000380.scan",
+        "tests/assets/kitti/000003.scan",
+        "tests/assets/kitti/000031.scan",
+    ];
+
+    /// Candidates around random points of the scan.
+    fn candidates(scan: &[Point], count: usize) -> Vec<Proposal> {
+        let mut random = Random::from_state(3);
+        let candidate = |index: usize| {
+            let p = scan[random.below(scan.len())];
+            let place_m = [p.x_m, p.y_m, p.z_m].map(|v| f64::from(v) + random.uniform(-0.8, 0.8));
+            let detection = Detection {
+                kind: DetectionKind::Candidate as u32,
+                center_m: place_m.map(|v| v as f32),
+                size_m: [12.0, 2.5, 1.6].map(|most| random.uniform(0.5, most) as f32),
+                ..Detection::default()
+            };
+            let shape = crate::proposal::valid_box(&detection, 1).expect("a box");
+            Proposal::of_detection(index, &detection, shape, 0.5)
+        };
+        (0..count).map(candidate).collect()
+    }
+
+    /// Each proposal as it comes out, with its points and measurements.
+    fn refined(
+        clusterer: &mut ScanClusterer,
+        task: &mut FrameTask,
+        proposals: &[Proposal],
+    ) -> Vec<(Object, Vec<u32>, Option<Measures>)> {
+        task.points.clear();
+        let mut one = |mut proposal: Proposal| {
+            let is_matched = clusterer.match_cluster(task, &mut proposal);
+            let lay_box = || clusterer.lay_box(task, &mut proposal);
+            let measures = is_matched.then(lay_box).flatten();
+            let (first, end) = proposal.points;
+            let object = proposal.object(&Detection::default(), 1);
+            (object, task.points[first..end].to_vec(), measures)
+        };
+        proposals.iter().map(|proposal| one(*proposal)).collect()
+    }
+
+    #[test]
+    fn the_clusters_near_candidates_are_those_of_the_whole_scan() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let sensor = Sensor::plain(&["car"]);
+        let [mut whole, mut near] =
+            [(); 2].map(|()| ScanClusterer::new(&Settings::default(), &sensor));
+        let (mut matched, mut cells) = (0, [0, 0]);
+        for name in SCANS {
+            let bytes = std::fs::read(root.join(name)).expect("a bundled scan");
+            let scan = mluc_ingest::unpack(&bytes).expect("a packed scan");
+            let mut frame = FrameIndex::default();
+            frame.want_all();
+            frame.sort(&scan);
+            // A corridor is a known object's.
+            let is_known: Vec<bool> = scan.iter().map(|p| (5.0..6.0).contains(&p.y_m)).collect();
+            let mut task = FrameTask {
+                sequence: 0,
+                scan: &scan,
+                frame: &frame,
+                is_known: &is_known,
+                known: &[(0, Box3::new([10.0, 5.5, 0.0, 30.0, 1.0, 3.0, 0.0]))],
+                points: &mut Vec::new(),
+                counters: &mut Counters::default(),
+            };
+            for some in candidates(&scan, 120).chunks(6) {
+                whole.cluster(&task, frame.occupied_tiles());
+                near.cluster_scan(&task, some);
+                let expected = refined(&mut whole, &mut task, some);
+                assert_eq!(refined(&mut near, &mut task, some), expected, "{name}");
+                matched += expected.iter().filter(|(.., m)| m.is_some()).count();
+                for (sum, clusterer) in cells.iter_mut().zip([&near, &whole]) {
+                    *sum += clusterer.finder.cell_count();
+                }
+            }
+        }
+        assert!(matched > 200, "{matched} of 480");
+        assert!(2 * cells[0] < cells[1], "fewer cells are made: {cells:?}");
+    }
 }

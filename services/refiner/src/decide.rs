@@ -18,30 +18,12 @@ use crate::{ClusterScorer, PRIORS, RefinerError, RobotSettings, Sensor, Settings
 /// Factor on the score of what is unlikely an object, and the least that a cluster's score may be.
 const UNLIKELY: f32 = 0.05;
 
-/// Why a size is not a road user's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum SizeReason {
-    Small,
-    Large,
-    /// Too high for the ground it stands on: a post, a sign, a trunk.
-    Post,
-}
-
-/// What a proposal is worth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum ProposalScore {
-    /// 1 / EDS (the paper ranks by -EDS). Boxes of background have the lowest EDS of all and come first.
-    InverseEds,
-    /// Objectness x (2 - e), both 0 to 1: something is there, and it lies between the prototypes.
-    Objectness,
-    /// Objectness x P(none of the known).
-    Unknown,
-}
-
 /// Scores unknown objects and says which sizes count.
 #[derive(Debug)]
 pub(crate) struct UnknownScorer {
-    proposal: ProposalScore,
+    is_ours: bool,
+    /// Whether detections tell a probability of being none of the known.
+    tells_unknown: bool,
     cluster: Option<ClusterScorer>,
     ranks_sizes: bool,
     robot: RobotSettings,
@@ -63,11 +45,8 @@ impl UnknownScorer {
         let cluster = cluster.filter(|_| settings.study.scores_clusters.unwrap_or(is_ours));
         let ranks_sizes = is_ours && (cluster.is_some() || sensor.tells_unknown);
         Ok(UnknownScorer {
-            proposal: match (is_ours, sensor.tells_unknown) {
-                (false, _) => ProposalScore::InverseEds,
-                (true, true) => ProposalScore::Unknown,
-                (true, false) => ProposalScore::Objectness,
-            },
+            is_ours,
+            tells_unknown: sensor.tells_unknown,
             ranks_sizes: settings.study.ranks_sizes.unwrap_or(ranks_sizes),
             cluster,
             robot: settings.robot,
@@ -75,39 +54,37 @@ impl UnknownScorer {
     }
 
     /// Of a candidate before its cluster is known. Finite; 0 where the detection's numbers make no sense.
-    pub(crate) fn score(&self, detection: &Detection) -> f32 {
+    pub(crate) fn score_candidate(&self, detection: &Detection) -> f32 {
         /// Far above anything that a model gives.
         const SCORE_MAX: f32 = 1e6;
-        let score = match self.proposal {
-            ProposalScore::InverseEds if detection.eds > 0.0 => {
-                (1.0 / detection.eds).min(SCORE_MAX)
-            }
-            ProposalScore::InverseEds => 0.0,
-            ProposalScore::Objectness => {
-                detection.objectness * (2.0 - detection.eds_normalised).clamp(0.0, 1.0)
-            }
-            ProposalScore::Unknown => detection.objectness * detection.unknown_probability.max(0.0),
+        let score = if self.is_ours && self.tells_unknown {
+            // Objectness x P(none of the known).
+            detection.objectness * detection.unknown_probability.max(0.0)
+        } else if self.is_ours {
+            // Objectness x (2 - e), both 0 to 1: something is there, and it lies between the prototypes.
+            detection.objectness * (2.0 - detection.eds_normalised).clamp(0.0, 1.0)
+        } else if detection.eds > 0.0 {
+            // The paper ranks by -EDS. Boxes of background have the lowest EDS of all and come first.
+            (1.0 / detection.eds).min(SCORE_MAX)
+        } else {
+            0.0
         };
         if score.is_finite() { score } else { 0.0 }
     }
 
-    /// Score, flags and disposition of an unknown object from its box and its cluster's measurements.
-    pub(crate) fn decide(&self, proposal: &mut Proposal, measures: Option<&Measures>) {
-        if !proposal.is_standing() {
-            return;
-        }
+    /// Score and flags of an unknown object from its box and its cluster's measurements.
+    pub(crate) fn score(&self, proposal: &mut Proposal, measures: Option<&Measures>) {
         let reason = size_reason(&proposal.shape).filter(|_| self.ranks_sizes);
+        proposal.flags |= reason.unwrap_or(0);
         proposal.score *= match (reason, &self.cluster, measures) {
             (Some(_), ..) => UNLIKELY,
             (None, Some(scorer), Some(measures)) => scorer.score(measures).max(UNLIKELY),
             (None, ..) => 1.0,
         };
-        proposal.flags |= match reason {
-            Some(SizeReason::Small) => Object::SMALL,
-            Some(SizeReason::Large) => Object::LARGE,
-            Some(SizeReason::Post) => Object::POST,
-            None => 0,
-        };
+    }
+
+    /// What the robot's owner allows it to drive over is not published.
+    pub(crate) fn decide(&self, proposal: &mut Proposal) {
         let [length, width, height] = proposal.shape.size_m;
         if height < self.robot.height_min_m || length.min(width) < self.robot.width_min_m {
             proposal.disposition = Disposition::Undersized;
@@ -116,24 +93,25 @@ impl UnknownScorer {
 
     /// A candidate that nobody refined, in a frame whose clusters are scored: its box says nothing of a size, and it comes
     /// behind all that was looked at.
-    pub(crate) fn decide_unrefined(&self, proposal: &mut Proposal) {
+    pub(crate) fn score_unrefined(&self, proposal: &mut Proposal) {
         if self.cluster.is_some() {
             proposal.score *= UNLIKELY;
         }
     }
 }
 
-/// Why a box is not of a road user's size, if it is not.
-fn size_reason(shape: &Box3) -> Option<SizeReason> {
+/// The flag that says why a box is not of a road user's size, if it is not.
+fn size_reason(shape: &Box3) -> Option<u32> {
     let pairs = shape.size_m.iter().zip(PRIORS.road_user_m);
     let [length, width, height] = shape.size_m;
     let [post_side_m, post_height_m] = PRIORS.post_m;
     if pairs.clone().any(|(size, [_, most])| *size > most) {
-        Some(SizeReason::Large)
+        Some(Object::LARGE)
     } else if pairs.clone().any(|(size, [least, _])| *size < least) {
-        Some(SizeReason::Small)
+        Some(Object::SMALL)
     } else if length.max(width) < post_side_m && height > post_height_m {
-        Some(SizeReason::Post)
+        // Too high for the ground it stands on: a post, a sign, a trunk.
+        Some(Object::POST)
     } else {
         None
     }
@@ -145,20 +123,20 @@ mod tests {
 
     #[test]
     fn sizes_of_walls_posts_and_kerbs_have_a_reason_and_carts_have_none() {
-        let of = |[l, w, h]: [f64; 3]| size_reason(&Box3::new([0.0, 0.0, 0.0, l, w, h, 0.3]));
         let cases = [
             ([2.6, 1.3, 1.9], None),
-            ([15.0, 0.2, 2.0], Some(SizeReason::Large)),
-            ([0.5, 0.2, 2.0], Some(SizeReason::Small)),
-            ([4.0, 1.0, 0.3], Some(SizeReason::Small)),
-            ([0.8, 0.9, 2.3], Some(SizeReason::Post)),
+            ([15.0, 0.2, 2.0], Some(Object::LARGE)),
+            ([0.5, 0.2, 2.0], Some(Object::SMALL)),
+            ([4.0, 1.0, 0.3], Some(Object::SMALL)),
+            ([0.8, 0.9, 2.3], Some(Object::POST)),
             // A tall person, a person on a scooter, a forklift from its narrow side.
             ([0.6, 0.7, 1.95], None),
             ([1.3, 0.6, 2.1], None),
             ([0.5, 1.25, 2.2], None),
         ];
-        for (size_m, expected) in cases {
-            assert_eq!(of(size_m), expected, "{size_m:?}");
+        for ([l, w, h], expected) in cases {
+            let shape = Box3::new([0.0, 0.0, 0.0, l, w, h, 0.3]);
+            assert_eq!(size_reason(&shape), expected, "{shape:?}");
         }
     }
 }

@@ -28,3 +28,19 @@ pub enum RefinerError {
         found: f64,
     },
 }
+
+impl RefinerError {
+    /// The first setting that is out of its range: name, what is expected, value, whether that fits.
+    pub(crate) fn unless_all<const COUNT: usize>(
+        rules: [(&'static str, &'static str, f64, bool); COUNT],
+    ) -> Result<(), RefinerError> {
+        match rules.into_iter().find(|(.., fits)| !fits) {
+            Some((name, expected, found, _)) => Err(RefinerError::Setting {
+                name,
+                expected,
+                found,
+            }),
+            None => Ok(()),
+        }
+    }
+}

@@ -127,42 +127,18 @@ fn least_squares(cells: &[[f64; 3]], last: &GroundPlane, band_m: f64) -> Option<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mluc_ipc_types::Point;
-
-    fn frame_of(scan: &[Point]) -> FrameIndex {
-        let mut frame = FrameIndex::default();
-        frame.start();
-        frame.want([20.0, 0.0], 10.0);
-        frame.sort(scan);
-        frame
-    }
-
-    fn point(x_m: f32, y_m: f32, z_m: f32) -> Point {
-        Point {
-            x_m,
-            y_m,
-            z_m,
-            intensity: 0.0,
-        }
-    }
-
-    /// A road that rises 5 % ahead and 2 % to the left, with a car-sized block on it.
-    fn road_with_block() -> Vec<Point> {
-        let mut scan = Vec::new();
-        for i in 0..100 {
-            for j in 0..100 {
-                let (x, y) = (10.0 + 0.2 * i as f32, -10.0 + 0.2 * j as f32);
-                let z = -1.7 + 0.05 * (x - 20.0) + 0.02 * y;
-                let on_block = (18.0..22.0).contains(&x) && (-1.0..1.0).contains(&y);
-                scan.push(point(x, y, if on_block { z + 1.5 } else { z }));
-            }
-        }
-        scan
-    }
+    use crate::testing::{point, sorted};
 
     #[test]
     fn a_sloping_road_is_found_under_a_block() {
-        let frame = frame_of(&road_with_block());
+        // It rises 5 % ahead and 2 % to the left.
+        let scan = (0..100 * 100).map(|i| {
+            let (x, y) = (10.0 + 0.2 * (i / 100) as f32, 0.2 * (i % 100) as f32 - 10.0);
+            let z = -1.7 + 0.05 * (x - 20.0) + 0.02 * y;
+            let on_block = (18.0..22.0).contains(&x) && (-1.0..1.0).contains(&y);
+            point([x, y, if on_block { z + 1.5 } else { z }])
+        });
+        let frame = sorted(&scan.collect::<Vec<_>>());
         let plane = GroundPlane::fit(&frame, [20.0, 0.0], 1.73);
         // The lowest point of a cell on a slope is its lower edge: the plane goes through those.
         assert!((plane.height_m + 1.7).abs() < 0.03, "{plane:?}");
@@ -172,20 +148,17 @@ mod tests {
 
     #[test]
     fn nothing_to_go_by_means_flat_ground_at_the_sensors_height() {
-        for scan in [vec![], vec![point(20.0, 0.0, 3.0); 5000]] {
-            let frame = frame_of(&scan);
-            let plane = GroundPlane::fit(&frame, [20.0, 0.0], 1.5);
+        for scan in [vec![], vec![point([20.0, 0.0, 3.0]); 5000]] {
+            let plane = GroundPlane::fit(&sorted(&scan), [20.0, 0.0], 1.5);
             assert_eq!(plane, GroundPlane::flat([20.0, 0.0], 1.5));
         }
     }
 
     #[test]
     fn a_wall_is_no_ground() {
-        let scan: Vec<Point> = (0..2000)
-            .map(|i| point(12.0 + 0.008 * i as f32, 0.5, (i % 40) as f32 * 0.1))
-            .collect();
-        let plane = GroundPlane::fit(&frame_of(&scan), [20.0, 0.0], 1.73);
-        assert!(plane.slope[0].hypot(plane.slope[1]) <= SLOPE_MAX);
-        assert!(plane.height_m.is_finite());
+        let wall = (0..2000).map(|i| point([12.0 + 0.008 * i as f32, 0.5, (i % 40) as f32 * 0.1]));
+        let frame = sorted(&wall.collect::<Vec<_>>());
+        let plane = GroundPlane::fit(&frame, [20.0, 0.0], 1.73);
+        assert!(plane.slope[0].hypot(plane.slope[1]) <= SLOPE_MAX && plane.height_m.is_finite());
     }
 }

@@ -4,7 +4,7 @@
 //! plane leaves its neighbour's on the side of the sensor by more than a kerb and a slope explain (a roof, a hedge),
 //! continues that neighbour flat. Between nodes heights are blended linearly, so the ground has no steps.
 
-use crate::frame::{FrameIndex, HALF_EXTENT_M, IndexedPoint};
+use crate::frame::{FrameIndex, HALF_EXTENT_M, IndexedPoint, middle_m};
 use crate::ground::GroundPlane;
 
 /// Distance between nodes, m: half of what a plane's cells span, so that neighbours share half of them.
@@ -16,12 +16,11 @@ const MIDDLE: usize = NODES / 2;
 /// Between neighbouring nodes the ground rises or falls no more than this, m: 15 % and a kerb.
 const STEP_MAX_M: f64 = 1.4;
 
-/// The ground of one frame; buffers are reused.
+/// The ground of one frame. A node's plane is fitted when it is first asked for.
 #[derive(Debug)]
 pub struct GroundMap {
-    nodes: Vec<GroundPlane>,
-    /// From the sensor outwards, each after the neighbour that it falls back to.
-    outwards: Vec<u32>,
+    sensor_height_m: f64,
+    nodes: Vec<Option<GroundPlane>>,
 }
 
 /// Whether a point is ground.
@@ -35,44 +34,42 @@ pub enum GroundLabel {
     Outside,
 }
 
-impl Default for GroundMap {
-    fn default() -> GroundMap {
-        let mut outwards: Vec<u32> = (0..(NODES * NODES) as u32).collect();
-        outwards.sort_by_key(|&node| {
-            let [x, y] = place(node as usize).map(|i| i as isize - MIDDLE as isize);
-            (x * x + y * y, node)
-        });
+impl GroundMap {
+    /// For a sensor so high above the ground, m.
+    pub fn new(sensor_height_m: f64) -> GroundMap {
         GroundMap {
-            nodes: vec![GroundPlane::flat([0.0; 2], 0.0); NODES * NODES],
-            outwards,
+            sensor_height_m,
+            nodes: vec![None; NODES * NODES],
         }
     }
-}
 
-impl GroundMap {
-    /// Fits the ground under all points that the frame holds.
-    pub fn fit(&mut self, frame: &FrameIndex, sensor_height_m: f64) {
-        for &node in &self.outwards {
-            let node = node as usize;
-            let center_m = center_m(node);
-            let inner = inner_neighbour(node).map(|inner| GroundPlane {
-                origin_m: center_m,
-                height_m: self.nodes[inner].z_at_m(center_m[0], center_m[1]),
-                slope: [0.0; 2],
-            });
-            let fits = |plane: &GroundPlane| {
-                let step_m = |inner: GroundPlane| (plane.height_m - inner.height_m).abs();
-                inner.is_none_or(|inner| step_m(inner) <= STEP_MAX_M)
-            };
-            let found = GroundPlane::find(frame, center_m).filter(fits);
-            self.nodes[node] = found
-                .or(inner)
-                .unwrap_or_else(|| GroundPlane::flat(center_m, sensor_height_m));
+    /// Forgets the last frame.
+    pub fn clear(&mut self) {
+        self.nodes.fill(None);
+    }
+
+    /// The plane of a node; those nearer the sensor that it may fall back to are fitted first.
+    fn node(&mut self, frame: &FrameIndex, node: usize) -> GroundPlane {
+        if let Some(plane) = self.nodes[node] {
+            return plane;
         }
+        let center_m = center_m(node);
+        let inner = inner_neighbour(node).map(|inner| GroundPlane {
+            origin_m: center_m,
+            height_m: self.node(frame, inner).z_at_m(center_m[0], center_m[1]),
+            slope: [0.0; 2],
+        });
+        let fits = |plane: &GroundPlane| {
+            inner.is_none_or(|inner| (plane.height_m - inner.height_m).abs() <= STEP_MAX_M)
+        };
+        let found = GroundPlane::find(frame, center_m).filter(fits).or(inner);
+        let plane = found.unwrap_or_else(|| GroundPlane::flat(center_m, self.sensor_height_m));
+        self.nodes[node] = Some(plane);
+        plane
     }
 
     /// The ground around a place: blended between the four nodes around it.
-    pub fn plane_at(&self, [x_m, y_m]: [f64; 2]) -> GroundPlane {
+    pub fn plane_at(&mut self, frame: &FrameIndex, [x_m, y_m]: [f64; 2]) -> GroundPlane {
         let along = |v: f64| {
             let v = ((v + HALF_EXTENT_M) / SPACING_M).clamp(0.0, (NODES - 1) as f64);
             let low = (v as usize).min(NODES - 2);
@@ -87,7 +84,7 @@ impl GroundMap {
             (1, 1, fx * fy),
         ];
         for (dx, dy, weight) in corners {
-            let node = &self.nodes[(iy + dy) * NODES + ix + dx];
+            let node = self.node(frame, (iy + dy) * NODES + ix + dx);
             blended.height_m += weight * node.z_at_m(x_m, y_m);
             blended.slope[0] += weight * node.slope[0];
             blended.slope[1] += weight * node.slope[1];
@@ -95,25 +92,30 @@ impl GroundMap {
         blended
     }
 
-    /// Hands every point that the frame holds, with its height above the ground, m, cell by cell.
-    ///
-    /// Within a cell of 1 m the ground is the plane of its middle.
-    pub fn for_each_height(&self, frame: &FrameIndex, mut take: impl FnMut(&IndexedPoint, f32)) {
-        for (corner, points) in frame.occupied_cells() {
-            let middle = corner.map(|v| v + 0.5);
-            let plane = self.plane_at(middle);
-            let [x, y] = middle.map(|v| v as f32);
-            let (z, [sx, sy]) = (plane.height_m as f32, plane.slope.map(|s| s as f32));
-            for point in points {
-                let at = point.at_m;
-                take(point, at[2] - (z + sx * (at[0] - x) + sy * (at[1] - y)));
-            }
-        }
+    /// The points of a tile with their heights above the ground, m: above the plane of the tile's middle.
+    pub(crate) fn heights<'a>(
+        &mut self,
+        frame: &'a FrameIndex,
+        tile: usize,
+    ) -> impl Iterator<Item = (&'a IndexedPoint, f32)> + use<'a> {
+        let points = frame.points_in(tile);
+        let middle = middle_m(tile);
+        let plane = if points.is_empty() {
+            GroundPlane::flat(middle, 0.0)
+        } else {
+            self.plane_at(frame, middle)
+        };
+        let [x, y] = middle.map(|v| v as f32);
+        let (z, [sx, sy]) = (plane.height_m as f32, plane.slope.map(|s| s as f32));
+        points.iter().map(move |point| {
+            let at = point.at_m;
+            (point, at[2] - (z + sx * (at[0] - x) + sy * (at[1] - y)))
+        })
     }
 
     /// A label for every point of the scan that the frame was sorted from; `labels` is overwritten.
     pub fn label(
-        &self,
+        &mut self,
         frame: &FrameIndex,
         points: usize,
         clearance_m: f64,
@@ -121,14 +123,15 @@ impl GroundMap {
     ) {
         labels.clear();
         labels.resize(points, GroundLabel::Outside);
-        let clearance = clearance_m as f32;
-        self.for_each_height(frame, |point, height| {
-            labels[point.index as usize] = if height < clearance {
-                GroundLabel::Ground
-            } else {
-                GroundLabel::Standing
-            };
-        });
+        for tile in frame.occupied_tiles() {
+            for (point, height) in self.heights(frame, tile) {
+                labels[point.index as usize] = if height < clearance_m as f32 {
+                    GroundLabel::Ground
+                } else {
+                    GroundLabel::Standing
+                };
+            }
+        }
     }
 }
 
@@ -154,99 +157,58 @@ fn inner_neighbour(node: usize) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use mluc_ipc_types::Point;
 
-    fn map_of(scan: &[Point]) -> (FrameIndex, GroundMap) {
-        let mut frame = FrameIndex::default();
-        frame.want_all();
-        frame.sort(scan);
-        let mut map = GroundMap::default();
-        map.fit(&frame, 1.73);
-        (frame, map)
-    }
+    use super::*;
+    use crate::testing::{point, sorted};
 
     /// A road that rises 5 % ahead and bends to flat at 20 m, with boxes on it; true: on a box.
     fn road() -> (Vec<Point>, Vec<bool>) {
-        let mut scan = Vec::new();
-        let mut standing = Vec::new();
-        for i in 0..240 {
-            for j in 0..240 {
-                let (x, y) = (-30.0 + 0.25 * i as f32, -30.0 + 0.25 * j as f32);
-                let on_box = x.rem_euclid(10.0) < 3.5 && y.rem_euclid(8.0) < 1.6;
-                let z = -1.73 + 0.05 * x.clamp(0.0, 20.0) + if on_box { 1.2 } else { 0.0 };
-                scan.push(Point {
-                    x_m: x,
-                    y_m: y,
-                    z_m: z,
-                    intensity: 0.0,
-                });
-                standing.push(on_box);
-            }
-        }
-        (scan, standing)
+        let points = (0..240 * 240).map(|i| {
+            let [x, y] = [i / 240, i % 240].map(|i| -30.0 + 0.25 * i as f32);
+            let on_box = x.rem_euclid(10.0) < 3.5 && y.rem_euclid(8.0) < 1.6;
+            let z = -1.73 + 0.05 * x.clamp(0.0, 20.0) + if on_box { 1.2 } else { 0.0 };
+            (point([x, y, z]), on_box)
+        });
+        points.unzip()
     }
 
     #[test]
     fn a_bending_road_with_boxes_is_told_from_them() {
-        let (scan, standing) = road();
-        let (frame, map) = map_of(&scan);
-        let mut labels = Vec::new();
-        map.label(&frame, scan.len(), 0.2, &mut labels);
-        let wrong = labels.iter().zip(&standing).filter(|&(&label, &standing)| {
-            label
-                != if standing {
-                    GroundLabel::Standing
-                } else {
-                    GroundLabel::Ground
-                }
-        });
-        let share = wrong.count() as f64 / scan.len() as f64;
-        assert!(share < 0.005, "{share}");
-    }
-
-    #[test]
-    fn points_that_the_frame_left_out_are_outside() {
-        let (mut scan, _) = road();
+        let (mut scan, standing) = road();
         scan[5].x_m = f32::NAN;
         scan[6].y_m = 500.0;
-        let (frame, map) = map_of(&scan);
+        let (frame, mut map) = (sorted(&scan), GroundMap::new(1.73));
         let mut labels = Vec::new();
         map.label(&frame, scan.len(), 0.2, &mut labels);
-        let outside = labels
-            .iter()
-            .filter(|&&l| l == GroundLabel::Outside)
-            .count();
-        assert_eq!(
-            (outside, labels[5], labels[6]),
-            (2, GroundLabel::Outside, GroundLabel::Outside)
-        );
+        assert_eq!(labels[5..7], [GroundLabel::Outside; 2], "left out");
+        let is_right = |(&label, &standing): (&GroundLabel, &bool)| match label {
+            GroundLabel::Standing => standing,
+            GroundLabel::Ground => !standing,
+            GroundLabel::Outside => false,
+        };
+        let right = labels.iter().zip(&standing).filter(|&pair| is_right(pair));
+        let share = right.count() as f64 / scan.len() as f64;
+        assert!(share > 0.995, "{share}");
     }
 
     #[test]
     fn without_points_the_ground_is_flat_below_the_sensor() {
-        let (_, map) = map_of(&[]);
+        let (frame, mut map) = (sorted(&[]), GroundMap::new(1.73));
         for place in [[0.0, 0.0], [55.0, -70.0], [500.0, 0.0]] {
-            assert!((map.plane_at(place).height_m + 1.73).abs() < 1e-9);
+            assert!((map.plane_at(&frame, place).height_m + 1.73).abs() < 1e-9);
         }
     }
 
     #[test]
     fn a_roof_is_no_ground() {
         let (mut scan, _) = road();
-        for i in 0..80 {
-            for j in 0..80 {
-                let (x, y) = (40.0 + 0.25 * i as f32, 0.25 * j as f32);
-                scan.push(Point {
-                    x_m: x,
-                    y_m: y,
-                    z_m: 6.0,
-                    intensity: 0.0,
-                });
-            }
-        }
-        let (_, map) = map_of(&scan);
-        let height = map.plane_at([50.0, 8.0]).height_m;
+        scan.extend((0..80 * 80).map(|i| {
+            let [x, y] = [i / 80, i % 80].map(|i| 0.25 * i as f32);
+            point([40.0 + x, y, 6.0])
+        }));
+        let (frame, mut map) = (sorted(&scan), GroundMap::new(1.73));
+        let height = map.plane_at(&frame, [50.0, 8.0]).height_m;
         assert!(height < 0.5, "{height}");
     }
 }

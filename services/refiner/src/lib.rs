@@ -31,6 +31,8 @@ mod refiner;
 mod sensor;
 mod settings;
 mod size;
+#[cfg(test)]
+mod testing;
 pub mod track;
 
 pub use cluster_scorer::ClusterScorer;

@@ -33,16 +33,14 @@ pub(crate) fn merge(
     if variant != Variant::Paper {
         clash_with_known(proposals, points, scan);
     }
-    order.clear();
-    order.extend((0..proposals.len()).filter(|&i| proposals[i].is_standing()));
     match variant {
         // Larger boxes first, known objects play no part: as printed.
         Variant::Paper => {
-            sort_by(order, proposals, |d| d.shape.volume_m3());
+            best_first(order, proposals, |d| d.shape.volume_m3());
             suppress(proposals, order, iou_bev, PAPER_NMS_IOU);
         }
         Variant::PaperCorrected | Variant::RangeScaled => {
-            sort_by(order, proposals, |d| f64::from(d.score));
+            best_first(order, proposals, |d| f64::from(d.score));
             suppress(proposals, order, intersection_over_min_area, OVERLAP_MAX);
         }
         // The proposals stay as they are.
@@ -50,18 +48,20 @@ pub(crate) fn merge(
     }
 }
 
-/// Best first; ties by place, so that the order of the detections does not matter.
-fn sort_by(order: &mut [usize], proposals: &[Proposal], value: impl Fn(&Proposal) -> f64) {
+/// The unknown objects that stand, best first; ties by place, so that the order of the detections does not matter.
+pub(crate) fn best_first(
+    order: &mut Vec<usize>,
+    proposals: &[Proposal],
+    value: impl Fn(&Proposal) -> f64,
+) {
+    order.clear();
+    order.extend((0..proposals.len()).filter(|&i| proposals[i].is_standing()));
     order.sort_unstable_by(|&a, &b| {
         let (a, b) = (&proposals[a], &proposals[b]);
         let place = |d: &Proposal| [d.shape.center_m, d.shape.size_m];
-        value(b)
-            .total_cmp(&value(a))
-            .then_with(|| {
-                place(a)
-                    .partial_cmp(&place(b))
-                    .unwrap_or(std::cmp::Ordering::Equal)
-            })
+        let places = place(a).partial_cmp(&place(b));
+        (value(b).total_cmp(&value(a)))
+            .then(places.unwrap_or(std::cmp::Ordering::Equal))
             .then(a.detection.cmp(&b.detection))
     });
 }
@@ -94,7 +94,7 @@ pub(crate) fn are_apart(a: &Box3, b: &Box3) -> bool {
     distance_m(a, b) > half_diagonal_m(a) + half_diagonal_m(b)
 }
 
-fn half_diagonal_m(shape: &Box3) -> f64 {
+pub(crate) fn half_diagonal_m(shape: &Box3) -> f64 {
     shape.size_m[0].hypot(shape.size_m[1]) / 2.0
 }
 
@@ -161,58 +161,47 @@ mod tests {
         Proposal::of_detection(index, &detection, shape, score)
     }
 
-    fn dispositions(
-        mut proposals: Vec<Proposal>,
-        variant: Variant,
-    ) -> Vec<(Disposition, Option<usize>)> {
+    fn dispositions(proposals: &[Proposal], variant: Variant) -> Vec<(Disposition, Option<usize>)> {
+        let mut proposals = proposals.to_vec();
         merge(&mut proposals, &[], &[], variant, &mut Vec::new());
         let told =
             |d: &Proposal| d.suppressed_by.is_some() == (d.overlap > 0.0 && d.overlap <= 1.0);
         assert!(proposals.iter().all(told), "who covers it says by how much");
-        proposals
-            .iter()
-            .map(|d| (d.disposition, d.suppressed_by))
-            .collect()
+        let found = proposals.iter().map(|d| (d.disposition, d.suppressed_by));
+        found.collect()
     }
 
     use DetectionKind::{Candidate, Known};
 
+    const STAYS: (Disposition, Option<usize>) = (Disposition::Published, None);
+
     #[test]
     fn the_better_of_two_unknowns_stays() {
-        let proposals = vec![
+        let proposals = [
             proposal(0, Candidate, 0.0, 6.0, 0.2),
             proposal(1, Candidate, 0.5, 4.0, 0.9),
             proposal(2, Candidate, 20.0, 4.0, 0.1),
         ];
-        let stays = (Disposition::Published, None);
-        assert_eq!(
-            dispositions(proposals.clone(), Variant::RangeScaled),
-            [(Disposition::OverlapsUnknown, Some(1)), stays, stays]
-        );
-        assert_eq!(
-            dispositions(proposals, Variant::Paper),
-            [stays, (Disposition::OverlapsUnknown, Some(0)), stays]
-        );
+        let goes = |by| (Disposition::OverlapsUnknown, Some(by));
+        let found = dispositions(&proposals, Variant::RangeScaled);
+        assert_eq!(found, [goes(1), STAYS, STAYS]);
+        let found = dispositions(&proposals, Variant::Paper);
+        assert_eq!(found, [STAYS, goes(0), STAYS]);
     }
 
     #[test]
     fn a_sure_known_object_suppresses_and_an_unsure_one_does_not() {
-        let case = |score| {
-            let proposals = vec![
+        let goes = (Disposition::OverlapsKnown, Some(0));
+        for (variant, score, expected) in [
+            (Variant::RangeScaled, 0.8, goes),
+            (Variant::RangeScaled, 0.4, STAYS),
+            (Variant::Paper, 0.9, STAYS),
+        ] {
+            let proposals = [
                 proposal(0, Known, 0.0, 4.0, score),
                 proposal(1, Candidate, 0.3, 4.0, 0.9),
             ];
-            dispositions(proposals, Variant::RangeScaled)[1]
-        };
-        assert_eq!(case(0.8), (Disposition::OverlapsKnown, Some(0)));
-        assert_eq!(case(0.4), (Disposition::Published, None));
-        let paper = vec![
-            proposal(0, Known, 0.0, 4.0, 0.9),
-            proposal(1, Candidate, 0.3, 4.0, 0.9),
-        ];
-        assert_eq!(
-            dispositions(paper, Variant::Paper)[1],
-            (Disposition::Published, None)
-        );
+            assert_eq!(dispositions(&proposals, variant)[1], expected, "{score}");
+        }
     }
 }

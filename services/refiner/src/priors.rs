@@ -2,12 +2,32 @@
 //!
 //! They complete boxes of what is seen in part, and say which sizes are ranked last. Nothing is left out because of them.
 
-use crate::fit::{CutTop, EndFace, Extend, Side};
 use crate::size::SizeLimits;
-use crate::{Sensor, Settings};
+
+/// A large thing that goes on above the sensor's topmost beam.
+#[derive(Clone, Copy, Debug)]
+pub struct CutTop {
+    /// Only what is at least so long, m, and
+    pub length_min_m: f64,
+    /// at least so high as it is seen, m: a truck, not a car close by.
+    pub seen_min_m: f64,
+    /// Its height above the ground is at least this, m.
+    pub height_m: f64,
+}
+
+/// A face that looks like a vehicle's front or rear, seen from the end.
+#[derive(Clone, Copy, Debug)]
+pub struct EndFace {
+    /// Narrowest and widest, m.
+    pub width_m: [f64; 2],
+    /// Least height of the box, m.
+    pub height_min_m: f64,
+    /// The vehicle is at least this share of its width long.
+    pub share: f64,
+}
 
 /// A set of priors.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Priors {
     /// What they are of.
     pub name: &'static str,
@@ -20,20 +40,23 @@ pub struct Priors {
     /// Within this size (l, w, h, m) a cluster is taken apart only when all its parts stand upright: the mast of a forklift
     /// and the rider of a bicycle do, the rest of them does not.
     pub upright_apart_m: [f64; 3],
-    /// The side away from the sensor: never seen whole.
-    pub far_side: Side,
-    /// What is seen from the end: cars and vans, then trucks.
+    /// A side is at least this share of the other one long: away from the sensor it is never seen whole,
+    pub far_side_share: f64,
+    /// but it is not completed beyond this, m: no road user is wider.
+    pub far_side_max_m: f64,
+    /// What is seen from the end: cars and vans, then trucks. The first that fits counts.
     pub ends: [EndFace; 2],
-    /// Height above the ground of what goes on above the topmost beams, m, from this length and seen height on, m.
+    /// Largest angle between the line of sight and an end's length, rad: further round, its side is seen too.
+    pub end_aside_max_rad: f64,
+    /// The upper third of an end is at least this share of its width wide: a cyclist seen from the side is narrow above.
+    pub end_top_share_min: f64,
+    /// What the sensor does not see the top of.
     pub cut_top: CutTop,
     /// Sizes (l, w, h: least and most, m) of a road user: a person from one side to a truck.
     pub road_user_m: [[f64; 2]; 3],
     /// What is higher than the second on a ground shorter than the first is a post, m.
     pub post_m: [f64; 2],
 }
-
-/// 30 degrees.
-const ASIDE_MAX_RAD: f64 = std::f64::consts::FRAC_PI_6;
 
 /// Those in use.
 pub static PRIORS: Priors = Priors {
@@ -46,29 +69,23 @@ pub static PRIORS: Priors = Priors {
     },
     length_max_m: 16.0,
     upright_apart_m: [3.4, 1.9, 2.6],
-    far_side: Side {
-        least_m: 0.0,
-        share: 0.4,
-        most_m: 2.8,
-    },
+    far_side_share: 0.4,
+    far_side_max_m: 2.8,
     ends: [
         EndFace {
             width_m: [1.1, 2.1],
             height_min_m: 1.0,
-            aside_max_rad: ASIDE_MAX_RAD,
             share: 2.2,
-            top_share_min: 0.6,
         },
         EndFace {
             width_m: [2.1, 3.3],
             height_min_m: 2.4,
-            aside_max_rad: ASIDE_MAX_RAD,
             share: 3.0,
-            top_share_min: 0.6,
         },
     ],
+    end_aside_max_rad: std::f64::consts::FRAC_PI_6,
+    end_top_share_min: 0.6,
     cut_top: CutTop {
-        elevation_rad: 0.0,
         length_min_m: 3.0,
         seen_min_m: 2.0,
         height_m: 3.2,
@@ -76,34 +93,3 @@ pub static PRIORS: Priors = Priors {
     road_user_m: [[0.4, 14.0], [0.4, 3.2], [0.8, 4.2]],
     post_m: [1.2, 2.0],
 };
-
-/// Sizes of published boxes are above 0.
-const SIZE_MIN_M: [f64; 3] = [0.1; 3];
-
-/// How a variant makes a box of a tight rectangle.
-pub(crate) fn extend_of(settings: &Settings, sensor: &Sensor) -> Extend {
-    use crate::Variant::{Paper, RangeScaled};
-    let tight = Extend {
-        to_ground: settings.variant != Paper,
-        away_from_sensor: None,
-        end_faces: [None; 2],
-        cut_top: None,
-        size_min_m: SIZE_MIN_M,
-    };
-    if settings.variant != RangeScaled {
-        return tight;
-    }
-    /// Returns of the topmost two beams or so, rad: beams of one sensor differ from the table by about 0.1 degrees.
-    const MARGIN_RAD: f64 = 0.009;
-    let beams = sensor.beams.as_ref();
-    let top_rad = beams.and_then(|beams| beams.elevation_rad.first());
-    Extend {
-        away_from_sensor: Some(PRIORS.far_side),
-        end_faces: PRIORS.ends.map(Some),
-        cut_top: top_rad.map(|top| CutTop {
-            elevation_rad: f64::from(*top) - MARGIN_RAD,
-            ..PRIORS.cut_top
-        }),
-        ..tight
-    }
-}

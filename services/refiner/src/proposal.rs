@@ -1,9 +1,9 @@
 //! What the head proposes, and what becomes of it: one for each detection, in the detections' order.
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{
-    Detection, Disposition, FOOTPRINT_MAX, GateKind, NO_PROBABILITY, Object, ObjectKind,
-};
+use mluc_ipc_types::{Detection, Disposition, GateKind, NO_PROBABILITY, Object, ObjectKind};
+
+use crate::fit::Footprint;
 
 /// What is known of one object before it is written out.
 #[derive(Clone, Copy, Debug)]
@@ -21,8 +21,20 @@ pub(crate) struct Proposal {
     pub(crate) shape: Box3,
     /// Range in the list of points.
     pub(crate) points: (usize, usize),
-    pub(crate) footprint_m: [[f32; 2]; FOOTPRINT_MAX],
-    pub(crate) footprint_count: usize,
+    pub(crate) footprint: Footprint,
+}
+
+/// What is this near to a proposal's centre comes first, m.
+pub(crate) const NEAR_M: f64 = 1.5;
+/// A box without a point is enlarged by this factor.
+pub(crate) const ENLARGED: f64 = 1.2;
+
+/// How far from a proposal's centre its cluster is looked for, m: its enlarged corners, but no less than 4 m, as a proposal
+/// may lie a metre off and of a long object often only the far end is seen, and no more than 10 m, as boxes may be larger
+/// than any object.
+pub(crate) fn reach_m(shape: &Box3) -> f64 {
+    let half_diagonal_m = shape.size_m[0].hypot(shape.size_m[1]) / 2.0;
+    (half_diagonal_m * ENLARGED).clamp(4.0, 10.0)
 }
 
 /// Coordinates and sizes beyond this are nonsense, m.
@@ -65,7 +77,7 @@ impl Proposal {
         } else {
             (ObjectKind::Known, detection.score)
         };
-        let mut proposal = Proposal {
+        Proposal {
             detection: index,
             kind,
             disposition: Disposition::Published,
@@ -75,11 +87,8 @@ impl Proposal {
             score,
             shape,
             points: (0, 0),
-            footprint_m: [[0.0; 2]; FOOTPRINT_MAX],
-            footprint_count: 0,
-        };
-        proposal.set_footprint(&shape.footprint_m(), [0.0; 2]);
-        proposal
+            footprint: Footprint::of_box(&shape),
+        }
     }
 
     /// For a detection that is none: no size, in the sensor's place.
@@ -87,20 +96,8 @@ impl Proposal {
         let nowhere = Box3::new([0.0; 7]);
         Proposal {
             disposition: Disposition::InvalidBox,
-            footprint_count: 0,
+            footprint: Footprint::default(),
             ..Proposal::of_detection(index, detection, nowhere, 0.0)
-        }
-    }
-
-    /// Corners relative to an origin, m; those beyond the contract's limit are left out.
-    pub(crate) fn set_footprint(&mut self, corners_m: &[[f64; 2]], origin_m: [f64; 2]) {
-        self.footprint_count = corners_m.len().min(FOOTPRINT_MAX);
-        self.footprint_m = [[0.0; 2]; FOOTPRINT_MAX];
-        for (to, from) in self.footprint_m.iter_mut().zip(corners_m) {
-            *to = [
-                (from[0] + origin_m[0]) as f32,
-                (from[1] + origin_m[1]) as f32,
-            ];
         }
     }
 
@@ -125,14 +122,6 @@ impl Proposal {
         self.is_unknown() && self.disposition == Disposition::Published
     }
 
-    /// The box with a margin on every side, m.
-    pub(crate) fn grown(&self, margin_m: f64) -> Box3 {
-        Box3 {
-            size_m: self.shape.size_m.map(|s| s + 2.0 * margin_m),
-            ..self.shape
-        }
-    }
-
     /// The object as the contract has it, without points.
     pub(crate) fn object(&self, detection: &Detection, classes: usize) -> Object {
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
@@ -141,11 +130,9 @@ impl Proposal {
             kind: self.kind as u32,
             disposition: self.disposition as u32,
             suppressed_by: self.suppressed_by.map_or(Object::NONE, |by| by as u32),
-            class_id: if (detection.class_id as usize) < classes {
-                detection.class_id
-            } else {
-                0
-            },
+            class_id: Some(detection.class_id)
+                .filter(|class| (*class as usize) < classes)
+                .unwrap_or(0),
             score: finite(self.score),
             center_m: self.shape.center_m.map(|v| v as f32),
             size_m: self.shape.size_m.map(|v| v as f32),
@@ -160,8 +147,8 @@ impl Proposal {
             flags: self.flags,
             track_id: Object::NONE,
             overlap: self.overlap,
-            footprint_count: self.footprint_count as u32,
-            footprint_m: self.footprint_m,
+            footprint_count: self.footprint.count as u32,
+            footprint_m: self.footprint.corners_m,
         }
     }
 }

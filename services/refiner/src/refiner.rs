@@ -6,12 +6,12 @@ use mluc_ipc_types::{
 };
 use mluc_model::Model;
 
-use crate::clusterer::{Clusterer, FrameInput, NoClusterer, ScanClusterer};
+use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
 use crate::decide::UnknownScorer;
 use crate::frame::FrameIndex;
 use crate::inside::Inside;
-use crate::merge::{KNOWN_MARGIN_M, KNOWN_SCORE_MIN, merge};
-use crate::output::RefinerOutput;
+use crate::merge::{KNOWN_MARGIN_M, KNOWN_SCORE_MIN, best_first, half_diagonal_m, merge};
+use crate::output::{Counters, RefinerOutput};
 use crate::paper::PaperClusterer;
 use crate::proposal::{Proposal, valid_box};
 use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant};
@@ -25,12 +25,13 @@ pub const WORK_MAX: u64 = 2_500_000;
 pub struct Refiner {
     settings: Settings,
     classes: usize,
-    /// Out of its place while it works.
-    clusterer: Option<Box<dyn Clusterer>>,
+    frame: FrameIndex,
+    clusterer: Box<dyn Clusterer>,
     scorer: UnknownScorer,
     proposals: Vec<Proposal>,
     /// Points of all proposals, by their ranges.
     points: Vec<u32>,
+    counters: Counters,
     /// Known objects of a high score, and whether one owns a point of the scan.
     known: Vec<(usize, Box3)>,
     is_known: Vec<bool>,
@@ -59,19 +60,22 @@ impl Refiner {
         if let Some(beams) = &sensor.beams {
             beams.check()?;
         }
+        let clusterer: Box<dyn Clusterer> = match settings.variant {
+            Variant::RangeScaled => Box::new(ScanClusterer::new(&settings, sensor)),
+            Variant::Paper | Variant::PaperCorrected => {
+                Box::new(PaperClusterer::new(&settings, sensor))
+            }
+            Variant::None => Box::new(NoClusterer),
+        };
         Ok(Refiner {
             classes: sensor.classes.len(),
-            clusterer: Some(match settings.variant {
-                Variant::RangeScaled => Box::new(ScanClusterer::new(&settings, sensor)?),
-                Variant::Paper | Variant::PaperCorrected => {
-                    Box::new(PaperClusterer::new(&settings, sensor))
-                }
-                Variant::None => Box::new(NoClusterer::default()),
-            }),
+            frame: FrameIndex::default(),
+            clusterer,
             scorer: UnknownScorer::new(&settings, sensor, scorer)?,
             settings,
             proposals: Vec::with_capacity(DETECTIONS_MAX),
             points: Vec::with_capacity(OBJECT_POINTS_MAX + POINTS_MAX),
+            counters: Counters::default(),
             known: Vec::with_capacity(DETECTIONS_MAX),
             is_known: Vec::with_capacity(POINTS_MAX),
             order: Vec::with_capacity(DETECTIONS_MAX),
@@ -97,6 +101,9 @@ impl Refiner {
         self.refine_within(sequence, points, detections, &mut || false, out);
     }
 
+    /// Proposals of the head's gate, ground, clusters of the scan, proposals matched to clusters, box, score, disposition,
+    /// merge (paper section 3.3).
+    ///
     /// As [`Refiner::refine`], for a caller with a clock: before the scan is clustered, and before each candidate, the
     /// best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal
     /// boxes, are published with [`Object::UNREFINED`] and counted. One that says yes at once skips them all: for a frame
@@ -109,169 +116,125 @@ impl Refiner {
         is_over: &mut dyn FnMut() -> bool,
         out: &mut RefinerOutput,
     ) {
-        out.clear();
-        out.counters.detections_dropped = detections.len().saturating_sub(DETECTIONS_MAX) as u32;
-        let detections = &detections[..detections.len().min(DETECTIONS_MAX)];
-        self.read_proposals(detections, out);
-        // Proposals that keep their boxes cost no time.
         let variant = self.settings.variant;
+        // Proposals that keep their boxes cost no time.
         let mut is_over = || variant != Variant::None && is_over();
+        self.read_proposals(detections);
         let has_time = self.proposals.iter().any(Proposal::is_standing) && !is_over();
-        if let Some(mut clusterer) = self.clusterer.take() {
-            self.sort_points(sequence, scan, &mut *clusterer, has_time, out);
-            let is_known = std::mem::take(&mut self.is_known);
-            let known = std::mem::take(&mut self.known);
-            let input = FrameInput {
-                sequence,
-                scan,
-                is_known: &is_known,
-                known: &known,
-            };
-            if has_time {
-                clusterer.cluster_scan(&input);
-            }
-            self.refine_candidates(
-                &input,
-                detections,
-                &mut *clusterer,
-                has_time,
-                &mut is_over,
-                out,
-            );
-            self.clusterer = Some(clusterer);
-            (self.is_known, self.known) = (is_known, known);
-        }
-        merge(
-            &mut self.proposals,
-            &self.points,
+        self.sort_points(scan, has_time);
+        self.take_points_of_known(scan.len());
+        let (proposals, clusterer) = (&mut self.proposals, &mut self.clusterer);
+        let mut task = FrameTask {
+            sequence,
             scan,
-            variant,
-            &mut self.order,
-        );
+            frame: &self.frame,
+            is_known: &self.is_known,
+            known: &self.known,
+            points: &mut self.points,
+            counters: &mut self.counters,
+        };
+        if has_time {
+            clusterer.cluster_scan(&task, proposals);
+        }
+        let mut over = !has_time;
+        best_first(&mut self.order, proposals, |p| p.score.into());
+        for &index in &self.order {
+            let proposal = &mut proposals[index];
+            over = over || task.counters.work >= self.settings.work_max() || is_over();
+            if over {
+                task.counters.unrefined += 1;
+                proposal.flags |= Object::UNREFINED;
+                if has_time {
+                    self.scorer.score_unrefined(proposal);
+                }
+            } else if clusterer.match_cluster(&mut task, proposal) {
+                let measures = clusterer.lay_box(&mut task, proposal);
+                self.scorer.score(proposal, measures.as_ref());
+                self.scorer.decide(proposal);
+            }
+        }
+        merge(proposals, task.points, scan, variant, &mut self.order);
         self.write_out(detections, out);
     }
 
-    fn read_proposals(&mut self, detections: &[Detection], out: &mut RefinerOutput) {
+    fn read_proposals(&mut self, detections: &[Detection]) {
         self.proposals.clear();
         self.points.clear();
-        for (index, detection) in detections.iter().enumerate() {
+        let mut counters = Counters {
+            detections_dropped: detections.len().saturating_sub(DETECTIONS_MAX) as u32,
+            ..Counters::default()
+        };
+        for (index, detection) in detections.iter().take(DETECTIONS_MAX).enumerate() {
             let proposal = match valid_box(detection, self.classes) {
                 Some(shape) => {
-                    let score = self.scorer.score(detection);
+                    let score = self.scorer.score_candidate(detection);
                     Proposal::of_detection(index, detection, shape, score)
                 }
                 None => Proposal::invalid(index, detection),
             };
-            match (proposal.disposition, proposal.is_unknown()) {
-                (Disposition::InvalidBox, _) => out.counters.invalid_detections += 1,
-                (_, true) => out.counters.candidates += 1,
-                (_, false) => out.counters.known += 1,
-            }
+            counters.known += u32::from(proposal.is_known());
+            counters.candidates += u32::from(proposal.is_standing());
             self.proposals.push(proposal);
         }
+        let sound = counters.known + counters.candidates;
+        counters.invalid_detections = self.proposals.len() as u32 - sound;
+        self.counters = counters;
     }
 
-    /// Sorts the points, and lists those in the boxes of known objects; where the variant keeps them apart, those of known
-    /// objects with a high score are theirs.
-    fn sort_points(
-        &mut self,
-        sequence: u64,
-        scan: &[Point],
-        clusterer: &mut dyn Clusterer,
-        has_time: bool,
-        out: &mut RefinerOutput,
-    ) {
-        let input = FrameInput {
-            sequence,
-            scan,
-            is_known: &[],
-            known: &[],
-        };
-        clusterer.sort(&input, &self.proposals, has_time);
-        self.collect_known(scan.len(), clusterer.frame(), out);
+    /// Sorts the points in and around the boxes of known objects, and those that the candidates' clusters need.
+    fn sort_points(&mut self, scan: &[Point], has_time: bool) {
+        self.frame.start();
+        for known in self.proposals.iter().filter(|p| p.is_known()) {
+            let (center_m, half_side_m) = square(&known.shape);
+            self.frame.want(center_m, half_side_m);
+        }
+        if has_time {
+            self.clusterer.want(&self.proposals, &mut self.frame);
+        }
+        self.frame.sort(scan);
+        self.counters.points_not_finite = self.frame.not_finite;
+        self.counters.points_outside = self.frame.outside;
     }
 
-    fn collect_known(&mut self, points: usize, frame: &FrameIndex, out: &mut RefinerOutput) {
-        out.counters.points_not_finite = frame.not_finite;
-        out.counters.points_outside = frame.outside;
+    /// Lists the points in the boxes of known objects; where the variant keeps them apart, those in and around known objects
+    /// with a high score are theirs.
+    fn take_points_of_known(&mut self, points: usize) {
+        let taken = &mut self.points;
         self.known.clear();
         self.is_known.clear();
         self.is_known.resize(points, false);
         let keeps_apart = self.settings.is_ours();
         for known in self.proposals.iter_mut().filter(|p| p.is_known()) {
-            let first = self.points.len();
+            let first = taken.len();
             let is_owner = keeps_apart && known.score >= KNOWN_SCORE_MIN;
-            let grown = known.grown(KNOWN_MARGIN_M);
-            let [x, y, _] = grown.center_m;
-            let half_diagonal_m = grown.size_m[0].hypot(grown.size_m[1]) / 2.0;
-            let (own, around) = (Inside::of(&known.shape, 0.0), Inside::of(&grown, 0.0));
-            for point in frame.rows_around([x, y], half_diagonal_m).flatten() {
-                if !around.contains(point.at_m) {
-                    continue;
-                }
-                self.is_known[point.index as usize] |= is_owner;
+            let own = Inside::of(&known.shape, 0.0);
+            let around = Inside::of(&known.shape, KNOWN_MARGIN_M);
+            let (center_m, half_side_m) = square(&known.shape);
+            for point in self.frame.rows_around(center_m, half_side_m).flatten() {
+                self.is_known[point.index as usize] |= is_owner && around.contains(point.at_m);
                 if own.contains(point.at_m) {
-                    if self.points.len() < OBJECT_POINTS_MAX {
-                        self.points.push(point.index);
+                    if taken.len() < OBJECT_POINTS_MAX {
+                        taken.push(point.index);
                     } else {
-                        out.counters.object_points_dropped += 1;
+                        self.counters.object_points_dropped += 1;
                     }
                 }
             }
-            known.points = (first, self.points.len());
-            if is_owner && self.points.len() > first {
+            known.points = (first, taken.len());
+            if is_owner && taken.len() > first {
                 self.known.push((known.detection, known.shape));
             }
         }
     }
 
-    /// Best score first, until the frame's work or time is used up, or none when there never was time.
-    fn refine_candidates(
-        &mut self,
-        input: &FrameInput,
-        detections: &[Detection],
-        clusterer: &mut dyn Clusterer,
-        has_time: bool,
-        is_over: &mut dyn FnMut() -> bool,
-        out: &mut RefinerOutput,
-    ) {
-        self.order.clear();
-        let proposals = &mut self.proposals;
-        self.order
-            .extend((0..proposals.len()).filter(|&i| proposals[i].is_standing()));
-        self.order.sort_unstable_by(|&a, &b| {
-            let key = |i: usize| detections[i].center_m;
-            let scores = proposals[b].score.total_cmp(&proposals[a].score);
-            let places = || key(a).partial_cmp(&key(b));
-            scores
-                .then_with(|| places().unwrap_or(std::cmp::Ordering::Equal))
-                .then(a.cmp(&b))
-        });
-        let mut over = !has_time;
-        let work_max = self.settings.study.work_max.unwrap_or(WORK_MAX);
-        let counters = &mut out.counters;
-        for &index in &self.order {
-            let proposal = &mut proposals[index];
-            over = over || counters.work >= work_max || is_over();
-            if over {
-                counters.unrefined += 1;
-                proposal.flags |= Object::UNREFINED;
-                if has_time {
-                    self.scorer.decide_unrefined(proposal);
-                }
-            } else {
-                let measures = clusterer.refine(input, proposal, &mut self.points, counters);
-                self.scorer.decide(proposal, measures.as_ref());
-            }
-        }
-    }
-
     /// Published objects get their points first; suppressed ones what room is left.
-    fn write_out(&mut self, detections: &[Detection], out: &mut RefinerOutput) {
+    fn write_out(&self, detections: &[Detection], out: &mut RefinerOutput) {
+        out.clear();
+        out.counters = self.counters;
         for (proposal, detection) in self.proposals.iter().zip(detections) {
             out.counters.by_disposition[proposal.disposition as usize] += 1;
-            out.objects
-                .push(proposal.object(detection, self.classes.max(1)));
+            let object = proposal.object(detection, self.classes.max(1));
+            out.objects.push(object);
         }
         for published in [true, false] {
             for (proposal, object) in self.proposals.iter().zip(&mut out.objects) {
@@ -288,4 +251,10 @@ impl Refiner {
             }
         }
     }
+}
+
+/// Centre and half side of a square around a known object with its margin, m.
+fn square(shape: &Box3) -> ([f64; 2], f64) {
+    let [x, y, _] = shape.center_m;
+    ([x, y], half_diagonal_m(shape) + 2.0 * KNOWN_MARGIN_M)
 }

@@ -121,67 +121,28 @@ impl Settings {
     pub fn check(&self) -> Result<(), RefinerError> {
         const ABOVE_0: &str = "a length above 0 and at most 100 m";
         const FROM_0: &str = "a length of 0 to 100 m";
-        let above_0 = |v: f64| v > 0.0 && v <= 100.0;
-        let from_0 = |v: f64| (0.0..=100.0).contains(&v);
+        let above_0 = |name, v: f64| (name, ABOVE_0, v, v > 0.0 && v <= 100.0);
+        let from_0 = |name, v: f64| (name, FROM_0, v, (0.0..=100.0).contains(&v));
+        let within = |name, expected, v: f64, most| (name, expected, v, v > 0.0 && v <= most);
+        let share = self.join_per_range;
+        let is_share = (0.0..=1.0).contains(&share);
         let rules = [
-            (
-                "time_max_ms",
-                "above 0 to 10,000 ms",
-                self.time_max_ms,
-                self.time_max_ms > 0.0 && self.time_max_ms <= 1e4,
-            ),
-            (
+            within("time_max_ms", "above 0 to 10,000 ms", self.time_max_ms, 1e4),
+            within(
                 "points_min",
                 "1 to 10,000 points",
                 self.points_min.into(),
-                (1..=10_000).contains(&self.points_min),
+                1e4,
             ),
-            (
-                "ground_clearance_m",
-                ABOVE_0,
-                self.ground_clearance_m,
-                above_0(self.ground_clearance_m),
-            ),
-            (
-                "height_max_m",
-                ABOVE_0,
-                self.height_max_m,
-                above_0(self.height_max_m),
-            ),
-            ("join_m", ABOVE_0, self.join_m, above_0(self.join_m)),
-            (
-                "join_per_range",
-                "a share of 0 to 1",
-                self.join_per_range,
-                (0.0..=1.0).contains(&self.join_per_range),
-            ),
-            (
-                "join_max_m",
-                ABOVE_0,
-                self.join_max_m,
-                above_0(self.join_max_m),
-            ),
-            (
-                "robot.height_min_m",
-                FROM_0,
-                self.robot.height_min_m,
-                from_0(self.robot.height_min_m),
-            ),
-            (
-                "robot.width_min_m",
-                FROM_0,
-                self.robot.width_min_m,
-                from_0(self.robot.width_min_m),
-            ),
+            above_0("ground_clearance_m", self.ground_clearance_m),
+            above_0("height_max_m", self.height_max_m),
+            above_0("join_m", self.join_m),
+            ("join_per_range", "a share of 0 to 1", share, is_share),
+            above_0("join_max_m", self.join_max_m),
+            from_0("robot.height_min_m", self.robot.height_min_m),
+            from_0("robot.width_min_m", self.robot.width_min_m),
         ];
-        match rules.into_iter().find(|(.., fits)| !fits) {
-            Some((name, expected, found, _)) => Err(RefinerError::Setting {
-                name,
-                expected,
-                found,
-            }),
-            None => Ok(()),
-        }
+        RefinerError::unless_all(rules)
     }
 
     /// The join distance at a range, m.
@@ -192,6 +153,11 @@ impl Settings {
     /// Whether unknown objects have a score of our own, not the paper's.
     pub(crate) fn is_ours(&self) -> bool {
         self.variant == Variant::RangeScaled
+    }
+
+    /// Work that all candidates of a frame may cost.
+    pub(crate) fn work_max(&self) -> u64 {
+        self.study.work_max.unwrap_or(crate::WORK_MAX)
     }
 
     /// How rectangles are laid: the paper's along the axes.
@@ -216,16 +182,19 @@ mod tests {
     #[test]
     fn defaults_are_sound_and_nonsense_is_named() {
         assert_eq!(Settings::default().check(), Ok(()));
-        let mut settings = Settings {
-            join_m: f64::NAN,
-            ..Settings::default()
-        };
-        let fault = settings.check().expect_err("a length that is no number");
-        assert!(fault.to_string().contains("join_m"), "{fault}");
-        settings = Settings::default();
-        settings.robot.height_min_m = -1.0;
-        let fault = settings.check().expect_err("a length below 0");
-        assert!(fault.to_string().contains("robot.height_min_m"), "{fault}");
+        type Change = fn(&mut Settings);
+        let cases: [(&str, Change); 4] = [
+            ("join_m", |s| s.join_m = f64::NAN),
+            ("points_min", |s| s.points_min = 0),
+            ("join_per_range", |s| s.join_per_range = 1.1),
+            ("robot.height_min_m", |s| s.robot.height_min_m = -1.0),
+        ];
+        for (name, change) in cases {
+            let mut settings = Settings::default();
+            change(&mut settings);
+            let fault = settings.check().expect_err(name);
+            assert!(fault.to_string().contains(name), "{fault}");
+        }
     }
 
     #[test]
@@ -238,10 +207,12 @@ mod tests {
 
     #[test]
     fn the_papers_radius_follows_the_model() {
-        let mut sensor = Sensor::plain(&["car"]);
-        let settings = Settings::default();
-        assert_eq!(settings.radius_m(&sensor), 4.0);
-        sensor.sees_all_around = false;
-        assert_eq!(settings.radius_m(&sensor), 5.0);
+        for (sees_all_around, expected_m) in [(true, 4.0), (false, 5.0)] {
+            let sensor = Sensor {
+                sees_all_around,
+                ..Sensor::plain(&["car"])
+            };
+            assert_eq!(Settings::default().radius_m(&sensor), expected_m);
+        }
     }
 }

@@ -18,12 +18,8 @@ pub struct SizeLimits {
 impl SizeLimits {
     /// Whether a cluster is within.
     pub(crate) fn hold(&self, cluster: &ClusterPoints) -> bool {
-        let limit_m = if height_m(cluster) >= self.tall_from_m {
-            self.tall_m
-        } else {
-            self.low_m
-        };
-        is_within(cluster, limit_m)
+        let is_tall = height_m(cluster) >= self.tall_from_m;
+        is_within(cluster, if is_tall { self.tall_m } else { self.low_m })
     }
 
     /// Nothing longer than this along any direction is within, m.
@@ -46,16 +42,16 @@ pub(crate) fn is_upright(cluster: &ClusterPoints) -> bool {
         return false;
     }
     let limit_m = height / HEIGHT_PER_LENGTH;
-    let widest_m = |heading: &Heading| {
-        let [a, b] = cluster.sides_m(heading.direction);
+    let widest_m = |direction: &[f32; 2]| {
+        let [a, b] = cluster.sides_m(*direction);
         a.max(b)
     };
-    let octagon_m = widest_m(&HEADINGS[0]).max(widest_m(&HEADINGS[COUNT / 2]));
+    let octagon_m = widest_m(&DIRECTIONS[0]).max(widest_m(&DIRECTIONS[COUNT / 2]));
     if octagon_m > limit_m || octagon_m < WIDTH_MIN_M {
         return false;
     }
     // Between two of the octagon's directions nothing is wider than this.
-    octagon_m / OCTAGON <= limit_m || HEADINGS.iter().all(|h| widest_m(h) <= limit_m)
+    octagon_m / OCTAGON <= limit_m || DIRECTIONS.iter().all(|d| widest_m(d) <= limit_m)
 }
 
 /// Whether the points of a cluster's parts that do not stand upright are a thing to reckon with beside those that do: the
@@ -72,12 +68,11 @@ pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
     if height_m(cluster) > h {
         return false;
     }
-    let sides_m = |heading: &Heading| cluster.sides_m(heading.direction);
     let fits = |[a, b]: [f64; 2]| a.max(b) <= l && a.min(b) <= w;
     // No heading turns something longer than the diagonal into something that fits: this settles most walls.
     let is_too_long = |[a, b]: [f64; 2]| a.max(b) > l.hypot(w);
-    for middle in [&HEADINGS[0], &HEADINGS[COUNT / 2]] {
-        let sides_m = sides_m(middle);
+    for middle in [DIRECTIONS[0], DIRECTIONS[COUNT / 2]] {
+        let sides_m = cluster.sides_m(middle);
         if fits(sides_m) {
             return true;
         }
@@ -85,18 +80,22 @@ pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
             return false;
         }
     }
-    HEADINGS.iter().any(|heading| fits(sides_m(heading)))
+    DIRECTIONS.iter().any(|&d| fits(cluster.sides_m(d)))
 }
 
 /// Heading, rad, and length, m, of the longest side of any tight rectangle.
 pub(crate) fn longest_side(cluster: &ClusterPoints) -> (f64, f64) {
-    HEADINGS.iter().fold((0.0, 0.0), |longest: (f64, f64), h| {
-        let [u, v] = cluster.sides_m(h.direction);
-        let yaw_rad = cluster.ahead_rad() + h.yaw_rad;
-        [(yaw_rad, u), (yaw_rad + std::f64::consts::FRAC_PI_2, v)]
-            .into_iter()
-            .fold(longest, |a, b| if b.1 > a.1 { b } else { a })
-    })
+    let mut longest = (0.0, 0.0);
+    for (step, direction) in DIRECTIONS.iter().enumerate() {
+        let yaw_rad = cluster.ahead_rad + heading_rad(step);
+        let [u, v] = cluster.sides_m(*direction);
+        for side in [(yaw_rad, u), (yaw_rad + std::f64::consts::FRAC_PI_2, v)] {
+            if side.1 > longest.1 {
+                longest = side;
+            }
+        }
+    }
+    longest
 }
 
 fn height_m(cluster: &ClusterPoints) -> f64 {
@@ -104,25 +103,21 @@ fn height_m(cluster: &ClusterPoints) -> f64 {
     range.map_or(0.0, |[low, high]| f64::from(high - low))
 }
 
-/// A heading, counted from the line of sight, and its direction seen from above.
-struct Heading {
-    yaw_rad: f64,
-    direction: [f32; 2],
-}
-
 /// Headings within a quarter turn.
 const COUNT: usize = 12;
 /// cos(22.5 degrees): widths along two directions 45 degrees apart are at least this share of any between them.
 const OCTAGON: f64 = 0.923_879;
 
-/// Headings 7.5 degrees apart.
-static HEADINGS: LazyLock<[Heading; COUNT]> = LazyLock::new(|| {
+/// Headings 7.5 degrees apart, rad from the line of sight.
+fn heading_rad(step: usize) -> f64 {
+    std::f64::consts::FRAC_PI_2 * step as f64 / COUNT as f64
+}
+
+/// The same as directions seen from above.
+static DIRECTIONS: LazyLock<[[f32; 2]; COUNT]> = LazyLock::new(|| {
     std::array::from_fn(|step| {
-        let yaw_rad = std::f64::consts::FRAC_PI_2 * step as f64 / COUNT as f64;
-        Heading {
-            yaw_rad,
-            direction: [yaw_rad.cos() as f32, yaw_rad.sin() as f32],
-        }
+        let yaw_rad = heading_rad(step);
+        [yaw_rad.cos() as f32, yaw_rad.sin() as f32]
     })
 });
 
@@ -134,13 +129,7 @@ mod tests {
         let mut points = ClusterPoints::default();
         let (sin, cos) = yaw_rad.sin_cos();
         for k in 0..8 {
-            let side = |bit: i32, size: f32| {
-                if k >> bit & 1 == 1 {
-                    size / 2.0
-                } else {
-                    -size / 2.0
-                }
-            };
+            let side = |bit: i32, size: f32| size * ((k >> bit & 1) as f32 - 0.5);
             let (u, v) = (side(0, l), side(1, w));
             points.push(u * cos - v * sin, u * sin + v * cos, side(2, h));
         }

@@ -3,7 +3,7 @@
 mod common;
 
 use mluc_refiner::paper::Neighbourhood;
-use mluc_refiner::paper::grow::{Depth, Grower, Printed};
+use mluc_refiner::paper::grow::{Depth, Grower, Growth, Printed};
 
 /// Two parallel walls seen frontally: the left half at 10 m, the right half `step_m` behind it.
 fn step(step_m: f64) -> (Neighbourhood, Vec<bool>) {
@@ -37,7 +37,12 @@ fn shares(grower: &mut dyn Grower, step_m: f64) -> [f64; 2] {
         })
         .expect("a point");
     let mut members = Vec::new();
-    grower.grow(&around, seed, f64::NEG_INFINITY, &mut members);
+    let growth = Growth {
+        around: &around,
+        seed,
+        height_min_m: f64::NEG_INFINITY,
+    };
+    grower.grow(&growth, &mut members);
     [true, false].map(|side| {
         let all = is_near.iter().filter(|&&near| near == side).count();
         let found = members

@@ -18,53 +18,35 @@ fn scene() -> (Vec<Point>, Vec<Box3>, Vec<Detection>) {
         standing(-12.0, 3.0, [4.1, 1.7, 1.5], 2.0),
     ];
     let points = scan(&boxes);
-    let detections = boxes
-        .iter()
-        .enumerate()
-        .map(|(i, b)| candidate(b, [0.4, -0.5], 1.0 + i as f32))
-        .collect();
+    let candidates = boxes.iter().zip([1.0, 2.0, 3.0, 4.0]);
+    let candidates = candidates.map(|(b, eds)| candidate(b, [0.4, -0.5], eds));
+    let detections = candidates.collect();
     (points, boxes, detections)
 }
 
-fn turned(points: &[Point], detections: &[Detection], by_rad: f64) -> (Vec<Point>, Vec<Detection>) {
+/// A place turned around the sensor.
+fn turned([x, y]: [f64; 2], by_rad: f64) -> [f64; 2] {
     let (sin, cos) = by_rad.sin_cos();
-    let turn = |x: f32, y: f32| {
-        let (x, y) = (f64::from(x), f64::from(y));
-        [(x * cos - y * sin) as f32, (x * sin + y * cos) as f32]
-    };
-    let points = points.iter().map(|p| {
-        let [x_m, y_m] = turn(p.x_m, p.y_m);
-        Point { x_m, y_m, ..*p }
-    });
-    let detections = detections.iter().map(|d| {
-        let [x, y] = turn(d.center_m[0], d.center_m[1]);
-        Detection {
-            center_m: [x, y, d.center_m[2]],
-            yaw_rad: d.yaw_rad + by_rad as f32,
-            ..*d
-        }
-    });
-    (points.collect(), detections.collect())
+    [x * cos - y * sin, x * sin + y * cos]
 }
 
-fn turned_box(shape: &Box3, by_rad: f64) -> Box3 {
-    let (sin, cos) = by_rad.sin_cos();
-    let [x, y, z] = shape.center_m;
-    Box3 {
-        center_m: [x * cos - y * sin, x * sin + y * cos, z],
-        size_m: shape.size_m,
-        yaw_rad: shape.yaw_rad + by_rad,
+/// The scene with every place, seen from above, moved.
+fn moved(points: &mut [Point], detections: &mut [Detection], to: impl Fn([f64; 2]) -> [f64; 2]) {
+    let to = |x: f32, y: f32| to([x, y].map(f64::from)).map(|v| v as f32);
+    for p in points {
+        [p.x_m, p.y_m] = to(p.x_m, p.y_m);
+    }
+    for d in detections {
+        let [x, y, z] = d.center_m;
+        let [x, y] = to(x, y);
+        d.center_m = [x, y, z];
     }
 }
 
-/// Of a person two faces of half a metre are seen: several headings fit them as well, so that the heading may jump.
-fn is_small(shape: &Box3) -> bool {
-    shape.size_m[0] < 1.0
-}
-
-/// Boxes overlap by more than `least`; small ones have their place and size within a quarter of a metre.
+/// Boxes overlap by more than `least`. Of a person two faces of half a metre are seen: several headings fit them as well,
+/// so that the heading may jump, and place and size are within a quarter of a metre.
 fn is_same(found: &Box3, expected: &Box3, least: f64) -> bool {
-    if !is_small(expected) {
+    if expected.size_m[0] >= 1.0 {
         return iou_3d(found, expected) > least;
     }
     let close = |a: &[f64; 3], b: &[f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.25);
@@ -76,16 +58,21 @@ proptest! {
 
     #[test]
     fn turning_the_scene_turns_the_boxes(by_rad in -3.1f64..3.1) {
-        let (points, _, detections) = scene();
+        let (mut points, _, mut detections) = scene();
         let before = refine(Variant::RangeScaled, &points, &detections);
-        let (points, detections) = turned(&points, &detections, by_rad);
+        moved(&mut points, &mut detections, |place| turned(place, by_rad));
+        detections.iter_mut().for_each(|d| d.yaw_rad += by_rad as f32);
         let after = refine(Variant::RangeScaled, &points, &detections);
         for (a, b) in before.objects.iter().zip(&after.objects) {
             prop_assert_eq!(a.disposition, b.disposition);
             // The cells of ground and clusters lie along the axes: a point at the edge of one may change sides.
             let apart = a.points_count.abs_diff(b.points_count);
             prop_assert!(100 * apart <= a.points_count, "{} {}", a.points_count, b.points_count);
-            let (expected, found) = (turned_box(&box_of(a), by_rad), box_of(b));
+            let (mut expected, found) = (box_of(a), box_of(b));
+            let [x, y, z] = expected.center_m;
+            let [x, y] = turned([x, y], by_rad);
+            expected.center_m = [x, y, z];
+            expected.yaw_rad += by_rad;
             let off = limit_period(found.yaw_rad - expected.yaw_rad, 0.5, std::f64::consts::PI);
             prop_assert!(off.abs() < 0.01, "{:?} {:?}", found, expected);
             prop_assert!(iou_3d(&found, &expected) > 0.97, "{:?} {:?}", found, expected);
@@ -113,12 +100,8 @@ proptest! {
     fn shifting_the_scene_shifts_the_boxes(x_m in -1.5f32..1.5, y_m in -1.5f32..1.5) {
         let (mut points, boxes, mut detections) = scene();
         let before = refine(Variant::RangeScaled, &points, &detections);
-        for p in &mut points {
-            (p.x_m, p.y_m) = (p.x_m + x_m, p.y_m + y_m);
-        }
-        for d in &mut detections {
-            (d.center_m[0], d.center_m[1]) = (d.center_m[0] + x_m, d.center_m[1] + y_m);
-        }
+        let by = [x_m, y_m].map(f64::from);
+        moved(&mut points, &mut detections, |[x, y]| [x + by[0], y + by[1]]);
         let after = refine(Variant::RangeScaled, &points, &detections);
         for (i, (a, b)) in before.objects.iter().zip(&after.objects).enumerate() {
             prop_assert_eq!(a.disposition, b.disposition);

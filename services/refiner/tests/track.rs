@@ -23,11 +23,30 @@ fn object(kind: ObjectKind, x: f32, y: f32, score: f32) -> Object {
     }
 }
 
-fn frame(objects: &[Object]) -> RefinerOutput {
-    let mut refined = RefinerOutput::default();
-    refined.objects.extend_from_slice(objects);
-    refined.counters.by_disposition[Disposition::Published as usize] = objects.len() as u32;
-    refined
+/// What becomes of a frame's objects.
+fn update(
+    tracker: &mut Tracker,
+    sequence: u64,
+    ego: &EgoPose,
+    objects: &[Object],
+) -> RefinerOutput {
+    let mut out = RefinerOutput::default();
+    out.objects.extend_from_slice(objects);
+    out.counters.by_disposition[Disposition::Published as usize] = objects.len() as u32;
+    tracker.update(sequence, ego, &mut out);
+    let counted: u32 = out.counters.by_disposition.iter().sum();
+    assert_eq!(counted, objects.len() as u32);
+    out
+}
+
+/// What becomes of an unknown object that is seen at some sequences.
+fn seen_at(sequences: &[u64], x_m: impl Fn(u64) -> f32) -> Vec<Object> {
+    let mut tracker = tracker();
+    let mut see = |&sequence: &u64| {
+        let unknown = object(ObjectKind::Unknown, x_m(sequence), 1.0, 0.5);
+        update(&mut tracker, sequence, &STILL, &[unknown]).objects[0]
+    };
+    sequences.iter().map(&mut see).collect()
 }
 
 fn tracker() -> Tracker {
@@ -36,47 +55,31 @@ fn tracker() -> Tracker {
 
 #[test]
 fn an_unknown_object_is_published_from_its_second_sighting_with_the_same_number() {
-    let mut tracker = tracker();
-    let mut numbers = Vec::new();
-    for sequence in 0..4 {
-        let x = 10.0 + 0.4 * sequence as f32;
-        let mut seen = frame(&[object(ObjectKind::Unknown, x, 1.0, 0.5)]);
-        tracker.update(sequence, &STILL, &mut seen);
-        let wanted = match sequence {
-            0 => Disposition::Unconfirmed,
-            _ => Disposition::Published,
-        };
-        assert_eq!(
-            seen.objects[0].disposition, wanted as u32,
-            "frame {sequence}"
-        );
-        assert_eq!(seen.counters.with_disposition(wanted), 1);
-        assert_eq!(seen.counters.by_disposition.iter().sum::<u32>(), 1);
-        numbers.push(seen.objects[0].track_id);
-    }
-    assert_eq!(numbers, [numbers[0]; 4]);
-    assert_ne!(numbers[0], Object::NONE);
+    let seen = seen_at(&[0, 1, 2, 3], |sequence| 10.0 + 0.4 * sequence as f32);
+    assert_eq!(seen[0].disposition, Disposition::Unconfirmed as u32);
+    assert!(seen[1..].iter().all(Object::is_published));
+    let id = seen[0].track_id;
+    assert!(id != Object::NONE && seen.iter().all(|o| o.track_id == id));
 }
 
 #[test]
 fn known_objects_are_never_touched() {
-    let mut tracker = tracker();
     let before = object(ObjectKind::Known, 5.0, 0.0, 0.9);
-    let mut seen = frame(&[before]);
-    tracker.update(0, &STILL, &mut seen);
-    assert_eq!(seen.objects[0], before);
+    let after = update(&mut tracker(), 0, &STILL, &[before]);
+    assert_eq!(after.objects[0], before);
 }
 
 #[test]
-fn one_miss_is_bridged_and_a_whole_window_is_not() {
-    for (gap, published) in [(1, true), (2, true), (3, false)] {
-        let mut tracker = tracker();
-        let unknown = object(ObjectKind::Unknown, 8.0, 2.0, 0.5);
-        let mut first = frame(&[unknown]);
-        tracker.update(0, &STILL, &mut first);
-        let mut again = frame(&[unknown]);
-        tracker.update(gap, &STILL, &mut again);
-        assert_eq!(again.objects[0].is_published(), published, "gap {gap}");
+fn one_miss_is_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets() {
+    for (sequences, published) in [
+        (&[0, 1][..], &[false, true][..]),
+        (&[0, 2], &[false, true]),
+        (&[0, 3], &[false, false]),
+        (&[7, 8, 0, 1], &[false, true, false, true]),
+    ] {
+        let seen = seen_at(sequences, |_| 8.0);
+        let found = seen.iter().map(Object::is_published);
+        assert!(found.eq(published.iter().copied()), "{sequences:?}");
     }
 }
 
@@ -91,7 +94,7 @@ fn with_ego_motion_what_stands_still_is_found_again_and_without_it_is_not() {
     };
     for is_known in [0, 1] {
         let mut tracker = tracker();
-        let mut last = Disposition::Published as u32;
+        let mut last = true;
         for (sequence, pose) in poses.into_iter().enumerate() {
             let [x, y] = seen_from(pose);
             let ego = EgoPose {
@@ -100,25 +103,11 @@ fn with_ego_motion_what_stands_still_is_found_again_and_without_it_is_not() {
                 is_known,
                 reserved: 0,
             };
-            let mut seen = frame(&[object(ObjectKind::Unknown, x, y, 0.5)]);
-            tracker.update(sequence as u64, &ego, &mut seen);
-            last = seen.objects[0].disposition;
+            let unknown = object(ObjectKind::Unknown, x, y, 0.5);
+            let seen = update(&mut tracker, sequence as u64, &ego, &[unknown]);
+            last = seen.objects[0].is_published();
         }
-        let wanted = match is_known {
-            1 => Disposition::Published,
-            _ => Disposition::Unconfirmed,
-        };
-        assert_eq!(last, wanted as u32, "pose known: {is_known}");
-    }
-}
-
-#[test]
-fn a_run_that_begins_anew_forgets() {
-    let mut tracker = tracker();
-    for (sequence, published) in [(7, false), (8, true), (0, false), (1, true)] {
-        let mut seen = frame(&[object(ObjectKind::Unknown, 8.0, 2.0, 0.5)]);
-        tracker.update(sequence, &STILL, &mut seen);
-        assert_eq!(seen.objects[0].is_published(), published, "at {sequence}");
+        assert_eq!(last, is_known == 1, "pose known: {is_known}");
     }
 }
 
@@ -128,25 +117,14 @@ fn more_objects_than_tracks_pass_without_a_number_and_nothing_grows() {
     let mut tracker = tracker();
     for sequence in 0..3 {
         let many: Vec<Object> = (0..TRACKS_MAX + 3)
-            .map(|n| {
-                object(
-                    ObjectKind::Unknown,
-                    10.0 * n as f32,
-                    0.0,
-                    1.0 - 0.001 * n as f32,
-                )
-            })
+            .map(|n| n as f32)
+            .map(|n| object(ObjectKind::Unknown, 10.0 * n, 0.0, 1.0 - 0.001 * n))
             .collect();
-        let mut seen = frame(&many);
-        tracker.update(sequence, &STILL, &mut seen);
-        let numbered = seen
-            .objects
-            .iter()
-            .filter(|o| o.track_id != Object::NONE)
-            .count();
+        let seen = update(&mut tracker, sequence, &STILL, &many).objects;
+        let numbered = seen.iter().filter(|o| o.track_id != Object::NONE).count();
         assert_eq!(numbered, TRACKS_MAX, "the surest");
-        assert_eq!(seen.objects[TRACKS_MAX].track_id, Object::NONE);
-        assert!(seen.objects[TRACKS_MAX].is_published(), "nothing is lost");
+        assert_eq!(seen[TRACKS_MAX].track_id, Object::NONE);
+        assert!(seen[TRACKS_MAX].is_published(), "nothing is lost");
     }
 }
 
@@ -169,13 +147,10 @@ proptest! {
     ) {
         let mut tracker = tracker();
         for (sequence, frame_places) in places.iter().enumerate() {
-            let objects: Vec<Object> = frame_places
-                .iter()
-                .map(|&(x, y)| object(ObjectKind::Unknown, x, y, 0.5))
-                .collect();
-            let mut seen = frame(&objects);
-            tracker.update(sequence as u64, &STILL, &mut seen);
-            let mut numbers: Vec<u32> = seen.objects.iter().map(|o| o.track_id).collect();
+            let objects = frame_places.iter().map(|&(x, y)| object(ObjectKind::Unknown, x, y, 0.5));
+            let objects: Vec<Object> = objects.collect();
+            let seen = update(&mut tracker, sequence as u64, &STILL, &objects).objects;
+            let mut numbers: Vec<u32> = seen.iter().map(|o| o.track_id).collect();
             numbers.sort_unstable();
             numbers.dedup();
             prop_assert_eq!(numbers.len(), objects.len());

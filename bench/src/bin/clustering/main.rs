@@ -12,7 +12,7 @@ use clap::Parser;
 use mluc_bench::clock::{lap_quantile, timed};
 use mluc_bench::inputs;
 use mluc_bench::machine::describe_here;
-use mluc_refiner::paper::grow::{Dbscan, Euclidean, Grower};
+use mluc_refiner::paper::grow::{Dbscan, Euclidean, Grower, Growth};
 use mluc_refiner::paper::{Gather, Neighbourhood};
 use mluc_refiner::{FrameIndex, GroundPlane, Settings};
 use mluc_simulate::SimulatedFrame;
@@ -112,10 +112,15 @@ fn one(around: &Neighbourhood, seed: usize, out: &Path, number: usize) -> Result
         ("euclidean", Box::new(Euclidean::new(TOLERANCE_M))),
         ("dbscan", Box::new(Dbscan::new(EPSILON_M, CORE_POINTS))),
     ];
+    let growth = Growth {
+        around,
+        seed,
+        height_min_m: f64::NEG_INFINITY,
+    };
     let mut ours = serde_json::Map::new();
     for (way, mut grower) in ways {
         let mut members = vec![];
-        let mut grow = |_| timed(|| grower.grow(around, seed, f64::NEG_INFINITY, &mut members));
+        let mut grow = |_| timed(|| grower.grow(&growth, &mut members));
         let times: Vec<_> = (0..=RUNS).map(&mut grow).skip(1).collect();
         let us = 1e3 * lap_quantile(&times, 0.5).wall;
         members.sort_unstable();

@@ -31,11 +31,10 @@ struct Report {
 /// Compares and prints.
 pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()> {
     let mut index = FrameIndex::default();
-    let mut ground = GroundMap::default();
+    let mut ground = GroundMap::new(sensor().height_m);
     let mut labels = Vec::new();
     let mut laps = Vec::new();
     let clearance_m = setup.settings.ground_clearance_m;
-    let height_m = sensor().height_m;
     // Points by ours and theirs: neither, theirs alone, ours alone, both.
     let mut counts = [0u64; 4];
     for frame in frames {
@@ -45,7 +44,7 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()>
                 index.start();
                 index.want_all();
                 index.sort(&frame.points);
-                ground.fit(&index, height_m);
+                ground.clear();
                 ground.label(&index, frame.points.len(), clearance_m, &mut labels);
             });
             if pass > 0 {

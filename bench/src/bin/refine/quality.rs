@@ -157,21 +157,14 @@ fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f6
     frame.sort(points);
     let plane = GroundPlane::fit(frame, center, height_m);
     let mut own = ClusterPoints::default();
-    own.look_at(center);
+    own.start(center);
     for p in inside(points, object) {
         let [x, y, z] = [p.x_m, p.y_m, p.z_m].map(f64::from);
         if z - plane.z_at_m(x, y) >= clearance_m {
             own.push((x - center[0]) as f32, (y - center[1]) as f32, p.z_m);
         }
     }
-    let extend = Extend {
-        to_ground: true,
-        away_from_sensor: None,
-        end_faces: [None; 2],
-        cut_top: None,
-        size_min_m: [0.1; 3],
-    };
     let tight = Closeness::default().fit(&own);
-    let fitted = extend.box_around(&own, &tight, center, &plane);
+    let fitted = Extend::TO_GROUND.box_around(&own, &tight, &plane);
     fitted.map_or(0.0, |fitted| iou_3d(&fitted, object))
 }

@@ -72,7 +72,6 @@ fn standing(
     let mut clusters = FrameClusters::default();
     // For the ground alone.
     clusterer.find(points, &mut clusters);
-    let ground = clusterer.ground();
     let mut cubes: BTreeMap<[i32; 3], [f32; 3]> = BTreeMap::new();
     for p in points {
         let at = [p.x_m, p.y_m, p.z_m];
@@ -83,7 +82,7 @@ fn standing(
     let tests: Vec<(InBox, f32)> = detections.iter().map(test).collect();
     let stands = |at: &[f32; 3]| {
         let [x, y, z] = at.map(f64::from);
-        z - ground.plane_at([x, y]).z_at_m(x, y) > CLEARANCE_M
+        z - clusterer.ground_at([x, y]).z_at_m(x, y) > CLEARANCE_M
     };
     let point = |at_m: [f32; 3]| {
         let [x, y, z] = at_m;

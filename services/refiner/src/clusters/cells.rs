@@ -1,18 +1,21 @@
 //! What stands on the ground, in cells of 25 cm seen from above; cells near each other are united.
 //!
 //! Points of one cell belong together. Two cells belong together when any pair of their points is within the join
-//! distance of their mean range: so the result depends on no order of points or cells.
+//! distance of their mean range: so the result depends on no order of points or cells. Cells are added tile by tile of 1 m,
+//! at the latest when a component comes near: what is far from all that is asked for costs nothing.
 
 use std::ops::Range;
 
+use super::FrameCounters;
 use super::places::{Places, SIDE};
-use crate::ascending::Ascending;
 use crate::fit::{higher, lower};
-use crate::frame::{HALF_EXTENT_M, IndexedPoint};
+use crate::frame::{self, HALF_EXTENT_M, IndexedPoint};
 
 /// Side of a cell, m: its diagonal is below the shortest full join distance (0.4 m).
 const CELL_M: f32 = 0.25;
-const _: () = assert!(SIDE == (2.0 * HALF_EXTENT_M / CELL_M as f64) as usize);
+/// Cells along a tile's side.
+const PER_TILE: u32 = 4;
+const _: () = assert!(SIDE == frame::SIDE * PER_TILE as usize);
 const EMPTY: u32 = u32::MAX;
 /// Cells that any reach spans at most: join distances up to 3.5 m; beyond it a reach is cut short.
 const REACH_MAX: u32 = 15;
@@ -33,7 +36,7 @@ pub(super) struct Cell {
     /// Lowest and highest z of its points, m.
     pub(super) z_m: [f32; 2],
     /// From the sensor's axis to its middle, m.
-    pub(super) range_m: f32,
+    range_m: f32,
 }
 
 /// The cells of one frame; buffers are reused.
@@ -41,39 +44,36 @@ pub(super) struct Cell {
 pub(super) struct Cells {
     /// Number of each place's cell.
     number_at: Vec<u32>,
+    /// First cell of each tile, and one past its last; [`EMPTY`] where it was not added.
+    tiles: Vec<[u32; 2]>,
+    added: Vec<u32>,
     pub(super) cells: Vec<Cell>,
-    /// As they were added, with their cells' numbers.
-    added: Vec<(IndexedPoint, u32)>,
-    /// Cell by cell.
+    /// Of the points, cell by cell.
     pub(super) places_m: Vec<[f32; 2]>,
     pub(super) indices: Vec<u32>,
-    /// First cell of those that each is united with.
-    root: Vec<u32>,
-    /// Places of the cells that are not reached yet, and the cells that are.
+    /// Places of the cells that are not reached yet.
     left: Places,
-    reached: Vec<u32>,
-    /// For sorting: places, the cells as they were, and their new numbers.
-    by_place: Vec<u32>,
-    pub(super) ascending: Ascending,
-    unsorted: Vec<Cell>,
-    new_number: Vec<u32>,
+    /// Cells as united last, component by component,
+    pub(super) reached: Vec<u32>,
+    /// and the end of each component among them.
+    pub(super) ends: Vec<u32>,
+    /// Where the points went.
+    pub(super) counters: FrameCounters,
 }
 
 impl Default for Cells {
     fn default() -> Cells {
         Cells {
             number_at: vec![EMPTY; SIDE * SIDE],
-            cells: Vec::new(),
+            tiles: vec![[EMPTY; 2]; frame::TILES],
             added: Vec::new(),
+            cells: Vec::new(),
             places_m: Vec::new(),
             indices: Vec::new(),
-            root: Vec::new(),
             left: Places::default(),
             reached: Vec::new(),
-            by_place: Vec::new(),
-            ascending: Ascending::default(),
-            unsorted: Vec::new(),
-            new_number: Vec::new(),
+            ends: Vec::new(),
+            counters: FrameCounters::default(),
         }
     }
 }
@@ -84,68 +84,70 @@ impl Cells {
         for cell in &self.cells {
             self.number_at[cell.place as usize] = EMPTY;
         }
-        self.cells.clear();
-        self.added.clear();
-    }
-
-    /// One more point, within the frame's square.
-    pub(super) fn add(&mut self, point: &IndexedPoint) {
-        let [x, y, z] = point.at_m;
-        let place = along(y) * SIDE + along(x);
-        let mut number = self.number_at[place];
-        if number == EMPTY {
-            number = self.cells.len() as u32;
-            self.number_at[place] = number;
-            self.cells.push(Cell {
-                place: place as u32,
-                first: 0,
-                count: 0,
-                extent_m: [x, y, x, y],
-                z_m: [z, z],
-                range_m: middle_m(place).map(|v| v * v).iter().sum::<f32>().sqrt(),
-            });
+        for &tile in &self.added {
+            self.tiles[tile as usize] = [EMPTY; 2];
         }
-        let cell = &mut self.cells[number as usize];
-        cell.count += 1;
-        let [x0, y0, x1, y1] = cell.extent_m;
-        cell.extent_m = [lower(x0, x), lower(y0, y), higher(x1, x), higher(y1, y)];
-        cell.z_m = [lower(cell.z_m[0], z), higher(cell.z_m[1], z)];
-        self.added.push((*point, number));
+        self.added.clear();
+        self.cells.clear();
+        self.places_m.clear();
+        self.indices.clear();
+        self.counters = FrameCounters::default();
     }
 
-    /// Numbers the cells row by row and sorts the points by cell, once all are there.
-    pub(super) fn sort(&mut self) {
-        self.by_place.clear();
-        self.by_place
-            .extend(self.cells.iter().map(|cell| cell.place));
-        self.ascending.sort(&mut self.by_place);
-        self.new_number.resize(self.cells.len(), 0);
-        self.unsorted.clear();
-        self.unsorted.extend_from_slice(&self.cells);
-        let mut first = 0;
-        for (new, &place) in self.by_place.iter().enumerate() {
-            let old = self.number_at[place as usize];
-            let cell = &mut self.cells[new];
-            *cell = self.unsorted[old as usize];
-            cell.first = first;
-            first += cell.count;
+    pub(super) fn has_tile(&self, tile: usize) -> bool {
+        self.tiles[tile][0] != EMPTY
+    }
+
+    /// Adds a tile with its points.
+    pub(super) fn add_tile(&mut self, tile: usize, points: &[IndexedPoint]) {
+        let first_cell = self.cells.len();
+        for point in points {
+            let [x, y, z] = point.at_m;
+            let place = place_of(point);
+            let mut number = self.number_at[place] as usize;
+            if number == EMPTY as usize {
+                number = self.cells.len();
+                self.number_at[place] = number as u32;
+                self.cells.push(Cell {
+                    place: place as u32,
+                    first: 0,
+                    count: 0,
+                    extent_m: [x, y, x, y],
+                    z_m: [z, z],
+                    range_m: middle_m(place).map(|v| v * v).iter().sum::<f32>().sqrt(),
+                });
+            }
+            let cell = &mut self.cells[number];
+            cell.count += 1;
+            let [x0, y0, x1, y1] = cell.extent_m;
+            cell.extent_m = [lower(x0, x), lower(y0, y), higher(x1, x), higher(y1, y)];
+            cell.z_m = [lower(cell.z_m[0], z), higher(cell.z_m[1], z)];
+        }
+        let mut end = self.indices.len() as u32;
+        for cell in &mut self.cells[first_cell..] {
+            cell.first = end;
+            end += cell.count;
             // Serves as the cursor below and comes out as it was.
             cell.count = 0;
-            self.new_number[old as usize] = new as u32;
-            self.number_at[place as usize] = new as u32;
         }
-        self.places_m.clear();
-        self.places_m.resize(self.added.len(), [0.0; 2]);
-        self.indices.clear();
-        self.indices.resize(self.added.len(), 0);
-        for (point, old) in &self.added {
-            let cell = &mut self.cells[self.new_number[*old as usize] as usize];
+        self.places_m.resize(end as usize, [0.0; 2]);
+        self.indices.resize(end as usize, 0);
+        for point in points {
+            let number = self.number_at[place_of(point)];
+            let cell = &mut self.cells[number as usize];
             let slot = (cell.first + cell.count) as usize;
             cell.count += 1;
             self.places_m[slot] = [point.at_m[0], point.at_m[1]];
             self.indices[slot] = point.index;
         }
-        self.root.resize(self.cells.len(), 0);
+        self.tiles[tile] = [first_cell as u32, self.cells.len() as u32];
+        self.added.push(tile as u32);
+    }
+
+    /// The cells of the tiles, added before, that a square touches.
+    pub(super) fn around(&self, center_m: [f64; 2], half_side_m: f64) -> impl Iterator<Item = u32> {
+        let tiles = frame::tile_rows(center_m, half_side_m).flatten();
+        tiles.flat_map(|tile| self.tiles[tile][0]..self.tiles[tile][1])
     }
 
     /// Points of a cell.
@@ -155,22 +157,8 @@ impl Cells {
 
     /// Points of many cells.
     pub(super) fn count(&self, cells: &[u32]) -> usize {
-        cells
-            .iter()
-            .map(|&cell| self.cells[cell as usize].count as usize)
-            .sum()
-    }
-
-    /// The cells whose places lie in a square, row by row.
-    pub(super) fn around(&self, center_m: [f32; 2], half_side_m: f32) -> impl Iterator<Item = u32> {
-        let [columns, rows] = center_m.map(|v| along(v - half_side_m)..along(v + half_side_m) + 1);
-        rows.flat_map(move |row| {
-            let first = (row * SIDE + columns.start) as u32;
-            let end = (row * SIDE + columns.end) as u32;
-            let from = self.cells.partition_point(|cell| cell.place < first);
-            let own = self.cells[from..].iter().take_while(move |c| c.place < end);
-            from as u32..(from + own.count()) as u32
-        })
+        let counts = cells.iter().map(|&cell| self.cells[cell as usize].count);
+        counts.map(|count| count as usize).sum()
     }
 
     /// Lowest x, y and highest x, y of many cells' points, m.
@@ -182,54 +170,110 @@ impl Cells {
         })
     }
 
-    /// Unites those of `own`, ascending, that are within the join distance of each other. [`Cells::root`] tells the
-    /// result. `join_m` grows with the range, or stays.
-    ///
-    /// A flood from every cell that none before has reached. Only cells that are left are met again, and only a join's
-    /// reach around.
+    /// The longer side of [`Cells::extent_m`].
+    pub(super) fn length_m(&self, cells: &[u32]) -> f32 {
+        let [x0, y0, x1, y1] = self.extent_m(cells);
+        (x1 - x0).max(y1 - y0)
+    }
+
+    /// The components of `own` at a join distance that grows with the range, or stays: into `reached` and `ends`.
     pub(super) fn unite(&mut self, own: &[u32], join_m: impl Fn(f32) -> f32) {
         for &cell in own {
             self.left.insert(self.cells[cell as usize].place);
         }
-        for &root in own {
-            if self.left.remove(self.cells[root as usize].place) {
-                self.flood(root, &join_m);
+        self.flood_all(own.iter().copied(), join_m, |_, _| {});
+    }
+
+    /// The whole components that hold any cell of the tiles added so far; `add` adds a tile that one comes near.
+    pub(super) fn unite_whole(
+        &mut self,
+        join_m: impl Fn(f32) -> f32,
+        mut add: impl FnMut(&mut Cells, usize),
+    ) {
+        let mut seen = 0;
+        let mut insert_new = |cells: &mut Cells| {
+            for cell in &cells.cells[seen..] {
+                cells.left.insert(cell.place);
             }
+            seen = cells.cells.len();
+        };
+        insert_new(self);
+        let add_around = |cells: &mut Cells, [columns, rows]: &[Range<u32>; 2]| {
+            let tiles = |range: &Range<u32>| range.start / PER_TILE..range.end.div_ceil(PER_TILE);
+            for row in tiles(rows) {
+                for column in tiles(columns) {
+                    let tile = row as usize * frame::SIDE + column as usize;
+                    if !cells.has_tile(tile) {
+                        add(cells, tile);
+                        insert_new(cells);
+                    }
+                }
+            }
+        };
+        self.flood_all(0..self.cells.len() as u32, join_m, add_around);
+        // Tiles that a component came near, and did not reach.
+        for cell in &self.cells {
+            self.left.remove(cell.place);
         }
     }
 
-    fn flood(&mut self, root: u32, join_m: &impl Fn(f32) -> f32) {
+    /// A flood from every cell that none before has reached. Only cells that are left are met again, and only a join's
+    /// reach around; `prepare` is told of the columns and rows before.
+    fn flood_all(
+        &mut self,
+        roots: impl Iterator<Item = u32>,
+        join_m: impl Fn(f32) -> f32,
+        mut prepare: impl FnMut(&mut Cells, &[Range<u32>; 2]),
+    ) {
         self.reached.clear();
-        self.reached.push(root);
+        self.ends.clear();
         let mut next = 0;
-        while let Some(&a) = self.reached.get(next) {
-            next += 1;
-            self.root[a as usize] = root;
-            let cell = self.cells[a as usize];
-            // Of no other cell around is the range longer.
-            let most_m = join_m(cell.range_m + REACH_MAX as f32 * CELL_M);
-            let [columns, rows] = cell.around(most_m + ROUNDING_M);
-            for row in rows {
-                let first = row * SIDE as u32 + columns.start;
-                let mut left = self.left.part(first, columns.len() as u32);
-                while left != 0 {
-                    let place = first + left.trailing_zeros();
-                    left &= left - 1;
-                    let b = self.number_at[place as usize];
-                    let extent_m = self.cells[b as usize].extent_m;
-                    if gap_squared(cell.extent_m, extent_m) <= most_m * most_m
-                        && self.are_joined(a.min(b), a.max(b), join_m)
-                    {
-                        self.left.remove(place);
-                        self.reached.push(b);
-                    }
+        for root in roots {
+            if !self.left.remove(self.cells[root as usize].place) {
+                continue;
+            }
+            self.reached.push(root);
+            while let Some(&a) = self.reached.get(next) {
+                next += 1;
+                let cell = self.cells[a as usize];
+                // Of no other cell around is the range longer.
+                let most_m = join_m(cell.range_m + REACH_MAX as f32 * CELL_M);
+                let around = cell.around(most_m + ROUNDING_M);
+                prepare(self, &around);
+                self.reach(&cell, around, most_m, &join_m);
+            }
+            self.ends.push(self.reached.len() as u32);
+        }
+    }
+
+    /// Reaches the cells that are joined to one of those reached.
+    fn reach(
+        &mut self,
+        cell: &Cell,
+        [columns, rows]: [Range<u32>; 2],
+        most_m: f32,
+        join_m: &impl Fn(f32) -> f32,
+    ) {
+        for row in rows {
+            let first = row * SIDE as u32 + columns.start;
+            let mut left = self.left.part(first, columns.len() as u32);
+            while left != 0 {
+                let place = first + left.trailing_zeros();
+                left &= left - 1;
+                let number = self.number_at[place as usize];
+                let other = &self.cells[number as usize];
+                if gap_squared(cell.extent_m, other.extent_m) <= most_m * most_m
+                    && self.are_joined(cell, other, join_m)
+                {
+                    self.left.remove(place);
+                    self.reached.push(number);
                 }
             }
         }
     }
 
-    fn are_joined(&self, low: u32, high: u32, join_m: &impl Fn(f32) -> f32) -> bool {
-        let [a, b] = [low, high].map(|cell| &self.cells[cell as usize]);
+    fn are_joined(&self, a: &Cell, b: &Cell, join_m: &impl Fn(f32) -> f32) -> bool {
+        let (a, b) = if a.place < b.place { (a, b) } else { (b, a) };
         let join = join_m((a.range_m + b.range_m) / 2.0);
         self.touch(a, b, join * join) && {
             // The lower cell's reach counts, where two cells see each other differently.
@@ -237,11 +281,6 @@ impl Cells {
             let [bx, by] = b.column_and_row();
             ax.abs_diff(bx).max(ay.abs_diff(by)) <= reach_of(join_m(a.range_m))
         }
-    }
-
-    /// The first of the cells that are united with this one.
-    pub(super) fn root(&self, cell: u32) -> u32 {
-        self.root[cell as usize]
     }
 
     fn touch(&self, a: &Cell, b: &Cell, join_squared: f32) -> bool {
@@ -288,6 +327,10 @@ fn along(v_m: f32) -> usize {
     (((v_m + HALF_EXTENT_M as f32) / CELL_M) as usize).min(SIDE - 1)
 }
 
+fn place_of(point: &IndexedPoint) -> usize {
+    along(point.at_m[1]) * SIDE + along(point.at_m[0])
+}
+
 /// Cells this many apart may still hold points within a join: the middle of a cell is not its nearest point.
 fn reach_of(join_m: f32) -> u32 {
     ((join_m / CELL_M) as u32 + 1).min(REACH_MAX)
@@ -311,25 +354,29 @@ fn span_squared(a: [f32; 4], b: [f32; 4]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::collections::BTreeMap;
 
-    fn filled(points: &[[f32; 2]]) -> Cells {
-        let mut cells = Cells::default();
-        for (index, &[x, y]) in points.iter().enumerate() {
-            cells.add(&IndexedPoint {
-                at_m: [x, y, 0.0],
-                index: index as u32,
-            });
-        }
-        cells.sort();
-        cells
-    }
+    use super::*;
 
     fn scattered(count: usize) -> Vec<[f32; 2]> {
         let f = |i: usize, k: f64| ((i as f64 * k).sin() * 43758.5453).rem_euclid(1.0) as f32;
         (0..count)
             .map(|i| [20.0 + 9.0 * f(i, 12.9898), 3.0 + 9.0 * f(i, 78.233)])
             .collect()
+    }
+
+    /// By tile.
+    fn tiles(points: &[[f32; 2]]) -> BTreeMap<usize, Vec<IndexedPoint>> {
+        let mut tiles: BTreeMap<usize, Vec<IndexedPoint>> = BTreeMap::new();
+        for (index, &[x, y]) in points.iter().enumerate() {
+            let at = [x, y].map(|v| (f64::from(v) + HALF_EXTENT_M) as usize);
+            let tile = tiles.entry(at[1] * frame::SIDE + at[0]).or_default();
+            tile.push(IndexedPoint {
+                at_m: [x, y, 0.0],
+                index: index as u32,
+            });
+        }
+        tiles
     }
 
     /// Groups of points, each sorted, by joining pair by pair.
@@ -354,34 +401,58 @@ mod tests {
         }
     }
 
-    #[test]
-    fn equals_joining_point_by_point() {
-        for (count, join_m) in [(60, 0.5), (150, 0.5), (250, 0.4), (250, 0.15), (40, 1.2)] {
-            let points = scattered(count);
-            let mut cells = filled(&points);
-            let own: Vec<u32> = (0..cells.cells.len() as u32).collect();
-            cells.unite(&own, |_| join_m);
-            let expected = plain(&points, join_m);
-            let mut root_of = vec![0; count];
-            for &cell in &own {
-                let root = cells.root(cell);
+    /// The component of each point; [`EMPTY`] for those of none.
+    fn components(cells: &Cells, points: usize) -> Vec<u32> {
+        let mut component = vec![EMPTY; points];
+        let mut first = 0;
+        for &end in &cells.ends {
+            for &cell in &cells.reached[first as usize..end as usize] {
                 for slot in cells.points(cell) {
-                    root_of[cells.indices[slot] as usize] = root;
+                    component[cells.indices[slot] as usize] = end;
                 }
             }
-            for a in 0..count {
-                for b in 0..a {
-                    assert_eq!(expected[a] == expected[b], root_of[a] == root_of[b]);
-                }
-            }
+            first = end;
         }
+        component
     }
 
     #[test]
-    fn a_frame_leaves_nothing_behind() {
-        let mut cells = filled(&scattered(100));
-        cells.clear();
-        assert!(cells.number_at.iter().all(|&number| number == EMPTY));
-        assert!(cells.cells.is_empty());
+    fn equals_joining_point_by_point_from_all_tiles_and_from_one() {
+        for (count, join_m) in [(60, 0.5), (150, 0.5), (250, 0.4), (250, 0.15), (40, 1.2)] {
+            let points = scattered(count);
+            let tiles = tiles(&points);
+            let expected = plain(&points, join_m);
+            let mut cells = Cells::default();
+            let mut run = |start: Option<usize>| {
+                cells.clear();
+                assert!(cells.number_at.iter().all(|&number| number == EMPTY));
+                for (&tile, points) in &tiles {
+                    if start.is_none_or(|start| start == tile) {
+                        cells.add_tile(tile, points);
+                    }
+                }
+                cells.unite_whole(
+                    |_| join_m,
+                    |cells, tile| {
+                        cells.add_tile(tile, tiles.get(&tile).map_or(&[], Vec::as_slice));
+                    },
+                );
+                components(&cells, count)
+            };
+            let same = |found: &[u32], a: usize, b: usize| {
+                found[a] == EMPTY
+                    || found[b] == EMPTY
+                    || (expected[a] == expected[b]) == (found[a] == found[b])
+            };
+            let all = run(None);
+            assert!(!all.contains(&EMPTY));
+            assert!((0..count).all(|a| (0..a).all(|b| same(&all, a, b))));
+            for (&tile, own) in &tiles {
+                let found = run(Some(tile));
+                assert!((0..count).all(|a| (0..a).all(|b| same(&found, a, b))));
+                let seeds: Vec<usize> = own.iter().map(|p| expected[p.index as usize]).collect();
+                assert!((0..count).all(|i| (found[i] == EMPTY) != seeds.contains(&expected[i])));
+            }
+        }
     }
 }

@@ -1,16 +1,12 @@
-//! From the divided cells to clusters with a box, an outline, points and measurements.
+//! What is found: clusters with a box, an outline, points and measurements.
 
 use std::ops::Range;
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{FOOTPRINT_MAX, Point};
+use mluc_ipc_types::Point;
 
-use super::divide::{FrameCounters, RankedPiece};
-use super::measure::{Measurer, Measures};
-use crate::fit::{BoxFit, ClusterPoints, Extend, Fitter, footprint};
-use crate::ground_map::GroundMap;
-use crate::priors::extend_of;
-use crate::{Sensor, Settings};
+use super::measure::Measures;
+use crate::fit::Footprint;
 
 /// Something that stands on the ground.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,19 +15,10 @@ pub struct FrameCluster {
     pub shape: Box3,
     /// Its points: a range of [`FrameClusters::points`].
     pub points: Range<usize>,
-    /// Convex outline seen from above, counter-clockwise, x and y in m.
-    pub footprint_m: [[f32; 2]; FOOTPRINT_MAX],
-    /// Corners of the outline in use.
-    pub footprint_count: usize,
+    /// Seen from above, in the sensor frame.
+    pub footprint: Footprint,
     /// For a classifier.
     pub measures: Measures,
-}
-
-impl FrameCluster {
-    /// The outline's corners in use.
-    pub fn footprint(&self) -> &[[f32; 2]] {
-        &self.footprint_m[..self.footprint_count]
-    }
 }
 
 /// All clusters of one frame; buffers are reused.
@@ -60,70 +47,33 @@ impl FrameClusters {
     }
 }
 
-/// Lays boxes around pieces; holds the buffers.
-#[derive(Debug)]
-pub(super) struct Shaper {
-    fit: BoxFit,
-    extend: Extend,
-    fitter: Fitter,
-    measurer: Measurer,
-    cluster: ClusterPoints,
-}
-
-impl Shaper {
-    pub(super) fn new(settings: &Settings, sensor: &Sensor) -> Shaper {
-        Shaper {
-            fit: settings.box_fit(),
-            extend: extend_of(settings, sensor),
-            fitter: Fitter::default(),
-            measurer: Measurer::new(sensor),
-            cluster: ClusterPoints::default(),
-        }
-    }
-
-    /// Box, outline and measurements of a piece, whose points are `own`; `points` is handed through.
-    pub(super) fn shape(
-        &mut self,
-        scan: &[Point],
-        own: &[u32],
-        points: Range<usize>,
-        ranked: &RankedPiece,
-        ground: &GroundMap,
-    ) -> FrameCluster {
-        let origin_m = mean_m(scan, own);
-        self.cluster.clear();
-        self.cluster.look_at(origin_m);
-        for p in own.iter().filter_map(|&index| scan.get(index as usize)) {
-            let (x, y) = (
-                f64::from(p.x_m) - origin_m[0],
-                f64::from(p.y_m) - origin_m[1],
-            );
-            self.cluster.push(x as f32, y as f32, p.z_m);
-        }
-        let plane = ground.plane_at(origin_m);
-        let tight = self.fitter.fit(self.fit, &self.cluster);
-        let shape = (self.extend).box_around(&self.cluster, &tight, origin_m, &plane);
-        let (corners, footprint_count) = footprint(&self.cluster, &tight);
-        let mut measures = self
-            .measurer
-            .measure(&self.cluster, &tight, origin_m, &plane);
-        measures.set_intensity(own.iter().filter_map(|&i| scan.get(i as usize)));
-        measures.component_length_m = ranked.piece.component_length_m;
-        measures.is_cut = ranked.piece.is_cut;
-        FrameCluster {
-            // Every piece has points: a box of no size never comes out.
-            shape: shape.unwrap_or_else(|| Box3::new([0.0; 7])),
-            points,
-            footprint_m: corners
-                .map(|c| [(c[0] + origin_m[0]) as f32, (c[1] + origin_m[1]) as f32]),
-            footprint_count,
-            measures,
-        }
-    }
+/// Where the points of a frame went.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameCounters {
+    /// Points with NaN or infinity.
+    pub points_not_finite: u32,
+    /// Points beyond 128 m, or beyond the contract's limit.
+    pub points_outside: u32,
+    /// Points of the ground.
+    pub points_ground: u32,
+    /// Points that hang higher than any road user is.
+    pub points_above: u32,
+    /// Points that a known object owns.
+    pub points_known: u32,
+    /// Points of clusters with too few of them.
+    pub points_too_few: u32,
+    /// Components at the full reach, before anything was divided.
+    pub components: u32,
+    /// Clusters with too few points.
+    pub clusters_too_small: u32,
+    /// Clusters longer than any road user, cut to size.
+    pub oversized: u32,
+    /// Clusters beyond the limit of 4096.
+    pub clusters_dropped: u32,
 }
 
 /// Mean place of some points, m. Summed in whole millimetres, so that their order does not matter.
-fn mean_m(scan: &[Point], own: &[u32]) -> [f64; 2] {
+pub(super) fn mean_m(scan: &[Point], own: &[u32]) -> [f64; 2] {
     let mut sum = [0i64; 2];
     for p in own.iter().filter_map(|&index| scan.get(index as usize)) {
         for (sum, v) in sum.iter_mut().zip([p.x_m, p.y_m]) {

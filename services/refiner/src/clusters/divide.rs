@@ -5,10 +5,12 @@
 //! times; what is longer than any road user even so is cut across its length into equal pieces. Nothing is dropped but
 //! clusters with too few points, and those are counted.
 
+use std::ops::Range;
+
 use super::cells::Cells;
-use crate::PRIORS;
 use crate::fit::ClusterPoints;
 use crate::size::{is_rest, is_upright, is_within, longest_side};
+use crate::{PRIORS, Settings};
 
 /// What stands upright is at most 4.5 m high, and shorter than high: so much at most along x or y, m.
 const UPRIGHT_LENGTH_MAX_M: f32 = 3.5;
@@ -23,42 +25,8 @@ const SHRINK_ATTEMPTS: u32 = 2;
 /// Clusters of one frame at most; those with the fewest points are dropped first, and counted.
 const CLUSTERS_MAX: usize = 4096;
 
-/// Where the points of a frame went.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FrameCounters {
-    /// Points with NaN or infinity.
-    pub points_not_finite: u32,
-    /// Points beyond 128 m, or beyond the contract's limit.
-    pub points_outside: u32,
-    /// Points of the ground.
-    pub points_ground: u32,
-    /// Points that hang higher than any road user is.
-    pub points_above: u32,
-    /// Points that a known object owns.
-    pub points_known: u32,
-    /// Points of clusters with too few of them.
-    pub points_too_few: u32,
-    /// Components at the full reach, before anything was divided.
-    pub components: u32,
-    /// Clusters with too few points.
-    pub clusters_too_small: u32,
-    /// Clusters longer than any road user, cut to size.
-    pub oversized: u32,
-    /// Clusters beyond the limit of 4096.
-    pub clusters_dropped: u32,
-}
-
-/// A piece with what orders clusters: points, then place.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct RankedPiece {
-    pub(super) points: u32,
-    /// Lowest x, y and highest x, y, m.
-    pub(super) extent_m: [f32; 4],
-    pub(super) piece: Piece,
-}
-
 /// Some cells that belong together.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Piece {
     first: u32,
     end: u32,
@@ -68,124 +36,102 @@ pub(super) struct Piece {
     pub(super) component_length_m: f32,
     /// Whether it was cut to size.
     pub(super) is_cut: bool,
+    /// What orders clusters, once all are found: points, then lowest x, y and highest x, y, m.
+    points: u32,
+    extent_m: [f32; 4],
+}
+
+impl Piece {
+    fn range(&self) -> Range<usize> {
+        self.first as usize..self.end as usize
+    }
 }
 
 /// Divides frame after frame; buffers are reused.
 #[derive(Debug)]
 pub(super) struct Divider {
-    points_min: usize,
-    /// Cells of all pieces, by their ranges; ascending within each until it is cut.
+    settings: Settings,
+    /// Cells of all pieces, by their ranges.
     order: Vec<u32>,
     pending: Vec<Piece>,
     done: Vec<Piece>,
-    ranked: Vec<RankedPiece>,
     cluster: ClusterPoints,
     scratch: Vec<u32>,
     /// Parts, and whether they stand upright.
     uprights: Vec<(Piece, bool)>,
-    part_of_root: Vec<u32>,
-    part_first: Vec<u32>,
 }
 
 impl Divider {
-    pub(super) fn new(points_min: usize) -> Divider {
+    pub(super) fn new(settings: &Settings) -> Divider {
         Divider {
-            points_min,
+            settings: settings.clone(),
             order: Vec::new(),
             pending: Vec::new(),
-            done: Vec::new(),
-            ranked: Vec::with_capacity(CLUSTERS_MAX),
+            done: Vec::with_capacity(CLUSTERS_MAX),
             cluster: ClusterPoints::default(),
             scratch: Vec::new(),
             uprights: Vec::new(),
-            part_of_root: Vec::new(),
-            part_first: Vec::new(),
         }
     }
 
     /// The pieces of the last frame, those with most points first.
-    pub(super) fn pieces(&self) -> &[RankedPiece] {
-        &self.ranked
+    pub(super) fn pieces(&self) -> &[Piece] {
+        &self.done
     }
 
     /// Cells of a piece.
     pub(super) fn cells_of(&self, piece: &Piece) -> &[u32] {
-        &self.order[piece.first as usize..piece.end as usize]
+        &self.order[piece.range()]
     }
 
-    /// Divides all cells; `join_m` gives the full join distance at a range.
-    pub(super) fn divide(
-        &mut self,
-        cells: &mut Cells,
-        join_m: impl Fn(f64) -> f64,
-        counters: &mut FrameCounters,
-    ) {
-        let count = cells.cells.len() as u32;
-        self.order.clear();
-        self.order.extend(0..count);
+    /// Divides the components that hold any of the cells; `add` adds a tile that one of them comes near.
+    pub(super) fn divide(&mut self, cells: &mut Cells, add: impl FnMut(&mut Cells, usize)) {
         self.pending.clear();
         self.done.clear();
-        let all = Piece {
-            first: 0,
-            end: count,
-            attempts: 0,
-            component_length_m: 0.0,
-            is_cut: false,
-        };
-        self.split(cells, all, 1.0, &join_m);
+        cells.unite_whole(|range_m| self.join_m(range_m, 1.0), add);
+        self.order.clear();
+        self.order.extend_from_slice(&cells.reached);
+        self.push_parts(cells, Piece::default());
         for piece in &mut self.pending {
-            let own = &self.order[piece.first as usize..piece.end as usize];
-            let [x0, y0, x1, y1] = cells.extent_m(own);
-            piece.component_length_m = (x1 - x0).max(y1 - y0);
+            piece.component_length_m = cells.length_m(&self.order[piece.range()]);
         }
-        counters.components = self.pending.len() as u32;
+        cells.counters.components = self.pending.len() as u32;
         while let Some(piece) = self.pending.pop() {
-            self.settle(cells, piece, &join_m, counters);
+            self.settle(cells, piece);
         }
-        counters.clusters_dropped = self.rank(cells) as u32;
+        self.rank(cells);
     }
 
-    /// Sorts the pieces; how many were too many.
-    fn rank(&mut self, cells: &Cells) -> usize {
-        self.ranked.clear();
-        self.ranked.extend(self.done.iter().map(|piece| {
-            let own = &self.order[piece.first as usize..piece.end as usize];
-            RankedPiece {
-                points: cells.count(own) as u32,
-                extent_m: cells.extent_m(own),
-                piece: *piece,
-            }
-        }));
-        self.ranked.sort_unstable_by(|a, b| {
-            let places = || a.extent_m.partial_cmp(&b.extent_m);
-            b.points
-                .cmp(&a.points)
-                .then_with(|| places().unwrap_or(std::cmp::Ordering::Equal))
+    /// The join distance at a range times a factor, m.
+    fn join_m(&self, range_m: f32, scale: f64) -> f32 {
+        (self.settings.join_distance_m(f64::from(range_m)) * scale) as f32
+    }
+
+    /// Sorts the pieces; those beyond the limit are dropped.
+    fn rank(&mut self, cells: &mut Cells) {
+        for piece in &mut self.done {
+            let own = &self.order[piece.range()];
+            piece.points = cells.count(own) as u32;
+            piece.extent_m = cells.extent_m(own);
+        }
+        self.done.sort_unstable_by(|a, b| {
+            let places = a.extent_m.partial_cmp(&b.extent_m);
+            let by_place = places.unwrap_or(std::cmp::Ordering::Equal);
+            b.points.cmp(&a.points).then(by_place)
         });
-        let dropped = self.ranked.len().saturating_sub(CLUSTERS_MAX);
-        self.ranked.truncate(CLUSTERS_MAX);
-        dropped
+        cells.counters.clusters_dropped = self.done.len().saturating_sub(CLUSTERS_MAX) as u32;
+        self.done.truncate(CLUSTERS_MAX);
     }
 
     /// One piece: done, dropped, or divided further.
-    fn settle(
-        &mut self,
-        cells: &mut Cells,
-        mut piece: Piece,
-        join_m: &impl Fn(f64) -> f64,
-        counters: &mut FrameCounters,
-    ) {
+    fn settle(&mut self, cells: &mut Cells, mut piece: Piece) {
         let points = cells.count(self.cells_of(&piece));
-        if points < self.points_min {
-            counters.clusters_too_small += 1;
-            counters.points_too_few += points as u32;
+        if points < self.settings.points_min as usize {
+            cells.counters.clusters_too_small += 1;
+            cells.counters.points_too_few += points as u32;
             return;
         }
-        // Longer than the diagonal of any road user along x or y: no need to look at its points.
-        let [x0, y0, x1, y1] = cells.extent_m(self.cells_of(&piece));
-        let diagonal_m = PRIORS.whole.diagonal_m();
-        let is_large = |length_m: f32| f64::from(length_m) > diagonal_m;
-        let mut large = is_large((x1 - x0).max(y1 - y0));
+        let mut large = self.is_large(cells, &piece);
         let mut is_small = false;
         if !large {
             self.collect(cells, &piece);
@@ -196,15 +142,11 @@ impl Divider {
             is_small = is_within(&self.cluster, PRIORS.upright_apart_m);
         }
         if piece.attempts == 0 {
-            let whole = piece;
-            piece = self.take_upright_parts(cells, piece, is_small, join_m);
+            piece = self.take_upright_parts(cells, piece, is_small);
             if piece.first == piece.end {
                 return;
             }
-            if piece.first != whole.first {
-                let [x0, y0, x1, y1] = cells.extent_m(self.cells_of(&piece));
-                large = is_large((x1 - x0).max(y1 - y0));
-            }
+            large = self.is_large(cells, &piece);
             if !large {
                 self.collect(cells, &piece);
             }
@@ -213,44 +155,54 @@ impl Divider {
             self.done.push(piece);
         } else if piece.attempts < SHRINK_ATTEMPTS {
             piece.attempts += 1;
-            let scale = SHRINK_FACTOR.powi(piece.attempts as i32);
-            self.split(cells, piece, scale, join_m);
+            self.split(cells, piece, SHRINK_FACTOR.powi(piece.attempts as i32));
         } else {
             self.collect(cells, &piece);
-            counters.oversized += u32::from(self.cut(cells, piece));
+            cells.counters.oversized += u32::from(self.cut(cells, piece));
         }
     }
 
+    /// Longer than the diagonal of any road user along x or y: no need to look at its points.
+    fn is_large(&self, cells: &Cells, piece: &Piece) -> bool {
+        f64::from(cells.length_m(self.cells_of(piece))) > PRIORS.whole.diagonal_m()
+    }
+
     /// Divides a piece by a shorter reach; the parts are pending.
-    fn split(&mut self, cells: &mut Cells, piece: Piece, scale: f64, join_m: &impl Fn(f64) -> f64) {
-        let own = &self.order[piece.first as usize..piece.end as usize];
-        cells.unite(own, |range_m| (join_m(f64::from(range_m)) * scale) as f32);
-        self.sort_into_parts(cells, piece);
+    fn split(&mut self, cells: &mut Cells, piece: Piece, scale: f64) {
+        cells.unite(self.cells_of(&piece), |range_m| self.join_m(range_m, scale));
+        self.order[piece.range()].copy_from_slice(&cells.reached);
+        self.push_parts(cells, piece);
+    }
+
+    /// What was united last becomes pending pieces, from the first cell of a piece on.
+    fn push_parts(&mut self, cells: &Cells, piece: Piece) {
+        let mut first = piece.first;
+        for end in cells.ends.iter().map(|end| piece.first + end) {
+            self.pending.push(Piece {
+                first,
+                end,
+                ..piece
+            });
+            first = end;
+        }
     }
 
     /// Parts that stand upright are done; what is left stays one piece. A small piece is taken apart when no part of it
     /// does anything else.
-    fn take_upright_parts(
-        &mut self,
-        cells: &mut Cells,
-        piece: Piece,
-        is_small: bool,
-        join_m: &impl Fn(f64) -> f64,
-    ) -> Piece {
+    fn take_upright_parts(&mut self, cells: &mut Cells, piece: Piece, is_small: bool) -> Piece {
         let before = self.pending.len();
-        self.split(cells, piece, UPRIGHT_SCALE, join_m);
-        let parts = before..self.pending.len();
-        if parts.len() == 1 {
+        self.split(cells, piece, UPRIGHT_SCALE);
+        if self.pending.len() == before + 1 {
             self.pending.truncate(before);
             return piece;
         }
         self.uprights.clear();
         let mut points = [0, 0];
-        for at in parts {
+        for at in before..self.pending.len() {
             let part = self.pending[at];
             let upright = self.stands_upright(cells, &part);
             let count = cells.count(self.cells_of(&part));
-            if count >= self.points_min {
+            if count >= self.settings.points_min as usize {
                 points[usize::from(upright)] += count;
             }
             self.uprights.push((part, upright));
@@ -258,80 +210,41 @@ impl Divider {
         self.pending.truncate(before);
         let takes = !(is_small && is_rest(points[0], points[1]));
         self.scratch.clear();
-        let mut upright_end = piece.first as usize;
-        for at in 0..self.uprights.len() {
-            let (mut part, upright) = self.uprights[at];
-            let range = part.first as usize..part.end as usize;
+        let mut upright_end = piece.first;
+        for &(part, upright) in &self.uprights {
             if upright && takes {
                 // Upright parts move to the front, which only cells already looked at leave.
-                self.order.copy_within(range.clone(), upright_end);
-                part.first = upright_end as u32;
-                upright_end += range.len();
-                part.end = upright_end as u32;
-                self.done.push(part);
+                self.order.copy_within(part.range(), upright_end as usize);
+                let first = upright_end;
+                upright_end += part.end - part.first;
+                self.done.push(Piece {
+                    first,
+                    end: upright_end,
+                    ..part
+                });
             } else {
-                self.scratch.extend_from_slice(&self.order[range]);
+                self.scratch.extend_from_slice(&self.order[part.range()]);
             }
         }
-        // Ascending again, as a sweep over them wants it.
-        self.scratch.sort_unstable();
-        self.order[upright_end..piece.end as usize].copy_from_slice(&self.scratch);
-        Piece {
-            first: upright_end as u32,
+        let rest = Piece {
+            first: upright_end,
             ..piece
-        }
+        };
+        self.order[rest.range()].copy_from_slice(&self.scratch);
+        rest
     }
 
     /// Whether a part is a thing of its own that stands upright.
     fn stands_upright(&mut self, cells: &Cells, part: &Piece) -> bool {
         let own = self.cells_of(part);
-        let [x0, y0, x1, y1] = cells.extent_m(own);
-        let enough = cells.count(own) >= self.points_min;
         // Nobody is as wide as a car: most parts of walls need no closer look.
-        if !enough || (x1 - x0).max(y1 - y0) > UPRIGHT_LENGTH_MAX_M {
+        if cells.count(own) < self.settings.points_min as usize
+            || cells.length_m(own) > UPRIGHT_LENGTH_MAX_M
+        {
             return false;
         }
         self.collect(cells, part);
         is_upright(&self.cluster)
-    }
-
-    /// A piece's cells by what they are united with: each part becomes a pending piece.
-    fn sort_into_parts(&mut self, cells: &mut Cells, piece: Piece) {
-        const NO_PART: u32 = u32::MAX;
-        let range = piece.first as usize..piece.end as usize;
-        self.part_of_root.resize(cells.cells.len(), NO_PART);
-        self.part_first.clear();
-        for at in range.clone() {
-            let root = cells.root(self.order[at]) as usize;
-            if self.part_of_root[root] == NO_PART {
-                self.part_of_root[root] = self.part_first.len() as u32;
-                self.part_first.push(0);
-            }
-            self.part_first[self.part_of_root[root] as usize] += 1;
-        }
-        let mut first = piece.first;
-        for count in &mut self.part_first {
-            let part = Piece {
-                first,
-                end: first + *count,
-                ..piece
-            };
-            self.pending.push(part);
-            *count = first;
-            first = part.end;
-        }
-        self.scratch.clear();
-        self.scratch.extend_from_slice(&self.order[range]);
-        for at in 0..self.scratch.len() {
-            let cell = self.scratch[at];
-            let part = self.part_of_root[cells.root(cell) as usize];
-            let cursor = &mut self.part_first[part as usize];
-            self.order[*cursor as usize] = cell;
-            *cursor += 1;
-        }
-        for at in 0..self.scratch.len() {
-            self.part_of_root[cells.root(self.scratch[at]) as usize] = NO_PART;
-        }
     }
 
     /// Cuts what is longer than any road user across its length, by the middles of its cells. Whether there was need.
@@ -343,7 +256,7 @@ impl Divider {
             let [x0, y0, x1, y1] = cells.cells[cell as usize].extent_m;
             (x0 + x1) / 2.0 * cos + (y0 + y1) / 2.0 * sin
         };
-        let own = &mut self.order[piece.first as usize..piece.end as usize];
+        let own = &mut self.order[piece.range()];
         let low = own.iter().map(|&c| along(c)).fold(f32::INFINITY, f32::min);
         let slice_m = (length_m / count) as f32;
         let slice = |cell: u32| (((along(cell) - low) / slice_m) as u32).min(count as u32 - 1);
@@ -367,7 +280,7 @@ impl Divider {
     /// The points of a piece seen from above, and its lowest and highest z: enough to judge its size.
     fn collect(&mut self, cells: &Cells, piece: &Piece) {
         self.cluster.clear();
-        for &cell in &self.order[piece.first as usize..piece.end as usize] {
+        for &cell in &self.order[piece.range()] {
             let [low, high] = cells.cells[cell as usize].z_m;
             for (i, slot) in cells.points(cell).enumerate() {
                 let [x, y] = cells.places_m[slot];

@@ -6,18 +6,10 @@
 
 use mluc_geometry::Box3;
 
-use super::{FrameClusterer, NO_CLUSTER};
+use super::{ClusterFinder, NO_CLUSTER};
 use crate::inside::Inside;
+use crate::proposal::{NEAR_M, reach_m};
 
-/// Clusters are looked for at least this far from the box's centre, m: a proposal may lie a metre off, and of a long
-/// object often only the far end is seen;
-const REACH_MIN_M: f64 = 4.0;
-/// and not further than this: boxes may be larger than any object.
-const REACH_MAX_M: f64 = 10.0;
-/// The share of the box's half diagonal that is looked at.
-const ENLARGED: f64 = 1.2;
-/// What is this near comes first, m.
-pub(crate) const NEAR_M: f64 = 1.5;
 /// A cluster with less than one in so many of the points in the proposal's box is not what was detected there. One in 5
 /// and one in 20 are the same on simulated validation scans.
 const SPARSE_ONE_IN: u32 = 10;
@@ -53,8 +45,8 @@ pub(crate) struct Matcher {
 
 impl Matcher {
     /// The cluster that a proposal is about, if there is any within reach.
-    pub(crate) fn find(&mut self, clusterer: &FrameClusterer, proposal: &Box3) -> Option<Match> {
-        self.collect(clusterer, proposal);
+    pub(crate) fn find(&mut self, finder: &ClusterFinder, proposal: &Box3) -> Option<Match> {
+        self.collect(finder, proposal);
         let inside: u32 = self.near.iter().map(|near| near.inside).sum();
         let is_near = |near: &Near| near.flat <= NEAR_M * NEAR_M;
         self.near.sort_unstable_by(|a, b| {
@@ -72,23 +64,17 @@ impl Matcher {
         })
     }
 
-    /// How far from a proposal's centre clusters are looked for, m.
-    pub(crate) fn reach_m(proposal: &Box3) -> f64 {
-        let half_diagonal_m = proposal.size_m[0].hypot(proposal.size_m[1]) / 2.0;
-        (half_diagonal_m * ENLARGED).clamp(REACH_MIN_M, REACH_MAX_M)
-    }
-
     /// Lists the clusters within reach.
-    fn collect(&mut self, clusterer: &FrameClusterer, proposal: &Box3) {
+    fn collect(&mut self, finder: &ClusterFinder, proposal: &Box3) {
         let [cx, cy, cz] = proposal.center_m;
-        let reach_m = Matcher::reach_m(proposal);
+        let reach_m = reach_m(proposal);
         let within = Inside::of(proposal, 0.0);
-        let cells = &clusterer.cells;
+        let cells = &finder.cells;
         self.near.clear();
         self.place.clear();
-        self.place.resize(clusterer.count(), NO_CLUSTER);
-        for number in cells.around([cx as f32, cy as f32], reach_m as f32) {
-            let cluster = clusterer.cluster_of_cell[number as usize];
+        self.place.resize(finder.count(), NO_CLUSTER);
+        for number in cells.around([cx, cy], reach_m) {
+            let cluster = finder.cluster_of_cell[number as usize];
             if cluster == NO_CLUSTER {
                 continue;
             }

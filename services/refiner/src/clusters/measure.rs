@@ -2,7 +2,6 @@
 //!
 //! Sums are taken over whole millimetres, so that they do not depend on the order of the points.
 
-use mluc_ipc_types::Point;
 use mluc_kernels::at_best;
 use nalgebra::Matrix3;
 
@@ -34,10 +33,6 @@ pub struct Measures {
     pub residual_m: f32,
     /// Points over those that a solid face of its width and height would return, 0 to 10.
     pub density: f32,
-    /// Mean intensity.
-    pub intensity_mean: f32,
-    /// Standard deviation of the intensity.
-    pub intensity_deviation: f32,
     /// Longest side along x or y of the component that it was divided from, m: long for parts of walls and hedges.
     pub component_length_m: f32,
     /// Cut from something longer than any road user.
@@ -78,17 +73,17 @@ impl Measurer {
         }
     }
 
-    /// Measures a cluster whose points have their origin at `origin_m`; intensities and origins are for the caller.
+    /// Measures a cluster; what it was divided from is for the caller.
     pub(super) fn measure(
         &self,
         points: &ClusterPoints,
         tight: &Rectangle,
-        origin_m: [f64; 2],
         ground: &GroundPlane,
     ) -> Measures {
         let Some([low, high]) = points.z_range_m() else {
             return Measures::default();
         };
+        let origin_m = points.origin_m;
         let range_m = origin_m[0].hypot(origin_m[1]);
         let [u, v] = tight.size_m().map(|side| side as f32);
         let floor = ground.z_at_m(origin_m[0], origin_m[1]) as f32;
@@ -103,12 +98,13 @@ impl Measurer {
             planarity,
             scattering,
             residual_m: residual_m(points, tight),
-            density: self.density(points, origin_m, high - low),
+            density: self.density(points, high - low),
             ..Measures::default()
         }
     }
 
-    fn density(&self, points: &ClusterPoints, origin_m: [f64; 2], height_m: f32) -> f32 {
+    fn density(&self, points: &ClusterPoints, height_m: f32) -> f32 {
+        let origin_m = points.origin_m;
         let range = origin_m[0].hypot(origin_m[1]).max(1.0);
         let across = [(-origin_m[1] / range) as f32, (origin_m[0] / range) as f32];
         let [low, high] = points.span_m(across);
@@ -116,30 +112,6 @@ impl Measurer {
         let columns = (high - low) / (range * self.azimuth_step_rad) + 1.0;
         let rows = height_m / (range * self.elevation_step_rad) + 1.0;
         (points.len() as f32 / (columns * rows)).min(DENSITY_MAX)
-    }
-}
-
-impl Measures {
-    /// Mean and deviation of the intensities; those that are not finite count as 0.
-    pub(super) fn set_intensity<'a>(&mut self, points: impl Iterator<Item = &'a Point>) {
-        const STEPS: f32 = 1024.0;
-        let (mut sum, mut squares, mut count) = (0i64, 0i64, 0i64);
-        for p in points {
-            // Above 255 no sensor goes.
-            let value = if p.intensity.is_finite() {
-                (p.intensity.clamp(0.0, 255.0) * STEPS) as i64
-            } else {
-                0
-            };
-            sum += value;
-            squares += value * value;
-            count += 1;
-        }
-        let count = count.max(1) as f64;
-        let mean = sum as f64 / count;
-        let variance = (squares as f64 / count - mean * mean).max(0.0);
-        self.intensity_mean = mean as f32 / STEPS;
-        self.intensity_deviation = variance.sqrt() as f32 / STEPS;
     }
 }
 
@@ -153,17 +125,9 @@ fn eigen_features(points: &ClusterPoints) -> [f32; 3] {
     let mean = sum.map(|s| s as f64 / n);
     let [xx, xy, xz, yy, yz, zz] = products.map(|p| p as f64 / n);
     let c = |p: f64, a: usize, b: usize| p - mean[a] * mean[b];
-    let covariance = Matrix3::new(
-        c(xx, 0, 0),
-        c(xy, 0, 1),
-        c(xz, 0, 2),
-        c(xy, 0, 1),
-        c(yy, 1, 1),
-        c(yz, 1, 2),
-        c(xz, 0, 2),
-        c(yz, 1, 2),
-        c(zz, 2, 2),
-    );
+    let [xx, xy, xz] = [c(xx, 0, 0), c(xy, 0, 1), c(xz, 0, 2)];
+    let [yy, yz, zz] = [c(yy, 1, 1), c(yz, 1, 2), c(zz, 2, 2)];
+    let covariance = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
     let values = covariance.symmetric_eigenvalues();
     let mut l = [values[0], values[1], values[2]].map(|v| v.max(0.0));
     l.sort_unstable_by(|a, b| b.total_cmp(a));
@@ -202,7 +166,7 @@ fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
 /// Mean distance to the nearest side, m.
 fn residual_m(points: &ClusterPoints, tight: &Rectangle) -> f32 {
     let (sin, cos) = (tight.yaw_rad.sin() as f32, tight.yaw_rad.cos() as f32);
-    let (u, v) = (tight.u_m.map(|m| m as f32), tight.v_m.map(|m| m as f32));
+    let [u, v] = tight.sides_m.map(|side| side.map(|m| m as f32));
     let whole_mm = |(x, y): (&f32, &f32)| {
         let (a, b) = (x * cos + y * sin, y * cos - x * sin);
         let d = lower(lower(a - u[0], u[1] - a), lower(b - v[0], v[1] - b));
@@ -221,17 +185,19 @@ mod tests {
 
     fn measured(points: &ClusterPoints) -> Measures {
         let measurer = Measurer::new(&Sensor::plain(&["car"]));
-        let tight = points.rectangle(0.0);
-        measurer.measure(
-            points,
-            &tight,
-            [20.0, 0.0],
-            &GroundPlane::flat([20.0, 0.0], 1.7),
-        )
+        let ground = GroundPlane::flat([20.0, 0.0], 1.7);
+        measurer.measure(points, &points.rectangle(0.0), &ground)
+    }
+
+    /// 20 m ahead.
+    fn started() -> ClusterPoints {
+        let mut points = ClusterPoints::default();
+        points.start([20.0, 0.0]);
+        points
     }
 
     fn grid(l: usize, w: usize, h: usize) -> ClusterPoints {
-        let mut points = ClusterPoints::default();
+        let mut points = started();
         for i in 0..l * w * h {
             let at = [i % l, i / l % w, i / l / w].map(|k| k as f32 * 0.1);
             points.push(at[0], at[1], at[2] - 1.5);
@@ -250,7 +216,7 @@ mod tests {
             block.scattering > 0.95 && block.residual_m > 0.1,
             "{block:?}"
         );
-        assert_eq!(measured(&ClusterPoints::default()).points, 0);
+        assert_eq!(measured(&started()).points, 0);
     }
 
     #[test]
@@ -263,7 +229,7 @@ mod tests {
     #[test]
     fn a_face_seen_beam_by_beam_has_a_density_of_about_one() {
         let [az, el] = STEPS_DEFAULT_RAD;
-        let mut points = ClusterPoints::default();
+        let mut points = started();
         for i in 0..30 {
             for k in 0..20 {
                 points.push(0.0, 20.0 * az * i as f32, 20.0 * el * k as f32 - 1.5);
@@ -271,22 +237,5 @@ mod tests {
         }
         let density = measured(&points).density;
         assert!((density - 1.0).abs() < 0.1, "{density}");
-    }
-
-    #[test]
-    fn intensities_are_averaged_and_garbage_counts_as_nothing() {
-        let at = |intensity| Point {
-            x_m: 0.0,
-            y_m: 0.0,
-            z_m: 0.0,
-            intensity,
-        };
-        let mut measures = Measures::default();
-        measures.set_intensity([at(0.5), at(1.0), at(f32::NAN), at(0.5)].iter());
-        assert!((measures.intensity_mean - 0.5).abs() < 1e-3);
-        assert!(
-            (measures.intensity_deviation - 0.3536).abs() < 1e-2,
-            "{measures:?}"
-        );
     }
 }

@@ -1,8 +1,11 @@
-//! Ground and clusters of a whole scan.
+//! Ground and clusters of a scan.
 //!
-//! One pass sorts the scan into cells of 1 m, planes every 8 m tell ground from what stands on it, cells of 25 cm that
+//! One pass sorts the scan into tiles of 1 m, planes every 8 m tell ground from what stands on it, cells of 25 cm that
 //! lie within the join distance of each other are united, and what is larger than one thing can be is divided by shorter
 //! reaches, at last by cutting. A cluster's box is laid when somebody asks for it.
+//!
+//! [`FrameClusterer`] finds all clusters of a scan. The refiner asks for those near its candidates: they are the same, and
+//! ground and cells that none of them comes near are not looked at.
 
 mod cells;
 mod cluster;
@@ -11,51 +14,41 @@ mod matching;
 mod measure;
 mod places;
 
-pub use cluster::{FrameCluster, FrameClusters};
-pub use divide::FrameCounters;
+pub use cluster::{FrameCluster, FrameClusters, FrameCounters};
 pub use measure::Measures;
 
 use mluc_ipc_types::{POINTS_MAX, Point};
 
-use crate::frame::FrameIndex;
+use crate::ascending::Ascending;
+use crate::fit::{Fitter, Footprint};
+use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground_map::GroundMap;
-use crate::{RefinerError, Sensor, Settings};
+use crate::{GroundPlane, RefinerError, Sensor, Settings};
 use cells::Cells;
-use cluster::Shaper;
+use cluster::mean_m;
 use divide::Divider;
-pub(crate) use matching::{Matcher, NEAR_M};
+pub(crate) use matching::Matcher;
+use measure::Measurer;
 
 /// No cluster.
 pub const NO_CLUSTER: u32 = u32::MAX;
 
-/// Finds the clusters of frame after frame; all buffers are made once.
+/// Finds all clusters of frame after frame; all buffers are made once.
 #[derive(Debug)]
 pub struct FrameClusterer {
-    settings: Settings,
-    sensor_height_m: f64,
     frame: FrameIndex,
-    ground: GroundMap,
-    cells: Cells,
-    divider: Divider,
-    shaper: Shaper,
-    cluster_of_cell: Vec<u32>,
-    counters: FrameCounters,
+    finder: ClusterFinder,
 }
 
 impl FrameClusterer {
     /// Refuses settings that make no sense.
     pub fn new(settings: &Settings, sensor: &Sensor) -> Result<FrameClusterer, RefinerError> {
         settings.check()?;
+        let mut frame = FrameIndex::default();
+        frame.want_all();
         Ok(FrameClusterer {
-            sensor_height_m: sensor.height_m,
-            frame: FrameIndex::default(),
-            ground: GroundMap::default(),
-            cells: Cells::default(),
-            divider: Divider::new(settings.points_min as usize),
-            shaper: Shaper::new(settings, sensor),
-            cluster_of_cell: Vec::new(),
-            counters: FrameCounters::default(),
-            settings: settings.clone(),
+            frame,
+            finder: ClusterFinder::new(settings, sensor),
         })
     }
 
@@ -63,55 +56,108 @@ impl FrameClusterer {
     ///
     /// Points that are not finite, beyond 128 m or beyond the contract's limit are left out and counted.
     pub fn find(&mut self, points: &[Point], out: &mut FrameClusters) {
+        self.frame.sort(points);
+        let all = self.frame.occupied_tiles();
+        self.finder.cluster(&self.frame, &[], all);
         out.clear();
-        self.sort(points, FrameIndex::want_all);
-        self.cluster(&[]);
-        out.counters = self.counters;
+        out.counters = self.finder.cells.counters;
         out.cluster_of_point.reserve(POINTS_MAX);
         out.cluster_of_point.resize(points.len(), NO_CLUSTER);
-        for number in 0..self.divider.pieces().len() {
-            let first = out.points.len();
-            self.points_of(number, &mut out.points);
-            let own = &out.points[first..];
-            (own.iter()).for_each(|&i| out.cluster_of_point[i as usize] = number as u32);
-            let range = first..out.points.len();
-            let ranked = &self.divider.pieces()[number];
-            out.clusters
-                .push(self.shaper.shape(points, own, range, ranked, &self.ground));
+        for number in 0..self.finder.count() {
+            let cluster = (self.finder).shape(&self.frame, points, number, &mut out.points);
+            for &index in &out.points[cluster.points.clone()] {
+                out.cluster_of_point[index as usize] = number as u32;
+            }
+            out.clusters.push(cluster);
         }
     }
 
-    /// Sorts the points that `want` asks for into cells of 1 m.
-    pub(crate) fn sort(&mut self, points: &[Point], want: impl FnOnce(&mut FrameIndex)) {
-        self.frame.start();
-        want(&mut self.frame);
-        self.frame.sort(points);
+    /// The ground at a place of the last frame, m.
+    pub fn ground_at(&mut self, place_m: [f64; 2]) -> GroundPlane {
+        self.finder.ground.plane_at(&self.frame, place_m)
+    }
+}
+
+/// Finds clusters in what a frame holds.
+#[derive(Debug)]
+pub(crate) struct ClusterFinder {
+    settings: Settings,
+    ground: GroundMap,
+    cells: Cells,
+    divider: Divider,
+    fitter: Fitter,
+    measurer: Measurer,
+    cluster_of_cell: Vec<u32>,
+    /// Of one tile.
+    standing: Vec<IndexedPoint>,
+    ascending: Ascending,
+}
+
+impl ClusterFinder {
+    pub(crate) fn new(settings: &Settings, sensor: &Sensor) -> ClusterFinder {
+        ClusterFinder {
+            ground: GroundMap::new(sensor.height_m),
+            cells: Cells::default(),
+            divider: Divider::new(settings),
+            fitter: Fitter::new(settings, sensor),
+            measurer: Measurer::new(sensor),
+            cluster_of_cell: Vec::new(),
+            standing: Vec::new(),
+            ascending: Ascending::default(),
+            settings: settings.clone(),
+        }
     }
 
-    /// What was sorted last.
-    pub(crate) fn frame(&self) -> &FrameIndex {
-        &self.frame
-    }
-
-    /// Ground and clusters of what was sorted last. `is_known` says of each point whether a known object owns it, or is
-    /// empty: such points are in no cluster.
-    pub(crate) fn cluster(&mut self, is_known: &[bool]) {
-        self.ground.fit(&self.frame, self.sensor_height_m);
-        self.counters = FrameCounters {
-            points_not_finite: self.frame.not_finite,
-            points_outside: self.frame.outside,
-            ..FrameCounters::default()
+    /// Ground, and the clusters of all components that have points in one of these tiles: the same as of the whole frame.
+    /// `is_known` says of each point whether a known object owns it, or is empty: such points are in no cluster.
+    pub(crate) fn cluster(
+        &mut self,
+        frame: &FrameIndex,
+        is_known: &[bool],
+        tiles: impl Iterator<Item = usize>,
+    ) {
+        let ClusterFinder {
+            settings,
+            ground,
+            cells,
+            divider,
+            cluster_of_cell,
+            standing,
+            ..
+        } = self;
+        ground.clear();
+        cells.clear();
+        cells.counters.points_not_finite = frame.not_finite;
+        cells.counters.points_outside = frame.outside;
+        let low = settings.ground_clearance_m as f32;
+        let high = settings.height_max_m as f32;
+        let mut add = |cells: &mut Cells, tile: usize| {
+            standing.clear();
+            let counters = &mut cells.counters;
+            for (point, height) in ground.heights(frame, tile) {
+                if height < low {
+                    counters.points_ground += 1;
+                } else if height > high {
+                    counters.points_above += 1;
+                } else if is_known.get(point.index as usize) == Some(&true) {
+                    counters.points_known += 1;
+                } else {
+                    standing.push(*point);
+                }
+            }
+            cells.add_tile(tile, standing);
         };
-        self.collect_standing(is_known);
-        let join_m = |range_m| self.settings.join_distance_m(range_m);
-        self.divider
-            .divide(&mut self.cells, join_m, &mut self.counters);
-        self.cluster_of_cell.clear();
-        self.cluster_of_cell
-            .resize(self.cells.cells.len(), NO_CLUSTER);
-        for (number, ranked) in self.divider.pieces().iter().enumerate() {
-            for &cell in self.divider.cells_of(&ranked.piece) {
-                self.cluster_of_cell[cell as usize] = number as u32;
+        for tile in tiles {
+            if !cells.has_tile(tile) {
+                add(cells, tile);
+            }
+        }
+        divider.divide(cells, add);
+        cluster_of_cell.clear();
+        cluster_of_cell.resize(cells.cells.len(), NO_CLUSTER);
+        for (number, piece) in divider.pieces().iter().enumerate() {
+            for &cell in divider.cells_of(piece) {
+                cluster_of_cell[cell as usize] = number as u32;
             }
         }
     }
@@ -121,45 +167,49 @@ impl FrameClusterer {
         self.divider.pieces().len()
     }
 
-    /// Appends the indices of a cluster's points, ascending.
-    pub(crate) fn points_of(&mut self, number: usize, points: &mut Vec<u32>) {
+    /// Cells of 25 cm that were made.
+    #[cfg(test)]
+    pub(crate) fn cell_count(&self) -> usize {
+        self.cells.cells.len()
+    }
+
+    /// Box, outline and measurements of a cluster, whose points are appended, ascending.
+    pub(crate) fn shape(
+        &mut self,
+        frame: &FrameIndex,
+        scan: &[Point],
+        number: usize,
+        points: &mut Vec<u32>,
+    ) -> FrameCluster {
         let first = points.len();
-        let ranked = &self.divider.pieces()[number];
-        for &cell in self.divider.cells_of(&ranked.piece) {
+        let piece = &self.divider.pieces()[number];
+        for &cell in self.divider.cells_of(piece) {
             points.extend_from_slice(&self.cells.indices[self.cells.points(cell)]);
         }
-        self.cells.ascending.sort(&mut points[first..]);
-    }
-
-    /// Box, outline and measurements of a cluster with these points, as [`FrameClusterer::points_of`] gave them.
-    pub(crate) fn shape(&mut self, scan: &[Point], number: usize, own: &[u32]) -> FrameCluster {
-        let ranked = &self.divider.pieces()[number];
-        self.shaper
-            .shape(scan, own, 0..own.len(), ranked, &self.ground)
-    }
-
-    /// The ground of the last frame.
-    pub fn ground(&self) -> &GroundMap {
-        &self.ground
-    }
-
-    fn collect_standing(&mut self, is_known: &[bool]) {
-        let low = self.settings.ground_clearance_m as f32;
-        let high = self.settings.height_max_m as f32;
-        let counters = &mut self.counters;
-        self.cells.clear();
-        let cells = &mut self.cells;
-        self.ground.for_each_height(&self.frame, |point, height| {
-            if height < low {
-                counters.points_ground += 1;
-            } else if height > high {
-                counters.points_above += 1;
-            } else if is_known.get(point.index as usize) == Some(&true) {
-                counters.points_known += 1;
-            } else {
-                cells.add(point);
-            }
-        });
-        self.cells.sort();
+        let own = &mut points[first..];
+        self.ascending.sort(own);
+        let origin_m = mean_m(scan, own);
+        let cluster = &mut self.fitter.points;
+        cluster.start(origin_m);
+        for p in own.iter().filter_map(|&index| scan.get(index as usize)) {
+            let (x, y) = (
+                f64::from(p.x_m) - origin_m[0],
+                f64::from(p.y_m) - origin_m[1],
+            );
+            cluster.push(x as f32, y as f32, p.z_m);
+        }
+        let ground = self.ground.plane_at(frame, origin_m);
+        let (shape, tight) = self.fitter.fit(&ground);
+        let cluster = &self.fitter.points;
+        FrameCluster {
+            shape,
+            points: first..points.len(),
+            footprint: Footprint::around(cluster, &tight),
+            measures: Measures {
+                component_length_m: piece.component_length_m,
+                is_cut: piece.is_cut,
+                ..self.measurer.measure(cluster, &tight, &ground)
+            },
+        }
     }
 }

@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 
 use mluc_kernels::at_best;
 
-use super::{ClusterPoints, LANES, Rectangle};
+use super::{ClusterPoints, LANES, Rectangle, higher, lower, spans};
 
 /// Distances below this count the same, m: the sensor's noise.
 const NEAREST_M: f32 = 0.03;
@@ -71,7 +71,7 @@ impl Closeness {
                 self.best(beside.map(|step| fine + step))
             },
         );
-        points.rectangle(points.ahead_rad() + angle_rad(finest))
+        points.rectangle(points.ahead_rad + angle_rad(finest))
     }
 
     /// The first of equals, in the order given.
@@ -118,15 +118,11 @@ impl Closeness {
     #[inline(always)]
     fn score(&self, step: i32) -> u64 {
         let [cos, sin] = DIRECTIONS[step.rem_euclid(HEADINGS as i32) as usize];
-        let [u, v] = super::spans(&self.x_m, &self.y_m, [cos, sin]);
+        let [u, v] = spans(&self.x_m, &self.y_m, [cos, sin]);
         let term = |x: f32, y: f32| {
             let (a, b) = (x * cos + y * sin, y * cos - x * sin);
-            let least = |p: f32, q: f32| if p < q { p } else { q };
-            let du = least(a - u[0], u[1] - a);
-            let dv = least(b - v[0], v[1] - b);
-            let d = least(du, dv);
-            let d = if d > NEAREST_M { d } else { NEAREST_M };
-            (STEPS / d + WHOLE).to_bits() & 0x7F_FFFF
+            let d = lower(lower(a - u[0], u[1] - a), lower(b - v[0], v[1] - b));
+            (STEPS / higher(d, NEAREST_M) + WHOLE).to_bits() & 0x7F_FFFF
         };
         let mut sums = [0u32; LANES];
         let (x, y) = (self.x_m.chunks_exact(LANES), self.y_m.chunks_exact(LANES));

@@ -4,6 +4,9 @@
 //! corners, and never smaller, in time linear in the points. Points on a line or on one spot get an outline a
 //! centimetre around them, so that it always is a polygon.
 
+use std::f64::consts::FRAC_PI_2;
+
+use mluc_geometry::Box3;
 use mluc_ipc_types::FOOTPRINT_MAX;
 
 use super::{ClusterPoints, Rectangle};
@@ -17,25 +20,49 @@ const THIN_M: f64 = 0.02;
 /// and is laid this far around it, m.
 const AROUND_M: f64 = 0.01;
 
-/// Corners counter-clockwise, relative to the points' origin, m, and how many of them are used.
-pub fn footprint(
-    points: &ClusterPoints,
-    rectangle: &Rectangle,
-) -> ([[f64; 2]; FOOTPRINT_MAX], usize) {
-    let [u, v] = rectangle.size_m();
-    let around_m = if u.min(v) < THIN_M { AROUND_M } else { 0.0 };
-    let mut polygon = Polygon::of(&rectangle.grown(around_m));
-    for step in 1..DIRECTIONS {
-        let turn = std::f64::consts::FRAC_PI_2 * step as f64 / DIRECTIONS as f64;
-        for quarter in 0..2 {
-            let angle = rectangle.yaw_rad + turn + f64::from(quarter) * std::f64::consts::FRAC_PI_2;
-            let (sin, cos) = angle.sin_cos();
-            let [low, high] = points.span_m([cos as f32, sin as f32]).map(f64::from);
-            polygon = polygon.cut([cos, sin], high + around_m);
-            polygon = polygon.cut([-cos, -sin], around_m - low);
+/// An outline in the sensor frame, counter-clockwise.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Footprint {
+    /// x and y, m; zeros beyond `count`.
+    pub corners_m: [[f32; 2]; FOOTPRINT_MAX],
+    /// Corners in use.
+    pub count: usize,
+}
+
+impl Footprint {
+    /// Around points and their tight rectangle.
+    pub fn around(points: &ClusterPoints, rectangle: &Rectangle) -> Footprint {
+        let [u, v] = rectangle.size_m();
+        let around_m = if u.min(v) < THIN_M { AROUND_M } else { 0.0 };
+        let mut polygon = Polygon::of(&rectangle.grown(around_m));
+        for step in 1..DIRECTIONS {
+            let turn = FRAC_PI_2 * step as f64 / DIRECTIONS as f64;
+            for quarter in [0.0, FRAC_PI_2] {
+                let (sin, cos) = (rectangle.yaw_rad + turn + quarter).sin_cos();
+                let [low, high] = points.span_m([cos as f32, sin as f32]).map(f64::from);
+                polygon = polygon.cut([cos, sin], high + around_m);
+                polygon = polygon.cut([-cos, -sin], around_m - low);
+            }
+        }
+        polygon.outline(points.origin_m)
+    }
+
+    /// A box's own.
+    pub(crate) fn of_box(shape: &Box3) -> Footprint {
+        let mut footprint = Footprint::default();
+        for corner in shape.footprint_m() {
+            footprint.push(corner);
+        }
+        footprint
+    }
+
+    /// Corners beyond the contract's limit are left out.
+    fn push(&mut self, corner_m: [f64; 2]) {
+        if self.count < FOOTPRINT_MAX {
+            self.corners_m[self.count] = corner_m.map(|v| v as f32);
+            self.count += 1;
         }
     }
-    polygon.without_doubles()
 }
 
 /// Room for one more corner than the last cut leaves.
@@ -48,15 +75,19 @@ struct Polygon {
 }
 
 impl Polygon {
+    const EMPTY: Polygon = Polygon {
+        corners: [[0.0; 2]; CORNERS_MAX],
+        count: 0,
+    };
+
     fn of(r: &Rectangle) -> Polygon {
         let (sin, cos) = r.yaw_rad.sin_cos();
-        let mut corners = [[0.0; 2]; CORNERS_MAX];
-        let ends = [(1, 1), (0, 1), (0, 0), (1, 0)];
-        for (corner, (u, v)) in corners.iter_mut().zip(ends) {
-            let (u, v) = (r.u_m[u], r.v_m[v]);
-            *corner = [u * cos - v * sin, u * sin + v * cos];
+        let mut polygon = Polygon::EMPTY;
+        for (u, v) in [(1, 1), (0, 1), (0, 0), (1, 0)] {
+            let (u, v) = (r.sides_m[0][u], r.sides_m[1][v]);
+            polygon.push([u * cos - v * sin, u * sin + v * cos]);
         }
-        Polygon { corners, count: 4 }
+        polygon
     }
 
     fn push(&mut self, corner: [f64; 2]) {
@@ -69,10 +100,7 @@ impl Polygon {
     /// The part where `normal . corner <= limit`. A line that would leave nothing, by rounding, cuts nothing.
     fn cut(&self, normal: [f64; 2], limit: f64) -> Polygon {
         let beyond = |c: [f64; 2]| c[0] * normal[0] + c[1] * normal[1] - limit;
-        let mut kept = Polygon {
-            corners: [[0.0; 2]; CORNERS_MAX],
-            count: 0,
-        };
+        let mut kept = Polygon::EMPTY;
         for i in 0..self.count {
             let (from, to) = (self.corners[i], self.corners[(i + 1) % self.count]);
             let (a, b) = (beyond(from), beyond(to));
@@ -81,32 +109,32 @@ impl Polygon {
             }
             if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
                 let t = a / (a - b);
-                kept.push([
-                    from[0] + t * (to[0] - from[0]),
-                    from[1] + t * (to[1] - from[1]),
-                ]);
+                kept.push([0, 1].map(|axis| from[axis] + t * (to[axis] - from[axis])));
             }
         }
         if kept.count >= 3 { kept } else { *self }
     }
 
-    fn without_doubles(&self) -> ([[f64; 2]; FOOTPRINT_MAX], usize) {
-        let mut corners = [[0.0; 2]; FOOTPRINT_MAX];
-        let mut count = 0;
+    /// Without corners that are nearly the same.
+    fn outline(&self, origin_m: [f64; 2]) -> Footprint {
         let apart = |a: [f64; 2], b: [f64; 2]| {
             (a[0] - b[0]).abs() > SAME_CORNER_M || (a[1] - b[1]).abs() > SAME_CORNER_M
         };
+        let mut kept = Polygon::EMPTY;
         for &corner in &self.corners[..self.count] {
-            let is_new = count == 0 || apart(corners[count - 1], corner);
-            if is_new && count < FOOTPRINT_MAX {
-                corners[count] = corner;
-                count += 1;
+            if kept.count == 0 || apart(kept.corners[kept.count - 1], corner) {
+                kept.push(corner);
             }
         }
-        while count > 1 && !apart(corners[0], corners[count - 1]) {
-            count -= 1;
+        kept.count = kept.count.min(FOOTPRINT_MAX);
+        while kept.count > 1 && !apart(kept.corners[0], kept.corners[kept.count - 1]) {
+            kept.count -= 1;
         }
-        (corners, count)
+        let mut footprint = Footprint::default();
+        for [x, y] in &kept.corners[..kept.count] {
+            footprint.push([x + origin_m[0], y + origin_m[1]]);
+        }
+        footprint
     }
 }
 
@@ -114,13 +142,19 @@ impl Polygon {
 mod tests {
     use super::*;
 
-    fn area(corners: &[[f64; 2]]) -> f64 {
-        (0..corners.len())
-            .map(|i| {
-                let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
-                (a[0] * b[1] - a[1] * b[0]) / 2.0
-            })
-            .sum()
+    fn corners(footprint: &Footprint) -> Vec<[f64; 2]> {
+        let corners = &footprint.corners_m[..footprint.count];
+        corners.iter().map(|c| c.map(f64::from)).collect()
+    }
+
+    fn area(footprint: &Footprint) -> f64 {
+        let corners = corners(footprint);
+        let next = corners.iter().cycle().skip(1);
+        let crosses = corners
+            .iter()
+            .zip(next)
+            .map(|(a, b)| a[0] * b[1] - a[1] * b[0]);
+        crosses.sum::<f64>() / 2.0
     }
 
     #[test]
@@ -130,17 +164,14 @@ mod tests {
             let angle = f64::from(i) * 0.0071;
             points.push((5.0 + angle.cos()) as f32, (angle.sin() - 3.0) as f32, 0.0);
         }
-        let (corners, count) = footprint(&points, &points.rectangle(0.3));
-        assert_eq!(count, 16);
-        let corners = &corners[..count];
-        let outline = area(corners);
-        assert!(
-            outline > 0.999 * std::f64::consts::PI && outline < 1.02 * std::f64::consts::PI,
-            "{outline}"
-        );
+        let found = Footprint::around(&points, &points.rectangle(0.3));
+        assert_eq!(found.count, 16);
+        let share = area(&found) / std::f64::consts::PI;
+        assert!(share > 0.999 && share < 1.02, "{share}");
+        let corners = corners(&found);
         for i in 0..points.len() {
-            for k in 0..count {
-                let (a, b) = (corners[k], corners[(k + 1) % count]);
+            for k in 0..16 {
+                let (a, b) = (corners[k], corners[(k + 1) % 16]);
                 let p = [f64::from(points.x_m[i]), f64::from(points.y_m[i])];
                 let side = (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
                 assert!(side > -1e-5, "point {i} outside of side {k}");
@@ -149,26 +180,19 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_keeps_its_slanted_side() {
-        let mut points = ClusterPoints::default();
-        for [x, y] in [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]] {
-            points.push(x, y, 0.0);
+    fn a_triangle_keeps_its_slanted_side_and_lines_and_spots_have_an_area() {
+        type Case = (&'static [[f32; 2]], f64, std::ops::Range<f64>);
+        let cases: [Case; 3] = [
+            (&[[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]], 0.0, 1.9999..2.0001),
+            (&[[1.0, 1.0]], 0.2, 3e-4..4e-4),
+            (&[[1.0, 1.0], [2.0, 1.0]], 0.0, 0.02..0.021),
+        ];
+        for (places, yaw_rad, expected) in cases {
+            let mut points = ClusterPoints::default();
+            places.iter().for_each(|&[x, y]| points.push(x, y, 0.0));
+            let found = Footprint::around(&points, &points.rectangle(yaw_rad));
+            assert!(expected.contains(&area(&found)), "{places:?}: {found:?}");
+            assert!(found.count == 3 || places.len() < 3, "{found:?}");
         }
-        let (corners, count) = footprint(&points, &points.rectangle(0.0));
-        assert!((area(&corners[..count]) - 2.0).abs() < 1e-5);
-        assert_eq!(count, 3);
-    }
-
-    #[test]
-    fn a_line_and_a_point_have_an_outline_of_a_centimetre() {
-        let mut points = ClusterPoints::default();
-        points.push(1.0, 1.0, 0.0);
-        let (corners, count) = footprint(&points, &points.rectangle(0.2));
-        let spot = area(&corners[..count]);
-        assert!((3e-4..4e-4).contains(&spot), "{spot}");
-        points.push(2.0, 1.0, 0.0);
-        let (corners, count) = footprint(&points, &points.rectangle(0.0));
-        let line = area(&corners[..count]);
-        assert!((0.02..0.021).contains(&line), "{line}");
     }
 }

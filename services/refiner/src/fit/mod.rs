@@ -6,25 +6,13 @@ mod fitter;
 mod footprint;
 
 pub use closeness::Closeness;
-pub use extend::{CutTop, EndFace, Extend, Side};
-pub use fitter::{Fitter, axis_aligned, minimum_area};
-pub use footprint::footprint;
+pub use extend::Extend;
+pub use fitter::{BoxFit, minimum_area};
+pub use footprint::Footprint;
+
+pub(crate) use fitter::Fitter;
 
 use mluc_kernels::at_best;
-use serde::{Deserialize, Serialize};
-
-/// How a rectangle is laid around a cluster.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BoxFit {
-    /// Sides along x and y.
-    AxisAligned,
-    /// The rectangle of least area.
-    MinimumArea,
-    /// The rectangle whose sides the points lie closest to (Zhang et al., 2017).
-    #[default]
-    Closeness,
-}
 
 /// Points of one cluster, in columns: x and y relative to an origin near them, z in the sensor frame, m.
 #[derive(Debug)]
@@ -35,8 +23,10 @@ pub struct ClusterPoints {
     pub y_m: Vec<f32>,
     /// m.
     pub z_m: Vec<f32>,
+    /// In the sensor frame, m.
+    pub(crate) origin_m: [f64; 2],
     /// Headings are counted from here, rad from x,
-    ahead_rad: f64,
+    pub(crate) ahead_rad: f64,
     /// and the same as cosine and sine.
     ahead: [f32; 2],
 }
@@ -48,6 +38,7 @@ impl Default for ClusterPoints {
             x_m: Vec::new(),
             y_m: Vec::new(),
             z_m: Vec::new(),
+            origin_m: [0.0; 2],
             ahead_rad: 0.0,
             ahead: [1.0, 0.0],
         }
@@ -55,9 +46,11 @@ impl Default for ClusterPoints {
 }
 
 impl ClusterPoints {
-    /// Headings are counted from the sensor's line of sight to the points' origin, so that boxes turn with the scene and
-    /// nothing else changes.
-    pub fn look_at(&mut self, origin_m: [f64; 2]) {
+    /// No points, relative to an origin in the sensor frame, m. Headings are counted from the sensor's line of sight to it,
+    /// so that boxes turn with the scene and nothing else changes.
+    pub fn start(&mut self, origin_m: [f64; 2]) {
+        self.clear();
+        self.origin_m = origin_m;
         self.ahead_rad = origin_m[1].atan2(origin_m[0]);
         let (sin, cos) = self.ahead_rad.sin_cos();
         self.ahead = [cos as f32, sin as f32];
@@ -89,10 +82,10 @@ impl ClusterPoints {
 
     /// Lowest and highest z, m; `None` without points.
     pub fn z_range_m(&self) -> Option<[f32; 2]> {
-        (!self.z_m.is_empty()).then(|| {
+        (!self.is_empty()).then(|| {
             at_best(
                 #[inline(always)]
-                || ends(&self.z_m),
+                || span(&self.z_m, &self.z_m, [1.0, 0.0]),
             )
         })
     }
@@ -113,11 +106,6 @@ impl ClusterPoints {
         )
     }
 
-    /// What headings are counted from, rad from x.
-    pub(crate) fn ahead_rad(&self) -> f64 {
-        self.ahead_rad
-    }
-
     /// Lengths along a direction that is counted from the line of sight, and across it, m.
     pub(crate) fn sides_m(&self, [along, aside]: [f32; 2]) -> [f64; 2] {
         let [cos, sin] = self.ahead;
@@ -126,48 +114,45 @@ impl ClusterPoints {
         self.spans_m(direction).map(length)
     }
 
-    /// The tight rectangle whose u axis points to `yaw_rad`.
+    /// The tight rectangle whose first axis points to `yaw_rad`.
     pub fn rectangle(&self, yaw_rad: f64) -> Rectangle {
         let (sin, cos) = (yaw_rad.sin() as f32, yaw_rad.cos() as f32);
-        let [u_m, v_m] = self.spans_m([cos, sin]).map(|span| span.map(f64::from));
-        Rectangle { yaw_rad, u_m, v_m }
+        Rectangle {
+            yaw_rad,
+            sides_m: self.spans_m([cos, sin]).map(|span| span.map(f64::from)),
+        }
     }
 }
 
-/// A rectangle around the origin of its points: axis u at `yaw_rad` from x, v a quarter turn further.
+/// A rectangle around the origin of its points: the first axis at `yaw_rad` from x, the second a quarter turn further.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rectangle {
     /// rad.
     pub yaw_rad: f64,
-    /// From and to, m.
-    pub u_m: [f64; 2],
-    /// From and to, m.
-    pub v_m: [f64; 2],
+    /// From and to along each axis, m.
+    pub sides_m: [[f64; 2]; 2],
 }
 
 impl Rectangle {
-    /// Along u and along v, m.
+    /// Along each axis, m.
     pub fn size_m(&self) -> [f64; 2] {
-        [self.u_m[1] - self.u_m[0], self.v_m[1] - self.v_m[0]]
+        self.sides_m.map(|[low, high]| high - low)
     }
 
     /// With a margin on every side, m.
     pub fn grown(&self, margin_m: f64) -> Rectangle {
-        let wider = |[low, high]: [f64; 2]| [low - margin_m, high + margin_m];
         Rectangle {
-            yaw_rad: self.yaw_rad,
-            u_m: wider(self.u_m),
-            v_m: wider(self.v_m),
+            sides_m: self
+                .sides_m
+                .map(|[low, high]| [low - margin_m, high + margin_m]),
+            ..*self
         }
     }
 
     /// Centre relative to the points' origin, m.
     pub fn center_m(&self) -> [f64; 2] {
         let (sin, cos) = self.yaw_rad.sin_cos();
-        let (u, v) = (
-            (self.u_m[0] + self.u_m[1]) / 2.0,
-            (self.v_m[0] + self.v_m[1]) / 2.0,
-        );
+        let [u, v] = self.sides_m.map(|[low, high]| (low + high) / 2.0);
         [u * cos - v * sin, u * sin + v * cos]
     }
 }
@@ -177,7 +162,7 @@ const LANES: usize = 16;
 
 /// Along a direction and along the one a quarter turn further, as [`span`].
 #[inline(always)]
-fn spans(x: &[f32], y: &[f32], [cos, sin]: [f32; 2]) -> [[f32; 2]; 2] {
+pub(crate) fn spans(x: &[f32], y: &[f32], [cos, sin]: [f32; 2]) -> [[f32; 2]; 2] {
     [span(x, y, [cos, sin]), span(x, y, [-sin, cos])]
 }
 
@@ -195,33 +180,14 @@ fn span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
             high[lane] = higher(high[lane], t);
         }
     }
-    let rest = rest.map(|(x, y)| x * d[0] + y * d[1]);
-    [
-        low.into_iter()
-            .chain(rest.clone())
-            .fold(f32::INFINITY, lower),
-        high.into_iter().chain(rest).fold(f32::NEG_INFINITY, higher),
-    ]
-}
-
-/// Lowest and highest value; infinities without any.
-#[inline(always)]
-fn ends(values: &[f32]) -> [f32; 2] {
-    let mut low = [f32::INFINITY; LANES];
-    let mut high = [f32::NEG_INFINITY; LANES];
-    let blocks = values.chunks_exact(LANES);
-    let rest = blocks.remainder().iter().copied();
-    for block in blocks {
-        for lane in 0..LANES {
-            low[lane] = lower(low[lane], block[lane]);
-            high[lane] = higher(high[lane], block[lane]);
-        }
+    for (lane, (x, y)) in rest.enumerate() {
+        let t = x * d[0] + y * d[1];
+        low[lane] = lower(low[lane], t);
+        high[lane] = higher(high[lane], t);
     }
     [
-        low.into_iter()
-            .chain(rest.clone())
-            .fold(f32::INFINITY, lower),
-        high.into_iter().chain(rest).fold(f32::NEG_INFINITY, higher),
+        low.into_iter().fold(f32::INFINITY, lower),
+        high.into_iter().fold(f32::NEG_INFINITY, higher),
     ]
 }
 

@@ -21,75 +21,54 @@ pub(crate) fn is_above(s_m: [f32; 3], t_m: [f32; 3], threshold_cosine: f32) -> b
 mod tests {
     use super::*;
 
-    /// Angle at the farther of two points, rad, by the law of cosines as the paper prints it. Points in the sensor frame,
-    /// m. Equal points: a quarter turn, as on a frontal face; a point in the origin: 0.
-    fn by_law_of_cosines_rad(s_m: [f64; 3], t_m: [f64; 3]) -> f64 {
-        let (s_range, t_range) = (norm(s_m), norm(t_m));
-        let (long, short) = (s_range.max(t_range), s_range.min(t_range));
-        let d = norm([0, 1, 2].map(|i| s_m[i] - t_m[i]));
-        if d == 0.0 {
-            return std::f64::consts::FRAC_PI_2;
-        }
-        let cosine = (long * long + d * d - short * short) / (2.0 * d * long);
-        cosine.clamp(-1.0, 1.0).acos()
+    fn norm(p: [f64; 3]) -> f64 {
+        p.map(|v| v * v).iter().sum::<f64>().sqrt()
+    }
+
+    /// Angle at the farther of two points, rad, by the law of cosines as the paper prints it.
+    fn by_law_of_cosines_rad(s: [f64; 3], t: [f64; 3]) -> f64 {
+        let (long, short) = (norm(s).max(norm(t)), norm(s).min(norm(t)));
+        let d = norm([0, 1, 2].map(|i| s[i] - t[i]));
+        ((long * long + d * d - short * short) / (2.0 * d * long)).acos()
     }
 
     /// The same angle, rad, from two ranges and the angle between the rays.
-    fn by_arctangent_rad(long_m: f64, short_m: f64, between_rays_rad: f64) -> f64 {
-        let (sin, cos) = between_rays_rad.sin_cos();
-        (short_m * sin).atan2(long_m - short_m * cos)
+    fn by_arctangent_rad(s: [f64; 3], t: [f64; 3]) -> f64 {
+        let (long, short) = (norm(s).max(norm(t)), norm(s).min(norm(t)));
+        let dot: f64 = (0..3).map(|i| s[i] * t[i]).sum();
+        let cos = dot / (long * short);
+        let sin = (1.0 - cos * cos).sqrt();
+        (short * sin).atan2(long - short * cos)
     }
 
-    fn norm(p: [f64; 3]) -> f64 {
-        (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt()
-    }
-
-    fn angle_between(a: [f64; 3], b: [f64; 3]) -> f64 {
-        let dot: f64 = (0..3).map(|i| a[i] * b[i]).sum();
-        let cross = [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ];
-        norm(cross).atan2(dot)
+    fn is_above_deg(s: [f64; 3], t: [f64; 3], degrees: f64) -> bool {
+        let [s, t] = [s, t].map(|p| p.map(|v| v as f32));
+        is_above(s, t, degrees.to_radians().cos() as f32)
     }
 
     #[test]
-    fn both_forms_agree() {
+    fn both_forms_of_the_angle_agree_and_are_compared() {
         for i in 1..500 {
             let f = |k: f64| (f64::from(i) * k).sin();
             let s = [10.0 + 3.0 * f(0.7), 4.0 * f(1.3), f(2.1)];
             let t = [10.0 + 3.0 * f(1.9), 4.0 * f(0.4), f(3.3)];
-            let (long, short) = (norm(s).max(norm(t)), norm(s).min(norm(t)));
-            let expected = by_arctangent_rad(long, short, angle_between(s, t));
-            let found = by_law_of_cosines_rad(s, t);
-            assert!((found - expected).abs() < 1e-9, "{found} {expected}");
-            let threshold = 25f64.to_radians();
-            if (found - threshold).abs() > 1e-3 {
-                let single = |p: [f64; 3]| p.map(|v| v as f32);
-                assert_eq!(
-                    is_above(single(s), single(t), threshold.cos() as f32),
-                    found > threshold
-                );
-            }
+            let (found, expected) = (by_law_of_cosines_rad(s, t), by_arctangent_rad(s, t));
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+            let is_close = (found.to_degrees() - 25.0).abs() < 0.06;
+            assert!(is_close || is_above_deg(s, t, 25.0) == (found.to_degrees() > 25.0));
         }
     }
 
     #[test]
-    fn a_frontal_face_is_near_90_degrees_and_a_jump_near_0() {
-        let face = by_law_of_cosines_rad([10.0, 0.0, 0.0], [10.0, 0.03, 0.0]).to_degrees();
-        assert!((face - 90.0).abs() < 1.0, "{face}");
-        let jump = by_law_of_cosines_rad([10.0, 0.0, 0.0], [20.0, 0.06, 0.0]).to_degrees();
-        assert!(jump < 1.0, "{jump}");
-    }
-
-    #[test]
-    fn degenerate_points_give_a_number() {
-        assert_eq!(
-            by_law_of_cosines_rad([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]),
-            std::f64::consts::FRAC_PI_2
-        );
-        assert!(by_law_of_cosines_rad([0.0; 3], [1.0, 0.0, 0.0]).is_finite());
-        assert!(is_above([1.0; 3], [1.0; 3], 0.98));
+    fn a_frontal_face_is_near_90_degrees_a_jump_near_0_and_equal_points_a_quarter_turn() {
+        for (t, low, high) in [
+            ([10.0, 0.03, 0.0], 89.0, 91.0),
+            ([20.0, 0.06, 0.0], -1.0, 1.0),
+            ([10.0, 0.0, 0.0], 89.9, 90.1),
+        ] {
+            let s = [10.0, 0.0, 0.0];
+            assert!(low < 0.0 || is_above_deg(s, t, low), "{t:?}");
+            assert!(!is_above_deg(s, t, high), "{t:?}");
+        }
     }
 }

@@ -2,16 +2,17 @@
 
 use mluc_kernels::at_best;
 
-use crate::frame::whole;
+use super::Neighbourhood;
+use crate::fit::spans;
 
-/// A bucket grid over a square around the origin; buffers are reused.
+/// A bucket grid over a square around the origin, from which points can be taken out one by one; buffers are reused.
 #[derive(Debug, Default)]
 pub(crate) struct Buckets {
     side: usize,
     half_m: f32,
     per_m: f32,
-    /// First entry of each cell, and one past the last.
-    first: Vec<u32>,
+    /// First entry of each cell, and one past the last that is left.
+    cells: Vec<[u32; 2]>,
     items: Vec<u32>,
     cell_of: Vec<u32>,
 }
@@ -24,134 +25,82 @@ impl Buckets {
     /// Sorts the points that `keep` lets through into cells of at least `cell_m`; within a cell they stay in order.
     pub(crate) fn fill(
         &mut self,
-        x_m: &[f32],
-        y_m: &[f32],
+        around: &Neighbourhood,
         cell_m: f32,
         keep: impl Fn(usize) -> bool,
     ) {
-        self.half_m = at_best(
+        let (x_m, y_m) = (&around.x_m[..], &around.y_m[..]);
+        let [x, y] = at_best(
             #[inline(always)]
-            || farthest(x_m).max(farthest(y_m)),
-        ) + cell_m;
+            || spans(x_m, y_m, [1.0, 0.0]),
+        );
+        self.half_m = (-x[0]).max(x[1]).max(-y[0]).max(y[1]).max(0.0) + cell_m;
         let cell_m = cell_m.max(2.0 * self.half_m / SIDE_MAX as f32);
         self.per_m = 1.0 / cell_m;
         self.side = (2.0 * self.half_m * self.per_m) as usize + 1;
-        self.first.clear();
-        self.first.resize(self.side * self.side + 1, 0);
-        let mut cell_of = std::mem::take(&mut self.cell_of);
-        cell_of.resize(x_m.len(), NO_CELL);
-        at_best(
-            #[inline(always)]
-            || {
-                for ((cell, &x), &y) in cell_of.iter_mut().zip(x_m).zip(y_m) {
-                    *cell = self.cell_at(x, y) as u32;
-                }
-            },
-        );
-        for (i, cell) in cell_of.iter_mut().enumerate() {
-            if keep(i) {
-                self.first[*cell as usize + 1] += 1;
+        self.cells.clear();
+        self.cells.resize(self.side * self.side, [0; 2]);
+        self.cell_of.clear();
+        for (i, (&x, &y)) in x_m.iter().zip(y_m).enumerate() {
+            let cell = if keep(i) {
+                self.cell_at(x, y) as u32
             } else {
-                *cell = NO_CELL;
+                NO_CELL
+            };
+            if let Some([_, count]) = self.cells.get_mut(cell as usize) {
+                *count += 1;
             }
+            self.cell_of.push(cell);
         }
-        self.cell_of = cell_of;
-        let mut sum = 0;
-        for first in &mut self.first {
-            sum += *first;
-            *first = sum;
+        let mut next = 0;
+        for [first, end] in &mut self.cells {
+            let count = *end;
+            (*first, *end) = (next, next);
+            next += count;
         }
         // Every entry is overwritten.
-        self.items.resize(sum as usize, 0);
+        self.items.resize(next as usize, 0);
         for (i, &cell) in self.cell_of.iter().enumerate() {
-            if cell != NO_CELL {
-                let cursor = &mut self.first[cell as usize];
-                self.items[*cursor as usize] = i as u32;
-                *cursor += 1;
+            if let Some([_, end]) = self.cells.get_mut(cell as usize) {
+                self.items[*end as usize] = i as u32;
+                *end += 1;
             }
         }
-        let cells = self.side * self.side;
-        self.first.copy_within(0..cells, 1);
-        self.first[0] = 0;
     }
 
-    /// Cell of a place.
-    #[inline(always)]
-    pub(crate) fn cell_at(&self, x_m: f32, y_m: f32) -> usize {
-        let side = self.side as u32;
-        let along = |v: f32| whole((v + self.half_m) * self.per_m).min(side - 1);
-        (along(y_m) * side + along(x_m)) as usize
+    fn cell_at(&self, x_m: f32, y_m: f32) -> usize {
+        let along = |v: f32| (((v + self.half_m) * self.per_m) as usize).min(self.side - 1);
+        along(y_m) * self.side + along(x_m)
     }
 
-    /// Points of a cell.
-    pub(crate) fn points(&self, cell: usize) -> &[u32] {
-        &self.items[self.first[cell] as usize..self.first[cell + 1] as usize]
+    /// The up to nine cells around and with that of a place.
+    fn block(&self, [x_m, y_m]: [f32; 2]) -> impl Iterator<Item = usize> + use<> {
+        let (side, cell) = (self.side, self.cell_at(x_m, y_m));
+        let (column, row) = (cell % side, cell / side);
+        let near = move |at: usize| at.saturating_sub(1)..(at + 2).min(side);
+        near(row).flat_map(move |row| near(column).map(move |column| row * side + column))
     }
 
-    /// The cell `dx`, `dy` cells away, if there is one.
-    pub(crate) fn shifted(&self, cell: usize, dx: isize, dy: isize) -> Option<usize> {
-        let x = (cell % self.side).checked_add_signed(dx)?;
-        let y = (cell / self.side).checked_add_signed(dy)?;
-        (x < self.side && y < self.side).then(|| y * self.side + x)
+    /// The points left in the cells around a place.
+    pub(crate) fn around(&self, place_m: [f32; 2]) -> impl Iterator<Item = u32> {
+        let cells = self.block(place_m).map(|cell| self.cells[cell]);
+        cells.flat_map(|[first, end]| self.items[first as usize..end as usize].iter().copied())
     }
 
-    /// The up to nine cells around and with a cell.
-    pub(crate) fn block(&self, cell: usize) -> impl Iterator<Item = usize> + '_ {
-        (-1..=1).flat_map(move |dy| (-1..=1).filter_map(move |dx| self.shifted(cell, dx, dy)))
-    }
-}
-
-/// The largest absolute value; 0 without any.
-#[inline(always)]
-fn farthest(values: &[f32]) -> f32 {
-    const LANES: usize = 16;
-    let more = |most: f32, v: f32| if v.abs() > most { v.abs() } else { most };
-    let mut most = [0.0; LANES];
-    let blocks = values.chunks_exact(LANES);
-    let rest = blocks.remainder();
-    for block in blocks {
-        for lane in 0..LANES {
-            most[lane] = more(most[lane], block[lane]);
-        }
-    }
-    most.into_iter().chain(rest.iter().copied()).fold(0.0, more)
-}
-
-/// Buckets from which points are taken out one by one.
-#[derive(Debug, Default)]
-pub(crate) struct ShrinkingBuckets {
-    pub(crate) grid: Buckets,
-    left: Vec<u32>,
-}
-
-impl ShrinkingBuckets {
-    /// As [`Buckets::fill`].
-    pub(crate) fn fill(
-        &mut self,
-        x_m: &[f32],
-        y_m: &[f32],
-        cell_m: f32,
-        keep: impl Fn(usize) -> bool,
-    ) {
-        self.grid.fill(x_m, y_m, cell_m, keep);
-        self.left.clear();
-        self.left
-            .extend(self.grid.first.windows(2).map(|pair| pair[1] - pair[0]));
-    }
-
-    /// Takes out the points of one cell for which `take` says so; the others keep their order.
-    pub(crate) fn take(&mut self, cell: usize, mut take: impl FnMut(u32) -> bool) {
-        let first = self.grid.first[cell] as usize;
-        let count = self.left[cell] as usize;
-        let mut kept = 0;
-        for i in first..first + count {
-            let point = self.grid.items[i];
-            if !take(point) {
-                self.grid.items[first + kept] = point;
-                kept += 1;
+    /// Takes out the points around a place for which `take` says so; the others keep their order.
+    pub(crate) fn take_around(&mut self, place_m: [f32; 2], mut take: impl FnMut(u32) -> bool) {
+        for cell in self.block(place_m) {
+            let [first, end] = self.cells[cell];
+            let mut kept = first;
+            for i in first..end {
+                let point = self.items[i as usize];
+                if !take(point) {
+                    self.items[kept as usize] = point;
+                    kept += 1;
+                }
             }
+            self.cells[cell][1] = kept;
         }
-        self.left[cell] = kept as u32;
     }
 }
 
@@ -160,36 +109,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_lie_in_the_block_around_their_neighbours() {
-        let x: Vec<f32> = (0..300).map(|i| (i as f32 * 0.37) % 7.0 - 3.5).collect();
-        let y: Vec<f32> = (0..300).map(|i| (i as f32 * 0.73) % 5.0 - 2.5).collect();
+    fn points_lie_around_their_neighbours_until_they_are_taken() {
+        let mut around = Neighbourhood::default();
+        around.x_m = (0..300).map(|i| (i as f32 * 0.37) % 7.0 - 3.5).collect();
+        around.y_m = (0..300).map(|i| (i as f32 * 0.73) % 5.0 - 2.5).collect();
         let mut grid = Buckets::default();
-        grid.fill(&x, &y, 0.5, |i| i % 7 != 0);
+        grid.fill(&around, 0.5, |i| i % 7 != 0);
+        let place = |i: usize| [around.x_m[i], around.y_m[i]];
+        let near = |i: usize, j: usize| {
+            let ([x, y], [ox, oy]) = (place(i), place(j));
+            (x - ox).hypot(y - oy) <= 0.5
+        };
         for i in (0..300).filter(|i| i % 7 != 0) {
-            let cell = grid.cell_at(x[i], y[i]);
-            let found: Vec<u32> = grid
-                .block(cell)
-                .flat_map(|c| grid.points(c).to_vec())
-                .collect();
-            for j in 0..300 {
-                let near = (x[i] - x[j]).hypot(y[i] - y[j]) <= 0.5;
-                assert!(!near || j % 7 == 0 || found.contains(&(j as u32)));
-            }
+            let found: Vec<u32> = grid.around(place(i)).collect();
+            assert!(found.iter().all(|p| p % 7 != 0));
+            assert!((0..300).all(|j| !near(i, j) || j % 7 == 0 || found.contains(&(j as u32))));
         }
-        assert!((0..grid.side * grid.side).all(|c| grid.points(c).iter().all(|p| p % 7 != 0)));
-    }
-
-    #[test]
-    fn taken_points_are_gone() {
-        let mut buckets = ShrinkingBuckets::default();
-        buckets.fill(&[0.0; 5], &[0.0; 5], 1.0, |_| true);
-        let cell = buckets.grid.cell_at(0.0, 0.0);
-        let mut seen = Vec::new();
-        buckets.take(cell, |p| p % 2 == 0);
-        buckets.take(cell, |p| {
-            seen.push(p);
-            false
-        });
-        assert_eq!(seen, [1, 3]);
+        let before: Vec<u32> = grid.around(place(1)).collect();
+        grid.take_around(place(1), |p| p % 2 == 0);
+        let odd: Vec<u32> = before.into_iter().filter(|p| p % 2 == 1).collect();
+        assert_eq!(grid.around(place(1)).collect::<Vec<u32>>(), odd);
     }
 }

@@ -10,17 +10,14 @@ pub use neighbourhood::{Gather, Neighbourhood};
 
 use mluc_ipc_types::{Disposition, Object};
 
-use crate::ascending::Ascending;
-use crate::clusterer::{Clusterer, FrameInput};
+use crate::clusterer::{Clusterer, FrameTask};
 use crate::clusters::Measures;
-use crate::fit::{BoxFit, ClusterPoints, Extend, Fitter, footprint};
+use crate::fit::{Fitter, Footprint};
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::{self, GroundPlane};
-use crate::output::Counters;
-use crate::priors::extend_of;
-use crate::proposal::Proposal;
+use crate::proposal::{Proposal, reach_m};
 use crate::{Sensor, Settings, Variant};
-use grow::{Depth, Grower, Printed};
+use grow::{Depth, Grower, Growth, Printed};
 use seed::Seek;
 
 /// Work in points looked at, measured by time, of a candidate before any point,
@@ -33,172 +30,131 @@ const WORK_PER_SHAPE: u64 = 12;
 /// 10,000.
 const POINTS_MAX: usize = 16_384;
 
-/// Refines candidate after candidate; holds what they share.
+/// Grows the cluster of one candidate after the other; holds what they share.
 #[derive(Debug)]
 pub(crate) struct PaperClusterer {
     is_printed: bool,
     grower: Box<dyn Grower>,
-    fit: BoxFit,
-    extend: Extend,
+    fitter: Fitter,
     sensor_height_m: f64,
     radius_m: f64,
-    clearance_m: f64,
+    /// As printed, there is no ground.
+    height_min_m: f64,
     points_min: usize,
-    frame: FrameIndex,
+    /// Of the candidate in hand.
+    ground: GroundPlane,
     around: Neighbourhood,
     members: Vec<u32>,
-    cluster: ClusterPoints,
-    fitter: Fitter,
     inside: Vec<IndexedPoint>,
-    ascending: Ascending,
 }
 
 impl PaperClusterer {
     pub(crate) fn new(settings: &Settings, sensor: &Sensor) -> PaperClusterer {
         let is_printed = settings.variant == Variant::Paper;
+        let grower: Box<dyn Grower> = if is_printed {
+            Box::new(Printed::default())
+        } else {
+            Box::new(Depth::new(sensor.beams.as_ref()))
+        };
+        let (height_min_m, points_min) = if is_printed {
+            (f64::NEG_INFINITY, 1)
+        } else {
+            (settings.ground_clearance_m, settings.points_min as usize)
+        };
         PaperClusterer {
             is_printed,
-            grower: if is_printed {
-                Box::new(Printed::default())
-            } else {
-                Box::new(Depth::new(sensor.beams.as_ref()))
-            },
-            fit: settings.box_fit(),
-            extend: extend_of(settings, sensor),
+            grower,
+            fitter: Fitter::new(settings, sensor),
             sensor_height_m: sensor.height_m,
             radius_m: settings.radius_m(sensor),
-            clearance_m: settings.ground_clearance_m,
-            points_min: if is_printed {
-                1
-            } else {
-                settings.points_min as usize
-            },
-            frame: FrameIndex::default(),
+            height_min_m,
+            points_min,
+            ground: GroundPlane::flat([0.0; 2], sensor.height_m),
             around: Neighbourhood::default(),
             members: Vec::new(),
-            cluster: ClusterPoints::default(),
-            fitter: Fitter::default(),
             inside: Vec::new(),
-            ascending: Ascending::default(),
-        }
-    }
-
-    /// As printed, the ground is not looked for.
-    fn ground_under(&self, proposal: &Proposal) -> GroundPlane {
-        let [x, y, _] = proposal.shape.center_m;
-        if self.is_printed {
-            GroundPlane::flat([x, y], self.sensor_height_m)
-        } else {
-            GroundPlane::fit(&self.frame, [x, y], self.sensor_height_m)
         }
     }
 
     /// A random point inside the box (the paper), or the one nearest its centre that stands on the ground.
-    fn seed(
-        &mut self,
-        sequence: u64,
-        proposal: &Proposal,
-        ground: &GroundPlane,
-        work: &mut u64,
-    ) -> Option<IndexedPoint> {
+    fn seed(&mut self, task: &mut FrameTask, proposal: &Proposal) -> Option<IndexedPoint> {
+        let work = &mut task.counters.work;
         let seek = Seek {
-            frame: &self.frame,
+            frame: task.frame,
             candidate: &proposal.shape,
-            ground,
-            height_m: [self.clearance_m, f64::INFINITY],
+            ground: &self.ground,
+            height_min_m: self.height_min_m,
         };
         if self.is_printed {
-            let key = (sequence, proposal.detection as u64);
+            let key = (task.sequence, proposal.detection as u64);
             seek.random_inside(key, &mut self.inside, work)
         } else {
             seek.nearest_to_center(work)
         }
     }
-
-    /// Gathers the points around a seed and grows its cluster among them.
-    fn grow(&mut self, seed: &IndexedPoint, ground: &GroundPlane, work: &mut u64) {
-        let height_min_m = if self.is_printed {
-            f64::NEG_INFINITY
-        } else {
-            self.clearance_m
-        };
-        let wanted = Gather {
-            radius_m: self.radius_m,
-            height_m: [
-                if self.grower.sees_ground() {
-                    f64::NEG_INFINITY
-                } else {
-                    height_min_m
-                },
-                f64::INFINITY,
-            ],
-            points_max: POINTS_MAX,
-        };
-        let around = &mut self.around;
-        let seed = around.gather(&self.frame, seed, ground, &wanted);
-        self.grower
-            .grow(around, seed, height_min_m, &mut self.members);
-        *work += around.looked_at + WORK_PER_GROWTH * around.len() as u64;
-        let cluster = &mut self.cluster;
-        cluster.look_at(around.origin_m);
-        for &member in &self.members {
-            let at = member as usize;
-            cluster.push(around.x_m[at], around.y_m[at], around.z_m[at]);
-        }
-    }
 }
 
 impl Clusterer for PaperClusterer {
-    fn sort(&mut self, input: &FrameInput, proposals: &[Proposal], is_clustered: bool) {
-        self.frame.start();
-        for proposal in proposals.iter().filter(|p| p.is_standing() && is_clustered) {
+    fn want(&self, proposals: &[Proposal], frame: &mut FrameIndex) {
+        for proposal in proposals.iter().filter(|p| p.is_standing()) {
             let [x, y, _] = proposal.shape.center_m;
-            let reach_m = seed::reach_m(&proposal.shape) + self.radius_m;
-            self.frame.want([x, y], reach_m.max(ground::RADIUS_M));
+            let reach_m = reach_m(&proposal.shape) + self.radius_m;
+            frame.want([x, y], reach_m.max(ground::RADIUS_M));
         }
-        self.frame.want_known(proposals);
-        self.frame.sort(input.scan);
     }
 
-    fn frame(&self) -> &FrameIndex {
-        &self.frame
-    }
-
-    fn refine(
-        &mut self,
-        input: &FrameInput,
-        proposal: &mut Proposal,
-        points: &mut Vec<u32>,
-        counters: &mut Counters,
-    ) -> Option<Measures> {
-        let ground = self.ground_under(proposal);
-        let mut work = WORK_PER_CANDIDATE;
+    /// Gathers the points around a seed, those of the ground as borders between objects, and grows the cluster among them.
+    fn match_cluster(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> bool {
+        let [x, y, _] = proposal.shape.center_m;
+        self.ground = if self.is_printed {
+            GroundPlane::flat([x, y], self.sensor_height_m)
+        } else {
+            GroundPlane::fit(task.frame, [x, y], self.sensor_height_m)
+        };
         self.members.clear();
-        self.cluster.clear();
-        if let Some(seed) = self.seed(input.sequence, proposal, &ground, &mut work) {
-            self.grow(&seed, &ground, &mut work);
-            if self.around.thinned {
+        task.counters.work += WORK_PER_CANDIDATE;
+        if let Some(seed) = self.seed(task, proposal) {
+            let wanted = Gather {
+                radius_m: self.radius_m,
+                height_m: [f64::NEG_INFINITY, f64::INFINITY],
+                points_max: POINTS_MAX,
+            };
+            let around = &mut self.around;
+            let growth = Growth {
+                seed: around.gather(task.frame, &seed, &self.ground, &wanted),
+                around,
+                height_min_m: self.height_min_m,
+            };
+            self.grower.grow(&growth, &mut self.members);
+            task.counters.work += around.looked_at + WORK_PER_GROWTH * around.len() as u64;
+            if around.thinned {
                 proposal.flags |= Object::THINNED;
-                counters.thinned += 1;
+                task.counters.thinned += 1;
             }
         }
-        if self.cluster.len() < self.points_min {
+        let first = task.points.len();
+        let members = self.members.iter().map(|&m| self.around.index[m as usize]);
+        task.points.extend(members);
+        task.points[first..].sort_unstable();
+        proposal.points = (first, task.points.len());
+        let is_cluster = self.members.len() >= self.points_min;
+        if !is_cluster {
             proposal.disposition = Disposition::TooFewPoints;
-        } else {
-            work += WORK_PER_SHAPE * self.cluster.len() as u64;
-            let tight = self.fitter.fit(self.fit, &self.cluster);
-            let origin_m = self.around.origin_m;
-            let fitted = (self.extend).box_around(&self.cluster, &tight, origin_m, &ground);
-            // Only a cluster without points has no box.
-            proposal.shape = fitted.unwrap_or(proposal.shape);
-            let (corners, count) = footprint(&self.cluster, &tight);
-            proposal.set_footprint(&corners[..count], origin_m);
         }
-        counters.work += work;
-        let first = points.len();
-        points.extend(self.members.iter().map(|&m| self.around.index[m as usize]));
-        self.ascending.sort(&mut points[first..]);
-        proposal.points = (first, points.len());
+        is_cluster
+    }
+
+    fn lay_box(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> Option<Measures> {
+        task.counters.work += WORK_PER_SHAPE * self.members.len() as u64;
+        let (around, points) = (&self.around, &mut self.fitter.points);
+        points.start(around.origin_m);
+        for &member in &self.members {
+            let at = member as usize;
+            points.push(around.x_m[at], around.y_m[at], around.z_m[at]);
+        }
+        let (shape, tight) = self.fitter.fit(&self.ground);
+        proposal.shape = shape;
+        proposal.footprint = Footprint::around(&self.fitter.points, &tight);
         None
     }
 }

@@ -92,26 +92,23 @@ impl Neighbourhood {
         };
         let points_max = wanted.points_max.max(1);
         // Only points that are asked for count against the limit: near the sensor most are ground.
-        let keep_one_in = if available > points_max {
+        let mut keep_one_in = 1;
+        if available > points_max {
             self.looked_at += available as u64;
             let asked = rows().flatten().filter(|p| is_asked(p.at_m)).count();
-            asked.div_ceil(points_max) as u64
-        } else {
-            1
-        };
+            keep_one_in = asked.div_ceil(points_max) as u64;
+        }
         self.thinned = keep_one_in > 1;
         let mut count = 0;
         let picked = &mut self.picked;
         picked.resize(picked.len().max(available), IndexedPoint::default());
-        for row in rows() {
-            for point in row {
-                // Thousands of equal points stay together or go together.
-                let stays = keep_one_in <= 1
-                    || (count < 2 * points_max && is_kept(point.at_m, keep_one_in));
-                // The next one takes the place of one that is not picked.
-                picked[count] = *point;
-                count += usize::from((point.index == seed.index) | (is_asked(point.at_m) & stays));
-            }
+        for point in rows().flatten() {
+            // Thousands of equal points stay together or go together.
+            let stays =
+                keep_one_in <= 1 || (count < 2 * points_max && is_kept(point.at_m, keep_one_in));
+            // The next one takes the place of one that is not picked.
+            picked[count] = *point;
+            count += usize::from((point.index == seed.index) | (is_asked(point.at_m) & stays));
         }
         let picked = &picked[..count];
         self.origin_m = center_m;
@@ -133,23 +130,19 @@ fn fill<T>(column: &mut Vec<T>, points: &[IndexedPoint], value: impl Fn(&Indexed
 
 /// Thins by the coordinates alone, so that the order of the scan does not matter.
 fn is_kept(at_m: [f32; 3], keep_one_in: u64) -> bool {
-    keep_one_in <= 1 || {
-        let [x, y, z] = at_m.map(|v| u64::from(v.to_bits()));
-        let mixed = (x << 32 ^ z << 16 ^ y).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        (mixed >> 32).is_multiple_of(keep_one_in)
-    }
+    let [x, y, z] = at_m.map(|v| u64::from(v.to_bits()));
+    let mixed = (x << 32 ^ z << 16 ^ y).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    (mixed >> 32).is_multiple_of(keep_one_in)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use mluc_ipc_types::Point;
 
+    use super::*;
+    use crate::testing::{point, sorted};
+
     fn gather(scan: &[Point], seed: usize, points_max: usize) -> (Neighbourhood, usize) {
-        let mut frame = FrameIndex::default();
-        frame.start();
-        frame.want([10.0, 2.0], 5.0);
-        frame.sort(scan);
         let mut around = Neighbourhood::default();
         let wanted = Gather {
             radius_m: 3.0,
@@ -157,34 +150,24 @@ mod tests {
             points_max,
         };
         let ground = GroundPlane::flat([10.0, 2.0], 1.7);
-        let at = scan[seed];
         let seed = IndexedPoint {
-            at_m: [at.x_m, at.y_m, at.z_m],
+            at_m: [scan[seed].x_m, scan[seed].y_m, scan[seed].z_m],
             index: seed as u32,
         };
-        let found = around.gather(&frame, &seed, &ground, &wanted);
+        let found = around.gather(&sorted(scan), &seed, &ground, &wanted);
         (around, found)
-    }
-
-    fn point(x_m: f32, y_m: f32, z_m: f32) -> Point {
-        Point {
-            x_m,
-            y_m,
-            z_m,
-            intensity: 0.0,
-        }
     }
 
     #[test]
     fn distance_and_height_select() {
         let scan = [
-            point(10.5, 2.0, -1.0),
-            point(10.0, 2.5, -1.0),
-            point(13.7, 2.0, -1.0),
-            point(10.0, 2.0, -1.6),
-            point(10.0, 2.0, 3.0),
+            [10.5, 2.0, -1.0],
+            [10.0, 2.5, -1.0],
+            [13.7, 2.0, -1.0],
+            [10.0, 2.0, -1.6],
+            [10.0, 2.0, 3.0],
         ];
-        let (around, seed) = gather(&scan, 1, 100);
+        let (around, seed) = gather(&scan.map(point), 1, 100);
         let mut index = around.index.clone();
         index.sort_unstable();
         assert_eq!(index, [0, 1]);
@@ -197,19 +180,13 @@ mod tests {
 
     #[test]
     fn thinning_keeps_about_the_limit_and_the_seed_and_ignores_the_order() {
-        let mut scan: Vec<Point> = (0..20_000)
-            .map(|i| {
-                point(
-                    9.0 + (i % 200) as f32 * 0.01,
-                    1.0 + (i / 200) as f32 * 0.02,
-                    -1.0,
-                )
-            })
+        let places = (0..20_000).map(|i| [(i % 200) as f32 * 0.01, (i / 200) as f32 * 0.02]);
+        let mut scan: Vec<Point> = places
+            .map(|[x, y]| point([9.0 + x, 1.0 + y, -1.0]))
             .collect();
         let set = |around: &Neighbourhood| {
-            let mut bits: Vec<[u32; 2]> = (0..around.len())
-                .map(|i| [around.x_m[i].to_bits(), around.y_m[i].to_bits()])
-                .collect();
+            let columns = around.x_m.iter().zip(&around.y_m);
+            let mut bits: Vec<_> = columns.map(|(x, y)| [x.to_bits(), y.to_bits()]).collect();
             bits.sort_unstable();
             bits
         };
@@ -217,8 +194,7 @@ mod tests {
         assert_eq!(around.index[seed], 777);
         assert!(around.thinned && around.looked_at >= 20_000);
         assert!((700..1300).contains(&around.len()), "{}", around.len());
-        let before = set(&around);
         scan.reverse();
-        assert_eq!(set(&gather(&scan, 20_000 - 1 - 777, 1000).0), before);
+        assert_eq!(set(&gather(&scan, 20_000 - 1 - 777, 1000).0), set(&around));
     }
 }

@@ -5,22 +5,7 @@ use mluc_geometry::{Box3, Random};
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
 use crate::inside::Inside;
-
-/// Seeds are looked for at least this far from the box's centre, m: a proposal may lie a metre off, and of a long
-/// object often only the far end is seen.
-const REACH_MIN_M: f64 = 4.0;
-/// A seed this near is looked for first, m.
-const REACH_FIRST_M: f64 = 1.5;
-/// Boxes may be larger than any object; seeds are not looked for further than this, m.
-const REACH_MAX_M: f64 = 10.0;
-/// A box without a point is enlarged once by this factor.
-const ENLARGED: f64 = 1.2;
-
-/// How far from a box's centre seeds are looked for, m: its enlarged corners, within bounds.
-pub(crate) fn reach_m(candidate: &Box3) -> f64 {
-    let half_diagonal = candidate.size_m[0].hypot(candidate.size_m[1]) / 2.0;
-    (half_diagonal * ENLARGED).clamp(REACH_MIN_M, REACH_MAX_M)
-}
+use crate::proposal::{ENLARGED, NEAR_M, reach_m};
 
 /// What seeds are looked for in.
 #[derive(Clone, Copy, Debug)]
@@ -28,8 +13,8 @@ pub(crate) struct Seek<'a> {
     pub(crate) frame: &'a FrameIndex,
     pub(crate) candidate: &'a Box3,
     pub(crate) ground: &'a GroundPlane,
-    /// Lowest and highest height above the ground, m.
-    pub(crate) height_m: [f64; 2],
+    /// Lowest height above the ground, m.
+    pub(crate) height_min_m: f64,
 }
 
 impl Seek<'_> {
@@ -37,7 +22,7 @@ impl Seek<'_> {
     /// Ties go by the coordinates, so that the order of the scan does not matter.
     pub(crate) fn nearest_to_center(&self, work: &mut u64) -> Option<IndexedPoint> {
         // Nearly every seed lies close by; the wide search is for the others.
-        let near = self.nearest_within(REACH_FIRST_M, work);
+        let near = self.nearest_within(NEAR_M, work);
         near.or_else(|| self.nearest_within(reach_m(self.candidate), work))
     }
 
@@ -55,13 +40,10 @@ impl Seek<'_> {
                 if flat > reach_m * reach_m || best.is_some_and(|(least, _)| full > least) {
                     continue;
                 }
-                let height = z - self.ground.z_at_m(x, y);
-                if height < self.height_m[0] || height > self.height_m[1] {
-                    continue;
-                }
-                if best
-                    .is_none_or(|(least, b)| full < least || (full == least && point.at_m < b.at_m))
-                {
+                let stands = z - self.ground.z_at_m(x, y) >= self.height_min_m;
+                let is_better =
+                    |(least, b): (f64, IndexedPoint)| (full, point.at_m) < (least, b.at_m);
+                if stands && best.is_none_or(is_better) {
                     best = Some((full, *point));
                 }
             }
@@ -104,75 +86,53 @@ impl Seek<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mluc_ipc_types::Point;
+    use crate::testing::{point, sorted};
 
-    fn frame(xs: &[f32]) -> FrameIndex {
-        let scan: Vec<Point> = xs
-            .iter()
-            .map(|&x_m| Point {
-                x_m,
-                y_m: 0.0,
-                z_m: -1.0,
-                intensity: 0.0,
-            })
-            .collect();
-        let mut frame = FrameIndex::default();
-        frame.start();
-        frame.want([10.0, 0.0], 12.0);
-        frame.sort(&scan);
-        frame
-    }
-
-    fn seek<'a>(frame: &'a FrameIndex, candidate: &'a Box3, ground: &'a GroundPlane) -> Seek<'a> {
-        Seek {
-            frame,
-            candidate,
-            ground,
-            height_m: [0.2, 4.0],
-        }
+    /// What `found` finds for a candidate of 1.5 m by 1 m at x, among points 0.7 m above the ground.
+    fn seek<T>(points_x_m: &[f32], x_m: f64, found: impl FnOnce(Seek) -> T) -> T {
+        let scan: Vec<_> = points_x_m.iter().map(|&x| point([x, 0.0, -1.0])).collect();
+        found(Seek {
+            frame: &sorted(&scan),
+            candidate: &Box3::new([x_m, 0.0, -1.0, 1.9, 1.0, 1.5, 0.0]),
+            ground: &GroundPlane::flat([x_m, 0.0], 1.7),
+            height_min_m: 0.2,
+        })
     }
 
     #[test]
     fn the_nearest_standing_point_wins() {
-        let frame = frame(&[9.0, 10.4, 11.2]);
-        let candidate = Box3::new([10.0, 0.0, -1.0, 2.0, 1.0, 1.5, 0.0]);
-        let ground = GroundPlane::flat([10.0, 0.0], 1.7);
+        let xs = [9.0, 10.4, 11.2];
         let mut work = 0;
-        let found = |candidate: &Box3, work: &mut u64| {
-            let seek = seek(&frame, candidate, &ground);
-            seek.nearest_to_center(work).map(|p| p.index)
+        let mut found = |x_m, height_min_m| {
+            seek(&xs, x_m, |seek| {
+                let seek = Seek {
+                    height_min_m,
+                    ..seek
+                };
+                seek.nearest_to_center(&mut work).map(|p| p.index)
+            })
         };
-        assert_eq!(found(&candidate, &mut work), Some(1));
-        assert_eq!(work, 3);
-        let above = Seek {
-            height_m: [0.8, 4.0],
-            ..seek(&frame, &candidate, &ground)
-        };
-        assert!(above.nearest_to_center(&mut work).is_none());
-        let far = Box3::new([13.0, 0.0, -1.0, 2.0, 1.0, 1.5, 0.0]);
-        assert_eq!(found(&far, &mut work), Some(2));
+        assert_eq!(found(10.0, 0.2), Some(1));
+        assert_eq!(found(10.0, 0.8), None, "none stands so high");
+        assert_eq!(found(13.0, 0.2), Some(2));
+        assert!(work >= 9, "{work}");
     }
 
     #[test]
     fn the_random_point_is_inside_and_repeats() {
-        let frame = frame(&[8.0, 9.6, 10.4, 10.6, 11.05, 15.0]);
-        let ground = GroundPlane::flat([10.0, 0.0], 1.7);
-        let candidate = Box3::new([10.0, 0.0, -1.0, 2.0, 1.0, 1.5, 0.0]);
-        let mut found = Vec::new();
-        let mut draw = |b: &Box3, key| {
-            let seek = seek(&frame, b, &ground);
-            seek.random_inside(key, &mut found, &mut 0).map(|p| p.index)
+        let xs = [8.0, 9.6, 10.4, 10.6, 11.05, 15.0];
+        let draw = |x_m: f64, key| {
+            let random = |seek: Seek| seek.random_inside(key, &mut Vec::new(), &mut 0);
+            seek(&xs, x_m, random).map(|p| p.index)
         };
         let mut seen = std::collections::BTreeSet::new();
         for sequence in 0..50 {
-            let first = draw(&candidate, (sequence, 3));
-            assert_eq!(first, draw(&candidate, (sequence, 3)));
+            let first = draw(10.0, (sequence, 3));
+            assert_eq!(first, draw(10.0, (sequence, 3)));
             seen.extend(first);
         }
         assert!(seen.iter().copied().eq([1, 2, 3]));
-        let beside = Box3::new([12.0, 0.0, -1.0, 1.8, 1.0, 1.5, 0.0]);
-        assert_eq!(draw(&beside, (0, 0)), Some(4), "enlarged once");
-        let far = Box3::new([13.0, 0.0, -1.0, 1.8, 1.0, 1.5, 0.0]);
-        assert_eq!(draw(&far, (0, 0)), None);
+        assert_eq!(draw(12.1, (0, 0)), Some(4), "enlarged once");
+        assert_eq!(draw(13.0, (0, 0)), None);
     }
 }

@@ -2,9 +2,13 @@
 #![allow(dead_code)]
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{Detection, DetectionKind, FrameHeader, Object, Point};
+use mluc_ipc_types::{
+    Detection, DetectionKind, Disposition, FrameHeader, OBJECT_POINTS_MAX, Object, Point,
+};
 use mluc_refiner::{BeamTable, Refiner, RefinerOutput, Sensor, Settings, Variant};
 
+/// Length, width and height of a golf cart, m.
+pub(crate) const CART: [f64; 3] = [2.6, 1.25, 1.85];
 /// Height of the sensor above the ground, m.
 pub(crate) const SENSOR_HEIGHT_M: f64 = 1.73;
 const RANGE_MAX_M: f64 = 60.0;
@@ -46,10 +50,8 @@ pub(crate) fn scan(boxes: &[Box3]) -> Vec<Point> {
             } else {
                 f64::INFINITY
             };
-            let range = boxes
-                .iter()
-                .filter_map(|b| hit(b, ray))
-                .fold(ground, f64::min);
+            let hits = boxes.iter().filter_map(|b| hit(b, ray));
+            let range = hits.fold(ground, f64::min);
             if range < RANGE_MAX_M {
                 points.push(point(ray.map(|r| r * range)));
             }
@@ -78,11 +80,8 @@ fn hit(b: &Box3, ray: [f64; 3]) -> Option<f64> {
     ];
     let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
     for axis in 0..3 {
-        let half = b.size_m[axis] / 2.0;
-        let (a, b) = (
-            (-half - from[axis]) / along[axis],
-            (half - from[axis]) / along[axis],
-        );
+        let at = |side: f64| (side * b.size_m[axis] / 2.0 - from[axis]) / along[axis];
+        let [a, b] = [at(-1.0), at(1.0)];
         enter = enter.max(a.min(b));
         leave = leave.min(a.max(b));
     }
@@ -139,7 +138,12 @@ pub(crate) fn refine(
 ) -> RefinerOutput {
     let mut out = RefinerOutput::default();
     refiner(variant).refine(7, points, detections, &mut out);
+    assert_sound(points, detections, &out);
     out
+}
+
+pub(crate) fn is(object: &Object, disposition: Disposition) -> bool {
+    object.disposition == disposition as u32
 }
 
 pub(crate) fn box_of(object: &Object) -> Box3 {
@@ -151,41 +155,18 @@ pub(crate) fn box_of(object: &Object) -> Box3 {
 }
 
 /// What every answer keeps, whatever the input: the contract's own checks, one object a detection, every index inside.
-pub(crate) fn assert_sound(
-    points: &[Point],
-    detections: &[Detection],
-    out: &RefinerOutput,
-    what: &str,
-) {
-    let header = FrameHeader::new(0, "test");
-    let checked = Object::checked(&header, &out.objects, 4);
-    assert!(checked.is_ok(), "{what}: {checked:?}");
-    assert_eq!(out.objects.len(), detections.len().min(512), "{what}");
-    assert!(
-        out.object_points.len() <= mluc_ipc_types::OBJECT_POINTS_MAX,
-        "{what}"
-    );
-    assert!(
-        out.object_points
-            .iter()
-            .all(|&i| (i as usize) < points.len()),
-        "{what}"
-    );
-    let ends = out
-        .objects
-        .iter()
-        .map(|o| (o.points_first + o.points_count) as usize);
-    assert!(ends.max().unwrap_or(0) <= out.object_points.len(), "{what}");
-    assert!(
-        out.objects
-            .iter()
-            .all(|o| o.footprint_m.iter().flatten().all(|v| v.is_finite())),
-        "{what}"
-    );
+pub(crate) fn assert_sound(points: &[Point], detections: &[Detection], out: &RefinerOutput) {
+    Object::checked(&FrameHeader::new(0, "test"), &out.objects, 4).expect("sound objects");
+    assert_eq!(out.objects.len(), detections.len().min(512));
+    assert!(out.object_points.len() <= OBJECT_POINTS_MAX);
+    let is_inside = |&i: &u32| (i as usize) < points.len();
+    assert!(out.object_points.iter().all(is_inside));
+    for object in &out.objects {
+        let end = object.points_first + object.points_count;
+        assert!(end as usize <= out.object_points.len());
+        assert!(object.footprint_m.iter().flatten().all(|v| v.is_finite()));
+    }
     let told: u32 = out.counters.by_disposition.iter().sum();
-    assert_eq!(
-        told as usize,
-        out.objects.len(),
-        "{what}: every disposition is counted"
-    );
+    let told = told as usize;
+    assert_eq!(told, out.objects.len(), "every disposition is counted");
 }

@@ -3,9 +3,8 @@
 //! A core point has enough points within epsilon; a cluster is what core points reach. A seed that is no core point
 //! grows nothing but itself.
 
-use super::{Grower, distance_squared, stands};
+use super::{Grower, Growth};
 use crate::paper::buckets::Buckets;
-use crate::paper::neighbourhood::Neighbourhood;
 
 /// Density-based clusters with a fixed radius in space.
 #[derive(Debug)]
@@ -29,45 +28,30 @@ impl Dbscan {
 }
 
 impl Grower for Dbscan {
-    fn grow(
-        &mut self,
-        around: &Neighbourhood,
-        seed: usize,
-        height_min_m: f64,
-        members: &mut Vec<u32>,
-    ) {
+    fn grow(&mut self, growth: &Growth, members: &mut Vec<u32>) {
         let epsilon_m = self.epsilon_m;
-        let allowed = stands(around, height_min_m);
-        self.buckets.fill(&around.x_m, &around.y_m, epsilon_m, |i| {
-            i == seed || allowed(i)
+        self.buckets.fill(growth.around, epsilon_m, |i| {
+            i == growth.seed || growth.stands(i)
         });
         self.is_member.clear();
-        self.is_member.resize(around.len(), false);
-        let near =
-            |a: usize, b: u32| distance_squared(around, a, b as usize) <= epsilon_m * epsilon_m;
+        self.is_member.resize(growth.around.len(), false);
         members.clear();
-        members.push(seed as u32);
-        self.is_member[seed] = true;
+        members.push(growth.seed as u32);
+        self.is_member[growth.seed] = true;
         let mut next = 0;
         while let Some(&t) = members.get(next) {
             next += 1;
             let t = t as usize;
-            let cell = self.buckets.cell_at(around.x_m[t], around.y_m[t]);
-            let block = || {
-                self.buckets
-                    .block(cell)
-                    .flat_map(|c| self.buckets.points(c))
+            let near = || {
+                let block = self.buckets.around(growth.place_m(t));
+                let near = move |s: usize| growth.distance_squared(t, s) <= epsilon_m * epsilon_m;
+                block.filter(move |&s| near(s as usize))
             };
-            let reached = block()
-                .filter(|&&s| near(t, s))
-                .take(self.core_points)
-                .count();
-            if reached < self.core_points {
+            if near().take(self.core_points).count() < self.core_points {
                 continue;
             }
-            for &s in block() {
-                if !self.is_member[s as usize] && near(t, s) {
-                    self.is_member[s as usize] = true;
+            for s in near() {
+                if !std::mem::replace(&mut self.is_member[s as usize], true) {
                     members.push(s);
                 }
             }

@@ -6,10 +6,9 @@
 //! go where it goes. Pixels of the ground stop a direction. Without a beam table, neighbours are found by a distance
 //! that grows with range.
 
-use super::euclidean::grow_within;
-use super::{Grower, stands};
+use super::{Grower, Growth};
 use crate::paper::angle::is_above;
-use crate::paper::buckets::ShrinkingBuckets;
+use crate::paper::buckets::Buckets;
 use crate::paper::neighbourhood::Neighbourhood;
 use crate::sensor::BeamTable;
 
@@ -30,9 +29,8 @@ const SAME_PIXEL_M: f32 = 0.5;
 /// Depth clustering grown from a seed.
 #[derive(Debug)]
 pub struct Depth {
-    angle_min_cosine: f32,
     image: Option<Image>,
-    buckets: ShrinkingBuckets,
+    buckets: Buckets,
 }
 
 /// The range image of one neighbourhood.
@@ -55,41 +53,23 @@ impl Depth {
     /// For the model's beams.
     pub fn new(beams: Option<&BeamTable>) -> Depth {
         Depth {
-            angle_min_cosine: ANGLE_MIN_DEG.to_radians().cos() as f32,
             image: beams.map(Image::new),
-            buckets: ShrinkingBuckets::default(),
+            buckets: Buckets::default(),
         }
     }
 }
 
 impl Grower for Depth {
-    fn sees_ground(&self) -> bool {
-        self.image.is_some()
-    }
-
-    fn grow(
-        &mut self,
-        around: &Neighbourhood,
-        seed: usize,
-        height_min_m: f64,
-        members: &mut Vec<u32>,
-    ) {
-        let Some(image) = &mut self.image else {
-            let reach = |t: usize| FALLBACK_M + FALLBACK_PER_RANGE * around.range_m(t) as f32;
-            let farthest = (0..around.len()).map(reach).fold(FALLBACK_M, f32::max);
-            return grow_within(
-                &mut self.buckets,
-                around,
-                seed,
-                height_min_m,
-                reach,
-                farthest,
-                members,
-            );
-        };
-        image.draw(around);
-        image.grow(around, seed, height_min_m, self.angle_min_cosine, members);
-        image.wipe();
+    fn grow(&mut self, growth: &Growth, members: &mut Vec<u32>) {
+        let around = growth.around;
+        if let Some(image) = &mut self.image {
+            image.draw(around);
+            image.grow(growth, members);
+            return image.wipe();
+        }
+        let reach = |t: usize| FALLBACK_M + FALLBACK_PER_RANGE * around.range_m(t) as f32;
+        let farthest = (0..around.len()).map(reach).fold(FALLBACK_M, f32::max);
+        growth.over_neighbours(&mut self.buckets, farthest, reach, |_, _| true, members);
     }
 }
 
@@ -147,41 +127,30 @@ impl Image {
         }
     }
 
-    fn grow(
-        &mut self,
-        around: &Neighbourhood,
-        seed: usize,
-        height_min_m: f64,
-        angle_min_cosine: f32,
-        members: &mut Vec<u32>,
-    ) {
-        let allowed = stands(around, height_min_m);
-        let point = |i: usize| around.in_sensor_m(i).map(|v| v as f32);
+    fn grow(&mut self, growth: &Growth, members: &mut Vec<u32>) {
+        let angle_min_cosine = ANGLE_MIN_DEG.to_radians().cos() as f32;
+        let point = |i: u32| growth.around.in_sensor_m(i as usize).map(|v| v as f32);
         members.clear();
         self.is_joined.clear();
-        self.is_joined.resize(around.len(), false);
-        self.join(seed as u32, members, &allowed);
+        self.is_joined.resize(growth.around.len(), false);
+        self.join(growth, growth.seed as u32, members);
         let mut next = 0;
         while let Some(&t) = members.get(next) {
             next += 1;
-            let t = t as usize;
-            for direction in DIRECTIONS {
-                let Some(s) = self.neighbour(t, direction) else {
-                    continue;
-                };
-                let s_index = s as usize;
-                if !self.is_joined[s_index]
-                    && allowed(s_index)
-                    && is_above(point(s_index), point(t), angle_min_cosine)
+            for direction in directions() {
+                if let Some(s) = self.neighbour(t as usize, direction)
+                    && !self.is_joined[s as usize]
+                    && growth.stands(s as usize)
+                    && is_above(point(s), point(t), angle_min_cosine)
                 {
-                    self.join(s, members, &allowed);
+                    self.join(growth, s, members);
                 }
             }
         }
     }
 
     /// The point, and those of its pixel at about its range.
-    fn join(&mut self, point: u32, members: &mut Vec<u32>, allowed: &impl Fn(usize) -> bool) {
+    fn join(&mut self, growth: &Growth, point: u32, members: &mut Vec<u32>) {
         let range = self.range_m[point as usize];
         self.is_joined[point as usize] = true;
         members.push(point);
@@ -189,7 +158,7 @@ impl Image {
         while current != EMPTY {
             let i = current as usize;
             let same = (self.range_m[i] - range).abs() <= SAME_PIXEL_M;
-            if same && !self.is_joined[i] && allowed(i) {
+            if same && !self.is_joined[i] && growth.stands(i) {
                 self.is_joined[i] = true;
                 members.push(current);
             }
@@ -216,13 +185,8 @@ impl Image {
     }
 }
 
-const DIRECTIONS: [(isize, isize); 8] = [
-    (-1, -1),
-    (-1, 0),
-    (-1, 1),
-    (0, -1),
-    (0, 1),
-    (1, -1),
-    (1, 0),
-    (1, 1),
-];
+/// The eight neighbours of a pixel: rows and columns.
+fn directions() -> impl Iterator<Item = (isize, isize)> {
+    let all = (-1..=1).flat_map(|row| (-1..=1).map(move |column| (row, column)));
+    all.filter(|&direction| direction != (0, 0))
+}

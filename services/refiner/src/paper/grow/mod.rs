@@ -13,36 +13,71 @@ pub use depth::Depth;
 pub use euclidean::Euclidean;
 pub use printed::Printed;
 
+use crate::paper::buckets::Buckets;
 use crate::paper::neighbourhood::Neighbourhood;
+
+/// What a cluster grows in.
+#[derive(Clone, Copy, Debug)]
+pub struct Growth<'a> {
+    /// All points that may join.
+    pub around: &'a Neighbourhood,
+    /// The point that it grows from.
+    pub seed: usize,
+    /// Points lower than this above the ground are ground, m.
+    pub height_min_m: f64,
+}
 
 /// Grows the cluster of one candidate.
 pub trait Grower: std::fmt::Debug + Send {
-    /// Whether the points of the ground must be in the neighbourhood too, as borders between objects.
-    fn sees_ground(&self) -> bool {
-        false
+    /// The points that belong with the seed, in any order, each once. Empties `members` first.
+    fn grow(&mut self, growth: &Growth, members: &mut Vec<u32>);
+}
+
+impl Growth<'_> {
+    /// Whether a point stands above the ground.
+    fn stands(&self, point: usize) -> bool {
+        self.around.height_m[point] >= self.height_min_m as f32
     }
 
-    /// The points of `around` that belong with the point `seed`, in any order, each once. Empties `members` first. Points
-    /// lower than `height_min_m` above the ground are ground.
-    fn grow(
-        &mut self,
-        around: &Neighbourhood,
-        seed: usize,
-        height_min_m: f64,
+    fn place_m(&self, point: usize) -> [f32; 2] {
+        [self.around.x_m[point], self.around.y_m[point]]
+    }
+
+    /// Squared distance in space of two points, m^2.
+    fn distance_squared(&self, a: usize, b: usize) -> f32 {
+        let dx = self.around.x_m[a] - self.around.x_m[b];
+        let dy = self.around.y_m[a] - self.around.y_m[b];
+        let dz = self.around.z_m[a] - self.around.z_m[b];
+        dx * dx + dy * dy + dz * dz
+    }
+
+    /// Region growing: each point looks at those within its own reach, at most `reach_max_m`, that none looked at before,
+    /// and `joins` says which of them join it.
+    fn over_neighbours(
+        &self,
+        buckets: &mut Buckets,
+        reach_max_m: f32,
+        reach_m: impl Fn(usize) -> f32,
+        joins: impl Fn(usize, usize) -> bool,
         members: &mut Vec<u32>,
-    );
-}
-
-/// Whether a point stands above the ground.
-fn stands(around: &Neighbourhood, height_min_m: f64) -> impl Fn(usize) -> bool + '_ {
-    let height_min = height_min_m as f32;
-    move |i| around.height_m[i] >= height_min
-}
-
-/// Squared distance in space of two points, m^2.
-fn distance_squared(around: &Neighbourhood, a: usize, b: usize) -> f32 {
-    let dx = around.x_m[a] - around.x_m[b];
-    let dy = around.y_m[a] - around.y_m[b];
-    let dz = around.z_m[a] - around.z_m[b];
-    dx * dx + dy * dy + dz * dz
+    ) {
+        buckets.fill(self.around, reach_max_m, |i| {
+            i != self.seed && self.stands(i)
+        });
+        members.clear();
+        members.push(self.seed as u32);
+        let mut next = 0;
+        while let Some(&t) = members.get(next) {
+            next += 1;
+            let t = t as usize;
+            let reach_m = reach_m(t).min(reach_max_m);
+            buckets.take_around(self.place_m(t), |s| {
+                let is_near = self.distance_squared(s as usize, t) <= reach_m * reach_m;
+                if is_near && joins(s as usize, t) {
+                    members.push(s);
+                }
+                is_near
+            });
+        }
+    }
 }

@@ -1,9 +1,62 @@
-//! Following unknown objects from frame to frame, and letting the frames vote.
+//! Temporal voting: unknown objects are followed over frames, and published once enough of the last frames saw them.
+//!
+//! A bush that looks like an object in one frame seldom does so in the next; a golf cart does. Known objects are not
+//! looked at and never delayed.
 
 use mluc_ipc_types::{Disposition, EgoPose, OBJECTS_MAX, Object, ObjectKind};
+use serde::{Deserialize, Serialize};
 
-use super::TrackSettings;
 use crate::{RefinerError, RefinerOutput};
+
+/// Most frames that a track remembers: a bit each.
+const FRAMES_MAX: u32 = 32;
+
+/// Settings of the [`crate::Tracker`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrackSettings {
+    /// Farthest that an object's centre may be, seen from above, from where its track expects it, m. A golf cart at
+    /// 15 km/h, whose speed is not known yet, moves 0.4 m in a frame at 10 Hz; the rest is how a box's centre wanders
+    /// when other faces come into view.
+    pub distance_max_m: f64,
+    /// Frames that must have seen an object, among the last `window`, before it is published.
+    pub confirm_hits: u32,
+    /// Frames that vote, at most 32. Two of three costs one frame of delay (100 ms at 10 Hz) and bridges one miss.
+    pub window: u32,
+}
+
+impl Default for TrackSettings {
+    fn default() -> TrackSettings {
+        TrackSettings {
+            distance_max_m: 1.5,
+            confirm_hits: 2,
+            window: 3,
+        }
+    }
+}
+
+impl TrackSettings {
+    /// Errors: a distance that is not above 0, votes that cannot be reached.
+    pub fn check(&self) -> Result<(), RefinerError> {
+        let (distance_m, window, hits) = (self.distance_max_m, self.window, self.confirm_hits);
+        let is_distance = distance_m > 0.0 && distance_m.is_finite();
+        let (is_window, is_hits) = (
+            (1..=FRAMES_MAX).contains(&window),
+            (1..=window).contains(&hits),
+        );
+        let rules = [
+            ("track.distance_max_m", "above 0 m", distance_m, is_distance),
+            ("track.window", "1 to 32 frames", window.into(), is_window),
+            (
+                "track.confirm_hits",
+                "1 to track.window",
+                hits.into(),
+                is_hits,
+            ),
+        ];
+        RefinerError::unless_all(rules)
+    }
+}
 
 /// Most tracks at once; the oldest unseen one gives way.
 const TRACKS_MAX: usize = 512;
