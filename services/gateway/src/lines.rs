@@ -105,35 +105,32 @@ pub fn latency_us(header: &FrameHeader) -> u64 {
 
 /// The line of a frame. `objects` must have passed [`Object::checked`] with as many `classes`.
 pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [String]) -> Line<'a> {
-    // Where each published object stands in the line.
-    let places: Vec<Option<usize>> = objects
-        .iter()
-        .scan(0, |count, object| {
-            let place = object.is_published().then_some(*count);
-            *count += usize::from(object.is_published());
-            Some(place)
-        })
-        .collect();
-    let (published, suppressed): (Vec<&Object>, Vec<&Object>) =
-        objects.iter().partition(|object| object.is_published());
-    let suppressed = suppressed.into_iter().map(|object| SuppressedLine {
-        object: object_line(object, classes),
-        reason: Disposition::ALL
-            .get(object.disposition as usize)
-            .map_or("?", |disposition| disposition.name()),
-        by: places.get(object.suppressed_by as usize).copied().flatten(),
-        overlap: object.overlap,
+    let (published, suppressed): (Vec<usize>, Vec<usize>) =
+        (0..objects.len()).partition(|index| objects[*index].is_published());
+    let suppressed = suppressed.into_iter().map(|index| {
+        let object = &objects[index];
+        let disposition = Disposition::ALL.get(object.disposition as usize);
+        SuppressedLine {
+            object: object_line(object, classes),
+            reason: disposition.map_or("?", |disposition| disposition.name()),
+            // Where that one stands in the line.
+            by: published
+                .binary_search(&(object.suppressed_by as usize))
+                .ok(),
+            overlap: object.overlap,
+        }
     });
+    let suppressed = suppressed.collect();
+    let objects = published
+        .iter()
+        .map(|index| object_line(&objects[*index], classes));
     Line {
         wire: WIRE_VERSION,
         sequence: header.sequence,
         frame: header.name(),
         stamp_ns: header.sensor_stamp_ns,
-        objects: published
-            .into_iter()
-            .map(|object| object_line(object, classes))
-            .collect(),
-        suppressed: suppressed.collect(),
+        objects: objects.collect(),
+        suppressed,
         stages: Stages {
             ingest: stage_times(header, Stage::Ingest),
             backbone: stage_times(header, Stage::Backbone),
@@ -147,9 +144,8 @@ pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [Strin
 
 fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
     let is_known = object.kind == ObjectKind::Known as u32;
-    let class = classes
-        .get(object.class_id as usize)
-        .map_or("?", String::as_str);
+    let class = classes.get(object.class_id as usize);
+    let class = class.map_or("?", String::as_str);
     let corners = (object.footprint_count as usize).min(object.footprint_m.len());
     ObjectLine {
         kind: if is_known { "known" } else { "unknown" },
@@ -230,50 +226,32 @@ mod tests {
             object(ObjectKind::Known, Disposition::Published, Object::NONE),
             told,
         ]);
-        assert_eq!(line["wire"], WIRE_VERSION);
-        assert_eq!(
-            (&line["sequence"], &line["frame"], &line["stamp_ns"]),
-            (&json!(8), &json!("000008"), &json!(77))
-        );
-        assert_eq!(line["flags"], json!(["resent"]));
-        assert_eq!(line["objects"].as_array().unwrap().len(), 2);
-        assert_eq!(
-            line["objects"][1],
-            json!({"kind": "known", "label": "pedestrian", "score": 0.5, "center_m": [10.0, -2.0, -1.0],
-                   "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5,
-                   "unknown_probability": null, "points": 42, "track": 7, "unrefined": true, "split": false,
-                   "footprint_m": [[0.0, 0.0], [2.0, 0.5]]})
-        );
-        assert_eq!(line["objects"][0]["label"], "unknown");
-        assert_eq!(line["suppressed"][1]["unknown_probability"], 0.75);
-        assert_eq!(
-            (
-                &line["suppressed"][0]["reason"],
-                &line["suppressed"][0]["by"]
-            ),
-            (&json!("overlaps_known"), &json!(1))
-        );
-        assert_eq!(
-            (
-                &line["suppressed"][1]["reason"],
-                &line["suppressed"][1]["by"]
-            ),
-            (&json!("too_few_points"), &Value::Null)
-        );
-    }
-
-    #[test]
-    fn latency_tells_queueing_and_computing_apart() {
-        let line = written(&[]);
-        assert_eq!(
-            line["stages"]["ingest"],
-            json!({"queue_us": 30, "run_us": 850})
-        );
-        assert_eq!(
-            line["stages"]["refiner"],
-            json!({"queue_us": 150, "run_us": 850})
-        );
-        assert_eq!(line["latency_us"], 3880);
+        let known = json!({
+            "kind": "known", "label": "pedestrian", "score": 0.5, "center_m": [10.0, -2.0, -1.0],
+            "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5,
+            "unknown_probability": null, "points": 42, "track": 7, "unrefined": true, "split": false,
+            "footprint_m": [[0.0, 0.0], [2.0, 0.5]],
+        });
+        assert_eq!(line["objects"].as_array().map(Vec::len), Some(2));
+        for (pointer, expected) in [
+            ("/wire", json!(WIRE_VERSION)),
+            ("/sequence", json!(8)),
+            ("/frame", json!("000008")),
+            ("/stamp_ns", json!(77)),
+            ("/flags", json!(["resent"])),
+            ("/objects/0/label", json!("unknown")),
+            ("/objects/1", known),
+            ("/suppressed/0/reason", json!("overlaps_known")),
+            ("/suppressed/0/by", json!(1)),
+            ("/suppressed/1/reason", json!("too_few_points")),
+            ("/suppressed/1/by", Value::Null),
+            ("/suppressed/1/unknown_probability", json!(0.75)),
+            ("/stages/ingest", json!({"queue_us": 30, "run_us": 850})),
+            ("/stages/refiner", json!({"queue_us": 150, "run_us": 850})),
+            ("/latency_us", json!(3880)),
+        ] {
+            assert_eq!(line.pointer(pointer), Some(&expected), "{pointer}");
+        }
     }
 
     #[test]
@@ -281,12 +259,7 @@ mod tests {
         let mut header = FrameHeader::new(0, "a");
         header.stages[1].started_ns = 5;
         header.stages[0].published_ns = 10;
-        assert_eq!(
-            stage_times(&header, Stage::Backbone),
-            StageTimes {
-                queue_us: 0,
-                run_us: 0
-            }
-        );
+        let times = stage_times(&header, Stage::Backbone);
+        assert_eq!((times.queue_us, times.run_us), (0, 0));
     }
 }

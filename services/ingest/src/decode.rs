@@ -28,18 +28,14 @@ impl DecodeReport {
 
     /// The frame's flags.
     pub fn flags(&self) -> Flags {
-        let mut flags = Flags::default();
-        for (is_set, flag) in [
+        let flags = [
             (self.dropped_not_finite > 0, Flags::NOT_FINITE),
             (self.dropped_over_limit > 0, Flags::TRUNCATED),
             (self.trailing_bytes > 0, Flags::DAMAGED_INPUT),
             (self.points_out == 0, Flags::EMPTY),
-        ] {
-            if is_set {
-                flags = flags.with(flag);
-            }
-        }
-        flags
+        ];
+        let set = flags.into_iter().filter(|(is_set, _)| *is_set);
+        set.fold(Flags::default(), |all, (_, flag)| all.with(flag))
     }
 }
 
@@ -89,13 +85,13 @@ fn decode_with(
 }
 
 fn point(bytes: &[u8; POINT_BYTES]) -> Point {
-    let number =
-        |at: usize| f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+    let (numbers, _) = bytes.as_chunks();
+    let [x_m, y_m, z_m, intensity] = std::array::from_fn(|i| f32::from_le_bytes(numbers[i]));
     Point {
-        x_m: number(0),
-        y_m: number(4),
-        z_m: number(8),
-        intensity: number(12),
+        x_m,
+        y_m,
+        z_m,
+        intensity,
     }
 }
 
@@ -104,40 +100,30 @@ mod tests {
     use super::*;
 
     fn bytes(points: &[[f32; 4]]) -> Vec<u8> {
-        points
-            .iter()
-            .flatten()
-            .flat_map(|v| v.to_le_bytes())
-            .collect()
+        let numbers = points.as_flattened().iter();
+        numbers.flat_map(|v| v.to_le_bytes()).collect()
     }
 
     fn decoded(bytes: &[u8]) -> (DecodeReport, Vec<Point>) {
         let report = inspect_bin(bytes);
         let mut out = vec![Point::default(); report.points_out as usize];
-        assert_eq!(
-            decode_bin(bytes, &mut out),
-            report,
-            "counting and reading agree"
-        );
+        // Counting and reading agree.
+        assert_eq!(decode_bin(bytes, &mut out), report);
         (report, out)
     }
 
     #[test]
     fn points_come_out_in_file_order() {
         let (report, points) = decoded(&bytes(&[[1.0, 2.0, 3.0, 0.5], [-4.0, 5.0, -6.0, 0.25]]));
-        assert_eq!(
-            (report.points_in, report.points_out, report.dropped()),
-            (2, 2, 0)
-        );
-        assert_eq!(
-            points[1],
-            Point {
-                x_m: -4.0,
-                y_m: 5.0,
-                z_m: -6.0,
-                intensity: 0.25
-            }
-        );
+        let counts = (report.points_in, report.points_out, report.dropped());
+        assert_eq!(counts, (2, 2, 0));
+        let Point {
+            x_m,
+            y_m,
+            z_m,
+            intensity,
+        } = points[1];
+        assert_eq!([x_m, y_m, z_m, intensity], [-4.0, 5.0, -6.0, 0.25]);
         assert_eq!(report.flags(), Flags::default());
     }
 
@@ -179,10 +165,8 @@ mod tests {
         million[5][2] = f32::NAN;
         let (report, points) = decoded(&bytes(&million));
         assert_eq!(points.len(), POINTS_MAX);
-        assert_eq!(
-            report.dropped_over_limit as usize,
-            1_000_000 - POINTS_MAX - 1
-        );
+        let dropped = report.dropped_over_limit as usize;
+        assert_eq!(dropped, 1_000_000 - POINTS_MAX - 1);
         assert_eq!(report.flags(), Flags::NOT_FINITE.with(Flags::TRUNCATED));
         assert_eq!(report.points_in, report.points_out + report.dropped());
     }

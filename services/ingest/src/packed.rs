@@ -11,26 +11,10 @@ const STEP_M: f32 = 0.005;
 
 /// A packed scan that cannot be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PackedError {
-    /// No packed scan at all.
-    #[error("packed scan: expected it to begin with MLUCSCN1")]
-    Magic,
-    /// The count does not fit the bytes.
-    #[error("packed scan: expected {expected} bytes, found {found}")]
-    Length {
-        /// By the count.
-        expected: usize,
-        /// Given.
-        found: usize,
-    },
-    /// More points than a scan may have.
-    #[error("packed scan: at most {limit} points are allowed, found {found}")]
-    TooLong {
-        /// [`POINTS_MAX`].
-        limit: usize,
-        /// The count.
-        found: usize,
-    },
+#[error("packed scan: expected {expected}, found {found}")]
+pub struct PackedError {
+    expected: &'static str,
+    found: usize,
 }
 
 /// Packs points; coordinates beyond 163 m are cut there, intensities to 0..1.
@@ -50,26 +34,21 @@ pub fn pack(points: &[Point]) -> Vec<u8> {
 
 /// Reads what [`pack`] wrote.
 pub fn unpack(bytes: &[u8]) -> Result<Vec<Point>, PackedError> {
-    let (header, body) = bytes
-        .split_at_checked(HEADER_BYTES)
-        .ok_or(PackedError::Magic)?;
+    let fault = |expected, found| Err(PackedError { expected, found });
+    let Some((header, body)) = bytes.split_at_checked(HEADER_BYTES) else {
+        return fault("12 bytes of header", bytes.len());
+    };
     let (magic, count) = header.split_at(MAGIC.len());
     if magic != MAGIC {
-        return Err(PackedError::Magic);
+        return fault("it to begin with MLUCSCN1", magic[0].into());
     }
-    let found = u32::from_le_bytes([count[0], count[1], count[2], count[3]]) as usize;
-    if found > POINTS_MAX {
-        return Err(PackedError::TooLong {
-            limit: POINTS_MAX,
-            found,
-        });
+    let count = u32::from_le_bytes([count[0], count[1], count[2], count[3]]) as usize;
+    if count > POINTS_MAX {
+        return fault("at most 262144 points", count);
     }
     let (chunks, rest) = body.as_chunks::<POINT_BYTES>();
-    if chunks.len() != found || !rest.is_empty() {
-        return Err(PackedError::Length {
-            expected: HEADER_BYTES + found * POINT_BYTES,
-            found: bytes.len(),
-        });
+    if chunks.len() != count || !rest.is_empty() {
+        return fault("7 bytes for each point that the header counts", body.len());
     }
     let value_m = |low: u8, high: u8| f32::from(i16::from_le_bytes([low, high])) * STEP_M;
     Ok(chunks
@@ -115,6 +94,10 @@ mod tests {
         }
         let mut many = whole.clone();
         many[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
-        assert!(matches!(unpack(&many), Err(PackedError::TooLong { .. })));
+        let error = unpack(&many).unwrap_err().to_string();
+        assert!(
+            error.contains("at most 262144 points, found 4294967295"),
+            "{error}"
+        );
     }
 }

@@ -5,43 +5,27 @@ use mluc_ipc_types::Point;
 use mluc_model::Manifest;
 
 /// Something that does not fit the model.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Finding {
     /// Intensities beyond 1: probably 0 to 255.
+    #[error("intensities up to {max}, the model expects 0 to 1")]
     IntensityScale {
         /// The largest.
         max: f32,
     },
     /// All intensities are 0, and the network reads them.
+    #[error("all intensities are 0, the model reads them")]
     IntensityMissing,
     /// The ground lies elsewhere than the sensor height of the model says.
+    #[error(
+        "ground at z = {found_z_m:.1} m, the model expects {expected_z_m:.1} m: is the sensor mounted at another height?"
+    )]
     GroundHeight {
         /// By the model, m.
         expected_z_m: f32,
         /// In the scan, m.
         found_z_m: f32,
     },
-}
-
-impl std::fmt::Display for Finding {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Finding::IntensityScale { max } => {
-                write!(f, "intensities up to {max}, the model expects 0 to 1")
-            }
-            Finding::IntensityMissing => {
-                write!(f, "all intensities are 0, the model reads them")
-            }
-            Finding::GroundHeight {
-                expected_z_m,
-                found_z_m,
-            } => write!(
-                f,
-                "ground at z = {found_z_m:.1} m, the model expects {expected_z_m:.1} m: is the sensor mounted at another \
-                 height?"
-            ),
-        }
-    }
 }
 
 /// Scans with fewer points are not judged: a guess; a full scan has 60,000 to 130,000.
@@ -85,8 +69,7 @@ impl Sanity {
         if !self.uses_intensity {
             return None;
         }
-        let max = points.iter().map(|p| p.intensity).fold(0.0, f32::max);
-        match max {
+        match points.iter().map(|p| p.intensity).fold(0.0, f32::max) {
             0.0 => Some(Finding::IntensityMissing),
             max if max > INTENSITY_MAX => Some(Finding::IntensityScale { max }),
             _ => None,
@@ -94,9 +77,9 @@ impl Sanity {
     }
 
     fn check_ground(&self, points: &[Point]) -> Option<Finding> {
-        let found_z_m = ground_z_m(points)?;
-        let expected_z_m = self.ground_z_m;
-        ((found_z_m - expected_z_m).abs() > GROUND_TOLERANCE_M).then_some(Finding::GroundHeight {
+        let (found_z_m, expected_z_m) = (ground_z_m(points)?, self.ground_z_m);
+        let is_off = (found_z_m - expected_z_m).abs() > GROUND_TOLERANCE_M;
+        is_off.then_some(Finding::GroundHeight {
             expected_z_m,
             found_z_m,
         })
@@ -156,36 +139,24 @@ mod tests {
     };
 
     #[test]
-    fn a_scan_like_the_training_data_passes() {
-        assert_eq!(KITTI.check(&scan(-1.7, 0.9)), None);
-        assert_eq!(
-            KITTI.check(&scan(-1.7, 0.9)[..100]),
-            None,
-            "too few points to judge"
-        );
-    }
-
-    #[test]
-    fn intensity_is_judged_only_where_it_is_read() {
-        assert_eq!(
-            KITTI.check(&scan(-1.7, 255.0)),
-            Some(Finding::IntensityScale { max: 255.0 })
-        );
-        assert_eq!(
-            KITTI.check(&scan(-1.7, 0.0)),
-            Some(Finding::IntensityMissing)
-        );
+    fn what_is_not_like_the_training_data_is_found() {
+        let scale = Finding::IntensityScale { max: 255.0 };
         let blind = Sanity {
             uses_intensity: false,
             ..KITTI
         };
-        assert_eq!(blind.check(&scan(-1.7, 255.0)), None);
-    }
-
-    #[test]
-    fn another_mounting_height_is_seen() {
+        for (sanity, points, expected) in [
+            (&KITTI, &scan(-1.7, 0.9)[..], None),
+            // Too few to judge.
+            (&KITTI, &scan(-1.7, 255.0)[..100], None),
+            (&KITTI, &scan(-1.7, 255.0), Some(scale)),
+            (&KITTI, &scan(-1.7, 0.0), Some(Finding::IntensityMissing)),
+            (&blind, &scan(-1.7, 255.0), None),
+        ] {
+            assert_eq!(sanity.check(points), expected);
+        }
         let Some(Finding::GroundHeight { found_z_m, .. }) = KITTI.check(&scan(-0.6, 0.9)) else {
-            panic!("not seen");
+            panic!("another mounting height is not seen");
         };
         assert!((found_z_m + 0.6).abs() < 0.15, "{found_z_m}");
     }
