@@ -52,10 +52,22 @@ impl Box3 {
 
     /// Whether a point lies inside or on the surface.
     pub fn contains(&self, point_m: [f64; 3]) -> bool {
-        self.local_m(point_m)
-            .iter()
-            .zip(self.size_m)
-            .all(|(p, s)| p.abs() <= s / 2.0)
+        let mut axes = self.local_m(point_m).into_iter().zip(self.size_m);
+        axes.all(|(p, s)| p.abs() <= s / 2.0)
+    }
+
+    /// [`Box3::contains`] for a scan's point: x, y, z (m), intensity.
+    pub fn has_point(&self, &[x, y, z, _]: &[f32; 4]) -> bool {
+        self.contains([x, y, z].map(f64::from))
+    }
+
+    /// How many of a scan's points lie inside.
+    pub fn count_inside(&self, points: &[[f32; 4]]) -> usize {
+        // The square around the footprint settles most points without the turn.
+        let reach_m = self.size_m[0].hypot(self.size_m[1]) / 2.0;
+        let near = |p: &[f32; 4], i: usize| (f64::from(p[i]) - self.center_m[i]).abs() <= reach_m;
+        let inside = |p: &&[f32; 4]| near(p, 0) && near(p, 1) && self.has_point(p);
+        points.iter().filter(inside).count()
     }
 }
 

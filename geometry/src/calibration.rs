@@ -3,19 +3,16 @@
 //! camera's y axis, which points down: `yaw = -(rotation_y + pi / 2)`.
 
 use crate::boxes::{Box3, limit_period};
-use crate::image::ImageSize;
+use crate::image::{ImageSize, pixel_bounds};
 use crate::linear::{Affine, times_matrix, times_vector};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// What is wrong with a calibration.
+/// The map from sensor to camera cannot be inverted, or holds a value that is not finite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum CalibrationError {
-    /// The map from sensor to camera cannot be inverted, or holds a value that is not finite.
-    #[error(
-        "calibration: R0_rect * Tr_velo_to_cam must be an invertible map of finite numbers, found one that is not"
-    )]
-    Singular,
-}
+#[error(
+    "calibration: R0_rect * Tr_velo_to_cam must be an invertible map of finite numbers, found one that is not"
+)]
+pub struct CalibrationError;
 
 /// A box as KITTI's labels give it, in the camera frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,22 +70,6 @@ pub struct Calibration {
 /// Nearest depth that is projected, m: parts of a box behind it are cut off.
 const DEPTH_MIN_M: f64 = 0.1;
 
-/// Edges of a box between its corners.
-const EDGES: [[usize; 2]; 12] = [
-    [0, 1],
-    [1, 2],
-    [2, 3],
-    [3, 0],
-    [4, 5],
-    [5, 6],
-    [6, 7],
-    [7, 4],
-    [0, 4],
-    [1, 5],
-    [2, 6],
-    [3, 7],
-];
-
 impl Calibration {
     /// From KITTI's matrices, row by row. `p2` may be all 0: there is no camera then.
     pub fn new(
@@ -102,16 +83,10 @@ impl Calibration {
             linear: times_matrix(&r0_rect, &turn),
             offset: times_vector(&r0_rect, shift),
         };
-        let sensor_from_rect = rect_from_sensor
-            .inverse()
-            .ok_or(CalibrationError::Singular)?;
-        let finite = rect_from_sensor
-            .offset
-            .iter()
-            .chain(p2.iter().flatten())
-            .all(|v| v.is_finite());
-        if !finite {
-            return Err(CalibrationError::Singular);
+        let sensor_from_rect = rect_from_sensor.inverse().ok_or(CalibrationError)?;
+        let mut numbers = rect_from_sensor.offset.iter().chain(p2.as_flattened());
+        if !numbers.all(|v| v.is_finite()) {
+            return Err(CalibrationError);
         }
         Ok(Calibration {
             p2,
@@ -126,34 +101,27 @@ impl Calibration {
     pub fn without_camera() -> Calibration {
         let linear = [[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]];
         let inverse = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
+        let [rect_from_sensor, sensor_from_rect] = [linear, inverse].map(|linear| Affine {
+            linear,
+            offset: [0.0; 3],
+        });
         Calibration {
             p2: [[0.0; 4]; 3],
             r0_rect: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
             velo_to_cam: linear.map(|row| [row[0], row[1], row[2], 0.0]),
-            rect_from_sensor: Affine {
-                linear,
-                offset: [0.0; 3],
-            },
-            sensor_from_rect: Affine {
-                linear: inverse,
-                offset: [0.0; 3],
-            },
+            rect_from_sensor,
+            sensor_from_rect,
         }
     }
 
-    /// Left colour camera's projection, px.
-    pub fn p2(&self) -> &[[f64; 4]; 3] {
-        &self.p2
-    }
-
-    /// Rectifying rotation.
-    pub fn r0_rect(&self) -> &[[f64; 3]; 3] {
-        &self.r0_rect
-    }
-
-    /// Camera 0 from sensor: rotation and translation, m.
-    pub fn velo_to_cam(&self) -> &[[f64; 4]; 3] {
-        &self.velo_to_cam
+    /// KITTI's matrices with their names, row by row: the left colour camera's projection, px; the rectifying rotation;
+    /// camera 0 from sensor, m.
+    pub fn matrices(&self) -> [(&'static str, &[f64]); 3] {
+        [
+            ("P2", self.p2.as_flattened()),
+            ("R0_rect", self.r0_rect.as_flattened()),
+            ("Tr_velo_to_cam", self.velo_to_cam.as_flattened()),
+        ]
     }
 
     /// Whether there is an image: false where P2 is all 0.
@@ -166,16 +134,11 @@ impl Calibration {
         self.rect_from_sensor.apply(point_in_sensor_m)
     }
 
-    /// A point from the camera frame to the sensor frame, m.
-    pub fn sensor_from_rect(&self, point_in_rect_m: [f64; 3]) -> [f64; 3] {
-        self.sensor_from_rect.apply(point_in_rect_m)
-    }
-
     /// A label's box in the sensor frame. The box stays upright: the small tilt between the frames moves its centre
     /// and leaves its axes.
     pub fn box_in_sensor_from_label(&self, label: &CameraBox) -> Box3 {
         let [h, w, l] = label.size_hwl_m;
-        let [x, y, z_bottom] = self.sensor_from_rect(label.location_m);
+        let [x, y, z_bottom] = self.sensor_from_rect.apply(label.location_m);
         let yaw_rad = limit_period(-(label.rotation_y_rad + FRAC_PI_2), 0.5, 2.0 * PI);
         Box3 {
             center_m: [x, y, z_bottom + h / 2.0],
@@ -202,45 +165,15 @@ impl Calibration {
         (depth >= DEPTH_MIN_M).then(|| [u / depth, v / depth])
     }
 
-    /// A box of the sensor frame in the image: left, top, right, bottom, px, around its projected corners, clipped to
-    /// the image (0 to width - 1, 0 to height - 1). `None` when nothing of it is seen, or without a camera.
-    pub fn project_box_to_image(&self, box_in_sensor: &Box3, image: ImageSize) -> Option<[f64; 4]> {
-        self.project_label_to_image(&self.label_from_box_in_sensor(box_in_sensor), image)
-    }
-
-    /// [`Self::project_box_to_image`] for a box of the camera frame.
+    /// A label's box in the image: left, top, right, bottom, px, around its projected corners, clipped to the image
+    /// (0 to width - 1, 0 to height - 1). `None` when nothing of it is seen, or without a camera.
     pub fn project_label_to_image(&self, label: &CameraBox, image: ImageSize) -> Option<[f64; 4]> {
         let corners = label.corners_m().map(|corner| self.homogeneous(corner));
-        let mut bounds = [
-            f64::INFINITY,
-            f64::INFINITY,
-            f64::NEG_INFINITY,
-            f64::NEG_INFINITY,
-        ];
-        for [from, to] in EDGES {
-            // Both ends of the edge's part in front of the camera; a corner behind it would project mirrored.
-            for (a, b) in [(corners[from], corners[to]), (corners[to], corners[from])] {
-                if let Some([u, v]) = visible_end_px(a, b) {
-                    bounds = [
-                        bounds[0].min(u),
-                        bounds[1].min(v),
-                        bounds[2].max(u),
-                        bounds[3].max(v),
-                    ];
-                }
-            }
-        }
-        let (right, bottom) = (
-            f64::from(image.width_px) - 1.0,
-            f64::from(image.height_px) - 1.0,
-        );
-        let clipped = [
-            bounds[0].max(0.0),
-            bounds[1].max(0.0),
-            bounds[2].min(right),
-            bounds[3].min(bottom),
-        ];
-        (clipped[2] > clipped[0] && clipped[3] > clipped[1]).then_some(clipped)
+        let around = (0..4).map(|i| (i, (i + 1) % 4));
+        let edges = around.flat_map(|(i, next)| [(i, next), (i + 4, next + 4), (i, i + 4)]);
+        // Both ends of the edge's part in front of the camera; a corner behind it would project mirrored.
+        let ends = edges.flat_map(|(a, b)| [(corners[a], corners[b]), (corners[b], corners[a])]);
+        image.clip(pixel_bounds(ends.filter_map(|(a, b)| visible_end_px(a, b))))
     }
 
     fn homogeneous(&self, p: [f64; 3]) -> [f64; 3] {
@@ -311,36 +244,29 @@ mod tests {
         };
         let b = calibration.box_in_sensor_from_label(&label);
         assert_eq!(b.size_m, [4.0, 1.6, 1.5]);
-        assert!(
-            close(b.center_m[0], 20.0) && close(b.center_m[1], 0.0) && close(b.center_m[2], -0.95)
-        );
-        assert!(close(b.yaw_rad, 0.0));
-        assert!(
-            !calibration.has_camera()
-                && calibration
-                    .project_box_to_image(&b, ImageSize::KITTI)
-                    .is_none()
-        );
+        let [x, y, z] = b.center_m;
+        assert!(close(x, 20.0) && close(y, 0.0) && close(z, -0.95) && close(b.yaw_rad, 0.0));
+        let seen = calibration.project_label_to_image(&label, ImageSize::KITTI);
+        assert!(!calibration.has_camera() && seen.is_none());
         assert_eq!(label.upright().center_m, b.center_m);
     }
 
     #[test]
     fn projection_is_clipped_to_the_image() {
         let calibration = kitti_like();
-        let project = |v| calibration.project_box_to_image(&Box3::new(v), ImageSize::KITTI);
+        let project = |v| {
+            let label = calibration.label_from_box_in_sensor(&Box3::new(v));
+            calibration.project_label_to_image(&label, ImageSize::KITTI)
+        };
         let ahead = project([20.0, 0.0, -0.9, 4.0, 1.6, 1.5, 0.0]).expect("seen");
-        assert!(
-            ahead[0] > 500.0 && ahead[2] < 720.0 && ahead[1] > 150.0 && ahead[3] < 260.0,
-            "{ahead:?}"
-        );
+        assert!(ahead[0] > 500.0 && ahead[2] < 720.0, "{ahead:?}");
+        assert!(ahead[1] > 150.0 && ahead[3] < 260.0, "{ahead:?}");
         assert!(project([-20.0, 0.0, -0.9, 4.0, 1.6, 1.5, 0.0]).is_none());
         assert!(project([5.0, 40.0, -0.9, 4.0, 1.6, 1.5, 0.0]).is_none());
         // Half behind the camera: the box reaches the image's lower edge and is not mirrored.
         let beside = project([1.0, 2.5, -0.9, 6.0, 1.6, 1.5, 0.0]).expect("seen");
-        assert!(
-            beside[0] == 0.0 && beside[2] < 620.0 && beside[3] == 374.0,
-            "{beside:?}"
-        );
+        assert_eq!((beside[0], beside[3]), (0.0, 374.0));
+        assert!(beside[2] < 620.0, "{beside:?}");
     }
 
     #[test]
@@ -363,6 +289,6 @@ mod tests {
     fn a_singular_map_is_refused() {
         let zero = [[0.0; 4]; 3];
         let result = Calibration::new(zero, [[0.0; 3]; 3], zero);
-        assert_eq!(result, Err(CalibrationError::Singular));
+        assert_eq!(result, Err(CalibrationError));
     }
 }

@@ -15,6 +15,22 @@ impl ImageSize {
         width_px: 1242,
         height_px: 375,
     };
+
+    /// The part of a box inside the image (0 to width - 1, 0 to height - 1); `None` when there is none.
+    pub fn clip(self, b: [f64; 4]) -> Option<[f64; 4]> {
+        let [right, bottom] = [self.width_px, self.height_px].map(|px| f64::from(px) - 1.0);
+        let [left, top] = [b[0].max(0.0), b[1].max(0.0)];
+        let [right, bottom] = [b[2].min(right), b[3].min(bottom)];
+        (right > left && bottom > top).then_some([left, top, right, bottom])
+    }
+}
+
+/// The box around points; without points its sides are infinite and the wrong way around.
+pub fn pixel_bounds(points_px: impl Iterator<Item = [f64; 2]>) -> [f64; 4] {
+    let (most, least) = (f64::INFINITY, f64::NEG_INFINITY);
+    points_px.fold([most, most, least, least], |b, [u, v]| {
+        [b[0].min(u), b[1].min(v), b[2].max(u), b[3].max(v)]
+    })
 }
 
 fn area(b: &[f64; 4]) -> f64 {
@@ -24,11 +40,7 @@ fn area(b: &[f64; 4]) -> f64 {
 fn intersection(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let width = a[2].min(b[2]) - a[0].max(b[0]);
     let height = a[3].min(b[3]) - a[1].max(b[1]);
-    if width > 0.0 && height > 0.0 {
-        width * height
-    } else {
-        0.0
-    }
+    width.max(0.0) * height.max(0.0)
 }
 
 /// Intersection over union of two image boxes.

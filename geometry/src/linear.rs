@@ -48,29 +48,3 @@ fn inverse_3x3(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     ];
     Some(adjugate.map(|row| row.map(|v| v / determinant)))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn inverse_undoes_the_map() {
-        let map = Affine {
-            linear: [[0.1, -0.9, 0.2], [0.3, 0.2, -1.1], [0.8, 0.1, 0.4]],
-            offset: [0.3, -2.0, 7.0],
-        };
-        let back = map.inverse().expect("invertible");
-        let point = [12.0, -3.5, 0.7];
-        for (a, b) in back.apply(map.apply(point)).iter().zip(point) {
-            assert!((a - b).abs() < 1e-12);
-        }
-        assert!(
-            Affine {
-                linear: [[0.0; 3]; 3],
-                offset: [0.0; 3]
-            }
-            .inverse()
-            .is_none()
-        );
-    }
-}

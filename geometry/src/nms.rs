@@ -5,15 +5,8 @@ use crate::overlap::iou_bev;
 
 /// Keeps a box when its rotated BEV IoU with every box kept before is at most `iou_max`.
 ///
-/// `order` holds indices into `boxes`, best first; indices beyond the boxes are passed over. At most `kept_max` boxes
-/// are kept. Returns indices into `boxes`, best first.
-pub fn nms(boxes: &[Box3], order: &[usize], iou_max: f64, kept_max: usize) -> Vec<usize> {
-    let mut kept = Vec::with_capacity(kept_max.min(order.len()));
-    nms_into(boxes, order, iou_max, kept_max, &mut kept);
-    kept
-}
-
-/// [`nms`] into a buffer of the caller, which is emptied first: no allocation when its capacity is `kept_max`.
+/// `order` holds indices into `boxes`, best first; indices beyond the boxes are passed over. `kept` is emptied, then takes
+/// at most `kept_max` indices, best first: no allocation when that is its capacity.
 pub fn nms_into(
     boxes: &[Box3],
     order: &[usize],
@@ -30,10 +23,8 @@ pub fn nms_into(
             continue;
         };
         // `iou_bev` rejects by circles around the boxes first, which settles nearly every pair of a scene.
-        if kept
-            .iter()
-            .all(|&other| iou_bev(&boxes[other], candidate) <= iou_max)
-        {
+        let is_free = |&other: &usize| iou_bev(&boxes[other], candidate) <= iou_max;
+        if kept.iter().all(is_free) {
             kept.push(index);
         }
     }
@@ -49,23 +40,21 @@ mod tests {
 
     #[test]
     fn the_best_of_an_overlapping_pair_stays() {
-        let boxes = [at(0.0, 0.0), at(0.5, 0.1), at(10.0, 0.0)];
-        assert_eq!(nms(&boxes, &[1, 0, 2], 0.1, 10), vec![1, 2]);
-        assert_eq!(nms(&boxes, &[0, 1, 2], 0.1, 10), vec![0, 2]);
-        assert_eq!(nms(&boxes, &[0, 1, 2], 0.1, 1), vec![0]);
-        assert_eq!(nms(&boxes, &[0, 1, 2], 0.99, 10), vec![0, 1, 2]);
-    }
-
-    #[test]
-    fn a_suppressed_box_does_not_suppress() {
-        // 0 and 1 overlap, 1 and 2 overlap, 0 and 2 do not.
-        let boxes = [at(0.0, 0.0), at(3.0, 0.0), at(6.0, 0.0)];
-        assert_eq!(nms(&boxes, &[0, 1, 2], 0.0, 10), vec![0, 2]);
-    }
-
-    #[test]
-    fn nothing_and_indices_out_of_range() {
-        assert!(nms(&[], &[], 0.5, 10).is_empty());
-        assert_eq!(nms(&[at(0.0, 0.0)], &[7, 0], 0.5, 10), vec![0]);
+        let pair = [at(0.0, 0.0), at(0.5, 0.1), at(10.0, 0.0)];
+        // 0 and 1 overlap, 1 and 2 overlap, 0 and 2 do not: a suppressed box does not suppress.
+        let chain = [at(0.0, 0.0), at(3.0, 0.0), at(6.0, 0.0)];
+        let kept = |boxes: &[Box3], order: &[usize], iou_max: f64, kept_max: usize| {
+            let mut kept = vec![9];
+            nms_into(boxes, order, iou_max, kept_max, &mut kept);
+            kept
+        };
+        assert_eq!(kept(&pair, &[1, 0, 2], 0.1, 10), [1, 2]);
+        assert_eq!(kept(&pair, &[0, 1, 2], 0.1, 10), [0, 2]);
+        assert_eq!(kept(&pair, &[0, 1, 2], 0.1, 1), [0]);
+        assert_eq!(kept(&pair, &[0, 1, 2], 0.99, 10), [0, 1, 2]);
+        assert_eq!(kept(&chain, &[0, 1, 2], 0.0, 10), [0, 2]);
+        assert!(kept(&[], &[], 0.5, 10).is_empty());
+        // An index beyond the boxes.
+        assert_eq!(kept(&pair[..1], &[7, 0], 0.5, 10), [0]);
     }
 }

@@ -1,20 +1,14 @@
-//! How much two upright boxes overlap: rotated in bird's-eye view (BEV), in 3D, and of the nearest axis-parallel boxes.
+//! How much two upright boxes overlap: rotated in bird's-eye view (BEV), and in 3D.
 //!
 //! Everything in f64. A box with a size that is not positive, or with a coordinate that is not finite, overlaps nothing.
 
-use crate::boxes::{Box3, limit_period};
+use crate::boxes::Box3;
 use crate::polygon::Polygon;
-use std::f64::consts::{FRAC_PI_4, PI};
 
 /// Whether the footprint has an area and a place.
 fn has_footprint(b: &Box3) -> bool {
-    b.size_m[0] > 0.0
-        && b.size_m[1] > 0.0
-        && b.size_m[0].is_finite()
-        && b.size_m[1].is_finite()
-        && b.center_m[0].is_finite()
-        && b.center_m[1].is_finite()
-        && b.yaw_rad.is_finite()
+    let ([l, w, _], [x, y, _]) = (b.size_m, b.center_m);
+    l > 0.0 && w > 0.0 && [l, w, x, y, b.yaw_rad].iter().all(|v| v.is_finite())
 }
 
 /// Area of the footprint, m^2; 0 when it is degenerate.
@@ -95,60 +89,26 @@ pub fn iou_3d(a: &Box3, b: &Box3) -> f64 {
 
 /// Area common to the footprints over the smaller footprint's area, 0..1: 1 when one contains the other.
 pub fn intersection_over_min_area(a: &Box3, b: &Box3) -> f64 {
-    ratio(
-        intersection_bev_m2(a, b),
-        footprint_m2(a).min(footprint_m2(b)),
-    )
-}
-
-/// Half the extent of the footprint along x and y, of the axis-parallel box that is nearest in heading.
-fn nearest_half_m(b: &Box3) -> [f64; 2] {
-    let [l, w, _] = b.size_m;
-    if limit_period(b.yaw_rad, 0.5, PI).abs() < FRAC_PI_4 {
-        [l / 2.0, w / 2.0]
-    } else {
-        [w / 2.0, l / 2.0]
-    }
-}
-
-/// IoU of the nearest axis-parallel footprints, 0..1, heights ignored: what anchors are assigned by.
-///
-/// Headings within 45 degrees of +-x keep (l, w), the others turn it to (w, l) (SECOND's target assignment).
-pub fn iou_nearest_bev(a: &Box3, b: &Box3) -> f64 {
-    if !has_footprint(a) || !has_footprint(b) {
-        return 0.0;
-    }
-    let (half_a, half_b) = (nearest_half_m(a), nearest_half_m(b));
-    let mut common = 1.0;
-    for axis in 0..2 {
-        let offset = b.center_m[axis] - a.center_m[axis];
-        let high = half_a[axis].min(offset + half_b[axis]);
-        let low = (-half_a[axis]).max(offset - half_b[axis]);
-        common *= (high - low).max(0.0);
-    }
-    ratio(common, footprint_m2(a) + footprint_m2(b) - common)
+    let smaller_m2 = footprint_m2(a).min(footprint_m2(b));
+    ratio(intersection_bev_m2(a, b), smaller_m2)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn upright(v: [f64; 7]) -> Box3 {
-        Box3::new(v)
-    }
-
     #[test]
     fn identical_boxes_overlap_fully_at_any_place() {
-        let b = upright([61.3, -38.7, -0.9, 4.2, 1.8, 1.5, 2.3]);
+        let b = Box3::new([61.3, -38.7, -0.9, 4.2, 1.8, 1.5, 2.3]);
         assert_eq!(iou_bev(&b, &b), 1.0);
         assert_eq!(iou_3d(&b, &b), 1.0);
     }
 
     #[test]
     fn unit_squares_at_45_degrees() {
-        let a = upright([10.0, 5.0, 0.0, 1.0, 1.0, 1.0, 0.0]);
+        let a = Box3::new([10.0, 5.0, 0.0, 1.0, 1.0, 1.0, 0.0]);
         let b = Box3 {
-            yaw_rad: FRAC_PI_4,
+            yaw_rad: std::f64::consts::FRAC_PI_4,
             ..a
         };
         // The common octagon: 2 (sqrt 2 - 1) = 0.8284 of 1.1716.
@@ -160,21 +120,16 @@ mod tests {
 
     #[test]
     fn touching_boxes_do_not_overlap() {
-        let a = upright([0.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0]);
-        assert_eq!(
-            iou_bev(&a, &upright([4.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0])),
-            0.0
-        );
-        assert_eq!(
-            iou_3d(&a, &upright([0.0, 0.0, 1.0, 4.0, 2.0, 1.0, 0.0])),
-            0.0
-        );
+        let a = Box3::new([0.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0]);
+        let moved = |center_m: [f64; 3]| Box3 { center_m, ..a };
+        assert_eq!(iou_bev(&a, &moved([4.0, 0.0, 0.0])), 0.0);
+        assert_eq!(iou_3d(&a, &moved([0.0, 0.0, 1.0])), 0.0);
     }
 
     #[test]
     fn containment_gives_the_ratio_of_areas_and_volumes() {
-        let a = upright([3.0, 1.0, 0.5, 8.0, 8.0, 4.0, 0.3]);
-        let b = upright([3.2, 0.9, 0.5, 2.0, 1.0, 2.0, 1.1]);
+        let a = Box3::new([3.0, 1.0, 0.5, 8.0, 8.0, 4.0, 0.3]);
+        let b = Box3::new([3.2, 0.9, 0.5, 2.0, 1.0, 2.0, 1.1]);
         assert!((iou_bev(&a, &b) - 2.0 / 64.0).abs() < 1e-12);
         assert!((iou_3d(&a, &b) - 4.0 / 256.0).abs() < 1e-12);
         assert!((intersection_over_min_area(&a, &b) - 1.0).abs() < 1e-12);
@@ -182,7 +137,7 @@ mod tests {
 
     #[test]
     fn degenerate_boxes_overlap_nothing() {
-        let a = upright([0.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0]);
+        let a = Box3::new([0.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0]);
         for bad in [0.0, -1.0, -1000.0, f64::NAN, f64::INFINITY] {
             for axis in 0..3 {
                 let mut b = a;
@@ -199,19 +154,5 @@ mod tests {
             ..a
         };
         assert_eq!(iou_bev(&a, &lost), 0.0);
-    }
-
-    #[test]
-    fn nearest_boxes_ignore_small_turns_and_swap_large_ones() {
-        let a = upright([0.0, 0.0, 0.0, 4.0, 2.0, 1.0, 0.0]);
-        let b = Box3 { yaw_rad: 0.7, ..a };
-        assert_eq!(iou_nearest_bev(&a, &b), 1.0);
-        let turned = Box3 { yaw_rad: 0.9, ..a };
-        assert!((iou_nearest_bev(&a, &turned) - 4.0 / 12.0).abs() < 1e-12);
-        let reversed = Box3 {
-            yaw_rad: PI - 0.1,
-            ..a
-        };
-        assert_eq!(iou_nearest_bev(&a, &reversed), 1.0);
     }
 }

@@ -67,17 +67,3 @@ impl Polygon {
         twice.abs() / 2.0
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cutting_a_square_in_half_leaves_half() {
-        let square = Polygon::from_corners([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]);
-        assert_eq!(square.area(), 4.0);
-        assert_eq!(square.clip(0, 1.0, 1.0).area(), 2.0);
-        assert_eq!(square.clip(1, -1.0, -1.5).area(), 1.0);
-        assert_eq!(square.clip(0, 1.0, -0.1).area(), 0.0);
-    }
-}

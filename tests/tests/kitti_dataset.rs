@@ -21,7 +21,8 @@ fn real_labels_fall_on_their_image_boxes_and_points() {
             let scan = dataset.scan(name).expect("a scan");
             let calibration = dataset.calibration(name).expect("a calibration");
             for (label, box_in_sensor) in dataset.boxes_in_sensor(name).expect("labels") {
-                let seen = calibration.project_box_to_image(&box_in_sensor, ImageSize::KITTI);
+                let label_again = calibration.label_from_box_in_sensor(&box_in_sensor);
+                let seen = calibration.project_label_to_image(&label_again, ImageSize::KITTI);
                 if let Some(seen) = seen.filter(|_| label.truncated == 0.0) {
                     overlap_sum += iou_2d(&seen, &label.image_box_px);
                     objects += 1;
@@ -29,10 +30,7 @@ fn real_labels_fall_on_their_image_boxes_and_points() {
                 let is_near = box_in_sensor.center_m[0] < 30.0 && label.occluded == 0;
                 if is_near && (label.is("Car") || label.is("Van")) {
                     near_cars += 1;
-                    let is_inside =
-                        |&[x, y, z, _]: &[f32; 4]| box_in_sensor.contains([x, y, z].map(f64::from));
-                    let count = scan.iter().copied().filter(is_inside).count();
-                    hit_cars += usize::from(count >= 50);
+                    hit_cars += usize::from(box_in_sensor.count_inside(&scan) >= 50);
                 }
             }
         }

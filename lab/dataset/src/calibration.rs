@@ -1,5 +1,6 @@
 //! Calibration files: named matrices, one a line, row by row.
 
+use super::error::Line;
 use super::{DatasetError, read_text};
 use mluc_geometry::Calibration;
 use std::path::Path;
@@ -15,53 +16,36 @@ fn parse(path: &Path, text: &str) -> Result<Calibration, DatasetError> {
     let p2 = matrix::<4>(path, text, "P2")?;
     let r0_rect = matrix::<3>(path, text, "R0_rect")?;
     let velo_to_cam = matrix::<4>(path, text, "Tr_velo_to_cam")?;
-    Calibration::new(p2, r0_rect, velo_to_cam).map_err(|cause| DatasetError::Calibration {
-        path: path.to_owned(),
-        cause,
-    })
+    Calibration::new(p2, r0_rect, velo_to_cam)
+        .map_err(|cause| DatasetError::Calibration(path.to_owned(), cause))
 }
 
 /// The matrix of three rows and `COLUMNS` columns on the line `name: ...`.
 fn matrix<const COLUMNS: usize>(
     path: &Path,
     text: &str,
-    name: &'static str,
+    name: &str,
 ) -> Result<[[f64; COLUMNS]; 3], DatasetError> {
-    let (line, values) = text
-        .lines()
-        .enumerate()
-        .find_map(|(i, line)| {
-            let (key, values) = line.split_once(':')?;
-            (key.trim() == name).then_some((i + 1, values))
-        })
-        .ok_or_else(|| DatasetError::MissingMatrix {
-            path: path.to_owned(),
-            name,
-        })?;
+    let mut lines = text.lines().enumerate();
+    let found = lines.find_map(|(index, line)| {
+        let (key, values) = line.split_once(':')?;
+        (key.trim() == name).then_some((Line { path, index }, values))
+    });
+    let Some((line, values)) = found else {
+        return Err(DatasetError::at(
+            path,
+            format!("a line '{name}: ...'"),
+            "none",
+        ));
+    };
     let columns: Vec<&str> = values.split_whitespace().collect();
     if columns.len() != 3 * COLUMNS {
-        let expected = if COLUMNS == 3 { "9" } else { "12" };
-        return Err(DatasetError::Columns {
-            path: path.to_owned(),
-            line,
-            expected,
-            found: columns.len(),
-            missing: "",
-        });
+        return Err(line.fault(format!("{} columns", 3 * COLUMNS), columns.len()));
     }
     let mut matrix = [[0.0; COLUMNS]; 3];
-    for (value, text) in matrix.iter_mut().flatten().zip(&columns) {
-        *value = text
-            .parse()
-            .ok()
-            .filter(|v: &f64| v.is_finite())
-            .ok_or_else(|| DatasetError::Field {
-                path: path.to_owned(),
-                line,
-                field: name,
-                expected: "finite numbers",
-                found: text.chars().take(40).collect(),
-            })?;
+    for (value, text) in matrix.as_flattened_mut().iter_mut().zip(&columns) {
+        let number = text.parse().ok().filter(|v: &f64| v.is_finite());
+        *value = number.ok_or_else(|| line.field_fault(name, "finite numbers", text))?;
     }
     Ok(matrix)
 }
@@ -73,12 +57,6 @@ mod tests {
     const SIMULATED: &str = "P0: 0 0 0 0 0 0 0 0 0 0 0 0\nP2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
         Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
 
-    fn fault(text: &str) -> String {
-        parse(Path::new("c.txt"), text)
-            .expect_err("a fault")
-            .to_string()
-    }
-
     #[test]
     fn reads_a_frame_without_a_camera() {
         let calibration = parse(Path::new("c.txt"), SIMULATED).expect("valid");
@@ -87,22 +65,24 @@ mod tests {
 
     #[test]
     fn faults_are_named() {
-        assert_eq!(
-            fault("P2: 0"),
-            "c.txt, line 1: expected 12 columns, found 1"
-        );
-        assert_eq!(
-            fault(&SIMULATED.replace("R0_rect", "R1")),
-            "c.txt: expected a line 'R0_rect: ...', found none"
-        );
-        let word = fault(&SIMULATED.replace("1 0 0 0\n", "1 0 0 x\n"));
-        assert_eq!(
-            word,
-            "c.txt, line 4, field Tr_velo_to_cam: expected finite numbers, found 'x'"
-        );
-        assert!(
-            fault(&SIMULATED.replace("0 -1 0 0 0 0 -1 0 1 0 0 0", "0 0 0 0 0 0 0 0 0 0 0 0"))
-                .contains("invertible")
-        );
+        let singular = SIMULATED.replace("0 -1 0 0 0 0 -1 0 1 0 0 0", "0 0 0 0 0 0 0 0 0 0 0 0");
+        for (text, expected) in [
+            ("P2: 0", "c.txt, line 1: expected 12 columns, found 1"),
+            (
+                &SIMULATED.replace("R0_rect", "R1"),
+                "c.txt: expected a line 'R0_rect: ...', found none",
+            ),
+            (
+                &SIMULATED.replace("1 0 0 0\n", "1 0 0 x\n"),
+                "c.txt, line 4, field Tr_velo_to_cam: expected finite numbers, found 'x'",
+            ),
+            (
+                &singular,
+                "c.txt: calibration: R0_rect * Tr_velo_to_cam must be an invertible map of finite numbers, found one that is not",
+            ),
+        ] {
+            let fault = parse(Path::new("c.txt"), text).expect_err("a fault");
+            assert_eq!(fault.to_string(), expected);
+        }
     }
 }

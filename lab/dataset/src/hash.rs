@@ -15,21 +15,15 @@ pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String, DatasetErro
     let one = |(index, name): (usize, &&String)| -> Result<u64, DatasetError> {
         let labels = read(&dataset.label_path(name))?;
         let scan = dataset.scan_path(name);
-        let size = std::fs::metadata(&scan).map_err(|source| DatasetError::Read {
-            path: scan.clone(),
-            source,
-        })?;
+        let size = std::fs::metadata(&scan).map_err(DatasetError::read(&scan))?;
         let mut hash = fnv(fnv(OFFSET, &labels), &size.len().to_le_bytes());
         if index.is_multiple_of(SCAN_STEP) {
             hash = fnv(hash, &read(&scan)?);
         }
         Ok(hash)
     };
-    let hashes: Vec<u64> = names
-        .par_iter()
-        .enumerate()
-        .map(one)
-        .collect::<Result<_, _>>()?;
+    let hashes = names.par_iter().enumerate().map(one);
+    let hashes: Vec<u64> = hashes.collect::<Result<_, _>>()?;
     let whole = hashes
         .iter()
         .fold(OFFSET, |hash, frame| fnv(hash, &frame.to_le_bytes()));
@@ -46,33 +40,28 @@ pub fn calibration_hash(dataset: &Dataset) -> Result<String, DatasetError> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, DatasetError> {
-    std::fs::read(path).map_err(|source| DatasetError::Read {
-        path: path.to_owned(),
-        source,
-    })
+    std::fs::read(path).map_err(DatasetError::read(path))
 }
 
 fn fnv(hash: u64, bytes: &[u8]) -> u64 {
-    bytes.iter().fold(hash, |hash, byte| {
-        (hash ^ u64::from(*byte)).wrapping_mul(PRIME)
-    })
+    let add = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(PRIME);
+    bytes.iter().fold(hash, add)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::folder::tests::folder_of;
     use super::*;
 
     #[test]
     fn the_hash_is_fnv_1a_and_sees_labels() {
         // Published test vector of FNV-1a.
         assert_eq!(fnv(OFFSET, b"foobar"), 0x8594_4171_f739_67e8);
-        let folder = tempfile::tempdir().expect("a folder");
-        for name in ["velodyne", "label_2"] {
-            std::fs::create_dir(folder.path().join(name)).expect("a folder");
-        }
-        std::fs::write(folder.path().join("velodyne/0.bin"), [0u8; 16]).expect("written");
         let hash_with = |label: &str| {
-            std::fs::write(folder.path().join("label_2/0.txt"), label).expect("written");
+            let folder = folder_of(&[
+                ("velodyne/0.bin", "0123456789abcdef"),
+                ("label_2/0.txt", label),
+            ]);
             data_hash(&Dataset::open(folder.path()).expect("a scan"), 10).expect("a hash")
         };
         assert_ne!(hash_with("a"), hash_with("b"));

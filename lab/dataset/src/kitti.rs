@@ -1,5 +1,6 @@
 //! What is special about KITTI's object benchmark: its folders, its splits, its classes.
 
+use super::error::Line;
 use super::scan::check_scan_size;
 use super::{Dataset, DatasetError, read_text};
 use std::path::{Path, PathBuf};
@@ -42,41 +43,36 @@ impl Splits {
     /// The folder that holds `velodyne`, `label_2` and `calib`.
     pub fn frames_root(&self) -> PathBuf {
         let inner = self.root.join("training");
-        if inner.is_dir() {
-            inner
-        } else {
-            self.root.clone()
-        }
+        if inner.is_dir() { &inner } else { &self.root }.clone()
     }
 
     /// Frames of a split, in the order of its list.
     pub fn open(&self, split: &str) -> Result<Dataset, DatasetError> {
         let root = self.frames_root();
-        let places: Vec<PathBuf> = match &self.folder {
-            Some(folder) => vec![folder.clone()],
-            None => {
-                let mut places = vec![self.root.join("ImageSets"), root.join("ImageSets")];
-                places.extend(self.root.parent().map(|parent| parent.join("ImageSets")));
-                places.dedup();
-                places
-            }
-        };
-        let list = places
-            .iter()
-            .map(|place| place.join(format!("{split}.txt")))
-            .find(|list| list.is_file());
-        match list {
-            Some(list) => Dataset::open_listed(&root, &list),
-            None => {
-                // The scans come first: a folder that is none at all is told as such.
-                Dataset::open(&root)?;
-                let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
-                Err(DatasetError::NoSplit {
-                    split: split.to_owned(),
-                    looked: looked.join(", "),
-                })
-            }
+        let mut places: Vec<PathBuf> = self.folder.clone().into_iter().collect();
+        if places.is_empty() {
+            let roots = [Some(&*self.root), Some(&root), self.root.parent()];
+            places = roots
+                .iter()
+                .flatten()
+                .map(|root| root.join("ImageSets"))
+                .collect();
+            places.dedup();
         }
+        let mut lists = places
+            .iter()
+            .map(|place| place.join(format!("{split}.txt")));
+        if let Some(list) = lists.find(|list| list.is_file()) {
+            return Dataset::open_listed(&root, &list);
+        }
+        // The scans come first: a folder that is none at all is told as such.
+        Dataset::open(&root)?;
+        let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
+        let looked = looked.join(", ");
+        let place = format!("split {split}");
+        let expected = format!("the list of its frames, {split}.txt, in {looked}");
+        let found = "none; give the folder that holds it";
+        Err(DatasetError::in_place(place, expected, found))
     }
 }
 
@@ -89,8 +85,9 @@ pub fn check_files(dataset: &Dataset) -> Result<(), DatasetError> {
         ];
         for (what, path) in files {
             if !path.is_file() {
-                let frame = name.clone();
-                return Err(DatasetError::MissingFile { frame, what, path });
+                let (place, found) = (format!("frame {name}"), "no such file");
+                let expected = format!("its {what} in {}", path.display());
+                return Err(DatasetError::in_place(place, expected, found));
             }
         }
         check_scan_size(&dataset.scan_path(name))?;
@@ -107,12 +104,8 @@ pub fn check_classes<C: AsRef<str>>(path: &Path, heard: &[C]) -> Result<(), Data
         let is_class = |known: &C| known.as_ref().eq_ignore_ascii_case(class);
         if !heard.iter().any(is_class) {
             let names: Vec<&str> = heard.iter().map(C::as_ref).collect();
-            return Err(DatasetError::Class {
-                path: path.to_owned(),
-                line: index + 1,
-                expected: format!("one of {}", names.join(", ")),
-                found: class.chars().take(40).collect(),
-            });
+            let expected = format!("one of {}", names.join(", "));
+            return Err(Line { path, index }.field_fault("type", expected, class));
         }
     }
     Ok(())
@@ -120,68 +113,50 @@ pub fn check_classes<C: AsRef<str>>(path: &Path, heard: &[C]) -> Result<(), Data
 
 #[cfg(test)]
 mod tests {
+    use super::super::folder::tests::folder_of;
     use super::*;
 
-    fn folder() -> tempfile::TempDir {
-        let folder = tempfile::tempdir().expect("a folder");
-        for name in ["velodyne", "label_2", "calib"] {
-            std::fs::create_dir_all(folder.path().join("training").join(name)).expect("a folder");
-        }
-        for name in ["1", "2"] {
-            let scan = folder.path().join(format!("training/velodyne/{name}.bin"));
-            std::fs::write(scan, []).expect("written");
-        }
-        folder
+    /// A folder with two scans and these files.
+    fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let scans = ["training/velodyne/1.bin", "training/velodyne/2.bin"];
+        folder_of(&[&scans.map(|name| (name, "")), files].concat())
     }
 
     #[test]
     fn lists_are_found_in_the_usual_places_or_where_they_are_said_to_be() {
-        let folder = folder();
-        let splits = Splits {
-            root: folder.path().to_owned(),
-            folder: None,
+        let folder = folder(&[("lists/train.txt", "2\n")]);
+        let open = |root: &str, lists: Option<&str>| {
+            let splits = Splits {
+                root: folder.path().join(root),
+                folder: lists.map(|lists| folder.path().join(lists)),
+            };
+            splits.open("train")
         };
-        let fault = splits.open("train").expect_err("no list").to_string();
-        assert!(
-            fault.starts_with("split train: expected the list of its frames, train.txt, in "),
-            "{fault}"
-        );
+        let fault = open("", None).expect_err("no list").to_string();
+        let expected = "split train: expected the list of its frames, train.txt, in ";
+        assert!(fault.starts_with(expected), "{fault}");
         assert!(fault.contains("ImageSets"), "{fault}");
-        let elsewhere = folder.path().join("lists");
-        std::fs::create_dir(&elsewhere).expect("a folder");
-        std::fs::write(elsewhere.join("train.txt"), "2\n").expect("written");
-        let told = Splits {
-            folder: Some(elsewhere),
-            ..splits.clone()
-        };
-        assert_eq!(told.open("train").expect("a split").names(), ["2"]);
+        assert_eq!(open("", Some("lists")).expect("a split").names(), ["2"]);
         std::fs::create_dir(folder.path().join("ImageSets")).expect("a folder");
         std::fs::write(folder.path().join("ImageSets/train.txt"), "1\n2\n").expect("written");
-        assert_eq!(splits.open("train").expect("a split").len(), 2);
-        let inner = Splits {
-            root: folder.path().join("training"),
-            folder: None,
-        };
-        assert_eq!(inner.open("train").expect("beside it").len(), 2);
+        assert_eq!(open("", None).expect("a split").len(), 2);
+        assert_eq!(open("training", None).expect("beside it").len(), 2);
     }
 
     #[test]
     fn missing_files_and_unheard_classes_are_named() {
-        let folder = folder();
-        let root = folder.path().join("training");
-        let labels = root.join("label_2/1.txt");
-        std::fs::write(&labels, "Car 0\n\nCarr 0\n").expect("written");
-        let dataset = Dataset::open(&root).expect("scans");
-        let fault = check_files(&dataset)
-            .expect_err("no calibration")
-            .to_string();
+        let folder = folder(&[("training/label_2/1.txt", "Car 0\n\nCarr 0\n")]);
+        let dataset = Dataset::open(&folder.path().join("training")).expect("scans");
+        let fault = check_files(&dataset).expect_err("no calibration");
+        let fault = fault.to_string();
+        let expected = "frame 1: expected its calibration in ";
         assert!(
-            fault.contains("frame 1: expected its calibration in ") && fault.contains("1.txt"),
+            fault.contains(expected) && fault.contains("1.txt"),
             "{fault}"
         );
-        let fault = check_classes(&labels, &KITTI_CLASSES)
-            .expect_err("a class")
-            .to_string();
+        let labels = dataset.label_path("1");
+        let fault = check_classes(&labels, &KITTI_CLASSES).expect_err("a class");
+        let fault = fault.to_string();
         assert!(fault.ends_with("line 3, field type: expected one of Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc, DontCare, found 'Carr'"), "{fault}");
     }
 }

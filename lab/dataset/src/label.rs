@@ -3,6 +3,7 @@
 //! `type truncated occluded alpha left top right bottom height width length x y z rotation_y`, then, in labels, an
 //! optional track id and, in detections, the score (after a track id when there are 17 columns).
 
+use super::error::Line;
 use super::{DatasetError, read_text};
 use mluc_geometry::CameraBox;
 use std::path::Path;
@@ -41,22 +42,16 @@ impl Label {
 impl std::fmt::Display for Label {
     /// The line of a label file (15 columns), or of a detection file (16) when there is a score.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [left, top, right, bottom] = self.image_box_px;
-        let CameraBox {
-            location_m: [x, y, z],
-            size_hwl_m: [h, w, l],
-            rotation_y_rad,
-        } = self.camera_box;
-        write!(
-            f,
-            "{} {:.2} {} {:.4}",
-            self.class, self.truncated, self.occluded, self.alpha_rad
-        )?;
-        write!(f, " {left:.2} {top:.2} {right:.2} {bottom:.2}")?;
-        write!(
-            f,
-            " {h:.4} {w:.4} {l:.4} {x:.4} {y:.4} {z:.4} {rotation_y_rad:.6}"
-        )?;
+        write!(f, "{} {:.2}", self.class, self.truncated)?;
+        write!(f, " {} {:.4}", self.occluded, self.alpha_rad)?;
+        for pixel in self.image_box_px {
+            write!(f, " {pixel:.2}")?;
+        }
+        let b = &self.camera_box;
+        for metres in b.size_hwl_m.iter().chain(&b.location_m) {
+            write!(f, " {metres:.4}")?;
+        }
+        write!(f, " {:.6}", b.rotation_y_rad)?;
         self.score.map_or(Ok(()), |score| write!(f, " {score:.6}"))
     }
 }
@@ -67,10 +62,6 @@ const COLUMNS: [&str; 15] = [
     "type", "truncated", "occluded", "alpha", "left", "top", "right", "bottom",
     "height", "width", "length", "x", "y", "z", "rotation_y",
 ];
-
-/// Sizes and places that a labelled object can have.
-const SIZE_M: std::ops::RangeInclusive<f64> = 0.01..=100.0;
-const PLACE_M: std::ops::RangeInclusive<f64> = -10_000.0..=10_000.0;
 
 /// Reads a label file. An empty file is a frame without objects. A 16th column (a track id) is passed over.
 pub fn read_labels(path: &Path) -> Result<Vec<Label>, DatasetError> {
@@ -83,148 +74,86 @@ pub fn read_detections(path: &Path) -> Result<Vec<Label>, DatasetError> {
 }
 
 fn parse(path: &Path, text: &str, scored: bool) -> Result<Vec<Label>, DatasetError> {
-    let lines = text
-        .lines()
-        .enumerate()
-        .filter(|(_, line)| !line.trim().is_empty());
+    let lines = text.lines().enumerate();
+    let lines = lines.filter(|(_, line)| !line.trim().is_empty());
     lines
         .map(|(index, line)| {
-            Line {
-                path,
-                line: index + 1,
-                columns: line.split_whitespace().collect(),
-            }
-            .label(scored)
+            let columns: Vec<&str> = line.split_whitespace().collect();
+            label(Line { path, index }, &columns, scored)
         })
         .collect()
 }
 
-/// One line with what its errors must name.
-struct Line<'a> {
-    path: &'a Path,
-    line: usize,
-    columns: Vec<&'a str>,
+fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label, DatasetError> {
+    check_count(line, columns.len(), scored)?;
+    let number = |column: usize, field: &str| {
+        let number = columns[column]
+            .parse::<f64>()
+            .ok()
+            .filter(|v| v.is_finite());
+        number.ok_or_else(|| line.field_fault(field, "a finite number", columns[column]))
+    };
+    let mut numbers = [0.0; 15];
+    for i in 1..15 {
+        numbers[i] = number(i, COLUMNS[i])?;
+    }
+    if let Some((column, expected)) = fault(&numbers, columns[0], scored) {
+        return Err(line.field_fault(COLUMNS[column], expected, columns[column]));
+    }
+    let three = |first: usize| [0, 1, 2].map(|i| numbers[first + i]);
+    Ok(Label {
+        class: columns[0].to_owned(),
+        truncated: numbers[1],
+        occluded: numbers[2] as i32,
+        alpha_rad: numbers[3],
+        image_box_px: [4, 5, 6, 7].map(|i| numbers[i]),
+        camera_box: CameraBox {
+            size_hwl_m: three(8),
+            location_m: three(11),
+            rotation_y_rad: numbers[14],
+        },
+        score: scored
+            .then(|| number(columns.len() - 1, "score"))
+            .transpose()?,
+    })
 }
 
-impl Line<'_> {
-    fn label(&self, scored: bool) -> Result<Label, DatasetError> {
-        self.check_count(scored)?;
-        let mut numbers = [0.0; 15];
-        for (i, number) in numbers.iter_mut().enumerate().skip(1) {
-            *number = self.number(i, COLUMNS[i])?;
-        }
-        let [
-            _,
-            truncated,
-            occluded,
-            alpha_rad,
-            left,
-            top,
-            right,
-            bottom,
-            h,
-            w,
-            l,
-            x,
-            y,
-            z,
-            rotation_y_rad,
-        ] = numbers;
-        if occluded.fract() != 0.0 || !(-1.0..=1000.0).contains(&occluded) {
-            return Err(self.fault(
-                "occluded",
-                "a whole number (0 to 3, -1 unset)",
-                self.columns[2],
-            ));
-        }
-        let mut score = None;
-        if scored {
-            self.check_found(&numbers)?;
-            score = Some(self.number(self.columns.len() - 1, "score")?);
-        } else if !self.columns[0].eq_ignore_ascii_case("DontCare") {
-            self.check_box(&numbers)?;
-        }
-        Ok(Label {
-            class: self.columns[0].to_owned(),
-            truncated,
-            occluded: occluded as i32,
-            alpha_rad,
-            image_box_px: [left, top, right, bottom],
-            camera_box: CameraBox {
-                location_m: [x, y, z],
-                size_hwl_m: [h, w, l],
-                rotation_y_rad,
-            },
-            score,
-        })
+fn check_count(line: Line<'_>, found: usize, scored: bool) -> Result<(), DatasetError> {
+    let least = if scored { 16 } else { 15 };
+    if (least..=least + 1).contains(&found) {
+        return Ok(());
     }
+    let mut names = COLUMNS.iter().chain(scored.then_some(&"score"));
+    let missing = names.nth(found).map(|name| format!(" (no {name})"));
+    let found = format!("{found}{}", missing.unwrap_or_default());
+    Err(line.fault(format!("{least} or {} columns", least + 1), found))
+}
 
-    /// Whether a labelled box can be an object's.
-    fn check_box(&self, numbers: &[f64; 15]) -> Result<(), DatasetError> {
-        let ranges = [
-            (8..11, SIZE_M, "a size of 0.01 to 100 m"),
-            (11..14, PLACE_M, "a place within 10 km"),
-        ];
-        for (columns, range, expected) in ranges {
-            let mut columns = columns;
-            if let Some(i) = columns.find(|i| !range.contains(&numbers[*i])) {
-                return Err(self.fault(COLUMNS[i], expected, self.columns[i]));
+/// The first column with a number that no object has, and what was expected in it.
+fn fault(numbers: &[f64; 15], class: &str, scored: bool) -> Option<(usize, &'static str)> {
+    let has_box = if scored {
+        // KITTI's word for a detection without a box in space.
+        numbers[8..11] != [-1.0; 3]
+    } else {
+        !class.eq_ignore_ascii_case("DontCare")
+    };
+    let expected = |column: usize| {
+        let v = numbers[column];
+        match column {
+            2 if v.fract() != 0.0 || !(-1.0..=1000.0).contains(&v) => {
+                Some("a whole number (0 to 3, -1 unset)")
             }
-        }
-        Ok(())
-    }
-
-    /// Sizes of a detection are above 0, or all -1 where it has no box in space (KITTI's word for it).
-    fn check_found(&self, numbers: &[f64; 15]) -> Result<(), DatasetError> {
-        let sizes = &numbers[8..11];
-        match sizes.iter().position(|size| *size <= 0.0) {
-            Some(i) if sizes != [-1.0; 3] => {
-                let expected = "a size above 0 (-1 in all three: none)";
-                Err(self.fault(COLUMNS[8 + i], expected, self.columns[8 + i]))
+            8..11 if scored && has_box && v <= 0.0 => {
+                Some("a size above 0 (-1 in all three: none)")
             }
-            _ => Ok(()),
+            8..11 if !scored && has_box && !(0.01..=100.0).contains(&v) => {
+                Some("a size of 0.01 to 100 m")
+            }
+            11..14 if !scored && has_box && v.abs() > 10_000.0 => Some("a place within 10 km"),
+            _ => None,
         }
-    }
-
-    fn check_count(&self, scored: bool) -> Result<(), DatasetError> {
-        let found = self.columns.len();
-        let (range, expected) = if scored {
-            (16..=17, "16 or 17")
-        } else {
-            (15..=16, "15 or 16")
-        };
-        if range.contains(&found) {
-            return Ok(());
-        }
-        let missing = COLUMNS
-            .get(found)
-            .copied()
-            .unwrap_or(if scored && found == 15 { "score" } else { "" });
-        Err(DatasetError::Columns {
-            path: self.path.to_owned(),
-            line: self.line,
-            expected,
-            found,
-            missing,
-        })
-    }
-
-    fn number(&self, column: usize, field: &'static str) -> Result<f64, DatasetError> {
-        let text = self.columns[column];
-        let number = text.parse::<f64>().ok().filter(|v| v.is_finite());
-        number.ok_or_else(|| self.fault(field, "a finite number", text))
-    }
-
-    fn fault(&self, field: &'static str, expected: &'static str, found: &str) -> DatasetError {
-        let found = found.chars().take(40).collect();
-        DatasetError::Field {
-            path: self.path.to_owned(),
-            line: self.line,
-            field,
-            expected,
-            found,
-        }
-    }
+    };
+    (0..15).find_map(|column| Some((column, expected(column)?)))
 }
 
 #[cfg(test)]
@@ -244,13 +173,12 @@ mod tests {
         assert_eq!(labels[0], labels[1]);
         let car = &labels[0];
         assert!(car.is("car") && !car.is_dont_care());
-        assert_eq!(
-            (car.occluded, car.truncated, car.alpha_rad, car.score),
-            (1, 0.0, -1.57, None)
-        );
+        let found = (car.occluded, car.truncated, car.alpha_rad, car.score);
+        assert_eq!(found, (1, 0.0, -1.57, None));
         assert_eq!(car.image_box_px, [100.0, 110.5, 200.0, 210.0]);
         assert_eq!(car.camera_box.size_hwl_m, [1.5, 1.6, 3.9]);
         assert_eq!(car.camera_box.location_m, [1.0, 1.7, 20.0]);
+        assert_eq!(car.camera_box.rotation_y_rad, -1.6);
         assert!(parsed("", false).expect("no objects").is_empty());
     }
 
@@ -265,57 +193,46 @@ mod tests {
     fn a_written_line_reads_back() {
         let mut car = parsed(CAR, false).expect("label").remove(0);
         car.score = Some(0.75);
-        assert_eq!(
-            parsed(&car.to_string(), true).expect("detection"),
-            vec![car]
-        );
+        let back = parsed(&car.to_string(), true).expect("detection");
+        assert_eq!(back, vec![car]);
     }
+
+    /// Kind of file, text of the file (without the car that is line 1), fault.
+    const FAULTS: &str = "\
+label|Car 0.00 1 -1.57 100|expected 15 or 16 columns, found 5 (no top)
+label|CAR 1 2 3|expected 15 or 16 columns, found 18
+score|CAR|expected 16 or 17 columns, found 15 (no score)
+score|CAR nan|field score: expected a finite number, found 'nan'
+label|Car 0 0.5 0 0 0 9 9 1.5 1.6 3.9 1 1.7 20 0|field occluded: expected a whole number (0 to 3, -1 unset), found '0.5'
+label|Car 0 1 0 0 0 9 9 1.5 1.6 3.9 1 1.7 far 0|field z: expected a finite number, found 'far'
+label|Car 0 1 0 0 0 9 9 1.5 1.6 3.9 1 1.7 1e30 0|field z: expected a place within 10 km, found '1e30'
+label|Car 0 1 0 0 0 9 9 1.5 1.6 -3.9 1 1.7 20 0|field length: expected a size of 0.01 to 100 m, found '-3.9'
+score|Car 0 1 0 0 0 9 9 1.5 1.6 -3.9 1 1.7 20 0 0.5|field length: expected a size above 0 (-1 in all three: none), found '-3.9'";
 
     #[test]
     fn faults_name_line_field_expected_and_found() {
-        let short = parsed(&format!("{CAR}\nCar 0.00 1 -1.57 100"), false).expect_err("short");
-        assert_eq!(
-            short,
-            "a.txt, line 2: expected 15 or 16 columns, found 5 (no top)"
-        );
-        let unscored = parsed(CAR, true).expect_err("no score");
-        assert_eq!(
-            unscored,
-            "a.txt, line 1: expected 16 or 17 columns, found 15 (no score)"
-        );
-        let word = parsed(&CAR.replace("20.0", "far"), false).expect_err("word");
-        assert_eq!(
-            word,
-            "a.txt, line 1, field z: expected a finite number, found 'far'"
-        );
-        let nan = parsed(&format!("{CAR} nan"), true).expect_err("nan");
-        assert_eq!(
-            nan,
-            "a.txt, line 1, field score: expected a finite number, found 'nan'"
-        );
-        let negative = parsed(&CAR.replace("3.9", "-3.9"), false).expect_err("negative");
-        assert_eq!(
-            negative,
-            "a.txt, line 1, field length: expected a size of 0.01 to 100 m, found '-3.9'"
-        );
-        let far = parsed(&CAR.replace("20.0", "1e30"), false).expect_err("far");
-        assert!(
-            far.contains("field z: expected a place within 10 km"),
-            "{far}"
-        );
-        let found = parsed(&format!("{} 0.5", CAR.replace("3.9", "-3.9")), true);
-        assert!(
-            found
-                .expect_err("negative")
-                .contains("field length: expected a size above 0")
-        );
-        let flat = format!("{} 0.5", CAR.replace("1.5 1.6 3.9", "-1 -1 -1"));
-        assert!(parsed(&flat, true).is_ok());
+        for row in FAULTS.lines() {
+            let [kind, text, expected] = row.split('|').collect::<Vec<_>>()[..] else {
+                panic!("{row}");
+            };
+            let scored = kind == "score";
+            let first = if scored {
+                format!("{CAR} 1")
+            } else {
+                CAR.to_owned()
+            };
+            let text = format!("{first}\n{}", text.replace("CAR", CAR));
+            let fault = parsed(&text, scored).expect_err(row);
+            let place = if expected.starts_with("field") {
+                ", "
+            } else {
+                ": "
+            };
+            assert_eq!(fault, format!("a.txt, line 2{place}{expected}"));
+        }
+        let boxless = CAR.replace("1.5 1.6 3.9", "-1 -1 -1") + " 0.5";
+        assert!(parsed(&boxless, true).is_ok());
         let region = "DontCare -1 -1 -10 0 0 9 9 -1 -1 -1 -1000 -1000 -1000 -10";
         assert!(parsed(region, false).is_ok());
-        let half = parsed(&CAR.replace(" 1 -1.57", " 0.5 -1.57"), false).expect_err("half");
-        assert!(half.contains("field occluded"), "{half}");
-        let long = parsed(&format!("{CAR} 1 2 3"), false).expect_err("long");
-        assert_eq!(long, "a.txt, line 1: expected 15 or 16 columns, found 18");
     }
 }

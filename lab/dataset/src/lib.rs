@@ -24,7 +24,7 @@ pub mod whole_file;
 
 pub use calibration::read_calibration;
 pub use error::DatasetError;
-pub use folder::{Dataset, file_stems};
+pub use folder::{Dataset, file_stems, read_boxes};
 pub use hash::{calibration_hash, data_hash};
 pub use kitti::{
     KITTI_CLASSES, SIMULATED_CLASSES, SYNTHETIC_UNKNOWN, Splits, check_classes, check_files,
@@ -33,8 +33,9 @@ pub use kitti::{
 pub use label::{Label, read_detections, read_labels};
 pub use policy::{ERASE_MARGIN_M, UnknownPolicy, erase};
 pub use prepare::{PrepareOptions, prepare};
-pub use scan::{SCAN_POINTS_MAX, read_scan};
+pub use scan::{SCAN_POINTS_MAX, read_scan, scan_bytes};
 
+use std::io::{Error, ErrorKind};
 use std::path::Path;
 
 /// Text files of a data set are small; a larger one is something else.
@@ -42,22 +43,22 @@ const TEXT_BYTES_MAX: u64 = 16 << 20;
 
 /// A text file, whole, after a look at its size.
 pub fn read_text(path: &Path) -> Result<String, DatasetError> {
-    let failed = |source| DatasetError::Read {
-        path: path.to_owned(),
-        source,
-    };
-    let bytes = std::fs::metadata(path).map_err(failed)?.len();
-    if bytes > TEXT_BYTES_MAX {
-        return Err(DatasetError::TooLarge {
-            path: path.to_owned(),
-            limit: TEXT_BYTES_MAX,
-            found: bytes,
-        });
-    }
-    let text = std::fs::read_to_string(path).map_err(failed)?;
+    let text = String::from_utf8(read_checked(path, TEXT_BYTES_MAX)?)
+        .map_err(|e| DatasetError::read(path)(Error::new(ErrorKind::InvalidData, e)))?;
     // Some editors begin a file with a mark of its byte order; it is no part of the first word.
-    Ok(match text.strip_prefix('\u{feff}') {
-        Some(rest) => rest.to_owned(),
-        None => text,
-    })
+    Ok(text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned())
+}
+
+/// A file, whole, after a look at its size.
+fn read_checked(path: &Path, limit: u64) -> Result<Vec<u8>, DatasetError> {
+    let failed = DatasetError::read(path);
+    let bytes = std::fs::metadata(path).map_err(&failed)?.len();
+    if bytes > limit {
+        return Err(DatasetError::at(
+            path,
+            format!("at most {limit} bytes"),
+            bytes,
+        ));
+    }
+    std::fs::read(path).map_err(failed)
 }

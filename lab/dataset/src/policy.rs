@@ -53,18 +53,12 @@ pub(super) fn is_unknown(label: &Label, unknown: &[String]) -> bool {
 
 /// Deletes the points in boxes (sensor frame), each enlarged by [`ERASE_MARGIN_M`] on every side.
 pub fn erase(points: &mut Vec<[f32; 4]>, boxes: &[Box3]) {
-    let enlarged: Vec<Box3> = boxes
-        .iter()
-        .map(|b| Box3 {
-            size_m: b.size_m.map(|s| s + 2.0 * ERASE_MARGIN_M),
-            ..*b
-        })
-        .collect();
-    points.retain(|[x, y, z, _]| {
-        !enlarged
-            .iter()
-            .any(|b| b.contains([*x, *y, *z].map(f64::from)))
+    let enlarged = boxes.iter().map(|b| Box3 {
+        size_m: b.size_m.map(|s| s + 2.0 * ERASE_MARGIN_M),
+        ..*b
     });
+    let enlarged: Vec<Box3> = enlarged.collect();
+    points.retain(|point| !enlarged.iter().any(|b| b.has_point(point)));
 }
 
 #[cfg(test)]

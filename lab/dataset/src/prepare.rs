@@ -4,12 +4,10 @@
 //! planes are copied; the list of frames lies in `ImageSets`.
 
 use super::policy::is_unknown;
-use super::{
-    Dataset, DatasetError, KITTI_CLASSES, Splits, UnknownPolicy, check_classes, check_files, erase,
-    read_text,
-};
+use super::{Dataset, DatasetError, KITTI_CLASSES, Splits, UnknownPolicy, check_classes};
+use super::{Label, check_files, erase, read_text, scan_bytes};
 use crate::whole_file::beside;
-use mluc_geometry::{Box3, Calibration, ImageSize};
+use mluc_geometry::{Calibration, ImageSize};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -37,48 +35,36 @@ pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<(), D
     let dataset = options.splits.open(&options.split)?;
     check_files(&dataset)?;
     let names = dataset.names();
-    names
-        .par_iter()
-        .try_for_each(|name| check_classes(&dataset.label_path(name), &KITTI_CLASSES))?;
+    let check = |name: &String| check_classes(&dataset.label_path(name), &KITTI_CLASSES);
+    names.par_iter().try_for_each(check)?;
     if options.out.exists() {
-        let path = options.out.clone();
-        return Err(DatasetError::NotNew { path });
+        let expected = "a new folder";
+        let found = "one that is there already; choose another or remove it";
+        return Err(DatasetError::at(&options.out, expected, found));
     }
     let beside = beside(&options.out);
     if beside.is_dir() {
-        std::fs::remove_dir_all(&beside).map_err(failed(&beside))?;
+        std::fs::remove_dir_all(&beside).map_err(DatasetError::write(&beside))?;
     }
     for part in ["velodyne", "label_2", "calib", "planes", "ImageSets"] {
         let folder = beside.join(part);
-        std::fs::create_dir_all(&folder).map_err(failed(&folder))?;
+        std::fs::create_dir_all(&folder).map_err(DatasetError::write(&folder))?;
     }
-    let kept: Vec<bool> = names
-        .par_iter()
-        .map(|name| {
-            let kept = frame(options, &dataset, name, &beside)?;
-            step();
-            Ok(kept)
-        })
-        .collect::<Result<_, DatasetError>>()?;
-    let list: String = names
-        .iter()
-        .zip(&kept)
-        .filter(|(_, kept)| **kept)
-        .map(|(name, _)| format!("{name}\n"))
-        .collect();
+    let one = |name: &String| {
+        let kept = frame(options, &dataset, name, &beside)?;
+        step();
+        Ok(kept.then(|| format!("{name}\n")))
+    };
+    let kept = names.par_iter().map(one);
+    let kept: Vec<Option<String>> = kept.collect::<Result<_, DatasetError>>()?;
+    let list: String = kept.into_iter().flatten().collect();
     if list.is_empty() {
-        return Err(DatasetError::Empty {
-            path: dataset.root().to_owned(),
-            expected: "frames without unknown objects",
-        });
+        let expected = "frames without unknown objects";
+        return Err(DatasetError::at(dataset.root(), expected, "none"));
     }
-    write(
-        &beside
-            .join("ImageSets")
-            .join(format!("{}.txt", options.split)),
-        list.as_bytes(),
-    )?;
-    std::fs::rename(&beside, &options.out).map_err(failed(&options.out))
+    let file = format!("ImageSets/{}.txt", options.split);
+    write(&beside.join(file), list.as_bytes())?;
+    std::fs::rename(&beside, &options.out).map_err(DatasetError::write(&options.out))
 }
 
 /// One frame; whether it was kept.
@@ -88,52 +74,41 @@ fn frame(
     name: &str,
     out: &Path,
 ) -> Result<bool, DatasetError> {
+    let PrepareOptions {
+        policy, unknown, ..
+    } = options;
     let labels = dataset.labels(name)?;
-    if options
-        .policy
-        .is_some_and(|policy| !policy.keeps_frame(&labels, &options.unknown))
-    {
+    if policy.is_some_and(|policy| !policy.keeps_frame(&labels, unknown)) {
         return Ok(false);
     }
     let calibration = dataset.calibration(name)?;
     let mut points = dataset.scan(name)?;
     points.retain(|point| in_view(&calibration, point));
-    if options.policy == Some(UnknownPolicy::Erase) {
-        let unknown = labels
-            .iter()
-            .filter(|label| is_unknown(label, &options.unknown));
-        let boxes: Vec<Box3> = unknown
-            .map(|label| calibration.box_in_sensor_from_label(&label.camera_box))
-            .collect();
-        erase(&mut points, &boxes);
+    if *policy == Some(UnknownPolicy::Erase) {
+        let erased = labels.iter().filter(|label| is_unknown(label, unknown));
+        let in_sensor = |label: &Label| calibration.box_in_sensor_from_label(&label.camera_box);
+        erase(&mut points, &erased.map(in_sensor).collect::<Vec<_>>());
     }
-    let bytes: Vec<u8> = points
-        .as_flattened()
-        .iter()
-        .flat_map(|value| value.to_le_bytes())
-        .collect();
-    write(&out.join("velodyne").join(format!("{name}.bin")), &bytes)?;
-    let file = format!("{name}.txt");
+    let scan = out.join(format!("velodyne/{name}.bin"));
+    write(&scan, &scan_bytes(&points))?;
     // Lines go over as they are, track ids and all.
-    let keeps = |line: &&str| match (options.policy, line.split_whitespace().next()) {
-        (Some(policy), Some(class)) => policy.keeps_label(class, &options.unknown),
+    let keeps = |line: &&str| match (policy, line.split_whitespace().next()) {
+        (Some(policy), Some(class)) => policy.keeps_label(class, unknown),
         _ => true,
     };
-    let text = read_text(&dataset.label_path(name))?;
-    let lines: String = text
-        .lines()
-        .filter(keeps)
-        .map(|line| format!("{line}\n"))
-        .collect();
-    write(&out.join("label_2").join(&file), lines.as_bytes())?;
-    let calibration = read_text(&dataset.calibration_path(name))?;
-    write(&out.join("calib").join(&file), calibration.as_bytes())?;
+    let labels = read_text(&dataset.label_path(name))?;
+    let lines = labels.lines().filter(keeps);
+    let mut texts = vec![
+        ("label_2", lines.map(|line| format!("{line}\n")).collect()),
+        ("calib", read_text(&dataset.calibration_path(name))?),
+    ];
     let plane = dataset.plane_path(name);
     if plane.is_file() {
-        write(
-            &out.join("planes").join(&file),
-            read_text(&plane)?.as_bytes(),
-        )?;
+        texts.push(("planes", read_text(&plane)?));
+    }
+    for (folder, text) in texts {
+        let file = out.join(folder).join(format!("{name}.txt"));
+        write(&file, text.as_bytes())?;
     }
     Ok(true)
 }
@@ -153,10 +128,5 @@ fn in_view(calibration: &Calibration, &[x, y, z, _]: &[f32; 4]) -> bool {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
-    std::fs::write(path, bytes).map_err(failed(path))
-}
-
-fn failed(path: &Path) -> impl FnOnce(std::io::Error) -> DatasetError {
-    let path = path.to_owned();
-    move |cause| DatasetError::Write { path, cause }
+    std::fs::write(path, bytes).map_err(DatasetError::write(path))
 }

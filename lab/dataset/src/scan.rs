@@ -1,6 +1,6 @@
 //! Scans: little-endian f32 x, y, z, intensity a point.
 
-use super::DatasetError;
+use super::{DatasetError, read_checked};
 use mluc_ingest::{POINT_BYTES, bin_points};
 use std::path::Path;
 
@@ -9,43 +9,31 @@ pub const SCAN_POINTS_MAX: usize = 8_000_000;
 
 /// Reads a scan as it is: NaN and infinities too, which later steps drop and count. An empty file is a scan of 0 points.
 pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>, DatasetError> {
-    let failed = failed(path);
-    let bytes = std::fs::metadata(path).map_err(&failed)?.len();
-    let limit = (SCAN_POINTS_MAX * POINT_BYTES) as u64;
-    if bytes > limit {
-        return Err(DatasetError::TooLarge {
-            path: path.to_owned(),
-            limit,
-            found: bytes,
-        });
-    }
-    let data = std::fs::read(path).map_err(failed)?;
+    let data = read_checked(path, (SCAN_POINTS_MAX * POINT_BYTES) as u64)?;
     check_size(path, data.len() as u64)?;
     let points = bin_points(&data);
     Ok(points.map(|p| [p.x_m, p.y_m, p.z_m, p.intensity]).collect())
 }
 
+/// The bytes of a scan's file.
+pub fn scan_bytes(points: &[[f32; 4]]) -> Vec<u8> {
+    let values = points.as_flattened().iter();
+    values.flat_map(|value| value.to_le_bytes()).collect()
+}
+
 /// Checks that a scan is a whole number of points, without reading it.
 pub(super) fn check_scan_size(path: &Path) -> Result<(), DatasetError> {
-    let found = std::fs::metadata(path).map_err(failed(path))?.len();
-    check_size(path, found)
+    let file = std::fs::metadata(path).map_err(DatasetError::read(path))?;
+    check_size(path, file.len())
 }
 
-fn check_size(path: &Path, found: u64) -> Result<(), DatasetError> {
-    if found.is_multiple_of(POINT_BYTES as u64) {
+fn check_size(path: &Path, bytes: u64) -> Result<(), DatasetError> {
+    if bytes.is_multiple_of(POINT_BYTES as u64) {
         return Ok(());
     }
-    Err(DatasetError::ScanSize {
-        path: path.to_owned(),
-        found,
-    })
-}
-
-fn failed(path: &Path) -> impl Fn(std::io::Error) -> DatasetError {
-    move |source| DatasetError::Read {
-        path: path.to_owned(),
-        source,
-    }
+    let expected = "a multiple of 16 bytes (x, y, z, intensity as f32)";
+    let found = format!("{bytes} bytes: cut short?");
+    Err(DatasetError::at(path, expected, found))
 }
 
 #[cfg(test)]
@@ -57,23 +45,16 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("000000.bin");
         let points = [[1.0f32, -2.0, 0.5, 0.25], [f32::NAN, 0.0, 0.0, 1.0]];
-        let bytes: Vec<u8> = points
-            .iter()
-            .flatten()
-            .flat_map(|v| v.to_le_bytes())
-            .collect();
+        let bytes = scan_bytes(&points);
         std::fs::write(&path, &bytes).expect("written");
         let read = read_scan(&path).expect("a scan");
         assert_eq!((read.len(), read[0]), (2, points[0]));
         assert!(read[1][0].is_nan());
         std::fs::write(&path, &bytes[..30]).expect("written");
         let fault = read_scan(&path).expect_err("cut").to_string();
-        assert!(
-            fault.contains("000000.bin")
-                && fault.contains("multiple of 16")
-                && fault.contains("30 bytes"),
-            "{fault}"
-        );
+        for part in ["000000.bin", "multiple of 16", "30 bytes"] {
+            assert!(fault.contains(part), "{fault}");
+        }
         std::fs::write(&path, []).expect("written");
         assert!(read_scan(&path).expect("empty").is_empty());
         assert!(read_scan(&folder.path().join("none.bin")).is_err());

@@ -4,23 +4,12 @@
 //! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
 
 use super::labels::calibration;
-use super::{
-    Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split, Stream, Turn, turn,
-};
-use mluc_dataset::Label;
+use super::{Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
+use super::{Stream, Turn, turn};
+use mluc_dataset::{Label, scan_bytes};
 use mluc_geometry::{Calibration, limit_period};
 use rayon::prelude::*;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-
-const FOLDERS: [&str; 6] = [
-    "velodyne",
-    "label_2",
-    "calib",
-    "planes",
-    "instances",
-    "ImageSets",
-];
 
 /// What to write.
 #[derive(Clone, Debug)]
@@ -64,38 +53,28 @@ impl ExportOptions {
 
 /// Writes a data set. `written` is called after each frame, from any thread.
 pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), SimulateError> {
+    let split = options.split.name();
     if options.synthetic_unknown && options.split != Split::Train {
-        let split = options.split.name();
-        return Err(SimulateError::SyntheticUnknownOutsideTraining { split });
+        return Err(SimulateError::SyntheticUnknownOutsideTraining(split));
     }
     prepare(&options.folder)?;
     let calibration = calibration(options.family)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads)
         .build()
-        .map_err(|e| SimulateError::Threads {
-            threads: options.threads,
-            reason: e.to_string(),
-        })?;
-    pool.install(|| {
-        let one = |index| {
-            let (frame, pose) = simulated(options, index)?;
-            write_frame(options, &calibration, index, &frame)?;
-            written();
-            Ok::<_, SimulateError>(pose)
-        };
-        (0..options.frames)
-            .into_par_iter()
-            .map(one)
-            .collect::<Result<Vec<_>, _>>()
-    })
-    .and_then(|poses| write_poses(options, &poses))?;
+        .map_err(|e| SimulateError::Threads(options.threads, e))?;
+    let one = |index| {
+        let (frame, pose) = simulated(options, index)?;
+        write_frame(options, &calibration, index, &frame)?;
+        written();
+        Ok(pose)
+    };
+    let poses: Result<Vec<_>, SimulateError> =
+        pool.install(|| (0..options.frames).into_par_iter().map(one).collect());
+    write_poses(options, &poses?)?;
     let names: String = (0..options.frames).map(|i| format!("{i:06}\n")).collect();
-    let list = format!("{}.txt", options.split.name());
-    write(
-        &options.folder.join("ImageSets").join(list),
-        names.as_bytes(),
-    )
+    let list = options.folder.join(format!("ImageSets/{split}.txt"));
+    write(&list, names.as_bytes())
 }
 
 fn simulated(
@@ -109,13 +88,11 @@ fn simulated(
         realism: options.realism,
         synthetic_unknown: options.synthetic_unknown,
     };
-    match options.sequence {
-        None => turn(stream, index, None),
-        Some(steps) => {
-            let step = index % steps;
-            turn(stream, index / steps, Some(Turn { step, steps }))
-        }
-    }
+    let Some(steps) = options.sequence else {
+        return turn(stream, index, None);
+    };
+    let step = index % steps;
+    turn(stream, index / steps, Some(Turn { step, steps }))
 }
 
 /// Poses and stamps of sequences. Another sequence is another place: it lies a kilometre further, so that nothing is found again.
@@ -127,17 +104,10 @@ fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), Simula
     let mut stamps = String::new();
     for (index, [x, y, z]) in poses.iter().enumerate() {
         let sequence = index / steps as usize;
-        // Writing into a String cannot fail.
-        let _ = writeln!(text, "{} {y} {z} 0", x + 1000.0 * sequence as f64);
-        let tenths = index % 10;
-        let seconds = index / 10;
-        let _ = writeln!(
-            stamps,
-            "2000-01-01 {:02}:{:02}:{:02}.{tenths}00000000",
-            seconds / 3600 % 24,
-            seconds / 60 % 60,
-            seconds % 60
-        );
+        text += &format!("{} {y} {z} 0\n", x + 1000.0 * sequence as f64);
+        let (seconds, tenths) = (index / 10, index % 10);
+        let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+        stamps += &format!("2000-01-01 {h:02}:{m:02}:{s:02}.{tenths}00000000\n");
     }
     write(&options.folder.join("poses.txt"), text.as_bytes())?;
     write(&options.folder.join("timestamps.txt"), stamps.as_bytes())
@@ -145,31 +115,27 @@ fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), Simula
 
 /// Makes the folder and its parts; refuses one that holds anything.
 fn prepare(folder: &Path) -> Result<(), SimulateError> {
-    let failed = |path: &Path| {
-        let path = path.to_owned();
-        move |cause| SimulateError::Write { path, cause }
-    };
     if folder.exists() {
         let mut entries = std::fs::read_dir(folder).map_err(failed(folder))?;
         if let Some(entry) = entries.next() {
             let name = entry.map_err(failed(folder))?.file_name();
-            return Err(SimulateError::NotEmpty {
-                path: folder.to_owned(),
-                found: name.to_string_lossy().into_owned(),
-            });
+            let found = name.to_string_lossy().into_owned();
+            return Err(SimulateError::NotEmpty(folder.to_owned(), found));
         }
     }
-    FOLDERS.iter().try_for_each(|name| {
+    let parts = ["velodyne", "label_2", "calib", "planes", "instances"];
+    parts.iter().chain(&["ImageSets"]).try_for_each(|name| {
         let path = folder.join(name);
         std::fs::create_dir_all(&path).map_err(failed(&path))
     })
 }
 
+fn failed(path: &Path) -> impl Fn(std::io::Error) -> SimulateError {
+    |cause| SimulateError::Write(path.to_owned(), cause)
+}
+
 fn write(path: &Path, bytes: &[u8]) -> Result<(), SimulateError> {
-    std::fs::write(path, bytes).map_err(|cause| SimulateError::Write {
-        path: path.to_owned(),
-        cause,
-    })
+    std::fs::write(path, bytes).map_err(failed(path))
 }
 
 fn write_frame(
@@ -178,58 +144,34 @@ fn write_frame(
     index: u32,
     frame: &SimulatedFrame,
 ) -> Result<(), SimulateError> {
-    let path = |folder: &str, extension: &str| {
-        options
-            .folder
-            .join(folder)
-            .join(format!("{index:06}.{extension}"))
-    };
-    let points: Vec<u8> = frame
-        .points
-        .iter()
-        .flatten()
-        .flat_map(|value| value.to_le_bytes())
-        .collect();
-    write(&path("velodyne", "bin"), &points)?;
-    let instances: Vec<u8> = frame
-        .instances
-        .iter()
-        .flat_map(|i| i.to_le_bytes())
-        .collect();
-    write(&path("instances", "u16"), &instances)?;
-    let labels: String = frame
-        .objects
-        .iter()
-        .map(|o| format!("{}\n", label_of(o, options.family, calibration)))
-        .collect();
-    write(&path("label_2", "txt"), labels.as_bytes())?;
-    write(
-        &path("calib", "txt"),
-        calibration_text(calibration).as_bytes(),
-    )?;
-    write(
-        &path("planes", "txt"),
-        plane_text(calibration, frame.plane).as_bytes(),
-    )
+    let label = |o| format!("{}\n", label_of(o, options.family, calibration));
+    let labels: String = frame.objects.iter().map(label).collect();
+    let instances = frame.instances.iter().flat_map(|i| i.to_le_bytes());
+    let calib = calibration_text(calibration);
+    let plane = plane_text(calibration, frame.plane);
+    let files = [
+        ("velodyne", "bin", scan_bytes(&frame.points)),
+        ("instances", "u16", instances.collect()),
+        ("label_2", "txt", labels.into_bytes()),
+        ("calib", "txt", calib.into_bytes()),
+        ("planes", "txt", plane.into_bytes()),
+    ];
+    files.iter().try_for_each(|(folder, extension, bytes)| {
+        let file = format!("{folder}/{index:06}.{extension}");
+        write(&options.folder.join(file), bytes)
+    })
 }
 
 /// The label line of an object.
-pub(crate) fn label_of(
-    object: &SimulatedObject,
-    family: Family,
-    calibration: &Calibration,
-) -> Label {
+fn label_of(object: &SimulatedObject, family: Family, calibration: &Calibration) -> Label {
     let camera_box = calibration.label_from_box_in_sensor(&object.box_in_sensor);
     let [x, _, z] = camera_box.location_m;
+    let alpha_rad = camera_box.rotation_y_rad - x.atan2(z);
     Label {
         class: object.class.name().to_owned(),
         truncated: object.truncated,
         occluded: object.occluded(family),
-        alpha_rad: limit_period(
-            camera_box.rotation_y_rad - x.atan2(z),
-            0.5,
-            std::f64::consts::TAU,
-        ),
+        alpha_rad: limit_period(alpha_rad, 0.5, std::f64::consts::TAU),
         image_box_px: object.image_box_px,
         camera_box,
         score: None,
@@ -237,22 +179,15 @@ pub(crate) fn label_of(
 }
 
 fn calibration_text(calibration: &Calibration) -> String {
-    const IDENTITY: [f64; 12] = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0.];
-    let p2 = calibration.p2().as_flattened();
-    let matrices = [
-        ("P0", p2),
-        ("P1", p2),
-        ("P2", p2),
-        ("P3", p2),
-        ("R0_rect", calibration.r0_rect().as_flattened()),
-        ("Tr_velo_to_cam", calibration.velo_to_cam().as_flattened()),
-        ("Tr_imu_to_velo", &IDENTITY),
-    ];
+    const IDENTITY: &[f64] = &[1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0.];
+    let [p2, r0_rect, velo_to_cam] = calibration.matrices();
     let line = |(name, values): (&str, &[f64])| {
         let values: String = values.iter().map(|value| format!(" {value}")).collect();
         format!("{name}:{values}\n")
     };
-    matrices.map(line).concat()
+    let cameras = ["P0", "P1", "P2", "P3"].map(|name| line((name, p2.1)));
+    let rest = [r0_rect, velo_to_cam, ("Tr_imu_to_velo", IDENTITY)].map(line);
+    cameras.concat() + &rest.concat()
 }
 
 /// The ground plane in the camera frame, in the layout of the road planes published for KITTI.
@@ -260,10 +195,7 @@ fn plane_text(calibration: &Calibration, [a, b, c, d]: [f64; 4]) -> String {
     // A plane through three of its points, carried to the camera frame.
     let on_plane = |x: f64, y: f64| calibration.rect_from_sensor([x, y, -(a * x + b * y + d) / c]);
     let (p, q, r) = (on_plane(0.0, 0.0), on_plane(1.0, 0.0), on_plane(0.0, 1.0));
-    let (u, w) = (
-        [q[0] - p[0], q[1] - p[1], q[2] - p[2]],
-        [r[0] - p[0], r[1] - p[1], r[2] - p[2]],
-    );
+    let [u, w] = [q, r].map(|end| [0, 1, 2].map(|i| end[i] - p[i]));
     let n = [
         u[1] * w[2] - u[2] * w[1],
         u[2] * w[0] - u[0] * w[2],

@@ -24,43 +24,42 @@ impl Footprint {
         }
     }
 
-    fn axes(&self) -> [[f32; 2]; 2] {
-        let (sin, cos) = self.yaw.sin_cos();
-        [[cos, sin], [-sin, cos]]
+    /// Whether it comes closer than `margin_m` to overlapping one of these.
+    pub(crate) fn overlaps_any(&self, others: &[Footprint], margin_m: f32) -> bool {
+        others.iter().any(|other| self.overlaps(other, margin_m))
     }
 
     /// Whether two rectangles come closer than `margin_m` to overlapping (separating axes).
     pub(crate) fn overlaps(&self, other: &Footprint, margin_m: f32) -> bool {
         let d = [other.x - self.x, other.y - self.y];
-        let reach =
-            self.half[0].hypot(self.half[1]) + other.half[0].hypot(other.half[1]) + margin_m;
-        if d[0].hypot(d[1]) > reach {
+        let [reach, other_reach] = [self, other].map(|f| f.half[0].hypot(f.half[1]));
+        if d[0].hypot(d[1]) > reach + other_reach + margin_m {
             return false;
         }
-        let (a, b) = (self.axes(), other.axes());
-        let radius = |axes: &[[f32; 2]; 2], half: [f32; 2], n: [f32; 2]| {
-            (0..2)
-                .map(|i| half[i] * (axes[i][0] * n[0] + axes[i][1] * n[1]).abs())
-                .sum::<f32>()
+        let axes = |f: &Footprint| {
+            let (sin, cos) = f.yaw.sin_cos();
+            [[cos, sin], [-sin, cos]]
         };
-        a.iter().chain(&b).all(|n| {
-            (d[0] * n[0] + d[1] * n[1]).abs()
-                < radius(&a, self.half, *n) + radius(&b, other.half, *n) + margin_m
-        })
+        let dot = |a: [f32; 2], b: [f32; 2]| a[0] * b[0] + a[1] * b[1];
+        // How far a rectangle reaches along a direction.
+        let radius = |f: &Footprint, n: [f32; 2]| {
+            let [along, across] = axes(f);
+            f.half[0] * dot(along, n).abs() + f.half[1] * dot(across, n).abs()
+        };
+        let mut directions = axes(self).into_iter().chain(axes(other));
+        directions.all(|n| dot(d, n).abs() < radius(self, n) + radius(other, n) + margin_m)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::mesh::v;
     use super::*;
 
     #[test]
     fn separated_touching_and_crossing_rectangles() {
-        let at = |x: f32, y: f32, yaw: f32| Footprint {
-            x,
-            y,
-            yaw,
-            half: [2.0, 1.0],
+        let at = |x: f32, y: f32, yaw: f32| {
+            Footprint::of(v(-2.0, -1.0, 0.0), v(2.0, 1.0, 0.0), [x, y], yaw)
         };
         let a = at(0.0, 0.0, 0.0);
         assert!(a.overlaps(&at(3.9, 0.0, 0.0), 0.0));

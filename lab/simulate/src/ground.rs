@@ -7,6 +7,7 @@ use super::Family;
 use super::mesh::{Mesh, V3, solid, v};
 use super::random::Dice;
 use super::sensor::HEIGHT_M;
+use std::f32::consts::TAU;
 
 /// What kind of place the scene is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,14 +89,10 @@ impl Ground {
             },
             waves: std::array::from_fn(|i| {
                 let length_m = dice.range(9.0, 50.0);
-                let heading = dice.range(0.0, std::f32::consts::TAU);
-                let k = std::f32::consts::TAU / length_m;
-                [
-                    dice.normal(0.0, 0.0016) * length_m * if i == 0 { 1.5 } else { 1.0 },
-                    k * heading.cos(),
-                    k * heading.sin(),
-                    dice.range(0.0, std::f32::consts::TAU),
-                ]
+                let (sin, cos) = dice.range(0.0, TAU).sin_cos();
+                let k = TAU / length_m;
+                let height = dice.normal(0.0, 0.0016) * length_m * if i == 0 { 1.5 } else { 1.0 };
+                [height, k * cos, k * sin, dice.range(0.0, TAU)]
             }),
             sensor_height_m: dice.normal(HEIGHT_M, 0.025),
         }
@@ -116,33 +113,26 @@ impl Ground {
 
     /// Height of the ground under (x, y) of the sensor frame, m.
     pub(crate) fn height(&self, x: f32, y: f32) -> f32 {
-        let here = self.relief(x, y);
-        here - self.relief(0.0, 0.0) - self.sensor_height_m
+        self.relief(x, y) - self.relief(0.0, 0.0) - self.sensor_height_m
     }
 
     fn relief(&self, x: f32, y: f32) -> f32 {
         let (along, across) = self.road(x, y);
-        let waves: f32 = self
-            .waves
-            .iter()
-            .map(|[a, kx, ky, phase]| a * (kx * x + ky * y + phase).sin())
-            .sum();
+        let wave = |[a, kx, ky, phase]: [f32; 4]| a * (kx * x + ky * y + phase).sin();
+        let waves: f32 = self.waves.into_iter().map(wave).sum();
         self.slope[0] * x + self.slope[1] * y + waves + self.section(along, across)
     }
 
     /// Height of the cross-section: crown, kerb, bank.
     fn section(&self, along: f32, across: f32) -> f32 {
         let out = across.abs();
-        if out <= self.half_width_m
-            || self
-                .crossing
-                .is_some_and(|[at, half]| (along - at).abs() < half)
-        {
+        let crosses = |[at, half]: [f32; 2]| (along - at).abs() < half;
+        if out <= self.half_width_m || self.crossing.is_some_and(crosses) {
             let t = (out / self.half_width_m).min(1.0);
             return -self.crown_m * t * t;
         }
-        let side = if across > 0.0 { 0 } else { 1 };
-        self.kerb_m - self.crown_m + self.bank[side] * (out - self.edge_m).clamp(0.0, 30.0)
+        let bank = self.bank[usize::from(across <= 0.0)];
+        self.kerb_m - self.crown_m + bank * (out - self.edge_m).clamp(0.0, 30.0)
     }
 
     /// Slope of the ground at (x, y) over the size of a vehicle: dz/dx, dz/dy.
@@ -155,10 +145,9 @@ impl Ground {
 
     /// Triangles on a grid along the road: 0.6 m near the sensor, coarser with distance; kerbs are steps between two lines.
     pub(crate) fn mesh(&self, family: Family, dice: &mut Dice) -> Mesh {
-        let behind = if family == Family::SimKitti {
-            -4.0
-        } else {
-            -85.0
+        let behind = match family {
+            Family::SimKitti => -4.0,
+            Family::SimUdi => -85.0,
         };
         let mut along = lines(behind, 90.0, 0.0);
         if let Some([at, half]) = self.crossing {
@@ -166,16 +155,13 @@ impl Ground {
         }
         let mut across = lines(-80.0 + self.lane_m, 80.0 + self.lane_m, self.lane_m);
         for side in [-1.0, 1.0] {
-            across.extend([
-                side * self.half_width_m,
-                side * (self.half_width_m + 0.02),
-                side * self.edge_m,
-            ]);
+            let edges = [self.half_width_m, self.half_width_m + 0.02, self.edge_m];
+            across.extend(edges.map(|edge| side * edge));
         }
         along.sort_by(f32::total_cmp);
         across.sort_by(f32::total_cmp);
-        let road_rho = dice.range(0.12, 0.24);
-        let verge_rho = dice.range(0.2, 0.4);
+        let road = solid(dice.range(0.12, 0.24));
+        let verge = solid(dice.range(0.2, 0.4));
         let mut mesh = Mesh::default();
         for &u in &along {
             for &w in &across {
@@ -187,11 +173,8 @@ impl Ground {
         let columns = across.len();
         for i in 0..along.len() - 1 {
             for j in 0..columns - 1 {
-                let surface = solid(if across[j].abs().max(across[j + 1].abs()) <= self.edge_m {
-                    road_rho
-                } else {
-                    verge_rho
-                });
+                let is_road = across[j].abs().max(across[j + 1].abs()) <= self.edge_m;
+                let surface = if is_road { road } else { verge };
                 let at = |a: usize, b: usize| (a * columns + b) as u32;
                 mesh.face([at(i, j), at(i + 1, j), at(i + 1, j + 1)], surface);
                 mesh.face([at(i, j), at(i + 1, j + 1), at(i, j + 1)], surface);

@@ -4,58 +4,38 @@ use super::mesh::V3;
 use super::scan::{Sweep, trace};
 use super::scene::{Scene, Solid};
 use super::sensor::{BEAMS, Sensor};
-use super::{Family, SimulateError, SimulatedFrame, SimulatedObject};
-use mluc_geometry::{Calibration, ImageSize};
+use super::{Family, SimulatedFrame, SimulatedObject};
+use mluc_geometry::{Calibration, CalibrationError, ImageSize, pixel_bounds};
 
 /// An object that got no label: no ray ended on it.
 const UNLABELLED: u16 = 0x7FFF;
-const IMAGE_PX: [f64; 2] = [1242.0, 375.0];
 
 /// Calibration of a family: `sim-kitti` looks through a camera like KITTI's left colour camera, `sim-udi` has none.
-pub fn calibration(family: Family) -> Result<Calibration, SimulateError> {
-    match family {
-        Family::SimUdi => Ok(Calibration::without_camera()),
-        Family::SimKitti => {
-            let p2 = [
-                [721.54, 0.0, 609.56, 45.0],
-                [0.0, 721.54, 172.85, 0.0],
-                [0.0, 0.0, 1.0, 0.0],
-            ];
-            let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-            Ok(Calibration::new(p2, identity, camera_from_sensor())?)
-        }
+pub(crate) fn calibration(family: Family) -> Result<Calibration, CalibrationError> {
+    if family == Family::SimUdi {
+        return Ok(Calibration::without_camera());
     }
-}
-
-/// Size of the image that `sim-kitti`'s labels refer to.
-pub fn image_size() -> ImageSize {
-    ImageSize::KITTI
+    let p2 = [
+        [721.54, 0.0, 609.56, 45.0],
+        [0.0, 721.54, 172.85, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+    ];
+    let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    Calibration::new(p2, identity, camera_from_sensor())
 }
 
 /// The camera hangs 8 cm below and 27 cm before the sensor and is turned against it by a fraction of a degree about each axis.
 fn camera_from_sensor() -> [[f64; 4]; 3] {
-    let [roll, pitch, yaw] = [0.4f64, -0.7, 0.5].map(f64::to_radians);
-    let (sr, cr, sp, cp, sy, cy) = (
-        roll.sin(),
-        roll.cos(),
-        pitch.sin(),
-        pitch.cos(),
-        yaw.sin(),
-        yaw.cos(),
-    );
-    // Rows: the tilted sensor axes; then camera x = -y, y = -z, z = x.
-    let tilted = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ];
-    let row = |source: [f64; 3], sign: f64, shift: f64| {
-        [sign * source[0], sign * source[1], sign * source[2], shift]
-    };
+    let [roll, pitch, yaw] = [0.4f64, -0.7, 0.5].map(|angle| angle.to_radians().sin_cos());
+    let ((sr, cr), (sp, cp), (sy, cy)) = (roll, pitch, yaw);
+    // The tilted sensor axes; then camera x = -y, y = -z, z = x.
+    let x = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr];
+    let y = [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr];
+    let z = [-sp, cp * sr, cp * cr];
     [
-        row(tilted[1], -1.0, -0.004),
-        row(tilted[2], -1.0, -0.076),
-        row(tilted[0], 1.0, -0.272),
+        [-y[0], -y[1], -y[2], -0.004],
+        [-z[0], -z[1], -z[2], -0.076],
+        [x[0], x[1], x[2], -0.272],
     ]
 }
 
@@ -74,12 +54,12 @@ pub(crate) fn label(
     for (index, solid) in solids.iter().enumerate() {
         let instance = (index + 1) as u16;
         let own = sweep.instances.iter().filter(|i| **i == instance).count();
-        let points = points_inside(solid, &sweep.points);
+        let points = solid.box_in_sensor.count_inside(&sweep.points) as u32;
         if own == 0 || points == 0 {
             continue;
         }
-        let (image_box_px, truncated) =
-            image_box(&calibration, &scene.mesh.vertices[solid.vertices.clone()]);
+        let vertices = &scene.mesh.vertices[solid.vertices.clone()];
+        let (image_box_px, truncated) = image_box(&calibration, vertices);
         objects.push(SimulatedObject {
             class: solid.class,
             box_in_sensor: solid.box_in_sensor,
@@ -90,31 +70,14 @@ pub(crate) fn label(
         });
         renumbered[index + 1] = objects.len() as u16;
     }
-    let instances = sweep
-        .instances
-        .iter()
-        .map(|i| renumbered.get(usize::from(*i)).copied().unwrap_or(*i))
-        .collect();
+    let label = |i: &u16| renumbered.get(usize::from(*i)).copied().unwrap_or(*i);
+    let instances = sweep.instances.iter().map(label).collect();
     Ok(SimulatedFrame {
         points: sweep.points,
         objects,
         instances,
         plane: [0.0; 4],
     })
-}
-
-fn points_inside(solid: &Solid, points: &[[f32; 4]]) -> u32 {
-    let b = &solid.box_in_sensor;
-    let reach = b.size_m[0].hypot(b.size_m[1]) / 2.0;
-    let near = |p: &&[f32; 4]| {
-        (f64::from(p[0]) - b.center_m[0]).abs() <= reach
-            && (f64::from(p[1]) - b.center_m[1]).abs() <= reach
-    };
-    points
-        .iter()
-        .filter(near)
-        .filter(|p| b.contains([p[0], p[1], p[2]].map(f64::from)))
-        .count() as u32
 }
 
 /// Rays that ended on the object over rays that would if it stood alone.
@@ -126,11 +89,11 @@ fn visibility(
     sweep: &Sweep,
 ) -> Result<f32, String> {
     let alone = scene.searchable(solid.faces.clone())?;
-    let columns = sensor.column_count();
+    let columns = sensor.column_count;
     let window = Window::around(&scene.mesh.vertices[solid.vertices.clone()]);
     let (mut seen, mut possible) = (0u32, 0u32);
     for beam in 0..BEAMS {
-        if !window.beam(sensor.ray(beam, 0).1) {
+        if !window.beam(sensor.ray((beam, 0)).1) {
             continue;
         }
         for column in 0..columns {
@@ -138,14 +101,11 @@ fn visibility(
                 continue;
             }
             seen += u32::from(sweep.ended_on[beam * columns + column] == Some(instance));
-            possible += u32::from(trace(&alone, sensor, beam, column).is_some());
+            possible += u32::from(trace(&alone, sensor, (beam, column)).is_some());
         }
     }
-    Ok(if possible == 0 {
-        0.0
-    } else {
-        (seen as f32 / possible as f32).min(1.0)
-    })
+    let share = (seen as f32 / possible as f32).min(1.0);
+    Ok(if possible == 0 { 0.0 } else { share })
 }
 
 /// The part of the sphere of directions that an object can be in.
@@ -157,21 +117,17 @@ struct Window {
 
 impl Window {
     fn around(vertices: &[V3]) -> Window {
-        let sum = vertices
-            .iter()
-            .fold([0.0, 0.0], |s, p| [s[0] + p.x, s[1] + p.y]);
-        let length = sum[0].hypot(sum[1]).max(1e-6);
-        let middle = [sum[0] / length, sum[1] / length];
+        let sum: V3 = vertices.iter().sum();
+        let length = sum.x.hypot(sum.y).max(1e-6);
         let mut window = Window {
-            middle,
+            middle: [sum.x / length, sum.y / length],
             cos_half: 1.0,
             slope: [f32::MAX, f32::MIN],
         };
         for p in vertices {
             let flat = p.x.hypot(p.y).max(1e-3);
-            window.cos_half = window
-                .cos_half
-                .min((p.x * middle[0] + p.y * middle[1]) / flat);
+            let cos = (p.x * window.middle[0] + p.y * window.middle[1]) / flat;
+            window.cos_half = window.cos_half.min(cos);
             let slope = p.z / flat;
             window.slope = [window.slope[0].min(slope), window.slope[1].max(slope)];
         }
@@ -198,26 +154,14 @@ fn image_box(calibration: &Calibration, vertices: &[V3]) -> ([f64; 4], f64) {
     if !calibration.has_camera() {
         return ([0.0, 0.0, 100.0, 100.0], 0.0);
     }
-    let mut rect = [f64::MAX, f64::MAX, f64::MIN, f64::MIN];
-    for p in vertices {
-        if let Some([u, w]) = calibration.project_point_to_image([p.x, p.y, p.z].map(f64::from)) {
-            rect = [
-                rect[0].min(u),
-                rect[1].min(w),
-                rect[2].max(u),
-                rect[3].max(w),
-            ];
-        }
-    }
-    let area = |r: [f64; 4]| (r[2] - r[0]).max(0.0) * (r[3] - r[1]).max(0.0);
-    let clipped = [
-        rect[0].max(0.0),
-        rect[1].max(0.0),
-        rect[2].min(IMAGE_PX[0] - 1.0),
-        rect[3].min(IMAGE_PX[1] - 1.0),
-    ];
-    if rect[2] < rect[0] || clipped[2] <= clipped[0] || clipped[3] <= clipped[1] {
+    let points = vertices.iter().map(|p| p.to_array().map(f64::from));
+    let bounds = pixel_bounds(points.filter_map(|p| calibration.project_point_to_image(p)));
+    let Some(clipped) = ImageSize::KITTI.clip(bounds) else {
         return ([0.0; 4], 1.0);
-    }
-    (clipped, (1.0 - area(clipped) / area(rect)).clamp(0.0, 1.0))
+    };
+    let area = |r: [f64; 4]| (r[2] - r[0]).max(0.0) * (r[3] - r[1]).max(0.0);
+    (
+        clipped,
+        (1.0 - area(clipped) / area(bounds)).clamp(0.0, 1.0),
+    )
 }

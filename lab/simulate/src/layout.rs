@@ -7,7 +7,8 @@ use super::footprint::Footprint;
 use super::ground::{Ground, Place};
 use super::objects::{Model, build};
 use super::random::Dice;
-use super::{Class, Family, Realism, Split, Stream};
+use super::{Class, Family, Split, Stream};
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// An object in the scene: its model, and where it stands in the sensor frame.
 pub(crate) struct Placed {
@@ -18,13 +19,13 @@ pub(crate) struct Placed {
 
 /// Everything that takes ground, and the objects among it.
 pub(crate) struct Layout<'a> {
-    family: Family,
-    realism: Realism,
-    ground: &'a Ground,
+    stream: Stream,
+    pub(crate) ground: &'a Ground,
     pub(crate) taken: Vec<Footprint>,
     pub(crate) placed: Vec<Placed>,
 }
 
+/// x, y (m) and heading (rad) in the sensor frame.
 type Pose = (f32, f32, f32);
 
 /// The sensor's own vehicle and free space before it, m.
@@ -43,8 +44,7 @@ const ATTEMPTS_PER_RANGE: usize = 16;
 pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut Dice) -> Layout<'a> {
     let Stream { family, split, .. } = stream;
     let mut layout = Layout {
-        family,
-        realism: stream.realism,
+        stream,
         ground,
         taken: vec![EGO],
         placed: Vec::new(),
@@ -59,15 +59,18 @@ pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut D
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
     }
     if stream.synthetic_unknown {
-        wanted.extend(std::iter::repeat_n(
-            Class::SyntheticUnknown,
-            dice.whole(1, SYNTHETIC_UNKNOWN_MAX),
-        ));
+        let count = dice.whole(1, SYNTHETIC_UNKNOWN_MAX);
+        wanted.extend(std::iter::repeat_n(Class::SyntheticUnknown, count));
     }
     let knowns = [Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck];
     wanted.extend((0..count).map(|_| knowns[dice.weighted(&weights)]));
-    // Long things first: they find no room later.
-    wanted.sort_by_key(|class| class.placing_order());
+    // Long and rare things first: they find no room later.
+    wanted.sort_by_key(|class| match class {
+        Class::Truck => 0,
+        Class::Cyclist | Class::Pedestrian => 2,
+        Class::Car => 3,
+        _ => 1,
+    });
     let mut index = 0;
     while index < wanted.len() {
         let class = wanted[index];
@@ -78,9 +81,13 @@ pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut D
 }
 
 impl Layout<'_> {
+    fn model(&self, class: Class, dice: &mut Dice) -> Model {
+        build(class, self.stream.family, self.stream.realism, dice)
+    }
+
     /// Places one object and perhaps company of its class (a row of cars, a group of people), at most `limit`; returns how many.
     fn place_some(&mut self, class: Class, limit: usize, dice: &mut Dice) -> usize {
-        let model = build(class, self.family, self.realism, dice);
+        let model = self.model(class, dice);
         // A range is given up only after many places at it: else near ranges, where less fits, would grow rare.
         let mut range = 0.0;
         let Some(pose) = (0..ATTEMPTS).find_map(|attempt| {
@@ -92,7 +99,7 @@ impl Layout<'_> {
         }) else {
             return 0;
         };
-        let length = model.size_m().x;
+        let mut last = (pose, model.size_m().x);
         self.put(class, model, pose);
         let company = match class {
             Class::Car if dice.chance(0.45) => dice.whole(1, 4),
@@ -100,9 +107,8 @@ impl Layout<'_> {
             _ => 0,
         };
         let mut count = 1;
-        let mut last = (pose, length);
         for _ in 0..company.min(limit - 1) {
-            let model = build(class, self.family, self.realism, dice);
+            let model = self.model(class, dice);
             let pose = self.beside(class, last, model.size_m().x, dice);
             if self.fits(&model, pose, dice) {
                 last = (pose, model.size_m().x);
@@ -117,12 +123,11 @@ impl Layout<'_> {
     fn beside(&self, class: Class, last: (Pose, f32), length: f32, dice: &mut Dice) -> Pose {
         let ((x, y, yaw), last_length) = last;
         if class == Class::Pedestrian {
-            let angle = dice.range(0.0, std::f32::consts::TAU);
-            let away = dice.range(0.7, 1.6);
+            let (angle, away) = (dice.range(0.0, TAU), dice.range(0.7, 1.6));
             let heading = if dice.chance(0.6) {
                 yaw + dice.spread(0.3)
             } else {
-                dice.spread(std::f32::consts::PI)
+                dice.spread(PI)
             };
             return (x + away * angle.cos(), y + away * angle.sin(), heading);
         }
@@ -136,12 +141,8 @@ impl Layout<'_> {
         // Rows that begin far away come nearer, so that they stay in view.
         let away = x * cos + y * sin > 28.0;
         let step = if away { -step } else { step };
-        let turn = half_turn(dice.chance(0.15));
-        (
-            x + step * cos,
-            y + step * sin,
-            yaw + turn + dice.normal(0.0, 0.02),
-        )
+        let yaw = yaw + half_turn(dice.chance(0.15)) + dice.normal(0.0, 0.02);
+        (x + step * cos, y + step * sin, yaw)
     }
 
     fn put(&mut self, class: Class, model: Model, pose: Pose) {
@@ -156,7 +157,7 @@ impl Layout<'_> {
 
     fn fits(&self, model: &Model, pose: Pose, dice: &mut Dice) -> bool {
         let (x, y, _) = pose;
-        let inside = match self.family {
+        let inside = match self.stream.family {
             Family::SimUdi => x.abs() < 50.0 && y.abs() < 50.0,
             // Outside of the camera's view only now and then.
             Family::SimKitti => {
@@ -164,11 +165,7 @@ impl Layout<'_> {
             }
         };
         let footprint = footprint(model, pose);
-        inside
-            && self
-                .taken
-                .iter()
-                .all(|other| !footprint.overlaps(other, 0.25))
+        inside && !footprint.overlaps_any(&self.taken, 0.25)
     }
 
     /// Draws where an object of this class could be at this range; None when the range does not reach the place across the road.
@@ -191,7 +188,7 @@ impl Layout<'_> {
         if along == 0.0 && w.abs() > 1.3 * range {
             return None;
         }
-        let forward = match self.family {
+        let forward = match self.stream.family {
             Family::SimKitti => 1.0,
             Family::SimUdi => dice.sign(),
         };
@@ -202,93 +199,89 @@ impl Layout<'_> {
     fn vehicle(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
         let g = self.ground;
         let side = dice.sign();
-        let small = matches!(class, Class::GolfCart | Class::Forklift);
-        let weights = if small {
-            [0.2, 0.25, 0.35, 0.2]
-        } else {
-            [0.34, 0.3, 0.2, 0.16]
+        let weights = match class {
+            Class::GolfCart | Class::Forklift => [0.2, 0.25, 0.35, 0.2],
+            _ => [0.34, 0.3, 0.2, 0.16],
         };
-        match dice.weighted(&weights) {
+        let (across, yaw) = match dice.weighted(&weights) {
             0 => {
                 let across = side * g.half_width_m * dice.range(0.35, 0.6);
-                let yaw = half_turn(side > 0.0);
-                self.at(across, range, yaw + dice.normal(0.0, 0.05), dice)
+                (across, half_turn(side > 0.0) + dice.normal(0.0, 0.05))
             }
             1 => {
                 let across = side * (g.half_width_m - dice.range(0.2, 1.2));
                 let yaw = half_turn(dice.chance(0.75) != (side < 0.0));
-                self.at(across, range, yaw + dice.normal(0.0, 0.04), dice)
+                (across, yaw + dice.normal(0.0, 0.04))
             }
             2 => {
                 let across = side * (g.edge_m + dice.range(1.0, 14.0));
-                let quarter = std::f32::consts::FRAC_PI_2 * dice.whole(0, 3) as f32;
-                self.at(across, range, quarter + dice.normal(0.0, 0.08), dice)
+                let quarter = FRAC_PI_2 * dice.whole(0, 3) as f32;
+                (across, quarter + dice.normal(0.0, 0.08))
             }
-            _ => match g.crossing {
-                Some([at, half]) => {
-                    let yaw = side * std::f32::consts::FRAC_PI_2 + dice.normal(0.0, 0.08);
-                    let across = dice.spread(30.0);
-                    let (x, y) = g.sensor(at + side * half * 0.5, across);
-                    Some((x, y, g.yaw_rad + yaw))
-                }
-                None => Some(self.anywhere(class, range, dice)),
-            },
-        }
+            _ => {
+                let Some([at, half]) = g.crossing else {
+                    return Some(self.anywhere(class, range, dice));
+                };
+                let yaw = side * FRAC_PI_2 + dice.normal(0.0, 0.08);
+                let (x, y) = g.sensor(at + side * half * 0.5, dice.spread(30.0));
+                return Some((x, y, g.yaw_rad + yaw));
+            }
+        };
+        self.at(across, range, yaw, dice)
     }
 
     fn pedestrian(&self, range: f32, dice: &mut Dice) -> Option<Pose> {
         let g = self.ground;
         let side = dice.sign();
-        let along_or_any = |dice: &mut Dice| match dice.weighted(&[0.35, 0.35, 0.3]) {
-            0 => dice.normal(0.0, 0.15),
-            1 => std::f32::consts::PI + dice.normal(0.0, 0.15),
-            _ => dice.spread(std::f32::consts::PI),
-        };
-        match dice.weighted(&[0.62, 0.2, 0.18]) {
+        let (across, yaw) = match dice.weighted(&[0.62, 0.2, 0.18]) {
             0 => {
                 let across = side * dice.range(g.half_width_m + 0.3, g.edge_m + 0.3);
-                let yaw = along_or_any(dice);
-                self.at(across, range, yaw, dice)
+                let yaw = match dice.weighted(&[0.35, 0.35, 0.3]) {
+                    0 => dice.normal(0.0, 0.15),
+                    1 => PI + dice.normal(0.0, 0.15),
+                    _ => dice.spread(PI),
+                };
+                (across, yaw)
             }
             1 => {
                 let across = dice.spread(g.half_width_m);
-                let yaw = side * std::f32::consts::FRAC_PI_2 + dice.normal(0.0, 0.2);
-                self.at(across, range, yaw, dice)
+                (across, side * FRAC_PI_2 + dice.normal(0.0, 0.2))
             }
-            _ => Some(self.anywhere(Class::Pedestrian, range, dice)),
-        }
+            _ => return Some(self.anywhere(Class::Pedestrian, range, dice)),
+        };
+        self.at(across, range, yaw, dice)
     }
 
     fn cyclist(&self, range: f32, dice: &mut Dice) -> Option<Pose> {
         let g = self.ground;
         let side = dice.sign();
         let direction = half_turn(side > 0.0);
-        match dice.weighted(&[0.55, 0.25, 0.2]) {
+        let (across, yaw) = match dice.weighted(&[0.55, 0.25, 0.2]) {
             0 => {
                 let across = side * (g.half_width_m - dice.range(0.4, 2.6));
-                self.at(across, range, direction + dice.normal(0.0, 0.1), dice)
+                (across, direction + dice.normal(0.0, 0.1))
             }
             1 => {
                 let across = side * dice.range(g.half_width_m + 0.4, g.edge_m);
-                let yaw = direction + half_turn(dice.chance(0.3)) + dice.normal(0.0, 0.15);
-                self.at(across, range, yaw, dice)
+                let yaw = direction + half_turn(dice.chance(0.3));
+                (across, yaw + dice.normal(0.0, 0.15))
             }
-            _ => Some(self.anywhere(Class::Cyclist, range, dice)),
-        }
+            _ => return Some(self.anywhere(Class::Cyclist, range, dice)),
+        };
+        self.at(across, range, yaw, dice)
     }
 
     /// Any azimuth, any heading.
     fn anywhere(&self, class: Class, range: f32, dice: &mut Dice) -> Pose {
-        let azimuth = match self.family {
-            Family::SimUdi => dice.spread(std::f32::consts::PI),
+        let azimuth = match self.stream.family {
+            Family::SimUdi => dice.spread(PI),
             Family::SimKitti => dice.spread(0.75),
         };
         let yaw = if class == Class::Pedestrian || dice.chance(0.5) {
-            dice.spread(std::f32::consts::PI)
+            dice.spread(PI)
         } else {
-            self.ground.yaw_rad
-                + std::f32::consts::FRAC_PI_2 * dice.whole(0, 3) as f32
-                + dice.normal(0.0, 0.05)
+            let quarter = FRAC_PI_2 * dice.whole(0, 3) as f32;
+            self.ground.yaw_rad + quarter + dice.normal(0.0, 0.05)
         };
         (range * azimuth.cos(), range * azimuth.sin(), yaw)
     }
@@ -301,7 +294,7 @@ fn footprint(model: &Model, (x, y, yaw): Pose) -> Footprint {
 
 /// A heading against the road, rad: turned around or along.
 fn half_turn(around: bool) -> f32 {
-    if around { std::f32::consts::PI } else { 0.0 }
+    if around { PI } else { 0.0 }
 }
 
 /// Shares of the knots below.

@@ -24,61 +24,38 @@ pub mod statistics;
 pub mod synthetic_unknown;
 
 pub use export::{ExportOptions, export};
-pub use labels::{calibration, image_size};
 pub use realism::{Realism, Step};
 
 use mluc_dataset::SYNTHETIC_UNKNOWN;
 use mluc_geometry::{Box3, CalibrationError};
 use random::Dice;
+use std::path::PathBuf;
 
 /// What can go wrong while simulating or writing.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulateError {
-    /// The scene's triangles cannot be searched.
-    #[error("frame {index}: the scene's mesh cannot be built: {reason}")]
-    Mesh {
-        /// Frame.
-        index: u32,
-        /// What the ray caster says.
-        reason: String,
-    },
+    /// A frame whose scene cannot be searched by the ray caster, and why.
+    #[error("frame {0}: the scene's mesh cannot be built: {1}")]
+    Mesh(u32, String),
     /// The family's own calibration is refused.
     #[error("the simulator's calibration is not valid: {0}")]
     Calibration(#[from] CalibrationError),
     /// A folder or file cannot be made or written.
-    #[error("{path}: cannot write: {cause}")]
-    Write {
-        /// Which.
-        path: std::path::PathBuf,
-        /// Why.
-        cause: std::io::Error,
-    },
+    #[error("{0}: cannot write: {1}")]
+    Write(PathBuf, std::io::Error),
     /// The output folder holds something already.
     #[error(
-        "{path}: expected an empty or a new folder, found {found} in it; choose another folder or remove it"
+        "{0}: expected an empty or a new folder, found {1} in it; choose another folder or remove it"
     )]
-    NotEmpty {
-        /// Which folder.
-        path: std::path::PathBuf,
-        /// Name of something in it.
-        found: String,
-    },
+    NotEmpty(PathBuf, String),
     /// Synthetic unknown objects outside of training.
     #[error(
-        "synthetic unknown objects: expected the split train, found {split}: its unknown objects are real ones"
+        "synthetic unknown objects: expected the split train, found {0}: its unknown objects are real ones"
     )]
-    SyntheticUnknownOutsideTraining {
-        /// Which split was asked for.
-        split: &'static str,
-    },
-    /// Threads cannot be started.
-    #[error("cannot start {threads} threads: {reason}")]
-    Threads {
-        /// How many were asked for.
-        threads: usize,
-        /// What the system says.
-        reason: String,
-    },
+    SyntheticUnknownOutsideTraining(&'static str),
+    /// So many threads cannot be started.
+    #[error("cannot start {0} threads: {1}")]
+    Threads(usize, rayon::ThreadPoolBuildError),
 }
 
 /// A scenario family: sensor view, sizes, and which classes are known.
@@ -96,10 +73,7 @@ impl Family {
 
     /// The family's name on the command line.
     pub fn name(self) -> &'static str {
-        match self {
-            Family::SimUdi => "sim-udi",
-            Family::SimKitti => "sim-kitti",
-        }
+        ["sim-udi", "sim-kitti"][self as usize]
     }
 
     /// Classes that training shows.
@@ -136,11 +110,7 @@ impl Split {
 
     /// The split's name in `ImageSets`.
     pub fn name(self) -> &'static str {
-        match self {
-            Split::Train => "train",
-            Split::Val => "val",
-            Split::Test => "test",
-        }
+        ["train", "val", "test"][self as usize]
     }
 }
 
@@ -166,17 +136,6 @@ pub enum Class {
 }
 
 impl Class {
-    /// All classes of real things.
-    pub const ALL: [Class; 7] = [
-        Class::Car,
-        Class::Van,
-        Class::Truck,
-        Class::Pedestrian,
-        Class::Cyclist,
-        Class::GolfCart,
-        Class::Forklift,
-    ];
-
     /// Name in label files.
     pub fn name(self) -> &'static str {
         match self {
@@ -191,14 +150,8 @@ impl Class {
         }
     }
 
-    /// Long and rare things are placed first, while there is room.
-    fn placing_order(self) -> u8 {
-        match self {
-            Class::Truck => 0,
-            Class::Van | Class::GolfCart | Class::Forklift | Class::SyntheticUnknown => 1,
-            Class::Car => 3,
-            Class::Cyclist | Class::Pedestrian => 2,
-        }
+    fn is_vehicle(self) -> bool {
+        matches!(self, Class::Car | Class::Van | Class::Truck)
     }
 }
 
@@ -225,12 +178,11 @@ impl SimulatedObject {
         if family == Family::SimUdi && self.points < 10 {
             return 3;
         }
-        match self.visibility {
-            v if v >= 0.75 => 0,
-            v if v >= 0.4 => 1,
-            v if v >= 0.1 => 2,
-            _ => 3,
-        }
+        let levels = [0.75, 0.4, 0.1];
+        levels
+            .iter()
+            .filter(|least| self.visibility < **least)
+            .count() as i32
     }
 }
 
@@ -270,10 +222,10 @@ impl Stream {
     }
 }
 
-/// Where in a sequence a frame stands.
+/// Where in a sequence a frame stands: the scene of one frame, through which the sensor drives while half of the objects move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Turn {
-    /// From 0.
+    /// From 0, a tenth of a second apart.
     step: u32,
     /// Frames of the sequence.
     steps: u32,
@@ -289,69 +241,36 @@ pub fn frame(
     Ok(turn(Stream::full(family, split, seed), index, None)?.0)
 }
 
-/// Simulates frame `step` of a sequence of `steps`, a tenth of a second apart: the scene of frame `index`, through which the sensor drives while half of the
-/// objects move. Returns the frame, and where the sensor is in the sensor frame of step 0 (x, y, z, m; its heading stays). Pure, like [`frame`].
-pub fn sequence_frame(
-    family: Family,
-    split: Split,
-    seed: u64,
-    index: u32,
-    step: u32,
-    steps: u32,
-) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
-    turn(
-        Stream::full(family, split, seed),
-        index,
-        Some(Turn { step, steps }),
-    )
-}
-
+/// One frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
 fn turn(
     stream: Stream,
     index: u32,
     turn: Option<Turn>,
 ) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
-    let Stream {
-        family,
-        split,
-        seed,
-        realism,
-        ..
-    } = stream;
-    let key = random::hash(&[seed, family as u64, split as u64, u64::from(index)]);
-    let ground = ground::Ground::draw(family, &mut Dice::new(&[key, 1]));
-    let mut layout = layout::place_objects(stream, &ground, &mut Dice::new(&[key, 2]));
+    let Stream { family, split, .. } = stream;
+    let key = random::hash(&[stream.seed, family as u64, split as u64, u64::from(index)]);
+    let dice = |stage: u64| Dice::new(&[key, stage]);
+    let ground = ground::Ground::draw(family, &mut dice(1));
+    let mut layout = layout::place_objects(stream, &ground, &mut dice(2));
     let mut scene = scene::Scene::default();
-    scene.add(&ground.mesh(family, &mut Dice::new(&[key, 3])), 0, |p| p);
-    background::fill(
-        stream,
-        &ground,
-        &mut layout,
-        &mut scene,
-        &mut Dice::new(&[key, 4]),
-    );
+    scene.add(&ground.mesh(family, &mut dice(3)), 0, |p| p);
+    background::fill(stream, &mut layout, &mut scene, &mut dice(4));
     let half_turn = family == Family::SimKitti;
-    let mut sensor = sensor::Sensor::new(random::hash(&[key, 5]), half_turn, realism);
-    let mut sensor_at = mesh::v(0.0, 0.0, 0.0);
-    if let Some(Turn { step, steps }) = turn {
-        let mut dice = Dice::new(&[key, 6]);
-        let drive = drive::Drive::draw(&ground, &layout.placed, &layout.taken, steps, &mut dice);
-        drive.move_objects(step, &mut layout.placed);
-        sensor_at = drive.sensor_at(step, &ground);
-        sensor = sensor.at_turn(step);
+    let mut sensor = sensor::Sensor::new(random::hash(&[key, 5]), half_turn, stream.realism);
+    let mut sensor_at = mesh::V3::ZERO;
+    if let Some(turn) = turn {
+        sensor_at = drive::drive(&mut layout, turn, &mut dice(6));
+        sensor = sensor.at_turn(turn.step);
     }
     let mut solids = scene.add_objects(&ground, &layout.placed);
     scene.see_from(sensor_at, &mut solids);
-    let mesh_error = |reason: String| SimulateError::Mesh { index, reason };
+    let mesh_error = |reason| SimulateError::Mesh(index, reason);
     let sweep = scan::sweep(&sensor, &scene).map_err(mesh_error)?;
     let mut frame = labels::label(family, &sensor, &scene, &solids, sweep).map_err(mesh_error)?;
     let (normal, offset) = ground.plane();
     let offset = offset + normal.dot(sensor_at);
     frame.plane = [normal.x, normal.y, normal.z, offset].map(f64::from);
-    Ok((
-        frame,
-        [sensor_at.x, sensor_at.y, sensor_at.z].map(f64::from),
-    ))
+    Ok((frame, sensor_at.to_array().map(f64::from)))
 }
 
 #[cfg(test)]

@@ -20,31 +20,25 @@ pub(crate) enum Kind {
 pub(crate) struct Surface {
     /// Share of the light that comes back at normal incidence, 0..1.
     pub(crate) rho: f32,
-    /// Solid or not.
     pub(crate) kind: Kind,
+}
+
+const fn surface(rho: f32, kind: Kind) -> Surface {
+    Surface { rho, kind }
 }
 
 /// A solid surface.
 pub(crate) const fn solid(rho: f32) -> Surface {
-    Surface {
-        rho,
-        kind: Kind::Solid,
-    }
+    surface(rho, Kind::Solid)
 }
 
 /// A porous surface that lets this share of the rays pass.
 pub(crate) const fn porous(rho: f32, passes: f32) -> Surface {
-    Surface {
-        rho,
-        kind: Kind::Porous(passes),
-    }
+    surface(rho, Kind::Porous(passes))
 }
 
 /// Window glass.
-pub(crate) const GLASS: Surface = Surface {
-    rho: 0.2,
-    kind: Kind::Glass,
-};
+pub(crate) const GLASS: Surface = surface(0.2, Kind::Glass);
 /// Tyres.
 pub(crate) const RUBBER: Surface = solid(0.07);
 /// Bare or galvanised metal.
@@ -69,14 +63,23 @@ pub(crate) fn v(x: f32, y: f32, z: f32) -> V3 {
     V3::new(x, y, z)
 }
 
+/// A point over the origin.
+pub(crate) fn up(z: f32) -> V3 {
+    v(0.0, 0.0, z)
+}
+
 /// Points around a circle, placed by the cosine and sine of their angle; the first lies `phase` steps on.
 pub(crate) fn circle(sides: usize, phase: f32, mut place: impl FnMut(f32, f32) -> V3) -> Vec<V3> {
-    let mut point = |i: usize| {
-        let angle = std::f32::consts::TAU * (i as f32 + phase) / sides as f32;
-        let (sin, cos) = angle.sin_cos();
-        place(cos, sin)
-    };
-    (0..sides).map(&mut point).collect()
+    (0..sides)
+        .map(|i| (std::f32::consts::TAU * (i as f32 + phase) / sides as f32).sin_cos())
+        .map(|(sin, cos)| place(cos, sin))
+        .collect()
+}
+
+/// A ring from its left half: these points, then their images on the right, backwards.
+pub(crate) fn mirrored(left: &[V3]) -> Vec<V3> {
+    let right = left.iter().rev().map(|p| v(p.x, -p.y, p.z));
+    left.iter().copied().chain(right).collect()
 }
 
 impl Mesh {
@@ -99,41 +102,31 @@ impl Mesh {
         self.face([a, c, d], surface);
     }
 
-    /// Skin between rings of equally many points; `surface(ring, point)` chooses per quad, None leaves a hole.
-    pub(crate) fn loft(
+    /// Skin between rings of equally many points; `surface(ring, point)` chooses per quad.
+    pub(crate) fn loft<R: AsRef<[V3]>>(
         &mut self,
-        rings: &[Vec<V3>],
+        rings: &[R],
         closed: bool,
-        surface: impl Fn(usize, usize) -> Option<Surface>,
+        surface: impl Fn(usize, usize) -> Surface,
     ) {
         let first = self.vertices.len() as u32;
-        let count = rings.iter().map(Vec::len).min().unwrap_or(0);
+        let count = rings.first().map_or(0, |ring| ring.as_ref().len());
         for ring in rings {
-            self.vertices.extend_from_slice(&ring[..count]);
+            self.vertices.extend_from_slice(ring.as_ref());
         }
-        let steps = if closed {
-            count
-        } else {
-            count.saturating_sub(1)
-        };
-        for r in 0..rings.len().saturating_sub(1) {
-            for i in 0..steps {
-                if let Some(s) = surface(r, i) {
-                    let at =
-                        |ring: usize, point: usize| first + (ring * count + point % count) as u32;
-                    self.face([at(r, i), at(r, i + 1), at(r + 1, i + 1)], s);
-                    self.face([at(r, i), at(r + 1, i + 1), at(r + 1, i)], s);
-                }
+        let at = |ring: usize, point: usize| first + (ring * count + point % count) as u32;
+        for r in 1..rings.len() {
+            for i in 0..count - usize::from(!closed) {
+                let [a, b, c, d] = [at(r - 1, i), at(r - 1, i + 1), at(r, i + 1), at(r, i)];
+                self.face([a, b, c], surface(r - 1, i));
+                self.face([a, c, d], surface(r - 1, i));
             }
         }
     }
 
     /// A flat lid over a ring: a fan about its middle.
     pub(crate) fn cap(&mut self, ring: &[V3], surface: Surface) {
-        let Some(sum) = ring.iter().copied().reduce(|a, b| a + b) else {
-            return;
-        };
-        let middle = self.vertex(sum / ring.len() as f32);
+        let middle = self.vertex(ring.iter().copied().sum::<V3>() / ring.len() as f32);
         let first = self.vertices.len() as u32;
         self.vertices.extend_from_slice(ring);
         let count = ring.len() as u32;
@@ -144,35 +137,20 @@ impl Mesh {
 
     /// A block along the axes.
     pub(crate) fn block(&mut self, center: V3, size: V3, surface: Surface) {
-        self.tapered(center, size, 1.0, 1.0, surface);
+        self.tapered(center, size, [1.0, 1.0], surface);
     }
 
     /// A block whose top is scaled by these factors along x and y.
-    pub(crate) fn tapered(
-        &mut self,
-        center: V3,
-        size: V3,
-        top_x: f32,
-        top_y: f32,
-        surface: Surface,
-    ) {
+    pub(crate) fn tapered(&mut self, center: V3, size: V3, top: [f32; 2], surface: Surface) {
         let h = size / 2.0;
-        let ring = |z: f32, sx: f32, sy: f32| -> Vec<V3> {
-            [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
-                .map(|(x, y)| center + v(x * h.x * sx, y * h.y * sy, z))
-                .to_vec()
+        let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
+        let ring = |z: f32, [sx, sy]: [f32; 2]| {
+            corners.map(|(x, y)| center + v(x * h.x * sx, y * h.y * sy, z))
         };
-        let rings = [ring(-h.z, 1.0, 1.0), ring(h.z, top_x, top_y)];
-        self.loft(&rings, true, |_, _| Some(surface));
-        for r in &rings {
-            self.quad([r[0], r[1], r[2], r[3]], surface);
-        }
-    }
-
-    /// A block for each centre and size, in order.
-    pub(crate) fn blocks<const N: usize>(&mut self, blocks: [(V3, V3); N], surface: Surface) {
-        for (center, size) in blocks {
-            self.block(center, size, surface);
+        let rings = [ring(-h.z, [1.0, 1.0]), ring(h.z, top)];
+        self.loft(&rings, true, |_, _| surface);
+        for ring in rings {
+            self.quad(ring, surface);
         }
     }
 
@@ -185,8 +163,8 @@ impl Mesh {
 
     /// A rectangle across y, from the first to the second x and z.
     pub(crate) fn pane(&mut self, x: [f32; 2], y: f32, z: [f32; 2], surface: Surface) {
-        let at = |i: usize, j: usize| v(x[i], y, z[j]);
-        self.quad([at(0, 0), at(1, 0), at(1, 1), at(0, 1)], surface);
+        let corners = [(0, 0), (1, 0), (1, 1), (0, 1)];
+        self.quad(corners.map(|(i, j)| v(x[i], y, z[j])), surface);
     }
 
     /// A tapered tube between two points with lids.
@@ -197,17 +175,17 @@ impl Mesh {
         }
         let axis = axis.normalize();
         let helper = if axis.z.abs() < 0.8 { V3::Z } else { V3::X };
-        let side = axis.cross(helper).normalize();
-        let up = axis.cross(side);
+        let x = axis.cross(helper).normalize();
+        let y = axis.cross(x);
         let rings = [0, 1].map(|end| {
             circle(sides, 0.0, |cos, sin| {
-                ends[end] + (side * cos + up * sin) * radii[end]
+                ends[end] + (x * cos + y * sin) * radii[end]
             })
         });
-        self.loft(&rings, true, |_, _| Some(surface));
-        for (r, radius) in rings.iter().zip(radii) {
+        self.loft(&rings, true, |_, _| surface);
+        for (ring, radius) in rings.iter().zip(radii) {
             if radius > 0.02 {
-                self.cap(r, surface);
+                self.cap(ring, surface);
             }
         }
     }
@@ -223,21 +201,18 @@ impl Mesh {
     }
 
     /// A skin over closed rings with a lid at both ends.
-    pub(crate) fn hull(&mut self, rings: &[Vec<V3>], surface: Surface) {
-        self.loft(rings, true, |_, _| Some(surface));
-        if let (Some(first), Some(last)) = (rings.first(), rings.last()) {
-            self.cap(first, surface);
-            self.cap(last, surface);
+    pub(crate) fn hull<R: AsRef<[V3]>>(&mut self, rings: &[R], surface: Surface) {
+        self.loft(rings, true, |_, _| surface);
+        for ring in [rings.first(), rings.last()].into_iter().flatten() {
+            self.cap(ring.as_ref(), surface);
         }
     }
 
     /// Stacked ellipses along z: (z, centre x, half x, half y) from bottom to top, with lids.
-    pub(crate) fn stack(&mut self, levels: &[[f32; 4]], sides: usize, surface: Surface) {
-        let ring = |&[z, cx, rx, ry]: &[f32; 4]| {
-            circle(sides, 0.5, |cos, sin| v(cx + rx * cos, ry * sin, z))
-        };
-        let rings: Vec<Vec<V3>> = levels.iter().map(ring).collect();
-        self.hull(&rings, surface);
+    pub(crate) fn stack<const N: usize>(&mut self, levels: [[f32; 4]; N], surface: Surface) {
+        let place =
+            |[z, x, rx, ry]: [f32; 4]| move |cos: f32, sin: f32| v(x + rx * cos, ry * sin, z);
+        self.hull(&levels.map(|level| circle(8, 0.5, place(level))), surface);
     }
 
     /// An ellipsoid of stacked rings; each vertex is pushed in or out by up to `rough` of its radius.
@@ -250,7 +225,7 @@ impl Mesh {
         dice: &mut Dice,
         surface: Surface,
     ) {
-        let mut ring = |level: usize| {
+        let ring = |level: usize| {
             let t = (level as f32 + 0.5) / levels as f32;
             let (sin, cos) = ((t - 0.5) * std::f32::consts::PI).sin_cos();
             circle(sides, 0.0, |c, s| {
@@ -258,17 +233,17 @@ impl Mesh {
                 center + v(radii.x * cos * c, radii.y * cos * s, radii.z * sin) * scale
             })
         };
-        let rings: Vec<Vec<V3>> = (0..levels).map(&mut ring).collect();
+        let rings: Vec<Vec<V3>> = (0..levels).map(ring).collect();
         self.hull(&rings, surface);
     }
 
     /// Adds another mesh, each vertex moved by `place`.
     pub(crate) fn add(&mut self, other: &Mesh, place: impl Fn(V3) -> V3) {
         let first = self.vertices.len() as u32;
+        let moved = other.triangles.iter().map(|t| t.map(|i| i + first));
+        self.triangles.extend(moved);
         self.vertices
             .extend(other.vertices.iter().map(|p| place(*p)));
-        self.triangles
-            .extend(other.triangles.iter().map(|t| t.map(|i| i + first)));
         self.surfaces.extend_from_slice(&other.surfaces);
     }
 
@@ -294,23 +269,31 @@ impl Mesh {
 
     /// Pushes every vertex by up to `amount_m` along each axis, so that nothing is a perfect plane.
     pub(crate) fn roughen(&mut self, amount_m: f32, dice: &mut Dice) {
+        let range = [-amount_m, amount_m];
         for p in &mut self.vertices {
-            *p += v(
-                dice.spread(amount_m),
-                dice.spread(amount_m),
-                dice.spread(amount_m),
-            );
+            *p += dice.size(range, range, range);
         }
     }
 
     /// Lowest and highest corner; both zero when the mesh is empty.
     pub(crate) fn bounds(&self) -> (V3, V3) {
-        self.vertices
-            .iter()
-            .fold(None, |acc: Option<(V3, V3)>, p| {
-                Some(acc.map_or((*p, *p), |(lo, hi)| (lo.min(*p), hi.max(*p))))
-            })
-            .unwrap_or((V3::ZERO, V3::ZERO))
+        let first = self.vertices.first().copied().unwrap_or_default();
+        let grow = |(low, high): (V3, V3), p: &V3| (low.min(*p), high.max(*p));
+        self.vertices.iter().fold((first, first), grow)
+    }
+
+    /// Scales to exactly these extents, the lowest point on the ground and the middle over the origin.
+    pub(crate) fn fit(&mut self, size_m: V3) {
+        let (low, high) = self.bounds();
+        let scale = size_m / (high - low).max(V3::splat(1e-3));
+        let middle = (low + high) / 2.0;
+        self.map(|p| (p - v(middle.x, middle.y, low.z)) * scale);
+    }
+
+    /// Moves the lowest point to the ground.
+    pub(crate) fn put_down(&mut self) {
+        let low = self.bounds().0.z;
+        self.map(|p| v(p.x, p.y, p.z - low));
     }
 }
 

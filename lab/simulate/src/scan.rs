@@ -1,9 +1,9 @@
 //! One turn of the sensor: every ray is cast, passes windows and foliage, comes back or is lost, and is measured.
 
-use super::mesh::{Kind, V3};
+use super::mesh::Kind;
 use super::random::{splitmix64, unit};
 use super::scene::{Scene, Searchable};
-use super::sensor::{BEAMS, Hit, RANGE_M, Sensor, Stream, drop_probability};
+use super::sensor::{BEAMS, Hit, RANGE_M, Sensor, Shot, Stream, drop_probability};
 use parry3d::query::{Ray, RayCast};
 
 /// Surfaces that one ray may pass before it is given up.
@@ -24,9 +24,9 @@ pub(crate) struct Sweep {
 /// Casts all rays of a turn.
 pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
     let world = scene.searchable(0..scene.mesh.triangles.len())?;
-    let columns = sensor.column_count();
+    let columns = sensor.column_count;
     let hits: Vec<Option<Hit>> = (0..BEAMS * columns)
-        .map(|i| trace(&world, sensor, i / columns, i % columns))
+        .map(|i| trace(&world, sensor, (i / columns, i % columns)))
         .collect();
     let mut sweep = Sweep {
         points: Vec::with_capacity(hits.len()),
@@ -34,10 +34,10 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
         ended_on: hits.iter().map(|hit| hit.map(|h| h.instance)).collect(),
     };
     for (i, hit) in hits.iter().enumerate() {
-        let (beam, column) = (i / columns, i % columns);
+        let shot @ (beam, column) = (i / columns, i % columns);
         let Some(hit) = hit else { continue };
         let neighbour = hits[beam * columns + (column + 1) % columns];
-        if let Some(point) = returned(sensor, *hit, neighbour, beam, column) {
+        if let Some(point) = returned(sensor, *hit, neighbour, shot) {
             sweep.points.push(point);
             sweep.instances.push(hit.instance);
         }
@@ -47,14 +47,9 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
 
 /// Follows one ray to the surface that stops it. The draws at each surface depend on the ray and the count of passes alone, so that an object alone in the
 /// world is hit by the same rays as in the scene.
-pub(crate) fn trace(
-    world: &Searchable<'_>,
-    sensor: &Sensor,
-    beam: usize,
-    column: usize,
-) -> Option<Hit> {
-    let (start, direction) = sensor.ray(beam, column);
-    let mut bits = sensor.bits(Stream::Pass, beam, column);
+pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<Hit> {
+    let (start, direction) = sensor.ray(shot);
+    let mut bits = sensor.bits(Stream::Pass, shot);
     let mut from = 0.0;
     for _ in 0..PASSES_MAX {
         let ray = Ray::new(start + direction * from, direction);
@@ -88,43 +83,29 @@ pub(crate) fn trace(
 }
 
 /// The point that comes back, or None when it is lost.
-fn returned(
-    sensor: &Sensor,
-    hit: Hit,
-    neighbour: Option<Hit>,
-    beam: usize,
-    column: usize,
-) -> Option<[f32; 4]> {
-    if sensor.drops
-        && unit(sensor.bits(Stream::Drop, beam, column))
-            < drop_probability(sensor.base_drop, hit.range_m, hit.rho, hit.cos_incidence)
-    {
+fn returned(sensor: &Sensor, hit: Hit, neighbour: Option<Hit>, shot: Shot) -> Option<[f32; 4]> {
+    let lost = drop_probability(sensor.base_drop, hit.range_m, hit.rho, hit.cos_incidence);
+    if sensor.drops && unit(sensor.bits(Stream::Drop, shot)) < lost {
         return None;
     }
-    let true_m = mixed(sensor, hit.range_m, neighbour, beam, column);
-    let range_m = sensor.measured(true_m, beam, column);
+    let true_m = mixed(sensor, hit.range_m, neighbour, shot);
+    let range_m = sensor.measured(true_m, shot);
     if !(RANGE_M[0]..RANGE_M[1]).contains(&range_m) {
         return None;
     }
-    let (start, direction): (V3, V3) = sensor.ray(beam, column);
+    let (start, direction) = sensor.ray(shot);
     let p = start + direction * range_m;
-    Some([p.x, p.y, p.z, sensor.intensity(&hit, beam, column)])
+    Some([p.x, p.y, p.z, sensor.intensity(&hit, shot)])
 }
 
 /// A pulse that straddles a depth edge is sometimes reported at the nearer surface or between the two.
-fn mixed(sensor: &Sensor, range_m: f32, neighbour: Option<Hit>, beam: usize, column: usize) -> f32 {
-    let Some(other_m) = neighbour.map(|n| n.range_m) else {
-        return range_m;
-    };
+fn mixed(sensor: &Sensor, range_m: f32, neighbour: Option<Hit>, shot: Shot) -> f32 {
+    let other_m = neighbour.map_or(range_m, |n| n.range_m);
     let step = range_m - other_m;
-    let bits = sensor.bits(Stream::Mixed, beam, column);
+    let bits = sensor.bits(Stream::Mixed, shot);
     if !(EDGE_M[0]..EDGE_M[1]).contains(&step) || unit(bits) >= sensor.noise.mixed {
         return range_m;
     }
     let share = unit(splitmix64(bits));
-    if share < 0.5 {
-        other_m
-    } else {
-        other_m + step * (share - 0.5) * 2.0
-    }
+    other_m + step * (share - 0.5).max(0.0) * 2.0
 }

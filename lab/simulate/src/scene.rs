@@ -4,7 +4,7 @@ use super::Class;
 use super::ground::Ground;
 use super::layout::Placed;
 use super::mesh::{Mesh, Surface, V3, v};
-use mluc_geometry::Box3;
+use mluc_geometry::{Box3, limit_period};
 use parry3d::shape::TriMesh;
 use std::ops::Range;
 
@@ -34,40 +34,31 @@ impl Scene {
 
     /// Adds the labelled objects, instances from 1 in order. They stand on the ground and follow its slope (sheared, so that the label stays upright).
     pub(crate) fn add_objects(&mut self, ground: &Ground, placed: &[Placed]) -> Vec<Solid> {
-        placed
-            .iter()
-            .enumerate()
-            .map(|(index, object)| {
-                let (first_face, first_vertex) =
-                    (self.mesh.triangles.len(), self.mesh.vertices.len());
-                let at = object.footprint;
-                let base = ground.height(at.x, at.y);
-                let (gx, gy) = ground.gradient(at.x, at.y);
-                let (low, high) = (object.model.low, object.model.high);
-                let middle = (low + high) / 2.0;
-                let (sin, cos) = at.yaw.sin_cos();
-                self.add(&object.model.mesh, (index + 1) as u16, |p| {
-                    let (lx, ly) = (p.x - middle.x, p.y - middle.y);
-                    let (dx, dy) = (lx * cos - ly * sin, lx * sin + ly * cos);
-                    v(at.x + dx, at.y + dy, base + p.z + gx * dx + gy * dy)
-                });
-                let size = high - low;
-                Solid {
-                    class: object.class,
-                    box_in_sensor: Box3 {
-                        center_m: [at.x, at.y, base + middle.z].map(f64::from),
-                        size_m: [size.x, size.y, size.z].map(f64::from),
-                        yaw_rad: mluc_geometry::limit_period(
-                            f64::from(at.yaw),
-                            0.5,
-                            std::f64::consts::TAU,
-                        ),
-                    },
-                    faces: first_face..self.mesh.triangles.len(),
-                    vertices: first_vertex..self.mesh.vertices.len(),
-                }
-            })
-            .collect()
+        let mut add = |(index, object): (usize, &Placed)| {
+            let (first_face, first_vertex) = (self.mesh.triangles.len(), self.mesh.vertices.len());
+            let (at, model) = (object.footprint, &object.model);
+            let base = ground.height(at.x, at.y);
+            let (gx, gy) = ground.gradient(at.x, at.y);
+            let middle = (model.low + model.high) / 2.0;
+            let (sin, cos) = at.yaw.sin_cos();
+            self.add(&model.mesh, (index + 1) as u16, |p| {
+                let (lx, ly) = (p.x - middle.x, p.y - middle.y);
+                let (dx, dy) = (lx * cos - ly * sin, lx * sin + ly * cos);
+                v(at.x + dx, at.y + dy, base + p.z + gx * dx + gy * dy)
+            });
+            let yaw_rad = limit_period(f64::from(at.yaw), 0.5, std::f64::consts::TAU);
+            Solid {
+                class: object.class,
+                box_in_sensor: Box3 {
+                    center_m: [at.x, at.y, base + middle.z].map(f64::from),
+                    size_m: model.size_m().to_array().map(f64::from),
+                    yaw_rad,
+                },
+                faces: first_face..self.mesh.triangles.len(),
+                vertices: first_vertex..self.mesh.vertices.len(),
+            }
+        };
+        placed.iter().enumerate().map(&mut add).collect()
     }
 
     /// Moves everything so that the sensor, which stood at the origin, stands at `sensor_at`.
@@ -75,7 +66,7 @@ impl Scene {
         for vertex in &mut self.mesh.vertices {
             *vertex -= sensor_at;
         }
-        let moved = [sensor_at.x, sensor_at.y, sensor_at.z].map(f64::from);
+        let moved = sensor_at.to_array().map(f64::from);
         for solid in solids {
             for (axis, moved) in moved.iter().enumerate() {
                 solid.box_in_sensor.center_m[axis] -= moved;

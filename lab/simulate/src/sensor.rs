@@ -4,7 +4,7 @@
 //! 0.05 deg a beam. Azimuth: 10 Hz, 0.1728 deg, 2083 columns a turn, each beam with its own phase. Range noise 2 cm, bias of 1 cm a beam, steps of 2 mm.
 //! Without the step `rings` or `noise` it is the sensor of its data sheet: 64 beams evenly over 26.8 degrees that measure exactly.
 
-use super::mesh::{V3, v};
+use super::mesh::{V3, up, v};
 use super::random::{hash, normal, unit};
 use super::{Realism, Step};
 
@@ -26,6 +26,7 @@ const BLOCK_OFFSET_M: f32 = 0.043;
 const FIELD_DEG: [f32; 2] = [2.0, -24.8];
 
 /// How far measurements stray.
+#[derive(Default)]
 pub(crate) struct Noise {
     range_m: f32,
     beam_bias_m: f32,
@@ -44,14 +45,6 @@ const NOISE: Noise = Noise {
     mixed: 0.15,
 };
 
-const EXACT: Noise = Noise {
-    range_m: 0.0,
-    beam_bias_m: 0.0,
-    azimuth_rad: 0.0,
-    intensity: 0.0,
-    mixed: 0.0,
-};
-
 /// Where a ray ended.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hit {
@@ -60,6 +53,9 @@ pub(crate) struct Hit {
     pub(crate) rho: f32,
     pub(crate) instance: u16,
 }
+
+/// Beam and column of a ray; columns are counted from the first one that is cast.
+pub(crate) type Shot = (usize, usize);
 
 /// Streams of per-ray randomness: one number each, so that no two draws share bits.
 #[derive(Clone, Copy)]
@@ -75,16 +71,24 @@ pub(crate) enum Stream {
     Mixed,
 }
 
+/// One laser with its place in the sensor.
+#[derive(Clone, Copy)]
+struct Beam {
+    elevation_rad: f32,
+    /// When it fires between two columns, 0..1.
+    phase: f32,
+    bias_m: f32,
+    /// Height of its origin, m.
+    origin_z_m: f32,
+}
+
 /// One sensor, as it is in one frame.
 pub(crate) struct Sensor {
     key: u64,
-    elevation_rad: [f32; BEAMS],
-    phase: [f32; BEAMS],
-    bias_m: [f32; BEAMS],
-    /// Height of each beam's origin, m.
-    origin_z_m: [f32; BEAMS],
+    beams: [Beam; BEAMS],
     first_column: usize,
-    column_count: usize,
+    /// Columns that are cast.
+    pub(crate) column_count: usize,
     pub(crate) noise: Noise,
     /// Whether surfaces swallow rays and windows pass them.
     pub(crate) drops: bool,
@@ -96,19 +100,34 @@ impl Sensor {
     /// The sensor of a frame; `half_turn` casts only the columns with x > 0.
     pub(crate) fn new(key: u64, half_turn: bool, realism: Realism) -> Sensor {
         let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
-        let rings = realism.has(Step::Rings);
-        let nominal = |b: usize| match b {
-            _ if !rings => {
-                FIELD_DEG[0] + (FIELD_DEG[1] - FIELD_DEG[0]) * b as f32 / (BEAMS - 1) as f32
-            }
-            0..32 => 2.02 - 0.34 * b as f32,
-            _ => -8.95 - 0.5084 * (b - 32) as f32,
-        };
-        let jitter_deg = if rings { ELEVATION_JITTER_DEG } else { 0.0 };
         let noise = if realism.has(Step::Noise) {
             NOISE
         } else {
-            EXACT
+            Noise::default()
+        };
+        let beam = |b: usize| {
+            let bias_m = noise.beam_bias_m * normal(draw(Stream::Bias, b));
+            if !realism.has(Step::Rings) {
+                let [top, bottom] = FIELD_DEG;
+                let elevation_deg = top + (bottom - top) * b as f32 / (BEAMS - 1) as f32;
+                return Beam {
+                    elevation_rad: elevation_deg.to_radians(),
+                    phase: 0.5,
+                    bias_m,
+                    origin_z_m: 0.0,
+                };
+            }
+            let (nominal_deg, origin_z_m) = match b {
+                0..32 => (2.02 - 0.34 * b as f32, 0.0),
+                _ => (-8.95 - 0.5084 * (b - 32) as f32, -BLOCK_OFFSET_M),
+            };
+            let jitter_deg = ELEVATION_JITTER_DEG * normal(draw(Stream::Elevation, b));
+            Beam {
+                elevation_rad: (nominal_deg + jitter_deg).to_radians(),
+                phase: unit(draw(Stream::Phase, b)),
+                bias_m,
+                origin_z_m,
+            }
         };
         let (first_column, column_count) = if half_turn {
             (COLUMNS - COLUMNS / 4, COLUMNS / 2)
@@ -117,19 +136,7 @@ impl Sensor {
         };
         Sensor {
             key,
-            elevation_rad: std::array::from_fn(|b| {
-                (nominal(b) + jitter_deg * normal(draw(Stream::Elevation, b))).to_radians()
-            }),
-            phase: std::array::from_fn(|b| draw(Stream::Phase, b))
-                .map(|bits| if rings { unit(bits) } else { 0.5 }),
-            bias_m: std::array::from_fn(|b| noise.beam_bias_m * normal(draw(Stream::Bias, b))),
-            origin_z_m: std::array::from_fn(|b| {
-                if rings && b >= 32 {
-                    -BLOCK_OFFSET_M
-                } else {
-                    0.0
-                }
-            }),
+            beams: std::array::from_fn(beam),
             first_column,
             column_count,
             noise,
@@ -146,27 +153,21 @@ impl Sensor {
         }
     }
 
-    /// Columns that are cast.
-    pub(crate) fn column_count(&self) -> usize {
-        self.column_count
-    }
-
     /// Random bits of one ray for one purpose.
-    pub(crate) fn bits(&self, stream: Stream, beam: usize, column: usize) -> u64 {
-        hash(&[
-            self.key ^ ((stream as u64) << 56),
-            (beam * 4096 + column) as u64,
-        ])
+    pub(crate) fn bits(&self, stream: Stream, (beam, column): Shot) -> u64 {
+        let ray = (beam * 4096 + column) as u64;
+        hash(&[self.key ^ ((stream as u64) << 56), ray])
     }
 
-    /// Where the ray starts and its unit direction; `column` counts the columns that are cast.
-    pub(crate) fn ray(&self, beam: usize, column: usize) -> (V3, V3) {
-        let turn = ((self.first_column + column) % COLUMNS) as f32 + self.phase[beam];
+    /// Where the ray starts and its unit direction.
+    pub(crate) fn ray(&self, shot: Shot) -> (V3, V3) {
+        let beam = &self.beams[shot.0];
+        let turn = ((self.first_column + shot.1) % COLUMNS) as f32 + beam.phase;
         let azimuth = std::f32::consts::TAU * turn / COLUMNS as f32
-            + self.noise.azimuth_rad * normal(self.bits(Stream::Azimuth, beam, column));
+            + self.noise.azimuth_rad * normal(self.bits(Stream::Azimuth, shot));
         let (sin_a, cos_a) = azimuth.sin_cos();
-        let (sin_e, cos_e) = self.elevation_rad[beam].sin_cos();
-        let start = v(0.0, 0.0, self.origin_z_m[beam]);
+        let (sin_e, cos_e) = beam.elevation_rad.sin_cos();
+        let start = up(beam.origin_z_m);
         (start, v(cos_e * cos_a, cos_e * sin_a, sin_e))
     }
 
@@ -178,19 +179,18 @@ impl Sensor {
     }
 
     /// The range as it is reported, m.
-    pub(crate) fn measured(&self, range_m: f32, beam: usize, column: usize) -> f32 {
-        let noisy = range_m
-            + self.noise.range_m * normal(self.bits(Stream::Range, beam, column))
-            + self.bias_m[beam];
+    pub(crate) fn measured(&self, range_m: f32, shot: Shot) -> f32 {
+        let noise_m = self.noise.range_m * normal(self.bits(Stream::Range, shot));
+        let noisy = range_m + noise_m + self.beams[shot.0].bias_m;
         (noisy / RANGE_STEP_M).round() * RANGE_STEP_M
     }
 
     /// Reflected intensity, 0..0.99 in steps of 0.01.
-    pub(crate) fn intensity(&self, hit: &Hit, beam: usize, column: usize) -> f32 {
+    pub(crate) fn intensity(&self, hit: &Hit, shot: Shot) -> f32 {
         let value = if hit.rho > 0.9 {
             hit.rho
         } else {
-            let strays = normal(self.bits(Stream::Intensity, beam, column));
+            let strays = normal(self.bits(Stream::Intensity, shot));
             hit.rho * hit.cos_incidence.max(0.0).sqrt() * (1.0 + self.noise.intensity * strays)
         };
         (value.clamp(0.0, 0.99) * 100.0).round() / 100.0
@@ -210,14 +210,13 @@ pub(crate) fn drop_probability(base: f32, range_m: f32, rho: f32, cos_incidence:
 mod tests {
     use super::*;
 
+    fn degrees(sensor: &Sensor) -> [f32; BEAMS] {
+        sensor.beams.map(|beam| beam.elevation_rad.to_degrees())
+    }
+
     #[test]
     fn elevations_span_the_data_sheet() {
-        let sensor = Sensor::new(5, false, Realism::FULL);
-        let degrees: Vec<f32> = sensor
-            .elevation_rad
-            .iter()
-            .map(|e| e.to_degrees())
-            .collect();
+        let degrees = degrees(&Sensor::new(5, false, Realism::FULL));
         assert!((degrees[0] - 2.02).abs() < 0.2 && (degrees[63] + 24.71).abs() < 0.2);
         assert!(degrees.windows(2).all(|w| w[0] > w[1] - 0.05));
     }
@@ -225,8 +224,8 @@ mod tests {
     #[test]
     fn the_half_turn_looks_forward() {
         let sensor = Sensor::new(5, true, Realism::FULL);
-        for column in 1..sensor.column_count() - 2 {
-            assert!(sensor.ray(0, column).1.x > 0.0, "column {column}");
+        for column in 1..sensor.column_count - 2 {
+            assert!(sensor.ray((0, column)).1.x > 0.0, "column {column}");
         }
     }
 
@@ -241,35 +240,29 @@ mod tests {
     #[test]
     fn without_rings_beams_are_even_and_start_together() {
         let sensor = Sensor::new(5, false, Realism::without(&[Step::Rings, Step::Noise]));
-        let first = sensor.ray(0, 10).1;
-        let degrees: Vec<f32> = (0..BEAMS)
-            .map(|b| {
-                let (start, direction) = sensor.ray(b, 10);
-                assert_eq!(start, V3::ZERO);
-                let turned = direction.y.atan2(direction.x) - first.y.atan2(first.x);
-                assert!(turned.abs() < 1e-5, "beam {b} looks {turned} rad aside");
-                direction.z.asin().to_degrees()
-            })
-            .collect();
+        let first = sensor.ray((0, 10)).1;
+        for b in 0..BEAMS {
+            let (start, direction) = sensor.ray((b, 10));
+            assert_eq!(start, V3::ZERO);
+            let turned = direction.y.atan2(direction.x) - first.y.atan2(first.x);
+            assert!(turned.abs() < 1e-5, "beam {b} looks {turned} rad aside");
+            let elevation_rad = direction.z.asin();
+            assert!((elevation_rad - sensor.beams[b].elevation_rad).abs() < 1e-5);
+        }
         let even = (FIELD_DEG[0] - FIELD_DEG[1]) / (BEAMS - 1) as f32;
-        assert!(
-            degrees
-                .windows(2)
-                .all(|w| (w[0] - w[1] - even).abs() < 1e-3)
-        );
+        let is_even = |w: &[f32]| (w[0] - w[1] - even).abs() < 1e-3;
+        assert!(degrees(&sensor).windows(2).all(is_even));
     }
 
     #[test]
     fn without_noise_ranges_are_exact_and_beams_stay_as_they_are() {
-        let (plain, usual) = (
-            Sensor::new(5, false, Realism::without(&[Step::Noise])),
-            Sensor::new(5, false, Realism::FULL),
-        );
-        assert_eq!(plain.elevation_rad, usual.elevation_rad);
-        assert_eq!(plain.phase, usual.phase);
+        let plain = Sensor::new(5, false, Realism::without(&[Step::Noise]));
+        let usual = Sensor::new(5, false, Realism::FULL);
+        assert_eq!(degrees(&plain), degrees(&usual));
+        assert_eq!(plain.beams.map(|b| b.phase), usual.beams.map(|b| b.phase));
         assert_eq!(plain.base_drop, usual.base_drop);
         let error = |sensor: &Sensor| {
-            let errors = (0..500).map(|c| (sensor.measured(17.3, c % BEAMS, c) - 17.3).abs());
+            let errors = (0..500).map(|c| (sensor.measured(17.3, (c % BEAMS, c)) - 17.3).abs());
             errors.fold(0.0, f32::max)
         };
         assert!(error(&plain) <= RANGE_STEP_M, "{}", error(&plain));

@@ -26,16 +26,27 @@ pub(super) fn block(center: [f32; 3], size: [f32; 3]) -> Mesh {
     mesh
 }
 
+/// A turn of a usual sensor.
+fn swept(key: u64, scene: &Scene) -> (sensor::Sensor, scan::Sweep) {
+    let sensor = sensor::Sensor::new(key, false, Realism::FULL);
+    let sweep = scan::sweep(&sensor, scene).expect("a sweep");
+    (sensor, sweep)
+}
+
+/// All classes of real things, some of them twice.
+pub(super) fn classes() -> impl Iterator<Item = Class> {
+    let classes = |f: Family| [f.known_classes(), f.unknown_classes()].concat();
+    Family::ALL.into_iter().flat_map(classes)
+}
+
 #[test]
 fn frames_are_the_same_bits_whatever_came_before() {
-    let a = frame(Family::SimKitti, Split::Val, 7, 3).expect("a frame");
-    assert_eq!(
-        a,
-        frame(Family::SimKitti, Split::Val, 7, 3).expect("a frame")
-    );
-    for other in [(Split::Test, 7, 3), (Split::Val, 8, 3), (Split::Val, 7, 4)] {
-        let b = frame(Family::SimKitti, other.0, other.1, other.2).expect("a frame");
-        assert_ne!(a.points, b.points, "{other:?}");
+    let drawn = |split, seed, index| frame(Family::SimKitti, split, seed, index).expect("a frame");
+    let a = drawn(Split::Val, 7, 3);
+    assert_eq!(a, drawn(Split::Val, 7, 3));
+    for (split, seed, index) in [(Split::Test, 7, 3), (Split::Val, 8, 3), (Split::Val, 7, 4)] {
+        let b = drawn(split, seed, index);
+        assert_ne!(a.points, b.points, "{split:?} {seed} {index}");
     }
 }
 
@@ -61,43 +72,32 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
         "planes/000001.txt",
         "ImageSets/val.txt",
     ] {
-        let read = |root: &std::path::Path| std::fs::read(root.join(part)).expect("a file");
-        assert!(read(&one) == read(&two), "{part} differs");
-        assert!(
-            !read(&one).is_empty() || part.starts_with("label_2"),
-            "{part} is empty"
-        );
+        let [one, two] = [&one, &two].map(|root| std::fs::read(root.join(part)).expect("a file"));
+        assert!(one == two, "{part} differs");
+        assert!(!one.is_empty() || part.starts_with("label_2"), "{part}");
     }
     let again = ExportOptions::new(Family::SimUdi, Split::Val, 1, 5, one);
     let refused = export(&again, || ()).expect_err("not empty").to_string();
-    assert!(
-        refused.contains("expected an empty or a new folder"),
-        "{refused}"
-    );
+    let words = "expected an empty or a new folder";
+    assert!(refused.contains(words), "{refused}");
 }
 
 #[test]
 fn ground_rings_have_the_radius_of_their_elevation() {
-    let sensor = sensor::Sensor::new(11, false, Realism::FULL);
-    let sweep = scan::sweep(&sensor, &flat(&[])).expect("a sweep");
+    let (sensor, sweep) = swept(11, &flat(&[]));
     for beam in [20, 40, 63] {
-        let (start, direction) = sensor.ray(beam, 100);
+        let (start, direction) = sensor.ray((beam, 100));
         let expected = (sensor::HEIGHT_M + start.z) * direction.x.hypot(direction.y) / -direction.z;
         // Rays come back beam by beam; those of one beam are found by their elevation.
         let slope = direction.z / direction.x.hypot(direction.y);
-        let radii: Vec<f32> = sweep
-            .points
-            .iter()
-            .filter(|p| ((p[2] - start.z) / p[0].hypot(p[1]) - slope).abs() < 2e-4)
-            .map(|p| p[0].hypot(p[1]))
-            .collect();
-        assert!(radii.len() > 1000, "beam {beam}: {} returns", radii.len());
-        let mean = radii.iter().sum::<f32>() / radii.len() as f32;
+        let points = sweep.points.iter().map(|p| (p[0].hypot(p[1]), p[2]));
+        let mut of_beam = points.collect::<Vec<_>>();
+        of_beam.retain(|(radius, z)| ((z - start.z) / radius - slope).abs() < 2e-4);
+        let returns = of_beam.len();
+        assert!(returns > 1000, "beam {beam}: {returns} returns");
+        let off = of_beam.iter().map(|p| p.0).sum::<f32>() / returns as f32 - expected;
         // A beam's own bias is up to 3.5 cm.
-        assert!(
-            (mean - expected).abs() < 0.05,
-            "beam {beam}: {mean} m, expected {expected} m"
-        );
+        assert!(off.abs() < 0.05, "beam {beam}: {off} m from {expected} m");
     }
 }
 
@@ -106,15 +106,15 @@ fn a_block_returns_as_many_points_as_its_angles_say() {
     for range_m in [10.0f32, 18.0] {
         let (width, height) = (2.0, 1.4);
         let thing = block([range_m + 0.5, 0.0, -0.9], [1.0, width, height]);
-        let sensor = sensor::Sensor::new(3, false, Realism::FULL);
-        let sweep = scan::sweep(&sensor, &flat(&[(&thing, 1)])).expect("a sweep");
+        let (sensor, sweep) = swept(3, &flat(&[(&thing, 1)]));
         let found = sweep.instances.iter().filter(|i| **i == 1).count() as f32;
         let columns = 2.0 * (width / 2.0 / range_m).atan().to_degrees() / 0.1728;
         // The block lies in the upper beams, 0.34 degrees apart.
         let beams = ((-0.2f32 / range_m).atan() - (-1.6f32 / range_m).atan()).to_degrees() / 0.34;
         let expected = columns * beams * (1.0 - sensor.base_drop);
+        let off = (found / expected - 1.0).abs();
         assert!(
-            (found / expected - 1.0).abs() < 0.2,
+            off < 0.2,
             "{range_m} m: {found} points, expected {expected}"
         );
     }
@@ -134,11 +134,9 @@ fn visibility_is_one_in_the_open_and_less_behind_a_wall() {
             faces: faces..scene.mesh.triangles.len(),
             vertices: vertices..scene.mesh.vertices.len(),
         };
-        let sensor = sensor::Sensor::new(3, false, Realism::FULL);
-        let sweep = scan::sweep(&sensor, &scene).expect("a sweep");
-        let frame =
-            labels::label(Family::SimUdi, &sensor, &scene, &[solid], sweep).expect("labels");
-        frame.objects[0].visibility
+        let (sensor, sweep) = swept(3, &scene);
+        let frame = labels::label(Family::SimUdi, &sensor, &scene, &[solid], sweep);
+        frame.expect("labels").objects[0].visibility
     };
     assert!(seen(&[]) > 0.97, "{}", seen(&[]));
     let half = seen(&[(&wall, 0x8002)]);
@@ -148,7 +146,7 @@ fn visibility_is_one_in_the_open_and_less_behind_a_wall() {
 #[test]
 fn labels_read_back_within_a_centimetre() {
     let folder = tempfile::tempdir().expect("a folder");
-    for family in [Family::SimUdi, Family::SimKitti] {
+    for family in Family::ALL {
         let folder = folder.path().join(family.name());
         let options = ExportOptions::new(family, Split::Val, 2, 9, folder.clone());
         export(&options, || ()).expect("written");
@@ -178,31 +176,20 @@ fn labels_read_back_within_a_centimetre() {
 
 #[test]
 fn every_object_of_a_frame_is_labelled_with_its_own_points() {
-    for family in [Family::SimUdi, Family::SimKitti] {
+    for family in Family::ALL {
         let frame = frame(family, Split::Test, 2, 1).expect("a frame");
         assert_eq!(frame.points.len(), frame.instances.len());
         assert!(frame.objects.len() > 3);
         for (index, object) in frame.objects.iter().enumerate() {
-            let own: Vec<&[f32; 4]> = frame
-                .points
-                .iter()
-                .zip(&frame.instances)
-                .filter(|(_, i)| **i == (index + 1) as u16)
-                .map(|(p, _)| p)
-                .collect();
+            let points = frame.points.iter().zip(&frame.instances);
+            let of_object = points.filter(|(_, i)| usize::from(**i) == index + 1);
+            let own: Vec<[f32; 4]> = of_object.map(|(p, _)| *p).collect();
             let mut grown = object.box_in_sensor;
             grown.size_m = grown.size_m.map(|s| s + 0.5);
-            let inside = own
-                .iter()
-                .filter(|p| grown.contains([p[0], p[1], p[2]].map(f64::from)))
-                .count();
-            assert!(!own.is_empty() && object.points > 0);
-            assert!(
-                inside * 10 >= own.len() * 9,
-                "{:?}: {inside} of {} points in its box",
-                object.class,
-                own.len()
-            );
+            let (inside, count) = (grown.count_inside(&own), own.len());
+            assert!(count > 0 && object.points > 0);
+            let what = format!("{:?}: {inside} of {count} in its box", object.class);
+            assert!(inside * 10 >= count * 9, "{what}");
         }
     }
 }
@@ -211,54 +198,37 @@ fn every_object_of_a_frame_is_labelled_with_its_own_points() {
 fn objects_of(family: Family, split: Split, index: u32) -> Vec<layout::Placed> {
     let key = random::hash(&[1, family as u64, split as u64, u64::from(index)]);
     let ground = ground::Ground::draw(family, &mut Dice::new(&[key, 1]));
-    layout::place_objects(
-        Stream::full(family, split, 1),
-        &ground,
-        &mut Dice::new(&[key, 2]),
-    )
-    .placed
+    let stream = Stream::full(family, split, 1);
+    layout::place_objects(stream, &ground, &mut Dice::new(&[key, 2])).placed
 }
 
 #[test]
 fn training_never_shows_an_unknown_class_and_validation_does() {
-    for family in [Family::SimUdi, Family::SimKitti] {
+    for family in Family::ALL {
         let unknown = |split: Split, frames: u32| {
             let all = (0..frames).flat_map(|i| objects_of(family, split, i));
-            all.filter(|o| family.unknown_classes().contains(&o.class))
-                .count() as f32
-                / frames as f32
+            let unknown = all.filter(|o| family.unknown_classes().contains(&o.class));
+            unknown.count() as f32 / frames as f32
         };
         assert_eq!(unknown(Split::Train, 1500), 0.0);
         let mean = unknown(Split::Val, 400);
-        assert!(
-            (0.4..0.8).contains(&mean),
-            "{family:?}: {mean} unknown objects a frame"
-        );
+        assert!((0.4..0.8).contains(&mean), "{family:?}: {mean} a frame");
     }
 }
 
 #[test]
 fn synthetic_unknown_objects_are_labelled_and_bring_no_unknown_class() {
-    for family in [Family::SimUdi, Family::SimKitti] {
+    for family in Family::ALL {
         let stream = Stream {
             synthetic_unknown: true,
             ..Stream::full(family, Split::Train, 1)
         };
         let frames = (0..4).map(|index| turn(stream, index, None).expect("a frame").0);
         let objects: Vec<SimulatedObject> = frames.flat_map(|frame| frame.objects).collect();
-        let synthetic_unknown = objects
-            .iter()
-            .filter(|o| o.class == Class::SyntheticUnknown)
-            .count();
-        assert!(
-            (3..=16).contains(&synthetic_unknown),
-            "{family:?}: {synthetic_unknown}"
-        );
-        assert!(
-            objects.len() > 3 * synthetic_unknown,
-            "{family:?}: {}",
-            objects.len()
-        );
+        let is_synthetic = |o: &&SimulatedObject| o.class == Class::SyntheticUnknown;
+        let (count, synthetic) = (objects.len(), objects.iter().filter(is_synthetic).count());
+        assert!((3..=16).contains(&synthetic), "{family:?}: {synthetic}");
+        assert!(count > 3 * synthetic, "{family:?}: {count}");
         let is_unknown = |o: &SimulatedObject| family.unknown_classes().contains(&o.class);
         assert!(!objects.iter().any(is_unknown));
         // Nor outside of training.
@@ -280,15 +250,12 @@ fn synthetic_unknown_objects_are_labelled_and_bring_no_unknown_class() {
 #[test]
 fn objects_never_stand_in_each_other() {
     for index in 0..150 {
-        let boxes: Vec<Box3> = objects_of(Family::SimUdi, Split::Val, index)
-            .iter()
-            .map(|o| {
-                let f = o.footprint;
-                Box3::new(
-                    [f.x, f.y, 0.0, 2.0 * f.half[0], 2.0 * f.half[1], 1.0, f.yaw].map(f64::from),
-                )
-            })
-            .collect();
+        let objects = objects_of(Family::SimUdi, Split::Val, index);
+        let boxes = objects.iter().map(|o| {
+            let (f, [l, w]) = (o.footprint, o.footprint.half.map(|half| 2.0 * half));
+            Box3::new([f.x, f.y, 0.0, l, w, 1.0, f.yaw].map(f64::from))
+        });
+        let boxes: Vec<Box3> = boxes.collect();
         for (i, a) in boxes.iter().enumerate() {
             for b in &boxes[..i] {
                 assert!(intersection_bev_m2(a, b) < 1e-6, "frame {index}");
@@ -310,12 +277,12 @@ fn without_a_camera_labels_carry_the_level_of_their_points() {
     assert_eq!(object.occluded(Family::SimUdi), 3);
     assert_eq!(object.occluded(Family::SimKitti), 0);
     let at = |visibility: f32| {
-        SimulatedObject {
+        let object = SimulatedObject {
             visibility,
             points: 10,
             ..object
-        }
-        .occluded(Family::SimUdi)
+        };
+        object.occluded(Family::SimUdi)
     };
     assert_eq!([1.0, 0.74, 0.39, 0.09].map(at), [0, 1, 2, 3]);
 }
@@ -323,7 +290,8 @@ fn without_a_camera_labels_carry_the_level_of_their_points() {
 #[test]
 fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
     let (family, split, seed, steps) = (Family::SimUdi, Split::Test, 3, 10);
-    let shown = |index, step| sequence_frame(family, split, seed, index, step, steps).unwrap();
+    let stream = Stream::full(family, split, seed);
+    let shown = |index, step| turn(stream, index, Some(Turn { step, steps })).unwrap();
     // The first turn is at the place, and with the objects, of the frame without a sequence.
     let (first, start) = shown(0, 0);
     assert_eq!(start, [0.0; 3]);
@@ -355,8 +323,7 @@ fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
 
 #[test]
 fn every_class_of_the_simulator_is_known_to_the_dataset() {
-    let classes = super::Class::ALL.map(|class| class.name());
-    let mut named = classes.into_iter().chain([mluc_dataset::SYNTHETIC_UNKNOWN]);
+    let mut named = classes().chain([Class::SyntheticUnknown]).map(Class::name);
     assert!(named.all(mluc_dataset::is_heard_of));
     assert!(!mluc_dataset::is_heard_of("Carr"));
 }

@@ -1,8 +1,9 @@
 //! What stands along both sides of a road: houses, walls, fences, hedges; and houses further back.
 
-use super::super::mesh::{GLASS, Mesh, Surface, porous, solid, v};
+use super::super::mesh::{GLASS, Mesh, Surface, mirrored, porous, solid, up, v};
 use super::super::random::Dice;
-use super::{Place, Thing, Yard};
+use super::vegetation::{bush, thicket};
+use super::{Place, Thing, Yard, built};
 
 /// Walks along each side in pieces of 7 to 24 m.
 pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
@@ -23,8 +24,10 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
                 let setback = setback + dice.spread(0.6).max(-setback);
                 piece(yard, side, middle, length, setback, dice);
             }
-            let gap = dice.chance(0.4).then(|| dice.range(1.0, 6.0));
-            along += length + gap.unwrap_or(0.0);
+            along += length;
+            if dice.chance(0.4) {
+                along += dice.range(1.0, 6.0);
+            }
         }
     }
 }
@@ -38,6 +41,9 @@ fn inward(side: f32) -> f32 {
     }
 }
 
+type PieceBuilder = fn(&mut Mesh, f32, &mut Dice);
+
+/// One piece of a frontage: its middle and length along the road, and how far houses stand back.
 fn piece(
     yard: &mut Yard<'_, '_>,
     side: f32,
@@ -54,64 +60,75 @@ fn piece(
         Place::Plaza => [0.34, 0.09, 0.11, 0.1, 0.26, 0.1],
     };
     let edge = yard.ground.edge_m;
-    let inner = inward(side);
-    match dice.weighted(&weights) {
-        0 => {
-            let depth = dice.range(6.0, 13.0);
-            let mesh = house(length * 0.97, depth, yard.is(Place::Industrial), dice);
-            // The facade (local y = 0) faces the road; a second row stands further back when something is in the way.
-            let front = side * (edge + setback);
-            if !yard.put(Thing::Building, &mesh, along, front, inner) {
-                let back = side * (edge + setback + dice.range(8.0, 16.0));
-                yard.put(Thing::Building, &mesh, along, back, inner);
-            }
+    let choice = dice.weighted(&weights);
+    if choice == 0 {
+        let size = [length * 0.97, dice.range(6.0, 13.0)];
+        let hall = yard.ground.place == Place::Industrial;
+        let mesh = built(|mesh, dice| house(mesh, size, hall, dice), dice);
+        // The facade (local y = 0) faces the road; a second row stands further back when something is in the way.
+        let front = side * (edge + setback);
+        if !yard.put(Thing::Building, &mesh, along, front, inward(side)) {
+            let back = side * (edge + setback + dice.range(8.0, 16.0));
+            yard.put(Thing::Building, &mesh, along, back, inward(side));
         }
-        choice => {
-            let line = side * (edge + dice.range(0.15, 0.8));
-            let (thing, mesh) = match choice {
-                1 => (Thing::Wall, wall(length, dice)),
-                2 => (Thing::Fence, fence(length, dice)),
-                3 => (Thing::Hedge, hedge(length, dice)),
-                4 => (Thing::Bush, super::vegetation::thicket(length, dice)),
-                _ => return back_house(yard, side, along, dice),
-            };
-            yard.put(thing, &mesh, along, line, inner);
-            for _ in 0..dice.whole(0, 4) {
-                // What grows behind it.
-                let bush = super::vegetation::bush(dice);
-                let along = along + dice.spread(length / 2.0);
-                let across = line + side * dice.range(0.9, 3.5);
-                yard.put(Thing::Bush, &bush, along, across, 0.0);
-            }
-            if dice.chance(0.6) {
-                back_house(yard, side, along, dice);
-            }
-        }
+        return;
+    }
+    let line = side * (edge + dice.range(0.15, 0.8));
+    let (thing, build): (Thing, PieceBuilder) = match choice {
+        1 => (Thing::Wall, wall),
+        2 => (Thing::Fence, fence),
+        3 => (Thing::Hedge, hedge),
+        4 => (Thing::Bush, thicket),
+        _ => return back_house(yard, side, along, dice),
+    };
+    let mesh = built(|mesh, dice| build(mesh, length, dice), dice);
+    yard.put(thing, &mesh, along, line, inward(side));
+    for _ in 0..dice.whole(0, 4) {
+        // What grows behind it.
+        let bush = built(bush, dice);
+        let along = along + dice.spread(length / 2.0);
+        let across = line + side * dice.range(0.9, 3.5);
+        yard.put(Thing::Bush, &bush, along, across, 0.0);
+    }
+    if dice.chance(0.6) {
+        back_house(yard, side, along, dice);
     }
 }
 
 fn back_house(yard: &mut Yard<'_, '_>, side: f32, along: f32, dice: &mut Dice) {
-    let length = dice.range(8.0, 20.0);
-    let mesh = house(length, dice.range(6.0, 12.0), false, dice);
+    let size = [dice.range(8.0, 20.0), dice.range(6.0, 12.0)];
+    let mesh = built(|mesh, dice| house(mesh, size, false, dice), dice);
     let across = side * (yard.ground.edge_m + dice.range(8.0, 28.0));
     let yaw = inward(side) + dice.normal(0.0, 0.1);
     yard.put(Thing::Building, &mesh, along, across, yaw);
 }
 
 /// A house whose front is the plane y = 0 and whose depth goes to +y: windows and doors are niches, with plinth, downpipes, stairs, roof.
-fn house(length: f32, depth: f32, hall: bool, dice: &mut Dice) -> Mesh {
+fn house(mesh: &mut Mesh, [length, depth]: [f32; 2], hall: bool, dice: &mut Dice) {
     let plaster = solid(dice.range(0.25, 0.6));
     let floors = if hall { 1 } else { dice.whole(1, 4) };
-    let floor_m = if hall { [4.5, 8.0] } else { [2.7, 3.3] };
-    let floor_m = dice.range(floor_m[0], floor_m[1]);
+    let [low, high] = if hall { [4.5, 8.0] } else { [2.7, 3.3] };
+    let floor_m = dice.range(low, high);
     let height = floors as f32 * floor_m + 0.4;
-    let mut mesh = Mesh::default();
     let body = v(length, depth - 0.3, height + 1.0);
     let body_at = v(0.0, depth / 2.0 + 0.15, height / 2.0 - 0.5);
     mesh.block(body_at, body, plaster);
-    facade(&mut mesh, length, floors, floor_m, hall, plaster, dice);
+    let bays = (length / if hall { 4.5 } else { 2.4 }).round().max(1.0) as usize;
+    let bay = length / bays as f32;
+    let door = dice.whole(0, bays - 1);
+    for floor in 0..floors {
+        let base = floor as f32 * floor_m;
+        let bottom = if floor == 0 { -1.0 } else { base };
+        let eave = if floor + 1 == floors { 0.4 } else { 0.0 };
+        let heights = [bottom, base, base + floor_m + eave];
+        for i in 0..bays {
+            let left = -length / 2.0 + i as f32 * bay;
+            let is_door = floor == 0 && i == door;
+            panel(mesh, [left, bay], heights, floor_m, is_door, plaster, dice);
+        }
+    }
     if !hall || dice.chance(0.3) {
-        roof(&mut mesh, length, depth, height, dice);
+        roof(mesh, length, depth, height, dice);
     }
     for end in [-0.48, 0.47] {
         if dice.chance(0.6) {
@@ -127,52 +144,31 @@ fn house(length: f32, depth: f32, hall: bool, dice: &mut Dice) -> Mesh {
             mesh.block(at, v(1.4, 0.3, 0.18 + rise), solid(0.35));
         }
     }
-    mesh
 }
 
-/// The front as a grid of panels; openings are set back by 10 to 30 cm and hold a pane or a blind.
-fn facade(
+/// A piece of the front; its opening is set back by 10 cm and holds a pane or a blind. `bay`: left end and width; `z`: bottom, floor and top.
+fn panel(
     mesh: &mut Mesh,
-    length: f32,
-    floors: usize,
+    [left, bay]: [f32; 2],
+    [bottom, base, top]: [f32; 3],
     floor_m: f32,
-    hall: bool,
+    is_door: bool,
     plaster: Surface,
     dice: &mut Dice,
 ) {
-    let bays = (length / if hall { 4.5 } else { 2.4 }).round().max(1.0) as usize;
-    let bay = length / bays as f32;
-    let door = dice.whole(0, bays - 1);
-    for floor in 0..floors {
-        let base = floor as f32 * floor_m;
-        for i in 0..bays {
-            let left = -length / 2.0 + i as f32 * bay;
-            let is_door = floor == 0 && i == door;
-            let open = if is_door {
-                [0.5, 0.02, 0.72]
-            } else {
-                [0.48, 0.32, 0.8]
-            };
-            let half = bay * open[0] / 2.0;
-            let (x0, x1) = (left + bay / 2.0 - half, left + bay / 2.0 + half);
-            let (z0, z1) = (base + open[1] * floor_m, base + open[2] * floor_m);
-            let bottom = if floor == 0 { -1.0 } else { base };
-            let eave = if floor + 1 == floors { 0.4 } else { 0.0 };
-            let top = base + floor_m + eave;
-            for (x, z) in [
-                ([left, x0], [bottom, top]),
-                ([x1, left + bay], [bottom, top]),
-                ([x0, x1], [bottom, z0]),
-                ([x0, x1], [z1, top]),
-            ] {
-                mesh.pane(x, 0.0, z, plaster);
-            }
-            let pane = if dice.chance(0.4) { GLASS } else { solid(0.35) };
-            mesh.pane([x0, x1], 0.1, [z0, z1], pane);
-            let sill = v((x0 + x1) / 2.0, -0.04, z0 - 0.03);
-            mesh.block(sill, v(x1 - x0 + 0.1, 0.16, 0.05), plaster);
-        }
-    }
+    let door_or_window = [[0.48, 0.32, 0.8], [0.5, 0.02, 0.72]];
+    let [width, low, high] = door_or_window[usize::from(is_door)];
+    let half = bay * width / 2.0;
+    let (x0, x1) = (left + bay / 2.0 - half, left + bay / 2.0 + half);
+    let (z0, z1) = (base + low * floor_m, base + high * floor_m);
+    mesh.pane([left, x0], 0.0, [bottom, top], plaster);
+    mesh.pane([x1, left + bay], 0.0, [bottom, top], plaster);
+    mesh.pane([x0, x1], 0.0, [bottom, z0], plaster);
+    mesh.pane([x0, x1], 0.0, [z1, top], plaster);
+    let pane = if dice.chance(0.4) { GLASS } else { solid(0.35) };
+    mesh.pane([x0, x1], 0.1, [z0, z1], pane);
+    let sill = v((x0 + x1) / 2.0, -0.04, z0 - 0.03);
+    mesh.block(sill, v(x1 - x0 + 0.1, 0.16, 0.05), plaster);
 }
 
 fn roof(mesh: &mut Mesh, length: f32, depth: f32, height: f32, dice: &mut Dice) {
@@ -193,10 +189,9 @@ fn roof(mesh: &mut Mesh, length: f32, depth: f32, height: f32, dice: &mut Dice) 
 }
 
 /// A garden wall with pillars, now and then a gap.
-fn wall(length: f32, dice: &mut Dice) -> Mesh {
+fn wall(mesh: &mut Mesh, length: f32, dice: &mut Dice) {
     let height = dice.range(0.6, 2.6);
     let stone = solid(dice.range(0.25, 0.5));
-    let mut mesh = Mesh::default();
     let bays = (length / dice.range(2.5, 4.0)).ceil() as usize;
     let bay = length / bays as f32;
     for i in 0..bays {
@@ -208,15 +203,13 @@ fn wall(length: f32, dice: &mut Dice) -> Mesh {
         let pillar = v(x - bay / 2.0, 0.0, height / 2.0 - 0.15);
         mesh.block(pillar, v(0.35, 0.35, height + 0.5), stone);
     }
-    mesh
 }
 
 /// Posts with wire mesh (porous) or with pales.
-fn fence(length: f32, dice: &mut Dice) -> Mesh {
+fn fence(mesh: &mut Mesh, length: f32, dice: &mut Dice) {
     let height = dice.range(0.9, 2.2);
     let wire = dice.chance(0.55);
     let wood = solid(0.35);
-    let mut mesh = Mesh::default();
     let bays = (length / 2.5).ceil() as usize;
     let bay = length / bays as f32;
     for i in 0..=bays {
@@ -226,33 +219,30 @@ fn fence(length: f32, dice: &mut Dice) -> Mesh {
     let ends = [-length / 2.0, length / 2.0];
     if wire {
         mesh.pane(ends, 0.0, [0.05, height], porous(0.3, 0.7));
-    } else {
-        for z in [0.3 * height, 0.85 * height] {
-            mesh.block(v(0.0, 0.0, z), v(length, 0.04, 0.1), wood);
-        }
-        mesh.pane(ends, 0.04, [0.1, height], porous(0.35, 0.35));
+        return;
     }
-    mesh
+    for z in [0.3 * height, 0.85 * height] {
+        mesh.block(up(z), v(length, 0.04, 0.1), wood);
+    }
+    mesh.pane(ends, 0.04, [0.1, height], porous(0.35, 0.35));
 }
 
 /// A clipped hedge: a rough porous block around a denser core.
-fn hedge(length: f32, dice: &mut Dice) -> Mesh {
+fn hedge(mesh: &mut Mesh, length: f32, dice: &mut Dice) {
     let (height, width) = (dice.range(0.8, 2.2), dice.range(0.6, 1.2));
-    let mut mesh = Mesh::default();
     let sections = (length / 0.9).ceil() as usize;
     for (scale, leaves) in [(1.0, porous(0.35, 0.45)), (0.6, solid(0.3))] {
-        let rings: Vec<Vec<_>> = (0..=sections)
-            .map(|i| {
-                let x = length * (i as f32 / sections as f32 - 0.5);
-                let (w, h) = (width / 2.0 * scale, height * (0.5 + 0.5 * scale));
-                let right = [(-w, 0.0), (-w * 1.1, h * 0.6), (-w * 0.8, h)];
-                let left = [(w * 0.8, h), (w * 1.1, h * 0.6), (w, 0.0)];
-                let outline = right.into_iter().chain(left);
-                let rough = |(y, z)| v(x, y + dice.spread(0.09), z + dice.spread(0.09));
-                outline.map(rough).collect()
-            })
-            .collect();
-        mesh.loft(&rings, false, |_, _| Some(leaves));
+        let (w, h) = (width / 2.0 * scale, height * (0.5 + 0.5 * scale));
+        let ring = |i: usize| {
+            let x = length * (i as f32 / sections as f32 - 0.5);
+            let mut outline =
+                mirrored(&[v(x, -w, 0.0), v(x, -w * 1.1, h * 0.6), v(x, -w * 0.8, h)]);
+            for point in &mut outline {
+                *point += v(0.0, dice.spread(0.09), dice.spread(0.09));
+            }
+            outline
+        };
+        let rings: Vec<_> = (0..=sections).map(ring).collect();
+        mesh.loft(&rings, false, |_, _| leaves);
     }
-    mesh
 }

@@ -47,17 +47,21 @@ impl Thing {
     }
 }
 
+/// Adds the triangles of one thing, around the origin on the ground.
+type Builder = fn(&mut Mesh, &mut Dice);
+
+/// The thing that a builder makes.
+fn built(build: impl FnOnce(&mut Mesh, &mut Dice), dice: &mut Dice) -> Mesh {
+    let mut mesh = Mesh::default();
+    build(&mut mesh, dice);
+    mesh
+}
+
 /// Fills a scene around its objects. Things that would stand in an object or in each other are left out.
-pub(crate) fn fill(
-    stream: Stream,
-    ground: &Ground,
-    layout: &mut Layout<'_>,
-    scene: &mut Scene,
-    dice: &mut Dice,
-) {
+pub(crate) fn fill(stream: Stream, layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
     let mut yard = Yard {
         family: stream.family,
-        ground,
+        ground: layout.ground,
         taken: &mut layout.taken,
         scene,
         // Those that are left out keep their places, so that everything else is as it would be with them.
@@ -101,8 +105,7 @@ impl Yard<'_, '_> {
         let (x, y) = self.ground.sensor(along, across);
         let yaw = self.ground.yaw_rad + yaw;
         let footprint = Footprint::of(low, high, [x, y], yaw);
-        let mut taken = self.taken.iter();
-        if taken.any(|other| footprint.overlaps(other, 0.1)) {
+        if footprint.overlaps_any(self.taken, 0.1) {
             return false;
         }
         self.taken.push(footprint);
@@ -117,17 +120,17 @@ impl Yard<'_, '_> {
         }
         let (sin, cos) = yaw.sin_cos();
         self.scene.add(mesh, thing.instance(), |p: V3| {
-            v(
-                at[0] + p.x * cos - p.y * sin,
-                at[1] + p.x * sin + p.y * cos,
-                at[2] + p.z,
-            )
+            let (x, y) = (at[0] + p.x * cos - p.y * sin, at[1] + p.x * sin + p.y * cos);
+            v(x, y, at[2] + p.z)
         });
     }
 
-    /// Whether the place is of this kind.
-    fn is(&self, place: Place) -> bool {
-        self.ground.place == place
+    /// Column of a catalogue: 0 in towns, 1 in industry.
+    fn column(&self) -> usize {
+        usize::from(matches!(
+            self.ground.place,
+            Place::Industrial | Place::Plaza
+        ))
     }
 
     /// A place along the road.
@@ -143,9 +146,17 @@ impl Yard<'_, '_> {
 
     /// A place across the road behind the pavement, up to `depth_m` deep; on a plaza anywhere.
     fn behind(&self, depth_m: f32, dice: &mut Dice) -> f32 {
-        if self.is(Place::Plaza) && dice.chance(0.6) {
+        if self.ground.place == Place::Plaza && dice.chance(0.6) {
             return dice.spread(self.ground.half_width_m);
         }
         dice.sign() * (self.ground.edge_m + dice.range(0.4, depth_m))
+    }
+
+    /// A place on the pavement with this chance, or behind it.
+    fn beside(&self, on_pavement: f32, depth_m: f32, dice: &mut Dice) -> f32 {
+        if dice.chance(on_pavement) {
+            return self.on_pavement(dice);
+        }
+        self.behind(depth_m, dice)
     }
 }

@@ -1,8 +1,8 @@
 //! Trees, bushes and rows of bushes: rough shells that let part of the rays through.
 
-use super::super::mesh::{Mesh, Surface, V3, porous, solid, v};
+use super::super::mesh::{Mesh, Surface, V3, porous, solid, up, v};
 use super::super::random::Dice;
-use super::{Place, Thing, Yard};
+use super::{Place, Thing, Yard, built};
 
 /// Foliage.
 pub(super) const LEAVES: Surface = porous(0.35, 0.5);
@@ -17,22 +17,18 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
         Place::Plaza => 1.4,
     };
     for _ in 0..dice.events(6.0 * factor * yard.hundreds()) {
-        let mesh = bush(dice);
+        let mesh = built(bush, dice);
         let (along, across) = (yard.somewhere(dice), yard.behind(12.0, dice));
         yard.put(Thing::Bush, &mesh, along, across, dice.spread(3.0));
     }
     for _ in 0..dice.events(1.2 * factor * yard.hundreds()) {
-        let mesh = bush_row(dice);
+        let mesh = built(bush_row, dice);
         let (along, across) = (yard.somewhere(dice), yard.behind(9.0, dice));
         yard.put(Thing::Bush, &mesh, along, across, dice.normal(0.0, 0.1));
     }
     for _ in 0..dice.events(4.0 * factor * yard.hundreds()) {
         let along = yard.somewhere(dice);
-        let across = if dice.chance(0.4) {
-            yard.on_pavement(dice)
-        } else {
-            yard.behind(14.0, dice)
-        };
+        let across = yard.beside(0.4, 14.0, dice);
         tree(yard, along, across, dice.range(0.6, 1.1), dice);
     }
     for _ in 0..dice.whole(5, 14) {
@@ -48,7 +44,7 @@ fn tree(yard: &mut Yard<'_, '_>, along: f32, across: f32, scale: f32, dice: &mut
     let clear = dice.range(1.7, 3.2) * scale.max(0.9);
     let lean = v(dice.spread(0.15), dice.spread(0.15), 0.0);
     let mut trunk = Mesh::default();
-    let ends = [v(0.0, 0.0, -0.3), lean + v(0.0, 0.0, clear + 0.8)];
+    let ends = [up(-0.3), lean + up(clear + 0.8)];
     trunk.tube(ends, [radius, radius * 0.75], 7, BARK);
     if !yard.put(Thing::Tree, &trunk, along, across, 0.0) {
         return;
@@ -64,8 +60,7 @@ fn tree(yard: &mut Yard<'_, '_>, along: f32, across: f32, scale: f32, dice: &mut
     for _ in 0..dice.whole(2, 4) {
         let (dx, dy) = (dice.spread(spread * 0.8), dice.spread(spread * 0.8));
         let tip = lean + v(dx, dy, clear + spread * dice.range(0.5, 1.5));
-        let fork = lean + v(0.0, 0.0, clear);
-        crown.tube([fork, tip], [radius * 0.5, 0.03], 4, BARK);
+        crown.tube([lean + up(clear), tip], [radius * 0.5, 0.03], 4, BARK);
     }
     let (x, y) = yard.ground.sensor(along, across);
     let z = yard.ground.height(x, y);
@@ -74,35 +69,30 @@ fn tree(yard: &mut Yard<'_, '_>, along: f32, across: f32, scale: f32, dice: &mut
 
 fn clump(mesh: &mut Mesh, at: V3, radius: f32, dice: &mut Dice) {
     let radii = radius * dice.size([0.8, 1.2], [0.8, 1.2], [0.6, 1.1]);
-    let center = at + v(0.0, 0.0, radii.z * 0.75);
+    let center = at + up(radii.z * 0.75);
     mesh.blob(center, radii, (5, 9), 0.28, dice, LEAVES);
     mesh.blob(center, radii * 0.6, (3, 6), 0.3, dice, solid(0.3));
 }
 
 /// One bush of 0.5 to 2.5 m.
-pub(super) fn bush(dice: &mut Dice) -> Mesh {
-    let mut mesh = Mesh::default();
+pub(super) fn bush(mesh: &mut Mesh, dice: &mut Dice) {
     let size = dice.range(0.25, 1.0);
     for _ in 0..dice.whole(1, 3) {
         let at = v(dice.spread(size * 0.7), dice.spread(size * 0.7), 0.0);
-        clump(&mut mesh, at, size * dice.range(0.6, 1.0), dice);
+        clump(mesh, at, size * dice.range(0.6, 1.0), dice);
     }
-    mesh
 }
 
 /// Bushes in a row: as long as a car, sometimes longer.
-fn bush_row(dice: &mut Dice) -> Mesh {
-    let mut mesh = Mesh::default();
+fn bush_row(mesh: &mut Mesh, dice: &mut Dice) {
     for i in 0..dice.whole(3, 7) {
         let at = v(i as f32 * 1.1, dice.spread(0.25), 0.0);
-        clump(&mut mesh, at, dice.range(0.6, 0.95), dice);
+        clump(mesh, at, dice.range(0.6, 0.95), dice);
     }
-    mesh
 }
 
 /// A strip grown over with bushes and young trees, from the line y = 0 to +y.
-pub(super) fn thicket(length: f32, dice: &mut Dice) -> Mesh {
-    let mut mesh = Mesh::default();
+pub(super) fn thicket(mesh: &mut Mesh, length: f32, dice: &mut Dice) {
     let depth = dice.range(1.5, 5.0);
     let height = dice.range(0.8, 1.7);
     let mut x = -length / 2.0 + 1.0;
@@ -111,7 +101,7 @@ pub(super) fn thicket(length: f32, dice: &mut Dice) -> Mesh {
         while y < depth + 0.5 {
             let size = dice.range(0.55, 1.0) * height;
             let at = v(x + dice.spread(0.5), y + dice.spread(0.3), 0.0);
-            clump(&mut mesh, at, size, dice);
+            clump(mesh, at, size, dice);
             if dice.chance(0.25) {
                 let at = v(x, y, dice.range(2.2, 4.5));
                 mesh.tube([v(x, y, 0.0), at], [0.07, 0.04], 5, BARK);
@@ -122,5 +112,4 @@ pub(super) fn thicket(length: f32, dice: &mut Dice) -> Mesh {
         }
         x += dice.range(0.9, 1.7);
     }
-    mesh
 }

@@ -1,69 +1,47 @@
 //! Cars in several body styles, and vans: a lofted lower body with wheel arches, a glazed cabin, wheels, seats, mirrors.
 
 use super::super::Family;
-use super::super::mesh::{GLASS, INTERIOR, Mesh, Surface, V3, solid, v};
+use super::super::mesh::{GLASS, INTERIOR, Mesh, Surface, V3, mirrored, solid, v};
 use super::super::random::Dice;
+use super::Model;
 use super::vehicle::{axle, occupant, paint, plate_and_lamps, seat};
-use super::{Model, fit};
 
-/// Side profile of a body style. Positions along x are fractions of the length (front +0.5), heights fractions of the height.
+/// Side profile of a body style.
 #[derive(Clone, Copy)]
 struct Profile {
-    cowl: f32,
-    roof_front: f32,
-    roof_rear: f32,
-    deck: f32,
-    nose: f32,
-    hood: f32,
-    belt: f32,
-    tail: f32,
-    /// Share of the side behind the front doors that is sheet metal.
+    /// Cowl, front and rear of the roof, deck: fractions of the length, front +0.5.
+    along: [f32; 4],
+    /// Nose, hood, belt, tail: fractions of the height.
+    heights: [f32; 4],
+    /// Roof width over body width.
+    roof_width: f32,
+    /// Whether the side behind the front doors is sheet metal.
     panelled: bool,
     /// An open load bed behind the cabin.
     bed: bool,
-    /// Roof width over body width.
-    roof_width: f32,
 }
 
-/// Cowl, roof's front and rear, deck; nose, hood, belt, tail; width of the roof.
-const fn profile(values: [f32; 9]) -> Profile {
-    let [
-        cowl,
-        roof_front,
-        roof_rear,
-        deck,
-        nose,
-        hood,
-        belt,
-        tail,
-        roof_width,
-    ] = values;
+const fn profile(along: [f32; 4], heights: [f32; 4], roof_width: f32) -> Profile {
     Profile {
-        cowl,
-        roof_front,
-        roof_rear,
-        deck,
-        nose,
-        hood,
-        belt,
-        tail,
+        along,
+        heights,
+        roof_width,
         panelled: false,
         bed: false,
-        roof_width,
     }
 }
 
-const SEDAN: Profile = profile([0.20, 0.05, -0.21, -0.36, 0.46, 0.62, 0.63, 0.66, 0.80]);
-const HATCH: Profile = profile([0.24, 0.08, -0.36, -0.46, 0.46, 0.62, 0.63, 0.6, 0.80]);
-const ESTATE: Profile = profile([0.21, 0.07, -0.42, -0.48, 0.46, 0.62, 0.63, 0.6, 0.80]);
-const SUV: Profile = profile([0.23, 0.10, -0.40, -0.475, 0.5, 0.6, 0.61, 0.58, 0.85]);
-const MINI: Profile = profile([0.30, 0.13, -0.38, -0.47, 0.44, 0.58, 0.58, 0.55, 0.80]);
-const COUPE: Profile = profile([0.17, 0.0, -0.18, -0.40, 0.46, 0.62, 0.65, 0.68, 0.80]);
+const SEDAN: Profile = profile([0.20, 0.05, -0.21, -0.36], [0.46, 0.62, 0.63, 0.66], 0.80);
+const HATCH: Profile = profile([0.24, 0.08, -0.36, -0.46], [0.46, 0.62, 0.63, 0.6], 0.80);
+const ESTATE: Profile = profile([0.21, 0.07, -0.42, -0.48], [0.46, 0.62, 0.63, 0.6], 0.80);
+const SUV: Profile = profile([0.23, 0.10, -0.40, -0.475], [0.5, 0.6, 0.61, 0.58], 0.85);
+const MINI: Profile = profile([0.30, 0.13, -0.38, -0.47], [0.44, 0.58, 0.58, 0.55], 0.80);
+const COUPE: Profile = profile([0.17, 0.0, -0.18, -0.40], [0.46, 0.62, 0.65, 0.68], 0.80);
 const PICKUP: Profile = Profile {
     bed: true,
-    ..profile([0.22, 0.10, -0.06, -0.10, 0.52, 0.6, 0.6, 0.6, 0.80])
+    ..profile([0.22, 0.10, -0.06, -0.10], [0.52, 0.6, 0.6, 0.6], 0.80)
 };
-const MINIBUS: Profile = profile([0.38, 0.26, -0.47, -0.495, 0.36, 0.5, 0.52, 0.5, 0.88]);
+const MINIBUS: Profile = profile([0.38, 0.26, -0.47, -0.495], [0.36, 0.5, 0.52, 0.5], 0.88);
 
 /// A passenger car with KITTI's or UDI's sizes.
 pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
@@ -88,20 +66,33 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     body(profile, v(length, width, height), dice)
 }
 
-/// A van: cab forward, often without rear windows, sometimes with a roof rack.
+/// A van: cab forward, often without rear windows.
 pub(super) fn van(dice: &mut Dice) -> Model {
-    let profile = Profile {
-        panelled: dice.chance(0.6),
-        ..MINIBUS
-    };
+    let panelled = dice.chance(0.6);
     let length = dice.normal(5.07, 0.6).max(3.8);
     let width = dice.normal(1.9, 0.14);
-    let height = dice.normal(2.21, 0.26).max(1.75);
-    body(profile, v(length, width, height), dice)
+    let size = v(length, width, dice.normal(2.21, 0.26).max(1.75));
+    body(
+        Profile {
+            panelled,
+            ..MINIBUS
+        },
+        size,
+        dice,
+    )
 }
 
+/// The vehicle of a style, with small changes, so that no two of a style agree.
 fn body(nominal: Profile, size: V3, dice: &mut Dice) -> Model {
-    let profile = vary(nominal, dice);
+    let mut near = |values: [f32; 4], halves: [f32; 4]| -> [f32; 4] {
+        std::array::from_fn(|i| values[i] + dice.spread(halves[i]))
+    };
+    let profile = Profile {
+        along: near(nominal.along, [0.02, 0.02, 0.02, 0.008]),
+        heights: near(nominal.heights, [0.03, 0.03, 0.02, 0.03]),
+        roof_width: nominal.roof_width + dice.spread(0.04),
+        ..nominal
+    };
     let colour = paint(dice);
     let wheel_radius = dice.range(0.29, 0.35) * (size.z / 1.53).clamp(0.95, 1.12);
     let mut mesh = Mesh::default();
@@ -113,156 +104,116 @@ fn body(nominal: Profile, size: V3, dice: &mut Dice) -> Model {
     }
     mesh.roughen(0.007, dice);
     interior(&mut mesh, profile, size, dice);
-    let track = size.y / 2.0 - 0.15;
     for x in wheel_positions(size.x) {
-        axle(&mut mesh, x, track, wheel_radius, 0.2);
+        axle(&mut mesh, x, size.y / 2.0 - 0.15, wheel_radius, 0.2);
     }
-    fit(&mut mesh, size);
-    let mut mirrors = Mesh::default();
-    let x = (profile.cowl - 0.04) * size.x;
-    let left = v(x, size.y / 2.0 + 0.08, profile.belt * size.z + 0.06);
-    mirrors.twins(left, v(0.12, 0.18, 0.13), colour);
-    Model::new(mesh, &mirrors)
-}
-
-/// Small changes of a profile, so that no two cars of a style agree.
-fn vary(p: Profile, dice: &mut Dice) -> Profile {
-    let mut near = |value: f32, half: f32| value + dice.spread(half);
-    Profile {
-        cowl: near(p.cowl, 0.02),
-        roof_front: near(p.roof_front, 0.02),
-        roof_rear: near(p.roof_rear, 0.02),
-        deck: near(p.deck, 0.008),
-        nose: near(p.nose, 0.03),
-        hood: near(p.hood, 0.03),
-        belt: near(p.belt, 0.02),
-        tail: near(p.tail, 0.03),
-        roof_width: near(p.roof_width, 0.04),
-        ..p
-    }
+    mesh.fit(size);
+    let x = (profile.along[0] - 0.04) * size.x;
+    let left = v(x, size.y / 2.0 + 0.08, profile.heights[2] * size.z + 0.06);
+    Model::with_mirrors(mesh, left, v(0.12, 0.18, 0.13), colour)
 }
 
 fn wheel_positions(length: f32) -> [f32; 2] {
     [0.31 * length, -0.30 * length]
 }
 
-/// Half width of the body at this fraction of the length: drawn in at nose and tail.
-fn plan_half_width(fraction: f32, width: f32) -> f32 {
-    let at = [0.2, 0.34, 0.44, 0.47, 0.487, 0.5];
-    let share = [1.0, 0.985, 0.94, 0.88, 0.78, 0.5];
-    let knots: [(f32, f32); 6] = std::array::from_fn(|i| (at[i], share[i]));
-    width / 2.0 * interpolate(&knots, fraction.abs().max(0.2))
-}
-
 /// Cross-sections from tail to nose. In the cabin the top is open down to the seats' height.
 fn lower_body(mesh: &mut Mesh, p: Profile, size: V3, wheel_radius: f32, colour: Surface) {
-    let sill = 0.19;
+    let [cowl, _, roof_rear, deck] = p.along;
+    let [nose, hood, belt, tail] = p.heights;
+    let tops = [
+        (-0.5, tail * 0.72),
+        (-0.487, tail * 0.86),
+        (-0.47, tail),
+        (deck, belt),
+        (cowl, belt),
+        (cowl + 0.02, hood),
+        (0.44, nose),
+        (0.47, nose * 0.93),
+        (0.487, nose * 0.82),
+        (0.5, nose * 0.68),
+    ];
+    // Drawn in at nose and tail: (fraction of the length, share of the width).
+    let plan = [
+        (0.2, 1.0),
+        (0.34, 0.985),
+        (0.44, 0.94),
+        (0.47, 0.88),
+        (0.487, 0.78),
+        (0.5, 0.5),
+    ];
     let arch = (wheel_radius + 0.06) / size.x;
-    let [front, rear] = wheel_positions(size.x).map(|x| x / size.x);
-    let top_at = |f: f32| {
-        let knots = [
-            (-0.5, p.tail * 0.72),
-            (-0.487, p.tail * 0.86),
-            (-0.47, p.tail),
-            (p.deck, p.belt),
-            (p.cowl, p.belt),
-            (p.cowl + 0.02, p.hood),
-            (0.44, p.nose),
-            (0.47, p.nose * 0.93),
-            (0.487, p.nose * 0.82),
-            (0.5, p.nose * 0.68),
-        ];
-        interpolate(&knots, f) * size.z
-    };
+    let wheels = wheel_positions(size.x).map(|x| x / size.x);
     let mut stations = vec![-0.5, -0.487, -0.47, -0.44, 0.44, 0.47, 0.487, 0.5];
-    for wheel in [rear, front] {
+    stations.extend([deck, roof_rear, cowl, cowl + 0.02]);
+    for wheel in wheels {
         stations.extend([-1.0, -0.6, 0.6, 1.0].map(|share| wheel + share * arch));
     }
-    stations.extend([p.deck, p.roof_rear, p.cowl, p.cowl + 0.02]);
     stations.sort_by(f32::total_cmp);
-    let ring = |f: &f32| {
-        let f = *f;
-        let in_arch = [front, rear].iter().any(|w| (f - w).abs() < 0.8 * arch);
-        let bottom = if in_arch {
+    let ring = |f: f32| {
+        let bottom = if wheels.iter().any(|w| (f - w).abs() < 0.8 * arch) {
             2.0 * wheel_radius + 0.03
         } else {
-            sill + 0.8 * (f.abs() - 0.42).max(0.0) * size.x * 0.5
+            0.19 + 0.8 * (f.abs() - 0.42).max(0.0) * size.x * 0.5
         };
-        let top = top_at(f).max(bottom + 0.05);
-        let half = plan_half_width(f, size.y);
-        let hollow = (f > p.deck + 0.01 && f < p.cowl - 0.01) || (p.bed && f < p.deck && f > -0.48);
+        let top = (interpolate(&tops, f) * size.z).max(bottom + 0.05);
+        let half = size.y / 2.0 * interpolate(&plan, f.abs().max(0.2));
+        let hollow = (f > deck + 0.01 && f < cowl - 0.01) || (p.bed && f < deck && f > -0.48);
         let middle = if hollow { 0.42 * size.z } else { top + 0.02 };
-        let waist = bottom + 0.55 * (top - bottom);
         let x = f * size.x;
-        let side = |s: f32| {
-            [
-                v(x, s * half * 0.87, bottom),
-                v(x, s * half, waist),
-                v(x, s * half * 0.93, top - 0.04),
-                v(x, s * half * 0.84, top),
-            ]
-        };
-        let mut ring: Vec<V3> = side(1.0).to_vec();
-        ring.push(v(x, 0.0, middle));
-        ring.extend(side(-1.0).into_iter().rev());
+        let mut ring = mirrored(&[
+            v(x, half * 0.87, bottom),
+            v(x, half, bottom + 0.55 * (top - bottom)),
+            v(x, half * 0.93, top - 0.04),
+            v(x, half * 0.84, top),
+        ]);
+        ring.insert(4, v(x, 0.0, middle));
         ring
     };
-    let rings: Vec<Vec<V3>> = stations.iter().map(ring).collect();
+    let rings: Vec<Vec<V3>> = stations.into_iter().map(ring).collect();
     mesh.hull(&rings, colour);
 }
 
-/// Pillars, windows and roof: three rings (belt, window top, roof) of sixteen points.
+/// Pillars, windows and roof: three rings (belt, window top, roof) of twelve points.
 fn cabin(mesh: &mut Mesh, p: Profile, size: V3, colour: Surface) {
+    let [cowl, roof_front, roof_rear, deck] = p.along;
     // Along each side: pillar, window, pillar, window, pillar.
     let cuts = [0.0, 0.07, 0.46, 0.51, 0.88, 1.0];
-    let ring = |height: f32, blend: f32, inset: f32| -> Vec<V3> {
-        let front = p.cowl + (p.roof_front - p.cowl) * blend;
-        let rear = p.deck + (p.roof_rear - p.deck) * blend;
+    let ring = |height: f32, blend: f32, inset: f32| {
+        let front = cowl + (roof_front - cowl) * blend;
+        let rear = deck + (roof_rear - deck) * blend;
         let half = size.y / 2.0 * (0.89 + (p.roof_width - 0.89) * blend) - inset;
-        let side = |s: f32| {
-            cuts.map(|c| {
-                v(
-                    (front + (rear - front) * c) * size.x,
-                    s * half * (1.0 - 0.05 * (2.0 * c - 1.0).abs()),
-                    height * size.z,
-                )
-            })
+        let point = |cut: f32| {
+            let y = half * (1.0 - 0.05 * (2.0 * cut - 1.0).abs());
+            v((front + (rear - front) * cut) * size.x, y, height * size.z)
         };
-        let mut points: Vec<V3> = side(1.0).to_vec();
-        points.extend(side(-1.0).into_iter().rev());
-        points
+        mirrored(&cuts.map(point))
     };
-    let rings = [
-        ring(p.belt, 0.0, 0.0),
-        ring(0.92, 0.86, 0.0),
-        ring(0.985, 1.0, 0.02),
-    ];
-    let panelled = p.panelled;
+    let roof = ring(0.985, 1.0, 0.02);
+    let rings = [&ring(p.heights[2], 0.0, 0.0), &ring(0.92, 0.86, 0.0), &roof];
     mesh.loft(&rings, true, |level, point| {
-        let window = match point {
-            1 | 5 | 9 | 11 => true,
-            3 | 7 => !panelled,
-            _ => false,
-        };
-        Some(if level == 0 && window { GLASS } else { colour })
+        let rear_side = matches!(point, 3 | 7) && !p.panelled;
+        let window = rear_side || matches!(point, 1 | 5 | 9 | 11);
+        if level == 0 && window { GLASS } else { colour }
     });
-    let [.., roof] = rings;
-    let lid: Vec<V3> = (roof.iter().map(|q| v(q.x * 0.98, q.y * 0.6, size.z))).collect();
-    mesh.loft(&[roof, lid.clone()], true, |_, _| Some(colour));
+    let flat = |q: &V3| v(q.x * 0.98, q.y * 0.6, size.z);
+    let lid = roof.iter().map(flat).collect();
+    mesh.loft(&[&roof, &lid], true, |_, _| colour);
     mesh.cap(&lid, colour);
 }
 
 fn interior(mesh: &mut Mesh, p: Profile, size: V3, dice: &mut Dice) {
+    let ([cowl, _, _, deck], belt) = (p.along, p.heights[2]);
     let floor = 0.32 * size.z;
-    let cabin_m = (p.cowl - p.deck) * size.x;
-    let front_x = p.cowl * size.x - 0.42 * cabin_m.min(2.4);
+    let cabin_m = (cowl - deck) * size.x;
+    let front_x = cowl * size.x - 0.42 * cabin_m.min(2.4);
     for side in [-1.0, 1.0] {
         seat(mesh, v(front_x, side * size.y * 0.21, floor), 0.5);
     }
     if cabin_m > 1.8 && !p.panelled {
         seat(mesh, v(front_x - 0.85, 0.0, floor), size.y * 0.7);
     }
-    let dash = v(p.cowl * size.x - 0.25, 0.0, p.belt * size.z - 0.12);
+    let dash = v(cowl * size.x - 0.25, 0.0, belt * size.z - 0.12);
     mesh.block(dash, v(0.4, size.y * 0.8, 0.2), INTERIOR);
     if dice.chance(0.35) {
         occupant(mesh, v(front_x, size.y * 0.21, floor + 0.15), dice);

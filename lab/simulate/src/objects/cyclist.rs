@@ -1,8 +1,10 @@
 //! Cyclists: a frame of thin tubes, two wheels that are mostly holes, a leaning rider.
 
-use super::super::mesh::{METAL, Mesh, RETRO, RUBBER, SKIN, Surface, V3, circle, porous, solid, v};
+use super::super::mesh::{
+    METAL, Mesh, RETRO, RUBBER, SKIN, Surface, V3, circle, porous, solid, up, v,
+};
 use super::super::random::Dice;
-use super::{Model, fit};
+use super::Model;
 
 /// A rider on a bicycle.
 pub(super) fn cyclist(dice: &mut Dice) -> Model {
@@ -11,11 +13,10 @@ pub(super) fn cyclist(dice: &mut Dice) -> Model {
     let mut mesh = Mesh::default();
     bicycle(&mut mesh, dice);
     rider(&mut mesh, dice);
-    fit(&mut mesh, size);
+    mesh.fit(size);
     mesh.roughen(0.005, dice);
-    let low = mesh.bounds().0.z;
-    mesh.map(|p| v(p.x, p.y, p.z - low));
-    Model::new(mesh, &Mesh::default())
+    mesh.put_down();
+    Model::new(mesh)
 }
 
 /// A bicycle standing upright, its middle over the origin; also used parked.
@@ -23,23 +24,18 @@ pub(crate) fn bicycle(mesh: &mut Mesh, dice: &mut Dice) {
     let frame = solid(dice.range(0.1, 0.5));
     let radius = dice.range(0.32, 0.35);
     let half_base = dice.range(0.5, 0.55);
-    let hubs = [v(half_base, 0.0, radius), v(-half_base, 0.0, radius)];
-    for hub in hubs {
-        wheel(mesh, hub, radius);
-    }
+    let [front, rear] = [half_base, -half_base].map(|x| v(x, 0.0, radius));
+    wheel(mesh, front, radius);
+    wheel(mesh, rear, radius);
     let crank = v(-0.05, 0.0, 0.3);
     let saddle = v(-0.22, 0.0, 0.95);
     let head = v(0.38, 0.0, 0.88);
-    for (from, to) in [
-        (hubs[1], crank),
-        (hubs[1], saddle),
-        (crank, saddle),
-        (crank, head),
-        (saddle - v(0.0, 0.0, 0.18), head),
-        (hubs[0], head),
-    ] {
-        mesh.strut(from, to, 0.025, frame);
-    }
+    mesh.strut(rear, crank, 0.025, frame);
+    mesh.strut(rear, saddle, 0.025, frame);
+    mesh.strut(crank, saddle, 0.025, frame);
+    mesh.strut(crank, head, 0.025, frame);
+    mesh.strut(saddle - up(0.18), head, 0.025, frame);
+    mesh.strut(front, head, 0.025, frame);
     mesh.strut(head, head + v(-0.04, 0.0, 0.15), 0.02, frame);
     let (bar, half) = (head + v(-0.02, 0.0, 0.16), v(0.0, 0.29, 0.0));
     mesh.strut(bar - half, bar + half, 0.018, METAL);
@@ -55,7 +51,7 @@ fn wheel(mesh: &mut Mesh, hub: V3, radius: f32) {
     let ring = |r: f32, y: f32| circle(12, 0.0, |c, s| hub + v(r * c, y, r * s));
     let inner = radius - 0.05;
     let rings = [ring(inner, -0.02), ring(radius, 0.0), ring(inner, 0.02)];
-    mesh.loft(&rings, true, |_, _| Some(RUBBER));
+    mesh.loft(&rings, true, |_, _| RUBBER);
     mesh.cap(&ring(inner, 0.0), porous(0.3, 0.8));
 }
 
@@ -65,8 +61,8 @@ fn rider(mesh: &mut Mesh, dice: &mut Dice) {
     let lean = dice.range(0.1, 0.42);
     let hip = v(-0.22, 0.0, 1.0);
     let shoulder = hip + v(0.58 * lean.sin() + 0.08, 0.0, 0.55 * lean.cos());
-    let (seat, waist) = (hip - v(0.0, 0.0, 0.06), (hip + shoulder) / 2.0);
-    mesh.tube([seat, waist], [0.16, 0.165], 7, coat);
+    let waist = (hip + shoulder) / 2.0;
+    mesh.tube([hip - up(0.06), waist], [0.16, 0.165], 7, coat);
     mesh.tube([waist, shoulder], [0.165, 0.15], 7, coat);
     let head = shoulder + v(0.07, 0.0, 0.22);
     mesh.blob(head, v(0.12, 0.09, 0.14), (4, 7), 0.04, dice, SKIN);
@@ -86,12 +82,7 @@ fn rider(mesh: &mut Mesh, dice: &mut Dice) {
 
 fn legs(mesh: &mut Mesh, hip: V3, trousers: Surface, dice: &mut Dice) {
     let turn = dice.range(0.0, std::f32::consts::TAU);
-    for side in [-1.0f32, 1.0] {
-        let half_turn = if side > 0.0 {
-            0.0
-        } else {
-            std::f32::consts::PI
-        };
+    for (side, half_turn) in [(-1.0, std::f32::consts::PI), (1.0, 0.0)] {
         let (sin, cos) = ((turn + half_turn).sin(), (turn + half_turn).cos());
         let foot = v(-0.05 + 0.17 * cos, side * 0.12, 0.3 + 0.17 * sin);
         let knee = (hip + foot) / 2.0 + v(0.2, side * 0.04, 0.06);

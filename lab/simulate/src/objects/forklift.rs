@@ -1,6 +1,6 @@
 //! Forklifts: counterweight, mast of two rails, overhead guard, forks, driver, often a pallet with a load.
 
-use super::super::mesh::{METAL, Mesh, solid, v};
+use super::super::mesh::{METAL, Mesh, solid, up, v};
 use super::super::random::Dice;
 use super::Model;
 use super::vehicle::{axle, occupant, paint, seat};
@@ -12,15 +12,14 @@ pub(super) fn forklift(dice: &mut Dice) -> Model {
     let width = dice.range(1.12, 1.3);
     let height = dice.range(2.0, 2.3);
     let colour = paint(dice);
-    let front = body_length / 2.0;
-    let half = width / 2.0;
+    let (front, half) = (body_length / 2.0, width / 2.0);
     let mut mesh = Mesh::default();
     let weight = v(0.7, width, 0.85);
-    mesh.tapered(v(-front + 0.35, 0.0, 0.62), weight, 0.85, 0.9, colour);
+    mesh.tapered(v(-front + 0.35, 0.0, 0.62), weight, [0.85, 0.9], colour);
     let body = v(body_length - 0.75, width * 0.9, 0.45);
     mesh.block(v(0.05, 0.0, 0.42), body, colour);
     let motor = v(0.9, width * 0.8, 0.35);
-    mesh.tapered(v(-0.1, 0.0, 0.8), motor, 0.85, 0.8, solid(0.12));
+    mesh.tapered(v(-0.1, 0.0, 0.8), motor, [0.85, 0.8], solid(0.12));
     seat(&mut mesh, v(-0.1, 0.0, 0.92), 0.5);
     if dice.chance(0.75) {
         occupant(&mut mesh, v(-0.1, 0.0, 1.06), dice);
@@ -34,27 +33,22 @@ pub(super) fn forklift(dice: &mut Dice) -> Model {
     let (low, high) = mesh.bounds();
     let middle = (low + high) / 2.0;
     mesh.map(|p| v(p.x - middle.x, p.y - middle.y, (p.z - low.z).max(0.0)));
-    Model::new(mesh, &Mesh::default())
+    Model::new(mesh)
 }
 
 /// Four posts and a slatted roof.
 fn guard(mesh: &mut Mesh, front: f32, half: f32, height: f32) {
-    let (fore, aft) = (front - 0.55, -front + 0.55);
-    let (middle, black) = ((fore + aft) / 2.0, solid(0.12));
+    let (fore, aft, black) = (front - 0.55, -front + 0.55, solid(0.12));
     for side in [-1.0, 1.0] {
         let y = side * half * 0.85;
-        for (foot, top) in [
-            (v(front - 0.35, y, 0.6), fore - 0.1),
-            (v(aft - 0.1, y, 0.9), aft + 0.05),
-        ] {
-            mesh.strut(foot, v(top, y, height - 0.05), 0.035, black);
-        }
-        let rail = v(middle, y, height - 0.04);
+        let top = |x: f32| v(x, y, height - 0.05);
+        mesh.strut(v(front - 0.35, y, 0.6), top(fore - 0.1), 0.035, black);
+        mesh.strut(v(aft - 0.1, y, 0.9), top(aft + 0.05), 0.035, black);
+        let rail = v((fore + aft) / 2.0, y, height - 0.04);
         mesh.block(rail, v(fore - aft, 0.08, 0.08), black);
     }
-    let slats = 6;
-    for i in 0..slats {
-        let x = aft + (fore - aft) * (i as f32 + 0.5) / slats as f32;
+    for i in 0..6 {
+        let x = aft + (fore - aft) * (i as f32 + 0.5) / 6.0;
         let slat = v(0.06, half * 1.7, 0.05);
         mesh.block(v(x, 0.0, height - 0.04), slat, black);
     }
@@ -62,22 +56,17 @@ fn guard(mesh: &mut Mesh, front: f32, half: f32, height: f32) {
 
 fn mast(mesh: &mut Mesh, front: f32, half: f32, fork_length: f32, dice: &mut Dice) {
     let top = dice.range(1.95, 2.35);
-    let lift_m = if dice.chance(0.5) {
-        [0.05, 0.2]
-    } else {
-        [0.2, 1.3]
-    };
-    let lift = dice.range(lift_m[0], lift_m[1]);
+    let is_low = dice.chance(0.5);
+    let [low, high] = if is_low { [0.05, 0.2] } else { [0.2, 1.3] };
+    let lift = dice.range(low, high);
     let fork_x = front + 0.14 + fork_length / 2.0;
     for side in [-1.0, 1.0] {
         let rail = v(front + 0.02, side * half * 0.45, (top + 0.1) / 2.0);
+        mesh.block(rail, v(0.14, 0.1, top - 0.1), METAL);
         let y = side * half * 0.38;
-        let parts = [
-            (rail, v(0.14, 0.1, top - 0.1)),
-            (v(fork_x, y, lift + 0.03), v(fork_length, 0.12, 0.05)),
-            (v(front + 0.12, y, lift + 0.3), v(0.06, 0.12, 0.6)),
-        ];
-        mesh.blocks(parts, METAL);
+        let fork = v(fork_length, 0.12, 0.05);
+        mesh.block(v(fork_x, y, lift + 0.03), fork, METAL);
+        mesh.block(v(front + 0.12, y, lift + 0.3), v(0.06, 0.12, 0.6), METAL);
     }
     for z in [0.35, 0.5 * top, top - 0.06] {
         mesh.block(v(front + 0.02, 0.0, z), v(0.08, half * 0.9, 0.09), METAL);
@@ -89,7 +78,11 @@ fn mast(mesh: &mut Mesh, front: f32, half: f32, fork_length: f32, dice: &mut Dic
         let pallet = v(fork_length.min(1.1), half * 1.9, 0.13);
         mesh.block(center, pallet, solid(0.4));
         let h = dice.range(0.3, 1.0);
-        let load = center + v(0.0, 0.0, 0.065 + h / 2.0);
-        mesh.block(load, v(0.95, half * 1.75, h), solid(dice.range(0.2, 0.6)));
+        let load = v(0.95, half * 1.75, h);
+        mesh.block(
+            center + up(0.065 + h / 2.0),
+            load,
+            solid(dice.range(0.2, 0.6)),
+        );
     }
 }

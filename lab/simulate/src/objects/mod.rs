@@ -14,7 +14,7 @@ mod vehicle;
 
 pub(crate) use cyclist::bicycle;
 
-use super::mesh::{Mesh, V3, v};
+use super::mesh::{Mesh, Surface, V3, v};
 use super::random::Dice;
 use super::{Class, Family, Realism, Step};
 
@@ -31,22 +31,24 @@ pub(crate) struct Model {
 }
 
 impl Model {
-    /// The label is the body's extent; `extras` (mirrors) are seen but not labelled.
-    fn new(body: Mesh, extras: &Mesh) -> Model {
-        let (low, high) = body.bounds();
-        let mut mesh = body;
-        mesh.add(extras, |p| p);
-        Model {
-            mesh,
-            low: low.min(v(low.x, low.y, 0.0)),
-            high,
-        }
+    /// The label is the body's extent, down to the ground.
+    fn new(mesh: Mesh) -> Model {
+        let (low, high) = mesh.bounds();
+        let low = v(low.x, low.y, low.z.min(0.0));
+        Model { mesh, low, high }
+    }
+
+    /// Mirrors, of which the left one is given, are seen but not labelled.
+    fn with_mirrors(body: Mesh, left: V3, size: V3, surface: Surface) -> Model {
+        let mut model = Model::new(body);
+        model.mesh.twins(left, size, surface);
+        model
     }
 
     /// Shrinks the triangles along and across, so that the label, left as it is, stands off by this much on each side.
     fn stand_off(&mut self, margin_m: f32) {
         let size = self.size_m();
-        let scale = (size - 2.0 * v(margin_m, margin_m, 0.0)) / size.max(v(0.5, 0.5, 0.5));
+        let scale = (size - 2.0 * v(margin_m, margin_m, 0.0)) / size.max(V3::splat(0.5));
         let middle = (self.low + self.high) / 2.0;
         self.mesh.map(|p| {
             let q = middle + (p - middle) * scale;
@@ -76,14 +78,13 @@ pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut D
     if !realism.has(Step::Sizes) {
         let change = mean_size_m(class, family) / model.size_m();
         // Length and width of a person on foot are the step's, not the body's.
-        model.scale(match class {
-            Class::Pedestrian => V3::splat(change.z),
-            _ => change,
+        let is_person = class == Class::Pedestrian;
+        model.scale(if is_person {
+            V3::splat(change.z)
+        } else {
+            change
         });
-        return model;
-    }
-    let vehicle = matches!(class, Class::Car | Class::Van | Class::Truck);
-    if vehicle && family == Family::SimKitti {
+    } else if class.is_vehicle() && family == Family::SimKitti {
         model.stand_off(ANNOTATION_MARGIN_M);
     }
     model
@@ -121,32 +122,19 @@ fn exact(class: Class, dice: &mut Dice, family: Family) -> Model {
     }
 }
 
-/// Scales a body to exactly these extents, its lowest point on the ground and its middle over the origin.
-fn fit(mesh: &mut Mesh, size_m: V3) {
-    let (low, high) = mesh.bounds();
-    let scale = size_m / (high - low).max(v(1e-3, 1e-3, 1e-3));
-    let middle = (low + high) / 2.0;
-    mesh.map(|p| {
-        let q = (p - v(middle.x, middle.y, low.z)) * scale;
-        v(q.x, q.y, q.z)
-    });
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::tests::classes;
     use super::*;
 
-    fn mean_size(class: Class, family: Family) -> V3 {
-        let count = 300;
-        let sum = (0..count).fold(V3::ZERO, |sum, i| {
-            sum + build(class, family, Realism::FULL, &mut Dice::new(&[9, i])).size_m()
-        });
-        sum / count as f32
+    /// Every class with so many keys.
+    fn drawn(count: u64) -> impl Iterator<Item = (Class, u64)> {
+        classes().flat_map(move |class| (0..count).map(move |i| (class, i)))
     }
 
     #[test]
     fn sizes_meet_the_published_means() {
-        let cases = [
+        for (class, family) in [
             (Class::Car, Family::SimKitti),
             (Class::Car, Family::SimUdi),
             (Class::Van, Family::SimKitti),
@@ -155,75 +143,56 @@ mod tests {
             (Class::Cyclist, Family::SimUdi),
             (Class::GolfCart, Family::SimUdi),
             (Class::Forklift, Family::SimUdi),
-        ];
-        for (class, family) in cases {
+        ] {
+            let size = |i| build(class, family, Realism::FULL, &mut Dice::new(&[9, i])).size_m();
+            let mean = (0..300).map(size).sum::<V3>() / 300.0;
             let expected = mean_size_m(class, family);
-            let mean = mean_size(class, family);
-            let relative = ((mean - expected) / expected).abs();
-            assert!(
-                relative.max_element() < 0.12,
-                "{class:?}: mean {mean}, expected {expected}"
-            );
+            let off = ((mean - expected) / expected).abs().max_element();
+            assert!(off < 0.12, "{class:?}: mean {mean}, expected {expected}");
         }
     }
 
     #[test]
     fn without_sizes_every_object_has_its_class_mean_and_an_exact_label() {
         let plain = Realism::without(&[Step::Sizes]);
-        for class in Class::ALL {
+        for (class, i) in drawn(20) {
             let expected = mean_size_m(class, Family::SimKitti);
-            for i in 0..20 {
-                let build =
-                    |realism| build(class, Family::SimKitti, realism, &mut Dice::new(&[8, i]));
-                let (model, usual) = (build(plain), build(Realism::FULL));
-                let size = model.size_m();
-                assert!((size.z - expected.z).abs() < 1e-4, "{class:?}: {size}");
-                if class == Class::Pedestrian {
-                    // The proportions stay.
-                    let change = size / usual.size_m();
-                    assert!((change - change.z).abs().max_element() < 1e-4, "{change}");
-                } else {
-                    assert!((size - expected).abs().max_element() < 1e-4, "{size}");
-                }
-                if class == Class::Car {
-                    // Mirrors apart, the triangles reach the label; those of a label that stands off do not.
-                    let gap = |m: &Model| m.high.x - m.mesh.bounds().1.x;
-                    assert!(gap(&model).abs() < 1e-4, "{}", gap(&model));
-                    assert!(
-                        (gap(&usual) - ANNOTATION_MARGIN_M).abs() < 1e-3,
-                        "{}",
-                        gap(&usual)
-                    );
-                }
+            let build = |realism| build(class, Family::SimKitti, realism, &mut Dice::new(&[8, i]));
+            let (model, usual) = (build(plain), build(Realism::FULL));
+            let size = model.size_m();
+            assert!((size.z - expected.z).abs() < 1e-4, "{class:?}: {size}");
+            if class == Class::Pedestrian {
+                // The proportions stay.
+                let change = size / usual.size_m();
+                assert!((change - change.z).abs().max_element() < 1e-4, "{change}");
+            } else {
+                assert!((size - expected).abs().max_element() < 1e-4, "{size}");
+            }
+            if class == Class::Car {
+                // Mirrors apart, the triangles reach the label; those of a label that stands off do not.
+                let gap = |m: &Model| m.high.x - m.mesh.bounds().1.x;
+                assert!(gap(&model).abs() < 1e-4, "{}", gap(&model));
+                let margin = gap(&usual) - ANNOTATION_MARGIN_M;
+                assert!(margin.abs() < 1e-3, "{margin}");
             }
         }
     }
 
     #[test]
     fn every_object_is_a_lean_mesh_inside_its_label() {
-        for class in Class::ALL {
-            for i in 0..40 {
-                let model = build(
-                    class,
-                    Family::SimUdi,
-                    Realism::FULL,
-                    &mut Dice::new(&[4, i]),
-                );
-                assert!(
-                    model.mesh.triangles.len() < 1500,
-                    "{class:?} has {} triangles",
-                    model.mesh.triangles.len()
-                );
-                assert!(
-                    model.low.z.abs() < 0.03,
-                    "{class:?} stands at {}",
-                    model.low.z
-                );
-                let inside = model.mesh.vertices.iter().filter(|p| {
-                    p.cmpge(model.low - 1e-3).all() && p.cmple(model.high + 1e-3).all()
-                });
-                assert!(inside.count() * 10 >= model.mesh.vertices.len() * 9);
-            }
+        for (class, i) in drawn(40) {
+            let Model { mesh, low, high } = build(
+                class,
+                Family::SimUdi,
+                Realism::FULL,
+                &mut Dice::new(&[4, i]),
+            );
+            let triangles = mesh.triangles.len();
+            assert!(triangles < 1500, "{class:?} has {triangles} triangles");
+            assert!(low.z.abs() < 0.03, "{class:?} stands at {}", low.z);
+            let is_inside = |p: &&V3| p.cmpge(low - 1e-3).all() && p.cmple(high + 1e-3).all();
+            let inside = mesh.vertices.iter().filter(is_inside).count();
+            assert!(inside * 10 >= mesh.vertices.len() * 9);
         }
     }
 }

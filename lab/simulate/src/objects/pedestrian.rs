@@ -6,17 +6,16 @@ use super::Model;
 
 /// A person of 1.76 m on average, in any phase of the step.
 pub(super) fn pedestrian(dice: &mut Dice) -> Model {
-    let height = if dice.chance(0.06) {
+    let is_child = dice.chance(0.06);
+    let height = if is_child {
         dice.range(1.15, 1.45)
     } else {
         dice.normal(1.78, 0.085)
     };
     let s = height / 1.76;
-    let stride = if dice.chance(0.8) {
-        dice.range(0.3, 0.66)
-    } else {
-        dice.range(0.0, 0.1)
-    };
+    let walks = dice.chance(0.8);
+    let [short, long] = if walks { [0.3, 0.66] } else { [0.0, 0.1] };
+    let stride = dice.range(short, long);
     let phase = dice.sign() * dice.range(0.3, 1.0);
     let swing = stride * phase;
     let coat = solid(dice.range(0.08, 0.7));
@@ -40,9 +39,8 @@ pub(super) fn pedestrian(dice: &mut Dice) -> Model {
     mesh.map(|p| p * s);
     rare_things(&mut mesh, s, dice);
     mesh.roughen(0.006, dice);
-    let low = mesh.bounds().0.z;
-    mesh.map(|p| v(p.x, p.y, p.z - low));
-    Model::new(mesh, &Mesh::default())
+    mesh.put_down();
+    Model::new(mesh)
 }
 
 fn legs(mesh: &mut Mesh, swing: f32, spacing: f32, trousers: Surface) {
@@ -50,7 +48,7 @@ fn legs(mesh: &mut Mesh, swing: f32, spacing: f32, trousers: Surface) {
         let foot_x = side * swing;
         let hip = v(0.0, side * 0.09, 0.9);
         // The rear foot's heel lifts and its knee bends.
-        let lift = if foot_x < 0.0 { 0.35 * -foot_x } else { 0.0 };
+        let lift = 0.35 * (-foot_x).max(0.0);
         let ankle = v(foot_x, side * spacing, 0.08 + lift);
         let knee = (hip + ankle) / 2.0 + v(0.05 + 0.12 * foot_x.abs(), 0.0, 0.0);
         mesh.tube([hip, knee], [0.098, 0.07], 6, trousers);
@@ -68,15 +66,12 @@ fn torso(mesh: &mut Mesh, girth: f32, lean: f32, coat: Surface) {
         [1.44, lean, 0.10, 0.20],
         [1.50, lean, 0.06, 0.08],
     ];
-    mesh.stack(
-        &levels.map(|[z, x, rx, ry]| [z, x, rx * girth, ry * girth]),
-        8,
-        coat,
-    );
+    let wide = levels.map(|[z, x, rx, ry]| [z, x, rx * girth, ry * girth]);
+    mesh.stack(wide, coat);
 }
 
 fn arms(mesh: &mut Mesh, swing: f32, lean: f32, girth: f32, coat: Surface, dice: &mut Dice) {
-    for side in [-1.0f32, 1.0] {
+    for side in [-1.0, 1.0] {
         let shoulder = v(lean, side * 0.2 * girth, 1.4);
         let hanging_x = -side * swing * 0.85 + 0.03;
         let hand = match dice.weighted(&[0.8, 0.1, 0.1]) {
@@ -98,14 +93,16 @@ fn rare_things(mesh: &mut Mesh, scale: f32, dice: &mut Dice) {
         let top = v(0.15, 0.1, 1.95 * scale);
         mesh.strut(v(0.25, 0.15, 1.1 * scale), top, 0.012, METAL);
         let rim = circle(8, 0.0, |c, s| top + v(0.45 * c, 0.45 * s, -0.14));
-        mesh.loft(&[rim, vec![top; 8]], true, |_, _| Some(solid(0.2)));
+        mesh.loft(&[rim, vec![top; 8]], true, |_, _| solid(0.2));
     } else if chance < 0.05 {
-        mesh.tapered(v(0.75, 0.0, 0.62), v(0.7, 0.45, 0.4), 1.15, 1.0, solid(0.2));
+        let basket = v(0.7, 0.45, 0.4);
+        mesh.tapered(v(0.75, 0.0, 0.62), basket, [1.15, 1.0], solid(0.2));
         for (x, y) in [(0.5, 0.2), (0.5, -0.2), (1.0, 0.2), (1.0, -0.2)] {
             mesh.rod([v(x, y - 0.02, 0.1), v(x, y + 0.02, 0.1)], 0.1, 6, RUBBER);
             mesh.strut(v(x, y, 0.1), v(0.75, y, 0.45), 0.015, METAL);
         }
-        mesh.strut(v(0.4, 0.2, 0.8), v(0.25, 0.2, 1.05), 0.015, METAL);
-        mesh.strut(v(0.4, -0.2, 0.8), v(0.25, -0.2, 1.05), 0.015, METAL);
+        for y in [0.2, -0.2] {
+            mesh.strut(v(0.4, y, 0.8), v(0.25, y, 1.05), 0.015, METAL);
+        }
     }
 }

@@ -5,7 +5,7 @@
 //! behind it and its points lie where a sensor's would, which points that are moved about (`train::synthetic_unknown`) cannot have.
 //! Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
-use super::super::mesh::{Mesh, V3, v};
+use super::super::mesh::{Mesh, V3};
 use super::super::random::Dice;
 use super::{ANNOTATION_MARGIN_M, Class, Family, Model, Realism, Step, exact, mean_size_m};
 use crate::synthetic_unknown::{
@@ -17,111 +17,87 @@ const DRAWS: usize = 64;
 
 /// Builds one. What a vehicle is part of has a label that stands off, as vehicles do.
 pub(super) fn synthetic_unknown(family: Family, realism: Realism, dice: &mut Dice) -> Model {
-    let classes_m: Vec<[f64; 3]> = family
-        .known_classes()
-        .iter()
-        .map(|class| size_of(mean_size_m(*class, family)))
-        .collect();
-    let mut bent = attempt(family, dice);
+    let classes = family.known_classes().iter();
+    let classes_m: Vec<[f64; 3]> = classes.map(|c| size_of(mean_size_m(*c, family))).collect();
+    let is_new = |model: &Model| {
+        let size_m = size_of(model.size_m());
+        has_road_size(size_m) && !has_known_size(size_m, &classes_m)
+    };
+    let (mut model, mut has_vehicle) = attempt(family, dice);
     for _ in 1..DRAWS {
-        let size_m = size_of(bent.model.size_m());
-        if has_road_size(size_m) && !has_known_size(size_m, &classes_m) {
+        if is_new(&model) {
             break;
         }
-        bent = attempt(family, dice);
+        (model, has_vehicle) = attempt(family, dice);
     }
-    if bent.has_vehicle && family == Family::SimKitti && realism.has(Step::Sizes) {
-        bent.model.stand_off(ANNOTATION_MARGIN_M);
+    if has_vehicle && family == Family::SimKitti && realism.has(Step::Sizes) {
+        model.stand_off(ANNOTATION_MARGIN_M);
     }
-    bent.model
+    model
 }
 
 fn size_of(size_m: V3) -> [f64; 3] {
     [size_m.x, size_m.y, size_m.z].map(f64::from)
 }
 
-struct Bent {
-    model: Model,
-    has_vehicle: bool,
-}
-
-fn attempt(family: Family, dice: &mut Dice) -> Bent {
+/// A model, and whether a vehicle is part of it.
+fn attempt(family: Family, dice: &mut Dice) -> (Model, bool) {
     let first = known_class(family, dice);
     let mut mesh = body(first, family, dice);
-    let mut has_vehicle = is_vehicle(first);
+    let mut has_vehicle = first.is_vehicle();
     let factors = FACTORS.map(|[low, high]| dice.range(low.ln() as f32, high.ln() as f32));
-    let mut factors = V3::from(factors.map(f32::exp));
+    let mut factors = factors.map(f32::exp);
     if dice.chance(JOIN_CHANCE as f32) {
         let second = known_class(family, dice);
-        has_vehicle |= is_vehicle(second);
+        has_vehicle |= second.is_vehicle();
         mesh = join(mesh, body(second, family, dice), dice.chance(0.5));
         // A join is new by itself: scale it less.
-        factors = V3::from([factors.x, factors.y, factors.z].map(f32::sqrt));
+        factors = factors.map(f32::sqrt);
     }
-    mesh.map(|p| p * factors);
+    mesh.map(|p| p * V3::from(factors));
     if dice.chance(CUT_CHANCE as f32) {
         cut(&mut mesh, dice);
     }
-    let (low, _) = mesh.bounds();
-    mesh.map(|p| v(p.x, p.y, p.z - low.z));
-    Bent {
-        model: Model::new(mesh, &Mesh::default()),
-        has_vehicle,
-    }
+    mesh.put_down();
+    (Model::new(mesh), has_vehicle)
 }
 
 /// What the label of a known object states the size of: without mirrors.
 fn body(class: Class, family: Family, dice: &mut Dice) -> Mesh {
-    let Model {
-        mut mesh,
-        low,
-        high,
-    } = exact(class, dice, family);
-    mesh.keep(|p| p.cmpge(low - 1e-3).all() && p.cmple(high + 1e-3).all());
-    mesh
-}
-
-fn is_vehicle(class: Class) -> bool {
-    matches!(class, Class::Car | Class::Truck)
+    let mut model = exact(class, dice, family);
+    let (low, high) = (model.low - 1e-3, model.high + 1e-3);
+    model
+        .mesh
+        .keep(|p| p.cmpge(low).all() && p.cmple(high).all());
+    model.mesh
 }
 
 /// Vehicles and people alike, though most known classes are people.
 fn known_class(family: Family, dice: &mut Dice) -> Class {
     let wants_vehicle = dice.chance(0.5);
-    let is_wanted = |c: &&Class| is_vehicle(**c) == wants_vehicle;
-    let known: Vec<&Class> = family.known_classes().iter().filter(is_wanted).collect();
-    *known[dice.whole(0, known.len() - 1)]
+    let mut known = family.known_classes().to_vec();
+    known.retain(|class| class.is_vehicle() == wants_vehicle);
+    known[dice.whole(0, known.len() - 1)]
 }
 
 /// The part of `rear` behind its middle (below it, if `stacked`), and of `front`, brought to the same width and length (width
 /// and height), the part before (above) its own.
 fn join(mut rear: Mesh, mut front: Mesh, stacked: bool) -> Mesh {
+    let axis = if stacked { V3::Z } else { V3::X };
     let size = |mesh: &Mesh| {
         let (low, high) = mesh.bounds();
         (high - low).max(V3::splat(1e-3))
     };
     let fit = size(&rear) / size(&front);
-    front.map(|p| {
-        if stacked {
-            v(p.x * fit.x, p.y * fit.y, p.z)
-        } else {
-            v(p.x, p.y * fit.y, p.z * fit.z)
-        }
-    });
-    let along = |p: V3| if stacked { p.z } else { p.x };
+    front.map(|p| V3::select(axis.cmpeq(V3::ZERO), p * fit, p));
     let middle = |mesh: &Mesh| {
         let (low, high) = mesh.bounds();
-        along((low + high) / 2.0)
+        ((low + high) / 2.0).dot(axis)
     };
     let (low, high) = (middle(&rear), middle(&front));
-    rear.keep(|p| along(p) < low);
-    front.keep(|p| along(p) >= high);
-    let shift = if stacked {
-        v(0.0, 0.0, low - high)
-    } else {
-        v(low - high, 0.0, 0.0)
-    };
-    rear.add(&front, |p| p + shift);
+    rear.keep(|p| p.dot(axis) < low);
+    front.keep(|p| p.dot(axis) >= high);
+    rear.add(&front, |p| p + axis * (low - high));
     rear
 }
 
@@ -140,7 +116,7 @@ mod tests {
 
     #[test]
     fn objects_stand_on_the_ground_have_no_known_size_and_differ() {
-        for family in [Family::SimUdi, Family::SimKitti] {
+        for family in Family::ALL {
             let known = family.known_classes().iter();
             let classes_m: Vec<[f64; 3]> =
                 known.map(|c| size_of(mean_size_m(*c, family))).collect();
@@ -151,11 +127,10 @@ mod tests {
                 assert!(has_road_size(size_m), "{size_m:?}");
                 assert!(!has_known_size(size_m, &classes_m), "{size_m:?}");
                 assert!(model.low.z.abs() < 1e-3 && !model.mesh.triangles.is_empty());
-                let inside =
-                    |p: &V3| p.cmpge(model.low - 1e-2).all() && p.cmple(model.high + 1e-2).all();
-                let mesh = &model.mesh;
-                let used = mesh.triangles.iter().flatten();
-                assert!(used.map(|i| &mesh.vertices[*i as usize]).all(inside));
+                let (low, high) = (model.low - 1e-2, model.high + 1e-2);
+                let used = model.mesh.triangles.iter().flatten();
+                let mut used = used.map(|i| model.mesh.vertices[*i as usize]);
+                assert!(used.all(|p| p.cmpge(low).all() && p.cmple(high).all()));
                 lengths.push(size_m[0]);
             }
             let most = lengths.iter().copied().fold(0.0, f64::max);
@@ -166,7 +141,7 @@ mod tests {
 
     #[test]
     fn a_body_has_the_size_of_its_label() {
-        for family in [Family::SimUdi, Family::SimKitti] {
+        for family in Family::ALL {
             for class in family.known_classes() {
                 for i in 0..20 {
                     let dice = || Dice::new(&[6, i]);
@@ -188,15 +163,10 @@ mod tests {
         };
         let plain = Realism::without(&[Step::Sizes]);
         let full: Vec<f32> = (0..40).map(|i| gap(Realism::FULL, i)).collect();
-        let stand_off = full
-            .iter()
-            .filter(|g| (**g - ANNOTATION_MARGIN_M).abs() < 1e-2)
-            .count();
-        let exact = full.iter().filter(|g| g.abs() < 1e-3).count();
-        assert!(
-            stand_off > 10 && exact > 5 && stand_off + exact == 40,
-            "{full:?}"
-        );
+        let near = |gap: f32, off: f32| full.iter().filter(|g| (**g - gap).abs() < off).count();
+        let (stand_off, exact) = (near(ANNOTATION_MARGIN_M, 1e-2), near(0.0, 1e-3));
+        assert!(stand_off > 10 && exact > 5, "{full:?}");
+        assert_eq!(stand_off + exact, 40, "{full:?}");
         assert!((0..40).all(|i| gap(plain, i).abs() < 1e-3));
     }
 

@@ -1,143 +1,130 @@
 //! The figures as Markdown, side by side with the reference where there is one.
 
-use super::{ClassStatistics, RANGE_BINS, Reference, Statistics, Summary};
-use std::fmt::Write as _;
+use super::collect::Object;
+use super::{Reference, Statistics, Summary};
+
+/// Ranges are looked at in bins of 10 m, this many of them.
+const RANGE_BINS: usize = 8;
 
 /// All tables.
 pub fn table(statistics: &Statistics, reference: Option<&Reference>) -> String {
     let mut text = overview(statistics, reference);
     text += "\n| class | objects | figure | data set | reference |\n|---|---|---|---|---|\n";
-    for (class, figures) in &statistics.classes {
-        text += &class_rows(class, figures, reference);
+    for (class, objects) in &statistics.classes {
+        text += &class_rows(class, objects, reference);
     }
-    text += "\nPoints in a box by distance: 10th, 50th and 90th percentile.\n\n| class | distance, m | objects | data set | reference |\n|---|---|---|---|---|\n";
-    for (class, figures) in &statistics.classes {
-        text += &point_rows(class, figures, reference);
+    text += "\nPoints in a box by distance: 10th, 50th and 90th percentile.\n\n";
+    text += "| class | distance, m | objects | data set | reference |\n|---|---|---|---|---|\n";
+    for (class, objects) in &statistics.classes {
+        text += &point_rows(class, objects, reference);
     }
     text
+}
+
+/// A figure, or a dash where there is none.
+fn or_dash(figure: Option<String>) -> String {
+    figure.unwrap_or("-".to_owned())
 }
 
 fn overview(statistics: &Statistics, reference: Option<&Reference>) -> String {
     let points = &statistics.points_per_scan;
-    let mut text = String::from("| | data set | reference |\n|---|---|---|\n");
-    let scans = reference
-        .and_then(Reference::points_per_scan)
-        .map_or("-".to_owned(), |[mean, sd]| {
-            format!("{mean:.0} ± {sd:.0} (full circle)")
-        });
-    let objects = reference
-        .and_then(Reference::objects_per_frame)
-        .map_or("-".to_owned(), |mean| format!("{mean:.2}"));
-    // Writing into a String cannot fail.
-    let _ = writeln!(text, "| frames | {} | |", statistics.frames);
-    let _ = writeln!(
-        text,
-        "| points a scan | {:.0} ± {:.0} | {scans} |",
-        points.mean(),
-        points.deviation()
+    let full_circle = |[mean, sd]: [f64; 2]| format!("{mean:.0} ± {sd:.0} (full circle)");
+    let scans = or_dash(
+        reference
+            .and_then(Reference::points_per_scan)
+            .map(full_circle),
     );
-    let _ = writeln!(
-        text,
-        "| objects a frame | {:.2} | {objects} |",
-        statistics.objects_per_frame.mean()
-    );
-    text
+    let objects = reference.and_then(Reference::objects_per_frame);
+    let objects = or_dash(objects.map(|mean| format!("{mean:.2}")));
+    [
+        "| | data set | reference |\n|---|---|---|\n".to_owned(),
+        format!("| frames | {} | |\n", points.count()),
+        format!(
+            "| points a scan | {:.0} ± {:.0} | {scans} |\n",
+            points.mean(),
+            points.deviation()
+        ),
+        format!(
+            "| objects a frame | {:.2} | {objects} |\n",
+            statistics.objects_per_frame.mean()
+        ),
+    ]
+    .concat()
 }
 
-fn class_rows(class: &str, figures: &ClassStatistics, reference: Option<&Reference>) -> String {
-    let given = |place: &str, index: usize| {
-        reference
-            .and_then(|r| r.numbers(class, place))
-            .and_then(|list| list.get(index).copied())
+fn class_rows(class: &str, objects: &[Object], reference: Option<&Reference>) -> String {
+    let given = |place: &str, index| reference?.numbers(class, place)?.get(index).copied();
+    let spread = |mean, deviation| Some(format!("{:.2} ± {:.2}", mean?, deviation?));
+    let given_spread = |mean, sd, index| or_dash(spread(given(mean, index), given(sd, index)));
+    let own = |value: &dyn Fn(&Object) -> f64| {
+        let s = Summary::new(objects.iter().map(value).collect());
+        or_dash(spread(Some(s.mean()), Some(s.deviation())))
     };
-    let pair = |mean: Option<f64>, deviation: Option<f64>| match (mean, deviation) {
-        (Some(m), Some(d)) => format!("{m:.2} ± {d:.2}"),
-        _ => "-".to_owned(),
-    };
-    let own = |s: &Summary| pair(Some(s.mean()), Some(s.deviation()));
     let mut text = String::new();
     let mut row = |figure: &str, found: String, expected: String| {
-        let _ = writeln!(
-            text,
-            "| {class} | {} | {figure} | {found} | {expected} |",
-            figures.range_m.count()
-        );
+        let count = objects.len();
+        text += &format!("| {class} | {count} | {figure} | {found} | {expected} |\n");
     };
     for (i, name) in ["length, m", "width, m", "height, m"]
         .into_iter()
         .enumerate()
     {
-        row(
-            name,
-            own(&figures.size_m[i]),
-            pair(given("lwh_mean", i), given("lwh_std", i)),
-        );
+        let found = own(&|o| o.box_in_sensor.size_m[i]);
+        row(name, found, given_spread("lwh_mean", "lwh_std", i));
     }
-    let percentiles = |list: [Option<f64>; 4]| match list {
-        [Some(mean), Some(low), Some(middle), Some(high)] => {
-            format!("{mean:.1} ({low:.0}, {middle:.0}, {high:.0})")
-        }
-        _ => "-".to_owned(),
+    let percentiles = |mean: Option<f64>, [low, middle, high]: [Option<f64>; 3]| {
+        let (mean, low, middle, high) = (mean?, low?, middle?, high?);
+        Some(format!("{mean:.1} ({low:.0}, {middle:.0}, {high:.0})"))
     };
-    let range = &figures.range_m;
+    let range = Summary::new(objects.iter().map(Object::range_m).collect());
+    let found = percentiles(
+        Some(range.mean()),
+        [5.0, 50.0, 95.0].map(|p| range.percentile(p)),
+    );
+    let expected = [0, 2, 4].map(|i| given("range_m/pct_5_25_50_75_95", i));
     row(
         "distance, m: mean (5th, 50th, 95th percentile)",
-        percentiles([
-            Some(range.mean()),
-            range.percentile(5.0),
-            range.percentile(50.0),
-            range.percentile(95.0),
-        ]),
-        percentiles([
-            given("range_m/mean", 0),
-            given("range_m/pct_5_25_50_75_95", 0),
-            given("range_m/pct_5_25_50_75_95", 2),
-            given("range_m/pct_5_25_50_75_95", 4),
-        ]),
+        or_dash(found),
+        or_dash(percentiles(given("range_m/mean", 0), expected)),
     );
+    let bottom = own(&|o| o.box_in_sensor.center_m[2] - o.box_in_sensor.size_m[2] / 2.0);
     row(
         "bottom, m",
-        own(&figures.bottom_m),
-        pair(
-            given("z_bottom_velo/mean", 0),
-            given("z_bottom_velo/std", 0),
-        ),
+        bottom,
+        given_spread("z_bottom_velo/mean", "z_bottom_velo/std", 0),
     );
-    let [a, b, c, d] = figures.occluded.map(|share| 100.0 * share);
+    let shares = [0, 1, 2, 3].map(|level| {
+        let is_level = |o: &&Object| usize::try_from(o.occluded).map_or(3, |l| l.min(3)) == level;
+        let share = objects.iter().filter(is_level).count() as f64 / objects.len().max(1) as f64;
+        format!("{:.0}", 100.0 * share)
+    });
     row(
         "occlusion level 0, 1, 2, 3, %",
-        format!("{a:.0}, {b:.0}, {c:.0}, {d:.0}"),
-        "-".to_owned(),
+        shares.join(", "),
+        or_dash(None),
     );
     text
 }
 
-fn point_rows(class: &str, figures: &ClassStatistics, reference: Option<&Reference>) -> String {
-    let mut text = String::new();
+fn point_rows(class: &str, objects: &[Object], reference: Option<&Reference>) -> String {
     let list = |v: [f64; 3]| v.map(|x| format!("{x:.0}")).join(", ");
+    let mut text = String::new();
     for bin in 0..RANGE_BINS {
-        let points = &figures.points[bin];
+        let in_bin = objects
+            .iter()
+            .filter(|o| (o.range_m() / 10.0) as usize == bin);
+        let points = Summary::new(in_bin.map(|o| o.points as f64).collect());
         let [Some(low), Some(middle), Some(high)] =
             [10.0, 50.0, 90.0].map(|p| points.percentile(p))
         else {
             continue;
         };
         let name = format!("{}-{}", bin * 10, bin * 10 + 10);
-        let expected = reference
-            .and_then(|r| {
-                r.numbers(
-                    class,
-                    &format!("points_in_box_by_range/{name}/pct_10_50_90"),
-                )
-            })
-            .and_then(|v| v.try_into().ok())
-            .map_or("-".to_owned(), list);
-        let _ = writeln!(
-            text,
-            "| {class} | {name} | {} | {} | {expected} |",
-            points.count(),
-            list([low, middle, high])
-        );
+        let place = format!("points_in_box_by_range/{name}/pct_10_50_90");
+        let expected = reference.and_then(|r| r.numbers(class, &place)?.try_into().ok());
+        let (found, expected) = (list([low, middle, high]), or_dash(expected.map(list)));
+        let count = points.count();
+        text += &format!("| {class} | {name} | {count} | {found} | {expected} |\n");
     }
     text
 }
