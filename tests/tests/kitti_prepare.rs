@@ -177,8 +177,7 @@ fn real_scans_keep_the_points_of_labelled_objects() {
             for (label, b) in original.boxes_in_sensor(name).expect("labels") {
                 let is_unknown = label.is("Van") || label.is("Truck");
                 if is_unknown == unknown && label.truncated < 0.01 {
-                    let is_inside = |p: &&[f32; 4]| b.contains([p[0], p[1], p[2]].map(f64::from));
-                    inside += scan.iter().filter(is_inside).count();
+                    inside += b.count_inside(&scan);
                 }
             }
         }

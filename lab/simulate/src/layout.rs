@@ -19,7 +19,7 @@ pub(crate) struct Placed {
 
 /// Everything that takes ground, and the objects among it.
 pub(crate) struct Layout<'a> {
-    stream: Stream,
+    pub(crate) stream: Stream,
     pub(crate) ground: &'a Ground,
     pub(crate) taken: Vec<Footprint>,
     pub(crate) placed: Vec<Placed>,
@@ -293,7 +293,7 @@ fn footprint(model: &Model, (x, y, yaw): Pose) -> Footprint {
 }
 
 /// A heading against the road, rad: turned around or along.
-fn half_turn(around: bool) -> f32 {
+pub(crate) fn half_turn(around: bool) -> f32 {
     if around { PI } else { 0.0 }
 }
 

@@ -254,7 +254,7 @@ fn turn(
     let mut layout = layout::place_objects(stream, &ground, &mut dice(2));
     let mut scene = scene::Scene::default();
     scene.add(&ground.mesh(family, &mut dice(3)), 0, |p| p);
-    background::fill(stream, &mut layout, &mut scene, &mut dice(4));
+    background::fill(&mut layout, &mut scene, &mut dice(4));
     let half_turn = family == Family::SimKitti;
     let mut sensor = sensor::Sensor::new(random::hash(&[key, 5]), half_turn, stream.realism);
     let mut sensor_at = mesh::V3::ZERO;

@@ -112,11 +112,8 @@ fn a_block_returns_as_many_points_as_its_angles_say() {
         // The block lies in the upper beams, 0.34 degrees apart.
         let beams = ((-0.2f32 / range_m).atan() - (-1.6f32 / range_m).atan()).to_degrees() / 0.34;
         let expected = columns * beams * (1.0 - sensor.base_drop);
-        let off = (found / expected - 1.0).abs();
-        assert!(
-            off < 0.2,
-            "{range_m} m: {found} points, expected {expected}"
-        );
+        let share = found / expected;
+        assert!((share - 1.0).abs() < 0.2, "{range_m} m: {found} points");
     }
 }
 

@@ -194,8 +194,11 @@ mod tests {
                 size_m: made.bounds.size_m.map(|s| s + 1e-3),
                 ..made.bounds
             };
-            let inside = |p: &[f32; 4]| grown.contains([p[0], p[1], p[2]].map(f64::from));
-            assert!(made.points.iter().all(inside), "{:?}", made.bounds);
+            assert!(
+                made.points.iter().all(|p| grown.has_point(p)),
+                "{:?}",
+                made.bounds
+            );
             let size_m = made.bounds.size_m;
             assert!(!has_known_size(size_m, &CLASSES_M), "{size_m:?}");
             lengths.push(made.bounds.size_m[0]);

@@ -1,5 +1,6 @@
 //! What stands along both sides of a road: houses, walls, fences, hedges; and houses further back.
 
+use super::super::layout::half_turn;
 use super::super::mesh::{GLASS, Mesh, Surface, mirrored, porous, solid, up, v};
 use super::super::random::Dice;
 use super::vegetation::{bush, thicket};
@@ -12,9 +13,8 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
         let mut along = low - dice.range(0.0, 8.0);
         let setback = match yard.ground.place {
             Place::Urban => dice.range(0.1, 2.5),
-            Place::Suburb => dice.range(1.0, 6.0),
             Place::Industrial => dice.range(2.0, 10.0),
-            Place::Plaza => dice.range(1.0, 6.0),
+            Place::Suburb | Place::Plaza => dice.range(1.0, 6.0),
         };
         while along < high {
             let length = dice.range(7.0, 24.0);
@@ -24,20 +24,9 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
                 let setback = setback + dice.spread(0.6).max(-setback);
                 piece(yard, side, middle, length, setback, dice);
             }
-            along += length;
-            if dice.chance(0.4) {
-                along += dice.range(1.0, 6.0);
-            }
+            let open = dice.chance(0.4);
+            along += length + if open { dice.range(1.0, 6.0) } else { 0.0 };
         }
-    }
-}
-
-/// The heading of what faces the road from this side, rad.
-fn inward(side: f32) -> f32 {
-    if side > 0.0 {
-        0.0
-    } else {
-        std::f32::consts::PI
     }
 }
 
@@ -67,9 +56,9 @@ fn piece(
         let mesh = built(|mesh, dice| house(mesh, size, hall, dice), dice);
         // The facade (local y = 0) faces the road; a second row stands further back when something is in the way.
         let front = side * (edge + setback);
-        if !yard.put(Thing::Building, &mesh, along, front, inward(side)) {
+        if !yard.put(Thing::Building, &mesh, along, front, half_turn(side < 0.0)) {
             let back = side * (edge + setback + dice.range(8.0, 16.0));
-            yard.put(Thing::Building, &mesh, along, back, inward(side));
+            yard.put(Thing::Building, &mesh, along, back, half_turn(side < 0.0));
         }
         return;
     }
@@ -82,7 +71,7 @@ fn piece(
         _ => return back_house(yard, side, along, dice),
     };
     let mesh = built(|mesh, dice| build(mesh, length, dice), dice);
-    yard.put(thing, &mesh, along, line, inward(side));
+    yard.put(thing, &mesh, along, line, half_turn(side < 0.0));
     for _ in 0..dice.whole(0, 4) {
         // What grows behind it.
         let bush = built(bush, dice);
@@ -99,7 +88,7 @@ fn back_house(yard: &mut Yard<'_, '_>, side: f32, along: f32, dice: &mut Dice) {
     let size = [dice.range(8.0, 20.0), dice.range(6.0, 12.0)];
     let mesh = built(|mesh, dice| house(mesh, size, false, dice), dice);
     let across = side * (yard.ground.edge_m + dice.range(8.0, 28.0));
-    let yaw = inward(side) + dice.normal(0.0, 0.1);
+    let yaw = half_turn(side < 0.0) + dice.normal(0.0, 0.1);
     yard.put(Thing::Building, &mesh, along, across, yaw);
 }
 
@@ -235,8 +224,9 @@ fn hedge(mesh: &mut Mesh, length: f32, dice: &mut Dice) {
         let (w, h) = (width / 2.0 * scale, height * (0.5 + 0.5 * scale));
         let ring = |i: usize| {
             let x = length * (i as f32 / sections as f32 - 0.5);
-            let mut outline =
-                mirrored(&[v(x, -w, 0.0), v(x, -w * 1.1, h * 0.6), v(x, -w * 0.8, h)]);
+            let right =
+                [(1.0, 0.0), (1.1, h * 0.6), (0.8, h)].map(|(share, z)| v(x, -w * share, z));
+            let mut outline = mirrored(&right);
             for point in &mut outline {
                 *point += v(0.0, dice.spread(0.09), dice.spread(0.09));
             }

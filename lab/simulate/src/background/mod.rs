@@ -11,7 +11,7 @@ use super::layout::Layout;
 use super::mesh::{Mesh, V3, v};
 use super::random::Dice;
 use super::scene::Scene;
-use super::{Family, Step, Stream};
+use super::{Family, Step};
 
 /// Kinds of background, for the instance file: 0x8000 + kind.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,14 +58,14 @@ fn built(build: impl FnOnce(&mut Mesh, &mut Dice), dice: &mut Dice) -> Mesh {
 }
 
 /// Fills a scene around its objects. Things that would stand in an object or in each other are left out.
-pub(crate) fn fill(stream: Stream, layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
+pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
+    // Those that are left out keep their places, so that everything else is as it would be with them.
+    let shows = layout.stream.realism.has(Step::Confusers);
     let mut yard = Yard {
-        family: stream.family,
         ground: layout.ground,
-        taken: &mut layout.taken,
+        layout,
         scene,
-        // Those that are left out keep their places, so that everything else is as it would be with them.
-        shows: stream.realism.has(Step::Confusers),
+        shows,
     };
     confusers::place(&mut yard, dice);
     yard.shows = true;
@@ -76,9 +76,8 @@ pub(crate) fn fill(stream: Stream, layout: &mut Layout<'_>, scene: &mut Scene, d
 
 /// What the builders place things into.
 struct Yard<'a, 'b> {
-    family: Family,
     ground: &'a Ground,
-    taken: &'b mut Vec<Footprint>,
+    layout: &'b mut Layout<'a>,
     scene: &'b mut Scene,
     /// Whether things are seen, or only take their ground.
     shows: bool,
@@ -87,7 +86,7 @@ struct Yard<'a, 'b> {
 impl Yard<'_, '_> {
     /// How far things stand along the road, m.
     fn along_m(&self) -> [f32; 2] {
-        match self.family {
+        match self.layout.stream.family {
             Family::SimUdi => [-72.0, 72.0],
             Family::SimKitti => [0.0, 82.0],
         }
@@ -105,10 +104,10 @@ impl Yard<'_, '_> {
         let (x, y) = self.ground.sensor(along, across);
         let yaw = self.ground.yaw_rad + yaw;
         let footprint = Footprint::of(low, high, [x, y], yaw);
-        if footprint.overlaps_any(self.taken, 0.1) {
+        if footprint.overlaps_any(&self.layout.taken, 0.1) {
             return false;
         }
-        self.taken.push(footprint);
+        self.layout.taken.push(footprint);
         self.add(thing, mesh, [x, y, self.ground.height(x, y)], yaw);
         true
     }
@@ -127,10 +126,8 @@ impl Yard<'_, '_> {
 
     /// Column of a catalogue: 0 in towns, 1 in industry.
     fn column(&self) -> usize {
-        usize::from(matches!(
-            self.ground.place,
-            Place::Industrial | Place::Plaza
-        ))
+        let place = self.ground.place;
+        usize::from(matches!(place, Place::Industrial | Place::Plaza))
     }
 
     /// A place along the road.

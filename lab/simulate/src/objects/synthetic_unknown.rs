@@ -17,15 +17,9 @@ const DRAWS: usize = 64;
 
 /// Builds one. What a vehicle is part of has a label that stands off, as vehicles do.
 pub(super) fn synthetic_unknown(family: Family, realism: Realism, dice: &mut Dice) -> Model {
-    let classes = family.known_classes().iter();
-    let classes_m: Vec<[f64; 3]> = classes.map(|c| size_of(mean_size_m(*c, family))).collect();
-    let is_new = |model: &Model| {
-        let size_m = size_of(model.size_m());
-        has_road_size(size_m) && !has_known_size(size_m, &classes_m)
-    };
     let (mut model, mut has_vehicle) = attempt(family, dice);
     for _ in 1..DRAWS {
-        if is_new(&model) {
+        if is_new(&model, family) {
             break;
         }
         (model, has_vehicle) = attempt(family, dice);
@@ -36,8 +30,13 @@ pub(super) fn synthetic_unknown(family: Family, realism: Realism, dice: &mut Dic
     model
 }
 
-fn size_of(size_m: V3) -> [f64; 3] {
-    [size_m.x, size_m.y, size_m.z].map(f64::from)
+/// Whether it has the size of something on a road, but of no known class.
+fn is_new(model: &Model, family: Family) -> bool {
+    let size = |size_m: V3| size_m.to_array().map(f64::from);
+    let classes = family.known_classes().iter();
+    let classes_m: Vec<[f64; 3]> = classes.map(|c| size(mean_size_m(*c, family))).collect();
+    let size_m = size(model.size_m());
+    has_road_size(size_m) && !has_known_size(size_m, &classes_m)
 }
 
 /// A model, and whether a vehicle is part of it.
@@ -117,24 +116,19 @@ mod tests {
     #[test]
     fn objects_stand_on_the_ground_have_no_known_size_and_differ() {
         for family in Family::ALL {
-            let known = family.known_classes().iter();
-            let classes_m: Vec<[f64; 3]> =
-                known.map(|c| size_of(mean_size_m(*c, family))).collect();
             let mut lengths = vec![];
             for i in 0..200 {
                 let model = synthetic_unknown(family, Realism::FULL, &mut Dice::new(&[11, i]));
-                let size_m = size_of(model.size_m());
-                assert!(has_road_size(size_m), "{size_m:?}");
-                assert!(!has_known_size(size_m, &classes_m), "{size_m:?}");
+                assert!(is_new(&model, family), "{}", model.size_m());
                 assert!(model.low.z.abs() < 1e-3 && !model.mesh.triangles.is_empty());
                 let (low, high) = (model.low - 1e-2, model.high + 1e-2);
                 let used = model.mesh.triangles.iter().flatten();
                 let mut used = used.map(|i| model.mesh.vertices[*i as usize]);
                 assert!(used.all(|p| p.cmpge(low).all() && p.cmple(high).all()));
-                lengths.push(size_m[0]);
+                lengths.push(model.size_m().x);
             }
-            let most = lengths.iter().copied().fold(0.0, f64::max);
-            let least = lengths.iter().copied().fold(f64::MAX, f64::min);
+            let most = lengths.iter().copied().fold(0.0, f32::max);
+            let least = lengths.iter().copied().fold(f32::MAX, f32::min);
             assert!(least < 0.7 && most > 6.0, "lengths {least} to {most} m");
         }
     }
