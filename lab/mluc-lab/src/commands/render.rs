@@ -3,7 +3,7 @@
 use super::terminal::print_out;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-use mluc_dataset::{Label, read_calibration, read_labels, read_scan};
+use mluc_dataset::{Label, read_boxes, read_scan};
 use mluc_gateway::picture::{
     BoxKind, Canvas, Color, DrawnBox, PointColor, View, bird_eye, label_color,
 };
@@ -116,23 +116,13 @@ impl RenderArguments {
                 path.display()
             );
         };
-        let calibration = read_calibration(&calibration)?;
-        let labels = read_labels(&path)?.into_iter();
-        let labels = labels.filter(|label| !label.is_dont_care());
-        let in_sensor = |label: Label| {
-            let box_in_sensor = calibration.box_in_sensor_from_label(&label.camera_box);
-            (label, box_in_sensor)
-        };
-        Ok(labels.map(in_sensor).collect())
+        Ok(read_boxes(&path, &calibration)?)
     }
 }
 
 fn color_inside(point: &[f32; 4], boxes: &[(Label, Box3)]) -> Color {
-    let at = [point[0], point[1], point[2]].map(f64::from);
-    let mut around = boxes.iter().filter(|(_, b)| b.contains(at));
-    around
-        .next()
-        .map_or(OUTSIDE, |(label, _)| label_color(&label.class))
+    let around = boxes.iter().find(|(_, b)| b.has_point(point));
+    around.map_or(OUTSIDE, |(label, _)| label_color(&label.class))
 }
 
 #[cfg(test)]
