@@ -195,10 +195,11 @@ impl Running {
     #[track_caller]
     pub fn stage(&self, name: &str) -> u32 {
         let stages = self.stages();
-        let found = stages.iter().find(|(stage, _)| stage == name);
-        found
-            .unwrap_or_else(|| panic!("no stage {name}: {stages:?}"))
-            .1
+        let mut pids = stages.iter().filter(|(stage, _)| stage == name);
+        let (_, pid) = pids
+            .next()
+            .unwrap_or_else(|| panic!("no {name} in {stages:?}"));
+        *pid
     }
 
     /// The processes that it started whose command line has this word.

@@ -17,7 +17,10 @@ type Figures = BTreeMap<String, [f64; 2]>;
 
 /// `accuracy.toml`: of every shipped model.
 fn floors() -> BTreeMap<String, Figures> {
-    toml::from_str(include_str!("accuracy.toml")).expect("floors")
+    let floors: BTreeMap<String, Figures> =
+        toml::from_str(include_str!("accuracy.toml")).expect("floors");
+    assert!(floors.keys().eq(["kitti", "kitti-open", "udi", "udi-open"]));
+    floors
 }
 
 /// KITTI's axes without a camera: what the simulator's full-circle frames carry.

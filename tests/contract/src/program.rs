@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use mluc_ipc_types::RunDescription;
 use mluc_runtime::{Instance, Shutdown};
 use rustix::process::{Pid, Signal, kill_process_group};
 
@@ -22,29 +23,12 @@ pub(crate) struct Options {
     pub(crate) title: String,
     /// Program and arguments.
     pub(crate) command: Vec<String>,
-    /// Whether `--instance NAME` is added: ours takes no other word for it.
-    pub(crate) names_instance: bool,
-    /// Names of the model's classes.
-    pub(crate) classes: Vec<String>,
-    /// Of the model.
-    pub(crate) fingerprint: u64,
-    /// Its name in the description of the run.
-    pub(crate) model: String,
+    /// The first run that it sees.
+    pub(crate) run: RunDescription,
     /// How long an answer, or a start, may take. A program that needs longer failed.
     pub(crate) patience: Duration,
     /// Ends the suite early.
     pub(crate) shutdown: Shutdown,
-}
-
-impl Options {
-    /// Starts the program in an instance, whose name in its environment is all that it needs.
-    pub(crate) fn start(&self, instance: &Instance) -> anyhow::Result<Program> {
-        let mut command = self.command.clone();
-        if self.names_instance {
-            command.extend(["--instance", instance.name()].map(str::to_string));
-        }
-        Program::start(&command, instance)
-    }
 }
 
 /// A running program, in a process group of its own: signals reach what a shell in between started, too.
@@ -57,7 +41,8 @@ pub(crate) struct Program {
 }
 
 impl Program {
-    fn start(command: &[String], instance: &Instance) -> anyhow::Result<Program> {
+    /// In an instance, whose name in its environment is all that it needs.
+    pub(crate) fn start(command: &[String], instance: &Instance) -> anyhow::Result<Program> {
         let (program, arguments) = command.split_first().context("no program given")?;
         let mut process = Command::new(program)
             .args(arguments)

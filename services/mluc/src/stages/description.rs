@@ -40,8 +40,8 @@ pub(crate) fn begin_or_join_run(
     }
 }
 
-/// Of a new run.
-fn describe_run(settings: &Settings, model: &Model) -> RunDescription {
+/// A new run's description.
+pub fn describe_run(settings: &Settings, model: &Model) -> RunDescription {
     let (manifest, thresholds) = (&model.manifest, &model.manifest.thresholds);
     let is_open = manifest.network.head == HeadKind::Open;
     let gate = main_gate(is_open, thresholds);

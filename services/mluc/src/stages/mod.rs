@@ -17,6 +17,7 @@ use crate::placement::pin;
 use crate::resolve::Resolved;
 
 pub(crate) use description::begin_or_join_run;
+pub use description::describe_run;
 
 /// `mluc stage NAME`.
 pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {

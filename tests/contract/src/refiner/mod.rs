@@ -16,7 +16,9 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use mluc::EXIT_FAILURE;
 use mluc::external::installed_program;
-use mluc::model::{class_names, load};
+use mluc::model::load;
+use mluc::settings::Settings;
+use mluc::stages::describe_run;
 use mluc::terminal::print_out;
 use mluc_model::Model;
 use mluc_refiner::Variant;
@@ -157,7 +159,7 @@ impl Tester<'_> {
             ["--refiner-mode", mode],
         ];
         let title = format!("mluc stage refiner, mode {mode}");
-        self.options(title, supervised(words.as_flattened()), true)
+        self.options(title, supervised(words.as_flattened()))
     }
 
     /// The user's program, as `mluc up` starts it.
@@ -165,17 +167,14 @@ impl Tester<'_> {
         let mut command = supervised(&["exec"]);
         command.push("--".to_string());
         command.extend(program.iter().cloned());
-        self.options(program.join(" "), command, false)
+        self.options(program.join(" "), command)
     }
 
-    fn options(&self, title: String, command: Vec<String>, names_instance: bool) -> Options {
+    fn options(&self, title: String, command: Vec<String>) -> Options {
         Options {
             title,
             command,
-            names_instance,
-            classes: class_names(&self.model),
-            fingerprint: self.model.fingerprint,
-            model: self.args.model.clone(),
+            run: describe_run(&Settings::default(), &self.model),
             patience: self.args.patience_s,
             shutdown: self.shutdown.clone(),
         }

@@ -3,10 +3,9 @@
 use std::time::Duration;
 
 use anyhow::Context;
-use bytemuck::Zeroable;
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FrameHeader, Health, Object, POINTS_MAX, Point, RunDescription,
-    Stage, Text, Topic, WIRE_VERSION,
+    Stage, Topic,
 };
 use mluc_runtime::{HealthWatch, Input, Instance, Output, Shell, monotonic_ns, random_run_id};
 
@@ -79,16 +78,6 @@ impl Player {
         };
         let points = wide(Topic::POINTS, TOO_MANY_POINTS);
         let detections = wide(Topic::DETECTIONS, TOO_MANY_DETECTIONS);
-        let mut run = RunDescription {
-            wire_version: WIRE_VERSION,
-            classes_count: options.classes.len() as u32,
-            model_fingerprint: options.fingerprint,
-            model_name: Text::pack(&options.model),
-            ..RunDescription::zeroed()
-        };
-        for (packed, name) in run.class_names.iter_mut().zip(&options.classes) {
-            *packed = Text::pack(name);
-        }
         let mut player = Player {
             points: shell.output(&points, points.elements_max)?,
             detections: shell.output(&detections, detections.elements_max)?,
@@ -97,7 +86,7 @@ impl Player {
             health: shell.health_watch()?,
             shell,
             next_sequence: 0,
-            run,
+            run: options.run,
         };
         player.begin_run()?;
         Ok(player)

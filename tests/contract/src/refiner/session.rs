@@ -54,7 +54,7 @@ impl Session<'_> {
     pub(crate) fn start(&mut self) -> anyhow::Result<Health> {
         self.program = None;
         let since_ns = self.forget_heartbeats()?;
-        self.program = Some(self.options.start(&self.instance)?);
+        self.program = Some(Program::start(&self.options.command, &self.instance)?);
         let what = "heartbeat of health/refiner with state waiting_input, running or degraded";
         let health = self.await_any(what, |player| {
             let heard = player.health_since(since_ns)?;
@@ -166,7 +166,8 @@ impl Session<'_> {
 
     /// Checks what holds of every answer.
     pub(crate) fn check_form(&self, frame: &Frame, answer: &Answer) -> anyhow::Result<()> {
-        check_form(frame, answer, self.options.classes.len())
+        let classes = self.options.run.classes_count as usize;
+        check_form(frame, answer, classes)
     }
 
     /// Sends a frame that makes no sense; it must be answered, or refused and counted.

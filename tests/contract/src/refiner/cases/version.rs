@@ -5,6 +5,7 @@ use mluc_ipc_types::WIRE_VERSION;
 use mluc_runtime::{Instance, Membership};
 
 use super::Outcome;
+use crate::program::Program;
 use crate::refiner::session::Session;
 
 pub(super) fn wrong_version(session: &mut Session<'_>) -> Outcome {
@@ -47,21 +48,16 @@ fn wrong_instance(session: &mut Session<'_>) -> anyhow::Result<String> {
     let (other, pid) = (WIRE_VERSION + 41, std::process::id());
     let text = format!("wire={other} version=99.0.0 by=ingest pid={pid}\n");
     std::fs::write(instance.root().join("contract"), text).context("writing the contract file")?;
-    let mut program = session.options.start(&instance)?;
+    let mut program = Program::start(&session.options.command, &instance)?;
     let ended = program.end_within(session.options.patience);
     let words = program.last_words();
     drop(program);
     drop(member);
+    let place = format!("an instance of wire version {other}");
     match ended {
-        None => bail!("it joined an instance of wire version {other} and stayed"),
-        Some(status) if status.success() => {
-            bail!("it left an instance of wire version {other} without an error")
-        }
-        Some(_) => (),
+        None => bail!("it joined {place} and stayed"),
+        Some(status) if status.success() => bail!("it left {place} without an error"),
+        Some(_) if names_both(&words, other) => Ok(words),
+        Some(_) => bail!("it left {place} without naming both versions on stderr: {words}"),
     }
-    ensure!(
-        names_both(&words, other),
-        "it left an instance of wire version {other} without naming both versions on stderr: {words}"
-    );
-    Ok(words)
 }
