@@ -250,6 +250,12 @@ impl Running {
         self.wait_until("frames flow", |run| run.line_count() >= before + more);
     }
 
+    /// Waits until stderr has these words.
+    #[track_caller]
+    pub fn wait_for_words(&mut self, words: &str) {
+        self.wait_until(words, |run| run.log().contains(words));
+    }
+
     /// Sends a signal to the program itself.
     pub fn signal(&self, signal: Signal) {
         send_signal(self.pid(), signal);

@@ -90,9 +90,7 @@ fn end_by_hand(refiner: Running) -> String {
 /// A pipeline whose refiner is started by hand: it makes the instance that the refiner joins.
 fn up_without_refiner(setting: &Setting, options: &str) -> Running {
     let mut run = setting.up(&format!("--without refiner {options}"));
-    run.wait_until("it says how to start one", |run| {
-        run.log().contains("refiner is left to you")
-    });
+    run.wait_for_words("refiner is left to you");
     run
 }
 

@@ -125,7 +125,7 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
     let instance = unique_instance("wait");
     let says = |name: &str, words: &str| {
         let mut alone = stage(name, &instance, &setting);
-        alone.wait_until("it says so", |stage| stage.log().contains(words));
+        alone.wait_for_words(words);
         alone
     };
     let _ingest = says("ingest", "waiting for backbone, head, refiner to be ready");

@@ -40,27 +40,22 @@ fn each_killed_stage_comes_back_and_no_frame_is_lost() {
 #[test]
 fn each_stopped_stage_is_killed_and_comes_back_and_no_frame_is_lost() {
     let finished = each_stage_is_replaced(Signal::STOP, "stop");
-    let said = finished
-        .log
-        .matches("1000 allowed (heartbeat_max_ms of")
-        .count();
-    assert_eq!(said, 4, "{}", finished.log);
+    let said = finished.log.matches("1000 allowed (heartbeat_max_ms of");
+    assert_eq!(said.count(), 4, "{}", finished.log);
 }
 
 #[test]
 fn a_refiner_behind_a_script_is_killed_and_ends_with_it() {
     let setting = Setting::new("script", 3);
-    let program = mluc_program();
-    let script = format!("{} stage refiner; true", program.display());
-    let config = setting.config(&format!(
-        "[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n"
-    ));
+    let script = format!("{} stage refiner; true", mluc_program().display());
+    let config = format!("[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n");
+    let config = setting.config(&config);
     let mut run = setting.up(&format!("{config} --loop"));
     run.wait_for_lines(3);
     std::thread::sleep(Duration::from_millis(300));
     let stopped = run.stage("refiner");
     send_signal(stopped, Signal::STOP);
-    run.wait_until("it is killed", |run| run.log().contains("hangs"));
+    run.wait_for_words("hangs");
     run.wait_for_lines(3);
     let refiner = run.stage("refiner");
     run.signal(Signal::TERM);
@@ -76,14 +71,10 @@ fn a_stage_of_somebody_else_is_reported_and_never_signalled() {
     let own = Running::mluc(stage);
     run.wait_for_lines(3);
     send_signal(own.pid(), Signal::STOP);
-    run.wait_until("the silence is reported", |run| {
-        run.log().contains("no heartbeat for")
-    });
+    run.wait_for_words("no heartbeat for");
     assert!(is_alive(own.pid()));
     send_signal(own.pid(), Signal::CONT);
-    run.wait_until("it is heard again", |run| {
-        run.log().contains("heartbeats again")
-    });
+    run.wait_for_words("heartbeats again");
     run.wait_for_lines(3);
     run.signal(Signal::TERM);
     run.finish();
