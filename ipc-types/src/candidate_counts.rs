@@ -9,11 +9,8 @@ use crate::{Disposition, Object, ObjectKind};
 /// Unknown objects that a refiner published or suppressed, since its process began. Other stages have zeros, and so has
 /// a refiner that does not count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-#[cfg_attr(
-    feature = "iceoryx2",
-    derive(ZeroCopySend),
-    type_name("mluc.CandidateCounts")
-)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
+#[cfg_attr(feature = "iceoryx2", type_name("mluc.CandidateCounts"))]
 #[repr(C)]
 pub struct CandidateCounts {
     /// By [`Disposition`].

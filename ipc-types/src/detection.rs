@@ -56,11 +56,8 @@ pub(crate) fn is_probability_or_none(value: f32) -> bool {
 
 /// One kept box with every score of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[cfg_attr(
-    feature = "iceoryx2",
-    derive(ZeroCopySend),
-    type_name("mluc.Detection")
-)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
+#[cfg_attr(feature = "iceoryx2", type_name("mluc.Detection"))]
 #[repr(C)]
 pub struct Detection {
     /// Geometric centre, m.

@@ -13,11 +13,8 @@ use crate::{CELLS_MAX, ContractError, FEATURE_CHANNELS_MAX, FrameHeader};
 
 /// 64 bytes, aligned: rows can be read by the widest vector units.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[cfg_attr(
-    feature = "iceoryx2",
-    derive(ZeroCopySend),
-    type_name("mluc.FeatureBlock")
-)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
+#[cfg_attr(feature = "iceoryx2", type_name("mluc.FeatureBlock"))]
 #[repr(C)]
 #[repr(align(64))]
 pub struct FeatureBlock(pub [f32; 16]);

@@ -40,11 +40,8 @@ impl Stage {
 
 /// When a stage received its input, began to compute and published: CLOCK_MONOTONIC, ns; 0 when it did not yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-#[cfg_attr(
-    feature = "iceoryx2",
-    derive(ZeroCopySend),
-    type_name("mluc.StageStamps")
-)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
+#[cfg_attr(feature = "iceoryx2", type_name("mluc.StageStamps"))]
 #[repr(C)]
 pub struct StageStamps {
     /// The message was taken from the queue (ingest: the scan was due or arrived).
@@ -143,11 +140,8 @@ pub struct EgoPose {
 
 /// Carried by every message of a frame; the last one holds the whole latency story.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[cfg_attr(
-    feature = "iceoryx2",
-    derive(ZeroCopySend),
-    type_name("mluc.FrameHeader")
-)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
+#[cfg_attr(feature = "iceoryx2", type_name("mluc.FrameHeader"))]
 #[repr(C)]
 pub struct FrameHeader {
     /// [`WIRE_VERSION`] of the sender.

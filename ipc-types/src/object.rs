@@ -300,17 +300,15 @@ mod tests {
 
     #[test]
     fn what_breaks_the_contract_is_named() {
-        let sound: [fn(&mut Object); 4] = [
-            |_| (),
-            |o| o.footprint_count = FOOTPRINT_MAX as u32,
-            // A corner that is not in use.
-            |o| o.footprint_m[4][0] = f32::NAN,
-            // What is not published needs no size and no outline.
-            |o| (o.disposition, o.size_m, o.footprint_count) = (5, [0.0; 3], 0),
-        ];
-        for change in sound {
-            assert_eq!(said(change), "");
-        }
+        assert_eq!(said(|_| ()), "");
+        assert_eq!(said(|o| o.footprint_count = FOOTPRINT_MAX as u32), "");
+        // A corner that is not in use.
+        assert_eq!(said(|o| o.footprint_m[4][0] = f32::NAN), "");
+        // What is not published needs no size and no outline.
+        assert_eq!(
+            said(|o| (o.disposition, o.size_m, o.footprint_count) = (5, [0.0; 3], 0)),
+            ""
+        );
         let changes: [Change; 19] = [
             (|o| o.kind = 2, "kind of an object: 2 is"),
             (|o| o.disposition = 8, "disposition of an object: 8 is"),
@@ -347,13 +345,13 @@ mod tests {
     #[test]
     fn the_outline_of_what_is_published_is_convex_and_counter_clockwise() {
         let [a, b, c, d] = [[60.0, 1.0], [58.0, 1.0], [58.0, -1.0], [60.0, -1.0]];
-        let sound: [&[[f32; 2]]; 4] = [
-            &[a, b, c, d],
+        let hardly_dented = [a, [59.0, 0.9995], b, c, d];
+        for corners in [
+            &[a, b, c, d][..],
             &[a, b, c],
             &[a, a, b, c, d],
-            &[a, [59.0, 0.9995], b, c, d],
-        ];
-        for corners in sound {
+            &hardly_dented,
+        ] {
             assert_eq!(said_of(outlined(corners)), "", "{corners:?}");
         }
         // Of what f32 leaves of a disc, also where its corners fall together.
@@ -364,28 +362,18 @@ mod tests {
             });
             assert_eq!(said_of(outlined(&disc)), "", "{x_m} {radius_m}");
         }
-        let star = [
-            [0.0, 2.0],
-            [-1.2, -1.6],
-            [1.9, 0.6],
-            [-1.9, 0.6],
-            [1.2, -1.6],
-        ];
-        let broken: [&[[f32; 2]]; 5] = [
-            &[a, b],
-            &[d, c, b, a],
-            &[a, c, b, d],
-            &[a, [59.0, 0.99], b, c, d],
-            &star,
-        ];
-        for corners in broken {
+        let star = [0.0, 2.0, 4.0, 1.0, 3.0].map(|k| {
+            let angle = std::f32::consts::TAU * k / 5.0;
+            [2.0 * angle.cos(), 2.0 * angle.sin()]
+        });
+        let dented = [a, [59.0, 0.99], b, c, d];
+        let clockwise = [d, c, b, a];
+        for corners in [&[a, b][..], &clockwise, &[a, c, b, d], &dented, &star] {
             let said = said_of(outlined(corners));
-            assert!(
-                said.starts_with("outline of a published"),
-                "{corners:?}: {said}"
-            );
+            let expected = "outline of a published";
+            assert!(said.starts_with(expected), "{corners:?}: {said}");
         }
-        let mut unpublished = outlined(&[d, c, b, a]);
+        let mut unpublished = outlined(&clockwise);
         unpublished.disposition = Disposition::TooFewPoints as u32;
         assert_eq!(said_of(unpublished), "");
     }

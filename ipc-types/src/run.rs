@@ -15,11 +15,8 @@ use crate::{
 /// late readers (history 1). A new description begins a new run: its `run_id` differs, its sequences begin at 0, and
 /// messages of the run before must not be used any more. `mluc_runtime::Shell` follows the topic for its process.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[cfg_attr(
-    feature = "iceoryx2",
-    derive(ZeroCopySend),
-    type_name("mluc.RunDescription")
-)]
+#[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
+#[cfg_attr(feature = "iceoryx2", type_name("mluc.RunDescription"))]
 #[repr(C)]
 pub struct RunDescription {
     /// [`WIRE_VERSION`] of the writer.

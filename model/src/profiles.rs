@@ -131,15 +131,12 @@ impl Network {
         sparse.push(flatten("conv_out", 48, 48));
         Network {
             profile: "compact".into(),
-            grid,
             sparse,
             block1: block("block1", 3, 1, 96, 48),
             block2: block("block2", 4, 2, 48, 96),
             up1: up("up1", 1, 48, 64),
             up2: up("up2", 2, 96, 64),
-            classes,
-            head: HeadKind::default(),
-            generic: 0,
+            ..Network::second(grid, classes)
         }
     }
 
@@ -150,11 +147,9 @@ impl Network {
             return self;
         };
         for _ in 0..2 {
-            let name = format!("backbone2d.block2.{}", self.block2.len());
-            self.block2.push(DenseLayer {
-                name,
-                ..last.clone()
-            });
+            let mut layer = last.clone();
+            layer.name = format!("backbone2d.block2.{}", self.block2.len());
+            self.block2.push(layer);
         }
         self
     }

@@ -1,10 +1,8 @@
 //! Where the anchors and the cells of a map lie, and what they overlap.
 
 use mluc_geometry::{Box3, limit_period};
+use mluc_head::decode::ANCHOR_YAWS_RAD;
 use mluc_model::{AnchorClass, Manifest, Network};
-
-/// Yaw of a class's two anchors.
-const ROTATIONS_RAD: [f64; 2] = [0.0, 1.57];
 
 /// Where the anchors stand.
 #[derive(Clone, Debug)]
@@ -59,7 +57,7 @@ impl Anchors {
         Box3 {
             center_m: [x, y, z],
             size_m,
-            yaw_rad: ROTATIONS_RAD[anchor % 2],
+            yaw_rad: ANCHOR_YAWS_RAD[anchor % 2],
         }
     }
 
@@ -102,7 +100,7 @@ impl Anchors {
     /// The cell of every anchor `anchor` that overlaps `object`, with the overlap of their nearest footprints.
     pub(crate) fn overlaps(&self, object: &Box3, anchor: usize) -> Vec<(u32, f64)> {
         let size = self.classes[anchor / 2].size_m.map(f64::from);
-        let [ax, ay] = nearest(size, ROTATIONS_RAD[anchor % 2]);
+        let [ax, ay] = nearest(size, ANCHOR_YAWS_RAD[anchor % 2]);
         let [gx, gy] = nearest(object.size_m, object.yaw_rad);
         let shared = |axis: usize, limit: usize, a: f64, g: f64| -> Vec<(usize, f64)> {
             let (at, step) = (object.center_m[axis] - self.min_m[axis], self.step_m[axis]);

@@ -10,16 +10,14 @@
 //! Objects that are not trained on (see [`crate::scan`]) make anchors and cells under them ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::f64::consts::{FRAC_PI_4, PI, TAU};
 use std::ops::Range;
 
-use mluc_geometry::{Box3, limit_period};
+use mluc_geometry::Box3;
+use mluc_head::decode::{direction_bin, encode};
 
 use crate::anchors::Anchors;
 use crate::scan::LabelledObject;
 
-/// The direction bins are split at this angle and its opposite.
-const DIRECTION_OFFSET_RAD: f64 = FRAC_PI_4;
 /// Anchors this close to an ignored footprint are ignored.
 const IGNORE_MARGIN_M: f64 = 0.3;
 
@@ -223,18 +221,12 @@ impl Anchors {
     }
 
     fn positive(&self, cell: u32, anchor: usize, object: &Box3) -> Positive {
-        let a = self.bounds(cell as usize, anchor);
-        let diagonal = a.size_m[0].hypot(a.size_m[1]);
-        let [dx, dy, dz] = [0, 1, 2].map(|i| object.center_m[i] - a.center_m[i]);
-        let [l, w, h] = [0, 1, 2].map(|i| (object.size_m[i] / a.size_m[i]).ln());
-        let [x, y, z] = [dx / diagonal, dy / diagonal, dz / a.size_m[2]];
-        let codes = [x, y, z, l, w, h, object.yaw_rad - a.yaw_rad];
-        let angle = limit_period(object.yaw_rad - DIRECTION_OFFSET_RAD, 0.0, TAU);
+        let codes = encode(object, &self.bounds(cell as usize, anchor));
         Positive {
             cell,
             anchor: anchor as u32,
             codes: codes.map(|c| c as f32),
-            bin: (angle / PI).floor().clamp(0.0, 1.0) as u8,
+            bin: direction_bin(object.yaw_rad) as u8,
         }
     }
 

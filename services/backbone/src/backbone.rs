@@ -4,8 +4,7 @@ use mluc_kernels::Bf16;
 use mluc_model::{Manifest, WeightSet};
 
 use crate::error::{BackboneError, Result};
-use crate::frame::Frame;
-use crate::layers::Layers;
+use crate::layers::{Frame, Layers};
 use crate::plane::Coverage;
 use crate::precision::Precision;
 use crate::quant_scale::QuantScale;

@@ -5,13 +5,22 @@ use mluc_model::{DenseLayer, Manifest, WeightSet};
 use crate::cells::CellSet;
 use crate::error::{BackboneError, Result};
 use crate::features::Features;
-use crate::frame::Frame;
 use crate::plane::{Coverage, MapRows, PlaneLayer};
 use crate::precision::Value;
 use crate::quant_scale::QuantScale;
 use crate::sites::Sites;
 use crate::sparse::SparsePart;
 use crate::trace::{Place, Reads, Watch};
+use crate::voxelize::PointCounts;
+
+/// What a frame gave.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Frame {
+    /// What became of the points.
+    pub points: PointCounts,
+    /// Feature rows to be written.
+    pub rows: usize,
+}
 
 /// All layers, with all memory of a frame; `V` is what the rows between them hold.
 #[derive(Clone, Debug)]

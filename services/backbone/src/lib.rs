@@ -8,7 +8,6 @@ mod cells;
 mod convolution;
 mod error;
 mod features;
-mod frame;
 mod layers;
 mod plane;
 mod precision;
@@ -25,7 +24,7 @@ mod warm_up;
 
 pub use backbone::Backbone;
 pub use error::BackboneError;
-pub use frame::Frame;
+pub use layers::Frame;
 pub use plane::Coverage;
 pub use precision::Precision;
 pub use rulebooks::Rulebooks;
