@@ -163,19 +163,18 @@ mod tests {
         let mut uniform = move || random.unit() - 0.5;
         let mut run = || -> Vec<f64> {
             let mut drift = 0.0;
-            (0..200)
-                .map(|_| {
-                    drift = 0.8 * drift + uniform();
-                    100.0 + drift + uniform()
-                })
-                .collect()
+            let value = |_| {
+                drift = 0.8 * drift + uniform();
+                100.0 + drift + uniform()
+            };
+            (0..200).map(value).collect()
         };
         let mut draws = Random::from_state(1);
         let mut covered = 0;
         let mut widths = Vec::new();
         for _ in 0..200 {
-            let [a, b] = [run(), run()]
-                .map(|run| scatter(&[run], Statistic::Quantile(0.5), 200, &mut draws));
+            let mut scatter = |run| scatter(&[run], Statistic::Quantile(0.5), 200, &mut draws);
+            let [a, b] = [scatter(run()), scatter(run())];
             let (low, high) = interval(&a, &b, 0.95, 0.0);
             covered += usize::from(low <= 0.0 && 0.0 <= high);
             widths.push(high - low);

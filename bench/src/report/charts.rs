@@ -3,8 +3,7 @@
 use mluc_geometry::quantile;
 
 use super::frame::{FrameRecord, STAGES, micros};
-use super::series::{Series, series};
-use super::statistics::sorted;
+use super::series::{Series, series, sorted};
 use crate::svg::{ALARM_COLOR, QUEUE_COLOR, STAGE_COLORS, TOTAL_COLOR};
 use crate::svg::{Anchor, Scale, Svg, short};
 

@@ -1,12 +1,12 @@
 //! The report as a file for programs: `report.json`.
 
 use anyhow::ensure;
+use mluc_geometry::quantile;
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value};
 
 use super::frame::{FrameRecord, HOPS, STAGES, measured};
-use super::series::series;
-use super::statistics::Percentiles;
+use super::series::{series, sorted};
 
 /// Version of `report.json` and `frames.csv`; another one is refused.
 pub(crate) const REPORT_VERSION: u32 = 1;
@@ -19,6 +19,33 @@ fn by_stage<T: Serialize, S: Serializer>(values: &[T; 4], to: S) -> Result<S::Ok
 /// Four values as an object by the names of the topics.
 fn by_hop<T: Serialize, S: Serializer>(values: &[T; 4], to: S) -> Result<S::Ok, S::Error> {
     to.collect_map(HOPS.iter().zip(values))
+}
+
+/// Quantiles and the largest value; every value is kept, so that no histogram rounds the tail.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Percentiles {
+    pub(crate) p50: f64,
+    pub(crate) p90: f64,
+    pub(crate) p99: f64,
+    /// 999 of 1000 are at most this; with fewer than 1000 values: the largest.
+    pub(crate) p999: f64,
+    pub(crate) max: f64,
+}
+
+impl Percentiles {
+    /// Of any number of values in any order; `None` without values.
+    pub(crate) fn of(values: &[f64]) -> Option<Percentiles> {
+        let ascending = sorted(values);
+        // Thousandths are beyond any clock here.
+        let at = |q: f64| Some((quantile(&ascending, q)? * 1000.0).round() / 1000.0);
+        Some(Percentiles {
+            p50: at(0.50)?,
+            p90: at(0.90)?,
+            p99: at(0.99)?,
+            p999: at(0.999)?,
+            max: at(1.0)?,
+        })
+    }
 }
 
 /// What a stage's process took of the machine.

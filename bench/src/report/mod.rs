@@ -21,7 +21,6 @@ mod page;
 #[cfg(test)]
 mod recorded;
 mod series;
-mod statistics;
 mod table;
 
 pub(crate) use charts::Sample;

@@ -1,8 +1,7 @@
 //! The report on a terminal.
 
-use super::figures::LatencyReport;
+use super::figures::{LatencyReport, Percentiles};
 use super::frame::{HOPS, STAGES};
-use super::statistics::Percentiles;
 
 impl LatencyReport {
     /// Everything that fits on a screen.

@@ -37,27 +37,24 @@ pub(crate) fn add_baselines(
 }
 
 fn add(hop: &mut HandOver, payload: Payload, rounds: usize) -> Result<()> {
-    ensure!(
-        hop.payload_bytes > 0,
-        "the stage sent no heartbeat with a payload"
-    );
-    let load = Load {
-        payload,
-        bytes: hop.payload_bytes as usize,
-    };
+    let bytes = hop.payload_bytes as usize;
+    ensure!(bytes > 0, "the stage sent no heartbeat with a payload");
+    let load = Load { payload, bytes };
     let settings = Settings {
         pause: PAUSE,
         ..Settings::new(load, rounds)
     };
     let measured = measure(&settings, &Way::ALL)?;
-    let p50_us = |way| measured.latency(way).map(|latency| latency.p50_us);
-    let p99_us = |way| measured.latency(way).map(|latency| latency.p99_us);
-    hop.alone_p50_us = p50_us(Way::Hop);
-    hop.alone_p99_us = p99_us(Way::Hop);
-    hop.raw_p50_us = p50_us(Way::Raw);
-    hop.raw_p99_us = p99_us(Way::Raw);
-    hop.socket_p50_us = p50_us(Way::Socket);
-    hop.futex_p50_us = p50_us(Way::Futex);
-    hop.memcpy_p50_us = Some(measured.memcpy.p50_us);
+    let [alone, raw, futex, socket] = Way::ALL.map(|way| measured.latency(way));
+    *hop = HandOver {
+        alone_p50_us: alone.map(|alone| alone.p50_us),
+        alone_p99_us: alone.map(|alone| alone.p99_us),
+        raw_p50_us: raw.map(|raw| raw.p50_us),
+        raw_p99_us: raw.map(|raw| raw.p99_us),
+        socket_p50_us: socket.map(|socket| socket.p50_us),
+        futex_p50_us: futex.map(|futex| futex.p50_us),
+        memcpy_p50_us: Some(measured.memcpy.p50_us),
+        ..hop.clone()
+    };
     Ok(())
 }

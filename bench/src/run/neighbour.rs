@@ -1,6 +1,7 @@
 //! Other work on the machine, as a vehicle computer has it.
 
 use std::hint::black_box;
+use std::iter::repeat_n;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
@@ -8,10 +9,12 @@ use std::time::Duration;
 
 use super::arguments::LoadTable;
 
-/// Until its memory is touched and its threads run.
+/// Memory of a thread that only computes, words: the nearest cache holds it.
+const CACHED_WORDS: usize = 1024;
+/// Until all memory is touched and the threads run.
 const SETTLE: Duration = Duration::from_millis(500);
 
-/// Threads that compute and write memory until it is dropped.
+/// Threads that write memory over and over, each its own, until it is dropped.
 pub(crate) struct Neighbour {
     is_over: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -21,39 +24,25 @@ impl Neighbour {
     /// Waits until it is at work.
     pub(crate) fn start(load: &LoadTable) -> Neighbour {
         let is_over = Arc::new(AtomicBool::new(false));
-        let mut threads = Vec::new();
-        for _ in 0..load.cpu_threads {
+        let large = (load.memory_mib << 20) as usize / size_of::<u64>();
+        let sizes = repeat_n(CACHED_WORDS, load.cpu_threads);
+        let sizes = sizes.chain((large > 0).then_some(large));
+        let spawn = |words: usize| {
             let is_over = is_over.clone();
-            threads.push(thread::spawn(move || compute(&is_over)));
-        }
-        if load.memory_mib > 0 {
-            let words = (load.memory_mib << 20) as usize / size_of::<u64>();
-            let is_over = is_over.clone();
-            threads.push(thread::spawn(move || write_memory(words, &is_over)));
-        }
+            thread::spawn(move || {
+                let mut memory = vec![0u64; words];
+                while !is_over.load(Ordering::Relaxed) {
+                    memory[0] += 1;
+                    let round = memory[0];
+                    black_box(&mut memory).fill(round);
+                }
+            })
+        };
+        let threads: Vec<_> = sizes.map(spawn).collect();
         if !threads.is_empty() {
             thread::sleep(SETTLE);
         }
         Neighbour { is_over, threads }
-    }
-}
-
-fn compute(is_over: &AtomicBool) {
-    let mut value = 1.0f64;
-    while !is_over.load(Ordering::Relaxed) {
-        for _ in 0..1_000_000 {
-            value = black_box(value * 1.000_000_1 + 1e-9);
-        }
-    }
-}
-
-fn write_memory(words: usize, is_over: &AtomicBool) {
-    let mut memory = vec![0u64; words];
-    let mut round = 0;
-    while !is_over.load(Ordering::Relaxed) {
-        round += 1;
-        memory.fill(round);
-        black_box(&memory);
     }
 }
 

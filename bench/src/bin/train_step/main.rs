@@ -65,13 +65,8 @@ fn run(arguments: &Arguments) -> Result<()> {
     };
     // Nothing is trained: the folders of the settings are not looked at.
     let (data, out) = (PathBuf::new(), PathBuf::new());
-    let settings = TrainSettings::new(
-        setting,
-        Architecture::Compact,
-        NetworkKind::Metric,
-        data,
-        out,
-    );
+    let (architecture, kind) = (Architecture::Compact, NetworkKind::Metric);
+    let settings = TrainSettings::new(setting, architecture, kind, data, out);
     let mut work = Work::read(&settings, &arguments.data, &arguments.frames)?;
     if arguments.every_cell {
         work.compute_every_cell();
