@@ -48,11 +48,10 @@ impl Measured {
             1 => variant.name.clone(),
             all => format!("{}, {} of {all}", variant.name, number + 1),
         };
-        quiet.begin();
-        let neighbour = Neighbour::start(&plan.load);
-        let recording = record(plan, variant, number, &what, progress)?;
-        drop(neighbour);
-        quiet.end();
+        let recording = quiet.watch(|| {
+            let _neighbour = Neighbour::start(&plan.load);
+            record(plan, variant, number, &what, progress)
+        })?;
         let clock = Clock {
             round,
             rate_hz: plan.rate_hz,

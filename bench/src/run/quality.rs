@@ -27,19 +27,15 @@ impl Labels {
 
     /// Of a frame; `None`: it has no labels.
     fn of(&self, frame: &str) -> Result<Option<Vec<Label>>> {
-        let Some(root) = &self.0 else {
+        let file = |folder: &str| {
+            let path = self.0.as_ref()?.join(format!("{folder}/{frame}.txt"));
+            Some(path).filter(|path| path.exists())
+        };
+        let Some(path) = file("label_2") else {
             return Ok(None);
         };
-        let path = root.join(format!("label_2/{frame}.txt"));
-        if !path.exists() {
-            return Ok(None);
-        }
-        let calib = root.join(format!("calib/{frame}.txt"));
-        let calibration = if calib.exists() {
-            read_calibration(&calib)?
-        } else {
-            Calibration::without_camera()
-        };
+        let calibration = file("calib").map(|path| read_calibration(&path));
+        let calibration = calibration.unwrap_or_else(|| Ok(Calibration::without_camera()))?;
         let labels = read_labels(&path)?.into_iter();
         let labels = labels.filter(|label| !label.is_dont_care()).map(|label| {
             let box_in_sensor = calibration.box_in_sensor_from_label(&label.camera_box);
@@ -58,17 +54,13 @@ pub(crate) struct Boxes {
 
 impl Boxes {
     pub(crate) fn of(objects: &[Object]) -> Boxes {
-        let mut boxes = Boxes::default();
-        for object in objects.iter().filter(|object| object.is_published()) {
-            let is_unknown = object.kind == ObjectKind::Unknown as u32;
-            let list = if is_unknown {
-                &mut boxes.unknown
-            } else {
-                &mut boxes.known
-            };
-            list.push(box_of(object));
+        let is_unknown = |object: &&Object| object.kind == ObjectKind::Unknown as u32;
+        let published = objects.iter().filter(|object| object.is_published());
+        let (unknown, known): (Vec<&Object>, Vec<&Object>) = published.partition(is_unknown);
+        Boxes {
+            known: known.into_iter().map(box_of).collect(),
+            unknown: unknown.into_iter().map(box_of).collect(),
         }
-        boxes
     }
 }
 

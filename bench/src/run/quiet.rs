@@ -27,7 +27,6 @@ struct Ticks {
 /// Sums up over the rounds.
 #[derive(Default)]
 pub(crate) struct Quiet {
-    begun: Option<(Ticks, Instant)>,
     sum: Ticks,
     seconds: f64,
     load_before: f64,
@@ -41,16 +40,10 @@ impl Quiet {
         }
     }
 
-    /// Before the processes of a round start.
-    pub(crate) fn begin(&mut self) {
-        self.begun = Some((now(), Instant::now()));
-    }
-
-    /// When all of them have ended: only then the kernel has added up what they took.
-    pub(crate) fn end(&mut self) {
-        let Some((begun, at)) = self.begun.take() else {
-            return;
-        };
+    /// Watches a round, which must end all of its processes: only then the kernel has added up what they took.
+    pub(crate) fn watch<T>(&mut self, round: impl FnOnce() -> T) -> T {
+        let (begun, at) = (now(), Instant::now());
+        let result = round();
         let end = now();
         self.seconds += at.elapsed().as_secs_f64();
         let add = |sum: &mut u64, from: u64, to: u64| *sum += to.saturating_sub(from);
@@ -59,6 +52,7 @@ impl Quiet {
         add(&mut self.sum.all, begun.all, end.all);
         add(&mut self.sum.ours, begun.ours, end.ours);
         add(&mut self.sum.switches, begun.switches, end.switches);
+        result
     }
 
     /// Share of all cores that others took.

@@ -10,7 +10,7 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::Parser;
 use mluc_backbone::Precision;
 use mluc_bench::inputs;
@@ -23,8 +23,8 @@ struct Arguments {
     /// KITTI scans (f32 x, y, z, intensity); several make one report.
     #[arg(long = "scan", required = true, num_args = 1..)]
     scans: Vec<PathBuf>,
-    /// `compact` or `second`, on KITTI's range.
-    #[arg(long, default_value = "compact")]
+    /// On KITTI's range.
+    #[arg(long, default_value = "compact", value_parser = ["compact", "second"])]
     profile: String,
     /// A model file in place of the profile.
     #[arg(long)]
@@ -56,9 +56,8 @@ fn main() -> Result<()> {
         .build()?;
     let mut record = report::Record::default();
     let scans = arguments.scans.iter();
-    let scans = scans
-        .map(|scan| Ok((scan, read(scan, arguments.crop)?)))
-        .collect::<Result<Vec<_>>>()?;
+    let scans = scans.map(|scan| Ok((scan, read(scan, arguments.crop)?)));
+    let scans: Vec<_> = scans.collect::<Result<_>>()?;
     if arguments.precision == Precision::Int8 && !weights.is_calibrated() {
         // Of the scans turned left to right: like those that are measured, and not the same.
         let turned = scans.iter().map(|(_, points)| {
@@ -92,15 +91,12 @@ fn model(arguments: &Arguments) -> Result<(Manifest, WeightSet)> {
         let model = Model::read(path)?;
         return Ok((model.manifest, model.weights));
     }
-    match arguments.profile.as_str() {
-        "compact" => inputs::shipped(),
-        "second" => {
-            let network = Network::second(Grid::kitti_second(), 3);
-            let weights = formula_weights(&network);
-            Ok((Manifest::untrained("second", network), weights))
-        }
-        other => bail!("profile must be compact or second, found {other}"),
+    if arguments.profile == "compact" {
+        return inputs::shipped();
     }
+    let network = Network::second(Grid::kitti_second(), 3);
+    let weights = formula_weights(&network);
+    Ok((Manifest::untrained("second", network), weights))
 }
 
 /// A scan's points; with `crop` those alone that KITTI's left colour camera sees, as its labels cover no more:

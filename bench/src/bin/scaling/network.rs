@@ -6,8 +6,7 @@ use mluc_bench::clock::{Lap, lap_quantile, laps};
 use mluc_bench::inputs;
 use mluc_head::Head;
 
-use crate::fit::Fit;
-use crate::{Folder, chart};
+use crate::{Fit, Folder, chart};
 
 const POINTS: [usize; 9] = [
     10_000, 20_000, 40_000, 70_000, 100_000, 131_072, 200_000, 350_000, 500_000,

@@ -7,8 +7,7 @@ use mluc_geometry::Box3;
 use mluc_ipc_types::Detection;
 use mluc_refiner::{Refiner, RefinerOutput, Settings, Study, Variant};
 
-use crate::fit::Fit;
-use crate::{Folder, chart};
+use crate::{Fit, Folder, chart};
 
 const PROPOSALS: [usize; 10] = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512];
 const VARIANTS: [Variant; 2] = [Variant::PaperCorrected, Variant::RangeScaled];

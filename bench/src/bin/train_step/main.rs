@@ -11,7 +11,7 @@ mod write;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Parser;
 use mluc_train::layers::LayerPlan;
 use mluc_train::{Architecture, NetworkKind, Setting, TrainSettings};
@@ -24,8 +24,7 @@ const UNTIMED: usize = 2;
 
 #[derive(Parser)]
 struct Arguments {
-    /// `udi` or `kitti`.
-    #[arg(long)]
+    #[arg(long, value_parser = ["udi", "kitti"])]
     setting: String,
     /// Labelled scans in KITTI's layout.
     #[arg(long)]
@@ -58,11 +57,8 @@ fn main() -> Result<()> {
 }
 
 fn run(arguments: &Arguments) -> Result<()> {
-    let setting = match arguments.setting.as_str() {
-        "udi" => Setting::Udi,
-        "kitti" => Setting::Kitti,
-        other => bail!("--setting must be udi or kitti, found {other}"),
-    };
+    let is_udi = arguments.setting == "udi";
+    let setting = if is_udi { Setting::Udi } else { Setting::Kitti };
     // Nothing is trained: the folders of the settings are not looked at.
     let (data, out) = (PathBuf::new(), PathBuf::new());
     let (architecture, kind) = (Architecture::Compact, NetworkKind::Metric);
