@@ -114,11 +114,8 @@ mod tests {
     fn the_layers_are_read_in_their_order() {
         let scorer = of_feature(13, 3.0, 0.25);
         let mut measures = Measures::default();
-        assert_eq!(
-            scorer.score(&measures),
-            0.5,
-            "below the offset nothing is said"
-        );
+        let below = scorer.score(&measures);
+        assert_eq!(below, 0.5, "below the offset nothing is said");
         measures.is_cut = true;
         assert_eq!(scorer.logit(&features(&measures)), 3.0 * 0.75);
         assert!((scorer.score(&measures) - 1.0 / (1.0 + (-2.25f32).exp())).abs() < 1e-6);

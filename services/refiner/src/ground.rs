@@ -26,7 +26,7 @@ const SLOPE_MAX: f64 = 0.36;
 /// The first plane lies flat at this share of the sorted cells: below most objects, above a few stray returns.
 const START_QUANTILE: f64 = 0.25;
 /// Lowest points of the cells within this distance carry the plane, m. 6 to 10 measure alike on simulated scans.
-pub(crate) const RADIUS_M: f64 = 8.0;
+const RADIUS_M: f64 = 8.0;
 /// Cells looked at: all of a circle of 8 m.
 const CELLS_MAX: usize = 512;
 

@@ -77,17 +77,14 @@ impl GroundMap {
         };
         let ((ix, fx), (iy, fy)) = (along(x_m), along(y_m));
         let mut blended = GroundPlane::flat([x_m, y_m], 0.0);
-        let corners = [
-            (0, 0, (1.0 - fx) * (1.0 - fy)),
-            (1, 0, fx * (1.0 - fy)),
-            (0, 1, (1.0 - fx) * fy),
-            (1, 1, fx * fy),
-        ];
-        for (dx, dy, weight) in corners {
-            let node = self.node(frame, (iy + dy) * NODES + ix + dx);
-            blended.height_m += weight * node.z_at_m(x_m, y_m);
-            blended.slope[0] += weight * node.slope[0];
-            blended.slope[1] += weight * node.slope[1];
+        for (iy, wy) in [(iy, 1.0 - fy), (iy + 1, fy)] {
+            for (ix, wx) in [(ix, 1.0 - fx), (ix + 1, fx)] {
+                let node = self.node(frame, iy * NODES + ix);
+                let weight = wx * wy;
+                blended.height_m += weight * node.z_at_m(x_m, y_m);
+                blended.slope[0] += weight * node.slope[0];
+                blended.slope[1] += weight * node.slope[1];
+            }
         }
         blended
     }
@@ -145,11 +142,7 @@ fn center_m(node: usize) -> [f64; 2] {
 
 /// The neighbour one step nearer the sensor along each axis on which there is a step; none for the node at the sensor.
 fn inner_neighbour(node: usize) -> Option<usize> {
-    let nearer = |i: usize| match i.cmp(&MIDDLE) {
-        std::cmp::Ordering::Less => i + 1,
-        std::cmp::Ordering::Equal => i,
-        std::cmp::Ordering::Greater => i - 1,
-    };
+    let nearer = |i: usize| i + usize::from(i < MIDDLE) - usize::from(i > MIDDLE);
     let [x, y] = place(node).map(nearer);
     let inner = y * NODES + x;
     (inner != node).then_some(inner)

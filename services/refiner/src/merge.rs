@@ -77,7 +77,9 @@ fn suppress(
         let own = proposals[index].shape;
         let by = order[..rank].iter().find_map(|&better| {
             let better = &proposals[better];
-            if !better.is_standing() || are_apart(&better.shape, &own) {
+            // Quicker than the overlap, which hundreds of boxes would ask for.
+            let touch_m = half_diagonal_m(&better.shape) + half_diagonal_m(&own);
+            if !better.is_standing() || distance_m(&better.shape, &own) > touch_m {
                 return None;
             }
             let overlap = overlap(&better.shape, &own);
@@ -87,11 +89,6 @@ fn suppress(
             proposals[index].suppress(Disposition::OverlapsUnknown, by, overlap);
         }
     }
-}
-
-/// Whether two boxes cannot meet, seen from above: quicker than their overlap, which hundreds of boxes would ask for.
-pub(crate) fn are_apart(a: &Box3, b: &Box3) -> bool {
-    distance_m(a, b) > half_diagonal_m(a) + half_diagonal_m(b)
 }
 
 pub(crate) fn half_diagonal_m(shape: &Box3) -> f64 {
@@ -111,15 +108,10 @@ fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) 
         }
         let unknown = &proposals[index];
         let own = &points[unknown.points.0..unknown.points.1];
-        let known = proposals.iter().filter(|known| {
-            !known.is_unknown()
-                && known.disposition == Disposition::Published
-                && known.score >= KNOWN_SCORE_MIN
-        });
-        let clashes = known.filter_map(|known| {
-            let overlap = clash(unknown, known, own, scan)?;
-            Some((known.detection, overlap))
-        });
+        let known = proposals.iter().filter(|known| known.is_known());
+        let known = known.filter(|known| known.score >= KNOWN_SCORE_MIN);
+        let clashes =
+            known.filter_map(|known| Some((known.detection, clash(unknown, known, own, scan)?)));
         let worst = clashes.reduce(|a, b| if b.1 > a.1 { b } else { a });
         if let Some((by, overlap)) = worst {
             proposals[index].suppress(Disposition::OverlapsKnown, by, overlap);
@@ -135,12 +127,9 @@ fn clash(unknown: &Proposal, known: &Proposal, own: &[u32], scan: &[Point]) -> O
         return None;
     }
     let grown = Inside::of(&known.shape, KNOWN_MARGIN_M);
-    let inside = own
-        .iter()
-        .filter_map(|&i| scan.get(i as usize))
-        .filter(|p| grown.contains([p.x_m, p.y_m, p.z_m]))
-        .count();
-    let share = inside as f64 / own.len().max(1) as f64;
+    let inside = own.iter().filter_map(|&i| scan.get(i as usize));
+    let inside = inside.filter(|p| grown.contains([p.x_m, p.y_m, p.z_m]));
+    let share = inside.count() as f64 / own.len().max(1) as f64;
     let iou = iou_bev(&unknown.shape, &known.shape);
     let is_clash = share > KNOWN_POINTS_SHARE || iou > KNOWN_IOU;
     is_clash.then_some(share.max(iou))

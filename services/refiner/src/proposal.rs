@@ -43,25 +43,15 @@ const FAR_M: f32 = 1e4;
 /// The detection's box, if it is one.
 pub(crate) fn valid_box(detection: &Detection, classes: usize) -> Option<Box3> {
     let is_near = |v: &f32| v.abs() <= FAR_M;
-    let place = detection.center_m.iter().all(is_near);
-    let size = detection.size_m.iter().all(is_near);
-    let keeps_the_contract = detection.check(0, classes).is_ok();
-    let sound = keeps_the_contract && place && size && is_near(&detection.yaw_rad);
-    sound.then(|| Box3 {
+    let is_sound = detection.check(0, classes).is_ok()
+        && detection.center_m.iter().all(is_near)
+        && detection.size_m.iter().all(is_near)
+        && is_near(&detection.yaw_rad);
+    is_sound.then(|| Box3 {
         center_m: detection.center_m.map(f64::from),
         size_m: detection.size_m.map(f64::from),
         yaw_rad: f64::from(detection.yaw_rad),
     })
-}
-
-/// As the contract has it, whatever the detection holds.
-fn unknown_probability(detection: &Detection) -> f32 {
-    let p = detection.unknown_probability;
-    if (0.0..=1.0).contains(&p) {
-        p
-    } else {
-        NO_PROBABILITY
-    }
 }
 
 impl Proposal {
@@ -108,23 +98,21 @@ impl Proposal {
         self.overlap = overlap.clamp(0.0, 1.0) as f32;
     }
 
-    pub(crate) fn is_unknown(&self) -> bool {
-        self.kind == ObjectKind::Unknown
-    }
-
     /// Known, with a box that makes sense.
     pub(crate) fn is_known(&self) -> bool {
-        !self.is_unknown() && self.disposition == Disposition::Published
+        self.kind == ObjectKind::Known && self.disposition == Disposition::Published
     }
 
     /// Unknown, and nothing has suppressed it yet.
     pub(crate) fn is_standing(&self) -> bool {
-        self.is_unknown() && self.disposition == Disposition::Published
+        self.kind == ObjectKind::Unknown && self.disposition == Disposition::Published
     }
 
     /// The object as the contract has it, without points.
     pub(crate) fn object(&self, detection: &Detection, classes: usize) -> Object {
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+        let probability = detection.unknown_probability;
+        let is_probability = (0.0..=1.0).contains(&probability);
         let is_gate = (detection.gate as usize) < GateKind::ALL.len();
         Object {
             kind: self.kind as u32,
@@ -139,7 +127,11 @@ impl Proposal {
             yaw_rad: self.shape.yaw_rad as f32,
             eds: finite(detection.eds),
             eds_normalised: finite(detection.eds_normalised),
-            unknown_probability: unknown_probability(detection),
+            unknown_probability: if is_probability {
+                probability
+            } else {
+                NO_PROBABILITY
+            },
             gate: if is_gate { detection.gate } else { 0 },
             threshold: finite(detection.threshold),
             points_first: 0,

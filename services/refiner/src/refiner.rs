@@ -82,11 +82,6 @@ impl Refiner {
         })
     }
 
-    /// The settings in use.
-    pub fn settings(&self) -> &Settings {
-        &self.settings
-    }
-
     /// One frame: an object for each detection, in their order, with its disposition.
     ///
     /// `sequence` keys the random choices of the variant `paper`. Points that are not finite or far outside are left out
@@ -181,15 +176,16 @@ impl Refiner {
         self.counters = counters;
     }
 
-    /// Sorts the points in and around the boxes of known objects, and those that the candidates' clusters need.
+    /// Sorts the points, as components may reach anywhere; those in and around the boxes of known objects alone where nothing
+    /// is clustered.
     fn sort_points(&mut self, scan: &[Point], has_time: bool) {
         self.frame.start();
+        if has_time {
+            self.frame.want_all();
+        }
         for known in self.proposals.iter().filter(|p| p.is_known()) {
             let (center_m, half_side_m) = square(&known.shape);
             self.frame.want(center_m, half_side_m);
-        }
-        if has_time {
-            self.clusterer.want(&self.proposals, &mut self.frame);
         }
         self.frame.sort(scan);
         self.counters.points_not_finite = self.frame.not_finite;

@@ -73,28 +73,26 @@ impl Sensor {
 
 impl BeamTable {
     pub(crate) fn check(&self) -> Result<(), RefinerError> {
-        let fault = |expected, found: f32| {
-            Err(RefinerError::Beams {
-                expected,
-                found: f64::from(found),
-            })
+        let elevations = &self.elevation_rad;
+        let rising = elevations.windows(2).find(|pair| pair[1] >= pair[0]);
+        let steep = elevations.iter().find(|e| e.is_nan() || e.abs() >= 1.5);
+        let (expected, found) = if elevations.len() > BEAMS_MAX {
+            ("at most 256 beams", elevations.len() as f32)
+        } else if let Some(steep) = steep {
+            ("elevations within 1.5 rad of the horizon", *steep)
+        } else if let Some(pair) = rising {
+            ("elevations from the top down", pair[1])
+        } else if !(AZIMUTH_STEP_MIN_RAD..0.2).contains(&self.azimuth_step_rad) {
+            (
+                "an azimuth step of 0.0004 to 0.2 rad",
+                self.azimuth_step_rad,
+            )
+        } else {
+            return Ok(());
         };
-        if self.elevation_rad.len() > BEAMS_MAX {
-            return fault("at most 256 beams", self.elevation_rad.len() as f32);
-        }
-        if let Some(&bad) = self
-            .elevation_rad
-            .iter()
-            .find(|e| e.is_nan() || e.abs() >= 1.5)
-        {
-            return fault("elevations within 1.5 rad of the horizon", bad);
-        }
-        if let Some(pair) = self.elevation_rad.windows(2).find(|p| p[1] >= p[0]) {
-            return fault("elevations from the top down", pair[1]);
-        }
-        match self.azimuth_step_rad {
-            step if (AZIMUTH_STEP_MIN_RAD..0.2).contains(&step) => Ok(()),
-            step => fault("an azimuth step of 0.0004 to 0.2 rad", step),
-        }
+        Err(RefinerError::Beams {
+            expected,
+            found: f64::from(found),
+        })
     }
 }

@@ -54,15 +54,6 @@ pub(crate) fn is_upright(cluster: &ClusterPoints) -> bool {
     octagon_m / OCTAGON <= limit_m || DIRECTIONS.iter().all(|d| widest_m(d) <= limit_m)
 }
 
-/// Whether the points of a cluster's parts that do not stand upright are a thing to reckon with beside those that do: the
-/// body of a forklift beside its mast, and not the kerb beside a person.
-pub(crate) fn is_rest(rest: usize, upright: usize) -> bool {
-    rest * REST_ONE_IN >= upright.max(1)
-}
-
-/// A rest has at least one point for so many that stand upright.
-const REST_ONE_IN: usize = 3;
-
 /// Whether some heading exists at which the cluster is no longer, wider and higher than l, w, h.
 pub(crate) fn is_within(cluster: &ClusterPoints, [l, w, h]: [f64; 3]) -> bool {
     if height_m(cluster) > h {

@@ -81,15 +81,13 @@ fn returns_from_within_a_van_are_not_taken_for_it() {
 #[test]
 fn an_obstacle_close_to_a_truck_survives_whatever_the_proposal() {
     let truck = standing(15.0, 0.0, [8.0, 2.5, 3.2], 0.0);
-    for gap_m in [0.15, 0.2, 0.3, 0.6] {
+    // One face of it is seen, and its depth is a guess.
+    for (gap_m, iou_min) in [(0.15, 0.2), (0.2, 0.3), (0.3, 0.2), (0.6, 0.2)] {
         let obstacle = standing(13.0, 1.25 + gap_m + 0.35, [0.8, 0.7, 1.1], 0.0);
         let points = scan(&[truck, obstacle]);
-        let around = (0..360).step_by(30).map(|degrees| {
+        for degrees in (0..360).step_by(30) {
             let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
-            ([0.8 * cos, 0.8 * sin], 0.2)
-        });
-        // One face of it is seen, and its depth is a guess.
-        for (shift, iou_min) in around.chain([([0.2, 0.3], 0.3)]) {
+            let shift = [0.8 * cos, 0.8 * sin];
             let detections = [known(&truck, 3, 0.9), candidate(&obstacle, shift, 1.0)];
             let out = refine(RangeScaled, &points, &detections);
             let found = &out.objects[1];

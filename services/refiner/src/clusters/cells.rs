@@ -369,7 +369,7 @@ mod tests {
     fn tiles(points: &[[f32; 2]]) -> BTreeMap<usize, Vec<IndexedPoint>> {
         let mut tiles: BTreeMap<usize, Vec<IndexedPoint>> = BTreeMap::new();
         for (index, &[x, y]) in points.iter().enumerate() {
-            let at = [x, y].map(|v| (f64::from(v) + HALF_EXTENT_M) as usize);
+            let at = [x, y].map(|v| (v + HALF_EXTENT_M as f32) as usize);
             let tile = tiles.entry(at[1] * frame::SIDE + at[0]).or_default();
             tile.push(IndexedPoint {
                 at_m: [x, y, 0.0],

@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use super::cells::Cells;
 use crate::fit::ClusterPoints;
-use crate::size::{is_rest, is_upright, is_within, longest_side};
+use crate::size::{is_upright, is_within, longest_side};
 use crate::{PRIORS, Settings};
 
 /// What stands upright is at most 4.5 m high, and shorter than high: so much at most along x or y, m.
@@ -17,6 +17,8 @@ const UPRIGHT_LENGTH_MAX_M: f32 = 3.5;
 
 /// Factor on the join distance for parts that stand upright by themselves: people beside each other are joined otherwise.
 const UPRIGHT_SCALE: f64 = 0.5;
+/// A rest has at least one point for so many that stand upright.
+const REST_ONE_IN: usize = 3;
 /// Factor on the join distance of each further attempt at what is too large,
 const SHRINK_FACTOR: f64 = 0.6;
 /// and their number.
@@ -208,7 +210,9 @@ impl Divider {
             self.uprights.push((part, upright));
         }
         self.pending.truncate(before);
-        let takes = !(is_small && is_rest(points[0], points[1]));
+        // The body of a forklift beside its mast is a thing to reckon with, the kerb beside a person is not.
+        let [rest, upright] = points;
+        let takes = !is_small || rest * REST_ONE_IN < upright.max(1);
         self.scratch.clear();
         let mut upright_end = piece.first;
         for &(part, upright) in &self.uprights {

@@ -42,10 +42,8 @@ pub struct Measures {
 /// What is known of the sensor's rays.
 #[derive(Debug)]
 pub(super) struct Measurer {
-    /// Between columns, rad.
-    azimuth_step_rad: f32,
-    /// Between beams, rad.
-    elevation_step_rad: f32,
+    /// Between columns and between beams, rad.
+    steps_rad: [f32; 2],
 }
 
 /// HDL-64E at 10 Hz, rad: 0.1728 degrees between columns, 26.8 degrees over 64 beams.
@@ -55,22 +53,16 @@ const PER_M: f32 = 1000.0;
 
 impl Measurer {
     pub(super) fn new(sensor: &Sensor) -> Measurer {
-        let [azimuth_step_rad, elevation_step_rad] = match &sensor.beams {
-            Some(beams) => {
-                let table = &beams.elevation_rad;
-                let steps = (table.len() as f32 - 1.0).max(1.0);
-                let span = match (table.first(), table.last()) {
-                    (Some(first), Some(last)) if first > last => first - last,
-                    _ => STEPS_DEFAULT_RAD[1] * steps,
-                };
-                [beams.azimuth_step_rad, span / steps]
+        let mut steps_rad = STEPS_DEFAULT_RAD;
+        if let Some(beams) = &sensor.beams {
+            steps_rad[0] = beams.azimuth_step_rad;
+            if let [first, .., last] = beams.elevation_rad[..]
+                && first > last
+            {
+                steps_rad[1] = (first - last) / (beams.elevation_rad.len() as f32 - 1.0);
             }
-            None => STEPS_DEFAULT_RAD,
-        };
-        Measurer {
-            azimuth_step_rad,
-            elevation_step_rad,
         }
+        Measurer { steps_rad }
     }
 
     /// Measures a cluster; what it was divided from is for the caller.
@@ -109,8 +101,9 @@ impl Measurer {
         let across = [(-origin_m[1] / range) as f32, (origin_m[0] / range) as f32];
         let [low, high] = points.span_m(across);
         let range = range as f32;
-        let columns = (high - low) / (range * self.azimuth_step_rad) + 1.0;
-        let rows = height_m / (range * self.elevation_step_rad) + 1.0;
+        let [azimuth_step_rad, elevation_step_rad] = self.steps_rad;
+        let columns = (high - low) / (range * azimuth_step_rad) + 1.0;
+        let rows = height_m / (range * elevation_step_rad) + 1.0;
         (points.len() as f32 / (columns * rows)).min(DENSITY_MAX)
     }
 }

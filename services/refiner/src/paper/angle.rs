@@ -29,7 +29,8 @@ mod tests {
     fn by_law_of_cosines_rad(s: [f64; 3], t: [f64; 3]) -> f64 {
         let (long, short) = (norm(s).max(norm(t)), norm(s).min(norm(t)));
         let d = norm([0, 1, 2].map(|i| s[i] - t[i]));
-        ((long * long + d * d - short * short) / (2.0 * d * long)).acos()
+        let cosine = (long * long + d * d - short * short) / (2.0 * d * long);
+        cosine.clamp(-1.0, 1.0).acos()
     }
 
     /// The same angle, rad, from two ranges and the angle between the rays.

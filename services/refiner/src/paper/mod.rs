@@ -13,9 +13,9 @@ use mluc_ipc_types::{Disposition, Object};
 use crate::clusterer::{Clusterer, FrameTask};
 use crate::clusters::Measures;
 use crate::fit::{Fitter, Footprint};
-use crate::frame::{FrameIndex, IndexedPoint};
-use crate::ground::{self, GroundPlane};
-use crate::proposal::{Proposal, reach_m};
+use crate::frame::IndexedPoint;
+use crate::ground::GroundPlane;
+use crate::proposal::Proposal;
 use crate::{Sensor, Settings, Variant};
 use grow::{Depth, Grower, Growth, Printed};
 use seed::Seek;
@@ -95,14 +95,6 @@ impl PaperClusterer {
 }
 
 impl Clusterer for PaperClusterer {
-    fn want(&self, proposals: &[Proposal], frame: &mut FrameIndex) {
-        for proposal in proposals.iter().filter(|p| p.is_standing()) {
-            let [x, y, _] = proposal.shape.center_m;
-            let reach_m = reach_m(&proposal.shape) + self.radius_m;
-            frame.want([x, y], reach_m.max(ground::RADIUS_M));
-        }
-    }
-
     /// Gathers the points around a seed, those of the ground as borders between objects, and grows the cluster among them.
     fn match_cluster(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> bool {
         let [x, y, _] = proposal.shape.center_m;
