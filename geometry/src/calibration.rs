@@ -15,7 +15,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 pub struct CalibrationError;
 
 /// A box as KITTI's labels give it, in the camera frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CameraBox {
     /// Centre of the bottom face: x right, y down, z forward, m.
     pub location_m: [f64; 3],

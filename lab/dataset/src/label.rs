@@ -8,8 +8,8 @@ use super::{DatasetError, read_text};
 use mluc_geometry::CameraBox;
 use std::path::Path;
 
-/// One labelled or detected object.
-#[derive(Clone, Debug, PartialEq)]
+/// One labelled or detected object; by default nothing hides it.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Label {
     /// Class as written in the file (`Car`, `DontCare`, ...).
     pub class: String,

@@ -99,18 +99,20 @@ mod tests {
         camera_detection(ObjectKind::Unknown, "unknown", x_m, score)
     }
 
-    fn counts(pairs: &[(&str, usize)]) -> BTreeMap<String, usize> {
-        pairs.iter().map(|(k, n)| ((*k).to_owned(), *n)).collect()
-    }
-
-    fn confusion(labels: &[Label], detections: &[CameraDetection]) -> Confusion {
+    /// Checks both rows against classes that occur once each.
+    fn check(labels: &[Label], detections: &[CameraDetection], found_as: &[&str], on: &[&str]) {
         let frame = LabelledFrame {
             labels: labels.to_vec().into(),
             detections: detections.to_vec(),
         };
         let classes = ["van".to_owned(), "truck".to_owned()];
         let rule = ClassRule::unknown(&classes, 0.1, UnknownProtocol::Literal);
-        Confusion::of(&[frame], &rule)
+        let counts = |classes: &[&str]| classes.iter().map(|c| ((*c).to_owned(), 1)).collect();
+        let expected = Confusion {
+            labels_found_as: counts(found_as),
+            detections_lie_on: counts(on),
+        };
+        assert_eq!(Confusion::of(&[frame], &rule), expected);
     }
 
     #[test]
@@ -137,11 +139,8 @@ mod tests {
             // Not among the first three.
             unknown(40.0, 0.1),
         ];
-        let confusion = confusion(&labels, &detections);
-        let expected = counts(&[("unknown", 1), ("car", 1), ("nothing", 1)]);
-        assert_eq!(confusion.labels_found_as, expected);
-        let expected = counts(&[("car", 1), ("van", 1), ("nothing", 1)]);
-        assert_eq!(confusion.detections_lie_on, expected);
+        let (found_as, on) = (["unknown", "car", "nothing"], ["car", "van", "nothing"]);
+        check(&labels, &detections, &found_as, &on);
     }
 
     #[test]
@@ -150,16 +149,13 @@ mod tests {
         let (mut small, mut large) = (unknown(10.0, 0.9), unknown(50.0, 0.5));
         small.image_box_px[3] = 24.9;
         large.image_box_px[3] = 25.0;
-        let confusion = confusion(&labels, &[small, large]);
-        assert_eq!(confusion.labels_found_as, counts(&[("nothing", 1)]));
         // A region without labels is no class.
-        assert_eq!(confusion.detections_lie_on, counts(&[("nothing", 1)]));
+        check(&labels, &[small, large], &["nothing"], &["nothing"]);
     }
 
     #[test]
     fn a_detector_that_names_unknown_classes_found_the_unknown() {
-        let confusion = confusion(&[label("Van", 10.0)], &[known("Van", 10.0, 0.9)]);
-        assert_eq!(confusion.labels_found_as, counts(&[("unknown", 1)]));
-        assert_eq!(confusion.detections_lie_on, counts(&[("van", 1)]));
+        let named = known("Van", 10.0, 0.9);
+        check(&[label("Van", 10.0)], &[named], &["unknown"], &["van"]);
     }
 }

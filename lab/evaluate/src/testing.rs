@@ -9,12 +9,9 @@ pub(crate) fn label(class: &str, x_m: f64) -> Label {
     let shape = Box3::new([x_m, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]);
     Label {
         class: class.to_owned(),
-        truncated: 0.0,
-        occluded: 0,
-        alpha_rad: 0.0,
         image_box_px: [0.0, 0.0, 100.0, 100.0],
         camera_box: Calibration::without_camera().label_from_box_in_sensor(&shape),
-        score: None,
+        ..Label::default()
     }
 }
 

@@ -14,16 +14,13 @@ fn object(class: &str, place: usize) -> Label {
     let left = 60.0 * place as f64;
     Label {
         class: class.to_owned(),
-        truncated: 0.0,
-        occluded: 0,
-        alpha_rad: 0.0,
         image_box_px: [left, 100.0, left + 50.0, 150.0],
         camera_box: CameraBox {
             location_m: [10.0 * place as f64, 1.7, 20.0],
             size_hwl_m: [1.5, 1.6, 4.0],
             rotation_y_rad: 0.3,
         },
-        score: None,
+        ..Label::default()
     }
 }
 

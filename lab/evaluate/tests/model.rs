@@ -248,28 +248,22 @@ fn every_label_has_one_disposition() {
     let moved = |d: &mut Detection| d.center_m[1] += 0.4;
     frames[1].detections.iter_mut().for_each(moved);
     let judged = fixture.judge(&fixture.model);
-    let (mut found, mut displaced, mut missed) = (0, 0, 0);
+    let mut sums = [0; 3];
     for (table, class) in judged.misses.iter().zip(&judged.closed.classes) {
         let labels: usize = table.by_range.iter().map(|row| row.labels).sum();
-        let entry = class.main();
-        assert_eq!(labels, entry.truth_count, "{}", table.class);
+        assert_eq!(labels, class.main().truth_count, "{}", table.class);
         for row in &table.by_range {
             let dispositions = row.found + row.weak + row.displaced + row.other_class + row.missed;
             assert_eq!(dispositions, row.labels, "{}", table.class);
-            (found, displaced, missed) = (
-                found + row.found,
-                displaced + row.displaced,
-                missed + row.missed,
-            );
+            for (sum, count) in sums.iter_mut().zip([row.found, row.displaced, row.missed]) {
+                *sum += count;
+            }
         }
         let a = &table.alarms;
         let dispositions = a.right + a.displaced + a.other_class + a.background;
         assert_eq!(dispositions, a.detections);
     }
-    assert!(
-        found > 5 && displaced > 0 && missed > 0,
-        "{found} {displaced} {missed}"
-    );
+    assert!(sums[0] > 5 && sums[1] > 0 && sums[2] > 0, "{sums:?}");
 }
 
 #[test]

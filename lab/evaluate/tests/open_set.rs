@@ -16,12 +16,9 @@ fn truth(labels: &[(&str, Box3)]) -> FrameTruth {
     let calibration = Calibration::without_camera();
     let label = |(class, shape): &(&str, Box3)| Label {
         class: (*class).to_owned(),
-        truncated: 0.0,
-        occluded: 0,
-        alpha_rad: 0.0,
         image_box_px: [0.0, 0.0, 100.0, 100.0],
         camera_box: calibration.label_from_box_in_sensor(shape),
-        score: None,
+        ..Label::default()
     };
     FrameTruth {
         labels: labels.iter().map(label).collect(),
@@ -40,11 +37,7 @@ struct Kept {
 impl Kept {
     fn at(&self, threshold: f64) -> SensorDetection {
         SensorDetection {
-            kind: if self.gate < threshold {
-                ObjectKind::Unknown
-            } else {
-                ObjectKind::Known
-            },
+            kind: [ObjectKind::Known, ObjectKind::Unknown][usize::from(self.gate < threshold)],
             class: "car".to_owned(),
             score: self.score,
             box_in_sensor: self.shape,
