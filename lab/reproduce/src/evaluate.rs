@@ -10,8 +10,8 @@ use mluc_evaluate::pipeline::{
     DetectedFrame, GatedObjects, detect_frames, paper_rules, separation, unknown_classes,
 };
 use mluc_evaluate::{
-    ClassRule, EvaluateError, JudgedFrames, JudgedPoint, LabelledFrame, NeighbourPolicy,
-    SweepPoint, best_index, honest,
+    ClassRule, EvaluateError, JudgedFrames, JudgedPoint, NeighbourPolicy, SweepPoint, best_index,
+    honest,
 };
 use mluc_model::Model;
 use mluc_train::NetworkKind;
@@ -147,12 +147,12 @@ fn judge(
     let points = output.sweep(frames, rules);
     let curve: Vec<SweepPoint> = points.iter().map(JudgedPoint::main).collect();
     let best = best_index(&curve);
-    let detections = |i| output.detections(i, best);
-    let found: Vec<_> = (0..frames.len()).map(detections).collect();
-    let pairs = frames.iter().zip(&found);
-    let labelled: Vec<LabelledFrame> = pairs.map(|(f, found)| f.truth.with(found)).collect();
+    let labelled = output.labelled(frames, best);
     let judged = JudgedFrames::of(&labelled, rules);
-    let stored = |found: &Vec<_>| found.iter().map(StoredObject::of).collect();
+    let stored = |frame| {
+        let found = output.detections(frame, best);
+        found.iter().map(StoredObject::of).collect()
+    };
     Evaluated {
         threshold: curve.get(best).map_or(0.0, |point| point.threshold),
         figures: judged.all(),
@@ -161,7 +161,7 @@ fn judge(
         honest: honest(&points),
         curve,
         unknown_score_min: judged.unknown_score_min(),
-        objects: found.iter().map(stored).collect(),
+        objects: (0..frames.len()).map(stored).collect(),
         ..Evaluated::default()
     }
 }

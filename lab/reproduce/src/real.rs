@@ -58,9 +58,7 @@ pub(crate) fn real_rows(
             };
             let output = run_method(row.method, &input)?;
             let last = output.thresholds.len().saturating_sub(1);
-            let frames = frames.iter().enumerate();
-            let with = frames.map(|(i, frame)| frame.truth.with(&output.detections(i, last)));
-            judged.push(with.collect());
+            judged.push(output.labelled(frames, last));
         }
     }
     let mut rows = Vec::new();

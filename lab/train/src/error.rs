@@ -47,6 +47,9 @@ pub enum TrainError {
     /// The head refuses the model.
     #[error(transparent)]
     Head(#[from] mluc_head::HeadError),
+    /// The validation scans cannot be read, or judged with the model.
+    #[error(transparent)]
+    Evaluate(#[from] mluc_evaluate::EvaluateError),
     /// The refiner refuses the model's sensor.
     #[error(transparent)]
     Refiner(#[from] mluc_refiner::RefinerError),

@@ -4,7 +4,6 @@ use std::fs::File;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use mluc_dataset::Dataset;
 use mluc_model::{Manifest, Model, ModelError, Provenance, model_bytes};
 use mluc_refiner::ClusterScorer;
 
@@ -192,7 +191,7 @@ impl Run {
             return Ok(());
         }
         let model = Model::read(&self.model_path())?;
-        let figures = validate(&model, &Dataset::open(&folder)?, frames)?;
+        let figures = validate(&model, &folder, frames)?;
         for c in &figures.classes {
             let (name, iou, ap, labels) = (&c.class, c.iou_min, c.ap_r40, c.labels);
             notify(TrainEvent::Note(format!(

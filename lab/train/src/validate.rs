@@ -4,18 +4,14 @@
 //! overlap, difficulty moderate, average precision at 40 positions.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
-use mluc_backbone::Backbone;
-use mluc_dataset::Dataset;
-use mluc_evaluate::{
-    ClassReport, ClassRule, Difficulty, FrameTruth, LabelledFrame, Metric, NeighbourPolicy,
-    ObjectKind, SensorDetection, evaluate,
+use mluc_backbone::Precision;
+use mluc_evaluate::pipeline::{
+    DetectedFrame, FrameSet, GatedObjects, class_names, detect_frames, paper_rules,
 };
-use mluc_geometry::{Box3, ImageSize};
-use mluc_head::Head;
+use mluc_evaluate::{ClassReport, EvaluateError, NeighbourPolicy, evaluate};
 use mluc_model::Model;
-
-use crate::error::TrainError;
 
 /// Figures of one class, percent.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -60,81 +56,31 @@ impl Figures {
     }
 }
 
-/// The overlap that the paper asks of a class.
-fn iou_min(model: &str, class: &str) -> f64 {
-    match (model, class) {
-        ("kitti", "car") | (_, "truck" | "van") => 0.7,
-        _ => 0.5,
-    }
-}
-
-/// Judges `model` on the first `frames` frames of a folder.
-pub fn validate(model: &Model, dataset: &Dataset, frames: usize) -> Result<Figures, TrainError> {
-    let mut backbone = Backbone::new(&model.manifest, &model.weights)?;
-    let mut head = Head::new(&model.manifest, &model.weights)?;
-    let names: Vec<&String> = dataset.names().iter().take(frames).collect();
-    let mut judged: Vec<LabelledFrame> = Vec::with_capacity(names.len());
-    let (mut cells, mut rows, mut boxes) = (vec![], vec![], vec![]);
-    let mut count = 0;
-    for name in &names {
-        let frame = backbone.run(&dataset.scan(name)?);
-        cells.resize(frame.rows, 0);
-        rows.resize(frame.rows * backbone.feature_channels(), 0.0);
-        backbone.write_rows(&mut cells, &mut rows)?;
-        let counts = head.run(&cells, &rows, &mut boxes)?;
-        // Boxes without a class are no known objects.
-        boxes.truncate((counts.boxes - counts.generic) as usize);
-        count += boxes.len();
-        let found: Vec<SensorDetection> = boxes.iter().map(|b| known(model, b)).collect();
-        let truth = FrameTruth {
-            labels: dataset.labels(name)?.into(),
-            calibration: dataset.calibration(name)?,
-            image: ImageSize::KITTI,
-        };
-        judged.push(truth.with(&found));
-    }
-    Ok(figures(model, &judged, count))
-}
-
-fn known(model: &Model, found: &mluc_ipc_types::Detection) -> SensorDetection {
-    SensorDetection {
-        kind: ObjectKind::Known,
-        class: model.manifest.classes[found.class_id as usize].name.clone(),
-        score: f64::from(found.score),
-        box_in_sensor: Box3 {
-            center_m: found.center_m.map(f64::from),
-            size_m: found.size_m.map(f64::from),
-            yaw_rad: f64::from(found.yaw_rad),
-        },
-    }
-}
-
-fn figures(model: &Model, frames: &[LabelledFrame], boxes: usize) -> Figures {
-    let manifest = &model.manifest;
-    let names = manifest.classes.iter().map(|c| &c.name);
-    let rules = names.map(|name| {
-        let iou_min = iou_min(&manifest.name, name);
-        ClassRule::known(name, iou_min, NeighbourPolicy::default())
-    });
-    let report = evaluate(frames, &rules.collect::<Vec<ClassRule>>());
-    let figures = |class: &ClassReport| {
-        let entry = class.entry(Metric::Space, Difficulty::Moderate);
-        ClassFigures {
-            class: class.rule.name.clone(),
-            iou_min: class.rule.iou_min,
-            ap_r40: entry.ap.r40,
-            ap_all: entry.ap.all,
-            recall: entry.recall_percent,
-            labels: entry.truth_count,
-        }
+/// Judges `model` on the first `frames` frames of a folder. Boxes without a class are no known objects.
+pub fn validate(model: &Model, folder: &Path, frames: usize) -> Result<Figures, EvaluateError> {
+    let set = FrameSet::open(folder, None, frames)?;
+    let mut frames = detect_frames(Precision::default(), model, &set, || ())?;
+    frames.iter_mut().for_each(DetectedFrame::drop_generic);
+    let name = &model.manifest.name;
+    let rules = paper_rules(name, &class_names(model), &[], NeighbourPolicy::Official)?;
+    let found = GatedObjects::ungated(model, &frames);
+    let report = evaluate(&found.labelled(&frames, 0), &rules);
+    let figures = |class: &ClassReport| ClassFigures {
+        class: class.rule.name.clone(),
+        iou_min: class.rule.iou_min,
+        ap_r40: class.main().ap.r40,
+        ap_all: class.main().ap.all,
+        recall: class.main().recall_percent,
+        labels: class.main().truth_count,
     };
     let classes: Vec<ClassFigures> = report.classes.iter().map(figures).collect();
     let sum = classes.iter().map(|c| c.ap_r40).sum::<f64>();
-    Figures {
-        step: manifest.provenance.steps,
+    let boxes: usize = frames.iter().map(|frame| frame.detections.len()).sum();
+    Ok(Figures {
+        step: model.manifest.provenance.steps,
         frames: frames.len(),
         map_known: sum / classes.len().max(1) as f64,
         classes,
         boxes_per_frame: boxes as f64 / frames.len().max(1) as f64,
-    }
+    })
 }

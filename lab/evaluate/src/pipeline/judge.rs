@@ -5,8 +5,8 @@ use super::rules::paper_rules;
 use super::separation::{ScoreSeparation, separation};
 use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects_at};
 use crate::{
-    ApReport, ClassRule, EvaluateError, JudgedPoint, LabelledFrame, NeighbourPolicy, SweepPoint,
-    evaluate, unknown_as_known,
+    ApReport, ClassRule, EvaluateError, JudgedPoint, NeighbourPolicy, SweepPoint, evaluate,
+    unknown_as_known,
 };
 use mluc_model::Model;
 use mluc_refiner::Settings;
@@ -57,11 +57,7 @@ pub fn judge(
     let threshold = gate.threshold(&model.manifest.thresholds);
     let asked = vec![0.0, f64::from(threshold)];
     let objects = objects_at(model, gate, set, frames, settings, asked, &|| ())?;
-    let [closed, gated] = [0, 1].map(|at| -> Vec<LabelledFrame> {
-        let frames = frames.iter().enumerate();
-        let with = |(i, f): (usize, &DetectedFrame)| f.truth.with(&objects.detections(i, at));
-        frames.map(with).collect()
-    });
+    let [closed, gated] = [0, 1].map(|at| objects.labelled(frames, at));
     Ok(ModelJudgement {
         closed: evaluate(&closed, &rules),
         gated: evaluate(&gated, &rules),

@@ -2,7 +2,8 @@
 
 use super::{DetectedFrame, FrameSet, ModelGate};
 use crate::{
-    ClassRule, EvaluateError, FrameTruth, JudgedPoint, ObjectKind, SensorDetection, UNKNOWN, sweep,
+    ClassRule, EvaluateError, FrameTruth, JudgedPoint, LabelledFrame, ObjectKind, SensorDetection,
+    UNKNOWN, sweep,
 };
 use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;
@@ -128,11 +129,29 @@ impl GatedObjects {
         objects.map(|o| o.to_detection(&self.classes)).collect()
     }
 
+    /// The frames that the objects were found in, with those of the threshold of index `at`.
+    pub fn labelled(&self, frames: &[DetectedFrame], at: usize) -> Vec<LabelledFrame> {
+        let frames = frames.iter().enumerate();
+        let with = |(i, f): (usize, &DetectedFrame)| f.truth.with(&self.detections(i, at));
+        frames.map(with).collect()
+    }
+
     /// Judges every threshold on the frames that the objects were found in.
     pub fn sweep(&self, frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<JudgedPoint> {
         let truths: Vec<FrameTruth> = frames.iter().map(|frame| frame.truth.clone()).collect();
         let detect = |frame: usize, at: usize| self.detections(frame, at);
         sweep(&truths, rules, &self.thresholds, detect)
+    }
+
+    /// Every box as it is and of its class, at the one threshold 0.
+    pub fn ungated(model: &Model, frames: &[DetectedFrame]) -> GatedObjects {
+        let known = |d: &Detection| FoundObject::of_box(d, ObjectKind::Known, d.score);
+        let of_frame = |frame: &DetectedFrame| vec![frame.detections.iter().map(known).collect()];
+        GatedObjects {
+            thresholds: vec![0.0],
+            objects: frames.iter().map(of_frame).collect(),
+            classes: class_names(model),
+        }
     }
 }
 

@@ -92,7 +92,10 @@ pub fn run_method(method: Method, input: &MethodInput) -> Result<GatedObjects, E
         input.refined(input.model, gate, input.frames, &settings)
     };
     match method {
-        Method::ClosedSet | Method::Supervised => Ok(gated::all_known(input)),
+        // A class that counts as unknown is told by its name.
+        Method::ClosedSet | Method::Supervised => {
+            Ok(GatedObjects::ungated(input.model, input.frames))
+        }
         Method::Naive => Ok(gated::as_they_are(input, ModelGate::Softmax)),
         Method::MlOnly => Ok(gated::as_they_are(input, ModelGate::Eds)),
         Method::UcOnly => refined(ModelGate::Softmax, Variant::Paper),
