@@ -45,29 +45,26 @@ fn entries(network: &Network, weights: &WeightSet, layout: SparseLayout) -> Fall
 fn from_ours(data: &[f32], ours: [usize; 5], layout: SparseLayout) -> Tensor {
     let [out, z, y, x, cin] = ours;
     let taps = z * y * x;
+    let at = |o: usize, tap: usize, i: usize| data[(o * taps + tap) * cin + i];
     let mut turned = vec![];
-    for a in 0..taps {
+    for tap in 0..taps {
         match layout {
             SparseLayout::OutTapsIn => {}
             SparseLayout::TapsInOut => {
-                for i in 0..cin {
-                    turned.extend((0..out).map(|o| data[(o * taps + a) * cin + i]));
-                }
+                (0..cin).for_each(|i| turned.extend((0..out).map(|o| at(o, tap, i))));
             }
             SparseLayout::TapsOutIn => {
-                for o in 0..out {
-                    turned.extend((0..cin).map(|i| data[(o * taps + a) * cin + i]));
-                }
+                (0..out).for_each(|o| turned.extend((0..cin).map(|i| at(o, tap, i))));
             }
         }
     }
+    if turned.is_empty() {
+        turned = data.to_vec();
+    }
+    let shape = layout.shape(ours).to_vec();
     Tensor {
-        shape: layout.shape(ours).to_vec(),
-        data: if turned.is_empty() {
-            data.to_vec()
-        } else {
-            turned
-        },
+        shape,
+        data: turned,
     }
 }
 
@@ -85,10 +82,8 @@ fn every_layout_gives_the_same_weights() -> Fallible {
     let network = second();
     let expected = weights(&network);
     for layout in SparseLayout::ALL {
-        let imported = import(
-            &file(&entries(&network, &expected, layout)?),
-            &ImportRequest::kitti(),
-        )?;
+        let file = file(&entries(&network, &expected, layout)?);
+        let imported = import(&file, &ImportRequest::kitti())?;
         assert_eq!(imported.layout, layout);
         assert!(imported.weights == expected, "{layout:?}: weights differ");
         let manifest = imported.manifest;
@@ -110,11 +105,10 @@ fn an_export_comes_back_bit_by_bit() -> Fallible {
         comes_back(&bytes)?;
     }
     for setting in ["kitti", "udi"] {
-        let path = format!(
-            "{}/../../weights/{setting}.safetensors",
-            env!("CARGO_MANIFEST_DIR")
-        );
-        comes_back(&std::fs::read(path)?)?;
+        let root = env!("CARGO_MANIFEST_DIR");
+        comes_back(&std::fs::read(format!(
+            "{root}/../../weights/{setting}.safetensors"
+        ))?)?;
     }
     Ok(())
 }
@@ -143,40 +137,40 @@ fn refused(file: &[u8]) -> String {
 fn what_is_missing_or_too_much_or_of_another_shape_is_named() -> Fallible {
     let network = second();
     let whole = entries(&network, &weights(&network), SparseLayout::OutTapsIn)?;
-    let attempt = |change: &dyn Fn(&mut Entries), words: &str| {
-        let mut changed = whole.clone();
-        change(&mut changed);
-        let error = refused(&file(&changed));
-        assert!(error.contains(words), "{error}");
-    };
     let zeros = |count: usize| Tensor {
         shape: vec![count],
         data: vec![0.0; count],
     };
     let first = "backbone_3d.conv_input.0.weight";
-    let of = |entries: &mut Entries, name: &str, change: &dyn Fn(&mut Tensor)| {
-        change(entries.get_mut(name).expect("a tensor"));
-    };
-    attempt(
-        &|entries| drop(entries.remove("dense_head.conv_dir_cls.bias")),
-        "`dense_head.conv_dir_cls.bias` of shape [12]",
-    );
-    attempt(
-        &|entries| drop(entries.insert("point_head.weight".into(), zeros(1))),
-        "`point_head.weight`",
-    );
-    attempt(
-        &|entries| of(entries, "dense_head.conv_cls.bias", &|t| *t = zeros(6)),
-        "expected shape [18], found [6]",
-    );
-    attempt(
-        &|entries| of(entries, first, &|tensor| tensor.shape.swap(0, 1)),
-        &format!("`{first}`"),
-    );
-    attempt(
-        &|entries| of(entries, first, &|tensor| tensor.data[5] = f32::NAN),
-        "element 5",
-    );
+    type Change<'a> = &'a dyn Fn(&mut Entries);
+    let cases: [(Change, &str); 5] = [
+        (
+            &|entries| drop(entries.remove("dense_head.conv_dir_cls.bias")),
+            "`dense_head.conv_dir_cls.bias` of shape [12]",
+        ),
+        (
+            &|entries| drop(entries.insert("point_head.weight".into(), zeros(1))),
+            "`point_head.weight`",
+        ),
+        (
+            &|entries| drop(entries.insert("dense_head.conv_cls.bias".into(), zeros(6))),
+            "expected shape [18], found [6]",
+        ),
+        (
+            &|entries| entries.get_mut(first).expect("a tensor").shape.swap(0, 1),
+            "`backbone_3d.conv_input.0.weight`",
+        ),
+        (
+            &|entries| entries.get_mut(first).expect("a tensor").data[5] = f32::NAN,
+            "element 5",
+        ),
+    ];
+    for (change, words) in cases {
+        let mut changed = whole.clone();
+        change(&mut changed);
+        let error = refused(&file(&changed));
+        assert!(error.contains(words), "{error}");
+    }
     Ok(())
 }
 
@@ -195,10 +189,8 @@ fn files_of_any_length_and_with_any_byte_changed_are_refused() {
         shape: vec![2, 3],
         data: vec![0.5; 6],
     };
-    let file = file(&BTreeMap::from([(
-        "backbone_3d.conv_input.0.weight".into(),
-        tensor,
-    )]));
+    let name = "backbone_3d.conv_input.0.weight".to_owned();
+    let file = file(&BTreeMap::from([(name, tensor)]));
     assert!(refused(&file).contains("is missing"), "it was read whole");
     for length in 0..file.len() {
         refused(&file[..length]);

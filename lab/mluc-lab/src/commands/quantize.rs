@@ -1,13 +1,14 @@
 //! `mluc-lab quantize`: makes a model fit for int8.
 
-use super::terminal::{frames_bar, print_out};
+use super::terminal::{counted, print_out};
 use anyhow::{Context, ensure};
 use clap::Args;
 use mluc_dataset::Dataset;
 use mluc_dataset::whole_file::write_whole;
 use mluc_model::{Model, model_bytes};
-use mluc_train::quantize::{Calibrated, OutputErrors, calibrate, compare, evenly};
-use serde_json::json;
+use mluc_train::quantize::{Calibrated, LevelRange, OutputErrors, calibrate, compare, evenly};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Measure on scans how large the values between a model's layers get, and store it in a model file, so that it runs with
@@ -43,40 +44,37 @@ pub(crate) struct QuantizeArguments {
 
 /// Runs it.
 pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
-    ensure!(
-        arguments.frames > 0,
-        "--frames: expected 1 or more, found 0"
-    );
+    let is_some = arguments.frames > 0;
+    ensure!(is_some, "--frames: expected 1 or more, found 0");
     let model = Model::read(&arguments.model)?;
     let dataset = match &arguments.split {
         Some(split) => Dataset::open_split(&arguments.data, split)?,
         None => Dataset::open(&arguments.data)?,
     };
     let frames = evenly(dataset.names(), arguments.frames, 0.0);
-    let describe = format!(
-        "{} of {} frames of {}",
-        frames.len(),
-        dataset.len(),
-        folder(&arguments.data)
-    );
-    let bar = frames_bar("ranges", frames.len());
-    let calibrated = calibrate(&model, &dataset, &frames, &describe, || bar.inc(1))?;
-    bar.finish_and_clear();
+    let (count, all, folder) = (frames.len(), dataset.len(), folder(&arguments.data));
+    let describe = format!("{count} of {all} frames of {folder}");
+    let calibrated = counted("ranges", count, |step| {
+        calibrate(&model, &dataset, &frames, &describe, step)
+    })?;
     let (manifest, weights) = (&calibrated.manifest, &calibrated.weights);
     let bytes = model_bytes(manifest, weights)?;
     // Frames between the measured ones; of a small set they may be the same.
     let others = evenly(dataset.names(), arguments.check_frames, 0.5);
-    let bar = frames_bar("errors", others.len());
     let errors = if others.is_empty() {
         vec![]
     } else {
-        compare(manifest, weights, &dataset, &others, || bar.inc(1))?
+        counted("errors", others.len(), |step| {
+            compare(manifest, weights, &dataset, &others, step)
+        })?
     };
-    bar.finish_and_clear();
-    write_whole(&arguments.out, &bytes)
-        .with_context(|| format!("{}: cannot be written", arguments.out.display()))?;
+    let out = arguments.out.display();
+    write_whole(&arguments.out, &bytes).with_context(|| format!("{out}: cannot be written"))?;
     if arguments.json {
-        return print_out(format_args!("{:#}", as_json(&calibrated, &errors, &others)));
+        return print_out(format_args!(
+            "{:#}",
+            as_json(&calibrated, &errors, others.len())
+        ));
     }
     print_out(as_table(&calibrated, &errors, others.len()).trim_end())
 }
@@ -90,14 +88,10 @@ fn folder(path: &Path) -> String {
 
 fn as_table(calibrated: &Calibrated, errors: &[OutputErrors], frames: usize) -> String {
     let mut text = format!(
-        "calibration: {}\n\n{:24} {:>8} {:>10} {:>10} {:>10}\n",
-        calibrated.manifest.provenance.calibration,
-        "level",
-        "channels",
-        "smallest",
-        "middle",
-        "largest"
+        "calibration: {}\n\n",
+        calibrated.manifest.provenance.calibration
     );
+    text += "level                    channels   smallest     middle    largest\n";
     for level in &calibrated.levels {
         let [smallest, middle, largest] = level.ranges;
         text += &format!(
@@ -107,36 +101,30 @@ fn as_table(calibrated: &Calibrated, errors: &[OutputErrors], frames: usize) -> 
     }
     text += &format!("\nerror against f32, of its root mean square, on {frames} frames\n");
     for precision in errors {
-        let outputs = precision.outputs.iter();
-        let outputs: Vec<_> = outputs
-            .map(|(name, error)| format!("{name} {:.2} %", 100.0 * error))
-            .collect();
+        let percent = |(name, error): &(String, f64)| format!("{name} {:.2} %", 100.0 * error);
+        let outputs: Vec<_> = precision.outputs.iter().map(percent).collect();
         text += &format!("{:5} {}\n", precision.precision, outputs.join(", "));
     }
     text
 }
 
-fn as_json(
-    calibrated: &Calibrated,
-    errors: &[OutputErrors],
-    others: &[String],
-) -> serde_json::Value {
-    let levels = calibrated.levels.iter().map(|level| {
-        json!({"level": level.level, "channels": level.channels, "smallest": level.ranges[0],
-               "middle": level.ranges[1], "largest": level.ranges[2]})
-    });
+fn as_json(calibrated: &Calibrated, errors: &[OutputErrors], others: usize) -> Value {
+    let level = |level: &LevelRange| {
+        let [smallest, middle, largest] = level.ranges;
+        json!({"level": level.level, "channels": level.channels, "smallest": smallest,
+               "middle": middle, "largest": largest})
+    };
     let errors = errors.iter().map(|errors| {
-        let outputs: serde_json::Map<_, _> = errors
-            .outputs
-            .iter()
-            .map(|(name, error)| (name.clone(), json!(error)))
-            .collect();
-        (errors.precision.name().to_string(), outputs.into())
+        let outputs = errors.outputs.iter().cloned();
+        (
+            errors.precision.name(),
+            outputs.collect::<BTreeMap<String, f64>>(),
+        )
     });
     json!({
         "calibration": calibrated.manifest.provenance.calibration,
-        "levels": levels.collect::<Vec<_>>(),
-        "errors": errors.collect::<serde_json::Map<_, _>>(),
-        "frames_compared": others.len(),
+        "levels": calibrated.levels.iter().map(level).collect::<Vec<_>>(),
+        "errors": errors.collect::<BTreeMap<_, _>>(),
+        "frames_compared": others,
     })
 }

@@ -67,10 +67,17 @@ impl Progress {
     }
 }
 
-/// A bar that counts frames, shown only on a terminal.
-pub(crate) fn frames_bar(what: &str, frames: usize) -> ProgressBar {
+/// Does work that calls what it is given after each frame; on a terminal a bar counts them.
+pub(crate) fn counted<T>(
+    what: &str,
+    frames: usize,
+    work: impl FnOnce(&(dyn Fn() + Sync)) -> T,
+) -> T {
     let style = "{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left";
-    Progress::new(what, frames as u64, style).bar
+    let bar = Progress::new(what, frames as u64, style).bar;
+    let result = work(&|| bar.inc(1));
+    bar.finish_and_clear();
+    result
 }
 
 /// An option's value by its name.

@@ -36,10 +36,12 @@ impl Canvas {
 
     /// Mixes a colour into a pixel; `alpha` 0 leaves it, 1 replaces it. Outside nothing happens.
     pub fn blend(&mut self, x: i64, y: i64, color: Color, alpha: f32) {
-        if x < 0 || y < 0 || x >= self.width_px as i64 || y >= self.height_px as i64 {
+        let (x, y) = (x as usize, y as usize);
+        // A place below 0 is beyond any side.
+        if x >= self.width_px || y >= self.height_px {
             return;
         }
-        let pixel = &mut self.pixels[y as usize * self.width_px + x as usize];
+        let pixel = &mut self.pixels[y * self.width_px + x];
         let alpha = alpha.clamp(0.0, 1.0);
         for (old, new) in pixel.iter_mut().zip(color) {
             *old = (f32::from(*old) + (f32::from(new) - f32::from(*old)) * alpha).round() as u8;
@@ -99,9 +101,8 @@ impl Canvas {
         for (index, letter) in text.chars().enumerate() {
             let left = at[0] + index as i64 * (GLYPH_COLUMNS as i64 + 1) * scale;
             for (row, bits) in glyph(letter).into_iter().enumerate() {
-                for column in
-                    (0..GLYPH_COLUMNS).filter(|c| bits >> (GLYPH_COLUMNS - 1 - c) & 1 == 1)
-                {
+                let is_dot = |column: &usize| bits >> (GLYPH_COLUMNS - 1 - column) & 1 == 1;
+                for column in (0..GLYPH_COLUMNS).filter(is_dot) {
                     let (x, y) = (left + column as i64 * scale, at[1] + row as i64 * scale);
                     self.rectangle([x, y], [x + scale, y + scale], color, 1.0);
                 }
@@ -158,11 +159,8 @@ impl Canvas {
 fn distance_to_segment(p: [f32; 2], a: [f32; 2], b: [f32; 2]) -> f32 {
     let (d, q) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
     let length = d[0] * d[0] + d[1] * d[1];
-    let t = if length > 0.0 {
-        ((q[0] * d[0] + q[1] * d[1]) / length).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
+    let along = ((q[0] * d[0] + q[1] * d[1]) / length).clamp(0.0, 1.0);
+    let t = if length > 0.0 { along } else { 0.0 };
     (q[0] - t * d[0]).hypot(q[1] - t * d[1])
 }
 
@@ -196,11 +194,8 @@ mod tests {
     #[test]
     fn polygons_fill_and_rings_do_not() {
         let mut canvas = Canvas::new(40, 40, BLACK);
-        canvas.polygon(
-            &[[5.0, 5.0], [35.0, 5.0], [35.0, 35.0], [5.0, 35.0]],
-            WHITE,
-            1.0,
-        );
+        let corners = [[5.0, 5.0], [35.0, 5.0], [35.0, 35.0], [5.0, 35.0]];
+        canvas.polygon(&corners, WHITE, 1.0);
         assert_eq!(canvas.pixel(20, 20), Some(WHITE));
         let mut canvas = Canvas::new(40, 40, BLACK);
         canvas.ring([20.0, 20.0], 10.0, 2.0, WHITE, 1.0);

@@ -30,10 +30,8 @@ impl Captions {
         let places = beside(to_right)
             .chain(beside(to_left))
             .chain([[left, top - GAP_PX - height], [left, bottom + GAP_PX]]);
-        let place = places
-            .into_iter()
-            .find(|[x, y]| self.is_free([*x, *y, x + width, y + height]))
-            .unwrap_or([to_right, top - 2]);
+        let mut free = places.filter(|[x, y]| self.is_free([*x, *y, x + width, y + height]));
+        let place = free.next().unwrap_or([to_right, top - 2]);
         let within = |i: usize, length: i64| place[i].clamp(0, (self.size_px[i] - length).max(0));
         let place = [within(0, width), within(1, height)];
         self.taken
@@ -43,9 +41,8 @@ impl Captions {
 
     fn is_free(&self, a: [i64; 4]) -> bool {
         let covers = |b: &[i64; 4]| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
-        let is_inside =
-            a[0] >= 0 && a[1] >= 0 && a[2] <= self.size_px[0] && a[3] <= self.size_px[1];
-        is_inside && !self.taken.iter().any(covers)
+        let fits = |axis: usize| a[axis] >= 0 && a[axis + 2] <= self.size_px[axis];
+        fits(0) && fits(1) && !self.taken.iter().any(covers)
     }
 }
 
@@ -53,40 +50,36 @@ impl Captions {
 mod tests {
     use super::*;
 
-    const PICTURE_PX: [usize; 2] = [400, 400];
-
-    #[test]
-    fn texts_stay_in_the_picture() {
-        let mut captions = Captions::among(vec![[34, 90, 80, 130]], PICTURE_PX);
-        let [x, y] = captions.place([8, 100, 30, 110], [59, 7]);
-        assert!(x >= 0 && y >= 0, "{x} {y}");
-        assert_eq!(captions.place([380, 395, 399, 399], [60, 7])[0], 316);
+    fn captions(boxes: &[[i64; 4]]) -> Captions {
+        Captions::among(boxes.to_vec(), [400, 400])
     }
 
     #[test]
-    fn texts_of_boxes_in_one_place_stand_below_each_other() {
-        let mut captions = Captions::among(vec![], PICTURE_PX);
-        let places = [0; 3].map(|_| captions.place([100, 50, 120, 90], [60, 7]));
+    fn a_text_stays_in_the_picture_and_off_other_boxes() {
+        let mut narrow = captions(&[[34, 90, 80, 130]]);
+        let [x, y] = narrow.place([8, 100, 30, 110], [59, 7]);
+        assert!(x >= 0 && y >= 0, "{x} {y}");
+        assert_eq!(narrow.place([380, 395, 399, 399], [60, 7])[0], 316);
+        let mut beside = captions(&[[130, 40, 300, 70]]);
+        assert_eq!(beside.place([100, 50, 120, 90], [60, 7]), [124, 75]);
+    }
+
+    #[test]
+    fn texts_of_boxes_in_one_place_stand_apart_while_there_is_room() {
+        let mut few = captions(&[]);
+        let places = [0; 3].map(|_| few.place([100, 50, 120, 90], [60, 7]));
         assert_eq!(places[0], [124, 48]);
         for (i, a) in places.iter().enumerate() {
             for b in &places[..i] {
                 assert!((a[1] - b[1]).abs() >= 7 || (a[0] - b[0]).abs() >= 60);
             }
         }
-    }
-
-    #[test]
-    fn a_text_is_not_written_over_another_box() {
-        let mut captions = Captions::among(vec![[130, 40, 300, 70]], PICTURE_PX);
-        assert_eq!(captions.place([100, 50, 120, 90], [60, 7]), [124, 75]);
-    }
-
-    #[test]
-    fn where_all_is_taken_the_text_is_there_all_the_same() {
-        let mut captions = Captions::among(vec![], PICTURE_PX);
-        for _ in 0..100 {
-            captions.place([0, 0, 10, 10], [60, 7]);
-        }
-        assert_eq!(captions.place([0, 0, 10, 10], [60, 7]), [14, 0]);
+        let mut many = captions(&[]);
+        let places = [0; 101].map(|_| many.place([0, 0, 10, 10], [60, 7]));
+        assert_eq!(
+            places[100],
+            [14, 0],
+            "where all is taken the text is there all the same"
+        );
     }
 }

@@ -1,6 +1,6 @@
 //! `mluc-lab evaluate ap`: detections of any program against labels.
 
-use super::shared::{check_unknown, warn_unheard};
+use super::{check_unknown, warn_unheard};
 use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
 use mluc_evaluate::input::{read, sources};

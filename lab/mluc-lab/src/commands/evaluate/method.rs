@@ -1,7 +1,7 @@
 //! `mluc-lab evaluate method`: rows of the paper's tables on labelled scans.
 
-use super::shared::{Scans, warn_unheard};
-use crate::commands::terminal::{frames_bar, print_out};
+use super::{Scans, warn_unheard};
+use crate::commands::terminal::{counted, print_out};
 use anyhow::Context;
 use clap::Args;
 use mluc_backbone::Precision;
@@ -46,19 +46,14 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
         method.check(&model)?;
     }
     let set = FrameSet::open(&scans.data, None, scans.frames)?;
-    let bar = frames_bar("network", set.len());
-    let frames = detect_frames(Precision::default(), &model, &set, || bar.inc(1))?;
-    bar.finish_and_clear();
+    let frames = counted("network", set.len(), |step| {
+        detect_frames(Precision::default(), &model, &set, step)
+    })?;
     let rules = class_rules(&model)?;
-    warn_unheard(
-        frames.iter().flat_map(|frame| frame.truth.labels.iter()),
-        &rules,
-    );
-    print_out(format_args!(
-        "{}: {}",
-        scans.model.display(),
-        set.describe()
-    ))?;
+    let labels = frames.iter().flat_map(|frame| frame.truth.labels.iter());
+    warn_unheard(labels, &rules);
+    let path = scans.model.display();
+    print_out(format_args!("{path}: {}", set.describe()))?;
     for s in separation(&frames, &rules) {
         let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{:.1}", 100.0 * v));
         let [auroc, fpr, background] = [s.auroc, s.fpr95, s.auroc_background].map(percent);
@@ -76,14 +71,14 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
             vec![method.row().key.as_str()]
         };
         for (at, name) in rows.into_iter().enumerate() {
-            let bar = frames_bar(name, set.len());
-            let input = MethodInput {
-                full_step: if is_ablation { at } else { usize::MAX },
-                step: &|| bar.inc(1),
-                ..MethodInput::new(&model, &set, &frames)
-            };
-            let output = run_method(method, &input)?;
-            bar.finish_and_clear();
+            let output = counted(name, set.len(), |step| {
+                let input = MethodInput {
+                    full_step: if is_ablation { at } else { usize::MAX },
+                    step,
+                    ..MethodInput::new(&model, &set, &frames)
+                };
+                run_method(method, &input)
+            })?;
             let points = output.sweep(&frames, &rules);
             write_row(name, &points, &output, arguments.curve)?;
         }
@@ -150,12 +145,8 @@ fn write_row(
     };
     let honest = honest(points).map_or(String::new(), |h| {
         let of = |name: &str| h.figures.get(name).copied().unwrap_or(0.0);
-        format!(
-            " | {:.2} {:.2} {:.2}",
-            of("map_known"),
-            of("ap_unknown"),
-            of("map_harm")
-        )
+        let [known, unknown, harm] = ["map_known", "ap_unknown", "map_harm"].map(of);
+        format!(" | {known:.2} {unknown:.2} {harm:.2}")
     });
     print_out(format_args!("{name:28} {}{honest}", line(best)))?;
     for at in (0..points.len()).filter(|_| curve) {

@@ -4,9 +4,14 @@ mod ap;
 mod method;
 mod model;
 mod report;
-mod shared;
 
+use crate::commands::terminal::print_err;
+use anyhow::ensure;
 use clap::{Args, Subcommand};
+use mluc_dataset::Label;
+use mluc_evaluate::{ClassRule, unheard};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
 
 /// Judge detections against labels.
 #[derive(Args)]
@@ -29,4 +34,56 @@ pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
         What::Model(arguments) => model::run(arguments),
         What::Method(arguments) => method::run(arguments),
     }
+}
+
+/// A network and the scans that it is run on.
+#[derive(Args)]
+struct Scans {
+    /// Model file.
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Folder in KITTI's format: velodyne, label_2, calib.
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// First so many frames.
+    #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_name = "N")]
+    frames: usize,
+}
+
+impl Scans {
+    fn check(&self) -> anyhow::Result<()> {
+        ensure!(self.frames > 0, "--frames: expected 1 or more, found 0");
+        Ok(())
+    }
+}
+
+/// Warns of labels that no rule judges and of a class that nobody has heard of: a detection of such an object counts as false.
+fn warn_unheard<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) {
+    for class in unheard(labels, rules) {
+        print_err(format_args!(
+            "warning: labels of class {class}, which is none of KITTI's nor of the simulator's; misspelt?"
+        ));
+    }
+}
+
+/// Checks the names given with --unknown: one without labels is a warning, labels of none of them an error.
+fn check_unknown<'a>(
+    labels: impl Iterator<Item = &'a Label>,
+    unknown: &[String],
+) -> anyhow::Result<()> {
+    let labelled: BTreeSet<String> = labels.map(|l| l.class.to_ascii_lowercase()).collect();
+    let is_missing = |name: &&String| !labelled.contains(&name.to_ascii_lowercase());
+    let missing: Vec<&String> = unknown.iter().filter(is_missing).collect();
+    ensure!(
+        missing.is_empty() || missing.len() < unknown.len(),
+        "--unknown {}: expected classes of the labels ({}), found none of them",
+        unknown.join(","),
+        labelled.into_iter().collect::<Vec<_>>().join(", ")
+    );
+    for name in missing {
+        print_err(format_args!(
+            "warning: --unknown {name}: no label is of this class; misspelt?"
+        ));
+    }
+    Ok(())
 }

@@ -1,8 +1,8 @@
 //! `mluc-lab evaluate model`: the whole pipeline over labelled scans.
 
 use super::report::Outcome;
-use super::shared::{Scans, check_unknown, warn_unheard};
-use crate::commands::terminal::{frames_bar, one_of, print_out};
+use super::{Scans, check_unknown, warn_unheard};
+use crate::commands::terminal::{counted, one_of, print_out};
 use anyhow::Context;
 use clap::Args;
 use mluc_backbone::Precision;
@@ -68,9 +68,9 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         variant: arguments.refiner,
         ..Settings::default()
     };
-    let bar = frames_bar("network", set.len());
-    let frames = detect_frames(arguments.precision, &model, &set, || bar.inc(1))?;
-    bar.finish_and_clear();
+    let frames = counted("network", set.len(), |step| {
+        detect_frames(arguments.precision, &model, &set, step)
+    })?;
     if let Some(path) = &arguments.boxes {
         write_boxes(path, &model, &set, &frames)?;
     }
@@ -85,14 +85,13 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let neighbours = arguments.neighbours;
     let judgement = judge(&model, &set, &frames, &unknown, neighbours, &settings)?;
     warn_unheard(labels(), &judgement.rules);
-    let mut sweep = None;
-    if arguments.sweep || arguments.write_threshold {
-        let bar = frames_bar("thresholds", set.len());
-        let step = || bar.inc(1);
-        let swept = sweep_gate(&model, &set, &frames, &judgement.rules, &settings, &step)?;
-        bar.finish_and_clear();
-        sweep = Some(swept);
-    }
+    let is_swept = arguments.sweep || arguments.write_threshold;
+    let sweep = is_swept.then(|| {
+        counted("thresholds", set.len(), |step| {
+            sweep_gate(&model, &set, &frames, &judgement.rules, &settings, step)
+        })
+    });
+    let sweep = sweep.transpose()?;
     let mut choice = None;
     if let (Some(sweep), true) = (&sweep, arguments.write_threshold) {
         let (gate, variant) = (ModelGate::of(&model), settings.variant.name());
