@@ -1,8 +1,11 @@
-//! The forward convolution; with transposed weights and gather, also the gradient of its input.
+//! The forward convolution, cut into blocks of rows; with transposed weights and gather, also the gradient of its input.
+
+use std::ops::Range;
 
 use crate::{
-    Bf16, Element, Epilogue, Gather, Level, Weights, WeightsBf16, WeightsInt8, block::Job,
-    packed::Packed,
+    Element, Epilogue, Gather, Level, Weights,
+    simd::{BLOCK, Kernel, Lists, Room, Simd, clamp, convolve_tiles},
+    weights::{PANEL_MAX, Panel, panels},
 };
 
 /// `output[o] = epilogue(sum over taps t, channels c of input[gather(o, t)][c] * weights[t][c])`.
@@ -11,174 +14,55 @@ use crate::{
 /// is written (`None`: at `o`); rows that are not named keep what they hold. Rows in ascending order, the natural one,
 /// are written in place; any other order costs one more pass over the result.
 ///
-/// Sums are f32; the output holds f32 or is rounded to bf16, for a layer whose successor multiplies that.
+/// Sums of f32 and bf16 are f32; those of bytes are exact, each becomes an f32, is multiplied by its channel's scale,
+/// then the bias is added. The output is rounded to what it holds.
 ///
-/// Runs over rayon's ambient pool; the bits of the result do not depend on the number of threads. Allocates nothing
-/// when the rows ascend.
+/// Runs over rayon's ambient pool; the bits of the result do not depend on the number of threads. Those of bf16 do
+/// depend on the processor: some round twice where others round once. Allocates nothing when the rows ascend.
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
-pub fn convolve<O: Element>(
-    input: &[f32],
+pub fn convolve<I: Element, O: Element>(
+    input: &[I],
     gather: &Gather,
-    weights: &Weights,
+    weights: &Weights<I>,
     epilogue: Epilogue,
     output_rows: Option<&[u32]>,
     output: &mut [O],
 ) {
-    convolve_at(
-        Level::best(),
-        input,
-        gather,
-        weights,
-        epilogue,
-        output_rows,
-        output,
-    );
+    let level = Level::best();
+    convolve_at(level, input, gather, weights, epilogue, output_rows, output);
 }
 
 /// [`convolve`] with the registers of `level`, for tests and measurements.
-pub fn convolve_at<O: Element>(
+pub fn convolve_at<I: Element, O: Element>(
     level: Level,
-    input: &[f32],
+    input: &[I],
     gather: &Gather,
-    weights: &Weights,
+    weights: &Weights<I>,
     epilogue: Epilogue,
     output_rows: Option<&[u32]>,
     output: &mut [O],
 ) {
-    start(
-        Job {
-            level,
-            input,
-            gather,
-            weights,
-            epilogue,
-        },
-        output_rows,
-        output,
-    );
-}
-
-/// [`convolve`] on bf16 rows and weights, with sums in f32; the output is bf16 or f32.
-///
-/// The bits do not depend on the number of threads. They do depend on the processor: some round twice where others
-/// round once.
-///
-/// # Panics
-/// As [`convolve`].
-pub fn convolve_bf16<O: Element>(
-    input: &[Bf16],
-    gather: &Gather,
-    weights: &WeightsBf16,
-    epilogue: Epilogue,
-    output_rows: Option<&[u32]>,
-    output: &mut [O],
-) {
-    convolve_bf16_at(
-        Level::best(),
-        input,
-        gather,
-        weights,
-        epilogue,
-        output_rows,
-        output,
-    );
-}
-
-/// [`convolve_bf16`] with the registers of `level`, for tests and measurements.
-pub fn convolve_bf16_at<O: Element>(
-    level: Level,
-    input: &[Bf16],
-    gather: &Gather,
-    weights: &WeightsBf16,
-    epilogue: Epilogue,
-    output_rows: Option<&[u32]>,
-    output: &mut [O],
-) {
-    start(
-        Job {
-            level,
-            input,
-            gather,
-            weights,
-            epilogue,
-        },
-        output_rows,
-        output,
-    );
-}
-
-/// [`convolve`] on rows of bytes and weights in i8, with exact sums in i32; the output is u8, bf16 or f32.
-///
-/// `epilogue.bias` counts the output's units, as the weights do. Each sum becomes an f32, is multiplied by its channel's
-/// scale, then the bias is added: the same bits on every processor and with any number of threads.
-///
-/// # Panics
-/// As [`convolve`].
-pub fn convolve_int8<O: Element>(
-    input: &[u8],
-    gather: &Gather,
-    weights: &WeightsInt8,
-    epilogue: Epilogue,
-    output_rows: Option<&[u32]>,
-    output: &mut [O],
-) {
-    convolve_int8_at(
-        Level::best(),
-        input,
-        gather,
-        weights,
-        epilogue,
-        output_rows,
-        output,
-    );
-}
-
-/// [`convolve_int8`] with the registers of `level`, for tests and measurements.
-pub fn convolve_int8_at<O: Element>(
-    level: Level,
-    input: &[u8],
-    gather: &Gather,
-    weights: &WeightsInt8,
-    epilogue: Epilogue,
-    output_rows: Option<&[u32]>,
-    output: &mut [O],
-) {
-    start(
-        Job {
-            level,
-            input,
-            gather,
-            weights,
-            epilogue,
-        },
-        output_rows,
-        output,
-    );
-}
-
-fn start<W: Packed, O: Element>(job: Job<'_, W>, output_rows: Option<&[u32]>, output: &mut [O]) {
-    let (taps, cin, cout) = job.weights.shape();
-    let outputs = job.gather.outputs();
+    let Weights {
+        taps, cin, cout, ..
+    } = *weights;
+    let outputs = gather.outputs();
     if outputs == 0 || cout == 0 {
         return;
     }
-    assert_eq!(job.gather.taps, taps, "taps of gather and weights");
-    assert_eq!(
-        job.gather.index.len(),
-        outputs * taps,
-        "gather rows are whole"
-    );
-    assert!(
-        job.input.len().is_multiple_of(cin.max(1)),
-        "{} inputs in rows of {cin}",
-        job.input.len()
-    );
-    assert!(
-        job.epilogue.bias.is_none_or(|bias| bias.len() == cout),
-        "a bias for each of {cout} channels"
-    );
+    assert_eq!(gather.taps, taps, "taps of gather and weights");
+    assert_eq!(gather.index.len(), outputs * taps, "gather rows are whole");
+    let whole = input.len().is_multiple_of(cin.max(1));
+    assert!(whole, "{} inputs in rows of {cin}", input.len());
+    epilogue.check(cout);
+    let job = Job {
+        level,
+        input,
+        gather,
+        weights,
+        epilogue,
+    };
     let Some(rows) = output_rows else {
         return job.range(0..outputs, None, 0, &mut output[..outputs * cout]);
     };
@@ -190,5 +74,107 @@ fn start<W: Packed, O: Element>(job: Job<'_, W>, output_rows: Option<&[u32]>, ou
     job.range(0..outputs, None, 0, &mut ordered);
     for (row, from) in rows.iter().zip(ordered.chunks_exact(cout)) {
         output[*row as usize * cout..][..cout].copy_from_slice(from);
+    }
+}
+
+/// One convolution; its lengths have been checked.
+struct Job<'a, I: Element> {
+    level: Level,
+    input: &'a [I],
+    gather: &'a Gather,
+    weights: &'a Weights<I>,
+    epilogue: Epilogue<'a>,
+}
+
+impl<I: Element> Job<'_, I> {
+    /// Halves the rows, at a multiple of [`BLOCK`], down to one block each. `output` begins at row `first`; the rows
+    /// that `output_rows` names ascend.
+    fn range<O: Element>(
+        &self,
+        rows: Range<usize>,
+        output_rows: Option<&[u32]>,
+        first: usize,
+        output: &mut [O],
+    ) {
+        if rows.len() <= BLOCK {
+            return self.level.run(Block {
+                job: self,
+                rows,
+                output_rows,
+                first,
+                output,
+            });
+        }
+        let middle = rows.start + (rows.len().div_ceil(BLOCK) / 2) * BLOCK;
+        let middle_row = output_rows.map_or(middle, |places| places[middle] as usize);
+        let (low, high) = output.split_at_mut((middle_row - first) * self.weights.cout);
+        rayon::join(
+            || self.range(rows.start..middle, output_rows, first, low),
+            || self.range(middle..rows.end, output_rows, middle_row, high),
+        );
+    }
+}
+
+/// At most [`BLOCK`] output rows.
+struct Block<'a, I: Element, O> {
+    job: &'a Job<'a, I>,
+    rows: Range<usize>,
+    output_rows: Option<&'a [u32]>,
+    first: usize,
+    output: &'a mut [O],
+}
+
+impl<I: Element, O: Element> Kernel for Block<'_, I, O> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(mut self, simd: S) {
+        let mut room = Room::<I::Sum, { BLOCK * PANEL_MAX }>::new();
+        let mut lists = Lists::new();
+        for panel in panels(self.job.weights.cout) {
+            let mut bias = [0.0; PANEL_MAX];
+            if let Some(values) = self.job.epilogue.bias {
+                bias[..panel.used].copy_from_slice(&values[panel.first..][..panel.used]);
+            }
+            let mut first = [I::Sum::default(); PANEL_MAX];
+            let pairs = first.iter_mut().zip(&bias);
+            pairs.for_each(|(first, bias)| *first = I::begin(*bias));
+            let sums = room.rows(self.rows.len(), &first[..panel.width]);
+            self.accumulate(simd, panel, &mut lists, sums);
+            self.finish(panel, &bias[..panel.used], sums);
+        }
+    }
+}
+
+impl<I: Element, O: Element> Block<'_, I, O> {
+    #[inline(always)]
+    fn accumulate<S: Simd>(&self, simd: S, panel: Panel, lists: &mut Lists, sums: &mut [I::Sum]) {
+        let (input, weights) = (self.job.input, self.job.weights);
+        let (taps, cin, width) = (weights.taps, weights.cin, panel.width);
+        let index = &self.job.gather.index[self.rows.start * taps..self.rows.end * taps];
+        let size = I::tap_rows(cin) * width;
+        let mut tap = 0;
+        while tap < taps && cin > 0 {
+            let listed = lists.at_taps_from(simd, index, taps, tap);
+            let next = tap + listed.taps();
+            let weights = &weights.panel(panel)[tap * size..next * size];
+            convolve_tiles(simd, input, cin, listed, weights, width, sums);
+            tap = next;
+        }
+    }
+
+    #[inline(always)]
+    fn finish(&mut self, panel: Panel, bias: &[f32], sums: &[I::Sum]) {
+        let weights = self.job.weights;
+        let scale = &weights.scale()[panel.first..][..panel.used];
+        let floor = self.job.epilogue.floor();
+        for (row, sums) in self.rows.clone().zip(sums.chunks_exact(panel.width)) {
+            let row = self.output_rows.map_or(row, |rows| rows[row] as usize) - self.first;
+            let output = &mut self.output[row * weights.cout + panel.first..][..panel.used];
+            let channels = sums.iter().zip(scale).zip(bias);
+            for (y, ((&sum, &scale), &bias)) in output.iter_mut().zip(channels) {
+                *y = O::from_f32(clamp(I::finish(sum, scale, bias), floor));
+            }
+        }
     }
 }

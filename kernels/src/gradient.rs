@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use crate::{
     Gather,
     simd::{Aligned, AlignedArray, BLOCK, Kernel, LINE, Level, Lists, Simd, gradient_tiles},
-    weights::{PANEL_MAX, Panel, panels},
+    weights::{PANEL_MAX, Panel, check, panels},
 };
 
 /// Most partial sums of one call: enough to keep many cores evenly busy, few enough to add up quickly.
@@ -30,15 +30,8 @@ pub fn weight_gradient(
     cout: usize,
     gradient: &mut [f32],
 ) {
-    weight_gradient_at(
-        Level::best(),
-        input,
-        cin,
-        gather,
-        output_gradient,
-        cout,
-        gradient,
-    );
+    let level = Level::best();
+    weight_gradient_at(level, input, cin, gather, output_gradient, cout, gradient);
 }
 
 /// [`weight_gradient`] with the registers of `level`, for tests and measurements.
@@ -56,21 +49,11 @@ pub fn weight_gradient_at(
         return;
     }
     assert_eq!(gather.index.len(), outputs * taps, "gather rows are whole");
-    assert_eq!(
-        output_gradient.len(),
-        outputs * cout,
-        "{outputs} output rows of {cout}"
-    );
-    assert_eq!(
-        gradient.len(),
-        taps * cin * cout,
-        "weights of {taps} x {cin} x {cout}"
-    );
-    assert!(
-        input.len().is_multiple_of(cin),
-        "{} inputs in rows of {cin}",
-        input.len()
-    );
+    let rows = output_gradient.len();
+    assert_eq!(rows, outputs * cout, "{outputs} output rows of {cout}");
+    check(gradient, [taps, cin, cout]);
+    let whole = input.len().is_multiple_of(cin);
+    assert!(whole, "{} inputs in rows of {cin}", input.len());
     let blocks = outputs.div_ceil(BLOCK);
     let part_rows = blocks.div_ceil(PARTS_MAX).max(PART_BLOCKS_MIN) * BLOCK;
     let parts: Vec<Aligned<f32>> = gather
@@ -96,10 +79,8 @@ pub fn weight_gradient_at(
         .for_each(|(row, gradient)| {
             for part in &parts {
                 let part = &part.as_slice()[row * padded..][..cout];
-                gradient
-                    .iter_mut()
-                    .zip(part)
-                    .for_each(|(sum, part)| *sum += part);
+                let pairs = gradient.iter_mut().zip(part);
+                pairs.for_each(|(sum, part)| *sum += part);
             }
         });
 }
@@ -124,27 +105,17 @@ impl Kernel for Part<'_> {
         let mut rows = AlignedArray([0.0; BLOCK * PANEL_MAX]);
         let mut lists = Lists::new();
         let indices = self.index.chunks(BLOCK * self.taps);
-        for (index, output_gradient) in indices.zip(self.output_gradient.chunks(BLOCK * self.cout))
-        {
+        let blocks = indices.zip(self.output_gradient.chunks(BLOCK * self.cout));
+        for (index, output_gradient) in blocks {
             lists.forget();
             for panel in panels(self.cout) {
                 let rows = pack(output_gradient, self.cout, panel, &mut rows.0);
-                for (tap, sums) in sums
-                    .as_mut_slice()
-                    .chunks_exact_mut(self.cin * padded)
-                    .enumerate()
-                {
+                let sums = sums.as_mut_slice();
+                for (tap, sums) in sums.chunks_exact_mut(self.cin * padded).enumerate() {
                     let listed = lists.at_tap(simd, index, self.taps, tap);
-                    let sums = &mut sums[panel.first..];
+                    let (sums, width) = (&mut sums[panel.first..], panel.width);
                     gradient_tiles(
-                        simd,
-                        self.input,
-                        self.cin,
-                        listed,
-                        rows,
-                        panel.width,
-                        sums,
-                        padded,
+                        simd, self.input, self.cin, listed, rows, width, sums, padded,
                     );
                 }
             }

@@ -7,29 +7,23 @@
 //! layer of stride 1 in f32 takes less than half of the products tile by tile ([`convolve_winograd`]).
 
 mod batch_norm;
-mod block;
+mod bf16;
 mod convolve;
 mod element;
 mod gather;
 mod gradient;
-mod packed;
 mod simd;
 mod weights;
-mod weights_bf16;
-mod weights_int8;
 mod winograd;
 
-pub use batch_norm::{Statistics, batch_norm_backward, batch_norm_forward};
-pub use convolve::{
-    convolve, convolve_at, convolve_bf16, convolve_bf16_at, convolve_int8, convolve_int8_at,
-};
-pub use element::{Bf16, Element};
+pub use batch_norm::{BatchNorm, Statistics};
+pub use bf16::Bf16;
+pub use convolve::{convolve, convolve_at};
+pub use element::Element;
 pub use gather::{ABSENT, Gather};
 pub use gradient::{weight_gradient, weight_gradient_at};
-pub use simd::{Level, at_best, spin, spin_bf16, spin_int8};
+pub use simd::{Level, at_best, spin};
 pub use weights::Weights;
-pub use weights_bf16::WeightsBf16;
-pub use weights_int8::WeightsInt8;
 pub use winograd::{WeightsWinograd, WinogradTiles, convolve_winograd, convolve_winograd_at};
 
 /// What happens to a row after its sum.
@@ -52,6 +46,12 @@ impl Epilogue<'_> {
         bias: None,
         relu: true,
     };
+
+    /// Panics when a bias is not of so many channels.
+    fn check(&self, cout: usize) {
+        let fits = self.bias.is_none_or(|bias| bias.len() == cout);
+        assert!(fits, "a bias for each of {cout} channels");
+    }
 
     /// What no output is below.
     fn floor(&self) -> f32 {

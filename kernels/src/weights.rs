@@ -1,6 +1,9 @@
 //! Weights in the order the kernels read them.
 
-use crate::simd::{Aligned, LINE};
+use crate::{
+    Element,
+    simd::{Aligned, LINE},
+};
 
 /// Most output channels of one panel: four AVX-512 registers.
 pub(crate) const PANEL_MAX: usize = 64;
@@ -34,31 +37,31 @@ pub(crate) fn panels(cout: usize) -> impl Iterator<Item = Panel> {
     })
 }
 
-/// Weights of one convolution, packed: panels of up to 64 output channels, each `[tap][cin][width]`, 64-byte aligned,
-/// channels padded to a multiple of 16 with zeros.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Weights {
+/// Weights of one convolution on rows of `I`, packed: panels of up to 64 output channels, each `[tap][row][width]`,
+/// 64-byte aligned, channels padded to a multiple of 16 with zeros. A row holds an input channel in f32, two in bf16, or
+/// for rows of u8 four in i8, of which each output channel has a scale of its own: its largest weight is 127 of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Weights<I: Element = f32> {
     /// Taps of the kernel; equal to those of the gather.
     pub taps: usize,
-    /// Channels of an input row.
+    /// Channels of an input row; even for bf16.
     pub cin: usize,
     /// Channels of an output row.
     pub cout: usize,
-    data: Aligned<f32>,
+    data: Aligned<I::Weight>,
+    scale: Vec<f32>,
 }
 
-impl Weights {
-    /// Packs `[tap][cin][cout]`.
+impl<I: Element> Weights<I> {
+    /// Packs `[tap][cin][cout]`, rounded to what is packed. For rows of u8, `plain` turns counts of the input's units into
+    /// counts of the output's (f32 output: into values).
     ///
     /// # Panics
-    /// When `plain` has another length (a broken invariant, not data).
-    pub fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights {
-        assert_eq!(
-            plain.len(),
-            taps * cin * cout,
-            "weights of {taps} x {cin} x {cout}"
-        );
-        Weights::from_fn(taps, cin, cout, |tap, i, o| {
+    /// When `plain` has another length, `cin` is odd for bf16, or sums of u8 could exceed an i32: more than 66,311 inputs
+    /// of a value (a broken invariant, not data).
+    pub fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights<I> {
+        check(plain, [taps, cin, cout]);
+        Weights::from_fn(taps, cin, cout, |[tap, i, o]| {
             plain[(tap * cin + i) * cout + o]
         })
     }
@@ -66,14 +69,10 @@ impl Weights {
     /// Packs the transpose of `[tap][cin][cout]`, for the input gradient: rows of `cout` in, rows of `cin` out.
     ///
     /// # Panics
-    /// When `plain` has another length (a broken invariant, not data).
-    pub fn pack_transposed(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights {
-        assert_eq!(
-            plain.len(),
-            taps * cin * cout,
-            "weights of {taps} x {cin} x {cout}"
-        );
-        Weights::from_fn(taps, cout, cin, |tap, i, o| {
+    /// As [`Weights::pack`].
+    pub fn pack_transposed(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights<I> {
+        check(plain, [taps, cin, cout]);
+        Weights::from_fn(taps, cout, cin, |[tap, i, o]| {
             plain[(tap * cin + o) * cout + i]
         })
     }
@@ -82,15 +81,18 @@ impl Weights {
         taps: usize,
         cin: usize,
         cout: usize,
-        weight: impl Fn(usize, usize, usize) -> f32,
-    ) -> Weights {
-        let mut data = Aligned::zeros(taps * cin * cout.next_multiple_of(LINE));
+        weight: impl Fn([usize; 3]) -> f32,
+    ) -> Weights<I> {
+        let scale = I::scales([taps, cin, cout], &weight);
+        let (tap_rows, rows) = (I::tap_rows(cin), taps * I::tap_rows(cin));
+        let mut data = Aligned::zeros(rows * cout.next_multiple_of(LINE));
         let values = data.as_mut_slice();
         for panel in panels(cout) {
-            for row in 0..taps * cin {
-                let to = &mut values[panel.first * taps * cin + row * panel.width..][..panel.used];
-                for (o, to) in to.iter_mut().enumerate() {
-                    *to = weight(row / cin, row % cin, panel.first + o);
+            for row in 0..rows {
+                let (tap, tap_row) = (row / tap_rows, row % tap_rows);
+                let to = &mut values[panel.first * rows + row * panel.width..][..panel.used];
+                for (o, to) in (panel.first..).zip(to) {
+                    *to = I::pack(tap_row, cin, scale[o], |i| weight([tap, i, o]));
                 }
             }
         }
@@ -99,35 +101,43 @@ impl Weights {
             cin,
             cout,
             data,
+            scale,
         }
     }
 
-    /// `[tap][cin][width]` of one panel.
-    pub(crate) fn panel(&self, panel: Panel) -> &[f32] {
-        let rows = self.taps * self.cin;
+    /// What a packed weight of 1 is worth in each output channel.
+    pub fn scale(&self) -> &[f32] {
+        &self.scale
+    }
+
+    /// `[tap][row][width]` of one panel.
+    pub(crate) fn panel(&self, panel: Panel) -> &[I::Weight] {
+        let rows = self.taps * I::tap_rows(self.cin);
         &self.data.as_slice()[panel.first * rows..][..panel.width * rows]
     }
+}
+
+/// Panics when weights are of another shape.
+pub(crate) fn check(plain: &[f32], [taps, cin, cout]: [usize; 3]) {
+    let what = format_args!("weights of {taps} x {cin} x {cout}");
+    assert_eq!(plain.len(), taps * cin * cout, "{what}");
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Bf16;
 
     #[test]
     fn panels_cover_all_channels_once() {
         for cout in 1..=300 {
             let panels: Vec<_> = panels(cout).collect();
             assert_eq!(panels[0].first, 0);
-            assert!(
-                panels
-                    .windows(2)
-                    .all(|two| two[1].first == two[0].first + two[0].width)
-            );
-            assert!(
-                panels
-                    .iter()
-                    .all(|p| p.width % LINE == 0 && (LINE..=PANEL_MAX).contains(&p.width))
-            );
+            for two in panels.windows(2) {
+                assert_eq!(two[1].first, two[0].first + two[0].width);
+            }
+            let mut widths = panels.iter().map(|panel| panel.width);
+            assert!(widths.all(|width| width % LINE == 0 && (LINE..=PANEL_MAX).contains(&width)));
             assert_eq!(panels.iter().map(|p| p.used).sum::<usize>(), cout);
         }
     }
@@ -143,18 +153,15 @@ mod tests {
 
     #[test]
     fn transposed_twice_is_the_same() {
-        let plain: Vec<f32> = (0..9 * 5 * 18).map(|x| x as f32).collect();
-        let mut turned = vec![0.0; plain.len()];
-        for tap in 0..9 {
-            for i in 0..5 {
-                for o in 0..18 {
-                    turned[(tap * 18 + o) * 5 + i] = plain[(tap * 5 + i) * 18 + o];
-                }
-            }
+        let plain: Vec<f32> = (0..9 * 6 * 18).map(|x| x as f32).collect();
+        let turned = |i: usize| plain[(i / (6 * 18) * 6 + i % 6) * 18 + i / 6 % 18];
+        let turned: Vec<f32> = (0..plain.len()).map(turned).collect();
+        fn same<I: Element + PartialEq>(plain: &[f32], turned: &[f32]) {
+            let packed = Weights::<I>::pack(9, 6, 18, plain);
+            assert!(packed == Weights::pack_transposed(9, 18, 6, turned));
         }
-        assert_eq!(
-            Weights::pack(9, 5, 18, &plain),
-            Weights::pack_transposed(9, 18, 5, &turned)
-        );
+        same::<f32>(&plain, &turned);
+        same::<Bf16>(&plain, &turned);
+        same::<u8>(&plain, &turned);
     }
 }

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Random, assert_near, with_threads};
-use mluc_kernels::{Statistics, batch_norm_backward, batch_norm_forward};
+use mluc_kernels::{BatchNorm, Statistics};
 
 const EPS: f32 = 1e-3;
 
@@ -30,11 +30,8 @@ impl Case {
     fn random(rows: usize, channels: usize, multiplicity: f32, relu: bool) -> Case {
         let mut random = Random((rows * channels) as u64);
         // A mean far from zero is where a careless variance would show.
-        let x = random
-            .values(rows * channels)
-            .iter()
-            .map(|x| 3.0 * x + 20.0)
-            .collect();
+        let x = random.values(rows * channels).into_iter();
+        let x = x.map(|x| 3.0 * x + 20.0).collect();
         let (gamma, beta) = (random.values(channels), random.values(channels));
         Case {
             channels,
@@ -48,32 +45,17 @@ impl Case {
     }
 
     fn run(&self) -> Found {
-        let Case {
-            channels,
-            multiplicity,
-            relu,
-            ref x,
-            ref gamma,
-            ref beta,
-            ref dy,
-        } = *self;
-        let (mut y, mut dx) = (vec![f32::NAN; x.len()], dy.clone());
-        let statistics =
-            batch_norm_forward(x, channels, multiplicity, gamma, beta, EPS, relu, &mut y);
-        let (mut dgamma, mut dbeta) = (vec![0.5; channels], vec![0.5; channels]);
-        batch_norm_backward(
-            x,
-            &y,
-            &mut dx,
-            channels,
-            multiplicity,
-            gamma,
-            EPS,
-            &statistics,
-            relu,
-            &mut dgamma,
-            &mut dbeta,
-        );
+        let norm = BatchNorm {
+            gamma: &self.gamma,
+            beta: &self.beta,
+            eps: EPS,
+            relu: self.relu,
+            last_multiplicity: self.multiplicity,
+        };
+        let (mut y, mut dx) = (vec![f32::NAN; self.x.len()], self.dy.clone());
+        let statistics = norm.forward(&self.x, &mut y);
+        let (mut dgamma, mut dbeta) = (vec![0.5; self.channels], vec![0.5; self.channels]);
+        norm.backward(&self.x, &y, &mut dx, &statistics, &mut dgamma, &mut dbeta);
         Found {
             statistics,
             y,
@@ -81,6 +63,12 @@ impl Case {
             dgamma,
             dbeta,
         }
+    }
+
+    /// Outputs in f64, for a batch without multiplicity.
+    fn plain(&self) -> Vec<f64> {
+        let [x, gamma, beta] = [&self.x, &self.gamma, &self.beta].map(|values| wide(values));
+        plain(&x, self.channels, &gamma, &beta, self.relu)
     }
 
     /// The same batch with the last row repeated, an equal share of its gradient in each copy.
@@ -128,19 +116,8 @@ fn forward_equals_plain() {
     for (rows, channels) in [(1, 16), (2, 3), (5, 48), (257, 31), (1500, 96), (9001, 16)] {
         for relu in [false, true] {
             let case = Case::random(rows, channels, 1.0, relu);
-            let expected = plain(
-                &wide(&case.x),
-                channels,
-                &wide(&case.gamma),
-                &wide(&case.beta),
-                relu,
-            );
-            assert_near(
-                &case.run().y,
-                &expected,
-                1e-5,
-                &format!("{rows} x {channels}"),
-            );
+            let what = format!("{rows} x {channels}");
+            assert_near(&case.run().y, &case.plain(), 1e-5, &what);
         }
     }
 }
@@ -164,9 +141,8 @@ fn multiplicity_equals_the_row_written_out() {
             near(&found.dx[..last], &full.dx[..last]);
             let mut sum = vec![0.0; channels];
             for row in full.dx[last..].chunks_exact(channels) {
-                sum.iter_mut()
-                    .zip(row)
-                    .for_each(|(sum, dx)| *sum += f64::from(*dx));
+                let pairs = sum.iter_mut().zip(row);
+                pairs.for_each(|(sum, dx)| *sum += f64::from(*dx));
             }
             assert_near(&found.dx[last..], &sum, 1e-5, &what);
         }
@@ -177,51 +153,29 @@ fn multiplicity_equals_the_row_written_out() {
 fn gradients_equal_finite_differences() {
     let channels = 7;
     let case = Case::random(23, channels, 1.0, true);
-    let (x, gamma, beta, dy) = (
-        wide(&case.x),
-        wide(&case.gamma),
-        wide(&case.beta),
-        wide(&case.dy),
-    );
+    let [x, gamma, beta, dy] = [&case.x, &case.gamma, &case.beta, &case.dy].map(|v| wide(v));
     let loss = |x: &[f64], gamma: &[f64], beta: &[f64]| -> f64 {
-        plain(x, channels, gamma, beta, true)
-            .iter()
-            .zip(&dy)
-            .map(|(y, dy)| y * dy)
-            .sum()
+        let y = plain(x, channels, gamma, beta, true);
+        y.iter().zip(&dy).map(|(y, dy)| y * dy).sum()
     };
     let slope = |of: &[f64], loss: &dyn Fn(&[f64]) -> f64| -> Vec<f64> {
         let step = 1e-5;
         let nudged = |at: usize, by: f64| {
-            of.iter()
-                .enumerate()
-                .map(|(i, v)| v + if i == at { by } else { 0.0 })
-                .collect::<Vec<_>>()
+            let mut values = of.to_vec();
+            values[at] += by;
+            loss(&values)
         };
-        (0..of.len())
-            .map(|at| (loss(&nudged(at, step)) - loss(&nudged(at, -step))) / (2.0 * step))
-            .collect()
+        let slope = |at| (nudged(at, step) - nudged(at, -step)) / (2.0 * step);
+        (0..of.len()).map(slope).collect()
     };
     let found = case.run();
     let half = |values: Vec<f64>| values.iter().map(|v| v + 0.5).collect::<Vec<_>>();
-    assert_near(
-        &found.dx,
-        &slope(&x, &|x| loss(x, &gamma, &beta)),
-        1e-5,
-        "x",
-    );
-    assert_near(
-        &found.dgamma,
-        &half(slope(&gamma, &|gamma| loss(&x, gamma, &beta))),
-        1e-5,
-        "gamma",
-    );
-    assert_near(
-        &found.dbeta,
-        &half(slope(&beta, &|beta| loss(&x, &gamma, beta))),
-        1e-5,
-        "beta",
-    );
+    let expected = slope(&x, &|x| loss(x, &gamma, &beta));
+    assert_near(&found.dx, &expected, 1e-5, "x");
+    let expected = half(slope(&gamma, &|gamma| loss(&x, gamma, &beta)));
+    assert_near(&found.dgamma, &expected, 1e-5, "gamma");
+    let expected = half(slope(&beta, &|beta| loss(&x, &gamma, beta)));
+    assert_near(&found.dbeta, &expected, 1e-5, "beta");
 }
 
 #[test]
@@ -236,13 +190,7 @@ fn same_bits_with_any_number_of_threads() {
 fn no_rows_give_no_statistics() {
     let case = Case::random(0, 4, 1.0, true);
     let found = case.run();
-    assert_eq!(
-        found.statistics,
-        Statistics {
-            mean: vec![0.0; 4],
-            var: vec![0.0; 4],
-            count: 0.0
-        }
-    );
+    let Statistics { mean, var, count } = found.statistics;
+    assert_eq!((mean, var, count), (vec![0.0; 4], vec![0.0; 4], 0.0));
     assert_eq!((found.dgamma, found.dbeta), (vec![0.5; 4], vec![0.5; 4]));
 }

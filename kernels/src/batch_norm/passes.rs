@@ -1,6 +1,6 @@
 //! The passes over the rows of a batch. The compiler vectorises them for the level that runs them.
 
-use crate::simd::{Kernel, Simd};
+use crate::simd::{Kernel, Simd, clamp};
 
 /// Sum of x and of its square for each channel.
 pub(super) struct Moments<'a> {
@@ -43,15 +43,12 @@ impl Kernel for Products<'_> {
         let channels = self.mean.len();
         let mut sums = vec![0.0; 2 * channels];
         let (sum, product) = sums.split_at_mut(channels);
-        let rows = self
-            .x
-            .chunks_exact(channels)
-            .zip(self.y.chunks_exact(channels));
+        let (x, y) = (self.x.chunks_exact(channels), self.y.chunks_exact(channels));
+        let rows = x.zip(y);
         for ((x, y), dy) in rows.zip(self.dy.chunks_exact(channels)) {
             let values = x.iter().zip(y).zip(dy).zip(self.mean);
-            for ((((&x, &y), &dy), &mean), (sum, product)) in
-                values.zip(sum.iter_mut().zip(&mut *product))
-            {
+            let sums = sum.iter_mut().zip(&mut *product);
+            for ((((&x, &y), &dy), &mean), (sum, product)) in values.zip(sums) {
                 let dy = if y > 0.0 || !self.relu { dy } else { 0.0 };
                 *sum += f64::from(dy);
                 *product += f64::from(dy * (x - mean));
@@ -77,18 +74,13 @@ impl Kernel for Normalise<'_> {
     fn run<S: Simd>(self, _: S) {
         let channels = self.mean.len();
         let floor = if self.relu { 0.0 } else { f32::NEG_INFINITY };
-        for (y, x) in self
-            .y
-            .chunks_exact_mut(channels)
-            .zip(self.x.chunks_exact(channels))
-        {
-            let values = x
-                .iter()
-                .zip(self.mean)
-                .zip(self.scale.iter().zip(self.beta));
+        let rows = self.y.chunks_exact_mut(channels);
+        for (y, x) in rows.zip(self.x.chunks_exact(channels)) {
+            let affine = self.scale.iter().zip(self.beta);
+            let values = x.iter().zip(self.mean).zip(affine);
             for (y, ((&x, &mean), (&scale, &beta))) in y.iter_mut().zip(values) {
                 let value = (x - mean) * scale + beta;
-                *y = if value < floor { floor } else { value };
+                *y = clamp(value, floor);
             }
         }
     }
@@ -117,21 +109,13 @@ impl Kernel for Differentiate<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let channels = self.mean.len();
-        let Slope {
-            gain,
-            mean: offset,
-            slant,
-        } = self.slope;
-        let rows = self
-            .x
-            .chunks_exact(channels)
-            .zip(self.y.chunks_exact(channels));
+        let (x, y) = (self.x.chunks_exact(channels), self.y.chunks_exact(channels));
+        let rows = x.zip(y);
         for (dy, (x, y)) in self.dy.chunks_exact_mut(channels).zip(rows) {
             let values = x.iter().zip(y).zip(self.mean);
-            let slopes = gain.iter().zip(offset).zip(slant);
-            for (dy, (((&x, &y), &mean), ((&gain, &offset), &slant))) in
-                dy.iter_mut().zip(values.zip(slopes))
-            {
+            let Slope { gain, mean, slant } = self.slope;
+            let values = values.zip(gain.iter().zip(mean).zip(slant));
+            for (dy, (((&x, &y), &mean), ((&gain, &offset), &slant))) in dy.iter_mut().zip(values) {
                 let open = if y > 0.0 || !self.relu { *dy } else { 0.0 };
                 *dy = gain * open - self.multiplicity * (offset + (x - mean) * slant);
             }

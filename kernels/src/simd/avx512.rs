@@ -1,7 +1,7 @@
 //! AVX-512: 32 registers of 16 f32. With `BF16` and `VNNI` also its products of bf16 (two a lane and a cycle) and of
 //! bytes (four).
 
-use std::arch::x86_64::*;
+use std::{arch::x86_64::*, mem::transmute};
 
 use super::{Kernel, Lists, Simd};
 
@@ -21,7 +21,7 @@ pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx512::<false, false>(()))
 }
 
-/// Runs `kernel` compiled for these registers and their products of bytes.
+/// [`run`], with products of bytes.
 ///
 /// # Safety
 /// The processor has the features named below.
@@ -30,7 +30,7 @@ pub(crate) unsafe fn run_vnni<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx512::<false, true>(()))
 }
 
-/// Runs `kernel` compiled for these registers, their products of bytes and of bf16.
+/// [`run`], with products of bytes and of bf16.
 ///
 /// # Safety
 /// The processor has the features named below.
@@ -39,25 +39,77 @@ pub(crate) unsafe fn run_bf16<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx512::<true, true>(()))
 }
 
-impl<const BF16: bool, const VNNI: bool> Avx512<BF16, VNNI> {
-    /// The two bf16 of each lane as f32.
+// SAFETY (all below): self is the proof of the features; for pointers the caller vouches.
+impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
+    type Vector = __m512;
+    type Bits = __m512i;
+    const LANES: usize = 16;
+    const REGISTERS: usize = 32;
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> __m512 {
+        unsafe { _mm512_set1_ps(value) }
+    }
+
+    #[inline(always)]
+    fn fma(self, a: __m512, b: __m512, c: __m512) -> __m512 {
+        unsafe { _mm512_fmadd_ps(a, b, c) }
+    }
+
+    #[inline(always)]
+    unsafe fn load(self, from: *const f32) -> __m512 {
+        unsafe { _mm512_loadu_ps(from) }
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32, value: __m512) {
+        unsafe { _mm512_storeu_ps(to, value) }
+    }
+
+    #[inline(always)]
+    fn splat_bits(self, lane: u32) -> __m512i {
+        unsafe { _mm512_set1_epi32(lane as i32) }
+    }
+
+    #[inline(always)]
+    unsafe fn load_bits(self, from: *const u32) -> __m512i {
+        unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_bits(self, to: *mut u32, value: __m512i) {
+        unsafe { _mm512_storeu_si512(to.cast(), value) }
+    }
+
     #[inline(always)]
     fn halves(self, pairs: __m512i) -> (__m512, __m512) {
-        // SAFETY: self is the proof of the features.
         unsafe {
-            let high = _mm512_set1_epi32(0xffff_0000_u32 as i32);
-            (
-                _mm512_castsi512_ps(_mm512_slli_epi32::<16>(pairs)),
-                _mm512_castsi512_ps(_mm512_and_si512(pairs, high)),
-            )
+            let low = _mm512_slli_epi32::<16>(pairs);
+            let high = _mm512_and_si512(pairs, _mm512_set1_epi32(0xffff_0000_u32 as i32));
+            (_mm512_castsi512_ps(low), _mm512_castsi512_ps(high))
         }
     }
 
-    /// Byte products by way of 16 bits: `_mm512_maddubs_epi16` would saturate.
     #[inline(always)]
-    fn dot_widened(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
-        // SAFETY: self is the proof of the features.
+    fn dot_pairs(self, a: __m512i, b: __m512i, c: __m512) -> __m512 {
+        if BF16 {
+            // SAFETY: also, both types are 64 bytes of which every pattern is valid.
+            return unsafe {
+                let a = transmute::<__m512i, __m512bh>(a);
+                _mm512_dpbf16_ps(c, a, transmute::<__m512i, __m512bh>(b))
+            };
+        }
+        let (a, b) = (self.halves(a), self.halves(b));
+        self.fma(a.1, b.1, self.fma(a.0, b.0, c))
+    }
+
+    /// Without VNNI by way of 16 bits: `_mm512_maddubs_epi16` would saturate.
+    #[inline(always)]
+    fn dot_quads(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
         unsafe {
+            if VNNI {
+                return _mm512_dpbusd_epi32(c, a, b);
+            }
             let a_even = _mm512_and_si512(a, _mm512_set1_epi16(0xff));
             let b_even = _mm512_srai_epi16::<8>(_mm512_slli_epi16::<8>(b));
             let even = _mm512_madd_epi16(a_even, b_even);
@@ -65,107 +117,10 @@ impl<const BF16: bool, const VNNI: bool> Avx512<BF16, VNNI> {
             _mm512_add_epi32(c, _mm512_add_epi32(even, odd))
         }
     }
-}
-
-impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
-    type Vector = __m512;
-    type Pairs = __m512i;
-    type Integers = __m512i;
-    type Quads = __m512i;
-    const LANES: usize = 16;
-    const REGISTERS: usize = 32;
-    const SIGNED_QUADS: bool = false;
 
     #[inline(always)]
-    fn splat(self, value: f32) -> __m512 {
-        // SAFETY: self is the proof of the features.
-        unsafe { _mm512_set1_ps(value) }
-    }
-
-    #[inline(always)]
-    fn fma(self, a: __m512, b: __m512, c: __m512) -> __m512 {
-        // SAFETY: self is the proof of the features.
-        unsafe { _mm512_fmadd_ps(a, b, c) }
-    }
-
-    #[inline(always)]
-    unsafe fn load(self, from: *const f32) -> __m512 {
-        // SAFETY: the caller vouches for `from`, self for the features.
-        unsafe { _mm512_loadu_ps(from) }
-    }
-
-    #[inline(always)]
-    unsafe fn store(self, to: *mut f32, value: __m512) {
-        // SAFETY: the caller vouches for `to`, self for the features.
-        unsafe { _mm512_storeu_ps(to, value) }
-    }
-
-    #[inline(always)]
-    fn splat_pair(self, pair: u32) -> __m512i {
-        // SAFETY: self is the proof of the features.
-        unsafe { _mm512_set1_epi32(pair as i32) }
-    }
-
-    #[inline(always)]
-    fn dot(self, a: __m512i, b: __m512i, c: __m512) -> __m512 {
-        if BF16 {
-            // SAFETY: self is the proof of the features; both types are 64 bytes of which every pattern is valid.
-            return unsafe {
-                let (a, b) = (
-                    std::mem::transmute::<__m512i, __m512bh>(a),
-                    std::mem::transmute::<__m512i, __m512bh>(b),
-                );
-                _mm512_dpbf16_ps(c, a, b)
-            };
-        }
-        let (a, b) = (self.halves(a), self.halves(b));
-        self.fma(a.1, b.1, self.fma(a.0, b.0, c))
-    }
-
-    #[inline(always)]
-    unsafe fn load_pairs(self, from: *const u32) -> __m512i {
-        // SAFETY: the caller vouches for `from`, self for the features.
-        unsafe { _mm512_loadu_si512(from.cast()) }
-    }
-
-    #[inline(always)]
-    fn splat_quad(self, quad: u32) -> __m512i {
-        // SAFETY: self is the proof of the features.
-        unsafe { _mm512_set1_epi32(quad as i32) }
-    }
-
-    #[inline(always)]
-    fn dot_quads(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
-        if VNNI {
-            // SAFETY: self is the proof of the features.
-            unsafe { _mm512_dpbusd_epi32(c, a, b) }
-        } else {
-            self.dot_widened(a, b, c)
-        }
-    }
-
-    #[inline(always)]
-    fn add_integers(self, a: __m512i, b: __m512i) -> __m512i {
-        // SAFETY: self is the proof of the features.
+    fn add_bits(self, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_add_epi32(a, b) }
-    }
-
-    #[inline(always)]
-    unsafe fn load_quads(self, from: *const u32) -> __m512i {
-        // SAFETY: the caller vouches for `from`, self for the features.
-        unsafe { _mm512_loadu_si512(from.cast()) }
-    }
-
-    #[inline(always)]
-    unsafe fn load_integers(self, from: *const i32) -> __m512i {
-        // SAFETY: the caller vouches for `from`, self for the features.
-        unsafe { _mm512_loadu_si512(from.cast()) }
-    }
-
-    #[inline(always)]
-    unsafe fn store_integers(self, to: *mut i32, value: __m512i) {
-        // SAFETY: the caller vouches for `to`, self for the features.
-        unsafe { _mm512_storeu_si512(to.cast(), value) }
     }
 
     #[inline(always)]

@@ -2,50 +2,42 @@
 
 use std::sync::atomic::{AtomicU8, Ordering};
 
-use super::{Kernel, plain::Plain};
+#[cfg(target_arch = "aarch64")]
+use super::neon;
+use super::{Kernel, Simd, plain};
+#[cfg(target_arch = "x86_64")]
+use super::{avx2, avx512};
 
 /// A set of vector registers that this processor has: a value exists only where that is so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Level(Kind);
 
-/// The fastest first.
+/// Of any architecture, the fastest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 enum Kind {
-    #[cfg(target_arch = "x86_64")]
     Avx512Bf16,
-    #[cfg(target_arch = "x86_64")]
     Avx512Vnni,
-    #[cfg(target_arch = "x86_64")]
     Avx512,
-    #[cfg(target_arch = "x86_64")]
     AvxVnni,
-    #[cfg(target_arch = "x86_64")]
     Avx2,
-    #[cfg(target_arch = "aarch64")]
     NeonDot,
-    #[cfg(target_arch = "aarch64")]
     Neon,
     Plain,
 }
 
-/// Every kind of this architecture, the fastest first.
-const KINDS: &[Kind] = &[
-    #[cfg(target_arch = "x86_64")]
-    Kind::Avx512Bf16,
-    #[cfg(target_arch = "x86_64")]
-    Kind::Avx512Vnni,
-    #[cfg(target_arch = "x86_64")]
-    Kind::Avx512,
-    #[cfg(target_arch = "x86_64")]
-    Kind::AvxVnni,
-    #[cfg(target_arch = "x86_64")]
-    Kind::Avx2,
-    #[cfg(target_arch = "aarch64")]
-    Kind::NeonDot,
-    #[cfg(target_arch = "aarch64")]
-    Kind::Neon,
-    Kind::Plain,
+use Kind::*;
+
+/// Every kind and its name, the fastest first.
+const KINDS: [(Kind, &str); 8] = [
+    (Avx512Bf16, "avx512bf16"),
+    (Avx512Vnni, "avx512vnni"),
+    (Avx512, "avx512"),
+    (AvxVnni, "avxvnni"),
+    (Avx2, "avx2"),
+    (NeonDot, "neondot"),
+    (Neon, "neon"),
+    (Plain, "portable"),
 ];
 
 /// [`Level::best`] answers no faster kind than the one of this number.
@@ -62,30 +54,26 @@ impl Kind {
             && is_x86_feature_detected!("popcnt");
         let vnni = avx512 && is_x86_feature_detected!("avx512vnni");
         match self {
-            Kind::Avx512Bf16 => vnni && is_x86_feature_detected!("avx512bf16"),
-            Kind::Avx512Vnni => vnni,
-            Kind::Avx512 => avx512,
-            Kind::AvxVnni => avx2 && is_x86_feature_detected!("avxvnni"),
-            Kind::Avx2 => avx2,
-            Kind::Plain => true,
+            Avx512Bf16 => vnni && is_x86_feature_detected!("avx512bf16"),
+            Avx512Vnni => vnni,
+            Avx512 => avx512,
+            AvxVnni => avx2 && is_x86_feature_detected!("avxvnni"),
+            Avx2 => avx2,
+            NeonDot | Neon => false,
+            Plain => true,
         }
     }
 
     /// Whether this processor has it.
-    #[cfg(target_arch = "aarch64")]
+    #[cfg(not(target_arch = "x86_64"))]
     fn exists(self) -> bool {
-        let neon = std::arch::is_aarch64_feature_detected!("neon");
         match self {
-            Kind::NeonDot => neon && std::arch::is_aarch64_feature_detected!("dotprod"),
-            Kind::Neon => neon,
-            Kind::Plain => true,
+            #[cfg(target_arch = "aarch64")]
+            NeonDot => Neon.exists() && std::arch::is_aarch64_feature_detected!("dotprod"),
+            #[cfg(target_arch = "aarch64")]
+            Neon => std::arch::is_aarch64_feature_detected!("neon"),
+            _ => self == Plain,
         }
-    }
-
-    /// Whether this processor has it.
-    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-    fn exists(self) -> bool {
-        true
     }
 }
 
@@ -93,15 +81,15 @@ impl Level {
     /// The fastest set of this processor, or the one that [`Level::restrict`] named.
     pub fn best() -> Level {
         let first = FASTEST.load(Ordering::Relaxed);
-        let mut kinds = KINDS.iter().filter(|kind| **kind as u8 >= first);
-        let found = kinds.find(|kind| kind.exists());
-        Level(found.copied().unwrap_or(Kind::Plain))
+        let mut kinds = KINDS.iter().map(|(kind, _)| *kind);
+        let found = kinds.find(|kind| *kind as u8 >= first && kind.exists());
+        Level(found.unwrap_or(Plain))
     }
 
     /// Every set of this processor, the fastest first; the last one is portable.
     pub fn all() -> Vec<Level> {
-        let kinds = KINDS.iter().filter(|kind| kind.exists());
-        kinds.map(|kind| Level(*kind)).collect()
+        let kinds = KINDS.iter().filter(|(kind, _)| kind.exists());
+        kinds.map(|(kind, _)| Level(*kind)).collect()
     }
 
     /// From now on [`Level::best`] is this one in the whole program: for tests of what other processors would run, and
@@ -113,52 +101,53 @@ impl Level {
     /// `avx512bf16`, `avx512vnni`, `avx512`, `avxvnni`, `avx2`, `neondot`, `neon` or `portable`, for a report of what a
     /// machine runs.
     pub fn name(self) -> &'static str {
-        match self.0 {
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Bf16 => "avx512bf16",
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni => "avx512vnni",
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => "avx512",
-            #[cfg(target_arch = "x86_64")]
-            Kind::AvxVnni => "avxvnni",
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => "avx2",
-            #[cfg(target_arch = "aarch64")]
-            Kind::NeonDot => "neondot",
-            #[cfg(target_arch = "aarch64")]
-            Kind::Neon => "neon",
-            Kind::Plain => "portable",
-        }
+        KINDS[self.0 as usize].1
     }
 
     /// Runs `kernel` compiled for this level.
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        // SAFETY (each): the value was made by `best` or `all`, which asked the processor for these features.
+        #[cfg(target_arch = "x86_64")]
         match self.0 {
-            // SAFETY (each): the value was made by `best` or `all`, which asked the processor for these features.
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Bf16 => unsafe { super::avx512::run_bf16(kernel) },
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512Vnni => unsafe { super::avx512::run_vnni(kernel) },
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => unsafe { super::avx512::run(kernel) },
-            #[cfg(target_arch = "x86_64")]
-            Kind::AvxVnni => unsafe { super::avx2::run_vnni(kernel) },
-            #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => unsafe { super::avx2::run(kernel) },
-            #[cfg(target_arch = "aarch64")]
-            Kind::NeonDot => unsafe { super::neon::run_dot(kernel) },
-            #[cfg(target_arch = "aarch64")]
-            Kind::Neon => unsafe { super::neon::run(kernel) },
-            Kind::Plain => portable(kernel),
+            Avx512Bf16 => return unsafe { avx512::run_bf16(kernel) },
+            Avx512Vnni => return unsafe { avx512::run_vnni(kernel) },
+            Avx512 => return unsafe { avx512::run(kernel) },
+            AvxVnni => return unsafe { avx2::run_vnni(kernel) },
+            Avx2 => return unsafe { avx2::run(kernel) },
+            NeonDot | Neon | Plain => (),
         }
+        #[cfg(target_arch = "aarch64")]
+        match self.0 {
+            NeonDot => return unsafe { neon::run_dot(kernel) },
+            Neon => return unsafe { neon::run(kernel) },
+            _ => (),
+        }
+        portable(kernel)
+    }
+}
+
+/// Runs `work`, plain code, compiled for the best registers of this processor, as far as the compiler inlines it: with
+/// population counts and shifts that the oldest processors lack.
+#[inline]
+pub fn at_best<R>(work: impl FnOnce() -> R) -> R {
+    Level::best().run(Work(work))
+}
+
+struct Work<F>(F);
+
+impl<F: FnOnce() -> R, R> Kernel for Work<F> {
+    type Output = R;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> R {
+        (self.0)()
     }
 }
 
 /// Not inlined: the others' callers are not to hold its stack too.
 #[inline(never)]
 fn portable<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run(Plain)
+    kernel.run(plain::Plain)
 }
 
 #[cfg(test)]

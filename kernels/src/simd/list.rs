@@ -2,8 +2,18 @@
 
 use std::{marker::PhantomData, mem::MaybeUninit};
 
-use super::{Pair, Simd};
+use super::Simd;
 use crate::ABSENT;
+
+/// An input row and the row of the block that it meets at a tap.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub(super) struct Pair {
+    /// Row of the input.
+    pub(super) input: u32,
+    /// Row of the block: of its sums (forward) or of its output gradients.
+    pub(super) row: u32,
+}
 
 /// Rows of a block: its sums (at most 64 channels) fill three quarters of a first-level cache of 32 KiB. A multiple of
 /// all tile heights (6, 8, 12), so that a block without absent rows is covered by tall tiles.
@@ -16,12 +26,14 @@ pub(super) const GROUP: usize = 16;
 const SLACK: usize = 8;
 
 /// The pairs of one block, for [`GROUP`] taps at a time.
-pub(crate) struct Lists {
-    pairs: [[MaybeUninit<Pair>; BLOCK + SLACK]; GROUP],
+///
+/// What [`Simd::list`] writes is what safe code relies on: `counts`, `inputs`, and rows of pairs among the block's.
+pub struct Lists {
+    pub(super) pairs: [[MaybeUninit<Pair>; BLOCK + SLACK]; GROUP],
     /// Pairs at each tap of the group; so many are initialised.
-    counts: [usize; GROUP],
+    pub(super) counts: [usize; GROUP],
     /// Every listed input row is below this.
-    inputs: usize,
+    pub(super) inputs: usize,
     /// Every listed row of the block is below this; at most [`BLOCK`].
     rows: usize,
     /// First tap of the group that is listed.
@@ -137,24 +149,6 @@ impl Lists {
         }
         self.inputs = inputs as usize;
     }
-
-    /// Where the pairs of a tap are written, each tap with room for [`BLOCK`] and a register more.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(super) fn begin(&mut self, tap: usize) -> *mut Pair {
-        self.pairs[tap].as_mut_ptr().cast()
-    }
-
-    /// Says what [`Simd::list`] found.
-    ///
-    /// # Safety
-    /// At each tap so many pairs have been written since `begin`, their input rows below `inputs` and their rows among
-    /// the block's.
-    #[cfg(target_arch = "x86_64")]
-    #[inline(always)]
-    pub(super) unsafe fn end(&mut self, counts: [usize; GROUP], inputs: usize) {
-        (self.counts, self.inputs) = (counts, inputs);
-    }
 }
 
 impl Listed<'_> {
@@ -197,49 +191,32 @@ mod tests {
     use super::*;
     use crate::simd::{Kernel, Level};
 
+    /// What a block lists: the pairs of each tap; first tap and number of taps of each step through them.
     struct List<'a> {
         index: &'a [u32],
         taps: usize,
     }
 
     impl Kernel for List<'_> {
-        type Output = Vec<Vec<(u32, u32)>>;
+        type Output = (Vec<Vec<(u32, u32)>>, Vec<(usize, usize)>);
 
         #[inline(always)]
         fn run<S: Simd>(self, simd: S) -> Self::Output {
-            let mut lists = Lists::new();
-            (0..self.taps)
-                .map(|tap| {
-                    let listed = lists.at_tap(simd, self.index, self.taps, tap);
-                    listed.check(700, self.index.len() / self.taps);
-                    listed
-                        .pairs()
-                        .iter()
-                        .map(|pair| (pair.input, pair.row))
-                        .collect()
-                })
-                .collect()
-        }
-    }
-
-    struct Full<'a> {
-        index: &'a [u32],
-        taps: usize,
-    }
-
-    impl Kernel for Full<'_> {
-        /// First tap and number of taps of each step.
-        type Output = Vec<(usize, usize)>;
-
-        #[inline(always)]
-        fn run<S: Simd>(self, simd: S) -> Self::Output {
-            let (mut lists, mut steps, mut tap) = (Lists::new(), vec![], 0);
-            while tap < self.taps {
-                let taps = lists.at_taps_from(simd, self.index, self.taps, tap).taps();
-                steps.push((tap, taps));
-                tap += taps;
+            let List { index, taps } = self;
+            let (mut lists, mut steps, mut next) = (Lists::new(), vec![], 0);
+            let mut pairs = vec![];
+            for tap in 0..taps {
+                let listed = lists.at_tap(simd, index, taps, tap);
+                listed.check(700, index.len() / taps);
+                let found = listed.pairs().iter();
+                pairs.push(found.map(|pair| (pair.input, pair.row)).collect());
+                if tap == next {
+                    let together = lists.at_taps_from(simd, index, taps, tap).taps();
+                    steps.push((tap, together));
+                    next += together;
+                }
             }
-            steps
+            (pairs, steps)
         }
     }
 
@@ -247,15 +224,13 @@ mod tests {
     fn taps_that_have_every_row_go_together() {
         let (rows, taps) = (20, 27);
         let mut index: Vec<u32> = (0..rows * taps).map(|i| i as u32 % 700).collect();
-        index[3 * taps + 4] = ABSENT;
-        index[19 * taps + 5] = ABSENT;
-        index[20] = ABSENT;
+        for absent in [3 * taps + 4, 19 * taps + 5, 20] {
+            index[absent] = ABSENT;
+        }
         for level in Level::all() {
-            let steps = level.run(Full {
-                index: &index,
-                taps,
-            });
+            let index = &index;
             let expected = [(0, 4), (4, 1), (5, 1), (6, 10), (16, 4), (20, 1), (21, 6)];
+            let (_, steps) = level.run(List { index, taps });
             assert_eq!(steps, expected, "{}", level.name());
         }
     }
@@ -269,34 +244,26 @@ mod tests {
                 .wrapping_add(1);
             (state >> 33) % bound
         };
+        let mut entry = |absent_percent| {
+            let absent = random(100) < absent_percent;
+            if absent { ABSENT } else { random(700) as u32 }
+        };
         for taps in [1, 2, 3, 9, 15, 16, 17, 27, 32, 40] {
-            for rows in [0, 1, 15, 16, 17, 50, 95, 96] {
-                for absent_percent in [0, 40, 95, 100] {
-                    let index: Vec<u32> = (0..rows * taps)
-                        .map(|_| {
-                            if random(100) < absent_percent {
-                                ABSENT
-                            } else {
-                                random(700) as u32
-                            }
-                        })
-                        .collect();
-                    let expected: Vec<Vec<(u32, u32)>> = (0..taps)
-                        .map(|tap| {
-                            let entry = |row: usize| (index[row * taps + tap], row as u32);
-                            (0..rows)
-                                .map(entry)
-                                .filter(|pair| pair.0 != ABSENT)
-                                .collect()
-                        })
-                        .collect();
-                    for level in Level::all() {
-                        let found = level.run(List {
-                            index: &index,
-                            taps,
-                        });
-                        assert_eq!(found, expected, "{}, {rows} x {taps}", level.name());
-                    }
+            for (rows, absent_percent) in [0, 1, 15, 16, 17, 50, 95, 96]
+                .into_iter()
+                .flat_map(|rows| [0, 40, 95, 100].map(|absent| (rows, absent)))
+            {
+                let index: Vec<u32> = (0..rows * taps).map(|_| entry(absent_percent)).collect();
+                let present = |tap: usize| -> Vec<(u32, u32)> {
+                    let column =
+                        (0..rows as u32).map(|row| (index[row as usize * taps + tap], row));
+                    column.filter(|pair| pair.0 != ABSENT).collect()
+                };
+                let expected: Vec<_> = (0..taps).map(present).collect();
+                for level in Level::all() {
+                    let index = &index;
+                    let (pairs, _) = level.run(List { index, taps });
+                    assert_eq!(pairs, expected, "{}, {rows} x {taps}", level.name());
                 }
             }
         }

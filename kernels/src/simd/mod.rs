@@ -10,67 +10,43 @@ mod aligned;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
-mod convolve_bf16;
-mod convolve_f32;
-mod convolve_int8;
 mod cover;
-mod gradient_f32;
 mod level;
 mod list;
 #[cfg(target_arch = "aarch64")]
 mod neon;
-mod pair;
+mod operand;
 mod peak;
 mod plain;
-mod plain_work;
+mod tiles;
 mod winograd;
 
 pub(crate) use aligned::{Aligned, AlignedArray, LINE, Room};
-pub(crate) use convolve_bf16::convolve_tiles_bf16;
-pub(crate) use convolve_f32::convolve_tiles;
-pub(crate) use convolve_int8::convolve_tiles_int8;
-pub(crate) use gradient_f32::gradient_tiles;
-pub use level::Level;
-pub(crate) use list::{BLOCK, Listed, Lists};
-use pair::Pair;
-pub use peak::{spin, spin_bf16, spin_int8};
-pub use plain_work::at_best;
+pub use level::{Level, at_best};
+pub(crate) use list::{BLOCK, Lists};
+pub(crate) use operand::Operand;
+pub use peak::spin;
+pub(crate) use tiles::{convolve_tiles, gradient_tiles};
 pub(crate) use winograd::{Output, Windows, WinogradMemory};
 
-/// Vector registers of f32. A value of the implementing type is the proof that the processor has them.
-pub(crate) trait Simd: Copy {
-    /// One register.
+/// Vector registers. A value of the implementing type is the proof that the processor has them.
+pub trait Simd: Copy {
+    /// A register of f32, `LANES` of them.
     type Vector: Copy;
-    /// A register of pairs of bf16, `LANES` of them.
-    type Pairs: Copy;
-    /// A register of i32, `LANES` of them.
-    type Integers: Copy;
-    /// A register of quads of bytes, `LANES` of them.
-    type Quads: Copy;
+    /// A register of as many 32-bit lanes: i32, pairs of bf16 (the first in the lower half), or quads of bytes.
+    type Bits: Copy;
     /// f32 in a register.
     const LANES: usize;
     /// Registers that the processor names.
     const REGISTERS: usize;
-    /// Whether [`Simd::splat_quad`] takes 128 from each byte, because the processor multiplies signed bytes alone.
-    const SIGNED_QUADS: bool;
+    /// Whether the processor multiplies signed bytes alone: inputs lack 128 then.
+    const SIGNED_BYTES: bool = false;
 
     /// All lanes equal to `value`.
     fn splat(self, value: f32) -> Self::Vector;
 
     /// `a * b + c`.
     fn fma(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
-
-    /// All lanes equal to `pair`: two bf16, the first in the lower half.
-    fn splat_pair(self, pair: u32) -> Self::Pairs;
-
-    /// `a.0 * b.0 + a.1 * b.1 + c` in each lane. How often it rounds is the processor's choice.
-    fn dot(self, a: Self::Pairs, b: Self::Pairs, c: Self::Vector) -> Self::Vector;
-
-    /// Reads `LANES` pairs.
-    ///
-    /// # Safety
-    /// `from` is valid for reads of `LANES` u32; no alignment is needed.
-    unsafe fn load_pairs(self, from: *const u32) -> Self::Pairs;
 
     /// Reads `LANES` values.
     ///
@@ -84,33 +60,37 @@ pub(crate) trait Simd: Copy {
     /// `to` is valid for writes of `LANES` f32; no alignment is needed.
     unsafe fn store(self, to: *mut f32, value: Self::Vector);
 
-    /// All lanes equal to `quad`: four u8 as they lie in memory, or four i8 (see [`Simd::SIGNED_QUADS`]).
-    fn splat_quad(self, quad: u32) -> Self::Quads;
+    /// [`Simd::splat`] of a lane of bits.
+    fn splat_bits(self, lane: u32) -> Self::Bits;
 
-    /// `a.0 * b.0 + a.1 * b.1 + a.2 * b.2 + a.3 * b.3 + c` in each lane, exactly; modulo 2^32. `a` is of
-    /// [`Simd::splat_quad`], `b` holds i8.
-    fn dot_quads(self, a: Self::Quads, b: Self::Quads, c: Self::Integers) -> Self::Integers;
-
-    /// `a + b`, modulo 2^32.
-    fn add_integers(self, a: Self::Integers, b: Self::Integers) -> Self::Integers;
-
-    /// Reads `LANES` quads of i8.
+    /// [`Simd::load`] of bits.
     ///
     /// # Safety
-    /// `from` is valid for reads of `LANES` u32; no alignment is needed.
-    unsafe fn load_quads(self, from: *const u32) -> Self::Quads;
+    /// As there.
+    unsafe fn load_bits(self, from: *const u32) -> Self::Bits;
 
-    /// Reads `LANES` values.
+    /// [`Simd::store`] of bits.
     ///
     /// # Safety
-    /// `from` is valid for reads of `LANES` i32; no alignment is needed.
-    unsafe fn load_integers(self, from: *const i32) -> Self::Integers;
+    /// As there.
+    unsafe fn store_bits(self, to: *mut u32, value: Self::Bits);
 
-    /// Writes `LANES` values.
-    ///
-    /// # Safety
-    /// `to` is valid for writes of `LANES` i32; no alignment is needed.
-    unsafe fn store_integers(self, to: *mut i32, value: Self::Integers);
+    /// The two bf16 of each lane as f32.
+    fn halves(self, pairs: Self::Bits) -> (Self::Vector, Self::Vector);
+
+    /// Of pairs of bf16, `a.0 * b.0 + a.1 * b.1 + c` in each lane. How often it rounds is the processor's choice.
+    #[inline(always)]
+    fn dot_pairs(self, a: Self::Bits, b: Self::Bits, c: Self::Vector) -> Self::Vector {
+        let (a, b) = (self.halves(a), self.halves(b));
+        self.fma(a.1, b.1, self.fma(a.0, b.0, c))
+    }
+
+    /// Of quads of bytes, `a.0 * b.0 + a.1 * b.1 + a.2 * b.2 + a.3 * b.3 + c` in each lane, exactly; modulo 2^32. `a`
+    /// holds u8, or i8 with [`Simd::SIGNED_BYTES`]; `b` holds i8, `c` i32.
+    fn dot_quads(self, a: Self::Bits, b: Self::Bits, c: Self::Bits) -> Self::Bits;
+
+    /// `a + b` of i32, modulo 2^32.
+    fn add_bits(self, a: Self::Bits, b: Self::Bits) -> Self::Bits;
 
     /// Lists the rows of `index` (rows of `taps`) that are present at each of the taps from `first` on, as many as
     /// `lists` holds.
@@ -127,4 +107,10 @@ pub(crate) trait Kernel {
 
     /// Does the work. Implement it `#[inline(always)]`.
     fn run<S: Simd>(self, simd: S) -> Self::Output;
+}
+
+/// Not below `floor`. Written so that NaN passes.
+#[inline(always)]
+pub(crate) fn clamp(value: f32, floor: f32) -> f32 {
+    if value < floor { floor } else { value }
 }

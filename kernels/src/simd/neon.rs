@@ -17,7 +17,7 @@ pub(crate) unsafe fn run<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Neon::<false>(()))
 }
 
-/// Runs `kernel` compiled for these registers and their products of bytes.
+/// [`run`], with products of bytes.
 ///
 /// # Safety
 /// The processor has the features named below.
@@ -26,129 +26,82 @@ pub(crate) unsafe fn run_dot<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Neon::<true>(()))
 }
 
-impl<const DOT: bool> Neon<DOT> {
-    /// Byte products by way of 16 bits. Two of them fit: at most 2 * 128 * 127.
-    #[inline(always)]
-    fn dot_widened(self, a: int8x16_t, b: int8x16_t, c: int32x4_t) -> int32x4_t {
-        // SAFETY: self is the proof of the features.
-        unsafe {
-            let low = vmull_s8(vget_low_s8(a), vget_low_s8(b));
-            let high = vmull_high_s8(a, b);
-            vpadalq_s16(c, vpaddq_s16(low, high))
-        }
-    }
-
-    /// The two bf16 of each lane as f32.
-    #[inline(always)]
-    fn halves(self, pairs: uint32x4_t) -> (float32x4_t, float32x4_t) {
-        // SAFETY: self is the proof of the features.
-        unsafe {
-            let high = vdupq_n_u32(0xffff_0000);
-            (
-                vreinterpretq_f32_u32(vshlq_n_u32::<16>(pairs)),
-                vreinterpretq_f32_u32(vandq_u32(pairs, high)),
-            )
-        }
-    }
-}
-
+// SAFETY (all below): self is the proof of the features; for pointers the caller vouches.
 impl<const DOT: bool> Simd for Neon<DOT> {
     type Vector = float32x4_t;
-    type Pairs = uint32x4_t;
-    type Integers = int32x4_t;
-    type Quads = int8x16_t;
+    type Bits = uint32x4_t;
     const LANES: usize = 4;
     const REGISTERS: usize = 32;
     // There are products of two signed bytes, and of two unsigned ones; of both only in later processors.
-    const SIGNED_QUADS: bool = true;
+    const SIGNED_BYTES: bool = true;
 
     #[inline(always)]
     fn splat(self, value: f32) -> float32x4_t {
-        // SAFETY: self is the proof of the features.
         unsafe { vdupq_n_f32(value) }
     }
 
     #[inline(always)]
     fn fma(self, a: float32x4_t, b: float32x4_t, c: float32x4_t) -> float32x4_t {
-        // SAFETY: self is the proof of the features.
         unsafe { vfmaq_f32(c, a, b) }
     }
 
     #[inline(always)]
     unsafe fn load(self, from: *const f32) -> float32x4_t {
-        // SAFETY: the caller vouches for `from`, self for the features.
         unsafe { vld1q_f32(from) }
     }
 
     #[inline(always)]
     unsafe fn store(self, to: *mut f32, value: float32x4_t) {
-        // SAFETY: the caller vouches for `to`, self for the features.
         unsafe { vst1q_f32(to, value) }
     }
 
     #[inline(always)]
-    fn splat_pair(self, pair: u32) -> uint32x4_t {
-        // SAFETY: self is the proof of the features.
-        unsafe { vdupq_n_u32(pair) }
+    fn splat_bits(self, lane: u32) -> uint32x4_t {
+        unsafe { vdupq_n_u32(lane) }
     }
 
     #[inline(always)]
-    fn dot(self, a: uint32x4_t, b: uint32x4_t, c: float32x4_t) -> float32x4_t {
-        let (a, b) = (self.halves(a), self.halves(b));
-        self.fma(a.1, b.1, self.fma(a.0, b.0, c))
-    }
-
-    #[inline(always)]
-    unsafe fn load_pairs(self, from: *const u32) -> uint32x4_t {
-        // SAFETY: the caller vouches for `from`, self for the features.
+    unsafe fn load_bits(self, from: *const u32) -> uint32x4_t {
         unsafe { vld1q_u32(from) }
     }
 
     #[inline(always)]
-    fn splat_quad(self, quad: u32) -> int8x16_t {
-        // SAFETY: self is the proof of the features. Turning the upper bit takes 128 from each byte.
-        unsafe { vreinterpretq_s8_u32(vdupq_n_u32(quad ^ 0x8080_8080)) }
+    unsafe fn store_bits(self, to: *mut u32, value: uint32x4_t) {
+        unsafe { vst1q_u32(to, value) }
     }
 
     #[inline(always)]
-    fn dot_quads(self, a: int8x16_t, b: int8x16_t, c: int32x4_t) -> int32x4_t {
-        if DOT {
-            let mut sum = c;
-            // SAFETY: self is the proof of the features; registers alone. (The intrinsic is not stable.)
-            unsafe {
+    fn halves(self, pairs: uint32x4_t) -> (float32x4_t, float32x4_t) {
+        unsafe {
+            let (low, high) = (vshlq_n_u32::<16>(pairs), vdupq_n_u32(0xffff_0000));
+            let high = vandq_u32(pairs, high);
+            (vreinterpretq_f32_u32(low), vreinterpretq_f32_u32(high))
+        }
+    }
+
+    #[inline(always)]
+    fn dot_quads(self, a: uint32x4_t, b: uint32x4_t, c: uint32x4_t) -> uint32x4_t {
+        unsafe {
+            let (a, b) = (vreinterpretq_s8_u32(a), vreinterpretq_s8_u32(b));
+            let mut sum = vreinterpretq_s32_u32(c);
+            if DOT {
+                // Registers alone. (The intrinsic is not stable.)
                 std::arch::asm!(
                     "sdot {sum:v}.4s, {a:v}.16b, {b:v}.16b",
                     sum = inout(vreg) sum, a = in(vreg) a, b = in(vreg) b,
                     options(pure, nomem, nostack, preserves_flags)
                 );
+            } else {
+                // By way of 16 bits. Two products fit: at most 2 * 128 * 127.
+                let low = vmull_s8(vget_low_s8(a), vget_low_s8(b));
+                sum = vpadalq_s16(sum, vpaddq_s16(low, vmull_high_s8(a, b)));
             }
-            sum
-        } else {
-            self.dot_widened(a, b, c)
+            vreinterpretq_u32_s32(sum)
         }
     }
 
     #[inline(always)]
-    fn add_integers(self, a: int32x4_t, b: int32x4_t) -> int32x4_t {
-        // SAFETY: self is the proof of the features.
-        unsafe { vaddq_s32(a, b) }
-    }
-
-    #[inline(always)]
-    unsafe fn load_quads(self, from: *const u32) -> int8x16_t {
-        // SAFETY: the caller vouches for `from`, self for the features.
-        unsafe { vreinterpretq_s8_u32(vld1q_u32(from)) }
-    }
-
-    #[inline(always)]
-    unsafe fn load_integers(self, from: *const i32) -> int32x4_t {
-        // SAFETY: the caller vouches for `from`, self for the features.
-        unsafe { vld1q_s32(from) }
-    }
-
-    #[inline(always)]
-    unsafe fn store_integers(self, to: *mut i32, value: int32x4_t) {
-        // SAFETY: the caller vouches for `to`, self for the features.
-        unsafe { vst1q_s32(to, value) }
+    fn add_bits(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
+        unsafe { vaddq_u32(a, b) }
     }
 }

@@ -3,11 +3,12 @@
 use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
 
 use super::{
-    AlignedArray, LINE, Simd,
-    convolve_f32::multiply,
+    AlignedArray, LINE, Simd, clamp,
     cover::{Tile, cover},
+    operand::multiply,
+    tiles::store_tile,
 };
-use crate::{ABSENT, packed::clamp, weights::PANEL_MAX, winograd::PLACES};
+use crate::{ABSENT, weights::PANEL_MAX, winograd::PLACES};
 
 /// Room for a chunk of tiles: transformed windows `[place][tile][cin]` and sums `[place][tile][width]`.
 pub(crate) struct WinogradMemory {
@@ -62,19 +63,13 @@ impl<'a> Windows<'a> {
         let tiles = windows.len() / PLACES;
         let values = PLACES * tiles * cin;
         assert!(cin.is_multiple_of(S::LANES), "rows of {cin}");
-        assert!(
-            values <= WinogradMemory::WINDOWS && tiles <= WinogradMemory::TILES_MAX,
-            "{tiles} tiles, rows of {cin}"
-        );
-        let largest = windows
-            .iter()
-            .fold(0, |most, row| most.max(row.wrapping_add(1)));
-        assert!(
-            largest as usize <= input.len() / cin,
-            "input row {} of {}",
-            largest.wrapping_sub(1),
-            input.len() / cin
-        );
+        let fits = values <= WinogradMemory::WINDOWS && tiles <= WinogradMemory::TILES_MAX;
+        assert!(fits, "{tiles} tiles, rows of {cin}");
+        // ABSENT + 1 is 0.
+        let ends = windows.iter().map(|row| row.wrapping_add(1));
+        let (end, inputs) = (ends.fold(0, u32::max), input.len() / cin);
+        let last = end.wrapping_sub(1);
+        assert!(end as usize <= inputs, "input row {last} of {inputs}");
         let memory = memory.as_mut_ptr();
         // SAFETY: both are fields of `memory`; nothing is read.
         let (to, sums) = unsafe { (&raw mut (*memory).windows, &raw mut (*memory).sums) };
@@ -87,7 +82,7 @@ impl<'a> Windows<'a> {
                     for x in 0..4 {
                         let row = rows[4 * y + x];
                         if row != ABSENT {
-                            // SAFETY: a row that is not absent lies in `input` (`largest`), and LANES channels from
+                            // SAFETY: a row that is not absent lies in `input` (`end`), and LANES channels from
                             // `channel` on lie in it, because cin is a multiple of LANES.
                             d[y][x] = unsafe {
                                 simd.load(input.as_ptr().add(row as usize * cin + channel))
@@ -131,10 +126,7 @@ impl<'a> Windows<'a> {
         assert!(
             width.is_multiple_of(LINE)
                 && width <= PANEL_MAX
-                && output.columns.end <= output.channels,
-            "{:?} of {}",
-            output.columns,
-            output.channels
+                && output.columns.end <= output.channels
         );
         assert_eq!(weights.len(), PLACES * self.cin * width);
         assert_eq!(rows.len(), 4 * self.tiles, "rows of {} tiles", self.tiles);
@@ -285,19 +277,15 @@ impl Tile for Product {
     ) {
         // SAFETY: `Windows::multiply` has checked the lengths, the caller gives rows and columns inside.
         unsafe {
-            let mut windows = [self.windows; R];
+            let (mut windows, mut sums) = ([self.windows; R], [self.sums; R]);
             for r in 0..R {
                 windows[r] = self.windows.add((row + r) * self.cin);
+                sums[r] = self.sums.add((row + r) * self.width + column);
             }
             let mut totals = [[simd.splat(0.0); V]; R];
             let weights = self.weights.add(column);
             multiply(simd, windows, self.cin, weights, self.width, &mut totals);
-            let sums = self.sums.add(row * self.width + column);
-            for r in 0..R {
-                for v in 0..V {
-                    simd.store(sums.add(r * self.width + v * S::LANES), totals[r][v]);
-                }
-            }
+            store_tile::<f32, S, R, V>(simd, sums, totals);
         }
     }
 }

@@ -66,21 +66,7 @@ pub fn convolve_winograd_at(
         return;
     }
     let weights = &weights.0;
-    assert_eq!(
-        tiles.inputs.len(),
-        count * PLACES,
-        "a window for each of {count} tiles"
-    );
-    assert_eq!(
-        tiles.before(tiles.strips.len()),
-        count,
-        "strips hold all tiles"
-    );
-    assert!(
-        epilogue.bias.is_none_or(|bias| bias.len() == weights.cout),
-        "a bias for each of {} channels",
-        weights.cout
-    );
+    epilogue.check(weights.cout);
     Job {
         level,
         input,
@@ -150,17 +136,11 @@ impl Kernel for Chunk<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) {
-        let Job {
-            input,
-            tiles,
-            weights,
-            epilogue,
-            ..
-        } = self.job;
+        let (tiles, weights, epilogue) = (self.job.tiles, self.job.weights, self.job.epilogue);
         let (cin, cout) = (weights.cin, weights.cout);
         let windows = &tiles.inputs[self.tiles.start * PLACES..self.tiles.end * PLACES];
         let mut memory = const { MaybeUninit::uninit() };
-        let mut windows = Windows::transformed(simd, &mut memory, input, cin, windows);
+        let mut windows = Windows::transformed(simd, &mut memory, self.job.input, cin, windows);
         for panel in panels(cout) {
             let bias = epilogue.bias.map(|bias| &bias[panel.first..][..panel.used]);
             let rows = &tiles.outputs[self.tiles.start * 4..self.tiles.end * 4];

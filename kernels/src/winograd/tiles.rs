@@ -41,13 +41,9 @@ impl WinogradTiles {
     /// When the cells do not ascend or lie beyond the map (a broken invariant, not data).
     pub fn assign(&mut self, cells: &[u32], [rows, columns]: [usize; 2]) {
         assert!(cells.is_sorted_by(|a, b| a < b), "cells that ascend");
-        assert!(
-            cells
-                .last()
-                .is_none_or(|cell| (*cell as usize) < rows * columns),
-            "cell {:?} of {rows} x {columns}",
-            cells.last()
-        );
+        let last = cells.last();
+        let inside = last.is_none_or(|cell| (*cell as usize) < rows * columns);
+        assert!(inside, "cell {last:?} of {rows} x {columns}");
         self.inputs.clear();
         self.outputs.clear();
         self.strips.clear();
@@ -127,42 +123,29 @@ mod tests {
         let mut tiles = WinogradTiles::new([3, 5]);
         tiles.assign(&[1, 4, 5, 8, 14], [3, 5]);
         let none = ABSENT;
-        assert_eq!(
-            tiles.outputs,
-            [
-                [none, 1, 5, none],
-                [none, none, none, 8],
-                [4, none, none, none],
-                [14, none, none, none]
-            ]
-            .concat()
-        );
-        assert_eq!(
-            tiles.inputs[..16],
-            [
-                [none; 4],
-                [none, 0, 1, 2],
-                [none, 5, 6, 7],
-                [none, 10, 11, 12]
-            ]
-            .concat()
-        );
-        assert_eq!(
-            tiles.inputs[48..],
-            [
-                [8, 9, none, none],
-                [13, 14, none, none],
-                [none; 4],
-                [none; 4]
-            ]
-            .concat()
-        );
-        let ends: Vec<_> = tiles
-            .strips
-            .iter()
-            .map(|s| (s.tiles_end, s.rows_end))
-            .collect();
-        assert_eq!(ends, [(3, 10), (4, 15)]);
+        let outputs = [
+            [none, 1, 5, none],
+            [none, none, none, 8],
+            [4, none, none, none],
+            [14, none, none, none],
+        ];
+        assert_eq!(tiles.outputs, outputs.concat());
+        let first = [
+            [none; 4],
+            [none, 0, 1, 2],
+            [none, 5, 6, 7],
+            [none, 10, 11, 12],
+        ];
+        assert_eq!(tiles.inputs[..16], first.concat());
+        let last = [
+            [8, 9, none, none],
+            [13, 14, none, none],
+            [none; 4],
+            [none; 4],
+        ];
+        assert_eq!(tiles.inputs[48..], last.concat());
+        let strips = tiles.strips.iter().map(|s| (s.tiles_end, s.rows_end));
+        assert_eq!(strips.collect::<Vec<_>>(), [(3, 10), (4, 15)]);
         tiles.assign(&[], [3, 5]);
         assert_eq!((tiles.count(), tiles.strips.len()), (0, 2));
     }

@@ -1,10 +1,10 @@
 //! The weights of a layer, transformed once.
 
 use super::{PLACES, chunk_tiles};
-use crate::{Weights, simd::LINE};
+use crate::{Weights, simd::LINE, weights::check};
 
 /// Transformed weights of a 3x3 layer, packed.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct WeightsWinograd(pub(super) Weights);
 
 impl WeightsWinograd {
@@ -14,7 +14,7 @@ impl WeightsWinograd {
     /// # Panics
     /// When `plain` has another length (a broken invariant, not data).
     pub fn pack(cin: usize, cout: usize, plain: &[f32]) -> Option<WeightsWinograd> {
-        assert_eq!(plain.len(), 9 * cin * cout, "weights of 9 x {cin} x {cout}");
+        check(plain, [9, cin, cout]);
         let fits = cin > 0 && cin.is_multiple_of(LINE) && cout.is_multiple_of(LINE);
         if !fits || chunk_tiles(cin) == 0 {
             return None;
@@ -33,11 +33,7 @@ impl WeightsWinograd {
                 }
             }
         }
-        Some(WeightsWinograd(Weights::pack(
-            PLACES,
-            cin,
-            cout,
-            &transformed,
-        )))
+        let packed = Weights::pack(PLACES, cin, cout, &transformed);
+        Some(WeightsWinograd(packed))
     }
 }

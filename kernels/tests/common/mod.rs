@@ -1,7 +1,7 @@
 //! The plain version that every faster one is compared with, and random cases.
 #![allow(dead_code)] // Each test file uses a part of it.
 
-use mluc_kernels::{ABSENT, Epilogue, Gather};
+use mluc_kernels::{ABSENT, Gather};
 
 /// A linear congruential generator: the same cases on every machine.
 pub(crate) struct Random(pub(crate) u64);
@@ -30,15 +30,15 @@ impl Random {
         inputs: usize,
         absent_percent: usize,
     ) -> Gather {
-        let absent = |random: &mut Random| inputs == 0 || random.below(100) < absent_percent;
-        let index = (0..outputs * taps).map(|_| {
-            if absent(self) {
+        let mut entry = || {
+            let absent = inputs == 0 || self.below(100) < absent_percent;
+            if absent {
                 ABSENT
             } else {
                 self.below(inputs) as u32
             }
-        });
-        Gather::new(taps, index.collect())
+        };
+        Gather::new(taps, (0..outputs * taps).map(|_| entry()).collect())
     }
 
     /// 0..count in random order.
@@ -49,6 +49,21 @@ impl Random {
     }
 }
 
+/// A map of `width x height` read by a 3x3 kernel; each (input row, tap) is read at most once.
+pub(crate) fn dense(width: usize, height: usize) -> Gather {
+    let entry = |(cell, tap): (usize, usize)| {
+        let (y, x) = (cell / width + tap / 3, cell % width + tap % 3);
+        let inside = (1..=height).contains(&y) && (1..=width).contains(&x);
+        if inside {
+            ((y - 1) * width + x - 1) as u32
+        } else {
+            ABSENT
+        }
+    };
+    let cells = (0..width * height).flat_map(|cell| (0..9).map(move |tap| (cell, tap)));
+    Gather::new(9, cells.map(entry).collect())
+}
+
 /// `[tap][cin][cout]` weights; sums in f64, one row of `cout` for each output row.
 pub(crate) fn convolve(
     input: &[f32],
@@ -56,20 +71,16 @@ pub(crate) fn convolve(
     gather: &Gather,
     weights: &[f32],
     cout: usize,
-    epilogue: Epilogue,
 ) -> Vec<f64> {
     let mut output = vec![0.0; gather.outputs() * cout];
-    for (o, out) in output.chunks_exact_mut(cout).enumerate() {
-        for (channel, out) in out.iter_mut().enumerate() {
-            let mut sum = epilogue.bias.map_or(0.0, |bias| f64::from(bias[channel]));
-            for tap in 0..gather.taps {
-                let row = gather.index[o * gather.taps + tap];
-                for i in (0..cin).filter(|_| row != ABSENT) {
-                    sum += f64::from(input[row as usize * cin + i])
-                        * f64::from(weights[(tap * cin + i) * cout + channel]);
-                }
+    let rows = gather.index.chunks_exact(gather.taps);
+    for (taps, out) in rows.zip(output.chunks_exact_mut(cout)) {
+        for (tap, row) in taps.iter().enumerate().filter(|(_, row)| **row != ABSENT) {
+            for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
+                let weights = &weights[(tap * cin + i) * cout..][..cout];
+                let pairs = out.iter_mut().zip(weights);
+                pairs.for_each(|(sum, weight)| *sum += f64::from(*x) * f64::from(*weight));
             }
-            *out = if epilogue.relu { sum.max(0.0) } else { sum };
         }
     }
     output
@@ -84,15 +95,13 @@ pub(crate) fn weight_gradient(
     cout: usize,
 ) -> Vec<f64> {
     let mut gradient = vec![0.0; gather.taps * cin * cout];
-    for o in 0..gather.outputs() {
-        for tap in 0..gather.taps {
-            let row = gather.index[o * gather.taps + tap];
-            for i in (0..cin).filter(|_| row != ABSENT) {
-                for channel in 0..cout {
-                    gradient[(tap * cin + i) * cout + channel] +=
-                        f64::from(input[row as usize * cin + i])
-                            * f64::from(dy[o * cout + channel]);
-                }
+    let rows = gather.index.chunks_exact(gather.taps);
+    for (taps, dy) in rows.zip(dy.chunks_exact(cout)) {
+        for (tap, row) in taps.iter().enumerate().filter(|(_, row)| **row != ABSENT) {
+            for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
+                let sums = &mut gradient[(tap * cin + i) * cout..][..cout];
+                let pairs = sums.iter_mut().zip(dy);
+                pairs.for_each(|(sum, dy)| *sum += f64::from(*x) * f64::from(*dy));
             }
         }
     }
@@ -102,10 +111,10 @@ pub(crate) fn weight_gradient(
 /// Panics unless each value is within `tolerance * (1 + largest expected)`.
 pub(crate) fn assert_near(found: &[f32], expected: &[f64], tolerance: f64, what: &str) {
     assert_eq!(found.len(), expected.len(), "{what}");
-    let scale = 1.0
-        + expected
-            .iter()
-            .fold(0.0_f64, |largest, x| largest.max(x.abs()));
+    let largest = expected
+        .iter()
+        .fold(0.0_f64, |largest, x| largest.max(x.abs()));
+    let scale = 1.0 + largest;
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         let off = (f64::from(*found) - expected).abs();
         assert!(
@@ -117,9 +126,6 @@ pub(crate) fn assert_near(found: &[f32], expected: &[f64], tolerance: f64, what:
 
 /// Runs `work` on a pool of its own.
 pub(crate) fn with_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .expect("a pool")
-        .install(work)
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.expect("a pool").install(work)
 }

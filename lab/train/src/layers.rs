@@ -2,9 +2,7 @@
 
 use std::ops::Range;
 
-use mluc_kernels::{
-    Epilogue, Gather, Statistics, Weights, WeightsBf16, convolve, convolve_bf16, weight_gradient,
-};
+use mluc_kernels::{Epilogue, Gather, Statistics, Weights, convolve, weight_gradient};
 
 use crate::norm::{self, Activation, Tail};
 use crate::pool::Pool;
@@ -119,16 +117,9 @@ impl Layer {
         let (to, last) = all.split_at_mut(transposed.outputs() * cin);
         let no_bias = Epilogue::default();
         if self.bf16 {
-            let turned = transposed_weights(taps, cin, cout, plain);
-            let weights = WeightsBf16::pack(taps, cout, cin, &turned);
-            convolve_bf16(
-                pool.round(gradient),
-                transposed,
-                &weights,
-                no_bias,
-                None,
-                to,
-            );
+            let weights = Weights::pack_transposed(taps, cin, cout, plain);
+            let rounded = pool.round(gradient);
+            convolve(rounded, transposed, &weights, no_bias, None, to);
         } else {
             let weights = Weights::pack_transposed(taps, cin, cout, plain);
             convolve(gradient, transposed, &weights, no_bias, None, to);
@@ -201,12 +192,6 @@ pub(crate) fn backward_all(
         gradient = layer.backward(parameters, gradients, input, own, plan, gradient, pool);
     }
     gradient
-}
-
-/// `[tap][cin][cout]` as `[tap][cout][cin]`.
-fn transposed_weights(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Vec<f32> {
-    let at = |i: usize| plain[(i / (cin * cout) * cin + i % cin) * cout + i / cin % cout];
-    (0..taps * cin * cout).map(at).collect()
 }
 
 /// `to += from`.

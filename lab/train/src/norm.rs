@@ -4,7 +4,7 @@
 //! gradient of a tail row is the **sum** over its cells. Sums are taken over fixed chunks in a fixed order, so that the
 //! result does not depend on the number of threads.
 
-use mluc_kernels::{Statistics, batch_norm_backward, batch_norm_forward};
+use mluc_kernels::{BatchNorm, Statistics};
 use rayon::prelude::*;
 
 /// Batch norm's epsilon in every layer (the public SECOND configurations).
@@ -34,13 +34,20 @@ pub struct Activation {
 }
 
 impl Tail {
-    /// The weight of the last row, where no more than one is weighted: the kernels' own batch norm does those.
-    fn single(self) -> Option<f32> {
-        match self.rows {
-            0 => Some(1.0),
-            1 => Some(self.multiplicity as f32),
-            _ => None,
-        }
+    /// The kernels' own batch norm, where no more than one row is weighted.
+    fn single<'a>(self, gamma: &'a [f32], beta: &'a [f32]) -> Option<BatchNorm<'a>> {
+        let last_multiplicity = match self.rows {
+            0 => 1.0,
+            1 => self.multiplicity as f32,
+            _ => return None,
+        };
+        Some(BatchNorm {
+            gamma,
+            beta,
+            eps: EPSILON,
+            relu: true,
+            last_multiplicity,
+        })
     }
 }
 
@@ -81,9 +88,8 @@ fn reduce(
 /// Batch norm while training: the statistics of `x`, and `y` by them. `affine`: scale and shift by channel.
 pub fn forward(x: &[f32], affine: [&[f32]; 2], tail: Tail, y: &mut [f32]) -> Statistics {
     let channels = affine[0].len();
-    if let Some(weight) = tail.single() {
-        let [gamma, beta] = affine;
-        return batch_norm_forward(x, channels, weight, gamma, beta, EPSILON, true, y);
+    if let Some(norm) = tail.single(affine[0], affine[1]) {
+        return norm.forward(x, y);
     }
     let rows = x.len() / channels;
     let count = (rows - tail.rows + tail.rows * tail.multiplicity).max(1) as f64;
@@ -132,11 +138,9 @@ pub fn backward(
 ) {
     let channels = gamma.len();
     let (d_gamma, d_beta) = affine;
-    if let Some(weight) = tail.single() {
-        batch_norm_backward(
-            x, y, gradient, channels, weight, gamma, EPSILON, statistics, true, d_gamma, d_beta,
-        );
-        return;
+    // The shift has no part in its own gradient.
+    if let Some(norm) = tail.single(gamma, gamma) {
+        return norm.backward(x, y, gradient, statistics, d_gamma, d_beta);
     }
     let chunk = CHUNK_ROWS * channels;
     let chunks = gradient.par_chunks_mut(chunk).zip(y.par_chunks(chunk));

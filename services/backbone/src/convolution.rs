@@ -1,6 +1,6 @@
 //! One convolution with its folded batch norm and ReLU.
 
-use mluc_kernels::{Element, Epilogue, Gather};
+use mluc_kernels::{Element, Epilogue, Gather, Weights, convolve};
 use mluc_model::Folded;
 
 use crate::error::BackboneError;
@@ -9,15 +9,18 @@ use crate::precision::Value;
 /// Packed weights and bias of a layer that reads rows of `V`.
 #[derive(Clone, Debug)]
 pub(crate) struct Convolution<V: Value> {
-    weights: V::Weights,
+    weights: Weights<V>,
     bias: Vec<f32>,
 }
 
 impl<V: Value> Convolution<V> {
     /// All taps of a layer, in the scale of the rows that it reads and writes.
     pub(crate) fn new(layer: &Folded) -> Result<Convolution<V>, BackboneError> {
+        if !layer.cin.is_multiple_of(V::CHANNELS) {
+            return Err(BackboneError::OddChannels { found: layer.cin });
+        }
         Ok(Convolution {
-            weights: V::pack(layer.taps, layer.cin, layer.cout, &layer.weights)?,
+            weights: Weights::pack(layer.taps, layer.cin, layer.cout, &layer.weights),
             bias: layer.bias.clone(),
         })
     }
@@ -42,7 +45,7 @@ impl<V: Value> Convolution<V> {
         let gather = Gather::new(layer.taps, vec![0; layer.taps]);
         let mut found = vec![0.0; layer.cout];
         let (weights, epilogue) = (&convolution.weights, Epilogue::default());
-        V::convolve(&rounded, &gather, weights, epilogue, None, &mut found);
+        convolve(&rounded, &gather, weights, epilogue, None, &mut found);
         let expected = sums(layer, empty_response);
         let pairs = convolution.bias.iter_mut().zip(expected.iter().zip(found));
         pairs.for_each(|(bias, (expected, found))| *bias += expected - found);
@@ -81,7 +84,7 @@ impl<V: Value> Convolution<V> {
         output: &mut [O],
     ) {
         let (weights, epilogue) = (&self.weights, self.epilogue());
-        V::convolve(input, gather, weights, epilogue, output_rows, output);
+        convolve(input, gather, weights, epilogue, output_rows, output);
     }
 
     /// What follows the sums.

@@ -1,9 +1,6 @@
 //! In what precision the layers multiply.
 
-use mluc_kernels::{
-    Bf16, Element, Epilogue, Gather, Weights, WeightsBf16, WeightsInt8, convolve, convolve_bf16,
-    convolve_int8,
-};
+use mluc_kernels::{Bf16, Element};
 use serde::{Deserialize, Serialize};
 
 use crate::error::BackboneError;
@@ -59,29 +56,11 @@ impl std::str::FromStr for Precision {
 
 /// What the rows between two layers hold.
 pub(crate) trait Value: Element + std::fmt::Debug + 'static {
-    /// Packed for rows of these.
-    type Weights: Clone + std::fmt::Debug + Send + Sync;
-
     /// Whether a value or a weight is rounded when it becomes one of these.
     const ROUNDS: bool = true;
 
-    /// Packs `[tap][cin][cout]`.
-    fn pack(
-        taps: usize,
-        cin: usize,
-        cout: usize,
-        plain: &[f32],
-    ) -> Result<Self::Weights, BackboneError>;
-
-    /// One convolution.
-    fn convolve<O: Element>(
-        input: &[Self],
-        gather: &Gather,
-        weights: &Self::Weights,
-        epilogue: Epilogue,
-        output_rows: Option<&[u32]>,
-        output: &mut [O],
-    );
+    /// Input channels that weights are packed by: a layer's must be a multiple.
+    const CHANNELS: usize = 1;
 
     /// These rows, where they hold f32.
     fn f32_rows(_: &[Self]) -> Option<&[f32]> {
@@ -98,23 +77,7 @@ pub(crate) trait Value: Element + std::fmt::Debug + 'static {
 }
 
 impl Value for f32 {
-    type Weights = Weights;
     const ROUNDS: bool = false;
-
-    fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Result<Weights, BackboneError> {
-        Ok(Weights::pack(taps, cin, cout, plain))
-    }
-
-    fn convolve<O: Element>(
-        input: &[f32],
-        gather: &Gather,
-        weights: &Weights,
-        epilogue: Epilogue,
-        output_rows: Option<&[u32]>,
-        output: &mut [O],
-    ) {
-        convolve(input, gather, weights, epilogue, output_rows, output);
-    }
 
     fn f32_rows(rows: &[f32]) -> Option<&[f32]> {
         Some(rows)
@@ -130,30 +93,7 @@ impl Value for f32 {
 }
 
 impl Value for Bf16 {
-    type Weights = WeightsBf16;
-
-    fn pack(
-        taps: usize,
-        cin: usize,
-        cout: usize,
-        plain: &[f32],
-    ) -> Result<WeightsBf16, BackboneError> {
-        if !cin.is_multiple_of(2) {
-            return Err(BackboneError::OddChannels { found: cin });
-        }
-        Ok(WeightsBf16::pack(taps, cin, cout, plain))
-    }
-
-    fn convolve<O: Element>(
-        input: &[Bf16],
-        gather: &Gather,
-        weights: &WeightsBf16,
-        epilogue: Epilogue,
-        output_rows: Option<&[u32]>,
-        output: &mut [O],
-    ) {
-        convolve_bf16(input, gather, weights, epilogue, output_rows, output);
-    }
+    const CHANNELS: usize = 2;
 
     fn as_f32<'a>(values: &'a [Bf16], spare: &'a mut Vec<f32>) -> &'a [f32] {
         written_out(values, spare)
@@ -162,28 +102,6 @@ impl Value for Bf16 {
 
 /// Counts whose scale differs from channel to channel, see [`crate::quant_scale::QuantScale`].
 impl Value for u8 {
-    type Weights = WeightsInt8;
-
-    fn pack(
-        taps: usize,
-        cin: usize,
-        cout: usize,
-        plain: &[f32],
-    ) -> Result<WeightsInt8, BackboneError> {
-        Ok(WeightsInt8::pack(taps, cin, cout, plain))
-    }
-
-    fn convolve<O: Element>(
-        input: &[u8],
-        gather: &Gather,
-        weights: &WeightsInt8,
-        epilogue: Epilogue,
-        output_rows: Option<&[u32]>,
-        output: &mut [O],
-    ) {
-        convolve_int8(input, gather, weights, epilogue, output_rows, output);
-    }
-
     fn as_f32<'a>(values: &'a [u8], spare: &'a mut Vec<f32>) -> &'a [f32] {
         written_out(values, spare)
     }

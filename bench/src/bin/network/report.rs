@@ -1,12 +1,11 @@
 //! What was measured, as a table or as JSON.
 
 use std::collections::BTreeMap;
-use std::hint::black_box;
 use std::time::Instant;
 
 use mluc_backbone::{Precision, Step};
 use mluc_geometry::quantile_of;
-use mluc_kernels::{Level, spin, spin_bf16, spin_int8};
+use mluc_kernels::{Bf16, Level, spin};
 use serde_json::{Map, Value, json};
 
 /// The parts of the network: rulebooks are in `sparse3d`, the fold of the height and the writing of feature rows in
@@ -151,10 +150,10 @@ pub(crate) fn peak_gflops(precision: Precision, threads: usize) -> f64 {
     /// Steps of a try: some milliseconds.
     const STEPS: usize = 500_000;
     const TRIES: usize = 15;
-    let spin = |level, steps| match precision {
-        Precision::F32 => black_box(spin(level, steps)).0,
-        Precision::Bf16 => black_box(spin_bf16(level, steps)).0,
-        Precision::Int8 => black_box(spin_int8(level, steps)).0,
+    let spin = match precision {
+        Precision::F32 => spin::<f32>,
+        Precision::Bf16 => spin::<Bf16>,
+        Precision::Int8 => spin::<u8>,
     };
     let once = |_| {
         let start = Instant::now();

@@ -17,7 +17,7 @@ pub(super) fn list<const BF16: bool, const VNNI: bool>(
 ) {
     let rows = index.len() / taps;
     let width = (taps - first).min(GROUP);
-    let mut counts = [0; GROUP];
+    lists.counts = [0; GROUP];
     // SAFETY: the first argument is the proof of the features. Loads: `tile` reads rows below `rows` only, of them
     // `width` taps from `first` on. Stores: before a store a tap has at most as many pairs as rows came before, so at
     // most 96 - 8 where 8 more are written, and there is room for 8 beyond 96.
@@ -34,17 +34,17 @@ pub(super) fn list<const BF16: bool, const VNNI: bool>(
                 // Largest entry + 1; ABSENT + 1 is 0.
                 inputs = _mm512_max_epu32(inputs, _mm512_add_epi32(column, one));
                 let present = _mm512_cmpneq_epi32_mask(column, absent);
-                let to = lists.begin(tap);
+                let to = lists.pairs[tap].as_mut_ptr();
                 for (half, order) in [(present as u8, low), ((present >> 8) as u8, high)] {
                     let pairs = _mm512_permutex2var_epi32(column, order, numbers);
                     let kept = _mm512_maskz_compress_epi64(half, pairs);
-                    _mm512_storeu_si512(to.add(counts[tap]).cast(), kept);
-                    counts[tap] += half.count_ones() as usize;
+                    _mm512_storeu_si512(to.add(lists.counts[tap]).cast(), kept);
+                    lists.counts[tap] += half.count_ones() as usize;
                 }
             }
             numbers = _mm512_add_epi32(numbers, _mm512_set1_epi32(16));
         }
-        lists.end(counts, _mm512_reduce_max_epu32(inputs) as usize);
+        lists.inputs = _mm512_reduce_max_epu32(inputs) as usize;
     }
 }
 

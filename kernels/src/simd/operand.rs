@@ -1,0 +1,380 @@
+//! What a convolution multiplies: f32, pairs of bf16, quads of bytes; and how weights are packed for it.
+
+use std::fmt::Debug;
+
+use super::Simd;
+use crate::Bf16;
+
+/// A value of an input row, [`Operand::STEP`] of which meet a weight at once.
+pub trait Operand: Copy {
+    /// Packed weights of a step.
+    type Weight: Copy + Default + Debug + PartialEq + Send + Sync;
+    /// What products are added in.
+    type Sum: Copy + Default;
+    /// A register of inputs or of weights.
+    type Factor<S: Simd>: Copy;
+    /// A register of sums.
+    type Total<S: Simd>: Copy;
+    /// Input channels of a step.
+    const STEP: usize;
+    /// Whether a product takes a few registers besides its operands where the processor has no instruction for it.
+    const NEEDS_SPARE: bool = false;
+
+    /// What a packed weight of 1 is worth in each output channel. `shape`: taps, input and output channels;
+    /// `weight`: of each.
+    ///
+    /// # Panics
+    /// When these cannot multiply so many channels.
+    fn scales(shape: [usize; 3], weight: impl Fn([usize; 3]) -> f32) -> Vec<f32>;
+
+    /// Rows of packed weights that a tap has.
+    #[inline(always)]
+    fn tap_rows(cin: usize) -> usize {
+        cin / Self::STEP
+    }
+
+    /// Row `row` of a tap, for an output channel of this scale. `weight`: of an input channel below `cin`.
+    fn pack(row: usize, cin: usize, scale: f32, weight: impl Fn(usize) -> f32) -> Self::Weight;
+
+    /// What a sum begins with, in a channel of this bias.
+    fn begin(bias: f32) -> Self::Sum;
+
+    /// What a sum is worth in a channel of this scale and bias.
+    fn finish(sum: Self::Sum, scale: f32, bias: f32) -> f32;
+
+    /// The channels of a step in all lanes.
+    ///
+    /// # Safety
+    /// `from` is valid for reads of a step's channels.
+    unsafe fn splat<S: Simd>(simd: S, from: *const Self) -> Self::Factor<S>;
+
+    /// The weights of as many output channels as a register has lanes.
+    ///
+    /// # Safety
+    /// `from` is valid for reads of so many.
+    unsafe fn load<S: Simd>(simd: S, from: *const Self::Weight) -> Self::Factor<S>;
+
+    /// `inputs * weights + sums`.
+    fn multiply<S: Simd>(
+        simd: S,
+        inputs: Self::Factor<S>,
+        weights: Self::Factor<S>,
+        sums: Self::Total<S>,
+    ) -> Self::Total<S>;
+
+    /// Reads sums.
+    ///
+    /// # Safety
+    /// `from` is valid for reads of as many as a register has lanes.
+    unsafe fn load_sums<S: Simd>(simd: S, from: *const Self::Sum) -> Self::Total<S>;
+
+    /// Writes sums.
+    ///
+    /// # Safety
+    /// `to` is valid for writes of as many as a register has lanes.
+    unsafe fn store_sums<S: Simd>(simd: S, to: *mut Self::Sum, sums: Self::Total<S>);
+
+    /// What whole steps leave of a tap. `weights`: its rows after theirs.
+    ///
+    /// # Safety
+    /// Each of `inputs` is valid for reads of `cin` values, and the rows of `weights`, `width` apart, for reads of `V`
+    /// registers.
+    #[inline(always)]
+    unsafe fn end_tap<S: Simd, const R: usize, const V: usize>(
+        _: S,
+        _: [*const Self; R],
+        _cin: usize,
+        _weights: *const Self::Weight,
+        _width: usize,
+        _: &mut [[Self::Total<S>; V]; R],
+    ) {
+    }
+}
+
+// SAFETY (all below): the caller vouches for the pointers.
+impl Operand for f32 {
+    type Weight = f32;
+    type Sum = f32;
+    type Factor<S: Simd> = S::Vector;
+    type Total<S: Simd> = S::Vector;
+    const STEP: usize = 1;
+
+    fn scales([.., cout]: [usize; 3], _: impl Fn([usize; 3]) -> f32) -> Vec<f32> {
+        vec![1.0; cout]
+    }
+
+    #[inline(always)]
+    fn pack(row: usize, _: usize, _: f32, weight: impl Fn(usize) -> f32) -> f32 {
+        weight(row)
+    }
+
+    #[inline(always)]
+    fn begin(bias: f32) -> f32 {
+        bias
+    }
+
+    #[inline(always)]
+    fn finish(sum: f32, _: f32, _: f32) -> f32 {
+        sum
+    }
+
+    #[inline(always)]
+    unsafe fn splat<S: Simd>(simd: S, from: *const f32) -> S::Vector {
+        simd.splat(unsafe { *from })
+    }
+
+    #[inline(always)]
+    unsafe fn load<S: Simd>(simd: S, from: *const f32) -> S::Vector {
+        unsafe { simd.load(from) }
+    }
+
+    #[inline(always)]
+    fn multiply<S: Simd>(simd: S, x: S::Vector, w: S::Vector, sums: S::Vector) -> S::Vector {
+        simd.fma(x, w, sums)
+    }
+
+    #[inline(always)]
+    unsafe fn load_sums<S: Simd>(simd: S, from: *const f32) -> S::Vector {
+        unsafe { simd.load(from) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_sums<S: Simd>(simd: S, to: *mut f32, sums: S::Vector) {
+        unsafe { simd.store(to, sums) }
+    }
+}
+
+impl Operand for Bf16 {
+    type Weight = u32;
+    type Sum = f32;
+    type Factor<S: Simd> = S::Bits;
+    type Total<S: Simd> = S::Vector;
+    const STEP: usize = 2;
+
+    fn scales([_, cin, cout]: [usize; 3], _: impl Fn([usize; 3]) -> f32) -> Vec<f32> {
+        assert!(
+            cin.is_multiple_of(2),
+            "bf16 needs an even number of input channels, not {cin}"
+        );
+        vec![1.0; cout]
+    }
+
+    #[inline(always)]
+    fn pack(row: usize, _: usize, _: f32, weight: impl Fn(usize) -> f32) -> u32 {
+        let bits = |channel| u32::from(Bf16::from_f32(weight(channel)).0);
+        bits(2 * row) | bits(2 * row + 1) << 16
+    }
+
+    #[inline(always)]
+    fn begin(bias: f32) -> f32 {
+        bias
+    }
+
+    #[inline(always)]
+    fn finish(sum: f32, _: f32, _: f32) -> f32 {
+        sum
+    }
+
+    #[inline(always)]
+    unsafe fn splat<S: Simd>(simd: S, from: *const Bf16) -> S::Bits {
+        let pair = unsafe { from.cast::<u32>().read_unaligned() };
+        let big_endian = cfg!(target_endian = "big");
+        simd.splat_bits(pair.rotate_left(if big_endian { 16 } else { 0 }))
+    }
+
+    #[inline(always)]
+    unsafe fn load<S: Simd>(simd: S, from: *const u32) -> S::Bits {
+        unsafe { simd.load_bits(from) }
+    }
+
+    #[inline(always)]
+    fn multiply<S: Simd>(simd: S, x: S::Bits, w: S::Bits, sums: S::Vector) -> S::Vector {
+        simd.dot_pairs(x, w, sums)
+    }
+
+    #[inline(always)]
+    unsafe fn load_sums<S: Simd>(simd: S, from: *const f32) -> S::Vector {
+        unsafe { simd.load(from) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_sums<S: Simd>(simd: S, to: *mut f32, sums: S::Vector) {
+        unsafe { simd.store(to, sums) }
+    }
+}
+
+/// The largest weight in i8; -128 is left out, so that the range is symmetric.
+const LARGEST: f32 = 127.0;
+/// Products of so many inputs (255 at most) and weights fit an i32.
+const INPUTS_MAX: usize = i32::MAX as usize / (255 * 127);
+
+/// Weights are i8; each output channel's largest is 127 of its scale. The last row of a tap is 128 times the sum of each
+/// column, for [`Simd::SIGNED_BYTES`].
+impl Operand for u8 {
+    type Weight = u32;
+    type Sum = i32;
+    type Factor<S: Simd> = S::Bits;
+    type Total<S: Simd> = S::Bits;
+    const STEP: usize = 4;
+    const NEEDS_SPARE: bool = true;
+
+    /// 0 where all weights are 0.
+    fn scales([taps, cin, cout]: [usize; 3], weight: impl Fn([usize; 3]) -> f32) -> Vec<f32> {
+        assert!(taps * cin <= INPUTS_MAX, "{taps} x {cin} inputs of a value");
+        let mut largest = vec![0.0_f32; cout];
+        for row in 0..taps * cin {
+            for (o, largest) in largest.iter_mut().enumerate() {
+                *largest = largest.max(weight([row / cin, row % cin, o]).abs());
+            }
+        }
+        largest.iter().map(|largest| largest / LARGEST).collect()
+    }
+
+    #[inline(always)]
+    fn tap_rows(cin: usize) -> usize {
+        cin.div_ceil(4) + 1
+    }
+
+    fn pack(row: usize, cin: usize, scale: f32, weight: impl Fn(usize) -> f32) -> u32 {
+        let rounded = |channel: usize| {
+            if channel < cin && scale > 0.0 {
+                (weight(channel) / scale).round_ties_even() as i8
+            } else {
+                0
+            }
+        };
+        if row == cin.div_ceil(4) {
+            let sum: i32 = (0..cin).map(|channel| i32::from(rounded(channel))).sum();
+            return (128 * sum) as u32;
+        }
+        u32::from_ne_bytes([0, 1, 2, 3].map(|i| rounded(4 * row + i) as u8))
+    }
+
+    #[inline(always)]
+    fn begin(_: f32) -> i32 {
+        0
+    }
+
+    /// Sums are exact; only here is rounded: once the product with the scale, once the sum with the bias.
+    #[inline(always)]
+    fn finish(sum: i32, scale: f32, bias: f32) -> f32 {
+        sum as f32 * scale + bias
+    }
+
+    #[inline(always)]
+    unsafe fn splat<S: Simd>(simd: S, from: *const u8) -> S::Bits {
+        splat_quad(simd, unsafe { from.cast::<u32>().read_unaligned() })
+    }
+
+    #[inline(always)]
+    unsafe fn load<S: Simd>(simd: S, from: *const u32) -> S::Bits {
+        unsafe { simd.load_bits(from) }
+    }
+
+    #[inline(always)]
+    fn multiply<S: Simd>(simd: S, x: S::Bits, w: S::Bits, sums: S::Bits) -> S::Bits {
+        simd.dot_quads(x, w, sums)
+    }
+
+    #[inline(always)]
+    unsafe fn load_sums<S: Simd>(simd: S, from: *const i32) -> S::Bits {
+        unsafe { simd.load_bits(from.cast()) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_sums<S: Simd>(simd: S, to: *mut i32, sums: S::Bits) {
+        unsafe { simd.store_bits(to.cast(), sums) }
+    }
+
+    #[inline(always)]
+    unsafe fn end_tap<S: Simd, const R: usize, const V: usize>(
+        simd: S,
+        inputs: [*const u8; R],
+        cin: usize,
+        mut weights: *const u32,
+        width: usize,
+        totals: &mut [[S::Bits; V]; R],
+    ) {
+        unsafe {
+            let rest = cin % 4;
+            if rest > 0 {
+                let mut quads = [[0; 4]; R];
+                for r in 0..R {
+                    for c in 0..rest {
+                        quads[r][c] = *inputs[r].add(cin - rest + c);
+                    }
+                }
+                step(simd, |r| quads[r].as_ptr(), weights, totals);
+                weights = weights.add(width);
+            }
+            if S::SIGNED_BYTES {
+                for v in 0..V {
+                    let lacking = simd.load_bits(weights.add(v * S::LANES));
+                    for r in 0..R {
+                        totals[r][v] = simd.add_bits(totals[r][v], lacking);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Four u8 as they lie in memory; [`Simd::SIGNED_BYTES`] takes 128 from each by turning its upper bit.
+#[inline(always)]
+fn splat_quad<S: Simd>(simd: S, quad: u32) -> S::Bits {
+    simd.splat_bits(if S::SIGNED_BYTES {
+        quad ^ 0x8080_8080
+    } else {
+        quad
+    })
+}
+
+/// `totals += inputs * weights`: rows of `cin` times the packed rows of a tap, of which V registers are used.
+///
+/// # Safety
+/// Each of `inputs` is valid for reads of `cin` values, and each of the tap's rows from `weights` on, `width` apart, for
+/// reads of V registers.
+#[inline(always)]
+pub(super) unsafe fn multiply<I: Operand, S: Simd, const R: usize, const V: usize>(
+    simd: S,
+    inputs: [*const I; R],
+    cin: usize,
+    mut weights: *const I::Weight,
+    width: usize,
+    totals: &mut [[I::Total<S>; V]; R],
+) {
+    // SAFETY: the caller vouches for both.
+    unsafe {
+        for c in 0..cin / I::STEP {
+            step(simd, |r| inputs[r].add(c * I::STEP), weights, totals);
+            weights = weights.add(width);
+        }
+        I::end_tap(simd, inputs, cin, weights, width, totals);
+    }
+}
+
+/// One step of input channels. `input`: those of row `r`.
+///
+/// # Safety
+/// What `input` gives for `r` below R is valid for reads of a step, `weights` for reads of V registers.
+#[inline(always)]
+pub(super) unsafe fn step<I: Operand, S: Simd, const R: usize, const V: usize>(
+    simd: S,
+    input: impl Fn(usize) -> *const I,
+    weights: *const I::Weight,
+    totals: &mut [[I::Total<S>; V]; R],
+) {
+    // SAFETY: the caller vouches for both.
+    unsafe {
+        let mut w = [I::load(simd, weights); V];
+        for v in 1..V {
+            w[v] = I::load(simd, weights.add(v * S::LANES));
+        }
+        for r in 0..R {
+            let x = I::splat(simd, input(r));
+            for v in 0..V {
+                totals[r][v] = I::multiply(simd, x, w[v], totals[r][v]);
+            }
+        }
+    }
+}
