@@ -44,9 +44,8 @@ fn backbone(c: &mut Criterion) {
     for precision in [Precision::F32, Precision::Bf16] {
         let mut backbone =
             Backbone::with_precision(&manifest, &weights, precision).expect("a sound model");
-        let count = backbone.run(&scan).rows;
-        let mut cells = vec![0; count];
-        let mut rows = vec![0.0; count * backbone.feature_channels()];
+        backbone.run(&scan);
+        let (mut cells, mut rows) = backbone.last_rows().expect("rows");
         group.bench_function(precision.to_string(), |b| {
             b.iter(|| backbone.write_rows(&mut cells, &mut rows).expect("room"))
         });
@@ -74,10 +73,8 @@ fn head(c: &mut Criterion) {
     let scan = inputs::simulated(0).expect("a simulated scan").points;
     let mut backbone = Backbone::new(&manifest, &weights).expect("a sound model");
     let mut head = Head::new(&manifest, &weights).expect("a sound model");
-    let count = backbone.run(&scan).rows;
-    let mut cells = vec![0; count];
-    let mut rows = vec![0.0; count * backbone.feature_channels()];
-    backbone.write_rows(&mut cells, &mut rows).expect("room");
+    backbone.run(&scan);
+    let (cells, rows) = backbone.last_rows().expect("rows");
     let mut detections = vec![];
     c.bench_function("head/whole", |b| {
         b.iter(|| head.run(&cells, &rows, &mut detections).expect("rows"))

@@ -47,9 +47,8 @@ pub fn paper_network() -> Manifest {
 
 /// The feature map of the last frame: its rows laid over those of the empty scene.
 pub fn feature_map(backbone: &Backbone, mut empty: Vec<f32>) -> Result<Vec<f32>, BackboneError> {
-    let (count, channels) = (backbone.rows(), backbone.feature_channels());
-    let (mut cells, mut rows) = (vec![0; count], vec![0.0; count * channels]);
-    backbone.write_rows(&mut cells, &mut rows)?;
+    let channels = backbone.feature_channels();
+    let (cells, rows) = backbone.last_rows()?;
     for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
         empty[*cell as usize * channels..][..channels].copy_from_slice(row);
     }

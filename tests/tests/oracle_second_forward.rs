@@ -98,10 +98,9 @@ fn threads_do_not_change_a_bit_of_a_full_scan() -> Fallible {
 
 /// Both stages, as the vehicle runs them: the bits of the feature rows and the detections.
 fn stages(backbone: &mut Backbone, head: &mut Head, points: &[[f32; 4]]) -> Fallible<Vec<u32>> {
-    let (count, channels) = (backbone.run(points).rows, backbone.feature_channels());
-    let (mut cells, mut rows) = (vec![0; count], vec![0.0; count * channels]);
+    backbone.run(points);
+    let (cells, rows) = backbone.last_rows()?;
     let mut detections = vec![];
-    backbone.write_rows(&mut cells, &mut rows)?;
     head.run(&cells, &rows, &mut detections)?;
     let has_contents = rows.len() > 1000 && !detections.is_empty();
     assert!(has_contents, "the frame is empty");

@@ -70,8 +70,7 @@ fn answers(imported: &Imported, points: &[[f32; 4]]) -> Fallible<Vec<Vec<f32>>> 
     let channels = backbone.feature_channels();
     let count = backbone.run(points).rows;
     assert!(count > 1000, "the scan fills the map: {count} rows");
-    let (mut cells, mut rows) = (vec![0; count], vec![0.0; count * channels]);
-    backbone.write_rows(&mut cells, &mut rows)?;
+    let (cells, rows) = backbone.last_rows()?;
     for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
         values[*cell as usize * channels..][..channels].copy_from_slice(row);
     }

@@ -48,10 +48,8 @@ fn product(model: &Model, set: &FrameSet) -> Vec<Vec<FoundObject>> {
     let mut refined = RefinerOutput::default();
     let mut one = |index: usize| {
         let points = set.points(index).expect("points");
-        let count = backbone.run(bytemuck::cast_slice(&points)).rows;
-        let mut cells = vec![0; count];
-        let mut rows = vec![0.0; count * backbone.feature_channels()];
-        backbone.write_rows(&mut cells, &mut rows).expect("rows");
+        backbone.run(bytemuck::cast_slice(&points));
+        let (cells, rows) = backbone.last_rows().expect("rows");
         let mut detections: Vec<Detection> = Vec::new();
         head.run(&cells, &rows, &mut detections).expect("boxes");
         refiner.refine(index as u64, &points, &detections, &mut refined);

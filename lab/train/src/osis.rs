@@ -83,15 +83,12 @@ fn fit(
     let mut adam = Adam::new(parameters.len());
     let schedule = Schedule::new(settings.learning_rate, settings.steps);
     let mut log = Log::open(settings, false)?;
-    let (mut cells, mut rows) = (vec![], vec![]);
     for step in 0..settings.steps {
         let clock = Instant::now();
         let mut random = Random::new(settings.seed, &[0x0515, step]);
         let scan = source.scan(random.below(source.count()))?;
-        let frame = backbone.run(&scan.points);
-        cells.resize(frame.rows, 0);
-        rows.resize(frame.rows * backbone.feature_channels(), 0.0);
-        backbone.write_rows(&mut cells, &mut rows)?;
+        backbone.run(&scan.points);
+        let (cells, rows) = backbone.last_rows()?;
         let features = FrameFeatures::new(manifest, &cells, &rows);
         let (input, owner, instances) = sample(&scan, &features, &mut random);
         let held_out = (0..instances).map(|_| random.uniform(0.0, 1.0) < HELD_OUT);

@@ -70,9 +70,8 @@ impl Backbone {
     pub fn warm_up(&mut self, manifest: &Manifest) -> Result<()> {
         let points = warm_up::scan(manifest);
         for _ in 0..WARM_UP_FRAMES {
-            let count = self.run(&points).rows;
-            let mut rows = vec![0.0; count * self.feature_channels()];
-            self.write_rows(&mut vec![0; count], &mut rows)?;
+            self.run(&points);
+            self.last_rows()?;
         }
         self.run(&[]);
         Ok(())
@@ -151,11 +150,17 @@ impl Backbone {
         Ok(())
     }
 
+    /// [`Backbone::write_rows`] into vectors of its own: cells and rows.
+    pub fn last_rows(&self) -> Result<(Vec<u32>, Vec<f32>)> {
+        let mut cells = vec![0; self.rows()];
+        let mut rows = vec![0.0; cells.len() * self.feature_channels()];
+        self.write_rows(&mut cells, &mut rows)?;
+        Ok((cells, rows))
+    }
+
     /// The response to an empty scene: one feature row for every cell of the map, in order.
     pub fn empty_rows(&mut self) -> Result<Vec<f32>> {
-        let count = self.watched(&[], Coverage::Everywhere, Watch::Nobody).rows;
-        let mut rows = vec![0.0; count * self.feature_channels()];
-        self.write_rows(&mut vec![0; count], &mut rows)?;
-        Ok(rows)
+        self.watched(&[], Coverage::Everywhere, Watch::Nobody);
+        Ok(self.last_rows()?.1)
     }
 }

@@ -28,13 +28,10 @@ pub fn detect_frames(
     }
     let mut backbone = Backbone::with_precision(&manifest, &model.weights, precision)?;
     let mut head = Head::new(&manifest, &model.weights)?;
-    let (mut cells, mut rows) = (Vec::new(), Vec::new());
     let mut one = |index: usize| {
         let points = set.points(index)?;
-        let frame = backbone.run(bytemuck::cast_slice(&points));
-        cells.resize(frame.rows, 0);
-        rows.resize(frame.rows * backbone.feature_channels(), 0.0);
-        backbone.write_rows(&mut cells, &mut rows)?;
+        backbone.run(bytemuck::cast_slice(&points));
+        let (cells, rows) = backbone.last_rows()?;
         let mut detections = Vec::new();
         let generic = head.run(&cells, &rows, &mut detections)?.generic as usize;
         step();

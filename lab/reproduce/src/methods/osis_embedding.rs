@@ -53,14 +53,11 @@ impl Embedder<'_> {
         points: &[Point],
         standing: &mut Vec<Standing>,
     ) -> Result<(), EvaluateError> {
-        let (mut cells, mut rows) = (vec![], vec![]);
-        {
+        let (cells, rows) = {
             let mut backbone = self.backbone.lock().unwrap_or_else(PoisonError::into_inner);
-            let frame = backbone.run(bytemuck::cast_slice(points));
-            cells.resize(frame.rows, 0);
-            rows.resize(frame.rows * backbone.feature_channels(), 0.0);
-            backbone.write_rows(&mut cells, &mut rows)?;
-        }
+            backbone.run(bytemuck::cast_slice(points));
+            backbone.last_rows()?
+        };
         let features = FrameFeatures::new(&self.model.manifest, &cells, &rows);
         let mut input = vec![];
         standing.retain(|s| features.append(s.at_m, &mut input));

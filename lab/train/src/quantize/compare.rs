@@ -79,10 +79,8 @@ fn outputs(
     head: &Head,
     points: &[[f32; 4]],
 ) -> Result<Vec<Vec<f32>>, TrainError> {
-    let count = backbone.run(points).rows;
-    let mut cells = vec![0; count];
-    let mut rows = vec![0.0; count * backbone.feature_channels()];
-    backbone.write_rows(&mut cells, &mut rows)?;
+    backbone.run(points);
+    let (_, rows) = backbone.last_rows()?;
     let heads = head.outputs(&rows);
     Ok(std::iter::once(rows).chain(heads).collect())
 }
