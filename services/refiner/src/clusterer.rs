@@ -13,7 +13,7 @@ use crate::{Sensor, Settings};
 pub(crate) struct FrameTask<'a> {
     pub(crate) sequence: u64,
     pub(crate) scan: &'a [Point],
-    /// All of its points where candidates are refined.
+    /// The same by tile.
     pub(crate) frame: &'a FrameIndex,
     /// Of each point whether a known object of a high score owns it, where a variant keeps them apart.
     pub(crate) is_known: &'a [bool],
@@ -27,7 +27,7 @@ pub(crate) struct FrameTask<'a> {
 /// Finds the cluster of each proposal, and its box. By default proposals keep their boxes.
 pub(crate) trait Clusterer: std::fmt::Debug + Send {
     /// Ground and clusters near the candidates, for a variant that finds them all at once.
-    fn cluster_scan(&mut self, _task: &FrameTask, _proposals: &[Proposal]) {}
+    fn find_ground_and_clusters(&mut self, _task: &FrameTask, _proposals: &[Proposal]) {}
 
     /// Whether there is a cluster that a proposal is about; without one the proposal gets the disposition that says why.
     fn match_cluster(&mut self, _task: &mut FrameTask, _proposal: &mut Proposal) -> bool {
@@ -84,7 +84,7 @@ impl ScanClusterer {
 
 impl Clusterer for ScanClusterer {
     /// Where a proposal looks for its cluster.
-    fn cluster_scan(&mut self, task: &FrameTask, proposals: &[Proposal]) {
+    fn find_ground_and_clusters(&mut self, task: &FrameTask, proposals: &[Proposal]) {
         let candidates = proposals.iter().filter(|p| p.is_standing());
         let around = candidates.flat_map(|candidate| {
             let [x, y, _] = candidate.shape.center_m;
@@ -205,9 +205,7 @@ mod tests {
         for name in SCANS {
             let bytes = std::fs::read(root.join(name)).expect("a bundled scan");
             let scan = mluc_ingest::unpack(&bytes).expect("a packed scan");
-            let mut frame = FrameIndex::default();
-            frame.want_all();
-            frame.sort(&scan);
+            let frame = crate::testing::sorted(&scan);
             // A corridor is a known object's.
             let is_known: Vec<bool> = scan.iter().map(|p| (5.0..6.0).contains(&p.y_m)).collect();
             let mut task = FrameTask {
@@ -221,7 +219,7 @@ mod tests {
             };
             for some in candidates(&scan, 120).chunks(6) {
                 whole.cluster(&task, frame.occupied_tiles());
-                near.cluster_scan(&task, some);
+                near.find_ground_and_clusters(&task, some);
                 let expected = refined(&mut whole, &mut task, some);
                 assert_eq!(refined(&mut near, &mut task, some), expected, "{name}");
                 matched += expected.iter().filter(|(.., m)| m.is_some()).count();

@@ -1,7 +1,7 @@
 //! One pass over the scan: its points, sorted into tiles of 1 m seen from above.
 //!
-//! A counting sort that is linear in the points. Points that nobody asks for are touched once and then forgotten. Points
-//! that are not finite, or further than 128 m from the sensor along x or y, are left out and counted.
+//! A counting sort that is linear in the points. Points that are not finite, or further than 128 m from the sensor along x
+//! or y, are left out and counted.
 
 use std::ops::Range;
 
@@ -29,15 +29,14 @@ pub struct IndexedPoint {
     pub index: u32,
 }
 
-/// The points of a scan that were asked for, by tile.
+/// The points of a scan, by tile.
 #[derive(Debug)]
 pub struct FrameIndex {
-    wanted: Vec<bool>,
     /// First slot of each tile, and one past the last.
     tile_first: Vec<u32>,
     /// Slot of each tile's lowest point; [`NONE`] where it is empty.
     lowest_slot: Vec<u32>,
-    /// Wanted points and their tiles.
+    /// Points within the square and their tiles.
     kept: Vec<(u32, u32)>,
     slots: Vec<IndexedPoint>,
     /// Points with NaN or infinity.
@@ -49,7 +48,6 @@ pub struct FrameIndex {
 impl Default for FrameIndex {
     fn default() -> FrameIndex {
         FrameIndex {
-            wanted: vec![false; TILES],
             tile_first: vec![0; TILES + 1],
             lowest_slot: vec![NONE; TILES],
             kept: Vec::with_capacity(POINTS_MAX),
@@ -61,23 +59,6 @@ impl Default for FrameIndex {
 }
 
 impl FrameIndex {
-    /// Forgets what was asked for in the last frame.
-    pub fn start(&mut self) {
-        self.wanted.fill(false);
-    }
-
-    /// Asks for all points.
-    pub fn want_all(&mut self) {
-        self.wanted.fill(true);
-    }
-
-    /// Asks for the points of a square around a centre, m. Centres and half sides that are not finite ask for nothing.
-    pub fn want(&mut self, center_m: [f64; 2], half_side_m: f64) {
-        for tiles in tile_rows(center_m, half_side_m) {
-            self.wanted[tiles].fill(true);
-        }
-    }
-
     /// Sorts the scan; points beyond [`POINTS_MAX`] are left out.
     pub fn sort(&mut self, scan: &[Point]) {
         self.outside = scan.len().saturating_sub(POINTS_MAX) as u32;
@@ -91,7 +72,6 @@ impl FrameIndex {
         self.not_finite = 0;
         self.tile_first.fill(0);
         self.kept.clear();
-        let (wanted, tile_first) = (&self.wanted[..], &mut self.tile_first[..]);
         let mut tile_of_point = [NONE; BLOCK];
         for (block, points) in scan.chunks(BLOCK).enumerate() {
             at_best(
@@ -104,14 +84,14 @@ impl FrameIndex {
                     let is_finite = at_m.iter().all(|v| v.is_finite());
                     self.outside += u32::from(is_finite);
                     self.not_finite += u32::from(!is_finite);
-                } else if wanted[tile as usize] {
-                    tile_first[tile as usize + 1] += 1;
+                } else {
+                    self.tile_first[tile as usize + 1] += 1;
                     self.kept.push(((block * BLOCK + i) as u32, tile));
                 }
             }
         }
         let mut sum = 0;
-        for first in tile_first {
+        for first in &mut self.tile_first {
             sum += *first;
             *first = sum;
         }
@@ -165,7 +145,7 @@ impl FrameIndex {
         ends.filter_map(|(tile, ends)| (ends[0] < ends[1]).then_some(tile))
     }
 
-    /// The points of the wanted tiles that a square touches, row by row; at least all points inside it.
+    /// The points of the tiles that a square touches, row by row; at least all points inside it.
     pub fn rows_around(
         &self,
         center_m: [f64; 2],
@@ -177,7 +157,7 @@ impl FrameIndex {
         })
     }
 
-    /// The lowest point of every wanted tile that a square touches.
+    /// The lowest point of every tile that a square touches.
     pub fn lowest_around(
         &self,
         center_m: [f64; 2],
@@ -260,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_wanted_points_are_kept_and_the_rest_is_counted() {
+    fn points_are_found_by_tile_and_the_rest_is_counted() {
         let scan = [
             [10.2, 0.0, 1.0],
             [10.8, 0.4, -1.0],
@@ -270,23 +250,20 @@ mod tests {
             [500.0, 0.0, 0.0],
         ]
         .map(point);
-        let mut frame = FrameIndex::default();
-        for _ in 0..2 {
-            frame.start();
-            frame.want([10.0, 0.0], 2.0);
-            frame.want([f64::NAN, 0.0], 2.0);
-            frame.want([0.0, 0.0], -1.0);
-            frame.sort(&scan);
-            assert_eq!(found(&frame, [10.0, 0.0], 2.0), [vec![0, 1], vec![1]]);
-            assert_eq!((frame.not_finite, frame.outside), (2, 1));
+        let mut frame = sorted(&scan);
+        assert_eq!(found(&frame, [10.0, 0.0], 2.0), [vec![0, 1], vec![1]]);
+        for (center_m, half_side_m) in [([f64::NAN, 0.0], 2.0), ([0.0, 0.0], -1.0)] {
+            let [points, lowest] = found(&frame, center_m, half_side_m);
+            assert!(points.is_empty() && lowest.is_empty());
         }
+        assert_eq!((frame.not_finite, frame.outside), (2, 1));
         frame.sort(&vec![point([10.0, 1.0, 0.0]); POINTS_MAX + 7]);
         assert_eq!(frame.outside, 7, "beyond the limit");
         assert_eq!(found(&frame, [10.0, 1.0], 1.0)[0].len(), POINTS_MAX);
     }
 
     #[test]
-    fn every_wanted_point_is_found_once_whatever_the_last_frame_was() {
+    fn every_point_is_found_once_whatever_the_last_frame_was() {
         let places = (0..4000).map(|i| i as f32);
         let places = places.map(|i| [i * 0.37 % 60.0 - 30.0, i * 0.91 % 50.0 - 25.0, i * 1e-3]);
         let scan: Vec<Point> = places.map(point).collect();
@@ -294,16 +271,12 @@ mod tests {
         let mut all = found(&used, [0.0, 0.0], 40.0)[0].clone();
         all.sort_unstable();
         assert!(all.into_iter().eq(0..4000));
-        for center_m in [[0.0, 0.0], [20.0, 30.0], [-30.0, -35.0]] {
-            let mut fresh = FrameIndex::default();
-            for frame in [&mut fresh, &mut used] {
-                frame.start();
-                frame.want(center_m, 12.0);
-                frame.sort(&scan);
-            }
-            let own = found(&fresh, center_m, 40.0);
+        for some in scan.chunks(1300) {
+            let fresh = sorted(some);
+            used.sort(some);
+            let own = found(&fresh, [20.0, 10.0], 12.0);
             assert!(!own[0].is_empty());
-            assert_eq!(own, found(&used, center_m, 40.0));
+            assert_eq!(own, found(&used, [20.0, 10.0], 12.0));
             assert!(fresh.occupied_tiles().eq(used.occupied_tiles()));
         }
     }

@@ -116,7 +116,7 @@ impl Refiner {
         let mut is_over = || variant != Variant::None && is_over();
         self.read_proposals(detections);
         let has_time = self.proposals.iter().any(Proposal::is_standing) && !is_over();
-        self.sort_points(scan, has_time);
+        self.frame.sort(scan);
         self.take_points_of_known(scan.len());
         let (proposals, clusterer) = (&mut self.proposals, &mut self.clusterer);
         let mut task = FrameTask {
@@ -129,7 +129,7 @@ impl Refiner {
             counters: &mut self.counters,
         };
         if has_time {
-            clusterer.cluster_scan(&task, proposals);
+            clusterer.find_ground_and_clusters(&task, proposals);
         }
         let mut over = !has_time;
         best_first(&mut self.order, proposals, |p| p.score.into());
@@ -176,26 +176,12 @@ impl Refiner {
         self.counters = counters;
     }
 
-    /// Sorts the points, as components may reach anywhere; those in and around the boxes of known objects alone where nothing
-    /// is clustered.
-    fn sort_points(&mut self, scan: &[Point], has_time: bool) {
-        self.frame.start();
-        if has_time {
-            self.frame.want_all();
-        }
-        for known in self.proposals.iter().filter(|p| p.is_known()) {
-            let (center_m, half_side_m) = square(&known.shape);
-            self.frame.want(center_m, half_side_m);
-        }
-        self.frame.sort(scan);
-        self.counters.points_not_finite = self.frame.not_finite;
-        self.counters.points_outside = self.frame.outside;
-    }
-
     /// Lists the points in the boxes of known objects; where the variant keeps them apart, those in and around known objects
     /// with a high score are theirs.
     fn take_points_of_known(&mut self, points: usize) {
         let taken = &mut self.points;
+        self.counters.points_not_finite = self.frame.not_finite;
+        self.counters.points_outside = self.frame.outside;
         self.known.clear();
         self.is_known.clear();
         self.is_known.resize(points, false);
@@ -205,8 +191,9 @@ impl Refiner {
             let is_owner = keeps_apart && known.score >= KNOWN_SCORE_MIN;
             let own = Inside::of(&known.shape, 0.0);
             let around = Inside::of(&known.shape, KNOWN_MARGIN_M);
-            let (center_m, half_side_m) = square(&known.shape);
-            for point in self.frame.rows_around(center_m, half_side_m).flatten() {
+            let [x, y, _] = known.shape.center_m;
+            let half_side_m = half_diagonal_m(&known.shape) + 2.0 * KNOWN_MARGIN_M;
+            for point in self.frame.rows_around([x, y], half_side_m).flatten() {
                 self.is_known[point.index as usize] |= is_owner && around.contains(point.at_m);
                 if own.contains(point.at_m) {
                     if taken.len() < OBJECT_POINTS_MAX {
@@ -247,10 +234,4 @@ impl Refiner {
             }
         }
     }
-}
-
-/// Centre and half side of a square around a known object with its margin, m.
-fn square(shape: &Box3) -> ([f64; 2], f64) {
-    let [x, y, _] = shape.center_m;
-    ([x, y], half_diagonal_m(shape) + 2.0 * KNOWN_MARGIN_M)
 }

@@ -13,10 +13,8 @@ pub(crate) fn point([x_m, y_m, z_m]: [f32; 3]) -> Point {
     }
 }
 
-/// All points of a scan.
 pub(crate) fn sorted(scan: &[Point]) -> FrameIndex {
     let mut frame = FrameIndex::default();
-    frame.want_all();
     frame.sort(scan);
     frame
 }

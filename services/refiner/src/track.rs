@@ -117,12 +117,8 @@ impl Tracker {
             object.kind == ObjectKind::Unknown as u32 && object.is_published()
         }));
         // The surest object chooses first; equal ones in their order.
-        self.order.sort_by(|&a, &b| {
-            objects[b]
-                .score
-                .total_cmp(&objects[a].score)
-                .then(a.cmp(&b))
-        });
+        let score = |index: usize| objects[index].score;
+        self.order.sort_by(|&a, &b| score(b).total_cmp(&score(a)));
         for place in 0..self.order.len() {
             let object = &mut objects[self.order[place]];
             let Some(track) = self.track_of(in_fixed_frame(ego, object.center_m)) else {
@@ -159,14 +155,12 @@ impl Tracker {
 
     /// The free track nearest to where it should be now, or a new one; None when all tracks were seen in this frame.
     fn track_of(&mut self, place_m: [f64; 2]) -> Option<Track> {
-        let nearest = self
-            .tracks
-            .iter()
-            .enumerate()
+        let tracks = self.tracks.iter().enumerate();
+        let nearest = tracks
             .filter(|(_, track)| !track.is_taken)
             .map(|(index, track)| (index, track.distance_m(place_m)))
             .filter(|&(_, distance_m)| distance_m <= self.settings.distance_max_m)
-            .min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
+            .min_by(|a, b| a.1.total_cmp(&b.1));
         let index = match nearest {
             Some((index, _)) => index,
             None => self.begin(place_m)?,

@@ -71,8 +71,6 @@ fn candidates(
     found: &mut Vec<Value>,
 ) -> Result<()> {
     let mut index = FrameIndex::default();
-    index.start();
-    index.want_all();
     index.sort(bytemuck::cast_slice(&frame.points));
     let mut around = Neighbourhood::default();
     for object in &frame.objects {

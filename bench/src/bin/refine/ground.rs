@@ -41,8 +41,6 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()>
         let theirs = read(answers, frame)?;
         for pass in 0..=PASSES {
             let lap = timed(|| {
-                index.start();
-                index.want_all();
                 index.sort(&frame.points);
                 ground.clear();
                 ground.label(&index, frame.points.len(), clearance_m, &mut labels);

@@ -16,8 +16,6 @@ const PROPOSALS_PER_OBJECT: u64 = 8;
 /// Points farther from an object than this along x or y are never looked at for its proposals, m: what is passed over is
 /// the sorting alone.
 const SURROUNDINGS_M: f32 = 30.0;
-/// Of the ground under an object, m.
-const AROUND_M: f64 = 8.0;
 
 /// All figures of one labelled object.
 #[derive(Default)]
@@ -152,8 +150,6 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
 fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f64) -> f64 {
     let clearance_m = Settings::default().ground_clearance_m;
     let center = [object.center_m[0], object.center_m[1]];
-    frame.start();
-    frame.want(center, AROUND_M);
     frame.sort(points);
     let plane = GroundPlane::fit(frame, center, height_m);
     let mut own = ClusterPoints::default();

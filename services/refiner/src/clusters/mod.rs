@@ -44,10 +44,8 @@ impl FrameClusterer {
     /// Refuses settings that make no sense.
     pub fn new(settings: &Settings, sensor: &Sensor) -> Result<FrameClusterer, RefinerError> {
         settings.check()?;
-        let mut frame = FrameIndex::default();
-        frame.want_all();
         Ok(FrameClusterer {
-            frame,
+            frame: FrameIndex::default(),
             finder: ClusterFinder::new(settings, sensor),
         })
     }
