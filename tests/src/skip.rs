@@ -21,10 +21,8 @@ pub fn data_folder(variable: &str) -> Option<PathBuf> {
         return None;
     };
     let found = folder.display();
-    assert!(
-        folder.is_dir(),
-        "{variable}: expected a folder, found {found}"
-    );
+    let is_there = folder.is_dir();
+    assert!(is_there, "{variable}: expected a folder, found {found}");
     Some(folder)
 }
 

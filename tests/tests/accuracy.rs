@@ -53,10 +53,8 @@ fn scans(setting: &str, folder: &Path) -> FrameSet {
             let read = |path: &Path| std::fs::read(path).expect("an asset");
             let points = unpack(&read(&path)).expect("a packed scan");
             let labels = read(&path.with_extension("txt"));
-            write(
-                &format!("velodyne/{name}.bin"),
-                bytemuck::cast_slice(&points),
-            );
+            let scan = bytemuck::cast_slice(&points);
+            write(&format!("velodyne/{name}.bin"), scan);
             write(&format!("label_2/{name}.txt"), &labels);
             write(&format!("calib/{name}.txt"), calibration.as_bytes());
         }

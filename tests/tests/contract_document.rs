@@ -2,7 +2,7 @@
 
 mod contract_layouts;
 
-use contract_layouts::{Layout, c_struct, layouts, python_struct};
+use contract_layouts::{c_struct, layouts, python_struct};
 use mluc_ipc_types::{
     CLASSES_MAX, DETECTIONS_MAX, Disposition, FOOTPRINT_MAX, Flags, GateKind, HealthState,
     OBJECT_POINTS_MAX, OBJECTS_MAX, Object, POINTS_MAX, Topic, WIRE_VERSION,
@@ -42,11 +42,8 @@ fn queue(topic: &Topic) -> [usize; 5] {
 fn the_document_has_every_field_at_its_offset() {
     let document = read("docs/CONTRACT.md");
     for layout in layouts() {
-        let Layout { name, size, .. } = layout;
-        let heading = format!(
-            "### `mluc.{name}`: {size} bytes, alignment {}",
-            layout.align
-        );
+        let (name, size, align) = (layout.name, layout.size, layout.align);
+        let heading = format!("### `mluc.{name}`: {size} bytes, alignment {align}");
         let rows = rows(&document, &heading);
         let said = rows[1..].iter().map(|row| {
             let [offset, bytes] = [0, 1].map(|column| row[column].parse().unwrap());

@@ -188,12 +188,9 @@ fn compare(title: &str, expected: &Expected, found: &Found) {
             worst = worst.max((f64::from(*value) - expected).abs());
         }
     }
-    println!(
-        "{title}: {} sites, {} samples, worst {:.1e} of the rms",
-        expected.sites,
-        expected.samples.len(),
-        worst / expected.rms
-    );
+    let (sites, samples) = (expected.sites, expected.samples.len());
+    let share = worst / expected.rms;
+    println!("{title}: {sites} sites, {samples} samples, worst {share:.1e} of the rms");
     let is_close = worst < limit && !expected.samples.is_empty();
     assert!(is_close, "{title}: {worst} of at most {limit}");
 }

@@ -58,25 +58,14 @@ fn at_the_sensors_pace_frames_come_at_its_rate() {
     let run = Setting::new("sensor", 10).run("--pace sensor --rate 4");
     let sequences = run.sequences();
     let (first, last) = (sequences[0], sequences[sequences.len() - 1]);
-    assert!(
-        sequences.is_sorted() && last == 9,
-        "{sequences:?} {}",
-        run.log
-    );
-    let is_complete = sequences.len() == 10;
-    assert_eq!(
-        run.code,
-        Some(if is_complete { 0 } else { 3 }),
-        "{}",
-        run.log
-    );
+    assert!(sequences.is_sorted() && last == 9, "{sequences:?}");
+    let code = if sequences.len() == 10 { 0 } else { 3 };
+    assert_eq!(run.code, Some(code), "{}", run.log);
     let stamp_ns = |line: usize| run.lines[line]["stamp_ns"].as_u64().unwrap();
     let seconds = (stamp_ns(sequences.len() - 1) - stamp_ns(0)) as f64 * 1e-9;
     let expected = (last - first) as f64 / 4.0;
-    assert!(
-        (seconds - expected).abs() < 0.4,
-        "{seconds} s instead of {expected} s"
-    );
+    let off = (seconds - expected).abs();
+    assert!(off < 0.4, "{seconds} s instead of {expected} s");
 }
 
 #[test]
@@ -152,11 +141,8 @@ fn payloads_are_read_where_they_lie_and_written_once() {
     let written = |health: &mluc_ipc_types::Health| u64::from(health.bytes_written);
     assert_eq!(written(&ingest), scan_bytes, "the scan enters once");
     assert_eq!(backbone.bytes_read, scan_bytes, "and is read in full");
-    assert_eq!(
-        head.bytes_read,
-        written(&backbone),
-        "the head reads what the backbone wrote"
-    );
+    // The head reads what the backbone wrote.
+    assert_eq!(head.bytes_read, written(&backbone));
     assert_eq!(refiner.bytes_read, scan_bytes + written(&head));
     for stage in [backbone, head, refiner] {
         let is_verified = stage.mappings_verified >= stage.frames_in;

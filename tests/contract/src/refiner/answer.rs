@@ -46,20 +46,19 @@ fn check_header(sent: &FrameHeader, answer: &Answer) -> anyhow::Result<()> {
             "header: {what} is {found}, the detections' message had {expected}"
         );
     }
-    ensure!(sent.name == got.name, "header: the frame's name is changed");
-    ensure!(
-        bytemuck::bytes_of(&sent.ego) == bytemuck::bytes_of(&got.ego),
-        "header: the pose of the sensor is changed"
-    );
-    ensure!(
-        got.flags & sent.flags == sent.flags,
-        "header: flags {:#x} are lost",
-        sent.flags & !got.flags
-    );
-    ensure!(
-        sent.stages[..3] == got.stages[..3],
-        "header: stamps of the stages before are changed"
-    );
+    let [sent_ego, got_ego] = [sent, got].map(|header| bytemuck::bytes_of(&header.ego));
+    for (is_kept, what) in [
+        (sent.name == got.name, "the frame's name is"),
+        (sent_ego == got_ego, "the pose of the sensor is"),
+        (
+            sent.stages[..3] == got.stages[..3],
+            "stamps of the stages before are",
+        ),
+    ] {
+        ensure!(is_kept, "header: {what} changed");
+    }
+    let lost = sent.flags & !got.flags;
+    ensure!(lost == 0, "header: flags {lost:#x} are lost");
     let own = got.stages[Stage::Refiner as usize];
     let begun_ns = sent.stages[Stage::Head as usize].published_ns;
     let times_ns = [begun_ns, own.received_ns, own.started_ns, own.published_ns];
@@ -76,10 +75,10 @@ fn check_header(sent: &FrameHeader, answer: &Answer) -> anyhow::Result<()> {
 /// What holds when all detections make sense: each has its object in its place, known ones unchanged.
 pub(crate) fn check_objects(frame: &Frame, answer: &Answer) -> anyhow::Result<()> {
     let expected = frame.detections.len().min(DETECTIONS_MAX);
+    let found = answer.objects.len();
     ensure!(
-        answer.objects.len() >= expected,
-        "{} objects for {expected} detections: each has one, suppressed ones too",
-        answer.objects.len()
+        found >= expected,
+        "{found} objects for {expected} detections: each has one, suppressed ones too"
     );
     for (index, (detection, object)) in frame.detections.iter().zip(&answer.objects).enumerate() {
         // A candidate becomes an unknown object: the same number.

@@ -130,10 +130,8 @@ pub(super) fn points_gone(session: &mut Session<'_>) -> Outcome {
     // The later scan first: ingest has sent more than the frame without points.
     for mut frame in [of_another, never_sent] {
         let answer = session.ask(&mut frame)?;
-        for (flag, name) in [
-            (Flags::POINTS_GONE, "points_gone"),
-            (Flags::DEGRADED, "degraded"),
-        ] {
+        for flag in [Flags::POINTS_GONE, Flags::DEGRADED] {
+            let name: String = flag.names().collect();
             ensure!(is_flagged(&answer, &[flag]), "not flagged {name}");
         }
     }
