@@ -49,11 +49,7 @@ pub fn candidate(shape: &Box3, eds: f32) -> Detection {
 
 /// An object's box in the sensor frame.
 pub fn box_of(object: &Object) -> Box3 {
-    Box3 {
-        center_m: object.center_m.map(f64::from),
-        size_m: object.size_m.map(f64::from),
-        yaw_rad: f64::from(object.yaw_rad),
-    }
+    Box3::from_f32(object.center_m, object.size_m, object.yaw_rad)
 }
 
 /// The simulated scans' sensor, with its beams.

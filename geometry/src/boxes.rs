@@ -21,6 +21,15 @@ impl Box3 {
         }
     }
 
+    /// Of a message's numbers.
+    pub fn from_f32(center_m: [f32; 3], size_m: [f32; 3], yaw_rad: f32) -> Box3 {
+        Box3 {
+            center_m: center_m.map(f64::from),
+            size_m: size_m.map(f64::from),
+            yaw_rad: f64::from(yaw_rad),
+        }
+    }
+
     /// Corners of the footprint, counter-clockwise, m: front left, rear left, rear right, front right.
     pub fn footprint_m(&self) -> [[f64; 2]; 4] {
         let (sin, cos) = self.yaw_rad.sin_cos();

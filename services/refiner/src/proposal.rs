@@ -47,11 +47,7 @@ pub(crate) fn valid_box(detection: &Detection, classes: usize) -> Option<Box3> {
         && detection.center_m.iter().all(is_near)
         && detection.size_m.iter().all(is_near)
         && is_near(&detection.yaw_rad);
-    is_sound.then(|| Box3 {
-        center_m: detection.center_m.map(f64::from),
-        size_m: detection.size_m.map(f64::from),
-        yaw_rad: f64::from(detection.yaw_rad),
-    })
+    is_sound.then(|| Box3::from_f32(detection.center_m, detection.size_m, detection.yaw_rad))
 }
 
 impl Proposal {

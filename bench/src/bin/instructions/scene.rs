@@ -60,11 +60,7 @@ pub(crate) fn candidates() -> Vec<Detection> {
         let [x, y] = place(number);
         let off = 0.1 * number as f32 - 0.5;
         let place = [x + off, y - 0.5 * off, GROUND_M + 0.8];
-        let shape = Box3 {
-            center_m: place.map(f64::from),
-            size_m: [3.9, 1.6, 1.56],
-            yaw_rad: f64::from(0.4 * number as f32),
-        };
+        let shape = Box3::from_f32(place, [3.9, 1.6, 1.56], 0.4 * number as f32);
         candidate(&shape, 20.0)
     };
     (0..BOXES).map(candidate).collect()

@@ -82,13 +82,8 @@ fn frames() -> [(&'static str, Vec<Point>); 4] {
     let share = |i: usize, axis: usize| (i as f64 * K[axis]).fract() - 0.5;
     let made = |place: &dyn Fn(usize) -> [f64; 3]| -> Vec<Point> {
         let point = |i| {
-            let [x_m, y_m, z_m] = place(i).map(|v| v as f32);
-            Point {
-                x_m,
-                y_m,
-                z_m,
-                intensity: 0.3,
-            }
+            let [x, y, z] = place(i).map(|v| v as f32);
+            bytemuck::cast([x, y, z, 0.3])
         };
         (0..POINTS_MAX).map(point).collect()
     };

@@ -92,9 +92,5 @@ pub(crate) fn time(
 /// A box of 1 m at a random point of the scan: mostly walls and bushes near the sensor.
 fn random_place(frame: &Frame, random: &mut Random) -> Box3 {
     let p = frame.points[random.below(frame.points.len())];
-    Box3 {
-        center_m: [p.x_m, p.y_m, p.z_m].map(f64::from),
-        size_m: [1.0; 3],
-        yaw_rad: 0.0,
-    }
+    Box3::from_f32([p.x_m, p.y_m, p.z_m], [1.0; 3], 0.0)
 }

@@ -126,11 +126,7 @@ fn drawn(object: &Object, classes: &[String]) -> DrawnBox {
         BoxKind::Known
     };
     DrawnBox {
-        box_in_sensor: Box3 {
-            center_m: object.center_m.map(f64::from),
-            size_m: object.size_m.map(f64::from),
-            yaw_rad: f64::from(object.yaw_rad),
-        },
+        box_in_sensor: Box3::from_f32(object.center_m, object.size_m, object.yaw_rad),
         kind,
         label: label.to_lowercase(),
         caption: format!("{label} {:.2}", object.score),

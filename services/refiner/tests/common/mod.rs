@@ -147,11 +147,7 @@ pub(crate) fn is(object: &Object, disposition: Disposition) -> bool {
 }
 
 pub(crate) fn box_of(object: &Object) -> Box3 {
-    Box3 {
-        center_m: object.center_m.map(f64::from),
-        size_m: object.size_m.map(f64::from),
-        yaw_rad: f64::from(object.yaw_rad),
-    }
+    Box3::from_f32(object.center_m, object.size_m, object.yaw_rad)
 }
 
 /// What every answer keeps, whatever the input: the contract's own checks, one object a detection, every index inside.
