@@ -25,7 +25,4 @@ pub use tensors::{
     BASELINE, LOOKS, LOOKS_VALUES, LOOKS_WIDTHS, Tensor, WeightSet, calibration_tensor,
     expected_tensors,
 };
-pub use validate::{
-    BOXES_MAX, CANDIDATES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, GRID_CELLS_MAX, MAP_CELLS_MAX,
-    VOXELS_MAX,
-};
+pub use validate::{BOXES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, MAP_CELLS_MAX, VOXELS_MAX};

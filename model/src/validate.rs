@@ -8,7 +8,7 @@ use crate::manifest::{AnchorClass, Manifest, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
 /// Voxels of the grid: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
-pub const GRID_CELLS_MAX: usize = 1 << 27;
+const GRID_CELLS_MAX: usize = 1 << 27;
 /// Cells of the bird's-eye map; the contract's limit of a features message.
 pub const MAP_CELLS_MAX: usize = 131_072;
 /// Channels of a feature row; the contract's limit.
@@ -22,7 +22,7 @@ pub const BOXES_MAX: u32 = 512;
 /// Voxels of a frame: more than the contract's points of a scan have no use.
 pub const VOXELS_MAX: u32 = 131_072;
 /// Candidates before suppression, whose cost grows with the square.
-pub const CANDIDATES_MAX: u32 = 16_384;
+const CANDIDATES_MAX: u32 = 16_384;
 /// Anchors without a class.
 const GENERIC_MAX: usize = 8;
 /// Channels of any layer.
@@ -40,8 +40,8 @@ impl Manifest {
         require(!self.name.is_empty(), "name", "not empty", "''")?;
         self.network.validate()?;
         let (classes, generic) = (self.network.classes, self.network.generic);
-        count("classes", self.classes.len(), classes, classes)?;
-        count("generic", self.generic.len(), generic, generic)?;
+        within("classes", self.classes.len(), classes, classes)?;
+        within("generic", self.generic.len(), generic, generic)?;
         self.validate_classes()?;
         let values = [
             ("sensor_height_m", self.sensor_height_m, 0.1, 10.0),
@@ -52,12 +52,12 @@ impl Manifest {
         self.thresholds.validate()?;
         self.validate_head()?;
         let beams = &self.beams;
-        count("beams.elevation_rad", beams.elevation_rad.len(), 0, 1024)?;
+        within("beams.elevation_rad", beams.elevation_rad.len(), 0, 1024)?;
         for (number, &elevation) in beams.elevation_rad.iter().enumerate() {
             let field = format!("beams.elevation_rad[{number}]");
-            between(&field, elevation, -1.6, 1.6)?;
+            within(&field, elevation, -1.6, 1.6)?;
         }
-        between("beams.azimuth_step_rad", beams.azimuth_step_rad, 0.0, 1.0)
+        within("beams.azimuth_step_rad", beams.azimuth_step_rad, 0.0, 1.0)
     }
 
     fn validate_classes(&self) -> Result<()> {
@@ -79,7 +79,7 @@ impl Manifest {
     fn validate_head(&self) -> Result<()> {
         let (head, t) = (self.network.head, &self.thresholds);
         if let Some(scale) = head.prototype_scale() {
-            between("prototype_scale", self.prototype_scale, scale, scale)?;
+            within("prototype_scale", self.prototype_scale, scale, scale)?;
         }
         let (closed, open) = (head == HeadKind::Sigmoid, head == HeadKind::Open);
         let gate = [
@@ -101,7 +101,7 @@ impl AnchorClass {
         let (name, fits) = (&self.name, (1..=64).contains(&self.name.len()));
         require(fits, &format!("{field}.name"), "1 to 64 bytes", name)?;
         for (axis, &size) in self.size_m.iter().enumerate() {
-            between(&format!("{field}.size_m[{axis}]"), size, 0.05, 50.0)?;
+            within(&format!("{field}.size_m[{axis}]"), size, 0.05, 50.0)?;
         }
         let values = [
             ("bottom_z_m", self.bottom_z_m, -100.0, 100.0),
@@ -114,10 +114,9 @@ impl AnchorClass {
 
 impl Thresholds {
     fn validate(&self) -> Result<()> {
-        let (candidates, most) = (self.candidates_max as usize, CANDIDATES_MAX as usize);
-        count("thresholds.candidates_max", candidates, 1, most)?;
-        let (boxes, most) = (self.boxes_max as usize, BOXES_MAX as usize);
-        count("thresholds.boxes_max", boxes, 1, most)?;
+        let field = "thresholds.candidates_max";
+        within(field, self.candidates_max, 1, CANDIDATES_MAX)?;
+        within("thresholds.boxes_max", self.boxes_max, 1, BOXES_MAX)?;
         let values = [
             ("objectness_min", self.objectness_min, 1e-3, 1.0),
             ("nms_iou", self.nms_iou, 0.0, 1.0),
@@ -135,9 +134,9 @@ impl Grid {
             let field = |name: &str| format!("network.grid.{name}[{axis}]");
             let (low, high) = (self.range_min_m[axis], self.range_max_m[axis]);
             let size = self.voxel_size_m[axis];
-            between(&field("range_min_m"), low, -1e4, 1e4)?;
-            between(&field("range_max_m"), high, low, 1e4)?;
-            between(&field("voxel_size_m"), size, 1e-3, 1e4)?;
+            within(&field("range_min_m"), low, -1e4, 1e4)?;
+            within(&field("range_max_m"), high, low, 1e4)?;
+            within(&field("voxel_size_m"), size, 1e-3, 1e4)?;
             let cells = (high - low) / size;
             let whole = (cells - cells.round()).abs() < 1e-2;
             let fits = whole && (1.0..EDGE_MAX).contains(&cells.round());
@@ -145,11 +144,10 @@ impl Grid {
             require(fits, &field("range_max_m"), expected, cells)?;
         }
         let cells = self.sparse_shape().iter().product();
-        count("network.grid: voxels", cells, 1, GRID_CELLS_MAX)?;
-        let points = self.points_per_voxel_max as usize;
-        count("network.grid.points_per_voxel_max", points, 1, 1000)?;
-        let voxels = self.voxels_max as usize;
-        count("network.grid.voxels_max", voxels, 1, VOXELS_MAX as usize)
+        within("network.grid: voxels", cells, 1, GRID_CELLS_MAX)?;
+        let field = "network.grid.points_per_voxel_max";
+        within(field, self.points_per_voxel_max, 1, 1000)?;
+        within("network.grid.voxels_max", self.voxels_max, 1, VOXELS_MAX)
     }
 }
 
@@ -157,9 +155,9 @@ impl Network {
     /// Refuses a network whose layers do not fit each other or the limits.
     pub fn validate(&self) -> Result<()> {
         self.grid.validate()?;
-        count("network.sparse", self.sparse.len(), 1, LAYERS_MAX)?;
-        count("network.block1", self.block1.len(), 1, LAYERS_MAX)?;
-        count("network.block2", self.block2.len(), 1, LAYERS_MAX)?;
+        within("network.sparse", self.sparse.len(), 1, LAYERS_MAX)?;
+        within("network.block1", self.block1.len(), 1, LAYERS_MAX)?;
+        within("network.block2", self.block2.len(), 1, LAYERS_MAX)?;
         let mut channels = 4;
         let mut shape = self.grid.sparse_shape();
         for (number, layer) in self.sparse.iter().enumerate() {
@@ -167,31 +165,31 @@ impl Network {
             (channels, shape) = (layer.cout, layer.output_shape(shape));
         }
         let cells = shape[1] * shape[2];
-        count("network: cells of the map", cells, 1, MAP_CELLS_MAX)?;
+        within("network: cells of the map", cells, 1, MAP_CELLS_MAX)?;
         let even = shape[1].is_multiple_of(2) && shape[2].is_multiple_of(2);
         let expected = "a map with even edges (block2 halves it, up2 doubles it)";
         require(even, "network", expected, format_args!("{shape:?}"))?;
         let map = self.map_channels();
-        count("network: channels of the map", map, 1, CHANNELS_MAX)?;
+        within("network: channels of the map", map, 1, CHANNELS_MAX)?;
         let channels = dense_chain("network.block1", &self.block1, map, 1)?;
-        count("network.up1.cin", self.up1.cin, channels, channels)?;
+        within("network.up1.cin", self.up1.cin, channels, channels)?;
         let channels = dense_chain("network.block2", &self.block2, channels, 2)?;
-        count("network.up2.cin", self.up2.cin, channels, channels)?;
+        within("network.up2.cin", self.up2.cin, channels, channels)?;
         self.validate_ups()?;
-        count("network.classes", self.classes, CLASSES_MIN, CLASSES_MAX)?;
+        within("network.classes", self.classes, CLASSES_MIN, CLASSES_MAX)?;
         let is_open = self.head == HeadKind::Open;
         let most = if is_open { GENERIC_MAX } else { 0 };
-        count("network.generic", self.generic, 0, most)?;
+        within("network.generic", self.generic, 0, most)?;
         self.validate_names()
     }
 
     fn validate_ups(&self) -> Result<()> {
         let (up1, up2) = (&self.up1, &self.up2);
-        count("network.up1.factor", up1.factor, 1, 1)?;
-        count("network.up2.factor", up2.factor, 2, 2)?;
-        count("network.up1.cout", up1.cout, 16, FEATURE_CHANNELS_MAX / 2)?;
+        within("network.up1.factor", up1.factor, 1, 1)?;
+        within("network.up2.factor", up2.factor, 2, 2)?;
+        within("network.up1.cout", up1.cout, 16, FEATURE_CHANNELS_MAX / 2)?;
         // A feature row is then two kernel rows side by side, and whole blocks of 16 channels.
-        count("network.up2.cout", up2.cout, up1.cout, up1.cout)?;
+        within("network.up2.cout", up2.cout, up1.cout, up1.cout)?;
         let channels = self.feature_channels();
         let field = "network: channels of a feature row";
         let fits = channels.is_multiple_of(16);
@@ -214,14 +212,14 @@ impl Network {
 
 impl SparseLayer {
     fn validate(&self, field: &str, channels: usize, input: [usize; 3]) -> Result<()> {
-        count(&format!("{field}.cin"), self.cin, channels, channels)?;
-        count(&format!("{field}.cout"), self.cout, 1, CHANNELS_MAX)?;
+        within(&format!("{field}.cin"), self.cin, channels, channels)?;
+        within(&format!("{field}.cout"), self.cout, 1, CHANNELS_MAX)?;
         for axis in 0..3 {
             let (kernel, padding) = (self.kernel[axis], self.padding[axis]);
             let kernel_field = format!("{field}.kernel[{axis}]");
-            count(&kernel_field, kernel, 1, 7)?;
-            count(&format!("{field}.stride[{axis}]"), self.stride[axis], 1, 4)?;
-            count(&format!("{field}.padding[{axis}]"), padding, 0, kernel - 1)?;
+            within(&kernel_field, kernel, 1, 7)?;
+            within(&format!("{field}.stride[{axis}]"), self.stride[axis], 1, 4)?;
+            within(&format!("{field}.padding[{axis}]"), padding, 0, kernel - 1)?;
             let fits = input[axis] + 2 * padding >= kernel;
             let expected = "no larger than its padded input";
             require(fits, &kernel_field, expected, kernel)?;
@@ -243,9 +241,9 @@ fn dense_chain(
     for (number, layer) in layers.iter().enumerate() {
         let stride = if number == 0 { stride } else { 1 };
         let named = |name: &str| format!("{field}[{number}].{name}");
-        count(&named("stride"), layer.stride, stride, stride)?;
-        count(&named("cin"), layer.cin, channels, channels)?;
-        count(&named("cout"), layer.cout, 1, CHANNELS_MAX)?;
+        within(&named("stride"), layer.stride, stride, stride)?;
+        within(&named("cin"), layer.cin, channels, channels)?;
+        within(&named("cout"), layer.cout, 1, CHANNELS_MAX)?;
         channels = layer.cout;
     }
     Ok(channels)
@@ -265,21 +263,16 @@ fn require(holds: bool, field: &str, expected: impl Display, found: impl Display
 /// Field without its `prefix`, value, least and largest of several.
 fn bounds(prefix: &str, values: &[(&str, f32, f32, f32)]) -> Result<()> {
     for &(field, value, low, high) in values {
-        between(&format!("{prefix}{field}"), value, low, high)?;
+        within(&format!("{prefix}{field}"), value, low, high)?;
     }
     Ok(())
 }
 
 /// Also refuses NaN.
-fn between(field: &str, value: f32, low: f32, high: f32) -> Result<()> {
-    let expected = format_args!("between {low} and {high}");
-    require((low..=high).contains(&value), field, expected, value)
-}
-
-fn count(field: &str, value: usize, low: usize, high: usize) -> Result<()> {
-    let holds = (low..=high).contains(&value);
+fn within<T: PartialOrd + Display>(field: &str, value: T, low: T, high: T) -> Result<()> {
+    let fits = (&low..=&high).contains(&&value);
     if low == high {
-        return require(holds, field, low, value);
+        return require(fits, field, low, value);
     }
-    require(holds, field, format_args!("{low} to {high}"), value)
+    require(fits, field, format_args!("{low} to {high}"), value)
 }
