@@ -14,7 +14,7 @@ use crate::{Disposition, Object, ObjectKind};
 #[repr(C)]
 pub struct CandidateCounts {
     /// By [`Disposition`].
-    pub by_disposition: [u64; Disposition::ALL.len()],
+    pub by_disposition: [u64; Disposition::NAMES.len()],
     /// With [`Object::UNREFINED`].
     pub unrefined: u64,
     /// With [`Object::SPLIT`].
@@ -47,7 +47,7 @@ impl CandidateCounts {
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64)> {
         let flags = [self.unrefined, self.split, self.thinned];
         let by_flag = Object::FLAG_NAMES.into_iter().zip(flags);
-        let names = Disposition::ALL.map(Disposition::name).into_iter();
+        let names = Disposition::NAMES.into_iter();
         names.zip(self.by_disposition).chain(by_flag)
     }
 }
@@ -81,6 +81,6 @@ mod tests {
         let by_flag = [("unrefined", 1), ("split", 3), ("thinned", 2)];
         assert_eq!(named, [&by_disposition[..], &by_flag].concat());
         assert_eq!(counts.total(), 4);
-        assert_eq!(counts.named().count(), Disposition::ALL.len() + 3);
+        assert_eq!(counts.named().count(), Disposition::NAMES.len() + 3);
     }
 }

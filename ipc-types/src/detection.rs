@@ -32,17 +32,12 @@ pub enum GateKind {
 }
 
 impl GateKind {
-    /// All, by number.
-    pub const ALL: [GateKind; 4] = [
-        GateKind::None,
-        GateKind::Eds,
-        GateKind::UnknownProbability,
-        GateKind::SoftmaxMax,
-    ];
+    /// The words in the JSON lines and the contract, by number.
+    pub const NAMES: [&str; 4] = ["none", "eds", "unknown_probability", "softmax_max"];
 
     /// The word in the JSON lines.
     pub fn name(self) -> &'static str {
-        ["none", "eds", "unknown_probability", "softmax_max"][self as usize]
+        GateKind::NAMES[self as usize]
     }
 }
 
@@ -132,7 +127,7 @@ impl Detection {
     pub fn check(&self, index: usize, classes: usize) -> Result<()> {
         check_index("class", self.class_id as usize, classes)?;
         check_value("kind of a detection", self.kind, 2)?;
-        check_value("gate of a detection", self.gate, GateKind::ALL.len())?;
+        check_value("gate of a detection", self.gate, GateKind::NAMES.len())?;
         let boxes = self.center_m.iter().chain(&self.size_m);
         let numbers = boxes.chain([&self.yaw_rad, &self.objectness, &self.score]);
         let mut numbers = numbers.chain([&self.eds, &self.eds_normalised, &self.threshold]);

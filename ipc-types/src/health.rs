@@ -1,14 +1,14 @@
 //! What a stage says of itself, for the supervisor.
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::{Contiguous, Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::{Result, check_value, check_version};
+use crate::error::{Result, check_version};
 use crate::{CandidateCounts, ContractError, REASON_MAX, Stage, Text};
 
 /// The state words.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Contiguous)]
 #[repr(u32)]
 pub enum HealthState {
     /// Loading.
@@ -26,26 +26,19 @@ pub enum HealthState {
 }
 
 impl HealthState {
-    /// All, by number.
-    pub const ALL: [HealthState; 6] = [
-        HealthState::Starting,
-        HealthState::WaitingInput,
-        HealthState::Running,
-        HealthState::Degraded,
-        HealthState::Failed,
-        HealthState::Stopping,
+    /// The words in the JSON lines and the contract, by number.
+    pub const NAMES: [&str; 6] = [
+        "starting",
+        "waiting_input",
+        "running",
+        "degraded",
+        "failed",
+        "stopping",
     ];
 
     /// The word.
     pub fn name(self) -> &'static str {
-        [
-            "starting",
-            "waiting_input",
-            "running",
-            "degraded",
-            "failed",
-            "stopping",
-        ][self as usize]
+        HealthState::NAMES[self as usize]
     }
 }
 
@@ -96,10 +89,12 @@ const _: () = assert!(size_of::<Health>() == 176 + REASON_MAX);
 impl Health {
     /// Checks a heartbeat: version, stage, state, process, and counts and times that can be.
     pub fn checked(&self) -> Result<(Stage, HealthState)> {
-        let (stage, state) = (self.stage as usize, self.state as usize);
         check_version(self.wire_version)?;
-        check_value("stage of a heartbeat", self.stage, Stage::ALL.len())?;
-        check_value("state of a heartbeat", self.state, HealthState::ALL.len())?;
+        let bad = |what, found| ContractError::Value { what, found };
+        let stage = Stage::ALL.get(self.stage as usize);
+        let stage = *stage.ok_or(bad("stage of a heartbeat", self.stage))?;
+        let state = HealthState::from_integer(self.state);
+        let state = state.ok_or(bad("state of a heartbeat", self.state))?;
         let can_be = self.pid != 0
             && self.frames_out <= self.frames_in
             && self.run_p50_us <= self.run_p99_us
@@ -107,10 +102,10 @@ impl Health {
         if !can_be {
             return Err(ContractError::Inconsistent {
                 what: "process, counts and times of a heartbeat",
-                index: stage,
+                index: stage as usize,
             });
         }
-        Ok((Stage::ALL[stage], HealthState::ALL[state]))
+        Ok((stage, state))
     }
 
     /// The reason; empty when there is none.

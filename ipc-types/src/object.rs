@@ -43,30 +43,21 @@ pub enum Disposition {
 }
 
 impl Disposition {
-    /// All, by number.
-    pub const ALL: [Disposition; 8] = [
-        Disposition::Published,
-        Disposition::OverlapsKnown,
-        Disposition::OverlapsUnknown,
-        Disposition::TooFewPoints,
-        Disposition::Oversized,
-        Disposition::InvalidBox,
-        Disposition::Unconfirmed,
-        Disposition::Undersized,
+    /// The words in the JSON lines and the contract, by number.
+    pub const NAMES: [&str; 8] = [
+        "published",
+        "overlaps_known",
+        "overlaps_unknown",
+        "too_few_points",
+        "oversized",
+        "invalid_box",
+        "unconfirmed",
+        "undersized",
     ];
 
     /// The word in the JSON lines.
     pub fn name(self) -> &'static str {
-        [
-            "published",
-            "overlaps_known",
-            "overlaps_unknown",
-            "too_few_points",
-            "oversized",
-            "invalid_box",
-            "unconfirmed",
-            "undersized",
-        ][self as usize]
+        Disposition::NAMES[self as usize]
     }
 }
 
@@ -163,9 +154,9 @@ impl Object {
         check_value(
             "disposition of an object",
             self.disposition,
-            Disposition::ALL.len(),
+            Disposition::NAMES.len(),
         )?;
-        check_value("gate of an object", self.gate, GateKind::ALL.len())?;
+        check_value("gate of an object", self.gate, GateKind::NAMES.len())?;
         if self.suppressed_by != Object::NONE {
             check_index("suppressing object", self.suppressed_by as usize, objects)?;
         }

@@ -68,7 +68,7 @@ impl RunDescription {
         if !(1..=CLASSES_MAX as u32).contains(&self.classes_count) {
             return value("number of classes", self.classes_count);
         }
-        check_value("gate of the run", self.gate, GateKind::ALL.len())?;
+        check_value("gate of the run", self.gate, GateKind::NAMES.len())?;
         let numbers = [
             self.sensor_height_m,
             self.objectness_min,

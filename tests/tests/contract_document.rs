@@ -99,12 +99,21 @@ fn the_document_has_the_codes() {
     let (second, third) = (table("disposition"), table("gate"));
     let flags: Vec<_> = Flags(u32::MAX).names().zip(0..).collect();
     assert_eq!(codes(&tables[1..second]), flags);
-    let dispositions = Disposition::ALL.map(|disposition| (disposition.name(), disposition as u32));
-    assert_eq!(codes(&tables[second + 1..third]), dispositions);
-    let gates = GateKind::ALL.map(|gate| (gate.name(), gate as u32));
-    assert_eq!(codes(&tables[third + 1..]), gates);
-    let states = HealthState::ALL.map(|state| (state.name(), state as u32));
-    assert_eq!(codes(&rows(&document, "## Health")[1..]), states);
+    let dispositions = codes(&tables[second + 1..third]);
+    assert!(
+        dispositions
+            .into_iter()
+            .eq(Disposition::NAMES.into_iter().zip(0..))
+    );
+    let gates = codes(&tables[third + 1..]);
+    assert!(gates.into_iter().eq(GateKind::NAMES.into_iter().zip(0..)));
+    let health = rows(&document, "## Health");
+    let states = codes(&health[1..]);
+    assert!(
+        states
+            .into_iter()
+            .eq(HealthState::NAMES.into_iter().zip(0..))
+    );
     for (bit, name) in Object::FLAG_NAMES.iter().enumerate() {
         assert!(document.contains(&format!("{} {name}", 1 << bit)), "{name}");
     }
@@ -131,7 +140,8 @@ fn the_c_header_is_the_contract() {
     let mut lines = vec![format!("#define MLUC_NONE {:#x}u\n", Object::NONE)];
     lines.extend(limits.map(|(key, value)| format!("#define MLUC_{key} {value}u\n")));
     let code = |name: &str, value: String| format!("MLUC_{} = {value}", name.to_uppercase());
-    lines.extend(Disposition::ALL.map(|d| code(d.name(), format!("{}", d as u32))));
+    let dispositions = Disposition::NAMES.iter().enumerate();
+    lines.extend(dispositions.map(|(number, name)| code(name, number.to_string())));
     let flags = Flags(u32::MAX).names().enumerate();
     lines.extend(flags.map(|(bit, name)| code(name, format!("1 << {bit}"))));
     for line in lines {

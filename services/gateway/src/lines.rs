@@ -109,10 +109,10 @@ pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [Strin
         (0..objects.len()).partition(|index| objects[*index].is_published());
     let suppressed = suppressed.into_iter().map(|index| {
         let object = &objects[index];
-        let disposition = Disposition::ALL.get(object.disposition as usize);
+        let disposition = Disposition::NAMES.get(object.disposition as usize);
         SuppressedLine {
             object: object_line(object, classes),
-            reason: disposition.map_or("?", |disposition| disposition.name()),
+            reason: disposition.unwrap_or(&"?"),
             // Where that one stands in the line.
             by: published
                 .binary_search(&(object.suppressed_by as usize))

@@ -10,7 +10,7 @@ pub struct Counters {
     /// Candidates, with a sound box.
     pub candidates: u32,
     /// Objects by [`Disposition`], known ones included.
-    pub by_disposition: [u32; Disposition::ALL.len()],
+    pub by_disposition: [u32; Disposition::NAMES.len()],
     /// Candidates whose turn came after the frame's work or time was used up: published with their proposal box.
     pub unrefined: u32,
     /// Candidates whose cluster was larger than any road user: a piece of it was published.

@@ -109,7 +109,7 @@ impl Proposal {
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
         let probability = detection.unknown_probability;
         let is_probability = (0.0..=1.0).contains(&probability);
-        let is_gate = (detection.gate as usize) < GateKind::ALL.len();
+        let is_gate = (detection.gate as usize) < GateKind::NAMES.len();
         Object {
             kind: self.kind as u32,
             disposition: self.disposition as u32,
