@@ -122,8 +122,8 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, EvaluateEr
     let mut found = ByRow::new();
     for row in METHODS.iter() {
         for seed in 1..=options.seeds {
-            if layout.model_of(setting, row.network(), seed).is_file() {
-                let key = key(&read_model(layout, setting, row.network(), seed)?, test);
+            if layout.model_of(setting, row.network, seed).is_file() {
+                let key = key(&read_model(layout, setting, row.network, seed)?, test);
                 let path = layout.evaluation_of(setting, &row.key, seed);
                 let seeds = found.entry(&row.key).or_default();
                 seeds.extend(Evaluated::read(&path, &key));
@@ -137,10 +137,10 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, EvaluateEr
 /// Our method after each of its steps, as far as it was judged.
 fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, EvaluateError> {
     let (layout, setting, row) = (&options.layout, test.setting, Method::MlucFull.row());
-    if !layout.model_of(setting, row.network(), 1).is_file() {
+    if !layout.model_of(setting, row.network, 1).is_file() {
         return Ok(Vec::new());
     }
-    let model = read_model(layout, setting, row.network(), 1)?;
+    let model = read_model(layout, setting, row.network, 1)?;
     let key = key(&model, test);
     let steps = full_steps(&model);
     let last = steps.len() - 1;

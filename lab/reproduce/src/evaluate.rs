@@ -121,7 +121,7 @@ fn jobs(model: &Model, network: NetworkKind, seed: u64) -> Vec<Job> {
         full_step: usize::MAX,
     };
     let mut jobs: Vec<Job> = MethodRow::on(network, seed).map(row).collect();
-    if network == Method::MlucFull.row().network() && seed == 1 {
+    if network == Method::MlucFull.row().network && seed == 1 {
         // The last one is the row itself.
         jobs.extend((0..full_steps(model).len() - 1).map(|full_step| Job {
             key: step_key(full_step),

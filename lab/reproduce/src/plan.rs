@@ -174,7 +174,7 @@ mod tests {
         let steps = steps(1);
         for row in METHODS.iter() {
             let is_it = |step: &&Step| match step.work {
-                Work::Evaluate(network, _) => network == row.network(),
+                Work::Evaluate(network, _) => network == row.network,
                 _ => false,
             };
             let here = steps.iter().filter(|s| s.setting == Setting::SimKitti);

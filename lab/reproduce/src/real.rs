@@ -39,9 +39,9 @@ pub(crate) fn real_rows(
         let set = FrameSet::open(folder, None, usize::MAX)?;
         let mut by_network = BTreeMap::new();
         for (row, chosen, judged) in &mut found {
-            let name = row.network().name();
+            let name = row.network.name();
             if !by_network.contains_key(name) {
-                let model = read_model(layout, test.setting, row.network(), chosen.seed)?;
+                let model = read_model(layout, test.setting, row.network, chosen.seed)?;
                 screen.count("recorded scans", set.len() as u64);
                 let step = || screen.tick();
                 let frames = detect_frames(Precision::default(), &model, &set, step)?;

@@ -42,6 +42,8 @@ pub struct MethodRow {
     pub method: Method,
     /// Key in `report.json`, name on the command line.
     pub key: String,
+    /// The network that it runs on.
+    pub network: NetworkKind,
     /// Name for people.
     pub title: String,
     /// Whether it is judged on further seeds too, where those are asked for.
@@ -73,22 +75,9 @@ impl MethodRow {
         self.paper[usize::from(setting.ends_with("kitti"))]
     }
 
-    /// The network that it runs on.
-    pub fn network(&self) -> NetworkKind {
-        match self.method {
-            Method::ClosedSet => NetworkKind::Sigmoid,
-            Method::Supervised => NetworkKind::Supervised,
-            Method::Naive | Method::UcOnly | Method::OsisGeo => NetworkKind::Softmax,
-            Method::Osis => NetworkKind::Osis,
-            Method::MlOnly | Method::Paper | Method::PaperCorrected => NetworkKind::Metric,
-            Method::MlucOpen => NetworkKind::MetricOpen,
-            Method::MlucFull => NetworkKind::MlucFull,
-        }
-    }
-
     /// The rows on a kind of network of some seed.
     pub(crate) fn on(network: NetworkKind, seed: u64) -> impl Iterator<Item = &'static MethodRow> {
-        let is_on = move |row: &&MethodRow| row.network() == network && (seed == 1 || row.seeded);
+        let is_on = move |row: &&MethodRow| row.network == network && (seed == 1 || row.seeded);
         METHODS.iter().filter(is_on)
     }
 }
@@ -102,7 +91,7 @@ impl Method {
     /// Refuses a model that it cannot run on. Our method runs on the paper's network too, which shows what training brings.
     pub fn check(self, model: &Model) -> Result<(), EvaluateError> {
         let row = self.row();
-        let (expected, found) = (row.network().head(), model.manifest.network.head);
+        let (expected, found) = (row.network.head(), model.manifest.network.head);
         if found == expected || (self == Method::MlucFull && found == HeadKind::Metric) {
             return Ok(());
         }

@@ -72,13 +72,11 @@ pub(super) fn draw(
 
 /// Far points first, so that what is near is on top; from above, low points first.
 fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], projection: &Projection) {
-    let mut seen: Vec<(f32, [f32; 2], f32)> = points
-        .iter()
-        .filter_map(|&[x, y, z, _]| {
-            let (at, depth) = projection.project([x, y, z].map(f64::from))?;
-            Some((depth, at, z))
-        })
-        .collect();
+    let seen = points.iter().filter_map(|&[x, y, z, _]| {
+        let (at, depth) = projection.project([x, y, z].map(f64::from))?;
+        Some((depth, at, z))
+    });
+    let mut seen: Vec<(f32, [f32; 2], f32)> = seen.collect();
     seen.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (depth, [x, y], z) in seen {
         let color = ramp((z - RAMP_M[0]) / (RAMP_M[1] - RAMP_M[0]));
@@ -91,32 +89,27 @@ fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], projection: &Projection
     }
 }
 
+/// The footprint so far above the middle of a box; `None` behind the eye.
+fn corners(bounds: &Box3, above_m: f64, projection: &Projection) -> [Option<[f32; 2]>; 4] {
+    let z = bounds.center_m[2] + above_m;
+    let corner = |[x, y]: [f64; 2]| projection.project([x, y, z]).map(|(at, _)| at);
+    bounds.footprint_m().map(corner)
+}
+
 /// The twelve edges that are in front of the eye.
 fn wires(bounds: &Box3, projection: &Projection) -> Vec<[[f32; 2]; 2]> {
     let half = bounds.size_m[2] / 2.0;
-    let corners: Vec<Option<[f32; 2]>> = [-half, half]
-        .into_iter()
-        .flat_map(|dz| {
-            let footprint = bounds.footprint_m();
-            footprint.map(|[x, y]| [x, y, bounds.center_m[2] + dz])
-        })
-        .map(|corner| projection.project(corner).map(|(at, _)| at))
-        .collect();
+    let corners = [-half, half].map(|above_m| corners(bounds, above_m, projection));
+    let corners = corners.as_flattened();
     let edges = (0..4).flat_map(|i| [[i, (i + 1) % 4], [i + 4, (i + 1) % 4 + 4], [i, i + 4]]);
-    edges
-        .filter_map(|[a, b]| Some([corners[a]?, corners[b]?]))
-        .collect()
+    let seen = edges.filter_map(|[a, b]| Some([corners[a]?, corners[b]?]));
+    seen.collect()
 }
 
 fn fill(canvas: &mut Canvas, bounds: &Box3, projection: &Projection, color: Color) {
-    let z = bounds.center_m[2] - bounds.size_m[2] / 2.0;
-    let corners: Vec<[f32; 2]> = bounds
-        .footprint_m()
-        .iter()
-        .filter_map(|[x, y]| projection.project([*x, *y, z]).map(|(at, _)| at))
-        .collect();
-    if corners.len() == 4 {
-        canvas.polygon(&corners, color, 0.25);
+    let below = corners(bounds, -bounds.size_m[2] / 2.0, projection);
+    if let [Some(a), Some(b), Some(c), Some(d)] = below {
+        canvas.polygon(&[a, b, c, d], color, 0.25);
     }
 }
 
@@ -126,12 +119,7 @@ fn dashes(canvas: &mut Canvas, a: [f32; 2], b: [f32; 2]) {
     if !(1.0..4000.0).contains(&length) {
         return;
     }
-    let mix = |t: f32| {
-        [
-            a[0] + (b[0] - a[0]) * t / length,
-            a[1] + (b[1] - a[1]) * t / length,
-        ]
-    };
+    let mix = |t: f32| [0, 1].map(|i| a[i] + (b[i] - a[i]) * t / length);
     let mut from = 0.0;
     while from < length {
         canvas.line(mix(from), mix((from + 3.0).min(length)), 1.2, WHITE, 0.9);
@@ -164,11 +152,9 @@ mod tests {
         };
         let projection = Projection::above([10.0, 0.0], 10.0, [200, 200]);
         let reds = |canvas: &Canvas| {
-            let pixels = (0..200).flat_map(|y| (0..200).map(move |x| (x, y)));
             let is_red = |c: Color| c[0] > 200 && c[1] < 120 && c[2] < 120;
-            pixels
-                .filter(|(x, y)| canvas.pixel(*x, *y).is_some_and(is_red))
-                .count()
+            let is_seen = |at: &usize| canvas.pixel(at % 200, at / 200).is_some_and(is_red);
+            (0..200 * 200).filter(is_seen).count()
         };
         let unknown = draw(&[], &[found(true)], &[], &projection);
         let known = draw(&[], &[found(false)], &[], &projection);

@@ -95,7 +95,7 @@ fn methods(names: &[String], model: &Model) -> anyhow::Result<Vec<Method>> {
         // A head does not tell these networks from `sigmoid`, `softmax` and `metric`.
         let by_training = [Method::Supervised, Method::Osis, Method::MlucOpen];
         let fits =
-            |row: &&MethodRow| row.network().head() == head && !by_training.contains(&row.method);
+            |row: &&MethodRow| row.network.head() == head && !by_training.contains(&row.method);
         return Ok(METHODS.iter().filter(fits).map(|row| row.method).collect());
     }
     let find = |name: &String| {
