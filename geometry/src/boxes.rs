@@ -51,12 +51,8 @@ impl Box3 {
     /// A point in the box's own frame: along heading, across, up from the centre, m.
     pub fn local_m(&self, point_m: [f64; 3]) -> [f64; 3] {
         let (sin, cos) = self.yaw_rad.sin_cos();
-        let (dx, dy) = (point_m[0] - self.center_m[0], point_m[1] - self.center_m[1]);
-        [
-            dx * cos + dy * sin,
-            dy * cos - dx * sin,
-            point_m[2] - self.center_m[2],
-        ]
+        let [dx, dy, dz] = [0, 1, 2].map(|i| point_m[i] - self.center_m[i]);
+        [dx * cos + dy * sin, dy * cos - dx * sin, dz]
     }
 
     /// Whether a point lies inside or on the surface.

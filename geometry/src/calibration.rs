@@ -46,13 +46,10 @@ impl CameraBox {
         let (sin, cos) = self.rotation_y_rad.sin_cos();
         let foot = [[0.5, 0.5], [0.5, -0.5], [-0.5, -0.5], [-0.5, 0.5]];
         std::array::from_fn(|i| {
-            let (u, v) = (foot[i % 4][0] * l, foot[i % 4][1] * w);
+            let ([u, v], [x, y, z]) = (foot[i % 4], self.location_m);
+            let (u, v) = (u * l, v * w);
             let rise = if i < 4 { 0.0 } else { h };
-            [
-                self.location_m[0] + u * cos + v * sin,
-                self.location_m[1] - rise,
-                self.location_m[2] - u * sin + v * cos,
-            ]
+            [x + u * cos + v * sin, y - rise, z - u * sin + v * cos]
         })
     }
 }

@@ -48,10 +48,7 @@ impl Polygon {
             if (outside_from < 0.0 && outside_to > 0.0) || (outside_from > 0.0 && outside_to < 0.0)
             {
                 let t = outside_from / (outside_from - outside_to);
-                kept.push([
-                    from[0] + t * (to[0] - from[0]),
-                    from[1] + t * (to[1] - from[1]),
-                ]);
+                kept.push([0, 1].map(|i| from[i] + t * (to[i] - from[i])));
             }
         }
         kept

@@ -1,18 +1,18 @@
 //! Calibration files: named matrices, one a line, row by row.
 
 use super::error::Line;
-use super::{DatasetError, read_text};
+use super::{DatasetError, Result, read_text};
 use mluc_geometry::Calibration;
 use std::path::Path;
 
 /// Reads `P2`, `R0_rect` and `Tr_velo_to_cam` of a KITTI calibration file; other lines are passed over.
 ///
 /// A missing matrix, a wrong count of numbers or a map that cannot be inverted is an error. `P2` may be all 0.
-pub fn read_calibration(path: &Path) -> Result<Calibration, DatasetError> {
+pub fn read_calibration(path: &Path) -> Result<Calibration> {
     parse(path, &read_text(path)?)
 }
 
-fn parse(path: &Path, text: &str) -> Result<Calibration, DatasetError> {
+fn parse(path: &Path, text: &str) -> Result<Calibration> {
     let p2 = matrix::<4>(path, text, "P2")?;
     let r0_rect = matrix::<3>(path, text, "R0_rect")?;
     let velo_to_cam = matrix::<4>(path, text, "Tr_velo_to_cam")?;
@@ -20,32 +20,25 @@ fn parse(path: &Path, text: &str) -> Result<Calibration, DatasetError> {
         .map_err(|cause| DatasetError::Calibration(path.to_owned(), cause))
 }
 
-/// The matrix of three rows and `COLUMNS` columns on the line `name: ...`.
-fn matrix<const COLUMNS: usize>(
-    path: &Path,
-    text: &str,
-    name: &str,
-) -> Result<[[f64; COLUMNS]; 3], DatasetError> {
+/// The matrix of three rows and N columns on the line `name: ...`.
+fn matrix<const N: usize>(path: &Path, text: &str, name: &str) -> Result<[[f64; N]; 3]> {
     let mut lines = text.lines().enumerate();
     let found = lines.find_map(|(index, line)| {
         let (key, values) = line.split_once(':')?;
         (key.trim() == name).then_some((Line { path, index }, values))
     });
     let Some((line, values)) = found else {
-        return Err(DatasetError::at(
-            path,
-            format!("a line '{name}: ...'"),
-            "none",
-        ));
+        let expected = format!("a line '{name}: ...'");
+        return Err(DatasetError::at(path, expected, "none"));
     };
     let columns: Vec<&str> = values.split_whitespace().collect();
-    if columns.len() != 3 * COLUMNS {
-        return Err(line.fault(format!("{} columns", 3 * COLUMNS), columns.len()));
+    if columns.len() != 3 * N {
+        return Err(line.fault(format!("{} columns", 3 * N), columns.len()));
     }
-    let mut matrix = [[0.0; COLUMNS]; 3];
+    let mut matrix = [[0.0; N]; 3];
     for (value, text) in matrix.as_flattened_mut().iter_mut().zip(&columns) {
         let number = text.parse().ok().filter(|v: &f64| v.is_finite());
-        *value = number.ok_or_else(|| line.field_fault(name, "finite numbers", text))?;
+        *value = number.ok_or_else(|| line.in_field(name, "finite numbers", text))?;
     }
     Ok(matrix)
 }

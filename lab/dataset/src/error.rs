@@ -28,8 +28,12 @@ pub enum DatasetError {
     },
 }
 
+/// What reads or writes a data set gives.
+pub type Result<T, E = DatasetError> = std::result::Result<T, E>;
+
 impl DatasetError {
-    pub(super) fn read(path: &Path) -> impl Fn(std::io::Error) -> DatasetError {
+    /// A file or folder that cannot be read, from the system's answer.
+    pub fn read(path: &Path) -> impl Fn(std::io::Error) -> DatasetError {
         |source| DatasetError::Read(path.to_owned(), source)
     }
 
@@ -38,14 +42,11 @@ impl DatasetError {
     }
 
     pub(super) fn at(path: &Path, expected: impl Display, found: impl Display) -> DatasetError {
-        DatasetError::in_place(path.display(), expected, found)
+        DatasetError::unexpected(path.display(), expected, found)
     }
 
-    pub(super) fn in_place(
-        place: impl Display,
-        expected: impl Display,
-        found: impl Display,
-    ) -> DatasetError {
+    /// Something in this place that is not what the format says.
+    pub fn unexpected(place: impl Display, expected: impl Display, found: impl Display) -> Self {
         DatasetError::Unexpected {
             place: place.to_string(),
             expected: expected.to_string(),
@@ -64,16 +65,11 @@ pub(super) struct Line<'a> {
 
 impl Line<'_> {
     pub(super) fn fault(self, expected: impl Display, found: impl Display) -> DatasetError {
-        DatasetError::in_place(self, expected, found)
+        DatasetError::unexpected(self, expected, found)
     }
 
-    pub(super) fn field_fault(
-        self,
-        field: &str,
-        expected: impl Display,
-        text: &str,
-    ) -> DatasetError {
-        DatasetError::in_place(format!("{self}, field {field}"), expected, quoted(text))
+    pub(super) fn in_field(self, name: &str, expected: impl Display, text: &str) -> DatasetError {
+        DatasetError::unexpected(format!("{self}, field {name}"), expected, quoted(text))
     }
 }
 

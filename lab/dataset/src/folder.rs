@@ -1,7 +1,7 @@
 //! A folder of frames.
 
 use super::error::{Line, quoted};
-use super::{DatasetError, Label, read_calibration, read_labels, read_scan, read_text};
+use super::{DatasetError, Label, Result, read_calibration, read_labels, read_scan, read_text};
 use mluc_geometry::{Box3, Calibration};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ pub struct Dataset {
 impl Dataset {
     /// Opens `root`: the scans lie in `root/velodyne` where that exists, else in `root` itself. Frames are all scans
     /// (`*.bin`) by name. A missing folder, or one without scans, is an error.
-    pub fn open(root: &Path) -> Result<Dataset, DatasetError> {
+    pub fn open(root: &Path) -> Result<Dataset> {
         let inner = root.join("velodyne");
         let scans = if inner.is_dir() { &inner } else { root }.to_owned();
         let names = file_stems(&scans, "bin", "scans (*.bin)")?;
@@ -29,12 +29,12 @@ impl Dataset {
     }
 
     /// [`Dataset::open`], then only the frames that `root/ImageSets/SPLIT.txt` names, in its order.
-    pub fn open_split(root: &Path, split: &str) -> Result<Dataset, DatasetError> {
+    pub fn open_split(root: &Path, split: &str) -> Result<Dataset> {
         Dataset::open_listed(root, &root.join("ImageSets").join(format!("{split}.txt")))
     }
 
     /// [`Dataset::open`], then only the frames that a list names, one a line, in its order.
-    pub fn open_listed(root: &Path, list: &Path) -> Result<Dataset, DatasetError> {
+    pub fn open_listed(root: &Path, list: &Path) -> Result<Dataset> {
         let mut dataset = Dataset::open(root)?;
         let text = read_text(list)?;
         let mut seen = HashSet::new();
@@ -107,28 +107,28 @@ impl Dataset {
     }
 
     /// A frame's points: x, y, z (m, sensor frame), intensity; as recorded, not cleaned.
-    pub fn scan(&self, name: &str) -> Result<Vec<[f32; 4]>, DatasetError> {
+    pub fn scan(&self, name: &str) -> Result<Vec<[f32; 4]>> {
         read_scan(&self.scan_path(name))
     }
 
     /// A frame's labels, in file order, DontCare among them.
-    pub fn labels(&self, name: &str) -> Result<Vec<Label>, DatasetError> {
+    pub fn labels(&self, name: &str) -> Result<Vec<Label>> {
         read_labels(&self.label_path(name))
     }
 
     /// A frame's calibration.
-    pub fn calibration(&self, name: &str) -> Result<Calibration, DatasetError> {
+    pub fn calibration(&self, name: &str) -> Result<Calibration> {
         read_calibration(&self.calibration_path(name))
     }
 
     /// A frame's labelled boxes in the sensor frame, with their labels, in file order, DontCare left out.
-    pub fn boxes_in_sensor(&self, name: &str) -> Result<Vec<(Label, Box3)>, DatasetError> {
+    pub fn boxes_in_sensor(&self, name: &str) -> Result<Vec<(Label, Box3)>> {
         read_boxes(&self.label_path(name), &self.calibration_path(name))
     }
 }
 
 /// The labelled boxes of a frame's label and calibration file: [`Dataset::boxes_in_sensor`].
-pub fn read_boxes(labels: &Path, calibration: &Path) -> Result<Vec<(Label, Box3)>, DatasetError> {
+pub fn read_boxes(labels: &Path, calibration: &Path) -> Result<Vec<(Label, Box3)>> {
     let calibration = read_calibration(calibration)?;
     let mut labels = read_labels(labels)?;
     labels.retain(|label| !label.is_dont_care());
@@ -140,18 +140,11 @@ pub fn read_boxes(labels: &Path, calibration: &Path) -> Result<Vec<(Label, Box3)
 }
 
 /// Names without extension of the files `*.EXTENSION` of a folder, sorted. `expected` says what the folder is for.
-pub fn file_stems(
-    folder: &Path,
-    extension: &str,
-    expected: &str,
-) -> Result<Vec<String>, DatasetError> {
+pub fn file_stems(folder: &Path, extension: &str, expected: &str) -> Result<Vec<String>> {
     if !folder.is_dir() {
         let found = if folder.exists() { "a file" } else { "nothing" };
-        return Err(DatasetError::at(
-            folder,
-            format!("a folder of {expected}"),
-            found,
-        ));
+        let expected = format!("a folder of {expected}");
+        return Err(DatasetError::at(folder, expected, found));
     }
     let failed = DatasetError::read(folder);
     let mut stems = Vec::new();
@@ -186,15 +179,10 @@ pub(super) mod tests {
 
     #[test]
     fn frames_come_in_order_from_velodyne_or_the_folder_itself() {
-        let names = [
-            "b/000002.bin",
-            "b/000001.bin",
-            "b/notes.md",
-            "a/velodyne/7.bin",
-        ];
+        let names = ["b/2.bin", "b/1.bin", "b/notes.md", "a/velodyne/7.bin"];
         let folder = folder_of(&names.map(|name| (name, "")));
         let b = Dataset::open(&folder.path().join("b")).expect("scans");
-        assert_eq!(b.names(), ["000001", "000002"]);
+        assert_eq!(b.names(), ["1", "2"]);
         let a = Dataset::open(&folder.path().join("a")).expect("scans");
         assert_eq!(a.scan_path("7"), folder.path().join("a/velodyne/7.bin"));
         assert!(a.scan("7").expect("a scan").is_empty());

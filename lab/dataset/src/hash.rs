@@ -1,6 +1,6 @@
 //! Fingerprints of a data set, so that a report says what it was made on and a checkpoint what it was trained on.
 
-use super::{Dataset, DatasetError};
+use super::{Dataset, DatasetError, Result};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -10,9 +10,9 @@ const OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 const PRIME: u64 = 0x0000_0100_0000_01b3;
 
 /// FNV-1a (64 bit) over all labels, the sizes of all scans and the bytes of every 50th scan, of the first `frames` frames, in order.
-pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String, DatasetError> {
+pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String> {
     let names: Vec<&String> = dataset.names().iter().take(frames).collect();
-    let one = |(index, name): (usize, &&String)| -> Result<u64, DatasetError> {
+    let one = |(index, name): (usize, &&String)| -> Result<u64> {
         let labels = read(&dataset.label_path(name))?;
         let scan = dataset.scan_path(name);
         let size = std::fs::metadata(&scan).map_err(DatasetError::read(&scan))?;
@@ -31,7 +31,7 @@ pub fn data_hash(dataset: &Dataset, frames: usize) -> Result<String, DatasetErro
 }
 
 /// FNV-1a (64 bit) over all calibrations, in the order of the frames.
-pub fn calibration_hash(dataset: &Dataset) -> Result<String, DatasetError> {
+pub fn calibration_hash(dataset: &Dataset) -> Result<String> {
     let mut names = dataset.names().iter();
     let whole = names.try_fold(OFFSET, |hash, name| {
         Ok(fnv(hash, &read(&dataset.calibration_path(name))?))
@@ -39,7 +39,7 @@ pub fn calibration_hash(dataset: &Dataset) -> Result<String, DatasetError> {
     Ok(format!("{whole:016x}"))
 }
 
-fn read(path: &Path) -> Result<Vec<u8>, DatasetError> {
+fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).map_err(DatasetError::read(path))
 }
 
@@ -58,10 +58,8 @@ mod tests {
         // Published test vector of FNV-1a.
         assert_eq!(fnv(OFFSET, b"foobar"), 0x8594_4171_f739_67e8);
         let hash_with = |label: &str| {
-            let folder = folder_of(&[
-                ("velodyne/0.bin", "0123456789abcdef"),
-                ("label_2/0.txt", label),
-            ]);
+            let scan = ("velodyne/0.bin", "0123456789abcdef");
+            let folder = folder_of(&[scan, ("label_2/0.txt", label)]);
             data_hash(&Dataset::open(folder.path()).expect("a scan"), 10).expect("a hash")
         };
         assert_ne!(hash_with("a"), hash_with("b"));

@@ -2,7 +2,7 @@
 
 use super::error::Line;
 use super::scan::check_scan_size;
-use super::{Dataset, DatasetError, read_text};
+use super::{Dataset, DatasetError, Result, read_text};
 use std::path::{Path, PathBuf};
 
 /// Every class that KITTI's labels name.
@@ -47,7 +47,7 @@ impl Splits {
     }
 
     /// Frames of a split, in the order of its list.
-    pub fn open(&self, split: &str) -> Result<Dataset, DatasetError> {
+    pub fn open(&self, split: &str) -> Result<Dataset> {
         let root = self.frames_root();
         let mut places: Vec<PathBuf> = self.folder.clone().into_iter().collect();
         if places.is_empty() {
@@ -72,12 +72,12 @@ impl Splits {
         let place = format!("split {split}");
         let expected = format!("the list of its frames, {split}.txt, in {looked}");
         let found = "none; give the folder that holds it";
-        Err(DatasetError::in_place(place, expected, found))
+        Err(DatasetError::unexpected(place, expected, found))
     }
 }
 
 /// Checks that every frame has its label and calibration file, and a scan of whole points.
-pub fn check_files(dataset: &Dataset) -> Result<(), DatasetError> {
+pub fn check_files(dataset: &Dataset) -> Result<()> {
     for name in dataset.names() {
         let files = [
             ("labels", dataset.label_path(name)),
@@ -87,7 +87,7 @@ pub fn check_files(dataset: &Dataset) -> Result<(), DatasetError> {
             if !path.is_file() {
                 let (place, found) = (format!("frame {name}"), "no such file");
                 let expected = format!("its {what} in {}", path.display());
-                return Err(DatasetError::in_place(place, expected, found));
+                return Err(DatasetError::unexpected(place, expected, found));
             }
         }
         check_scan_size(&dataset.scan_path(name))?;
@@ -96,7 +96,7 @@ pub fn check_files(dataset: &Dataset) -> Result<(), DatasetError> {
 }
 
 /// Checks that a label file names classes alone that are heard of: objects of a misspelt one would be left out without a word.
-pub fn check_classes<C: AsRef<str>>(path: &Path, heard: &[C]) -> Result<(), DatasetError> {
+pub fn check_classes<C: AsRef<str>>(path: &Path, heard: &[C]) -> Result<()> {
     for (index, line) in read_text(path)?.lines().enumerate() {
         let Some(class) = line.split_whitespace().next() else {
             continue;
@@ -105,7 +105,7 @@ pub fn check_classes<C: AsRef<str>>(path: &Path, heard: &[C]) -> Result<(), Data
         if !heard.iter().any(is_class) {
             let names: Vec<&str> = heard.iter().map(C::as_ref).collect();
             let expected = format!("one of {}", names.join(", "));
-            return Err(Line { path, index }.field_fault("type", expected, class));
+            return Err(Line { path, index }.in_field("type", expected, class));
         }
     }
     Ok(())
@@ -150,10 +150,8 @@ mod tests {
         let fault = check_files(&dataset).expect_err("no calibration");
         let fault = fault.to_string();
         let expected = "frame 1: expected its calibration in ";
-        assert!(
-            fault.contains(expected) && fault.contains("1.txt"),
-            "{fault}"
-        );
+        let named = fault.contains(expected) && fault.contains("1.txt");
+        assert!(named, "{fault}");
         let labels = dataset.label_path("1");
         let fault = check_classes(&labels, &KITTI_CLASSES).expect_err("a class");
         let fault = fault.to_string();

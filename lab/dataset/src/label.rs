@@ -4,7 +4,7 @@
 //! optional track id and, in detections, the score (after a track id when there are 17 columns).
 
 use super::error::Line;
-use super::{DatasetError, read_text};
+use super::{Result, read_text};
 use mluc_geometry::CameraBox;
 use std::path::Path;
 
@@ -64,16 +64,16 @@ const COLUMNS: [&str; 15] = [
 ];
 
 /// Reads a label file. An empty file is a frame without objects. A 16th column (a track id) is passed over.
-pub fn read_labels(path: &Path) -> Result<Vec<Label>, DatasetError> {
+pub fn read_labels(path: &Path) -> Result<Vec<Label>> {
     parse(path, &read_text(path)?, false)
 }
 
 /// Reads a detection file: as a label file, with the score as the last column (16, or 17 after a track id).
-pub fn read_detections(path: &Path) -> Result<Vec<Label>, DatasetError> {
+pub fn read_detections(path: &Path) -> Result<Vec<Label>> {
     parse(path, &read_text(path)?, true)
 }
 
-fn parse(path: &Path, text: &str, scored: bool) -> Result<Vec<Label>, DatasetError> {
+fn parse(path: &Path, text: &str, scored: bool) -> Result<Vec<Label>> {
     let lines = text.lines().enumerate();
     let lines = lines.filter(|(_, line)| !line.trim().is_empty());
     lines
@@ -84,21 +84,21 @@ fn parse(path: &Path, text: &str, scored: bool) -> Result<Vec<Label>, DatasetErr
         .collect()
 }
 
-fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label, DatasetError> {
+fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
     check_count(line, columns.len(), scored)?;
     let number = |column: usize, field: &str| {
         let number = columns[column]
             .parse::<f64>()
             .ok()
             .filter(|v| v.is_finite());
-        number.ok_or_else(|| line.field_fault(field, "a finite number", columns[column]))
+        number.ok_or_else(|| line.in_field(field, "a finite number", columns[column]))
     };
     let mut numbers = [0.0; 15];
     for i in 1..15 {
         numbers[i] = number(i, COLUMNS[i])?;
     }
     if let Some((column, expected)) = fault(&numbers, columns[0], scored) {
-        return Err(line.field_fault(COLUMNS[column], expected, columns[column]));
+        return Err(line.in_field(COLUMNS[column], expected, columns[column]));
     }
     let three = |first: usize| [0, 1, 2].map(|i| numbers[first + i]);
     Ok(Label {
@@ -118,7 +118,7 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label, Datase
     })
 }
 
-fn check_count(line: Line<'_>, found: usize, scored: bool) -> Result<(), DatasetError> {
+fn check_count(line: Line<'_>, found: usize, scored: bool) -> Result<()> {
     let least = if scored { 16 } else { 15 };
     if (least..=least + 1).contains(&found) {
         return Ok(());

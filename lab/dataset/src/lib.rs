@@ -23,7 +23,7 @@ mod scan;
 pub mod whole_file;
 
 pub use calibration::read_calibration;
-pub use error::DatasetError;
+pub use error::{DatasetError, Result};
 pub use folder::{Dataset, file_stems, read_boxes};
 pub use hash::{calibration_hash, data_hash};
 pub use kitti::{
@@ -42,23 +42,33 @@ use std::path::Path;
 const TEXT_BYTES_MAX: u64 = 16 << 20;
 
 /// A text file, whole, after a look at its size.
-pub fn read_text(path: &Path) -> Result<String, DatasetError> {
+pub fn read_text(path: &Path) -> Result<String> {
     let text = String::from_utf8(read_checked(path, TEXT_BYTES_MAX)?)
         .map_err(|e| DatasetError::read(path)(Error::new(ErrorKind::InvalidData, e)))?;
     // Some editors begin a file with a mark of its byte order; it is no part of the first word.
     Ok(text.strip_prefix('\u{feff}').unwrap_or(&text).to_owned())
 }
 
+/// Writes a file of a data set.
+pub fn write_file(path: &Path, bytes: &[u8]) -> Result<()> {
+    std::fs::write(path, bytes).map_err(DatasetError::write(path))
+}
+
+/// Makes a folder of a data set, its parents and its parts.
+pub fn make_folders(root: &Path, parts: &[&str]) -> Result<()> {
+    parts.iter().try_for_each(|part| {
+        let folder = root.join(part);
+        std::fs::create_dir_all(&folder).map_err(DatasetError::write(&folder))
+    })
+}
+
 /// A file, whole, after a look at its size.
-fn read_checked(path: &Path, limit: u64) -> Result<Vec<u8>, DatasetError> {
+fn read_checked(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let failed = DatasetError::read(path);
     let bytes = std::fs::metadata(path).map_err(&failed)?.len();
     if bytes > limit {
-        return Err(DatasetError::at(
-            path,
-            format!("at most {limit} bytes"),
-            bytes,
-        ));
+        let expected = format!("at most {limit} bytes");
+        return Err(DatasetError::at(path, expected, bytes));
     }
     std::fs::read(path).map_err(failed)
 }

@@ -27,11 +27,7 @@ impl UnknownPolicy {
 
     /// Name on the command line.
     pub fn name(self) -> &'static str {
-        match self {
-            UnknownPolicy::DropFrames => "drop_frames",
-            UnknownPolicy::Erase => "erase",
-            UnknownPolicy::Background => "background",
-        }
+        ["drop_frames", "erase", "background"][self as usize]
     }
 
     /// Whether a frame with these labels is trained on; `unknown` are the classes that are to stay unknown.

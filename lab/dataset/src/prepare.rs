@@ -4,8 +4,9 @@
 //! planes are copied; the list of frames lies in `ImageSets`.
 
 use super::policy::is_unknown;
-use super::{Dataset, DatasetError, KITTI_CLASSES, Splits, UnknownPolicy, check_classes};
-use super::{Label, check_files, erase, read_text, scan_bytes};
+use super::write_file;
+use super::{Dataset, DatasetError, KITTI_CLASSES, Result, Splits, UnknownPolicy};
+use super::{Label, check_classes, check_files, erase, make_folders, read_text, scan_bytes};
 use crate::whole_file::beside;
 use mluc_geometry::{Calibration, ImageSize};
 use rayon::prelude::*;
@@ -31,7 +32,7 @@ pub struct PrepareOptions {
 
 /// Writes a split. `step` is called after each frame, from any thread. Everything is checked before anything is written: label and
 /// calibration of every frame, classes of every label. The folder is there as a whole or not at all.
-pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<(), DatasetError> {
+pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<()> {
     let dataset = options.splits.open(&options.split)?;
     check_files(&dataset)?;
     let names = dataset.names();
@@ -46,34 +47,27 @@ pub fn prepare(options: &PrepareOptions, step: impl Fn() + Sync) -> Result<(), D
     if beside.is_dir() {
         std::fs::remove_dir_all(&beside).map_err(DatasetError::write(&beside))?;
     }
-    for part in ["velodyne", "label_2", "calib", "planes", "ImageSets"] {
-        let folder = beside.join(part);
-        std::fs::create_dir_all(&folder).map_err(DatasetError::write(&folder))?;
-    }
+    let parts = ["velodyne", "label_2", "calib", "planes", "ImageSets"];
+    make_folders(&beside, &parts)?;
     let one = |name: &String| {
         let kept = frame(options, &dataset, name, &beside)?;
         step();
         Ok(kept.then(|| format!("{name}\n")))
     };
     let kept = names.par_iter().map(one);
-    let kept: Vec<Option<String>> = kept.collect::<Result<_, DatasetError>>()?;
+    let kept: Vec<Option<String>> = kept.collect::<Result<_>>()?;
     let list: String = kept.into_iter().flatten().collect();
     if list.is_empty() {
         let expected = "frames without unknown objects";
         return Err(DatasetError::at(dataset.root(), expected, "none"));
     }
     let file = format!("ImageSets/{}.txt", options.split);
-    write(&beside.join(file), list.as_bytes())?;
+    write_file(&beside.join(file), list.as_bytes())?;
     std::fs::rename(&beside, &options.out).map_err(DatasetError::write(&options.out))
 }
 
 /// One frame; whether it was kept.
-fn frame(
-    options: &PrepareOptions,
-    dataset: &Dataset,
-    name: &str,
-    out: &Path,
-) -> Result<bool, DatasetError> {
+fn frame(options: &PrepareOptions, dataset: &Dataset, name: &str, out: &Path) -> Result<bool> {
     let PrepareOptions {
         policy, unknown, ..
     } = options;
@@ -90,7 +84,7 @@ fn frame(
         erase(&mut points, &erased.map(in_sensor).collect::<Vec<_>>());
     }
     let scan = out.join(format!("velodyne/{name}.bin"));
-    write(&scan, &scan_bytes(&points))?;
+    write_file(&scan, &scan_bytes(&points))?;
     // Lines go over as they are, track ids and all.
     let keeps = |line: &&str| match (policy, line.split_whitespace().next()) {
         (Some(policy), Some(class)) => policy.keeps_label(class, unknown),
@@ -108,7 +102,7 @@ fn frame(
     }
     for (folder, text) in texts {
         let file = out.join(folder).join(format!("{name}.txt"));
-        write(&file, text.as_bytes())?;
+        write_file(&file, text.as_bytes())?;
     }
     Ok(true)
 }
@@ -125,8 +119,4 @@ fn in_view(calibration: &Calibration, &[x, y, z, _]: &[f32; 4]) -> bool {
         (-IMAGE_MARGIN_PX..f64::from(size_px) + IMAGE_MARGIN_PX).contains(&at)
     };
     inside(u, ImageSize::KITTI.width_px) && inside(v, ImageSize::KITTI.height_px)
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
-    std::fs::write(path, bytes).map_err(DatasetError::write(path))
 }

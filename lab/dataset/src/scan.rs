@@ -1,6 +1,6 @@
 //! Scans: little-endian f32 x, y, z, intensity a point.
 
-use super::{DatasetError, read_checked};
+use super::{DatasetError, Result, read_checked};
 use mluc_ingest::{POINT_BYTES, bin_points};
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use std::path::Path;
 pub const SCAN_POINTS_MAX: usize = 8_000_000;
 
 /// Reads a scan as it is: NaN and infinities too, which later steps drop and count. An empty file is a scan of 0 points.
-pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>, DatasetError> {
+pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>> {
     let data = read_checked(path, (SCAN_POINTS_MAX * POINT_BYTES) as u64)?;
     check_size(path, data.len() as u64)?;
     let points = bin_points(&data);
@@ -22,12 +22,12 @@ pub fn scan_bytes(points: &[[f32; 4]]) -> Vec<u8> {
 }
 
 /// Checks that a scan is a whole number of points, without reading it.
-pub(super) fn check_scan_size(path: &Path) -> Result<(), DatasetError> {
+pub(super) fn check_scan_size(path: &Path) -> Result<()> {
     let file = std::fs::metadata(path).map_err(DatasetError::read(path))?;
     check_size(path, file.len())
 }
 
-fn check_size(path: &Path, bytes: u64) -> Result<(), DatasetError> {
+fn check_size(path: &Path, bytes: u64) -> Result<()> {
     if bytes.is_multiple_of(POINT_BYTES as u64) {
         return Ok(());
     }

@@ -78,9 +78,7 @@ mod tests {
 
     #[test]
     fn places_beside_differ_where_only_extensions_do() {
-        assert_ne!(
-            beside(Path::new("x/set.train")),
-            beside(Path::new("x/set.val"))
-        );
+        let [train, val] = ["x/set.train", "x/set.val"].map(|path| beside(Path::new(path)));
+        assert_ne!(train, val);
     }
 }

@@ -1,6 +1,6 @@
 //! `mluc-lab evaluate` as a person runs it: files in, JSON or a table or a clear error out.
 
-use mluc_dataset::{read_calibration, read_labels};
+use mluc_dataset::read_boxes;
 use mluc_geometry::Box3;
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 use serde_json::{Value, json};
@@ -50,12 +50,8 @@ impl Folder {
     /// The boxes of a frame's labels: a car, a pedestrian, a van.
     fn boxes(&self, part: &str, i: usize) -> Vec<Box3> {
         let path = |folder: &str| self.path(&format!("{part}/{folder}/{i:06}.txt"));
-        let calibration = read_calibration(&path("calib")).expect("calibration");
-        let labels = read_labels(&path("label_2")).expect("labels").into_iter();
-        let labels = labels.filter(|label| !label.is_dont_care());
-        labels
-            .map(|label| calibration.box_in_sensor_from_label(&label.camera_box))
-            .collect()
+        let boxes = read_boxes(&path("label_2"), &path("calib")).expect("boxes");
+        boxes.into_iter().map(|(_, b)| b).collect()
     }
 
     fn perfect_objects(&self, part: &str, i: usize) -> Vec<Value> {

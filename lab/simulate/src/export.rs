@@ -5,8 +5,8 @@
 
 use super::labels::calibration;
 use super::{Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
-use super::{Stream, Turn, turn};
-use mluc_dataset::{Label, scan_bytes};
+use super::{Shown, Stream, Turn, turn};
+use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -55,7 +55,9 @@ impl ExportOptions {
 pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), SimulateError> {
     let split = options.split.name();
     if options.synthetic_unknown && options.split != Split::Train {
-        return Err(SimulateError::SyntheticUnknownOutsideTraining(split));
+        let found = format!("{split}: its unknown objects are real ones");
+        let place = "synthetic unknown objects";
+        return Err(DatasetError::unexpected(place, "the split train", found).into());
     }
     prepare(&options.folder)?;
     let calibration = calibration(options.family)?;
@@ -74,13 +76,10 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
     write_poses(options, &poses?)?;
     let names: String = (0..options.frames).map(|i| format!("{i:06}\n")).collect();
     let list = options.folder.join(format!("ImageSets/{split}.txt"));
-    write(&list, names.as_bytes())
+    Ok(write_file(&list, names.as_bytes())?)
 }
 
-fn simulated(
-    options: &ExportOptions,
-    index: u32,
-) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
+fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError> {
     let stream = Stream {
         family: options.family,
         split: options.split,
@@ -96,7 +95,7 @@ fn simulated(
 }
 
 /// Poses and stamps of sequences. Another sequence is another place: it lies a kilometre further, so that nothing is found again.
-fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), SimulateError> {
+fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), DatasetError> {
     let Some(steps) = options.sequence else {
         return Ok(());
     };
@@ -109,33 +108,33 @@ fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), Simula
         let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
         stamps += &format!("2000-01-01 {h:02}:{m:02}:{s:02}.{tenths}00000000\n");
     }
-    write(&options.folder.join("poses.txt"), text.as_bytes())?;
-    write(&options.folder.join("timestamps.txt"), stamps.as_bytes())
+    write_file(&options.folder.join("poses.txt"), text.as_bytes())?;
+    write_file(&options.folder.join("timestamps.txt"), stamps.as_bytes())
 }
 
 /// Makes the folder and its parts; refuses one that holds anything.
-fn prepare(folder: &Path) -> Result<(), SimulateError> {
+fn prepare(folder: &Path) -> Result<(), DatasetError> {
     if folder.exists() {
-        let mut entries = std::fs::read_dir(folder).map_err(failed(folder))?;
+        let mut entries = std::fs::read_dir(folder).map_err(DatasetError::read(folder))?;
         if let Some(entry) = entries.next() {
-            let name = entry.map_err(failed(folder))?.file_name();
-            let found = name.to_string_lossy().into_owned();
-            return Err(SimulateError::NotEmpty(folder.to_owned(), found));
+            let name = entry.map_err(DatasetError::read(folder))?.file_name();
+            let name = name.display();
+            let found = format!("{name} in it; choose another folder or remove it");
+            let expected = "an empty or a new folder";
+            return Err(DatasetError::unexpected(folder.display(), expected, found));
         }
     }
-    let parts = ["velodyne", "label_2", "calib", "planes", "instances"];
-    parts.iter().chain(&["ImageSets"]).try_for_each(|name| {
-        let path = folder.join(name);
-        std::fs::create_dir_all(&path).map_err(failed(&path))
-    })
-}
-
-fn failed(path: &Path) -> impl Fn(std::io::Error) -> SimulateError {
-    |cause| SimulateError::Write(path.to_owned(), cause)
-}
-
-fn write(path: &Path, bytes: &[u8]) -> Result<(), SimulateError> {
-    std::fs::write(path, bytes).map_err(failed(path))
+    make_folders(
+        folder,
+        &[
+            "velodyne",
+            "label_2",
+            "calib",
+            "planes",
+            "instances",
+            "ImageSets",
+        ],
+    )
 }
 
 fn write_frame(
@@ -143,7 +142,7 @@ fn write_frame(
     calibration: &Calibration,
     index: u32,
     frame: &SimulatedFrame,
-) -> Result<(), SimulateError> {
+) -> Result<(), DatasetError> {
     let label = |o| format!("{}\n", label_of(o, options.family, calibration));
     let labels: String = frame.objects.iter().map(label).collect();
     let instances = frame.instances.iter().flat_map(|i| i.to_le_bytes());
@@ -158,7 +157,7 @@ fn write_frame(
     ];
     files.iter().try_for_each(|(folder, extension, bytes)| {
         let file = format!("{folder}/{index:06}.{extension}");
-        write(&options.folder.join(file), bytes)
+        write_file(&options.folder.join(file), bytes)
     })
 }
 

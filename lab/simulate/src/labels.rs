@@ -41,13 +41,12 @@ fn camera_from_sensor() -> [[f64; 4]; 3] {
 
 /// Labels every object that holds a point and that a ray ended on; renumbers the instances to match.
 pub(crate) fn label(
-    family: Family,
+    calibration: &Calibration,
     sensor: &Sensor,
     scene: &Scene,
     solids: &[Solid],
     sweep: Sweep,
 ) -> Result<SimulatedFrame, String> {
-    let calibration = calibration(family).map_err(|e| e.to_string())?;
     let mut renumbered = vec![UNLABELLED; solids.len() + 1];
     renumbered[0] = 0;
     let mut objects = Vec::new();
@@ -59,7 +58,7 @@ pub(crate) fn label(
             continue;
         }
         let vertices = &scene.mesh.vertices[solid.vertices.clone()];
-        let (image_box_px, truncated) = image_box(&calibration, vertices);
+        let (image_box_px, truncated) = image_box(calibration, vertices);
         objects.push(SimulatedObject {
             class: solid.class,
             box_in_sensor: solid.box_in_sensor,
@@ -160,8 +159,6 @@ fn image_box(calibration: &Calibration, vertices: &[V3]) -> ([f64; 4], f64) {
         return ([0.0; 4], 1.0);
     };
     let area = |r: [f64; 4]| (r[2] - r[0]).max(0.0) * (r[3] - r[1]).max(0.0);
-    (
-        clipped,
-        (1.0 - area(clipped) / area(bounds)).clamp(0.0, 1.0),
-    )
+    let truncated = 1.0 - area(clipped) / area(bounds);
+    (clipped, truncated.clamp(0.0, 1.0))
 }

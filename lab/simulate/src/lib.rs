@@ -26,10 +26,9 @@ pub mod synthetic_unknown;
 pub use export::{ExportOptions, export};
 pub use realism::{Realism, Step};
 
-use mluc_dataset::SYNTHETIC_UNKNOWN;
+use mluc_dataset::{DatasetError, SYNTHETIC_UNKNOWN};
 use mluc_geometry::{Box3, CalibrationError};
 use random::Dice;
-use std::path::PathBuf;
 
 /// What can go wrong while simulating or writing.
 #[derive(Debug, thiserror::Error)]
@@ -40,19 +39,9 @@ pub enum SimulateError {
     /// The family's own calibration is refused.
     #[error("the simulator's calibration is not valid: {0}")]
     Calibration(#[from] CalibrationError),
-    /// A folder or file cannot be made or written.
-    #[error("{0}: cannot write: {1}")]
-    Write(PathBuf, std::io::Error),
-    /// The output folder holds something already.
-    #[error(
-        "{0}: expected an empty or a new folder, found {1} in it; choose another folder or remove it"
-    )]
-    NotEmpty(PathBuf, String),
-    /// Synthetic unknown objects outside of training.
-    #[error(
-        "synthetic unknown objects: expected the split train, found {0}: its unknown objects are real ones"
-    )]
-    SyntheticUnknownOutsideTraining(&'static str),
+    /// The output folder, or what was asked to be in it.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
     /// So many threads cannot be started.
     #[error("cannot start {0} threads: {1}")]
     Threads(usize, rayon::ThreadPoolBuildError),
@@ -241,12 +230,10 @@ pub fn frame(
     Ok(turn(Stream::full(family, split, seed), index, None)?.0)
 }
 
-/// One frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
-fn turn(
-    stream: Stream,
-    index: u32,
-    turn: Option<Turn>,
-) -> Result<(SimulatedFrame, [f64; 3]), SimulateError> {
+/// A frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
+type Shown = (SimulatedFrame, [f64; 3]);
+
+fn turn(stream: Stream, index: u32, turn: Option<Turn>) -> Result<Shown, SimulateError> {
     let Stream { family, split, .. } = stream;
     let key = random::hash(&[stream.seed, family as u64, split as u64, u64::from(index)]);
     let dice = |stage: u64| Dice::new(&[key, stage]);
@@ -266,7 +253,9 @@ fn turn(
     scene.see_from(sensor_at, &mut solids);
     let mesh_error = |reason| SimulateError::Mesh(index, reason);
     let sweep = scan::sweep(&sensor, &scene).map_err(mesh_error)?;
-    let mut frame = labels::label(family, &sensor, &scene, &solids, sweep).map_err(mesh_error)?;
+    let calibration = labels::calibration(family)?;
+    let mut frame =
+        labels::label(&calibration, &sensor, &scene, &solids, sweep).map_err(mesh_error)?;
     let (normal, offset) = ground.plane();
     let offset = offset + normal.dot(sensor_at);
     frame.plane = [normal.x, normal.y, normal.z, offset].map(f64::from);

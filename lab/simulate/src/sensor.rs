@@ -106,26 +106,22 @@ impl Sensor {
             Noise::default()
         };
         let beam = |b: usize| {
-            let bias_m = noise.beam_bias_m * normal(draw(Stream::Bias, b));
-            if !realism.has(Step::Rings) {
-                let [top, bottom] = FIELD_DEG;
-                let elevation_deg = top + (bottom - top) * b as f32 / (BEAMS - 1) as f32;
-                return Beam {
-                    elevation_rad: elevation_deg.to_radians(),
-                    phase: 0.5,
-                    bias_m,
-                    origin_z_m: 0.0,
-                };
-            }
+            let rings = realism.has(Step::Rings);
             let (nominal_deg, origin_z_m) = match b {
+                _ if !rings => {
+                    let [top, bottom] = FIELD_DEG;
+                    (top + (bottom - top) * b as f32 / (BEAMS - 1) as f32, 0.0)
+                }
                 0..32 => (2.02 - 0.34 * b as f32, 0.0),
                 _ => (-8.95 - 0.5084 * (b - 32) as f32, -BLOCK_OFFSET_M),
             };
-            let jitter_deg = ELEVATION_JITTER_DEG * normal(draw(Stream::Elevation, b));
+            let jitter_deg = if rings { ELEVATION_JITTER_DEG } else { 0.0 };
+            let elevation_deg = nominal_deg + jitter_deg * normal(draw(Stream::Elevation, b));
+            let phase = unit(draw(Stream::Phase, b));
             Beam {
-                elevation_rad: (nominal_deg + jitter_deg).to_radians(),
-                phase: unit(draw(Stream::Phase, b)),
-                bias_m,
+                elevation_rad: elevation_deg.to_radians(),
+                phase: if rings { phase } else { 0.5 },
+                bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, b)),
                 origin_z_m,
             }
         };

@@ -132,7 +132,8 @@ fn visibility_is_one_in_the_open_and_less_behind_a_wall() {
             vertices: vertices..scene.mesh.vertices.len(),
         };
         let (sensor, sweep) = swept(3, &scene);
-        let frame = labels::label(Family::SimUdi, &sensor, &scene, &[solid], sweep);
+        let calibration = labels::calibration(Family::SimUdi).expect("valid");
+        let frame = labels::label(&calibration, &sensor, &scene, &[solid], sweep);
         frame.expect("labels").objects[0].visibility
     };
     assert!(seen(&[]) > 0.97, "{}", seen(&[]));

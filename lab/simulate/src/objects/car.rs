@@ -21,31 +21,21 @@ struct Profile {
     bed: bool,
 }
 
-const fn profile(along: [f32; 4], heights: [f32; 4], roof_width: f32) -> Profile {
-    Profile {
-        along,
-        heights,
-        roof_width,
-        panelled: false,
-        bed: false,
-    }
-}
+/// A nominal profile: `along`, `heights` and `roof_width`.
+type Style = ([f32; 4], [f32; 4], f32);
 
-const SEDAN: Profile = profile([0.20, 0.05, -0.21, -0.36], [0.46, 0.62, 0.63, 0.66], 0.80);
-const HATCH: Profile = profile([0.24, 0.08, -0.36, -0.46], [0.46, 0.62, 0.63, 0.6], 0.80);
-const ESTATE: Profile = profile([0.21, 0.07, -0.42, -0.48], [0.46, 0.62, 0.63, 0.6], 0.80);
-const SUV: Profile = profile([0.23, 0.10, -0.40, -0.475], [0.5, 0.6, 0.61, 0.58], 0.85);
-const MINI: Profile = profile([0.30, 0.13, -0.38, -0.47], [0.44, 0.58, 0.58, 0.55], 0.80);
-const COUPE: Profile = profile([0.17, 0.0, -0.18, -0.40], [0.46, 0.62, 0.65, 0.68], 0.80);
-const PICKUP: Profile = Profile {
-    bed: true,
-    ..profile([0.22, 0.10, -0.06, -0.10], [0.52, 0.6, 0.6, 0.6], 0.80)
-};
-const MINIBUS: Profile = profile([0.38, 0.26, -0.47, -0.495], [0.36, 0.5, 0.52, 0.5], 0.88);
+const SEDAN: Style = ([0.20, 0.05, -0.21, -0.36], [0.46, 0.62, 0.63, 0.66], 0.80);
+const HATCH: Style = ([0.24, 0.08, -0.36, -0.46], [0.46, 0.62, 0.63, 0.6], 0.80);
+const ESTATE: Style = ([0.21, 0.07, -0.42, -0.48], [0.46, 0.62, 0.63, 0.6], 0.80);
+const SUV: Style = ([0.23, 0.10, -0.40, -0.475], [0.5, 0.6, 0.61, 0.58], 0.85);
+const MINI: Style = ([0.30, 0.13, -0.38, -0.47], [0.44, 0.58, 0.58, 0.55], 0.80);
+const COUPE: Style = ([0.17, 0.0, -0.18, -0.40], [0.46, 0.62, 0.65, 0.68], 0.80);
+const PICKUP: Style = ([0.22, 0.10, -0.06, -0.10], [0.52, 0.6, 0.6, 0.6], 0.80);
+const MINIBUS: Style = ([0.38, 0.26, -0.47, -0.495], [0.36, 0.5, 0.52, 0.5], 0.88);
 
 /// A passenger car with KITTI's or UDI's sizes.
 pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
-    // (weight, profile, change of length, of height): the changes cancel in the mean.
+    // (weight, style, change of length, of height): the changes cancel in the mean.
     let styles = [
         (0.26, SEDAN, 0.35, -0.05),
         (0.26, HATCH, -0.12, -0.03),
@@ -55,7 +45,7 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
         (0.04, COUPE, 0.0, -0.16),
         (0.02, PICKUP, 0.6, 0.2),
     ];
-    let (_, profile, longer, higher) = styles[dice.weighted(&styles.map(|s| s.0))];
+    let (_, style, longer, higher) = styles[dice.weighted(&styles.map(|s| s.0))];
     let base = match family {
         Family::SimKitti => v(3.84, 1.62, 1.53),
         Family::SimUdi => v(4.43, 1.85, 1.55),
@@ -63,7 +53,8 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     let length = dice.normal(base.x + longer, 0.26).max(2.6);
     let width = dice.normal(base.y + 0.08 * longer, 0.085);
     let height = dice.normal(base.z + higher, 0.1).max(1.2);
-    body(profile, v(length, width, height), dice)
+    let bed = style == PICKUP;
+    body(style, [false, bed], v(length, width, height), dice)
 }
 
 /// A van: cab forward, often without rear windows.
@@ -72,26 +63,20 @@ pub(super) fn van(dice: &mut Dice) -> Model {
     let length = dice.normal(5.07, 0.6).max(3.8);
     let width = dice.normal(1.9, 0.14);
     let size = v(length, width, dice.normal(2.21, 0.26).max(1.75));
-    body(
-        Profile {
-            panelled,
-            ..MINIBUS
-        },
-        size,
-        dice,
-    )
+    body(MINIBUS, [panelled, false], size, dice)
 }
 
 /// The vehicle of a style, with small changes, so that no two of a style agree.
-fn body(nominal: Profile, size: V3, dice: &mut Dice) -> Model {
+fn body(style: Style, [panelled, bed]: [bool; 2], size: V3, dice: &mut Dice) -> Model {
     let mut near = |values: [f32; 4], halves: [f32; 4]| -> [f32; 4] {
         std::array::from_fn(|i| values[i] + dice.spread(halves[i]))
     };
     let profile = Profile {
-        along: near(nominal.along, [0.02, 0.02, 0.02, 0.008]),
-        heights: near(nominal.heights, [0.03, 0.03, 0.02, 0.03]),
-        roof_width: nominal.roof_width + dice.spread(0.04),
-        ..nominal
+        along: near(style.0, [0.02, 0.02, 0.02, 0.008]),
+        heights: near(style.1, [0.03, 0.03, 0.02, 0.03]),
+        roof_width: style.2 + dice.spread(0.04),
+        panelled,
+        bed,
     };
     let colour = paint(dice);
     let wheel_radius = dice.range(0.29, 0.35) * (size.z / 1.53).clamp(0.95, 1.12);

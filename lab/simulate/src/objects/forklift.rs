@@ -79,10 +79,7 @@ fn mast(mesh: &mut Mesh, front: f32, half: f32, fork_length: f32, dice: &mut Dic
         mesh.block(center, pallet, solid(0.4));
         let h = dice.range(0.3, 1.0);
         let load = v(0.95, half * 1.75, h);
-        mesh.block(
-            center + up(0.065 + h / 2.0),
-            load,
-            solid(dice.range(0.2, 0.6)),
-        );
+        let at = center + up(0.065 + h / 2.0);
+        mesh.block(at, load, solid(dice.range(0.2, 0.6)));
     }
 }

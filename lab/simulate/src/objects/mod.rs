@@ -181,12 +181,9 @@ mod tests {
     #[test]
     fn every_object_is_a_lean_mesh_inside_its_label() {
         for (class, i) in drawn(40) {
-            let Model { mesh, low, high } = build(
-                class,
-                Family::SimUdi,
-                Realism::FULL,
-                &mut Dice::new(&[4, i]),
-            );
+            let mut dice = Dice::new(&[4, i]);
+            let model = build(class, Family::SimUdi, Realism::FULL, &mut dice);
+            let Model { mesh, low, high } = model;
             let triangles = mesh.triangles.len();
             assert!(triangles < 1500, "{class:?} has {triangles} triangles");
             assert!(low.z.abs() < 0.03, "{class:?} stands at {}", low.z);

@@ -134,12 +134,9 @@ fn tank(mesh: &mut Mesh, low: V3, high: V3) {
             v(x, ry * c * scale, low.z + rz + rz * s * scale)
         })
     };
-    let rings = [
-        ring(low.x, 0.75),
-        ring(low.x + 0.25, 1.0),
-        ring(high.x - 0.25, 1.0),
-        ring(high.x, 0.75),
-    ];
+    let (rear, front) = (low.x + 0.25, high.x - 0.25);
+    let ends = [(low.x, 0.75), (rear, 1.0), (front, 1.0), (high.x, 0.75)];
+    let rings = ends.map(|(x, scale)| ring(x, scale));
     mesh.loft(&rings, true, |_, _| solid(0.5));
     mesh.cap(&rings[0], METAL);
     mesh.cap(&rings[3], METAL);

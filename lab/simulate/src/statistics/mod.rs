@@ -5,7 +5,7 @@ mod reference;
 mod table;
 
 pub use collect::{Statistics, collect};
-pub use reference::{Reference, ReferenceError, read_reference};
+pub use reference::{Reference, read_reference};
 pub use table::table;
 
 /// Mean, deviation and percentiles of a list of numbers.

@@ -2,33 +2,24 @@
 
 use mluc_dataset::{DatasetError, read_text};
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Published figures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference(Value);
 
-/// Why figures could not be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ReferenceError {
-    /// The file cannot be read.
-    #[error(transparent)]
-    Read(#[from] DatasetError),
-    /// Not JSON.
-    #[error("{0}: expected JSON: {1}")]
-    Json(PathBuf, #[source] serde_json::Error),
-    /// Another kind of file.
-    #[error("{0}: expected an object at train_split_3712.classes, found none")]
-    NoClasses(PathBuf),
-}
-
 /// Reads the file; a file that is not JSON or holds no classes is an error that says so.
-pub fn read_reference(path: &Path) -> Result<Reference, ReferenceError> {
-    let root: Value = serde_json::from_str(&read_text(path)?)
-        .map_err(|e| ReferenceError::Json(path.to_owned(), e))?;
+pub fn read_reference(path: &Path) -> Result<Reference, DatasetError> {
+    let fault = |expected, found| DatasetError::unexpected(path.display(), expected, found);
+    let text = read_text(path)?;
+    let not_json = |e| fault("JSON", format!("something else ({e})"));
+    let root: Value = serde_json::from_str(&text).map_err(not_json)?;
     match root.pointer("/train_split_3712/classes") {
         Some(Value::Object(_)) => Ok(Reference(root)),
-        _ => Err(ReferenceError::NoClasses(path.to_owned())),
+        _ => Err(fault(
+            "an object at train_split_3712.classes",
+            "none".into(),
+        )),
     }
 }
 

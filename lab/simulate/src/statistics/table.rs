@@ -27,29 +27,19 @@ fn or_dash(figure: Option<String>) -> String {
 }
 
 fn overview(statistics: &Statistics, reference: Option<&Reference>) -> String {
-    let points = &statistics.points_per_scan;
     let full_circle = |[mean, sd]: [f64; 2]| format!("{mean:.0} ± {sd:.0} (full circle)");
-    let scans = or_dash(
-        reference
-            .and_then(Reference::points_per_scan)
-            .map(full_circle),
-    );
-    let objects = reference.and_then(Reference::objects_per_frame);
-    let objects = or_dash(objects.map(|mean| format!("{mean:.2}")));
-    [
-        "| | data set | reference |\n|---|---|---|\n".to_owned(),
-        format!("| frames | {} | |\n", points.count()),
-        format!(
-            "| points a scan | {:.0} ± {:.0} | {scans} |\n",
-            points.mean(),
-            points.deviation()
-        ),
-        format!(
-            "| objects a frame | {:.2} | {objects} |\n",
-            statistics.objects_per_frame.mean()
-        ),
-    ]
-    .concat()
+    let given_points = reference.and_then(Reference::points_per_scan);
+    let given_points = or_dash(given_points.map(full_circle));
+    let given_objects = reference.and_then(Reference::objects_per_frame);
+    let given_objects = or_dash(given_objects.map(|mean| format!("{mean:.2}")));
+    let points = &statistics.points_per_scan;
+    let (frames, mean, sd) = (points.count(), points.mean(), points.deviation());
+    let objects = statistics.objects_per_frame.mean();
+    format!(
+        "| | data set | reference |\n|---|---|---|\n| frames | {frames} | |\n\
+         | points a scan | {mean:.0} ± {sd:.0} | {given_points} |\n\
+         | objects a frame | {objects:.2} | {given_objects} |\n"
+    )
 }
 
 fn class_rows(class: &str, objects: &[Object], reference: Option<&Reference>) -> String {
@@ -65,44 +55,32 @@ fn class_rows(class: &str, objects: &[Object], reference: Option<&Reference>) ->
         let count = objects.len();
         text += &format!("| {class} | {count} | {figure} | {found} | {expected} |\n");
     };
-    for (i, name) in ["length, m", "width, m", "height, m"]
-        .into_iter()
-        .enumerate()
-    {
+    for (i, name) in ["length", "width", "height"].into_iter().enumerate() {
         let found = own(&|o| o.box_in_sensor.size_m[i]);
-        row(name, found, given_spread("lwh_mean", "lwh_std", i));
+        let expected = given_spread("lwh_mean", "lwh_std", i);
+        row(&format!("{name}, m"), found, expected);
     }
     let percentiles = |mean: Option<f64>, [low, middle, high]: [Option<f64>; 3]| {
         let (mean, low, middle, high) = (mean?, low?, middle?, high?);
         Some(format!("{mean:.1} ({low:.0}, {middle:.0}, {high:.0})"))
     };
     let range = Summary::new(objects.iter().map(Object::range_m).collect());
-    let found = percentiles(
-        Some(range.mean()),
-        [5.0, 50.0, 95.0].map(|p| range.percentile(p)),
-    );
+    let found = [5.0, 50.0, 95.0].map(|p| range.percentile(p));
+    let found = or_dash(percentiles(Some(range.mean()), found));
     let expected = [0, 2, 4].map(|i| given("range_m/pct_5_25_50_75_95", i));
-    row(
-        "distance, m: mean (5th, 50th, 95th percentile)",
-        or_dash(found),
-        or_dash(percentiles(given("range_m/mean", 0), expected)),
-    );
-    let bottom = own(&|o| o.box_in_sensor.center_m[2] - o.box_in_sensor.size_m[2] / 2.0);
-    row(
-        "bottom, m",
-        bottom,
-        given_spread("z_bottom_velo/mean", "z_bottom_velo/std", 0),
-    );
+    let expected = or_dash(percentiles(given("range_m/mean", 0), expected));
+    let figure = "distance, m: mean (5th, 50th, 95th percentile)";
+    row(figure, found, expected);
+    let found = own(&|o| o.box_in_sensor.center_m[2] - o.box_in_sensor.size_m[2] / 2.0);
+    let expected = given_spread("z_bottom_velo/mean", "z_bottom_velo/std", 0);
+    row("bottom, m", found, expected);
     let shares = [0, 1, 2, 3].map(|level| {
         let is_level = |o: &&Object| usize::try_from(o.occluded).map_or(3, |l| l.min(3)) == level;
         let share = objects.iter().filter(is_level).count() as f64 / objects.len().max(1) as f64;
         format!("{:.0}", 100.0 * share)
     });
-    row(
-        "occlusion level 0, 1, 2, 3, %",
-        shares.join(", "),
-        or_dash(None),
-    );
+    let figure = "occlusion level 0, 1, 2, 3, %";
+    row(figure, shares.join(", "), or_dash(None));
     text
 }
 
@@ -114,9 +92,8 @@ fn point_rows(class: &str, objects: &[Object], reference: Option<&Reference>) ->
             .iter()
             .filter(|o| (o.range_m() / 10.0) as usize == bin);
         let points = Summary::new(in_bin.map(|o| o.points as f64).collect());
-        let [Some(low), Some(middle), Some(high)] =
-            [10.0, 50.0, 90.0].map(|p| points.percentile(p))
-        else {
+        let found = [10.0, 50.0, 90.0].map(|p| points.percentile(p));
+        let [Some(low), Some(middle), Some(high)] = found else {
             continue;
         };
         let name = format!("{}-{}", bin * 10, bin * 10 + 10);
