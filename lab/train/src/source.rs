@@ -82,21 +82,15 @@ impl ScanSource {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mluc_simulate::{ExportOptions, Family, Realism, Split, export};
+    use mluc_simulate::{ExportOptions, Family, Split, export};
 
     #[test]
     fn synthetic_unknown_objects_stand_for_the_unknown_where_that_is_asked_for() {
         let folder = tempfile::tempdir().expect("a folder");
+        let root = folder.path().to_owned();
         let options = ExportOptions {
-            family: Family::SimKitti,
-            split: Split::Train,
-            frames: 2,
-            sequence: None,
-            seed: 3,
-            realism: Realism::FULL,
             synthetic_unknown: true,
-            folder: folder.path().to_owned(),
-            threads: 1,
+            ..ExportOptions::new(Family::SimKitti, Split::Train, 2, 3, root)
         };
         export(&options, || ()).expect("written");
         // Synthetic unknown objects, and objects of no class.
