@@ -42,7 +42,7 @@ pub use frame::{FrameIndex, IndexedPoint};
 pub use ground::GroundPlane;
 pub use ground_map::{GroundLabel, GroundMap};
 pub use output::{Counters, RefinerOutput};
-pub use priors::{PRIORS, Priors};
+pub use priors::{CutTop, EndFace, PRIORS, Priors};
 pub use refiner::{Refiner, WORK_MAX};
 pub use sensor::{BeamTable, Sensor};
 pub use settings::{RobotSettings, Settings, Study, Variant};

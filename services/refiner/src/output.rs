@@ -73,12 +73,6 @@ impl Default for RefinerOutput {
 }
 
 impl RefinerOutput {
-    pub(crate) fn clear(&mut self) {
-        self.objects.clear();
-        self.object_points.clear();
-        self.counters = Counters::default();
-    }
-
     /// Indices of an object's points into the scan.
     pub fn points_of(&self, object: &Object) -> &[u32] {
         let first = object.points_first as usize;

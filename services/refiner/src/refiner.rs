@@ -212,7 +212,8 @@ impl Refiner {
 
     /// Published objects get their points first; suppressed ones what room is left.
     fn write_out(&self, detections: &[Detection], out: &mut RefinerOutput) {
-        out.clear();
+        out.objects.clear();
+        out.object_points.clear();
         out.counters = self.counters;
         for (proposal, detection) in self.proposals.iter().zip(detections) {
             out.counters.by_disposition[proposal.disposition as usize] += 1;

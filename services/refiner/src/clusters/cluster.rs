@@ -35,12 +35,6 @@ pub struct FrameClusters {
 }
 
 impl FrameClusters {
-    pub(super) fn clear(&mut self) {
-        self.clusters.clear();
-        self.points.clear();
-        self.cluster_of_point.clear();
-    }
-
     /// Indices of a cluster's points into the scan.
     pub fn points_of(&self, cluster: &FrameCluster) -> &[u32] {
         self.points.get(cluster.points.clone()).unwrap_or(&[])

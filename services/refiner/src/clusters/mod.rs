@@ -57,7 +57,9 @@ impl FrameClusterer {
         self.frame.sort(points);
         let all = self.frame.occupied_tiles();
         self.finder.cluster(&self.frame, &[], all);
-        out.clear();
+        out.clusters.clear();
+        out.points.clear();
+        out.cluster_of_point.clear();
         out.counters = self.finder.cells.counters;
         out.cluster_of_point.reserve(POINTS_MAX);
         out.cluster_of_point.resize(points.len(), NO_CLUSTER);

@@ -48,13 +48,6 @@ impl Neighbourhood {
         self.index.is_empty()
     }
 
-    /// Range from the sensor's axis to a point, m.
-    pub fn range_m(&self, point: usize) -> f64 {
-        let x = self.origin_m[0] + f64::from(self.x_m[point]);
-        let y = self.origin_m[1] + f64::from(self.y_m[point]);
-        x.hypot(y)
-    }
-
     /// A point in the sensor frame, m.
     pub fn in_sensor_m(&self, point: usize) -> [f64; 3] {
         [

@@ -67,7 +67,10 @@ impl Grower for Depth {
             image.grow(growth, members);
             return image.wipe();
         }
-        let reach = |t: usize| FALLBACK_M + FALLBACK_PER_RANGE * around.range_m(t) as f32;
+        let reach = |t: usize| {
+            let [x, y, _] = around.in_sensor_m(t);
+            FALLBACK_M + FALLBACK_PER_RANGE * x.hypot(y) as f32
+        };
         let farthest = (0..around.len()).map(reach).fold(FALLBACK_M, f32::max);
         growth.over_neighbours(&mut self.buckets, farthest, reach, |_, _| true, members);
     }
