@@ -302,7 +302,7 @@ mod tests {
         let flags = Flags(header.flags);
         assert_eq!(flags.names().collect::<Vec<_>>(), ["late", "empty"]);
         assert!(flags.contains(Flags::EMPTY) && !flags.contains(Flags::TRUNCATED));
-        assert_eq!(Flags(u32::MAX).names().last(), Some("input_suspect"));
+        assert_eq!(Flags(u32::MAX).names().last(), Some("limit_work"));
     }
 
     #[test]
