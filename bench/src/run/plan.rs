@@ -50,6 +50,20 @@ pub(crate) struct Variant {
 }
 
 impl Variant {
+    /// `document`: the configuration, which may name a program in the refiner's place.
+    fn new(refiner: &str, document: &Table, arguments: Vec<String>) -> Variant {
+        let stages = document.get("stages");
+        let stage = stages.and_then(|stages| stages.get("refiner"));
+        let command = stage.and_then(|stage| stage.get("command"));
+        Variant {
+            name: refiner.to_string(),
+            arguments,
+            environment: Vec::new(),
+            refiner: refiner.to_string(),
+            command: command.map(|command| json!(command)),
+        }
+    }
+
     pub(crate) fn has(&self, variable: &str) -> bool {
         self.environment.iter().any(|(key, _)| *key == variable)
     }
@@ -304,19 +318,12 @@ fn variants(args: &RunArgs, document: &Table, folder: &Path) -> Result<Vec<Varia
 
 /// The refiner that the scenario names, else the usual one.
 fn of_scenario(args: &RunArgs, document: &Table) -> Variant {
-    let of = |table: &str, key: &str| document.get(table)?.get(key);
-    let refiner = of("refiner", "variant").and_then(|name| name.as_str());
-    let refiner = refiner.unwrap_or(RefinerVariant::default().name());
-    let command = of("stages", "refiner").and_then(|stage| stage.get("command"));
+    let settings = document.get("refiner");
+    let named = settings.and_then(|settings| settings.get("variant")?.as_str());
+    let refiner = named.unwrap_or(RefinerVariant::default().name());
     let scenario = args.scenario.as_ref();
     let config = scenario.map(|path| ["--config".to_string(), path.display().to_string()]);
-    Variant {
-        name: refiner.to_string(),
-        arguments: config.into_iter().flatten().collect(),
-        environment: Vec::new(),
-        refiner: refiner.to_string(),
-        command: command.map(|command| json!(command)),
-    }
+    Variant::new(refiner, document, config.into_iter().flatten().collect())
 }
 
 /// A name of ours, or a program with arguments, in the scenario's configuration.
@@ -345,16 +352,10 @@ fn with_refiner(mut document: Table, word: &str, file: &Path) -> Result<Variant>
     } else {
         let directory = std::env::current_dir().context("finding the current folder")?;
         let directory = directory.to_string_lossy().into_owned();
-        at.insert("command".to_string(), command.clone().into());
+        at.insert("command".to_string(), command.into());
         at.insert("directory".to_string(), directory.into());
     }
     std::fs::write(file, toml::to_string(&document)?)
         .with_context(|| format!("writing {}", file.display()))?;
-    Ok(Variant {
-        name: word.to_string(),
-        arguments,
-        environment: Vec::new(),
-        refiner: word.to_string(),
-        command: (!is_ours).then(|| json!(command)),
-    })
+    Ok(Variant::new(word, &document, arguments))
 }

@@ -62,10 +62,9 @@ impl ProcessWatch {
             watch.last = counts;
             if is_measured {
                 // A restarted process counts from its own begin.
-                watch.first = watch
-                    .first
-                    .filter(|first| first.pid == pid)
-                    .or(Some(counts));
+                if watch.first.is_none_or(|first| first.pid != pid) {
+                    watch.first = Some(counts);
+                }
                 let peak = &mut watch.peak;
                 peak.private_mib = peak.private_mib.max(counts.private_mib);
                 peak.shared_mib = peak.shared_mib.max(counts.shared_mib);

@@ -164,11 +164,7 @@ mod tests {
     use super::*;
 
     fn cube(x: f64) -> Box3 {
-        Box3 {
-            center_m: [x, 0.0, 0.0],
-            size_m: [2.0; 3],
-            yaw_rad: 0.0,
-        }
+        Box3::new([x, 0.0, 0.0, 2.0, 2.0, 2.0, 0.0])
     }
 
     #[test]
