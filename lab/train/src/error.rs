@@ -28,16 +28,6 @@ pub enum TrainError {
         /// What is there, and what to do about it.
         found: String,
     },
-    /// The loss is no longer a number.
-    #[error(
-        "step {step}: the loss is {found}; a lower learning rate may help, unless a scan or a label is wrong"
-    )]
-    Diverged {
-        /// When.
-        step: u64,
-        /// What the loss is.
-        found: f64,
-    },
     /// The model file could not be made.
     #[error(transparent)]
     Model(#[from] mluc_model::ModelError),
@@ -53,33 +43,24 @@ pub enum TrainError {
     /// The refiner refuses the model's sensor.
     #[error(transparent)]
     Refiner(#[from] mluc_refiner::RefinerError),
-    /// The thread that prepares batches ended early.
-    #[error("the thread that prepares batches ended before step {step}")]
-    LoaderEnded {
-        /// The step that it owed.
-        step: u64,
-    },
-    /// No range of int8 can be chosen where no value was seen.
-    #[error(
-        "the data: expected scans with points inside the model's range, found {frames} frames that leave a layer at 0"
-    )]
-    NothingSeen {
-        /// Frames that were run.
-        frames: usize,
-    },
-    /// A setting out of its range.
-    #[error("{name}: expected {expected}, found {found}")]
-    Setting {
-        /// The option.
-        name: &'static str,
-        /// Its range.
-        expected: String,
-        /// The value.
-        found: String,
-    },
+    /// A setting out of its range, a loss that is no number, data in which nothing is seen, a thread that ended.
+    #[error("{0}")]
+    Stopped(String),
 }
 
 impl TrainError {
+    /// An option out of its range.
+    pub(crate) fn setting(name: &str, expected: &str, found: &str) -> TrainError {
+        TrainError::Stopped(format!("{name}: expected {expected}, found {found}"))
+    }
+
+    /// The loss of `step` is no longer a number.
+    pub(crate) fn diverged(step: u64, loss: f64) -> TrainError {
+        TrainError::Stopped(format!(
+            "step {step}: the loss is {loss}; a lower learning rate may help, unless a scan or a label is wrong"
+        ))
+    }
+
     pub(crate) fn io(path: &Path, cause: std::io::Error) -> TrainError {
         let path = path.to_owned();
         TrainError::Io { path, cause }

@@ -1,10 +1,11 @@
 //! The trained network as a model file.
 
-use mluc_model::{Manifest, WeightSet};
+use mluc_kernels::Gather;
+use mluc_model::WeightSet;
 
 use crate::layers::{Layer, LayerPlan, Linear};
 use crate::network::{Chain, StepInput};
-use crate::plan::{MapPlan, Plan, SparsePlan, empty_gather};
+use crate::plan::{MapPlan, Plan, SparsePlan};
 use crate::pool::Pool;
 use crate::trainer::TrainState;
 
@@ -88,7 +89,7 @@ pub(crate) fn orders(chain: &Chain) -> Vec<AxisOrder> {
 /// The largest objectness (of a sigmoid head, class probability) that the network gives to a scan without points.
 pub fn empty_objectness_max(chain: &Chain, state: &TrainState) -> f32 {
     let empty = |layer: &Layer| LayerPlan {
-        gather: empty_gather(layer.taps),
+        gather: Gather::new(layer.taps, vec![]),
         ..LayerPlan::default()
     };
     let sparse = SparsePlan {
@@ -112,12 +113,4 @@ pub fn empty_objectness_max(chain: &Chain, state: &TrainState) -> f32 {
         }
     }
     1.0 / (1.0 + (-most).exp())
-}
-
-/// Completes a manifest with what training found.
-pub fn finish(manifest: Manifest, chain: &Chain, state: &TrainState) -> Manifest {
-    Manifest {
-        empty_objectness_max: empty_objectness_max(chain, state),
-        ..manifest
-    }
 }

@@ -3,17 +3,20 @@
 //! Which frames a step sees and how they are varied depends on the seed and the step alone.
 
 use std::collections::BTreeSet;
-use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Instant;
 
+use crossbeam_channel::{Receiver, bounded};
 use mluc_geometry::Random;
 use mluc_model::{HeadKind, Manifest};
 
 use crate::anchors::Anchors;
 use crate::augment::{Augmentation, crop};
 use crate::batch_targets::BatchTargets;
+use crate::database::Database;
 use crate::error::TrainError;
+use crate::kind::Setting;
 use crate::plan::{Plan, Planner};
+use crate::settings::TrainSettings;
 use crate::source::ScanSource;
 use crate::targets::{CellClass, CellLabel, Targets};
 
@@ -43,6 +46,7 @@ pub struct DataLoader {
     manifest: Manifest,
     anchors: Anchors,
     planner: Planner,
+    /// Cells of a frame to label that hold points and no object.
     background_cells: usize,
     batch: usize,
     seed: u64,
@@ -51,24 +55,31 @@ pub struct DataLoader {
 }
 
 impl DataLoader {
-    /// For one network. `background_cells`: label as many cells of a frame that hold points and no object.
+    /// For a run, which varies its frames with the objects of `database` where it is asked to.
     pub fn new(
-        source: ScanSource,
-        augmentation: Option<Augmentation>,
+        settings: &TrainSettings,
         manifest: &Manifest,
-        background_cells: usize,
-        batch: usize,
-        seed: u64,
+        source: ScanSource,
+        database: Database,
     ) -> DataLoader {
+        let open_set = settings.applied_open_set();
+        let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
+        let augmentation = settings.augment.then(|| Augmentation {
+            database,
+            wanted: settings.setting.objects_wanted().to_vec(),
+            synthetic_unknown: open_set.synthetic_unknown,
+            classes_m: sizes_m.collect(),
+            mirror_x: settings.setting == Setting::Udi,
+        });
         DataLoader {
             source,
             augmentation,
             manifest: manifest.clone(),
             anchors: Anchors::of(manifest),
             planner: Planner::new(&manifest.network, false),
-            background_cells,
-            batch,
-            seed,
+            background_cells: open_set.background_cells,
+            batch: settings.batch,
+            seed: settings.seed,
             order: (u64::MAX, vec![]),
         }
     }
@@ -147,7 +158,7 @@ impl DataLoader {
 
     /// Batches of `steps`, prepared ahead. The thread ends when the receiver is dropped.
     pub fn spawn(mut self, steps: std::ops::Range<u64>) -> Receiver<Result<Batch, TrainError>> {
-        let (sender, receiver) = sync_channel(QUEUE);
+        let (sender, receiver) = bounded(QUEUE);
         std::thread::spawn(move || {
             for step in steps {
                 let batch = self.prepare(step);

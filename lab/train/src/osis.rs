@@ -32,17 +32,13 @@ pub fn train_osis(
     notify: &mut dyn FnMut(TrainEvent),
 ) -> Result<PathBuf, TrainError> {
     settings.check()?;
-    let wrong = |found: String| TrainError::Setting {
-        name: "--init",
-        expected: "a softmax network for osis to stand on".into(),
-        found,
-    };
-    let init = settings.init.as_ref();
-    let init = init.ok_or_else(|| wrong("nothing".into()))?;
+    let expected = "a softmax network for osis to stand on";
+    let wrong = |found: &str| TrainError::setting("--init", expected, found);
+    let init = settings.init.as_ref().ok_or_else(|| wrong("nothing"))?;
     let mut model = Model::read(&model_path(init))?;
     let network = &model.manifest.network;
     if network.head != HeadKind::Softmax {
-        return Err(wrong(format!("a {:?} head", network.head)));
+        return Err(wrong(&format!("a {:?} head", network.head)));
     }
     let _lock = run_folder::enter(&settings.out)?;
     let out = settings.out.join("model.safetensors");
@@ -75,7 +71,11 @@ fn fit(
 ) -> Result<PointEmbedding, TrainError> {
     let manifest = &model.manifest;
     let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
-    let source = ScanSource::new(check::training_split(settings)?, names, false);
+    let source = ScanSource {
+        dataset: check::training_split(settings)?,
+        classes: names,
+        takes_synthetic_unknown: false,
+    };
     check::points(&source, settings)?;
     let mut backbone = Backbone::new(manifest, &model.weights)?;
     let mut embedding = PointEmbedding::new(manifest.network.feature_channels(), settings.seed);
@@ -95,7 +95,7 @@ fn fit(
         let held_out: Vec<bool> = held_out.collect();
         let (loss, gradient) = embedding.step(input, &owner, &held_out);
         if !loss.is_finite() {
-            return Err(TrainError::Diverged { step, found: loss });
+            return Err(TrainError::diverged(step, loss));
         }
         let (rate, momentum) = schedule.at(step);
         let mut progress = Progress {
@@ -122,8 +122,7 @@ fn sample(
     features: &FrameFeatures,
     random: &mut Random,
 ) -> (Vec<f32>, Vec<Option<usize>>, usize) {
-    let tests = scan.objects.iter().map(|o| InBox::new(&o.bounds));
-    let tests: Vec<InBox> = tests.collect();
+    let tests: Vec<InBox> = scan.objects.iter().map(|o| InBox::new(&o.bounds)).collect();
     let mut of_object: Vec<Vec<usize>> = vec![vec![]; tests.len()];
     let mut background = vec![];
     for (i, point) in scan.points.iter().enumerate() {

@@ -60,9 +60,9 @@ fn the_engine_computes_what_was_trained() {
 
     let manifest = Manifest {
         uses_intensity: false,
+        empty_objectness_max: export::empty_objectness_max(&chain, &state),
         ..Manifest::untrained("kitti", network.clone())
     };
-    let manifest = export::finish(manifest, &chain, &state);
     let bytes = model_bytes(&manifest, &export::weights(&chain, &state)).expect("a model");
     let model = Model::from_bytes(&bytes).expect("read back");
     let mut backbone = Backbone::new(&model.manifest, &model.weights).expect("an engine");

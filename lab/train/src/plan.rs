@@ -140,7 +140,7 @@ impl Planner {
     pub fn plan(&mut self, scans: &[Vec<[f32; 4]>]) -> Plan {
         let [rows, columns] = self.network.map_shape();
         let taps = self.network.sparse.iter().map(|layer| layer.taps());
-        let mut gathers: Vec<Gather> = taps.map(empty_gather).collect();
+        let mut gathers: Vec<Gather> = taps.map(|taps| Gather::new(taps, vec![])).collect();
         let last = gathers.len() - 1;
         // Of each layer's input, over the frames so far.
         let mut counts = vec![0; gathers.len()];
@@ -178,9 +178,4 @@ impl Planner {
             map: MapPlan::new(&self.network, scans.len(), &scatter),
         }
     }
-}
-
-pub(crate) fn empty_gather(taps: usize) -> Gather {
-    let index = vec![];
-    Gather { taps, index }
 }

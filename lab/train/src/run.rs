@@ -7,11 +7,9 @@ use std::time::Instant;
 use mluc_model::{Manifest, Model, ModelError, Provenance, model_bytes};
 use mluc_refiner::ClusterScorer;
 
-use crate::augment::Augmentation;
 use crate::cluster_scorer::fit_cluster_scorer;
 use crate::database::{self, Database, mean_boxes};
 use crate::error::TrainError;
-use crate::kind::Setting;
 use crate::loader::DataLoader;
 use crate::log::{Log, TrainEvent};
 use crate::optimizer::Schedule;
@@ -48,19 +46,19 @@ impl Run {
         check::validation_split(settings, notify)?;
         let origin = check::origin(settings, &dataset)?;
         let mut manifest = settings.manifest();
-        let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
-        let takes_synthetic_unknown = settings.kind.learns_from_synthetic_unknown();
-        let source = ScanSource::new(dataset, names, takes_synthetic_unknown);
+        let source = ScanSource {
+            dataset,
+            classes: manifest.classes.iter().map(|c| c.name.clone()).collect(),
+            takes_synthetic_unknown: settings.kind.learns_from_synthetic_unknown(),
+        };
         measure_anchors(&mut manifest, settings, &source, notify)?;
         check::points(&source, settings)?;
         let augments = usize::from(settings.augment);
         let frames = augments * settings.database_frames;
         let database = database::build(&source, settings.classes(), frames)?;
         let sizes: Vec<_> = database.iter().map(|s| s.len().to_string()).collect();
-        let sizes = sizes.join(", ");
-        notify(TrainEvent::Note(format!(
-            "objects to paste, by class: {sizes}"
-        )));
+        let text = format!("objects to paste, by class: {}", sizes.join(", "));
+        notify(TrainEvent::Note(text));
         let schedule = Schedule::new(settings.learning_rate, settings.steps);
         let (network, losses) = (&manifest.network, settings.losses());
         let mut trainer = Trainer::new(network, schedule, losses, settings.seed);
@@ -130,16 +128,17 @@ impl Run {
             let scorer = fit_cluster_scorer(&self.source, manifest, CLUSTER_FRAMES, seed)?;
             self.cluster_scorer = Some(scorer);
         }
-        let loader = self.loader();
         let settings = self.settings.clone();
+        let database = std::mem::take(&mut self.database);
+        let loader = DataLoader::new(&settings, &self.manifest, self.source.clone(), database);
         let first = self.trainer.state.step;
         let batches = loader.spawn(first..settings.steps);
         let mut log = Log::open(&settings, first > 0)?;
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         for step in first..settings.steps {
             let waited = Instant::now();
-            let batch = batches.recv();
-            let batch = batch.map_err(|_| TrainError::LoaderEnded { step })??;
+            let ended = format!("the thread that prepares batches ended before step {step}");
+            let batch = batches.recv().map_err(|_| TrainError::Stopped(ended))??;
             let wait = 1e3 * waited.elapsed().as_secs_f64();
             let mut progress = self.trainer.step(&batch)?;
             progress.timing_ms.wait = wait;
@@ -162,27 +161,6 @@ impl Run {
         self.save()
     }
 
-    fn loader(&mut self) -> DataLoader {
-        let (settings, manifest) = (&self.settings, &self.manifest);
-        let open_set = settings.applied_open_set();
-        let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
-        let augmentation = settings.augment.then(|| Augmentation {
-            database: std::mem::take(&mut self.database),
-            wanted: settings.setting.objects_wanted().to_vec(),
-            synthetic_unknown: open_set.synthetic_unknown,
-            classes_m: sizes_m.collect(),
-            mirror_x: settings.setting == Setting::Udi,
-        });
-        DataLoader::new(
-            self.source.clone(),
-            augmentation,
-            manifest,
-            open_set.background_cells,
-            settings.batch,
-            settings.seed,
-        )
-    }
-
     /// Validates the model file just written; its figures go into the next one and `validation.json`.
     fn judge(&mut self, notify: Notify) -> Result<(), TrainError> {
         let folder = self.settings.data.join("val");
@@ -194,14 +172,12 @@ impl Run {
         let figures = validate(&model, &folder, frames)?;
         for c in &figures.classes {
             let (name, iou, ap, labels) = (&c.class, c.iou_min, c.ap_r40, c.labels);
-            notify(TrainEvent::Note(format!(
-                "{name}: AP R40 {ap:.2} at overlap {iou}, {labels} labels"
-            )));
+            let text = format!("{name}: AP R40 {ap:.2} at overlap {iou}, {labels} labels");
+            notify(TrainEvent::Note(text));
         }
         let (map, count) = (figures.map_known, figures.frames);
-        notify(TrainEvent::Note(format!(
-            "mean AP of the known classes {map:.2} on {count} frames"
-        )));
+        let text = format!("mean AP of the known classes {map:.2} on {count} frames");
+        notify(TrainEvent::Note(text));
         let path = self.settings.out.join("validation.json");
         let bytes = serde_json::to_vec(&figures);
         let bytes = bytes.map_err(|cause| TrainError::io(&path, cause.into()))?;
@@ -214,7 +190,8 @@ impl Run {
     fn save(&self) -> Result<PathBuf, TrainError> {
         let (settings, state) = (&self.settings, &self.trainer.state);
         let chain = &self.trainer.chain;
-        let mut manifest = export::finish(self.manifest.clone(), chain, state);
+        let mut manifest = self.manifest.clone();
+        manifest.empty_objectness_max = export::empty_objectness_max(chain, state);
         let data = settings.data.file_name().unwrap_or_default();
         manifest.provenance = Provenance {
             data: data.to_string_lossy().into_owned(),

@@ -134,50 +134,35 @@ impl TrainSettings {
     pub fn check(&self) -> Result<(), TrainError> {
         let open_set = &self.open_set;
         let (center, unknown) = (open_set.center_loss_weight, open_set.unknown_weight);
+        let pasted = open_set.synthetic_unknown as f32;
         let cells = open_set.background_cells as f32;
+        let (steps, every) = (self.steps as f32, self.checkpoint_every as f32);
         // Option, value, the lowest and the highest allowed.
-        let rows: [(&'static str, f32, f32, f32); 9] = [
-            ("--steps", self.steps as f32, 1.0, f32::MAX),
+        let rows = [
+            ("--steps", steps, 1.0, f32::MAX),
             ("--batch", self.batch as f32, 1.0, 64.0),
             ("--prototype-scale", self.prototype_scale, 0.1, 100.0),
             ("--variance-weight", self.variance_weight, 0.0, 100.0),
             ("--center-loss-weight", center, 0.0, 100.0),
             ("--unknown-weight", unknown, 0.0, 100.0),
-            (
-                "--synthetic-unknown",
-                open_set.synthetic_unknown as f32,
-                0.0,
-                64.0,
-            ),
+            ("--synthetic-unknown", pasted, 0.0, 64.0),
             ("--background-cells", cells, 0.0, 4096.0),
-            (
-                "--checkpoint-every",
-                self.checkpoint_every as f32,
-                1.0,
-                f32::MAX,
-            ),
+            ("--checkpoint-every", every, 1.0, f32::MAX),
         ];
-        let wrong = |name, expected: String, found: String| {
-            Err(TrainError::Setting {
-                name,
-                expected,
-                found,
-            })
-        };
         for (name, value, low, high) in rows {
-            let expected = if high == f32::MAX {
-                format!("{low} or more")
-            } else {
-                format!("{low} to {high}")
-            };
             if !(low..=high).contains(&value) {
-                return wrong(name, expected, value.to_string());
+                let expected = if high == f32::MAX {
+                    format!("{low} or more")
+                } else {
+                    format!("{low} to {high}")
+                };
+                return Err(TrainError::setting(name, &expected, &value.to_string()));
             }
         }
-        let rate = self.learning_rate;
+        let (name, rate) = ("--learning-rate", self.learning_rate);
         if !(rate > 0.0 && rate < 1.0) {
-            let expected = "above 0 and below 1".to_owned();
-            return wrong("--learning-rate", expected, rate.to_string());
+            let found = rate.to_string();
+            return Err(TrainError::setting(name, "above 0 and below 1", &found));
         }
         Ok(())
     }
@@ -321,31 +306,24 @@ mod tests {
         let kind = NetworkKind::MetricOpen;
         let good = TrainSettings::new(Setting::Kitti, Architecture::Compact, kind, data, out);
         assert!(good.check().is_ok());
-        let fault = |change: &dyn Fn(&mut TrainSettings)| {
-            let mut changed = good.clone();
-            change(&mut changed);
-            changed.check().expect_err("refused").to_string()
-        };
-        let cases = [
+        type Change = fn(&mut TrainSettings);
+        let cases: [(Change, &str); 4] = [
+            (|s| s.steps = 0, "--steps: expected 1 or more, found 0"),
+            (|s| s.batch = 65, "--batch: expected 1 to 64, found 65"),
             (
-                fault(&|s| s.steps = 0),
-                "--steps: expected 1 or more, found 0",
-            ),
-            (
-                fault(&|s| s.batch = 65),
-                "--batch: expected 1 to 64, found 65",
-            ),
-            (
-                fault(&|s| s.learning_rate = 1.0),
+                |s| s.learning_rate = 1.0,
                 "--learning-rate: expected above 0 and below 1, found 1",
             ),
             (
-                fault(&|s| s.open_set.center_loss_weight = f32::NAN),
+                |s| s.open_set.center_loss_weight = f32::NAN,
                 "--center-loss-weight: expected 0 to 100, found NaN",
             ),
         ];
-        for (found, expected) in cases {
-            assert_eq!(found, expected);
+        for (change, expected) in cases {
+            let mut changed = good.clone();
+            change(&mut changed);
+            let fault = changed.check().expect_err("refused");
+            assert_eq!(fault.to_string(), expected);
         }
     }
 }

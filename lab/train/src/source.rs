@@ -12,26 +12,16 @@ const OCCLUDED_MAX: i32 = 2;
 /// A folder, and which of its labels are trained on.
 #[derive(Clone, Debug)]
 pub struct ScanSource {
-    dataset: Dataset,
-    classes: Vec<String>,
-    takes_synthetic_unknown: bool,
+    /// The folder.
+    pub dataset: Dataset,
+    /// Names of the known classes.
+    pub classes: Vec<String>,
+    /// Whether objects labelled as synthetic unknown stand for the unknown; else they are of another kind, whose place is
+    /// ignored.
+    pub takes_synthetic_unknown: bool,
 }
 
 impl ScanSource {
-    /// `classes`: names of the known ones. `takes_synthetic_unknown`: whether objects labelled as synthetic unknown stand for the
-    /// unknown; else they are of another kind, whose place is ignored.
-    pub fn new(
-        dataset: Dataset,
-        classes: Vec<String>,
-        takes_synthetic_unknown: bool,
-    ) -> ScanSource {
-        ScanSource {
-            dataset,
-            classes,
-            takes_synthetic_unknown,
-        }
-    }
-
     fn class_of(&self, name: &str) -> Option<usize> {
         let mut classes = self.classes.iter();
         classes.position(|class| class.eq_ignore_ascii_case(name))
@@ -95,9 +85,11 @@ mod tests {
         export(&options, || ()).expect("written");
         // Synthetic unknown objects, and objects of no class.
         let count = |takes_synthetic_unknown: bool| {
-            let dataset = Dataset::open(folder.path()).expect("a data set");
-            let classes = vec!["car".into(), "pedestrian".into()];
-            let source = ScanSource::new(dataset, classes, takes_synthetic_unknown);
+            let source = ScanSource {
+                dataset: Dataset::open(folder.path()).expect("a data set"),
+                classes: vec!["car".into(), "pedestrian".into()],
+                takes_synthetic_unknown,
+            };
             let scans = (0..2).map(|i| source.scan(i).expect("a scan"));
             let objects: Vec<LabelledObject> = scans.flat_map(|s| s.objects).collect();
             let synthetic = objects.iter().filter(|o| o.synthetic_unknown);

@@ -80,14 +80,12 @@ impl Trainer {
         let input = StepInput::new(&self.state.parameters, plan, &targets.labelled);
         let pass = chain.forward(&input, pool);
         timing_ms.forward = lap();
-        let classes = chain.network.classes;
-        let (losses, outputs) =
-            losses::evaluate(&pass.outputs, &plan.map, targets, self.losses, classes);
+        let (map, classes) = (&plan.map, chain.network.classes);
+        let (losses, outputs) = losses::evaluate(&pass.outputs, map, targets, self.losses, classes);
         timing_ms.losses = lap();
         let loss = losses.total();
         if !loss.is_finite() {
-            let step = self.state.step;
-            return Err(TrainError::Diverged { step, found: loss });
+            return Err(TrainError::diverged(self.state.step, loss));
         }
         let gradients = &mut self.gradients;
         gradients.fill(0.0);
@@ -97,10 +95,8 @@ impl Trainer {
         pass.recycle(pool);
         let (rate, momentum) = self.schedule.at(self.state.step);
         let parameters = &mut self.state.parameters;
-        let gradient_norm = self
-            .state
-            .adam
-            .step(parameters, gradients, (rate, momentum));
+        let adam = &mut self.state.adam;
+        let gradient_norm = adam.step(parameters, gradients, (rate, momentum));
         self.state.step += 1;
         timing_ms.update = lap();
         Ok(Progress {

@@ -131,7 +131,10 @@ fn a_failed_write_leaves_the_last_good_checkpoint() {
 
 fn write_model(t: &Trainer, manifest: &Manifest, path: &Path) {
     let weights = export::weights(&t.chain, &t.state);
-    let manifest = export::finish(manifest.clone(), &t.chain, &t.state);
+    let manifest = Manifest {
+        empty_objectness_max: export::empty_objectness_max(&t.chain, &t.state),
+        ..manifest.clone()
+    };
     let bytes = mluc_model::model_bytes(&manifest, &weights).expect("a model");
     std::fs::write(path, bytes).expect("written");
 }

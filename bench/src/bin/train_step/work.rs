@@ -168,7 +168,11 @@ impl Work {
 
 fn read_scenes(manifest: &Manifest, data: &Path, frames: &[usize]) -> Result<Vec<LabelledScan>> {
     let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
-    let source = ScanSource::new(Dataset::open(data)?, names, false);
+    let source = ScanSource {
+        dataset: Dataset::open(data)?,
+        classes: names,
+        takes_synthetic_unknown: false,
+    };
     let read = |&frame: &usize| {
         let count = source.count();
         ensure!(frame < count, "{count} frames, found --frame {frame}");

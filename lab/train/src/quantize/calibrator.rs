@@ -46,11 +46,12 @@ pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
     for (number, seen) in levels.iter().enumerate() {
         let readers = readers(network, &weights, number)?;
         let channels = seen.counts.chunks_exact(BINS).map(Channel::new).collect();
-        let range = equalized(channels, &readers);
-        weights.set_range(
-            &seen.level,
-            range.ok_or(TrainError::NothingSeen { frames })?,
-        );
+        let range = equalized(channels, &readers).ok_or_else(|| {
+            TrainError::Stopped(format!(
+                "the data: expected scans with points inside the model's range, found {frames} frames that leave a layer at 0"
+            ))
+        })?;
+        weights.set_range(&seen.level, range);
     }
     Ok(weights)
 }
