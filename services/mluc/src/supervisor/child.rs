@@ -41,6 +41,8 @@ pub(super) struct Child {
     was_ready: bool,
     /// A frame since its start.
     has_published: bool,
+    /// By the watchdog, and not gone yet.
+    is_killed: bool,
     failed_starts: u32,
     /// When it died by itself, at most one more than [`CRASH_LOOP_DEATHS`].
     deaths: VecDeque<Instant>,
@@ -59,6 +61,7 @@ impl Child {
             delay: DELAY_FIRST,
             was_ready: false,
             has_published: false,
+            is_killed: false,
             failed_starts: 0,
             deaths: VecDeque::new(),
             is_foreign: false,
@@ -114,7 +117,7 @@ impl Child {
         self.process = Some(process);
         self.started_ns = monotonic_ns();
         self.due = None;
-        (self.was_ready, self.has_published) = (false, false);
+        (self.was_ready, self.has_published, self.is_killed) = (false, false, false);
         self.is_foreign = own.command.is_some();
         Ok(())
     }
@@ -157,12 +160,13 @@ impl Child {
             (own.start_max_ms, "start_max_ms")
         };
         let silent_ms = monotonic_ns().saturating_sub(since_ns) / 1_000_000;
-        if limit_ms > 0 && silent_ms > limit_ms {
+        if limit_ms > 0 && silent_ms > limit_ms && !self.is_killed {
             let name = self.stage.name();
             tracing::error!(
                 stage = name,
                 "hangs: {silent_ms} ms without a sign of life, {limit_ms} allowed ({key} of [stages.{name}]): killed"
             );
+            self.is_killed = true;
             self.signal(Signal::KILL);
         }
         Ok(Ended::No)
