@@ -62,10 +62,8 @@ fn from_ours(data: &[f32], ours: [usize; 5], layout: SparseLayout) -> Tensor {
         turned = data.to_vec();
     }
     let shape = layout.shape(ours).to_vec();
-    Tensor {
-        shape,
-        data: turned,
-    }
+    let data = turned;
+    Tensor { shape, data }
 }
 
 /// A safetensors file without our manifest.

@@ -117,13 +117,9 @@ mod tests {
         let (report, points) = decoded(&bytes(&[[1.0, 2.0, 3.0, 0.5], [-4.0, 5.0, -6.0, 0.25]]));
         let counts = (report.points_in, report.points_out, report.dropped());
         assert_eq!(counts, (2, 2, 0));
-        let Point {
-            x_m,
-            y_m,
-            z_m,
-            intensity,
-        } = points[1];
-        assert_eq!([x_m, y_m, z_m, intensity], [-4.0, 5.0, -6.0, 0.25]);
+        let p = points[1];
+        let numbers = [p.x_m, p.y_m, p.z_m, p.intensity];
+        assert_eq!(numbers, [-4.0, 5.0, -6.0, 0.25]);
         assert_eq!(report.flags(), Flags::default());
     }
 

@@ -249,13 +249,7 @@ mod tests {
         for option in ["--unknown-min", "--instance"] {
             assert!(head.contains(option), "{option}: {head}");
         }
-        for option in [
-            "--rate",
-            "--loop",
-            "--precision",
-            "--refiner-mode",
-            "--without",
-        ] {
+        for option in "--rate --loop --precision --refiner-mode --without".split(' ') {
             assert!(!head.contains(option), "{option}: {head}");
         }
         assert!(

@@ -66,11 +66,8 @@ pub fn known_keys(table: &str) -> Vec<String> {
     };
     let keys = unknown_and_known(error.message());
     let is_table = error.message().starts_with("unknown field");
-    keys.into_iter()
-        .skip(1)
-        .filter(|_| is_table)
-        .map(str::to_string)
-        .collect()
+    let known = keys.into_iter().skip(1).filter(|_| is_table);
+    known.map(str::to_string).collect()
 }
 
 /// Where the document of a running pipeline lies: in the instance's folder.

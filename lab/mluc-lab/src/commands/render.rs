@@ -75,15 +75,16 @@ impl RenderArguments {
             }
         };
         let title = self.scan.file_stem().unwrap_or_default().to_string_lossy();
+        let view = if self.ahead {
+            View::ahead()
+        } else {
+            View::around()
+        };
         let view = View {
             px_per_m: self.px_per_m,
             color,
             title: title.into_owned(),
-            ..if self.ahead {
-                View::ahead()
-            } else {
-                View::around()
-            }
+            ..view
         };
         let drawn = boxes.into_iter().map(|(label, box_in_sensor)| DrawnBox {
             box_in_sensor,

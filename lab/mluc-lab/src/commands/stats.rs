@@ -18,11 +18,8 @@ pub(crate) struct StatsArguments {
 }
 
 pub(crate) fn run(arguments: StatsArguments) -> anyhow::Result<()> {
-    let reference = arguments
-        .reference
-        .as_deref()
-        .map(read_reference)
-        .transpose()?;
+    let reference = arguments.reference.as_deref().map(read_reference);
+    let reference = reference.transpose()?;
     let statistics = collect(&Dataset::open(&arguments.dataset)?)?;
     print_out(table(&statistics, reference.as_ref()).trim_end())
 }

@@ -150,10 +150,8 @@ impl Outcome {
                 if at == best { "  best" } else { "" }
             );
         }
-        if let Some(Choice {
-            threshold, reason, ..
-        }) = &self.choice
-        {
+        if let Some(choice) = &self.choice {
+            let (threshold, reason) = (choice.threshold, &choice.reason);
             text += &format!("\nwritten: threshold {threshold:.6}, {reason}\n");
         }
         text
@@ -192,13 +190,11 @@ fn misses(tables: &[MissTable]) -> String {
         "\ndetections of score 0.3 or more: {:>6} {:>10} {:>12} {:>11}\n",
         "right", "displaced", "other class", "background"
     );
-    for MissTable {
-        class, alarms: a, ..
-    } in tables
-    {
+    for table in tables {
+        let a = &table.alarms;
         text += &format!(
-            "{class:<12} {:>18} {:>7} {:>10} {:>12} {:>11}\n",
-            a.detections, a.right, a.displaced, a.other_class, a.background
+            "{:<12} {:>18} {:>7} {:>10} {:>12} {:>11}\n",
+            table.class, a.detections, a.right, a.displaced, a.other_class, a.background
         );
     }
     text
