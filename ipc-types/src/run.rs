@@ -19,7 +19,7 @@ use crate::{
 #[cfg_attr(feature = "iceoryx2", type_name("mluc.RunDescription"))]
 #[repr(C)]
 pub struct RunDescription {
-    /// [`WIRE_VERSION`] of the writer.
+    /// [`crate::WIRE_VERSION`] of the writer.
     pub wire_version: u32,
     /// Known classes of the model, 1 to [`CLASSES_MAX`].
     pub classes_count: u32,

@@ -22,7 +22,7 @@ pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
 pub use network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, calibrated_layers};
 pub use tensors::{
-    BASELINE, LOOKS, LOOKS_VALUES, LOOKS_WIDTHS, Tensor, WeightSet, calibration_tensor,
-    expected_tensors,
+    BASELINE, CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, Tensor, WeightSet,
+    calibration_tensor, expected_tensors,
 };
 pub use validate::{BOXES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, MAP_CELLS_MAX, VOXELS_MAX};

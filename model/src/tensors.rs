@@ -10,12 +10,12 @@ pub const BASELINE: &str = "baseline.";
 
 /// The judge of clusters, which a refiner reads where a model has one: dense layers on measurements of a cluster, ReLU between
 /// them, a logit of being something that drives or walks at the end. Layer after layer: `[in][out]`, then a bias of `[out]`.
-pub const LOOKS: &str = "clusters.looks";
+pub const CLUSTER_SCORER: &str = "clusters.looks";
 /// Widths of its layers, the input's first.
-pub const LOOKS_WIDTHS: [usize; 4] = [14, 32, 16, 1];
-/// Values of [`LOOKS`].
-pub const LOOKS_VALUES: usize = {
-    let [a, b, c, d] = LOOKS_WIDTHS;
+pub const CLUSTER_SCORER_WIDTHS: [usize; 4] = [14, 32, 16, 1];
+/// Values of [`CLUSTER_SCORER`].
+pub const CLUSTER_SCORER_VALUES: usize = {
+    let [a, b, c, d] = CLUSTER_SCORER_WIDTHS;
     (a + 1) * b + (b + 1) * c + (c + 1) * d
 };
 
@@ -118,12 +118,12 @@ impl WeightSet {
     }
 
     /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance:
-    /// or below 0), and a calibration that is not whole. [`LOOKS`] may be there or not; tensors of [`BASELINE`] are kept as
+    /// or below 0), and a calibration that is not whole. [`CLUSTER_SCORER`] may be there or not; tensors of [`BASELINE`] are kept as
     /// they are if they are numbers.
     pub fn check(&self, network: &Network) -> Result<()> {
         let mut expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
-        if self.find(LOOKS).is_some() {
-            expected.insert(LOOKS.into(), vec![LOOKS_VALUES]);
+        if self.find(CLUSTER_SCORER).is_some() {
+            expected.insert(CLUSTER_SCORER.into(), vec![CLUSTER_SCORER_VALUES]);
         }
         if self.is_calibrated() {
             let ranges = calibrated_layers(network).into_iter();

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use mluc_model::{
-    Grid, LOOKS, LOOKS_VALUES, Manifest, Model, ModelError, Network, WeightSet, calibrated_layers,
-    expected_tensors, formula_weights, model_bytes,
+    CLUSTER_SCORER, CLUSTER_SCORER_VALUES, Grid, Manifest, Model, ModelError, Network, WeightSet,
+    calibrated_layers, expected_tensors, formula_weights, model_bytes,
 };
 use safetensors::tensor::{Dtype, TensorView};
 use serde_json::json;
@@ -99,15 +99,15 @@ fn a_tensor_missing_extra_misshapen_or_not_finite_is_named() -> Fallible {
     refused(&spoil(variance, -1.0), &[variance, "not negative", "-1"]);
 
     let looks = |values: Vec<f32>| {
-        move |w: &mut WeightSet| w.insert(LOOKS, vec![values.len()], values.clone())
+        move |w: &mut WeightSet| w.insert(CLUSTER_SCORER, vec![values.len()], values.clone())
     };
-    let short = looks(vec![0.0; LOOKS_VALUES - 1]);
+    let short = looks(vec![0.0; CLUSTER_SCORER_VALUES - 1]);
     refused(&short, &["`clusters.looks`", "[1025]", "found [1024]"]);
-    let infinite = [vec![0.0; LOOKS_VALUES - 1], vec![f32::INFINITY]].concat();
+    let infinite = [vec![0.0; CLUSTER_SCORER_VALUES - 1], vec![f32::INFINITY]].concat();
     let parts = ["`clusters.looks`", "element 1024", "inf"];
     refused(&looks(infinite), &parts);
     let mut judging = weights.clone();
-    looks(vec![0.5; LOOKS_VALUES])(&mut judging);
+    looks(vec![0.5; CLUSTER_SCORER_VALUES])(&mut judging);
     let model = Model::from_bytes(&model_bytes(&manifest, &judging)?)?;
     assert_eq!(model.weights, judging);
     Ok(())

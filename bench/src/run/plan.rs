@@ -115,18 +115,15 @@ impl Plan {
         let given = args.input.clone().or(word("input").map(PathBuf::from));
         let bundled = given.is_none().then(|| BundledScans::write("bench"));
         let bundled = bundled.transpose()?;
-        let (input, scans) = match (given, &bundled) {
-            (None, Some(bundled)) => {
-                let input = bundled.folder().to_path_buf();
-                (input, "bundled simulated scans".to_string())
-            }
-            (given, _) => {
-                let input = given.unwrap_or_default();
-                let scans = format!("of {}", input.display());
-                (input, scans)
-            }
+        let input = match &bundled {
+            Some(bundled) => bundled.folder().to_path_buf(),
+            None => given.unwrap_or_default(),
         };
-        let scans = format!("{} {scans}, in turn", Source::find(&input)?.scans.len());
+        let origin = match &bundled {
+            Some(_) => "bundled simulated scans".to_string(),
+            None => format!("of {}", input.display()),
+        };
+        let scans = format!("{} {origin}, in turn", Source::find(&input)?.scans.len());
         let model_name = args.model.clone().or(word("model"));
         let model_name = model_name.unwrap_or_else(|| DEFAULT_MODEL.to_string());
         let variants = variants(&args, &document, folder.path())?;

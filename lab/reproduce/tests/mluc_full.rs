@@ -5,8 +5,8 @@ use mluc_evaluate::pipeline::{FoundObject, FrameSet, ModelGate, detect_frames};
 use mluc_head::{Detection, Head};
 use mluc_ipc_types::ObjectKind;
 use mluc_model::{
-    Grid, HeadKind, LOOKS, LOOKS_VALUES, Manifest, Model, Network, formula_uniform,
-    formula_weights, model_bytes,
+    CLUSTER_SCORER, CLUSTER_SCORER_VALUES, Grid, HeadKind, Manifest, Model, Network,
+    formula_uniform, formula_weights, model_bytes,
 };
 use mluc_refiner::{Refiner, RefinerOutput, Settings};
 use mluc_reproduce::methods::{Method, MethodInput, run_method};
@@ -34,8 +34,8 @@ fn model() -> Model {
     let mut manifest = Manifest::untrained("udi", network);
     manifest.thresholds.candidates_max = 300;
     let mut weights = formula_weights(&manifest.network);
-    let looks = (0..LOOKS_VALUES).map(|i| formula_uniform(LOOKS, i) as f32 - 0.5);
-    weights.insert(LOOKS, vec![LOOKS_VALUES], looks.collect());
+    let looks = (0..CLUSTER_SCORER_VALUES).map(|i| formula_uniform(CLUSTER_SCORER, i) as f32 - 0.5);
+    weights.insert(CLUSTER_SCORER, vec![CLUSTER_SCORER_VALUES], looks.collect());
     let bytes = model_bytes(&manifest, &weights).expect("a model");
     Model::from_bytes(&bytes).expect("a model")
 }

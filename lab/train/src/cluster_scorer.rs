@@ -6,7 +6,7 @@
 
 use mluc_geometry::{Box3, Random, intersection_bev_m2};
 use mluc_ipc_types::Point;
-use mluc_model::{LOOKS_WIDTHS, Manifest};
+use mluc_model::{CLUSTER_SCORER_WIDTHS, Manifest};
 use mluc_refiner::cluster_scorer::{FEATURES, features};
 use mluc_refiner::clusters::FrameCluster;
 use mluc_refiner::{ClusterScorer, FrameClusterer, FrameClusters, Sensor, Settings};
@@ -79,7 +79,7 @@ fn examples(
 /// Logistic loss; objects and the rest weigh the same.
 fn fit(examples: &[Example], seed: u64) -> Mlp {
     let mut random = Random::new(seed, &[0xC1]);
-    let mut mlp = Mlp::new(&LOOKS_WIDTHS, &mut random);
+    let mut mlp = Mlp::new(&CLUSTER_SCORER_WIDTHS, &mut random);
     let (objects, rest): (Vec<&Example>, Vec<&Example>) = examples.iter().partition(|e| e.1);
     if objects.is_empty() || rest.is_empty() {
         return mlp;

@@ -3,19 +3,19 @@
 //! Boxes say that something may be there; bushes, walls and posts measure otherwise than bodies do, whatever class they are
 //! of. The layers are fitted without any unknown class. Extension of the paper, which ranks by the embedding alone.
 
-use mluc_model::{LOOKS, LOOKS_VALUES, LOOKS_WIDTHS, WeightSet};
+use mluc_model::{CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, WeightSet};
 
 use crate::clusters::Measures;
 
 /// Measurements that count.
-pub const FEATURES: usize = LOOKS_WIDTHS[0];
+pub const FEATURES: usize = CLUSTER_SCORER_WIDTHS[0];
 /// Of any layer.
 const WIDEST: usize = 32;
 
 const _: () = {
     let mut layer = 0;
-    while layer < LOOKS_WIDTHS.len() {
-        assert!(LOOKS_WIDTHS[layer] <= WIDEST);
+    while layer < CLUSTER_SCORER_WIDTHS.len() {
+        assert!(CLUSTER_SCORER_WIDTHS[layer] <= WIDEST);
         layer += 1;
     }
 };
@@ -42,26 +42,30 @@ pub fn features(m: &Measures) -> [f32; FEATURES] {
     ]
 }
 
-/// The fitted layers, as [`LOOKS`] lays them out.
+/// The fitted layers, as [`CLUSTER_SCORER`] lays them out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClusterScorer {
     values: Vec<f32>,
 }
 
 impl ClusterScorer {
-    /// `None` for another number than [`LOOKS_VALUES`].
+    /// `None` for another number than [`CLUSTER_SCORER_VALUES`].
     pub fn new(values: Vec<f32>) -> Option<ClusterScorer> {
-        (values.len() == LOOKS_VALUES).then_some(ClusterScorer { values })
+        (values.len() == CLUSTER_SCORER_VALUES).then_some(ClusterScorer { values })
     }
 
     /// From a model's weights, where they have it.
     pub fn of_model(weights: &WeightSet) -> Option<ClusterScorer> {
-        ClusterScorer::new(weights.find(LOOKS)?.data.clone())
+        ClusterScorer::new(weights.find(CLUSTER_SCORER)?.data.clone())
     }
 
     /// Into a model's weights.
     pub fn write(&self, weights: &mut WeightSet) {
-        weights.insert(LOOKS, vec![LOOKS_VALUES], self.values.clone());
+        weights.insert(
+            CLUSTER_SCORER,
+            vec![CLUSTER_SCORER_VALUES],
+            self.values.clone(),
+        );
     }
 
     /// Of one cluster, 0 to 1; 0 where the layers give no number.
@@ -75,7 +79,7 @@ impl ClusterScorer {
         let mut x = [0.0; WIDEST];
         x[..FEATURES].copy_from_slice(features);
         let mut rest = &self.values[..];
-        for pair in LOOKS_WIDTHS.windows(2) {
+        for pair in CLUSTER_SCORER_WIDTHS.windows(2) {
             let (cin, cout) = (pair[0], pair[1]);
             let (weights, after) = rest.split_at(cin * cout);
             let (bias, after) = after.split_at(cout);
@@ -100,8 +104,8 @@ mod tests {
 
     /// Layers that hand one feature through: logit = gain x (feature - offset), for features above the offset.
     fn of_feature(feature: usize, gain: f32, offset: f32) -> ClusterScorer {
-        let [a, b, c, _] = LOOKS_WIDTHS;
-        let mut values = vec![0.0; LOOKS_VALUES];
+        let [a, b, c, _] = CLUSTER_SCORER_WIDTHS;
+        let mut values = vec![0.0; CLUSTER_SCORER_VALUES];
         values[feature * b] = 1.0;
         values[a * b] = -offset;
         let second = (a + 1) * b;
@@ -128,8 +132,8 @@ mod tests {
 
     #[test]
     fn what_overflows_scorer_like_nothing() {
-        let mut values = vec![f32::MAX; LOOKS_VALUES];
-        values[LOOKS_VALUES - 2] = f32::MIN;
+        let mut values = vec![f32::MAX; CLUSTER_SCORER_VALUES];
+        values[CLUSTER_SCORER_VALUES - 2] = f32::MIN;
         let score = ClusterScorer { values }.score(&Measures::default());
         assert!((0.0..=1.0).contains(&score), "{score}");
     }

@@ -39,7 +39,7 @@ impl UnknownScorer {
         let is_ours = settings.is_ours();
         if settings.study.scores_clusters == Some(true) && cluster.is_none() {
             return Err(RefinerError::NoClusterScorer {
-                tensor: mluc_model::LOOKS,
+                tensor: mluc_model::CLUSTER_SCORER,
             });
         }
         let cluster = cluster.filter(|_| settings.study.scores_clusters.unwrap_or(is_ours));

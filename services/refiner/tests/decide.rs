@@ -5,7 +5,7 @@ mod common;
 use common::{assert_sound, candidate, is, scan, sensor, standing};
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, Object};
-use mluc_model::{LOOKS_VALUES, LOOKS_WIDTHS};
+use mluc_model::{CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS};
 use mluc_refiner::clusters::Measures;
 use mluc_refiner::{
     ClusterScorer, Refiner, RefinerOutput, RobotSettings, Sensor, Settings, Study, Variant,
@@ -17,20 +17,20 @@ const SIZE_FLAGS: [u32; 4] = [0, 0, Object::SMALL, Object::LARGE];
 
 /// Only what is higher than about 1.4 m looks like something.
 fn tall_ones() -> Option<ClusterScorer> {
-    let [a, b, c, _] = LOOKS_WIDTHS;
+    let [a, b, c, _] = CLUSTER_SCORER_WIDTHS;
     let measures = Measures {
         top_m: 2.0,
         ..Measures::default()
     };
     let features = cluster_scorer::features(&measures);
     let top = features.iter().position(|f| *f == 1.0);
-    let mut values = vec![0.0; LOOKS_VALUES];
+    let mut values = vec![0.0; CLUSTER_SCORER_VALUES];
     values[top.expect("the feature of the top") * b] = 1.0;
     let second = (a + 1) * b;
     values[second] = 1.0;
     let third = second + (b + 1) * c;
     values[third] = 40.0;
-    values[LOOKS_VALUES - 1] = -28.0;
+    values[CLUSTER_SCORER_VALUES - 1] = -28.0;
     ClusterScorer::new(values)
 }
 

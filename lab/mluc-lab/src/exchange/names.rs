@@ -3,7 +3,9 @@
 //! Its modules are lists of modules, so a name counts places: in a block of the bird's-eye part, padding, convolution,
 //! normalisation and ReLU of layer `i` stand at places 0, 1 + 3 i, 2 + 3 i and 3 + 3 i.
 
-use mluc_model::{LOOKS, Network, calibrated_layers, calibration_tensor, expected_tensors};
+use mluc_model::{
+    CLUSTER_SCORER, Network, calibrated_layers, calibration_tensor, expected_tensors,
+};
 
 /// OpenPCDet's name of one of our tensors; heads that it does not have are named alike.
 pub fn openpcdet_name(ours: &str) -> String {
@@ -53,7 +55,7 @@ pub fn tensor_names(network: &Network) -> Vec<(String, String, Vec<usize>)> {
 pub(super) fn unchanged_names(network: &Network) -> impl Iterator<Item = String> {
     let ranges = calibrated_layers(network).into_iter();
     let ranges = ranges.map(|(level, _)| calibration_tensor(&level));
-    ranges.chain([LOOKS.to_owned()])
+    ranges.chain([CLUSTER_SCORER.to_owned()])
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 use super::MethodInput;
 use mluc_evaluate::EvaluateError;
 use mluc_evaluate::pipeline::{DetectedFrame, GatedObjects, ModelGate};
-use mluc_model::{HeadKind, LOOKS, Model};
+use mluc_model::{CLUSTER_SCORER, HeadKind, Model};
 use mluc_refiner::{Settings, Study, Variant};
 
 /// The ablation: every step adds one part to the one before. The last is what `model` is run with.
@@ -27,7 +27,7 @@ pub fn full_steps(model: &Model) -> Vec<&'static str> {
 
 /// Whether a model has learned to score clusters.
 fn scores_clusters(model: &Model) -> bool {
-    model.weights.find(LOOKS).is_some()
+    model.weights.find(CLUSTER_SCORER).is_some()
 }
 
 pub(super) fn run(input: &MethodInput) -> Result<GatedObjects, EvaluateError> {
