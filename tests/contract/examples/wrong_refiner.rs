@@ -14,6 +14,7 @@ use mluc_runtime::{
 };
 
 fn main() -> Result<(), RuntimeError> {
+    mluc_runtime::log_to_stderr("refiner", "warn");
     let fault = std::env::args().nth(1).unwrap_or_default();
     let mut shutdown = Shutdown::on_signals()?;
     if fault == "deaf" {

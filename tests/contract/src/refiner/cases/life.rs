@@ -16,9 +16,6 @@ const HEARTBEAT_MAX: Duration = Duration::from_millis(500);
 const SILENCE: Duration = Duration::from_millis(2500);
 /// After SIGTERM. The supervisor is less patient (0.6 s) and kills then; a loaded test machine is slow.
 const END_PATIENCE: Duration = Duration::from_secs(3);
-/// Of a program that another one started.
-const WRAPPED: &str =
-    " (its process is not the one that was started: the supervisor cannot tell when it is ready)";
 /// How often it is killed.
 const KILLS: usize = 3;
 
@@ -28,10 +25,8 @@ pub(super) fn start(session: &mut Session<'_>) -> Outcome {
     let health = session.start()?;
     let took = begun.elapsed();
     check_waiting(&health)?;
-    let is_direct = session.program()?.pid() == health.pid;
-    let wrapped = if is_direct { "" } else { WRAPPED };
     let (seconds, reason) = (took.as_secs_f64(), health.reason());
-    Ok(format!("ready after {seconds:.2} s: '{reason}'{wrapped}"))
+    Ok(format!("ready after {seconds:.2} s: '{reason}'"))
 }
 
 fn check_waiting(health: &Health) -> anyhow::Result<()> {
