@@ -11,7 +11,7 @@ const SECOND: Duration = Duration::from_secs(1);
 
 /// Each stage is hit once by the signal, and gets a new process.
 fn each_stage_is_replaced(signal: Signal, label: &str) -> Finished {
-    let setting = Setting::new(label, 150);
+    let setting = Setting::new(label, 400);
     let mut run = setting.up("");
     for stage in ["backbone", "head", "refiner", "ingest"] {
         run.wait_for_lines(3);
@@ -26,7 +26,7 @@ fn each_stage_is_replaced(signal: Signal, label: &str) -> Finished {
         assert!(!is_alive(hit));
     }
     let finished = setting.finish(run);
-    finished.assert_complete(3, 150);
+    finished.assert_complete(3, 400);
     finished.assert_says(&["0 lost; stages restarted: 4"]);
     finished
 }

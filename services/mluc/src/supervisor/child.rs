@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use mluc_ipc_types::Stage;
 use mluc_runtime::{HealthWatch, Instance, monotonic_ns};
-use rustix::process::{Pid, Signal, kill_process_group};
+use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
 
 use crate::EXIT_USAGE;
 use crate::settings::{Settings, StageSettings};
@@ -19,6 +19,8 @@ const DELAY_MAX: Duration = Duration::from_secs(5);
 /// A stage that dies by itself more often than this within [`CRASH_LOOP_TIME`] is reported as a crash loop. A guess.
 const CRASH_LOOP_DEATHS: usize = 5;
 const CRASH_LOOP_TIME: Duration = Duration::from_secs(600);
+/// What a stage had started gets this long to be gone after a kill.
+const GROUP_PATIENCE: Duration = Duration::from_secs(2);
 /// Starts that fail in a row, with an error and before the stage was ready, until the run is given up.
 const FAILED_STARTS_MAX: u32 = 3;
 
@@ -41,11 +43,20 @@ pub(super) struct Child {
     was_ready: bool,
     /// A frame since its start.
     has_published: bool,
+    /// Frames that its heartbeats count from the beginning.
+    frames_before: u64,
+    /// Its longest frame since its start.
+    run_max_us: u32,
+    /// Said by the process before it, whose last heartbeat may come late.
+    pid_before: u32,
+    /// What the process before it had started, among it programs that may still run.
+    group_before: Option<Pid>,
     /// By the watchdog, and not gone yet.
     is_killed: bool,
     failed_starts: u32,
     /// When it died by itself, at most one more than [`CRASH_LOOP_DEATHS`].
     deaths: VecDeque<Instant>,
+    is_crash_loop: bool,
     is_foreign: bool,
     /// One that somebody else started is reported once in each silence.
     is_silence_reported: bool,
@@ -61,9 +72,14 @@ impl Child {
             delay: DELAY_FIRST,
             was_ready: false,
             has_published: false,
+            frames_before: 0,
+            run_max_us: 0,
+            pid_before: 0,
+            group_before: None,
             is_killed: false,
             failed_starts: 0,
             deaths: VecDeque::new(),
+            is_crash_loop: false,
             is_foreign: false,
             is_silence_reported: false,
         }
@@ -119,26 +135,40 @@ impl Child {
         self.due = None;
         (self.was_ready, self.has_published, self.is_killed) = (false, false, false);
         self.is_foreign = own.command.is_some();
+        self.run_max_us = 0;
+        // A restarted ingest counts the frames of the one before it.
+        let counts_on = self.stage == Stage::Ingest && !self.is_foreign;
+        self.frames_before = if counts_on { start_sequence } else { 0 };
         Ok(())
     }
 
-    /// Whether it ended; kills it when it has said nothing for longer than its settings allow.
+    /// Whether it ended; kills it when it has said nothing for longer than its settings allow. `regular_since_ns`: the supervisor
+    /// has looked without a pause since then; what was silent in a pause of everything does not hang.
     pub(super) fn watch(
         &mut self,
         health: &HealthWatch,
         own: &StageSettings,
+        regular_since_ns: u64,
     ) -> anyhow::Result<Ended> {
         if own.external {
-            self.report_silence(health, own);
+            self.report_silence(health, own, regular_since_ns);
             return Ok(Ended::No);
         }
-        let heartbeat = health
-            .of(self.stage)
-            .filter(|health| self.is_foreign || health.pid == self.pid());
         let heard_ns = health.heard_ns(self.stage);
-        let heartbeat = heartbeat.filter(|_| heard_ns > self.started_ns);
-        self.was_ready |= heartbeat.is_some() && health.is_ready(self.stage);
-        self.has_published |= heartbeat.is_some_and(|health| health.frames_out > 0);
+        let heartbeat = health.of(self.stage).filter(|health| {
+            let is_own = if self.is_foreign {
+                health.pid != self.pid_before
+            } else {
+                health.pid == self.pid()
+            };
+            is_own && heard_ns > self.started_ns
+        });
+        if let Some(heartbeat) = heartbeat {
+            self.was_ready |= health.is_ready(self.stage);
+            self.has_published |= heartbeat.frames_out > self.frames_before;
+            self.run_max_us = self.run_max_us.max(heartbeat.run_max_us);
+        }
+        let group = Pid::from_raw(self.pid() as i32);
         let Some(process) = &mut self.process else {
             return Ok(Ended::No);
         };
@@ -146,39 +176,47 @@ impl Child {
             // What it started may still run and hold the stage's place.
             self.signal(Signal::KILL);
             self.process = None;
+            self.group_before = group;
+            self.pid_before = heartbeat.map_or(0, |health| health.pid);
             if status.success() {
                 return Ok(Ended::Done);
             }
             self.judge(status)?;
             return Ok(Ended::Died);
         }
-        let run_max_us = heartbeat.map_or(0, |health| health.run_max_us);
-        let since_ns = self.started_ns.max(heard_ns * u64::from(self.was_ready));
         let (limit_ms, key) = if self.has_published {
-            (heartbeat_limit_ms(own, run_max_us), "heartbeat_max_ms")
+            let limit_ms = heartbeat_limit_ms(own, self.run_max_us);
+            (limit_ms, "heartbeat_max_ms")
         } else {
             (own.start_max_ms, "start_max_ms")
         };
+        let heard_ns = heard_ns * u64::from(self.was_ready);
+        let since_ns = self.started_ns.max(heard_ns).max(regular_since_ns);
         let silent_ms = monotonic_ns().saturating_sub(since_ns) / 1_000_000;
         if limit_ms > 0 && silent_ms > limit_ms && !self.is_killed {
+            self.is_killed = true;
+            self.signal(Signal::KILL);
             let name = self.stage.name();
             tracing::error!(
                 stage = name,
                 "hangs: {silent_ms} ms without a sign of life, {limit_ms} allowed ({key} of [stages.{name}]): killed"
             );
-            self.is_killed = true;
-            self.signal(Signal::KILL);
         }
         Ok(Ended::No)
     }
 
     /// A process of somebody else is never signalled.
-    fn report_silence(&mut self, health: &HealthWatch, own: &StageSettings) {
+    fn report_silence(&mut self, health: &HealthWatch, own: &StageSettings, regular_since_ns: u64) {
         let Some(heartbeat) = health.of(self.stage) else {
             return;
         };
-        let limit_ms = heartbeat_limit_ms(own, heartbeat.run_max_us);
-        let silent_ns = monotonic_ns().saturating_sub(health.heard_ns(self.stage));
+        let limit_ms = if heartbeat.frames_out > 0 {
+            heartbeat_limit_ms(own, heartbeat.run_max_us)
+        } else {
+            own.start_max_ms
+        };
+        let since_ns = health.heard_ns(self.stage).max(regular_since_ns);
+        let silent_ns = monotonic_ns().saturating_sub(since_ns);
         let is_silent = limit_ms > 0 && silent_ns / 1_000_000 > limit_ms;
         let (stage, pid) = (self.stage.name(), heartbeat.pid);
         match (is_silent, self.is_silence_reported) {
@@ -209,30 +247,30 @@ impl Child {
         Ok(())
     }
 
-    /// Says so when it dies again and again. A kill comes from outside and does not count.
+    /// Says so when it dies again and again. A kill from outside does not count.
     fn count_death(&mut self, status: &ExitStatus) {
-        if status.signal() == Some(Signal::KILL.as_raw()) {
+        if status.signal() == Some(Signal::KILL.as_raw()) && !self.is_killed {
             return;
         }
         self.deaths.push_back(Instant::now());
         if self.deaths.len() > CRASH_LOOP_DEATHS + 1 {
             self.deaths.pop_front();
         }
-        let is_loop =
-            self.deaths.len() > CRASH_LOOP_DEATHS && self.deaths[0].elapsed() < CRASH_LOOP_TIME;
-        if is_loop {
+        let seconds = self.deaths[0].elapsed().as_secs_f64();
+        self.is_crash_loop =
+            self.deaths.len() > CRASH_LOOP_DEATHS && seconds < CRASH_LOOP_TIME.as_secs_f64();
+        if self.is_crash_loop {
+            let (stage, count) = (self.stage.name(), self.deaths.len());
             tracing::error!(
-                stage = self.stage.name(),
-                "crash loop: died by itself {} times in {:.0} s",
-                self.deaths.len(),
-                self.deaths[0].elapsed().as_secs_f64()
+                stage,
+                "crash loop: died by itself {count} times in {seconds:.0} s"
             );
         }
     }
 
-    /// At once where it has published a frame, else after a growing delay.
+    /// At once where it has published a frame, else, and in a crash loop, after a growing delay.
     pub(super) fn plan_restart(&mut self) {
-        let delay = if self.has_published {
+        let delay = if self.has_published && !self.is_crash_loop {
             Duration::ZERO
         } else {
             self.delay
@@ -242,27 +280,43 @@ impl Child {
         self.delay = (delay * 2).clamp(DELAY_FIRST, DELAY_MAX);
     }
 
-    /// Whether a planned restart's time has come.
+    /// Whether a planned restart's time has come, and what the process before it had started is gone.
     pub(super) fn is_due(&self) -> bool {
-        self.due.is_some_and(|due| due <= Instant::now())
+        self.due.is_some_and(|due| {
+            let late = Instant::now().saturating_duration_since(due);
+            due <= Instant::now() && (late > GROUP_PATIENCE || !is_alive(self.group_before))
+        })
     }
 
     pub(super) fn ask_to_end(&mut self) {
         self.signal(Signal::TERM);
     }
 
+    /// It, or what it started.
     pub(super) fn is_running(&mut self) -> bool {
+        let group = Pid::from_raw(self.pid() as i32);
         let process = self.process.as_mut();
-        process.is_some_and(|process| !matches!(process.try_wait(), Ok(Some(_))))
+        process.is_some_and(|process| !matches!(process.try_wait(), Ok(Some(_))) || is_alive(group))
     }
 
     /// By force, and waits until it is gone.
     pub(super) fn kill(&mut self) {
         self.signal(Signal::KILL);
-        if let Some(mut process) = self.process.take() {
-            let _ = process.wait();
+        let group = Pid::from_raw(self.pid() as i32);
+        let Some(mut process) = self.process.take() else {
+            return;
+        };
+        let _ = process.wait();
+        let begun = Instant::now();
+        while is_alive(group) && begun.elapsed() < GROUP_PATIENCE {
+            std::thread::sleep(Duration::from_millis(5));
         }
     }
+}
+
+/// Whether a process of the group is left.
+fn is_alive(group: Option<Pid>) -> bool {
+    group.is_some_and(|group| test_kill_process_group(group).is_ok())
 }
 
 /// A frame may take twice as long as the longest one so far: a slow network is no hang. 0: no limit.

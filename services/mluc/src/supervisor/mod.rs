@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{FrameHeader, Object, RunDescription, Stage, Topic, WIRE_VERSION};
 use mluc_model::Model;
-use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown};
+use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown, monotonic_ns};
 
 use crate::settings::{Pace, Settings};
 use crate::source::Source;
@@ -61,6 +61,8 @@ impl Outcome {
 const END_PATIENCE: Duration = Duration::from_millis(600);
 /// How often the supervisor looks around.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// The supervisor itself stood still so long: nothing is known of the stages in that time.
+const PAUSE_NS: u64 = 500_000_000;
 
 struct Supervisor {
     shell: Shell,
@@ -73,6 +75,9 @@ struct Supervisor {
     health: HealthWatch,
     children: Vec<Child>,
     next_sequence: u64,
+    /// The last look at the stages, and since when there was no pause between two.
+    looked_ns: u64,
+    regular_since_ns: u64,
     outcome: Outcome,
 }
 
@@ -96,6 +101,8 @@ pub(crate) fn run(mut settings: Settings, sink: &mut Sink) -> anyhow::Result<Out
         classes: model::class_names(&model),
         children: Vec::new(),
         next_sequence: 0,
+        looked_ns: 0,
+        regular_since_ns: 0,
         outcome: Outcome::default(),
     };
     drop(model);
@@ -215,8 +222,14 @@ impl Supervisor {
         let start_sequence = self.start_sequence();
         // The reader of the lines may have kept us waiting: heartbeats of that time are no silence.
         self.health.update()?;
+        let now_ns = monotonic_ns();
+        if now_ns - self.looked_ns > PAUSE_NS {
+            self.regular_since_ns = now_ns;
+        }
+        self.looked_ns = now_ns;
         for child in &mut self.children {
-            match child.watch(&self.health, &self.settings.stages[child.stage])? {
+            let own = &self.settings.stages[child.stage];
+            match child.watch(&self.health, own, self.regular_since_ns)? {
                 Ended::No => (),
                 Ended::Done if child.stage == Stage::Ingest => return Ok(true),
                 Ended::Done | Ended::Died => {
