@@ -25,7 +25,7 @@ pub const SYNTHETIC_UNKNOWN: &str = "Synthetic_unknown";
 pub const SIMULATED_CLASSES: [&str; 3] = ["Golf_cart", "Forklift", SYNTHETIC_UNKNOWN];
 
 /// Whether a class is one of KITTI's or the simulator's, whatever the case of its letters.
-pub fn is_heard_of(class: &str) -> bool {
+pub fn is_recognized(class: &str) -> bool {
     let mut all = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
     all.any(|known| known.eq_ignore_ascii_case(class))
 }
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_files_and_unheard_classes_are_named() {
+    fn missing_files_and_unrecognized_classes_are_named() {
         let folder = folder(&[("training/label_2/1.txt", "Car 0\n\nCarr 0\n")]);
         let dataset = Dataset::open(&folder.path().join("training")).expect("scans");
         let fault = check_files(&dataset).expect_err("no calibration");

@@ -28,7 +28,7 @@ pub use folder::{Dataset, file_stems, read_boxes};
 pub use hash::{calibration_hash, data_hash};
 pub use kitti::{
     KITTI_CLASSES, SIMULATED_CLASSES, SYNTHETIC_UNKNOWN, Splits, check_classes, check_files,
-    is_heard_of,
+    is_recognized,
 };
 pub use label::{Label, read_detections, read_labels};
 pub use policy::{ERASE_MARGIN_M, UnknownPolicy, erase};

@@ -40,7 +40,8 @@ pub use mluc_ipc_types::ObjectKind;
 pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS, unknown_as_known};
 pub use report::{ApEntry, ApReport, ClassReport, evaluate};
 pub use rule::{
-    ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, rules, unheard, unjudged,
+    ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, rules, unevaluated,
+    unrecognized,
 };
 pub use separation::{auroc, fpr95};
 pub use sweep::{

@@ -2,7 +2,7 @@
 
 use crate::{CameraDetection, Difficulty, EvaluateError, LabelledFrame, ObjectKind};
 use clap::ValueEnum;
-use mluc_dataset::{Label, is_heard_of};
+use mluc_dataset::{Label, is_recognized};
 use std::collections::BTreeSet;
 
 /// Name of the class into which all unknown classes are merged.
@@ -215,16 +215,19 @@ fn is_judged(class: &str, rules: &[ClassRule]) -> bool {
 }
 
 /// Classes of labels that no rule judges and that are neither KITTI's nor the simulator's, in alphabetical order: misspelt ones, most likely.
-pub fn unheard<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) -> Vec<String> {
+pub fn unrecognized<'a>(
+    labels: impl Iterator<Item = &'a Label>,
+    rules: &[ClassRule],
+) -> Vec<String> {
     let classes: BTreeSet<&str> = labels.map(|label| label.class.as_str()).collect();
-    let unheard = |class: &&str| !is_heard_of(class) && !is_judged(class, rules);
-    let classes = classes.into_iter().filter(unheard);
+    let unrecognized = |class: &&str| !is_recognized(class) && !is_judged(class, rules);
+    let classes = classes.into_iter().filter(unrecognized);
     classes.map(str::to_owned).collect()
 }
 
 /// Labelled classes that no rule judges and that KITTI does not leave out either, in alphabetical order: their labels
 /// are background, which a person may not have meant.
-pub fn unjudged(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<String> {
+pub fn unevaluated(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<String> {
     let classes = labelled(frames).into_iter();
     classes.filter(|class| !is_judged(class, rules)).collect()
 }
@@ -251,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn misspelt_classes_are_unheard_of() {
+    fn misspelt_classes_are_unrecognized() {
         let classes = ["Car", "Carr", "golf_cart", "DontCare", "Barrier", "Carr"];
         let frames = frames(&classes, &[]);
         let request = RuleRequest {
@@ -259,8 +262,11 @@ mod tests {
             ..RuleRequest::default()
         };
         let rules = rules(&request, &frames).expect("rules");
-        assert_eq!(unheard(frames[0].labels.iter(), &rules), ["Carr"]);
-        assert_eq!(unheard(frames[0].labels.iter(), &[]), ["Barrier", "Carr"]);
+        assert_eq!(unrecognized(frames[0].labels.iter(), &rules), ["Carr"]);
+        assert_eq!(
+            unrecognized(frames[0].labels.iter(), &[]),
+            ["Barrier", "Carr"]
+        );
     }
 
     #[test]
@@ -284,7 +290,7 @@ mod tests {
             ("unknown", 0.1),
         ];
         assert_eq!(names(&found), expected);
-        assert_eq!(unjudged(&frames, &found), ["bus"]);
+        assert_eq!(unevaluated(&frames, &found), ["bus"]);
         let request = RuleRequest {
             classes: vec!["Van".into()],
             ..RuleRequest::default()

@@ -372,8 +372,8 @@ fn a_model_is_judged_and_faults_are_named() {
     };
     fault(&["--split", "test"], &["ImageSets", "test.txt"]);
     fault(&["--frames", "0"], &["--frames"]);
-    let unheard = ["--write-threshold", "--unknown", "spaceship"];
-    fault(&unheard, &["spaceship", "found none"]);
+    let unrecognized = ["--write-threshold", "--unknown", "spaceship"];
+    fault(&unrecognized, &["spaceship", "found none"]);
     std::fs::remove_file(folder.path("val/label_2/000001.txt")).expect("removed");
     fault(&[], &["frame 000001", "expected labels"]);
 }

@@ -322,6 +322,6 @@ fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
 #[test]
 fn every_class_of_the_simulator_is_known_to_the_dataset() {
     let mut named = classes().chain([Class::SyntheticUnknown]).map(Class::name);
-    assert!(named.all(mluc_dataset::is_heard_of));
-    assert!(!mluc_dataset::is_heard_of("Carr"));
+    assert!(named.all(mluc_dataset::is_recognized));
+    assert!(!mluc_dataset::is_recognized("Carr"));
 }

@@ -38,7 +38,7 @@ pub(crate) fn validation_split(
 }
 
 fn check(dataset: &Dataset, settings: &TrainSettings) -> Result<(), TrainError> {
-    let heard = settings.heard_classes();
+    let heard = settings.accepted_classes();
     check_files(dataset)?;
     dataset.names().par_iter().try_for_each(|name| {
         check_classes(&dataset.label_path(name), &heard)?;

@@ -220,7 +220,7 @@ impl TrainSettings {
     }
 
     /// Classes that labels may name: KITTI's and the simulator's, among them all that the network learns, and those to be ignored.
-    pub fn heard_classes(&self) -> Vec<String> {
+    pub fn accepted_classes(&self) -> Vec<String> {
         let heard = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
         let heard = heard.map(|name| (*name).to_owned());
         heard.chain(self.ignored_classes.iter().cloned()).collect()

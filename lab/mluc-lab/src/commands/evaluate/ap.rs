@@ -1,10 +1,10 @@
 //! `mluc-lab evaluate ap`: detections of any program against labels.
 
-use super::{check_unknown, warn_unheard};
+use super::{check_unknown, warn_unrecognized};
 use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
 use mluc_evaluate::input::{read, sources};
-use mluc_evaluate::{NeighbourPolicy, RuleRequest, UnknownProtocol, evaluate, rules, unjudged};
+use mluc_evaluate::{NeighbourPolicy, RuleRequest, UnknownProtocol, evaluate, rules, unevaluated};
 use mluc_geometry::ImageSize;
 use std::path::PathBuf;
 
@@ -98,13 +98,13 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
     };
     let rules = rules(&request, &input.frames)?;
     if asks_unknown {
-        for class in unjudged(&input.frames, &rules) {
+        for class in unevaluated(&input.frames, &rules) {
             print_err(format_args!(
                 "warning: labels of class {class} count as background; if it is known, name it in --iou"
             ));
         }
     } else {
-        warn_unheard(labels(), &rules);
+        warn_unrecognized(labels(), &rules);
     }
     let report = evaluate(&input.frames, &rules);
     for class in report.without_labels() {

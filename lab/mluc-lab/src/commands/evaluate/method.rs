@@ -1,6 +1,6 @@
 //! `mluc-lab evaluate method`: rows of the paper's tables on labelled scans.
 
-use super::{Scans, warn_unheard};
+use super::{Scans, warn_unrecognized};
 use crate::commands::terminal::{counted, print_out};
 use anyhow::Context;
 use clap::Args;
@@ -51,7 +51,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     })?;
     let rules = class_rules(&model)?;
     let labels = frames.iter().flat_map(|frame| frame.truth.labels.iter());
-    warn_unheard(labels, &rules);
+    warn_unrecognized(labels, &rules);
     let path = scans.model.display();
     print_out(format_args!("{path}: {}", set.describe()))?;
     for s in separation(&frames, &rules) {

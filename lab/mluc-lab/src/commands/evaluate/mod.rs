@@ -9,7 +9,7 @@ use crate::commands::terminal::print_err;
 use anyhow::ensure;
 use clap::{Args, Subcommand};
 use mluc_dataset::Label;
-use mluc_evaluate::{ClassRule, unheard};
+use mluc_evaluate::{ClassRule, unrecognized};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -58,8 +58,8 @@ impl Scans {
 }
 
 /// Warns of labels that no rule judges and of a class that nobody has heard of: a detection of such an object counts as false.
-fn warn_unheard<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) {
-    for class in unheard(labels, rules) {
+fn warn_unrecognized<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[ClassRule]) {
+    for class in unrecognized(labels, rules) {
         print_err(format_args!(
             "warning: labels of class {class}, which is none of KITTI's nor of the simulator's; misspelt?"
         ));

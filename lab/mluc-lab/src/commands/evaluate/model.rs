@@ -1,7 +1,7 @@
 //! `mluc-lab evaluate model`: the whole pipeline over labelled scans.
 
 use super::report::Outcome;
-use super::{Scans, check_unknown, warn_unheard};
+use super::{Scans, check_unknown, warn_unrecognized};
 use crate::commands::terminal::{counted, one_of, print_out};
 use anyhow::Context;
 use clap::Args;
@@ -84,7 +84,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     };
     let neighbours = arguments.neighbours;
     let judgement = judge(&model, &set, &frames, &unknown, neighbours, &settings)?;
-    warn_unheard(labels(), &judgement.rules);
+    warn_unrecognized(labels(), &judgement.rules);
     let is_swept = arguments.sweep || arguments.write_threshold;
     let sweep = is_swept.then(|| {
         counted("thresholds", set.len(), |step| {
