@@ -420,12 +420,28 @@ fn not_a_number_stays_visible() {
     assert!(output.iter().all(|y| y.is_nan()));
 }
 
-#[test]
-#[should_panic(expected = "input row 10 of 10")]
-fn forward_refuses_a_row_outside_the_input() {
+fn read_a_row_outside_the_input<I: Input>() {
     let gather = Gather::new(1, vec![0, 10, ABSENT]);
     let weights = Weights::pack(1, 4, 16, &[1.0; 64]);
-    with_threads(1, || plainly(&[0_u8; 40], &gather, &weights));
+    with_threads(1, || plainly(&[I::default(); 40], &gather, &weights));
+}
+
+#[test]
+#[should_panic(expected = "input row 10 of 10")]
+fn f32_refuses_a_row_outside_the_input() {
+    read_a_row_outside_the_input::<f32>();
+}
+
+#[test]
+#[should_panic(expected = "input row 10 of 10")]
+fn bf16_refuses_a_row_outside_the_input() {
+    read_a_row_outside_the_input::<Bf16>();
+}
+
+#[test]
+#[should_panic(expected = "input row 10 of 10")]
+fn bytes_refuse_a_row_outside_the_input() {
+    read_a_row_outside_the_input::<u8>();
 }
 
 #[test]
