@@ -31,6 +31,9 @@ pub enum ModelError {
     /// A tensor that is missing or unknown, of another shape or type, or with a value that is out of its bounds.
     #[error("weights: tensor `{tensor}` {cause}")]
     Tensor { tensor: String, cause: String },
+    /// A sensor profile that cannot be read or is out of its bounds.
+    #[error("sensor profile {place}: {cause}")]
+    Sensor { place: String, cause: String },
     /// Reading the file.
     #[error("model file {path}: {cause}")]
     Io {
@@ -40,6 +43,13 @@ pub enum ModelError {
 }
 
 impl ModelError {
+    pub(crate) fn sensor(place: &str, cause: String) -> ModelError {
+        ModelError::Sensor {
+            place: place.into(),
+            cause,
+        }
+    }
+
     pub(crate) fn tensor(tensor: &str, cause: impl Display) -> ModelError {
         ModelError::Tensor {
             tensor: tensor.into(),

@@ -11,6 +11,7 @@ mod formula;
 mod manifest;
 mod network;
 mod profiles;
+mod sensor;
 mod tensors;
 mod untrained;
 mod validate;
@@ -21,6 +22,7 @@ pub use fold::{BATCH_NORM_EPS, Folded};
 pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
 pub use network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, calibrated_layers};
+pub use sensor::{SensorProfile, SensorUnit};
 pub use tensors::{
     BASELINE, CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, Tensor, WeightSet,
     calibration_tensor, expected_tensors,

@@ -8,6 +8,7 @@ use super::{Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Spl
 use super::{Shown, Stream, Turn, turn};
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
+use mluc_model::SensorProfile;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -24,6 +25,8 @@ pub struct ExportOptions {
     pub sequence: Option<u32>,
     /// Seed of the data set.
     pub seed: u64,
+    /// The sensor of every frame; None: the family's, of `sim-any` another in each frame.
+    pub sensor: Option<SensorProfile>,
     /// Steps towards recorded scans: all of them, unless what they are worth is measured.
     pub realism: Realism,
     /// Whether objects that are made up of known ones stand among them, labelled `Synthetic_unknown`: unknown objects to train on, without an unknown class.
@@ -43,6 +46,7 @@ impl ExportOptions {
             frames,
             sequence: None,
             seed,
+            sensor: None,
             realism: Realism::FULL,
             synthetic_unknown: false,
             folder,
@@ -88,10 +92,11 @@ fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError
         synthetic_unknown: options.synthetic_unknown,
     };
     let Some(steps) = options.sequence else {
-        return turn(stream, index, None);
+        return turn(stream, options.sensor.as_ref(), index, None);
     };
     let step = index % steps;
-    turn(stream, index / steps, Some(Turn { step, steps }))
+    let part = Some(Turn { step, steps });
+    turn(stream, options.sensor.as_ref(), index / steps, part)
 }
 
 /// Poses and stamps of sequences. Another sequence is another place: it lies a kilometre further, so that nothing is found again.

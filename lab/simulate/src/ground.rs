@@ -45,7 +45,7 @@ pub(crate) struct Ground {
 
 impl Ground {
     /// Draws the ground of a scene.
-    pub(crate) fn draw(family: Family, dice: &mut Dice) -> Ground {
+    pub(crate) fn draw(family: Family, sensor_height_m: Option<f32>, dice: &mut Dice) -> Ground {
         let place = match (dice.weighted(&[0.34, 0.28, 0.2, 0.18]), family) {
             (0, _) => Place::Urban,
             (1, _) => Place::Suburb,
@@ -64,8 +64,8 @@ impl Ground {
         };
         let yaw_deg = match family {
             Family::SimKitti => dice.normal(0.0, 4.0),
-            Family::SimUdi if plaza => dice.range(-180.0, 180.0),
-            Family::SimUdi => dice.normal(0.0, 7.0),
+            _ if plaza => dice.range(-180.0, 180.0),
+            _ => dice.normal(0.0, 7.0),
         };
         Ground {
             place,
@@ -86,6 +86,9 @@ impl Ground {
                 // The bottoms of KITTI's labels rise by 8 mm a metre: its sensor looks down by half a degree.
                 Family::SimKitti => [dice.normal(0.008, 0.007), dice.normal(0.0, 0.008)],
                 Family::SimUdi => [dice.normal(0.0, 0.009), dice.normal(0.0, 0.009)],
+                // The ground tilts against the sensor as a mount does: most by less than a degree, some by up to three.
+                Family::SimAny if dice.chance(0.2) => [dice.spread(0.05), dice.spread(0.05)],
+                Family::SimAny => [dice.normal(0.004, 0.013), dice.normal(0.0, 0.013)],
             },
             waves: std::array::from_fn(|i| {
                 let length_m = dice.range(9.0, 50.0);
@@ -94,7 +97,7 @@ impl Ground {
                 let height = dice.normal(0.0, 0.0016) * length_m * if i == 0 { 1.5 } else { 1.0 };
                 [height, k * cos, k * sin, dice.range(0.0, TAU)]
             }),
-            sensor_height_m: dice.normal(HEIGHT_M, 0.025),
+            sensor_height_m: sensor_height_m.unwrap_or_else(|| dice.normal(HEIGHT_M, 0.025)),
         }
     }
 
@@ -147,7 +150,7 @@ impl Ground {
     pub(crate) fn mesh(&self, family: Family, dice: &mut Dice) -> Mesh {
         let behind = match family {
             Family::SimKitti => -4.0,
-            Family::SimUdi => -85.0,
+            Family::SimUdi | Family::SimAny => -85.0,
         };
         let mut along = lines(behind, 90.0, 0.0);
         if let Some([at, half]) = self.crossing {
@@ -210,7 +213,7 @@ mod tests {
 
     #[test]
     fn road_and_sensor_frames_are_inverse() {
-        let ground = Ground::draw(Family::SimUdi, &mut Dice::new(&[1]));
+        let ground = Ground::draw(Family::SimUdi, None, &mut Dice::new(&[1]));
         let (u, w) = ground.road(12.0, -7.0);
         let (x, y) = ground.sensor(u, w);
         assert!((x - 12.0).abs() < 1e-4 && (y + 7.0).abs() < 1e-4);

@@ -3,7 +3,7 @@
 use super::mesh::V3;
 use super::scan::{Sweep, trace};
 use super::scene::{Scene, Solid};
-use super::sensor::{BEAMS, Sensor};
+use super::sensor::Sensor;
 use super::{Family, SimulatedFrame, SimulatedObject};
 use mluc_geometry::{Calibration, CalibrationError, ImageSize, pixel_bounds};
 
@@ -12,7 +12,7 @@ const UNLABELLED: u16 = 0x7FFF;
 
 /// Calibration of a family: `sim-kitti` looks through a camera like KITTI's left colour camera, `sim-udi` has none.
 pub(crate) fn calibration(family: Family) -> Result<Calibration, CalibrationError> {
-    if family == Family::SimUdi {
+    if family != Family::SimKitti {
         return Ok(Calibration::without_camera());
     }
     let p2 = [
@@ -89,14 +89,17 @@ fn visibility(
 ) -> Result<f32, String> {
     let alone = scene.searchable(solid.faces.clone())?;
     let columns = sensor.column_count;
-    let window = Window::around(&scene.mesh.vertices[solid.vertices.clone()]);
+    let window = Window::around(
+        &scene.mesh.vertices[solid.vertices.clone()],
+        sensor.stray_rad,
+    );
     let (mut seen, mut possible) = (0u32, 0u32);
-    for beam in 0..BEAMS {
-        if !window.beam(sensor.ray((beam, 0)).1) {
+    for beam in 0..sensor.beam_count() {
+        if !window.beam(sensor.elevation_rad(beam).tan()) {
             continue;
         }
         for column in 0..columns {
-            if !window.column(sensor.column_direction(column)) {
+            if !window.column(sensor.column_direction((beam, column))) {
                 continue;
             }
             seen += u32::from(sweep.ended_on[beam * columns + column] == Some(instance));
@@ -112,16 +115,19 @@ struct Window {
     middle: [f32; 2],
     cos_half: f32,
     slope: [f32; 2],
+    /// Beyond these, rad.
+    margin_rad: f32,
 }
 
 impl Window {
-    fn around(vertices: &[V3]) -> Window {
+    fn around(vertices: &[V3], margin_rad: f32) -> Window {
         let sum: V3 = vertices.iter().sum();
         let length = sum.x.hypot(sum.y).max(1e-6);
         let mut window = Window {
             middle: [sum.x / length, sum.y / length],
             cos_half: 1.0,
             slope: [f32::MAX, f32::MIN],
+            margin_rad,
         };
         for p in vertices {
             let flat = p.x.hypot(p.y).max(1e-3);
@@ -133,17 +139,17 @@ impl Window {
         window
     }
 
-    fn beam(&self, direction: V3) -> bool {
-        // The lower block starts 4 cm lower, which matters near by: a margin of 2 degrees covers it.
-        let slope = direction.z / direction.x.hypot(direction.y);
-        slope > self.slope[0] - 0.035 && slope < self.slope[1] + 0.035
+    fn beam(&self, slope: f32) -> bool {
+        // The lower block of an HDL-64E starts 4 cm lower, which matters near by: a margin of 2 degrees covers it.
+        let margin = 0.035 + 1.5 * self.margin_rad;
+        slope > self.slope[0] - margin && slope < self.slope[1] + margin
     }
 
     fn column(&self, direction: [f32; 2]) -> bool {
-        // A column's beams are up to one column apart (3 mrad).
         let cos = direction[0] * self.middle[0] + direction[1] * self.middle[1];
         cos > self.cos_half
-            || cos.clamp(-1.0, 1.0).acos() < self.cos_half.clamp(-1.0, 1.0).acos() + 0.01
+            || cos.clamp(-1.0, 1.0).acos()
+                < self.cos_half.clamp(-1.0, 1.0).acos() + 0.01 + self.margin_rad
     }
 }
 

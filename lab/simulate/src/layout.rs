@@ -52,6 +52,7 @@ pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut D
     let (count, weights) = match family {
         Family::SimUdi => (dice.whole(9, 20), [0.53, 0.21, 0.11, 0.15]),
         Family::SimKitti => (dice.whole(6, 15), [0.58, 0.24, 0.18, 0.0]),
+        Family::SimAny => (dice.whole(14, 34), [0.5, 0.28, 0.22, 0.0]),
     };
     let mut wanted = Vec::new();
     if split != Split::Train {
@@ -158,7 +159,7 @@ impl Layout<'_> {
     fn fits(&self, model: &Model, pose: Pose, dice: &mut Dice) -> bool {
         let (x, y, _) = pose;
         let inside = match self.stream.family {
-            Family::SimUdi => x.abs() < 50.0 && y.abs() < 50.0,
+            Family::SimUdi | Family::SimAny => x.abs() < 50.0 && y.abs() < 50.0,
             // Outside of the camera's view only now and then.
             Family::SimKitti => {
                 x > 2.0 && x < 69.5 && y.abs() < 39.0 && (y.abs() < 0.8 * x || dice.chance(0.3))
@@ -190,7 +191,7 @@ impl Layout<'_> {
         }
         let forward = match self.stream.family {
             Family::SimKitti => 1.0,
-            Family::SimUdi => dice.sign(),
+            Family::SimUdi | Family::SimAny => dice.sign(),
         };
         let (x, y) = self.ground.sensor(forward * along, across);
         Some((x, y, self.ground.yaw_rad + yaw))
@@ -274,7 +275,7 @@ impl Layout<'_> {
     /// Any azimuth, any heading.
     fn anywhere(&self, class: Class, range: f32, dice: &mut Dice) -> Pose {
         let azimuth = match self.stream.family {
-            Family::SimUdi => dice.spread(PI),
+            Family::SimUdi | Family::SimAny => dice.spread(PI),
             Family::SimKitti => dice.spread(0.75),
         };
         let yaw = if class == Class::Pedestrian || dice.chance(0.5) {

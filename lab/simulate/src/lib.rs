@@ -7,6 +7,7 @@
 //! What it leaves out: motion of the sensor during a turn, several returns of one ray, rain, and a physical model of intensity.
 
 mod background;
+mod drawn;
 mod drive;
 mod export;
 mod footprint;
@@ -23,11 +24,13 @@ mod sensor;
 pub mod statistics;
 pub mod synthetic_unknown;
 
+pub use drawn::HELD_OUT;
 pub use export::{ExportOptions, export};
 pub use realism::{Realism, Step};
 
 use mluc_dataset::{DatasetError, SYNTHETIC_UNKNOWN};
 use mluc_geometry::{Box3, CalibrationError};
+use mluc_model::SensorProfile;
 use random::Dice;
 
 /// What can go wrong while simulating or writing.
@@ -54,22 +57,24 @@ pub enum Family {
     SimUdi,
     /// Forward half, x up to 70.4 m, |y| up to 40 m, with a camera; known car, pedestrian, cyclist; unknown van, truck.
     SimKitti,
+    /// Full circle, within 51.2 m, each frame by another sensor; known car, pedestrian, cyclist; unknown van, truck, golf cart, forklift.
+    SimAny,
 }
 
 impl Family {
-    /// Both families.
-    pub const ALL: [Family; 2] = [Family::SimUdi, Family::SimKitti];
+    /// All families.
+    pub const ALL: [Family; 3] = [Family::SimUdi, Family::SimKitti, Family::SimAny];
 
     /// The family's name on the command line.
     pub fn name(self) -> &'static str {
-        ["sim-udi", "sim-kitti"][self as usize]
+        ["sim-udi", "sim-kitti", "sim-any"][self as usize]
     }
 
     /// Classes that training shows.
     pub fn known_classes(self) -> &'static [Class] {
         match self {
             Family::SimUdi => &[Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck],
-            Family::SimKitti => &[Class::Car, Class::Pedestrian, Class::Cyclist],
+            Family::SimKitti | Family::SimAny => &[Class::Car, Class::Pedestrian, Class::Cyclist],
         }
     }
 
@@ -78,6 +83,7 @@ impl Family {
         match self {
             Family::SimUdi => &[Class::GolfCart, Class::Forklift],
             Family::SimKitti => &[Class::Van, Class::Truck],
+            Family::SimAny => &[Class::Van, Class::Truck, Class::GolfCart, Class::Forklift],
         }
     }
 }
@@ -227,23 +233,43 @@ pub fn frame(
     seed: u64,
     index: u32,
 ) -> Result<SimulatedFrame, SimulateError> {
-    Ok(turn(Stream::full(family, split, seed), index, None)?.0)
+    Ok(turn(Stream::full(family, split, seed), None, index, None)?.0)
 }
 
 /// A frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
 type Shown = (SimulatedFrame, [f64; 3]);
 
-fn turn(stream: Stream, index: u32, turn: Option<Turn>) -> Result<Shown, SimulateError> {
+fn turn(
+    stream: Stream,
+    sensor: Option<&SensorProfile>,
+    index: u32,
+    turn: Option<Turn>,
+) -> Result<Shown, SimulateError> {
     let Stream { family, split, .. } = stream;
     let key = random::hash(&[stream.seed, family as u64, split as u64, u64::from(index)]);
     let dice = |stage: u64| Dice::new(&[key, stage]);
-    let ground = ground::Ground::draw(family, &mut dice(1));
+    let profile = match (sensor, family) {
+        (Some(given), _) => Some(given.clone()),
+        (None, Family::SimAny) => Some(drawn::sensor(&mut dice(7))),
+        (None, _) => None,
+    };
+    let height_m = profile
+        .as_ref()
+        .map(|p| p.height_m.unwrap_or_else(|| drawn::height_m(&mut dice(8))));
+    let ground = ground::Ground::draw(family, height_m, &mut dice(1));
     let mut layout = layout::place_objects(stream, &ground, &mut dice(2));
     let mut scene = scene::Scene::default();
     scene.add(&ground.mesh(family, &mut dice(3)), 0, |p| p);
     background::fill(&mut layout, &mut scene, &mut dice(4));
     let half_turn = family == Family::SimKitti;
-    let mut sensor = sensor::Sensor::new(random::hash(&[key, 5]), half_turn, stream.realism);
+    let sensor_key = random::hash(&[key, 5]);
+    let mut sensor = match &profile {
+        Some(profile) => {
+            let drops = stream.realism.has(Step::Drop);
+            sensor::Sensor::of(profile, drawn::JITTER_DEG, sensor_key, drops)
+        }
+        None => sensor::Sensor::new(sensor_key, half_turn, stream.realism),
+    };
     let mut sensor_at = mesh::V3::ZERO;
     if let Some(turn) = turn {
         sensor_at = drive::drive(&mut layout, turn, &mut dice(6));

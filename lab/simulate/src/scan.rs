@@ -3,7 +3,7 @@
 use super::mesh::Kind;
 use super::random::{splitmix64, unit};
 use super::scene::{Scene, Searchable};
-use super::sensor::{BEAMS, Hit, RANGE_M, Sensor, Shot, Stream, drop_probability};
+use super::sensor::{Hit, Sensor, Shot, Stream, drop_probability};
 use parry3d::query::{Ray, RayCast};
 
 /// Surfaces that one ray may pass before it is given up.
@@ -25,7 +25,7 @@ pub(crate) struct Sweep {
 pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
     let world = scene.searchable(0..scene.mesh.triangles.len())?;
     let columns = sensor.column_count;
-    let hits: Vec<Option<Hit>> = (0..BEAMS * columns)
+    let hits: Vec<Option<Hit>> = (0..sensor.beam_count() * columns)
         .map(|i| trace(&world, sensor, (i / columns, i % columns)))
         .collect();
     let mut sweep = Sweep {
@@ -53,9 +53,10 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
     let mut from = 0.0;
     for _ in 0..PASSES_MAX {
         let ray = Ray::new(start + direction * from, direction);
-        let hit = world
-            .mesh
-            .cast_local_ray_and_get_normal(&ray, RANGE_M[1] - from, false)?;
+        let hit =
+            world
+                .mesh
+                .cast_local_ray_and_get_normal(&ray, sensor.range_m[1] - from, false)?;
         let face = hit.subshape as usize;
         let surface = *world.surfaces.get(face)?;
         let range_m = from + hit.time_of_impact;
@@ -70,7 +71,7 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
         };
         if stops {
             let cos_incidence = hit.normal.dot(-direction).abs();
-            return (range_m > RANGE_M[0]).then_some(Hit {
+            return (range_m > sensor.range_m[0]).then_some(Hit {
                 range_m,
                 cos_incidence,
                 rho: surface.rho,
@@ -84,13 +85,13 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
 
 /// The point that comes back, or None when it is lost.
 fn returned(sensor: &Sensor, hit: Hit, neighbour: Option<Hit>, shot: Shot) -> Option<[f32; 4]> {
-    let lost = drop_probability(sensor.base_drop, hit.range_m, hit.rho, hit.cos_incidence);
+    let lost = drop_probability(sensor, hit.range_m, hit.rho, hit.cos_incidence);
     if sensor.drops && unit(sensor.bits(Stream::Drop, shot)) < lost {
         return None;
     }
     let true_m = mixed(sensor, hit.range_m, neighbour, shot);
     let range_m = sensor.measured(true_m, shot);
-    if !(RANGE_M[0]..RANGE_M[1]).contains(&range_m) {
+    if !(sensor.range_m[0]..sensor.range_m[1]).contains(&range_m) {
         return None;
     }
     let (start, direction) = sensor.ray(shot);

@@ -1,4 +1,6 @@
-//! The beams of a Velodyne HDL-64E and what it does to a range.
+//! The beams of a sensor and what it does to a range: a Velodyne HDL-64E, or any [`SensorProfile`].
+//!
+//! The HDL-64E of `sim-kitti` and `sim-udi`:
 //!
 //! Elevations: nominal values of public calibrations (upper block 2.02 - 0.34 i deg, lower block -8.95 - 0.5084 j deg, 32 beams each), with a jitter of
 //! 0.05 deg a beam. Azimuth: 10 Hz, 0.1728 deg, 2083 columns a turn, each beam with its own phase. Range noise 2 cm, bias of 1 cm a beam, steps of 2 mm.
@@ -7,16 +9,19 @@
 use super::mesh::{V3, up, v};
 use super::random::{hash, normal, unit};
 use super::{Realism, Step};
+use mluc_model::{SensorProfile, SensorUnit};
 
-/// Beams of the sensor.
-pub(crate) const BEAMS: usize = 64;
-/// Columns of a full turn at 10 Hz.
-pub(crate) const COLUMNS: usize = 2083;
-/// Shortest and longest range that is reported, m.
-pub(crate) const RANGE_M: [f32; 2] = [0.9, 120.0];
+/// Beams of the HDL-64E.
+const BEAMS: usize = 64;
+/// Its columns of a full turn at 10 Hz.
+const COLUMNS: usize = 2083;
+/// Shortest and longest range that it reports, m.
+const RANGE_M: [f32; 2] = [0.9, 120.0];
 /// Height above the road on KITTI's car, m.
 pub(crate) const HEIGHT_M: f32 = 1.73;
 
+/// A white surface answers half of the rays at this multiple of the longest range.
+const HALF_RETURNS: f32 = 1.125;
 const RANGE_STEP_M: f32 = 0.002;
 const ELEVATION_JITTER_DEG: f32 = 0.05;
 /// The lower block of lasers sits this far below the upper one, m.
@@ -78,18 +83,52 @@ struct Beam {
     /// When it fires between two columns, 0..1.
     phase: f32,
     bias_m: f32,
-    /// Height of its origin, m.
-    origin_z_m: f32,
+    /// Where it starts, m.
+    origin: V3,
+    /// Which way its unit is turned; none for one that stands straight.
+    turn: Option<Turned>,
+}
+
+/// The axes of a turned unit in the frame of the scan.
+#[derive(Clone, Copy)]
+struct Turned {
+    axes: [V3; 3],
+    yaw_rad: f32,
+}
+
+impl Turned {
+    /// About x (roll), then y (pitch), then z (yaw).
+    fn of(unit: &SensorUnit) -> Option<Turned> {
+        let angles = [unit.roll_deg, unit.pitch_deg, unit.yaw_deg].map(f32::to_radians);
+        if angles == [0.0; 3] {
+            return None;
+        }
+        let [(sr, cr), (sp, cp), (sy, cy)] = angles.map(f32::sin_cos);
+        Some(Turned {
+            axes: [
+                v(cy * cp, sy * cp, -sp),
+                v(cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr),
+                v(cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr),
+            ],
+            yaw_rad: angles[2],
+        })
+    }
 }
 
 /// One sensor, as it is in one frame.
 pub(crate) struct Sensor {
     key: u64,
-    beams: [Beam; BEAMS],
+    beams: Vec<Beam>,
+    /// Columns of a full turn.
+    columns: usize,
     first_column: usize,
     /// Columns that are cast.
     pub(crate) column_count: usize,
+    /// Shortest and longest range that is reported, m.
+    pub(crate) range_m: [f32; 2],
     pub(crate) noise: Noise,
+    /// How far a beam may look aside of where [`Sensor::column_direction`] and its elevation say, rad: tilt, and parallax at 2 m.
+    pub(crate) stray_rad: f32,
     /// Whether surfaces swallow rays and windows pass them.
     pub(crate) drops: bool,
     /// Share of all hits that is lost for no visible reason.
@@ -122,7 +161,8 @@ impl Sensor {
                 elevation_rad: elevation_deg.to_radians(),
                 phase: if rings { phase } else { 0.5 },
                 bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, b)),
-                origin_z_m,
+                origin: up(origin_z_m),
+                turn: None,
             }
         };
         let (first_column, column_count) = if half_turn {
@@ -132,13 +172,75 @@ impl Sensor {
         };
         Sensor {
             key,
-            beams: std::array::from_fn(beam),
+            beams: (0..BEAMS).map(beam).collect(),
+            columns: COLUMNS,
             first_column,
             column_count,
+            range_m: RANGE_M,
             noise,
+            stray_rad: 0.0,
             drops: realism.has(Step::Drop),
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, BEAMS)),
         }
+    }
+
+    /// A profile's sensor as it is in one frame: elevations stray by `jitter_deg`, as units of a type do.
+    pub(crate) fn of(profile: &SensorProfile, jitter_deg: f32, key: u64, drops: bool) -> Sensor {
+        let draw = |stream: Stream, beam: usize| hash(&[key, stream as u64, beam as u64]);
+        let noise = Noise {
+            range_m: profile.range_noise_m,
+            ..NOISE
+        };
+        let columns = (360.0 / profile.azimuth_step_deg).round() as usize;
+        let own_tilt = SensorUnit {
+            pitch_deg: profile.pitch_deg,
+            roll_deg: profile.roll_deg,
+            ..SensorUnit::default()
+        };
+        let units = match &profile.units[..] {
+            [] => std::slice::from_ref(&own_tilt),
+            units => units,
+        };
+        let beams_a_unit = profile.elevations_deg.len();
+        let beam = |(number, unit): (usize, &SensorUnit), b: usize| {
+            let id = number * beams_a_unit + b;
+            let offset_deg = profile.azimuth_offsets_deg.get(b).copied().unwrap_or(0.0);
+            let jitter_deg = jitter_deg * normal(draw(Stream::Elevation, id));
+            Beam {
+                elevation_rad: (profile.elevations_deg[b] + jitter_deg).to_radians(),
+                phase: 0.5 + offset_deg / profile.azimuth_step_deg,
+                bias_m: noise.beam_bias_m * normal(draw(Stream::Bias, id)),
+                origin: V3::from(unit.at_m),
+                turn: Turned::of(unit),
+            }
+        };
+        let beams = units.iter().enumerate().flat_map(|unit| {
+            let beam = &beam;
+            (0..beams_a_unit).map(move |b| beam(unit, b))
+        });
+        let stray_rad = units.iter().map(|unit| {
+            let tilt_deg = unit.pitch_deg.abs() + unit.roll_deg.abs();
+            tilt_deg.to_radians() + V3::from(unit.at_m).length() / 2.0
+        });
+        let [middle_deg, width_deg] = profile.field_deg.unwrap_or([0.0, 360.0]);
+        let share = |deg: f32| (deg / profile.azimuth_step_deg).round() as usize;
+        Sensor {
+            key,
+            beams: beams.collect(),
+            columns,
+            first_column: share((middle_deg - width_deg / 2.0).rem_euclid(360.0)),
+            column_count: share(width_deg).min(columns),
+            range_m: profile.range_m,
+            stray_rad: stray_rad.fold(0.0, f32::max),
+            noise,
+            drops,
+            base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, usize::MAX)),
+        }
+    }
+
+    /// Beams, of all units.
+    pub(crate) fn beam_count(&self) -> usize {
+        self.beams.len()
     }
 
     /// The same sensor at a later turn: its beams stay, the noise of its rays is another.
@@ -158,19 +260,29 @@ impl Sensor {
     /// Where the ray starts and its unit direction.
     pub(crate) fn ray(&self, shot: Shot) -> (V3, V3) {
         let beam = &self.beams[shot.0];
-        let turn = ((self.first_column + shot.1) % COLUMNS) as f32 + beam.phase;
-        let azimuth = std::f32::consts::TAU * turn / COLUMNS as f32
+        let turn = ((self.first_column + shot.1) % self.columns) as f32 + beam.phase;
+        let azimuth = std::f32::consts::TAU * turn / self.columns as f32
             + self.noise.azimuth_rad * normal(self.bits(Stream::Azimuth, shot));
         let (sin_a, cos_a) = azimuth.sin_cos();
         let (sin_e, cos_e) = beam.elevation_rad.sin_cos();
-        let start = up(beam.origin_z_m);
-        (start, v(cos_e * cos_a, cos_e * sin_a, sin_e))
+        let direction = v(cos_e * cos_a, cos_e * sin_a, sin_e);
+        let turned = beam.turn.map_or(direction, |Turned { axes, .. }| {
+            axes[0] * direction.x + axes[1] * direction.y + axes[2] * direction.z
+        });
+        (beam.origin, turned)
     }
 
-    /// Direction of a column in the plane, without phase and jitter of its beams.
-    pub(crate) fn column_direction(&self, column: usize) -> [f32; 2] {
-        let turn = ((self.first_column + column) % COLUMNS) as f32 + 0.5;
-        let (sin, cos) = (std::f32::consts::TAU * turn / COLUMNS as f32).sin_cos();
+    /// Elevation of a beam in its unit, rad.
+    pub(crate) fn elevation_rad(&self, beam: usize) -> f32 {
+        self.beams[beam].elevation_rad
+    }
+
+    /// Direction of a ray in the plane, without noise and tilt.
+    pub(crate) fn column_direction(&self, (beam, column): Shot) -> [f32; 2] {
+        let beam = &self.beams[beam];
+        let turn = ((self.first_column + column) % self.columns) as f32 + beam.phase;
+        let yaw_rad = beam.turn.map_or(0.0, |turn| turn.yaw_rad);
+        let (sin, cos) = (std::f32::consts::TAU * turn / self.columns as f32 + yaw_rad).sin_cos();
         [cos, sin]
     }
 
@@ -195,8 +307,9 @@ impl Sensor {
 
 /// Probability that a hit does not come back, from range, reflectivity and cosine of incidence. The constants are guesses from
 /// published sensor models: a base share of everything (1 to 6 %, one number a frame), half of the returns at 135 sqrt(rho) m, up to 45 % more at grazing incidence.
-pub(crate) fn drop_probability(base: f32, range_m: f32, rho: f32, cos_incidence: f32) -> f32 {
-    let half_m = 135.0 * rho.sqrt();
+pub(crate) fn drop_probability(sensor: &Sensor, range_m: f32, rho: f32, cos_incidence: f32) -> f32 {
+    let base = sensor.base_drop;
+    let half_m = HALF_RETURNS * sensor.range_m[1] * rho.sqrt();
     let far = 1.0 / (1.0 + (-(range_m - half_m) / 8.0).exp());
     let graze = 0.45 * (0.15 - cos_incidence).max(0.0) / 0.15;
     (base + far + graze).clamp(0.0, 1.0)
@@ -206,8 +319,9 @@ pub(crate) fn drop_probability(base: f32, range_m: f32, rho: f32, cos_incidence:
 mod tests {
     use super::*;
 
-    fn degrees(sensor: &Sensor) -> [f32; BEAMS] {
-        sensor.beams.map(|beam| beam.elevation_rad.to_degrees())
+    fn degrees(sensor: &Sensor) -> Vec<f32> {
+        let beams = sensor.beams.iter();
+        beams.map(|beam| beam.elevation_rad.to_degrees()).collect()
     }
 
     #[test]
@@ -227,10 +341,14 @@ mod tests {
 
     #[test]
     fn drop_grows_with_range_and_grazing() {
-        assert!(drop_probability(0.03, 20.0, 0.4, 1.0) < 0.05);
-        assert!(drop_probability(0.03, 80.0, 0.1, 1.0) > 0.95);
-        let grazing = drop_probability(0.03, 20.0, 0.4, 0.01);
-        assert!(grazing > 10.0 * drop_probability(0.03, 20.0, 0.4, 1.0));
+        let sensor = Sensor {
+            base_drop: 0.03,
+            ..Sensor::new(5, false, Realism::FULL)
+        };
+        let drop = |range_m, rho, cos| drop_probability(&sensor, range_m, rho, cos);
+        assert!(drop(20.0, 0.4, 1.0) < 0.05);
+        assert!(drop(80.0, 0.1, 1.0) > 0.95);
+        assert!(drop(20.0, 0.4, 0.01) > 10.0 * drop(20.0, 0.4, 1.0));
     }
 
     #[test]
@@ -255,7 +373,8 @@ mod tests {
         let plain = Sensor::new(5, false, Realism::without(&[Step::Noise]));
         let usual = Sensor::new(5, false, Realism::FULL);
         assert_eq!(degrees(&plain), degrees(&usual));
-        assert_eq!(plain.beams.map(|b| b.phase), usual.beams.map(|b| b.phase));
+        let phases = |s: &Sensor| s.beams.iter().map(|b| b.phase).collect::<Vec<_>>();
+        assert_eq!(phases(&plain), phases(&usual));
         assert_eq!(plain.base_drop, usual.base_drop);
         let error = |sensor: &Sensor| {
             let errors = (0..500).map(|c| (sensor.measured(17.3, (c % BEAMS, c)) - 17.3).abs());

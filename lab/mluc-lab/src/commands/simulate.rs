@@ -3,6 +3,7 @@
 use super::terminal::{Progress, Threads, one_of, print_out};
 use anyhow::Context;
 use clap::Args;
+use mluc_model::SensorProfile;
 use mluc_simulate::{ExportOptions, Family, Realism, Split, Step, export};
 use std::path::PathBuf;
 
@@ -13,7 +14,7 @@ use std::path::PathBuf;
 /// frames of a shorter one.
 #[derive(Args)]
 pub(crate) struct SimulateArguments {
-    /// Scenes: sim-udi (full circle) or sim-kitti (forward half, with a camera).
+    /// Scenes: sim-udi (full circle), sim-kitti (forward half, with a camera) or sim-any (full circle, each frame by another sensor).
     #[arg(long, value_parser = one_of(&Family::ALL, Family::name))]
     family: Family,
     /// train shows known classes alone (see --synthetic-unknown); val and test also unknown ones.
@@ -25,6 +26,9 @@ pub(crate) struct SimulateArguments {
     /// Seed of the data set.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Scan with this sensor: a product of `sensors/`, or a TOML file like those [default: the family's].
+    #[arg(long, value_name = "NAME|FILE")]
+    sensor: Option<String>,
     /// Frames of a sequence at 10 Hz through one scene, in which the sensor and half of the objects move [default: every frame is a scene of its own].
     /// Adds poses.txt and timestamps.txt; the frames that come first are not those of a data set without sequences.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=100))]
@@ -58,6 +62,10 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
         frames: arguments.frames,
         sequence: arguments.sequence,
         seed: arguments.seed,
+        sensor: arguments
+            .sensor
+            .map(|sensor| SensorProfile::load(&sensor))
+            .transpose()?,
         realism: Realism::without(&arguments.without),
         synthetic_unknown: arguments.synthetic_unknown,
         folder: arguments.out,

@@ -87,7 +87,7 @@ impl Yard<'_, '_> {
     /// How far things stand along the road, m.
     fn along_m(&self) -> [f32; 2] {
         match self.layout.stream.family {
-            Family::SimUdi => [-72.0, 72.0],
+            Family::SimUdi | Family::SimAny => [-72.0, 72.0],
             Family::SimKitti => [0.0, 82.0],
         }
     }

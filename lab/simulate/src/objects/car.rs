@@ -49,6 +49,7 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     let base = match family {
         Family::SimKitti => v(3.84, 1.62, 1.53),
         Family::SimUdi => v(4.43, 1.85, 1.55),
+        Family::SimAny => v(4.05, 1.71, 1.54),
     };
     let length = dice.normal(base.x + longer, 0.26).max(2.6);
     let width = dice.normal(base.y + 0.08 * longer, 0.085);

@@ -84,6 +84,14 @@ pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut D
         } else {
             change
         });
+    } else if family == Family::SimAny {
+        // Sizes differ between continents, and how far a label stands off between those who drew it.
+        model.scale(v(
+            dice.range(0.9, 1.12),
+            dice.range(0.92, 1.1),
+            dice.range(0.93, 1.09),
+        ));
+        model.stand_off(dice.range(0.02, 0.07));
     } else if class.is_vehicle() && family == Family::SimKitti {
         model.stand_off(ANNOTATION_MARGIN_M);
     }
@@ -95,6 +103,7 @@ fn mean_size_m(class: Class, family: Family) -> V3 {
     match (class, family) {
         (Class::Car, Family::SimKitti) => v(3.89, 1.62, 1.53),
         (Class::Car, Family::SimUdi) => v(4.5, 1.85, 1.55),
+        (Class::Car, Family::SimAny) => v(4.1, 1.71, 1.54),
         (Class::Van, _) => v(5.07, 1.90, 2.21),
         (Class::Truck, _) => v(9.6, 2.6, 3.3),
         (Class::Pedestrian, _) => v(0.82, 0.63, 1.76),

@@ -1,0 +1,150 @@
+//! The sensor of a `sim-any` frame: a real product, or one that never was, and how it is mounted.
+
+use super::random::Dice;
+use mluc_model::{SensorProfile, SensorUnit};
+
+/// Products that training never sees: thin, middle and dense, for the figures on sensors that are new to a network.
+pub const HELD_OUT: [&str; 3] = ["helios-16p", "pandar40p", "ruby-plus"];
+
+/// Rays of a frame, at most: finer steps are coarsened to it.
+const RAYS_MAX: f32 = 230_000.0;
+
+/// Elevations of a unit stray from its type's by about this, degrees.
+pub(crate) const JITTER_DEG: f32 = 0.12;
+
+/// A product or a random sensor, mounted somewhere.
+pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
+    let mut profile = if dice.chance(0.6) {
+        product(dice)
+    } else {
+        random(dice)
+    };
+    if dice.chance(0.08) {
+        lose_beams(&mut profile, dice);
+    }
+    if dice.chance(0.1) {
+        let count = dice.whole(
+            2,
+            if profile.elevations_deg.len() > 40 {
+                2
+            } else {
+                4
+            },
+        );
+        profile.units = (0..count).map(|_| unit(dice)).collect();
+    } else if dice.chance(0.08) {
+        profile.field_deg = Some([dice.spread(60.0), dice.range(70.0, 270.0)]);
+    }
+    let beams = profile.elevations_deg.len() * profile.units.len().max(1);
+    let step_min_deg = 360.0 * beams as f32 / RAYS_MAX;
+    profile.azimuth_step_deg = profile.azimuth_step_deg.max(step_min_deg);
+    profile.height_m = Some(height_m(dice));
+    profile
+}
+
+/// How high it sits: on cars mostly, on small robots, on trucks.
+pub(crate) fn height_m(dice: &mut Dice) -> f32 {
+    match dice.weighted(&[0.66, 0.2, 0.14]) {
+        0 => dice.range(1.35, 2.2),
+        1 => dice.range(0.3, 1.35),
+        _ => dice.range(2.2, 3.0),
+    }
+}
+
+/// One of the products: thin, middle and dense ones as often as the other.
+fn product(dice: &mut Dice) -> SensorProfile {
+    let [low, high] = [[0, 16], [17, 47], [48, 256]][dice.weighted(&[0.3, 0.3, 0.4])];
+    let profiles = SensorProfile::names().filter(|name| !HELD_OUT.contains(name));
+    let profiles = profiles.filter_map(|name| SensorProfile::load(name).ok());
+    let fits = |p: &SensorProfile| (low..=high).contains(&p.elevations_deg.len());
+    let mut fitting: Vec<SensorProfile> = profiles.filter(fits).collect();
+    fitting.swap_remove(dice.whole(0, fitting.len() - 1))
+}
+
+/// Beams spread evenly, or denser about the horizon.
+fn random(dice: &mut Dice) -> SensorProfile {
+    let beams = [dice.whole(8, 16), dice.whole(20, 48), dice.whole(56, 128)];
+    let beams = beams[dice.weighted(&[0.35, 0.35, 0.3])];
+    let (top, bottom) = (dice.range(1.0, 25.0), -dice.range(8.0, 32.0));
+    let crowding = if dice.chance(0.5) {
+        dice.range(1.0, 2.2)
+    } else {
+        1.0
+    };
+    let horizon = dice.range(-4.0, 2.0);
+    let elevation = |b: usize| {
+        // -1 at the bottom, 1 at the top.
+        let t = 1.0 - 2.0 * b as f32 / (beams - 1) as f32;
+        let end = if t > 0.0 {
+            top - horizon
+        } else {
+            horizon - bottom
+        };
+        horizon + end * t.signum() * t.abs().powf(crowding)
+    };
+    SensorProfile {
+        name: format!("random, {beams} beams"),
+        source: "drawn".into(),
+        elevations_deg: (0..beams).map(elevation).collect(),
+        azimuth_step_deg: dice.range(0.1, 0.45),
+        range_m: [dice.range(0.3, 1.0), dice.range(60.0, 200.0)],
+        range_noise_m: dice.range(0.01, 0.04),
+        ..SensorProfile::default()
+    }
+}
+
+/// Some beams are gone: broken, or thinned out by a driver.
+fn lose_beams(profile: &mut SensorProfile, dice: &mut Dice) {
+    let share = dice.range(0.05, 0.3);
+    let kept: Vec<bool> = profile
+        .elevations_deg
+        .iter()
+        .map(|_| !dice.chance(share))
+        .collect();
+    if kept.iter().filter(|kept| **kept).count() < 6 {
+        return;
+    }
+    for list in [
+        &mut profile.elevations_deg,
+        &mut profile.azimuth_offsets_deg,
+    ] {
+        let mut kept = kept.iter();
+        list.retain(|_| *kept.next().unwrap_or(&true));
+    }
+}
+
+/// One of several on a vehicle.
+fn unit(dice: &mut Dice) -> SensorUnit {
+    SensorUnit {
+        at_m: [dice.spread(1.5), dice.spread(0.8), dice.spread(0.25)],
+        yaw_deg: dice.spread(180.0),
+        pitch_deg: dice.normal(0.0, 5.0),
+        roll_deg: dice.normal(0.0, 5.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sensors_of_every_density_and_height_are_drawn_and_none_that_is_held_out() {
+        let drawn: Vec<SensorProfile> = (0..400).map(|i| sensor(&mut Dice::new(&[i]))).collect();
+        let count =
+            |test: &dyn Fn(&SensorProfile) -> bool| drawn.iter().filter(|p| test(p)).count();
+        let beams = |p: &SensorProfile| p.elevations_deg.len();
+        assert!(count(&|p| beams(p) <= 16) > 80 && count(&|p| beams(p) >= 48) > 80);
+        assert!(count(&|p| p.height_m < Some(1.0)) > 20 && count(&|p| p.height_m > Some(2.2)) > 20);
+        assert!(count(&|p| p.units.len() > 1) > 15 && count(&|p| p.field_deg.is_some()) > 10);
+        let held_out = HELD_OUT.map(|name| SensorProfile::load(name).expect(name).name);
+        assert_eq!(count(&|p| held_out.contains(&p.name)), 0);
+        for p in &drawn {
+            let all = beams(p) * p.units.len().max(1);
+            assert!(
+                all as f32 * 360.0 / p.azimuth_step_deg < 1.01 * RAYS_MAX,
+                "{p:?}"
+            );
+            assert!(p.elevations_deg.is_sorted_by(|a, b| a >= b), "{p:?}");
+        }
+    }
+}

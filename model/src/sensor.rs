@@ -1,0 +1,210 @@
+//! What a LiDAR is: its beams, its range and how it is mounted. Data: `sensors/*.toml` describes real products, users add their own.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::ModelError;
+
+/// One of several equal sensors whose scans are merged: where it sits in the frame of the scan. Turned about x (roll), then y (pitch), then z (yaw).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SensorUnit {
+    /// x, y, z, m.
+    pub at_m: [f32; 3],
+    /// About z, degrees.
+    pub yaw_deg: f32,
+    /// About y, degrees: positive looks down.
+    pub pitch_deg: f32,
+    /// About x, degrees.
+    pub roll_deg: f32,
+}
+
+/// A spinning LiDAR.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorProfile {
+    /// Make and type.
+    pub name: String,
+    /// Where the numbers come from.
+    pub source: String,
+    /// Elevation of each beam from the top down, degrees.
+    pub elevations_deg: Vec<f32>,
+    /// Azimuth of each beam against the column's, degrees; empty: none differs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub azimuth_offsets_deg: Vec<f32>,
+    /// Between columns, degrees.
+    pub azimuth_step_deg: f32,
+    /// Middle and width of the horizontal field, degrees, counter-clockwise from ahead; a full turn where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub field_deg: Option<[f32; 2]>,
+    /// Shortest and longest range that is reported, m.
+    pub range_m: [f32; 2],
+    /// Standard deviation of a range, m.
+    pub range_noise_m: f32,
+    /// Above the ground, m; unknown where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height_m: Option<f32>,
+    /// Positive looks down, degrees.
+    #[serde(default)]
+    pub pitch_deg: f32,
+    /// Positive sinks to the right, degrees.
+    #[serde(default)]
+    pub roll_deg: f32,
+    /// Several equal sensors whose scans are merged into one; empty: one at the origin.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub units: Vec<SensorUnit>,
+}
+
+/// The products in `sensors/`: name of the file without its extension, and its text.
+const PRODUCTS: &[(&str, &str)] = &[
+    ("bpearl", include_str!("../../sensors/bpearl.toml")),
+    ("hdl-32e", include_str!("../../sensors/hdl-32e.toml")),
+    ("hdl-64e-s2", include_str!("../../sensors/hdl-64e-s2.toml")),
+    ("hdl-64e-s3", include_str!("../../sensors/hdl-64e-s3.toml")),
+    ("hdl-64e", include_str!("../../sensors/hdl-64e.toml")),
+    ("helios-16p", include_str!("../../sensors/helios-16p.toml")),
+    (
+        "helios-5515",
+        include_str!("../../sensors/helios-5515.toml"),
+    ),
+    ("jt128", include_str!("../../sensors/jt128.toml")),
+    ("jt16", include_str!("../../sensors/jt16.toml")),
+    ("os0-128", include_str!("../../sensors/os0-128.toml")),
+    ("os0-32", include_str!("../../sensors/os0-32.toml")),
+    ("os0-64", include_str!("../../sensors/os0-64.toml")),
+    ("os1-128", include_str!("../../sensors/os1-128.toml")),
+    ("os1-16", include_str!("../../sensors/os1-16.toml")),
+    (
+        "os1-32-gradient",
+        include_str!("../../sensors/os1-32-gradient.toml"),
+    ),
+    ("os1-32", include_str!("../../sensors/os1-32.toml")),
+    (
+        "os1-64-gen1",
+        include_str!("../../sensors/os1-64-gen1.toml"),
+    ),
+    ("os1-64", include_str!("../../sensors/os1-64.toml")),
+    ("os2-128", include_str!("../../sensors/os2-128.toml")),
+    ("os2-32", include_str!("../../sensors/os2-32.toml")),
+    ("os2-64", include_str!("../../sensors/os2-64.toml")),
+    ("ot128", include_str!("../../sensors/ot128.toml")),
+    ("pandar-qt", include_str!("../../sensors/pandar-qt.toml")),
+    ("pandar128", include_str!("../../sensors/pandar128.toml")),
+    ("pandar40p", include_str!("../../sensors/pandar40p.toml")),
+    ("pandar64", include_str!("../../sensors/pandar64.toml")),
+    ("pandar90", include_str!("../../sensors/pandar90.toml")),
+    ("qt128", include_str!("../../sensors/qt128.toml")),
+    ("rs-16", include_str!("../../sensors/rs-16.toml")),
+    ("rs-32", include_str!("../../sensors/rs-32.toml")),
+    ("ruby-plus", include_str!("../../sensors/ruby-plus.toml")),
+    (
+        "vlp-16-hi-res",
+        include_str!("../../sensors/vlp-16-hi-res.toml"),
+    ),
+    ("vlp-16", include_str!("../../sensors/vlp-16.toml")),
+    ("vlp-32c", include_str!("../../sensors/vlp-32c.toml")),
+    ("vls-128", include_str!("../../sensors/vls-128.toml")),
+    ("xt16", include_str!("../../sensors/xt16.toml")),
+    ("xt32", include_str!("../../sensors/xt32.toml")),
+    ("xt32m2x", include_str!("../../sensors/xt32m2x.toml")),
+];
+
+impl SensorProfile {
+    /// Names of the products that are built in.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        PRODUCTS.iter().map(|(name, _)| *name)
+    }
+
+    /// A product by its name, or a profile from a TOML file.
+    pub fn load(name_or_file: &str) -> Result<SensorProfile, ModelError> {
+        if let Some((name, text)) = PRODUCTS.iter().find(|(name, _)| *name == name_or_file) {
+            return SensorProfile::parse(text, name);
+        }
+        let path = Path::new(name_or_file);
+        let text = std::fs::read_to_string(path).map_err(|cause| {
+            let names: Vec<&str> = SensorProfile::names().collect();
+            let cause = format!("{cause}; built in are {}", names.join(", "));
+            ModelError::sensor(name_or_file, cause)
+        })?;
+        SensorProfile::parse(&text, name_or_file)
+    }
+
+    /// From TOML; `place` names it in errors.
+    pub fn parse(text: &str, place: &str) -> Result<SensorProfile, ModelError> {
+        let profile: SensorProfile =
+            toml::from_str(text).map_err(|cause| ModelError::sensor(place, cause.to_string()))?;
+        profile
+            .check()
+            .map_err(|cause| ModelError::sensor(place, cause))?;
+        Ok(profile)
+    }
+
+    /// Every number in its range; else the field, what is expected and what was found.
+    fn check(&self) -> Result<(), String> {
+        let beams = self.elevations_deg.len();
+        let within = |field: &str, value: f32, low: f32, high: f32| {
+            let fine = (low..=high).contains(&value);
+            let fault = || format!("{field}: expected {low} to {high}, found {value}");
+            fine.then_some(()).ok_or_else(fault)
+        };
+        within("elevations_deg (beams)", beams as f32, 1.0, 256.0)?;
+        let offsets = self.azimuth_offsets_deg.len();
+        if offsets != 0 && offsets != beams {
+            return Err(format!(
+                "azimuth_offsets_deg: expected none or {beams}, found {offsets}"
+            ));
+        }
+        for &elevation in &self.elevations_deg {
+            within("elevations_deg", elevation, -90.0, 90.0)?;
+        }
+        if !self.elevations_deg.is_sorted_by(|a, b| a >= b) {
+            return Err("elevations_deg: expected from the top down".into());
+        }
+        for &offset in &self.azimuth_offsets_deg {
+            within("azimuth_offsets_deg", offset, -180.0, 180.0)?;
+        }
+        within("azimuth_step_deg", self.azimuth_step_deg, 0.05, 2.0)?;
+        let [middle, width] = self.field_deg.unwrap_or([0.0, 360.0]);
+        within("field_deg (middle)", middle, -180.0, 180.0)?;
+        within("field_deg (width)", width, 1.0, 360.0)?;
+        within("range_m (shortest)", self.range_m[0], 0.0, 10.0)?;
+        within("range_m (longest)", self.range_m[1], 5.0, 500.0)?;
+        within("range_noise_m", self.range_noise_m, 0.0, 0.5)?;
+        within("height_m", self.height_m.unwrap_or(1.0), 0.05, 10.0)?;
+        within("pitch_deg", self.pitch_deg, -30.0, 30.0)?;
+        within("roll_deg", self.roll_deg, -30.0, 30.0)?;
+        within("units", self.units.len() as f32, 0.0, 4.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_product_is_sound() {
+        for name in SensorProfile::names() {
+            let profile = SensorProfile::load(name).expect(name);
+            assert!(!profile.source.is_empty(), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_fault_names_file_field_expected_and_found() {
+        let text = PRODUCTS[0]
+            .1
+            .replace("range_noise_m = 0", "range_noise_m = 9");
+        let fault = SensorProfile::parse(&text, "mine.toml")
+            .expect_err("refused")
+            .to_string();
+        assert!(
+            fault.contains("mine.toml") && fault.contains("range_noise_m: expected 0 to 0.5"),
+            "{fault}"
+        );
+        let fault = SensorProfile::load("no-such-sensor")
+            .expect_err("refused")
+            .to_string();
+        assert!(fault.contains("vlp-16"), "{fault}");
+    }
+}
