@@ -1,4 +1,4 @@
-//! Boxes, rotated overlap, non-maximum suppression, frames of reference; the one random generator, quantile and bootstrap.
+//! Boxes, rotated overlap, non-maximum suppression, frames of reference, the ground; the one random generator, quantile and bootstrap.
 //!
 //! Sensor frame: x forward, y left, z up, metres. Angles in rad, yaw about +z, 0 along +x.
 //! Camera frame (KITTI "rect"): x right, y down, z forward, metres; [`Calibration`] goes between the two.
@@ -6,6 +6,7 @@
 mod bootstrap;
 mod boxes;
 mod calibration;
+pub mod ground;
 mod image;
 mod linear;
 mod nms;

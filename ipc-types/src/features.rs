@@ -2,7 +2,8 @@
 //!
 //! A features message is a slice of 64-byte blocks: first the cell indices (u32, sixteen a block, the last block padded
 //! with [`u32::MAX`]), then the rows (channels / 16 blocks each). A cell that is absent equals the model's response to
-//! an empty scene, which holds no candidate (`empty_objectness_max` of the manifest).
+//! an empty scene, which holds no candidate (`empty_objectness_max` of the manifest). Of a model whose boxes are measured from the ground
+//! the message ends with the ground: z at the nodes of its grid (f32, m, sixteen a block).
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
@@ -21,9 +22,9 @@ pub struct FeatureBlock(pub [f32; 16]);
 
 const _: () = assert!(size_of::<FeatureBlock>() == 64 && align_of::<FeatureBlock>() == 64);
 
-/// Blocks that `rows` rows of `channels` channels take.
-pub const fn feature_blocks(rows: usize, channels: usize) -> usize {
-    rows.div_ceil(16) + rows * channels / 16
+/// Blocks that `rows` rows of `channels` channels and `ground_nodes` heights take.
+pub const fn feature_blocks(rows: usize, channels: usize, ground_nodes: usize) -> usize {
+    rows.div_ceil(16) + rows * channels / 16 + ground_nodes.div_ceil(16)
 }
 
 /// A features message, checked.
@@ -35,6 +36,8 @@ pub struct FeatureRows<'a> {
     pub rows: &'a [f32],
     /// Channels of a row.
     pub channels: usize,
+    /// z of the ground at the nodes of its grid, m; empty where boxes are not measured from it.
+    pub ground_m: &'a [f32],
 }
 
 impl<'a> FeatureRows<'a> {
@@ -44,6 +47,7 @@ impl<'a> FeatureRows<'a> {
         blocks: &'a [FeatureBlock],
         map_cells: usize,
         channels: usize,
+        ground_nodes: usize,
     ) -> Result<FeatureRows<'a>> {
         header.checked()?;
         let rows = header.feature_rows as usize;
@@ -54,9 +58,10 @@ impl<'a> FeatureRows<'a> {
         check_equal(what, header.feature_channels.into(), channels as u64)?;
         let whole = channels.next_multiple_of(16) as u64;
         check_equal(what, channels as u64, whole)?;
-        let expected = feature_blocks(rows, channels) as u64;
+        let expected = feature_blocks(rows, channels, ground_nodes) as u64;
         check_equal("feature blocks", blocks.len() as u64, expected)?;
         let (cells, values) = blocks.split_at(rows.div_ceil(16));
+        let (values, ground) = values.split_at(rows * channels / 16);
         let cells: &[u32] = &bytemuck::cast_slice(cells)[..rows];
         let ascending = cells.windows(2).all(|pair| pair[0] < pair[1]);
         match cells.last() {
@@ -69,15 +74,24 @@ impl<'a> FeatureRows<'a> {
                 cells,
                 rows: bytemuck::cast_slice(values),
                 channels,
+                ground_m: &bytemuck::cast_slice(ground)[..ground_nodes],
             }),
         }
     }
 
-    /// Splits a loaned message of [`feature_blocks`] blocks into cells and rows to be written; pads the cells.
-    pub fn split_mut(blocks: &mut [FeatureBlock], rows: usize) -> (&mut [u32], &mut [f32]) {
+    /// Splits a loaned message of [`feature_blocks`] blocks into cells and rows to be written; pads the cells and writes the ground.
+    pub fn split_mut<'b>(
+        blocks: &'b mut [FeatureBlock],
+        rows: usize,
+        ground_m: &[f32],
+    ) -> (&'b mut [u32], &'b mut [f32]) {
         let (cells, values) = blocks.split_at_mut(rows.div_ceil(16));
         let cells: &mut [u32] = bytemuck::cast_slice_mut(cells);
         cells[rows..].fill(u32::MAX);
+        let (values, ground) = values.split_at_mut(values.len() - ground_m.len().div_ceil(16));
+        let ground: &mut [f32] = bytemuck::cast_slice_mut(ground);
+        ground[ground_m.len()..].fill(0.0);
+        ground[..ground_m.len()].copy_from_slice(ground_m);
         (&mut cells[..rows], bytemuck::cast_slice_mut(values))
     }
 }
@@ -88,14 +102,16 @@ mod tests {
 
     const MAP_CELLS: usize = 400;
     const CHANNELS: usize = 32;
+    const GROUND: [f32; 3] = [-1.0, -1.5, -2.0];
 
     /// A sound message of `rows` rows, cells 3, 6, 9, ...
     fn message(rows: usize) -> (FrameHeader, Vec<FeatureBlock>) {
         let mut header = FrameHeader::new(0, "a");
         header.feature_rows = rows as u32;
         header.feature_channels = CHANNELS as u32;
-        let mut blocks = vec![FeatureBlock([0.0; 16]); feature_blocks(rows, CHANNELS)];
-        let (cells, values) = FeatureRows::split_mut(&mut blocks, rows);
+        let mut blocks =
+            vec![FeatureBlock([0.0; 16]); feature_blocks(rows, CHANNELS, GROUND.len())];
+        let (cells, values) = FeatureRows::split_mut(&mut blocks, rows, &GROUND);
         for (row, cell) in cells.iter_mut().enumerate() {
             *cell = 3 * (row as u32 + 1);
         }
@@ -106,17 +122,19 @@ mod tests {
     }
 
     fn check(header: &FrameHeader, blocks: &[FeatureBlock]) -> Result<()> {
-        FeatureRows::checked(header, blocks, MAP_CELLS, CHANNELS).map(drop)
+        FeatureRows::checked(header, blocks, MAP_CELLS, CHANNELS, GROUND.len()).map(drop)
     }
 
     #[test]
     fn what_is_written_is_read() {
         for rows in [0, 1, 15, 16, 17, 100] {
             let (header, blocks) = message(rows);
-            let read = FeatureRows::checked(&header, &blocks, MAP_CELLS, CHANNELS).unwrap();
+            let read =
+                FeatureRows::checked(&header, &blocks, MAP_CELLS, CHANNELS, GROUND.len()).unwrap();
             let cells: Vec<u32> = (1..=rows as u32).map(|row| 3 * row).collect();
             let values: Vec<f32> = (0..rows * CHANNELS).map(|number| number as f32).collect();
             assert_eq!((read.cells, read.rows), (&cells[..], &values[..]));
+            assert_eq!(read.ground_m, GROUND);
         }
     }
 
@@ -128,8 +146,8 @@ mod tests {
             (header.feature_rows, header.feature_channels) = (rows, channels);
             check(&header, blocks).unwrap_err().to_string()
         };
-        assert!(error(20, 32, &blocks[1..]).contains("blocks: expected 42, found 41"));
-        assert!(error(21, 32, &blocks).contains("blocks: expected 44, found 42"));
+        assert!(error(20, 32, &blocks[1..]).contains("blocks: expected 43, found 42"));
+        assert!(error(21, 32, &blocks).contains("blocks: expected 45, found 43"));
         assert!(error(u32::MAX, 32, &blocks).contains("exceeds the limit of 400"));
         assert!(error(20, 48, &blocks).contains("channels: expected 32, found 48"));
     }
@@ -152,7 +170,8 @@ mod tests {
     fn too_many_channels_or_another_version_are_errors() {
         let (mut header, blocks) = message(4);
         let wide = FEATURE_CHANNELS_MAX + 16;
-        let error = FeatureRows::checked(&header, &blocks, MAP_CELLS, wide).unwrap_err();
+        let error =
+            FeatureRows::checked(&header, &blocks, MAP_CELLS, wide, GROUND.len()).unwrap_err();
         assert!(matches!(error, ContractError::TooLong { .. }));
         header.wire_version = crate::WIRE_VERSION + 1;
         let error = check(&header, &blocks).unwrap_err();

@@ -17,6 +17,8 @@ pub const CLASSES_MAX: usize = 8;
 pub const FOOTPRINT_MAX: usize = 16;
 /// Cells of a model's bird's-eye map.
 pub const CELLS_MAX: usize = 131_072;
+/// Heights of the ground that follow the feature rows.
+pub const GROUND_NODES_MAX: usize = 4096;
 /// Channels of a feature row, a multiple of 16.
 pub const FEATURE_CHANNELS_MAX: usize = 512;
 /// Bytes of a frame's name.

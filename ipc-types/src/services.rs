@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use crate::{
-    CELLS_MAX, DETECTIONS_MAX, FEATURE_CHANNELS_MAX, OBJECT_POINTS_MAX, OBJECTS_MAX, POINTS_MAX,
-    feature_blocks,
+    CELLS_MAX, DETECTIONS_MAX, FEATURE_CHANNELS_MAX, GROUND_NODES_MAX, OBJECT_POINTS_MAX,
+    OBJECTS_MAX, POINTS_MAX, feature_blocks,
 };
 
 /// Settings of one topic. Overflow drops the oldest; one publisher.
@@ -48,7 +48,7 @@ impl Topic {
     /// pool.
     pub const FEATURES: Topic = Topic {
         name: "features",
-        elements_max: feature_blocks(CELLS_MAX, FEATURE_CHANNELS_MAX),
+        elements_max: feature_blocks(CELLS_MAX, FEATURE_CHANNELS_MAX, GROUND_NODES_MAX),
         element_bytes: 64,
         subscribers_max: 2,
         buffer: 1,
@@ -114,4 +114,4 @@ const _: () = assert!(Topic::DETECTIONS.element_bytes == size_of::<crate::Detect
 const _: () = assert!(Topic::OBJECTS.element_bytes == size_of::<crate::Object>());
 const _: () = assert!(Topic::HEALTH.element_bytes == size_of::<crate::Health>());
 const _: () = assert!(Topic::RUN.element_bytes == size_of::<crate::RunDescription>());
-const _: () = assert!(feature_blocks(16, 16) == 17);
+const _: () = assert!(feature_blocks(16, 16, 0) == 17);

@@ -21,7 +21,9 @@ pub use file::{Model, model_bytes};
 pub use fold::{BATCH_NORM_EPS, Folded};
 pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{AnchorClass, Beams, Manifest, Provenance, Thresholds};
-pub use network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, calibrated_layers};
+pub use network::{
+    DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, VoxelInput, calibrated_layers,
+};
 pub use sensor::{SensorProfile, SensorUnit};
 pub use tensors::{
     BASELINE, CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, Tensor, WeightSet,

@@ -36,6 +36,24 @@ impl Grid {
     }
 }
 
+/// What a voxel tells the network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VoxelInput {
+    /// Mean x, y, z in the sensor frame, m, and intensity (the public SECOND).
+    #[default]
+    Absolute,
+    /// Where in the voxel its points lie: mean x and y from its centre, in voxels; mean height above the local ground, m; 0. The
+    /// grid's z is the height above the ground too. So nothing depends on how a sensor is mounted, on range or on intensity.
+    Local,
+}
+
+impl VoxelInput {
+    fn is_default(&self) -> bool {
+        *self == VoxelInput::default()
+    }
+}
+
 /// One sparse 3-D convolution. Triples are z, y, x.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -135,6 +153,9 @@ pub struct Network {
     pub profile: String,
     /// Input grid.
     pub grid: Grid,
+    /// What a voxel tells.
+    #[serde(default, skip_serializing_if = "VoxelInput::is_default")]
+    pub input: VoxelInput,
     /// In order.
     pub sparse: Vec<SparseLayer>,
     /// Bird's-eye map at full size.
@@ -169,6 +190,13 @@ impl Network {
         let shapes = self.sparse_shapes();
         let [_, y, x] = shapes[shapes.len() - 1];
         [y, x]
+    }
+    /// Heights of the ground that go with a frame's feature rows: none where boxes are not measured from it.
+    pub fn ground_nodes(&self) -> usize {
+        match self.input {
+            VoxelInput::Absolute => 0,
+            VoxelInput::Local => mluc_geometry::ground::GROUND_NODES,
+        }
     }
     /// Channels of the bird's-eye map: c * depth + z.
     pub fn map_channels(&self) -> usize {

@@ -1,6 +1,6 @@
 //! The two profiles: `second` (the paper's) and `compact` (for a few CPU cores).
 
-use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer};
+use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, VoxelInput};
 
 fn submanifold(name: &str, cin: usize, cout: usize) -> SparseLayer {
     SparseLayer {
@@ -83,6 +83,14 @@ impl Grid {
             voxels_max: 60_000,
         }
     }
+    /// All around, for any sensor: z is the height above the ground.
+    pub fn any() -> Grid {
+        Grid {
+            range_min_m: [-51.2, -51.2, -0.8],
+            range_max_m: [51.2, 51.2, 3.2],
+            ..Grid::udi()
+        }
+    }
 }
 
 impl Network {
@@ -91,6 +99,7 @@ impl Network {
         Network {
             profile: "second".into(),
             grid,
+            input: VoxelInput::default(),
             sparse: vec![
                 submanifold("conv_input", 4, 16),
                 submanifold("conv1.0", 16, 16),

@@ -56,7 +56,7 @@ impl Load {
     pub const fn largest(payload: Payload) -> Load {
         let topic = payload.topic();
         let elements = match payload {
-            Payload::Features => feature_blocks(200 * 176, 256),
+            Payload::Features => feature_blocks(200 * 176, 256, 0),
             _ => topic.elements_max,
         };
         Load {

@@ -1,7 +1,7 @@
 //! What can be trained: classes and range, size of the network, and what its heads learn.
 
 use clap::ValueEnum;
-use mluc_model::{Grid, HeadKind, Network};
+use mluc_model::{Grid, HeadKind, Network, VoxelInput};
 use serde::{Deserialize, Serialize};
 
 /// Classes, range and anchors (paper section 4.1).
@@ -12,6 +12,8 @@ pub enum Setting {
     Udi,
     /// To the front: car, pedestrian, cyclist.
     Kitti,
+    /// All around, for any sensor: car, pedestrian, cyclist, measured from the ground.
+    Any,
 }
 
 /// Size of the network.
@@ -76,11 +78,12 @@ impl NetworkKind {
 }
 
 impl Setting {
-    /// `udi` or `kitti`.
+    /// `udi`, `kitti` or `any`.
     pub fn name(self) -> &'static str {
         match self {
             Setting::Udi => "udi",
             Setting::Kitti => "kitti",
+            Setting::Any => "any",
         }
     }
 
@@ -88,7 +91,7 @@ impl Setting {
     pub fn classes(self) -> usize {
         match self {
             Setting::Udi => 4,
-            Setting::Kitti => 3,
+            Setting::Kitti | Setting::Any => 3,
         }
     }
 
@@ -99,7 +102,9 @@ impl Setting {
                 ("golf_cart", [2.4, 1.25, 1.85]),
                 ("forklift", [3.0, 1.2, 2.1]),
             ],
-            Setting::Kitti => [("van", [5.1, 1.9, 2.2]), ("truck", [10.0, 2.6, 3.2])],
+            Setting::Kitti | Setting::Any => {
+                [("van", [5.1, 1.9, 2.2]), ("truck", [10.0, 2.6, 3.2])]
+            }
         }
     }
 
@@ -109,12 +114,22 @@ impl Setting {
         match self {
             Setting::Udi => &[8, 10, 10, 5, 5, 5],
             Setting::Kitti => &[15, 10, 10, 5, 5],
+            // Its scans are full, and an object cut out of one sensor's scan is none of another's.
+            Setting::Any => &[0; 5],
         }
     }
 
     /// The network up to its heads.
     pub(crate) fn trunk(self, architecture: Architecture, classes: usize) -> Network {
+        let local = |network: Network| Network {
+            input: VoxelInput::Local,
+            ..network
+        };
         match (architecture, self) {
+            (Architecture::Compact, Setting::Any) => {
+                local(Network::compact(Grid::any(), classes).with_reach_of_trucks())
+            }
+            (Architecture::Second, Setting::Any) => local(Network::second(Grid::any(), classes)),
             (Architecture::Compact, Setting::Udi) => {
                 Network::compact(Grid::udi(), classes).with_reach_of_trucks()
             }

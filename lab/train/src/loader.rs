@@ -69,7 +69,7 @@ impl DataLoader {
             wanted: settings.setting.objects_wanted().to_vec(),
             synthetic_unknown: open_set.synthetic_unknown,
             classes_m: sizes_m.collect(),
-            mirror_x: settings.setting == Setting::Udi,
+            mirror_x: settings.setting != Setting::Kitti,
         });
         DataLoader {
             source,

@@ -75,6 +75,7 @@ fn fit(
         dataset: check::training_split(settings)?,
         classes: names,
         takes_synthetic_unknown: false,
+        input: manifest.network.input,
     };
     check::points(&source, settings)?;
     let mut backbone = Backbone::new(manifest, &model.weights)?;

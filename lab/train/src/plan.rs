@@ -1,8 +1,8 @@
 //! What a batch of frames makes of the network: every layer's gathers, and where sparse rows land on the map.
 
-use mluc_backbone::{Rulebooks, Voxels, voxelize};
+use mluc_backbone::{Rulebooks, Voxels, localize, voxelize};
 use mluc_kernels::{ABSENT, Gather};
-use mluc_model::{DenseLayer, Network};
+use mluc_model::{DenseLayer, Network, VoxelInput};
 
 use crate::halo::{self, Cells, Unlisted};
 use crate::layers::{LayerPlan, identity};
@@ -148,6 +148,9 @@ impl Planner {
         for (frame, scan) in scans.iter().enumerate() {
             let (grid, intensity) = (&self.network.grid, self.uses_intensity);
             voxelize(scan, grid, intensity, &mut self.voxels);
+            if self.network.input == VoxelInput::Local {
+                localize(grid, &mut self.voxels);
+            }
             let first = &self.voxels.sites;
             self.books.build(&self.network, first);
             voxels.extend_from_slice(&self.voxels.rows);

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use mluc_model::{Manifest, Model, ModelError, Provenance, model_bytes};
+use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
 use mluc_refiner::ClusterScorer;
 
 use crate::cluster_scorer::fit_cluster_scorer;
@@ -50,6 +50,7 @@ impl Run {
             dataset,
             classes: manifest.classes.iter().map(|c| c.name.clone()).collect(),
             takes_synthetic_unknown: settings.kind.learns_from_synthetic_unknown(),
+            input: manifest.network.input,
         };
         measure_anchors(&mut manifest, settings, &source, notify)?;
         check::points(&source, settings)?;
@@ -225,7 +226,10 @@ fn measure_anchors(
     notify: Notify,
 ) -> Result<(), TrainError> {
     let path = settings.data.join("train");
-    let means = mean_boxes(source, settings.classes())?;
+    let mut means = mean_boxes(source, settings.classes())?;
+    if source.input == VoxelInput::Local {
+        means.iter_mut().for_each(|mean| mean.bottom_z_m = 0.0);
+    }
     for (class, mean) in manifest.classes.iter_mut().zip(means) {
         if mean.count == 0 {
             let expected = "objects of every class in the training split";

@@ -1,7 +1,10 @@
 //! A labelled scan as the trainer sees it.
 
 use mluc_geometry::Box3;
+use mluc_geometry::ground::{GroundGrid, ground_height_m};
 
+/// Where a scan tells nothing of the ground, it is taken to lie so far below the sensor, m.
+const GROUND_BELOW_M: f64 = 1.7;
 /// Objects with fewer points teach nothing: their place is ignored, neither object nor background.
 pub const POINTS_MIN: usize = 3;
 
@@ -55,6 +58,19 @@ pub struct LabelledScan {
 }
 
 impl LabelledScan {
+    /// Heights above the local ground take the place of z, in points and boxes.
+    pub fn measure_from_ground(&mut self) {
+        let mut grid = GroundGrid::new(GROUND_BELOW_M);
+        let ground_m = grid.find(&self.points);
+        for [x, y, z, _] in &mut self.points {
+            *z -= ground_height_m(ground_m, [*x, *y]);
+        }
+        for object in &mut self.objects {
+            let [x, y, z] = &mut object.bounds.center_m;
+            *z -= f64::from(ground_height_m(ground_m, [*x as f32, *y as f32]));
+        }
+    }
+
     /// Counts every object's points.
     pub fn count_points(&mut self) {
         for object in &mut self.objects {
@@ -97,5 +113,54 @@ impl InBox {
         let (u, v) = (dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin);
         let dz = point[2] - self.center[2];
         u.abs() <= self.half[0] && v.abs() <= self.half[1] && dz.abs() <= self.half[2]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_geometry::quantile;
+    use mluc_simulate::{Family, Split, frame};
+
+    #[test]
+    fn objects_stand_on_the_ground_whatever_the_sensor_and_its_mount() {
+        let mut bottoms_m: Vec<f64> = vec![];
+        for index in 0..40 {
+            let simulated = frame(Family::SimAny, Split::Train, 3, index).expect("a frame");
+            let objects = simulated.objects.iter();
+            let objects = objects.map(|o| LabelledObject::new(Some(0), o.box_in_sensor, 0));
+            let mut scan = LabelledScan {
+                points: simulated.points,
+                objects: objects.collect(),
+            };
+            scan.measure_from_ground();
+            let bottom = |o: &LabelledObject| o.bounds.center_m[2] - o.bounds.size_m[2] / 2.0;
+            let own: Vec<f64> = scan.objects.iter().map(bottom).collect();
+            let far = scan
+                .objects
+                .iter()
+                .map(|o| (o.bounds.center_m[0].hypot(o.bounds.center_m[1]), bottom(o)))
+                .filter(|b| b.1.abs() > 0.4);
+            println!(
+                "{index}: {} points, off {:.2}, far {:.1?}",
+                scan.points.len(),
+                own.iter().map(|b| b.abs()).sum::<f64>() / own.len() as f64,
+                far.collect::<Vec<_>>()
+            );
+            bottoms_m.extend(own);
+        }
+        bottoms_m.sort_by(f64::total_cmp);
+        let at = |share| quantile(&bottoms_m, share).expect("objects");
+        println!(
+            "{:.3} {:.3} {:.3} {:.3} {:.3} {:.3} {:.3}",
+            at(0.01),
+            at(0.05),
+            at(0.25),
+            at(0.5),
+            at(0.75),
+            at(0.95),
+            at(0.99)
+        );
+        assert!(at(0.05) > -0.25 && at(0.95) < 0.25);
     }
 }

@@ -2,6 +2,7 @@
 
 use mluc_dataset::{Dataset, SYNTHETIC_UNKNOWN};
 use mluc_geometry::Box3;
+use mluc_model::VoxelInput;
 
 use crate::error::TrainError;
 use crate::scan::{LabelledObject, LabelledScan};
@@ -19,6 +20,8 @@ pub struct ScanSource {
     /// Whether objects labelled as synthetic unknown stand for the unknown; else they are of another kind, whose place is
     /// ignored.
     pub takes_synthetic_unknown: bool,
+    /// How points and boxes are measured.
+    pub input: VoxelInput,
 }
 
 impl ScanSource {
@@ -56,6 +59,9 @@ impl ScanSource {
         }
         scan.points = self.dataset.scan(name)?;
         scan.points.retain(|p| p.iter().all(|v| v.is_finite()));
+        if self.input == VoxelInput::Local {
+            scan.measure_from_ground();
+        }
         scan.count_points();
         Ok((scan, visible))
     }
@@ -89,6 +95,7 @@ mod tests {
                 dataset: Dataset::open(folder.path()).expect("a data set"),
                 classes: vec!["car".into(), "pedestrian".into()],
                 takes_synthetic_unknown,
+                input: VoxelInput::Absolute,
             };
             let scans = (0..2).map(|i| source.scan(i).expect("a scan"));
             let objects: Vec<LabelledObject> = scans.flat_map(|s| s.objects).collect();

@@ -91,6 +91,12 @@ impl Backbone {
         on_layers!(&self.0, layers => layers.map_shape())
     }
 
+    /// The last frame's ground, which boxes of a network with local input are measured from: z at the nodes of a
+    /// [`mluc_geometry::ground::GroundGrid`], m; empty for other networks.
+    pub fn ground_m(&self) -> &[f32] {
+        on_layers!(&self.0, layers => layers.ground_m())
+    }
+
     /// Channels of a feature row.
     pub fn feature_channels(&self) -> usize {
         on_layers!(&self.0, layers => layers.feature_channels())

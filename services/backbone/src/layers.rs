@@ -88,6 +88,10 @@ impl<V: Value> Layers<V> {
         self.occupied.shape
     }
 
+    pub(crate) fn ground_m(&self) -> &[f32] {
+        self.sparse.ground_m()
+    }
+
     pub(crate) fn feature_channels(&self) -> usize {
         self.feature_channels
     }

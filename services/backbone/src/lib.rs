@@ -30,7 +30,7 @@ pub use precision::Precision;
 pub use rulebooks::Rulebooks;
 pub use sites::Sites;
 pub use trace::{Level, Observer, Place, Reads, Step, Steps};
-pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
+pub use voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 
 // Whatever a checked model gives fits the contract.
 const _: () = assert!(mluc_model::MAP_CELLS_MAX <= mluc_ipc_types::CELLS_MAX);

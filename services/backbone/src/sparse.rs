@@ -1,6 +1,8 @@
 //! The sparse 3-D part on one scan (paper section 3.1): voxels, then every layer over its rulebook.
 
-use mluc_model::{Folded, Manifest, Network, WeightSet};
+use mluc_geometry::ground::{GroundGrid, ground_height_m};
+use mluc_model::{Folded, Manifest, Network, VoxelInput, WeightSet};
+use rayon::prelude::*;
 
 use crate::convolution::Convolution;
 use crate::error::{BackboneError, Result};
@@ -9,13 +11,17 @@ use crate::quant_scale::QuantScale;
 use crate::rulebooks::{Rulebooks, sites_max};
 use crate::sites::Sites;
 use crate::trace::{Place, Reads, Watch};
-use crate::voxelize::{PointCounts, VOXEL_CHANNELS, Voxels, voxelize};
+use crate::voxelize::{POINTS_A_TASK, PointCounts, VOXEL_CHANNELS, Voxels, localize, voxelize};
 
 /// Layers and the memory of one frame.
 #[derive(Clone, Debug)]
 pub(crate) struct SparsePart<V: Value> {
     network: Network,
     uses_intensity: bool,
+    /// Of a network whose input is local.
+    ground: Option<GroundGrid>,
+    /// The scan with heights above the ground for z.
+    levelled: Vec<[f32; 4]>,
     /// Reads coordinates, so in f32 whatever the others multiply in.
     first: Convolution<f32>,
     others: Vec<Convolution<V>>,
@@ -58,6 +64,9 @@ impl<V: Value> SparsePart<V> {
             voxels: Voxels::new(&network.grid),
             books: Rulebooks::new(&network),
             uses_intensity: manifest.uses_intensity,
+            ground: (network.input == VoxelInput::Local)
+                .then(|| GroundGrid::new(manifest.sensor_height_m.into())),
+            levelled: Vec::with_capacity(mluc_ipc_types::POINTS_MAX),
             scale: outputs,
             rows: room(),
             spare: room(),
@@ -68,7 +77,16 @@ impl<V: Value> SparsePart<V> {
     pub(crate) fn run(&mut self, points: &[[f32; 4]], watch: &mut Watch) -> PointCounts {
         let (network, voxels, books) = (&self.network, &mut self.voxels, &mut self.books);
         let (rows, spare) = (&mut self.rows, &mut self.spare);
-        let counts = voxelize(points, &network.grid, self.uses_intensity, voxels);
+        let counts = match &mut self.ground {
+            None => voxelize(points, &network.grid, self.uses_intensity, voxels),
+            Some(ground) => {
+                level(points, ground.find(points), &mut self.levelled);
+                watch.step("ground", points.len(), Reads::Nothing);
+                let counts = voxelize(&self.levelled, &network.grid, false, voxels);
+                localize(&network.grid, voxels);
+                counts
+            }
+        };
         let place = Place::Sites(&voxels.sites);
         watch.step("voxels", voxels.sites.len(), Reads::Nothing);
         let values = (&voxels.rows[..], &QuantScale::identity());
@@ -90,6 +108,11 @@ impl<V: Value> SparsePart<V> {
         counts
     }
 
+    /// The last scan's ground ([`mluc_geometry::ground::GROUND_NODES`] heights, m); empty unless the network's input is local.
+    pub(crate) fn ground_m(&self) -> &[f32] {
+        self.ground.as_ref().map_or(&[], GroundGrid::heights_m)
+    }
+
     /// Sites of the last layer.
     pub(crate) fn sites(&self) -> &Sites {
         self.books
@@ -105,4 +128,17 @@ impl<V: Value> SparsePart<V> {
     pub(crate) fn rows(&self) -> &[V] {
         &self.rows
     }
+}
+
+/// The points with their height above the ground in place of z.
+fn level(points: &[[f32; 4]], ground_m: &[f32], levelled: &mut Vec<[f32; 4]>) {
+    levelled.resize(points.len(), [0.0; 4]);
+    let chunks = levelled.par_chunks_mut(POINTS_A_TASK);
+    chunks
+        .zip(points.par_chunks(POINTS_A_TASK))
+        .for_each(|(levelled, points)| {
+            for (levelled, &[x, y, z, intensity]) in levelled.iter_mut().zip(points) {
+                *levelled = [x, y, z - ground_height_m(ground_m, [x, y]), intensity];
+            }
+        });
 }

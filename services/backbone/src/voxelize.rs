@@ -11,7 +11,7 @@ use crate::sites::Sites;
 const NON_FINITE: usize = usize::MAX;
 const OUT_OF_RANGE: usize = usize::MAX - 1;
 /// Points that one task looks at: some 50 microseconds of work.
-const POINTS_A_TASK: usize = 8192;
+pub(crate) const POINTS_A_TASK: usize = 8192;
 
 /// Channels of a voxel's row: x, y, z (m), intensity.
 pub const VOXEL_CHANNELS: usize = 4;
@@ -77,6 +77,19 @@ pub fn voxelize(
     voxels.sites.finish();
     average(points, grid, uses_intensity, voxels);
     counts
+}
+
+/// Rows of [`mluc_model::VoxelInput::Local`] from those of heights above the ground: mean x and y become the way from the voxel's centre,
+/// in voxels; intensity goes.
+pub fn localize(grid: &Grid, voxels: &mut Voxels) {
+    let sites = voxels.sites.coordinates();
+    for (row, [_, y, x]) in voxels.rows.chunks_exact_mut(VOXEL_CHANNELS).zip(sites) {
+        for (axis, cell) in [x, y].into_iter().enumerate() {
+            let at = (row[axis] - grid.range_min_m[axis]) / grid.voxel_size_m[axis];
+            row[axis] = at - (f32::from(*cell) + 0.5);
+        }
+        row[3] = 0.0;
+    }
 }
 
 /// Opens the voxels and notes each point's.

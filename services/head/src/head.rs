@@ -1,6 +1,7 @@
 //! Feature rows to detections: the stage as one function.
 
 use mluc_geometry::Box3;
+use mluc_geometry::ground::ground_height_m;
 use mluc_ipc_types::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
@@ -307,6 +308,18 @@ impl Candidate {
     /// Its anchor's class; beyond the classes lie the sizes without one.
     fn class(&self) -> usize {
         Anchors::class(self.anchor as usize)
+    }
+}
+
+/// Boxes that stand on the ground of a scan (see [`mluc_geometry::ground`]), in the sensor frame; no change where `ground_m` is
+/// empty: the boxes of a network whose input is not local are there already.
+pub fn stand_on_ground(detections: &mut [Detection], ground_m: &[f32]) {
+    if ground_m.is_empty() {
+        return;
+    }
+    for detection in detections {
+        let [x, y, z] = &mut detection.center_m;
+        *z += ground_height_m(ground_m, [*x, *y]);
     }
 }
 

@@ -14,7 +14,7 @@ pub mod prototypes;
 mod report;
 mod suppress;
 
-pub use head::Head;
+pub use head::{Head, stand_on_ground};
 pub use mluc_ipc_types::{Detection, DetectionKind};
 pub use report::{HeadCounts, HeadError};
 

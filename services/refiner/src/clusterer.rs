@@ -4,10 +4,11 @@ use mluc_geometry::Box3;
 use mluc_ipc_types::{DETECTIONS_MAX, Disposition, Object, Point};
 
 use crate::clusters::{ClusterFinder, FrameCluster, Matcher, Measures};
-use crate::frame::{FrameIndex, tile_rows};
+use crate::frame::FrameIndex;
 use crate::output::Counters;
 use crate::proposal::{NEAR_M, Proposal, reach_m};
 use crate::{Sensor, Settings};
+use mluc_geometry::ground::tiles::tile_rows;
 
 /// One frame, and what comes of it.
 pub(crate) struct FrameTask<'a> {

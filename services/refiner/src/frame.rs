@@ -3,19 +3,11 @@
 //! A counting sort that is linear in the points. Points that are not finite, or further than 128 m from the sensor along x
 //! or y, are left out and counted.
 
-use std::ops::Range;
-
+use mluc_geometry::ground::Lowest;
+use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_ipc_types::{POINTS_MAX, Point};
 use mluc_kernels::at_best;
 
-/// Half the side of the square that is looked at, m: farther than such sensors reach.
-pub(crate) const HALF_EXTENT_M: f64 = 128.0;
-/// Tiles along a side.
-pub(crate) const SIDE: usize = 2 * HALF_EXTENT_M as usize;
-/// All tiles.
-pub(crate) const TILES: usize = SIDE * SIDE;
-/// No tile, and no point.
-const NONE: u32 = u32::MAX;
 /// Points whose tiles are worked out together.
 const BLOCK: usize = 256;
 
@@ -34,8 +26,8 @@ pub struct IndexedPoint {
 pub struct FrameIndex {
     /// First slot of each tile, and one past the last.
     tile_first: Vec<u32>,
-    /// Slot of each tile's lowest point; [`NONE`] where it is empty.
-    lowest_slot: Vec<u32>,
+    /// Of each tile.
+    pub lowest: Lowest,
     /// Points within the square and their tiles.
     kept: Vec<(u32, u32)>,
     slots: Vec<IndexedPoint>,
@@ -49,7 +41,7 @@ impl Default for FrameIndex {
     fn default() -> FrameIndex {
         FrameIndex {
             tile_first: vec![0; TILES + 1],
-            lowest_slot: vec![NONE; TILES],
+            lowest: Lowest::default(),
             kept: Vec::with_capacity(POINTS_MAX),
             slots: Vec::with_capacity(POINTS_MAX),
             not_finite: 0,
@@ -72,14 +64,14 @@ impl FrameIndex {
         self.not_finite = 0;
         self.tile_first.fill(0);
         self.kept.clear();
-        let mut tile_of_point = [NONE; BLOCK];
+        let mut tile_of_point = [NO_TILE; BLOCK];
         for (block, points) in scan.chunks(BLOCK).enumerate() {
             at_best(
                 #[inline(always)]
                 || tiles_of(points, &mut tile_of_point),
             );
             for (i, (point, &tile)) in points.iter().zip(&tile_of_point).enumerate() {
-                if tile == NONE {
+                if tile == NO_TILE {
                     let at_m = [point.x_m, point.y_m, point.z_m];
                     let is_finite = at_m.iter().all(|v| v.is_finite());
                     self.outside += u32::from(is_finite);
@@ -115,22 +107,13 @@ impl FrameIndex {
         self.tile_first[0] = 0;
     }
 
-    /// Ties go by x and y, so that the order of the scan does not matter.
     fn find_lowest(&mut self) {
+        self.lowest.clear();
         for tile in 0..TILES {
-            let own = self.points_in(tile);
-            let Some(first) = own.first() else {
-                self.lowest_slot[tile] = NONE;
-                continue;
-            };
-            let (mut best, [mut bx, mut by, mut bz]) = (0, first.at_m);
-            for (i, point) in own.iter().enumerate() {
-                let [x, y, z] = point.at_m;
-                if z < bz || (z == bz && (x < bx || (x == bx && y < by))) {
-                    (best, [bx, by, bz]) = (i as u32, point.at_m);
-                }
+            let [first, end] = [tile, tile + 1].map(|tile| self.tile_first[tile] as usize);
+            for point in &self.slots[first..end] {
+                self.lowest.lower(tile, point.at_m);
             }
-            self.lowest_slot[tile] = self.tile_first[tile] + best;
         }
     }
 
@@ -156,73 +139,14 @@ impl FrameIndex {
             &self.slots[first..end]
         })
     }
-
-    /// The lowest point of every tile that a square touches.
-    pub fn lowest_around(
-        &self,
-        center_m: [f64; 2],
-        half_side_m: f64,
-    ) -> impl Iterator<Item = &IndexedPoint> {
-        let rows = tile_rows(center_m, half_side_m);
-        // Rows without a point are passed over at once.
-        let rows = rows.filter(|t| self.tile_first[t.start] < self.tile_first[t.end]);
-        let slots = rows.flat_map(|tiles| &self.lowest_slot[tiles]);
-        let slots = slots.filter(|&&slot| slot != NONE);
-        slots.map(|&slot| &self.slots[slot as usize])
-    }
 }
 
 /// The tile of each point of a block.
 #[inline(always)]
 fn tiles_of(points: &[Point], tiles: &mut [u32; BLOCK]) {
     for (tile, point) in tiles.iter_mut().zip(points) {
-        *tile = tile_of(point);
+        *tile = tile_of([point.x_m, point.y_m, point.z_m]);
     }
-}
-
-/// [`NONE`] outside of the square, and for numbers that are not finite.
-#[inline(always)]
-fn tile_of(point: &Point) -> u32 {
-    let x = point.x_m + HALF_EXTENT_M as f32;
-    let y = point.y_m + HALF_EXTENT_M as f32;
-    // Comparisons with NaN are false. No short cuts: branches that depend on the data cost more than comparisons.
-    let side = 0.0..SIDE as f32;
-    let inside = side.contains(&x) & side.contains(&y) & (point.z_m.abs() <= f32::MAX);
-    if inside {
-        whole(y) * SIDE as u32 + whole(x)
-    } else {
-        NONE
-    }
-}
-
-/// The whole part of a number of 0 to 2^23, by steps that registers of several numbers can do: adding 2^23 leaves it in
-/// the low bits.
-#[inline(always)]
-pub(crate) fn whole(v: f32) -> u32 {
-    (v.trunc() + 8_388_608.0).to_bits() & 0x7F_FFFF
-}
-
-/// The middle of a tile, m.
-pub(crate) fn middle_m(tile: usize) -> [f64; 2] {
-    [tile % SIDE, tile / SIDE].map(|i| i as f64 + 0.5 - HALF_EXTENT_M)
-}
-
-/// The tiles that a square touches, row by row; none for a centre or half side that is not a number.
-pub(crate) fn tile_rows(
-    center_m: [f64; 2],
-    half_side_m: f64,
-) -> impl Iterator<Item = Range<usize>> {
-    let [columns, rows] = center_m.map(|center| {
-        let low = center - half_side_m + HALF_EXTENT_M;
-        let high = center + half_side_m + HALF_EXTENT_M;
-        // False for NaN as well.
-        if low < SIDE as f64 && high >= 0.0 && low <= high {
-            low.max(0.0) as usize..(high as usize).min(SIDE - 1) + 1
-        } else {
-            0..0
-        }
-    });
-    rows.map(move |row| row * SIDE + columns.start..row * SIDE + columns.end)
 }
 
 #[cfg(test)]
@@ -230,13 +154,15 @@ mod tests {
     use super::*;
     use crate::testing::{point, sorted};
 
-    fn found(frame: &FrameIndex, center_m: [f64; 2], half_side_m: f64) -> [Vec<u32>; 2] {
+    /// Points around a place, and the lowest of each tile there.
+    fn found(
+        frame: &FrameIndex,
+        center_m: [f64; 2],
+        half_side_m: f64,
+    ) -> (Vec<u32>, Vec<[f32; 3]>) {
         let points = frame.rows_around(center_m, half_side_m).flatten();
-        let lowest = frame.lowest_around(center_m, half_side_m);
-        [
-            points.map(|p| p.index).collect(),
-            lowest.map(|p| p.index).collect(),
-        ]
+        let lowest = frame.lowest.around(center_m, half_side_m);
+        (points.map(|p| p.index).collect(), lowest.collect())
     }
 
     #[test]
@@ -251,15 +177,18 @@ mod tests {
         ]
         .map(point);
         let mut frame = sorted(&scan);
-        assert_eq!(found(&frame, [10.0, 0.0], 2.0), [vec![0, 1], vec![1]]);
+        assert_eq!(
+            found(&frame, [10.0, 0.0], 2.0),
+            (vec![0, 1], vec![[10.8, 0.4, -1.0]])
+        );
         for (center_m, half_side_m) in [([f64::NAN, 0.0], 2.0), ([0.0, 0.0], -1.0)] {
-            let [points, lowest] = found(&frame, center_m, half_side_m);
+            let (points, lowest) = found(&frame, center_m, half_side_m);
             assert!(points.is_empty() && lowest.is_empty());
         }
         assert_eq!((frame.not_finite, frame.outside), (2, 1));
         frame.sort(&vec![point([10.0, 1.0, 0.0]); POINTS_MAX + 7]);
         assert_eq!(frame.outside, 7, "beyond the limit");
-        assert_eq!(found(&frame, [10.0, 1.0], 1.0)[0].len(), POINTS_MAX);
+        assert_eq!(found(&frame, [10.0, 1.0], 1.0).0.len(), POINTS_MAX);
     }
 
     #[test]
@@ -268,14 +197,14 @@ mod tests {
         let places = places.map(|i| [i * 0.37 % 60.0 - 30.0, i * 0.91 % 50.0 - 25.0, i * 1e-3]);
         let scan: Vec<Point> = places.map(point).collect();
         let mut used = sorted(&scan);
-        let mut all = found(&used, [0.0, 0.0], 40.0)[0].clone();
+        let mut all = found(&used, [0.0, 0.0], 40.0).0;
         all.sort_unstable();
         assert!(all.into_iter().eq(0..4000));
         for some in scan.chunks(1300) {
             let fresh = sorted(some);
             used.sort(some);
             let own = found(&fresh, [20.0, 10.0], 12.0);
-            assert!(!own[0].is_empty());
+            assert!(!own.0.is_empty());
             assert_eq!(own, found(&used, [20.0, 10.0], 12.0));
             assert!(fresh.occupied_tiles().eq(used.occupied_tiles()));
         }

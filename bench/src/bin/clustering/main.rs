@@ -12,9 +12,10 @@ use clap::Parser;
 use mluc_bench::clock::{lap_quantile, timed};
 use mluc_bench::inputs;
 use mluc_bench::machine::describe_here;
+use mluc_geometry::ground::GroundPlane;
 use mluc_refiner::paper::grow::{Dbscan, Euclidean, Grower, Growth};
 use mluc_refiner::paper::{Gather, Neighbourhood};
-use mluc_refiner::{FrameIndex, GroundPlane, Settings};
+use mluc_refiner::{FrameIndex, Settings};
 use mluc_simulate::SimulatedFrame;
 use serde_json::{Value, json};
 
@@ -76,7 +77,7 @@ fn candidates(
     for object in &frame.objects {
         let center_m = object.box_in_sensor.center_m;
         let center_xy_m = [center_m[0], center_m[1]];
-        let ground = GroundPlane::fit(&index, center_xy_m, SENSOR_HEIGHT_M);
+        let ground = GroundPlane::fit(&index.lowest, center_xy_m, SENSOR_HEIGHT_M);
         let off = |at_m: [f32; 3]| -> f64 {
             let off = [0, 1, 2].map(|i| f64::from(at_m[i]) - center_m[i]);
             off.iter().map(|value| value * value).sum()

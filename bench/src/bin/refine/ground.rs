@@ -8,7 +8,8 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use mluc_bench::clock::timed;
 use mluc_bench::inputs::sensor;
-use mluc_refiner::{FrameIndex, GroundLabel, GroundMap};
+use mluc_geometry::ground::GroundMap;
+use mluc_refiner::{FrameIndex, GroundLabel, label_ground};
 use serde::Serialize;
 
 use crate::Setup;
@@ -43,7 +44,8 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()>
             let lap = timed(|| {
                 index.sort(&frame.points);
                 ground.clear();
-                ground.label(&index, frame.points.len(), clearance_m, &mut labels);
+                let count = frame.points.len();
+                label_ground(&mut ground, &index, count, clearance_m, &mut labels);
             });
             if pass > 0 {
                 laps.push(lap);

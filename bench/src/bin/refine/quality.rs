@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 
 use mluc_bench::inputs::{box_of, candidate, sensor};
+use mluc_geometry::ground::GroundPlane;
 use mluc_geometry::{Box3, iou_3d};
 use mluc_ipc_types::{Object, Point};
 use mluc_refiner::fit::{Closeness, ClusterPoints, Extend};
-use mluc_refiner::{FrameIndex, GroundPlane, Refiner, RefinerOutput, Settings};
+use mluc_refiner::{FrameIndex, Refiner, RefinerOutput, Settings};
 use serde::Serialize;
 
 use crate::scene::{Frame, inside, keyed, proposal};
@@ -151,7 +152,7 @@ fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f6
     let clearance_m = Settings::default().ground_clearance_m;
     let center = [object.center_m[0], object.center_m[1]];
     frame.sort(points);
-    let plane = GroundPlane::fit(frame, center, height_m);
+    let plane = GroundPlane::fit(&frame.lowest, center, height_m);
     let mut own = ClusterPoints::default();
     own.start(center);
     for p in inside(points, object) {

@@ -7,7 +7,7 @@ use crate::{
 };
 use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;
-use mluc_head::{Detection, Head};
+use mluc_head::{Detection, Head, stand_on_ground};
 use mluc_ipc_types::Object;
 use mluc_model::{HeadKind, Model};
 use mluc_refiner::{Refiner, RefinerError, RefinerOutput, Settings};
@@ -34,6 +34,7 @@ pub fn detect_frames(
         let (cells, rows) = backbone.last_rows()?;
         let mut detections = Vec::new();
         let generic = head.run(&cells, &rows, &mut detections)?.generic as usize;
+        stand_on_ground(&mut detections, backbone.ground_m());
         step();
         Ok(DetectedFrame {
             truth: set.truth(index)?,

@@ -61,7 +61,7 @@ fn describe_model(model: &Model) -> Finding {
 fn needed_bytes(model: &Model) -> u64 {
     let network = &model.manifest.network;
     let cells = network.map_shape().iter().product();
-    let blocks = feature_blocks(cells, network.feature_channels());
+    let blocks = feature_blocks(cells, network.feature_channels(), network.ground_nodes());
     let pools = [
         (Topic::POINTS, POINTS_MAX),
         (Topic::FEATURES, blocks),

@@ -21,7 +21,8 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
     backbone.warm_up(manifest)?;
     let channels = backbone.feature_channels();
     let cells = backbone.map_shape().iter().product();
-    let output = shell.output(&Topic::FEATURES, feature_blocks(cells, channels))?;
+    let blocks = feature_blocks(cells, channels, manifest.network.ground_nodes());
+    let output = shell.output(&Topic::FEATURES, blocks)?;
     let frames = Frames::of_ingest(shell, &Topic::POINTS)?;
     let stage = BackboneStage {
         backbone,
@@ -48,11 +49,12 @@ impl Algorithm for BackboneStage {
         self.rows = frame.rows;
         header.feature_rows = frame.rows as u32;
         header.feature_channels = self.channels as u32;
-        Ok(feature_blocks(frame.rows, self.channels))
+        let ground_nodes = self.backbone.ground_m().len();
+        Ok(feature_blocks(frame.rows, self.channels, ground_nodes))
     }
 
     fn write(&mut self, output: &mut [FeatureBlock]) -> Result<(), StageError> {
-        let (cells, rows) = FeatureRows::split_mut(output, self.rows);
+        let (cells, rows) = FeatureRows::split_mut(output, self.rows, self.backbone.ground_m());
         let written = self.backbone.write_rows(cells, rows);
         written.map_err(StageError::failed)
     }

@@ -1,6 +1,6 @@
 //! Feature rows to detections (paper section 3.2).
 
-use mluc_head::Head;
+use mluc_head::{Head, stand_on_ground};
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FeatureBlock, FeatureRows, Flags, FrameHeader, Stage, Topic,
 };
@@ -11,6 +11,7 @@ struct HeadStage {
     head: Head,
     map_cells: usize,
     channels: usize,
+    ground_nodes: usize,
     detections: Vec<Detection>,
 }
 
@@ -20,6 +21,7 @@ pub(crate) fn run(shell: &mut Shell, model: &Model) -> anyhow::Result<()> {
         head: Head::new(&model.manifest, &model.weights)?,
         map_cells: network.map_shape().iter().product(),
         channels: network.feature_channels(),
+        ground_nodes: network.ground_nodes(),
         detections: Vec::with_capacity(DETECTIONS_MAX),
     };
     let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
@@ -37,10 +39,13 @@ impl Algorithm for HeadStage {
         header: &mut FrameHeader,
         input: StageInput<'_, FeatureBlock>,
     ) -> Result<usize, StageError> {
-        let features = FeatureRows::checked(header, input.elements, self.map_cells, self.channels)?;
+        let (cells, channels) = (self.map_cells, self.channels);
+        let features =
+            FeatureRows::checked(header, input.elements, cells, channels, self.ground_nodes)?;
         let FeatureRows { cells, rows, .. } = features;
         let counts = self.head.run(cells, rows, &mut self.detections);
         let counts = counts.map_err(StageError::failed)?;
+        stand_on_ground(&mut self.detections, features.ground_m);
         header.count_over(Flags::LIMIT_CANDIDATES, counts.over_candidates_max);
         if counts.boxes_max_reached {
             header.flag(Flags::LIMIT_DETECTIONS);

@@ -9,13 +9,14 @@ use std::ops::Range;
 use super::FrameCounters;
 use super::places::{Places, SIDE};
 use crate::fit::{higher, lower};
-use crate::frame::{self, HALF_EXTENT_M, IndexedPoint};
+use crate::frame::IndexedPoint;
+use mluc_geometry::ground::tiles::{self, HALF_EXTENT_M};
 
 /// Side of a cell, m: its diagonal is below the shortest full join distance (0.4 m).
 const CELL_M: f32 = 0.25;
 /// Cells along a tile's side.
 const PER_TILE: u32 = 4;
-const _: () = assert!(SIDE == frame::SIDE * PER_TILE as usize);
+const _: () = assert!(SIDE == tiles::SIDE * PER_TILE as usize);
 const EMPTY: u32 = u32::MAX;
 /// Cells that any reach spans at most: join distances up to 3.5 m; beyond it a reach is cut short.
 const REACH_MAX: u32 = 15;
@@ -65,7 +66,7 @@ impl Default for Cells {
     fn default() -> Cells {
         Cells {
             number_at: vec![EMPTY; SIDE * SIDE],
-            tiles: vec![[EMPTY; 2]; frame::TILES],
+            tiles: vec![[EMPTY; 2]; tiles::TILES],
             added: Vec::new(),
             cells: Vec::new(),
             places_m: Vec::new(),
@@ -146,7 +147,7 @@ impl Cells {
 
     /// The cells of the tiles, added before, that a square touches.
     pub(super) fn around(&self, center_m: [f64; 2], half_side_m: f64) -> impl Iterator<Item = u32> {
-        let tiles = frame::tile_rows(center_m, half_side_m).flatten();
+        let tiles = tiles::tile_rows(center_m, half_side_m).flatten();
         tiles.flat_map(|tile| self.tiles[tile][0]..self.tiles[tile][1])
     }
 
@@ -202,7 +203,7 @@ impl Cells {
             let tiles = |range: &Range<u32>| range.start / PER_TILE..range.end.div_ceil(PER_TILE);
             for row in tiles(rows) {
                 for column in tiles(columns) {
-                    let tile = row as usize * frame::SIDE + column as usize;
+                    let tile = row as usize * tiles::SIDE + column as usize;
                     if !cells.has_tile(tile) {
                         add(cells, tile);
                         insert_new(cells);
@@ -370,7 +371,7 @@ mod tests {
         let mut tiles: BTreeMap<usize, Vec<IndexedPoint>> = BTreeMap::new();
         for (index, &[x, y]) in points.iter().enumerate() {
             let at = [x, y].map(|v| (v + HALF_EXTENT_M as f32) as usize);
-            let tile = tiles.entry(at[1] * frame::SIDE + at[0]).or_default();
+            let tile = tiles.entry(at[1] * tiles::SIDE + at[0]).or_default();
             tile.push(IndexedPoint {
                 at_m: [x, y, 0.0],
                 index: index as u32,

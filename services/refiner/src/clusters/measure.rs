@@ -7,8 +7,8 @@ use nalgebra::Matrix3;
 
 use crate::Sensor;
 use crate::fit::{ClusterPoints, Rectangle, higher, lower};
-use crate::frame::whole;
-use crate::ground::GroundPlane;
+use mluc_geometry::ground::GroundPlane;
+use mluc_geometry::ground::tiles::whole;
 
 /// Measurements of one cluster, as the sensor saw it: nothing is completed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

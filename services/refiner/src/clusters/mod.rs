@@ -22,13 +22,14 @@ use mluc_ipc_types::{POINTS_MAX, Point};
 use crate::ascending::Ascending;
 use crate::fit::{Fitter, Footprint};
 use crate::frame::{FrameIndex, IndexedPoint};
-use crate::ground_map::GroundMap;
-use crate::{GroundPlane, RefinerError, Sensor, Settings};
+use crate::ground_heights::heights;
+use crate::{RefinerError, Sensor, Settings};
 use cells::Cells;
 use cluster::mean_m;
 use divide::Divider;
 pub(crate) use matching::Matcher;
 use measure::Measurer;
+use mluc_geometry::ground::{GroundMap, GroundPlane};
 
 /// No cluster.
 pub const NO_CLUSTER: u32 = u32::MAX;
@@ -74,7 +75,7 @@ impl FrameClusterer {
 
     /// The ground at a place of the last frame, m.
     pub fn ground_at(&mut self, place_m: [f64; 2]) -> GroundPlane {
-        self.finder.ground.plane_at(&self.frame, place_m)
+        self.finder.ground.plane_at(&self.frame.lowest, place_m)
     }
 }
 
@@ -134,7 +135,7 @@ impl ClusterFinder {
         let mut add = |cells: &mut Cells, tile: usize| {
             standing.clear();
             let counters = &mut cells.counters;
-            for (point, height) in ground.heights(frame, tile) {
+            for (point, height) in heights(ground, frame, tile) {
                 if height < low {
                     counters.points_ground += 1;
                 } else if height > high {
@@ -198,7 +199,7 @@ impl ClusterFinder {
             );
             cluster.push(x as f32, y as f32, p.z_m);
         }
-        let ground = self.ground.plane_at(frame, origin_m);
+        let ground = self.ground.plane_at(&frame.lowest, origin_m);
         let (shape, tight) = self.fitter.fit(&ground);
         let cluster = &self.fitter.points;
         FrameCluster {

@@ -3,9 +3,9 @@
 use mluc_geometry::Box3;
 
 use super::{ClusterPoints, Rectangle};
-use crate::ground::GroundPlane;
 use crate::priors::{CutTop, EndFace};
 use crate::{PRIORS, Priors, Sensor, Settings, Variant};
+use mluc_geometry::ground::GroundPlane;
 
 /// Sizes of published boxes are above 0.
 const SIZE_MIN_M: f64 = 0.1;

@@ -7,7 +7,8 @@ use mluc_geometry::Box3;
 use serde::{Deserialize, Serialize};
 
 use super::{Closeness, ClusterPoints, Extend, Rectangle};
-use crate::{GroundPlane, Sensor, Settings};
+use crate::{Sensor, Settings};
+use mluc_geometry::ground::GroundPlane;
 
 /// How a rectangle is laid around a cluster.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -14,10 +14,10 @@ use crate::clusterer::{Clusterer, FrameTask};
 use crate::clusters::Measures;
 use crate::fit::{Fitter, Footprint};
 use crate::frame::IndexedPoint;
-use crate::ground::GroundPlane;
 use crate::proposal::Proposal;
 use crate::{Sensor, Settings, Variant};
 use grow::{Depth, Grower, Growth, Printed};
+use mluc_geometry::ground::GroundPlane;
 use seed::Seek;
 
 /// Work in points looked at, measured by time, of a candidate before any point,
@@ -101,7 +101,7 @@ impl Clusterer for PaperClusterer {
         self.ground = if self.is_printed {
             GroundPlane::flat([x, y], self.sensor_height_m)
         } else {
-            GroundPlane::fit(task.frame, [x, y], self.sensor_height_m)
+            GroundPlane::fit(&task.frame.lowest, [x, y], self.sensor_height_m)
         };
         self.members.clear();
         task.counters.work += WORK_PER_CANDIDATE;

@@ -1,7 +1,7 @@
 //! The points around one candidate's seed, in columns, relative to the seed.
 
 use crate::frame::{FrameIndex, IndexedPoint};
-use crate::ground::GroundPlane;
+use mluc_geometry::ground::GroundPlane;
 
 /// Points within a cylinder around a seed. Columns of equal length.
 #[derive(Debug, Default)]

@@ -3,9 +3,9 @@
 use mluc_geometry::{Box3, Random};
 
 use crate::frame::{FrameIndex, IndexedPoint};
-use crate::ground::GroundPlane;
 use crate::inside::Inside;
 use crate::proposal::{ENLARGED, NEAR_M, reach_m};
+use mluc_geometry::ground::GroundPlane;
 
 /// What seeds are looked for in.
 #[derive(Clone, Copy, Debug)]

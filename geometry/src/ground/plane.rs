@@ -4,7 +4,7 @@
 //! the last plane leave them out. Measured on real scans this equals per-patch plane fitting over the whole frame for
 //! our purpose, at 5 us a candidate.
 
-use crate::frame::FrameIndex;
+use super::Lowest;
 
 /// z = height_m + slope . (x, y - origin).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,20 +48,17 @@ impl GroundPlane {
     }
 
     /// Fits the ground around a centre; flat at the sensor's height where there is too little to go by.
-    pub fn fit(frame: &FrameIndex, center_m: [f64; 2], sensor_height_m: f64) -> GroundPlane {
-        let found = GroundPlane::find(frame, center_m);
+    pub fn fit(lowest: &Lowest, center_m: [f64; 2], sensor_height_m: f64) -> GroundPlane {
+        let found = GroundPlane::find(lowest, center_m);
         found.unwrap_or_else(|| GroundPlane::flat(center_m, sensor_height_m))
     }
 
     /// Fits the ground around a centre; `None` where there is too little to go by.
-    pub fn find(frame: &FrameIndex, center_m: [f64; 2]) -> Option<GroundPlane> {
-        let mut lowest = frame.lowest_around(center_m, RADIUS_M).peekable();
-        // Most places of a frame are far from any point.
-        lowest.peek()?;
+    pub fn find(lowest: &Lowest, center_m: [f64; 2]) -> Option<GroundPlane> {
         let mut cells = [[0.0; 3]; CELLS_MAX];
         let mut count = 0;
-        for point in lowest {
-            let [x, y, z] = point.at_m.map(f64::from);
+        for point in lowest.around(center_m, RADIUS_M) {
+            let [x, y, z] = point.map(f64::from);
             let (dx, dy) = (x - center_m[0], y - center_m[1]);
             let near = dx * dx + dy * dy <= RADIUS_M * RADIUS_M;
             if near && count < CELLS_MAX {
@@ -127,7 +124,13 @@ fn least_squares(cells: &[[f64; 3]], last: &GroundPlane, band_m: f64) -> Option<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{point, sorted};
+
+    fn lowest(points: impl IntoIterator<Item = [f32; 3]>) -> Lowest {
+        let points: Vec<_> = points.into_iter().map(|[x, y, z]| [x, y, z, 0.0]).collect();
+        let mut lowest = Lowest::default();
+        lowest.add(points.iter());
+        lowest
+    }
 
     #[test]
     fn a_sloping_road_is_found_under_a_block() {
@@ -136,10 +139,9 @@ mod tests {
             let (x, y) = (10.0 + 0.2 * (i / 100) as f32, 0.2 * (i % 100) as f32 - 10.0);
             let z = -1.7 + 0.05 * (x - 20.0) + 0.02 * y;
             let on_block = (18.0..22.0).contains(&x) && (-1.0..1.0).contains(&y);
-            point([x, y, if on_block { z + 1.5 } else { z }])
+            [x, y, if on_block { z + 1.5 } else { z }]
         });
-        let frame = sorted(&scan.collect::<Vec<_>>());
-        let plane = GroundPlane::fit(&frame, [20.0, 0.0], 1.73);
+        let plane = GroundPlane::fit(&lowest(scan), [20.0, 0.0], 1.73);
         // The lowest point of a cell on a slope is its lower edge: the plane goes through those.
         assert!((plane.height_m + 1.7).abs() < 0.03, "{plane:?}");
         assert!((plane.slope[0] - 0.05).abs() < 0.005 && (plane.slope[1] - 0.02).abs() < 0.005);
@@ -148,17 +150,16 @@ mod tests {
 
     #[test]
     fn nothing_to_go_by_means_flat_ground_at_the_sensors_height() {
-        for scan in [vec![], vec![point([20.0, 0.0, 3.0]); 5000]] {
-            let plane = GroundPlane::fit(&sorted(&scan), [20.0, 0.0], 1.5);
+        for scan in [vec![], vec![[20.0, 0.0, 3.0]; 5000]] {
+            let plane = GroundPlane::fit(&lowest(scan), [20.0, 0.0], 1.5);
             assert_eq!(plane, GroundPlane::flat([20.0, 0.0], 1.5));
         }
     }
 
     #[test]
     fn a_wall_is_no_ground() {
-        let wall = (0..2000).map(|i| point([12.0 + 0.008 * i as f32, 0.5, (i % 40) as f32 * 0.1]));
-        let frame = sorted(&wall.collect::<Vec<_>>());
-        let plane = GroundPlane::fit(&frame, [20.0, 0.0], 1.73);
+        let wall = (0..2000).map(|i| [12.0 + 0.008 * i as f32, 0.5, (i % 40) as f32 * 0.1]);
+        let plane = GroundPlane::fit(&lowest(wall), [20.0, 0.0], 1.73);
         assert!(plane.slope[0].hypot(plane.slope[1]) <= SLOPE_MAX && plane.height_m.is_finite());
     }
 }
