@@ -4,6 +4,7 @@
 //! ground of its new place. It is turned down where it would touch another object or stand in a wall.
 
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
+use std::sync::Arc;
 
 use mluc_geometry::{Box3, Random, intersection_bev_m2, limit_period};
 use mluc_model::Grid;
@@ -31,7 +32,7 @@ const OBSTACLE_HEIGHT_M: f64 = 0.3;
 #[derive(Clone, Debug)]
 pub struct Augmentation {
     /// Objects to paste.
-    pub database: Database,
+    pub database: Arc<Database>,
     /// Objects of each class after pasting.
     pub wanted: Vec<usize>,
     /// Synthetic unknown objects, a frame.
@@ -218,7 +219,7 @@ mod tests {
             }
         };
         Augmentation {
-            database: vec![vec![], (0..20).map(sample).collect()],
+            database: Arc::new(vec![vec![], (0..20).map(sample).collect()]),
             wanted: vec![0, 6],
             synthetic_unknown: 0,
             classes_m: vec![],

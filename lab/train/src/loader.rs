@@ -1,8 +1,9 @@
-//! Prepares batches on a thread of its own, a few steps ahead.
+//! Prepares batches on threads of their own, a few steps ahead.
 //!
 //! Which frames a step sees and how they are varied depends on the seed and the step alone.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
+use std::sync::Arc;
 use std::time::Instant;
 
 use crossbeam_channel::{Receiver, bounded};
@@ -20,7 +21,7 @@ use crate::settings::TrainSettings;
 use crate::source::ScanSource;
 use crate::targets::{CellClass, CellLabel, Targets};
 
-/// Batches that wait at most: bounds the memory.
+/// Batches of a thread that wait at most: bounds the memory.
 const QUEUE: usize = 2;
 
 /// The weight of a frame's background cells together, where its objects' is 1.
@@ -40,6 +41,7 @@ pub struct Batch {
 }
 
 /// What batches are made of.
+#[derive(Clone)]
 pub struct DataLoader {
     source: ScanSource,
     augmentation: Option<Augmentation>,
@@ -65,7 +67,7 @@ impl DataLoader {
         let open_set = settings.applied_open_set();
         let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
         let augmentation = settings.augment.then(|| Augmentation {
-            database,
+            database: Arc::new(database),
             wanted: settings.setting.objects_wanted().to_vec(),
             synthetic_unknown: open_set.synthetic_unknown,
             classes_m: sizes_m.collect(),
@@ -156,18 +158,35 @@ impl DataLoader {
             }));
     }
 
-    /// Batches of `steps`, prepared ahead. The thread ends when the receiver is dropped.
-    pub fn spawn(mut self, steps: std::ops::Range<u64>) -> Receiver<Result<Batch, TrainError>> {
-        let (sender, receiver) = bounded(QUEUE);
-        std::thread::spawn(move || {
-            for step in steps {
-                let batch = self.prepare(step);
-                let failed = batch.is_err();
-                if sender.send(batch).is_err() || failed {
-                    return;
+    /// Batches of `steps` in order, prepared ahead by one thread for every four cores. The threads end when the queue is dropped.
+    pub fn spawn(self, steps: std::ops::Range<u64>) -> BatchQueue {
+        let workers = rayon::current_num_threads().div_ceil(4);
+        let spawn = |first: usize| {
+            let (sender, receiver) = bounded(QUEUE);
+            let (mut loader, steps) = (self.clone(), steps.clone().skip(first).step_by(workers));
+            std::thread::spawn(move || {
+                for step in steps {
+                    let batch = loader.prepare(step);
+                    let failed = batch.is_err();
+                    if sender.send(batch).is_err() || failed {
+                        return;
+                    }
                 }
-            }
-        });
-        receiver
+            });
+            receiver
+        };
+        BatchQueue((0..workers).map(spawn).collect())
+    }
+}
+
+/// Batches in the order of their steps; the threads take turns.
+pub struct BatchQueue(VecDeque<Receiver<Result<Batch, TrainError>>>);
+
+impl BatchQueue {
+    /// The next step's batch; `None` after the last one, or where the thread that prepares it ended.
+    pub fn take(&mut self) -> Option<Result<Batch, TrainError>> {
+        let batch = self.0.front()?.recv().ok();
+        self.0.rotate_left(1);
+        batch
     }
 }

@@ -133,13 +133,15 @@ impl Run {
         let database = std::mem::take(&mut self.database);
         let loader = DataLoader::new(&settings, &self.manifest, self.source.clone(), database);
         let first = self.trainer.state.step;
-        let batches = loader.spawn(first..settings.steps);
+        let mut batches = loader.spawn(first..settings.steps);
         let mut log = Log::open(&settings, first > 0)?;
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         for step in first..settings.steps {
             let waited = Instant::now();
-            let ended = format!("the thread that prepares batches ended before step {step}");
-            let batch = batches.recv().map_err(|_| TrainError::Stopped(ended))??;
+            let ended = || format!("the thread that prepares batches ended before step {step}");
+            let batch = batches
+                .next()
+                .ok_or_else(|| TrainError::Stopped(ended()))??;
             let wait = 1e3 * waited.elapsed().as_secs_f64();
             let mut progress = self.trainer.step(&batch)?;
             progress.timing_ms.wait = wait;
