@@ -140,7 +140,7 @@ impl Run {
             let waited = Instant::now();
             let ended = || format!("the thread that prepares batches ended before step {step}");
             let batch = batches
-                .next()
+                .take()
                 .ok_or_else(|| TrainError::Stopped(ended()))??;
             let wait = 1e3 * waited.elapsed().as_secs_f64();
             let mut progress = self.trainer.step(&batch)?;
