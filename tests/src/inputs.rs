@@ -26,6 +26,18 @@ pub fn untrained_model(folder: &Path) -> PathBuf {
     path
 }
 
+/// A model file of setting udi with weights by formula, on a small map: nothing is learned, but every stage has work.
+pub fn untrained_udi() -> Vec<u8> {
+    let grid = Grid {
+        range_min_m: [-12.8, -12.8, -5.0],
+        range_max_m: [12.8, 12.8, 3.0],
+        ..Grid::udi()
+    };
+    let mut manifest = Manifest::untrained("udi", Network::compact(grid, 4));
+    manifest.thresholds.candidates_max = 300;
+    model_bytes(&manifest, &formula_weights(&manifest.network)).expect("a sound model")
+}
+
 /// Ground around the sensor and a car-sized box `distance_m` ahead, about 20,000 points.
 pub fn car_scan(distance_m: f32) -> Vec<[f32; 4]> {
     let mut points = Vec::new();

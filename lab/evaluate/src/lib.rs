@@ -13,6 +13,8 @@
 //! [`JudgedFrames`] keeps the parts, [`sweep`] judges halves of the data beside the whole, [`honest`] chooses on one half
 //! and reports on the other, [`JudgedFrames::bootstrap`] draws frames anew to say how far a figure can be trusted.
 
+#[cfg(test)]
+mod average_precision_tests;
 mod confusion;
 mod curve;
 mod difficulty;
@@ -24,7 +26,6 @@ mod open_set;
 pub mod pipeline;
 mod report;
 mod rule;
-mod separation;
 mod sweep;
 mod table;
 #[cfg(test)]
@@ -43,7 +44,6 @@ pub use rule::{
     ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, rules, unevaluated,
     unrecognized,
 };
-pub use separation::{auroc, fpr95};
 pub use sweep::{
     Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, honest, quantile_grid, sweep,
 };

@@ -205,22 +205,15 @@ pub fn unknown_as_known(frames: &[LabelledFrame], rules: &[ClassRule]) -> usize 
 mod tests {
     use super::*;
     use crate::UnknownProtocol;
-    use crate::testing::{camera_detection, label};
+    use crate::testing::{found_at, frame, label};
 
     #[test]
     fn a_known_detection_counts_once_and_an_unknown_one_does_not() {
         let labels = [("Van", 10.0), ("Van", 10.5), ("Van", 30.0), ("Car", 50.0)];
-        let found = |(x_m, kind)| camera_detection(kind, "car", x_m, 0.5);
-        let frame = LabelledFrame {
-            labels: labels.map(|(class, x_m)| label(class, x_m)).into(),
-            detections: [
-                (10.2, ObjectKind::Known),
-                (30.0, ObjectKind::Unknown),
-                (50.0, ObjectKind::Known),
-            ]
-            .map(found)
-            .into(),
-        };
+        let labels = labels.map(|(class, x_m)| label(class, x_m));
+        let found = [(10.2, "car"), (30.0, "unknown"), (50.0, "car")];
+        let found = found.map(|(x_m, class)| found_at(x_m, class, 0.5));
+        let frame = frame(labels.into(), found.into());
         let rule = ClassRule::unknown(&["van".to_owned()], 0.1, UnknownProtocol::Literal);
         assert_eq!(unknown_as_known(std::slice::from_ref(&frame), &[rule]), 1);
         assert_eq!(unknown_as_known(&[frame], &[]), 0);

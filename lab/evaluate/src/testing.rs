@@ -1,33 +1,43 @@
-//! Labels and detections for tests: boxes of 4 m x 2 m x 1.5 m on the x axis, without a camera, high enough to count.
+//! Labels and detections for tests.
 
-use crate::{CameraDetection, ObjectKind};
+use crate::{CameraDetection, LabelledFrame, ObjectKind, UNKNOWN};
 use mluc_dataset::Label;
-use mluc_geometry::{Box3, Calibration};
+use mluc_geometry::CameraBox;
 
-/// A label that nothing hides.
+/// An object of 4 m x 1.6 m x 1.5 m, 50 px high, that nothing hides; others stand beside it in space and in the image.
 pub(crate) fn label(class: &str, x_m: f64) -> Label {
-    let shape = Box3::new([x_m, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0]);
+    let left = 6.0 * x_m;
     Label {
         class: class.to_owned(),
-        image_box_px: [0.0, 0.0, 100.0, 100.0],
-        camera_box: Calibration::without_camera().label_from_box_in_sensor(&shape),
+        image_box_px: [left, 100.0, left + 50.0, 150.0],
+        camera_box: CameraBox {
+            location_m: [x_m, 1.7, 20.0],
+            size_hwl_m: [1.5, 1.6, 4.0],
+            rotation_y_rad: 0.3,
+        },
         ..Label::default()
     }
 }
 
-/// A detection just as large.
-pub(crate) fn camera_detection(
-    kind: ObjectKind,
-    class: &str,
-    x_m: f64,
-    score: f64,
-) -> CameraDetection {
-    let label = label(class, x_m);
+/// A detection just there.
+pub(crate) fn found(label: &Label, class: &str, score: f64) -> CameraDetection {
     CameraDetection {
-        kind,
+        kind: [ObjectKind::Known, ObjectKind::Unknown][usize::from(class == UNKNOWN)],
         class: class.to_owned(),
         score,
         image_box_px: label.image_box_px,
         upright: label.camera_box.upright(),
+    }
+}
+
+/// The same where a label of this place would be.
+pub(crate) fn found_at(x_m: f64, class: &str, score: f64) -> CameraDetection {
+    found(&label("", x_m), class, score)
+}
+
+pub(crate) fn frame(labels: Vec<Label>, detections: Vec<CameraDetection>) -> LabelledFrame {
+    LabelledFrame {
+        labels: labels.into(),
+        detections,
     }
 }
