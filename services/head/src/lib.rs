@@ -12,7 +12,6 @@ mod head;
 mod memory;
 pub mod prototypes;
 mod report;
-mod suppress;
 
 pub use head::Head;
 pub use mluc_ipc_types::{Detection, DetectionKind};

@@ -38,7 +38,7 @@ impl Algorithm for HeadStage {
         input: StageInput<'_, FeatureBlock>,
     ) -> Result<usize, StageError> {
         let features = FeatureRows::checked(header, input.elements, self.map_cells, self.channels)?;
-        let FeatureRows { cells, rows, .. } = features;
+        let FeatureRows { cells, rows } = features;
         let counts = self.head.run(cells, rows, &mut self.detections);
         let counts = counts.map_err(StageError::failed)?;
         header.count_over(Flags::LIMIT_CANDIDATES, counts.over_candidates_max);
