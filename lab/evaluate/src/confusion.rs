@@ -89,7 +89,7 @@ fn most_overlapped<'a>(
 mod tests {
     use super::*;
     use crate::UnknownProtocol;
-    use crate::testing::{found_at, frame, label};
+    use crate::tests::{found_at, frame, label};
 
     /// Checks both rows against classes that occur once each.
     fn check(labels: &[Label], detections: &[CameraDetection], found_as: &[&str], on: &[&str]) {

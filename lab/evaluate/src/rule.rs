@@ -268,7 +268,7 @@ pub fn unevaluated(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<String>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{found_at, frame, label};
+    use crate::tests::{found_at, frame, label};
 
     fn frames(labels: &[&str], detections: &[&str]) -> Vec<LabelledFrame> {
         let label = |class: &&str| label(class, 0.0);

@@ -1,9 +1,10 @@
 //! The stages one after the other, as plain function calls: the network over scans, then a gate and the refiner at many thresholds.
 
 use super::{DetectedFrame, FrameSet, ModelGate};
+use crate::sweep::sweep;
 use crate::{
     ClassRule, EvaluateError, FrameTruth, JudgedPoint, LabelledFrame, ObjectKind, SensorDetection,
-    UNKNOWN, sweep,
+    UNKNOWN,
 };
 use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;

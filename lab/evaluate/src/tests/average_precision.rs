@@ -1,9 +1,11 @@
 //! Average precision on hand-made frames whose answer follows from the devkit's rules on paper.
 
-use crate::testing::{found, frame, label};
+use super::{found, frame, label};
+use crate::curve::Curve;
+use crate::matching::match_frames;
 use crate::{
-    AveragePrecision, CameraDetection, ClassRule, Curve, Difficulty, LabelledFrame, Metric,
-    NeighbourPolicy, UnknownProtocol, match_frames,
+    AveragePrecision, CameraDetection, ClassRule, Difficulty, LabelledFrame, Metric,
+    NeighbourPolicy, UnknownProtocol,
 };
 use mluc_dataset::Label;
 use mluc_geometry::{Random, iou_3d};

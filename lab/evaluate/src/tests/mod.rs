@@ -1,5 +1,8 @@
 //! Labels and detections for tests.
 
+mod average_precision;
+mod open_set;
+
 use crate::{CameraDetection, LabelledFrame, ObjectKind, UNKNOWN};
 use mluc_dataset::Label;
 use mluc_geometry::CameraBox;
