@@ -11,6 +11,10 @@ use tempfile::TempDir;
 use crate::running::{Finished, Running, leftovers, unique_instance};
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 
+/// A calibration of KITTI's axes at the sensor, without a camera.
+pub const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
+    Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
+
 /// Writes a model with weights by formula, small and quick: it sees shapes and no sense. Its gate calls half of its
 /// boxes candidates, so that all stages have work.
 pub fn untrained_model(folder: &Path) -> PathBuf {
@@ -153,6 +157,12 @@ impl Setting {
         let files = ["--model".as_ref(), model, "--input".as_ref(), input];
         Running::mluc(command.split_whitespace().map(OsStr::new).chain(files))
     }
+}
+
+/// Writes a file, and the folders above it.
+pub fn write_file(path: &Path, content: impl AsRef<[u8]>) {
+    fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
+    fs::write(path, content).expect("a writable folder");
 }
 
 /// The checkout.

@@ -3,11 +3,9 @@
 use crate::{Folder, text};
 use mluc_dataset::read_boxes;
 use mluc_geometry::Box3;
-use mluc_tests::untrained_udi;
+use mluc_tests::{NO_CAMERA, untrained_udi};
 use serde_json::{Value, json};
 
-const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
-    Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
 const CAMERA: &str = "P2: 700 0 600 0 0 700 180 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
     Tr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n";
 

@@ -2,21 +2,22 @@
 //! files that are damaged or of PyTorch are refused with what was expected.
 
 use crate::Folder;
-use mluc_lab::exchange::{ImportRequest, SparseLayout, export, import, tensor_names};
-use mluc_model::{
-    Grid, HeadKind, Manifest, Model, Network, Tensor, WeightSet, formula_weights, model_bytes,
-};
+use mluc_lab::exchange::{self, SparseLayout, anchor, export, import, tensor_names};
+use mluc_model::{Grid, Manifest, Model, Network, Tensor, WeightSet, formula_weights, model_bytes};
 use std::collections::BTreeMap;
 
 type Fallible<T = ()> = anyhow::Result<T>;
 /// Tensors by OpenPCDet's names.
 type Entries = BTreeMap<String, Tensor>;
 
+/// As OpenPCDet configures it for KITTI.
+pub(crate) fn on_kitti() -> Manifest {
+    let classes = ["car", "pedestrian", "cyclist"].map(|class| anchor(class).expect("known"));
+    exchange::second("kitti", classes.into())
+}
+
 fn second() -> Network {
-    Network {
-        head: HeadKind::Sigmoid,
-        ..Network::second(Grid::kitti_second(), 3)
-    }
+    on_kitti().network
 }
 
 /// Weights by formula that see nothing in an empty scene.
@@ -81,7 +82,7 @@ fn every_layout_gives_the_same_weights() -> Fallible {
     let expected = weights(&network);
     for layout in SparseLayout::ALL {
         let file = file(&entries(&network, &expected, layout)?);
-        let imported = import(&file, &ImportRequest::kitti())?;
+        let imported = import(&file, on_kitti())?;
         assert_eq!(imported.layout, layout);
         assert!(imported.weights == expected, "{layout:?}: weights differ");
         let manifest = imported.manifest;
@@ -114,18 +115,14 @@ fn an_export_comes_back_bit_by_bit() -> Fallible {
 /// The same model gives the same bytes; a file may have been written by an older version.
 fn comes_back(bytes: &[u8]) -> Fallible {
     let model = Model::from_bytes(bytes)?;
-    let request = ImportRequest {
-        name: "not used".into(),
-        ..ImportRequest::kitti()
-    };
-    let imported = import(&export(&model)?, &request)?;
+    let imported = import(&export(&model)?, on_kitti())?;
     let expected = model_bytes(&model.manifest, &model.weights)?;
     assert!(model_bytes(&imported.manifest, &imported.weights)? == expected);
     Ok(())
 }
 
 fn refused(file: &[u8]) -> String {
-    match import(file, &ImportRequest::kitti()) {
+    match import(file, on_kitti()) {
         Ok(_) => panic!("the file was taken"),
         Err(error) => format!("{error:#}"),
     }

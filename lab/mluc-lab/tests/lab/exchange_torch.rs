@@ -5,11 +5,12 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::exchange::on_kitti;
 use anyhow::Context;
 use mluc_backbone::Backbone;
 use mluc_dataset::read_scan;
 use mluc_head::Head;
-use mluc_lab::exchange::{ImportRequest, Imported, import};
+use mluc_lab::exchange::{Imported, import};
 use mluc_tests::{feature_map, skip};
 
 /// Of the values' spread about their mean.
@@ -31,7 +32,7 @@ fn an_imported_checkpoint_answers_as_pytorch_does() -> anyhow::Result<()> {
         skip("answers of PyTorch", "MLUC_PEERS_CHECKPOINT is not set");
         return Ok(());
     };
-    let imported = |name: &str| import(&read(&folder.join(name))?, &ImportRequest::kitti());
+    let imported = |name: &str| import(&read(&folder.join(name))?, on_kitti());
     let legacy = imported("legacy.safetensors")?;
     let imported = imported("checkpoint.safetensors")?;
     let is_same = imported.weights == legacy.weights;

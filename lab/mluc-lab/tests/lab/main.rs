@@ -6,6 +6,7 @@ mod exchange_torch;
 mod reproduce;
 mod train;
 
+use mluc_tests::write_file;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Command, Output};
@@ -26,9 +27,7 @@ impl Folder {
     }
 
     fn write(&self, name: &str, content: impl AsRef<[u8]>) {
-        let path = self.path(name);
-        std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
-        std::fs::write(path, content).expect("written");
+        write_file(&self.path(name), content);
     }
 
     /// Changes a file for as long as `what` takes.
