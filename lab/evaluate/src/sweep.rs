@@ -58,16 +58,15 @@ impl JudgedPoint {
     }
 }
 
-/// Judges every threshold. `detect(frame, at)` gives what is detected in that frame at the threshold of index `at`; it is called from
-/// many threads and must depend on its arguments alone. The result does not depend on their number.
+/// Judges every threshold: `objects` are what is detected, by frame, then by threshold. The result does not depend on the number of threads.
 pub(crate) fn sweep(
     truths: &[FrameTruth],
     rules: &[ClassRule],
     thresholds: &[f64],
-    detect: impl Fn(usize, usize) -> Vec<SensorDetection> + Sync,
+    objects: &[Vec<Vec<SensorDetection>>],
 ) -> Vec<JudgedPoint> {
     let point = |(at, threshold): (usize, &f64)| {
-        let with = |(i, truth): (usize, &FrameTruth)| truth.with(&detect(i, at));
+        let with = |(i, truth): (usize, &FrameTruth)| truth.with(&objects[i][at]);
         let frames: Vec<_> = truths.iter().enumerate().map(with).collect();
         let judged = JudgedFrames::of(&frames, rules);
         let half = |first: usize| (first..frames.len()).step_by(2).collect::<Vec<_>>();

@@ -86,7 +86,9 @@ fn without_the_gate_the_objects_are_the_detections() {
     let found = objects_at(model, gate, set, &frames, &settings, asked, &|| ()).expect("objects");
     let classes = class_names(model);
     for (index, frame) in frames.iter().enumerate() {
-        let objects = found.detections(index, 0);
+        let [objects, gated] = &found.objects[index][..] else {
+            panic!("two thresholds")
+        };
         let count = frame.detections.len();
         assert!(count > 10 && objects.len() == count, "{count} boxes");
         for (object, detection) in objects.iter().zip(&frame.detections) {
@@ -98,7 +100,6 @@ fn without_the_gate_the_objects_are_the_detections() {
             assert_eq!(shape.size_m, detection.size_m.map(f64::from));
             assert_eq!(shape.yaw_rad, f64::from(detection.yaw_rad));
         }
-        let gated = &found.objects[index][1];
         assert!(gated.iter().all(|o| o.kind == ObjectKind::Unknown));
     }
 }

@@ -21,4 +21,4 @@ pub use gate::{ModelGate, THRESHOLDS};
 pub use judge::{ModelJudgement, judge, sweep_gate};
 pub use misses::{MissRow, MissTable};
 pub use separation::{ScoreSeparation, separation};
-pub use stages::{FoundObject, GatedObjects, class_names, detect_frames, objects_at};
+pub use stages::{GatedObjects, box_of, class_names, detect_frames, objects_at};

@@ -2,7 +2,7 @@
 
 use super::mahalanobis::{Embedded, mahalanobis};
 use super::misses::labels_that_count;
-use super::{DetectedFrame, FoundObject};
+use super::{DetectedFrame, box_of};
 use crate::{ClassRule, ObjectKind};
 use mluc_geometry::{Box3, iou_3d};
 use mluc_head::Detection;
@@ -93,8 +93,7 @@ fn judged_boxes<'a>(
     rules: &'a [ClassRule],
 ) -> Vec<JudgedBox<'a>> {
     let upright = |d: &Detection| -> Option<Box3> {
-        let found = FoundObject::of_box(d, ObjectKind::Known, 0.0);
-        let (_, upright) = frame.truth.in_camera(&found.box_in_sensor())?;
+        let (_, upright) = frame.truth.in_camera(&box_of(d))?;
         Some(upright)
     };
     let boxes: Vec<Option<Box3>> = frame.detections.iter().map(upright).collect();

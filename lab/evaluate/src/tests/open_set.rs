@@ -64,8 +64,12 @@ impl Scene {
     }
 
     fn judged(&self, thresholds: &[f64]) -> Vec<JudgedPoint> {
-        let at = |frame: usize, at: usize| self.detections(frame, thresholds[at]);
-        sweep(&self.truths, &self.rules, thresholds, at)
+        let of_frame = |frame: usize| {
+            let at = thresholds.iter().map(|t| self.detections(frame, *t));
+            at.collect()
+        };
+        let objects: Vec<_> = (0..self.truths.len()).map(of_frame).collect();
+        sweep(&self.truths, &self.rules, thresholds, &objects)
     }
 
     fn sweep(&self, thresholds: &[f64]) -> Vec<SweepPoint> {
