@@ -104,7 +104,7 @@ impl Layout<'_> {
         let mut last = (pose, model.size_m().x);
         self.put(class, model, pose);
         let company = match class {
-            Class::Car if self.ground.place == Place::CarPark => 0,
+            Class::Car if self.ground.place == Place::CarPark => dice.whole(0, 5),
             Class::Car if dice.chance(0.45) => dice.whole(1, 4),
             Class::Pedestrian if dice.chance(0.45) => dice.whole(1, 3),
             _ => 0,
@@ -135,7 +135,9 @@ impl Layout<'_> {
             return (x + away * angle.cos(), y + away * angle.sin(), heading);
         }
         let across = (yaw - self.ground.yaw_rad).sin().abs() > 0.5;
-        let step = if across {
+        let step = if across && self.ground.place == Place::CarPark {
+            places::BAY_M
+        } else if across {
             dice.range(2.3, 3.0)
         } else {
             (length + last_length) / 2.0 + dice.range(0.5, 1.6)
