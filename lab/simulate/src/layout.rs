@@ -104,7 +104,11 @@ impl Layout<'_> {
         let mut last = (pose, model.size_m().x);
         self.put(class, model, pose);
         let company = match class {
-            Class::Car if self.ground.place == Place::CarPark => dice.whole(0, 5),
+            // Rows stand in bays; who drives through a lane is alone.
+            Class::Car if self.ground.place == Place::CarPark => {
+                let is_parked = (pose.2 - self.ground.yaw_rad).sin().abs() > 0.5;
+                if is_parked { dice.whole(0, 6) } else { 0 }
+            }
             Class::Car if dice.chance(0.45) => dice.whole(1, 4),
             Class::Pedestrian if dice.chance(0.45) => dice.whole(1, 3),
             _ => 0,
