@@ -56,7 +56,10 @@ pub(crate) fn place_objects<'a>(
     };
     let mut wanted = Vec::new();
     if split != Split::Train {
-        let unknown = family.unknown_classes();
+        let unknown = match ground.place {
+            Place::Hall => &[Class::Forklift, Class::GolfCart],
+            _ => family.unknown_classes(),
+        };
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
     }
     if stream.synthetic_unknown {
