@@ -55,18 +55,18 @@ impl Ego {
             robot(
                 &mut mesh,
                 height_m,
-                below(dice.range(0.05, 0.25)),
+                below(dice.range(0.08, 0.3)),
                 is_one,
                 dice,
             );
         } else if height_m < TRUCK_M {
-            car(&mut mesh, height_m, below(dice.range(0.1, 0.55)), dice);
+            car(&mut mesh, height_m, below(dice.range(0.22, 0.65)), dice);
         } else {
             let has_box = is_one && room.is_none();
             truck(
                 &mut mesh,
                 height_m,
-                below(dice.range(0.1, 0.5)),
+                below(dice.range(0.25, 0.7)),
                 has_box,
                 dice,
             );
@@ -125,10 +125,10 @@ fn car(mesh: &mut Mesh, height_m: f32, top: f32, dice: &mut Dice) {
     let house = v(cabin * 1.25, width * 0.93, roof - waist);
     let at = middle + v(-0.2, 0.0, (roof + waist) / 2.0);
     mesh.tapered(at, house, [0.8, 0.82], paint);
-    if dice.chance(0.4) {
+    if roof < -0.35 && dice.chance(0.5) {
         for x in [-0.4, 0.5] {
             let side = v(0.0, width * 0.42, 0.0);
-            let bar = at + v(x, 0.0, (roof - waist) / 2.0 + 0.05);
+            let bar = at + v(x, 0.0, (roof - waist) / 2.0 + 0.03);
             mesh.rod([bar - side, bar + side], 0.025, 6, METAL);
         }
     }

@@ -74,6 +74,8 @@ pub(crate) struct Ground {
     rough_m: [f32; 2],
     /// Objects tilt by no more than this slope along an axis.
     steepest: f32,
+    /// Beside a crossing road banks begin over this length, m.
+    ramp_m: f32,
 }
 
 impl Ground {
@@ -150,6 +152,7 @@ impl Ground {
             sensor_height_m: sensor_height_m.unwrap_or_else(|| dice.normal(HEIGHT_M, 0.025)),
             rough_m: [0.006, 0.03],
             steepest: 0.06,
+            ramp_m: 0.0,
         };
         if family == Family::SimAny {
             ground.vary(dice);
@@ -160,6 +163,7 @@ impl Ground {
     /// Floors are flat, rough ground has larger waves, and what lies beside a street often rises.
     fn vary(&mut self, dice: &mut Dice) {
         self.steepest = 0.12;
+        self.ramp_m = 12.0;
         let scale = match self.place {
             _ if self.room.is_some() => {
                 (self.crown_m, self.bank) = (0.0, [0.0; 2]);
@@ -231,7 +235,9 @@ impl Ground {
             return -self.crown_m * t * t;
         }
         let bank = self.bank[usize::from(across <= 0.0)];
-        self.kerb_m - self.crown_m + bank * (out - self.edge_m).clamp(0.0, 30.0)
+        let from_crossing = |[at, half]: [f32; 2]| ((along - at).abs() - half) / self.ramp_m;
+        let share = self.crossing.map_or(1.0, from_crossing).min(1.0);
+        self.kerb_m - self.crown_m + share * bank * (out - self.edge_m).clamp(0.0, 30.0)
     }
 
     /// Slope of the ground at (x, y) over the size of a vehicle: dz/dx, dz/dy.

@@ -56,7 +56,10 @@ pub(crate) fn place_objects<'a>(
     };
     let mut wanted = Vec::new();
     if split != Split::Train {
-        let unknown = family.unknown_classes();
+        let unknown = match ground.place {
+            Place::Hall => &[Class::Forklift, Class::GolfCart],
+            _ => family.unknown_classes(),
+        };
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
     }
     if stream.synthetic_unknown {
@@ -104,7 +107,11 @@ impl Layout<'_> {
         let mut last = (pose, model.size_m().x);
         self.put(class, model, pose);
         let company = match class {
-            Class::Car if self.ground.place == Place::CarPark => 0,
+            // Rows stand in bays; who drives through a lane is alone.
+            Class::Car if self.ground.place == Place::CarPark => {
+                let is_parked = (pose.2 - self.ground.yaw_rad).sin().abs() > 0.5;
+                if is_parked { dice.whole(0, 6) } else { 0 }
+            }
             Class::Car if dice.chance(0.45) => dice.whole(1, 4),
             Class::Pedestrian if dice.chance(0.45) => dice.whole(1, 3),
             _ => 0,
@@ -135,7 +142,9 @@ impl Layout<'_> {
             return (x + away * angle.cos(), y + away * angle.sin(), heading);
         }
         let across = (yaw - self.ground.yaw_rad).sin().abs() > 0.5;
-        let step = if across {
+        let step = if across && self.ground.place == Place::CarPark {
+            places::BAY_M
+        } else if across {
             dice.range(2.3, 3.0)
         } else {
             (length + last_length) / 2.0 + dice.range(0.5, 1.6)

@@ -65,3 +65,126 @@ pub(crate) fn besides_streets(sensor_height_m: f32, dice: &mut Dice) -> Option<P
     let places = [Place::CarPark, Place::Depot, Place::Hall, Place::Path];
     dice.chance(chance).then(|| places[dice.weighted(&weights)])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::background::Thing;
+    use super::super::ground::Ground;
+    use super::super::labels::UNLABELLED;
+    use super::super::{Class, Family, SimulatedFrame, Split, Stream, random, turn};
+    use super::*;
+    use mluc_model::SensorProfile;
+
+    const HEIGHT_M: f32 = 1.2;
+
+    fn sensor() -> SensorProfile {
+        SensorProfile {
+            azimuth_step_deg: 0.6,
+            // Else it would see nothing of a body as small as a robot.
+            range_m: [0.1, 100.0],
+            height_m: Some(HEIGHT_M),
+            ..SensorProfile::load("vlp-32c").expect("a product")
+        }
+    }
+
+    fn shown(index: u32) -> SimulatedFrame {
+        let stream = Stream::full(Family::SimAny, Split::Train, 1);
+        turn(stream, Some(&sensor()), index, None)
+            .expect("a frame")
+            .0
+    }
+
+    /// The first frames of a place.
+    fn frames_of(place: Place, is_covered: bool) -> impl Iterator<Item = SimulatedFrame> {
+        let family = Family::SimAny as u64;
+        let shows = move |index: &u32| {
+            let key = random::hash(&[1, family, Split::Train as u64, u64::from(*index)]);
+            let dice = &mut Dice::new(&[key, 1]);
+            let ground = Ground::draw(Family::SimAny, Some(HEIGHT_M), dice);
+            ground.place == place && ground.room.is_some() == is_covered
+        };
+        (0..400).filter(shows).take(3).map(shown)
+    }
+
+    #[test]
+    fn every_place_is_drawn_with_known_objects_its_background_and_ground_below() {
+        let (car, person) = (Class::Car, Class::Pedestrian);
+        for (place, is_covered, class, least, things) in [
+            (Place::Urban, false, car, 6, [Thing::Building, Thing::Pole]),
+            (Place::Suburb, false, car, 6, [Thing::Bush, Thing::Tree]),
+            (
+                Place::Industrial,
+                false,
+                car,
+                6,
+                [Thing::Building, Thing::Pole],
+            ),
+            (Place::Plaza, false, car, 6, [Thing::Building, Thing::Pole]),
+            (
+                Place::CarPark,
+                false,
+                car,
+                15,
+                [Thing::Pole, Thing::Building],
+            ),
+            (
+                Place::CarPark,
+                true,
+                car,
+                10,
+                [Thing::Ceiling, Thing::Column],
+            ),
+            (Place::Depot, false, car, 4, [Thing::Pile, Thing::Machine]),
+            (
+                Place::Hall,
+                true,
+                person,
+                8,
+                [Thing::Ceiling, Thing::Building],
+            ),
+            (Place::Path, false, person, 6, [Thing::Grass, Thing::Tree]),
+        ] {
+            let frames: Vec<SimulatedFrame> = frames_of(place, is_covered).collect();
+            assert_eq!(frames.len(), 3, "{place:?}");
+            let of_class = |f: &SimulatedFrame| {
+                let objects = f.objects.iter().filter(|o| o.class == class);
+                objects.count()
+            };
+            let count: usize = frames.iter().map(of_class).sum();
+            assert!(count >= least, "{place:?}: {count} of {class:?}");
+            for thing in things {
+                let is_shown = |f: &SimulatedFrame| f.instances.contains(&thing.instance());
+                assert!(frames.iter().any(is_shown), "{place:?}: no {thing:?}");
+            }
+            for frame in &frames {
+                let below = frame.plane[3] as f32;
+                assert!((below - HEIGHT_M).abs() < 0.05, "{place:?}: {below} m");
+                let near = |p: &[f32; 4]| p[0].hypot(p[1]) < 8.0;
+                let points = frame.points.iter().zip(&frame.instances);
+                let ground = points.filter(|(p, i)| **i == 0 && near(p));
+                let off: Vec<f32> = ground.map(|(p, _)| (p[2] + HEIGHT_M).abs()).collect();
+                let flat = off.iter().filter(|off| **off < 0.9).count();
+                assert!(
+                    flat * 10 >= off.len() * 9,
+                    "{place:?}: {flat} of {}",
+                    off.len()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_own_vehicle_is_seen_without_a_label_and_stands_in_nothing() {
+        let is_own = |(p, i): &(&[f32; 4], &u16)| **i == UNLABELLED && p[0].hypot(p[1]) < 1.2;
+        let mut seen = 0;
+        for frame in (0..24).map(shown) {
+            let points = frame.points.iter().zip(&frame.instances);
+            let own: Vec<[f32; 4]> = points.filter(is_own).map(|(p, _)| *p).collect();
+            seen += usize::from(!own.is_empty());
+            for object in &frame.objects {
+                assert_eq!(object.box_in_sensor.count_inside(&own), 0, "{object:?}");
+            }
+        }
+        assert!((3..=16).contains(&seen), "{seen} of 24 frames");
+    }
+}

@@ -66,6 +66,7 @@ impl Thing {
             Thing::Hedge,
             Thing::Rail,
             Thing::Grass,
+            Thing::Log,
         ];
         long.contains(&self)
     }

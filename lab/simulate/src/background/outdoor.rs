@@ -100,7 +100,7 @@ fn pile(mesh: &mut Mesh, dice: &mut Dice) {
 /// Trunks, bushes, tall grass, rocks and logs on both sides of a path, thinner with distance; now and then a bench or a sign at it.
 pub(super) fn path(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
     let density = dice.range(0.3, 1.0);
-    for _ in 0..dice.events(45.0 * density) {
+    for _ in 0..dice.events(55.0 * density) {
         let (along, across) = beside_path(yard, 0.6, dice);
         tree(yard, along, across, dice.range(0.6, 1.5), dice);
     }

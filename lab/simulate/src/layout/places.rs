@@ -13,7 +13,7 @@ pub(crate) const BAY_M: f32 = 2.55;
 /// How many objects, and the weights of car, pedestrian, cyclist and truck.
 pub(super) fn known(place: Place, dice: &mut Dice) -> (usize, [f32; 4]) {
     match place {
-        Place::CarPark => (dice.whole(22, 46), [0.74, 0.19, 0.07, 0.0]),
+        Place::CarPark => (dice.whole(26, 56), [0.78, 0.15, 0.07, 0.0]),
         Place::Depot => (dice.whole(12, 28), [0.42, 0.36, 0.22, 0.0]),
         Place::Hall => (dice.whole(8, 20), [0.1, 0.68, 0.22, 0.0]),
         Place::Path => (dice.whole(12, 26), [0.12, 0.48, 0.4, 0.0]),
