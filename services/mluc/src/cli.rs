@@ -151,10 +151,9 @@ impl Cli {
 
     /// The help of `mluc stage NAME` lists what that stage takes.
     fn command_for(words: &[OsString]) -> clap::Command {
-        let stage = match words {
-            [_, command, name, ..] if command == "stage" => {
-                name.to_str().and_then(Stage::from_name)
-            }
+        let words: Vec<_> = words.iter().filter_map(|word| word.to_str()).collect();
+        let stage = match words[..] {
+            [_, "stage", name, ..] => Stage::from_name(name),
             _ => None,
         };
         let is_taken = |id: &str| match TAKEN_BY.iter().find(|(option, _)| *option == id) {
@@ -252,10 +251,8 @@ mod tests {
         for option in "--rate --loop --precision --refiner-mode --without".split(' ') {
             assert!(!head.contains(option), "{option}: {head}");
         }
-        assert!(
-            ingest.contains("--rate") && !ingest.contains("--lambda"),
-            "{ingest}"
-        );
+        let is_ingests = ingest.contains("--rate") && !ingest.contains("--lambda");
+        assert!(is_ingests, "{ingest}");
         let all = Cli::command();
         let stage = all.find_subcommand("stage").unwrap();
         for (id, _) in TAKEN_BY {

@@ -140,8 +140,8 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     document::read::<Settings>(path)?;
     let mut table: Table = document::read(path)?;
     table.remove("bench");
-    let path =
-        std::path::absolute(path).with_context(|| format!("configuration {}", path.display()))?;
+    let absolute = std::path::absolute(path);
+    let path = absolute.with_context(|| format!("configuration {}", path.display()))?;
     let folder = path.parent().unwrap_or(Path::new("/"));
     let text = |path: PathBuf| Value::String(path.to_string_lossy().into_owned());
     if let Some(input) = table.get("input").and_then(Value::as_str) {
@@ -167,19 +167,18 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
 
 /// What the command line sets.
 fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
+    let mut lines = vec![];
+    for (stage, count) in &args.threads {
+        lines.push(format!("stages.{}.threads = {count}", stage.name()));
+    }
+    for stage in &args.without {
+        lines.push(format!("stages.{stage}.external = true"));
+    }
+    if let Some(name) = &args.refiner_mode {
+        lines.push(format!("refiner.variant = '{name}'"));
+    }
     let mut layers = vec![Table::try_from(args)?];
-    let threads = args.threads.iter();
-    let threads =
-        threads.map(|(stage, count)| format!("stages.{}.threads = {count}", stage.name()));
-    let external = args
-        .without
-        .iter()
-        .map(|stage| format!("stages.{stage}.external = true"));
-    let variant = args
-        .refiner_mode
-        .iter()
-        .map(|name| format!("refiner.variant = '{name}'"));
-    for line in threads.chain(external).chain(variant) {
+    for line in lines {
         layers.push(line.parse()?);
     }
     Ok(layers)
@@ -255,13 +254,11 @@ mod tests {
         expected.refiner.points_min = 9;
         assert_eq!(settings, expected);
         let path = folder.path().join("mluc.toml");
+        let from_file = format!("file {}", path.display());
         for (key, origin) in [
             ("model", "flag"),
             ("stages.head.threads", "flag"),
-            (
-                "stages.backbone.threads",
-                &format!("file {}", path.display()),
-            ),
+            ("stages.backbone.threads", &from_file),
             ("precision", "default"),
         ] {
             assert_eq!(origins[key], origin, "{key}");
@@ -289,10 +286,8 @@ mod tests {
             (&plain, "# seconds", "# not set"),
         ] {
             let line = text.lines().find(|line| line.starts_with(key));
-            assert!(
-                line.is_some_and(|line| line.ends_with(origin)),
-                "{key}: {text}"
-            );
+            let line = line.unwrap_or_else(|| panic!("{key}: {text}"));
+            assert!(line.ends_with(origin), "{key}: {text}");
         }
     }
 }

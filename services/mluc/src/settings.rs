@@ -128,16 +128,13 @@ pub struct Stages {
 
 impl Default for Stages {
     fn default() -> Stages {
-        let one = StageSettings::default;
-        let backbone = StageSettings {
-            threads: BACKBONE_THREADS,
-            ..one()
-        };
+        let [ingest, mut backbone, head, refiner] = Stage::ALL.map(|_| StageSettings::default());
+        backbone.threads = BACKBONE_THREADS;
         Stages {
-            ingest: one(),
+            ingest,
             backbone,
-            head: one(),
-            refiner: one(),
+            head,
+            refiner,
         }
     }
 }
@@ -306,9 +303,10 @@ mod switch {
                 let settings = table.try_into().map(Some);
                 settings.map_err(|error| D::Error::custom(error.message()))
             }
-            other => Err(D::Error::custom(format!(
-                "expected true, false or a table, found {other}"
-            ))),
+            other => {
+                let expected = "expected true, false or a table";
+                Err(D::Error::custom(format!("{expected}, found {other}")))
+            }
         }
     }
 }

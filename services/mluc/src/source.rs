@@ -15,7 +15,7 @@ const SCAN_BYTES_MAX: u64 = 64 << 20;
 const SCANS_MAX: usize = 1_000_000;
 
 /// The scans of a run.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Source {
     /// Their files, in order.
     pub scans: Vec<PathBuf>,
@@ -33,14 +33,12 @@ impl Source {
         let about = fs::metadata(input).with_context(|| format!("input {name}"))?;
         if !about.is_dir() {
             let is_scan = about.is_file() && input.extension().is_some_and(|kind| kind == "bin");
-            ensure!(
-                is_scan,
-                "input {name}: expected a scan that ends in .bin, or a folder"
-            );
+            let expected = "a scan that ends in .bin, or a folder";
+            ensure!(is_scan, "input {name}: expected {expected}");
+            let scans = vec![input.to_path_buf()];
             return Ok(Source {
-                scans: vec![input.to_path_buf()],
-                stamps_ns: None,
-                poses: None,
+                scans,
+                ..Source::default()
             });
         }
         for inner in ["velodyne", "velodyne_points/data", ""] {
@@ -54,9 +52,8 @@ impl Source {
                 });
             }
         }
-        bail!(
-            "input {name}: no .bin scans there, nor in velodyne/ or velodyne_points/data/ below it"
-        )
+        let below = "velodyne/ or velodyne_points/data/ below it";
+        bail!("input {name}: no .bin scans there, nor in {below}")
     }
 
     /// The frame's name: the file's, without its ending.
@@ -91,19 +88,13 @@ fn bin_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let entries = fs::read_dir(folder).with_context(|| format!("input {}", folder.display()))?;
-    let mut scans: Vec<PathBuf> = entries
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|kind| kind == "bin"))
-        .take(SCANS_MAX + 1)
-        .collect();
+    let name = folder.display();
+    let entries = fs::read_dir(folder).with_context(|| format!("input {name}"))?;
+    let paths = entries.flatten().map(|entry| entry.path());
+    let scans = paths.filter(|path| path.extension().is_some_and(|kind| kind == "bin"));
+    let mut scans: Vec<PathBuf> = scans.take(SCANS_MAX + 1).collect();
     let is_bounded = scans.len() <= SCANS_MAX;
-    ensure!(
-        is_bounded,
-        "input {}: more than {SCANS_MAX} scans",
-        folder.display()
-    );
+    ensure!(is_bounded, "input {name}: more than {SCANS_MAX} scans");
     scans.sort();
     Ok(scans)
 }
@@ -184,13 +175,9 @@ mod tests {
         ] {
             assert_eq!(stamp_ns(stamp), Some(ns));
         }
-        for bad in [
-            "",
-            "2011-09-26",
-            "2011-13-26 13:02:25.9",
-            "2011-09-26 25:02:25.9",
-            "a-b-c d:e:f.g",
-        ] {
+        let bad_days = ["", "2011-09-26", "2011-13-26 13:02:25.9"];
+        let bad_hours = ["2011-09-26 25:02:25.9", "a-b-c d:e:f.g"];
+        for bad in bad_days.into_iter().chain(bad_hours) {
             assert_eq!(stamp_ns(bad), None, "{bad}");
         }
     }
@@ -199,8 +186,7 @@ mod tests {
     fn a_scan_that_cannot_be_read_is_no_end() {
         let source = Source {
             scans: vec!["/nowhere/000007.bin".into()],
-            stamps_ns: None,
-            poses: None,
+            ..Source::default()
         };
         let mut bytes = vec![1, 2, 3];
         assert_eq!(source.read(0, &mut bytes), Flags::DAMAGED_INPUT);

@@ -3,11 +3,8 @@
 use std::process::{Command, Output};
 
 fn mluc(arguments: &[&str]) -> Output {
-    let program = env!("CARGO_BIN_EXE_mluc");
-    Command::new(program)
-        .args(arguments)
-        .output()
-        .expect("mluc starts")
+    let mut program = Command::new(env!("CARGO_BIN_EXE_mluc"));
+    program.args(arguments).output().expect("mluc starts")
 }
 
 fn said(output: &Output) -> String {
@@ -97,10 +94,8 @@ fn what_the_file_may_hold_is_shown_with_its_origin() {
         ("[track]", "[track]"),
     ] {
         let line = text.lines().find(|line| line.starts_with(key));
-        assert!(
-            line.is_some_and(|line| line.contains(origin)),
-            "{key}: {text}"
-        );
+        let line = line.unwrap_or_else(|| panic!("{key}: {text}"));
+        assert!(line.contains(origin), "{key}: {text}");
     }
 }
 
@@ -110,10 +105,8 @@ fn a_closed_standard_output_is_an_error() {
     let program = env!("CARGO_BIN_EXE_mluc");
     let run = |redirection: &str| {
         let line = format!("exec '{program}' config --print {redirection}");
-        Command::new("sh")
-            .args(["-c", &line])
-            .output()
-            .expect("a shell")
+        let shell = Command::new("sh").args(["-c", &line]).output();
+        shell.expect("a shell")
     };
     let output = run(">&-");
     assert_eq!(output.status.code(), Some(1));

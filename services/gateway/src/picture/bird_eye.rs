@@ -2,9 +2,8 @@
 
 use super::canvas::{Canvas, Color};
 use super::captions::Captions;
-use super::color::{NIGHT, RING, ramp};
 use super::legend::draw_legend;
-use super::view::{BoxKind, DrawnBox, PointColor, View, color_of};
+use super::view::{BoxKind, DrawnBox, NIGHT, PointColor, RING, View, color_of, ramp};
 
 /// Heights at the ends of the ramp, m above the sensor.
 const RAMP_M: [f32; 2] = [-2.2, 1.2];

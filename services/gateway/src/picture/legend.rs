@@ -1,8 +1,7 @@
 //! The corner of a picture that says what is seen: title, one line a kind of box with its count, the height ramp.
 
 use super::canvas::{Canvas, Color};
-use super::color::{CAPTION, NIGHT, ramp};
-use super::view::{BoxKind, DrawnBox, PointColor, View, color_of};
+use super::view::{BoxKind, CAPTION, DrawnBox, NIGHT, PointColor, View, color_of, ramp};
 
 const MARGIN_PX: i64 = 14;
 const LINE_PX: i64 = 18;

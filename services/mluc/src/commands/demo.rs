@@ -30,9 +30,8 @@ pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
         ..PipelineArgs::default()
     })?;
     let count = scans.points.len();
-    print_out(format_args!(
-        "{count} simulated scans through four processes:\n"
-    ))?;
+    let what = "simulated scans through four processes";
+    print_out(format_args!("{count} {what}:\n"))?;
     let mut best: Option<Best> = None;
     let outcome = run(settings, &mut |header, objects, classes| {
         let shown = print(header, objects, classes)?;
@@ -75,18 +74,14 @@ fn print<'a>(
     classes: &[String],
 ) -> anyhow::Result<Vec<&'a Object>> {
     let is_shown = |object: &&Object| {
-        let score_min = if is_unknown(object) {
-            UNKNOWN_SCORE_MIN
-        } else {
-            SCORE_MIN
-        };
-        object.is_published() && object.score >= score_min
+        let is_sure = object.score >= SCORE_MIN;
+        let is_sure_unknown = is_unknown(object) && object.score >= UNKNOWN_SCORE_MIN;
+        object.is_published() && (is_sure || is_sure_unknown)
     };
     let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
     let (name, points, count) = (header.name(), header.points_in, shown.len());
-    print_out(format_args!(
-        "frame {name}: {points} points, {count} objects"
-    ))?;
+    let line = format!("frame {name}: {points} points, {count} objects");
+    print_out(line)?;
     for object in &shown {
         print_out(format_args!("  {}", describe(object, classes)))?;
     }

@@ -83,23 +83,18 @@ fn check_shared_memory(model: Option<&Model>) -> Finding {
     };
     let needed_mib = needed_bytes(model).div_ceil(1 << 20);
     let text = format!("/dev/shm: {free_mib} MiB free, this model needs {needed_mib} MiB");
-    if free_mib < needed_mib {
-        return (
-            Failure,
-            format!("{text}: make it larger (in a container: --shm-size)"),
-        );
+    if free_mib >= needed_mib {
+        return (Fine, text);
     }
-    (Fine, text)
+    let hint = "make it larger (in a container: --shm-size)";
+    (Failure, format!("{text}: {hint}"))
 }
 
 fn check_cores() -> Finding {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    let load = load
-        .split_whitespace()
-        .next()
-        .and_then(|word| word.parse().ok());
-    let load: f64 = load.unwrap_or(0.0);
+    let load = load.split_whitespace().next();
+    let load: f64 = load.and_then(|word| word.parse().ok()).unwrap_or(0.0);
     let text = format!("{cores} cores, load {load:.1}");
     if cores < 2 {
         (Warning, format!("{text}: 10 Hz needs two"))
@@ -115,10 +110,10 @@ fn check_governor() -> Finding {
     match fs::read_to_string(path).as_deref().map(str::trim) {
         Err(_) => (Fine, "CPU frequency is not ours to see".into()),
         Ok("performance") => (Fine, "CPU governor: performance".into()),
-        Ok(other) => (
-            Warning,
-            format!("CPU governor: {other}; `performance` makes latency even"),
-        ),
+        Ok(other) => {
+            let hint = "`performance` makes latency even";
+            (Warning, format!("CPU governor: {other}; {hint}"))
+        }
     }
 }
 
@@ -128,9 +123,8 @@ fn check_leftovers() -> Vec<Finding> {
     let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     let folders = entries.filter(|entry| entry.path().is_dir());
     let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
-    names
-        .filter_map(|name| leftover(name.strip_prefix(&stem)?))
-        .collect()
+    let leftovers = names.filter_map(|name| leftover(name.strip_prefix(&stem)?));
+    leftovers.collect()
 }
 
 fn leftover(name: &str) -> Option<Finding> {

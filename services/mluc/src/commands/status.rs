@@ -82,11 +82,8 @@ fn counted(counts: &CandidateCounts) -> impl Iterator<Item = (&'static str, u64)
 
 fn candidates(counts: &CandidateCounts) -> String {
     let words = counted(counts).map(|(name, count)| format!("{name} {count}"));
-    let words = words.collect::<Vec<_>>().join(", ");
-    format!(
-        "candidates since the refiner began: {} ({words})",
-        counts.total()
-    )
+    let (total, words) = (counts.total(), words.collect::<Vec<_>>().join(", "));
+    format!("candidates since the refiner began: {total} ({words})")
 }
 
 fn as_json(instance: &str, stages: &[Option<Health>; 4]) -> Value {
@@ -137,16 +134,16 @@ mod tests {
 
     #[test]
     fn words_and_json_tell_what_the_stages_said() {
+        let words = candidates(&refiner().candidates);
+        let counts = "15 (published 12, overlaps_known 3, split 2)";
         assert_eq!(
-            candidates(&refiner().candidates),
-            "candidates since the refiner began: 15 (published 12, overlaps_known 3, split 2)"
+            words,
+            format!("candidates since the refiner began: {counts}")
         );
         let told = as_json("demo", &[None, None, None, Some(refiner())]);
         assert_eq!(told["instance"], "demo");
-        assert_eq!(
-            told["stages"][0],
-            json!({"stage": "ingest", "state": "silent"})
-        );
+        let silent = json!({"stage": "ingest", "state": "silent"});
+        assert_eq!(told["stages"][0], silent);
         let refiner = json!({
             "stage": "refiner", "process": 7, "state": "running", "frames_in": 9, "frames_out": 9,
             "frames_dropped": 0, "messages_refused": 0, "run_p50_us": 0, "run_p99_us": 0, "run_max_us": 0,

@@ -16,21 +16,15 @@ pub(super) fn read(folder: &Path, scans: usize) -> anyhow::Result<Option<Vec<Ego
     let name = path.display();
     let text = fs::read_to_string(&path).with_context(|| format!("poses {name}"))?;
     let mut poses = Vec::new();
-    for (number, line) in text.lines().enumerate() {
-        let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
-            continue;
-        }
-        let number = number + 1;
+    let lines = (1..).zip(text.lines().map(str::trim));
+    for (number, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
         let expected = "expected four finite numbers `x y z yaw` (m, rad)";
         let fault = || format!("poses {name}, line {number}: {expected}, found `{line}`");
         poses.push(pose(line).with_context(fault)?);
     }
     let found = poses.len();
-    ensure!(
-        found == scans,
-        "poses {name}: expected one a scan, {scans}, found {found}"
-    );
+    let expected = format!("expected one a scan, {scans}");
+    ensure!(found == scans, "poses {name}: {expected}, found {found}");
     Ok(Some(poses))
 }
 
@@ -44,7 +38,7 @@ fn pose(line: &str) -> Option<EgoPose> {
         position_m: [x, y, z],
         yaw_rad,
         is_known: 1,
-        reserved: 0,
+        ..EgoPose::default()
     })
 }
 

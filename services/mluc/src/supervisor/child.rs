@@ -156,12 +156,9 @@ impl Child {
         }
         let heard_ns = health.heard_ns(self.stage);
         let heartbeat = health.of(self.stage).filter(|health| {
-            let is_own = if self.is_foreign {
-                health.pid != self.pid_before
-            } else {
-                health.pid == self.pid()
-            };
-            is_own && heard_ns > self.started_ns
+            let is_own = health.pid == self.pid();
+            let is_new = self.is_foreign && health.pid != self.pid_before;
+            (is_own || is_new) && heard_ns > self.started_ns
         });
         if let Some(heartbeat) = heartbeat {
             self.was_ready |= health.is_ready(self.stage);

@@ -41,19 +41,15 @@ pub(crate) struct Outcome {
 impl Outcome {
     pub(crate) fn frames_lost(&self) -> u64 {
         if self.is_interrupted {
-            self.frames_skipped
-        } else {
-            self.frames_in.saturating_sub(self.frames_out)
+            return self.frames_skipped;
         }
+        self.frames_in.saturating_sub(self.frames_out)
     }
 
     pub(crate) fn exit_code(&self) -> ExitCode {
         let is_clean = self.frames_lost() == 0 && self.restarts == 0;
-        if is_clean || self.is_interrupted {
-            ExitCode::SUCCESS
-        } else {
-            ExitCode::from(EXIT_WARNINGS)
-        }
+        let is_fine = is_clean || self.is_interrupted;
+        ExitCode::from(if is_fine { 0 } else { EXIT_WARNINGS })
     }
 }
 
@@ -180,10 +176,8 @@ impl Supervisor {
             self.scans.take(&self.run)?;
             // A refiner that outlived a run hands on the last message of that one.
             if header.wire_version == WIRE_VERSION && header.run_id != self.run.run_id {
-                tracing::debug!(
-                    sequence = header.sequence,
-                    "objects of another run left out"
-                );
+                let sequence = header.sequence;
+                tracing::debug!(sequence, "objects of another run left out");
                 continue;
             }
             let sent = self.scans.count_sent();
@@ -261,9 +255,8 @@ impl Supervisor {
             child.ask_to_end();
         }
         let begun = Instant::now();
-        while self.children.iter_mut().any(|child| child.is_running())
-            && begun.elapsed() < END_PATIENCE
-        {
+        let is_early = || begun.elapsed() < END_PATIENCE;
+        while self.children.iter_mut().any(Child::is_running) && is_early() {
             std::thread::sleep(Duration::from_millis(5));
         }
         for child in &mut self.children {
