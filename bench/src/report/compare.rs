@@ -32,9 +32,9 @@ const MARGIN_DROPPED: f64 = 0.01;
 pub(crate) struct CompareOptions {
     /// A difference below this share of the figure is noise to whoever decides, however sure it is.
     pub(crate) margin: f64,
-    /// Relative standard deviation between two starts of the same program, where a report holds fewer than four starts: it
-    /// cannot be seen in one. See [`CompareOptions::on_machines`].
-    pub(crate) start_scatter: f64,
+    /// Share of all cores that other processes took during the runs: where a report holds fewer than four starts, the scatter
+    /// between two starts of the same program follows from it.
+    pub(crate) others: f64,
     /// Leaves the stages' own figures out: one of the runs has none.
     pub(crate) end_to_end_only: bool,
 }
@@ -43,19 +43,8 @@ impl Default for CompareOptions {
     fn default() -> CompareOptions {
         CompareOptions {
             margin: 0.02,
-            start_scatter: START_SCATTER,
+            others: 0.0,
             end_to_end_only: false,
-        }
-    }
-}
-
-impl CompareOptions {
-    /// For runs during which other processes took these shares of all cores.
-    pub(crate) fn on_machines(others: [f64; 2]) -> CompareOptions {
-        let others = others[0].max(others[1]).clamp(0.0, 1.0);
-        CompareOptions {
-            start_scatter: START_SCATTER + START_SCATTER_BUSY * others,
-            ..CompareOptions::default()
         }
     }
 }
@@ -127,14 +116,12 @@ pub(crate) fn compare(
     // Bonferroni: with so many rows one would stray by chance.
     let confidence = 1.0 - (1.0 - CONFIDENCE) / judged.max(1) as f64;
     let mut random = Random::from_state(SEED);
-    let figures = figures.into_iter();
-    let rows: Vec<Row> = figures
-        .map(|figure| figure.judge(confidence, options, &mut random))
-        .collect();
-    let mut verdicts = rows.iter().map(|row| row.verdict);
+    let judge = |figure: Figure| figure.judge(confidence, options, &mut random);
+    let rows: Vec<Row> = figures.into_iter().map(judge).collect();
+    let differs = |row: &Row| matches!(row.verdict, Verdict::Lower | Verdict::Higher);
     Ok(Comparison {
         frames,
-        is_equal: !verdicts.any(|verdict| matches!(verdict, Verdict::Lower | Verdict::Higher)),
+        is_equal: !rows.iter().any(differs),
         rows,
     })
 }
@@ -191,7 +178,8 @@ impl Figure {
         let [a, b] = self.rounds.each_ref().map(scatter);
         let margin = (options.margin * a.value.abs()).max(self.margin_floor);
         let all = (f64::NEG_INFINITY, f64::INFINITY);
-        let interval = || interval(&a, &b, confidence, options.start_scatter);
+        let start_scatter = START_SCATTER + START_SCATTER_BUSY * options.others;
+        let interval = || interval([&a, &b], confidence, start_scatter);
         let (low, high) = is_enough.then(interval).unwrap_or(all);
         let verdict = match () {
             () if !is_enough => Verdict::TooFewFrames,
@@ -226,19 +214,18 @@ impl Comparison {
 
     /// The verdict in words.
     pub(crate) fn sentence(&self) -> String {
-        let of = |wanted: Verdict| -> Option<String> {
-            let rows = self.rows.iter().filter(|row| row.verdict == wanted);
+        if self.is_equal {
+            return "equal: every difference is within the noise of these runs".to_string();
+        }
+        let mut parts = Vec::new();
+        for (verdict, word) in [(Verdict::Lower, "lower"), (Verdict::Higher, "higher")] {
+            let rows = self.rows.iter().filter(|row| row.verdict == verdict);
             let figures: Vec<&str> = rows.map(|row| row.figure.as_str()).collect();
-            (!figures.is_empty()).then(|| figures.join("; "))
-        };
-        match (of(Verdict::Lower), of(Verdict::Higher)) {
-            (None, None) => "equal: every difference is within the noise of these runs".to_string(),
-            (Some(lower), None) => format!("different: B is lower in {lower}"),
-            (None, Some(higher)) => format!("different: B is higher in {higher}"),
-            (Some(lower), Some(higher)) => {
-                format!("different: B is lower in {lower}, and higher in {higher}")
+            if !figures.is_empty() {
+                parts.push(format!("{word} in {}", figures.join("; ")));
             }
         }
+        format!("different: B is {}", parts.join(", and "))
     }
 }
 
@@ -312,11 +299,7 @@ mod tests {
         let (a, b) = (run(3000, 1, 0), run(3000, 2, 60));
         let comparison = judged(&a, &b);
         assert!(comparison.is_equal, "{}", comparison.table(["a", "b"]));
-        assert_eq!(
-            judged(&a, &b),
-            comparison,
-            "the same reports, the same words"
-        );
+        assert_eq!(judged(&a, &b), comparison, "the same words every time");
     }
 
     #[test]

@@ -54,22 +54,16 @@ impl LatencyReport {
     }
 
     fn hand_overs(&self) -> String {
-        let heads = [
-            "p50", "p99", "alone", "raw", "futex", "socket", "memcpy", "bytes",
-        ];
-        let heads = heads.map(|head| format!("{head:>9}")).concat();
+        let heads = "p50 p99 alone raw futex socket memcpy bytes".split(' ');
+        let heads: String = heads.map(|head| format!("{head:>9}")).collect();
         let mut text = format!("\n{:22}{heads}\n", "hand-over, us");
         for (name, hop) in HOPS.iter().zip(&self.hops) {
-            let us =
-                |value: Option<f64>| value.map_or(format!("{:>9}", "-"), |us| format!("{us:9.1}"));
-            let own = [hop.p50_us, hop.p99_us, hop.alone_p50_us].map(us);
-            let others = [
-                hop.raw_p50_us,
-                hop.futex_p50_us,
-                hop.socket_p50_us,
-                hop.memcpy_p50_us,
-            ];
-            let numbers = own.concat() + &others.map(us).concat();
+            let b = &hop.baselines;
+            let own = [hop.p50_us, hop.p99_us, b.alone_p50_us, b.raw_p50_us];
+            let others = [b.futex_p50_us, b.socket_p50_us, b.memcpy_p50_us];
+            let us = |us: &f64| format!("{us:9.1}");
+            let us = |value: &Option<f64>| value.as_ref().map_or(format!("{:>9}", "-"), us);
+            let numbers: String = own.iter().chain(&others).map(us).collect();
             text += &format!("{name:22}{numbers}{:9}\n", hop.payload_bytes);
         }
         text

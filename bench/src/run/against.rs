@@ -1,7 +1,6 @@
 //! This build and another one on the same frames, interleaved. Each side is measured by its own `mluc bench`, because one
 //! program cannot observe two wire versions; the rounds of a side become one report.
 
-use std::fmt::Display;
 use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 
@@ -64,29 +63,21 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> Result<ExitCode> {
 
 /// One start of a build's processes, by its own `mluc bench`.
 fn measure(plan: &Plan, program: &Path, folder: &Path) -> Result<()> {
-    let args = &plan.args;
     let mut command = Command::new(program);
     command.args(["bench", "--rounds", "1", "--floor-rounds", "0", "--out"]);
-    command.arg(folder).arg("--input").arg(&plan.input);
-    let mut add = |key: &str, value: &dyn Display| {
-        command.args([key, &value.to_string()]);
-    };
-    add("--model", &plan.model_name);
-    add("--seconds", &plan.round_seconds());
-    add("--warm-up", &plan.warm_up_seconds);
-    add("--rate", &plan.rate_hz);
-    add("--patience", &plan.patience.as_secs_f64());
-    if let Some(precision) = &args.precision {
-        add("--precision", precision);
+    command.arg(folder).args(plan.shared_arguments());
+    for (key, seconds) in [
+        ("--seconds", plan.round_seconds()),
+        ("--warm-up", plan.warm_up_seconds),
+        ("--patience", plan.patience.as_secs_f64()),
+    ] {
+        command.args([key, &seconds.to_string()]);
     }
-    if let Some(refiner) = args.refiner.first() {
-        add("--refiner", refiner);
+    if let Some(refiner) = plan.args.refiner.first() {
+        command.args(["--refiner", refiner]);
     }
-    for threads in &args.threads {
-        add("--threads", threads);
-    }
-    if let Some(scenario) = &args.scenario {
-        add("--scenario", &scenario.display());
+    if let Some(scenario) = &plan.args.scenario {
+        command.arg("--scenario").arg(scenario);
     }
     let output = command.stdin(Stdio::null()).output();
     let output = output.with_context(|| format!("starting {}", program.display()))?;

@@ -6,8 +6,8 @@ use anyhow::{Result, ensure};
 use indicatif::ProgressBar;
 
 use super::show;
-use crate::report::HandOver;
-use crate::transport::{Load, Payload, Settings, Way, measure};
+use crate::report::{Baselines, HandOver};
+use crate::transport::{Payload, Settings, Way, measure};
 
 /// Before each message, so that the receiver sleeps as it does in a pipeline.
 const PAUSE: Duration = Duration::from_millis(4);
@@ -27,26 +27,27 @@ pub(crate) fn add_baselines(
         let topic = payload.topic().name;
         let text = format!("baselines of {topic}: {rounds} messages each way");
         show(progress, 0.5, text);
-        if let Err(cause) = add(hop, payload, rounds) {
-            return Some(format!(
-                "the baselines of {topic} could not be measured: {cause}"
-            ));
+        match baselines(payload, bytes as usize, rounds) {
+            Ok(found) => hop.baselines = found,
+            Err(cause) => {
+                let text = format!("the baselines of {topic} could not be measured: {cause}");
+                return Some(text);
+            }
         }
     }
     None
 }
 
-fn add(hop: &mut HandOver, payload: Payload, rounds: usize) -> Result<()> {
-    let bytes = hop.payload_bytes as usize;
+fn baselines(payload: Payload, bytes: usize, rounds: usize) -> Result<Baselines> {
     ensure!(bytes > 0, "the stage sent no heartbeat with a payload");
-    let load = Load { payload, bytes };
     let settings = Settings {
+        bytes,
         pause: PAUSE,
-        ..Settings::new(load, rounds)
+        ..Settings::new(payload, rounds)
     };
     let measured = measure(&settings, &Way::ALL)?;
     let [alone, raw, futex, socket] = Way::ALL.map(|way| measured.latency(way));
-    *hop = HandOver {
+    Ok(Baselines {
         alone_p50_us: alone.map(|alone| alone.p50_us),
         alone_p99_us: alone.map(|alone| alone.p99_us),
         raw_p50_us: raw.map(|raw| raw.p50_us),
@@ -54,7 +55,5 @@ fn add(hop: &mut HandOver, payload: Payload, rounds: usize) -> Result<()> {
         socket_p50_us: socket.map(|socket| socket.p50_us),
         futex_p50_us: futex.map(|futex| futex.p50_us),
         memcpy_p50_us: Some(measured.memcpy.p50_us),
-        ..hop.clone()
-    };
-    Ok(())
+    })
 }

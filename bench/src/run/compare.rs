@@ -56,9 +56,11 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
 pub(crate) fn options(reports: [&Value; 2]) -> CompareOptions {
     let stamps = "/instrumentation/stamps";
     let is_bare = |report: &&Value| report.pointer(stamps) == Some(&json!("off"));
+    let [a, b] = reports.map(others);
     CompareOptions {
         end_to_end_only: reports.iter().any(is_bare),
-        ..CompareOptions::on_machines(reports.map(others))
+        others: a.max(b).clamp(0.0, 1.0),
+        ..CompareOptions::default()
     }
 }
 

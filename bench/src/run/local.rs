@@ -17,7 +17,7 @@ use super::plan::{Plan, Variant};
 use super::quality::Quality;
 use super::quiet::Quiet;
 use super::trace::SpansFolder;
-use crate::report::{CompareOptions, HandOver, LatencyReport, compare};
+use crate::report::{CompareOptions, LatencyReport, compare};
 
 /// Whose turn it is: A, B, B, A, and again.
 pub(crate) fn turn(number: u32) -> usize {
@@ -51,7 +51,11 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     let is_flawed = pairs.any(|(measured, report)| measured.is_flawed(report));
     match &measured[..] {
         [a, b] => {
-            share_baselines(&mut reports);
+            // The baselines are the machine's and not a variant's.
+            let measured_on = reports[0].hops.clone();
+            for (own, first) in reports[1].hops.iter_mut().zip(measured_on) {
+                (own.payload_bytes, own.baselines) = (first.payload_bytes, first.baselines);
+            }
             let quality = [a.quality(plan)?, b.quality(plan)?];
             for ((name, measured), report) in FOLDERS.iter().zip(&measured).zip(&reports) {
                 folder::write(&out.join(name), report, &measured.frames, &measured.samples)?;
@@ -103,19 +107,6 @@ fn rounds(
     let reports = pairs.map(|(variant, own)| own.report(plan, variant, &quiet));
     let reports = reports.collect();
     Ok((measured, reports))
-}
-
-/// The baselines are the machine's and not a variant's.
-fn share_baselines(reports: &mut [LatencyReport]) {
-    let baselines = reports[0].hops.clone();
-    for (own, baseline) in reports[1].hops.iter_mut().zip(baselines) {
-        *own = HandOver {
-            frames: own.frames,
-            p50_us: own.p50_us,
-            p99_us: own.p99_us,
-            ..baseline
-        };
-    }
 }
 
 /// Latency and box quality in one table.

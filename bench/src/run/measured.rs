@@ -18,7 +18,7 @@ use super::quiet::Quiet;
 use super::round::Clock;
 use super::trace::SPANS_VARIABLE;
 use crate::machine::{describe_build, describe_machine, object};
-use crate::report::{FrameCounts, FrameRecord, LatencyReport, Resources, STAGES, Sample};
+use crate::report::{FrameRecord, LatencyReport, Resources, STAGES, Sample};
 
 /// What the rounds of a variant gave.
 #[derive(Default)]
@@ -65,14 +65,14 @@ impl Measured {
 
     fn add(&mut self, recording: Recording) {
         let offset_s = self.samples.last().map_or(0.0, |sample| sample.at_s + 1.0);
-        let mut samples = recording.watch.samples;
-        samples
-            .iter_mut()
-            .for_each(|sample| sample.at_s += offset_s);
-        self.samples.extend(samples);
+        let samples = recording.watch.samples.into_iter();
+        self.samples.extend(samples.map(|sample| Sample {
+            at_s: sample.at_s + offset_s,
+            ..sample
+        }));
         self.boxes.extend(recording.boxes);
-        self.resources
-            .push(recording.watch.stages.map(|stage| stage.resources()));
+        let stages = recording.watch.stages;
+        self.resources.push(stages.map(|stage| stage.resources()));
         for stage in 0..STAGES.len() {
             let bytes = recording.payload_bytes[stage];
             self.payload_bytes[stage] = self.payload_bytes[stage].max(bytes.unwrap_or(0));
@@ -135,12 +135,8 @@ impl Measured {
 
     fn warnings(&self, plan: &Plan, report: &LatencyReport, quiet: &Quiet) -> Vec<String> {
         let (verdict, is_loud) = quiet.verdict();
-        let FrameCounts {
-            dropped,
-            taken_in,
-            unanswered,
-            ..
-        } = report.frames;
+        let counts = &report.frames;
+        let (dropped, taken_in, unanswered) = (counts.dropped, counts.taken_in, counts.unanswered);
         let (rate_hz, restarts) = (plan.rate_hz, self.restarts);
         let is_degraded = |frame: &&FrameRecord| frame.flags.split(' ').any(|f| f == "degraded");
         let degraded = self.frames.iter().filter(is_degraded).count();

@@ -1,6 +1,5 @@
 //! What is to be measured, resolved and checked before any process is started.
 
-use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -112,16 +111,17 @@ impl Plan {
         }
         let program = mluc_program()?;
         let folder = tempfile::tempdir().context("making a folder for configurations")?;
-        let given = args.input.clone().or(word("input").map(PathBuf::from));
-        let bundled = given.is_none().then(|| BundledScans::write("bench"));
-        let bundled = bundled.transpose()?;
-        let input = match &bundled {
-            Some(bundled) => bundled.folder().to_path_buf(),
-            None => given.unwrap_or_default(),
-        };
-        let origin = match &bundled {
-            Some(_) => "bundled simulated scans".to_string(),
-            None => format!("of {}", input.display()),
+        let (input, origin, bundled) = match args.input.clone().or(word("input").map(PathBuf::from))
+        {
+            Some(given) => {
+                let origin = format!("of {}", given.display());
+                (given, origin, None)
+            }
+            None => {
+                let bundled = BundledScans::write("bench")?;
+                let origin = "bundled simulated scans".to_string();
+                (bundled.folder().to_path_buf(), origin, Some(bundled))
+            }
         };
         let scans = format!("{} {origin}, in turn", Source::find(&input)?.scans.len());
         let model_name = args.model.clone().or(word("model"));
@@ -174,26 +174,29 @@ impl Plan {
         self.seconds / f64::from(self.rounds)
     }
 
+    /// Options that `mluc up` and another `mluc bench` are given alike.
+    pub(crate) fn shared_arguments(&self) -> Vec<String> {
+        let (input, rate_hz) = (self.input.display().to_string(), self.rate_hz.to_string());
+        let precision = self.args.precision.iter().map(|word| ("--precision", word));
+        let threads = self.args.threads.iter().map(|word| ("--threads", word));
+        let given = [
+            ("--input", &input),
+            ("--model", &self.model_name),
+            ("--rate", &rate_hz),
+        ];
+        let options = given.into_iter().chain(precision).chain(threads);
+        options
+            .flat_map(|(key, value)| [key.to_string(), value.clone()])
+            .collect()
+    }
+
     /// The command line of `mluc up`.
     pub(crate) fn up_arguments(&self, variant: &Variant, instance: &str) -> Vec<String> {
-        let seconds = self.warm_up_seconds + self.round_seconds();
-        let mut words = vec!["up".to_string(), "--loop".to_string()];
-        let mut add =
-            |key: &str, value: &dyn Display| words.extend([key.into(), value.to_string()]);
-        add("--instance", &instance);
-        add("--input", &self.input.display());
-        add("--model", &self.model_name);
-        add("--pace", &"sensor");
-        add("--rate", &self.rate_hz);
-        add("--seconds", &seconds);
-        if let Some(precision) = &self.args.precision {
-            add("--precision", precision);
-        }
-        for threads in &self.args.threads {
-            add("--threads", threads);
-        }
-        words.extend(variant.arguments.iter().cloned());
-        words
+        let seconds = (self.warm_up_seconds + self.round_seconds()).to_string();
+        let words = ["up", "--loop", "--pace", "sensor", "--instance", instance];
+        let words = words.into_iter().chain(["--seconds", &seconds]);
+        let words = words.map(str::to_string).chain(self.shared_arguments());
+        words.chain(variant.arguments.iter().cloned()).collect()
     }
 
     pub(crate) fn title(&self) -> String {

@@ -87,21 +87,19 @@ impl Quality {
     /// Names and figures for a table.
     pub(crate) fn rows(&self) -> [(&'static str, String); 7] {
         let found = format!("{} / {}", self.found, self.labels_unknown);
-        let number = |value: f64, digits: usize| format!("{value:.digits$}");
+        let [of_found, of_all] =
+            [self.mean_iou_found, self.mean_iou_all].map(|iou| format!("{iou:.3}"));
+        let shares = [self.share_above_0_3, self.share_above_0_5];
+        let [above_0_3, above_0_5] = shares.map(|share| format!("{share:.2}"));
+        let unknown = format!("{:.1}", self.unknown_per_frame);
         [
             ("labelled frames", self.frames.to_string()),
             ("labels of unknown classes: found / all", found),
-            (
-                "  3-D overlap of the found ones, mean",
-                number(self.mean_iou_found, 3),
-            ),
-            ("  share of all above 0.3", number(self.share_above_0_3, 2)),
-            ("  share of all above 0.5", number(self.share_above_0_5, 2)),
-            (
-                "all labels: 3-D overlap of the best box, mean",
-                number(self.mean_iou_all, 3),
-            ),
-            ("unknown objects a frame", number(self.unknown_per_frame, 1)),
+            ("  3-D overlap of the found ones, mean", of_found),
+            ("  share of all above 0.3", above_0_3),
+            ("  share of all above 0.5", above_0_5),
+            ("all labels: 3-D overlap of the best box, mean", of_all),
+            ("unknown objects a frame", unknown),
         ]
     }
 }

@@ -27,7 +27,7 @@ pub struct LatencyPercentiles {
     pub p99_us: f64,
     /// 999 in 1000.
     pub p999_us: f64,
-    /// All.
+    /// The largest.
     pub max_us: f64,
 }
 
@@ -79,14 +79,15 @@ impl Measured {
 
 /// Sends in turn on every way, each time in another order, and a copy within this process.
 pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
-    settings.load.check()?;
+    let elements = settings.elements()?;
     if let Some([sender, _]) = settings.cores {
         pin(&[sender])?;
     }
     let order = Order {
         ways: ways.to_vec(),
         link: Link {
-            load: settings.load,
+            payload: settings.payload,
+            elements,
             wake: settings.wake,
             label: label(),
         },
@@ -102,13 +103,15 @@ pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
         });
     }
     let mut peer = Peer::start(settings.program.as_deref(), &order)?;
-    let payload_bytes = settings.load.whole_bytes();
+    let payload_bytes = order.link.bytes();
     let (mut from, mut to) = (vec![1; payload_bytes], vec![2; payload_bytes]);
     let mut copied_ns = vec![];
     for round in 0..settings.warm_up + settings.rounds {
         let counts = round >= settings.warm_up;
         for place in shuffled(ends.len(), round as u64) {
-            ends[place].exchange(&mut peer, settings, round as u32, counts)?;
+            peer.expect(ends[place].way)?;
+            std::thread::sleep(settings.pause);
+            ends[place].exchange(&mut peer, round as u32, counts)?;
         }
         from.fill(round as u8);
         let begun_ns = monotonic_ns();
@@ -156,23 +159,13 @@ struct End {
 }
 
 impl End {
-    fn exchange(
-        &mut self,
-        peer: &mut Peer,
-        settings: &Settings,
-        word: u32,
-        counts: bool,
-    ) -> Result<()> {
-        peer.expect(self.way)?;
-        std::thread::sleep(settings.pause);
+    fn exchange(&mut self, peer: &mut Peer, word: u32, counts: bool) -> Result<()> {
         let sent = (self.sender)(word)?;
         let arrived = peer.arrived()?;
+        let (way, expected, found) = (self.way.name(), sent.sum, arrived.sum);
         ensure!(
-            arrived.sum == sent.sum,
-            "{}: a sum of {} was sent, {} arrived",
-            self.way.name(),
-            sent.sum,
-            arrived.sum
+            found == expected,
+            "{way}: a sum of {expected} was sent, {found} arrived"
         );
         if counts {
             let latency_ns = arrived.at_ns.saturating_sub(sent.at_ns);

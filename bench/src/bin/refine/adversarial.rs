@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use mluc_bench::clock::timed;
+use mluc_bench::clock::timed_again;
 use mluc_bench::inputs::candidate;
 use mluc_geometry::Box3;
 use mluc_ipc_types::{DETECTIONS_MAX, Detection, Object, POINTS_MAX, Point};
@@ -54,15 +54,12 @@ fn measure(
 ) -> Result<Row> {
     let mut refiner = setup.refiner(&setup.settings)?;
     let mut out = RefinerOutput::default();
-    let mut once = |_| {
-        timed(|| {
-            let start = Instant::now();
-            let mut is_over =
-                || limit_ms.is_some_and(|limit| start.elapsed().as_secs_f64() * 1e3 > limit);
-            refiner.refine_within(0, points, detections, &mut is_over, &mut out);
-        })
-    };
-    let laps: Vec<_> = (0..=RUNS).map(&mut once).skip(1).collect();
+    let laps = timed_again(RUNS, || {
+        let start = Instant::now();
+        let mut is_over =
+            || limit_ms.is_some_and(|limit| start.elapsed().as_secs_f64() * 1e3 > limit);
+        refiner.refine_within(0, points, detections, &mut is_over, &mut out);
+    });
     let is_flagged = |object: &&Object| object.flags & Object::UNREFINED != 0;
     let unrefined = out.counters.unrefined;
     Ok(Row {
@@ -79,26 +76,22 @@ fn measure(
 /// A wall, a plane, a blob, and all points equal: as many points each as a scan may have.
 fn frames() -> [(&'static str, Vec<Point>); 4] {
     const K: [f64; 3] = [0.618_034, 0.414_214, 0.732_051];
-    let share = |i: usize, axis: usize| (i as f64 * K[axis]).fract() - 0.5;
-    let made = |place: &dyn Fn(usize) -> [f64; 3]| -> Vec<Point> {
+    let places: [(_, fn([f64; 3]) -> [f64; 3]); 4] = [
+        ("wall", |[u, v, _]| [12.0, 80.0 * u, 4.0 * v]),
+        ("plane", |[u, v, _]| [80.0 * u, 80.0 * v, -1.73]),
+        ("blob", |[u, v, w]| {
+            [12.0 + 3.0 * u, 1.0 + 3.0 * v, -0.5 + 2.0 * w]
+        }),
+        ("equal points", |_| [12.0, 1.0, -1.0]),
+    ];
+    places.map(|(name, place)| {
         let point = |i| {
-            let [x, y, z] = place(i).map(|v| v as f32);
+            let shares = K.map(|k| (f64::from(i) * k).fract() - 0.5);
+            let [x, y, z] = place(shares).map(|v| v as f32);
             bytemuck::cast([x, y, z, 0.3])
         };
-        (0..POINTS_MAX).map(point).collect()
-    };
-    let wall = |i| [12.0, 80.0 * share(i, 0), 4.0 * share(i, 1)];
-    let plane = |i| [80.0 * share(i, 0), 80.0 * share(i, 1), -1.73];
-    let blob = |i| {
-        let [x, y, z] = [0, 1, 2].map(|axis| share(i, axis));
-        [12.0 + 3.0 * x, 1.0 + 3.0 * y, -0.5 + 2.0 * z]
-    };
-    [
-        ("wall", made(&wall)),
-        ("plane", made(&plane)),
-        ("blob", made(&blob)),
-        ("equal points", made(&|_| [12.0, 1.0, -1.0])),
-    ]
+        (name, (0..POINTS_MAX as u32).map(point).collect())
+    })
 }
 
 /// Candidates in a row beside the wall, all through the plane and around the blob.
@@ -117,19 +110,13 @@ fn print(rows: &[Row]) {
         "frame"
     );
     for row in rows {
-        let times = &row.times;
+        let (t, unrefined, flagged, work) = (&row.times, row.unrefined, row.flagged, row.work);
+        let (proposals, refined) = (row.proposals, row.refined);
+        let ms = [t.p50_ms, t.max_ms, t.cpu_p50_ms, t.cpu_max_ms];
+        let ms = ms.map(|ms| format!(" {ms:>8.2}")).concat();
+        let name = &row.frame;
         println!(
-            "{:<24} {:>9} {:>7} {:>9} {:>7} {:>10} {:>8.2} {:>8.2} {:>8.2} {:>8.2}",
-            row.frame,
-            row.proposals,
-            row.refined,
-            row.unrefined,
-            row.flagged,
-            row.work,
-            times.p50_ms,
-            times.max_ms,
-            times.cpu_p50_ms,
-            times.cpu_max_ms
+            "{name:<24} {proposals:>9} {refined:>7} {unrefined:>9} {flagged:>7} {work:>10}{ms}"
         );
     }
 }

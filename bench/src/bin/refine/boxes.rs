@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use anyhow::{Context, Result};
 use mluc_bench::clock::timed;
-use mluc_geometry::quantile_of;
+use mluc_geometry::{mean_and_spread, quantile_of};
 use mluc_refiner::Settings;
 use serde::Serialize;
 use serde_json::Value;
@@ -34,15 +34,15 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame], proposals: usize, anywhere: b
     let mut refiner = setup.refiner(&setup.settings)?;
     let judged = judge(frames, &mut refiner);
     let (times, work) = time(frames, &mut refiner, proposals, anywhere);
-    let work_at = |q| quantile_of(work.clone(), q).unwrap_or_default();
+    let [work_p50, work_max] = [0.5, 1.0].map(|q| quantile_of(work.clone(), q).unwrap_or(0.0));
     let report = Report {
         refiner: setup.settings.variant.name(),
         frames: frames.len(),
         quality: Quality::of(&judged),
         proposals,
         times,
-        work_p50: work_at(0.5),
-        work_max: work_at(1.0),
+        work_p50,
+        work_max,
     };
     setup.print(&report, || {
         println!("refiner {}, {} frames", report.refiner, report.frames);
@@ -57,14 +57,18 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame], proposals: usize, anywhere: b
 /// A line for each object.
 pub(crate) fn list(setup: &Setup, frames: &[Frame]) -> Result<()> {
     let judged = judge(frames, &mut setup.refiner(&setup.settings)?);
-    let objects = frames
-        .iter()
-        .flat_map(|f| f.objects.iter().map(|o| (f.number, &o.shape)));
+    let of_frame = |f: &Frame| {
+        f.objects
+            .iter()
+            .map(|o| (f.number, &o.shape))
+            .collect::<Vec<_>>()
+    };
+    let objects = frames.iter().flat_map(of_frame);
     println!(
         "frame class IoU of the first, mean, ceiling | label: place, size, heading | found: disposition, place, size, heading, points"
     );
     for ((frame, label), own) in objects.zip(&judged) {
-        let mean = own.ious.iter().sum::<f64>() / own.ious.len().max(1) as f64;
+        let [mean, _] = mean_and_spread(&own.ious);
         let first = own.ious.first().copied().unwrap_or(0.0);
         let ceiling = own.ceiling.unwrap_or(0.0);
         print!(
@@ -124,17 +128,11 @@ pub(crate) fn table(setup: &Setup, frames: &[Frame], rows: &[(String, Settings)]
         let mut judged = Vec::new();
         let took = timed(|| judged = judge(frames, &mut refiner));
         let Quality { all, by_class } = Quality::of(&judged);
-        let sum: f64 = by_class.values().map(|own| own.mean_iou_3d).sum();
-        let mean = sum / by_class.len().max(1) as f64;
-        print!(
-            "{name:<44} {:>6.4} {:>6.3} {mean:>7.4} {:>7.1}",
-            all.mean_iou_3d,
-            all.share_above_0_3,
-            took.cpu / 1e3
-        );
-        for own in by_class.values() {
-            print!(" {:>10.3}", own.mean_iou_3d);
-        }
+        let of_classes: Vec<f64> = by_class.values().map(|own| own.mean_iou_3d).collect();
+        let [mean, _] = mean_and_spread(&of_classes);
+        let (iou, share, cpu_s) = (all.mean_iou_3d, all.share_above_0_3, took.cpu / 1e3);
+        print!("{name:<44} {iou:>6.4} {share:>6.3} {mean:>7.4} {cpu_s:>7.1}");
+        of_classes.iter().for_each(|iou| print!(" {iou:>10.3}"));
         println!();
     }
     Ok(())

@@ -14,11 +14,11 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Parser;
-use mluc_bench::inputs;
+use mluc_bench::{inputs, on_threads};
 use mluc_dataset::Dataset;
 use mluc_model::Model;
 use mluc_refiner::fit::BoxFit;
-use mluc_refiner::{ClusterScorer, Refiner, Settings, Study, Variant};
+use mluc_refiner::{ClusterScorer, Refiner, Settings, Variant};
 use serde::Serialize;
 
 /// Quality and time of a refiner on a folder of labelled scans.
@@ -96,10 +96,7 @@ fn main() -> Result<()> {
         scorer: scorer.transpose()?,
         json: arguments.json,
     };
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(arguments.threads)
-        .build()?;
-    pool.install(|| run(&arguments, &setup))
+    on_threads(arguments.threads, || run(&arguments, &setup))
 }
 
 fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
@@ -126,10 +123,7 @@ fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
     if arguments.fits {
         let rows = [BoxFit::AxisAligned, BoxFit::MinimumArea, BoxFit::Closeness].map(|fit| {
             let mut settings = setup.settings.clone();
-            settings.study = Study {
-                box_fit: Some(fit),
-                ..settings.study
-            };
+            settings.study.box_fit = Some(fit);
             (format!("{fit:?}"), settings)
         });
         return boxes::table(setup, &frames, &rows);

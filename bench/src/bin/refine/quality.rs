@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use mluc_bench::inputs::{box_of, candidate, sensor};
-use mluc_geometry::{Box3, iou_3d};
+use mluc_geometry::{Box3, iou_3d, mean_and_spread};
 use mluc_ipc_types::{Object, Point};
 use mluc_refiner::fit::{Closeness, ClusterPoints, Extend};
 use mluc_refiner::{FrameIndex, GroundPlane, Refiner, RefinerOutput, Settings};
@@ -45,30 +45,32 @@ impl Overlaps {
         let ious: Vec<f64> = objects.iter().flat_map(|o| &o.ious).copied().collect();
         let count = ious.len().max(1) as f64;
         let above = |least: f64| ious.iter().filter(|&&iou| iou > least).count() as f64 / count;
-        let ceilings: Option<f64> = objects.iter().map(|o| o.ceiling).sum();
+        let ceilings: Option<Vec<f64>> = objects.iter().map(|o| o.ceiling).collect();
         Overlaps {
             objects: objects.len(),
-            mean_iou_3d: ious.iter().sum::<f64>() / count,
+            mean_iou_3d: mean_and_spread(&ious)[0],
             share_above_0_1: above(0.1),
             share_above_0_3: above(0.3),
             share_above_0_5: above(0.5),
-            ceiling_mean_iou_3d: ceilings.map(|sum| sum / objects.len().max(1) as f64),
+            ceiling_mean_iou_3d: ceilings.map(|ceilings| mean_and_spread(&ceilings)[0]),
         }
     }
 
     fn print(&self, name: &str) {
-        print!(
-            "{name:<16} {:>7} {:>9.3} {:>6.2} {:>6.2} {:>6.2}",
-            self.objects,
-            self.mean_iou_3d,
+        let shares = [
             self.share_above_0_1,
             self.share_above_0_3,
             self.share_above_0_5,
+        ];
+        let shares = shares.map(|share| format!(" {share:>6.2}")).concat();
+        let ceiling = self
+            .ceiling_mean_iou_3d
+            .map(|ceiling| format!(" {ceiling:>8.3}"));
+        let ceiling = ceiling.unwrap_or_default();
+        println!(
+            "{name:<16} {:>7} {:>9.3}{shares}{ceiling}",
+            self.objects, self.mean_iou_3d
         );
-        match self.ceiling_mean_iou_3d {
-            Some(ceiling) => println!(" {ceiling:>8.3}"),
-            None => println!(),
-        }
     }
 }
 
