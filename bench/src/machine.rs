@@ -94,7 +94,6 @@ pub(crate) fn cpu_ticks(stat: &str) -> [u64; 4] {
     [(); 4].map(|()| ticks.next().and_then(|word| word.parse().ok()).unwrap_or(0))
 }
 
-/// The map of a JSON object.
 pub(crate) fn object(value: Value) -> Map<String, Value> {
     match value {
         Value::Object(map) => map,
@@ -167,7 +166,6 @@ fn field<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     Some(value.trim_start_matches([' ', '\t', ':']).trim_end())
 }
 
-/// A small file's text without the line end.
 fn text_of(path: &str) -> Option<String> {
     Some(read_to_string(path).ok()?.trim_end().to_string())
 }

@@ -9,7 +9,6 @@ pub(crate) const ALARM_COLOR: &str = "#d1242f";
 /// Waiting.
 pub(crate) const QUEUE_COLOR: &str = "#b9c0c9";
 
-/// A picture that grows.
 pub(crate) struct Svg {
     width: f64,
     height: f64,

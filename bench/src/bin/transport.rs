@@ -66,7 +66,6 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Everything, for a program.
 fn report(measured: &[(Payload, Measured)]) -> Result<Value> {
     let mut topics = Map::new();
     for (payload, found) in measured {

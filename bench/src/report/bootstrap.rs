@@ -11,7 +11,6 @@ const BLOCKS_PER_ROUND: usize = 10;
 /// Rounds from which whole rounds are drawn too: then the scatter between starts of the processes counts.
 const ROUNDS_MIN: usize = 4;
 
-/// A number that sums up many.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Statistic {
     Quantile(f64),
@@ -44,7 +43,6 @@ impl Statistic {
 pub(crate) struct Scatter {
     /// Of the values as they are.
     pub(crate) value: f64,
-    /// Of each resample.
     resampled: Vec<f64>,
     blocks: usize,
     /// Whole rounds were drawn: the scatter between starts is in it.

@@ -14,7 +14,6 @@ pub(crate) struct Sample {
     pub(crate) at_s: f64,
     /// CPU time over time by stage: 1 is a core.
     pub(crate) cpu_cores: [f64; 4],
-    /// Private memory by stage, MiB.
     pub(crate) memory_mib: [f64; 4],
 }
 
@@ -27,7 +26,6 @@ const DOTS_MAX: usize = 4000;
 /// Where the slowest frame is so much above the median a linear axis would show a flat line.
 const LOG_FROM: f64 = 6.0;
 
-/// Every frame's latency; rounds one after the other.
 pub(crate) fn latency_over_time(frames: &[FrameRecord], period_ms: Option<f64>) -> String {
     let latency_us = series(frames).latency_us;
     let latency_ms: Vec<f64> = latency_us.iter().map(|us| us / 1000.0).collect();
@@ -80,7 +78,6 @@ pub(crate) fn latency_over_time(frames: &[FrameRecord], period_ms: Option<f64>) 
     svg.finish("latency of each frame over time")
 }
 
-/// Where each round begins on a common axis, s.
 fn round_starts_s(frames: &[FrameRecord]) -> Vec<f64> {
     let first = frames.first().map_or(0, |frame| frame.round as usize);
     let mut starts_s = vec![0.0; first + 1];
@@ -94,7 +91,6 @@ fn round_starts_s(frames: &[FrameRecord]) -> Vec<f64> {
     starts_s
 }
 
-/// CPU of each stage.
 pub(crate) fn cpu_over_time(samples: &[Sample]) -> String {
     let Some(last) = samples.last() else {
         return String::new();

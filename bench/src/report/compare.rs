@@ -27,7 +27,6 @@ const MARGIN_OF_FRAME: f64 = 0.005;
 /// Dropped frames: below this share no difference is reported.
 const MARGIN_DROPPED: f64 = 0.01;
 
-/// How to judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct CompareOptions {
     /// A difference below this share of the figure is noise to whoever decides, however sure it is.
@@ -62,7 +61,6 @@ pub(crate) enum Verdict {
     TooFewFrames,
 }
 
-/// One figure of both runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Row {
     /// Which figure, with its unit.
@@ -76,7 +74,6 @@ pub(crate) struct Row {
     pub(crate) verdict: Verdict,
 }
 
-/// All figures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Comparison {
     /// Measured frames of A and B.
@@ -86,7 +83,6 @@ pub(crate) struct Comparison {
     pub(crate) is_equal: bool,
 }
 
-/// Values of one figure, by round.
 struct Figure {
     name: String,
     statistic: Statistic,
@@ -126,7 +122,6 @@ pub(crate) fn compare(
     })
 }
 
-/// Of both runs, by round.
 fn figures(runs: &[Vec<Series>; 2], end_to_end_only: bool) -> Vec<Figure> {
     let first = runs[0].iter().flat_map(|series| &series.latency_us);
     let frame_us = Statistic::Quantile(0.5).of(&mut first.copied().collect::<Vec<_>>());
@@ -200,7 +195,6 @@ impl Figure {
 }
 
 impl Comparison {
-    /// As text for a terminal.
     pub(crate) fn table(&self, [a, b]: [&str; 2]) -> String {
         let [frames_a, frames_b] = self.frames;
         let mut text = format!("A: {a} ({frames_a} frames)\nB: {b} ({frames_b} frames)\n\n");
@@ -212,7 +206,6 @@ impl Comparison {
         text + &format!("\n{}\n", self.sentence())
     }
 
-    /// The verdict in words.
     pub(crate) fn sentence(&self) -> String {
         if self.is_equal {
             return "equal: every difference is within the noise of these runs".to_string();

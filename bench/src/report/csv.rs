@@ -21,7 +21,6 @@ const OUTCOMES: [&str; 2] = ["out", "dropped"];
 const FIXED: usize = 6;
 const ARRIVED: usize = FIXED + 12;
 
-/// The table as text.
 pub(crate) fn write_frames(frames: &[FrameRecord]) -> String {
     let latency_us = series(frames).latency_us;
     let mut text = format!("{HEAD}\n");

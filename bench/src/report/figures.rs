@@ -11,12 +11,10 @@ use super::series::{series, sorted};
 /// Version of `report.json` and `frames.csv`; another one is refused.
 pub(crate) const REPORT_VERSION: u32 = 1;
 
-/// Four values as an object by the names of the stages.
 fn by_stage<T: Serialize, S: Serializer>(values: &[T; 4], to: S) -> Result<S::Ok, S::Error> {
     to.collect_map(STAGES.iter().zip(values))
 }
 
-/// Four values as an object by the names of the topics.
 fn by_hop<T: Serialize, S: Serializer>(values: &[T; 4], to: S) -> Result<S::Ok, S::Error> {
     to.collect_map(HOPS.iter().zip(values))
 }
@@ -48,13 +46,11 @@ impl Percentiles {
     }
 }
 
-/// What a stage's process took of the machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Resources {
     pub(crate) threads: u32,
     /// CPU time over time: 1 is a whole core.
     pub(crate) cpu_cores: f64,
-    /// Largest private memory.
     pub(crate) memory_mib: f64,
     /// Largest shared memory mapped and touched; several stages touch the same pages.
     pub(crate) shared_memory_mib: f64,
@@ -77,7 +73,6 @@ pub(crate) struct StageFigures {
 /// A topic's hand-over, and what the machine gives at best. `None`: not measured.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct HandOver {
-    /// Payload of a usual message.
     pub(crate) payload_bytes: u64,
     /// Frames whose consumer was idle.
     pub(crate) frames: usize,
@@ -105,7 +100,6 @@ pub(crate) struct Baselines {
     pub(crate) memcpy_p50_us: Option<f64>,
 }
 
-/// All hand-overs of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct AllHandOvers {
     pub(crate) p50_us: Option<f64>,
@@ -114,13 +108,10 @@ pub(crate) struct AllHandOvers {
     pub(crate) share_of_100_ms: Option<f64>,
 }
 
-/// Frames of the measured part.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct FrameCounts {
-    /// Due.
     #[serde(rename = "in")]
     pub(crate) taken_in: usize,
-    /// Came out.
     pub(crate) out: usize,
     /// Overtaken by a newer one; they count in `end_to_end_us`.
     pub(crate) dropped: usize,
@@ -145,7 +136,6 @@ pub(crate) struct FirstFrame {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct LatencyReport {
     pub(crate) report_version: u32,
-    /// One line for the page's head.
     pub(crate) title: String,
     /// What a reader must know before believing a figure.
     pub(crate) warnings: Vec<String>,
@@ -160,15 +150,10 @@ pub(crate) struct LatencyReport {
     pub(crate) hops_together: AllHandOvers,
     pub(crate) frames: FrameCounts,
     pub(crate) first_frame: FirstFrame,
-    /// How quiet the machine was.
     pub(crate) quiet: Map<String, Value>,
-    /// Processor, cores, memory, kernel, governor.
     pub(crate) machine: Map<String, Value>,
-    /// Version, commit, compiler.
     pub(crate) build: Map<String, Value>,
-    /// What ran.
     pub(crate) scenario: Map<String, Value>,
-    /// Stamps and spans: on or off, and what a stamp costs.
     pub(crate) instrumentation: Map<String, Value>,
 }
 

@@ -39,7 +39,6 @@ fn warnings(report: &LatencyReport) -> String {
     report.warnings.iter().map(line).collect()
 }
 
-/// Four numbers that must be seen first.
 fn tiles(report: &LatencyReport) -> String {
     let ms = |us: f64| format!("{} ms", short(us / 1000.0));
     let (total, counts) = (&report.end_to_end_us, &report.frames);
@@ -69,7 +68,6 @@ fn tiles(report: &LatencyReport) -> String {
     tiles.concat()
 }
 
-/// A row a name.
 fn rows<const CELLS: usize>(names: [&str; 4], cells: [[String; CELLS]; 4]) -> String {
     let rows = names.into_iter().zip(cells).map(|(name, cells)| {
         let cells = cells.map(|cell| format!("<td>{cell}</td>")).concat();

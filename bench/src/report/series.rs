@@ -13,7 +13,6 @@ pub(crate) struct Series {
     pub(crate) latency_us: Vec<f64>,
     /// Of every frame: 1 where it was dropped.
     pub(crate) is_dropped: Vec<f64>,
-    /// Of frames that came out.
     pub(crate) delivered_us: Vec<f64>,
     pub(crate) queue_us: [Vec<f64>; 4],
     pub(crate) run_us: [Vec<f64>; 4],

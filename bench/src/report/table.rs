@@ -4,7 +4,6 @@ use super::figures::{LatencyReport, Percentiles};
 use super::frame::{HOPS, STAGES};
 
 impl LatencyReport {
-    /// Everything that fits on a screen.
     pub(crate) fn table(&self) -> String {
         let fact = |map: &serde_json::Map<String, serde_json::Value>, key: &str| {
             let value = map.get(key).and_then(|value| value.as_str());

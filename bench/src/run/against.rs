@@ -15,7 +15,6 @@ use super::plan::Plan;
 use super::{progress, show};
 use crate::report::{FrameRecord, LatencyReport, compare};
 
-/// What the rounds of one build gave.
 #[derive(Default)]
 struct Side {
     frames: Vec<FrameRecord>,

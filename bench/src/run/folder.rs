@@ -23,7 +23,6 @@ pub(crate) fn make(folder: &Path) -> Result<()> {
     fs::remove_file(&probe).with_context(|| format!("writing into {}", folder.display()))
 }
 
-/// All files of a report.
 pub(crate) fn write(
     folder: &Path,
     report: &LatencyReport,

@@ -86,7 +86,6 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
 }
 
-/// All rounds of all variants.
 fn rounds(
     plan: &Plan,
     variants: &[Variant],
@@ -109,7 +108,6 @@ fn rounds(
     Ok((measured, reports))
 }
 
-/// Latency and box quality in one table.
 fn side_by_side(
     names: [&str; 2],
     reports: &[LatencyReport],

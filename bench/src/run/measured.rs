@@ -20,7 +20,6 @@ use super::trace::SPANS_VARIABLE;
 use crate::machine::{describe_build, describe_machine, object};
 use crate::report::{FrameRecord, LatencyReport, Resources, STAGES, Sample};
 
-/// What the rounds of a variant gave.
 #[derive(Default)]
 pub(crate) struct Measured {
     pub(crate) frames: Vec<FrameRecord>,
@@ -82,7 +81,6 @@ impl Measured {
         self.is_interrupted |= recording.is_interrupted;
     }
 
-    /// Quality of the boxes, where the scans have labels.
     pub(crate) fn quality(&self, plan: &Plan) -> Result<Option<Quality>> {
         judge(&self.boxes, &plan.labels, &class_names(&plan.model))
     }

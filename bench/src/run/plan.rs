@@ -72,7 +72,6 @@ impl Variant {
     }
 }
 
-/// A whole measurement.
 pub(crate) struct Plan {
     /// The program `mluc`.
     pub(crate) program: PathBuf,
@@ -169,7 +168,6 @@ impl Plan {
         })
     }
 
-    /// Measured seconds of one round.
     pub(crate) fn round_seconds(&self) -> f64 {
         self.seconds / f64::from(self.rounds)
     }
@@ -190,7 +188,6 @@ impl Plan {
             .collect()
     }
 
-    /// The command line of `mluc up`.
     pub(crate) fn up_arguments(&self, variant: &Variant, instance: &str) -> Vec<String> {
         let seconds = (self.warm_up_seconds + self.round_seconds()).to_string();
         let words = ["up", "--loop", "--pace", "sensor", "--instance", instance];
@@ -205,7 +202,6 @@ impl Plan {
         format!("mluc bench: {model}, {precision}, {rate_hz} Hz, {scans}")
     }
 
-    /// For the report: what ran.
     pub(crate) fn describe(&self, variant: &Variant) -> Map<String, Value> {
         object(json!({
             "scans": self.scans,

@@ -22,7 +22,6 @@ struct Counts {
     shared_mib: f64,
 }
 
-/// Looks at the four processes while they run.
 #[derive(Default)]
 pub(crate) struct ProcessWatch {
     pub(crate) stages: [StageWatch; 4],

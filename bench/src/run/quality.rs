@@ -45,7 +45,6 @@ impl Labels {
     }
 }
 
-/// Published objects of a frame.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Boxes {
     known: Vec<Box3>,
@@ -67,7 +66,6 @@ impl Boxes {
 /// Over all frames with labels. A label's overlap is that of the published box that fits it best, 3-D.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Quality {
-    /// Frames that have labels.
     frames: usize,
     /// Labelled objects of classes that the model does not know.
     labels_unknown: usize,
@@ -79,12 +77,10 @@ pub(crate) struct Quality {
     share_above_0_5: f64,
     /// Labelled objects of all classes, any published box: mean best overlap.
     mean_iou_all: f64,
-    /// Unknown objects published a frame.
     unknown_per_frame: f64,
 }
 
 impl Quality {
-    /// Names and figures for a table.
     pub(crate) fn rows(&self) -> [(&'static str, String); 7] {
         let found = format!("{} / {}", self.found, self.labels_unknown);
         let [of_found, of_all] =

@@ -24,7 +24,6 @@ struct Ticks {
     switches: u64,
 }
 
-/// Sums up over the rounds.
 #[derive(Default)]
 pub(crate) struct Quiet {
     sum: Ticks,
@@ -55,7 +54,6 @@ impl Quiet {
         result
     }
 
-    /// Share of all cores that others took.
     fn others(&self) -> f64 {
         self.sum.busy.saturating_sub(self.sum.ours) as f64 / self.sum.all.max(1) as f64
     }
@@ -85,7 +83,6 @@ impl Quiet {
         (text, true)
     }
 
-    /// For the report.
     pub(crate) fn describe(&self) -> Map<String, Value> {
         let rounded = |share: f64| (share * 1e5).round() / 1e5;
         let per_tick = self.sum.all.max(1) as f64;

@@ -5,7 +5,6 @@ use mluc_ipc_types::{Flags, FrameHeader};
 use super::pipeline::Arrival;
 use crate::report::{FrameRecord, Stamps};
 
-/// Which frames were due when.
 pub(crate) struct Clock {
     pub(crate) round: u32,
     pub(crate) rate_hz: f64,

@@ -17,7 +17,6 @@ use crate::report::{FrameRecord, STAGES};
 /// Names the folder into which the processes write their spans.
 pub(crate) const SPANS_VARIABLE: &str = "MLUC_SPANS";
 
-/// The frame that a trace shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Which {
     #[default]
@@ -127,7 +126,6 @@ impl Drop for SpansFolder {
 /// A piece of work of one process for one frame; times on CLOCK_MONOTONIC.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 struct Span {
-    /// The stage's name.
     process: String,
     pid: u32,
     tid: u64,
@@ -173,7 +171,6 @@ fn stage_of(process: &str) -> Option<usize> {
     STAGES.iter().position(|stage| *stage == process)
 }
 
-/// Names, in the order of the stages.
 fn processes(spans: &[Span]) -> Vec<Value> {
     let names: BTreeMap<u32, &str> = spans.iter().map(|s| (s.pid, s.process.as_str())).collect();
     let names = names.into_iter().flat_map(|(pid, name)| {

@@ -150,7 +150,6 @@ fn label() -> String {
     format!("t{}-{count}", std::process::id())
 }
 
-/// One way and what was measured on it.
 struct End {
     way: Way,
     sender: Sender,

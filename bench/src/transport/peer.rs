@@ -18,7 +18,6 @@ use super::way::{Arrived, Link, Receiver, Way};
 /// First word of the command line of a receiving process; the second is its [`Order`] as JSON.
 const WORD: &str = "--transport-peer";
 
-/// What the receiver is to do.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Order {
     pub(crate) ways: Vec<Way>,
@@ -34,7 +33,6 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Starts it and waits until it is connected.
     pub(crate) fn start(program: Option<&Path>, order: &Order) -> Result<Peer> {
         let program = match program {
             Some(program) => program.to_path_buf(),
@@ -65,7 +63,6 @@ impl Peer {
         writeln!(to, "{}", way.name()).with_context(|| gone("naming the next way"))
     }
 
-    /// What it saw.
     pub(crate) fn arrived(&mut self) -> Result<Arrived> {
         self.hear("waiting for what arrived")
     }

@@ -17,17 +17,19 @@ use crate::simulate::Simulation;
 use crate::train::{BASE, NETWORKS, command_of};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame, NeighbourPolicy};
-use mluc_gateway::picture::Canvas;
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Rows with a page of the frames in which they did worst: ours, and the paper's with its slips corrected.
 const WORST_OF: [&str; 2] = ["mluc-full", "paper-corrected"];
 
+const FIGURE_5: &str = "Figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method";
+const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown \
+    objects are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
+
 /// Evaluations by the key of their row, the first seed first.
 type ByRow = BTreeMap<&'static str, Vec<Evaluated>>;
 
-/// Rows, figures, pictures, JSON, page.
 pub(crate) fn write_report(
     options: &Options,
     tests: &BTreeMap<Setting, TestFrames>,
@@ -41,14 +43,13 @@ pub(crate) fn write_report(
     for test in tests.values() {
         let name = test.setting.name().to_owned();
         let evaluated = evaluations(options, test)?;
-        let rows = evaluated.iter();
-        let rows = rows.filter_map(|(method, seeds)| Some(((*method).to_owned(), combine(seeds)?)));
-        report.settings.insert(name.clone(), rows.collect());
-        let real = real_rows(&options.layout, test, &evaluated, &options.real, screen)?;
-        let details = Details {
-            real,
-            ..details(options, test, &evaluated)?
+        let row = |(method, seeds): (&&str, &Vec<Evaluated>)| {
+            Some(((*method).to_owned(), combine(seeds)?))
         };
+        let rows = evaluated.iter().filter_map(row).collect();
+        report.settings.insert(name.clone(), rows);
+        let mut details = details(options, test, &evaluated)?;
+        details.real = real_rows(&options.layout, test, &evaluated, &options.real, screen)?;
         report.details.insert(name, details);
         by_setting.push((test, evaluated));
     }
@@ -70,50 +71,38 @@ fn write_pictures(
     report: &ReproductionReport,
     by_setting: &[(&TestFrames, ByRow)],
 ) -> Result<Vec<(String, String)>, EvaluateError> {
-    let mut pictures = Vec::new();
+    let write = |file: &str, bytes: &[u8]| write_whole(&out.join(file), bytes);
     let drawn = |what| EvaluateError::file(out, what);
+    let mut pictures = vec![("figure5.svg".to_owned(), FIGURE_5.to_owned())];
     let curves = figure5::svg(report).map_err(drawn)?;
-    write_whole(&out.join("figure5.svg"), curves.as_bytes())?;
-    write_png(
-        &out.join("figure5.png"),
-        &figure5::canvas(report).map_err(drawn)?,
-    )?;
-    let what = "Figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method";
-    pictures.push(("figure5.svg".to_owned(), what.to_owned()));
+    write("figure5.svg", curves.as_bytes())?;
+    let curves = figure5::canvas(report).map_err(drawn)?;
+    write("figure5.png", &curves.png())?;
     let mut scenes = Vec::new();
     for (test, evaluated) in by_setting {
         scenes.extend(figure6_scene(test, evaluated)?);
     }
     if !scenes.is_empty() {
-        write_png(&out.join("figure6.png"), &figure6(&scenes))?;
-        let what = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown objects \
-                    are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
-        pictures.push(("figure6.png".to_owned(), what.to_owned()));
+        write("figure6.png", &figure6(&scenes).png())?;
+        pictures.push(("figure6.png".to_owned(), FIGURE_6.to_owned()));
     }
     for (test, evaluated) in by_setting {
         for method in WORST_OF {
-            let seeds = evaluated.get(method);
-            let Some(first) = seeds.and_then(|seeds| seeds.first()) else {
-                continue;
+            let scenes = match evaluated.get(method) {
+                Some(seeds) => worst_scenes(test, &seeds[0])?,
+                None => Vec::new(),
             };
-            let scenes = worst_scenes(test, first)?;
-            if scenes.is_empty() {
-                continue;
+            if !scenes.is_empty() {
+                let setting = test.setting.name();
+                let title = MethodRow::find(method).map_or(method, |row| &row.title);
+                let file = format!("worst-{setting}-{method}.png");
+                write(&file, &worst_page(&scenes).png())?;
+                let what = "with most errors about unknown objects";
+                pictures.push((file, format!("{title}: the frames of {setting} {what}")));
             }
-            let setting = test.setting.name();
-            let file = format!("worst-{setting}-{method}.png");
-            write_png(&out.join(&file), &worst_page(&scenes))?;
-            let title = MethodRow::find(method).map_or(method, |row| &row.title);
-            let what =
-                format!("{title}: the frames of {setting} with most errors about unknown objects");
-            pictures.push((file, what));
         }
     }
     Ok(pictures)
-}
-
-fn write_png(path: &Path, canvas: &Canvas) -> Result<(), EvaluateError> {
-    write_whole(path, &canvas.png())
 }
 
 /// Every evaluation of a setting that is up to date.
@@ -143,14 +132,10 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, Ev
     let model = read_model(layout, setting, row.network, 1)?;
     let key = key(&model, test);
     let steps = full_steps(&model);
-    let last = steps.len() - 1;
-    let rows = steps.into_iter().enumerate().filter_map(|(at, step)| {
-        // With every step it is the row itself.
-        let of_step = if at == last {
-            row.key.clone()
-        } else {
-            step_key(at)
-        };
+    let keys = (0..steps.len() - 1).map(step_key);
+    // With every step it is the row itself.
+    let keys = keys.chain([row.key.clone()]);
+    let rows = steps.into_iter().zip(keys).filter_map(|(step, of_step)| {
         let kept = Evaluated::read(&layout.evaluation_of(setting, &of_step, 1), &key)?;
         Some(AblationRow {
             step: step.to_owned(),
@@ -160,11 +145,7 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, Ev
     Ok(rows.collect())
 }
 
-fn details(
-    options: &Options,
-    test: &TestFrames,
-    evaluated: &ByRow,
-) -> Result<Details, EvaluateError> {
+fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Details, EvaluateError> {
     let (layout, setting) = (&options.layout, test.setting);
     let frames = (0..test.set.len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
     let frames: Vec<LabelledFrame> = frames.collect::<Result<_, EvaluateError>>()?;
@@ -174,17 +155,14 @@ fn details(
     for plan in NETWORKS.iter() {
         let network = plan.network;
         for seed in 1..=options.seeds {
-            let mut rows = evaluated.values().flatten();
+            let mut rows = found.values().flatten();
             let is_it = |e: &&Evaluated| e.network == network.name() && e.seed == seed;
             let Some(row) = rows.find(is_it) else {
                 continue;
             };
             let model = read_model(layout, setting, network, seed)?;
             let provenance = &model.manifest.provenance;
-            let mut separation = row.separation.clone();
-            if seed > 1 || !plan.scored {
-                separation.clear();
-            }
+            let separation = row.separation.iter().filter(|_| seed == 1 && plan.scored);
             networks.push(NetworkDetails {
                 network: row.network.clone(),
                 seed,
@@ -193,7 +171,7 @@ fn details(
                 command: command_of(&layout.run_of(setting, network, seed)),
                 commit: provenance.commit.clone(),
                 fingerprint: format!("{:016x}", model.fingerprint),
-                separation,
+                separation: separation.cloned().collect(),
             });
         }
     }
@@ -236,10 +214,8 @@ fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>, Evaluat
 fn provenance(options: &Options) -> Provenance {
     let mut settings = options.settings.iter();
     let draws = settings.next().map(|s| options.sizes(*s).resamples);
-    let seeded = NETWORKS
-        .iter()
-        .filter(|n| n.seeded)
-        .map(|n| n.network.name());
+    let seeded = NETWORKS.iter().filter(|n| n.seeded);
+    let seeded: Vec<&str> = seeded.map(|n| n.network.name()).collect();
     Provenance {
         commit: options.commit.clone(),
         command: options.command.clone(),
@@ -252,7 +228,7 @@ fn provenance(options: &Options) -> Provenance {
              begin with the same base: their spread is that of the last part of the training. Networks that lay in the runs' folder \
              already are taken as they are and listed as given.",
             BASE.name(),
-            seeded.collect::<Vec<_>>().join(", ")
+            seeded.join(", ")
         ),
     }
 }

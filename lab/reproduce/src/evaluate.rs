@@ -18,7 +18,6 @@ use mluc_train::NetworkKind;
 
 /// Changes with the meaning of what is kept.
 const FORMAT: u32 = 5;
-/// Seed of the bootstrap.
 pub(crate) const BOOTSTRAP_SEED: u64 = 1;
 
 /// The known classes of a setting at the paper's overlaps, then the unknown.
@@ -76,8 +75,8 @@ pub(crate) fn evaluate_network(
     if missing.is_empty() {
         return Ok(());
     }
+    let file = layout.model_of(setting, network, seed);
     for job in &missing {
-        let file = layout.model_of(setting, network, seed);
         let checked = job.method.check(&model);
         checked.map_err(|cause| EvaluateError::file(&file, cause))?;
     }
@@ -115,19 +114,17 @@ struct Job {
 }
 
 fn jobs(model: &Model, network: NetworkKind, seed: u64) -> Vec<Job> {
-    let row = |row: &MethodRow| Job {
-        key: row.key.clone(),
-        method: row.method,
-        full_step: usize::MAX,
+    let job = |key: String, method: Method, full_step: usize| Job {
+        key,
+        method,
+        full_step,
     };
+    let row = |row: &MethodRow| job(row.key.clone(), row.method, usize::MAX);
     let mut jobs: Vec<Job> = MethodRow::on(network, seed).map(row).collect();
     if network == Method::MlucFull.row().network && seed == 1 {
         // The last one is the row itself.
-        jobs.extend((0..full_steps(model).len() - 1).map(|full_step| Job {
-            key: step_key(full_step),
-            method: Method::MlucFull,
-            full_step,
-        }));
+        let steps = 0..full_steps(model).len() - 1;
+        jobs.extend(steps.map(|step| job(step_key(step), Method::MlucFull, step)));
     }
     jobs
 }

@@ -12,7 +12,6 @@ use std::path::Path;
 pub(crate) struct Evaluated {
     /// What it depends on: while this is the same, the evaluation need not be made again.
     pub(crate) key: String,
-    /// Key of the row.
     pub(crate) method: String,
     pub(crate) network: String,
     pub(crate) seed: u64,

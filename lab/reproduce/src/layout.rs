@@ -32,19 +32,16 @@ impl Layout {
         self.data.join(format!("{}{what}", setting.name()))
     }
 
-    /// Folder of a network's run.
     pub(crate) fn run_of(&self, setting: Setting, network: NetworkKind, seed: u64) -> PathBuf {
         let run = with_seed(network.name(), seed);
         self.runs.join(setting.name()).join(run)
     }
 
-    /// Its model file.
     pub(crate) fn model_of(&self, setting: Setting, network: NetworkKind, seed: u64) -> PathBuf {
         let run = self.run_of(setting, network, seed);
         run.join("model.safetensors")
     }
 
-    /// Where a row's evaluation is kept.
     pub(crate) fn evaluation_of(&self, setting: Setting, method: &str, seed: u64) -> PathBuf {
         let file = format!("{}.json", with_seed(method, seed));
         let folder = self.runs.join(setting.name()).join("evaluations");

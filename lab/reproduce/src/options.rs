@@ -36,7 +36,6 @@ pub struct Options {
 }
 
 impl Options {
-    /// Frames and steps of a setting.
     pub(crate) fn sizes(&self, setting: Setting) -> Sizes {
         let sizes = self.size.sizes(setting);
         Sizes {
@@ -66,7 +65,6 @@ pub(crate) struct TestFrames {
     pub(crate) set: FrameSet,
     /// Of labels and scans.
     pub(crate) hash: String,
-    /// Draws of the bootstrap.
     pub(crate) resamples: usize,
 }
 

@@ -14,7 +14,6 @@ const SUPERVISED_SEED: u64 = 101;
 /// Seed of the scans with synthetic unknown objects: training scans of known classes with other layouts.
 const SYNTHETIC_SEED: u64 = 201;
 
-/// A split to be simulated.
 pub(crate) struct Simulation {
     /// What it is for: train, supervised, synthetic-unknown, val, test.
     pub(crate) name: &'static str,
@@ -52,7 +51,6 @@ impl Simulation {
         splits.map(of).into()
     }
 
-    /// The command that does the same.
     pub(crate) fn command(&self) -> String {
         let o = &self.options;
         let synthetic = if o.synthetic_unknown {

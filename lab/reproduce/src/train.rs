@@ -13,15 +13,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::LazyLock;
 
-/// A network and how it comes to be.
 pub(crate) struct Training {
     pub(crate) network: NetworkKind,
     pub(crate) seed: u64,
-    /// Folder of the run.
     pub(crate) folder: PathBuf,
-    /// Optimiser steps.
     pub(crate) steps: u64,
-    /// Arguments of `mluc-lab`.
     pub(crate) arguments: Vec<String>,
 }
 
@@ -106,7 +102,6 @@ impl Training {
         }
     }
 
-    /// The command.
     pub(crate) fn command(&self) -> String {
         format!("mluc-lab {}", self.arguments.join(" "))
     }

@@ -57,7 +57,6 @@ fn main() -> Result<()> {
     save(&arguments.out, "candidates.json", format!("{about:#}\n"))
 }
 
-/// Measures and writes the candidates of a frame.
 fn candidates(frame: &SimulatedFrame, out: &Path, found: &mut Vec<Value>) -> Result<()> {
     let settings = Settings::default();
     let mut index = FrameIndex::default();

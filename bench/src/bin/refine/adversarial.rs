@@ -18,7 +18,6 @@ const RUNS: usize = 20;
 /// Proposals of a frame, and the row beside the wall that they fill, m.
 const CROWDS: [(usize, f64); 3] = [(20, 10.0), (DETECTIONS_MAX, 40.0), (DETECTIONS_MAX, 0.0)];
 
-/// What one frame cost.
 #[derive(Serialize)]
 struct Row {
     frame: String,
@@ -73,10 +72,13 @@ fn measure(
     })
 }
 
+/// From three numbers within half of 0.
+type Place = fn([f64; 3]) -> [f64; 3];
+
 /// A wall, a plane, a blob, and all points equal: as many points each as a scan may have.
 fn frames() -> [(&'static str, Vec<Point>); 4] {
     const K: [f64; 3] = [0.618_034, 0.414_214, 0.732_051];
-    let places: [(_, fn([f64; 3]) -> [f64; 3]); 4] = [
+    let places: [(_, Place); 4] = [
         ("wall", |[u, v, _]| [12.0, 80.0 * u, 4.0 * v]),
         ("plane", |[u, v, _]| [80.0 * u, 80.0 * v, -1.73]),
         ("blob", |[u, v, w]| {

@@ -15,7 +15,6 @@ use crate::quality::{Quality, judge};
 use crate::scene::Frame;
 use crate::timing::{Times, time};
 
-/// What `--json` prints.
 #[derive(Serialize)]
 struct Report {
     refiner: &'static str,
@@ -29,7 +28,6 @@ struct Report {
     work_max: f64,
 }
 
-/// Quality, then time.
 pub(crate) fn run(setup: &Setup, frames: &[Frame], proposals: usize, anywhere: bool) -> Result<()> {
     let mut refiner = setup.refiner(&setup.settings)?;
     let judged = judge(frames, &mut refiner);
@@ -54,16 +52,11 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame], proposals: usize, anywhere: b
     })
 }
 
-/// A line for each object.
 pub(crate) fn list(setup: &Setup, frames: &[Frame]) -> Result<()> {
     let judged = judge(frames, &mut setup.refiner(&setup.settings)?);
-    let of_frame = |f: &Frame| {
-        f.objects
-            .iter()
-            .map(|o| (f.number, &o.shape))
-            .collect::<Vec<_>>()
-    };
-    let objects = frames.iter().flat_map(of_frame);
+    let objects = frames
+        .iter()
+        .flat_map(|f| f.objects.iter().map(|o| (f.number, &o.shape)));
     println!(
         "frame class IoU of the first, mean, ceiling | label: place, size, heading | found: disposition, place, size, heading, points"
     );

@@ -28,7 +28,6 @@ struct Report {
     times: Times,
 }
 
-/// Compares and prints.
 pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()> {
     let mut index = FrameIndex::default();
     let mut ground = GroundMap::new(sensor().height_m);

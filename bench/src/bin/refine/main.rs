@@ -131,7 +131,6 @@ fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
     boxes::run(setup, &frames, arguments.proposals, arguments.anywhere)
 }
 
-/// What every mode needs.
 struct Setup {
     settings: Settings,
     /// Of `--looks`.
@@ -140,7 +139,6 @@ struct Setup {
 }
 
 impl Setup {
-    /// A refiner for the bench's sensor.
     fn refiner(&self, settings: &Settings) -> Result<Refiner> {
         let (sensor, scorer) = (inputs::sensor(), self.scorer.clone());
         Ok(Refiner::with_scorer(settings.clone(), &sensor, scorer)?)

@@ -17,7 +17,6 @@ const PROPOSALS_PER_OBJECT: u64 = 8;
 /// the sorting alone.
 const SURROUNDINGS_M: f32 = 30.0;
 
-/// All figures of one labelled object.
 #[derive(Default)]
 pub(crate) struct Judged {
     pub(crate) class: String,
@@ -28,7 +27,6 @@ pub(crate) struct Judged {
     pub(crate) first: Option<Object>,
 }
 
-/// Means over some objects.
 #[derive(Serialize)]
 pub(crate) struct Overlaps {
     objects: usize,
@@ -74,7 +72,6 @@ impl Overlaps {
     }
 }
 
-/// Of all objects, and by class.
 #[derive(Serialize)]
 pub(crate) struct Quality {
     #[serde(flatten)]

@@ -24,7 +24,6 @@ struct Report {
     times: Times,
 }
 
-/// Measures and prints.
 pub(crate) fn run(setup: &Setup, frames: &[Frame]) -> Result<()> {
     let mut clusterer = FrameClusterer::new(&setup.settings, &sensor())?;
     let mut out = FrameClusters::default();

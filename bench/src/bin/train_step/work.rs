@@ -133,7 +133,6 @@ impl Work {
         }
     }
 
-    /// Forward and backward.
     pub(crate) fn step(&mut self) -> Times {
         let (pass, times) = self.run();
         pass.recycle(&mut self.pool);

@@ -38,7 +38,6 @@ impl Way {
     }
 }
 
-/// Longest time that a receiver waits for one message.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 
 fn silence(way: Way) -> String {
@@ -61,7 +60,6 @@ pub(crate) struct Sent {
 pub(crate) struct Arrived {
     /// The clock once the whole message was there.
     pub(crate) at_ns: u64,
-    /// Of the words read.
     pub(crate) sum: u32,
 }
 
@@ -87,7 +85,6 @@ macro_rules! for_elements {
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Link {
     pub(crate) payload: Payload,
-    /// Of each message.
     pub(crate) elements: usize,
     pub(crate) wake: Wake,
     /// Part of the name of everything shared.
@@ -95,7 +92,6 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// Bytes of a message.
     pub(crate) fn bytes(&self) -> usize {
         self.elements * self.payload.topic().element_bytes
     }

@@ -25,7 +25,6 @@ pub fn full_steps(model: &Model) -> Vec<&'static str> {
     steps
 }
 
-/// Whether a model has learned to score clusters.
 fn scores_clusters(model: &Model) -> bool {
     model.weights.find(CLUSTER_SCORER).is_some()
 }

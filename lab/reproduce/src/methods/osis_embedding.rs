@@ -22,7 +22,6 @@ pub(super) struct Standing {
     pub(super) embedding: Vec<f32>,
 }
 
-/// Runs the trunk and the embedding.
 pub(super) struct Embedder<'a> {
     model: &'a Model,
     embedding: PointEmbedding,
@@ -30,7 +29,6 @@ pub(super) struct Embedder<'a> {
 }
 
 impl Embedder<'_> {
-    /// Refuses a model without an embedding.
     pub(super) fn new(model: &Model) -> Result<Embedder<'_>, EvaluateError> {
         let manifest = &model.manifest;
         let channels = manifest.network.feature_channels();

@@ -14,38 +14,33 @@ use mluc_evaluate::pipeline::ScoreSeparation;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Mean and spread.
 pub(crate) type MeanSpread = [f64; 2];
 
-/// What a spread is of.
+/// What a standard deviation is over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum SpreadKind {
-    /// Standard deviation over draws of the test frames, one network.
+    /// Draws of the test frames, one network.
     #[default]
     Bootstrap,
-    /// Standard deviation over networks of several seeds, the same test frames.
+    /// Networks of several seeds, the same test frames.
     Seeds,
 }
 
 /// A row of the tables.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub(crate) struct MethodFigures {
-    /// Kind of network that the row runs on.
     pub(crate) network: String,
-    /// What the spreads are of.
     pub(crate) spread: SpreadKind,
     pub(crate) seeds: Vec<u64>,
     /// Threshold that each seed's row stands at: best harmonic mean on the test frames (the paper's choice, an oracle).
     pub(crate) thresholds: Vec<f64>,
     /// AP of each known class.
-    #[serde(default)]
     pub(crate) classes: BTreeMap<String, MeanSpread>,
     /// The same figures with thresholds chosen on the other half of the test frames: mean, and spread over seeds (0 with one).
-    #[serde(default)]
     pub(crate) honest: BTreeMap<String, MeanSpread>,
     /// The sweep of the first seed, those points that keep nine tenths of the closed set's mAP.
-    #[serde(default)]
     pub(crate) curve: Vec<SweepPoint>,
     /// `map_known`, `ap_unknown`, `map_harm`, `recall_unknown` and their companions at the chosen threshold.
     #[serde(flatten)]
@@ -62,9 +57,9 @@ pub(super) fn present(rows: &Rows) -> impl Iterator<Item = (&'static MethodRow, 
 }
 
 impl MethodFigures {
-    /// A figure by name; `None` where it was not taken.
-    pub(crate) fn get(&self, name: &str) -> Option<MeanSpread> {
-        self.figures.get(name).copied()
+    /// The mean of a figure; `None` where it was not taken.
+    pub(crate) fn mean(&self, name: &str) -> Option<f64> {
+        Some(self.figures.get(name)?[0])
     }
 }
 
@@ -73,13 +68,11 @@ pub(crate) struct NetworkDetails {
     pub(crate) network: String,
     pub(crate) seed: u64,
     pub(crate) steps: u64,
-    /// Frames a step.
     pub(crate) batch: u32,
-    /// The command that trained it, or that would; "given" where the network lay in the runs' folder already.
+    /// The command that trained it; "given" where the network lay in the runs' folder already.
     pub(crate) command: String,
     pub(crate) commit: String,
     pub(crate) fingerprint: String,
-    /// Of its boxes on the test frames.
     pub(crate) separation: Vec<ScoreSeparation>,
 }
 
@@ -93,10 +86,8 @@ pub(crate) struct DataOrigin {
     pub(crate) hash: String,
 }
 
-/// A step of our method, and what it brings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct AblationRow {
-    /// What is added, or left out.
     pub(crate) step: String,
     pub(crate) figures: MethodFigures,
 }
@@ -105,7 +96,6 @@ pub(crate) struct AblationRow {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct RealRow {
     pub(crate) method: String,
-    /// What the scans are.
     pub(crate) data: String,
     pub(crate) frames: usize,
     /// Threshold, chosen on simulated scans.
@@ -134,7 +124,6 @@ pub(crate) struct Details {
     pub(crate) real: Vec<RealRow>,
 }
 
-/// Where the figures come from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Provenance {
     pub(crate) commit: String,
@@ -144,15 +133,13 @@ pub(crate) struct Provenance {
     /// Draws of the bootstrap and their seed.
     pub(crate) bootstrap: [u64; 2],
     pub(crate) threads: usize,
-    /// How networks come to be, in a sentence.
+    /// How networks come to be, in words.
     pub(crate) training: String,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ReproductionReport {
-    /// By setting.
     pub(crate) details: BTreeMap<String, Details>,
-    /// Where the figures come from.
     pub(crate) provenance: Provenance,
     /// By setting (`sim-udi`, `sim-kitti`, `kitti`), then by method.
     #[serde(flatten)]

@@ -17,4 +17,4 @@ pub(crate) use data::{
 };
 pub(crate) use page::page;
 pub(crate) use pages::{figure6, worst_page};
-pub(crate) use scene::{DrawnScene, Panel, SceneBox};
+pub(crate) use scene::{DrawnScene, Panel};
