@@ -25,7 +25,6 @@ pub mod pipeline;
 mod report;
 mod rule;
 mod sweep;
-mod table;
 #[cfg(test)]
 mod tests;
 

@@ -244,14 +244,3 @@ fn every_label_has_one_disposition() {
     }
     assert!(sums[0] > 5 && sums[1] > 0 && sums[2] > 0, "{sums:?}");
 }
-
-#[test]
-fn a_folder_without_scans_is_an_error() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let fault = FrameSet::open(folder.path(), None, 1).expect_err("no scans");
-    assert!(
-        fault
-            .to_string()
-            .ends_with("expected scans (*.bin), found none")
-    );
-}

@@ -210,12 +210,6 @@ fn bad_input_is_named_and_fails() {
             short,
             ["000001.txt, line 1", "found 13", "no z"],
         ),
-        (
-            "a/calib/000001.txt",
-            "P2: 0 0\n",
-            ["calib/000001.txt, line 1", "12 columns", "found 2"],
-        ),
-        (FOUND, "{", ["objects.jsonl, line 1", "", ""]),
         (FOUND, &renamed, ["found none", "777770", "000000"]),
     ] {
         let refuses = || folder.refuses(&ap("a", ""), &words);

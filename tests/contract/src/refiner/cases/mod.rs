@@ -3,9 +3,7 @@
 mod frames;
 mod garbage;
 mod life;
-mod overload;
 mod runs;
-mod version;
 
 use crate::refiner::session::Session;
 
@@ -43,11 +41,11 @@ pub(crate) const CASES: [Case; 18] = [
     case("sequences", runs::sequences),
     case("other_run", runs::other_run),
     case("new_run", runs::new_run),
-    case("overload", overload::overload),
+    case("overload", life::overload),
     case("garbage_lengths", garbage::lengths),
     case("garbage_numbers", garbage::numbers),
     case("garbage_noise", garbage::noise),
-    case("wrong_version", version::wrong_version),
+    case("wrong_version", runs::wrong_version),
     case("silence", life::silence),
     case("restart", life::restart),
     case("stop", life::stop),
