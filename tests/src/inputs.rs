@@ -9,6 +9,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::running::{Finished, Running, leftovers, unique_instance};
+use mluc_dataset::scan_bytes;
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 
 /// A calibration of KITTI's axes at the sensor, without a camera.
@@ -94,9 +95,7 @@ impl Setting {
     /// Writes KITTI's `.bin` beside the others; gives its path.
     pub fn write_scan(&self, name: &str, points: &[[f32; 4]]) -> PathBuf {
         let path = self.input.join(format!("{name}.bin"));
-        let values = points.as_flattened().iter();
-        let bytes: Vec<u8> = values.flat_map(|value| value.to_le_bytes()).collect();
-        fs::write(&path, bytes).expect("a writable folder");
+        fs::write(&path, scan_bytes(points)).expect("a writable folder");
         path
     }
 

@@ -1,6 +1,8 @@
 //! Which labels and detections count for a class.
 
-use crate::{CameraDetection, Difficulty, EvaluateError, LabelledFrame, ObjectKind, UNKNOWN_IOUS};
+use crate::{
+    CameraDetection, Difficulty, EvaluateError, LabelledFrame, ObjectKind, Result, UNKNOWN_IOUS,
+};
 use clap::ValueEnum;
 use mluc_dataset::{Label, is_recognized};
 use std::collections::BTreeSet;
@@ -138,10 +140,7 @@ pub struct RuleRequest {
 }
 
 /// The rules of an evaluation: the known classes in order, then the unknown group if there is one.
-pub fn rules(
-    request: &RuleRequest,
-    frames: &[LabelledFrame],
-) -> Result<Vec<ClassRule>, EvaluateError> {
+pub fn rules(request: &RuleRequest, frames: &[LabelledFrame]) -> Result<Vec<ClassRule>> {
     let lower = |class: &String| class.to_ascii_lowercase();
     let unknown: Vec<String> = request.unknown.iter().map(lower).collect();
     let with_overlap = request.iou_min.iter().map(|(class, _)| class);
@@ -189,7 +188,7 @@ pub fn paper_rules(
     known: &[String],
     unknown: &[String],
     neighbours: NeighbourPolicy,
-) -> Result<Vec<ClassRule>, EvaluateError> {
+) -> Result<Vec<ClassRule>> {
     let cars = known
         .iter()
         .filter(|class| *class == "car" && model_name != "kitti");
@@ -205,7 +204,7 @@ pub fn paper_rules(
     rules(&request, &[])
 }
 
-fn checked(class: &str, iou_min: f64) -> Result<f64, EvaluateError> {
+fn checked(class: &str, iou_min: f64) -> Result<f64> {
     if (0.0..1.0).contains(&iou_min) {
         return Ok(iou_min);
     }

@@ -3,7 +3,7 @@
 //! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed`
 //! and everything else is passed over.
 
-use crate::{EvaluateError, SensorDetection};
+use crate::{EvaluateError, Result, SensorDetection};
 use mluc_ipc_types::WIRE_VERSION;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -22,9 +22,7 @@ struct Line {
 }
 
 /// Reads JSON lines: detections by frame name. A frame that comes twice is an error, as is a line cut short.
-pub fn read_json_lines(
-    path: &Path,
-) -> Result<BTreeMap<String, Vec<SensorDetection>>, EvaluateError> {
+pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetection>>> {
     let failed = |e| EvaluateError::file(path, e);
     let mut reader = BufReader::new(std::fs::File::open(path).map_err(failed)?);
     let mut frames = BTreeMap::new();

@@ -2,7 +2,7 @@
 
 use super::ModelGate;
 use crate::input::image_size_beside;
-use crate::{EvaluateError, FrameTruth};
+use crate::{EvaluateError, FrameTruth, Result};
 use mluc_dataset::{Dataset, DatasetError};
 use mluc_head::Detection;
 use mluc_ipc_types::{POINTS_MAX, Point};
@@ -46,11 +46,7 @@ impl DetectedFrame {
 impl FrameSet {
     /// The first `frames_max` frames of `root`: of the split that `root/ImageSets/SPLIT.txt` names, or of all scans.
     /// A frame without a label file is an error, before anything is computed.
-    pub fn open(
-        root: &Path,
-        split: Option<&str>,
-        frames_max: usize,
-    ) -> Result<FrameSet, EvaluateError> {
+    pub fn open(root: &Path, split: Option<&str>, frames_max: usize) -> Result<FrameSet> {
         let dataset = match split {
             Some(split) => Dataset::open_split(root, split)?,
             None => Dataset::open(root)?,
@@ -95,12 +91,12 @@ impl FrameSet {
     }
 
     /// The frame's scan as the first stage hands it on.
-    pub fn points(&self, index: usize) -> Result<Vec<Point>, EvaluateError> {
+    pub fn points(&self, index: usize) -> Result<Vec<Point>> {
         Ok(scan_points(&self.dataset, &self.names[index])?)
     }
 
     /// The frame's labels and how it is seen.
-    pub fn truth(&self, index: usize) -> Result<FrameTruth, EvaluateError> {
+    pub fn truth(&self, index: usize) -> Result<FrameTruth> {
         let name = &self.names[index];
         let labels = self.dataset.root().join("label_2");
         Ok(FrameTruth {

@@ -5,8 +5,8 @@ use super::separation::{ScoreSeparation, separation};
 use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects_at, paper_rules};
 use crate::open_set::unknown_as_known;
 use crate::{
-    ApReport, ClassReport, ClassRule, EvaluateError, JudgedPoint, NeighbourPolicy, SweepPoint,
-    best_index, evaluate,
+    ApReport, ClassReport, ClassRule, EvaluateError, JudgedPoint, NeighbourPolicy, Result,
+    SweepPoint, best_index, evaluate,
 };
 use mluc_dataset::whole_file::write_whole;
 use mluc_model::{Model, model_bytes};
@@ -52,7 +52,7 @@ pub fn judge(
     unknown: &[String],
     neighbours: NeighbourPolicy,
     settings: &Settings,
-) -> Result<ModelJudgement, EvaluateError> {
+) -> Result<ModelJudgement> {
     let classes = class_names(model);
     let rules = paper_rules(&model.manifest.name, &classes, unknown, neighbours)?;
     let gate = ModelGate::of(model);
@@ -82,7 +82,7 @@ pub fn sweep_gate(
     rules: &[ClassRule],
     settings: &Settings,
     step: &(dyn Fn() + Sync),
-) -> Result<Vec<SweepPoint>, EvaluateError> {
+) -> Result<Vec<SweepPoint>> {
     let gate = ModelGate::of(model);
     let thresholds = gate.thresholds(frames, THRESHOLDS);
     let objects = objects_at(model, gate, set, frames, settings, thresholds, step)?;
@@ -108,7 +108,7 @@ pub fn choose_threshold(
     judgement: &ModelJudgement,
     data: &str,
     refiner: &str,
-) -> Result<Choice, EvaluateError> {
+) -> Result<Choice> {
     if judgement.unknown_labels() == 0 {
         let unknown = judgement.closed.unknown();
         let classes = unknown.map_or("none named".to_owned(), |c| c.rule.valid.join(", "));
@@ -143,7 +143,7 @@ pub fn choose_threshold(
 
 /// Puts a choice into the model file that was judged: the threshold, how it was chosen, and the figures. The file is
 /// replaced as a whole or not at all; a file that changed since it was judged is left alone.
-pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<(), EvaluateError> {
+pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<()> {
     let mut model = Model::read(path)?;
     if model.fingerprint != judged.fingerprint {
         let (expected, found) = (judged.fingerprint, model.fingerprint);

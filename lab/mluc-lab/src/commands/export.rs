@@ -23,7 +23,6 @@ pub(crate) struct ExportArguments {
     out: PathBuf,
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: ExportArguments) -> anyhow::Result<()> {
     let bytes = export(&Model::read(&arguments.model)?)?;
     let out = &arguments.out;

@@ -37,7 +37,6 @@ pub(crate) struct ImportArguments {
     /// Anchor of a class, m; bottom is its z in the sensor frame. Those of OpenPCDet's KITTI configurations are known.
     #[arg(long, value_parser = anchor, value_name = "CLASS=LENGTH,WIDTH,HEIGHT,BOTTOM")]
     anchor: Vec<AnchorClass>,
-    /// Height of the sensor above the ground, m.
     #[arg(long, default_value_t = 1.73)]
     sensor_height_m: f32,
     /// Boxes below this score are not reported.
@@ -83,7 +82,6 @@ impl ImportArguments {
     }
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
     let path = arguments.checkpoint.display();
     let bytes = std::fs::read(&arguments.checkpoint).with_context(|| path.to_string())?;

@@ -43,7 +43,6 @@ pub(crate) struct QuantizeArguments {
     json: bool,
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
     let is_some = arguments.frames > 0;
     ensure!(is_some, "--frames: expected 1 or more, found 0");

@@ -122,9 +122,9 @@ fn latency(args: &RefinerArgs, tester: &Tester) -> anyhow::Result<ExitCode> {
     let program = tester.programs().remove(0);
     let report = latency::compare(&reference, &program, args.frames)?;
     if args.json {
-        print_out(serde_json::to_string(&report)?)?;
+        print_out(report)?;
     } else {
-        print_out(report.text().trim_end())?;
+        print_out(latency::table(&report))?;
     }
     Ok(ExitCode::SUCCESS)
 }

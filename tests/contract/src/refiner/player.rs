@@ -132,7 +132,6 @@ impl Player {
         self.frame(points, detections)
     }
 
-    /// Sends the points alone.
     pub(crate) fn send_points(&mut self, frame: &Frame) -> anyhow::Result<()> {
         if let Some(mut header) = frame.points_header {
             stamp(&mut header, Stage::Ingest);
@@ -182,7 +181,6 @@ impl Player {
         Ok(None)
     }
 
-    /// Takes and forgets all answers.
     pub(crate) fn forget_answers(&mut self) -> anyhow::Result<()> {
         while self.take_answer()?.is_some() {}
         Ok(())

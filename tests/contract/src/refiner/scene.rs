@@ -3,7 +3,6 @@
 use mluc_geometry::Random;
 use mluc_ipc_types::{CLASSES_MAX, Detection, DetectionKind, GateKind, NO_PROBABILITY, Point};
 
-/// Height of the sensor above the ground, m.
 const SENSOR_HEIGHT_M: f32 = 1.73;
 
 /// A box that stands on the ground.
@@ -14,7 +13,6 @@ pub(crate) struct Thing {
     pub(crate) size_m: [f32; 3],
 }
 
-/// A golf cart and a car.
 pub(crate) const CART: Thing = Thing {
     x_m: 12.0,
     y_m: 1.0,
@@ -72,7 +70,6 @@ fn on_sides(thing: &Thing, number: usize) -> Point {
     }
 }
 
-/// A dense cloud of `count` points around a thing.
 pub(crate) fn blob(thing: &Thing, count: usize) -> Vec<Point> {
     let [x, y, z] = thing.center_m();
     let point = |number| Point {

@@ -18,7 +18,6 @@ pub(crate) enum Reaction {
     Refused(String),
 }
 
-/// Ports and program.
 pub(crate) struct Session<'a> {
     pub(crate) options: &'a Options,
     program: Option<Program>,
@@ -41,7 +40,6 @@ impl Session<'_> {
         })
     }
 
-    /// The running program.
     pub(crate) fn program(&mut self) -> anyhow::Result<&mut Program> {
         self.program.as_mut().context("the program does not run")
     }
@@ -65,7 +63,6 @@ impl Session<'_> {
         Ok(health)
     }
 
-    /// Starts the program unless it runs.
     pub(crate) fn ready(&mut self) -> anyhow::Result<()> {
         let program = self.program.as_mut();
         if program.is_none_or(|program| program.ended().is_some()) {
@@ -129,14 +126,12 @@ impl Session<'_> {
         self.await_health("heartbeat", |_| true)
     }
 
-    /// Waits for the objects of a frame.
     fn await_answer(&mut self, frame: &Frame) -> anyhow::Result<Answer> {
         let sequence = frame.header.sequence;
         let awaited = format!("objects of frame {sequence}");
         self.await_any(&awaited, |player| player.take_answer_to(sequence))
     }
 
-    /// Sends a frame and waits for its objects.
     pub(crate) fn exchange(&mut self, frame: &mut Frame) -> anyhow::Result<Answer> {
         self.player.send(frame)?;
         self.await_answer(frame)
@@ -164,7 +159,6 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Checks what holds of every answer.
     pub(crate) fn check_form(&self, frame: &Frame, answer: &Answer) -> anyhow::Result<()> {
         let classes = self.options.run.classes_count as usize;
         check_form(frame, answer, classes)

@@ -78,7 +78,6 @@ fn image_size(text: &str) -> Result<ImageSize, String> {
     size.ok_or_else(|| format!("expected WIDTHxHEIGHT in pixels such as 1242x375, found '{text}'"))
 }
 
-/// Runs it.
 pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
     let sources = sources(&arguments.labels, &arguments.detections, &arguments.calib)?;
     let input = read(&sources, arguments.image_size)?;

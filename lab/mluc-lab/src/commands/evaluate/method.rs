@@ -36,7 +36,6 @@ pub(super) struct MethodArguments {
     curve: bool,
 }
 
-/// Runs it.
 pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     let scans = &arguments.scans;
     scans.check()?;

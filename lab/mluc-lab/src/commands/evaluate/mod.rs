@@ -27,7 +27,6 @@ enum What {
     Method(method::MethodArguments),
 }
 
-/// Runs the subcommand.
 pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
     match arguments.what {
         What::Ap(arguments) => ap::run(arguments),

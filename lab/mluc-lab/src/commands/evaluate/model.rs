@@ -58,7 +58,6 @@ pub(super) struct ModelArguments {
     json: bool,
 }
 
-/// Runs it.
 pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let scans = &arguments.scans;
     scans.check()?;

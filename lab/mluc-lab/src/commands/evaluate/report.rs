@@ -5,7 +5,6 @@ use mluc_evaluate::{ClassReport, SweepPoint, best_index};
 use mluc_model::Model;
 use serde_json::{Value, json};
 
-/// Everything that was found out.
 pub(super) struct Outcome {
     pub(super) model: Model,
     pub(super) data: String,

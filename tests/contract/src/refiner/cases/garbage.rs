@@ -10,7 +10,6 @@ use crate::refiner::player::{Answer, Frame};
 use crate::refiner::scene::{CART, candidate, fill, scan};
 use crate::refiner::session::{Reaction, Session};
 
-/// Frames of noise.
 const NOISY_FRAMES: u64 = 8;
 
 /// The session with a program that was provoked, and how often it refused.
@@ -76,7 +75,6 @@ pub(super) fn lengths(session: &mut Session<'_>) -> Outcome {
     provoked.summary()
 }
 
-/// Spoils a detection.
 type Spoil = fn(&mut Detection);
 
 const SPOILS: [(&str, Spoil); 14] = [

@@ -18,7 +18,6 @@ const HEARTBEAT_MAX: Duration = Duration::from_millis(500);
 const SILENCE: Duration = Duration::from_millis(2500);
 /// After SIGTERM. The supervisor is less patient (0.6 s) and kills then; a loaded test machine is slow.
 const END_PATIENCE: Duration = Duration::from_secs(3);
-/// How often it is killed.
 const KILLS: usize = 3;
 
 /// Frames that come while the program is held.

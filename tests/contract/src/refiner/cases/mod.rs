@@ -10,7 +10,6 @@ use crate::refiner::session::Session;
 /// What was seen when it passed; why not when it failed.
 pub(crate) type Outcome = anyhow::Result<String>;
 
-/// One part of the contract.
 pub(crate) struct Case {
     pub(crate) name: &'static str,
     pub(crate) run: fn(&mut Session<'_>) -> Outcome,
@@ -51,7 +50,6 @@ pub(crate) const CASES: [Case; 18] = [
     case("stop", life::stop),
 ];
 
-/// Names of all cases.
 pub(crate) fn names() -> [&'static str; CASES.len()] {
     CASES.each_ref().map(|case| case.name)
 }
