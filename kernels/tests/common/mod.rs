@@ -1,6 +1,8 @@
 //! The plain version that every faster one is compared with, and random cases.
 #![allow(dead_code)] // Each test file uses a part of it.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use mluc_kernels::{ABSENT, Gather};
 
 /// A linear congruential generator: the same cases on every machine.
@@ -122,6 +124,14 @@ pub(crate) fn assert_near(found: &[f32], expected: &[f64], tolerance: f64, what:
             "{what}: value {i} is {found}, expected {expected}"
         );
     }
+}
+
+/// Panics unless `work` panics and says `expected`.
+pub(crate) fn assert_refused<R>(expected: &str, work: impl FnOnce() -> R) {
+    let panicked = catch_unwind(AssertUnwindSafe(work)).err().expect("a panic");
+    let text = panicked.downcast_ref::<&str>().copied();
+    let text = text.or(panicked.downcast_ref::<String>().map(String::as_str));
+    assert!(text.is_some_and(|text| text.contains(expected)), "{text:?}");
 }
 
 /// Runs `work` on a pool of its own.

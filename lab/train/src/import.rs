@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use mluc_model::{Manifest, Model, WeightSet};
 
 use crate::error::TrainError;
-use crate::export::{orders, place};
+use crate::export::{axes, place};
 use crate::layers::Linear;
 use crate::trainer::Trainer;
 
@@ -66,7 +66,7 @@ pub(crate) fn start_from(
 fn take_trunk(weights: &WeightSet, trainer: &mut Trainer) -> Vec<String> {
     let (chain, state) = (&trainer.chain, &mut trainer.state);
     let mut fresh = vec![];
-    for (layer, order) in chain.layers().zip(orders(chain)) {
+    for layer in chain.layers() {
         let tensor = |part: &str, count: usize| {
             let found = weights.find(&format!("{}.{part}", layer.name));
             found.map(|t| &t.data).filter(|data| data.len() == count)
@@ -79,9 +79,10 @@ fn take_trunk(weights: &WeightSet, trainer: &mut Trainer) -> Vec<String> {
             fresh.push(layer.name.clone());
             continue;
         };
+        let axes = axes(chain, layer);
         let plain = &mut state.parameters[layer.weight.clone()];
         for (i, value) in weight.iter().enumerate() {
-            plain[place(layer, order, i)] = *value;
+            plain[place(axes, i)] = *value;
         }
         state.parameters[layer.gamma.clone()].copy_from_slice(gamma);
         state.parameters[layer.beta.clone()].copy_from_slice(beta);

@@ -44,15 +44,11 @@ impl Pool {
         }
         let to = &mut self.rounded[..values.len()];
         let tasks = to.par_chunks_mut(ROUND_CHUNK);
-        tasks
-            .zip(values.par_chunks(ROUND_CHUNK))
-            .for_each(|(to, from)| {
-                // Nearest, ties to even, without the case of NaN: a loss that is no number ends the run anyway.
-                for (to, from) in to.iter_mut().zip(from) {
-                    let bits = from.to_bits();
-                    *to = Bf16((bits.wrapping_add(0x7fff + ((bits >> 16) & 1)) >> 16) as u16);
-                }
-            });
+        let tasks = tasks.zip(values.par_chunks(ROUND_CHUNK));
+        tasks.for_each(|(to, from)| {
+            let pairs = to.iter_mut().zip(from);
+            pairs.for_each(|(to, from)| *to = Bf16::from_f32(*from));
+        });
         to
     }
 }
