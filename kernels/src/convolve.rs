@@ -130,7 +130,9 @@ impl<I: Element, O: Element> Kernel for Block<'_, I, O> {
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
         let mut room = Room::<I::Sum, { BLOCK * PANEL_MAX }>::new();
-        let mut lists = Lists::new();
+        let (taps, rows) = (self.job.weights.taps, &self.rows);
+        let index = &self.job.gather.index[rows.start * taps..rows.end * taps];
+        let mut lists = Lists::new(index, taps);
         for panel in panels(self.job.weights.cout) {
             let mut bias = [0.0; PANEL_MAX];
             if let Some(values) = self.job.epilogue.bias {
@@ -151,11 +153,10 @@ impl<I: Element, O: Element> Block<'_, I, O> {
     fn accumulate<S: Simd>(&self, simd: S, panel: Panel, lists: &mut Lists, sums: &mut [I::Sum]) {
         let (input, weights) = (self.job.input, self.job.weights);
         let (taps, cin, width) = (weights.taps, weights.cin, panel.width);
-        let index = &self.job.gather.index[self.rows.start * taps..self.rows.end * taps];
         let size = I::tap_rows(cin) * width;
         let mut tap = 0;
         while tap < taps && cin > 0 {
-            let listed = lists.at_taps_from(simd, index, taps, tap);
+            let listed = lists.at_taps_from(simd, tap);
             let next = tap + listed.taps();
             let weights = &weights.panel(panel)[tap * size..next * size];
             convolve_tiles(simd, input, cin, listed, weights, width, sums);

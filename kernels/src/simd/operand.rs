@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 
 use super::{Simd, load};
-use crate::Bf16;
+use crate::{Bf16, Element};
 
 /// A value of an input row, [`Operand::STEP`] of which meet a weight at once.
 pub trait Operand: Copy {

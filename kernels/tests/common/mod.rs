@@ -66,6 +66,33 @@ pub(crate) fn dense(width: usize, height: usize) -> Gather {
     Gather::new(9, cells.map(entry).collect())
 }
 
+/// Calls `product` for each output row with the number of a row of the weights (`[tap][cin]`) and the input that meets it.
+fn each_product(
+    input: &[f32],
+    cin: usize,
+    gather: &Gather,
+    mut product: impl FnMut(usize, usize, f64),
+) {
+    for (at, row) in gather
+        .index
+        .iter()
+        .enumerate()
+        .filter(|(_, row)| **row != ABSENT)
+    {
+        let (output, tap) = (at / gather.taps, at % gather.taps);
+        for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
+            product(output, tap * cin + i, f64::from(*x));
+        }
+    }
+}
+
+/// `to += x * from`.
+fn add(to: &mut [f64], x: f64, from: &[f32]) {
+    to.iter_mut()
+        .zip(from)
+        .for_each(|(to, from)| *to += x * f64::from(*from));
+}
+
 /// `[tap][cin][cout]` weights; sums in f64, one row of `cout` for each output row.
 pub(crate) fn convolve(
     input: &[f32],
@@ -75,16 +102,13 @@ pub(crate) fn convolve(
     cout: usize,
 ) -> Vec<f64> {
     let mut output = vec![0.0; gather.outputs() * cout];
-    let rows = gather.index.chunks_exact(gather.taps);
-    for (taps, out) in rows.zip(output.chunks_exact_mut(cout)) {
-        for (tap, row) in taps.iter().enumerate().filter(|(_, row)| **row != ABSENT) {
-            for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
-                let weights = &weights[(tap * cin + i) * cout..][..cout];
-                let pairs = out.iter_mut().zip(weights);
-                pairs.for_each(|(sum, weight)| *sum += f64::from(*x) * f64::from(*weight));
-            }
-        }
-    }
+    each_product(input, cin, gather, |row, weight, x| {
+        add(
+            &mut output[row * cout..][..cout],
+            x,
+            &weights[weight * cout..],
+        );
+    });
     output
 }
 
@@ -97,16 +121,9 @@ pub(crate) fn weight_gradient(
     cout: usize,
 ) -> Vec<f64> {
     let mut gradient = vec![0.0; gather.taps * cin * cout];
-    let rows = gather.index.chunks_exact(gather.taps);
-    for (taps, dy) in rows.zip(dy.chunks_exact(cout)) {
-        for (tap, row) in taps.iter().enumerate().filter(|(_, row)| **row != ABSENT) {
-            for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
-                let sums = &mut gradient[(tap * cin + i) * cout..][..cout];
-                let pairs = sums.iter_mut().zip(dy);
-                pairs.for_each(|(sum, dy)| *sum += f64::from(*x) * f64::from(*dy));
-            }
-        }
-    }
+    each_product(input, cin, gather, |row, weight, x| {
+        add(&mut gradient[weight * cout..][..cout], x, &dy[row * cout..]);
+    });
     gradient
 }
 

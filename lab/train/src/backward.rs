@@ -5,7 +5,7 @@
 
 use mluc_kernels::weight_gradient;
 
-use crate::layers::{add, backward_all, identity, linear_input_gradient};
+use crate::layers::{add, backward_all, convolve_transposed, identity};
 use crate::network::{Chain, Outputs, Pass, StepInput, last};
 use crate::pool::Pool;
 
@@ -70,7 +70,7 @@ impl Chain {
             let (rows, half) = (identity(y.len() / cin), halves[number].clone());
             weight_gradient(y, cin, &rows, d, cout, &mut gradients[half.clone()]);
             let weights = &parameters[half];
-            linear_input_gradient(d, &rows, [cin, cout], weights, &mut back[number]);
+            convolve_transposed(d, &rows, [1, cin, cout], weights, &mut back[number]);
         }
         let rows = identity(labelled.len());
         let features = &pass.labelled_features;

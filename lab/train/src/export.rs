@@ -2,12 +2,11 @@
 
 use std::ops::Range;
 
-use mluc_kernels::Gather;
 use mluc_model::{WeightSet, expected_tensors};
 
-use crate::layers::{Layer, LayerPlan};
+use crate::layers::Layer;
 use crate::network::{Chain, StepInput};
-use crate::plan::{MapPlan, Plan, SparsePlan};
+use crate::plan::Planner;
 use crate::pool::Pool;
 use crate::trainer::TrainState;
 
@@ -65,16 +64,7 @@ pub(crate) fn place([(_, first), (count, second), (last_count, last)]: Axes, i: 
 
 /// The largest objectness (of a sigmoid head, class probability) that the network gives to a scan without points.
 pub fn empty_objectness_max(chain: &Chain, state: &TrainState) -> f32 {
-    let empty = |layer: &Layer| LayerPlan {
-        gather: Gather::new(layer.taps, vec![]),
-        ..LayerPlan::default()
-    };
-    let sparse = SparsePlan {
-        voxels: vec![],
-        layers: chain.sparse.iter().map(empty).collect(),
-    };
-    let map = MapPlan::new(&chain.network, 1, &[]);
-    let plan = Plan { sparse, map };
+    let plan = Planner::new(&chain.network, false).plan(&[vec![]]);
     let input = StepInput {
         running: Some(&state.running),
         ..StepInput::new(&state.parameters, &plan, &[])

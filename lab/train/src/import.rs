@@ -33,11 +33,15 @@ pub(crate) fn start_from(
     let mut fresh = take_trunk(&model.weights, trainer);
     let taken_layers = trainer.chain.layers().count() - fresh.len();
     let (mut taken, mut rows) = (0, 0);
-    let source = HeadRows::of(&model);
+    let source = rows_of(&model);
+    let channels = model.manifest.network.feature_channels();
+    let (scale, parameters) = (manifest.prototype_scale, &mut trainer.state.parameters);
     for head in trainer.chain.heads.all() {
         let names = row_names(&head.name, manifest);
-        let parameters = &mut trainer.state.parameters;
-        let copied = source.copy(head, &names, manifest.prototype_scale, parameters);
+        let known = names.iter().enumerate().filter(|_| head.cin == channels);
+        let known = known.filter_map(|(row, name)| Some((row, *source.get(name)?)));
+        let copy = |(row, from)| copy_row(&model, from, (head, row), scale, parameters);
+        let copied = known.map(copy).filter(|is_there| *is_there).count();
         (taken, rows) = (taken + copied, rows + names.len());
         let missing = names.len() - copied;
         if missing > 0 {
@@ -127,49 +131,36 @@ fn row_names(head: &str, manifest: &Manifest) -> Vec<String> {
     }
 }
 
-/// The rows of a model's heads by what they say.
-struct HeadRows<'a> {
-    model: &'a Model,
-    /// Head and number.
-    rows: BTreeMap<String, (&'static str, usize)>,
+/// The rows of a model's heads by what they say: head and number.
+fn rows_of(model: &Model) -> BTreeMap<String, (&'static str, usize)> {
+    let heads = model.manifest.network.heads().into_iter();
+    let rows = heads.flat_map(|(head, _)| {
+        let names = row_names(head, &model.manifest).into_iter().enumerate();
+        names.map(move |(i, name)| (name, (head, i)))
+    });
+    rows.collect()
 }
 
-impl HeadRows<'_> {
-    fn of(model: &Model) -> HeadRows<'_> {
-        let mut rows = BTreeMap::new();
-        for (head, _) in model.manifest.network.heads() {
-            let names = row_names(head, &model.manifest).into_iter().enumerate();
-            rows.extend(names.map(|(i, name)| (name, (head, i))));
-        }
-        HeadRows { model, rows }
-    }
-
-    /// Copies the rows of these names; returns how many there were. Embeddings are scaled so that their probabilities stay:
-    /// those depend on T f alone.
-    fn copy(&self, head: &Linear, names: &[String], scale: f32, parameters: &mut [f32]) -> usize {
-        let (manifest, weights) = (&self.model.manifest, &self.model.weights);
-        if head.cin != manifest.network.feature_channels() {
-            return 0;
-        }
-        let mut copied = 0;
-        for (row, name) in names.iter().enumerate() {
-            let Some(&(from, number)) = self.rows.get(name) else {
-                continue;
-            };
-            let is_embedding = from == "head.embedding";
-            let ratio = manifest.prototype_scale / scale;
-            let factor = if is_embedding { ratio } else { 1.0 };
-            let tensor = |part: &str| weights.find(&format!("{from}.{part}"));
-            let (Some(weight), Some(bias)) = (tensor("weight"), tensor("bias")) else {
-                continue;
-            };
-            for c in 0..head.cin {
-                parameters[head.weight.start + c * head.cout + row] =
-                    factor * weight.data[number * head.cin + c];
-            }
-            parameters[head.bias.start + row] = factor * bias.data[number];
-            copied += 1;
-        }
-        copied
-    }
+/// Copies row `number` of the head `from` of a model to row `row` of `head`; whether it is there. Embeddings are scaled so that
+/// their probabilities stay: those depend on T f alone.
+fn copy_row(
+    model: &Model,
+    (from, number): (&str, usize),
+    (head, row): (&Linear, usize),
+    prototype_scale: f32,
+    parameters: &mut [f32],
+) -> bool {
+    let tensor = |part: &str| model.weights.find(&format!("{from}.{part}"));
+    let (Some(weight), Some(bias)) = (tensor("weight"), tensor("bias")) else {
+        return false;
+    };
+    let is_embedding = from == "head.embedding";
+    let ratio = model.manifest.prototype_scale / prototype_scale;
+    let factor = if is_embedding { ratio } else { 1.0 };
+    let weight = &weight.data[number * head.cin..][..head.cin];
+    let to = parameters[head.weight.clone()].iter_mut().skip(row);
+    let pairs = to.step_by(head.cout).zip(weight);
+    pairs.for_each(|(to, from)| *to = factor * from);
+    parameters[head.bias.start + row] = factor * bias.data[number];
+    true
 }

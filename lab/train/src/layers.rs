@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use mluc_kernels::{Epilogue, Gather, Weights, convolve, weight_gradient};
+use mluc_kernels::{Element, Epilogue, Gather, Weights, convolve, weight_gradient};
 
 use crate::norm::{self, Activation, Statistics, Tail};
 use crate::pool::Pool;
@@ -111,18 +111,14 @@ impl Layer {
         let Some(transposed) = &plan.transposed else {
             return vec![];
         };
-        let (taps, cin, cout) = (self.taps, self.cin, self.cout);
+        let shape = [self.taps, self.cin, self.cout];
         let plain = &parameters[self.weight.clone()];
         let mut all = pool.take(len);
-        let (to, last) = all.split_at_mut(transposed.outputs() * cin);
-        let no_bias = Epilogue::default();
+        let (to, last) = all.split_at_mut(transposed.outputs() * self.cin);
         if self.bf16 {
-            let weights = Weights::pack_transposed(taps, cin, cout, plain);
-            let rounded = pool.round(gradient);
-            convolve(rounded, transposed, &weights, no_bias, None, to);
+            convolve_transposed(pool.round(gradient), transposed, shape, plain, to);
         } else {
-            let weights = Weights::pack_transposed(taps, cin, cout, plain);
-            convolve(gradient, transposed, &weights, no_bias, None, to);
+            convolve_transposed(gradient, transposed, shape, plain, to);
         }
         if let Some(background) = plan.background {
             self.background_gradient(plain, gradient, &plan.gather, background, last);
@@ -245,7 +241,7 @@ impl Linear {
         weight_gradient(input, self.cin, rows, gradient, self.cout, weight);
         let plain = &parameters[self.weight.clone()];
         let mut back = vec![0.0; input.len()];
-        linear_input_gradient(gradient, rows, [self.cin, self.cout], plain, &mut back);
+        convolve_transposed(gradient, rows, [1, self.cin, self.cout], plain, &mut back);
         add(input_gradient, &back);
     }
 }
@@ -265,14 +261,21 @@ pub(crate) fn linear(
     output
 }
 
-/// The gradient of [`linear`]'s input from that of its output.
-pub(crate) fn linear_input_gradient(
-    gradient: &[f32],
-    rows: &Gather,
-    [cin, cout]: [usize; 2],
+/// The gradient of a convolution's input from that of its output. `shape`: of the weights `[tap][cin][cout]`.
+pub(crate) fn convolve_transposed<I: Element>(
+    gradient: &[I],
+    transposed: &Gather,
+    [taps, cin, cout]: [usize; 3],
     plain: &[f32],
     to: &mut [f32],
 ) {
-    let weights = Weights::pack_transposed(1, cin, cout, plain);
-    convolve(gradient, rows, &weights, Epilogue::default(), None, to);
+    let weights = Weights::pack_transposed(taps, cin, cout, plain);
+    convolve(
+        gradient,
+        transposed,
+        &weights,
+        Epilogue::default(),
+        None,
+        to,
+    );
 }

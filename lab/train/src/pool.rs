@@ -1,6 +1,6 @@
 //! Vectors reused from step to step: a fresh large allocation costs a page fault every 4 KiB.
 
-use mluc_kernels::Bf16;
+use mluc_kernels::{Bf16, Element};
 use rayon::prelude::*;
 
 /// Values of a task that rounds to bf16.

@@ -69,8 +69,8 @@ impl Reader {
         }
     }
 
-    /// Mean over the output channels of the square error that roundings make, over the power. `ranges`: as
-    /// [`Search::rated`].
+    /// Mean over the output channels of the square error that roundings make, over the power. `ranges`: each with the square
+    /// error of its channel's values.
     fn error(&self, channels: &[Channel], ranges: &[(f64, f64)]) -> f64 {
         let of = |o: usize| {
             let (mut step, mut values, mut signal, mut counts) = (0.0_f64, 0.0, 0.0, 0.0);
@@ -96,9 +96,13 @@ impl Reader {
 pub(crate) fn equalized(channels: Vec<Channel>, readers: &[Folded]) -> Option<Vec<f32>> {
     let largest = channels.iter().filter_map(|channel| channel.range);
     let largest = largest.reduce(f64::max)?;
-    let search = Search {
-        channels: &channels,
-        readers: readers.iter().map(Reader::new).collect(),
+    let readers: Vec<Reader> = readers.iter().map(Reader::new).collect();
+    // Ranges, each with the square error of its channel's values, and the errors of the readers.
+    let rated = |ranges: Vec<(f64, f64)>| {
+        let errors = readers
+            .iter()
+            .map(|reader| reader.error(&channels, &ranges));
+        (errors.sum::<f64>(), ranges)
     };
     let tried = (0..=TRIES).map(|number| {
         let exponent = number as f64 / TRIES as f64;
@@ -109,7 +113,7 @@ pub(crate) fn equalized(channels: Vec<Channel>, readers: &[Folded]) -> Option<Ve
         let ranges: Vec<f64> = channels.iter().map(range).collect();
         let pairs = channels.iter().zip(&ranges);
         let errors = pairs.map(|(channel, range)| error(channel.counts, *range));
-        search.rated(ranges.iter().copied().zip(errors).collect())
+        rated(ranges.iter().copied().zip(errors).collect())
     });
     let mut best = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     for _ in 0..PASSES {
@@ -121,28 +125,14 @@ pub(crate) fn equalized(channels: Vec<Channel>, readers: &[Folded]) -> Option<Ve
                     continue;
                 }
                 ranges[number] = (range, error(channel.counts, range));
-                let rated = search.rated(ranges);
-                if rated.0 < best.0 {
-                    best = rated;
+                let found = rated(ranges);
+                if found.0 < best.0 {
+                    best = found;
                 }
             }
         }
     }
     Some(best.1.iter().map(|(range, _)| *range as f32).collect())
-}
-
-struct Search<'a> {
-    channels: &'a [Channel<'a>],
-    readers: Vec<Reader>,
-}
-
-impl Search<'_> {
-    /// Ranges, each with the square error of its channel's values, and the errors of the readers.
-    fn rated(&self, ranges: Vec<(f64, f64)>) -> (f64, Vec<(f64, f64)>) {
-        let readers = self.readers.iter();
-        let error = readers.map(|reader| reader.error(self.channels, &ranges));
-        (error.sum(), ranges)
-    }
 }
 
 #[cfg(test)]
