@@ -86,7 +86,6 @@ impl Refiner {
         }
     }
 
-    /// Known classes of the run's model.
     fn classes(&self) -> usize {
         self.shell.run().map_or(0, |run| run.classes_count as usize)
     }

@@ -8,7 +8,6 @@ use crate::polygon::Polygon;
 /// Four corners, and at most one more for each of four cuts.
 const CORNERS_MAX: usize = 8;
 
-/// Whether the footprint has an area and a place.
 fn has_footprint(b: &Box3) -> bool {
     let ([l, w, _], [x, y, _]) = (b.size_m, b.center_m);
     l > 0.0 && w > 0.0 && [l, w, x, y, b.yaw_rad].iter().all(|v| v.is_finite())
@@ -53,7 +52,6 @@ pub fn intersection_bev_m2(a: &Box3, b: &Box3) -> f64 {
     common.area().min(footprint_m2(a)).min(footprint_m2(b))
 }
 
-/// Length common to the two vertical extents, m.
 fn intersection_height_m(a: &Box3, b: &Box3) -> f64 {
     // Relative to a's centre, so that the overlap of equal boxes is exactly their height.
     let dz = b.center_m[2] - a.center_m[2];

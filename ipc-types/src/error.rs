@@ -51,12 +51,10 @@ pub enum ContractError {
     NotFinite { what: &'static str, index: usize },
 }
 
-/// An error unless something holds.
 pub(crate) fn require(holds: bool, error: ContractError) -> Result<()> {
     if holds { Ok(()) } else { Err(error) }
 }
 
-/// Refuses another wire version than ours.
 pub(crate) fn check_version(found: u32) -> Result<()> {
     let expected = crate::WIRE_VERSION;
     require(
@@ -65,7 +63,6 @@ pub(crate) fn check_version(found: u32) -> Result<()> {
     )
 }
 
-/// Refuses a length above its limit.
 pub(crate) fn check_length(what: &'static str, found: usize, limit: usize) -> Result<()> {
     require(
         found <= limit,
@@ -73,7 +70,6 @@ pub(crate) fn check_length(what: &'static str, found: usize, limit: usize) -> Re
     )
 }
 
-/// Refuses an index outside of `len` entries.
 pub(crate) fn check_index(what: &'static str, found: usize, len: usize) -> Result<()> {
     require(found < len, ContractError::Index { what, len, found })
 }
@@ -86,7 +82,6 @@ pub(crate) fn check_value(what: &'static str, found: u32, values: usize) -> Resu
     )
 }
 
-/// Refuses two quantities that differ.
 pub(crate) fn check_equal(what: &'static str, found: u64, expected: u64) -> Result<()> {
     let error = ContractError::Mismatch {
         what,

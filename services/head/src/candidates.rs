@@ -15,7 +15,6 @@ pub(crate) struct Candidate {
     pub(crate) place: u32,
 }
 
-/// 1 / (1 + e^-x).
 pub(crate) fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }

@@ -247,7 +247,6 @@ impl Head {
         });
     }
 
-    /// Everything that is known of a kept box.
     fn describe(&self, index: usize, cells: &[u32]) -> Detection {
         let (candidate, found) = (&self.frame.candidates[index], &self.frame.boxes[index]);
         let f = self.embedding(candidate);

@@ -9,7 +9,6 @@ use crate::document::nearest;
 use crate::settings::Settings;
 use crate::{UsageError, embedded};
 
-/// A model that this binary holds.
 pub(crate) fn embedded(name: &str) -> Option<&'static [u8]> {
     let mut models = embedded::MODELS.iter();
     models.find_map(|(own, bytes)| (*own == name).then_some(*bytes))

@@ -13,7 +13,6 @@ use crate::UsageError;
 use crate::settings::StageSettings;
 
 impl StageSettings {
-    /// Whether this machine has the cores and the priority.
     pub(crate) fn check_placement(&self, stage: &str) -> Result<(), UsageError> {
         if let Some(cpus) = &self.cpus {
             let usable = usable_cpus();
@@ -46,7 +45,6 @@ impl StageSettings {
         Err(UsageError(format!("priority of {stage}: {what}: {cause}")))
     }
 
-    /// `program`, with the priority.
     pub(crate) fn placed(&self, program: PathBuf) -> Command {
         let Some(priority) = self.priority else {
             return Command::new(program);

@@ -22,7 +22,6 @@ pub(crate) struct Resolved {
 }
 
 impl Settings {
-    /// Of a command line and what it refers to.
     pub(crate) fn resolve(args: PipelineArgs) -> anyhow::Result<Settings> {
         Ok(Resolved::of(args, false)?.settings)
     }
@@ -165,7 +164,6 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     Ok(table)
 }
 
-/// What the command line sets.
 fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
     let mut lines = vec![];
     for (stage, count) in &args.threads {

@@ -190,7 +190,6 @@ impl Default for StageSettings {
 }
 
 impl Settings {
-    /// What depends on other settings.
     pub(crate) fn complete(&mut self) {
         if self.pace == Pace::Sensor {
             self.budget_ms.get_or_insert(BUDGET_MS);
@@ -211,7 +210,6 @@ impl Settings {
         threshold.get_or_insert(default.to_string().parse().unwrap_or(f64::from(default)));
     }
 
-    /// Refuses what makes no sense, by its key.
     pub(crate) fn check(&self) -> Result<(), UsageError> {
         let budget_ms = self.budget_ms.map(|ms| ms as f64);
         let mut ranges = vec![

@@ -25,12 +25,7 @@ impl Inside {
 
     /// Inside or on the surface.
     pub(crate) fn contains(&self, at_m: [f32; 3]) -> bool {
-        let [x, y, z] = at_m.map(f64::from);
-        let (dx, dy, dz) = (
-            x - self.center_m[0],
-            y - self.center_m[1],
-            z - self.center_m[2],
-        );
+        let [dx, dy, dz] = [0, 1, 2].map(|i| f64::from(at_m[i]) - self.center_m[i]);
         (dx * self.cos + dy * self.sin).abs() <= self.half_m[0]
             && (dy * self.cos - dx * self.sin).abs() <= self.half_m[1]
             && dz.abs() <= self.half_m[2]
@@ -51,12 +46,8 @@ mod tests {
         });
         let (within, outside): (Vec<_>, _) = places.partition(|&at| inside.contains(at));
         assert!(within.len() > 20 && outside.len() > 20);
-        assert!(within.iter().all(|at| shape.contains(at.map(f64::from))));
-        assert!(
-            !outside
-                .iter()
-                .any(|at: &[f32; 3]| shape.contains(at.map(f64::from)))
-        );
+        let contains = |at: &[f32; 3]| shape.contains(at.map(f64::from));
+        assert!(within.iter().all(contains) && !outside.iter().any(contains));
         assert!(!inside.contains([f32::NAN, -3.0, 0.5]));
     }
 }

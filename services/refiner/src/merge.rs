@@ -153,8 +153,8 @@ mod tests {
     fn dispositions(proposals: &[Proposal], variant: Variant) -> Vec<(Disposition, Option<usize>)> {
         let mut proposals = proposals.to_vec();
         merge(&mut proposals, &[], &[], variant, &mut Vec::new());
-        let told =
-            |d: &Proposal| d.suppressed_by.is_some() == (d.overlap > 0.0 && d.overlap <= 1.0);
+        let is_covered = |d: &Proposal| d.overlap > 0.0 && d.overlap <= 1.0;
+        let told = |d: &Proposal| d.suppressed_by.is_some() == is_covered(d);
         assert!(proposals.iter().all(told), "who covers it says by how much");
         let found = proposals.iter().map(|d| (d.disposition, d.suppressed_by));
         found.collect()

@@ -63,8 +63,7 @@ impl RefinerOutput {
     /// Indices of an object's points into the scan.
     pub fn points_of(&self, object: &Object) -> &[u32] {
         let first = object.points_first as usize;
-        self.object_points
-            .get(first..first + object.points_count as usize)
-            .unwrap_or(&[])
+        let range = first..first + object.points_count as usize;
+        self.object_points.get(range).unwrap_or(&[])
     }
 }

@@ -54,7 +54,7 @@ impl TrackSettings {
 const TRACKS_MAX: usize = 512;
 
 /// Something unknown, seen in some of the last frames.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Track {
     id: u32,
     /// Where it was seen last, m: in the fixed frame, or in the sensor's while no pose is known.
@@ -164,19 +164,14 @@ impl Tracker {
 
     fn begin(&mut self, place_m: [f64; 2]) -> Option<usize> {
         if self.tracks.len() >= TRACKS_MAX {
-            let stalest = (0..self.tracks.len())
-                .filter(|&index| !self.tracks[index].is_taken)
-                .max_by_key(|&index| self.tracks[index].unseen)?;
+            let free = (0..self.tracks.len()).filter(|&index| !self.tracks[index].is_taken);
+            let stalest = free.max_by_key(|&index| self.tracks[index].unseen)?;
             self.tracks.remove(stalest);
         }
         self.tracks.push(Track {
             id: self.next_id,
             place_m,
-            step_m: [0.0; 2],
-            unseen: 0,
-            seen: 0,
-            is_confirmed: false,
-            is_taken: false,
+            ..Track::default()
         });
         // Half of the numbers would last 6 years at 10 Hz; NONE is never given.
         self.next_id = (self.next_id + 1) % Object::NONE;
@@ -212,8 +207,6 @@ fn in_fixed_frame(ego: &EgoPose, center_m: [f32; 3]) -> [f64; 2] {
         return [x, y];
     }
     let (sin, cos) = ego.yaw_rad.sin_cos();
-    [
-        ego.position_m[0] + x * cos - y * sin,
-        ego.position_m[1] + x * sin + y * cos,
-    ]
+    let [ego_x, ego_y, _] = ego.position_m;
+    [ego_x + x * cos - y * sin, ego_y + x * sin + y * cos]
 }

@@ -105,10 +105,8 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
         let of_refiner = taken(&mut detections, &mut refiner);
         assert_eq!(of_head, of_refiner);
         let counters = [&head.health, &refiner.health];
-        (
-            of_head,
-            counters.map(|c| (c.messages_refused, c.frames_dropped)),
-        )
+        let counts = counters.map(|c| (c.messages_refused, c.frames_dropped));
+        (of_head, counts)
     };
     // Both learn of the run.
     assert_eq!(both(&mut others).0, None);

@@ -28,10 +28,8 @@ fn draw_rings(canvas: &mut Canvas, view: &View) {
     let center = view.at(0.0, 0.0);
     let sides = view.x_m.iter().chain(&view.y_m);
     let furthest = sides.fold(0.0f32, |m, v| m.max(v.abs()));
-    for radius in (1..)
-        .map(|ten| ten as f32 * 10.0)
-        .take_while(|r| *r <= furthest)
-    {
+    let tens = (1..).map(|ten| ten as f32 * 10.0);
+    for radius in tens.take_while(|r| *r <= furthest) {
         canvas.ring(center, radius * view.px_per_m, 1.2, RING, 0.8);
         let at = view.at(radius, 0.0).map(|v| v as i64 + 4);
         let color = RING.map(|c| c.saturating_add(50));
@@ -72,10 +70,8 @@ fn splat(canvas: &mut Canvas, at: [f32; 2], color: Color) {
 
 /// Corners of the footprint in pixels; `None` for a box that makes no sense or lies far away.
 fn corners_px(drawn: &DrawnBox, view: &View) -> Option<[[f32; 2]; 4]> {
-    let corners = drawn
-        .box_in_sensor
-        .footprint_m()
-        .map(|[x, y]| view.at(x as f32, y as f32));
+    let footprint_m = drawn.box_in_sensor.footprint_m();
+    let corners = footprint_m.map(|[x, y]| view.at(x as f32, y as f32));
     let is_sane = |v: &f32| v.is_finite() && v.abs() <= 1e5;
     corners.iter().flatten().all(is_sane).then_some(corners)
 }
@@ -163,9 +159,8 @@ mod tests {
             let empty = bird_eye(&[], &[], &view());
             let canvas = bird_eye(&[p], &[], &view());
             let pixels = (0..200).flat_map(|y| (0..200).map(move |x| (x, y)));
-            let changed: Vec<_> = pixels
-                .filter(|(x, y)| canvas.pixel(*x, *y) != empty.pixel(*x, *y))
-                .collect();
+            let is_changed = |(x, y): &(_, _)| canvas.pixel(*x, *y) != empty.pixel(*x, *y);
+            let changed: Vec<_> = pixels.filter(is_changed).collect();
             assert!((1..=4).contains(&changed.len()), "{changed:?}");
             changed[0]
         };

@@ -89,9 +89,7 @@ pub(super) fn color_of(drawn: &DrawnBox) -> Color {
 
 /// Background.
 pub(super) const NIGHT: Color = [11, 15, 22];
-/// Range rings and axes.
 pub(super) const RING: Color = [58, 70, 88];
-/// Captions.
 pub(super) const CAPTION: Color = [168, 180, 196];
 
 /// Knots of the height ramp: deep blue, teal, green, yellow, red.

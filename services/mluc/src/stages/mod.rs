@@ -19,7 +19,6 @@ use crate::resolve::Resolved;
 pub(crate) use description::begin_or_join_run;
 pub use description::describe_run;
 
-/// `mluc stage NAME`.
 pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     let stage = Stage::from_name(&args.name).context("stage")?;
     log_to_stderr(stage.name(), "info");

@@ -311,7 +311,6 @@ impl Child {
     }
 }
 
-/// Whether a process of the group is left.
 fn is_alive(group: Option<Pid>) -> bool {
     group.is_some_and(|group| test_kill_process_group(group).is_ok())
 }

@@ -55,7 +55,6 @@ impl Outcome {
 
 /// Asked to end, stages get this long before they are killed: together with the rest below a second.
 const END_PATIENCE: Duration = Duration::from_millis(600);
-/// How often the supervisor looks around.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// The supervisor itself stood still so long: nothing is known of the stages in that time.
 const PAUSE_NS: u64 = 500_000_000;
@@ -77,7 +76,6 @@ struct Supervisor {
     outcome: Outcome,
 }
 
-/// Runs a pipeline to its end.
 pub(crate) fn run(mut settings: Settings, sink: &mut Sink) -> anyhow::Result<Outcome> {
     let model = check_before(&settings)?;
     settings.complete_from(&model);
@@ -241,7 +239,6 @@ impl Supervisor {
         Ok(false)
     }
 
-    /// Where a restarted ingest goes on.
     fn start_sequence(&self) -> u64 {
         match self.settings.pace {
             Pace::Complete => self.next_sequence,

@@ -93,7 +93,6 @@ impl Cells {
         self.tiles[tile][0] != EMPTY
     }
 
-    /// Adds a tile with its points.
     pub(super) fn add_tile(&mut self, tile: usize, points: &[IndexedPoint]) {
         let first_cell = self.cells.len();
         for point in points {
@@ -145,12 +144,10 @@ impl Cells {
         tiles.flat_map(|tile| self.tiles[tile][0]..self.tiles[tile][1])
     }
 
-    /// Points of a cell.
     pub(super) fn points(&self, cell: u32) -> Range<usize> {
         self.cells[cell as usize].points()
     }
 
-    /// Points of many cells.
     pub(super) fn count(&self, cells: &[u32]) -> usize {
         let counts = cells.iter().map(|&cell| self.cells[cell as usize].count);
         counts.map(|count| count as usize).sum()
@@ -165,7 +162,6 @@ impl Cells {
         })
     }
 
-    /// The longer side of [`Cells::extent_m`].
     pub(super) fn length_m(&self, cells: &[u32]) -> f32 {
         let [x0, y0, x1, y1] = self.extent_m(cells);
         (x1 - x0).max(y1 - y0)
@@ -360,7 +356,6 @@ mod tests {
             .collect()
     }
 
-    /// By tile.
     fn tiles(points: &[[f32; 2]]) -> BTreeMap<usize, Vec<IndexedPoint>> {
         let mut tiles: BTreeMap<usize, Vec<IndexedPoint>> = BTreeMap::new();
         for (index, &[x, y]) in points.iter().enumerate() {

@@ -64,7 +64,6 @@ impl Matcher {
         })
     }
 
-    /// Lists the clusters within reach.
     fn collect(&mut self, finder: &ClusterFinder, proposal: &Box3) {
         let [cx, cy, cz] = proposal.center_m;
         let reach_m = reach_m(proposal);

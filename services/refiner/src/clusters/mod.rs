@@ -184,7 +184,6 @@ impl ClusterFinder {
         }
     }
 
-    /// The clusters' number.
     pub(crate) fn count(&self) -> usize {
         self.divider.pieces().len()
     }

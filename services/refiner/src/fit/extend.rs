@@ -33,7 +33,6 @@ impl Extend {
         top_rad: None,
     };
 
-    /// As a variant has it.
     pub(crate) fn of(settings: &Settings, sensor: &Sensor) -> Extend {
         let beams = sensor.beams.as_ref();
         let top_rad = beams.and_then(|beams| beams.elevation_rad.first());

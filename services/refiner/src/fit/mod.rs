@@ -82,20 +82,12 @@ impl ClusterPoints {
 
     /// Lowest and highest z, m; `None` without points.
     pub fn z_range_m(&self) -> Option<[f32; 2]> {
-        (!self.is_empty()).then(|| {
-            at_best(
-                #[inline(always)]
-                || span(&self.z_m, &self.z_m, [1.0, 0.0]),
-            )
-        })
+        (!self.is_empty()).then(|| best_span(&self.z_m, &self.z_m, [1.0, 0.0]))
     }
 
     /// Lowest and highest coordinate along a direction, m.
     pub fn span_m(&self, direction: [f32; 2]) -> [f32; 2] {
-        at_best(
-            #[inline(always)]
-            || span(&self.x_m, &self.y_m, direction),
-        )
+        best_span(&self.x_m, &self.y_m, direction)
     }
 
     /// Lowest and highest coordinate along a direction and along the one a quarter turn further, m.
@@ -165,6 +157,14 @@ impl Rectangle {
     }
 }
 
+/// [`span`] in the widest registers there are.
+fn best_span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
+    at_best(
+        #[inline(always)]
+        || span(x, y, d),
+    )
+}
+
 /// Lanes of the loops below: wide enough for the compiler to use vectors.
 const LANES: usize = 16;
 
@@ -193,10 +193,8 @@ fn span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
         low[lane] = lower(low[lane], t);
         high[lane] = higher(high[lane], t);
     }
-    [
-        low.into_iter().fold(f32::INFINITY, lower),
-        high.into_iter().fold(f32::NEG_INFINITY, higher),
-    ]
+    let low = low.into_iter().fold(f32::INFINITY, lower);
+    [low, high.into_iter().fold(f32::NEG_INFINITY, higher)]
 }
 
 // Comparisons and not `min` and `max`, which take care of NaN and cost more.

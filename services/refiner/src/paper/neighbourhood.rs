@@ -115,7 +115,6 @@ impl Neighbourhood {
     }
 }
 
-/// Overwrites a column.
 fn fill<T>(column: &mut Vec<T>, points: &[IndexedPoint], value: impl Fn(&IndexedPoint) -> T) {
     column.clear();
     column.extend(points.iter().map(value));

@@ -13,7 +13,6 @@ pub(crate) struct Seek<'a> {
     pub(crate) frame: &'a FrameIndex,
     pub(crate) candidate: &'a Box3,
     pub(crate) ground: &'a GroundPlane,
-    /// Lowest height above the ground, m.
     pub(crate) height_min_m: f64,
 }
 
@@ -26,7 +25,6 @@ impl Seek<'_> {
         near.or_else(|| self.nearest_within(reach_m(self.candidate), work))
     }
 
-    /// The nearest point within a horizontal reach, m.
     fn nearest_within(&self, reach_m: f64, work: &mut u64) -> Option<IndexedPoint> {
         let [cx, cy, cz] = self.candidate.center_m;
         let mut best: Option<(f64, IndexedPoint)> = None;

@@ -19,7 +19,6 @@ struct Loaded {
     flags: Flags,
 }
 
-/// Ingest's ports and buffers.
 pub(crate) struct Sender<'a> {
     pub(crate) shell: &'a mut Shell,
     pub(crate) source: Source,
@@ -149,7 +148,6 @@ const BEHIND: [Stage; 3] = [Stage::Backbone, Stage::Head, Stage::Refiner];
 /// A stage of ours is heard within this time of opening its topics.
 const HEARTBEAT_PATIENCE_NS: u64 = 500_000_000;
 
-/// Watches the stages behind ingest.
 pub(crate) struct DownstreamStages {
     pub(crate) watch: HealthWatch,
     /// Since when `objects` has a producer that tells no health.
