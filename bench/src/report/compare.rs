@@ -91,12 +91,8 @@ struct Figure {
 }
 
 /// Judges B against A by their measured frames, each in the order of rounds and sequences.
-pub(crate) fn compare(
-    a: &[FrameRecord],
-    b: &[FrameRecord],
-    options: &CompareOptions,
-) -> Result<Comparison> {
-    let runs = [measured(a), measured(b)];
+pub(crate) fn compare(runs: [&[FrameRecord]; 2], options: &CompareOptions) -> Result<Comparison> {
+    let runs = runs.map(measured);
     let frames = runs.each_ref().map(Vec::len);
     let fewest = frames[0].min(frames[1]);
     ensure!(
@@ -261,7 +257,7 @@ mod tests {
     }
 
     fn judged(a: &[FrameRecord], b: &[FrameRecord]) -> Comparison {
-        compare(a, b, &CompareOptions::default()).unwrap()
+        compare([a, b], &CompareOptions::default()).unwrap()
     }
 
     fn assert_verdicts(comparison: &Comparison, expected: &[(&str, Verdict)]) {
@@ -311,7 +307,7 @@ mod tests {
 
     #[test]
     fn too_few_frames_are_said() {
-        let error = compare(&run(19, 1, 0), &run(30, 2, 0), &CompareOptions::default());
+        let error = compare([&run(19, 1, 0), &run(30, 2, 0)], &CompareOptions::default());
         let text = error.unwrap_err().to_string();
         assert!(text.contains("19 measured frames: at least 20"), "{text}");
         for (frames, verdict) in [(200, Verdict::TooFewFrames), (600, Verdict::Noise)] {

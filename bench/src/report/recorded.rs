@@ -18,7 +18,7 @@ fn judged(a: &[FrameRecord], b: &[FrameRecord]) -> Comparison {
         others: OTHERS,
         ..CompareOptions::default()
     };
-    compare(a, b, &options).expect("enough frames")
+    compare([a, b], &options).expect("enough frames")
 }
 
 /// The backbone takes `share` longer; everything behind it moves.

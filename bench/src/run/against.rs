@@ -51,7 +51,8 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> Result<ExitCode> {
         folder::write(&out.join(name), &report, &side.frames, &[])?;
     }
     let facts = [&sides[0].facts, &sides[1].facts];
-    let comparison = compare(&sides[0].frames, &sides[1].frames, &options(facts))?;
+    let frames = sides.each_ref().map(|side| &side.frames[..]);
+    let comparison = compare(frames, &options(facts))?;
     let names = programs.map(|program| program.display().to_string());
     let names = names.each_ref().map(String::as_str);
     let mut value = serde_json::to_value(&comparison)?;

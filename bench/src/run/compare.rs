@@ -31,7 +31,7 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
         margin: args.margin,
         ..options([&a, &b])
     };
-    let comparison = compare(&frames_a, &frames_b, &options)?;
+    let comparison = compare([&frames_a, &frames_b], &options)?;
     let notes = notes([&a, &b]);
     if args.json {
         let mut value = serde_json::to_value(&comparison)?;

@@ -64,7 +64,7 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
                 end_to_end_only: is_bare_compared,
                 ..CompareOptions::default()
             };
-            let comparison = compare(&a.frames, &b.frames, &options)?;
+            let comparison = compare([&a.frames, &b.frames], &options)?;
             let names = [0, 1].map(|turn| variants[turn].name.as_str());
             let table = side_by_side(names, &reports, &quality, is_bare_compared);
             let mut value = serde_json::to_value(&comparison)?;

@@ -15,7 +15,7 @@ use super::pipeline::{Recording, record};
 use super::plan::{Plan, Variant};
 use super::quality::{Boxes, Quality, judge};
 use super::quiet::Quiet;
-use super::round::Clock;
+use super::round::frames;
 use super::trace::SPANS_VARIABLE;
 use crate::machine::{describe_build, describe_machine, object};
 use crate::report::{FrameRecord, LatencyReport, Resources, STAGES, Sample};
@@ -51,13 +51,9 @@ impl Measured {
             let _neighbour = Neighbour::start(&plan.load);
             record(plan, variant, number, &what, progress)
         })?;
-        let clock = Clock {
-            round,
-            rate_hz: plan.rate_hz,
-            warm_up_s: plan.warm_up_seconds,
-        };
-        let frames = clock.frames(&recording.arrivals, recording.frames_in);
-        self.frames.extend(frames);
+        let clock = (plan.rate_hz, plan.warm_up_seconds);
+        let arrived = (&recording.arrivals[..], recording.frames_in);
+        self.frames.extend(frames(round, clock, arrived));
         self.add(recording);
         Ok(())
     }

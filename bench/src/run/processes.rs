@@ -137,12 +137,11 @@ mod tests {
 
     #[test]
     fn figures_are_differences() {
-        assert_eq!(counts(0, 0.0), None);
         let pid = std::process::id();
         let mut watch = ProcessWatch::default();
-        watch.look(-1.0, false, [pid, 0, 0, 0]);
-        watch.look(0.0, true, [pid, 0, 0, 0]);
-        watch.look(0.1, true, [pid, 0, 0, 0]);
+        for (at_s, is_measured) in [(-1.0, false), (0.0, true), (0.1, true)] {
+            watch.look(at_s, is_measured, [pid, 0, 0, 0]);
+        }
         let (begin, mut value) = (cpu_ns(pid).unwrap(), 1u64);
         while cpu_ns(pid).unwrap() < begin + 50_000_000 {
             for n in 0..1_000_000u64 {

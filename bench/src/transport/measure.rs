@@ -11,7 +11,7 @@ use mluc_runtime::monotonic_ns;
 use serde::Serialize;
 
 use super::load::{Settings, Wake};
-use super::peer::{Order, Peer};
+use super::peer::Peer;
 use super::way::{Link, Sender, Way};
 
 /// Of one quantity, us.
@@ -83,27 +83,25 @@ pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
     if let Some([sender, _]) = settings.cores {
         pin(&[sender])?;
     }
-    let order = Order {
+    let link = Link {
         ways: ways.to_vec(),
-        link: Link {
-            payload: settings.payload,
-            elements,
-            wake: settings.wake,
-            label: label(),
-        },
+        payload: settings.payload,
+        elements,
+        wake: settings.wake,
+        label: label(),
         core: settings.cores.map(|[_, receiver]| receiver),
     };
     let mut ends = vec![];
     for &way in ways {
         ends.push(End {
             way,
-            sender: order.link.sender(way)?,
+            sender: link.sender(way)?,
             latency_ns: Vec::with_capacity(settings.rounds),
             occupied_ns: Vec::with_capacity(settings.rounds),
         });
     }
-    let mut peer = Peer::start(settings.program.as_deref(), &order)?;
-    let payload_bytes = order.link.bytes();
+    let mut peer = Peer::start(settings.program.as_deref(), &link)?;
+    let payload_bytes = link.bytes();
     let (mut from, mut to) = (vec![1; payload_bytes], vec![2; payload_bytes]);
     let mut copied_ns = vec![];
     for round in 0..settings.warm_up + settings.rounds {

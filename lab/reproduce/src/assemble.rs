@@ -1,12 +1,12 @@
 //! The report: what was judged, made into rows, figures, pictures, JSON and a page.
 
-use crate::Setting;
+use crate::Result;
 use crate::combine::combine;
 use crate::evaluate::{BOOTSTRAP_SEED, key, read_model, setting_rules, step_key};
-use crate::evaluated::Evaluated;
+use crate::evaluated::{ByRow, Evaluated};
 use crate::layout::write_whole;
 use crate::methods::{METHODS, Method, MethodRow, full_steps};
-use crate::options::{Options, Screen, TestFrames};
+use crate::options::{Options, Screen, TestFrames, Tests};
 use crate::pictures::{figure6_scene, worst_scenes};
 use crate::real::real_rows;
 use crate::report::{
@@ -27,14 +27,7 @@ const FIGURE_5: &str = "Figure 5: AP of the unknown and mAP of the known over th
 const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown \
     objects are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
 
-/// Evaluations by the key of their row, the first seed first.
-type ByRow = BTreeMap<&'static str, Vec<Evaluated>>;
-
-pub(crate) fn write_report(
-    options: &Options,
-    tests: &BTreeMap<Setting, TestFrames>,
-    screen: &dyn Screen,
-) -> Result<(), EvaluateError> {
+pub(crate) fn write_report(options: &Options, tests: &Tests, screen: &dyn Screen) -> Result<()> {
     let mut report = ReproductionReport {
         provenance: provenance(options),
         ..ReproductionReport::default()
@@ -70,7 +63,7 @@ fn write_pictures(
     out: &Path,
     report: &ReproductionReport,
     by_setting: &[(&TestFrames, ByRow)],
-) -> Result<Vec<(String, String)>, EvaluateError> {
+) -> Result<Vec<(String, String)>> {
     let write = |file: &str, bytes: &[u8]| write_whole(&out.join(file), bytes);
     let drawn = |what| EvaluateError::file(out, what);
     let mut pictures = vec![("figure5.svg".to_owned(), FIGURE_5.to_owned())];
@@ -106,13 +99,14 @@ fn write_pictures(
 }
 
 /// Every evaluation of a setting that is up to date.
-fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, EvaluateError> {
+fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
     let (layout, setting) = (&options.layout, test.setting);
     let mut found = ByRow::new();
     for row in METHODS.iter() {
         for seed in 1..=options.seeds {
-            if layout.model_of(setting, row.network, seed).is_file() {
-                let key = key(&read_model(layout, setting, row.network, seed)?, test);
+            let run = (setting, row.network, seed);
+            if layout.model_of(run).is_file() {
+                let key = key(&read_model(layout, run)?, test);
                 let path = layout.evaluation_of(setting, &row.key, seed);
                 let seeds = found.entry(&row.key).or_default();
                 seeds.extend(Evaluated::read(&path, &key));
@@ -124,12 +118,13 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, EvaluateEr
 }
 
 /// Our method after each of its steps, as far as it was judged.
-fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, EvaluateError> {
+fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>> {
     let (layout, setting, row) = (&options.layout, test.setting, Method::MlucFull.row());
-    if !layout.model_of(setting, row.network, 1).is_file() {
+    let run = (setting, row.network, 1);
+    if !layout.model_of(run).is_file() {
         return Ok(Vec::new());
     }
-    let model = read_model(layout, setting, row.network, 1)?;
+    let model = read_model(layout, run)?;
     let key = key(&model, test);
     let steps = full_steps(&model);
     let keys = (0..steps.len() - 1).map(step_key);
@@ -145,10 +140,10 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, Ev
     Ok(rows.collect())
 }
 
-fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Details, EvaluateError> {
+fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Details> {
     let (layout, setting) = (&options.layout, test.setting);
     let frames = (0..test.set.len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
-    let frames: Vec<LabelledFrame> = frames.collect::<Result<_, EvaluateError>>()?;
+    let frames: Vec<LabelledFrame> = frames.collect::<Result<_>>()?;
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let labels = JudgedFrames::of(&frames, &rules).all();
     let mut networks = Vec::new();
@@ -160,7 +155,8 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Detail
             let Some(row) = rows.find(is_it) else {
                 continue;
             };
-            let model = read_model(layout, setting, network, seed)?;
+            let run = (setting, network, seed);
+            let model = read_model(layout, run)?;
             let provenance = &model.manifest.provenance;
             let separation = row.separation.iter().filter(|_| seed == 1 && plan.scored);
             networks.push(NetworkDetails {
@@ -168,7 +164,7 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Detail
                 seed,
                 steps: provenance.steps,
                 batch: provenance.batch,
-                command: command_of(&layout.run_of(setting, network, seed)),
+                command: command_of(&layout.run_of(run)),
                 commit: provenance.commit.clone(),
                 fingerprint: format!("{:016x}", model.fingerprint),
                 separation: separation.cloned().collect(),
@@ -186,7 +182,7 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Detail
     })
 }
 
-fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>, EvaluateError> {
+fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>> {
     let sizes = options.sizes(test.setting);
     let mut data = Vec::new();
     for simulation in Simulation::all(&options.layout, test.setting, &sizes) {

@@ -1,10 +1,10 @@
 //! The step that judges every row on one network.
 
-use crate::Setting;
 use crate::evaluated::Evaluated;
-use crate::layout::Layout;
+use crate::layout::{Layout, Run};
 use crate::methods::{Method, MethodInput, MethodRow, full_steps, run_method};
 use crate::options::{Screen, TestFrames};
+use crate::{Result, Setting};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{
     DetectedFrame, GatedObjects, detect_frames, paper_rules, separation, unknown_classes,
@@ -21,14 +21,11 @@ const FORMAT: u32 = 5;
 pub(crate) const BOOTSTRAP_SEED: u64 = 1;
 
 /// The known classes of a setting at the paper's overlaps, then the unknown.
-pub(crate) fn setting_rules(
-    setting: Setting,
-    neighbours: NeighbourPolicy,
-) -> Result<Vec<ClassRule>, EvaluateError> {
+pub(crate) fn setting_rules(setting: Setting, policy: NeighbourPolicy) -> Result<Vec<ClassRule>> {
     let name = setting.trainer_name();
     let known = ["car", "pedestrian", "cyclist", "truck"].map(str::to_owned);
     let count = if setting == Setting::SimUdi { 4 } else { 3 };
-    paper_rules(name, &known[..count], &unknown_classes(name), neighbours)
+    paper_rules(name, &known[..count], &unknown_classes(name), policy)
 }
 
 /// The key of an evaluation: the network, the frames, the draws.
@@ -43,15 +40,10 @@ pub(crate) fn key(model: &Model, test: &TestFrames) -> String {
 }
 
 /// Reads the model of a run and checks that it is of the setting.
-pub(crate) fn read_model(
-    layout: &Layout,
-    setting: Setting,
-    network: NetworkKind,
-    seed: u64,
-) -> Result<Model, EvaluateError> {
-    let path = layout.model_of(setting, network, seed);
+pub(crate) fn read_model(layout: &Layout, run: Run) -> Result<Model> {
+    let path = layout.model_of(run);
     let model = Model::read(&path)?;
-    let (expected, found) = (setting.trainer_name(), &model.manifest.name);
+    let (expected, found) = (run.0.trainer_name(), &model.manifest.name);
     if found != expected {
         let what = format!("expected a model of setting {expected}, found {found}");
         return Err(EvaluateError::file(&path, what));
@@ -63,11 +55,11 @@ pub(crate) fn read_model(
 pub(crate) fn evaluate_network(
     layout: &Layout,
     test: &TestFrames,
-    (network, seed): (NetworkKind, u64),
+    run: Run,
     screen: &dyn Screen,
-) -> Result<(), EvaluateError> {
-    let setting = test.setting;
-    let model = read_model(layout, setting, network, seed)?;
+) -> Result<()> {
+    let (setting, network, seed) = run;
+    let model = read_model(layout, run)?;
     let key = key(&model, test);
     let mut missing = jobs(&model, network, seed);
     let path = |job: &Job| layout.evaluation_of(setting, &job.key, seed);
@@ -75,7 +67,7 @@ pub(crate) fn evaluate_network(
     if missing.is_empty() {
         return Ok(());
     }
-    let file = layout.model_of(setting, network, seed);
+    let file = layout.model_of(run);
     for job in &missing {
         let checked = job.method.check(&model);
         checked.map_err(|cause| EvaluateError::file(&file, cause))?;

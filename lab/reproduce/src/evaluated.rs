@@ -1,11 +1,15 @@
 //! The outcome of an evaluation, as it is kept between runs.
 
+use crate::Result;
 use crate::layout::write_whole;
 use mluc_evaluate::pipeline::ScoreSeparation;
 use mluc_evaluate::{EvaluateError, Honest, OpenSetFigures, SensorDetection, SweepPoint};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Evaluations by the key of their row, the first seed first.
+pub(crate) type ByRow = BTreeMap<&'static str, Vec<Evaluated>>;
 
 /// A row judged on one network.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -54,7 +58,7 @@ impl Evaluated {
         self.figures.named().into_iter().chain(strict).collect()
     }
 
-    pub(crate) fn write(&self, path: &Path) -> Result<(), EvaluateError> {
+    pub(crate) fn write(&self, path: &Path) -> Result<()> {
         let bytes = serde_json::to_vec(self).map_err(|e| EvaluateError::file(path, e))?;
         write_whole(path, &bytes)
     }

@@ -1,11 +1,12 @@
 //! What a reproduction is asked for, where it shows how far it is, and the frames that its figures are taken on.
 
+use crate::Result;
 use crate::kitti::KittiSource;
 use crate::setting::Sizes;
 use crate::{Layout, Setting, Size};
 use mluc_dataset::{Dataset, data_hash};
-use mluc_evaluate::EvaluateError;
 use mluc_evaluate::pipeline::FrameSet;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// What a reproduction can be told.
@@ -59,6 +60,9 @@ pub trait Screen: Sync {
     fn clear(&self);
 }
 
+/// By setting.
+pub(crate) type Tests = BTreeMap<Setting, TestFrames>;
+
 /// The frames that the figures of a setting are taken on.
 pub(crate) struct TestFrames {
     pub(crate) setting: Setting,
@@ -69,7 +73,7 @@ pub(crate) struct TestFrames {
 }
 
 impl TestFrames {
-    pub(crate) fn open(options: &Options, setting: Setting) -> Result<TestFrames, EvaluateError> {
+    pub(crate) fn open(options: &Options, setting: Setting) -> Result<TestFrames> {
         let folder = options.layout.data_of(setting, "").join("test");
         let sizes = options.sizes(setting);
         let frames = match setting {

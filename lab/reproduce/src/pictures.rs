@@ -1,14 +1,14 @@
 //! Scenes for the figures: which frames are shown, and what each row found in them.
 
+use crate::Result;
 use crate::evaluate::setting_rules;
-use crate::evaluated::Evaluated;
+use crate::evaluated::{ByRow, Evaluated};
 use crate::methods::MethodRow;
 use crate::options::TestFrames;
 use crate::report::{DrawnScene, Panel};
-use mluc_evaluate::{Difficulty, EvaluateError, NeighbourPolicy, ObjectKind, SensorDetection};
+use mluc_evaluate::{Difficulty, NeighbourPolicy, ObjectKind, SensorDetection};
 use mluc_geometry::iou_3d;
 use std::cmp::Reverse;
-use std::collections::BTreeMap;
 
 /// Columns of figure 6 beside the labels, as far as they were evaluated; of two with one title the first.
 const SHOWN: [(&str, &str); 6] = [
@@ -43,7 +43,7 @@ impl Truth {
 }
 
 /// Labels of a frame that are seen at all (in view of the camera where there is one).
-fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>, EvaluateError> {
+fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
     let rules = setting_rules(test.setting, NeighbourPolicy::Official)?;
     let truth = test.set.truth(index)?;
     let seen = truth.labels.iter().filter(|label| !label.is_dont_care());
@@ -68,10 +68,7 @@ fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>, EvaluateError> 
 
 /// The scene of figure 6: of the frames with an unknown object that counts within 32 m, the one with most of them, then with most
 /// known objects as near; chosen by labels alone. `None` where there is none such, or nothing was evaluated.
-pub(crate) fn figure6_scene(
-    test: &TestFrames,
-    evaluated: &BTreeMap<&'static str, Vec<Evaluated>>,
-) -> Result<Option<DrawnScene>, EvaluateError> {
+pub(crate) fn figure6_scene(test: &TestFrames, evaluated: &ByRow) -> Result<Option<DrawnScene>> {
     let mut best: Option<([usize; 2], usize)> = None;
     for index in 0..test.set.len() {
         let truths = truths(test, index)?;
@@ -119,7 +116,7 @@ fn scene(
     index: usize,
     caption: String,
     panels: Vec<Panel>,
-) -> Result<DrawnScene, EvaluateError> {
+) -> Result<DrawnScene> {
     let truths = truths(test, index)?;
     let near = truths.iter().filter(|t| t.is_unknown() && t.counts);
     let nearest = near.min_by(|a, b| a.range_m.total_cmp(&b.range_m));
@@ -142,7 +139,7 @@ struct Errors {
     false_unknown: usize,
 }
 
-fn errors(test: &TestFrames, evaluated: &Evaluated, index: usize) -> Result<Errors, EvaluateError> {
+fn errors(test: &TestFrames, evaluated: &Evaluated, index: usize) -> Result<Errors> {
     let truths = truths(test, index)?;
     let unknown: Vec<&Truth> = truths.iter().filter(|t| t.is_unknown()).collect();
     let mut found = shown(evaluated, index);
@@ -160,13 +157,10 @@ fn errors(test: &TestFrames, evaluated: &Evaluated, index: usize) -> Result<Erro
 }
 
 /// The frames in which a row did worst: most errors (a missed unknown object, a false one) first.
-pub(crate) fn worst_scenes(
-    test: &TestFrames,
-    evaluated: &Evaluated,
-) -> Result<Vec<DrawnScene>, EvaluateError> {
+pub(crate) fn worst_scenes(test: &TestFrames, evaluated: &Evaluated) -> Result<Vec<DrawnScene>> {
     let mut ranked: Vec<(usize, Errors)> = (0..evaluated.objects.len())
         .map(|index| Ok((index, errors(test, evaluated, index)?)))
-        .collect::<Result<_, EvaluateError>>()?;
+        .collect::<Result<_>>()?;
     let count = |e: &Errors| 2 * e.missed.len() + e.false_unknown;
     ranked.sort_by_key(|(index, e)| (Reverse(count(e)), *index));
     let title = MethodRow::find(&evaluated.method).map_or("", |row| &row.title);

@@ -1,5 +1,6 @@
 //! The steps of a reproduction, in order.
 
+use crate::layout::Run;
 use crate::methods::MethodRow;
 use crate::simulate::Simulation;
 use crate::train::{NETWORKS, NetworkPlan, Training};
@@ -13,7 +14,7 @@ pub(crate) enum Work {
     Prepare(&'static str, PrepareOptions),
     Train(Training),
     /// Judges every row that runs on a network of this kind and seed.
-    Evaluate(NetworkKind, u64),
+    Evaluate(Run),
 }
 
 pub(crate) struct Step {
@@ -35,7 +36,9 @@ impl Step {
             Work::Train(t) => {
                 format!("train {} ({} steps)", with_seed(t.network, t.seed), t.steps)
             }
-            Work::Evaluate(network, seed) => format!("evaluate {}", with_seed(*network, *seed)),
+            Work::Evaluate((_, network, seed)) => {
+                format!("evaluate {}", with_seed(*network, *seed))
+            }
         };
         format!("{}: {work}", self.setting.name())
     }
@@ -78,7 +81,7 @@ pub(crate) fn plan(options: &Options) -> Vec<Step> {
         for &(NetworkPlan { network, .. }, seed) in &networks {
             let rows = MethodRow::on(*network, seed).count();
             let seconds = f64::from(sizes.test_frames) * (network_s + rows as f64 * row_s);
-            add(Work::Evaluate(*network, seed), seconds);
+            add(Work::Evaluate((setting, *network, seed)), seconds);
         }
     }
     steps
@@ -100,8 +103,8 @@ mod tests {
     use crate::{Layout, Size};
     use std::path::PathBuf;
 
-    /// The commands of a full plan of three seeds, and what is evaluated on streets.
-    fn commands() -> (Vec<String>, Vec<(NetworkKind, u64)>) {
+    /// The commands of a full plan of three seeds, and what is evaluated.
+    fn commands() -> (Vec<String>, Vec<Run>) {
         let steps = plan(&Options {
             layout: Layout {
                 data: PathBuf::from("data"),
@@ -124,9 +127,7 @@ mod tests {
             match step.work {
                 Work::Simulate(simulation) => commands.push(simulation.command()),
                 Work::Train(training) => commands.push(training.command()),
-                Work::Evaluate(network, seed) if step.setting == Setting::SimKitti => {
-                    evaluated.push((network, seed));
-                }
+                Work::Evaluate(run) => evaluated.push(run),
                 _ => (),
             }
         }
@@ -168,7 +169,9 @@ mod tests {
     fn every_row_is_evaluated_once() {
         let (_, evaluated) = commands();
         for row in METHODS.iter() {
-            let here = evaluated.iter().filter(|found| **found == (row.network, 1));
+            let here = evaluated
+                .iter()
+                .filter(|run| **run == (Setting::SimKitti, row.network, 1));
             assert_eq!(here.count(), 1, "{}", row.key);
         }
     }

@@ -1,17 +1,16 @@
 //! Rows on recorded scans, with networks and thresholds from simulated scans alone: nothing is chosen on them.
 
-use crate::Setting;
 use crate::evaluate::read_model;
-use crate::evaluated::Evaluated;
+use crate::evaluated::{ByRow, Evaluated};
 use crate::layout::Layout;
 use crate::methods::{MethodInput, MethodRow, run_method};
 use crate::options::{Screen, TestFrames};
 use crate::report::RealRow;
+use crate::{Result, Setting};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, folder_tail, unknown_classes};
 use mluc_evaluate::{
-    ClassReport, ClassRule, EvaluateError, LabelledFrame, NeighbourPolicy, UNKNOWN_IOUS,
-    UnknownProtocol, evaluate,
+    ClassReport, ClassRule, LabelledFrame, NeighbourPolicy, UNKNOWN_IOUS, UnknownProtocol, evaluate,
 };
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -23,10 +22,10 @@ const IOU_MIN: [(&str, f64); 3] = [("car", 0.5), ("pedestrian", 0.25), ("cyclist
 pub(crate) fn real_rows(
     layout: &Layout,
     test: &TestFrames,
-    evaluated: &BTreeMap<&'static str, Vec<Evaluated>>,
+    evaluated: &ByRow,
     folders: &[PathBuf],
     screen: &dyn Screen,
-) -> Result<Vec<RealRow>, EvaluateError> {
+) -> Result<Vec<RealRow>> {
     if test.setting != Setting::SimKitti {
         return Ok(Vec::new());
     }
@@ -41,7 +40,7 @@ pub(crate) fn real_rows(
         for (row, chosen, judged) in &mut found {
             let name = row.network.name();
             if !by_network.contains_key(name) {
-                let model = read_model(layout, test.setting, row.network, chosen.seed)?;
+                let model = read_model(layout, (test.setting, row.network, chosen.seed))?;
                 screen.count("recorded scans", set.len() as u64);
                 let step = || screen.tick();
                 let frames = detect_frames(Precision::default(), &model, &set, step)?;

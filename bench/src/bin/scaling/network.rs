@@ -82,7 +82,7 @@ fn measure(precision: Precision, rounds: usize) -> Result<Vec<Row>> {
         on_threads(threads, || {
             for points in POINTS {
                 let scan = inputs::scan_of(points)?;
-                let row = one_size(&mut backbone, &mut head, &scan, rounds)?;
+                let row = one(&mut backbone, &mut head, &scan, rounds)?;
                 rows.push(Row { threads, ..row });
             }
             Ok(())
@@ -91,12 +91,7 @@ fn measure(precision: Precision, rounds: usize) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-fn one_size(
-    backbone: &mut Backbone,
-    head: &mut Head,
-    scan: &[[f32; 4]],
-    rounds: usize,
-) -> Result<Row> {
+fn one(backbone: &mut Backbone, head: &mut Head, scan: &[[f32; 4]], rounds: usize) -> Result<Row> {
     let mut row = Row {
         points: scan.len(),
         ..Row::default()

@@ -84,6 +84,9 @@ macro_rules! for_elements {
 /// What both ends must agree on.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Link {
+    pub(crate) ways: Vec<Way>,
+    /// The receiver's.
+    pub(crate) core: Option<usize>,
     pub(crate) payload: Payload,
     pub(crate) elements: usize,
     pub(crate) wake: Wake,

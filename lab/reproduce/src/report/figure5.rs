@@ -16,7 +16,7 @@ const LEGEND_PX: u32 = 240;
 const PNG_SCALE: u32 = 2;
 const FONT: &str = "sans-serif";
 
-type Fault<B> = DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>;
+type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 /// A panel: its name, the figure that it shows and that figure of a point.
 type Shown = (&'static str, &'static str, fn(&SweepPoint) -> f64);
@@ -43,11 +43,7 @@ fn size_px(report: &ReproductionReport, scale: u32) -> (u32, u32) {
     (scale * width, scale * 2 * PANEL_PX.1)
 }
 
-fn draw<B: DrawingBackend>(
-    backend: B,
-    report: &ReproductionReport,
-    scale: u32,
-) -> Result<(), Fault<B>> {
+fn draw<B: DrawingBackend>(backend: B, report: &ReproductionReport, scale: u32) -> Drawn<B> {
     let root = backend.into_drawing_area();
     root.fill(&WHITE)?;
     let columns = report.settings.len().max(1);
@@ -73,7 +69,7 @@ fn draw_panel<B: DrawingBackend>(
     rows: &Rows,
     (name, figure, of): Shown,
     scale: u32,
-) -> Result<(), Fault<B>> {
+) -> Drawn<B> {
     let curves = rows.values().flat_map(|row| &row.curve).map(of);
     let chosen = rows.values().filter_map(|row| row.mean(figure));
     // Round ends. Curves that keep nine tenths of the known lie close together, so that axis begins below the lowest.
@@ -119,7 +115,7 @@ fn draw_legend<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     report: &ReproductionReport,
     scale: i32,
-) -> Result<(), Fault<B>> {
+) -> Drawn<B> {
     let is_shown = |key: &String| report.settings.values().any(|rows| rows.contains_key(key));
     let at = |x: i32, y: i32| (x * scale, y * scale);
     let style = (FONT, 12 * scale).into_font().into_text_style(area);
