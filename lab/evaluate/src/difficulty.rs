@@ -1,6 +1,5 @@
 //! The devkit's three difficulties and three metrics.
 
-use crate::CameraDetection;
 use mluc_dataset::Label;
 
 /// Which labelled objects count.
@@ -37,7 +36,7 @@ impl Difficulty {
     }
 
     /// Whether a detection is too small in the image to count; the devkit cuts its height to whole pixels.
-    pub fn is_too_small(self, detection: &CameraDetection) -> bool {
+    pub fn is_too_small(self, detection: &Label) -> bool {
         let [_, top, _, bottom] = detection.image_box_px;
         (bottom - top).abs().trunc() < self.height_min_px()
     }

@@ -1,8 +1,6 @@
 //! Which labels and detections count for a class.
 
-use crate::{
-    CameraDetection, Difficulty, EvaluateError, LabelledFrame, ObjectKind, Result, UNKNOWN_IOUS,
-};
+use crate::{Difficulty, EvaluateError, LabelledFrame, ObjectKind, Result, UNKNOWN_IOUS};
 use clap::ValueEnum;
 use mluc_dataset::{Label, is_recognized};
 use std::collections::BTreeSet;
@@ -112,11 +110,10 @@ impl ClassRule {
 
     /// Whether a detection claims to be of this class. A detector that was trained on unknown classes names them: its
     /// detections are merged as the labels are.
-    pub(crate) fn claims(&self, detection: &CameraDetection) -> bool {
-        let is_kind = detection.kind == self.kind;
+    pub(crate) fn claims(&self, detection: &Label) -> bool {
         match self.kind {
-            ObjectKind::Known => is_kind && detection.class.eq_ignore_ascii_case(&self.name),
-            ObjectKind::Unknown => is_kind || contains(&self.valid, &detection.class),
+            ObjectKind::Known => detection.is(&self.name),
+            ObjectKind::Unknown => detection.is(UNKNOWN) || contains(&self.valid, &detection.class),
         }
     }
 }
@@ -228,8 +225,8 @@ fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
 /// Classes that occur in the labels and in detections of kind known.
 fn labelled_and_detected(frames: &[LabelledFrame]) -> BTreeSet<String> {
     let detections = frames.iter().flat_map(|frame| &frame.detections);
-    let known = detections.filter(|d| d.kind == ObjectKind::Known);
-    let detected: BTreeSet<String> = known.map(|d| d.class.to_ascii_lowercase()).collect();
+    // The unknown is no labelled class.
+    let detected: BTreeSet<String> = detections.map(|d| d.class.to_ascii_lowercase()).collect();
     &labelled(frames) & &detected
 }
 

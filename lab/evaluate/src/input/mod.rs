@@ -8,11 +8,8 @@ mod json_lines;
 
 pub use json_lines::read_json_lines;
 
-use crate::{
-    CameraDetection, EvaluateError, FrameTruth, LabelledFrame, ObjectKind, Result, SensorDetection,
-    UNKNOWN,
-};
-use mluc_dataset::{Label, file_stems, read_calibration, read_detections, read_labels};
+use crate::{EvaluateError, FrameTruth, LabelledFrame, Result, SensorDetection};
+use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels};
 use mluc_geometry::ImageSize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -119,9 +116,9 @@ fn frame(
     let labels = read_labels(&source.labels.join(&file))?.into();
     let Some((calibrations, frames)) = lines else {
         let path = source.detections.join(file);
-        let lines = path.is_file().then(|| read_detections(&path));
-        let lines = lines.transpose()?.unwrap_or_default();
-        let detections = lines.into_iter().map(detection).collect();
+        // The image boxes are the file's own; nothing is dropped.
+        let detections = path.is_file().then(|| read_detections(&path));
+        let detections = detections.transpose()?.unwrap_or_default();
         return Ok(LabelledFrame { labels, detections });
     };
     let truth = FrameTruth {
@@ -130,22 +127,6 @@ fn frame(
         image: image.map_or_else(|| image_size_beside(&source.labels, name), Ok)?,
     };
     Ok(truth.with(frames.get(name).map_or(&[], Vec::as_slice)))
-}
-
-/// The image box is the file's own; nothing is dropped.
-fn detection(line: Label) -> CameraDetection {
-    CameraDetection {
-        kind: if line.is(UNKNOWN) {
-            ObjectKind::Unknown
-        } else {
-            ObjectKind::Known
-        },
-        // The reader has seen to it that detections have a score.
-        score: line.score.unwrap_or_default(),
-        image_box_px: line.image_box_px,
-        upright: line.camera_box.upright(),
-        class: line.class,
-    }
 }
 
 /// Checks that labels and detections share frames, and says what only one of them has.

@@ -10,13 +10,9 @@ use crate::program::{Options, Program};
 use crate::refiner::answer::{check_form, check_objects};
 use crate::refiner::player::{Answer, Frame, Player};
 
-/// How a program takes a frame that makes no sense.
-pub(crate) enum Reaction {
-    /// With objects, whose form was not looked at.
-    Answered(Box<Answer>),
-    /// With `messages_refused`; the reason it told.
-    Refused(String),
-}
+/// How a program takes a frame that makes no sense: with objects, whose form was not looked at, or with `messages_refused` and the
+/// reason that it told.
+pub(crate) type Reaction = Result<Box<Answer>, String>;
 
 pub(crate) struct Session<'a> {
     pub(crate) options: &'a Options,
@@ -171,18 +167,18 @@ impl Session<'_> {
         let sequence = frame.header.sequence;
         let reaction = self.await_any("objects or count of messages_refused", |player| {
             if let Some(answer) = player.take_answer_to(sequence)? {
-                return Ok(Some(Reaction::Answered(Box::new(answer))));
+                return Ok(Some(Ok(Box::new(answer))));
             }
             let heard = player.health_since(0)?;
             let refused = heard.filter(|health| health.messages_refused > before);
-            Ok(refused.map(|health| Reaction::Refused(health.reason().to_string())))
+            Ok(refused.map(|health| Err(health.reason().to_string())))
         });
         reaction.with_context(|| what.to_string())
     }
 
     /// A frame that must be refused, after which the next sound one is answered; gives the reason that was told.
     pub(crate) fn must_refuse(&mut self, what: &str, mut frame: Frame) -> anyhow::Result<String> {
-        let Reaction::Refused(reason) = self.provoke(what, &mut frame)? else {
+        let Err(reason) = self.provoke(what, &mut frame)? else {
             bail!("{what}: answered, it should be refused");
         };
         self.ask_after(what)?;

@@ -8,15 +8,15 @@ use super::Outcome;
 use crate::refiner::answer::is_flagged;
 use crate::refiner::player::{Answer, Frame};
 use crate::refiner::scene::{CART, candidate, fill, scan};
-use crate::refiner::session::{Reaction, Session};
+use crate::refiner::session::Session;
 
 const NOISY_FRAMES: u64 = 8;
 
-/// The session with a program that was provoked, and how often it refused.
+/// The session with a program that was provoked, and how often it answered.
 struct Provoked<'a, 's> {
     session: &'a mut Session<'s>,
     count: usize,
-    refused: usize,
+    answered: usize,
 }
 
 impl<'a, 's> Provoked<'a, 's> {
@@ -25,7 +25,7 @@ impl<'a, 's> Provoked<'a, 's> {
         Ok(Provoked {
             session,
             count: 0,
-            refused: 0,
+            answered: 0,
         })
     }
 
@@ -37,25 +37,23 @@ impl<'a, 's> Provoked<'a, 's> {
         is_told: impl Fn(&Answer) -> bool,
     ) -> anyhow::Result<()> {
         let session = &mut *self.session;
-        match session.provoke(what, &mut frame)? {
-            Reaction::Refused(_) => self.refused += 1,
-            Reaction::Answered(answer) => {
-                let form = session.check_form(&frame, &answer);
-                form.with_context(|| what.to_string())?;
-                ensure!(
-                    is_told(&answer),
-                    "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
-                    answer.header.flags
-                );
-            }
+        if let Ok(answer) = session.provoke(what, &mut frame)? {
+            let form = session.check_form(&frame, &answer);
+            form.with_context(|| what.to_string())?;
+            ensure!(
+                is_told(&answer),
+                "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
+                answer.header.flags
+            );
+            self.answered += 1;
         }
         self.count += 1;
         session.ask_after(what)
     }
 
     fn summary(&self) -> Outcome {
-        let (count, refused) = (self.count, self.refused);
-        let answered = count - refused;
+        let (count, answered) = (self.count, self.answered);
+        let refused = count - answered;
         Ok(format!(
             "{count} survived: {refused} refused, {answered} answered and flagged"
         ))
