@@ -33,13 +33,10 @@ impl Box3 {
     /// Corners of the footprint, counter-clockwise, m: front left, rear left, rear right, front right.
     pub fn footprint_m(&self) -> [[f64; 2]; 4] {
         let (sin, cos) = self.yaw_rad.sin_cos();
-        let [l, w, _] = self.size_m;
+        let ([l, w, _], [x, y, _]) = (self.size_m, self.center_m);
         [[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]].map(|[u, v]| {
             let (u, v) = (u * l, v * w);
-            [
-                self.center_m[0] + u * cos - v * sin,
-                self.center_m[1] + u * sin + v * cos,
-            ]
+            [x + u * cos - v * sin, y + u * sin + v * cos]
         })
     }
 

@@ -15,11 +15,8 @@ fn has_footprint(b: &Box3) -> bool {
 
 /// Area of the footprint, m^2; 0 when it is degenerate.
 fn footprint_m2(b: &Box3) -> f64 {
-    if has_footprint(b) {
-        b.size_m[0] * b.size_m[1]
-    } else {
-        0.0
-    }
+    let area_m2 = b.size_m[0] * b.size_m[1];
+    if has_footprint(b) { area_m2 } else { 0.0 }
 }
 
 /// Whether the circles around two footprints may touch: a cheap test before the exact one.
@@ -37,11 +34,10 @@ pub fn intersection_bev_m2(a: &Box3, b: &Box3) -> f64 {
         return 0.0;
     }
     // b in a's frame: a's sides are then x = +-l/2 and y = +-w/2, and the arithmetic stays near the origin.
-    let center = a.local_m(b.center_m);
     let b_in_a = Box3 {
-        center_m: center,
-        size_m: b.size_m,
+        center_m: a.local_m(b.center_m),
         yaw_rad: b.yaw_rad - a.yaw_rad,
+        ..*b
     };
     let (half_l, half_w) = (a.size_m[0] / 2.0, a.size_m[1] / 2.0);
     let common = Polygon::<CORNERS_MAX>::new(b_in_a.footprint_m())
@@ -57,7 +53,8 @@ fn intersection_height_m(a: &Box3, b: &Box3) -> f64 {
     let dz = b.center_m[2] - a.center_m[2];
     let top = (a.size_m[2] / 2.0).min(dz + b.size_m[2] / 2.0);
     let bottom = (-a.size_m[2] / 2.0).max(dz - b.size_m[2] / 2.0);
-    if a.size_m[2] > 0.0 && b.size_m[2] > 0.0 {
+    let are_boxes = a.size_m[2] > 0.0 && b.size_m[2] > 0.0;
+    if are_boxes {
         (top - bottom).max(0.0)
     } else {
         0.0
@@ -65,7 +62,8 @@ fn intersection_height_m(a: &Box3, b: &Box3) -> f64 {
 }
 
 fn ratio(part: f64, whole: f64) -> f64 {
-    if part > 0.0 && whole > 0.0 {
+    let has_both = part > 0.0 && whole > 0.0;
+    if has_both {
         (part / whole).min(1.0)
     } else {
         0.0

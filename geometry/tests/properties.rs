@@ -23,13 +23,9 @@ fn nms(boxes: &[Box3], iou_max: f64, kept_max: usize) -> Vec<usize> {
 /// Turned about the sensor and moved.
 fn moved(b: &Box3, turn_rad: f64, shift_m: [f64; 3]) -> Box3 {
     let (sin, cos) = turn_rad.sin_cos();
-    let [x, y, z] = b.center_m;
+    let ([x, y, z], [dx, dy, dz]) = (b.center_m, shift_m);
     Box3 {
-        center_m: [
-            x * cos - y * sin + shift_m[0],
-            x * sin + y * cos + shift_m[1],
-            z + shift_m[2],
-        ],
+        center_m: [x * cos - y * sin + dx, x * sin + y * cos + dy, z + dz],
         size_m: b.size_m,
         yaw_rad: b.yaw_rad + turn_rad,
     }
@@ -124,12 +120,11 @@ proptest! {
 /// 4096 candidates, as many as a head hands over, must not take long: circles settle most pairs.
 #[test]
 fn four_thousand_boxes_are_fast() {
-    let list: Vec<Box3> = (0..4096)
-        .map(|i| {
-            let (x, y) = ((i / 64) as f64 * 1.1, (i % 64) as f64 * 1.2 - 38.0);
-            Box3::new([x, y, -1.0, 3.9, 1.6, 1.5, i as f64 * 0.37])
-        })
-        .collect();
+    let list = (0..4096).map(|i| {
+        let (x, y) = ((i / 64) as f64 * 1.1, (i % 64) as f64 * 1.2 - 38.0);
+        Box3::new([x, y, -1.0, 3.9, 1.6, 1.5, i as f64 * 0.37])
+    });
+    let list: Vec<Box3> = list.collect();
     let start = std::time::Instant::now();
     let kept = nms(&list, 0.01, 500);
     let elapsed = start.elapsed();

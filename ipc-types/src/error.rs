@@ -57,17 +57,13 @@ pub(crate) fn require(holds: bool, error: ContractError) -> Result<()> {
 
 pub(crate) fn check_version(found: u32) -> Result<()> {
     let expected = crate::WIRE_VERSION;
-    require(
-        found == expected,
-        ContractError::WireVersion { expected, found },
-    )
+    let error = ContractError::WireVersion { expected, found };
+    require(found == expected, error)
 }
 
 pub(crate) fn check_length(what: &'static str, found: usize, limit: usize) -> Result<()> {
-    require(
-        found <= limit,
-        ContractError::TooLong { what, limit, found },
-    )
+    let error = ContractError::TooLong { what, limit, found };
+    require(found <= limit, error)
 }
 
 pub(crate) fn check_index(what: &'static str, found: usize, len: usize) -> Result<()> {
@@ -76,10 +72,8 @@ pub(crate) fn check_index(what: &'static str, found: usize, len: usize) -> Resul
 
 /// Refuses a number that is none of an enum's `values`, which begin at 0.
 pub(crate) fn check_value(what: &'static str, found: u32, values: usize) -> Result<()> {
-    require(
-        (found as usize) < values,
-        ContractError::Value { what, found },
-    )
+    let is_known = (found as usize) < values;
+    require(is_known, ContractError::Value { what, found })
 }
 
 pub(crate) fn check_equal(what: &'static str, found: u64, expected: u64) -> Result<()> {

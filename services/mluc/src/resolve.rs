@@ -257,6 +257,7 @@ mod tests {
             ("model", "flag"),
             ("stages.head.threads", "flag"),
             ("stages.backbone.threads", &from_file),
+            ("loop", &from_file),
             ("precision", "default"),
         ] {
             assert_eq!(origins[key], origin, "{key}");

@@ -77,28 +77,6 @@ fn a_wrong_command_line_or_configuration_is_a_usage_error() {
     }
 }
 
-#[test]
-fn what_the_file_may_hold_is_shown_with_its_origin() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("mluc.toml");
-    std::fs::write(&path, "track = true\nloop = true\nseconds = 3.0\n").expect("written");
-    let config = format!("--config={}", path.display());
-    let output = mluc(&["config", "--print", &config, "--pace", "complete"]);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    for (key, origin) in [
-        ("loop = true ", "# file "),
-        ("seconds = 3.0 ", "# file "),
-        ("pace = \"complete\"", "# flag"),
-        ("unknown_min = ", "# model"),
-        ("[track]", "[track]"),
-    ] {
-        let line = text.lines().find(|line| line.starts_with(key));
-        let line = line.unwrap_or_else(|| panic!("{key}: {text}"));
-        assert!(line.contains(origin), "{key}: {text}");
-    }
-}
-
 /// Rust opens /dev/null in its place: results would be lost with exit code 0.
 #[test]
 fn a_closed_standard_output_is_an_error() {
@@ -121,16 +99,6 @@ fn doctor_warns_without_a_failure() {
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     let failed = text.contains("FAILURE");
     assert_eq!(output.status.code(), Some(i32::from(failed)), "{text}");
-}
-
-#[test]
-fn help_names_every_command() {
-    let output = mluc(&["--help"]);
-    assert_eq!(output.status.code(), Some(0));
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    for command in ["up", "demo", "stage", "config", "status", "doctor"] {
-        assert!(text.contains(command), "{command}: {text}");
-    }
 }
 
 #[test]

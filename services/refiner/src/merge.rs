@@ -186,11 +186,9 @@ mod tests {
             (Variant::RangeScaled, 0.4, STAYS),
             (Variant::Paper, 0.9, STAYS),
         ] {
-            let proposals = [
-                proposal(0, Known, 0.0, 4.0, score),
-                proposal(1, Candidate, 0.3, 4.0, 0.9),
-            ];
-            assert_eq!(dispositions(&proposals, variant)[1], expected, "{score}");
+            let known = proposal(0, Known, 0.0, 4.0, score);
+            let both = [known, proposal(1, Candidate, 0.3, 4.0, 0.9)];
+            assert_eq!(dispositions(&both, variant)[1], expected, "{score}");
         }
     }
 }

@@ -107,11 +107,8 @@ impl Canvas {
 
     /// Width and height of a text, px.
     pub fn text_size_px(text: &str, scale: usize) -> [i64; 2] {
-        let letters = text.chars().count() as i64;
-        [
-            (letters * (GLYPH_COLUMNS as i64 + 1) - 1).max(0) * scale as i64,
-            (GLYPH_ROWS * scale) as i64,
-        ]
+        let dots = text.chars().count() * (GLYPH_COLUMNS + 1);
+        [dots.saturating_sub(1), GLYPH_ROWS].map(|dots| (dots * scale) as i64)
     }
 
     /// The picture as a PNG file.

@@ -74,10 +74,7 @@ impl View {
     }
 
     pub(super) fn at(&self, x_m: f32, y_m: f32) -> [f32; 2] {
-        [
-            (self.y_m[1] - y_m) * self.px_per_m,
-            (self.x_m[1] - x_m) * self.px_per_m,
-        ]
+        [self.y_m[1] - y_m, self.x_m[1] - x_m].map(|v_m| v_m * self.px_per_m)
     }
 }
 

@@ -22,7 +22,7 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
     let channels = backbone.feature_channels();
     let cells = backbone.map_shape().iter().product();
     let output = shell.output(&Topic::FEATURES, feature_blocks(cells, channels))?;
-    let frames = Frames::of_ingest(shell, &Topic::POINTS)?;
+    let frames = Frames::new(shell, &Topic::POINTS, None)?;
     let stage = BackboneStage {
         backbone,
         channels,

@@ -351,9 +351,8 @@ mod tests {
 
     fn scattered(count: usize) -> Vec<[f32; 2]> {
         let f = |i: usize, k: f64| ((i as f64 * k).sin() * 43758.5453).rem_euclid(1.0) as f32;
-        (0..count)
-            .map(|i| [20.0 + 9.0 * f(i, 12.9898), 3.0 + 9.0 * f(i, 78.233)])
-            .collect()
+        let place = |i| [20.0 + 9.0 * f(i, 12.9898), 3.0 + 9.0 * f(i, 78.233)];
+        (0..count).map(place).collect()
     }
 
     fn tiles(points: &[[f32; 2]]) -> BTreeMap<usize, Vec<IndexedPoint>> {
@@ -421,18 +420,13 @@ mod tests {
                         cells.add_tile(tile, points);
                     }
                 }
-                cells.unite_whole(
-                    |_| join_m,
-                    |cells, tile| {
-                        cells.add_tile(tile, tiles.get(&tile).map_or(&[], Vec::as_slice));
-                    },
-                );
+                let of = |tile| tiles.get(&tile).map_or(&[][..], Vec::as_slice);
+                cells.unite_whole(|_| join_m, |cells, tile| cells.add_tile(tile, of(tile)));
                 components(&cells, count)
             };
             let same = |found: &[u32], a: usize, b: usize| {
-                found[a] == EMPTY
-                    || found[b] == EMPTY
-                    || (expected[a] == expected[b]) == (found[a] == found[b])
+                let is_any = [found[a], found[b]].contains(&EMPTY);
+                is_any || (expected[a] == expected[b]) == (found[a] == found[b])
             };
             let all = run(None);
             assert!(!all.contains(&EMPTY));

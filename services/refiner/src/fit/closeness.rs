@@ -168,16 +168,6 @@ mod tests {
     }
 
     #[test]
-    fn the_order_of_points_does_not_matter() {
-        let points = corner(0.4);
-        let mut turned = corner(0.4);
-        turned.x_m.reverse();
-        turned.y_m.reverse();
-        let mut closeness = Closeness::default();
-        assert_eq!(closeness.fit(&points), closeness.fit(&turned));
-    }
-
-    #[test]
     fn equal_points_and_one_point_give_a_rectangle_of_no_size() {
         let mut closeness = Closeness::default();
         for count in [1, 5, 9, 3000] {

@@ -39,8 +39,8 @@ impl Seek<'_> {
                     continue;
                 }
                 let stands = z - self.ground.z_at_m(x, y) >= self.height_min_m;
-                let is_better =
-                    |(least, b): (f64, IndexedPoint)| (full, point.at_m) < (least, b.at_m);
+                let own = (full, point.at_m);
+                let is_better = |(least, b): (f64, IndexedPoint)| own < (least, b.at_m);
                 if stands && best.is_none_or(is_better) {
                     best = Some((full, *point));
                 }
@@ -102,11 +102,8 @@ mod tests {
         let xs = [9.0, 10.4, 11.2];
         let mut work = 0;
         let mut found = |x_m, height_min_m| {
-            seek(&xs, x_m, |seek| {
-                let seek = Seek {
-                    height_min_m,
-                    ..seek
-                };
+            seek(&xs, x_m, |mut seek| {
+                seek.height_min_m = height_min_m;
                 seek.nearest_to_center(&mut work).map(|p| p.index)
             })
         };
