@@ -1,6 +1,6 @@
 //! A set of cells of a bird's-eye map: those whose features can differ from the empty scene's.
 
-use crate::bits::{even_bits, set_bits};
+use crate::sites::{even_bits, set_bits};
 
 /// Bits (every map row starts a fresh word) and the ascending list of the same cells.
 #[derive(Clone, Debug, Default)]

@@ -7,8 +7,7 @@ use mluc_kernels::{ABSENT, Gather, at_best};
 use mluc_model::SparseLayer;
 use rayon::prelude::*;
 
-use crate::bits::even_bits;
-use crate::sites::Sites;
+use crate::sites::{Sites, even_bits};
 
 /// Output sites that one task looks up: some 50 microseconds of work.
 const ROWS_A_TASK: usize = 1024;

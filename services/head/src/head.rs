@@ -11,7 +11,7 @@ use crate::decode::{Anchors, BOX_CODES, decode, direct};
 use crate::gate::{gate_by, is_unknown, threshold_of};
 use crate::memory::Memory;
 use crate::prototypes::Prototypes;
-use crate::report::{HeadCounts, HeadError};
+use crate::{HeadCounts, HeadError};
 
 /// The heads, the prototypes and the gate, with all memory of a frame.
 #[derive(Clone, Debug)]

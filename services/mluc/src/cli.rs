@@ -25,22 +25,56 @@ pub(crate) enum Command {
     /// Run the pipeline on scans; one JSON line a frame on stdout.
     Up(PipelineArgs),
     /// Run the pipeline on bundled simulated scans: objects, latency table, picture.
-    Demo(DemoArgs),
+    Demo {
+        /// Where the picture goes.
+        #[arg(long, default_value = "mluc-demo.png")]
+        picture: PathBuf,
+        /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file.
+        #[arg(long, default_value = DEFAULT_MODEL)]
+        model: String,
+    },
     /// Run one stage in this process (`up` starts them by itself).
     Stage(StageArgs),
     /// Check the settings of `up` without a run; with --print, show them and where each comes from.
-    Config(ConfigArgs),
+    Config {
+        /// Show the resolved settings: a configuration file with the same effect.
+        #[arg(long)]
+        print: bool,
+        #[command(flatten)]
+        pipeline: PipelineArgs,
+    },
     /// Say how the stages of a running pipeline are.
-    Status(StatusArgs),
+    Status {
+        /// Which pipeline.
+        #[arg(long, default_value = "default")]
+        instance: String,
+        /// One JSON object on stdout.
+        #[arg(long)]
+        json: bool,
+    },
     /// Check whether this machine can run the pipeline.
-    Doctor(DoctorArgs),
+    Doctor {
+        /// The model that shall run.
+        #[arg(long, default_value = DEFAULT_MODEL)]
+        model: String,
+    },
     /// Measure latency, stage by stage, and write a report; `bench compare` compares two. Needs the program mluc-bench.
     Bench(ExternalArgs),
     /// Test any program against the refiner's contract (docs/CONTRACT.md); needs the program mluc-contract.
     RefinerTest(ExternalArgs),
     /// Start a program that ends with its parent (used by `up` for foreign stages).
     #[command(hide = true)]
-    Exec(ExecArgs),
+    Exec {
+        /// Process to end with.
+        #[arg(long)]
+        supervised_by: u32,
+        /// Cores that it may run on.
+        #[arg(long, value_delimiter = ',')]
+        cpus: Option<Vec<usize>>,
+        /// The program and its arguments.
+        #[arg(last = true, required = true)]
+        command: Vec<String>,
+    },
 }
 
 /// What `up`, `stage` and `config` share; everything may stand in the configuration file instead (docs/configuration.md).
@@ -170,15 +204,6 @@ impl Cli {
 }
 
 #[derive(Args, Clone, Debug)]
-pub(crate) struct ConfigArgs {
-    /// Show the resolved settings: a configuration file with the same effect.
-    #[arg(long)]
-    pub(crate) print: bool,
-    #[command(flatten)]
-    pub(crate) pipeline: PipelineArgs,
-}
-
-#[derive(Args, Clone, Debug)]
 pub(crate) struct StageArgs {
     /// Which one.
     #[arg(value_parser = Stage::ALL.map(Stage::name))]
@@ -191,46 +216,6 @@ pub(crate) struct StageArgs {
     /// Process to end with (set by `up`).
     #[arg(long, hide = true)]
     pub(crate) supervised_by: Option<u32>,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct DemoArgs {
-    /// Where the picture goes.
-    #[arg(long, default_value = "mluc-demo.png")]
-    pub(crate) picture: PathBuf,
-    /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file.
-    #[arg(long, default_value = DEFAULT_MODEL)]
-    pub(crate) model: String,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct StatusArgs {
-    /// Which pipeline.
-    #[arg(long, default_value = "default")]
-    pub(crate) instance: String,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct DoctorArgs {
-    /// The model that shall run.
-    #[arg(long, default_value = DEFAULT_MODEL)]
-    pub(crate) model: String,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct ExecArgs {
-    /// Process to end with.
-    #[arg(long)]
-    pub(crate) supervised_by: u32,
-    /// Cores that it may run on.
-    #[arg(long, value_delimiter = ',')]
-    pub(crate) cpus: Option<Vec<usize>>,
-    /// The program and its arguments.
-    #[arg(last = true, required = true)]
-    pub(crate) command: Vec<String>,
 }
 
 #[cfg(test)]

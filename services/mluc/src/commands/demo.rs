@@ -10,7 +10,7 @@ use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point};
 use mluc_runtime::log_to_stderr;
 
 use crate::bundled::BundledScans;
-use crate::cli::{DemoArgs, PipelineArgs};
+use crate::cli::PipelineArgs;
 use crate::settings::{Pace, Settings};
 use crate::supervisor::run;
 use crate::terminal::print_out;
@@ -19,12 +19,12 @@ use crate::terminal::print_out;
 const SCORE_MIN: f32 = 0.3;
 const UNKNOWN_SCORE_MIN: f32 = 0.05;
 
-pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
     let scans = BundledScans::write("demo")?;
     let settings = Settings::resolve(PipelineArgs {
         input: Some(scans.folder().to_path_buf()),
-        model: Some(args.model),
+        model: Some(model),
         pace: Some(Pace::Complete),
         instance: Some(format!("demo-{}", std::process::id())),
         ..PipelineArgs::default()
@@ -50,8 +50,8 @@ pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
     match best {
         Some(best) => {
             let points = scans.points.get(best.sequence as usize);
-            draw(&args.picture, points.map_or(&[], Vec::as_slice), &best)?;
-            let picture = args.picture.display();
+            draw(picture, points.map_or(&[], Vec::as_slice), &best)?;
+            let picture = picture.display();
             print_out(format_args!("picture of frame {}: {picture}", best.name))?;
         }
         None => print_out("no frame came out: no picture")?,

@@ -11,7 +11,6 @@ use mluc_runtime::Instance;
 
 use self::Verdict::{Failure, Fine, Warning};
 use crate::EXIT_FAILURE;
-use crate::cli::DoctorArgs;
 use crate::model::{self, class_names};
 use crate::terminal::print_out;
 
@@ -25,8 +24,8 @@ enum Verdict {
     Failure,
 }
 
-pub(crate) fn doctor(args: DoctorArgs) -> anyhow::Result<ExitCode> {
-    let loaded = model::load(&args.model);
+pub(crate) fn doctor(model: &str) -> anyhow::Result<ExitCode> {
+    let loaded = model::load(model);
     let about_model = match &loaded {
         Ok(model) => describe_model(model),
         Err(error) => (Failure, format!("{error:#}")),

@@ -10,17 +10,16 @@ use mluc_runtime::{Instance, Shell, Shutdown, log_to_stderr};
 use serde_json::{Value, json};
 
 use crate::UsageError;
-use crate::cli::StatusArgs;
 use crate::terminal::print_out;
 
 /// Three heartbeats.
 const LISTEN: Duration = Duration::from_millis(350);
 
-pub(crate) fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn status(name: &str, is_json: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("status", "warn");
-    let instance = Instance::new(&args.instance).map_err(|e| UsageError(e.to_string()))?;
+    let instance = Instance::new(name).map_err(|e| UsageError(e.to_string()))?;
     if !instance.root().exists() {
-        bail!("no pipeline runs under the name '{}'", instance.name());
+        bail!("no pipeline runs under the name '{name}'");
     }
     let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
     let mut watch = shell.health_watch()?;
@@ -28,8 +27,8 @@ pub(crate) fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     watch.update()?;
     std::thread::sleep(LISTEN);
     let stages = *watch.update()?;
-    if args.json {
-        print_out(as_json(&args.instance, &stages))?;
+    if is_json {
+        print_out(as_json(name, &stages))?;
     } else {
         print(&stages)?;
     }
