@@ -8,8 +8,7 @@ use mluc::terminal::print_out;
 use serde_json::{Value, json};
 
 use crate::report::{
-    Comparison, FrameRecord, LatencyReport, STAGES, Sample, check_version, page, read_frames,
-    write_frames,
+    Comparison, FrameRecord, STAGES, Sample, check_version, page, read_frames, write_frames,
 };
 use crate::save;
 
@@ -25,7 +24,7 @@ pub(crate) fn make(folder: &Path) -> Result<()> {
 
 pub(crate) fn write(
     folder: &Path,
-    report: &LatencyReport,
+    report: &Value,
     frames: &[FrameRecord],
     samples: &[Sample],
 ) -> Result<()> {

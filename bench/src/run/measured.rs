@@ -8,7 +8,7 @@ use mluc::model::class_names;
 use mluc_geometry::quantile_of;
 use mluc_ipc_types::{FrameHeader, Stage};
 use mluc_runtime::monotonic_ns;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::neighbour::Neighbour;
 use super::pipeline::{Recording, record};
@@ -17,8 +17,8 @@ use super::quality::{Boxes, Quality, judge};
 use super::quiet::Quiet;
 use super::round::frames;
 use super::trace::SPANS_VARIABLE;
-use crate::machine::{describe_build, describe_machine, object};
-use crate::report::{FrameRecord, LatencyReport, Resources, STAGES, Sample};
+use crate::machine::{describe_build, describe_machine};
+use crate::report::{FrameRecord, Resources, STAGES, Sample, number, report_of};
 
 #[derive(Default)]
 pub(crate) struct Measured {
@@ -82,9 +82,10 @@ impl Measured {
     }
 
     /// Something is in the report that should not be there.
-    pub(crate) fn is_flawed(&self, report: &LatencyReport) -> bool {
-        let frames = &report.frames;
-        frames.dropped + frames.unanswered > 0 || self.restarts > 0 || self.is_interrupted
+    pub(crate) fn is_flawed(&self, report: &Value) -> bool {
+        let lost = ["/frames/dropped", "/frames/unanswered"];
+        let is_lost = lost.iter().any(|count| number(report, count) > Some(0.0));
+        is_lost || self.restarts > 0 || self.is_interrupted
     }
 
     /// Means over the rounds; of memory the largest.
@@ -106,35 +107,34 @@ impl Measured {
     }
 
     /// The report of a variant, without the baselines.
-    pub(crate) fn report(&self, plan: &Plan, variant: &Variant, quiet: &Quiet) -> LatencyReport {
-        let mut report = LatencyReport {
-            title: plan.title(),
-            quiet: quiet.describe(),
-            machine: describe_machine(),
-            build: describe_build(&plan.program),
-            scenario: plan.describe(variant),
-            instrumentation: instrumentation(variant),
-            ..LatencyReport::of_frames(&self.frames)
-        };
-        for (number, stage) in report.stages.iter_mut().enumerate() {
-            stage.resources = self.resources_of(number);
+    pub(crate) fn report(&self, plan: &Plan, variant: &Variant, quiet: &Quiet) -> Value {
+        let mut report = report_of(&self.frames);
+        report["title"] = plan.title().into();
+        report["quiet"] = quiet.describe();
+        report["machine"] = describe_machine().into();
+        report["build"] = describe_build(&plan.program).into();
+        report["scenario"] = plan.describe(variant);
+        report["instrumentation"] = instrumentation(variant);
+        for (stage, name) in STAGES.iter().enumerate() {
+            report["stages"][name]["resources"] = json!(self.resources_of(stage));
         }
-        report.warnings = self.warnings(plan, &report, quiet);
+        let mut warnings = self.warnings(plan, &report, quiet);
         if !variant.has_stamps() {
             let text = "Stamps were off: only the latency end to end means anything here.";
-            report.warnings.push(text.to_string());
+            warnings.push(text.to_string());
         }
+        report["warnings"] = warnings.into();
         report
     }
 
-    fn warnings(&self, plan: &Plan, report: &LatencyReport, quiet: &Quiet) -> Vec<String> {
+    fn warnings(&self, plan: &Plan, report: &Value, quiet: &Quiet) -> Vec<String> {
         let (verdict, is_loud) = quiet.verdict();
-        let counts = &report.frames;
-        let (dropped, taken_in, unanswered) = (counts.dropped, counts.taken_in, counts.unanswered);
+        let count = |key: &str| report["frames"][key].as_u64().unwrap_or(0);
+        let (dropped, taken_in, unanswered) = (count("dropped"), count("in"), count("unanswered"));
         let (rate_hz, restarts) = (plan.rate_hz, self.restarts);
         let is_degraded = |frame: &&FrameRecord| frame.flags.split(' ').any(|f| f == "degraded");
         let degraded = self.frames.iter().filter(is_degraded).count();
-        let steady = report.first_frame.over_steady.unwrap_or(0.0);
+        let steady = number(report, "/first_frame/over_steady").unwrap_or(0.0);
         let mut warnings = Vec::new();
         let mut warn = |is_so: bool, text: String| warnings.extend(is_so.then_some(text));
         warn(is_loud, format!("The machine was {verdict}."));
@@ -191,13 +191,13 @@ impl Measured {
     }
 }
 
-fn instrumentation(variant: &Variant) -> Map<String, Value> {
+fn instrumentation(variant: &Variant) -> Value {
     let word = |is_on: bool| if is_on { "on" } else { "off" };
-    object(json!({
+    json!({
         "stamps": word(variant.has_stamps()),
         "spans": word(variant.has(SPANS_VARIABLE)),
         "stamps_cost_us_a_hop": stamps_cost_us(),
-    }))
+    })
 }
 
 /// What a stage's three stamps cost, us: three readings of the clock and three writes.

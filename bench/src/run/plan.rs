@@ -13,13 +13,13 @@ use mluc::{UsageError, document, model};
 use mluc_model::Model;
 use mluc_refiner::Variant as RefinerVariant;
 use serde::Deserialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use tempfile::TempDir;
 use toml::Table;
 
 use super::arguments::{BenchTable, Instrumentation, LoadTable, RunArgs};
 use super::quality::Labels;
-use crate::machine::{available_mib, object};
+use crate::machine::available_mib;
 
 const SECONDS: f64 = 20.0;
 /// A guess: a million frames at 10 Hz.
@@ -202,8 +202,8 @@ impl Plan {
         format!("mluc bench: {model}, {precision}, {rate_hz} Hz, {scans}")
     }
 
-    pub(crate) fn describe(&self, variant: &Variant) -> Map<String, Value> {
-        object(json!({
+    pub(crate) fn describe(&self, variant: &Variant) -> Value {
+        json!({
             "scans": self.scans,
             "rate_hz": self.rate_hz,
             "seconds": self.seconds,
@@ -219,7 +219,7 @@ impl Plan {
             "commands": variant.command,
             "load": self.load,
             "command": std::env::args().collect::<Vec<_>>().join(" "),
-        }))
+        })
     }
 }
 

@@ -3,9 +3,9 @@
 use std::fs;
 use std::time::Instant;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use crate::machine::{cpu_ticks, load, number_of, object};
+use crate::machine::{cpu_ticks, load, number_of};
 
 /// Share of all cores that other processes may take on a quiet machine; above, figures are upper bounds.
 const QUIET_SHARE: f64 = 0.02;
@@ -83,10 +83,10 @@ impl Quiet {
         (text, true)
     }
 
-    pub(crate) fn describe(&self) -> Map<String, Value> {
+    pub(crate) fn describe(&self) -> Value {
         let rounded = |share: f64| (share * 1e5).round() / 1e5;
         let per_tick = self.sum.all.max(1) as f64;
-        object(json!({
+        json!({
             "verdict": self.verdict().0,
             "other_processes_share_of_all_cores": rounded(self.others()),
             "own_share_of_all_cores": rounded(self.sum.ours as f64 / per_tick),
@@ -94,7 +94,7 @@ impl Quiet {
             "load_before": self.load_before,
             "load_after": load(),
             "context_switches_per_s": (self.sum.switches as f64 / self.seconds.max(1e-3)).round(),
-        }))
+        })
     }
 }
 
