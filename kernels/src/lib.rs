@@ -32,11 +32,6 @@ pub struct Epilogue<'a> {
 }
 
 impl Epilogue<'_> {
-    /// No bias and no ReLU.
-    pub const NONE: Epilogue<'static> = Epilogue {
-        bias: None,
-        relu: false,
-    };
     /// No bias, then ReLU.
     pub const RELU: Epilogue<'static> = Epilogue {
         bias: None,

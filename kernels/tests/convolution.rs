@@ -21,10 +21,16 @@ trait Input: Element + PartialEq + std::fmt::Debug {
     const CHANNELS_STEP: usize = 1;
     const TOLERANCE: f64 = 2.0 * TOLERANCE;
 
-    fn inputs(random: &mut Random, count: usize) -> Vec<Self>;
+    fn inputs(random: &mut Random, count: usize) -> Vec<Self> {
+        let values = random.values(count).into_iter();
+        values.map(Self::from_f32).collect()
+    }
 
     /// Those of the first `cout` that scale each output channel come first.
-    fn weights(random: &mut Random, count: usize, cout: usize) -> Vec<f32>;
+    fn weights(random: &mut Random, count: usize, _cout: usize) -> Vec<f32> {
+        let rounded = Self::inputs(random, count).into_iter();
+        rounded.map(Self::to_f32).collect()
+    }
 
     fn bias(random: &mut Random, cout: usize) -> Vec<f32> {
         random.values(cout)
@@ -35,28 +41,10 @@ trait Input: Element + PartialEq + std::fmt::Debug {
     }
 }
 
-impl Input for f32 {
-    fn inputs(random: &mut Random, count: usize) -> Vec<f32> {
-        random.values(count)
-    }
-
-    fn weights(random: &mut Random, count: usize, _: usize) -> Vec<f32> {
-        random.values(count)
-    }
-}
+impl Input for f32 {}
 
 impl Input for Bf16 {
     const CHANNELS_STEP: usize = 2;
-
-    fn inputs(random: &mut Random, count: usize) -> Vec<Bf16> {
-        let values = random.values(count).into_iter();
-        values.map(Bf16::from_f32).collect()
-    }
-
-    fn weights(random: &mut Random, count: usize, _: usize) -> Vec<f32> {
-        let rounded = Bf16::inputs(random, count).into_iter();
-        rounded.map(Bf16::to_f32).collect()
-    }
 }
 
 /// The same bits. Extremes are common: a product of bytes that saturates would be noticed.
@@ -169,10 +157,8 @@ fn forward_equals_plain<I: Input>() -> usize {
         let count = expected.len();
         large += expected.iter().filter(|value| value.abs() > 1e6).count();
         for level in Level::all() {
-            let (output, what) = (
-                case.run(level, None, vec![f32::NAN; count]),
-                case.name(level),
-            );
+            let what = case.name(level);
+            let output = case.run(level, None, vec![f32::NAN; count]);
             assert_near(&output, &expected, I::TOLERANCE, &what);
             let short = case.run(level, None, vec![Bf16::default(); count]);
             let rounded = output.iter().map(|y| Bf16::from_f32(*y));
@@ -252,7 +238,8 @@ fn weight_gradient_equals_plain() {
 /// Without bias and ReLU, in the order of the rows.
 fn plainly<I: Element>(input: &[I], gather: &Gather, weights: &Weights<I>) -> Vec<f32> {
     let mut output = vec![f32::NAN; gather.outputs() * weights.cout];
-    convolve(input, gather, weights, Epilogue::NONE, None, &mut output);
+    let epilogue = Epilogue::default();
+    convolve(input, gather, weights, epilogue, None, &mut output);
     output
 }
 
@@ -374,7 +361,7 @@ fn nothing_to_do_changes_nothing() {
     for gather in [Gather::default(), Gather::new(9, vec![])] {
         let weights = Weights::pack(gather.taps, 4, 16, &vec![1.0; gather.taps * 64]);
         let (mut output, mut gradient) = (vec![3.0; 16], vec![3.0; gather.taps * 64]);
-        let (input, epilogue) = ([1.0; 4], Epilogue::NONE);
+        let (input, epilogue) = ([1.0; 4], Epilogue::default());
         convolve(&input, &gather, &weights, epilogue, None, &mut output);
         weight_gradient(&input, 4, &gather, &[], 16, &mut gradient);
         assert!(output.iter().chain(&gradient).all(|&x| x == 3.0));
@@ -413,6 +400,13 @@ fn a_row_outside_the_input_is_refused() {
 fn forward_refuses_an_output_row_outside() {
     let gather = Gather::new(1, vec![0, 1]);
     let weights = Weights::pack(1, 4, 16, &[1.0; 64]);
-    let (input, rows, output) = ([0.0; 40], Some(&[0, 2][..]), &mut [0.0; 32]);
-    convolve(&input, &gather, &weights, Epilogue::NONE, rows, output);
+    let (epilogue, rows) = (Epilogue::default(), Some(&[0, 2][..]));
+    convolve(
+        &[0.0; 40],
+        &gather,
+        &weights,
+        epilogue,
+        rows,
+        &mut [0.0; 32],
+    );
 }

@@ -152,7 +152,7 @@ fn tiles_of_the_last_frame_are_forgotten_and_a_bias_may_be_missing() {
     assert_eq!(tiles, case.tiles());
     case.bias.fill(0.0);
     let mut found = case.blank();
-    let epilogue = Epilogue::NONE;
+    let epilogue = Epilogue::default();
     convolve_winograd(&case.input, &tiles, &case.packed(), epilogue, &mut found);
     assert_near(&found, &case.expected(false), 1e-5, "no bias");
 }
@@ -199,7 +199,7 @@ fn windows_cells_and_outputs_that_do_not_fit_are_refused() {
     let case = Case::new([4, 4], 16, 16, 100);
     let (tiles, weights) = (case.tiles(), case.packed());
     assert_refused("out of range", || {
-        let output = &mut [0.0; 12 * 16];
-        convolve_winograd(&case.input, &tiles, &weights, Epilogue::NONE, output);
+        let (epilogue, output) = (Epilogue::default(), &mut [0.0; 12 * 16]);
+        convolve_winograd(&case.input, &tiles, &weights, epilogue, output);
     });
 }

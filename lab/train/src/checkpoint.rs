@@ -121,18 +121,12 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
     let (mut means, mut variances) = (vec![0.0; channels], vec![0.0; channels]);
     reader.list("running.mean", &mut means)?;
     reader.list("running.variance", &mut variances)?;
-    let (mut means, mut variances) = (&means[..], &variances[..]);
+    let (mut means, mut variances) = (means.into_iter(), variances.into_iter());
     for statistics in &mut restored.running {
-        take(&mut statistics.mean, &mut means);
-        take(&mut statistics.var, &mut variances);
+        let means = statistics.mean.iter_mut().zip(&mut means);
+        let variances = statistics.var.iter_mut().zip(&mut variances);
+        means.chain(variances).for_each(|(to, from)| *to = from);
     }
     *state = restored;
     Ok(true)
-}
-
-/// Moves values from the front of a list.
-fn take(to: &mut [f32], from: &mut &[f32]) {
-    let (first, rest) = from.split_at(to.len());
-    to.copy_from_slice(first);
-    *from = rest;
 }

@@ -158,72 +158,49 @@ impl PointEmbedding {
         };
         let background = owner.iter().filter(|o| o.is_none()).count().max(1) as f32;
         let present = counts.iter().filter(|n| **n > 0).count().max(1) as f32;
+        let used: Vec<usize> = (0..held_out.len()).filter(|k| !held_out[*k]).collect();
+        let (_, own, unknown) = self.parts();
+        let prototypes = used.iter().map(|k| row(&means, *k));
+        let prototypes: Vec<&[f32]> = prototypes.chain(own.chunks_exact(WIDTH)).collect();
         for (i, owner) in owner.iter().enumerate() {
             let weight = match owner {
                 Some(k) => 0.5 / (present * counts[*k] as f32),
                 None => 0.5 / background,
             };
             let phi = row(points, i);
-            self.association(phi, i, *owner, &means, held_out, weight, &mut loss);
+            let d_phi = &mut loss.embedding[i * WIDTH..][..WIDTH];
+            let is_target = |at: usize| match owner {
+                None => at >= used.len() && at < prototypes.len(),
+                Some(k) if held_out[*k] => at == prototypes.len(),
+                Some(k) => at < used.len() && used[at] == *k,
+            };
+            let mut logits: Vec<f32> = prototypes.iter().map(|m| logit(phi, m)).collect();
+            logits.push(unknown);
+            let (value, slopes) = cross_entropy(&logits, is_target);
+            loss.value += f64::from(weight * value);
+            for (at, slope) in slopes.into_iter().enumerate() {
+                let d = weight * slope;
+                if at == prototypes.len() {
+                    loss.own[BACKGROUNDS * WIDTH] += d;
+                    continue;
+                }
+                add_difference(d_phi, -d, phi, prototypes[at]);
+                if let Some(number) = at.checked_sub(used.len()) {
+                    let to = &mut loss.own[number * WIDTH..][..WIDTH];
+                    add_difference(to, d, phi, prototypes[at]);
+                }
+            }
             if let Some(k) = owner {
                 let mean = row(&means, *k);
                 let distance = squared(phi, mean).sqrt();
                 let far = (distance - PULL_WITHIN).max(0.0);
                 loss.value += f64::from(weight * far * far);
                 let factor = 2.0 * weight * far / distance.max(1e-6);
-                let d = &mut loss.embedding[i * WIDTH..][..WIDTH];
-                add_difference(d, factor, phi, mean);
+                add_difference(d_phi, factor, phi, mean);
             }
         }
         push(owner, &means, &counts, &mut loss);
         loss
-    }
-
-    /// Cross entropy of point `i`, whose embedding is `phi`.
-    fn association(
-        &self,
-        phi: &[f32],
-        i: usize,
-        owner: Option<usize>,
-        means: &[f32],
-        held_out: &[bool],
-        weight: f32,
-        loss: &mut PointLoss,
-    ) {
-        let has_prototype = |k: &usize| !held_out[*k];
-        let used: Vec<usize> = (0..held_out.len()).filter(has_prototype).collect();
-        let (_, background, unknown) = self.parts();
-        let prototypes = used.iter().map(|k| row(means, *k));
-        let prototypes = prototypes.chain(background.chunks_exact(WIDTH));
-        let prototypes: Vec<&[f32]> = prototypes.collect();
-        let mut logits: Vec<f32> = prototypes.iter().map(|m| logit(phi, m)).collect();
-        logits.push(unknown);
-        let last = logits.len() - 1;
-        let is_target = |at: usize| match owner {
-            None => at >= used.len() && at < last,
-            Some(k) if held_out[k] => at == last,
-            Some(k) => at < used.len() && used[at] == k,
-        };
-        let most = logits.iter().copied().fold(f32::MIN, f32::max);
-        let e: Vec<f32> = logits.iter().map(|l| (l - most).exp()).collect();
-        let sum: f32 = e.iter().sum();
-        let targets = e.iter().enumerate().filter(|(at, _)| is_target(*at));
-        let wanted = targets.map(|(_, e)| e).sum::<f32>().max(1e-30);
-        loss.value += f64::from(weight * (sum / wanted).ln());
-        for (at, e) in e.iter().enumerate() {
-            let own = if is_target(at) { e / wanted } else { 0.0 };
-            let d = weight * (e / sum - own);
-            if at == last {
-                loss.own[BACKGROUNDS * WIDTH] += d;
-                continue;
-            }
-            let d_phi = &mut loss.embedding[i * WIDTH..][..WIDTH];
-            add_difference(d_phi, -d, phi, prototypes[at]);
-            if let Some(number) = at.checked_sub(used.len()) {
-                let to = &mut loss.own[number * WIDTH..][..WIDTH];
-                add_difference(to, d, phi, prototypes[at]);
-            }
-        }
     }
 
     /// The names of the tensors in a model's weights.
@@ -269,6 +246,18 @@ impl PointEmbedding {
         gradient[layers..].copy_from_slice(&loss.own);
         (loss.value, gradient)
     }
+}
+
+/// That the softmax of `logits` is at any of the targets, and the slope of each logit.
+fn cross_entropy(logits: &[f32], is_target: impl Fn(usize) -> bool) -> (f32, Vec<f32>) {
+    let most = logits.iter().copied().fold(f32::MIN, f32::max);
+    let e: Vec<f32> = logits.iter().map(|l| (l - most).exp()).collect();
+    let sum: f32 = e.iter().sum();
+    let targets = e.iter().enumerate().filter(|(at, _)| is_target(*at));
+    let wanted = targets.map(|(_, e)| e).sum::<f32>().max(1e-30);
+    let slope = |(at, e): (usize, &f32)| e / sum - if is_target(at) { e / wanted } else { 0.0 };
+    let slopes = e.iter().enumerate().map(slope).collect();
+    ((sum / wanted).ln(), slopes)
 }
 
 /// The points that an instance owns, with its number.

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use mluc_model::{Manifest, Model, WeightSet};
+use mluc_model::{AnchorClass, Manifest, Model, WeightSet};
 
 use crate::error::TrainError;
 use crate::export::{axes, place};
@@ -98,37 +98,31 @@ fn take_trunk(weights: &WeightSet, trainer: &mut Trainer) -> Vec<String> {
 
 /// What each row of a head says.
 fn row_names(head: &str, manifest: &Manifest) -> Vec<String> {
-    let classes: Vec<&str> = manifest.classes.iter().map(|c| c.name.as_str()).collect();
-    let agnostic = manifest.generic.iter().map(|c| c.name.as_str());
-    let owners = classes.iter().copied().chain(agnostic);
-    let anchors = owners.flat_map(|own| [0, 1].map(|r| (own, format!("{own}/{r}"))));
-    let of_class = |own: &str, anchor: &str, class: &str| {
-        if class == own {
-            format!("presence {anchor}")
-        } else {
-            format!("presence {anchor} as {class}")
-        }
-    };
-    let rows = |(own, anchor): (&str, String)| -> Vec<String> {
-        let parts = |prefix: &str, count: usize| {
-            let part = |i: usize| format!("{prefix} {anchor} {i}");
-            (0..count).map(part).collect()
-        };
-        match head {
-            "head.objectness" => vec![format!("presence {anchor}")],
-            "head.class" => {
-                let names = classes.iter().map(|class| of_class(own, &anchor, class));
-                names.collect()
-            }
-            "head.box" => parts("box", 7),
-            _ => parts("direction", 2),
-        }
-    };
+    let names = |of: &[AnchorClass]| of.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+    let (classes, agnostic) = (names(&manifest.classes), names(&manifest.generic));
     match head {
-        "head.embedding" => classes.iter().map(|c| format!("embedding {c}")).collect(),
-        "head.unknown" => vec![head.to_owned()],
-        _ => anchors.flat_map(rows).collect(),
+        "head.embedding" => return classes.iter().map(|c| format!("embedding {c}")).collect(),
+        "head.unknown" => return vec![head.to_owned()],
+        _ => (),
     }
+    let mut rows = vec![];
+    let anchors = classes.iter().chain(&agnostic);
+    for (own, anchor) in anchors.flat_map(|own| [0, 1].map(|r| (own, format!("{own}/{r}")))) {
+        let presence = format!("presence {anchor}");
+        match head {
+            "head.objectness" => rows.push(presence),
+            "head.class" => rows.extend(classes.iter().map(|class| {
+                if class == own {
+                    presence.clone()
+                } else {
+                    format!("{presence} as {class}")
+                }
+            })),
+            "head.box" => rows.extend((0..7).map(|i| format!("box {anchor} {i}"))),
+            _ => rows.extend((0..2).map(|i| format!("direction {anchor} {i}"))),
+        }
+    }
+    rows
 }
 
 /// The rows of a model's heads by what they say: head and number.

@@ -201,22 +201,18 @@ impl Anchors {
         for ((cell, anchor), best) in best {
             let matched = f64::from(self.classes[anchor / 2].matched_iou);
             if best.is_forced || best.iou >= matched {
-                let positive = self.positive(cell, anchor, &objects[best.object].bounds);
-                found.positives.push(positive);
+                let object = &objects[best.object].bounds;
+                let codes = encode(object, &self.boxes.anchor(cell as usize, anchor));
+                found.positives.push(Positive {
+                    cell,
+                    anchor: anchor as u32,
+                    codes: codes.map(|c| c as f32),
+                    bin: direction_bin(object.yaw_rad) as u8,
+                });
                 owners.push((cell, best.object));
             } else if best.iou >= self.unmatched(anchor) {
                 found.ignored.push(self.number(cell, anchor as u32));
             }
-        }
-    }
-
-    fn positive(&self, cell: u32, anchor: usize, object: &Box3) -> Positive {
-        let codes = encode(object, &self.boxes.anchor(cell as usize, anchor));
-        Positive {
-            cell,
-            anchor: anchor as u32,
-            codes: codes.map(|c| c as f32),
-            bin: direction_bin(object.yaw_rad) as u8,
         }
     }
 
