@@ -9,14 +9,12 @@ use crate::methods::{METHODS, Method, MethodRow, full_steps};
 use crate::options::{Options, Screen, TestFrames, Tests};
 use crate::pictures::{figure6_scene, worst_scenes};
 use crate::real::real_rows;
-use crate::report::{
-    AblationRow, DataOrigin, Details, NetworkDetails, Provenance, ReproductionReport, figure5,
-    figure6, page, worst_page,
-};
+use crate::report::{ReproductionReport, figure5, figure6, page, worst_page};
 use crate::simulate::Simulation;
 use crate::train::{BASE, NETWORKS, command_of};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame, NeighbourPolicy};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -42,7 +40,8 @@ pub(crate) fn write_report(options: &Options, tests: &Tests, screen: &dyn Screen
         let rows = evaluated.iter().filter_map(row).collect();
         report.settings.insert(name.clone(), rows);
         let mut details = details(options, test, &evaluated)?;
-        details.real = real_rows(&options.layout, test, &evaluated, &options.real, screen)?;
+        let real = real_rows(&options.layout, test, &evaluated, &options.real, screen)?;
+        details["real"] = json!(real);
         report.details.insert(name, details);
         by_setting.push((test, evaluated));
     }
@@ -118,7 +117,7 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
 }
 
 /// Our method after each of its steps, as far as it was judged.
-fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>> {
+fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let (layout, setting, row) = (&options.layout, test.setting, Method::MlucFull.row());
     let run = (setting, row.network, 1);
     if !layout.model_of(run).is_file() {
@@ -132,15 +131,12 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>> {
     let keys = keys.chain([row.key.clone()]);
     let rows = steps.into_iter().zip(keys).filter_map(|(step, of_step)| {
         let kept = Evaluated::read(&layout.evaluation_of(setting, &of_step, 1), &key)?;
-        Some(AblationRow {
-            step: step.to_owned(),
-            figures: combine(&[kept])?,
-        })
+        Some(json!({"step": step, "figures": combine(&[kept])?}))
     });
     Ok(rows.collect())
 }
 
-fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Details> {
+fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value> {
     let (layout, setting) = (&options.layout, test.setting);
     let frames = (0..test.set.len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
     let frames: Vec<LabelledFrame> = frames.collect::<Result<_>>()?;
@@ -158,73 +154,61 @@ fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Detail
             let run = (setting, network, seed);
             let model = read_model(layout, run)?;
             let provenance = &model.manifest.provenance;
+            // The first seed's, where the network tells unknown from known.
             let separation = row.separation.iter().filter(|_| seed == 1 && plan.scored);
-            networks.push(NetworkDetails {
-                network: row.network.clone(),
-                seed,
-                steps: provenance.steps,
-                batch: provenance.batch,
-                command: command_of(&layout.run_of(run)),
-                commit: provenance.commit.clone(),
-                fingerprint: format!("{:016x}", model.fingerprint),
-                separation: separation.cloned().collect(),
-            });
+            networks.push(json!({
+                "network": row.network, "seed": seed, "steps": provenance.steps, "batch": provenance.batch,
+                "command": command_of(&layout.run_of(run)), "commit": provenance.commit,
+                "fingerprint": format!("{:016x}", model.fingerprint),
+                "separation": separation.collect::<Vec<_>>(),
+            }));
         }
     }
     let known = labels.classes.into_iter();
-    Ok(Details {
-        unknown_labels: labels.unknown_labels,
-        known_labels: known.map(|c| (c.class, c.labels)).collect(),
-        data: data(options, test)?,
-        networks,
-        ablation: ablation(options, test)?,
-        real: Vec::new(),
-    })
+    let known: BTreeMap<_, _> = known.map(|c| (c.class, c.labels)).collect();
+    Ok(json!({
+        "unknown_labels": labels.unknown_labels, "known_labels": known,
+        "data": data(options, test)?, "networks": networks, "ablation": ablation(options, test)?,
+    }))
 }
 
-fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>> {
+/// Where each split comes from; hashes are FNV-1a over all labels, the sizes of all scans and the bytes of every 50th scan.
+fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let sizes = options.sizes(test.setting);
     let mut data = Vec::new();
     for simulation in Simulation::all(&options.layout, test.setting, &sizes) {
         let (frames, folder) = (simulation.options.frames, &simulation.options.folder);
         if folder.is_dir() {
-            data.push(DataOrigin {
-                split: simulation.name.to_owned(),
-                frames: frames as usize,
-                command: simulation.command(),
-                hash: data_hash(&Dataset::open(folder)?, frames as usize)?,
-            });
+            let hash = data_hash(&Dataset::open(folder)?, frames as usize)?;
+            let (split, command) = (simulation.name, simulation.command());
+            data.push(json!({"split": split, "frames": frames, "command": command, "hash": hash}));
         }
     }
     if data.is_empty() {
-        data.push(DataOrigin {
-            split: "test".to_owned(),
-            frames: test.set.len(),
-            command: "given".to_owned(),
-            hash: test.hash.clone(),
-        });
+        let frames = test.set.len();
+        data.push(
+            json!({"split": "test", "frames": frames, "command": "given", "hash": test.hash}),
+        );
     }
     Ok(data)
 }
 
-fn provenance(options: &Options) -> Provenance {
+fn provenance(options: &Options) -> Value {
     let mut settings = options.settings.iter();
     let draws = settings.next().map(|s| options.sizes(*s).resamples);
     let seeded = NETWORKS.iter().filter(|n| n.seeded);
     let seeded: Vec<&str> = seeded.map(|n| n.network.name()).collect();
-    Provenance {
-        commit: options.commit.clone(),
-        command: options.command.clone(),
-        size: options.size.name().to_owned(),
-        bootstrap: [draws.unwrap_or(0) as u64, BOOTSTRAP_SEED],
-        threads: rayon::current_num_threads(),
-        training: format!(
-            "One long training a setting makes the base network (`{}`); each other network begins with the base's weights and is \
+    let training = format!(
+        "One long training a setting makes the base network (`{}`); each other network begins with the base's weights and is \
              trained for fewer steps (`osis` with those of `softmax`), so the rows share most of their training. Further seeds ({}) \
              begin with the same base: their spread is that of the last part of the training. Networks that lay in the runs' folder \
              already are taken as they are and listed as given.",
-            BASE.name(),
-            seeded.join(", ")
-        ),
-    }
+        BASE.name(),
+        seeded.join(", ")
+    );
+    let draws = draws.unwrap_or(0) as u64;
+    json!({
+        "commit": options.commit, "command": options.command, "size": options.size.name(),
+        "bootstrap": [draws, BOOTSTRAP_SEED], "threads": rayon::current_num_threads(), "training": training,
+    })
 }

@@ -5,13 +5,13 @@ use crate::evaluated::{ByRow, Evaluated};
 use crate::layout::Layout;
 use crate::methods::{MethodInput, MethodRow, run_method};
 use crate::options::{Screen, TestFrames};
-use crate::report::RealRow;
 use crate::{Result, Setting};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, folder_tail, unknown_classes};
 use mluc_evaluate::{
     ClassReport, ClassRule, LabelledFrame, NeighbourPolicy, UNKNOWN_IOUS, UnknownProtocol, evaluate,
 };
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -25,7 +25,7 @@ pub(crate) fn real_rows(
     evaluated: &ByRow,
     folders: &[PathBuf],
     screen: &dyn Screen,
-) -> Result<Vec<RealRow>> {
+) -> Result<Vec<Value>> {
     if test.setting != Setting::SimKitti {
         return Ok(Vec::new());
     }
@@ -75,21 +75,20 @@ pub(crate) fn real_rows(
     Ok(rows)
 }
 
-fn real_row(method: &str, data: &str, threshold: f64, frames: &[LabelledFrame]) -> RealRow {
+/// AP over all points, moderate, by class. `fair`: trams, Misc, sitting persons and what lies in DontCare regions are neither right
+/// nor wrong.
+fn real_row(method: &str, data: &str, threshold: f64, frames: &[LabelledFrame]) -> Value {
     let [literal, fair] =
         [UnknownProtocol::Literal, UnknownProtocol::Fair].map(|protocol| reports(frames, protocol));
     let by_class = || literal.iter().map(|c| (c.rule.name.clone(), c.main()));
     let unknown = |report: &[ClassReport]| report.last().map(|c| *c.main());
-    RealRow {
-        method: method.to_owned(),
-        data: data.to_owned(),
-        frames: frames.len(),
-        threshold,
-        ap_all: by_class().map(|(name, e)| (name, e.ap.all)).collect(),
-        ap_unknown_fair: unknown(&fair).map(|e| e.ap.all),
-        labels: by_class().map(|(name, e)| (name, e.truth_count)).collect(),
-        recall_unknown: unknown(&literal).map_or(0.0, |e| e.recall_percent),
-    }
+    json!({
+        "method": method, "data": data, "frames": frames.len(), "threshold": threshold,
+        "ap_all": by_class().map(|(name, e)| (name, e.ap.all)).collect::<BTreeMap<_, _>>(),
+        "ap_unknown_fair": unknown(&fair).map(|e| e.ap.all),
+        "labels": by_class().map(|(name, e)| (name, e.truth_count)).collect::<BTreeMap<_, _>>(),
+        "recall_unknown": unknown(&literal).map_or(0.0, |e| e.recall_percent),
+    })
 }
 
 /// The known classes, then the unknown one.

@@ -2,16 +2,17 @@
 //!
 //! ```json
 //! {"sim-udi": {"paper-corrected": {"map_known": [mean, spread], "ap_unknown": [..], "map_harm": [..], ..}, ..},
-//!  "details": {"sim-udi": {..}}, "provenance": {..}}
+//!  "details": {"sim-udi": {"unknown_labels", "known_labels", "data": [..], "networks": [..], "ablation": [..], "real": [..]}, ..},
+//!  "provenance": {..}}
 //! ```
 //!
 //! Figures are percent unless their name says otherwise; AP is of volumes, moderate, at 40 recall positions unless the name ends in
-//! `_r11` or `_all`.
+//! `_r11` or `_all`. Labels are those that count, by class.
 
 use crate::methods::{METHODS, MethodRow};
 use mluc_evaluate::SweepPoint;
-use mluc_evaluate::pipeline::ScoreSeparation;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::BTreeMap;
 
 pub(crate) type MeanSpread = [f64; 2];
@@ -63,84 +64,10 @@ impl MethodFigures {
     }
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct NetworkDetails {
-    pub(crate) network: String,
-    pub(crate) seed: u64,
-    pub(crate) steps: u64,
-    pub(crate) batch: u32,
-    /// The command that trained it; "given" where the network lay in the runs' folder already.
-    pub(crate) command: String,
-    pub(crate) commit: String,
-    pub(crate) fingerprint: String,
-    pub(crate) separation: Vec<ScoreSeparation>,
-}
-
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct DataOrigin {
-    /// Part of it: train, supervised, val, test.
-    pub(crate) split: String,
-    pub(crate) frames: usize,
-    pub(crate) command: String,
-    /// FNV-1a over all labels, the sizes of all scans and the bytes of every 50th scan, in order.
-    pub(crate) hash: String,
-}
-
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct AblationRow {
-    pub(crate) step: String,
-    pub(crate) figures: MethodFigures,
-}
-
-/// A method on recorded scans, its network trained on simulated ones alone.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct RealRow {
-    pub(crate) method: String,
-    pub(crate) data: String,
-    pub(crate) frames: usize,
-    /// Threshold, chosen on simulated scans.
-    pub(crate) threshold: f64,
-    /// AP over all points, moderate, by class; `unknown` at overlap 0.1, cars at 0.5.
-    pub(crate) ap_all: BTreeMap<String, f64>,
-    /// AP of `unknown` where trams, Misc, sitting persons and what lies in DontCare regions are neither right nor wrong.
-    pub(crate) ap_unknown_fair: Option<f64>,
-    /// Labels that count, by class.
-    pub(crate) labels: BTreeMap<String, usize>,
-    pub(crate) recall_unknown: f64,
-}
-
-/// What belongs to a setting and to no single row.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Details {
-    pub(crate) data: Vec<DataOrigin>,
-    pub(crate) networks: Vec<NetworkDetails>,
-    /// Unknown labels that count on the test frames.
-    pub(crate) unknown_labels: usize,
-    /// Known labels that count, by class.
-    pub(crate) known_labels: BTreeMap<String, usize>,
-    #[serde(default)]
-    pub(crate) ablation: Vec<AblationRow>,
-    #[serde(default)]
-    pub(crate) real: Vec<RealRow>,
-}
-
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Provenance {
-    pub(crate) commit: String,
-    pub(crate) command: String,
-    /// Size of the plan: full or quick.
-    pub(crate) size: String,
-    /// Draws of the bootstrap and their seed.
-    pub(crate) bootstrap: [u64; 2],
-    pub(crate) threads: usize,
-    /// How networks come to be, in words.
-    pub(crate) training: String,
-}
-
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct ReproductionReport {
-    pub(crate) details: BTreeMap<String, Details>,
-    pub(crate) provenance: Provenance,
+    pub(crate) details: BTreeMap<String, Value>,
+    pub(crate) provenance: Value,
     /// By setting (`sim-udi`, `sim-kitti`, `kitti`), then by method.
     #[serde(flatten)]
     pub(crate) settings: BTreeMap<String, Rows>,
