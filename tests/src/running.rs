@@ -138,12 +138,14 @@ impl Finished {
     }
 }
 
+/// What was read so far, and the thread that reads.
+type Reader = (Arc<Mutex<String>>, JoinHandle<()>);
+
 /// A running program; ended when dropped.
 pub struct Running {
     process: Child,
-    lines: Arc<Mutex<Vec<Value>>>,
-    log: Arc<Mutex<String>>,
-    readers: [JoinHandle<()>; 2],
+    out: Reader,
+    log: Reader,
 }
 
 impl Running {
@@ -157,23 +159,10 @@ impl Running {
         command.stdin(Stdio::null());
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut process = command.spawn().expect("the program starts");
-        let lines: Arc<Mutex<Vec<Value>>> = Arc::default();
-        let log: Arc<Mutex<String>> = Arc::default();
-        let (own_lines, own_log) = (lines.clone(), log.clone());
-        let readers = [
-            read_lines(process.stdout.take().expect("piped"), move |line| {
-                let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
-                own_lines.lock().expect("no panic").push(value);
-            }),
-            read_lines(process.stderr.take().expect("piped"), move |line| {
-                *own_log.lock().expect("no panic") += &(line + "\n");
-            }),
-        ];
         Running {
+            out: read_lines(process.stdout.take().expect("piped")),
+            log: read_lines(process.stderr.take().expect("piped")),
             process,
-            lines,
-            log,
-            readers,
         }
     }
 
@@ -223,12 +212,12 @@ impl Running {
 
     /// Lines so far.
     pub fn line_count(&self) -> usize {
-        self.lines.lock().expect("no panic").len()
+        self.out.0.lock().expect("no panic").lines().count()
     }
 
     /// stderr so far.
     pub fn log(&self) -> String {
-        self.log.lock().expect("no panic").clone()
+        self.log.0.lock().expect("no panic").clone()
     }
 
     /// Waits until `condition`, at most half a minute.
@@ -267,13 +256,14 @@ impl Running {
         let mut status = None;
         wait_for(patience, || {
             status = self.process.try_wait().expect("a child of ours");
-            status.is_some() && self.readers.iter().all(JoinHandle::is_finished)
+            status.is_some() && self.out.1.is_finished() && self.log.1.is_finished()
         });
         let status = status.unwrap_or_else(|| panic!("no end within {patience:?}: {}", self.log()));
-        let lines = std::mem::take(&mut *self.lines.lock().expect("no panic"));
+        let value = |line: &str| serde_json::from_str(line).unwrap_or(Value::String(line.into()));
+        let out = self.out.0.lock().expect("no panic");
         Finished {
             code: status.code(),
-            lines,
+            lines: out.lines().map(value).collect(),
             log: self.log(),
         }
     }
@@ -299,14 +289,17 @@ impl Drop for Running {
     }
 }
 
-fn read_lines(
-    from: impl Read + Send + 'static,
-    mut take: impl FnMut(String) + Send + 'static,
-) -> JoinHandle<()> {
-    std::thread::spawn(move || {
+/// Whole lines: a reader never sees a part of one.
+fn read_lines(from: impl Read + Send + 'static) -> Reader {
+    let text: Arc<Mutex<String>> = Arc::default();
+    let own = text.clone();
+    let reader = std::thread::spawn(move || {
         let lines = BufReader::new(from).split(b'\n').map_while(Result::ok);
-        lines.for_each(|line| take(String::from_utf8_lossy(&line).into_owned()));
-    })
+        for line in lines {
+            *own.lock().expect("no panic") += &(String::from_utf8_lossy(&line) + "\n");
+        }
+    });
+    (text, reader)
 }
 
 fn children(pid: u32) -> Vec<u32> {

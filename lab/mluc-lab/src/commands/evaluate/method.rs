@@ -1,6 +1,6 @@
 //! `mluc-lab evaluate method`: rows of the paper's tables on labelled scans.
 
-use super::{Scans, warn_unrecognized};
+use super::{Scans, report, warn_unrecognized};
 use crate::commands::terminal::{counted, print_out};
 use anyhow::Context;
 use clap::Args;
@@ -53,14 +53,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     warn_unrecognized(labels, &rules);
     let path = scans.model.display();
     print_out(format_args!("{path}: {}", set.describe()))?;
-    for s in separation(&frames, &rules) {
-        let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{:.1}", 100.0 * v));
-        let [auroc, fpr, background] = [s.auroc, s.fpr95, s.auroc_background].map(percent);
-        print_out(format_args!(
-            "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5}, against background AUROC {background:>5} ({} known, {} unknown, {} background)",
-            s.score, s.known, s.unknown, s.background
-        ))?;
-    }
+    print_out(report::separation(&separation(&frames, &rules)))?;
     print_out(format_args!("{:28} {}", "method", HEADER))?;
     for method in methods {
         let is_ablation = method == Method::MlucFull && arguments.ablation;
