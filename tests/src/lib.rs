@@ -13,6 +13,6 @@ pub use outside::{
     python_refiner, rms, skip,
 };
 pub use running::{
-    Finished, Running, built_program, is_alive, leftovers, mluc_program, send_signal,
+    Finished, Running, assert_has, built_program, is_alive, leftovers, mluc_program, send_signal,
     unique_instance, wait_for,
 };

@@ -76,6 +76,14 @@ pub fn wait_for(patience: Duration, mut condition: impl FnMut() -> bool) -> bool
     }
 }
 
+/// Fails unless a text has all these words.
+#[track_caller]
+pub fn assert_has(text: &str, words: &[&str]) {
+    for word in words {
+        assert!(text.contains(word), "'{word}' is missing in: {text}");
+    }
+}
+
 /// How a run ended.
 #[derive(Debug)]
 pub struct Finished {
@@ -105,10 +113,7 @@ impl Finished {
     /// Fails unless stderr has all these words.
     #[track_caller]
     pub fn assert_says(&self, words: &[&str]) {
-        let log = &self.log;
-        for word in words {
-            assert!(log.contains(word), "'{word}' is missing in: {log}");
-        }
+        assert_has(&self.log, words);
     }
 
     /// The frames' names in the order of the lines.

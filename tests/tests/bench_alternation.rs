@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mluc_tests::{Setting, mluc_program, read_json};
+use mluc_tests::{Setting, assert_has, mluc_program, read_json};
 use serde_json::{Value, json};
 
 /// Options of a short run, each side in turns.
@@ -44,9 +44,7 @@ fn two_refiners_are_judged_on_the_same_frames() {
     let published = |side: usize| quality[side]["unknown_per_frame"].as_f64().unwrap();
     assert!(published(0) > published(1), "{comparison}");
     let terminal = run.text();
-    for words in ["3-D overlap", "refiner run p50"] {
-        assert!(terminal.contains(words), "{terminal}");
-    }
+    assert_has(&terminal, &["3-D overlap", "refiner run p50"]);
     let page = std::fs::read_to_string(out.join("b/report.html")).unwrap();
     assert!(page.contains("of round 1"), "each had two rounds");
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use mluc_tests::{Finished, Setting, read_json};
+use mluc_tests::{Finished, Setting, assert_has, read_json};
 use serde_json::Value;
 
 /// The rows of frames.csv that were measured, by column.
@@ -102,15 +102,16 @@ fn the_page_works_offline(page: &str) {
 
 fn the_terminal_shows_a_table(run: &Finished) {
     let terminal = run.text();
-    for word in [
-        "backbone",
-        "end to end",
-        "hand-over",
-        "frames: 25 in",
-        "report.html",
-    ] {
-        assert!(terminal.contains(word), "{word}: {terminal}");
-    }
+    assert_has(
+        &terminal,
+        &[
+            "backbone",
+            "end to end",
+            "hand-over",
+            "frames: 25 in",
+            "report.html",
+        ],
+    );
     assert!(!run.log.contains("####"), "a bar is for terminals alone");
 }
 

@@ -67,12 +67,6 @@ impl ApReport {
         let mut classes = self.classes.iter();
         classes.find(|class| class.rule.kind == ObjectKind::Unknown)
     }
-
-    /// Names of the classes of which no label counts at moderate.
-    pub fn without_labels(&self) -> impl Iterator<Item = &str> {
-        let empty = self.classes.iter().filter(|c| c.main().truth_count == 0);
-        empty.map(|class| class.rule.name.as_str())
-    }
 }
 
 /// Judges the frames by each rule. The frames' order matters only where scores are equal.

@@ -149,8 +149,10 @@ pub fn rules(request: &RuleRequest, frames: &[LabelledFrame]) -> Result<Vec<Clas
     }
     let mut known: Vec<String> = if request.classes.is_empty() {
         let kitti = KITTI_CLASSES.iter().map(|(class, _)| (*class).to_owned());
-        let labelled = labelled_and_detected(frames);
-        kitti.chain(named.map(lower)).chain(labelled).collect()
+        let detections = frames.iter().flat_map(|frame| &frame.detections);
+        let detected: BTreeSet<String> = detections.map(|d| lower(&d.class)).collect();
+        let found = &labelled(frames) & &detected;
+        kitti.chain(named.map(lower)).chain(found).collect()
     } else {
         request.classes.iter().map(lower).collect()
     };
@@ -186,9 +188,8 @@ pub fn paper_rules(
     unknown: &[String],
     neighbours: NeighbourPolicy,
 ) -> Result<Vec<ClassRule>> {
-    let cars = known
-        .iter()
-        .filter(|class| *class == "car" && model_name != "kitti");
+    let is_other = |class: &&String| class.eq_ignore_ascii_case("car") && model_name != "kitti";
+    let cars = known.iter().filter(is_other);
     let request = RuleRequest {
         classes: known.to_vec(),
         iou_min: cars.map(|car| (car.clone(), 0.5)).collect(),
@@ -220,14 +221,6 @@ fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
         .chain(defaults)
         .find(|(name, _)| name.eq_ignore_ascii_case(class));
     found.map_or(0.5, |(_, iou)| iou)
-}
-
-/// Classes that occur in the labels and in detections of kind known.
-fn labelled_and_detected(frames: &[LabelledFrame]) -> BTreeSet<String> {
-    let detections = frames.iter().flat_map(|frame| &frame.detections);
-    // The unknown is no labelled class.
-    let detected: BTreeSet<String> = detections.map(|d| d.class.to_ascii_lowercase()).collect();
-    &labelled(frames) & &detected
 }
 
 /// Labelled classes that KITTI does not leave out.

@@ -38,33 +38,37 @@ pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetecti
             break;
         }
         if count as u64 > LINE_BYTES_MAX {
-            return Err(fault(format!(
-                "expected at most {LINE_BYTES_MAX} bytes a line, found more"
-            )));
+            let expected = format!("expected at most {LINE_BYTES_MAX} bytes a line, found more");
+            return Err(fault(expected));
         }
         if bytes.trim_ascii().is_empty() {
             continue;
         }
-        let line: Line = serde_json::from_slice(&bytes).map_err(|e| fault(e.to_string()))?;
-        if let Some(found) = line.wire.filter(|&wire| wire != WIRE_VERSION) {
-            return Err(fault(format!(
-                "field wire: expected {WIRE_VERSION}, found {found}"
-            )));
+        let line = parse(&bytes).map_err(&fault)?;
+        if frames.contains_key(&line.frame) {
+            let expected = "field frame: expected each frame once";
+            return Err(fault(format!("{expected}, found '{}' again", line.frame)));
         }
-        let mut sizes = line.objects.iter().flat_map(|o| o.box_in_sensor.size_m);
-        if let Some(found) = sizes.find(|v| !(v.is_finite() && *v > 0.0)) {
-            return Err(fault(format!(
-                "field size_m: expected sizes above 0, found {found}"
-            )));
-        }
-        if frames.insert(line.frame.clone(), line.objects).is_some() {
-            return Err(fault(format!(
-                "field frame: expected each frame once, found '{}' again",
-                line.frame
-            )));
-        }
+        frames.insert(line.frame, line.objects);
     }
     Ok(frames)
+}
+
+/// What is wrong with a line by itself is told without its place.
+fn parse(bytes: &[u8]) -> Result<Line, String> {
+    let line: Line = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
+    if let Some(found) = line.wire.filter(|&wire| wire != WIRE_VERSION) {
+        return Err(format!(
+            "field wire: expected {WIRE_VERSION}, found {found}"
+        ));
+    }
+    let mut sizes = line.objects.iter().flat_map(|o| o.box_in_sensor.size_m);
+    match sizes.find(|v| !(v.is_finite() && *v > 0.0)) {
+        Some(found) => Err(format!(
+            "field size_m: expected sizes above 0, found {found}"
+        )),
+        None => Ok(line),
+    }
 }
 
 #[cfg(test)]

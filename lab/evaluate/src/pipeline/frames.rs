@@ -47,10 +47,7 @@ impl FrameSet {
     /// The first `frames_max` frames of `root`: of the split that `root/ImageSets/SPLIT.txt` names, or of all scans.
     /// A frame without a label file is an error, before anything is computed.
     pub fn open(root: &Path, split: Option<&str>, frames_max: usize) -> Result<FrameSet> {
-        let dataset = match split {
-            Some(split) => Dataset::open_split(root, split)?,
-            None => Dataset::open(root)?,
-        };
+        let dataset = Dataset::open_split(root, split)?;
         let names: Vec<String> = dataset.names().iter().take(frames_max).cloned().collect();
         for name in &names {
             let path = dataset.label_path(name);

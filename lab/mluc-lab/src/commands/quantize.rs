@@ -47,10 +47,7 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
     let is_some = arguments.frames > 0;
     ensure!(is_some, "--frames: expected 1 or more, found 0");
     let model = Model::read(&arguments.model)?;
-    let dataset = match &arguments.split {
-        Some(split) => Dataset::open_split(&arguments.data, split)?,
-        None => Dataset::open(&arguments.data)?,
-    };
+    let dataset = Dataset::open_split(&arguments.data, arguments.split.as_deref())?;
     let frames = evenly(dataset.names(), arguments.frames, 0.0);
     let data = &arguments.data;
     let folder = folder_tail(&data.canonicalize().unwrap_or(data.clone()));

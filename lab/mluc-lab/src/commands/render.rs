@@ -70,7 +70,11 @@ impl RenderArguments {
         let color = match self.color {
             ColorBy::Height => PointColor::Height,
             ColorBy::Label => {
-                PointColor::Each(points.iter().map(|p| color_inside(p, &boxes)).collect())
+                let color = |p: &[f32; 4]| {
+                    let around = boxes.iter().find(|(_, b)| b.has_point(p));
+                    around.map_or(OUTSIDE, |(label, _)| label_color(&label.class))
+                };
+                PointColor::Each(points.iter().map(color).collect())
             }
         };
         let title = self.scan.file_stem().unwrap_or_default().to_string_lossy();
@@ -118,11 +122,6 @@ impl RenderArguments {
         };
         Ok(read_boxes(&path, &calibration)?)
     }
-}
-
-fn color_inside(point: &[f32; 4], boxes: &[(Label, Box3)]) -> Color {
-    let around = boxes.iter().find(|(_, b)| b.has_point(point));
-    around.map_or(OUTSIDE, |(label, _)| label_color(&label.class))
 }
 
 #[cfg(test)]

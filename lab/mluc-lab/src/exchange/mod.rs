@@ -7,11 +7,9 @@
 mod checkpoint;
 mod import;
 mod names;
-mod sparse;
 
-pub use import::{Imported, anchor, import, second};
+pub use import::{Imported, SparseLayout, anchor, import, second};
 pub use names::{openpcdet_name, tensor_names};
-pub use sparse::SparseLayout;
 
 use std::collections::HashMap;
 

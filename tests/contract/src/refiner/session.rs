@@ -122,15 +122,11 @@ impl Session<'_> {
         self.await_health("heartbeat", |_| true)
     }
 
-    fn await_answer(&mut self, frame: &Frame) -> anyhow::Result<Answer> {
+    pub(crate) fn exchange(&mut self, frame: &mut Frame) -> anyhow::Result<Answer> {
+        self.player.send(frame)?;
         let sequence = frame.header.sequence;
         let awaited = format!("objects of frame {sequence}");
         self.await_any(&awaited, |player| player.take_answer_to(sequence))
-    }
-
-    pub(crate) fn exchange(&mut self, frame: &mut Frame) -> anyhow::Result<Answer> {
-        self.player.send(frame)?;
-        self.await_answer(frame)
     }
 
     /// Sends a frame whose detections make sense, and checks the answer.
