@@ -53,21 +53,13 @@ fn intersection_height_m(a: &Box3, b: &Box3) -> f64 {
     let dz = b.center_m[2] - a.center_m[2];
     let top = (a.size_m[2] / 2.0).min(dz + b.size_m[2] / 2.0);
     let bottom = (-a.size_m[2] / 2.0).max(dz - b.size_m[2] / 2.0);
-    let are_boxes = a.size_m[2] > 0.0 && b.size_m[2] > 0.0;
-    if are_boxes {
-        (top - bottom).max(0.0)
-    } else {
-        0.0
-    }
+    let (common, are_boxes) = (top - bottom, a.size_m[2] > 0.0 && b.size_m[2] > 0.0);
+    if are_boxes { common.max(0.0) } else { 0.0 }
 }
 
 fn ratio(part: f64, whole: f64) -> f64 {
-    let has_both = part > 0.0 && whole > 0.0;
-    if has_both {
-        (part / whole).min(1.0)
-    } else {
-        0.0
-    }
+    let (share, is_some) = (part / whole, part > 0.0 && whole > 0.0);
+    if is_some { share.min(1.0) } else { 0.0 }
 }
 
 /// Intersection over union of the footprints, 0..1.

@@ -34,11 +34,6 @@ pub enum GateKind {
 impl GateKind {
     /// The words in the JSON lines and the contract, by number.
     pub const NAMES: [&str; 4] = ["none", "eds", "unknown_probability", "softmax_max"];
-
-    /// The word in the JSON lines.
-    pub fn name(self) -> &'static str {
-        GateKind::NAMES[self as usize]
-    }
 }
 
 /// `unknown_probability` of a model without an output for the unknown.

@@ -194,11 +194,8 @@ fn window(
         let (y, x) = (y + number / 3, x + number % 3);
         let inside = inner || ((1..=rows).contains(&y) && (1..=columns).contains(&x));
         let worth = inside && read.is_none_or(|cells| cells.contains(y - 1, x - 1));
-        *tap = if worth {
-            ((y - 1) * columns + x - 1) as u32
-        } else {
-            ABSENT
-        };
+        let cell = worth.then(|| ((y - 1) * columns + x - 1) as u32);
+        *tap = cell.unwrap_or(ABSENT);
     }
 }
 

@@ -115,9 +115,8 @@ pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [Strin
         }
     });
     let suppressed = suppressed.collect();
-    let objects = published
-        .iter()
-        .map(|index| object_line(&objects[*index], classes));
+    let objects = published.iter().map(|index| &objects[*index]);
+    let objects = objects.map(|object| object_line(object, classes));
     Line {
         wire: WIRE_VERSION,
         sequence: header.sequence,

@@ -22,10 +22,9 @@ pub fn load(name: &str) -> anyhow::Result<Model> {
     let path = Path::new(name);
     if !path.exists() {
         let names: Vec<&str> = embedded::MODELS.iter().map(|&(name, _)| name).collect();
-        let known = if names.is_empty() {
-            "this build has none embedded".to_string()
-        } else {
-            format!("embedded are: {}", names.join(", "))
+        let known = match names[..] {
+            [] => "this build has none embedded".to_string(),
+            _ => format!("embedded are: {}", names.join(", ")),
         };
         let hint = nearest(name, names).map(|near| format!("; did you mean '{near}'?"));
         let hint = hint.unwrap_or_default();

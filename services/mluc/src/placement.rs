@@ -22,9 +22,8 @@ impl StageSettings {
                 return Err(UsageError(text));
             }
         }
-        let found = self
-            .priority
-            .filter(|priority| !(1..=99).contains(priority));
+        let is_wrong = |priority: &u8| !(1..=99).contains(priority);
+        let found = self.priority.filter(is_wrong);
         found.map_or(Ok(()), |found| {
             let text = format!("priority of {stage} must be 1 to 99, found {found}");
             Err(UsageError(text))

@@ -10,6 +10,7 @@ use mluc_runtime::Instance;
 use toml::{Table, Value};
 
 use crate::cli::PipelineArgs;
+use crate::document::with_hint;
 use crate::settings::Settings;
 use crate::{UsageError, document, model};
 
@@ -56,9 +57,8 @@ impl Resolved {
                 origins.insert(key, origin.clone());
             });
         }
-        let settings = merged.try_into();
-        let mut settings: Settings =
-            settings.map_err(|error| UsageError(document::with_hint(error.message(), &error)))?;
+        let usage = |error: toml::de::Error| UsageError(with_hint(error.message(), &error));
+        let mut settings: Settings = merged.try_into().map_err(usage)?;
         settings.complete();
         settings.check()?;
         Ok(Resolved { settings, origins })

@@ -145,12 +145,10 @@ impl Tracker {
 
     /// The free track nearest to where it should be now, or a new one; None when all tracks were seen in this frame.
     fn track_of(&mut self, place_m: [f64; 2]) -> Option<Track> {
-        let tracks = self.tracks.iter().enumerate();
-        let nearest = tracks
-            .filter(|(_, track)| !track.is_taken)
-            .map(|(index, track)| (index, track.distance_m(place_m)))
-            .filter(|&(_, distance_m)| distance_m <= self.settings.distance_max_m)
-            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let free = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_taken);
+        let distances = free.map(|(index, track)| (index, track.distance_m(place_m)));
+        let near = distances.filter(|(_, m)| *m <= self.settings.distance_max_m);
+        let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1));
         let index = match nearest {
             Some((index, _)) => index,
             None => self.begin(place_m)?,

@@ -39,9 +39,8 @@ fn draw_rings(canvas: &mut Canvas, view: &View) {
 
 /// Low points first, so that what stands out is on top.
 fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], view: &View) {
-    let mut order: Vec<usize> = (0..points.len())
-        .filter(|i| points[*i][..3].iter().all(|v| v.is_finite()))
-        .collect();
+    let is_finite = |i: &usize| points[*i][..3].iter().all(|v| v.is_finite());
+    let mut order: Vec<usize> = (0..points.len()).filter(is_finite).collect();
     order.sort_by(|a, b| points[*a][2].total_cmp(&points[*b][2]).then(a.cmp(b)));
     for index in order {
         let [x, y, z, _] = points[index];
@@ -92,10 +91,9 @@ fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
         canvas.line(corners[i], corners[(i + 1) % 4], width, color, 0.95);
     }
     // The front edge lies between the first and the last corner.
-    let mix =
-        |a: [f32; 2], b: [f32; 2], t: f32| [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t];
-    let left = mix(corners[0], corners[1], 0.18);
-    let right = mix(corners[3], corners[2], 0.18);
+    let inwards = |a: [f32; 2], b: [f32; 2]| [0, 1].map(|i| a[i] + (b[i] - a[i]) * 0.18);
+    let left = inwards(corners[0], corners[1]);
+    let right = inwards(corners[3], corners[2]);
     canvas.line(left, right, width, color, 0.95);
 }
 

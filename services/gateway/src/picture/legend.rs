@@ -49,11 +49,10 @@ fn lines(boxes: &[DrawnBox]) -> Vec<(Color, String)> {
             BoxKind::Truth => "label",
         };
         let label = first.label.replace('_', " ");
-        let text = if label.eq_ignore_ascii_case(what) {
-            format!("{count} {label}")
-        } else {
-            format!("{count} {label} ({what})")
-        };
+        let mut text = format!("{count} {label}");
+        if !label.eq_ignore_ascii_case(what) {
+            text += &format!(" ({what})");
+        }
         (color_of(first), text)
     };
     seen.into_iter().map(line).collect()

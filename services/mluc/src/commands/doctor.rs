@@ -96,12 +96,12 @@ fn check_cores() -> Finding {
     let load: f64 = load.and_then(|word| word.parse().ok()).unwrap_or(0.0);
     let text = format!("{cores} cores, load {load:.1}");
     if cores < 2 {
-        (Warning, format!("{text}: 10 Hz needs two"))
-    } else if load < cores as f64 {
-        (Fine, text)
-    } else {
-        (Warning, format!("{text}: other work will delay frames"))
+        return (Warning, format!("{text}: 10 Hz needs two"));
     }
+    if load >= cores as f64 {
+        return (Warning, format!("{text}: other work will delay frames"));
+    }
+    (Fine, text)
 }
 
 fn check_governor() -> Finding {

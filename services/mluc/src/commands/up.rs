@@ -68,10 +68,8 @@ impl Summary {
 
     /// A line with the frames that carry each flag; none where no frame has one.
     fn flags(&self) -> Option<String> {
-        let words = self.flags.iter();
-        let words: Vec<_> = words
-            .map(|(name, count)| format!("{name} {count}"))
-            .collect();
+        let word = |(name, count)| format!("{name} {count}");
+        let words: Vec<_> = self.flags.iter().map(word).collect();
         (!words.is_empty()).then(|| format!("frames with flags: {}", words.join(", ")))
     }
 

@@ -207,10 +207,9 @@ impl Child {
         let Some(heartbeat) = health.of(self.stage) else {
             return;
         };
-        let limit_ms = if heartbeat.frames_out > 0 {
-            heartbeat_limit_ms(own, heartbeat.run_max_us)
-        } else {
-            own.start_max_ms
+        let limit_ms = match heartbeat.frames_out {
+            0 => own.start_max_ms,
+            _ => heartbeat_limit_ms(own, heartbeat.run_max_us),
         };
         let since_ns = health.heard_ns(self.stage).max(regular_since_ns);
         let silent_ns = monotonic_ns().saturating_sub(since_ns);
@@ -267,11 +266,8 @@ impl Child {
 
     /// At once where it has published a frame, else, and in a crash loop, after a growing delay.
     pub(super) fn plan_restart(&mut self) {
-        let delay = if self.has_published && !self.is_crash_loop {
-            Duration::ZERO
-        } else {
-            self.delay
-        };
+        let at_once = self.has_published && !self.is_crash_loop;
+        let delay = self.delay * u32::from(!at_once);
         tracing::warn!(stage = self.stage.name(), "restart in {delay:?}");
         self.due = Some(Instant::now() + delay);
         self.delay = (delay * 2).clamp(DELAY_FIRST, DELAY_MAX);

@@ -17,9 +17,8 @@ const COLUMNS: usize = 1024;
 
 /// Elevations of the beams, rad, from the top down.
 pub(crate) fn elevations_rad() -> Vec<f64> {
-    (0..64)
-        .map(|i| (2.0 - 0.42 * f64::from(i)).to_radians())
-        .collect()
+    let elevation = |i| (2.0 - 0.42 * f64::from(i)).to_radians();
+    (0..64).map(elevation).collect()
 }
 
 pub(crate) fn sensor() -> Sensor {
