@@ -11,7 +11,7 @@ mod polygon;
 mod random;
 mod statistics;
 
-pub use boxes::{Box3, limit_period};
+pub use boxes::{Box3, Inside, limit_period};
 pub use calibration::{Calibration, CalibrationError, CameraBox};
 pub use image::{ImageSize, iou_2d, overlap_of_first_2d, pixel_bounds};
 pub use overlap::{intersection_bev_m2, intersection_over_min_area, iou_3d, iou_bev, nms_into};

@@ -11,6 +11,33 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// Arguments, and words of the error.
+const REFUSED: &str = "\
+upp | 'up'
+up | --input is missing
+up --pace fast | sensor
+up --lambda much | --lambda
+config --lambda=-0.5 | lambda must be 0 to 100, found -0.5
+config --rate=0 | rate_hz
+config --rate=NaN | rate_hz
+config --seconds=-1 | seconds
+config --unknown-min=1.5 | unknown_min
+config --model kitti-open --lambda 1.2 | --unknown-min
+config --model kitti --unknown-min 0.5 | --lambda
+config --model kitt | did you mean 'kitti'?
+config --threads=backbone | STAGE=N
+config --threads=bakbone=2 | ingest, backbone, head, refiner
+config --threads=head=-1 | STAGE=N
+config --threads=head=0 | threads of head must be 1 to 256, found 0
+config --instance=a/b | a/b
+config --refiner-mode=paper-corected | exists: 'paper-corrected'
+config --without=refner | exists: 'refiner'
+config --precision fp32 | exists: 'f32'
+config --config=/nowhere.toml | nowhere.toml
+stage bakcbone | exists: 'backbone'
+status --instance a/b | a/b
+doctor --instance | --instance";
+
 /// Exit code 2 of docs/output.md, with words that name the fault.
 #[test]
 fn a_wrong_command_line_or_configuration_is_a_usage_error() {
@@ -22,44 +49,8 @@ fn a_wrong_command_line_or_configuration_is_a_usage_error() {
         assert!(output.stdout.is_empty());
         assert!(said.contains(words), "{arguments:?}: {said}");
     };
-    for (line, words) in [
-        ("upp", "'up'"),
-        ("up", "--input is missing"),
-        ("up --pace fast", "sensor"),
-        ("up --lambda much", "--lambda"),
-        (
-            "config --lambda=-0.5",
-            "lambda must be 0 to 100, found -0.5",
-        ),
-        ("config --rate=0", "rate_hz"),
-        ("config --rate=NaN", "rate_hz"),
-        ("config --seconds=-1", "seconds"),
-        ("config --unknown-min=1.5", "unknown_min"),
-        ("config --model kitti-open --lambda 1.2", "--unknown-min"),
-        ("config --model kitti --unknown-min 0.5", "--lambda"),
-        ("config --model kitt", "did you mean 'kitti'?"),
-        ("config --threads=backbone", "STAGE=N"),
-        (
-            "config --threads=bakbone=2",
-            "ingest, backbone, head, refiner",
-        ),
-        ("config --threads=head=-1", "STAGE=N"),
-        (
-            "config --threads=head=0",
-            "threads of head must be 1 to 256, found 0",
-        ),
-        ("config --instance=a/b", "a/b"),
-        (
-            "config --refiner-mode=paper-corected",
-            "exists: 'paper-corrected'",
-        ),
-        ("config --without=refner", "exists: 'refiner'"),
-        ("config --precision fp32", "exists: 'f32'"),
-        ("config --config=/nowhere.toml", "nowhere.toml"),
-        ("stage bakcbone", "exists: 'backbone'"),
-        ("status --instance a/b", "a/b"),
-        ("doctor --instance", "--instance"),
-    ] {
+    for case in REFUSED.lines() {
+        let (line, words) = case.split_once(" | ").expect("arguments and words");
         refused(&line.split(' ').collect::<Vec<_>>(), words);
     }
     for (text, words) in [

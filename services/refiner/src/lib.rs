@@ -20,7 +20,6 @@ pub mod fit;
 mod frame;
 mod ground;
 mod ground_map;
-mod inside;
 mod merge;
 mod output;
 pub mod paper;

@@ -33,8 +33,7 @@ pub(crate) const ENLARGED: f64 = 1.2;
 /// may lie a metre off and of a long object often only the far end is seen, and no more than 10 m, as boxes may be larger
 /// than any object.
 pub(crate) fn reach_m(shape: &Box3) -> f64 {
-    let half_diagonal_m = shape.size_m[0].hypot(shape.size_m[1]) / 2.0;
-    (half_diagonal_m * ENLARGED).clamp(4.0, 10.0)
+    (shape.half_diagonal_m() * ENLARGED).clamp(4.0, 10.0)
 }
 
 /// Coordinates and sizes beyond this are nonsense, m.

@@ -1,10 +1,9 @@
 //! Where a cluster starts.
 
-use mluc_geometry::{Box3, Random};
+use mluc_geometry::{Box3, Inside, Random};
 
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground::GroundPlane;
-use crate::inside::Inside;
 use crate::proposal::{ENLARGED, NEAR_M, reach_m};
 
 /// What seeds are looked for in.
@@ -67,7 +66,10 @@ impl Seek<'_> {
             found.clear();
             for row in self.frame.rows_around(center, reach_m(self.candidate)) {
                 *work += row.len() as u64;
-                found.extend(row.iter().filter(|p| inside.contains(p.at_m)));
+                found.extend(
+                    row.iter()
+                        .filter(|p| inside.contains(p.at_m.map(f64::from))),
+                );
             }
             if !found.is_empty() {
                 // By their place in the scan, whatever the cells.
