@@ -14,7 +14,7 @@ use super::baselines::baselines;
 use super::folder::{self, FOLDERS};
 use super::measured::Measured;
 use super::plan::{Plan, Variant};
-use super::quality::Quality;
+use super::quality::shown;
 use super::quiet::Quiet;
 use super::trace::SpansFolder;
 use crate::report::{CompareOptions, compare, number, table};
@@ -120,7 +120,7 @@ fn rounds(
 fn side_by_side(
     names: [&str; 2],
     reports: [&Value; 2],
-    quality: &[Option<Quality>; 2],
+    quality: &[Option<Value>; 2],
     end_to_end_only: bool,
 ) -> String {
     let mut text = String::new();
@@ -141,7 +141,7 @@ fn side_by_side(
     let [Some(a), Some(b)] = quality else {
         return text + "box quality: the scans have no labels\n";
     };
-    for ((name, of_a), (_, of_b)) in a.rows().into_iter().zip(b.rows()) {
+    for ((name, of_a), (_, of_b)) in shown(a).into_iter().zip(shown(b)) {
         row(name, [of_a, of_b]);
     }
     text

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use super::neighbour::Neighbour;
 use super::pipeline::{Recording, record};
 use super::plan::{Plan, Variant};
-use super::quality::{Boxes, Quality, judge};
+use super::quality::{Boxes, judge};
 use super::quiet::Quiet;
 use super::round::frames;
 use super::trace::SPANS_VARIABLE;
@@ -77,7 +77,7 @@ impl Measured {
         self.is_interrupted |= recording.is_interrupted;
     }
 
-    pub(crate) fn quality(&self, plan: &Plan) -> Result<Option<Quality>> {
+    pub(crate) fn quality(&self, plan: &Plan) -> Result<Option<Value>> {
         judge(&self.boxes, &plan.labels, &class_names(&plan.model))
     }
 

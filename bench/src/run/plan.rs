@@ -1,5 +1,7 @@
 //! What is to be measured, resolved and checked before any process is started.
 
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -128,10 +130,7 @@ impl Plan {
         let variants = variants(&args, &document, folder.path())?;
         let is_compared = variants.len() > 1 || args.against.is_some();
         let usual = if is_compared { ROUNDS_COMPARED } else { 1 };
-        let rounds = table.rounds.unwrap_or(usual);
-        if !(1..=ROUNDS_MAX).contains(&rounds) {
-            return usage(format!("rounds must be 1 to {ROUNDS_MAX}, found {rounds}"));
-        }
+        let rounds = within("rounds", table.rounds.unwrap_or(usual), 1..=ROUNDS_MAX)?;
         if args.trace.is_some() && (variants.len() > 1 || rounds > 1) {
             return usage("a trace shows one run: --trace goes with one round of one pipeline");
         }
@@ -144,14 +143,16 @@ impl Plan {
         }
         let warm_up = table.warm_up_seconds.unwrap_or(WARM_UP_SECONDS);
         let patience = table.patience_seconds.unwrap_or(PATIENCE_SECONDS);
+        let patience = within("patience", patience, 0.1..=SECONDS_MAX)?;
+        let seconds = table.seconds.unwrap_or(SECONDS);
         let precision = args.precision.clone().or(word("precision"));
         Ok(Plan {
             rate_hz,
-            seconds: seconds("seconds", table.seconds.unwrap_or(SECONDS), 0.1)?,
-            warm_up_seconds: seconds("warm-up", warm_up, 0.0)?,
+            seconds: within("seconds", seconds, 0.1..=SECONDS_MAX)?,
+            warm_up_seconds: within("warm-up", warm_up, 0.0..=SECONDS_MAX)?,
             rounds,
             baseline_rounds: table.floor_rounds.unwrap_or(BASELINE_ROUNDS).min(1_000_000),
-            patience: Duration::from_secs_f64(seconds("patience", patience, 0.1)?),
+            patience: Duration::from_secs_f64(patience),
             load: table.load,
             labels: Labels::near(&input),
             model: model::load(&model_name)?,
@@ -227,13 +228,12 @@ fn usage<T>(text: impl Into<String>) -> Result<T> {
     Err(UsageError(text.into()).into())
 }
 
-fn seconds(name: &str, value: f64, least: f64) -> Result<f64> {
-    if (least..=SECONDS_MAX).contains(&value) {
+fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<T> {
+    if range.contains(&value) {
         return Ok(value);
     }
-    usage(format!(
-        "{name} must be {least} to {SECONDS_MAX}, found {value}"
-    ))
+    let (least, most) = range.into_inner();
+    usage(format!("{name} must be {least} to {most}, found {value}"))
 }
 
 /// The file without `[bench]`, and that table. `None`: an empty file.

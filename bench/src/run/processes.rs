@@ -34,7 +34,7 @@ pub(crate) struct ProcessWatch {
 pub(crate) struct StageWatch {
     first: Option<Counts>,
     last: Counts,
-    peak: Counts,
+    peak_mib: [f64; 2],
 }
 
 impl ProcessWatch {
@@ -64,9 +64,8 @@ impl ProcessWatch {
                 if watch.first.is_none_or(|first| first.pid != pid) {
                     watch.first = Some(counts);
                 }
-                let peak = &mut watch.peak;
-                peak.private_mib = peak.private_mib.max(counts.private_mib);
-                peak.shared_mib = peak.shared_mib.max(counts.shared_mib);
+                let now_mib = [counts.private_mib, counts.shared_mib];
+                watch.peak_mib = [0, 1].map(|i| watch.peak_mib[i].max(now_mib[i]));
             }
         }
         self.samples.push(sample);
@@ -78,14 +77,14 @@ impl StageWatch {
         let Some(first) = &self.first else {
             return Resources::default();
         };
-        let (last, peak) = (&self.last, &self.peak);
+        let last = &self.last;
         let seconds = (last.at_s - first.at_s).max(1e-3);
         let by_second = |from: u64, to: u64| to.saturating_sub(from) as f64 / seconds;
         Resources {
             threads: last.threads,
             cpu_cores: cores(first, last),
-            memory_mib: peak.private_mib,
-            shared_memory_mib: peak.shared_mib,
+            memory_mib: self.peak_mib[0],
+            shared_memory_mib: self.peak_mib[1],
             switches_voluntary_per_s: by_second(first.voluntary, last.voluntary),
             switches_forced_per_s: by_second(first.forced, last.forced),
             waiting_for_cpu: by_second(first.waiting_ns, last.waiting_ns) * 1e-9,
