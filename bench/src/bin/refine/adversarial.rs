@@ -8,27 +8,15 @@ use mluc_bench::inputs::candidate;
 use mluc_geometry::Box3;
 use mluc_ipc_types::{DETECTIONS_MAX, Detection, Object, POINTS_MAX, Point};
 use mluc_refiner::RefinerOutput;
-use serde::Serialize;
+use serde_json::{Value, json};
 
-use crate::Setup;
-use crate::timing::Times;
+use crate::timing::times;
+use crate::{Setup, figure, merged};
 
 /// Timed runs of each frame, after one that is not.
 const RUNS: usize = 20;
 /// Proposals of a frame, and the row beside the wall that they fill, m.
 const CROWDS: [(usize, f64); 3] = [(20, 10.0), (DETECTIONS_MAX, 40.0), (DETECTIONS_MAX, 0.0)];
-
-#[derive(Serialize)]
-struct Row {
-    frame: String,
-    proposals: usize,
-    refined: usize,
-    unrefined: u32,
-    flagged: usize,
-    work: u64,
-    #[serde(flatten)]
-    times: Times,
-}
 
 /// Every frame with 20 and with 512 proposals.
 pub(crate) fn run(setup: &Setup, limit_ms: Option<f64>) -> Result<()> {
@@ -50,7 +38,7 @@ fn measure(
     points: &[Point],
     detections: &[Detection],
     limit_ms: Option<f64>,
-) -> Result<Row> {
+) -> Result<Value> {
     let mut refiner = setup.refiner(&setup.settings)?;
     let mut out = RefinerOutput::default();
     let laps = timed_again(RUNS, || {
@@ -61,15 +49,15 @@ fn measure(
     });
     let is_flagged = |object: &&Object| object.flags & Object::UNREFINED != 0;
     let unrefined = out.counters.unrefined;
-    Ok(Row {
-        frame,
-        proposals: detections.len(),
-        refined: detections.len() - unrefined as usize,
-        unrefined,
-        flagged: out.objects.iter().filter(is_flagged).count(),
-        work: out.counters.work,
-        times: Times::of(&laps),
-    })
+    let about = json!({
+        "frame": frame,
+        "proposals": detections.len(),
+        "refined": detections.len() - unrefined as usize,
+        "unrefined": unrefined,
+        "flagged": out.objects.iter().filter(is_flagged).count(),
+        "work": out.counters.work,
+    });
+    Ok(merged([about, times(&laps)]))
 }
 
 /// From three numbers within half of 0.
@@ -106,17 +94,17 @@ fn spots(count: usize, spread_m: f64) -> Vec<Detection> {
     (0..count).map(spot).collect()
 }
 
-fn print(rows: &[Row]) {
+fn print(rows: &[Value]) {
+    let name = "frame";
     println!(
-        "{:<24} proposals refined unrefined flagged       work   p50 ms   max ms  CPU p50  CPU max",
-        "frame"
+        "{name:<24} proposals refined unrefined flagged       work   p50 ms   max ms  CPU p50  CPU max"
     );
     for row in rows {
-        let (t, unrefined, flagged, work) = (&row.times, row.unrefined, row.flagged, row.work);
-        let (proposals, refined) = (row.proposals, row.refined);
-        let ms = [t.p50_ms, t.max_ms, t.cpu_p50_ms, t.cpu_max_ms];
-        let ms = ms.map(|ms| format!(" {ms:>8.2}")).concat();
-        let name = &row.frame;
+        let name = row["frame"].as_str().unwrap_or_default();
+        let [proposals, refined, unrefined, flagged, work] =
+            ["proposals", "refined", "unrefined", "flagged", "work"].map(|key| figure(row, key));
+        let ms = ["p50_ms", "max_ms", "cpu_p50_ms", "cpu_max_ms"];
+        let ms = ms.map(|key| format!(" {:>8.2}", figure(row, key))).concat();
         println!(
             "{name:<24} {proposals:>9} {refined:>7} {unrefined:>9} {flagged:>7} {work:>10}{ms}"
         );

@@ -20,6 +20,7 @@ use mluc_model::Model;
 use mluc_refiner::fit::BoxFit;
 use mluc_refiner::{ClusterScorer, Refiner, Settings, Variant};
 use serde::Serialize;
+use serde_json::Value;
 
 /// Quality and time of a refiner on a folder of labelled scans.
 #[derive(Parser)]
@@ -153,4 +154,17 @@ impl Setup {
         }
         Ok(())
     }
+}
+
+/// A figure of a report; 0 where it is missing.
+fn figure(report: &Value, key: &str) -> f64 {
+    report[key].as_f64().unwrap_or(0.0)
+}
+
+/// One object of several.
+fn merged<const N: usize>(parts: [Value; N]) -> Value {
+    let fields = parts.iter().filter_map(Value::as_object).flatten();
+    fields
+        .map(|(key, value)| (key.clone(), value.clone()))
+        .collect()
 }
