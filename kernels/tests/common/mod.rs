@@ -42,13 +42,6 @@ impl Random {
         };
         Gather::new(taps, (0..outputs * taps).map(|_| entry()).collect())
     }
-
-    /// 0..count in random order.
-    pub(crate) fn permutation(&mut self, count: usize) -> Vec<u32> {
-        let mut rows: Vec<u32> = (0..count as u32).collect();
-        (1..count).for_each(|i| rows.swap(i, self.below(i + 1)));
-        rows
-    }
 }
 
 /// A map of `width x height` read by a 3x3 kernel; each (input row, tap) is read at most once.

@@ -1,4 +1,4 @@
-//! Vectors reused from step to step: a fresh large allocation costs a page fault every 4 KiB.
+//! Memory reused from step to step: a fresh large allocation costs a page fault every 4 KiB.
 
 use mluc_kernels::{Bf16, Element};
 use rayon::prelude::*;
@@ -8,14 +8,24 @@ const ROUND_CHUNK: usize = 1 << 14;
 /// Vectors kept: bounds the memory.
 const FREE_MAX: usize = 96;
 
-/// The vectors that nobody uses now.
+/// The vectors that nobody uses now, and the gradients of a step.
 #[derive(Debug, Default)]
 pub struct Pool {
+    /// Of every parameter; the backward pass adds to them.
+    pub gradients: Vec<f32>,
     free: Vec<Vec<f32>>,
     rounded: Vec<Bf16>,
 }
 
 impl Pool {
+    /// For the backward pass of so many parameters.
+    pub fn new(parameters: usize) -> Pool {
+        Pool {
+            gradients: vec![0.0; parameters],
+            ..Pool::default()
+        }
+    }
+
     /// A vector of `len` numbers of any value.
     pub fn take(&mut self, len: usize) -> Vec<f32> {
         // The smallest that is large enough, else the largest.

@@ -33,7 +33,7 @@ pub(crate) fn write(work: &mut Work, folder: &Path) -> Result<()> {
     put(folder, "presence", &presence(work, &pass))?;
     let answers = side_by_side(work, &pass.outputs);
     put(folder, "labelled_outputs", &answers)?;
-    put(folder, "gradients", &work.gradients)?;
+    put(folder, "gradients", &work.pool.gradients)?;
     save(folder, "step.json", description(work).to_string())
 }
 
