@@ -75,7 +75,6 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// With so many scans.
     pub fn new(label: &str, scans: usize) -> Setting {
         let folder = tempfile::tempdir().expect("a writable folder");
         let input = folder.path().join("scans");
@@ -164,12 +163,10 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) {
     fs::write(path, content).expect("a writable folder");
 }
 
-/// The checkout.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// A JSON file.
 pub fn read_json(path: &Path) -> Value {
     let text = fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     serde_json::from_str(&text).expect("JSON")

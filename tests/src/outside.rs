@@ -72,7 +72,6 @@ pub fn cpp_refiner() -> Option<Vec<String>> {
 pub struct PaperFrame {
     /// Of the files, without extension.
     pub name: String,
-    /// x, y, z, intensity.
     pub points: Vec<[f32; 4]>,
     /// What the other implementation found, by level.
     pub answers: PathBuf,
@@ -115,7 +114,6 @@ pub fn feature_map(backbone: &Backbone, mut empty: Vec<f32>) -> Result<Vec<f32>,
     Ok(empty)
 }
 
-/// Root mean square.
 pub fn rms(values: impl ExactSizeIterator<Item = f32>) -> f64 {
     let count = values.len() as f64;
     let squares: f64 = values.map(|value| f64::from(value).powi(2)).sum();

@@ -26,7 +26,6 @@ pub fn built_program(name: &str) -> PathBuf {
     program
 }
 
-/// The program `mluc`.
 pub fn mluc_program() -> PathBuf {
     built_program("mluc")
 }
@@ -50,14 +49,12 @@ pub fn leftovers(instance: &str) -> Vec<String> {
         .collect()
 }
 
-/// Sends a signal to any process.
 pub fn send_signal(pid: u32, signal: Signal) {
     if let Some(pid) = Pid::from_raw(pid as i32) {
         kill_process(pid, signal).expect("a process of ours");
     }
 }
 
-/// Whether a process exists.
 pub fn is_alive(pid: u32) -> bool {
     Pid::from_raw(pid as i32).is_some_and(|pid| test_kill_process(pid).is_ok())
 }
@@ -76,7 +73,6 @@ pub fn wait_for(patience: Duration, mut condition: impl FnMut() -> bool) -> bool
     }
 }
 
-/// Fails unless a text has all these words.
 #[track_caller]
 pub fn assert_has(text: &str, words: &[&str]) {
     for word in words {
@@ -84,14 +80,12 @@ pub fn assert_has(text: &str, words: &[&str]) {
     }
 }
 
-/// How a run ended.
 #[derive(Debug)]
 pub struct Finished {
     /// Exit code; `None`: by a signal.
     pub code: Option<i32>,
     /// stdout, a value a line.
     pub lines: Vec<Value>,
-    /// stderr.
     pub log: String,
 }
 
@@ -110,19 +104,16 @@ impl Finished {
         assert_eq!(found, (Some(code), (0..frames).collect()), "{}", self.log);
     }
 
-    /// Fails unless stderr has all these words.
     #[track_caller]
     pub fn assert_says(&self, words: &[&str]) {
         assert_has(&self.log, words);
     }
 
-    /// The frames' names in the order of the lines.
     pub fn frames(&self) -> Vec<&str> {
         let frames = self.lines.iter().map(|line| line["frame"].as_str());
         frames.map(|frame| frame.unwrap_or("?")).collect()
     }
 
-    /// The frames' numbers in the order of the lines.
     pub fn sequences(&self) -> Vec<u64> {
         let lines = self.lines.iter();
         lines.filter_map(|line| line["sequence"].as_u64()).collect()
@@ -134,7 +125,6 @@ impl Finished {
         lines.join("\n")
     }
 
-    /// The flags of a frame.
     pub fn flags(&self, frame: &str) -> Vec<&str> {
         let line = self.lines.iter().find(|line| line["frame"] == frame);
         let line = line.unwrap_or_else(|| panic!("no line of frame {frame}: {}", self.log));
@@ -154,12 +144,10 @@ pub struct Running {
 }
 
 impl Running {
-    /// Starts `mluc ARGUMENTS`.
     pub fn mluc<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Running {
         Running::start(Command::new(mluc_program()).args(arguments))
     }
 
-    /// Starts any program.
     pub fn start(command: &mut Command) -> Running {
         command.stdin(Stdio::null());
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -171,7 +159,6 @@ impl Running {
         }
     }
 
-    /// Of the program itself.
     pub fn pid(&self) -> u32 {
         self.process.id()
     }
@@ -244,13 +231,11 @@ impl Running {
         self.wait_until("frames flow", |run| run.line_count() >= before + more);
     }
 
-    /// Waits until stderr has these words.
     #[track_caller]
     pub fn wait_for_words(&mut self, words: &str) {
         self.wait_until(words, |run| run.log().contains(words));
     }
 
-    /// Sends a signal to the program itself.
     pub fn signal(&self, signal: Signal) {
         send_signal(self.pid(), signal);
     }

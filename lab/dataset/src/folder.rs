@@ -71,19 +71,9 @@ impl Dataset {
         &self.root
     }
 
-    /// Names of the frames, without extension, in order.
+    /// Names of the frames, without extension, in order; at least one.
     pub fn names(&self) -> &[String] {
         &self.names
-    }
-
-    /// Number of frames; at least 1.
-    pub fn len(&self) -> usize {
-        self.names.len()
-    }
-
-    /// Whether there is no frame (an open data set has one).
-    pub fn is_empty(&self) -> bool {
-        self.names.is_empty()
     }
 
     /// Where a frame's scan lies.

@@ -136,7 +136,7 @@ mod tests {
         assert_eq!(open("", Some("lists")).expect("a split").names(), ["2"]);
         std::fs::create_dir(folder.path().join("ImageSets")).expect("a folder");
         std::fs::write(folder.path().join("ImageSets/train.txt"), "1\n2\n").expect("written");
-        assert_eq!(open("", None).expect("a split").len(), 2);
-        assert_eq!(open("training", None).expect("beside it").len(), 2);
+        assert_eq!(open("", None).expect("a split").names().len(), 2);
+        assert_eq!(open("training", None).expect("beside it").names().len(), 2);
     }
 }

@@ -37,7 +37,7 @@ fn synthetic_unknown(set: &FrameSet, dataset: &Dataset, classes: &[String]) -> V
             generic: 0,
         }
     };
-    (0..set.len()).map(frame).collect()
+    (0..set.names().len()).map(frame).collect()
 }
 
 fn detection(shape: &Box3, class: usize, score: f32, e: f32) -> Detection {

@@ -138,7 +138,7 @@ fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
 
 fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value> {
     let (layout, setting) = (&options.layout, test.setting);
-    let frames = (0..test.set.len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
+    let frames = (0..test.set.names().len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
     let frames: Vec<LabelledFrame> = frames.collect::<Result<_>>()?;
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let labels = JudgedFrames::of(&frames, &rules).all();
@@ -185,7 +185,7 @@ fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
         }
     }
     if data.is_empty() {
-        let frames = test.set.len();
+        let frames = test.set.names().len();
         data.push(
             json!({"split": "test", "frames": frames, "command": "given", "hash": test.hash}),
         );

@@ -34,7 +34,7 @@ pub(crate) fn key(model: &Model, test: &TestFrames) -> String {
         "format {FORMAT}, model {:016x}, data {}, {} frames, {} draws",
         model.fingerprint,
         test.hash,
-        test.set.len(),
+        test.set.names().len(),
         test.resamples
     )
 }
@@ -72,13 +72,13 @@ pub(crate) fn evaluate_network(
         let checked = job.method.check(&model);
         checked.map_err(|cause| EvaluateError::file(&file, cause))?;
     }
-    screen.count("network", test.set.len() as u64);
+    screen.count("network", test.set.names().len() as u64);
     let frames = detect_frames(Precision::default(), &model, &test.set, || screen.tick())?;
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let strict = setting_rules(setting, NeighbourPolicy::Strict)?;
     let separation = separation(&frames, &rules);
     for job in missing {
-        screen.count(&job.key, test.set.len() as u64);
+        screen.count(&job.key, test.set.names().len() as u64);
         let input = MethodInput {
             full_step: job.full_step,
             step: &|| screen.tick(),

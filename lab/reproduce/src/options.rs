@@ -84,7 +84,7 @@ impl TestFrames {
         let set = FrameSet::open(&folder, None, frames)?;
         Ok(TestFrames {
             setting,
-            hash: data_hash(&Dataset::open(&folder)?, set.len())?,
+            hash: data_hash(&Dataset::open(&folder)?, set.names().len())?,
             set,
             resamples: sizes.resamples,
         })

@@ -70,7 +70,7 @@ fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
 /// known objects as near; chosen by labels alone. `None` where there is none such, or nothing was evaluated.
 pub(crate) fn figure6_scene(test: &TestFrames, evaluated: &ByRow) -> Result<Option<DrawnScene>> {
     let mut best: Option<([usize; 2], usize)> = None;
-    for index in 0..test.set.len() {
+    for index in 0..test.set.names().len() {
         let truths = truths(test, index)?;
         let near = truths.iter().filter(|t| t.counts && t.range_m < NEAR_M);
         let (unknown, known): (Vec<_>, Vec<_>) = near.partition(|t| t.is_unknown());

@@ -41,7 +41,7 @@ pub(crate) fn real_rows(
             let name = row.network.name();
             if !by_network.contains_key(name) {
                 let model = read_model(layout, (test.setting, row.network, chosen.seed))?;
-                screen.count("recorded scans", set.len() as u64);
+                screen.count("recorded scans", set.names().len() as u64);
                 let step = || screen.tick();
                 let frames = detect_frames(Precision::default(), &model, &set, step)?;
                 by_network.insert(name, (model, frames));

@@ -71,7 +71,7 @@ pub(crate) fn origin(settings: &TrainSettings, dataset: &Dataset) -> Result<Stri
     Ok(format!(
         "{} data {} frames {} calib {}",
         settings.fingerprint(),
-        dataset.len(),
+        dataset.names().len(),
         data_hash(dataset, usize::MAX)?,
         calibration_hash(dataset)?
     ))

@@ -63,16 +63,6 @@ impl FrameSet {
         })
     }
 
-    /// Number of frames.
-    pub fn len(&self) -> usize {
-        self.names.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.names.is_empty()
-    }
-
     /// Names of the frames, in order.
     pub fn names(&self) -> &[String] {
         &self.names
@@ -84,7 +74,7 @@ impl FrameSet {
         let folder = folder.canonicalize().unwrap_or(folder.to_owned());
         // The folder above tells data sets apart whose splits are folders of the same names.
         let tail = folder_tail(&folder);
-        format!("{tail}, split {}, {} frames", self.split, self.len())
+        format!("{tail}, split {}, {} frames", self.split, self.names.len())
     }
 
     /// The frame's scan as the first stage hands it on.

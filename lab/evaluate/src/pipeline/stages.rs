@@ -41,7 +41,7 @@ pub fn detect_frames(
             generic,
         })
     };
-    (0..set.len()).map(&mut one).collect()
+    (0..set.names().len()).map(&mut one).collect()
 }
 
 impl SensorDetection {
@@ -164,7 +164,7 @@ pub fn objects_at(
         step();
         Ok(found)
     };
-    let frames = (0..set.len()).into_par_iter();
+    let frames = (0..set.names().len()).into_par_iter();
     let objects: Result<_> = frames.map_init(refiner, one).collect();
     Ok(GatedObjects {
         objects: objects?,

@@ -51,7 +51,7 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
     let frames = evenly(dataset.names(), arguments.frames, 0.0);
     let data = &arguments.data;
     let folder = folder_tail(&data.canonicalize().unwrap_or(data.clone()));
-    let (count, all) = (frames.len(), dataset.len());
+    let (count, all) = (frames.len(), dataset.names().len());
     let describe = format!("{count} of {all} frames of {folder}");
     let calibrated = counted("ranges", count, |step| {
         calibrate(&model, &dataset, &frames, &describe, step)

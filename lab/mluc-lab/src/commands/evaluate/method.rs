@@ -45,7 +45,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
         method.check(&model)?;
     }
     let set = FrameSet::open(&scans.data, None, scans.frames)?;
-    let frames = counted("network", set.len(), |step| {
+    let frames = counted("network", set.names().len(), |step| {
         detect_frames(Precision::default(), &model, &set, step)
     })?;
     let rules = class_rules(&model)?;
@@ -63,7 +63,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
             vec![method.row().key.as_str()]
         };
         for (at, name) in rows.into_iter().enumerate() {
-            let output = counted(name, set.len(), |step| {
+            let output = counted(name, set.names().len(), |step| {
                 let input = MethodInput {
                     full_step: if is_ablation { at } else { usize::MAX },
                     step,

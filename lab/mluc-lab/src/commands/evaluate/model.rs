@@ -67,7 +67,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         variant: arguments.refiner,
         ..Settings::default()
     };
-    let frames = counted("network", set.len(), |step| {
+    let frames = counted("network", set.names().len(), |step| {
         detect_frames(arguments.precision, &model, &set, step)
     })?;
     if let Some(path) = &arguments.boxes {
@@ -86,7 +86,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     warn_unrecognized(labels(), &judgement.rules);
     let is_swept = arguments.sweep || arguments.write_threshold;
     let sweep = is_swept.then(|| {
-        counted("thresholds", set.len(), |step| {
+        counted("thresholds", set.names().len(), |step| {
             sweep_gate(&model, &set, &frames, &judgement.rules, &settings, step)
         })
     });
@@ -101,7 +101,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let outcome = Outcome {
         model,
         data: set.describe(),
-        frames: set.len(),
+        frames: set.names().len(),
         judgement,
         sweep,
         choice,

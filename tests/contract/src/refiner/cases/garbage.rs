@@ -101,7 +101,11 @@ pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
             let mut frame = provoked.session.player.usual();
             spoil(&mut frame.detections[which]);
             let what = format!("{what} {name}");
-            provoked.survives(&what, frame, |answer| is_told_of(answer, which))?;
+            let is_invalid = |o: &Object| o.disposition == Disposition::InvalidBox as u32;
+            provoked.survives(&what, frame, |answer| {
+                is_flagged(answer, &[Flags::DEGRADED])
+                    || answer.objects.get(which).is_some_and(is_invalid)
+            })?;
         }
     }
     let mut frame = provoked.session.player.usual();
@@ -120,12 +124,6 @@ pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
     spoil_header(&mut frame);
     provoked.survives("a header of noise", frame, |_| true)?;
     provoked.summary()
-}
-
-fn is_told_of(answer: &Answer, which: usize) -> bool {
-    let told = answer.objects.get(which);
-    is_flagged(answer, &[Flags::DEGRADED])
-        || told.is_some_and(|object: &Object| object.disposition == Disposition::InvalidBox as u32)
 }
 
 /// Everything but version, run, sequence and model is nonsense: it is passed on as it came.
