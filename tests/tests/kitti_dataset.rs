@@ -2,7 +2,7 @@
 
 use mluc_dataset::{Dataset, Label};
 use mluc_evaluate::pipeline::FrameSet;
-use mluc_evaluate::{Difficulty, Metric, RuleRequest, SensorDetection, evaluate, rules};
+use mluc_evaluate::{RuleRequest, SensorDetection, evaluate, rules};
 use mluc_geometry::{Box3, ImageSize, iou_2d};
 use mluc_tests::data_folder;
 
@@ -73,7 +73,7 @@ fn real_labels_as_detections_are_found() {
     let report = evaluate(&frames, &rules(&request, &frames).expect("rules"));
     println!("{}", report.to_table());
     for class in &report.classes {
-        let entry = class.entry(Metric::Space, Difficulty::Moderate);
+        let entry = class.main();
         // A label drawn a little higher than its box projects may be found by a detection that is too small to count.
         let is_found = entry.truth_count > 0 && entry.ap.all > 95.0;
         assert!(is_found, "{}: {entry:?}", class.rule.name);

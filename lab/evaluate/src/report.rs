@@ -29,14 +29,9 @@ pub struct ClassReport {
 }
 
 impl ClassReport {
-    /// The figures at one metric and difficulty.
-    pub fn entry(&self, metric: Metric, difficulty: Difficulty) -> &ApEntry {
-        &self.entries[metric as usize][difficulty as usize]
-    }
-
     /// The figures of volumes at moderate.
     pub fn main(&self) -> &ApEntry {
-        self.entry(Metric::Space, Difficulty::Moderate)
+        &self.entries[Metric::Space as usize][Difficulty::Moderate as usize]
     }
 }
 

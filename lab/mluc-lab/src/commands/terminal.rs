@@ -99,6 +99,12 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     })
 }
 
+/// A number that may not be 0.
+pub(crate) fn at_least_one(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| *number > 0);
+    number.ok_or_else(|| format!("expected 1 or more, found {text}"))
+}
+
 /// Threads of a command.
 #[derive(clap::Args)]
 pub(crate) struct Threads {

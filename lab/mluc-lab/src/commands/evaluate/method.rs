@@ -38,7 +38,6 @@ pub(super) struct MethodArguments {
 
 pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     let scans = &arguments.scans;
-    scans.check()?;
     let model = Model::read(&scans.model)?;
     let methods = methods(&arguments.method, &model)?;
     for method in &methods {

@@ -60,7 +60,6 @@ pub(super) struct ModelArguments {
 
 pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let scans = &arguments.scans;
-    scans.check()?;
     let model = Model::read(&scans.model)?;
     let set = FrameSet::open(&scans.data, arguments.split.as_deref(), scans.frames)?;
     let settings = Settings {
