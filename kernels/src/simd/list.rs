@@ -166,32 +166,21 @@ mod tests {
     use super::*;
     use crate::simd::{Kernel, Level};
 
-    /// What a block lists: the pairs of each tap; first tap and number of taps of each step through them.
-    struct List<'a> {
-        index: &'a [u32],
-        taps: usize,
-    }
+    /// First tap and number of taps of each step through a block.
+    struct Steps<'a>(Lists<'a>);
 
-    impl Kernel for List<'_> {
-        type Output = (Vec<Vec<(u32, u32)>>, Vec<(usize, usize)>);
+    impl Kernel for Steps<'_> {
+        type Output = Vec<(usize, usize)>;
 
         #[inline(always)]
-        fn run<S: Simd>(self, simd: S) -> Self::Output {
-            let List { index, taps } = self;
-            let (mut lists, mut steps, mut next) = (Lists::new(index, taps), vec![], 0);
-            let mut pairs = vec![];
-            for tap in 0..taps {
-                let listed = lists.at_tap(simd, tap);
-                listed.check(700, index.len() / taps);
-                let found = listed.pairs().iter();
-                pairs.push(found.map(|pair| (pair.input, pair.row)).collect());
-                if tap == next {
-                    let together = lists.at_taps_from(simd, tap).taps();
-                    steps.push((tap, together));
-                    next += together;
-                }
+        fn run<S: Simd>(mut self, simd: S) -> Self::Output {
+            let (mut steps, mut tap) = (vec![], 0);
+            while tap < self.0.taps {
+                let together = self.0.at_taps_from(simd, tap).taps();
+                steps.push((tap, together));
+                tap += together;
             }
-            (pairs, steps)
+            steps
         }
     }
 
@@ -203,44 +192,9 @@ mod tests {
             index[absent] = ABSENT;
         }
         for level in Level::all() {
-            let index = &index;
             let expected = [(0, 4), (4, 1), (5, 1), (6, 10), (16, 4), (20, 1), (21, 6)];
-            let (_, steps) = level.run(List { index, taps });
+            let steps = level.run(Steps(Lists::new(&index, taps)));
             assert_eq!(steps, expected, "{}", level.name());
-        }
-    }
-
-    #[test]
-    fn every_level_lists_the_present_rows_in_order() {
-        let mut state = 1_u64;
-        let mut random = |bound: u64| {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            (state >> 33) % bound
-        };
-        let mut entry = |absent_percent| {
-            let absent = random(100) < absent_percent;
-            if absent { ABSENT } else { random(700) as u32 }
-        };
-        for taps in [1, 2, 3, 9, 15, 16, 17, 27, 32, 40] {
-            for (rows, absent_percent) in [0, 1, 15, 16, 17, 50, 95, 96]
-                .into_iter()
-                .flat_map(|rows| [0, 40, 95, 100].map(|absent| (rows, absent)))
-            {
-                let index: Vec<u32> = (0..rows * taps).map(|_| entry(absent_percent)).collect();
-                let present = |tap: usize| -> Vec<(u32, u32)> {
-                    let column =
-                        (0..rows as u32).map(|row| (index[row as usize * taps + tap], row));
-                    column.filter(|pair| pair.0 != ABSENT).collect()
-                };
-                let expected: Vec<_> = (0..taps).map(present).collect();
-                for level in Level::all() {
-                    let index = &index;
-                    let (pairs, _) = level.run(List { index, taps });
-                    assert_eq!(pairs, expected, "{}, {rows} x {taps}", level.name());
-                }
-            }
         }
     }
 }

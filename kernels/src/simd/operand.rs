@@ -139,9 +139,7 @@ impl Operand for Bf16 {
 
     #[inline(always)]
     unsafe fn splat<S: Simd>(simd: S, from: *const Bf16) -> S::Bits {
-        let pair = unsafe { from.cast::<u32>().read_unaligned() };
-        let big_endian = cfg!(target_endian = "big");
-        simd.splat_bits(pair.rotate_left(if big_endian { 16 } else { 0 }))
+        simd.splat_bits(unsafe { from.cast::<u32>().read_unaligned() })
     }
 
     #[inline(always)]

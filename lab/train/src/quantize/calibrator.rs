@@ -6,7 +6,7 @@
 use mluc_backbone::{Backbone, Coverage, Level};
 use mluc_model::{Folded, Manifest, ModelError, Network, WeightSet, calibrated_layers};
 
-use super::equalize::{Channel, equalized};
+use super::equalize::equalized;
 use super::histogram::{BINS, bin};
 use crate::error::TrainError;
 
@@ -36,8 +36,7 @@ pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
     weights.remove_calibration(network);
     for (number, (level, seen)) in levels.iter().enumerate() {
         let readers = readers(network, &weights, number)?;
-        let channels = seen.iter().map(|counts| Channel::new(counts)).collect();
-        let range = equalized(channels, &readers).ok_or_else(|| {
+        let range = equalized(seen, &readers).ok_or_else(|| {
             TrainError::Stopped(format!(
                 "the data: expected scans with points inside the model's range, found {frames} frames that leave a layer at 0"
             ))
