@@ -23,31 +23,24 @@ fn with_scenario(folder: &Path, scenario: &str, options: &str) -> Finished {
 #[test]
 fn what_the_machine_does_not_have_is_refused_before_anything_runs() {
     let folder = tempfile::tempdir().unwrap();
-    for (table, line, words) in [
+    for (line, words) in [
         (
-            "stages.backbone",
-            "cpus = [0, 4000]",
+            "[stages.backbone]\ncpus = [0, 4000]",
             "cpus of backbone, 4000",
         ),
-        ("stages.head", "priority = 200", "priority of head, 1 to 99"),
+        ("[stages.head]\npriority = 200", "priority of head, 1 to 99"),
         (
-            "bench.load",
-            "memory_mib = 1000000000",
+            "[bench.load]\nmemory_mib = 1000000000",
             "memory_mib, available",
         ),
-        ("bench.load", "cpu_threads = 100000", "cpu_threads, 1024"),
-        ("", "pace = \"complete\"", "open loop"),
-        ("bench", "second = 3", "second, did you mean `seconds`?"),
-        ("bench", "seconds = -1", "seconds must be, -1"),
-        ("bench", "rounds = 0", "rounds must be"),
-        ("", "model = \"nowhere.safetensors\"", "nowhere.safetensors"),
+        ("[bench.load]\ncpu_threads = 100000", "cpu_threads, 1024"),
+        ("pace = \"complete\"", "open loop"),
+        ("[bench]\nsecond = 3", "second, did you mean `seconds`?"),
+        ("[bench]\nseconds = -1", "seconds must be, -1"),
+        ("[bench]\nrounds = 0", "rounds must be"),
+        ("model = \"nowhere.safetensors\"", "nowhere.safetensors"),
     ] {
-        let heading = if table.is_empty() {
-            ""
-        } else {
-            &format!("[{table}]\n")
-        };
-        let run = with_scenario(folder.path(), &format!("{heading}{line}"), "");
+        let run = with_scenario(folder.path(), line, "");
         assert!(matches!(run.code, Some(1 | 2)), "{line}: {run:?}");
         assert!(run.lines.is_empty());
         run.assert_says(&words.split(", ").collect::<Vec<_>>());

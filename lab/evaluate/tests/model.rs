@@ -6,7 +6,7 @@ use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_threshold, class_names,
     detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_threshold,
 };
-use mluc_evaluate::{NeighbourPolicy, ObjectKind, SweepPoint, best_index};
+use mluc_evaluate::{NeighbourPolicy, ObjectKind, SensorDetection, SweepPoint, best_index};
 use mluc_geometry::Box3;
 use mluc_head::Detection;
 use mluc_model::Model;
@@ -92,13 +92,7 @@ fn without_the_gate_the_objects_are_the_detections() {
         let count = frame.detections.len();
         assert!(count > 10 && objects.len() == count, "{count} boxes");
         for (object, detection) in objects.iter().zip(&frame.detections) {
-            assert_eq!(object.kind, ObjectKind::Known);
-            assert_eq!(object.class, classes[detection.class_id as usize]);
-            assert_eq!(object.score, f64::from(detection.score));
-            let shape = object.box_in_sensor;
-            assert_eq!(shape.center_m, detection.center_m.map(f64::from));
-            assert_eq!(shape.size_m, detection.size_m.map(f64::from));
-            assert_eq!(shape.yaw_rad, f64::from(detection.yaw_rad));
+            assert_eq!(*object, SensorDetection::of_box(detection, &classes));
         }
         assert!(gated.iter().all(|o| o.kind == ObjectKind::Unknown));
     }

@@ -74,7 +74,6 @@ fn parse(bytes: &[u8]) -> Result<Line, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ObjectKind;
     use mluc_geometry::Box3;
 
     const LINE: &str = r#"{"wire":WIRE,"sequence":8,"frame":"000008","objects":[{"kind":"unknown","label":"unknown","score":0.5,"center_m":[10,1,-1],"size_m":[4,2,1.5],"yaw_rad":0.1,"points":9}],"suppressed":[{"reason":"overlaps_known"}],"flags":[]}"#;
@@ -96,14 +95,8 @@ mod tests {
     fn takes_objects_and_passes_over_the_rest() {
         let good = good();
         let frames = read_text(&format!("{good}\n\n")).expect("a frame");
-        let objects = &frames["000008"];
-        let (count, first) = (objects.len(), &objects[0]);
-        assert_eq!(
-            (count, first.kind, first.score),
-            (1, ObjectKind::Unknown, 0.5)
-        );
-        let expected = Box3::new([10.0, 1.0, -1.0, 4.0, 2.0, 1.5, 0.1]);
-        assert_eq!(first.box_in_sensor, expected);
+        let place = Box3::new([10.0, 1.0, -1.0, 4.0, 2.0, 1.5, 0.1]);
+        assert_eq!(frames["000008"], [SensorDetection::unknown(0.5, place)]);
         assert!(read_text("").expect("nothing").is_empty());
     }
 
