@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mluc_tests::{Setting, assert_has, mluc_program, read_json};
+use mluc_tests::{Setting, assert_has, mluc_program, read_json, write_file};
 use serde_json::{Value, json};
 
 /// Options of a short run, each side in turns.
@@ -15,12 +15,11 @@ fn reports(out: &Path) -> [Value; 2] {
 
 /// A label on the car that `car_scan` draws in each scan, which the model does not call a car.
 fn label_all(input: &Path) {
-    let folder = input.parent().unwrap().join("label_2");
-    std::fs::create_dir_all(&folder).unwrap();
     for number in 0..2 {
         let forward = 8.0 + f64::from(number);
         let line = format!("Forklift 0 0 0 0 0 1 1 1.5 1.8 1.0 0.0 1.6 {forward} 0.0\n");
-        std::fs::write(folder.join(format!("{number:06}.txt")), line).unwrap();
+        let label = format!("label_2/{number:06}.txt");
+        write_file(&input.with_file_name(label), line);
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use mluc_tests::{Finished, Running, Setting};
+use mluc_tests::{Finished, Running, Setting, write_file};
 use serde_json::json;
 
 /// `mluc bench` with words as on a command line.
@@ -71,9 +71,8 @@ fn a_stage_that_never_answers_is_named() {
 
 /// A report of `frames` synthetic frames.
 fn write_report(folder: &Path, version: u32, frames: usize) {
-    std::fs::create_dir_all(folder).unwrap();
     let report = json!({"report_version": version}).to_string();
-    std::fs::write(folder.join("report.json"), report).unwrap();
+    write_file(&folder.join("report.json"), report);
     let head = "round,sequence,frame,phase,outcome,due_us,ingest_received_us,ingest_started_us,ingest_published_us,\
                 backbone_received_us,backbone_started_us,backbone_published_us,head_received_us,head_started_us,\
                 head_published_us,refiner_received_us,refiner_started_us,refiner_published_us,arrived_us,latency_us,flags";
