@@ -1,6 +1,6 @@
 //! What must hold for any two boxes, whatever their place and size.
 
-use mluc_geometry::{Box3, intersection_bev_m2, iou_3d, iou_bev, limit_period, nms_into};
+use mluc_geometry::{Box3, Inside, intersection_bev_m2, iou_3d, iou_bev, limit_period, nms_into};
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -40,6 +40,17 @@ fn scaled(b: &Box3, factor: f64) -> Box3 {
 }
 
 proptest! {
+    /// A prepared box says what the point's place in the box's own frame says.
+    #[test]
+    fn inside_is_within_half_the_sides(b in boxes(), x in -5.0..5.0f64, y in -5.0..5.0f64, z in -2.0..2.0f64, margin in 0.0..0.5f64) {
+        let local = b.local_m([x, y, z]);
+        let off = |i: usize| local[i].abs() - b.size_m[i] / 2.0;
+        let beyond = off(0).max(off(1)).max(off(2));
+        prop_assert_eq!(b.contains([x, y, z]), beyond <= 0.0);
+        prop_assert_eq!(Inside::of(&b, margin).contains([x, y, z]), beyond <= margin);
+        prop_assert!(!b.contains([f64::NAN, y, z]));
+    }
+
     #[test]
     fn order_does_not_matter(a in boxes(), b in boxes()) {
         prop_assert!((iou_bev(&a, &b) - iou_bev(&b, &a)).abs() < 1e-9);

@@ -267,5 +267,6 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     row[103] = 1.5;
     let (detections, counts) = detect(&mut head, &[cell as u32], &row)?;
     assert_eq!((detections.len(), counts.boxes_max_reached), (1, true));
+    assert_eq!(counts.generic, 0, "the box with a class comes first");
     Ok(())
 }

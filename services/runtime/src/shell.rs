@@ -328,10 +328,8 @@ impl Shell {
 
     /// A heartbeat now.
     pub fn beat(&mut self) -> Result<()> {
-        match &mut self.heartbeat {
-            Some(heartbeat) => heartbeat.publish(&self.health),
-            None => Ok(()),
-        }
+        let heartbeat = self.heartbeat.as_mut();
+        heartbeat.map_or(Ok(()), |heartbeat| heartbeat.publish(&self.health))
     }
 
     /// Touches segments that other processes made.
