@@ -40,7 +40,10 @@ impl Confusion {
         // Stable: equal scores keep file order.
         best.sort_by(|a, b| score_of(b.0).total_cmp(&score_of(a.0)));
         for (detection, frame) in best.into_iter().take(label_count) {
-            let class = lies_on(detection, frame, rule);
+            let labels = frame.labels.iter().filter(|label| !label.is_dont_care());
+            let labels = labels.map(|label| (label.class.as_str(), label.camera_box.upright()));
+            let place = detection.camera_box.upright();
+            let class = most_overlapped(labels, &place, rule.iou_min);
             *confusion.detections_lie_on.entry(class).or_default() += 1;
         }
         confusion
@@ -64,12 +67,6 @@ fn found_as(label: &Label, frame: &LabelledFrame, rule: &ClassRule) -> String {
         .iter()
         .map(|d| (d.class.as_str(), d.camera_box.upright()));
     most_overlapped(known, &upright, rule.iou_min)
-}
-
-fn lies_on(detection: &Label, frame: &LabelledFrame, rule: &ClassRule) -> String {
-    let labels = frame.labels.iter().filter(|label| !label.is_dont_care());
-    let labels = labels.map(|label| (label.class.as_str(), label.camera_box.upright()));
-    most_overlapped(labels, &detection.camera_box.upright(), rule.iou_min)
 }
 
 /// Class of the box that overlaps `place` most, by more than `iou_min`; the first of equals.

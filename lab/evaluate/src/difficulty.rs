@@ -44,7 +44,7 @@ impl Difficulty {
 
 /// What the overlap is taken of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Metric {
+pub(crate) enum Metric {
     /// Boxes in the image.
     Image,
     /// Rotated footprints seen from above.
@@ -54,11 +54,9 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// All of them, in the devkit's order.
-    pub const ALL: [Metric; 3] = [Metric::Image, Metric::Bev, Metric::Space];
+    pub(crate) const ALL: [Metric; 3] = [Metric::Image, Metric::Bev, Metric::Space];
 
-    /// Its name in reports.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         ["2d", "bev", "3d"][self as usize]
     }
 }

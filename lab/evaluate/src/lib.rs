@@ -30,7 +30,8 @@ mod tests;
 
 pub use confusion::Confusion;
 pub use curve::{AveragePrecision, harmonic_mean};
-pub use difficulty::{Difficulty, Metric};
+pub use difficulty::Difficulty;
+pub(crate) use difficulty::Metric;
 pub use error::{EvaluateError, Result};
 pub use frame::{FrameTruth, LabelledFrame, SensorDetection};
 pub use mluc_ipc_types::ObjectKind;

@@ -6,9 +6,8 @@
 
 mod json_lines;
 
-pub use json_lines::read_json_lines;
-
 use crate::{EvaluateError, FrameTruth, LabelledFrame, Result, SensorDetection};
+use json_lines::read_json_lines;
 use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels};
 use mluc_geometry::ImageSize;
 use std::collections::{BTreeMap, BTreeSet};

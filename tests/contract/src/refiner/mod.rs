@@ -33,7 +33,7 @@ pub(crate) struct RefinerArgs {
     #[arg(long, default_value = "kitti")]
     model: String,
     /// Only these cases; all when none is named.
-    #[arg(long = "case", value_name = "NAME", value_parser = PossibleValuesParser::new(cases::names()))]
+    #[arg(long = "case", value_name = "NAME", value_parser = PossibleValuesParser::new(cases::CASES.map(|case| case.name)))]
     cases: Vec<String>,
     /// Only this mode of our own refiner.
     #[arg(long, value_name = "MODE", conflicts_with = "command")]

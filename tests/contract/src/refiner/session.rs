@@ -1,14 +1,17 @@
 //! One program under test, and the ports around it.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use mluc_ipc_types::Health;
+use mluc_ipc_types::{Health, Stage};
 use mluc_runtime::{Instance, monotonic_ns};
 
 use crate::program::{Options, Program};
 use crate::refiner::answer::{check_form, check_objects};
 use crate::refiner::player::{Answer, Frame, Player};
+
+/// How often a wait looks around.
+const LOOK: Duration = Duration::from_millis(20);
 
 /// How a program takes a frame that makes no sense: with objects, whose form was not looked at, or with `messages_refused` and the
 /// reason that it told.
@@ -52,7 +55,7 @@ impl Session<'_> {
         let what = "heartbeat of health/refiner with state waiting_input, running or degraded";
         let health = self.await_any(what, |player| {
             let heard = player.health_since(since_ns)?;
-            Ok(heard.filter(|_| player.is_ready()))
+            Ok(heard.filter(|_| player.health.is_ready(Stage::Refiner)))
         })?;
         self.was_ready = true;
         self.player.forget_answers()?;
@@ -95,7 +98,7 @@ impl Session<'_> {
                 let heard = heard.map_or("none".to_string(), |health| describe(&health));
                 bail!("no {awaited} within {patience:?} (health: {heard})");
             }
-            self.player.wait();
+            self.player.objects.wait(LOOK);
         }
     }
 

@@ -49,7 +49,3 @@ pub(crate) const CASES: [Case; 18] = [
     case("restart", life::restart),
     case("stop", life::stop),
 ];
-
-pub(crate) fn names() -> [&'static str; CASES.len()] {
-    CASES.each_ref().map(|case| case.name)
-}
