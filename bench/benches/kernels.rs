@@ -1,31 +1,18 @@
-//! Single kernels on a simulated scan, in the order of a frame: decoding the scan, voxels, feature rows, the head and its
-//! parts, the refiner. Levels of the network: the program `network` prints them.
+//! Single kernels on a simulated scan, in the order of a frame: voxels, feature rows, the head and the decoding of its boxes,
+//! the refiner. Levels of the network: the program `network` prints them.
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, criterion_group, criterion_main};
 use mluc_backbone::{Backbone, Precision, Voxels, voxelize};
 use mluc_bench::inputs;
-use mluc_geometry::{Box3, Random, nms_into};
+use mluc_geometry::{Box3, Random};
 use mluc_head::Head;
 use mluc_head::decode::{ANCHOR_YAWS_RAD, decode, direct};
-use mluc_ingest::decode_bin;
-use mluc_ipc_types::{Detection, Point};
+use mluc_ipc_types::Detection;
 use mluc_refiner::{Refiner, RefinerOutput, Settings};
 
 /// As many candidates as a crowded frame has.
 const BOXES: usize = 1024;
 const PROPOSALS: usize = 20;
-
-fn ingest(c: &mut Criterion) {
-    let scan = inputs::simulated(0).expect("a simulated scan").points;
-    let bytes: &[u8] = bytemuck::cast_slice(&scan);
-    let mut points = vec![Point::default(); scan.len()];
-    let mut group = c.benchmark_group("decode scan");
-    group.throughput(Throughput::Elements(scan.len() as u64));
-    group.bench_function(format!("{} points", scan.len()), |b| {
-        b.iter(|| decode_bin(bytes, &mut points))
-    });
-    group.finish();
-}
 
 fn backbone(c: &mut Criterion) {
     let (manifest, weights) = inputs::compact();
@@ -53,21 +40,6 @@ fn backbone(c: &mut Criterion) {
     group.finish();
 }
 
-/// Boxes as anchors around `objects` objects give them: many near each of a few places.
-fn boxes(objects: usize) -> Vec<Box3> {
-    let mut random = Random::new(1, &[]);
-    let mut around = |at: f64, spread: f64| at + random.uniform(-spread, spread);
-    let places: Vec<[f64; 3]> = (0..objects)
-        .map(|_| [around(35.0, 35.0), around(0.0, 40.0), around(1.5, 1.5)])
-        .collect();
-    let anchor = |k: usize| {
-        let [x, y, yaw] = places[k % objects];
-        let (x, y, yaw) = (around(x, 0.5), around(y, 0.5), around(yaw, 0.1));
-        Box3::new([x, y, -1.0, 3.9, 1.6, 1.5, yaw])
-    };
-    (0..BOXES).map(anchor).collect()
-}
-
 fn head(c: &mut Criterion) {
     let (manifest, weights) = inputs::shipped().expect("the shipped model");
     let scan = inputs::simulated(0).expect("a simulated scan").points;
@@ -79,14 +51,6 @@ fn head(c: &mut Criterion) {
     c.bench_function("head/whole", |b| {
         b.iter(|| head.run(&cells, &rows, &mut detections).expect("rows"))
     });
-    for objects in [10, 50] {
-        let boxes = boxes(objects);
-        let order: Vec<usize> = (0..boxes.len()).collect();
-        let mut kept = Vec::with_capacity(boxes.len());
-        c.bench_function(&format!("nms/{BOXES} boxes at {objects} objects"), |b| {
-            b.iter(|| nms_into(&boxes, &order, 0.01, 500, &mut kept))
-        });
-    }
     let mut random = Random::new(2, &[]);
     let anchor = Box3::new([10.0, 0.0, -1.0, 3.9, 1.6, 1.56, ANCHOR_YAWS_RAD[1]]);
     let mut code = |_| [(); 7].map(|()| random.uniform(-0.5, 0.5) as f32);
@@ -132,7 +96,6 @@ fn on_one_thread(c: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
     let pool = pool.use_current_thread();
     pool.build_global().expect("no pool was there before");
-    ingest(c);
     backbone(c);
     head(c);
     refiner(c);

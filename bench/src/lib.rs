@@ -8,4 +8,21 @@ mod run;
 mod svg;
 pub mod transport;
 
+use std::path::Path;
+
+use anyhow::{Context, Result};
 pub use run::program;
+
+/// Writes a file into a folder of results, which is made when missing.
+pub fn save(folder: &Path, name: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
+    let path = folder.join(name);
+    let made = std::fs::create_dir_all(folder);
+    let written = made.and_then(|()| std::fs::write(&path, bytes));
+    written.with_context(|| format!("writing {}", path.display()))
+}
+
+/// Does a piece of work on a pool of so many threads.
+pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+    pool.build()?.install(work)
+}

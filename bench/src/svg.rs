@@ -1,7 +1,5 @@
 //! Drawing with SVG: axes, text, shapes. No script and nothing from outside, so a page works offline and for ever.
 
-use std::fmt::Write;
-
 /// By stage: grey, blue, orange, green. Told apart with the usual colour blindnesses, on white and on black.
 pub(crate) const STAGE_COLORS: [&str; 4] = ["#7d8590", "#2f7ed8", "#e08a2b", "#1d9e74"];
 /// End to end.
@@ -11,37 +9,31 @@ pub(crate) const ALARM_COLOR: &str = "#d1242f";
 /// Waiting.
 pub(crate) const QUEUE_COLOR: &str = "#b9c0c9";
 
-/// A picture that grows.
 pub(crate) struct Svg {
     width: f64,
     height: f64,
     body: String,
 }
 
-/// Where a text stands with its point.
-#[derive(Clone, Copy)]
-pub(crate) enum Anchor {
-    Start,
-    Middle,
-    End,
-}
-
 impl Svg {
     pub(crate) fn new(width: f64, height: f64) -> Svg {
+        let body = String::new();
         Svg {
             width,
             height,
-            body: String::new(),
+            body,
         }
     }
 
     /// `tip`: shown where the pointer rests.
     fn shape(&mut self, name: &str, attributes: String, tip: &str) {
-        let tip = match tip {
-            "" => String::new(),
-            tip => format!("<title>{}</title>", escape(tip)),
+        self.body += &match tip {
+            "" => format!("<{name} {attributes}/>"),
+            tip => format!(
+                "<{name} {attributes}><title>{}</title></{name}>",
+                escape(tip)
+            ),
         };
-        let _ = write!(self.body, "<{name} {attributes}>{tip}</{name}>");
     }
 
     pub(crate) fn rect(&mut self, [x, y, width, height]: [f64; 4], fill: &str, tip: &str) {
@@ -52,15 +44,16 @@ impl Svg {
         self.shape("rect", attributes, tip);
     }
 
-    pub(crate) fn dot(&mut self, [x, y]: [f64; 2], radius: f64, fill: &str, tip: &str) {
-        let attributes = format!(r#"cx="{x:.1}" cy="{y:.1}" r="{radius}" fill="{fill}""#);
+    pub(crate) fn dot(&mut self, [x, y]: [f64; 2], fill: &str, tip: &str) {
+        let attributes = format!(r#"cx="{x:.1}" cy="{y:.1}" r="2.2" fill="{fill}""#);
         self.shape("circle", attributes, tip);
     }
 
-    pub(crate) fn cross(&mut self, [x, y]: [f64; 2], s: f64, tip: &str) {
-        let (x, y) = (x - s / 2.0, y - s / 2.0);
+    /// In the colour of an alarm.
+    pub(crate) fn cross(&mut self, [x, y]: [f64; 2], tip: &str) {
+        let corner = format!("M{:.1} {:.1}", x - 3.0, y - 3.0);
         let attributes = format!(
-            r#"d="M{x:.1} {y:.1}l{s} {s}m0 -{s}l-{s} {s}" stroke="{ALARM_COLOR}" stroke-width="1.4" fill="none""#
+            r#"d="{corner}l6 6m0 -6l-6 6" stroke="{ALARM_COLOR}" stroke-width="1.4" fill="none""#
         );
         self.shape("path", attributes, tip);
     }
@@ -73,25 +66,17 @@ impl Svg {
     }
 
     pub(crate) fn polyline(&mut self, points: impl Iterator<Item = [f64; 2]>, color: &str) {
-        let points: Vec<String> = points.map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
-        let attributes = format!(
-            r#"points="{}" fill="none" stroke="{color}" stroke-width="1.8""#,
-            points.join(" ")
-        );
+        let points: String = points.map(|[x, y]| format!("{x:.1},{y:.1} ")).collect();
+        let attributes =
+            format!(r#"points="{points}" fill="none" stroke="{color}" stroke-width="1.8""#);
         self.shape("polyline", attributes, "");
     }
 
-    pub(crate) fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, text: &str) {
-        let anchor = match anchor {
-            Anchor::Start => "start",
-            Anchor::Middle => "middle",
-            Anchor::End => "end",
-        };
+    /// `anchor`: `start`, `middle` or `end` of the text stands at its point.
+    pub(crate) fn text(&mut self, [x, y]: [f64; 2], anchor: &str, text: &str) {
         let text = escape(text);
-        let _ = write!(
-            self.body,
-            r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{text}</text>"#
-        );
+        self.body +=
+            &format!(r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{text}</text>"#);
     }
 
     /// Grid and numbers of a vertical axis from `left` to `right`.
@@ -99,9 +84,9 @@ impl Svg {
         for tick in scale.ticks() {
             let y = scale.place(tick);
             self.line([left, y], [right, y], "grid");
-            self.text([left - 6.0, y + 4.0], Anchor::End, &short(tick));
+            self.text([left - 6.0, y + 4.0], "end", &short(tick));
         }
-        self.text([left - 6.0, scale.places[1] - 8.0], Anchor::End, unit);
+        self.text([left - 6.0, scale.places[1] - 8.0], "end", unit);
     }
 
     /// Grid and numbers of a horizontal axis at `bottom`.
@@ -109,16 +94,20 @@ impl Svg {
         for tick in scale.ticks() {
             let x = scale.place(tick);
             self.line([x, top], [x, bottom], "grid");
-            self.text([x, bottom + 15.0], Anchor::Middle, &short(tick));
+            self.text([x, bottom + 15.0], "middle", &short(tick));
         }
-        self.text([scale.places[1], bottom + 30.0], Anchor::End, unit);
+        self.text([scale.places[1], bottom + 30.0], "end", unit);
     }
 
     /// Colours and their words, along the upper edge from `x`.
-    pub(crate) fn legend(&mut self, mut x: f64, entries: &[(&str, &str)]) {
+    pub(crate) fn legend<'a>(
+        &mut self,
+        mut x: f64,
+        entries: impl IntoIterator<Item = (&'a str, &'a str)>,
+    ) {
         for (color, text) in entries {
             self.rect([x, 4.0, 11.0, 11.0], color, "");
-            self.text([x + 16.0, 14.0], Anchor::Start, text);
+            self.text([x + 16.0, 14.0], "start", text);
             x += 34.0 + 7.0 * text.len() as f64;
         }
     }
@@ -181,29 +170,25 @@ impl Scale {
     pub(crate) fn ticks(&self) -> Vec<f64> {
         let [low, high] = self.values;
         if !self.is_log {
-            let step = round_step((high - low) / 5.0);
-            let first = (low / step).ceil() as i64;
-            let last = (high / step + 1e-9).floor() as i64;
-            return (first..=last).map(|n| n as f64 * step).collect();
+            // 1, 2 or 5 times a power of ten, at most five of them.
+            let least = ((high - low) / 5.0).max(1e-9);
+            let power = 10f64.powf(least.log10().floor());
+            let mut steps = [1.0, 2.0, 5.0].into_iter().map(|step| step * power);
+            let step = steps.find(|step| *step >= least * 0.999);
+            let step = step.unwrap_or(10.0 * power);
+            let (first, last) = ((low / step).ceil(), (high / step + 1e-9).floor());
+            return (first as i64..=last as i64)
+                .map(|n| n as f64 * step)
+                .collect();
         }
         let is_wide = (high / low).log10() > 2.5;
-        let steps = if is_wide { 1 } else { 3 };
+        let steps = &[1.0, 2.0, 5.0][..if is_wide { 1 } else { 3 }];
         let powers = low.log10().floor() as i32..=high.log10().ceil() as i32;
-        powers
-            .flat_map(|power| {
-                [1.0, 2.0, 5.0].map(|step| step * 10f64.powi(power))[..steps].to_vec()
-            })
+        let ticks = powers.flat_map(|power| steps.iter().map(move |s| s * 10f64.powi(power)));
+        ticks
             .filter(|tick| (low * 0.999..=high * 1.001).contains(tick))
             .collect()
     }
-}
-
-/// 1, 2 or 5 times a power of ten, at least `least`.
-fn round_step(least: f64) -> f64 {
-    let power = 10f64.powf(least.max(1e-9).log10().floor());
-    let steps = [1.0, 2.0, 5.0].map(|step| step * power);
-    let step = steps.into_iter().find(|step| *step >= least * 0.999);
-    step.unwrap_or(10.0 * power)
 }
 
 /// A number with the digits that matter.
@@ -216,10 +201,10 @@ pub(crate) fn short(value: f64) -> String {
         _ => 3,
     };
     let text = format!("{value:.digits$}");
-    if text.contains('.') {
-        return text.trim_end_matches('0').trim_end_matches('.').to_string();
+    if digits == 0 {
+        return text;
     }
-    text
+    text.trim_end_matches('0').trim_end_matches('.').to_string()
 }
 
 #[cfg(test)]

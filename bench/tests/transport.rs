@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use mluc_bench::transport::{Load, Measured, Payload, Settings, Wake, Way, measure};
+use mluc_bench::transport::{Measured, Payload, Settings, Wake, Way, measure};
 
-fn settings(load: Load) -> Settings {
+fn settings(payload: Payload) -> Settings {
     Settings {
         warm_up: 3,
         pause: Duration::from_micros(300),
         program: Some(PathBuf::from(env!("CARGO_BIN_EXE_mluc-bench"))),
-        ..Settings::new(load, 25)
+        ..Settings::new(payload, 25)
     }
 }
 
@@ -28,23 +28,20 @@ fn leftovers() -> Vec<String> {
 /// One test, so that no measurement runs beside another.
 #[test]
 fn every_way_carries_every_payload_and_leaves_nothing() {
-    let points = Load::largest(Payload::Points);
-    let features = Load {
-        payload: Payload::Features,
-        bytes: 1_000_000,
-    };
-    let [detections, objects] = [Payload::Detections, Payload::Objects].map(Load::largest);
-    for load in [points, features, detections, objects] {
-        let measured = measure(&settings(load), &Way::ALL).unwrap();
-        sensible(&measured);
+    for payload in Payload::ALL {
+        let mut settings = settings(payload);
+        if payload == Payload::Features {
+            settings.bytes = 1_000_000;
+        }
+        sensible(&measure(&settings, &Way::ALL).unwrap());
     }
     // A copy of 2 MB takes longer than handing it over; that is what the copy-free way is for.
-    let copied = measure(&settings(points), &[Way::Socket]).unwrap();
+    let copied = measure(&settings(Payload::Points), &[Way::Socket]).unwrap();
     let socket = copied.latency(Way::Socket).unwrap();
     assert!(socket.p50_us > copied.memcpy.p50_us, "{copied:?}");
     let polled = Settings {
         wake: Wake::Poll,
-        ..settings(points)
+        ..settings(Payload::Points)
     };
     let polled = measure(&polled, &[Way::Raw]).unwrap();
     assert!(polled.latency(Way::Raw).unwrap().p50_us > 0.0);
@@ -67,16 +64,18 @@ fn sensible(measured: &Measured) {
 
 fn refusals() {
     let error = |settings: &Settings| format!("{:#}", measure(settings, &Way::ALL).unwrap_err());
-    let largest = Load::largest(Payload::Points);
-    for bytes in [0, largest.bytes + 1] {
-        let wrong = Load { bytes, ..largest };
-        let expected = format!("1 to {} bytes", largest.bytes);
-        assert!(error(&settings(wrong)).contains(&expected));
+    let largest = Payload::Points.largest_bytes();
+    for bytes in [0, largest + 1] {
+        let wrong = Settings {
+            bytes,
+            ..settings(Payload::Points)
+        };
+        assert!(error(&wrong).contains(&format!("1 to {largest} bytes")));
     }
     // A program that does not call `serve_peer` says nothing, and is noticed.
     let other = Settings {
         program: Some(PathBuf::from("/bin/true")),
-        ..settings(Load::largest(Payload::Detections))
+        ..settings(Payload::Detections)
     };
     assert!(error(&other).contains("the receiving process is gone"));
 }

@@ -7,8 +7,8 @@ use mluc_ipc_types::{
     Object, Point, RunDescription, Stage, Topic,
 };
 use mluc_runtime::{
-    Frames, Instance, Message, Next, Output, RuntimeError, Shell, Shutdown, finish, log_to_stderr,
-    monotonic_ns, stamp_published,
+    Frames, Instance, Message, Next, Output, RuntimeError, Scans, Shell, Shutdown, finish,
+    log_to_stderr, monotonic_ns, stamp_published,
 };
 
 use crate::error::{Code, Failure};
@@ -38,7 +38,8 @@ impl Refiner {
         let mut shell = Shell::stage(&instance, Stage::Refiner, Shutdown::on_signals()?)?;
         let objects = shell.output(&Topic::OBJECTS, OBJECTS_MAX)?;
         let object_points = shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?;
-        let frames = Frames::with_points(&shell, &Topic::DETECTIONS)?;
+        let scans = Scans::held(&shell)?;
+        let frames = Frames::new(&shell, &Topic::DETECTIONS, Some(scans))?;
         shell.state(HealthState::WaitingInput, "waiting for detections")?;
         Ok(Refiner {
             frame: None,
@@ -86,7 +87,6 @@ impl Refiner {
         }
     }
 
-    /// Known classes of the run's model.
     fn classes(&self) -> usize {
         self.shell.run().map_or(0, |run| run.classes_count as usize)
     }

@@ -33,13 +33,10 @@ impl Box3 {
     /// Corners of the footprint, counter-clockwise, m: front left, rear left, rear right, front right.
     pub fn footprint_m(&self) -> [[f64; 2]; 4] {
         let (sin, cos) = self.yaw_rad.sin_cos();
-        let [l, w, _] = self.size_m;
+        let ([l, w, _], [x, y, _]) = (self.size_m, self.center_m);
         [[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]].map(|[u, v]| {
             let (u, v) = (u * l, v * w);
-            [
-                self.center_m[0] + u * cos - v * sin,
-                self.center_m[1] + u * sin + v * cos,
-            ]
+            [x + u * cos - v * sin, y + u * sin + v * cos]
         })
     }
 
@@ -55,10 +52,14 @@ impl Box3 {
         [dx * cos + dy * sin, dy * cos - dx * sin, dz]
     }
 
+    /// Half the diagonal of the footprint, m: the radius of the circle around it.
+    pub fn half_diagonal_m(&self) -> f64 {
+        self.size_m[0].hypot(self.size_m[1]) / 2.0
+    }
+
     /// Whether a point lies inside or on the surface.
     pub fn contains(&self, point_m: [f64; 3]) -> bool {
-        let mut axes = self.local_m(point_m).into_iter().zip(self.size_m);
-        axes.all(|(p, s)| p.abs() <= s / 2.0)
+        Inside::of(self, 0.0).contains(point_m)
     }
 
     /// [`Box3::contains`] for a scan's point: x, y, z (m), intensity.
@@ -69,10 +70,42 @@ impl Box3 {
     /// How many of a scan's points lie inside.
     pub fn count_inside(&self, points: &[[f32; 4]]) -> usize {
         // The square around the footprint settles most points without the turn.
-        let reach_m = self.size_m[0].hypot(self.size_m[1]) / 2.0;
+        let reach_m = self.half_diagonal_m();
         let near = |p: &[f32; 4], i: usize| (f64::from(p[i]) - self.center_m[i]).abs() <= reach_m;
         let inside = |p: &&[f32; 4]| near(p, 0) && near(p, 1) && self.has_point(p);
         points.iter().filter(inside).count()
+    }
+}
+
+/// A box prepared for many questions: its heading's sine and cosine are taken once.
+#[derive(Clone, Copy, Debug)]
+pub struct Inside {
+    center_m: [f64; 3],
+    half_m: [f64; 3],
+    sin: f64,
+    cos: f64,
+}
+
+impl Inside {
+    /// Of the box with a margin on every side, m.
+    #[inline]
+    pub fn of(shape: &Box3, margin_m: f64) -> Inside {
+        let (sin, cos) = shape.yaw_rad.sin_cos();
+        Inside {
+            center_m: shape.center_m,
+            half_m: shape.size_m.map(|s| s / 2.0 + margin_m),
+            sin,
+            cos,
+        }
+    }
+
+    /// Whether a point lies inside or on the surface; one that is not a number does not.
+    #[inline]
+    pub fn contains(&self, point_m: [f64; 3]) -> bool {
+        let [dx, dy, dz] = [0, 1, 2].map(|i| point_m[i] - self.center_m[i]);
+        (dx * self.cos + dy * self.sin).abs() <= self.half_m[0]
+            && (dy * self.cos - dx * self.sin).abs() <= self.half_m[1]
+            && dz.abs() <= self.half_m[2]
     }
 }
 

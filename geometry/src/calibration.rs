@@ -4,7 +4,6 @@
 
 use crate::boxes::{Box3, limit_period};
 use crate::image::{ImageSize, pixel_bounds};
-use crate::linear::{Affine, times_matrix, times_vector};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// The map from sensor to camera cannot be inverted, or holds a value that is not finite.
@@ -190,6 +189,55 @@ fn visible_end_px(a: [f64; 3], b: [f64; 3]) -> Option<[f64; 2]> {
     let t = (DEPTH_MIN_M - a[2]) / (b[2] - a[2]);
     let cut = [0, 1].map(|i| a[i] + t * (b[i] - a[i]));
     Some([cut[0] / DEPTH_MIN_M, cut[1] / DEPTH_MIN_M])
+}
+
+/// A rotation (or any 3 x 3 map) and a translation: `target = linear * source + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Affine {
+    linear: [[f64; 3]; 3],
+    offset: [f64; 3],
+}
+
+impl Affine {
+    fn apply(&self, point: [f64; 3]) -> [f64; 3] {
+        let turned = times_vector(&self.linear, point);
+        [0, 1, 2].map(|i| turned[i] + self.offset[i])
+    }
+
+    /// The inverse map, or `None` when the determinant is not a finite number away from 0.
+    fn inverse(&self) -> Option<Affine> {
+        let linear = inverse_3x3(&self.linear)?;
+        let moved = times_vector(&linear, self.offset);
+        Some(Affine {
+            linear,
+            offset: moved.map(|v| -v),
+        })
+    }
+}
+
+fn times_vector(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|i| m[i][0] * v[0] + m[i][1] * v[1] + m[i][2] * v[2])
+}
+
+fn times_matrix(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    [0, 1, 2].map(|i| [0, 1, 2].map(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
+}
+
+/// By the adjugate; rotations are far from singular, so nothing finer is needed.
+fn inverse_3x3(m: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+    let minor =
+        |r0: usize, c0: usize, r1: usize, c1: usize| m[r0][c0] * m[r1][c1] - m[r0][c1] * m[r1][c0];
+    let determinant =
+        m[0][0] * minor(1, 1, 2, 2) - m[0][1] * minor(1, 0, 2, 2) + m[0][2] * minor(1, 0, 2, 1);
+    if !determinant.is_finite() || determinant.abs() < 1e-9 {
+        return None;
+    }
+    let adjugate = [
+        [minor(1, 1, 2, 2), -minor(0, 1, 2, 2), minor(0, 1, 1, 2)],
+        [-minor(1, 0, 2, 2), minor(0, 0, 2, 2), -minor(0, 0, 1, 2)],
+        [minor(1, 0, 2, 1), -minor(0, 0, 2, 1), minor(0, 0, 1, 1)],
+    ];
+    Some(adjugate.map(|row| row.map(|v| v / determinant)))
 }
 
 #[cfg(test)]

@@ -46,11 +46,8 @@ fn intersection(a: &[f64; 4], b: &[f64; 4]) -> f64 {
 /// Intersection over union of two image boxes.
 pub fn iou_2d(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let common = intersection(a, b);
-    if common > 0.0 {
-        common / (area(a) + area(b) - common)
-    } else {
-        0.0
-    }
+    let union = area(a) + area(b) - common;
+    if common > 0.0 { common / union } else { 0.0 }
 }
 
 /// Intersection over the first box's own area: how much of it lies in the second one.

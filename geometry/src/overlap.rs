@@ -1,4 +1,4 @@
-//! How much two upright boxes overlap: rotated in bird's-eye view (BEV), and in 3D.
+//! How much two upright boxes overlap, rotated in bird's-eye view (BEV) and in 3D, and which of many stay.
 //!
 //! Everything in f64. A box with a size that is not positive, or with a coordinate that is not finite, overlaps nothing.
 
@@ -8,7 +8,6 @@ use crate::polygon::Polygon;
 /// Four corners, and at most one more for each of four cuts.
 const CORNERS_MAX: usize = 8;
 
-/// Whether the footprint has an area and a place.
 fn has_footprint(b: &Box3) -> bool {
     let ([l, w, _], [x, y, _]) = (b.size_m, b.center_m);
     l > 0.0 && w > 0.0 && [l, w, x, y, b.yaw_rad].iter().all(|v| v.is_finite())
@@ -16,11 +15,8 @@ fn has_footprint(b: &Box3) -> bool {
 
 /// Area of the footprint, m^2; 0 when it is degenerate.
 fn footprint_m2(b: &Box3) -> f64 {
-    if has_footprint(b) {
-        b.size_m[0] * b.size_m[1]
-    } else {
-        0.0
-    }
+    let area_m2 = b.size_m[0] * b.size_m[1];
+    if has_footprint(b) { area_m2 } else { 0.0 }
 }
 
 /// Whether the circles around two footprints may touch: a cheap test before the exact one.
@@ -38,11 +34,10 @@ pub fn intersection_bev_m2(a: &Box3, b: &Box3) -> f64 {
         return 0.0;
     }
     // b in a's frame: a's sides are then x = +-l/2 and y = +-w/2, and the arithmetic stays near the origin.
-    let center = a.local_m(b.center_m);
     let b_in_a = Box3 {
-        center_m: center,
-        size_m: b.size_m,
+        center_m: a.local_m(b.center_m),
         yaw_rad: b.yaw_rad - a.yaw_rad,
+        ..*b
     };
     let (half_l, half_w) = (a.size_m[0] / 2.0, a.size_m[1] / 2.0);
     let common = Polygon::<CORNERS_MAX>::new(b_in_a.footprint_m())
@@ -53,25 +48,18 @@ pub fn intersection_bev_m2(a: &Box3, b: &Box3) -> f64 {
     common.area().min(footprint_m2(a)).min(footprint_m2(b))
 }
 
-/// Length common to the two vertical extents, m.
 fn intersection_height_m(a: &Box3, b: &Box3) -> f64 {
     // Relative to a's centre, so that the overlap of equal boxes is exactly their height.
     let dz = b.center_m[2] - a.center_m[2];
     let top = (a.size_m[2] / 2.0).min(dz + b.size_m[2] / 2.0);
     let bottom = (-a.size_m[2] / 2.0).max(dz - b.size_m[2] / 2.0);
-    if a.size_m[2] > 0.0 && b.size_m[2] > 0.0 {
-        (top - bottom).max(0.0)
-    } else {
-        0.0
-    }
+    let (common, are_boxes) = (top - bottom, a.size_m[2] > 0.0 && b.size_m[2] > 0.0);
+    if are_boxes { common.max(0.0) } else { 0.0 }
 }
 
 fn ratio(part: f64, whole: f64) -> f64 {
-    if part > 0.0 && whole > 0.0 {
-        (part / whole).min(1.0)
-    } else {
-        0.0
-    }
+    let (share, is_some) = (part / whole, part > 0.0 && whole > 0.0);
+    if is_some { share.min(1.0) } else { 0.0 }
 }
 
 /// Intersection over union of the footprints, 0..1.
@@ -94,6 +82,33 @@ pub fn iou_3d(a: &Box3, b: &Box3) -> f64 {
 pub fn intersection_over_min_area(a: &Box3, b: &Box3) -> f64 {
     let smaller_m2 = footprint_m2(a).min(footprint_m2(b));
     ratio(intersection_bev_m2(a, b), smaller_m2)
+}
+
+/// Keeps a box when its rotated BEV IoU with every box kept before is at most `iou_max`.
+///
+/// `order` holds indices into `boxes`, best first; indices beyond the boxes are passed over. `kept` is emptied, then takes
+/// at most `kept_max` indices, best first: no allocation when that is its capacity.
+pub fn nms_into(
+    boxes: &[Box3],
+    order: &[usize],
+    iou_max: f64,
+    kept_max: usize,
+    kept: &mut Vec<usize>,
+) {
+    kept.clear();
+    for &index in order {
+        if kept.len() == kept_max {
+            return;
+        }
+        let Some(candidate) = boxes.get(index) else {
+            continue;
+        };
+        // `iou_bev` rejects by circles around the boxes first, which settles nearly every pair of a scene.
+        let is_free = |&other: &usize| iou_bev(&boxes[other], candidate) <= iou_max;
+        if kept.iter().all(is_free) {
+            kept.push(index);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -157,5 +172,29 @@ mod tests {
             ..a
         };
         assert_eq!(iou_bev(&a, &lost), 0.0);
+    }
+
+    fn at(x: f64, yaw: f64) -> Box3 {
+        Box3::new([x, 0.0, 0.0, 4.0, 2.0, 1.5, yaw])
+    }
+
+    #[test]
+    fn the_best_of_an_overlapping_pair_stays() {
+        let pair = [at(0.0, 0.0), at(0.5, 0.1), at(10.0, 0.0)];
+        // 0 and 1 overlap, 1 and 2 overlap, 0 and 2 do not: a suppressed box does not suppress.
+        let chain = [at(0.0, 0.0), at(3.0, 0.0), at(6.0, 0.0)];
+        let kept = |boxes: &[Box3], order: &[usize], iou_max: f64, kept_max: usize| {
+            let mut kept = vec![9];
+            nms_into(boxes, order, iou_max, kept_max, &mut kept);
+            kept
+        };
+        assert_eq!(kept(&pair, &[1, 0, 2], 0.1, 10), [1, 2]);
+        assert_eq!(kept(&pair, &[0, 1, 2], 0.1, 10), [0, 2]);
+        assert_eq!(kept(&pair, &[0, 1, 2], 0.1, 1), [0]);
+        assert_eq!(kept(&pair, &[0, 1, 2], 0.99, 10), [0, 1, 2]);
+        assert_eq!(kept(&chain, &[0, 1, 2], 0.0, 10), [0, 2]);
+        assert!(kept(&[], &[], 0.5, 10).is_empty());
+        // An index beyond the boxes.
+        assert_eq!(kept(&pair[..1], &[7, 0], 0.5, 10), [0]);
     }
 }

@@ -55,12 +55,8 @@ impl<const MAX: usize> Polygon<MAX> {
     pub fn area(&self) -> f64 {
         let corners = self.corners();
         let next = corners.iter().cycle().skip(1);
-        let twice = |(a, b): (&[f64; 2], &[f64; 2])| a[0] * b[1] - a[1] * b[0];
-        let twice = corners
-            .iter()
-            .zip(next)
-            .map(twice)
-            .fold(0.0, |sum, v| sum + v);
+        let add = |sum: f64, (a, b): (&[f64; 2], &[f64; 2])| sum + (a[0] * b[1] - a[1] * b[0]);
+        let twice = corners.iter().zip(next).fold(0.0, add);
         twice.abs() / 2.0
     }
 }

@@ -1,6 +1,6 @@
 //! What must hold for any two boxes, whatever their place and size.
 
-use mluc_geometry::{Box3, intersection_bev_m2, iou_3d, iou_bev, limit_period, nms_into};
+use mluc_geometry::{Box3, Inside, intersection_bev_m2, iou_3d, iou_bev, limit_period, nms_into};
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -23,13 +23,9 @@ fn nms(boxes: &[Box3], iou_max: f64, kept_max: usize) -> Vec<usize> {
 /// Turned about the sensor and moved.
 fn moved(b: &Box3, turn_rad: f64, shift_m: [f64; 3]) -> Box3 {
     let (sin, cos) = turn_rad.sin_cos();
-    let [x, y, z] = b.center_m;
+    let ([x, y, z], [dx, dy, dz]) = (b.center_m, shift_m);
     Box3 {
-        center_m: [
-            x * cos - y * sin + shift_m[0],
-            x * sin + y * cos + shift_m[1],
-            z + shift_m[2],
-        ],
+        center_m: [x * cos - y * sin + dx, x * sin + y * cos + dy, z + dz],
         size_m: b.size_m,
         yaw_rad: b.yaw_rad + turn_rad,
     }
@@ -44,6 +40,17 @@ fn scaled(b: &Box3, factor: f64) -> Box3 {
 }
 
 proptest! {
+    /// A prepared box says what the point's place in the box's own frame says.
+    #[test]
+    fn inside_is_within_half_the_sides(b in boxes(), x in -5.0..5.0f64, y in -5.0..5.0f64, z in -2.0..2.0f64, margin in 0.0..0.5f64) {
+        let local = b.local_m([x, y, z]);
+        let off = |i: usize| local[i].abs() - b.size_m[i] / 2.0;
+        let beyond = off(0).max(off(1)).max(off(2));
+        prop_assert_eq!(b.contains([x, y, z]), beyond <= 0.0);
+        prop_assert_eq!(Inside::of(&b, margin).contains([x, y, z]), beyond <= margin);
+        prop_assert!(!b.contains([f64::NAN, y, z]));
+    }
+
     #[test]
     fn order_does_not_matter(a in boxes(), b in boxes()) {
         prop_assert!((iou_bev(&a, &b) - iou_bev(&b, &a)).abs() < 1e-9);
@@ -124,12 +131,11 @@ proptest! {
 /// 4096 candidates, as many as a head hands over, must not take long: circles settle most pairs.
 #[test]
 fn four_thousand_boxes_are_fast() {
-    let list: Vec<Box3> = (0..4096)
-        .map(|i| {
-            let (x, y) = ((i / 64) as f64 * 1.1, (i % 64) as f64 * 1.2 - 38.0);
-            Box3::new([x, y, -1.0, 3.9, 1.6, 1.5, i as f64 * 0.37])
-        })
-        .collect();
+    let list = (0..4096).map(|i| {
+        let (x, y) = ((i / 64) as f64 * 1.1, (i % 64) as f64 * 1.2 - 38.0);
+        Box3::new([x, y, -1.0, 3.9, 1.6, 1.5, i as f64 * 0.37])
+    });
+    let list: Vec<Box3> = list.collect();
     let start = std::time::Instant::now();
     let kept = nms(&list, 0.01, 500);
     let elapsed = start.elapsed();

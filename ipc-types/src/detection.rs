@@ -34,11 +34,6 @@ pub enum GateKind {
 impl GateKind {
     /// The words in the JSON lines and the contract, by number.
     pub const NAMES: [&str; 4] = ["none", "eds", "unknown_probability", "softmax_max"];
-
-    /// The word in the JSON lines.
-    pub fn name(self) -> &'static str {
-        GateKind::NAMES[self as usize]
-    }
 }
 
 /// `unknown_probability` of a model without an output for the unknown.
@@ -133,12 +128,9 @@ impl Detection {
         let mut numbers = numbers.chain([&self.eds, &self.eds_normalised, &self.threshold]);
         let are_finite = numbers.all(|number| number.is_finite());
         let is_sized = self.size_m.iter().all(|&side| side > 0.0);
-        let is_sound = is_sized && is_probability_or_none(self.unknown_probability);
-        let what = "detection";
-        require(
-            are_finite && is_sound,
-            ContractError::NotFinite { what, index },
-        )
+        let is_told = is_probability_or_none(self.unknown_probability);
+        let (what, is_sound) = ("detection", are_finite && is_sized && is_told);
+        require(is_sound, ContractError::NotFinite { what, index })
     }
 
     /// Whether the gate made it a candidate unknown.

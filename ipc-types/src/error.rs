@@ -51,42 +51,31 @@ pub enum ContractError {
     NotFinite { what: &'static str, index: usize },
 }
 
-/// An error unless something holds.
 pub(crate) fn require(holds: bool, error: ContractError) -> Result<()> {
     if holds { Ok(()) } else { Err(error) }
 }
 
-/// Refuses another wire version than ours.
 pub(crate) fn check_version(found: u32) -> Result<()> {
     let expected = crate::WIRE_VERSION;
-    require(
-        found == expected,
-        ContractError::WireVersion { expected, found },
-    )
+    let error = ContractError::WireVersion { expected, found };
+    require(found == expected, error)
 }
 
-/// Refuses a length above its limit.
 pub(crate) fn check_length(what: &'static str, found: usize, limit: usize) -> Result<()> {
-    require(
-        found <= limit,
-        ContractError::TooLong { what, limit, found },
-    )
+    let error = ContractError::TooLong { what, limit, found };
+    require(found <= limit, error)
 }
 
-/// Refuses an index outside of `len` entries.
 pub(crate) fn check_index(what: &'static str, found: usize, len: usize) -> Result<()> {
     require(found < len, ContractError::Index { what, len, found })
 }
 
 /// Refuses a number that is none of an enum's `values`, which begin at 0.
 pub(crate) fn check_value(what: &'static str, found: u32, values: usize) -> Result<()> {
-    require(
-        (found as usize) < values,
-        ContractError::Value { what, found },
-    )
+    let is_known = (found as usize) < values;
+    require(is_known, ContractError::Value { what, found })
 }
 
-/// Refuses two quantities that differ.
 pub(crate) fn check_equal(what: &'static str, found: u64, expected: u64) -> Result<()> {
     let error = ContractError::Mismatch {
         what,

@@ -219,10 +219,8 @@ impl FrameHeader {
     pub fn checked_in(&self, run: &RunDescription, sequences: Range<u64>) -> Result<&FrameHeader> {
         self.checked()?;
         let (expected, found) = (run.run_id, self.run_id);
-        require(
-            found == expected,
-            ContractError::OtherRun { expected, found },
-        )?;
+        let other = ContractError::OtherRun { expected, found };
+        require(found == expected, other)?;
         run.check_model(self.model_fingerprint)?;
         let (Range { start: first, end }, found) = (sequences, self.sequence);
         let is_sent = (first..end).contains(&found);
@@ -273,13 +271,8 @@ mod tests {
     #[test]
     fn stamps_ascend() {
         let far = u64::MAX;
-        let cases = [
-            ([0, 0, 0], true),
-            ([5, 7, 0], true),
-            ([5, 7, 6], false),
-            ([far, 7, 8], false),
-        ];
-        for (stamps, ascend) in cases {
+        let cases = [[0, 0, 0], [5, 7, 0], [5, 7, 6], [far, 7, 8]];
+        for (stamps, ascend) in cases.into_iter().zip([true, true, false, false]) {
             let mut header = FrameHeader::new(0, "a");
             *header.stamps_mut(Stage::Head) = bytemuck::cast(stamps);
             assert_eq!(header.checked_stamps(Stage::Head).is_ok(), ascend);

@@ -4,7 +4,6 @@
 //! A consumer trusts nothing that it reads from shared memory: the `checked` functions turn a wrong version, length,
 //! index or enum value into a [`ContractError`], never a panic.
 
-mod candidate_counts;
 mod detection;
 mod error;
 mod features;
@@ -17,12 +16,11 @@ mod run;
 mod services;
 mod text;
 
-pub use candidate_counts::CandidateCounts;
 pub use detection::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
 pub use error::ContractError;
 pub use features::{FeatureBlock, FeatureRows, feature_blocks};
 pub use header::{EgoPose, Flags, FrameHeader, Stage, StageStamps};
-pub use health::{Health, HealthState};
+pub use health::{CandidateCounts, Health, HealthState};
 pub use limits::*;
 pub use object::{Disposition, Object, ObjectKind};
 pub use point::Point;

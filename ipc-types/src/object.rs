@@ -54,11 +54,6 @@ impl Disposition {
         "unconfirmed",
         "undersized",
     ];
-
-    /// The word in the JSON lines.
-    pub fn name(self) -> &'static str {
-        Disposition::NAMES[self as usize]
-    }
 }
 
 /// One object.

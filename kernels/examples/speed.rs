@@ -2,6 +2,10 @@
 //! one thread. An argument (`avx512bf16`, `avx512`, `avx2`, `neon`, `portable`, ...) picks the registers; without one the
 //! best are used.
 
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use common::Random;
 use mluc_kernels::{
     ABSENT, Bf16, Element, Epilogue, Gather, Level, Weights, WeightsWinograd, WinogradTiles,
     convolve_at, convolve_winograd_at, spin, weight_gradient_at,
@@ -90,29 +94,17 @@ fn main() {
 /// Name, gather, input rows.
 fn gather(reads: Reads) -> (String, Gather, usize) {
     match reads {
-        Dense(w, h) => {
-            let entry = |i: usize| {
-                let (y, x) = (i / 9 / w + i % 9 / 3, i / 9 % w + i % 3);
-                let inside = (1..=h).contains(&y) && (1..=w).contains(&x);
-                if inside {
-                    ((y - 1) * w + x - 1) as u32
-                } else {
-                    ABSENT
-                }
-            };
-            let index = (0..9 * w * h).map(entry).collect();
-            (format!("3x3 {w}x{h}"), Gather::new(9, index), w * h)
-        }
+        Dense(w, h) => (format!("3x3 {w}x{h}"), common::dense(w, h), w * h),
         Single(w, h) => {
             let every = Gather::new(1, (0..(w * h) as u32).collect());
             (format!("1x1 {w}x{h}"), every, w * h)
         }
         // Neighbours near in memory, as in a sorted list of voxels.
         Sparse(rows, off) => {
-            let mut random = random();
+            let mut random = Random(1);
             let entry = |i: usize| {
-                let near = (i / 27 + rows + (random() * 2000.0) as usize - 1000) % rows;
-                let absent = 100.0 * random() < off as f32;
+                let near = (i / 27 + rows + random.below(2000) - 1000) % rows;
+                let absent = random.below(100) < off;
                 if absent { ABSENT } else { near as u32 }
             };
             let index = (0..27 * rows).map(entry).collect();
@@ -136,10 +128,9 @@ fn forward<I: Element>(
     cout: usize,
 ) -> f64 {
     // Of u8 all values that these have.
-    let input: Vec<I> = values(inputs * cin)
-        .map(|x| I::from_f32(x * 500.0))
-        .collect();
-    let plain: Vec<f32> = values(gather.taps * cin * cout).collect();
+    let input = Random(1).values(inputs * cin).into_iter();
+    let input: Vec<I> = input.map(|x| I::from_f32(x * 500.0)).collect();
+    let plain = Random(2).values(gather.taps * cin * cout);
     let weights = Weights::pack(gather.taps, cin, cout, &plain);
     let mut output = vec![I::default(); gather.outputs() * cout];
     let relu = Epilogue::RELU;
@@ -149,8 +140,8 @@ fn forward<I: Element>(
 }
 
 fn gradient(level: Level, gather: &Gather, inputs: usize, cin: usize, cout: usize) -> f64 {
-    let input: Vec<f32> = values(inputs * cin).collect();
-    let dy: Vec<f32> = values(gather.outputs() * cout).collect();
+    let input = Random(1).values(inputs * cin);
+    let dy = Random(1).values(gather.outputs() * cout);
     let mut gradient = vec![0.0; gather.taps * cin * cout];
     gflops(gather, cin, cout, || {
         weight_gradient_at(level, &input, cin, gather, &dy, cout, &mut gradient)
@@ -160,11 +151,11 @@ fn gradient(level: Level, gather: &Gather, inputs: usize, cin: usize, cout: usiz
 /// GFLOP/s of the direct sum that tiles of 2x2 cells stand for.
 fn winograd(level: Level, shape: [usize; 2], cin: usize, cout: usize) -> f64 {
     let cells = shape[0] * shape[1];
-    let plain: Vec<f32> = values(9 * cin * cout).collect();
+    let plain = Random(1).values(9 * cin * cout);
     let Some(weights) = WeightsWinograd::pack(cin, cout, &plain) else {
         return 0.0;
     };
-    let input: Vec<f32> = values(cells * cin).collect();
+    let input = Random(1).values(cells * cin);
     let mut output = vec![0.0; cells * cout];
     let mut tiles = WinogradTiles::new(shape);
     let all: Vec<u32> = (0..cells as u32).collect();
@@ -190,21 +181,4 @@ fn best_seconds(mut work: impl FnMut()) -> f64 {
 fn thread_seconds() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
-}
-
-/// -0.5 to 0.5.
-fn values(count: usize) -> impl Iterator<Item = f32> {
-    let mut random = random();
-    (0..count).map(move |_| random() - 0.5)
-}
-
-/// 0 to 1.
-fn random() -> impl FnMut() -> f32 {
-    let mut state = 1_u64;
-    move || {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        (state >> 40) as f32 / (1 << 24) as f32
-    }
 }

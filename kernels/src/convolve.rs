@@ -11,14 +11,13 @@ use crate::{
 /// `output[o] = epilogue(sum over taps t, channels c of input[gather(o, t)][c] * weights[t][c])`.
 ///
 /// `input`: rows of `weights.cin`. `output`: rows of `weights.cout`. `output_rows`: where output row `o` of the gather
-/// is written (`None`: at `o`); rows that are not named keep what they hold. Rows in ascending order, the natural one,
-/// are written in place; any other order costs one more pass over the result.
+/// is written, ascending (`None`: at `o`); rows that are not named keep what they hold.
 ///
 /// Sums of f32 and bf16 are f32; those of bytes are exact, each becomes an f32, is multiplied by its channel's scale,
 /// then the bias is added. The output is rounded to what it holds.
 ///
 /// Runs over rayon's ambient pool; the bits of the result do not depend on the number of threads. Those of bf16 do
-/// depend on the processor: some round twice where others round once. Allocates nothing when the rows ascend.
+/// depend on the processor: some round twice where others round once. Allocates nothing.
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
@@ -67,14 +66,8 @@ pub fn convolve_at<I: Element, O: Element>(
         return job.range(0..outputs, None, 0, &mut output[..outputs * cout]);
     };
     assert_eq!(rows.len(), outputs, "a place for each output row");
-    if rows.is_sorted_by(|a, b| a < b) {
-        return job.range(0..outputs, Some(rows), 0, output);
-    }
-    let mut ordered = vec![O::default(); outputs * cout];
-    job.range(0..outputs, None, 0, &mut ordered);
-    for (row, from) in rows.iter().zip(ordered.chunks_exact(cout)) {
-        output[*row as usize * cout..][..cout].copy_from_slice(from);
-    }
+    assert!(rows.is_sorted_by(|a, b| a < b), "output rows that ascend");
+    job.range(0..outputs, Some(rows), 0, output);
 }
 
 /// One convolution; its lengths have been checked.
@@ -130,7 +123,9 @@ impl<I: Element, O: Element> Kernel for Block<'_, I, O> {
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
         let mut room = Room::<I::Sum, { BLOCK * PANEL_MAX }>::new();
-        let mut lists = Lists::new();
+        let (taps, rows) = (self.job.weights.taps, &self.rows);
+        let index = &self.job.gather.index[rows.start * taps..rows.end * taps];
+        let mut lists = Lists::new(index, taps);
         for panel in panels(self.job.weights.cout) {
             let mut bias = [0.0; PANEL_MAX];
             if let Some(values) = self.job.epilogue.bias {
@@ -151,11 +146,10 @@ impl<I: Element, O: Element> Block<'_, I, O> {
     fn accumulate<S: Simd>(&self, simd: S, panel: Panel, lists: &mut Lists, sums: &mut [I::Sum]) {
         let (input, weights) = (self.job.input, self.job.weights);
         let (taps, cin, width) = (weights.taps, weights.cin, panel.width);
-        let index = &self.job.gather.index[self.rows.start * taps..self.rows.end * taps];
         let size = I::tap_rows(cin) * width;
         let mut tap = 0;
         while tap < taps && cin > 0 {
-            let listed = lists.at_taps_from(simd, index, taps, tap);
+            let listed = lists.at_taps_from(simd, tap);
             let next = tap + listed.taps();
             let weights = &weights.panel(panel)[tap * size..next * size];
             convolve_tiles(simd, input, cin, listed, weights, width, sums);

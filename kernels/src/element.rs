@@ -1,6 +1,11 @@
 //! What a row may hold: f32; bf16 for half the memory and twice the products a cycle; u8 for a quarter and four times.
 
-use crate::{Bf16, simd::Operand};
+use crate::simd::Operand;
+
+/// A bfloat16: the upper half of an f32.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(transparent)]
+pub struct Bf16(pub u16);
 
 /// A value of a row: [`f32`], [`Bf16`], or [`u8`], which counts units that whoever reads it knows.
 pub trait Element: Copy + Default + Send + Sync + Operand {
@@ -24,14 +29,18 @@ impl Element for f32 {
 }
 
 impl Element for Bf16 {
+    /// To the nearest, ties to even; NaN stays NaN, and what is beyond the largest bf16 becomes infinite.
     #[inline(always)]
     fn from_f32(value: f32) -> Bf16 {
-        Bf16::from_f32(value)
+        let bits = value.to_bits();
+        let rounded = bits.wrapping_add(0x7fff + ((bits >> 16) & 1)) >> 16;
+        let quiet = (bits >> 16) | 0x40;
+        Bf16(if value.is_nan() { quiet } else { rounded } as u16)
     }
 
     #[inline(always)]
     fn to_f32(self) -> f32 {
-        Bf16::to_f32(self)
+        f32::from_bits(u32::from(self.0) << 16)
     }
 }
 
@@ -54,6 +63,31 @@ impl Element for u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bf16_rounds_to_the_nearest_even_and_every_value_comes_back() {
+        let one = 0x3f80_0000;
+        for (bits, expected) in [
+            (one, 0x3f80),
+            (one + 0x7fff, 0x3f80),
+            (one + 0x8000, 0x3f80),
+            (one + 0x8001, 0x3f81),
+            (one + 0x1_8000, 0x3f82),
+            (0x7f7f_ffff, 0x7f80),
+            (0xff80_0000, 0xff80),
+            (0x8000_0000, 0x8000),
+        ] {
+            let found = Bf16::from_f32(f32::from_bits(bits));
+            assert_eq!(found, Bf16(expected), "{bits:x}");
+        }
+        let found = Bf16::from_f32(f32::from_bits(0x7f80_0001));
+        assert!(found.to_f32().is_nan());
+        for bits in 0..=u16::MAX {
+            let value = Bf16(bits).to_f32();
+            let same = value.is_nan() || Bf16::from_f32(value) == Bf16(bits);
+            assert!(same, "{bits:x}");
+        }
+    }
 
     #[test]
     fn bytes_round_and_stay_in_their_range() {

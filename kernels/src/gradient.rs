@@ -103,16 +103,15 @@ impl Kernel for Part<'_> {
         let padded = self.cout.next_multiple_of(LINE);
         let mut sums = Aligned::zeros(self.taps * self.cin * padded);
         let mut rows = AlignedArray([0.0; BLOCK * PANEL_MAX]);
-        let mut lists = Lists::new();
         let indices = self.index.chunks(BLOCK * self.taps);
         let blocks = indices.zip(self.output_gradient.chunks(BLOCK * self.cout));
         for (index, output_gradient) in blocks {
-            lists.forget();
+            let mut lists = Lists::new(index, self.taps);
             for panel in panels(self.cout) {
                 let rows = pack(output_gradient, self.cout, panel, &mut rows.0);
                 let sums = sums.as_mut_slice();
                 for (tap, sums) in sums.chunks_exact_mut(self.cin * padded).enumerate() {
-                    let listed = lists.at_tap(simd, index, self.taps, tap);
+                    let listed = lists.at_tap(simd, tap);
                     let (sums, width) = (&mut sums[panel.first..], panel.width);
                     gradient_tiles(
                         simd, self.input, self.cin, listed, rows, width, sums, padded,

@@ -6,7 +6,6 @@
 //! A batch is more rows. A cell that is not computed is a row that is not listed. One shape has a way of its own: a 3x3
 //! layer of stride 1 in f32 takes less than half of the products tile by tile ([`convolve_winograd`]).
 
-mod bf16;
 mod convolve;
 mod element;
 mod gather;
@@ -15,9 +14,8 @@ mod simd;
 mod weights;
 mod winograd;
 
-pub use bf16::Bf16;
 pub use convolve::{convolve, convolve_at};
-pub use element::Element;
+pub use element::{Bf16, Element};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{weight_gradient, weight_gradient_at};
 pub use simd::{Level, at_best, spin};
@@ -34,11 +32,6 @@ pub struct Epilogue<'a> {
 }
 
 impl Epilogue<'_> {
-    /// No bias and no ReLU.
-    pub const NONE: Epilogue<'static> = Epilogue {
-        bias: None,
-        relu: false,
-    };
     /// No bias, then ReLU.
     pub const RELU: Epilogue<'static> = Epilogue {
         bias: None,

@@ -61,9 +61,8 @@ impl<I: Element> Weights<I> {
     /// of a value (a broken invariant, not data).
     pub fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights<I> {
         check(plain, [taps, cin, cout]);
-        Weights::from_fn(taps, cin, cout, |[tap, i, o]| {
-            plain[(tap * cin + i) * cout + o]
-        })
+        let weight = |[tap, i, o]: [usize; 3]| plain[(tap * cin + i) * cout + o];
+        Weights::from_fn([taps, cin, cout], weight)
     }
 
     /// Packs the transpose of `[tap][cin][cout]`, for the input gradient: rows of `cout` in, rows of `cin` out.
@@ -72,18 +71,13 @@ impl<I: Element> Weights<I> {
     /// As [`Weights::pack`].
     pub fn pack_transposed(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights<I> {
         check(plain, [taps, cin, cout]);
-        Weights::from_fn(taps, cout, cin, |[tap, i, o]| {
-            plain[(tap * cin + o) * cout + i]
-        })
+        let weight = |[tap, i, o]: [usize; 3]| plain[(tap * cin + o) * cout + i];
+        Weights::from_fn([taps, cout, cin], weight)
     }
 
-    fn from_fn(
-        taps: usize,
-        cin: usize,
-        cout: usize,
-        weight: impl Fn([usize; 3]) -> f32,
-    ) -> Weights<I> {
-        let scale = I::scales([taps, cin, cout], &weight);
+    fn from_fn(shape: [usize; 3], weight: impl Fn([usize; 3]) -> f32) -> Weights<I> {
+        let [taps, cin, cout] = shape;
+        let scale = I::scales(shape, &weight);
         let (tap_rows, rows) = (I::tap_rows(cin), taps * I::tap_rows(cin));
         let mut data = Aligned::zeros(rows * cout.next_multiple_of(LINE));
         let values = data.as_mut_slice();

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Random, assert_near, with_threads};
+use common::{Random, assert_near, assert_refused, with_threads};
 use mluc_kernels::{
     Epilogue, Level, WeightsWinograd, WinogradTiles, convolve_winograd, convolve_winograd_at,
 };
@@ -152,7 +152,7 @@ fn tiles_of_the_last_frame_are_forgotten_and_a_bias_may_be_missing() {
     assert_eq!(tiles, case.tiles());
     case.bias.fill(0.0);
     let mut found = case.blank();
-    let epilogue = Epilogue::NONE;
+    let epilogue = Epilogue::default();
     convolve_winograd(&case.input, &tiles, &case.packed(), epilogue, &mut found);
     assert_near(&found, &case.expected(false), 1e-5, "no bias");
 }
@@ -189,29 +189,17 @@ fn channels_that_are_not_whole_registers_or_too_many_are_left_to_the_direct_kern
 }
 
 #[test]
-#[should_panic(expected = "input row 15 of 8")]
-fn a_window_beyond_the_input_is_refused() {
-    let mut case = Case::new([4, 4], 16, 16, 100);
-    case.input.truncate(8 * 16);
-    case.run();
-}
-
-#[test]
-#[should_panic(expected = "cell Some(16) of 4 x 4")]
-fn a_cell_beyond_the_map_is_refused() {
-    WinogradTiles::new([4, 4]).assign(&[3, 16], [4, 4]);
-}
-
-#[test]
-#[should_panic(expected = "cells that ascend")]
-fn cells_that_do_not_ascend_are_refused() {
-    WinogradTiles::new([4, 4]).assign(&[3, 2], [4, 4]);
-}
-
-#[test]
-#[should_panic(expected = "out of range")]
-fn an_output_of_a_smaller_map_is_refused() {
+fn windows_cells_and_outputs_that_do_not_fit_are_refused() {
+    let mut cut = Case::new([4, 4], 16, 16, 100);
+    cut.input.truncate(8 * 16);
+    assert_refused("input row 15 of 8", || cut.run());
+    let assign = |cells: &[u32]| WinogradTiles::new([4, 4]).assign(cells, [4, 4]);
+    assert_refused("cell Some(16) of 4 x 4", || assign(&[3, 16]));
+    assert_refused("cells that ascend", || assign(&[3, 2]));
     let case = Case::new([4, 4], 16, 16, 100);
-    let (tiles, weights, output) = (case.tiles(), case.packed(), &mut [0.0; 12 * 16]);
-    convolve_winograd(&case.input, &tiles, &weights, Epilogue::NONE, output);
+    let (tiles, weights) = (case.tiles(), case.packed());
+    assert_refused("out of range", || {
+        let (epilogue, output) = (Epilogue::default(), &mut [0.0; 12 * 16]);
+        convolve_winograd(&case.input, &tiles, &weights, epilogue, output);
+    });
 }

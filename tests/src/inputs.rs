@@ -9,6 +9,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::running::{Finished, Running, leftovers, unique_instance};
+use mluc_dataset::scan_bytes;
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 
 /// A calibration of KITTI's axes at the sensor, without a camera.
@@ -74,7 +75,6 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// With so many scans.
     pub fn new(label: &str, scans: usize) -> Setting {
         let folder = tempfile::tempdir().expect("a writable folder");
         let input = folder.path().join("scans");
@@ -94,9 +94,7 @@ impl Setting {
     /// Writes KITTI's `.bin` beside the others; gives its path.
     pub fn write_scan(&self, name: &str, points: &[[f32; 4]]) -> PathBuf {
         let path = self.input.join(format!("{name}.bin"));
-        let values = points.as_flattened().iter();
-        let bytes: Vec<u8> = values.flat_map(|value| value.to_le_bytes()).collect();
-        fs::write(&path, bytes).expect("a writable folder");
+        fs::write(&path, scan_bytes(points)).expect("a writable folder");
         path
     }
 
@@ -165,12 +163,10 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) {
     fs::write(path, content).expect("a writable folder");
 }
 
-/// The checkout.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// A JSON file.
 pub fn read_json(path: &Path) -> Value {
     let text = fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     serde_json::from_str(&text).expect("JSON")

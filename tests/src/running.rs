@@ -26,7 +26,6 @@ pub fn built_program(name: &str) -> PathBuf {
     program
 }
 
-/// The program `mluc`.
 pub fn mluc_program() -> PathBuf {
     built_program("mluc")
 }
@@ -50,14 +49,12 @@ pub fn leftovers(instance: &str) -> Vec<String> {
         .collect()
 }
 
-/// Sends a signal to any process.
 pub fn send_signal(pid: u32, signal: Signal) {
     if let Some(pid) = Pid::from_raw(pid as i32) {
         kill_process(pid, signal).expect("a process of ours");
     }
 }
 
-/// Whether a process exists.
 pub fn is_alive(pid: u32) -> bool {
     Pid::from_raw(pid as i32).is_some_and(|pid| test_kill_process(pid).is_ok())
 }
@@ -76,14 +73,19 @@ pub fn wait_for(patience: Duration, mut condition: impl FnMut() -> bool) -> bool
     }
 }
 
-/// How a run ended.
+#[track_caller]
+pub fn assert_has(text: &str, words: &[&str]) {
+    for word in words {
+        assert!(text.contains(word), "'{word}' is missing in: {text}");
+    }
+}
+
 #[derive(Debug)]
 pub struct Finished {
     /// Exit code; `None`: by a signal.
     pub code: Option<i32>,
     /// stdout, a value a line.
     pub lines: Vec<Value>,
-    /// stderr.
     pub log: String,
 }
 
@@ -102,22 +104,16 @@ impl Finished {
         assert_eq!(found, (Some(code), (0..frames).collect()), "{}", self.log);
     }
 
-    /// Fails unless stderr has all these words.
     #[track_caller]
     pub fn assert_says(&self, words: &[&str]) {
-        let log = &self.log;
-        for word in words {
-            assert!(log.contains(word), "'{word}' is missing in: {log}");
-        }
+        assert_has(&self.log, words);
     }
 
-    /// The frames' names in the order of the lines.
     pub fn frames(&self) -> Vec<&str> {
         let frames = self.lines.iter().map(|line| line["frame"].as_str());
         frames.map(|frame| frame.unwrap_or("?")).collect()
     }
 
-    /// The frames' numbers in the order of the lines.
     pub fn sequences(&self) -> Vec<u64> {
         let lines = self.lines.iter();
         lines.filter_map(|line| line["sequence"].as_u64()).collect()
@@ -129,7 +125,6 @@ impl Finished {
         lines.join("\n")
     }
 
-    /// The flags of a frame.
     pub fn flags(&self, frame: &str) -> Vec<&str> {
         let line = self.lines.iter().find(|line| line["frame"] == frame);
         let line = line.unwrap_or_else(|| panic!("no line of frame {frame}: {}", self.log));
@@ -138,46 +133,32 @@ impl Finished {
     }
 }
 
+/// What was read so far, and the thread that reads.
+type Reader = (Arc<Mutex<String>>, JoinHandle<()>);
+
 /// A running program; ended when dropped.
 pub struct Running {
     process: Child,
-    lines: Arc<Mutex<Vec<Value>>>,
-    log: Arc<Mutex<String>>,
-    readers: [JoinHandle<()>; 2],
+    out: Reader,
+    log: Reader,
 }
 
 impl Running {
-    /// Starts `mluc ARGUMENTS`.
     pub fn mluc<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Running {
         Running::start(Command::new(mluc_program()).args(arguments))
     }
 
-    /// Starts any program.
     pub fn start(command: &mut Command) -> Running {
         command.stdin(Stdio::null());
         command.stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut process = command.spawn().expect("the program starts");
-        let lines: Arc<Mutex<Vec<Value>>> = Arc::default();
-        let log: Arc<Mutex<String>> = Arc::default();
-        let (own_lines, own_log) = (lines.clone(), log.clone());
-        let readers = [
-            read_lines(process.stdout.take().expect("piped"), move |line| {
-                let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
-                own_lines.lock().expect("no panic").push(value);
-            }),
-            read_lines(process.stderr.take().expect("piped"), move |line| {
-                *own_log.lock().expect("no panic") += &(line + "\n");
-            }),
-        ];
         Running {
+            out: read_lines(process.stdout.take().expect("piped")),
+            log: read_lines(process.stderr.take().expect("piped")),
             process,
-            lines,
-            log,
-            readers,
         }
     }
 
-    /// Of the program itself.
     pub fn pid(&self) -> u32 {
         self.process.id()
     }
@@ -223,12 +204,12 @@ impl Running {
 
     /// Lines so far.
     pub fn line_count(&self) -> usize {
-        self.lines.lock().expect("no panic").len()
+        self.out.0.lock().expect("no panic").lines().count()
     }
 
     /// stderr so far.
     pub fn log(&self) -> String {
-        self.log.lock().expect("no panic").clone()
+        self.log.0.lock().expect("no panic").clone()
     }
 
     /// Waits until `condition`, at most half a minute.
@@ -250,13 +231,11 @@ impl Running {
         self.wait_until("frames flow", |run| run.line_count() >= before + more);
     }
 
-    /// Waits until stderr has these words.
     #[track_caller]
     pub fn wait_for_words(&mut self, words: &str) {
         self.wait_until(words, |run| run.log().contains(words));
     }
 
-    /// Sends a signal to the program itself.
     pub fn signal(&self, signal: Signal) {
         send_signal(self.pid(), signal);
     }
@@ -267,13 +246,14 @@ impl Running {
         let mut status = None;
         wait_for(patience, || {
             status = self.process.try_wait().expect("a child of ours");
-            status.is_some() && self.readers.iter().all(JoinHandle::is_finished)
+            status.is_some() && self.out.1.is_finished() && self.log.1.is_finished()
         });
         let status = status.unwrap_or_else(|| panic!("no end within {patience:?}: {}", self.log()));
-        let lines = std::mem::take(&mut *self.lines.lock().expect("no panic"));
+        let value = |line: &str| serde_json::from_str(line).unwrap_or(Value::String(line.into()));
+        let out = self.out.0.lock().expect("no panic");
         Finished {
             code: status.code(),
-            lines,
+            lines: out.lines().map(value).collect(),
             log: self.log(),
         }
     }
@@ -299,14 +279,17 @@ impl Drop for Running {
     }
 }
 
-fn read_lines(
-    from: impl Read + Send + 'static,
-    mut take: impl FnMut(String) + Send + 'static,
-) -> JoinHandle<()> {
-    std::thread::spawn(move || {
+/// Whole lines: a reader never sees a part of one.
+fn read_lines(from: impl Read + Send + 'static) -> Reader {
+    let text: Arc<Mutex<String>> = Arc::default();
+    let own = text.clone();
+    let reader = std::thread::spawn(move || {
         let lines = BufReader::new(from).split(b'\n').map_while(Result::ok);
-        lines.for_each(|line| take(String::from_utf8_lossy(&line).into_owned()));
-    })
+        for line in lines {
+            *own.lock().expect("no panic") += &(String::from_utf8_lossy(&line) + "\n");
+        }
+    });
+    (text, reader)
 }
 
 fn children(pid: u32) -> Vec<u32> {

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use mluc_backbone::Precision;
+use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, judge, unknown_classes};
-use mluc_evaluate::{Difficulty, Metric, NeighbourPolicy};
 use mluc_ingest::unpack;
 use mluc_model::Model;
 use mluc_refiner::Settings;
@@ -68,7 +68,7 @@ fn figures(name: &str, model: &Model, shift_m: f32) -> Figures {
     let policy = NeighbourPolicy::Official;
     let judged = judge(model, &set, &frames, &unknown, policy, &settings).expect("figures");
     let classes = judged.gated.classes.iter().map(|class| {
-        let entry = class.entry(Metric::Space, Difficulty::Moderate);
+        let entry = class.main();
         let figures = [entry.ap.all, entry.recall_percent];
         (class.rule.name.clone(), figures)
     });

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mluc_tests::{Setting, mluc_program, read_json};
+use mluc_tests::{Setting, assert_has, mluc_program, read_json, write_file};
 use serde_json::{Value, json};
 
 /// Options of a short run, each side in turns.
@@ -15,12 +15,11 @@ fn reports(out: &Path) -> [Value; 2] {
 
 /// A label on the car that `car_scan` draws in each scan, which the model does not call a car.
 fn label_all(input: &Path) {
-    let folder = input.parent().unwrap().join("label_2");
-    std::fs::create_dir_all(&folder).unwrap();
     for number in 0..2 {
         let forward = 8.0 + f64::from(number);
         let line = format!("Forklift 0 0 0 0 0 1 1 1.5 1.8 1.0 0.0 1.6 {forward} 0.0\n");
-        std::fs::write(folder.join(format!("{number:06}.txt")), line).unwrap();
+        let label = format!("label_2/{number:06}.txt");
+        write_file(&input.with_file_name(label), line);
     }
 }
 
@@ -44,9 +43,7 @@ fn two_refiners_are_judged_on_the_same_frames() {
     let published = |side: usize| quality[side]["unknown_per_frame"].as_f64().unwrap();
     assert!(published(0) > published(1), "{comparison}");
     let terminal = run.text();
-    for words in ["3-D overlap", "refiner run p50"] {
-        assert!(terminal.contains(words), "{terminal}");
-    }
+    assert_has(&terminal, &["3-D overlap", "refiner run p50"]);
     let page = std::fs::read_to_string(out.join("b/report.html")).unwrap();
     assert!(page.contains("of round 1"), "each had two rounds");
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use mluc_tests::{Finished, Running, Setting};
+use mluc_tests::{Finished, Running, Setting, write_file};
 use serde_json::json;
 
 /// `mluc bench` with words as on a command line.
@@ -23,31 +23,24 @@ fn with_scenario(folder: &Path, scenario: &str, options: &str) -> Finished {
 #[test]
 fn what_the_machine_does_not_have_is_refused_before_anything_runs() {
     let folder = tempfile::tempdir().unwrap();
-    for (table, line, words) in [
+    for (line, words) in [
         (
-            "stages.backbone",
-            "cpus = [0, 4000]",
+            "[stages.backbone]\ncpus = [0, 4000]",
             "cpus of backbone, 4000",
         ),
-        ("stages.head", "priority = 200", "priority of head, 1 to 99"),
+        ("[stages.head]\npriority = 200", "priority of head, 1 to 99"),
         (
-            "bench.load",
-            "memory_mib = 1000000000",
+            "[bench.load]\nmemory_mib = 1000000000",
             "memory_mib, available",
         ),
-        ("bench.load", "cpu_threads = 100000", "cpu_threads, 1024"),
-        ("", "pace = \"complete\"", "open loop"),
-        ("bench", "second = 3", "second, did you mean `seconds`?"),
-        ("bench", "seconds = -1", "seconds must be, -1"),
-        ("bench", "rounds = 0", "rounds must be"),
-        ("", "model = \"nowhere.safetensors\"", "nowhere.safetensors"),
+        ("[bench.load]\ncpu_threads = 100000", "cpu_threads, 1024"),
+        ("pace = \"complete\"", "open loop"),
+        ("[bench]\nsecond = 3", "second, did you mean `seconds`?"),
+        ("[bench]\nseconds = -1", "seconds must be, -1"),
+        ("[bench]\nrounds = 0", "rounds must be"),
+        ("model = \"nowhere.safetensors\"", "nowhere.safetensors"),
     ] {
-        let heading = if table.is_empty() {
-            ""
-        } else {
-            &format!("[{table}]\n")
-        };
-        let run = with_scenario(folder.path(), &format!("{heading}{line}"), "");
+        let run = with_scenario(folder.path(), line, "");
         assert!(matches!(run.code, Some(1 | 2)), "{line}: {run:?}");
         assert!(run.lines.is_empty());
         run.assert_says(&words.split(", ").collect::<Vec<_>>());
@@ -78,9 +71,8 @@ fn a_stage_that_never_answers_is_named() {
 
 /// A report of `frames` synthetic frames.
 fn write_report(folder: &Path, version: u32, frames: usize) {
-    std::fs::create_dir_all(folder).unwrap();
     let report = json!({"report_version": version}).to_string();
-    std::fs::write(folder.join("report.json"), report).unwrap();
+    write_file(&folder.join("report.json"), report);
     let head = "round,sequence,frame,phase,outcome,due_us,ingest_received_us,ingest_started_us,ingest_published_us,\
                 backbone_received_us,backbone_started_us,backbone_published_us,head_received_us,head_started_us,\
                 head_published_us,refiner_received_us,refiner_started_us,refiner_published_us,arrived_us,latency_us,flags";

@@ -97,23 +97,17 @@ fn the_document_has_the_codes() {
     assert!(tables.iter().flatten().all(|cell| !cell.is_empty()));
     let table = |head: &str| tables.iter().position(|row| row[0] == head).unwrap();
     let (second, third) = (table("disposition"), table("gate"));
-    let flags: Vec<_> = Flags(u32::MAX).names().zip(0..).collect();
-    assert_eq!(codes(&tables[1..second]), flags);
-    let dispositions = codes(&tables[second + 1..third]);
-    assert!(
-        dispositions
-            .into_iter()
-            .eq(Disposition::NAMES.into_iter().zip(0..))
-    );
-    let gates = codes(&tables[third + 1..]);
-    assert!(gates.into_iter().eq(GateKind::NAMES.into_iter().zip(0..)));
     let health = rows(&document, "## Health");
-    let states = codes(&health[1..]);
-    assert!(
-        states
-            .into_iter()
-            .eq(HealthState::NAMES.into_iter().zip(0..))
-    );
+    let flags: Vec<_> = Flags(u32::MAX).names().collect();
+    for (rows, names) in [
+        (&tables[1..second], &flags[..]),
+        (&tables[second + 1..third], &Disposition::NAMES),
+        (&tables[third + 1..], &GateKind::NAMES),
+        (&health[1..], &HealthState::NAMES),
+    ] {
+        let numbered: Vec<_> = names.iter().copied().zip(0..).collect();
+        assert_eq!(codes(rows), numbered);
+    }
     for (bit, name) in Object::FLAG_NAMES.iter().enumerate() {
         assert!(document.contains(&format!("{} {name}", 1 << bit)), "{name}");
     }

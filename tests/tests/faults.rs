@@ -85,14 +85,6 @@ fn a_bad_model_is_a_failure() {
 }
 
 #[test]
-fn a_bad_configuration_is_a_usage_error() {
-    let setting = Setting::new("config", 1);
-    let config = setting.config("pase = \"complete\"\n");
-    let words = ["mluc.toml", "`pase`", "did you mean `pace`?"];
-    refuses(&setting, 2, &config, &words);
-}
-
-#[test]
 fn a_second_pipeline_of_the_same_name_is_refused_and_the_first_goes_on() {
     let setting = Setting::new("second", 3);
     let mut first = setting.up("--loop");

@@ -1,9 +1,8 @@
 //! Reading real KITTI folders: every frame that `MLUC_KITTI` holds.
 
 use mluc_dataset::{Dataset, Label};
-use mluc_evaluate::{
-    Difficulty, FrameTruth, Metric, ObjectKind, RuleRequest, SensorDetection, evaluate, rules,
-};
+use mluc_evaluate::pipeline::FrameSet;
+use mluc_evaluate::{RuleRequest, SensorDetection, evaluate, rules};
 use mluc_geometry::{Box3, ImageSize, iou_2d};
 use mluc_tests::data_folder;
 
@@ -51,26 +50,19 @@ fn real_labels_as_detections_are_found() {
     };
     let mut frames = Vec::new();
     for part in ["object/training", "drive_0005"] {
+        let set = FrameSet::open(&folder.join(part), None, usize::MAX).expect("frames");
         let dataset = Dataset::open(&folder.join(part)).expect("frames");
-        for name in dataset.names() {
-            let detection = |(label, box_in_sensor): (Label, Box3)| SensorDetection {
-                kind: if label.is("Van") || label.is("Truck") {
-                    ObjectKind::Unknown
+        for (index, name) in set.names().iter().enumerate() {
+            let detection = |(label, place): (Label, Box3)| {
+                if label.is("Van") || label.is("Truck") {
+                    SensorDetection::unknown(0.9, place)
                 } else {
-                    ObjectKind::Known
-                },
-                class: label.class,
-                score: 0.9,
-                box_in_sensor,
+                    SensorDetection::known(0, &[label.class], 0.9, place)
+                }
             };
             let boxes = dataset.boxes_in_sensor(name).expect("labels").into_iter();
             let found: Vec<SensorDetection> = boxes.map(detection).collect();
-            let truth = FrameTruth {
-                labels: dataset.labels(name).expect("labels").into(),
-                calibration: dataset.calibration(name).expect("a calibration"),
-                image: ImageSize::KITTI,
-            };
-            frames.push(truth.with(&found));
+            frames.push(set.truth(index).expect("labels").with(&found));
         }
     }
     let request = RuleRequest {
@@ -81,7 +73,7 @@ fn real_labels_as_detections_are_found() {
     let report = evaluate(&frames, &rules(&request, &frames).expect("rules"));
     println!("{}", report.to_table());
     for class in &report.classes {
-        let entry = class.entry(Metric::Space, Difficulty::Moderate);
+        let entry = class.main();
         // A label drawn a little higher than its box projects may be found by a detection that is too small to count.
         let is_found = entry.truth_count > 0 && entry.ap.all > 95.0;
         assert!(is_found, "{}: {entry:?}", class.rule.name);

@@ -10,7 +10,7 @@ use anyhow::Result;
 use clap::Parser;
 use mluc_bench::machine::describe_here;
 use mluc_bench::transport::{
-    LatencyPercentiles, Load, Measured, Payload, Settings, Wake, Way, measure, serve_peer,
+    LatencyPercentiles, Measured, Payload, Settings, Wake, Way, measure, serve_peer,
 };
 use serde_json::{Map, Value, json};
 
@@ -54,7 +54,7 @@ fn main() -> Result<()> {
             pause: Duration::from_micros(arguments.pause_us),
             wake: arguments.wake,
             cores: arguments.cores.as_deref().map(|cores| [cores[0], cores[1]]),
-            ..Settings::new(Load::largest(payload), rounds)
+            ..Settings::new(payload, rounds)
         };
         measured.push((payload, measure(&settings, &Way::ALL)?));
     }
@@ -66,7 +66,6 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Everything, for a program.
 fn report(measured: &[(Payload, Measured)]) -> Result<Value> {
     let mut topics = Map::new();
     for (payload, found) in measured {
@@ -91,11 +90,9 @@ fn report(measured: &[(Payload, Measured)]) -> Result<Value> {
 
 fn print(measured: &[(Payload, Measured)]) {
     let here = describe_here();
+    let [processor, cores, load] = ["processor", "cores_usable", "load_1min"].map(|key| &here[key]);
     println!(
-        "{}, {} cores, load {}, scheduling {}",
-        here["processor"],
-        here["cores_usable"],
-        here["load_1min"],
+        "{processor}, {cores} cores, load {load}, scheduling {}",
         scheduling()
     );
     println!(
@@ -103,17 +100,12 @@ fn print(measured: &[(Payload, Measured)]) {
         "topic", "bytes", "way", "p50 us", "p90 us", "p99 us", "max us", "sender p50"
     );
     for (payload, found) in measured {
+        let (topic, bytes) = (payload.topic().name, found.payload_bytes);
         let row = |way: &str, of: &LatencyPercentiles, sender: &LatencyPercentiles| {
-            println!(
-                "{:<12} {:>10} {way:<7} {:>10.2} {:>10.2} {:>10.2} {:>10.2} {:>12.2}",
-                payload.topic().name,
-                found.payload_bytes,
-                of.p50_us,
-                of.p90_us,
-                of.p99_us,
-                of.max_us,
-                sender.p50_us
-            );
+            let us = [of.p50_us, of.p90_us, of.p99_us, of.max_us];
+            let us = us.map(|us| format!(" {us:>10.2}")).concat();
+            let sender_us = sender.p50_us;
+            println!("{topic:<12} {bytes:>10} {way:<7}{us} {sender_us:>12.2}");
         };
         for (way, cost) in &found.ways {
             row(way.name(), &cost.latency, &cost.sender);
@@ -132,13 +124,12 @@ fn print(measured: &[(Payload, Measured)]) {
 
 /// The frame's way from ingest to the robot: one message of each topic, as large as it can be; p50 and p99.
 fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
-    let hops = || {
-        measured
-            .iter()
-            .filter_map(|(_, found)| found.latency(Way::Hop))
-    };
-    let p50_us = hops().map(|hop| hop.p50_us).sum();
-    (p50_us, hops().map(|hop| hop.p99_us).sum())
+    let hops = measured
+        .iter()
+        .filter_map(|(_, found)| found.latency(Way::Hop));
+    hops.fold((0.0, 0.0), |sum, hop| {
+        (sum.0 + hop.p50_us, sum.1 + hop.p99_us)
+    })
 }
 
 /// Ours over a baseline, below which our hop is not to be expected; and a copy over ours.

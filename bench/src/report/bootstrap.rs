@@ -4,14 +4,13 @@
 //! drawn: the interval would be far too narrow. Drawing whole blocks keeps that dependence (moving-block bootstrap, Künsch
 //! 1989). Blocks are a tenth of a round, so that slow drift inside of a run widens the interval as well.
 
-use mluc_geometry::{Random, resample};
+use mluc_geometry::{Random, mean_and_spread, resample};
 
 /// Blocks that make up a round; the degrees of freedom of the interval come from it.
 const BLOCKS_PER_ROUND: usize = 10;
 /// Rounds from which whole rounds are drawn too: then the scatter between starts of the processes counts.
 const ROUNDS_MIN: usize = 4;
 
-/// A number that sums up many.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Statistic {
     Quantile(f64),
@@ -44,7 +43,6 @@ impl Statistic {
 pub(crate) struct Scatter {
     /// Of the values as they are.
     pub(crate) value: f64,
-    /// Of each resample.
     resampled: Vec<f64>,
     blocks: usize,
     /// Whole rounds were drawn: the scatter between starts is in it.
@@ -66,54 +64,45 @@ pub(crate) fn scatter(
         drawn.len().min(BLOCKS_PER_ROUND * rounds.len())
     };
     let value = statistic.of(&mut drawn);
-    let mut resample = |_| {
+    let mut draw = |_| {
         drawn.clear();
-        for round in rounds {
-            let place = by_round.then(|| random.below(rounds.len()));
-            draw_blocks(
-                place.map_or(round, |place| &rounds[place]),
-                random,
-                &mut drawn,
+        for mut round in rounds {
+            if by_round {
+                round = &rounds[random.below(rounds.len())];
+            }
+            let length = round.len().div_ceil(BLOCKS_PER_ROUND).max(1);
+            drawn.extend(
+                resample(round.len(), length, random)
+                    .iter()
+                    .map(|&i| round[i]),
             );
         }
         statistic.of(&mut drawn)
     };
     Scatter {
         value,
-        resampled: (0..resamples).map(&mut resample).collect(),
+        resampled: (0..resamples).map(&mut draw).collect(),
         blocks,
         by_round,
     }
 }
 
-/// As many values as `round` has, in blocks that begin anywhere.
-fn draw_blocks(round: &[f64], random: &mut Random, drawn: &mut Vec<f64>) {
-    let length = round.len().div_ceil(BLOCKS_PER_ROUND).max(1);
-    let indices = resample(round.len(), length, random).into_iter();
-    drawn.extend(indices.map(|i| round[i]));
-}
-
 /// The interval in which `b - a` lies with `confidence`; `a` and `b` were resampled independently. `start_scatter`: relative
 /// standard deviation between starts, which one start cannot show.
-pub(crate) fn interval(
-    a: &Scatter,
-    b: &Scatter,
-    confidence: f64,
-    start_scatter: f64,
-) -> (f64, f64) {
+pub(crate) fn interval(runs: [&Scatter; 2], confidence: f64, start_scatter: f64) -> (f64, f64) {
+    let [a, b] = runs;
     let difference = b.value - a.value;
-    let pairs = || a.resampled.iter().zip(&b.resampled);
-    let count = pairs().count().max(1) as f64;
-    let mean = pairs().map(|(a, b)| b - a).sum::<f64>() / count;
-    let squares: f64 = pairs().map(|(a, b)| (b - a - mean).powi(2)).sum();
+    let pairs = a.resampled.iter().zip(&b.resampled);
+    let [_, spread] = mean_and_spread(&pairs.map(|(a, b)| b - a).collect::<Vec<_>>());
     // Resampling k blocks gives k-1 / k of the variance.
     let fewest = a.blocks.min(b.blocks).max(2) as f64;
-    let seen = squares / count * fewest / (fewest - 1.0);
-    let scatter_of = |run: &Scatter| if run.by_round { 0.0 } else { start_scatter };
-    let unseen = [a, b].map(|run| (scatter_of(run) * run.value).powi(2));
-    let deviation = (seen + unseen[0] + unseen[1]).sqrt();
+    let seen = spread.powi(2) * fewest / (fewest - 1.0);
+    let one_start = runs.into_iter().filter(|run| !run.by_round);
+    let unseen: f64 = one_start
+        .map(|run| (start_scatter * run.value).powi(2))
+        .sum();
     let freedom = (a.blocks + b.blocks).max(4) as f64 - 2.0;
-    let half = student(normal(0.5 + confidence / 2.0), freedom) * deviation;
+    let half = student(normal(0.5 + confidence / 2.0), freedom) * (seen + unseen).sqrt();
     (difference - half, difference + half)
 }
 
@@ -175,7 +164,7 @@ mod tests {
         for _ in 0..200 {
             let mut scatter = |run| scatter(&[run], Statistic::Quantile(0.5), 200, &mut draws);
             let [a, b] = [scatter(run()), scatter(run())];
-            let (low, high) = interval(&a, &b, 0.95, 0.0);
+            let (low, high) = interval([&a, &b], 0.95, 0.0);
             covered += usize::from(low <= 0.0 && 0.0 <= high);
             widths.push(high - low);
         }

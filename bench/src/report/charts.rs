@@ -5,7 +5,7 @@ use mluc_geometry::quantile;
 use super::frame::{FrameRecord, STAGES, micros};
 use super::series::{Series, series, sorted};
 use crate::svg::{ALARM_COLOR, QUEUE_COLOR, STAGE_COLORS, TOTAL_COLOR};
-use crate::svg::{Anchor, Scale, Svg, short};
+use crate::svg::{Scale, Svg, short};
 
 /// What the stages took of the machine between two looks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -14,7 +14,6 @@ pub(crate) struct Sample {
     pub(crate) at_s: f64,
     /// CPU time over time by stage: 1 is a core.
     pub(crate) cpu_cores: [f64; 4],
-    /// Private memory by stage, MiB.
     pub(crate) memory_mib: [f64; 4],
 }
 
@@ -27,15 +26,12 @@ const DOTS_MAX: usize = 4000;
 /// Where the slowest frame is so much above the median a linear axis would show a flat line.
 const LOG_FROM: f64 = 6.0;
 
-/// Every frame's latency; rounds one after the other.
 pub(crate) fn latency_over_time(frames: &[FrameRecord], period_ms: Option<f64>) -> String {
     let latency_us = series(frames).latency_us;
     let latency_ms: Vec<f64> = latency_us.iter().map(|us| us / 1000.0).collect();
     let ascending = sorted(&latency_ms);
-    let at = |q: f64| quantile(&ascending, q);
-    let (Some(least), Some(median), Some(ninth), Some(most)) =
-        (at(0.0), at(0.5), at(0.99), at(1.0))
-    else {
+    let quantiles = [0.0, 0.5, 0.99, 1.0].map(|q| quantile(&ascending, q));
+    let [Some(least), Some(median), Some(ninth), Some(most)] = quantiles else {
         return String::new();
     };
     let [top, bottom] = [26.0, 250.0];
@@ -53,11 +49,10 @@ pub(crate) fn latency_over_time(frames: &[FrameRecord], period_ms: Option<f64>) 
     svg.vertical_axis(&y, ACROSS, "ms");
     svg.horizontal_axis(&x, [top, bottom], "time, s");
     if let Some(period_ms) = period_ms {
-        let [left, right] = ACROSS;
-        let at = y.place(period_ms);
-        let text = format!("period {} ms", short(period_ms));
+        let ([left, right], at) = (ACROSS, y.place(period_ms));
         svg.line([left, at], [right, at], "mark");
-        svg.text([right, at - 5.0], Anchor::End, &text);
+        let text = format!("period {} ms", short(period_ms));
+        svg.text([right, at - 5.0], "end", &text);
     }
     let step = latency_ms.len().div_ceil(DOTS_MAX).max(1);
     for (index, (frame, &ms)) in frames.iter().zip(&latency_ms).enumerate() {
@@ -65,15 +60,13 @@ pub(crate) fn latency_over_time(frames: &[FrameRecord], period_ms: Option<f64>) 
         let (sequence, round, time) = (frame.sequence, frame.round, short(ms));
         let tip = format!("frame {sequence} of round {round}: {time} ms");
         if !frame.is_out() {
-            svg.cross(at, 6.0, &format!("{tip}, dropped"));
+            svg.cross(at, &(tip + ", dropped"));
         } else if index % step == 0 || ms >= ninth {
-            let warm_up = (WARM_UP_COLOR, ", warm-up");
-            let (color, word) = if frame.is_warm_up {
-                warm_up
+            if frame.is_warm_up {
+                svg.dot(at, WARM_UP_COLOR, &(tip + ", warm-up"));
             } else {
-                (TOTAL_COLOR, "")
-            };
-            svg.dot(at, 2.2, color, &(tip + word));
+                svg.dot(at, TOTAL_COLOR, &tip);
+            }
         }
     }
     let legend = [
@@ -81,26 +74,23 @@ pub(crate) fn latency_over_time(frames: &[FrameRecord], period_ms: Option<f64>) 
         (ALARM_COLOR, "dropped: until a newer one was out"),
         (WARM_UP_COLOR, "warm-up"),
     ];
-    svg.legend(ACROSS[0], &legend);
+    svg.legend(ACROSS[0], legend);
     svg.finish("latency of each frame over time")
 }
 
-/// Where each round begins on a common axis, s.
 fn round_starts_s(frames: &[FrameRecord]) -> Vec<f64> {
     let first = frames.first().map_or(0, |frame| frame.round as usize);
     let mut starts_s = vec![0.0; first + 1];
-    for pair in frames
-        .windows(2)
-        .filter(|pair| pair[0].round < pair[1].round)
-    {
-        let length_s = pair[0].due_ns as f64 * 1e-9 + 1.0;
-        let next_s = starts_s.last().map_or(0.0, |start_s| start_s + length_s);
-        starts_s.resize(pair[1].round as usize + 1, next_s);
+    for pair in frames.windows(2) {
+        if pair[0].round < pair[1].round {
+            let length_s = pair[0].due_ns as f64 * 1e-9 + 1.0;
+            let next_s = starts_s.last().map_or(0.0, |start_s| start_s + length_s);
+            starts_s.resize(pair[1].round as usize + 1, next_s);
+        }
     }
     starts_s
 }
 
-/// CPU of each stage.
 pub(crate) fn cpu_over_time(samples: &[Sample]) -> String {
     let Some(last) = samples.last() else {
         return String::new();
@@ -116,8 +106,7 @@ pub(crate) fn cpu_over_time(samples: &[Sample]) -> String {
         let point = |s: &Sample| [x.place(s.at_s), y.place(s.cpu_cores[stage])];
         svg.polyline(samples.iter().map(point), color);
     }
-    let legend: Vec<_> = STAGE_COLORS.into_iter().zip(STAGES).collect();
-    svg.legend(ACROSS[0], &legend);
+    svg.legend(ACROSS[0], STAGE_COLORS.into_iter().zip(STAGES));
     svg.finish("CPU of each stage over time")
 }
 
@@ -149,7 +138,7 @@ pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
         let time = format!("{} ms", short(ms));
         let name = format!("frame {}", frame.sequence);
         for (line, text) in [word, &time, &name].into_iter().enumerate() {
-            svg.text([8.0, top + 13.0 + 16.0 * line as f64], Anchor::Start, text);
+            svg.text([8.0, top + 13.0 + 16.0 * line as f64], "start", text);
         }
         lanes(&mut svg, frame, top, &x);
     }
@@ -163,7 +152,7 @@ fn lanes(svg: &mut Svg, frame: &FrameRecord, top: f64, x: &Scale) {
     for (stage, own) in frame.stamps.iter().flatten().enumerate() {
         let y = top + LANE * stage as f64;
         let (begin, end) = (at(own.started_ns), at(own.published_ns));
-        svg.text([x.place(0.0) - 8.0, y + 12.0], Anchor::End, STAGES[stage]);
+        svg.text([x.place(0.0) - 8.0, y + 12.0], "end", STAGES[stage]);
         let (queue, run) = (ms(frame.queue_us(stage)), ms(frame.run_us(stage)));
         let waiting = [input, y + 4.0, begin - input, LANE - 8.0];
         svg.rect(waiting, QUEUE_COLOR, &format!("queue {queue} ms"));
@@ -172,7 +161,7 @@ fn lanes(svg: &mut Svg, frame: &FrameRecord, top: f64, x: &Scale) {
         let computing = [begin, y + 1.0, wide, LANE - 3.0];
         svg.rect(computing, STAGE_COLORS[stage], &format!("run {run} ms"));
         let beside = [begin + wide + 5.0, y + 12.0];
-        svg.text(beside, Anchor::Start, &format!("{run} ms"));
+        svg.text(beside, "start", &format!("{run} ms"));
         input = end;
     }
 }
@@ -180,13 +169,10 @@ fn lanes(svg: &mut Svg, frame: &FrameRecord, top: f64, x: &Scale) {
 /// Percentile curves: to the right the rarer frames, each step ten times as rare.
 pub(crate) fn percentile_curves(series: &Series) -> String {
     let [top, bottom] = [26.0, 290.0];
-    let stages = STAGES.into_iter().zip(&series.run_us);
-    let stages = STAGE_COLORS.into_iter().zip(stages);
-    let all = [(TOTAL_COLOR, ("end to end", &series.latency_us))].into_iter();
-    let lines: Vec<(&str, &str, Vec<f64>)> = all
-        .chain(stages)
-        .map(|(color, (name, values_us))| (color, name, sorted(values_us)))
-        .collect();
+    let mut lines = vec![(TOTAL_COLOR, "end to end", sorted(&series.latency_us))];
+    for (stage, run_us) in series.run_us.iter().enumerate() {
+        lines.push((STAGE_COLORS[stage], STAGES[stage], sorted(run_us)));
+    }
     let values = || lines.iter().flat_map(|line| &line.2).copied();
     let low = values().fold(f64::INFINITY, f64::min);
     let high = values().fold(0.0, f64::max);
@@ -202,10 +188,10 @@ pub(crate) fn percentile_curves(series: &Series) -> String {
     for percent in [0.0f64, 50.0, 90.0, 99.0, 99.9] {
         let at = x.place(-(1.0 - percent / 100.0).log10());
         svg.line([at, top], [at, bottom], "grid");
-        svg.text([at, bottom + 15.0], Anchor::Middle, &format!("{percent} %"));
+        svg.text([at, bottom + 15.0], "middle", &format!("{percent} %"));
     }
     let text = "share of frames that are at most so late";
-    svg.text([ACROSS[1], bottom + 30.0], Anchor::End, text);
+    svg.text([ACROSS[1], bottom + 30.0], "end", text);
     for (color, _, values_us) in &lines {
         let points = (0..=150).filter_map(|step| {
             let decade = f64::from(step) / 50.0;
@@ -214,11 +200,7 @@ pub(crate) fn percentile_curves(series: &Series) -> String {
         });
         svg.polyline(points, color);
     }
-    let legend: Vec<_> = lines
-        .iter()
-        .map(|(color, name, _)| (*color, *name))
-        .collect();
-    svg.legend(ACROSS[0], &legend);
+    svg.legend(ACROSS[0], lines.iter().map(|line| (line.0, line.1)));
     svg.finish("percentile curves")
 }
 
@@ -228,14 +210,10 @@ pub(crate) fn histograms(series: &Series) -> String {
     for (stage, name) in STAGES.iter().enumerate() {
         let left = 20.0 + 242.0 * stage as f64;
         let (queue_us, run_us) = (&series.queue_us[stage], &series.run_us[stage]);
-        svg.text([left, 14.0], Anchor::Start, name);
-        histogram(&mut svg, [left, 38.0], ("queue", QUEUE_COLOR), queue_us);
-        histogram(
-            &mut svg,
-            [left, 196.0],
-            ("run", STAGE_COLORS[stage]),
-            run_us,
-        );
+        svg.text([left, 14.0], "start", name);
+        let (queue, run) = (("queue", QUEUE_COLOR), ("run", STAGE_COLORS[stage]));
+        histogram(&mut svg, [left, 38.0], queue, queue_us);
+        histogram(&mut svg, [left, 196.0], run, run_us);
     }
     svg.finish("histograms of queueing and computing, by stage")
 }
@@ -246,7 +224,7 @@ fn histogram(svg: &mut Svg, [left, top]: [f64; 2], (what, color): (&str, &str), 
     let ascending = sorted(us);
     let (Some(&low), Some(&high)) = (ascending.first(), ascending.last()) else {
         let text = format!("{what}: no frames");
-        svg.text([left, top + 40.0], Anchor::Start, &text);
+        svg.text([left, top + 40.0], "start", &text);
         return;
     };
     let range_ms = [low.max(1.0) / 1000.0 * 0.95, high.max(1.1) / 1000.0 * 1.05];
@@ -265,14 +243,14 @@ fn histogram(svg: &mut Svg, [left, top]: [f64; 2], (what, color): (&str, &str), 
         svg.rect(place, color, &format!("{count} frames"));
     }
     svg.line([left, bottom], [right, bottom], "axis");
-    let ends = [(left, Anchor::Start), (right, Anchor::End)];
+    let ends = [(left, "start"), (right, "end")];
     for ((at, anchor), ms) in ends.into_iter().zip(range_ms) {
         svg.text([at, bottom + 15.0], anchor, &format!("{} ms", short(ms)));
     }
     for (word, q) in [("p50", 0.5), ("p99", 0.99)] {
         let at = x.place(quantile(&ascending, q).unwrap_or(low) / 1000.0);
         svg.line([at, top - 2.0], [at, bottom], "mark");
-        svg.text([at, top - 5.0], Anchor::Middle, word);
+        svg.text([at, top - 5.0], "middle", word);
     }
-    svg.text([left + width / 2.0, bottom + 28.0], Anchor::Middle, what);
+    svg.text([left + width / 2.0, bottom + 28.0], "middle", what);
 }

@@ -27,14 +27,13 @@ const MARGIN_OF_FRAME: f64 = 0.005;
 /// Dropped frames: below this share no difference is reported.
 const MARGIN_DROPPED: f64 = 0.01;
 
-/// How to judge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct CompareOptions {
     /// A difference below this share of the figure is noise to whoever decides, however sure it is.
     pub(crate) margin: f64,
-    /// Relative standard deviation between two starts of the same program, where a report holds fewer than four starts: it
-    /// cannot be seen in one. See [`CompareOptions::on_machines`].
-    pub(crate) start_scatter: f64,
+    /// Share of all cores that other processes took during the runs: where a report holds fewer than four starts, the scatter
+    /// between two starts of the same program follows from it.
+    pub(crate) others: f64,
     /// Leaves the stages' own figures out: one of the runs has none.
     pub(crate) end_to_end_only: bool,
 }
@@ -43,19 +42,8 @@ impl Default for CompareOptions {
     fn default() -> CompareOptions {
         CompareOptions {
             margin: 0.02,
-            start_scatter: START_SCATTER,
+            others: 0.0,
             end_to_end_only: false,
-        }
-    }
-}
-
-impl CompareOptions {
-    /// For runs during which other processes took these shares of all cores.
-    pub(crate) fn on_machines(others: [f64; 2]) -> CompareOptions {
-        let others = others[0].max(others[1]).clamp(0.0, 1.0);
-        CompareOptions {
-            start_scatter: START_SCATTER + START_SCATTER_BUSY * others,
-            ..CompareOptions::default()
         }
     }
 }
@@ -73,7 +61,6 @@ pub(crate) enum Verdict {
     TooFewFrames,
 }
 
-/// One figure of both runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Row {
     /// Which figure, with its unit.
@@ -87,7 +74,6 @@ pub(crate) struct Row {
     pub(crate) verdict: Verdict,
 }
 
-/// All figures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Comparison {
     /// Measured frames of A and B.
@@ -97,7 +83,6 @@ pub(crate) struct Comparison {
     pub(crate) is_equal: bool,
 }
 
-/// Values of one figure, by round.
 struct Figure {
     name: String,
     statistic: Statistic,
@@ -106,12 +91,8 @@ struct Figure {
 }
 
 /// Judges B against A by their measured frames, each in the order of rounds and sequences.
-pub(crate) fn compare(
-    a: &[FrameRecord],
-    b: &[FrameRecord],
-    options: &CompareOptions,
-) -> Result<Comparison> {
-    let runs = [measured(a), measured(b)];
+pub(crate) fn compare(runs: [&[FrameRecord]; 2], options: &CompareOptions) -> Result<Comparison> {
+    let runs = runs.map(measured);
     let frames = runs.each_ref().map(Vec::len);
     let fewest = frames[0].min(frames[1]);
     ensure!(
@@ -127,19 +108,16 @@ pub(crate) fn compare(
     // Bonferroni: with so many rows one would stray by chance.
     let confidence = 1.0 - (1.0 - CONFIDENCE) / judged.max(1) as f64;
     let mut random = Random::from_state(SEED);
-    let figures = figures.into_iter();
-    let rows: Vec<Row> = figures
-        .map(|figure| figure.judge(confidence, options, &mut random))
-        .collect();
-    let mut verdicts = rows.iter().map(|row| row.verdict);
+    let judge = |figure: Figure| figure.judge(confidence, options, &mut random);
+    let rows: Vec<Row> = figures.into_iter().map(judge).collect();
+    let differs = |row: &Row| matches!(row.verdict, Verdict::Lower | Verdict::Higher);
     Ok(Comparison {
         frames,
-        is_equal: !verdicts.any(|verdict| matches!(verdict, Verdict::Lower | Verdict::Higher)),
+        is_equal: !rows.iter().any(differs),
         rows,
     })
 }
 
-/// Of both runs, by round.
 fn figures(runs: &[Vec<Series>; 2], end_to_end_only: bool) -> Vec<Figure> {
     let first = runs[0].iter().flat_map(|series| &series.latency_us);
     let frame_us = Statistic::Quantile(0.5).of(&mut first.copied().collect::<Vec<_>>());
@@ -191,7 +169,8 @@ impl Figure {
         let [a, b] = self.rounds.each_ref().map(scatter);
         let margin = (options.margin * a.value.abs()).max(self.margin_floor);
         let all = (f64::NEG_INFINITY, f64::INFINITY);
-        let interval = || interval(&a, &b, confidence, options.start_scatter);
+        let start_scatter = START_SCATTER + START_SCATTER_BUSY * options.others;
+        let interval = || interval([&a, &b], confidence, start_scatter);
         let (low, high) = is_enough.then(interval).unwrap_or(all);
         let verdict = match () {
             () if !is_enough => Verdict::TooFewFrames,
@@ -212,7 +191,6 @@ impl Figure {
 }
 
 impl Comparison {
-    /// As text for a terminal.
     pub(crate) fn table(&self, [a, b]: [&str; 2]) -> String {
         let [frames_a, frames_b] = self.frames;
         let mut text = format!("A: {a} ({frames_a} frames)\nB: {b} ({frames_b} frames)\n\n");
@@ -224,21 +202,19 @@ impl Comparison {
         text + &format!("\n{}\n", self.sentence())
     }
 
-    /// The verdict in words.
     pub(crate) fn sentence(&self) -> String {
-        let of = |wanted: Verdict| -> Option<String> {
-            let rows = self.rows.iter().filter(|row| row.verdict == wanted);
+        if self.is_equal {
+            return "equal: every difference is within the noise of these runs".to_string();
+        }
+        let mut parts = Vec::new();
+        for (verdict, word) in [(Verdict::Lower, "lower"), (Verdict::Higher, "higher")] {
+            let rows = self.rows.iter().filter(|row| row.verdict == verdict);
             let figures: Vec<&str> = rows.map(|row| row.figure.as_str()).collect();
-            (!figures.is_empty()).then(|| figures.join("; "))
-        };
-        match (of(Verdict::Lower), of(Verdict::Higher)) {
-            (None, None) => "equal: every difference is within the noise of these runs".to_string(),
-            (Some(lower), None) => format!("different: B is lower in {lower}"),
-            (None, Some(higher)) => format!("different: B is higher in {higher}"),
-            (Some(lower), Some(higher)) => {
-                format!("different: B is lower in {lower}, and higher in {higher}")
+            if !figures.is_empty() {
+                parts.push(format!("{word} in {}", figures.join("; ")));
             }
         }
+        format!("different: B is {}", parts.join(", and "))
     }
 }
 
@@ -281,7 +257,7 @@ mod tests {
     }
 
     fn judged(a: &[FrameRecord], b: &[FrameRecord]) -> Comparison {
-        compare(a, b, &CompareOptions::default()).unwrap()
+        compare([a, b], &CompareOptions::default()).unwrap()
     }
 
     fn assert_verdicts(comparison: &Comparison, expected: &[(&str, Verdict)]) {
@@ -294,17 +270,14 @@ mod tests {
     #[test]
     fn a_shift_is_found_in_both_directions() {
         let (quick, slow) = (run(200, 1, 0), run(200, 2, 1500));
-        let shifted = judged(&quick, &slow);
-        let verdicts = [
-            ("end to end p50, us", Verdict::Higher),
-            ("backbone run p50, us", Verdict::Higher),
-            ("backbone queue p50, us", Verdict::Noise),
-        ];
-        assert_verdicts(&shifted, &verdicts);
+        let (shifted, back) = (judged(&quick, &slow), judged(&slow, &quick));
+        assert_verdicts(&shifted, &[("backbone queue p50, us", Verdict::Noise)]);
+        for figure in ["end to end p50, us", "backbone run p50, us"] {
+            assert_verdicts(&shifted, &[(figure, Verdict::Higher)]);
+            assert_verdicts(&back, &[(figure, Verdict::Lower)]);
+        }
         let sentence = shifted.sentence();
         assert!(sentence.starts_with("different: B is higher in end to end p50"));
-        let back = judged(&slow, &quick);
-        assert_verdicts(&back, &[("end to end p50, us", Verdict::Lower)]);
     }
 
     #[test]
@@ -312,11 +285,7 @@ mod tests {
         let (a, b) = (run(3000, 1, 0), run(3000, 2, 60));
         let comparison = judged(&a, &b);
         assert!(comparison.is_equal, "{}", comparison.table(["a", "b"]));
-        assert_eq!(
-            judged(&a, &b),
-            comparison,
-            "the same reports, the same words"
-        );
+        assert_eq!(judged(&a, &b), comparison, "the same words every time");
     }
 
     #[test]
@@ -335,7 +304,7 @@ mod tests {
 
     #[test]
     fn too_few_frames_are_said() {
-        let error = compare(&run(19, 1, 0), &run(30, 2, 0), &CompareOptions::default());
+        let error = compare([&run(19, 1, 0), &run(30, 2, 0)], &CompareOptions::default());
         let text = error.unwrap_err().to_string();
         assert!(text.contains("19 measured frames: at least 20"), "{text}");
         for (frames, verdict) in [(200, Verdict::TooFewFrames), (600, Verdict::Noise)] {

@@ -21,11 +21,15 @@ const OUTCOMES: [&str; 2] = ["out", "dropped"];
 const FIXED: usize = 6;
 const ARRIVED: usize = FIXED + 12;
 
-/// The table as text.
 pub(crate) fn write_frames(frames: &[FrameRecord]) -> String {
     let latency_us = series(frames).latency_us;
     let mut text = format!("{HEAD}\n");
     let us = |ns: i64| format!(",{:.3}", ns as f64 / 1000.0);
+    let own_us = |own: Stamps| {
+        [own.received_ns, own.started_ns, own.published_ns]
+            .map(us)
+            .concat()
+    };
     for (frame, latency_us) in frames.iter().zip(latency_us) {
         let (round, sequence, flags) = (frame.round, frame.sequence, &frame.flags);
         let name = frame.name.replace([',', '"', '\n', '\r'], "");
@@ -33,8 +37,7 @@ pub(crate) fn write_frames(frames: &[FrameRecord]) -> String {
         let outcome = OUTCOMES[usize::from(!frame.is_out())];
         let due = us(frame.due_ns);
         let times = frame.stamps.map_or(",".repeat(13), |stamps| {
-            let own = |own: Stamps| [own.received_ns, own.started_ns, own.published_ns];
-            stamps.map(|stage| own(stage).map(us).concat()).concat() + &us(frame.arrived_ns)
+            stamps.map(own_us).concat() + &us(frame.arrived_ns)
         });
         text += &format!(
             "{round},{sequence},{name},{phase},{outcome}{due}{times},{latency_us:.3},{flags}\n"
@@ -54,19 +57,14 @@ pub(crate) fn read_frames(text: &str) -> Result<Vec<FrameRecord>> {
     let read = |(line, number): (&str, usize)| {
         read_frame(line).with_context(|| format!("frames.csv, line {number}"))
     };
-    lines
-        .filter(|(line, _)| !line.is_empty())
-        .map(read)
-        .collect()
+    lines.filter(|line| !line.0.is_empty()).map(read).collect()
 }
 
 fn read_frame(line: &str) -> Result<FrameRecord> {
     let cells: Vec<&str> = line.split(',').collect();
     let (expected, found) = (HEAD.split(',').count(), cells.len());
-    ensure!(
-        found == expected,
-        "expected {expected} cells, found {found}"
-    );
+    let is_whole = found == expected;
+    ensure!(is_whole, "expected {expected} cells, found {found}");
     let ns = |column: usize| -> Result<i64> {
         let us: f64 = number(cells[column])?;
         let is_time = us.abs() < 1e12;
@@ -99,12 +97,9 @@ fn number<T: FromStr>(cell: &str) -> Result<T> {
 }
 
 fn is_first(cell: &str, [first, second]: [&str; 2]) -> Result<bool> {
+    let wrong = || format!("expected {first} or {second}, found `{cell:.40}`");
     let is_either = [first, second].contains(&cell);
-    ensure!(
-        is_either,
-        "expected {first} or {second}, found `{cell:.40}`"
-    );
-    Ok(cell == first)
+    is_either.then_some(cell == first).with_context(wrong)
 }
 
 #[cfg(test)]

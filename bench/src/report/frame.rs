@@ -14,16 +14,13 @@ pub(crate) struct Stamps {
     pub(crate) published_ns: i64,
 }
 
-/// One frame that was due, whether it came out or not.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct FrameRecord {
     /// Which start of the processes it belongs to, from 0.
     pub(crate) round: u32,
-    /// Counts the frames of a round from 0.
     pub(crate) sequence: u64,
     /// The scan's name; empty when the frame was dropped.
     pub(crate) name: String,
-    /// Before the measurement began.
     pub(crate) is_warm_up: bool,
     /// When it was due, ns since the round's first frame was.
     pub(crate) due_ns: i64,
@@ -57,14 +54,12 @@ impl FrameRecord {
         Some(micros(stamps[stage].started_ns - input_ns))
     }
 
-    /// Time of computing in a stage, us.
     pub(crate) fn run_us(&self, stage: usize) -> Option<f64> {
         let own = self.stamps?[stage];
         Some(micros(own.published_ns - own.started_ns))
     }
 }
 
-/// Those that are not of the warm-up.
 pub(crate) fn measured(frames: &[FrameRecord]) -> Vec<FrameRecord> {
     let measured = frames.iter().filter(|frame| !frame.is_warm_up);
     measured.cloned().collect()

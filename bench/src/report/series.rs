@@ -6,16 +6,14 @@ use super::frame::{FrameRecord, STAGES, micros};
 /// and then a look at its mappings) is over by then. Measured, below 1 ms.
 const IDLE_NS: i64 = 2_000_000;
 
-/// Figures of all frames given, in their order.
+/// Figures of all frames given, in their order; see the module's terms.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Series {
-    /// Of every frame, dropped ones included: see the crate's terms.
+    /// Of every frame, dropped ones included.
     pub(crate) latency_us: Vec<f64>,
     /// Of every frame: 1 where it was dropped.
     pub(crate) is_dropped: Vec<f64>,
-    /// Of frames that came out.
     pub(crate) delivered_us: Vec<f64>,
-    /// By stage.
     pub(crate) queue_us: [Vec<f64>; 4],
     pub(crate) run_us: [Vec<f64>; 4],
     /// Of each topic, only where the consumer was idle.

@@ -1,77 +1,69 @@
 //! The report on a terminal.
 
-use super::figures::{LatencyReport, Percentiles};
+use serde_json::Value;
+
+use super::figures::number;
 use super::frame::{HOPS, STAGES};
 
-impl LatencyReport {
-    /// Everything that fits on a screen.
-    pub(crate) fn table(&self) -> String {
-        let fact = |map: &serde_json::Map<String, serde_json::Value>, key: &str| {
-            let value = map.get(key).and_then(|value| value.as_str());
-            value.unwrap_or("?").to_string()
-        };
-        let mut text = format!(
-            "{}\n{}, kernel {}; commit {}\n\n{:22}{:>9}{:>9}{:>9}{:>9}{:>9}   {:>6}{:>9}\n",
-            self.title,
-            fact(&self.machine, "processor"),
-            fact(&self.machine, "kernel"),
-            fact(&self.build, "commit"),
-            "ms",
-            "p50",
-            "p90",
-            "p99",
-            "p99.9",
-            "max",
-            "cores",
-            "MiB"
-        );
-        let mut row = |name: &str, p: &Percentiles, more: String| {
-            let ms = [p.p50, p.p90, p.p99, p.p999, p.max].map(|us| format!("{:9.2}", us / 1000.0));
-            text += &format!("{name:22}{}{more}\n", ms.concat());
-        };
-        for (name, stage) in STAGES.iter().zip(&self.stages) {
-            let (cores, mib) = (stage.resources.cpu_cores, stage.resources.memory_mib);
-            row(name, &stage.run_us, format!("   {cores:6.2}{mib:9.0}"));
-            row("  queue before", &stage.queue_us, String::new());
-        }
-        row("end to end", &self.end_to_end_us, String::new());
-        text += &self.hand_overs();
-        let counts = &self.frames;
-        text += &format!(
-            "\nframes: {} in, {} out, {} dropped; {} of the warm-up apart\n",
-            counts.taken_in, counts.out, counts.dropped, counts.warm_up
-        );
-        let first = &self.first_frame;
-        if let (Some(us), Some(ratio)) = (first.latency_us, first.over_steady) {
-            let ms = us / 1000.0;
-            text += &format!("first frame: {ms:.1} ms, {ratio:.2} times the median\n");
-        }
-        text += &format!("machine: {}\n", fact(&self.quiet, "verdict"));
-        for warning in &self.warnings {
-            text += &format!("warning: {warning}\n");
-        }
-        text
+/// Everything that fits on a screen.
+pub(crate) fn table(report: &Value) -> String {
+    let fact = |pointer: &str| {
+        report
+            .pointer(pointer)
+            .and_then(Value::as_str)
+            .unwrap_or("?")
+    };
+    let [title, processor, kernel] = ["/title", "/machine/processor", "/machine/kernel"].map(fact);
+    let commit = fact("/build/commit");
+    let mut text = format!(
+        "{title}\n{processor}, kernel {kernel}; commit {commit}\n\n{:22}",
+        "ms"
+    );
+    text += "      p50      p90      p99    p99.9      max    cores      MiB\n";
+    let mut row = |name: &str, us: &Value, more: String| {
+        let ms = ["p50", "p90", "p99", "p999", "max"];
+        let ms = ms.map(|q| format!("{:9.2}", us[q].as_f64().unwrap_or(0.0) / 1000.0));
+        text += &format!("{name:22}{}{more}\n", ms.concat());
+    };
+    for name in STAGES {
+        let stage = &report["stages"][name];
+        let took = |key: &str| stage["resources"][key].as_f64().unwrap_or(0.0);
+        let (cores, mib) = (took("cpu_cores"), took("memory_mib"));
+        row(name, &stage["run_us"], format!("   {cores:6.2}{mib:9.0}"));
+        row("  queue before", &stage["queue_us"], String::new());
     }
+    row("end to end", &report["end_to_end_us"], String::new());
+    text += &hand_overs(&report["hops"]);
+    let [taken_in, out, dropped, warm_up] =
+        ["in", "out", "dropped", "warm_up"].map(|key| &report["frames"][key]);
+    text += &format!(
+        "\nframes: {taken_in} in, {out} out, {dropped} dropped; {warm_up} of the warm-up apart\n"
+    );
+    let first = |key: &str| report["first_frame"][key].as_f64();
+    if let (Some(us), Some(ratio)) = (first("latency_us"), first("over_steady")) {
+        let ms = us / 1000.0;
+        text += &format!("first frame: {ms:.1} ms, {ratio:.2} times the median\n");
+    }
+    text += &format!("machine: {}\n", fact("/quiet/verdict"));
+    for warning in report["warnings"].as_array().into_iter().flatten() {
+        text += &format!("warning: {}\n", warning.as_str().unwrap_or_default());
+    }
+    text
+}
 
-    fn hand_overs(&self) -> String {
-        let heads = [
-            "p50", "p99", "alone", "raw", "futex", "socket", "memcpy", "bytes",
-        ];
-        let heads = heads.map(|head| format!("{head:>9}")).concat();
-        let mut text = format!("\n{:22}{heads}\n", "hand-over, us");
-        for (name, hop) in HOPS.iter().zip(&self.hops) {
-            let us =
-                |value: Option<f64>| value.map_or(format!("{:>9}", "-"), |us| format!("{us:9.1}"));
-            let own = [hop.p50_us, hop.p99_us, hop.alone_p50_us].map(us);
-            let others = [
-                hop.raw_p50_us,
-                hop.futex_p50_us,
-                hop.socket_p50_us,
-                hop.memcpy_p50_us,
-            ];
-            let numbers = own.concat() + &others.map(us).concat();
-            text += &format!("{name:22}{numbers}{:9}\n", hop.payload_bytes);
-        }
-        text
+fn hand_overs(hops: &Value) -> String {
+    let heads = "p50 p99 alone raw futex socket memcpy bytes".split(' ');
+    let heads: String = heads.map(|head| format!("{head:>9}")).collect();
+    let mut text = format!("\n{:22}{heads}\n", "hand-over, us");
+    let keys = "p50 p99 alone_p50 raw_p50 futex_p50 socket_p50 memcpy_p50";
+    for name in HOPS {
+        let us = |key: &str| match number(&hops[name], &format!("/{key}_us")) {
+            Some(us) => format!("{us:9.1}"),
+            None => format!("{:>9}", "-"),
+        };
+        let numbers: String = keys.split(' ').map(us).collect();
+        let bytes = number(&hops[name], "/payload_bytes").unwrap_or(0.0);
+        text += &format!("{name:22}{numbers}{bytes:9}\n");
     }
+    text
 }

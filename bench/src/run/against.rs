@@ -1,7 +1,6 @@
 //! This build and another one on the same frames, interleaved. Each side is measured by its own `mluc bench`, because one
 //! program cannot observe two wire versions; the rounds of a side become one report.
 
-use std::fmt::Display;
 use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 
@@ -14,9 +13,8 @@ use super::folder::{self, FOLDERS};
 use super::local::turn;
 use super::plan::Plan;
 use super::{progress, show};
-use crate::report::{FrameRecord, LatencyReport, compare};
+use crate::report::{FrameRecord, compare, number, report_of};
 
-/// What the rounds of one build gave.
 #[derive(Default)]
 struct Side {
     frames: Vec<FrameRecord>,
@@ -48,12 +46,13 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> Result<ExitCode> {
     drop(progress);
     let mut is_flawed = false;
     for (side, name) in sides.iter().zip(FOLDERS) {
-        let report = side.report()?;
-        is_flawed |= report.frames.dropped > 0;
+        let report = side.report();
+        is_flawed |= number(&report, "/frames/dropped") > Some(0.0);
         folder::write(&out.join(name), &report, &side.frames, &[])?;
     }
     let facts = [&sides[0].facts, &sides[1].facts];
-    let comparison = compare(&sides[0].frames, &sides[1].frames, &options(facts))?;
+    let frames = sides.each_ref().map(|side| &side.frames[..]);
+    let comparison = compare(frames, &options(facts))?;
     let names = programs.map(|program| program.display().to_string());
     let names = names.each_ref().map(String::as_str);
     let mut value = serde_json::to_value(&comparison)?;
@@ -64,29 +63,21 @@ pub(crate) fn against(plan: &Plan, other: &Path) -> Result<ExitCode> {
 
 /// One start of a build's processes, by its own `mluc bench`.
 fn measure(plan: &Plan, program: &Path, folder: &Path) -> Result<()> {
-    let args = &plan.args;
     let mut command = Command::new(program);
     command.args(["bench", "--rounds", "1", "--floor-rounds", "0", "--out"]);
-    command.arg(folder).arg("--input").arg(&plan.input);
-    let mut add = |key: &str, value: &dyn Display| {
-        command.args([key, &value.to_string()]);
-    };
-    add("--model", &plan.model_name);
-    add("--seconds", &plan.round_seconds());
-    add("--warm-up", &plan.warm_up_seconds);
-    add("--rate", &plan.rate_hz);
-    add("--patience", &plan.patience.as_secs_f64());
-    if let Some(precision) = &args.precision {
-        add("--precision", precision);
+    command.arg(folder).args(plan.shared_arguments());
+    for (key, seconds) in [
+        ("--seconds", plan.round_seconds()),
+        ("--warm-up", plan.warm_up_seconds),
+        ("--patience", plan.patience.as_secs_f64()),
+    ] {
+        command.args([key, &seconds.to_string()]);
     }
-    if let Some(refiner) = args.refiner.first() {
-        add("--refiner", refiner);
+    if let Some(refiner) = plan.args.refiner.first() {
+        command.args(["--refiner", refiner]);
     }
-    for threads in &args.threads {
-        add("--threads", threads);
-    }
-    if let Some(scenario) = &args.scenario {
-        add("--scenario", &scenario.display());
+    if let Some(scenario) = &plan.args.scenario {
+        command.arg("--scenario").arg(scenario);
     }
     let output = command.stdin(Stdio::null()).output();
     let output = output.with_context(|| format!("starting {}", program.display()))?;
@@ -116,17 +107,12 @@ impl Side {
     }
 
     /// Figures of all rounds, facts of the last one.
-    fn report(&self) -> Result<LatencyReport> {
-        let of = |key: &str| serde_json::from_value(self.facts[key].clone());
-        Ok(LatencyReport {
-            title: self.facts["title"].as_str().unwrap_or_default().to_string(),
-            warnings: self.warnings.clone(),
-            quiet: of("quiet")?,
-            machine: of("machine")?,
-            build: of("build")?,
-            scenario: of("scenario")?,
-            instrumentation: of("instrumentation")?,
-            ..LatencyReport::of_frames(&self.frames)
-        })
+    fn report(&self) -> Value {
+        let mut report = report_of(&self.frames);
+        for key in "title quiet machine build scenario instrumentation".split(' ') {
+            report[key] = self.facts[key].clone();
+        }
+        report["warnings"] = self.warnings.clone().into();
+        report
     }
 }

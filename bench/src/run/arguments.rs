@@ -126,7 +126,6 @@ pub(crate) struct LoadTable {
 const CPU_THREADS_MAX: usize = 1024;
 
 impl LoadTable {
-    /// Whether the machine has the memory. `available_mib` as the kernel counts it.
     pub(crate) fn check(&self, available_mib: u64) -> Result<(), UsageError> {
         if self.cpu_threads > CPU_THREADS_MAX {
             return Err(UsageError(format!(

@@ -4,57 +4,57 @@ use std::time::Duration;
 
 use anyhow::{Result, ensure};
 use indicatif::ProgressBar;
+use serde_json::{Value, json};
 
 use super::show;
-use crate::report::HandOver;
-use crate::transport::{Load, Payload, Settings, Way, measure};
+use crate::transport::{Payload, Settings, Way, measure};
 
 /// Before each message, so that the receiver sleeps as it does in a pipeline.
 const PAUSE: Duration = Duration::from_millis(4);
 
-/// Fills in the baselines of every topic; `payload_bytes` by stage. Gives a warning when they could not be measured.
-pub(crate) fn add_baselines(
-    hops: &mut [HandOver; 4],
+/// By topic the payload, and with `rounds` its baselines; and a warning when they could not be measured.
+pub(crate) fn baselines(
     payload_bytes: [u64; 4],
     rounds: usize,
     progress: &ProgressBar,
-) -> Option<String> {
-    for ((hop, payload), bytes) in hops.iter_mut().zip(Payload::ALL).zip(payload_bytes) {
-        hop.payload_bytes = bytes;
-        if rounds == 0 {
+) -> (Value, Option<String>) {
+    let (mut found, mut warning) = (json!({}), None);
+    for (payload, bytes) in Payload::ALL.into_iter().zip(payload_bytes) {
+        let topic = payload.topic().name;
+        found[topic] = json!({"payload_bytes": bytes});
+        if rounds == 0 || warning.is_some() {
             continue;
         }
-        let topic = payload.topic().name;
         let text = format!("baselines of {topic}: {rounds} messages each way");
         show(progress, 0.5, text);
-        if let Err(cause) = add(hop, payload, rounds) {
-            return Some(format!(
-                "the baselines of {topic} could not be measured: {cause}"
-            ));
+        match of_topic(payload, bytes, rounds) {
+            Ok(own) => found[topic] = own,
+            Err(cause) => {
+                let text = format!("the baselines of {topic} could not be measured: {cause}");
+                warning = Some(text);
+            }
         }
     }
-    None
+    (found, warning)
 }
 
-fn add(hop: &mut HandOver, payload: Payload, rounds: usize) -> Result<()> {
-    let bytes = hop.payload_bytes as usize;
+fn of_topic(payload: Payload, bytes: u64, rounds: usize) -> Result<Value> {
     ensure!(bytes > 0, "the stage sent no heartbeat with a payload");
-    let load = Load { payload, bytes };
     let settings = Settings {
+        bytes: bytes as usize,
         pause: PAUSE,
-        ..Settings::new(load, rounds)
+        ..Settings::new(payload, rounds)
     };
     let measured = measure(&settings, &Way::ALL)?;
     let [alone, raw, futex, socket] = Way::ALL.map(|way| measured.latency(way));
-    *hop = HandOver {
-        alone_p50_us: alone.map(|alone| alone.p50_us),
-        alone_p99_us: alone.map(|alone| alone.p99_us),
-        raw_p50_us: raw.map(|raw| raw.p50_us),
-        raw_p99_us: raw.map(|raw| raw.p99_us),
-        socket_p50_us: socket.map(|socket| socket.p50_us),
-        futex_p50_us: futex.map(|futex| futex.p50_us),
-        memcpy_p50_us: Some(measured.memcpy.p50_us),
-        ..hop.clone()
-    };
-    Ok(())
+    Ok(json!({
+        "payload_bytes": bytes,
+        "alone_p50_us": alone.map(|alone| alone.p50_us),
+        "alone_p99_us": alone.map(|alone| alone.p99_us),
+        "raw_p50_us": raw.map(|raw| raw.p50_us),
+        "raw_p99_us": raw.map(|raw| raw.p99_us),
+        "socket_p50_us": socket.map(|socket| socket.p50_us),
+        "futex_p50_us": futex.map(|futex| futex.p50_us),
+        "memcpy_p50_us": measured.memcpy.p50_us,
+    }))
 }

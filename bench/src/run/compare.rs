@@ -31,7 +31,7 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
         margin: args.margin,
         ..options([&a, &b])
     };
-    let comparison = compare(&frames_a, &frames_b, &options)?;
+    let comparison = compare([&frames_a, &frames_b], &options)?;
     let notes = notes([&a, &b]);
     if args.json {
         let mut value = serde_json::to_value(&comparison)?;
@@ -56,9 +56,11 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
 pub(crate) fn options(reports: [&Value; 2]) -> CompareOptions {
     let stamps = "/instrumentation/stamps";
     let is_bare = |report: &&Value| report.pointer(stamps) == Some(&json!("off"));
+    let [a, b] = reports.map(others);
     CompareOptions {
         end_to_end_only: reports.iter().any(is_bare),
-        ..CompareOptions::on_machines(reports.map(others))
+        others: a.max(b).clamp(0.0, 1.0),
+        ..CompareOptions::default()
     }
 }
 

@@ -8,40 +8,30 @@ use mluc::terminal::print_out;
 use serde_json::{Value, json};
 
 use crate::report::{
-    Comparison, FrameRecord, LatencyReport, STAGES, Sample, check_version, page, read_frames,
-    write_frames,
+    Comparison, FrameRecord, STAGES, Sample, check_version, page, read_frames, write_frames,
 };
+use crate::save;
 
 /// Of the two reports of a comparison.
 pub(crate) const FOLDERS: [&str; 2] = ["a", "b"];
 
 /// Made before anything is measured: a path that cannot be written is reported at once.
 pub(crate) fn make(folder: &Path) -> Result<()> {
-    fs::create_dir_all(folder)
-        .with_context(|| format!("making the report's folder {}", folder.display()))?;
-    write_file(folder, ".probe", "")?;
+    save(folder, ".probe", "")?;
     let probe = folder.join(".probe");
     fs::remove_file(&probe).with_context(|| format!("writing into {}", folder.display()))
 }
 
-fn write_file(folder: &Path, name: &str, text: &str) -> Result<()> {
-    let path = folder.join(name);
-    fs::write(&path, text).with_context(|| format!("writing {}", path.display()))
-}
-
-/// All files of a report.
 pub(crate) fn write(
     folder: &Path,
-    report: &LatencyReport,
+    report: &Value,
     frames: &[FrameRecord],
     samples: &[Sample],
 ) -> Result<()> {
-    make(folder)?;
-    let json = serde_json::to_string_pretty(report)?;
-    write_file(folder, "report.json", &json)?;
-    write_file(folder, "report.html", &page(report, frames, samples))?;
-    write_file(folder, "frames.csv", &write_frames(frames))?;
-    write_file(folder, "resources.csv", &resources(samples))
+    save(folder, "report.json", serde_json::to_string_pretty(report)?)?;
+    save(folder, "report.html", page(report, frames, samples))?;
+    save(folder, "frames.csv", write_frames(frames))?;
+    save(folder, "resources.csv", resources(samples))
 }
 
 fn resources(samples: &[Sample]) -> String {
@@ -82,9 +72,12 @@ pub(crate) fn write_comparison(
     let text = format!("{table}\n{}", comparison.table(names));
     value["sentence"] = json!(comparison.sentence());
     value["names"] = json!(names);
-    write_file(folder, "comparison.txt", &text)?;
-    let json = serde_json::to_string_pretty(&value)?;
-    write_file(folder, "comparison.json", &json)?;
+    save(folder, "comparison.txt", &text)?;
+    save(
+        folder,
+        "comparison.json",
+        serde_json::to_string_pretty(&value)?,
+    )?;
     print_out(text.trim())?;
     let folder = folder.display();
     print_out(format_args!(

@@ -7,17 +7,17 @@ use anyhow::Result;
 use indicatif::ProgressBar;
 use mluc::EXIT_WARNINGS;
 use mluc::terminal::print_out;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::arguments::Instrumentation;
-use super::baselines::add_baselines;
+use super::baselines::baselines;
 use super::folder::{self, FOLDERS};
 use super::measured::Measured;
 use super::plan::{Plan, Variant};
-use super::quality::Quality;
+use super::quality::shown;
 use super::quiet::Quiet;
 use super::trace::SpansFolder;
-use crate::report::{CompareOptions, HandOver, LatencyReport, compare};
+use crate::report::{CompareOptions, compare, number, table};
 
 /// Whose turn it is: A, B, B, A, and again.
 pub(crate) fn turn(number: u32) -> usize {
@@ -43,15 +43,23 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     } else {
         0
     };
-    let (first, bytes) = (&mut reports[0], measured[0].payload_bytes);
-    let warning = add_baselines(&mut first.hops, bytes, messages, &progress);
-    first.warnings.extend(warning);
+    let (baselines, warning) = baselines(measured[0].payload_bytes, messages, &progress);
+    for report in &mut reports {
+        // They are the machine's and not a variant's.
+        for (topic, own) in baselines.as_object().into_iter().flatten() {
+            for (key, value) in own.as_object().into_iter().flatten() {
+                report["hops"][topic][key] = value.clone();
+            }
+        }
+    }
+    if let (Some(warnings), Some(text)) = (reports[0]["warnings"].as_array_mut(), warning) {
+        warnings.push(text.into());
+    }
     drop(progress);
     let mut pairs = measured.iter().zip(&reports);
     let is_flawed = pairs.any(|(measured, report)| measured.is_flawed(report));
     match &measured[..] {
         [a, b] => {
-            share_baselines(&mut reports);
             let quality = [a.quality(plan)?, b.quality(plan)?];
             for ((name, measured), report) in FOLDERS.iter().zip(&measured).zip(&reports) {
                 folder::write(&out.join(name), report, &measured.frames, &measured.samples)?;
@@ -60,9 +68,14 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
                 end_to_end_only: is_bare_compared,
                 ..CompareOptions::default()
             };
-            let comparison = compare(&a.frames, &b.frames, &options)?;
+            let comparison = compare([&a.frames, &b.frames], &options)?;
             let names = [0, 1].map(|turn| variants[turn].name.as_str());
-            let table = side_by_side(names, &reports, &quality, is_bare_compared);
+            let table = side_by_side(
+                names,
+                [&reports[0], &reports[1]],
+                &quality,
+                is_bare_compared,
+            );
             let mut value = serde_json::to_value(&comparison)?;
             value["quality"] = json!(quality);
             folder::write_comparison(out, names, &comparison, &table, value)?;
@@ -70,7 +83,7 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
         _ => {
             let (own, report) = (&measured[0], &reports[0]);
             folder::write(out, report, &own.frames, &own.samples)?;
-            print_out(report.table().trim_end())?;
+            print_out(table(report).trim_end())?;
             let page = out.join("report.html");
             print_out(format_args!("report: {}", page.display()))?;
             if let (Some(file), Some(spans)) = (&plan.args.trace, &spans) {
@@ -82,12 +95,11 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
 }
 
-/// All rounds of all variants.
 fn rounds(
     plan: &Plan,
     variants: &[Variant],
     progress: &ProgressBar,
-) -> Result<(Vec<Measured>, Vec<LatencyReport>)> {
+) -> Result<(Vec<Measured>, Vec<Value>)> {
     let mut quiet = Quiet::new();
     let mut measured: Vec<Measured> = variants.iter().map(|_| Measured::default()).collect();
     let count = variants.len() as u32;
@@ -105,42 +117,31 @@ fn rounds(
     Ok((measured, reports))
 }
 
-/// The baselines are the machine's and not a variant's.
-fn share_baselines(reports: &mut [LatencyReport]) {
-    let baselines = reports[0].hops.clone();
-    for (own, baseline) in reports[1].hops.iter_mut().zip(baselines) {
-        *own = HandOver {
-            frames: own.frames,
-            p50_us: own.p50_us,
-            p99_us: own.p99_us,
-            ..baseline
-        };
-    }
-}
-
-/// Latency and box quality in one table.
 fn side_by_side(
     names: [&str; 2],
-    reports: &[LatencyReport],
-    quality: &[Option<Quality>; 2],
+    reports: [&Value; 2],
+    quality: &[Option<Value>; 2],
     end_to_end_only: bool,
 ) -> String {
     let mut text = String::new();
     let mut row = |name: &str, [a, b]: [String; 2]| text += &format!("{name:48}{a:>16}{b:>16}\n");
     row("", names.map(|name| name.chars().take(15).collect()));
-    let both = |of: &dyn Fn(&LatencyReport) -> String| [of(&reports[0]), of(&reports[1])];
-    let ms = |us: f64| format!("{:.2}", us / 1000.0);
-    row("end to end p50, ms", both(&|r| ms(r.end_to_end_us.p50)));
-    row("end to end p99, ms", both(&|r| ms(r.end_to_end_us.p99)));
+    let ms = |pointer: &str| {
+        let us = reports.map(|report| number(report, pointer).unwrap_or(0.0));
+        us.map(|us| format!("{:.2}", us / 1000.0))
+    };
+    row("end to end p50, ms", ms("/end_to_end_us/p50"));
+    row("end to end p99, ms", ms("/end_to_end_us/p99"));
     if !end_to_end_only {
-        row("refiner run p50, ms", both(&|r| ms(r.stages[3].run_us.p50)));
-        row("refiner run p99, ms", both(&|r| ms(r.stages[3].run_us.p99)));
+        row("refiner run p50, ms", ms("/stages/refiner/run_us/p50"));
+        row("refiner run p99, ms", ms("/stages/refiner/run_us/p99"));
     }
-    row("frames dropped", both(&|r| r.frames.dropped.to_string()));
+    let dropped = reports.map(|report| report["frames"]["dropped"].to_string());
+    row("frames dropped", dropped);
     let [Some(a), Some(b)] = quality else {
         return text + "box quality: the scans have no labels\n";
     };
-    for ((name, of_a), (_, of_b)) in a.rows().into_iter().zip(b.rows()) {
+    for ((name, of_a), (_, of_b)) in shown(a).into_iter().zip(shown(b)) {
         row(name, [of_a, of_b]);
     }
     text

@@ -8,19 +8,18 @@ use mluc::model::class_names;
 use mluc_geometry::quantile_of;
 use mluc_ipc_types::{FrameHeader, Stage};
 use mluc_runtime::monotonic_ns;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::neighbour::Neighbour;
 use super::pipeline::{Recording, record};
 use super::plan::{Plan, Variant};
-use super::quality::{Boxes, Quality, judge};
+use super::quality::{Boxes, judge};
 use super::quiet::Quiet;
-use super::round::Clock;
+use super::round::frames;
 use super::trace::SPANS_VARIABLE;
-use crate::machine::{describe_build, describe_machine, object};
-use crate::report::{FrameCounts, FrameRecord, LatencyReport, Resources, STAGES, Sample};
+use crate::machine::{describe_build, describe_machine};
+use crate::report::{FrameRecord, Resources, STAGES, Sample, number, report_of};
 
-/// What the rounds of a variant gave.
 #[derive(Default)]
 pub(crate) struct Measured {
     pub(crate) frames: Vec<FrameRecord>,
@@ -52,27 +51,23 @@ impl Measured {
             let _neighbour = Neighbour::start(&plan.load);
             record(plan, variant, number, &what, progress)
         })?;
-        let clock = Clock {
-            round,
-            rate_hz: plan.rate_hz,
-            warm_up_s: plan.warm_up_seconds,
-        };
-        let frames = clock.frames(&recording.arrivals, recording.frames_in);
-        self.frames.extend(frames);
+        let clock = (plan.rate_hz, plan.warm_up_seconds);
+        let arrived = (&recording.arrivals[..], recording.frames_in);
+        self.frames.extend(frames(round, clock, arrived));
         self.add(recording);
         Ok(())
     }
 
     fn add(&mut self, recording: Recording) {
         let offset_s = self.samples.last().map_or(0.0, |sample| sample.at_s + 1.0);
-        let mut samples = recording.watch.samples;
-        samples
-            .iter_mut()
-            .for_each(|sample| sample.at_s += offset_s);
-        self.samples.extend(samples);
+        let samples = recording.watch.samples.into_iter();
+        self.samples.extend(samples.map(|sample| Sample {
+            at_s: sample.at_s + offset_s,
+            ..sample
+        }));
         self.boxes.extend(recording.boxes);
-        self.resources
-            .push(recording.watch.stages.map(|stage| stage.resources()));
+        let stages = recording.watch.stages;
+        self.resources.push(stages.map(|stage| stage.resources()));
         for stage in 0..STAGES.len() {
             let bytes = recording.payload_bytes[stage];
             self.payload_bytes[stage] = self.payload_bytes[stage].max(bytes.unwrap_or(0));
@@ -82,15 +77,15 @@ impl Measured {
         self.is_interrupted |= recording.is_interrupted;
     }
 
-    /// Quality of the boxes, where the scans have labels.
-    pub(crate) fn quality(&self, plan: &Plan) -> Result<Option<Quality>> {
+    pub(crate) fn quality(&self, plan: &Plan) -> Result<Option<Value>> {
         judge(&self.boxes, &plan.labels, &class_names(&plan.model))
     }
 
     /// Something is in the report that should not be there.
-    pub(crate) fn is_flawed(&self, report: &LatencyReport) -> bool {
-        let frames = &report.frames;
-        frames.dropped + frames.unanswered > 0 || self.restarts > 0 || self.is_interrupted
+    pub(crate) fn is_flawed(&self, report: &Value) -> bool {
+        let lost = ["/frames/dropped", "/frames/unanswered"];
+        let is_lost = lost.iter().any(|count| number(report, count) > Some(0.0));
+        is_lost || self.restarts > 0 || self.is_interrupted
     }
 
     /// Means over the rounds; of memory the largest.
@@ -112,39 +107,34 @@ impl Measured {
     }
 
     /// The report of a variant, without the baselines.
-    pub(crate) fn report(&self, plan: &Plan, variant: &Variant, quiet: &Quiet) -> LatencyReport {
-        let mut report = LatencyReport {
-            title: plan.title(),
-            quiet: quiet.describe(),
-            machine: describe_machine(),
-            build: describe_build(&plan.program),
-            scenario: plan.describe(variant),
-            instrumentation: instrumentation(variant),
-            ..LatencyReport::of_frames(&self.frames)
-        };
-        for (number, stage) in report.stages.iter_mut().enumerate() {
-            stage.resources = self.resources_of(number);
+    pub(crate) fn report(&self, plan: &Plan, variant: &Variant, quiet: &Quiet) -> Value {
+        let mut report = report_of(&self.frames);
+        report["title"] = plan.title().into();
+        report["quiet"] = quiet.describe();
+        report["machine"] = describe_machine().into();
+        report["build"] = describe_build(&plan.program).into();
+        report["scenario"] = plan.describe(variant);
+        report["instrumentation"] = instrumentation(variant);
+        for (stage, name) in STAGES.iter().enumerate() {
+            report["stages"][name]["resources"] = json!(self.resources_of(stage));
         }
-        report.warnings = self.warnings(plan, &report, quiet);
+        let mut warnings = self.warnings(plan, &report, quiet);
         if !variant.has_stamps() {
             let text = "Stamps were off: only the latency end to end means anything here.";
-            report.warnings.push(text.to_string());
+            warnings.push(text.to_string());
         }
+        report["warnings"] = warnings.into();
         report
     }
 
-    fn warnings(&self, plan: &Plan, report: &LatencyReport, quiet: &Quiet) -> Vec<String> {
+    fn warnings(&self, plan: &Plan, report: &Value, quiet: &Quiet) -> Vec<String> {
         let (verdict, is_loud) = quiet.verdict();
-        let FrameCounts {
-            dropped,
-            taken_in,
-            unanswered,
-            ..
-        } = report.frames;
+        let count = |key: &str| report["frames"][key].as_u64().unwrap_or(0);
+        let (dropped, taken_in, unanswered) = (count("dropped"), count("in"), count("unanswered"));
         let (rate_hz, restarts) = (plan.rate_hz, self.restarts);
         let is_degraded = |frame: &&FrameRecord| frame.flags.split(' ').any(|f| f == "degraded");
         let degraded = self.frames.iter().filter(is_degraded).count();
-        let steady = report.first_frame.over_steady.unwrap_or(0.0);
+        let steady = number(report, "/first_frame/over_steady").unwrap_or(0.0);
         let mut warnings = Vec::new();
         let mut warn = |is_so: bool, text: String| warnings.extend(is_so.then_some(text));
         warn(is_loud, format!("The machine was {verdict}."));
@@ -201,13 +191,13 @@ impl Measured {
     }
 }
 
-fn instrumentation(variant: &Variant) -> Map<String, Value> {
+fn instrumentation(variant: &Variant) -> Value {
     let word = |is_on: bool| if is_on { "on" } else { "off" };
-    object(json!({
+    json!({
         "stamps": word(variant.has_stamps()),
         "spans": word(variant.has(SPANS_VARIABLE)),
         "stamps_cost_us_a_hop": stamps_cost_us(),
-    }))
+    })
 }
 
 /// What a stage's three stamps cost, us: three readings of the clock and three writes.

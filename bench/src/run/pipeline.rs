@@ -26,14 +26,12 @@ const END_PATIENCE: Duration = Duration::from_secs(5);
 /// What all processes of the pipeline print.
 const LOG: &str = "pipeline.log";
 
-/// A frame as it arrived.
 #[derive(Clone, Copy)]
 pub(crate) struct Arrival {
     pub(crate) header: FrameHeader,
     pub(crate) at_ns: u64,
 }
 
-/// What was recorded of one start of the processes.
 #[derive(Default)]
 pub(crate) struct Recording {
     pub(crate) arrivals: Vec<Arrival>,
@@ -42,7 +40,6 @@ pub(crate) struct Recording {
     pub(crate) watch: ProcessWatch,
     /// Payload bytes of each stage's last message; `None`: no heartbeats, a foreign stage may send none.
     pub(crate) payload_bytes: [Option<u64>; 4],
-    /// Frames that ingest sent.
     pub(crate) frames_in: u64,
     pub(crate) restarts: u32,
     pub(crate) is_interrupted: bool,
@@ -117,7 +114,6 @@ impl Recorder {
         }
     }
 
-    /// Takes objects and heartbeats that have come.
     fn take(&mut self) -> Result<()> {
         self.health.update()?;
         let recording = &mut self.recording;

@@ -1,6 +1,7 @@
 //! What is to be measured, resolved and checked before any process is started.
 
 use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -14,13 +15,13 @@ use mluc::{UsageError, document, model};
 use mluc_model::Model;
 use mluc_refiner::Variant as RefinerVariant;
 use serde::Deserialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use tempfile::TempDir;
 use toml::Table;
 
 use super::arguments::{BenchTable, Instrumentation, LoadTable, RunArgs};
 use super::quality::Labels;
-use crate::machine::{available_mib, object};
+use crate::machine::available_mib;
 
 const SECONDS: f64 = 20.0;
 /// A guess: a million frames at 10 Hz.
@@ -73,7 +74,6 @@ impl Variant {
     }
 }
 
-/// A whole measurement.
 pub(crate) struct Plan {
     /// The program `mluc`.
     pub(crate) program: PathBuf,
@@ -112,16 +112,17 @@ impl Plan {
         }
         let program = mluc_program()?;
         let folder = tempfile::tempdir().context("making a folder for configurations")?;
-        let given = args.input.clone().or(word("input").map(PathBuf::from));
-        let bundled = given.is_none().then(|| BundledScans::write("bench"));
-        let bundled = bundled.transpose()?;
-        let input = match &bundled {
-            Some(bundled) => bundled.folder().to_path_buf(),
-            None => given.unwrap_or_default(),
-        };
-        let origin = match &bundled {
-            Some(_) => "bundled simulated scans".to_string(),
-            None => format!("of {}", input.display()),
+        let (input, origin, bundled) = match args.input.clone().or(word("input").map(PathBuf::from))
+        {
+            Some(given) => {
+                let origin = format!("of {}", given.display());
+                (given, origin, None)
+            }
+            None => {
+                let bundled = BundledScans::write("bench")?;
+                let origin = "bundled simulated scans".to_string();
+                (bundled.folder().to_path_buf(), origin, Some(bundled))
+            }
         };
         let scans = format!("{} {origin}, in turn", Source::find(&input)?.scans.len());
         let model_name = args.model.clone().or(word("model"));
@@ -129,10 +130,7 @@ impl Plan {
         let variants = variants(&args, &document, folder.path())?;
         let is_compared = variants.len() > 1 || args.against.is_some();
         let usual = if is_compared { ROUNDS_COMPARED } else { 1 };
-        let rounds = table.rounds.unwrap_or(usual);
-        if !(1..=ROUNDS_MAX).contains(&rounds) {
-            return usage(format!("rounds must be 1 to {ROUNDS_MAX}, found {rounds}"));
-        }
+        let rounds = within("rounds", table.rounds.unwrap_or(usual), 1..=ROUNDS_MAX)?;
         if args.trace.is_some() && (variants.len() > 1 || rounds > 1) {
             return usage("a trace shows one run: --trace goes with one round of one pipeline");
         }
@@ -145,14 +143,16 @@ impl Plan {
         }
         let warm_up = table.warm_up_seconds.unwrap_or(WARM_UP_SECONDS);
         let patience = table.patience_seconds.unwrap_or(PATIENCE_SECONDS);
+        let patience = within("patience", patience, 0.1..=SECONDS_MAX)?;
+        let seconds = table.seconds.unwrap_or(SECONDS);
         let precision = args.precision.clone().or(word("precision"));
         Ok(Plan {
             rate_hz,
-            seconds: seconds("seconds", table.seconds.unwrap_or(SECONDS), 0.1)?,
-            warm_up_seconds: seconds("warm-up", warm_up, 0.0)?,
+            seconds: within("seconds", seconds, 0.1..=SECONDS_MAX)?,
+            warm_up_seconds: within("warm-up", warm_up, 0.0..=SECONDS_MAX)?,
             rounds,
             baseline_rounds: table.floor_rounds.unwrap_or(BASELINE_ROUNDS).min(1_000_000),
-            patience: Duration::from_secs_f64(seconds("patience", patience, 0.1)?),
+            patience: Duration::from_secs_f64(patience),
             load: table.load,
             labels: Labels::near(&input),
             model: model::load(&model_name)?,
@@ -169,31 +169,32 @@ impl Plan {
         })
     }
 
-    /// Measured seconds of one round.
     pub(crate) fn round_seconds(&self) -> f64 {
         self.seconds / f64::from(self.rounds)
     }
 
-    /// The command line of `mluc up`.
+    /// Options that `mluc up` and another `mluc bench` are given alike.
+    pub(crate) fn shared_arguments(&self) -> Vec<String> {
+        let (input, rate_hz) = (self.input.display().to_string(), self.rate_hz.to_string());
+        let precision = self.args.precision.iter().map(|word| ("--precision", word));
+        let threads = self.args.threads.iter().map(|word| ("--threads", word));
+        let given = [
+            ("--input", &input),
+            ("--model", &self.model_name),
+            ("--rate", &rate_hz),
+        ];
+        let options = given.into_iter().chain(precision).chain(threads);
+        options
+            .flat_map(|(key, value)| [key.to_string(), value.clone()])
+            .collect()
+    }
+
     pub(crate) fn up_arguments(&self, variant: &Variant, instance: &str) -> Vec<String> {
-        let seconds = self.warm_up_seconds + self.round_seconds();
-        let mut words = vec!["up".to_string(), "--loop".to_string()];
-        let mut add =
-            |key: &str, value: &dyn Display| words.extend([key.into(), value.to_string()]);
-        add("--instance", &instance);
-        add("--input", &self.input.display());
-        add("--model", &self.model_name);
-        add("--pace", &"sensor");
-        add("--rate", &self.rate_hz);
-        add("--seconds", &seconds);
-        if let Some(precision) = &self.args.precision {
-            add("--precision", precision);
-        }
-        for threads in &self.args.threads {
-            add("--threads", threads);
-        }
-        words.extend(variant.arguments.iter().cloned());
-        words
+        let seconds = (self.warm_up_seconds + self.round_seconds()).to_string();
+        let words = ["up", "--loop", "--pace", "sensor", "--instance", instance];
+        let words = words.into_iter().chain(["--seconds", &seconds]);
+        let words = words.map(str::to_string).chain(self.shared_arguments());
+        words.chain(variant.arguments.iter().cloned()).collect()
     }
 
     pub(crate) fn title(&self) -> String {
@@ -202,9 +203,8 @@ impl Plan {
         format!("mluc bench: {model}, {precision}, {rate_hz} Hz, {scans}")
     }
 
-    /// For the report: what ran.
-    pub(crate) fn describe(&self, variant: &Variant) -> Map<String, Value> {
-        object(json!({
+    pub(crate) fn describe(&self, variant: &Variant) -> Value {
+        json!({
             "scans": self.scans,
             "rate_hz": self.rate_hz,
             "seconds": self.seconds,
@@ -220,7 +220,7 @@ impl Plan {
             "commands": variant.command,
             "load": self.load,
             "command": std::env::args().collect::<Vec<_>>().join(" "),
-        }))
+        })
     }
 }
 
@@ -228,13 +228,12 @@ fn usage<T>(text: impl Into<String>) -> Result<T> {
     Err(UsageError(text.into()).into())
 }
 
-fn seconds(name: &str, value: f64, least: f64) -> Result<f64> {
-    if (least..=SECONDS_MAX).contains(&value) {
+fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<T> {
+    if range.contains(&value) {
         return Ok(value);
     }
-    usage(format!(
-        "{name} must be {least} to {SECONDS_MAX}, found {value}"
-    ))
+    let (least, most) = range.into_inner();
+    usage(format!("{name} must be {least} to {most}, found {value}"))
 }
 
 /// The file without `[bench]`, and that table. `None`: an empty file.

@@ -22,7 +22,6 @@ struct Counts {
     shared_mib: f64,
 }
 
-/// Looks at the four processes while they run.
 #[derive(Default)]
 pub(crate) struct ProcessWatch {
     pub(crate) stages: [StageWatch; 4],
@@ -35,7 +34,7 @@ pub(crate) struct ProcessWatch {
 pub(crate) struct StageWatch {
     first: Option<Counts>,
     last: Counts,
-    peak: Counts,
+    peak_mib: [f64; 2],
 }
 
 impl ProcessWatch {
@@ -65,9 +64,8 @@ impl ProcessWatch {
                 if watch.first.is_none_or(|first| first.pid != pid) {
                     watch.first = Some(counts);
                 }
-                let peak = &mut watch.peak;
-                peak.private_mib = peak.private_mib.max(counts.private_mib);
-                peak.shared_mib = peak.shared_mib.max(counts.shared_mib);
+                let now_mib = [counts.private_mib, counts.shared_mib];
+                watch.peak_mib = [0, 1].map(|i| watch.peak_mib[i].max(now_mib[i]));
             }
         }
         self.samples.push(sample);
@@ -79,14 +77,14 @@ impl StageWatch {
         let Some(first) = &self.first else {
             return Resources::default();
         };
-        let (last, peak) = (&self.last, &self.peak);
+        let last = &self.last;
         let seconds = (last.at_s - first.at_s).max(1e-3);
         let by_second = |from: u64, to: u64| to.saturating_sub(from) as f64 / seconds;
         Resources {
             threads: last.threads,
             cpu_cores: cores(first, last),
-            memory_mib: peak.private_mib,
-            shared_memory_mib: peak.shared_mib,
+            memory_mib: self.peak_mib[0],
+            shared_memory_mib: self.peak_mib[1],
             switches_voluntary_per_s: by_second(first.voluntary, last.voluntary),
             switches_forced_per_s: by_second(first.forced, last.forced),
             waiting_for_cpu: by_second(first.waiting_ns, last.waiting_ns) * 1e-9,
@@ -138,12 +136,11 @@ mod tests {
 
     #[test]
     fn figures_are_differences() {
-        assert_eq!(counts(0, 0.0), None);
         let pid = std::process::id();
         let mut watch = ProcessWatch::default();
-        watch.look(-1.0, false, [pid, 0, 0, 0]);
-        watch.look(0.0, true, [pid, 0, 0, 0]);
-        watch.look(0.1, true, [pid, 0, 0, 0]);
+        for (at_s, is_measured) in [(-1.0, false), (0.0, true), (0.1, true)] {
+            watch.look(at_s, is_measured, [pid, 0, 0, 0]);
+        }
         let (begin, mut value) = (cpu_ns(pid).unwrap(), 1u64);
         while cpu_ns(pid).unwrap() < begin + 50_000_000 {
             for n in 0..1_000_000u64 {

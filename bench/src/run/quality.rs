@@ -7,7 +7,7 @@ use anyhow::Result;
 use mluc_dataset::{read_calibration, read_labels};
 use mluc_geometry::{Box3, Calibration, iou_3d};
 use mluc_ipc_types::{Object, ObjectKind};
-use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::inputs::box_of;
 
@@ -45,7 +45,6 @@ impl Labels {
     }
 }
 
-/// Published objects of a frame.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Boxes {
     known: Vec<Box3>,
@@ -64,57 +63,46 @@ impl Boxes {
     }
 }
 
-/// Over all frames with labels. A label's overlap is that of the published box that fits it best, 3-D.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub(crate) struct Quality {
-    /// Frames that have labels.
-    frames: usize,
-    /// Labelled objects of classes that the model does not know.
-    labels_unknown: usize,
-    /// Of those, covered by an unknown object's box, by at least 0.1.
-    found: usize,
-    mean_iou_found: f64,
-    /// Share of all labels of unknown classes.
-    share_above_0_3: f64,
-    share_above_0_5: f64,
-    /// Labelled objects of all classes, any published box: mean best overlap.
-    mean_iou_all: f64,
-    /// Unknown objects published a frame.
-    unknown_per_frame: f64,
-}
+/// What is shown of [`judge`]'s answer: a name and a figure with so many digits; a second figure stands behind a stroke.
+const SHOWN: [(&str, &str, usize); 7] = [
+    ("labelled frames", "frames", 0),
+    (
+        "labels of unknown classes: found / all",
+        "found/labels_unknown",
+        0,
+    ),
+    ("  3-D overlap of the found ones, mean", "mean_iou_found", 3),
+    ("  share of all above 0.3", "share_above_0_3", 2),
+    ("  share of all above 0.5", "share_above_0_5", 2),
+    (
+        "all labels: 3-D overlap of the best box, mean",
+        "mean_iou_all",
+        3,
+    ),
+    ("unknown objects a frame", "unknown_per_frame", 1),
+];
 
-impl Quality {
-    /// Names and figures for a table.
-    pub(crate) fn rows(&self) -> [(&'static str, String); 7] {
-        let found = format!("{} / {}", self.found, self.labels_unknown);
-        let number = |value: f64, digits: usize| format!("{value:.digits$}");
-        [
-            ("labelled frames", self.frames.to_string()),
-            ("labels of unknown classes: found / all", found),
-            (
-                "  3-D overlap of the found ones, mean",
-                number(self.mean_iou_found, 3),
-            ),
-            ("  share of all above 0.3", number(self.share_above_0_3, 2)),
-            ("  share of all above 0.5", number(self.share_above_0_5, 2)),
-            (
-                "all labels: 3-D overlap of the best box, mean",
-                number(self.mean_iou_all, 3),
-            ),
-            ("unknown objects a frame", number(self.unknown_per_frame, 1)),
-        ]
-    }
+/// Names and figures of one judgement for a table.
+pub(crate) fn shown(quality: &Value) -> [(&'static str, String); 7] {
+    SHOWN.map(|(name, keys, digits)| {
+        let figures = keys
+            .split('/')
+            .map(|key| quality[key].as_f64().unwrap_or(0.0));
+        let texts: Vec<String> = figures.map(|figure| format!("{figure:.digits$}")).collect();
+        (name, texts.join(" / "))
+    })
 }
 
 /// A label is covered from here on.
 const FOUND_MIN: f64 = 0.1;
 
-/// Judges frames by their names; `None` without labels.
+/// Judges frames by their names, over all with labels; `None` without any. `known`: names of the model's classes. A label's overlap
+/// is that of the published box that fits it best, 3-D; of an unknown class that of an unknown object's box.
 pub(crate) fn judge(
     frames: &BTreeMap<String, Boxes>,
     labels: &Labels,
     known: &[String],
-) -> Result<Option<Quality>> {
+) -> Result<Option<Value>> {
     let mut judged = Vec::new();
     for (name, boxes) in frames {
         judged.extend(labels.of(name)?.map(|labels| (labels, boxes)));
@@ -122,8 +110,7 @@ pub(crate) fn judge(
     Ok((!judged.is_empty()).then(|| quality(&judged, known)))
 }
 
-/// `known`: names of the model's classes.
-fn quality(frames: &[(Vec<Label>, &Boxes)], known: &[String]) -> Quality {
+fn quality(frames: &[(Vec<Label>, &Boxes)], known: &[String]) -> Value {
     let best = |label: &Box3, boxes: &[Box3]| {
         let overlaps = boxes.iter().map(|found| iou_3d(found, label));
         overlaps.fold(0.0, f64::max)
@@ -147,16 +134,16 @@ fn quality(frames: &[(Vec<Label>, &Boxes)], known: &[String]) -> Quality {
     let found = unknown.iter().copied().filter(|&iou| iou >= FOUND_MIN);
     let found: Vec<f64> = found.collect();
     let published: usize = frames.iter().map(|(_, boxes)| boxes.unknown.len()).sum();
-    Quality {
-        frames: frames.len(),
-        labels_unknown: unknown.len(),
-        found: found.len(),
-        mean_iou_found: mean(&found),
-        share_above_0_3: above(0.3),
-        share_above_0_5: above(0.5),
-        mean_iou_all: mean(&all),
-        unknown_per_frame: over(published as f64, frames.len()),
-    }
+    json!({
+        "frames": frames.len(),
+        "labels_unknown": unknown.len(),
+        "found": found.len(),
+        "mean_iou_found": mean(&found),
+        "share_above_0_3": above(0.3),
+        "share_above_0_5": above(0.5),
+        "mean_iou_all": mean(&all),
+        "unknown_per_frame": over(published as f64, frames.len()),
+    })
 }
 
 #[cfg(test)]
@@ -177,14 +164,20 @@ mod tests {
             unknown: vec![cube(1.0), cube(60.0)],
         };
         let quality = quality(&[(labels, &boxes)], &["Car".to_string()]);
-        let counts = [quality.frames, quality.labels_unknown, quality.found];
-        assert_eq!(counts, [1, 2, 1]);
-        let shares = [quality.share_above_0_3, quality.share_above_0_5];
-        assert_eq!(shares, [0.5, 0.0]);
+        let figure = |key: &str| quality[key].as_f64().unwrap();
+        assert_eq!(
+            ["frames", "labels_unknown", "found"].map(figure),
+            [1.0, 2.0, 1.0]
+        );
+        assert_eq!(
+            ["share_above_0_3", "share_above_0_5"].map(figure),
+            [0.5, 0.0]
+        );
         // Half of one in the other: a third.
-        assert!((quality.mean_iou_found - 1.0 / 3.0).abs() < 1e-6);
-        assert!((quality.mean_iou_all - (1.0 / 3.0 + 1.0) / 3.0).abs() < 1e-6);
-        assert_eq!(quality.unknown_per_frame, 2.0);
+        assert!((figure("mean_iou_found") - 1.0 / 3.0).abs() < 1e-6);
+        assert!((figure("mean_iou_all") - (1.0 / 3.0 + 1.0) / 3.0).abs() < 1e-6);
+        assert_eq!(figure("unknown_per_frame"), 2.0);
+        assert_eq!(shown(&quality)[1].1, "1 / 2");
     }
 
     #[test]

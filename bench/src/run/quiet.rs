@@ -3,9 +3,9 @@
 use std::fs;
 use std::time::Instant;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use crate::machine::{cpu_ticks, load, number_of, object};
+use crate::machine::{cpu_ticks, load, number_of};
 
 /// Share of all cores that other processes may take on a quiet machine; above, figures are upper bounds.
 const QUIET_SHARE: f64 = 0.02;
@@ -24,7 +24,6 @@ struct Ticks {
     switches: u64,
 }
 
-/// Sums up over the rounds.
 #[derive(Default)]
 pub(crate) struct Quiet {
     sum: Ticks,
@@ -55,7 +54,6 @@ impl Quiet {
         result
     }
 
-    /// Share of all cores that others took.
     fn others(&self) -> f64 {
         self.sum.busy.saturating_sub(self.sum.ours) as f64 / self.sum.all.max(1) as f64
     }
@@ -85,11 +83,10 @@ impl Quiet {
         (text, true)
     }
 
-    /// For the report.
-    pub(crate) fn describe(&self) -> Map<String, Value> {
+    pub(crate) fn describe(&self) -> Value {
         let rounded = |share: f64| (share * 1e5).round() / 1e5;
         let per_tick = self.sum.all.max(1) as f64;
-        object(json!({
+        json!({
             "verdict": self.verdict().0,
             "other_processes_share_of_all_cores": rounded(self.others()),
             "own_share_of_all_cores": rounded(self.sum.ours as f64 / per_tick),
@@ -97,7 +94,7 @@ impl Quiet {
             "load_before": self.load_before,
             "load_after": load(),
             "context_switches_per_s": (self.sum.switches as f64 / self.seconds.max(1e-3)).round(),
-        }))
+        })
     }
 }
 
@@ -134,14 +131,8 @@ mod tests {
     #[test]
     fn the_kernels_lines_are_read() {
         let ticks = machine_ticks("cpu  100 20 30 800 40 1 2 7 50 0\ncpu0 1 2\nctxt 12345\n");
-        let Ticks {
-            busy,
-            steal,
-            all,
-            switches,
-            ..
-        } = ticks;
-        assert_eq!((busy, steal, all, switches), (153, 7, 1000, 12345));
+        let found = [ticks.busy, ticks.steal, ticks.all, ticks.switches];
+        assert_eq!(found, [153, 7, 1000, 12345]);
         assert_eq!(machine_ticks(""), Ticks::default());
     }
 
@@ -155,17 +146,9 @@ mod tests {
             // Ticks of ours that the kernel counted elsewhere are no negative noise.
             (400, 500, 0, "quiet: "),
         ] {
-            let sum = Ticks {
-                busy,
-                ours,
-                steal,
-                all: 1000,
-                switches: 0,
-            };
-            let quiet = Quiet {
-                sum,
-                ..Quiet::default()
-            };
+            let mut quiet = Quiet::default();
+            let sum = &mut quiet.sum;
+            (sum.busy, sum.ours, sum.steal, sum.all) = (busy, ours, steal, 1000);
             let (text, is_loud) = quiet.verdict();
             assert!(text.starts_with(begin), "{text}");
             assert_eq!(is_loud, !begin.starts_with("quiet"));

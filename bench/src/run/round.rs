@@ -5,50 +5,42 @@ use mluc_ipc_types::{Flags, FrameHeader};
 use super::pipeline::Arrival;
 use crate::report::{FrameRecord, Stamps};
 
-/// Which frames were due when.
-pub(crate) struct Clock {
-    pub(crate) round: u32,
-    pub(crate) rate_hz: f64,
-    pub(crate) warm_up_s: f64,
-}
-
-impl Clock {
-    /// Every frame of a round, `frames_in` of them; those that never arrived were due at the rate.
-    pub(crate) fn frames(&self, arrivals: &[Arrival], frames_in: u64) -> Vec<FrameRecord> {
-        let periods_ns = |count: u64| (count as f64 * 1e9 / self.rate_hz) as i64;
-        let first = arrivals.first().map(|arrival| &arrival.header);
-        let zero_ns = first.map_or(0, |first| due_ns(first) - periods_ns(first.sequence));
-        let mut arrivals = arrivals.iter().peekable();
-        // A restarted ingest begins another count of periods: the last frame seen is the reference.
-        let (mut seen, mut seen_due_ns) = (0, 0);
-        let frame = |sequence| {
-            let mut frame = FrameRecord {
-                round: self.round,
-                sequence,
-                due_ns: seen_due_ns + periods_ns(sequence - seen),
-                ..FrameRecord::default()
-            };
-            if let Some(arrival) = arrivals.next_if(|found| found.header.sequence == sequence) {
-                came_out(&mut frame, arrival, zero_ns);
-                (seen, seen_due_ns) = (sequence, frame.due_ns);
-            }
-            frame.is_warm_up = (frame.due_ns as f64) < self.warm_up_s * 1e9;
-            frame
+/// Every frame of a round, `frames_in` of them; those that never arrived were due at the rate.
+pub(crate) fn frames(
+    round: u32,
+    (rate_hz, warm_up_s): (f64, f64),
+    (arrivals, frames_in): (&[Arrival], u64),
+) -> Vec<FrameRecord> {
+    let periods_ns = |count: u64| (count as f64 * 1e9 / rate_hz) as i64;
+    let first = arrivals.first().map(|arrival| &arrival.header);
+    let zero_ns = first.map_or(0, |first| due_ns(first) - periods_ns(first.sequence));
+    let mut arrivals = arrivals.iter().peekable();
+    // A restarted ingest begins another count of periods: the last frame seen is the reference.
+    let (mut seen, mut seen_due_ns) = (0, 0);
+    let frame = |sequence| {
+        let mut frame = FrameRecord {
+            round,
+            sequence,
+            due_ns: seen_due_ns + periods_ns(sequence - seen),
+            ..FrameRecord::default()
         };
-        (0..frames_in).map(frame).collect()
-    }
+        if let Some(arrival) = arrivals.next_if(|found| found.header.sequence == sequence) {
+            came_out(&mut frame, arrival, zero_ns);
+            (seen, seen_due_ns) = (sequence, frame.due_ns);
+        }
+        frame.is_warm_up = (frame.due_ns as f64) < warm_up_s * 1e9;
+        frame
+    };
+    (0..frames_in).map(frame).collect()
 }
 
 fn came_out(frame: &mut FrameRecord, arrival: &Arrival, zero_ns: i64) {
     let header = &arrival.header;
     frame.due_ns = due_ns(header) - zero_ns;
     // A stamp that a stage left out stays where the frame was due, and shows as no time at all.
-    let since = |ns: u64| {
-        if ns == 0 {
-            frame.due_ns
-        } else {
-            ns as i64 - zero_ns
-        }
+    let since = |ns: u64| match ns {
+        0 => frame.due_ns,
+        ns => ns as i64 - zero_ns,
     };
     frame.stamps = Some(header.stages.map(|stage| Stamps {
         received_ns: since(stage.received_ns),
@@ -80,13 +72,9 @@ mod tests {
 
     #[test]
     fn frames_that_never_came_were_due_all_the_same() {
-        let clock = Clock {
-            round: 2,
-            rate_hz: 10.0,
-            warm_up_s: 0.15,
-        };
+        let of_round = |arrivals: &[Arrival], count| frames(2, (10.0, 0.15), (arrivals, count));
         // The first frame, two in the middle and the last are missing; ingest was restarted 40 ms late.
-        let frames = clock.frames(&[arrival(1, 5100), arrival(4, 5440)], 6);
+        let frames = of_round(&[arrival(1, 5100), arrival(4, 5440)], 6);
         let of = |frame: &FrameRecord| (frame.due_ns / 1_000_000, frame.is_out(), frame.is_warm_up);
         let expected = [
             (0, false, true),
@@ -101,7 +89,7 @@ mod tests {
         assert_eq!((frames[4].arrived_ns, frames[4].round), (471_000_000, 2));
         let run_us = frames[4].run_us(1);
         assert_eq!(run_us, Some(0.0), "stamps that are not there show no time");
-        let silent = clock.frames(&[], 3);
+        let silent = of_round(&[], 3);
         assert_eq!(silent[2].due_ns, 200_000_000);
         assert!(silent.iter().all(|frame| !frame.is_out()));
     }

@@ -17,7 +17,6 @@ use crate::report::{FrameRecord, STAGES};
 /// Names the folder into which the processes write their spans.
 pub(crate) const SPANS_VARIABLE: &str = "MLUC_SPANS";
 
-/// The frame that a trace shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Which {
     #[default]
@@ -127,7 +126,6 @@ impl Drop for SpansFolder {
 /// A piece of work of one process for one frame; times on CLOCK_MONOTONIC.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 struct Span {
-    /// The stage's name.
     process: String,
     pid: u32,
     tid: u64,
@@ -173,7 +171,6 @@ fn stage_of(process: &str) -> Option<usize> {
     STAGES.iter().position(|stage| *stage == process)
 }
 
-/// Names, in the order of the stages.
 fn processes(spans: &[Span]) -> Vec<Value> {
     let names: BTreeMap<u32, &str> = spans.iter().map(|s| (s.pid, s.process.as_str())).collect();
     let names = names.into_iter().flat_map(|(pid, name)| {
@@ -224,17 +221,12 @@ mod tests {
     fn the_spans_of_a_frame_are_tied_together() {
         let trace = chrome_trace(LINES.into_iter().filter_map(parse_span).collect());
         let events = trace["traceEvents"].as_array().unwrap();
-        let of = |phase: &str| -> Vec<&Value> {
-            let events = events.iter().filter(|event| event["ph"] == phase);
-            events.collect()
-        };
-        assert_eq!((of("X").len(), of("M").len()), (3, 4));
-        assert_eq!(of("X")[0]["ts"], 0.0);
-        assert_eq!(of("X")[1]["dur"], 6950.0);
-        assert_eq!((of("s").len(), of("f").len()), (1, 1));
-        let (start, end) = (of("s")[0], of("f")[0]);
-        assert_eq!((&start["pid"], &end["pid"]), (&json!(10), &json!(11)));
-        assert_eq!((&start["ts"], &end["ts"]), (&json!(1000.0), &json!(1050.0)));
+        let hand_over = events.iter().filter(|event| event["name"] == "hand-over");
+        let ends = hand_over.map(|event| json!([event["ph"], event["pid"], event["ts"]]));
+        let expected = [json!(["s", 10, 1000.0]), json!(["f", 11, 1050.0])];
+        assert_eq!(ends.collect::<Vec<_>>(), expected);
+        // Two names and two places, three spans.
+        assert_eq!((events.len(), &events[5]["dur"]), (9, &json!(6950.0)));
     }
 
     #[test]

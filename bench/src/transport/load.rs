@@ -40,50 +40,15 @@ impl Payload {
             Payload::Objects => &Topic::OBJECTS,
         }
     }
-}
 
-/// A message: its topic and its size.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
-pub struct Load {
-    /// Whose queue settings.
-    pub payload: Payload,
-    /// Bytes; rounded up to whole elements.
-    pub bytes: usize,
-}
-
-impl Load {
-    /// As large as it can be; of features a dense map of 200 x 176 cells with 256 channels, as `second` has it: 36 MB.
-    pub const fn largest(payload: Payload) -> Load {
-        let topic = payload.topic();
-        let elements = match payload {
+    /// Bytes of the largest message; of features a dense map of 200 x 176 cells with 256 channels, as `second` has it: 36 MB.
+    pub const fn largest_bytes(self) -> usize {
+        let topic = self.topic();
+        let elements = match self {
             Payload::Features => feature_blocks(200 * 176, 256, 0),
             _ => topic.elements_max,
         };
-        Load {
-            payload,
-            bytes: elements * topic.element_bytes,
-        }
-    }
-
-    /// Elements of a message.
-    pub(crate) fn elements(&self) -> usize {
-        self.bytes.div_ceil(self.payload.topic().element_bytes)
-    }
-
-    /// Bytes of whole elements.
-    pub(crate) fn whole_bytes(&self) -> usize {
-        self.elements() * self.payload.topic().element_bytes
-    }
-
-    pub(crate) fn check(&self) -> Result<()> {
-        let topic = self.payload.topic();
-        ensure!(
-            (1..=topic.elements_max).contains(&self.elements()),
-            "payload: 1 to {} bytes expected, found {}",
-            topic.elements_max * topic.element_bytes,
-            self.bytes
-        );
-        Ok(())
+        elements * topic.element_bytes
     }
 }
 
@@ -102,8 +67,10 @@ pub enum Wake {
 /// How a measurement is made.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// What is sent.
-    pub load: Load,
+    /// Whose queue settings and elements.
+    pub payload: Payload,
+    /// Size of a message, bytes; rounded up to whole elements.
+    pub bytes: usize,
     /// Messages each way that count.
     pub rounds: usize,
     /// Messages each way before those: more than the pool has places, so that all of its pages are touched.
@@ -119,10 +86,11 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// One load, the rest as usual.
-    pub fn new(load: Load, rounds: usize) -> Settings {
+    /// The largest messages of a topic, the rest as usual.
+    pub fn new(payload: Payload, rounds: usize) -> Settings {
         Settings {
-            load,
+            payload,
+            bytes: payload.largest_bytes(),
             rounds,
             warm_up: 40,
             wake: Wake::Event,
@@ -130,5 +98,18 @@ impl Settings {
             cores: None,
             program: None,
         }
+    }
+
+    /// Elements of a message.
+    pub(crate) fn elements(&self) -> Result<usize> {
+        let topic = self.payload.topic();
+        let elements = self.bytes.div_ceil(topic.element_bytes);
+        ensure!(
+            (1..=topic.elements_max).contains(&elements),
+            "payload: 1 to {} bytes expected, found {}",
+            topic.elements_max * topic.element_bytes,
+            self.bytes
+        );
+        Ok(elements)
     }
 }

@@ -11,7 +11,7 @@ use mluc_runtime::monotonic_ns;
 use serde::Serialize;
 
 use super::load::{Settings, Wake};
-use super::peer::{Order, Peer};
+use super::peer::Peer;
 use super::way::{Link, Sender, Way};
 
 /// Of one quantity, us.
@@ -27,7 +27,7 @@ pub struct LatencyPercentiles {
     pub p99_us: f64,
     /// 999 in 1000.
     pub p999_us: f64,
-    /// All.
+    /// The largest.
     pub max_us: f64,
 }
 
@@ -79,36 +79,37 @@ impl Measured {
 
 /// Sends in turn on every way, each time in another order, and a copy within this process.
 pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
-    settings.load.check()?;
+    let elements = settings.elements()?;
     if let Some([sender, _]) = settings.cores {
         pin(&[sender])?;
     }
-    let order = Order {
+    let link = Link {
         ways: ways.to_vec(),
-        link: Link {
-            load: settings.load,
-            wake: settings.wake,
-            label: label(),
-        },
+        payload: settings.payload,
+        elements,
+        wake: settings.wake,
+        label: label(),
         core: settings.cores.map(|[_, receiver]| receiver),
     };
     let mut ends = vec![];
     for &way in ways {
         ends.push(End {
             way,
-            sender: order.link.sender(way)?,
+            sender: link.sender(way)?,
             latency_ns: Vec::with_capacity(settings.rounds),
             occupied_ns: Vec::with_capacity(settings.rounds),
         });
     }
-    let mut peer = Peer::start(settings.program.as_deref(), &order)?;
-    let payload_bytes = settings.load.whole_bytes();
+    let mut peer = Peer::start(settings.program.as_deref(), &link)?;
+    let payload_bytes = link.bytes();
     let (mut from, mut to) = (vec![1; payload_bytes], vec![2; payload_bytes]);
     let mut copied_ns = vec![];
     for round in 0..settings.warm_up + settings.rounds {
         let counts = round >= settings.warm_up;
         for place in shuffled(ends.len(), round as u64) {
-            ends[place].exchange(&mut peer, settings, round as u32, counts)?;
+            peer.expect(ends[place].way)?;
+            std::thread::sleep(settings.pause);
+            ends[place].exchange(&mut peer, round as u32, counts)?;
         }
         from.fill(round as u8);
         let begun_ns = monotonic_ns();
@@ -147,7 +148,6 @@ fn label() -> String {
     format!("t{}-{count}", std::process::id())
 }
 
-/// One way and what was measured on it.
 struct End {
     way: Way,
     sender: Sender,
@@ -156,23 +156,13 @@ struct End {
 }
 
 impl End {
-    fn exchange(
-        &mut self,
-        peer: &mut Peer,
-        settings: &Settings,
-        word: u32,
-        counts: bool,
-    ) -> Result<()> {
-        peer.expect(self.way)?;
-        std::thread::sleep(settings.pause);
+    fn exchange(&mut self, peer: &mut Peer, word: u32, counts: bool) -> Result<()> {
         let sent = (self.sender)(word)?;
         let arrived = peer.arrived()?;
+        let (way, expected, found) = (self.way.name(), sent.sum, arrived.sum);
         ensure!(
-            arrived.sum == sent.sum,
-            "{}: a sum of {} was sent, {} arrived",
-            self.way.name(),
-            sent.sum,
-            arrived.sum
+            found == expected,
+            "{way}: a sum of {expected} was sent, {found} arrived"
         );
         if counts {
             let latency_ns = arrived.at_ns.saturating_sub(sent.at_ns);

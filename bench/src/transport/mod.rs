@@ -17,7 +17,7 @@ mod measure;
 mod peer;
 mod way;
 
-pub use load::{Load, Payload, Settings, Wake};
+pub use load::{Payload, Settings, Wake};
 pub use measure::{Cost, LatencyPercentiles, Measured, measure};
 pub use peer::serve_peer;
 pub use way::Way;

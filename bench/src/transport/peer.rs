@@ -11,20 +11,11 @@ use anyhow::{Context, Result};
 use mluc::placement::pin;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 
 use super::way::{Arrived, Link, Receiver, Way};
 
-/// First word of the command line of a receiving process; the second is its [`Order`] as JSON.
+/// First word of the command line of a receiving process; the second is its [`Link`] as JSON.
 const WORD: &str = "--transport-peer";
-
-/// What the receiver is to do.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Order {
-    pub(crate) ways: Vec<Way>,
-    pub(crate) link: Link,
-    pub(crate) core: Option<usize>,
-}
 
 /// The receiving process as the sender sees it. Dropped, it ends.
 pub(crate) struct Peer {
@@ -34,14 +25,13 @@ pub(crate) struct Peer {
 }
 
 impl Peer {
-    /// Starts it and waits until it is connected.
-    pub(crate) fn start(program: Option<&Path>, order: &Order) -> Result<Peer> {
+    pub(crate) fn start(program: Option<&Path>, link: &Link) -> Result<Peer> {
         let program = match program {
             Some(program) => program.to_path_buf(),
             None => std::env::current_exe().context("finding this program")?,
         };
         let mut child = Command::new(program)
-            .args([WORD, &serde_json::to_string(order)?])
+            .args([WORD, &serde_json::to_string(link)?])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -65,7 +55,6 @@ impl Peer {
         writeln!(to, "{}", way.name()).with_context(|| gone("naming the next way"))
     }
 
-    /// What it saw.
     pub(crate) fn arrived(&mut self) -> Result<Arrived> {
         self.hear("waiting for what arrived")
     }
@@ -98,24 +87,24 @@ impl Drop for Peer {
 pub fn serve_peer() -> Result<bool> {
     let words = std::env::args_os().skip(1).take(2);
     let words: Vec<String> = words.map(|word| word.to_string_lossy().into()).collect();
-    let [WORD, order] = words.iter().map(String::as_str).collect::<Vec<_>>()[..] else {
+    let [WORD, link] = words.iter().map(String::as_str).collect::<Vec<_>>()[..] else {
         return Ok(false);
     };
-    let wrong = || format!("the receiving process: an order expected, found `{order}`");
-    serve(&serde_json::from_str(order).with_context(wrong)?)?;
+    let wrong = || format!("the receiving process: an order expected, found `{link}`");
+    serve(&serde_json::from_str(link).with_context(wrong)?)?;
     Ok(true)
 }
 
-fn serve(order: &Order) -> Result<()> {
+fn serve(link: &Link) -> Result<()> {
     // A sender that was killed closes no pipe in time when this process waits for a message.
     set_parent_process_death_signal(Some(Signal::TERM))
         .context("tying this process to its parent")?;
-    if let Some(core) = order.core {
+    if let Some(core) = link.core {
         pin(&[core])?;
     }
     let mut receivers: Vec<(&str, Receiver)> = vec![];
-    for &way in &order.ways {
-        receivers.push((way.name(), order.link.receiver(way)?));
+    for &way in &link.ways {
+        receivers.push((way.name(), link.receiver(way)?));
     }
     let mut output = std::io::stdout().lock();
     writeln!(output, "null").context("answering the sending process")?;

@@ -104,7 +104,7 @@ unsafe impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
     }
 
     #[inline(always)]
-    fn list(self, index: &[u32], taps: usize, first: usize, lists: &mut Lists) {
-        list::list(self, index, taps, first, lists);
+    fn list(self, lists: &mut Lists, first: usize) {
+        list::list(self, lists, first);
     }
 }

@@ -7,16 +7,11 @@ pub(super) trait Tile {
     /// Whether a product takes a few registers besides its operands where `S` has no instruction for it.
     const NEEDS_SPARE: bool = false;
 
-    /// Works on rows `row..row + R` and columns `column..column + V * S::LANES`. Implement it `#[inline(always)]`.
+    /// Works on rows `row..row + R` and columns `column..column + V * S::LANES`, where `at` is `[row, column]`. Implement it `#[inline(always)]`.
     ///
     /// # Safety
     /// These rows and columns lie inside the table that the implementing type was made for.
-    unsafe fn tile<S: Simd, const R: usize, const V: usize>(
-        &self,
-        simd: S,
-        row: usize,
-        column: usize,
-    );
+    unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]);
 }
 
 /// Every row and column exactly once.
@@ -60,22 +55,22 @@ unsafe fn down<S: Simd, const R: usize, const V: usize>(
     let mut row = 0;
     // SAFETY (all): each tile ends at or before `rows`; the caller vouches for the columns.
     while row + R <= rows {
-        unsafe { tile.tile::<S, R, V>(simd, row, column) };
+        unsafe { tile.tile::<S, R, V>(simd, [row, column]) };
         row += R;
     }
     if R > 8 && row + 8 <= rows {
-        unsafe { tile.tile::<S, 8, V>(simd, row, column) };
+        unsafe { tile.tile::<S, 8, V>(simd, [row, column]) };
         row += 8;
     }
     if R > 4 && row + 4 <= rows {
-        unsafe { tile.tile::<S, 4, V>(simd, row, column) };
+        unsafe { tile.tile::<S, 4, V>(simd, [row, column]) };
         row += 4;
     }
     if R > 2 && row + 2 <= rows {
-        unsafe { tile.tile::<S, 2, V>(simd, row, column) };
+        unsafe { tile.tile::<S, 2, V>(simd, [row, column]) };
         row += 2;
     }
     if row < rows {
-        unsafe { tile.tile::<S, 1, V>(simd, row, column) };
+        unsafe { tile.tile::<S, 1, V>(simd, [row, column]) };
     }
 }

@@ -25,17 +25,20 @@ pub(super) const GROUP: usize = 16;
 /// A register of pairs is written whole, and kept as far as it counts.
 const SLACK: usize = 8;
 
-/// The pairs of one block, for [`GROUP`] taps at a time.
+/// The pairs of one block of rows, for [`GROUP`] taps at a time.
 ///
 /// What [`Simd::list`] writes is what safe code relies on: `counts`, `inputs`, and rows of pairs among the block's.
-pub struct Lists {
+pub struct Lists<'a> {
+    /// The input row of each row of the block and each tap.
+    pub(super) index: &'a [u32],
+    pub(super) taps: usize,
+    /// Of the block; at most [`BLOCK`].
+    pub(super) rows: usize,
     pub(super) pairs: [[MaybeUninit<Pair>; BLOCK + SLACK]; GROUP],
     /// Pairs at each tap of the group; so many are initialised.
     pub(super) counts: [usize; GROUP],
     /// Every listed input row is below this.
     pub(super) inputs: usize,
-    /// Every listed row of the block is below this; at most [`BLOCK`].
-    rows: usize,
     /// First tap of the group that is listed.
     held: Option<usize>,
 }
@@ -43,53 +46,40 @@ pub struct Lists {
 /// The pairs of one tap, or of several in a row that have all rows of the block; and what they stay below.
 #[derive(Clone, Copy)]
 pub(crate) struct Listed<'a> {
-    first: *const Pair,
+    /// Of the first tap; `taps` times as many as [`Listed::pairs`] can be read from there on.
+    pub(super) first: *const Pair,
     /// At each tap.
     count: usize,
     taps: usize,
     inputs: usize,
     rows: usize,
-    lists: PhantomData<&'a Lists>,
+    lists: PhantomData<&'a Lists<'a>>,
 }
 
-impl Lists {
-    /// Of no block yet.
+impl Lists<'_> {
+    /// `index`: rows of `taps`, at most [`BLOCK`].
     #[inline(always)]
-    pub(crate) fn new() -> Lists {
+    pub(crate) fn new(index: &[u32], taps: usize) -> Lists<'_> {
+        let entries = index.len();
+        assert!(entries <= BLOCK * taps, "{entries} entries of {taps} taps");
         Lists {
+            index,
+            taps,
+            rows: entries / taps,
             pairs: [[const { MaybeUninit::uninit() }; BLOCK + SLACK]; GROUP],
             counts: [0; GROUP],
             inputs: 0,
-            rows: 0,
             held: None,
         }
     }
 
-    /// Turns to another block.
+    /// The rows present at `tap`, ascending.
     #[inline(always)]
-    pub(crate) fn forget(&mut self) {
-        self.held = None;
-    }
-
-    /// The rows present at `tap`, ascending. `index`: the block's rows (at most [`BLOCK`]) of `taps`, the same at every
-    /// call until [`Lists::forget`].
-    #[inline(always)]
-    pub(crate) fn at_tap<S: Simd>(
-        &mut self,
-        simd: S,
-        index: &[u32],
-        taps: usize,
-        tap: usize,
-    ) -> Listed<'_> {
+    pub(crate) fn at_tap<S: Simd>(&mut self, simd: S, tap: usize) -> Listed<'_> {
+        assert!(tap < self.taps, "tap {tap} of {}", self.taps);
         let first = tap / GROUP * GROUP;
         if self.held != Some(first) {
-            assert!(
-                tap < taps && index.len() <= BLOCK * taps,
-                "{} entries, tap {tap} of {taps}",
-                index.len()
-            );
-            self.rows = index.len() / taps;
-            simd.list(index, taps, first, self);
+            simd.list(self, first);
             self.held = Some(first);
         }
         let tap = tap - first;
@@ -106,37 +96,28 @@ impl Lists {
     /// [`Lists::at_tap`], with as many taps after it as are listed and, like it, have every row: their sums can stay in
     /// registers from tap to tap.
     #[inline(always)]
-    pub(crate) fn at_taps_from<S: Simd>(
-        &mut self,
-        simd: S,
-        index: &[u32],
-        taps: usize,
-        tap: usize,
-    ) -> Listed<'_> {
-        self.at_tap(simd, index, taps, tap);
+    pub(crate) fn at_taps_from<S: Simd>(&mut self, simd: S, tap: usize) -> Listed<'_> {
+        self.at_tap(simd, tap);
         let (rows, place) = (self.rows, tap % GROUP);
-        let last = GROUP.min(taps - (tap - place));
-        let full = self.counts[place..last]
-            .iter()
-            .take_while(|count| **count == rows);
-        let full = full.count().max(1);
+        let last = GROUP.min(self.taps - (tap - place));
+        let counts = self.counts[place..last].iter();
+        let full = counts.take_while(|count| **count == rows);
         Listed {
-            taps: full,
-            ..self.at_tap(simd, index, taps, tap)
+            taps: full.count().max(1),
+            ..self.at_tap(simd, tap)
         }
     }
 
     /// What [`Simd::list`] does, on any processor.
     #[inline(always)]
-    pub(super) fn list_plain(&mut self, index: &[u32], taps: usize, first: usize) {
+    pub(super) fn list_plain(&mut self, first: usize) {
         // ABSENT + 1 is 0.
         let mut inputs = 0;
-        for (tap, (pairs, counted)) in
-            (first..taps).zip(self.pairs.iter_mut().zip(&mut self.counts))
-        {
+        let lists = self.pairs.iter_mut().zip(&mut self.counts);
+        for (tap, (pairs, counted)) in (first..self.taps).zip(lists) {
             let mut count = 0;
-            for (row, row_index) in index.chunks_exact(taps).enumerate() {
-                let input = row_index[tap];
+            for (row, taps) in self.index.chunks_exact(self.taps).enumerate() {
+                let input = taps[tap];
                 inputs = input.wrapping_add(1).max(inputs);
                 // Always written, kept when present: no branch to mispredict.
                 pairs[count].write(Pair {
@@ -168,12 +149,6 @@ impl Listed<'_> {
     /// The pairs of each of the taps begin so many pairs after those of the one before.
     pub(super) const TAP_STRIDE: usize = BLOCK + SLACK;
 
-    /// The first pair of the first tap; [`Listed::taps`] times as many as [`Listed::pairs`] can be read from there on.
-    #[inline(always)]
-    pub(super) fn first(&self) -> *const Pair {
-        self.first
-    }
-
     /// Panics when a pair names a row that is not there.
     #[inline(always)]
     pub(super) fn check(&self, inputs: usize, rows: usize) {
@@ -191,32 +166,21 @@ mod tests {
     use super::*;
     use crate::simd::{Kernel, Level};
 
-    /// What a block lists: the pairs of each tap; first tap and number of taps of each step through them.
-    struct List<'a> {
-        index: &'a [u32],
-        taps: usize,
-    }
+    /// First tap and number of taps of each step through a block.
+    struct Steps<'a>(Lists<'a>);
 
-    impl Kernel for List<'_> {
-        type Output = (Vec<Vec<(u32, u32)>>, Vec<(usize, usize)>);
+    impl Kernel for Steps<'_> {
+        type Output = Vec<(usize, usize)>;
 
         #[inline(always)]
-        fn run<S: Simd>(self, simd: S) -> Self::Output {
-            let List { index, taps } = self;
-            let (mut lists, mut steps, mut next) = (Lists::new(), vec![], 0);
-            let mut pairs = vec![];
-            for tap in 0..taps {
-                let listed = lists.at_tap(simd, index, taps, tap);
-                listed.check(700, index.len() / taps);
-                let found = listed.pairs().iter();
-                pairs.push(found.map(|pair| (pair.input, pair.row)).collect());
-                if tap == next {
-                    let together = lists.at_taps_from(simd, index, taps, tap).taps();
-                    steps.push((tap, together));
-                    next += together;
-                }
+        fn run<S: Simd>(mut self, simd: S) -> Self::Output {
+            let (mut steps, mut tap) = (vec![], 0);
+            while tap < self.0.taps {
+                let together = self.0.at_taps_from(simd, tap).taps();
+                steps.push((tap, together));
+                tap += together;
             }
-            (pairs, steps)
+            steps
         }
     }
 
@@ -228,44 +192,9 @@ mod tests {
             index[absent] = ABSENT;
         }
         for level in Level::all() {
-            let index = &index;
             let expected = [(0, 4), (4, 1), (5, 1), (6, 10), (16, 4), (20, 1), (21, 6)];
-            let (_, steps) = level.run(List { index, taps });
+            let steps = level.run(Steps(Lists::new(&index, taps)));
             assert_eq!(steps, expected, "{}", level.name());
-        }
-    }
-
-    #[test]
-    fn every_level_lists_the_present_rows_in_order() {
-        let mut state = 1_u64;
-        let mut random = |bound: u64| {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            (state >> 33) % bound
-        };
-        let mut entry = |absent_percent| {
-            let absent = random(100) < absent_percent;
-            if absent { ABSENT } else { random(700) as u32 }
-        };
-        for taps in [1, 2, 3, 9, 15, 16, 17, 27, 32, 40] {
-            for (rows, absent_percent) in [0, 1, 15, 16, 17, 50, 95, 96]
-                .into_iter()
-                .flat_map(|rows| [0, 40, 95, 100].map(|absent| (rows, absent)))
-            {
-                let index: Vec<u32> = (0..rows * taps).map(|_| entry(absent_percent)).collect();
-                let present = |tap: usize| -> Vec<(u32, u32)> {
-                    let column =
-                        (0..rows as u32).map(|row| (index[row as usize * taps + tap], row));
-                    column.filter(|pair| pair.0 != ABSENT).collect()
-                };
-                let expected: Vec<_> = (0..taps).map(present).collect();
-                for level in Level::all() {
-                    let index = &index;
-                    let (pairs, _) = level.run(List { index, taps });
-                    assert_eq!(pairs, expected, "{}, {rows} x {taps}", level.name());
-                }
-            }
         }
     }
 }

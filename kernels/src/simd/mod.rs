@@ -71,11 +71,10 @@ pub unsafe trait Simd: Copy {
     /// `a + b` of i32, modulo 2^32.
     fn add_bits(self, a: Self::Bits, b: Self::Bits) -> Self::Bits;
 
-    /// Lists the rows of `index` (rows of `taps`) that are present at each of the taps from `first` on, as many as
-    /// `lists` holds.
+    /// Lists the block's rows that are present at each of the taps from `first` on, as many as `lists` holds.
     #[inline(always)]
-    fn list(self, index: &[u32], taps: usize, first: usize, lists: &mut Lists) {
-        lists.list_plain(index, taps, first);
+    fn list(self, lists: &mut Lists, first: usize) {
+        lists.list_plain(first);
     }
 }
 

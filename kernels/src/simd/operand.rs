@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 
 use super::{Simd, load};
-use crate::Bf16;
+use crate::{Bf16, Element};
 
 /// A value of an input row, [`Operand::STEP`] of which meet a weight at once.
 pub trait Operand: Copy {
@@ -139,9 +139,7 @@ impl Operand for Bf16 {
 
     #[inline(always)]
     unsafe fn splat<S: Simd>(simd: S, from: *const Bf16) -> S::Bits {
-        let pair = unsafe { from.cast::<u32>().read_unaligned() };
-        let big_endian = cfg!(target_endian = "big");
-        simd.splat_bits(pair.rotate_left(if big_endian { 16 } else { 0 }))
+        simd.splat_bits(unsafe { from.cast::<u32>().read_unaligned() })
     }
 
     #[inline(always)]

@@ -56,24 +56,20 @@ impl<I: Operand> Tile for Convolve<'_, I> {
     const NEEDS_SPARE: bool = I::NEEDS_SPARE;
 
     #[inline(always)]
-    unsafe fn tile<S: Simd, const R: usize, const V: usize>(
-        &self,
-        simd: S,
-        row: usize,
-        column: usize,
-    ) {
+    unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
+        let [row, column] = at;
         // SAFETY: `convolve_tiles` has checked the pairs and the lengths, the caller gives rows and columns inside.
         unsafe {
             let mut inputs = [self.input; R];
             let mut sums = [self.sums; R];
             for r in 0..R {
-                let pair = self.listed.first().add(row + r).read();
+                let pair = self.listed.first.add(row + r).read();
                 sums[r] = self.sums.add(pair.row as usize * self.width + column);
             }
             let mut totals = load_tile::<I, S, R, V>(sums);
             let mut weights = self.weights.add(column);
             for tap in 0..self.listed.taps() {
-                let pairs = self.listed.first().add(tap * Listed::TAP_STRIDE + row);
+                let pairs = self.listed.first.add(tap * Listed::TAP_STRIDE + row);
                 for r in 0..R {
                     inputs[r] = self.input.add((*pairs.add(r)).input as usize * self.cin);
                 }
@@ -128,12 +124,8 @@ struct Gradient<'a> {
 
 impl Tile for Gradient<'_> {
     #[inline(always)]
-    unsafe fn tile<S: Simd, const R: usize, const V: usize>(
-        &self,
-        simd: S,
-        row: usize,
-        column: usize,
-    ) {
+    unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
+        let [row, column] = at;
         // SAFETY: `gradient_tiles` has checked the pairs and the lengths, the caller gives rows (input channels) and
         // columns inside.
         unsafe {

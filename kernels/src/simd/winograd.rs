@@ -270,12 +270,8 @@ struct Product {
 
 impl Tile for Product {
     #[inline(always)]
-    unsafe fn tile<S: Simd, const R: usize, const V: usize>(
-        &self,
-        simd: S,
-        row: usize,
-        column: usize,
-    ) {
+    unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
+        let [row, column] = at;
         // SAFETY: `Windows::multiply` has checked the lengths, the caller gives rows and columns inside.
         unsafe {
             let (mut windows, mut sums) = ([self.windows; R], [self.sums; R]);

@@ -1,6 +1,8 @@
 //! The plain version that every faster one is compared with, and random cases.
 #![allow(dead_code)] // Each test file uses a part of it.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use mluc_kernels::{ABSENT, Gather};
 
 /// A linear congruential generator: the same cases on every machine.
@@ -40,13 +42,6 @@ impl Random {
         };
         Gather::new(taps, (0..outputs * taps).map(|_| entry()).collect())
     }
-
-    /// 0..count in random order.
-    pub(crate) fn permutation(&mut self, count: usize) -> Vec<u32> {
-        let mut rows: Vec<u32> = (0..count as u32).collect();
-        (1..count).for_each(|i| rows.swap(i, self.below(i + 1)));
-        rows
-    }
 }
 
 /// A map of `width x height` read by a 3x3 kernel; each (input row, tap) is read at most once.
@@ -64,6 +59,33 @@ pub(crate) fn dense(width: usize, height: usize) -> Gather {
     Gather::new(9, cells.map(entry).collect())
 }
 
+/// Calls `product` for each output row with the number of a row of the weights (`[tap][cin]`) and the input that meets it.
+fn each_product(
+    input: &[f32],
+    cin: usize,
+    gather: &Gather,
+    mut product: impl FnMut(usize, usize, f64),
+) {
+    for (at, row) in gather
+        .index
+        .iter()
+        .enumerate()
+        .filter(|(_, row)| **row != ABSENT)
+    {
+        let (output, tap) = (at / gather.taps, at % gather.taps);
+        for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
+            product(output, tap * cin + i, f64::from(*x));
+        }
+    }
+}
+
+/// `to += x * from`.
+fn add(to: &mut [f64], x: f64, from: &[f32]) {
+    to.iter_mut()
+        .zip(from)
+        .for_each(|(to, from)| *to += x * f64::from(*from));
+}
+
 /// `[tap][cin][cout]` weights; sums in f64, one row of `cout` for each output row.
 pub(crate) fn convolve(
     input: &[f32],
@@ -73,16 +95,13 @@ pub(crate) fn convolve(
     cout: usize,
 ) -> Vec<f64> {
     let mut output = vec![0.0; gather.outputs() * cout];
-    let rows = gather.index.chunks_exact(gather.taps);
-    for (taps, out) in rows.zip(output.chunks_exact_mut(cout)) {
-        for (tap, row) in taps.iter().enumerate().filter(|(_, row)| **row != ABSENT) {
-            for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
-                let weights = &weights[(tap * cin + i) * cout..][..cout];
-                let pairs = out.iter_mut().zip(weights);
-                pairs.for_each(|(sum, weight)| *sum += f64::from(*x) * f64::from(*weight));
-            }
-        }
-    }
+    each_product(input, cin, gather, |row, weight, x| {
+        add(
+            &mut output[row * cout..][..cout],
+            x,
+            &weights[weight * cout..],
+        );
+    });
     output
 }
 
@@ -95,16 +114,9 @@ pub(crate) fn weight_gradient(
     cout: usize,
 ) -> Vec<f64> {
     let mut gradient = vec![0.0; gather.taps * cin * cout];
-    let rows = gather.index.chunks_exact(gather.taps);
-    for (taps, dy) in rows.zip(dy.chunks_exact(cout)) {
-        for (tap, row) in taps.iter().enumerate().filter(|(_, row)| **row != ABSENT) {
-            for (i, x) in input[*row as usize * cin..][..cin].iter().enumerate() {
-                let sums = &mut gradient[(tap * cin + i) * cout..][..cout];
-                let pairs = sums.iter_mut().zip(dy);
-                pairs.for_each(|(sum, dy)| *sum += f64::from(*x) * f64::from(*dy));
-            }
-        }
-    }
+    each_product(input, cin, gather, |row, weight, x| {
+        add(&mut gradient[weight * cout..][..cout], x, &dy[row * cout..]);
+    });
     gradient
 }
 
@@ -122,6 +134,14 @@ pub(crate) fn assert_near(found: &[f32], expected: &[f64], tolerance: f64, what:
             "{what}: value {i} is {found}, expected {expected}"
         );
     }
+}
+
+/// Panics unless `work` panics and says `expected`.
+pub(crate) fn assert_refused<R>(expected: &str, work: impl FnOnce() -> R) {
+    let panicked = catch_unwind(AssertUnwindSafe(work)).err().expect("a panic");
+    let text = panicked.downcast_ref::<&str>().copied();
+    let text = text.or(panicked.downcast_ref::<String>().map(String::as_str));
+    assert!(text.is_some_and(|text| text.contains(expected)), "{text:?}");
 }
 
 /// Runs `work` on a pool of its own.

@@ -28,9 +28,13 @@ impl Dataset {
         })
     }
 
-    /// [`Dataset::open`], then only the frames that `root/ImageSets/SPLIT.txt` names, in its order.
-    pub fn open_split(root: &Path, split: &str) -> Result<Dataset> {
-        Dataset::open_listed(root, &root.join("ImageSets").join(format!("{split}.txt")))
+    /// [`Dataset::open`], then of a split only the frames that `root/ImageSets/SPLIT.txt` names, in its order.
+    pub fn open_split<'a>(root: &Path, split: impl Into<Option<&'a str>>) -> Result<Dataset> {
+        let list = |split: &str| root.join("ImageSets").join(format!("{split}.txt"));
+        split.into().map_or_else(
+            || Dataset::open(root),
+            |split| Dataset::open_listed(root, &list(split)),
+        )
     }
 
     /// [`Dataset::open`], then only the frames that a list names, one a line, in its order.
@@ -67,19 +71,9 @@ impl Dataset {
         &self.root
     }
 
-    /// Names of the frames, without extension, in order.
+    /// Names of the frames, without extension, in order; at least one.
     pub fn names(&self) -> &[String] {
         &self.names
-    }
-
-    /// Number of frames; at least 1.
-    pub fn len(&self) -> usize {
-        self.names.len()
-    }
-
-    /// Whether there is no frame (an open data set has one).
-    pub fn is_empty(&self) -> bool {
-        self.names.is_empty()
     }
 
     /// Where a frame's scan lies.

@@ -116,15 +116,11 @@ mod tests {
     use super::super::folder::tests::folder_of;
     use super::*;
 
-    /// A folder with two scans and these files.
-    fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
-        let scans = ["training/velodyne/1.bin", "training/velodyne/2.bin"];
-        folder_of(&[&scans.map(|name| (name, "")), files].concat())
-    }
-
     #[test]
     fn lists_are_found_in_the_usual_places_or_where_they_are_said_to_be() {
-        let folder = folder(&[("lists/train.txt", "2\n")]);
+        let scans = ["training/velodyne/1.bin", "training/velodyne/2.bin"];
+        let [one, two] = scans.map(|name| (name, ""));
+        let folder = folder_of(&[one, two, ("lists/train.txt", "2\n")]);
         let open = |root: &str, lists: Option<&str>| {
             let splits = Splits {
                 root: folder.path().join(root),
@@ -133,28 +129,14 @@ mod tests {
             splits.open("train")
         };
         let fault = open("", None).expect_err("no list").to_string();
-        let expected = "split train: expected the list of its frames, train.txt, in ";
-        assert!(fault.starts_with(expected), "{fault}");
-        assert!(fault.contains("ImageSets"), "{fault}");
+        assert!(
+            fault.contains("train.txt") && fault.contains("ImageSets"),
+            "{fault}"
+        );
         assert_eq!(open("", Some("lists")).expect("a split").names(), ["2"]);
         std::fs::create_dir(folder.path().join("ImageSets")).expect("a folder");
         std::fs::write(folder.path().join("ImageSets/train.txt"), "1\n2\n").expect("written");
-        assert_eq!(open("", None).expect("a split").len(), 2);
-        assert_eq!(open("training", None).expect("beside it").len(), 2);
-    }
-
-    #[test]
-    fn missing_files_and_unrecognized_classes_are_named() {
-        let folder = folder(&[("training/label_2/1.txt", "Car 0\n\nCarr 0\n")]);
-        let dataset = Dataset::open(&folder.path().join("training")).expect("scans");
-        let fault = check_files(&dataset).expect_err("no calibration");
-        let fault = fault.to_string();
-        let expected = "frame 1: expected its calibration in ";
-        let named = fault.contains(expected) && fault.contains("1.txt");
-        assert!(named, "{fault}");
-        let labels = dataset.label_path("1");
-        let fault = check_classes(&labels, &KITTI_CLASSES).expect_err("a class");
-        let fault = fault.to_string();
-        assert!(fault.ends_with("line 3, field type: expected one of Car, Van, Truck, Pedestrian, Person_sitting, Cyclist, Tram, Misc, DontCare, found 'Carr'"), "{fault}");
+        assert_eq!(open("", None).expect("a split").names().len(), 2);
+        assert_eq!(open("training", None).expect("beside it").names().len(), 2);
     }
 }

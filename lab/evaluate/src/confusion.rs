@@ -3,7 +3,8 @@
 //! Counts beside the average precision, not a matching: a detection may lie on several labels and several on one, and a detection on a
 //! label that does not count (occluded, of a class that may be found or not) is told with that label's class.
 
-use crate::{CameraDetection, ClassRule, Difficulty, LabelledFrame, UNKNOWN};
+use crate::frame::score_of;
+use crate::{ClassRule, Difficulty, LabelledFrame, UNKNOWN};
 use mluc_dataset::Label;
 use mluc_geometry::{Box3, iou_3d};
 use std::collections::BTreeMap;
@@ -25,7 +26,7 @@ impl Confusion {
     /// Of all frames, by the rule of the unknown; detections that are too small at moderate are left out.
     pub fn of(frames: &[LabelledFrame], rule: &ClassRule) -> Confusion {
         let mut confusion = Confusion::default();
-        let mut best: Vec<(&CameraDetection, &LabelledFrame)> = Vec::new();
+        let mut best: Vec<(&Label, &LabelledFrame)> = Vec::new();
         for frame in frames {
             let labels = frame.labels.iter();
             for label in labels.filter(|label| rule.counts_at(label, Difficulty::Moderate)) {
@@ -37,36 +38,35 @@ impl Confusion {
         }
         let label_count: usize = confusion.labels_found_as.values().sum();
         // Stable: equal scores keep file order.
-        best.sort_by(|a, b| b.0.score.total_cmp(&a.0.score));
+        best.sort_by(|a, b| score_of(b.0).total_cmp(&score_of(a.0)));
         for (detection, frame) in best.into_iter().take(label_count) {
-            let class = lies_on(detection, frame, rule);
+            let labels = frame.labels.iter().filter(|label| !label.is_dont_care());
+            let labels = labels.map(|label| (label.class.as_str(), label.camera_box.upright()));
+            let place = detection.camera_box.upright();
+            let class = most_overlapped(labels, &place, rule.iou_min);
             *confusion.detections_lie_on.entry(class).or_default() += 1;
         }
         confusion
     }
 }
 
-fn detections(frame: &LabelledFrame) -> impl Iterator<Item = &CameraDetection> {
-    let is_high_enough = |d: &&CameraDetection| !Difficulty::Moderate.is_too_small(d);
+fn detections(frame: &LabelledFrame) -> impl Iterator<Item = &Label> {
+    let is_high_enough = |d: &&Label| !Difficulty::Moderate.is_too_small(d);
     frame.detections.iter().filter(is_high_enough)
 }
 
 fn found_as(label: &Label, frame: &LabelledFrame, rule: &ClassRule) -> String {
     let upright = label.camera_box.upright();
-    let (unknown, known): (Vec<&CameraDetection>, Vec<&CameraDetection>) =
+    let (unknown, known): (Vec<&Label>, Vec<&Label>) =
         detections(frame).partition(|d| rule.claims(d));
-    let overlaps = |d: &&CameraDetection| iou_3d(&d.upright, &upright) > rule.iou_min;
+    let overlaps = |d: &&Label| iou_3d(&d.camera_box.upright(), &upright) > rule.iou_min;
     if unknown.iter().any(overlaps) {
         return UNKNOWN.to_owned();
     }
-    let known = known.iter().map(|d| (d.class.as_str(), d.upright));
+    let known = known
+        .iter()
+        .map(|d| (d.class.as_str(), d.camera_box.upright()));
     most_overlapped(known, &upright, rule.iou_min)
-}
-
-fn lies_on(detection: &CameraDetection, frame: &LabelledFrame, rule: &ClassRule) -> String {
-    let labels = frame.labels.iter().filter(|label| !label.is_dont_care());
-    let labels = labels.map(|label| (label.class.as_str(), label.camera_box.upright()));
-    most_overlapped(labels, &detection.upright, rule.iou_min)
 }
 
 /// Class of the box that overlaps `place` most, by more than `iou_min`; the first of equals.
@@ -92,7 +92,7 @@ mod tests {
     use crate::tests::{found_at, frame, label};
 
     /// Checks both rows against classes that occur once each.
-    fn check(labels: &[Label], detections: &[CameraDetection], found_as: &[&str], on: &[&str]) {
+    fn check(labels: &[Label], detections: &[Label], found_as: &[&str], on: &[&str]) {
         let frame = frame(labels.to_vec(), detections.to_vec());
         let classes = ["van".to_owned(), "truck".to_owned()];
         let rule = ClassRule::unknown(&classes, 0.1, UnknownProtocol::Literal);

@@ -1,6 +1,5 @@
 //! The devkit's three difficulties and three metrics.
 
-use crate::CameraDetection;
 use mluc_dataset::Label;
 
 /// Which labelled objects count.
@@ -37,7 +36,7 @@ impl Difficulty {
     }
 
     /// Whether a detection is too small in the image to count; the devkit cuts its height to whole pixels.
-    pub fn is_too_small(self, detection: &CameraDetection) -> bool {
+    pub fn is_too_small(self, detection: &Label) -> bool {
         let [_, top, _, bottom] = detection.image_box_px;
         (bottom - top).abs().trunc() < self.height_min_px()
     }
@@ -45,7 +44,7 @@ impl Difficulty {
 
 /// What the overlap is taken of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Metric {
+pub(crate) enum Metric {
     /// Boxes in the image.
     Image,
     /// Rotated footprints seen from above.
@@ -55,11 +54,9 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// All of them, in the devkit's order.
-    pub const ALL: [Metric; 3] = [Metric::Image, Metric::Bev, Metric::Space];
+    pub(crate) const ALL: [Metric; 3] = [Metric::Image, Metric::Bev, Metric::Space];
 
-    /// Its name in reports.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         ["2d", "bev", "3d"][self as usize]
     }
 }

@@ -38,6 +38,9 @@ pub enum EvaluateError {
     Input(String),
 }
 
+/// What an evaluation gives.
+pub type Result<T, E = EvaluateError> = std::result::Result<T, E>;
+
 impl EvaluateError {
     /// A fault of a file or folder.
     pub fn file(path: &Path, what: impl std::fmt::Display) -> EvaluateError {

@@ -1,7 +1,8 @@
 //! What was labelled and what was found in one scan, made comparable.
 
+use crate::UNKNOWN;
 use mluc_dataset::Label;
-use mluc_geometry::{Box3, Calibration, ImageSize};
+use mluc_geometry::{Box3, Calibration, CameraBox, ImageSize};
 use mluc_ipc_types::ObjectKind;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -40,19 +41,10 @@ struct BoxFields {
     yaw_rad: f64,
 }
 
-/// A detection ready to be compared with labels.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CameraDetection {
-    /// Known or unknown.
-    pub kind: ObjectKind,
-    /// Class name (of an unknown: any).
-    pub class: String,
-    /// Confidence; higher is better; finite.
-    pub score: f64,
-    /// Left, top, right, bottom in the image, px.
-    pub image_box_px: [f64; 4],
-    /// The box at the camera's place with the sensor's axes (see [`mluc_geometry::CameraBox::upright`]).
-    pub upright: Box3,
+/// A detection's confidence.
+pub(crate) fn score_of(detection: &Label) -> f64 {
+    // The reader has seen to it that detections have one.
+    detection.score.unwrap_or_default()
 }
 
 /// A labelled frame that waits for detections.
@@ -67,28 +59,29 @@ pub struct FrameTruth {
 }
 
 impl FrameTruth {
-    /// A box in the image and as [`CameraDetection::upright`]; `None` when there is an image and nothing of the box lies in it.
-    pub(crate) fn in_camera(&self, box_in_sensor: &Box3) -> Option<([f64; 4], Box3)> {
-        let camera_box = self.calibration.label_from_box_in_sensor(box_in_sensor);
-        let image_box_px = if self.calibration.has_camera() {
-            self.calibration
-                .project_label_to_image(&camera_box, self.image)?
+    /// A box in the image and in the camera frame; `None` when there is an image and nothing of the box lies in it.
+    pub(crate) fn in_camera(&self, box_in_sensor: &Box3) -> Option<([f64; 4], CameraBox)> {
+        let calibration = &self.calibration;
+        let camera_box = calibration.label_from_box_in_sensor(box_in_sensor);
+        let image_box_px = if calibration.has_camera() {
+            calibration.project_label_to_image(&camera_box, self.image)?
         } else {
             IMAGE_BOX_WITHOUT_CAMERA_PX
         };
-        Some((image_box_px, camera_box.upright()))
+        Some((image_box_px, camera_box))
     }
 
     /// The frame with what was found in it; what lies outside the image is dropped.
     pub fn with(&self, found: &[SensorDetection]) -> LabelledFrame {
         let detection = |found: &SensorDetection| {
-            let (image_box_px, upright) = self.in_camera(&found.box_in_sensor)?;
-            Some(CameraDetection {
-                kind: found.kind,
-                class: found.class.clone(),
-                score: found.score,
+            let (image_box_px, camera_box) = self.in_camera(&found.box_in_sensor)?;
+            let is_unknown = found.kind == ObjectKind::Unknown;
+            Some(Label {
+                class: if is_unknown { UNKNOWN } else { &found.class }.to_owned(),
                 image_box_px,
-                upright,
+                camera_box,
+                score: Some(found.score),
+                ..Label::default()
             })
         };
         LabelledFrame {
@@ -103,6 +96,6 @@ impl FrameTruth {
 pub struct LabelledFrame {
     /// Labels in file order, DontCare among them.
     pub labels: Arc<[Label]>,
-    /// Detections in file order; ties in score are settled by it.
-    pub detections: Vec<CameraDetection>,
+    /// Detections in file order, which settles ties in score; an unknown object is of class [`UNKNOWN`].
+    pub detections: Vec<Label>,
 }

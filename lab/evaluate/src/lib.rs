@@ -25,15 +25,15 @@ pub mod pipeline;
 mod report;
 mod rule;
 mod sweep;
-mod table;
 #[cfg(test)]
 mod tests;
 
 pub use confusion::Confusion;
 pub use curve::{AveragePrecision, harmonic_mean};
-pub use difficulty::{Difficulty, Metric};
-pub use error::EvaluateError;
-pub use frame::{CameraDetection, FrameTruth, LabelledFrame, SensorDetection};
+pub use difficulty::Difficulty;
+pub(crate) use difficulty::Metric;
+pub use error::{EvaluateError, Result};
+pub use frame::{FrameTruth, LabelledFrame, SensorDetection};
 pub use mluc_ipc_types::ObjectKind;
 pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
 pub use report::{ApEntry, ApReport, ClassReport, evaluate};

@@ -10,6 +10,7 @@
 //! above the class' least one.
 
 use crate::curve::{Curve, FrameCurve};
+use crate::frame::score_of;
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
 use mluc_geometry::{iou_2d, iou_3d, iou_bev, overlap_of_first_2d};
 
@@ -77,12 +78,12 @@ fn prepare(
                 .reduce(f64::min)
                 .is_some_and(|max| in_dont_care(frame, &detection.image_box_px, max));
             candidates.push(Candidate {
-                score: detection.score,
+                score: score_of(detection),
                 valid: !small,
                 in_dont_care,
                 near_truth: false,
             });
-            boxes.push(detection);
+            boxes.push((detection.image_box_px, detection.camera_box.upright()));
         }
     }
     let mut truths = Vec::new();
@@ -92,9 +93,9 @@ fn prepare(
         };
         let upright = label.camera_box.upright();
         let overlap = |i: usize| match metric {
-            Metric::Image => iou_2d(&boxes[i].image_box_px, &label.image_box_px),
-            Metric::Bev => iou_bev(&boxes[i].upright, &upright),
-            Metric::Space => iou_3d(&boxes[i].upright, &upright),
+            Metric::Image => iou_2d(&boxes[i].0, &label.image_box_px),
+            Metric::Bev => iou_bev(&boxes[i].1, &upright),
+            Metric::Space => iou_3d(&boxes[i].1, &upright),
         };
         let near: Vec<(usize, f64)> = (0..boxes.len())
             .map(|i| (i, overlap(i)))

@@ -2,10 +2,10 @@
 //! their harmonic mean, and how many unknown objects were taken for known ones (absolute open-set error; Dhamija et al., WACV 2020).
 
 use crate::curve::{Curve, FrameCurve};
+use crate::frame::score_of;
 use crate::matching::match_frame;
-use crate::{
-    AveragePrecision, CameraDetection, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind,
-};
+use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
+use mluc_dataset::Label;
 use mluc_geometry::{Random, iou_3d, mean_and_spread, mix, resample};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -184,15 +184,15 @@ pub(crate) fn unknown_as_known(frames: &[LabelledFrame], rules: &[ClassRule]) ->
     let Some(rule) = rules.iter().find(|rule| rule.kind == ObjectKind::Unknown) else {
         return 0;
     };
-    let is_known = |d: &&CameraDetection| d.kind == ObjectKind::Known && !rule.claims(d);
+    let is_known = |d: &&Label| !rule.claims(d);
     let mut count = 0;
     for frame in frames {
-        let mut known: Vec<&CameraDetection> = frame.detections.iter().filter(is_known).collect();
-        known.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut known: Vec<&Label> = frame.detections.iter().filter(is_known).collect();
+        known.sort_by(|a, b| score_of(b).total_cmp(&score_of(a)));
         let labels = frame.labels.iter();
         for label in labels.filter(|label| rule.counts_at(label, Difficulty::Moderate)) {
             let upright = label.camera_box.upright();
-            let overlaps = |d: &&CameraDetection| iou_3d(&d.upright, &upright) > rule.iou_min;
+            let overlaps = |d: &&Label| iou_3d(&d.camera_box.upright(), &upright) > rule.iou_min;
             if let Some(index) = known.iter().position(overlaps) {
                 known.remove(index);
                 count += 1;

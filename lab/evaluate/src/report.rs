@@ -1,10 +1,12 @@
-//! Every class, metric and difficulty at once.
+//! Every class, metric and difficulty at once: figures, JSON for programs, a table for people.
 
 use crate::matching::match_frames;
 use crate::{
     AveragePrecision, ClassRule, Confusion, Difficulty, LabelledFrame, Metric, ObjectKind,
 };
 use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 
 /// Figures of one class at one metric and difficulty.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -27,14 +29,9 @@ pub struct ClassReport {
 }
 
 impl ClassReport {
-    /// The figures at one metric and difficulty.
-    pub fn entry(&self, metric: Metric, difficulty: Difficulty) -> &ApEntry {
-        &self.entries[metric as usize][difficulty as usize]
-    }
-
     /// The figures of volumes at moderate.
     pub fn main(&self) -> &ApEntry {
-        self.entry(Metric::Space, Difficulty::Moderate)
+        &self.entries[Metric::Space as usize][Difficulty::Moderate as usize]
     }
 }
 
@@ -65,12 +62,6 @@ impl ApReport {
         let mut classes = self.classes.iter();
         classes.find(|class| class.rule.kind == ObjectKind::Unknown)
     }
-
-    /// Names of the classes of which no label counts at moderate.
-    pub fn without_labels(&self) -> impl Iterator<Item = &str> {
-        let empty = self.classes.iter().filter(|c| c.main().truth_count == 0);
-        empty.map(|class| class.rule.name.as_str())
-    }
 }
 
 /// Judges the frames by each rule. The frames' order matters only where scores are equal.
@@ -92,4 +83,111 @@ pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
         classes: classes.collect(),
         confusion: unknown.map(|rule| Confusion::of(frames, rule)),
     }
+}
+
+impl ApReport {
+    /// `{"car/3d/moderate": {"ap_r11": .., "ap_r40": .., "ap_all": ..}, ..}`, with the open-set figures at the top
+    /// level where there are any, in percent; `unknown_confusion` holds counts.
+    pub fn to_json(&self) -> Value {
+        let mut object = Map::new();
+        for class in &self.classes {
+            for (metric, entries) in Metric::ALL.iter().zip(&class.entries) {
+                for (difficulty, entry) in Difficulty::ALL.iter().zip(entries) {
+                    let AveragePrecision { r11, r40, all } = entry.ap;
+                    let figures = json!({"ap_r11": r11, "ap_r40": r40, "ap_all": all});
+                    let (class, metric) = (&class.rule.name, metric.name());
+                    object.insert(format!("{class}/{metric}/{}", difficulty.name()), figures);
+                }
+            }
+        }
+        for (name, known, recall, unknown, harm) in self.open_set() {
+            // Recall has no recall positions: its twin is the same number.
+            let end = if name == "R40" { "" } else { "_all" };
+            object.insert(format!("map_known{end}"), json!(known));
+            object.insert(format!("recall_unknown{end}"), json!(recall));
+            object.insert(format!("ap_unknown{end}"), json!(unknown));
+            object.insert(format!("map_harm{end}"), json!(harm));
+        }
+        if let Some(confusion) = &self.confusion {
+            let rows = json!({
+                "labels_found_as": confusion.labels_found_as,
+                "detections_lie_on": confusion.detections_lie_on,
+            });
+            object.insert("unknown_confusion".to_owned(), rows);
+        }
+        Value::Object(object)
+    }
+
+    /// At 40 positions and over all points, where an unknown group was asked for: mAP of the known, recall and AP of the unknown, and
+    /// the harmonic mean.
+    fn open_set(&self) -> Vec<(&'static str, f64, f64, f64, f64)> {
+        let Some(unknown) = self.unknown().map(ClassReport::main) else {
+            return Vec::new();
+        };
+        let known = self.map_known();
+        let (harm, recall) = (known.harmonic(unknown.ap), unknown.recall_percent);
+        vec![
+            ("R40", known.r40, recall, unknown.ap.r40, harm.r40),
+            ("all points", known.all, recall, unknown.ap.all, harm.all),
+        ]
+    }
+
+    /// The same for people: easy / moderate / hard beside each other.
+    pub fn to_table(&self) -> String {
+        let triple = "  easy    mod   hard";
+        let mut text = format!(
+            "{:<12} {:<4} {:>5}  {:^17}  {:^20}  {:^20}  {:^20}\n",
+            "class", "", "IoU >", "labels", "AP R11, %", "AP R40, %", "AP all points, %"
+        );
+        text += &format!(
+            "{:<24} {:>17}  {triple}  {triple}  {triple}\n",
+            "", "easy   mod  hard"
+        );
+        for class in &self.classes {
+            let mut name = class.rule.name.as_str();
+            for (metric, entries) in Metric::ALL.iter().zip(&class.entries) {
+                let counts = entries.map(|e| format!("{:>5}", e.truth_count)).join(" ");
+                let (metric, iou) = (metric.name(), class.rule.iou_min);
+                text += &format!("{name:<12} {metric:<4} {iou:>5.2}  {counts}");
+                let aps: [fn(&AveragePrecision) -> f64; 3] =
+                    [|ap| ap.r11, |ap| ap.r40, |ap| ap.all];
+                for ap in aps {
+                    let three = entries.map(|e| format!("{:>6.2}", ap(&e.ap)));
+                    text += &format!("  {}", three.join(" "));
+                }
+                text.push('\n');
+                // Once a class.
+                name = "";
+            }
+        }
+        let open_set = self.open_set();
+        if !open_set.is_empty() {
+            text += "\nopen set (3d, moderate, %)   mAP known  recall unknown  AP unknown  harmonic mean\n";
+        }
+        for (name, known, recall, unknown, harm) in open_set {
+            text += &format!(
+                "  {name:<26} {known:>9.2}  {recall:>14.2}  {unknown:>10.2}  {harm:>13.2}\n"
+            );
+        }
+        if let Some(confusion) = &self.confusion {
+            for (what, row) in [
+                ("unknown labels, found as", &confusion.labels_found_as),
+                ("best unknown detections, on", &confusion.detections_lie_on),
+            ] {
+                text += &format!("  {what:<28} {}\n", counts(row));
+            }
+        }
+        text
+    }
+}
+
+/// `58 unknown, 11 car, 2 nothing`: most first; `none` of an empty row.
+fn counts(row: &BTreeMap<String, usize>) -> String {
+    if row.is_empty() {
+        return "none".to_owned();
+    }
+    let mut row: Vec<(&String, &usize)> = row.iter().collect();
+    row.sort_by_key(|(_, count)| std::cmp::Reverse(**count));
+    let row = row.iter().map(|(class, count)| format!("{count} {class}"));
+    row.collect::<Vec<_>>().join(", ")
 }

@@ -1,6 +1,6 @@
 //! Which labels and detections count for a class.
 
-use crate::{CameraDetection, Difficulty, EvaluateError, LabelledFrame, ObjectKind, UNKNOWN_IOUS};
+use crate::{Difficulty, EvaluateError, LabelledFrame, ObjectKind, Result, UNKNOWN_IOUS};
 use clap::ValueEnum;
 use mluc_dataset::{Label, is_recognized};
 use std::collections::BTreeSet;
@@ -110,11 +110,10 @@ impl ClassRule {
 
     /// Whether a detection claims to be of this class. A detector that was trained on unknown classes names them: its
     /// detections are merged as the labels are.
-    pub(crate) fn claims(&self, detection: &CameraDetection) -> bool {
-        let is_kind = detection.kind == self.kind;
+    pub(crate) fn claims(&self, detection: &Label) -> bool {
         match self.kind {
-            ObjectKind::Known => is_kind && detection.class.eq_ignore_ascii_case(&self.name),
-            ObjectKind::Unknown => is_kind || contains(&self.valid, &detection.class),
+            ObjectKind::Known => detection.is(&self.name),
+            ObjectKind::Unknown => detection.is(UNKNOWN) || contains(&self.valid, &detection.class),
         }
     }
 }
@@ -138,10 +137,7 @@ pub struct RuleRequest {
 }
 
 /// The rules of an evaluation: the known classes in order, then the unknown group if there is one.
-pub fn rules(
-    request: &RuleRequest,
-    frames: &[LabelledFrame],
-) -> Result<Vec<ClassRule>, EvaluateError> {
+pub fn rules(request: &RuleRequest, frames: &[LabelledFrame]) -> Result<Vec<ClassRule>> {
     let lower = |class: &String| class.to_ascii_lowercase();
     let unknown: Vec<String> = request.unknown.iter().map(lower).collect();
     let with_overlap = request.iou_min.iter().map(|(class, _)| class);
@@ -153,8 +149,10 @@ pub fn rules(
     }
     let mut known: Vec<String> = if request.classes.is_empty() {
         let kitti = KITTI_CLASSES.iter().map(|(class, _)| (*class).to_owned());
-        let labelled = labelled_and_detected(frames);
-        kitti.chain(named.map(lower)).chain(labelled).collect()
+        let detections = frames.iter().flat_map(|frame| &frame.detections);
+        let detected: BTreeSet<String> = detections.map(|d| lower(&d.class)).collect();
+        let found = &labelled(frames) & &detected;
+        kitti.chain(named.map(lower)).chain(found).collect()
     } else {
         request.classes.iter().map(lower).collect()
     };
@@ -189,10 +187,9 @@ pub fn paper_rules(
     known: &[String],
     unknown: &[String],
     neighbours: NeighbourPolicy,
-) -> Result<Vec<ClassRule>, EvaluateError> {
-    let cars = known
-        .iter()
-        .filter(|class| *class == "car" && model_name != "kitti");
+) -> Result<Vec<ClassRule>> {
+    let is_other = |class: &&String| class.eq_ignore_ascii_case("car") && model_name != "kitti";
+    let cars = known.iter().filter(is_other);
     let request = RuleRequest {
         classes: known.to_vec(),
         iou_min: cars.map(|car| (car.clone(), 0.5)).collect(),
@@ -205,7 +202,7 @@ pub fn paper_rules(
     rules(&request, &[])
 }
 
-fn checked(class: &str, iou_min: f64) -> Result<f64, EvaluateError> {
+fn checked(class: &str, iou_min: f64) -> Result<f64> {
     if (0.0..1.0).contains(&iou_min) {
         return Ok(iou_min);
     }
@@ -224,14 +221,6 @@ fn overlap_of(class: &str, asked: &[(String, f64)]) -> f64 {
         .chain(defaults)
         .find(|(name, _)| name.eq_ignore_ascii_case(class));
     found.map_or(0.5, |(_, iou)| iou)
-}
-
-/// Classes that occur in the labels and in detections of kind known.
-fn labelled_and_detected(frames: &[LabelledFrame]) -> BTreeSet<String> {
-    let detections = frames.iter().flat_map(|frame| &frame.detections);
-    let known = detections.filter(|d| d.kind == ObjectKind::Known);
-    let detected: BTreeSet<String> = known.map(|d| d.class.to_ascii_lowercase()).collect();
-    &labelled(frames) & &detected
 }
 
 /// Labelled classes that KITTI does not leave out.

@@ -6,7 +6,7 @@ use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_threshold, class_names,
     detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_threshold,
 };
-use mluc_evaluate::{NeighbourPolicy, ObjectKind, SweepPoint, best_index};
+use mluc_evaluate::{NeighbourPolicy, ObjectKind, SensorDetection, SweepPoint, best_index};
 use mluc_geometry::Box3;
 use mluc_head::Detection;
 use mluc_model::Model;
@@ -37,7 +37,7 @@ fn synthetic_unknown(set: &FrameSet, dataset: &Dataset, classes: &[String]) -> V
             generic: 0,
         }
     };
-    (0..set.len()).map(frame).collect()
+    (0..set.names().len()).map(frame).collect()
 }
 
 fn detection(shape: &Box3, class: usize, score: f32, e: f32) -> Detection {
@@ -92,13 +92,7 @@ fn without_the_gate_the_objects_are_the_detections() {
         let count = frame.detections.len();
         assert!(count > 10 && objects.len() == count, "{count} boxes");
         for (object, detection) in objects.iter().zip(&frame.detections) {
-            assert_eq!(object.kind, ObjectKind::Known);
-            assert_eq!(object.class, classes[detection.class_id as usize]);
-            assert_eq!(object.score, f64::from(detection.score));
-            let shape = object.box_in_sensor;
-            assert_eq!(shape.center_m, detection.center_m.map(f64::from));
-            assert_eq!(shape.size_m, detection.size_m.map(f64::from));
-            assert_eq!(shape.yaw_rad, f64::from(detection.yaw_rad));
+            assert_eq!(*object, SensorDetection::of_box(detection, &classes));
         }
         assert!(gated.iter().all(|o| o.kind == ObjectKind::Unknown));
     }
@@ -243,15 +237,4 @@ fn every_label_has_one_disposition() {
         }
     }
     assert!(sums[0] > 5 && sums[1] > 0 && sums[2] > 0, "{sums:?}");
-}
-
-#[test]
-fn a_folder_without_scans_is_an_error() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let fault = FrameSet::open(folder.path(), None, 1).expect_err("no scans");
-    assert!(
-        fault
-            .to_string()
-            .ends_with("expected scans (*.bin), found none")
-    );
 }

@@ -1,38 +1,31 @@
 //! The report: what was judged, made into rows, figures, pictures, JSON and a page.
 
-use crate::Setting;
+use crate::Result;
 use crate::combine::combine;
 use crate::evaluate::{BOOTSTRAP_SEED, key, read_model, setting_rules, step_key};
-use crate::evaluated::Evaluated;
+use crate::evaluated::{ByRow, Evaluated};
 use crate::layout::write_whole;
 use crate::methods::{METHODS, Method, MethodRow, full_steps};
-use crate::options::{Options, Screen, TestFrames};
+use crate::options::{Options, Screen, TestFrames, Tests};
 use crate::pictures::{figure6_scene, worst_scenes};
 use crate::real::real_rows;
-use crate::report::{
-    AblationRow, DataOrigin, Details, NetworkDetails, Provenance, ReproductionReport, figure5,
-    figure6, page, worst_page,
-};
+use crate::report::{ReproductionReport, figure5, figure6, page, worst_page};
 use crate::simulate::Simulation;
 use crate::train::{BASE, NETWORKS, command_of};
 use mluc_dataset::{Dataset, data_hash};
 use mluc_evaluate::{EvaluateError, JudgedFrames, LabelledFrame, NeighbourPolicy};
-use mluc_gateway::picture::Canvas;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Rows with a page of the frames in which they did worst: ours, and the paper's with its slips corrected.
 const WORST_OF: [&str; 2] = ["mluc-full", "paper-corrected"];
 
-/// Evaluations by the key of their row, the first seed first.
-type ByRow = BTreeMap<&'static str, Vec<Evaluated>>;
+const FIGURE_5: &str = "Figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method";
+const FIGURE_6: &str = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown \
+    objects are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
 
-/// Rows, figures, pictures, JSON, page.
-pub(crate) fn write_report(
-    options: &Options,
-    tests: &BTreeMap<Setting, TestFrames>,
-    screen: &dyn Screen,
-) -> Result<(), EvaluateError> {
+pub(crate) fn write_report(options: &Options, tests: &Tests, screen: &dyn Screen) -> Result<()> {
     let mut report = ReproductionReport {
         provenance: provenance(options),
         ..ReproductionReport::default()
@@ -41,14 +34,14 @@ pub(crate) fn write_report(
     for test in tests.values() {
         let name = test.setting.name().to_owned();
         let evaluated = evaluations(options, test)?;
-        let rows = evaluated.iter();
-        let rows = rows.filter_map(|(method, seeds)| Some(((*method).to_owned(), combine(seeds)?)));
-        report.settings.insert(name.clone(), rows.collect());
-        let real = real_rows(&options.layout, test, &evaluated, &options.real, screen)?;
-        let details = Details {
-            real,
-            ..details(options, test, &evaluated)?
+        let row = |(method, seeds): (&&str, &Vec<Evaluated>)| {
+            Some(((*method).to_owned(), combine(seeds)?))
         };
+        let rows = evaluated.iter().filter_map(row).collect();
+        report.settings.insert(name.clone(), rows);
+        let mut details = details(options, test, &evaluated)?;
+        let real = real_rows(&options.layout, test, &evaluated, &options.real, screen)?;
+        details["real"] = json!(real);
         report.details.insert(name, details);
         by_setting.push((test, evaluated));
     }
@@ -69,61 +62,50 @@ fn write_pictures(
     out: &Path,
     report: &ReproductionReport,
     by_setting: &[(&TestFrames, ByRow)],
-) -> Result<Vec<(String, String)>, EvaluateError> {
-    let mut pictures = Vec::new();
+) -> Result<Vec<(String, String)>> {
+    let write = |file: &str, bytes: &[u8]| write_whole(&out.join(file), bytes);
     let drawn = |what| EvaluateError::file(out, what);
+    let mut pictures = vec![("figure5.svg".to_owned(), FIGURE_5.to_owned())];
     let curves = figure5::svg(report).map_err(drawn)?;
-    write_whole(&out.join("figure5.svg"), curves.as_bytes())?;
-    write_png(
-        &out.join("figure5.png"),
-        &figure5::canvas(report).map_err(drawn)?,
-    )?;
-    let what = "Figure 5: AP of the unknown and mAP of the known over the recall of the unknown, one curve a method";
-    pictures.push(("figure5.svg".to_owned(), what.to_owned()));
+    write("figure5.svg", curves.as_bytes())?;
+    let curves = figure5::canvas(report).map_err(drawn)?;
+    write("figure5.png", &curves.png())?;
     let mut scenes = Vec::new();
     for (test, evaluated) in by_setting {
         scenes.extend(figure6_scene(test, evaluated)?);
     }
     if !scenes.is_empty() {
-        write_png(&out.join("figure6.png"), &figure6(&scenes))?;
-        let what = "Figure 6: the frame with most unknown objects within 32 m, as labelled and as each method sees it; unknown objects \
-                    are shown down to the score at which a method has one false alarm a frame, known ones from 0.3";
-        pictures.push(("figure6.png".to_owned(), what.to_owned()));
+        write("figure6.png", &figure6(&scenes).png())?;
+        pictures.push(("figure6.png".to_owned(), FIGURE_6.to_owned()));
     }
     for (test, evaluated) in by_setting {
         for method in WORST_OF {
-            let seeds = evaluated.get(method);
-            let Some(first) = seeds.and_then(|seeds| seeds.first()) else {
-                continue;
+            let scenes = match evaluated.get(method) {
+                Some(seeds) => worst_scenes(test, &seeds[0])?,
+                None => Vec::new(),
             };
-            let scenes = worst_scenes(test, first)?;
-            if scenes.is_empty() {
-                continue;
+            if !scenes.is_empty() {
+                let setting = test.setting.name();
+                let title = MethodRow::find(method).map_or(method, |row| &row.title);
+                let file = format!("worst-{setting}-{method}.png");
+                write(&file, &worst_page(&scenes).png())?;
+                let what = "with most errors about unknown objects";
+                pictures.push((file, format!("{title}: the frames of {setting} {what}")));
             }
-            let setting = test.setting.name();
-            let file = format!("worst-{setting}-{method}.png");
-            write_png(&out.join(&file), &worst_page(&scenes))?;
-            let title = MethodRow::find(method).map_or(method, |row| &row.title);
-            let what =
-                format!("{title}: the frames of {setting} with most errors about unknown objects");
-            pictures.push((file, what));
         }
     }
     Ok(pictures)
 }
 
-fn write_png(path: &Path, canvas: &Canvas) -> Result<(), EvaluateError> {
-    write_whole(path, &canvas.png())
-}
-
 /// Every evaluation of a setting that is up to date.
-fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, EvaluateError> {
+fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow> {
     let (layout, setting) = (&options.layout, test.setting);
     let mut found = ByRow::new();
     for row in METHODS.iter() {
         for seed in 1..=options.seeds {
-            if layout.model_of(setting, row.network, seed).is_file() {
-                let key = key(&read_model(layout, setting, row.network, seed)?, test);
+            let run = (setting, row.network, seed);
+            if layout.model_of(run).is_file() {
+                let key = key(&read_model(layout, run)?, test);
                 let path = layout.evaluation_of(setting, &row.key, seed);
                 let seeds = found.entry(&row.key).or_default();
                 seeds.extend(Evaluated::read(&path, &key));
@@ -135,124 +117,98 @@ fn evaluations(options: &Options, test: &TestFrames) -> Result<ByRow, EvaluateEr
 }
 
 /// Our method after each of its steps, as far as it was judged.
-fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<AblationRow>, EvaluateError> {
+fn ablation(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let (layout, setting, row) = (&options.layout, test.setting, Method::MlucFull.row());
-    if !layout.model_of(setting, row.network, 1).is_file() {
+    let run = (setting, row.network, 1);
+    if !layout.model_of(run).is_file() {
         return Ok(Vec::new());
     }
-    let model = read_model(layout, setting, row.network, 1)?;
+    let model = read_model(layout, run)?;
     let key = key(&model, test);
     let steps = full_steps(&model);
-    let last = steps.len() - 1;
-    let rows = steps.into_iter().enumerate().filter_map(|(at, step)| {
-        // With every step it is the row itself.
-        let of_step = if at == last {
-            row.key.clone()
-        } else {
-            step_key(at)
-        };
+    let keys = (0..steps.len() - 1).map(step_key);
+    // With every step it is the row itself.
+    let keys = keys.chain([row.key.clone()]);
+    let rows = steps.into_iter().zip(keys).filter_map(|(step, of_step)| {
         let kept = Evaluated::read(&layout.evaluation_of(setting, &of_step, 1), &key)?;
-        Some(AblationRow {
-            step: step.to_owned(),
-            figures: combine(&[kept])?,
-        })
+        Some(json!({"step": step, "figures": combine(&[kept])?}))
     });
     Ok(rows.collect())
 }
 
-fn details(
-    options: &Options,
-    test: &TestFrames,
-    evaluated: &ByRow,
-) -> Result<Details, EvaluateError> {
+fn details(options: &Options, test: &TestFrames, found: &ByRow) -> Result<Value> {
     let (layout, setting) = (&options.layout, test.setting);
-    let frames = (0..test.set.len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
-    let frames: Vec<LabelledFrame> = frames.collect::<Result<_, EvaluateError>>()?;
+    let frames = (0..test.set.names().len()).map(|i| Ok(test.set.truth(i)?.with(&[])));
+    let frames: Vec<LabelledFrame> = frames.collect::<Result<_>>()?;
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let labels = JudgedFrames::of(&frames, &rules).all();
     let mut networks = Vec::new();
     for plan in NETWORKS.iter() {
         let network = plan.network;
         for seed in 1..=options.seeds {
-            let mut rows = evaluated.values().flatten();
+            let mut rows = found.values().flatten();
             let is_it = |e: &&Evaluated| e.network == network.name() && e.seed == seed;
             let Some(row) = rows.find(is_it) else {
                 continue;
             };
-            let model = read_model(layout, setting, network, seed)?;
+            let run = (setting, network, seed);
+            let model = read_model(layout, run)?;
             let provenance = &model.manifest.provenance;
-            let mut separation = row.separation.clone();
-            if seed > 1 || !plan.scored {
-                separation.clear();
-            }
-            networks.push(NetworkDetails {
-                network: row.network.clone(),
-                seed,
-                steps: provenance.steps,
-                batch: provenance.batch,
-                command: command_of(&layout.run_of(setting, network, seed)),
-                commit: provenance.commit.clone(),
-                fingerprint: format!("{:016x}", model.fingerprint),
-                separation,
-            });
+            // The first seed's, where the network tells unknown from known.
+            let separation = row.separation.iter().filter(|_| seed == 1 && plan.scored);
+            networks.push(json!({
+                "network": row.network, "seed": seed, "steps": provenance.steps, "batch": provenance.batch,
+                "command": command_of(&layout.run_of(run)), "commit": provenance.commit,
+                "fingerprint": format!("{:016x}", model.fingerprint),
+                "separation": separation.collect::<Vec<_>>(),
+            }));
         }
     }
     let known = labels.classes.into_iter();
-    Ok(Details {
-        unknown_labels: labels.unknown_labels,
-        known_labels: known.map(|c| (c.class, c.labels)).collect(),
-        data: data(options, test)?,
-        networks,
-        ablation: ablation(options, test)?,
-        real: Vec::new(),
-    })
+    let known: BTreeMap<_, _> = known.map(|c| (c.class, c.labels)).collect();
+    Ok(json!({
+        "unknown_labels": labels.unknown_labels, "known_labels": known,
+        "data": data(options, test)?, "networks": networks, "ablation": ablation(options, test)?,
+    }))
 }
 
-fn data(options: &Options, test: &TestFrames) -> Result<Vec<DataOrigin>, EvaluateError> {
+/// Where each split comes from; hashes are FNV-1a over all labels, the sizes of all scans and the bytes of every 50th scan.
+fn data(options: &Options, test: &TestFrames) -> Result<Vec<Value>> {
     let sizes = options.sizes(test.setting);
     let mut data = Vec::new();
     for simulation in Simulation::all(&options.layout, test.setting, &sizes) {
         let (frames, folder) = (simulation.options.frames, &simulation.options.folder);
         if folder.is_dir() {
-            data.push(DataOrigin {
-                split: simulation.name.to_owned(),
-                frames: frames as usize,
-                command: simulation.command(),
-                hash: data_hash(&Dataset::open(folder)?, frames as usize)?,
-            });
+            let hash = data_hash(&Dataset::open(folder)?, frames as usize)?;
+            let (split, command) = (simulation.name, simulation.command());
+            data.push(json!({"split": split, "frames": frames, "command": command, "hash": hash}));
         }
     }
     if data.is_empty() {
-        data.push(DataOrigin {
-            split: "test".to_owned(),
-            frames: test.set.len(),
-            command: "given".to_owned(),
-            hash: test.hash.clone(),
-        });
+        let frames = test.set.names().len();
+        data.push(
+            json!({"split": "test", "frames": frames, "command": "given", "hash": test.hash}),
+        );
     }
     Ok(data)
 }
 
-fn provenance(options: &Options) -> Provenance {
+fn provenance(options: &Options) -> Value {
     let mut settings = options.settings.iter();
     let draws = settings.next().map(|s| options.sizes(*s).resamples);
-    let seeded = NETWORKS
-        .iter()
-        .filter(|n| n.seeded)
-        .map(|n| n.network.name());
-    Provenance {
-        commit: options.commit.clone(),
-        command: options.command.clone(),
-        size: options.size.name().to_owned(),
-        bootstrap: [draws.unwrap_or(0) as u64, BOOTSTRAP_SEED],
-        threads: rayon::current_num_threads(),
-        training: format!(
-            "One long training a setting makes the base network (`{}`); each other network begins with the base's weights and is \
+    let seeded = NETWORKS.iter().filter(|n| n.seeded);
+    let seeded: Vec<&str> = seeded.map(|n| n.network.name()).collect();
+    let training = format!(
+        "One long training a setting makes the base network (`{}`); each other network begins with the base's weights and is \
              trained for fewer steps (`osis` with those of `softmax`), so the rows share most of their training. Further seeds ({}) \
              begin with the same base: their spread is that of the last part of the training. Networks that lay in the runs' folder \
              already are taken as they are and listed as given.",
-            BASE.name(),
-            seeded.collect::<Vec<_>>().join(", ")
-        ),
-    }
+        BASE.name(),
+        seeded.join(", ")
+    );
+    let draws = draws.unwrap_or(0) as u64;
+    json!({
+        "commit": options.commit, "command": options.command, "size": options.size.name(),
+        "bootstrap": [draws, BOOTSTRAP_SEED], "threads": rayon::current_num_threads(), "training": training,
+    })
 }

@@ -60,42 +60,31 @@ fn kept(curve: &[SweepPoint]) -> Vec<SweepPoint> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mluc_evaluate::{AveragePrecision, OpenSetFigures};
 
     fn evaluated(seed: u64, map_known: f64) -> Evaluated {
         let point = |map_known: f64| SweepPoint {
             map_known,
             ..SweepPoint::default()
         };
-        Evaluated {
+        let mut evaluated = Evaluated {
             seed,
             bootstrap: [("map_known".to_owned(), [map_known, 0.7])].into(),
-            figures: OpenSetFigures {
-                known: AveragePrecision {
-                    r40: map_known,
-                    ..AveragePrecision::default()
-                },
-                ..OpenSetFigures::default()
-            },
             curve: [80.0, 75.0, 72.0, 71.0].map(point).to_vec(),
             ..Evaluated::default()
-        }
+        };
+        evaluated.figures.known.r40 = map_known;
+        evaluated
     }
 
     #[test]
     fn one_seed_has_the_bootstraps_spread_and_several_have_their_own() {
         let one = combine(&[evaluated(1, 80.0)]).expect("a row");
-        assert_eq!(
-            (one.spread, one.figures["map_known"]),
-            (SpreadKind::Bootstrap, [80.0, 0.7])
-        );
-        assert_eq!(one.curve.len(), 3);
         let two = combine(&[evaluated(1, 80.0), evaluated(2, 82.0)]).expect("a row");
-        assert_eq!(
-            (two.spread, two.seeds.clone()),
-            (SpreadKind::Seeds, vec![1, 2])
-        );
+        let kinds = [SpreadKind::Bootstrap, SpreadKind::Seeds];
+        assert_eq!([one.spread, two.spread], kinds);
+        assert_eq!(one.figures["map_known"], [80.0, 0.7]);
         assert_eq!(two.figures["map_known"], [81.0, 2f64.sqrt()]);
+        assert_eq!((one.curve.len(), two.seeds), (3, vec![1, 2]));
         assert!(combine(&[]).is_none());
     }
 }

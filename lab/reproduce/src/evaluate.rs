@@ -1,10 +1,10 @@
 //! The step that judges every row on one network.
 
-use crate::Setting;
 use crate::evaluated::Evaluated;
-use crate::layout::Layout;
+use crate::layout::{Layout, Run};
 use crate::methods::{Method, MethodInput, MethodRow, full_steps, run_method};
 use crate::options::{Screen, TestFrames};
+use crate::{Result, Setting};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{
     DetectedFrame, GatedObjects, detect_frames, paper_rules, separation, unknown_classes,
@@ -18,18 +18,14 @@ use mluc_train::NetworkKind;
 
 /// Changes with the meaning of what is kept.
 const FORMAT: u32 = 5;
-/// Seed of the bootstrap.
 pub(crate) const BOOTSTRAP_SEED: u64 = 1;
 
 /// The known classes of a setting at the paper's overlaps, then the unknown.
-pub(crate) fn setting_rules(
-    setting: Setting,
-    neighbours: NeighbourPolicy,
-) -> Result<Vec<ClassRule>, EvaluateError> {
+pub(crate) fn setting_rules(setting: Setting, policy: NeighbourPolicy) -> Result<Vec<ClassRule>> {
     let name = setting.trainer_name();
     let known = ["car", "pedestrian", "cyclist", "truck"].map(str::to_owned);
     let count = if setting == Setting::SimUdi { 4 } else { 3 };
-    paper_rules(name, &known[..count], &unknown_classes(name), neighbours)
+    paper_rules(name, &known[..count], &unknown_classes(name), policy)
 }
 
 /// The key of an evaluation: the network, the frames, the draws.
@@ -38,21 +34,16 @@ pub(crate) fn key(model: &Model, test: &TestFrames) -> String {
         "format {FORMAT}, model {:016x}, data {}, {} frames, {} draws",
         model.fingerprint,
         test.hash,
-        test.set.len(),
+        test.set.names().len(),
         test.resamples
     )
 }
 
 /// Reads the model of a run and checks that it is of the setting.
-pub(crate) fn read_model(
-    layout: &Layout,
-    setting: Setting,
-    network: NetworkKind,
-    seed: u64,
-) -> Result<Model, EvaluateError> {
-    let path = layout.model_of(setting, network, seed);
+pub(crate) fn read_model(layout: &Layout, run: Run) -> Result<Model> {
+    let path = layout.model_of(run);
     let model = Model::read(&path)?;
-    let (expected, found) = (setting.trainer_name(), &model.manifest.name);
+    let (expected, found) = (run.0.trainer_name(), &model.manifest.name);
     if found != expected {
         let what = format!("expected a model of setting {expected}, found {found}");
         return Err(EvaluateError::file(&path, what));
@@ -64,11 +55,11 @@ pub(crate) fn read_model(
 pub(crate) fn evaluate_network(
     layout: &Layout,
     test: &TestFrames,
-    (network, seed): (NetworkKind, u64),
+    run: Run,
     screen: &dyn Screen,
-) -> Result<(), EvaluateError> {
-    let setting = test.setting;
-    let model = read_model(layout, setting, network, seed)?;
+) -> Result<()> {
+    let (setting, network, seed) = run;
+    let model = read_model(layout, run)?;
     let key = key(&model, test);
     let mut missing = jobs(&model, network, seed);
     let path = |job: &Job| layout.evaluation_of(setting, &job.key, seed);
@@ -76,18 +67,18 @@ pub(crate) fn evaluate_network(
     if missing.is_empty() {
         return Ok(());
     }
+    let file = layout.model_of(run);
     for job in &missing {
-        let file = layout.model_of(setting, network, seed);
         let checked = job.method.check(&model);
         checked.map_err(|cause| EvaluateError::file(&file, cause))?;
     }
-    screen.count("network", test.set.len() as u64);
+    screen.count("network", test.set.names().len() as u64);
     let frames = detect_frames(Precision::default(), &model, &test.set, || screen.tick())?;
     let rules = setting_rules(setting, NeighbourPolicy::Official)?;
     let strict = setting_rules(setting, NeighbourPolicy::Strict)?;
     let separation = separation(&frames, &rules);
     for job in missing {
-        screen.count(&job.key, test.set.len() as u64);
+        screen.count(&job.key, test.set.names().len() as u64);
         let input = MethodInput {
             full_step: job.full_step,
             step: &|| screen.tick(),
@@ -115,19 +106,17 @@ struct Job {
 }
 
 fn jobs(model: &Model, network: NetworkKind, seed: u64) -> Vec<Job> {
-    let row = |row: &MethodRow| Job {
-        key: row.key.clone(),
-        method: row.method,
-        full_step: usize::MAX,
+    let job = |key: String, method: Method, full_step: usize| Job {
+        key,
+        method,
+        full_step,
     };
+    let row = |row: &MethodRow| job(row.key.clone(), row.method, usize::MAX);
     let mut jobs: Vec<Job> = MethodRow::on(network, seed).map(row).collect();
     if network == Method::MlucFull.row().network && seed == 1 {
         // The last one is the row itself.
-        jobs.extend((0..full_steps(model).len() - 1).map(|full_step| Job {
-            key: step_key(full_step),
-            method: Method::MlucFull,
-            full_step,
-        }));
+        let steps = 0..full_steps(model).len() - 1;
+        jobs.extend(steps.map(|step| job(step_key(step), Method::MlucFull, step)));
     }
     jobs
 }

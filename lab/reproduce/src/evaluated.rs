@@ -1,5 +1,6 @@
 //! The outcome of an evaluation, as it is kept between runs.
 
+use crate::Result;
 use crate::layout::write_whole;
 use mluc_evaluate::pipeline::ScoreSeparation;
 use mluc_evaluate::{EvaluateError, Honest, OpenSetFigures, SensorDetection, SweepPoint};
@@ -7,12 +8,14 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// Evaluations by the key of their row, the first seed first.
+pub(crate) type ByRow = BTreeMap<&'static str, Vec<Evaluated>>;
+
 /// A row judged on one network.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Evaluated {
     /// What it depends on: while this is the same, the evaluation need not be made again.
     pub(crate) key: String,
-    /// Key of the row.
     pub(crate) method: String,
     pub(crate) network: String,
     pub(crate) seed: u64,
@@ -55,7 +58,7 @@ impl Evaluated {
         self.figures.named().into_iter().chain(strict).collect()
     }
 
-    pub(crate) fn write(&self, path: &Path) -> Result<(), EvaluateError> {
+    pub(crate) fn write(&self, path: &Path) -> Result<()> {
         let bytes = serde_json::to_vec(self).map_err(|e| EvaluateError::file(path, e))?;
         write_whole(path, &bytes)
     }

@@ -1,10 +1,13 @@
 //! Where everything lies.
 
-use crate::Setting;
+use crate::{Result, Setting};
 use mluc_dataset::whole_file;
 use mluc_evaluate::EvaluateError;
 use mluc_train::NetworkKind;
 use std::path::{Path, PathBuf};
+
+/// A network: what it is trained on, its kind, its seed.
+pub(crate) type Run = (Setting, NetworkKind, u64);
 
 /// The three folders of a reproduction.
 ///
@@ -32,19 +35,15 @@ impl Layout {
         self.data.join(format!("{}{what}", setting.name()))
     }
 
-    /// Folder of a network's run.
-    pub(crate) fn run_of(&self, setting: Setting, network: NetworkKind, seed: u64) -> PathBuf {
+    pub(crate) fn run_of(&self, (setting, network, seed): Run) -> PathBuf {
         let run = with_seed(network.name(), seed);
         self.runs.join(setting.name()).join(run)
     }
 
-    /// Its model file.
-    pub(crate) fn model_of(&self, setting: Setting, network: NetworkKind, seed: u64) -> PathBuf {
-        let run = self.run_of(setting, network, seed);
-        run.join("model.safetensors")
+    pub(crate) fn model_of(&self, run: Run) -> PathBuf {
+        self.run_of(run).join("model.safetensors")
     }
 
-    /// Where a row's evaluation is kept.
     pub(crate) fn evaluation_of(&self, setting: Setting, method: &str, seed: u64) -> PathBuf {
         let file = format!("{}.json", with_seed(method, seed));
         let folder = self.runs.join(setting.name()).join("evaluations");
@@ -62,7 +61,7 @@ fn with_seed(name: &str, seed: u64) -> String {
 }
 
 /// Writes a file that is whole or not there. Makes the folder.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), EvaluateError> {
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     let folder = path.parent().unwrap_or(path);
     std::fs::create_dir_all(folder).map_err(|e| EvaluateError::file(folder, e))?;
     whole_file::write_whole(path, bytes).map_err(|e| EvaluateError::file(path, e))

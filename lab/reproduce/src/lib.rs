@@ -31,3 +31,6 @@ pub use options::{Options, Screen};
 pub use run::run;
 pub use setting::{Setting, Size};
 pub use train::{RunState, run_state};
+
+/// A step's outcome.
+pub(crate) type Result<T, E = mluc_evaluate::EvaluateError> = std::result::Result<T, E>;

@@ -1,11 +1,12 @@
 //! What a reproduction is asked for, where it shows how far it is, and the frames that its figures are taken on.
 
+use crate::Result;
 use crate::kitti::KittiSource;
 use crate::setting::Sizes;
 use crate::{Layout, Setting, Size};
 use mluc_dataset::{Dataset, data_hash};
-use mluc_evaluate::EvaluateError;
 use mluc_evaluate::pipeline::FrameSet;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// What a reproduction can be told.
@@ -36,7 +37,6 @@ pub struct Options {
 }
 
 impl Options {
-    /// Frames and steps of a setting.
     pub(crate) fn sizes(&self, setting: Setting) -> Sizes {
         let sizes = self.size.sizes(setting);
         Sizes {
@@ -60,18 +60,20 @@ pub trait Screen: Sync {
     fn clear(&self);
 }
 
+/// By setting.
+pub(crate) type Tests = BTreeMap<Setting, TestFrames>;
+
 /// The frames that the figures of a setting are taken on.
 pub(crate) struct TestFrames {
     pub(crate) setting: Setting,
     pub(crate) set: FrameSet,
     /// Of labels and scans.
     pub(crate) hash: String,
-    /// Draws of the bootstrap.
     pub(crate) resamples: usize,
 }
 
 impl TestFrames {
-    pub(crate) fn open(options: &Options, setting: Setting) -> Result<TestFrames, EvaluateError> {
+    pub(crate) fn open(options: &Options, setting: Setting) -> Result<TestFrames> {
         let folder = options.layout.data_of(setting, "").join("test");
         let sizes = options.sizes(setting);
         let frames = match setting {
@@ -82,7 +84,7 @@ impl TestFrames {
         let set = FrameSet::open(&folder, None, frames)?;
         Ok(TestFrames {
             setting,
-            hash: data_hash(&Dataset::open(&folder)?, set.len())?,
+            hash: data_hash(&Dataset::open(&folder)?, set.names().len())?,
             set,
             resamples: sizes.resamples,
         })

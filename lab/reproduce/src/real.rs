@@ -1,18 +1,17 @@
 //! Rows on recorded scans, with networks and thresholds from simulated scans alone: nothing is chosen on them.
 
-use crate::Setting;
 use crate::evaluate::read_model;
-use crate::evaluated::Evaluated;
+use crate::evaluated::{ByRow, Evaluated};
 use crate::layout::Layout;
 use crate::methods::{MethodInput, MethodRow, run_method};
 use crate::options::{Screen, TestFrames};
-use crate::report::RealRow;
+use crate::{Result, Setting};
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, folder_tail, unknown_classes};
 use mluc_evaluate::{
-    ClassReport, ClassRule, EvaluateError, LabelledFrame, NeighbourPolicy, UNKNOWN_IOUS,
-    UnknownProtocol, evaluate,
+    ClassReport, ClassRule, LabelledFrame, NeighbourPolicy, UNKNOWN_IOUS, UnknownProtocol, evaluate,
 };
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -23,10 +22,10 @@ const IOU_MIN: [(&str, f64); 3] = [("car", 0.5), ("pedestrian", 0.25), ("cyclist
 pub(crate) fn real_rows(
     layout: &Layout,
     test: &TestFrames,
-    evaluated: &BTreeMap<&'static str, Vec<Evaluated>>,
+    evaluated: &ByRow,
     folders: &[PathBuf],
     screen: &dyn Screen,
-) -> Result<Vec<RealRow>, EvaluateError> {
+) -> Result<Vec<Value>> {
     if test.setting != Setting::SimKitti {
         return Ok(Vec::new());
     }
@@ -41,8 +40,8 @@ pub(crate) fn real_rows(
         for (row, chosen, judged) in &mut found {
             let name = row.network.name();
             if !by_network.contains_key(name) {
-                let model = read_model(layout, test.setting, row.network, chosen.seed)?;
-                screen.count("recorded scans", set.len() as u64);
+                let model = read_model(layout, (test.setting, row.network, chosen.seed))?;
+                screen.count("recorded scans", set.names().len() as u64);
                 let step = || screen.tick();
                 let frames = detect_frames(Precision::default(), &model, &set, step)?;
                 by_network.insert(name, (model, frames));
@@ -76,21 +75,20 @@ pub(crate) fn real_rows(
     Ok(rows)
 }
 
-fn real_row(method: &str, data: &str, threshold: f64, frames: &[LabelledFrame]) -> RealRow {
+/// AP over all points, moderate, by class. `fair`: trams, Misc, sitting persons and what lies in DontCare regions are neither right
+/// nor wrong.
+fn real_row(method: &str, data: &str, threshold: f64, frames: &[LabelledFrame]) -> Value {
     let [literal, fair] =
         [UnknownProtocol::Literal, UnknownProtocol::Fair].map(|protocol| reports(frames, protocol));
     let by_class = || literal.iter().map(|c| (c.rule.name.clone(), c.main()));
     let unknown = |report: &[ClassReport]| report.last().map(|c| *c.main());
-    RealRow {
-        method: method.to_owned(),
-        data: data.to_owned(),
-        frames: frames.len(),
-        threshold,
-        ap_all: by_class().map(|(name, e)| (name, e.ap.all)).collect(),
-        ap_unknown_fair: unknown(&fair).map(|e| e.ap.all),
-        labels: by_class().map(|(name, e)| (name, e.truth_count)).collect(),
-        recall_unknown: unknown(&literal).map_or(0.0, |e| e.recall_percent),
-    }
+    json!({
+        "method": method, "data": data, "frames": frames.len(), "threshold": threshold,
+        "ap_all": by_class().map(|(name, e)| (name, e.ap.all)).collect::<BTreeMap<_, _>>(),
+        "ap_unknown_fair": unknown(&fair).map(|e| e.ap.all),
+        "labels": by_class().map(|(name, e)| (name, e.truth_count)).collect::<BTreeMap<_, _>>(),
+        "recall_unknown": unknown(&literal).map_or(0.0, |e| e.recall_percent),
+    })
 }
 
 /// The known classes, then the unknown one.

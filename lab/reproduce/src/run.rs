@@ -1,20 +1,19 @@
 //! Taking the steps, one after the other.
 
-use crate::Setting;
 use crate::assemble::write_report;
 use crate::evaluate::evaluate_network;
-use crate::options::{Options, Screen, TestFrames};
+use crate::options::{Options, Screen, TestFrames, Tests};
 use crate::plan::{Step, Work, plan};
 use crate::train::{RunState, run_state};
+use crate::{Result, Setting};
 use mluc_dataset::prepare;
 use mluc_evaluate::EvaluateError;
 use mluc_evaluate::pipeline::FrameSet;
-use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::time::Instant;
 
 /// Takes every step whose outcome is not there yet, then writes the report. What is done stays where a step fails.
-pub fn run(options: &Options, screen: &dyn Screen) -> Result<(), EvaluateError> {
+pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
     // What would stop the report is looked at first: hours lie between.
     for folder in &options.real {
         FrameSet::open(folder, None, 1)?;
@@ -22,7 +21,7 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<(), EvaluateError> 
     let out = &options.layout.out;
     std::fs::create_dir_all(out).map_err(|e| EvaluateError::file(out, e))?;
     let plan = plan(options);
-    let mut tests: BTreeMap<Setting, TestFrames> = BTreeMap::new();
+    let mut tests = Tests::new();
     let (mut spent_s, mut guessed_s) = (0.0, 0.0);
     for (index, step) in plan.iter().enumerate() {
         if is_done(options, step)? {
@@ -52,19 +51,15 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<(), EvaluateError> 
 }
 
 /// The test frames of a setting, opened once.
-fn test_frames<'a>(
-    tests: &'a mut BTreeMap<Setting, TestFrames>,
-    options: &Options,
-    setting: Setting,
-) -> Result<&'a TestFrames, EvaluateError> {
-    Ok(match tests.entry(setting) {
+fn test_frames<'a>(tests: &'a mut Tests, options: &Options, of: Setting) -> Result<&'a TestFrames> {
+    Ok(match tests.entry(of) {
         Entry::Occupied(test) => test.into_mut(),
-        Entry::Vacant(place) => place.insert(TestFrames::open(options, setting)?),
+        Entry::Vacant(place) => place.insert(TestFrames::open(options, of)?),
     })
 }
 
 /// Whether nothing is left to do. Evaluations that are up to date say so themselves, once they have looked at the model.
-fn is_done(options: &Options, step: &Step) -> Result<bool, EvaluateError> {
+fn is_done(options: &Options, step: &Step) -> Result<bool> {
     match &step.work {
         // Where nothing is trained only the test frames are needed.
         Work::Simulate(simulation) => {
@@ -76,19 +71,14 @@ fn is_done(options: &Options, step: &Step) -> Result<bool, EvaluateError> {
             Ok(!options.train || run_state(&training.folder)? == RunState::Done)
         }
         // Nothing can be judged where nothing was and will be trained.
-        Work::Evaluate(network, seed) => {
-            let folder = options.layout.run_of(step.setting, *network, *seed);
+        Work::Evaluate(run) => {
+            let folder = options.layout.run_of(*run);
             Ok(!options.train && run_state(&folder)? == RunState::Missing)
         }
     }
 }
 
-fn take(
-    options: &Options,
-    step: &Step,
-    tests: &mut BTreeMap<Setting, TestFrames>,
-    screen: &dyn Screen,
-) -> Result<(), EvaluateError> {
+fn take(options: &Options, step: &Step, tests: &mut Tests, screen: &dyn Screen) -> Result<()> {
     match &step.work {
         Work::Simulate(simulation) => {
             screen.count("frames", u64::from(simulation.options.frames));
@@ -102,8 +92,8 @@ fn take(
             screen.clear();
             training.run(&options.program)
         }
-        Work::Evaluate(network, seed) => {
-            let folder = options.layout.run_of(step.setting, *network, *seed);
+        Work::Evaluate(run) => {
+            let folder = options.layout.run_of(*run);
             match run_state(&folder)? {
                 RunState::Missing => return Ok(()),
                 RunState::Unfinished { step, steps } => screen.note(&format!(
@@ -113,7 +103,7 @@ fn take(
                 RunState::Done => {}
             }
             let test = test_frames(tests, options, step.setting)?;
-            evaluate_network(&options.layout, test, (*network, *seed), screen)
+            evaluate_network(&options.layout, test, *run, screen)
         }
     }
 }

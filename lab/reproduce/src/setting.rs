@@ -62,11 +62,9 @@ pub(crate) struct Sizes {
     /// our own, `supervised`), and of the closed set, with which these are compared. Four times as many on streets, where our own gains
     /// 13 points of AP of the unknown from them on validation scans.
     pub(crate) longer_steps: u64,
-    /// Frames a step.
     pub(crate) batch: u32,
     /// Validation scans that the trainer judges on.
     pub(crate) validate_frames: u32,
-    /// Draws of the bootstrap.
     pub(crate) resamples: usize,
 }
 

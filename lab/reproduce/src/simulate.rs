@@ -1,5 +1,6 @@
 //! The step that simulates a split, if it is not there.
 
+use crate::Result;
 use crate::setting::Sizes;
 use crate::{Layout, Setting};
 use mluc_dataset::{read_text, whole_file};
@@ -14,7 +15,6 @@ const SUPERVISED_SEED: u64 = 101;
 /// Seed of the scans with synthetic unknown objects: training scans of known classes with other layouts.
 const SYNTHETIC_SEED: u64 = 201;
 
-/// A split to be simulated.
 pub(crate) struct Simulation {
     /// What it is for: train, supervised, synthetic-unknown, val, test.
     pub(crate) name: &'static str,
@@ -52,7 +52,6 @@ impl Simulation {
         splits.map(of).into()
     }
 
-    /// The command that does the same.
     pub(crate) fn command(&self) -> String {
         let o = &self.options;
         let synthetic = if o.synthetic_unknown {
@@ -71,7 +70,7 @@ impl Simulation {
     }
 
     /// Whether the folder holds at least the frames that are wanted. One that holds something else is an error: it is somebody's.
-    pub(crate) fn is_done(&self) -> Result<bool, EvaluateError> {
+    pub(crate) fn is_done(&self) -> Result<bool> {
         let folder = &self.options.folder;
         if !folder.exists() {
             return Ok(false);
@@ -102,7 +101,7 @@ impl Simulation {
     }
 
     /// Simulates into a folder beside the place, then moves it there: an interrupted simulation leaves nothing half done.
-    pub(crate) fn run(&self, step: impl Fn() + Sync) -> Result<(), EvaluateError> {
+    pub(crate) fn run(&self, step: impl Fn() + Sync) -> Result<()> {
         let folder = &self.options.folder;
         let beside = whole_file::beside(folder);
         if beside.is_dir() {

@@ -1,6 +1,7 @@
 //! The step that trains a network, as the command that a person would give: a run that was interrupted is resumed by the trainer
 //! itself, and a fault in it cannot take the reproduction's state along.
 
+use crate::Result;
 use crate::layout::write_whole;
 use crate::setting::Sizes;
 use crate::{Layout, Setting};
@@ -13,15 +14,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::LazyLock;
 
-/// A network and how it comes to be.
 pub(crate) struct Training {
     pub(crate) network: NetworkKind,
     pub(crate) seed: u64,
-    /// Folder of the run.
     pub(crate) folder: PathBuf,
-    /// Optimiser steps.
     pub(crate) steps: u64,
-    /// Arguments of `mluc-lab`.
     pub(crate) arguments: Vec<String>,
 }
 
@@ -61,7 +58,7 @@ impl Training {
         seed: u64,
     ) -> Training {
         let network = plan.network;
-        let folder = layout.run_of(setting, network, seed);
+        let folder = layout.run_of((setting, network, seed));
         let is_base = network == BASE && seed == 1;
         let steps = if is_base {
             sizes.base_steps
@@ -89,7 +86,7 @@ impl Training {
         add("--data", text(&layout.data_of(setting, data)));
         add("--out", text(&folder));
         if !is_base {
-            add("--init", text(&layout.model_of(setting, plan.init, 1)));
+            add("--init", text(&layout.model_of((setting, plan.init, 1))));
             add("--learning-rate", TUNED_RATE.to_owned());
         }
         add("--steps", steps.to_string());
@@ -106,13 +103,12 @@ impl Training {
         }
     }
 
-    /// The command.
     pub(crate) fn command(&self) -> String {
         format!("mluc-lab {}", self.arguments.join(" "))
     }
 
     /// Runs the trainer to its end; its progress goes to this program's stderr.
-    pub(crate) fn run(&self, program: &Path) -> Result<(), EvaluateError> {
+    pub(crate) fn run(&self, program: &Path) -> Result<()> {
         // What makes the network, for the report: a model does not know how its run was started. A run that goes on may have been
         // begun by another command, and the trainer refuses it then.
         let path = self.folder.join(COMMAND_FILE);
@@ -167,7 +163,7 @@ struct LogLine {
 }
 
 /// Looks at a run's folder: the log's last line says how far the run was to go, the model how far it came.
-pub fn run_state(folder: &Path) -> Result<RunState, EvaluateError> {
+pub fn run_state(folder: &Path) -> Result<RunState> {
     let (model, log) = (folder.join("model.safetensors"), folder.join("train.jsonl"));
     if !model.is_file() {
         return Ok(RunState::Missing);

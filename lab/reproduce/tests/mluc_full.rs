@@ -57,7 +57,7 @@ fn product(model: &Model, set: &FrameSet) -> Vec<Vec<SensorDetection>> {
         refiner.refine(index as u64, &points, &detections, &mut refined);
         SensorDetection::published(&refined, &classes)
     };
-    (0..set.len()).map(&mut one).collect()
+    (0..set.names().len()).map(&mut one).collect()
 }
 
 #[test]

@@ -3,24 +3,15 @@
 //! The background row of a map is read by many rows of the next one, so its gradient is gathered apart (see
 //! [`crate::layers::LayerPlan`]); every other row's tap has one reader at most.
 
-use mluc_kernels::weight_gradient;
-
-use crate::layers::{add, backward_all, identity, linear_input_gradient};
+use crate::layers::{add, backward_all, linear_backward};
 use crate::network::{Chain, Outputs, Pass, StepInput, last};
 use crate::pool::Pool;
 
 impl Chain {
-    /// Adds the gradients of every parameter to `gradients`.
-    pub fn backward(
-        &self,
-        input: &StepInput,
-        pass: &Pass,
-        outputs: &Outputs,
-        gradients: &mut [f32],
-        pool: &mut Pool,
-    ) {
-        let map = self.backward_map(input, pass, outputs, gradients, pool);
-        self.backward_sparse(input, pass, &map, gradients, pool);
+    /// Adds the gradients of every parameter to those of `pool`.
+    pub fn backward(&self, input: &StepInput, pass: &Pass, outputs: &Outputs, pool: &mut Pool) {
+        let map = self.backward_map(input, pass, outputs, pool);
+        self.backward_sparse(input, pass, &map, pool);
         pool.give(map);
     }
 
@@ -30,22 +21,21 @@ impl Chain {
         input: &StepInput,
         pass: &Pass,
         outputs: &Outputs,
-        gradients: &mut [f32],
         pool: &mut Pool,
     ) -> Vec<f32> {
-        let [up1, up2] = self.backward_heads(input, pass, outputs, gradients, pool);
-        let (p, g, map) = (input.parameters, gradients, &input.plan.map);
+        let [up1, up2] = self.backward_heads(input, pass, outputs, pool);
+        let (p, map) = (input.parameters, &input.plan.map);
         let (middle, half) = (last(&pass.block1), last(&pass.block2));
         let plan = &map.ups[1];
-        let gradient = self.up2.backward(p, g, half, &pass.up2, plan, up2, pool);
+        let gradient = self.up2.backward(p, half, &pass.up2, plan, up2, pool);
         let (done, plans) = (&pass.block2, &map.block2);
-        let from_block2 = backward_all(&self.block2, p, g, middle, done, plans, gradient, pool);
+        let from_block2 = backward_all(&self.block2, p, middle, done, plans, gradient, pool);
         let plan = &map.ups[0];
-        let mut gradient = self.up1.backward(p, g, middle, &pass.up1, plan, up1, pool);
+        let mut gradient = self.up1.backward(p, middle, &pass.up1, plan, up1, pool);
         add(&mut gradient, &from_block2);
         pool.give(from_block2);
         let (done, plans) = (&pass.block1, &map.block1);
-        backward_all(&self.block1, p, g, &pass.map, done, plans, gradient, pool)
+        backward_all(&self.block1, p, &pass.map, done, plans, gradient, pool)
     }
 
     /// Gradients of up 1's and up 2's rows.
@@ -54,29 +44,27 @@ impl Chain {
         input: &StepInput,
         pass: &Pass,
         outputs: &Outputs,
-        gradients: &mut [f32],
         pool: &mut Pool,
     ) -> [Vec<f32>; 2] {
         let (parameters, labelled) = (input.parameters, input.labelled);
         let head = &self.heads.presence;
         for row in outputs.presence[0].chunks_exact(head.cout) {
-            add(&mut gradients[head.bias.clone()], row);
+            add(&mut pool.gradients[head.bias.clone()], row);
         }
         let widths = [self.up1.channels, self.up2.channels];
         let halves = self.presence_halves();
         let mut back = [&pass.up1.y, &pass.up2.y].map(|y| pool.take(y.len()));
         for (number, y) in [&pass.up1.y, &pass.up2.y].into_iter().enumerate() {
-            let (d, cin, cout) = (&outputs.presence[number], widths[number], head.cout);
-            let (rows, half) = (identity(y.len() / cin), halves[number].clone());
-            weight_gradient(y, cin, &rows, d, cout, &mut gradients[half.clone()]);
-            let weights = &parameters[half];
-            linear_input_gradient(d, &rows, [cin, cout], weights, &mut back[number]);
+            let (shape, half) = ([widths[number], head.cout], halves[number].clone());
+            let (d, plain) = (&outputs.presence[number], &parameters[half.clone()]);
+            let to = &mut pool.gradients[half];
+            linear_backward(y, shape, plain, d, to, &mut back[number]);
         }
-        let rows = identity(labelled.len());
         let features = &pass.labelled_features;
         let mut d = vec![0.0; features.len()];
         for (head, output) in self.heads.of_labelled().zip(outputs.of_labelled()) {
-            head.backward(parameters, gradients, features, &rows, output, &mut d);
+            let gradients = &mut pool.gradients;
+            head.backward(parameters, gradients, features, output, &mut d);
         }
         for (&cell, d) in labelled.iter().zip(d.chunks_exact(widths[0] + widths[1])) {
             let [row1, row2] = input.plan.map.up_rows(cell as usize);
@@ -88,14 +76,7 @@ impl Chain {
     }
 
     /// The second part of [`Chain::backward`], from the gradient of the map's rows: sparse layers.
-    pub fn backward_sparse(
-        &self,
-        input: &StepInput,
-        pass: &Pass,
-        map: &[f32],
-        gradients: &mut [f32],
-        pool: &mut Pool,
-    ) {
+    pub fn backward_sparse(&self, input: &StepInput, pass: &Pass, map: &[f32], pool: &mut Pool) {
         let plan = input.plan;
         let Some(output) = self.sparse.last() else {
             return;
@@ -109,8 +90,8 @@ impl Chain {
             let level = cell[*z as usize..].iter().step_by(depth);
             to.iter_mut().zip(level).for_each(|(to, from)| *to = *from);
         }
-        let (p, g, layers) = (input.parameters, gradients, &self.sparse);
+        let (p, layers) = (input.parameters, &self.sparse);
         let (voxels, plans) = (&plan.sparse.voxels, &plan.sparse.layers);
-        backward_all(layers, p, g, voxels, &pass.sparse, plans, gradient, pool);
+        backward_all(layers, p, voxels, &pass.sparse, plans, gradient, pool);
     }
 }

@@ -1,6 +1,6 @@
 //! The labels of a batch, by row of the cells that the heads are run on.
 
-use crate::targets::{CellClass, Targets};
+use crate::targets::{CellClass, CellLabel, Targets};
 
 /// Labels of a batch.
 #[derive(Clone, Debug, Default)]
@@ -40,66 +40,46 @@ impl BatchTargets {
     /// a sigmoid head.
     pub fn new(frames: &[Targets], cells: usize, anchors: usize, classes: usize) -> BatchTargets {
         let mut batch = BatchTargets::default();
-        for (number, targets) in frames.iter().enumerate() {
+        let mut all = vec![0; frames.len() * cells * anchors * classes];
+        let labels = all.chunks_exact_mut(cells * anchors * classes);
+        for (number, (targets, labels)) in frames.iter().zip(labels).enumerate() {
+            for &anchor in &targets.ignored {
+                labels[anchor as usize * classes..][..classes].fill(-1);
+            }
+            let mut used: Vec<u32> = targets.cells.iter().map(|c| c.cell).collect();
+            used.extend(targets.positives.iter().map(|p| p.cell));
+            used.sort_unstable();
+            used.dedup();
+            let base = batch.labelled.len();
+            let row = |cell: u32| (base + used.binary_search(&cell).unwrap_or(0)) as u32;
+            let weight = 1.0 / (frames.len() * targets.positives.len().max(1)) as f32;
+            for p in &targets.positives {
+                let at = p.cell as usize * anchors + p.anchor as usize;
+                // An anchor is of one class: the other classes' logits of it are to be low.
+                let own = (p.anchor as usize / 2) % classes;
+                labels[at * classes..][..classes].fill(0);
+                labels[at * classes + own] = 1;
+                batch.positives.push(RowPositive {
+                    row: row(p.cell),
+                    anchor: p.anchor,
+                    codes: p.codes,
+                    bin: p.bin,
+                    weight,
+                });
+            }
+            let is_object = |c: &&CellLabel| c.is != CellClass::Background;
+            let objects = targets.cells.iter().filter(is_object).count();
+            batch.cells.extend(targets.cells.iter().map(|c| RowClass {
+                row: row(c.cell),
+                is: c.is,
+                weight: c.weight / frames.len() as f32,
+                share: 1.0 / (frames.len() * objects.max(1)) as f32,
+            }));
+            batch.frame_weight.push(weight);
             let first = (number * cells) as u32;
-            let mut labels = vec![0; cells * anchors * classes];
-            batch.add(
-                targets,
-                first,
-                &mut labels,
-                [anchors, classes],
-                frames.len(),
-            );
-            batch.labels.append(&mut labels);
+            batch.labelled.extend(used.iter().map(|cell| first + cell));
         }
+        batch.labels = all;
         batch
-    }
-
-    fn add(
-        &mut self,
-        targets: &Targets,
-        first: u32,
-        labels: &mut [i8],
-        [anchors, classes]: [usize; 2],
-        frames: usize,
-    ) {
-        for &anchor in &targets.ignored {
-            labels[anchor as usize * classes..][..classes].fill(-1);
-        }
-        let mut used: Vec<u32> = targets.cells.iter().map(|c| c.cell).collect();
-        used.extend(targets.positives.iter().map(|p| p.cell));
-        used.sort_unstable();
-        used.dedup();
-        let base = self.labelled.len();
-        let row = |cell: u32| (base + used.binary_search(&cell).unwrap_or(0)) as u32;
-        let weight = 1.0 / (frames * targets.positives.len().max(1)) as f32;
-        for p in &targets.positives {
-            let at = p.cell as usize * anchors + p.anchor as usize;
-            // An anchor is of one class: the other classes' logits of it are to be low.
-            let own = if classes > 1 {
-                p.anchor as usize / 2
-            } else {
-                0
-            };
-            labels[at * classes..][..classes].fill(0);
-            labels[at * classes + own] = 1;
-            self.positives.push(RowPositive {
-                row: row(p.cell),
-                anchor: p.anchor,
-                codes: p.codes,
-                bin: p.bin,
-                weight,
-            });
-        }
-        let is_object = |c: &&crate::targets::CellLabel| c.is != CellClass::Background;
-        let objects = targets.cells.iter().filter(is_object).count();
-        self.cells.extend(targets.cells.iter().map(|c| RowClass {
-            row: row(c.cell),
-            is: c.is,
-            weight: c.weight / frames as f32,
-            share: 1.0 / (frames * objects.max(1)) as f32,
-        }));
-        self.frame_weight.push(weight);
-        self.labelled.extend(used.iter().map(|cell| first + cell));
     }
 }

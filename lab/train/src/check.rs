@@ -55,13 +55,10 @@ pub(crate) fn points(source: &ScanSource, settings: &TrainSettings) -> Result<()
     let mut counts = scans.iter().flat_map(|s| &s.objects).map(|o| o.points);
     if counts.clone().next().is_some() && counts.all(|points| points == 0) {
         let path = settings.data.join("train");
+        let expected = "points in the labelled boxes";
         let found =
             format!("none in its first {frames} frames: empty scans, or labels of other ones?");
-        return Err(TrainError::refused(
-            &path,
-            "points in the labelled boxes",
-            found,
-        ));
+        return Err(TrainError::refused(&path, expected, found));
     }
     Ok(())
 }
@@ -71,7 +68,7 @@ pub(crate) fn origin(settings: &TrainSettings, dataset: &Dataset) -> Result<Stri
     Ok(format!(
         "{} data {} frames {} calib {}",
         settings.fingerprint(),
-        dataset.len(),
+        dataset.names().len(),
         data_hash(dataset, usize::MAX)?,
         calibration_hash(dataset)?
     ))

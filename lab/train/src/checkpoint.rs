@@ -7,15 +7,16 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::Path;
 
+use mluc_model::WeightSet;
 use safetensors::SafeTensorError;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use safetensors::tensor::{Dtype, SafeTensors};
 
 use crate::error::TrainError;
 use crate::run_folder;
 use crate::trainer::TrainState;
 
 /// A checkpoint that is not one, or not of this run.
-pub(crate) fn wrong(path: &Path, expected: impl Into<String>, found: impl Display) -> TrainError {
+pub(crate) fn wrong(path: &Path, expected: impl Display, found: impl Display) -> TrainError {
     let found = format!("{found}; move it away to start anew");
     TrainError::refused(path, expected, found)
 }
@@ -26,30 +27,25 @@ pub fn save(path: &Path, state: &TrainState, fingerprint: &str) -> Result<(), Tr
     let adam = &state.adam;
     let means: Vec<f32> = state.running.iter().flat_map(|s| s.mean.clone()).collect();
     let variances: Vec<f32> = state.running.iter().flat_map(|s| s.var.clone()).collect();
-    let lists = [
+    let mut tensors = WeightSet::new();
+    for (name, values) in [
         ("parameters", &state.parameters),
         ("adam.first", &adam.first),
         ("adam.second", &adam.second),
         ("running.mean", &means),
         ("running.variance", &variances),
-    ];
-    let mut views = vec![];
-    for (name, list) in lists {
-        let bytes = bytemuck::cast_slice(list);
-        let view = TensorView::new(Dtype::F32, vec![list.len()], bytes);
-        views.push((name, view.map_err(broken)?));
+    ] {
+        tensors.insert(name, vec![values.len()], values.clone());
     }
+    let momentum_product = adam.momentum_product.to_bits().to_string();
     let metadata = [
         ("step", state.step.to_string()),
         ("adam.steps", adam.steps.to_string()),
-        (
-            "adam.momentum_product",
-            adam.momentum_product.to_bits().to_string(),
-        ),
+        ("adam.momentum_product", momentum_product),
         ("settings", fingerprint.to_owned()),
     ];
     let metadata = HashMap::from(metadata.map(|(name, value)| (name.to_owned(), value)));
-    let bytes = safetensors::serialize(views, Some(metadata)).map_err(broken)?;
+    let bytes = safetensors::serialize(tensors.iter(), Some(metadata)).map_err(broken)?;
     run_folder::write(path, &bytes)
 }
 
@@ -125,18 +121,12 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
     let (mut means, mut variances) = (vec![0.0; channels], vec![0.0; channels]);
     reader.list("running.mean", &mut means)?;
     reader.list("running.variance", &mut variances)?;
-    let (mut means, mut variances) = (&means[..], &variances[..]);
+    let (mut means, mut variances) = (means.into_iter(), variances.into_iter());
     for statistics in &mut restored.running {
-        take(&mut statistics.mean, &mut means);
-        take(&mut statistics.var, &mut variances);
+        let means = statistics.mean.iter_mut().zip(&mut means);
+        let variances = statistics.var.iter_mut().zip(&mut variances);
+        means.chain(variances).for_each(|(to, from)| *to = from);
     }
     *state = restored;
     Ok(true)
-}
-
-/// Moves values from the front of a list.
-fn take(to: &mut [f32], from: &mut &[f32]) {
-    let (first, rest) = from.split_at(to.len());
-    to.copy_from_slice(first);
-    *from = rest;
 }

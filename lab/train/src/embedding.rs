@@ -22,15 +22,12 @@ const PULL_WITHIN: f32 = 0.5;
 /// and means of two instances have to lie this far apart.
 const PUSH_APART: f32 = 1.5;
 
-/// Layers, background prototypes (`[prototype][value]`), and the unknown's score.
+/// Layers, background prototypes, and the unknown's score.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointEmbedding {
-    /// Features to embedding.
+    /// Features to embedding. After the layers' parameters come the background prototypes (`[prototype][value]`) and the log
+    /// weight of the unknown.
     pub mlp: Mlp,
-    /// [`BACKGROUNDS`] times [`WIDTH`].
-    pub background: Vec<f32>,
-    /// Log weight of the unknown.
-    pub unknown: f32,
 }
 
 /// A frame's feature rows by cell.
@@ -94,10 +91,8 @@ pub struct PointLoss {
     pub value: f64,
     /// By point.
     pub embedding: Vec<f32>,
-    /// By background prototype.
-    pub background: Vec<f32>,
-    /// Of the unknown's score.
-    pub unknown: f32,
+    /// Of the background prototypes, then of the unknown's score.
+    pub own: Vec<f32>,
 }
 
 fn squared(a: &[f32], b: &[f32]) -> f32 {
@@ -124,24 +119,30 @@ impl PointEmbedding {
     /// Before training, for a network of so many feature channels.
     pub fn new(channels: usize, seed: u64) -> PointEmbedding {
         let mut random = Random::new(seed, &[0x0515]);
-        let mlp = Mlp::new(&[channels + GEOMETRY, HIDDEN, HIDDEN, WIDTH], &mut random);
+        let mut mlp = Mlp::new(&[channels + GEOMETRY, HIDDEN, HIDDEN, WIDTH], &mut random);
         let background = (0..BACKGROUNDS * WIDTH).map(|_| random.normal() as f32);
-        PointEmbedding {
-            mlp,
-            background: background.collect(),
-            unknown: -2.0,
-        }
+        mlp.parameters.extend(background.chain([-2.0]));
+        PointEmbedding { mlp }
+    }
+
+    /// The layers, the background prototypes, the unknown's score.
+    fn parts(&self) -> (&[f32], &[f32], f32) {
+        let all = &self.mlp.parameters;
+        let (rest, unknown) = all.split_at(all.len() - 1);
+        let (layers, background) = rest.split_at(rest.len() - BACKGROUNDS * WIDTH);
+        (layers, background, unknown[0])
     }
 
     /// Probabilities of the instances (prototypes `[instance][value]`), the background, and the unknown, which is last.
     pub fn associate(&self, embedding: &[f32], prototypes: &[f32]) -> Vec<f32> {
         let near = |prototype: &[f32]| logit(embedding, prototype);
+        let (_, background, unknown) = self.parts();
         let mut logits: Vec<f32> = prototypes.chunks_exact(WIDTH).map(near).collect();
-        let background: Vec<f32> = self.background.chunks_exact(WIDTH).map(near).collect();
+        let background: Vec<f32> = background.chunks_exact(WIDTH).map(near).collect();
         let all = logits.iter().chain(&background);
-        let most = all.copied().fold(self.unknown, f32::max);
+        let most = all.copied().fold(unknown, f32::max);
         let sum: f32 = background.iter().map(|l| (l - most).exp()).sum();
-        logits.extend([sum.ln() + most, self.unknown]);
+        logits.extend([sum.ln() + most, unknown]);
         let sum: f32 = logits.iter().map(|l| (l - most).exp()).sum();
         logits.iter().map(|l| (l - most).exp() / sum).collect()
     }
@@ -152,76 +153,54 @@ impl PointEmbedding {
         let (means, counts) = means(points, owner, held_out.len());
         let mut loss = PointLoss {
             embedding: vec![0.0; points.len()],
-            background: vec![0.0; self.background.len()],
+            own: vec![0.0; BACKGROUNDS * WIDTH + 1],
             ..PointLoss::default()
         };
         let background = owner.iter().filter(|o| o.is_none()).count().max(1) as f32;
         let present = counts.iter().filter(|n| **n > 0).count().max(1) as f32;
+        let used: Vec<usize> = (0..held_out.len()).filter(|k| !held_out[*k]).collect();
+        let (_, own, unknown) = self.parts();
+        let prototypes = used.iter().map(|k| row(&means, *k));
+        let prototypes: Vec<&[f32]> = prototypes.chain(own.chunks_exact(WIDTH)).collect();
         for (i, owner) in owner.iter().enumerate() {
             let weight = match owner {
                 Some(k) => 0.5 / (present * counts[*k] as f32),
                 None => 0.5 / background,
             };
             let phi = row(points, i);
-            self.association(phi, i, *owner, &means, held_out, weight, &mut loss);
+            let d_phi = &mut loss.embedding[i * WIDTH..][..WIDTH];
+            let is_target = |at: usize| match owner {
+                None => at >= used.len() && at < prototypes.len(),
+                Some(k) if held_out[*k] => at == prototypes.len(),
+                Some(k) => at < used.len() && used[at] == *k,
+            };
+            let mut logits: Vec<f32> = prototypes.iter().map(|m| logit(phi, m)).collect();
+            logits.push(unknown);
+            let (value, slopes) = cross_entropy(&logits, is_target);
+            loss.value += f64::from(weight * value);
+            for (at, slope) in slopes.into_iter().enumerate() {
+                let d = weight * slope;
+                if at == prototypes.len() {
+                    loss.own[BACKGROUNDS * WIDTH] += d;
+                    continue;
+                }
+                add_difference(d_phi, -d, phi, prototypes[at]);
+                if let Some(number) = at.checked_sub(used.len()) {
+                    let to = &mut loss.own[number * WIDTH..][..WIDTH];
+                    add_difference(to, d, phi, prototypes[at]);
+                }
+            }
             if let Some(k) = owner {
                 let mean = row(&means, *k);
                 let distance = squared(phi, mean).sqrt();
                 let far = (distance - PULL_WITHIN).max(0.0);
                 loss.value += f64::from(weight * far * far);
                 let factor = 2.0 * weight * far / distance.max(1e-6);
-                let d = &mut loss.embedding[i * WIDTH..][..WIDTH];
-                add_difference(d, factor, phi, mean);
+                add_difference(d_phi, factor, phi, mean);
             }
         }
         push(owner, &means, &counts, &mut loss);
         loss
-    }
-
-    /// Cross entropy of point `i`, whose embedding is `phi`.
-    fn association(
-        &self,
-        phi: &[f32],
-        i: usize,
-        owner: Option<usize>,
-        means: &[f32],
-        held_out: &[bool],
-        weight: f32,
-        loss: &mut PointLoss,
-    ) {
-        let has_prototype = |k: &usize| !held_out[*k];
-        let used: Vec<usize> = (0..held_out.len()).filter(has_prototype).collect();
-        let prototypes = used.iter().map(|k| row(means, *k));
-        let prototypes = prototypes.chain(self.background.chunks_exact(WIDTH));
-        let prototypes: Vec<&[f32]> = prototypes.collect();
-        let mut logits: Vec<f32> = prototypes.iter().map(|m| logit(phi, m)).collect();
-        logits.push(self.unknown);
-        let last = logits.len() - 1;
-        let is_target = |at: usize| match owner {
-            None => at >= used.len() && at < last,
-            Some(k) if held_out[k] => at == last,
-            Some(k) => at < used.len() && used[at] == k,
-        };
-        let most = logits.iter().copied().fold(f32::MIN, f32::max);
-        let e: Vec<f32> = logits.iter().map(|l| (l - most).exp()).collect();
-        let sum: f32 = e.iter().sum();
-        let targets = e.iter().enumerate().filter(|(at, _)| is_target(*at));
-        let wanted = targets.map(|(_, e)| e).sum::<f32>().max(1e-30);
-        loss.value += f64::from(weight * (sum / wanted).ln());
-        for (at, e) in e.iter().enumerate() {
-            let own = if is_target(at) { e / wanted } else { 0.0 };
-            let d = weight * (e / sum - own);
-            if at == last {
-                loss.unknown += d;
-                continue;
-            }
-            let d_phi = &mut loss.embedding[i * WIDTH..][..WIDTH];
-            add_difference(d_phi, -d, phi, prototypes[at]);
-            if let Some(number) = at.checked_sub(used.len()) {
-                let to = &mut loss.background[number * WIDTH..][..WIDTH];
-                add_difference(to, d, phi, prototypes[at]);
-            }
-        }
     }
 
     /// The names of the tensors in a model's weights.
@@ -231,47 +210,29 @@ impl PointEmbedding {
 
     /// Into a model's weights.
     pub fn write(&self, weights: &mut WeightSet) {
-        let PointEmbedding {
-            mlp, background, ..
-        } = self;
+        let (layers, background, unknown) = self.parts();
         for (part, shape, values) in [
-            ("mlp", vec![mlp.parameters.len()], &mlp.parameters),
+            ("mlp", vec![layers.len()], layers),
             ("background", vec![BACKGROUNDS, WIDTH], background),
-            ("unknown", vec![1], &vec![self.unknown]),
+            ("unknown", vec![1], &[unknown]),
         ] {
-            weights.insert(Self::tensor_name(part), shape, values.clone());
+            weights.insert(Self::tensor_name(part), shape, values.to_vec());
         }
     }
 
     /// From a model's weights; `None` where they are not there or of other sizes.
     pub fn read(weights: &WeightSet, channels: usize) -> Option<PointEmbedding> {
         let mut embedding = PointEmbedding::new(channels, 0);
-        let find = |part: &str, count: usize| {
-            let tensor = weights.find(&Self::tensor_name(part))?;
-            (tensor.data.len() == count).then(|| tensor.data.clone())
-        };
-        embedding.mlp.parameters = find("mlp", embedding.mlp.parameters.len())?;
-        embedding.background = find("background", embedding.background.len())?;
-        embedding.unknown = find("unknown", 1)?[0];
+        let find = |part: &str| weights.find(&Self::tensor_name(part));
+        let (layers, background, unknown) = (find("mlp")?, find("background")?, find("unknown")?);
+        let fits = background.data.len() == BACKGROUNDS * WIDTH && unknown.data.len() == 1;
+        let all = [&layers.data[..], &background.data, &unknown.data].concat();
+        let parameters = &mut embedding.mlp.parameters;
+        (fits && all.len() == parameters.len()).then(|| *parameters = all)?;
         Some(embedding)
     }
 
-    /// Every trained number: the layers, the background, the unknown.
-    pub(crate) fn parameters(&self) -> Vec<f32> {
-        let layers = self.mlp.parameters.iter().chain(&self.background);
-        layers.chain([&self.unknown]).copied().collect()
-    }
-
-    /// The reverse of [`PointEmbedding::parameters`].
-    pub(crate) fn set_parameters(&mut self, all: &[f32]) {
-        let (layers, rest) = all.split_at(self.mlp.parameters.len());
-        let (background, unknown) = rest.split_at(self.background.len());
-        self.mlp.parameters.copy_from_slice(layers);
-        self.background.copy_from_slice(background);
-        self.unknown = unknown[0];
-    }
-
-    /// The loss of a frame's points from their inputs, and the gradient of [`PointEmbedding::parameters`].
+    /// The loss of a frame's points from their inputs, and the gradient of every parameter.
     pub(crate) fn step(
         &self,
         input: Vec<f32>,
@@ -281,10 +242,22 @@ impl PointEmbedding {
         let trace = self.mlp.forward(input);
         let loss = self.loss(trace.output(), owner, held_out);
         let mut gradient = self.mlp.backward(&trace, loss.embedding);
-        gradient.extend(loss.background);
-        gradient.push(loss.unknown);
+        let layers = gradient.len() - loss.own.len();
+        gradient[layers..].copy_from_slice(&loss.own);
         (loss.value, gradient)
     }
+}
+
+/// That the softmax of `logits` is at any of the targets, and the slope of each logit.
+fn cross_entropy(logits: &[f32], is_target: impl Fn(usize) -> bool) -> (f32, Vec<f32>) {
+    let most = logits.iter().copied().fold(f32::MIN, f32::max);
+    let e: Vec<f32> = logits.iter().map(|l| (l - most).exp()).collect();
+    let sum: f32 = e.iter().sum();
+    let targets = e.iter().enumerate().filter(|(at, _)| is_target(*at));
+    let wanted = targets.map(|(_, e)| e).sum::<f32>().max(1e-30);
+    let slope = |(at, e): (usize, &f32)| e / sum - if is_target(at) { e / wanted } else { 0.0 };
+    let slopes = e.iter().enumerate().map(slope).collect();
+    ((sum / wanted).ln(), slopes)
 }
 
 /// The points that an instance owns, with its number.

@@ -1,6 +1,7 @@
 //! What can go wrong in training.
 
-use std::path::{Path, PathBuf};
+use std::fmt::Display;
+use std::path::Path;
 
 use mluc_dataset::DatasetError;
 
@@ -10,24 +11,6 @@ pub enum TrainError {
     /// The data set cannot be read.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// A file of the run cannot be read or written.
-    #[error("{}: {cause}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// The system's answer.
-        cause: std::io::Error,
-    },
-    /// A file or folder that this run cannot use, or must not write over.
-    #[error("{}: expected {expected}, found {found}", path.display())]
-    Refused {
-        /// The file or folder.
-        path: PathBuf,
-        /// What this run needs.
-        expected: String,
-        /// What is there, and what to do about it.
-        found: String,
-    },
     /// The model file could not be made.
     #[error(transparent)]
     Model(#[from] mluc_model::ModelError),
@@ -43,7 +26,8 @@ pub enum TrainError {
     /// The refiner refuses the model's sensor.
     #[error(transparent)]
     Refiner(#[from] mluc_refiner::RefinerError),
-    /// A setting out of its range, a loss that is no number, data in which nothing is seen, a thread that ended.
+    /// A file that cannot be read or written, or that this run must not use; a setting out of its range, a loss that is no
+    /// number, data in which nothing is seen, a thread that ended.
     #[error("{0}")]
     Stopped(String),
 }
@@ -61,20 +45,14 @@ impl TrainError {
         ))
     }
 
+    /// A file of the run cannot be read or written.
     pub(crate) fn io(path: &Path, cause: std::io::Error) -> TrainError {
-        let path = path.to_owned();
-        TrainError::Io { path, cause }
+        TrainError::Stopped(format!("{}: {cause}", path.display()))
     }
 
-    pub(crate) fn refused(
-        path: &Path,
-        expected: impl Into<String>,
-        found: impl Into<String>,
-    ) -> TrainError {
-        TrainError::Refused {
-            path: path.to_owned(),
-            expected: expected.into(),
-            found: found.into(),
-        }
+    /// A file or folder that this run cannot use, or must not write over.
+    pub(crate) fn refused(path: &Path, expected: impl Display, found: impl Display) -> TrainError {
+        let path = path.display();
+        TrainError::Stopped(format!("{path}: expected {expected}, found {found}"))
     }
 }

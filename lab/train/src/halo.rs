@@ -177,16 +177,4 @@ mod tests {
             assert_eq!(plan.gather.outputs(), readers + 1);
         }
     }
-
-    #[test]
-    fn a_full_map_leaves_the_background_without_cells() {
-        let input = Cells::from_marks([2, 4, 4], &[true; 32]);
-        let (plan, output) = convolution(&input, 1, Unlisted::Background);
-        assert_eq!((plan.tail.multiplicity, output.listed.len()), (0, 32));
-        assert!(
-            plan.gather.index[..32 * 9]
-                .iter()
-                .all(|i| *i != input.background())
-        );
-    }
 }

@@ -6,10 +6,10 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use mluc_model::{Manifest, Model, WeightSet};
+use mluc_model::{AnchorClass, Manifest, Model, WeightSet};
 
 use crate::error::TrainError;
-use crate::export::{orders, place};
+use crate::export::{axes, place};
 use crate::layers::Linear;
 use crate::trainer::Trainer;
 
@@ -33,11 +33,15 @@ pub(crate) fn start_from(
     let mut fresh = take_trunk(&model.weights, trainer);
     let taken_layers = trainer.chain.layers().count() - fresh.len();
     let (mut taken, mut rows) = (0, 0);
-    let source = HeadRows::of(&model);
+    let source = rows_of(&model);
+    let channels = model.manifest.network.feature_channels();
+    let (scale, parameters) = (manifest.prototype_scale, &mut trainer.state.parameters);
     for head in trainer.chain.heads.all() {
         let names = row_names(&head.name, manifest);
-        let parameters = &mut trainer.state.parameters;
-        let copied = source.copy(head, &names, manifest.prototype_scale, parameters);
+        let known = names.iter().enumerate().filter(|_| head.cin == channels);
+        let known = known.filter_map(|(row, name)| Some((row, *source.get(name)?)));
+        let copy = |(row, from)| copy_row(&model, from, (head, row), scale, parameters);
+        let copied = known.map(copy).filter(|is_there| *is_there).count();
         (taken, rows) = (taken + copied, rows + names.len());
         let missing = names.len() - copied;
         if missing > 0 {
@@ -66,7 +70,7 @@ pub(crate) fn start_from(
 fn take_trunk(weights: &WeightSet, trainer: &mut Trainer) -> Vec<String> {
     let (chain, state) = (&trainer.chain, &mut trainer.state);
     let mut fresh = vec![];
-    for (layer, order) in chain.layers().zip(orders(chain)) {
+    for layer in chain.layers() {
         let tensor = |part: &str, count: usize| {
             let found = weights.find(&format!("{}.{part}", layer.name));
             found.map(|t| &t.data).filter(|data| data.len() == count)
@@ -79,9 +83,10 @@ fn take_trunk(weights: &WeightSet, trainer: &mut Trainer) -> Vec<String> {
             fresh.push(layer.name.clone());
             continue;
         };
+        let axes = axes(chain, layer);
         let plain = &mut state.parameters[layer.weight.clone()];
         for (i, value) in weight.iter().enumerate() {
-            plain[place(layer, order, i)] = *value;
+            plain[place(axes, i)] = *value;
         }
         state.parameters[layer.gamma.clone()].copy_from_slice(gamma);
         state.parameters[layer.beta.clone()].copy_from_slice(beta);
@@ -93,82 +98,63 @@ fn take_trunk(weights: &WeightSet, trainer: &mut Trainer) -> Vec<String> {
 
 /// What each row of a head says.
 fn row_names(head: &str, manifest: &Manifest) -> Vec<String> {
-    let classes: Vec<&str> = manifest.classes.iter().map(|c| c.name.as_str()).collect();
-    let agnostic = manifest.generic.iter().map(|c| c.name.as_str());
-    let owners = classes.iter().copied().chain(agnostic);
-    let anchors = owners.flat_map(|own| [0, 1].map(|r| (own, format!("{own}/{r}"))));
-    let of_class = |own: &str, anchor: &str, class: &str| {
-        if class == own {
-            format!("presence {anchor}")
-        } else {
-            format!("presence {anchor} as {class}")
-        }
-    };
-    let rows = |(own, anchor): (&str, String)| -> Vec<String> {
-        let parts = |prefix: &str, count: usize| {
-            let part = |i: usize| format!("{prefix} {anchor} {i}");
-            (0..count).map(part).collect()
-        };
-        match head {
-            "head.objectness" => vec![format!("presence {anchor}")],
-            "head.class" => {
-                let names = classes.iter().map(|class| of_class(own, &anchor, class));
-                names.collect()
-            }
-            "head.box" => parts("box", 7),
-            _ => parts("direction", 2),
-        }
-    };
+    let names = |of: &[AnchorClass]| of.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+    let (classes, agnostic) = (names(&manifest.classes), names(&manifest.generic));
     match head {
-        "head.embedding" => classes.iter().map(|c| format!("embedding {c}")).collect(),
-        "head.unknown" => vec![head.to_owned()],
-        _ => anchors.flat_map(rows).collect(),
+        "head.embedding" => return classes.iter().map(|c| format!("embedding {c}")).collect(),
+        "head.unknown" => return vec![head.to_owned()],
+        _ => (),
     }
+    let mut rows = vec![];
+    let anchors = classes.iter().chain(&agnostic);
+    for (own, anchor) in anchors.flat_map(|own| [0, 1].map(|r| (own, format!("{own}/{r}")))) {
+        let presence = format!("presence {anchor}");
+        match head {
+            "head.objectness" => rows.push(presence),
+            "head.class" => rows.extend(classes.iter().map(|class| {
+                if class == own {
+                    presence.clone()
+                } else {
+                    format!("{presence} as {class}")
+                }
+            })),
+            "head.box" => rows.extend((0..7).map(|i| format!("box {anchor} {i}"))),
+            _ => rows.extend((0..2).map(|i| format!("direction {anchor} {i}"))),
+        }
+    }
+    rows
 }
 
-/// The rows of a model's heads by what they say.
-struct HeadRows<'a> {
-    model: &'a Model,
-    /// Head and number.
-    rows: BTreeMap<String, (&'static str, usize)>,
+/// The rows of a model's heads by what they say: head and number.
+fn rows_of(model: &Model) -> BTreeMap<String, (&'static str, usize)> {
+    let heads = model.manifest.network.heads().into_iter();
+    let rows = heads.flat_map(|(head, _)| {
+        let names = row_names(head, &model.manifest).into_iter().enumerate();
+        names.map(move |(i, name)| (name, (head, i)))
+    });
+    rows.collect()
 }
 
-impl HeadRows<'_> {
-    fn of(model: &Model) -> HeadRows<'_> {
-        let mut rows = BTreeMap::new();
-        for (head, _) in model.manifest.network.heads() {
-            let names = row_names(head, &model.manifest).into_iter().enumerate();
-            rows.extend(names.map(|(i, name)| (name, (head, i))));
-        }
-        HeadRows { model, rows }
-    }
-
-    /// Copies the rows of these names; returns how many there were. Embeddings are scaled so that their probabilities stay:
-    /// those depend on T f alone.
-    fn copy(&self, head: &Linear, names: &[String], scale: f32, parameters: &mut [f32]) -> usize {
-        let (manifest, weights) = (&self.model.manifest, &self.model.weights);
-        if head.cin != manifest.network.feature_channels() {
-            return 0;
-        }
-        let mut copied = 0;
-        for (row, name) in names.iter().enumerate() {
-            let Some(&(from, number)) = self.rows.get(name) else {
-                continue;
-            };
-            let is_embedding = from == "head.embedding";
-            let ratio = manifest.prototype_scale / scale;
-            let factor = if is_embedding { ratio } else { 1.0 };
-            let tensor = |part: &str| weights.find(&format!("{from}.{part}"));
-            let (Some(weight), Some(bias)) = (tensor("weight"), tensor("bias")) else {
-                continue;
-            };
-            for c in 0..head.cin {
-                parameters[head.weight.start + c * head.cout + row] =
-                    factor * weight.data[number * head.cin + c];
-            }
-            parameters[head.bias.start + row] = factor * bias.data[number];
-            copied += 1;
-        }
-        copied
-    }
+/// Copies row `number` of the head `from` of a model to row `row` of `head`; whether it is there. Embeddings are scaled so that
+/// their probabilities stay: those depend on T f alone.
+fn copy_row(
+    model: &Model,
+    (from, number): (&str, usize),
+    (head, row): (&Linear, usize),
+    prototype_scale: f32,
+    parameters: &mut [f32],
+) -> bool {
+    let tensor = |part: &str| model.weights.find(&format!("{from}.{part}"));
+    let (Some(weight), Some(bias)) = (tensor("weight"), tensor("bias")) else {
+        return false;
+    };
+    let is_embedding = from == "head.embedding";
+    let ratio = model.manifest.prototype_scale / prototype_scale;
+    let factor = if is_embedding { ratio } else { 1.0 };
+    let weight = &weight.data[number * head.cin..][..head.cin];
+    let to = parameters[head.weight.clone()].iter_mut().skip(row);
+    let pairs = to.step_by(head.cout).zip(weight);
+    pairs.for_each(|(to, from)| *to = factor * from);
+    parameters[head.bias.start + row] = factor * bias.data[number];
+    true
 }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use mluc_kernels::{Epilogue, Gather, Weights, convolve, weight_gradient};
+use mluc_kernels::{Element, Epilogue, Gather, Weights, convolve, weight_gradient};
 
 use crate::norm::{self, Activation, Statistics, Tail};
 use crate::pool::Pool;
@@ -81,52 +81,34 @@ impl Layer {
     pub fn backward(
         &self,
         parameters: &[f32],
-        gradients: &mut [f32],
         input: &[f32],
         activation: &Activation,
         plan: &LayerPlan,
         mut gradient: Vec<f32>,
         pool: &mut Pool,
     ) -> Vec<f32> {
-        let affine = &mut gradients[self.gamma.start..self.beta.end];
+        let shape @ [_, cin, cout] = [self.taps, self.cin, self.cout];
+        let affine = &mut pool.gradients[self.gamma.start..self.beta.end];
         let affine = affine.split_at_mut(self.channels);
         let gamma = &parameters[self.gamma.clone()];
         norm::backward(activation, plan.tail, gamma, &mut gradient, affine);
-        let weight = &mut gradients[self.weight.clone()];
-        weight_gradient(input, self.cin, &plan.gather, &gradient, self.cout, weight);
-        let to = self.input_gradient(parameters, &gradient, input.len(), plan, pool);
+        let weight = &mut pool.gradients[self.weight.clone()];
+        weight_gradient(input, cin, &plan.gather, &gradient, cout, weight);
+        let mut all = vec![];
+        if let Some(transposed) = &plan.transposed {
+            let plain = &parameters[self.weight.clone()];
+            all = pool.take(input.len());
+            let (to, last) = all.split_at_mut(transposed.outputs() * cin);
+            if self.bf16 {
+                convolve_transposed(pool.round(&gradient), transposed, shape, plain, to);
+            } else {
+                convolve_transposed(&gradient, transposed, shape, plain, to);
+            }
+            if let Some(background) = plan.background {
+                self.background_gradient(plain, &gradient, &plan.gather, background, last);
+            }
+        }
         pool.give(gradient);
-        to
-    }
-
-    /// From the gradient of `x`.
-    fn input_gradient(
-        &self,
-        parameters: &[f32],
-        gradient: &[f32],
-        len: usize,
-        plan: &LayerPlan,
-        pool: &mut Pool,
-    ) -> Vec<f32> {
-        let Some(transposed) = &plan.transposed else {
-            return vec![];
-        };
-        let (taps, cin, cout) = (self.taps, self.cin, self.cout);
-        let plain = &parameters[self.weight.clone()];
-        let mut all = pool.take(len);
-        let (to, last) = all.split_at_mut(transposed.outputs() * cin);
-        let no_bias = Epilogue::default();
-        if self.bf16 {
-            let weights = Weights::pack_transposed(taps, cin, cout, plain);
-            let rounded = pool.round(gradient);
-            convolve(rounded, transposed, &weights, no_bias, None, to);
-        } else {
-            let weights = Weights::pack_transposed(taps, cin, cout, plain);
-            convolve(gradient, transposed, &weights, no_bias, None, to);
-        }
-        if let Some(background) = plan.background {
-            self.background_gradient(plain, gradient, &plan.gather, background, last);
-        }
         all
     }
 
@@ -179,7 +161,6 @@ pub(crate) fn forward_all(
 pub(crate) fn backward_all(
     layers: &[Layer],
     parameters: &[f32],
-    gradients: &mut [f32],
     input: &[f32],
     activations: &[Activation],
     plans: &[LayerPlan],
@@ -189,7 +170,7 @@ pub(crate) fn backward_all(
     for (i, (layer, plan)) in layers.iter().zip(plans).enumerate().rev() {
         let input = i.checked_sub(1).map_or(input, |i| &activations[i].y);
         let own = &activations[i];
-        gradient = layer.backward(parameters, gradients, input, own, plan, gradient, pool);
+        gradient = layer.backward(parameters, input, own, plan, gradient, pool);
     }
     gradient
 }
@@ -222,10 +203,10 @@ pub struct Linear {
 
 impl Linear {
     /// `cout` outputs a row.
-    pub fn forward(&self, parameters: &[f32], input: &[f32], rows: &Gather) -> Vec<f32> {
+    pub fn forward(&self, parameters: &[f32], input: &[f32]) -> Vec<f32> {
         let plain = &parameters[self.weight.clone()];
         let bias = Some(&parameters[self.bias.clone()]);
-        linear(input, rows, [self.cin, self.cout], plain, bias)
+        linear(input, [self.cin, self.cout], plain, bias)
     }
 
     /// Adds to the parameters' gradients and to the input's.
@@ -234,18 +215,18 @@ impl Linear {
         parameters: &[f32],
         gradients: &mut [f32],
         input: &[f32],
-        rows: &Gather,
         gradient: &[f32],
         input_gradient: &mut [f32],
     ) {
         for row in gradient.chunks_exact(self.cout) {
             add(&mut gradients[self.bias.clone()], row);
         }
-        let weight = &mut gradients[self.weight.clone()];
-        weight_gradient(input, self.cin, rows, gradient, self.cout, weight);
-        let plain = &parameters[self.weight.clone()];
+        let (plain, to) = (
+            &parameters[self.weight.clone()],
+            &mut gradients[self.weight.clone()],
+        );
         let mut back = vec![0.0; input.len()];
-        linear_input_gradient(gradient, rows, [self.cin, self.cout], plain, &mut back);
+        linear_backward(input, [self.cin, self.cout], plain, gradient, to, &mut back);
         add(input_gradient, &back);
     }
 }
@@ -253,26 +234,47 @@ impl Linear {
 /// Rows times weights `[cin][cout]`, plus a bias.
 pub(crate) fn linear(
     input: &[f32],
-    rows: &Gather,
     [cin, cout]: [usize; 2],
     plain: &[f32],
     bias: Option<&[f32]>,
 ) -> Vec<f32> {
+    let rows = identity(input.len() / cin);
     let weights = Weights::pack(1, cin, cout, plain);
     let mut output = vec![0.0; rows.outputs() * cout];
     let epilogue = Epilogue { bias, relu: false };
-    convolve(input, rows, &weights, epilogue, None, &mut output);
+    convolve(input, &rows, &weights, epilogue, None, &mut output);
     output
 }
 
-/// The gradient of [`linear`]'s input from that of its output.
-pub(crate) fn linear_input_gradient(
-    gradient: &[f32],
-    rows: &Gather,
+/// From the gradient of [`linear`]'s output: adds that of the weights to `to`, and writes that of the input to `back`.
+pub(crate) fn linear_backward(
+    input: &[f32],
     [cin, cout]: [usize; 2],
+    plain: &[f32],
+    gradient: &[f32],
+    to: &mut [f32],
+    back: &mut [f32],
+) {
+    let rows = identity(input.len() / cin);
+    weight_gradient(input, cin, &rows, gradient, cout, to);
+    convolve_transposed(gradient, &rows, [1, cin, cout], plain, back);
+}
+
+/// The gradient of a convolution's input from that of its output. `shape`: of the weights `[tap][cin][cout]`.
+fn convolve_transposed<I: Element>(
+    gradient: &[I],
+    transposed: &Gather,
+    [taps, cin, cout]: [usize; 3],
     plain: &[f32],
     to: &mut [f32],
 ) {
-    let weights = Weights::pack_transposed(1, cin, cout, plain);
-    convolve(gradient, rows, &weights, Epilogue::default(), None, to);
+    let weights = Weights::pack_transposed(taps, cin, cout, plain);
+    convolve(
+        gradient,
+        transposed,
+        &weights,
+        Epilogue::default(),
+        None,
+        to,
+    );
 }

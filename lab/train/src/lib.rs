@@ -54,4 +54,3 @@ pub use log::{Progress, TrainEvent};
 pub use osis::train_osis;
 pub use run::Run;
 pub use settings::{OpenSetSettings, TrainSettings, hdl_64e};
-pub use validate::{ClassFigures, Figures, validate};

@@ -65,10 +65,13 @@ impl Progress {
     fn means_mut(&mut self) -> impl Iterator<Item = &mut f64> {
         let t = &mut self.timing_ms;
         let times = [&mut t.wait, &mut t.prepare, &mut t.forward];
-        let more = [&mut t.losses, &mut t.backward, &mut t.update];
+        let times = times
+            .into_iter()
+            .chain([&mut t.losses, &mut t.backward, &mut t.update]);
         let losses = self.losses.named_mut().into_iter().map(|(_, value)| value);
-        let sums = [&mut self.loss, &mut self.gradient_norm];
-        losses.chain(sums).chain(times).chain(more)
+        losses
+            .chain([&mut self.loss, &mut self.gradient_norm])
+            .chain(times)
     }
 }
 

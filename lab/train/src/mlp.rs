@@ -11,7 +11,7 @@ use crate::layers::add;
 pub struct Mlp {
     /// Widths, the input's first.
     pub widths: Vec<usize>,
-    /// Layer after layer: `[in][out]`, then a bias of `[out]`.
+    /// Layer after layer: `[in][out]`, then a bias of `[out]`. What follows is its owner's.
     pub parameters: Vec<f32>,
 }
 

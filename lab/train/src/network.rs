@@ -9,7 +9,7 @@ use std::ops::Range;
 use mluc_geometry::Random;
 use mluc_model::{DenseLayer, Network};
 
-use crate::layers::{Layer, Linear, RunningStatistics, forward_all, identity, linear};
+use crate::layers::{Layer, Linear, RunningStatistics, forward_all, linear};
 use crate::norm::{Activation, Statistics};
 use crate::plan::{MapPlan, Plan};
 use crate::pool::Pool;
@@ -323,8 +323,7 @@ impl Chain {
         let [first, second] = self.presence_halves();
         let anchors = self.heads.presence.cout;
         let share = |y: &[f32], channels: usize, weights: Range<usize>, bias: Option<&[f32]>| {
-            let rows = identity(y.len() / channels);
-            linear(y, &rows, [channels, anchors], &parameters[weights], bias)
+            linear(y, [channels, anchors], &parameters[weights], bias)
         };
         let bias = &parameters[self.heads.presence.bias.clone()];
         let (up1, up2) = (&pass.up1.y, &pass.up2.y);
@@ -333,8 +332,7 @@ impl Chain {
             share(up2, self.up2.channels, second, None),
         ];
         let features = self.features(&input.plan.map, labelled, [up1, up2]);
-        let rows = identity(labelled.len());
-        let run = |head: &Linear| head.forward(parameters, &features, &rows);
+        let run = |head: &Linear| head.forward(parameters, &features);
         let run_if_any = |head: &Option<Linear>| head.as_ref().map(run).unwrap_or_default();
         pass.outputs = Outputs {
             presence,

@@ -121,11 +121,10 @@ impl Setup {
     }
 
     fn gradients(&self, plan: &Plan, pass: &Pass, outputs: &Outputs) -> Vec<f32> {
-        let mut gradients = vec![0.0; self.chain.parameters];
+        let mut pool = Pool::new(self.chain.parameters);
         let input = StepInput::new(&self.parameters, plan, &self.targets.labelled);
-        let (chain, pool) = (&self.chain, &mut Pool::default());
-        chain.backward(&input, pass, outputs, &mut gradients, pool);
-        gradients
+        self.chain.backward(&input, pass, outputs, &mut pool);
+        pool.gradients
     }
 }
 

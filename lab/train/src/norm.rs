@@ -253,31 +253,19 @@ mod tests {
     use super::*;
     use mluc_geometry::Random;
 
-    /// Batch norm of rows, its gradients for the gradient `g` of `y`, and its statistics.
-    struct Found {
-        activation: Activation,
-        dx: Vec<f32>,
-        d_gamma: Vec<f32>,
-        d_beta: Vec<f32>,
-    }
-
-    fn run([x, g]: [Vec<f32>; 2], affine: [&[f32]; 2], tail: Tail) -> Found {
-        let mut activation = Activation {
-            x,
-            ..Activation::default()
-        };
-        activation.y = vec![f32::NAN; activation.x.len()];
-        let Activation { x, y, statistics } = &mut activation;
-        *statistics = forward(x, affine, tail, y);
+    /// Batch norm of rows, and for the gradient `g` of `y` those of `x`, the scale and the shift.
+    fn run(
+        [x, mut g]: [Vec<f32>; 2],
+        affine: [&[f32]; 2],
+        tail: Tail,
+    ) -> (Activation, [Vec<f32>; 3]) {
+        let mut y = vec![f32::NAN; x.len()];
+        let statistics = forward(&x, affine, tail, &mut y);
+        let activation = Activation { x, y, statistics };
         let [mut d_gamma, mut d_beta] = affine.map(|of| vec![0.0; of.len()]);
-        let (mut dx, sums) = (g, (&mut d_gamma[..], &mut d_beta[..]));
-        backward(&activation, tail, affine[0], &mut dx, sums);
-        Found {
-            activation,
-            dx,
-            d_gamma,
-            d_beta,
-        }
+        let sums = (&mut d_gamma[..], &mut d_beta[..]);
+        backward(&activation, tail, affine[0], &mut g, sums);
+        (activation, [g, d_gamma, d_beta])
     }
 
     /// `of` values around `mean`.
@@ -301,7 +289,7 @@ mod tests {
             let x = draw(&mut random, rows * channels, 20.0);
             let [gamma, beta] = [0, 1].map(|_| draw(&mut random, channels, 0.0));
             let tail = Tail::default();
-            let found = run([x.clone(), x.clone()], [&gamma, &beta], tail).activation;
+            let (found, _) = run([x.clone(), x.clone()], [&gamma, &beta], tail);
             assert_eq!(found.statistics.count, rows as f64);
             for c in 0..channels {
                 let column = || x.iter().skip(c).step_by(channels).map(|x| f64::from(*x));
@@ -338,20 +326,20 @@ mod tests {
                 rows: tail_rows,
                 multiplicity: copies,
             };
-            let found = run([x.clone(), dy.clone()], affine, tail);
+            let (found, [dx, d_gamma, d_beta]) = run([x.clone(), dy.clone()], affine, tail);
             let written_out = [expand(&x, 1.0), expand(&dy, 1.0 / copies as f32)];
-            let expected = run(written_out, affine, Tail::default());
-            let [s, s2] = [&found, &expected].map(|f| &f.activation.statistics);
+            let (expected, gradients) = run(written_out, affine, Tail::default());
+            let (s, s2) = (found.statistics, expected.statistics);
             assert_eq!(s.count, s2.count);
             assert_near(&s.mean, &s2.mean, 2e-5);
             assert_near(&s.var, &s2.var, 2e-5);
-            assert_near(&found.dx[..body], &expected.dx[..body], 2e-5);
-            assert_near(&found.d_beta, &expected.d_beta, 2e-5);
-            assert_near(&found.d_gamma, &expected.d_gamma, 1e-3);
+            assert_near(&dx[..body], &gradients[0][..body], 2e-5);
+            assert_near(&d_beta, &gradients[2], 2e-5);
+            assert_near(&d_gamma, &gradients[1], 1e-3);
             let tail_values = tail_rows * channels;
             for v in 0..tail_values {
-                let copies = expected.dx[body..].iter().skip(v).step_by(tail_values);
-                assert!((copies.sum::<f32>() - found.dx[body + v]).abs() < 1e-5);
+                let copies = gradients[0][body..].iter().skip(v).step_by(tail_values);
+                assert!((copies.sum::<f32>() - dx[body + v]).abs() < 1e-5);
             }
         }
     }

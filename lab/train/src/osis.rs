@@ -80,8 +80,7 @@ fn fit(
     check::points(&source, settings)?;
     let mut backbone = Backbone::new(manifest, &model.weights)?;
     let mut embedding = PointEmbedding::new(manifest.network.feature_channels(), settings.seed);
-    let mut parameters = embedding.parameters();
-    let mut adam = Adam::new(parameters.len());
+    let mut adam = Adam::new(embedding.mlp.parameters.len());
     let schedule = Schedule::new(settings.learning_rate, settings.steps);
     let mut log = Log::open(settings, false)?;
     for step in 0..settings.steps {
@@ -99,14 +98,14 @@ fn fit(
             return Err(TrainError::diverged(step, loss));
         }
         let (rate, momentum) = schedule.at(step);
+        let parameters = &mut embedding.mlp.parameters;
         let mut progress = Progress {
             step: step + 1,
             loss,
-            gradient_norm: adam.step(&mut parameters, &gradient, (rate, momentum)),
+            gradient_norm: adam.step(parameters, &gradient, (rate, momentum)),
             rate,
             ..Progress::default()
         };
-        embedding.set_parameters(&parameters);
         progress.losses.metric = loss;
         progress.timing_ms.forward = 1e3 * clock.elapsed().as_secs_f64();
         if let Some(line) = log.add(progress)? {

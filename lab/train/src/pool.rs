@@ -1,6 +1,6 @@
-//! Vectors reused from step to step: a fresh large allocation costs a page fault every 4 KiB.
+//! Memory reused from step to step: a fresh large allocation costs a page fault every 4 KiB.
 
-use mluc_kernels::Bf16;
+use mluc_kernels::{Bf16, Element};
 use rayon::prelude::*;
 
 /// Values of a task that rounds to bf16.
@@ -8,14 +8,24 @@ const ROUND_CHUNK: usize = 1 << 14;
 /// Vectors kept: bounds the memory.
 const FREE_MAX: usize = 96;
 
-/// The vectors that nobody uses now.
+/// The vectors that nobody uses now, and the gradients of a step.
 #[derive(Debug, Default)]
 pub struct Pool {
+    /// Of every parameter; the backward pass adds to them.
+    pub gradients: Vec<f32>,
     free: Vec<Vec<f32>>,
     rounded: Vec<Bf16>,
 }
 
 impl Pool {
+    /// For the backward pass of so many parameters.
+    pub fn new(parameters: usize) -> Pool {
+        Pool {
+            gradients: vec![0.0; parameters],
+            ..Pool::default()
+        }
+    }
+
     /// A vector of `len` numbers of any value.
     pub fn take(&mut self, len: usize) -> Vec<f32> {
         // The smallest that is large enough, else the largest.
@@ -44,15 +54,11 @@ impl Pool {
         }
         let to = &mut self.rounded[..values.len()];
         let tasks = to.par_chunks_mut(ROUND_CHUNK);
-        tasks
-            .zip(values.par_chunks(ROUND_CHUNK))
-            .for_each(|(to, from)| {
-                // Nearest, ties to even, without the case of NaN: a loss that is no number ends the run anyway.
-                for (to, from) in to.iter_mut().zip(from) {
-                    let bits = from.to_bits();
-                    *to = Bf16((bits.wrapping_add(0x7fff + ((bits >> 16) & 1)) >> 16) as u16);
-                }
-            });
+        let tasks = tasks.zip(values.par_chunks(ROUND_CHUNK));
+        tasks.for_each(|(to, from)| {
+            let pairs = to.iter_mut().zip(from);
+            pairs.for_each(|(to, from)| *to = Bf16::from_f32(*from));
+        });
         to
     }
 }

@@ -1,11 +1,13 @@
 //! A whole training run: data, steps, log, checkpoints, model file.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
 use mluc_refiner::ClusterScorer;
+use serde_json::json;
 
 use crate::cluster_scorer::fit_cluster_scorer;
 use crate::database::{self, Database, mean_boxes};
@@ -172,20 +174,32 @@ impl Run {
             return Ok(());
         }
         let model = Model::read(&self.model_path())?;
-        let figures = validate(&model, &folder, frames)?;
-        for c in &figures.classes {
-            let (name, iou, ap, labels) = (&c.class, c.iou_min, c.ap_r40, c.labels);
+        let (report, count, boxes) = validate(&model, &folder, frames)?;
+        let mut metrics = BTreeMap::from([("validation_frames".into(), count as f64)]);
+        let (mut sum, mut classes) = (0.0, vec![]);
+        for class in &report.classes {
+            let (name, iou, figures) = (&class.rule.name, class.rule.iou_min, class.main());
+            let (ap, labels) = (figures.ap.r40, figures.truth_count);
             let text = format!("{name}: AP R40 {ap:.2} at overlap {iou}, {labels} labels");
             notify(TrainEvent::Note(text));
+            metrics.insert(format!("{name}/3d/moderate/ap_r40"), ap);
+            classes.push(json!({
+                "class": name, "iou_min": iou, "ap_r40": ap, "ap_all": figures.ap.all,
+                "recall": figures.recall_percent, "labels": labels,
+            }));
+            sum += ap;
         }
-        let (map, count) = (figures.map_known, figures.frames);
+        let map = sum / report.classes.len().max(1) as f64;
         let text = format!("mean AP of the known classes {map:.2} on {count} frames");
         notify(TrainEvent::Note(text));
+        metrics.insert("map_known".into(), map);
+        let figures = json!({
+            "step": model.manifest.provenance.steps, "frames": count, "map_known": map,
+            "classes": classes, "boxes_per_frame": boxes as f64 / count.max(1) as f64,
+        });
         let path = self.settings.out.join("validation.json");
-        let bytes = serde_json::to_vec(&figures);
-        let bytes = bytes.map_err(|cause| TrainError::io(&path, cause.into()))?;
-        run_folder::write(&path, &bytes)?;
-        self.manifest.provenance.metrics = figures.metrics();
+        run_folder::write(&path, figures.to_string().as_bytes())?;
+        self.manifest.provenance.metrics = metrics;
         Ok(())
     }
 

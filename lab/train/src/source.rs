@@ -32,7 +32,7 @@ impl ScanSource {
 
     /// Scans there are.
     pub fn count(&self) -> usize {
-        self.dataset.len()
+        self.dataset.names().len()
     }
 
     /// One of them, points of its objects counted.

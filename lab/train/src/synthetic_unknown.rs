@@ -5,9 +5,7 @@
 //! is thrown away. The result moves along its bearing by the mean factor, so that its points are as dense as a scan's.
 //! Extension of the paper; after the resizing of Koesel et al. (IV 2024) and Cen et al. (ECCV 2022).
 
-use mluc_geometry::Box3;
-
-use mluc_geometry::Random;
+use mluc_geometry::{Box3, Random};
 use mluc_simulate::synthetic_unknown::{
     CUT_CHANCE, CUT_LOW, CUT_SHARE, FACTORS, JOIN_CHANCE, has_known_size, has_road_size,
 };

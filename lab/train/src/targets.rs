@@ -67,15 +67,6 @@ pub struct Targets {
     pub cells: Vec<CellLabel>,
 }
 
-/// What has been assigned so far.
-#[derive(Default)]
-struct Assignment {
-    positives: Vec<Positive>,
-    /// Cell and object of each positive.
-    owners: Vec<(u32, usize)>,
-    ignored: Vec<u32>,
-}
-
 /// The best overlap of an anchor, with which object, and whether it's an object's best anchor.
 #[derive(Clone, Copy)]
 struct Best {
@@ -87,24 +78,22 @@ struct Best {
 impl Anchors {
     /// Labels of a frame.
     pub fn assign(&self, objects: &[LabelledObject]) -> Targets {
-        let mut found = Assignment {
+        let mut found = Targets {
             ignored: self.ignored_by_objects(objects),
-            ..Assignment::default()
+            ..Targets::default()
         };
+        // Cell and object of each positive.
+        let mut owners = vec![];
         for group in self.groups() {
-            self.assign_group(group, objects, &mut found);
+            self.assign_group(group, objects, &mut found, &mut owners);
         }
         let positives = found.positives.iter();
         let positive: BTreeSet<u32> = positives.map(|p| self.number(p.cell, p.anchor)).collect();
-        let mut ignored = found.ignored;
-        ignored.retain(|a| !positive.contains(a));
-        ignored.sort_unstable();
-        ignored.dedup();
-        Targets {
-            positives: found.positives,
-            ignored,
-            cells: self.label_cells(objects, &found.owners),
-        }
+        found.ignored.retain(|a| !positive.contains(a));
+        found.ignored.sort_unstable();
+        found.ignored.dedup();
+        found.cells = self.label_cells(objects, &owners);
+        found
     }
 
     /// The number of an anchor in the map.
@@ -170,7 +159,8 @@ impl Anchors {
         &self,
         group: Range<usize>,
         objects: &[LabelledObject],
-        found: &mut Assignment,
+        found: &mut Targets,
+        owners: &mut Vec<(u32, usize)>,
     ) {
         let mut best: BTreeMap<(u32, usize), Best> = BTreeMap::new();
         let anchors = 2 * group.start..2 * group.end;
@@ -211,22 +201,18 @@ impl Anchors {
         for ((cell, anchor), best) in best {
             let matched = f64::from(self.classes[anchor / 2].matched_iou);
             if best.is_forced || best.iou >= matched {
-                let positive = self.positive(cell, anchor, &objects[best.object].bounds);
-                found.positives.push(positive);
-                found.owners.push((cell, best.object));
+                let object = &objects[best.object].bounds;
+                let codes = encode(object, &self.boxes.anchor(cell as usize, anchor));
+                found.positives.push(Positive {
+                    cell,
+                    anchor: anchor as u32,
+                    codes: codes.map(|c| c as f32),
+                    bin: direction_bin(object.yaw_rad) as u8,
+                });
+                owners.push((cell, best.object));
             } else if best.iou >= self.unmatched(anchor) {
                 found.ignored.push(self.number(cell, anchor as u32));
             }
-        }
-    }
-
-    fn positive(&self, cell: u32, anchor: usize, object: &Box3) -> Positive {
-        let codes = encode(object, &self.boxes.anchor(cell as usize, anchor));
-        Positive {
-            cell,
-            anchor: anchor as u32,
-            codes: codes.map(|c| c as f32),
-            bin: direction_bin(object.yaw_rad) as u8,
         }
     }
 

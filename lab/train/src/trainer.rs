@@ -39,7 +39,6 @@ pub struct Trainer {
     pub state: TrainState,
     schedule: Schedule,
     losses: LossSettings,
-    gradients: Vec<f32>,
     pool: Pool,
 }
 
@@ -54,12 +53,11 @@ impl Trainer {
             step: 0,
         };
         Trainer {
-            gradients: vec![0.0; chain.parameters],
+            pool: Pool::new(chain.parameters),
             chain,
             state,
             schedule,
             losses,
-            pool: Pool::default(),
         }
     }
 
@@ -87,16 +85,15 @@ impl Trainer {
         if !loss.is_finite() {
             return Err(TrainError::diverged(self.state.step, loss));
         }
-        let gradients = &mut self.gradients;
-        gradients.fill(0.0);
-        chain.backward(&input, &pass, &outputs, gradients, pool);
+        pool.gradients.fill(0.0);
+        chain.backward(&input, &pass, &outputs, pool);
         timing_ms.backward = lap();
         follow_statistics(&mut self.state, &pass);
         pass.recycle(pool);
         let (rate, momentum) = self.schedule.at(self.state.step);
         let parameters = &mut self.state.parameters;
         let adam = &mut self.state.adam;
-        let gradient_norm = adam.step(parameters, gradients, (rate, momentum));
+        let gradient_norm = adam.step(parameters, &pool.gradients, (rate, momentum));
         self.state.step += 1;
         timing_ms.update = lap();
         Ok(Progress {

@@ -1,6 +1,6 @@
 //! A set of cells of a bird's-eye map: those whose features can differ from the empty scene's.
 
-use crate::bits::{even_bits, set_bits};
+use crate::sites::{even_bits, set_bits};
 
 /// Bits (every map row starts a fresh word) and the ascending list of the same cells.
 #[derive(Clone, Debug, Default)]
@@ -39,7 +39,6 @@ impl CellSet {
         self.write_list();
     }
 
-    /// Becomes the whole map.
     pub(crate) fn assign_all(&mut self) {
         let [rows, columns] = self.shape;
         self.assign((0..rows * columns).map(|cell| [cell / columns, cell % columns]));
@@ -88,7 +87,6 @@ impl CellSet {
         }
     }
 
-    /// Whether a cell of the map is here.
     pub(crate) fn contains(&self, y: usize, x: usize) -> bool {
         self.words[y * self.words_per_row + x / 64] >> (x % 64) & 1 == 1
     }

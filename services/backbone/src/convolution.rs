@@ -38,10 +38,8 @@ impl<V: Value> Convolution<V> {
         if !V::ROUNDS {
             return Ok(convolution);
         }
-        let rounded: Vec<V> = empty_response
-            .iter()
-            .map(|value| V::from_f32(*value))
-            .collect();
+        let rounded = empty_response.iter().map(|value| V::from_f32(*value));
+        let rounded: Vec<V> = rounded.collect();
         let gather = Gather::new(layer.taps, vec![0; layer.taps]);
         let mut found = vec![0.0; layer.cout];
         let (weights, epilogue) = (&convolution.weights, Epilogue::default());
@@ -87,7 +85,6 @@ impl<V: Value> Convolution<V> {
         convolve(input, gather, weights, epilogue, output_rows, output);
     }
 
-    /// What follows the sums.
     pub(crate) fn epilogue(&self) -> Epilogue<'_> {
         Epilogue {
             bias: Some(&self.bias),

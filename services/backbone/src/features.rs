@@ -69,8 +69,8 @@ impl<V: Value> Features<V> {
         self.gather1.index.clone_from(cells);
         self.gather2.index.clone_from(&block2_active.list);
         self.rows1.clear();
-        self.rows1
-            .extend((0..cells.len() as u32).map(|row| 2 * row));
+        let rows = 0..cells.len() as u32;
+        self.rows1.extend(rows.map(|row| 2 * row));
         self.rows2.iter_mut().for_each(Vec::clear);
         let columns = self.cells.shape[1] as u32;
         for (row, cell) in cells.iter().enumerate() {

@@ -146,8 +146,8 @@ impl<V: Value> Layers<V> {
         }
         let sites = self.sparse.sites();
         let coordinates = sites.coordinates().iter();
-        self.occupied
-            .assign(coordinates.map(|[_, y, x]| [usize::from(*y), usize::from(*x)]));
+        let places = coordinates.map(|[_, y, x]| [*y, *x].map(usize::from));
+        self.occupied.assign(places);
         let site_channels = channels / sites.shape()[0];
         scatter(sites, self.sparse.rows(), site_channels, &mut self.map);
     }

@@ -3,7 +3,6 @@
 //! [`Backbone`] is the stage. Its parts ([`voxelize`], [`Rulebooks`]) are plain functions that the trainer shares. Nothing here knows a process, a file or a clock.
 
 mod backbone;
-mod bits;
 mod cells;
 mod convolution;
 mod error;

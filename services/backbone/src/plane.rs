@@ -33,7 +33,6 @@ const CELLS_A_TASK: usize = 2048;
 pub(crate) struct MapRows {
     /// Rows (y), columns (x).
     pub(crate) shape: [usize; 2],
-    /// Of the values.
     pub(crate) scale: QuantScale,
     /// The row of an empty scene far from the border, in exact numbers.
     pub(crate) empty_response: Vec<f32>,
@@ -149,7 +148,6 @@ impl<V: Value> PlaneLayer<V> {
         self.empty.copy_from_slice(&self.values);
     }
 
-    /// Which cells of the input the last run read.
     pub(crate) fn reads(&self) -> Reads<'_> {
         match &self.by_tiles {
             Some(by_tiles) => Reads::Tiles(&by_tiles.tiles),
@@ -157,7 +155,6 @@ impl<V: Value> PlaneLayer<V> {
         }
     }
 
-    /// Of a row.
     pub(crate) fn channels(&self) -> usize {
         self.convolution.cout()
     }
@@ -197,11 +194,8 @@ fn window(
         let (y, x) = (y + number / 3, x + number % 3);
         let inside = inner || ((1..=rows).contains(&y) && (1..=columns).contains(&x));
         let worth = inside && read.is_none_or(|cells| cells.contains(y - 1, x - 1));
-        *tap = if worth {
-            ((y - 1) * columns + x - 1) as u32
-        } else {
-            ABSENT
-        };
+        let cell = worth.then(|| ((y - 1) * columns + x - 1) as u32);
+        *tap = cell.unwrap_or(ABSENT);
     }
 }
 

@@ -123,9 +123,7 @@ mod tests {
             assert_eq!(precision.name().parse::<Precision>().ok(), Some(precision));
         }
         let error = "fp16".parse::<Precision>().expect_err("no such precision");
-        assert_eq!(
-            error.to_string(),
-            "precision: f32, bf16 or int8 expected, found `fp16`"
-        );
+        let expected = "precision: f32, bf16 or int8 expected, found `fp16`";
+        assert_eq!(error.to_string(), expected);
     }
 }

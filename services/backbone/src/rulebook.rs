@@ -7,8 +7,7 @@ use mluc_kernels::{ABSENT, Gather, at_best};
 use mluc_model::SparseLayer;
 use rayon::prelude::*;
 
-use crate::bits::even_bits;
-use crate::sites::Sites;
+use crate::sites::{Sites, even_bits};
 
 /// Output sites that one task looks up: some 50 microseconds of work.
 const ROWS_A_TASK: usize = 1024;
@@ -144,8 +143,8 @@ mod tests {
             let site = at.map(|v| v as u16);
             let read = |tap: usize| {
                 let k = [tap / (rows * columns), tap / columns % rows, tap % columns];
-                let read = [0, 1, 2]
-                    .map(|i| (at[i] * layer.stride[i] + k[i]) as i64 - layer.padding[i] as i64);
+                let padded = [0, 1, 2].map(|i| (at[i] * layer.stride[i] + k[i]) as i64);
+                let read = [0, 1, 2].map(|i| padded[i] - layer.padding[i] as i64);
                 let mut sites = input.coordinates().iter();
                 let row = sites.position(|site| site.map(i64::from) == read);
                 row.map_or(ABSENT, |row| row as u32)

@@ -9,7 +9,7 @@ use crate::sites::Sites;
 /// The rulebooks of a network's whole sparse part for one scan; reused from frame to frame.
 ///
 /// Submanifold layers of one resolution and kernel share one gather.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Rulebooks {
     /// Sites of resolutions 1 and later; resolution 0 belongs to the voxels.
     resolutions: Vec<Sites>,
@@ -23,21 +23,14 @@ pub struct Rulebooks {
 impl Rulebooks {
     /// Memory for `network` and any scan: pages that no scan has needed yet are reserved, not touched.
     pub fn new(network: &Network) -> Rulebooks {
-        let mut books = Rulebooks {
-            resolutions: vec![],
-            gathers: vec![],
-            layers: vec![],
-            sources: vec![],
-        };
+        let mut books = Rulebooks::default();
         let sites_max = sites_max(network);
         let mut resolution = 0;
         for (number, layer) in network.sparse.iter().enumerate() {
             let known = books.sources.iter().position(|&(source, at)| {
                 let source = &network.sparse[source];
-                layer.submanifold
-                    && source.submanifold
-                    && at == resolution
-                    && source.kernel == layer.kernel
+                let are_same = at == resolution && source.kernel == layer.kernel;
+                are_same && layer.submanifold && source.submanifold
             });
             let gather = known.unwrap_or_else(|| {
                 books.sources.push((number, resolution));

@@ -6,8 +6,6 @@
 
 use mluc_kernels::ABSENT;
 
-use crate::bits::set_bits;
-
 /// Sites of one resolution. Fill with [`Sites::insert`], then [`Sites::finish`], then look up; [`Sites::clear`] starts
 /// the next frame in the same memory.
 #[derive(Clone, Debug, Default)]
@@ -46,8 +44,8 @@ impl Sites {
 
     /// Makes room for `count` sites; more are no error.
     pub fn reserve(&mut self, count: usize) {
-        self.coordinates
-            .reserve(count.saturating_sub(self.coordinates.len()));
+        let more = count.saturating_sub(self.coordinates.len());
+        self.coordinates.reserve(more);
     }
 
     /// z, y, x edges of the grid, cells.
@@ -131,27 +129,27 @@ impl Sites {
     pub(crate) fn words(&self) -> impl Iterator<Item = ([usize; 3], u64)> {
         let used = self.used.iter().enumerate();
         used.flat_map(move |(group, used)| {
-            set_bits(*used).map(move |bit| {
-                let word = group * 64 + bit;
-                let (row, first) = (word / self.words_per_row, (word % self.words_per_row) * 64);
-                let (z, y) = (row / self.shape[1], row % self.shape[1]);
-                ([z, y, first], self.words[word])
-            })
+            let words = set_bits(*used).map(move |bit| group * 64 + bit);
+            words.map(|word| (self.first_of(word), self.words[word]))
         })
+    }
+
+    /// z, y, x of a word's first bit.
+    fn first_of(&self, word: usize) -> [usize; 3] {
+        let (row, first) = (word / self.words_per_row, (word % self.words_per_row) * 64);
+        [row / self.shape[1], row % self.shape[1], first]
     }
 
     /// Numbers the sites in (z, y, x) order.
     pub fn finish(&mut self) {
         self.coordinates.clear();
-        for (group, used) in self.used.iter().enumerate() {
-            for bit in set_bits(*used) {
+        for group in 0..self.used.len() {
+            for bit in set_bits(self.used[group]) {
                 let word = group * 64 + bit;
                 self.sites_before[word] = self.coordinates.len() as u32;
-                let (row, first) = (word / self.words_per_row, (word % self.words_per_row) * 64);
-                let (z, y) = ((row / self.shape[1]) as u16, (row % self.shape[1]) as u16);
-                let xs = set_bits(self.words[word]);
-                self.coordinates
-                    .extend(xs.map(|x| [z, y, (first + x) as u16]));
+                let [z, y, first] = self.first_of(word).map(|v| v as u16);
+                let xs = set_bits(self.words[word]).map(|x| first + x as u16);
+                self.coordinates.extend(xs.map(|x| [z, y, x]));
             }
         }
     }
@@ -182,11 +180,9 @@ impl Sites {
         if shift + found.len() > 64 && word + 1 < row + self.words_per_row {
             bits |= self.words[word + 1] << (64 - shift);
             // The count beside an unused word is stale.
-            number = if present == 0 {
-                self.sites_before[word + 1]
-            } else {
-                number
-            };
+            if present == 0 {
+                number = self.sites_before[word + 1];
+            }
         }
         bits = bits.unbounded_shl(skipped as u32);
         // The sites of an x-row are numbered in a row, so one count serves them all. No branch: the pattern of sites
@@ -198,6 +194,27 @@ impl Sites {
             bits >>= 1;
         }
     }
+}
+
+/// Positions of the set bits, lowest first.
+pub(crate) fn set_bits(mut word: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let bit = word.trailing_zeros() as usize;
+        (word != 0).then(|| {
+            word &= word - 1;
+            bit
+        })
+    })
+}
+
+/// Bits 0, 2, 4, ... moved together into the low half.
+pub(crate) fn even_bits(mut word: u64) -> u64 {
+    word &= 0x5555_5555_5555_5555;
+    word = (word | word >> 1) & 0x3333_3333_3333_3333;
+    word = (word | word >> 2) & 0x0F0F_0F0F_0F0F_0F0F;
+    word = (word | word >> 4) & 0x00FF_00FF_00FF_00FF;
+    word = (word | word >> 8) & 0x0000_FFFF_0000_FFFF;
+    (word | word >> 16) & 0xFFFF_FFFF
 }
 
 /// `number | ABSENT` is [`ABSENT`].

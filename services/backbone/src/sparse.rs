@@ -113,18 +113,15 @@ impl<V: Value> SparsePart<V> {
         self.ground.as_ref().map_or(&[], GroundGrid::heights_m)
     }
 
-    /// Sites of the last layer.
     pub(crate) fn sites(&self) -> &Sites {
         self.books
             .sites_after(self.others.len(), &self.voxels.sites)
     }
 
-    /// Of [`SparsePart::rows`].
     pub(crate) fn scale(&self) -> &QuantScale {
         &self.scale[self.others.len()]
     }
 
-    /// The last layer's rows.
     pub(crate) fn rows(&self) -> &[V] {
         &self.rows
     }

@@ -88,7 +88,6 @@ impl Watch<'_> {
         }
     }
 
-    /// Says that a step is done.
     pub(crate) fn step(&mut self, name: &str, rows: usize, reads: Reads) {
         if let Watch::Steps(steps) = self {
             steps(Step { name, rows, reads });

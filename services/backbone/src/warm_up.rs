@@ -23,17 +23,11 @@ pub(crate) fn scan(manifest: &Manifest) -> Vec<[f32; 4]> {
         let wall_m = far_m * (0.25 + 0.75 * ((column * 12 / COLUMNS * 5 % 12) as f32 / 12.0));
         let range_m = ground_m.min(wall_m);
         let z = range_m * down.tan() + 0.02 * (column % 7) as f32;
-        [
-            range_m * around.cos(),
-            range_m * around.sin(),
-            z.min(top_m - 0.01),
-            0.3,
-        ]
+        let (x, y) = (range_m * around.cos(), range_m * around.sin());
+        [x, y, z.min(top_m - 0.01), 0.3]
     };
-    let beams = 0..BEAMS;
-    beams
-        .flat_map(|beam| (0..COLUMNS).map(move |column| point(beam, column)))
-        .collect()
+    let beam = |beam: usize| (0..COLUMNS).map(move |column| point(beam, column));
+    (0..BEAMS).flat_map(beam).collect()
 }
 
 #[cfg(test)]

@@ -21,42 +21,30 @@ fn check(manifest: &Manifest, points: &[[f32; 4]]) -> Fallible<usize> {
 }
 
 #[test]
-fn all_points_in_one_voxel() -> Fallible {
-    let points = vec![[4.03, 0.02, -1.01, 0.4]; 100_000];
-    assert_eq!(check(&manifest(), &points)?, 1);
-    Ok(())
-}
-
-#[test]
-fn all_points_in_one_column() -> Fallible {
-    let grid = &manifest().network.grid;
-    let height = grid.cells()[2];
-    let points: Vec<_> = (0..30_000)
-        .map(|point| {
-            let z = formula_uniform("column", point) as f32 * 3.99 - 2.995;
-            [7.05, -1.05, z, 0.1]
-        })
-        .collect();
-    assert_eq!(check(&manifest(), &points)?, height);
-    Ok(())
-}
-
-#[test]
-fn points_on_the_border_of_the_range() -> Fallible {
+fn every_point_in_one_voxel_one_column_or_beyond_the_range() -> Fallible {
     let grid = manifest().network.grid;
-    let (low, high) = (grid.range_min_m, grid.range_max_m);
-    let mut points = vec![];
-    for corner in 0..8 {
-        let at = |axis: usize, inside: bool| match (corner >> axis & 1, inside) {
-            (0, _) => low[axis],
-            (_, true) => high[axis] - 1e-3,
-            (_, false) => high[axis],
-        };
-        points.push([at(0, true), at(1, true), at(2, true), 1.0]);
-        points.push([at(0, false), at(1, false), at(2, false), 1.0]);
+    let (low, high, height) = (grid.range_min_m, grid.range_max_m, grid.cells()[2]);
+    let voxel = vec![[4.03, 0.02, -1.01, 0.4]; 100_000];
+    let z = |point: usize| formula_uniform("column", point) as f32 * 3.99 - 2.995;
+    let column = (0..30_000).map(|point| [7.05, -1.05, z(point), 0.1]);
+    let corner = |corner: usize| {
+        // The low corner belongs to the range in both readings, every other corner in the first one alone.
+        [1e-3, 0.0].map(|inside| {
+            let at = |axis: usize| [low[axis], high[axis] - inside][corner >> axis & 1];
+            [at(0), at(1), at(2), 1.0]
+        })
+    };
+    let border = (0..8).flat_map(corner);
+    let outside = vec![[-50.0, 0.0, 0.0, 0.5]; 1000];
+    for (what, points, voxels) in [
+        ("one voxel", voxel, 1),
+        ("one column", column.collect(), height),
+        ("the border", border.collect(), 8),
+        ("outside", outside, 0),
+        ("nothing", vec![], 0),
+    ] {
+        assert_eq!(check(&manifest(), &points)?, voxels, "{what}");
     }
-    // The low corner belongs to the range in both readings, every other corner in the first one alone.
-    assert_eq!(check(&manifest(), &points)?, 8);
     Ok(())
 }
 
@@ -72,14 +60,6 @@ fn a_million_points() -> Fallible {
     manifest.network.grid.voxels_max = 60_000;
     // voxels_max is reached.
     assert_eq!(check(&manifest, &points)?, 60_000);
-    Ok(())
-}
-
-#[test]
-fn no_active_cell() -> Fallible {
-    let outside = vec![[-50.0, 0.0, 0.0, 0.5]; 1000];
-    assert_eq!(check(&manifest(), &outside)?, 0);
-    assert_eq!(check(&manifest(), &[])?, 0);
     Ok(())
 }
 

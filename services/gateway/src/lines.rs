@@ -4,7 +4,7 @@
 use mluc_ipc_types::{
     Disposition, Flags, FrameHeader, NO_PROBABILITY, Object, ObjectKind, Stage, WIRE_VERSION,
 };
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 /// A frame's line.
 #[derive(Debug, Serialize)]
@@ -22,7 +22,8 @@ pub struct Line<'a> {
     /// What is not, and why.
     pub suppressed: Vec<SuppressedLine<'a>>,
     /// Latency by stage.
-    pub stages: Stages,
+    #[serde(serialize_with = "by_name")]
+    pub stages: [StageTimes; 4],
     /// From the scan's arrival to the objects' publication, us.
     pub latency_us: u64,
     /// What is out of the ordinary.
@@ -65,15 +66,6 @@ pub struct SuppressedLine<'a> {
     overlap: f32,
 }
 
-/// Latency of each stage.
-#[derive(Debug, Serialize)]
-pub struct Stages {
-    ingest: StageTimes,
-    backbone: StageTimes,
-    head: StageTimes,
-    refiner: StageTimes,
-}
-
 /// Latency of one stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct StageTimes {
@@ -82,6 +74,10 @@ pub struct StageTimes {
     pub queue_us: u64,
     /// From there to the publication of its result, us.
     pub run_us: u64,
+}
+
+fn by_name<S: Serializer>(times: &[StageTimes; 4], to: S) -> Result<S::Ok, S::Error> {
+    to.collect_map(Stage::ALL.map(Stage::name).into_iter().zip(times))
 }
 
 /// Times of a stage by the header's stamps. Stamps that do not ascend, which a foreign stage may leave, count as 0.
@@ -114,16 +110,13 @@ pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [Strin
             object: object_line(object, classes),
             reason: disposition.unwrap_or(&"?"),
             // Where that one stands in the line.
-            by: published
-                .binary_search(&(object.suppressed_by as usize))
-                .ok(),
+            by: (published.binary_search(&(object.suppressed_by as usize))).ok(),
             overlap: object.overlap,
         }
     });
     let suppressed = suppressed.collect();
-    let objects = published
-        .iter()
-        .map(|index| object_line(&objects[*index], classes));
+    let objects = published.iter().map(|index| &objects[*index]);
+    let objects = objects.map(|object| object_line(object, classes));
     Line {
         wire: WIRE_VERSION,
         sequence: header.sequence,
@@ -131,12 +124,7 @@ pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [Strin
         stamp_ns: header.sensor_stamp_ns,
         objects: objects.collect(),
         suppressed,
-        stages: Stages {
-            ingest: stage_times(header, Stage::Ingest),
-            backbone: stage_times(header, Stage::Backbone),
-            head: stage_times(header, Stage::Head),
-            refiner: stage_times(header, Stage::Refiner),
-        },
+        stages: Stage::ALL.map(|stage| stage_times(header, stage)),
         latency_us: latency_us(header),
         flags: Flags(header.flags).names().collect(),
     }

@@ -15,7 +15,6 @@ pub(crate) struct Candidate {
     pub(crate) place: u32,
 }
 
-/// 1 / (1 + e^-x).
 pub(crate) fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
@@ -43,9 +42,8 @@ pub(crate) fn select(
     candidates.extend(passed.filter(|candidate| candidate.objectness >= objectness_min));
     let found = candidates.len();
     let best_first = |a: &Candidate, b: &Candidate| {
-        b.objectness
-            .total_cmp(&a.objectness)
-            .then((a.row, a.anchor).cmp(&(b.row, b.anchor)))
+        let by_place = (a.row, a.anchor).cmp(&(b.row, b.anchor));
+        b.objectness.total_cmp(&a.objectness).then(by_place)
     };
     if found > candidates_max {
         candidates.select_nth_unstable_by(candidates_max, best_first);

@@ -71,9 +71,8 @@ impl RowHeads {
     /// In the order of [`Network::heads`].
     pub(crate) fn in_order(&self) -> impl Iterator<Item = &RowHead> {
         let first = [&self.presence].into_iter().chain(&self.embedding);
-        first
-            .chain([&self.box_code, &self.direction])
-            .chain(&self.unknown)
+        let boxes = first.chain([&self.box_code, &self.direction]);
+        boxes.chain(&self.unknown)
     }
 }
 

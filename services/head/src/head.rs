@@ -12,7 +12,7 @@ use crate::decode::{Anchors, BOX_CODES, decode, direct};
 use crate::gate::{gate_by, is_unknown, threshold_of};
 use crate::memory::Memory;
 use crate::prototypes::Prototypes;
-use crate::report::{HeadCounts, HeadError};
+use crate::{HeadCounts, HeadError};
 
 /// The heads, the prototypes and the gate, with all memory of a frame.
 #[derive(Clone, Debug)]
@@ -248,7 +248,6 @@ impl Head {
         });
     }
 
-    /// Everything that is known of a kept box.
     fn describe(&self, index: usize, cells: &[u32]) -> Detection {
         let (candidate, found) = (&self.frame.candidates[index], &self.frame.boxes[index]);
         let f = self.embedding(candidate);

@@ -11,12 +11,53 @@ pub mod gate;
 mod head;
 mod memory;
 pub mod prototypes;
-mod report;
 
 pub use head::{Head, stand_on_ground};
 pub use mluc_ipc_types::{Detection, DetectionKind};
-pub use report::{HeadCounts, HeadError};
 
 // Whatever a checked model gives fits the contract.
 const _: () = assert!(mluc_model::CLASSES_MAX <= mluc_ipc_types::CLASSES_MAX);
 const _: () = assert!(mluc_model::BOXES_MAX as usize <= mluc_ipc_types::DETECTIONS_MAX);
+
+/// Why the head cannot run.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)] // The message above each variant says what its fields are.
+pub enum HeadError {
+    /// The model does not fit.
+    #[error(transparent)]
+    Model(#[from] mluc_model::ModelError),
+    /// Cells without a feature row would hold candidates that nobody sees.
+    #[error(
+        "model: an empty scene reaches objectness {empty_objectness_max}, which must be below objectness_min \
+         {objectness_min}: raise the threshold or train further"
+    )]
+    FiresOnNothing {
+        empty_objectness_max: f32,
+        objectness_min: f32,
+    },
+    /// Cells and rows of other lengths.
+    #[error("features: {expected} values for {cells} cells needed, {found} given")]
+    Length {
+        cells: usize,
+        expected: usize,
+        found: usize,
+    },
+    /// A cell beyond the map.
+    #[error("features: cells must be below {expected}, found {found}")]
+    Cell { expected: usize, found: u32 },
+}
+
+/// What a frame came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct HeadCounts {
+    /// Anchors at or above `objectness_min`.
+    pub candidates: u32,
+    /// Of them left out beyond `candidates_max`.
+    pub over_candidates_max: u32,
+    /// Of them left out because their box or embedding is no number.
+    pub non_finite: u32,
+    /// Boxes of anchors without a class: the last ones of the list.
+    pub generic: u32,
+    /// `boxes_max` was reached: weaker boxes may have been left out.
+    pub boxes_max_reached: bool,
+}

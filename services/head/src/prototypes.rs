@@ -22,10 +22,8 @@ pub struct Prototypes {
 impl Prototypes {
     /// `classes` = C, 2 to [`CLASSES_MAX`]; `scale` = T, above 0. A checked manifest keeps to both.
     pub fn new(classes: usize, scale: f32) -> Prototypes {
-        assert!(
-            (2..=CLASSES_MAX).contains(&classes) && scale > 0.0,
-            "C = {classes}, T = {scale}"
-        );
+        let fits = (2..=CLASSES_MAX).contains(&classes) && scale > 0.0;
+        assert!(fits, "C = {classes}, T = {scale}");
         Prototypes { classes, scale }
     }
 
@@ -97,9 +95,8 @@ mod tests {
             let c = classes as f32;
             for sample in 0..20 {
                 let uniform = |i| formula_uniform("f", number * 1000 + sample * 10 + i);
-                let f: Vec<f32> = (0..classes)
-                    .map(|i| (uniform(i) * 8.0 - 3.0) as f32)
-                    .collect();
+                let f = (0..classes).map(|i| (uniform(i) * 8.0 - 3.0) as f32);
+                let f: Vec<f32> = f.collect();
                 let scores = Prototypes::new(classes, t).scores(&f);
                 let (squares, sum): (f32, f32) = (f.iter().map(|f| f * f).sum(), f.iter().sum());
                 close(scores.eds, c * squares - 2.0 * t * sum + c * t * t);

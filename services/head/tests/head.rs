@@ -181,9 +181,9 @@ fn random_rows_give_the_same_bits_with_one_and_two_threads_and_no_overlap() -> F
     let mut manifest = manifest(HeadKind::Metric, 0);
     manifest.thresholds.nms_iou = 0.2;
     let cells: Vec<u32> = (0..256).collect();
-    let rows: Vec<f32> = (0..256 * manifest.network.feature_channels())
-        .map(|i| formula_uniform("rows", i) as f32)
-        .collect();
+    let values = 0..256 * manifest.network.feature_channels();
+    let rows = values.map(|i| formula_uniform("rows", i) as f32);
+    let rows: Vec<f32> = rows.collect();
     let head = Head::new(&manifest, &formula_weights(&manifest.network))?;
     let run = |threads: usize| -> Result<Vec<Detection>, Box<dyn std::error::Error>> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
@@ -267,5 +267,6 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     row[103] = 1.5;
     let (detections, counts) = detect(&mut head, &[cell as u32], &row)?;
     assert_eq!((detections.len(), counts.boxes_max_reached), (1, true));
+    assert_eq!(counts.generic, 0, "the box with a class comes first");
     Ok(())
 }

@@ -51,15 +51,13 @@ pub fn unpack(bytes: &[u8]) -> Result<Vec<Point>, PackedError> {
         return fault("7 bytes for each point that the header counts", body.len());
     }
     let value_m = |low: u8, high: u8| f32::from(i16::from_le_bytes([low, high])) * STEP_M;
-    Ok(chunks
-        .iter()
-        .map(|&[x0, x1, y0, y1, z0, z1, intensity]| Point {
-            x_m: value_m(x0, x1),
-            y_m: value_m(y0, y1),
-            z_m: value_m(z0, z1),
-            intensity: f32::from(intensity) / 255.0,
-        })
-        .collect())
+    let point = |&[x0, x1, y0, y1, z0, z1, intensity]: &[u8; POINT_BYTES]| Point {
+        x_m: value_m(x0, x1),
+        y_m: value_m(y0, y1),
+        z_m: value_m(z0, z1),
+        intensity: f32::from(intensity) / 255.0,
+    };
+    Ok(chunks.iter().map(point).collect())
 }
 
 #[cfg(test)]
@@ -68,14 +66,13 @@ mod tests {
 
     #[test]
     fn points_come_back_within_half_a_step() {
-        let points: Vec<Point> = (0..500)
-            .map(|n| Point {
-                x_m: n as f32 * 0.123 - 30.0,
-                y_m: -(n as f32) * 0.2,
-                z_m: -1.7 + n as f32 * 0.001,
-                intensity: n as f32 / 499.0,
-            })
-            .collect();
+        let points = (0..500).map(|n| n as f32).map(|n| Point {
+            x_m: n * 0.123 - 30.0,
+            y_m: -n * 0.2,
+            z_m: -1.7 + n * 0.001,
+            intensity: n / 499.0,
+        });
+        let points: Vec<Point> = points.collect();
         let back = unpack(&pack(&points)).unwrap();
         assert_eq!(back.len(), points.len());
         for (a, b) in points.iter().zip(&back) {
@@ -95,9 +92,7 @@ mod tests {
         let mut many = whole.clone();
         many[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
         let error = unpack(&many).unwrap_err().to_string();
-        assert!(
-            error.contains("at most 262144 points, found 4294967295"),
-            "{error}"
-        );
+        let expected = "at most 262144 points, found 4294967295";
+        assert!(error.contains(expected), "{error}");
     }
 }

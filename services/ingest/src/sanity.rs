@@ -100,11 +100,9 @@ fn ground_z_m(points: &[Point]) -> Option<f32> {
         }
     }
     // Three neighbouring bins, as the ground is seldom level to 0.1 m; of equal sums the one whose middle is fullest.
-    let (bin, most, _) = count
-        .windows(3)
-        .enumerate()
-        .map(|(bin, three)| (bin, three.iter().sum::<u32>(), three[1]))
-        .max_by_key(|&(_, sum, middle)| (sum, middle))?;
+    let sums = count.windows(3).enumerate();
+    let sums = sums.map(|(bin, three)| (bin, three.iter().sum::<u32>(), three[1]));
+    let (bin, most, _) = sums.max_by_key(|&(_, sum, middle)| (sum, middle))?;
     // A guess: walls spread over all heights, ground does not.
     let stands_out = most as usize > POINTS_MIN / 10 && most * 4 > near;
     stands_out.then_some(GROUND_Z_M.start + (bin as f32 + 1.5) * GROUND_STEP_M)
@@ -115,22 +113,18 @@ mod tests {
     use super::*;
 
     fn scan(ground_z_m: f32, intensity: f32) -> Vec<Point> {
-        (0..20_000)
-            .map(|number| {
-                let (angle, range) = (number as f32 * 0.01, 5.0 + (number % 100) as f32 * 0.1);
-                Point {
-                    x_m: range * angle.cos(),
-                    y_m: range * angle.sin(),
-                    // Every third point stands on something.
-                    z_m: if number % 3 == 0 {
-                        -1.0 + (number % 30) as f32 * 0.05
-                    } else {
-                        ground_z_m
-                    },
-                    intensity: intensity * ((number % 7) as f32 / 6.0),
-                }
-            })
-            .collect()
+        let point = |number: i32| {
+            let (angle, range) = (number as f32 * 0.01, 5.0 + (number % 100) as f32 * 0.1);
+            // Every third point stands on something.
+            let standing = (number % 3 == 0).then(|| -1.0 + (number % 30) as f32 * 0.05);
+            Point {
+                x_m: range * angle.cos(),
+                y_m: range * angle.sin(),
+                z_m: standing.unwrap_or(ground_z_m),
+                intensity: intensity * ((number % 7) as f32 / 6.0),
+            }
+        };
+        (0..20_000).map(point).collect()
     }
 
     const KITTI: Sanity = Sanity {

@@ -27,11 +27,8 @@ impl BundledScans {
         let mut scans = BundledScans { folder, points };
         for (name, bytes) in embedded::SCANS {
             let points = unpack(bytes).with_context(|| format!("embedded scan {name}"))?;
-            scans.file(
-                "velodyne",
-                &format!("{name}.bin"),
-                bytemuck::cast_slice(&points),
-            )?;
+            let file = format!("{name}.bin");
+            scans.file("velodyne", &file, bytemuck::cast_slice(&points))?;
             scans.points.push(points);
         }
         for (name, bytes) in embedded::LABELS {
@@ -42,8 +39,8 @@ impl BundledScans {
 
     fn file(&self, folder: &str, name: &str, bytes: &[u8]) -> anyhow::Result<()> {
         let folder = self.folder.join(folder);
-        let written =
-            fs::create_dir_all(&folder).and_then(|()| fs::write(folder.join(name), bytes));
+        let made = fs::create_dir_all(&folder);
+        let written = made.and_then(|()| fs::write(folder.join(name), bytes));
         written.with_context(|| format!("writing {name} in {}", folder.display()))
     }
 

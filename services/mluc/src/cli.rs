@@ -25,22 +25,56 @@ pub(crate) enum Command {
     /// Run the pipeline on scans; one JSON line a frame on stdout.
     Up(PipelineArgs),
     /// Run the pipeline on bundled simulated scans: objects, latency table, picture.
-    Demo(DemoArgs),
+    Demo {
+        /// Where the picture goes.
+        #[arg(long, default_value = "mluc-demo.png")]
+        picture: PathBuf,
+        /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file.
+        #[arg(long, default_value = DEFAULT_MODEL)]
+        model: String,
+    },
     /// Run one stage in this process (`up` starts them by itself).
     Stage(StageArgs),
     /// Check the settings of `up` without a run; with --print, show them and where each comes from.
-    Config(ConfigArgs),
+    Config {
+        /// Show the resolved settings: a configuration file with the same effect.
+        #[arg(long)]
+        print: bool,
+        #[command(flatten)]
+        pipeline: PipelineArgs,
+    },
     /// Say how the stages of a running pipeline are.
-    Status(StatusArgs),
+    Status {
+        /// Which pipeline.
+        #[arg(long, default_value = "default")]
+        instance: String,
+        /// One JSON object on stdout.
+        #[arg(long)]
+        json: bool,
+    },
     /// Check whether this machine can run the pipeline.
-    Doctor(DoctorArgs),
+    Doctor {
+        /// The model that shall run.
+        #[arg(long, default_value = DEFAULT_MODEL)]
+        model: String,
+    },
     /// Measure latency, stage by stage, and write a report; `bench compare` compares two. Needs the program mluc-bench.
     Bench(ExternalArgs),
     /// Test any program against the refiner's contract (docs/CONTRACT.md); needs the program mluc-contract.
     RefinerTest(ExternalArgs),
     /// Start a program that ends with its parent (used by `up` for foreign stages).
     #[command(hide = true)]
-    Exec(ExecArgs),
+    Exec {
+        /// Process to end with.
+        #[arg(long)]
+        supervised_by: u32,
+        /// Cores that it may run on.
+        #[arg(long, value_delimiter = ',')]
+        cpus: Option<Vec<usize>>,
+        /// The program and its arguments.
+        #[arg(last = true, required = true)]
+        command: Vec<String>,
+    },
 }
 
 /// What `up`, `stage` and `config` share; everything may stand in the configuration file instead (docs/configuration.md).
@@ -151,10 +185,9 @@ impl Cli {
 
     /// The help of `mluc stage NAME` lists what that stage takes.
     fn command_for(words: &[OsString]) -> clap::Command {
-        let stage = match words {
-            [_, command, name, ..] if command == "stage" => {
-                name.to_str().and_then(Stage::from_name)
-            }
+        let words: Vec<_> = words.iter().filter_map(|word| word.to_str()).collect();
+        let stage = match words[..] {
+            [_, "stage", name, ..] => Stage::from_name(name),
             _ => None,
         };
         let is_taken = |id: &str| match TAKEN_BY.iter().find(|(option, _)| *option == id) {
@@ -171,15 +204,6 @@ impl Cli {
 }
 
 #[derive(Args, Clone, Debug)]
-pub(crate) struct ConfigArgs {
-    /// Show the resolved settings: a configuration file with the same effect.
-    #[arg(long)]
-    pub(crate) print: bool,
-    #[command(flatten)]
-    pub(crate) pipeline: PipelineArgs,
-}
-
-#[derive(Args, Clone, Debug)]
 pub(crate) struct StageArgs {
     /// Which one.
     #[arg(value_parser = Stage::ALL.map(Stage::name))]
@@ -192,46 +216,6 @@ pub(crate) struct StageArgs {
     /// Process to end with (set by `up`).
     #[arg(long, hide = true)]
     pub(crate) supervised_by: Option<u32>,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct DemoArgs {
-    /// Where the picture goes.
-    #[arg(long, default_value = "mluc-demo.png")]
-    pub(crate) picture: PathBuf,
-    /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file.
-    #[arg(long, default_value = DEFAULT_MODEL)]
-    pub(crate) model: String,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct StatusArgs {
-    /// Which pipeline.
-    #[arg(long, default_value = "default")]
-    pub(crate) instance: String,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct DoctorArgs {
-    /// The model that shall run.
-    #[arg(long, default_value = DEFAULT_MODEL)]
-    pub(crate) model: String,
-}
-
-#[derive(Args, Clone, Debug)]
-pub(crate) struct ExecArgs {
-    /// Process to end with.
-    #[arg(long)]
-    pub(crate) supervised_by: u32,
-    /// Cores that it may run on.
-    #[arg(long, value_delimiter = ',')]
-    pub(crate) cpus: Option<Vec<usize>>,
-    /// The program and its arguments.
-    #[arg(last = true, required = true)]
-    pub(crate) command: Vec<String>,
 }
 
 #[cfg(test)]
@@ -252,10 +236,8 @@ mod tests {
         for option in "--rate --loop --precision --refiner-mode --without".split(' ') {
             assert!(!head.contains(option), "{option}: {head}");
         }
-        assert!(
-            ingest.contains("--rate") && !ingest.contains("--lambda"),
-            "{ingest}"
-        );
+        let is_ingests = ingest.contains("--rate") && !ingest.contains("--lambda");
+        assert!(is_ingests, "{ingest}");
         let all = Cli::command();
         let stage = all.find_subcommand("stage").unwrap();
         for (id, _) in TAKEN_BY {

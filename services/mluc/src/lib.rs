@@ -55,20 +55,24 @@ pub fn exit_code(program: &str, result: anyhow::Result<ExitCode>) -> ExitCode {
 pub fn main(has_stdout: bool) -> ExitCode {
     let command = Cli::read().command;
     // A stage writes nothing there.
-    if !has_stdout && !matches!(command, Command::Stage(_) | Command::Exec(_)) {
+    if !has_stdout && !matches!(command, Command::Stage(_) | Command::Exec { .. }) {
         print_err("mluc: standard output is closed: results would be lost");
         return ExitCode::from(EXIT_FAILURE);
     }
     let result = match command {
         Command::Up(args) => commands::up(args),
-        Command::Demo(args) => commands::demo(args),
+        Command::Demo { picture, model } => commands::demo(&picture, model),
         Command::Stage(args) => stages::run(args).map(|()| ExitCode::SUCCESS),
-        Command::Config(args) => commands::config(args),
-        Command::Status(args) => commands::status(args),
-        Command::Doctor(args) => commands::doctor(args),
+        Command::Config { print, pipeline } => commands::config(print, pipeline),
+        Command::Status { instance, json } => commands::status(&instance, json),
+        Command::Doctor { model } => commands::doctor(&model),
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),
-        Command::Exec(args) => commands::exec(args),
+        Command::Exec {
+            supervised_by,
+            cpus,
+            command,
+        } => commands::exec(supervised_by, cpus, &command),
     };
     exit_code("mluc", result)
 }

@@ -9,7 +9,6 @@ use crate::document::nearest;
 use crate::settings::Settings;
 use crate::{UsageError, embedded};
 
-/// A model that this binary holds.
 pub(crate) fn embedded(name: &str) -> Option<&'static [u8]> {
     let mut models = embedded::MODELS.iter();
     models.find_map(|(own, bytes)| (*own == name).then_some(*bytes))
@@ -23,10 +22,9 @@ pub fn load(name: &str) -> anyhow::Result<Model> {
     let path = Path::new(name);
     if !path.exists() {
         let names: Vec<&str> = embedded::MODELS.iter().map(|&(name, _)| name).collect();
-        let known = if names.is_empty() {
-            "this build has none embedded".to_string()
-        } else {
-            format!("embedded are: {}", names.join(", "))
+        let known = match names[..] {
+            [] => "this build has none embedded".to_string(),
+            _ => format!("embedded are: {}", names.join(", ")),
         };
         let hint = nearest(name, names).map(|near| format!("; did you mean '{near}'?"));
         let hint = hint.unwrap_or_default();

@@ -4,7 +4,7 @@
 //! can make; `chrt` of util-linux, which every distribution has, makes it and becomes the stage.
 
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use anyhow::Context;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -13,23 +13,21 @@ use crate::UsageError;
 use crate::settings::StageSettings;
 
 impl StageSettings {
-    /// Whether this machine has the cores and the priority.
     pub(crate) fn check_placement(&self, stage: &str) -> Result<(), UsageError> {
         if let Some(cpus) = &self.cpus {
             let usable = usable_cpus();
             if cpus.is_empty() || cpus.iter().any(|cpu| !usable.contains(cpu)) {
-                return Err(UsageError(format!(
-                    "cpus of {stage}: expected some of {usable:?}, which this process may use, found {cpus:?}"
-                )));
+                let expected = format!("some of {usable:?}, which this process may use");
+                let text = format!("cpus of {stage}: expected {expected}, found {cpus:?}");
+                return Err(UsageError(text));
             }
         }
-        match self.priority {
-            None | Some(1..=99) => Ok(()),
-            Some(found) => {
-                let text = format!("priority of {stage} must be 1 to 99, found {found}");
-                Err(UsageError(text))
-            }
-        }
+        let is_wrong = |priority: &u8| !(1..=99).contains(priority);
+        let found = self.priority.filter(is_wrong);
+        found.map_or(Ok(()), |found| {
+            let text = format!("priority of {stage} must be 1 to 99, found {found}");
+            Err(UsageError(text))
+        })
     }
 
     /// Whether this user may have the priority: tried with a program that does nothing.
@@ -37,23 +35,15 @@ impl StageSettings {
         let Some(priority) = self.priority else {
             return Ok(());
         };
-        let tried = self
-            .placed("true".into())
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .status();
-        let cause = match tried {
-            Ok(status) if status.success() => return Ok(()),
+        let cause = match self.placed("true".into()).output() {
+            Ok(tried) if tried.status.success() => return Ok(()),
             Ok(_) => "not permitted: run as root, or allow it with `ulimit -r` or the capability CAP_SYS_NICE".to_string(),
             Err(error) => format!("chrt (package util-linux): {error}"),
         };
-        Err(UsageError(format!(
-            "priority of {stage}: real-time priority {priority} is not to be had: {cause}"
-        )))
+        let what = format!("real-time priority {priority} is not to be had");
+        Err(UsageError(format!("priority of {stage}: {what}: {cause}")))
     }
 
-    /// `program`, with the priority.
     pub(crate) fn placed(&self, program: PathBuf) -> Command {
         let Some(priority) = self.priority else {
             return Command::new(program);
@@ -74,9 +64,8 @@ impl StageSettings {
 /// Cores that this process may run on.
 pub fn usable_cpus() -> Vec<usize> {
     let set = sched_getaffinity(None).unwrap_or_default();
-    (0..CpuSet::MAX_CPU)
-        .filter(|&cpu| set.is_set(cpu))
-        .collect()
+    let all = 0..CpuSet::MAX_CPU;
+    all.filter(|&cpu| set.is_set(cpu)).collect()
 }
 
 /// Keeps this process, and what it starts from now on, on `cpus`.

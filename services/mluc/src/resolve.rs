@@ -10,6 +10,7 @@ use mluc_runtime::Instance;
 use toml::{Table, Value};
 
 use crate::cli::PipelineArgs;
+use crate::document::with_hint;
 use crate::settings::Settings;
 use crate::{UsageError, document, model};
 
@@ -22,7 +23,6 @@ pub(crate) struct Resolved {
 }
 
 impl Settings {
-    /// Of a command line and what it refers to.
     pub(crate) fn resolve(args: PipelineArgs) -> anyhow::Result<Settings> {
         Ok(Resolved::of(args, false)?.settings)
     }
@@ -57,9 +57,8 @@ impl Resolved {
                 origins.insert(key, origin.clone());
             });
         }
-        let settings = merged.try_into();
-        let mut settings: Settings =
-            settings.map_err(|error| UsageError(document::with_hint(error.message(), &error)))?;
+        let usage = |error: toml::de::Error| UsageError(with_hint(error.message(), &error));
+        let mut settings: Settings = merged.try_into().map_err(usage)?;
         settings.complete();
         settings.check()?;
         Ok(Resolved { settings, origins })
@@ -140,8 +139,8 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     document::read::<Settings>(path)?;
     let mut table: Table = document::read(path)?;
     table.remove("bench");
-    let path =
-        std::path::absolute(path).with_context(|| format!("configuration {}", path.display()))?;
+    let absolute = std::path::absolute(path);
+    let path = absolute.with_context(|| format!("configuration {}", path.display()))?;
     let folder = path.parent().unwrap_or(Path::new("/"));
     let text = |path: PathBuf| Value::String(path.to_string_lossy().into_owned());
     if let Some(input) = table.get("input").and_then(Value::as_str) {
@@ -165,21 +164,19 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     Ok(table)
 }
 
-/// What the command line sets.
 fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
+    let mut lines = vec![];
+    for (stage, count) in &args.threads {
+        lines.push(format!("stages.{}.threads = {count}", stage.name()));
+    }
+    for stage in &args.without {
+        lines.push(format!("stages.{stage}.external = true"));
+    }
+    if let Some(name) = &args.refiner_mode {
+        lines.push(format!("refiner.variant = '{name}'"));
+    }
     let mut layers = vec![Table::try_from(args)?];
-    let threads = args.threads.iter();
-    let threads =
-        threads.map(|(stage, count)| format!("stages.{}.threads = {count}", stage.name()));
-    let external = args
-        .without
-        .iter()
-        .map(|stage| format!("stages.{stage}.external = true"));
-    let variant = args
-        .refiner_mode
-        .iter()
-        .map(|name| format!("refiner.variant = '{name}'"));
-    for line in threads.chain(external).chain(variant) {
+    for line in lines {
         layers.push(line.parse()?);
     }
     Ok(layers)
@@ -255,13 +252,12 @@ mod tests {
         expected.refiner.points_min = 9;
         assert_eq!(settings, expected);
         let path = folder.path().join("mluc.toml");
+        let from_file = format!("file {}", path.display());
         for (key, origin) in [
             ("model", "flag"),
             ("stages.head.threads", "flag"),
-            (
-                "stages.backbone.threads",
-                &format!("file {}", path.display()),
-            ),
+            ("stages.backbone.threads", &from_file),
+            ("loop", &from_file),
             ("precision", "default"),
         ] {
             assert_eq!(origins[key], origin, "{key}");
@@ -289,10 +285,8 @@ mod tests {
             (&plain, "# seconds", "# not set"),
         ] {
             let line = text.lines().find(|line| line.starts_with(key));
-            assert!(
-                line.is_some_and(|line| line.ends_with(origin)),
-                "{key}: {text}"
-            );
+            let line = line.unwrap_or_else(|| panic!("{key}: {text}"));
+            assert!(line.ends_with(origin), "{key}: {text}");
         }
     }
 }

@@ -128,16 +128,13 @@ pub struct Stages {
 
 impl Default for Stages {
     fn default() -> Stages {
-        let one = StageSettings::default;
-        let backbone = StageSettings {
-            threads: BACKBONE_THREADS,
-            ..one()
-        };
+        let [ingest, mut backbone, head, refiner] = Stage::ALL.map(|_| StageSettings::default());
+        backbone.threads = BACKBONE_THREADS;
         Stages {
-            ingest: one(),
+            ingest,
             backbone,
-            head: one(),
-            refiner: one(),
+            head,
+            refiner,
         }
     }
 }
@@ -193,7 +190,6 @@ impl Default for StageSettings {
 }
 
 impl Settings {
-    /// What depends on other settings.
     pub(crate) fn complete(&mut self) {
         if self.pace == Pace::Sensor {
             self.budget_ms.get_or_insert(BUDGET_MS);
@@ -214,7 +210,6 @@ impl Settings {
         threshold.get_or_insert(default.to_string().parse().unwrap_or(f64::from(default)));
     }
 
-    /// Refuses what makes no sense, by its key.
     pub(crate) fn check(&self) -> Result<(), UsageError> {
         let budget_ms = self.budget_ms.map(|ms| ms as f64);
         let mut ranges = vec![
@@ -306,9 +301,10 @@ mod switch {
                 let settings = table.try_into().map(Some);
                 settings.map_err(|error| D::Error::custom(error.message()))
             }
-            other => Err(D::Error::custom(format!(
-                "expected true, false or a table, found {other}"
-            ))),
+            other => {
+                let expected = "expected true, false or a table";
+                Err(D::Error::custom(format!("{expected}, found {other}")))
+            }
         }
     }
 }

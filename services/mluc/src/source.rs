@@ -1,7 +1,5 @@
 //! Scans in a folder: which files, in what order, with what stamps and poses.
 
-mod poses;
-
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -15,7 +13,7 @@ const SCAN_BYTES_MAX: u64 = 64 << 20;
 const SCANS_MAX: usize = 1_000_000;
 
 /// The scans of a run.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Source {
     /// Their files, in order.
     pub scans: Vec<PathBuf>,
@@ -33,14 +31,12 @@ impl Source {
         let about = fs::metadata(input).with_context(|| format!("input {name}"))?;
         if !about.is_dir() {
             let is_scan = about.is_file() && input.extension().is_some_and(|kind| kind == "bin");
-            ensure!(
-                is_scan,
-                "input {name}: expected a scan that ends in .bin, or a folder"
-            );
+            let expected = "a scan that ends in .bin, or a folder";
+            ensure!(is_scan, "input {name}: expected {expected}");
+            let scans = vec![input.to_path_buf()];
             return Ok(Source {
-                scans: vec![input.to_path_buf()],
-                stamps_ns: None,
-                poses: None,
+                scans,
+                ..Source::default()
             });
         }
         for inner in ["velodyne", "velodyne_points/data", ""] {
@@ -49,14 +45,13 @@ impl Source {
             if !scans.is_empty() {
                 return Ok(Source {
                     stamps_ns: stamps(&folder, scans.len()),
-                    poses: poses::read(&folder, scans.len())?,
+                    poses: poses(&folder, scans.len())?,
                     scans,
                 });
             }
         }
-        bail!(
-            "input {name}: no .bin scans there, nor in velodyne/ or velodyne_points/data/ below it"
-        )
+        let below = "velodyne/ or velodyne_points/data/ below it";
+        bail!("input {name}: no .bin scans there, nor in {below}")
     }
 
     /// The frame's name: the file's, without its ending.
@@ -91,19 +86,13 @@ fn bin_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let entries = fs::read_dir(folder).with_context(|| format!("input {}", folder.display()))?;
-    let mut scans: Vec<PathBuf> = entries
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|kind| kind == "bin"))
-        .take(SCANS_MAX + 1)
-        .collect();
+    let name = folder.display();
+    let entries = fs::read_dir(folder).with_context(|| format!("input {name}"))?;
+    let paths = entries.flatten().map(|entry| entry.path());
+    let scans = paths.filter(|path| path.extension().is_some_and(|kind| kind == "bin"));
+    let mut scans: Vec<PathBuf> = scans.take(SCANS_MAX + 1).collect();
     let is_bounded = scans.len() <= SCANS_MAX;
-    ensure!(
-        is_bounded,
-        "input {}: more than {SCANS_MAX} scans",
-        folder.display()
-    );
+    ensure!(is_bounded, "input {name}: more than {SCANS_MAX} scans");
     scans.sort();
     Ok(scans)
 }
@@ -139,6 +128,42 @@ fn stamp_ns(line: &str) -> Option<u64> {
     let time = humantime::parse_rfc3339_weak(line.trim()).ok()?;
     let since = time.duration_since(std::time::UNIX_EPOCH).ok()?;
     u64::try_from(since.as_nanos()).ok()
+}
+
+/// Reads `poses.txt` in the folder of scans or above it: `x y z yaw` of the sensor in a frame that stands still (m, rad),
+/// a line a scan; empty lines and those that begin with `#` are left out. None where there is no such file. Errors:
+/// another number of lines than scans, a line that is not four finite numbers.
+fn poses(folder: &Path, scans: usize) -> anyhow::Result<Option<Vec<EgoPose>>> {
+    let Some(path) = beside(folder, "poses.txt") else {
+        return Ok(None);
+    };
+    let name = path.display();
+    let text = fs::read_to_string(&path).with_context(|| format!("poses {name}"))?;
+    let mut poses = Vec::new();
+    let lines = (1..).zip(text.lines().map(str::trim));
+    for (number, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
+        let expected = "expected four finite numbers `x y z yaw` (m, rad)";
+        let fault = || format!("poses {name}, line {number}: {expected}, found `{line}`");
+        poses.push(pose(line).with_context(fault)?);
+    }
+    let found = poses.len();
+    let expected = format!("expected one a scan, {scans}");
+    ensure!(found == scans, "poses {name}: {expected}, found {found}");
+    Ok(Some(poses))
+}
+
+fn pose(line: &str) -> Option<EgoPose> {
+    let words = line.split_whitespace();
+    let numbers = words.map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()));
+    let [x, y, z, yaw_rad] = numbers.collect::<Option<Vec<f64>>>()?[..] else {
+        return None;
+    };
+    Some(EgoPose {
+        position_m: [x, y, z],
+        yaw_rad,
+        is_known: 1,
+        ..EgoPose::default()
+    })
 }
 
 #[cfg(test)]
@@ -184,13 +209,9 @@ mod tests {
         ] {
             assert_eq!(stamp_ns(stamp), Some(ns));
         }
-        for bad in [
-            "",
-            "2011-09-26",
-            "2011-13-26 13:02:25.9",
-            "2011-09-26 25:02:25.9",
-            "a-b-c d:e:f.g",
-        ] {
+        let bad_days = ["", "2011-09-26", "2011-13-26 13:02:25.9"];
+        let bad_hours = ["2011-09-26 25:02:25.9", "a-b-c d:e:f.g"];
+        for bad in bad_days.into_iter().chain(bad_hours) {
             assert_eq!(stamp_ns(bad), None, "{bad}");
         }
     }
@@ -199,12 +220,41 @@ mod tests {
     fn a_scan_that_cannot_be_read_is_no_end() {
         let source = Source {
             scans: vec!["/nowhere/000007.bin".into()],
-            stamps_ns: None,
-            poses: None,
+            ..Source::default()
         };
         let mut bytes = vec![1, 2, 3];
         assert_eq!(source.read(0, &mut bytes), Flags::DAMAGED_INPUT);
         assert!(bytes.is_empty());
         assert_eq!(source.name(0), "000007");
+    }
+
+    fn folder_with(text: &str) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("poses.txt"), text).unwrap();
+        folder
+    }
+
+    #[test]
+    fn a_line_a_scan_is_read_also_from_the_folder_above() {
+        let folder = folder_with("# x y z yaw\n1 2 0 0.5\n\n2.5 2 0 -0.5\n");
+        let inner = folder.path().join("velodyne");
+        let found = poses(&inner, 2).unwrap().unwrap();
+        assert_eq!(found[1].position_m, [2.5, 2.0, 0.0]);
+        assert_eq!((found[0].yaw_rad, found[0].is_known), (0.5, 1));
+        let none = tempfile::tempdir().unwrap();
+        assert!(poses(&none.path().join("a"), 2).unwrap().is_none());
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (content, words) in [
+            ("1 2 3 4\n", "expected one a scan, 2, found 1"),
+            ("1 2 3 4\n1 2 x 4\n", "line 2"),
+            ("1 2 3 4\n1 2 3\n", "found `1 2 3`"),
+            ("NaN 2 3 4\n1 2 3 4\n", "line 1"),
+        ] {
+            let error = poses(folder_with(content).path(), 2).unwrap_err();
+            assert!(format!("{error:#}").contains(words), "{error:#}");
+        }
     }
 }

@@ -3,16 +3,40 @@
 use std::process::{Command, Output};
 
 fn mluc(arguments: &[&str]) -> Output {
-    let program = env!("CARGO_BIN_EXE_mluc");
-    Command::new(program)
-        .args(arguments)
-        .output()
-        .expect("mluc starts")
+    let mut program = Command::new(env!("CARGO_BIN_EXE_mluc"));
+    program.args(arguments).output().expect("mluc starts")
 }
 
 fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
+
+/// Arguments, and words of the error.
+const REFUSED: &str = "\
+upp | 'up'
+up | --input is missing
+up --pace fast | sensor
+up --lambda much | --lambda
+config --lambda=-0.5 | lambda must be 0 to 100, found -0.5
+config --rate=0 | rate_hz
+config --rate=NaN | rate_hz
+config --seconds=-1 | seconds
+config --unknown-min=1.5 | unknown_min
+config --model kitti-open --lambda 1.2 | --unknown-min
+config --model kitti --unknown-min 0.5 | --lambda
+config --model kitt | did you mean 'kitti'?
+config --threads=backbone | STAGE=N
+config --threads=bakbone=2 | ingest, backbone, head, refiner
+config --threads=head=-1 | STAGE=N
+config --threads=head=0 | threads of head must be 1 to 256, found 0
+config --instance=a/b | a/b
+config --refiner-mode=paper-corected | exists: 'paper-corrected'
+config --without=refner | exists: 'refiner'
+config --precision fp32 | exists: 'f32'
+config --config=/nowhere.toml | nowhere.toml
+stage bakcbone | exists: 'backbone'
+status --instance a/b | a/b
+doctor --instance | --instance";
 
 /// Exit code 2 of docs/output.md, with words that name the fault.
 #[test]
@@ -25,44 +49,8 @@ fn a_wrong_command_line_or_configuration_is_a_usage_error() {
         assert!(output.stdout.is_empty());
         assert!(said.contains(words), "{arguments:?}: {said}");
     };
-    for (line, words) in [
-        ("upp", "'up'"),
-        ("up", "--input is missing"),
-        ("up --pace fast", "sensor"),
-        ("up --lambda much", "--lambda"),
-        (
-            "config --lambda=-0.5",
-            "lambda must be 0 to 100, found -0.5",
-        ),
-        ("config --rate=0", "rate_hz"),
-        ("config --rate=NaN", "rate_hz"),
-        ("config --seconds=-1", "seconds"),
-        ("config --unknown-min=1.5", "unknown_min"),
-        ("config --model kitti-open --lambda 1.2", "--unknown-min"),
-        ("config --model kitti --unknown-min 0.5", "--lambda"),
-        ("config --model kitt", "did you mean 'kitti'?"),
-        ("config --threads=backbone", "STAGE=N"),
-        (
-            "config --threads=bakbone=2",
-            "ingest, backbone, head, refiner",
-        ),
-        ("config --threads=head=-1", "STAGE=N"),
-        (
-            "config --threads=head=0",
-            "threads of head must be 1 to 256, found 0",
-        ),
-        ("config --instance=a/b", "a/b"),
-        (
-            "config --refiner-mode=paper-corected",
-            "exists: 'paper-corrected'",
-        ),
-        ("config --without=refner", "exists: 'refiner'"),
-        ("config --precision fp32", "exists: 'f32'"),
-        ("config --config=/nowhere.toml", "nowhere.toml"),
-        ("stage bakcbone", "exists: 'backbone'"),
-        ("status --instance a/b", "a/b"),
-        ("doctor --instance", "--instance"),
-    ] {
+    for case in REFUSED.lines() {
+        let (line, words) = case.split_once(" | ").expect("arguments and words");
         refused(&line.split(' ').collect::<Vec<_>>(), words);
     }
     for (text, words) in [
@@ -80,40 +68,14 @@ fn a_wrong_command_line_or_configuration_is_a_usage_error() {
     }
 }
 
-#[test]
-fn what_the_file_may_hold_is_shown_with_its_origin() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("mluc.toml");
-    std::fs::write(&path, "track = true\nloop = true\nseconds = 3.0\n").expect("written");
-    let config = format!("--config={}", path.display());
-    let output = mluc(&["config", "--print", &config, "--pace", "complete"]);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    for (key, origin) in [
-        ("loop = true ", "# file "),
-        ("seconds = 3.0 ", "# file "),
-        ("pace = \"complete\"", "# flag"),
-        ("unknown_min = ", "# model"),
-        ("[track]", "[track]"),
-    ] {
-        let line = text.lines().find(|line| line.starts_with(key));
-        assert!(
-            line.is_some_and(|line| line.contains(origin)),
-            "{key}: {text}"
-        );
-    }
-}
-
 /// Rust opens /dev/null in its place: results would be lost with exit code 0.
 #[test]
 fn a_closed_standard_output_is_an_error() {
     let program = env!("CARGO_BIN_EXE_mluc");
     let run = |redirection: &str| {
         let line = format!("exec '{program}' config --print {redirection}");
-        Command::new("sh")
-            .args(["-c", &line])
-            .output()
-            .expect("a shell")
+        let shell = Command::new("sh").args(["-c", &line]).output();
+        shell.expect("a shell")
     };
     let output = run(">&-");
     assert_eq!(output.status.code(), Some(1));

@@ -24,10 +24,8 @@ fn rows(document: &str) -> Vec<(&str, Vec<&str>)> {
         }
         if line.starts_with("| `") {
             let cells = line.split('|').skip(1);
-            rows.push((
-                heading,
-                cells.map(|cell| cell.trim().trim_matches('`')).collect(),
-            ));
+            let cells = cells.map(|cell| cell.trim().trim_matches('`'));
+            rows.push((heading, cells.collect()));
         }
     }
     rows
@@ -38,10 +36,9 @@ const STAGES: &str = "`[stages.ingest]`, `[stages.backbone]`, `[stages.head]`, `
 /// Keys of the settings by their heading in the document.
 fn keys() -> BTreeSet<(String, String)> {
     let document = toml::Table::try_from(Settings::default()).expect("settings as a document");
-    let tables = document
-        .iter()
-        .filter(|(key, value)| value.is_table() && *key != "stages");
+    let tables = document.iter().filter(|(_, value)| value.is_table());
     let tables = tables.map(|(key, _)| key.as_str()).chain(["track"]);
+    let tables = tables.filter(|key| *key != "stages");
     let named = tables.map(|table| (format!("`[{table}]`"), table.to_string()));
     let stages = ["ingest", "backbone", "head", "refiner"];
     let stages = stages.map(|stage| (STAGES.to_string(), format!("stages.{stage}")));
@@ -98,9 +95,8 @@ fn variables() -> BTreeSet<String> {
 #[test]
 fn the_document_has_every_key_and_no_other() {
     let document = document();
-    let written = rows(&document)
-        .into_iter()
-        .filter(|(heading, _)| *heading != "Environment");
+    let rows = rows(&document).into_iter();
+    let written = rows.filter(|(heading, _)| *heading != "Environment");
     let written = written.map(|(heading, cells)| (heading.to_string(), cells[0].to_string()));
     let (written, known): (BTreeSet<_>, _) = (written.collect(), keys());
     let missing: Vec<_> = known.difference(&written).collect();
@@ -114,9 +110,8 @@ fn the_document_has_every_key_and_no_other() {
 #[test]
 fn the_document_has_every_environment_variable_and_no_other() {
     let document = document();
-    let rows = rows(&document)
-        .into_iter()
-        .filter(|(heading, _)| *heading == "Environment");
+    let rows = rows(&document).into_iter();
+    let rows = rows.filter(|(heading, _)| *heading == "Environment");
     let written: BTreeSet<String> = rows.map(|(_, cells)| cells[0].to_string()).collect();
     assert_eq!(written, variables());
 }

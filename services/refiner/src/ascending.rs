@@ -17,9 +17,8 @@ impl Ascending {
         if numbers.len() < FEW {
             return numbers.sort_unstable();
         }
-        let (low, high) = numbers
-            .iter()
-            .fold((u32::MAX, 0), |(low, high), &n| (low.min(n), high.max(n)));
+        let span = |(low, high): (u32, u32), n: &u32| (low.min(*n), high.max(*n));
+        let (low, high) = numbers.iter().fold((u32::MAX, 0), span);
         let base = low / 64;
         self.words.clear();
         self.words.resize((high / 64 - base) as usize + 1, 0);

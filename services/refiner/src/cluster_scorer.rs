@@ -38,7 +38,7 @@ pub fn features(m: &Measures) -> [f32; FEATURES] {
         ((m.points.max(1) as f32).ln() - 4.0) / 2.0,
         m.range_m / 25.0 - 1.0,
         log(m.component_length_m) - 1.0,
-        f32::from(u8::from(m.is_cut)),
+        f32::from(m.is_cut),
     ]
 }
 
@@ -61,11 +61,8 @@ impl ClusterScorer {
 
     /// Into a model's weights.
     pub fn write(&self, weights: &mut WeightSet) {
-        weights.insert(
-            CLUSTER_SCORER,
-            vec![CLUSTER_SCORER_VALUES],
-            self.values.clone(),
-        );
+        let shape = vec![CLUSTER_SCORER_VALUES];
+        weights.insert(CLUSTER_SCORER, shape, self.values.clone());
     }
 
     /// Of one cluster, 0 to 1; 0 where the layers give no number.

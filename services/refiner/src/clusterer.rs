@@ -10,11 +10,9 @@ use crate::proposal::{NEAR_M, Proposal, reach_m};
 use crate::{Sensor, Settings};
 use mluc_geometry::ground::tiles::tile_rows;
 
-/// One frame, and what comes of it.
 pub(crate) struct FrameTask<'a> {
     pub(crate) sequence: u64,
     pub(crate) scan: &'a [Point],
-    /// The same by tile.
     pub(crate) frame: &'a FrameIndex,
     /// Of each point whether a known object of a high score owns it, where a variant keeps them apart.
     pub(crate) is_known: &'a [bool],

@@ -39,11 +39,8 @@ impl UnknownScorer {
         let is_ours = settings.is_ours();
         if settings.study.scores_clusters == Some(true) && cluster.is_none() {
             let expected = format!("a model with the tensor {}", mluc_model::CLUSTER_SCORER);
-            return Err(RefinerError::new(
-                "scores of clusters",
-                expected,
-                "none in it",
-            ));
+            let what = "scores of clusters";
+            return Err(RefinerError::new(what, expected, "none in it"));
         }
         let cluster = cluster.filter(|_| settings.study.scores_clusters.unwrap_or(is_ours));
         let ranks_sizes = is_ours && (cluster.is_some() || sensor.tells_unknown);

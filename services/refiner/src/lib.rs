@@ -19,7 +19,6 @@ mod decide;
 pub mod fit;
 mod frame;
 mod ground_heights;
-mod inside;
 mod merge;
 mod output;
 pub mod paper;

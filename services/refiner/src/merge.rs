@@ -1,10 +1,9 @@
 //! Which unknown boxes stay (paper algorithm 1's last line, and what it leaves open).
 
-use mluc_geometry::{Box3, intersection_over_min_area, iou_bev};
+use mluc_geometry::{Box3, Inside, intersection_over_min_area, iou_bev};
 use mluc_ipc_types::{Disposition, Point};
 
 use crate::Variant;
-use crate::inside::Inside;
 use crate::proposal::Proposal;
 
 /// Intersection over the smaller area above which the weaker unknown goes.
@@ -78,7 +77,7 @@ fn suppress(
         let by = order[..rank].iter().find_map(|&better| {
             let better = &proposals[better];
             // Quicker than the overlap, which hundreds of boxes would ask for.
-            let touch_m = half_diagonal_m(&better.shape) + half_diagonal_m(&own);
+            let touch_m = better.shape.half_diagonal_m() + own.half_diagonal_m();
             if !better.is_standing() || distance_m(&better.shape, &own) > touch_m {
                 return None;
             }
@@ -89,10 +88,6 @@ fn suppress(
             proposals[index].suppress(Disposition::OverlapsUnknown, by, overlap);
         }
     }
-}
-
-pub(crate) fn half_diagonal_m(shape: &Box3) -> f64 {
-    shape.size_m[0].hypot(shape.size_m[1]) / 2.0
 }
 
 fn distance_m(a: &Box3, b: &Box3) -> f64 {
@@ -122,13 +117,13 @@ fn clash_with_known(proposals: &mut [Proposal], points: &[u32], scan: &[Point]) 
 /// By how much a known object covers an unknown one; `None` when that is too little to matter.
 fn clash(unknown: &Proposal, known: &Proposal, own: &[u32], scan: &[Point]) -> Option<f64> {
     // Points of the cluster lie in its tight box, which growing to the unseen side moves by less than its size.
-    let reach_m = 2.0 * half_diagonal_m(&unknown.shape) + half_diagonal_m(&known.shape);
+    let reach_m = 2.0 * unknown.shape.half_diagonal_m() + known.shape.half_diagonal_m();
     if distance_m(&unknown.shape, &known.shape) > reach_m {
         return None;
     }
     let grown = Inside::of(&known.shape, KNOWN_MARGIN_M);
     let inside = own.iter().filter_map(|&i| scan.get(i as usize));
-    let inside = inside.filter(|p| grown.contains([p.x_m, p.y_m, p.z_m]));
+    let inside = inside.filter(|p| grown.contains([p.x_m, p.y_m, p.z_m].map(f64::from)));
     let share = inside.count() as f64 / own.len().max(1) as f64;
     let iou = iou_bev(&unknown.shape, &known.shape);
     let is_clash = share > KNOWN_POINTS_SHARE || iou > KNOWN_IOU;
@@ -153,8 +148,8 @@ mod tests {
     fn dispositions(proposals: &[Proposal], variant: Variant) -> Vec<(Disposition, Option<usize>)> {
         let mut proposals = proposals.to_vec();
         merge(&mut proposals, &[], &[], variant, &mut Vec::new());
-        let told =
-            |d: &Proposal| d.suppressed_by.is_some() == (d.overlap > 0.0 && d.overlap <= 1.0);
+        let is_covered = |d: &Proposal| d.overlap > 0.0 && d.overlap <= 1.0;
+        let told = |d: &Proposal| d.suppressed_by.is_some() == is_covered(d);
         assert!(proposals.iter().all(told), "who covers it says by how much");
         let found = proposals.iter().map(|d| (d.disposition, d.suppressed_by));
         found.collect()
@@ -186,11 +181,9 @@ mod tests {
             (Variant::RangeScaled, 0.4, STAYS),
             (Variant::Paper, 0.9, STAYS),
         ] {
-            let proposals = [
-                proposal(0, Known, 0.0, 4.0, score),
-                proposal(1, Candidate, 0.3, 4.0, 0.9),
-            ];
-            assert_eq!(dispositions(&proposals, variant)[1], expected, "{score}");
+            let known = proposal(0, Known, 0.0, 4.0, score);
+            let both = [known, proposal(1, Candidate, 0.3, 4.0, 0.9)];
+            assert_eq!(dispositions(&both, variant)[1], expected, "{score}");
         }
     }
 }

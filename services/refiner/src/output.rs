@@ -15,8 +15,6 @@ pub struct Counters {
     pub detections_dropped: u32,
     /// Points with NaN or infinity.
     pub points_not_finite: u32,
-    /// Points outside of the area looked at, or beyond the contract's limit.
-    pub points_outside: u32,
     /// Entries of `object_points` that did not fit.
     pub object_points_dropped: u32,
     /// The work that was counted for all candidates: points looked at, as often as they were.
@@ -63,8 +61,7 @@ impl RefinerOutput {
     /// Indices of an object's points into the scan.
     pub fn points_of(&self, object: &Object) -> &[u32] {
         let first = object.points_first as usize;
-        self.object_points
-            .get(first..first + object.points_count as usize)
-            .unwrap_or(&[])
+        let range = first..first + object.points_count as usize;
+        self.object_points.get(range).unwrap_or(&[])
     }
 }

@@ -33,8 +33,7 @@ pub(crate) const ENLARGED: f64 = 1.2;
 /// may lie a metre off and of a long object often only the far end is seen, and no more than 10 m, as boxes may be larger
 /// than any object.
 pub(crate) fn reach_m(shape: &Box3) -> f64 {
-    let half_diagonal_m = shape.size_m[0].hypot(shape.size_m[1]) / 2.0;
-    (half_diagonal_m * ENLARGED).clamp(4.0, 10.0)
+    (shape.half_diagonal_m() * ENLARGED).clamp(4.0, 10.0)
 }
 
 /// Coordinates and sizes beyond this are nonsense, m.
@@ -107,27 +106,22 @@ impl Proposal {
     /// The object as the contract has it, without points.
     pub(crate) fn object(&self, detection: &Detection, classes: usize) -> Object {
         let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
-        let probability = detection.unknown_probability;
-        let is_probability = (0.0..=1.0).contains(&probability);
+        let probability = Some(detection.unknown_probability);
+        let probability = probability.filter(|p| (0.0..=1.0).contains(p));
+        let class = Some(detection.class_id).filter(|class| (*class as usize) < classes);
         let is_gate = (detection.gate as usize) < GateKind::NAMES.len();
         Object {
             kind: self.kind as u32,
             disposition: self.disposition as u32,
             suppressed_by: self.suppressed_by.map_or(Object::NONE, |by| by as u32),
-            class_id: Some(detection.class_id)
-                .filter(|class| (*class as usize) < classes)
-                .unwrap_or(0),
+            class_id: class.unwrap_or(0),
             score: finite(self.score),
             center_m: self.shape.center_m.map(|v| v as f32),
             size_m: self.shape.size_m.map(|v| v as f32),
             yaw_rad: self.shape.yaw_rad as f32,
             eds: finite(detection.eds),
             eds_normalised: finite(detection.eds_normalised),
-            unknown_probability: if is_probability {
-                probability
-            } else {
-                NO_PROBABILITY
-            },
+            unknown_probability: probability.unwrap_or(NO_PROBABILITY),
             gate: if is_gate { detection.gate } else { 0 },
             threshold: finite(detection.threshold),
             points_first: 0,

@@ -1,6 +1,6 @@
 //! The stage: detections and points of one frame to objects (paper section 3.3).
 
-use mluc_geometry::Box3;
+use mluc_geometry::{Box3, Inside};
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, Object, POINTS_MAX, Point,
 };
@@ -9,8 +9,7 @@ use mluc_model::Model;
 use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
 use crate::decide::UnknownScorer;
 use crate::frame::FrameIndex;
-use crate::inside::Inside;
-use crate::merge::{KNOWN_MARGIN_M, KNOWN_SCORE_MIN, best_first, half_diagonal_m, merge};
+use crate::merge::{KNOWN_MARGIN_M, KNOWN_SCORE_MIN, best_first, merge};
 use crate::output::{Counters, RefinerOutput};
 use crate::paper::PaperClusterer;
 use crate::proposal::{Proposal, valid_box};
@@ -178,7 +177,6 @@ impl Refiner {
     fn take_points_of_known(&mut self, points: usize) {
         let taken = &mut self.points;
         self.counters.points_not_finite = self.frame.not_finite;
-        self.counters.points_outside = self.frame.outside;
         self.known.clear();
         self.is_known.clear();
         self.is_known.resize(points, false);
@@ -189,10 +187,11 @@ impl Refiner {
             let own = Inside::of(&known.shape, 0.0);
             let around = Inside::of(&known.shape, KNOWN_MARGIN_M);
             let [x, y, _] = known.shape.center_m;
-            let half_side_m = half_diagonal_m(&known.shape) + 2.0 * KNOWN_MARGIN_M;
+            let half_side_m = known.shape.half_diagonal_m() + 2.0 * KNOWN_MARGIN_M;
             for point in self.frame.rows_around([x, y], half_side_m).flatten() {
-                self.is_known[point.index as usize] |= is_owner && around.contains(point.at_m);
-                if own.contains(point.at_m) {
+                let at_m = point.at_m.map(f64::from);
+                self.is_known[point.index as usize] |= is_owner && around.contains(at_m);
+                if own.contains(at_m) {
                     if taken.len() < OBJECT_POINTS_MAX {
                         taken.push(point.index);
                     } else {

@@ -72,9 +72,6 @@ pub(crate) fn check(beams: &Beams) -> Result<(), RefinerError> {
     } else {
         return Ok(());
     };
-    Err(RefinerError::new(
-        "the model's beams",
-        expected,
-        f64::from(found),
-    ))
+    let what = "the model's beams";
+    Err(RefinerError::new(what, expected, f64::from(found)))
 }

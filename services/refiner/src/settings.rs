@@ -189,7 +189,6 @@ impl Settings {
         self.variant == Variant::RangeScaled
     }
 
-    /// Work that all candidates of a frame may cost.
     pub(crate) fn work_max(&self) -> u64 {
         self.study.work_max.unwrap_or(crate::WORK_MAX)
     }

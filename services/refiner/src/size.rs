@@ -16,7 +16,6 @@ pub(crate) struct SizeLimits {
 }
 
 impl SizeLimits {
-    /// Whether a cluster is within.
     pub(crate) fn hold(&self, cluster: &ClusterPoints) -> bool {
         let is_tall = height_m(cluster) >= self.tall_from_m;
         is_within(cluster, if is_tall { self.tall_m } else { self.low_m })
@@ -132,10 +131,8 @@ mod tests {
         assert!(is_upright(&block(0.6, 0.5, 1.7, 0.4)));
         assert!(!is_upright(&block(4.0, 1.7, 1.5, 0.4)));
         assert!(!is_upright(&block(0.1, 0.1, 1.8, 0.0)), "one column");
-        assert!(
-            !is_upright(&block(0.3, 0.3, 0.8, 0.0)),
-            "lower than a person"
-        );
+        let low = block(0.3, 0.3, 0.8, 0.0);
+        assert!(!is_upright(&low), "lower than a person");
     }
 
     #[test]

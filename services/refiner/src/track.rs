@@ -54,7 +54,7 @@ impl TrackSettings {
 const TRACKS_MAX: usize = 512;
 
 /// Something unknown, seen in some of the last frames.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Track {
     id: u32,
     /// Where it was seen last, m: in the fixed frame, or in the sensor's while no pose is known.
@@ -145,12 +145,10 @@ impl Tracker {
 
     /// The free track nearest to where it should be now, or a new one; None when all tracks were seen in this frame.
     fn track_of(&mut self, place_m: [f64; 2]) -> Option<Track> {
-        let tracks = self.tracks.iter().enumerate();
-        let nearest = tracks
-            .filter(|(_, track)| !track.is_taken)
-            .map(|(index, track)| (index, track.distance_m(place_m)))
-            .filter(|&(_, distance_m)| distance_m <= self.settings.distance_max_m)
-            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let free = self.tracks.iter().enumerate().filter(|(_, t)| !t.is_taken);
+        let distances = free.map(|(index, track)| (index, track.distance_m(place_m)));
+        let near = distances.filter(|(_, m)| *m <= self.settings.distance_max_m);
+        let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1));
         let index = match nearest {
             Some((index, _)) => index,
             None => self.begin(place_m)?,
@@ -164,19 +162,14 @@ impl Tracker {
 
     fn begin(&mut self, place_m: [f64; 2]) -> Option<usize> {
         if self.tracks.len() >= TRACKS_MAX {
-            let stalest = (0..self.tracks.len())
-                .filter(|&index| !self.tracks[index].is_taken)
-                .max_by_key(|&index| self.tracks[index].unseen)?;
+            let free = (0..self.tracks.len()).filter(|&index| !self.tracks[index].is_taken);
+            let stalest = free.max_by_key(|&index| self.tracks[index].unseen)?;
             self.tracks.remove(stalest);
         }
         self.tracks.push(Track {
             id: self.next_id,
             place_m,
-            step_m: [0.0; 2],
-            unseen: 0,
-            seen: 0,
-            is_confirmed: false,
-            is_taken: false,
+            ..Track::default()
         });
         // Half of the numbers would last 6 years at 10 Hz; NONE is never given.
         self.next_id = (self.next_id + 1) % Object::NONE;
@@ -212,8 +205,6 @@ fn in_fixed_frame(ego: &EgoPose, center_m: [f32; 3]) -> [f64; 2] {
         return [x, y];
     }
     let (sin, cos) = ego.yaw_rad.sin_cos();
-    [
-        ego.position_m[0] + x * cos - y * sin,
-        ego.position_m[1] + x * sin + y * cos,
-    ]
+    let [ego_x, ego_y, _] = ego.position_m;
+    [ego_x + x * cos - y * sin, ego_y + x * sin + y * cos]
 }

@@ -29,13 +29,10 @@ fn step(step_m: f64) -> (Neighbourhood, Vec<bool>) {
 /// Shares of the near and of the far wall in the cluster of a point on the near one, beside the step.
 fn shares(grower: &mut dyn Grower, step_m: f64) -> [f64; 2] {
     let (around, is_near) = step(step_m);
-    let seed = (0..around.len())
-        .filter(|&i| is_near[i])
-        .min_by(|&a, &b| {
-            let key = |i: usize| around.y_m[i].abs() + around.z_m[i].abs();
-            key(a).total_cmp(&key(b))
-        })
-        .expect("a point");
+    let off = |i: &usize| around.y_m[*i].abs() + around.z_m[*i].abs();
+    let near = (0..around.len()).filter(|&i| is_near[i]);
+    let seed = near.min_by(|a, b| off(a).total_cmp(&off(b)));
+    let seed = seed.expect("a point");
     let mut members = Vec::new();
     let growth = Growth {
         around: &around,
@@ -45,11 +42,8 @@ fn shares(grower: &mut dyn Grower, step_m: f64) -> [f64; 2] {
     grower.grow(&growth, &mut members);
     [true, false].map(|side| {
         let all = is_near.iter().filter(|&&near| near == side).count();
-        let found = members
-            .iter()
-            .filter(|&&m| is_near[m as usize] == side)
-            .count();
-        found as f64 / all as f64
+        let found = members.iter().filter(|&&m| is_near[m as usize] == side);
+        found.count() as f64 / all as f64
     })
 }
 

@@ -4,13 +4,6 @@ use mluc_ipc_types::{Disposition, EgoPose, Object, ObjectKind};
 use mluc_refiner::{RefinerOutput, TrackSettings, Tracker};
 use proptest::prelude::*;
 
-const STILL: EgoPose = EgoPose {
-    position_m: [0.0; 3],
-    yaw_rad: 0.0,
-    is_known: 0,
-    reserved: 0,
-};
-
 fn object(kind: ObjectKind, x: f32, y: f32, score: f32) -> Object {
     Object {
         kind: kind as u32,
@@ -36,7 +29,7 @@ fn seen_at(sequences: &[u64], x_m: impl Fn(u64) -> f32) -> Vec<Object> {
     let mut tracker = tracker();
     let mut see = |&sequence: &u64| {
         let unknown = object(ObjectKind::Unknown, x_m(sequence), 1.0, 0.5);
-        update(&mut tracker, sequence, &STILL, &[unknown])[0]
+        update(&mut tracker, sequence, &EgoPose::default(), &[unknown])[0]
     };
     sequences.iter().map(&mut see).collect()
 }
@@ -57,7 +50,7 @@ fn an_unknown_object_is_published_from_its_second_sighting_with_the_same_number(
 #[test]
 fn known_objects_are_never_touched() {
     let before = object(ObjectKind::Known, 5.0, 0.0, 0.9);
-    let after = update(&mut tracker(), 0, &STILL, &[before]);
+    let after = update(&mut tracker(), 0, &EgoPose::default(), &[before]);
     assert_eq!(after, [before]);
 }
 
@@ -93,7 +86,7 @@ fn with_ego_motion_what_stands_still_is_found_again_and_without_it_is_not() {
                 position_m: [pose.0[0], pose.0[1], 0.0],
                 yaw_rad: pose.1,
                 is_known,
-                reserved: 0,
+                ..EgoPose::default()
             };
             let unknown = object(ObjectKind::Unknown, x, y, 0.5);
             let seen = update(&mut tracker, sequence as u64, &ego, &[unknown]);
@@ -108,11 +101,10 @@ fn more_objects_than_tracks_pass_without_a_number_and_nothing_grows() {
     const TRACKS_MAX: usize = 512;
     let mut tracker = tracker();
     for sequence in 0..3 {
-        let many: Vec<Object> = (0..TRACKS_MAX + 3)
-            .map(|n| n as f32)
-            .map(|n| object(ObjectKind::Unknown, 10.0 * n, 0.0, 1.0 - 0.001 * n))
-            .collect();
-        let seen = update(&mut tracker, sequence, &STILL, &many);
+        let numbers = (0..TRACKS_MAX + 3).map(|n| n as f32);
+        let unknown = |n| object(ObjectKind::Unknown, 10.0 * n, 0.0, 1.0 - 0.001 * n);
+        let many: Vec<Object> = numbers.map(unknown).collect();
+        let seen = update(&mut tracker, sequence, &EgoPose::default(), &many);
         let numbered = seen.iter().filter(|o| o.track_id != Object::NONE).count();
         assert_eq!(numbered, TRACKS_MAX, "the surest");
         assert_eq!(seen[TRACKS_MAX].track_id, Object::NONE);
@@ -141,7 +133,7 @@ proptest! {
         for (sequence, frame_places) in places.iter().enumerate() {
             let objects = frame_places.iter().map(|&(x, y)| object(ObjectKind::Unknown, x, y, 0.5));
             let objects: Vec<Object> = objects.collect();
-            let seen = update(&mut tracker, sequence as u64, &STILL, &objects);
+            let seen = update(&mut tracker, sequence as u64, &EgoPose::default(), &objects);
             let mut numbers: Vec<u32> = seen.iter().map(|o| o.track_id).collect();
             numbers.sort_unstable();
             numbers.dedup();

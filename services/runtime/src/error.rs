@@ -9,9 +9,6 @@ pub(crate) type Result<T> = std::result::Result<T, RuntimeError>;
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs)] // The message above each variant says what its fields are.
 pub enum RuntimeError {
-    /// The instance cannot be named so, or cannot be joined.
-    #[error("instance '{instance}': {cause}")]
-    Instance { instance: String, cause: String },
     /// A role that only one process may have is taken; `pid` is `?` when the other process did not say.
     #[error(
         "{role} of instance '{instance}' is already run by process {pid}: stop it, or choose another name with --instance"
@@ -21,36 +18,20 @@ pub enum RuntimeError {
         instance: String,
         pid: String,
     },
-    /// A topic cannot be opened, or a message of it cannot be lent, sent or taken.
-    #[error("topic {topic} of instance '{instance}': {cause}")]
-    Topic {
-        topic: String,
-        instance: String,
-        cause: String,
-    },
-    /// The file system.
-    #[error("{action} {}: {source}", path.display())]
-    Io {
-        action: &'static str,
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    /// The instance cannot be named so or joined; a topic cannot be opened, or a message of it cannot be lent, sent or taken;
+    /// the file system failed.
+    #[error("{0}")]
+    Failed(String),
 }
 
 impl RuntimeError {
     pub(crate) fn instance(instance: &str, cause: impl Display) -> RuntimeError {
-        RuntimeError::Instance {
-            instance: instance.to_string(),
-            cause: cause.to_string(),
-        }
+        RuntimeError::Failed(format!("instance '{instance}': {cause}"))
     }
 
     pub(crate) fn topic(instance: &str, topic: &str, cause: impl Display) -> RuntimeError {
-        RuntimeError::Topic {
-            topic: topic.to_string(),
-            instance: instance.to_string(),
-            cause: cause.to_string(),
-        }
+        let what = format!("topic {topic} of instance '{instance}'");
+        RuntimeError::Failed(format!("{what}: {cause}"))
     }
 
     /// For `map_err` on the file system.
@@ -59,10 +40,6 @@ impl RuntimeError {
         path: impl Into<PathBuf>,
     ) -> impl FnOnce(std::io::Error) -> RuntimeError {
         let path = path.into();
-        move |source| RuntimeError::Io {
-            action,
-            path,
-            source,
-        }
+        move |error| RuntimeError::Failed(format!("{action} {}: {error}", path.display()))
     }
 }

@@ -19,22 +19,9 @@ pub struct Frames<T: Payload> {
 }
 
 impl<T: Payload> Frames<T> {
-    /// Of the topic that ingest sends.
-    pub fn of_ingest(shell: &Shell, topic: &Topic) -> Result<Frames<T>> {
-        Frames::open(shell, topic, None)
-    }
-
-    /// Of a later topic; the topic `points` tells what ingest has sent.
-    pub fn new(shell: &Shell, topic: &Topic) -> Result<Frames<T>> {
-        Frames::open(shell, topic, Some(Scans::sent(shell)?))
-    }
-
-    /// The same, and the points of a frame are held for it.
-    pub fn with_points(shell: &Shell, topic: &Topic) -> Result<Frames<T>> {
-        Frames::open(shell, topic, Some(Scans::held(shell)?))
-    }
-
-    fn open(shell: &Shell, topic: &Topic, scans: Option<Scans>) -> Result<Frames<T>> {
+    /// Of a topic. `scans` tell what ingest has sent, and may hold the points of a frame for it; none for the topic that ingest
+    /// itself sends.
+    pub fn new(shell: &Shell, topic: &Topic, scans: Option<Scans>) -> Result<Frames<T>> {
         Ok(Frames {
             input: shell.input(topic)?,
             scans,

@@ -22,10 +22,9 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
         .with_filter(filter);
     let folder = std::env::var_os("MLUC_SPANS");
     let spans = folder.map(|folder| Spans::create(Path::new(&folder), process));
-    let (spans, failure) = match spans {
-        Some(Ok(spans)) => (Some(spans.with_filter(Spans::filter())), None),
-        Some(Err(error)) => (None, Some(error)),
-        None => (None, None),
+    let (spans, failure) = match spans.transpose() {
+        Ok(spans) => (spans.map(|s| s.with_filter(Spans::filter())), None),
+        Err(error) => (None, Some(error)),
     };
     // A second start in one process (tests) keeps the first.
     let _ = tracing_subscriber::registry()
@@ -55,9 +54,8 @@ where
         let seconds = crate::monotonic_ns() as f64 * 1e-9;
         let level = event.metadata().level();
         write!(writer, "{seconds:.3} {level:5} {}: ", self.process)?;
-        context
-            .field_format()
-            .format_fields(writer.by_ref(), event)?;
+        let fields = context.field_format();
+        fields.format_fields(writer.by_ref(), event)?;
         writeln!(writer)
     }
 }

@@ -162,10 +162,9 @@ fn open_lock(path: &Path) -> std::io::Result<File> {
 
 /// Whether the path still leads to this open file: the last process of an instance removes it.
 fn is_same_file(file: &File, path: &Path) -> bool {
-    match (file.metadata(), fs::metadata(path)) {
-        (Ok(a), Ok(b)) => a.ino() == b.ino() && a.dev() == b.dev(),
-        _ => false,
-    }
+    let id = |about: fs::Metadata| (about.ino(), about.dev());
+    let ids = [file.metadata(), fs::metadata(path)].map(|about| about.map(id).ok());
+    ids[0].is_some() && ids[0] == ids[1]
 }
 
 fn write_contract(instance: &Instance, role: &str) -> Result<()> {

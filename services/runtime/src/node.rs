@@ -38,13 +38,11 @@ impl IpcNode {
         set_log_level(LogLevel::Fatal);
         let count = sweep::sweep_stillborn(instance);
         if count > 0 {
-            tracing::warn!(
-                count,
-                "removed segments that a killed process never finished"
-            );
+            let what = "segments that a killed process never finished";
+            tracing::warn!(count, "removed {what}");
         }
-        let failed =
-            |cause: String| RuntimeError::instance(instance.name(), format!("joining: {cause}"));
+        let name = instance.name();
+        let failed = |cause: String| RuntimeError::instance(name, format!("joining: {cause}"));
         let name = NodeName::new(role).map_err(|e| failed(format!("{e:?}")))?;
         let config = config(instance, cleans).map_err(failed)?;
         let node = NodeBuilder::new()

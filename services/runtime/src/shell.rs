@@ -9,7 +9,7 @@ use mluc_ipc_types::{
 use crate::error::Result;
 use crate::health::Heartbeat;
 use crate::mapping::{self, Prefault};
-use crate::node::IpcNode;
+use crate::node::{DataService, IpcNode, WakeService};
 use crate::run::{self, RunWatch};
 use crate::{
     Claim, HealthWatch, Input, Instance, Membership, Message, Output, Payload, RuntimeError,
@@ -192,6 +192,12 @@ impl Shell {
         self.open_input(topic, false)
     }
 
+    /// iceoryx2's own services of a topic, its data's and its wake-up's: for measurements of iceoryx2 alone.
+    pub fn services<T: Payload>(&self, topic: &Topic) -> Result<(DataService<T>, WakeService)> {
+        let data = self.node.open_data(topic, topic.name)?;
+        Ok((data, self.node.open_wake(topic, topic.name)?))
+    }
+
     fn open_input<T: Payload>(&self, topic: &Topic, wakes: bool) -> Result<Input<T>> {
         let mut input = Input::open(&self.node, topic, topic.name, wakes)?;
         input.verify_mapping = self.verify_mapping;
@@ -322,10 +328,8 @@ impl Shell {
 
     /// A heartbeat now.
     pub fn beat(&mut self) -> Result<()> {
-        match &mut self.heartbeat {
-            Some(heartbeat) => heartbeat.publish(&self.health),
-            None => Ok(()),
-        }
+        let heartbeat = self.heartbeat.as_mut();
+        heartbeat.map_or(Ok(()), |heartbeat| heartbeat.publish(&self.health))
     }
 
     /// Touches segments that other processes made.

@@ -18,13 +18,10 @@ impl Shutdown {
     /// the kernel sends one for each thread of a parent that dies, and there must be time to clean up.
     pub fn on_signals() -> Result<Shutdown> {
         let shutdown = Shutdown::default();
+        let failed = || RuntimeError::io("listening for signals", "SIGTERM, SIGINT");
+        // Before the others: it sees the flag of the signal before.
+        flag::register_conditional_shutdown(SIGINT, 1, shutdown.0.clone()).map_err(failed())?;
         for signal in [SIGTERM, SIGINT] {
-            let failed = || RuntimeError::io("listening for signals", "SIGTERM, SIGINT");
-            if signal == SIGINT {
-                // Before the other: it sees the flag of the signal before.
-                flag::register_conditional_shutdown(signal, 1, shutdown.0.clone())
-                    .map_err(failed())?;
-            }
             flag::register(signal, shutdown.0.clone()).map_err(failed())?;
         }
         Ok(shutdown)

@@ -28,11 +28,7 @@ pub(crate) fn wipe(instance: &Instance, keep: &str) -> usize {
     }
     for entry in entries(instance.root()).filter(|entry| entry.file_name() != keep) {
         let path = entry.path();
-        let removed = if path.is_dir() {
-            fs::remove_dir_all(&path)
-        } else {
-            fs::remove_file(&path)
-        };
+        let removed = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
         count += usize::from(removed.is_ok());
     }
     count

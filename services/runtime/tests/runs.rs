@@ -7,7 +7,9 @@ use mluc_ipc_types::{
     Detection, FeatureBlock, FrameHeader, Health, HealthState, Point, RunDescription, Stage, Topic,
     WIRE_VERSION,
 };
-use mluc_runtime::{Frames, Instance, Next, Output, Payload, Shell, Shutdown, random_run_id};
+use mluc_runtime::{
+    Frames, Instance, Next, Output, Payload, Scans, Shell, Shutdown, random_run_id,
+};
 
 const MODEL: u64 = 42;
 
@@ -83,6 +85,11 @@ impl Others {
     }
 }
 
+fn frames<T: Payload>(shell: &Shell, topic: &Topic) -> Frames<T> {
+    let scans = Scans::sent(shell).unwrap();
+    Frames::new(shell, topic, Some(scans)).unwrap()
+}
+
 /// The sequence that is taken, or `None`: refused.
 fn taken<T: Payload>(frames: &mut Frames<T>, shell: &mut Shell) -> Option<u64> {
     match frames.next_within(shell, Duration::from_millis(1)).unwrap() {
@@ -97,18 +104,16 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
     let mut others = Others::new(&instance);
     let mut head = stage(&instance, Stage::Head);
     let mut refiner = stage(&instance, Stage::Refiner);
-    let mut features = Frames::<FeatureBlock>::new(&head, &Topic::FEATURES).unwrap();
-    let mut detections = Frames::<Detection>::with_points(&refiner, &Topic::DETECTIONS).unwrap();
+    let mut features = frames::<FeatureBlock>(&head, &Topic::FEATURES);
+    let mut detections = frames::<Detection>(&refiner, &Topic::DETECTIONS);
     let mut both = |others: &mut Others| {
         others.shell.tick().unwrap();
         let of_head = taken(&mut features, &mut head);
         let of_refiner = taken(&mut detections, &mut refiner);
         assert_eq!(of_head, of_refiner);
         let counters = [&head.health, &refiner.health];
-        (
-            of_head,
-            counters.map(|c| (c.messages_refused, c.frames_dropped)),
-        )
+        let counts = counters.map(|c| (c.messages_refused, c.frames_dropped));
+        (of_head, counts)
     };
     // Both learn of the run.
     assert_eq!(both(&mut others).0, None);
@@ -153,7 +158,7 @@ fn a_stage_of_another_model_refuses_everything() {
     let mut others = Others::new(&instance);
     let mut head = stage(&instance, Stage::Head);
     head.model = Some(MODEL + 1);
-    let mut features = Frames::<FeatureBlock>::new(&head, &Topic::FEATURES).unwrap();
+    let mut features = frames::<FeatureBlock>(&head, &Topic::FEATURES);
     others.shell.tick().unwrap();
     assert_eq!(taken(&mut features, &mut head), None);
     others.scan(0);

@@ -37,8 +37,16 @@ fn main() -> Result<(), RuntimeError> {
         fault,
     };
     shell.state(HealthState::WaitingInput, "waiting for detections")?;
-    while let Some(message) = wrong.next(&mut shell)? {
+    loop {
+        let take = |run: Option<&RunDescription>| run.map_or(Ok(()), |run| wrong.scans.take(run));
+        let Some(message) = shell.next(&mut wrong.input, take)? else {
+            break;
+        };
         wrong.frame(&mut shell, &message)?;
+        // No heartbeat after the first frame.
+        while wrong.has("silent") && !shell.is_stopping() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
         shell.tick()?;
     }
     shell.state(HealthState::Stopping, "")
@@ -58,24 +66,6 @@ struct Wrong {
 impl Wrong {
     fn has(&self, fault: &str) -> bool {
         self.fault == fault
-    }
-
-    fn next(&mut self, shell: &mut Shell) -> Result<Option<Message<Detection>>, RuntimeError> {
-        let is_silent = self.has("silent");
-        let scans = &mut self.scans;
-        let mut take = |run: Option<&RunDescription>| run.map_or(Ok(()), |run| scans.take(run));
-        if !is_silent {
-            return shell.next(&mut self.input, take);
-        }
-        // No heartbeat while it waits.
-        while !shell.is_stopping() {
-            take(shell.run())?;
-            if let Some(message) = self.input.newest()? {
-                return Ok(Some(message));
-            }
-            self.input.wait(Duration::from_millis(20));
-        }
-        Ok(None)
     }
 
     /// Takes a frame, answers or refuses it.

@@ -16,22 +16,18 @@ const WORDS_MAX: u64 = 4096;
 
 /// What a suite shall test, and how.
 pub(crate) struct Options {
-    /// For the report.
     pub(crate) title: String,
-    /// Program and arguments.
     pub(crate) command: Vec<String>,
     /// The first run that it sees.
     pub(crate) run: RunDescription,
     /// How long an answer, or a start, may take. A program that needs longer failed.
     pub(crate) patience: Duration,
-    /// Ends the suite early.
     pub(crate) shutdown: Shutdown,
 }
 
 /// A running program, in a process group of its own: signals reach what a shell in between started, too.
 pub(crate) struct Program {
     process: Child,
-    /// Its stderr.
     words: File,
 }
 
@@ -52,12 +48,10 @@ impl Program {
         Ok(Program { process, words })
     }
 
-    /// How it ended, if it did.
     pub(crate) fn ended(&mut self) -> Option<ExitStatus> {
         self.process.try_wait().ok().flatten()
     }
 
-    /// Waits for its end.
     pub(crate) fn end_within(&mut self, patience: Duration) -> Option<ExitStatus> {
         let begun = Instant::now();
         while self.ended().is_none() && begun.elapsed() < patience {

@@ -2,7 +2,6 @@
 
 use serde::Serialize;
 
-/// One case.
 #[derive(Serialize)]
 pub(crate) struct Verdict {
     /// A word: `overload`.
@@ -12,11 +11,9 @@ pub(crate) struct Verdict {
     pub(crate) passed: bool,
     /// Passed: what was seen. Failed: why.
     pub(crate) what: String,
-    /// How long the case took, ms.
     pub(crate) ms: u64,
 }
 
-/// All cases of one program.
 #[derive(Serialize)]
 pub(crate) struct Report {
     program: String,
@@ -24,7 +21,6 @@ pub(crate) struct Report {
     failed: usize,
     /// Not tried, because the program never started.
     not_run: usize,
-    /// In the order they ran.
     cases: Vec<Verdict>,
 }
 

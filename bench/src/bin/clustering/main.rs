@@ -7,11 +7,11 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Parser;
-use mluc_bench::clock::{lap_quantile, timed};
-use mluc_bench::inputs;
+use mluc_bench::clock::timed_median;
 use mluc_bench::machine::describe_here;
+use mluc_bench::{inputs, save};
 use mluc_geometry::ground::GroundPlane;
 use mluc_refiner::paper::grow::{Dbscan, Euclidean, Grower, Growth};
 use mluc_refiner::paper::{Gather, Neighbourhood};
@@ -45,32 +45,21 @@ struct Arguments {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
-    let settings = Settings::default();
     let mut found = vec![];
     for index in 0..arguments.frames {
-        let frame = inputs::simulated(index)?;
-        candidates(&frame, &settings, &arguments.out, &mut found)?;
+        candidates(&inputs::simulated(index)?, &arguments.out, &mut found)?;
     }
     let about = json!({
         "machine": describe_here(),
         "euclidean": { "tolerance_m": TOLERANCE_M },
-        "dbscan": {
-            "epsilon_m": EPSILON_M,
-            "core_points": CORE_POINTS,
-        },
+        "dbscan": { "epsilon_m": EPSILON_M, "core_points": CORE_POINTS },
         "candidates": found,
     });
     save(&arguments.out, "candidates.json", format!("{about:#}\n"))
 }
 
-/// Measures and writes the candidates of a frame.
-fn candidates(
-    frame: &SimulatedFrame,
-    settings: &Settings,
-    out: &Path,
-    found: &mut Vec<Value>,
-) -> Result<()> {
+fn candidates(frame: &SimulatedFrame, out: &Path, found: &mut Vec<Value>) -> Result<()> {
+    let settings = Settings::default();
     let mut index = FrameIndex::default();
     index.sort(bytemuck::cast_slice(&frame.points));
     let mut around = Neighbourhood::default();
@@ -96,8 +85,7 @@ fn candidates(
             points_max: POINTS_MAX,
         };
         let seed = around.gather(&index, seed, &ground, &wanted);
-        let candidate = one(&around, seed, out, found.len())?;
-        found.push(candidate);
+        found.push(one(&around, seed, out, found.len())?);
     }
     Ok(())
 }
@@ -119,9 +107,7 @@ fn one(around: &Neighbourhood, seed: usize, out: &Path, number: usize) -> Result
     let mut ours = serde_json::Map::new();
     for (way, mut grower) in ways {
         let mut members = vec![];
-        let mut grow = |_| timed(|| grower.grow(&growth, &mut members));
-        let times: Vec<_> = (0..=RUNS).map(&mut grow).skip(1).collect();
-        let us = 1e3 * lap_quantile(&times, 0.5).wall;
+        let us = 1e3 * timed_median(RUNS, || grower.grow(&growth, &mut members)).wall;
         members.sort_unstable();
         let file = format!("{name}.{way}.u32");
         save(out, &file, bytemuck::cast_slice(&members))?;
@@ -129,9 +115,4 @@ fn one(around: &Neighbourhood, seed: usize, out: &Path, number: usize) -> Result
         ours.insert(way.into(), found);
     }
     Ok(json!({ "name": name, "points": around.len(), "seed": seed, "ours": ours }))
-}
-
-fn save(out: &Path, name: &str, bytes: impl AsRef<[u8]>) -> Result<()> {
-    let path = out.join(name);
-    std::fs::write(&path, bytes).with_context(|| path.display().to_string())
 }

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::Parser;
 use mluc_backbone::Precision;
-use mluc_bench::inputs;
+use mluc_bench::{inputs, on_threads};
 use mluc_dataset::{read_calibration, read_scan};
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_train::{TrainError, quantize::measure_ranges};
@@ -51,9 +51,6 @@ struct Arguments {
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let (manifest, mut weights) = model(&arguments)?;
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(arguments.threads)
-        .build()?;
     let mut record = report::Record::default();
     let scans = arguments.scans.iter();
     let scans = scans.map(|scan| Ok((scan, read(scan, arguments.crop)?)));
@@ -66,17 +63,14 @@ fn main() -> Result<()> {
         });
         weights = measure_ranges(&manifest, &weights, turned)?;
     }
-    for (scan, points) in scans {
-        pool.install(|| {
-            measure::measure(
-                (&manifest, &weights, arguments.precision),
-                &points,
-                (arguments.rounds, arguments.cold),
-                &mut record,
-            )
+    let model = (&manifest, &weights, arguments.precision);
+    let rounds = (arguments.rounds, arguments.cold);
+    on_threads(arguments.threads, || {
+        scans.iter().try_for_each(|(scan, points)| {
+            let measured = measure::measure(model, points, rounds, &mut record);
+            measured.with_context(|| scan.display().to_string())
         })
-        .with_context(|| scan.display().to_string())?;
-    }
+    })?;
     if arguments.json {
         let peak_gflops = report::peak_gflops(arguments.precision, arguments.threads);
         println!("{}", record.json(peak_gflops));

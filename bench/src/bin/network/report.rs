@@ -12,7 +12,6 @@ use serde_json::{Map, Value, json};
 /// `dense2d`, all but the backbone (1x1 convolutions, decoding, suppression, scores) in `head`.
 pub(crate) const PARTS: [&str; 4] = ["voxelize", "sparse3d", "dense2d", "head"];
 
-/// Milliseconds of one frame.
 #[derive(Default)]
 pub(crate) struct Frame {
     steps: Vec<(&'static str, String, f64)>,

@@ -3,33 +3,20 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use mluc_bench::clock::timed;
+use mluc_bench::clock::timed_again;
 use mluc_bench::inputs::candidate;
 use mluc_geometry::Box3;
 use mluc_ipc_types::{DETECTIONS_MAX, Detection, Object, POINTS_MAX, Point};
 use mluc_refiner::RefinerOutput;
-use serde::Serialize;
+use serde_json::{Value, json};
 
-use crate::Setup;
-use crate::timing::Times;
+use crate::timing::times;
+use crate::{Setup, figure, merged};
 
 /// Timed runs of each frame, after one that is not.
 const RUNS: usize = 20;
 /// Proposals of a frame, and the row beside the wall that they fill, m.
 const CROWDS: [(usize, f64); 3] = [(20, 10.0), (DETECTIONS_MAX, 40.0), (DETECTIONS_MAX, 0.0)];
-
-/// What one frame cost.
-#[derive(Serialize)]
-struct Row {
-    frame: String,
-    proposals: usize,
-    refined: usize,
-    unrefined: u32,
-    flagged: usize,
-    work: u64,
-    #[serde(flatten)]
-    times: Times,
-}
 
 /// Every frame with 20 and with 512 proposals.
 pub(crate) fn run(setup: &Setup, limit_ms: Option<f64>) -> Result<()> {
@@ -51,54 +38,50 @@ fn measure(
     points: &[Point],
     detections: &[Detection],
     limit_ms: Option<f64>,
-) -> Result<Row> {
+) -> Result<Value> {
     let mut refiner = setup.refiner(&setup.settings)?;
     let mut out = RefinerOutput::default();
-    let mut once = |_| {
-        timed(|| {
-            let start = Instant::now();
-            let mut is_over =
-                || limit_ms.is_some_and(|limit| start.elapsed().as_secs_f64() * 1e3 > limit);
-            refiner.refine_within(0, points, detections, &mut is_over, &mut out);
-        })
-    };
-    let laps: Vec<_> = (0..=RUNS).map(&mut once).skip(1).collect();
+    let laps = timed_again(RUNS, || {
+        let start = Instant::now();
+        let mut is_over =
+            || limit_ms.is_some_and(|limit| start.elapsed().as_secs_f64() * 1e3 > limit);
+        refiner.refine_within(0, points, detections, &mut is_over, &mut out);
+    });
     let is_flagged = |object: &&Object| object.flags & Object::UNREFINED != 0;
     let unrefined = out.counters.unrefined;
-    Ok(Row {
-        frame,
-        proposals: detections.len(),
-        refined: detections.len() - unrefined as usize,
-        unrefined,
-        flagged: out.objects.iter().filter(is_flagged).count(),
-        work: out.counters.work,
-        times: Times::of(&laps),
-    })
+    let about = json!({
+        "frame": frame,
+        "proposals": detections.len(),
+        "refined": detections.len() - unrefined as usize,
+        "unrefined": unrefined,
+        "flagged": out.objects.iter().filter(is_flagged).count(),
+        "work": out.counters.work,
+    });
+    Ok(merged([about, times(&laps)]))
 }
+
+/// From three numbers within half of 0.
+type Place = fn([f64; 3]) -> [f64; 3];
 
 /// A wall, a plane, a blob, and all points equal: as many points each as a scan may have.
 fn frames() -> [(&'static str, Vec<Point>); 4] {
     const K: [f64; 3] = [0.618_034, 0.414_214, 0.732_051];
-    let share = |i: usize, axis: usize| (i as f64 * K[axis]).fract() - 0.5;
-    let made = |place: &dyn Fn(usize) -> [f64; 3]| -> Vec<Point> {
+    let places: [(_, Place); 4] = [
+        ("wall", |[u, v, _]| [12.0, 80.0 * u, 4.0 * v]),
+        ("plane", |[u, v, _]| [80.0 * u, 80.0 * v, -1.73]),
+        ("blob", |[u, v, w]| {
+            [12.0 + 3.0 * u, 1.0 + 3.0 * v, -0.5 + 2.0 * w]
+        }),
+        ("equal points", |_| [12.0, 1.0, -1.0]),
+    ];
+    places.map(|(name, place)| {
         let point = |i| {
-            let [x, y, z] = place(i).map(|v| v as f32);
+            let shares = K.map(|k| (f64::from(i) * k).fract() - 0.5);
+            let [x, y, z] = place(shares).map(|v| v as f32);
             bytemuck::cast([x, y, z, 0.3])
         };
-        (0..POINTS_MAX).map(point).collect()
-    };
-    let wall = |i| [12.0, 80.0 * share(i, 0), 4.0 * share(i, 1)];
-    let plane = |i| [80.0 * share(i, 0), 80.0 * share(i, 1), -1.73];
-    let blob = |i| {
-        let [x, y, z] = [0, 1, 2].map(|axis| share(i, axis));
-        [12.0 + 3.0 * x, 1.0 + 3.0 * y, -0.5 + 2.0 * z]
-    };
-    [
-        ("wall", made(&wall)),
-        ("plane", made(&plane)),
-        ("blob", made(&blob)),
-        ("equal points", made(&|_| [12.0, 1.0, -1.0])),
-    ]
+        (name, (0..POINTS_MAX as u32).map(point).collect())
+    })
 }
 
 /// Candidates in a row beside the wall, all through the plane and around the blob.
@@ -111,25 +94,19 @@ fn spots(count: usize, spread_m: f64) -> Vec<Detection> {
     (0..count).map(spot).collect()
 }
 
-fn print(rows: &[Row]) {
+fn print(rows: &[Value]) {
+    let name = "frame";
     println!(
-        "{:<24} proposals refined unrefined flagged       work   p50 ms   max ms  CPU p50  CPU max",
-        "frame"
+        "{name:<24} proposals refined unrefined flagged       work   p50 ms   max ms  CPU p50  CPU max"
     );
     for row in rows {
-        let times = &row.times;
+        let name = row["frame"].as_str().unwrap_or_default();
+        let [proposals, refined, unrefined, flagged, work] =
+            ["proposals", "refined", "unrefined", "flagged", "work"].map(|key| figure(row, key));
+        let ms = ["p50_ms", "max_ms", "cpu_p50_ms", "cpu_max_ms"];
+        let ms = ms.map(|key| format!(" {:>8.2}", figure(row, key))).concat();
         println!(
-            "{:<24} {:>9} {:>7} {:>9} {:>7} {:>10} {:>8.2} {:>8.2} {:>8.2} {:>8.2}",
-            row.frame,
-            row.proposals,
-            row.refined,
-            row.unrefined,
-            row.flagged,
-            row.work,
-            times.p50_ms,
-            times.max_ms,
-            times.cpu_p50_ms,
-            times.cpu_max_ms
+            "{name:<24} {proposals:>9} {refined:>7} {unrefined:>9} {flagged:>7} {work:>10}{ms}"
         );
     }
 }

@@ -5,56 +5,35 @@ use std::collections::BTreeSet;
 
 use anyhow::{Context, Result};
 use mluc_bench::clock::timed;
-use mluc_geometry::quantile_of;
+use mluc_geometry::{mean_and_spread, quantile_of};
 use mluc_refiner::Settings;
-use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use crate::Setup;
-use crate::quality::{Quality, judge};
+use crate::quality::{by_class, judge, print, quality};
 use crate::scene::Frame;
-use crate::timing::{Times, time};
+use crate::timing::{in_words, time};
+use crate::{Setup, figure, merged};
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct Report {
-    refiner: &'static str,
-    frames: usize,
-    #[serde(flatten)]
-    quality: Quality,
-    proposals: usize,
-    #[serde(flatten)]
-    times: Times,
-    work_p50: f64,
-    work_max: f64,
-}
-
-/// Quality, then time.
 pub(crate) fn run(setup: &Setup, frames: &[Frame], proposals: usize, anywhere: bool) -> Result<()> {
     let mut refiner = setup.refiner(&setup.settings)?;
     let judged = judge(frames, &mut refiner);
     let (times, work) = time(frames, &mut refiner, proposals, anywhere);
-    let work_at = |q| quantile_of(work.clone(), q).unwrap_or_default();
-    let report = Report {
-        refiner: setup.settings.variant.name(),
-        frames: frames.len(),
-        quality: Quality::of(&judged),
-        proposals,
-        times,
-        work_p50: work_at(0.5),
-        work_max: work_at(1.0),
-    };
+    let [work_p50, work_max] = [0.5, 1.0].map(|q| quantile_of(work.clone(), q).unwrap_or(0.0));
+    let (name, count) = (setup.settings.variant.name(), frames.len());
+    let about = json!({
+        "refiner": name, "frames": count, "proposals": proposals, "work_p50": work_p50, "work_max": work_max,
+    });
+    let report = merged([about, quality(&judged), times]);
     setup.print(&report, || {
-        println!("refiner {}, {} frames", report.refiner, report.frames);
-        report.quality.print();
+        println!("refiner {name}, {count} frames");
+        print(&report);
+        let times = in_words(&report);
         println!(
-            "{} proposals a frame: {}; work p50 {:.0}, max {:.0}",
-            report.proposals, report.times, report.work_p50, report.work_max
+            "{proposals} proposals a frame: {times}; work p50 {work_p50:.0}, max {work_max:.0}"
         );
     })
 }
 
-/// A line for each object.
 pub(crate) fn list(setup: &Setup, frames: &[Frame]) -> Result<()> {
     let judged = judge(frames, &mut setup.refiner(&setup.settings)?);
     let objects = frames
@@ -64,7 +43,7 @@ pub(crate) fn list(setup: &Setup, frames: &[Frame]) -> Result<()> {
         "frame class IoU of the first, mean, ceiling | label: place, size, heading | found: disposition, place, size, heading, points"
     );
     for ((frame, label), own) in objects.zip(&judged) {
-        let mean = own.ious.iter().sum::<f64>() / own.ious.len().max(1) as f64;
+        let [mean, _] = mean_and_spread(&own.ious);
         let first = own.ious.first().copied().unwrap_or(0.0);
         let ceiling = own.ceiling.unwrap_or(0.0);
         print!(
@@ -123,18 +102,15 @@ pub(crate) fn table(setup: &Setup, frames: &[Frame], rows: &[(String, Settings)]
         let mut refiner = setup.refiner(settings)?;
         let mut judged = Vec::new();
         let took = timed(|| judged = judge(frames, &mut refiner));
-        let Quality { all, by_class } = Quality::of(&judged);
-        let sum: f64 = by_class.values().map(|own| own.mean_iou_3d).sum();
-        let mean = sum / by_class.len().max(1) as f64;
-        print!(
-            "{name:<44} {:>6.4} {:>6.3} {mean:>7.4} {:>7.1}",
-            all.mean_iou_3d,
-            all.share_above_0_3,
-            took.cpu / 1e3
-        );
-        for own in by_class.values() {
-            print!(" {:>10.3}", own.mean_iou_3d);
-        }
+        let all = quality(&judged);
+        let of_classes: Vec<f64> = by_class(&all)
+            .map(|own| figure(own.1, "mean_iou_3d"))
+            .collect();
+        let [mean, _] = mean_and_spread(&of_classes);
+        let [iou, share] = ["mean_iou_3d", "share_above_0_3"].map(|key| figure(&all, key));
+        let cpu_s = took.cpu / 1e3;
+        print!("{name:<44} {iou:>6.4} {share:>6.3} {mean:>7.4} {cpu_s:>7.1}");
+        of_classes.iter().for_each(|iou| print!(" {iou:>10.3}"));
         println!();
     }
     Ok(())

@@ -10,26 +10,12 @@ use mluc_bench::clock::timed;
 use mluc_bench::inputs::sensor;
 use mluc_geometry::ground::GroundMap;
 use mluc_refiner::{FrameIndex, GroundLabel, label_ground};
-use serde::Serialize;
+use serde_json::json;
 
-use crate::Setup;
 use crate::scene::Frame;
-use crate::timing::{PASSES, Times};
+use crate::timing::{PASSES, in_words, times};
+use crate::{Setup, merged};
 
-#[derive(Serialize)]
-struct Report {
-    frames: usize,
-    points: u64,
-    /// Share of the points that both call the same.
-    agreement: f64,
-    /// Of what the other calls ground, the share that we do; and the other way round.
-    theirs_in_ours: f64,
-    ours_in_theirs: f64,
-    #[serde(flatten)]
-    times: Times,
-}
-
-/// Compares and prints.
 pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()> {
     let mut index = FrameIndex::default();
     let mut ground = GroundMap::new(sensor().height_m);
@@ -60,23 +46,22 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()>
     }
     let [neither, theirs, ours, both] = counts.map(|count| count as f64);
     let points = (neither + theirs + ours + both).max(1.0);
-    let report = Report {
-        frames: frames.len(),
-        points: points as u64,
-        agreement: (neither + both) / points,
-        theirs_in_ours: both / (both + theirs).max(1.0),
-        ours_in_theirs: both / (both + ours).max(1.0),
-        times: Times::of(&laps),
-    };
+    let agreement = (neither + both) / points;
+    // Of what the other calls ground, the share that we do; and the other way round.
+    let [theirs_in_ours, ours_in_theirs] =
+        [theirs, ours].map(|alone| both / (both + alone).max(1.0));
+    let about = json!({
+        "frames": frames.len(), "points": points as u64, "agreement": agreement,
+        "theirs_in_ours": theirs_in_ours, "ours_in_theirs": ours_in_theirs,
+    });
+    let report = merged([about, times(&laps)]);
     setup.print(&report, || {
+        let [same, of_theirs, of_ours] =
+            [agreement, theirs_in_ours, ours_in_theirs].map(|share| 100.0 * share);
         println!(
-            "{} frames, {} points: {:.2} % the same; of their ground {:.2} % is ours, of ours {:.2} % theirs\nours: {}",
-            report.frames,
-            report.points,
-            100.0 * report.agreement,
-            100.0 * report.theirs_in_ours,
-            100.0 * report.ours_in_theirs,
-            report.times
+            "{} frames, {points} points: {same:.2} % the same; of their ground {of_theirs:.2} % is ours, of ours {of_ours:.2} % theirs\nours: {}",
+            frames.len(),
+            in_words(&report)
         );
     })
 }

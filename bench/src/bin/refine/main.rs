@@ -14,12 +14,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Parser;
-use mluc_bench::inputs;
+use mluc_bench::{inputs, on_threads};
 use mluc_dataset::Dataset;
 use mluc_model::Model;
 use mluc_refiner::fit::BoxFit;
-use mluc_refiner::{ClusterScorer, Refiner, Settings, Study, Variant};
+use mluc_refiner::{ClusterScorer, Refiner, Settings, Variant};
 use serde::Serialize;
+use serde_json::Value;
 
 /// Quality and time of a refiner on a folder of labelled scans.
 #[derive(Parser)]
@@ -96,10 +97,7 @@ fn main() -> Result<()> {
         scorer: scorer.transpose()?,
         json: arguments.json,
     };
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(arguments.threads)
-        .build()?;
-    pool.install(|| run(&arguments, &setup))
+    on_threads(arguments.threads, || run(&arguments, &setup))
 }
 
 fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
@@ -126,10 +124,7 @@ fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
     if arguments.fits {
         let rows = [BoxFit::AxisAligned, BoxFit::MinimumArea, BoxFit::Closeness].map(|fit| {
             let mut settings = setup.settings.clone();
-            settings.study = Study {
-                box_fit: Some(fit),
-                ..settings.study
-            };
+            settings.study.box_fit = Some(fit);
             (format!("{fit:?}"), settings)
         });
         return boxes::table(setup, &frames, &rows);
@@ -137,7 +132,6 @@ fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
     boxes::run(setup, &frames, arguments.proposals, arguments.anywhere)
 }
 
-/// What every mode needs.
 struct Setup {
     settings: Settings,
     /// Of `--looks`.
@@ -146,7 +140,6 @@ struct Setup {
 }
 
 impl Setup {
-    /// A refiner for the bench's sensor.
     fn refiner(&self, settings: &Settings) -> Result<Refiner> {
         let (sensor, scorer) = (inputs::sensor(), self.scorer.clone());
         Ok(Refiner::with_scorer(settings.clone(), &sensor, scorer)?)
@@ -161,4 +154,17 @@ impl Setup {
         }
         Ok(())
     }
+}
+
+/// A figure of a report; 0 where it is missing.
+fn figure(report: &Value, key: &str) -> f64 {
+    report[key].as_f64().unwrap_or(0.0)
+}
+
+/// One object of several.
+fn merged<const N: usize>(parts: [Value; N]) -> Value {
+    let fields = parts.iter().filter_map(Value::as_object).flatten();
+    fields
+        .map(|(key, value)| (key.clone(), value.clone()))
+        .collect()
 }

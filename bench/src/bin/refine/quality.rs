@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 
 use mluc_bench::inputs::{box_of, candidate, sensor};
 use mluc_geometry::ground::GroundPlane;
-use mluc_geometry::{Box3, iou_3d};
+use mluc_geometry::{Box3, iou_3d, mean_and_spread};
 use mluc_ipc_types::{Object, Point};
 use mluc_refiner::fit::{Closeness, ClusterPoints, Extend};
 use mluc_refiner::{FrameIndex, Refiner, RefinerOutput, Settings};
-use serde::Serialize;
+use serde_json::{Value, json};
 
+use crate::figure;
 use crate::scene::{Frame, inside, keyed, proposal};
 
 /// Proposals for each labelled object.
@@ -18,7 +19,6 @@ const PROPOSALS_PER_OBJECT: u64 = 8;
 /// the sorting alone.
 const SURROUNDINGS_M: f32 = 30.0;
 
-/// All figures of one labelled object.
 #[derive(Default)]
 pub(crate) struct Judged {
     pub(crate) class: String,
@@ -30,82 +30,64 @@ pub(crate) struct Judged {
 }
 
 /// Means over some objects.
-#[derive(Serialize)]
-pub(crate) struct Overlaps {
-    objects: usize,
-    pub(crate) mean_iou_3d: f64,
-    share_above_0_1: f64,
-    pub(crate) share_above_0_3: f64,
-    share_above_0_5: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    ceiling_mean_iou_3d: Option<f64>,
-}
-
-impl Overlaps {
-    fn of(objects: &[&Judged]) -> Overlaps {
-        let ious: Vec<f64> = objects.iter().flat_map(|o| &o.ious).copied().collect();
-        let count = ious.len().max(1) as f64;
-        let above = |least: f64| ious.iter().filter(|&&iou| iou > least).count() as f64 / count;
-        let ceilings: Option<f64> = objects.iter().map(|o| o.ceiling).sum();
-        Overlaps {
-            objects: objects.len(),
-            mean_iou_3d: ious.iter().sum::<f64>() / count,
-            share_above_0_1: above(0.1),
-            share_above_0_3: above(0.3),
-            share_above_0_5: above(0.5),
-            ceiling_mean_iou_3d: ceilings.map(|sum| sum / objects.len().max(1) as f64),
-        }
+fn overlaps(objects: &[&Judged]) -> Value {
+    let ious: Vec<f64> = objects.iter().flat_map(|o| &o.ious).copied().collect();
+    let count = ious.len().max(1) as f64;
+    let above = |least: f64| ious.iter().filter(|&&iou| iou > least).count() as f64 / count;
+    let mut means = json!({
+        "objects": objects.len(), "mean_iou_3d": mean_and_spread(&ious)[0],
+        "share_above_0_1": above(0.1), "share_above_0_3": above(0.3), "share_above_0_5": above(0.5),
+    });
+    let ceilings: Option<Vec<f64>> = objects.iter().map(|o| o.ceiling).collect();
+    if let Some(ceilings) = ceilings {
+        means["ceiling_mean_iou_3d"] = json!(mean_and_spread(&ceilings)[0]);
     }
-
-    fn print(&self, name: &str) {
-        print!(
-            "{name:<16} {:>7} {:>9.3} {:>6.2} {:>6.2} {:>6.2}",
-            self.objects,
-            self.mean_iou_3d,
-            self.share_above_0_1,
-            self.share_above_0_3,
-            self.share_above_0_5,
-        );
-        match self.ceiling_mean_iou_3d {
-            Some(ceiling) => println!(" {ceiling:>8.3}"),
-            None => println!(),
-        }
-    }
+    means
 }
 
 /// Of all objects, and by class.
-#[derive(Serialize)]
-pub(crate) struct Quality {
-    #[serde(flatten)]
-    pub(crate) all: Overlaps,
-    pub(crate) by_class: BTreeMap<String, Overlaps>,
+pub(crate) fn quality(judged: &[Judged]) -> Value {
+    let mut classes: BTreeMap<&str, Vec<&Judged>> = BTreeMap::new();
+    for object in judged {
+        classes.entry(&object.class).or_default().push(object);
+    }
+    let mut all = overlaps(&judged.iter().collect::<Vec<_>>());
+    let by_class = classes.into_iter();
+    all["by_class"] = by_class
+        .map(|(class, own)| (class, overlaps(&own)))
+        .collect();
+    all
 }
 
-impl Quality {
-    pub(crate) fn of(judged: &[Judged]) -> Quality {
-        let mut classes: BTreeMap<&str, Vec<&Judged>> = BTreeMap::new();
-        for object in judged {
-            classes.entry(&object.class).or_default().push(object);
-        }
-        let by_class = classes.into_iter();
-        Quality {
-            all: Overlaps::of(&judged.iter().collect::<Vec<_>>()),
-            by_class: by_class
-                .map(|(class, own)| (class.to_owned(), Overlaps::of(&own)))
-                .collect(),
-        }
-    }
+/// The figures of each class of a report.
+pub(crate) fn by_class(report: &Value) -> impl Iterator<Item = (&String, &Value)> {
+    report["by_class"].as_object().into_iter().flatten()
+}
 
-    pub(crate) fn print(&self) {
-        let ceiling = self.all.ceiling_mean_iou_3d.map_or("", |_| "  ceiling");
-        println!(
-            "{:<16} {:>7} {:>9} {:>6} {:>6} {:>6}{ceiling}",
-            "class", "objects", "mean IoU", ">0.1", ">0.3", ">0.5"
-        );
-        for (name, overlaps) in &self.by_class {
-            overlaps.print(name);
+pub(crate) fn print(report: &Value) {
+    let has_ceiling = report["ceiling_mean_iou_3d"].is_f64();
+    println!(
+        "{:<16} {:>7} {:>9} {:>6} {:>6} {:>6}{}",
+        "class",
+        "objects",
+        "mean IoU",
+        ">0.1",
+        ">0.3",
+        ">0.5",
+        if has_ceiling { "  ceiling" } else { "" }
+    );
+    let all = ("all".to_owned(), report);
+    for (name, own) in by_class(report).chain([(&all.0, all.1)]) {
+        let shares = ["share_above_0_1", "share_above_0_3", "share_above_0_5"];
+        let shares = shares
+            .map(|key| format!(" {:>6.2}", figure(own, key)))
+            .concat();
+        let (objects, iou) = (figure(own, "objects"), figure(own, "mean_iou_3d"));
+        print!("{name:<16} {objects:>7} {iou:>9.3}{shares}");
+        if has_ceiling {
+            print!(" {:>8.3}", figure(own, "ceiling_mean_iou_3d"));
         }
-        self.all.print("all");
+        println!();
     }
 }
 

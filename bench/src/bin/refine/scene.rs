@@ -21,23 +21,19 @@ const SHIFT_MAX_M: f64 = 1.0;
 /// Largest error of the bottom, m.
 const BOTTOM_SHIFT_MAX_M: f64 = 0.2;
 
-/// One labelled object.
 pub(crate) struct Object {
     /// Counts the frame's labels with enough points, whatever their class.
     pub(crate) number: usize,
     /// As in the label file.
     pub(crate) class: String,
-    /// In the sensor frame.
     pub(crate) shape: Box3,
 }
 
-/// One frame.
 pub(crate) struct Frame {
     /// Counts the folder's frames.
     pub(crate) number: usize,
     /// Of the scan's file, without its ending.
     pub(crate) name: String,
-    /// The scan.
     pub(crate) points: Vec<Point>,
     /// Those with enough points.
     pub(crate) objects: Vec<Object>,
@@ -75,7 +71,6 @@ fn read_frame(dataset: &Dataset, number: usize, name: &str, classes: &[String]) 
     })
 }
 
-/// Points in a box.
 pub(crate) fn inside<'a>(points: &'a [Point], shape: &'a Box3) -> impl Iterator<Item = &'a Point> {
     let is_inside = |p: &&Point| shape.contains([p.x_m, p.y_m, p.z_m].map(f64::from));
     points.iter().filter(is_inside)

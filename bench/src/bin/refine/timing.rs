@@ -1,58 +1,35 @@
 //! Times of whole frames with so many candidates.
 
-use std::fmt::{Display, Formatter};
-
 use mluc_bench::clock::{Lap, lap_quantile, timed};
 use mluc_bench::inputs::candidate;
 use mluc_geometry::{Box3, Random};
 use mluc_refiner::{Refiner, RefinerOutput};
-use serde::Serialize;
+use serde_json::{Value, json};
 
+use crate::figure;
 use crate::scene::{Frame, keyed, proposal};
 
 /// Timed passes over the folder, after one that is not.
 pub(crate) const PASSES: u64 = 5;
 
-/// Of whole frames, ms.
-#[derive(Serialize)]
-pub(crate) struct Times {
-    timed_frames: usize,
-    pub(crate) p50_ms: f64,
-    p99_ms: f64,
-    pub(crate) max_ms: f64,
-    pub(crate) cpu_p50_ms: f64,
-    cpu_p99_ms: f64,
-    pub(crate) cpu_max_ms: f64,
+/// Of whole frames.
+pub(crate) fn times(laps: &[Lap]) -> Value {
+    let [p50, p99, max] = [0.5, 0.99, 1.0].map(|q| lap_quantile(laps, q));
+    json!({
+        "timed_frames": laps.len(),
+        "p50_ms": p50.wall, "p99_ms": p99.wall, "max_ms": max.wall,
+        "cpu_p50_ms": p50.cpu, "cpu_p99_ms": p99.cpu, "cpu_max_ms": max.cpu,
+    })
 }
 
-impl Times {
-    pub(crate) fn of(laps: &[Lap]) -> Times {
-        let [p50, p99, max] = [0.5, 0.99, 1.0].map(|q| lap_quantile(laps, q));
-        Times {
-            timed_frames: laps.len(),
-            p50_ms: p50.wall,
-            p99_ms: p99.wall,
-            max_ms: max.wall,
-            cpu_p50_ms: p50.cpu,
-            cpu_p99_ms: p99.cpu,
-            cpu_max_ms: max.cpu,
-        }
-    }
-}
-
-impl Display for Times {
-    fn fmt(&self, f: &mut Formatter) -> std::fmt::Result {
-        write!(
-            f,
-            "p50 {:.2} ms, p99 {:.2} ms, max {:.2} ms over {} frames; CPU time p50 {:.2} ms, p99 {:.2} ms",
-            self.p50_ms,
-            self.p99_ms,
-            self.max_ms,
-            self.timed_frames,
-            self.cpu_p50_ms,
-            self.cpu_p99_ms
-        )
-    }
+/// The times of a report in words.
+pub(crate) fn in_words(report: &Value) -> String {
+    let frames = &report["timed_frames"];
+    let [p50, p99, max, cpu_p50, cpu_p99] = ["p50", "p99", "max", "cpu_p50", "cpu_p99"]
+        .map(|key| format!("{:.2} ms", figure(report, &format!("{key}_ms"))));
+    format!(
+        "p50 {p50}, p99 {p99}, max {max} over {frames} frames; CPU time p50 {cpu_p50}, p99 {cpu_p99}"
+    )
 }
 
 /// Frames with candidates at the labelled objects in turn, or wherever random points of the scan lie; with the work of
@@ -62,7 +39,7 @@ pub(crate) fn time(
     refiner: &mut Refiner,
     proposals: usize,
     anywhere: bool,
-) -> (Times, Vec<f64>) {
+) -> (Value, Vec<f64>) {
     let mut out = RefinerOutput::default();
     let (mut laps, mut work) = (Vec::new(), Vec::new());
     for pass in 0..=PASSES {
@@ -86,7 +63,7 @@ pub(crate) fn time(
             }
         }
     }
-    (Times::of(&laps), work)
+    (times(&laps), work)
 }
 
 /// A box of 1 m at a random point of the scan: mostly walls and bushes near the sensor.

@@ -5,26 +5,13 @@ use mluc_bench::clock::timed;
 use mluc_bench::inputs::sensor;
 use mluc_geometry::iou_3d;
 use mluc_refiner::{FrameClusterer, FrameClusters};
-use serde::Serialize;
+use serde_json::json;
 
-use crate::Setup;
-use crate::quality::{Judged, Quality};
+use crate::quality::{Judged, print, quality};
 use crate::scene::Frame;
-use crate::timing::{PASSES, Times};
+use crate::timing::{PASSES, in_words, times};
+use crate::{Setup, merged};
 
-#[derive(Serialize)]
-struct Report {
-    mode: &'static str,
-    frames: usize,
-    clusters_per_frame: f64,
-    /// Each labelled object with its best cluster.
-    #[serde(flatten)]
-    quality: Quality,
-    #[serde(flatten)]
-    times: Times,
-}
-
-/// Measures and prints.
 pub(crate) fn run(setup: &Setup, frames: &[Frame]) -> Result<()> {
     let mut clusterer = FrameClusterer::new(&setup.settings, &sensor())?;
     let mut out = FrameClusters::default();
@@ -49,20 +36,13 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame]) -> Result<()> {
             }));
         }
     }
-    let report = Report {
-        mode: "everything",
-        frames: frames.len(),
-        clusters_per_frame: clusters as f64 / frames.len().max(1) as f64,
-        quality: Quality::of(&judged),
-        times: Times::of(&laps),
-    };
+    let each = clusters as f64 / frames.len().max(1) as f64;
+    let about = json!({"mode": "everything", "frames": frames.len(), "clusters_per_frame": each});
+    let report = merged([about, quality(&judged), times(&laps)]);
     setup.print(&report, || {
-        let each = report.clusters_per_frame;
-        println!(
-            "every cluster of {} frames, {each:.0} a frame",
-            frames.len()
-        );
-        report.quality.print();
-        println!("{}", report.times);
+        let count = frames.len();
+        println!("every cluster of {count} frames, {each:.0} a frame");
+        print(&report);
+        println!("{}", in_words(&report));
     })
 }

@@ -9,10 +9,11 @@ mod refiner;
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Parser;
 use mluc_backbone::Precision;
 use mluc_bench::machine::describe_here;
+use mluc_bench::save;
 use serde::Serialize;
 
 #[derive(Parser)]
@@ -33,10 +34,9 @@ struct Arguments {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let out = Folder(arguments.out);
-    std::fs::create_dir_all(&out.0).with_context(|| out.0.display().to_string())?;
-    let network = network::run(arguments.precision, arguments.rounds, &out)?;
-    let refiner = refiner::run(arguments.rounds, &out)?;
+    let out = &arguments.out;
+    let network = network::run(arguments.precision, arguments.rounds, out)?;
+    let refiner = refiner::run(arguments.rounds, out)?;
     let fits = [network, refiner].concat();
     let summary = serde_json::json!({
         "machine": describe_here(),
@@ -44,26 +44,16 @@ fn main() -> Result<()> {
         "rounds": arguments.rounds,
         "fits": fits,
     });
-    out.save("summary.json", &format!("{summary:#}\n"))?;
+    save(out, "summary.json", format!("{summary:#}\n"))?;
     if arguments.json {
         println!("{summary}");
     } else {
         for fit in &fits {
             println!("{fit}");
         }
-        println!("written to {}", out.0.display());
+        println!("written to {}", out.display());
     }
     Ok(())
-}
-
-/// Where the results go.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn save(&self, name: &str, text: &str) -> Result<()> {
-        let path = self.0.join(name);
-        std::fs::write(&path, text).with_context(|| path.display().to_string())
-    }
 }
 
 /// How well a straight line describes cost over size: cost = at_zero + slope * size, by least squares.
@@ -82,23 +72,21 @@ struct Fit {
 impl Fit {
     /// `points`: size and cost in ms.
     fn through(of: String, points: &[(f64, f64)]) -> Fit {
-        let count = points.len().max(1) as f64;
-        let x_mean = points.iter().map(|(x, _)| x).sum::<f64>() / count;
-        let y_mean = points.iter().map(|(_, y)| y).sum::<f64>() / count;
-        let off = points.iter().map(|(x, y)| (x - x_mean, y - y_mean));
-        let [xx, xy, yy] = off.fold([0.0; 3], |[xx, xy, yy], (x, y)| {
-            [xx + x * x, xy + x * y, yy + y * y]
-        });
+        let mean = |of: &dyn Fn(f64, f64) -> f64| {
+            let sum: f64 = points.iter().map(|(x, y)| of(*x, *y)).sum();
+            sum / points.len().max(1) as f64
+        };
+        let (x_mean, y_mean) = (mean(&|x, _| x), mean(&|_, y| y));
+        let xx = mean(&|x, _| (x - x_mean).powi(2));
+        let yy = mean(&|_, y| (y - y_mean).powi(2));
+        let xy = mean(&|x, y| (x - x_mean) * (y - y_mean));
         let slope = if xx > 0.0 { xy / xx } else { 0.0 };
+        let is_spread = xx * yy > 0.0;
         Fit {
             of,
             at_zero_ms: y_mean - slope * x_mean,
             us_each: 1e3 * slope,
-            r_squared: if xx * yy > 0.0 {
-                xy * xy / (xx * yy)
-            } else {
-                1.0
-            },
+            r_squared: if is_spread { xy * xy / (xx * yy) } else { 1.0 },
         }
     }
 }

@@ -1,12 +1,14 @@
 //! Backbone and head over the size of the scan.
 
+use std::path::Path;
+
 use anyhow::Result;
 use mluc_backbone::{Backbone, Precision};
 use mluc_bench::clock::{Lap, lap_quantile, laps};
-use mluc_bench::inputs;
+use mluc_bench::{inputs, on_threads, save};
 use mluc_head::Head;
 
-use crate::{Fit, Folder, chart};
+use crate::{Fit, chart};
 
 const POINTS: [usize; 9] = [
     10_000, 20_000, 40_000, 70_000, 100_000, 131_072, 200_000, 350_000, 500_000,
@@ -31,7 +33,7 @@ struct Row {
 }
 
 /// Measures, writes the table and the pictures; lines through them.
-pub(crate) fn run(precision: Precision, rounds: usize, out: &Folder) -> Result<Vec<Fit>> {
+pub(crate) fn run(precision: Precision, rounds: usize, out: &Path) -> Result<Vec<Fit>> {
     let rows = measure(precision, rounds)?;
     let mut csv = String::from("points,threads,voxels,active,cells,wall_ms_p50,cpu_ms_p50\n");
     for row in &rows {
@@ -40,44 +42,28 @@ pub(crate) fn run(precision: Precision, rounds: usize, out: &Folder) -> Result<V
             row.points, row.threads, row.voxels, row.active, row.cells, row.ms.wall, row.ms.cpu
         );
     }
-    out.save("network.csv", &csv)?;
+    save(out, "network.csv", &csv)?;
     let line = |threads: usize, x: Size, y: Time| -> Vec<(f64, f64)> {
         let rows = rows.iter().filter(|row| row.threads == threads);
         rows.map(|row| (x(row) as f64, y(&row.ms))).collect()
     };
     let title = format!("compact, {precision}: one frame, median");
     let active = "sites and cells computed, all layers";
-    let pictures: [(_, _, Size, _, Time); 3] = [
-        (
-            "points.svg",
-            "points",
-            |r| r.points,
-            "wall time, ms",
-            |l| l.wall,
-        ),
-        (
-            "active.svg",
-            active,
-            |r| r.active,
-            "wall time, ms",
-            |l| l.wall,
-        ),
-        (
-            "active_cpu.svg",
-            active,
-            |r| r.active,
-            "CPU time, ms",
-            |l| l.cpu,
-        ),
+    let times: [(_, Time); 2] = [("wall time", |l| l.wall), ("CPU time", |l| l.cpu)];
+    let [wall, cpu] = times;
+    let pictures: [(_, _, Size, _); 3] = [
+        ("points.svg", "points", |r| r.points, wall),
+        ("active.svg", active, |r| r.active, wall),
+        ("active_cpu.svg", active, |r| r.active, cpu),
     ];
-    for (name, x_label, x, y_label, y) in pictures {
+    for (name, x_label, x, (what, y)) in pictures {
         let lines = THREADS.map(|threads| {
             let plural = if threads == 1 { "" } else { "s" };
             (format!("{threads} thread{plural}"), line(threads, x, y))
         });
-        out.save(name, &chart::svg(&title, [x_label, y_label], &lines)?)?;
+        let labels = [x_label, &format!("{what}, ms")];
+        save(out, name, chart::svg(&title, labels, &lines)?)?;
     }
-    let times: [(_, Time); 2] = [("wall time", |l| l.wall), ("CPU time", |l| l.cpu)];
     let fits = THREADS.into_iter().flat_map(|threads| {
         times.map(|(what, y)| {
             let of = format!("network, {threads} thread(s): {what} over sites and cells computed");
@@ -91,26 +77,21 @@ fn measure(precision: Precision, rounds: usize) -> Result<Vec<Row>> {
     let (manifest, weights) = inputs::compact();
     let mut rows = vec![];
     for threads in THREADS {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()?;
         let mut backbone = Backbone::with_precision(&manifest, &weights, precision)?;
         let mut head = Head::new(&manifest, &weights)?;
-        for points in POINTS {
-            let scan = inputs::scan_of(points)?;
-            let row = pool.install(|| one_size(&mut backbone, &mut head, &scan, rounds))?;
-            rows.push(Row { threads, ..row });
-        }
+        on_threads(threads, || {
+            for points in POINTS {
+                let scan = inputs::scan_of(points)?;
+                let row = one(&mut backbone, &mut head, &scan, rounds)?;
+                rows.push(Row { threads, ..row });
+            }
+            Ok(())
+        })?;
     }
     Ok(rows)
 }
 
-fn one_size(
-    backbone: &mut Backbone,
-    head: &mut Head,
-    scan: &[[f32; 4]],
-    rounds: usize,
-) -> Result<Row> {
+fn one(backbone: &mut Backbone, head: &mut Head, scan: &[[f32; 4]], rounds: usize) -> Result<Row> {
     let mut row = Row {
         points: scan.len(),
         ..Row::default()

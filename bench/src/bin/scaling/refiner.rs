@@ -1,19 +1,21 @@
 //! The refiner over the number of proposals, each at an object of the scan.
 
+use std::path::Path;
+
 use anyhow::Result;
-use mluc_bench::clock::{lap_quantile, timed};
-use mluc_bench::inputs;
+use mluc_bench::clock::{Lap, timed_median};
+use mluc_bench::{inputs, save};
 use mluc_geometry::Box3;
 use mluc_ipc_types::Detection;
 use mluc_refiner::{Refiner, RefinerOutput, Settings, Study, Variant};
 
-use crate::{Fit, Folder, chart};
+use crate::{Fit, chart};
 
 const PROPOSALS: [usize; 10] = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512];
 const VARIANTS: [Variant; 2] = [Variant::PaperCorrected, Variant::RangeScaled];
 
 /// Measures, writes the table and the picture; lines through it.
-pub(crate) fn run(rounds: usize, out: &Folder) -> Result<Vec<Fit>> {
+pub(crate) fn run(rounds: usize, out: &Path) -> Result<Vec<Fit>> {
     let frame = inputs::simulated(0)?;
     let points = bytemuck::cast_slice(&frame.points);
     let objects = frame.objects.iter();
@@ -35,24 +37,17 @@ pub(crate) fn run(rounds: usize, out: &Folder) -> Result<Vec<Fit>> {
         let mut line = vec![];
         for proposals in PROPOSALS {
             let detections: Vec<_> = (0..proposals).map(|k| proposal(&boxes, k)).collect();
-            let mut once =
-                |round| timed(|| refiner.refine(round as u64, points, &detections, &mut refined));
-            let times: Vec<_> = (0..=rounds).map(&mut once).skip(1).collect();
-            let median = lap_quantile(&times, 0.5);
-            csv += &format!(
-                "{},{proposals},{:.4},{:.4}\n",
-                variant.name(),
-                median.wall,
-                median.cpu
-            );
-            line.push((proposals as f64, median.cpu));
+            let once = || refiner.refine(0, points, &detections, &mut refined);
+            let Lap { wall, cpu } = timed_median(rounds, once);
+            csv += &format!("{},{proposals},{wall:.4},{cpu:.4}\n", variant.name());
+            line.push((proposals as f64, cpu));
         }
         lines.push((variant.name().to_owned(), line));
     }
-    out.save("refiner.csv", &csv)?;
+    save(out, "refiner.csv", &csv)?;
     let labels = ["proposals", "CPU time, ms"];
     let picture = chart::svg("refiner: one frame, median", labels, &lines)?;
-    out.save("proposals.svg", &picture)?;
+    save(out, "proposals.svg", &picture)?;
     let fit = |(name, line): &chart::Line| {
         Fit::through(format!("refiner {name}: CPU time over proposals"), line)
     };

@@ -13,6 +13,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Parser;
+use mluc_bench::on_threads;
 use mluc_train::layers::LayerPlan;
 use mluc_train::{Architecture, NetworkKind, Setting, TrainSettings};
 use serde_json::json;
@@ -50,10 +51,7 @@ struct Arguments {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(arguments.threads)
-        .build()?;
-    pool.install(|| run(&arguments))
+    on_threads(arguments.threads, || run(&arguments))
 }
 
 fn run(arguments: &Arguments) -> Result<()> {

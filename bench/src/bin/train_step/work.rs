@@ -53,9 +53,8 @@ pub(crate) struct Work {
     /// Of the presence logits, cell by cell.
     pub(crate) presence_gradient: Vec<f32>,
     pub(crate) outputs: Outputs,
-    /// Of the last step, in the order of the parameters.
-    pub(crate) gradients: Vec<f32>,
-    pool: Pool,
+    /// Has the gradients of the last step, in the order of the parameters.
+    pub(crate) pool: Pool,
 }
 
 impl Work {
@@ -85,14 +84,13 @@ impl Work {
         };
         let mut work = Work {
             parameters: chain.initial(SEED, settings.prototype_scale()),
-            gradients: vec![0.0; chain.parameters],
+            pool: Pool::new(chain.parameters),
             chain,
             plan,
             plan_ms,
             labelled,
             presence_gradient,
             outputs,
-            pool: Pool::default(),
         };
         work.share_presence_gradient();
         Ok(work)
@@ -133,7 +131,6 @@ impl Work {
         }
     }
 
-    /// Forward and backward.
     pub(crate) fn step(&mut self) -> Times {
         let (pass, times) = self.run();
         pass.recycle(&mut self.pool);
@@ -144,17 +141,16 @@ impl Work {
     pub(crate) fn run(&mut self) -> (Pass, Times) {
         let (chain, plan, pool) = (&self.chain, &self.plan, &mut self.pool);
         let input = StepInput::new(&self.parameters, plan, &self.labelled);
-        let gradients = &mut self.gradients;
         let mut lap = laps();
         let mut pass = chain.forward_sparse(&input, pool);
         let sparse_forward = lap();
         chain.forward_map(&input, &mut pass, pool);
         let map_forward = lap();
-        gradients.fill(0.0);
+        pool.gradients.fill(0.0);
         let outputs = &self.outputs;
-        let map = chain.backward_map(&input, &pass, outputs, gradients, pool);
+        let map = chain.backward_map(&input, &pass, outputs, pool);
         let map_backward = lap();
-        chain.backward_sparse(&input, &pass, &map, gradients, pool);
+        chain.backward_sparse(&input, &pass, &map, pool);
         pool.give(map);
         let times = Times {
             sparse_forward,

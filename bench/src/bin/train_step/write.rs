@@ -5,17 +5,17 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use bytemuck::NoUninit;
+use mluc_bench::save;
 use mluc_model::DenseLayer;
 use mluc_train::layers::{Layer, Linear};
-use mluc_train::network::{Chain, Pass};
+use mluc_train::network::{Chain, Outputs, Pass};
 use serde_json::{Value, json};
 
 use crate::work::{Work, scatter_of};
 
 pub(crate) fn write(work: &mut Work, folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let (pass, _) = work.run();
     let plan = &work.plan;
     let (cells, levels): (Vec<u32>, Vec<u32>) = scatter_of(&plan.map).into_iter().unzip();
@@ -28,31 +28,28 @@ pub(crate) fn write(work: &mut Work, folder: &Path) -> Result<()> {
     put(folder, "levels", &levels)?;
     put(folder, "labelled", &work.labelled)?;
     put(folder, "presence_gradient", &work.presence_gradient)?;
-    let outputs = &work.outputs;
-    let gradients = [&outputs.embedding, &outputs.boxes, &outputs.direction];
-    put(folder, "labelled_gradient", &side_by_side(work, gradients))?;
+    let gradient = side_by_side(work, &work.outputs);
+    put(folder, "labelled_gradient", &gradient)?;
     put(folder, "presence", &presence(work, &pass))?;
-    let outputs = &pass.outputs;
-    let answers = [&outputs.embedding, &outputs.boxes, &outputs.direction];
-    put(folder, "labelled_outputs", &side_by_side(work, answers))?;
-    put(folder, "gradients", &work.gradients)?;
-    let path = folder.join("step.json");
-    std::fs::write(&path, description(work).to_string()).with_context(|| path.display().to_string())
+    let answers = side_by_side(work, &pass.outputs);
+    put(folder, "labelled_outputs", &answers)?;
+    put(folder, "gradients", &work.pool.gradients)?;
+    save(folder, "step.json", description(work).to_string())
 }
 
 fn put<T: NoUninit>(folder: &Path, name: &str, values: &[T]) -> Result<()> {
-    let path = folder.join(format!("{name}.bin"));
-    std::fs::write(&path, bytemuck::cast_slice::<T, u8>(values))
-        .with_context(|| path.display().to_string())
+    let bytes = bytemuck::cast_slice::<T, u8>(values);
+    save(folder, &format!("{name}.bin"), bytes)
 }
 
 /// Rows of several heads as one.
-fn side_by_side(work: &Work, parts: [&Vec<f32>; 3]) -> Vec<f32> {
+fn side_by_side(work: &Work, outputs: &Outputs) -> Vec<f32> {
+    let parts = [&outputs.embedding, &outputs.boxes, &outputs.direction];
     let count = work.labelled.len();
-    let widths = parts.map(|part| part.len() / count.max(1));
-    let mut rows = Vec::with_capacity(parts.iter().map(|part| part.len()).sum());
+    let mut rows = vec![];
     for row in 0..count {
-        for (part, width) in parts.iter().zip(widths) {
+        for part in parts {
+            let width = part.len() / count;
             rows.extend_from_slice(&part[row * width..][..width]);
         }
     }

@@ -4,18 +4,17 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use mluc_ipc_types::{FrameHeader, Stage};
-use mluc_runtime::{Shell, Shutdown, monotonic_ns};
+use mluc_runtime::{Payload, Shell, Shutdown, monotonic_ns};
 
 use super::{
-    Arrived, Element, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, read, silence,
-    sum_of,
+    Arrived, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, read, silence, sum_of,
 };
 
-pub(super) fn sender<T: Element>(link: &Link) -> Result<Sender> {
-    let elements = link.load.elements();
+pub(super) fn sender<T: Payload>(link: &Link) -> Result<Sender> {
+    let elements = link.elements;
     let instance = link.instance(Way::Hop)?;
     let mut shell = Shell::stage(&instance, Stage::Ingest, Shutdown::manual())?;
-    let output = shell.output::<T>(link.load.payload.topic(), elements)?;
+    let output = shell.output::<T>(link.payload.topic(), elements)?;
     // The shell is dropped last.
     let mut end = (output, shell);
     let mut sequence = 0;
@@ -44,11 +43,11 @@ pub(super) fn sender<T: Element>(link: &Link) -> Result<Sender> {
     }))
 }
 
-pub(super) fn receiver<T: Element>(link: &Link) -> Result<Receiver> {
+pub(super) fn receiver<T: Payload>(link: &Link) -> Result<Receiver> {
     let instance = link.instance(Way::Hop)?;
     let shutdown = Shutdown::manual();
     let shell = Shell::stage(&instance, Stage::Backbone, shutdown.clone())?;
-    let input = shell.input::<T>(link.load.payload.topic())?;
+    let input = shell.input::<T>(link.payload.topic())?;
     let mut end = (input, shell);
     Ok(Box::new(move || {
         let (input, shell) = &mut end;

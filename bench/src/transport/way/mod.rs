@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use anyhow::Result;
 use mluc_ipc_types::{Detection, FeatureBlock, Object, Point};
-use mluc_runtime::Instance;
+use mluc_runtime::{Instance, Payload as Element};
 use serde::{Deserialize, Serialize};
 
-use super::load::{Load, Payload, Wake};
+use super::load::{Payload, Wake};
 
 /// One way from process to process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize)]
@@ -38,7 +38,6 @@ impl Way {
     }
 }
 
-/// Longest time that a receiver waits for one message.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 
 fn silence(way: Way) -> String {
@@ -61,7 +60,6 @@ pub(crate) struct Sent {
 pub(crate) struct Arrived {
     /// The clock once the whole message was there.
     pub(crate) at_ns: u64,
-    /// Of the words read.
     pub(crate) sum: u32,
 }
 
@@ -74,7 +72,7 @@ pub(crate) type Receiver = Box<dyn FnMut() -> Result<Arrived>>;
 /// Makes a generic end for the elements that the topic of a link carries.
 macro_rules! for_elements {
     ($link:expr, $($end:ident)::+) => {
-        match $link.load.payload {
+        match $link.payload {
             Payload::Points => $($end)::+::<Point>($link),
             Payload::Features => $($end)::+::<FeatureBlock>($link),
             Payload::Detections => $($end)::+::<Detection>($link),
@@ -86,13 +84,21 @@ macro_rules! for_elements {
 /// What both ends must agree on.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Link {
-    pub(crate) load: Load,
+    pub(crate) ways: Vec<Way>,
+    /// The receiver's.
+    pub(crate) core: Option<usize>,
+    pub(crate) payload: Payload,
+    pub(crate) elements: usize,
     pub(crate) wake: Wake,
     /// Part of the name of everything shared.
     pub(crate) label: String,
 }
 
 impl Link {
+    pub(crate) fn bytes(&self) -> usize {
+        self.elements * self.payload.topic().element_bytes
+    }
+
     /// A pipeline of its own for each way.
     fn instance(&self, way: Way) -> Result<Instance> {
         Ok(Instance::new(&format!("{}-{}", self.label, way.name()))?)
@@ -116,13 +122,6 @@ impl Link {
         }
     }
 }
-
-/// What the topics carry: plain data of whole words.
-pub(crate) trait Element:
-    bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend
-{
-}
-impl<T: bytemuck::Pod + std::fmt::Debug + iceoryx2::prelude::ZeroCopySend> Element for T {}
 
 /// An element that is the same word everywhere.
 fn element_of<T: Element>(word: u32) -> T {

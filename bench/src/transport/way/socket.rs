@@ -11,7 +11,7 @@ use super::{Arrived, Link, PATIENCE, Receiver, Sender, Sent, read, sum_of};
 
 pub(super) fn sender(link: &Link) -> Result<Sender> {
     let listener = UnixListener::bind_addr(&address(link)?).context("making a socket")?;
-    let mut words = vec![0; link.load.whole_bytes() / 4];
+    let mut words = vec![0; link.bytes() / 4];
     let mut connected = None;
     Ok(Box::new(move |word| {
         let stream = match &mut connected {
@@ -35,7 +35,7 @@ pub(super) fn receiver(link: &Link) -> Result<Receiver> {
     let mut stream = UnixStream::connect_addr(&address(link)?)
         .and_then(|stream| stream.set_read_timeout(Some(PATIENCE)).map(|()| stream))
         .context("connecting to a socket")?;
-    let mut words = vec![0u32; link.load.whole_bytes() / 4];
+    let mut words = vec![0u32; link.bytes() / 4];
     Ok(Box::new(move || {
         let bytes = bytemuck::cast_slice_mut(&mut words);
         stream.read_exact(bytes).context("reading the socket")?;

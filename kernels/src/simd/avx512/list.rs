@@ -10,12 +10,10 @@ use crate::simd::list::{GROUP, Lists};
 #[inline(always)]
 pub(super) fn list<const BF16: bool, const VNNI: bool>(
     _: Avx512<BF16, VNNI>,
-    index: &[u32],
-    taps: usize,
-    first: usize,
     lists: &mut Lists,
+    first: usize,
 ) {
-    let rows = index.len() / taps;
+    let (index, taps, rows) = (lists.index, lists.taps, lists.rows);
     let width = (taps - first).min(GROUP);
     lists.counts = [0; GROUP];
     // SAFETY: the first argument is the proof of the features. Loads: `tile` reads rows below `rows` only, of them

@@ -3,7 +3,7 @@
 //! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed`
 //! and everything else is passed over.
 
-use crate::{EvaluateError, SensorDetection};
+use crate::{EvaluateError, Result, SensorDetection};
 use mluc_ipc_types::WIRE_VERSION;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -22,9 +22,7 @@ struct Line {
 }
 
 /// Reads JSON lines: detections by frame name. A frame that comes twice is an error, as is a line cut short.
-pub fn read_json_lines(
-    path: &Path,
-) -> Result<BTreeMap<String, Vec<SensorDetection>>, EvaluateError> {
+pub(super) fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetection>>> {
     let failed = |e| EvaluateError::file(path, e);
     let mut reader = BufReader::new(std::fs::File::open(path).map_err(failed)?);
     let mut frames = BTreeMap::new();
@@ -40,39 +38,42 @@ pub fn read_json_lines(
             break;
         }
         if count as u64 > LINE_BYTES_MAX {
-            return Err(fault(format!(
-                "expected at most {LINE_BYTES_MAX} bytes a line, found more"
-            )));
+            let expected = format!("expected at most {LINE_BYTES_MAX} bytes a line, found more");
+            return Err(fault(expected));
         }
         if bytes.trim_ascii().is_empty() {
             continue;
         }
-        let line: Line = serde_json::from_slice(&bytes).map_err(|e| fault(e.to_string()))?;
-        if let Some(found) = line.wire.filter(|&wire| wire != WIRE_VERSION) {
-            return Err(fault(format!(
-                "field wire: expected {WIRE_VERSION}, found {found}"
-            )));
+        let line = parse(&bytes).map_err(&fault)?;
+        if frames.contains_key(&line.frame) {
+            let expected = "field frame: expected each frame once";
+            return Err(fault(format!("{expected}, found '{}' again", line.frame)));
         }
-        let mut sizes = line.objects.iter().flat_map(|o| o.box_in_sensor.size_m);
-        if let Some(found) = sizes.find(|v| !(v.is_finite() && *v > 0.0)) {
-            return Err(fault(format!(
-                "field size_m: expected sizes above 0, found {found}"
-            )));
-        }
-        if frames.insert(line.frame.clone(), line.objects).is_some() {
-            return Err(fault(format!(
-                "field frame: expected each frame once, found '{}' again",
-                line.frame
-            )));
-        }
+        frames.insert(line.frame, line.objects);
     }
     Ok(frames)
+}
+
+/// What is wrong with a line by itself is told without its place.
+fn parse(bytes: &[u8]) -> Result<Line, String> {
+    let line: Line = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
+    if let Some(found) = line.wire.filter(|&wire| wire != WIRE_VERSION) {
+        return Err(format!(
+            "field wire: expected {WIRE_VERSION}, found {found}"
+        ));
+    }
+    let mut sizes = line.objects.iter().flat_map(|o| o.box_in_sensor.size_m);
+    match sizes.find(|v| !(v.is_finite() && *v > 0.0)) {
+        Some(found) => Err(format!(
+            "field size_m: expected sizes above 0, found {found}"
+        )),
+        None => Ok(line),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ObjectKind;
     use mluc_geometry::Box3;
 
     const LINE: &str = r#"{"wire":WIRE,"sequence":8,"frame":"000008","objects":[{"kind":"unknown","label":"unknown","score":0.5,"center_m":[10,1,-1],"size_m":[4,2,1.5],"yaw_rad":0.1,"points":9}],"suppressed":[{"reason":"overlaps_known"}],"flags":[]}"#;
@@ -94,14 +95,8 @@ mod tests {
     fn takes_objects_and_passes_over_the_rest() {
         let good = good();
         let frames = read_text(&format!("{good}\n\n")).expect("a frame");
-        let objects = &frames["000008"];
-        let (count, first) = (objects.len(), &objects[0]);
-        assert_eq!(
-            (count, first.kind, first.score),
-            (1, ObjectKind::Unknown, 0.5)
-        );
-        let expected = Box3::new([10.0, 1.0, -1.0, 4.0, 2.0, 1.5, 0.1]);
-        assert_eq!(first.box_in_sensor, expected);
+        let place = Box3::new([10.0, 1.0, -1.0, 4.0, 2.0, 1.5, 0.1]);
+        assert_eq!(frames["000008"], [SensorDetection::unknown(0.5, place)]);
         assert!(read_text("").expect("nothing").is_empty());
     }
 

@@ -6,12 +6,9 @@
 
 mod json_lines;
 
-pub use json_lines::read_json_lines;
-
-use crate::{
-    CameraDetection, EvaluateError, FrameTruth, LabelledFrame, ObjectKind, SensorDetection, UNKNOWN,
-};
-use mluc_dataset::{Label, file_stems, read_calibration, read_detections, read_labels};
+use crate::{EvaluateError, FrameTruth, LabelledFrame, Result, SensorDetection};
+use json_lines::read_json_lines;
+use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels};
 use mluc_geometry::ImageSize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -43,7 +40,7 @@ pub fn sources(
     labels: &[PathBuf],
     detections: &[PathBuf],
     calibrations: &[PathBuf],
-) -> Result<Vec<Source>, EvaluateError> {
+) -> Result<Vec<Source>> {
     let expected = labels.len();
     for (what, found, optional) in [
         ("--detections", detections.len(), false),
@@ -69,7 +66,7 @@ type Lines<'a> = (&'a Path, BTreeMap<String, Vec<SensorDetection>>);
 /// Reads every source. Frames without detections count with none found, and are warned about; so are detections of
 /// frames that have no labels, which are left out. A source whose detections all lie elsewhere is an error.
 /// `image` overrides the size of the images beside the labels.
-pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input, EvaluateError> {
+pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input> {
     let mut input = Input::default();
     for source in sources {
         let labelled = file_stems(&source.labels, "txt", "label files (*.txt)")?;
@@ -78,7 +75,8 @@ pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input, Evalu
             Some((_, frames)) => frames.keys().cloned().collect(),
             None => file_stems(&source.detections, "txt", "detection files (*.txt)")?,
         };
-        compare_names(source, &labelled, &detected, &mut input.warnings)?;
+        let warnings = compare_names(source, &labelled, &detected)?;
+        input.warnings.extend(warnings);
         for name in &labelled {
             let frame = frame(source, lines.as_ref(), name, image)?;
             input.frames.push(frame);
@@ -88,7 +86,7 @@ pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input, Evalu
 }
 
 /// `None` where the detections are files of a folder.
-fn lines(source: &Source) -> Result<Option<Lines<'_>>, EvaluateError> {
+fn lines(source: &Source) -> Result<Option<Lines<'_>>> {
     let path = &source.detections;
     let fault = |what| Err(EvaluateError::file(path, what));
     if path.is_dir() {
@@ -112,14 +110,14 @@ fn frame(
     lines: Option<&Lines>,
     name: &str,
     image: Option<ImageSize>,
-) -> Result<LabelledFrame, EvaluateError> {
+) -> Result<LabelledFrame> {
     let file = format!("{name}.txt");
     let labels = read_labels(&source.labels.join(&file))?.into();
     let Some((calibrations, frames)) = lines else {
         let path = source.detections.join(file);
-        let lines = path.is_file().then(|| read_detections(&path));
-        let lines = lines.transpose()?.unwrap_or_default();
-        let detections = lines.into_iter().map(detection).collect();
+        // The image boxes are the file's own; nothing is dropped.
+        let detections = path.is_file().then(|| read_detections(&path));
+        let detections = detections.transpose()?.unwrap_or_default();
         return Ok(LabelledFrame { labels, detections });
     };
     let truth = FrameTruth {
@@ -130,29 +128,8 @@ fn frame(
     Ok(truth.with(frames.get(name).map_or(&[], Vec::as_slice)))
 }
 
-/// The image box is the file's own; nothing is dropped.
-fn detection(line: Label) -> CameraDetection {
-    CameraDetection {
-        kind: if line.is(UNKNOWN) {
-            ObjectKind::Unknown
-        } else {
-            ObjectKind::Known
-        },
-        // The reader has seen to it that detections have a score.
-        score: line.score.unwrap_or_default(),
-        image_box_px: line.image_box_px,
-        upright: line.camera_box.upright(),
-        class: line.class,
-    }
-}
-
 /// Checks that labels and detections share frames, and says what only one of them has.
-fn compare_names(
-    source: &Source,
-    labelled: &[String],
-    detected: &[String],
-    warnings: &mut Vec<String>,
-) -> Result<(), EvaluateError> {
+fn compare_names(source: &Source, labelled: &[String], detected: &[String]) -> Result<Vec<String>> {
     let only = |these: &[String], others: &[String]| -> Vec<String> {
         let others: BTreeSet<&String> = others.iter().collect();
         let alone = these.iter().filter(|name| !others.contains(name));
@@ -169,20 +146,17 @@ fn compare_names(
     }
     let missing_words = "have labels but no detections: counted with nothing found";
     let foreign_words = "have detections but no labels: left out";
-    for (names, what, path) in [
-        (missing, missing_words, &source.detections),
-        (foreign, foreign_words, &source.labels),
-    ] {
-        if let Some(first) = names.first() {
-            let (path, count) = (path.display(), names.len());
-            warnings.push(format!("{path}: {count} frames {what} (first: {first})"));
-        }
-    }
-    Ok(())
+    let warning = |names: &[String], what: &str, path: &Path| {
+        let (first, path, count) = (names.first()?, path.display(), names.len());
+        Some(format!("{path}: {count} frames {what} (first: {first})"))
+    };
+    let missing = warning(&missing, missing_words, &source.detections);
+    let foreign = warning(&foreign, foreign_words, &source.labels);
+    Ok([missing, foreign].into_iter().flatten().collect())
 }
 
 /// Size of `image_2/NAME.png` beside the folder of labels where it is present, else KITTI's.
-pub(crate) fn image_size_beside(labels: &Path, name: &str) -> Result<ImageSize, EvaluateError> {
+pub(crate) fn image_size_beside(labels: &Path, name: &str) -> Result<ImageSize> {
     let path = labels.join("../image_2").join(format!("{name}.png"));
     if !path.is_file() {
         return Ok(ImageSize::KITTI);

@@ -2,7 +2,7 @@
 
 use super::ModelGate;
 use crate::input::image_size_beside;
-use crate::{EvaluateError, FrameTruth};
+use crate::{EvaluateError, FrameTruth, Result};
 use mluc_dataset::{Dataset, DatasetError};
 use mluc_head::Detection;
 use mluc_ipc_types::{POINTS_MAX, Point};
@@ -46,15 +46,8 @@ impl DetectedFrame {
 impl FrameSet {
     /// The first `frames_max` frames of `root`: of the split that `root/ImageSets/SPLIT.txt` names, or of all scans.
     /// A frame without a label file is an error, before anything is computed.
-    pub fn open(
-        root: &Path,
-        split: Option<&str>,
-        frames_max: usize,
-    ) -> Result<FrameSet, EvaluateError> {
-        let dataset = match split {
-            Some(split) => Dataset::open_split(root, split)?,
-            None => Dataset::open(root)?,
-        };
+    pub fn open(root: &Path, split: Option<&str>, frames_max: usize) -> Result<FrameSet> {
+        let dataset = Dataset::open_split(root, split)?;
         let names: Vec<String> = dataset.names().iter().take(frames_max).cloned().collect();
         for name in &names {
             let path = dataset.label_path(name);
@@ -70,16 +63,6 @@ impl FrameSet {
         })
     }
 
-    /// Number of frames.
-    pub fn len(&self) -> usize {
-        self.names.len()
-    }
-
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.names.is_empty()
-    }
-
     /// Names of the frames, in order.
     pub fn names(&self) -> &[String] {
         &self.names
@@ -91,16 +74,16 @@ impl FrameSet {
         let folder = folder.canonicalize().unwrap_or(folder.to_owned());
         // The folder above tells data sets apart whose splits are folders of the same names.
         let tail = folder_tail(&folder);
-        format!("{tail}, split {}, {} frames", self.split, self.len())
+        format!("{tail}, split {}, {} frames", self.split, self.names.len())
     }
 
     /// The frame's scan as the first stage hands it on.
-    pub fn points(&self, index: usize) -> Result<Vec<Point>, EvaluateError> {
+    pub fn points(&self, index: usize) -> Result<Vec<Point>> {
         Ok(scan_points(&self.dataset, &self.names[index])?)
     }
 
     /// The frame's labels and how it is seen.
-    pub fn truth(&self, index: usize) -> Result<FrameTruth, EvaluateError> {
+    pub fn truth(&self, index: usize) -> Result<FrameTruth> {
         let name = &self.names[index];
         let labels = self.dataset.root().join("label_2");
         Ok(FrameTruth {

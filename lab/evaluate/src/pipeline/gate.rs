@@ -79,10 +79,13 @@ impl ModelGate {
         is_generic: bool,
         threshold: f32,
     ) -> Option<Detection> {
+        let (gate_kind, threshold) = match self {
+            ModelGate::Eds => (GateKind::Eds, threshold),
+            ModelGate::Known => (GateKind::UnknownProbability, unknown_min(threshold)),
+            ModelGate::Softmax => (GateKind::SoftmaxMax, threshold),
+        };
         let is_unknown = match self {
-            ModelGate::Known => {
-                gate::is_unknown(detection.unknown_probability, unknown_min(threshold))
-            }
+            ModelGate::Known => gate::is_unknown(detection.unknown_probability, threshold),
             _ => self.value(detection) < threshold,
         };
         if is_generic && !is_unknown {
@@ -93,11 +96,6 @@ impl ModelGate {
         } else {
             DetectionKind::Known
         };
-        let (gate, threshold) = match self {
-            ModelGate::Eds => (GateKind::Eds, threshold),
-            ModelGate::Known => (GateKind::UnknownProbability, unknown_min(threshold)),
-            ModelGate::Softmax => (GateKind::SoftmaxMax, threshold),
-        };
         let eds = match self {
             // The paper's refiner ranks by 1 / EDS: there the box carries this gate's rank.
             ModelGate::Softmax => 1.0 / self.rank(detection).max(1e-6),
@@ -105,7 +103,7 @@ impl ModelGate {
         };
         Some(Detection {
             kind: kind as u32,
-            gate: gate as u32,
+            gate: gate_kind as u32,
             threshold,
             eds,
             ..*detection

@@ -1,5 +1,6 @@
 //! What became of each label, by class and range: the question that an average precision does not answer.
 
+use crate::frame::score_of;
 use crate::{ClassRule, Difficulty, LabelledFrame, ObjectKind};
 use mluc_dataset::Label;
 use mluc_geometry::{Box3, iou_3d};
@@ -74,10 +75,10 @@ pub(super) fn misses(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<MissT
 fn count_label(label: &Box3, frame: &LabelledFrame, rule: &ClassRule, row: &mut MissRow) {
     let (mut found, mut weak, mut displaced, mut other) = (false, false, false, false);
     for detection in &frame.detections {
-        let overlap = iou_3d(&detection.upright, label);
+        let overlap = iou_3d(&detection.camera_box.upright(), label);
         let own = rule.claims(detection);
         // The scores of unknown detections only order them.
-        let sure = detection.score >= SCORE_MIN || rule.kind == ObjectKind::Unknown;
+        let sure = score_of(detection) >= SCORE_MIN || rule.kind == ObjectKind::Unknown;
         found |= own && sure && overlap > rule.iou_min;
         weak |= own && !sure && overlap > rule.iou_min;
         displaced |= own && overlap > TOUCHES_IOU;

@@ -5,7 +5,6 @@
 //! [`choose_threshold`] follows the paper's rule (section 4.3); [`write_threshold`] puts the choice into the model file, with how it
 //! was made.
 
-mod choice;
 mod frames;
 mod gate;
 mod judge;
@@ -15,10 +14,9 @@ mod separation;
 mod stages;
 
 pub use crate::rule::{paper_rules, unknown_classes};
-pub use choice::{Choice, choose_threshold, write_threshold};
 pub use frames::{DetectedFrame, FrameSet, folder_tail, scan_points};
 pub use gate::{ModelGate, THRESHOLDS};
-pub use judge::{ModelJudgement, judge, sweep_gate};
+pub use judge::{Choice, ModelJudgement, choose_threshold, judge, sweep_gate, write_threshold};
 pub use misses::{MissRow, MissTable};
 pub use separation::{ScoreSeparation, separation};
 pub use stages::{GatedObjects, box_of, class_names, detect_frames, objects_at};

@@ -93,8 +93,8 @@ fn judged_boxes<'a>(
     rules: &'a [ClassRule],
 ) -> Vec<JudgedBox<'a>> {
     let upright = |d: &Detection| -> Option<Box3> {
-        let (_, upright) = frame.truth.in_camera(&box_of(d))?;
-        Some(upright)
+        let (_, camera_box) = frame.truth.in_camera(&box_of(d))?;
+        Some(camera_box.upright())
     };
     let boxes: Vec<Option<Box3>> = frame.detections.iter().map(upright).collect();
     let mut taken = vec![false; boxes.len()];

@@ -3,8 +3,7 @@
 use super::{DetectedFrame, FrameSet, ModelGate};
 use crate::sweep::sweep;
 use crate::{
-    ClassRule, EvaluateError, FrameTruth, JudgedPoint, LabelledFrame, ObjectKind, SensorDetection,
-    UNKNOWN,
+    ClassRule, FrameTruth, JudgedPoint, LabelledFrame, ObjectKind, Result, SensorDetection, UNKNOWN,
 };
 use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;
@@ -21,7 +20,7 @@ pub fn detect_frames(
     model: &Model,
     set: &FrameSet,
     mut step: impl FnMut(),
-) -> Result<Vec<DetectedFrame>, EvaluateError> {
+) -> Result<Vec<DetectedFrame>> {
     let mut manifest = model.manifest.clone();
     if manifest.network.head == HeadKind::Open {
         // Boxes without a class are kept whatever the threshold: the gate drops them later.
@@ -43,7 +42,7 @@ pub fn detect_frames(
             generic,
         })
     };
-    (0..set.len()).map(&mut one).collect()
+    (0..set.names().len()).map(&mut one).collect()
 }
 
 impl SensorDetection {
@@ -140,7 +139,7 @@ pub fn objects_at(
     settings: &Settings,
     thresholds: Vec<f64>,
     step: &(dyn Fn() + Sync),
-) -> Result<GatedObjects, EvaluateError> {
+) -> Result<GatedObjects> {
     let classes = class_names(model);
     // A refiner's buffers are large, so they go from frame to frame.
     let refiner = || Refiner::for_model(settings.clone(), model);
@@ -166,8 +165,8 @@ pub fn objects_at(
         step();
         Ok(found)
     };
-    let frames = (0..set.len()).into_par_iter();
-    let objects: Result<_, EvaluateError> = frames.map_init(refiner, one).collect();
+    let frames = (0..set.names().len()).into_par_iter();
+    let objects: Result<_> = frames.map_init(refiner, one).collect();
     Ok(GatedObjects {
         objects: objects?,
         thresholds,

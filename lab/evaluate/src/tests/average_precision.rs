@@ -4,8 +4,8 @@ use super::{found, frame, label};
 use crate::curve::Curve;
 use crate::matching::match_frames;
 use crate::{
-    AveragePrecision, CameraDetection, ClassRule, Difficulty, LabelledFrame, Metric,
-    NeighbourPolicy, UnknownProtocol,
+    AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, NeighbourPolicy,
+    UnknownProtocol,
 };
 use mluc_dataset::Label;
 use mluc_geometry::{Random, iou_3d};
@@ -18,7 +18,7 @@ fn object(class: &str, place: usize) -> Label {
 }
 
 /// The same, so high in the image.
-fn with_height(mut detection: CameraDetection, height_px: f64) -> CameraDetection {
+fn with_height(mut detection: Label, height_px: f64) -> Label {
     detection.image_box_px[3] = detection.image_box_px[1] + height_px;
     detection
 }
@@ -37,7 +37,7 @@ fn curve(frames: &[LabelledFrame], rule: &ClassRule, metric: Metric) -> Curve {
 }
 
 /// AP of one frame over all points.
-fn ap_all(labels: &[&Label], detections: &[CameraDetection], rule: &ClassRule) -> f64 {
+fn ap_all(labels: &[&Label], detections: &[Label], rule: &ClassRule) -> f64 {
     let labels = labels.iter().map(|label| (*label).clone()).collect();
     let curve = curve(&[frame(labels, detections.to_vec())], rule, SPACE);
     curve.average_precision().all
@@ -47,12 +47,7 @@ fn ap_all(labels: &[&Label], detections: &[CameraDetection], rule: &ClassRule) -
 const ONE_FALSE: f64 = 100.0 * 41.0 / 42.0;
 
 /// AP of 41 cars that are found, and in the first frame a detection and perhaps a label more.
-fn ap_with(
-    label: Option<&Label>,
-    detection: CameraDetection,
-    rule: &ClassRule,
-    metric: Metric,
-) -> f64 {
+fn ap_with(label: Option<&Label>, detection: Label, rule: &ClassRule, metric: Metric) -> f64 {
     let mut frames = perfect(41);
     frames[0].labels = frames[0].labels.iter().chain(label).cloned().collect();
     frames[0].detections.push(detection);
@@ -221,8 +216,7 @@ fn an_overlap_equal_to_the_least_one_is_no_match() {
     let label = object("Car", 0);
     let mut detection = found(&label, "car", 0.9);
     // Half as high and inside: IoU exactly 0.5.
-    detection.upright.size_m[2] /= 2.0;
-    detection.upright.center_m[2] -= detection.upright.size_m[2] / 2.0;
+    detection.camera_box.size_hwl_m[0] /= 2.0;
     for (iou_min, expected) in [(0.5, 0.0), (0.499, 100.0)] {
         let all = ap_all(&[&label], std::slice::from_ref(&detection), &car(iou_min));
         assert_eq!(all, expected);
@@ -330,7 +324,7 @@ fn every_threshold_agrees_with_matching_from_scratch() {
         let threshold = f64::from(step) / 20.0;
         let mut cut = frames.clone();
         for frame in &mut cut {
-            frame.detections.retain(|d| d.score >= threshold);
+            frame.detections.retain(|d| d.score >= Some(threshold));
         }
         let of = |frames: &[LabelledFrame]| curve(frames, &rule, SPACE).counts_at(threshold);
         assert_eq!(of(&frames), of(&cut), "threshold {threshold}");
@@ -348,7 +342,8 @@ fn plain_counts(frames: &[LabelledFrame], rule: &ClassRule) -> (i64, i64) {
         let mut taken = vec![false; found.len()];
         for label in frame.labels.iter() {
             let valid = label.class == "Car" && label.occluded <= 1;
-            let overlap = |i: usize| iou_3d(&found[i].upright, &label.camera_box.upright());
+            let overlap =
+                |i: usize| iou_3d(&found[i].camera_box.upright(), &label.camera_box.upright());
             let is_free = |i: &usize| !taken[*i] && overlap(*i) > rule.iou_min;
             let free: Vec<usize> = (0..taken.len()).filter(is_free).collect();
             let own = free.iter().copied().filter(|&i| is_own(i));

@@ -3,7 +3,7 @@
 mod average_precision;
 mod open_set;
 
-use crate::{CameraDetection, LabelledFrame, ObjectKind, UNKNOWN};
+use crate::LabelledFrame;
 use mluc_dataset::Label;
 use mluc_geometry::CameraBox;
 
@@ -23,22 +23,20 @@ pub(crate) fn label(class: &str, x_m: f64) -> Label {
 }
 
 /// A detection just there.
-pub(crate) fn found(label: &Label, class: &str, score: f64) -> CameraDetection {
-    CameraDetection {
-        kind: [ObjectKind::Known, ObjectKind::Unknown][usize::from(class == UNKNOWN)],
+pub(crate) fn found(label: &Label, class: &str, score: f64) -> Label {
+    Label {
         class: class.to_owned(),
-        score,
-        image_box_px: label.image_box_px,
-        upright: label.camera_box.upright(),
+        score: Some(score),
+        ..label.clone()
     }
 }
 
 /// The same where a label of this place would be.
-pub(crate) fn found_at(x_m: f64, class: &str, score: f64) -> CameraDetection {
+pub(crate) fn found_at(x_m: f64, class: &str, score: f64) -> Label {
     found(&label("", x_m), class, score)
 }
 
-pub(crate) fn frame(labels: Vec<Label>, detections: Vec<CameraDetection>) -> LabelledFrame {
+pub(crate) fn frame(labels: Vec<Label>, detections: Vec<Label>) -> LabelledFrame {
     LabelledFrame {
         labels: labels.into(),
         detections,

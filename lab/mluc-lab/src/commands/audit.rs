@@ -36,7 +36,6 @@ pub(crate) struct AuditArguments {
     out: Option<PathBuf>,
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: AuditArguments) -> anyhow::Result<()> {
     let splits = Splits {
         root: arguments.root,

@@ -2,13 +2,11 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::Args;
-use mluc_dataset::whole_file::write_whole;
 use mluc_lab::exchange::export;
 use mluc_model::Model;
 
-use super::terminal::print_out;
+use super::terminal::write_out;
 
 /// Write a model's weights as safetensors with the names that OpenPCDet gives its layers (docs/weights.md).
 ///
@@ -23,7 +21,6 @@ pub(crate) struct ExportArguments {
     out: PathBuf,
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: ExportArguments) -> anyhow::Result<()> {
     let bytes = export(&Model::read(&arguments.model)?)?;
     let out = &arguments.out;
@@ -32,6 +29,5 @@ pub(crate) fn run(arguments: ExportArguments) -> anyhow::Result<()> {
         "--out: expected another file than --model, found the same, {}",
         out.display()
     );
-    write_whole(out, &bytes).with_context(|| out.display().to_string())?;
-    print_out(out.display())
+    write_out(out, &bytes)
 }

@@ -4,11 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::Args;
-use mluc_dataset::whole_file::write_whole;
 use mluc_lab::exchange::{self, Imported, import, second};
 use mluc_model::{AnchorClass, Manifest, model_bytes};
 
-use super::terminal::{print_err, print_out};
+use super::terminal::{print_err, write_out};
 
 /// Turn a checkpoint of OpenPCDet's SECOND into a model file with its closed-set head.
 ///
@@ -37,7 +36,6 @@ pub(crate) struct ImportArguments {
     /// Anchor of a class, m; bottom is its z in the sensor frame. Those of OpenPCDet's KITTI configurations are known.
     #[arg(long, value_parser = anchor, value_name = "CLASS=LENGTH,WIDTH,HEIGHT,BOTTOM")]
     anchor: Vec<AnchorClass>,
-    /// Height of the sensor above the ground, m.
     #[arg(long, default_value_t = 1.73)]
     sensor_height_m: f32,
     /// Boxes below this score are not reported.
@@ -83,14 +81,11 @@ impl ImportArguments {
     }
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
     let path = arguments.checkpoint.display();
     let bytes = std::fs::read(&arguments.checkpoint).with_context(|| path.to_string())?;
     let imported = import(&bytes, arguments.manifest()?).with_context(|| path.to_string())?;
     let model = model_bytes(&imported.manifest, &imported.weights)?;
-    let out = &arguments.out;
-    write_whole(out, &model).with_context(|| out.display().to_string())?;
     let Imported {
         manifest,
         weights,
@@ -105,5 +100,5 @@ pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
         classes.collect::<Vec<_>>().join(", "),
         manifest.empty_objectness_max,
     ));
-    print_out(out.display())
+    write_out(&arguments.out, &model)
 }

@@ -14,7 +14,6 @@ mod train;
 
 use clap::Subcommand;
 
-/// What `mluc-lab` can do.
 #[derive(Subcommand)]
 pub(crate) enum Command {
     Audit(audit::AuditArguments),
@@ -29,7 +28,6 @@ pub(crate) enum Command {
     Train(train::Train),
 }
 
-/// Runs one subcommand.
 pub(crate) fn run(command: Command) -> anyhow::Result<()> {
     match command {
         Command::Audit(arguments) => audit::run(arguments),

@@ -1,7 +1,7 @@
 //! `mluc-lab quantize`: makes a model fit for int8.
 
-use super::terminal::{counted, print_out};
-use anyhow::{Context, ensure};
+use super::terminal::{at_least_one, counted, print_out};
+use anyhow::Context;
 use clap::Args;
 use mluc_dataset::Dataset;
 use mluc_dataset::whole_file::write_whole;
@@ -30,7 +30,7 @@ pub(crate) struct QuantizeArguments {
     #[arg(long)]
     split: Option<String>,
     /// Frames to measure, evenly spaced.
-    #[arg(long, default_value_t = 48, value_name = "N")]
+    #[arg(long, default_value_t = 48, value_parser = at_least_one, value_name = "N")]
     frames: usize,
     /// Frames to compare the precisions on, between those.
     #[arg(long, default_value_t = 8, value_name = "N")]
@@ -43,19 +43,13 @@ pub(crate) struct QuantizeArguments {
     json: bool,
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
-    let is_some = arguments.frames > 0;
-    ensure!(is_some, "--frames: expected 1 or more, found 0");
     let model = Model::read(&arguments.model)?;
-    let dataset = match &arguments.split {
-        Some(split) => Dataset::open_split(&arguments.data, split)?,
-        None => Dataset::open(&arguments.data)?,
-    };
+    let dataset = Dataset::open_split(&arguments.data, arguments.split.as_deref())?;
     let frames = evenly(dataset.names(), arguments.frames, 0.0);
     let data = &arguments.data;
     let folder = folder_tail(&data.canonicalize().unwrap_or(data.clone()));
-    let (count, all) = (frames.len(), dataset.len());
+    let (count, all) = (frames.len(), dataset.names().len());
     let describe = format!("{count} of {all} frames of {folder}");
     let calibrated = counted("ranges", count, |step| {
         calibrate(&model, &dataset, &frames, &describe, step)

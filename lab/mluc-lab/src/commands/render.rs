@@ -56,7 +56,6 @@ fn scale(text: &str) -> Result<f32, String> {
     }
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: RenderArguments) -> anyhow::Result<()> {
     let out = arguments.out.display();
     let picture = arguments.draw()?.png();
@@ -71,7 +70,11 @@ impl RenderArguments {
         let color = match self.color {
             ColorBy::Height => PointColor::Height,
             ColorBy::Label => {
-                PointColor::Each(points.iter().map(|p| color_inside(p, &boxes)).collect())
+                let color = |p: &[f32; 4]| {
+                    let around = boxes.iter().find(|(_, b)| b.has_point(p));
+                    around.map_or(OUTSIDE, |(label, _)| label_color(&label.class))
+                };
+                PointColor::Each(points.iter().map(color).collect())
             }
         };
         let title = self.scan.file_stem().unwrap_or_default().to_string_lossy();
@@ -121,34 +124,24 @@ impl RenderArguments {
     }
 }
 
-fn color_inside(point: &[f32; 4], boxes: &[(Label, Box3)]) -> Color {
-    let around = boxes.iter().find(|(_, b)| b.has_point(point));
-    around.map_or(OUTSIDE, |(label, _)| label_color(&label.class))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mluc_tests::{NO_CAMERA, write_file};
 
     #[test]
     fn points_in_a_labelled_box_take_its_colour() {
         let folder = tempfile::tempdir().expect("a folder");
-        let write = |name: &str, bytes: &[u8]| {
-            let path = folder.path().join(name);
-            std::fs::write(&path, bytes).expect("written");
-            path
-        };
+        let [scan, labels, calibration] =
+            ["0.bin", "l.txt", "c.txt"].map(|name| folder.path().join(name));
         // One point in the car's box 20 m ahead, in the middle of a pixel, one far beside it.
         let points = [[19.95f32, -0.05, -1.0, 0.0], [20.0, 15.0, -1.0, 0.0]];
-        let scan = write("0.bin", bytemuck::cast_slice(&points));
-        let labels = write(
-            "l.txt",
-            b"Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n",
+        write_file(&scan, bytemuck::cast_slice::<_, u8>(&points));
+        write_file(
+            &labels,
+            "Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n",
         );
-        let calibration = write(
-            "c.txt",
-            b"P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n",
-        );
+        write_file(&calibration, NO_CAMERA);
         let draw = |scan: &PathBuf, labels: Option<PathBuf>| {
             let arguments = RenderArguments {
                 scan: scan.clone(),

@@ -130,7 +130,6 @@ impl ReproduceArguments {
     }
 }
 
-/// Runs it.
 pub(crate) fn run_command(arguments: ReproduceArguments) -> anyhow::Result<()> {
     arguments.threads.start()?;
     let options = arguments.options()?;

@@ -1,7 +1,9 @@
 //! What commands print, and what their options share. A terminal or file that is full or closed must not stop the work.
 
+use mluc_dataset::whole_file::write_whole;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -17,6 +19,12 @@ pub(crate) fn print_err(text: impl Display) {
 /// The command's answer, a line on stdout.
 pub(crate) fn print_out(text: impl Display) -> anyhow::Result<()> {
     writeln!(stdout(), "{text}").context("standard output")
+}
+
+/// Writes a file, whole or not at all, and answers with its path.
+pub(crate) fn write_out(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    write_whole(path, bytes).with_context(|| path.display().to_string())?;
+    print_out(path.display())
 }
 
 /// Without a terminal, a line this often.
@@ -89,6 +97,12 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
         let found = all.iter().find(|value| name(**value) == given);
         *found.expect("clap has compared the names")
     })
+}
+
+/// A number that may not be 0.
+pub(crate) fn at_least_one(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| *number > 0);
+    number.ok_or_else(|| format!("expected 1 or more, found {text}"))
 }
 
 /// Threads of a command.

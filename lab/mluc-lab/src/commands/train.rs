@@ -215,7 +215,6 @@ fn tune_memory() {
     print_err(format_args!("the allocator keeps its defaults: {fault}"));
 }
 
-/// Runs it.
 pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     tune_memory();

@@ -12,7 +12,6 @@ pub(super) const MANIFEST_KEY: &str = "mluc";
 /// How PyTorch's files begin: a zip archive, or (before PyTorch 1.6) a pickle of protocol 2.
 const PYTORCH: [&[u8]; 2] = [b"PK\x03\x04", b"\x80\x02"];
 
-/// What a file holds.
 pub(super) struct Checkpoint {
     /// Weights by their names in the file. Counters and other integers are left out.
     pub(super) tensors: BTreeMap<String, Tensor>,

@@ -5,7 +5,6 @@ use mluc_backbone::Backbone;
 use mluc_head::Head;
 use mluc_model::{AnchorClass, Grid, HeadKind, Manifest, Network, Tensor, WeightSet};
 
-use super::SparseLayout;
 use super::checkpoint::{self, Checkpoint};
 use super::names::{tensor_names, unchanged_names};
 
@@ -64,7 +63,10 @@ pub fn import(bytes: &[u8], second: Manifest) -> anyhow::Result<Imported> {
     let checkpoint = checkpoint::read(bytes)?;
     let Some(json) = &checkpoint.manifest else {
         let mut imported = fill(second, checkpoint)?;
-        imported.manifest.empty_objectness_max = empty_score(&imported)?;
+        let (manifest, weights) = (&imported.manifest, &imported.weights);
+        let rows = Backbone::new(manifest, weights)?.empty_rows()?;
+        let empty_score = Head::new(manifest, weights)?.objectness_max(&rows);
+        imported.manifest.empty_objectness_max = empty_score;
         // Refuses a network that sees things where nothing is.
         Head::new(&imported.manifest, &imported.weights)?;
         return Ok(imported);
@@ -143,8 +145,57 @@ fn fitted(
     )
 }
 
-/// The largest score of a scan without points.
-fn empty_score(imported: &Imported) -> anyhow::Result<f32> {
-    let rows = Backbone::new(&imported.manifest, &imported.weights)?.empty_rows()?;
-    Ok(Head::new(&imported.manifest, &imported.weights)?.objectness_max(&rows))
+/// The order of axes of a sparse convolution's weights: it changed between versions of spconv, and a file does not say which it has.
+/// The layers whose channels differ in number tell. (z, y, x) are the taps of the kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SparseLayout {
+    /// spconv 2: (out, z, y, x, in), which is also ours.
+    OutTapsIn,
+    /// spconv 1: (z, y, x, in, out).
+    TapsInOut,
+    /// spconv 2 with its native algorithm: (z, y, x, out, in).
+    TapsOutIn,
+}
+
+impl SparseLayout {
+    /// Every layout that is read, the likeliest first.
+    pub const ALL: [SparseLayout; 3] = [
+        SparseLayout::OutTapsIn,
+        SparseLayout::TapsInOut,
+        SparseLayout::TapsOutIn,
+    ];
+
+    /// The shape in this layout of a tensor with shape `ours`.
+    pub fn shape(self, [out, z, y, x, cin]: [usize; 5]) -> [usize; 5] {
+        match self {
+            SparseLayout::OutTapsIn => [out, z, y, x, cin],
+            SparseLayout::TapsInOut => [z, y, x, cin, out],
+            SparseLayout::TapsOutIn => [z, y, x, out, cin],
+        }
+    }
+
+    /// The first layout that fits every layer: pairs of our shape and the shape found.
+    pub fn of(layers: &[([usize; 5], Vec<usize>)]) -> Option<SparseLayout> {
+        let fits = |layout: &SparseLayout| {
+            let mut layers = layers.iter();
+            layers.all(|(ours, found)| layout.shape(*ours)[..] == found[..])
+        };
+        SparseLayout::ALL.into_iter().find(fits)
+    }
+
+    /// From this layout to ours, (out, z, y, x, in). `tensor` has [`SparseLayout::shape`] of `ours`.
+    pub fn to_ours(self, tensor: &Tensor, ours: [usize; 5]) -> Tensor {
+        let [out, z, y, x, cin] = ours;
+        let taps = z * y * x;
+        let at = |o: usize, tap: usize, i: usize| match self {
+            SparseLayout::OutTapsIn => (o * taps + tap) * cin + i,
+            SparseLayout::TapsInOut => (tap * cin + i) * out + o,
+            SparseLayout::TapsOutIn => (tap * out + o) * cin + i,
+        };
+        let places = (0..out * taps * cin).map(|n| at(n / cin / taps, n / cin % taps, n % cin));
+        Tensor {
+            shape: ours.to_vec(),
+            data: places.map(|place| tensor.data[place]).collect(),
+        }
+    }
 }

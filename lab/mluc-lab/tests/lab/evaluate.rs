@@ -3,7 +3,7 @@
 use crate::{Folder, text};
 use mluc_dataset::read_boxes;
 use mluc_geometry::Box3;
-use mluc_tests::{NO_CAMERA, untrained_udi};
+use mluc_tests::{NO_CAMERA, assert_has, untrained_udi};
 use serde_json::{Value, json};
 
 const CAMERA: &str = "P2: 700 0 600 0 0 700 180 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
@@ -98,16 +98,8 @@ fn a_perfect_detector_without_a_camera() {
 
     let table = folder.run(&ap("a", OPEN_SET.trim_start_matches("--json")));
     let table = text(&table.stdout);
-    let classes = ["car", "pedestrian", "unknown"];
-    let others = [
-        "50 frames, 150 detections",
-        "harmonic mean",
-        "found as",
-        "50 van",
-    ];
-    for word in classes.into_iter().chain(others) {
-        assert!(table.contains(word), "{word}: {table}");
-    }
+    assert_has(&table, &["car", "pedestrian", "unknown", "harmonic mean"]);
+    assert_has(&table, &["50 frames, 150 detections", "found as", "50 van"]);
 
     // The closed set has no open-set figures, and its keys are the devkit's nine a class.
     let report = folder.json(&ap("a", "--json"));
@@ -157,9 +149,10 @@ fn frames_without_detections_count_and_are_warned_about() {
     let report = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(figure(&report, CAR, "ap_all"), 50.0);
     let warnings = text(&output.stderr);
-    for words in ["1 frames have labels but no detections", "000000"] {
-        assert!(warnings.contains(words), "{warnings}");
-    }
+    assert_has(
+        &warnings,
+        &["1 frames have labels but no detections", "000000"],
+    );
 }
 
 #[test]
@@ -210,12 +203,6 @@ fn bad_input_is_named_and_fails() {
             short,
             ["000001.txt, line 1", "found 13", "no z"],
         ),
-        (
-            "a/calib/000001.txt",
-            "P2: 0 0\n",
-            ["calib/000001.txt, line 1", "12 columns", "found 2"],
-        ),
-        (FOUND, "{", ["objects.jsonl, line 1", "", ""]),
         (FOUND, &renamed, ["found none", "777770", "000000"]),
     ] {
         let refuses = || folder.refuses(&ap("a", ""), &words);

@@ -9,6 +9,7 @@ use crate::exchange::on_kitti;
 use anyhow::Context;
 use mluc_backbone::Backbone;
 use mluc_dataset::read_scan;
+use mluc_geometry::mean_and_spread;
 use mluc_head::Head;
 use mluc_lab::exchange::{Imported, import};
 use mluc_tests::{feature_map, skip};
@@ -63,21 +64,11 @@ fn answers(imported: &Imported, points: &[[f32; 4]]) -> anyhow::Result<Vec<Vec<f
 
 fn compare(name: &str, found: &[f32], expected: &[f32]) {
     assert_eq!(found.len(), expected.len(), "{name}");
-    let count = expected.len() as f64;
-    let mean = expected.iter().map(|v| f64::from(*v)).sum::<f64>() / count;
-    let square = expected.iter().map(|v| (f64::from(*v) - mean).powi(2));
-    let spread = (square.sum::<f64>() / count).sqrt();
-    let off = found
-        .iter()
-        .zip(expected)
-        .map(|(a, b)| f64::from((a - b).abs()));
-    let worst = off.fold(0.0, f64::max);
-    println!(
-        "{name}: {count} values, spread {spread:.3}, worst difference {:.1e} of it",
-        worst / spread
-    );
-    assert!(
-        spread > 0.01 && worst < TOLERANCE * spread,
-        "{name}: {worst}"
-    );
+    let wide: Vec<f64> = expected.iter().map(|v| f64::from(*v)).collect();
+    let [_, spread] = mean_and_spread(&wide);
+    let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs());
+    let worst = f64::from(off.fold(0.0, f32::max)) / spread;
+    let count = wide.len();
+    println!("{name}: {count} values, spread {spread:.3}, worst difference {worst:.1e} of it");
+    assert!(spread > 0.01 && worst < TOLERANCE, "{name}: {worst}");
 }

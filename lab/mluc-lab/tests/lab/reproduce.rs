@@ -1,7 +1,7 @@
 //! `mluc-lab reproduce` on a plan of a minute: everything is simulated, trained, judged and reported; a second run only looks.
 
 use crate::{Folder, text};
-use mluc_tests::untrained_udi;
+use mluc_tests::{assert_has, untrained_udi};
 use serde_json::Value;
 
 const ROWS: &str =
@@ -35,9 +35,7 @@ fn everything_is_made_once_and_what_is_lost_is_made_again_to_the_same_bits() {
         assert!(command.starts_with("mluc-lab train"), "{command}");
     }
     let page = text(&folder.read("report/README.md"));
-    for part in ["Table 1", "Table 2", "66.8", "figure5.svg"] {
-        assert!(page.contains(part), "{part}");
-    }
+    assert_has(&page, &["Table 1", "Table 2", "66.8", "figure5.svg"]);
     for picture in [
         "figure5",
         "figure6",

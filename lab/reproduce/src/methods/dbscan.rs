@@ -11,14 +11,10 @@ const REACH_M: f32 = 0.7;
 /// The reach of an embedding.
 const REACH_EMBEDDING: f32 = 0.5;
 
-/// Clusters in the order of their first points. A point with at least `points_min` points within its reach, itself among them, is
+/// Clusters in the order of their first points. A point with at least `core_min` points within its reach, itself among them, is
 /// a core; cores within each other's reach, and what lies within the reach of a core, are one cluster.
 /// `embeddings`: one a point, all of one length, which may be 0.
-pub(super) fn cluster(
-    points_m: &[[f32; 3]],
-    embeddings: &[&[f32]],
-    points_min: usize,
-) -> Vec<Group> {
+pub(super) fn cluster(points_m: &[[f32; 3]], embeddings: &[&[f32]], core_min: usize) -> Vec<Group> {
     let cell = |p: &[f32; 3]| p.map(|v| (v / REACH_M).floor() as i32);
     let mut cells: BTreeMap<[i32; 3], Vec<usize>> = BTreeMap::new();
     for (i, p) in points_m.iter().enumerate() {
@@ -48,7 +44,7 @@ pub(super) fn cluster(
             continue;
         }
         near(first, &mut around);
-        if around.len() < points_min {
+        if around.len() < core_min {
             continue;
         }
         let mut group = vec![];
@@ -57,7 +53,7 @@ pub(super) fn cluster(
         while let Some(i) = queue.pop() {
             group.push(i);
             near(i, &mut around);
-            if around.len() < points_min {
+            if around.len() < core_min {
                 continue;
             }
             for &j in &around {

@@ -5,7 +5,7 @@
 //! where the gate fires and P(unknown) is one half or more.
 
 use super::MethodInput;
-use mluc_evaluate::EvaluateError;
+use crate::Result;
 use mluc_evaluate::pipeline::{DetectedFrame, GatedObjects, ModelGate};
 use mluc_model::{CLUSTER_SCORER, HeadKind, Model};
 use mluc_refiner::{Settings, Study, Variant};
@@ -25,12 +25,11 @@ pub fn full_steps(model: &Model) -> Vec<&'static str> {
     steps
 }
 
-/// Whether a model has learned to score clusters.
 fn scores_clusters(model: &Model) -> bool {
     model.weights.find(CLUSTER_SCORER).is_some()
 }
 
-pub(super) fn run(input: &MethodInput) -> Result<GatedObjects, EvaluateError> {
+pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
     let [logit, generic, refine, ranks_sizes, cluster_score] =
         [1, 2, 3, 4, 5].map(|step| input.full_step >= step);
     // Without P(unknown) of its own a network is treated as an open one whose P(unknown) is made of the distance.

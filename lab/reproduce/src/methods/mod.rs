@@ -14,7 +14,7 @@ mod rows;
 pub use full::full_steps;
 pub use rows::{METHODS, Method, MethodRow};
 
-use mluc_evaluate::EvaluateError;
+use crate::Result;
 use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, GatedObjects, ModelGate, THRESHOLDS, objects_at,
 };
@@ -64,7 +64,7 @@ impl<'a> MethodInput<'a> {
         gate: ModelGate,
         frames: &[DetectedFrame],
         settings: &Settings,
-    ) -> Result<GatedObjects, EvaluateError> {
+    ) -> Result<GatedObjects> {
         let thresholds = self.thresholds(gate, frames, THRESHOLDS);
         objects_at(
             model, gate, self.set, frames, settings, thresholds, self.step,
@@ -73,7 +73,7 @@ impl<'a> MethodInput<'a> {
 }
 
 /// Runs a method: its objects at every threshold. The result does not depend on the number of threads.
-pub fn run_method(method: Method, input: &MethodInput) -> Result<GatedObjects, EvaluateError> {
+pub fn run_method(method: Method, input: &MethodInput) -> Result<GatedObjects> {
     method.check(input.model)?;
     let refined = |gate, variant| {
         let settings = Settings {

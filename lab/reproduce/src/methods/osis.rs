@@ -8,8 +8,9 @@
 use super::MethodInput;
 use super::dbscan::{Group, cluster};
 use super::osis_embedding::{Embedder, Standing};
+use crate::Result;
+use mluc_evaluate::SensorDetection;
 use mluc_evaluate::pipeline::{GatedObjects, ModelGate, box_of, class_names};
-use mluc_evaluate::{EvaluateError, SensorDetection};
 use mluc_geometry::Box3;
 use mluc_head::Detection;
 use mluc_ipc_types::Point;
@@ -30,7 +31,7 @@ const POINTS_MIN: usize = 5;
 /// Longer ones would match no label; left out to save their boxes' time, m.
 const LENGTH_MAX_M: f64 = 20.0;
 
-pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects, EvaluateError> {
+pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
     let thresholds = input.thresholds(ModelGate::Softmax, input.frames, THRESHOLDS);
     let (settings, classes) = (Settings::default(), class_names(input.model));
     let sensor = Sensor::from_manifest(&input.model.manifest)?;
@@ -58,7 +59,7 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects, Ev
         Ok(thresholds.iter().map(at).collect())
     };
     let frames = (0..input.frames.len()).into_par_iter();
-    let objects: Result<Vec<_>, EvaluateError> = frames
+    let objects: Result<Vec<_>> = frames
         .map_init(|| FrameClusterer::new(&settings, &sensor), one_frame)
         .collect();
     Ok(GatedObjects {

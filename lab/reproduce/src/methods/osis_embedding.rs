@@ -1,5 +1,6 @@
 //! The learned part of OSIS: embeddings of points, and whether they belong to a known object, to the background, or to nothing known.
 
+use crate::Result;
 use mluc_backbone::Backbone;
 use mluc_evaluate::EvaluateError;
 use mluc_ipc_types::Point;
@@ -22,7 +23,6 @@ pub(super) struct Standing {
     pub(super) embedding: Vec<f32>,
 }
 
-/// Runs the trunk and the embedding.
 pub(super) struct Embedder<'a> {
     model: &'a Model,
     embedding: PointEmbedding,
@@ -30,8 +30,7 @@ pub(super) struct Embedder<'a> {
 }
 
 impl Embedder<'_> {
-    /// Refuses a model without an embedding.
-    pub(super) fn new(model: &Model) -> Result<Embedder<'_>, EvaluateError> {
+    pub(super) fn new(model: &Model) -> Result<Embedder<'_>> {
         let manifest = &model.manifest;
         let channels = manifest.network.feature_channels();
         let embedding = PointEmbedding::read(&model.weights, channels).ok_or_else(|| {
@@ -48,11 +47,7 @@ impl Embedder<'_> {
     }
 
     /// Gives every point its embedding; points outside of the map leave.
-    pub(super) fn embed(
-        &self,
-        points: &[Point],
-        standing: &mut Vec<Standing>,
-    ) -> Result<(), EvaluateError> {
+    pub(super) fn embed(&self, points: &[Point], standing: &mut Vec<Standing>) -> Result<()> {
         let (cells, rows) = {
             let mut backbone = self.backbone.lock().unwrap_or_else(PoisonError::into_inner);
             backbone.run(bytemuck::cast_slice(points));

@@ -1,5 +1,6 @@
 //! The rows of the paper's tables ("Open-set 3D Object Detection", tables 1 and 2; percent), and ours.
 
+use crate::Result;
 use mluc_evaluate::EvaluateError;
 use mluc_model::{HeadKind, Model};
 use mluc_train::NetworkKind;
@@ -89,7 +90,7 @@ impl Method {
     }
 
     /// Refuses a model that it cannot run on. Our method runs on the paper's network too, which shows what training brings.
-    pub fn check(self, model: &Model) -> Result<(), EvaluateError> {
+    pub fn check(self, model: &Model) -> Result<()> {
         let row = self.row();
         let (expected, found) = (row.network.head(), model.manifest.network.head);
         if found == expected || (self == Method::MlucFull && found == HeadKind::Metric) {

@@ -16,7 +16,7 @@ const LEGEND_PX: u32 = 240;
 const PNG_SCALE: u32 = 2;
 const FONT: &str = "sans-serif";
 
-type Fault<B> = DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>;
+type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 /// A panel: its name, the figure that it shows and that figure of a point.
 type Shown = (&'static str, &'static str, fn(&SweepPoint) -> f64);
@@ -29,7 +29,6 @@ pub(crate) fn svg(report: &ReproductionReport) -> Result<String, String> {
     Ok(text)
 }
 
-/// As pixels.
 pub(crate) fn canvas(report: &ReproductionReport) -> Result<Canvas, String> {
     let (width, height) = size_px(report, PNG_SCALE);
     let mut canvas = Canvas::new(width as usize, height as usize, [255; 3]);
@@ -44,11 +43,7 @@ fn size_px(report: &ReproductionReport, scale: u32) -> (u32, u32) {
     (scale * width, scale * 2 * PANEL_PX.1)
 }
 
-fn draw<B: DrawingBackend>(
-    backend: B,
-    report: &ReproductionReport,
-    scale: u32,
-) -> Result<(), Fault<B>> {
+fn draw<B: DrawingBackend>(backend: B, report: &ReproductionReport, scale: u32) -> Drawn<B> {
     let root = backend.into_drawing_area();
     root.fill(&WHITE)?;
     let columns = report.settings.len().max(1);
@@ -74,9 +69,9 @@ fn draw_panel<B: DrawingBackend>(
     rows: &Rows,
     (name, figure, of): Shown,
     scale: u32,
-) -> Result<(), Fault<B>> {
+) -> Drawn<B> {
     let curves = rows.values().flat_map(|row| &row.curve).map(of);
-    let chosen = rows.values().filter_map(|row| Some(row.get(figure)?[0]));
+    let chosen = rows.values().filter_map(|row| row.mean(figure));
     // Round ends. Curves that keep nine tenths of the known lie close together, so that axis begins below the lowest.
     let (low, high) = if figure == "map_known" {
         let least = curves.fold(100.0, f64::min) - 4.0;
@@ -106,12 +101,11 @@ fn draw_panel<B: DrawingBackend>(
         let mut points: Vec<(f64, f64)> = curve.map(|p| (p.recall_unknown, of(p))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         chart.draw_series(LineSeries::new(points, color.stroke_width(2 * scale)))?;
-        if let (Some([x, _]), Some([y, _])) = (figures.get("recall_unknown"), figures.get(figure)) {
+        if let (Some(x), Some(y)) = (figures.mean("recall_unknown"), figures.mean(figure)) {
+            let at = (x, y.clamp(low, high));
             let ring = [(5, color), (2, WHITE)];
-            chart.draw_series(ring.map(|(radius, color)| {
-                let at = (x, y.clamp(low, high));
-                Circle::new(at, radius * scale, color.filled())
-            }))?;
+            let ring = ring.map(|(r, color)| Circle::new(at, r * scale, color.filled()));
+            chart.draw_series(ring)?;
         }
     }
     Ok(())
@@ -121,7 +115,7 @@ fn draw_legend<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     report: &ReproductionReport,
     scale: i32,
-) -> Result<(), Fault<B>> {
+) -> Drawn<B> {
     let is_shown = |key: &String| report.settings.values().any(|rows| rows.contains_key(key));
     let at = |x: i32, y: i32| (x * scale, y * scale);
     let style = (FONT, 12 * scale).into_font().into_text_style(area);
@@ -154,14 +148,10 @@ mod tests {
             ap_unknown: recall / 2.0,
             map_known: 80.0 - recall / 10.0,
         };
-        let figures = [
-            ("recall_unknown", 40.0),
-            ("ap_unknown", 20.0),
-            ("map_known", 76.0),
-        ];
+        let figures = ["recall_unknown", "ap_unknown", "map_known"];
         let row = MethodFigures {
             curve: [60.0, 0.0, 20.0, 40.0].map(point).to_vec(),
-            figures: figures.map(|(name, v)| (name.to_owned(), [v, 0.0])).into(),
+            figures: figures.map(|name| (name.to_owned(), [40.0, 0.0])).into(),
             ..MethodFigures::default()
         };
         let report = ReproductionReport {
@@ -174,17 +164,14 @@ mod tests {
         // Two panels and the legend, and a ring a panel.
         assert_eq!((lines.len(), curves.len()), (3, 5), "{text}");
         let corners = lines[0].split('"').find(|part| part.contains(','));
+        let corner = |text: &str| -> Option<[f64; 2]> {
+            let (x, y) = text.split_once(',')?;
+            Some([x.parse().ok()?, y.parse().ok()?])
+        };
         let corners = corners.expect("points").split_whitespace();
-        let number = |text: &str| text.parse::<f64>().expect("a number");
-        let corners: Vec<(f64, f64)> = corners
-            .map(|corner| corner.split_once(',').expect("x, y"))
-            .map(|(x, y)| (number(x), number(y)))
-            .collect();
-        assert_eq!(corners.len(), 4);
-        assert!(
-            corners.is_sorted_by(|a, b| a.0 < b.0 && a.1 > b.1),
-            "{corners:?}"
-        );
+        let corners: Vec<[f64; 2]> = corners.map(|c| corner(c).expect("x, y")).collect();
+        let rises = |a: &[f64; 2], b: &[f64; 2]| a[0] < b[0] && a[1] > b[1];
+        assert!(corners.len() == 4 && corners.is_sorted_by(rises), "{text}");
         assert!(text.contains("MLUC full (ours)"));
         let canvas = canvas(&report).expect("a picture");
         let [width, height] = canvas.size_px();

@@ -11,10 +11,7 @@ mod pages;
 mod perspective;
 mod scene;
 
-pub(crate) use data::{
-    AblationRow, DataOrigin, Details, MeanSpread, MethodFigures, NetworkDetails, Provenance,
-    RealRow, ReproductionReport, SpreadKind,
-};
+pub(crate) use data::{MeanSpread, MethodFigures, ReproductionReport, SpreadKind};
 pub(crate) use page::page;
 pub(crate) use pages::{figure6, worst_page};
-pub(crate) use scene::{DrawnScene, Panel, SceneBox};
+pub(crate) use scene::{DrawnScene, Panel};

@@ -2,7 +2,8 @@
 //! by side), and the frames in which a method did worst.
 
 use super::perspective::Projection;
-use super::scene::{DrawnScene, SceneBox, draw, paste};
+use super::scene::{DrawnScene, draw, paste};
+use mluc_evaluate::{ObjectKind, SensorDetection};
 use mluc_gateway::picture::{Canvas, Color, label_color};
 
 const PAPER: Color = [250, 250, 250];
@@ -16,16 +17,20 @@ struct Grid {
     line_px: usize,
     /// Pixels of a dot of the letters.
     dot_px: usize,
-    above_px: [usize; 2],
-    eye_px: [usize; 2],
+    width_px: usize,
+    /// Heights of the picture from above and of the one in perspective.
+    heights_px: [usize; 2],
     px_per_m: f64,
 }
 
 impl Grid {
     /// Width and height of a picture with the gaps after it.
     fn cell_px(&self) -> [usize; 2] {
-        let height = self.head_px + self.above_px[1] + self.eye_px[1] + 2 * GAP_PX;
-        [self.above_px[0] + GAP_PX, height]
+        let [above, eye] = self.heights_px;
+        [
+            self.width_px + GAP_PX,
+            self.head_px + above + eye + 2 * GAP_PX,
+        ]
     }
 
     /// An empty page with what the colours mean at its foot.
@@ -48,7 +53,7 @@ impl Grid {
         canvas: &mut Canvas,
         [column, row]: [usize; 2],
         lines: &[&str],
-        (scene, boxes): (&DrawnScene, &[SceneBox]),
+        (scene, boxes): (&DrawnScene, &[SensorDetection]),
         with_labels: bool,
     ) {
         let [width, height] = self.cell_px();
@@ -58,11 +63,13 @@ impl Grid {
             canvas.text(at, text, self.dot_px, INK);
         }
         let labels = scene.truth.iter();
-        let labels: Vec<&SceneBox> = labels.filter(|l| l.unknown && with_labels).collect();
-        let above = Projection::above(scene.target_m, self.px_per_m, self.above_px);
-        let eye = Projection::towards(scene.target_m, self.eye_px);
+        let unknown = labels.filter(|l| l.kind == ObjectKind::Unknown && with_labels);
+        let labels: Vec<&SensorDetection> = unknown.collect();
+        let [above_px, eye_px] = self.heights_px.map(|height| [self.width_px, height]);
+        let above = Projection::above(scene.target_m, self.px_per_m, above_px);
+        let eye = Projection::towards(scene.target_m, eye_px);
         let top = top + self.head_px;
-        for (projection, top) in [(above, top), (eye, top + self.above_px[1] + GAP_PX)] {
+        for (projection, top) in [(above, top), (eye, top + above_px[1] + GAP_PX)] {
             let picture = draw(&scene.points, boxes, &labels, &projection);
             paste(canvas, &picture, left, top);
         }
@@ -75,8 +82,8 @@ pub(crate) fn figure6(scenes: &[DrawnScene]) -> Canvas {
         head_px: 60,
         line_px: 30,
         dot_px: 2,
-        above_px: [330, 300],
-        eye_px: [330, 210],
+        width_px: 330,
+        heights_px: [300, 210],
         px_per_m: 8.0,
     };
     let panels = scenes.iter().map(|scene| scene.panels.len()).max();
@@ -99,8 +106,8 @@ pub(crate) fn worst_page(scenes: &[DrawnScene]) -> Canvas {
         head_px: 36,
         line_px: 14,
         dot_px: 1,
-        above_px: [460, 380],
-        eye_px: [460, 260],
+        width_px: 460,
+        heights_px: [380, 260],
         px_per_m: 7.0,
     };
     let mut canvas = grid.page(COLUMNS, scenes.len().div_ceil(COLUMNS).max(1));
@@ -118,15 +125,17 @@ mod tests {
     use super::*;
     use crate::report::Panel;
     use mluc_geometry::Box3;
+    use mluc_ipc_types::Point;
 
     fn scene() -> DrawnScene {
         DrawnScene {
             caption: "sim-udi, frame 3".into(),
-            points: vec![[10.0, 0.0, -1.0, 0.0]],
-            truth: vec![SceneBox {
+            points: vec![Point::default()],
+            truth: vec![SensorDetection {
                 class: "golf_cart".into(),
-                unknown: true,
-                bounds: Box3::new([12.0, 0.0, -1.0, 2.4, 1.3, 1.9, 0.3]),
+                kind: ObjectKind::Unknown,
+                score: 1.0,
+                box_in_sensor: Box3::new([12.0, 0.0, -1.0, 2.4, 1.3, 1.9, 0.3]),
             }],
             panels: vec![Panel {
                 title: "MLUC".into(),
@@ -140,14 +149,19 @@ mod tests {
     fn figure_6_has_two_pictures_a_scene_and_a_column_a_panel() {
         let canvas = figure6(&[scene()]);
         assert_eq!(canvas.size_px(), [2 * 338 + 8, 60 + 300 + 210 + 16 + 34]);
-        // Red in the labels' column, white dashes in the method's.
-        let reds = |from: usize| {
+        let count = |from: usize, is_it: fn(Color) -> bool| {
             let pixels = (60..360).flat_map(|y| (from..from + 330).map(move |x| (x, y)));
-            let is_red = |c: Color| c[0] > 200 && c[1] < 120 && c[2] < 120;
-            let red = pixels.filter(|(x, y)| canvas.pixel(*x, *y).is_some_and(is_red));
-            red.count()
+            let found = pixels.filter(|(x, y)| canvas.pixel(*x, *y).is_some_and(is_it));
+            found.count()
         };
-        assert!(reds(8) > 50 && reds(346) == 0);
+        // Red wires in the labels' column, white dashes in the method's: no more than half of a wire.
+        let reds = [8, 346].map(|from| count(from, |c| c[0] > 200 && c[1] < 120 && c[2] < 120));
+        let whites = [8, 346].map(|from| count(from, |c| c.iter().all(|v| *v > 150)));
+        assert!(reds[0] > 50 && reds[1] == 0, "{reds:?}");
+        assert!(
+            whites[0] == 0 && (10..reds[0]).contains(&whites[1]),
+            "{whites:?}"
+        );
     }
 
     #[test]

@@ -14,7 +14,6 @@ pub(super) struct Projection {
     scale: f64,
     /// A pinhole; else all lines of sight are parallel.
     is_pinhole: bool,
-    /// Width and height, px.
     pub(super) size_px: [usize; 2],
 }
 

@@ -1,30 +1,20 @@
 //! A labelled scan with what several methods found in it, ready to be drawn.
 
 use super::perspective::Projection;
+use mluc_evaluate::{ObjectKind, SensorDetection};
 use mluc_gateway::picture::{Canvas, Color, label_color, ramp};
 use mluc_geometry::Box3;
+use mluc_ipc_types::Point;
 
-/// Ground of pictures.
-pub(super) const NIGHT: Color = [11, 15, 22];
+const NIGHT: Color = [11, 15, 22];
 const WHITE: Color = [245, 245, 245];
 /// Heights at the ends of the colour ramp, m above the sensor.
 const RAMP_M: [f32; 2] = [-2.2, 1.6];
 
-/// A label or a detection.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct SceneBox {
-    /// Class; of an unknown: any.
-    pub(crate) class: String,
-    pub(crate) unknown: bool,
-    /// In the sensor frame.
-    pub(crate) bounds: Box3,
-}
-
-/// What one method found.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Panel {
     pub(crate) title: String,
-    pub(crate) boxes: Vec<SceneBox>,
+    pub(crate) boxes: Vec<SensorDetection>,
 }
 
 /// A scan, its labels, and what was found.
@@ -32,9 +22,8 @@ pub(crate) struct Panel {
 pub(crate) struct DrawnScene {
     /// What a reader should know: data set, frame, errors.
     pub(crate) caption: String,
-    /// x, y, z (m, sensor frame), intensity.
-    pub(crate) points: Vec<[f32; 4]>,
-    pub(crate) truth: Vec<SceneBox>,
+    pub(crate) points: Vec<Point>,
+    pub(crate) truth: Vec<SensorDetection>,
     /// One a method.
     pub(crate) panels: Vec<Panel>,
     /// Where to look: x, y, m.
@@ -43,27 +32,27 @@ pub(crate) struct DrawnScene {
 
 /// One panel: points by height, boxes as wires over `labelled` ones, which are dashed in white.
 pub(super) fn draw(
-    points: &[[f32; 4]],
-    boxes: &[SceneBox],
-    labelled: &[&SceneBox],
+    points: &[Point],
+    boxes: &[SensorDetection],
+    labelled: &[&SensorDetection],
     projection: &Projection,
 ) -> Canvas {
     let [width, height] = projection.size_px;
     let mut canvas = Canvas::new(width, height, NIGHT);
     draw_points(&mut canvas, points, projection);
     for label in labelled {
-        for [a, b] in wires(&label.bounds, projection) {
+        for [a, b] in wires(&label.box_in_sensor, projection) {
             dashes(&mut canvas, a, b);
         }
     }
     for found in boxes {
-        let (color, width) = if found.unknown {
-            (label_color("unknown"), 3.0)
-        } else {
-            (label_color(&found.class), 1.8)
+        let (class, width) = match found.kind {
+            ObjectKind::Unknown => ("unknown", 3.0),
+            ObjectKind::Known => (found.class.as_str(), 1.8),
         };
-        fill(&mut canvas, &found.bounds, projection, color);
-        for [a, b] in wires(&found.bounds, projection) {
+        let color = label_color(class);
+        fill(&mut canvas, &found.box_in_sensor, projection, color);
+        for [a, b] in wires(&found.box_in_sensor, projection) {
             canvas.line(a, b, width, color, 0.95);
         }
     }
@@ -71,10 +60,10 @@ pub(super) fn draw(
 }
 
 /// Far points first, so that what is near is on top; from above, low points first.
-fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], projection: &Projection) {
-    let seen = points.iter().filter_map(|&[x, y, z, _]| {
-        let (at, depth) = projection.project([x, y, z].map(f64::from))?;
-        Some((depth, at, z))
+fn draw_points(canvas: &mut Canvas, points: &[Point], projection: &Projection) {
+    let seen = points.iter().filter_map(|p| {
+        let (at, depth) = projection.project([p.x_m, p.y_m, p.z_m].map(f64::from))?;
+        Some((depth, at, p.z_m))
     });
     let mut seen: Vec<(f32, [f32; 2], f32)> = seen.collect();
     seen.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -136,34 +125,5 @@ pub(super) fn paste(onto: &mut Canvas, picture: &Canvas, left: usize, top: usize
                 onto.blend((left + x) as i64, (top + y) as i64, color, 1.0);
             }
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_unknown_box_is_red_and_a_label_is_dashed_in_white() {
-        let found = |unknown| SceneBox {
-            class: "car".into(),
-            unknown,
-            bounds: Box3::new([10.0, 0.0, -1.0, 8.0, 8.0, 1.5, 0.0]),
-        };
-        let projection = Projection::above([10.0, 0.0], 10.0, [200, 200]);
-        let reds = |canvas: &Canvas| {
-            let is_red = |c: Color| c[0] > 200 && c[1] < 120 && c[2] < 120;
-            let is_seen = |at: &usize| canvas.pixel(at % 200, at / 200).is_some_and(is_red);
-            (0..200 * 200).filter(is_seen).count()
-        };
-        let unknown = draw(&[], &[found(true)], &[], &projection);
-        let known = draw(&[], &[found(false)], &[], &projection);
-        assert!(reds(&unknown) > 300 && reds(&known) == 0);
-        let label = found(true);
-        let dashed = draw(&[], &[], &[&label], &projection);
-        let row: Vec<bool> = (60..140)
-            .map(|x| dashed.pixel(x, 60).is_some_and(|c| c[0] > 150))
-            .collect();
-        assert!(row.iter().any(|on| *on) && row.iter().any(|on| !on));
     }
 }

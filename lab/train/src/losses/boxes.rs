@@ -1,7 +1,6 @@
 //! Losses of the positive anchors: box codes and direction bins.
 
-use super::softplus;
-use crate::batch_targets::BatchTargets;
+use super::{Evaluation, softplus};
 
 const SMOOTH_L1_BETA: f32 = 1.0 / 9.0;
 const BOX_WEIGHT: f32 = 2.0;
@@ -16,43 +15,38 @@ fn smooth_l1(d: f32) -> (f32, f32) {
     }
 }
 
-/// Smooth L1 on the seven codes, the angle's as the sine of the difference.
-pub(super) fn boxes(codes: &[f32], targets: &BatchTargets, anchors: usize) -> (f64, Vec<f32>) {
-    let mut gradient = vec![0.0; codes.len()];
-    let mut loss = 0.0;
-    for p in &targets.positives {
-        let first = (p.row as usize * anchors + p.anchor as usize) * 7;
-        let weight = BOX_WEIGHT * p.weight;
-        for i in 0..7 {
-            let difference = codes[first + i] - p.codes[i];
-            let (d, inner) = if i == 6 {
-                (difference.sin(), difference.cos())
-            } else {
-                (difference, 1.0)
-            };
-            let (value, slope) = smooth_l1(d);
-            loss += f64::from(weight * value);
-            gradient[first + i] += weight * slope * inner;
+impl Evaluation<'_> {
+    /// Smooth L1 on the seven codes, the angle's as the sine of the difference; softmax cross entropy of two bins.
+    pub(super) fn positives(&mut self) {
+        let (outputs, losses, gradients) = (self.outputs, &mut self.losses, &mut self.gradients);
+        let anchors = outputs.direction.len() / 2 / self.targets.labelled.len().max(1);
+        for p in &self.targets.positives {
+            let place = p.row as usize * anchors + p.anchor as usize;
+            let codes = place * 7..place * 7 + 7;
+            let (found, d) = (&outputs.boxes[codes.clone()], &mut gradients.boxes[codes]);
+            let weight = BOX_WEIGHT * p.weight;
+            for i in 0..7 {
+                let difference = found[i] - p.codes[i];
+                let (off, inner) = if i == 6 {
+                    (difference.sin(), difference.cos())
+                } else {
+                    (difference, 1.0)
+                };
+                let (value, slope) = smooth_l1(off);
+                losses.boxes += f64::from(weight * value);
+                d[i] += weight * slope * inner;
+            }
+            let (own, other) = (
+                place * 2 + usize::from(p.bin),
+                place * 2 + 1 - usize::from(p.bin),
+            );
+            let weight = DIRECTION_WEIGHT * p.weight;
+            // Two bins: the loss is softplus(other - own).
+            let x = outputs.direction[other] - outputs.direction[own];
+            let wrong = 1.0 / (1.0 + (-x).exp());
+            losses.direction += f64::from(weight * softplus(x));
+            gradients.direction[other] += weight * wrong;
+            gradients.direction[own] -= weight * wrong;
         }
     }
-    (loss, gradient)
-}
-
-/// Softmax cross entropy of two bins.
-pub(super) fn direction(logits: &[f32], targets: &BatchTargets, anchors: usize) -> (f64, Vec<f32>) {
-    let mut gradient = vec![0.0; logits.len()];
-    let mut loss = 0.0;
-    for p in &targets.positives {
-        let first = (p.row as usize * anchors + p.anchor as usize) * 2;
-        let bin = usize::from(p.bin);
-        let (own, other) = (first + bin, first + 1 - bin);
-        let weight = DIRECTION_WEIGHT * p.weight;
-        // Two bins: the loss is softplus(other - own).
-        let x = logits[other] - logits[own];
-        let wrong = 1.0 / (1.0 + (-x).exp());
-        loss += f64::from(weight * softplus(x));
-        gradient[other] += weight * wrong;
-        gradient[own] -= weight * wrong;
-    }
-    (loss, gradient)
 }

@@ -1,75 +1,68 @@
 //! Losses of the labelled cells: the embedding and the logit of the unknown.
 
-use super::{LossSettings, Losses, softplus};
-use crate::batch_targets::BatchTargets;
+use super::{Evaluation, LossSettings, softplus};
 use crate::targets::CellClass;
 
-/// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of
-/// softmax(2 T f); the variance loss |f - m_Y|^2; and two of ours: |f - c|^2 of synthetic unknown objects, with the prototypes'
-/// centre c, where EDS is least (center), and |f + c|^2 of background (push). From c to -c leads the direction that eq. 2 does
-/// not see, since one number is added to every logit; EDS does see it, and is 1 + 4 / (C - 1) there, normalised: more than a
-/// known object's 2 while there are fewer than five classes.
-pub(super) fn metric(
-    embedding: &[f32],
-    targets: &BatchTargets,
-    settings: LossSettings,
-    classes: usize,
-) -> (Losses, Vec<f32>) {
-    let t = settings.prototype_scale;
-    let centre = t / classes as f32;
-    let mut losses = Losses::default();
-    let mut gradient = vec![0.0; embedding.len()];
-    // A sigmoid head has no embedding.
-    for label in targets.cells.iter().filter(|_| !embedding.is_empty()) {
-        let range = label.row as usize * classes..(label.row as usize + 1) * classes;
-        let (f, d) = (&embedding[range.clone()], &mut gradient[range]);
-        let mut draw = |weight: f32, to: f32| {
-            let pull = weight * label.weight;
-            for (d, v) in d.iter_mut().zip(f) {
-                let off = v - to;
-                losses.center += f64::from(pull * off * off);
-                *d += 2.0 * pull * off;
+impl Evaluation<'_> {
+    /// Cross entropy of softmax(-|f - m_t|^2) (paper section 3.2, eq. 2), which for one-hot prototypes equals that of
+    /// softmax(2 T f); the variance loss |f - m_Y|^2; and two of ours: |f - c|^2 of synthetic unknown objects, with the prototypes'
+    /// centre c, where EDS is least (center), and |f + c|^2 of background (push). From c to -c leads the direction that eq. 2 does
+    /// not see, since one number is added to every logit; EDS does see it, and is 1 + 4 / (C - 1) there, normalised: more than a
+    /// known object's 2 while there are fewer than five classes.
+    pub(super) fn metric(&mut self, settings: LossSettings, classes: usize) {
+        let t = settings.prototype_scale;
+        let centre = t / classes as f32;
+        let (embedding, losses) = (&self.outputs.embedding, &mut self.losses);
+        let gradient = &mut self.gradients.embedding;
+        // A sigmoid head has no embedding.
+        for label in self.targets.cells.iter().filter(|_| !embedding.is_empty()) {
+            let range = label.row as usize * classes..(label.row as usize + 1) * classes;
+            let (f, d) = (&embedding[range.clone()], &mut gradient[range]);
+            let mut draw = |weight: f32, to: f32| {
+                let pull = weight * label.weight;
+                for (d, v) in d.iter_mut().zip(f) {
+                    let off = v - to;
+                    losses.center += f64::from(pull * off * off);
+                    *d += 2.0 * pull * off;
+                }
+            };
+            let own = match label.is {
+                CellClass::Known(class) => class as usize,
+                CellClass::Unknown => {
+                    draw(settings.center_loss_weight, centre);
+                    continue;
+                }
+                CellClass::Background => {
+                    draw(settings.push_weight, -centre);
+                    continue;
+                }
+            };
+            let most = f.iter().copied().fold(f32::MIN, f32::max);
+            let sum: f32 = f.iter().map(|v| (2.0 * t * (v - most)).exp()).sum();
+            losses.metric += f64::from(label.weight * (sum.ln() + 2.0 * t * (most - f[own])));
+            let pull = settings.variance_weight * label.share;
+            for (c, (d, v)) in d.iter_mut().zip(f).enumerate() {
+                let is_own = if c == own { 1.0 } else { 0.0 };
+                let p = (2.0 * t * (v - most)).exp() / sum;
+                let off = v - t * is_own;
+                losses.variance += f64::from(pull * off * off);
+                *d += label.weight * 2.0 * t * (p - is_own) + 2.0 * pull * off;
             }
-        };
-        let own = match label.is {
-            CellClass::Known(class) => class as usize,
-            CellClass::Unknown => {
-                draw(settings.center_loss_weight, centre);
-                continue;
-            }
-            CellClass::Background => {
-                draw(settings.push_weight, -centre);
-                continue;
-            }
-        };
-        let most = f.iter().copied().fold(f32::MIN, f32::max);
-        let sum: f32 = f.iter().map(|v| (2.0 * t * (v - most)).exp()).sum();
-        losses.metric += f64::from(label.weight * (sum.ln() + 2.0 * t * (most - f[own])));
-        let pull = settings.variance_weight * label.share;
-        for (c, (d, v)) in d.iter_mut().zip(f).enumerate() {
-            let is_own = if c == own { 1.0 } else { 0.0 };
-            let p = (2.0 * t * (v - most)).exp() / sum;
-            let off = v - t * is_own;
-            losses.variance += f64::from(pull * off * off);
-            *d += label.weight * 2.0 * t * (p - is_own) + 2.0 * pull * off;
         }
     }
-    (losses, gradient)
-}
 
-/// Cross entropy of the logit of the unknown: synthetic unknown objects against known ones and background, every cell with its own
-/// weight. Background is most of it, so the logit says how rare an unknown object is. (Equal weights of the three were tried:
-/// known objects then look unknown.)
-pub(super) fn unknown(logits: &[f32], targets: &BatchTargets, weight: f32) -> (f64, Vec<f32>) {
-    let mut gradient = vec![0.0; logits.len()];
-    let mut loss = 0.0;
-    for label in targets.cells.iter().filter(|_| !logits.is_empty()) {
-        let is_unknown = label.is == CellClass::Unknown;
-        let sign = if is_unknown { -1.0 } else { 1.0 };
-        let weight = weight * label.weight;
-        let x = sign * logits[label.row as usize];
-        loss += f64::from(weight * softplus(x));
-        gradient[label.row as usize] += sign * weight / (1.0 + (-x).exp());
+    /// Cross entropy of the logit of the unknown: synthetic unknown objects against known ones and background, every cell with its own
+    /// weight. Background is most of it, so the logit says how rare an unknown object is. (Equal weights of the three were tried:
+    /// known objects then look unknown.)
+    pub(super) fn unknown(&mut self, weight: f32) {
+        let (logits, gradient) = (&self.outputs.unknown, &mut self.gradients.unknown);
+        for label in self.targets.cells.iter().filter(|_| !logits.is_empty()) {
+            let is_unknown = label.is == CellClass::Unknown;
+            let sign = if is_unknown { -1.0 } else { 1.0 };
+            let weight = weight * label.weight;
+            let x = sign * logits[label.row as usize];
+            self.losses.unknown += f64::from(weight * softplus(x));
+            gradient[label.row as usize] += sign * weight / (1.0 + (-x).exp());
+        }
     }
-    (loss, gradient)
 }

@@ -67,6 +67,14 @@ impl Losses {
     }
 }
 
+/// What the losses of a batch are made of, and their sums so far.
+struct Evaluation<'a> {
+    outputs: &'a Outputs,
+    targets: &'a BatchTargets,
+    losses: Losses,
+    gradients: Outputs,
+}
+
 /// Every loss and the gradients of the network's outputs.
 pub fn evaluate(
     outputs: &Outputs,
@@ -75,28 +83,24 @@ pub fn evaluate(
     settings: LossSettings,
     classes: usize,
 ) -> (Losses, Outputs) {
-    let anchors = outputs.direction.len() / 2 / targets.labelled.len().max(1);
-    let (cells, embedding) = cells::metric(&outputs.embedding, targets, settings, classes);
-    let (objectness, presence) = objectness::objectness(&outputs.presence, plan, targets);
-    let weight = settings.unknown_weight;
-    let (unknown, d_unknown) = cells::unknown(&outputs.unknown, targets, weight);
-    let (boxes, d_boxes) = boxes::boxes(&outputs.boxes, targets, anchors);
-    let (direction, d_direction) = boxes::direction(&outputs.direction, targets, anchors);
-    let losses = Losses {
-        objectness,
-        boxes,
-        direction,
-        unknown,
-        ..cells
+    let zeros = |values: &Vec<f32>| vec![0.0; values.len()];
+    let mut all = Evaluation {
+        outputs,
+        targets,
+        losses: Losses::default(),
+        gradients: Outputs {
+            presence: outputs.presence.each_ref().map(zeros),
+            embedding: zeros(&outputs.embedding),
+            boxes: zeros(&outputs.boxes),
+            direction: zeros(&outputs.direction),
+            unknown: zeros(&outputs.unknown),
+        },
     };
-    let gradients = Outputs {
-        presence,
-        embedding,
-        boxes: d_boxes,
-        direction: d_direction,
-        unknown: d_unknown,
-    };
-    (losses, gradients)
+    all.objectness(plan);
+    all.metric(settings, classes);
+    all.unknown(settings.unknown_weight);
+    all.positives();
+    (all.losses, all.gradients)
 }
 
 /// ln(1 + exp(x)) without overflow.

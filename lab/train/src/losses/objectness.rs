@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::batch_targets::BatchTargets;
+use super::Evaluation;
 use crate::plan::MapPlan;
 
 const FOCAL_ALPHA: f32 = 0.25;
@@ -80,49 +80,48 @@ impl Presence<'_> {
     }
 }
 
-/// The loss, and the gradient of the rows of both ups.
-pub(super) fn objectness(
-    ups: &[Vec<f32>; 2],
-    plan: &MapPlan,
-    targets: &BatchTargets,
-) -> (f64, [Vec<f32>; 2]) {
-    let [_, rows, columns] = plan.shape;
-    let anchors = targets.labels.len() / plan.cells().max(1);
-    let presence = Presence {
-        ups,
-        plan,
-        labels: &targets.labels,
-        anchors,
-        backgrounds: [ups[0].len() / anchors - 1, ups[1].len() / anchors - 4],
-    };
-    let mut gradient = vec![0.0f32; plan.cells() * anchors];
-    let lines = gradient.par_chunks_mut(columns * anchors).enumerate();
-    let weights = &targets.frame_weight;
-    let line = |(line, d): (usize, &mut [f32])| presence.line(line, weights[line / rows], d);
-    let lines: Vec<(f64, [usize; 4])> = lines.map(line).collect();
-    let mut back = [vec![0.0f32; ups[0].len()], vec![0.0f32; ups[1].len()]];
-    let mut add = |rows: [usize; 2], d: &[f32], times: f32| {
-        for (back, row) in back.iter_mut().zip(rows) {
-            let to = &mut back[row * anchors..][..anchors];
-            to.iter_mut().zip(d).for_each(|(to, d)| *to += times * d);
+impl Evaluation<'_> {
+    /// The loss, and the gradient of the rows of both ups.
+    pub(super) fn objectness(&mut self, plan: &MapPlan) {
+        let (ups, targets) = (&self.outputs.presence, self.targets);
+        let [_, rows, columns] = plan.shape;
+        let anchors = targets.labels.len() / plan.cells().max(1);
+        let presence = Presence {
+            ups,
+            plan,
+            labels: &targets.labels,
+            anchors,
+            backgrounds: [ups[0].len() / anchors - 1, ups[1].len() / anchors - 4],
+        };
+        let mut gradient = vec![0.0f32; plan.cells() * anchors];
+        let lines = gradient.par_chunks_mut(columns * anchors).enumerate();
+        let weights = &targets.frame_weight;
+        let line = |(line, d): (usize, &mut [f32])| presence.line(line, weights[line / rows], d);
+        let lines: Vec<(f64, [usize; 4])> = lines.map(line).collect();
+        let back = &mut self.gradients.presence;
+        let mut add = |rows: [usize; 2], d: &[f32], times: f32| {
+            for (back, row) in back.iter_mut().zip(rows) {
+                let to = &mut back[row * anchors..][..anchors];
+                to.iter_mut().zip(d).for_each(|(to, d)| *to += times * d);
+            }
+        };
+        let mut loss: f64 = lines.iter().map(|(loss, _)| loss).sum();
+        let none = vec![0; anchors];
+        for (frame, &weight) in weights.iter().enumerate() {
+            for place in 0..4 {
+                let lines = &lines[frame * rows..][..rows];
+                let count: usize = lines.iter().map(|(_, alike)| alike[place]).sum();
+                let mut d = vec![0.0; anchors];
+                let rows = [presence.backgrounds[0], presence.backgrounds[1] + place];
+                loss += count as f64 * presence.cell(rows, &none, weight, &mut d);
+                add(rows, &d, count as f32);
+            }
         }
-    };
-    let mut loss: f64 = lines.iter().map(|(loss, _)| loss).sum();
-    let none = vec![0; anchors];
-    for (frame, &weight) in weights.iter().enumerate() {
-        for place in 0..4 {
-            let lines = &lines[frame * rows..][..rows];
-            let count: usize = lines.iter().map(|(_, alike)| alike[place]).sum();
-            let mut d = vec![0.0; anchors];
-            let rows = [presence.backgrounds[0], presence.backgrounds[1] + place];
-            loss += count as f64 * presence.cell(rows, &none, weight, &mut d);
-            add(rows, &d, count as f32);
+        for (cell, d) in gradient.chunks_exact(anchors).enumerate() {
+            if !presence.is_background(cell) {
+                add(plan.up_rows(cell), d, 1.0);
+            }
         }
+        self.losses.objectness = loss;
     }
-    for (cell, d) in gradient.chunks_exact(anchors).enumerate() {
-        if !presence.is_background(cell) {
-            add(plan.up_rows(cell), d, 1.0);
-        }
-    }
-    (loss, back)
 }

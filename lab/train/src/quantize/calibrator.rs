@@ -6,17 +6,12 @@
 use mluc_backbone::{Backbone, Coverage, Level};
 use mluc_model::{Folded, Manifest, ModelError, Network, WeightSet, calibrated_layers};
 
-use super::equalize::{Channel, equalized};
+use super::equalize::equalized;
 use super::histogram::{BINS, bin};
 use crate::error::TrainError;
 
-/// What was seen of the channels of one level.
-struct Histograms {
-    level: String,
-    channels: usize,
-    /// `[channel][bin]`.
-    counts: Vec<u64>,
-}
+/// What was seen of a level: its name and, of each channel, a histogram.
+type Histograms = (String, Vec<[u64; BINS]>);
 
 /// `weights` with a range for each channel between the layers, measured on `scans` (x, y, z in m, intensity) in f32. Take scans
 /// like those to come. A channel that was 0 in every frame gets the largest range of its level: whatever it holds one day will
@@ -28,11 +23,7 @@ pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
 ) -> Result<WeightSet, TrainError> {
     let network = &manifest.network;
     let layers = calibrated_layers(network).into_iter();
-    let empty = |(level, channels)| Histograms {
-        level,
-        channels,
-        counts: vec![0; channels * BINS],
-    };
+    let empty = |(level, channels)| (level, vec![[0; BINS]; channels]);
     let mut levels: Vec<Histograms> = layers.map(empty).collect();
     let mut backbone = Backbone::new(manifest, weights)?;
     let mut frames = 0;
@@ -43,15 +34,14 @@ pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
     }
     let mut weights = weights.clone();
     weights.remove_calibration(network);
-    for (number, seen) in levels.iter().enumerate() {
+    for (number, (level, seen)) in levels.iter().enumerate() {
         let readers = readers(network, &weights, number)?;
-        let channels = seen.counts.chunks_exact(BINS).map(Channel::new).collect();
-        let range = equalized(channels, &readers).ok_or_else(|| {
+        let range = equalized(seen, &readers).ok_or_else(|| {
             TrainError::Stopped(format!(
                 "the data: expected scans with points inside the model's range, found {frames} frames that leave a layer at 0"
             ))
         })?;
-        weights.set_range(&seen.level, range);
+        weights.set_range(level, range);
     }
     Ok(weights)
 }
@@ -59,12 +49,11 @@ pub fn measure_ranges<S: AsRef<[[f32; 4]]>>(
 /// Counts the values of a level; levels that stay as they are in int8 are passed over.
 fn count(levels: &mut [Histograms], level: Level) {
     let mut levels = levels.iter_mut();
-    let Some(seen) = levels.find(|seen| seen.level == level.name) else {
+    let Some((_, seen)) = levels.find(|(name, _)| name == level.name) else {
         return;
     };
-    for row in level.values.chunks_exact(seen.channels) {
-        let counts = seen.counts.chunks_exact_mut(BINS);
-        for (counts, value) in counts.zip(row) {
+    for row in level.values.chunks_exact(seen.len()) {
+        for (counts, value) in seen.iter_mut().zip(row) {
             if let Some(bin) = bin(*value) {
                 counts[bin] += 1;
             }

@@ -17,13 +17,6 @@ pub struct OutputErrors {
     pub outputs: Vec<(String, f64)>,
 }
 
-/// Sums of squares of one output.
-#[derive(Clone, Copy, Debug, Default)]
-struct Squares {
-    difference: f64,
-    exact: f64,
-}
-
 /// Runs `frames` in f32 and in every shorter precision; all cells that have a feature row count. `step` is called after
 /// each frame.
 pub fn compare(
@@ -42,35 +35,32 @@ pub fn compare(
     let mut short = short
         .map(|precision| Backbone::with_precision(manifest, weights, precision))
         .collect::<Result<Vec<_>, _>>()?;
-    let mut squares = vec![vec![Squares::default(); names.len()]; short.len()];
+    // Sums of the squares of each output: of its difference, and exact.
+    let mut squares = vec![vec![[0.0; 2]; names.len()]; short.len()];
     for name in frames {
         let points = read_points(dataset, name)?;
         let expected = outputs(&mut exact, &head, &points)?;
         for (backbone, squares) in short.iter_mut().zip(&mut squares) {
             let found = outputs(backbone, &head, &points)?;
             for ((squares, expected), found) in squares.iter_mut().zip(&expected).zip(&found) {
-                squares.add(expected, found);
+                for (expected, found) in expected.iter().zip(found) {
+                    squares[0] += f64::from(expected - found).powi(2);
+                    squares[1] += f64::from(*expected).powi(2);
+                }
             }
         }
         step();
     }
     let errors = short.iter().zip(squares).map(|(backbone, squares)| {
-        let errors = squares.iter().map(|s| (s.difference / s.exact).sqrt());
+        let errors = squares
+            .iter()
+            .map(|[difference, exact]| (difference / exact).sqrt());
         OutputErrors {
             precision: backbone.precision(),
             outputs: names.iter().cloned().zip(errors).collect(),
         }
     });
     Ok(errors.collect())
-}
-
-impl Squares {
-    fn add(&mut self, exact: &[f32], found: &[f32]) {
-        for (exact, found) in exact.iter().zip(found) {
-            self.difference += f64::from(exact - found).powi(2);
-            self.exact += f64::from(*exact).powi(2);
-        }
-    }
 }
 
 /// The feature rows, then each head on them. Every precision has the same rows.

@@ -9,7 +9,7 @@
 
 use mluc_model::Folded;
 
-use super::histogram::{STEPS, error, largest, power};
+use super::histogram::{BINS, STEPS, error, largest, power};
 
 /// Exponents tried: these many steps from 0 to 1.
 const TRIES: usize = 8;
@@ -23,8 +23,8 @@ const MARGIN: f64 = 1.25;
 const WEIGHT_STEPS: f64 = 127.0;
 
 /// What was seen of one channel.
-pub(crate) struct Channel<'a> {
-    counts: &'a [u64],
+struct Channel<'a> {
+    counts: &'a [u64; BINS],
     /// The least that it may be: nothing seen is cut, nor what is a little larger. None where every value was 0.
     range: Option<f64>,
     /// Sum of the squares.
@@ -32,7 +32,7 @@ pub(crate) struct Channel<'a> {
 }
 
 impl<'a> Channel<'a> {
-    pub(crate) fn new(counts: &'a [u64]) -> Channel<'a> {
+    fn new(counts: &'a [u64; BINS]) -> Channel<'a> {
         Channel {
             counts,
             range: largest(counts).map(|largest| MARGIN * largest),
@@ -69,8 +69,8 @@ impl Reader {
         }
     }
 
-    /// Mean over the output channels of the square error that roundings make, over the power. `ranges`: as
-    /// [`Search::rated`].
+    /// Mean over the output channels of the square error that roundings make, over the power. `ranges`: each with the square
+    /// error of its channel's values.
     fn error(&self, channels: &[Channel], ranges: &[(f64, f64)]) -> f64 {
         let of = |o: usize| {
             let (mut step, mut values, mut signal, mut counts) = (0.0_f64, 0.0, 0.0, 0.0);
@@ -92,13 +92,17 @@ impl Reader {
     }
 }
 
-/// A range for each channel; none where every value was 0.
-pub(crate) fn equalized(channels: Vec<Channel>, readers: &[Folded]) -> Option<Vec<f32>> {
+/// A range for each channel, by its histogram; none where every value was 0.
+pub(crate) fn equalized(counts: &[[u64; BINS]], readers: &[Folded]) -> Option<Vec<f32>> {
+    let channels: Vec<Channel> = counts.iter().map(Channel::new).collect();
     let largest = channels.iter().filter_map(|channel| channel.range);
     let largest = largest.reduce(f64::max)?;
-    let search = Search {
-        channels: &channels,
-        readers: readers.iter().map(Reader::new).collect(),
+    let readers: Vec<Reader> = readers.iter().map(Reader::new).collect();
+    // Ranges, each with the square error of its channel's values, and the errors of the readers.
+    let rated = |ranges: Vec<(f64, f64)>| {
+        let readers = readers.iter();
+        let errors = readers.map(|reader| reader.error(&channels, &ranges));
+        (errors.sum::<f64>(), ranges)
     };
     let tried = (0..=TRIES).map(|number| {
         let exponent = number as f64 / TRIES as f64;
@@ -109,7 +113,7 @@ pub(crate) fn equalized(channels: Vec<Channel>, readers: &[Folded]) -> Option<Ve
         let ranges: Vec<f64> = channels.iter().map(range).collect();
         let pairs = channels.iter().zip(&ranges);
         let errors = pairs.map(|(channel, range)| error(channel.counts, *range));
-        search.rated(ranges.iter().copied().zip(errors).collect())
+        rated(ranges.iter().copied().zip(errors).collect())
     });
     let mut best = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
     for _ in 0..PASSES {
@@ -121,9 +125,9 @@ pub(crate) fn equalized(channels: Vec<Channel>, readers: &[Folded]) -> Option<Ve
                     continue;
                 }
                 ranges[number] = (range, error(channel.counts, range));
-                let rated = search.rated(ranges);
-                if rated.0 < best.0 {
-                    best = rated;
+                let found = rated(ranges);
+                if found.0 < best.0 {
+                    best = found;
                 }
             }
         }
@@ -131,27 +135,13 @@ pub(crate) fn equalized(channels: Vec<Channel>, readers: &[Folded]) -> Option<Ve
     Some(best.1.iter().map(|(range, _)| *range as f32).collect())
 }
 
-struct Search<'a> {
-    channels: &'a [Channel<'a>],
-    readers: Vec<Reader>,
-}
-
-impl Search<'_> {
-    /// Ranges, each with the square error of its channel's values, and the errors of the readers.
-    fn rated(&self, ranges: Vec<(f64, f64)>) -> (f64, Vec<(f64, f64)>) {
-        let readers = self.readers.iter();
-        let error = readers.map(|reader| reader.error(self.channels, &ranges));
-        (error.sum(), ranges)
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::histogram::{BINS, bin};
+    use super::super::histogram::bin;
     use super::*;
 
-    fn histogram(values: &[(f32, u64)]) -> Vec<u64> {
-        let mut counts = vec![0; BINS];
+    fn histogram(values: &[(f32, u64)]) -> [u64; BINS] {
+        let mut counts = [0; BINS];
         for (value, count) in values {
             counts[bin(*value).expect("a bin")] += count;
         }
@@ -172,10 +162,10 @@ mod tests {
     fn a_channel_that_is_rarely_large_gets_a_smaller_share_of_the_weights_steps() {
         let common = histogram(&[(1.0, 10_000)]);
         let rare = histogram(&[(0.01, 10_000), (100.0, 1)]);
-        let channels = || vec![Channel::new(&common), Channel::new(&rare)];
-        let equal = equalized(channels(), &[reader(&[1.0, 1.0])]).expect("ranges");
+        let channels = [common, rare];
+        let equal = equalized(&channels, &[reader(&[1.0, 1.0])]).expect("ranges");
         // Both channels matter: with a range each of its own, the weight of the common one would be 1 of 127.
-        let small = equalized(channels(), &[reader(&[1.0, 1e-3])]).expect("ranges");
+        let small = equalized(&channels, &[reader(&[1.0, 1e-3])]).expect("ranges");
         let ratio = |ranges: &[f32]| ranges[1] / ranges[0];
         assert!(ratio(&equal) < 50.0, "{equal:?}");
         assert!(ratio(&small) > ratio(&equal), "{small:?}");
@@ -184,15 +174,9 @@ mod tests {
     #[test]
     fn nothing_seen_gives_no_range_and_a_silent_channel_the_largest() {
         let (silent, some) = (histogram(&[]), histogram(&[(2.0, 5)]));
-        assert_eq!(
-            equalized(vec![Channel::new(&silent)], &[reader(&[1.0])]),
-            None
-        );
-        let channels = vec![Channel::new(&silent), Channel::new(&some)];
-        let ranges = equalized(channels, &[reader(&[0.0, 1.0])]).expect("ranges");
-        assert!(
-            ranges.iter().all(|range| (1.5..3.0).contains(range)),
-            "{ranges:?}"
-        );
+        assert_eq!(equalized(&[silent], &[reader(&[1.0])]), None);
+        let ranges = equalized(&[silent, some], &[reader(&[0.0, 1.0])]).expect("ranges");
+        let mut inside = ranges.iter().map(|range| (1.5..3.0).contains(range));
+        assert!(inside.all(|inside| inside), "{ranges:?}");
     }
 }

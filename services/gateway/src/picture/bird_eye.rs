@@ -2,9 +2,8 @@
 
 use super::canvas::{Canvas, Color};
 use super::captions::Captions;
-use super::color::{NIGHT, RING, ramp};
 use super::legend::draw_legend;
-use super::view::{BoxKind, DrawnBox, PointColor, View, color_of};
+use super::view::{BoxKind, DrawnBox, NIGHT, PointColor, RING, View, color_of, ramp};
 
 /// Heights at the ends of the ramp, m above the sensor.
 const RAMP_M: [f32; 2] = [-2.2, 1.2];
@@ -29,10 +28,8 @@ fn draw_rings(canvas: &mut Canvas, view: &View) {
     let center = view.at(0.0, 0.0);
     let sides = view.x_m.iter().chain(&view.y_m);
     let furthest = sides.fold(0.0f32, |m, v| m.max(v.abs()));
-    for radius in (1..)
-        .map(|ten| ten as f32 * 10.0)
-        .take_while(|r| *r <= furthest)
-    {
+    let tens = (1..).map(|ten| ten as f32 * 10.0);
+    for radius in tens.take_while(|r| *r <= furthest) {
         canvas.ring(center, radius * view.px_per_m, 1.2, RING, 0.8);
         let at = view.at(radius, 0.0).map(|v| v as i64 + 4);
         let color = RING.map(|c| c.saturating_add(50));
@@ -42,9 +39,8 @@ fn draw_rings(canvas: &mut Canvas, view: &View) {
 
 /// Low points first, so that what stands out is on top.
 fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], view: &View) {
-    let mut order: Vec<usize> = (0..points.len())
-        .filter(|i| points[*i][..3].iter().all(|v| v.is_finite()))
-        .collect();
+    let is_finite = |i: &usize| points[*i][..3].iter().all(|v| v.is_finite());
+    let mut order: Vec<usize> = (0..points.len()).filter(is_finite).collect();
     order.sort_by(|a, b| points[*a][2].total_cmp(&points[*b][2]).then(a.cmp(b)));
     for index in order {
         let [x, y, z, _] = points[index];
@@ -73,10 +69,8 @@ fn splat(canvas: &mut Canvas, at: [f32; 2], color: Color) {
 
 /// Corners of the footprint in pixels; `None` for a box that makes no sense or lies far away.
 fn corners_px(drawn: &DrawnBox, view: &View) -> Option<[[f32; 2]; 4]> {
-    let corners = drawn
-        .box_in_sensor
-        .footprint_m()
-        .map(|[x, y]| view.at(x as f32, y as f32));
+    let footprint_m = drawn.box_in_sensor.footprint_m();
+    let corners = footprint_m.map(|[x, y]| view.at(x as f32, y as f32));
     let is_sane = |v: &f32| v.is_finite() && v.abs() <= 1e5;
     corners.iter().flatten().all(is_sane).then_some(corners)
 }
@@ -97,10 +91,9 @@ fn draw_box(canvas: &mut Canvas, drawn: &DrawnBox, view: &View) {
         canvas.line(corners[i], corners[(i + 1) % 4], width, color, 0.95);
     }
     // The front edge lies between the first and the last corner.
-    let mix =
-        |a: [f32; 2], b: [f32; 2], t: f32| [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t];
-    let left = mix(corners[0], corners[1], 0.18);
-    let right = mix(corners[3], corners[2], 0.18);
+    let inwards = |a: [f32; 2], b: [f32; 2]| [0, 1].map(|i| a[i] + (b[i] - a[i]) * 0.18);
+    let left = inwards(corners[0], corners[1]);
+    let right = inwards(corners[3], corners[2]);
     canvas.line(left, right, width, color, 0.95);
 }
 
@@ -164,9 +157,8 @@ mod tests {
             let empty = bird_eye(&[], &[], &view());
             let canvas = bird_eye(&[p], &[], &view());
             let pixels = (0..200).flat_map(|y| (0..200).map(move |x| (x, y)));
-            let changed: Vec<_> = pixels
-                .filter(|(x, y)| canvas.pixel(*x, *y) != empty.pixel(*x, *y))
-                .collect();
+            let is_changed = |(x, y): &(_, _)| canvas.pixel(*x, *y) != empty.pixel(*x, *y);
+            let changed: Vec<_> = pixels.filter(is_changed).collect();
             assert!((1..=4).contains(&changed.len()), "{changed:?}");
             changed[0]
         };

@@ -50,11 +50,8 @@ impl Canvas {
 
     /// A filled rectangle, corners in px.
     pub fn rectangle(&mut self, low: [i64; 2], high: [i64; 2], color: Color, alpha: f32) {
-        for y in low[1].max(0)..high[1].min(self.height_px as i64) {
-            for x in low[0].max(0)..high[0].min(self.width_px as i64) {
-                self.blend(x, y, color, alpha);
-            }
-        }
+        let corners = [low, high].map(|corner| corner.map(|v| v as f32));
+        self.paint(corners, color, alpha, |_| 1.0);
     }
 
     /// An anti-aliased line with round ends: every pixel is covered by its distance from the segment.
@@ -73,9 +70,7 @@ impl Canvas {
             [0, 1].map(|axis| corners.iter().map(|c| c[axis]).fold(start, pick))
         };
         let bounds = [bound(f32::min, f32::MAX), bound(f32::max, f32::MIN)];
-        self.paint(bounds, color, alpha, |p| {
-            f32::from(u8::from(inside(corners, p)))
-        });
+        self.paint(bounds, color, alpha, |p| f32::from(inside(corners, p)));
     }
 
     /// An anti-aliased circle.
@@ -112,11 +107,8 @@ impl Canvas {
 
     /// Width and height of a text, px.
     pub fn text_size_px(text: &str, scale: usize) -> [i64; 2] {
-        let letters = text.chars().count() as i64;
-        [
-            (letters * (GLYPH_COLUMNS as i64 + 1) - 1).max(0) * scale as i64,
-            (GLYPH_ROWS * scale) as i64,
-        ]
+        let dots = text.chars().count() * (GLYPH_COLUMNS + 1);
+        [dots.saturating_sub(1), GLYPH_ROWS].map(|dots| (dots * scale) as i64)
     }
 
     /// The picture as a PNG file.
@@ -125,13 +117,11 @@ impl Canvas {
         let [width, height] = self.size_px().map(|side| side as u32);
         let mut encoder = png::Encoder::new(&mut file, width, height);
         encoder.set_color(png::ColorType::Rgb);
-        let mut writer = encoder
-            .write_header()
-            .expect("sides above 0, room in memory");
+        let writer = encoder.write_header();
+        let mut writer = writer.expect("sides above 0, room in memory");
         let written = writer.write_image_data(self.pixels.as_flattened());
-        written
-            .and_then(|()| writer.finish())
-            .expect("as many pixels as the header says");
+        let finished = written.and_then(|()| writer.finish());
+        finished.expect("as many pixels as the header says");
         file
     }
 

@@ -11,7 +11,6 @@ pub(super) struct Captions {
 }
 
 impl Captions {
-    /// In a picture with these boxes.
     pub(super) fn among(boxes: Vec<[i64; 4]>, picture_px: [usize; 2]) -> Captions {
         Captions {
             size_px: picture_px.map(|v| v as i64),
@@ -27,16 +26,16 @@ impl Captions {
         let (to_right, to_left) = (right + GAP_PX, left - GAP_PX - width);
         let lines = 0..=(bottom - top).clamp(0, 400) / line + 1;
         let beside = |x: i64| lines.clone().map(move |i| [x, top - 2 + i * line]);
+        let over_and_under = [[left, top - GAP_PX - height], [left, bottom + GAP_PX]];
         let places = beside(to_right)
             .chain(beside(to_left))
-            .chain([[left, top - GAP_PX - height], [left, bottom + GAP_PX]]);
+            .chain(over_and_under);
         let mut free = places.filter(|[x, y]| self.is_free([*x, *y, x + width, y + height]));
         let place = free.next().unwrap_or([to_right, top - 2]);
         let within = |i: usize, length: i64| place[i].clamp(0, (self.size_px[i] - length).max(0));
-        let place = [within(0, width), within(1, height)];
-        self.taken
-            .push([place[0], place[1], place[0] + width, place[1] + height]);
-        place
+        let [x, y] = [within(0, width), within(1, height)];
+        self.taken.push([x, y, x + width, y + height]);
+        [x, y]
     }
 
     fn is_free(&self, a: [i64; 4]) -> bool {
@@ -76,10 +75,7 @@ mod tests {
         }
         let mut many = captions(&[]);
         let places = [0; 101].map(|_| many.place([0, 0, 10, 10], [60, 7]));
-        assert_eq!(
-            places[100],
-            [14, 0],
-            "where all is taken the text is there all the same"
-        );
+        let last = places[100];
+        assert_eq!(last, [14, 0], "where all is taken the text is there too");
     }
 }

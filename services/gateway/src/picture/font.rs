@@ -4,19 +4,15 @@ use std::array;
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-/// Dots across a letter.
 pub(super) const GLYPH_COLUMNS: usize = 5;
-/// Dots down a letter.
 pub(super) const GLYPH_ROWS: usize = 7;
 
 type Glyph = [u8; GLYPH_ROWS];
 
 /// A line a sign: the sign, and its rows from the top.
 static ALPHABET: LazyLock<HashMap<char, Glyph>> = LazyLock::new(|| {
-    let bits = |row: &str| {
-        row.chars()
-            .fold(0, |bits, dot| bits << 1 | u8::from(dot == '#'))
-    };
+    let add = |bits, dot| bits << 1 | u8::from(dot == '#');
+    let bits = |row: &str| row.chars().fold(0, add);
     let glyph = |line: &'static str| {
         let mut signs = line.chars();
         let sign = signs.next()?;

@@ -1,8 +1,7 @@
 //! The corner of a picture that says what is seen: title, one line a kind of box with its count, the height ramp.
 
 use super::canvas::{Canvas, Color};
-use super::color::{CAPTION, NIGHT, ramp};
-use super::view::{BoxKind, DrawnBox, PointColor, View, color_of};
+use super::view::{BoxKind, CAPTION, DrawnBox, NIGHT, PointColor, View, color_of, ramp};
 
 const MARGIN_PX: i64 = 14;
 const LINE_PX: i64 = 18;
@@ -13,13 +12,9 @@ const RAMP_PX: i64 = 180;
 pub(super) fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View, ramp_m: [f32; 2]) {
     let lines = lines(boxes);
     let title_px = if view.title.is_empty() { 0 } else { 24 };
-    let texts = lines
-        .iter()
-        .map(|(_, text)| Canvas::text_size_px(text, 1)[0] + 20);
-    let width = texts
-        .chain([Canvas::text_size_px(&view.title, 2)[0]])
-        .max()
-        .unwrap_or(0);
+    let texts = lines.iter().map(|(_, text)| text);
+    let widths = texts.map(|text| Canvas::text_size_px(text, 1)[0] + 20);
+    let width = widths.fold(Canvas::text_size_px(&view.title, 2)[0], i64::max);
     let height = title_px + lines.len() as i64 * LINE_PX;
     if height > 0 {
         let end = [MARGIN_PX + width + 10, MARGIN_PX + height + 2];
@@ -54,11 +49,10 @@ fn lines(boxes: &[DrawnBox]) -> Vec<(Color, String)> {
             BoxKind::Truth => "label",
         };
         let label = first.label.replace('_', " ");
-        let text = if label.eq_ignore_ascii_case(what) {
-            format!("{count} {label}")
-        } else {
-            format!("{count} {label} ({what})")
-        };
+        let mut text = format!("{count} {label}");
+        if !label.eq_ignore_ascii_case(what) {
+            text += &format!(" ({what})");
+        }
         (color_of(first), text)
     };
     seen.into_iter().map(line).collect()
@@ -73,12 +67,8 @@ fn draw_ramp(canvas: &mut Canvas, ramp_m: [f32; 2]) {
         canvas.rectangle([x, top], [x + 1, top + 8], color, 1.0);
     }
     let [low, high] = ramp_m;
-    let texts = [
-        format!("{low:.1} m"),
-        "height".into(),
-        format!("+{high:.1} m"),
-    ];
-    for (text, halves) in texts.iter().zip(0..) {
+    let (low, high) = (format!("{low:.1} m"), format!("+{high:.1} m"));
+    for (text, halves) in [&low, "height", &high].into_iter().zip(0..) {
         let room = RAMP_PX - Canvas::text_size_px(text, 1)[0];
         canvas.text([MARGIN_PX + room * halves / 2, top + 14], text, 1, CAPTION);
     }

@@ -3,12 +3,10 @@
 mod bird_eye;
 mod canvas;
 mod captions;
-mod color;
 mod font;
 mod legend;
 mod view;
 
 pub use bird_eye::bird_eye;
 pub use canvas::{Canvas, Color};
-pub use color::{label_color, ramp};
-pub use view::{BoxKind, DrawnBox, PointColor, View};
+pub use view::{BoxKind, DrawnBox, PointColor, View, label_color, ramp};

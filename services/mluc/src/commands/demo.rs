@@ -10,7 +10,7 @@ use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point};
 use mluc_runtime::log_to_stderr;
 
 use crate::bundled::BundledScans;
-use crate::cli::{DemoArgs, PipelineArgs};
+use crate::cli::PipelineArgs;
 use crate::settings::{Pace, Settings};
 use crate::supervisor::run;
 use crate::terminal::print_out;
@@ -19,20 +19,19 @@ use crate::terminal::print_out;
 const SCORE_MIN: f32 = 0.3;
 const UNKNOWN_SCORE_MIN: f32 = 0.05;
 
-pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
     let scans = BundledScans::write("demo")?;
     let settings = Settings::resolve(PipelineArgs {
         input: Some(scans.folder().to_path_buf()),
-        model: Some(args.model),
+        model: Some(model),
         pace: Some(Pace::Complete),
         instance: Some(format!("demo-{}", std::process::id())),
         ..PipelineArgs::default()
     })?;
     let count = scans.points.len();
-    print_out(format_args!(
-        "{count} simulated scans through four processes:\n"
-    ))?;
+    let what = "simulated scans through four processes";
+    print_out(format_args!("{count} {what}:\n"))?;
     let mut best: Option<Best> = None;
     let outcome = run(settings, &mut |header, objects, classes| {
         let shown = print(header, objects, classes)?;
@@ -51,8 +50,8 @@ pub(crate) fn demo(args: DemoArgs) -> anyhow::Result<ExitCode> {
     match best {
         Some(best) => {
             let points = scans.points.get(best.sequence as usize);
-            draw(&args.picture, points.map_or(&[], Vec::as_slice), &best)?;
-            let picture = args.picture.display();
+            draw(picture, points.map_or(&[], Vec::as_slice), &best)?;
+            let picture = picture.display();
             print_out(format_args!("picture of frame {}: {picture}", best.name))?;
         }
         None => print_out("no frame came out: no picture")?,
@@ -75,18 +74,14 @@ fn print<'a>(
     classes: &[String],
 ) -> anyhow::Result<Vec<&'a Object>> {
     let is_shown = |object: &&Object| {
-        let score_min = if is_unknown(object) {
-            UNKNOWN_SCORE_MIN
-        } else {
-            SCORE_MIN
-        };
-        object.is_published() && object.score >= score_min
+        let is_sure = object.score >= SCORE_MIN;
+        let is_sure_unknown = is_unknown(object) && object.score >= UNKNOWN_SCORE_MIN;
+        object.is_published() && (is_sure || is_sure_unknown)
     };
     let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
     let (name, points, count) = (header.name(), header.points_in, shown.len());
-    print_out(format_args!(
-        "frame {name}: {points} points, {count} objects"
-    ))?;
+    let line = format!("frame {name}: {points} points, {count} objects");
+    print_out(line)?;
     for object in &shown {
         print_out(format_args!("  {}", describe(object, classes)))?;
     }

@@ -11,7 +11,6 @@ use mluc_runtime::Instance;
 
 use self::Verdict::{Failure, Fine, Warning};
 use crate::EXIT_FAILURE;
-use crate::cli::DoctorArgs;
 use crate::model::{self, class_names};
 use crate::terminal::print_out;
 
@@ -25,8 +24,8 @@ enum Verdict {
     Failure,
 }
 
-pub(crate) fn doctor(args: DoctorArgs) -> anyhow::Result<ExitCode> {
-    let loaded = model::load(&args.model);
+pub(crate) fn doctor(model: &str) -> anyhow::Result<ExitCode> {
+    let loaded = model::load(model);
     let about_model = match &loaded {
         Ok(model) => describe_model(model),
         Err(error) => (Failure, format!("{error:#}")),
@@ -83,31 +82,26 @@ fn check_shared_memory(model: Option<&Model>) -> Finding {
     };
     let needed_mib = needed_bytes(model).div_ceil(1 << 20);
     let text = format!("/dev/shm: {free_mib} MiB free, this model needs {needed_mib} MiB");
-    if free_mib < needed_mib {
-        return (
-            Failure,
-            format!("{text}: make it larger (in a container: --shm-size)"),
-        );
+    if free_mib >= needed_mib {
+        return (Fine, text);
     }
-    (Fine, text)
+    let hint = "make it larger (in a container: --shm-size)";
+    (Failure, format!("{text}: {hint}"))
 }
 
 fn check_cores() -> Finding {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let load = fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    let load = load
-        .split_whitespace()
-        .next()
-        .and_then(|word| word.parse().ok());
-    let load: f64 = load.unwrap_or(0.0);
+    let load = load.split_whitespace().next();
+    let load: f64 = load.and_then(|word| word.parse().ok()).unwrap_or(0.0);
     let text = format!("{cores} cores, load {load:.1}");
     if cores < 2 {
-        (Warning, format!("{text}: 10 Hz needs two"))
-    } else if load < cores as f64 {
-        (Fine, text)
-    } else {
-        (Warning, format!("{text}: other work will delay frames"))
+        return (Warning, format!("{text}: 10 Hz needs two"));
     }
+    if load >= cores as f64 {
+        return (Warning, format!("{text}: other work will delay frames"));
+    }
+    (Fine, text)
 }
 
 fn check_governor() -> Finding {
@@ -115,10 +109,10 @@ fn check_governor() -> Finding {
     match fs::read_to_string(path).as_deref().map(str::trim) {
         Err(_) => (Fine, "CPU frequency is not ours to see".into()),
         Ok("performance") => (Fine, "CPU governor: performance".into()),
-        Ok(other) => (
-            Warning,
-            format!("CPU governor: {other}; `performance` makes latency even"),
-        ),
+        Ok(other) => {
+            let hint = "`performance` makes latency even";
+            (Warning, format!("CPU governor: {other}; {hint}"))
+        }
     }
 }
 
@@ -128,9 +122,8 @@ fn check_leftovers() -> Vec<Finding> {
     let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     let folders = entries.filter(|entry| entry.path().is_dir());
     let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
-    names
-        .filter_map(|name| leftover(name.strip_prefix(&stem)?))
-        .collect()
+    let leftovers = names.filter_map(|name| leftover(name.strip_prefix(&stem)?));
+    leftovers.collect()
 }
 
 fn leftover(name: &str) -> Option<Finding> {

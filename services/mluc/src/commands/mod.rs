@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use mluc_runtime::log_to_stderr;
 
-use crate::cli::{ConfigArgs, ExecArgs};
+use crate::cli::PipelineArgs;
 use crate::placement::pin;
 use crate::resolve::Resolved;
 use crate::stages::end_with;
@@ -23,23 +23,25 @@ pub(crate) use status::status;
 pub(crate) use up::up;
 
 /// `mluc config`: the settings of a run, without the run.
-pub(crate) fn config(args: ConfigArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("config", "warn");
-    let mut resolved = Resolved::of(args.pipeline, false)?;
+    let mut resolved = Resolved::of(pipeline, false)?;
     resolved.load_model()?;
-    if args.print {
+    if prints {
         print_out(resolved.print()?.trim_end())?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
 /// `mluc exec`: ties this process to the supervisor and becomes another program.
-pub(crate) fn exec(args: ExecArgs) -> anyhow::Result<ExitCode> {
-    end_with(args.supervised_by)?;
-    if let Some(cpus) = &args.cpus {
-        pin(cpus)?;
-    }
-    let (program, arguments) = args.command.split_first().context("no program given")?;
+pub(crate) fn exec(
+    parent: u32,
+    cpus: Option<Vec<usize>>,
+    command: &[String],
+) -> anyhow::Result<ExitCode> {
+    end_with(parent)?;
+    cpus.map_or(Ok(()), |cpus| pin(&cpus))?;
+    let (program, arguments) = command.split_first().context("no program given")?;
     // Only returns when it fails.
     let error = std::process::Command::new(program).args(arguments).exec();
     Err(error).with_context(|| format!("starting {program}"))

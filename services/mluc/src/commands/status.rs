@@ -10,17 +10,16 @@ use mluc_runtime::{Instance, Shell, Shutdown, log_to_stderr};
 use serde_json::{Value, json};
 
 use crate::UsageError;
-use crate::cli::StatusArgs;
 use crate::terminal::print_out;
 
 /// Three heartbeats.
 const LISTEN: Duration = Duration::from_millis(350);
 
-pub(crate) fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn status(name: &str, is_json: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("status", "warn");
-    let instance = Instance::new(&args.instance).map_err(|e| UsageError(e.to_string()))?;
+    let instance = Instance::new(name).map_err(|e| UsageError(e.to_string()))?;
     if !instance.root().exists() {
-        bail!("no pipeline runs under the name '{}'", instance.name());
+        bail!("no pipeline runs under the name '{name}'");
     }
     let shell = Shell::observer(&instance, None, Shutdown::on_signals()?)?;
     let mut watch = shell.health_watch()?;
@@ -28,8 +27,8 @@ pub(crate) fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     watch.update()?;
     std::thread::sleep(LISTEN);
     let stages = *watch.update()?;
-    if args.json {
-        print_out(as_json(&args.instance, &stages))?;
+    if is_json {
+        print_out(as_json(name, &stages))?;
     } else {
         print(&stages)?;
     }
@@ -82,11 +81,8 @@ fn counted(counts: &CandidateCounts) -> impl Iterator<Item = (&'static str, u64)
 
 fn candidates(counts: &CandidateCounts) -> String {
     let words = counted(counts).map(|(name, count)| format!("{name} {count}"));
-    let words = words.collect::<Vec<_>>().join(", ");
-    format!(
-        "candidates since the refiner began: {} ({words})",
-        counts.total()
-    )
+    let (total, words) = (counts.total(), words.collect::<Vec<_>>().join(", "));
+    format!("candidates since the refiner began: {total} ({words})")
 }
 
 fn as_json(instance: &str, stages: &[Option<Health>; 4]) -> Value {
@@ -137,16 +133,16 @@ mod tests {
 
     #[test]
     fn words_and_json_tell_what_the_stages_said() {
+        let words = candidates(&refiner().candidates);
+        let counts = "15 (published 12, overlaps_known 3, split 2)";
         assert_eq!(
-            candidates(&refiner().candidates),
-            "candidates since the refiner began: 15 (published 12, overlaps_known 3, split 2)"
+            words,
+            format!("candidates since the refiner began: {counts}")
         );
         let told = as_json("demo", &[None, None, None, Some(refiner())]);
         assert_eq!(told["instance"], "demo");
-        assert_eq!(
-            told["stages"][0],
-            json!({"stage": "ingest", "state": "silent"})
-        );
+        let silent = json!({"stage": "ingest", "state": "silent"});
+        assert_eq!(told["stages"][0], silent);
         let refiner = json!({
             "stage": "refiner", "process": 7, "state": "running", "frames_in": 9, "frames_out": 9,
             "frames_dropped": 0, "messages_refused": 0, "run_p50_us": 0, "run_p99_us": 0, "run_max_us": 0,

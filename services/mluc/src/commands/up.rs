@@ -24,20 +24,17 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     })?;
     let unread = writer.finish().context("writing JSON lines to stdout")?;
     print_err(outcome.latencies.table().trim_end());
+    let (frames_in, frames_out) = (outcome.frames_in, outcome.frames_out);
+    let (lost, restarts) = (outcome.frames_lost(), outcome.restarts);
     print_err(format_args!(
-        "frames: {} in, {} out, {} lost; stages restarted: {}",
-        outcome.frames_in,
-        outcome.frames_out,
-        outcome.frames_lost(),
-        outcome.restarts
+        "frames: {frames_in} in, {frames_out} out, {lost} lost; stages restarted: {restarts}"
     ));
     if let Some(flags) = summary.flags() {
         print_err(flags);
     }
     if unread > 0 {
-        print_err(format_args!(
-            "{unread} lines dropped: the reader of stdout was too slow"
-        ));
+        let why = "the reader of stdout was too slow";
+        print_err(format_args!("{unread} lines dropped: {why}"));
     }
     if summary.is_useless() {
         print_err(
@@ -59,9 +56,8 @@ struct Summary {
 impl Summary {
     fn record(&mut self, header: &FrameHeader) {
         self.frames += 1;
-        let unusable = header
-            .points_dropped
-            .saturating_add(header.points_out_of_range);
+        let dropped = header.points_dropped;
+        let unusable = dropped.saturating_add(header.points_out_of_range);
         let usable = header.points_in.saturating_sub(unusable);
         // Some bytes of a text file read as points in range, 2 % or so; of a scan at least a fifth lies there.
         self.usable += u64::from(usable > header.points_in / 20);
@@ -72,11 +68,8 @@ impl Summary {
 
     /// A line with the frames that carry each flag; none where no frame has one.
     fn flags(&self) -> Option<String> {
-        let words = self
-            .flags
-            .iter()
-            .map(|(name, count)| format!("{name} {count}"));
-        let words: Vec<String> = words.collect();
+        let word = |(name, count)| format!("{name} {count}");
+        let words: Vec<_> = self.flags.iter().map(word).collect();
         (!words.is_empty()).then(|| format!("frames with flags: {}", words.join(", ")))
     }
 
@@ -102,10 +95,8 @@ mod tests {
         summary.record(&frame(0, 0, Flags::EMPTY));
         summary.record(&frame(1000, 990, Flags::EMPTY.with(Flags::LATE)));
         assert!(summary.is_useless());
-        assert_eq!(
-            summary.flags().as_deref(),
-            Some("frames with flags: empty 2, late 1")
-        );
+        let flags = summary.flags().unwrap_or_default();
+        assert_eq!(flags, "frames with flags: empty 2, late 1");
         summary.record(&frame(1000, 900, Flags::default()));
         assert!(!summary.is_useless());
     }

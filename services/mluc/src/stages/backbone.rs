@@ -23,7 +23,7 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
     let cells = backbone.map_shape().iter().product();
     let blocks = feature_blocks(cells, channels, manifest.network.ground_nodes());
     let output = shell.output(&Topic::FEATURES, blocks)?;
-    let frames = Frames::of_ingest(shell, &Topic::POINTS)?;
+    let frames = Frames::new(shell, &Topic::POINTS, None)?;
     let stage = BackboneStage {
         backbone,
         channels,

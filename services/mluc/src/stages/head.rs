@@ -5,7 +5,7 @@ use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FeatureBlock, FeatureRows, Flags, FrameHeader, Stage, Topic,
 };
 use mluc_model::Model;
-use mluc_runtime::{Algorithm, Frames, Shell, StageError, StageInput, run_stage};
+use mluc_runtime::{Algorithm, Frames, Scans, Shell, StageError, StageInput, run_stage};
 
 struct HeadStage {
     head: Head,
@@ -25,7 +25,7 @@ pub(crate) fn run(shell: &mut Shell, model: &Model) -> anyhow::Result<()> {
         detections: Vec::with_capacity(DETECTIONS_MAX),
     };
     let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
-    let frames = Frames::new(shell, &Topic::FEATURES)?;
+    let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::sent(shell)?))?;
     Ok(run_stage(shell, frames, output, stage)?)
 }
 

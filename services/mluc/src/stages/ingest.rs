@@ -1,6 +1,5 @@
 //! Scans from files into shared memory, at the sensor's pace or one after the other.
 
-mod downstream;
 mod pace;
 mod sender;
 

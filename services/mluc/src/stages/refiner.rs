@@ -6,7 +6,7 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_refiner::{Refiner, RefinerOutput, Tracker};
 use mluc_runtime::{
-    Algorithm, Frames, Output, RuntimeError, Shell, StageError, StageInput, monotonic_ns,
+    Algorithm, Frames, Output, RuntimeError, Scans, Shell, StageError, StageInput, monotonic_ns,
     run_stage, stamp_published,
 };
 
@@ -31,7 +31,7 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
         limits_ns: settings.budget_ms.map(|ms| (time_max_ns, ms * 1_000_000)),
     };
     let output = shell.output(&Topic::OBJECTS, OBJECTS_MAX)?;
-    let frames = Frames::with_points(shell, &Topic::DETECTIONS)?;
+    let frames = Frames::new(shell, &Topic::DETECTIONS, Some(Scans::held(shell)?))?;
     Ok(run_stage(shell, frames, output, stage)?)
 }
 

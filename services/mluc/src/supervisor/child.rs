@@ -156,12 +156,9 @@ impl Child {
         }
         let heard_ns = health.heard_ns(self.stage);
         let heartbeat = health.of(self.stage).filter(|health| {
-            let is_own = if self.is_foreign {
-                health.pid != self.pid_before
-            } else {
-                health.pid == self.pid()
-            };
-            is_own && heard_ns > self.started_ns
+            let is_own = health.pid == self.pid();
+            let is_new = self.is_foreign && health.pid != self.pid_before;
+            (is_own || is_new) && heard_ns > self.started_ns
         });
         if let Some(heartbeat) = heartbeat {
             self.was_ready |= health.is_ready(self.stage);
@@ -210,10 +207,9 @@ impl Child {
         let Some(heartbeat) = health.of(self.stage) else {
             return;
         };
-        let limit_ms = if heartbeat.frames_out > 0 {
-            heartbeat_limit_ms(own, heartbeat.run_max_us)
-        } else {
-            own.start_max_ms
+        let limit_ms = match heartbeat.frames_out {
+            0 => own.start_max_ms,
+            _ => heartbeat_limit_ms(own, heartbeat.run_max_us),
         };
         let since_ns = health.heard_ns(self.stage).max(regular_since_ns);
         let silent_ns = monotonic_ns().saturating_sub(since_ns);
@@ -270,11 +266,8 @@ impl Child {
 
     /// At once where it has published a frame, else, and in a crash loop, after a growing delay.
     pub(super) fn plan_restart(&mut self) {
-        let delay = if self.has_published && !self.is_crash_loop {
-            Duration::ZERO
-        } else {
-            self.delay
-        };
+        let at_once = self.has_published && !self.is_crash_loop;
+        let delay = self.delay * u32::from(!at_once);
         tracing::warn!(stage = self.stage.name(), "restart in {delay:?}");
         self.due = Some(Instant::now() + delay);
         self.delay = (delay * 2).clamp(DELAY_FIRST, DELAY_MAX);
@@ -314,7 +307,6 @@ impl Child {
     }
 }
 
-/// Whether a process of the group is left.
 fn is_alive(group: Option<Pid>) -> bool {
     group.is_some_and(|group| test_kill_process_group(group).is_ok())
 }

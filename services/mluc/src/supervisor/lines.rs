@@ -13,7 +13,6 @@ use crate::settings::Pace;
 /// Lines that wait for the reader.
 const LINES_WAITING: usize = 64;
 
-/// Writes a line a frame.
 pub(crate) struct LineWriter {
     lines: Sender<Vec<u8>>,
     thread: JoinHandle<io::Result<()>>,

@@ -41,25 +41,20 @@ pub(crate) struct Outcome {
 impl Outcome {
     pub(crate) fn frames_lost(&self) -> u64 {
         if self.is_interrupted {
-            self.frames_skipped
-        } else {
-            self.frames_in.saturating_sub(self.frames_out)
+            return self.frames_skipped;
         }
+        self.frames_in.saturating_sub(self.frames_out)
     }
 
     pub(crate) fn exit_code(&self) -> ExitCode {
         let is_clean = self.frames_lost() == 0 && self.restarts == 0;
-        if is_clean || self.is_interrupted {
-            ExitCode::SUCCESS
-        } else {
-            ExitCode::from(EXIT_WARNINGS)
-        }
+        let is_fine = is_clean || self.is_interrupted;
+        ExitCode::from(if is_fine { 0 } else { EXIT_WARNINGS })
     }
 }
 
 /// Asked to end, stages get this long before they are killed: together with the rest below a second.
 const END_PATIENCE: Duration = Duration::from_millis(600);
-/// How often the supervisor looks around.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// The supervisor itself stood still so long: nothing is known of the stages in that time.
 const PAUSE_NS: u64 = 500_000_000;
@@ -81,7 +76,6 @@ struct Supervisor {
     outcome: Outcome,
 }
 
-/// Runs a pipeline to its end.
 pub(crate) fn run(mut settings: Settings, sink: &mut Sink) -> anyhow::Result<Outcome> {
     let model = check_before(&settings)?;
     settings.complete_from(&model);
@@ -180,10 +174,8 @@ impl Supervisor {
             self.scans.take(&self.run)?;
             // A refiner that outlived a run hands on the last message of that one.
             if header.wire_version == WIRE_VERSION && header.run_id != self.run.run_id {
-                tracing::debug!(
-                    sequence = header.sequence,
-                    "objects of another run left out"
-                );
+                let sequence = header.sequence;
+                tracing::debug!(sequence, "objects of another run left out");
                 continue;
             }
             let sent = self.scans.count_sent();
@@ -247,7 +239,6 @@ impl Supervisor {
         Ok(false)
     }
 
-    /// Where a restarted ingest goes on.
     fn start_sequence(&self) -> u64 {
         match self.settings.pace {
             Pace::Complete => self.next_sequence,
@@ -261,9 +252,8 @@ impl Supervisor {
             child.ask_to_end();
         }
         let begun = Instant::now();
-        while self.children.iter_mut().any(|child| child.is_running())
-            && begun.elapsed() < END_PATIENCE
-        {
+        let is_early = || begun.elapsed() < END_PATIENCE;
+        while self.children.iter_mut().any(Child::is_running) && is_early() {
             std::thread::sleep(Duration::from_millis(5));
         }
         for child in &mut self.children {

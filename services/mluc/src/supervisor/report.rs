@@ -41,12 +41,8 @@ impl Latencies {
     pub(crate) fn table(&self) -> String {
         let mut text = String::from("latency, ms        p50      p99      max\n");
         let mut row = |name: &str, us: &Histogram<u64>| {
-            let figures = [
-                us.value_at_quantile(0.50),
-                us.value_at_quantile(0.99),
-                us.max(),
-            ];
-            let [p50, p99, max] = figures.map(|us| us as f64 / 1000.0);
+            let [p50, p99] = [0.50, 0.99].map(|q| us.value_at_quantile(q));
+            let [p50, p99, max] = [p50, p99, us.max()].map(|us| us as f64 / 1000.0);
             text += &format!("{name:14}{p50:9.2}{p99:9.2}{max:9.2}\n");
         };
         for stage in Stage::ALL {

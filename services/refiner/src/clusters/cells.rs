@@ -94,7 +94,6 @@ impl Cells {
         self.tiles[tile][0] != EMPTY
     }
 
-    /// Adds a tile with its points.
     pub(super) fn add_tile(&mut self, tile: usize, points: &[IndexedPoint]) {
         let first_cell = self.cells.len();
         for point in points {
@@ -146,12 +145,10 @@ impl Cells {
         tiles.flat_map(|tile| self.tiles[tile][0]..self.tiles[tile][1])
     }
 
-    /// Points of a cell.
     pub(super) fn points(&self, cell: u32) -> Range<usize> {
         self.cells[cell as usize].points()
     }
 
-    /// Points of many cells.
     pub(super) fn count(&self, cells: &[u32]) -> usize {
         let counts = cells.iter().map(|&cell| self.cells[cell as usize].count);
         counts.map(|count| count as usize).sum()
@@ -166,7 +163,6 @@ impl Cells {
         })
     }
 
-    /// The longer side of [`Cells::extent_m`].
     pub(super) fn length_m(&self, cells: &[u32]) -> f32 {
         let [x0, y0, x1, y1] = self.extent_m(cells);
         (x1 - x0).max(y1 - y0)
@@ -356,12 +352,10 @@ mod tests {
 
     fn scattered(count: usize) -> Vec<[f32; 2]> {
         let f = |i: usize, k: f64| ((i as f64 * k).sin() * 43758.5453).rem_euclid(1.0) as f32;
-        (0..count)
-            .map(|i| [20.0 + 9.0 * f(i, 12.9898), 3.0 + 9.0 * f(i, 78.233)])
-            .collect()
+        let place = |i| [20.0 + 9.0 * f(i, 12.9898), 3.0 + 9.0 * f(i, 78.233)];
+        (0..count).map(place).collect()
     }
 
-    /// By tile.
     fn tiles(points: &[[f32; 2]]) -> BTreeMap<usize, Vec<IndexedPoint>> {
         let mut tiles: BTreeMap<usize, Vec<IndexedPoint>> = BTreeMap::new();
         for (index, &[x, y]) in points.iter().enumerate() {
@@ -427,18 +421,13 @@ mod tests {
                         cells.add_tile(tile, points);
                     }
                 }
-                cells.unite_whole(
-                    |_| join_m,
-                    |cells, tile| {
-                        cells.add_tile(tile, tiles.get(&tile).map_or(&[], Vec::as_slice));
-                    },
-                );
+                let of = |tile| tiles.get(&tile).map_or(&[][..], Vec::as_slice);
+                cells.unite_whole(|_| join_m, |cells, tile| cells.add_tile(tile, of(tile)));
                 components(&cells, count)
             };
             let same = |found: &[u32], a: usize, b: usize| {
-                found[a] == EMPTY
-                    || found[b] == EMPTY
-                    || (expected[a] == expected[b]) == (found[a] == found[b])
+                let is_any = [found[a], found[b]].contains(&EMPTY);
+                is_any || (expected[a] == expected[b]) == (found[a] == found[b])
             };
             let all = run(None);
             assert!(!all.contains(&EMPTY));

@@ -50,7 +50,7 @@ impl Piece {
 }
 
 /// Divides frame after frame; buffers are reused.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Divider {
     settings: Settings,
     /// Cells of all pieces, by their ranges.
@@ -67,12 +67,8 @@ impl Divider {
     pub(super) fn new(settings: &Settings) -> Divider {
         Divider {
             settings: settings.clone(),
-            order: Vec::new(),
-            pending: Vec::new(),
             done: Vec::with_capacity(CLUSTERS_MAX),
-            cluster: ClusterPoints::default(),
-            scratch: Vec::new(),
-            uprights: Vec::new(),
+            ..Divider::default()
         }
     }
 
@@ -81,7 +77,6 @@ impl Divider {
         &self.done
     }
 
-    /// Cells of a piece.
     pub(super) fn cells_of(&self, piece: &Piece) -> &[u32] {
         &self.order[piece.range()]
     }
@@ -225,10 +220,8 @@ impl Divider {
                 self.scratch.extend_from_slice(&self.order[part.range()]);
             }
         }
-        let rest = Piece {
-            first: upright_end,
-            ..piece
-        };
+        let mut rest = piece;
+        rest.first = upright_end;
         self.order[rest.range()].copy_from_slice(&self.scratch);
         rest
     }
@@ -237,9 +230,8 @@ impl Divider {
     fn stands_upright(&mut self, cells: &Cells, part: &Piece) -> bool {
         let own = self.cells_of(part);
         // Nobody is as wide as a car: most parts of walls need no closer look.
-        if cells.count(own) < self.settings.points_min as usize
-            || cells.length_m(own) > UPRIGHT_LENGTH_MAX_M
-        {
+        let is_sparse = cells.count(own) < self.settings.points_min as usize;
+        if is_sparse || cells.length_m(own) > UPRIGHT_LENGTH_MAX_M {
             return false;
         }
         self.collect(cells, part);

@@ -4,10 +4,9 @@
 //! first among those close by, unless it is sparse: a few returns from within a van lie nearer its centre than its body.
 //! Cells stand for their points, so that the cost does not depend on their number.
 
-use mluc_geometry::Box3;
+use mluc_geometry::{Box3, Inside};
 
 use super::{ClusterFinder, NO_CLUSTER};
-use crate::inside::Inside;
 use crate::proposal::{NEAR_M, reach_m};
 
 /// A cluster with less than one in so many of the points in the proposal's box is not what was detected there. One in 5
@@ -64,7 +63,6 @@ impl Matcher {
         })
     }
 
-    /// Lists the clusters within reach.
     fn collect(&mut self, finder: &ClusterFinder, proposal: &Box3) {
         let [cx, cy, cz] = proposal.center_m;
         let reach_m = reach_m(proposal);
@@ -88,7 +86,7 @@ impl Matcher {
                 continue;
             }
             let middle = [(x0 + x1) / 2.0, (y0 + y1) / 2.0, (z0 + z1) / 2.0];
-            let is_inside = within.contains(middle.map(|v| v as f32));
+            let is_inside = within.contains(middle.map(|v| f64::from(v as f32)));
             let place = &mut self.place[cluster as usize];
             if *place == NO_CLUSTER {
                 *place = self.near.len() as u32;

@@ -156,7 +156,6 @@ fn sums(points: &ClusterPoints) -> ([i64; 3], [i64; 6]) {
     (sum, products)
 }
 
-/// Mean distance to the nearest side, m.
 fn residual_m(points: &ClusterPoints, tight: &Rectangle) -> f32 {
     let (sin, cos) = (tight.yaw_rad.sin() as f32, tight.yaw_rad.cos() as f32);
     let [u, v] = tight.sides_m.map(|side| side.map(|m| m as f32));
@@ -205,10 +204,8 @@ mod tests {
         let wall = measured(&grid(1, 30, 30));
         assert!(wall.planarity > 0.95 && wall.residual_m < 0.01, "{wall:?}");
         let block = measured(&grid(10, 10, 10));
-        assert!(
-            block.scattering > 0.95 && block.residual_m > 0.1,
-            "{block:?}"
-        );
+        let is_block = block.scattering > 0.95 && block.residual_m > 0.1;
+        assert!(is_block, "{block:?}");
         assert_eq!(measured(&started()).points, 0);
     }
 

@@ -185,7 +185,6 @@ impl ClusterFinder {
         }
     }
 
-    /// The clusters' number.
     pub(crate) fn count(&self) -> usize {
         self.divider.pieces().len()
     }

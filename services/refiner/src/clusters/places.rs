@@ -26,12 +26,9 @@ impl Places {
 
     /// Whether it was there.
     pub(super) fn remove(&mut self, place: u32) -> bool {
-        let (word, bit) = (
-            &mut self.words[place as usize / WORD],
-            place as usize % WORD,
-        );
-        let was_there = *word >> bit & 1 == 1;
-        *word &= !(1 << bit);
+        let (word, bit) = (place as usize / WORD, 1 << (place as usize % WORD));
+        let was_there = self.words[word] & bit != 0;
+        self.words[word] &= !bit;
         was_there
     }
 
@@ -58,10 +55,9 @@ mod tests {
         for first in (0..1100).chain(last - 70..=last) {
             for count in [1, 7, 31, 63] {
                 let is_there = |i: u64| all.contains(&(first + i as u32)) && first + i as u32 != 62;
-                let expected = (0..u64::from(count))
-                    .filter(|&i| is_there(i))
-                    .map(|i| 1 << i);
-                assert_eq!(places.part(first, count), expected.sum::<u64>(), "{first}");
+                let inside = (0..u64::from(count)).filter(|&i| is_there(i));
+                let expected: u64 = inside.map(|i| 1 << i).sum();
+                assert_eq!(places.part(first, count), expected, "{first}");
             }
         }
     }

@@ -29,7 +29,6 @@ const DEGREE: i32 = 3;
 /// Headings that are tried first, three degrees apart.
 const COARSE: usize = 30;
 
-/// Cosine and sine of every heading.
 static DIRECTIONS: LazyLock<[[f32; 2]; HEADINGS]> = LazyLock::new(|| {
     std::array::from_fn(|step| {
         let (sin, cos) = angle_rad(step as i32).sin_cos();
@@ -166,17 +165,6 @@ mod tests {
             let off = (found.yaw_rad - yaw).to_degrees().rem_euclid(90.0);
             assert!(off.min(90.0 - off) < 0.67, "{tenths}: off by {off}");
         }
-    }
-
-    #[test]
-    fn the_order_of_points_does_not_matter() {
-        let points = corner(0.4);
-        let mut turned = ClusterPoints::default();
-        for i in (0..points.len()).rev() {
-            turned.push(points.x_m[i], points.y_m[i], 0.0);
-        }
-        let mut closeness = Closeness::default();
-        assert_eq!(closeness.fit(&points), closeness.fit(&turned));
     }
 
     #[test]

@@ -33,7 +33,6 @@ impl Extend {
         top_rad: None,
     };
 
-    /// As a variant has it.
     pub(crate) fn of(settings: &Settings, sensor: &Sensor) -> Extend {
         let beams = sensor.beams.as_ref();
         let top_rad = beams.and_then(|beams| beams.elevation_rad.first());
@@ -135,11 +134,8 @@ fn top_width_m(r: &Rectangle, points: &ClusterPoints, z_m: [f64; 2], axis: usize
 /// Where the sensor lies along an axis of the rectangle, m.
 fn sensor_along(r: &Rectangle, origin_m: [f64; 2], axis: usize) -> f64 {
     let (sin, cos) = r.yaw_rad.sin_cos();
-    if axis == 0 {
-        -(origin_m[0] * cos + origin_m[1] * sin)
-    } else {
-        -(origin_m[1] * cos - origin_m[0] * sin)
-    }
+    let [x, y] = origin_m;
+    [-(x * cos + y * sin), -(y * cos - x * sin)][axis]
 }
 
 /// Moves the edge that is farther from the sensor until the extent is reached: a vehicle straight ahead shows one face only,

@@ -54,7 +54,6 @@ impl Footprint {
         outline(polygon.corners(), points.origin_m)
     }
 
-    /// A box's own.
     pub(crate) fn of_box(shape: &Box3) -> Footprint {
         Footprint::of_corners(shape.footprint_m())
     }

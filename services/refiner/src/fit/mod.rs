@@ -1,18 +1,76 @@
 //! A box around a cluster: rectangle seen from above, then height and the parts that the sensor cannot see.
+//!
+//! Along the axes is what the paper's "tight box" says least ambiguously. On an L of points, which is what a sensor sees of a
+//! car, the least area is often not the car's heading: it is kept as a reference beside [`Closeness`].
 
 mod closeness;
 mod extend;
-mod fitter;
 mod footprint;
 
 pub use closeness::Closeness;
 pub use extend::Extend;
-pub use fitter::{BoxFit, minimum_area};
 pub use footprint::Footprint;
 
-pub(crate) use fitter::Fitter;
-
+use mluc_geometry::Box3;
 use mluc_kernels::at_best;
+use serde::{Deserialize, Serialize};
+
+use crate::{Sensor, Settings};
+use mluc_geometry::ground::GroundPlane;
+
+/// How a rectangle is laid around a cluster.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BoxFit {
+    /// Sides along x and y.
+    AxisAligned,
+    /// The rectangle of least area.
+    MinimumArea,
+    /// The rectangle whose sides the points lie closest to (Zhang et al., 2017).
+    #[default]
+    Closeness,
+}
+
+/// Lays boxes as a variant has it; holds the buffers.
+#[derive(Debug)]
+pub(crate) struct Fitter {
+    fit: BoxFit,
+    extend: Extend,
+    closeness: Closeness,
+    /// What the box is laid around.
+    pub(crate) points: ClusterPoints,
+}
+
+impl Fitter {
+    pub(crate) fn new(settings: &Settings, sensor: &Sensor) -> Fitter {
+        Fitter {
+            fit: settings.box_fit(),
+            extend: Extend::of(settings, sensor),
+            closeness: Closeness::default(),
+            points: ClusterPoints::default(),
+        }
+    }
+
+    /// The box around the points, on this ground, and their tight rectangle.
+    pub(crate) fn fit(&mut self, ground: &GroundPlane) -> (Box3, Rectangle) {
+        let tight = match self.fit {
+            BoxFit::AxisAligned => self.points.rectangle(0.0),
+            BoxFit::MinimumArea => minimum_area(&self.points),
+            BoxFit::Closeness => self.closeness.fit(&self.points),
+        };
+        // Only a cluster without points has no box.
+        let shape = self.extend.box_around(&self.points, &tight, ground);
+        (shape.unwrap_or_else(|| Box3::new([0.0; 7])), tight)
+    }
+}
+
+/// The tight rectangle of least area over headings one degree apart; the first heading wins a tie.
+pub fn minimum_area(points: &ClusterPoints) -> Rectangle {
+    let area = |r: &Rectangle| r.size_m()[0] * r.size_m()[1];
+    let at = |degrees: i32| points.rectangle(points.ahead_rad + f64::from(degrees).to_radians());
+    let better = |a: Rectangle, b: Rectangle| if area(&b) < area(&a) { b } else { a };
+    (1..90).map(at).fold(at(0), better)
+}
 
 /// Points of one cluster, in columns: x and y relative to an origin near them, z in the sensor frame, m.
 #[derive(Debug)]
@@ -82,20 +140,12 @@ impl ClusterPoints {
 
     /// Lowest and highest z, m; `None` without points.
     pub fn z_range_m(&self) -> Option<[f32; 2]> {
-        (!self.is_empty()).then(|| {
-            at_best(
-                #[inline(always)]
-                || span(&self.z_m, &self.z_m, [1.0, 0.0]),
-            )
-        })
+        (!self.is_empty()).then(|| best_span(&self.z_m, &self.z_m, [1.0, 0.0]))
     }
 
     /// Lowest and highest coordinate along a direction, m.
     pub fn span_m(&self, direction: [f32; 2]) -> [f32; 2] {
-        at_best(
-            #[inline(always)]
-            || span(&self.x_m, &self.y_m, direction),
-        )
+        best_span(&self.x_m, &self.y_m, direction)
     }
 
     /// Lowest and highest coordinate along a direction and along the one a quarter turn further, m.
@@ -165,6 +215,14 @@ impl Rectangle {
     }
 }
 
+/// [`span`] in the widest registers there are.
+fn best_span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
+    at_best(
+        #[inline(always)]
+        || span(x, y, d),
+    )
+}
+
 /// Lanes of the loops below: wide enough for the compiler to use vectors.
 const LANES: usize = 16;
 
@@ -193,10 +251,8 @@ fn span(x: &[f32], y: &[f32], d: [f32; 2]) -> [f32; 2] {
         low[lane] = lower(low[lane], t);
         high[lane] = higher(high[lane], t);
     }
-    [
-        low.into_iter().fold(f32::INFINITY, lower),
-        high.into_iter().fold(f32::NEG_INFINITY, higher),
-    ]
+    let low = low.into_iter().fold(f32::INFINITY, lower);
+    [low, high.into_iter().fold(f32::NEG_INFINITY, higher)]
 }
 
 // Comparisons and not `min` and `max`, which take care of NaN and cost more.

@@ -42,11 +42,8 @@ impl Buckets {
         self.cells.resize(self.side * self.side, [0; 2]);
         self.cell_of.clear();
         for (i, (&x, &y)) in x_m.iter().zip(y_m).enumerate() {
-            let cell = if keep(i) {
-                self.cell_at(x, y) as u32
-            } else {
-                NO_CELL
-            };
+            let cell = keep(i).then(|| self.cell_at(x, y) as u32);
+            let cell = cell.unwrap_or(NO_CELL);
             if let Some([_, count]) = self.cells.get_mut(cell as usize) {
                 *count += 1;
             }

@@ -98,11 +98,9 @@ impl Clusterer for PaperClusterer {
     /// Gathers the points around a seed, those of the ground as borders between objects, and grows the cluster among them.
     fn match_cluster(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> bool {
         let [x, y, _] = proposal.shape.center_m;
-        self.ground = if self.is_printed {
-            GroundPlane::flat([x, y], self.sensor_height_m)
-        } else {
-            GroundPlane::fit(&task.frame.lowest, [x, y], self.sensor_height_m)
-        };
+        let flat = GroundPlane::flat([x, y], self.sensor_height_m);
+        let found = (!self.is_printed).then(|| GroundPlane::find(&task.frame.lowest, [x, y]));
+        self.ground = found.flatten().unwrap_or(flat);
         self.members.clear();
         task.counters.work += WORK_PER_CANDIDATE;
         if let Some(seed) = self.seed(task, proposal) {

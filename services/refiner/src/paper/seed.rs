@@ -1,9 +1,8 @@
 //! Where a cluster starts.
 
-use mluc_geometry::{Box3, Random};
+use mluc_geometry::{Box3, Inside, Random};
 
 use crate::frame::{FrameIndex, IndexedPoint};
-use crate::inside::Inside;
 use crate::proposal::{ENLARGED, NEAR_M, reach_m};
 use mluc_geometry::ground::GroundPlane;
 
@@ -13,7 +12,6 @@ pub(crate) struct Seek<'a> {
     pub(crate) frame: &'a FrameIndex,
     pub(crate) candidate: &'a Box3,
     pub(crate) ground: &'a GroundPlane,
-    /// Lowest height above the ground, m.
     pub(crate) height_min_m: f64,
 }
 
@@ -26,7 +24,6 @@ impl Seek<'_> {
         near.or_else(|| self.nearest_within(reach_m(self.candidate), work))
     }
 
-    /// The nearest point within a horizontal reach, m.
     fn nearest_within(&self, reach_m: f64, work: &mut u64) -> Option<IndexedPoint> {
         let [cx, cy, cz] = self.candidate.center_m;
         let mut best: Option<(f64, IndexedPoint)> = None;
@@ -41,8 +38,8 @@ impl Seek<'_> {
                     continue;
                 }
                 let stands = z - self.ground.z_at_m(x, y) >= self.height_min_m;
-                let is_better =
-                    |(least, b): (f64, IndexedPoint)| (full, point.at_m) < (least, b.at_m);
+                let own = (full, point.at_m);
+                let is_better = |(least, b): (f64, IndexedPoint)| own < (least, b.at_m);
                 if stands && best.is_none_or(is_better) {
                     best = Some((full, *point));
                 }
@@ -69,7 +66,10 @@ impl Seek<'_> {
             found.clear();
             for row in self.frame.rows_around(center, reach_m(self.candidate)) {
                 *work += row.len() as u64;
-                found.extend(row.iter().filter(|p| inside.contains(p.at_m)));
+                found.extend(
+                    row.iter()
+                        .filter(|p| inside.contains(p.at_m.map(f64::from))),
+                );
             }
             if !found.is_empty() {
                 // By their place in the scan, whatever the cells.
@@ -104,11 +104,8 @@ mod tests {
         let xs = [9.0, 10.4, 11.2];
         let mut work = 0;
         let mut found = |x_m, height_min_m| {
-            seek(&xs, x_m, |seek| {
-                let seek = Seek {
-                    height_min_m,
-                    ..seek
-                };
+            seek(&xs, x_m, |mut seek| {
+                seek.height_min_m = height_min_m;
                 seek.nearest_to_center(&mut work).map(|p| p.index)
             })
         };

@@ -17,9 +17,8 @@ const COLUMNS: usize = 1024;
 
 /// Elevations of the beams, rad, from the top down.
 pub(crate) fn elevations_rad() -> Vec<f64> {
-    (0..64)
-        .map(|i| (2.0 - 0.42 * f64::from(i)).to_radians())
-        .collect()
+    let elevation = |i| (2.0 - 0.42 * f64::from(i)).to_radians();
+    (0..64).map(elevation).collect()
 }
 
 pub(crate) fn sensor() -> Sensor {
@@ -70,11 +69,8 @@ pub(crate) fn point([x, y, z]: [f64; 3]) -> Point {
 fn hit(b: &Box3, ray: [f64; 3]) -> Option<f64> {
     let from = b.local_m([0.0; 3]);
     let (sin, cos) = b.yaw_rad.sin_cos();
-    let along = [
-        ray[0] * cos + ray[1] * sin,
-        ray[1] * cos - ray[0] * sin,
-        ray[2],
-    ];
+    let [x, y, z] = ray;
+    let along = [x * cos + y * sin, y * cos - x * sin, z];
     let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
     for axis in 0..3 {
         let at = |side: f64| (side * b.size_m[axis] / 2.0 - from[axis]) / along[axis];
@@ -87,12 +83,9 @@ fn hit(b: &Box3, ray: [f64; 3]) -> Option<f64> {
 
 /// A candidate whose box lies `shift` off an object and has a wrong size.
 pub(crate) fn candidate(object: &Box3, shift: [f64; 2], eds: f32) -> Detection {
+    let [x, y, z] = object.center_m;
     Detection {
-        center_m: [
-            (object.center_m[0] + shift[0]) as f32,
-            (object.center_m[1] + shift[1]) as f32,
-            object.center_m[2] as f32,
-        ],
+        center_m: [x + shift[0], y + shift[1], z].map(|v| v as f32),
         size_m: [1.76, 0.6, 1.73],
         yaw_rad: 0.7,
         kind: DetectionKind::Candidate as u32,

@@ -45,14 +45,9 @@ impl Spans {
     /// Into `folder/PROCESS-PID.spans`.
     pub(super) fn create(folder: &Path, process: &'static str) -> io::Result<Spans> {
         let name = format!("{process}-{}.spans", std::process::id());
-        let sink = Sink {
-            file: File::create(folder.join(name))?,
-            lines: String::with_capacity(4096),
-        };
-        Ok(Spans {
-            process,
-            sink: Mutex::new(sink),
-        })
+        let (file, lines) = (File::create(folder.join(name))?, String::new());
+        let sink = Mutex::new(Sink { file, lines });
+        Ok(Spans { process, sink })
     }
 
     /// Lets the spans of the frame path through, and nothing else.
@@ -132,13 +127,12 @@ mod tests {
     fn spans_of_a_frame_are_written_with_its_sequence() {
         let folder = std::env::temp_dir().join(format!("mluc-spans-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        let layer = Spans::create(&folder, "head")
-            .unwrap()
-            .with_filter(Spans::filter());
+        let spans = Spans::create(&folder, "head").unwrap();
+        let layer = spans.with_filter(Spans::filter());
         let subscriber = tracing_subscriber::registry().with(layer);
         tracing::subscriber::with_default(subscriber, || {
-            let _frame =
-                tracing::trace_span!(target: SPANS_TARGET, "frame", sequence = 7u64).entered();
+            let frame = tracing::trace_span!(target: SPANS_TARGET, "frame", sequence = 7u64);
+            let _frame = frame.entered();
             let _other = tracing::info_span!("elsewhere").entered();
             tracing::trace_span!(target: SPANS_TARGET, "run").in_scope(|| ());
         });
@@ -146,11 +140,10 @@ mod tests {
         let text = std::fs::read_to_string(folder.join(name)).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 2, "{text}");
-        assert!(lines[0].contains(r#""name":"run","sequence":7,"#), "{text}");
-        assert!(
-            lines[1].contains(r#""name":"frame","sequence":7,"#),
-            "{text}"
-        );
+        for (line, name) in lines.iter().zip(["run", "frame"]) {
+            let expected = format!(r#""name":"{name}","sequence":7,"#);
+            assert!(line.contains(&expected), "{text}");
+        }
         std::fs::remove_dir_all(folder).unwrap();
     }
 }

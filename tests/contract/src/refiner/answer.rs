@@ -108,7 +108,6 @@ pub(crate) fn check_objects(frame: &Frame, answer: &Answer) -> anyhow::Result<()
     Ok(())
 }
 
-/// Whether one of `flags` is set.
 pub(crate) fn is_flagged(answer: &Answer, flags: &[Flags]) -> bool {
     let of_answer = Flags(answer.header.flags);
     flags.iter().any(|&flag| of_answer.contains(flag))

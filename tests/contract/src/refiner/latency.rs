@@ -1,12 +1,11 @@
 //! What a hop into a refiner and out of it costs: two programs side by side, frame by frame in turns.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use anyhow::Context;
-use mluc_geometry::quantile;
+use mluc_geometry::quantile_of;
 use mluc_ipc_types::Stage;
-use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::program::Options;
 use crate::refiner::session::Session;
@@ -23,62 +22,39 @@ const SPANS: [(&str, &str); 3] = [
     ("hop_out", "published -> received behind"),
 ];
 
-#[derive(Serialize)]
-struct Percentiles {
-    p50_us: f64,
-    p99_us: f64,
-    max_us: f64,
-}
-
-/// Of one program, by the names of [`SPANS`].
-#[derive(Serialize)]
-struct HopTimes {
-    program: String,
-    #[serde(flatten)]
-    spans: BTreeMap<&'static str, Percentiles>,
-}
-
-/// Two programs side by side.
-#[derive(Serialize)]
-pub(crate) struct LatencyReport {
-    /// Measured of each.
-    frames: u32,
-    reference: HopTimes,
-    program: HopTimes,
-    /// Program minus reference.
-    extra_in_p50_us: f64,
-    extra_out_p50_us: f64,
-}
-
 /// A running program and its times in the order of [`SPANS`].
 struct Lane<'a> {
     session: Session<'a>,
     times_us: [Vec<f64>; 3],
 }
 
-/// Sends `frames` frames to each, one after the other in turns, with a pause before each.
+/// Sends `frames` frames to each, one after the other in turns, with a pause before each. The report: each program's percentiles, and
+/// what `program` takes longer than `reference`.
 pub(crate) fn compare(
     reference: &Options,
     program: &Options,
     frames: u32,
-) -> anyhow::Result<LatencyReport> {
-    let (mut reference, mut program) = (Lane::start(reference, 0)?, Lane::start(program, 1)?);
+) -> anyhow::Result<Value> {
+    let mut lanes = [Lane::start(reference, 0)?, Lane::start(program, 1)?];
     for number in 0..WARM_UP + frames {
-        for lane in [&mut reference, &mut program] {
+        for lane in &mut lanes {
             std::thread::sleep(PERIOD);
             let measured = lane.frame(number >= WARM_UP);
             measured.with_context(|| lane.session.options.title.clone())?;
         }
     }
-    let [reference, program] = [reference, program].map(Lane::result);
-    let extra_p50_us = |span: &str| program.spans[span].p50_us - reference.spans[span].p50_us;
-    Ok(LatencyReport {
-        frames,
-        extra_in_p50_us: extra_p50_us("hop_in"),
-        extra_out_p50_us: extra_p50_us("hop_out"),
-        reference,
-        program,
-    })
+    let [reference, program] = lanes.map(Lane::result);
+    let extra_p50_us = |span: &str| {
+        let [ours, theirs] = [&reference, &program].map(|p| p[span]["p50_us"].as_f64());
+        Some(theirs? - ours?)
+    };
+    Ok(json!({
+        "frames": frames,
+        "extra_in_p50_us": extra_p50_us("hop_in"),
+        "extra_out_p50_us": extra_p50_us("hop_out"),
+        "reference": reference,
+        "program": program,
+    }))
 }
 
 impl<'a> Lane<'a> {
@@ -106,40 +82,33 @@ impl<'a> Lane<'a> {
         Ok(())
     }
 
-    fn result(self) -> HopTimes {
-        let percentiles = |mut times_us: Vec<f64>| {
-            times_us.sort_by(f64::total_cmp);
-            let at = |q| quantile(&times_us, q).unwrap_or(0.0);
-            Percentiles {
-                p50_us: at(0.5),
-                p99_us: at(0.99),
-                max_us: at(1.0),
-            }
-        };
-        let spans = SPANS.iter().zip(self.times_us);
-        let spans = spans.map(|((name, _), times_us)| (*name, percentiles(times_us)));
-        HopTimes {
-            program: self.session.options.title.clone(),
-            spans: spans.collect(),
+    fn result(self) -> Value {
+        let mut result = json!({"program": self.session.options.title});
+        for ((span, _), times_us) in SPANS.iter().zip(self.times_us) {
+            let at = |q| quantile_of(times_us.clone(), q);
+            result[span] = json!({"p50_us": at(0.5), "p99_us": at(0.99), "max_us": at(1.0)});
         }
+        result
     }
 }
 
-impl LatencyReport {
-    /// The table.
-    pub(crate) fn text(&self) -> String {
-        let frames = self.frames;
-        let mut text =
-            format!("{frames} frames each, in turns; us           p50        p99        max\n");
-        for times in [&self.reference, &self.program] {
-            text += &format!("{}\n", times.program);
-            for (key, name) in SPANS {
-                let p = &times.spans[key];
-                let [p50, p99, max] = [p.p50_us, p.p99_us, p.max_us];
-                text += &format!("  {name:32}{p50:10.1} {p99:10.1} {max:10.1}\n");
-            }
+/// The report as a table.
+pub(crate) fn table(report: &Value) -> String {
+    let number = |value: &Value| value.as_f64().unwrap_or(0.0);
+    let frames = &report["frames"];
+    let mut text =
+        format!("{frames} frames each, in turns; us           p50        p99        max\n");
+    for times in [&report["reference"], &report["program"]] {
+        text += &format!("{}\n", times["program"].as_str().unwrap_or_default());
+        for (span, name) in SPANS {
+            let keys = ["p50_us", "p99_us", "max_us"];
+            let [p50, p99, max] = keys.map(|key| number(&times[span][key]));
+            text += &format!("  {name:32}{p50:10.1} {p99:10.1} {max:10.1}\n");
         }
-        let [extra_in, extra_out] = [self.extra_in_p50_us, self.extra_out_p50_us];
-        text + &format!("extra a hop at p50: in {extra_in:+.1} us, out {extra_out:+.1} us\n")
     }
+    let extra = ["extra_in_p50_us", "extra_out_p50_us"].map(|key| number(&report[key]));
+    text + &format!(
+        "extra a hop at p50: in {:+.1} us, out {:+.1} us",
+        extra[0], extra[1]
+    )
 }

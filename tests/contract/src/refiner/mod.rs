@@ -20,7 +20,6 @@ use mluc::model::load;
 use mluc::settings::Settings;
 use mluc::stages::describe_run;
 use mluc::terminal::print_out;
-use mluc_model::Model;
 use mluc_refiner::Variant;
 use mluc_runtime::{Shutdown, log_to_stderr};
 
@@ -34,7 +33,7 @@ pub(crate) struct RefinerArgs {
     #[arg(long, default_value = "kitti")]
     model: String,
     /// Only these cases; all when none is named.
-    #[arg(long = "case", value_name = "NAME", value_parser = PossibleValuesParser::new(cases::names()))]
+    #[arg(long = "case", value_name = "NAME", value_parser = PossibleValuesParser::new(cases::CASES.map(|case| case.name)))]
     cases: Vec<String>,
     /// Only this mode of our own refiner.
     #[arg(long, value_name = "MODE", conflicts_with = "command")]
@@ -65,16 +64,30 @@ fn patience(text: &str) -> Result<Duration, String> {
 
 pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("refiner-test", "warn");
-    let tester = Tester {
-        args: &args,
-        model: load(&args.model)?,
-        shutdown: Shutdown::on_signals()?,
+    let (model, shutdown) = (load(&args.model)?, Shutdown::on_signals()?);
+    let options = |(title, command)| Options {
+        title,
+        command,
+        run: describe_run(&Settings::default(), &model),
+        patience: args.patience_s,
+        shutdown: shutdown.clone(),
     };
+    let programs = programs(&args).into_iter().map(options);
     if args.latency {
-        return latency(&args, &tester);
+        let reference = options(own(&args, Variant::default().name()));
+        for program in programs.take(1) {
+            let report = latency::compare(&reference, &program, args.frames)?;
+            let table = || latency::table(&report);
+            print_out(if args.json {
+                report.to_string()
+            } else {
+                table()
+            })?;
+        }
+        return Ok(ExitCode::SUCCESS);
     }
     let mut reports = Vec::new();
-    for options in tester.programs() {
+    for options in programs {
         let report = judge(&options, &args.cases)?;
         if !args.json {
             print_out(report.text().trim_end())?;
@@ -117,79 +130,31 @@ fn judge(options: &Options, wanted: &[String]) -> anyhow::Result<Report> {
     Ok(Report::new(options.title.clone(), verdicts, not_run))
 }
 
-fn latency(args: &RefinerArgs, tester: &Tester) -> anyhow::Result<ExitCode> {
-    let reference = tester.own(Variant::default().name());
-    let program = tester.programs().remove(0);
-    let report = latency::compare(&reference, &program, args.frames)?;
-    if args.json {
-        print_out(serde_json::to_string(&report)?)?;
-    } else {
-        print_out(report.text().trim_end())?;
-    }
-    Ok(ExitCode::SUCCESS)
-}
-
-/// What all programs are tested with.
-struct Tester<'a> {
-    args: &'a RefinerArgs,
-    model: Model,
-    shutdown: Shutdown,
-}
-
-impl Tester<'_> {
-    /// The user's program, or ours in each mode asked for.
-    fn programs(&self) -> Vec<Options> {
-        let RefinerArgs {
-            command,
-            refiner_mode,
-            ..
-        } = self.args;
-        match refiner_mode {
-            _ if !command.is_empty() => vec![self.foreign(command)],
-            Some(mode) => vec![self.own(mode)],
-            None => Variant::ALL.map(|mode| self.own(mode.name())).into(),
+/// Title and command of the user's program, or of ours in each mode asked for; as `mluc up` starts them.
+fn programs(args: &RefinerArgs) -> Vec<(String, Vec<String>)> {
+    let command: Vec<&str> = args.command.iter().map(String::as_str).collect();
+    match &args.refiner_mode {
+        _ if !command.is_empty() => {
+            let words = supervised(&["exec"], &[&["--"], &command[..]].concat());
+            vec![(command.join(" "), words)]
         }
-    }
-
-    /// Our own refiner, as `mluc up` starts it.
-    fn own(&self, mode: &str) -> Options {
-        let words = [
-            ["stage", "refiner"],
-            ["--model", &self.args.model],
-            ["--refiner-mode", mode],
-        ];
-        let title = format!("mluc stage refiner, mode {mode}");
-        self.options(title, supervised(words.as_flattened()))
-    }
-
-    /// The user's program, as `mluc up` starts it.
-    fn foreign(&self, program: &[String]) -> Options {
-        let mut command = supervised(&["exec"]);
-        command.push("--".to_string());
-        command.extend(program.iter().cloned());
-        self.options(program.join(" "), command)
-    }
-
-    fn options(&self, title: String, command: Vec<String>) -> Options {
-        Options {
-            title,
-            command,
-            run: describe_run(&Settings::default(), &self.model),
-            patience: self.args.patience_s,
-            shutdown: self.shutdown.clone(),
-        }
+        Some(mode) => vec![own(args, mode)],
+        None => Variant::ALL.map(|mode| own(args, mode.name())).into(),
     }
 }
 
-/// `mluc WORDS`, tied to this process.
-fn supervised(words: &[&str]) -> Vec<String> {
+fn own(args: &RefinerArgs, mode: &str) -> (String, Vec<String>) {
+    let model = ["--model", &args.model];
+    let words = [["stage", "refiner"], model, ["--refiner-mode", mode]];
+    let title = format!("mluc stage refiner, mode {mode}");
+    (title, supervised(words.as_flattened(), &[]))
+}
+
+/// `mluc WORDS` tied to this process, then `more` words.
+fn supervised(words: &[&str], more: &[&str]) -> Vec<String> {
     let program = installed_program("mluc").display().to_string();
     let supervisor = std::process::id().to_string();
-    let words = [
-        &[program.as_str()],
-        words,
-        &["--supervised-by", &supervisor],
-    ]
-    .concat();
+    let tie = ["--supervised-by", &supervisor];
+    let words = [&[&*program], words, &tie, more].concat();
     words.into_iter().map(str::to_string).collect()
 }

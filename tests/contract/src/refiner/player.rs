@@ -1,7 +1,5 @@
 //! Plays ingest, backbone and head, and reads what the refiner says.
 
-use std::time::Duration;
-
 use anyhow::Context;
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, FrameHeader, Health, Object, POINTS_MAX, Point, RunDescription,
@@ -15,8 +13,6 @@ use crate::refiner::scene::usual;
 /// Room for messages that break the contract: longer than its bounds.
 const TOO_MANY_DETECTIONS: usize = DETECTIONS_MAX + 88;
 const TOO_MANY_POINTS: usize = POINTS_MAX + 1000;
-/// How often a wait looks around.
-const LOOK: Duration = Duration::from_millis(20);
 
 /// A frame to be sent: its detections, and its points unless they shall be missing.
 pub(crate) struct Frame {
@@ -60,9 +56,9 @@ pub(crate) struct Player {
     // Ports go before the shell.
     points: Output<Point>,
     detections: Output<Detection>,
-    objects: Input<Object>,
+    pub(crate) objects: Input<Object>,
     object_points: Input<u32>,
-    health: HealthWatch,
+    pub(crate) health: HealthWatch,
     shell: Shell,
     pub(crate) next_sequence: u64,
     run: RunDescription,
@@ -132,7 +128,6 @@ impl Player {
         self.frame(points, detections)
     }
 
-    /// Sends the points alone.
     pub(crate) fn send_points(&mut self, frame: &Frame) -> anyhow::Result<()> {
         if let Some(mut header) = frame.points_header {
             stamp(&mut header, Stage::Ingest);
@@ -182,15 +177,9 @@ impl Player {
         Ok(None)
     }
 
-    /// Takes and forgets all answers.
     pub(crate) fn forget_answers(&mut self) -> anyhow::Result<()> {
         while self.take_answer()?.is_some() {}
         Ok(())
-    }
-
-    /// Sleeps until objects may have come, at most a moment.
-    pub(crate) fn wait(&self) {
-        self.objects.wait(LOOK);
     }
 
     /// Fails when this process was asked to end.
@@ -211,11 +200,6 @@ impl Player {
     pub(crate) fn health_since(&mut self, since_ns: u64) -> anyhow::Result<Option<Health>> {
         let is_fresh = self.heard_ns()? > since_ns;
         Ok(self.health.of(Stage::Refiner).filter(|_| is_fresh).copied())
-    }
-
-    /// Whether its last heartbeat says that it takes frames of the run.
-    pub(crate) fn is_ready(&self) -> bool {
-        self.health.is_ready(Stage::Refiner)
     }
 }
 

@@ -3,7 +3,6 @@
 use mluc_geometry::Random;
 use mluc_ipc_types::{CLASSES_MAX, Detection, DetectionKind, GateKind, NO_PROBABILITY, Point};
 
-/// Height of the sensor above the ground, m.
 const SENSOR_HEIGHT_M: f32 = 1.73;
 
 /// A box that stands on the ground.
@@ -14,7 +13,6 @@ pub(crate) struct Thing {
     pub(crate) size_m: [f32; 3],
 }
 
-/// A golf cart and a car.
 pub(crate) const CART: Thing = Thing {
     x_m: 12.0,
     y_m: 1.0,
@@ -72,7 +70,6 @@ fn on_sides(thing: &Thing, number: usize) -> Point {
     }
 }
 
-/// A dense cloud of `count` points around a thing.
 pub(crate) fn blob(thing: &Thing, count: usize) -> Vec<Point> {
     let [x, y, z] = thing.center_m();
     let point = |number| Point {
@@ -104,17 +101,11 @@ pub(crate) fn known(thing: &Thing) -> Detection {
         center_m: thing.center_m(),
         size_m: thing.size_m,
         kind: DetectionKind::Known as u32,
-        cell: 17,
         objectness: 0.9,
         score: 0.9,
         probabilities,
         eds: 36.0,
         eds_normalised: 2.0,
-        eds_perpendicular: 2.0,
-        delta: 0.1,
-        softmax_max: 1.0,
-        logit_max: 9.0,
-        energy: 9.0,
         unknown_probability: NO_PROBABILITY,
         gate: GateKind::Eds as u32,
         threshold: 1.3,

@@ -1,24 +1,22 @@
 //! One program under test, and the ports around it.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use mluc_ipc_types::Health;
+use mluc_ipc_types::{Health, Stage};
 use mluc_runtime::{Instance, monotonic_ns};
 
 use crate::program::{Options, Program};
 use crate::refiner::answer::{check_form, check_objects};
 use crate::refiner::player::{Answer, Frame, Player};
 
-/// How a program takes a frame that makes no sense.
-pub(crate) enum Reaction {
-    /// With objects, whose form was not looked at.
-    Answered(Box<Answer>),
-    /// With `messages_refused`; the reason it told.
-    Refused(String),
-}
+/// How often a wait looks around.
+const LOOK: Duration = Duration::from_millis(20);
 
-/// Ports and program.
+/// How a program takes a frame that makes no sense: with objects, whose form was not looked at, or with `messages_refused` and the
+/// reason that it told.
+pub(crate) type Reaction = Result<Box<Answer>, String>;
+
 pub(crate) struct Session<'a> {
     pub(crate) options: &'a Options,
     program: Option<Program>,
@@ -41,7 +39,6 @@ impl Session<'_> {
         })
     }
 
-    /// The running program.
     pub(crate) fn program(&mut self) -> anyhow::Result<&mut Program> {
         self.program.as_mut().context("the program does not run")
     }
@@ -58,14 +55,13 @@ impl Session<'_> {
         let what = "heartbeat of health/refiner with state waiting_input, running or degraded";
         let health = self.await_any(what, |player| {
             let heard = player.health_since(since_ns)?;
-            Ok(heard.filter(|_| player.is_ready()))
+            Ok(heard.filter(|_| player.health.is_ready(Stage::Refiner)))
         })?;
         self.was_ready = true;
         self.player.forget_answers()?;
         Ok(health)
     }
 
-    /// Starts the program unless it runs.
     pub(crate) fn ready(&mut self) -> anyhow::Result<()> {
         let program = self.program.as_mut();
         if program.is_none_or(|program| program.ended().is_some()) {
@@ -102,7 +98,7 @@ impl Session<'_> {
                 let heard = heard.map_or("none".to_string(), |health| describe(&health));
                 bail!("no {awaited} within {patience:?} (health: {heard})");
             }
-            self.player.wait();
+            self.player.objects.wait(LOOK);
         }
     }
 
@@ -129,17 +125,11 @@ impl Session<'_> {
         self.await_health("heartbeat", |_| true)
     }
 
-    /// Waits for the objects of a frame.
-    fn await_answer(&mut self, frame: &Frame) -> anyhow::Result<Answer> {
+    pub(crate) fn exchange(&mut self, frame: &mut Frame) -> anyhow::Result<Answer> {
+        self.player.send(frame)?;
         let sequence = frame.header.sequence;
         let awaited = format!("objects of frame {sequence}");
         self.await_any(&awaited, |player| player.take_answer_to(sequence))
-    }
-
-    /// Sends a frame and waits for its objects.
-    pub(crate) fn exchange(&mut self, frame: &mut Frame) -> anyhow::Result<Answer> {
-        self.player.send(frame)?;
-        self.await_answer(frame)
     }
 
     /// Sends a frame whose detections make sense, and checks the answer.
@@ -164,7 +154,6 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Checks what holds of every answer.
     pub(crate) fn check_form(&self, frame: &Frame, answer: &Answer) -> anyhow::Result<()> {
         let classes = self.options.run.classes_count as usize;
         check_form(frame, answer, classes)
@@ -177,18 +166,18 @@ impl Session<'_> {
         let sequence = frame.header.sequence;
         let reaction = self.await_any("objects or count of messages_refused", |player| {
             if let Some(answer) = player.take_answer_to(sequence)? {
-                return Ok(Some(Reaction::Answered(Box::new(answer))));
+                return Ok(Some(Ok(Box::new(answer))));
             }
             let heard = player.health_since(0)?;
             let refused = heard.filter(|health| health.messages_refused > before);
-            Ok(refused.map(|health| Reaction::Refused(health.reason().to_string())))
+            Ok(refused.map(|health| Err(health.reason().to_string())))
         });
         reaction.with_context(|| what.to_string())
     }
 
     /// A frame that must be refused, after which the next sound one is answered; gives the reason that was told.
     pub(crate) fn must_refuse(&mut self, what: &str, mut frame: Frame) -> anyhow::Result<String> {
-        let Reaction::Refused(reason) = self.provoke(what, &mut frame)? else {
+        let Err(reason) = self.provoke(what, &mut frame)? else {
             bail!("{what}: answered, it should be refused");
         };
         self.ask_after(what)?;

@@ -1,6 +1,6 @@
 //! `mluc-lab evaluate method`: rows of the paper's tables on labelled scans.
 
-use super::{Scans, warn_unrecognized};
+use super::{Scans, report, warn_unrecognized};
 use crate::commands::terminal::{counted, print_out};
 use anyhow::Context;
 use clap::Args;
@@ -36,17 +36,15 @@ pub(super) struct MethodArguments {
     curve: bool,
 }
 
-/// Runs it.
 pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     let scans = &arguments.scans;
-    scans.check()?;
     let model = Model::read(&scans.model)?;
     let methods = methods(&arguments.method, &model)?;
     for method in &methods {
         method.check(&model)?;
     }
     let set = FrameSet::open(&scans.data, None, scans.frames)?;
-    let frames = counted("network", set.len(), |step| {
+    let frames = counted("network", set.names().len(), |step| {
         detect_frames(Precision::default(), &model, &set, step)
     })?;
     let rules = class_rules(&model)?;
@@ -54,14 +52,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     warn_unrecognized(labels, &rules);
     let path = scans.model.display();
     print_out(format_args!("{path}: {}", set.describe()))?;
-    for s in separation(&frames, &rules) {
-        let percent = |v: Option<f64>| v.map_or("-".into(), |v| format!("{:.1}", 100.0 * v));
-        let [auroc, fpr, background] = [s.auroc, s.fpr95, s.auroc_background].map(percent);
-        print_out(format_args!(
-            "  {:12} AUROC {auroc:>5} FPR95 {fpr:>5}, against background AUROC {background:>5} ({} known, {} unknown, {} background)",
-            s.score, s.known, s.unknown, s.background
-        ))?;
-    }
+    print_out(report::separation(&separation(&frames, &rules)))?;
     print_out(format_args!("{:28} {}", "method", HEADER))?;
     for method in methods {
         let is_ablation = method == Method::MlucFull && arguments.ablation;
@@ -71,7 +62,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
             vec![method.row().key.as_str()]
         };
         for (at, name) in rows.into_iter().enumerate() {
-            let output = counted(name, set.len(), |step| {
+            let output = counted(name, set.names().len(), |step| {
                 let input = MethodInput {
                     full_step: if is_ablation { at } else { usize::MAX },
                     step,

@@ -5,7 +5,7 @@ mod method;
 mod model;
 mod report;
 
-use crate::commands::terminal::print_err;
+use crate::commands::terminal::{at_least_one, print_err};
 use anyhow::ensure;
 use clap::{Args, Subcommand};
 use mluc_dataset::Label;
@@ -27,7 +27,6 @@ enum What {
     Method(method::MethodArguments),
 }
 
-/// Runs the subcommand.
 pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
     match arguments.what {
         What::Ap(arguments) => ap::run(arguments),
@@ -46,15 +45,8 @@ struct Scans {
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     /// First so many frames.
-    #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_name = "N")]
+    #[arg(long, default_value_t = usize::MAX, hide_default_value = true, value_parser = at_least_one, value_name = "N")]
     frames: usize,
-}
-
-impl Scans {
-    fn check(&self) -> anyhow::Result<()> {
-        ensure!(self.frames > 0, "--frames: expected 1 or more, found 0");
-        Ok(())
-    }
 }
 
 /// Warns of labels that no rule judges and of a class that nobody has heard of: a detection of such an object counts as false.

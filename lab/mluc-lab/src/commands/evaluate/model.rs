@@ -58,17 +58,15 @@ pub(super) struct ModelArguments {
     json: bool,
 }
 
-/// Runs it.
 pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let scans = &arguments.scans;
-    scans.check()?;
     let model = Model::read(&scans.model)?;
     let set = FrameSet::open(&scans.data, arguments.split.as_deref(), scans.frames)?;
     let settings = Settings {
         variant: arguments.refiner,
         ..Settings::default()
     };
-    let frames = counted("network", set.len(), |step| {
+    let frames = counted("network", set.names().len(), |step| {
         detect_frames(arguments.precision, &model, &set, step)
     })?;
     if let Some(path) = &arguments.boxes {
@@ -87,7 +85,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     warn_unrecognized(labels(), &judgement.rules);
     let is_swept = arguments.sweep || arguments.write_threshold;
     let sweep = is_swept.then(|| {
-        counted("thresholds", set.len(), |step| {
+        counted("thresholds", set.names().len(), |step| {
             sweep_gate(&model, &set, &frames, &judgement.rules, &settings, step)
         })
     });
@@ -102,7 +100,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let outcome = Outcome {
         model,
         data: set.describe(),
-        frames: set.len(),
+        frames: set.names().len(),
         judgement,
         sweep,
         choice,

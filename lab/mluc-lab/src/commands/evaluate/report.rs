@@ -1,11 +1,10 @@
 //! The outcome as JSON and as a table.
 
-use mluc_evaluate::pipeline::{Choice, MissRow, MissTable, ModelJudgement};
+use mluc_evaluate::pipeline::{Choice, MissRow, MissTable, ModelJudgement, ScoreSeparation};
 use mluc_evaluate::{ClassReport, SweepPoint, best_index};
 use mluc_model::Model;
 use serde_json::{Value, json};
 
-/// Everything that was found out.
 pub(super) struct Outcome {
     pub(super) model: Model,
     pub(super) data: String,
@@ -65,7 +64,7 @@ impl Outcome {
             model.name, self.data
         );
         text += &self.classes();
-        text += &self.separation();
+        text += &separation(&self.judgement.separation);
         text += &misses(&self.judgement.misses);
         text + &self.thresholds()
     }
@@ -110,26 +109,6 @@ impl Outcome {
         text
     }
 
-    fn separation(&self) -> String {
-        let Some(first) = self.judgement.separation.first() else {
-            return String::new();
-        };
-        let mut text = format!(
-            "\nunknown from known and from background, on {} known, {} unknown and {} boxes that touch no label\n",
-            first.known, first.unknown, first.background
-        );
-        let mut row = |[score, auroc, fpr95, background]: [&str; 4]| {
-            text += &format!("{score:<12} {auroc:>7} {fpr95:>10} {background:>19}\n");
-        };
-        row(["score", "AUROC", "FPR at 95%", "AUROC of background"]);
-        let number = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.3}"));
-        for s in &self.judgement.separation {
-            let [auroc, fpr95, background] = [s.auroc, s.fpr95, s.auroc_background].map(number);
-            row([&s.score, &auroc, &fpr95, &background]);
-        }
-        text
-    }
-
     fn thresholds(&self) -> String {
         let Some(sweep) = &self.sweep else {
             return String::new();
@@ -156,6 +135,27 @@ impl Outcome {
         }
         text
     }
+}
+
+/// How well each score of a box tells unknown from known, and from background.
+pub(super) fn separation(scores: &[ScoreSeparation]) -> String {
+    let Some(first) = scores.first() else {
+        return String::new();
+    };
+    let mut text = format!(
+        "\nunknown from known and from background, on {} known, {} unknown and {} boxes that touch no label\n",
+        first.known, first.unknown, first.background
+    );
+    let mut row = |[score, auroc, fpr95, background]: [&str; 4]| {
+        text += &format!("{score:<12} {auroc:>7} {fpr95:>10} {background:>19}\n");
+    };
+    row(["score", "AUROC", "FPR at 95%", "AUROC of background"]);
+    let number = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.3}"));
+    for s in scores {
+        let [auroc, fpr95, background] = [s.auroc, s.fpr95, s.auroc_background].map(number);
+        row([&s.score, &auroc, &fpr95, &background]);
+    }
+    text
 }
 
 fn figures(class: &ClassReport) -> String {

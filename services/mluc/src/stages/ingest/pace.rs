@@ -17,7 +17,6 @@ const ANSWER_PATIENCE_NS: u64 = 10_000_000_000;
 const RESENDS_MAX: u32 = 2;
 /// How long the last frame of a run at the sensor's pace may take.
 const LAST_FRAME_NS: u64 = 5_000_000_000;
-/// How often ingest looks around while it waits.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// At the sensor's rate, whether or not the stages behind keep up.
@@ -89,7 +88,6 @@ fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
     }
 }
 
-/// Each frame when the last one's objects are out.
 pub(crate) fn complete(
     sender: &mut Sender,
     settings: &Settings,

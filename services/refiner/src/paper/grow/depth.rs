@@ -35,7 +35,7 @@ pub struct Depth {
 }
 
 /// The range image of one neighbourhood.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Image {
     /// Tangents of the elevations between two beams, from the top down.
     borders: Vec<f32>,
@@ -86,10 +86,7 @@ impl Image {
             columns,
             step_rad: std::f32::consts::TAU / columns as f32,
             pixels: vec![EMPTY; columns * beams.elevation_rad.len().max(1)],
-            pixel_of: Vec::new(),
-            next_in_pixel: Vec::new(),
-            range_m: Vec::new(),
-            is_joined: Vec::new(),
+            ..Image::default()
         }
     }
 

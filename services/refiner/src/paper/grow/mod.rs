@@ -5,13 +5,11 @@
 
 mod dbscan;
 mod depth;
-mod euclidean;
 mod printed;
 
 pub use dbscan::Dbscan;
 pub use depth::Depth;
-pub use euclidean::Euclidean;
-pub use printed::Printed;
+pub use printed::{Euclidean, Printed};
 
 use crate::paper::buckets::Buckets;
 use crate::paper::neighbourhood::Neighbourhood;
@@ -43,7 +41,6 @@ impl Growth<'_> {
         [self.around.x_m[point], self.around.y_m[point]]
     }
 
-    /// Squared distance in space of two points, m^2.
     fn distance_squared(&self, a: usize, b: usize) -> f32 {
         let dx = self.around.x_m[a] - self.around.x_m[b];
         let dy = self.around.y_m[a] - self.around.y_m[b];

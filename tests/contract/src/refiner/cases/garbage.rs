@@ -8,16 +8,15 @@ use super::Outcome;
 use crate::refiner::answer::is_flagged;
 use crate::refiner::player::{Answer, Frame};
 use crate::refiner::scene::{CART, candidate, fill, scan};
-use crate::refiner::session::{Reaction, Session};
+use crate::refiner::session::Session;
 
-/// Frames of noise.
 const NOISY_FRAMES: u64 = 8;
 
-/// The session with a program that was provoked, and how often it refused.
+/// The session with a program that was provoked, and how often it answered.
 struct Provoked<'a, 's> {
     session: &'a mut Session<'s>,
     count: usize,
-    refused: usize,
+    answered: usize,
 }
 
 impl<'a, 's> Provoked<'a, 's> {
@@ -26,7 +25,7 @@ impl<'a, 's> Provoked<'a, 's> {
         Ok(Provoked {
             session,
             count: 0,
-            refused: 0,
+            answered: 0,
         })
     }
 
@@ -38,25 +37,23 @@ impl<'a, 's> Provoked<'a, 's> {
         is_told: impl Fn(&Answer) -> bool,
     ) -> anyhow::Result<()> {
         let session = &mut *self.session;
-        match session.provoke(what, &mut frame)? {
-            Reaction::Refused(_) => self.refused += 1,
-            Reaction::Answered(answer) => {
-                let form = session.check_form(&frame, &answer);
-                form.with_context(|| what.to_string())?;
-                ensure!(
-                    is_told(&answer),
-                    "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
-                    answer.header.flags
-                );
-            }
+        if let Ok(answer) = session.provoke(what, &mut frame)? {
+            let form = session.check_form(&frame, &answer);
+            form.with_context(|| what.to_string())?;
+            ensure!(
+                is_told(&answer),
+                "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
+                answer.header.flags
+            );
+            self.answered += 1;
         }
         self.count += 1;
         session.ask_after(what)
     }
 
     fn summary(&self) -> Outcome {
-        let (count, refused) = (self.count, self.refused);
-        let answered = count - refused;
+        let (count, answered) = (self.count, self.answered);
+        let refused = count - answered;
         Ok(format!(
             "{count} survived: {refused} refused, {answered} answered and flagged"
         ))
@@ -76,7 +73,6 @@ pub(super) fn lengths(session: &mut Session<'_>) -> Outcome {
     provoked.summary()
 }
 
-/// Spoils a detection.
 type Spoil = fn(&mut Detection);
 
 const SPOILS: [(&str, Spoil); 14] = [
@@ -105,7 +101,11 @@ pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
             let mut frame = provoked.session.player.usual();
             spoil(&mut frame.detections[which]);
             let what = format!("{what} {name}");
-            provoked.survives(&what, frame, |answer| is_told_of(answer, which))?;
+            let is_invalid = |o: &Object| o.disposition == Disposition::InvalidBox as u32;
+            provoked.survives(&what, frame, |answer| {
+                is_flagged(answer, &[Flags::DEGRADED])
+                    || answer.objects.get(which).is_some_and(is_invalid)
+            })?;
         }
     }
     let mut frame = provoked.session.player.usual();
@@ -124,12 +124,6 @@ pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
     spoil_header(&mut frame);
     provoked.survives("a header of noise", frame, |_| true)?;
     provoked.summary()
-}
-
-fn is_told_of(answer: &Answer, which: usize) -> bool {
-    let told = answer.objects.get(which);
-    is_flagged(answer, &[Flags::DEGRADED])
-        || told.is_some_and(|object: &Object| object.disposition == Disposition::InvalidBox as u32)
 }
 
 /// Everything but version, run, sequence and model is nonsense: it is passed on as it came.

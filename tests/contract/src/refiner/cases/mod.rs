@@ -3,16 +3,13 @@
 mod frames;
 mod garbage;
 mod life;
-mod overload;
 mod runs;
-mod version;
 
 use crate::refiner::session::Session;
 
 /// What was seen when it passed; why not when it failed.
 pub(crate) type Outcome = anyhow::Result<String>;
 
-/// One part of the contract.
 pub(crate) struct Case {
     pub(crate) name: &'static str,
     pub(crate) run: fn(&mut Session<'_>) -> Outcome,
@@ -43,17 +40,12 @@ pub(crate) const CASES: [Case; 18] = [
     case("sequences", runs::sequences),
     case("other_run", runs::other_run),
     case("new_run", runs::new_run),
-    case("overload", overload::overload),
+    case("overload", life::overload),
     case("garbage_lengths", garbage::lengths),
     case("garbage_numbers", garbage::numbers),
     case("garbage_noise", garbage::noise),
-    case("wrong_version", version::wrong_version),
+    case("wrong_version", runs::wrong_version),
     case("silence", life::silence),
     case("restart", life::restart),
     case("stop", life::stop),
 ];
-
-/// Names of all cases.
-pub(crate) fn names() -> [&'static str; CASES.len()] {
-    CASES.each_ref().map(|case| case.name)
-}

@@ -1,0 +1,121 @@
+//! What is not everywhere: answers from outside and real scans, the refiners in other languages (`.ci/examples` installs what they need).
+
+use std::io::{Write, stderr};
+use std::path::PathBuf;
+use std::process::Command;
+
+use mluc_backbone::{Backbone, BackboneError};
+use mluc_dataset::{DatasetError, file_stems, read_scan};
+use mluc_model::{Grid, Manifest, Network, VOXELS_MAX};
+
+use crate::inputs::root;
+
+/// Says in one line that a check did not run. `.ci/run` counts these lines.
+pub fn skip(what: &str, why: &str) {
+    // Cargo captures what the print macros write, not what is written to the stream itself. One call, so that no other
+    // test's line comes between.
+    let _ = stderr().write_all(format!("skipped: {what}: {why}\n").as_bytes());
+}
+
+/// The folder that `variable` names; `None`, said: it is not set. A folder that is missing is a failure, and so is a
+/// variable that is not set where `MLUC_REQUIRE_ORACLE=1`.
+pub fn data_folder(variable: &str) -> Option<PathBuf> {
+    let Some(folder) = std::env::var_os(variable).map(PathBuf::from) else {
+        let is_required = std::env::var_os("MLUC_REQUIRE_ORACLE").is_some_and(|value| value == "1");
+        let why = format!("{variable} is not set");
+        assert!(!is_required, "{why}, and MLUC_REQUIRE_ORACLE=1 asks for it");
+        skip(std::thread::current().name().unwrap_or("a test"), &why);
+        return None;
+    };
+    let found = folder.display();
+    let is_there = folder.is_dir();
+    assert!(is_there, "{variable}: expected a folder, found {found}");
+    Some(folder)
+}
+
+/// The folder of answers from outside; see [`data_folder`].
+pub fn oracle() -> Option<PathBuf> {
+    data_folder("MLUC_ORACLE")
+}
+
+/// The Python example's command; `None`, said: Python or its packages are not there.
+pub fn python_refiner() -> Option<Vec<String>> {
+    let python = root().join("target/examples/venv/bin/python");
+    let has_packages = Command::new(&python)
+        .args(["-c", "import iceoryx2, numpy"])
+        .output()
+        .is_ok_and(|output| output.status.success());
+    if !has_packages {
+        skip(
+            "the Python refiner",
+            "no Python with iceoryx2 and numpy in target/examples/venv (run .ci/examples)",
+        );
+        return None;
+    }
+    let script = root().join("examples/refiner-python/refiner.py");
+    let words = [python, script].map(|path| path.display().to_string());
+    Some(words.to_vec())
+}
+
+/// The C++ example's command; `None`, said: it was not built.
+pub fn cpp_refiner() -> Option<Vec<String>> {
+    let program = root().join("target/examples/refiner-cpp/refiner");
+    if !program.exists() {
+        let why = format!("{} is not built (run .ci/examples)", program.display());
+        skip("the C++ refiner", &why);
+        return None;
+    }
+    Some(vec![program.display().to_string()])
+}
+
+/// A scan, and where its answers are.
+pub struct PaperFrame {
+    /// Of the files, without extension.
+    pub name: String,
+    pub points: Vec<[f32; 4]>,
+    /// What the other implementation found, by level.
+    pub answers: PathBuf,
+}
+
+/// Every frame that the oracle has, by name: at least one. None, said, where the oracle is not asked for.
+pub fn paper_frames() -> Result<Vec<PaperFrame>, DatasetError> {
+    let Some(folder) = oracle().map(|folder| folder.join("second_forward")) else {
+        return Ok(vec![]);
+    };
+    let names = file_stems(&folder, "json", "the answers to `second_forward`")?;
+    let frame = |name: String| {
+        let file = |extension: &str| folder.join(format!("{name}.{extension}"));
+        let (points, answers) = (read_scan(&file("bin"))?, file("json"));
+        Ok(PaperFrame {
+            name,
+            points,
+            answers,
+        })
+    };
+    names.into_iter().map(frame).collect()
+}
+
+/// The paper's network without a voxel budget but the contract's points.
+pub fn paper_network() -> Manifest {
+    let grid = Grid {
+        voxels_max: VOXELS_MAX,
+        ..Grid::kitti_second()
+    };
+    Manifest::untrained("oracle", Network::second(grid, 3))
+}
+
+/// The feature map of the last frame: its rows laid over those of the empty scene.
+pub fn feature_map(backbone: &Backbone, mut empty: Vec<f32>) -> Result<Vec<f32>, BackboneError> {
+    let channels = backbone.feature_channels();
+    let (cells, rows) = backbone.last_rows()?;
+    for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
+        empty[*cell as usize * channels..][..channels].copy_from_slice(row);
+    }
+    Ok(empty)
+}
+
+pub fn rms(values: impl ExactSizeIterator<Item = f32>) -> f64 {
+    let count = values.len() as f64;
+    let squares: f64 = values.map(|value| f64::from(value).powi(2)).sum();
+    (squares / count).sqrt()
+}
