@@ -79,7 +79,7 @@ impl Svg {
             &format!(r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}">{text}</text>"#);
     }
 
-    /// Grid and numbers of a vertical axis from `left` to `right`.
+    /// Grid from `left` to `right` and numbers of a vertical axis.
     pub(crate) fn vertical_axis(&mut self, scale: &Scale, [left, right]: [f64; 2], unit: &str) {
         for tick in scale.ticks() {
             let y = scale.place(tick);

@@ -1,8 +1,6 @@
-//! The program `mluc-bench`: the real processes on a scenario, measured from outside and by their own stamps, written as a
-//! report.
+//! The program `mluc-bench`: the real processes on a scenario, measured from outside and by their own stamps, as a report.
 //!
-//! Open loop: frames are due at a fixed rate whatever the pipeline does, and every latency counts from due. `report`
-//! computes figures from the records; here is what touches the machine. Exit codes are those of `mluc`.
+//! `report` computes figures from the records; here is what touches the machine. Exit codes are those of `mluc`.
 
 mod against;
 mod arguments;

@@ -30,14 +30,14 @@ impl FromStr for Which {
     type Err = String;
 
     fn from_str(word: &str) -> Result<Which, String> {
-        let expected = || "expected median, worst, first, all or a sequence".to_string();
-        match word {
-            "median" => Ok(Which::Median),
-            "worst" => Ok(Which::Worst),
-            "first" => Ok(Which::Sequence(0)),
-            "all" => Ok(Which::All),
-            number => number.parse().map(Which::Sequence).map_err(|_| expected()),
-        }
+        let expected = "expected median, worst, first, all or a sequence";
+        Ok(match word {
+            "median" => Which::Median,
+            "worst" => Which::Worst,
+            "first" => Which::Sequence(0),
+            "all" => Which::All,
+            number => Which::Sequence(number.parse().map_err(|_| expected)?),
+        })
     }
 }
 
@@ -86,10 +86,8 @@ impl SpansFolder {
         frames: &[FrameRecord],
     ) -> Result<String> {
         let sequence = which.sequence(frames)?;
-        let text = match sequence {
-            None => "all frames".to_string(),
-            Some(sequence) => format!("frame {sequence}"),
-        };
+        let one = |sequence| format!("frame {sequence}");
+        let text = sequence.map_or("all frames".to_string(), one);
         let mut spans = self.read()?;
         spans.retain(|span| sequence.is_none_or(|sequence| sequence == span.sequence));
         ensure!(
@@ -231,9 +229,8 @@ mod tests {
 
     #[test]
     fn half_lines_are_left_out() {
-        let line = LINES[0];
-        assert!(parse_span(line).is_some());
-        assert_eq!(parse_span(&line[..line.len() / 2]), None);
-        assert_eq!(parse_span(""), None);
+        for half in [&LINES[0][..LINES[0].len() / 2], ""] {
+            assert_eq!(parse_span(half), None);
+        }
     }
 }

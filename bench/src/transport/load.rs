@@ -52,8 +52,7 @@ impl Payload {
     }
 }
 
-/// How the receiver of raw iceoryx2 learns that a message is there. Our hop and the futex always sleep: this is how the
-/// stages do it.
+/// How the receiver of raw iceoryx2 learns that a message is there. Our hop and the futex always sleep, as the stages do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum Wake {

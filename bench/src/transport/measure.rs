@@ -133,8 +133,7 @@ pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
     })
 }
 
-/// Another order each round: a message finds the caches as the one before it left them, and no way shall always follow
-/// the same other one.
+/// Another order each round: no way shall always find the caches as the same other one left them.
 fn shuffled(count: usize, round: u64) -> Vec<usize> {
     let mut places: Vec<usize> = (0..count).collect();
     Random::new(round, &[]).shuffle(&mut places);

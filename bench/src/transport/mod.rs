@@ -1,16 +1,12 @@
 //! What handing over a message costs between two processes, and its baselines.
 //!
-//! A figure for our own hop says little by itself: it depends on the machine, its other work and its power saving. So
-//! every figure here comes with baselines that were measured in the same run, interleaved with it, with the same payload:
-//! iceoryx2 without anything of ours, in the same wake-up mode; a bare futex wake; a Unix socket that copies the bytes;
-//! and one copy within a process.
+//! A figure for our own hop says little by itself: it depends on the machine and its other work. So every figure comes with
+//! baselines of the same run, interleaved with it, with the same payload (see [`Way`]), and with one copy within a process.
 //!
 //! [`measure`] starts a second process of the same program; call [`serve_peer`] first in `main`, so that it can be the
 //! other side. A round: the sender fills the payload, reads the clock, sends; the receiver, which sleeps (or polls, see
 //! [`Wake`]), reads the clock when it has the message, then reads all of it. The difference is the latency: filling and
 //! reading are not in it, though both leave their mark on the caches, as in the real stages.
-//!
-//! Nothing here is part of the robot's frame path.
 
 mod load;
 mod measure;

@@ -17,8 +17,7 @@ pub struct KittiSource {
 }
 
 impl KittiSource {
-    /// The splits by what they are for: training frames by the policy, all training frames for the supervised network, validation
-    /// frames to judge on.
+    /// The splits by what they are for; the policy is the training frames' alone, the supervised network sees all of them.
     pub(crate) fn preparations(&self, layout: &Layout) -> [(&'static str, PrepareOptions); 3] {
         let of = |name, split: &str, policy, what, folder| {
             let options = PrepareOptions {

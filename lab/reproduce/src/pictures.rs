@@ -66,8 +66,7 @@ fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
     Ok(drawn.collect())
 }
 
-/// The scene of figure 6: of the frames with an unknown object that counts within 32 m, the one with most of them, then with most
-/// known objects as near; chosen by labels alone. `None` where there is none such, or nothing was evaluated.
+/// The frame with most unknown objects that count within 32 m, then with most known ones; `None` without any such object.
 pub(crate) fn figure6_scene(test: &TestFrames, evaluated: &ByRow) -> Result<Option<DrawnScene>> {
     let mut best: Option<([usize; 2], usize)> = None;
     for index in 0..test.set.names().len() {

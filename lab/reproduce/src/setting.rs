@@ -58,9 +58,8 @@ pub(crate) struct Sizes {
     pub(crate) base_steps: u64,
     /// Steps of each network that begins with the base's weights.
     pub(crate) tuned_steps: u64,
-    /// Steps of the networks that begin with them too but have to learn new outputs, classes, or where the unknown lies (`metric-open`,
-    /// our own, `supervised`), and of the closed set, with which these are compared. Four times as many on streets, where our own gains
-    /// 13 points of AP of the unknown from them on validation scans.
+    /// Steps of the networks that have to learn new outputs, classes, or where the unknown lies (`metric-open`, our own, `supervised`),
+    /// and of the closed set beside them. On streets our own gains 13 points of AP of the unknown from them on validation scans.
     pub(crate) longer_steps: u64,
     pub(crate) batch: u32,
     /// Validation scans that the trainer judges on.

@@ -72,23 +72,19 @@ impl Simulation {
     /// Whether the folder holds at least the frames that are wanted. One that holds something else is an error: it is somebody's.
     pub(crate) fn is_done(&self) -> Result<bool> {
         let folder = &self.options.folder;
-        if !folder.exists() {
-            return Ok(false);
-        }
-        let mut entries = folder
-            .read_dir()
-            .map_err(|e| EvaluateError::file(folder, e))?;
-        if entries.next().is_none() {
+        let entries = || {
+            folder
+                .read_dir()
+                .map_err(|e| EvaluateError::file(folder, e))
+        };
+        if !folder.exists() || entries()?.next().is_none() {
             return Ok(false);
         }
         // The simulator writes the list last.
         let list = format!("ImageSets/{}.txt", self.options.split.name());
         let list = folder.join(list);
-        let text = if list.is_file() {
-            read_text(&list)?
-        } else {
-            String::new()
-        };
+        let text = list.is_file().then(|| read_text(&list)).transpose()?;
+        let text = text.unwrap_or_default();
         let found = text.lines().filter(|line| !line.trim().is_empty()).count();
         let expected = self.options.frames as usize;
         if found < expected {

@@ -10,6 +10,7 @@ use mluc_evaluate::EvaluateError;
 use mluc_model::Model;
 use mluc_train::NetworkKind;
 use serde::Deserialize;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::LazyLock;
@@ -156,12 +157,6 @@ pub enum RunState {
     Done,
 }
 
-/// The parts of the trainer's log that matter here.
-#[derive(Deserialize)]
-struct LogLine {
-    steps: u64,
-}
-
 /// Looks at a run's folder: the log's last line says how far the run was to go, the model how far it came.
 pub fn run_state(folder: &Path) -> Result<RunState> {
     let (model, log) = (folder.join("model.safetensors"), folder.join("train.jsonl"));
@@ -173,12 +168,14 @@ pub fn run_state(folder: &Path) -> Result<RunState> {
     }
     // A line that was cut by an interruption is passed over.
     let text = read_text(&log)?;
-    let mut lines = text.lines().rev();
-    let last = lines.find_map(|line| serde_json::from_str::<LogLine>(line).ok());
+    let steps_of = |line| serde_json::from_str::<Value>(line).ok()?["steps"].as_u64();
+    let steps = text.lines().rev().find_map(steps_of);
     let step = Model::read(&model)?.manifest.provenance.steps;
-    Ok(match last {
-        Some(LogLine { steps }) if step >= steps => RunState::Done,
-        Some(LogLine { steps }) => RunState::Unfinished { step, steps },
-        None => RunState::Unfinished { step, steps: 0 },
+    Ok(match steps {
+        Some(steps) if step >= steps => RunState::Done,
+        _ => RunState::Unfinished {
+            step,
+            steps: steps.unwrap_or(0),
+        },
     })
 }

@@ -69,20 +69,16 @@ fn network(
     let mut backbone = Backbone::with_precision(manifest, weights, precision)?;
     let mut head = Head::new(manifest, weights)?;
     let cells_max: usize = backbone.map_shape().iter().product();
-    let (mut cells, mut rows) = (
-        vec![0; cells_max],
-        vec![0.0; cells_max * backbone.feature_channels()],
-    );
+    let channels = backbone.feature_channels();
+    let (mut cells, mut rows) = (vec![0; cells_max], vec![0.0; cells_max * channels]);
     let mut detections = vec![];
     let last_sparse = manifest.network.sparse.last();
     let last_sparse = last_sparse.map_or("", |layer| layer.name.as_str());
     for frame in 0..FRAMES {
-        let name = |part: &str| {
-            if frame + 1 == FRAMES {
-                return format!("{precision}.{part}");
-            }
-            // Loading and memory that is touched for the first time.
-            "start".to_owned()
+        // The first frame is loading and memory that is touched for the first time.
+        let name = |part: &str| match frame + 1 {
+            FRAMES => format!("{precision}.{part}"),
+            _ => "start".to_owned(),
         };
         instructions_mark("start".into(), parts);
         let mut part = "voxelize";
@@ -96,10 +92,7 @@ fn network(
                 };
             })
             .rows;
-        let (cells, rows) = (
-            &mut cells[..count],
-            &mut rows[..count * backbone.feature_channels()],
-        );
+        let (cells, rows) = (&mut cells[..count], &mut rows[..count * channels]);
         backbone.write_rows(cells, rows)?;
         instructions_mark(name("dense2d"), parts);
         head.run(cells, rows, &mut detections)?;

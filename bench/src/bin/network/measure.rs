@@ -41,8 +41,7 @@ pub(crate) fn measure(
             .run_in_steps(points, &mut |step| {
                 frame.add(part, step.name, &mut last);
                 if counting {
-                    let [flop, executed] = products(network, &step);
-                    record.count(part, &step, flop, executed);
+                    record.count(part, &step, products(network, &step));
                     last = Instant::now();
                 }
                 match step.name {

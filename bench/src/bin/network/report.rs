@@ -6,7 +6,7 @@ use std::time::Instant;
 use mluc_backbone::{Precision, Step};
 use mluc_geometry::quantile_of;
 use mluc_kernels::{Bf16, Level, spin};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 /// The parts of the network: rulebooks are in `sparse3d`, the fold of the height and the writing of feature rows in
 /// `dense2d`, all but the backbone (1x1 convolutions, decoding, suppression, scores) in `head`.
@@ -38,67 +38,59 @@ pub(crate) struct Record {
     /// Of each scan's first frame after the model was loaded.
     pub(crate) first_ms: Vec<f64>,
     scans: usize,
-    sites: Vec<(String, usize)>,
-    /// By part, as the layers are defined.
-    flop: BTreeMap<&'static str, f64>,
-    /// By part, what the registers multiplied: tiles of 2x2 cells need less.
-    executed: BTreeMap<&'static str, f64>,
+    sites: BTreeMap<String, usize>,
+    /// By part, as the layers are defined, and what the registers multiplied: tiles of 2x2 cells need less.
+    flop: BTreeMap<&'static str, [f64; 2]>,
 }
 
 impl Record {
     /// Counts a step of a scan.
-    pub(crate) fn count(&mut self, part: &'static str, step: &Step, flop: f64, executed: f64) {
-        *self.flop.entry(part).or_default() += flop;
-        *self.executed.entry(part).or_default() += executed;
+    pub(crate) fn count(&mut self, part: &'static str, step: &Step, flop: [f64; 2]) {
+        self.add(part, flop);
         if step.name != "rulebooks" {
-            self.add_sites(step.name, step.rows);
+            *self.sites.entry(step.name.into()).or_default() += step.rows;
         }
     }
 
     /// Counts the end of a scan: what its feature rows cost, the candidates.
     pub(crate) fn count_rows(&mut self, [features, head]: [f64; 2], candidates: u32) {
-        for sums in [&mut self.flop, &mut self.executed] {
-            *sums.entry("dense2d").or_default() += features;
-            *sums.entry("head").or_default() += head;
-        }
-        self.add_sites("candidates", candidates as usize);
+        self.add("dense2d", [features; 2]);
+        self.add("head", [head; 2]);
+        *self.sites.entry("candidates".into()).or_default() += candidates as usize;
         self.scans += 1;
     }
 
-    fn add_sites(&mut self, name: &str, count: usize) {
-        match self.sites.iter_mut().find(|site| site.0 == name) {
-            Some(site) => site.1 += count,
-            None => self.sites.push((name.into(), count)),
-        }
+    fn add(&mut self, part: &'static str, flop: [f64; 2]) {
+        let sums = self.flop.entry(part).or_default();
+        *sums = [0, 1].map(|i| sums[i] + flop[i]);
     }
 
     /// Sites and GFLOP are means over the scans; `peak_share` is the part of `peak_gflops` that multiplied.
     pub(crate) fn json(&self, peak_gflops: f64) -> Value {
         let scans = self.scans.max(1) as f64;
         let sites = self.sites.iter();
-        let sites: Map<_, _> = sites
-            .map(|(name, count)| (name.clone(), json!((*count as f64 / scans).round() as u64)))
-            .collect();
+        let sites =
+            sites.map(|(name, count)| (name.clone(), (*count as f64 / scans).round() as u64));
         let mean = |flop: f64| 1e-9 * flop / scans;
-        let gflop = |sums: &BTreeMap<&str, f64>| -> Map<_, _> {
-            let parts = PARTS[1..].iter().map(|part| (*part, sums[part]));
-            let all = parts.chain([("total", sums.values().sum())]);
-            all.map(|(name, flop)| (name.into(), rounded(mean(flop))))
+        let gflop = |kind: usize| -> Value {
+            let parts = PARTS[1..].iter().map(|part| (*part, self.flop[part][kind]));
+            let all = parts.chain([("total", self.flop.values().map(|sums| sums[kind]).sum())]);
+            all.map(|(name, flop)| (name, rounded(mean(flop))))
                 .collect()
         };
         // The head's time is not one of products: see what its part holds.
         let share = PARTS[1..3].iter().map(|part| {
             let seconds = 1e-3 * self.quantile(0.5, |frame| frame.part_ms(part));
-            let gflops = mean(self.executed[part]) / seconds;
-            (part.to_string(), rounded(gflops / peak_gflops))
+            let gflops = mean(self.flop[part][1]) / seconds;
+            (*part, rounded(gflops / peak_gflops))
         });
         json!({
-            "sites": sites,
+            "sites": sites.collect::<Value>(),
             "ms_p50": self.milliseconds(0.5),
             "ms_p99": self.milliseconds(0.99),
-            "gflop": gflop(&self.flop),
-            "gflop_executed": gflop(&self.executed),
-            "peak_share": share.collect::<Map<_, _>>(),
+            "gflop": gflop(0),
+            "gflop_executed": gflop(1),
+            "peak_share": share.collect::<Value>(),
             "peak_gflops": peak_gflops.round(),
             "frames": self.frames.len(),
             "first_ms": rounded(self.first_ms.iter().copied().fold(0.0, f64::max)),
@@ -106,14 +98,10 @@ impl Record {
     }
 
     fn milliseconds(&self, q: f64) -> Value {
-        let part = |part: &str| {
-            let ms = self.quantile(q, |frame| frame.part_ms(part));
-            (part.to_owned(), rounded(ms))
-        };
-        let mut parts: Map<_, _> = PARTS.into_iter().map(part).collect();
+        let part = |part| (part, self.quantile(q, |frame| frame.part_ms(part)));
         let total = self.quantile(q, |frame| frame.total_ms);
-        parts.insert("total".into(), rounded(total));
-        Value::Object(parts)
+        let parts = PARTS.into_iter().map(part).chain([("total", total)]);
+        parts.map(|(name, ms)| (name, rounded(ms))).collect()
     }
 
     fn quantile(&self, q: f64, value: impl Fn(&Frame) -> f64) -> f64 {
@@ -143,8 +131,7 @@ fn rounded(value: f64) -> Value {
     json!((value * 1e4).round() / 1e4)
 }
 
-/// What the registers can do at most: GFLOP/s of multiply-adds on registers alone (int8: of whole numbers), of one thread
-/// times `threads`.
+/// GFLOP/s of multiply-adds on registers alone (int8: of whole numbers), of one thread times `threads`.
 pub(crate) fn peak_gflops(precision: Precision, threads: usize) -> f64 {
     /// Steps of a try: some milliseconds.
     const STEPS: usize = 500_000;

@@ -69,12 +69,10 @@ pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()>
 fn read(answers: &Path, frame: &Frame) -> Result<Vec<u8>> {
     let path = answers.join(format!("{}.ground", frame.name));
     let theirs = std::fs::read(&path).with_context(|| path.display().to_string())?;
+    let (path, expected, found) = (path.display(), frame.points.len(), theirs.len());
     ensure!(
-        theirs.len() == frame.points.len(),
-        "{}: expected {} labels, one a point, found {}",
-        path.display(),
-        frame.points.len(),
-        theirs.len()
+        found == expected,
+        "{path}: expected {expected} labels, one a point, found {found}"
     );
     Ok(theirs)
 }

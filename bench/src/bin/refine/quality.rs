@@ -15,8 +15,7 @@ use crate::scene::{Frame, inside, keyed, proposal};
 
 /// Proposals for each labelled object.
 const PROPOSALS_PER_OBJECT: u64 = 8;
-/// Points farther from an object than this along x or y are never looked at for its proposals, m: what is passed over is
-/// the sorting alone.
+/// Points farther from an object than this along x or y are never looked at for its proposals, m.
 const SURROUNDINGS_M: f32 = 30.0;
 
 #[derive(Default)]
@@ -128,8 +127,7 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
     judged
 }
 
-/// What the labelled points themselves reach: IoU with the label of the L-shape around an object's own points, ground left
-/// out, extended to the ground.
+/// What the labelled points reach: IoU of the L-shape around an object's own points above the ground, extended to the ground.
 fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f64) -> f64 {
     let clearance_m = Settings::default().ground_clearance_m;
     let center = [object.center_m[0], object.center_m[1]];

@@ -32,8 +32,7 @@ pub(crate) fn in_words(report: &Value) -> String {
     )
 }
 
-/// Frames with candidates at the labelled objects in turn, or wherever random points of the scan lie; with the work of
-/// each as the refiner counts it.
+/// Frames with candidates at the labelled objects in turn, or where random points of the scan lie; and the work of each.
 pub(crate) fn time(
     frames: &[Frame],
     refiner: &mut Refiner,

@@ -29,8 +29,7 @@ pub enum Method {
     Paper,
     /// MLUC with the clustering's sign and ground corrected.
     PaperCorrected,
-    /// The same on a network with the paper's head that learned from synthetic unknown objects and from background: what training
-    /// alone brings.
+    /// The same on a network that learned from synthetic unknown objects and background too: what training alone brings.
     MlucOpen,
     /// Our whole method.
     MlucFull,
@@ -53,8 +52,7 @@ pub struct MethodRow {
     /// Metric learning and unsupervised clustering, as table 1 has them; `None` in table 2 alone.
     #[serde(default)]
     pub ablation: Option<[bool; 2]>,
-    /// The paper's mAP of the known, AP of the unknown and their harmonic mean, on its industrial park and on KITTI; rows that it
-    /// does not have are `None`.
+    /// The paper's mAP of the known, AP of the unknown and their harmonic mean, on its industrial park and on KITTI, where it has them.
     #[serde(default)]
     pub paper: [Option<[f64; 3]>; 2],
     /// Colour in figures, red, green, blue.

@@ -1,9 +1,11 @@
-//! plotters on the workspace's canvas: text; plotters makes the rest of pixels.
+//! plotters on the workspace's canvas: lines and text; plotters makes the rest of pixels.
 
 use mluc_gateway::picture::Canvas;
 use plotters::prelude::DrawingBackend;
 use plotters_backend::text_anchor::{HPos, VPos};
-use plotters_backend::{BackendColor, BackendCoord, BackendTextStyle, DrawingErrorKind};
+use plotters_backend::{
+    BackendColor, BackendCoord, BackendStyle, BackendTextStyle, DrawingErrorKind,
+};
 use std::convert::Infallible;
 
 type Outcome = Result<(), DrawingErrorKind<Infallible>>;
@@ -36,6 +38,22 @@ impl DrawingBackend for CanvasBackend<'_> {
         let color_rgb = color.rgb.into();
         self.0
             .blend(x.into(), y.into(), color_rgb, color.alpha as f32);
+        Ok(())
+    }
+
+    /// plotters' own makes spikes of sharp turns.
+    fn draw_path<S: BackendStyle, I: IntoIterator<Item = BackendCoord>>(
+        &mut self,
+        path: I,
+        style: &S,
+    ) -> Outcome {
+        let corner = |(x, y): BackendCoord| [x as f32, y as f32];
+        let corners: Vec<[f32; 2]> = path.into_iter().map(corner).collect();
+        let (color, width) = (style.color(), style.stroke_width() as f32);
+        let (rgb, alpha) = (color.rgb.into(), color.alpha as f32);
+        for pair in corners.windows(2) {
+            self.0.line(pair[0], pair[1], width, rgb, alpha);
+        }
         Ok(())
     }
 

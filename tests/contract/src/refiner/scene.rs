@@ -119,9 +119,9 @@ pub(crate) fn usual() -> (Vec<Point>, Vec<Detection>) {
     (scan(&[CART, CAR], 20_000), detections)
 }
 
-/// Overwrites an element with noise.
-pub(crate) fn fill<T: bytemuck::Pod>(random: &mut Random, element: &mut T) {
-    for byte in bytemuck::bytes_of_mut(element) {
+/// Overwrites elements with noise.
+pub(crate) fn fill<T: bytemuck::Pod>(random: &mut Random, elements: &mut [T]) {
+    for byte in bytemuck::cast_slice_mut::<T, u8>(elements) {
         *byte = random.bits() as u8;
     }
 }

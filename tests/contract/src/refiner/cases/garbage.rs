@@ -12,65 +12,50 @@ use crate::refiner::session::Session;
 
 const NOISY_FRAMES: u64 = 8;
 
-/// The session with a program that was provoked, and how often it answered.
-struct Provoked<'a, 's> {
-    session: &'a mut Session<'s>,
-    count: usize,
-    answered: usize,
+/// Provokes, and sees that a sound frame is answered afterwards; gives whether the frame itself was answered.
+fn survives(
+    session: &mut Session<'_>,
+    what: &str,
+    mut frame: Frame,
+    is_told: impl Fn(&Answer) -> bool,
+) -> anyhow::Result<bool> {
+    let reaction = session.provoke(what, &mut frame)?;
+    if let Ok(answer) = &reaction {
+        let form = session.check_form(&frame, answer);
+        form.with_context(|| what.to_string())?;
+        ensure!(
+            is_told(answer),
+            "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
+            answer.header.flags
+        );
+    }
+    session.ask_after(what)?;
+    Ok(reaction.is_ok())
 }
 
-impl<'a, 's> Provoked<'a, 's> {
-    fn begin(session: &'a mut Session<'s>) -> anyhow::Result<Provoked<'a, 's>> {
-        session.ready()?;
-        Ok(Provoked {
-            session,
-            count: 0,
-            answered: 0,
-        })
-    }
-
-    /// Provokes, and sees that a sound frame is answered afterwards.
-    fn survives(
-        &mut self,
-        what: &str,
-        mut frame: Frame,
-        is_told: impl Fn(&Answer) -> bool,
-    ) -> anyhow::Result<()> {
-        let session = &mut *self.session;
-        if let Ok(answer) = session.provoke(what, &mut frame)? {
-            let form = session.check_form(&frame, &answer);
-            form.with_context(|| what.to_string())?;
-            ensure!(
-                is_told(&answer),
-                "{what}: answered as if nothing were wrong (flags {:#x}), neither flagged nor refused",
-                answer.header.flags
-            );
-            self.answered += 1;
-        }
-        self.count += 1;
-        session.ask_after(what)
-    }
-
-    fn summary(&self) -> Outcome {
-        let (count, answered) = (self.count, self.answered);
-        let refused = count - answered;
-        Ok(format!(
-            "{count} survived: {refused} refused, {answered} answered and flagged"
-        ))
-    }
+/// Of frames that the program survived, whether each was answered.
+fn summary(was_answered: &[bool]) -> Outcome {
+    let count = was_answered.len();
+    let answered = was_answered.iter().filter(|is| **is).count();
+    let refused = count - answered;
+    Ok(format!(
+        "{count} survived: {refused} refused, {answered} answered and flagged"
+    ))
 }
 
 pub(super) fn lengths(session: &mut Session<'_>) -> Outcome {
-    let mut provoked = Provoked::begin(session)?;
-    let mut many = provoked.session.player.usual();
+    session.ready()?;
+    let mut answered = Vec::new();
+    let mut many = session.player.usual();
     many.detections = vec![candidate(&CART, [0.1, 0.1]); DETECTIONS_MAX + 88];
-    let mut long = provoked.session.player.usual();
+    let mut long = session.player.usual();
     long.points = scan(&[CART], POINTS_MAX + 1000);
     let flags = [Flags::LIMIT_HIT, Flags::DEGRADED, Flags::TRUNCATED];
     for (what, frame) in [("600 detections", many), ("263,144 points", long)] {
-        provoked.survives(what, frame, |answer| is_flagged(answer, &flags))?;
+        let is_told = |answer: &Answer| is_flagged(answer, &flags);
+        answered.push(survives(session, what, frame, is_told)?);
     }
-    provoked.summary()
+    summary(&answered)
 }
 
 type Spoil = fn(&mut Detection);
@@ -95,20 +80,21 @@ const SPOILS: [(&str, Spoil); 14] = [
 ];
 
 pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
-    let mut provoked = Provoked::begin(session)?;
+    session.ready()?;
+    let mut answered = Vec::new();
     for (what, spoil) in SPOILS {
         for (which, name) in ["of a known box", "of a candidate"].into_iter().enumerate() {
-            let mut frame = provoked.session.player.usual();
+            let mut frame = session.player.usual();
             spoil(&mut frame.detections[which]);
             let what = format!("{what} {name}");
             let is_invalid = |o: &Object| o.disposition == Disposition::InvalidBox as u32;
-            provoked.survives(&what, frame, |answer| {
+            answered.push(survives(session, &what, frame, |answer| {
                 is_flagged(answer, &[Flags::DEGRADED])
                     || answer.objects.get(which).is_some_and(is_invalid)
-            })?;
+            })?);
         }
     }
-    let mut frame = provoked.session.player.usual();
+    let mut frame = session.player.usual();
     for (number, point) in frame.points.iter_mut().enumerate().step_by(3) {
         let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX][number % 4];
         let coordinates: &mut [f32; 4] = bytemuck::cast_mut(point);
@@ -119,11 +105,12 @@ pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
     }
     let flags = [Flags::NOT_FINITE, Flags::DEGRADED];
     let is_told = |answer: &Answer| is_flagged(answer, &flags);
-    provoked.survives("points that are not finite", frame, is_told)?;
-    let mut frame = provoked.session.player.usual();
+    let what = "points that are not finite";
+    answered.push(survives(session, what, frame, is_told)?);
+    let mut frame = session.player.usual();
     spoil_header(&mut frame);
-    provoked.survives("a header of noise", frame, |_| true)?;
-    provoked.summary()
+    answered.push(survives(session, "a header of noise", frame, |_| true)?);
+    summary(&answered)
 }
 
 /// Everything but version, run, sequence and model is nonsense: it is passed on as it came.
@@ -140,25 +127,25 @@ fn spoil_header(frame: &mut Frame) {
 }
 
 pub(super) fn noise(session: &mut Session<'_>) -> Outcome {
-    let mut provoked = Provoked::begin(session)?;
+    session.ready()?;
+    let mut answered = Vec::new();
     for seed in 1..=NOISY_FRAMES {
         let mut random = Random::new(seed, &[]);
-        let mut frame = provoked.session.player.usual();
+        let mut frame = session.player.usual();
         let second = frame.detections[1];
         frame.detections.resize(64, second);
         if seed % 3 != 1 {
-            frame
-                .points
-                .iter_mut()
-                .for_each(|point| fill(&mut random, point));
+            fill(&mut random, &mut frame.points);
         }
         if seed % 3 != 0 {
-            frame
-                .detections
-                .iter_mut()
-                .for_each(|d| fill(&mut random, d));
+            fill(&mut random, &mut frame.detections);
         }
-        provoked.survives(&format!("noise of seed {seed}"), frame, |_| true)?;
+        answered.push(survives(
+            session,
+            &format!("noise of seed {seed}"),
+            frame,
+            |_| true,
+        )?);
     }
-    provoked.summary()
+    summary(&answered)
 }
