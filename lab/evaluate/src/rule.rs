@@ -175,6 +175,7 @@ pub fn unknown_classes(model_name: &str) -> Vec<String> {
     let names: &[&str] = match model_name {
         "udi" => &["golf_cart", "forklift"],
         "kitti" => &["van", "truck"],
+        "any" => &["van", "truck", "golf_cart", "forklift"],
         _ => &[],
     };
     names.iter().map(|name| (*name).to_owned()).collect()

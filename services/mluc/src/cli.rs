@@ -29,7 +29,7 @@ pub(crate) enum Command {
         /// Where the picture goes.
         #[arg(long, default_value = "mluc-demo.png")]
         picture: PathBuf,
-        /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file.
+        /// An embedded model (any-open, kitti, kitti-open, udi, udi-open) or a model file.
         #[arg(long, default_value = DEFAULT_MODEL)]
         model: String,
     },
@@ -84,7 +84,7 @@ pub(crate) struct PipelineArgs {
     /// A folder of KITTI .bin scans (or of `velodyne/`), or one scan.
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
-    /// An embedded model (kitti, kitti-open, udi, udi-open) or a model file [default: kitti-open].
+    /// An embedded model (any-open, kitti, kitti-open, udi, udi-open) or a model file [default: kitti-open].
     #[arg(long)]
     pub(crate) model: Option<String>,
     /// When the next frame enters [default: sensor].
@@ -112,7 +112,7 @@ pub(crate) struct PipelineArgs {
     /// it are candidate unknowns (1: the centre of all prototypes, 2: at a prototype, 0: no unknowns).
     #[arg(long)]
     pub(crate) lambda: Option<f64>,
-    /// With a model that has a logit of the unknown (udi-open, kitti-open): probability of being none of the known from which
+    /// With a model that has a logit of the unknown (an -open model): probability of being none of the known from which
     /// a box is a candidate unknown, instead of the model's (0: no unknowns). Lower finds more, true and false.
     #[arg(long)]
     pub(crate) unknown_min: Option<f64>,

@@ -49,7 +49,7 @@ pub(crate) fn load_for(settings: &Settings) -> anyhow::Result<Model> {
     }
     if settings.unknown_min.is_some() && !is_open {
         return refused(format!(
-            "unknown_min: expected a model with a logit of the unknown (udi-open, kitti-open), found '{name}', whose gate is --lambda"
+            "unknown_min: expected a model with a logit of the unknown (an -open model), found '{name}', whose gate is --lambda"
         ));
     }
     let thresholds = &mut model.manifest.thresholds;

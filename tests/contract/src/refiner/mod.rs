@@ -29,7 +29,7 @@ use session::Session;
 
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RefinerArgs {
-    /// Model whose classes the detections have: embedded (kitti, kitti-open, udi, udi-open) or a model file.
+    /// Model whose classes the detections have: embedded (any-open, kitti, kitti-open, udi, udi-open) or a model file.
     #[arg(long, default_value = "kitti")]
     model: String,
     /// Only these cases; all when none is named.

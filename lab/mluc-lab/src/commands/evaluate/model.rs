@@ -37,7 +37,7 @@ pub(super) struct ModelArguments {
     /// Of the backbone: f32, bf16 or int8 (after `mluc-lab quantize`).
     #[arg(long, default_value_t)]
     precision: Precision,
-    /// Label classes that are unknown [default: golf_cart,forklift for udi, van,truck for kitti].
+    /// Label classes that are unknown [default: golf_cart,forklift for udi, van,truck for kitti, all four for any].
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     unknown: Option<Vec<String>>,
     /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
