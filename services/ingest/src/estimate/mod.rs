@@ -1,0 +1,344 @@
+//! What a sensor is and how it is mounted, estimated from its scans: for `mluc doctor --input`, `mluc-lab sensor`, and the [`crate::Guard`].
+//!
+//! An [`Estimator`] looks at scans and keeps sums and histograms, whose memory is made once. It can tell neither left from right (y mirrored) nor ahead
+//! from aside (a turn about z): a scan in a strange place looks the same.
+
+mod content;
+mod directions;
+pub mod elevations;
+mod level;
+mod profile;
+mod step;
+
+use mluc_geometry::quantile;
+use mluc_ipc_types::Point;
+use serde::{Deserialize, Serialize};
+
+use content::Content;
+use directions::{Directions, NEAR_M, SECTOR_DEG};
+pub use directions::{SECTORS, direction_rad};
+use elevations::Elevations;
+use level::{Level, LevelFinder};
+use step::StepVotes;
+
+/// Sums that need no full count take every so-maniest point: no multiple of a number of beams.
+const SAMPLE: usize = 7;
+/// Beams that an estimate holds.
+const BEAMS_MAX: usize = 256;
+/// Fewer are no spinning sensor's.
+const BEAMS_MIN: usize = 4;
+/// Peaks are beams where they are at least this share of the returns of a column: else they are smeared.
+const CLEAR_SHARE: f32 = 0.72;
+/// Scans whose ground is kept.
+const SCANS_MAX: usize = 64;
+/// A plane is the ground from this share of tiles on.
+const GROUND_SHARE_MIN: f32 = 0.18;
+/// Below this share the ground is looked for along the other axes too; there it must have so many times the share.
+const LEVEL_SHARE_POOR: f32 = 0.35;
+const OTHER_AXIS_GAIN: f32 = 1.5;
+/// Sensors hang no lower and no higher, m; for axes alone.
+const HEIGHT_M: std::ops::Range<f32> = 0.15..5.0;
+
+/// The unit of the coordinates as they came.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unit {
+    /// m.
+    #[default]
+    Metre,
+    /// cm.
+    Centimetre,
+    /// mm.
+    Millimetre,
+}
+
+impl Unit {
+    /// In m.
+    pub fn in_m(self) -> f32 {
+        [1.0, 0.01, 0.001][self as usize]
+    }
+
+    /// `m`, `cm`, `mm`.
+    pub fn name(self) -> &'static str {
+        ["m", "cm", "mm"][self as usize]
+    }
+}
+
+/// Which axis points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Up {
+    /// As it should be.
+    #[default]
+    #[serde(rename = "z")]
+    Z,
+    /// Turned over.
+    #[serde(rename = "-z")]
+    MinusZ,
+    /// x is up.
+    #[serde(rename = "x")]
+    X,
+    /// x is down.
+    #[serde(rename = "-x")]
+    MinusX,
+    /// y is up.
+    #[serde(rename = "y")]
+    Y,
+    /// y is down.
+    #[serde(rename = "-y")]
+    MinusY,
+}
+
+impl Up {
+    /// `z`, `-z` and so on.
+    pub fn name(self) -> &'static str {
+        ["z", "-z", "x", "-x", "y", "-y"][self as usize]
+    }
+}
+
+/// What some scans say of their sensor. Lengths are in m, whatever unit the scans came in.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SensorEstimate {
+    /// Scans that were looked at.
+    pub scans: u32,
+    /// Points a scan, finite or not.
+    pub points: u32,
+    /// Share of points that are not finite.
+    pub not_finite_share: f32,
+    /// Share of points at the origin.
+    pub zero_share: f32,
+    /// Share of points that are there twice.
+    pub duplicate_share: f32,
+    /// Unit of the coordinates.
+    pub unit: Unit,
+    /// Which axis points up.
+    pub up: Up,
+    /// Beams; where they are not clear, the returns of a column.
+    pub beams: u32,
+    /// Whether elevations have a peak for every beam: not so where several sensors are merged, or beams begin in different points.
+    pub are_beams_clear: bool,
+    /// Elevations with a peak, degrees, from the top down.
+    pub elevations_deg: Vec<f32>,
+    /// Between neighbouring columns, degrees.
+    pub azimuth_step_deg: Option<f32>,
+    /// Elevations of the uppermost and the lowest returns, degrees.
+    pub vertical_field_deg: [f32; 2],
+    /// Middle and width of the horizontal field, degrees, counter-clockwise from ahead.
+    pub field_deg: [f32; 2],
+    /// Range below which half of the returns lie, m.
+    pub range_median_m: f32,
+    /// Range below which 99.9 % of the returns lie, m.
+    pub range_longest_m: f32,
+    /// Where most directions end, m, and the share of directions that do.
+    pub range_end_m: f32,
+    /// See [`SensorEstimate::range_end_m`].
+    pub range_end_share: f32,
+    /// The largest intensity.
+    pub intensity_max: f32,
+    /// Height of the sensor above the ground, m; `None`: no ground found.
+    pub height_m: Option<f32>,
+    /// Positive looks down, degrees.
+    pub pitch_deg: f32,
+    /// Positive sinks to the right, degrees.
+    pub roll_deg: f32,
+    /// Share of the tiles around the sensor that lie on one plane.
+    pub ground_share: f32,
+    /// Degrees of the directions in which something near stays over all scans: the robot itself.
+    pub own_body_deg: f32,
+}
+
+impl SensorEstimate {
+    /// Angle between the sensor's axis and the ground's, degrees.
+    pub fn tilt_deg(&self) -> f32 {
+        self.pitch_deg.hypot(self.roll_deg)
+    }
+
+    /// Median distance of neighbouring beams, degrees; `None` where they are not clear.
+    pub fn spacing_deg(&self) -> Option<f32> {
+        let mut gaps = [0.0; BEAMS_MAX];
+        let pairs = self.elevations_deg.windows(2);
+        let count = pairs.len().min(BEAMS_MAX);
+        for (gap, pair) in gaps.iter_mut().zip(pairs) {
+            *gap = f64::from(pair[0] - pair[1]);
+        }
+        gaps[..count].sort_unstable_by(f64::total_cmp);
+        let middle = quantile(&gaps[..count], 0.5)? as f32;
+        self.are_beams_clear.then_some(middle)
+    }
+}
+
+/// Looks at scans.
+#[derive(Clone, Debug, Default)]
+pub struct Estimator {
+    content: Content,
+    elevations: Elevations,
+    directions: Directions,
+    steps: StepVotes,
+    finder: LevelFinder,
+    /// Height, pitch, roll, share by scan.
+    grounds: Vec<[f32; 4]>,
+    estimate: SensorEstimate,
+}
+
+impl Estimator {
+    /// All memory is made here.
+    pub fn new() -> Estimator {
+        let mut estimator = Estimator::default();
+        estimator.grounds.reserve(SCANS_MAX);
+        estimator.estimate.elevations_deg.reserve(BEAMS_MAX);
+        estimator
+    }
+
+    /// Forgets all scans.
+    pub fn clear(&mut self) {
+        self.content.clear();
+        self.elevations.clear();
+        self.directions = Directions::default();
+        self.steps.clear();
+        self.grounds.clear();
+        self.estimate.scans = 0;
+    }
+
+    /// Elevations of all scans.
+    pub fn elevations(&self) -> &Elevations {
+        &self.elevations
+    }
+
+    /// Looks at a scan: its finite points, and how many more were none. About 4 ms for 120,000 points.
+    pub fn look(&mut self, points: &[Point], not_finite: u32) {
+        self.content.add_scan(points, not_finite, SAMPLE);
+        let scale = self.content.unit.in_m();
+        let at = |p: &Point| [p.x_m * scale, p.y_m * scale, p.z_m * scale];
+        let level = self.look_for_ground(points.iter().map(at));
+        for (number, point) in points.iter().enumerate() {
+            let [x, y, z] = at(point);
+            let distance = (x * x + y * y).sqrt();
+            let range_m = (distance * distance + z * z).sqrt();
+            if range_m >= NEAR_M {
+                self.elevations.add(z, distance);
+            }
+            if number % SAMPLE == 0 && range_m > 0.0 {
+                let on = level.map_or(z, |l| z - l.z_m - l.slope[0] * x - l.slope[1] * y);
+                self.directions.add([x, y], range_m, on < 0.25);
+            }
+        }
+        self.directions.end_scan();
+        self.elevations.find(&mut self.estimate.elevations_deg);
+        self.look_along_beams(points, scale);
+        self.estimate.scans += 1;
+    }
+
+    /// Which way is up, how high and how tilted; gives the plane where z is up.
+    fn look_for_ground(&mut self, points: impl Iterator<Item = [f32; 3]> + Clone) -> Option<Level> {
+        let along_z = self.finder.find(points.clone());
+        let share = along_z.map_or(0.0, |level| level.share);
+        let mut best = (Up::Z, along_z);
+        if share < LEVEL_SHARE_POOR {
+            let others = [
+                (
+                    Up::X,
+                    self.finder.find(points.clone().map(|[x, y, z]| [y, z, x])),
+                ),
+                (Up::Y, self.finder.find(points.map(|[x, y, z]| [z, x, y]))),
+            ];
+            for (up, level) in others {
+                let best_share = best.1.map_or(GROUND_SHARE_MIN, |level| level.share);
+                let fits = |level: &Level| {
+                    let is_better = level.share > OTHER_AXIS_GAIN * best_share;
+                    is_better
+                        && level.share > LEVEL_SHARE_POOR
+                        && HEIGHT_M.contains(&level.z_m.abs())
+                };
+                if level.is_some_and(|level| fits(&level)) {
+                    best = (up, level);
+                }
+            }
+        }
+        let (up, level) = best;
+        let level = level.filter(|level| level.share >= GROUND_SHARE_MIN);
+        let is_above = level.is_some_and(|level| level.z_m > HEIGHT_M.start);
+        self.estimate.up = match (up, is_above) {
+            (Up::Z, true) => Up::MinusZ,
+            (Up::X, true) => Up::MinusX,
+            (Up::Y, true) => Up::MinusY,
+            (up, _) => up,
+        };
+        let level = level?;
+        let [x, y] = level.slope;
+        let (pitch, roll) = (x.atan().to_degrees(), -y.atan().to_degrees());
+        let height_m = level.z_m.abs() / (1.0 + x * x + y * y).sqrt();
+        if self.grounds.len() < SCANS_MAX {
+            self.grounds.push([height_m, pitch, roll, level.share]);
+        }
+        (self.estimate.up == Up::Z).then_some(level)
+    }
+
+    /// The step between columns, along a few beams that lie apart from others.
+    fn look_along_beams(&mut self, points: &[Point], scale: f32) {
+        let beams = &self.estimate.elevations_deg;
+        let count = beams.len();
+        for number in 1..3 {
+            let Some(&beam_deg) = beams.get(count * number / 3) else {
+                continue;
+            };
+            let half_deg = (beams.windows(2).map(|p| p[0] - p[1])).fold(0.3, f32::min) / 3.0;
+            let [low, high] = [-half_deg, half_deg].map(|d| (beam_deg + d).to_radians().tan());
+            for point in points {
+                let [x, y, z] = [point.x_m, point.y_m, point.z_m].map(|v| v * scale);
+                let distance = (x * x + y * y).sqrt();
+                if z >= low * distance && z <= high * distance && distance > NEAR_M {
+                    self.steps.add(x, y);
+                }
+            }
+            self.steps.end_beam();
+        }
+    }
+
+    /// What the scans since [`Estimator::clear`] say.
+    pub fn estimate(&mut self) -> &SensorEstimate {
+        let grounds = &self.grounds;
+        let median = |column: usize| {
+            let mut values = [0.0; SCANS_MAX];
+            for (value, ground) in values.iter_mut().zip(grounds) {
+                *value = f64::from(ground[column]);
+            }
+            let values = &mut values[..grounds.len()];
+            values.sort_unstable_by(f64::total_cmp);
+            quantile(values, 0.5).map(|value| value as f32)
+        };
+        let estimate = &mut self.estimate;
+        estimate.height_m = median(0);
+        estimate.pitch_deg = median(1).unwrap_or(0.0);
+        estimate.roll_deg = median(2).unwrap_or(0.0);
+        estimate.ground_share = median(3).unwrap_or(0.0);
+        self.content.tell(estimate);
+        estimate.azimuth_step_deg = self.steps.step_deg();
+        let [top, bottom] = [0.999, 0.001].map(|share| self.elevations.quantile_deg(share));
+        estimate.vertical_field_deg = [top, bottom];
+        estimate.field_deg = self.directions.field_deg();
+        (estimate.range_end_m, estimate.range_end_share) = self.directions.range_end();
+        estimate.own_body_deg = self.directions.own_body_deg();
+        self.count_beams();
+        &self.estimate
+    }
+
+    /// Peaks of the elevations, held against the returns of a column.
+    fn count_beams(&mut self) {
+        let estimate = &mut self.estimate;
+        let peaks = estimate.elevations_deg.len();
+        let mut counts = *self.directions.counts();
+        counts.sort_unstable();
+        let many =
+            (counts[SECTORS * 9 / 10] as usize * SAMPLE) as f32 / estimate.scans.max(1) as f32;
+        let column = estimate
+            .azimuth_step_deg
+            .map(|step| many * step / SECTOR_DEG);
+        // A point that is there twice is one return.
+        let column = column.map(|column| column * (1.0 - estimate.duplicate_share));
+        let is_whole = column.is_none_or(|column| peaks as f32 >= CLEAR_SHARE * column);
+        estimate.are_beams_clear = peaks >= BEAMS_MIN && is_whole;
+        estimate.beams = match column {
+            Some(column) if !estimate.are_beams_clear => column.round() as u32,
+            _ => peaks as u32,
+        };
+    }
+}
