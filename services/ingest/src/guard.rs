@@ -127,6 +127,16 @@ pub enum Reason {
         /// Between beams, on average, or ends of the vertical field.
         off_deg: f32,
     },
+    /// Beyond the given sensor's range.
+    #[error(
+        "returns {found_m:.0} away, expected at most {expected_m:.0} m by the given sensor: if the coordinates are in feet, multiply them by 0.3048"
+    )]
+    SensorRange {
+        /// Of the profile.
+        expected_m: f32,
+        /// Of the scans.
+        found_m: f32,
+    },
     /// Not the given sensor's height.
     #[error(
         "sensor {found_m:.2} m above the ground, expected {expected_m:.2} m by the given sensor: correct its height_m"
@@ -154,19 +164,24 @@ const GAP_MIN_DEG: f32 = 60.0;
 const GAP_RANGE_M: f32 = 8.0;
 /// The range of a real sensor ends farther, m; and a limit is one where this share of directions ends.
 const RANGE_END_MIN_M: f32 = 30.0;
-const RANGE_END_SHARE: f32 = 0.6;
+const RANGE_END_SHARE: f32 = 0.45;
 /// Equal scans in a row that are no chance.
 const FROZEN_MIN: u32 = 4;
 /// Points of a scan that tell whether it is the last one.
 const FROZEN_SAMPLE: usize = 256;
-/// A scan so often is looked at, after the first two: about 1 ms a scan on average.
-const LOOK_EVERY: u64 = 5;
-/// Of the given sensor: beams off by this share of their distance and by so many degrees, fields by so many, counts by this factor, heights by so many m.
+/// The first so many scans are looked at, and then one so often: on average under 1 ms a scan.
+const LOOK_FIRST: u64 = 3;
+const LOOK_EVERY: u64 = 6;
+/// Looks that vote.
+const LOOKS: usize = 3;
+/// Of the given sensor: beams off by this share of their distance and by so many degrees, fields by so many, counts by this factor, heights by so many m. Guesses.
 const BEAM_OFF_SHARE: f32 = 0.3;
 const BEAM_OFF_DEG: f32 = 0.25;
 const FIELD_OFF_DEG: f32 = 2.0;
-const BEAMS_FACTOR: f32 = 1.5;
+const BEAMS_FACTOR: f32 = 1.4;
 const HEIGHT_OFF_M: f32 = 0.3;
+/// Returns beyond so many times the given sensor's range are no stray ones.
+const RANGE_FACTOR: f32 = 2.0;
 /// No scan has more reasons.
 const REASONS_MAX: usize = 24;
 
@@ -187,7 +202,9 @@ impl Reason {
             Reason::Range { .. } => Flags::SUSPECT_RANGE,
             Reason::IntensityScale { .. } | Reason::IntensityMissing => Flags::SUSPECT_INTENSITY,
             Reason::Frozen { .. } => Flags::SUSPECT_FROZEN,
-            Reason::SensorBeams { .. } | Reason::SensorHeight { .. } => Flags::SUSPECT_SENSOR,
+            Reason::SensorBeams { .. }
+            | Reason::SensorRange { .. }
+            | Reason::SensorHeight { .. } => Flags::SUSPECT_SENSOR,
         }
     }
 }
@@ -357,6 +374,12 @@ impl Expected {
             };
             add((expected_m - found_m).abs() > HEIGHT_OFF_M, reason);
         }
+        let (expected_m, found_m) = (sensor.range_m[1], found.range_longest_m);
+        let reason = Reason::SensorRange {
+            expected_m,
+            found_m,
+        };
+        add(found_m > RANGE_FACTOR * expected_m, reason);
         let beams = &sensor.elevations_deg;
         let (Some(top), Some(bottom)) = (beams.first(), beams.last()) else {
             return;
@@ -386,15 +409,14 @@ impl Expected {
     }
 }
 
-/// Looks at scans as they pass. What it says of one holds until the next look; a look at every fifth scan, and two that agree, are enough.
+/// Looks at the first three scans and then at every sixth. A reason holds until the next look, if two of the last three looks found it, or the first one.
 #[derive(Clone, Debug)]
 pub struct Guard {
     expected: Expected,
     estimator: Estimator,
     scans: u64,
-    /// Of the last look, and of the one before.
-    found: Vec<Reason>,
-    found_before: Vec<Reason>,
+    /// Of the last looks, the newest last.
+    found: [Vec<Reason>; LOOKS],
     reasons: Vec<Reason>,
     last_scan: u64,
     equal_scans: u32,
@@ -407,8 +429,7 @@ impl Guard {
             expected,
             estimator: Estimator::new(),
             scans: 0,
-            found: Vec::with_capacity(REASONS_MAX),
-            found_before: Vec::with_capacity(REASONS_MAX),
+            found: std::array::from_fn(|_| Vec::with_capacity(REASONS_MAX)),
             reasons: Vec::with_capacity(REASONS_MAX + 1),
             last_scan: 0,
             equal_scans: 0,
@@ -417,7 +438,7 @@ impl Guard {
 
     /// Takes the next scan, its finite points, into account; gives what does not fit.
     pub fn check(&mut self, points: &[Point], report: &DecodeReport) -> &[Reason] {
-        if self.scans < 2 || self.scans.is_multiple_of(LOOK_EVERY) {
+        if self.scans < LOOK_FIRST || self.scans.is_multiple_of(LOOK_EVERY) {
             self.look(points, report.dropped_not_finite);
         }
         self.count_equal(points);
@@ -432,17 +453,23 @@ impl Guard {
     }
 
     fn look(&mut self, points: &[Point], not_finite: u32) {
-        std::mem::swap(&mut self.found, &mut self.found_before);
-        self.found.clear();
+        self.found.rotate_left(1);
+        let [before @ .., newest] = &mut self.found;
+        newest.clear();
         self.estimator.clear();
         self.estimator.look(points, not_finite);
-        self.expected
-            .judge(self.estimator.estimate(), &mut self.found);
-        let (is_first, before) = (self.scans == 0, &self.found_before);
-        let is_known = |flag: Flags| before.iter().any(|reason| reason.flag() == flag);
+        self.expected.judge(self.estimator.estimate(), newest);
+        let is_first = self.scans == 0;
         self.reasons.clear();
-        let holding = self.found.iter().filter(|r| is_first || is_known(r.flag()));
-        self.reasons.extend(holding);
+        for (number, reason) in newest.iter().chain(before.iter().flatten()).enumerate() {
+            let has_flag = |found: &&Vec<Reason>| found.iter().any(|r| r.flag() == reason.flag());
+            let votes = before.iter().filter(has_flag).count() + usize::from(has_flag(&&*newest));
+            let is_new =
+                number < newest.len() || !self.reasons.iter().any(|r| r.flag() == reason.flag());
+            if is_new && (votes >= 2 || is_first) && self.reasons.len() < REASONS_MAX {
+                self.reasons.push(*reason);
+            }
+        }
     }
 
     /// Counts scans whose points lie where the last one's did; those without points are no scans.

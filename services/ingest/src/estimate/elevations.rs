@@ -47,6 +47,14 @@ impl Elevations {
         self.total += 1;
     }
 
+    /// Adds those of another.
+    pub(super) fn add_all(&mut self, other: &Elevations) {
+        for (own, count) in self.counts.iter_mut().zip(&other.counts) {
+            *own += count;
+        }
+        self.total += other.total;
+    }
+
     /// Returns by elevation, from the bottom up.
     pub fn counts(&self) -> &[u32] {
         &self.counts

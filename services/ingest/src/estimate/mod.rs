@@ -26,15 +26,18 @@ const SAMPLE: usize = 7;
 /// Beams that an estimate holds.
 const BEAMS_MAX: usize = 256;
 /// Fewer are no spinning sensor's.
-const BEAMS_MIN: usize = 4;
+const BEAMS_MIN: f32 = 4.0;
 /// Peaks are beams where they are at least this share of the returns of a column: else they are smeared.
 const CLEAR_SHARE: f32 = 0.72;
-/// Scans whose ground is kept.
+/// Peaks of several scans together are beams where they are this share of those of a single scan.
+const STAYING_SHARE: f32 = 0.85;
+/// Scans of which more than sums is kept.
 const SCANS_MAX: usize = 64;
 /// A plane is the ground from this share of tiles on.
 const GROUND_SHARE_MIN: f32 = 0.18;
-/// Below this share the ground is looked for along the other axes too; there it must have so many times the share.
+/// Below this share the ground is looked for along the other axes too; there it must have this share, and so many times the first.
 const LEVEL_SHARE_POOR: f32 = 0.35;
+const OTHER_AXIS_SHARE_MIN: f32 = 0.25;
 const OTHER_AXIS_GAIN: f32 = 1.5;
 /// Sensors hang no lower and no higher, m; for axes alone.
 const HEIGHT_M: std::ops::Range<f32> = 0.15..5.0;
@@ -166,6 +169,15 @@ impl SensorEstimate {
     }
 }
 
+/// What is kept of one scan.
+#[derive(Clone, Copy, Debug)]
+struct OneScan {
+    /// Height, pitch, roll, share of tiles.
+    ground: Option<[f32; 4]>,
+    /// Peaks of its elevations.
+    peaks: f32,
+}
+
 /// Looks at scans.
 #[derive(Clone, Debug, Default)]
 pub struct Estimator {
@@ -174,8 +186,10 @@ pub struct Estimator {
     directions: Directions,
     steps: StepVotes,
     finder: LevelFinder,
-    /// Height, pitch, roll, share by scan.
-    grounds: Vec<[f32; 4]>,
+    scans: Vec<OneScan>,
+    /// Of the scan at hand.
+    scan_elevations: Elevations,
+    scan_beams_deg: Vec<f32>,
     estimate: SensorEstimate,
 }
 
@@ -183,7 +197,8 @@ impl Estimator {
     /// All memory is made here.
     pub fn new() -> Estimator {
         let mut estimator = Estimator::default();
-        estimator.grounds.reserve(SCANS_MAX);
+        estimator.scans.reserve(SCANS_MAX);
+        estimator.scan_beams_deg.reserve(BEAMS_MAX);
         estimator.estimate.elevations_deg.reserve(BEAMS_MAX);
         estimator
     }
@@ -194,7 +209,7 @@ impl Estimator {
         self.elevations.clear();
         self.directions = Directions::default();
         self.steps.clear();
-        self.grounds.clear();
+        self.scans.clear();
         self.estimate.scans = 0;
     }
 
@@ -208,13 +223,15 @@ impl Estimator {
         self.content.add_scan(points, not_finite, SAMPLE);
         let scale = self.content.unit.in_m();
         let at = |p: &Point| [p.x_m * scale, p.y_m * scale, p.z_m * scale];
-        let level = self.look_for_ground(points.iter().map(at));
+        let ground = self.look_for_ground(points.iter().map(at));
+        let level = ground.filter(|_| self.estimate.up == Up::Z);
+        self.scan_elevations.clear();
         for (number, point) in points.iter().enumerate() {
             let [x, y, z] = at(point);
             let distance = (x * x + y * y).sqrt();
             let range_m = (distance * distance + z * z).sqrt();
             if range_m >= NEAR_M {
-                self.elevations.add(z, distance);
+                self.scan_elevations.add(z, distance);
             }
             if number % SAMPLE == 0 && range_m > 0.0 {
                 let on = level.map_or(z, |l| z - l.z_m - l.slope[0] * x - l.slope[1] * y);
@@ -222,34 +239,38 @@ impl Estimator {
             }
         }
         self.directions.end_scan();
-        self.elevations.find(&mut self.estimate.elevations_deg);
+        self.elevations.add_all(&self.scan_elevations);
+        self.scan_elevations.find(&mut self.scan_beams_deg);
+        if self.scans.len() < SCANS_MAX {
+            let (ground, peaks) = (ground.map(mounting), self.scan_beams_deg.len() as f32);
+            self.scans.push(OneScan { ground, peaks });
+        }
         self.look_along_beams(points, scale);
         self.estimate.scans += 1;
     }
 
-    /// Which way is up, how high and how tilted; gives the plane where z is up.
+    /// Which way is up, and the plane of the ground, seen so.
     fn look_for_ground(&mut self, points: impl Iterator<Item = [f32; 3]> + Clone) -> Option<Level> {
         let along_z = self.finder.find(points.clone());
         let share = along_z.map_or(0.0, |level| level.share);
         let mut best = (Up::Z, along_z);
         if share < LEVEL_SHARE_POOR {
+            let turned = points.clone();
+            let over = turned.map(|[x, y, z]| [x, -y, -z]);
             let others = [
+                (Up::MinusZ, self.finder.find(over)),
                 (
                     Up::X,
                     self.finder.find(points.clone().map(|[x, y, z]| [y, z, x])),
                 ),
                 (Up::Y, self.finder.find(points.map(|[x, y, z]| [z, x, y]))),
             ];
+            let mut least = (OTHER_AXIS_GAIN * share).max(OTHER_AXIS_SHARE_MIN);
             for (up, level) in others {
-                let best_share = best.1.map_or(GROUND_SHARE_MIN, |level| level.share);
-                let fits = |level: &Level| {
-                    let is_better = level.share > OTHER_AXIS_GAIN * best_share;
-                    is_better
-                        && level.share > LEVEL_SHARE_POOR
-                        && HEIGHT_M.contains(&level.z_m.abs())
-                };
-                if level.is_some_and(|level| fits(&level)) {
-                    best = (up, level);
+                let fits =
+                    |level: &Level| level.share > least && HEIGHT_M.contains(&level.z_m.abs());
+                if let Some(level) = level.filter(fits) {
+                    (least, best) = (level.share, (up, Some(level)));
                 }
             }
         }
@@ -258,23 +279,17 @@ impl Estimator {
         let is_above = level.is_some_and(|level| level.z_m > HEIGHT_M.start);
         self.estimate.up = match (up, is_above) {
             (Up::Z, true) => Up::MinusZ,
+            (Up::MinusZ, true) => Up::Z,
             (Up::X, true) => Up::MinusX,
             (Up::Y, true) => Up::MinusY,
             (up, _) => up,
         };
-        let level = level?;
-        let [x, y] = level.slope;
-        let (pitch, roll) = (x.atan().to_degrees(), -y.atan().to_degrees());
-        let height_m = level.z_m.abs() / (1.0 + x * x + y * y).sqrt();
-        if self.grounds.len() < SCANS_MAX {
-            self.grounds.push([height_m, pitch, roll, level.share]);
-        }
-        (self.estimate.up == Up::Z).then_some(level)
+        level
     }
 
     /// The step between columns, along a few beams that lie apart from others.
     fn look_along_beams(&mut self, points: &[Point], scale: f32) {
-        let beams = &self.estimate.elevations_deg;
+        let beams = &self.scan_beams_deg;
         let count = beams.len();
         for number in 1..3 {
             let Some(&beam_deg) = beams.get(count * number / 3) else {
@@ -295,21 +310,12 @@ impl Estimator {
 
     /// What the scans since [`Estimator::clear`] say.
     pub fn estimate(&mut self) -> &SensorEstimate {
-        let grounds = &self.grounds;
-        let median = |column: usize| {
-            let mut values = [0.0; SCANS_MAX];
-            for (value, ground) in values.iter_mut().zip(grounds) {
-                *value = f64::from(ground[column]);
-            }
-            let values = &mut values[..grounds.len()];
-            values.sort_unstable_by(f64::total_cmp);
-            quantile(values, 0.5).map(|value| value as f32)
-        };
+        let grounds = || self.scans.iter().filter_map(|scan| scan.ground);
         let estimate = &mut self.estimate;
-        estimate.height_m = median(0);
-        estimate.pitch_deg = median(1).unwrap_or(0.0);
-        estimate.roll_deg = median(2).unwrap_or(0.0);
-        estimate.ground_share = median(3).unwrap_or(0.0);
+        estimate.height_m = median(grounds().map(|ground| ground[0]));
+        estimate.pitch_deg = median(grounds().map(|ground| ground[1])).unwrap_or(0.0);
+        estimate.roll_deg = median(grounds().map(|ground| ground[2])).unwrap_or(0.0);
+        estimate.ground_share = median(grounds().map(|ground| ground[3])).unwrap_or(0.0);
         self.content.tell(estimate);
         estimate.azimuth_step_deg = self.steps.step_deg();
         let [top, bottom] = [0.999, 0.001].map(|share| self.elevations.quantile_deg(share));
@@ -321,24 +327,48 @@ impl Estimator {
         &self.estimate
     }
 
-    /// Peaks of the elevations, held against the returns of a column.
+    /// Peaks of the elevations, held against the returns of a column and those of single scans.
     fn count_beams(&mut self) {
         let estimate = &mut self.estimate;
-        let peaks = estimate.elevations_deg.len();
+        self.elevations.find(&mut estimate.elevations_deg);
+        let peaks = estimate.elevations_deg.len() as f32;
         let mut counts = *self.directions.counts();
         counts.sort_unstable();
-        let many =
-            (counts[SECTORS * 9 / 10] as usize * SAMPLE) as f32 / estimate.scans.max(1) as f32;
-        let column = estimate
-            .azimuth_step_deg
-            .map(|step| many * step / SECTOR_DEG);
+        let many = counts[SECTORS * 9 / 10] as usize * SAMPLE;
+        let many = many as f32 / estimate.scans.max(1) as f32;
         // A point that is there twice is one return.
-        let column = column.map(|column| column * (1.0 - estimate.duplicate_share));
-        let is_whole = column.is_none_or(|column| peaks as f32 >= CLEAR_SHARE * column);
-        estimate.are_beams_clear = peaks >= BEAMS_MIN && is_whole;
-        estimate.beams = match column {
-            Some(column) if !estimate.are_beams_clear => column.round() as u32,
-            _ => peaks as u32,
-        };
+        let many = many * (1.0 - estimate.duplicate_share);
+        let column = estimate.azimuth_step_deg;
+        let column = column.map_or(0.0, |step| many * step / SECTOR_DEG);
+        // Beams whose returns move from scan to scan have peaks in single scans alone.
+        let of_scans = median(self.scans.iter().map(|scan| scan.peaks)).unwrap_or(0.0);
+        let (best, whole) = (peaks.max(of_scans), CLEAR_SHARE * column);
+        let has_peaks = best >= BEAMS_MIN && best >= whole;
+        estimate.are_beams_clear = has_peaks && peaks >= STAYING_SHARE * best;
+        estimate.beams = if has_peaks { best } else { column.round() } as u32;
     }
+}
+
+/// Height (m), pitch, roll (degrees) and share of tiles.
+fn mounting(level: Level) -> [f32; 4] {
+    let [x, y] = level.slope;
+    let height_m = level.z_m.abs() / (1.0 + x * x + y * y).sqrt();
+    [
+        height_m,
+        x.atan().to_degrees(),
+        -y.atan().to_degrees(),
+        level.share,
+    ]
+}
+
+/// The median of one value by scan.
+fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
+    let mut sorted = [0.0; SCANS_MAX];
+    let mut count = 0;
+    for (place, value) in sorted.iter_mut().zip(values) {
+        *place = f64::from(value);
+        count += 1;
+    }
+    sorted[..count].sort_unstable_by(f64::total_cmp);
+    quantile(&sorted[..count], 0.5).map(|value| value as f32)
 }
