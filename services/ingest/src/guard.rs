@@ -396,7 +396,7 @@ impl Expected {
         let [highest, lowest] = found.vertical_field_deg;
         let beyond_deg = (highest - top).max(bottom - lowest);
         let ratio = found.beams as f32 / beams.len() as f32;
-        let is_other_count = ratio > BEAMS_FACTOR || ratio < 1.0 / BEAMS_FACTOR;
+        let is_other_count = !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio);
         let reason = Reason::SensorBeams {
             expected: beams.len() as u32,
             found: found.beams,

@@ -19,6 +19,7 @@ use directions::{Directions, NEAR_M, SECTOR_DEG};
 pub use directions::{SECTORS, direction_rad};
 use elevations::Elevations;
 use level::{Level, LevelFinder};
+pub use profile::Nearest;
 use step::StepVotes;
 
 /// Sums that need no full count take every so-maniest point: no multiple of a number of beams.

@@ -8,6 +8,20 @@ use super::SensorEstimate;
 const RANGE_SHORTEST_M: f32 = 0.5;
 const RANGE_NOISE_M: f32 = 0.02;
 
+/// Products whose distances differ by less are alike.
+const ALIKE_DEG: f32 = 0.005;
+
+/// See [`SensorEstimate::nearest`].
+#[derive(Clone, Debug)]
+pub struct Nearest {
+    /// Of the products that are alike.
+    pub names: Vec<&'static str>,
+    /// Of the first of them.
+    pub profile: SensorProfile,
+    /// [`SensorEstimate::distance_deg`].
+    pub distance_deg: f32,
+}
+
 impl SensorEstimate {
     /// How far the beams lie from a profile's, degrees: the mean of both ways to the nearest; the profile's beams above the found field have no say (they
     /// see the sky). `None` where there is nothing to compare.
@@ -29,15 +43,31 @@ impl SensorEstimate {
         Some((there + back) / 2.0)
     }
 
-    /// The product whose beams lie nearest, and how far they lie, degrees.
-    pub fn nearest(&self) -> Option<(&'static str, SensorProfile, f32)> {
-        let products = SensorProfile::names();
-        let products = products.filter_map(|name| Some((name, SensorProfile::load(name).ok()?)));
-        let distances = products.filter_map(|(name, profile)| {
-            let distance_deg = self.distance_deg(&profile)?;
-            Some((name, profile, distance_deg))
-        });
-        distances.min_by(|a, b| a.2.total_cmp(&b.2))
+    /// The products whose beams lie nearest: several where they are alike.
+    pub fn nearest(&self) -> Option<Nearest> {
+        let mut best: Option<Nearest> = None;
+        for name in SensorProfile::names() {
+            let Ok(profile) = SensorProfile::load(name) else {
+                continue;
+            };
+            let Some(distance_deg) = self.distance_deg(&profile) else {
+                continue;
+            };
+            match &mut best {
+                Some(best) if (distance_deg - best.distance_deg).abs() < ALIKE_DEG => {
+                    best.names.push(name);
+                }
+                Some(best) if distance_deg > best.distance_deg => (),
+                _ => {
+                    best = Some(Nearest {
+                        names: vec![name],
+                        profile,
+                        distance_deg,
+                    });
+                }
+            }
+        }
+        best
     }
 
     /// A profile of this sensor: of clear beams the peaks; else as many as a column has returns, evenly over the vertical field.

@@ -85,8 +85,8 @@ fn other_sensor(
     if let Some(name) = given {
         return Ok((name.to_string(), SensorProfile::load(name)?));
     }
-    let (name, profile, _) = found.nearest().context("no elevations with a peak")?;
-    Ok((name.to_string(), profile))
+    let near = found.nearest().context("no elevations with a peak")?;
+    Ok((near.names.join(" or "), near.profile))
 }
 
 /// The scans of an input, sorted.

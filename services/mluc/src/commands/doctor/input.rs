@@ -12,6 +12,9 @@ use crate::source::Source;
 /// Scans that are looked at, spread over the input.
 const SCANS: usize = 20;
 
+/// Beams this near a product's are of it, degrees; a guess.
+const NEAR_DEG: f32 = 0.1;
+
 /// Looks at some scans.
 pub(super) fn findings(input: &Path, expected: &Expected) -> anyhow::Result<Vec<Finding>> {
     let source = Source::find(input)?;
@@ -67,13 +70,16 @@ fn about_beams(found: &SensorEstimate) -> String {
     let [top, bottom] = found.vertical_field_deg;
     let beams = match found.spacing_deg() {
         Some(spacing) => format!("{} beams, {spacing:.2} degrees apart", found.beams),
-        None => format!("no clear beams, {} returns a column", found.beams),
+        None => format!("no clear beams, about {}", found.beams),
     };
     let step = found
         .azimuth_step_deg
         .map(|step| format!(", a column every {step:.2}"));
     let near = found.nearest().filter(|_| found.are_beams_clear);
-    let near = near.map(|(name, _, off)| format!("; nearest product {name}, {off:.2} degrees off"));
+    let near = near.map(|near| {
+        let names = near.names.join(" or ");
+        format!("; like {names}, {:.2} degrees off", near.distance_deg)
+    });
     format!(
         "{beams} from {top:.1} to {bottom:.1}{}, {} degrees around; half of the returns within {:.0} m, all within {:.0} m{}",
         step.unwrap_or_default(),
@@ -114,12 +120,16 @@ fn flags(input: &Path, found: &SensorEstimate, expected: &Expected, reasons: &[R
     if !reasons.is_empty() {
         return "first do what the warnings say".to_string();
     }
-    let sensor = match (expected.sensor(), found.nearest()) {
+    let near = found
+        .nearest()
+        .filter(|near| found.are_beams_clear && near.distance_deg < NEAR_DEG);
+    let sensor = match (expected.sensor(), near) {
         (Some(_), _) => " --sensor as given".to_string(),
-        (None, Some((name, _, off_deg))) if found.are_beams_clear && off_deg < 0.1 => {
-            format!(" --sensor {name}")
-        }
-        _ => String::new(),
+        (None, Some(near)) => format!(
+            " --sensor {}",
+            near.names.join(" (or ") + &")".repeat(near.names.len() - 1)
+        ),
+        (None, None) => String::new(),
     };
     format!("mluc up --input {}{sensor}", input.display())
 }
