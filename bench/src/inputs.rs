@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, DetectionKind, Object};
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
-use mluc_refiner::{BeamTable, Sensor};
+use mluc_refiner::Sensor;
 use mluc_simulate::{Family, SimulatedFrame, Split, frame};
 use mluc_train::hdl_64e;
 
@@ -54,12 +54,8 @@ pub fn box_of(object: &Object) -> Box3 {
 
 /// The simulated scans' sensor, with its beams.
 pub fn sensor() -> Sensor {
-    let beams = hdl_64e();
     Sensor {
-        beams: Some(BeamTable {
-            elevation_rad: beams.elevation_rad,
-            azimuth_step_rad: beams.azimuth_step_rad,
-        }),
+        beams: Some(hdl_64e()),
         sees_all_around: false,
         ..Sensor::plain(&["car", "pedestrian", "cyclist"])
     }

@@ -4,6 +4,7 @@ use std::ffi::c_char;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
+use bytemuck::Zeroable;
 use mluc_ipc_types::{Detection, Flags, FrameHeader, Object, Point, RunDescription, WIRE_VERSION};
 
 use crate::error::{Code, Failure, last, remember};
@@ -13,7 +14,7 @@ use crate::refiner::Refiner;
 pub struct MlucRefiner(Refiner);
 
 /// `mluc_frame` in C: where a frame lies in shared memory. Readable until the next call with the same handle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Zeroable)]
 #[repr(C)]
 pub struct MlucFrame {
     /// The detections' header.
@@ -30,27 +31,9 @@ pub struct MlucFrame {
     pub detections_count: usize,
 }
 
-impl Default for MlucFrame {
-    fn default() -> MlucFrame {
-        MlucFrame {
-            header: std::ptr::null(),
-            run: std::ptr::null(),
-            points: std::ptr::null(),
-            points_count: 0,
-            detections: std::ptr::null(),
-            detections_count: 0,
-        }
-    }
-}
-
 fn guarded(call: impl FnOnce() -> Result<Code, Failure>) -> i32 {
-    let bug = |_| {
-        Err(Failure::new(
-            Code::Internal,
-            "a bug in mluc-capi: see stderr",
-        ))
-    };
-    let result = catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(bug);
+    let bug = || Failure::new(Code::Internal, "a bug in mluc-capi: see stderr");
+    let result = catch_unwind(AssertUnwindSafe(call)).unwrap_or_else(|_| Err(bug()));
     let code = result.unwrap_or_else(|failure| {
         remember(&failure.words);
         failure.code
@@ -101,12 +84,10 @@ pub unsafe extern "C" fn mluc_refiner_wait(
         // SAFETY: by the caller's promise.
         let (refiner, frame) = unsafe { (refiner.as_mut(), frame.as_mut()) };
         let (Some(refiner), Some(frame)) = (refiner, frame) else {
-            return Err(Failure::new(
-                Code::Usage,
-                "wait: the handle or the frame is null",
-            ));
+            let words = "wait: the handle or the frame is null";
+            return Err(Failure::new(Code::Usage, words));
         };
-        *frame = MlucFrame::default();
+        *frame = MlucFrame::zeroed();
         let code = refiner.0.wait(Duration::from_millis(timeout_ms.into()))?;
         if let Some((header, run, points, detections)) = refiner.0.frame() {
             *frame = MlucFrame {
@@ -170,10 +151,8 @@ unsafe fn slice_of<'a, T>(first: *const T, count: usize) -> Result<&'a [T], Fail
         return Ok(&[]);
     }
     if first.is_null() {
-        return Err(Failure::new(
-            Code::Usage,
-            "publish: null where elements should be",
-        ));
+        let words = "publish: null where elements should be";
+        return Err(Failure::new(Code::Usage, words));
     }
     // SAFETY: by the caller's promise.
     Ok(unsafe { std::slice::from_raw_parts(first, count) })

@@ -7,8 +7,8 @@ use mluc_ipc_types::{
     Object, Point, RunDescription, Stage, Topic,
 };
 use mluc_runtime::{
-    Frames, Instance, Message, Next, Output, RuntimeError, Shell, Shutdown, log_to_stderr,
-    monotonic_ns,
+    Frames, Instance, Message, Next, Output, RuntimeError, Shell, Shutdown, finish, log_to_stderr,
+    monotonic_ns, stamp_published,
 };
 
 use crate::error::{Code, Failure};
@@ -96,12 +96,8 @@ impl Refiner {
         let frame = self.frame.as_ref()?;
         let points = self.frames.points(frame.header.sequence);
         let points = points.filter(|_| frame.has_points).unwrap_or_default();
-        Some((
-            &frame.header,
-            self.shell.run()?,
-            points,
-            frame.detections.elements(),
-        ))
+        let (run, detections) = (self.shell.run()?, frame.detections.elements());
+        Some((&frame.header, run, points, detections))
     }
 
     /// Publishes the frame's objects; `indices` point into its points. Nothing is published when they break the contract.
@@ -112,10 +108,8 @@ impl Refiner {
         flags: Flags,
     ) -> Result<(), Failure> {
         let Some((header, _, points, detections)) = self.frame() else {
-            return Err(Failure::new(
-                Code::Usage,
-                "publish: there is no frame; wait gives one, and it is published once",
-            ));
+            let words = "publish: there is no frame; wait gives one, and it is published once";
+            return Err(Failure::new(Code::Usage, words));
         };
         Object::checked(header, objects, self.classes())?;
         if objects.len() < detections.len() {
@@ -131,26 +125,19 @@ impl Refiner {
         let bytes_read = (size_of_val(points) + size_of_val(detections)) as u64;
         header.flag(flags);
         // First the indices: whoever has the objects can ask for their points.
-        let mut loan = self.object_points.loan(&header, indices.len())?;
-        loan.elements_mut().copy_from_slice(indices);
-        loan.header_mut().stamps_mut(Stage::Refiner).published_ns = monotonic_ns();
-        loan.publish()?;
+        stamp_published(Stage::Refiner, &mut header);
+        self.object_points.send(&header, indices)?;
         let mut loan = self.objects.loan(&header, objects.len())?;
         loan.elements_mut().copy_from_slice(objects);
-        loan.header_mut().stamps_mut(Stage::Refiner).published_ns = monotonic_ns();
+        stamp_published(Stage::Refiner, loan.header_mut());
         loan.publish()?;
         self.frame = None;
         self.frames.release();
         let counters = &mut self.shell.health;
         counters.frames_in += 1;
-        counters.frames_out += 1;
         counters.candidates.add(objects);
         counters.bytes_read = bytes_read;
         counters.bytes_written = (size_of_val(objects) + size_of_val(indices)) as u32;
-        let started_ns = header.stages[Stage::Refiner as usize].started_ns;
-        self.shell
-            .record_run(monotonic_ns().saturating_sub(started_ns));
-        self.shell.state(HealthState::Running, "")?;
-        Ok(self.shell.tick()?)
+        Ok(finish(&mut self.shell, Stage::Refiner, &header)?)
     }
 }

@@ -52,18 +52,16 @@ impl Others {
         let mut header = FrameHeader::new(sequence, "a");
         (header.run_id, header.model_fingerprint) = (1, 42);
         change(&mut header);
-        let mut loan = self.points.loan(&header, 100).unwrap();
-        loan.elements_mut().fill(Point {
+        let point = Point {
             x_m: sequence as f32,
             ..Point::default()
-        });
-        loan.publish().unwrap();
-        let mut loan = self.detections.loan(&header, 1).unwrap();
-        loan.elements_mut().fill(Detection {
+        };
+        let detection = Detection {
             size_m: [1.0; 3],
             ..Detection::default()
-        });
-        loan.publish().unwrap();
+        };
+        self.points.send(&header, &[point; 100]).unwrap();
+        self.detections.send(&header, &[detection]).unwrap();
     }
 }
 
@@ -77,7 +75,7 @@ fn wait(refiner: *mut MlucRefiner, timeout_ms: u32) -> (i32, MlucFrame) {
     let mut frame = MlucFrame {
         points_count: 7,
         detections_count: 7,
-        ..MlucFrame::default()
+        ..MlucFrame::zeroed()
     };
     // SAFETY: an open handle, and a place for the frame.
     let code = unsafe { mluc_refiner_wait(refiner, timeout_ms, &mut frame) };

@@ -21,5 +21,6 @@ pub use calibration::{Calibration, CalibrationError, CameraBox};
 pub use image::{ImageSize, iou_2d, overlap_of_first_2d, pixel_bounds};
 pub use nms::nms_into;
 pub use overlap::{intersection_bev_m2, intersection_over_min_area, iou_3d, iou_bev};
+pub use polygon::Polygon;
 pub use quantile::{quantile, quantile_of};
 pub use random::{Random, mix};

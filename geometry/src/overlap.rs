@@ -5,6 +5,9 @@
 use crate::boxes::Box3;
 use crate::polygon::Polygon;
 
+/// Four corners, and at most one more for each of four cuts.
+const CORNERS_MAX: usize = 8;
+
 /// Whether the footprint has an area and a place.
 fn has_footprint(b: &Box3) -> bool {
     let ([l, w, _], [x, y, _]) = (b.size_m, b.center_m);
@@ -34,7 +37,7 @@ pub fn intersection_bev_m2(a: &Box3, b: &Box3) -> f64 {
     if !circles_may_touch(a, b) || !has_footprint(a) || !has_footprint(b) {
         return 0.0;
     }
-    // b in a's frame: a's sides are then x = +-l/2 and y = +-w/2.
+    // b in a's frame: a's sides are then x = +-l/2 and y = +-w/2, and the arithmetic stays near the origin.
     let center = a.local_m(b.center_m);
     let b_in_a = Box3 {
         center_m: center,
@@ -42,11 +45,11 @@ pub fn intersection_bev_m2(a: &Box3, b: &Box3) -> f64 {
         yaw_rad: b.yaw_rad - a.yaw_rad,
     };
     let (half_l, half_w) = (a.size_m[0] / 2.0, a.size_m[1] / 2.0);
-    let common = Polygon::from_corners(b_in_a.footprint_m())
-        .clip(0, 1.0, half_l)
-        .clip(0, -1.0, half_l)
-        .clip(1, 1.0, half_w)
-        .clip(1, -1.0, half_w);
+    let common = Polygon::<CORNERS_MAX>::new(b_in_a.footprint_m())
+        .cut([1.0, 0.0], half_l)
+        .cut([-1.0, 0.0], half_l)
+        .cut([0.0, 1.0], half_w)
+        .cut([0.0, -1.0], half_w);
     common.area().min(footprint_m2(a)).min(footprint_m2(b))
 }
 

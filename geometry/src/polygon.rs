@@ -1,66 +1,66 @@
-//! Convex polygons: clipping by half planes (Sutherland and Hodgman, 1974) and area.
-//!
-//! A rectangle clipped by the four sides of another one has at most eight corners, so everything lives in a fixed
-//! buffer. Clipping is done in the other rectangle's own frame, where its sides are parallel to the axes: the
-//! arithmetic stays near the origin, whatever the distance of the boxes from the sensor.
+//! Convex polygons: cutting by half planes (Sutherland and Hodgman, 1974) and area.
 
-/// Four corners, and at most one more for each of four cuts.
-const CORNERS_MAX: usize = 8;
-
-/// A convex polygon of at most eight corners, in order.
+/// A convex polygon of at most `MAX` corners, in order.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Polygon {
-    corners: [[f64; 2]; CORNERS_MAX],
+pub struct Polygon<const MAX: usize> {
+    corners: [[f64; 2]; MAX],
     count: usize,
 }
 
-impl Polygon {
-    /// From four corners in order.
-    pub(crate) fn from_corners(corners: [[f64; 2]; 4]) -> Polygon {
-        let mut polygon = Polygon {
-            corners: [[0.0; 2]; CORNERS_MAX],
-            count: 4,
-        };
-        polygon.corners[..4].copy_from_slice(&corners);
+impl<const MAX: usize> Polygon<MAX> {
+    /// From corners in order; those beyond `MAX` are left out. Rounding could add such a corner only to a polygon that is not
+    /// convex.
+    pub fn new(corners: impl IntoIterator<Item = [f64; 2]>) -> Polygon<MAX> {
+        let (mut polygon, corners) = (Polygon::EMPTY, corners.into_iter());
+        corners.for_each(|corner| polygon.push(corner));
         polygon
     }
 
+    const EMPTY: Polygon<MAX> = Polygon {
+        corners: [[0.0; 2]; MAX],
+        count: 0,
+    };
+
     fn push(&mut self, corner: [f64; 2]) {
-        // Rounding could add a corner only to a polygon that is not convex; the area does not miss it then.
-        if self.count < CORNERS_MAX {
+        if self.count < MAX {
             self.corners[self.count] = corner;
             self.count += 1;
         }
     }
 
-    /// The part where `sign * coordinate[axis] <= limit`.
-    pub(crate) fn clip(&self, axis: usize, sign: f64, limit: f64) -> Polygon {
-        let mut kept = Polygon {
-            corners: [[0.0; 2]; CORNERS_MAX],
-            count: 0,
-        };
+    /// In order.
+    pub fn corners(&self) -> &[[f64; 2]] {
+        &self.corners[..self.count]
+    }
+
+    /// The part where `normal . corner <= limit`.
+    pub fn cut(&self, normal: [f64; 2], limit: f64) -> Polygon<MAX> {
+        let beyond = |c: [f64; 2]| c[0] * normal[0] + c[1] * normal[1] - limit;
+        let mut kept = Polygon::EMPTY;
         for i in 0..self.count {
             let (from, to) = (self.corners[i], self.corners[(i + 1) % self.count]);
-            let (outside_from, outside_to) = (sign * from[axis] - limit, sign * to[axis] - limit);
-            if outside_from <= 0.0 {
+            let (a, b) = (beyond(from), beyond(to));
+            if a <= 0.0 {
                 kept.push(from);
             }
-            if (outside_from < 0.0 && outside_to > 0.0) || (outside_from > 0.0 && outside_to < 0.0)
-            {
-                let t = outside_from / (outside_from - outside_to);
-                kept.push([0, 1].map(|i| from[i] + t * (to[i] - from[i])));
+            if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
+                let t = a / (a - b);
+                kept.push([0, 1].map(|axis| from[axis] + t * (to[axis] - from[axis])));
             }
         }
         kept
     }
 
-    /// Area by the shoelace formula, not negative.
-    pub(crate) fn area(&self) -> f64 {
-        let mut twice = 0.0;
-        for i in 0..self.count {
-            let (a, b) = (self.corners[i], self.corners[(i + 1) % self.count]);
-            twice += a[0] * b[1] - a[1] * b[0];
-        }
+    /// By the shoelace formula, not negative.
+    pub fn area(&self) -> f64 {
+        let corners = self.corners();
+        let next = corners.iter().cycle().skip(1);
+        let twice = |(a, b): (&[f64; 2], &[f64; 2])| a[0] * b[1] - a[1] * b[0];
+        let twice = corners
+            .iter()
+            .zip(next)
+            .map(twice)
+            .fold(0.0, |sum, v| sum + v);
         twice.abs() / 2.0
     }
 }

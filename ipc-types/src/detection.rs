@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::{Result, check_index, check_length, check_value};
+use crate::error::{Result, check_index, check_length, check_value, require};
 use crate::{CLASSES_MAX, ContractError, DETECTIONS_MAX, FrameHeader};
 
 /// Which side of the gate a detection lies on.
@@ -133,11 +133,12 @@ impl Detection {
         let mut numbers = numbers.chain([&self.eds, &self.eds_normalised, &self.threshold]);
         let are_finite = numbers.all(|number| number.is_finite());
         let is_sized = self.size_m.iter().all(|&side| side > 0.0);
-        if !are_finite || !is_sized || !is_probability_or_none(self.unknown_probability) {
-            let what = "detection";
-            return Err(ContractError::NotFinite { what, index });
-        }
-        Ok(())
+        let is_sound = is_sized && is_probability_or_none(self.unknown_probability);
+        let what = "detection";
+        require(
+            are_finite && is_sound,
+            ContractError::NotFinite { what, index },
+        )
     }
 
     /// Whether the gate made it a candidate unknown.

@@ -51,47 +51,47 @@ pub enum ContractError {
     NotFinite { what: &'static str, index: usize },
 }
 
+/// An error unless something holds.
+pub(crate) fn require(holds: bool, error: ContractError) -> Result<()> {
+    if holds { Ok(()) } else { Err(error) }
+}
+
 /// Refuses another wire version than ours.
 pub(crate) fn check_version(found: u32) -> Result<()> {
     let expected = crate::WIRE_VERSION;
-    if found == expected {
-        return Ok(());
-    }
-    Err(ContractError::WireVersion { expected, found })
+    require(
+        found == expected,
+        ContractError::WireVersion { expected, found },
+    )
 }
 
 /// Refuses a length above its limit.
 pub(crate) fn check_length(what: &'static str, found: usize, limit: usize) -> Result<()> {
-    if found <= limit {
-        return Ok(());
-    }
-    Err(ContractError::TooLong { what, limit, found })
+    require(
+        found <= limit,
+        ContractError::TooLong { what, limit, found },
+    )
 }
 
 /// Refuses an index outside of `len` entries.
 pub(crate) fn check_index(what: &'static str, found: usize, len: usize) -> Result<()> {
-    if found < len {
-        return Ok(());
-    }
-    Err(ContractError::Index { what, len, found })
+    require(found < len, ContractError::Index { what, len, found })
 }
 
 /// Refuses a number that is none of an enum's `values`, which begin at 0.
 pub(crate) fn check_value(what: &'static str, found: u32, values: usize) -> Result<()> {
-    if (found as usize) < values {
-        return Ok(());
-    }
-    Err(ContractError::Value { what, found })
+    require(
+        (found as usize) < values,
+        ContractError::Value { what, found },
+    )
 }
 
 /// Refuses two quantities that differ.
 pub(crate) fn check_equal(what: &'static str, found: u64, expected: u64) -> Result<()> {
-    if found == expected {
-        return Ok(());
-    }
-    Err(ContractError::Mismatch {
+    let error = ContractError::Mismatch {
         what,
         expected,
         found,
-    })
+    };
+    require(found == expected, error)
 }

@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::{Result, check_equal, check_length};
+use crate::error::{Result, check_equal, check_length, require};
 use crate::{CELLS_MAX, ContractError, FEATURE_CHANNELS_MAX, FrameHeader};
 
 /// 64 bytes, aligned: rows can be read by the widest vector units.
@@ -34,8 +34,6 @@ pub struct FeatureRows<'a> {
     pub cells: &'a [u32],
     /// `cells.len() * channels` values.
     pub rows: &'a [f32],
-    /// Channels of a row.
-    pub channels: usize,
     /// z of the ground at the nodes of its grid, m; empty where boxes are not measured from it.
     pub ground_m: &'a [f32],
 }
@@ -64,19 +62,15 @@ impl<'a> FeatureRows<'a> {
         let (values, ground) = values.split_at(rows * channels / 16);
         let cells: &[u32] = &bytemuck::cast_slice(cells)[..rows];
         let ascending = cells.windows(2).all(|pair| pair[0] < pair[1]);
-        match cells.last() {
-            Some(&last) if !ascending || last as usize >= map_cells => Err(ContractError::Index {
-                what: "cell of a feature row",
-                len: map_cells,
-                found: last as usize,
-            }),
-            _ => Ok(FeatureRows {
-                cells,
-                rows: bytemuck::cast_slice(values),
-                channels,
-                ground_m: &bytemuck::cast_slice(ground)[..ground_nodes],
-            }),
-        }
+        let found = cells.last().map_or(0, |last| *last as usize);
+        let are_on_map = cells.is_empty() || ascending && found < map_cells;
+        let (what, len) = ("cell of a feature row", map_cells);
+        require(are_on_map, ContractError::Index { what, len, found })?;
+        Ok(FeatureRows {
+            cells,
+            rows: bytemuck::cast_slice(values),
+            ground_m: &bytemuck::cast_slice(ground)[..ground_nodes],
+        })
     }
 
     /// Splits a loaned message of [`feature_blocks`] blocks into cells and rows to be written; pads the cells and writes the ground.

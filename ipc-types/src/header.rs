@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::{Result, check_version};
+use crate::error::{Result, check_version, require};
 use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION};
 
 /// The stages in the order a frame meets them.
@@ -251,20 +251,15 @@ impl FrameHeader {
     /// seen (a frame may be sent again) to what ingest has sent.
     pub fn checked_in(&self, run: &RunDescription, sequences: Range<u64>) -> Result<&FrameHeader> {
         self.checked()?;
-        if self.run_id != run.run_id {
-            return Err(ContractError::OtherRun {
-                expected: run.run_id,
-                found: self.run_id,
-            });
-        }
+        let (expected, found) = (run.run_id, self.run_id);
+        require(
+            found == expected,
+            ContractError::OtherRun { expected, found },
+        )?;
         run.check_model(self.model_fingerprint)?;
-        if !sequences.contains(&self.sequence) {
-            return Err(ContractError::Sequence {
-                first: sequences.start,
-                end: sequences.end,
-                found: self.sequence,
-            });
-        }
+        let (Range { start: first, end }, found) = (sequences, self.sequence);
+        let is_sent = (first..end).contains(&found);
+        require(is_sent, ContractError::Sequence { first, end, found })?;
         Ok(self)
     }
 
@@ -274,9 +269,8 @@ impl FrameHeader {
         let ascend = own.received_ns <= own.started_ns
             && (own.started_ns <= own.published_ns || own.published_ns == 0);
         let (what, index) = ("order of a stage's stamps", stage as usize);
-        ascend
-            .then_some(self)
-            .ok_or(ContractError::Inconsistent { what, index })
+        require(ascend, ContractError::Inconsistent { what, index })?;
+        Ok(self)
     }
 
     /// Adds flags.
@@ -311,18 +305,16 @@ mod tests {
 
     #[test]
     fn stamps_ascend() {
-        for (received_ns, started_ns, published_ns, ascend) in [
-            (0, 0, 0, true),
-            (5, 7, 0, true),
-            (5, 7, 6, false),
-            (u64::MAX, 7, 8, false),
-        ] {
+        let far = u64::MAX;
+        let cases = [
+            ([0, 0, 0], true),
+            ([5, 7, 0], true),
+            ([5, 7, 6], false),
+            ([far, 7, 8], false),
+        ];
+        for (stamps, ascend) in cases {
             let mut header = FrameHeader::new(0, "a");
-            *header.stamps_mut(Stage::Head) = StageStamps {
-                received_ns,
-                started_ns,
-                published_ns,
-            };
+            *header.stamps_mut(Stage::Head) = bytemuck::cast(stamps);
             assert_eq!(header.checked_stamps(Stage::Head).is_ok(), ascend);
         }
     }

@@ -4,7 +4,7 @@ use bytemuck::{Contiguous, Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::{Result, check_version};
+use crate::error::{Result, check_version, require};
 use crate::{CandidateCounts, ContractError, REASON_MAX, Stage, Text};
 
 /// The state words.
@@ -99,12 +99,8 @@ impl Health {
             && self.frames_out <= self.frames_in
             && self.run_p50_us <= self.run_p99_us
             && self.run_p99_us <= self.run_max_us;
-        if !can_be {
-            return Err(ContractError::Inconsistent {
-                what: "process, counts and times of a heartbeat",
-                index: stage as usize,
-            });
-        }
+        let (what, index) = ("process, counts and times of a heartbeat", stage as usize);
+        require(can_be, ContractError::Inconsistent { what, index })?;
         Ok((stage, state))
     }
 

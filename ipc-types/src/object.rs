@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::detection::is_probability_or_none;
-use crate::error::{Result, check_index, check_length, check_value};
+use crate::error::{Result, check_index, check_length, check_value, require};
 use crate::{
     ContractError, FOOTPRINT_MAX, FrameHeader, GateKind, OBJECT_POINTS_MAX, OBJECTS_MAX, Stage,
 };
@@ -151,11 +151,8 @@ impl Object {
 
     fn check(&self, index: usize, objects: usize, classes: usize) -> Result<()> {
         check_value("kind of an object", self.kind, 2)?;
-        check_value(
-            "disposition of an object",
-            self.disposition,
-            Disposition::NAMES.len(),
-        )?;
+        let dispositions = Disposition::NAMES.len();
+        check_value("disposition of an object", self.disposition, dispositions)?;
         check_value("gate of an object", self.gate, GateKind::NAMES.len())?;
         if self.suppressed_by != Object::NONE {
             check_index("suppressing object", self.suppressed_by as usize, objects)?;
@@ -170,16 +167,14 @@ impl Object {
         let numbers = boxes.chain(others).chain([&self.threshold, &self.overlap]);
         let mut numbers = numbers.chain(corners.iter().flatten());
         let are_finite = numbers.all(|number| number.is_finite());
-        if !are_finite || !is_probability_or_none(self.unknown_probability) {
-            let what = "object";
-            return Err(ContractError::NotFinite { what, index });
-        }
-        Ok(())
+        let is_sound = are_finite && is_probability_or_none(self.unknown_probability);
+        let what = "object";
+        require(is_sound, ContractError::NotFinite { what, index })
     }
 
     /// What the disposition promises.
     fn check_meaning(&self, index: usize, objects: &[Object]) -> Result<()> {
-        let broken = |what| Err(ContractError::Inconsistent { what, index });
+        let unless = |holds, what| require(holds, ContractError::Inconsistent { what, index });
         let suppressor = objects.get(self.suppressed_by as usize);
         let expected = match self.disposition {
             d if d == Disposition::OverlapsKnown as u32 => Some(ObjectKind::Known as u32),
@@ -187,19 +182,15 @@ impl Object {
             _ => None,
         };
         let is_own = self.suppressed_by == index as u32;
-        if is_own || expected.is_some() && suppressor.map(|o| o.kind) != expected {
-            return broken("which object suppresses an object");
+        let is_right = expected.is_none() || suppressor.map(|o| o.kind) == expected;
+        unless(!is_own && is_right, "which object suppresses an object")?;
+        unless((0.0..=1.0).contains(&self.overlap), "overlap of an object")?;
+        if !self.is_published() {
+            return Ok(());
         }
-        if !(0.0..=1.0).contains(&self.overlap) {
-            return broken("overlap of an object");
-        }
-        if self.is_published() && self.size_m.iter().any(|&side| side <= 0.0) {
-            return broken("size of a published object");
-        }
-        if self.is_published() && !self.has_sound_outline() {
-            return broken("outline of a published object");
-        }
-        Ok(())
+        let is_sized = self.size_m.iter().all(|&side| side > 0.0);
+        unless(is_sized, "size of a published object")?;
+        unless(self.has_sound_outline(), "outline of a published object")
     }
 
     /// Three corners or more, counter-clockwise and without a dent: no corner lies to the right of a side. Tolerated are
@@ -296,10 +287,8 @@ mod tests {
         // A corner that is not in use.
         assert_eq!(said(|o| o.footprint_m[4][0] = f32::NAN), "");
         // What is not published needs no size and no outline.
-        assert_eq!(
-            said(|o| (o.disposition, o.size_m, o.footprint_count) = (5, [0.0; 3], 0)),
-            ""
-        );
+        let flat = said(|o| (o.disposition, o.size_m, o.footprint_count) = (5, [0.0; 3], 0));
+        assert_eq!(flat, "");
         let changes: [Change; 19] = [
             (|o| o.kind = 2, "kind of an object: 2 is"),
             (|o| o.disposition = 8, "disposition of an object: 8 is"),

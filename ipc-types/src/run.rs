@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::{Result, check_equal, check_value, check_version};
+use crate::error::{Result, check_equal, check_value, check_version, require};
 use crate::{
     CLASS_NAME_MAX, CLASSES_MAX, ContractError, GateKind, MEANING_MAX, RUN_NAME_MAX, Text,
 };
@@ -60,36 +60,23 @@ const _: () = assert!(
 impl RunDescription {
     /// Checks version, run id, class count, gate, numbers and texts.
     pub fn checked(&self) -> Result<&RunDescription> {
-        let value = |what, found| Err(ContractError::Value { what, found });
+        let value = |holds, what, found| require(holds, ContractError::Value { what, found });
         check_version(self.wire_version)?;
-        if self.run_id == 0 {
-            return value("id of the run", 0);
-        }
-        if !(1..=CLASSES_MAX as u32).contains(&self.classes_count) {
-            return value("number of classes", self.classes_count);
-        }
+        value(self.run_id != 0, "id of the run", 0)?;
+        let classes = self.classes_count;
+        let has_classes = (1..=CLASSES_MAX as u32).contains(&classes);
+        value(has_classes, "number of classes", classes)?;
         check_value("gate of the run", self.gate, GateKind::NAMES.len())?;
-        let numbers = [
-            self.sensor_height_m,
-            self.objectness_min,
-            self.gate_threshold,
-        ];
-        let numbers = numbers.into_iter().map(f64::from);
-        let are_finite = numbers.chain(self.base_from_sensor).all(f64::is_finite);
-        let names: [&[u8]; 4] = [
-            &self.model_name,
-            &self.sensor_name,
-            &self.known_score,
-            &self.unknown_score,
-        ];
+        let thresholds = [self.objectness_min, self.gate_threshold];
+        let numbers = [self.sensor_height_m].into_iter().chain(thresholds);
+        let mut numbers = numbers.map(f64::from).chain(self.base_from_sensor);
+        let names = [&self.model_name, &self.sensor_name].map(|name| &name[..]);
+        let meanings = [&self.known_score, &self.unknown_score].map(|text| &text[..]);
         let class_names = self.class_names.iter().map(|name| &name[..]);
-        let mut texts = names.into_iter().chain(class_names);
-        if !are_finite || !texts.all(|text| Text::unpack(text).is_some()) {
-            return Err(ContractError::NotFinite {
-                what: "numbers and texts of the run",
-                index: 0,
-            });
-        }
+        let mut texts = names.into_iter().chain(meanings).chain(class_names);
+        let are_sound = numbers.all(f64::is_finite) && texts.all(|t| Text::unpack(t).is_some());
+        let (what, index) = ("numbers and texts of the run", 0);
+        require(are_sound, ContractError::NotFinite { what, index })?;
         Ok(self)
     }
 

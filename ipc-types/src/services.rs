@@ -37,7 +37,7 @@ impl Topic {
     pub const POINTS: Topic = Topic {
         name: "points",
         elements_max: POINTS_MAX,
-        element_bytes: 16,
+        element_bytes: size_of::<crate::Point>(),
         subscribers_max: 6,
         buffer: 2,
         borrowed: 5,
@@ -49,7 +49,7 @@ impl Topic {
     pub const FEATURES: Topic = Topic {
         name: "features",
         elements_max: feature_blocks(CELLS_MAX, FEATURE_CHANNELS_MAX, GROUND_NODES_MAX),
-        element_bytes: 64,
+        element_bytes: size_of::<crate::FeatureBlock>(),
         subscribers_max: 2,
         buffer: 1,
         borrowed: 1,
@@ -60,7 +60,7 @@ impl Topic {
     pub const DETECTIONS: Topic = Topic {
         name: "detections",
         elements_max: DETECTIONS_MAX,
-        element_bytes: 152,
+        element_bytes: size_of::<crate::Detection>(),
         subscribers_max: 4,
         history: 1,
         ..Topic::POINTS
@@ -69,7 +69,7 @@ impl Topic {
     pub const OBJECTS: Topic = Topic {
         name: "objects",
         elements_max: OBJECTS_MAX,
-        element_bytes: 220,
+        element_bytes: size_of::<crate::Object>(),
         subscribers_max: 8,
         ..Topic::DETECTIONS
     };
@@ -88,7 +88,7 @@ impl Topic {
     pub const HEALTH: Topic = Topic {
         name: "health",
         elements_max: 1,
-        element_bytes: 368,
+        element_bytes: size_of::<crate::Health>(),
         ..Topic::OBJECTS
     };
     /// What holds for all frames of a run ([`crate::RunDescription`]): supervisor to everybody. Latched: history 1, and
@@ -96,7 +96,7 @@ impl Topic {
     pub const RUN: Topic = Topic {
         name: "run",
         elements_max: 1,
-        element_bytes: 672,
+        element_bytes: size_of::<crate::RunDescription>(),
         subscribers_max: 16,
         buffer: 1,
         borrowed: 1,
@@ -110,8 +110,4 @@ impl Topic {
     }
 }
 
-const _: () = assert!(Topic::DETECTIONS.element_bytes == size_of::<crate::Detection>());
-const _: () = assert!(Topic::OBJECTS.element_bytes == size_of::<crate::Object>());
-const _: () = assert!(Topic::HEALTH.element_bytes == size_of::<crate::Health>());
-const _: () = assert!(Topic::RUN.element_bytes == size_of::<crate::RunDescription>());
 const _: () = assert!(feature_blocks(16, 16, 0) == 17);

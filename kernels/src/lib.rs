@@ -1,4 +1,4 @@
-//! Convolution and normalisation on plain slices: forward (drives the vehicle) and gradients (train).
+//! Convolution on plain slices: forward (drives the vehicle) and gradients (train).
 //!
 //! One idea carries every layer of the network: **a map is a list of rows** (one row a cell or a voxel, channels
 //! contiguous), and a convolution is a [`Gather`]: for each output row and each tap of the kernel, which input row is
@@ -6,7 +6,6 @@
 //! A batch is more rows. A cell that is not computed is a row that is not listed. One shape has a way of its own: a 3x3
 //! layer of stride 1 in f32 takes less than half of the products tile by tile ([`convolve_winograd`]).
 
-mod batch_norm;
 mod bf16;
 mod convolve;
 mod element;
@@ -16,7 +15,6 @@ mod simd;
 mod weights;
 mod winograd;
 
-pub use batch_norm::{BatchNorm, Statistics};
 pub use bf16::Bf16;
 pub use convolve::{convolve, convolve_at};
 pub use element::Element;

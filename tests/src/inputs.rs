@@ -11,6 +11,10 @@ use tempfile::TempDir;
 use crate::running::{Finished, Running, leftovers, unique_instance};
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 
+/// A calibration of KITTI's axes at the sensor, without a camera.
+pub const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
+    Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
+
 /// Writes a model with weights by formula, small and quick: it sees shapes and no sense. Its gate calls half of its
 /// boxes candidates, so that all stages have work.
 pub fn untrained_model(folder: &Path) -> PathBuf {
@@ -24,6 +28,18 @@ pub fn untrained_model(folder: &Path) -> PathBuf {
     let bytes = model_bytes(&manifest, &weights).expect("a sound model");
     fs::write(&path, bytes).expect("a writable folder");
     path
+}
+
+/// A model file of setting udi with weights by formula, on a small map: nothing is learned, but every stage has work.
+pub fn untrained_udi() -> Vec<u8> {
+    let grid = Grid {
+        range_min_m: [-12.8, -12.8, -5.0],
+        range_max_m: [12.8, 12.8, 3.0],
+        ..Grid::udi()
+    };
+    let mut manifest = Manifest::untrained("udi", Network::compact(grid, 4));
+    manifest.thresholds.candidates_max = 300;
+    model_bytes(&manifest, &formula_weights(&manifest.network)).expect("a sound model")
 }
 
 /// Ground around the sensor and a car-sized box `distance_m` ahead, about 20,000 points.
@@ -141,6 +157,12 @@ impl Setting {
         let files = ["--model".as_ref(), model, "--input".as_ref(), input];
         Running::mluc(command.split_whitespace().map(OsStr::new).chain(files))
     }
+}
+
+/// Writes a file, and the folders above it.
+pub fn write_file(path: &Path, content: impl AsRef<[u8]>) {
+    fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
+    fs::write(path, content).expect("a writable folder");
 }
 
 /// The checkout.

@@ -8,7 +8,9 @@ mod running;
 mod skip;
 
 pub use foreign::{cpp_refiner, python_refiner};
-pub use inputs::{Setting, car_scan, read_json, root, untrained_model};
+pub use inputs::{
+    NO_CAMERA, Setting, car_scan, read_json, root, untrained_model, untrained_udi, write_file,
+};
 pub use oracle::{PaperFrame, feature_map, paper_frames, paper_network, rms};
 pub use running::{
     Finished, Running, built_program, is_alive, leftovers, mluc_program, send_signal,

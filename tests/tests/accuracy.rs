@@ -10,7 +10,7 @@ use mluc_evaluate::{Difficulty, Metric, NeighbourPolicy};
 use mluc_ingest::unpack;
 use mluc_model::Model;
 use mluc_refiner::Settings;
-use mluc_tests::root;
+use mluc_tests::{NO_CAMERA, root, write_file};
 
 /// Average precision and recall in %, at the model's own threshold, in 3-D, moderate.
 type Figures = BTreeMap<String, [f64; 2]>;
@@ -22,10 +22,6 @@ fn floors() -> BTreeMap<String, Figures> {
     assert!(floors.keys().eq(["kitti", "kitti-open", "udi", "udi-open"]));
     floors
 }
-
-/// KITTI's axes without a camera: what the simulator's full-circle frames carry.
-const NO_CAMERA: &str = "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
-    Tr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
 
 fn model(name: &str) -> Model {
     Model::read(&root().join(format!("weights/{name}.safetensors"))).expect("a shipped model")
@@ -41,11 +37,7 @@ fn scans(setting: &str, folder: &Path) -> FrameSet {
         }
         _ => (root().join("services/mluc/assets"), NO_CAMERA.to_string()),
     };
-    let write = |inner: &str, bytes: &[u8]| {
-        let path = folder.join(inner);
-        std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
-        std::fs::write(path, bytes).expect("written");
-    };
+    let write = |inner: &str, bytes: &[u8]| write_file(&folder.join(inner), bytes);
     for entry in std::fs::read_dir(assets).expect("assets").flatten() {
         let path = entry.path();
         if path.extension().is_some_and(|kind| kind == "scan") {

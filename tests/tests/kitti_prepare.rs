@@ -2,7 +2,7 @@
 
 use mluc_dataset::{Dataset, PrepareOptions, Splits, UnknownPolicy, prepare};
 use mluc_reproduce::audit;
-use mluc_tests::data_folder;
+use mluc_tests::{data_folder, write_file};
 use std::path::{Path, PathBuf};
 
 /// A camera like KITTI's, at the sensor.
@@ -25,11 +25,7 @@ const POINTS: [[f32; 4]; 4] = [
 
 fn benchmark(folder: &Path) -> PathBuf {
     let root = folder.join("object");
-    let write = |name: &str, bytes: &[u8]| {
-        let path = root.join(name);
-        std::fs::create_dir_all(path.parent().expect("a parent")).expect("a folder");
-        std::fs::write(path, bytes).expect("written");
-    };
+    let write = |name: &str, bytes: &[u8]| write_file(&root.join(name), bytes);
     let plane = "# Plane\nWidth 4\nHeight 1\n0 -1 0 1.7\n";
     for (name, labels) in [
         ("000000", CAR.to_owned()),

@@ -4,7 +4,7 @@
 
 FOLDER gets checkpoint.pth (zip) and legacy.pth (the format before 1.6), both also as safetensors, points.bin (x, y, z,
 intensity) and, for each of conv_cls, conv_box and conv_dir_cls, NAME.bin: f32, cell after cell, channels together.
-lab/mluc-lab/tests/exchange_torch.rs reads them where MLUC_PEERS_CHECKPOINT names the folder. Without a scan, points are made up.
+lab/mluc-lab/tests/lab/exchange_torch.rs reads them where MLUC_PEERS_CHECKPOINT names the folder. Without a scan, points are made up.
 """
 
 import os

@@ -26,8 +26,8 @@ pub(crate) unsafe fn run_vnni<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx2::<true>(()))
 }
 
-// SAFETY (all below): self is the proof of the features; for pointers the caller vouches.
-impl<const VNNI: bool> Simd for Avx2<VNNI> {
+// SAFETY (all below): self is the proof of the features; the registers have LANES values of 32 bits.
+unsafe impl<const VNNI: bool> Simd for Avx2<VNNI> {
     type Vector = __m256;
     type Bits = __m256i;
     const LANES: usize = 8;
@@ -44,28 +44,8 @@ impl<const VNNI: bool> Simd for Avx2<VNNI> {
     }
 
     #[inline(always)]
-    unsafe fn load(self, from: *const f32) -> __m256 {
-        unsafe { _mm256_loadu_ps(from) }
-    }
-
-    #[inline(always)]
-    unsafe fn store(self, to: *mut f32, value: __m256) {
-        unsafe { _mm256_storeu_ps(to, value) }
-    }
-
-    #[inline(always)]
     fn splat_bits(self, lane: u32) -> __m256i {
         unsafe { _mm256_set1_epi32(lane as i32) }
-    }
-
-    #[inline(always)]
-    unsafe fn load_bits(self, from: *const u32) -> __m256i {
-        unsafe { _mm256_loadu_si256(from.cast()) }
-    }
-
-    #[inline(always)]
-    unsafe fn store_bits(self, to: *mut u32, value: __m256i) {
-        unsafe { _mm256_storeu_si256(to.cast(), value) }
     }
 
     #[inline(always)]

@@ -39,8 +39,8 @@ pub(crate) unsafe fn run_bf16<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Avx512::<true, true>(()))
 }
 
-// SAFETY (all below): self is the proof of the features; for pointers the caller vouches.
-impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
+// SAFETY (all below): self is the proof of the features; the registers have LANES values of 32 bits.
+unsafe impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
     type Vector = __m512;
     type Bits = __m512i;
     const LANES: usize = 16;
@@ -57,28 +57,8 @@ impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
     }
 
     #[inline(always)]
-    unsafe fn load(self, from: *const f32) -> __m512 {
-        unsafe { _mm512_loadu_ps(from) }
-    }
-
-    #[inline(always)]
-    unsafe fn store(self, to: *mut f32, value: __m512) {
-        unsafe { _mm512_storeu_ps(to, value) }
-    }
-
-    #[inline(always)]
     fn splat_bits(self, lane: u32) -> __m512i {
         unsafe { _mm512_set1_epi32(lane as i32) }
-    }
-
-    #[inline(always)]
-    unsafe fn load_bits(self, from: *const u32) -> __m512i {
-        unsafe { _mm512_loadu_si512(from.cast()) }
-    }
-
-    #[inline(always)]
-    unsafe fn store_bits(self, to: *mut u32, value: __m512i) {
-        unsafe { _mm512_storeu_si512(to.cast(), value) }
     }
 
     #[inline(always)]

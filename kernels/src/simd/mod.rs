@@ -30,7 +30,10 @@ pub(crate) use tiles::{convolve_tiles, gradient_tiles};
 pub(crate) use winograd::{Output, Windows, WinogradMemory};
 
 /// Vector registers. A value of the implementing type is the proof that the processor has them.
-pub trait Simd: Copy {
+///
+/// # Safety
+/// Both registers are `LANES` values of 32 bits, of which every pattern is valid.
+pub unsafe trait Simd: Copy {
     /// A register of f32, `LANES` of them.
     type Vector: Copy;
     /// A register of as many 32-bit lanes: i32, pairs of bf16 (the first in the lower half), or quads of bytes.
@@ -48,32 +51,8 @@ pub trait Simd: Copy {
     /// `a * b + c`.
     fn fma(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
 
-    /// Reads `LANES` values.
-    ///
-    /// # Safety
-    /// `from` is valid for reads of `LANES` f32; no alignment is needed.
-    unsafe fn load(self, from: *const f32) -> Self::Vector;
-
-    /// Writes `LANES` values.
-    ///
-    /// # Safety
-    /// `to` is valid for writes of `LANES` f32; no alignment is needed.
-    unsafe fn store(self, to: *mut f32, value: Self::Vector);
-
     /// [`Simd::splat`] of a lane of bits.
     fn splat_bits(self, lane: u32) -> Self::Bits;
-
-    /// [`Simd::load`] of bits.
-    ///
-    /// # Safety
-    /// As there.
-    unsafe fn load_bits(self, from: *const u32) -> Self::Bits;
-
-    /// [`Simd::store`] of bits.
-    ///
-    /// # Safety
-    /// As there.
-    unsafe fn store_bits(self, to: *mut u32, value: Self::Bits);
 
     /// The two bf16 of each lane as f32.
     fn halves(self, pairs: Self::Bits) -> (Self::Vector, Self::Vector);
@@ -98,6 +77,26 @@ pub trait Simd: Copy {
     fn list(self, index: &[u32], taps: usize, first: usize, lists: &mut Lists) {
         lists.list_plain(index, taps, first);
     }
+}
+
+/// Reads a register `V` of a [`Simd`].
+///
+/// # Safety
+/// `from` is valid for reads of as many values as it has lanes; no alignment is needed.
+#[inline(always)]
+unsafe fn load<V: Copy, T>(from: *const T) -> V {
+    // SAFETY: the caller vouches for the values; every pattern of them is a register.
+    unsafe { from.cast::<V>().read_unaligned() }
+}
+
+/// Writes a register `V` of a [`Simd`].
+///
+/// # Safety
+/// `to` is valid for writes of as many values as it has lanes; no alignment is needed.
+#[inline(always)]
+unsafe fn store<V: Copy, T>(to: *mut T, value: V) {
+    // SAFETY: the caller vouches for the values.
+    unsafe { to.cast::<V>().write_unaligned(value) }
 }
 
 /// Work that [`Level::run`] compiles for each kind of register.

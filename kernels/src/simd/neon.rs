@@ -26,8 +26,8 @@ pub(crate) unsafe fn run_dot<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(Neon::<true>(()))
 }
 
-// SAFETY (all below): self is the proof of the features; for pointers the caller vouches.
-impl<const DOT: bool> Simd for Neon<DOT> {
+// SAFETY (all below): self is the proof of the features; the registers have LANES values of 32 bits.
+unsafe impl<const DOT: bool> Simd for Neon<DOT> {
     type Vector = float32x4_t;
     type Bits = uint32x4_t;
     const LANES: usize = 4;
@@ -46,28 +46,8 @@ impl<const DOT: bool> Simd for Neon<DOT> {
     }
 
     #[inline(always)]
-    unsafe fn load(self, from: *const f32) -> float32x4_t {
-        unsafe { vld1q_f32(from) }
-    }
-
-    #[inline(always)]
-    unsafe fn store(self, to: *mut f32, value: float32x4_t) {
-        unsafe { vst1q_f32(to, value) }
-    }
-
-    #[inline(always)]
     fn splat_bits(self, lane: u32) -> uint32x4_t {
         unsafe { vdupq_n_u32(lane) }
-    }
-
-    #[inline(always)]
-    unsafe fn load_bits(self, from: *const u32) -> uint32x4_t {
-        unsafe { vld1q_u32(from) }
-    }
-
-    #[inline(always)]
-    unsafe fn store_bits(self, to: *mut u32, value: uint32x4_t) {
-        unsafe { vst1q_u32(to, value) }
     }
 
     #[inline(always)]

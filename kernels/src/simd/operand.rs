@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use super::Simd;
+use super::{Simd, load};
 use crate::Bf16;
 
 /// A value of an input row, [`Operand::STEP`] of which meet a weight at once.
@@ -20,12 +20,19 @@ pub trait Operand: Copy {
     /// Whether a product takes a few registers besides its operands where the processor has no instruction for it.
     const NEEDS_SPARE: bool = false;
 
-    /// What a packed weight of 1 is worth in each output channel. `shape`: taps, input and output channels;
-    /// `weight`: of each.
+    /// What a packed weight of 1 is worth in each output channel. Given are taps, input and output channels, and the
+    /// weight of each.
     ///
     /// # Panics
     /// When these cannot multiply so many channels.
-    fn scales(shape: [usize; 3], weight: impl Fn([usize; 3]) -> f32) -> Vec<f32>;
+    fn scales([_, cin, cout]: [usize; 3], _: impl Fn([usize; 3]) -> f32) -> Vec<f32> {
+        let even = cin.is_multiple_of(Self::STEP);
+        assert!(
+            even,
+            "bf16 needs an even number of input channels, not {cin}"
+        );
+        vec![1.0; cout]
+    }
 
     /// Rows of packed weights that a tap has.
     #[inline(always)]
@@ -48,12 +55,6 @@ pub trait Operand: Copy {
     /// `from` is valid for reads of a step's channels.
     unsafe fn splat<S: Simd>(simd: S, from: *const Self) -> Self::Factor<S>;
 
-    /// The weights of as many output channels as a register has lanes.
-    ///
-    /// # Safety
-    /// `from` is valid for reads of so many.
-    unsafe fn load<S: Simd>(simd: S, from: *const Self::Weight) -> Self::Factor<S>;
-
     /// `inputs * weights + sums`.
     fn multiply<S: Simd>(
         simd: S,
@@ -61,18 +62,6 @@ pub trait Operand: Copy {
         weights: Self::Factor<S>,
         sums: Self::Total<S>,
     ) -> Self::Total<S>;
-
-    /// Reads sums.
-    ///
-    /// # Safety
-    /// `from` is valid for reads of as many as a register has lanes.
-    unsafe fn load_sums<S: Simd>(simd: S, from: *const Self::Sum) -> Self::Total<S>;
-
-    /// Writes sums.
-    ///
-    /// # Safety
-    /// `to` is valid for writes of as many as a register has lanes.
-    unsafe fn store_sums<S: Simd>(simd: S, to: *mut Self::Sum, sums: Self::Total<S>);
 
     /// What whole steps leave of a tap. `weights`: its rows after theirs.
     ///
@@ -99,10 +88,6 @@ impl Operand for f32 {
     type Total<S: Simd> = S::Vector;
     const STEP: usize = 1;
 
-    fn scales([.., cout]: [usize; 3], _: impl Fn([usize; 3]) -> f32) -> Vec<f32> {
-        vec![1.0; cout]
-    }
-
     #[inline(always)]
     fn pack(row: usize, _: usize, _: f32, weight: impl Fn(usize) -> f32) -> f32 {
         weight(row)
@@ -124,23 +109,8 @@ impl Operand for f32 {
     }
 
     #[inline(always)]
-    unsafe fn load<S: Simd>(simd: S, from: *const f32) -> S::Vector {
-        unsafe { simd.load(from) }
-    }
-
-    #[inline(always)]
     fn multiply<S: Simd>(simd: S, x: S::Vector, w: S::Vector, sums: S::Vector) -> S::Vector {
         simd.fma(x, w, sums)
-    }
-
-    #[inline(always)]
-    unsafe fn load_sums<S: Simd>(simd: S, from: *const f32) -> S::Vector {
-        unsafe { simd.load(from) }
-    }
-
-    #[inline(always)]
-    unsafe fn store_sums<S: Simd>(simd: S, to: *mut f32, sums: S::Vector) {
-        unsafe { simd.store(to, sums) }
     }
 }
 
@@ -150,14 +120,6 @@ impl Operand for Bf16 {
     type Factor<S: Simd> = S::Bits;
     type Total<S: Simd> = S::Vector;
     const STEP: usize = 2;
-
-    fn scales([_, cin, cout]: [usize; 3], _: impl Fn([usize; 3]) -> f32) -> Vec<f32> {
-        assert!(
-            cin.is_multiple_of(2),
-            "bf16 needs an even number of input channels, not {cin}"
-        );
-        vec![1.0; cout]
-    }
 
     #[inline(always)]
     fn pack(row: usize, _: usize, _: f32, weight: impl Fn(usize) -> f32) -> u32 {
@@ -183,23 +145,8 @@ impl Operand for Bf16 {
     }
 
     #[inline(always)]
-    unsafe fn load<S: Simd>(simd: S, from: *const u32) -> S::Bits {
-        unsafe { simd.load_bits(from) }
-    }
-
-    #[inline(always)]
     fn multiply<S: Simd>(simd: S, x: S::Bits, w: S::Bits, sums: S::Vector) -> S::Vector {
         simd.dot_pairs(x, w, sums)
-    }
-
-    #[inline(always)]
-    unsafe fn load_sums<S: Simd>(simd: S, from: *const f32) -> S::Vector {
-        unsafe { simd.load(from) }
-    }
-
-    #[inline(always)]
-    unsafe fn store_sums<S: Simd>(simd: S, to: *mut f32, sums: S::Vector) {
-        unsafe { simd.store(to, sums) }
     }
 }
 
@@ -263,27 +210,18 @@ impl Operand for u8 {
 
     #[inline(always)]
     unsafe fn splat<S: Simd>(simd: S, from: *const u8) -> S::Bits {
-        splat_quad(simd, unsafe { from.cast::<u32>().read_unaligned() })
-    }
-
-    #[inline(always)]
-    unsafe fn load<S: Simd>(simd: S, from: *const u32) -> S::Bits {
-        unsafe { simd.load_bits(from) }
+        let quad = unsafe { from.cast::<u32>().read_unaligned() };
+        // Turning the upper bit takes 128 from a byte.
+        simd.splat_bits(if S::SIGNED_BYTES {
+            quad ^ 0x8080_8080
+        } else {
+            quad
+        })
     }
 
     #[inline(always)]
     fn multiply<S: Simd>(simd: S, x: S::Bits, w: S::Bits, sums: S::Bits) -> S::Bits {
         simd.dot_quads(x, w, sums)
-    }
-
-    #[inline(always)]
-    unsafe fn load_sums<S: Simd>(simd: S, from: *const i32) -> S::Bits {
-        unsafe { simd.load_bits(from.cast()) }
-    }
-
-    #[inline(always)]
-    unsafe fn store_sums<S: Simd>(simd: S, to: *mut i32, sums: S::Bits) {
-        unsafe { simd.store_bits(to.cast(), sums) }
     }
 
     #[inline(always)]
@@ -309,7 +247,7 @@ impl Operand for u8 {
             }
             if S::SIGNED_BYTES {
                 for v in 0..V {
-                    let lacking = simd.load_bits(weights.add(v * S::LANES));
+                    let lacking = load(weights.add(v * S::LANES));
                     for r in 0..R {
                         totals[r][v] = simd.add_bits(totals[r][v], lacking);
                     }
@@ -317,16 +255,6 @@ impl Operand for u8 {
             }
         }
     }
-}
-
-/// Four u8 as they lie in memory; [`Simd::SIGNED_BYTES`] takes 128 from each by turning its upper bit.
-#[inline(always)]
-fn splat_quad<S: Simd>(simd: S, quad: u32) -> S::Bits {
-    simd.splat_bits(if S::SIGNED_BYTES {
-        quad ^ 0x8080_8080
-    } else {
-        quad
-    })
 }
 
 /// `totals += inputs * weights`: rows of `cin` times the packed rows of a tap, of which V registers are used.
@@ -366,9 +294,9 @@ pub(super) unsafe fn step<I: Operand, S: Simd, const R: usize, const V: usize>(
 ) {
     // SAFETY: the caller vouches for both.
     unsafe {
-        let mut w = [I::load(simd, weights); V];
+        let mut w: [I::Factor<S>; V] = [load(weights); V];
         for v in 1..V {
-            w[v] = I::load(simd, weights.add(v * S::LANES));
+            w[v] = load(weights.add(v * S::LANES));
         }
         for r in 0..R {
             let x = I::splat(simd, input(r));

@@ -2,7 +2,7 @@
 
 use std::{hint::black_box, marker::PhantomData};
 
-use super::{Kernel, Level, Simd};
+use super::{Kernel, Level, Simd, load, store};
 use crate::Element;
 
 /// Independent sums: more than the latency of a multiply-add times the units that do them.
@@ -29,7 +29,7 @@ impl<I: Element> Kernel for Spin<I> {
         let mut values = [I::Sum::default(); 16];
         // SAFETY: a register has at most 16 lanes, `weights` and `values` have 16, `input` has a step's 4.
         unsafe {
-            let mut sums = [I::load_sums(simd, values.as_ptr()); SUMS];
+            let mut sums: [I::Total<S>; SUMS] = [load(values.as_ptr()); SUMS];
             // Products that stay the same would be computed once: weights are read anew at each step, and where the
             // product is not one instruction with the sum, each sum has its own input.
             let mut inputs = [I::splat(simd, [I::from_f32(1.0); 4].as_ptr()); SUMS];
@@ -38,13 +38,13 @@ impl<I: Element> Kernel for Spin<I> {
                 inputs[number] = I::splat(simd, input.as_ptr());
             }
             for _ in 0..self.steps {
-                let weights = I::load(simd, black_box(weights.as_ptr()));
+                let weights = load(black_box(weights.as_ptr()));
                 for k in 0..SUMS {
                     sums[k] = I::multiply(simd, inputs[k], weights, sums[k]);
                 }
             }
             for sum in sums {
-                I::store_sums(simd, black_box(values.as_mut_ptr()), sum);
+                store(black_box(values.as_mut_ptr()), sum);
             }
         }
         black_box(&mut values);

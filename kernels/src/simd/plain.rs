@@ -5,8 +5,8 @@ use super::Simd;
 #[derive(Clone, Copy)]
 pub(crate) struct Plain;
 
-// SAFETY (all below): the caller vouches for the pointer; alignment is not assumed.
-impl Simd for Plain {
+// SAFETY: the registers have LANES values of 32 bits.
+unsafe impl Simd for Plain {
     type Vector = [f32; 4];
     type Bits = [u32; 4];
     const LANES: usize = 4;
@@ -25,28 +25,8 @@ impl Simd for Plain {
     }
 
     #[inline(always)]
-    unsafe fn load(self, from: *const f32) -> [f32; 4] {
-        unsafe { from.cast::<[f32; 4]>().read_unaligned() }
-    }
-
-    #[inline(always)]
-    unsafe fn store(self, to: *mut f32, value: [f32; 4]) {
-        unsafe { to.cast::<[f32; 4]>().write_unaligned(value) }
-    }
-
-    #[inline(always)]
     fn splat_bits(self, lane: u32) -> [u32; 4] {
         [lane; 4]
-    }
-
-    #[inline(always)]
-    unsafe fn load_bits(self, from: *const u32) -> [u32; 4] {
-        unsafe { from.cast::<[u32; 4]>().read_unaligned() }
-    }
-
-    #[inline(always)]
-    unsafe fn store_bits(self, to: *mut u32, value: [u32; 4]) {
-        unsafe { to.cast::<[u32; 4]>().write_unaligned(value) }
     }
 
     #[inline(always)]

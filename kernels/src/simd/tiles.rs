@@ -8,7 +8,9 @@ use super::{
     LINE, Operand, Simd,
     cover::{Tile, cover},
     list::{Listed, Pair},
+    load,
     operand::{multiply, step},
+    store,
 };
 
 /// `sums[pair.row] += input[pair.input] * weights of the tap`, for each listed pair; sums in i32 modulo 2^32.
@@ -68,7 +70,7 @@ impl<I: Operand> Tile for Convolve<'_, I> {
                 let pair = self.listed.first().add(row + r).read();
                 sums[r] = self.sums.add(pair.row as usize * self.width + column);
             }
-            let mut totals = load_tile::<I, S, R, V>(simd, sums);
+            let mut totals = load_tile::<I, S, R, V>(sums);
             let mut weights = self.weights.add(column);
             for tap in 0..self.listed.taps() {
                 let pairs = self.listed.first().add(tap * Listed::TAP_STRIDE + row);
@@ -78,7 +80,7 @@ impl<I: Operand> Tile for Convolve<'_, I> {
                 multiply(simd, inputs, self.cin, weights, self.width, &mut totals);
                 weights = weights.add(I::tap_rows(self.cin) * self.width);
             }
-            store_tile::<I, S, R, V>(simd, sums, totals);
+            store_tile::<I, S, R, V>(sums, totals);
         }
     }
 }
@@ -139,14 +141,14 @@ impl Tile for Gradient<'_> {
             for r in 0..R {
                 sums[r] = self.gradient.add((row + r) * self.stride + column);
             }
-            let mut totals = load_tile::<f32, S, R, V>(simd, sums);
+            let mut totals = load_tile::<f32, S, R, V>(sums);
             for pair in self.pairs {
                 let input = self.input.add(pair.input as usize * self.cin + row);
                 let from = pair.row as usize * self.width + column;
                 let input = |r: usize| input.add(r);
                 step(simd, input, self.output_gradient.add(from), &mut totals);
             }
-            store_tile::<f32, S, R, V>(simd, sums, totals);
+            store_tile::<f32, S, R, V>(sums, totals);
         }
     }
 }
@@ -157,15 +159,14 @@ impl Tile for Gradient<'_> {
 /// Each of `rows` is valid for reads of V registers.
 #[inline(always)]
 unsafe fn load_tile<I: Operand, S: Simd, const R: usize, const V: usize>(
-    simd: S,
     rows: [*mut I::Sum; R],
 ) -> [[I::Total<S>; V]; R] {
     // SAFETY: the caller vouches for the rows.
     unsafe {
-        let mut totals = [[I::load_sums(simd, rows[0]); V]; R];
+        let mut totals = [[load(rows[0]); V]; R];
         for r in 0..R {
             for v in 0..V {
-                totals[r][v] = I::load_sums(simd, rows[r].add(v * S::LANES));
+                totals[r][v] = load(rows[r].add(v * S::LANES));
             }
         }
         totals
@@ -178,7 +179,6 @@ unsafe fn load_tile<I: Operand, S: Simd, const R: usize, const V: usize>(
 /// Each of `rows` is valid for writes of V registers.
 #[inline(always)]
 pub(super) unsafe fn store_tile<I: Operand, S: Simd, const R: usize, const V: usize>(
-    simd: S,
     rows: [*mut I::Sum; R],
     totals: [[I::Total<S>; V]; R],
 ) {
@@ -186,7 +186,7 @@ pub(super) unsafe fn store_tile<I: Operand, S: Simd, const R: usize, const V: us
     unsafe {
         for r in 0..R {
             for v in 0..V {
-                I::store_sums(simd, rows[r].add(v * S::LANES), totals[r][v]);
+                store(rows[r].add(v * S::LANES), totals[r][v]);
             }
         }
     }

@@ -5,7 +5,9 @@ use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
 use super::{
     AlignedArray, LINE, Simd, clamp,
     cover::{Tile, cover},
+    load,
     operand::multiply,
+    store,
     tiles::store_tile,
 };
 use crate::{ABSENT, weights::PANEL_MAX, winograd::PLACES};
@@ -84,9 +86,8 @@ impl<'a> Windows<'a> {
                         if row != ABSENT {
                             // SAFETY: a row that is not absent lies in `input` (`end`), and LANES channels from
                             // `channel` on lie in it, because cin is a multiple of LANES.
-                            d[y][x] = unsafe {
-                                simd.load(input.as_ptr().add(row as usize * cin + channel))
-                            };
+                            d[y][x] =
+                                unsafe { load(input.as_ptr().add(row as usize * cin + channel)) };
                         }
                     }
                 }
@@ -96,7 +97,7 @@ impl<'a> Windows<'a> {
                     for x in 0..4 {
                         let place = ((y * 4 + x) * tiles + tile) * cin + channel;
                         // SAFETY: place + LANES <= 16 tiles cin = `values`, which `windows` has room for.
-                        unsafe { simd.store(to.add(place), d[x][y]) };
+                        unsafe { store(to.add(place), d[x][y]) };
                     }
                 }
                 channel += S::LANES;
@@ -182,7 +183,7 @@ impl<'a> Windows<'a> {
                         let place = ((y * 4 + x) * tiles + tile) * width + channel;
                         // SAFETY: `multiply` has written `width` sums of each of the tiles at each place; width is a
                         // multiple of LANES.
-                        m[y][x] = unsafe { simd.load(self.sums.add(place)) };
+                        m[y][x] = unsafe { load(self.sums.add(place)) };
                     }
                 }
                 let [upper, lower] = output_lines(simd, m);
@@ -191,7 +192,7 @@ impl<'a> Windows<'a> {
                 let mut added = simd.splat(0.0);
                 if let Some(bias) = bias {
                     // SAFETY: the bias has `width` values.
-                    added = unsafe { simd.load(bias.as_ptr().add(channel)) };
+                    added = unsafe { load(bias.as_ptr().add(channel)) };
                 }
                 for y in 0..2 {
                     for x in 0..2 {
@@ -205,7 +206,7 @@ impl<'a> Windows<'a> {
                         let from = from.wrapping_add(output.columns.start + channel);
                         let to = &mut output.values[from..][..S::LANES];
                         // SAFETY: `to` has LANES values.
-                        unsafe { simd.store(to.as_mut_ptr(), simd.fma(m[x][y], one, added)) };
+                        unsafe { store(to.as_mut_ptr(), simd.fma(m[x][y], one, added)) };
                         for value in to {
                             *value = clamp(*value, output.floor);
                         }
@@ -285,7 +286,7 @@ impl Tile for Product {
             let mut totals = [[simd.splat(0.0); V]; R];
             let weights = self.weights.add(column);
             multiply(simd, windows, self.cin, weights, self.width, &mut totals);
-            store_tile::<f32, S, R, V>(simd, sums, totals);
+            store_tile::<f32, S, R, V>(sums, totals);
         }
     }
 }

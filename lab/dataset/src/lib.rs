@@ -17,7 +17,6 @@ mod folder;
 mod hash;
 mod kitti;
 mod label;
-mod policy;
 mod prepare;
 mod scan;
 pub mod whole_file;
@@ -31,9 +30,8 @@ pub use kitti::{
     is_recognized,
 };
 pub use label::{Label, read_detections, read_labels};
-pub use policy::{ERASE_MARGIN_M, UnknownPolicy, erase};
-pub use prepare::{PrepareOptions, prepare};
-pub use scan::{SCAN_POINTS_MAX, read_scan, scan_bytes};
+pub use prepare::{PrepareOptions, UnknownPolicy, prepare};
+pub use scan::{read_scan, scan_bytes};
 
 use std::io::{Error, ErrorKind};
 use std::path::Path;

@@ -5,7 +5,7 @@ use mluc_ingest::{POINT_BYTES, bin_points};
 use std::path::Path;
 
 /// Most points of one file: some thirty times a full scan of 128 beams. A larger file is not one scan.
-pub const SCAN_POINTS_MAX: usize = 8_000_000;
+const SCAN_POINTS_MAX: usize = 8_000_000;
 
 /// Reads a scan as it is: NaN and infinities too, which later steps drop and count. An empty file is a scan of 0 points.
 pub fn read_scan(path: &Path) -> Result<Vec<[f32; 4]>> {

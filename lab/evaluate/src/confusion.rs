@@ -88,23 +88,12 @@ fn most_overlapped<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{camera_detection, label};
-    use crate::{ObjectKind, UnknownProtocol};
-
-    fn known(class: &str, x_m: f64, score: f64) -> CameraDetection {
-        camera_detection(ObjectKind::Known, class, x_m, score)
-    }
-
-    fn unknown(x_m: f64, score: f64) -> CameraDetection {
-        camera_detection(ObjectKind::Unknown, "unknown", x_m, score)
-    }
+    use crate::UnknownProtocol;
+    use crate::tests::{found_at, frame, label};
 
     /// Checks both rows against classes that occur once each.
     fn check(labels: &[Label], detections: &[CameraDetection], found_as: &[&str], on: &[&str]) {
-        let frame = LabelledFrame {
-            labels: labels.to_vec().into(),
-            detections: detections.to_vec(),
-        };
+        let frame = frame(labels.to_vec(), detections.to_vec());
         let classes = ["van".to_owned(), "truck".to_owned()];
         let rule = ClassRule::unknown(&classes, 0.1, UnknownProtocol::Literal);
         let counts = |classes: &[&str]| classes.iter().map(|c| ((*c).to_owned(), 1)).collect();
@@ -128,16 +117,16 @@ mod tests {
         labels[3].occluded = 3;
         let detections = [
             // A known and an unknown detection on one label: found as unknown.
-            known("car", 10.0, 0.9),
-            unknown(11.0, 0.5),
+            found_at(10.0, "car", 0.9),
+            found_at(11.0, UNKNOWN, 0.5),
             // Three known ones: the one that overlaps most counts, whatever its place and score.
-            known("pedestrian", 21.5, 0.9),
-            known("Car", 20.5, 0.3),
-            known("cyclist", 21.0, 0.8),
-            unknown(50.0, 0.8),
-            unknown(70.0, 0.4),
+            found_at(21.5, "pedestrian", 0.9),
+            found_at(20.5, "Car", 0.3),
+            found_at(21.0, "cyclist", 0.8),
+            found_at(50.0, UNKNOWN, 0.8),
+            found_at(70.0, UNKNOWN, 0.4),
             // Not among the first three.
-            unknown(40.0, 0.1),
+            found_at(40.0, UNKNOWN, 0.1),
         ];
         let (found_as, on) = (["unknown", "car", "nothing"], ["car", "van", "nothing"]);
         check(&labels, &detections, &found_as, &on);
@@ -146,16 +135,16 @@ mod tests {
     #[test]
     fn what_is_too_small_finds_nothing() {
         let labels = [label("Van", 10.0), label("DontCare", 50.0)];
-        let (mut small, mut large) = (unknown(10.0, 0.9), unknown(50.0, 0.5));
-        small.image_box_px[3] = 24.9;
-        large.image_box_px[3] = 25.0;
+        let (mut small, mut large) = (found_at(10.0, UNKNOWN, 0.9), found_at(50.0, UNKNOWN, 0.5));
+        small.image_box_px[3] = 124.9;
+        large.image_box_px[3] = 125.0;
         // A region without labels is no class.
         check(&labels, &[small, large], &["nothing"], &["nothing"]);
     }
 
     #[test]
     fn a_detector_that_names_unknown_classes_found_the_unknown() {
-        let named = known("Van", 10.0, 0.9);
+        let named = found_at(10.0, "Van", 0.9);
         check(&[label("Van", 10.0)], &[named], &["unknown"], &["van"]);
     }
 }

@@ -47,11 +47,11 @@ pub fn harmonic_mean(known: f64, unknown: f64) -> f64 {
 /// Hits and false alarms of one frame, as a function of the threshold. Frames are matched one by one, so the curve of
 /// any choice of frames, with repeats too, is made of their parts.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct FrameCurve {
+pub(crate) struct FrameCurve {
     /// Labels that count.
-    pub truth_count: usize,
+    pub(crate) truth_count: usize,
     /// Labels that count and that no detection overlaps enough.
-    pub missed_count: usize,
+    pub(crate) missed_count: usize,
     /// Scores of the hits when every detection takes part.
     pub(crate) hit_scores: Vec<f64>,
     /// Score, and what changes there: hits and false alarms.
@@ -60,11 +60,11 @@ pub struct FrameCurve {
 
 /// Hits and false alarms over all frames, as a function of the threshold.
 #[derive(Clone, Debug, Default)]
-pub struct Curve {
+pub(crate) struct Curve {
     /// Labels that count.
-    pub truth_count: usize,
+    pub(crate) truth_count: usize,
     /// Labels that count and that no detection overlaps enough, whatever its score.
-    pub missed_count: usize,
+    pub(crate) missed_count: usize,
     /// Scores of the hits when every detection takes part; from high to low once finished.
     hit_scores: Vec<f64>,
     /// Score, and hits and false alarms of everything at or above it, from high to low once finished.
@@ -73,7 +73,7 @@ pub struct Curve {
 
 impl Curve {
     /// Of frames that were matched one by one; one that is named twice counts twice.
-    pub fn of<'a>(frames: impl IntoIterator<Item = &'a FrameCurve>) -> Curve {
+    pub(crate) fn of<'a>(frames: impl IntoIterator<Item = &'a FrameCurve>) -> Curve {
         let mut curve = Curve::default();
         for frame in frames {
             curve.truth_count += frame.truth_count;
@@ -101,27 +101,27 @@ impl Curve {
     }
 
     /// Part of the labels that is found when every detection takes part, percent: hits / (hits + misses).
-    pub fn recall_percent(&self) -> f64 {
+    pub(crate) fn recall_percent(&self) -> f64 {
         let hits = self.hit_scores.len() as f64;
         let all = hits + self.missed_count as f64;
         if all > 0.0 { 100.0 * hits / all } else { 0.0 }
     }
 
     /// Hits and false alarms when the detections at or above a score take part.
-    pub fn counts_at(&self, score_min: f64) -> (i64, i64) {
+    pub(crate) fn counts_at(&self, score_min: f64) -> (i64, i64) {
         let count = self.steps.partition_point(|step| step.0 >= score_min);
         let last = self.steps[..count].last();
         last.map_or((0, 0), |step| (step.1, step.2))
     }
 
     /// The lowest score at or above which at most so many false alarms lie; `None` where even the highest has more.
-    pub fn score_at_false_alarms(&self, false_alarms_max: i64) -> Option<f64> {
+    pub(crate) fn score_at_false_alarms(&self, false_alarms_max: i64) -> Option<f64> {
         let within = |step: &&(f64, i64, i64)| step.2 <= false_alarms_max;
         self.steps.iter().rfind(within).map(|step| step.0)
     }
 
     /// Average precision; 0 without labels or detections.
-    pub fn average_precision(&self) -> AveragePrecision {
+    pub(crate) fn average_precision(&self) -> AveragePrecision {
         let precision = self.precision_at_positions();
         let r11: f64 = precision.iter().step_by(4).sum::<f64>() / 11.0;
         let r40: f64 = precision[1..].iter().sum::<f64>() / 40.0;

@@ -3,22 +3,41 @@
 use mluc_dataset::Label;
 use mluc_geometry::{Box3, Calibration, ImageSize};
 use mluc_ipc_types::ObjectKind;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// The image box of everything where there is no camera: high enough for every difficulty.
 const IMAGE_BOX_WITHOUT_CAMERA_PX: [f64; 4] = [0.0, 0.0, 100.0, 100.0];
 
-/// A detection as the pipeline gives it, in the sensor frame.
-#[derive(Clone, Debug, PartialEq)]
+/// An object that was found, in the sensor frame. Its JSON is part of what the pipeline prints of an object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SensorDetection {
     /// Known or unknown.
+    #[serde(with = "KindName")]
     pub kind: ObjectKind,
     /// Class name (of an unknown: any).
+    #[serde(rename = "label")]
     pub class: String,
     /// Confidence; higher is better; finite.
     pub score: f64,
     /// Where it is.
+    #[serde(flatten, with = "BoxFields")]
     pub box_in_sensor: Box3,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "ObjectKind", rename_all = "lowercase")]
+enum KindName {
+    Known,
+    Unknown,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Box3")]
+struct BoxFields {
+    center_m: [f64; 3],
+    size_m: [f64; 3],
+    yaw_rad: f64,
 }
 
 /// A detection ready to be compared with labels.

@@ -5,12 +5,12 @@
 //! the threshold) from the paper "Open-set 3D Object Detection", section 4.
 //!
 //! A [`LabelledFrame`] holds what was labelled and what was found, both in the camera frame. A [`ClassRule`] says which
-//! labels count, which are ignored and how much overlap is asked for. [`match_frames`] turns both into a [`Curve`],
+//! labels count, which are ignored and how much overlap is asked for. Both give a curve of precision over recall,
 //! from which AP at 11 positions, at 40 positions and over all points follow; [`evaluate`] does so for every class,
-//! metric and difficulty; [`sweep`] for every threshold of the gate. [`Confusion`] says what the unknown is confused with.
+//! metric and difficulty; [`JudgedPoint`] for a threshold of the gate. [`Confusion`] says what the unknown is confused with.
 //!
 //! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
-//! [`JudgedFrames`] keeps the parts, [`sweep`] judges halves of the data beside the whole, [`honest`] chooses on one half
+//! [`JudgedFrames`] keeps the parts, a [`JudgedPoint`] judges halves of the data beside the whole, [`honest`] chooses on one half
 //! and reports on the other, [`JudgedFrames::bootstrap`] draws frames anew to say how far a figure can be trusted.
 
 mod confusion;
@@ -24,26 +24,21 @@ mod open_set;
 pub mod pipeline;
 mod report;
 mod rule;
-mod separation;
 mod sweep;
 mod table;
 #[cfg(test)]
-mod testing;
+mod tests;
 
 pub use confusion::Confusion;
-pub use curve::{AveragePrecision, Curve, FrameCurve, harmonic_mean};
+pub use curve::{AveragePrecision, harmonic_mean};
 pub use difficulty::{Difficulty, Metric};
 pub use error::EvaluateError;
 pub use frame::{CameraDetection, FrameTruth, LabelledFrame, SensorDetection};
-pub use matching::{match_frame, match_frames};
 pub use mluc_ipc_types::ObjectKind;
-pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS, unknown_as_known};
+pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
 pub use report::{ApEntry, ApReport, ClassReport, evaluate};
 pub use rule::{
     ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, rules, unevaluated,
     unrecognized,
 };
-pub use separation::{auroc, fpr95};
-pub use sweep::{
-    Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, honest, quantile_grid, sweep,
-};
+pub use sweep::{Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, honest};

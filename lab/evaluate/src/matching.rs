@@ -9,7 +9,8 @@
 //! neither way (too small, too occluded, a neighbour class). Labels keep file order; a match needs an overlap strictly
 //! above the class' least one.
 
-use crate::{ClassRule, Curve, Difficulty, FrameCurve, LabelledFrame, Metric};
+use crate::curve::{Curve, FrameCurve};
+use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
 use mluc_geometry::{iou_2d, iou_3d, iou_bev, overlap_of_first_2d};
 
 /// A label that takes part.
@@ -30,7 +31,7 @@ struct Candidate {
 }
 
 /// Matches every frame for one class, metric and difficulty.
-pub fn match_frames(
+pub(crate) fn match_frames(
     frames: &[LabelledFrame],
     rule: &ClassRule,
     metric: Metric,
@@ -42,7 +43,7 @@ pub fn match_frames(
 }
 
 /// Matches one frame.
-pub fn match_frame(
+pub(crate) fn match_frame(
     frame: &LabelledFrame,
     rule: &ClassRule,
     metric: Metric,

@@ -1,9 +1,10 @@
 //! The open-set figures of any choice of frames (paper, section 4.1): mAP of the known, AP and recall of the unknown,
 //! their harmonic mean, and how many unknown objects were taken for known ones (absolute open-set error; Dhamija et al., WACV 2020).
 
+use crate::curve::{Curve, FrameCurve};
+use crate::matching::match_frame;
 use crate::{
-    AveragePrecision, CameraDetection, ClassRule, Curve, Difficulty, FrameCurve, LabelledFrame,
-    Metric, ObjectKind, match_frame,
+    AveragePrecision, CameraDetection, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind,
 };
 use mluc_geometry::{Random, iou_3d, mean_and_spread, mix, resample};
 use rayon::prelude::*;
@@ -31,7 +32,7 @@ pub struct ClassPrecision {
 pub struct OpenSetFigures {
     /// Mean AP of the known classes that have labels.
     pub known: AveragePrecision,
-    /// AP of the unknown at each of [`UNKNOWN_IOUS`].
+    /// AP of the unknown at overlaps of 0.1 (the paper's), 0.25 and 0.5.
     pub unknown: [AveragePrecision; 3],
     /// Unknown labels found by any unknown detection, at the first overlap.
     pub recall_unknown: f64,
@@ -89,7 +90,7 @@ pub struct JudgedFrames {
 }
 
 impl JudgedFrames {
-    /// Matches every frame by every rule; the unknown rule at each of [`UNKNOWN_IOUS`] in place of its own overlap.
+    /// Matches every frame by every rule; the unknown rule at overlaps of 0.1, 0.25 and 0.5 in place of its own.
     pub fn of(frames: &[LabelledFrame], rules: &[ClassRule]) -> JudgedFrames {
         let of_kind = |kind| rules.iter().filter(move |rule| rule.kind == kind);
         let known_rules: Vec<ClassRule> = of_kind(ObjectKind::Known).cloned().collect();
@@ -148,7 +149,7 @@ impl JudgedFrames {
     }
 
     /// Figures of the frames of these indices (others than the frames' are passed over); one named twice counts twice.
-    pub fn figures(&self, indices: &[usize]) -> OpenSetFigures {
+    pub(crate) fn figures(&self, indices: &[usize]) -> OpenSetFigures {
         let frames: Vec<&FrameParts> = indices.iter().filter_map(|i| self.frames.get(*i)).collect();
         let rules = self.known_rules.iter().enumerate();
         let classes: Vec<ClassPrecision> = rules
@@ -179,7 +180,7 @@ impl JudgedFrames {
 
 /// Unknown labels that count at moderate and that a detection of kind known overlaps by more than the unknown rule
 /// asks. Labels go in file order and take the highest score; a detection serves one label. 0 without an unknown rule.
-pub fn unknown_as_known(frames: &[LabelledFrame], rules: &[ClassRule]) -> usize {
+pub(crate) fn unknown_as_known(frames: &[LabelledFrame], rules: &[ClassRule]) -> usize {
     let Some(rule) = rules.iter().find(|rule| rule.kind == ObjectKind::Unknown) else {
         return 0;
     };
@@ -205,22 +206,15 @@ pub fn unknown_as_known(frames: &[LabelledFrame], rules: &[ClassRule]) -> usize 
 mod tests {
     use super::*;
     use crate::UnknownProtocol;
-    use crate::testing::{camera_detection, label};
+    use crate::tests::{found_at, frame, label};
 
     #[test]
     fn a_known_detection_counts_once_and_an_unknown_one_does_not() {
         let labels = [("Van", 10.0), ("Van", 10.5), ("Van", 30.0), ("Car", 50.0)];
-        let found = |(x_m, kind)| camera_detection(kind, "car", x_m, 0.5);
-        let frame = LabelledFrame {
-            labels: labels.map(|(class, x_m)| label(class, x_m)).into(),
-            detections: [
-                (10.2, ObjectKind::Known),
-                (30.0, ObjectKind::Unknown),
-                (50.0, ObjectKind::Known),
-            ]
-            .map(found)
-            .into(),
-        };
+        let labels = labels.map(|(class, x_m)| label(class, x_m));
+        let found = [(10.2, "car"), (30.0, "unknown"), (50.0, "car")];
+        let found = found.map(|(x_m, class)| found_at(x_m, class, 0.5));
+        let frame = frame(labels.into(), found.into());
         let rule = ClassRule::unknown(&["van".to_owned()], 0.1, UnknownProtocol::Literal);
         assert_eq!(unknown_as_known(std::slice::from_ref(&frame), &[rule]), 1);
         assert_eq!(unknown_as_known(&[frame], &[]), 0);

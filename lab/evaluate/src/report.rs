@@ -1,8 +1,8 @@
 //! Every class, metric and difficulty at once.
 
+use crate::matching::match_frames;
 use crate::{
     AveragePrecision, ClassRule, Confusion, Difficulty, LabelledFrame, Metric, ObjectKind,
-    match_frames,
 };
 use rayon::prelude::*;
 

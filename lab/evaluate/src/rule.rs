@@ -1,6 +1,6 @@
 //! Which labels and detections count for a class.
 
-use crate::{CameraDetection, Difficulty, EvaluateError, LabelledFrame, ObjectKind};
+use crate::{CameraDetection, Difficulty, EvaluateError, LabelledFrame, ObjectKind, UNKNOWN_IOUS};
 use clap::ValueEnum;
 use mluc_dataset::{Label, is_recognized};
 use std::collections::BTreeSet;
@@ -172,6 +172,39 @@ pub fn rules(
     Ok(rules)
 }
 
+/// Label classes that the paper keeps from training in a model's setting (section 4.1); none where it has no such setting.
+pub fn unknown_classes(model_name: &str) -> Vec<String> {
+    let names: &[&str] = match model_name {
+        "udi" => &["golf_cart", "forklift"],
+        "kitti" => &["van", "truck"],
+        _ => &[],
+    };
+    names.iter().map(|name| (*name).to_owned()).collect()
+}
+
+/// One rule a known class at the paper's overlap in a model's setting (KITTI's, but 0.5 for cars elsewhere), then one for `unknown` if
+/// there is any such class.
+pub fn paper_rules(
+    model_name: &str,
+    known: &[String],
+    unknown: &[String],
+    neighbours: NeighbourPolicy,
+) -> Result<Vec<ClassRule>, EvaluateError> {
+    let cars = known
+        .iter()
+        .filter(|class| *class == "car" && model_name != "kitti");
+    let request = RuleRequest {
+        classes: known.to_vec(),
+        iou_min: cars.map(|car| (car.clone(), 0.5)).collect(),
+        unknown: unknown.to_vec(),
+        unknown_iou_min: UNKNOWN_IOUS[0],
+        neighbours,
+        ..RuleRequest::default()
+    };
+    // The classes are named, so the frames are not asked for them.
+    rules(&request, &[])
+}
+
 fn checked(class: &str, iou_min: f64) -> Result<f64, EvaluateError> {
     if (0.0..1.0).contains(&iou_min) {
         return Ok(iou_min);
@@ -235,15 +268,13 @@ pub fn unevaluated(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<String>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{camera_detection, label};
+    use crate::tests::{found_at, frame, label};
 
     fn frames(labels: &[&str], detections: &[&str]) -> Vec<LabelledFrame> {
         let label = |class: &&str| label(class, 0.0);
-        let found = |class: &&str| camera_detection(ObjectKind::Known, class, 0.0, 0.5);
-        vec![LabelledFrame {
-            labels: labels.iter().map(label).collect(),
-            detections: detections.iter().map(found).collect(),
-        }]
+        let found = |class: &&str| found_at(0.0, class, 0.5);
+        let labels = labels.iter().map(label).collect();
+        vec![frame(labels, detections.iter().map(found).collect())]
     }
 
     fn names(rules: &[ClassRule]) -> Vec<(&str, f64)> {

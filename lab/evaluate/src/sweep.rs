@@ -58,16 +58,15 @@ impl JudgedPoint {
     }
 }
 
-/// Judges every threshold. `detect(frame, at)` gives what is detected in that frame at the threshold of index `at`; it is called from
-/// many threads and must depend on its arguments alone. The result does not depend on their number.
-pub fn sweep(
+/// Judges every threshold: `objects` are what is detected, by frame, then by threshold. The result does not depend on the number of threads.
+pub(crate) fn sweep(
     truths: &[FrameTruth],
     rules: &[ClassRule],
     thresholds: &[f64],
-    detect: impl Fn(usize, usize) -> Vec<SensorDetection> + Sync,
+    objects: &[Vec<Vec<SensorDetection>>],
 ) -> Vec<JudgedPoint> {
     let point = |(at, threshold): (usize, &f64)| {
-        let with = |(i, truth): (usize, &FrameTruth)| truth.with(&detect(i, at));
+        let with = |(i, truth): (usize, &FrameTruth)| truth.with(&objects[i][at]);
         let frames: Vec<_> = truths.iter().enumerate().map(with).collect();
         let judged = JudgedFrames::of(&frames, rules);
         let half = |first: usize| (first..frames.len()).step_by(2).collect::<Vec<_>>();
@@ -121,7 +120,7 @@ pub fn honest(points: &[JudgedPoint]) -> Option<Honest> {
 
 /// At most `count` thresholds that cut the values into equal parts, ascending, without repeats; values that are not
 /// finite are left out.
-pub fn quantile_grid(values: &[f64], count: usize) -> Vec<f64> {
+pub(crate) fn quantile_grid(values: &[f64], count: usize) -> Vec<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     let Some(last) = sorted.len().checked_sub(1) else {

@@ -1,7 +1,7 @@
 //! The step that judges every row on one network.
 
 use crate::Setting;
-use crate::evaluated::{Evaluated, StoredObject};
+use crate::evaluated::Evaluated;
 use crate::layout::Layout;
 use crate::methods::{Method, MethodInput, MethodRow, full_steps, run_method};
 use crate::options::{Screen, TestFrames};
@@ -17,7 +17,7 @@ use mluc_model::Model;
 use mluc_train::NetworkKind;
 
 /// Changes with the meaning of what is kept.
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 /// Seed of the bootstrap.
 pub(crate) const BOOTSTRAP_SEED: u64 = 1;
 
@@ -149,10 +149,6 @@ fn judge(
     let best = best_index(&curve);
     let labelled = output.labelled(frames, best);
     let judged = JudgedFrames::of(&labelled, rules);
-    let stored = |frame| {
-        let found = output.detections(frame, best);
-        found.iter().map(StoredObject::of).collect()
-    };
     Evaluated {
         threshold: curve.get(best).map_or(0.0, |point| point.threshold),
         figures: judged.all(),
@@ -161,7 +157,7 @@ fn judge(
         honest: honest(&points),
         curve,
         unknown_score_min: judged.unknown_score_min(),
-        objects: (0..frames.len()).map(stored).collect(),
+        objects: output.objects.iter().map(|at| at[best].clone()).collect(),
         ..Evaluated::default()
     }
 }

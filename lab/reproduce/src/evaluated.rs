@@ -2,43 +2,10 @@
 
 use crate::layout::write_whole;
 use mluc_evaluate::pipeline::ScoreSeparation;
-use mluc_evaluate::{
-    EvaluateError, Honest, ObjectKind, OpenSetFigures, SensorDetection, SweepPoint,
-};
-use mluc_geometry::Box3;
+use mluc_evaluate::{EvaluateError, Honest, OpenSetFigures, SensorDetection, SweepPoint};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// A published object, small: kind (true: unknown), class, score, and x, y, z, l, w, h (m), yaw (rad) in the sensor frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct StoredObject(
-    pub(crate) bool,
-    pub(crate) String,
-    pub(crate) f32,
-    pub(crate) [f32; 7],
-);
-
-impl StoredObject {
-    /// Of an object that was found.
-    pub(crate) fn of(found: &SensorDetection) -> StoredObject {
-        let Box3 {
-            center_m: [x, y, z],
-            size_m: [l, w, h],
-            yaw_rad,
-        } = found.box_in_sensor;
-        StoredObject(
-            found.kind == ObjectKind::Unknown,
-            found.class.clone(),
-            found.score as f32,
-            [x, y, z, l, w, h, yaw_rad].map(|v| v as f32),
-        )
-    }
-
-    pub(crate) fn bounds(&self) -> Box3 {
-        Box3::new(self.3.map(f64::from))
-    }
-}
 
 /// A row judged on one network.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -65,7 +32,7 @@ pub(crate) struct Evaluated {
     /// Unknown objects of a lower score are left out of pictures: one false alarm a frame in the mean.
     pub(crate) unknown_score_min: Option<f64>,
     /// What was found at the chosen threshold, frame by frame.
-    pub(crate) objects: Vec<Vec<StoredObject>>,
+    pub(crate) objects: Vec<Vec<SensorDetection>>,
 }
 
 impl Evaluated {

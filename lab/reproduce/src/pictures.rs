@@ -1,11 +1,11 @@
 //! Scenes for the figures: which frames are shown, and what each row found in them.
 
 use crate::evaluate::setting_rules;
-use crate::evaluated::{Evaluated, StoredObject};
+use crate::evaluated::Evaluated;
 use crate::methods::MethodRow;
 use crate::options::TestFrames;
 use crate::report::{DrawnScene, Panel, SceneBox};
-use mluc_evaluate::{Difficulty, EvaluateError, NeighbourPolicy, ObjectKind};
+use mluc_evaluate::{Difficulty, EvaluateError, NeighbourPolicy, ObjectKind, SensorDetection};
 use mluc_geometry::{Box3, iou_3d};
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -92,10 +92,10 @@ pub(crate) fn figure6_scene(
 fn panel(evaluated: &Evaluated, index: usize, title: &str) -> Panel {
     let objects = evaluated.objects[index].iter();
     let shown = objects.filter(|object| is_shown(evaluated, object));
-    let scene_box = |object: &StoredObject| SceneBox {
-        class: object.1.clone(),
-        unknown: object.0,
-        bounds: object.bounds(),
+    let scene_box = |object: &SensorDetection| SceneBox {
+        class: object.class.clone(),
+        unknown: object.kind == ObjectKind::Unknown,
+        bounds: object.box_in_sensor,
     };
     Panel {
         title: title.to_owned(),
@@ -103,12 +103,12 @@ fn panel(evaluated: &Evaluated, index: usize, title: &str) -> Panel {
     }
 }
 
-fn is_shown(evaluated: &Evaluated, object: &StoredObject) -> bool {
-    if object.0 {
+fn is_shown(evaluated: &Evaluated, object: &SensorDetection) -> bool {
+    if object.kind == ObjectKind::Unknown {
         let least = evaluated.unknown_score_min;
-        least.is_some_and(|least| f64::from(object.2) >= least)
+        least.is_some_and(|least| object.score >= least)
     } else {
-        object.2 >= KNOWN_SCORE_MIN
+        object.score >= f64::from(KNOWN_SCORE_MIN)
     }
 }
 
@@ -145,8 +145,9 @@ fn errors(test: &TestFrames, evaluated: &Evaluated, index: usize) -> Result<Erro
     let truths = truths(test, index)?;
     let unknown: Vec<&Truth> = truths.iter().filter(|t| t.shown.unknown).collect();
     let objects = evaluated.objects[index].iter();
-    let found = objects.filter(|object| object.0 && is_shown(evaluated, object));
-    let found: Vec<Box3> = found.map(StoredObject::bounds).collect();
+    let unknown_ones = objects.filter(|object| object.kind == ObjectKind::Unknown);
+    let found = unknown_ones.filter(|object| is_shown(evaluated, object));
+    let found: Vec<Box3> = found.map(|object| object.box_in_sensor).collect();
     let hits = |b: &Box3, t: &Truth| iou_3d(b, &t.shown.bounds) > FOUND_IOU;
     let is_missed = |t: &&&Truth| t.counts && !found.iter().any(|b| hits(b, t));
     let missed = unknown.iter().filter(is_missed);

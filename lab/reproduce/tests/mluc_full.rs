@@ -1,7 +1,8 @@
 //! The method `mluc-full` is the product: the head at its own threshold and the refiner with what the model has learned.
 
 use mluc_backbone::{Backbone, Precision};
-use mluc_evaluate::pipeline::{FoundObject, FrameSet, ModelGate, detect_frames};
+use mluc_evaluate::SensorDetection;
+use mluc_evaluate::pipeline::{FrameSet, ModelGate, class_names, detect_frames};
 use mluc_head::{Detection, Head};
 use mluc_ipc_types::ObjectKind;
 use mluc_model::{
@@ -41,11 +42,12 @@ fn model() -> Model {
 }
 
 /// Scan by scan, as the stages do it.
-fn product(model: &Model, set: &FrameSet) -> Vec<Vec<FoundObject>> {
+fn product(model: &Model, set: &FrameSet) -> Vec<Vec<SensorDetection>> {
     let mut backbone = Backbone::new(&model.manifest, &model.weights).expect("a model");
     let mut head = Head::new(&model.manifest, &model.weights).expect("a model");
     let mut refiner = Refiner::for_model(Settings::default(), model).expect("a model");
     let mut refined = RefinerOutput::default();
+    let classes = class_names(model);
     let mut one = |index: usize| {
         let points = set.points(index).expect("points");
         backbone.run(bytemuck::cast_slice(&points));
@@ -53,7 +55,7 @@ fn product(model: &Model, set: &FrameSet) -> Vec<Vec<FoundObject>> {
         let mut detections: Vec<Detection> = Vec::new();
         head.run(&cells, &rows, &mut detections).expect("boxes");
         refiner.refine(index as u64, &points, &detections, &mut refined);
-        FoundObject::published(&refined)
+        SensorDetection::published(&refined, &classes)
     };
     (0..set.len()).map(&mut one).collect()
 }

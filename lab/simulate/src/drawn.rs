@@ -71,7 +71,7 @@ fn random(dice: &mut Dice) -> SensorProfile {
     } else {
         1.0
     };
-    let horizon = dice.range(-4.0, 2.0);
+    let horizon = dice.range(-4.0, 2.0).min(top - 0.5);
     let elevation = |b: usize| {
         // -1 at the bottom, 1 at the top.
         let t = 1.0 - 2.0 * b as f32 / (beams - 1) as f32;

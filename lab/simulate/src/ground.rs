@@ -5,6 +5,7 @@
 
 use super::Family;
 use super::mesh::{Mesh, V3, solid, v};
+use super::place::{Room, besides_streets};
 use super::random::Dice;
 use super::sensor::HEIGHT_M;
 use std::f32::consts::TAU;
@@ -20,6 +21,32 @@ pub(crate) enum Place {
     Industrial,
     /// A wide paved square or parking place without kerbs.
     Plaza,
+    /// Rows of parked cars with lanes between them, open or covered.
+    CarPark,
+    /// An open paved yard: containers, pallets, machines, piles.
+    Depot,
+    /// The inside of a hall or a warehouse.
+    Hall,
+    /// A path in a park or through rough ground.
+    Path,
+}
+
+impl Place {
+    /// Half of the width that is driven on, where it is not a road's, m.
+    fn half_width_m(self) -> Option<[f32; 2]> {
+        match self {
+            Place::Plaza => Some([14.0, 26.0]),
+            Place::CarPark => Some([20.0, 36.0]),
+            Place::Depot => Some([12.0, 28.0]),
+            Place::Path => Some([1.0, 2.0]),
+            _ => None,
+        }
+    }
+
+    /// Whether it has kerbs and pavements.
+    pub(crate) fn is_street(self) -> bool {
+        matches!(self, Place::Urban | Place::Suburb | Place::Industrial)
+    }
 }
 
 /// Shape of the ground of one scene.
@@ -35,12 +62,20 @@ pub(crate) struct Ground {
     pub(crate) edge_m: f32,
     /// A crossing road: where, and half its width, m.
     pub(crate) crossing: Option<[f32; 2]>,
+    /// Walls and a ceiling around the sensor.
+    pub(crate) room: Option<Room>,
     kerb_m: f32,
     crown_m: f32,
     bank: [f32; 2],
     slope: [f32; 2],
     waves: [[f32; 4]; 4],
     sensor_height_m: f32,
+    /// How rough the ground is on the road and beside it, m.
+    rough_m: [f32; 2],
+    /// Objects tilt by no more than this slope along an axis.
+    steepest: f32,
+    /// Beside a crossing road banks begin over this length, m.
+    ramp_m: f32,
 }
 
 impl Ground {
@@ -53,9 +88,14 @@ impl Ground {
             (_, Family::SimKitti) if dice.chance(0.6) => Place::Urban,
             _ => Place::Plaza,
         };
-        let plaza = place == Place::Plaza;
-        let half_width_m = if plaza {
-            dice.range(14.0, 26.0)
+        let own_height_m = sensor_height_m.unwrap_or(HEIGHT_M);
+        let other = (family == Family::SimAny).then(|| besides_streets(own_height_m, dice));
+        let place = other.flatten().unwrap_or(place);
+        let room = Room::draw(place, own_height_m, dice);
+        let half_width_m = if let Some(room) = &room {
+            room.half_width_m
+        } else if let Some([low, high]) = place.half_width_m() {
+            dice.range(low, high)
         } else if family == Family::SimKitti && dice.chance(0.6) {
             // KITTI drove through many narrow residential streets.
             dice.range(2.8, 4.5)
@@ -64,22 +104,34 @@ impl Ground {
         };
         let yaw_deg = match family {
             Family::SimKitti => dice.normal(0.0, 4.0),
-            _ if plaza => dice.range(-180.0, 180.0),
+            _ if !place.is_street() => dice.range(-180.0, 180.0),
             _ => dice.normal(0.0, 7.0),
         };
-        Ground {
+        let mut ground = Ground {
             place,
             yaw_rad: yaw_deg.to_radians(),
-            lane_m: if plaza {
-                dice.spread(8.0)
-            } else {
-                -half_width_m * dice.range(0.3, 0.6)
+            lane_m: match place {
+                Place::Plaza | Place::Depot => dice.spread(8.0),
+                Place::CarPark => dice.spread(1.5),
+                Place::Hall => dice.spread(half_width_m - 4.5),
+                Place::Path => dice.spread(0.5 * half_width_m),
+                _ => -half_width_m * dice.range(0.3, 0.6),
             },
             half_width_m,
-            edge_m: half_width_m + if plaza { 1.0 } else { dice.range(1.2, 4.0) },
-            crossing: (!plaza && dice.chance(0.45))
+            edge_m: half_width_m
+                + match place {
+                    Place::Path => dice.range(0.2, 1.0),
+                    _ if place.is_street() => dice.range(1.2, 4.0),
+                    _ => 1.0,
+                },
+            crossing: (place.is_street() && dice.chance(0.45))
                 .then(|| [dice.range(-25.0, 45.0), dice.range(3.0, 5.5)]),
-            kerb_m: if plaza { 0.0 } else { dice.range(0.03, 0.15) },
+            room,
+            kerb_m: if place.is_street() {
+                dice.range(0.03, 0.15)
+            } else {
+                0.0
+            },
             crown_m: dice.range(0.0, 0.1),
             bank: [dice.normal(0.01, 0.025), dice.normal(0.01, 0.025)],
             slope: match family {
@@ -98,6 +150,54 @@ impl Ground {
                 [height, k * cos, k * sin, dice.range(0.0, TAU)]
             }),
             sensor_height_m: sensor_height_m.unwrap_or_else(|| dice.normal(HEIGHT_M, 0.025)),
+            rough_m: [0.006, 0.03],
+            steepest: 0.06,
+            ramp_m: 0.0,
+        };
+        if family == Family::SimAny {
+            ground.vary(dice);
+        }
+        ground
+    }
+
+    /// Floors are flat, rough ground has larger waves, and what lies beside a street often rises.
+    fn vary(&mut self, dice: &mut Dice) {
+        self.steepest = 0.12;
+        self.ramp_m = 12.0;
+        let scale = match self.place {
+            _ if self.room.is_some() => {
+                (self.crown_m, self.bank) = (0.0, [0.0; 2]);
+                0.1
+            }
+            Place::Path => {
+                self.rough_m = [dice.range(0.008, 0.03), dice.range(0.03, 0.08)];
+                self.bank = [dice.spread(0.12), dice.spread(0.12)];
+                dice.range(1.5, 5.0)
+            }
+            _ => {
+                for bank in &mut self.bank {
+                    if dice.chance(0.3) {
+                        *bank = dice.range(0.04, 0.22);
+                    }
+                }
+                if dice.chance(0.3) {
+                    dice.range(1.0, 3.0)
+                } else {
+                    1.0
+                }
+            }
+        };
+        let mut under = [0.0; 2];
+        for [height, kx, ky, phase] in &mut self.waves {
+            *height *= scale;
+            under[0] += *height * *kx * phase.cos();
+            under[1] += *height * *ky * phase.cos();
+        }
+        if scale > 1.0 {
+            // The vehicle stands on the slope too, and its sensor with it.
+            for (slope, under) in self.slope.iter_mut().zip(under) {
+                *slope -= 0.85 * under;
+            }
         }
     }
 
@@ -135,7 +235,9 @@ impl Ground {
             return -self.crown_m * t * t;
         }
         let bank = self.bank[usize::from(across <= 0.0)];
-        self.kerb_m - self.crown_m + bank * (out - self.edge_m).clamp(0.0, 30.0)
+        let from_crossing = |[at, half]: [f32; 2]| ((along - at).abs() - half) / self.ramp_m;
+        let share = self.crossing.map_or(1.0, from_crossing).min(1.0);
+        self.kerb_m - self.crown_m + share * bank * (out - self.edge_m).clamp(0.0, 30.0)
     }
 
     /// Slope of the ground at (x, y) over the size of a vehicle: dz/dx, dz/dy.
@@ -143,7 +245,8 @@ impl Ground {
         let d = 1.5;
         let along_x = (self.height(x + d, y) - self.height(x - d, y)) / (2.0 * d);
         let along_y = (self.height(x, y + d) - self.height(x, y - d)) / (2.0 * d);
-        (along_x.clamp(-0.06, 0.06), along_y.clamp(-0.06, 0.06))
+        let limit = self.steepest;
+        (along_x.clamp(-limit, limit), along_y.clamp(-limit, limit))
     }
 
     /// Triangles on a grid along the road: 0.6 m near the sensor, coarser with distance; kerbs are steps between two lines.
@@ -168,7 +271,7 @@ impl Ground {
         let mut mesh = Mesh::default();
         for &u in &along {
             for &w in &across {
-                let rough = if w.abs() > self.edge_m { 0.03 } else { 0.006 };
+                let rough = self.rough_m[usize::from(w.abs() > self.edge_m)];
                 let (x, y) = self.sensor(u, w);
                 mesh.vertex(v(x, y, self.height(x, y) + dice.spread(rough)));
             }

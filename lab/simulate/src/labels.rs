@@ -7,8 +7,8 @@ use super::sensor::Sensor;
 use super::{Family, SimulatedFrame, SimulatedObject};
 use mluc_geometry::{Calibration, CalibrationError, ImageSize, pixel_bounds};
 
-/// An object that got no label: no ray ended on it.
-const UNLABELLED: u16 = 0x7FFF;
+/// An object that got no label, because no ray ended on it, or the sensor's own vehicle.
+pub(crate) const UNLABELLED: u16 = 0x7FFF;
 
 /// Calibration of a family: `sim-kitti` looks through a camera like KITTI's left colour camera, `sim-udi` has none.
 pub(crate) fn calibration(family: Family) -> Result<Calibration, CalibrationError> {

@@ -3,6 +3,8 @@
 //! The range of each object is drawn first, from the range distribution of KITTI's labels of its class; the place across the road follows from what such
 //! objects do (lanes, kerb, parking lots, pavements), and the place along the road from both. Objects never overlap.
 
+pub(crate) mod places;
+
 use super::footprint::Footprint;
 use super::ground::{Ground, Place};
 use super::objects::{Model, build};
@@ -28,35 +30,36 @@ pub(crate) struct Layout<'a> {
 /// x, y (m) and heading (rad) in the sensor frame.
 type Pose = (f32, f32, f32);
 
-/// The sensor's own vehicle and free space before it, m.
-const EGO: Footprint = Footprint {
-    x: 0.5,
-    y: 0.0,
-    yaw: 0.0,
-    half: [3.5, 1.3],
-};
 /// Synthetic unknown objects of a frame, at most: many more than there are unknown ones, so that each frame teaches more.
 const SYNTHETIC_UNKNOWN_MAX: usize = 4;
 const ATTEMPTS: usize = 48;
 const ATTEMPTS_PER_RANGE: usize = 16;
 
-/// Places the objects of one frame; unknown classes only where the split allows them.
-pub(crate) fn place_objects<'a>(stream: Stream, ground: &'a Ground, dice: &mut Dice) -> Layout<'a> {
+/// Places the objects of one frame around the sensor's own vehicle; unknown classes only where the split allows them.
+pub(crate) fn place_objects<'a>(
+    stream: Stream,
+    ground: &'a Ground,
+    own: Footprint,
+    dice: &mut Dice,
+) -> Layout<'a> {
     let Stream { family, split, .. } = stream;
     let mut layout = Layout {
         stream,
         ground,
-        taken: vec![EGO],
+        taken: vec![own],
         placed: Vec::new(),
     };
     let (count, weights) = match family {
         Family::SimUdi => (dice.whole(9, 20), [0.53, 0.21, 0.11, 0.15]),
         Family::SimKitti => (dice.whole(6, 15), [0.58, 0.24, 0.18, 0.0]),
-        Family::SimAny => (dice.whole(14, 34), [0.5, 0.28, 0.22, 0.0]),
+        Family::SimAny => places::known(ground.place, dice),
     };
     let mut wanted = Vec::new();
     if split != Split::Train {
-        let unknown = family.unknown_classes();
+        let unknown = match ground.place {
+            Place::Hall => &[Class::Forklift, Class::GolfCart],
+            _ => family.unknown_classes(),
+        };
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
     }
     if stream.synthetic_unknown {
@@ -93,7 +96,8 @@ impl Layout<'_> {
         let mut range = 0.0;
         let Some(pose) = (0..ATTEMPTS).find_map(|attempt| {
             if attempt % ATTEMPTS_PER_RANGE == 0 {
-                range = dice.quantile(&range_knots(class));
+                let drawn = dice.quantile(&range_knots(class));
+                range = self.nearer(class, drawn, dice);
             }
             let pose = self.pose(class, range, dice)?;
             self.fits(&model, pose, dice).then_some(pose)
@@ -103,6 +107,11 @@ impl Layout<'_> {
         let mut last = (pose, model.size_m().x);
         self.put(class, model, pose);
         let company = match class {
+            // Rows stand in bays; who drives through a lane is alone.
+            Class::Car if self.ground.place == Place::CarPark => {
+                let is_parked = (pose.2 - self.ground.yaw_rad).sin().abs() > 0.5;
+                if is_parked { dice.whole(0, 6) } else { 0 }
+            }
             Class::Car if dice.chance(0.45) => dice.whole(1, 4),
             Class::Pedestrian if dice.chance(0.45) => dice.whole(1, 3),
             _ => 0,
@@ -133,7 +142,9 @@ impl Layout<'_> {
             return (x + away * angle.cos(), y + away * angle.sin(), heading);
         }
         let across = (yaw - self.ground.yaw_rad).sin().abs() > 0.5;
-        let step = if across {
+        let step = if across && self.ground.place == Place::CarPark {
+            places::BAY_M
+        } else if across {
             dice.range(2.3, 3.0)
         } else {
             (length + last_length) / 2.0 + dice.range(0.5, 1.6)
@@ -166,13 +177,16 @@ impl Layout<'_> {
             }
         };
         let footprint = footprint(model, pose);
-        inside && !footprint.overlaps_any(&self.taken, 0.25)
+        inside && self.has_room(model, pose) && !footprint.overlaps_any(&self.taken, 0.25)
     }
 
     /// Draws where an object of this class could be at this range; None when the range does not reach the place across the road.
     fn pose(&self, class: Class, range: f32, dice: &mut Dice) -> Option<Pose> {
         if self.ground.place == Place::Plaza && dice.chance(0.7) {
             return Some(self.anywhere(class, range, dice));
+        }
+        if let Some(pose) = self.off_street(class, range, dice) {
+            return Some(pose);
         }
         match class {
             Class::Pedestrian => self.pedestrian(range, dice),

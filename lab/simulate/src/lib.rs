@@ -9,6 +9,7 @@
 mod background;
 mod drawn;
 mod drive;
+mod ego;
 mod export;
 mod footprint;
 mod ground;
@@ -16,6 +17,7 @@ mod labels;
 mod layout;
 mod mesh;
 mod objects;
+mod place;
 mod random;
 mod realism;
 mod scan;
@@ -269,7 +271,15 @@ fn turn(
         .as_ref()
         .map(|p| p.height_m.unwrap_or_else(|| drawn::height_m(&mut dice(8))));
     let ground = ground::Ground::draw(family, height_m, &mut dice(1));
-    let mut layout = layout::place_objects(stream, &ground, &mut dice(2));
+    let ego = profile
+        .as_ref()
+        .filter(|_| family == Family::SimAny)
+        .map(|profile| {
+            let height_m = -ground.height(0.0, 0.0);
+            ego::Ego::draw(profile, height_m, ground.room.as_ref(), &mut dice(9))
+        });
+    let own_ground = ego.as_ref().map_or(ego::CAR, |ego| ego.footprint);
+    let mut layout = layout::place_objects(stream, &ground, own_ground, &mut dice(2));
     let mut scene = scene::Scene::default();
     scene.add(&ground.mesh(family, &mut dice(3)), 0, |p| p);
     background::fill(&mut layout, &mut scene, &mut dice(4));
@@ -289,6 +299,9 @@ fn turn(
     }
     let mut solids = scene.add_objects(&ground, &layout.placed);
     scene.see_from(sensor_at, &mut solids);
+    if let Some(ego) = &ego {
+        ego::add_to(&mut scene, ego);
+    }
     let mesh_error = |reason| SimulateError::Mesh(index, reason);
     let sweep = scan::sweep(&sensor, &scene).map_err(mesh_error)?;
     let calibration = labels::calibration(family)?;

@@ -1,17 +1,16 @@
 //! Where the anchors and the cells of a map lie, and what they overlap.
 
 use mluc_geometry::{Box3, limit_period};
-use mluc_head::decode::ANCHOR_YAWS_RAD;
-use mluc_model::{AnchorClass, Manifest, Network};
+use mluc_head::decode::{self, ANCHOR_YAWS_RAD};
+use mluc_model::{AnchorClass, Manifest};
 
 /// Where the anchors stand.
 #[derive(Clone, Debug)]
 pub struct Anchors {
+    /// Their boxes.
+    pub(crate) boxes: decode::Anchors,
     pub(crate) rows: usize,
     pub(crate) columns: usize,
-    min_m: [f64; 2],
-    /// Spacing of anchors: both ends of the range carry one.
-    step_m: [f64; 2],
     /// Edge of a cell.
     cell_m: [f64; 2],
     /// Known classes, then the class-agnostic sizes.
@@ -21,50 +20,30 @@ pub struct Anchors {
 }
 
 impl Anchors {
-    /// For a network, its classes, and its class-agnostic anchors.
-    pub fn new(network: &Network, classes: &[AnchorClass], agnostic: &[AnchorClass]) -> Anchors {
-        let [rows, columns] = network.map_shape();
-        let (low, high) = (network.grid.range_min_m, network.grid.range_max_m);
-        let span = [0, 1].map(|i| f64::from(high[i]) - f64::from(low[i]));
-        Anchors {
-            rows,
-            columns,
-            min_m: [f64::from(low[0]), f64::from(low[1])],
-            step_m: [span[0] / (columns - 1) as f64, span[1] / (rows - 1) as f64],
-            cell_m: [span[0] / columns as f64, span[1] / rows as f64],
-            classes: [classes, agnostic].concat(),
-            known: classes.len(),
-        }
-    }
-
     /// Of a manifest.
     pub fn of(manifest: &Manifest) -> Anchors {
-        Anchors::new(&manifest.network, &manifest.classes, &manifest.generic)
+        let [rows, columns] = manifest.network.map_shape();
+        let grid = &manifest.network.grid;
+        let span = |i: usize| f64::from(grid.range_max_m[i]) - f64::from(grid.range_min_m[i]);
+        Anchors {
+            boxes: decode::Anchors::new(manifest),
+            rows,
+            columns,
+            cell_m: [span(0) / columns as f64, span(1) / rows as f64],
+            classes: [&manifest.classes[..], &manifest.generic].concat(),
+            known: manifest.classes.len(),
+        }
     }
 
     /// Anchors of a cell.
     pub fn per_cell(&self) -> usize {
-        2 * self.classes.len()
-    }
-
-    /// The anchor's box.
-    pub fn bounds(&self, cell: usize, anchor: usize) -> Box3 {
-        let class = &self.classes[anchor / 2];
-        let size_m = class.size_m.map(f64::from);
-        let x = self.min_m[0] + (cell % self.columns) as f64 * self.step_m[0];
-        let y = self.min_m[1] + (cell / self.columns) as f64 * self.step_m[1];
-        let z = f64::from(class.bottom_z_m) + size_m[2] / 2.0;
-        Box3 {
-            center_m: [x, y, z],
-            size_m,
-            yaw_rad: ANCHOR_YAWS_RAD[anchor % 2],
-        }
+        self.boxes.per_cell()
     }
 
     /// The cell that holds a position.
     pub(crate) fn cell_at(&self, x_m: f64, y_m: f64) -> Option<u32> {
-        let column = ((x_m - self.min_m[0]) / self.cell_m[0]).floor();
-        let row = ((y_m - self.min_m[1]) / self.cell_m[1]).floor();
+        let column = ((x_m - self.boxes.origin_m[0]) / self.cell_m[0]).floor();
+        let row = ((y_m - self.boxes.origin_m[1]) / self.cell_m[1]).floor();
         let inside =
             column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64;
         inside.then(|| (row as usize * self.columns + column as usize) as u32)
@@ -79,7 +58,7 @@ impl Anchors {
         };
         let radius = length.hypot(width) / 2.0;
         let range = |axis: usize, limit: usize| {
-            let at = (bounds.center_m[axis] - self.min_m[axis]) / self.cell_m[axis];
+            let at = (bounds.center_m[axis] - self.boxes.origin_m[axis]) / self.cell_m[axis];
             let reach = radius / self.cell_m[axis];
             let clamp = |v: f64| v.clamp(0.0, limit as f64) as usize;
             clamp((at - reach).floor())..clamp((at + reach).ceil())
@@ -87,8 +66,8 @@ impl Anchors {
         let mut cells = vec![];
         for row in range(1, self.rows) {
             for column in range(0, self.columns) {
-                let x = self.min_m[0] + (column as f64 + 0.5) * self.cell_m[0];
-                let y = self.min_m[1] + (row as f64 + 0.5) * self.cell_m[1];
+                let x = self.boxes.origin_m[0] + (column as f64 + 0.5) * self.cell_m[0];
+                let y = self.boxes.origin_m[1] + (row as f64 + 0.5) * self.cell_m[1];
                 if grown.contains([x, y, bounds.center_m[2]]) {
                     cells.push((row * self.columns + column) as u32);
                 }
@@ -103,7 +82,10 @@ impl Anchors {
         let [ax, ay] = nearest(size, ANCHOR_YAWS_RAD[anchor % 2]);
         let [gx, gy] = nearest(object.size_m, object.yaw_rad);
         let shared = |axis: usize, limit: usize, a: f64, g: f64| -> Vec<(usize, f64)> {
-            let (at, step) = (object.center_m[axis] - self.min_m[axis], self.step_m[axis]);
+            let (at, step) = (
+                object.center_m[axis] - self.boxes.origin_m[axis],
+                self.boxes.step_m[axis],
+            );
             let reach = (a + g) / 2.0;
             let first = ((at - reach) / step).floor().clamp(0.0, limit as f64) as usize;
             let end = ((at + reach) / step).ceil().clamp(-1.0, limit as f64 - 1.0) as isize + 1;

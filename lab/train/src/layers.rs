@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use mluc_kernels::{Epilogue, Gather, Statistics, Weights, convolve, weight_gradient};
+use mluc_kernels::{Epilogue, Gather, Weights, convolve, weight_gradient};
 
-use crate::norm::{self, Activation, Tail};
+use crate::norm::{self, Activation, Statistics, Tail};
 use crate::pool::Pool;
 
 /// Which rows a layer reads and writes in one batch.

@@ -7,11 +7,10 @@
 use std::ops::Range;
 
 use mluc_geometry::Random;
-use mluc_kernels::Statistics;
 use mluc_model::{DenseLayer, Network};
 
 use crate::layers::{Layer, Linear, RunningStatistics, forward_all, identity, linear};
-use crate::norm::Activation;
+use crate::norm::{Activation, Statistics};
 use crate::plan::{MapPlan, Plan};
 use crate::pool::Pool;
 

@@ -1,18 +1,16 @@
-//! The network's passes against plain dense ones, and its gradients against finite differences.
+//! The halo's passes against those of every cell, and gradients against finite differences. (`parity_tests` compare the
+//! forward pass with the inference engine.)
 
-use std::collections::BTreeSet;
 use std::ops::Range;
 
 use mluc_geometry::{Box3, Random};
-use mluc_model::{AnchorClass, HeadKind, Network};
+use mluc_model::{HeadKind, Manifest, Network};
 
 use crate::anchors::Anchors;
 use crate::batch_targets::BatchTargets;
 use crate::halo::Cells;
-use crate::layers::Layer;
 use crate::losses::{self, LossSettings};
 use crate::network::{Chain, Outputs, Pass, StepInput};
-use crate::norm::EPSILON;
 use crate::plan::{MapPlan, Plan, Planner};
 use crate::pool::Pool;
 use crate::scan::LabelledObject;
@@ -48,16 +46,14 @@ pub(crate) fn scans() -> Vec<Vec<[f32; 4]>> {
 }
 
 pub(crate) fn targets(network: &Network) -> BatchTargets {
-    let class = |name: &str, size_m| AnchorClass {
-        name: name.into(),
-        size_m,
-        bottom_z_m: -0.8,
-        matched_iou: 0.6,
-        unmatched_iou: 0.45,
-    };
-    let classes = [class("a", [0.9, 0.7, 1.2]), class("b", [0.6, 0.5, 1.0])];
-    let agnostic = &[class("any", [0.8, 0.6, 1.1])][..network.generic];
-    let anchors = Anchors::new(network, &classes, agnostic);
+    let mut manifest = Manifest::untrained("small", network.clone());
+    let sizes_m = [[0.9, 0.7, 1.2], [0.6, 0.5, 1.0], [0.8, 0.6, 1.1]];
+    let classes = manifest.classes.iter_mut().chain(&mut manifest.generic);
+    for (class, size_m) in classes.zip(sizes_m) {
+        (class.size_m, class.bottom_z_m) = (size_m, -0.8);
+        (class.matched_iou, class.unmatched_iou) = (0.6, 0.45);
+    }
+    let anchors = Anchors::of(&manifest);
     let object = |class, x, y| {
         let bounds = Box3::new([x, y, -0.2, 0.9, 0.65, 1.2, 0.4]);
         LabelledObject::new(class, bounds, 20)
@@ -78,32 +74,12 @@ pub(crate) fn targets(network: &Network) -> BatchTargets {
 fn dense(network: &Network, plan: &Plan) -> Plan {
     let [rows, columns] = network.map_shape();
     let cells = Cells::from_marks([2, rows, columns], &vec![true; 2 * rows * columns]);
-    // Undo the row numbers: dense index of each listed row.
-    let listed = listed_cells(network);
-    let cell_of = |(row, z): &(u32, u32)| (listed[*row as usize], *z);
+    let cell_of = |(row, z): &(u32, u32)| (plan.map.occupied[*row as usize], *z);
     let scatter: Vec<(u32, u32)> = plan.map.scatter.iter().map(cell_of).collect();
     Plan {
         sparse: plan.sparse.clone(),
         map: MapPlan::from_cells(network, cells, &scatter),
     }
-}
-
-/// Cells of the scattered map, found again from the voxels.
-fn listed_cells(network: &Network) -> Vec<u32> {
-    let [rows, columns] = network.map_shape();
-    let mut marks = BTreeSet::new();
-    for (frame, scan) in scans().iter().enumerate() {
-        let mut voxels = mluc_backbone::Voxels::new(&network.grid);
-        mluc_backbone::voxelize(scan, &network.grid, false, &mut voxels);
-        let mut books = mluc_backbone::Rulebooks::new(network);
-        books.build(network, &voxels.sites);
-        let sites = books.sites_after(network.sparse.len() - 1, &voxels.sites);
-        for site in sites.coordinates() {
-            let [_, y, x] = site.map(usize::from);
-            marks.insert(((frame * rows + y) * columns + x) as u32);
-        }
-    }
-    marks.into_iter().collect()
 }
 
 struct Setup {
@@ -210,112 +186,4 @@ fn gradients_are_those_of_the_loss() {
             });
         }
     }
-}
-
-/// The map's layers written out cell by cell, without rows or gathers.
-#[test]
-fn forward_equals_a_plain_dense_network() {
-    let s = Setup::new(HeadKind::Metric);
-    let [rows, columns] = s.network.map_shape();
-    let (_, pass, _) = s.run(&s.plan, &s.parameters);
-    let width = s.network.map_channels();
-    let mut x = vec![0.0f32; 2 * rows * columns * width];
-    for (row, cell) in listed_cells(&s.network).iter().enumerate() {
-        x[*cell as usize * width..][..width].copy_from_slice(&pass.map[row * width..][..width]);
-    }
-    let mut shape = [2, rows, columns];
-    let mut ends = vec![];
-    let blocks = [
-        (&s.chain.block1, &s.network.block1),
-        (&s.chain.block2, &s.network.block2),
-    ];
-    for (layers, descriptions) in blocks {
-        for (layer, description) in layers.iter().zip(descriptions) {
-            (x, shape) = plain_convolution(&x, shape, layer, description.stride, &s.parameters);
-        }
-        ends.push(x.clone());
-    }
-    let up1 = plain_up(&ends[0], &s.chain.up1, &s.parameters);
-    let up2 = plain_up(&ends[1], &s.chain.up2, &s.parameters);
-    let head = &s.chain.heads.presence;
-    let weights = &s.parameters[head.weight.clone()];
-    let bias = &s.parameters[head.bias.clone()];
-    for cell in 0..2 * rows * columns {
-        let (line, column) = (cell / columns, cell % columns);
-        let (frame, y) = (line / rows, line % rows);
-        let half = (frame * (rows / 2) + y / 2) * (columns / 2) + column / 2;
-        let second = 4 * half + y % 2 * 2 + column % 2;
-        let feature = [&up1[cell * 5..][..5], &up2[second * 3..][..3]].concat();
-        let [row1, row2] = s.plan.map.up_rows(cell);
-        for a in 0..4 {
-            let products = (0..8).map(|c| feature[c] * weights[c * 4 + a]);
-            let logit = products.sum::<f32>() + bias[a];
-            let [ours1, ours2] = &pass.outputs.presence;
-            let found = ours1[row1 * 4 + a] + ours2[row2 * 4 + a];
-            let error = (found - logit).abs();
-            assert!(error < 2e-4, "cell {cell} anchor {a}: {found} {logit}");
-        }
-    }
-}
-
-fn plain_norm(x: &mut [f32], layer: &Layer, parameters: &[f32]) {
-    let channels = layer.channels;
-    for c in 0..channels {
-        let column = x.iter().skip(c).step_by(channels).map(|v| f64::from(*v));
-        let count = column.len() as f64;
-        let mean = column.clone().sum::<f64>() / count;
-        let variance = column.map(|v| (v - mean).powi(2)).sum::<f64>() / count;
-        let [gamma, beta] =
-            [&layer.gamma, &layer.beta].map(|range| f64::from(parameters[range.start + c]));
-        let scale = gamma / (variance + f64::from(EPSILON)).sqrt();
-        for v in x.iter_mut().skip(c).step_by(channels) {
-            *v = (scale * (f64::from(*v) - mean) + beta).max(0.0) as f32;
-        }
-    }
-}
-
-/// `out` plus the products of `input` with weights `[cin][cout]`.
-fn add_products(out: &mut [f32], input: &[f32], weights: &[f32]) {
-    for (v, weights) in input.iter().zip(weights.chunks_exact(out.len())) {
-        out.iter_mut().zip(weights).for_each(|(o, w)| *o += v * w);
-    }
-}
-
-fn plain_convolution(
-    x: &[f32],
-    [frames, rows, columns]: [usize; 3],
-    layer: &Layer,
-    stride: usize,
-    parameters: &[f32],
-) -> (Vec<f32>, [usize; 3]) {
-    let shape = [frames, rows / stride, columns / stride];
-    let mut y = vec![0.0; shape.iter().product::<usize>() * layer.cout];
-    let weights = &parameters[layer.weight.clone()];
-    for (at, out) in y.chunks_exact_mut(layer.cout).enumerate() {
-        let (line, ox) = (at / shape[2], at % shape[2]);
-        let (frame, oy) = (line / shape[1], line % shape[1]);
-        for (tap, weights) in weights.chunks_exact(layer.cin * layer.cout).enumerate() {
-            // One too large.
-            let (iy, ix) = (oy * stride + tap / 3, ox * stride + tap % 3);
-            if (1..=rows).contains(&iy) && (1..=columns).contains(&ix) {
-                let cell = (frame * rows + iy - 1) * columns + ix - 1;
-                add_products(out, &x[cell * layer.cin..][..layer.cin], weights);
-            }
-        }
-    }
-    plain_norm(&mut y, layer, parameters);
-    (y, shape)
-}
-
-fn plain_up(x: &[f32], layer: &Layer, parameters: &[f32]) -> Vec<f32> {
-    let mut y = vec![0.0; x.len() / layer.cin * layer.cout];
-    let weights = &parameters[layer.weight.clone()];
-    for (input, out) in x
-        .chunks_exact(layer.cin)
-        .zip(y.chunks_exact_mut(layer.cout))
-    {
-        add_products(out, input, weights);
-    }
-    plain_norm(&mut y, layer, parameters);
-    y
 }

@@ -1,17 +1,25 @@
-//! Batch norm and ReLU over rows, the last of which may stand for many (see [`crate::halo`]).
+//! Batch norm (Ioffe and Szegedy, arXiv 1502.03167) and ReLU over rows, the last of which may stand for many (see
+//! [`crate::halo`]).
 //!
 //! Statistics are those of the dense map: a tail row counts as often as it stands for a cell. In the backward pass the
-//! gradient of a tail row is the **sum** over its cells. Sums are taken over fixed chunks in a fixed order, so that the
-//! result does not depend on the number of threads.
+//! gradient of a tail row is the **sum** over its cells. Sums are taken over parts that the number of rows alone decides,
+//! added in order, so that the result does not depend on the number of threads. A part's sum is in f64; in f32 where the
+//! tail has several rows.
 
-use mluc_kernels::{BatchNorm, Statistics};
+use std::ops::AddAssign;
+
+use mluc_kernels::at_best;
 use rayon::prelude::*;
 
 /// Batch norm's epsilon in every layer (the public SECOND configurations).
 pub const EPSILON: f32 = 1e-3;
 
-/// Rows of a chunk of the reductions.
+/// Rows of a task, and of a sum in f32.
 const CHUNK_ROWS: usize = 512;
+/// Most parts of a sum in f64.
+const PARTS_MAX: usize = 32;
+/// Fewest rows of such a part.
+const PART_ROWS_MIN: usize = 256;
 
 /// The last rows of a map and how many cells each stands for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,6 +28,17 @@ pub struct Tail {
     pub rows: usize,
     /// Cells that each stands for; 0 takes the row out of the statistics.
     pub multiplicity: usize,
+}
+
+/// Statistics of each channel over a batch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Statistics {
+    /// Mean of each channel.
+    pub mean: Vec<f32>,
+    /// Biased variance of each channel; times `count / (count - 1)` it is the unbiased one.
+    pub var: Vec<f32>,
+    /// Rows, those of the tail counted with their multiplicity.
+    pub count: f64,
 }
 
 /// What a layer leaves for its backward pass.
@@ -34,33 +53,41 @@ pub struct Activation {
 }
 
 impl Tail {
-    /// The kernels' own batch norm, where no more than one row is weighted.
-    fn single<'a>(self, gamma: &'a [f32], beta: &'a [f32]) -> Option<BatchNorm<'a>> {
-        let last_multiplicity = match self.rows {
-            0 => 1.0,
-            1 => self.multiplicity as f32,
-            _ => return None,
+    /// Whether sums are in f64.
+    fn is_short(self) -> bool {
+        self.rows < 2
+    }
+
+    /// Of a map of so many rows; the last one is apart in any case.
+    fn of(self, rows: usize) -> Tail {
+        let last = Tail {
+            rows: rows.min(1),
+            multiplicity: 1,
         };
-        Some(BatchNorm {
-            gamma,
-            beta,
-            eps: EPSILON,
-            relu: true,
-            last_multiplicity,
-        })
+        if self.rows == 0 { last } else { self }
     }
 }
 
+/// Rows of a part of a sum in f64.
+fn part_rows(rows: usize) -> usize {
+    rows.div_ceil(PARTS_MAX).max(PART_ROWS_MIN)
+}
+
 /// Sums over rows of the two numbers of `f(x, g, m)`, by channel; the rows from value `body` on have a weight.
-fn reduce(
+fn reduce<A>(
     [x, g]: [&[f32]; 2],
     m: &[f32],
+    part_rows: usize,
     (body, weight): (usize, usize),
-    f: impl Fn(f32, f32, f32) -> [f32; 2] + Sync,
-) -> [Vec<f64>; 2] {
+    f: impl Fn(f32, f32, f32) -> [A; 2] + Sync,
+) -> [Vec<f64>; 2]
+where
+    A: AddAssign + Copy + Default + Send,
+    f64: From<A>,
+{
     let channels = m.len();
-    let partial = |x: &[f32], g: &[f32]| {
-        let mut sums = [vec![0.0f32; channels], vec![0.0f32; channels]];
+    let add_rows = |x: &[f32], g: &[f32]| {
+        let mut sums = [(); 2].map(|()| vec![A::default(); channels]);
         let [a, b] = &mut sums;
         for (x, g) in x.chunks_exact(channels).zip(g.chunks_exact(channels)) {
             let sums = a.iter_mut().zip(b.iter_mut());
@@ -72,14 +99,15 @@ fn reduce(
         }
         sums
     };
-    let chunk = CHUNK_ROWS * channels;
-    let chunks = x[..body].par_chunks(chunk).zip(g[..body].par_chunks(chunk));
+    let partial = |x: &[f32], g: &[f32]| at_best(|| add_rows(x, g));
+    let part = part_rows * channels;
+    let chunks = x[..body].par_chunks(part).zip(g[..body].par_chunks(part));
     let parts: Vec<_> = chunks.map(|(x, g)| partial(x, g)).collect();
     let last = partial(&x[body..], &g[body..]);
     [0, 1].map(|number| {
         let sum = |c: usize| {
-            let body: f64 = parts.iter().map(|part| f64::from(part[number][c])).sum();
-            body + weight as f64 * f64::from(last[number][c])
+            let parts = parts.iter().map(|part| f64::from(part[number][c]));
+            parts.sum::<f64>() + weight as f64 * f64::from(last[number][c])
         };
         (0..channels).map(sum).collect()
     })
@@ -87,44 +115,68 @@ fn reduce(
 
 /// Batch norm while training: the statistics of `x`, and `y` by them. `affine`: scale and shift by channel.
 pub fn forward(x: &[f32], affine: [&[f32]; 2], tail: Tail, y: &mut [f32]) -> Statistics {
-    let channels = affine[0].len();
-    if let Some(norm) = tail.single(affine[0], affine[1]) {
-        return norm.forward(x, y);
-    }
+    let [gamma, beta] = affine;
+    let channels = gamma.len();
     let rows = x.len() / channels;
-    let count = (rows - tail.rows + tail.rows * tail.multiplicity).max(1) as f64;
-    let body = x.len() - tail.rows * channels;
-    let weighted = (body, tail.multiplicity);
-    let [sum, square] = reduce([x, x], affine[0], weighted, |v, _, _| [v, v * v]);
-    let mean: Vec<f64> = sum.iter().map(|s| s / count).collect();
-    let variance = |(q, m): (&f64, &f64)| (q / count - m * m).max(0.0) as f32;
+    let Tail {
+        rows: last,
+        multiplicity,
+    } = tail.of(rows);
+    let weighted = (x.len() - last * channels, multiplicity);
+    let [sum, square] = if tail.is_short() {
+        let wide = |v: f32, _, _| [f64::from(v), f64::from(v) * f64::from(v)];
+        reduce([x, x], gamma, part_rows(rows), weighted, wide)
+    } else {
+        reduce([x, x], gamma, CHUNK_ROWS, weighted, |v, _, _| [v, v * v])
+    };
+    let count = (rows - last + last * multiplicity) as f64;
+    let mean: Vec<f64> = sum.iter().map(|s| s / count.max(1.0)).collect();
+    let variance = |(q, m): (&f64, &f64)| (q / count.max(1.0) - m * m).max(0.0) as f32;
     let statistics = Statistics {
         var: square.iter().zip(&mean).map(variance).collect(),
         mean: mean.iter().map(|m| *m as f32).collect(),
         count,
     };
-    normalise(x, affine, &statistics, y);
+    if tail.is_short() {
+        let scale = gamma.iter().zip(&statistics.var);
+        let scale = scale.map(|(g, var)| (inverse_deviation(*var) * f64::from(*g)) as f32);
+        let scale: Vec<f32> = scale.collect();
+        scale_rows(x, &statistics.mean, &scale, beta, y);
+    } else {
+        normalise(x, affine, &statistics, y);
+    }
     statistics
+}
+
+fn inverse_deviation(var: f32) -> f64 {
+    1.0 / (f64::from(var) + f64::from(EPSILON)).sqrt()
 }
 
 /// `y = max(0, gamma * (x - mean) / sqrt(variance + eps) + beta`.
 pub fn normalise(x: &[f32], [gamma, beta]: [&[f32]; 2], statistics: &Statistics, y: &mut [f32]) {
-    let channels = gamma.len();
     let Statistics { mean, var, .. } = statistics;
     let scale = gamma.iter().zip(var).map(|(g, v)| g / (v + EPSILON).sqrt());
     let scale: Vec<f32> = scale.collect();
-    let shift: Vec<f32> = (0..channels)
-        .map(|c| beta[c] - scale[c] * mean[c])
-        .collect();
-    let chunk = CHUNK_ROWS * channels;
-    let chunks = y.par_chunks_mut(chunk).zip(x.par_chunks(chunk));
-    chunks.for_each(|(y, x)| {
+    let shift = (0..gamma.len()).map(|c| beta[c] - scale[c] * mean[c]);
+    let shift: Vec<f32> = shift.collect();
+    scale_rows(x, &vec![0.0; gamma.len()], &scale, &shift, y);
+}
+
+/// `y = max(0, (x - mean) * scale + shift)`; NaN stays NaN.
+fn scale_rows(x: &[f32], mean: &[f32], scale: &[f32], shift: &[f32], y: &mut [f32]) {
+    let channels = mean.len();
+    let work = |y: &mut [f32], x: &[f32]| {
         for (y, x) in y.chunks_exact_mut(channels).zip(x.chunks_exact(channels)) {
-            for (((y, x), a), b) in y.iter_mut().zip(x).zip(&scale).zip(&shift) {
-                *y = (a * x + b).max(0.0);
+            let values = x.iter().zip(mean).zip(scale.iter().zip(shift));
+            for (y, ((x, mean), (scale, shift))) in y.iter_mut().zip(values) {
+                let value = (x - mean) * scale + shift;
+                *y = if value < 0.0 { 0.0 } else { value };
             }
         }
-    });
+    };
+    let chunk = CHUNK_ROWS * channels;
+    let chunks = y.par_chunks_mut(chunk).zip(x.par_chunks(chunk));
+    chunks.for_each(|(y, x)| at_best(|| work(y, x)));
 }
 
 /// The gradient of [`forward`]: `gradient` enters as that of `y` and leaves as that of `x`; the gradients of scale and
@@ -134,51 +186,66 @@ pub fn backward(
     tail: Tail,
     gamma: &[f32],
     gradient: &mut [f32],
-    affine: (&mut [f32], &mut [f32]),
+    (d_gamma, d_beta): (&mut [f32], &mut [f32]),
 ) {
     let channels = gamma.len();
-    let (d_gamma, d_beta) = affine;
-    // The shift has no part in its own gradient.
-    if let Some(norm) = tail.single(gamma, gamma) {
-        return norm.backward(x, y, gradient, statistics, d_gamma, d_beta);
-    }
-    let chunk = CHUNK_ROWS * channels;
+    let (rows, chunk) = (x.len() / channels, CHUNK_ROWS * channels);
     let chunks = gradient.par_chunks_mut(chunk).zip(y.par_chunks(chunk));
     chunks.for_each(|(g, y)| {
         let values = g.iter_mut().zip(y);
         values.for_each(|(g, y)| *g = if *y > 0.0 { *g } else { 0.0 });
     });
-    let mean = &statistics.mean;
+    let (mean, count) = (&statistics.mean, statistics.count.max(1.0));
     // Every row's gradient is already the sum over its cells, so each counts once.
     let all = (x.len(), 1);
-    let [sum, product] = reduce([gradient, x], mean, all, |g, x, m| [g, g * (x - m)]);
-    let inverse = statistics.var.iter().map(|v| 1.0 / (v + EPSILON).sqrt());
-    let inverse: Vec<f32> = inverse.collect();
-    // dx = scale * (dy - weight * (mean(dy) + (x - mean) * mean(dy * (x - mean)) / variance'))
-    let share = |sum: f64| (sum / statistics.count) as f32;
-    let of_channel = |c: usize| {
-        let i = inverse[c];
-        let slope = share(product[c]) * i * i;
-        [gamma[c] * i, share(sum[c]), mean[c], slope]
+    let [sum, product] = if tail.is_short() {
+        let wide = |g: f32, x: f32, m: f32| [f64::from(g), f64::from(g * (x - m))];
+        reduce([gradient, x], mean, part_rows(rows), all, wide)
+    } else {
+        let narrow = |g: f32, x: f32, m: f32| [g, g * (x - m)];
+        reduce([gradient, x], mean, CHUNK_ROWS, all, narrow)
     };
-    let terms: Vec<[f32; 4]> = (0..channels).map(of_channel).collect();
-    let rows = |g: &mut [f32], x: &[f32], weight: f32| {
+    // dx = scale * (dy - weight * (mean(dy) + (x - mean) * mean(dy * (x - mean)) / variance'))
+    let [mut scale, mut constant, mut slope] = [(); 3].map(|()| vec![0.0_f32; channels]);
+    for c in 0..channels {
+        d_beta[c] += sum[c] as f32;
+        if tail.is_short() {
+            let inverse = inverse_deviation(statistics.var[c]);
+            let (gain, product) = (f64::from(gamma[c]) * inverse, product[c] * inverse);
+            d_gamma[c] += product as f32;
+            scale[c] = gain as f32;
+            constant[c] = (gain * sum[c] / count) as f32;
+            slope[c] = (gain * inverse * product / count) as f32;
+        } else {
+            let inverse = 1.0 / (statistics.var[c] + EPSILON).sqrt();
+            d_gamma[c] += product[c] as f32 * inverse;
+            scale[c] = gamma[c] * inverse;
+            constant[c] = (sum[c] / count) as f32;
+            slope[c] = (product[c] / count) as f32 * inverse * inverse;
+        }
+    }
+    let is_short = tail.is_short();
+    let work = |g: &mut [f32], x: &[f32], weight: f32| {
         for (g, x) in g.chunks_exact_mut(channels).zip(x.chunks_exact(channels)) {
-            for ((g, x), [scale, constant, mean, slope]) in g.iter_mut().zip(x).zip(&terms) {
-                let mean_part = constant + (x - mean) * slope;
-                *g = scale * (*g - weight * mean_part);
+            let terms = scale.iter().zip(&constant).zip(&slope);
+            let values = x.iter().zip(mean).zip(terms);
+            for (g, ((x, mean), ((scale, constant), slope))) in g.iter_mut().zip(values) {
+                let part = weight * (constant + (x - mean) * slope);
+                // With a short tail the part is scaled already.
+                *g = if is_short {
+                    scale * *g - part
+                } else {
+                    scale * (*g - part)
+                };
             }
         }
     };
-    let body = x.len() - tail.rows * channels;
-    let (head, last) = gradient.split_at_mut(body);
-    let chunks = head.par_chunks_mut(chunk).zip(x[..body].par_chunks(chunk));
-    chunks.for_each(|(g, x)| rows(g, x, 1.0));
-    rows(last, &x[body..], tail.multiplicity as f32);
-    for c in 0..channels {
-        d_gamma[c] += product[c] as f32 * inverse[c];
-        d_beta[c] += sum[c] as f32;
-    }
+    let tail = tail.of(rows);
+    let (head, last) = gradient.split_at_mut(x.len() - tail.rows * channels);
+    let (x, last_x) = x.split_at(head.len());
+    let chunks = head.par_chunks_mut(chunk).zip(x.par_chunks(chunk));
+    chunks.for_each(|(g, x)| at_best(|| work(g, x, 1.0)));
+    work(last, last_x, tail.multiplicity as f32);
 }
 
 #[cfg(test)]
@@ -186,27 +253,80 @@ mod tests {
     use super::*;
     use mluc_geometry::Random;
 
+    /// Batch norm of rows, its gradients for the gradient `g` of `y`, and its statistics.
+    struct Found {
+        activation: Activation,
+        dx: Vec<f32>,
+        d_gamma: Vec<f32>,
+        d_beta: Vec<f32>,
+    }
+
+    fn run([x, g]: [Vec<f32>; 2], affine: [&[f32]; 2], tail: Tail) -> Found {
+        let mut activation = Activation {
+            x,
+            ..Activation::default()
+        };
+        activation.y = vec![f32::NAN; activation.x.len()];
+        let Activation { x, y, statistics } = &mut activation;
+        *statistics = forward(x, affine, tail, y);
+        let [mut d_gamma, mut d_beta] = affine.map(|of| vec![0.0; of.len()]);
+        let (mut dx, sums) = (g, (&mut d_gamma[..], &mut d_beta[..]));
+        backward(&activation, tail, affine[0], &mut dx, sums);
+        Found {
+            activation,
+            dx,
+            d_gamma,
+            d_beta,
+        }
+    }
+
+    /// `of` values around `mean`.
+    fn draw(random: &mut Random, of: usize, mean: f64) -> Vec<f32> {
+        (0..of).map(|_| (mean + random.normal()) as f32).collect()
+    }
+
+    fn assert_near(a: &[f32], b: &[f32], most: f32) {
+        let mut pairs = a.iter().zip(b);
+        assert!(
+            a.len() == b.len() && pairs.all(|(a, b)| (a - b).abs() < most),
+            "{a:?} {b:?}"
+        );
+    }
+
+    #[test]
+    fn the_output_is_the_definition_in_f64() {
+        for (rows, channels) in [(0, 4), (1, 16), (2, 3), (5, 48), (257, 31), (9001, 16)] {
+            let mut random = Random::new(4, &[rows as u64]);
+            // A mean far from zero is where a careless variance would show.
+            let x = draw(&mut random, rows * channels, 20.0);
+            let [gamma, beta] = [0, 1].map(|_| draw(&mut random, channels, 0.0));
+            let tail = Tail::default();
+            let found = run([x.clone(), x.clone()], [&gamma, &beta], tail).activation;
+            assert_eq!(found.statistics.count, rows as f64);
+            for c in 0..channels {
+                let column = || x.iter().skip(c).step_by(channels).map(|x| f64::from(*x));
+                let mean = column().sum::<f64>() / rows.max(1) as f64;
+                let var = column().map(|x| (x - mean).powi(2)).sum::<f64>() / rows.max(1) as f64;
+                let scale = f64::from(gamma[c]) / (var + f64::from(EPSILON)).sqrt();
+                let expected = column().map(|x| scale * (x - mean) + f64::from(beta[c]));
+                let expected: Vec<f32> = expected.map(|y| y.max(0.0) as f32).collect();
+                let y: Vec<f32> = found.y.iter().skip(c).step_by(channels).copied().collect();
+                assert_near(&y, &expected, 1e-4);
+                let Statistics {
+                    mean: m, var: v, ..
+                } = &found.statistics;
+                assert_near(&[m[c], v[c]], &[mean as f32, var as f32], 1e-4);
+            }
+        }
+    }
+
     /// A weighted tail gives what its copies written out give.
     #[test]
     fn a_tail_row_counts_as_its_copies() {
         let (channels, rows, copies) = (3, 700, 40);
         let mut random = Random::new(5, &[]);
-        let mut draw = |n: usize| -> Vec<f32> { (0..n).map(|_| random.normal() as f32).collect() };
-        let (x, dy) = (draw(rows * channels), draw(rows * channels));
+        let [x, dy] = [0, 1].map(|_| draw(&mut random, rows * channels, 0.0));
         let affine: [&[f32]; 2] = [&[0.7, 1.1, -0.4], &[0.1, -0.2, 0.3]];
-        let run = |x: Vec<f32>, mut g: Vec<f32>, tail: Tail| {
-            let mut y = vec![0.0; x.len()];
-            let statistics = forward(&x, affine, tail, &mut y);
-            let activation = Activation { x, y, statistics };
-            let (mut d_gamma, mut d_beta) = (vec![0.0; channels], vec![0.0; channels]);
-            let sums = (&mut d_gamma[..], &mut d_beta[..]);
-            backward(&activation, tail, affine[0], &mut g, sums);
-            (activation.statistics, g, d_gamma, d_beta)
-        };
-        let near = |a: &[f32], b: &[f32], most: f32| {
-            let mut pairs = a.iter().zip(b);
-            assert!(pairs.all(|(a, b)| (a - b).abs() < most), "{a:?} {b:?}");
-        };
         for tail_rows in 1..4 {
             let body = (rows - tail_rows) * channels;
             let expand = |v: &[f32], share: f32| {
@@ -218,19 +338,20 @@ mod tests {
                 rows: tail_rows,
                 multiplicity: copies,
             };
-            let (s, g, gamma, beta) = run(x.clone(), dy.clone(), tail);
-            let written_out = (expand(&x, 1.0), expand(&dy, 1.0 / copies as f32));
-            let (s2, g2, gamma2, beta2) = run(written_out.0, written_out.1, Tail::default());
+            let found = run([x.clone(), dy.clone()], affine, tail);
+            let written_out = [expand(&x, 1.0), expand(&dy, 1.0 / copies as f32)];
+            let expected = run(written_out, affine, Tail::default());
+            let [s, s2] = [&found, &expected].map(|f| &f.activation.statistics);
             assert_eq!(s.count, s2.count);
-            near(&s.mean, &s2.mean, 2e-5);
-            near(&s.var, &s2.var, 2e-5);
-            near(&g[..body], &g2[..body], 2e-5);
-            near(&beta, &beta2, 2e-5);
-            near(&gamma, &gamma2, 1e-3);
+            assert_near(&s.mean, &s2.mean, 2e-5);
+            assert_near(&s.var, &s2.var, 2e-5);
+            assert_near(&found.dx[..body], &expected.dx[..body], 2e-5);
+            assert_near(&found.d_beta, &expected.d_beta, 2e-5);
+            assert_near(&found.d_gamma, &expected.d_gamma, 1e-3);
             let tail_values = tail_rows * channels;
             for v in 0..tail_values {
-                let sum: f32 = g2[body..].iter().skip(v).step_by(tail_values).sum();
-                assert!((sum - g[body + v]).abs() < 1e-5);
+                let copies = expected.dx[body..].iter().skip(v).step_by(tail_values);
+                assert!((copies.sum::<f32>() - found.dx[body + v]).abs() < 1e-5);
             }
         }
     }

@@ -101,19 +101,18 @@ fn the_engine_computes_what_was_trained() {
     near(empty, manifest.empty_objectness_max);
 }
 
-/// Anchors, codes and direction bins mean the same to the trainer and to the head.
+/// Codes and direction bins mean the same to the trainer and to the head.
 #[test]
 fn the_head_reads_the_codes_that_training_aims_at() {
     let manifest = Manifest::untrained("kitti", setup().0);
     let ours = Anchors::of(&manifest);
-    let theirs = decode::Anchors::new(&manifest);
     for yaw in [-3.0, -1.2, 0.2, 1.4, 2.7] {
         let bounds = Box3::new([9.3, 1.1, -1.0, 4.1, 1.7, 1.5, yaw]);
         let object = LabelledObject::new(Some(0), bounds, 50);
         let positives = ours.assign(&[object]).positives;
         assert!(!positives.is_empty());
         for p in positives {
-            let anchor = theirs.anchor(p.cell as usize, p.anchor as usize);
+            let anchor = ours.boxes.anchor(p.cell as usize, p.anchor as usize);
             let found = decode::decode(&p.codes, &anchor).expect("a box");
             let found_yaw = decode::direct(found.yaw_rad, usize::from(p.bin));
             let turn = limit_period(found_yaw - yaw, 0.5, TAU);

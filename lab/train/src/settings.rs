@@ -244,7 +244,11 @@ impl TrainSettings {
         Manifest {
             uses_intensity: false,
             prototype_scale: self.prototype_scale(),
-            beams: hdl_64e(),
+            beams: match self.setting {
+                // Any sensor's.
+                Setting::Any => Beams::default(),
+                _ => hdl_64e(),
+            },
             ..manifest
         }
     }

@@ -221,7 +221,7 @@ impl Anchors {
     }
 
     fn positive(&self, cell: u32, anchor: usize, object: &Box3) -> Positive {
-        let codes = encode(object, &self.bounds(cell as usize, anchor));
+        let codes = encode(object, &self.boxes.anchor(cell as usize, anchor));
         Positive {
             cell,
             anchor: anchor as u32,

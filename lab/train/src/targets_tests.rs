@@ -1,28 +1,19 @@
 //! Targets against the definition, anchor by anchor.
 
 use super::*;
-use mluc_model::{AnchorClass, Grid, Network};
+use mluc_model::{Grid, Manifest, Network};
 
 use crate::anchors::nearest;
 
-fn classes() -> Vec<AnchorClass> {
-    let class = |name: &str, size_m, matched_iou: f32| AnchorClass {
-        name: name.into(),
-        size_m,
-        bottom_z_m: -1.78,
-        matched_iou,
-        unmatched_iou: matched_iou - 0.15,
+fn anchors_with(agnostic: &[[f32; 3]]) -> Anchors {
+    let network = Network {
+        generic: agnostic.len(),
+        ..Network::compact(Grid::kitti_compact(), 3)
     };
-    vec![
-        class("car", [3.9, 1.6, 1.56], 0.6),
-        class("pedestrian", [0.8, 0.6, 1.73], 0.5),
-        class("cyclist", [1.76, 0.6, 1.73], 0.5),
-    ]
-}
-
-fn anchors_with(agnostic: &[AnchorClass]) -> Anchors {
-    let network = Network::compact(Grid::kitti_compact(), 3);
-    Anchors::new(&network, &classes(), agnostic)
+    let mut manifest = Manifest::untrained("kitti", network);
+    let sizes = manifest.generic.iter_mut().zip(agnostic);
+    sizes.for_each(|(anchor, size_m)| anchor.size_m = *size_m);
+    Anchors::of(&manifest)
 }
 
 fn anchors() -> Anchors {
@@ -52,7 +43,7 @@ fn plain(anchors: &Anchors, objects: &[LabelledObject]) -> (Vec<(u32, u32)>, Vec
         let mut table = vec![];
         for cell in 0..anchors.rows * anchors.columns {
             for anchor in [2 * class, 2 * class + 1] {
-                let a = anchors.bounds(cell, anchor);
+                let a = anchors.boxes.anchor(cell, anchor);
                 let row: Vec<f64> = of_class.iter().map(|g| iou(&a, &g.bounds)).collect();
                 most.iter_mut().zip(&row).for_each(|(m, v)| *m = m.max(*v));
                 if row.iter().any(|v| *v > 0.0) {
@@ -100,7 +91,7 @@ fn codes_describe_the_object_from_the_anchor() {
     let anchors = anchors();
     let bounds = [20.3, 3.2, -1.0, 4.1, 1.7, 1.5, 0.3];
     for p in anchors.assign(&[object(0, bounds, 50)]).positives {
-        let a = anchors.bounds(p.cell as usize, p.anchor as usize);
+        let a = anchors.boxes.anchor(p.cell as usize, p.anchor as usize);
         let d = a.size_m[0].hypot(a.size_m[1]);
         let c = p.codes.map(f64::from);
         let back = [
@@ -143,17 +134,11 @@ fn a_synthetic_unknown_object_is_found_without_a_class_and_is_no_false_alarm() {
     let known = object(0, [20.0, 10.0, -1.0, 4.0, 1.7, 1.5, 0.0], 50);
     let mut cart = object(0, [20.0, 0.0, -1.0, 2.6, 1.3, 1.9, 0.0], 50);
     (cart.class, cart.synthetic_unknown) = (None, true);
-    let sized = |size_m| AnchorClass {
-        size_m,
-        matched_iou: 0.5,
-        unmatched_iou: 0.35,
-        ..classes()[0].clone()
-    };
-    let open = anchors_with(&[sized([2.5, 1.3, 1.9]), sized([9.0, 2.6, 3.2])]);
+    let open = anchors_with(&[[2.5, 1.3, 1.9], [9.0, 2.6, 3.2]]);
     let targets = open.assign(&[known.clone(), cart.clone()]);
     let of = |y: Range<f64>, classes: Range<u32>| {
         let wanted = |p: &&Positive| {
-            let at = open.bounds(p.cell as usize, 0).center_m[1];
+            let at = open.boxes.anchor(p.cell as usize, 0).center_m[1];
             y.contains(&at) && classes.contains(&(p.anchor / 2))
         };
         targets.positives.iter().filter(wanted).count()
@@ -168,7 +153,7 @@ fn a_synthetic_unknown_object_is_found_without_a_class_and_is_no_false_alarm() {
     assert!((sum - 1.0).abs() < 1e-5);
     // Without such anchors the class that overlaps it most has to find it.
     let targets = anchors().assign(&[known, cart]);
-    let near = |p: &&Positive| open.bounds(p.cell as usize, 0).center_m[1].abs() < 2.0;
+    let near = |p: &&Positive| open.boxes.anchor(p.cell as usize, 0).center_m[1].abs() < 2.0;
     let found: Vec<_> = targets.positives.iter().filter(near).collect();
     assert!(!found.is_empty() && found.iter().all(|p| p.anchor / 2 == 0));
 }

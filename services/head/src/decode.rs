@@ -21,9 +21,10 @@ const LOG_SIZE_MAX: f64 = 3.0;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Anchors {
     columns: usize,
-    origin_m: [f64; 2],
+    /// Of the range.
+    pub origin_m: [f64; 2],
     /// Anchors lie on both ends of the range: a step is a little more than a cell.
-    step_m: [f64; 2],
+    pub step_m: [f64; 2],
     /// l, w, h and z of the centre by class, m.
     classes: Vec<([f64; 3], f64)>,
 }

@@ -1,7 +1,7 @@
 //! Feature rows to detections: the stage as one function.
 
-use mluc_geometry::Box3;
 use mluc_geometry::ground::ground_height_m;
+use mluc_geometry::{Box3, nms_into};
 use mluc_ipc_types::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
 use mluc_kernels::Gather;
 use mluc_model::{HeadKind, Manifest, Thresholds, WeightSet};
@@ -66,20 +66,25 @@ impl Head {
     ) -> Result<HeadCounts, HeadError> {
         self.check(cells, rows)?;
         detections.clear();
-        let mut counts = self.find_candidates(rows);
+        let candidates = self.find_candidates(rows);
+        let over_candidates_max = candidates - self.frame.candidates.len() as u32;
         self.run_candidate_heads(rows);
-        counts.generic_known = self.drop_generic_on_known();
-        counts.non_finite = self.decode_boxes(cells);
-        counts.generic = self.suppress();
-        let kept = self.frame.suppressor.kept.len() as u32;
-        counts.boxes_max_reached = kept == self.thresholds.boxes_max;
-        let doubted = self.drop_doubted_generic(counts.generic as usize);
-        counts.generic -= doubted;
-        counts.generic_known += doubted;
-        let kept = self.frame.suppressor.kept.iter();
-        detections.extend(kept.map(|index| self.describe(*index, cells)));
-        counts.boxes = detections.len() as u32;
-        Ok(counts)
+        self.drop_generic_on_known();
+        let non_finite = self.decode_boxes(cells);
+        self.suppress();
+        let boxes_max_reached = self.frame.kept.len() as u32 == self.thresholds.boxes_max;
+        self.drop_doubted_generic();
+        let kept = &self.frame.kept;
+        detections.extend(kept.iter().map(|index| self.describe(*index, cells)));
+        let has_class = |index: &&usize| self.frame.candidates[**index].class() < self.classes;
+        let generic = kept.len() - kept.iter().filter(has_class).count();
+        Ok(HeadCounts {
+            candidates,
+            over_candidates_max,
+            non_finite,
+            generic: generic as u32,
+            boxes_max_reached,
+        })
     }
 
     /// What the 1x1 convolutions give on every row, in the order of [`mluc_model::Network::heads`]: for tests against
@@ -119,8 +124,8 @@ impl Head {
         }
     }
 
-    /// Objectness of every anchor, and the best of them.
-    fn find_candidates(&mut self, rows: &[f32]) -> HeadCounts {
+    /// Objectness of every anchor, and the best of them; gives how many passed the threshold.
+    fn find_candidates(&mut self, rows: &[f32]) -> u32 {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
         read_all(&mut frame.every_row, rows.len() / self.channels);
         let presence = &self.heads.presence;
@@ -137,11 +142,7 @@ impl Head {
             thresholds.candidates_max as usize,
             &mut frame.candidates,
         );
-        HeadCounts {
-            candidates: found as u32,
-            over_candidates_max: (found - frame.candidates.len()) as u32,
-            ..HeadCounts::default()
-        }
+        found as u32
     }
 
     /// Embedding, box and direction of the rows that hold a candidate.
@@ -167,16 +168,13 @@ impl Head {
         }
     }
 
-    /// Takes out candidates of anchors without a class in cells that hold a known object; gives how many.
-    fn drop_generic_on_known(&mut self) -> u32 {
-        if self.kind != HeadKind::Open {
-            return 0;
+    /// Takes out candidates of anchors without a class in cells that hold a known object, which has anchors of its class.
+    fn drop_generic_on_known(&mut self) {
+        if self.kind == HeadKind::Open {
+            let (candidates, unknown) = (&mut self.frame.candidates, &self.frame.unknown);
+            let is_known = |c: &Candidate| unknown[c.place as usize] <= 0.0;
+            candidates.retain(|c| c.class() < self.classes || !is_known(c));
         }
-        let (candidates, unknown) = (&mut self.frame.candidates, &self.frame.unknown);
-        let before = candidates.len();
-        let is_known = |c: &Candidate| unknown[c.place as usize] <= 0.0;
-        candidates.retain(|c| c.class() < self.classes || !is_known(c));
-        (before - candidates.len()) as u32
     }
 
     /// The values that the scores of a candidate are made of: its cell's embedding, or its anchor's class logits.
@@ -221,33 +219,33 @@ impl Head {
         are_finite.then_some(found)
     }
 
-    /// Keeps the best boxes; gives how many of the kept have no class.
-    fn suppress(&mut self) -> u32 {
+    /// Non-maximum suppression over all boxes with a class, whatever it is, then over those without one: they suppress each
+    /// other alone and come last.
+    fn suppress(&mut self) {
         let (frame, thresholds) = (&mut self.frame, &self.thresholds);
-        let has_class = |index: usize| frame.candidates[index].class() < self.classes;
-        let (iou_max, boxes_max) = (thresholds.nms_iou.into(), thresholds.boxes_max as usize);
-        let generic = frame
-            .suppressor
-            .run(&frame.boxes, has_class, iou_max, boxes_max);
-        generic as u32
+        let (boxes, iou_max) = (&frame.boxes, thresholds.nms_iou.into());
+        let boxes_max = thresholds.boxes_max as usize;
+        let has_class = |index: &usize| frame.candidates[*index].class() < self.classes;
+        let (order, kept, generic) = (&mut frame.order, &mut frame.kept, &mut frame.generic);
+        order.clear();
+        order.extend((0..boxes.len()).filter(has_class));
+        nms_into(boxes, order, iou_max, boxes_max, kept);
+        order.clear();
+        order.extend((0..boxes.len()).filter(|index| !has_class(index)));
+        nms_into(boxes, order, iou_max, boxes_max - kept.len(), generic);
+        kept.extend_from_slice(generic);
     }
 
-    /// Takes out kept boxes without a class that the gate does not hold for unknown: they have no class to be known by. The
-    /// last `generic` of the kept are such; gives how many go. They have had their say in the suppression, so that the
-    /// threshold chooses among the same boxes whatever it is.
-    fn drop_doubted_generic(&mut self, generic: usize) -> u32 {
-        let unknown_min = self.thresholds.unknown_min;
-        let frame = &mut self.frame;
-        let (candidates, unknown) = (&frame.candidates, &frame.unknown);
-        let kept = &mut frame.suppressor.kept;
-        let (before, first) = (kept.len(), kept.len() - generic);
-        let mut at = 0..before;
-        kept.retain(|&index| {
-            let has_class = at.next().is_some_and(|at| at < first);
-            let logit = unknown.get(candidates[index].place as usize);
-            has_class || logit.is_some_and(|logit| is_unknown(sigmoid(*logit), unknown_min))
+    /// Takes out kept boxes without a class that the gate does not hold for unknown: they have no class to be known by. They
+    /// have had their say in the suppression, so that the threshold chooses among the same boxes whatever it is.
+    fn drop_doubted_generic(&mut self) {
+        let (frame, unknown_min) = (&mut self.frame, self.thresholds.unknown_min);
+        frame.kept.retain(|&index| {
+            let candidate = &frame.candidates[index];
+            let logit = frame.unknown.get(candidate.place as usize);
+            let is_unknown = |logit: &f32| is_unknown(sigmoid(*logit), unknown_min);
+            candidate.class() < self.classes || logit.is_some_and(is_unknown)
         });
-        (before - kept.len()) as u32
     }
 
     /// Everything that is known of a kept box.

@@ -12,7 +12,6 @@ mod head;
 mod memory;
 pub mod prototypes;
 mod report;
-mod suppress;
 
 pub use head::{Head, stand_on_ground};
 pub use mluc_ipc_types::{Detection, DetectionKind};

@@ -6,7 +6,6 @@ use mluc_model::{HeadKind, Manifest};
 
 use crate::candidates::Candidate;
 use crate::decode::{Anchors, BOX_CODES};
-use crate::suppress::Suppressor;
 
 /// Of one frame.
 #[derive(Clone, Debug, Default)]
@@ -25,7 +24,10 @@ pub(crate) struct Memory {
     pub(crate) codes: Vec<f32>,
     pub(crate) directions: Vec<f32>,
     pub(crate) boxes: Vec<Box3>,
-    pub(crate) suppressor: Suppressor,
+    pub(crate) order: Vec<usize>,
+    /// Indices of the kept boxes, best first; those without a class last.
+    pub(crate) kept: Vec<usize>,
+    pub(crate) generic: Vec<usize>,
 }
 
 impl Memory {
@@ -40,12 +42,8 @@ impl Memory {
         let closer = candidates.min(cells);
         let gather = |rows| Gather::new(1, Vec::with_capacity(rows));
         let values = |rows: usize, channels: usize| Vec::with_capacity(rows * channels);
-        let is_sigmoid = network.head == HeadKind::Sigmoid;
-        let class_logits = if is_sigmoid {
-            anchors * network.classes
-        } else {
-            0
-        };
+        let has_class_logits = usize::from(network.head == HeadKind::Sigmoid);
+        let class_logits = has_class_logits * anchors * network.classes;
         Memory {
             every_row: gather(cells),
             class_logits: values(cells, class_logits),
@@ -57,7 +55,9 @@ impl Memory {
             codes: values(closer, BOX_CODES * anchors),
             directions: values(closer, 2 * anchors),
             boxes: Vec::with_capacity(candidates),
-            suppressor: Suppressor::new(candidates),
+            order: Vec::with_capacity(candidates),
+            kept: Vec::with_capacity(candidates),
+            generic: Vec::with_capacity(candidates),
         }
     }
 }

@@ -37,14 +37,9 @@ pub struct HeadCounts {
     pub candidates: u32,
     /// Of them left out beyond `candidates_max`.
     pub over_candidates_max: u32,
-    /// Of them anchors without a class whose logit says that they hold a known object, which has anchors of its class, and
-    /// kept boxes of such anchors that are not unknown enough.
-    pub generic_known: u32,
     /// Of them left out because their box or embedding is no number.
     pub non_finite: u32,
-    /// Boxes kept.
-    pub boxes: u32,
-    /// Of them those of anchors without a class: the last ones of the list.
+    /// Boxes of anchors without a class: the last ones of the list.
     pub generic: u32,
     /// `boxes_max` was reached: weaker boxes may have been left out.
     pub boxes_max_reached: bool,

@@ -88,7 +88,7 @@ fn a_claimed_box_comes_out_with_its_class_direction_and_scores() -> Fallible {
 
     let cells = [car_cell as u32, 100, cyclist_cell as u32];
     let (found, counts) = detect(&mut head, &cells, &rows.concat())?;
-    assert_eq!((found.len(), counts.candidates, counts.boxes), (2, 2, 2));
+    assert_eq!((found.len(), counts.candidates), (2, 2));
     let (first, second) = (found[0], found[1]);
     assert_eq!((first.class_id, second.class_id), (0, 2));
     let candidates = (first.is_candidate(), second.is_candidate());
@@ -146,8 +146,14 @@ fn damaged_rows_are_counted_and_limits_are_said() -> Fallible {
     }
     (rows[6][9], rows[5][6], rows[2][0]) = (f32::MAX, f32::MAX, f32::NAN);
     let (found, counts) = detect(&mut head, &[0, 1, 2, 3, 4, 5, 6], &rows.concat())?;
-    assert_eq!((counts.candidates, counts.over_candidates_max), (6, 1));
-    assert_eq!((counts.non_finite, counts.boxes_max_reached), (2, true));
+    let expected = HeadCounts {
+        candidates: 6,
+        over_candidates_max: 1,
+        non_finite: 2,
+        generic: 0,
+        boxes_max_reached: true,
+    };
+    assert_eq!(counts, expected);
     assert_eq!(found.iter().map(|d| d.cell).collect::<Vec<_>>(), [4, 3]);
     Ok(())
 }
@@ -231,8 +237,8 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     let cell = 136;
     // 10 objectness, 3 embedding, 70 codes, 20 bins, 1 unknown.
     let mut row = quiet_row(&manifest, 10);
-    // The car's first anchor and the last size's claim the same place; the second is surer.
-    for (anchor, logit) in [(0, 1.0), (8, 2.0)] {
+    // The car's first anchor and two of sizes without a class claim the same place; the last one is the surest.
+    for (anchor, logit) in [(0, 1.0), (7, 1.5), (8, 2.0)] {
         row[anchor] = logit;
         let at = anchors.anchor(cell, anchor);
         let found = Box3::new([at.center_m[0], at.center_m[1], -1.0, 3.0, 1.4, 1.9, 0.2]);
@@ -254,8 +260,12 @@ fn an_open_head_tells_the_unknown_by_its_logit_and_keeps_boxes_without_a_class()
     for logit in [0.3, -1.5] {
         let (detections, counts) = with_unknown(logit)?;
         assert_eq!((detections.len(), counts.generic), (1, 0));
-        assert_eq!(counts.generic_known, 1);
         assert!(!detections[0].is_candidate());
     }
+    manifest.thresholds.boxes_max = 1;
+    let mut head = Head::new(&manifest, &copying(&manifest))?;
+    row[103] = 1.5;
+    let (detections, counts) = detect(&mut head, &[cell as u32], &row)?;
+    assert_eq!((detections.len(), counts.boxes_max_reached), (1, true));
     Ok(())
 }

@@ -126,7 +126,6 @@ impl Clusterer for ScanClusterer {
         proposal.footprint = cluster.footprint;
         if cluster.measures.is_cut {
             proposal.flags |= Object::SPLIT;
-            task.counters.split += 1;
         }
         Some(cluster.measures)
     }

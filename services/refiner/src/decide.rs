@@ -13,7 +13,7 @@ use mluc_ipc_types::{Detection, Disposition, Object};
 
 use crate::clusters::Measures;
 use crate::proposal::Proposal;
-use crate::{ClusterScorer, PRIORS, RefinerError, RobotSettings, Sensor, Settings};
+use crate::{ClusterScorer, RefinerError, RobotSettings, Sensor, Settings, priors};
 
 /// Factor on the score of what is unlikely an object, and the least that a cluster's score may be.
 const UNLIKELY: f32 = 0.05;
@@ -38,9 +38,12 @@ impl UnknownScorer {
     ) -> Result<UnknownScorer, RefinerError> {
         let is_ours = settings.is_ours();
         if settings.study.scores_clusters == Some(true) && cluster.is_none() {
-            return Err(RefinerError::NoClusterScorer {
-                tensor: mluc_model::CLUSTER_SCORER,
-            });
+            let expected = format!("a model with the tensor {}", mluc_model::CLUSTER_SCORER);
+            return Err(RefinerError::new(
+                "scores of clusters",
+                expected,
+                "none in it",
+            ));
         }
         let cluster = cluster.filter(|_| settings.study.scores_clusters.unwrap_or(is_ours));
         let ranks_sizes = is_ours && (cluster.is_some() || sensor.tells_unknown);
@@ -102,9 +105,9 @@ impl UnknownScorer {
 
 /// The flag that says why a box is not of a road user's size, if it is not.
 fn size_reason(shape: &Box3) -> Option<u32> {
-    let pairs = shape.size_m.iter().zip(PRIORS.road_user_m);
+    let pairs = shape.size_m.iter().zip(priors::ROAD_USER_M);
     let [length, width, height] = shape.size_m;
-    let [post_side_m, post_height_m] = PRIORS.post_m;
+    let [post_side_m, post_height_m] = priors::POST_M;
     if pairs.clone().any(|(size, [_, most])| *size > most) {
         Some(Object::LARGE)
     } else if pairs.clone().any(|(size, [least, _])| *size < least) {

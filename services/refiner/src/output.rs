@@ -1,20 +1,12 @@
 //! What a frame gives.
 
-use mluc_ipc_types::{Disposition, Flags, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
+use mluc_ipc_types::{Flags, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
 
 /// Counts of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Detections on the known side of the gate, with a sound box.
-    pub known: u32,
-    /// Candidates, with a sound box.
-    pub candidates: u32,
-    /// Objects by [`Disposition`], known ones included.
-    pub by_disposition: [u32; Disposition::NAMES.len()],
     /// Candidates whose turn came after the frame's work or time was used up: published with their proposal box.
     pub unrefined: u32,
-    /// Candidates whose cluster was larger than any road user: a piece of it was published.
-    pub split: u32,
     /// Candidates whose neighbourhood was thinned.
     pub thinned: u32,
     /// Detections with a size, place, class or kind that makes no sense.
@@ -32,11 +24,6 @@ pub struct Counters {
 }
 
 impl Counters {
-    /// Objects with this disposition.
-    pub fn with_disposition(&self, disposition: Disposition) -> u32 {
-        self.by_disposition[disposition as usize]
-    }
-
     /// What the frame deserves: limits that were reached, input that was not usable.
     pub fn flags(&self) -> Flags {
         let flags = [

@@ -14,7 +14,7 @@ use crate::merge::{KNOWN_MARGIN_M, KNOWN_SCORE_MIN, best_first, half_diagonal_m,
 use crate::output::{Counters, RefinerOutput};
 use crate::paper::PaperClusterer;
 use crate::proposal::{Proposal, valid_box};
-use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant};
+use crate::{ClusterScorer, RefinerError, Sensor, Settings, Variant, sensor};
 
 /// Work that all candidates of a frame may cost in the paper's variants: points looked at, as often as they are. Counted and
 /// not timed, so that equal input gives equal output. Where the scan is clustered once, work is bounded by its points.
@@ -57,9 +57,7 @@ impl Refiner {
         scorer: Option<ClusterScorer>,
     ) -> Result<Refiner, RefinerError> {
         settings.check()?;
-        if let Some(beams) = &sensor.beams {
-            beams.check()?;
-        }
+        sensor.beams.as_ref().map_or(Ok(()), sensor::check)?;
         let clusterer: Box<dyn Clusterer> = match settings.variant {
             Variant::RangeScaled => Box::new(ScanClusterer::new(&settings, sensor)),
             Variant::Paper | Variant::PaperCorrected => {
@@ -165,14 +163,13 @@ impl Refiner {
                     let score = self.scorer.score_candidate(detection);
                     Proposal::of_detection(index, detection, shape, score)
                 }
-                None => Proposal::invalid(index, detection),
+                None => {
+                    counters.invalid_detections += 1;
+                    Proposal::invalid(index, detection)
+                }
             };
-            counters.known += u32::from(proposal.is_known());
-            counters.candidates += u32::from(proposal.is_standing());
             self.proposals.push(proposal);
         }
-        let sound = counters.known + counters.candidates;
-        counters.invalid_detections = self.proposals.len() as u32 - sound;
         self.counters = counters;
     }
 
@@ -216,7 +213,6 @@ impl Refiner {
         out.object_points.clear();
         out.counters = self.counters;
         for (proposal, detection) in self.proposals.iter().zip(detections) {
-            out.counters.by_disposition[proposal.disposition as usize] += 1;
             let object = proposal.object(detection, self.classes.max(1));
             out.objects.push(object);
         }

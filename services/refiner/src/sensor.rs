@@ -1,17 +1,8 @@
 //! What the refiner must know of the model and its sensor.
 
-use mluc_model::{HeadKind, Manifest};
+use mluc_model::{Beams, HeadKind, Manifest};
 
 use crate::RefinerError;
-
-/// Beams of a range image.
-#[derive(Clone, Debug, PartialEq)]
-pub struct BeamTable {
-    /// Elevation of each beam, rad, from the top down.
-    pub elevation_rad: Vec<f32>,
-    /// Azimuth step of a column, rad.
-    pub azimuth_step_rad: f32,
-}
 
 /// Beams of one range image at most: it bounds the image's memory.
 const BEAMS_MAX: usize = 256;
@@ -26,7 +17,7 @@ pub struct Sensor {
     /// Height above the ground, m.
     pub height_m: f64,
     /// For the range image; `None`: neighbours are found by distance.
-    pub beams: Option<BeamTable>,
+    pub beams: Option<Beams>,
     /// Names of the known classes, in the order of `class_id`.
     pub classes: Vec<String>,
     /// Whether the model sees behind the vehicle too.
@@ -49,18 +40,12 @@ impl Sensor {
 
     /// From a model file's manifest. A beam table that is not finite or not descending is refused.
     pub fn from_manifest(manifest: &Manifest) -> Result<Sensor, RefinerError> {
-        let table = &manifest.beams;
-        let step = match table.azimuth_step_rad {
-            0.0 => AZIMUTH_STEP_DEFAULT_RAD,
-            step => step,
-        };
-        let beams = (!table.elevation_rad.is_empty()).then(|| BeamTable {
-            elevation_rad: table.elevation_rad.clone(),
-            azimuth_step_rad: step,
-        });
-        if let Some(beams) = &beams {
-            beams.check()?;
+        let mut beams = manifest.beams.clone();
+        if beams.azimuth_step_rad == 0.0 {
+            beams.azimuth_step_rad = AZIMUTH_STEP_DEFAULT_RAD;
         }
+        let beams = Some(beams).filter(|beams| !beams.elevation_rad.is_empty());
+        beams.as_ref().map_or(Ok(()), check)?;
         Ok(Sensor {
             height_m: f64::from(manifest.sensor_height_m),
             beams,
@@ -71,28 +56,25 @@ impl Sensor {
     }
 }
 
-impl BeamTable {
-    pub(crate) fn check(&self) -> Result<(), RefinerError> {
-        let elevations = &self.elevation_rad;
-        let rising = elevations.windows(2).find(|pair| pair[1] >= pair[0]);
-        let steep = elevations.iter().find(|e| e.is_nan() || e.abs() >= 1.5);
-        let (expected, found) = if elevations.len() > BEAMS_MAX {
-            ("at most 256 beams", elevations.len() as f32)
-        } else if let Some(steep) = steep {
-            ("elevations within 1.5 rad of the horizon", *steep)
-        } else if let Some(pair) = rising {
-            ("elevations from the top down", pair[1])
-        } else if !(AZIMUTH_STEP_MIN_RAD..0.2).contains(&self.azimuth_step_rad) {
-            (
-                "an azimuth step of 0.0004 to 0.2 rad",
-                self.azimuth_step_rad,
-            )
-        } else {
-            return Ok(());
-        };
-        Err(RefinerError::Beams {
-            expected,
-            found: f64::from(found),
-        })
-    }
+/// Whether a range image can be made of beams.
+pub(crate) fn check(beams: &Beams) -> Result<(), RefinerError> {
+    let (elevations, step_rad) = (&beams.elevation_rad, beams.azimuth_step_rad);
+    let rising = elevations.windows(2).find(|pair| pair[1] >= pair[0]);
+    let steep = elevations.iter().find(|e| e.is_nan() || e.abs() >= 1.5);
+    let (expected, found) = if elevations.len() > BEAMS_MAX {
+        ("at most 256 beams", elevations.len() as f32)
+    } else if let Some(steep) = steep {
+        ("elevations within 1.5 rad of the horizon", *steep)
+    } else if let Some(pair) = rising {
+        ("elevations from the top down", pair[1])
+    } else if !(AZIMUTH_STEP_MIN_RAD..0.2).contains(&step_rad) {
+        ("an azimuth step of 0.0004 to 0.2 rad", step_rad)
+    } else {
+        return Ok(());
+    };
+    Err(RefinerError::new(
+        "the model's beams",
+        expected,
+        f64::from(found),
+    ))
 }

@@ -1,11 +1,49 @@
 //! What a user sets of the refiner, with units; every default says where its number comes from.
 //!
-//! What is known of vehicles is data ([`crate::PRIORS`]), and what only a study turns is [`Study`].
+//! What is known of vehicles stands in `priors.rs`, and what only a study turns is [`Study`].
+
+use std::fmt::Display;
 
 use serde::{Deserialize, Serialize};
 
+use crate::Sensor;
 use crate::fit::BoxFit;
-use crate::{RefinerError, Sensor};
+
+/// Settings, a model or a sensor that no refiner can work with.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{what}: expected {expected}, found {found}")]
+pub struct RefinerError {
+    what: String,
+    expected: String,
+    found: String,
+}
+
+impl RefinerError {
+    pub(crate) fn new(
+        what: impl Display,
+        expected: impl Display,
+        found: impl Display,
+    ) -> RefinerError {
+        RefinerError {
+            what: what.to_string(),
+            expected: expected.to_string(),
+            found: found.to_string(),
+        }
+    }
+
+    /// The first setting that is out of its range: name, what is expected, value, whether that fits.
+    pub(crate) fn unless_all<const COUNT: usize>(
+        rules: [(&str, &str, f64, bool); COUNT],
+    ) -> Result<(), RefinerError> {
+        match rules.into_iter().find(|(.., fits)| !fits) {
+            Some((name, expected, found, _)) => {
+                let what = format_args!("refiner setting {name}");
+                Err(RefinerError::new(what, expected, found))
+            }
+            None => Ok(()),
+        }
+    }
+}
 
 /// How the points of an unknown object are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -126,14 +164,10 @@ impl Settings {
         let within = |name, expected, v: f64, most| (name, expected, v, v > 0.0 && v <= most);
         let share = self.join_per_range;
         let is_share = (0.0..=1.0).contains(&share);
+        let points_min = self.points_min.into();
         let rules = [
             within("time_max_ms", "above 0 to 10,000 ms", self.time_max_ms, 1e4),
-            within(
-                "points_min",
-                "1 to 10,000 points",
-                self.points_min.into(),
-                1e4,
-            ),
+            within("points_min", "1 to 10,000 points", points_min, 1e4),
             above_0("ground_clearance_m", self.ground_clearance_m),
             above_0("height_max_m", self.height_max_m),
             above_0("join_m", self.join_m),

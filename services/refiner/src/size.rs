@@ -6,13 +6,13 @@ use crate::fit::ClusterPoints;
 
 /// How large one thing can be: l, w, h, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SizeLimits {
+pub(crate) struct SizeLimits {
     /// Of what is lower than `tall_from_m`: two parked cars are longer than one, and as low.
-    pub low_m: [f64; 3],
+    pub(crate) low_m: [f64; 3],
     /// m.
-    pub tall_from_m: f64,
+    pub(crate) tall_from_m: f64,
     /// Of what is higher: trucks and buses.
-    pub tall_m: [f64; 3],
+    pub(crate) tall_m: [f64; 3],
 }
 
 impl SizeLimits {

@@ -40,21 +40,13 @@ impl TrackSettings {
     pub fn check(&self) -> Result<(), RefinerError> {
         let (distance_m, window, hits) = (self.distance_max_m, self.window, self.confirm_hits);
         let is_distance = distance_m > 0.0 && distance_m.is_finite();
-        let (is_window, is_hits) = (
-            (1..=FRAMES_MAX).contains(&window),
-            (1..=window).contains(&hits),
-        );
-        let rules = [
+        let is_window = (1..=FRAMES_MAX).contains(&window);
+        let (confirm, is_hits) = ("track.confirm_hits", (1..=window).contains(&hits));
+        RefinerError::unless_all([
             ("track.distance_max_m", "above 0 m", distance_m, is_distance),
             ("track.window", "1 to 32 frames", window.into(), is_window),
-            (
-                "track.confirm_hits",
-                "1 to track.window",
-                hits.into(),
-                is_hits,
-            ),
-        ];
-        RefinerError::unless_all(rules)
+            (confirm, "1 to track.window", hits.into(), is_hits),
+        ])
     }
 }
 
@@ -127,8 +119,6 @@ impl Tracker {
             object.track_id = track.id;
             if !track.is_confirmed {
                 object.disposition = Disposition::Unconfirmed as u32;
-                refined.counters.by_disposition[Disposition::Published as usize] -= 1;
-                refined.counters.by_disposition[Disposition::Unconfirmed as usize] += 1;
             }
         }
     }

@@ -12,8 +12,8 @@ use mluc_refiner::{
     cluster_scorer,
 };
 
-/// Nothing goes for its size; this is said of a cart, a low cart, a post and a hut.
-const SIZE_FLAGS: [u32; 4] = [0, 0, Object::SMALL, Object::LARGE];
+/// Nothing goes for its size; this is said of a cart, a low cart, a pole, a hut and a post.
+const SIZE_FLAGS: [u32; 5] = [0, 0, Object::SMALL, Object::LARGE, Object::POST];
 
 /// Only what is higher than about 1.4 m looks like something.
 fn tall_ones() -> Option<ClusterScorer> {
@@ -34,25 +34,25 @@ fn tall_ones() -> Option<ClusterScorer> {
     ClusterScorer::new(values)
 }
 
-/// A cart, a low cart, a post and a hut.
-fn boxes() -> [Box3; 4] {
+/// A cart, a low cart, a pole, a hut, and a post too high for its ground.
+fn boxes() -> [Box3; 5] {
     [
         standing(10.0, 5.0, [2.6, 1.3, 1.9], 0.4),
         standing(12.0, -5.0, [2.6, 1.3, 1.0], 0.4),
         standing(7.0, 0.0, [0.25, 0.25, 1.8], 0.0),
         standing(-10.0, 0.0, [6.0, 6.0, 3.0], 0.7),
+        standing(-9.0, -12.0, [0.8, 0.8, 2.4], 0.2),
     ]
 }
 
 /// A candidate on each box.
-fn candidates(boxes: &[Box3]) -> Vec<Detection> {
-    let candidates = boxes.iter().map(|b| candidate(b, [0.1, 0.1], 8.0));
-    candidates.collect()
+fn candidates() -> [Detection; 5] {
+    boxes().map(|b| candidate(&b, [0.1, 0.1], 8.0))
 }
 
-/// What a refiner says of boxes and detections, the same twice.
-fn refined(refiner: &mut Refiner, boxes: &[Box3], detections: &[Detection]) -> RefinerOutput {
-    let points = scan(boxes);
+/// What a refiner says of the boxes and detections, the same twice.
+fn refined(mut refiner: Refiner, detections: &[Detection]) -> RefinerOutput {
+    let points = scan(&boxes());
     let (mut once, mut again) = (RefinerOutput::default(), RefinerOutput::default());
     refiner.refine(7, &points, detections, &mut once);
     refiner.refine(7, &points, detections, &mut again);
@@ -62,8 +62,8 @@ fn refined(refiner: &mut Refiner, boxes: &[Box3], detections: &[Detection]) -> R
 }
 
 fn run(settings: Settings, sensor: &Sensor, scorer: Option<ClusterScorer>) -> RefinerOutput {
-    let mut refiner = Refiner::with_scorer(settings, sensor, scorer).expect("settings");
-    refined(&mut refiner, &boxes(), &candidates(&boxes()))
+    let refiner = Refiner::with_scorer(settings, sensor, scorer).expect("settings");
+    refined(refiner, &candidates())
 }
 
 fn size_flags(out: &RefinerOutput) -> Vec<u32> {
@@ -94,7 +94,7 @@ fn open() -> Sensor {
 #[test]
 fn what_scores_well_comes_first_and_sizes_of_no_road_user_last() {
     let plain = run(Settings::default(), &sensor(), None);
-    assert_eq!(size_flags(&plain), [0; 4]);
+    assert_eq!(size_flags(&plain), [0; 5]);
     let scored = run(Settings::default(), &sensor(), tall_ones());
     assert_eq!(size_flags(&scored), SIZE_FLAGS);
     for (i, (scored, plain)) in scored.objects.iter().zip(&plain.objects).enumerate() {
@@ -111,8 +111,11 @@ fn each_can_be_had_alone_and_neither_in_the_papers_variants() {
     let plain = run(Settings::default(), &sensor(), None);
     let out = run(with(None, Some(true)), &sensor(), None);
     assert_eq!(size_flags(&out), SIZE_FLAGS);
-    assert_eq!(out.objects[1].score, plain.objects[1].score);
-    assert_eq!(out.objects[3].score, plain.objects[3].score * 0.05);
+    for (i, share) in [1.0, 1.0, 0.05, 0.05, 0.05].into_iter().enumerate() {
+        assert_eq!(out.objects[i].score, plain.objects[i].score * share);
+    }
+    let unranked = run(with(None, Some(false)), &sensor(), tall_ones());
+    assert!(unranked.objects[4].score > 0.9 * plain.objects[4].score);
     // A model with a probability of the unknown ranks sizes by itself.
     let out = run(Settings::default(), &open(), None);
     assert_eq!(size_flags(&out), SIZE_FLAGS);
@@ -139,41 +142,19 @@ fn the_robots_owner_decides_what_it_drives_over() {
     };
     let out = run(settings, &sensor(), None);
     let found = out.objects.iter().map(|o| is(o, Disposition::Undersized));
-    assert!(found.eq([false, true, true, false]), "{:?}", out.counters);
-    assert_eq!(out.counters.with_disposition(Disposition::Published), 2);
-}
-
-#[test]
-fn a_thing_too_high_for_its_ground_stays_behind_all_others() {
-    let boxes = [
-        standing(10.0, 5.0, [2.6, 1.3, 1.9], 0.4),
-        standing(9.0, -4.0, [0.8, 0.8, 2.4], 0.2),
-    ];
-    let objects = |ranks_sizes: bool, scorer: Option<ClusterScorer>| {
-        let settings = with(None, Some(ranks_sizes));
-        let mut refiner = Refiner::with_scorer(settings, &sensor(), scorer).expect("settings");
-        let out = refined(&mut refiner, &boxes, &candidates(&boxes));
-        assert!(out.objects.iter().all(Object::is_published));
-        out.objects
-    };
-    let plain = objects(false, None);
-    let sized = objects(true, None);
-    assert_eq!(sized[0].score, plain[0].score);
-    assert_eq!(sized[1].score, plain[1].score * 0.05);
-    assert_eq!([sized[0].flags, sized[1].flags], [0, Object::POST]);
-    let scored = objects(true, tall_ones());
-    assert!(scored[0].score > 0.99 * plain[0].score && scored[1].score <= 0.051 * plain[1].score);
-    assert!(objects(false, tall_ones())[1].score > 0.9 * plain[1].score);
+    assert!(found.eq([false, true, true, false, false]));
+    let published = out.objects.iter().filter(|o| o.is_published());
+    assert_eq!(published.count(), 3);
 }
 
 #[test]
 fn what_there_was_no_time_to_score_is_published_behind_the_others() {
-    let detections = candidates(&boxes());
+    let detections = candidates();
     let mut refiner =
         Refiner::with_scorer(Settings::default(), &sensor(), tall_ones()).expect("settings");
     let mut out = RefinerOutput::default();
     // Time for nothing, then for the clusters and two of the candidates.
-    for (asks, unrefined) in [(0, 4), (3, 2)] {
+    for (asks, unrefined) in [(0, 5), (3, 3)] {
         let mut asked = 0;
         let mut is_over = || {
             asked += 1;
@@ -191,14 +172,14 @@ fn what_there_was_no_time_to_score_is_published_behind_the_others() {
 
 #[test]
 fn an_open_heads_probability_ranks() {
-    let mut detections = candidates(&boxes());
-    for (detection, p) in detections.iter_mut().zip([0.9, 0.3, f32::NAN, 0.5]) {
+    let mut detections = candidates();
+    for (detection, p) in detections.iter_mut().zip([0.9, 0.3, f32::NAN, 0.5, 0.0]) {
         detection.unknown_probability = p;
     }
-    let mut refiner = Refiner::new(Settings::default(), &open()).expect("settings");
-    let out = refined(&mut refiner, &boxes(), &detections);
-    // The last one is larger than a road user: behind all others.
-    for (object, expected) in out.objects.iter().zip([0.54, 0.18, 0.0, 0.015]) {
+    let refiner = Refiner::new(Settings::default(), &open()).expect("settings");
+    let out = refined(refiner, &detections);
+    // The hut is larger than a road user: behind all others.
+    for (object, expected) in out.objects.iter().zip([0.54, 0.18, 0.0, 0.015, 0.0]) {
         assert!((object.score - expected).abs() < 1e-6, "{object:?}");
     }
 }

@@ -130,5 +130,4 @@ fn too_few_points_are_told_and_what_is_oversized_is_split() {
     let length_m = piece.size_m[0];
     assert!(length_m > 8.0 && length_m <= 16.0, "{length_m}");
     assert!(piece.points_count > 500);
-    assert_eq!(out.counters.split, 1);
 }

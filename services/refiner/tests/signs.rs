@@ -56,7 +56,7 @@ fn shares(grower: &mut dyn Grower, step_m: f64) -> [f64; 2] {
 #[test]
 fn the_corrected_sign_keeps_the_surface_and_stops_at_the_step() {
     let sensor = common::sensor();
-    let fine = mluc_refiner::BeamTable {
+    let fine = mluc_model::Beams {
         azimuth_step_rad: std::f32::consts::TAU / 4096.0,
         ..sensor.beams.expect("beams")
     };

@@ -4,14 +4,14 @@ mod common;
 
 use common::{box_of, candidate, refine, scan, standing};
 use mluc_geometry::{Box3, iou_3d, limit_period};
-use mluc_ipc_types::{Detection, Point};
+use mluc_ipc_types::{Detection, Object, Point};
 use mluc_refiner::Variant;
 use proptest::prelude::*;
 
 const WITHOUT_CHANCE: [Variant; 3] = [Variant::PaperCorrected, Variant::RangeScaled, Variant::None];
 
-fn scene() -> (Vec<Point>, Vec<Box3>, Vec<Detection>) {
-    let boxes = vec![
+fn scene() -> (Vec<Point>, Vec<Detection>) {
+    let boxes = [
         standing(11.0, 4.0, [2.6, 1.25, 1.85], 1.1),
         standing(14.0, -6.0, [2.9, 1.2, 2.1], 0.3),
         standing(9.0, -1.5, [0.6, 0.6, 1.7], 0.0),
@@ -20,8 +20,7 @@ fn scene() -> (Vec<Point>, Vec<Box3>, Vec<Detection>) {
     let points = scan(&boxes);
     let candidates = boxes.iter().zip([1.0, 2.0, 3.0, 4.0]);
     let candidates = candidates.map(|(b, eds)| candidate(b, [0.4, -0.5], eds));
-    let detections = candidates.collect();
-    (points, boxes, detections)
+    (points, candidates.collect())
 }
 
 /// A place turned around the sensor.
@@ -43,6 +42,18 @@ fn moved(points: &mut [Point], detections: &mut [Detection], to: impl Fn([f64; 2
     }
 }
 
+/// Each object of the scene, and what it is after a change of the scene.
+fn compared(change: impl FnOnce(&mut [Point], &mut [Detection])) -> Vec<(Object, Object)> {
+    let (mut points, mut detections) = scene();
+    let before = refine(Variant::RangeScaled, &points, &detections);
+    change(&mut points, &mut detections);
+    let after = refine(Variant::RangeScaled, &points, &detections);
+    let pairs = before.objects.into_iter().zip(after.objects);
+    pairs
+        .inspect(|(a, b)| assert_eq!(a.disposition, b.disposition))
+        .collect()
+}
+
 /// Boxes overlap by more than `least`. Of a person two faces of half a metre are seen: several headings fit them as well,
 /// so that the heading may jump, and place and size are within a quarter of a metre.
 fn is_same(found: &Box3, expected: &Box3, least: f64) -> bool {
@@ -58,13 +69,11 @@ proptest! {
 
     #[test]
     fn turning_the_scene_turns_the_boxes(by_rad in -3.1f64..3.1) {
-        let (mut points, _, mut detections) = scene();
-        let before = refine(Variant::RangeScaled, &points, &detections);
-        moved(&mut points, &mut detections, |place| turned(place, by_rad));
-        detections.iter_mut().for_each(|d| d.yaw_rad += by_rad as f32);
-        let after = refine(Variant::RangeScaled, &points, &detections);
-        for (a, b) in before.objects.iter().zip(&after.objects) {
-            prop_assert_eq!(a.disposition, b.disposition);
+        let pairs = compared(|points, detections| {
+            moved(points, detections, |place| turned(place, by_rad));
+            detections.iter_mut().for_each(|d| d.yaw_rad += by_rad as f32);
+        });
+        for (a, b) in &pairs {
             // The cells of ground and clusters lie along the axes: a point at the edge of one may change sides.
             let apart = a.points_count.abs_diff(b.points_count);
             prop_assert!(100 * apart <= a.points_count, "{} {}", a.points_count, b.points_count);
@@ -81,13 +90,11 @@ proptest! {
 
     #[test]
     fn raising_the_scene_raises_the_boxes(by_m in -3.0f32..3.0) {
-        let (mut points, _, mut detections) = scene();
-        let before = refine(Variant::RangeScaled, &points, &detections);
-        points.iter_mut().for_each(|p| p.z_m += by_m);
-        detections.iter_mut().for_each(|d| d.center_m[2] += by_m);
-        let after = refine(Variant::RangeScaled, &points, &detections);
-        for (a, b) in before.objects.iter().zip(&after.objects) {
-            prop_assert_eq!(a.disposition, b.disposition);
+        let pairs = compared(|points, detections| {
+            points.iter_mut().for_each(|p| p.z_m += by_m);
+            detections.iter_mut().for_each(|d| d.center_m[2] += by_m);
+        });
+        for (a, b) in &pairs {
             let mut expected = box_of(a);
             expected.center_m[2] += f64::from(by_m);
             // Large clusters are thinned for their heading, by heights too.
@@ -98,24 +105,20 @@ proptest! {
     /// Not exact as raising is: reach and ground depend on the place, if little.
     #[test]
     fn shifting_the_scene_shifts_the_boxes(x_m in -1.5f32..1.5, y_m in -1.5f32..1.5) {
-        let (mut points, boxes, mut detections) = scene();
-        let before = refine(Variant::RangeScaled, &points, &detections);
         let by = [x_m, y_m].map(f64::from);
-        moved(&mut points, &mut detections, |[x, y]| [x + by[0], y + by[1]]);
-        let after = refine(Variant::RangeScaled, &points, &detections);
-        for (i, (a, b)) in before.objects.iter().zip(&after.objects).enumerate() {
-            prop_assert_eq!(a.disposition, b.disposition);
+        let pairs = compared(|points, detections| moved(points, detections, |[x, y]| [x + by[0], y + by[1]]));
+        for (i, (a, b)) in pairs.iter().enumerate() {
             let mut expected = box_of(a);
             expected.center_m[0] += f64::from(x_m);
             expected.center_m[1] += f64::from(y_m);
             let found = box_of(b);
-            prop_assert!(is_same(&found, &expected, 0.8), "object {}: {:?} {:?} {:?}", i, found, expected, boxes[i]);
+            prop_assert!(is_same(&found, &expected, 0.8), "object {}: {:?} {:?}", i, found, expected);
         }
     }
 
     #[test]
     fn the_order_of_points_does_not_matter(seed in 1u64..u64::MAX) {
-        let (points, _, detections) = scene();
+        let (points, detections) = scene();
         let mut order: Vec<usize> = (0..points.len()).collect();
         order.sort_by_key(|&i| (i as u64).wrapping_mul(seed | 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
         let shuffled: Vec<Point> = order.iter().map(|&i| points[i]).collect();
@@ -134,7 +137,7 @@ proptest! {
 
     #[test]
     fn the_order_of_candidates_does_not_matter(turns in 1usize..4) {
-        let (points, _, detections) = scene();
+        let (points, detections) = scene();
         let mut permuted = detections.clone();
         permuted.rotate_left(turns);
         for variant in WITHOUT_CHANCE {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use mluc_ipc_types::{ContractError, FrameHeader, Point, RunDescription, Topic};
 
 use crate::error::Result;
-use crate::{Input, Message, Next, Payload, Scans, Shell};
+use crate::{Input, Next, Payload, Scans, Shell};
 
 /// A topic's frames.
 pub struct Frames<T: Payload> {
@@ -49,26 +49,11 @@ impl<T: Payload> Frames<T> {
         self.input.name()
     }
 
-    /// Waits for the newest frame; `None`: this process was asked to end.
-    pub fn next(&mut self, shell: &mut Shell) -> Result<Option<Message<T>>> {
-        loop {
-            match self.next_within(shell, Duration::MAX)? {
-                Next::Message(message) => return Ok(Some(message)),
-                Next::Stopping => return Ok(None),
-                Next::Timeout => (),
-            }
-        }
-    }
-
-    /// The same, and gives up after `timeout`, or when a frame was refused.
+    /// Waits for the newest frame; gives up after `timeout`, or when a frame was refused.
     pub fn next_within(&mut self, shell: &mut Shell, timeout: Duration) -> Result<Next<T>> {
         if !shell.await_run(timeout)? {
-            let is_stopping = shell.is_stopping();
-            return Ok(if is_stopping {
-                Next::Stopping
-            } else {
-                Next::Timeout
-            });
+            let stopping = shell.is_stopping().then_some(Next::Stopping);
+            return Ok(stopping.unwrap_or(Next::Timeout));
         }
         let scans = &mut self.scans;
         let take_scans = |run: Option<&RunDescription>| match (scans.as_mut(), run) {

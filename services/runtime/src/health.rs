@@ -41,8 +41,8 @@ impl Heartbeat {
     }
 
     pub(crate) fn record_run(&mut self, run_ns: u64) {
-        self.run_us
-            .saturating_record((run_ns / 1000).clamp(1, RUN_MAX_US));
+        let run_us = (run_ns / 1000).clamp(1, RUN_MAX_US);
+        self.run_us.saturating_record(run_us);
     }
 
     pub(crate) fn is_due(&self) -> bool {
@@ -59,9 +59,7 @@ impl Heartbeat {
         };
         let mut header = FrameHeader::new(self.count, self.stage.name());
         header.run_id = health.run_id;
-        let mut loan = self.output.loan(&header, 1)?;
-        loan.elements_mut().fill(health);
-        loan.publish()?;
+        self.output.send(&header, &[health])?;
         self.count += 1;
         self.last_ns = monotonic_ns();
         Ok(())

@@ -67,6 +67,13 @@ impl<T: Payload> Output<T> {
         })
     }
 
+    /// Sends a message that holds a copy of these elements.
+    pub fn send(&mut self, header: &FrameHeader, elements: &[T]) -> Result<()> {
+        let mut loan = self.loan(header, elements.len())?;
+        loan.elements_mut().copy_from_slice(elements);
+        loan.publish()
+    }
+
     /// Connects consumers that came since the last message, which get what the topic's history holds.
     pub(crate) fn reach_late_readers(&self) -> Result<()> {
         let updated = self.publisher.update_connections();
@@ -74,11 +81,8 @@ impl<T: Payload> Output<T> {
     }
 
     fn failed(&self, action: &str, cause: impl std::fmt::Debug) -> RuntimeError {
-        RuntimeError::topic(
-            self.instance.name(),
-            &self.name,
-            format!("{action}: {cause:?}"),
-        )
+        let cause = format!("{action}: {cause:?}");
+        RuntimeError::topic(self.instance.name(), &self.name, cause)
     }
 }
 

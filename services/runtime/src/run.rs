@@ -2,11 +2,11 @@
 
 use std::hash::{BuildHasher, RandomState};
 
-use mluc_ipc_types::{FrameHeader, RunDescription, Topic};
+use mluc_ipc_types::{RunDescription, Topic};
 
 use crate::error::Result;
 use crate::node::IpcNode;
-use crate::{Claim, Input, Output, monotonic_ns};
+use crate::{Input, monotonic_ns};
 
 /// Role of the process that describes the run: one at a time.
 pub(crate) const ROLE: &str = "run";
@@ -48,29 +48,5 @@ impl RunWatch {
     /// 0 before one is known.
     pub(crate) fn id(&self) -> u64 {
         self.current.map_or(0, |run| run.run_id)
-    }
-}
-
-/// Describes the run; hands the description to late readers with [`Output::reach_late_readers`].
-pub(crate) struct RunWriter {
-    pub(crate) output: Output<RunDescription>,
-    _claim: Claim,
-}
-
-impl RunWriter {
-    pub(crate) fn begin(
-        mut output: Output<RunDescription>,
-        claim: Claim,
-        run: &RunDescription,
-    ) -> Result<RunWriter> {
-        let mut header = FrameHeader::new(0, ROLE);
-        (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
-        let mut loan = output.loan(&header, 1)?;
-        loan.elements_mut().fill(*run);
-        loan.publish()?;
-        Ok(RunWriter {
-            output,
-            _claim: claim,
-        })
     }
 }

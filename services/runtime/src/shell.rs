@@ -2,13 +2,15 @@
 
 use std::time::Duration;
 
-use mluc_ipc_types::{Health, HealthState, RunDescription, Stage, Text, Topic, WIRE_VERSION};
+use mluc_ipc_types::{
+    FrameHeader, Health, HealthState, RunDescription, Stage, Text, Topic, WIRE_VERSION,
+};
 
 use crate::error::Result;
 use crate::health::Heartbeat;
 use crate::mapping::{self, Prefault};
 use crate::node::IpcNode;
-use crate::run::{self, RunWatch, RunWriter};
+use crate::run::{self, RunWatch};
 use crate::{
     Claim, HealthWatch, Input, Instance, Membership, Message, Output, Payload, RuntimeError,
     Shutdown, monotonic_ns,
@@ -26,7 +28,8 @@ pub struct Shell {
     // Fields drop in this order: ports, node, claim, membership.
     heartbeat: Option<Heartbeat>,
     run: RunWatch,
-    run_writer: Option<RunWriter>,
+    /// Describes the run, where this process does.
+    run_writer: Option<(Output<RunDescription>, Claim)>,
     node: IpcNode,
     _claim: Option<Claim>,
     membership: Membership,
@@ -38,8 +41,8 @@ pub struct Shell {
     prefault: Prefault,
     touched_ns: u64,
     shutdown: Shutdown,
-    /// Since the last message that was waited for.
-    silence: Option<Silence>,
+    /// Since when no message came that was waited for, and whether this was said.
+    silence: Option<(u64, bool)>,
     /// Published with every heartbeat; the program counts in it.
     pub health: Health,
 }
@@ -52,12 +55,6 @@ pub enum Next<T: Payload> {
     Timeout,
     /// This process was asked to end.
     Stopping,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Silence {
-    since_ns: u64,
-    is_said: bool,
 }
 
 impl Shell {
@@ -130,8 +127,12 @@ impl Shell {
             Err(RuntimeError::AlreadyRunning { .. }) => return Ok(false),
             claimed => claimed?,
         };
-        let output = self.output(&Topic::RUN, 1)?;
-        self.run_writer = Some(RunWriter::begin(output, claim, description)?);
+        let mut output = self.output(&Topic::RUN, 1)?;
+        let mut header = FrameHeader::new(0, run::ROLE);
+        header.run_id = description.run_id;
+        header.model_fingerprint = description.model_fingerprint;
+        output.send(&header, &[*description])?;
+        self.run_writer = Some((output, claim));
         self.run.current = Some(*description);
         self.follow_run()?;
         Ok(true)
@@ -226,10 +227,7 @@ impl Shell {
         timeout: Duration,
     ) -> Result<Next<T>> {
         let begun_ns = monotonic_ns();
-        self.silence.get_or_insert(Silence {
-            since_ns: begun_ns,
-            is_said: false,
-        });
+        self.silence.get_or_insert((begun_ns, false));
         loop {
             if self.is_stopping() {
                 return Ok(Next::Stopping);
@@ -259,13 +257,13 @@ impl Shell {
 
     /// Says once what is missing.
     fn say_silence<T: Payload>(&mut self, input: &Input<T>) -> Result<()> {
-        let Some(silence) = self.silence.as_mut().filter(|silence| !silence.is_said) else {
+        let Some((since_ns, is_said @ false)) = &mut self.silence else {
             return Ok(());
         };
-        if Duration::from_nanos(monotonic_ns() - silence.since_ns) <= Topic::SILENCE_MAX {
+        if Duration::from_nanos(monotonic_ns() - *since_ns) <= Topic::SILENCE_MAX {
             return Ok(());
         }
-        silence.is_said = true;
+        *is_said = true;
         let what = match input.producers() {
             0 => "no producer is running",
             _ => "their producer is silent",
@@ -276,10 +274,8 @@ impl Shell {
     }
 
     fn end_silence(&mut self, topic: &str) {
-        if let Some(silence) = self.silence.take()
-            && silence.is_said
-        {
-            let waited_ms = (monotonic_ns() - silence.since_ns) / 1_000_000;
+        if let Some((since_ns, true)) = self.silence.take() {
+            let waited_ms = (monotonic_ns() - since_ns) / 1_000_000;
             tracing::info!(waited_ms, "{topic} arrive");
         }
     }
@@ -315,8 +311,8 @@ impl Shell {
     /// What is to be done now and then: a look for a new run, the description for late readers, a heartbeat.
     pub fn tick(&mut self) -> Result<()> {
         self.follow_run()?;
-        if let Some(writer) = &self.run_writer {
-            writer.output.reach_late_readers()?;
+        if let Some((output, _)) = &self.run_writer {
+            output.reach_late_readers()?;
         }
         if self.heartbeat.as_ref().is_some_and(Heartbeat::is_due) {
             self.beat()?;

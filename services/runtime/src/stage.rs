@@ -1,11 +1,12 @@
 //! A stage's process, but for its algorithm: take, check, count, stamp, publish.
 
 use std::sync::OnceLock;
+use std::time::Duration;
 
 use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage};
 use tracing::span::EnteredSpan;
 
-use crate::{Frames, Output, Payload, RuntimeError, Shell, monotonic_ns};
+use crate::{Frames, Next, Output, Payload, RuntimeError, Shell, monotonic_ns};
 
 /// Of the spans that [`crate::log_to_stderr`] writes.
 const SPANS: &str = "mluc::frame";
@@ -88,7 +89,12 @@ pub fn run_stage<A: Algorithm>(
     let stage = A::STAGE;
     let waiting = format!("waiting for {}", frames.name());
     shell.state(HealthState::WaitingInput, &waiting)?;
-    while let Some(message) = frames.next(shell)? {
+    loop {
+        let message = match frames.next_within(shell, Duration::MAX)? {
+            Next::Message(message) => message,
+            Next::Stopping => break,
+            Next::Timeout => continue,
+        };
         let mut header = *message.header();
         begin(stage, &mut header, message.received_ns);
         let _frame = frame_span(&header);

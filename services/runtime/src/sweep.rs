@@ -47,16 +47,14 @@ const STILLBORN_AGE: Duration = Duration::from_millis(200);
 pub(crate) fn sweep_stillborn(instance: &Instance) -> usize {
     let now = SystemTime::now();
     let stillborn = |path: &PathBuf| {
-        let about = fs::symlink_metadata(path)
-            .ok()
-            .filter(|about| about.len() == 0);
-        let age = about.and_then(|about| now.duration_since(about.modified().ok()?).ok());
+        let about = fs::symlink_metadata(path).ok();
+        let empty = about.filter(|about| about.len() == 0);
+        let age = empty.and_then(|about| now.duration_since(about.modified().ok()?).ok());
         age.is_some_and(|age| age > STILLBORN_AGE)
     };
     let stillborn = segments(instance).into_iter().filter(stillborn);
-    stillborn
-        .filter(|path| fs::remove_file(path).is_ok())
-        .count()
+    let removed = stillborn.filter(|path| fs::remove_file(path).is_ok());
+    removed.count()
 }
 
 /// iceoryx2 makes its management segment writable for everybody; one byte from another user would then stop every

@@ -199,9 +199,8 @@ fn a_heartbeat_that_makes_no_sense_is_left_out() {
     let mut send = |change: &dyn Fn(&mut Health)| {
         let mut health = sound;
         change(&mut health);
-        let mut loan = output.loan(&FrameHeader::new(0, "refiner"), 1).unwrap();
-        loan.elements_mut().fill(health);
-        loan.publish().unwrap();
+        let header = FrameHeader::new(0, "refiner");
+        output.send(&header, &[health]).unwrap();
     };
     others.shell.tick().unwrap();
     watch.update().unwrap();

@@ -37,27 +37,21 @@ fn pair<T: Payload>(label: &str, topic: &Topic, elements_max: usize) -> Pair<T> 
 }
 
 fn leftovers(instance: &Instance) -> Vec<String> {
-    let segments = std::fs::read_dir("/dev/shm").unwrap().flatten();
-    segments
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .filter(|name| {
-            name.starts_with(instance.prefix())
-                || Path::new("/dev/shm").join(name) == instance.root()
-        })
+    let entries = std::fs::read_dir("/dev/shm").unwrap().flatten();
+    let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let is_root = |name: &str| Path::new("/dev/shm").join(name) == instance.root();
+    names
+        .filter(|name| name.starts_with(instance.prefix()) || is_root(name))
         .collect()
 }
 
 fn send(output: &mut Output<Point>, sequence: u64, points: usize) {
+    let point = Point {
+        y_m: sequence as f32,
+        ..Point::default()
+    };
     let header = FrameHeader::new(sequence, "a");
-    let mut loan = output.loan(&header, points).unwrap();
-    for (number, point) in loan.elements_mut().iter_mut().enumerate() {
-        *point = Point {
-            x_m: number as f32,
-            y_m: sequence as f32,
-            ..Point::default()
-        };
-    }
-    loan.publish().unwrap();
+    output.send(&header, &vec![point; points]).unwrap();
 }
 
 #[test]
@@ -118,9 +112,8 @@ fn an_empty_message_arrives_and_an_unsent_one_does_not() {
 fn blocks_of_64_bytes_keep_their_alignment() {
     let mut pair = pair::<FeatureBlock>("align", &Topic::FEATURES, 1000);
     let header = FrameHeader::new(0, "a");
-    let mut loan = pair.output.loan(&header, 1000).unwrap();
-    loan.elements_mut().fill(FeatureBlock([1.5; 16]));
-    loan.publish().unwrap();
+    let blocks = [FeatureBlock([1.5; 16]); 1000];
+    pair.output.send(&header, &blocks).unwrap();
     let message = pair.input.newest().unwrap().unwrap();
     assert_eq!(message.elements().as_ptr() as usize % 64, 0);
     assert_eq!(message.elements()[999].0, [1.5; 16]);

@@ -172,6 +172,7 @@ fn read_scenes(manifest: &Manifest, data: &Path, frames: &[usize]) -> Result<Vec
         dataset: Dataset::open(data)?,
         classes: names,
         takes_synthetic_unknown: false,
+        input: manifest.network.input,
     };
     let read = |&frame: &usize| {
         let count = source.count();

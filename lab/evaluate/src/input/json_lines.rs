@@ -3,8 +3,7 @@
 //! Only what is judged is looked at: `frame`, and of each of `objects` its kind, label, score and box. `suppressed`
 //! and everything else is passed over.
 
-use crate::{EvaluateError, ObjectKind, SensorDetection};
-use mluc_geometry::Box3;
+use crate::{EvaluateError, SensorDetection};
 use mluc_ipc_types::WIRE_VERSION;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -19,24 +18,7 @@ struct Line {
     /// Lines of hand-made tools may leave it out.
     wire: Option<u32>,
     frame: String,
-    objects: Vec<Object>,
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "lowercase")]
-enum KindName {
-    Known,
-    Unknown,
-}
-
-#[derive(Deserialize)]
-struct Object {
-    kind: KindName,
-    label: String,
-    score: f64,
-    center_m: [f64; 3],
-    size_m: [f64; 3],
-    yaw_rad: f64,
+    objects: Vec<SensorDetection>,
 }
 
 /// Reads JSON lines: detections by frame name. A frame that comes twice is an error, as is a line cut short.
@@ -71,14 +53,13 @@ pub fn read_json_lines(
                 "field wire: expected {WIRE_VERSION}, found {found}"
             )));
         }
-        let mut sizes = line.objects.iter().flat_map(|object| object.size_m);
+        let mut sizes = line.objects.iter().flat_map(|o| o.box_in_sensor.size_m);
         if let Some(found) = sizes.find(|v| !(v.is_finite() && *v > 0.0)) {
             return Err(fault(format!(
                 "field size_m: expected sizes above 0, found {found}"
             )));
         }
-        let detections = line.objects.into_iter().map(detection).collect();
-        if frames.insert(line.frame.clone(), detections).is_some() {
+        if frames.insert(line.frame.clone(), line.objects).is_some() {
             return Err(fault(format!(
                 "field frame: expected each frame once, found '{}' again",
                 line.frame
@@ -88,25 +69,11 @@ pub fn read_json_lines(
     Ok(frames)
 }
 
-fn detection(object: Object) -> SensorDetection {
-    SensorDetection {
-        kind: match object.kind {
-            KindName::Known => ObjectKind::Known,
-            KindName::Unknown => ObjectKind::Unknown,
-        },
-        class: object.label,
-        score: object.score,
-        box_in_sensor: Box3 {
-            center_m: object.center_m,
-            size_m: object.size_m,
-            yaw_rad: object.yaw_rad,
-        },
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ObjectKind;
+    use mluc_geometry::Box3;
 
     const LINE: &str = r#"{"wire":WIRE,"sequence":8,"frame":"000008","objects":[{"kind":"unknown","label":"unknown","score":0.5,"center_m":[10,1,-1],"size_m":[4,2,1.5],"yaw_rad":0.1,"points":9}],"suppressed":[{"reason":"overlaps_known"}],"flags":[]}"#;
 

@@ -4,7 +4,7 @@
 //! one on a score that is low for the unknown, and 0 is the closed set.
 
 use super::DetectedFrame;
-use crate::quantile_grid;
+use crate::sweep::quantile_grid;
 use mluc_head::{Detection, gate};
 use mluc_ipc_types::{DetectionKind, GateKind};
 use mluc_model::{HeadKind, Model, Thresholds};

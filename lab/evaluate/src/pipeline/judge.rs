@@ -1,12 +1,11 @@
 //! A model's figures at its own threshold, without the gate, and at many thresholds.
 
 use super::misses::{MissTable, misses};
-use super::rules::paper_rules;
 use super::separation::{ScoreSeparation, separation};
-use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects_at};
+use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects_at, paper_rules};
+use crate::open_set::unknown_as_known;
 use crate::{
     ApReport, ClassRule, EvaluateError, JudgedPoint, NeighbourPolicy, SweepPoint, evaluate,
-    unknown_as_known,
 };
 use mluc_model::Model;
 use mluc_refiner::Settings;

@@ -11,15 +11,14 @@ mod gate;
 mod judge;
 mod mahalanobis;
 mod misses;
-mod rules;
 mod separation;
 mod stages;
 
+pub use crate::rule::{paper_rules, unknown_classes};
 pub use choice::{Choice, choose_threshold, write_threshold};
 pub use frames::{DetectedFrame, FrameSet, folder_tail, scan_points};
 pub use gate::{ModelGate, THRESHOLDS};
 pub use judge::{ModelJudgement, judge, sweep_gate};
 pub use misses::{MissRow, MissTable};
-pub use rules::{paper_rules, unknown_classes};
 pub use separation::{ScoreSeparation, separation};
-pub use stages::{FoundObject, GatedObjects, class_names, detect_frames, objects_at};
+pub use stages::{GatedObjects, box_of, class_names, detect_frames, objects_at};

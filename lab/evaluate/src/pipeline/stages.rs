@@ -1,9 +1,10 @@
 //! The stages one after the other, as plain function calls: the network over scans, then a gate and the refiner at many thresholds.
 
 use super::{DetectedFrame, FrameSet, ModelGate};
+use crate::sweep::sweep;
 use crate::{
     ClassRule, EvaluateError, FrameTruth, JudgedPoint, LabelledFrame, ObjectKind, SensorDetection,
-    UNKNOWN, sweep,
+    UNKNOWN,
 };
 use mluc_backbone::{Backbone, Precision};
 use mluc_geometry::Box3;
@@ -45,68 +46,53 @@ pub fn detect_frames(
     (0..set.len()).map(&mut one).collect()
 }
 
-/// A published object, as small as it can be kept for many thresholds.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FoundObject {
-    /// Known or unknown.
-    pub kind: ObjectKind,
-    /// Index into the model's classes; of an unknown one the class it was mistaken for.
-    pub class_id: u32,
-    /// Known: objectness x class probability. Unknown: orders the unknown ones alone.
-    pub score: f32,
-    /// x, y, z, l, w, h (m), yaw (rad), sensor frame.
-    pub bounds: [f32; 7],
-}
+impl SensorDetection {
+    /// An object of one of the model's `classes`.
+    pub fn known(class_id: u32, classes: &[String], score: f32, place: Box3) -> SensorDetection {
+        SensorDetection {
+            kind: ObjectKind::Known,
+            class: classes.get(class_id as usize).cloned().unwrap_or_default(),
+            score: f64::from(score),
+            box_in_sensor: place,
+        }
+    }
 
-impl FoundObject {
+    /// An unknown object; its score orders it among the unknown ones alone.
+    pub fn unknown(score: f32, place: Box3) -> SensorDetection {
+        SensorDetection {
+            kind: ObjectKind::Unknown,
+            class: UNKNOWN.to_owned(),
+            score: f64::from(score),
+            box_in_sensor: place,
+        }
+    }
+
+    /// A box as the network gives it, of its class.
+    pub fn of_box(detection: &Detection, classes: &[String]) -> SensorDetection {
+        let Detection {
+            class_id, score, ..
+        } = *detection;
+        SensorDetection::known(class_id, classes, score, box_of(detection))
+    }
+
     /// What the refiner published, in its order.
-    pub fn published(refined: &RefinerOutput) -> Vec<FoundObject> {
-        let object = |object: &Object| FoundObject {
-            kind: if object.kind == ObjectKind::Unknown as u32 {
-                ObjectKind::Unknown
+    pub fn published(refined: &RefinerOutput, classes: &[String]) -> Vec<SensorDetection> {
+        let object = |o: &Object| {
+            let place = Box3::from_f32(o.center_m, o.size_m, o.yaw_rad);
+            if o.kind == ObjectKind::Unknown as u32 {
+                SensorDetection::unknown(o.score, place)
             } else {
-                ObjectKind::Known
-            },
-            class_id: object.class_id,
-            score: object.score,
-            bounds: bounds(object.center_m, object.size_m, object.yaw_rad),
+                SensorDetection::known(o.class_id, classes, o.score, place)
+            }
         };
         let published = refined.objects.iter().filter(|o| o.is_published());
         published.map(object).collect()
     }
-
-    /// A detection's own box, of this kind and score.
-    pub fn of_box(detection: &Detection, kind: ObjectKind, score: f32) -> FoundObject {
-        FoundObject {
-            kind,
-            class_id: detection.class_id,
-            score,
-            bounds: bounds(detection.center_m, detection.size_m, detection.yaw_rad),
-        }
-    }
-
-    /// Its box.
-    pub fn box_in_sensor(&self) -> Box3 {
-        Box3::new(self.bounds.map(f64::from))
-    }
-
-    /// As the evaluator takes it; `classes` are the model's, in order.
-    pub(super) fn to_detection(self, classes: &[String]) -> SensorDetection {
-        let named = || classes.get(self.class_id as usize).cloned();
-        SensorDetection {
-            kind: self.kind,
-            class: match self.kind {
-                ObjectKind::Unknown => UNKNOWN.to_owned(),
-                ObjectKind::Known => named().unwrap_or_default(),
-            },
-            score: f64::from(self.score),
-            box_in_sensor: self.box_in_sensor(),
-        }
-    }
 }
 
-fn bounds([x, y, z]: [f32; 3], [l, w, h]: [f32; 3], yaw: f32) -> [f32; 7] {
-    [x, y, z, l, w, h, yaw]
+/// A detection's box.
+pub fn box_of(detection: &Detection) -> Box3 {
+    Box3::from_f32(detection.center_m, detection.size_m, detection.yaw_rad)
 }
 
 /// Objects at every threshold of a gate.
@@ -115,40 +101,31 @@ pub struct GatedObjects {
     /// Thresholds, ascending; the first is 0, the closed set.
     pub thresholds: Vec<f64>,
     /// Objects by frame, then by threshold.
-    pub objects: Vec<Vec<Vec<FoundObject>>>,
-    /// Classes that the objects count by.
-    pub classes: Vec<String>,
+    pub objects: Vec<Vec<Vec<SensorDetection>>>,
 }
 
 impl GatedObjects {
-    /// What is found in a frame at the threshold of index `at`.
-    pub fn detections(&self, frame: usize, at: usize) -> Vec<SensorDetection> {
-        let objects = self.objects[frame][at].iter();
-        objects.map(|o| o.to_detection(&self.classes)).collect()
-    }
-
     /// The frames that the objects were found in, with those of the threshold of index `at`.
     pub fn labelled(&self, frames: &[DetectedFrame], at: usize) -> Vec<LabelledFrame> {
         let frames = frames.iter().enumerate();
-        let with = |(i, f): (usize, &DetectedFrame)| f.truth.with(&self.detections(i, at));
+        let with = |(i, f): (usize, &DetectedFrame)| f.truth.with(&self.objects[i][at]);
         frames.map(with).collect()
     }
 
     /// Judges every threshold on the frames that the objects were found in.
     pub fn sweep(&self, frames: &[DetectedFrame], rules: &[ClassRule]) -> Vec<JudgedPoint> {
         let truths: Vec<FrameTruth> = frames.iter().map(|frame| frame.truth.clone()).collect();
-        let detect = |frame: usize, at: usize| self.detections(frame, at);
-        sweep(&truths, rules, &self.thresholds, detect)
+        sweep(&truths, rules, &self.thresholds, &self.objects)
     }
 
     /// Every box as it is and of its class, at the one threshold 0.
     pub fn ungated(model: &Model, frames: &[DetectedFrame]) -> GatedObjects {
-        let known = |d: &Detection| FoundObject::of_box(d, ObjectKind::Known, d.score);
+        let classes = class_names(model);
+        let known = |d: &Detection| SensorDetection::of_box(d, &classes);
         let of_frame = |frame: &DetectedFrame| vec![frame.detections.iter().map(known).collect()];
         GatedObjects {
             thresholds: vec![0.0],
             objects: frames.iter().map(of_frame).collect(),
-            classes: class_names(model),
         }
     }
 }
@@ -164,12 +141,13 @@ pub fn objects_at(
     thresholds: Vec<f64>,
     step: &(dyn Fn() + Sync),
 ) -> Result<GatedObjects, EvaluateError> {
+    let classes = class_names(model);
     // A refiner's buffers are large, so they go from frame to frame.
     let refiner = || Refiner::for_model(settings.clone(), model);
     let one = |refiner: &mut Result<Refiner, RefinerError>, index: usize| {
         let refiner = refiner.as_mut().map_err(|e| e.clone())?;
         let (points, mut refined) = (set.points(index)?, RefinerOutput::default());
-        let mut found: Vec<Vec<FoundObject>> = Vec::with_capacity(thresholds.len());
+        let mut found: Vec<Vec<SensorDetection>> = Vec::with_capacity(thresholds.len());
         let mut before = None;
         for &threshold in &thresholds {
             let gated = frames[index].gated(gate, threshold as f32);
@@ -179,7 +157,7 @@ pub fn objects_at(
                 Some(last) if before == Some(candidates) => last.clone(),
                 _ => {
                     refiner.refine(index as u64, &points, &gated, &mut refined);
-                    FoundObject::published(&refined)
+                    SensorDetection::published(&refined, &classes)
                 }
             };
             before = Some(candidates);
@@ -193,7 +171,6 @@ pub fn objects_at(
     Ok(GatedObjects {
         objects: objects?,
         thresholds,
-        classes: class_names(model),
     })
 }
 

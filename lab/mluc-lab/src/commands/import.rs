@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::Args;
 use mluc_dataset::whole_file::write_whole;
-use mluc_lab::exchange::{ImportRequest, Imported, import};
-use mluc_model::{AnchorClass, model_bytes};
+use mluc_lab::exchange::{self, Imported, import, second};
+use mluc_model::{AnchorClass, Manifest, model_bytes};
 
 use super::terminal::{print_err, print_out};
 
@@ -65,7 +65,7 @@ fn anchor(text: &str) -> Result<AnchorClass, String> {
 }
 
 impl ImportArguments {
-    fn request(&self) -> anyhow::Result<ImportRequest> {
+    fn manifest(&self) -> anyhow::Result<Manifest> {
         for given in &self.anchor {
             if !self.classes.contains(&given.name) {
                 bail!("--anchor {}: --classes does not name it", given.name);
@@ -73,20 +73,13 @@ impl ImportArguments {
         }
         let class = |name: &String| {
             let given = self.anchor.iter().find(|anchor| anchor.name == *name);
-            given
-                .cloned()
-                .map_or_else(|| ImportRequest::anchor(name), Ok)
+            given.cloned().map_or_else(|| exchange::anchor(name), Ok)
         };
-        Ok(ImportRequest {
-            name: self.name.clone(),
-            classes: self
-                .classes
-                .iter()
-                .map(class)
-                .collect::<anyhow::Result<_>>()?,
-            sensor_height_m: self.sensor_height_m,
-            score_min: self.score_min,
-        })
+        let classes: anyhow::Result<_> = self.classes.iter().map(class).collect();
+        let mut manifest = second(&self.name, classes?);
+        manifest.sensor_height_m = self.sensor_height_m;
+        manifest.thresholds.objectness_min = self.score_min;
+        Ok(manifest)
     }
 }
 
@@ -94,7 +87,7 @@ impl ImportArguments {
 pub(crate) fn run(arguments: ImportArguments) -> anyhow::Result<()> {
     let path = arguments.checkpoint.display();
     let bytes = std::fs::read(&arguments.checkpoint).with_context(|| path.to_string())?;
-    let imported = import(&bytes, &arguments.request()?).with_context(|| path.to_string())?;
+    let imported = import(&bytes, arguments.manifest()?).with_context(|| path.to_string())?;
     let model = model_bytes(&imported.manifest, &imported.weights)?;
     let out = &arguments.out;
     write_whole(out, &model).with_context(|| out.display().to_string())?;

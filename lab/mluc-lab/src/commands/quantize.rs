@@ -5,11 +5,12 @@ use anyhow::{Context, ensure};
 use clap::Args;
 use mluc_dataset::Dataset;
 use mluc_dataset::whole_file::write_whole;
+use mluc_evaluate::pipeline::folder_tail;
 use mluc_model::{Model, model_bytes};
 use mluc_train::quantize::{Calibrated, LevelRange, OutputErrors, calibrate, compare, evenly};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Measure on scans how large the values between a model's layers get, and store it in a model file, so that it runs with
 /// `--precision int8`.
@@ -52,7 +53,9 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
         None => Dataset::open(&arguments.data)?,
     };
     let frames = evenly(dataset.names(), arguments.frames, 0.0);
-    let (count, all, folder) = (frames.len(), dataset.len(), folder(&arguments.data));
+    let data = &arguments.data;
+    let folder = folder_tail(&data.canonicalize().unwrap_or(data.clone()));
+    let (count, all) = (frames.len(), dataset.len());
     let describe = format!("{count} of {all} frames of {folder}");
     let calibrated = counted("ranges", count, |step| {
         calibrate(&model, &dataset, &frames, &describe, step)
@@ -77,13 +80,6 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
         ));
     }
     print_out(as_table(&calibrated, &errors, others.len()).trim_end())
-}
-
-/// The last two parts: `sim-kitti/val`.
-fn folder(path: &Path) -> String {
-    let path = path.canonicalize().unwrap_or(path.to_owned());
-    let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
-    parts[parts.len().saturating_sub(2)..].join("/")
 }
 
 fn as_table(calibrated: &Calibrated, errors: &[OutputErrors], frames: usize) -> String {

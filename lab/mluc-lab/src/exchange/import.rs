@@ -9,19 +9,6 @@ use super::SparseLayout;
 use super::checkpoint::{self, Checkpoint};
 use super::names::{tensor_names, unchanged_names};
 
-/// What a checkpoint does not say.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ImportRequest {
-    /// Name of the model; `kitti` is judged by KITTI's rules.
-    pub name: String,
-    /// Classes in the order of the checkpoint's configuration, with their anchors.
-    pub classes: Vec<AnchorClass>,
-    /// Height of the sensor above the ground, m.
-    pub sensor_height_m: f32,
-    /// Boxes below this score are not reported.
-    pub score_min: f32,
-}
-
 /// A model that passes every check.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
@@ -42,60 +29,41 @@ const ANCHORS: [(&str, [f32; 3], f32, [f32; 2]); 5] = [
     ("truck", [10.13, 2.58, 3.25], -1.78, [0.55, 0.4]),
 ];
 
-impl ImportRequest {
-    /// OpenPCDet's SECOND on KITTI: car, pedestrian, cyclist.
-    pub fn kitti() -> ImportRequest {
-        let classes = ANCHORS[..3].iter().map(|anchor| anchor_of(*anchor));
-        ImportRequest {
-            name: "kitti".into(),
-            classes: classes.collect(),
-            sensor_height_m: 1.73,
-            score_min: 0.1,
-        }
-    }
-
-    /// The anchor that OpenPCDet's configurations give a class.
-    pub fn anchor(class: &str) -> anyhow::Result<AnchorClass> {
-        let known = ANCHORS.into_iter().find(|(name, ..)| *name == class);
-        let expected = "expected its anchor (name=length,width,height,bottom in m), found none";
-        known
-            .map(anchor_of)
-            .with_context(|| format!("class {class}: {expected}"))
-    }
-
-    /// SECOND on KITTI's grid.
-    fn manifest(&self) -> Manifest {
-        let network = Network {
-            head: HeadKind::Sigmoid,
-            ..Network::second(Grid::kitti_second(), self.classes.len())
-        };
-        let mut manifest = Manifest::untrained(&self.name, network);
-        manifest.classes = self.classes.clone();
-        manifest.sensor_height_m = self.sensor_height_m;
-        manifest.thresholds.objectness_min = self.score_min;
-        manifest.provenance.data = "imported from a checkpoint of OpenPCDet".into();
-        manifest
-    }
-}
-
-fn anchor_of(
-    (name, size_m, bottom_z_m, [matched_iou, unmatched_iou]): (&str, [f32; 3], f32, [f32; 2]),
-) -> AnchorClass {
-    AnchorClass {
+/// The anchor that OpenPCDet's configurations give a class.
+pub fn anchor(class: &str) -> anyhow::Result<AnchorClass> {
+    let known = ANCHORS.into_iter().find(|(name, ..)| *name == class);
+    let (name, size_m, bottom_z_m, [matched_iou, unmatched_iou]) = known.with_context(|| {
+        format!(
+            "class {class}: expected its anchor (name=length,width,height,bottom in m), found none"
+        )
+    })?;
+    Ok(AnchorClass {
         name: name.into(),
         size_m,
         bottom_z_m,
         matched_iou,
         unmatched_iou,
-    }
+    })
 }
 
-/// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and the request
-/// does not count.
-pub fn import(bytes: &[u8], request: &ImportRequest) -> anyhow::Result<Imported> {
+/// SECOND on KITTI's grid with these classes, in the order of the checkpoint's configuration.
+pub fn second(name: &str, classes: Vec<AnchorClass>) -> Manifest {
+    let network = Network {
+        head: HeadKind::Sigmoid,
+        ..Network::second(Grid::kitti_second(), classes.len())
+    };
+    let mut manifest = Manifest::untrained(name, network);
+    manifest.classes = classes;
+    manifest.provenance.data = "imported from a checkpoint of OpenPCDet".into();
+    manifest
+}
+
+/// Reads a checkpoint of SECOND, or what [`super::export()`] wrote; the latter brings its own manifest, and `second` does
+/// not count.
+pub fn import(bytes: &[u8], second: Manifest) -> anyhow::Result<Imported> {
     let checkpoint = checkpoint::read(bytes)?;
     let Some(json) = &checkpoint.manifest else {
-        let mut imported = fill(request.manifest(), checkpoint)?;
+        let mut imported = fill(second, checkpoint)?;
         imported.manifest.empty_objectness_max = empty_score(&imported)?;
         // Refuses a network that sees things where nothing is.
         Head::new(&imported.manifest, &imported.weights)?;

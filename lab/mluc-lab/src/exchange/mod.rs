@@ -11,6 +11,6 @@ mod names;
 mod sparse;
 
 pub use export::export;
-pub use import::{ImportRequest, Imported, import};
+pub use import::{Imported, anchor, import, second};
 pub use names::{openpcdet_name, tensor_names};
 pub use sparse::SparseLayout;

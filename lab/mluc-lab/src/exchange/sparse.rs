@@ -56,19 +56,3 @@ impl SparseLayout {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_layers_with_differing_channels_tell_the_layout() {
-        let (square, wide) = ([16, 3, 3, 3, 16], [32, 3, 3, 3, 16]);
-        for layout in SparseLayout::ALL {
-            let layers = [square, wide].map(|ours| (ours, layout.shape(ours).to_vec()));
-            assert_eq!(SparseLayout::of(&layers), Some(layout));
-        }
-        let mixed = [(wide, vec![32, 3, 3, 3, 16]), (wide, vec![3, 3, 3, 16, 32])];
-        assert_eq!(SparseLayout::of(&mixed), None);
-    }
-}

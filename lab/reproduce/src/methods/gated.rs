@@ -1,25 +1,23 @@
 //! Boxes of the network as they are, gated by one score: naive, metric learning alone.
 
 use super::MethodInput;
-use mluc_evaluate::ObjectKind;
-use mluc_evaluate::pipeline::{DetectedFrame, FoundObject, GatedObjects, ModelGate, THRESHOLDS};
+use mluc_evaluate::SensorDetection;
+use mluc_evaluate::pipeline::{
+    DetectedFrame, GatedObjects, ModelGate, THRESHOLDS, box_of, class_names,
+};
 use mluc_head::Detection;
-
-/// A box as the network gives it, of a known class.
-pub(super) fn known(d: &Detection) -> FoundObject {
-    FoundObject::of_box(d, ObjectKind::Known, d.score)
-}
 
 /// Boxes below the threshold of a gate are unknown, as they are. Suppression among them changes nothing: the head's own
 /// already went over all boxes alike.
 pub(super) fn as_they_are(input: &MethodInput, gate: ModelGate) -> GatedObjects {
     let thresholds = input.thresholds(gate, input.frames, THRESHOLDS);
+    let classes = class_names(input.model);
     let at = |frame: &DetectedFrame, threshold: f64| {
         let object = |d: &Detection| {
             if f64::from(gate.value(d)) < threshold {
-                FoundObject::of_box(d, ObjectKind::Unknown, gate.rank(d))
+                SensorDetection::unknown(gate.rank(d), box_of(d))
             } else {
-                known(d)
+                SensorDetection::of_box(d, &classes)
             }
         };
         frame.detections.iter().map(object).collect()
@@ -28,6 +26,8 @@ pub(super) fn as_they_are(input: &MethodInput, gate: ModelGate) -> GatedObjects 
         (input.step)();
         thresholds.iter().map(|t| at(frame, *t)).collect()
     });
-    let objects = objects.collect();
-    input.output(thresholds, objects)
+    GatedObjects {
+        objects: objects.collect(),
+        thresholds,
+    }
 }

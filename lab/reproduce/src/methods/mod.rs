@@ -16,8 +16,7 @@ pub use rows::{METHODS, Method, MethodRow};
 
 use mluc_evaluate::EvaluateError;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FoundObject, FrameSet, GatedObjects, ModelGate, THRESHOLDS, class_names,
-    objects_at,
+    DetectedFrame, FrameSet, GatedObjects, ModelGate, THRESHOLDS, objects_at,
 };
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
@@ -70,14 +69,6 @@ impl<'a> MethodInput<'a> {
         objects_at(
             model, gate, self.set, frames, settings, thresholds, self.step,
         )
-    }
-
-    fn output(&self, thresholds: Vec<f64>, objects: Vec<Vec<Vec<FoundObject>>>) -> GatedObjects {
-        GatedObjects {
-            thresholds,
-            objects,
-            classes: class_names(self.model),
-        }
     }
 }
 

@@ -7,10 +7,10 @@
 
 use super::MethodInput;
 use super::dbscan::{Group, cluster};
-use super::gated::known;
 use super::osis_embedding::{Embedder, Standing};
-use mluc_evaluate::pipeline::{FoundObject, GatedObjects, ModelGate};
-use mluc_evaluate::{EvaluateError, ObjectKind};
+use mluc_evaluate::pipeline::{GatedObjects, ModelGate, box_of, class_names};
+use mluc_evaluate::{EvaluateError, SensorDetection};
+use mluc_geometry::Box3;
 use mluc_head::Detection;
 use mluc_ipc_types::Point;
 use mluc_refiner::fit::{ClusterPoints, minimum_area};
@@ -32,7 +32,7 @@ const LENGTH_MAX_M: f64 = 20.0;
 
 pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects, EvaluateError> {
     let thresholds = input.thresholds(ModelGate::Softmax, input.frames, THRESHOLDS);
-    let settings = Settings::default();
+    let (settings, classes) = (Settings::default(), class_names(input.model));
     let sensor = Sensor::from_manifest(&input.model.manifest)?;
     let embedder = learned.then(|| Embedder::new(input.model)).transpose()?;
     let one_frame = |clusterer: &mut Result<FrameClusterer, RefinerError>, frame: usize| {
@@ -47,7 +47,8 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects, Ev
             let boxes = detections
                 .iter()
                 .filter(|d| f64::from(d.softmax_max) >= *threshold);
-            let mut objects: Vec<FoundObject> = boxes.map(known).collect();
+            let known = boxes.map(|d| SensorDetection::of_box(d, &classes));
+            let mut objects: Vec<SensorDetection> = known.collect();
             if *threshold > 0.0 {
                 objects.extend(unknown(&standing, *threshold as f32, embedder.as_ref()));
             }
@@ -60,7 +61,10 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects, Ev
     let objects: Result<Vec<_>, EvaluateError> = frames
         .map_init(|| FrameClusterer::new(&settings, &sensor), one_frame)
         .collect();
-    Ok(input.output(thresholds, objects?))
+    Ok(GatedObjects {
+        objects: objects?,
+        thresholds,
+    })
 }
 
 /// One point a cube of those that stand on the ground, in the order of their cubes.
@@ -78,7 +82,7 @@ fn standing(
         let cube = at.map(|v| (v / THIN_M).floor() as i32);
         cubes.entry(cube).or_insert(at);
     }
-    let test = |d: &Detection| (InBox::new(&known(d).box_in_sensor()), d.softmax_max);
+    let test = |d: &Detection| (InBox::new(&box_of(d)), d.softmax_max);
     let tests: Vec<(InBox, f32)> = detections.iter().map(test).collect();
     let stands = |at: &[f32; 3]| {
         let [x, y, z] = at.map(f64::from);
@@ -100,7 +104,11 @@ fn standing(
     cubes.into_values().filter(stands).map(point).collect()
 }
 
-fn unknown(standing: &[Standing], threshold: f32, embedder: Option<&Embedder>) -> Vec<FoundObject> {
+fn unknown(
+    standing: &[Standing],
+    threshold: f32,
+    embedder: Option<&Embedder>,
+) -> Vec<SensorDetection> {
     let left: Vec<&Standing> = standing.iter().filter(|s| s.known < threshold).collect();
     // By place alone a point is as unknown as its boxes leave it.
     let by_place = || left.iter().map(|s| Some(1.0 - s.known)).collect();
@@ -117,7 +125,7 @@ fn unknown(standing: &[Standing], threshold: f32, embedder: Option<&Embedder>) -
 }
 
 /// A tight box around a cluster; its score is the mean of its points'.
-fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<FoundObject> {
+fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<SensorDetection> {
     let origin = left[*group.first()?].at_m;
     let mut points = ClusterPoints::default();
     for &i in group {
@@ -140,18 +148,14 @@ fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<FoundObje
     };
     let unsure: f32 = group.iter().map(|i| scores[*i]).sum();
     let size = |v: f64| v.max(0.1) as f32;
-    Some(FoundObject {
-        kind: ObjectKind::Unknown,
-        class_id: 0,
-        score: unsure / group.len() as f32,
-        bounds: [
+    let place = Box3::from_f32(
+        [
             origin[0] + cx as f32,
             origin[1] + cy as f32,
             (low + high) / 2.0,
-            size(l),
-            size(w),
-            (high - low).max(0.1),
-            yaw as f32,
         ],
-    })
+        [size(l), size(w), (high - low).max(0.1)],
+        yaw as f32,
+    );
+    Some(SensorDetection::unknown(unsure / group.len() as f32, place))
 }

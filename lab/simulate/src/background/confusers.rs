@@ -35,7 +35,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
 }
 
 /// A freight container, 20 or 10 feet, with corrugated sides.
-fn container(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn container(mesh: &mut Mesh, dice: &mut Dice) {
     let size = v(if dice.chance(0.7) { 6.06 } else { 2.99 }, 2.44, 2.59);
     let paint = solid(dice.range(0.12, 0.45));
     let folds = (size.x / 0.3) as usize;
@@ -55,7 +55,7 @@ fn container(mesh: &mut Mesh, dice: &mut Dice) {
 }
 
 /// A skip with sloping ends, or a wheeled waste container.
-fn dumpster(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn dumpster(mesh: &mut Mesh, dice: &mut Dice) {
     let paint = solid(dice.range(0.1, 0.4));
     if dice.chance(0.5) {
         let size = dice.size([2.6, 4.2], [1.5, 1.9], [1.1, 1.6]);
@@ -79,7 +79,7 @@ fn dumpster(mesh: &mut Mesh, dice: &mut Dice) {
 }
 
 /// Stacks of pallets, bare or loaded.
-fn pallets(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn pallets(mesh: &mut Mesh, dice: &mut Dice) {
     for c in 0..dice.whole(1, 4) {
         let at = v(c as f32 * 1.3, dice.spread(0.1), 0.0);
         let count = dice.whole(1, 10);
@@ -96,7 +96,7 @@ fn pallets(mesh: &mut Mesh, dice: &mut Dice) {
 }
 
 /// A lying gas tank on feet.
-fn gas_tank(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn gas_tank(mesh: &mut Mesh, dice: &mut Dice) {
     let (length, radius) = (dice.range(2.5, 4.5), dice.range(0.6, 0.7));
     let z = radius + 0.25;
     let ends = [-1.0, 1.0].map(|side: f32| v(side * length / 2.0, 0.0, z));
@@ -111,7 +111,7 @@ fn gas_tank(mesh: &mut Mesh, dice: &mut Dice) {
 }
 
 /// A switch cabinet or transformer house.
-fn cabinet(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn cabinet(mesh: &mut Mesh, dice: &mut Dice) {
     let size = if dice.chance(0.6) {
         v(dice.range(0.7, 1.4), 0.4, dice.range(1.0, 1.5))
     } else {
@@ -125,7 +125,7 @@ fn cabinet(mesh: &mut Mesh, dice: &mut Dice) {
 }
 
 /// Something under a tarpaulin, a heap of gravel or of cut branches: about as large as a car, of no particular shape.
-fn covered(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn covered(mesh: &mut Mesh, dice: &mut Dice) {
     let size = dice.size([1.4, 4.6], [1.1, 2.2], [0.6, 1.8]);
     let surface = solid(dice.range(0.12, 0.5));
     let radii = v(size.x / 2.0, size.y / 2.0, size.z * 0.65);

@@ -3,8 +3,9 @@
 use super::super::layout::half_turn;
 use super::super::mesh::{GLASS, Mesh, Surface, mirrored, porous, solid, up, v};
 use super::super::random::Dice;
+use super::variety::facade;
 use super::vegetation::{bush, thicket};
-use super::{Place, Thing, Yard, built};
+use super::{Family, Place, Thing, Yard, built};
 
 /// Walks along each side in pieces of 7 to 24 m.
 pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
@@ -14,7 +15,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
         let setback = match yard.ground.place {
             Place::Urban => dice.range(0.1, 2.5),
             Place::Industrial => dice.range(2.0, 10.0),
-            Place::Suburb | Place::Plaza => dice.range(1.0, 6.0),
+            _ => dice.range(1.0, 6.0),
         };
         while along < high {
             let length = dice.range(7.0, 24.0);
@@ -46,14 +47,17 @@ fn piece(
         Place::Urban => [0.5, 0.08, 0.07, 0.08, 0.19, 0.08],
         Place::Suburb => [0.2, 0.07, 0.1, 0.15, 0.42, 0.06],
         Place::Industrial => [0.34, 0.09, 0.2, 0.05, 0.2, 0.12],
-        Place::Plaza => [0.34, 0.09, 0.11, 0.1, 0.26, 0.1],
+        _ => [0.34, 0.09, 0.11, 0.1, 0.26, 0.1],
     };
     let edge = yard.ground.edge_m;
     let choice = dice.weighted(&weights);
     if choice == 0 {
         let size = [length * 0.97, dice.range(6.0, 13.0)];
         let hall = yard.ground.place == Place::Industrial;
-        let mesh = built(|mesh, dice| house(mesh, size, hall, dice), dice);
+        let mut mesh = built(|mesh, dice| house(mesh, size, hall, dice), dice);
+        if yard.layout.stream.family == Family::SimAny {
+            facade(&mut mesh, length, dice);
+        }
         // The facade (local y = 0) faces the road; a second row stands further back when something is in the way.
         let front = side * (edge + setback);
         if !yard.put(Thing::Building, &mesh, along, front, half_turn(side < 0.0)) {

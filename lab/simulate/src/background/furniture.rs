@@ -33,7 +33,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
     }
 }
 
-fn pole(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn pole(mesh: &mut Mesh, dice: &mut Dice) {
     let (height, radius) = (dice.range(4.0, 8.5), dice.range(0.06, 0.14));
     mesh.tube([up(-0.2), up(height)], [radius, radius * 0.7], 7, METAL);
     if dice.chance(0.6) {
@@ -46,7 +46,7 @@ fn pole(mesh: &mut Mesh, dice: &mut Dice) {
     }
 }
 
-fn sign(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn sign(mesh: &mut Mesh, dice: &mut Dice) {
     let height = dice.range(2.0, 2.6);
     mesh.rod([up(-0.1), up(height + 0.3)], 0.035, 6, METAL);
     let half = dice.range(0.25, 0.4);
@@ -73,7 +73,7 @@ fn hydrant(mesh: &mut Mesh, dice: &mut Dice) {
     mesh.block(up(height * 0.6), v(0.12, 0.4, 0.12), solid(0.4));
 }
 
-fn bin(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn bin(mesh: &mut Mesh, dice: &mut Dice) {
     let paint = solid(dice.range(0.1, 0.4));
     for i in 0..dice.whole(1, 3) {
         let at = v(0.0, i as f32 * 0.75, 0.52);
@@ -84,7 +84,7 @@ fn bin(mesh: &mut Mesh, dice: &mut Dice) {
     }
 }
 
-fn bench(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn bench(mesh: &mut Mesh, dice: &mut Dice) {
     let wood = solid(dice.range(0.25, 0.45));
     for i in 0..3 {
         let at = v(-0.15 + 0.15 * i as f32, 0.0, 0.45);
@@ -97,7 +97,7 @@ fn bench(mesh: &mut Mesh, dice: &mut Dice) {
     }
 }
 
-fn bicycles(mesh: &mut Mesh, dice: &mut Dice) {
+pub(super) fn bicycles(mesh: &mut Mesh, dice: &mut Dice) {
     for i in 0..dice.whole(1, 6) {
         let one = built(bicycle, dice);
         let lean = dice.normal(0.0, 0.12);
@@ -106,7 +106,7 @@ fn bicycles(mesh: &mut Mesh, dice: &mut Dice) {
     }
 }
 
-fn shelter(mesh: &mut Mesh, _: &mut Dice) {
+pub(super) fn shelter(mesh: &mut Mesh, _: &mut Dice) {
     mesh.block(up(2.4), v(1.6, 4.0, 0.12), METAL);
     let pane = [(-1.95, 0.1), (1.95, 0.1), (1.95, 2.3), (-1.95, 2.3)];
     mesh.quad(pane.map(|(y, z)| v(-0.75, y, z)), GLASS);

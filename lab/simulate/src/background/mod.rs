@@ -3,6 +3,9 @@
 mod confusers;
 mod frontage;
 mod furniture;
+mod indoor;
+mod outdoor;
+mod variety;
 mod vegetation;
 
 use super::footprint::Footprint;
@@ -38,12 +41,34 @@ pub(crate) enum Thing {
     GasTank,
     Cabinet,
     Covered,
+    Ceiling,
+    Column,
+    Rack,
+    Machine,
+    Pile,
+    Rail,
+    Grass,
+    Rock,
+    Log,
 }
 
 impl Thing {
     /// Instance number of every point on a thing of this kind.
     pub(crate) fn instance(self) -> u16 {
         0x8000 + self as u16
+    }
+
+    /// Long and low things bend with the ground in `sim-any`, where it is steeper.
+    fn follows_ground(self) -> bool {
+        let long = [
+            Thing::Wall,
+            Thing::Fence,
+            Thing::Hedge,
+            Thing::Rail,
+            Thing::Grass,
+            Thing::Log,
+        ];
+        long.contains(&self)
     }
 }
 
@@ -61,14 +86,31 @@ fn built(build: impl FnOnce(&mut Mesh, &mut Dice), dice: &mut Dice) -> Mesh {
 pub(crate) fn fill(layout: &mut Layout<'_>, scene: &mut Scene, dice: &mut Dice) {
     // Those that are left out keep their places, so that everything else is as it would be with them.
     let shows = layout.stream.realism.has(Step::Confusers);
+    let (ground, family) = (layout.ground, layout.stream.family);
     let mut yard = Yard {
         ground: layout.ground,
         layout,
         scene,
         shows,
     };
+    if let Some(room) = &ground.room {
+        yard.shows = true;
+        indoor::place(&mut yard, room, dice);
+        if ground.place == Place::CarPark {
+            // Seen over the parapets.
+            frontage::place(&mut yard, dice);
+        }
+        return;
+    }
     confusers::place(&mut yard, dice);
     yard.shows = true;
+    match ground.place {
+        Place::CarPark if ground.room.is_none() => outdoor::car_park(&mut yard, dice),
+        Place::Depot => outdoor::depot(&mut yard, dice),
+        Place::Path => return outdoor::path(&mut yard, dice),
+        _ if family == Family::SimAny => variety::place(&mut yard, dice),
+        _ => {}
+    }
     frontage::place(&mut yard, dice);
     furniture::place(&mut yard, dice);
     vegetation::place(&mut yard, dice);
@@ -104,18 +146,49 @@ impl Yard<'_, '_> {
         let (x, y) = self.ground.sensor(along, across);
         let yaw = self.ground.yaw_rad + yaw;
         let footprint = Footprint::of(low, high, [x, y], yaw);
-        if footprint.overlaps_any(&self.layout.taken, 0.1) {
-            return false;
+        let is_free = !footprint.overlaps_any(&self.layout.taken, 0.1);
+        if is_free {
+            self.layout.taken.push(footprint);
+            self.add(thing, mesh, [x, y, self.ground.height(x, y)], yaw);
         }
+        is_free
+    }
+
+    /// A wall of the room that the objects stand in: placed whatever is there.
+    fn set(&mut self, thing: Thing, mesh: &Mesh, along: f32, across: f32, yaw: f32) {
+        let (low, high) = mesh.bounds();
+        let (x, y) = self.ground.sensor(along, across);
+        let yaw = self.ground.yaw_rad + yaw;
+        let footprint = Footprint::of(low, high, [x, y], yaw);
         self.layout.taken.push(footprint);
-        self.add(thing, mesh, [x, y, self.ground.height(x, y)], yaw);
-        true
+        let ground = self.ground;
+        self.follow(thing, mesh, [x, y], yaw, ground);
+    }
+
+    /// What hangs over the floor, in road coordinates: it takes no ground.
+    fn over(&mut self, thing: Thing, mesh: &Mesh) {
+        let (x, y) = self.ground.sensor(0.0, 0.0);
+        let ground = self.ground;
+        self.follow(thing, mesh, [x, y], ground.yaw_rad, ground);
+    }
+
+    /// Each vertex stands over the ground as high as over the plane z = 0.
+    fn follow(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 2], yaw: f32, ground: &Ground) {
+        let (sin, cos) = yaw.sin_cos();
+        self.scene.add(mesh, thing.instance(), |p: V3| {
+            let (x, y) = (at[0] + p.x * cos - p.y * sin, at[1] + p.x * sin + p.y * cos);
+            v(x, y, ground.height(x, y) + p.z)
+        });
     }
 
     /// Adds a thing without looking for room: `at` is in the sensor frame.
     fn add(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 3], yaw: f32) {
         if !self.shows {
             return;
+        }
+        if self.layout.stream.family == Family::SimAny && thing.follows_ground() {
+            let ground = self.ground;
+            return self.follow(thing, mesh, [at[0], at[1]], yaw, ground);
         }
         let (sin, cos) = yaw.sin_cos();
         self.scene.add(mesh, thing.instance(), |p: V3| {
@@ -127,7 +200,7 @@ impl Yard<'_, '_> {
     /// Column of a catalogue: 0 in towns, 1 in industry.
     fn column(&self) -> usize {
         let place = self.ground.place;
-        usize::from(matches!(place, Place::Industrial | Place::Plaza))
+        usize::from(!matches!(place, Place::Urban | Place::Suburb))
     }
 
     /// A place along the road.

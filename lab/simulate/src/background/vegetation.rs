@@ -15,6 +15,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
         Place::Urban => 2.4,
         Place::Industrial => 2.0,
         Place::Plaza => 1.4,
+        Place::CarPark | Place::Depot | Place::Hall | Place::Path => 1.0,
     };
     for _ in 0..dice.events(6.0 * factor * yard.hundreds()) {
         let mesh = built(bush, dice);
@@ -39,7 +40,7 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
 }
 
 /// A trunk that takes ground, and a crown that may hang over things.
-fn tree(yard: &mut Yard<'_, '_>, along: f32, across: f32, scale: f32, dice: &mut Dice) {
+pub(super) fn tree(yard: &mut Yard<'_, '_>, along: f32, across: f32, scale: f32, dice: &mut Dice) {
     let radius = dice.range(0.1, 0.26) * scale;
     let clear = dice.range(1.7, 3.2) * scale.max(0.9);
     let lean = v(dice.spread(0.15), dice.spread(0.15), 0.0);

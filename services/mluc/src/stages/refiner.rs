@@ -77,12 +77,10 @@ impl Algorithm for RefinerStage {
 
     /// First the indices: whoever has the objects can ask for their points.
     fn publish_aside(&mut self, header: &FrameHeader) -> Result<usize, RuntimeError> {
-        let indices = &self.refined.object_points;
-        let mut loan = self.object_points.loan(header, indices.len())?;
-        loan.elements_mut().copy_from_slice(indices);
-        stamp_published(Stage::Refiner, loan.header_mut());
-        loan.publish()?;
-        Ok(size_of_val(&indices[..]))
+        let (mut header, indices) = (*header, &self.refined.object_points[..]);
+        stamp_published(Stage::Refiner, &mut header);
+        self.object_points.send(&header, indices)?;
+        Ok(size_of_val(indices))
     }
 
     fn write(&mut self, output: &mut [Object]) -> Result<(), StageError> {

@@ -6,7 +6,6 @@
 
 use std::ops::Range;
 
-use super::FrameCounters;
 use super::places::{Places, SIDE};
 use crate::fit::{higher, lower};
 use crate::frame::IndexedPoint;
@@ -58,8 +57,6 @@ pub(super) struct Cells {
     pub(super) reached: Vec<u32>,
     /// and the end of each component among them.
     pub(super) ends: Vec<u32>,
-    /// Where the points went.
-    pub(super) counters: FrameCounters,
 }
 
 impl Default for Cells {
@@ -74,7 +71,6 @@ impl Default for Cells {
             left: Places::default(),
             reached: Vec::new(),
             ends: Vec::new(),
-            counters: FrameCounters::default(),
         }
     }
 }
@@ -92,7 +88,6 @@ impl Cells {
         self.cells.clear();
         self.places_m.clear();
         self.indices.clear();
-        self.counters = FrameCounters::default();
     }
 
     pub(super) fn has_tile(&self, tile: usize) -> bool {

@@ -3,14 +3,14 @@
 //! A component is taken apart in this order: parts that stand upright by themselves at half the reach (people beside each
 //! other) become clusters; what is then larger than a road user is grown again with a shorter reach, up to a number of
 //! times; what is longer than any road user even so is cut across its length into equal pieces. Nothing is dropped but
-//! clusters with too few points, and those are counted.
+//! clusters with too few points.
 
 use std::ops::Range;
 
 use super::cells::Cells;
 use crate::fit::ClusterPoints;
 use crate::size::{is_upright, is_within, longest_side};
-use crate::{PRIORS, Settings};
+use crate::{Settings, priors};
 
 /// What stands upright is at most 4.5 m high, and shorter than high: so much at most along x or y, m.
 const UPRIGHT_LENGTH_MAX_M: f32 = 3.5;
@@ -24,7 +24,7 @@ const SHRINK_FACTOR: f64 = 0.6;
 /// and their number.
 const SHRINK_ATTEMPTS: u32 = 2;
 
-/// Clusters of one frame at most; those with the fewest points are dropped first, and counted.
+/// Clusters of one frame at most, far above those of any scan; those with the fewest points are dropped first.
 const CLUSTERS_MAX: usize = 4096;
 
 /// Some cells that belong together.
@@ -97,7 +97,6 @@ impl Divider {
         for piece in &mut self.pending {
             piece.component_length_m = cells.length_m(&self.order[piece.range()]);
         }
-        cells.counters.components = self.pending.len() as u32;
         while let Some(piece) = self.pending.pop() {
             self.settle(cells, piece);
         }
@@ -121,16 +120,12 @@ impl Divider {
             let by_place = places.unwrap_or(std::cmp::Ordering::Equal);
             b.points.cmp(&a.points).then(by_place)
         });
-        cells.counters.clusters_dropped = self.done.len().saturating_sub(CLUSTERS_MAX) as u32;
         self.done.truncate(CLUSTERS_MAX);
     }
 
     /// One piece: done, dropped, or divided further.
     fn settle(&mut self, cells: &mut Cells, mut piece: Piece) {
-        let points = cells.count(self.cells_of(&piece));
-        if points < self.settings.points_min as usize {
-            cells.counters.clusters_too_small += 1;
-            cells.counters.points_too_few += points as u32;
+        if cells.count(self.cells_of(&piece)) < self.settings.points_min as usize {
             return;
         }
         let mut large = self.is_large(cells, &piece);
@@ -141,7 +136,7 @@ impl Divider {
                 self.done.push(piece);
                 return;
             }
-            is_small = is_within(&self.cluster, PRIORS.upright_apart_m);
+            is_small = is_within(&self.cluster, priors::UPRIGHT_APART_M);
         }
         if piece.attempts == 0 {
             piece = self.take_upright_parts(cells, piece, is_small);
@@ -153,20 +148,20 @@ impl Divider {
                 self.collect(cells, &piece);
             }
         }
-        if !large && PRIORS.whole.hold(&self.cluster) {
+        if !large && priors::WHOLE.hold(&self.cluster) {
             self.done.push(piece);
         } else if piece.attempts < SHRINK_ATTEMPTS {
             piece.attempts += 1;
             self.split(cells, piece, SHRINK_FACTOR.powi(piece.attempts as i32));
         } else {
             self.collect(cells, &piece);
-            cells.counters.oversized += u32::from(self.cut(cells, piece));
+            self.cut(cells, piece);
         }
     }
 
     /// Longer than the diagonal of any road user along x or y: no need to look at its points.
     fn is_large(&self, cells: &Cells, piece: &Piece) -> bool {
-        f64::from(cells.length_m(self.cells_of(piece))) > PRIORS.whole.diagonal_m()
+        f64::from(cells.length_m(self.cells_of(piece))) > priors::WHOLE.diagonal_m()
     }
 
     /// Divides a piece by a shorter reach; the parts are pending.
@@ -251,10 +246,10 @@ impl Divider {
         is_upright(&self.cluster)
     }
 
-    /// Cuts what is longer than any road user across its length, by the middles of its cells. Whether there was need.
-    fn cut(&mut self, cells: &Cells, piece: Piece) -> bool {
+    /// Cuts what is longer than any road user across its length, by the middles of its cells.
+    fn cut(&mut self, cells: &Cells, piece: Piece) {
         let (yaw_rad, length_m) = longest_side(&self.cluster);
-        let count = (length_m / PRIORS.length_max_m).ceil().max(1.0);
+        let count = (length_m / priors::LENGTH_MAX_M).ceil().max(1.0);
         let (sin, cos) = (yaw_rad.sin() as f32, yaw_rad.cos() as f32);
         let along = |cell: u32| {
             let [x0, y0, x1, y1] = cells.cells[cell as usize].extent_m;
@@ -278,7 +273,6 @@ impl Divider {
             });
             first = end;
         }
-        count > 1.0
     }
 
     /// The points of a piece seen from above, and its lowest and highest z: enough to judge its size.

@@ -8,15 +8,16 @@
 //! ground and cells that none of them comes near are not looked at.
 
 mod cells;
-mod cluster;
 mod divide;
 mod matching;
 mod measure;
 mod places;
 
-pub use cluster::{FrameCluster, FrameClusters, FrameCounters};
 pub use measure::Measures;
 
+use std::ops::Range;
+
+use mluc_geometry::Box3;
 use mluc_ipc_types::{POINTS_MAX, Point};
 
 use crate::ascending::Ascending;
@@ -25,7 +26,6 @@ use crate::frame::{FrameIndex, IndexedPoint};
 use crate::ground_heights::heights;
 use crate::{RefinerError, Sensor, Settings};
 use cells::Cells;
-use cluster::mean_m;
 use divide::Divider;
 pub(crate) use matching::Matcher;
 use measure::Measurer;
@@ -33,6 +33,37 @@ use mluc_geometry::ground::{GroundMap, GroundPlane};
 
 /// No cluster.
 pub const NO_CLUSTER: u32 = u32::MAX;
+
+/// Something that stands on the ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameCluster {
+    /// Around its points, down to the ground, completed away from the sensor; sensor frame, heading up to half a turn.
+    pub shape: Box3,
+    /// Its points: a range of [`FrameClusters::points`].
+    pub points: Range<usize>,
+    /// Seen from above, in the sensor frame.
+    pub footprint: Footprint,
+    /// For a classifier.
+    pub measures: Measures,
+}
+
+/// All clusters of one frame; buffers are reused.
+#[derive(Debug, Default)]
+pub struct FrameClusters {
+    /// Those with most points first.
+    pub clusters: Vec<FrameCluster>,
+    /// Indices into the scan, ascending within each cluster.
+    pub points: Vec<u32>,
+    /// For each point of the scan the number of its cluster, or [`NO_CLUSTER`].
+    pub cluster_of_point: Vec<u32>,
+}
+
+impl FrameClusters {
+    /// Indices of a cluster's points into the scan.
+    pub fn points_of(&self, cluster: &FrameCluster) -> &[u32] {
+        self.points.get(cluster.points.clone()).unwrap_or(&[])
+    }
+}
 
 /// Finds all clusters of frame after frame; all buffers are made once.
 #[derive(Debug)]
@@ -53,7 +84,7 @@ impl FrameClusterer {
 
     /// All clusters of one scan with their boxes, the ones with most points first.
     ///
-    /// Points that are not finite, beyond 128 m or beyond the contract's limit are left out and counted.
+    /// Points that are not finite, beyond 128 m or beyond the contract's limit are left out.
     pub fn find(&mut self, points: &[Point], out: &mut FrameClusters) {
         self.frame.sort(points);
         let all = self.frame.occupied_tiles();
@@ -61,7 +92,6 @@ impl FrameClusterer {
         out.clusters.clear();
         out.points.clear();
         out.cluster_of_point.clear();
-        out.counters = self.finder.cells.counters;
         out.cluster_of_point.reserve(POINTS_MAX);
         out.cluster_of_point.resize(points.len(), NO_CLUSTER);
         for number in 0..self.finder.count() {
@@ -128,21 +158,13 @@ impl ClusterFinder {
         } = self;
         ground.clear();
         cells.clear();
-        cells.counters.points_not_finite = frame.not_finite;
-        cells.counters.points_outside = frame.outside;
         let low = settings.ground_clearance_m as f32;
         let high = settings.height_max_m as f32;
         let mut add = |cells: &mut Cells, tile: usize| {
             standing.clear();
-            let counters = &mut cells.counters;
             for (point, height) in heights(ground, frame, tile) {
-                if height < low {
-                    counters.points_ground += 1;
-                } else if height > high {
-                    counters.points_above += 1;
-                } else if is_known.get(point.index as usize) == Some(&true) {
-                    counters.points_known += 1;
-                } else {
+                let is_known = || is_known.get(point.index as usize) == Some(&true);
+                if height >= low && height <= high && !is_known() {
                     standing.push(*point);
                 }
             }
@@ -193,10 +215,8 @@ impl ClusterFinder {
         let cluster = &mut self.fitter.points;
         cluster.start(origin_m);
         for p in own.iter().filter_map(|&index| scan.get(index as usize)) {
-            let (x, y) = (
-                f64::from(p.x_m) - origin_m[0],
-                f64::from(p.y_m) - origin_m[1],
-            );
+            let x = f64::from(p.x_m) - origin_m[0];
+            let y = f64::from(p.y_m) - origin_m[1];
             cluster.push(x as f32, y as f32, p.z_m);
         }
         let ground = self.ground.plane_at(&frame.lowest, origin_m);
@@ -213,4 +233,15 @@ impl ClusterFinder {
             },
         }
     }
+}
+
+/// Mean place of some points, m. Summed in whole millimetres, so that their order does not matter.
+fn mean_m(scan: &[Point], own: &[u32]) -> [f64; 2] {
+    let mut sum = [0i64; 2];
+    for p in own.iter().filter_map(|&index| scan.get(index as usize)) {
+        for (sum, v) in sum.iter_mut().zip([p.x_m, p.y_m]) {
+            *sum += (v * 1000.0).round() as i64;
+        }
+    }
+    sum.map(|sum| sum as f64 / 1000.0 / own.len().max(1) as f64)
 }

@@ -1,10 +1,12 @@
 //! The parts of a box that the sensor does not see: down to the ground, and away from the sensor.
 
-use mluc_geometry::Box3;
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use mluc_geometry::{Box3, limit_period};
 
 use super::{ClusterPoints, Rectangle};
-use crate::priors::{CutTop, EndFace};
-use crate::{PRIORS, Priors, Sensor, Settings, Variant};
+use crate::priors::{self, EndFace};
+use crate::{Sensor, Settings, Variant};
 use mluc_geometry::ground::GroundPlane;
 
 /// Sizes of published boxes are above 0.
@@ -17,8 +19,8 @@ const TOP_MARGIN_RAD: f64 = 0.009;
 pub struct Extend {
     /// Whether the bottom goes down to the ground.
     pub to_ground: bool,
-    /// What the parts that are not seen are completed by.
-    pub priors: Option<&'static Priors>,
+    /// Whether the parts that are not seen are completed, by what is known of road vehicles.
+    pub completes: bool,
     /// Elevation of the topmost beams, rad, where the sensor has any: returns at least this high are its last.
     pub top_rad: Option<f64>,
 }
@@ -27,7 +29,7 @@ impl Extend {
     /// Down to the ground, and nothing else.
     pub const TO_GROUND: Extend = Extend {
         to_ground: true,
-        priors: None,
+        completes: false,
         top_rad: None,
     };
 
@@ -37,7 +39,7 @@ impl Extend {
         let top_rad = beams.and_then(|beams| beams.elevation_rad.first());
         Extend {
             to_ground: settings.variant != Variant::Paper,
-            priors: settings.is_ours().then_some(&PRIORS),
+            completes: settings.is_ours(),
             top_rad: top_rad.map(|top| f64::from(*top) - TOP_MARGIN_RAD),
         }
     }
@@ -52,34 +54,30 @@ impl Extend {
         let z_m = points.z_range_m()?.map(f64::from);
         let mut r = *tight;
         let seen_m = z_m[1] - ground.z_at_m(points.origin_m[0], points.origin_m[1]);
-        if let Some(priors) = self.priors {
+        if self.completes {
             let [u, v] = r.size_m();
             for (axis, other_m) in [v, u].into_iter().enumerate() {
-                let least_m = (priors.far_side_share * other_m).min(priors.far_side_max_m);
+                let least_m = (priors::FAR_SIDE_SHARE * other_m).min(priors::FAR_SIDE_MAX_M);
                 grow_away(&mut r, axis, least_m, points.origin_m);
             }
-            let mut ends = priors.ends.iter().filter(|end| seen_m >= end.height_min_m);
-            ends.find(|end| lengthen(priors, end, &mut r, points, z_m));
+            let mut ends = priors::ENDS.iter().filter(|end| seen_m >= end.height_min_m);
+            ends.find(|end| lengthen(end, &mut r, points, z_m));
         }
         let [x, y] = r.center_m();
         let (x, y) = (x + points.origin_m[0], y + points.origin_m[1]);
         let [u, v] = r.size_m();
-        let (mut bottom, mut top) = (z_m[0], z_m[1]);
+        let [mut bottom, mut top] = z_m;
         if self.to_ground {
             bottom = bottom.min(ground.z_at_m(x, y));
         }
-        if let (Some(priors), Some(top_rad)) = (self.priors, self.top_rad)
-            && is_cut(&priors.cut_top, top_rad, u.max(v), seen_m, points)
+        if let Some(top_rad) = self.top_rad.filter(|_| self.completes)
+            && is_cut(top_rad, [u.max(v), seen_m], points)
         {
-            top = top.max(ground.z_at_m(x, y) + priors.cut_top.height_m);
+            top = top.max(ground.z_at_m(x, y) + priors::CUT_TOP_HEIGHT_M);
         }
         // The longer side is the length.
-        let turn_rad = if u >= v {
-            0.0
-        } else {
-            std::f64::consts::FRAC_PI_2
-        };
-        let yaw_rad = mluc_geometry::limit_period(r.yaw_rad + turn_rad, 0.5, std::f64::consts::PI);
+        let turn_rad = if u >= v { 0.0 } else { FRAC_PI_2 };
+        let yaw_rad = limit_period(r.yaw_rad + turn_rad, 0.5, PI);
         Some(Box3 {
             center_m: [x, y, (bottom + top) / 2.0],
             size_m: [u.max(v), u.min(v), top - bottom].map(|side| side.max(SIZE_MIN_M)),
@@ -88,9 +86,10 @@ impl Extend {
     }
 }
 
-/// Whether something reaches above the topmost beams.
-fn is_cut(cut: &CutTop, top_rad: f64, length_m: f64, seen_m: f64, points: &ClusterPoints) -> bool {
-    if length_m < cut.length_min_m || seen_m < cut.seen_min_m {
+/// Whether something of a length and height as it is seen, m, reaches above the topmost beams.
+fn is_cut(top_rad: f64, seen_m: [f64; 2], points: &ClusterPoints) -> bool {
+    let mut sizes = seen_m.iter().zip(priors::CUT_TOP_SEEN_MIN_M);
+    if sizes.any(|(seen_m, least_m)| *seen_m < least_m) {
         return false;
     }
     let [x, y] = points.origin_m.map(|v| v as f32);
@@ -104,21 +103,15 @@ fn is_cut(cut: &CutTop, top_rad: f64, length_m: f64, seen_m: f64, points: &Clust
 }
 
 /// Grows the side that lies along the line of sight; whether this is such an end.
-fn lengthen(
-    priors: &Priors,
-    end: &EndFace,
-    r: &mut Rectangle,
-    points: &ClusterPoints,
-    z_m: [f64; 2],
-) -> bool {
+fn lengthen(end: &EndFace, r: &mut Rectangle, points: &ClusterPoints, z_m: [f64; 2]) -> bool {
     let [u, v] = [0, 1].map(|axis| sensor_along(r, points.origin_m, axis).abs());
-    if u.min(v) > u.max(v) * priors.end_aside_max_rad.tan() {
+    if u.min(v) > u.max(v) * priors::END_ASIDE_MAX_RAD.tan() {
         return false;
     }
     let (along, across) = if u > v { (0, 1) } else { (1, 0) };
     let width_m = r.size_m()[across];
     let is_end = (end.width_m[0]..=end.width_m[1]).contains(&width_m)
-        && top_width_m(r, points, z_m, across) >= priors.end_top_share_min * width_m;
+        && top_width_m(r, points, z_m, across) >= priors::END_TOP_SHARE_MIN * width_m;
     if is_end {
         grow_away(r, along, end.share * width_m, points.origin_m);
     }
@@ -167,7 +160,7 @@ mod tests {
     use super::*;
 
     const EXTEND: Extend = Extend {
-        priors: Some(&PRIORS),
+        completes: true,
         ..Extend::TO_GROUND
     };
 
@@ -199,7 +192,7 @@ mod tests {
             let near_edge_m = found.center_m[0] - side * 0.5;
             assert!((near_edge_m - side * 10.0).abs() < 1e-5, "{found:?}");
             assert!((found.size_m[2] - 1.5).abs() < 1e-5, "down to the ground");
-            assert!((found.yaw_rad.abs() - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+            assert!((found.yaw_rad.abs() - FRAC_PI_2).abs() < 1e-9);
         }
     }
 

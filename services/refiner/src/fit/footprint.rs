@@ -6,7 +6,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use mluc_geometry::Box3;
+use mluc_geometry::{Box3, Polygon};
 use mluc_ipc_types::FOOTPRINT_MAX;
 
 use super::{ClusterPoints, Rectangle};
@@ -34,109 +34,65 @@ impl Footprint {
     pub fn around(points: &ClusterPoints, rectangle: &Rectangle) -> Footprint {
         let [u, v] = rectangle.size_m();
         let around_m = if u.min(v) < THIN_M { AROUND_M } else { 0.0 };
-        let mut polygon = Polygon::of(&rectangle.grown(around_m));
+        let mut polygon = Polygon::<CORNERS_MAX>::new(rectangle.grown(around_m).corners_m());
+        let mut cut = |normal, limit_m| {
+            let kept = polygon.cut(normal, limit_m);
+            // A line that would leave nothing, by rounding, cuts nothing.
+            if kept.corners().len() >= 3 {
+                polygon = kept;
+            }
+        };
         for step in 1..DIRECTIONS {
             let turn = FRAC_PI_2 * step as f64 / DIRECTIONS as f64;
             for quarter in [0.0, FRAC_PI_2] {
                 let (sin, cos) = (rectangle.yaw_rad + turn + quarter).sin_cos();
                 let [low, high] = points.span_m([cos as f32, sin as f32]).map(f64::from);
-                polygon = polygon.cut([cos, sin], high + around_m);
-                polygon = polygon.cut([-cos, -sin], around_m - low);
+                cut([cos, sin], high + around_m);
+                cut([-cos, -sin], around_m - low);
             }
         }
-        polygon.outline(points.origin_m)
+        outline(polygon.corners(), points.origin_m)
     }
 
     /// A box's own.
     pub(crate) fn of_box(shape: &Box3) -> Footprint {
-        let mut footprint = Footprint::default();
-        for corner in shape.footprint_m() {
-            footprint.push(corner);
-        }
-        footprint
+        Footprint::of_corners(shape.footprint_m())
     }
 
     /// Corners beyond the contract's limit are left out.
-    fn push(&mut self, corner_m: [f64; 2]) {
-        if self.count < FOOTPRINT_MAX {
-            self.corners_m[self.count] = corner_m.map(|v| v as f32);
-            self.count += 1;
+    fn of_corners(corners: impl IntoIterator<Item = [f64; 2]>) -> Footprint {
+        let mut footprint = Footprint::default();
+        for (to, corner) in footprint.corners_m.iter_mut().zip(corners) {
+            *to = corner.map(|v| v as f32);
+            footprint.count += 1;
         }
+        footprint
     }
+}
+
+/// Around an origin, without corners that are nearly the same.
+fn outline(corners: &[[f64; 2]], [x_m, y_m]: [f64; 2]) -> Footprint {
+    let apart = |a: &[f64; 2], b: &[f64; 2]| {
+        (a[0] - b[0]).abs() > SAME_CORNER_M || (a[1] - b[1]).abs() > SAME_CORNER_M
+    };
+    let mut last = None;
+    let is_new = |corner: &[f64; 2]| {
+        let is_new = last.is_none_or(|last| apart(&last, corner));
+        last = if is_new { Some(*corner) } else { last };
+        is_new
+    };
+    let kept = Polygon::<FOOTPRINT_MAX>::new(corners.iter().copied().filter(is_new));
+    let mut kept = kept.corners();
+    while let [first, middle @ .., end] = kept
+        && !apart(first, end)
+    {
+        kept = &kept[..middle.len() + 1];
+    }
+    Footprint::of_corners(kept.iter().map(|[x, y]| [x + x_m, y + y_m]))
 }
 
 /// Room for one more corner than the last cut leaves.
 const CORNERS_MAX: usize = FOOTPRINT_MAX + 1;
-
-#[derive(Clone, Copy)]
-struct Polygon {
-    corners: [[f64; 2]; CORNERS_MAX],
-    count: usize,
-}
-
-impl Polygon {
-    const EMPTY: Polygon = Polygon {
-        corners: [[0.0; 2]; CORNERS_MAX],
-        count: 0,
-    };
-
-    fn of(r: &Rectangle) -> Polygon {
-        let (sin, cos) = r.yaw_rad.sin_cos();
-        let mut polygon = Polygon::EMPTY;
-        for (u, v) in [(1, 1), (0, 1), (0, 0), (1, 0)] {
-            let (u, v) = (r.sides_m[0][u], r.sides_m[1][v]);
-            polygon.push([u * cos - v * sin, u * sin + v * cos]);
-        }
-        polygon
-    }
-
-    fn push(&mut self, corner: [f64; 2]) {
-        if self.count < CORNERS_MAX {
-            self.corners[self.count] = corner;
-            self.count += 1;
-        }
-    }
-
-    /// The part where `normal . corner <= limit`. A line that would leave nothing, by rounding, cuts nothing.
-    fn cut(&self, normal: [f64; 2], limit: f64) -> Polygon {
-        let beyond = |c: [f64; 2]| c[0] * normal[0] + c[1] * normal[1] - limit;
-        let mut kept = Polygon::EMPTY;
-        for i in 0..self.count {
-            let (from, to) = (self.corners[i], self.corners[(i + 1) % self.count]);
-            let (a, b) = (beyond(from), beyond(to));
-            if a <= 0.0 {
-                kept.push(from);
-            }
-            if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
-                let t = a / (a - b);
-                kept.push([0, 1].map(|axis| from[axis] + t * (to[axis] - from[axis])));
-            }
-        }
-        if kept.count >= 3 { kept } else { *self }
-    }
-
-    /// Without corners that are nearly the same.
-    fn outline(&self, origin_m: [f64; 2]) -> Footprint {
-        let apart = |a: [f64; 2], b: [f64; 2]| {
-            (a[0] - b[0]).abs() > SAME_CORNER_M || (a[1] - b[1]).abs() > SAME_CORNER_M
-        };
-        let mut kept = Polygon::EMPTY;
-        for &corner in &self.corners[..self.count] {
-            if kept.count == 0 || apart(kept.corners[kept.count - 1], corner) {
-                kept.push(corner);
-            }
-        }
-        kept.count = kept.count.min(FOOTPRINT_MAX);
-        while kept.count > 1 && !apart(kept.corners[0], kept.corners[kept.count - 1]) {
-            kept.count -= 1;
-        }
-        let mut footprint = Footprint::default();
-        for [x, y] in &kept.corners[..kept.count] {
-            footprint.push([x + origin_m[0], y + origin_m[1]]);
-        }
-        footprint
-    }
-}
 
 #[cfg(test)]
 mod tests {
@@ -148,13 +104,7 @@ mod tests {
     }
 
     fn area(footprint: &Footprint) -> f64 {
-        let corners = corners(footprint);
-        let next = corners.iter().cycle().skip(1);
-        let crosses = corners
-            .iter()
-            .zip(next)
-            .map(|(a, b)| a[0] * b[1] - a[1] * b[0]);
-        crosses.sum::<f64>() / 2.0
+        Polygon::<FOOTPRINT_MAX>::new(corners(footprint)).area()
     }
 
     #[test]

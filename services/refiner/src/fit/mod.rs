@@ -142,9 +142,7 @@ impl Rectangle {
     /// With a margin on every side, m.
     pub fn grown(&self, margin_m: f64) -> Rectangle {
         Rectangle {
-            sides_m: self
-                .sides_m
-                .map(|[low, high]| [low - margin_m, high + margin_m]),
+            sides_m: (self.sides_m).map(|[low, high]| [low - margin_m, high + margin_m]),
             ..*self
         }
     }
@@ -154,6 +152,16 @@ impl Rectangle {
         let (sin, cos) = self.yaw_rad.sin_cos();
         let [u, v] = self.sides_m.map(|[low, high]| (low + high) / 2.0);
         [u * cos - v * sin, u * sin + v * cos]
+    }
+
+    /// Corners relative to the points' origin, counter-clockwise, m.
+    fn corners_m(&self) -> [[f64; 2]; 4] {
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let [us, vs] = self.sides_m;
+        [(1, 1), (0, 1), (0, 0), (1, 0)].map(|(i, k)| {
+            let (u, v) = (us[i], vs[k]);
+            [u * cos - v * sin, u * sin + v * cos]
+        })
     }
 }
 

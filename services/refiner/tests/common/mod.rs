@@ -5,7 +5,8 @@ use mluc_geometry::Box3;
 use mluc_ipc_types::{
     Detection, DetectionKind, Disposition, FrameHeader, OBJECT_POINTS_MAX, Object, Point,
 };
-use mluc_refiner::{BeamTable, Refiner, RefinerOutput, Sensor, Settings, Variant};
+use mluc_model::Beams;
+use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings, Variant};
 
 /// Length, width and height of a golf cart, m.
 pub(crate) const CART: [f64; 3] = [2.6, 1.25, 1.85];
@@ -24,7 +25,7 @@ pub(crate) fn elevations_rad() -> Vec<f64> {
 pub(crate) fn sensor() -> Sensor {
     Sensor {
         height_m: SENSOR_HEIGHT_M,
-        beams: Some(BeamTable {
+        beams: Some(Beams {
             elevation_rad: elevations_rad().iter().map(|&e| e as f32).collect(),
             azimuth_step_rad: (std::f64::consts::TAU / COLUMNS as f64) as f32,
         }),
@@ -45,13 +46,9 @@ pub(crate) fn scan(boxes: &[Box3]) -> Vec<Point> {
             let azimuth = (column as f64 + 0.5) * std::f64::consts::TAU / COLUMNS as f64;
             let flat = elevation.cos();
             let ray = [flat * azimuth.cos(), flat * azimuth.sin(), elevation.sin()];
-            let ground = if ray[2] < 0.0 {
-                -SENSOR_HEIGHT_M / ray[2]
-            } else {
-                f64::INFINITY
-            };
-            let hits = boxes.iter().filter_map(|b| hit(b, ray));
-            let range = hits.fold(ground, f64::min);
+            let ground = (ray[2] < 0.0).then(|| -SENSOR_HEIGHT_M / ray[2]);
+            let hits = boxes.iter().filter_map(|b| hit(b, ray)).chain(ground);
+            let range = hits.fold(f64::INFINITY, f64::min);
             if range < RANGE_MAX_M {
                 points.push(point(ray.map(|r| r * range)));
             }
@@ -162,7 +159,4 @@ pub(crate) fn assert_sound(points: &[Point], detections: &[Detection], out: &Ref
         assert!(end as usize <= out.object_points.len());
         assert!(object.footprint_m.iter().flatten().all(|v| v.is_finite()));
     }
-    let told: u32 = out.counters.by_disposition.iter().sum();
-    let told = told as usize;
-    assert_eq!(told, out.objects.len(), "every disposition is counted");
 }

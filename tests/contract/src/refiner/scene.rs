@@ -1,5 +1,6 @@
 //! Synthetic scans: flat ground, boxes that stand on it, and what a head would say of them. No randomness but a fixed one.
 
+use mluc_geometry::Random;
 use mluc_ipc_types::{CLASSES_MAX, Detection, DetectionKind, GateKind, NO_PROBABILITY, Point};
 
 /// Height of the sensor above the ground, m.
@@ -127,21 +128,9 @@ pub(crate) fn usual() -> (Vec<Point>, Vec<Detection>) {
     (scan(&[CART, CAR], 20_000), detections)
 }
 
-/// Numbers without a pattern, the same in every run (xorshift, Marsaglia 2003).
-pub(crate) struct Noise(pub(crate) u64);
-
-impl Noise {
-    fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0
-    }
-
-    /// Overwrites an element with noise.
-    pub(crate) fn fill<T: bytemuck::Pod>(&mut self, element: &mut T) {
-        for byte in bytemuck::bytes_of_mut(element) {
-            *byte = (self.next() >> 32) as u8;
-        }
+/// Overwrites an element with noise.
+pub(crate) fn fill<T: bytemuck::Pod>(random: &mut Random, element: &mut T) {
+    for byte in bytemuck::bytes_of_mut(element) {
+        *byte = random.bits() as u8;
     }
 }

@@ -78,7 +78,7 @@ impl Session<'_> {
         self.player.check_running()?;
         let program = self.program()?;
         if let Some(status) = program.ended() {
-            let words = program.last_words();
+            let words = program.last_words()?;
             bail!("it ended ({status}), awaited: {awaited}; its last words: {words}");
         }
         Ok(())

@@ -186,16 +186,5 @@ fn misses(tables: &[MissTable]) -> String {
         };
         row(&table.class, table.by_range.each_ref().map(cell));
     }
-    text += &format!(
-        "\ndetections of score 0.3 or more: {:>6} {:>10} {:>12} {:>11}\n",
-        "right", "displaced", "other class", "background"
-    );
-    for table in tables {
-        let a = &table.alarms;
-        text += &format!(
-            "{:<12} {:>18} {:>7} {:>10} {:>12} {:>11}\n",
-            table.class, a.detections, a.right, a.displaced, a.other_class, a.background
-        );
-    }
     text
 }

@@ -6,11 +6,12 @@
 //! go where it goes. Pixels of the ground stop a direction. Without a beam table, neighbours are found by a distance
 //! that grows with range.
 
+use mluc_model::Beams;
+
 use super::{Grower, Growth};
 use crate::paper::angle::is_above;
 use crate::paper::buckets::Buckets;
 use crate::paper::neighbourhood::Neighbourhood;
-use crate::sensor::BeamTable;
 
 const EMPTY: u32 = u32::MAX;
 /// Joined when the angle is above, degrees. On real scans 10 keeps 94 % of the pairs on one object and joins 1 % across a
@@ -51,7 +52,7 @@ struct Image {
 
 impl Depth {
     /// For the model's beams.
-    pub fn new(beams: Option<&BeamTable>) -> Depth {
+    pub fn new(beams: Option<&Beams>) -> Depth {
         Depth {
             image: beams.map(Image::new),
             buckets: Buckets::default(),
@@ -77,7 +78,7 @@ impl Grower for Depth {
 }
 
 impl Image {
-    fn new(beams: &BeamTable) -> Image {
+    fn new(beams: &Beams) -> Image {
         let columns = ((std::f32::consts::TAU / beams.azimuth_step_rad) as usize).max(1);
         let between = |pair: &[f32]| ((pair[0] + pair[1]) / 2.0).tan();
         Image {

@@ -1,12 +1,13 @@
 //! What no sound stage sends.
 
 use anyhow::{Context, ensure};
+use mluc_geometry::Random;
 use mluc_ipc_types::{DETECTIONS_MAX, Detection, Disposition, Flags, NAME_MAX, Object, POINTS_MAX};
 
 use super::Outcome;
 use crate::refiner::answer::is_flagged;
 use crate::refiner::player::{Answer, Frame};
-use crate::refiner::scene::{CART, Noise, candidate, scan};
+use crate::refiner::scene::{CART, candidate, fill, scan};
 use crate::refiner::session::{Reaction, Session};
 
 /// Frames of noise.
@@ -147,15 +148,21 @@ fn spoil_header(frame: &mut Frame) {
 pub(super) fn noise(session: &mut Session<'_>) -> Outcome {
     let mut provoked = Provoked::begin(session)?;
     for seed in 1..=NOISY_FRAMES {
-        let mut noise = Noise(seed * 0x9e37_79b9_7f4a_7c15);
+        let mut random = Random::new(seed, &[]);
         let mut frame = provoked.session.player.usual();
         let second = frame.detections[1];
         frame.detections.resize(64, second);
         if seed % 3 != 1 {
-            frame.points.iter_mut().for_each(|point| noise.fill(point));
+            frame
+                .points
+                .iter_mut()
+                .for_each(|point| fill(&mut random, point));
         }
         if seed % 3 != 0 {
-            frame.detections.iter_mut().for_each(|d| noise.fill(d));
+            frame
+                .detections
+                .iter_mut()
+                .for_each(|d| fill(&mut random, d));
         }
         provoked.survives(&format!("noise of seed {seed}"), frame, |_| true)?;
     }

@@ -50,7 +50,7 @@ fn wrong_instance(session: &mut Session<'_>) -> anyhow::Result<String> {
     std::fs::write(instance.root().join("contract"), text).context("writing the contract file")?;
     let mut program = Program::start(&session.options.command, &instance)?;
     let ended = program.end_within(session.options.patience);
-    let words = program.last_words();
+    let words = program.last_words()?;
     drop(program);
     drop(member);
     let place = format!("an instance of wire version {other}");

@@ -5,50 +5,39 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::exchange::on_kitti;
+use anyhow::Context;
 use mluc_backbone::Backbone;
+use mluc_dataset::read_scan;
 use mluc_head::Head;
-use mluc_lab::exchange::{ImportRequest, Imported, import};
-use mluc_tests::skip;
-
-type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
+use mluc_lab::exchange::{Imported, import};
+use mluc_tests::{feature_map, skip};
 
 /// Of the values' spread about their mean.
 const TOLERANCE: f64 = 1e-3;
 
-fn folder() -> Option<PathBuf> {
-    let folder = std::env::var_os("MLUC_PEERS_CHECKPOINT").map(PathBuf::from);
-    if folder.is_none() {
-        skip("answers of PyTorch", "MLUC_PEERS_CHECKPOINT is not set");
-    }
-    folder
+fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| path.display().to_string())
 }
 
-fn imported(path: &Path) -> Fallible<Imported> {
-    let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
-    Ok(import(&bytes, &ImportRequest::kitti())?)
-}
-
-fn numbers(path: &Path) -> Fallible<Vec<f32>> {
-    let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
+fn numbers(path: &Path) -> anyhow::Result<Vec<f32>> {
+    let bytes = read(path)?;
     let values = bytes.as_chunks::<4>().0.iter();
     Ok(values.map(|value| f32::from_le_bytes(*value)).collect())
 }
 
 #[test]
-fn an_imported_checkpoint_answers_as_pytorch_does() -> Fallible {
-    let Some(folder) = folder() else {
+fn an_imported_checkpoint_answers_as_pytorch_does() -> anyhow::Result<()> {
+    let Some(folder) = std::env::var_os("MLUC_PEERS_CHECKPOINT").map(PathBuf::from) else {
+        skip("answers of PyTorch", "MLUC_PEERS_CHECKPOINT is not set");
         return Ok(());
     };
-    let imported = imported(&folder.join("checkpoint.safetensors"))?;
-    let legacy = self::imported(&folder.join("legacy.safetensors"))?;
-    assert!(
-        imported.weights == legacy.weights,
-        "both formats of PyTorch"
-    );
-    let points: Vec<[f32; 4]> = numbers(&folder.join("points.bin"))?
-        .chunks_exact(4)
-        .map(|p| [p[0], p[1], p[2], p[3]])
-        .collect();
+    let imported = |name: &str| import(&read(&folder.join(name))?, on_kitti());
+    let legacy = imported("legacy.safetensors")?;
+    let imported = imported("checkpoint.safetensors")?;
+    let is_same = imported.weights == legacy.weights;
+    assert!(is_same, "both formats of PyTorch");
+    let points = read_scan(&folder.join("points.bin"))?;
     let found = answers(&imported, &points)?;
     let network = &imported.manifest.network;
     let names = ["conv_cls", "conv_box", "conv_dir_cls"];
@@ -62,19 +51,14 @@ fn an_imported_checkpoint_answers_as_pytorch_does() -> Fallible {
     Ok(())
 }
 
-/// Every head on every cell: the rows of the frame laid over those of the empty scene.
-fn answers(imported: &Imported, points: &[[f32; 4]]) -> Fallible<Vec<Vec<f32>>> {
+/// Every head on every cell of the map.
+fn answers(imported: &Imported, points: &[[f32; 4]]) -> anyhow::Result<Vec<Vec<f32>>> {
     let mut backbone = Backbone::new(&imported.manifest, &imported.weights)?;
     let head = Head::new(&imported.manifest, &imported.weights)?;
-    let mut values = backbone.empty_rows()?;
-    let channels = backbone.feature_channels();
+    let empty = backbone.empty_rows()?;
     let count = backbone.run(points).rows;
     assert!(count > 1000, "the scan fills the map: {count} rows");
-    let (cells, rows) = backbone.last_rows()?;
-    for (cell, row) in cells.iter().zip(rows.chunks_exact(channels)) {
-        values[*cell as usize * channels..][..channels].copy_from_slice(row);
-    }
-    Ok(head.outputs(&values).into_iter().collect())
+    Ok(head.outputs(&feature_map(&backbone, empty)?))
 }
 
 fn compare(name: &str, found: &[f32], expected: &[f32]) {

@@ -1,52 +1,26 @@
 //! Average precision on hand-made frames whose answer follows from the devkit's rules on paper.
 
-use mluc_dataset::Label;
-use mluc_evaluate::{
-    AveragePrecision, CameraDetection, ClassRule, Curve, Difficulty, LabelledFrame, Metric,
-    NeighbourPolicy, ObjectKind, UnknownProtocol, match_frames,
+use super::{found, frame, label};
+use crate::curve::Curve;
+use crate::matching::match_frames;
+use crate::{
+    AveragePrecision, CameraDetection, ClassRule, Difficulty, LabelledFrame, Metric,
+    NeighbourPolicy, UnknownProtocol,
 };
-use mluc_geometry::{CameraBox, Random, iou_3d};
+use mluc_dataset::Label;
+use mluc_geometry::{Random, iou_3d};
 
 const SPACE: Metric = Metric::Space;
 
-/// An object 50 px high that nothing hides, 10 m from its neighbours in space and in the image.
+/// Ten metres from the place before.
 fn object(class: &str, place: usize) -> Label {
-    let left = 60.0 * place as f64;
-    Label {
-        class: class.to_owned(),
-        image_box_px: [left, 100.0, left + 50.0, 150.0],
-        camera_box: CameraBox {
-            location_m: [10.0 * place as f64, 1.7, 20.0],
-            size_hwl_m: [1.5, 1.6, 4.0],
-            rotation_y_rad: 0.3,
-        },
-        ..Label::default()
-    }
-}
-
-/// A detection just there.
-fn found(label: &Label, class: &str, score: f64) -> CameraDetection {
-    let is_unknown = class == "unknown";
-    CameraDetection {
-        kind: [ObjectKind::Known, ObjectKind::Unknown][usize::from(is_unknown)],
-        class: class.to_owned(),
-        score,
-        image_box_px: label.image_box_px,
-        upright: label.camera_box.upright(),
-    }
+    label(class, 10.0 * place as f64)
 }
 
 /// The same, so high in the image.
 fn with_height(mut detection: CameraDetection, height_px: f64) -> CameraDetection {
     detection.image_box_px[3] = detection.image_box_px[1] + height_px;
     detection
-}
-
-fn frame(labels: Vec<Label>, detections: Vec<CameraDetection>) -> LabelledFrame {
-    LabelledFrame {
-        labels: labels.into(),
-        detections,
-    }
 }
 
 fn car(iou_min: f64) -> ClassRule {

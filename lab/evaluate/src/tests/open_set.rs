@@ -1,11 +1,12 @@
 //! The open-set figures: of the whole and of parts of a data set, at many thresholds of the gate, and the choice of one.
 
-use mluc_dataset::Label;
-use mluc_evaluate::{
+use crate::open_set::unknown_as_known;
+use crate::sweep::{quantile_grid, sweep};
+use crate::{
     ClassRule, FrameTruth, JudgedFrames, JudgedPoint, LabelledFrame, NeighbourPolicy, ObjectKind,
-    SensorDetection, SweepPoint, UnknownProtocol, best_index, evaluate, honest, quantile_grid,
-    sweep, unknown_as_known,
+    SensorDetection, SweepPoint, UnknownProtocol, best_index, evaluate, honest,
 };
+use mluc_dataset::Label;
 use mluc_geometry::{Box3, Calibration, ImageSize};
 
 fn shape(x_m: f64, y_m: f64) -> Box3 {
@@ -63,8 +64,12 @@ impl Scene {
     }
 
     fn judged(&self, thresholds: &[f64]) -> Vec<JudgedPoint> {
-        let at = |frame: usize, at: usize| self.detections(frame, thresholds[at]);
-        sweep(&self.truths, &self.rules, thresholds, at)
+        let of_frame = |frame: usize| {
+            let at = thresholds.iter().map(|t| self.detections(frame, *t));
+            at.collect()
+        };
+        let objects: Vec<_> = (0..self.truths.len()).map(of_frame).collect();
+        sweep(&self.truths, &self.rules, thresholds, &objects)
     }
 
     fn sweep(&self, thresholds: &[f64]) -> Vec<SweepPoint> {

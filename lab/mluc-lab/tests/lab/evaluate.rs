@@ -1,0 +1,277 @@
+//! `mluc-lab evaluate`.
+
+use crate::{Folder, text};
+use mluc_dataset::read_boxes;
+use mluc_geometry::Box3;
+use mluc_tests::{NO_CAMERA, untrained_udi};
+use serde_json::{Value, json};
+
+const CAMERA: &str = "P2: 700 0 600 0 0 700 180 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\n\
+    Tr_velo_to_cam: 0 -1 0 0 0 0 -1 -0.1 1 0 0 -0.3\n";
+
+/// A car, a pedestrian, a van, a region without labels.
+const LABELS: &str = "Car 0 0 0 0 0 100 100 1.5 1.6 4.0 -3 1.7 15 0.4\n\
+    Pedestrian 0 1 0 0 0 100 100 1.7 0.6 0.8 4 1.7 12 -1\n\
+    Van 0 0 0 0 0 100 100 2.1 1.9 5.0 0 1.7 25 1.5\n\
+    DontCare -1 -1 -10 500 170 520 190 -1 -1 -1 -1000 -1000 -1000 -10\n";
+
+const FOUND: &str = "a/objects.jsonl";
+const OPEN_SET: &str = "--json --unknown van,truck --unknown-iou 0.1";
+const CAR: &str = "car/3d/moderate";
+
+impl Folder {
+    /// Frames of the same labels under `part`, and the JSON lines of a detector that finds all of them.
+    fn scene(&self, part: &str, calibration: &str, frames: usize) {
+        let mut lines = String::new();
+        for i in 0..frames {
+            self.write(&format!("{part}/label_2/{i:06}.txt"), LABELS);
+            self.write(&format!("{part}/calib/{i:06}.txt"), calibration);
+            lines += &line(&format!("{i:06}"), self.perfect_objects(part));
+        }
+        self.write(&format!("{part}/objects.jsonl"), lines);
+    }
+
+    /// The boxes of a frame's labels: a car, a pedestrian, a van.
+    fn boxes(&self, part: &str) -> Vec<Box3> {
+        let path = |folder: &str| self.path(&format!("{part}/{folder}/000000.txt"));
+        let boxes = read_boxes(&path("label_2"), &path("calib")).expect("boxes");
+        boxes.into_iter().map(|(_, b)| b).collect()
+    }
+
+    fn perfect_objects(&self, part: &str) -> Vec<Value> {
+        let kinds = ["known", "known", "unknown"];
+        let names = kinds.into_iter().zip(["car", "pedestrian", "van"]);
+        let objects = names.zip(self.boxes(part));
+        objects
+            .map(|((kind, label), b)| object(kind, label, 0.9, b))
+            .collect()
+    }
+}
+
+fn object(kind: &str, label: &str, score: f64, b: Box3) -> Value {
+    json!({"kind": kind, "label": label, "score": score, "center_m": b.center_m, "size_m": b.size_m, "yaw_rad": b.yaw_rad,
+        "eds": 1.0, "eds_normalised": 1.0, "points": 9, "footprint_m": []})
+}
+
+fn line(frame: &str, objects: Vec<Value>) -> String {
+    let suppressed = json!([{"kind": "unknown", "reason": "overlaps_known", "by": 0}]);
+    let line = json!({"wire": mluc_ipc_types::WIRE_VERSION, "sequence": 1, "frame": frame, "stamp_ns": 1, "objects": objects,
+        "suppressed": suppressed, "stages": {}, "latency_us": 1, "flags": []});
+    format!("{line}\n")
+}
+
+/// The words that judge the folders `parts`.
+fn ap(parts: &str, more: &str) -> String {
+    let part = |part| {
+        format!("--labels {part}/label_2 --calib {part}/calib --detections {part}/objects.jsonl")
+    };
+    let parts: Vec<String> = parts.split(' ').map(part).collect();
+    format!("evaluate ap {} {more}", parts.join(" "))
+}
+
+fn figure(report: &Value, key: &str, name: &str) -> f64 {
+    let value = report[key][name].as_f64();
+    value.unwrap_or_else(|| panic!("{key} {name}: not there"))
+}
+
+#[test]
+fn a_perfect_detector_without_a_camera() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 50);
+    let report = folder.json(&ap("a", OPEN_SET));
+    for class in ["car", "pedestrian", "unknown"] {
+        for metric in ["bev", "3d"] {
+            for name in ["ap_r11", "ap_r40", "ap_all"] {
+                let found = figure(&report, &format!("{class}/{metric}/moderate"), name);
+                assert_eq!(found, 100.0, "{class} {metric} {name}");
+            }
+        }
+    }
+    for name in ["map_known", "recall_unknown", "ap_unknown", "map_harm"] {
+        assert_eq!(report[name], 100.0, "{name}");
+        assert_eq!(report[format!("{name}_all")], 100.0, "{name}");
+    }
+    let rows = json!({"labels_found_as": {"unknown": 50}, "detections_lie_on": {"van": 50}});
+    assert_eq!(report["unknown_confusion"], rows);
+    // Nobody labelled a cyclist: its AP is 0 and map_known leaves it out.
+    assert_eq!(figure(&report, "cyclist/3d/moderate", "ap_all"), 0.0);
+
+    let table = folder.run(&ap("a", OPEN_SET.trim_start_matches("--json")));
+    let table = text(&table.stdout);
+    let classes = ["car", "pedestrian", "unknown"];
+    let others = [
+        "50 frames, 150 detections",
+        "harmonic mean",
+        "found as",
+        "50 van",
+    ];
+    for word in classes.into_iter().chain(others) {
+        assert!(table.contains(word), "{word}: {table}");
+    }
+
+    // The closed set has no open-set figures, and its keys are the devkit's nine a class.
+    let report = folder.json(&ap("a", "--json"));
+    let keys: Vec<&String> = report.as_object().expect("an object").keys().collect();
+    let is_of_class = |key: &&String| key.split('/').count() == 3;
+    assert!(keys.len() == 27 && keys.iter().all(is_of_class), "{keys:?}");
+}
+
+#[test]
+fn what_lies_outside_the_image_is_dropped_where_there_is_one() {
+    for (calibration, size, expected) in [
+        (CAMERA, "1242x375", 100.0),
+        (CAMERA, "1500x375", 50.0),
+        (NO_CAMERA, "1242x375", 50.0),
+    ] {
+        let folder = Folder::new();
+        folder.scene("a", calibration, 1);
+        let mut objects = folder.perfect_objects("a");
+        // A car from column 1284 on: a false alarm where the image reaches that far, or where there is none.
+        let outside = Box3::new([20.0, -22.0, -0.9, 4.0, 1.6, 1.5, 0.0]);
+        objects.push(object("known", "car", 0.95, outside));
+        folder.write(FOUND, line("000000", objects));
+        let report = folder.json(&ap("a", &format!("--json --image-size {size}")));
+        assert_eq!(figure(&report, CAR, "ap_all"), expected, "{size}");
+    }
+}
+
+#[test]
+fn folders_with_the_same_frame_names_are_pooled() {
+    let folder = Folder::new();
+    folder.scene("a", CAMERA, 30);
+    folder.scene("b", NO_CAMERA, 20);
+    let both = folder.json(&ap("a b", OPEN_SET));
+    assert_eq!(figure(&both, CAR, "ap_r40"), 100.0);
+    // Thirty labels alone cannot reach 100 at 40 positions.
+    let one = folder.json(&ap("a", OPEN_SET));
+    assert!(figure(&one, CAR, "ap_r40") < 80.0);
+    assert_eq!(figure(&one, CAR, "ap_all"), 100.0);
+}
+
+#[test]
+fn frames_without_detections_count_and_are_warned_about() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 2);
+    folder.write(FOUND, line("000001", folder.perfect_objects("a")));
+    let output = folder.run(&ap("a", "--json"));
+    let report = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(figure(&report, CAR, "ap_all"), 50.0);
+    let warnings = text(&output.stderr);
+    for words in ["1 frames have labels but no detections", "000000"] {
+        assert!(warnings.contains(words), "{warnings}");
+    }
+}
+
+#[test]
+fn overlaps_classes_and_neighbours_can_be_chosen() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 1);
+    let mut objects = folder.perfect_objects("a");
+    let [mut car, _, van] = folder.boxes("a")[..] else {
+        panic!("three labels")
+    };
+    // Moved by a fifth of its length: IoU 2/3.
+    car.center_m[0] += 0.8 * car.yaw_rad.cos();
+    car.center_m[1] += 0.8 * car.yaw_rad.sin();
+    objects[0] = object("known", "car", 0.9, car);
+    // The van, called a car.
+    objects.push(object("known", "car", 0.99, van));
+    folder.write(FOUND, line("000000", objects));
+    for (options, expected) in [
+        ("--json", 0.0),
+        ("--json --iou car=0.5,pedestrian=0.25", 100.0),
+        ("--json --iou car=0.5 --neighbours strict", 50.0),
+    ] {
+        let found = figure(&folder.json(&ap("a", options)), CAR, "ap_all");
+        assert_eq!(found, expected, "{options}");
+    }
+    let only = folder.json(&ap("a", "--json --classes car"));
+    assert_eq!(only.as_object().expect("an object").len(), 9);
+}
+
+#[test]
+fn bad_input_is_named_and_fails() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 2);
+    for (options, words) in [
+        ("--labels elsewhere", ["--detections", "(2)", "found 1"]),
+        ("--iou car", ["CLASS=IOU", "car", "found"]),
+        ("--iou car=1.5", ["overlap of car", "1.5", "found"]),
+        ("--unknown van --iou van=0.5", ["van", "both", "found"]),
+        ("--image-size big", ["WIDTHxHEIGHT", "big", "found"]),
+    ] {
+        folder.refuses(&ap("a", options), &words);
+    }
+    let short = LABELS.split_once(" 15 0.4").expect("the car's end").0;
+    let renamed = text(&folder.read(FOUND)).replace("\"00000", "\"77777");
+    for (file, content, words) in [
+        (
+            "a/label_2/000001.txt",
+            short,
+            ["000001.txt, line 1", "found 13", "no z"],
+        ),
+        (
+            "a/calib/000001.txt",
+            "P2: 0 0\n",
+            ["calib/000001.txt, line 1", "12 columns", "found 2"],
+        ),
+        (FOUND, "{", ["objects.jsonl, line 1", "", ""]),
+        (FOUND, &renamed, ["found none", "777770", "000000"]),
+    ] {
+        let refuses = || folder.refuses(&ap("a", ""), &words);
+        folder.with(file, |_| content.into(), refuses);
+    }
+    let refuses = |words: &[&str]| folder.refuses(&ap("a", ""), words);
+    std::fs::rename(folder.path(FOUND), folder.path("moved")).expect("moved");
+    refuses(&["folder of detection files or a file of JSON lines"]);
+    std::fs::rename(folder.path("moved"), folder.path(FOUND)).expect("moved");
+    std::fs::remove_dir_all(folder.path("a/label_2")).expect("removed");
+    std::fs::create_dir(folder.path("a/label_2")).expect("made");
+    refuses(&["label files (*.txt)", "found none"]);
+}
+
+/// JSON lines cannot be judged without a calibration; detection files of a folder can.
+#[test]
+fn json_lines_need_a_calibration_and_folders_do_not() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 1);
+    let with = |found: &str| format!("evaluate ap --json --labels a/label_2 --detections {found}");
+    folder.refuses(&with(FOUND), &["--calib"]);
+    let scored = LABELS.lines().take(2).map(|line| format!("{line} 0.9\n"));
+    folder.write("a/found/000000.txt", scored.collect::<String>());
+    let report = folder.json(&with("a/found"));
+    assert_eq!(figure(&report, CAR, "ap_all"), 100.0);
+    folder.write("a/found/000000.txt", LABELS);
+    folder.refuses(&with("a/found"), &["no score"]);
+}
+
+#[test]
+fn a_model_is_judged_and_faults_are_named() {
+    let folder = Folder::new();
+    folder.run("simulate --family sim-udi --split val --frames 2 --seed 3 --out val");
+    folder.write("model.safetensors", untrained_udi());
+
+    let model = |more: &str| format!("evaluate model --model model.safetensors --data val {more}");
+    let report = folder.json(&model("--split val --sweep --json --boxes boxes.jsonl"));
+    assert_eq!(report["frames"], 2);
+    assert!(report["closed"]["truck/3d/moderate"]["ap_r40"].is_number());
+    let points = report["sweep"].as_array().map_or(0, Vec::len);
+    assert!(points > 2, "{points}");
+    assert_eq!(report["separation"].as_array().map(Vec::len), Some(7));
+    assert_eq!(text(&folder.read("boxes.jsonl")).lines().count(), 2);
+    let table = folder.run(&model("--refiner none"));
+    assert!(text(&table.stdout).contains("closed set"));
+
+    for (options, words) in [
+        ("--split test", ["ImageSets", "test.txt"]),
+        ("--frames 0", ["--frames", "found 0"]),
+        (
+            "--write-threshold --unknown spaceship",
+            ["spaceship", "found none"],
+        ),
+    ] {
+        folder.refuses(&model(options), &words);
+    }
+    std::fs::remove_file(folder.path("val/label_2/000001.txt")).expect("removed");
+    folder.refuses(&model(""), &["frame 000001", "expected labels"]);
+}

@@ -1,0 +1,199 @@
+//! `mluc-lab train`: what is wrong is named, what is done is kept.
+
+use crate::{Folder, text};
+use mluc_model::{Model, model_bytes};
+use mluc_reproduce::{RunState, run_state};
+use std::fs::{self, File};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A folder with four simulated scans in `data/train`.
+fn place() -> Folder {
+    let place = Folder::new();
+    place.run("simulate --family sim-kitti --split train --frames 4 --seed 3 --out data/train");
+    place
+}
+
+/// The words that train on these scans, into `run`.
+fn train(run: &str, more: &str) -> String {
+    format!("train --setting kitti --batch 1 --validate-frames 0 --data data --out {run} {more}")
+}
+
+impl Folder {
+    fn trainer(&self, run: &str, more: &str) -> Command {
+        self.command(&train(run, more))
+    }
+
+    /// Trains to the end; gives what was said.
+    #[track_caller]
+    fn trained(&self, run: &str, more: &str) -> String {
+        text(&self.run(&train(run, more)).stderr)
+    }
+
+    #[track_caller]
+    fn refuses_to_train(&self, run: &str, more: &str, words: &[&str]) {
+        self.refuses(&train(run, more), words);
+    }
+
+    fn model(&self, run: &str) -> Vec<u8> {
+        self.read(&format!("{run}/model.safetensors"))
+    }
+}
+
+const ONE: &str = "--steps 1";
+
+#[test]
+fn wrong_data_is_named_before_anything_is_trained() {
+    let place = place();
+    let misspelt = |bytes: &[u8]| text(bytes).replacen("Car ", "Carr ", 1).into();
+    let negative = |bytes: &[u8]| {
+        let text = text(bytes);
+        let mut columns: Vec<&str> = text.split(' ').collect();
+        columns[8] = "-1.5";
+        columns.join(" ").into()
+    };
+    type Change<'a> = &'a dyn Fn(&[u8]) -> Vec<u8>;
+    let label = "data/train/label_2/000001.txt";
+    let class = "000001.txt, line|field type: expected one of Car, Van|found 'Carr'";
+    let size = "000001.txt, line 1, field height|found '-1.5'";
+    let cut = "000003.bin: expected a multiple of 16 bytes";
+    let cases: [(&str, Change, &str); 4] = [
+        (label, &misspelt, class),
+        (label, &negative, size),
+        (
+            "data/train/calib/000002.txt",
+            &|_| b"P2: 1 2 3\n".into(),
+            "000002.txt, line 1",
+        ),
+        (
+            "data/train/velodyne/000003.bin",
+            &|bytes| bytes[..bytes.len() - 7].into(),
+            cut,
+        ),
+    ];
+    for (file, change, words) in cases {
+        let words: Vec<&str> = words.split('|').collect();
+        place.with(file, change, || place.refuses_to_train("run", ONE, &words));
+    }
+    place.with(label, misspelt, || {
+        place.trained("ignoring", "--steps 1 --ignore-classes carr");
+    });
+    place.refuses_to_train("threads", "--threads 1000000", &[]);
+    assert!(!place.path("threads").exists());
+}
+
+#[test]
+fn empty_scans_are_told_from_hard_ones() {
+    let place = place();
+    for name in ["000000", "000001", "000002", "000003"] {
+        place.write(&format!("data/train/velodyne/{name}.bin"), []);
+    }
+    let fault = ["expected points in the labelled boxes"];
+    place.refuses_to_train("run", "--steps 1 --no-augment", &fault);
+}
+
+#[test]
+fn a_killed_run_goes_on_to_the_bits_of_an_uninterrupted_one() {
+    let place = place();
+    let steps = "--steps 8 --checkpoint-every 1";
+    place.trained("whole", steps);
+
+    let mut first = place.trainer("cut", steps);
+    let mut child = first.stderr(Stdio::null()).spawn().expect("started");
+    let checkpoint = place.path("cut/checkpoint.safetensors");
+    let patience = Instant::now();
+    while !checkpoint.exists() && patience.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    // The log may be cut in a line.
+    place.write("cut/train.jsonl", "{\"step\":1,\"ste");
+    place.trained("cut", steps);
+    assert_eq!(place.model("cut"), place.model("whole"));
+    let state = || run_state(&place.path("cut")).expect("a run");
+    assert_eq!(state(), RunState::Done);
+
+    // More steps than were done: not at its end, whatever the log says.
+    place.write("cut/train.jsonl", "{\"step\":9,\"steps\":9}\n");
+    assert_eq!(state(), RunState::Unfinished { step: 8, steps: 9 });
+}
+
+#[test]
+fn a_run_writes_over_nothing_that_is_not_its_own() {
+    let place = place();
+    place.trained("run", ONE);
+    let model = place.model("run");
+
+    let other_run = ["checkpoint.safetensors: expected a run with"];
+    place.refuses_to_train("run", "--steps 1 --seed 2", &other_run);
+    // Other labels under the same name are other data.
+    let less = |bytes: &[u8]| {
+        let mut lines = bytes.splitn(2, |byte| *byte == b'\n');
+        lines.nth(1).expect("a second line").to_vec()
+    };
+    place.with("data/train/label_2/000001.txt", less, || {
+        place.refuses_to_train("run", ONE, &["expected a run with"]);
+    });
+    fs::remove_file(place.path("run/checkpoint.safetensors")).expect("removed");
+    let other_file = ["model.safetensors: expected no file of another run"];
+    place.refuses_to_train("run", ONE, &other_file);
+    assert_eq!(place.model("run"), model);
+
+    place.write("busy/.lock", "");
+    let lock = File::create(place.path("busy/.lock")).expect("a file");
+    lock.lock().expect("taken");
+    place.refuses_to_train("busy", ONE, &["another run"]);
+}
+
+#[test]
+fn a_model_that_was_worked_on_since_stays_as_it_is() {
+    let place = place();
+    let steps = "--steps 2";
+    place.trained("run", steps);
+    let mut model = Model::from_bytes(&place.model("run")).expect("a model");
+    model.manifest.provenance.threshold_choice = "chosen by hand".into();
+    let bytes = model_bytes(&model.manifest, &model.weights).expect("a model");
+    place.write("run/model.safetensors", &bytes);
+    assert!(place.trained("run", steps).contains("it stays as it is"));
+    assert_eq!(place.model("run"), bytes);
+    place.refuses_to_train("run", ONE, &["expected a run of at most 1 steps"]);
+
+    // What is asked of a model that it cannot give is told before the scans are gone through.
+    let naive = "evaluate method --method naive --data nowhere --model run/model.safetensors";
+    place.refuses(naive, &["naive: expected a model with a Softmax head"]);
+}
+
+#[test]
+fn osis_is_trained_once_and_over_nothing() {
+    let place = place();
+    place.trained("softmax", "--network softmax --steps 1");
+    let osis = "--network osis --init softmax --steps 2";
+    // What another run wrote into a log of this name is kept.
+    place.write("osis/train.jsonl", "old\n");
+    place.trained("osis", osis);
+    assert_eq!(place.read("osis/train.old.jsonl"), b"old\n");
+    let model = place.model("osis");
+    assert!(place.trained("osis", osis).contains("already trained"));
+    let other_file = ["expected no file of another run"];
+    place.refuses_to_train("osis", &format!("{osis} --seed 2"), &other_file);
+    place.refuses_to_train("softmax", osis, &other_file);
+    assert_eq!(place.model("osis"), model);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_terminal_stops_nothing() {
+    let place = place();
+    let full = || File::create("/dev/full").expect("there");
+    let mut command = place.trainer("run", ONE);
+    let status = command.stderr(full()).stdout(Stdio::null()).status();
+    assert!(status.expect("started").success());
+    assert!(!place.model("run").is_empty());
+    // The answer itself has to arrive; that it did not is no panic.
+    let mut command = place.trainer("other", ONE);
+    let output = command.stdout(full()).output().expect("started");
+    let text = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("standard output"), "{text}");
+}

@@ -1,0 +1,190 @@
+//! The places of `sim-any` besides streets: how often each is seen, and the room that some of them are.
+
+use super::ground::Place;
+use super::random::Dice;
+
+/// Sensors below this height ride on small robots, m.
+pub(crate) const ROBOT_M: f32 = 1.35;
+
+/// A building around the sensor, in the road frame: from the middle of the road `half_width_m` to both sides.
+#[derive(Clone, Debug)]
+pub(crate) struct Room {
+    /// First and last wall along the road, m.
+    pub(crate) along_m: [f32; 2],
+    pub(crate) half_width_m: f32,
+    /// Height of the ceiling, m.
+    pub(crate) height_m: f32,
+}
+
+impl Room {
+    /// Of a hall always, of a car park when it is covered: the ceiling stays half a metre above the sensor.
+    pub(crate) fn draw(place: Place, sensor_height_m: f32, dice: &mut Dice) -> Option<Room> {
+        let (length_m, half_width_m, height_m) = match place {
+            Place::Hall => {
+                let lowest_m = (sensor_height_m + 1.0).max(4.0);
+                let width_m = dice.range(7.0, 24.0);
+                (dice.range(18.0, 80.0), width_m, dice.range(lowest_m, 9.0))
+            }
+            Place::CarPark if sensor_height_m < 2.1 && dice.chance(0.45) => {
+                let lowest_m = (sensor_height_m + 0.5).max(2.3);
+                let width_m = [13.0, 21.0, 29.0][dice.whole(0, 2)];
+                (dice.range(40.0, 100.0), width_m, dice.range(lowest_m, 3.0))
+            }
+            _ => return None,
+        };
+        let behind_m = dice.range(5.0, length_m - 5.0);
+        Some(Room {
+            along_m: [-behind_m, length_m - behind_m],
+            half_width_m,
+            height_m,
+        })
+    }
+
+    /// Whether a thing of this reach stands clear of the walls.
+    pub(crate) fn holds(&self, (along, across): (f32, f32), reach_m: f32) -> bool {
+        let [low, high] = self.along_m;
+        along - reach_m > low
+            && along + reach_m < high
+            && across.abs() + reach_m < self.half_width_m
+    }
+
+    /// Farthest wall from the sensor, m.
+    pub(crate) fn reach_m(&self) -> f32 {
+        let [low, high] = self.along_m;
+        high.max(-low).max(self.half_width_m)
+    }
+}
+
+/// A place that is no street, in two frames of five: robots see halls and paths more than cars do.
+pub(crate) fn besides_streets(sensor_height_m: f32, dice: &mut Dice) -> Option<Place> {
+    let (chance, weights) = if sensor_height_m < ROBOT_M {
+        (0.55, [0.2, 0.17, 0.36, 0.27])
+    } else {
+        (0.36, [0.4, 0.25, 0.13, 0.22])
+    };
+    let places = [Place::CarPark, Place::Depot, Place::Hall, Place::Path];
+    dice.chance(chance).then(|| places[dice.weighted(&weights)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::background::Thing;
+    use super::super::ground::Ground;
+    use super::super::labels::UNLABELLED;
+    use super::super::{Class, Family, SimulatedFrame, Split, Stream, random, turn};
+    use super::*;
+    use mluc_model::SensorProfile;
+
+    const HEIGHT_M: f32 = 1.2;
+
+    fn sensor() -> SensorProfile {
+        SensorProfile {
+            azimuth_step_deg: 0.6,
+            // Else it would see nothing of a body as small as a robot.
+            range_m: [0.1, 100.0],
+            height_m: Some(HEIGHT_M),
+            ..SensorProfile::load("vlp-32c").expect("a product")
+        }
+    }
+
+    fn shown(index: u32) -> SimulatedFrame {
+        let stream = Stream::full(Family::SimAny, Split::Train, 1);
+        turn(stream, Some(&sensor()), index, None)
+            .expect("a frame")
+            .0
+    }
+
+    /// The first frames of a place.
+    fn frames_of(place: Place, is_covered: bool) -> impl Iterator<Item = SimulatedFrame> {
+        let family = Family::SimAny as u64;
+        let shows = move |index: &u32| {
+            let key = random::hash(&[1, family, Split::Train as u64, u64::from(*index)]);
+            let dice = &mut Dice::new(&[key, 1]);
+            let ground = Ground::draw(Family::SimAny, Some(HEIGHT_M), dice);
+            ground.place == place && ground.room.is_some() == is_covered
+        };
+        (0..400).filter(shows).take(3).map(shown)
+    }
+
+    #[test]
+    fn every_place_is_drawn_with_known_objects_its_background_and_ground_below() {
+        let (car, person) = (Class::Car, Class::Pedestrian);
+        for (place, is_covered, class, least, things) in [
+            (Place::Urban, false, car, 6, [Thing::Building, Thing::Pole]),
+            (Place::Suburb, false, car, 6, [Thing::Bush, Thing::Tree]),
+            (
+                Place::Industrial,
+                false,
+                car,
+                6,
+                [Thing::Building, Thing::Pole],
+            ),
+            (Place::Plaza, false, car, 6, [Thing::Building, Thing::Pole]),
+            (
+                Place::CarPark,
+                false,
+                car,
+                15,
+                [Thing::Pole, Thing::Building],
+            ),
+            (
+                Place::CarPark,
+                true,
+                car,
+                10,
+                [Thing::Ceiling, Thing::Column],
+            ),
+            (Place::Depot, false, car, 4, [Thing::Pile, Thing::Machine]),
+            (
+                Place::Hall,
+                true,
+                person,
+                8,
+                [Thing::Ceiling, Thing::Building],
+            ),
+            (Place::Path, false, person, 6, [Thing::Grass, Thing::Tree]),
+        ] {
+            let frames: Vec<SimulatedFrame> = frames_of(place, is_covered).collect();
+            assert_eq!(frames.len(), 3, "{place:?}");
+            let of_class = |f: &SimulatedFrame| {
+                let objects = f.objects.iter().filter(|o| o.class == class);
+                objects.count()
+            };
+            let count: usize = frames.iter().map(of_class).sum();
+            assert!(count >= least, "{place:?}: {count} of {class:?}");
+            for thing in things {
+                let is_shown = |f: &SimulatedFrame| f.instances.contains(&thing.instance());
+                assert!(frames.iter().any(is_shown), "{place:?}: no {thing:?}");
+            }
+            for frame in &frames {
+                let below = frame.plane[3] as f32;
+                assert!((below - HEIGHT_M).abs() < 0.05, "{place:?}: {below} m");
+                let near = |p: &[f32; 4]| p[0].hypot(p[1]) < 8.0;
+                let points = frame.points.iter().zip(&frame.instances);
+                let ground = points.filter(|(p, i)| **i == 0 && near(p));
+                let off: Vec<f32> = ground.map(|(p, _)| (p[2] + HEIGHT_M).abs()).collect();
+                let flat = off.iter().filter(|off| **off < 0.9).count();
+                assert!(
+                    flat * 10 >= off.len() * 9,
+                    "{place:?}: {flat} of {}",
+                    off.len()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn the_own_vehicle_is_seen_without_a_label_and_stands_in_nothing() {
+        let is_own = |(p, i): &(&[f32; 4], &u16)| **i == UNLABELLED && p[0].hypot(p[1]) < 1.2;
+        let mut seen = 0;
+        for frame in (0..24).map(shown) {
+            let points = frame.points.iter().zip(&frame.instances);
+            let own: Vec<[f32; 4]> = points.filter(is_own).map(|(p, _)| *p).collect();
+            seen += usize::from(!own.is_empty());
+            for object in &frame.objects {
+                assert_eq!(object.box_in_sensor.count_inside(&own), 0, "{object:?}");
+            }
+        }
+        assert!((3..=16).contains(&seen), "{seen} of 24 frames");
+    }
+}
