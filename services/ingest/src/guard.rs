@@ -486,3 +486,71 @@ impl Guard {
         self.last_scan = sum;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mluc_model::Network;
+
+    fn expected(takes: Takes) -> Expected {
+        let network = Network::compact(Grid::kitti_compact(), 3);
+        let mut manifest = Manifest::untrained("guard", network);
+        manifest.takes = Some(takes);
+        Expected::new(&manifest, None)
+    }
+
+    const TAKES: Takes = Takes {
+        beams: [0, 200],
+        height_m: [1.0, 2.0],
+        tilt_max_deg: 5.0,
+        points: [0, 200_000],
+    };
+
+    /// Flat ground so far below the sensor.
+    fn ground(height_m: f32, shift: f32) -> Vec<Point> {
+        let point = |number: usize| {
+            let angle = (number % 900) as f32 * 0.4_f32.to_radians() + shift;
+            let range_m = 3.0 + (number / 900) as f32 * 1.5;
+            Point {
+                x_m: range_m * angle.cos(),
+                y_m: range_m * angle.sin(),
+                z_m: -height_m,
+                intensity: 0.5,
+            }
+        };
+        (0..900 * 40).map(point).collect()
+    }
+
+    #[test]
+    fn a_fault_that_begins_is_told_within_ten_scans_and_forgotten_when_it_ends() {
+        let mut guard = Guard::new(expected(TAKES));
+        let report = DecodeReport::default();
+        let mut told = Vec::new();
+        for scan in 0..40 {
+            let height_m = if (9..20).contains(&scan) { 0.5 } else { 1.5 };
+            let points = ground(height_m, scan as f32 * 0.001);
+            told.push(guard.check(&points, &report).to_vec());
+        }
+        let has = |scan: usize| !told[scan].is_empty();
+        assert!(!has(9) && has(19) && !has(36), "{told:?}");
+        let text = told[19][0].to_string();
+        let start = "sensor 0.50 m above the ground, expected 1.00 to 2.00 m: ";
+        assert!(text.starts_with(start), "{text}");
+        assert_eq!(told[19][0].flag(), Flags::SUSPECT_HEIGHT);
+    }
+
+    #[test]
+    fn the_same_scan_four_times_is_frozen_and_empty_ones_are_not() {
+        let mut guard = Guard::new(expected(TAKES));
+        let report = DecodeReport::default();
+        let frozen = |guard: &mut Guard, points: &[Point]| {
+            let reasons = guard.check(points, &report);
+            reasons.iter().any(|r| r.flag() == Flags::SUSPECT_FROZEN)
+        };
+        let scan = ground(1.5, 0.0);
+        let told: Vec<bool> = (0..6).map(|_| frozen(&mut guard, &scan)).collect();
+        assert_eq!(told, [false, false, false, true, true, true]);
+        assert!(!frozen(&mut guard, &ground(1.5, 0.1)));
+        assert!((0..6).all(|_| !frozen(&mut guard, &[])));
+    }
+}

@@ -58,6 +58,7 @@ fn a_wrong_command_line_or_configuration_is_a_usage_error() {
         ),
         ("config --without=refner", "exists: 'refiner'"),
         ("config --precision fp32", "exists: 'f32'"),
+        ("config --sensor vlp-17", "built in are"),
         ("config --config=/nowhere.toml", "nowhere.toml"),
         ("stage bakcbone", "exists: 'backbone'"),
         ("status --instance a/b", "a/b"),

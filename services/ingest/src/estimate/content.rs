@@ -15,7 +15,7 @@ const HASH_SHARE: u32 = 64;
 const HASHES: usize = 1 << 13;
 
 /// Sums over scans.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Content {
     scans: u64,
     points: u64,
@@ -31,53 +31,21 @@ pub(super) struct Content {
     pub(super) unit: Unit,
 }
 
-impl Default for Content {
-    fn default() -> Content {
-        Content {
-            scans: 0,
-            points: 0,
-            not_finite: 0,
-            sampled: 0,
-            zeros: 0,
-            hashed: 0,
-            duplicates: 0,
-            ranges: vec![0; RANGE_BINS],
-            hashes: vec![0; HASHES],
-            intensity_max: 0.0,
-            unit: Unit::Metre,
-        }
-    }
-}
-
 impl Content {
+    /// Forgets all scans; makes its memory the first time.
     pub(super) fn clear(&mut self) {
-        let (mut ranges, hashes) = (
+        let (mut ranges, mut hashes) = (
             std::mem::take(&mut self.ranges),
             std::mem::take(&mut self.hashes),
         );
-        ranges.fill(0);
+        ranges.clear();
+        ranges.resize(RANGE_BINS, 0);
+        hashes.resize(HASHES, 0);
         *self = Content {
             ranges,
             hashes,
-            ..Content::empty()
+            ..Content::default()
         };
-    }
-
-    /// Without memory.
-    fn empty() -> Content {
-        Content {
-            scans: 0,
-            points: 0,
-            not_finite: 0,
-            sampled: 0,
-            zeros: 0,
-            hashed: 0,
-            duplicates: 0,
-            ranges: Vec::new(),
-            hashes: Vec::new(),
-            intensity_max: 0.0,
-            unit: Unit::Metre,
-        }
     }
 
     pub(super) fn add_scan(&mut self, points: &[Point], not_finite: u32, sample: usize) {

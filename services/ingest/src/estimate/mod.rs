@@ -180,7 +180,7 @@ struct OneScan {
 }
 
 /// Looks at scans.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Estimator {
     content: Content,
     elevations: Elevations,
@@ -196,12 +196,24 @@ pub struct Estimator {
 
 impl Estimator {
     /// All memory is made here.
+    #[allow(clippy::new_without_default)]
     pub fn new() -> Estimator {
-        let mut estimator = Estimator::default();
-        estimator.scans.reserve(SCANS_MAX);
-        estimator.scan_beams_deg.reserve(BEAMS_MAX);
-        estimator.estimate.elevations_deg.reserve(BEAMS_MAX);
-        estimator
+        let mut content = Content::default();
+        content.clear();
+        Estimator {
+            content,
+            elevations: Elevations::default(),
+            directions: Directions::default(),
+            steps: StepVotes::default(),
+            finder: LevelFinder::default(),
+            scans: Vec::with_capacity(SCANS_MAX),
+            scan_elevations: Elevations::default(),
+            scan_beams_deg: Vec::with_capacity(BEAMS_MAX),
+            estimate: SensorEstimate {
+                elevations_deg: Vec::with_capacity(BEAMS_MAX),
+                ..SensorEstimate::default()
+            },
+        }
     }
 
     /// Forgets all scans.
@@ -219,7 +231,7 @@ impl Estimator {
         &self.elevations
     }
 
-    /// Looks at a scan: its finite points, and how many more were none. About 4 ms for 120,000 points.
+    /// Looks at a scan: its finite points, and how many more were none. About 5 ms for 120,000 points.
     pub fn look(&mut self, points: &[Point], not_finite: u32) {
         self.content.add_scan(points, not_finite, SAMPLE);
         let scale = self.content.unit.in_m();
