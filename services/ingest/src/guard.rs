@@ -169,7 +169,7 @@ const RANGE_END_SHARE: f32 = 0.45;
 const FROZEN_MIN: u32 = 4;
 /// Points of a scan that tell whether it is the last one.
 const FROZEN_SAMPLE: usize = 256;
-/// The first so many scans are looked at, and then one so often: on average under 1 ms a scan.
+/// The first so many scans are looked at, and then one so often: on average about 1 ms a scan.
 const LOOK_FIRST: u64 = 3;
 const LOOK_EVERY: u64 = 6;
 /// Looks that vote.
