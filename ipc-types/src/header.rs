@@ -75,7 +75,7 @@ impl Flags {
     pub const POINTS_GONE: Flags = Flags(1 << 7);
     /// The scan holds no point.
     pub const EMPTY: Flags = Flags(1 << 8);
-    /// The input does not look like what the model was trained for (sensor height, intensity scale).
+    /// The input does not look like what the model takes, or like the given sensor; ours also says why, with the `SUSPECT_` flags below.
     pub const INPUT_SUSPECT: Flags = Flags(1 << 9);
     /// [`Flags::LIMIT_HIT`] of voxels: points of a frame fill more than the network takes.
     pub const LIMIT_VOXELS: Flags = Flags(1 << 10 | Flags::LIMIT_HIT.0);
@@ -87,8 +87,30 @@ impl Flags {
     pub const LIMIT_OBJECT_POINTS: Flags = Flags(1 << 13 | Flags::LIMIT_HIT.0);
     /// [`Flags::LIMIT_HIT`] of the refiner's work or time for a frame.
     pub const LIMIT_WORK: Flags = Flags(1 << 14 | Flags::LIMIT_HIT.0);
+    /// [`Flags::INPUT_SUSPECT`] for too few points, points that are not finite, at the origin or there twice.
+    pub const SUSPECT_POINTS: Flags = Flags(1 << 15 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for coordinates that are not in m.
+    pub const SUSPECT_UNIT: Flags = Flags(1 << 16 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for another axis than z that points up.
+    pub const SUSPECT_AXES: Flags = Flags(1 << 17 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for the height of the sensor above the ground.
+    pub const SUSPECT_HEIGHT: Flags = Flags(1 << 18 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for the angle between the sensor's axis and the ground's.
+    pub const SUSPECT_TILT: Flags = Flags(1 << 19 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for the number of beams.
+    pub const SUSPECT_BEAMS: Flags = Flags(1 << 20 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for directions without returns.
+    pub const SUSPECT_FIELD: Flags = Flags(1 << 21 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for returns that end at one range everywhere.
+    pub const SUSPECT_RANGE: Flags = Flags(1 << 22 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for intensities that are not 0 to 1, or missing.
+    pub const SUSPECT_INTENSITY: Flags = Flags(1 << 23 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for the same scan again and again.
+    pub const SUSPECT_FROZEN: Flags = Flags(1 << 24 | Flags::INPUT_SUSPECT.0);
+    /// [`Flags::INPUT_SUSPECT`] for a sensor that is not the given one.
+    pub const SUSPECT_SENSOR: Flags = Flags(1 << 25 | Flags::INPUT_SUSPECT.0);
 
-    const NAMES: [&'static str; 15] = [
+    const NAMES: [&'static str; 26] = [
         "late",
         "truncated",
         "degraded",
@@ -104,6 +126,17 @@ impl Flags {
         "limit_detections",
         "limit_object_points",
         "limit_work",
+        "suspect_points",
+        "suspect_unit",
+        "suspect_axes",
+        "suspect_height",
+        "suspect_tilt",
+        "suspect_beams",
+        "suspect_field",
+        "suspect_range",
+        "suspect_intensity",
+        "suspect_frozen",
+        "suspect_sensor",
     ];
 
     /// Both sets.
@@ -287,7 +320,7 @@ mod tests {
         let flags = Flags(header.flags);
         assert_eq!(flags.names().collect::<Vec<_>>(), ["late", "empty"]);
         assert!(flags.contains(Flags::EMPTY) && !flags.contains(Flags::TRUNCATED));
-        assert_eq!(Flags(u32::MAX).names().last(), Some("limit_work"));
+        assert_eq!(Flags(u32::MAX).names().last(), Some("suspect_sensor"));
     }
 
     #[test]

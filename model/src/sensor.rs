@@ -162,7 +162,7 @@ impl SensorProfile {
             return Err("elevations_deg: expected from the top down".into());
         }
         for &offset in &self.azimuth_offsets_deg {
-            within("azimuth_offsets_deg", offset, -180.0, 180.0)?;
+            within("azimuth_offsets_deg", offset, -360.0, 360.0)?;
         }
         within("azimuth_step_deg", self.azimuth_step_deg, 0.05, 2.0)?;
         let [middle, width] = self.field_deg.unwrap_or([0.0, 360.0]);

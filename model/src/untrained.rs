@@ -63,6 +63,7 @@ impl Manifest {
                 unknown_min: 0.0,
             },
             beams: Beams::default(),
+            takes: None,
             provenance: Provenance::default(),
         }
     }

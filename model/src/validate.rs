@@ -4,7 +4,7 @@
 use std::fmt::Display;
 
 use crate::error::{ModelError, Result};
-use crate::manifest::{AnchorClass, Manifest, Thresholds};
+use crate::manifest::{AnchorClass, Manifest, Takes, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
 /// Voxels of the grid: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
@@ -51,6 +51,9 @@ impl Manifest {
         bounds("", &values)?;
         self.thresholds.validate()?;
         self.validate_head()?;
+        if let Some(takes) = &self.takes {
+            takes.validate()?;
+        }
         let beams = &self.beams;
         within("beams.elevation_rad", beams.elevation_rad.len(), 0, 1024)?;
         for (number, &elevation) in beams.elevation_rad.iter().enumerate() {
@@ -93,6 +96,19 @@ impl Manifest {
             require(fits, &format!("thresholds.{field}"), expected, value)?;
         }
         Ok(())
+    }
+}
+
+impl Takes {
+    fn validate(&self) -> Result<()> {
+        let [low, high] = self.beams;
+        within("takes.beams[0]", low, 0, high)?;
+        let [low, high] = self.points;
+        within("takes.points[0]", low, 0, high)?;
+        let [low, high] = self.height_m;
+        within("takes.height_m[0]", low, 0.05, high)?;
+        within("takes.height_m[1]", high, low, 10.0)?;
+        within("takes.tilt_max_deg", self.tilt_max_deg, 0.0, 90.0)
     }
 }
 

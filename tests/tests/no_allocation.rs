@@ -1,4 +1,4 @@
-//! After its first frame the way from points to detections takes no memory from the system: voxels, sparse and
+//! After its first frame the way from points to detections takes no memory from the system: the guard, voxels, sparse and
 //! bird's-eye layers, feature rows, heads, suppression, in every precision.
 #![allow(unsafe_code)] // A global allocator is an unsafe trait; this one counts and passes on.
 
@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use mluc_backbone::{Backbone, Precision};
 use mluc_head::Head;
+use mluc_ingest::{DecodeReport, Expected, Guard};
 use mluc_model::{Grid, Manifest, Network, formula_uniform, formula_weights};
 use mluc_train::quantize::measure_ranges;
 
@@ -87,8 +88,10 @@ fn frames_after_the_first_take_no_memory() {
             let channels = backbone.feature_channels();
             let (mut cells, mut rows) = (vec![0; cells_max], vec![0.0; cells_max * channels]);
             let mut detections = Vec::with_capacity(manifest.thresholds.boxes_max as usize);
+            let mut guard = Guard::new(Expected::new(&manifest, None));
             let mut boxes = 0;
             let mut frame = |points: &[[f32; 4]]| {
+                guard.check(bytemuck::cast_slice(points), &DecodeReport::default());
                 let count = backbone.run(points).rows;
                 let (cells, rows) = (&mut cells[..count], &mut rows[..count * channels]);
                 backbone.write_rows(cells, rows).expect("room");

@@ -238,6 +238,18 @@ pub fn frame(
     Ok(turn(Stream::full(family, split, seed), None, index, None)?.0)
 }
 
+/// The same, scanned by this sensor.
+pub fn frame_by(
+    sensor: &SensorProfile,
+    family: Family,
+    split: Split,
+    seed: u64,
+    index: u32,
+) -> Result<SimulatedFrame, SimulateError> {
+    let stream = Stream::full(family, split, seed);
+    Ok(turn(stream, Some(sensor), index, None)?.0)
+}
+
 /// A frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
 type Shown = (SimulatedFrame, [f64; 3]);
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
-use mluc_model::{AnchorClass, Beams, Manifest, Network};
+use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
 
 use crate::error::TrainError;
 use crate::kind::{Architecture, NetworkKind, Setting};
@@ -249,6 +249,7 @@ impl TrainSettings {
                 Setting::Any => Beams::default(),
                 _ => hdl_64e(),
             },
+            takes: (self.setting == Setting::Any).then(any_sensor),
             ..manifest
         }
     }
@@ -286,6 +287,16 @@ impl TrainSettings {
             text += &format!(" init {}", init.display());
         }
         text
+    }
+}
+
+/// What the simulator draws for `sim-any`; the tilt, which it does not draw, is a guess.
+fn any_sensor() -> Takes {
+    Takes {
+        beams: [6, 140],
+        height_m: [0.3, 3.0],
+        tilt_max_deg: 7.0,
+        points: [2_000, 262_144],
     }
 }
 

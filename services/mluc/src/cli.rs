@@ -53,11 +53,7 @@ pub(crate) enum Command {
         json: bool,
     },
     /// Check whether this machine can run the pipeline.
-    Doctor {
-        /// The model that shall run.
-        #[arg(long, default_value = DEFAULT_MODEL)]
-        model: String,
-    },
+    Doctor(DoctorArgs),
     /// Measure latency, stage by stage, and write a report; `bench compare` compares two. Needs the program mluc-bench.
     Bench(ExternalArgs),
     /// Test any program against the refiner's contract (docs/CONTRACT.md); needs the program mluc-contract.
@@ -87,6 +83,10 @@ pub(crate) struct PipelineArgs {
     /// An embedded model (any-open, kitti, kitti-open, udi, udi-open) or a model file [default: kitti-open].
     #[arg(long)]
     pub(crate) model: Option<String>,
+    /// The sensor: a product (vlp-16, for instance) or a TOML file like those of sensors/. Scans that contradict it are flagged.
+    #[arg(long, value_name = "NAME|FILE")]
+    #[serde(skip)]
+    pub(crate) sensor: Option<String>,
     /// When the next frame enters [default: sensor].
     #[arg(long, value_enum)]
     pub(crate) pace: Option<Pace>,
@@ -161,8 +161,9 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
 }
 
 /// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
-const TAKEN_BY: [(&str, &[Stage]); 11] = [
+const TAKEN_BY: [(&str, &[Stage]); 12] = [
     ("input", &[Stage::Ingest]),
+    ("sensor", &[Stage::Ingest]),
     ("pace", &[Stage::Ingest, Stage::Refiner]),
     ("rate", &[Stage::Ingest]),
     ("repeat", &[Stage::Ingest]),
@@ -216,6 +217,19 @@ pub(crate) struct StageArgs {
     /// Process to end with (set by `up`).
     #[arg(long, hide = true)]
     pub(crate) supervised_by: Option<u32>,
+}
+
+#[derive(Args, Clone, Debug)]
+pub(crate) struct DoctorArgs {
+    /// The model that shall run.
+    #[arg(long, default_value = DEFAULT_MODEL)]
+    pub(crate) model: String,
+    /// Look at these scans too: what sensor they are of, and whether the model takes them.
+    #[arg(long)]
+    pub(crate) input: Option<PathBuf>,
+    /// The sensor that they should be of: a product or a TOML file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub(crate) sensor: Option<String>,
 }
 
 #[cfg(test)]

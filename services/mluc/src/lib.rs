@@ -65,7 +65,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Stage(args) => stages::run(args).map(|()| ExitCode::SUCCESS),
         Command::Config { print, pipeline } => commands::config(print, pipeline),
         Command::Status { instance, json } => commands::status(&instance, json),
-        Command::Doctor { model } => commands::doctor(&model),
+        Command::Doctor(args) => commands::doctor(&args),
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),
         Command::Exec {

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use mluc_model::Model;
+use mluc_model::{Model, SensorProfile};
 use mluc_runtime::Instance;
 use toml::{Table, Value};
 
@@ -152,6 +152,12 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     {
         table.insert("model".to_string(), text(folder.join(name)));
     }
+    if let Some(Value::Table(sensor)) = table.get_mut("sensor")
+        && let Some(name) = sensor.get("profile").and_then(Value::as_str)
+    {
+        let value = profile_value(name, folder);
+        sensor.insert("profile".to_string(), value);
+    }
     let stages = table.get_mut("stages").and_then(Value::as_table_mut);
     for (_, stage) in stages.into_iter().flatten() {
         if let Value::Table(stage) = stage
@@ -162,6 +168,16 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
         }
     }
     Ok(table)
+}
+
+/// A product's name as it is, a file's path so that it holds in any folder.
+fn profile_value(name: &str, folder: &Path) -> Value {
+    if SensorProfile::names().any(|product| product == name) {
+        return Value::String(name.to_string());
+    }
+    let path = folder.join(name);
+    let path = std::path::absolute(&path).unwrap_or(path);
+    Value::String(path.to_string_lossy().into_owned())
 }
 
 fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
@@ -178,6 +194,14 @@ fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
     let mut layers = vec![Table::try_from(args)?];
     for line in lines {
         layers.push(line.parse()?);
+    }
+    if let Some(profile) = &args.sensor {
+        let sensor =
+            Table::from_iter([("profile".to_string(), profile_value(profile, Path::new("")))]);
+        layers.push(Table::from_iter([(
+            "sensor".to_string(),
+            Value::Table(sensor),
+        )]));
     }
     Ok(layers)
 }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
-use mluc_model::{HeadKind, Model};
+use mluc_model::{HeadKind, Model, SensorProfile};
 use mluc_refiner::{RobotSettings, Settings as RefinerSettings, TrackSettings};
 use mluc_runtime::Instance;
 use serde::{Deserialize, Serialize};
@@ -109,10 +109,20 @@ impl Default for Settings {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorSettings {
-    /// Name of the sensor's profile.
+    /// Profile of the sensor: a product, or a TOML file; scans that contradict it are flagged.
+    pub profile: Option<String>,
+    /// What others are told; empty: the profile's name.
     pub name: String,
     /// Pose of the sensor in the robot's base frame: x, y, z in m, roll, pitch, yaw in rad.
     pub extrinsics: [f64; 6],
+}
+
+impl SensorSettings {
+    /// The profile, if one is given.
+    pub(crate) fn load(&self) -> Result<Option<SensorProfile>, UsageError> {
+        let profile = self.profile.as_deref().map(SensorProfile::load).transpose();
+        profile.map_err(|error| UsageError(error.to_string()))
+    }
 }
 
 /// `[stages]`.
@@ -195,6 +205,11 @@ impl Settings {
             self.budget_ms.get_or_insert(BUDGET_MS);
         }
         self.refiner.robot = self.robot;
+        let sensor = &mut self.sensor;
+        if let (Some(profile), "") = (&sensor.profile, sensor.name.as_str()) {
+            let stem = std::path::Path::new(profile).file_stem();
+            sensor.name = stem.unwrap_or_default().to_string_lossy().into_owned();
+        }
         let absolute = |path: PathBuf| std::path::absolute(&path).unwrap_or(path);
         self.input = self.input.take().map(absolute);
     }
@@ -226,6 +241,7 @@ impl Settings {
                 return refused(format!("{key} must be {low} to {high}, found {value}"));
             }
         }
+        self.sensor.load()?;
         for stage in Stage::ALL {
             self.stages[stage].check(stage.name())?;
         }

@@ -32,6 +32,7 @@ config --threads=head=0 | threads of head must be 1 to 256, found 0
 config --instance=a/b | a/b
 config --refiner-mode=paper-corected | exists: 'paper-corrected'
 config --without=refner | exists: 'refiner'
+config --sensor vlp-17 | built in are
 config --precision fp32 | exists: 'f32'
 config --config=/nowhere.toml | nowhere.toml
 stage bakcbone | exists: 'backbone'

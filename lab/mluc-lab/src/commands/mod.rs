@@ -7,6 +7,7 @@ mod import;
 mod quantize;
 mod render;
 mod reproduce;
+mod sensor;
 mod simulate;
 mod stats;
 pub(crate) mod terminal;
@@ -23,6 +24,7 @@ pub(crate) enum Command {
     Quantize(quantize::QuantizeArguments),
     Render(render::RenderArguments),
     Reproduce(reproduce::ReproduceArguments),
+    Sensor(sensor::SensorArguments),
     Simulate(simulate::SimulateArguments),
     Stats(stats::StatsArguments),
     Train(train::Train),
@@ -37,6 +39,7 @@ pub(crate) fn run(command: Command) -> anyhow::Result<()> {
         Command::Quantize(arguments) => quantize::run(arguments),
         Command::Render(arguments) => render::run(arguments),
         Command::Reproduce(arguments) => reproduce::run_command(arguments),
+        Command::Sensor(arguments) => sensor::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Stats(arguments) => stats::run(arguments),
         Command::Train(arguments) => train::run(arguments),

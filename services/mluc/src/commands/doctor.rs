@@ -1,18 +1,22 @@
-//! `mluc doctor`: whether this machine can run the pipeline, and what to do if not.
+//! `mluc doctor`: whether this machine can run the pipeline and the model takes the input, and what to do if not.
+
+mod input;
 
 use std::fs;
 use std::process::ExitCode;
 
+use mluc_ingest::Expected;
 use mluc_ipc_types::{
     DETECTIONS_MAX, OBJECT_POINTS_MAX, OBJECTS_MAX, POINTS_MAX, Topic, feature_blocks,
 };
-use mluc_model::Model;
+use mluc_model::{Model, SensorProfile};
 use mluc_runtime::Instance;
 
 use self::Verdict::{Failure, Fine, Warning};
-use crate::EXIT_FAILURE;
+use crate::cli::DoctorArgs;
 use crate::model::{self, class_names};
 use crate::terminal::print_out;
+use crate::{EXIT_FAILURE, UsageError};
 
 /// How a check came out, and what there is to say.
 type Finding = (Verdict, String);
@@ -24,8 +28,8 @@ enum Verdict {
     Failure,
 }
 
-pub(crate) fn doctor(model: &str) -> anyhow::Result<ExitCode> {
-    let loaded = model::load(model);
+pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
+    let loaded = model::load(&args.model);
     let about_model = match &loaded {
         Ok(model) => describe_model(model),
         Err(error) => (Failure, format!("{error:#}")),
@@ -33,6 +37,12 @@ pub(crate) fn doctor(model: &str) -> anyhow::Result<ExitCode> {
     let about_memory = check_shared_memory(loaded.as_ref().ok());
     let mut findings = vec![about_model, about_memory, check_cores(), check_governor()];
     findings.extend(check_leftovers());
+    if let (Some(input), Ok(model)) = (&args.input, &loaded) {
+        let sensor = args.sensor.as_deref().map(SensorProfile::load).transpose();
+        let sensor = sensor.map_err(|error| UsageError(error.to_string()))?;
+        let expected = Expected::new(&model.manifest, sensor);
+        findings.extend(input::findings(input, &expected)?);
+    }
     for (verdict, text) in &findings {
         let word = match verdict {
             Fine => "fine",

@@ -29,8 +29,9 @@ pub(crate) fn run(
     if begin_or_join_run(shell, settings, model)?.is_none() {
         return Ok(());
     }
-    let mut sender =
-        Sender::new(shell, source, model, start_sequence).context("opening the topics")?;
+    let sensor = settings.sensor.load()?;
+    let sender = Sender::new(shell, source, model, sensor, start_sequence);
+    let mut sender = sender.context("opening the topics")?;
     sender.wait_until_ready()?;
     let done = match settings.pace {
         Pace::Sensor => pace::sensor(&mut sender, settings, start_sequence..frames),

@@ -1,8 +1,8 @@
 //! Reading one scan and publishing it, and whether the stages behind ingest take frames: what is sent before is lost.
 
-use mluc_ingest::{DecodeReport, Sanity, decode_bin, inspect_bin};
+use mluc_ingest::{DecodeReport, Expected, Guard, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
-use mluc_model::Model;
+use mluc_model::{Model, SensorProfile};
 use mluc_runtime::{
     HealthWatch, Input, Output, RuntimeError, Shell, finish, frame_span, monotonic_ns, run_span,
     stamp_published, wall_clock_ns,
@@ -25,10 +25,12 @@ pub(crate) struct Sender<'a> {
     pub(crate) objects: Input<Object>,
     pub(crate) downstream: DownstreamStages,
     output: Output<Point>,
-    sanity: Sanity,
+    guard: Guard,
     fingerprint: u64,
     loaded: Loaded,
-    is_suspect: bool,
+    /// Reasons that the log has had, and those of the last frame.
+    logged: Flags,
+    suspected: Flags,
 }
 
 impl Sender<'_> {
@@ -36,6 +38,7 @@ impl Sender<'_> {
         shell: &'a mut Shell,
         source: Source,
         model: &Model,
+        sensor: Option<SensorProfile>,
         start_sequence: u64,
     ) -> Result<Sender<'a>, RuntimeError> {
         let output = shell.output::<Point>(&Topic::POINTS, POINTS_MAX)?;
@@ -50,10 +53,11 @@ impl Sender<'_> {
             objects,
             downstream,
             output,
-            sanity: Sanity::new(&model.manifest),
+            guard: Guard::new(Expected::new(&model.manifest, sensor)),
             fingerprint: model.fingerprint,
             loaded: Loaded::default(),
-            is_suspect: false,
+            logged: Flags::default(),
+            suspected: Flags::default(),
         })
     }
 
@@ -119,17 +123,35 @@ impl Sender<'_> {
         let _frame = frame_span(&header);
         let mut loan = self.output.loan(&header, report.points_out as usize)?;
         run_span(|| decode_bin(&self.loaded.bytes, loan.elements_mut()));
-        if let Some(finding) = self.sanity.check(loan.elements_mut()) {
-            loan.header_mut().flag(Flags::INPUT_SUSPECT);
-            if !self.is_suspect {
-                let frame = header.name();
-                tracing::warn!(
-                    frame,
-                    "the input does not look like the model's training data: {finding}"
-                );
+        // A frame that is sent again is no new scan.
+        if attempt == 0 {
+            let reasons = self.guard.check(loan.elements_mut(), &report);
+            // One scan in a loop is meant to be the same.
+            let is_meant =
+                |flag: Flags| flag == Flags::SUSPECT_FROZEN && self.source.scans.len() == 1;
+            let reasons = reasons.iter().filter(|reason| !is_meant(reason.flag()));
+            let mut suspected = Flags::default();
+            let mut first = None;
+            for reason in reasons {
+                suspected = suspected.with(reason.flag());
+                first = first.or(Some(reason));
+                if !self.logged.contains(reason.flag()) {
+                    self.logged = self.logged.with(reason.flag());
+                    tracing::warn!(frame = header.name(), "suspect input: {reason}");
+                }
             }
-            self.is_suspect = true;
+            if suspected != self.suspected {
+                self.suspected = suspected;
+                match first {
+                    Some(reason) => {
+                        let reason = format!("suspect input: {reason}");
+                        self.shell.state(HealthState::Degraded, &reason)?;
+                    }
+                    None => self.shell.state(HealthState::Running, "")?,
+                }
+            }
         }
+        loan.header_mut().flag(self.suspected);
         stamp_published(Stage::Ingest, loan.header_mut());
         loan.publish()?;
         self.shell.health.bytes_written = (report.points_out as usize * size_of::<Point>()) as u32;

@@ -1,0 +1,240 @@
+//! `mluc-lab sensor`: which sensor some scans are of.
+
+mod picture;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use clap::Args;
+use mluc_dataset::{file_stems, read_scan};
+use mluc_ingest::estimate::{Estimator, SensorEstimate};
+use mluc_ipc_types::Point;
+use mluc_model::SensorProfile;
+
+use super::terminal::print_out;
+
+/// Estimate a sensor's profile from its scans: beams, columns, field, range, height, tilt, own body, beside the nearest product.
+///
+/// The profile is what `--sensor` takes. Range noise and the shortest range cannot be seen in scans; correct them in the file.
+#[derive(Args)]
+pub(crate) struct SensorArguments {
+    /// A scan (.bin), or a folder of scans or with velodyne/.
+    #[arg(long)]
+    input: PathBuf,
+    /// Scans to look at, spread over the input.
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=64))]
+    scans: u32,
+    /// Compare with this product or profile [default: the nearest product].
+    #[arg(long, value_name = "NAME|FILE")]
+    sensor: Option<String>,
+    /// Profile to write, TOML.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Picture to write, PNG: the histogram of elevations beside the other sensor's beams.
+    #[arg(long)]
+    picture: Option<PathBuf>,
+}
+
+pub(crate) fn run(arguments: SensorArguments) -> anyhow::Result<()> {
+    let files = scan_files(&arguments.input)?;
+    let wanted = files.len().min(arguments.scans as usize);
+    let mut estimator = Estimator::new();
+    for number in 0..wanted {
+        let mut points = read_scan(&files[number * files.len() / wanted])?;
+        let all = points.len();
+        points.retain(|point| point.iter().all(|value| value.is_finite()));
+        let not_finite = (all - points.len()) as u32;
+        let point = |[x_m, y_m, z_m, intensity]: [f32; 4]| Point {
+            x_m,
+            y_m,
+            z_m,
+            intensity,
+        };
+        let points: Vec<Point> = points.into_iter().map(point).collect();
+        estimator.look(&points, not_finite);
+    }
+    let found = estimator.estimate().clone();
+    ensure!(
+        found.beams > 0,
+        "{}: no beams found in {wanted} scans",
+        arguments.input.display()
+    );
+    let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
+    print(&found, &name, &other)?;
+    if let Some(path) = &arguments.out {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let text = toml::to_string(&found.profile(&name))?;
+        // What cannot be read back must not be written.
+        SensorProfile::parse(&text, &path.display().to_string())?;
+        std::fs::write(path, text).with_context(|| path.display().to_string())?;
+        print_out(format_args!("wrote {}", path.display()))?;
+    }
+    if let Some(path) = &arguments.picture {
+        let canvas = picture::draw(estimator.elevations().counts(), &found, &name, &other);
+        std::fs::write(path, canvas.png()).with_context(|| path.display().to_string())?;
+        print_out(format_args!("wrote {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// The sensor to compare with: the given one, or the nearest product.
+fn other_sensor(
+    given: Option<&str>,
+    found: &SensorEstimate,
+) -> anyhow::Result<(String, SensorProfile)> {
+    if let Some(name) = given {
+        return Ok((name.to_string(), SensorProfile::load(name)?));
+    }
+    let near = found.nearest().context("no elevations with a peak")?;
+    Ok((near.names.join(" or "), near.profile))
+}
+
+/// The scans of an input, sorted.
+fn scan_files(input: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    if input.is_file() {
+        return Ok(vec![input.to_path_buf()]);
+    }
+    let inner = input.join("velodyne");
+    let folder = if inner.is_dir() { &inner } else { input };
+    let names = file_stems(folder, "bin", "scans that end in .bin")?;
+    let files = names.iter().map(|name| folder.join(format!("{name}.bin")));
+    Ok(files.collect())
+}
+
+fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> anyhow::Result<()> {
+    let ends = |degrees: &[f32]| match (degrees.first(), degrees.last()) {
+        (Some(top), Some(bottom)) => format!("{top:.1} to {bottom:.1}"),
+        _ => "-".to_string(),
+    };
+    let beams = if found.are_beams_clear {
+        found.beams.to_string()
+    } else {
+        format!("no clear beams; about {}", found.beams)
+    };
+    let or_none = |value: Option<f32>| value.map_or("-".to_string(), |value| format!("{value:.2}"));
+    let distance = found.distance_deg(other);
+    let rows = [
+        ("points a scan", found.points.to_string(), String::new()),
+        ("beams", beams, other.elevations_deg.len().to_string()),
+        (
+            "elevations, degrees",
+            ends(&found.vertical_field_deg),
+            ends(&other.elevations_deg),
+        ),
+        (
+            "beams apart, degrees",
+            or_none(found.spacing_deg()),
+            or_none(distance) + " off on average",
+        ),
+        (
+            "columns apart, degrees",
+            or_none(found.azimuth_step_deg),
+            format!("{:.2}", other.azimuth_step_deg),
+        ),
+        (
+            "field, degrees",
+            found.field_deg[1].to_string(),
+            other.field_deg.map_or(360.0, |field| field[1]).to_string(),
+        ),
+        (
+            "range, m",
+            format!(
+                "half within {:.0}, all within {:.0}",
+                found.range_median_m, found.range_longest_m
+            ),
+            format!("{:.0}", other.range_m[1]),
+        ),
+        (
+            "unit, axis up",
+            format!("{}, {}", found.unit.name(), found.up.name()),
+            "m, z".to_string(),
+        ),
+        (
+            "intensity up to",
+            found.intensity_max.to_string(),
+            "1".to_string(),
+        ),
+        (
+            "height, m",
+            or_none(found.height_m),
+            or_none(other.height_m),
+        ),
+        (
+            "pitch and roll, degrees",
+            format!("{:.1}, {:.1}", found.pitch_deg, found.roll_deg),
+            String::new(),
+        ),
+        (
+            "own body, degrees around",
+            found.own_body_deg.to_string(),
+            String::new(),
+        ),
+        (
+            "not finite, at the origin, copies, %",
+            [
+                found.not_finite_share,
+                found.zero_share,
+                found.duplicate_share,
+            ]
+            .map(|share| format!("{:.1}", share * 100.0))
+            .join(", "),
+            String::new(),
+        ),
+    ];
+    let scans = format!("{} scans", found.scans);
+    print_out(format_args!("{:38} {scans:32} {name}", ""))?;
+    for (what, own, others) in rows {
+        print_out(
+            format_args!("{what:38} {own:32} {others}")
+                .to_string()
+                .trim_end(),
+        )?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_made_up_sensor_comes_back_as_a_profile_and_a_picture() {
+        let folder = tempfile::tempdir().expect("a folder");
+        // 16 beams 2 degrees apart over flat ground 1 m below, a wall 20 m around.
+        let ray = |n: usize| {
+            let deg = 15.0 - 2.0 * (n % 16) as f32;
+            let (sin, cos) = ((n / 16) as f32 * 0.4).to_radians().sin_cos();
+            let tan = deg.to_radians().tan();
+            let distance = if tan < -0.05 { 1.0 / -tan } else { 20.0 };
+            [distance * cos, distance * sin, distance * tan, 0.5]
+        };
+        let points: Vec<[f32; 4]> = (0..16 * 900).map(ray).collect();
+        std::fs::write(
+            folder.path().join("0.bin"),
+            mluc_dataset::scan_bytes(&points),
+        )
+        .expect("written");
+        let [out, picture] = ["mine.toml", "mine.png"].map(|name| folder.path().join(name));
+        let arguments = SensorArguments {
+            input: folder.path().to_path_buf(),
+            scans: 5,
+            sensor: None,
+            out: Some(out.clone()),
+            picture: Some(picture.clone()),
+        };
+        run(arguments).expect("an estimate");
+        let profile = SensorProfile::load(&out.to_string_lossy()).expect("a profile");
+        assert_eq!(profile.elevations_deg.len(), 16);
+        assert!((profile.azimuth_step_deg - 0.4).abs() < 0.02, "{profile:?}");
+        assert!(
+            profile
+                .height_m
+                .is_some_and(|height_m| (height_m - 1.0).abs() < 0.1)
+        );
+        assert!(
+            std::fs::read(picture)
+                .expect("a picture")
+                .starts_with(b"\x89PNG")
+        );
+    }
+}

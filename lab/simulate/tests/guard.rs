@@ -1,0 +1,306 @@
+//! Ingest's guard on faults that users have, put into scans: of simulated products, and of real sensors where `MLUC_KITTI` and `MLUC_SENSORS` hold some.
+//! The table that it prints (`--nocapture`) stands in docs/sensors.md.
+
+use mluc_dataset::read_scan;
+use mluc_ingest::estimate::{Estimator, SensorEstimate};
+use mluc_ingest::{DecodeReport, Expected, Guard};
+use mluc_ipc_types::{Flags, Point};
+use mluc_model::{Grid, Manifest, Network, SensorProfile, Takes};
+use mluc_simulate::{Family, Split, frame_by};
+use mluc_tests::data_folder;
+use std::path::Path;
+
+type Scan = Vec<Point>;
+
+/// Scans after which a fault must be flagged.
+const SCANS: usize = 10;
+
+/// A model for many sensors, all around.
+fn takes() -> Manifest {
+    let mut grid = Grid::kitti_compact();
+    (grid.range_min_m[0], grid.range_max_m[0]) = (-35.2, 35.2);
+    let mut manifest = Manifest::untrained("many", Network::compact(grid, 3));
+    manifest.takes = Some(Takes {
+        beams: [8, 140],
+        height_m: [0.6, 3.0],
+        tilt_max_deg: 7.0,
+        points: [5_000, 262_144],
+    });
+    manifest
+}
+
+/// Scans of one sensor, what it is, and what they say of it.
+struct Set {
+    name: String,
+    scans: Vec<Scan>,
+    sensor: SensorProfile,
+    found: SensorEstimate,
+}
+
+fn estimate(scans: &[Scan]) -> SensorEstimate {
+    let mut estimator = Estimator::new();
+    scans.iter().for_each(|scan| estimator.look(scan, 0));
+    estimator.estimate().clone()
+}
+
+fn points(values: Vec<[f32; 4]>) -> Scan {
+    let point = |[x_m, y_m, z_m, intensity]: [f32; 4]| Point {
+        x_m,
+        y_m,
+        z_m,
+        intensity,
+    };
+    values.into_iter().map(point).collect()
+}
+
+/// Two scans of a product.
+fn simulated(name: &str) -> Set {
+    let mut sensor = SensorProfile::load(name).expect("a product");
+    sensor.height_m = Some(1.6);
+    // Fewer columns: the test's time.
+    sensor.azimuth_step_deg = sensor.azimuth_step_deg.max(0.4);
+    let scan = |index| {
+        let frame = frame_by(&sensor, Family::SimAny, Split::Test, 11, index);
+        points(frame.expect("a frame").points)
+    };
+    let scans: Vec<Scan> = (0..2).map(scan).collect();
+    let found = estimate(&scans);
+    Set {
+        name: name.into(),
+        scans,
+        sensor,
+        found,
+    }
+}
+
+/// The first scans of a folder; its sensor is estimated.
+fn recorded(name: &str, folder: &Path, count: usize) -> Set {
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .expect("a folder")
+        .flatten()
+        .map(|e| e.path())
+        .collect();
+    files.sort();
+    let scans: Vec<Scan> = files
+        .iter()
+        .take(count)
+        .map(|file| points(read_scan(file).expect("a scan")))
+        .collect();
+    let found = estimate(&scans);
+    Set {
+        name: name.into(),
+        sensor: found.profile(name),
+        scans,
+        found,
+    }
+}
+
+/// What the guard says of scans that pass, over and over.
+fn flagged(expected: &Expected, scans: impl Iterator<Item = (Scan, u32)>) -> Flags {
+    let mut guard = Guard::new(expected.clone());
+    let mut all = Flags::default();
+    for (scan, not_finite) in scans {
+        let report = DecodeReport {
+            dropped_not_finite: not_finite,
+            ..DecodeReport::default()
+        };
+        let reasons = guard.check(&scan, &report).iter();
+        all = reasons.fold(all, |all, reason| all.with(reason.flag()));
+    }
+    all
+}
+
+/// A change of a scan; gives how many points are not finite any more.
+type Change = Box<dyn Fn(&mut Scan) -> u32>;
+
+fn each(change: impl Fn(&mut Point) + 'static) -> Change {
+    Box::new(move |scan| {
+        scan.iter_mut().for_each(&change);
+        0
+    })
+}
+
+fn keep(holds: impl Fn(usize, &Point) -> bool + 'static) -> Change {
+    Box::new(move |scan| {
+        let mut number = 0;
+        scan.retain(|point| {
+            number += 1;
+            holds(number, point)
+        });
+        0
+    })
+}
+
+fn scale(factor: f32) -> Change {
+    each(move |p| {
+        [&mut p.x_m, &mut p.y_m, &mut p.z_m]
+            .into_iter()
+            .for_each(|v| *v *= factor)
+    })
+}
+
+/// The faults, and whether one must be seen.
+fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
+    let height_m = set.found.height_m.expect("a ground");
+    let elevations = set.sensor.elevations_deg.clone();
+    // Where beams are not clear, the profile has made-up ones: half of them are no half of the sensor's.
+    let are_clear = set.found.are_beams_clear;
+    let beam = move |p: &Point| {
+        let deg = p.z_m.atan2(p.x_m.hypot(p.y_m)).to_degrees();
+        let off = |at: &&f32| (**at - deg).abs();
+        let nearest = elevations.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+        elevations
+            .iter()
+            .position(|at| Some(at) == nearest)
+            .unwrap_or(0)
+    };
+    let tilt = 10.0_f32.to_radians();
+    let lift = |by_m: f32| each(move |p| p.z_m -= by_m);
+    vec![
+        ("millimetres", scale(1000.0), true),
+        ("feet", scale(1.0 / 0.3048), true),
+        ("z down", each(|p| (p.y_m, p.z_m) = (-p.y_m, -p.z_m)), true),
+        (
+            "x and y swapped",
+            each(|p| (p.x_m, p.y_m) = (p.y_m, p.x_m)),
+            false,
+        ),
+        (
+            "turned by 90 degrees about x",
+            each(|p| (p.y_m, p.z_m) = (-p.z_m, p.y_m)),
+            true,
+        ),
+        (
+            "half of the beams",
+            keep(move |_, p| beam(p) % 2 == 0),
+            are_clear,
+        ),
+        (
+            "all points twice",
+            Box::new(|scan| {
+                scan.extend_from_within(..);
+                0
+            }),
+            true,
+        ),
+        (
+            "0.3 m lower than the model takes",
+            lift(0.3 - height_m),
+            true,
+        ),
+        (
+            "2 m higher than the model takes",
+            lift(5.0 - height_m),
+            true,
+        ),
+        (
+            "tilted by 10 degrees",
+            each(move |p| {
+                let (sin, cos) = tilt.sin_cos();
+                (p.x_m, p.z_m) = (cos * p.x_m - sin * p.z_m, sin * p.x_m + cos * p.z_m);
+            }),
+            true,
+        ),
+        (
+            "30 % NaN",
+            Box::new(|scan| {
+                let all = scan.len();
+                let mut number = 0;
+                scan.retain(|_| {
+                    number += 1;
+                    number % 10 > 2
+                });
+                (all - scan.len()) as u32
+            }),
+            true,
+        ),
+        ("all zeros", each(|p| *p = Point::default()), true),
+        (
+            "120 degrees missing",
+            keep(|_, p| !(-0.5..1.594).contains(&p.y_m.atan2(p.x_m))),
+            true,
+        ),
+        ("cut at 15 m", keep(|_, p| p.x_m.hypot(p.y_m) < 15.0), true),
+        ("intensity 0 to 255", each(|p| p.intensity *= 255.0), true),
+    ]
+}
+
+/// Rows of the table: no flag on the scans as they are, a flag on those with a fault.
+fn check(sets: &[Set]) {
+    let mut wrong = Vec::new();
+    for set in sets {
+        let manifest = takes();
+        let expected = Expected::new(&manifest, Some(set.sensor.clone()));
+        let cycle = || {
+            set.scans
+                .iter()
+                .cloned()
+                .cycle()
+                .take(SCANS.max(set.scans.len()))
+        };
+        let mut row = |fault: &str, flags: Flags, is_expected: bool| {
+            let names: Vec<&str> = flags
+                .names()
+                .filter(|name| name.starts_with("suspect_"))
+                .collect();
+            println!("| {} | {fault} | {} |", set.name, names.join(", "));
+            let is_optional = fault == "half of the beams" && !is_expected;
+            if !is_optional && flags.contains(Flags::INPUT_SUSPECT) != is_expected {
+                wrong.push(format!("{}: {fault}", set.name));
+            }
+        };
+        row(
+            "none",
+            flagged(&expected, cycle().map(|scan| (scan, 0))),
+            false,
+        );
+        for (fault, change, is_seen) in faults(set) {
+            let changed = cycle().take(SCANS).map(|mut scan| {
+                let not_finite = change(&mut scan);
+                (scan, not_finite)
+            });
+            row(fault, flagged(&expected, changed), is_seen);
+        }
+        let frozen = std::iter::repeat_n((set.scans[0].clone(), 0), SCANS);
+        row(
+            "the same scan again and again",
+            flagged(&expected, frozen),
+            true,
+        );
+        let other = if set.sensor.elevations_deg.len() > 24 {
+            "vlp-16"
+        } else {
+            "hdl-64e"
+        };
+        let other = SensorProfile::load(other).expect("a product");
+        let expected = Expected::new(&manifest, Some(other));
+        row(
+            "another sensor is given",
+            flagged(&expected, cycle().map(|scan| (scan, 0))),
+            true,
+        );
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn faults_in_simulated_scans_are_flagged_and_sound_scans_are_not() {
+    check(&["vlp-16", "hdl-32e", "os1-64"].map(simulated));
+}
+
+#[test]
+fn faults_in_recorded_scans_are_flagged_and_sound_scans_are_not() {
+    let mut sets = Vec::new();
+    if let Some(folder) = data_folder("MLUC_KITTI") {
+        sets.push(recorded("kitti", &folder.join("training/velodyne"), 20));
+    }
+    if let Some(folder) = data_folder("MLUC_SENSORS") {
+        for entry in std::fs::read_dir(&folder).expect("a folder").flatten() {
+            let (name, scans) = (entry.file_name(), entry.path().join("velodyne"));
+            if scans.is_dir() {
+                sets.push(recorded(&name.to_string_lossy(), &scans, 20));
+            }
+        }
+    }
+    check(&sets);
+}

@@ -1,0 +1,142 @@
+//! What the points are as numbers: ranges and their unit, zeros, points that are there twice, intensities.
+
+use mluc_ipc_types::Point;
+
+use super::{SensorEstimate, Unit};
+
+/// Ranges by their exponent and three more bits: eight bins an octave.
+const RANGE_SHIFT: u32 = 20;
+const RANGE_BINS: usize = 1 << (31 - RANGE_SHIFT);
+/// Half of the returns of a sensor lie nearer than some tens of m: above this many, in cm; above that, in mm.
+const CENTIMETRES_FROM: f32 = 200.0;
+const MILLIMETRES_FROM: f32 = 2_000.0;
+/// Of the points whose hash ends in so many zero bits, both copies are looked at.
+const HASH_SHARE: u32 = 64;
+const HASHES: usize = 1 << 13;
+
+/// Sums over scans.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Content {
+    scans: u64,
+    points: u64,
+    not_finite: u64,
+    sampled: u64,
+    zeros: u64,
+    hashed: u64,
+    duplicates: u64,
+    ranges: Vec<u32>,
+    hashes: Vec<u32>,
+    intensity_max: f32,
+    /// Of the last scan.
+    pub(super) unit: Unit,
+}
+
+impl Content {
+    /// Forgets all scans; makes its memory the first time.
+    pub(super) fn clear(&mut self) {
+        let (mut ranges, mut hashes) = (
+            std::mem::take(&mut self.ranges),
+            std::mem::take(&mut self.hashes),
+        );
+        ranges.clear();
+        ranges.resize(RANGE_BINS, 0);
+        hashes.resize(HASHES, 0);
+        *self = Content {
+            ranges,
+            hashes,
+            ..Content::default()
+        };
+    }
+
+    pub(super) fn add_scan(&mut self, points: &[Point], not_finite: u32, sample: usize) {
+        self.scans += 1;
+        self.points += points.len() as u64 + u64::from(not_finite);
+        self.not_finite += u64::from(not_finite);
+        self.hashes.fill(0);
+        for point in points {
+            let hash = hash(point);
+            if hash.is_multiple_of(HASH_SHARE) && hash != 0 {
+                self.hashed += 1;
+                self.duplicates += u64::from(self.is_known(hash));
+            }
+        }
+        for point in points.iter().step_by(sample) {
+            let range =
+                (point.x_m * point.x_m + point.y_m * point.y_m + point.z_m * point.z_m).sqrt();
+            self.sampled += 1;
+            if range < 1e-3 {
+                self.zeros += 1;
+            } else {
+                self.ranges[(range.to_bits() >> RANGE_SHIFT) as usize % RANGE_BINS] += 1;
+                // One wrong return is no other scale.
+                if point.intensity > self.intensity_max {
+                    self.intensity_max = point.intensity;
+                }
+            }
+        }
+        let median = self.range(0.5);
+        self.unit = match median {
+            m if m > MILLIMETRES_FROM => Unit::Millimetre,
+            m if m > CENTIMETRES_FROM => Unit::Centimetre,
+            _ => Unit::Metre,
+        };
+    }
+
+    /// Whether a hash is there already; it is there afterwards, as long as there is room.
+    fn is_known(&mut self, hash: u32) -> bool {
+        let first = (hash / HASH_SHARE) as usize;
+        for step in 0..8 {
+            let place = &mut self.hashes[(first + step) % HASHES];
+            if *place == hash {
+                return true;
+            }
+            if *place == 0 {
+                *place = hash;
+                return false;
+            }
+        }
+        false
+    }
+
+    /// Range below which a share of the returns lies, in the unit of the scans.
+    fn range(&self, share: f32) -> f32 {
+        let all: u64 = self.ranges.iter().map(|count| u64::from(*count)).sum();
+        let mut below = 0;
+        let reaches = |count: &u32| {
+            below += u64::from(*count);
+            below as f32 > share * all as f32
+        };
+        let bin = self.ranges.iter().position(reaches).unwrap_or(0);
+        // The middle of the bin.
+        f32::from_bits(((bin as u32) << RANGE_SHIFT) | (1 << (RANGE_SHIFT - 1)))
+    }
+
+    pub(super) fn tell(&self, estimate: &mut SensorEstimate) {
+        let share = |part: u64, whole: u64| part as f32 / whole.max(1) as f32;
+        estimate.points = (self.points / self.scans.max(1)) as u32;
+        estimate.not_finite_share = share(self.not_finite, self.points);
+        estimate.zero_share = share(self.zeros, self.sampled);
+        estimate.duplicate_share = share(self.duplicates, self.hashed);
+        estimate.unit = self.unit;
+        estimate.range_median_m = self.range(0.5) * self.unit.in_m();
+        estimate.range_longest_m = self.range(0.999) * self.unit.in_m();
+        estimate.intensity_max = self.intensity_max;
+    }
+}
+
+/// Of a point's place; 0 for one at the origin.
+fn hash(point: &Point) -> u32 {
+    let mixed = point.x_m.to_bits().wrapping_mul(0x9E37_79B1)
+        ^ point
+            .y_m
+            .to_bits()
+            .wrapping_mul(0x85EB_CA6B)
+            .rotate_left(11)
+        ^ point
+            .z_m
+            .to_bits()
+            .wrapping_mul(0xC2B2_AE35)
+            .rotate_left(22);
+    let mixed = (mixed ^ mixed >> 15).wrapping_mul(0x2C1B_3C6D);
+    mixed ^ mixed >> 13
+}

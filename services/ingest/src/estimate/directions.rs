@@ -1,0 +1,160 @@
+//! What lies in each direction around the sensor: returns, the farthest one, near ones.
+
+use std::f32::consts::{PI, TAU};
+
+/// Sectors of 5 degrees, from behind over the right.
+pub const SECTORS: usize = 72;
+/// Degrees of a sector.
+pub(super) const SECTOR_DEG: f32 = 360.0 / SECTORS as f32;
+/// Nearer returns may be of the vehicle itself, m.
+pub(super) const NEAR_M: f32 = 2.5;
+/// Sampled returns of one scan that make a direction one with something near.
+const NEAR_MIN: u16 = 2;
+/// The farthest return counts as the end of the range in a direction from this share of the usual end on.
+const END_SHARE: f32 = 0.85;
+
+/// Sums over scans, by sector.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Directions {
+    counts: [u32; SECTORS],
+    farthest_m: [f32; SECTORS],
+    /// Near returns of the scan at hand.
+    near: [u16; SECTORS],
+    /// Scans with something near.
+    near_scans: [u16; SECTORS],
+    scans: u16,
+}
+
+impl Default for Directions {
+    fn default() -> Directions {
+        Directions {
+            counts: [0; SECTORS],
+            farthest_m: [0.0; SECTORS],
+            near: [0; SECTORS],
+            near_scans: [0; SECTORS],
+            scans: 0,
+        }
+    }
+}
+
+/// Azimuth of the middle of a sector, rad.
+pub fn direction_rad(sector: usize) -> f32 {
+    (sector as f32 + 0.5) * SECTOR_DEG.to_radians() - PI
+}
+
+impl Directions {
+    /// A return at x, y, so far away (m); the ground is none that is near.
+    pub(super) fn add(&mut self, [x_m, y_m]: [f32; 2], range_m: f32, is_ground: bool) {
+        let sector = (y_m.atan2(x_m) + PI) / TAU * SECTORS as f32;
+        let sector = (sector as usize).min(SECTORS - 1);
+        self.counts[sector] += 1;
+        self.farthest_m[sector] = self.farthest_m[sector].max(range_m);
+        if range_m < NEAR_M && !is_ground {
+            self.near[sector] = self.near[sector].saturating_add(1);
+        }
+    }
+
+    /// The scan is complete.
+    pub(super) fn end_scan(&mut self) {
+        for (near, scans) in self.near.iter_mut().zip(&mut self.near_scans) {
+            *scans += u16::from(*near >= NEAR_MIN);
+            *near = 0;
+        }
+        self.scans += 1;
+    }
+
+    /// A sector with fewer returns than a tenth of the median sector is empty.
+    pub(super) fn is_empty(&self, sector: usize) -> bool {
+        self.counts[sector] * 10 <= self.median_count()
+    }
+
+    fn median_count(&self) -> u32 {
+        let mut counts = self.counts;
+        counts.sort_unstable();
+        // Of a sensor that looks ahead alone, more than half are empty.
+        let filled = counts.iter().position(|count| *count > 0);
+        filled.map_or(0, |first| counts[(first + SECTORS) / 2])
+    }
+
+    /// Middle and width of the field, degrees: what the largest gap leaves.
+    pub(super) fn field_deg(&self) -> [f32; 2] {
+        let (mut gap, mut gap_end, mut run) = (0, 0, 0);
+        for step in 0..2 * SECTORS {
+            let is_empty = self.is_empty(step % SECTORS);
+            run = if is_empty { run + 1 } else { 0 };
+            if run > gap && run <= SECTORS {
+                (gap, gap_end) = (run, step + 1);
+            }
+        }
+        if gap < 2 {
+            return [0.0, 360.0];
+        }
+        let width = (SECTORS - gap) as f32 * SECTOR_DEG;
+        let first_deg = gap_end as f32 * SECTOR_DEG - 180.0;
+        let middle = first_deg + width / 2.0;
+        [middle - 360.0 * ((middle + 180.0) / 360.0).floor(), width]
+    }
+
+    /// Where the range ends: the 95th percentile of the farthest returns in all directions (m), and the share of directions that end about there.
+    pub(super) fn range_end(&self) -> (f32, f32) {
+        let mut ends = self.farthest_m;
+        ends.sort_unstable_by(f32::total_cmp);
+        let first = ends.iter().position(|end| *end > 0.0).unwrap_or(0);
+        let ends = &ends[first..];
+        let Some(&end) = ends.get(ends.len() * 19 / 20).filter(|end| **end > 0.0) else {
+            return (0.0, 0.0);
+        };
+        let near_it = ends.iter().filter(|far| **far >= END_SHARE * end).count();
+        (end, near_it as f32 / ends.len() as f32)
+    }
+
+    /// Degrees of the directions in which every scan has something near; 0 of fewer than three scans.
+    pub(super) fn own_body_deg(&self) -> f32 {
+        let stays = self.near_scans.iter().filter(|scans| **scans == self.scans);
+        if self.scans < 3 {
+            0.0
+        } else {
+            stays.count() as f32 * SECTOR_DEG
+        }
+    }
+
+    /// Returns that count for a sector.
+    pub(super) fn counts(&self) -> &[u32; SECTORS] {
+        &self.counts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scan(from_deg: i32, to_deg: i32, end_m: f32) -> Directions {
+        let mut directions = Directions::default();
+        for scan in 0..3 {
+            for deg in from_deg..to_deg {
+                let (sin, cos) = (deg as f32 + 0.5).to_radians().sin_cos();
+                for range_m in [1.5, 3.0, 9.0, end_m] {
+                    // Something near stays on the left alone.
+                    if range_m > 2.0 || (45..60).contains(&deg) || scan == 1 {
+                        let at = [range_m * cos, range_m * sin];
+                        directions.add(at, range_m, false);
+                        directions.add(at, range_m, range_m > 2.0);
+                    }
+                }
+            }
+            directions.end_scan();
+        }
+        directions
+    }
+
+    #[test]
+    fn field_end_and_own_body_are_found() {
+        assert_eq!(scan(-180, 180, 15.0).field_deg(), [0.0, 360.0]);
+        let [middle, width] = scan(-60, 180, 15.0).field_deg();
+        assert_eq!([middle, width], [60.0, 240.0]);
+        assert_eq!(scan(-60, 60, 15.0).field_deg(), [0.0, 120.0]);
+        assert_eq!(scan(-180, 180, 15.0).range_end(), (15.0, 1.0));
+        assert_eq!(scan(-180, 180, 15.0).own_body_deg(), 15.0);
+        assert_eq!(Directions::default().range_end(), (0.0, 0.0));
+    }
+}

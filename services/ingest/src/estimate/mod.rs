@@ -1,0 +1,387 @@
+//! What a sensor is and how it is mounted, estimated from its scans: for `mluc doctor --input`, `mluc-lab sensor`, and the [`crate::Guard`].
+//!
+//! An [`Estimator`] looks at scans and keeps sums and histograms, whose memory is made once. It can tell neither left from right (y mirrored) nor ahead
+//! from aside (a turn about z): a scan in a strange place looks the same.
+
+mod content;
+mod directions;
+pub mod elevations;
+mod level;
+mod profile;
+mod step;
+
+use mluc_geometry::quantile;
+use mluc_ipc_types::Point;
+use serde::{Deserialize, Serialize};
+
+use content::Content;
+use directions::{Directions, NEAR_M, SECTOR_DEG};
+pub use directions::{SECTORS, direction_rad};
+use elevations::Elevations;
+use level::{Level, LevelFinder};
+pub use profile::Nearest;
+use step::StepVotes;
+
+/// Sums that need no full count take every so-maniest point: no multiple of a number of beams.
+const SAMPLE: usize = 7;
+/// Beams that an estimate holds.
+const BEAMS_MAX: usize = 256;
+/// Fewer are no spinning sensor's.
+const BEAMS_MIN: f32 = 4.0;
+/// Peaks are beams where they are at least this share of the returns of a column: else they are smeared.
+const CLEAR_SHARE: f32 = 0.72;
+/// Peaks of several scans together are beams where they are this share of those of a single scan.
+const STAYING_SHARE: f32 = 0.85;
+/// Scans of which more than sums is kept.
+const SCANS_MAX: usize = 64;
+/// A plane is the ground from this share of tiles on.
+const GROUND_SHARE_MIN: f32 = 0.18;
+/// Below this share the ground is looked for along the other axes too; there it must have this share, and so many times the first.
+const LEVEL_SHARE_POOR: f32 = 0.35;
+const OTHER_AXIS_SHARE_MIN: f32 = 0.25;
+const OTHER_AXIS_GAIN: f32 = 1.5;
+/// Sensors hang no lower and no higher, m; for axes alone.
+const HEIGHT_M: std::ops::Range<f32> = 0.15..5.0;
+
+/// The unit of the coordinates as they came.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unit {
+    /// m.
+    #[default]
+    Metre,
+    /// cm.
+    Centimetre,
+    /// mm.
+    Millimetre,
+}
+
+impl Unit {
+    /// In m.
+    pub fn in_m(self) -> f32 {
+        [1.0, 0.01, 0.001][self as usize]
+    }
+
+    /// `m`, `cm`, `mm`.
+    pub fn name(self) -> &'static str {
+        ["m", "cm", "mm"][self as usize]
+    }
+}
+
+/// Which axis points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Up {
+    /// As it should be.
+    #[default]
+    #[serde(rename = "z")]
+    Z,
+    /// Turned over.
+    #[serde(rename = "-z")]
+    MinusZ,
+    /// x is up.
+    #[serde(rename = "x")]
+    X,
+    /// x is down.
+    #[serde(rename = "-x")]
+    MinusX,
+    /// y is up.
+    #[serde(rename = "y")]
+    Y,
+    /// y is down.
+    #[serde(rename = "-y")]
+    MinusY,
+}
+
+impl Up {
+    /// `z`, `-z` and so on.
+    pub fn name(self) -> &'static str {
+        ["z", "-z", "x", "-x", "y", "-y"][self as usize]
+    }
+}
+
+/// What some scans say of their sensor. Lengths are in m, whatever unit the scans came in.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SensorEstimate {
+    /// Scans that were looked at.
+    pub scans: u32,
+    /// Points a scan, finite or not.
+    pub points: u32,
+    /// Share of points that are not finite.
+    pub not_finite_share: f32,
+    /// Share of points at the origin.
+    pub zero_share: f32,
+    /// Share of points that are there twice.
+    pub duplicate_share: f32,
+    /// Unit of the coordinates.
+    pub unit: Unit,
+    /// Which axis points up.
+    pub up: Up,
+    /// Beams; where they are not clear, the returns of a column.
+    pub beams: u32,
+    /// Whether elevations have a peak for every beam: not so where several sensors are merged, or beams begin in different points.
+    pub are_beams_clear: bool,
+    /// Elevations with a peak, degrees, from the top down.
+    pub elevations_deg: Vec<f32>,
+    /// Between neighbouring columns, degrees.
+    pub azimuth_step_deg: Option<f32>,
+    /// Elevations of the uppermost and the lowest returns, degrees.
+    pub vertical_field_deg: [f32; 2],
+    /// Middle and width of the horizontal field, degrees, counter-clockwise from ahead.
+    pub field_deg: [f32; 2],
+    /// Range below which half of the returns lie, m.
+    pub range_median_m: f32,
+    /// Range below which 99.9 % of the returns lie, m.
+    pub range_longest_m: f32,
+    /// Where most directions end, m, and the share of directions that do.
+    pub range_end_m: f32,
+    /// See [`SensorEstimate::range_end_m`].
+    pub range_end_share: f32,
+    /// The largest intensity.
+    pub intensity_max: f32,
+    /// Height of the sensor above the ground, m; `None`: no ground found.
+    pub height_m: Option<f32>,
+    /// Positive looks down, degrees.
+    pub pitch_deg: f32,
+    /// Positive sinks to the right, degrees.
+    pub roll_deg: f32,
+    /// Share of the tiles around the sensor that lie on one plane.
+    pub ground_share: f32,
+    /// Degrees of the directions in which something near stays over all scans: the robot itself.
+    pub own_body_deg: f32,
+}
+
+impl SensorEstimate {
+    /// Angle between the sensor's axis and the ground's, degrees.
+    pub fn tilt_deg(&self) -> f32 {
+        self.pitch_deg.hypot(self.roll_deg)
+    }
+
+    /// Median distance of neighbouring beams, degrees; `None` where they are not clear.
+    pub fn spacing_deg(&self) -> Option<f32> {
+        let mut gaps = [0.0; BEAMS_MAX];
+        let pairs = self.elevations_deg.windows(2);
+        let count = pairs.len().min(BEAMS_MAX);
+        for (gap, pair) in gaps.iter_mut().zip(pairs) {
+            *gap = f64::from(pair[0] - pair[1]);
+        }
+        gaps[..count].sort_unstable_by(f64::total_cmp);
+        let middle = quantile(&gaps[..count], 0.5)? as f32;
+        self.are_beams_clear.then_some(middle)
+    }
+}
+
+/// What is kept of one scan.
+#[derive(Clone, Copy, Debug)]
+struct OneScan {
+    /// Height, pitch, roll, share of tiles.
+    ground: Option<[f32; 4]>,
+    /// Peaks of its elevations.
+    peaks: f32,
+}
+
+/// Looks at scans.
+#[derive(Clone, Debug)]
+pub struct Estimator {
+    content: Content,
+    elevations: Elevations,
+    directions: Directions,
+    steps: StepVotes,
+    finder: LevelFinder,
+    scans: Vec<OneScan>,
+    /// Of the scan at hand.
+    scan_elevations: Elevations,
+    scan_beams_deg: Vec<f32>,
+    estimate: SensorEstimate,
+}
+
+impl Estimator {
+    /// All memory is made here.
+    #[allow(clippy::new_without_default)]
+    pub fn new() -> Estimator {
+        let mut content = Content::default();
+        content.clear();
+        Estimator {
+            content,
+            elevations: Elevations::default(),
+            directions: Directions::default(),
+            steps: StepVotes::default(),
+            finder: LevelFinder::default(),
+            scans: Vec::with_capacity(SCANS_MAX),
+            scan_elevations: Elevations::default(),
+            scan_beams_deg: Vec::with_capacity(BEAMS_MAX),
+            estimate: SensorEstimate {
+                elevations_deg: Vec::with_capacity(BEAMS_MAX),
+                ..SensorEstimate::default()
+            },
+        }
+    }
+
+    /// Forgets all scans.
+    pub fn clear(&mut self) {
+        self.content.clear();
+        self.elevations.clear();
+        self.directions = Directions::default();
+        self.steps.clear();
+        self.scans.clear();
+        self.estimate.scans = 0;
+    }
+
+    /// Elevations of all scans.
+    pub fn elevations(&self) -> &Elevations {
+        &self.elevations
+    }
+
+    /// Looks at a scan: its finite points, and how many more were none. About 5 ms for 120,000 points.
+    pub fn look(&mut self, points: &[Point], not_finite: u32) {
+        self.content.add_scan(points, not_finite, SAMPLE);
+        let scale = self.content.unit.in_m();
+        let at = |p: &Point| [p.x_m * scale, p.y_m * scale, p.z_m * scale];
+        let ground = self.look_for_ground(points.iter().map(at));
+        let level = ground.filter(|_| self.estimate.up == Up::Z);
+        self.scan_elevations.clear();
+        for (number, point) in points.iter().enumerate() {
+            let [x, y, z] = at(point);
+            let distance = (x * x + y * y).sqrt();
+            let range_m = (distance * distance + z * z).sqrt();
+            if range_m >= NEAR_M {
+                self.scan_elevations.add(z, distance);
+            }
+            if number % SAMPLE == 0 && range_m > 0.0 {
+                let on = level.map_or(z, |l| z - l.z_m - l.slope[0] * x - l.slope[1] * y);
+                self.directions.add([x, y], range_m, on < 0.25);
+            }
+        }
+        self.directions.end_scan();
+        self.elevations.add_all(&self.scan_elevations);
+        self.scan_elevations.find(&mut self.scan_beams_deg);
+        if self.scans.len() < SCANS_MAX {
+            let (ground, peaks) = (ground.map(mounting), self.scan_beams_deg.len() as f32);
+            self.scans.push(OneScan { ground, peaks });
+        }
+        self.look_along_beams(points, scale);
+        self.estimate.scans += 1;
+    }
+
+    /// Which way is up, and the plane of the ground, seen so.
+    fn look_for_ground(&mut self, points: impl Iterator<Item = [f32; 3]> + Clone) -> Option<Level> {
+        let along_z = self.finder.find(points.clone());
+        let share = along_z.map_or(0.0, |level| level.share);
+        let mut best = (Up::Z, along_z);
+        if share < LEVEL_SHARE_POOR {
+            let turned = points.clone();
+            let over = turned.map(|[x, y, z]| [x, -y, -z]);
+            let others = [
+                (Up::MinusZ, self.finder.find(over)),
+                (
+                    Up::X,
+                    self.finder.find(points.clone().map(|[x, y, z]| [y, z, x])),
+                ),
+                (Up::Y, self.finder.find(points.map(|[x, y, z]| [z, x, y]))),
+            ];
+            let mut least = (OTHER_AXIS_GAIN * share).max(OTHER_AXIS_SHARE_MIN);
+            for (up, level) in others {
+                let fits =
+                    |level: &Level| level.share > least && HEIGHT_M.contains(&level.z_m.abs());
+                if let Some(level) = level.filter(fits) {
+                    (least, best) = (level.share, (up, Some(level)));
+                }
+            }
+        }
+        let (up, level) = best;
+        let level = level.filter(|level| level.share >= GROUND_SHARE_MIN);
+        let is_above = level.is_some_and(|level| level.z_m > HEIGHT_M.start);
+        self.estimate.up = match (up, is_above) {
+            (Up::Z, true) => Up::MinusZ,
+            (Up::MinusZ, true) => Up::Z,
+            (Up::X, true) => Up::MinusX,
+            (Up::Y, true) => Up::MinusY,
+            (up, _) => up,
+        };
+        level
+    }
+
+    /// The step between columns, along a few beams that lie apart from others.
+    fn look_along_beams(&mut self, points: &[Point], scale: f32) {
+        let beams = &self.scan_beams_deg;
+        let count = beams.len();
+        for number in 1..3 {
+            let Some(&beam_deg) = beams.get(count * number / 3) else {
+                continue;
+            };
+            let half_deg = (beams.windows(2).map(|p| p[0] - p[1])).fold(0.3, f32::min) / 3.0;
+            let [low, high] = [-half_deg, half_deg].map(|d| (beam_deg + d).to_radians().tan());
+            for point in points {
+                let [x, y, z] = [point.x_m, point.y_m, point.z_m].map(|v| v * scale);
+                let distance = (x * x + y * y).sqrt();
+                if z >= low * distance && z <= high * distance && distance > NEAR_M {
+                    self.steps.add(x, y);
+                }
+            }
+            self.steps.end_beam();
+        }
+    }
+
+    /// What the scans since [`Estimator::clear`] say.
+    pub fn estimate(&mut self) -> &SensorEstimate {
+        let grounds = || self.scans.iter().filter_map(|scan| scan.ground);
+        let estimate = &mut self.estimate;
+        estimate.height_m = median(grounds().map(|ground| ground[0]));
+        estimate.pitch_deg = median(grounds().map(|ground| ground[1])).unwrap_or(0.0);
+        estimate.roll_deg = median(grounds().map(|ground| ground[2])).unwrap_or(0.0);
+        estimate.ground_share = median(grounds().map(|ground| ground[3])).unwrap_or(0.0);
+        self.content.tell(estimate);
+        estimate.azimuth_step_deg = self.steps.step_deg();
+        let [top, bottom] = [0.999, 0.001].map(|share| self.elevations.quantile_deg(share));
+        estimate.vertical_field_deg = [top, bottom];
+        estimate.field_deg = self.directions.field_deg();
+        (estimate.range_end_m, estimate.range_end_share) = self.directions.range_end();
+        estimate.own_body_deg = self.directions.own_body_deg();
+        self.count_beams();
+        &self.estimate
+    }
+
+    /// Peaks of the elevations, held against the returns of a column and those of single scans.
+    fn count_beams(&mut self) {
+        let estimate = &mut self.estimate;
+        self.elevations.find(&mut estimate.elevations_deg);
+        let peaks = estimate.elevations_deg.len() as f32;
+        let mut counts = *self.directions.counts();
+        counts.sort_unstable();
+        let many = counts[SECTORS * 9 / 10] as usize * SAMPLE;
+        let many = many as f32 / estimate.scans.max(1) as f32;
+        // A point that is there twice is one return.
+        let many = many * (1.0 - estimate.duplicate_share);
+        let column = estimate.azimuth_step_deg;
+        let column = column.map_or(0.0, |step| many * step / SECTOR_DEG);
+        // Beams whose returns move from scan to scan have peaks in single scans alone.
+        let of_scans = median(self.scans.iter().map(|scan| scan.peaks)).unwrap_or(0.0);
+        let (best, whole) = (peaks.max(of_scans), CLEAR_SHARE * column);
+        let has_peaks = best >= BEAMS_MIN && best >= whole;
+        estimate.are_beams_clear = has_peaks && peaks >= STAYING_SHARE * best;
+        estimate.beams = if has_peaks { best } else { column.round() } as u32;
+    }
+}
+
+/// Height (m), pitch, roll (degrees) and share of tiles.
+fn mounting(level: Level) -> [f32; 4] {
+    let [x, y] = level.slope;
+    let height_m = level.z_m.abs() / (1.0 + x * x + y * y).sqrt();
+    [
+        height_m,
+        x.atan().to_degrees(),
+        -y.atan().to_degrees(),
+        level.share,
+    ]
+}
+
+/// The median of one value by scan.
+fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
+    let mut sorted = [0.0; SCANS_MAX];
+    let mut count = 0;
+    for (place, value) in sorted.iter_mut().zip(values) {
+        *place = f64::from(value);
+        count += 1;
+    }
+    sorted[..count].sort_unstable_by(f64::total_cmp);
+    quantile(&sorted[..count], 0.5).map(|value| value as f32)
+}

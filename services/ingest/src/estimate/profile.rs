@@ -1,0 +1,100 @@
+//! An estimate and the profiles of real products.
+
+use mluc_model::SensorProfile;
+
+use super::SensorEstimate;
+
+/// Where no return is nearer, and what a range is off: unknown from scans, so guesses.
+const RANGE_SHORTEST_M: f32 = 0.5;
+const RANGE_NOISE_M: f32 = 0.02;
+
+/// Products whose distances differ by less are alike.
+const ALIKE_DEG: f32 = 0.005;
+
+/// See [`SensorEstimate::nearest`].
+#[derive(Clone, Debug)]
+pub struct Nearest {
+    /// Of the products that are alike.
+    pub names: Vec<&'static str>,
+    /// Of the first of them.
+    pub profile: SensorProfile,
+    /// [`SensorEstimate::distance_deg`].
+    pub distance_deg: f32,
+}
+
+impl SensorEstimate {
+    /// How far the beams lie from a profile's, degrees: the mean of both ways to the nearest; the profile's beams above the found field have no say (they
+    /// see the sky). `None` where there is nothing to compare.
+    pub fn distance_deg(&self, profile: &SensorProfile) -> Option<f32> {
+        if self.elevations_deg.is_empty() || profile.units.len() > 1 {
+            return None;
+        }
+        let mean = |from: &[f32], to: &[f32], top_deg: f32| {
+            let from = from.iter().filter(|deg| **deg <= top_deg);
+            let nearest = |deg: &f32| to.iter().map(|t| (t - deg).abs()).fold(f32::MAX, f32::min);
+            let (sum, count) = from.fold((0.0, 0.0), |(sum, count), deg| {
+                (sum + nearest(deg), count + 1.0)
+            });
+            (count > 0.0).then(|| sum / count)
+        };
+        let (own, other) = (&self.elevations_deg, &profile.elevations_deg);
+        let there = mean(own, other, 90.0)?;
+        let back = mean(other, own, own[0] + 0.5)?;
+        Some((there + back) / 2.0)
+    }
+
+    /// The products whose beams lie nearest: several where they are alike.
+    pub fn nearest(&self) -> Option<Nearest> {
+        let mut best: Option<Nearest> = None;
+        for name in SensorProfile::names() {
+            let Ok(profile) = SensorProfile::load(name) else {
+                continue;
+            };
+            let Some(distance_deg) = self.distance_deg(&profile) else {
+                continue;
+            };
+            match &mut best {
+                Some(best) if (distance_deg - best.distance_deg).abs() < ALIKE_DEG => {
+                    best.names.push(name);
+                }
+                Some(best) if distance_deg > best.distance_deg => (),
+                _ => {
+                    best = Some(Nearest {
+                        names: vec![name],
+                        profile,
+                        distance_deg,
+                    });
+                }
+            }
+        }
+        best
+    }
+
+    /// A profile of this sensor: of clear beams the peaks; else as many as a column has returns, evenly over the vertical field.
+    pub fn profile(&self, name: &str) -> SensorProfile {
+        let [top, bottom] = self.vertical_field_deg;
+        let beams = self.beams.max(2);
+        let even = |beam: u32| top + (bottom - top) * beam as f32 / (beams - 1) as f32;
+        let elevations_deg = if self.are_beams_clear {
+            self.elevations_deg.clone()
+        } else {
+            (0..beams).map(even).collect()
+        };
+        SensorProfile {
+            name: name.to_string(),
+            source: format!(
+                "estimated from {} scans; range noise is a guess",
+                self.scans
+            ),
+            elevations_deg,
+            azimuth_step_deg: self.azimuth_step_deg.unwrap_or(0.2),
+            field_deg: (self.field_deg[1] < 360.0).then_some(self.field_deg),
+            range_m: [RANGE_SHORTEST_M, self.range_longest_m.clamp(5.0, 500.0)],
+            range_noise_m: RANGE_NOISE_M,
+            height_m: self.height_m,
+            pitch_deg: self.pitch_deg.clamp(-30.0, 30.0),
+            roll_deg: self.roll_deg.clamp(-30.0, 30.0),
+            ..SensorProfile::default()
+        }
+    }
+}

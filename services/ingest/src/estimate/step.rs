@@ -1,0 +1,83 @@
+//! Azimuth between two columns: the commonest distance of neighbouring returns along a beam.
+
+/// Returns of a beam that are looked at.
+const RETURNS_MAX: usize = 4096;
+/// Fewer say nothing.
+const RETURNS_MIN: usize = 60;
+/// Histogram of distances, degrees.
+const BIN_DEG: f32 = 0.01;
+const BINS: usize = 150;
+
+/// Collects azimuths of one beam, and votes over beams and scans.
+#[derive(Clone, Debug)]
+pub(super) struct StepVotes {
+    azimuths_deg: Vec<f32>,
+    votes: [u32; BINS],
+}
+
+impl Default for StepVotes {
+    fn default() -> StepVotes {
+        StepVotes {
+            azimuths_deg: Vec::with_capacity(RETURNS_MAX),
+            votes: [0; BINS],
+        }
+    }
+}
+
+impl StepVotes {
+    pub(super) fn clear(&mut self) {
+        self.azimuths_deg.clear();
+        self.votes.fill(0);
+    }
+
+    /// A return of the beam at hand.
+    pub(super) fn add(&mut self, x_m: f32, y_m: f32) {
+        if self.azimuths_deg.len() < RETURNS_MAX {
+            self.azimuths_deg.push(y_m.atan2(x_m).to_degrees());
+        }
+    }
+
+    /// The beam's scan is complete.
+    pub(super) fn end_beam(&mut self) {
+        if self.azimuths_deg.len() >= RETURNS_MIN {
+            self.azimuths_deg.sort_unstable_by(f32::total_cmp);
+            for pair in self.azimuths_deg.windows(2) {
+                let bin = ((pair[1] - pair[0]) / BIN_DEG) as usize;
+                // The same column twice is no distance.
+                if (3..BINS).contains(&bin) {
+                    self.votes[bin] += 1;
+                }
+            }
+        }
+        self.azimuths_deg.clear();
+    }
+
+    /// Degrees; `None` where no beam had enough returns.
+    pub(super) fn step_deg(&self) -> Option<f32> {
+        let sums = self.votes.windows(3).map(|three| three.iter().sum::<u32>());
+        let (bin, most) = sums
+            .enumerate()
+            .max_by_key(|&(bin, sum)| (sum, BINS - bin))?;
+        let three = [0, 1, 2].map(|i| (bin + i) as f32 + 0.5);
+        let weighted: f32 = (0..3).map(|i| three[i] * self.votes[bin + i] as f32).sum();
+        (most as usize >= RETURNS_MIN / 2).then(|| weighted / most as f32 * BIN_DEG)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lost_returns_do_not_widen_the_step() {
+        let mut votes = StepVotes::default();
+        assert_eq!(votes.step_deg(), None);
+        for column in (0..1800).filter(|column| column % 7 != 0 && column % 5 != 1) {
+            let (sin, cos) = (column as f32 * 0.2_f32).to_radians().sin_cos();
+            votes.add(9.0 * cos, 9.0 * sin);
+        }
+        votes.end_beam();
+        let step = votes.step_deg().expect("enough returns");
+        assert!((step - 0.2).abs() < 0.01, "{step}");
+    }
+}

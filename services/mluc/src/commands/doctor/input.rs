@@ -1,0 +1,135 @@
+//! `mluc doctor --input`: what sensor the scans are of, and whether the model takes them.
+
+use std::path::Path;
+
+use mluc_ingest::estimate::{Estimator, SensorEstimate};
+use mluc_ingest::{Expected, Reason, decode_bin, inspect_bin};
+use mluc_ipc_types::{POINTS_MAX, Point};
+
+use super::{Failure, Finding, Fine, Warning};
+use crate::source::Source;
+
+/// Scans that are looked at, spread over the input.
+const SCANS: usize = 20;
+
+/// Beams this near a product's are of it, degrees; a guess.
+const NEAR_DEG: f32 = 0.1;
+
+/// Looks at some scans.
+pub(super) fn findings(input: &Path, expected: &Expected) -> anyhow::Result<Vec<Finding>> {
+    let source = Source::find(input)?;
+    let mut estimator = Estimator::new();
+    let (mut bytes, mut points) = (Vec::new(), vec![Point::default(); POINTS_MAX]);
+    let count = source.scans.len();
+    for number in 0..count.min(SCANS) {
+        source.read(number * count / count.min(SCANS), &mut bytes);
+        // The largest count first: a file beyond the limit is cut, as ingest cuts it.
+        let kept = inspect_bin(&bytes).points_out as usize;
+        let report = decode_bin(&bytes, &mut points[..kept]);
+        estimator.look(&points[..kept], report.dropped_not_finite);
+    }
+    let found = estimator.estimate();
+    let mut reasons = Vec::new();
+    expected.judge(found, &mut reasons);
+    let mut findings = vec![
+        (Fine, about_scans(found)),
+        (Fine, about_beams(found)),
+        (Fine, about_mounting(found)),
+    ];
+    findings.push((Fine, about_model(expected)));
+    findings.extend(reasons.iter().map(|reason| (Warning, reason.to_string())));
+    if found.points == 0 {
+        findings.push((
+            Failure,
+            "no points in these scans: are they of the format x, y, z, intensity as f32?".into(),
+        ));
+    }
+    findings.push((
+        Fine,
+        format!("to use: {}", flags(input, found, expected, &reasons)),
+    ));
+    Ok(findings)
+}
+
+fn about_scans(found: &SensorEstimate) -> String {
+    let percent = |share: f32| (share * 100.0).round();
+    format!(
+        "{} scans of {} points, {} % not finite, {} % at the origin, {} % copies; unit {}, {} up, intensity up to {}",
+        found.scans,
+        found.points,
+        percent(found.not_finite_share),
+        percent(found.zero_share),
+        percent(found.duplicate_share),
+        found.unit.name(),
+        found.up.name(),
+        found.intensity_max
+    )
+}
+
+fn about_beams(found: &SensorEstimate) -> String {
+    let [top, bottom] = found.vertical_field_deg;
+    let beams = match found.spacing_deg() {
+        Some(spacing) => format!("{} beams, {spacing:.2} degrees apart", found.beams),
+        None => format!("no clear beams, about {}", found.beams),
+    };
+    let step = found
+        .azimuth_step_deg
+        .map(|step| format!(", a column every {step:.2}"));
+    let near = found.nearest().filter(|_| found.are_beams_clear);
+    let near = near.map(|near| {
+        let names = near.names.join(" or ");
+        format!("; like {names}, {:.2} degrees off", near.distance_deg)
+    });
+    format!(
+        "{beams} from {top:.1} to {bottom:.1}{}, {} degrees around; half of the returns within {:.0} m, all within {:.0} m{}",
+        step.unwrap_or_default(),
+        found.field_deg[1],
+        found.range_median_m,
+        found.range_longest_m,
+        near.unwrap_or_default()
+    )
+}
+
+fn about_mounting(found: &SensorEstimate) -> String {
+    match found.height_m {
+        Some(height_m) => format!(
+            "sensor {height_m:.2} m above the ground, pitch {:.1} and roll {:.1} degrees; near returns that stay in {} degrees around",
+            found.pitch_deg, found.roll_deg, found.own_body_deg
+        ),
+        None => "no ground found".to_string(),
+    }
+}
+
+fn about_model(expected: &Expected) -> String {
+    let takes = expected.takes();
+    let any = |[low, high]: [u32; 2]| match high {
+        u32::MAX => "any number of".to_string(),
+        _ => format!("{low} to {high}"),
+    };
+    let [low_m, high_m] = takes.height_m;
+    format!(
+        "the model takes {} beams, {} points, {low_m:.2} to {high_m:.2} m high, tilted by up to {} degrees",
+        any(takes.beams),
+        any(takes.points),
+        takes.tilt_max_deg
+    )
+}
+
+/// The command, or why there is none.
+fn flags(input: &Path, found: &SensorEstimate, expected: &Expected, reasons: &[Reason]) -> String {
+    if !reasons.is_empty() {
+        return "first do what the warnings say".to_string();
+    }
+    let near = found
+        .nearest()
+        .filter(|near| found.are_beams_clear && near.distance_deg < NEAR_DEG);
+    let sensor = match (expected.sensor(), near) {
+        (Some(_), _) => " --sensor as given".to_string(),
+        (None, Some(near)) => format!(
+            " --sensor {}",
+            near.names.join(" (or ") + &")".repeat(near.names.len() - 1)
+        ),
+        (None, None) => String::new(),
+    };
+    format!("mluc up --input {}{sensor}", input.display())
+}

@@ -1,0 +1,48 @@
+//! Scans that are not what the model takes: the flags of their lines, the log, and what `mluc doctor` says.
+
+use std::ffi::OsStr;
+
+use mluc_tests::{Running, Setting, car_scan};
+
+/// The model takes 1.23 to 2.23 m; these are of a sensor 0.73 m above the ground.
+fn low_sensor(setting: &Setting, scans: usize) {
+    for number in 0..scans {
+        let mut points = car_scan(9.0 + number as f32);
+        points.iter_mut().for_each(|point| point[2] += 1.0);
+        setting.write_scan(&format!("{number:06}"), &points);
+    }
+}
+
+#[test]
+fn a_low_sensor_is_flagged_logged_and_diagnosed_with_the_remedy() {
+    let setting = Setting::new("suspect", 0);
+    low_sensor(&setting, 4);
+    let run = setting.run("");
+    for line in &run.lines {
+        let flags = line["flags"].as_array().expect("flags");
+        for flag in ["input_suspect", "suspect_height"] {
+            assert!(flags.iter().any(|found| found == flag), "{line}");
+        }
+    }
+    let words = "expected 1.23 to 2.23 m: mount it there";
+    assert_eq!(run.log.matches(words).count(), 1, "{}", run.log);
+    let (model, input) = (setting.model.as_os_str(), setting.input.as_os_str());
+    let command: [&OsStr; 5] = [
+        "doctor".as_ref(),
+        "--model".as_ref(),
+        model,
+        "--input".as_ref(),
+        input,
+    ];
+    let said = Running::mluc(command).finish().text();
+    assert!(said.contains(words), "{said}");
+}
+
+#[test]
+fn sound_scans_carry_no_flag() {
+    let run = Setting::new("unsuspect", 4).run("");
+    run.assert_ended(0, 4);
+    for line in &run.lines {
+        assert_eq!(line["flags"].as_array().map(Vec::len), Some(0), "{line}");
+    }
+}
