@@ -436,6 +436,11 @@ impl Guard {
         }
     }
 
+    /// Whether the next scan is looked at, and is none of the first, whose verdict shall go out with them.
+    pub fn looks_later(&self) -> bool {
+        self.scans >= LOOK_FIRST && self.scans.is_multiple_of(LOOK_EVERY)
+    }
+
     /// Takes the next scan, its finite points, into account; gives what does not fit.
     pub fn check(&mut self, points: &[Point], report: &DecodeReport) -> &[Reason] {
         if self.scans < LOOK_FIRST || self.scans.is_multiple_of(LOOK_EVERY) {

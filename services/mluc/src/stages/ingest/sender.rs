@@ -25,12 +25,11 @@ pub(crate) struct Sender<'a> {
     pub(crate) objects: Input<Object>,
     pub(crate) downstream: DownstreamStages,
     output: Output<Point>,
-    guard: Guard,
+    suspicion: Suspicion,
+    /// The last scan once more, for a look after it was sent.
+    again: Vec<Point>,
     fingerprint: u64,
     loaded: Loaded,
-    /// Reasons that the log has had, and those of the last frame.
-    logged: Flags,
-    suspected: Flags,
 }
 
 impl Sender<'_> {
@@ -53,11 +52,14 @@ impl Sender<'_> {
             objects,
             downstream,
             output,
-            guard: Guard::new(Expected::new(&model.manifest, sensor)),
+            suspicion: Suspicion {
+                guard: Guard::new(Expected::new(&model.manifest, sensor)),
+                logged: Flags::default(),
+                suspected: Flags::default(),
+            },
+            again: Vec::with_capacity(POINTS_MAX),
             fingerprint: model.fingerprint,
             loaded: Loaded::default(),
-            logged: Flags::default(),
-            suspected: Flags::default(),
         })
     }
 
@@ -123,35 +125,14 @@ impl Sender<'_> {
         let _frame = frame_span(&header);
         let mut loan = self.output.loan(&header, report.points_out as usize)?;
         run_span(|| decode_bin(&self.loaded.bytes, loan.elements_mut()));
-        // A frame that is sent again is no new scan.
-        if attempt == 0 {
-            let reasons = self.guard.check(loan.elements_mut(), &report);
-            // One scan in a loop is meant to be the same.
-            let is_meant =
-                |flag: Flags| flag == Flags::SUSPECT_FROZEN && self.source.scans.len() == 1;
-            let reasons = reasons.iter().filter(|reason| !is_meant(reason.flag()));
-            let mut suspected = Flags::default();
-            let mut first = None;
-            for reason in reasons {
-                suspected = suspected.with(reason.flag());
-                first = first.or(Some(reason));
-                if !self.logged.contains(reason.flag()) {
-                    self.logged = self.logged.with(reason.flag());
-                    tracing::warn!(frame = header.name(), "suspect input: {reason}");
-                }
-            }
-            if suspected != self.suspected {
-                self.suspected = suspected;
-                match first {
-                    Some(reason) => {
-                        let reason = format!("suspect input: {reason}");
-                        self.shell.state(HealthState::Degraded, &reason)?;
-                    }
-                    None => self.shell.state(HealthState::Running, "")?,
-                }
-            }
+        // A frame that is sent again is no new scan. A look takes some ms: but for the first ones it waits until the frame is sent.
+        let looks_later = attempt == 0 && self.suspicion.guard.looks_later();
+        let is_loop = self.source.scans.len() == 1;
+        if attempt == 0 && !looks_later {
+            let points = loan.elements_mut();
+            self.suspicion.judge(points, &report, is_loop, self.shell)?;
         }
-        loan.header_mut().flag(self.suspected);
+        loan.header_mut().flag(self.suspicion.suspected);
         stamp_published(Stage::Ingest, loan.header_mut());
         loan.publish()?;
         self.shell.health.bytes_written = (report.points_out as usize * size_of::<Point>()) as u32;
@@ -160,7 +141,58 @@ impl Sender<'_> {
             // The same frame once more.
             self.shell.health.frames_out -= 1;
         }
-        Ok(finish(self.shell, Stage::Ingest, &header)?)
+        finish(self.shell, Stage::Ingest, &header)?;
+        if looks_later {
+            self.again
+                .resize(report.points_out as usize, Point::default());
+            decode_bin(&self.loaded.bytes, &mut self.again);
+            self.suspicion
+                .judge(&self.again, &report, is_loop, self.shell)?;
+        }
+        Ok(())
+    }
+}
+
+/// What the guard says, and what of it was told.
+struct Suspicion {
+    guard: Guard,
+    /// Reasons that the log has had.
+    logged: Flags,
+    /// Of the frames that follow.
+    suspected: Flags,
+}
+
+impl Suspicion {
+    /// Holds a scan against what is expected; logs what is new. `is_loop`: one scan again and again is meant.
+    fn judge(
+        &mut self,
+        points: &[Point],
+        report: &DecodeReport,
+        is_loop: bool,
+        shell: &mut Shell,
+    ) -> Result<(), RuntimeError> {
+        let reasons = self.guard.check(points, report).iter();
+        let reasons = reasons.filter(|reason| !is_loop || reason.flag() != Flags::SUSPECT_FROZEN);
+        let (mut suspected, mut first) = (Flags::default(), None);
+        for reason in reasons {
+            suspected = suspected.with(reason.flag());
+            first = first.or(Some(reason));
+            if !self.logged.contains(reason.flag()) {
+                self.logged = self.logged.with(reason.flag());
+                tracing::warn!("suspect input: {reason}");
+            }
+        }
+        if suspected == self.suspected {
+            return Ok(());
+        }
+        self.suspected = suspected;
+        match first {
+            Some(reason) => {
+                let reason = format!("suspect input: {reason}");
+                shell.state(HealthState::Degraded, &reason)
+            }
+            None => shell.state(HealthState::Running, ""),
+        }
     }
 }
 
