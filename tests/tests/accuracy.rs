@@ -19,7 +19,11 @@ type Figures = BTreeMap<String, [f64; 2]>;
 fn floors() -> BTreeMap<String, Figures> {
     let floors: BTreeMap<String, Figures> =
         toml::from_str(include_str!("accuracy.toml")).expect("floors");
-    assert!(floors.keys().eq(["any-open", "kitti", "kitti-open", "udi", "udi-open"]));
+    assert!(
+        floors
+            .keys()
+            .eq(["any-open", "kitti", "kitti-open", "udi", "udi-open"])
+    );
     floors
 }
 
