@@ -228,10 +228,9 @@ fn plane(tiles: &[Tile], start: f64) -> Plane {
     plane
 }
 
-/// z of the ground at x, y (m) between the nodes of a [`GroundGrid`]; beyond the grid that of its edge.
+/// z of the ground at x, y (m) between the nodes of a [`GroundGrid`]; beyond the grid that of its edge; NaN for NaN.
 #[inline(always)]
 pub fn ground_height_m(heights_m: &[f32], [x_m, y_m]: [f32; 2]) -> f32 {
-    // NaN becomes 0 in the casts: any node.
     let along = |v: f32| {
         let v = ((v + HALF_M) / SPACING_M).clamp(0.0, (SIDE - 1) as f32);
         let low = (v as usize).min(SIDE - 2);
@@ -265,6 +264,7 @@ mod tests {
             assert!(off.abs() < 0.06, "{place:?}: {off}");
         }
         let flat = grid.find(&[]);
-        assert!((ground_height_m(flat, [f32::NAN, 900.0]) + 1.7).abs() < 1e-6);
+        assert!((ground_height_m(flat, [-300.0, 900.0]) + 1.7).abs() < 1e-6);
+        assert!(ground_height_m(flat, [f32::NAN, 900.0]).is_nan());
     }
 }
