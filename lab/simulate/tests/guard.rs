@@ -7,7 +7,7 @@ use mluc_ingest::{DecodeReport, Expected, Guard};
 use mluc_ipc_types::{Flags, Point};
 use mluc_model::{Grid, Manifest, Network, SensorProfile, Takes};
 use mluc_simulate::{Family, Split, frame_by};
-use mluc_tests::data_folder;
+use mluc_tests::{data_folder, skip};
 use std::path::Path;
 
 type Scan = Vec<Point>;
@@ -292,9 +292,15 @@ fn faults_in_simulated_scans_are_flagged_and_sound_scans_are_not() {
 fn faults_in_recorded_scans_are_flagged_and_sound_scans_are_not() {
     let mut sets = Vec::new();
     if let Some(folder) = data_folder("MLUC_KITTI") {
-        sets.push(recorded("kitti", &folder.join("training/velodyne"), 20));
+        sets.push(recorded(
+            "kitti",
+            &folder.join("object/training/velodyne"),
+            20,
+        ));
     }
-    if let Some(folder) = data_folder("MLUC_SENSORS") {
+    if std::env::var_os("MLUC_SENSORS").is_none() {
+        skip("the guard on other real sensors", "MLUC_SENSORS is not set");
+    } else if let Some(folder) = data_folder("MLUC_SENSORS") {
         for entry in std::fs::read_dir(&folder).expect("a folder").flatten() {
             let (name, scans) = (entry.file_name(), entry.path().join("velodyne"));
             if scans.is_dir() {
