@@ -37,12 +37,3 @@ fn a_low_sensor_is_flagged_logged_and_diagnosed_with_the_remedy() {
     let said = Running::mluc(command).finish().text();
     assert!(said.contains(words), "{said}");
 }
-
-#[test]
-fn sound_scans_carry_no_flag() {
-    let run = Setting::new("unsuspect", 4).run("");
-    run.assert_ended(0, 4);
-    for line in &run.lines {
-        assert_eq!(line["flags"].as_array().map(Vec::len), Some(0), "{line}");
-    }
-}
