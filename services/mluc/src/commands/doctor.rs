@@ -41,7 +41,7 @@ pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         let sensor = args.sensor.as_deref().map(SensorProfile::load).transpose();
         let sensor = sensor.map_err(|error| UsageError(error.to_string()))?;
         let expected = Expected::new(&model.manifest, sensor);
-        findings.extend(input::findings(input, &expected)?);
+        findings.extend(input::findings(&args.model, input, &expected)?);
     }
     for (verdict, text) in &findings {
         let word = match verdict {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
-use mluc_ingest::{Expected, Reason, decode_bin, inspect_bin};
+use mluc_ingest::{Expected, decode_bin, inspect_bin};
 use mluc_ipc_types::{POINTS_MAX, Point};
 
 use super::{Failure, Finding, Fine, Warning};
@@ -16,7 +16,11 @@ const SCANS: usize = 20;
 const NEAR_DEG: f32 = 0.1;
 
 /// Looks at some scans.
-pub(super) fn findings(input: &Path, expected: &Expected) -> anyhow::Result<Vec<Finding>> {
+pub(super) fn findings(
+    model: &str,
+    input: &Path,
+    expected: &Expected,
+) -> anyhow::Result<Vec<Finding>> {
     let source = Source::find(input)?;
     let mut estimator = Estimator::new();
     let (mut bytes, mut points) = (Vec::new(), vec![Point::default(); POINTS_MAX]);
@@ -44,10 +48,11 @@ pub(super) fn findings(input: &Path, expected: &Expected) -> anyhow::Result<Vec<
             "no points in these scans: are they of the format x, y, z, intensity as f32?".into(),
         ));
     }
-    findings.push((
-        Fine,
-        format!("to use: {}", flags(input, found, expected, &reasons)),
-    ));
+    let command = match reasons[..] {
+        [] => command(model, input, found, expected),
+        _ => "first do what the warnings say".to_string(),
+    };
+    findings.push((Fine, format!("to use: {command}")));
     Ok(findings)
 }
 
@@ -115,21 +120,22 @@ fn about_model(expected: &Expected) -> String {
     )
 }
 
-/// The command, or why there is none.
-fn flags(input: &Path, found: &SensorEstimate, expected: &Expected, reasons: &[Reason]) -> String {
-    if !reasons.is_empty() {
-        return "first do what the warnings say".to_string();
-    }
+/// The command for these scans.
+fn command(model: &str, input: &Path, found: &SensorEstimate, expected: &Expected) -> String {
     let near = found
         .nearest()
         .filter(|near| found.are_beams_clear && near.distance_deg < NEAR_DEG);
-    let sensor = match (expected.sensor(), near) {
+    let names = near.map(|near| near.names).unwrap_or_default();
+    let sensor = match (expected.sensor(), &names[..]) {
         (Some(_), _) => " --sensor as given".to_string(),
-        (None, Some(near)) => format!(
-            " --sensor {}",
-            near.names.join(" (or ") + &")".repeat(near.names.len() - 1)
-        ),
-        (None, None) => String::new(),
+        (None, []) => String::new(),
+        (None, [name]) => format!(" --sensor {name}"),
+        (None, [name, others @ ..]) => {
+            format!(" --sensor {name}   (the same beams: {})", others.join(", "))
+        }
     };
-    format!("mluc up --input {}{sensor}", input.display())
+    format!(
+        "mluc up --model {model} --input {}{sensor}",
+        input.display()
+    )
 }
