@@ -81,7 +81,8 @@ impl GroundGrid {
     /// [`ground_height_m`].
     pub fn find(&mut self, points: &[[f32; 4]]) -> &[f32] {
         self.lowest.clear();
-        self.lowest.add(points.iter());
+        self.lowest
+            .add(points.iter().map(|&[x, y, z, _]| [x, y, z]));
         self.tiles.clear();
         let reach = f64::from(HALF_M);
         let tiles = self.lowest.around([0.0; 2], reach).filter_map(tile);

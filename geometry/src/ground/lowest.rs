@@ -27,12 +27,12 @@ impl Lowest {
         self.0.fill(EMPTY);
     }
 
-    /// Takes points (x, y, z first, m) into account; those beyond the tiles or not finite have no say.
-    pub fn add<'a>(&mut self, points: impl Iterator<Item = &'a [f32; 4]>) {
-        for &[x, y, z, _] in points {
-            let tile = tile_of([x, y, z]);
+    /// Takes points (x, y, z, m) into account; those beyond the tiles or not finite have no say.
+    pub fn add(&mut self, points: impl Iterator<Item = [f32; 3]>) {
+        for point in points {
+            let tile = tile_of(point);
             if tile != NO_TILE {
-                self.lower(tile as usize, [x, y, z]);
+                self.lower(tile as usize, point);
             }
         }
     }

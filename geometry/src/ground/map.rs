@@ -107,17 +107,10 @@ mod tests {
     fn lowest(roof: bool) -> Lowest {
         let mut lowest = Lowest::default();
         let at = |i: usize| -30.0 + 0.25 * i as f32;
-        let road = (0..240 * 240).map(|i| [at(i / 240), at(i % 240), road_m(at(i / 240)), 0.0]);
-        let place = |i: usize| {
-            [
-                40.0 + 0.25 * (i / 80) as f32,
-                0.25 * (i % 80) as f32,
-                6.0,
-                0.0,
-            ]
-        };
+        let road = (0..240 * 240).map(|i| [at(i / 240), at(i % 240), road_m(at(i / 240))]);
+        let place = |i: usize| [40.0 + 0.25 * (i / 80) as f32, 0.25 * (i % 80) as f32, 6.0];
         let roof = (0..if roof { 80 * 80 } else { 0 }).map(place);
-        lowest.add(road.chain(roof).collect::<Vec<_>>().iter());
+        lowest.add(road.chain(roof));
         lowest
     }
 

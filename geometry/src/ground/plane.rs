@@ -126,9 +126,8 @@ mod tests {
     use super::*;
 
     fn lowest(points: impl IntoIterator<Item = [f32; 3]>) -> Lowest {
-        let points: Vec<_> = points.into_iter().map(|[x, y, z]| [x, y, z, 0.0]).collect();
         let mut lowest = Lowest::default();
-        lowest.add(points.iter());
+        lowest.add(points.into_iter());
         lowest
     }
 

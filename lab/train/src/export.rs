@@ -64,7 +64,7 @@ pub(crate) fn place([(_, first), (count, second), (last_count, last)]: Axes, i: 
 
 /// The largest objectness (of a sigmoid head, class probability) that the network gives to a scan without points.
 pub fn empty_objectness_max(chain: &Chain, state: &TrainState) -> f32 {
-    let plan = Planner::new(&chain.network, false).plan(&[vec![]]);
+    let plan = Planner::new(&chain.network).plan(&[vec![]]);
     let input = StepInput {
         running: Some(&state.running),
         ..StepInput::new(&state.parameters, &plan, &[])

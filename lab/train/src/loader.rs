@@ -78,7 +78,7 @@ impl DataLoader {
             augmentation,
             manifest: manifest.clone(),
             anchors: Anchors::of(manifest),
-            planner: Planner::new(&manifest.network, false),
+            planner: Planner::new(&manifest.network),
             background_cells: open_set.background_cells,
             batch: settings.batch,
             seed: settings.seed,

@@ -104,7 +104,7 @@ impl Setup {
         let values = parameters.iter_mut();
         values.for_each(|p| *p += 0.1 * random.normal() as f32);
         Setup {
-            plan: Planner::new(&network, false).plan(&scans()),
+            plan: Planner::new(&network).plan(&scans()),
             targets: targets(&network),
             network,
             chain,

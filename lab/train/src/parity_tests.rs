@@ -48,7 +48,7 @@ fn the_engine_computes_what_was_trained() {
         let affine = state.parameters[layer.gamma.start..layer.beta.end].iter_mut();
         affine.for_each(|p| *p += 0.2 * random.normal() as f32);
     }
-    let plan = Planner::new(&network, false).plan(std::slice::from_ref(&points));
+    let plan = Planner::new(&network).plan(std::slice::from_ref(&points));
     let all: Vec<u32> = (0..plan.map.cells() as u32).collect();
     let mut pool = Pool::default();
     // Statistics of this very scan, as training would keep them.

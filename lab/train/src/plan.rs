@@ -120,17 +120,15 @@ fn up2_rows([frames, rows, columns]: [usize; 3], half: &Cells) -> Vec<u32> {
 #[derive(Clone, Debug)]
 pub struct Planner {
     network: Network,
-    uses_intensity: bool,
     voxels: Voxels,
     books: Rulebooks,
 }
 
 impl Planner {
     /// For one network.
-    pub fn new(network: &Network, uses_intensity: bool) -> Planner {
+    pub fn new(network: &Network) -> Planner {
         Planner {
             network: network.clone(),
-            uses_intensity,
             voxels: Voxels::new(&network.grid),
             books: Rulebooks::new(network),
         }
@@ -146,8 +144,8 @@ impl Planner {
         let mut counts = vec![0; gathers.len()];
         let (mut voxels, mut scatter) = (vec![], vec![]);
         for (frame, scan) in scans.iter().enumerate() {
-            let (grid, intensity) = (&self.network.grid, self.uses_intensity);
-            voxelize(scan, grid, intensity, &mut self.voxels);
+            let grid = &self.network.grid;
+            voxelize(scan, grid, false, &mut self.voxels);
             if self.network.input == VoxelInput::Local {
                 localize(grid, &mut self.voxels);
             }

@@ -104,6 +104,11 @@ impl TrainSettings {
         if kind == NetworkKind::MetricOpen {
             open_set.background_cells = METRIC_OPEN_BACKGROUND_CELLS;
         }
+        // An object cut out of one sensor's scan is none of another's.
+        let pastes = setting != Setting::Any;
+        if !pastes {
+            open_set.synthetic_unknown = 0;
+        }
         let classes = setting.classes() as f32;
         TrainSettings {
             setting,
@@ -122,7 +127,7 @@ impl TrainSettings {
             variance_weight: if is_open { 0.1 } else { 0.0 },
             bf16: false,
             augment: true,
-            database_frames: 1500,
+            database_frames: if pastes { 1500 } else { 0 },
             validate_frames: 400,
             ignored_classes: Vec::new(),
             commit: "unknown".into(),

@@ -22,7 +22,7 @@ fn batch(step: u64) -> Batch {
     }
     Batch {
         step,
-        plan: Planner::new(&network, false).plan(&scans),
+        plan: Planner::new(&network).plan(&scans),
         targets: targets(&network),
         seconds: 0.0,
     }

@@ -66,7 +66,11 @@ impl<V: Value> SparsePart<V> {
             uses_intensity: manifest.uses_intensity,
             ground: (network.input == VoxelInput::Local)
                 .then(|| GroundGrid::new(manifest.sensor_height_m.into())),
-            levelled: Vec::with_capacity(mluc_ipc_types::POINTS_MAX),
+            levelled: Vec::with_capacity(if network.input == VoxelInput::Local {
+                mluc_ipc_types::POINTS_MAX
+            } else {
+                0
+            }),
             scale: outputs,
             rows: room(),
             spare: room(),

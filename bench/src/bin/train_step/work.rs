@@ -182,7 +182,7 @@ fn read_scenes(manifest: &Manifest, data: &Path, frames: &[usize]) -> Result<Vec
 }
 
 fn timed_plan(network: &Network, scans: &[Vec<[f32; 4]>]) -> (Plan, PlanTimes) {
-    let mut planner = Planner::new(network, false);
+    let mut planner = Planner::new(network);
     let (mut all, mut halo) = (vec![], vec![]);
     // The first is not counted.
     let mut plan = planner.plan(scans);

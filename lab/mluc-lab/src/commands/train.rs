@@ -68,7 +68,7 @@ struct Choices {
     /// Weight of the loss that draws embeddings to their prototypes [default: 0, the paper has none; 0.1 for metric-open and mluc-full].
     #[arg(long)]
     variance_weight: Option<f32>,
-    /// Metric-open, mluc-full: synthetic unknown objects pasted into a frame, beside those that the data holds (simulate --synthetic-unknown) [default: 6].
+    /// Metric-open, mluc-full: synthetic unknown objects pasted into a frame, beside those that the data holds (simulate --synthetic-unknown) [default: 6; none for any].
     #[arg(long)]
     synthetic_unknown: Option<usize>,
     /// Metric-open, mluc-full: weight of the loss that draws their embeddings to the centre; of metric-open also background's away from
@@ -96,7 +96,7 @@ struct Choices {
     #[arg(long)]
     #[serde(skip_serializing_if = "is_off")]
     no_augment: bool,
-    /// Frames of the training split that give objects to paste [default: 1500].
+    /// Frames of the training split that give objects to paste [default: 1500; none for any].
     #[arg(long)]
     database_frames: Option<usize>,
     /// Frames of val/ that judge the model after every epoch and at the end [default: 400]; 0: none.
@@ -135,7 +135,9 @@ impl Choices {
                 *place = value;
             }
         }
-        let setting = self.setting.context("--setting is missing: udi or kitti")?;
+        let setting = self
+            .setting
+            .context("--setting is missing: udi, kitti or any")?;
         let architecture = self.architecture.unwrap_or(Architecture::Compact);
         let kind = self.network.unwrap_or_default();
         let data = self

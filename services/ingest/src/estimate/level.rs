@@ -1,6 +1,6 @@
 //! Where the ground is: the plane that most of the tiles' lowest points share.
 
-use mluc_geometry::ground::{Lowest, tiles};
+use mluc_geometry::ground::Lowest;
 use nalgebra::{Matrix3, Vector3};
 
 /// Tiles farther than this from the sensor have no say, m.
@@ -50,12 +50,7 @@ impl LevelFinder {
     /// The ground of points x, y, z, m; `None` where too few tiles agree.
     pub(super) fn find(&mut self, points: impl Iterator<Item = [f32; 3]>) -> Option<Level> {
         self.lowest.clear();
-        for point in points {
-            let tile = tiles::tile_of(point);
-            if tile != tiles::NO_TILE {
-                self.lowest.lower(tile as usize, point);
-            }
-        }
+        self.lowest.add(points);
         self.tiles.clear();
         let around = self.lowest.around([0.0; 2], RADIUS_M);
         self.tiles.extend(around.take(TILES_MAX));
