@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crossbeam_channel::{Receiver, bounded};
 use mluc_geometry::Random;
-use mluc_model::{HeadKind, Manifest};
+use mluc_model::{HeadKind, Manifest, VoxelInput};
 
 use crate::anchors::Anchors;
 use crate::augment::{Augmentation, crop};
@@ -46,6 +46,8 @@ pub struct DataLoader {
     source: ScanSource,
     augmentation: Option<Augmentation>,
     manifest: Manifest,
+    /// Mean l, w, h of the known classes.
+    classes_m: Vec<[f64; 3]>,
     anchors: Anchors,
     planner: Planner,
     /// Cells of a frame to label that hold points and no object.
@@ -66,17 +68,19 @@ impl DataLoader {
     ) -> DataLoader {
         let open_set = settings.applied_open_set();
         let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
+        let classes_m: Vec<_> = sizes_m.collect();
         let augmentation = settings.augment.then(|| Augmentation {
             database: Arc::new(database),
             wanted: settings.setting.objects_wanted().to_vec(),
             synthetic_unknown: open_set.synthetic_unknown,
-            classes_m: sizes_m.collect(),
+            classes_m: classes_m.clone(),
             mirror_x: settings.setting != Setting::Kitti,
         });
         DataLoader {
             source,
             augmentation,
             manifest: manifest.clone(),
+            classes_m,
             anchors: Anchors::of(manifest),
             planner: Planner::new(&manifest.network),
             background_cells: open_set.background_cells,
@@ -105,6 +109,9 @@ impl DataLoader {
             let place = step * self.batch as u64 + number;
             let frame = self.frame_number(place);
             let mut scan = self.source.scan(frame)?;
+            if self.source.input == VoxelInput::Local {
+                scan.ignore_alike(&self.classes_m);
+            }
             if let Some(augmentation) = &self.augmentation {
                 augmentation.apply(&mut scan, &mut Random::new(self.seed, &[2, place]));
             }

@@ -7,6 +7,9 @@ use mluc_geometry::ground::{GroundGrid, ground_height_m};
 const GROUND_BELOW_M: f64 = 1.7;
 /// Objects with fewer points teach nothing: their place is ignored, neither object nor background.
 pub const POINTS_MIN: usize = 3;
+/// A synthetic unknown object whose length, width and height all lie this near to a known class' mean could be one of it, m: people and their
+/// labels differ by as much.
+const ALIKE_M: f64 = 0.4;
 
 /// A labelled object.
 #[derive(Clone, Debug, PartialEq)]
@@ -71,6 +74,16 @@ impl LabelledScan {
         }
     }
 
+    /// The place of a synthetic unknown object that could be a known one by its size teaches nothing. `classes_m`: mean l, w, h of the known classes.
+    pub fn ignore_alike(&mut self, classes_m: &[[f64; 3]]) {
+        let objects = self.objects.iter_mut();
+        for object in objects.filter(|object| object.synthetic_unknown) {
+            let sides = object.bounds.size_m;
+            let near = |class: &[f64; 3]| (0..3).all(|i| (sides[i] - class[i]).abs() < ALIKE_M);
+            object.synthetic_unknown = !classes_m.iter().any(near);
+        }
+    }
+
     /// Counts every object's points.
     pub fn count_points(&mut self) {
         for object in &mut self.objects {
@@ -119,6 +132,31 @@ impl InBox {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_synthetic_unknown_object_of_a_known_size_is_ignored() {
+        let pedestrian_m = [0.84, 0.65, 1.78];
+        let cases = [
+            ([1.2, 0.9, 1.5], false),
+            ([0.5, 0.5, 1.2], true),
+            ([1.3, 0.6, 1.8], true),
+        ];
+        for (size_m, unknown) in cases {
+            let bounds = Box3 {
+                center_m: [5.0, 0.0, 1.0],
+                size_m,
+                yaw_rad: 0.0,
+            };
+            let objects = [None, Some(0)].map(|class| LabelledObject::new(class, bounds, 9));
+            let mut scan = LabelledScan {
+                points: vec![],
+                objects: objects.to_vec(),
+            };
+            scan.ignore_alike(&[pedestrian_m]);
+            let trained = scan.objects.iter().map(LabelledObject::is_trained);
+            assert_eq!(trained.collect::<Vec<_>>(), [unknown, true], "{size_m:?}");
+        }
+    }
     use mluc_geometry::quantile;
     use mluc_simulate::{Family, Split, frame};
 
