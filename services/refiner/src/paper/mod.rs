@@ -6,7 +6,7 @@ pub mod grow;
 mod neighbourhood;
 mod seed;
 
-pub use neighbourhood::{Gather, Neighbourhood};
+pub use neighbourhood::Neighbourhood;
 
 use mluc_ipc_types::{Disposition, Object};
 
@@ -26,9 +26,6 @@ const WORK_PER_CANDIDATE: u64 = 4000;
 const WORK_PER_GROWTH: u64 = 6;
 /// and of a point in the box and its outline.
 const WORK_PER_SHAPE: u64 = 12;
-/// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged: a car at 4 m has some
-/// 10,000.
-const POINTS_MAX: usize = 16_384;
 
 /// Grows the cluster of one candidate after the other; holds what they share.
 #[derive(Debug)]
@@ -104,14 +101,9 @@ impl Clusterer for PaperClusterer {
         self.members.clear();
         task.counters.work += WORK_PER_CANDIDATE;
         if let Some(seed) = self.seed(task, proposal) {
-            let wanted = Gather {
-                radius_m: self.radius_m,
-                height_m: [f64::NEG_INFINITY, f64::INFINITY],
-                points_max: POINTS_MAX,
-            };
             let around = &mut self.around;
             let growth = Growth {
-                seed: around.gather(task.frame, &seed, &self.ground, &wanted),
+                seed: around.gather(task.frame, &seed, &self.ground, self.radius_m),
                 around,
                 height_min_m: self.height_min_m,
             };

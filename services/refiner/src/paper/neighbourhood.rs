@@ -26,16 +26,9 @@ pub struct Neighbourhood {
     picked: Vec<IndexedPoint>,
 }
 
-/// Which points to gather.
-#[derive(Clone, Copy, Debug)]
-pub struct Gather {
-    /// Horizontal distance from the seed, m: r of the paper.
-    pub radius_m: f64,
-    /// Lowest and highest height above ground, m.
-    pub height_m: [f64; 2],
-    /// At most about so many; beyond it points are thinned evenly.
-    pub points_max: usize,
-}
+/// Points that one candidate may look at; beyond it they are thinned evenly, counted and flagged: a car at 4 m has some
+/// 10,000.
+const POINTS_MAX: usize = 16_384;
 
 impl Neighbourhood {
     /// Points.
@@ -55,39 +48,36 @@ impl Neighbourhood {
         [self.origin_m[0] + x, self.origin_m[1] + y, z]
     }
 
-    /// Fills the columns with the points around a seed, and says where the seed is among them.
-    pub fn gather(
+    /// Fills the columns with the points around a seed, at most so far away seen from above (m; r of the paper), and says
+    /// where the seed is among them.
+    pub(crate) fn gather(
         &mut self,
         frame: &FrameIndex,
         seed: &IndexedPoint,
         ground: &GroundPlane,
-        wanted: &Gather,
+        radius_m: f64,
     ) -> usize {
         let [seed_x, seed_y, _] = seed.at_m;
         let center_m = [f64::from(seed_x), f64::from(seed_y)];
-        let rows = || frame.rows_around(center_m, wanted.radius_m);
+        let rows = || frame.rows_around(center_m, radius_m);
         let available: usize = rows().map(<[IndexedPoint]>::len).sum();
         self.looked_at = available as u64;
-        let radius_squared = (wanted.radius_m * wanted.radius_m) as f32;
+        let radius_squared = (radius_m * radius_m) as f32;
         let height_at_center = ground.z_at_m(center_m[0], center_m[1]) as f32;
         let slope = ground.slope.map(|s| s as f32);
-        let [low, high] = wanted.height_m.map(|h| h as f32);
         let height = |[x, y, z]: [f32; 3]| {
             z - (height_at_center + slope[0] * (x - seed_x) + slope[1] * (y - seed_y))
         };
         let is_asked = |at_m: [f32; 3]| {
             let (dx, dy) = (at_m[0] - seed_x, at_m[1] - seed_y);
-            let height = height(at_m);
-            // No short cuts: branches that depend on the data cost more than comparisons.
-            (dx * dx + dy * dy <= radius_squared) & (height >= low) & (height <= high)
+            dx * dx + dy * dy <= radius_squared
         };
-        let points_max = wanted.points_max.max(1);
         // Only points that are asked for count against the limit: near the sensor most are ground.
         let mut keep_one_in = 1;
-        if available > points_max {
+        if available > POINTS_MAX {
             self.looked_at += available as u64;
             let asked = rows().flatten().filter(|p| is_asked(p.at_m)).count();
-            keep_one_in = asked.div_ceil(points_max) as u64;
+            keep_one_in = asked.div_ceil(POINTS_MAX) as u64;
         }
         self.thinned = keep_one_in > 1;
         let mut count = 0;
@@ -96,7 +86,7 @@ impl Neighbourhood {
         for point in rows().flatten() {
             // Thousands of equal points stay together or go together.
             let stays =
-                keep_one_in <= 1 || (count < 2 * points_max && is_kept(point.at_m, keep_one_in));
+                keep_one_in <= 1 || (count < 2 * POINTS_MAX && is_kept(point.at_m, keep_one_in));
             // The next one takes the place of one that is not picked.
             picked[count] = *point;
             count += usize::from((point.index == seed.index) | (is_asked(point.at_m) & stays));
@@ -132,32 +122,21 @@ mod tests {
     use super::*;
     use crate::testing::{point, sorted};
 
-    fn gather(scan: &[Point], seed: usize, points_max: usize) -> (Neighbourhood, usize) {
+    fn gather(scan: &[Point], seed: usize) -> (Neighbourhood, usize) {
         let mut around = Neighbourhood::default();
-        let wanted = Gather {
-            radius_m: 3.0,
-            height_m: [0.2, 4.0],
-            points_max,
-        };
         let ground = GroundPlane::flat([10.0, 2.0], 1.7);
         let seed = IndexedPoint {
             at_m: [scan[seed].x_m, scan[seed].y_m, scan[seed].z_m],
             index: seed as u32,
         };
-        let found = around.gather(&sorted(scan), &seed, &ground, &wanted);
+        let found = around.gather(&sorted(scan), &seed, &ground, 3.0);
         (around, found)
     }
 
     #[test]
-    fn distance_and_height_select() {
-        let scan = [
-            [10.5, 2.0, -1.0],
-            [10.0, 2.5, -1.0],
-            [13.7, 2.0, -1.0],
-            [10.0, 2.0, -1.6],
-            [10.0, 2.0, 3.0],
-        ];
-        let (around, seed) = gather(&scan.map(point), 1, 100);
+    fn the_distance_selects() {
+        let scan = [[10.5, 2.0, -1.0], [10.0, 2.5, -1.0], [13.7, 2.0, -1.0]];
+        let (around, seed) = gather(&scan.map(point), 1);
         assert_eq!((around.len(), around.index[1 - seed]), (2, 0));
         assert_eq!(around.index[seed], 1);
         assert_eq!((around.x_m[seed], around.y_m[seed]), (0.0, 0.0));
@@ -168,7 +147,7 @@ mod tests {
 
     #[test]
     fn thinning_keeps_about_the_limit_and_the_seed_and_ignores_the_order() {
-        let places = (0..20_000).map(|i| [(i % 200) as f32 * 0.01, (i / 200) as f32 * 0.02]);
+        let places = (0..60_000).map(|i| [(i % 200) as f32 * 0.01, (i / 200) as f32 * 0.006]);
         let points = places.map(|[x, y]| point([9.0 + x, 1.0 + y, -1.0]));
         let mut scan: Vec<Point> = points.collect();
         let set = |around: &Neighbourhood| {
@@ -177,11 +156,11 @@ mod tests {
             bits.sort_unstable();
             bits
         };
-        let (around, seed) = gather(&scan, 777, 1000);
+        let (around, seed) = gather(&scan, 777);
         assert_eq!(around.index[seed], 777);
-        assert!(around.thinned && around.looked_at >= 20_000);
-        assert!((700..1300).contains(&around.len()), "{}", around.len());
+        assert!(around.thinned && around.looked_at >= 60_000);
+        assert!((11_000..20_000).contains(&around.len()), "{}", around.len());
         scan.reverse();
-        assert_eq!(set(&gather(&scan, 20_000 - 1 - 777, 1000).0), set(&around));
+        assert_eq!(set(&gather(&scan, 60_000 - 1 - 777).0), set(&around));
     }
 }

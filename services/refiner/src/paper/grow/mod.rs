@@ -1,15 +1,12 @@
 //! How a cluster grows from a seed: one trait, one small file for each algorithm.
 //!
-//! [`Printed`] and [`Depth`] are the paper's variants. [`Euclidean`] and [`Dbscan`] are known references, for comparisons
-//! with other libraries (`bench/peers/clustering`).
+//! [`Printed`] is the paper's, [`Depth`] the corrected one.
 
-mod dbscan;
 mod depth;
 mod printed;
 
-pub use dbscan::Dbscan;
 pub use depth::Depth;
-pub use printed::{Euclidean, Printed};
+pub use printed::Printed;
 
 use crate::paper::buckets::Buckets;
 use crate::paper::neighbourhood::Neighbourhood;

@@ -30,28 +30,3 @@ impl Grower for Printed {
         growth.over_neighbours(buckets, NEIGHBOUR_M, |_| NEIGHBOUR_M, joins, members);
     }
 }
-
-/// Euclidean clusters, a known reference: points above the ground closer than one tolerance in space belong together.
-#[derive(Debug)]
-pub struct Euclidean {
-    tolerance_m: f32,
-    buckets: Buckets,
-}
-
-impl Euclidean {
-    /// Points closer than this are joined, m.
-    pub fn new(tolerance_m: f32) -> Euclidean {
-        let buckets = Buckets::default();
-        Euclidean {
-            tolerance_m,
-            buckets,
-        }
-    }
-}
-
-impl Grower for Euclidean {
-    fn grow(&mut self, growth: &Growth, members: &mut Vec<u32>) {
-        let (most_m, buckets) = (self.tolerance_m, &mut self.buckets);
-        growth.over_neighbours(buckets, most_m, |_| most_m, |_, _| true, members);
-    }
-}
