@@ -1,0 +1,1 @@
+//! Packets of spinning LiDARs to revolutions: no clock, no file, no socket.

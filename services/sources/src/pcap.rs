@@ -1,0 +1,1 @@
+//! UDP payloads of a capture file (pcap, pcapng).
