@@ -10,10 +10,11 @@ use mluc::bundled::BundledScans;
 use mluc::external::installed_program;
 use mluc::resolve::file_layer;
 use mluc::settings::DEFAULT_MODEL;
-use mluc::source::Source;
 use mluc::{UsageError, document, model};
 use mluc_model::Model;
 use mluc_refiner::Variant as RefinerVariant;
+use mluc_sources::Source;
+use mluc_sources::files::Layout;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -124,7 +125,10 @@ impl Plan {
                 (bundled.folder().to_path_buf(), origin, Some(bundled))
             }
         };
-        let scans = format!("{} {origin}, in turn", Source::find(&input)?.scans.len());
+        let scans = format!(
+            "{} {origin}, in turn",
+            Source::find(&input, &Layout::default())?.scans.len()
+        );
         let model_name = args.model.clone().or(word("model"));
         let model_name = model_name.unwrap_or_else(|| DEFAULT_MODEL.to_string());
         let variants = variants(&args, &document, folder.path())?;

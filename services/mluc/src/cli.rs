@@ -7,6 +7,7 @@ use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
 use mluc_refiner::Variant;
+use mluc_sources::files::Layout;
 use serde::Serialize;
 
 use crate::external::ExternalArgs;
@@ -77,9 +78,11 @@ pub(crate) enum Command {
 /// As a document it holds what was given, but for the three lists of words.
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
-    /// A folder of KITTI .bin scans (or of `velodyne/`), or one scan.
+    /// A folder of scans (or of `velodyne/`), or one scan: .bin, .pcd.bin, .npy, .pcd, .ply.
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) layout: LayoutArgs,
     /// An embedded model (any-open, kitti, kitti-open, udi, udi-open) or a model file [default: kitti-open].
     #[arg(long)]
     pub(crate) model: Option<String>,
@@ -146,6 +149,31 @@ pub(crate) struct PipelineArgs {
     pub(crate) threads: Vec<(Stage, u16)>,
 }
 
+/// How to read files of points, where they are not as KITTI's.
+#[derive(Args, Clone, Debug, Default, Serialize)]
+pub(crate) struct LayoutArgs {
+    /// Columns of a .bin or .npy file, `x,y,z,intensity,ring` for instance; others than x, y, z and intensity are left out [default: these four].
+    #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    columns: Vec<String>,
+    /// Metres a unit of the coordinates, 0.001 for mm [default: 1].
+    #[arg(long)]
+    scale: Option<f64>,
+    /// What intensity is multiplied by, so that it is 0 to 1 [default: 1].
+    #[arg(long)]
+    intensity_scale: Option<f64>,
+    /// Which of the file's axes point forward, to the left and up, `y,-x,z` for instance [default: x,y,z].
+    #[arg(long, allow_hyphen_values = true)]
+    axes: Option<String>,
+}
+
+impl LayoutArgs {
+    /// With defaults where nothing was given.
+    pub(crate) fn layout(&self) -> anyhow::Result<Layout> {
+        Ok(toml::Table::try_from(self)?.try_into()?)
+    }
+}
+
 fn is_off(flag: &bool) -> bool {
     !flag
 }
@@ -161,8 +189,12 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
 }
 
 /// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
-const TAKEN_BY: [(&str, &[Stage]); 12] = [
+const TAKEN_BY: [(&str, &[Stage]); 16] = [
     ("input", &[Stage::Ingest]),
+    ("columns", &[Stage::Ingest]),
+    ("scale", &[Stage::Ingest]),
+    ("intensity_scale", &[Stage::Ingest]),
+    ("axes", &[Stage::Ingest]),
     ("sensor", &[Stage::Ingest]),
     ("pace", &[Stage::Ingest, Stage::Refiner]),
     ("rate", &[Stage::Ingest]),
@@ -227,6 +259,8 @@ pub(crate) struct DoctorArgs {
     /// Look at these scans too: what sensor they are of, and whether the model takes them.
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) layout: LayoutArgs,
     /// The sensor that they should be of: a product or a TOML file.
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) sensor: Option<String>,

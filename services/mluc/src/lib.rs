@@ -15,7 +15,6 @@ pub mod model;
 pub mod placement;
 pub mod resolve;
 pub mod settings;
-pub mod source;
 pub mod stages;
 mod supervisor;
 pub mod terminal;

@@ -10,6 +10,7 @@ use mluc_ipc_types::Stage;
 use mluc_model::{HeadKind, Model, SensorProfile};
 use mluc_refiner::{RobotSettings, Settings as RefinerSettings, TrackSettings};
 use mluc_runtime::Instance;
+use mluc_sources::files::Layout;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -43,6 +44,8 @@ pub struct Settings {
     pub instance: Instance,
     /// A scan, or a folder of scans.
     pub input: Option<PathBuf>,
+    /// `[layout]`: how files of points are read.
+    pub layout: Layout,
     /// Name of an embedded model, or a model file.
     pub model: String,
     /// Threshold of the gate on the normalised EDS, for a model without a logit of the unknown.
@@ -85,6 +88,7 @@ impl Default for Settings {
         Settings {
             instance: Instance::new(Instance::DEFAULT).expect("a plain name"),
             input: None,
+            layout: Layout::default(),
             model: DEFAULT_MODEL.to_string(),
             lambda: None,
             unknown_min: None,
@@ -242,6 +246,9 @@ impl Settings {
             }
         }
         self.sensor.load()?;
+        if let Err(error) = self.layout.check() {
+            return refused(format!("[layout] {error}"));
+        }
         for stage in Stage::ALL {
             self.stages[stage].check(stage.name())?;
         }

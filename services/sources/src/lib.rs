@@ -1,7 +1,11 @@
 //! Files, captures and sockets to scans. No shared memory here: the caller publishes what comes out.
 //!
-//! [`packets`] decodes what sensors send, without I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor.
+//! [`Source`] is a folder of scans, whose [`files`] have several formats; [`packets`] decodes what sensors send, without I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor.
 
+pub mod files;
+mod folder;
 pub mod packets;
 pub mod pcap;
 pub mod udp;
+
+pub use folder::Source;

@@ -41,7 +41,12 @@ pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         let sensor = args.sensor.as_deref().map(SensorProfile::load).transpose();
         let sensor = sensor.map_err(|error| UsageError(error.to_string()))?;
         let expected = Expected::new(&model.manifest, sensor);
-        findings.extend(input::findings(&args.model, input, &expected)?);
+        findings.extend(input::findings(
+            &args.model,
+            input,
+            &args.layout.layout()?,
+            &expected,
+        )?);
     }
     for (verdict, text) in &findings {
         let word = match verdict {

@@ -10,7 +10,7 @@ use mluc_runtime::Shell;
 
 use crate::UsageError;
 use crate::settings::{Pace, Settings};
-use crate::source::Source;
+use mluc_sources::Source;
 
 use super::begin_or_join_run;
 use sender::Sender;
@@ -23,7 +23,7 @@ pub(crate) fn run(
 ) -> anyhow::Result<()> {
     let input = settings.input.as_deref();
     let input = input.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
-    let source = Source::find(input)?;
+    let source = Source::find(input, &settings.layout)?;
     let scans = source.scans.len() as u64;
     let frames = if settings.repeat { u64::MAX } else { scans };
     if begin_or_join_run(shell, settings, model)?.is_none() {

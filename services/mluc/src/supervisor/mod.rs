@@ -12,9 +12,9 @@ use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown, monotonic_ns};
 
 use crate::settings::{Pace, Settings};
-use crate::source::Source;
 use crate::stages::begin_or_join_run;
 use crate::{EXIT_WARNINGS, UsageError, document, model};
+use mluc_sources::Source;
 
 use child::{Child, Ended};
 pub(crate) use lines::LineWriter;
@@ -112,9 +112,9 @@ fn check_before(settings: &Settings) -> anyhow::Result<Model> {
     }
     let ingest = &settings.stages.ingest;
     match &settings.input {
-        Some(input) => drop(Source::find(input)?),
+        Some(input) => drop(Source::find(input, &settings.layout)?),
         None if ingest.command.is_none() && !ingest.external => {
-            let text = "--input is missing: a folder of .bin scans, or one";
+            let text = "--input is missing: a folder of scans, or one";
             return Err(UsageError(text.to_string()).into());
         }
         None => (),

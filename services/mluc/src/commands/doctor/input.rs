@@ -7,7 +7,8 @@ use mluc_ingest::{Expected, decode_bin, inspect_bin};
 use mluc_ipc_types::{POINTS_MAX, Point};
 
 use super::{Failure, Finding, Fine, Warning};
-use crate::source::Source;
+use mluc_sources::Source;
+use mluc_sources::files::Layout;
 
 /// Scans that are looked at, spread over the input.
 const SCANS: usize = 20;
@@ -19,9 +20,10 @@ const NEAR_DEG: f32 = 0.1;
 pub(super) fn findings(
     model: &str,
     input: &Path,
+    layout: &Layout,
     expected: &Expected,
 ) -> anyhow::Result<Vec<Finding>> {
-    let source = Source::find(input)?;
+    let source = Source::find(input, layout)?;
     let mut estimator = Estimator::new();
     let (mut bytes, mut points) = (Vec::new(), vec![Point::default(); POINTS_MAX]);
     let count = source.scans.len();
@@ -45,7 +47,7 @@ pub(super) fn findings(
     if found.points == 0 {
         findings.push((
             Failure,
-            "no points in these scans: are they of the format x, y, z, intensity as f32?".into(),
+            "no points in these scans: are the columns as --columns says?".into(),
         ));
     }
     let command = match reasons[..] {

@@ -7,7 +7,7 @@ use mluc_runtime::{RuntimeError, monotonic_ns};
 
 use super::sender::Sender;
 use crate::settings::Settings;
-use crate::source::Source;
+use mluc_sources::Source;
 
 /// Without stamps.
 const RATE_HZ: f64 = 10.0;

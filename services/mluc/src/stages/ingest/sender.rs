@@ -8,7 +8,7 @@ use mluc_runtime::{
     stamp_published, wall_clock_ns,
 };
 
-use crate::source::Source;
+use mluc_sources::Source;
 
 /// A scan read from its file, not yet in shared memory.
 #[derive(Default)]

@@ -7,8 +7,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 
+use crate::files::{self, Format, FormatError, Layout};
+
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
+/// Scans whose sizes are looked at before a run.
+const SIZES: usize = 5;
 /// Scans of one run; a guess far above any recording.
 const SCANS_MAX: usize = 1_000_000;
 
@@ -18,82 +22,156 @@ pub struct Source {
     /// Their files, in order.
     pub scans: Vec<PathBuf>,
     /// The sensor's time of each scan, ns; from `timestamps.txt`.
-    pub(crate) stamps_ns: Option<Vec<u64>>,
+    pub stamps_ns: Option<Vec<u64>>,
     /// Where the sensor was at each scan; from `poses.txt`.
-    pub(crate) poses: Option<Vec<EgoPose>>,
+    pub poses: Option<Vec<EgoPose>>,
+    /// How the files are read.
+    layout: Layout,
 }
 
 impl Source {
-    /// `input`: one `.bin`, or a folder with `.bin` files, or a folder with `velodyne/` or KITTI raw's
-    /// `velodyne_points/data/`.
-    pub fn find(input: &Path) -> anyhow::Result<Source> {
+    /// `input`: one file of a [format](Format), or a folder of them, or a folder with such a `velodyne/` or KITTI raw's `velodyne_points/data/`. Errors:
+    /// none there, of several formats, more than a million.
+    pub fn find(input: &Path, layout: &Layout) -> anyhow::Result<Source> {
         let name = input.display();
         let about = fs::metadata(input).with_context(|| format!("input {name}"))?;
+        let found = Source {
+            layout: layout.clone(),
+            ..Source::default()
+        };
         if !about.is_dir() {
-            let is_scan = about.is_file() && input.extension().is_some_and(|kind| kind == "bin");
-            let expected = "a scan that ends in .bin, or a folder";
-            ensure!(is_scan, "input {name}: expected {expected}");
+            let is_scan = about.is_file() && Format::of(input).is_some();
+            ensure!(is_scan, "input {name}: {}", refusal(input));
             let scans = vec![input.to_path_buf()];
-            return Ok(Source {
-                scans,
-                ..Source::default()
-            });
+            found
+                .check_columns(&scans)
+                .with_context(|| format!("input {name}"))?;
+            return Ok(Source { scans, ..found });
         }
         for inner in ["velodyne", "velodyne_points/data", ""] {
             let folder = input.join(inner);
-            let scans = bin_files(&folder)?;
+            let scans = scan_files(&folder)?;
             if !scans.is_empty() {
+                found
+                    .check_columns(&scans)
+                    .with_context(|| format!("input {name}"))?;
                 return Ok(Source {
                     stamps_ns: stamps(&folder, scans.len()),
                     poses: poses(&folder, scans.len())?,
                     scans,
+                    ..found
                 });
             }
         }
         let below = "velodyne/ or velodyne_points/data/ below it";
-        bail!("input {name}: no .bin scans there, nor in {below}")
+        bail!(
+            "input {name}: no scans ({}) there, nor in {below}",
+            endings()
+        )
+    }
+
+    /// Refuses `.bin` files that have another number of columns than four. One of another size among some is cut short, and no reason.
+    fn check_columns(&self, scans: &[PathBuf]) -> Result<(), FormatError> {
+        let is_plain = |path: &Path| Format::of(path) == Some(Format::Bin);
+        if self.layout.columns.is_empty() && scans.iter().all(|path| is_plain(path)) {
+            let sizes = scans
+                .iter()
+                .take(SIZES)
+                .map(|path| fs::metadata(path).map_or(0, |about| about.len()));
+            return files::check_columns(&sizes.collect::<Vec<_>>());
+        }
+        Ok(())
     }
 
     /// The frame's name: the file's, without its ending.
-    pub(crate) fn name(&self, index: usize) -> String {
-        let stem = self.scans[index].file_stem().unwrap_or_default();
-        stem.to_string_lossy().into_owned()
+    pub fn name(&self, index: usize) -> String {
+        let file = self.scans[index].file_name().unwrap_or_default();
+        let file = file.to_string_lossy();
+        let endings = Format::ENDINGS.iter().map(|(ending, _)| *ending);
+        let stem = endings
+            .filter_map(|ending| file.strip_suffix(ending))
+            .next();
+        stem.unwrap_or(&file).to_string()
     }
 
-    /// Reads a scan into `bytes`, which is reused. The flags say that it is longer than a scan can be and was cut, or could
-    /// not be read.
-    pub(crate) fn read(&self, index: usize, bytes: &mut Vec<u8>) -> Flags {
+    /// Reads a scan into `bytes`, which is reused: x, y, z (m), intensity as f32, whatever the file's format. The flags say that it is longer than a scan can be,
+    /// ends too early, or could not be read.
+    pub fn read(&self, index: usize, bytes: &mut Vec<u8>) -> Flags {
+        let mut flags = Flags::default();
+        match self.load(index, bytes) {
+            Ok(is_cut) if is_cut => flags = flags.with(Flags::DAMAGED_INPUT),
+            Ok(_) => {}
+            Err(error) => {
+                let path = self.scans[index].display();
+                tracing::warn!(%path, "cannot read a scan, an empty frame takes its place: {error:#}");
+                bytes.clear();
+                flags = flags.with(Flags::DAMAGED_INPUT);
+            }
+        }
+        if bytes.len() as u64 > SCAN_BYTES_MAX {
+            bytes.truncate(SCAN_BYTES_MAX as usize);
+            flags = flags.with(Flags::TRUNCATED);
+        }
+        flags
+    }
+
+    /// True: the file ends before what it promises.
+    fn load(&self, index: usize, bytes: &mut Vec<u8>) -> anyhow::Result<bool> {
         bytes.clear();
         let path = &self.scans[index];
-        let file = File::open(path);
-        match file.and_then(|file| file.take(SCAN_BYTES_MAX + 1).read_to_end(bytes)) {
-            Err(error) => {
-                tracing::warn!(%error, path = %path.display(), "cannot read a scan: an empty frame takes its place");
-                bytes.clear();
-                Flags::DAMAGED_INPUT
-            }
-            Ok(length) if length as u64 > SCAN_BYTES_MAX => {
-                bytes.truncate(SCAN_BYTES_MAX as usize);
-                Flags::TRUNCATED
-            }
-            Ok(_) => Flags::default(),
+        let format = Format::of(path).context("a file of another format")?;
+        File::open(path)?
+            .take(SCAN_BYTES_MAX + 1)
+            .read_to_end(bytes)?;
+        if format == Format::Bin && bytes.len() as u64 > SCAN_BYTES_MAX {
+            return Ok(false);
         }
+        let (points, is_cut) = format.convert(&self.layout, std::mem::take(bytes))?;
+        *bytes = points;
+        Ok(is_cut)
     }
 }
 
-/// None where there is no such folder.
-fn bin_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+fn endings() -> String {
+    Format::ENDINGS.map(|(ending, _)| ending).join(", ")
+}
+
+/// Why a file is no scan, and what helps.
+fn refusal(input: &Path) -> String {
+    let ending = input
+        .extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_ascii_lowercase();
+    let help = match ending.as_str() {
+        "bag" | "db3" => "; `mcap convert` makes an .mcap of it",
+        "las" | "laz" => "; `pdal translate IN.laz OUT.ply` makes a .ply of it",
+        _ => "",
+    };
+    format!("expected a scan ({}), or a folder{help}", endings())
+}
+
+/// Empty where there is no such folder.
+fn scan_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
     let name = folder.display();
     let entries = fs::read_dir(folder).with_context(|| format!("input {name}"))?;
     let paths = entries.flatten().map(|entry| entry.path());
-    let scans = paths.filter(|path| path.extension().is_some_and(|kind| kind == "bin"));
+    let scans = paths.filter(|path| Format::of(path).is_some());
     let mut scans: Vec<PathBuf> = scans.take(SCANS_MAX + 1).collect();
     let is_bounded = scans.len() <= SCANS_MAX;
     ensure!(is_bounded, "input {name}: more than {SCANS_MAX} scans");
     scans.sort();
+    let mut formats: Vec<_> = scans.iter().filter_map(|path| Format::of(path)).collect();
+    formats.sort();
+    formats.dedup();
+    let expected = "expected scans of one format";
+    ensure!(
+        formats.len() <= 1,
+        "input {name}: {expected}, found {formats:?}: put them into folders of their own"
+    );
     Ok(scans)
 }
 
@@ -170,6 +248,24 @@ fn pose(line: &str) -> Option<EgoPose> {
 mod tests {
     use super::*;
 
+    fn find(path: &Path) -> anyhow::Result<Source> {
+        Source::find(path, &Layout::default())
+    }
+
+    #[test]
+    fn other_files_and_mixed_folders_are_refused_with_what_helps() {
+        let root = folder(&["a.bin", "b.pcd", "c/d.bag", "e/f.pcd.bin"]);
+        for (place, words) in [
+            ("", "expected scans of one format, found [Bin, Pcd]"),
+            ("c/d.bag", "`mcap convert`"),
+            ("c", "no scans"),
+        ] {
+            let error = find(&root.path().join(place)).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+        assert_eq!(find(&root.path().join("e")).unwrap().name(0), "f");
+    }
+
     fn folder(files: &[&str]) -> tempfile::TempDir {
         let root = tempfile::tempdir().unwrap();
         for file in files {
@@ -185,7 +281,7 @@ mod tests {
         for inner in ["", "velodyne/", "velodyne_points/data/"] {
             let files = ["000002.bin", "000000.bin", "notes.txt"].map(|f| format!("{inner}{f}"));
             let root = folder(&files.each_ref().map(String::as_str));
-            let source = Source::find(root.path()).unwrap();
+            let source = find(root.path()).unwrap();
             let names: Vec<String> = (0..source.scans.len()).map(|i| source.name(i)).collect();
             assert_eq!(names, ["000000", "000002"]);
         }
@@ -193,11 +289,11 @@ mod tests {
 
     #[test]
     fn a_missing_and_an_empty_folder_are_errors() {
-        let missing = Source::find(Path::new("/nowhere/at/all")).unwrap_err();
+        let missing = find(Path::new("/nowhere/at/all")).unwrap_err();
         assert!(format!("{missing:#}").contains("/nowhere/at/all"));
         let root = folder(&["notes.txt"]);
-        let empty = Source::find(root.path()).unwrap_err().to_string();
-        assert!(empty.contains("no .bin scans"), "{empty}");
+        let empty = find(root.path()).unwrap_err().to_string();
+        assert!(empty.contains("no scans (.pcd.bin, .bin,"), "{empty}");
     }
 
     #[test]

@@ -1,0 +1,34 @@
+//! f32 after f32 without a header: KITTI's four a point, nuScenes' five, or others.
+
+use super::table::{Field, Kind, Table};
+use super::{FormatError, Layout};
+
+/// Refuses files that have three, five or six numbers a point rather than four. `sizes`: of some files, bytes.
+pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), FormatError> {
+    let all = |columns: u64| sizes.iter().all(|size| size.is_multiple_of(4 * columns));
+    match [5, 6, 3].into_iter().find(|columns| all(*columns)) {
+        Some(columns) if !sizes.iter().any(|size| size.is_multiple_of(16)) => {
+            Err(FormatError::new(
+                "size",
+                "16 bytes a point (x, y, z, intensity)",
+                format!(
+                    "a multiple of {} bytes: {columns} columns? say which with --columns x,y,z,intensity,..",
+                    4 * columns
+                ),
+            ))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// `columns`: how many a file has if the layout names none.
+pub(super) fn table(file: Vec<u8>, layout: &Layout, columns: usize) -> Result<Table, FormatError> {
+    let fields: Vec<Field> = layout
+        .names(columns)
+        .into_iter()
+        .map(|name| (name, Kind::F32, 1))
+        .collect();
+    let bytes = 4 * fields.len();
+    let rows = file.len().div_ceil(bytes);
+    Ok(Table::of_rows(file, &fields, rows))
+}

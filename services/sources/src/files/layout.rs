@@ -1,0 +1,143 @@
+//! What the numbers of a file mean: which are the coordinates, in what unit, along which axes.
+
+use serde::{Deserialize, Serialize};
+
+use super::FormatError;
+use super::table::Table;
+
+/// Names that intensity goes by, the usual one first.
+const INTENSITIES: [&str; 5] = [
+    "intensity",
+    "intensities",
+    "reflectivity",
+    "reflectance",
+    "i",
+];
+
+/// `[layout]`: how to read files of points; the default is KITTI's way where the file itself says nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Layout {
+    /// Names of the columns of a `.bin` or `.npy` file, which has none; empty: x, y, z, intensity, and a ring where there are five. Others than x, y, z
+    /// and intensity are left out.
+    pub columns: Vec<String>,
+    /// Metres a unit of the coordinates.
+    pub scale: f64,
+    /// What an intensity is multiplied by, so that it is 0 to 1.
+    pub intensity_scale: f64,
+    /// Which of the file's axes point forward, to the left and up: `y,-x,z`, for instance.
+    pub axes: String,
+}
+
+impl Default for Layout {
+    fn default() -> Layout {
+        Layout {
+            columns: vec![],
+            scale: 1.0,
+            intensity_scale: 1.0,
+            axes: "x,y,z".to_string(),
+        }
+    }
+}
+
+impl Layout {
+    /// Whether every value is in its range. Errors: key, expected and found.
+    pub fn check(&self) -> Result<(), FormatError> {
+        self.signed_axes()?;
+        for (key, value) in [
+            ("scale", self.scale),
+            ("intensity_scale", self.intensity_scale),
+        ] {
+            if !(1e-9..=1e9).contains(&value) {
+                return Err(FormatError::new(key, "1e-9 to 1e9", value));
+            }
+        }
+        let missing = ["x", "y", "z"]
+            .into_iter()
+            .find(|axis| !self.columns.iter().any(|name| name == axis));
+        match missing {
+            Some(axis) if !self.columns.is_empty() => Err(FormatError::new(
+                "columns",
+                format!("{axis} among them"),
+                self.columns.join(","),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// The names of so many columns without names.
+    pub(super) fn names(&self, count: usize) -> Vec<String> {
+        let usual = ["x", "y", "z", "intensity", "ring", "time"];
+        let named = |i: usize| {
+            usual
+                .get(i)
+                .map_or_else(|| format!("column {i}"), ToString::to_string)
+        };
+        match self.columns.len() {
+            0 => (0..count).map(named).collect(),
+            _ => self.columns.clone(),
+        }
+    }
+
+    /// For forward, left, up: which coordinate, and its sign.
+    fn signed_axes(&self) -> Result<[(usize, f64); 3], FormatError> {
+        let axis = |word: &str| {
+            let (sign, name) = word
+                .strip_prefix('-')
+                .map_or((1.0, word), |name| (-1.0, name));
+            let place = ["x", "y", "z"].iter().position(|axis| *axis == name)?;
+            Some((place, sign))
+        };
+        let words = self.axes.split(',').map(|word| axis(word.trim()));
+        let axes: Option<Vec<(usize, f64)>> = words.collect();
+        let fault = || FormatError::new("axes", "x, y and z once each, as in `y,-x,z`", &self.axes);
+        let axes: [(usize, f64); 3] = axes
+            .and_then(|axes| axes.try_into().ok())
+            .ok_or_else(fault)?;
+        let mut places = axes.map(|(place, _)| place);
+        places.sort_unstable();
+        if places == [0, 1, 2] {
+            Ok(axes)
+        } else {
+            Err(fault())
+        }
+    }
+
+    /// Writes the table's points as x, y, z (m), intensity, four little-endian f32 each; true if it holds fewer rows than it promises.
+    pub(super) fn write(&self, table: &Table, out: &mut Vec<u8>) -> Result<bool, FormatError> {
+        let axes = self.signed_axes()?;
+        let has = || {
+            table
+                .columns
+                .iter()
+                .map(|c| c.name.as_str())
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
+        let column = |name| {
+            table
+                .column(&[name])
+                .ok_or_else(|| FormatError::new("fields", format!("one named {name}"), has()))
+        };
+        let coordinates = [column("x")?, column("y")?, column("z")?];
+        let intensity = table.column(&INTENSITIES);
+        for row in 0..table.rows {
+            let values = coordinates.map(|column| table.value(column, row));
+            let (Some([x, y, z]), Some(intensity)) = (
+                all(values),
+                intensity.map_or(Some(0.0), |column| table.value(column, row)),
+            ) else {
+                return Ok(true);
+            };
+            let point = axes.map(|(place, sign)| [x, y, z][place] * sign * self.scale);
+            let numbers = point.into_iter().chain([intensity * self.intensity_scale]);
+            out.extend(numbers.flat_map(|number| (number as f32).to_le_bytes()));
+        }
+        Ok(false)
+    }
+}
+
+fn all(values: [Option<f64>; 3]) -> Option<[f64; 3]> {
+    let [x, y, z] = values;
+    Some([x?, y?, z?])
+}

@@ -1,0 +1,116 @@
+//! NumPy's array format, versions 1 to 3 (numpy.lib.format): a magic, a header that is a Python dictionary, then the numbers.
+
+use super::table::{Column, Field, Kind, Table};
+use super::{FormatError, Layout};
+
+const MAGIC: &[u8] = b"\x93NUMPY";
+
+pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, FormatError> {
+    let fault = |found: &str| FormatError::new("header", "that of a NumPy array", found);
+    let rest = file
+        .strip_prefix(MAGIC)
+        .ok_or_else(|| fault("another file"))?;
+    let (header, data) = header(rest).ok_or_else(|| fault("its end"))?;
+    let (descr, shape) = (value(header, "descr"), value(header, "shape"));
+    let (Some(descr), Some(shape)) = (descr, shape) else {
+        return Err(fault("no descr or no shape"));
+    };
+    let is_fortran = value(header, "fortran_order").is_some_and(|word| word.starts_with("True"));
+    let shape: Vec<usize> = numbers(shape);
+    let is_big_endian = descr.contains('>');
+    let mut table = if descr.starts_with('[') {
+        let [rows] = shape[..] else {
+            return Err(FormatError::new(
+                "shape",
+                "one dimension of named fields",
+                format!("{shape:?}"),
+            ));
+        };
+        Table::of_rows(data.to_vec(), &named_fields(descr)?, rows)
+    } else {
+        let [rows, count @ 3..=64] = shape[..] else {
+            return Err(FormatError::new(
+                "shape",
+                "N rows and 3 to 64 columns",
+                format!("{shape:?}"),
+            ));
+        };
+        let kind = kind(descr.trim_matches(['\'', '"']))?;
+        let names = layout.names(count);
+        let fields: Vec<Field> = names
+            .into_iter()
+            .take(count)
+            .map(|name| (name, kind, 1))
+            .collect();
+        let mut table = Table::of_rows(data.to_vec(), &fields, rows);
+        let bytes = kind.bytes();
+        let place = |(i, column): (usize, &mut Column)| {
+            let (start, stride) = if is_fortran {
+                (i * rows, 1)
+            } else {
+                (i, count)
+            };
+            (column.start, column.stride) = (start.saturating_mul(bytes), stride * bytes);
+        };
+        table.columns.iter_mut().enumerate().for_each(place);
+        table
+    };
+    table.is_big_endian = is_big_endian;
+    Ok(table)
+}
+
+/// The dictionary and what follows it.
+fn header(rest: &[u8]) -> Option<(&str, &[u8])> {
+    let (version, rest) = rest.split_at_checked(2)?;
+    let wide = if version[0] == 1 { 2 } else { 4 };
+    let (length, rest) = rest.split_at_checked(wide)?;
+    let length = length
+        .iter()
+        .rev()
+        .fold(0, |all, byte| all << 8 | usize::from(*byte));
+    let (header, data) = rest.split_at_checked(length)?;
+    Some((std::str::from_utf8(header).ok()?, data))
+}
+
+/// What follows a key in the dictionary.
+fn value<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    let (_, after) = header.split_once(&format!("'{key}':"))?;
+    let after = after.trim_start();
+    let end = match after.chars().next()? {
+        '[' => after.find(']')? + 1,
+        '(' => after.find(')')? + 1,
+        _ => after.find([',', '}'])?,
+    };
+    Some(&after[..end])
+}
+
+fn numbers(text: &str) -> Vec<usize> {
+    let words = text.split(|c: char| !c.is_ascii_digit());
+    words.filter_map(|word| word.parse().ok()).collect()
+}
+
+/// `<f4` and the like.
+fn kind(text: &str) -> Result<Kind, FormatError> {
+    let text = text.trim_start_matches(['<', '>', '|', '=']);
+    let (letter, bytes) = text.split_at_checked(1).unwrap_or(("", ""));
+    let bytes = bytes.parse().unwrap_or(0);
+    let kind =
+        matches!(letter, "f" | "i" | "u").then(|| Kind::new(letter == "f", letter == "i", bytes));
+    kind.flatten()
+        .ok_or_else(|| FormatError::new("descr", "f4, f8, or an integer", text))
+}
+
+/// `[('x', '<f4'), ('y', '<f4')]`.
+fn named_fields(descr: &str) -> Result<Vec<Field>, FormatError> {
+    let quoted: Vec<&str> = descr.split('\'').skip(1).step_by(2).collect();
+    let (pairs, rest) = quoted.as_chunks();
+    if !rest.is_empty() {
+        return Err(FormatError::new(
+            "descr",
+            "a name and a kind for each field",
+            descr,
+        ));
+    }
+    let field = |[name, text]: &[&str; 2]| Ok((name.to_string(), kind(text)?, 1));
+    pairs.iter().map(field).collect()
+}

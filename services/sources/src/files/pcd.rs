@@ -1,0 +1,174 @@
+//! PCD 0.7 of the Point Cloud Library: a header of lines, then points as text, rows, or columns compressed with LZF.
+
+use super::FormatError;
+use super::table::{Field, Kind, Table};
+
+/// A scan that is compressed may not grow beyond this, bytes.
+const UNPACKED_MAX: usize = 256 << 20;
+
+pub(super) fn table(file: &[u8]) -> Result<Table, FormatError> {
+    let mut header = Header::default();
+    let mut rest = file;
+    let data = loop {
+        let end = rest.iter().position(|byte| *byte == b'\n');
+        let end = end.ok_or_else(|| FormatError::new("header", "a line DATA", "none"))?;
+        let line = String::from_utf8_lossy(&rest[..end]).into_owned();
+        rest = &rest[end + 1..];
+        let mut words = line.split_whitespace().map(str::to_string);
+        let Some(key) = words.next().filter(|key| !key.starts_with('#')) else {
+            continue;
+        };
+        let words: Vec<String> = words.collect();
+        if key == "DATA" {
+            break words.join(" ");
+        }
+        header.take(&key, words)?;
+    };
+    let fields = header.fields()?;
+    match data.as_str() {
+        "ascii" => Table::of_text(rest, &fields, header.points),
+        "binary" => Ok(Table::of_rows(rest.to_vec(), &fields, header.points)),
+        "binary_compressed" => columns(rest, &fields, header.points),
+        _ => Err(FormatError::new(
+            "DATA",
+            "ascii, binary or binary_compressed",
+            data,
+        )),
+    }
+}
+
+#[derive(Default)]
+struct Header {
+    names: Vec<String>,
+    sizes: Vec<String>,
+    kinds: Vec<String>,
+    counts: Vec<String>,
+    points: usize,
+}
+
+impl Header {
+    fn take(&mut self, key: &str, words: Vec<String>) -> Result<(), FormatError> {
+        match key {
+            "FIELDS" => self.names = words,
+            "SIZE" => self.sizes = words,
+            "TYPE" => self.kinds = words,
+            "COUNT" => self.counts = words,
+            "POINTS" => {
+                let found = words.join(" ");
+                let fault = || FormatError::new("POINTS", "a whole number", &found);
+                self.points = found.parse().map_err(|_| fault())?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn fields(&self) -> Result<Vec<Field>, FormatError> {
+        let field = |(i, name): (usize, &String)| {
+            let number =
+                |words: &[String]| words.get(i).and_then(|word| word.parse::<usize>().ok());
+            let kind = self.kinds.get(i).map_or("", String::as_str);
+            let kind = Kind::new(kind == "F", kind == "I", number(&self.sizes).unwrap_or(0));
+            let kind = kind.ok_or_else(|| {
+                FormatError::new(
+                    format!("TYPE and SIZE of {name}"),
+                    "F 4, F 8, or I or U 1 to 8",
+                    "others",
+                )
+            })?;
+            Ok((
+                name.clone(),
+                kind,
+                number(&self.counts).unwrap_or(1).min(4096),
+            ))
+        };
+        self.names.iter().enumerate().map(field).collect()
+    }
+}
+
+/// Fields one after another, all points of each; `packed`: the compressed size, the size, the bytes.
+fn columns(packed: &[u8], fields: &[Field], points: usize) -> Result<Table, FormatError> {
+    let size = |from: usize| {
+        packed
+            .get(from..from + 4)
+            .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize)
+    };
+    let (Some(short), Some(long)) = (size(0), size(4)) else {
+        return Err(FormatError::new("data", "two sizes of 4 bytes", "its end"));
+    };
+    let Some(packed) = packed[8..].get(..short) else {
+        return Err(FormatError::new(
+            "data",
+            format!("{short} bytes"),
+            packed.len() - 8,
+        ));
+    };
+    if long > UNPACKED_MAX {
+        return Err(FormatError::new(
+            "size unpacked",
+            format!("at most {UNPACKED_MAX}"),
+            long,
+        ));
+    }
+    let data =
+        unpack_lzf(packed, long).ok_or_else(|| FormatError::new("data", "LZF", "damaged bytes"))?;
+    let mut table = Table::of_rows(data, fields, points);
+    let mut start = 0;
+    for (column, (_, kind, count)) in table.columns.iter_mut().zip(fields) {
+        let bytes = kind.bytes() * count;
+        (column.start, column.stride) = (start, bytes);
+        start += bytes.saturating_mul(points);
+    }
+    Ok(table)
+}
+
+/// Marc Lehmann's LZF: runs of literals, and references to what was written before. `None` where the bytes are not `length` when unpacked.
+fn unpack_lzf(packed: &[u8], length: usize) -> Option<Vec<u8>> {
+    let mut out = Vec::with_capacity(length);
+    let mut rest = packed;
+    while let Some((control, after)) = rest.split_first() {
+        let high = usize::from(*control);
+        if high < 32 {
+            let (run, after) = after.split_at_checked(high + 1)?;
+            out.extend_from_slice(run);
+            rest = after;
+            continue;
+        }
+        let (extra, after) = after.split_at_checked(usize::from(high >> 5 == 7))?;
+        let (low, after) = after.split_first()?;
+        let count = (high >> 5) + extra.first().map_or(0, |more| usize::from(*more)) + 2;
+        let from = out
+            .len()
+            .checked_sub(((high & 31) << 8 | usize::from(*low)) + 1)?;
+        if out.len() + count > length {
+            return None;
+        }
+        // A reference may reach into what it writes itself.
+        (from..from + count).for_each(|i| out.push(out[i]));
+        rest = after;
+    }
+    (out.len() == length).then_some(out)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    #[test]
+    fn references_repeat_what_was_written_and_damage_is_found() {
+        // Two literals, then nine bytes from two before.
+        let packed = [1, b'a', b'b', 7 << 5, 0, 1];
+        assert_eq!(
+            unpack_lzf(&packed, 11).as_deref(),
+            Some(&b"abababababa"[..])
+        );
+        for (packed, length) in [
+            (&packed[..], 12),
+            (&packed[..5], 11),
+            (&[31, 0][..], 32),
+            (&[32, 5][..], 3),
+        ] {
+            assert_eq!(unpack_lzf(packed, length), None);
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! A file's numbers as columns: what all formats come down to.
+
+use super::FormatError;
+
+/// How a number is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Signed or unsigned, of so many bytes.
+    Integer { bytes: usize, is_signed: bool },
+    /// f32 or f64.
+    Float { bytes: usize },
+}
+
+impl Kind {
+    pub(super) const F32: Kind = Kind::Float { bytes: 4 };
+    pub(super) const F64: Kind = Kind::Float { bytes: 8 };
+
+    pub(super) fn new(is_float: bool, is_signed: bool, bytes: usize) -> Option<Kind> {
+        match (is_float, bytes) {
+            (true, 4 | 8) => Some(Kind::Float { bytes }),
+            (false, 1 | 2 | 4 | 8) => Some(Kind::Integer { bytes, is_signed }),
+            _ => None,
+        }
+    }
+
+    pub(super) fn bytes(self) -> usize {
+        match self {
+            Kind::Integer { bytes, .. } | Kind::Float { bytes } => bytes,
+        }
+    }
+
+    /// The number in the first bytes of `from`, which are as many as it has.
+    fn read(self, from: &[u8], is_big_endian: bool) -> f64 {
+        let mut raw = [0; 8];
+        let raw = &mut raw[..self.bytes()];
+        raw.copy_from_slice(from);
+        if is_big_endian {
+            raw.reverse();
+        }
+        let whole = |low: &[u8]| {
+            low.iter()
+                .rev()
+                .fold(0, |all, byte| all << 8 | u64::from(*byte))
+        };
+        let bits = whole(raw);
+        match self {
+            Kind::Float { bytes: 4 } => f64::from(f32::from_bits(bits as u32)),
+            Kind::Float { .. } => f64::from_bits(bits),
+            Kind::Integer {
+                bytes,
+                is_signed: true,
+            } => {
+                let unused = 64 - 8 * bytes as u32;
+                ((bits << unused) as i64 >> unused) as f64
+            }
+            Kind::Integer { .. } => bits as f64,
+        }
+    }
+}
+
+/// Where a named column lies: its value of row i begins at `start + i * stride`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Column {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+    pub(super) start: usize,
+    pub(super) stride: usize,
+}
+
+/// Rows of named columns.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Table {
+    pub(super) data: Vec<u8>,
+    pub(super) is_big_endian: bool,
+    /// Rows that the file promises.
+    pub(super) rows: usize,
+    pub(super) columns: Vec<Column>,
+}
+
+/// A column's name, its kind, and how many numbers it has (only the first is of use).
+pub(super) type Field = (String, Kind, usize);
+
+impl Table {
+    /// Rows one after another, each with its fields one after another. `rows`: what the file promises.
+    pub(super) fn of_rows(data: Vec<u8>, fields: &[Field], rows: usize) -> Table {
+        let stride = fields
+            .iter()
+            .map(|(_, kind, count)| kind.bytes() * count)
+            .sum();
+        let mut start = 0;
+        let columns = fields.iter().map(|(name, kind, count)| {
+            let column = Column {
+                name: name.clone(),
+                kind: *kind,
+                start,
+                stride,
+            };
+            start += kind.bytes() * count;
+            column
+        });
+        Table {
+            columns: columns.collect(),
+            data,
+            rows,
+            is_big_endian: false,
+        }
+    }
+
+    /// Numbers as text, `fields` of them a row; lines that hold no number are left out.
+    pub(super) fn of_text(
+        text: &[u8],
+        fields: &[Field],
+        rows: usize,
+    ) -> Result<Table, FormatError> {
+        let text = String::from_utf8_lossy(text);
+        let count: usize = fields.iter().map(|(_, _, count)| count).sum();
+        let mut data = Vec::with_capacity(text.len());
+        for (number, line) in text
+            .lines()
+            .filter(|line| !line.trim().is_empty())
+            .take(rows)
+            .enumerate()
+        {
+            let values: Vec<f64> = line
+                .split_whitespace()
+                .map_while(|word| word.parse().ok())
+                .collect();
+            if values.len() != count {
+                let found = format!("`{}`", line.chars().take(80).collect::<String>());
+                return Err(FormatError::new(
+                    format!("row {number}"),
+                    format!("{count} numbers"),
+                    found,
+                ));
+            }
+            data.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        }
+        let fields: Vec<Field> = fields
+            .iter()
+            .map(|(name, _, count)| (name.clone(), Kind::F64, *count))
+            .collect();
+        Ok(Table::of_rows(data, &fields, rows))
+    }
+
+    /// The column of the first of these names that there is, in any case.
+    pub(super) fn column(&self, names: &[&str]) -> Option<&Column> {
+        let is_named = |column: &&Column, name: &str| column.name.eq_ignore_ascii_case(name);
+        names
+            .iter()
+            .find_map(|name| self.columns.iter().find(|column| is_named(column, name)))
+    }
+
+    /// The value in a row; `None` beyond the end of the data.
+    pub(super) fn value(&self, column: &Column, row: usize) -> Option<f64> {
+        let start = column.start.checked_add(row.checked_mul(column.stride)?)?;
+        let from = self
+            .data
+            .get(start..start.checked_add(column.kind.bytes())?)?;
+        Some(column.kind.read(from, self.is_big_endian))
+    }
+}

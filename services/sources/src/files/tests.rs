@@ -1,0 +1,296 @@
+use super::*;
+
+const POINTS: [[f32; 4]; 3] = [
+    [1.0, 2.0, 3.0, 0.5],
+    [-4.0, 5.5, -6.0, 0.25],
+    [7.0, -8.0, 9.0, 1.0],
+];
+
+fn bytes(points: &[[f32; 4]]) -> Vec<u8> {
+    points
+        .as_flattened()
+        .iter()
+        .flat_map(|v| v.to_le_bytes())
+        .collect()
+}
+
+/// The same points with a field between, as rows of f32 x, u16 ring, f64 y, f32 z, u8 intensity * 4.
+fn rows(is_big_endian: bool) -> Vec<u8> {
+    let mut out = vec![];
+    for [x, y, z, intensity] in POINTS {
+        let numbers = [
+            x.to_le_bytes().to_vec(),
+            7u16.to_le_bytes().to_vec(),
+            f64::from(y).to_le_bytes().to_vec(),
+            z.to_le_bytes().to_vec(),
+            vec![(intensity * 4.0) as u8],
+        ];
+        for mut number in numbers {
+            if is_big_endian {
+                number.reverse();
+            }
+            out.extend(number);
+        }
+    }
+    out
+}
+
+fn text() -> String {
+    let line = |[x, y, z, i]: [f32; 4]| format!("{x} 7 {y} {z} {}\n", i * 4.0);
+    POINTS.map(line).concat()
+}
+
+fn pcd(data: &str, body: &[u8]) -> Vec<u8> {
+    let header = "# .PCD\nVERSION .7\nFIELDS x ring y z Intensity\nSIZE 4 2 8 4 1\nTYPE F U F F U\nCOUNT 1 1 1 1 1\nWIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA ";
+    [header.as_bytes(), data.as_bytes(), b"\n", body].concat()
+}
+
+fn ply(format: &str, body: &[u8]) -> Vec<u8> {
+    let header = format!(
+        "ply\nformat {format} 1.0\ncomment a\nelement vertex 3\nproperty float x\nproperty ushort ring\nproperty double y\nproperty float z\n\
+         property uchar intensity\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    );
+    [header.as_bytes(), body].concat()
+}
+
+fn npy(descr: &str, shape: &str, is_fortran: bool, body: &[u8]) -> Vec<u8> {
+    let order = if is_fortran { "True" } else { "False" };
+    let header = format!("{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}\n");
+    [
+        b"\x93NUMPY\x01\x00",
+        &(header.len() as u16).to_le_bytes()[..],
+        header.as_bytes(),
+        body,
+    ]
+    .concat()
+}
+
+/// Columns one after another, each byte a literal.
+fn compressed() -> Vec<u8> {
+    let rows = rows(false);
+    let mut columns = vec![];
+    for (start, bytes) in [(0, 4), (4, 2), (6, 8), (14, 4), (18, 1)] {
+        columns.extend((0..3).flat_map(|i| rows[i * 19 + start..][..bytes].to_vec()));
+    }
+    let packed: Vec<u8> = columns
+        .chunks(32)
+        .flat_map(|run| [&[run.len() as u8 - 1], run].concat())
+        .collect();
+    let sizes = [packed.len() as u32, columns.len() as u32].map(u32::to_le_bytes);
+    [sizes.as_flattened(), &packed].concat()
+}
+
+fn quarter() -> Layout {
+    Layout {
+        intensity_scale: 0.25,
+        ..Layout::default()
+    }
+}
+
+#[test]
+fn the_same_points_come_from_every_format() {
+    let named = "[('x', '<f4'), ('ring', '<u2'), ('y', '<f8'), ('z', '<f4'), ('intensity', '|u1')]";
+    let columns: Vec<u8> = (0..4)
+        .flat_map(|c| {
+            POINTS
+                .map(|p| p[c])
+                .iter()
+                .flat_map(|v| v.to_be_bytes())
+                .collect::<Vec<_>>()
+        })
+        .collect();
+    let five: Vec<u8> = POINTS
+        .iter()
+        .flat_map(|[x, y, z, i]| [*x, *y, *z, i * 255.0, 3.0])
+        .flat_map(f32::to_le_bytes)
+        .collect();
+    let six = Layout {
+        columns: ["ring", "z", "time", "y", "intensity", "x"]
+            .map(String::from)
+            .to_vec(),
+        ..Layout::default()
+    };
+    let turned: Vec<u8> = POINTS
+        .iter()
+        .flat_map(|[x, y, z, i]| [3.0, *z, 0.0, *y, *i, *x])
+        .flat_map(f32::to_le_bytes)
+        .collect();
+    let cases = [
+        (Format::Bin, Layout::default(), bytes(&POINTS)),
+        (Format::Bin, six, turned),
+        (Format::NuScenes, Layout::default(), five),
+        (
+            Format::Npy,
+            Layout::default(),
+            npy("'<f4'", "(3, 4)", false, &bytes(&POINTS)),
+        ),
+        (
+            Format::Npy,
+            Layout::default(),
+            npy("'>f4'", "(3, 4)", true, &columns),
+        ),
+        (
+            Format::Npy,
+            quarter(),
+            npy(named, "(3,)", false, &rows(false)),
+        ),
+        (Format::Pcd, quarter(), pcd("ascii", text().as_bytes())),
+        (Format::Pcd, quarter(), pcd("binary", &rows(false))),
+        (
+            Format::Pcd,
+            quarter(),
+            pcd("binary_compressed", &compressed()),
+        ),
+        (Format::Ply, quarter(), ply("ascii", text().as_bytes())),
+        (
+            Format::Ply,
+            quarter(),
+            ply("binary_little_endian", &rows(false)),
+        ),
+        (
+            Format::Ply,
+            quarter(),
+            ply("binary_big_endian", &rows(true)),
+        ),
+    ];
+    for (number, (format, layout, file)) in cases.into_iter().enumerate() {
+        let found = format.convert(&layout, file);
+        assert_eq!(
+            found,
+            Ok((bytes(&POINTS), false)),
+            "case {number}, {format:?}"
+        );
+    }
+}
+
+#[test]
+fn units_and_axes_are_turned() {
+    let layout = Layout {
+        scale: 0.001,
+        axes: "y,-x,z".to_string(),
+        ..Layout::default()
+    };
+    let (out, _) = Format::Bin
+        .convert(&layout, bytes(&[[1000.0, 2000.0, 3000.0, 0.5]]))
+        .unwrap();
+    assert_eq!(out, bytes(&[[2.0, -1.0, 3.0, 0.5]]));
+}
+
+#[test]
+fn a_cut_file_gives_its_whole_points_and_says_so() {
+    let cut = |mut file: Vec<u8>| {
+        file.truncate(file.len() - 5);
+        file
+    };
+    let cases = [
+        (Format::Pcd, pcd("binary", &rows(false))),
+        (Format::Ply, ply("binary_little_endian", &rows(false))),
+        (Format::NuScenes, vec![0; 60]),
+    ];
+    for (format, file) in cases {
+        let (out, is_cut) = format.convert(&quarter(), cut(file)).unwrap();
+        assert_eq!((out.len(), is_cut), (32, true), "{format:?}");
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_named() {
+    let layout = |columns: &[&str], axes: &str| Layout {
+        columns: columns.iter().map(ToString::to_string).collect(),
+        axes: axes.to_string(),
+        ..Layout::default()
+    };
+    for (layout, words) in [
+        (layout(&[], "x,x,z"), "axes: expected x, y and z once each"),
+        (layout(&[], "x,y"), "found x,y"),
+        (
+            layout(&["x", "y"], "x,y,z"),
+            "columns: expected z among them, found x,y",
+        ),
+        (
+            Layout {
+                scale: f64::NAN,
+                ..Layout::default()
+            },
+            "scale: expected 1e-9 to 1e9, found NaN",
+        ),
+    ] {
+        assert!(
+            layout.check().unwrap_err().to_string().contains(words),
+            "{words}"
+        );
+    }
+    for (sizes, is_fine) in [
+        (&[60, 100][..], false),
+        (&[48, 60], true),
+        (&[61], true),
+        (&[0], true),
+        (&[72], false),
+    ] {
+        assert_eq!(check_columns(sizes).is_ok(), is_fine, "{sizes:?}");
+    }
+    let no_x = String::from_utf8(pcd("ascii", b""))
+        .unwrap()
+        .replace(" x ", " a ")
+        .into_bytes();
+    for (format, file, words) in [
+        (
+            Format::Pcd,
+            b"hello".to_vec(),
+            "header: expected a line DATA",
+        ),
+        (
+            Format::Pcd,
+            no_x,
+            "fields: expected one named x, found a, ring, y, z, Intensity",
+        ),
+        (
+            Format::Pcd,
+            pcd("zip", b""),
+            "DATA: expected ascii, binary or binary_compressed, found zip",
+        ),
+        (
+            Format::Pcd,
+            pcd("ascii", b"1 2\n"),
+            "row 0: expected 5 numbers, found `1 2`",
+        ),
+        (
+            Format::Ply,
+            b"ply".to_vec(),
+            "header: expected `ply` to `end_header`",
+        ),
+        (
+            Format::Npy,
+            b"PK".to_vec(),
+            "header: expected that of a NumPy array",
+        ),
+        (
+            Format::Npy,
+            npy("'<f4'", "(3, 2)", false, b""),
+            "shape: expected N rows and 3 to 64 columns, found [3, 2]",
+        ),
+    ] {
+        let error = format
+            .convert(&Layout::default(), file)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains(words), "{words}: {error}");
+    }
+}
+
+proptest::proptest! {
+    /// Whatever follows a header that is right, and whatever is changed in it.
+    #[test]
+    fn damage_is_no_panic(seed in proptest::collection::vec(proptest::prelude::any::<u8>(), 0..64), at in 0usize..400, byte: u8) {
+        let bodies = [
+            (Format::Pcd, pcd("binary", &seed)), (Format::Pcd, pcd("binary_compressed", &seed)), (Format::Pcd, pcd("ascii", &seed)),
+            (Format::Ply, ply("binary_big_endian", &seed)), (Format::Npy, npy("'<f4'", "(3, 4)", true, &seed)),
+        ];
+        for (format, mut file) in bodies {
+            if let Some(place) = file.get_mut(at) {
+                *place = byte;
+            }
+            let _ = format.convert(&Layout::default(), file);
+        }
+    }
+}
