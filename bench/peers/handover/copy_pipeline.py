@@ -123,7 +123,7 @@ def measure(payload_bytes, rounds, reuses):
 def main():
     program, record = sys.argv[1:3]
     rounds = int(sys.argv[3]) if len(sys.argv) > 3 else 500
-    ours = json.loads(subprocess.run([program, "--json", "--rounds", str(rounds)], capture_output=True, check=True).stdout)
+    ours = json.loads(subprocess.run([program, "--rounds", str(rounds)], capture_output=True, check=True).stdout)
     topics = {}
     for name, topic in ours["topics"].items():
         count = rounds if topic["payload_bytes"] < 1e7 else max(50, rounds // 4)

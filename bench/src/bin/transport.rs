@@ -1,4 +1,4 @@
-//! Our hop between two processes and its baselines, interleaved in one run: `transport --json`.
+//! Our hop between two processes and its baselines, interleaved in one run, as one JSON object.
 //!
 //! For each topic: raw iceoryx2 with the same payload, queue settings and wake-up mode, a futex wake, a Unix socket that
 //! copies the bytes, and one copy within a process. On a machine with other work, run it as
@@ -9,9 +9,7 @@ use std::time::Duration;
 use anyhow::Result;
 use clap::Parser;
 use mluc_bench::machine::describe_here;
-use mluc_bench::transport::{
-    LatencyPercentiles, Measured, Payload, Settings, Wake, Way, measure, serve_peer,
-};
+use mluc_bench::transport::{Measured, Payload, Settings, Wake, Way, measure, serve_peer};
 use serde_json::{Map, Value, json};
 
 /// A frame at 10 Hz, us.
@@ -34,9 +32,6 @@ struct Arguments {
     /// These alone.
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = Payload::ALL)]
     topics: Vec<Payload>,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 fn main() -> Result<()> {
@@ -58,11 +53,7 @@ fn main() -> Result<()> {
         };
         measured.push((payload, measure(&settings, &Way::ALL)?));
     }
-    if arguments.json {
-        println!("{}", report(&measured)?);
-    } else {
-        print(&measured);
-    }
+    println!("{:#}", report(&measured)?);
     Ok(())
 }
 
@@ -86,40 +77,6 @@ fn report(measured: &[(Payload, Measured)]) -> Result<Value> {
             "p99_percent": 100.0 * p99_us / FRAME_US,
         },
     }))
-}
-
-fn print(measured: &[(Payload, Measured)]) {
-    let here = describe_here();
-    let [processor, cores, load] = ["processor", "cores_usable", "load_1min"].map(|key| &here[key]);
-    println!(
-        "{processor}, {cores} cores, load {load}, scheduling {}",
-        scheduling()
-    );
-    println!(
-        "{:<12} {:>10} {:<7} {:>10} {:>10} {:>10} {:>10} {:>12}",
-        "topic", "bytes", "way", "p50 us", "p90 us", "p99 us", "max us", "sender p50"
-    );
-    for (payload, found) in measured {
-        let (topic, bytes) = (payload.topic().name, found.payload_bytes);
-        let row = |way: &str, of: &LatencyPercentiles, sender: &LatencyPercentiles| {
-            let us = [of.p50_us, of.p90_us, of.p99_us, of.max_us];
-            let us = us.map(|us| format!(" {us:>10.2}")).concat();
-            let sender_us = sender.p50_us;
-            println!("{topic:<12} {bytes:>10} {way:<7}{us} {sender_us:>12.2}");
-        };
-        for (way, cost) in &found.ways {
-            row(way.name(), &cost.latency, &cost.sender);
-        }
-        row("memcpy", &found.memcpy, &found.memcpy);
-        let each = ratios(found).map(|(name, ratio)| format!("{name} {ratio:.2}"));
-        println!("{:<12} {}", "", each.join("; "));
-    }
-    let (p50_us, p99_us) = all_hops_us(measured);
-    println!(
-        "all hops of a frame: p50 {p50_us:.0} us, {:.2} % of 100 ms; p99 {p99_us:.0} us, {:.2} %",
-        100.0 * p50_us / FRAME_US,
-        100.0 * p99_us / FRAME_US
-    );
 }
 
 /// The frame's way from ingest to the robot: one message of each topic, as large as it can be; p50 and p99.

@@ -64,12 +64,9 @@ fn write_pictures(
     by_setting: &[(&TestFrames, ByRow)],
 ) -> Result<Vec<(String, String)>> {
     let write = |file: &str, bytes: &[u8]| write_whole(&out.join(file), bytes);
-    let drawn = |what| EvaluateError::file(out, what);
     let mut pictures = vec![("figure5.svg".to_owned(), FIGURE_5.to_owned())];
-    let curves = figure5::svg(report).map_err(drawn)?;
+    let curves = figure5::svg(report).map_err(|what| EvaluateError::file(out, what))?;
     write("figure5.svg", curves.as_bytes())?;
-    let curves = figure5::canvas(report).map_err(drawn)?;
-    write("figure5.png", &curves.png())?;
     let mut scenes = Vec::new();
     for (test, evaluated) in by_setting {
         scenes.extend(figure6_scene(test, evaluated)?);

@@ -7,146 +7,71 @@ use mluc_model::{Grid, Manifest, SensorProfile, Takes};
 use crate::DecodeReport;
 use crate::estimate::{Estimator, SECTORS, SensorEstimate, Unit, Up, direction_rad};
 
-/// Something that does not fit: what was expected, what was found, what to do.
+/// Something that does not fit: what was found, what was expected, what to do.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Reason {
-    /// NaN and infinities.
-    #[error("{:.0} % of the points are not finite, expected at most {:.0} %: check the driver, or let it leave out missing returns", found * 100.0, SHARE_MAX * 100.0)]
-    NotFinite {
-        /// Share.
-        found: f32,
-    },
-    /// Points without a place.
-    #[error("{:.0} % of the points lie at the origin, expected at most {:.0} %: let the driver leave out missing returns", found * 100.0, SHARE_MAX * 100.0)]
-    Zeros {
-        /// Share.
-        found: f32,
-    },
-    /// Points that are there twice.
-    #[error("{:.0} % of the points are copies of others, expected at most {:.0} %: is the same scan merged twice?", found * 100.0, SHARE_MAX * 100.0)]
-    Copies {
-        /// Share.
-        found: f32,
-    },
-    /// Too few or too many points.
-    #[error("{found} points a scan, expected {} to {}: are scans cut into packets, or several put together?", expected[0], expected[1])]
-    Points {
-        /// Fewest and most.
-        expected: [u32; 2],
-        /// In a scan.
-        found: u32,
-    },
+    /// A share of the points has no measurement of its own; what they are, and what to do.
+    #[error("{:.0} % of the points {}, expected at most {:.0} %: {}", .0 * 100.0, .1, SHARE_MAX * 100.0, .2)]
+    Share(f32, &'static str, &'static str),
+    /// Points of a scan; the fewest and the most.
+    #[error("{} points a scan, expected {} to {}: are scans cut into packets, or several put together?", .0, .1[0], .1[1])]
+    Points(u32, [u32; 2]),
     /// Not metres.
-    #[error("coordinates seem to be in {}, expected m: multiply them by {}", found.name(), found.in_m())]
-    Unit {
-        /// Of the coordinates.
-        found: Unit,
-    },
-    /// Not metres either, perhaps.
-    #[error("the ground lies {found_m:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, multiply them by 0.3048", expected_m[0], expected_m[1])]
-    Feet {
-        /// Lowest and highest.
-        expected_m: [f32; 2],
-        /// As if in m.
-        found_m: f32,
-    },
-    /// z does not point up.
-    #[error("{} points up, expected z: turn the points so that x is ahead, y left and z up", found.name())]
-    Axes {
-        /// Points up.
-        found: Up,
-    },
-    /// The sensor sits elsewhere.
-    #[error("sensor {found_m:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z, or take a model for this height", expected_m[0], expected_m[1])]
-    Height {
-        /// Lowest and highest.
-        expected_m: [f32; 2],
-        /// Of the scans.
-        found_m: f32,
-    },
-    /// The sensor is not level.
+    #[error("coordinates seem to be in {}, expected m: multiply them by {}", .0.name(), .0.in_m())]
+    Unit(Unit),
+    /// Not metres either, perhaps: depth of the ground as if in m; the lowest and the highest of the sensor.
+    #[error("the ground lies {:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, multiply them by 0.3048", .0, .1[0], .1[1])]
+    Feet(f32, [f32; 2]),
+    /// What points up in z's place.
+    #[error("{} points up, expected z: turn the points so that x is ahead, y left and z up", .0.name())]
+    Axes(Up),
+    /// Height of the sensor, m; the lowest and the highest.
+    #[error("sensor {:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z, or take a model for this height", .0, .1[0], .1[1])]
+    Height(f32, [f32; 2]),
+    /// Tilt of the sensor, degrees; the largest.
     #[error(
-        "sensor tilted by {found_deg:.0} degrees, expected at most {expected_deg:.0}: level it, or turn the points by its extrinsics"
+        "sensor tilted by {0:.0} degrees, expected at most {1:.0}: level it, or turn the points by its extrinsics"
     )]
-    Tilt {
-        /// Largest.
-        expected_deg: f32,
-        /// Of the scans.
-        found_deg: f32,
-    },
-    /// Thinner or denser than the model takes.
-    #[error("{found} beams, expected {} to {}: take a model for this sensor", expected[0], expected[1])]
-    Beams {
-        /// Fewest and most.
-        expected: [u32; 2],
-        /// Of the scans.
-        found: u32,
-    },
-    /// A gap in the field.
+    Tilt(f32, f32),
+    /// Beams; the fewest and the most that the model takes.
+    #[error("{} beams, expected {} to {}: take a model for this sensor", .0, .1[0], .1[1])]
+    Beams(u32, [u32; 2]),
+    /// Width of a gap in the field, degrees.
     #[error(
-        "no returns in {found_deg:.0} degrees of the directions that the model sees: uncover the sensor, or name its field with --sensor"
+        "no returns in {0:.0} degrees of the directions that the model sees: uncover the sensor, or name its field with --sensor"
     )]
-    Field {
-        /// Width of the gap.
-        found_deg: f32,
-    },
-    /// A driver's range limit.
+    Field(f32),
+    /// A driver's range limit, m.
     #[error(
-        "returns end {found_m:.0} m away in nearly all directions, expected {RANGE_END_MIN_M:.0} m or more: raise the driver's range limit"
+        "returns end {0:.0} m away in nearly all directions, expected {RANGE_END_MIN_M:.0} m or more: raise the driver's range limit"
     )]
-    Range {
-        /// The end.
-        found_m: f32,
-    },
-    /// Intensities beyond 1.
-    #[error("intensities up to {found:.0}, expected 0 to 1: divide them by {}", if *found > 255.5 { 65535 } else { 255 })]
-    IntensityScale {
-        /// The largest.
-        found: f32,
-    },
+    Range(f32),
+    /// The largest intensity, beyond 1.
+    #[error("intensities up to {:.0}, expected 0 to 1: divide them by {}", .0, if *.0 > 255.5 { 65535 } else { 255 })]
+    IntensityScale(f32),
     /// No intensities, and the model reads them.
     #[error(
         "all intensities are 0, expected 0 to 1: let the driver send them, or take a model that does not read them"
     )]
     IntensityMissing,
-    /// The same scan again.
-    #[error("the same scan came {found} times, expected new ones: check the driver and the source")]
-    Frozen {
-        /// In a row.
-        found: u32,
-    },
-    /// Not the given sensor: beams.
+    /// How often the same scan came in a row.
+    #[error("the same scan came {0} times, expected new ones: check the driver and the source")]
+    Frozen(u32),
+    /// Not the given sensor: beams, how far they are off (degrees, on average, or the ends of the vertical field), beams of the profile.
     #[error(
-        "{found} beams up to {off_deg:.1} degrees off those of the given sensor, expected its {expected}: give the right --sensor"
+        "{0} beams up to {1:.1} degrees off those of the given sensor, expected its {2}: give the right --sensor"
     )]
-    SensorBeams {
-        /// Of the profile.
-        expected: u32,
-        /// Of the scans.
-        found: u32,
-        /// Between beams, on average, or ends of the vertical field.
-        off_deg: f32,
-    },
-    /// Beyond the given sensor's range.
+    SensorBeams(u32, f32, u32),
+    /// Beyond the given sensor's range: returns and range, m.
     #[error(
-        "returns {found_m:.0} away, expected at most {expected_m:.0} m by the given sensor: if the coordinates are in feet, multiply them by 0.3048"
+        "returns {0:.0} away, expected at most {1:.0} m by the given sensor: if the coordinates are in feet, multiply them by 0.3048"
     )]
-    SensorRange {
-        /// Of the profile.
-        expected_m: f32,
-        /// Of the scans.
-        found_m: f32,
-    },
-    /// Not the given sensor's height.
+    SensorRange(f32, f32),
+    /// Not the given sensor's height: found and given, m.
     #[error(
-        "sensor {found_m:.2} m above the ground, expected {expected_m:.2} m by the given sensor: correct its height_m"
+        "sensor {0:.2} m above the ground, expected {1:.2} m by the given sensor: correct its height_m"
     )]
-    SensorHeight {
-        /// Of the profile.
-        expected_m: f32,
-        /// Of the scans.
-        found_m: f32,
-    },
+    SensorHeight(f32, f32),
 }
 
 /// Larger shares of points without a measurement are no few wrong ones; a guess.
@@ -189,22 +114,19 @@ impl Reason {
     /// The frame's flag; [`Flags::INPUT_SUSPECT`] is in it.
     pub fn flag(&self) -> Flags {
         match self {
-            Reason::NotFinite { .. }
-            | Reason::Zeros { .. }
-            | Reason::Copies { .. }
-            | Reason::Points { .. } => Flags::SUSPECT_POINTS,
-            Reason::Unit { .. } | Reason::Feet { .. } => Flags::SUSPECT_UNIT,
-            Reason::Axes { .. } => Flags::SUSPECT_AXES,
-            Reason::Height { .. } => Flags::SUSPECT_HEIGHT,
-            Reason::Tilt { .. } => Flags::SUSPECT_TILT,
-            Reason::Beams { .. } => Flags::SUSPECT_BEAMS,
-            Reason::Field { .. } => Flags::SUSPECT_FIELD,
-            Reason::Range { .. } => Flags::SUSPECT_RANGE,
-            Reason::IntensityScale { .. } | Reason::IntensityMissing => Flags::SUSPECT_INTENSITY,
-            Reason::Frozen { .. } => Flags::SUSPECT_FROZEN,
-            Reason::SensorBeams { .. }
-            | Reason::SensorRange { .. }
-            | Reason::SensorHeight { .. } => Flags::SUSPECT_SENSOR,
+            Reason::Share(..) | Reason::Points(..) => Flags::SUSPECT_POINTS,
+            Reason::Unit(_) | Reason::Feet(..) => Flags::SUSPECT_UNIT,
+            Reason::Axes(_) => Flags::SUSPECT_AXES,
+            Reason::Height(..) => Flags::SUSPECT_HEIGHT,
+            Reason::Tilt(..) => Flags::SUSPECT_TILT,
+            Reason::Beams(..) => Flags::SUSPECT_BEAMS,
+            Reason::Field(_) => Flags::SUSPECT_FIELD,
+            Reason::Range(_) => Flags::SUSPECT_RANGE,
+            Reason::IntensityScale(_) | Reason::IntensityMissing => Flags::SUSPECT_INTENSITY,
+            Reason::Frozen(_) => Flags::SUSPECT_FROZEN,
+            Reason::SensorBeams(..) | Reason::SensorRange(..) | Reason::SensorHeight(..) => {
+                Flags::SUSPECT_SENSOR
+            }
         }
     }
 }
@@ -246,48 +168,32 @@ impl Expected {
                 reasons.push(reason);
             }
         };
-        let reason = Reason::NotFinite {
-            found: found.not_finite_share,
-        };
-        add(found.not_finite_share > SHARE_MAX, reason);
-        add(
-            found.zero_share > SHARE_MAX,
-            Reason::Zeros {
-                found: found.zero_share,
-            },
-        );
-        let reason = Reason::Copies {
-            found: found.duplicate_share,
-        };
-        add(found.duplicate_share > SHARE_MAX, reason);
-        let [low, high] = self.takes.points;
-        let reason = Reason::Points {
-            expected: [low, high],
-            found: found.points,
-        };
-        add(!(low..=high).contains(&found.points), reason);
-        let reason = Reason::IntensityScale {
-            found: found.intensity_max,
-        };
-        add(found.intensity_max > INTENSITY_MAX, reason);
-        let is_blind = self.uses_intensity && found.intensity_max == 0.0;
+        let driver = "let the driver leave out missing returns";
+        let check = "check the driver, or let it leave out missing returns";
+        let twice = "is the same scan merged twice?";
+        for (share, what, remedy) in [
+            (found.not_finite_share, "are not finite", check),
+            (found.zero_share, "lie at the origin", driver),
+            (found.duplicate_share, "are copies of others", twice),
+        ] {
+            add(share > SHARE_MAX, Reason::Share(share, what, remedy));
+        }
+        let (points, [low, high]) = (found.points, self.takes.points);
+        let is_usual = (low..=high).contains(&points);
+        add(!is_usual, Reason::Points(points, [low, high]));
+        let intensity = found.intensity_max;
+        add(intensity > INTENSITY_MAX, Reason::IntensityScale(intensity));
+        let is_blind = self.uses_intensity && intensity == 0.0;
         add(is_blind, Reason::IntensityMissing);
         let measured = (1.0 - found.zero_share) * (1.0 - found.not_finite_share);
-        if (found.points as f32 * measured) < POINTS_MIN as f32 {
+        if (points as f32 * measured) < POINTS_MIN as f32 {
             return;
         }
-        add(
-            found.unit != Unit::Metre,
-            Reason::Unit { found: found.unit },
-        );
-        add(found.up != Up::Z, Reason::Axes { found: found.up });
-        let is_cut = found.range_end_m < RANGE_END_MIN_M && found.range_end_share > RANGE_END_SHARE;
-        add(
-            is_cut,
-            Reason::Range {
-                found_m: found.range_end_m,
-            },
-        );
+        add(found.unit != Unit::Metre, Reason::Unit(found.unit));
+        add(found.up != Up::Z, Reason::Axes(found.up));
+        let (end_m, end_share) = (found.range_end_m, found.range_end_share);
+        let is_cut = end_m < RANGE_END_MIN_M && end_share > RANGE_END_SHARE;
+        add(is_cut, Reason::Range(end_m));
         // Scans in another frame or unit say nothing of mounting and beams.
         if found.up == Up::Z {
             self.judge_mounting(found, &mut add);
@@ -304,48 +210,24 @@ impl Expected {
         let fits = |height_m: f32| {
             (low_m - HEIGHT_MARGIN_M..=high_m + HEIGHT_MARGIN_M).contains(&height_m)
         };
-        let are_feet = !fits(height_m) && fits(height_m * 0.3048);
-        add(
-            are_feet,
-            Reason::Feet {
-                expected_m,
-                found_m: height_m,
-            },
-        );
-        let is_elsewhere = !fits(height_m) && !are_feet;
-        add(
-            is_elsewhere,
-            Reason::Height {
-                expected_m,
-                found_m: height_m,
-            },
-        );
-        let (expected_deg, found_deg) = (self.takes.tilt_max_deg, found.tilt_deg());
-        let reason = Reason::Tilt {
-            expected_deg,
-            found_deg,
-        };
-        add(found_deg > expected_deg + TILT_MARGIN_DEG, reason);
+        let are_feet = fits(height_m * 0.3048);
+        let [feet, elsewhere] = [Reason::Feet, Reason::Height].map(|of| of(height_m, expected_m));
+        add(!fits(height_m), if are_feet { feet } else { elsewhere });
+        let (tilt_deg, most_deg) = (found.tilt_deg(), self.takes.tilt_max_deg);
+        let is_tilted = tilt_deg > most_deg + TILT_MARGIN_DEG;
+        add(is_tilted, Reason::Tilt(tilt_deg, most_deg));
     }
 
     fn judge_beams(&self, found: &SensorEstimate, add: &mut impl FnMut(bool, Reason)) {
-        let expected @ [low, high] = self.takes.beams;
-        let reason = Reason::Beams {
-            expected,
-            found: found.beams,
-        };
+        let [low, high] = self.takes.beams;
         // Without clear beams the count is that of all sensors together.
         let is_known = found.are_beams_clear || found.azimuth_step_deg.is_some();
         let merged = if found.are_beams_clear { 1 } else { 4 };
         let fits = (low..=high.saturating_mul(merged)).contains(&found.beams);
-        add(is_known && !fits, reason);
-        let field = self.sensor.as_ref().and_then(|sensor| sensor.field_deg);
-        let found_deg = if field.is_none() {
-            self.gap_deg(found)
-        } else {
-            0.0
-        };
-        add(found_deg >= GAP_MIN_DEG, Reason::Field { found_deg });
+        add(is_known && !fits, Reason::Beams(found.beams, [low, high]));
+        let has_field = (self.sensor.as_ref()).is_some_and(|sensor| sensor.field_deg.is_some());
+        let gap_deg = self.gap_deg(found);
+        add(!has_field && gap_deg >= GAP_MIN_DEG, Reason::Field(gap_deg));
     }
 
     /// Degrees of the directions in the model's grid that the field leaves out.
@@ -367,19 +249,13 @@ impl Expected {
         let Some(sensor) = &self.sensor else {
             return;
         };
-        if let (Some(expected_m), Some(found_m)) = (sensor.height_m, found.height_m) {
-            let reason = Reason::SensorHeight {
-                expected_m,
-                found_m,
-            };
-            add((expected_m - found_m).abs() > HEIGHT_OFF_M, reason);
+        if let (Some(own_m), Some(found_m)) = (sensor.height_m, found.height_m) {
+            let is_off = (own_m - found_m).abs() > HEIGHT_OFF_M;
+            add(is_off, Reason::SensorHeight(found_m, own_m));
         }
-        let (expected_m, found_m) = (sensor.range_m[1], found.range_longest_m);
-        let reason = Reason::SensorRange {
-            expected_m,
-            found_m,
-        };
-        add(found_m > RANGE_FACTOR * expected_m, reason);
+        let (longest_m, own_m) = (found.range_longest_m, sensor.range_m[1]);
+        let is_beyond = longest_m > RANGE_FACTOR * own_m;
+        add(is_beyond, Reason::SensorRange(longest_m, own_m));
         let beams = &sensor.elevations_deg;
         let (Some(top), Some(bottom)) = (beams.first(), beams.last()) else {
             return;
@@ -397,15 +273,10 @@ impl Expected {
         let beyond_deg = (highest - top).max(bottom - lowest);
         let ratio = found.beams as f32 / beams.len() as f32;
         let is_other_count = !(1.0 / BEAMS_FACTOR..=BEAMS_FACTOR).contains(&ratio);
-        let reason = Reason::SensorBeams {
-            expected: beams.len() as u32,
-            found: found.beams,
-            off_deg: off_deg.max(beyond_deg),
-        };
-        add(
-            are_off || beyond_deg > FIELD_OFF_DEG || is_other_count,
-            reason,
-        );
+        let is_other = are_off || beyond_deg > FIELD_OFF_DEG || is_other_count;
+        let off_deg = off_deg.max(beyond_deg);
+        let reason = Reason::SensorBeams(found.beams, off_deg, beams.len() as u32);
+        add(is_other, reason);
     }
 }
 
@@ -448,11 +319,10 @@ impl Guard {
         }
         self.count_equal(points);
         self.scans += 1;
-        self.reasons
-            .retain(|reason| !matches!(reason, Reason::Frozen { .. }));
+        let is_frozen = |reason: &Reason| matches!(reason, Reason::Frozen(_));
+        self.reasons.retain(|reason| !is_frozen(reason));
         if self.equal_scans + 1 >= FROZEN_MIN {
-            let found = self.equal_scans + 1;
-            self.reasons.push(Reason::Frozen { found });
+            self.reasons.push(Reason::Frozen(self.equal_scans + 1));
         }
         &self.reasons
     }

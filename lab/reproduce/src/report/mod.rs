@@ -3,15 +3,11 @@
 //! [`ReproductionReport`] is plain data (`report.json`); [`page`] writes it as Markdown, [`figure5`] draws the curves, [`figure6`]
 //! the scenes, [`worst_page`] the frames that went wrong. Nothing here trains, detects or judges.
 
-mod canvas_backend;
 mod data;
 pub(crate) mod figure5;
 mod page;
 mod pages;
-mod perspective;
-mod scene;
 
 pub(crate) use data::{MeanSpread, MethodFigures, ReproductionReport, SpreadKind};
 pub(crate) use page::page;
-pub(crate) use pages::{figure6, worst_page};
-pub(crate) use scene::{DrawnScene, Panel};
+pub(crate) use pages::{DrawnScene, Panel, figure6, worst_page};

@@ -21,13 +21,8 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, room: &Room, dice: &mut Dice) {
     if !is_hall {
         // Between the ends of two rows, and of three cars.
         columns(yard, room, [3.0 * BAY_M, AISLE_M], AISLE_M / 2.0, dice);
-        return scatter(
-            yard,
-            room,
-            &[(Thing::Cabinet, cabinet), (Thing::Bin, bin)],
-            3.0,
-            dice,
-        );
+        let things: [(Thing, Builder); 2] = [(Thing::Cabinet, cabinet), (Thing::Bin, bin)];
+        return scatter(yard, room, &things, 3.0, dice);
     }
     if dice.chance(0.6) {
         let spacing = [dice.range(5.0, 9.0), dice.range(6.0, 14.0)];
@@ -76,12 +71,8 @@ fn shell(yard: &mut Yard<'_, '_>, room: &Room, is_hall: bool, dice: &mut Dice) {
         ceiling.block(v(x[0], 0.0, room.height_m - beam.z / 2.0), beam, METAL);
     }
     for _ in 0..dice.whole(0, 3) {
-        let at = v(
-            0.0,
-            dice.spread(half - 1.0),
-            room.height_m - dice.range(0.15, 0.3),
-        );
-        let ends = [low + 0.5, high - 0.5].map(|x| at + v(x, 0.0, 0.0));
+        let (y, below) = (dice.spread(half - 1.0), dice.range(0.15, 0.3));
+        let ends = [low + 0.5, high - 0.5].map(|x| v(x, y, room.height_m - below));
         ceiling.rod(ends, dice.range(0.05, 0.12), 6, METAL);
     }
     yard.over(Thing::Ceiling, &ceiling);
@@ -106,11 +97,8 @@ fn wall(
             mesh.block(v((x[0] + x[1]) / 2.0, 0.1, 0.4), v(bay, 0.15, 1.2), paint);
             continue;
         }
-        let depth = if dice.chance(0.2) {
-            dice.range(0.1, 0.5)
-        } else {
-            0.0
-        };
+        let is_niche = dice.chance(0.2);
+        let depth = if is_niche { dice.range(0.1, 0.5) } else { 0.0 };
         let top = if has_windows { 2.4 } else { height };
         mesh.pane(x, depth, [-0.3, top], paint);
         if has_windows {
@@ -134,11 +122,8 @@ fn columns(
     first_m: f32,
     dice: &mut Dice,
 ) {
-    let size = v(
-        dice.range(0.3, 0.7),
-        dice.range(0.3, 0.7),
-        room.height_m + 0.2,
-    );
+    let height = room.height_m + 0.2;
+    let size = v(dice.range(0.3, 0.7), dice.range(0.3, 0.7), height);
     let mut mesh = Mesh::default();
     mesh.block(up(size.z / 2.0 - 0.2), size, solid(dice.range(0.3, 0.5)));
     let rows = (2.0 * room.half_width_m / across_m).ceil();
@@ -190,11 +175,8 @@ fn rack(mesh: &mut Mesh, levels: usize, dice: &mut Dice) {
     let [length, depth] = RACK_M;
     let height = 1.6 * levels as f32;
     for x in [-0.5, 0.5] {
-        mesh.twins(
-            v(x * (length - 0.1), depth / 2.0 - 0.05, height / 2.0),
-            v(0.1, 0.08, height),
-            METAL,
-        );
+        let upright = v(x * (length - 0.1), depth / 2.0 - 0.05, height / 2.0);
+        mesh.twins(upright, v(0.1, 0.08, height), METAL);
     }
     for level in 0..levels {
         let z = 1.6 * level as f32 + 0.08;
@@ -218,30 +200,18 @@ pub(super) fn machine(mesh: &mut Mesh, dice: &mut Dice) {
     mesh.block(up(bed.z / 2.0), bed, paint);
     for _ in 0..dice.whole(1, 3) {
         let part = dice.size([0.3, 1.2], [0.3, 1.0], [0.3, 1.3]);
-        let at = v(
-            dice.spread(bed.x * 0.35),
-            dice.spread(bed.y * 0.25),
-            bed.z + part.z / 2.0,
-        );
-        mesh.tapered(
-            at,
-            part,
-            [dice.range(0.6, 1.0), dice.range(0.6, 1.0)],
-            paint,
-        );
+        let (x, y) = (dice.spread(bed.x * 0.35), dice.spread(bed.y * 0.25));
+        let top = [(); 2].map(|()| dice.range(0.6, 1.0));
+        mesh.tapered(v(x, y, bed.z + part.z / 2.0), part, top, paint);
     }
     if dice.chance(0.5) {
         let ends = [-0.45, 0.2].map(|x| v(x * bed.x, bed.y * 0.2, bed.z + 0.3));
         mesh.rod(ends, dice.range(0.15, 0.4), 9, METAL);
     }
     if dice.chance(0.4) {
-        let x = bed.x * 0.4;
-        mesh.rod(
-            [v(x, 0.0, 0.0), v(x, 0.0, bed.z + dice.range(1.0, 2.5))],
-            0.08,
-            6,
-            METAL,
-        );
+        let top = bed.z + dice.range(1.0, 2.5);
+        let ends = [0.0, top].map(|z| v(bed.x * 0.4, 0.0, z));
+        mesh.rod(ends, 0.08, 6, METAL);
     }
 }
 

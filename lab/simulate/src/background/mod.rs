@@ -60,15 +60,8 @@ impl Thing {
 
     /// Long and low things bend with the ground in `sim-any`, where it is steeper.
     fn follows_ground(self) -> bool {
-        let long = [
-            Thing::Wall,
-            Thing::Fence,
-            Thing::Hedge,
-            Thing::Rail,
-            Thing::Grass,
-            Thing::Log,
-        ];
-        long.contains(&self)
+        use Thing::{Fence, Grass, Hedge, Log, Rail, Wall};
+        matches!(self, Wall | Fence | Hedge | Rail | Grass | Log)
     }
 }
 
@@ -142,58 +135,56 @@ impl Yard<'_, '_> {
 
     /// Places a thing at road coordinates, turned by `yaw` against the road, if there is room; true when placed.
     fn put(&mut self, thing: Thing, mesh: &Mesh, along: f32, across: f32, yaw: f32) -> bool {
-        let (low, high) = mesh.bounds();
-        let (x, y) = self.ground.sensor(along, across);
-        let yaw = self.ground.yaw_rad + yaw;
-        let footprint = Footprint::of(low, high, [x, y], yaw);
+        let (at, yaw, footprint) = self.pose(mesh, along, across, yaw);
         let is_free = !footprint.overlaps_any(&self.layout.taken, 0.1);
         if is_free {
             self.layout.taken.push(footprint);
-            self.add(thing, mesh, [x, y, self.ground.height(x, y)], yaw);
+            self.add(thing, mesh, at, yaw);
         }
         is_free
     }
 
+    /// Origin and heading of a thing in the sensor frame, and the ground that it takes.
+    fn pose(&self, mesh: &Mesh, along: f32, across: f32, yaw: f32) -> ([f32; 2], f32, Footprint) {
+        let ((low, high), (x, y)) = (mesh.bounds(), self.ground.sensor(along, across));
+        let yaw = self.ground.yaw_rad + yaw;
+        ([x, y], yaw, Footprint::of(low, high, [x, y], yaw))
+    }
+
     /// A wall of the room that the objects stand in: placed whatever is there.
     fn set(&mut self, thing: Thing, mesh: &Mesh, along: f32, across: f32, yaw: f32) {
-        let (low, high) = mesh.bounds();
-        let (x, y) = self.ground.sensor(along, across);
-        let yaw = self.ground.yaw_rad + yaw;
-        let footprint = Footprint::of(low, high, [x, y], yaw);
+        let (at, yaw, footprint) = self.pose(mesh, along, across, yaw);
         self.layout.taken.push(footprint);
-        let ground = self.ground;
-        self.follow(thing, mesh, [x, y], yaw, ground);
+        self.show(thing, mesh, at, yaw, true);
     }
 
     /// What hangs over the floor, in road coordinates: it takes no ground.
     fn over(&mut self, thing: Thing, mesh: &Mesh) {
         let (x, y) = self.ground.sensor(0.0, 0.0);
-        let ground = self.ground;
-        self.follow(thing, mesh, [x, y], ground.yaw_rad, ground);
-    }
-
-    /// Each vertex stands over the ground as high as over the plane z = 0.
-    fn follow(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 2], yaw: f32, ground: &Ground) {
-        let (sin, cos) = yaw.sin_cos();
-        self.scene.add(mesh, thing.instance(), |p: V3| {
-            let (x, y) = (at[0] + p.x * cos - p.y * sin, at[1] + p.x * sin + p.y * cos);
-            v(x, y, ground.height(x, y) + p.z)
-        });
+        self.show(thing, mesh, [x, y], self.ground.yaw_rad, true);
     }
 
     /// Adds a thing without looking for room: `at` is in the sensor frame.
-    fn add(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 3], yaw: f32) {
-        if !self.shows {
-            return;
+    fn add(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 2], yaw: f32) {
+        let is_any = self.layout.stream.family == Family::SimAny;
+        if self.shows {
+            self.show(thing, mesh, at, yaw, is_any && thing.follows_ground());
         }
-        if self.layout.stream.family == Family::SimAny && thing.follows_ground() {
-            let ground = self.ground;
-            return self.follow(thing, mesh, [at[0], at[1]], yaw, ground);
-        }
-        let (sin, cos) = yaw.sin_cos();
+    }
+
+    /// Each vertex stands over the ground as high as over the plane z = 0: over that at the thing's origin, or over that below
+    /// the vertex.
+    fn show(&mut self, thing: Thing, mesh: &Mesh, at: [f32; 2], yaw: f32, follows_ground: bool) {
+        let (ground, (sin, cos)) = (self.ground, yaw.sin_cos());
+        let foot = ground.height(at[0], at[1]);
         self.scene.add(mesh, thing.instance(), |p: V3| {
             let (x, y) = (at[0] + p.x * cos - p.y * sin, at[1] + p.x * sin + p.y * cos);
-            v(x, y, at[2] + p.z)
+            let z = if follows_ground {
+                ground.height(x, y)
+            } else {
+                foot
+            };
+            v(x, y, z + p.z)
         });
     }
 

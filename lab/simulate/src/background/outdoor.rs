@@ -34,21 +34,12 @@ pub(super) fn car_park(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
         yard.put(Thing::Shelter, &mesh, dice.spread(50.0), across, FRAC_PI_2);
     }
     for _ in 0..dice.whole(0, 6) {
-        let size = v(
-            dice.range(2.0, 5.0),
-            dice.range(0.8, 2.0),
-            dice.range(0.12, 0.25),
-        );
+        let size = dice.size([2.0, 5.0], [0.8, 2.0], [0.12, 0.25]);
         let mut island = Mesh::default();
         island.block(up(size.z / 2.0 - 0.1), size, solid(0.3));
         let across = (dice.spread(1.49).round() + 0.5) * AISLE_M;
-        yard.put(
-            Thing::Planter,
-            &island,
-            dice.spread(60.0),
-            across,
-            FRAC_PI_2,
-        );
+        let along = dice.spread(60.0);
+        yard.put(Thing::Planter, &island, along, across, FRAC_PI_2);
     }
 }
 
@@ -137,10 +128,8 @@ pub(super) fn path(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
 /// Along and across, at least this far from the path's edge.
 fn beside_path(yard: &Yard<'_, '_>, gap_m: f32, dice: &mut Dice) -> (f32, f32) {
     let away = gap_m + 38.0 * dice.unit().powi(2);
-    (
-        yard.somewhere(dice),
-        dice.sign() * (yard.ground.edge_m + away),
-    )
+    let along = yard.somewhere(dice);
+    (along, dice.sign() * (yard.ground.edge_m + away))
 }
 
 /// A patch of tall grass: blades stop a part of the rays.
@@ -154,16 +143,9 @@ fn grass(mesh: &mut Mesh, dice: &mut Dice) {
         let tall = height * dice.range(0.5, 1.0);
         let lean = v(dice.spread(0.15), dice.spread(0.15), tall);
         let side = v(cos * half, sin * half, 0.0);
-        let foot = at - up(0.1);
-        mesh.quad(
-            [
-                foot - side,
-                foot + side,
-                at + side * 0.7 + lean,
-                at - side * 0.7 + lean,
-            ],
-            blades,
-        );
+        let (foot, tip) = (at - up(0.1), side * 0.7);
+        let corners = [foot - side, foot + side, at + tip + lean, at - tip + lean];
+        mesh.quad(corners, blades);
     }
 }
 

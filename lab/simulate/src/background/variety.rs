@@ -1,6 +1,7 @@
 //! What streets of `sim-any` have besides: guard rails, long walls and fences on rising ground, rows of bicycles, posts near people, depth in facades.
 
 use super::super::Class;
+use super::super::layout::{Placed, half_turn};
 use super::super::mesh::{METAL, Mesh, porous, solid, up, v};
 use super::super::random::Dice;
 use super::furniture::bicycles;
@@ -25,13 +26,8 @@ pub(super) fn place(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
         let edge = [yard.ground.half_width_m + 0.5, yard.ground.edge_m - 0.4];
         let across = dice.sign() * edge[dice.whole(0, 1)];
         let along = yard.somewhere(dice) * 0.5;
-        yard.put(
-            Thing::Bicycles,
-            &mesh,
-            along,
-            across,
-            FRAC_PI_2 * dice.sign(),
-        );
+        let yaw = FRAC_PI_2 * dice.sign();
+        yard.put(Thing::Bicycles, &mesh, along, across, yaw);
     }
     posts_near_people(yard, dice);
 }
@@ -44,11 +40,7 @@ fn line(yard: &mut Yard<'_, '_>, kind: Thing, across: f32, dice: &mut Dice) {
     let height = dice.range(0.7, 3.2);
     let surface = solid(dice.range(0.2, 0.6));
     let wire = porous(0.3, dice.range(0.4, 0.75));
-    let yaw = if across > 0.0 {
-        0.0
-    } else {
-        std::f32::consts::PI
-    };
+    let yaw = half_turn(across <= 0.0);
     let mut along = start;
     while along < end {
         let mut mesh = Mesh::default();
@@ -62,13 +54,10 @@ fn line(yard: &mut Yard<'_, '_>, kind: Thing, across: f32, dice: &mut Dice) {
                 }
             }
             Thing::Fence => {
-                mesh.pane([-3.0, 3.0], 0.0, [0.05, height.min(2.4)], wire);
+                let height = height.min(2.4);
+                mesh.pane([-3.0, 3.0], 0.0, [0.05, height], wire);
                 for x in [-2.95, 0.0] {
-                    mesh.block(
-                        v(x, 0.0, height.min(2.4) / 2.0),
-                        v(0.06, 0.06, height.min(2.4)),
-                        METAL,
-                    );
+                    mesh.block(v(x, 0.0, height / 2.0), v(0.06, 0.06, height), METAL);
                 }
             }
             _ => mesh.block(up(height / 2.0 - 0.3), v(6.0, 0.25, height + 0.6), surface),
@@ -83,38 +72,25 @@ fn line(yard: &mut Yard<'_, '_>, kind: Thing, across: f32, dice: &mut Dice) {
 
 /// A post, a sign's pole or a bollard within reach of some people: alike on thin sensors.
 fn posts_near_people(yard: &mut Yard<'_, '_>, dice: &mut Dice) {
-    let people = yard
-        .layout
-        .placed
-        .iter()
-        .filter(|o| o.class == Class::Pedestrian);
-    let places: Vec<_> = people
-        .map(|o| yard.ground.road(o.footprint.x, o.footprint.y))
-        .collect();
+    let people = yard.layout.placed.iter();
+    let people = people.filter(|o| o.class == Class::Pedestrian);
+    let place = |o: &Placed| yard.ground.road(o.footprint.x, o.footprint.y);
+    let places: Vec<_> = people.map(place).collect();
     for (along, across) in places {
         if dice.chance(0.3) {
             let (sin, cos) = dice.range(0.0, TAU).sin_cos();
             let away = dice.range(0.7, 3.0);
             let mesh = built(post, dice);
-            yard.put(
-                Thing::Pole,
-                &mesh,
-                along + away * cos,
-                across + away * sin,
-                0.0,
-            );
+            let (along, across) = (along + away * cos, across + away * sin);
+            yard.put(Thing::Pole, &mesh, along, across, 0.0);
         }
     }
 }
 
 fn post(mesh: &mut Mesh, dice: &mut Dice) {
     let (height, radius) = (dice.range(0.8, 2.8), dice.range(0.03, 0.16));
-    mesh.tube(
-        [up(-0.2), up(height)],
-        [radius, radius * 0.9],
-        7,
-        solid(dice.range(0.2, 0.5)),
-    );
+    let paint = solid(dice.range(0.2, 0.5));
+    mesh.tube([up(-0.2), up(height)], [radius, radius * 0.9], 7, paint);
 }
 
 /// Depth before a facade (the plane y = 0, seen from -y): balconies, pillars under a slab, bays that stand out.

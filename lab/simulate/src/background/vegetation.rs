@@ -64,8 +64,7 @@ pub(super) fn tree(yard: &mut Yard<'_, '_>, along: f32, across: f32, scale: f32,
         crown.tube([lean + up(clear), tip], [radius * 0.5, 0.03], 4, BARK);
     }
     let (x, y) = yard.ground.sensor(along, across);
-    let z = yard.ground.height(x, y);
-    yard.add(Thing::Tree, &crown, [x, y, z], 0.0);
+    yard.add(Thing::Tree, &crown, [x, y], 0.0);
 }
 
 fn clump(mesh: &mut Mesh, at: V3, radius: f32, dice: &mut Dice) {

@@ -34,18 +34,14 @@ pub(super) struct Content {
 impl Content {
     /// Forgets all scans; makes its memory the first time.
     pub(super) fn clear(&mut self) {
-        let (mut ranges, mut hashes) = (
-            std::mem::take(&mut self.ranges),
-            std::mem::take(&mut self.hashes),
-        );
-        ranges.clear();
-        ranges.resize(RANGE_BINS, 0);
-        hashes.resize(HASHES, 0);
         *self = Content {
-            ranges,
-            hashes,
+            ranges: std::mem::take(&mut self.ranges),
+            hashes: std::mem::take(&mut self.hashes),
             ..Content::default()
         };
+        self.ranges.clear();
+        self.ranges.resize(RANGE_BINS, 0);
+        self.hashes.resize(HASHES, 0);
     }
 
     pub(super) fn add_scan(&mut self, points: &[Point], not_finite: u32, sample: usize) {
@@ -61,8 +57,8 @@ impl Content {
             }
         }
         for point in points.iter().step_by(sample) {
-            let range =
-                (point.x_m * point.x_m + point.y_m * point.y_m + point.z_m * point.z_m).sqrt();
+            let [x, y, z] = [point.x_m, point.y_m, point.z_m];
+            let range = (x * x + y * y + z * z).sqrt();
             self.sampled += 1;
             if range < 1e-3 {
                 self.zeros += 1;
@@ -126,17 +122,9 @@ impl Content {
 
 /// Of a point's place; 0 for one at the origin.
 fn hash(point: &Point) -> u32 {
-    let mixed = point.x_m.to_bits().wrapping_mul(0x9E37_79B1)
-        ^ point
-            .y_m
-            .to_bits()
-            .wrapping_mul(0x85EB_CA6B)
-            .rotate_left(11)
-        ^ point
-            .z_m
-            .to_bits()
-            .wrapping_mul(0xC2B2_AE35)
-            .rotate_left(22);
+    let [x, y, z] = [point.x_m, point.y_m, point.z_m].map(f32::to_bits);
+    let [x, y] = [x.wrapping_mul(0x9E37_79B1), y.wrapping_mul(0x85EB_CA6B)];
+    let mixed = x ^ y.rotate_left(11) ^ z.wrapping_mul(0xC2B2_AE35).rotate_left(22);
     let mixed = (mixed ^ mixed >> 15).wrapping_mul(0x2C1B_3C6D);
     mixed ^ mixed >> 13
 }

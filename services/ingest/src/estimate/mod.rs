@@ -158,26 +158,18 @@ impl SensorEstimate {
 
     /// Median distance of neighbouring beams, degrees; `None` where they are not clear.
     pub fn spacing_deg(&self) -> Option<f32> {
-        let mut gaps = [0.0; BEAMS_MAX];
         let pairs = self.elevations_deg.windows(2);
-        let count = pairs.len().min(BEAMS_MAX);
-        for (gap, pair) in gaps.iter_mut().zip(pairs) {
-            *gap = f64::from(pair[0] - pair[1]);
-        }
-        gaps[..count].sort_unstable_by(f64::total_cmp);
-        let middle = quantile(&gaps[..count], 0.5)? as f32;
+        let middle = median(
+            &mut pairs
+                .map(|pair| f64::from(pair[0] - pair[1]))
+                .collect::<Vec<_>>(),
+        )?;
         self.are_beams_clear.then_some(middle)
     }
 }
 
-/// What is kept of one scan.
-#[derive(Clone, Copy, Debug)]
-struct OneScan {
-    /// Height, pitch, roll, share of tiles.
-    ground: Option<[f32; 4]>,
-    /// Peaks of its elevations.
-    peaks: f32,
-}
+/// From the scan's axes to those seen with another one up.
+type Turn = fn([f32; 3]) -> [f32; 3];
 
 /// Looks at scans.
 #[derive(Clone, Debug)]
@@ -187,7 +179,10 @@ pub struct Estimator {
     directions: Directions,
     steps: StepVotes,
     finder: LevelFinder,
-    scans: Vec<OneScan>,
+    /// Of each scan that has a ground: height (m), pitch, roll (degrees), share of tiles.
+    grounds: [Vec<f64>; 4],
+    /// Of each scan: peaks of its elevations.
+    peaks: Vec<f64>,
     /// Of the scan at hand.
     scan_elevations: Elevations,
     scan_beams_deg: Vec<f32>,
@@ -206,7 +201,8 @@ impl Estimator {
             directions: Directions::default(),
             steps: StepVotes::default(),
             finder: LevelFinder::default(),
-            scans: Vec::with_capacity(SCANS_MAX),
+            grounds: std::array::from_fn(|_| Vec::with_capacity(SCANS_MAX)),
+            peaks: Vec::with_capacity(SCANS_MAX),
             scan_elevations: Elevations::default(),
             scan_beams_deg: Vec::with_capacity(BEAMS_MAX),
             estimate: SensorEstimate {
@@ -222,7 +218,8 @@ impl Estimator {
         self.elevations.clear();
         self.directions = Directions::default();
         self.steps.clear();
-        self.scans.clear();
+        self.grounds.iter_mut().for_each(Vec::clear);
+        self.peaks.clear();
         self.estimate.scans = 0;
     }
 
@@ -254,9 +251,15 @@ impl Estimator {
         self.directions.end_scan();
         self.elevations.add_all(&self.scan_elevations);
         self.scan_elevations.find(&mut self.scan_beams_deg);
-        if self.scans.len() < SCANS_MAX {
-            let (ground, peaks) = (ground.map(mounting), self.scan_beams_deg.len() as f32);
-            self.scans.push(OneScan { ground, peaks });
+        if self.peaks.len() < SCANS_MAX {
+            self.peaks.push(self.scan_beams_deg.len() as f64);
+            for (all, own) in self
+                .grounds
+                .iter_mut()
+                .zip(ground.iter().flat_map(mounting))
+            {
+                all.push(own.into());
+            }
         }
         self.look_along_beams(points, scale);
         self.estimate.scans += 1;
@@ -268,21 +271,17 @@ impl Estimator {
         let share = along_z.map_or(0.0, |level| level.share);
         let mut best = (Up::Z, along_z);
         if share < LEVEL_SHARE_POOR {
-            let turned = points.clone();
-            let over = turned.map(|[x, y, z]| [x, -y, -z]);
-            let others = [
-                (Up::MinusZ, self.finder.find(over)),
-                (
-                    Up::X,
-                    self.finder.find(points.clone().map(|[x, y, z]| [y, z, x])),
-                ),
-                (Up::Y, self.finder.find(points.map(|[x, y, z]| [z, x, y]))),
+            let others: [(Up, Turn); 3] = [
+                (Up::MinusZ, |[x, y, z]| [x, -y, -z]),
+                (Up::X, |[x, y, z]| [y, z, x]),
+                (Up::Y, |[x, y, z]| [z, x, y]),
             ];
             let mut least = (OTHER_AXIS_GAIN * share).max(OTHER_AXIS_SHARE_MIN);
-            for (up, level) in others {
-                let fits =
-                    |level: &Level| level.share > least && HEIGHT_M.contains(&level.z_m.abs());
-                if let Some(level) = level.filter(fits) {
+            for (up, turned) in others {
+                if let Some(level) = self.finder.find(points.clone().map(turned))
+                    && level.share > least
+                    && HEIGHT_M.contains(&level.z_m.abs())
+                {
                     (least, best) = (level.share, (up, Some(level)));
                 }
             }
@@ -323,12 +322,11 @@ impl Estimator {
 
     /// What the scans since [`Estimator::clear`] say.
     pub fn estimate(&mut self) -> &SensorEstimate {
-        let grounds = || self.scans.iter().filter_map(|scan| scan.ground);
         let estimate = &mut self.estimate;
-        estimate.height_m = median(grounds().map(|ground| ground[0]));
-        estimate.pitch_deg = median(grounds().map(|ground| ground[1])).unwrap_or(0.0);
-        estimate.roll_deg = median(grounds().map(|ground| ground[2])).unwrap_or(0.0);
-        estimate.ground_share = median(grounds().map(|ground| ground[3])).unwrap_or(0.0);
+        let [height_m, others @ ..] = self.grounds.each_mut().map(|values| median(values));
+        estimate.height_m = height_m;
+        [estimate.pitch_deg, estimate.roll_deg, estimate.ground_share] =
+            others.map(Option::unwrap_or_default);
         self.content.tell(estimate);
         estimate.azimuth_step_deg = self.steps.step_deg();
         let [top, bottom] = [0.999, 0.001].map(|share| self.elevations.quantile_deg(share));
@@ -354,7 +352,7 @@ impl Estimator {
         let column = estimate.azimuth_step_deg;
         let column = column.map_or(0.0, |step| many * step / SECTOR_DEG);
         // Beams whose returns move from scan to scan have peaks in single scans alone.
-        let of_scans = median(self.scans.iter().map(|scan| scan.peaks)).unwrap_or(0.0);
+        let of_scans = median(&mut self.peaks).unwrap_or(0.0);
         let (best, whole) = (peaks.max(of_scans), CLEAR_SHARE * column);
         let has_peaks = best >= BEAMS_MIN && best >= whole;
         estimate.are_beams_clear = has_peaks && peaks >= STAYING_SHARE * best;
@@ -363,25 +361,15 @@ impl Estimator {
 }
 
 /// Height (m), pitch, roll (degrees) and share of tiles.
-fn mounting(level: Level) -> [f32; 4] {
+fn mounting(level: &Level) -> [f32; 4] {
     let [x, y] = level.slope;
     let height_m = level.z_m.abs() / (1.0 + x * x + y * y).sqrt();
-    [
-        height_m,
-        x.atan().to_degrees(),
-        -y.atan().to_degrees(),
-        level.share,
-    ]
+    let [pitch_deg, roll_deg] = [x, -y].map(|slope| slope.atan().to_degrees());
+    [height_m, pitch_deg, roll_deg, level.share]
 }
 
-/// The median of one value by scan.
-fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
-    let mut sorted = [0.0; SCANS_MAX];
-    let mut count = 0;
-    for (place, value) in sorted.iter_mut().zip(values) {
-        *place = f64::from(value);
-        count += 1;
-    }
-    sorted[..count].sort_unstable_by(f64::total_cmp);
-    quantile(&sorted[..count], 0.5).map(|value| value as f32)
+/// The median of values, which it sorts.
+fn median(values: &mut [f64]) -> Option<f32> {
+    values.sort_unstable_by(f64::total_cmp);
+    quantile(values, 0.5).map(|value| value as f32)
 }

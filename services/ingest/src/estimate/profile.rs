@@ -46,25 +46,21 @@ impl SensorEstimate {
     /// The products whose beams lie nearest: several where they are alike.
     pub fn nearest(&self) -> Option<Nearest> {
         let mut best: Option<Nearest> = None;
-        for name in SensorProfile::names() {
-            let Ok(profile) = SensorProfile::load(name) else {
-                continue;
-            };
-            let Some(distance_deg) = self.distance_deg(&profile) else {
-                continue;
-            };
+        let measured = SensorProfile::names().filter_map(|name| {
+            let profile = SensorProfile::load(name).ok()?;
+            Some(Nearest {
+                names: vec![name],
+                distance_deg: self.distance_deg(&profile)?,
+                profile,
+            })
+        });
+        for found in measured {
             match &mut best {
-                Some(best) if (distance_deg - best.distance_deg).abs() < ALIKE_DEG => {
-                    best.names.push(name);
+                Some(best) if (found.distance_deg - best.distance_deg).abs() < ALIKE_DEG => {
+                    best.names.extend(found.names);
                 }
-                Some(best) if distance_deg > best.distance_deg => (),
-                _ => {
-                    best = Some(Nearest {
-                        names: vec![name],
-                        profile,
-                        distance_deg,
-                    });
-                }
+                Some(best) if found.distance_deg > best.distance_deg => (),
+                _ => best = Some(found),
             }
         }
         best

@@ -2,6 +2,7 @@
 
 mod picture;
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
@@ -112,85 +113,56 @@ fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> anyhow::R
         format!("no clear beams; about {}", found.beams)
     };
     let or_none = |value: Option<f32>| value.map_or("-".to_string(), |value| format!("{value:.2}"));
-    let distance = found.distance_deg(other);
-    let rows = [
-        ("points a scan", found.points.to_string(), String::new()),
-        ("beams", beams, other.elevations_deg.len().to_string()),
-        (
-            "elevations, degrees",
-            ends(&found.vertical_field_deg),
-            ends(&other.elevations_deg),
-        ),
-        (
-            "beams apart, degrees",
-            or_none(found.spacing_deg()),
-            or_none(distance) + " off on average",
-        ),
-        (
-            "columns apart, degrees",
-            or_none(found.azimuth_step_deg),
-            format!("{:.2}", other.azimuth_step_deg),
-        ),
-        (
-            "field, degrees",
-            found.field_deg[1].to_string(),
-            other.field_deg.map_or(360.0, |field| field[1]).to_string(),
-        ),
-        (
-            "range, m",
-            format!(
-                "half within {:.0}, all within {:.0}",
-                found.range_median_m, found.range_longest_m
-            ),
-            format!("{:.0}", other.range_m[1]),
-        ),
-        (
-            "unit, axis up",
-            format!("{}, {}", found.unit.name(), found.up.name()),
-            "m, z".to_string(),
-        ),
-        (
-            "intensity up to",
-            found.intensity_max.to_string(),
-            "1".to_string(),
-        ),
-        (
-            "height, m",
-            or_none(found.height_m),
-            or_none(other.height_m),
-        ),
-        (
-            "pitch and roll, degrees",
-            format!("{:.1}, {:.1}", found.pitch_deg, found.roll_deg),
-            String::new(),
-        ),
-        (
-            "own body, degrees around",
-            found.own_body_deg.to_string(),
-            String::new(),
-        ),
-        (
-            "not finite, at the origin, copies, %",
-            [
-                found.not_finite_share,
-                found.zero_share,
-                found.duplicate_share,
-            ]
-            .map(|share| format!("{:.1}", share * 100.0))
-            .join(", "),
-            String::new(),
-        ),
-    ];
-    let scans = format!("{} scans", found.scans);
-    print_out(format_args!("{:38} {scans:32} {name}", ""))?;
-    for (what, own, others) in rows {
-        print_out(
-            format_args!("{what:38} {own:32} {others}")
-                .to_string()
-                .trim_end(),
-        )?;
-    }
-    Ok(())
+    let apart = or_none(found.distance_deg(other)) + " off on average";
+    let own_ends = ends(&found.vertical_field_deg);
+    let [half_m, all_m] = [found.range_median_m, found.range_longest_m];
+    let ranges = format!("half within {half_m:.0}, all within {all_m:.0}");
+    let other_field_deg = other.field_deg.map_or(360.0, |field| field[1]);
+    let axes = format!("{}, {}", found.unit.name(), found.up.name());
+    let tilt = format!("{:.1}, {:.1}", found.pitch_deg, found.roll_deg);
+    let [lost, zeros, copies] = [
+        found.not_finite_share,
+        found.zero_share,
+        found.duplicate_share,
+    ]
+    .map(|share| share * 100.0);
+    let mut text = format!("{:38} {:32} {name}\n", "", format!("{} scans", found.scans));
+    let mut row = |what: &str, own: &dyn Display, other: &dyn Display| {
+        let line = format!("{what:38} {:32} {other}", own.to_string());
+        text += &format!("{}\n", line.trim_end());
+    };
+    row("points a scan", &found.points, &"");
+    row("beams", &beams, &other.elevations_deg.len());
+    row(
+        "elevations, degrees",
+        &own_ends,
+        &ends(&other.elevations_deg),
+    );
+    row(
+        "beams apart, degrees",
+        &or_none(found.spacing_deg()),
+        &apart,
+    );
+    let step = format!("{:.2}", other.azimuth_step_deg);
+    row(
+        "columns apart, degrees",
+        &or_none(found.azimuth_step_deg),
+        &step,
+    );
+    row("field, degrees", &found.field_deg[1], &other_field_deg);
+    row("range, m", &ranges, &format!("{:.0}", other.range_m[1]));
+    row("unit, axis up", &axes, &"m, z");
+    row("intensity up to", &found.intensity_max, &1);
+    row(
+        "height, m",
+        &or_none(found.height_m),
+        &or_none(other.height_m),
+    );
+    row("pitch and roll, degrees", &tilt, &"");
+    row("own body, degrees around", &found.own_body_deg, &"");
+    let shares = format!("{lost:.1}, {zeros:.1}, {copies:.1}");
+    row("not finite, at the origin, copies, %", &shares, &"");
+    print_out(text.trim_end())
 }
 
 #[cfg(test)]
