@@ -127,7 +127,7 @@ impl Plan {
         };
         let scans = format!(
             "{} {origin}, in turn",
-            Source::find(&input, &Layout::default())?.scans.len()
+            Source::open(&input, &Layout::default(), false)?.count()
         );
         let model_name = args.model.clone().or(word("model"));
         let model_name = model_name.unwrap_or_else(|| DEFAULT_MODEL.to_string());

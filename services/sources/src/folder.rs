@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 
+use crate::Scan;
 use crate::files::{self, Format, FormatError, Layout};
 
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
@@ -16,28 +17,28 @@ const SIZES: usize = 5;
 /// Scans of one run; a guess far above any recording.
 const SCANS_MAX: usize = 1_000_000;
 
-/// The scans of a run.
+/// A folder of scans, or one.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Source {
+pub(crate) struct Folder {
     /// Their files, in order.
-    pub scans: Vec<PathBuf>,
+    pub(crate) scans: Vec<PathBuf>,
     /// The sensor's time of each scan, ns; from `timestamps.txt`.
-    pub stamps_ns: Option<Vec<u64>>,
+    stamps_ns: Option<Vec<u64>>,
     /// Where the sensor was at each scan; from `poses.txt`.
-    pub poses: Option<Vec<EgoPose>>,
+    poses: Option<Vec<EgoPose>>,
     /// How the files are read.
     layout: Layout,
 }
 
-impl Source {
+impl Folder {
     /// `input`: one file of a [format](Format), or a folder of them, or a folder with such a `velodyne/` or KITTI raw's `velodyne_points/data/`. Errors:
     /// none there, of several formats, more than a million.
-    pub fn find(input: &Path, layout: &Layout) -> anyhow::Result<Source> {
+    pub(crate) fn find(input: &Path, layout: &Layout) -> anyhow::Result<Folder> {
         let name = input.display();
         let about = fs::metadata(input).with_context(|| format!("input {name}"))?;
-        let found = Source {
+        let found = Folder {
             layout: layout.clone(),
-            ..Source::default()
+            ..Folder::default()
         };
         if !about.is_dir() {
             let is_scan = about.is_file() && Format::of(input).is_some();
@@ -46,7 +47,7 @@ impl Source {
             found
                 .check_columns(&scans)
                 .with_context(|| format!("input {name}"))?;
-            return Ok(Source { scans, ..found });
+            return Ok(Folder { scans, ..found });
         }
         for inner in ["velodyne", "velodyne_points/data", ""] {
             let folder = input.join(inner);
@@ -55,7 +56,7 @@ impl Source {
                 found
                     .check_columns(&scans)
                     .with_context(|| format!("input {name}"))?;
-                return Ok(Source {
+                return Ok(Folder {
                     stamps_ns: stamps(&folder, scans.len()),
                     poses: poses(&folder, scans.len())?,
                     scans,
@@ -83,8 +84,21 @@ impl Source {
         Ok(())
     }
 
+    /// The scan of a number that counts on over all rounds.
+    pub(crate) fn load(&self, sequence: u64, scan: &mut Scan) {
+        let index = (sequence % self.scans.len() as u64) as usize;
+        scan.flags = self.read(index, &mut scan.bytes);
+        scan.name = self.name(index);
+        scan.stamp_ns = self.stamps_ns.as_ref().map(|stamps| stamps[index]);
+        scan.offset_ns = self
+            .stamps_ns
+            .as_ref()
+            .and_then(|stamps| offset_ns(stamps, sequence));
+        scan.pose = self.poses.as_ref().map(|poses| poses[index]);
+    }
+
     /// The frame's name: the file's, without its ending.
-    pub fn name(&self, index: usize) -> String {
+    fn name(&self, index: usize) -> String {
         let file = self.scans[index].file_name().unwrap_or_default();
         let file = file.to_string_lossy();
         let endings = Format::ENDINGS.iter().map(|(ending, _)| *ending);
@@ -96,9 +110,9 @@ impl Source {
 
     /// Reads a scan into `bytes`, which is reused: x, y, z (m), intensity as f32, whatever the file's format. The flags say that it is longer than a scan can be,
     /// ends too early, or could not be read.
-    pub fn read(&self, index: usize, bytes: &mut Vec<u8>) -> Flags {
+    fn read(&self, index: usize, bytes: &mut Vec<u8>) -> Flags {
         let mut flags = Flags::default();
-        match self.load(index, bytes) {
+        match self.read_points(index, bytes) {
             Ok(is_cut) if is_cut => flags = flags.with(Flags::DAMAGED_INPUT),
             Ok(_) => {}
             Err(error) => {
@@ -116,7 +130,7 @@ impl Source {
     }
 
     /// True: the file ends before what it promises.
-    fn load(&self, index: usize, bytes: &mut Vec<u8>) -> anyhow::Result<bool> {
+    fn read_points(&self, index: usize, bytes: &mut Vec<u8>) -> anyhow::Result<bool> {
         bytes.clear();
         let path = &self.scans[index];
         let format = Format::of(path).context("a file of another format")?;
@@ -130,6 +144,15 @@ impl Source {
         *bytes = points;
         Ok(is_cut)
     }
+}
+
+/// When a scan comes after the first one, ns; `None` where the stamps do not differ.
+fn offset_ns(stamps_ns: &[u64], sequence: u64) -> Option<u64> {
+    let (count, span) = (stamps_ns.len() as u64, stamps_ns.last()? - stamps_ns[0]);
+    // Each further round begins one mean period after the last stamp.
+    let round = span + span / (count - 1).max(1);
+    let at = stamps_ns[(sequence % count) as usize] - stamps_ns[0];
+    (span > 0).then(|| (sequence / count) * round + at)
 }
 
 fn endings() -> String {
@@ -248,8 +271,8 @@ fn pose(line: &str) -> Option<EgoPose> {
 mod tests {
     use super::*;
 
-    fn find(path: &Path) -> anyhow::Result<Source> {
-        Source::find(path, &Layout::default())
+    fn find(path: &Path) -> anyhow::Result<Folder> {
+        Folder::find(path, &Layout::default())
     }
 
     #[test]
@@ -288,6 +311,14 @@ mod tests {
     }
 
     #[test]
+    fn rounds_follow_each_other_at_the_mean_period() {
+        let stamps_ns = [50, 60, 90];
+        let offsets = [0, 1, 2, 3, 4, 6].map(|n| offset_ns(&stamps_ns, n).unwrap());
+        assert_eq!(offsets, [0, 10, 40, 60, 70, 120]);
+        assert_eq!(offset_ns(&[7], 3), None);
+    }
+
+    #[test]
     fn a_missing_and_an_empty_folder_are_errors() {
         let missing = find(Path::new("/nowhere/at/all")).unwrap_err();
         assert!(format!("{missing:#}").contains("/nowhere/at/all"));
@@ -314,9 +345,9 @@ mod tests {
 
     #[test]
     fn a_scan_that_cannot_be_read_is_no_end() {
-        let source = Source {
+        let source = Folder {
             scans: vec!["/nowhere/000007.bin".into()],
-            ..Source::default()
+            ..Folder::default()
         };
         let mut bytes = vec![1, 2, 3];
         assert_eq!(source.read(0, &mut bytes), Flags::DAMAGED_INPUT);

@@ -23,9 +23,7 @@ pub(crate) fn run(
 ) -> anyhow::Result<()> {
     let input = settings.input.as_deref();
     let input = input.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
-    let source = Source::find(input, &settings.layout)?;
-    let scans = source.scans.len() as u64;
-    let frames = if settings.repeat { u64::MAX } else { scans };
+    let source = Source::open(input, &settings.layout, settings.repeat)?;
     if begin_or_join_run(shell, settings, model)?.is_none() {
         return Ok(());
     }
@@ -34,8 +32,8 @@ pub(crate) fn run(
     let mut sender = sender.context("opening the topics")?;
     sender.wait_until_ready()?;
     let done = match settings.pace {
-        Pace::Sensor => pace::sensor(&mut sender, settings, start_sequence..frames),
-        Pace::Complete => pace::complete(&mut sender, settings, start_sequence..frames),
+        Pace::Sensor => pace::sensor(&mut sender, settings, start_sequence),
+        Pace::Complete => pace::complete(&mut sender, settings, start_sequence),
     };
     sender.shell.state(HealthState::Stopping, "")?;
     sender.shell.beat()?;

@@ -112,7 +112,7 @@ fn check_before(settings: &Settings) -> anyhow::Result<Model> {
     }
     let ingest = &settings.stages.ingest;
     match &settings.input {
-        Some(input) => drop(Source::find(input, &settings.layout)?),
+        Some(input) => drop(Source::open(input, &settings.layout, false)?),
         None if ingest.command.is_none() && !ingest.external => {
             let text = "--input is missing: a folder of scans, or one";
             return Err(UsageError(text.to_string()).into());

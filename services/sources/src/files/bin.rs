@@ -7,7 +7,7 @@ use super::{FormatError, Layout};
 pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), FormatError> {
     let all = |columns: u64| sizes.iter().all(|size| size.is_multiple_of(4 * columns));
     match [5, 6, 3].into_iter().find(|columns| all(*columns)) {
-        Some(columns) if !sizes.iter().any(|size| size.is_multiple_of(16)) => {
+        Some(columns) if !sizes.iter().all(|size| size.is_multiple_of(16)) => {
             Err(FormatError::new(
                 "size",
                 "16 bytes a point (x, y, z, intensity)",

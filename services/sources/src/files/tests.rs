@@ -221,8 +221,8 @@ fn what_does_not_fit_is_named() {
         );
     }
     for (sizes, is_fine) in [
-        (&[60, 100][..], false),
-        (&[48, 60], true),
+        (&[60, 80][..], false),
+        (&[48, 61], true),
         (&[61], true),
         (&[0], true),
         (&[72], false),

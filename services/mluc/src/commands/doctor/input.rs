@@ -7,11 +7,11 @@ use mluc_ingest::{Expected, decode_bin, inspect_bin};
 use mluc_ipc_types::{POINTS_MAX, Point};
 
 use super::{Failure, Finding, Fine, Warning};
-use mluc_sources::Source;
 use mluc_sources::files::Layout;
+use mluc_sources::{Scan, Source};
 
 /// Scans that are looked at, spread over the input.
-const SCANS: usize = 20;
+const SCANS: u64 = 20;
 
 /// Beams this near a product's are of it, degrees; a guess.
 const NEAR_DEG: f32 = 0.1;
@@ -23,15 +23,15 @@ pub(super) fn findings(
     layout: &Layout,
     expected: &Expected,
 ) -> anyhow::Result<Vec<Finding>> {
-    let source = Source::find(input, layout)?;
+    let mut source = Source::open(input, layout, false)?;
     let mut estimator = Estimator::new();
-    let (mut bytes, mut points) = (Vec::new(), vec![Point::default(); POINTS_MAX]);
-    let count = source.scans.len();
+    let (mut scan, mut points) = (Scan::default(), vec![Point::default(); POINTS_MAX]);
+    let count = source.count();
     for number in 0..count.min(SCANS) {
-        source.read(number * count / count.min(SCANS), &mut bytes);
+        source.load(number * count / count.min(SCANS), &mut scan);
         // The largest count first: a file beyond the limit is cut, as ingest cuts it.
-        let kept = inspect_bin(&bytes).points_out as usize;
-        let report = decode_bin(&bytes, &mut points[..kept]);
+        let kept = inspect_bin(&scan.bytes).points_out as usize;
+        let report = decode_bin(&scan.bytes, &mut points[..kept]);
         estimator.look(&points[..kept], report.dropped_not_finite);
     }
     let found = estimator.estimate();

@@ -1,13 +1,11 @@
 //! When the next frame enters.
 
-use std::ops::Range;
 use std::time::Duration;
 
 use mluc_runtime::{RuntimeError, monotonic_ns};
 
 use super::sender::Sender;
 use crate::settings::Settings;
-use mluc_sources::Source;
 
 /// Without stamps.
 const RATE_HZ: f64 = 10.0;
@@ -20,22 +18,23 @@ const LAST_FRAME_NS: u64 = 5_000_000_000;
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// At the sensor's rate, whether or not the stages behind keep up.
-pub(crate) fn sensor(
-    sender: &mut Sender,
-    settings: &Settings,
-    frames: Range<u64>,
-) -> anyhow::Result<()> {
-    let first = frames.start;
+pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
     let begun_ns = monotonic_ns();
     let end_ns = end_ns(settings, begun_ns);
-    let mut last = None;
-    for sequence in frames {
-        let due_ns = begun_ns + offset_ns(&sender.source, settings, first, sequence);
+    let (mut last, mut first_ns) = (None, 0);
+    for sequence in first.. {
+        // The file is read before its time: a disk is no sensor.
+        if !sender.load(sequence) {
+            break;
+        }
+        let offset_ns = offset_ns(sender.loaded_offset_ns(), settings, sequence);
+        if sequence == first {
+            first_ns = offset_ns;
+        }
+        let due_ns = begun_ns + offset_ns.saturating_sub(first_ns);
         if due_ns >= end_ns {
             break;
         }
-        // The file is read before its time: a disk is no sensor.
-        sender.load(sequence);
         if !sleep_until(sender, due_ns)? {
             return Ok(());
         }
@@ -48,21 +47,11 @@ pub(crate) fn sensor(
     Ok(())
 }
 
-/// When a frame is due after the first one, ns.
-fn offset_ns(source: &Source, settings: &Settings, first: u64, sequence: u64) -> u64 {
-    let count = source.scans.len() as u64;
-    match (&source.stamps_ns, settings.rate_hz) {
-        (Some(stamps), None) if stamps[0] < stamps[stamps.len() - 1] => {
-            // Each further round begins one mean period after the last stamp.
-            let span = stamps[stamps.len() - 1] - stamps[0];
-            let round = span + span / (count - 1).max(1);
-            let at = |n: u64| (n / count) * round + stamps[(n % count) as usize] - stamps[0];
-            at(sequence) - at(first)
-        }
-        (_, rate_hz) => {
-            let period_ns = 1e9 / rate_hz.unwrap_or(RATE_HZ);
-            ((sequence - first) as f64 * period_ns) as u64
-        }
+/// When a frame is due after the source's first one, ns: by its stamps, or at a rate.
+fn offset_ns(stamped_ns: Option<u64>, settings: &Settings, sequence: u64) -> u64 {
+    match (stamped_ns, settings.rate_hz) {
+        (Some(offset_ns), None) => offset_ns,
+        (_, rate_hz) => (sequence as f64 * 1e9 / rate_hz.unwrap_or(RATE_HZ)) as u64,
     }
 }
 
@@ -88,14 +77,11 @@ fn sleep_until(sender: &mut Sender, due_ns: u64) -> Result<bool, RuntimeError> {
     }
 }
 
-pub(crate) fn complete(
-    sender: &mut Sender,
-    settings: &Settings,
-    frames: Range<u64>,
-) -> anyhow::Result<()> {
+pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
     let end_ns = end_ns(settings, monotonic_ns());
-    for sequence in frames {
-        if monotonic_ns() >= end_ns || sender.shell.is_stopping() {
+    for sequence in first.. {
+        let is_over = monotonic_ns() >= end_ns || sender.shell.is_stopping();
+        if is_over || !sender.load(sequence) {
             break;
         }
         let mut is_out = false;

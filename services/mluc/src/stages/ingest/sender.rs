@@ -8,20 +8,19 @@ use mluc_runtime::{
     stamp_published, wall_clock_ns,
 };
 
-use mluc_sources::Source;
+use mluc_sources::{Scan, Source};
 
 /// A scan read from its file, not yet in shared memory.
 #[derive(Default)]
 struct Loaded {
     sequence: Option<u64>,
-    bytes: Vec<u8>,
+    scan: Scan,
     report: DecodeReport,
-    flags: Flags,
 }
 
 pub(crate) struct Sender<'a> {
     pub(crate) shell: &'a mut Shell,
-    pub(crate) source: Source,
+    source: Source,
     pub(crate) objects: Input<Object>,
     pub(crate) downstream: DownstreamStages,
     output: Output<Point>,
@@ -86,37 +85,40 @@ impl Sender<'_> {
         Ok(false)
     }
 
-    /// Reads the scan of `sequence` from its file, unless it is the one read last.
-    pub(crate) fn load(&mut self, sequence: u64) {
+    /// Reads the scan of `sequence` from its source, unless it is the one read last; false: there is none.
+    pub(crate) fn load(&mut self, sequence: u64) -> bool {
         let loaded = &mut self.loaded;
-        if loaded.sequence.replace(sequence) == Some(sequence) {
-            return;
+        if loaded.sequence == Some(sequence) {
+            return true;
         }
-        let index = (sequence % self.source.scans.len() as u64) as usize;
-        let flags = self.source.read(index, &mut loaded.bytes);
-        loaded.report = inspect_bin(&loaded.bytes);
-        loaded.flags = flags.with(loaded.report.flags());
+        if !self.source.load(sequence, &mut loaded.scan) {
+            return false;
+        }
+        loaded.sequence = Some(sequence);
+        loaded.report = inspect_bin(&loaded.scan.bytes);
+        loaded.scan.flags = loaded.scan.flags.with(loaded.report.flags());
         self.shell.health.frames_in += 1;
+        true
     }
 
-    /// Publishes the scan of `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
+    /// When the loaded scan comes after the source's first one, ns.
+    pub(crate) fn loaded_offset_ns(&self) -> Option<u64> {
+        self.loaded.scan.offset_ns
+    }
+
+    /// Publishes the scan that is loaded as `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
     pub(crate) fn send(&mut self, sequence: u64, attempt: u32, due_ns: u64) -> anyhow::Result<()> {
         let started_ns = monotonic_ns();
-        self.load(sequence);
-        let index = (sequence % self.source.scans.len() as u64) as usize;
-        let report = self.loaded.report;
-        let mut header = FrameHeader::new(sequence, &self.source.name(index));
+        let (scan, report) = (&self.loaded.scan, self.loaded.report);
+        let mut header = FrameHeader::new(sequence, &scan.name);
         header.run_id = self.shell.run().map_or(0, |run| run.run_id);
         header.attempt = attempt;
         header.model_fingerprint = self.fingerprint;
-        let stamps_ns = self.source.stamps_ns.as_ref();
-        header.sensor_stamp_ns = stamps_ns.map_or_else(wall_clock_ns, |stamps| stamps[index]);
-        if let Some(poses) = &self.source.poses {
-            header.ego = poses[index];
-        }
+        header.sensor_stamp_ns = scan.stamp_ns.unwrap_or_else(wall_clock_ns);
+        header.ego = scan.pose.unwrap_or_default();
         header.points_in = report.points_in;
         header.points_dropped = report.dropped();
-        header.flag(self.loaded.flags);
+        header.flag(scan.flags);
         if attempt > 0 {
             header.flag(Flags::RESENT);
         }
@@ -124,10 +126,10 @@ impl Sender<'_> {
         (stamps.received_ns, stamps.started_ns) = (due_ns.min(started_ns), started_ns);
         let _frame = frame_span(&header);
         let mut loan = self.output.loan(&header, report.points_out as usize)?;
-        run_span(|| decode_bin(&self.loaded.bytes, loan.elements_mut()));
+        run_span(|| decode_bin(&scan.bytes, loan.elements_mut()));
         // A frame that is sent again is no new scan. A look takes some ms: but for the first ones it waits until the frame is sent.
         let looks_later = attempt == 0 && self.suspicion.guard.looks_later();
-        let is_loop = self.source.scans.len() == 1;
+        let is_loop = self.source.count() == 1;
         if attempt == 0 && !looks_later {
             let points = loan.elements_mut();
             self.suspicion.judge(points, &report, is_loop, self.shell)?;
@@ -145,7 +147,7 @@ impl Sender<'_> {
         if looks_later {
             self.again
                 .resize(report.points_out as usize, Point::default());
-            decode_bin(&self.loaded.bytes, &mut self.again);
+            decode_bin(&self.loaded.scan.bytes, &mut self.again);
             self.suspicion
                 .judge(&self.again, &report, is_loop, self.shell)?;
         }
