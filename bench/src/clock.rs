@@ -47,11 +47,6 @@ pub fn timed_again(times: usize, mut work: impl FnMut()) -> Vec<Lap> {
     (0..times).map(|_| timed(&mut work)).collect()
 }
 
-/// The medians of so many times, after one that is not counted.
-pub fn timed_median(times: usize, work: impl FnMut()) -> Lap {
-    lap_quantile(&timed_again(times, work), 0.5)
-}
-
 /// A quantile of the wall times, and of the CPU times; 0 without any.
 pub fn lap_quantile(laps: &[Lap], q: f64) -> Lap {
     let of = |time: fn(&Lap) -> f64| quantile_of(laps.iter().map(time).collect(), q);

@@ -65,14 +65,8 @@ impl Case {
         let mut output = self.blank();
         let (input, tiles, weights) = (&self.input, self.tiles(), self.packed());
         let bias = Some(&self.bias[..]);
-        convolve_winograd_at(
-            level,
-            input,
-            &tiles,
-            &weights,
-            Epilogue { bias, relu },
-            &mut output,
-        );
+        let epilogue = Epilogue { bias, relu };
+        convolve_winograd_at(level, input, &tiles, &weights, epilogue, &mut output);
         output
     }
 

@@ -98,15 +98,11 @@ fn at(values: &[f64], q: f64) -> Option<f64> {
 
 /// Of any number of values; zeros without any.
 fn percentiles(values: &[f64]) -> Value {
-    let quantiles = [
-        ("p50", 0.5),
-        ("p90", 0.9),
-        ("p99", 0.99),
-        ("p999", 0.999),
-        ("max", 1.0),
-    ];
-    let named = quantiles.map(|(name, q)| (name, at(values, q).unwrap_or(0.0)));
-    named.into_iter().collect()
+    let names = ["p50", "p90", "p99", "p999", "max"].into_iter();
+    let named = names.zip([0.5, 0.9, 0.99, 0.999, 1.0]);
+    named
+        .map(|(name, q)| (name, at(values, q).unwrap_or(0.0)))
+        .collect()
 }
 
 /// Four values as an object.

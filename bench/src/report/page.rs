@@ -62,14 +62,11 @@ fn tiles(report: &Value) -> String {
     let first_ms = first("latency_us").map_or("dropped".to_string(), ms);
     let most = format!("90 of 100 frames within {}", total("p90"));
     let tail = format!("99.9 %: {}, slowest: {}", total("p999"), total("max"));
+    let counts = format!("{out} / {taken_in}");
     let tiles = [
         ("median, end to end", total("p50"), most),
         ("99 of 100 frames within", total("p99"), tail),
-        (
-            "frames out of frames in",
-            format!("{out} / {taken_in}"),
-            dropped,
-        ),
+        ("frames out of frames in", counts, dropped),
         ("first frame", first_ms, over_steady),
     ];
     let tiles = tiles.map(|(word, number, below)| {

@@ -73,11 +73,8 @@ pub(crate) fn write_comparison(
     value["sentence"] = json!(comparison.sentence());
     value["names"] = json!(names);
     save(folder, "comparison.txt", &text)?;
-    save(
-        folder,
-        "comparison.json",
-        serde_json::to_string_pretty(&value)?,
-    )?;
+    let json = serde_json::to_string_pretty(&value)?;
+    save(folder, "comparison.json", json)?;
     print_out(text.trim())?;
     let folder = folder.display();
     print_out(format_args!(

@@ -70,12 +70,8 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
             };
             let comparison = compare([&a.frames, &b.frames], &options)?;
             let names = [0, 1].map(|turn| variants[turn].name.as_str());
-            let table = side_by_side(
-                names,
-                [&reports[0], &reports[1]],
-                &quality,
-                is_bare_compared,
-            );
+            let pair = [&reports[0], &reports[1]];
+            let table = side_by_side(names, pair, &quality, is_bare_compared);
             let mut value = serde_json::to_value(&comparison)?;
             value["quality"] = json!(quality);
             folder::write_comparison(out, names, &comparison, &table, value)?;

@@ -129,17 +129,8 @@ fn prepare(folder: &Path) -> Result<(), DatasetError> {
             return Err(DatasetError::unexpected(folder.display(), expected, found));
         }
     }
-    make_folders(
-        folder,
-        &[
-            "velodyne",
-            "label_2",
-            "calib",
-            "planes",
-            "instances",
-            "ImageSets",
-        ],
-    )
+    let parts = "velodyne label_2 calib planes instances ImageSets";
+    make_folders(folder, &parts.split(' ').collect::<Vec<_>>())
 }
 
 fn write_frame(

@@ -89,10 +89,8 @@ fn visibility(
 ) -> Result<f32, String> {
     let alone = scene.searchable(solid.faces.clone())?;
     let columns = sensor.column_count;
-    let window = Window::around(
-        &scene.mesh.vertices[solid.vertices.clone()],
-        sensor.stray_rad,
-    );
+    let vertices = &scene.mesh.vertices[solid.vertices.clone()];
+    let window = Window::around(vertices, sensor.stray_rad);
     let (mut seen, mut possible) = (0u32, 0u32);
     for beam in 0..sensor.beam_count() {
         if !window.beam(sensor.elevation_rad(beam).tan()) {

@@ -68,7 +68,7 @@ pub(crate) fn besides_streets(sensor_height_m: f32, dice: &mut Dice) -> Option<P
 
 #[cfg(test)]
 mod tests {
-    use super::super::background::Thing;
+    use super::super::background::Thing::*;
     use super::super::ground::Ground;
     use super::super::labels::UNLABELLED;
     use super::super::{Class, Family, SimulatedFrame, Split, Stream, random, turn};
@@ -110,39 +110,15 @@ mod tests {
     fn every_place_is_drawn_with_known_objects_its_background_and_ground_below() {
         let (car, person) = (Class::Car, Class::Pedestrian);
         for (place, is_covered, class, least, things) in [
-            (Place::Urban, false, car, 6, [Thing::Building, Thing::Pole]),
-            (Place::Suburb, false, car, 6, [Thing::Bush, Thing::Tree]),
-            (
-                Place::Industrial,
-                false,
-                car,
-                6,
-                [Thing::Building, Thing::Pole],
-            ),
-            (Place::Plaza, false, car, 6, [Thing::Building, Thing::Pole]),
-            (
-                Place::CarPark,
-                false,
-                car,
-                15,
-                [Thing::Pole, Thing::Building],
-            ),
-            (
-                Place::CarPark,
-                true,
-                car,
-                10,
-                [Thing::Ceiling, Thing::Column],
-            ),
-            (Place::Depot, false, car, 4, [Thing::Pile, Thing::Machine]),
-            (
-                Place::Hall,
-                true,
-                person,
-                8,
-                [Thing::Ceiling, Thing::Building],
-            ),
-            (Place::Path, false, person, 6, [Thing::Grass, Thing::Tree]),
+            (Place::Urban, false, car, 6, [Building, Pole]),
+            (Place::Suburb, false, car, 6, [Bush, Tree]),
+            (Place::Industrial, false, car, 6, [Building, Pole]),
+            (Place::Plaza, false, car, 6, [Building, Pole]),
+            (Place::CarPark, false, car, 15, [Pole, Building]),
+            (Place::CarPark, true, car, 10, [Ceiling, Column]),
+            (Place::Depot, false, car, 4, [Pile, Machine]),
+            (Place::Hall, true, person, 8, [Ceiling, Building]),
+            (Place::Path, false, person, 6, [Grass, Tree]),
         ] {
             let frames: Vec<SimulatedFrame> = frames_of(place, is_covered).collect();
             assert_eq!(frames.len(), 3, "{place:?}");
@@ -164,11 +140,8 @@ mod tests {
                 let ground = points.filter(|(p, i)| **i == 0 && near(p));
                 let off: Vec<f32> = ground.map(|(p, _)| (p[2] + HEIGHT_M).abs()).collect();
                 let flat = off.iter().filter(|off| **off < 0.9).count();
-                assert!(
-                    flat * 10 >= off.len() * 9,
-                    "{place:?}: {flat} of {}",
-                    off.len()
-                );
+                let all = off.len();
+                assert!(flat * 10 >= all * 9, "{place:?}: {flat} of {all}");
             }
         }
     }

@@ -262,23 +262,14 @@ fn check(sets: &[Set]) {
             row(fault, flagged(&expected, changed), is_seen);
         }
         let frozen = std::iter::repeat_n((set.scans[0].clone(), 0), SCANS);
-        row(
-            "the same scan again and again",
-            flagged(&expected, frozen),
-            true,
-        );
-        let other = if set.sensor.elevations_deg.len() > 24 {
-            "vlp-16"
-        } else {
-            "hdl-64e"
-        };
+        let found = flagged(&expected, frozen);
+        row("the same scan again and again", found, true);
+        let is_dense = set.sensor.elevations_deg.len() > 24;
+        let other = if is_dense { "vlp-16" } else { "hdl-64e" };
         let other = SensorProfile::load(other).expect("a product");
         let expected = Expected::new(&manifest, Some(other));
-        row(
-            "another sensor is given",
-            flagged(&expected, cycle().map(|scan| (scan, 0))),
-            true,
-        );
+        let found = flagged(&expected, cycle().map(|scan| (scan, 0)));
+        row("another sensor is given", found, true);
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
@@ -292,11 +283,8 @@ fn faults_in_simulated_scans_are_flagged_and_sound_scans_are_not() {
 fn faults_in_recorded_scans_are_flagged_and_sound_scans_are_not() {
     let mut sets = Vec::new();
     if let Some(folder) = data_folder("MLUC_KITTI") {
-        sets.push(recorded(
-            "kitti",
-            &folder.join("object/training/velodyne"),
-            20,
-        ));
+        let folder = folder.join("object/training/velodyne");
+        sets.push(recorded("kitti", &folder, 20));
     }
     if std::env::var_os("MLUC_SENSORS").is_none() {
         skip("the guard on other real sensors", "MLUC_SENSORS is not set");

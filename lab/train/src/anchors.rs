@@ -82,10 +82,8 @@ impl Anchors {
         let [ax, ay] = nearest(size, ANCHOR_YAWS_RAD[anchor % 2]);
         let [gx, gy] = nearest(object.size_m, object.yaw_rad);
         let shared = |axis: usize, limit: usize, a: f64, g: f64| -> Vec<(usize, f64)> {
-            let (at, step) = (
-                object.center_m[axis] - self.boxes.origin_m[axis],
-                self.boxes.step_m[axis],
-            );
+            let at = object.center_m[axis] - self.boxes.origin_m[axis];
+            let step = self.boxes.step_m[axis];
             let reach = (a + g) / 2.0;
             let first = ((at - reach) / step).floor().clamp(0.0, limit as f64) as usize;
             let end = ((at + reach) / step).ceil().clamp(-1.0, limit as f64 - 1.0) as isize + 1;

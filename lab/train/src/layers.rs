@@ -221,10 +221,8 @@ impl Linear {
         for row in gradient.chunks_exact(self.cout) {
             add(&mut gradients[self.bias.clone()], row);
         }
-        let (plain, to) = (
-            &parameters[self.weight.clone()],
-            &mut gradients[self.weight.clone()],
-        );
+        let plain = &parameters[self.weight.clone()];
+        let to = &mut gradients[self.weight.clone()];
         let mut back = vec![0.0; input.len()];
         linear_backward(input, [self.cin, self.cout], plain, gradient, to, &mut back);
         add(input_gradient, &back);
@@ -269,12 +267,6 @@ fn convolve_transposed<I: Element>(
     to: &mut [f32],
 ) {
     let weights = Weights::pack_transposed(taps, cin, cout, plain);
-    convolve(
-        gradient,
-        transposed,
-        &weights,
-        Epilogue::default(),
-        None,
-        to,
-    );
+    let plain = Epilogue::default();
+    convolve(gradient, transposed, &weights, plain, None, to);
 }

@@ -86,10 +86,8 @@ fn the_engine_computes_what_was_trained() {
         let [row1, row2] = plan.map.up_rows(cell);
         for a in 0..6 {
             let [up1, up2] = &ours.presence;
-            near(
-                up1[row1 * 6 + a] + up2[row2 * 6 + a],
-                objectness[row * 6 + a],
-            );
+            let sum = up1[row1 * 6 + a] + up2[row2 * 6 + a];
+            near(sum, objectness[row * 6 + a]);
         }
         for (ours, theirs, width) in by_cell {
             for c in 0..width {

@@ -58,10 +58,10 @@ pub fn gate_by(
     };
     match fired {
         Some(gate) => (DetectionKind::Candidate, gate),
-        None => (
-            DetectionKind::Known,
-            main_gate(unknown.is_some(), thresholds),
-        ),
+        None => {
+            let main = main_gate(unknown.is_some(), thresholds);
+            (DetectionKind::Known, main)
+        }
     }
 }
 
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn a_doubt_needs_the_logit_of_the_unknown_where_there_is_one() {
-        use GateKind::{Eds, None as NoGate, SoftmaxMax, UnknownProbability};
+        use GateKind::{Eds, None as NoGate, SoftmaxMax, UnknownProbability as Logit};
         let scores = Detection {
             eds_normalised: 1.2,
             softmax_max: 0.4,
@@ -102,12 +102,8 @@ mod tests {
             ([0.0, 0.0, 0.0], Some(0.6), (known, NoGate, 0.0)),
             ([0.0, 1.3, 0.0], None, (candidate, Eds, 1.3)),
             ([0.0, 1.3, 0.0], Some(0.4), (known, Eds, 1.3)),
-            (
-                [0.0, 1.3, 0.6],
-                Some(0.6),
-                (candidate, UnknownProbability, 0.6),
-            ),
-            ([0.0, 1.3, 0.6], Some(0.4), (known, UnknownProbability, 0.6)),
+            ([0.0, 1.3, 0.6], Some(0.6), (candidate, Logit, 0.6)),
+            ([0.0, 1.3, 0.6], Some(0.4), (known, Logit, 0.6)),
         ] {
             [
                 thresholds.softmax_min,

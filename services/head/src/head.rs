@@ -180,11 +180,9 @@ impl Head {
     /// The values that the scores of a candidate are made of: its cell's embedding, or its anchor's class logits.
     fn embedding(&self, candidate: &Candidate) -> &[f32] {
         let (frame, anchors) = (&self.frame, self.anchors.per_cell());
+        let anchor = candidate.row as usize * anchors + candidate.anchor as usize;
         let (values, place) = match self.kind {
-            HeadKind::Sigmoid => (
-                &frame.class_logits,
-                candidate.row as usize * anchors + candidate.anchor as usize,
-            ),
+            HeadKind::Sigmoid => (&frame.class_logits, anchor),
             _ => (&frame.embeddings, candidate.place as usize),
         };
         &values[place * self.classes..][..self.classes]

@@ -102,20 +102,3 @@ fn nothing_and_garbage_give_no_cluster() {
     let left_out = many.cluster_of_point.iter().rev().take(8);
     assert!(left_out.eq(&[NO_CLUSTER; 8]));
 }
-
-#[test]
-fn the_order_of_points_changes_nothing() {
-    let points = scan(&street());
-    let mut order: Vec<usize> = (0..points.len()).collect();
-    order.sort_by_key(|&i| (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15));
-    let shuffled: Vec<Point> = order.iter().map(|&i| points[i]).collect();
-    let (before, after) = (find(&points), find(&shuffled));
-    assert_eq!(before.clusters.len(), after.clusters.len());
-    for (a, b) in before.clusters.iter().zip(&after.clusters) {
-        assert_eq!((a.shape, a.footprint), (b.shape, b.footprint));
-        let own = after.points_of(b).iter().map(|&i| order[i as usize] as u32);
-        let mut own: Vec<u32> = own.collect();
-        own.sort_unstable();
-        assert_eq!(before.points_of(a), own);
-    }
-}

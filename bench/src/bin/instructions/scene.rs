@@ -13,10 +13,8 @@ const GROUND_M: f32 = -1.73;
 /// Centre of a box's bottom on the ground, m.
 fn place(number: usize) -> [f32; 2] {
     let (row, column) = (number / 3, number % 3);
-    [
-        4.5 + 3.6 * row as f32,
-        -6.5 + 5.0 * column as f32 + 0.7 * row as f32,
-    ]
+    let (row, column) = (row as f32, column as f32);
+    [4.5 + 3.6 * row, -6.5 + 5.0 * column + 0.7 * row]
 }
 
 /// x, y, z, intensity.
@@ -42,10 +40,8 @@ pub(crate) fn points() -> Vec<[f32; 4]> {
         // The two sides that the sensor sees.
         for along in 0..24 {
             for level in 0..12 {
-                let (share, z) = (
-                    along as f32 / 23.0 - 0.5,
-                    GROUND_M + 0.1 + (height - 0.1) * level as f32 / 11.0,
-                );
+                let share = along as f32 / 23.0 - 0.5;
+                let z = GROUND_M + 0.1 + (height - 0.1) * level as f32 / 11.0;
                 points.push([x - length / 2.0, y + share * width, z, 0.7]);
                 points.push([x + share * length, y - width / 2.0 * y.signum(), z, 0.7]);
             }

@@ -94,13 +94,10 @@ pub(crate) fn proposal(class: &str, object: &Box3, random: &mut Random) -> Box3 
     let distance_m = SHIFT_MAX_M * random.unit().sqrt();
     let (sin, cos) = (TAU * random.unit()).sin_cos();
     let [x, y, z] = object.center_m;
+    let [x, y] = [x + distance_m * cos, y + distance_m * sin];
     let bottom_m = z - object.size_m[2] / 2.0 + BOTTOM_SHIFT_MAX_M * (2.0 * random.unit() - 1.0);
     Box3 {
-        center_m: [
-            x + distance_m * cos,
-            y + distance_m * sin,
-            bottom_m + size_m[2] / 2.0,
-        ],
+        center_m: [x, y, bottom_m + size_m[2] / 2.0],
         size_m,
         yaw_rad: TAU * (random.unit() - 0.5),
     }

@@ -68,19 +68,15 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
     let out = arguments.out.display();
     write_whole(&arguments.out, &bytes).with_context(|| format!("{out}: cannot be written"))?;
     if arguments.json {
-        return print_out(format_args!(
-            "{:#}",
-            as_json(&calibrated, &errors, others.len())
-        ));
+        let json = as_json(&calibrated, &errors, others.len());
+        return print_out(format_args!("{json:#}"));
     }
     print_out(as_table(&calibrated, &errors, others.len()).trim_end())
 }
 
 fn as_table(calibrated: &Calibrated, errors: &[OutputErrors], frames: usize) -> String {
-    let mut text = format!(
-        "calibration: {}\n\n",
-        calibrated.manifest.provenance.calibration
-    );
+    let measured_on = &calibrated.manifest.provenance.calibration;
+    let mut text = format!("calibration: {measured_on}\n\n");
     text += "level                    channels   smallest     middle    largest\n";
     for level in &calibrated.levels {
         let [smallest, middle, largest] = level.ranges;
@@ -106,10 +102,8 @@ fn as_json(calibrated: &Calibrated, errors: &[OutputErrors], others: usize) -> V
     };
     let errors = errors.iter().map(|errors| {
         let outputs = errors.outputs.iter().cloned();
-        (
-            errors.precision.name(),
-            outputs.collect::<BTreeMap<String, f64>>(),
-        )
+        let outputs: BTreeMap<String, f64> = outputs.collect();
+        (errors.precision.name(), outputs)
     });
     json!({
         "calibration": calibrated.manifest.provenance.calibration,

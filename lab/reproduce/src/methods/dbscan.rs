@@ -87,9 +87,7 @@ mod tests {
         let apart: Vec<&[f32]> = (0..points.len())
             .map(|i| if i < 4 { &[0.0] } else { &[2.0f32] as &[f32] })
             .collect();
-        assert_eq!(
-            cluster(&points, &apart, 3)[..2],
-            [(0..4).collect::<Vec<_>>(), (4..8).collect()]
-        );
+        let halves = [(0..4).collect::<Vec<_>>(), (4..8).collect()];
+        assert_eq!(cluster(&points, &apart, 3)[..2], halves);
     }
 }

@@ -149,14 +149,8 @@ fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<SensorDet
     };
     let unsure: f32 = group.iter().map(|i| scores[*i]).sum();
     let size = |v: f64| v.max(0.1) as f32;
-    let place = Box3::from_f32(
-        [
-            origin[0] + cx as f32,
-            origin[1] + cy as f32,
-            (low + high) / 2.0,
-        ],
-        [size(l), size(w), (high - low).max(0.1)],
-        yaw as f32,
-    );
+    let [x, y] = [origin[0] + cx as f32, origin[1] + cy as f32];
+    let size_m = [size(l), size(w), (high - low).max(0.1)];
+    let place = Box3::from_f32([x, y, (low + high) / 2.0], size_m, yaw as f32);
     Some(SensorDetection::unknown(unsure / group.len() as f32, place))
 }

@@ -65,10 +65,8 @@ fn labels(details: &Value) -> String {
         .collect();
     let test = entries(details, "data").find(|data| data["split"] == "test");
     let frames = test.and_then(|data| data["frames"].as_u64()).unwrap_or(0);
-    let (unknown, known) = (
-        details["unknown_labels"].as_u64().unwrap_or(0),
-        known.join(", "),
-    );
+    let (unknown, known) = (details["unknown_labels"].as_u64(), known.join(", "));
+    let unknown = unknown.unwrap_or(0);
     format!(
         "{frames} test frames with {unknown} unknown objects and {known} that count at moderate.\n"
     )

@@ -83,11 +83,8 @@ fn page(rows: &[Vec<Cell>]) -> Canvas {
     let side_px = (SIDE_M * PX_PER_M) as usize;
     let [width, height] = [side_px + GAP_PX, HEAD_PX + side_px];
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let mut canvas = Canvas::new(
-        columns * width + GAP_PX,
-        rows.len() * height + GAP_PX,
-        PAPER,
-    );
+    let [across, down] = [columns * width, rows.len() * height].map(|px| px + GAP_PX);
+    let mut canvas = Canvas::new(across, down, PAPER);
     for (row, cells) in rows.iter().enumerate() {
         for (column, (text, picture)) in cells.iter().enumerate() {
             let (left, top) = (GAP_PX + column * width, row * height);

@@ -73,12 +73,8 @@ impl Layout<'_> {
             return None;
         }
         let side = dice.sign();
-        let (x, y, yaw) = self.at(
-            across,
-            range,
-            side * FRAC_PI_2 + dice.normal(0.0, 0.03),
-            dice,
-        )?;
+        let yaw = side * FRAC_PI_2 + dice.normal(0.0, 0.03);
+        let (x, y, yaw) = self.at(across, range, yaw, dice)?;
         let (along, _) = self.ground.road(x, y);
         let along = ((along / BAY_M).round() + 0.5) * BAY_M + dice.spread(0.1);
         let (x, y) = self.ground.sensor(along, across + dice.spread(0.3));

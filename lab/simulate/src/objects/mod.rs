@@ -86,11 +86,7 @@ pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut D
         });
     } else if family == Family::SimAny {
         // Sizes differ between continents, and how far a label stands off between those who drew it.
-        model.scale(v(
-            dice.range(0.9, 1.12),
-            dice.range(0.92, 1.1),
-            dice.range(0.93, 1.09),
-        ));
+        model.scale(dice.size([0.9, 1.12], [0.92, 1.1], [0.93, 1.09]));
         model.stand_off(dice.range(0.02, 0.07));
     } else if class.is_vehicle() && family == Family::SimKitti {
         model.stand_off(ANNOTATION_MARGIN_M);

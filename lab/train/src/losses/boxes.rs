@@ -36,10 +36,8 @@ impl Evaluation<'_> {
                 losses.boxes += f64::from(weight * value);
                 d[i] += weight * slope * inner;
             }
-            let (own, other) = (
-                place * 2 + usize::from(p.bin),
-                place * 2 + 1 - usize::from(p.bin),
-            );
+            let bin = usize::from(p.bin);
+            let (own, other) = (place * 2 + bin, place * 2 + 1 - bin);
             let weight = DIRECTION_WEIGHT * p.weight;
             // Two bins: the loss is softplus(other - own).
             let x = outputs.direction[other] - outputs.direction[own];

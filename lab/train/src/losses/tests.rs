@@ -83,14 +83,11 @@ fn gradients_are_those_of_the_values() {
         ("direction", |o| &mut o.direction),
         ("unknown", |o| &mut o.unknown),
     ];
-    for first in [
-        CellClass::Known(0),
-        CellClass::Unknown,
-        CellClass::Background,
-    ] {
+    use CellClass::{Background, Known, Unknown};
+    for first in [Known(0), Unknown, Background] {
         let mut outputs = outputs();
         let (_, mut gradients) = run(&outputs, first);
-        let is_right = |slope: f32| (slope < 0.0) == (first == CellClass::Unknown);
+        let is_right = |slope: f32| (slope < 0.0) == (first == Unknown);
         assert!(is_right(gradients.unknown[0]) && gradients.unknown[1] > 0.0);
         for (name, part) in parts {
             let x = part(&mut outputs).clone();
@@ -105,13 +102,8 @@ fn gradients_are_those_of_the_values() {
 
 #[test]
 fn focal_has_the_published_form() {
-    for (x, positive) in [
-        (0.3f32, true),
-        (0.3, false),
-        (-4.0, true),
-        (-4.0, false),
-        (6.0, false),
-    ] {
+    let both = [0.3f32, -4.0, 6.0].map(|x| [(x, true), (x, false)]);
+    for (x, positive) in both.into_iter().flatten() {
         let p = 1.0 / (1.0 + (-f64::from(x)).exp());
         let expected = if positive {
             -0.25 * (1.0 - p).powi(2) * p.ln()

@@ -137,10 +137,8 @@ mod tests {
         for step in 0..2000 {
             let angle = step as f32 * 0.0015 - 1.5;
             let found = atan_deg(7.0 * angle.sin(), 7.0 * angle.cos());
-            assert!(
-                (found - angle.to_degrees()).abs() < 0.01,
-                "{angle}: {found}"
-            );
+            let off = found - angle.to_degrees();
+            assert!(off.abs() < 0.01, "{angle}: {found}");
         }
     }
 

@@ -114,18 +114,14 @@ fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> anyhow::R
     };
     let or_none = |value: Option<f32>| value.map_or("-".to_string(), |value| format!("{value:.2}"));
     let apart = or_none(found.distance_deg(other)) + " off on average";
-    let own_ends = ends(&found.vertical_field_deg);
+    let [own_ends, other_ends] = [&found.vertical_field_deg[..], &other.elevations_deg].map(ends);
     let [half_m, all_m] = [found.range_median_m, found.range_longest_m];
     let ranges = format!("half within {half_m:.0}, all within {all_m:.0}");
     let other_field_deg = other.field_deg.map_or(360.0, |field| field[1]);
     let axes = format!("{}, {}", found.unit.name(), found.up.name());
     let tilt = format!("{:.1}, {:.1}", found.pitch_deg, found.roll_deg);
-    let [lost, zeros, copies] = [
-        found.not_finite_share,
-        found.zero_share,
-        found.duplicate_share,
-    ]
-    .map(|share| share * 100.0);
+    let [lost, zeros] = [found.not_finite_share, found.zero_share].map(|share| share * 100.0);
+    let copies = found.duplicate_share * 100.0;
     let mut text = format!("{:38} {:32} {name}\n", "", format!("{} scans", found.scans));
     let mut row = |what: &str, own: &dyn Display, other: &dyn Display| {
         let line = format!("{what:38} {:32} {other}", own.to_string());
@@ -133,31 +129,17 @@ fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> anyhow::R
     };
     row("points a scan", &found.points, &"");
     row("beams", &beams, &other.elevations_deg.len());
-    row(
-        "elevations, degrees",
-        &own_ends,
-        &ends(&other.elevations_deg),
-    );
-    row(
-        "beams apart, degrees",
-        &or_none(found.spacing_deg()),
-        &apart,
-    );
-    let step = format!("{:.2}", other.azimuth_step_deg);
-    row(
-        "columns apart, degrees",
-        &or_none(found.azimuth_step_deg),
-        &step,
-    );
+    row("elevations, degrees", &own_ends, &other_ends);
+    let [spacing, step] = [found.spacing_deg(), found.azimuth_step_deg].map(or_none);
+    row("beams apart, degrees", &spacing, &apart);
+    let other_step = format!("{:.2}", other.azimuth_step_deg);
+    row("columns apart, degrees", &step, &other_step);
     row("field, degrees", &found.field_deg[1], &other_field_deg);
     row("range, m", &ranges, &format!("{:.0}", other.range_m[1]));
     row("unit, axis up", &axes, &"m, z");
     row("intensity up to", &found.intensity_max, &1);
-    row(
-        "height, m",
-        &or_none(found.height_m),
-        &or_none(other.height_m),
-    );
+    let [height, other_height] = [found.height_m, other.height_m].map(or_none);
+    row("height, m", &height, &other_height);
     row("pitch and roll, degrees", &tilt, &"");
     row("own body, degrees around", &found.own_body_deg, &"");
     let shares = format!("{lost:.1}, {zeros:.1}, {copies:.1}");
@@ -181,11 +163,8 @@ mod tests {
             [distance * cos, distance * sin, distance * tan, 0.5]
         };
         let points: Vec<[f32; 4]> = (0..16 * 900).map(ray).collect();
-        std::fs::write(
-            folder.path().join("0.bin"),
-            mluc_dataset::scan_bytes(&points),
-        )
-        .expect("written");
+        let bytes = mluc_dataset::scan_bytes(&points);
+        std::fs::write(folder.path().join("0.bin"), bytes).expect("written");
         let [out, picture] = ["mine.toml", "mine.png"].map(|name| folder.path().join(name));
         let arguments = SensorArguments {
             input: folder.path().to_path_buf(),
@@ -198,15 +177,9 @@ mod tests {
         let profile = SensorProfile::load(&out.to_string_lossy()).expect("a profile");
         assert_eq!(profile.elevations_deg.len(), 16);
         assert!((profile.azimuth_step_deg - 0.4).abs() < 0.02, "{profile:?}");
-        assert!(
-            profile
-                .height_m
-                .is_some_and(|height_m| (height_m - 1.0).abs() < 0.1)
-        );
-        assert!(
-            std::fs::read(picture)
-                .expect("a picture")
-                .starts_with(b"\x89PNG")
-        );
+        let height_m = profile.height_m.expect("a ground");
+        assert!((height_m - 1.0).abs() < 0.1, "{height_m}");
+        let picture = std::fs::read(picture).expect("a picture");
+        assert!(picture.starts_with(b"\x89PNG"));
     }
 }

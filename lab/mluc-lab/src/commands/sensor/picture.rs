@@ -51,21 +51,13 @@ pub(super) fn draw(
     let most = rows.iter().copied().max().unwrap_or(0).max(1) as f32;
     for (y, count) in rows.iter().enumerate().filter(|(_, count)| **count > 0) {
         let length = (*count as f32 / most).sqrt() * HISTOGRAM;
-        let y = y as i64;
-        canvas.rectangle(
-            [LEFT as i64, y],
-            [(LEFT + length) as i64, y + 1],
-            RETURNS,
-            1.0,
-        );
+        let [from, to] = [LEFT, LEFT + length].map(|x| x as i64);
+        canvas.rectangle([from, y as i64], [to, y as i64 + 1], RETURNS, 1.0);
     }
+    let right = LEFT + HISTOGRAM;
     let columns = [
-        (LEFT + HISTOGRAM + 15.0, &found.elevations_deg, BEAM),
-        (
-            LEFT + HISTOGRAM + 30.0 + COLUMN,
-            &other.elevations_deg,
-            OTHER,
-        ),
+        (right + 15.0, &found.elevations_deg, BEAM),
+        (right + 30.0 + COLUMN, &other.elevations_deg, OTHER),
     ];
     for (x, elevations_deg, color) in columns {
         for &deg in elevations_deg {
@@ -77,12 +69,8 @@ pub(super) fn draw(
     };
     let scans = format!("returns of {} scans by elevation", found.scans);
     title(&mut canvas, LEFT, &scans, RETURNS);
-    title(
-        &mut canvas,
-        columns[0].0,
-        &format!("{} found", found.elevations_deg.len()),
-        BEAM,
-    );
+    let beams = format!("{} found", found.elevations_deg.len());
+    title(&mut canvas, columns[0].0, &beams, BEAM);
     title(&mut canvas, columns[1].0, name, OTHER);
     canvas
 }
