@@ -12,6 +12,7 @@ fn oracle_kitti_eval_agrees_within_0_01() {
     let source = Source {
         labels: folder.join("label_2"),
         detections: folder.join("detections"),
+        scans: None,
         calibration: None,
     };
     let input = read(&[source], None).expect("frames");

@@ -7,12 +7,13 @@
 //! A [`LabelledFrame`] holds what was labelled and what was found, both in the camera frame. A [`ClassRule`] says which
 //! labels count, which are ignored and how much overlap is asked for. Both give a curve of precision over recall,
 //! from which AP at 11 positions, at 40 positions and over all points follow; [`evaluate`] does so for every class,
-//! metric and difficulty; [`JudgedPoint`] for a threshold of the gate. [`Confusion`] says what the unknown is confused with.
+//! metric and difficulty, [`Breakdown`] by range and by the sensor's rings on the object; [`JudgedPoint`] for a threshold of the gate. [`Confusion`] says what the unknown is confused with.
 //!
 //! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
 //! [`JudgedFrames`] keeps the parts, a [`JudgedPoint`] judges halves of the data beside the whole, [`honest`] chooses on one half
 //! and reports on the other, [`JudgedFrames::bootstrap`] draws frames anew to say how far a figure can be trusted.
 
+mod breakdown;
 mod confusion;
 mod curve;
 mod difficulty;
@@ -23,11 +24,13 @@ mod matching;
 mod open_set;
 pub mod pipeline;
 mod report;
+mod rings;
 mod rule;
 mod sweep;
 #[cfg(test)]
 mod tests;
 
+pub use breakdown::Breakdown;
 pub use confusion::Confusion;
 pub use curve::{AveragePrecision, harmonic_mean};
 pub use difficulty::Difficulty;
@@ -37,6 +40,7 @@ pub use frame::{FrameTruth, LabelledFrame, SensorDetection};
 pub use mluc_ipc_types::ObjectKind;
 pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
 pub use report::{ApEntry, ApReport, ClassReport, evaluate};
+pub use rings::FrameRings;
 pub use rule::{
     ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, rules, unevaluated,
     unrecognized,

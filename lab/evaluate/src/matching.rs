@@ -25,10 +25,17 @@ struct Truth {
 struct Candidate {
     score: f64,
     valid: bool,
-    /// Lies in a region without labels: unmatched, it is not counted as false.
-    in_dont_care: bool,
+    /// Lies in a region without labels, or outside of the bin: unmatched, it is not counted as false.
+    is_excused: bool,
     /// Overlaps a label: only then can it change the matching.
     near_truth: bool,
+}
+
+/// For AP by a property of the objects: which labels and detections of a frame are in the bin at hand. Labels outside of it may be
+/// found or not; detections outside of it that find nothing are not counted.
+pub(crate) struct InBin {
+    pub(crate) labels: Vec<bool>,
+    pub(crate) detections: Vec<bool>,
 }
 
 /// Matches every frame for one class, metric and difficulty.
@@ -38,19 +45,20 @@ pub(crate) fn match_frames(
     metric: Metric,
     difficulty: Difficulty,
 ) -> Curve {
-    let matched = |frame| match_frame(frame, rule, metric, difficulty);
+    let matched = |frame| match_frame(frame, rule, metric, difficulty, None);
     let parts: Vec<FrameCurve> = frames.iter().map(matched).collect();
     Curve::of(&parts)
 }
 
-/// Matches one frame.
+/// Matches one frame, or what of it is in a bin.
 pub(crate) fn match_frame(
     frame: &LabelledFrame,
     rule: &ClassRule,
     metric: Metric,
     difficulty: Difficulty,
+    bin: Option<&InBin>,
 ) -> FrameCurve {
-    let (truths, candidates) = prepare(frame, rule, metric, difficulty);
+    let (truths, candidates) = prepare(frame, rule, metric, difficulty, bin);
     let mut curve = FrameCurve {
         truth_count: truths.iter().filter(|truth| truth.valid).count(),
         ..FrameCurve::default()
@@ -65,10 +73,11 @@ fn prepare(
     rule: &ClassRule,
     metric: Metric,
     difficulty: Difficulty,
+    bin: Option<&InBin>,
 ) -> (Vec<Truth>, Vec<Candidate>) {
     let mut candidates = Vec::new();
     let mut boxes = Vec::new();
-    for detection in &frame.detections {
+    for (index, detection) in frame.detections.iter().enumerate() {
         // The devkit looks at the height before the class: a detection of any class that is too small may absorb a label.
         let small = difficulty.is_too_small(detection);
         if small || rule.claims(detection) {
@@ -80,14 +89,14 @@ fn prepare(
             candidates.push(Candidate {
                 score: score_of(detection),
                 valid: !small,
-                in_dont_care,
+                is_excused: in_dont_care || bin.is_some_and(|bin| !bin.detections[index]),
                 near_truth: false,
             });
             boxes.push((detection.image_box_px, detection.camera_box.upright()));
         }
     }
     let mut truths = Vec::new();
-    for label in frame.labels.iter() {
+    for (index, label) in frame.labels.iter().enumerate() {
         let Some(counts) = rule.label_counts(label) else {
             continue;
         };
@@ -104,7 +113,7 @@ fn prepare(
         near.iter()
             .for_each(|&(i, _)| candidates[i].near_truth = true);
         truths.push(Truth {
-            valid: counts && difficulty.takes(label),
+            valid: counts && difficulty.takes(label) && bin.is_none_or(|bin| bin.labels[index]),
             near,
         });
     }
@@ -154,7 +163,7 @@ fn match_by_score(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameC
 fn collect_steps(truths: &[Truth], candidates: &[Candidate], curve: &mut FrameCurve) {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| candidates[b].score.total_cmp(&candidates[a].score));
-    let is_alarm = |c: &Candidate| c.valid && !c.in_dont_care;
+    let is_alarm = |c: &Candidate| c.valid && !c.is_excused;
     // What the matching does not touch, and what it does, apart: only the second needs matching again.
     let (mut lonely_alarms, mut hits, mut near_alarms) = (0, 0, 0);
     let (mut before, mut seen) = ((0, 0), 0);

@@ -103,7 +103,7 @@ impl JudgedFrames {
         };
         let unknown_rules: Vec<ClassRule> = unknown.flat_map(at_each_overlap).collect();
         let matched = |frame: &LabelledFrame, rules: &[ClassRule]| {
-            let one = |rule| match_frame(frame, rule, Metric::Space, Difficulty::Moderate);
+            let one = |rule| match_frame(frame, rule, Metric::Space, Difficulty::Moderate, None);
             rules.iter().map(one).collect()
         };
         let judged = frames.par_iter().map(|frame| FrameParts {

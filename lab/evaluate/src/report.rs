@@ -1,5 +1,6 @@
 //! Every class, metric and difficulty at once: figures, JSON for programs, a table for people.
 
+use crate::curve::Curve;
 use crate::matching::match_frames;
 use crate::{
     AveragePrecision, ClassRule, Confusion, Difficulty, LabelledFrame, Metric, ObjectKind,
@@ -17,6 +18,16 @@ pub struct ApEntry {
     pub truth_count: usize,
     /// Labels found when every detection takes part, percent.
     pub recall_percent: f64,
+}
+
+impl ApEntry {
+    pub(crate) fn of(curve: &Curve) -> ApEntry {
+        ApEntry {
+            ap: curve.average_precision(),
+            truth_count: curve.truth_count,
+            recall_percent: curve.recall_percent(),
+        }
+    }
 }
 
 /// Figures of one class.
@@ -67,12 +78,7 @@ impl ApReport {
 /// Judges the frames by each rule. The frames' order matters only where scores are equal.
 pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
     let entry = |rule: &ClassRule, metric, difficulty| {
-        let curve = match_frames(frames, rule, metric, difficulty);
-        ApEntry {
-            ap: curve.average_precision(),
-            truth_count: curve.truth_count,
-            recall_percent: curve.recall_percent(),
-        }
+        ApEntry::of(&match_frames(frames, rule, metric, difficulty))
     };
     let classes = rules.par_iter().map(|rule| ClassReport {
         rule: rule.clone(),

@@ -6,10 +6,12 @@
 
 mod json_lines;
 
-use crate::{EvaluateError, FrameTruth, LabelledFrame, Result, SensorDetection};
+use crate::pipeline::finite_points;
+use crate::{EvaluateError, FrameRings, FrameTruth, LabelledFrame, Result, SensorDetection};
 use json_lines::read_json_lines;
-use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels};
+use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels, read_scan};
 use mluc_geometry::ImageSize;
+use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::BufReader;
@@ -24,6 +26,8 @@ pub struct Source {
     pub detections: PathBuf,
     /// Folder of calibration files; JSON lines need it.
     pub calibration: Option<PathBuf>,
+    /// Folder of scans; [`rings`] needs it.
+    pub scans: Option<PathBuf>,
 }
 
 /// The frames of all sources.
@@ -35,16 +39,18 @@ pub struct Input {
     pub warnings: Vec<String>,
 }
 
-/// Pairs the options of a command: as many detections as labels, as many calibrations or none.
+/// Pairs the options of a command: as many detections as labels, as many calibrations or none, as many folders of scans or none.
 pub fn sources(
     labels: &[PathBuf],
     detections: &[PathBuf],
     calibrations: &[PathBuf],
+    scans: &[PathBuf],
 ) -> Result<Vec<Source>> {
     let expected = labels.len();
     for (what, found, optional) in [
         ("--detections", detections.len(), false),
         ("--calib", calibrations.len(), true),
+        ("--scans", scans.len(), true),
     ] {
         if found != expected && !(optional && found == 0) {
             return Err(EvaluateError::Input(format!(
@@ -56,6 +62,7 @@ pub fn sources(
         labels: labels[i].clone(),
         detections: detections[i].clone(),
         calibration: calibrations.get(i).cloned(),
+        scans: scans.get(i).cloned(),
     };
     Ok((0..expected).map(source).collect())
 }
@@ -83,6 +90,31 @@ pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input> {
         }
     }
     Ok(input)
+}
+
+/// The rings on every object of the frames that [`read`] made of these sources; `None` where a source names no scans.
+pub fn rings(sources: &[Source], frames: &[LabelledFrame]) -> Result<Option<Vec<FrameRings>>> {
+    let mut files = Vec::new();
+    for source in sources {
+        let Some(scans) = &source.scans else {
+            return Ok(None);
+        };
+        let Some(calibrations) = &source.calibration else {
+            let what = "rings need the calibration of the frames: expected --calib DIR, found none";
+            return Err(EvaluateError::file(scans, what));
+        };
+        for name in file_stems(&source.labels, "txt", "label files (*.txt)")? {
+            let scan = scans.join(format!("{name}.bin"));
+            files.push((scan, calibrations.join(format!("{name}.txt"))));
+        }
+    }
+    let one = |((scan, calibration), frame): (&(PathBuf, PathBuf), &LabelledFrame)| {
+        let points = finite_points(&read_scan(scan)?);
+        let calibration = read_calibration(calibration)?;
+        Ok(FrameRings::of(frame, &calibration, &points))
+    };
+    let all: Result<Vec<_>> = files.par_iter().zip(frames).map(one).collect();
+    all.map(Some)
 }
 
 /// `None` where the detections are files of a folder.

@@ -103,14 +103,17 @@ pub fn folder_tail(folder: &Path) -> String {
 
 /// A scan as the first stage hands it on: finite points, at most the contract's number of them, in file order.
 pub fn scan_points(dataset: &Dataset, name: &str) -> Result<Vec<Point>, DatasetError> {
-    let scan = dataset.scan(name)?;
+    Ok(finite_points(&dataset.scan(name)?))
+}
+
+pub(crate) fn finite_points(scan: &[[f32; 4]]) -> Vec<Point> {
     let points = scan.iter().map(|&[x_m, y_m, z_m, intensity]| Point {
         x_m,
         y_m,
         z_m,
         intensity,
     });
-    Ok(points.filter(Point::is_finite).take(POINTS_MAX).collect())
+    points.filter(Point::is_finite).take(POINTS_MAX).collect()
 }
 
 #[cfg(test)]

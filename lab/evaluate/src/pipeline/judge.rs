@@ -5,12 +5,13 @@ use super::separation::{ScoreSeparation, separation};
 use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects_at, paper_rules};
 use crate::open_set::unknown_as_known;
 use crate::{
-    ApReport, ClassReport, ClassRule, EvaluateError, JudgedPoint, NeighbourPolicy, Result,
-    SweepPoint, best_index, evaluate,
+    ApReport, Breakdown, ClassReport, ClassRule, EvaluateError, FrameRings, JudgedPoint,
+    NeighbourPolicy, Result, SweepPoint, best_index, evaluate,
 };
 use mluc_dataset::whole_file::write_whole;
 use mluc_model::{Model, model_bytes};
 use mluc_refiner::Settings;
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Everything about a model except the sweep.
@@ -30,6 +31,8 @@ pub struct ModelJudgement {
     pub unknown_as_known_closed: usize,
     /// The same at the model's threshold.
     pub unknown_as_known: usize,
+    /// AP at the model's threshold by range, and by rings on the object.
+    pub breakdowns: [Breakdown; 2],
     /// What became of each label without the gate, by class.
     pub misses: Vec<MissTable>,
     /// Boxes that the network kept.
@@ -60,9 +63,22 @@ pub fn judge(
     let asked = vec![0.0, f64::from(threshold)];
     let objects = objects_at(model, gate, set, frames, settings, asked, &|| ())?;
     let [closed, gated] = [0, 1].map(|at| objects.labelled(frames, at));
+    let rings_of = |index: usize| {
+        let calibration = &frames[index].truth.calibration;
+        Ok(FrameRings::of(
+            &gated[index],
+            calibration,
+            &set.points(index)?,
+        ))
+    };
+    let rings: Result<Vec<_>> = (0..frames.len()).into_par_iter().map(rings_of).collect();
     Ok(ModelJudgement {
         closed: evaluate(&closed, &rules),
         gated: evaluate(&gated, &rules),
+        breakdowns: [
+            Breakdown::by_range(&gated, &rules),
+            Breakdown::by_rings(&gated, &rings?, &rules),
+        ],
         threshold,
         separation: separation(frames, &rules),
         unknown_as_known_closed: unknown_as_known(&closed, &rules),

@@ -1,5 +1,6 @@
 //! What became of each label, by class and range: the question that an average precision does not answer.
 
+use crate::breakdown::range_bin;
 use crate::frame::score_of;
 use crate::{ClassRule, Difficulty, LabelledFrame, ObjectKind};
 use mluc_dataset::Label;
@@ -9,8 +10,6 @@ use mluc_geometry::{Box3, iou_3d};
 const SCORE_MIN: f64 = 0.3;
 /// With less overlap a detection has nothing to do with a label.
 const TOUCHES_IOU: f64 = 0.1;
-/// Upper ends of the ranges, m.
-const RANGES_M: [f64; 4] = [15.0, 30.0, 45.0, f64::INFINITY];
 
 /// Labels of one class in one range, by disposition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
@@ -61,10 +60,7 @@ pub(super) fn misses(frames: &[LabelledFrame], rules: &[ClassRule]) -> Vec<MissT
         for frame in frames {
             let labels = labels_that_count(&frame.labels, rules);
             for (label, _) in labels.filter(|(_, own)| *own == rule) {
-                // Upright boxes keep the camera's place, a hand's breadth from the sensor's.
-                let range_m = label.center_m[0].hypot(label.center_m[1]);
-                let row = RANGES_M.iter().position(|end| range_m < *end).unwrap_or(3);
-                count_label(&label, frame, rule, &mut table.by_range[row]);
+                count_label(&label, frame, rule, &mut table.by_range[range_bin(&label)]);
             }
         }
         table

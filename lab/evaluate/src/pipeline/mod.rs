@@ -14,6 +14,7 @@ mod separation;
 mod stages;
 
 pub use crate::rule::{paper_rules, unknown_classes};
+pub(crate) use frames::finite_points;
 pub use frames::{DetectedFrame, FrameSet, folder_tail, scan_points};
 pub use gate::{ModelGate, THRESHOLDS};
 pub use judge::{Choice, ModelJudgement, choose_threshold, judge, sweep_gate, write_threshold};

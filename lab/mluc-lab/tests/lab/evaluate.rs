@@ -101,11 +101,13 @@ fn a_perfect_detector_without_a_camera() {
     assert_has(&table, &["car", "pedestrian", "unknown", "harmonic mean"]);
     assert_has(&table, &["50 frames, 150 detections", "found as", "50 van"]);
 
-    // The closed set has no open-set figures, and its keys are the devkit's nine a class.
+    // The closed set has no open-set figures: its keys are the devkit's nine a class, and AP by range.
     let report = folder.json(&ap("a", "--json"));
     let keys: Vec<&String> = report.as_object().expect("an object").keys().collect();
-    let is_of_class = |key: &&String| key.split('/').count() == 3;
-    assert!(keys.len() == 27 && keys.iter().all(is_of_class), "{keys:?}");
+    let is_of_class = |key: &&&String| key.split('/').count() == 3;
+    let of_class = keys.iter().filter(is_of_class).count();
+    assert!(keys.len() == 28 && of_class == 27, "{keys:?}");
+    assert_eq!(report["by_range"]["car"]["15-30 m"]["labels"], 50);
 }
 
 #[test]
@@ -179,7 +181,7 @@ fn overlaps_classes_and_neighbours_can_be_chosen() {
         assert_eq!(found, expected, "{options}");
     }
     let only = folder.json(&ap("a", "--json --classes car"));
-    assert_eq!(only.as_object().expect("an object").len(), 9);
+    assert_eq!(only.as_object().expect("an object").len(), 10);
 }
 
 #[test]
@@ -233,6 +235,37 @@ fn json_lines_need_a_calibration_and_folders_do_not() {
 }
 
 #[test]
+fn rings_on_objects_are_counted_in_the_scans() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 1);
+    folder.refuses(&ap("a", "--scans b"), &["b/000000.bin"]);
+    // Two beams over the car, one through the pedestrian.
+    let [car, person, _] = folder.boxes("a")[..] else {
+        panic!("three labels")
+    };
+    let point = |b: &Box3, up_m: f64| {
+        let [x, y, z] = b.center_m;
+        [x, y, z + up_m, 0.0].map(|v| v as f32)
+    };
+    let points = [point(&car, 0.3), point(&car, -0.3), point(&person, 0.0)];
+    let bytes: Vec<u8> = points
+        .iter()
+        .flatten()
+        .flat_map(|v| v.to_le_bytes())
+        .collect();
+    folder.write("b/000000.bin", bytes);
+    let rings = folder.json(&ap("a", "--json --scans b"));
+    for (class, bin) in [("car", "2"), ("pedestrian", "1")] {
+        let figures = &rings["by_rings"][class][bin];
+        assert_eq!(
+            (&figures["labels"], &figures["ap_all"]),
+            (&json!(1), &json!(100.0)),
+            "{rings}"
+        );
+    }
+}
+
+#[test]
 fn a_model_is_judged_and_faults_are_named() {
     let folder = Folder::new();
     folder.run("simulate --family sim-udi --split val --frames 2 --seed 3 --out val");
@@ -245,6 +278,7 @@ fn a_model_is_judged_and_faults_are_named() {
     let points = report["sweep"].as_array().map_or(0, Vec::len);
     assert!(points > 2, "{points}");
     assert_eq!(report["separation"].as_array().map(Vec::len), Some(7));
+    assert!(report["by_rings"]["car"]["9 on"]["labels"].is_number());
     assert_eq!(text(&folder.read("boxes.jsonl")).lines().count(), 2);
     let table = folder.run(&model("--refiner none"));
     assert!(text(&table.stdout).contains("closed set"));

@@ -3,8 +3,10 @@
 use super::{check_unknown, warn_unrecognized};
 use crate::commands::terminal::{print_err, print_out};
 use clap::Args;
-use mluc_evaluate::input::{read, sources};
-use mluc_evaluate::{NeighbourPolicy, RuleRequest, UnknownProtocol, evaluate, rules, unevaluated};
+use mluc_evaluate::input::{read, rings, sources};
+use mluc_evaluate::{
+    Breakdown, NeighbourPolicy, RuleRequest, UnknownProtocol, evaluate, rules, unevaluated,
+};
 use mluc_geometry::ImageSize;
 use std::path::PathBuf;
 
@@ -30,6 +32,9 @@ pub(super) struct ApArguments {
     /// Folder of calibration files; JSON lines need it.
     #[arg(long, value_name = "DIR")]
     calib: Vec<PathBuf>,
+    /// Folder of scans (velodyne), for AP by the rings on the object; needs --calib.
+    #[arg(long, value_name = "DIR")]
+    scans: Vec<PathBuf>,
     /// Overlap a class: a match needs more than it.
     #[arg(long, value_delimiter = ',', value_parser = class_overlap, value_name = "CLASS=IOU,..")]
     iou: Vec<(String, f64)>,
@@ -79,7 +84,14 @@ fn image_size(text: &str) -> Result<ImageSize, String> {
 }
 
 pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
-    let sources = sources(&arguments.labels, &arguments.detections, &arguments.calib)?;
+    let ApArguments {
+        labels,
+        detections,
+        calib,
+        scans,
+        ..
+    } = &arguments;
+    let sources = sources(labels, detections, calib, scans)?;
     let input = read(&sources, arguments.image_size)?;
     for warning in &input.warnings {
         print_err(format_args!("warning: {warning}"));
@@ -113,14 +125,24 @@ pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
             "warning: no label of class {class} counts at moderate: its AP is 0 and means nothing"
         ));
     }
+    let mut breakdowns = vec![Breakdown::by_range(&input.frames, &rules)];
+    if let Some(rings) = rings(&sources, &input.frames)? {
+        breakdowns.push(Breakdown::by_rings(&input.frames, &rings, &rules));
+    }
     if arguments.json {
-        return print_out(format_args!("{:#}", report.to_json()));
+        let mut object = report.to_json();
+        for breakdown in breakdowns {
+            object[format!("by_{}", breakdown.by)] = breakdown.to_json();
+        }
+        return print_out(format_args!("{object:#}"));
     }
     let objects = input.frames.iter().map(|frame| frame.detections.len());
+    let breakdowns = breakdowns.iter().map(|b| format!("\n{}", b.to_table()));
+    let text = report.to_table() + &breakdowns.collect::<String>();
     print_out(format_args!(
         "{} frames, {} detections\n\n{}",
         input.frames.len(),
         objects.sum::<usize>(),
-        report.to_table().trim_end()
+        text.trim_end()
     ))
 }

@@ -42,6 +42,9 @@ impl Outcome {
             "unknown_as_known_closed": judgement.unknown_as_known_closed,
             "labels_closed": judgement.misses,
         });
+        for breakdown in &judgement.breakdowns {
+            object[format!("by_{}", breakdown.by)] = breakdown.to_json();
+        }
         if let Some(sweep) = &self.sweep {
             object["sweep"] = sweep.iter().map(point_json).collect();
             object["best"] = point_json(&sweep[best_index(sweep)]);
@@ -64,6 +67,9 @@ impl Outcome {
             model.name, self.data
         );
         text += &self.classes();
+        for breakdown in &self.judgement.breakdowns {
+            text += &format!("\nat the threshold: {}", breakdown.to_table());
+        }
         text += &separation(&self.judgement.separation);
         text += &misses(&self.judgement.misses);
         text + &self.thresholds()

@@ -1,0 +1,199 @@
+//! Average precision by a property of the objects: their range, and how many of the sensor's rings hit them.
+//!
+//! A label counts in its own bin alone; elsewhere it may be found or not. A detection that finds no label is wrong in its own bin alone.
+
+use crate::curve::{Curve, FrameCurve};
+use crate::matching::{InBin, match_frame};
+use crate::report::ApEntry;
+use crate::rings::FrameRings;
+use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
+use mluc_dataset::Label;
+use mluc_geometry::Box3;
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+
+/// Ranges, m: where each ends, and its name.
+const RANGES_M: [(f64, &str); 4] = [
+    (15.0, "0-15 m"),
+    (30.0, "15-30 m"),
+    (45.0, "30-45 m"),
+    (f64::INFINITY, "45 m on"),
+];
+
+/// Rings on an object: the most, and the name.
+const RINGS: [(usize, &str); 6] = [
+    (0, "0"),
+    (1, "1"),
+    (2, "2"),
+    (4, "3-4"),
+    (8, "5-8"),
+    (usize::MAX, "9 on"),
+];
+
+/// The range that a box in the camera's axes, made upright, lies in: its number.
+pub(crate) fn range_bin(upright: &Box3) -> usize {
+    // Upright boxes keep the camera's place, a hand's breadth from the sensor's.
+    let range_m = upright.center_m[0].hypot(upright.center_m[1]);
+    RANGES_M
+        .iter()
+        .position(|(end, _)| range_m < *end)
+        .unwrap_or(3)
+}
+
+/// AP of each class in each bin: volumes, difficulty hard.
+#[derive(Clone, Debug)]
+pub struct Breakdown {
+    /// `range` or `rings`.
+    pub by: &'static str,
+    /// Names of the bins.
+    pub bins: Vec<&'static str>,
+    /// In the order of the rules: the class, and its figures by bin.
+    pub classes: Vec<(String, Vec<ApEntry>)>,
+}
+
+/// The number of the bin of each label and each detection of a frame.
+type Binned = [Vec<usize>; 2];
+
+impl Breakdown {
+    /// By the distance of the box in the plane.
+    pub fn by_range(frames: &[LabelledFrame], rules: &[ClassRule]) -> Breakdown {
+        let bin = |label: &Label| range_bin(&label.camera_box.upright());
+        let binned = frames.iter().map(|frame| {
+            [&frame.labels[..], &frame.detections].map(|all| all.iter().map(bin).collect())
+        });
+        let bins = RANGES_M.map(|(_, name)| name);
+        Breakdown::of("range", &bins, frames, &binned.collect::<Vec<_>>(), rules)
+    }
+
+    /// By the rings on the box; `rings` are those of the frames.
+    pub fn by_rings(
+        frames: &[LabelledFrame],
+        rings: &[FrameRings],
+        rules: &[ClassRule],
+    ) -> Breakdown {
+        let bin = |rings: &usize| {
+            RINGS
+                .iter()
+                .position(|(most, _)| rings <= most)
+                .unwrap_or(5)
+        };
+        let binned = rings.iter().map(|frame| {
+            [&frame.labels, &frame.detections].map(|all| all.iter().map(bin).collect())
+        });
+        let bins = RINGS.map(|(_, name)| name);
+        Breakdown::of("rings", &bins, frames, &binned.collect::<Vec<_>>(), rules)
+    }
+
+    fn of(
+        by: &'static str,
+        bins: &[&'static str],
+        frames: &[LabelledFrame],
+        binned: &[Binned],
+        rules: &[ClassRule],
+    ) -> Breakdown {
+        let entry = |rule: &ClassRule, bin: usize| {
+            let matched = |(frame, binned): (&LabelledFrame, &Binned)| {
+                let [labels, detections] = binned
+                    .each_ref()
+                    .map(|all| all.iter().map(|own| *own == bin).collect());
+                let bin = InBin { labels, detections };
+                match_frame(frame, rule, Metric::Space, Difficulty::Hard, Some(&bin))
+            };
+            let parts: Vec<FrameCurve> = frames.par_iter().zip(binned).map(matched).collect();
+            ApEntry::of(&Curve::of(&parts))
+        };
+        let class = |rule: &ClassRule| {
+            let entries = (0..bins.len()).map(|bin| entry(rule, bin));
+            (rule.name.clone(), entries.collect())
+        };
+        Breakdown {
+            by,
+            bins: bins.to_vec(),
+            classes: rules.iter().map(class).collect(),
+        }
+    }
+
+    /// `{"car": {"0-15 m": {"labels": .., "ap_r40": .., "ap_all": .., "recall": ..}, ..}, ..}`, percent.
+    pub fn to_json(&self) -> Value {
+        let figures = |e: &ApEntry| json!({"labels": e.truth_count, "ap_r40": e.ap.r40, "ap_all": e.ap.all, "recall": e.recall_percent});
+        let class = |(name, entries): &(String, Vec<ApEntry>)| {
+            let named = self.bins.iter().zip(entries);
+            let named = named.map(|(bin, entry)| ((*bin).to_owned(), figures(entry)));
+            (name.clone(), Value::Object(named.collect()))
+        };
+        Value::Object(self.classes.iter().map(class).collect::<Map<_, _>>())
+    }
+
+    /// AP over all points, recall and labels, a row a class; `-` where no label counts.
+    pub fn to_table(&self) -> String {
+        let mut text = format!(
+            "AP all points, recall (labels) by {}: 3d, hard, %\n",
+            self.by
+        );
+        let mut row = |name: &str, cells: Vec<String>| {
+            let cells: String = cells.iter().map(|cell| format!(" {cell:>19}")).collect();
+            text += &format!("{name:<12}{cells}\n");
+        };
+        row(
+            "class",
+            self.bins.iter().map(|bin| (*bin).to_owned()).collect(),
+        );
+        for (name, entries) in &self.classes {
+            let cell = |e: &ApEntry| match e.truth_count {
+                0 => "-".to_owned(),
+                labels => format!("{:.1}, {:.1} ({labels})", e.ap.all, e.recall_percent),
+            };
+            row(name, entries.iter().map(cell).collect());
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::NeighbourPolicy;
+    use crate::tests::{found, frame, label};
+
+    /// A car this far ahead.
+    fn car(z_m: f64) -> Label {
+        let mut label = label("Car", 0.0);
+        label.camera_box.location_m = [0.0, 1.7, z_m];
+        label
+    }
+
+    #[test]
+    fn labels_count_and_false_detections_hurt_in_their_own_bin_alone() {
+        let (near, far, ghost) = (car(10.0), car(29.9), car(40.0));
+        let mut pushed = found(&far, "car", 0.8);
+        // Found by a box whose own middle lies in the next range.
+        pushed.camera_box.location_m[2] = 30.2;
+        let detections = vec![found(&near, "car", 0.9), pushed, found(&ghost, "car", 0.95)];
+        let frames = [frame(vec![near, far], detections)];
+        let rules = [ClassRule::known("car", 0.5, NeighbourPolicy::Official)];
+        let by_range = Breakdown::by_range(&frames, &rules);
+        let figures = |b: &Breakdown| -> Vec<(usize, f64)> {
+            let entries = b.classes[0].1.iter();
+            entries.map(|e| (e.truth_count, e.ap.all)).collect()
+        };
+        let expected = [(1, 100.0), (1, 100.0), (0, 0.0), (0, 0.0)];
+        assert_eq!(figures(&by_range), expected);
+        // The ghost has as many rings as the far car, and a higher score.
+        let rings = [FrameRings {
+            labels: vec![8, 1],
+            detections: vec![9, 0, 1],
+        }];
+        let by_rings = Breakdown::by_rings(&frames, &rings, &rules);
+        let expected = [
+            (0, 0.0),
+            (1, 50.0),
+            (0, 0.0),
+            (0, 0.0),
+            (1, 100.0),
+            (0, 0.0),
+        ];
+        assert_eq!(figures(&by_rings), expected);
+        assert_eq!(by_rings.to_json()["car"]["5-8"]["labels"], 1);
+        assert!(by_rings.to_table().contains("50.0, 100.0 (1)"));
+    }
+}
