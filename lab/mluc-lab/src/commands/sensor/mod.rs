@@ -1,4 +1,4 @@
-//! `mluc-lab sensor`: which sensor some scans are of.
+//! `mluc-lab sensor`: which sensor some scans are of, and what a profile looks like.
 
 mod picture;
 
@@ -12,16 +12,20 @@ use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ipc_types::Point;
 use mluc_model::SensorProfile;
 
-use super::terminal::print_out;
+use super::terminal::{print_out, write_out};
 
 /// Estimate a sensor's profile from its scans: beams, columns, field, range, height, tilt, own body, beside the nearest product.
 ///
 /// The profile is what `--sensor` takes. Range noise and the shortest range cannot be seen in scans; correct them in the file.
+/// --profile shows a profile instead: its beams, and how many of them hit a car.
 #[derive(Args)]
 pub(crate) struct SensorArguments {
     /// A scan (.bin), or a folder of scans or with velodyne/.
-    #[arg(long)]
-    input: PathBuf,
+    #[arg(long, required_unless_present = "profile")]
+    input: Option<PathBuf>,
+    /// Show this product or profile.
+    #[arg(long, value_name = "NAME|FILE", conflicts_with_all = ["input", "sensor", "out", "scans"])]
+    profile: Option<String>,
     /// Scans to look at, spread over the input.
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=64))]
     scans: u32,
@@ -31,13 +35,41 @@ pub(crate) struct SensorArguments {
     /// Profile to write, TOML.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Picture to write, PNG: the histogram of elevations beside the other sensor's beams.
+    /// Picture to write, PNG: the histogram of elevations beside the other sensor's beams; the beams of --profile with cars before them.
     #[arg(long)]
     picture: Option<PathBuf>,
 }
 
 pub(crate) fn run(arguments: SensorArguments) -> anyhow::Result<()> {
-    let files = scan_files(&arguments.input)?;
+    match (&arguments.profile, &arguments.input) {
+        (Some(name), _) => show(&SensorProfile::load(name)?, arguments.picture.as_deref()),
+        (None, Some(input)) => estimate(input, &arguments),
+        (None, None) => anyhow::bail!("expected --input or --profile, found neither"),
+    }
+}
+
+/// What a profile says, and its picture.
+fn show(profile: &SensorProfile, picture: Option<&Path>) -> anyhow::Result<()> {
+    let beams = &profile.elevations_deg;
+    let [near_m, far_m] = profile.range_m;
+    print_out(format_args!(
+        "{}: {} beams, {:.1} to {:.1} degrees, columns {} degrees apart, range {near_m} to {far_m} m",
+        profile.name,
+        beams.len() * profile.units.len().max(1),
+        beams[0],
+        beams[beams.len() - 1],
+        profile.azimuth_step_deg
+    ))?;
+    let cars = picture::CARS_M.iter().zip(picture::rings_on_cars(profile));
+    let cars: Vec<String> = cars.map(|(m, rings)| format!("{rings} at {m} m")).collect();
+    print_out(format_args!("rings on a car: {}", cars.join(", ")))?;
+    picture.map_or(Ok(()), |path| {
+        write_out(path, &picture::of_profile(profile).png())
+    })
+}
+
+fn estimate(input: &Path, arguments: &SensorArguments) -> anyhow::Result<()> {
+    let files = scan_files(input)?;
     let wanted = files.len().min(arguments.scans as usize);
     let mut estimator = Estimator::new();
     for number in 0..wanted {
@@ -58,7 +90,7 @@ pub(crate) fn run(arguments: SensorArguments) -> anyhow::Result<()> {
     ensure!(
         found.beams > 0,
         "{}: no beams found in {wanted} scans",
-        arguments.input.display()
+        input.display()
     );
     let (name, other) = other_sensor(arguments.sensor.as_deref(), &found)?;
     print(&found, &name, &other)?;
@@ -71,7 +103,7 @@ pub(crate) fn run(arguments: SensorArguments) -> anyhow::Result<()> {
         print_out(format_args!("wrote {}", path.display()))?;
     }
     if let Some(path) = &arguments.picture {
-        let canvas = picture::draw(estimator.elevations().counts(), &found, &name, &other);
+        let canvas = picture::of_scans(estimator.elevations().counts(), &found, &name, &other);
         std::fs::write(path, canvas.png()).with_context(|| path.display().to_string())?;
         print_out(format_args!("wrote {}", path.display()))?;
     }
@@ -167,7 +199,8 @@ mod tests {
         std::fs::write(folder.path().join("0.bin"), bytes).expect("written");
         let [out, picture] = ["mine.toml", "mine.png"].map(|name| folder.path().join(name));
         let arguments = SensorArguments {
-            input: folder.path().to_path_buf(),
+            input: Some(folder.path().to_path_buf()),
+            profile: None,
             scans: 5,
             sensor: None,
             out: Some(out.clone()),
@@ -181,5 +214,22 @@ mod tests {
         assert!((height_m - 1.0).abs() < 0.1, "{height_m}");
         let picture = std::fs::read(picture).expect("a picture");
         assert!(picture.starts_with(b"\x89PNG"));
+    }
+
+    #[test]
+    fn every_product_has_its_picture_on_the_page() {
+        let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/sensors");
+        let page = std::fs::read_to_string(docs.join("README.md")).expect("the page");
+        for name in SensorProfile::names() {
+            assert!(page.contains(&format!("({name}.png)")), "{name}");
+            assert!(docs.join(format!("{name}.png")).is_file(), "{name}");
+            let profile = SensorProfile::load(name).expect(name);
+            // The farther car never has more rings than the nearer one, where beams are even.
+            let rings = picture::rings_on_cars(&profile);
+            assert!(rings[0] >= rings[4], "{name}: {rings:?}");
+        }
+        let vlp_16 = SensorProfile::load("vlp-16").expect("a product");
+        // Of the beams at -1, -3, .. degrees those from -10.2 to -1.7 at 10 m; one from -2.1 to -0.3 at 50 m.
+        assert_eq!(picture::rings_on_cars(&vlp_16), [4, 3, 2, 1, 1]);
     }
 }
