@@ -37,6 +37,21 @@ fn standing(anchors: &[Anchor]) -> Vec<AnchorClass> {
     anchors.iter().map(anchor).collect()
 }
 
+impl AnchorClass {
+    /// The anchor of a class; where the class is none of the usual ones, with a size that the trainer must measure.
+    pub fn named(name: &str) -> AnchorClass {
+        let mut anchors = standing(&ANCHORS).into_iter();
+        let known = anchors.find(|anchor| anchor.name == name);
+        known.unwrap_or_else(|| AnchorClass {
+            name: name.into(),
+            size_m: [4.0, 1.8, 2.0],
+            bottom_z_m: -SENSOR_HEIGHT_M,
+            matched_iou: 0.5,
+            unmatched_iou: 0.35,
+        })
+    }
+}
+
 impl Manifest {
     /// How many sizes of anchors without a class there are.
     pub const GENERIC_ANCHORS: usize = GENERIC.len();

@@ -4,7 +4,7 @@
 //! and `ImageSets/SPLIT.txt`; sequences also `poses.txt` (x, y, z, yaw of the sensor in the frame of the sequence's first scan) and `timestamps.txt`.
 
 use super::labels::calibration;
-use super::{Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
+use super::{Class, Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
 use super::{Shown, Stream, Turn, turn};
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
@@ -31,8 +31,12 @@ pub struct ExportOptions {
     pub realism: Realism,
     /// Whether objects that are made up of known ones stand among them, labelled `Synthetic_unknown`: unknown objects to train on, without an unknown class.
     pub synthetic_unknown: bool,
-    /// The folder to write into; made when missing, refused when it holds anything.
+    /// Classes that stand in every split, `train` too, beside the family's known ones.
+    pub also_known: Vec<Class>,
+    /// The folder to write into; made when missing, refused when it holds anything, unless it is to be gone on with.
     pub folder: PathBuf,
+    /// Go on where the same export was interrupted: frames that are there stay.
+    pub resume: bool,
     /// Threads; 0 takes one per core.
     pub threads: usize,
 }
@@ -49,7 +53,9 @@ impl ExportOptions {
             sensor: None,
             realism: Realism::FULL,
             synthetic_unknown: false,
+            also_known: Vec::new(),
             folder,
+            resume: false,
             threads: 0,
         }
     }
@@ -63,13 +69,17 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
         let place = "synthetic unknown objects";
         return Err(DatasetError::unexpected(place, "the split train", found).into());
     }
-    prepare(&options.folder)?;
+    prepare(options)?;
     let calibration = calibration(options.family)?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(options.threads)
         .build()
         .map_err(|e| SimulateError::Threads(options.threads, e))?;
     let one = |index| {
+        if options.resume && is_written(&options.folder, index) {
+            written();
+            return Ok([0.0; 3]);
+        }
         let (frame, pose) = simulated(options, index)?;
         write_frame(options, &calibration, index, &frame)?;
         written();
@@ -84,12 +94,15 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
 }
 
 fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError> {
+    let known = options.family.known_classes();
+    let is_also = |class| options.also_known.contains(&class) && !known.contains(&class);
     let stream = Stream {
         family: options.family,
         split: options.split,
         seed: options.seed,
         realism: options.realism,
         synthetic_unknown: options.synthetic_unknown,
+        also_known: Class::REAL.map(is_also),
     };
     let Some(steps) = options.sequence else {
         return turn(stream, options.sensor.as_ref(), index, None);
@@ -117,9 +130,24 @@ fn write_poses(options: &ExportOptions, poses: &[[f64; 3]]) -> Result<(), Datase
     write_file(&options.folder.join("timestamps.txt"), stamps.as_bytes())
 }
 
-/// Makes the folder and its parts; refuses one that holds anything.
-fn prepare(folder: &Path) -> Result<(), DatasetError> {
-    if folder.exists() {
+/// Whether the last of a frame's files is there.
+fn is_written(folder: &Path, index: u32) -> bool {
+    let last = folder.join(format!("planes/{index:06}.txt"));
+    std::fs::metadata(last).is_ok_and(|file| file.len() > 0)
+}
+
+/// Makes the folder and its parts; refuses one that holds anything, unless the export is to be gone on with. Poses of frames that were there are not known.
+fn prepare(options: &ExportOptions) -> Result<(), DatasetError> {
+    let (folder, resume) = (&options.folder, options.resume);
+    if resume && options.sequence.is_some() {
+        let found = "a sequence, whose poses are not kept";
+        return Err(DatasetError::unexpected(
+            "an export to go on with",
+            "single frames",
+            found,
+        ));
+    }
+    if folder.exists() && !resume {
         let mut entries = std::fs::read_dir(folder).map_err(DatasetError::read(folder))?;
         if let Some(entry) = entries.next() {
             let name = entry.map_err(DatasetError::read(folder))?.file_name();

@@ -7,8 +7,9 @@ pub(crate) mod places;
 
 use super::footprint::Footprint;
 use super::ground::{Ground, Place};
-use super::objects::{Model, build};
+use super::objects::{Model, build, mean_size_m};
 use super::random::Dice;
+use super::synthetic_unknown::has_known_size;
 use super::{Class, Family, Split, Stream};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
@@ -32,6 +33,8 @@ type Pose = (f32, f32, f32);
 
 /// Synthetic unknown objects of a frame, at most: many more than there are unknown ones, so that each frame teaches more.
 const SYNTHETIC_UNKNOWN_MAX: usize = 4;
+/// Objects of a class that is known beside the family's, a frame on average.
+const ALSO_KNOWN: f32 = 2.0;
 const ATTEMPTS: usize = 48;
 const ATTEMPTS_PER_RANGE: usize = 16;
 
@@ -66,6 +69,9 @@ pub(crate) fn place_objects<'a>(
         let count = dice.whole(1, SYNTHETIC_UNKNOWN_MAX);
         wanted.extend(std::iter::repeat_n(Class::SyntheticUnknown, count));
     }
+    for class in stream.also_known() {
+        wanted.extend((0..dice.events(ALSO_KNOWN)).map(|_| class));
+    }
     let knowns = [Class::Car, Class::Pedestrian, Class::Cyclist, Class::Truck];
     wanted.extend((0..count).map(|_| knowns[dice.weighted(&weights)]));
     // Long and rare things first: they find no room later.
@@ -86,7 +92,23 @@ pub(crate) fn place_objects<'a>(
 
 impl Layout<'_> {
     fn model(&self, class: Class, dice: &mut Dice) -> Model {
-        build(class, self.stream.family, self.stream.realism, dice)
+        let Stream {
+            family, realism, ..
+        } = self.stream;
+        let mut model = build(class, family, realism, dice);
+        if class == Class::SyntheticUnknown {
+            // Not of the size of what is known beside the family's classes either.
+            let sizes = self.stream.also_known().map(|c| mean_size_m(c, family));
+            let sizes: Vec<_> = sizes.map(|m| m.to_array().map(f64::from)).collect();
+            let size = |m: &Model| m.size_m().to_array().map(f64::from);
+            for _ in 0..ATTEMPTS {
+                if !has_known_size(size(&model), &sizes) {
+                    break;
+                }
+                model = build(class, family, realism, dice);
+            }
+        }
+        model
     }
 
     /// Places one object and perhaps company of its class (a row of cars, a group of people), at most `limit`; returns how many.

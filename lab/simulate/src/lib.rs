@@ -133,6 +133,17 @@ pub enum Class {
 }
 
 impl Class {
+    /// What stands for itself: all but synthetic unknown objects.
+    pub const REAL: [Class; 7] = [
+        Class::Car,
+        Class::Van,
+        Class::Truck,
+        Class::Pedestrian,
+        Class::Cyclist,
+        Class::GolfCart,
+        Class::Forklift,
+    ];
+
     /// Name in label files.
     pub fn name(self) -> &'static str {
         match self {
@@ -205,6 +216,8 @@ struct Stream {
     realism: Realism,
     /// Whether synthetic unknown objects stand among the known ones.
     synthetic_unknown: bool,
+    /// By the number of a class: known too, beside the family's.
+    also_known: [bool; Class::REAL.len()],
 }
 
 impl Stream {
@@ -215,7 +228,15 @@ impl Stream {
             seed,
             realism: Realism::FULL,
             synthetic_unknown: false,
+            also_known: Default::default(),
         }
+    }
+
+    /// Classes that are known beside the family's.
+    fn also_known(&self) -> impl Iterator<Item = Class> {
+        let also = self.also_known;
+        let classes = Class::REAL.into_iter();
+        classes.filter(move |class| also[*class as usize])
     }
 }
 

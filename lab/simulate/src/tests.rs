@@ -199,9 +199,13 @@ fn every_object_of_a_frame_is_labelled_with_its_own_points() {
 
 /// Classes and footprints of a frame, without casting a ray.
 fn objects_of(family: Family, split: Split, index: u32) -> Vec<layout::Placed> {
+    objects_in(Stream::full(family, split, 1), index)
+}
+
+fn objects_in(stream: Stream, index: u32) -> Vec<layout::Placed> {
+    let Stream { family, split, .. } = stream;
     let key = random::hash(&[1, family as u64, split as u64, u64::from(index)]);
     let ground = ground::Ground::draw(family, None, &mut Dice::new(&[key, 1]));
-    let stream = Stream::full(family, split, 1);
     layout::place_objects(stream, &ground, ego::CAR, &mut Dice::new(&[key, 2])).placed
 }
 
@@ -217,6 +221,39 @@ fn training_never_shows_an_unknown_class_and_validation_does() {
         let mean = unknown(Split::Val, 400);
         assert!((0.4..0.8).contains(&mean), "{family:?}: {mean} a frame");
     }
+}
+
+#[test]
+fn classes_that_are_also_known_stand_in_training() {
+    let mut stream = Stream::full(Family::SimAny, Split::Train, 1);
+    stream.also_known[Class::Forklift as usize] = true;
+    let all: Vec<Class> = (0..200)
+        .flat_map(|index| objects_in(stream, index))
+        .map(|object| object.class)
+        .collect();
+    let count = |class| all.iter().filter(|c| **c == class).count();
+    assert!(count(Class::Forklift) > 200, "{}", count(Class::Forklift));
+    assert_eq!(count(Class::GolfCart) + count(Class::Van), 0);
+}
+
+#[test]
+fn an_export_goes_on_where_it_was_interrupted() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut options = ExportOptions::new(Family::SimKitti, Split::Val, 3, 5, folder.path().into());
+    export(&options, || ()).expect("written");
+    let path = |part: &str| folder.path().join(part);
+    let scan = std::fs::read(path("velodyne/000001.bin")).expect("a scan");
+    // Cut while frame 1 was written; frame 0 is there, whatever is in it.
+    std::fs::write(path("velodyne/000001.bin"), &scan[..16]).expect("written");
+    std::fs::write(path("velodyne/000000.bin"), "kept").expect("written");
+    std::fs::remove_file(path("planes/000001.txt")).expect("removed");
+    options.resume = true;
+    export(&options, || ()).expect("written");
+    assert!(std::fs::read(path("velodyne/000001.bin")).expect("a scan") == scan);
+    assert_eq!(
+        std::fs::read(path("velodyne/000000.bin")).expect("a scan"),
+        b"kept"
+    );
 }
 
 #[test]

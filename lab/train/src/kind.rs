@@ -115,7 +115,7 @@ impl Setting {
             Setting::Udi => &[8, 10, 10, 5, 5, 5],
             Setting::Kitti => &[15, 10, 10, 5, 5],
             // Its scans are full, and an object cut out of one sensor's scan is none of another's.
-            Setting::Any => &[0; 5],
+            Setting::Any => &[0; 8],
         }
     }
 

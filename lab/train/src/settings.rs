@@ -46,6 +46,8 @@ impl Default for OpenSetSettings {
 pub struct TrainSettings {
     /// Classes and range.
     pub setting: Setting,
+    /// The classes to learn, lower case; empty: the setting's.
+    pub known: Vec<String>,
     /// Size of the network.
     pub architecture: Architecture,
     /// What its heads learn.
@@ -112,6 +114,7 @@ impl TrainSettings {
         let classes = setting.classes() as f32;
         TrainSettings {
             setting,
+            known: Vec::new(),
             architecture,
             kind,
             init: None,
@@ -179,7 +182,10 @@ impl TrainSettings {
         } else {
             0
         };
-        self.setting.classes() + unknown
+        if self.known.is_empty() {
+            return self.setting.classes() + unknown;
+        }
+        self.known.len()
     }
 
     /// The open-set settings that apply to this kind.
@@ -244,8 +250,15 @@ impl TrainSettings {
             unmatched_iou: 0.35,
             ..like.clone()
         });
-        let wanted = self.classes() - manifest.classes.len();
+        let wanted = self.classes().saturating_sub(manifest.classes.len());
         manifest.classes.extend(unknown.take(wanted));
+        if !self.known.is_empty() {
+            manifest.classes = self
+                .known
+                .iter()
+                .map(|name| AnchorClass::named(name))
+                .collect();
+        }
         Manifest {
             uses_intensity: false,
             prototype_scale: self.prototype_scale(),
@@ -287,6 +300,9 @@ impl TrainSettings {
         if self.kind.learns_from_synthetic_unknown() {
             let data = self.data.file_name().unwrap_or_default().display();
             text += &format!(" {:?} data {data}", self.open_set);
+        }
+        if !self.known.is_empty() {
+            text += &format!(" known {}", self.known.join(","));
         }
         if let Some(init) = &self.init {
             text += &format!(" init {}", init.display());

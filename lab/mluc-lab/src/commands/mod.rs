@@ -1,5 +1,6 @@
 //! One subcommand a file.
 
+mod adapt;
 mod audit;
 mod evaluate;
 mod export;
@@ -17,6 +18,7 @@ use clap::Subcommand;
 
 #[derive(Subcommand)]
 pub(crate) enum Command {
+    Adapt(adapt::AdaptArguments),
     Audit(audit::AuditArguments),
     Evaluate(evaluate::EvaluateArguments),
     Export(export::ExportArguments),
@@ -32,6 +34,7 @@ pub(crate) enum Command {
 
 pub(crate) fn run(command: Command) -> anyhow::Result<()> {
     match command {
+        Command::Adapt(arguments) => adapt::run(arguments),
         Command::Audit(arguments) => audit::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::Export(arguments) => export::run(arguments),

@@ -10,7 +10,10 @@ use mluc_model::{Model, model_bytes};
 use mluc_train::quantize::{Calibrated, LevelRange, OutputErrors, calibrate, compare, evenly};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Frames that ranges are measured on.
+pub(super) const RANGE_FRAMES: usize = 48;
 
 /// Measure on scans how large the values between a model's layers get, and store it in a model file, so that it runs with
 /// `--precision int8`.
@@ -30,7 +33,7 @@ pub(crate) struct QuantizeArguments {
     #[arg(long)]
     split: Option<String>,
     /// Frames to measure, evenly spaced.
-    #[arg(long, default_value_t = 48, value_parser = at_least_one, value_name = "N")]
+    #[arg(long, default_value_t = RANGE_FRAMES, value_parser = at_least_one, value_name = "N")]
     frames: usize,
     /// Frames to compare the precisions on, between those.
     #[arg(long, default_value_t = 8, value_name = "N")]
@@ -46,14 +49,7 @@ pub(crate) struct QuantizeArguments {
 pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
     let model = Model::read(&arguments.model)?;
     let dataset = Dataset::open_split(&arguments.data, arguments.split.as_deref())?;
-    let frames = evenly(dataset.names(), arguments.frames, 0.0);
-    let data = &arguments.data;
-    let folder = folder_tail(&data.canonicalize().unwrap_or(data.clone()));
-    let (count, all) = (frames.len(), dataset.names().len());
-    let describe = format!("{count} of {all} frames of {folder}");
-    let calibrated = counted("ranges", count, |step| {
-        calibrate(&model, &dataset, &frames, &describe, step)
-    })?;
+    let calibrated = quantized(&model, &dataset, &arguments.data, arguments.frames)?;
     let (manifest, weights) = (&calibrated.manifest, &calibrated.weights);
     let bytes = model_bytes(manifest, weights)?;
     // Frames between the measured ones; of a small set they may be the same.
@@ -72,6 +68,22 @@ pub(crate) fn run(arguments: QuantizeArguments) -> anyhow::Result<()> {
         return print_out(format_args!("{json:#}"));
     }
     print_out(as_table(&calibrated, &errors, others.len()).trim_end())
+}
+
+/// A model with ranges measured on `frames` of a data set, evenly spaced; `data` is its folder.
+pub(super) fn quantized(
+    model: &Model,
+    dataset: &Dataset,
+    data: &Path,
+    frames: usize,
+) -> anyhow::Result<Calibrated> {
+    let frames = evenly(dataset.names(), frames, 0.0);
+    let folder = folder_tail(&data.canonicalize().unwrap_or(data.to_owned()));
+    let (count, all) = (frames.len(), dataset.names().len());
+    let describe = format!("{count} of {all} frames of {folder}");
+    Ok(counted("ranges", count, |step| {
+        calibrate(model, dataset, &frames, &describe, step)
+    })?)
 }
 
 fn as_table(calibrated: &Calibrated, errors: &[OutputErrors], frames: usize) -> String {

@@ -4,7 +4,7 @@ use super::terminal::{Progress, Threads, one_of, print_out};
 use anyhow::Context;
 use clap::Args;
 use mluc_model::SensorProfile;
-use mluc_simulate::{ExportOptions, Family, Realism, Split, Step, export};
+use mluc_simulate::{Class, ExportOptions, Family, Realism, Split, Step, export};
 use std::path::PathBuf;
 
 /// Write simulated, labelled scans as a KITTI-format folder.
@@ -51,8 +51,24 @@ pub(crate) struct SimulateArguments {
     /// `metric-open` and `mluc-full` learn the unknown from. For --split train alone.
     #[arg(long)]
     synthetic_unknown: bool,
+    /// Classes that stand in every split, train too, beside the family's known ones: van, truck, golf_cart, forklift.
+    #[arg(long, value_delimiter = ',', value_parser = class, value_name = "CLASS,..")]
+    known: Vec<Class>,
     #[command(flatten)]
     threads: Threads,
+}
+
+/// A class by its name, whatever the case of its letters.
+pub(super) fn class(text: &str) -> Result<Class, String> {
+    let found = Class::REAL
+        .into_iter()
+        .find(|c| c.name().eq_ignore_ascii_case(text));
+    found.ok_or_else(|| {
+        let names = Class::REAL
+            .map(|c| c.name().to_ascii_lowercase())
+            .join(", ");
+        format!("expected one of {names}, found '{text}'")
+    })
 }
 
 pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
@@ -68,9 +84,19 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
             .transpose()?,
         realism: Realism::without(&arguments.without),
         synthetic_unknown: arguments.synthetic_unknown,
+        also_known: arguments.known,
         folder: arguments.out,
+        resume: false,
         threads: arguments.threads.threads,
     };
+    let name = export_with_progress(&options)?;
+    let (realism, folder) = (options.realism, options.folder.display());
+    let total = options.frames;
+    print_out(format_args!("{name}{realism}: {total} frames in {folder}"))
+}
+
+/// Simulates, shows how far it is, and gives the name of what was simulated.
+pub(super) fn export_with_progress(options: &ExportOptions) -> anyhow::Result<String> {
     let name = format!("{} {}", options.family.name(), options.split.name());
     let total = u64::from(options.frames);
     let style = "{msg} [{bar:40}] {pos}/{len} {per_sec}, {eta} left";
@@ -80,8 +106,7 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
         let done = progress.bar.position();
         progress.line(done == total, format_args!("{done}/{total} frames"));
     };
-    export(&options, step).with_context(|| format!("simulating {name}"))?;
+    export(options, step).with_context(|| format!("simulating {name}"))?;
     progress.bar.finish_and_clear();
-    let (realism, folder) = (options.realism, options.folder.display());
-    print_out(format_args!("{name}{realism}: {total} frames in {folder}"))
+    Ok(name)
 }

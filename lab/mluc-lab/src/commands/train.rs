@@ -35,6 +35,10 @@ struct Choices {
     /// Classes and range.
     #[arg(long, value_enum)]
     setting: Option<Setting>,
+    /// Classes to learn, of those that the labels name [default: the setting's].
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    known: Vec<String>,
     /// Size of the network [default: compact].
     #[arg(long, value_enum)]
     architecture: Option<Architecture>,
@@ -166,6 +170,11 @@ impl Choices {
         set(&mut all.checkpoint_every, self.checkpoint_every);
         Ok(TrainSettings {
             init: self.init,
+            known: self
+                .known
+                .iter()
+                .map(|name| name.to_ascii_lowercase())
+                .collect(),
             bf16: self.bf16,
             augment: !self.no_augment,
             ignored_classes: self.ignore_classes,
@@ -197,9 +206,7 @@ const MEMORY: [(&str, &str); 3] = [
 
 /// Starts this program anew with [`MEMORY`], which the allocator reads at the start alone. Whoever sets one of them is left alone;
 /// another allocator does not look at them.
-#[cfg(all(target_os = "linux", target_env = "gnu"))]
-fn tune_memory() {
-    use std::os::unix::process::CommandExt;
+pub(super) fn tune_memory() {
     if MEMORY
         .iter()
         .any(|(name, _)| std::env::var_os(name).is_some())
@@ -209,34 +216,40 @@ fn tune_memory() {
     let Ok(program) = std::env::current_exe() else {
         return;
     };
-    // It comes back only where it failed; the run then goes on as it is.
-    let fault = std::process::Command::new(program)
-        .args(std::env::args_os().skip(1))
-        .envs(MEMORY)
-        .exec();
-    print_err(format_args!("the allocator keeps its defaults: {fault}"));
+    let mut command = std::process::Command::new(program);
+    command.args(std::env::args_os().skip(1)).envs(MEMORY);
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        // It comes back only where it failed; the run then goes on as it is.
+        let fault = std::os::unix::process::CommandExt::exec(&mut command);
+        print_err(format_args!("the allocator keeps its defaults: {fault}"));
+    }
 }
 
 pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
-    #[cfg(all(target_os = "linux", target_env = "gnu"))]
     tune_memory();
     arguments.threads.start()?;
     let choices = match &arguments.config {
         None => arguments.choices,
         Some(file) => arguments.choices.or_of(file)?,
     };
-    let settings = choices.settings()?;
+    let path = train(&choices.settings()?, arguments.profile_steps)?;
+    print_out(path.display())
+}
+
+/// Trains and shows how far it is; gives the model file.
+pub(super) fn train(settings: &TrainSettings, profile_steps: bool) -> anyhow::Result<PathBuf> {
     let screen = Progress::new("", settings.steps, "{bar:30} {pos}/{len} {msg}");
     let mut tell = |event: TrainEvent| match event {
         TrainEvent::Note(text) => screen.note(&text),
-        TrainEvent::Progress(progress) => show(&screen, progress, arguments.profile_steps),
+        TrainEvent::Progress(progress) => show(&screen, progress, profile_steps),
     };
     let path = match settings.kind {
-        NetworkKind::Osis => train_osis(&settings, &mut tell)?,
-        _ => Run::prepare(&settings, &mut tell)?.finish(&mut tell)?,
+        NetworkKind::Osis => train_osis(settings, &mut tell)?,
+        _ => Run::prepare(settings, &mut tell)?.finish(&mut tell)?,
     };
     screen.bar.finish_and_clear();
-    print_out(path.display())
+    Ok(path)
 }
 
 /// Shows a step; `every_line`: with its times, and as a line wherever lines are printed.

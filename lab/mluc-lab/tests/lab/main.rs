@@ -1,5 +1,6 @@
 //! `mluc-lab` as a person runs it, in a folder of its own: files, JSON or a table come out, or a clear error.
 
+mod adapt;
 mod evaluate;
 mod exchange;
 mod exchange_torch;

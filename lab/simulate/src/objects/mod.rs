@@ -95,7 +95,7 @@ pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut D
 }
 
 /// Mean of what is published about labels of the class.
-fn mean_size_m(class: Class, family: Family) -> V3 {
+pub(crate) fn mean_size_m(class: Class, family: Family) -> V3 {
     match (class, family) {
         (Class::Car, Family::SimKitti) => v(3.89, 1.62, 1.53),
         (Class::Car, Family::SimUdi) => v(4.5, 1.85, 1.55),

@@ -1,0 +1,229 @@
+//! `mluc-lab adapt`: weights for one sensor and the classes that its user knows, from the shipped ones. Each step leaves its result in
+//! the folder; started again, the command goes on behind the last one that is done.
+
+mod plan;
+mod report;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::Args;
+use mluc_backbone::Precision;
+use mluc_dataset::Dataset;
+use mluc_dataset::whole_file::write_whole;
+use mluc_evaluate::NeighbourPolicy;
+use mluc_evaluate::pipeline::{
+    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_threshold, class_names,
+    detect_frames, judge, sweep_gate, write_threshold,
+};
+use mluc_model::{Model, SensorProfile, model_bytes};
+use mluc_refiner::{Settings, Variant};
+use mluc_simulate::{Class, Split};
+use mluc_train::TrainSettings;
+use plan::{Plan, Request};
+
+use super::quantize::{RANGE_FRAMES, quantized};
+use super::simulate::{class, export_with_progress};
+use super::terminal::{Threads, counted, print_err, print_out};
+use super::train::{train, tune_memory};
+
+/// Where adaptation begins unless --init says otherwise.
+const ANY_OPEN: &[u8] = include_bytes!("../../../../weights/any-open.safetensors");
+
+/// Adapt the weights to one sensor and the classes that you know, in a given time: simulates scans of this very sensor, trains on from
+/// the shipped weights, measures int8's ranges, chooses the threshold, and judges before and after.
+///
+/// DIR gets model.safetensors and report.md. What it costs is measured first and told. A command that was interrupted goes on when it is
+/// started again. The validation scans are simulated: real scans decide (evaluate ap).
+#[derive(Args)]
+pub(crate) struct AdaptArguments {
+    /// The sensor: a product of `sensors/`, or a TOML file like those (`mluc-lab sensor` writes one).
+    #[arg(long, value_name = "NAME|FILE")]
+    sensor: String,
+    /// The classes to know: car, van, truck, pedestrian, cyclist, golf_cart, forklift; all others are unknown.
+    #[arg(long, value_delimiter = ',', value_parser = class, default_value = "car,pedestrian,cyclist", value_name = "CLASS,..")]
+    known: Vec<Class>,
+    /// Hours that all of it may take on this machine.
+    #[arg(long, default_value_t = 1.0, value_parser = hours, value_name = "HOURS")]
+    hours: f64,
+    /// Begin with the weights of this model file [default: the shipped any-open].
+    #[arg(long, value_name = "FILE")]
+    init: Option<PathBuf>,
+    /// Folder of the result.
+    #[arg(long)]
+    out: PathBuf,
+    #[command(flatten)]
+    threads: Threads,
+}
+
+fn hours(text: &str) -> Result<f64, String> {
+    let hours = text.parse().ok().filter(|h| *h > 0.0 && *h <= 1000.0);
+    hours.ok_or_else(|| format!("expected more than 0 and at most 1000, found '{text}'"))
+}
+
+pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
+    tune_memory();
+    arguments.threads.start()?;
+    let out = &arguments.out;
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let init = match &arguments.init {
+        Some(path) => std::fs::read(path).with_context(|| path.display().to_string())?,
+        None => ANY_OPEN.to_vec(),
+    };
+    let mut known: Vec<String> = arguments.known.iter().map(|c| lower(*c)).collect();
+    known.dedup();
+    let request = Request {
+        sensor: SensorProfile::load(&arguments.sensor)?,
+        init: format!("{:016x}", Model::from_bytes(&init)?.fingerprint),
+        known,
+        hours: arguments.hours,
+    };
+    write_whole(&out.join("init.safetensors"), &init).context("init.safetensors")?;
+    let plan = Plan::of(request, out)?;
+    let place = Adaptation { out, plan };
+    place.simulate()?;
+    let before = place.judged("before", &out.join("init.safetensors"))?;
+    place.train()?;
+    place.finish_model()?;
+    let after = place.judged("after", &place.model())?;
+    let text = report::markdown(&place.plan, &Model::read(&place.model())?, &before, &after);
+    let path = out.join("report.md");
+    write_whole(&path, text.as_bytes()).with_context(|| path.display().to_string())?;
+    print_out(text)?;
+    print_out(format_args!(
+        "{}\n{}",
+        path.display(),
+        place.model().display()
+    ))
+}
+
+/// A class as a model names it.
+fn lower(class: Class) -> String {
+    class.name().to_ascii_lowercase()
+}
+
+struct Adaptation<'a> {
+    out: &'a Path,
+    plan: Plan,
+}
+
+impl Adaptation<'_> {
+    fn model(&self) -> PathBuf {
+        self.out.join("model.safetensors")
+    }
+
+    fn run_folder(&self) -> PathBuf {
+        self.out.join("run")
+    }
+
+    fn scans(&self, split: Split) -> PathBuf {
+        self.out.join("scans").join(split.name())
+    }
+
+    fn simulate(&self) -> anyhow::Result<()> {
+        print_err("step 1 of 4: simulate");
+        for (split, scans) in [
+            (Split::Train, self.plan.scans),
+            (Split::Val, self.plan.val_scans),
+        ] {
+            let options = self.plan.request.export(split, scans, self.scans(split));
+            export_with_progress(&options)?;
+        }
+        Ok(())
+    }
+
+    fn train(&self) -> anyhow::Result<()> {
+        print_err("step 3 of 4: train");
+        let settings = TrainSettings {
+            steps: self.plan.steps,
+            // Both are done here, once.
+            validate_frames: 0,
+            ..self
+                .plan
+                .request
+                .settings(&self.out.join("scans"), &self.run_folder(), self.out)
+        };
+        train(&settings, false).map(drop)
+    }
+
+    /// The model of the run with its int8 ranges and its threshold.
+    fn finish_model(&self) -> anyhow::Result<()> {
+        print_err("step 4 of 4: int8 ranges, threshold, figures");
+        let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
+        let is_done = Model::read(&path).is_ok_and(|model| {
+            let from = model.manifest.provenance;
+            !from.calibration.is_empty() && !from.threshold_choice.is_empty()
+        });
+        if is_done {
+            return Ok(());
+        }
+        let (scans, train) = (self.scans(Split::Train), Model::read(&trained)?);
+        let calibrated = quantized(&train, &Dataset::open(&scans)?, &scans, RANGE_FRAMES)?;
+        let mut manifest = calibrated.manifest;
+        let (set, frames, judgement) = self.judge(&train)?;
+        if judgement.unknown_labels() == 0 {
+            // Nothing is left to choose by.
+            let init = Model::read(&self.out.join("init.safetensors"))?.manifest;
+            manifest.thresholds.unknown_min = init.thresholds.unknown_min;
+            manifest.provenance.threshold_choice =
+                "that of the model that training began with: no unknown object counts".into();
+        }
+        let bytes = model_bytes(&manifest, &calibrated.weights)?;
+        write_whole(&path, &bytes).with_context(|| path.display().to_string())?;
+        if judgement.unknown_labels() > 0 {
+            let model = Model::read(&path)?;
+            let sweep = counted("thresholds", set.names().len(), |step| {
+                sweep_gate(&model, &set, &frames, &judgement.rules, &settings(), step)
+            })?;
+            let variant = settings().variant.name();
+            let data = set.describe();
+            let choice =
+                choose_threshold(ModelGate::of(&model), &sweep, &judgement, &data, variant)?;
+            write_threshold(&path, &model, &choice)?;
+        }
+        Ok(())
+    }
+
+    /// A model's detections on the validation scans, and how good they are. What neither it nor this adaptation knows is unknown.
+    fn judge(
+        &self,
+        model: &Model,
+    ) -> anyhow::Result<(FrameSet, Vec<DetectedFrame>, ModelJudgement)> {
+        let set = FrameSet::open(&self.scans(Split::Val), None, self.plan.val_scans as usize)?;
+        let frames = counted("network", set.names().len(), |step| {
+            detect_frames(Precision::default(), model, &set, step)
+        })?;
+        let known = [class_names(model), self.plan.request.known.clone()].concat();
+        let mut unknown = Class::REAL.map(lower).to_vec();
+        unknown.retain(|name| !known.contains(name));
+        let policy = NeighbourPolicy::Official;
+        let judgement = judge(model, &set, &frames, &unknown, policy, &settings())?;
+        Ok((set, frames, judgement))
+    }
+
+    /// The figures of a model file, from `NAME.json` where they are there for this very file.
+    fn judged(&self, name: &str, path: &Path) -> anyhow::Result<report::Figures> {
+        if name == "before" {
+            print_err("step 2 of 4: judge the model that training begins with");
+        }
+        let model = Model::read(path)?;
+        let file = self.out.join(format!("{name}.json"));
+        let kept = std::fs::read_to_string(&file).ok();
+        let kept = kept.and_then(|text| serde_json::from_str::<report::Figures>(&text).ok());
+        if let Some(figures) = kept.filter(|f| f.fingerprint == model.fingerprint) {
+            return Ok(figures);
+        }
+        let figures = report::Figures::of(&model, &self.judge(&model)?.2);
+        let text = serde_json::to_string_pretty(&figures)?;
+        write_whole(&file, text.as_bytes()).with_context(|| file.display().to_string())?;
+        Ok(figures)
+    }
+}
+
+/// The refiner that ships.
+fn settings() -> Settings {
+    Settings {
+        variant: Variant::RangeScaled,
+        ..Settings::default()
+    }
+}

@@ -1,0 +1,233 @@
+//! What an adaptation is asked for, and how much of it fits the time: from a short probe of this machine.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, ensure};
+use mluc_dataset::whole_file::write_whole;
+use mluc_model::SensorProfile;
+use mluc_simulate::{Class, ExportOptions, Family, Split};
+use mluc_train::{Architecture, NetworkKind, Setting, TrainSettings};
+use serde::{Deserialize, Serialize};
+
+use super::super::simulate::export_with_progress;
+use super::super::terminal::print_err;
+use super::super::train::{commit, train};
+use super::lower;
+
+/// Frames a step.
+const BATCH: usize = 4;
+/// How often a scan is trained on: a guess between few scenes and few sights of each.
+const PASSES: f64 = 3.0;
+/// Highest learning rate: a third of that of a fresh network, since the first weights are good. A guess.
+const LEARNING_RATE: f64 = 0.001;
+/// Scans and steps of the probe.
+const PROBE: (u32, u64) = (8, 3);
+/// Validation scans an hour, and their bounds.
+const VAL_SCANS: (f64, [f64; 2]) = (120.0, [12.0, 240.0]);
+/// Judging a validation scan before and after, and trying thresholds on it, takes as long as training on so many scans; other work,
+/// this share of the time.
+const JUDGE_SCANS: f64 = 12.0;
+const OTHER_SHARE: f64 = 0.08;
+/// Fewer scans teach nothing about a sensor.
+const SCANS_MIN: f64 = 12.0;
+
+/// What was asked for: a folder holds one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Request {
+    pub(super) sensor: SensorProfile,
+    /// Classes, lower case.
+    pub(super) known: Vec<String>,
+    pub(super) hours: f64,
+    /// Fingerprint of the first weights.
+    pub(super) init: String,
+}
+
+/// What the probe measured, and what follows.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Plan {
+    pub(super) request: Request,
+    /// A scan on all threads, s: to simulate and to train on.
+    pub(super) simulate_s: f64,
+    pub(super) train_s: f64,
+    /// On disk, a scan.
+    pub(super) scan_bytes: u64,
+    pub(super) scans: u32,
+    pub(super) val_scans: u32,
+    pub(super) steps: u64,
+}
+
+impl Request {
+    /// Scans of this sensor with these classes.
+    pub(super) fn export(&self, split: Split, scans: u32, folder: PathBuf) -> ExportOptions {
+        let is_known = |class: &Class| self.known.contains(&lower(*class));
+        ExportOptions {
+            sensor: Some(self.sensor.clone()),
+            synthetic_unknown: split == Split::Train,
+            also_known: Class::REAL.into_iter().filter(is_known).collect(),
+            resume: true,
+            ..ExportOptions::new(Family::SimAny, split, scans, 1, folder)
+        }
+    }
+
+    /// The training on from the first weights, which lie in `out`.
+    pub(super) fn settings(&self, data: &Path, run: &Path, out: &Path) -> TrainSettings {
+        let kind = NetworkKind::MlucFull;
+        let (data, run) = (data.to_owned(), run.to_owned());
+        TrainSettings {
+            known: self.known.clone(),
+            init: Some(out.join("init.safetensors")),
+            batch: BATCH,
+            learning_rate: LEARNING_RATE,
+            commit: commit(),
+            checkpoint_every: 50,
+            ..TrainSettings::new(Setting::Any, Architecture::Compact, kind, data, run)
+        }
+    }
+}
+
+impl Plan {
+    /// The plan of the folder, or a new one; one of another request is refused. Says what it costs.
+    pub(super) fn of(request: Request, out: &Path) -> anyhow::Result<Plan> {
+        let path = out.join("plan.json");
+        let plan = if path.exists() {
+            let text = std::fs::read_to_string(&path).context("plan.json")?;
+            let plan: Plan = serde_json::from_str(&text).context("plan.json")?;
+            let of = |r: &Request| serde_json::to_string(r).unwrap_or_default();
+            ensure!(
+                plan.request == request,
+                "{}: expected an adaptation with the same --sensor, --known, --hours and --init, found another; name another folder\n\
+                 expected {}\nfound {}",
+                path.display(),
+                of(&request),
+                of(&plan.request)
+            );
+            plan
+        } else {
+            let plan = Plan::probed(request, out)?;
+            let text = serde_json::to_string_pretty(&plan)?;
+            write_whole(&path, text.as_bytes()).context("plan.json")?;
+            plan
+        };
+        plan.say(out);
+        Ok(plan)
+    }
+
+    /// Simulates a few scans and trains on them for a few steps.
+    fn probed(request: Request, out: &Path) -> anyhow::Result<Plan> {
+        print_err("a short probe of this machine");
+        let start = Instant::now();
+        let folder = out.join("probe");
+        if folder.exists() {
+            std::fs::remove_dir_all(&folder).context("the probe's folder")?;
+        }
+        let (scans, steps) = PROBE;
+        let train_folder = folder.join("scans/train");
+        export_with_progress(&request.export(Split::Train, scans, train_folder.clone()))?;
+        let simulate_s = start.elapsed().as_secs_f64() / f64::from(scans);
+        let scan_bytes = bytes_in(&train_folder)? / u64::from(scans);
+        let settings = TrainSettings {
+            steps,
+            validate_frames: 0,
+            ..request.settings(&folder.join("scans"), &folder.join("run"), out)
+        };
+        let begun = Instant::now();
+        train(&settings, true)?;
+        let train_s = begun.elapsed().as_secs_f64() / (steps as f64 * BATCH as f64);
+        std::fs::remove_dir_all(&folder).context("the probe's folder")?;
+        Ok(Plan::fitted(
+            request,
+            [simulate_s, train_s, start.elapsed().as_secs_f64()],
+            scan_bytes,
+        ))
+    }
+
+    /// As many scans as the time allows. A scan's time to simulate and to train on, and what the probe took, s.
+    fn fitted(request: Request, [simulate_s, train_s, probe_s]: [f64; 3], scan_bytes: u64) -> Plan {
+        let (an_hour, [fewest, most]) = VAL_SCANS;
+        let val_scans = (request.hours * an_hour).clamp(fewest, most);
+        let val_s = val_scans * (simulate_s + JUDGE_SCANS * train_s);
+        let left_s = request.hours * 3600.0 * (1.0 - OTHER_SHARE) - probe_s - val_s;
+        let scans = (left_s / (simulate_s + PASSES * train_s)).max(SCANS_MIN);
+        Plan {
+            simulate_s,
+            train_s,
+            scan_bytes,
+            scans: scans as u32,
+            val_scans: val_scans as u32,
+            steps: (scans * PASSES / BATCH as f64).max(1.0) as u64,
+            request,
+        }
+    }
+
+    /// Minutes of simulating, training, and judging.
+    fn minutes(&self) -> [f64; 3] {
+        let (scans, val) = (f64::from(self.scans), f64::from(self.val_scans));
+        let trained = self.steps as f64 * BATCH as f64;
+        [
+            (scans + val) * self.simulate_s,
+            trained * self.train_s,
+            val * JUDGE_SCANS * self.train_s + OTHER_SHARE * self.request.hours * 3600.0,
+        ]
+        .map(|seconds| seconds / 60.0)
+    }
+
+    fn say(&self, out: &Path) {
+        let [simulate, train, judge] = self.minutes();
+        let scans = u64::from(self.scans + self.val_scans);
+        print_err(format_args!(
+            "{}, known: {}\n\
+             simulate {} scans and {} to judge by: {simulate:.0} min\n\
+             train {} steps of {BATCH} scans: {train:.0} min\n\
+             judge before and after, int8 ranges, threshold: {judge:.0} min\n\
+             in all about {:.2} of {} hours, {:.1} GB in {}",
+            self.request.sensor.name,
+            self.request.known.join(", "),
+            self.scans,
+            self.val_scans,
+            self.steps,
+            (simulate + train + judge) / 60.0,
+            self.request.hours,
+            (scans * self.scan_bytes) as f64 / 1e9,
+            out.display()
+        ));
+        if f64::from(self.scans) <= 10.0 * SCANS_MIN {
+            print_err("warning: so few scans teach little; give it more hours");
+        }
+    }
+}
+
+fn bytes_in(folder: &Path) -> anyhow::Result<u64> {
+    let mut sum = 0;
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        sum += match entry.file_type()?.is_dir() {
+            true => bytes_in(&entry.path())?,
+            false => entry.metadata()?.len(),
+        };
+    }
+    Ok(sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_plan_fits_the_hours() {
+        for (hours, simulate_s, train_s) in [(1.0, 0.5, 0.3), (1.0, 0.2, 1.0), (8.0, 1.0, 0.2)] {
+            let request = Request {
+                sensor: SensorProfile::load("vlp-16").expect("a product"),
+                known: vec!["car".into()],
+                hours,
+                init: String::new(),
+            };
+            let plan = Plan::fitted(request, [simulate_s, train_s, 30.0], 1_000_000);
+            let all: f64 = plan.minutes().iter().sum();
+            assert!(
+                all <= 60.0 * hours && all > 57.0 * hours,
+                "{all} min: {plan:?}"
+            );
+        }
+    }
+}

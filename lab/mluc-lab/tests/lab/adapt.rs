@@ -1,0 +1,51 @@
+//! `mluc-lab adapt`, with as little as it takes.
+
+use crate::{Folder, text};
+use mluc_model::Model;
+use mluc_tests::assert_has;
+
+#[test]
+fn a_model_is_adapted_once_and_goes_on_where_it_was() {
+    let folder = Folder::new();
+    folder.run("sensor --profile vlp-16 --picture vlp-16.png");
+    let profile = "name = \"mine\"\nsource = \"a test\"\nelevations_deg = [4.0, 2.0, 0.0, -2.0, -4.0, -8.0]\n\
+        azimuth_step_deg = 0.8\nrange_m = [0.5, 60.0]\nrange_noise_m = 0.02\nheight_m = 1.5\n";
+    folder.write("mine.toml", profile);
+    let adapt = |more: &str| format!("adapt --sensor mine.toml --out a {more}");
+    let few = "--known car,pedestrian,forklift --hours 0.001";
+    let output = folder.run(&adapt(few));
+    let said = [
+        "probe",
+        "12 scans and 12 to judge by",
+        "9 steps of 4",
+        "teach little",
+    ];
+    assert_has(&text(&output.stderr), &said);
+    let report = text(&folder.read("a/report.md"));
+    assert_has(
+        &report,
+        &["Adapted to mine", "| forklift |", "| - |", "AP unknown"],
+    );
+    let bytes = folder.read("a/model.safetensors");
+    let manifest = Model::from_bytes(&bytes).expect("a model").manifest;
+    let classes: Vec<&str> = manifest.classes.iter().map(|c| c.name.as_str()).collect();
+    assert_eq!(classes, ["car", "pedestrian", "forklift"]);
+    let from = manifest.provenance;
+    assert!(!from.calibration.is_empty() && !from.threshold_choice.is_empty());
+    assert_eq!(from.steps, 9);
+
+    // Again: nothing is done twice; what is missing is made again, the same.
+    std::fs::remove_file(folder.path("a/model.safetensors")).expect("removed");
+    std::fs::remove_file(folder.path("a/report.md")).expect("removed");
+    std::fs::remove_file(folder.path("a/scans/train/planes/000003.txt")).expect("removed");
+    let output = folder.run(&adapt(few));
+    assert!(!text(&output.stderr).contains("probe"));
+    assert!(folder.read("a/model.safetensors") == bytes);
+    assert_eq!(text(&folder.read("a/report.md")), report);
+    folder.refuses(
+        &adapt("--hours 2"),
+        &["--sensor, --known, --hours", "name another folder"],
+    );
+    folder.refuses(&adapt("--hours 0"), &["more than 0"]);
+    folder.refuses(&adapt("--known car,tank"), &["expected one of car", "tank"]);
+}
