@@ -24,7 +24,7 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     let report = text(&folder.read("a/report.md"));
     assert_has(
         &report,
-        &["Adapted to mine", "| forklift |", "| - |", "AP unknown"],
+        &["Adapted to mine", "| forklift |", "| - |", "unknown, AP"],
     );
     let bytes = folder.read("a/model.safetensors");
     let manifest = Model::from_bytes(&bytes).expect("a model").manifest;
