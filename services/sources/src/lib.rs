@@ -2,6 +2,7 @@
 //!
 //! [`Source`] is what `--input` names: a folder of scans, whose [`files`] have several formats; [`packets`] decodes what sensors send, without I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor.
 
+mod error;
 pub mod files;
 mod folder;
 pub mod packets;
@@ -12,6 +13,7 @@ use std::path::Path;
 
 use mluc_ipc_types::{EgoPose, Flags};
 
+pub use error::SourceError;
 use files::Layout;
 use folder::Folder;
 

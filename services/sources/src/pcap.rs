@@ -1,1 +1,430 @@
-//! UDP payloads of a capture file (pcap, pcapng).
+//! UDP datagrams of a capture file, pcap or pcapng: Ethernet with VLANs, Linux cooked, loopback or raw IP; fragments are put together.
+
+use std::fs::File;
+use std::net::{IpAddr, SocketAddr};
+use std::path::{Path, PathBuf};
+
+use etherparse::defrag::IpDefragPool;
+use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice};
+use pcap_parser::traits::PcapReaderIterator;
+use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader};
+
+use crate::SourceError;
+use crate::packets::{Calibration, Datagram, Decoder, Detector};
+
+/// Longer than any frame of a capture.
+const BUFFER_BYTES: usize = 1 << 20;
+/// A fragment waits for the others of its datagram for so many fragments.
+const FRAGMENTS_MAX: u64 = 1024;
+/// Interfaces of a pcapng file that are remembered.
+const INTERFACES_MAX: usize = 64;
+/// Datagrams that are looked at for a sensor: some seconds of any.
+const DETECT_MAX: u32 = 20_000;
+
+/// What became of the frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CaptureCounts {
+    /// UDP datagrams given out.
+    pub datagrams: u64,
+    /// Frames that are no whole UDP datagram: other protocols, cut by the recorder.
+    pub other: u64,
+    /// Fragmented datagrams of which a part did not come, or has not yet.
+    pub fragmented_lost: u64,
+    /// The file ends within a block, or is damaged there: what follows is not read.
+    pub cut_short: bool,
+}
+
+/// How an interface's frames begin and what its time counts.
+#[derive(Clone, Copy)]
+struct Interface {
+    link: Linktype,
+    ticks_per_s: u64,
+    offset_s: i64,
+}
+
+/// A capture that is read from its start to its end.
+pub struct Capture {
+    path: PathBuf,
+    reader: Box<dyn PcapReaderIterator + Send>,
+    interfaces: Vec<Interface>,
+    frames: Frames,
+}
+
+/// Frames to datagrams.
+#[derive(Default)]
+struct Frames {
+    counts: CaptureCounts,
+    payload: Vec<u8>,
+    /// Each with the number of its latest fragment.
+    pool: IpDefragPool<u64>,
+    fragments: u64,
+}
+
+impl Capture {
+    /// Opens a file; its first bytes say which format it has.
+    pub fn open(path: impl AsRef<Path>) -> Result<Capture, SourceError> {
+        let path = path.as_ref().to_path_buf();
+        let file = File::open(&path).map_err(|cause| SourceError::Io {
+            place: path.display().to_string(),
+            cause,
+        })?;
+        match create_reader(BUFFER_BYTES, file) {
+            Ok(reader) => Ok(Capture {
+                path,
+                reader,
+                interfaces: Vec::new(),
+                frames: Frames::default(),
+            }),
+            Err(cause) => Err(SourceError::Format {
+                path,
+                expected: "a pcap or pcapng capture".into(),
+                found: match cause {
+                    PcapError::Eof => "an empty file".into(),
+                    PcapError::Incomplete(_) => "a file that ends in its header".into(),
+                    _ => "neither".into(),
+                },
+            }),
+        }
+    }
+
+    /// The decoder for the first sensor in the capture. Open the capture again to decode it from its start.
+    pub fn detect(mut self, calibration: Option<&Calibration>) -> Result<Decoder, SourceError> {
+        let mut detector = Detector::new(calibration);
+        for _ in 0..DETECT_MAX {
+            let Some(datagram) = self.next_datagram()? else {
+                break;
+            };
+            if let Some(decoder) = detector.look(&datagram)? {
+                return Ok(decoder);
+            }
+        }
+        Err(detector.not_found())
+    }
+
+    /// What became of the frames so far.
+    pub fn counts(&self) -> CaptureCounts {
+        self.frames.counts
+    }
+
+    /// The next datagram; `None` at the end. Fails where the system cannot read on.
+    pub fn next_datagram(&mut self) -> Result<Option<Datagram<'_>>, SourceError> {
+        loop {
+            match self.reader.next() {
+                Ok((bytes, block)) => {
+                    let found = match read(&block, &mut self.interfaces) {
+                        Some((stamp_ns, link, frame)) => {
+                            self.frames.datagram(stamp_ns, link, frame)
+                        }
+                        None => None,
+                    };
+                    self.reader.consume(bytes);
+                    if let Some((stamp_ns, from, to_port)) = found {
+                        let payload = &self.frames.payload;
+                        return Ok(Some(Datagram {
+                            stamp_ns,
+                            from,
+                            to_port,
+                            payload,
+                        }));
+                    }
+                }
+                Err(PcapError::Eof) => return Ok(None),
+                Err(PcapError::Incomplete(_)) => {
+                    if self.reader.refill().is_err() {
+                        return Err(SourceError::Io {
+                            place: self.path.display().to_string(),
+                            cause: std::io::Error::other("reading failed"),
+                        });
+                    }
+                }
+                Err(_) => {
+                    self.frames.counts.cut_short = true;
+                    return Ok(None);
+                }
+            }
+        }
+    }
+}
+
+/// Stamp, link and bytes of a block that holds a frame; remembers the interfaces that others tell.
+fn read<'a>(
+    block: &'a PcapBlockOwned,
+    interfaces: &mut Vec<Interface>,
+) -> Option<(u64, Linktype, &'a [u8])> {
+    use pcap_parser::Block;
+    let mut told = |link, ticks_per_s, offset_s| {
+        if interfaces.len() < INTERFACES_MAX {
+            interfaces.push(Interface {
+                link,
+                ticks_per_s,
+                offset_s,
+            });
+        }
+    };
+    match block {
+        PcapBlockOwned::LegacyHeader(header) => {
+            let is_ns = header.is_nanosecond_precision();
+            told(
+                header.network,
+                if is_ns { 1_000_000_000 } else { 1_000_000 },
+                0,
+            );
+            None
+        }
+        PcapBlockOwned::Legacy(frame) => {
+            let interface = interfaces.first()?;
+            let ns = u64::from(frame.ts_usec) * (1_000_000_000 / interface.ticks_per_s);
+            let stamp_ns = u64::from(frame.ts_sec) * 1_000_000_000 + ns;
+            Some((stamp_ns, interface.link, frame.data))
+        }
+        PcapBlockOwned::NG(Block::SectionHeader(_)) => {
+            interfaces.clear();
+            None
+        }
+        PcapBlockOwned::NG(Block::InterfaceDescription(description)) => {
+            let exponent = u32::from(description.if_tsresol & 0x7F);
+            let base: u64 = if description.if_tsresol & 0x80 == 0 {
+                10
+            } else {
+                2
+            };
+            let ticks_per_s = base.checked_pow(exponent).unwrap_or(u64::MAX);
+            told(description.linktype, ticks_per_s, description.if_tsoffset);
+            None
+        }
+        PcapBlockOwned::NG(Block::EnhancedPacket(frame)) => {
+            let interface = interfaces.get(frame.if_id as usize)?;
+            let ticks = i128::from(u64::from(frame.ts_high) << 32 | u64::from(frame.ts_low));
+            let ns = ticks * 1_000_000_000 / i128::from(interface.ticks_per_s);
+            let stamp_ns = ns + i128::from(interface.offset_s) * 1_000_000_000;
+            let stamp_ns = u64::try_from(stamp_ns).unwrap_or(0);
+            let bytes = frame.data.get(..frame.caplen as usize)?;
+            Some((stamp_ns, interface.link, bytes))
+        }
+        // A simple packet has no time, the other blocks no packets.
+        PcapBlockOwned::NG(_) => None,
+    }
+}
+
+impl Frames {
+    /// Stamp, sender and port of a frame's datagram; the content is in `payload`.
+    fn datagram(
+        &mut self,
+        stamp_ns: u64,
+        link: Linktype,
+        frame: &[u8],
+    ) -> Option<(u64, SocketAddr, u16)> {
+        let sliced = match link {
+            Linktype::ETHERNET => SlicedPacket::from_ethernet(frame),
+            Linktype::LINUX_SLL => SlicedPacket::from_linux_sll(frame),
+            // Four bytes of address family before the packet.
+            Linktype::NULL | Linktype::LOOP => SlicedPacket::from_ip(frame.get(4..)?),
+            _ => SlicedPacket::from_ip(frame),
+        };
+        let found = match &sliced {
+            Ok(packet) if packet.is_ip_payload_fragmented() => {
+                return self.fragment(stamp_ns, packet);
+            }
+            Ok(packet) => match &packet.transport {
+                Some(TransportSlice::Udp(udp)) => sender(packet).map(|ip| (ip, udp.clone())),
+                _ => None,
+            },
+            Err(_) => None,
+        };
+        let Some((ip, udp)) = found else {
+            self.counts.other += 1;
+            return None;
+        };
+        self.give(stamp_ns, ip, &udp)
+    }
+
+    fn give(
+        &mut self,
+        stamp_ns: u64,
+        ip: IpAddr,
+        udp: &UdpSlice,
+    ) -> Option<(u64, SocketAddr, u16)> {
+        self.payload.clear();
+        self.payload.extend_from_slice(udp.payload());
+        self.counts.datagrams += 1;
+        let from = SocketAddr::new(ip, udp.source_port());
+        Some((stamp_ns, from, udp.destination_port()))
+    }
+
+    fn fragment(&mut self, stamp_ns: u64, packet: &SlicedPacket) -> Option<(u64, SocketAddr, u16)> {
+        self.fragments += 1;
+        let now = self.fragments;
+        if now.is_multiple_of(FRAGMENTS_MAX) {
+            self.pool.retain(|latest| latest + FRAGMENTS_MAX > now);
+        }
+        if let Some(NetSlice::Ipv4(ip)) = &packet.net
+            && ip.header().fragments_offset().value() == 0
+        {
+            self.counts.fragmented_lost += 1;
+        }
+        let whole = self.pool.process_sliced_packet(packet, now, ());
+        let whole = whole.ok().flatten()?;
+        self.counts.fragmented_lost = self.counts.fragmented_lost.saturating_sub(1);
+        let is_udp = whole.ip_number == etherparse::IpNumber::UDP;
+        let udp = UdpSlice::from_slice(&whole.payload).ok().filter(|_| is_udp);
+        let found = match (udp, sender(packet)) {
+            (Some(udp), Some(ip)) => self.give(stamp_ns, ip, &udp),
+            _ => {
+                self.counts.other += 1;
+                None
+            }
+        };
+        self.pool.return_buf(whole);
+        found
+    }
+}
+
+fn sender(packet: &SlicedPacket) -> Option<IpAddr> {
+    match packet.net.as_ref()? {
+        NetSlice::Ipv4(ip) => Some(ip.header().source_addr().into()),
+        NetSlice::Ipv6(ip) => Some(ip.header().source_addr().into()),
+        NetSlice::Arp(_) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use etherparse::{IpFragOffset, Ipv4Header, PacketBuilder};
+
+    use super::*;
+
+    const POINTS: [u8; 3000] = [7; 3000];
+
+    fn ethernet(payload: &[u8]) -> Vec<u8> {
+        let mut frame = vec![];
+        let builder =
+            PacketBuilder::ethernet2([1; 6], [2; 6]).single_vlan(5u16.try_into().unwrap());
+        let builder = builder.ipv4([10, 0, 0, 1], [10, 0, 0, 2], 9);
+        builder.udp(2368, 2369).write(&mut frame, payload).unwrap();
+        frame
+    }
+
+    /// The same datagram in fragments of 1000 bytes, after their Ethernet header.
+    fn fragments(payload: &[u8]) -> Vec<Vec<u8>> {
+        let mut udp = vec![];
+        let words = [2368, 2369, payload.len() as u16 + 8, 0].map(u16::to_be_bytes);
+        udp.extend(words.as_flattened());
+        udp.extend(payload);
+        let mut frames = vec![];
+        for (i, part) in udp.chunks(1000).enumerate() {
+            let mut ip = Ipv4Header::new(
+                part.len() as u16,
+                9,
+                etherparse::IpNumber::UDP,
+                [10, 0, 0, 1],
+                [10, 0, 0, 2],
+            )
+            .unwrap();
+            ip.dont_fragment = false;
+            ip.more_fragments = (i + 1) * 1000 < udp.len();
+            ip.fragment_offset = IpFragOffset::try_new(i as u16 * 125).unwrap();
+            let mut frame = vec![1; 12];
+            frame.extend([8, 0]);
+            ip.write(&mut frame).unwrap();
+            frame.extend(part);
+            frames.push(frame);
+        }
+        frames
+    }
+
+    /// Little-endian, microseconds, Ethernet; a frame each millisecond.
+    fn pcap(frames: &[Vec<u8>]) -> Vec<u8> {
+        let mut bytes = vec![
+            0xD4, 0xC3, 0xB2, 0xA1, 2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 1, 0, 0, 0,
+        ];
+        for (i, frame) in frames.iter().enumerate() {
+            let length = frame.len() as u32;
+            for word in [100, i as u32 * 1000, length, length] {
+                bytes.extend(word.to_le_bytes());
+            }
+            bytes.extend(frame);
+        }
+        bytes
+    }
+
+    /// One interface with nanoseconds, one frame at 100.000000123 s.
+    fn pcapng(frame: &[u8]) -> Vec<u8> {
+        let block = |kind: u32, body: &[u8]| {
+            let padded = body.len().next_multiple_of(4);
+            let length = (12 + padded as u32).to_le_bytes();
+            let pad = &[0; 3][..padded - body.len()];
+            [&kind.to_le_bytes(), &length, body, pad, &length].concat()
+        };
+        let (link, ends) = ([1, 0, 0, 0, 0, 0, 4, 0], [0; 4]);
+        let nanoseconds = [9, 0, 1, 0, 9, 0, 0, 0];
+        let bytes = frame.len() as u32;
+        let ns = 100_000_000_123u64;
+        let words = [0, (ns >> 32) as u32, ns as u32, bytes, bytes].map(u32::to_le_bytes);
+        let section = [&[0x4D, 0x3C, 0x2B, 0x1A, 1, 0, 0, 0][..], &[255; 8]].concat();
+        let section = block(0x0A0D_0D0A, &section);
+        let interface = block(1, &[&link[..], &nanoseconds, &ends].concat());
+        let packet = block(6, &[words.as_flattened(), frame].concat());
+        [section, interface, packet].concat()
+    }
+
+    /// Stamp, port and content of each datagram.
+    type Found = Vec<(u64, u16, Vec<u8>)>;
+
+    fn read_all(bytes: &[u8]) -> Result<(Found, CaptureCounts), SourceError> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), bytes).unwrap();
+        let (mut capture, mut found) = (Capture::open(file.path())?, vec![]);
+        while let Some(datagram) = capture.next_datagram()? {
+            assert_eq!(datagram.from.to_string(), "10.0.0.1:2368");
+            let payload = datagram.payload.to_vec();
+            found.push((datagram.stamp_ns, datagram.to_port, payload));
+        }
+        Ok((found, capture.counts()))
+    }
+
+    #[test]
+    fn datagrams_are_found_among_other_traffic_and_fragments() {
+        let mut frames = vec![ethernet(&POINTS[..1206]), vec![0xFF; 60], vec![]];
+        frames.extend(fragments(&POINTS));
+        // Of a second datagram the end is missing.
+        frames.extend(fragments(&POINTS).into_iter().take(2));
+        let (found, counts) = read_all(&pcap(&frames)).unwrap();
+        let expected = CaptureCounts {
+            datagrams: 2,
+            other: 2,
+            fragmented_lost: 1,
+            cut_short: false,
+        };
+        assert_eq!(counts, expected);
+        let first = (100_000_000_000, 2369, POINTS[..1206].to_vec());
+        assert_eq!(found, [first, (100_006_000_000, 2369, POINTS.to_vec())]);
+        let (found, _) = read_all(&pcapng(&ethernet(b"points"))).unwrap();
+        assert_eq!(found, [(100_000_000_123, 2369, b"points".to_vec())]);
+    }
+
+    #[test]
+    fn a_capture_cut_anywhere_gives_its_whole_frames() {
+        let frame = ethernet(b"points");
+        for whole in [pcap(&[frame.clone(), frame.clone()]), pcapng(&frame)] {
+            let (all, _) = read_all(&whole).unwrap();
+            for end in 24..whole.len() {
+                // A pcapng file that ends in its first block is not one.
+                let found = read_all(&whole[..end]);
+                assert!(found.is_ok_and(|(found, _)| found.len() < all.len()) || end < 28);
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_capture_is_an_error() {
+        for (bytes, expected) in [
+            ("", "an empty file"),
+            ("VERSION 0.7 of what else", "neither"),
+        ] {
+            let error = read_all(bytes.as_bytes()).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
+        let error = Capture::open("/no/such.pcap").err().unwrap().to_string();
+        assert!(error.contains("/no/such.pcap"), "{error}");
+    }
+}

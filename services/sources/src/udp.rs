@@ -1,1 +1,195 @@
-//! UDP payloads of a live sensor.
+//! UDP datagrams of a live sensor.
+//!
+//! The kernel's receive buffer is the queue: it is bounded, and what does not fit is counted by the kernel. So a reader that is late by less than the buffer
+//! holds loses nothing, and one that is later knows how much. The kernel stamps each datagram when it comes.
+
+use std::io::{Error, ErrorKind, IoSliceMut};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
+use std::os::fd::AsRawFd;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use nix::cmsg_space;
+use nix::errno::Errno;
+use nix::sys::socket::{
+    ControlMessageOwned, MsgFlags, SockaddrStorage, getsockopt, recvmsg, setsockopt, sockopt,
+};
+use nix::sys::time::TimeSpec;
+
+use crate::SourceError;
+use crate::packets::Datagram;
+
+/// Half a second of the fastest sensor (VLS-128, two returns: 22 MB/s), rounded up; the system may grant less.
+const BUFFER_BYTES: usize = 16 << 20;
+const DATAGRAM_BYTES_MAX: usize = 65_535;
+
+/// A socket that listens to a sensor.
+pub struct Receiver {
+    socket: UdpSocket,
+    address: SocketAddr,
+    payload: Vec<u8>,
+    control: Vec<u8>,
+    buffer_bytes: usize,
+    dropped: u32,
+}
+
+impl Receiver {
+    /// Listens at an address of this machine (0.0.0.0: at all), or joins a multicast group. [`receive`](Self::receive) waits `silence` at most.
+    pub fn open(address: SocketAddr, silence: Duration) -> Result<Receiver, SourceError> {
+        let refused = |cause: Error| SourceError::Io {
+            place: format!("UDP {address}"),
+            cause,
+        };
+        let socket = bind(address, silence).map_err(refused)?;
+        let buffer_bytes = options(&socket).map_err(|errno| refused(errno.into()))?;
+        let address = socket.local_addr().map_err(refused)?;
+        Ok(Receiver {
+            socket,
+            address,
+            payload: vec![0; DATAGRAM_BYTES_MAX],
+            control: cmsg_space!(TimeSpec, u32),
+            buffer_bytes,
+            dropped: 0,
+        })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// What the system granted of 16 MiB. Less than a tenth of a second of the sensor's data is too little: raise `net.core.rmem_max`.
+    pub fn buffer_bytes(&self) -> usize {
+        self.buffer_bytes
+    }
+
+    /// Datagrams that the kernel dropped because the buffer was full, as of the last one that came.
+    pub fn dropped(&self) -> u32 {
+        self.dropped
+    }
+
+    /// The next datagram; `None`: none came for as long as `silence`.
+    pub fn receive(&mut self) -> Result<Option<Datagram<'_>>, SourceError> {
+        let mut parts = [IoSliceMut::new(&mut self.payload)];
+        let (bytes, from, stamp_ns) = loop {
+            let control = Some(&mut self.control[..]);
+            let fd = self.socket.as_raw_fd();
+            match recvmsg::<SockaddrStorage>(fd, &mut parts, control, MsgFlags::empty()) {
+                Ok(message) => {
+                    let mut stamp_ns = None;
+                    for part in message.cmsgs().into_iter().flatten() {
+                        match part {
+                            ControlMessageOwned::ScmTimestampns(time) => {
+                                stamp_ns = u64::try_from(Duration::from(time).as_nanos()).ok();
+                            }
+                            ControlMessageOwned::RxqOvfl(dropped) => self.dropped = dropped,
+                            _ => {}
+                        }
+                    }
+                    let from = message.address.as_ref().and_then(socket_address);
+                    break (message.bytes, from, stamp_ns.unwrap_or_else(now_ns));
+                }
+                Err(Errno::EAGAIN) => return Ok(None),
+                Err(Errno::EINTR) => {}
+                Err(errno) => {
+                    return Err(SourceError::Io {
+                        place: format!("UDP {}", self.address),
+                        cause: errno.into(),
+                    });
+                }
+            }
+        };
+        Ok(Some(Datagram {
+            stamp_ns,
+            from: from.unwrap_or(SocketAddr::new(Ipv4Addr::UNSPECIFIED.into(), 0)),
+            to_port: self.address.port(),
+            payload: &self.payload[..bytes],
+        }))
+    }
+}
+
+fn bind(address: SocketAddr, silence: Duration) -> Result<UdpSocket, Error> {
+    if silence.is_zero() {
+        return Err(Error::new(
+            ErrorKind::InvalidInput,
+            "silence: expected above 0",
+        ));
+    }
+    let everywhere: IpAddr = match address {
+        SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    };
+    let is_group = address.ip().is_multicast();
+    let own = if is_group { everywhere } else { address.ip() };
+    let socket = UdpSocket::bind((own, address.port()))?;
+    match address.ip() {
+        IpAddr::V4(group) if is_group => {
+            socket.join_multicast_v4(&group, &Ipv4Addr::UNSPECIFIED)?
+        }
+        IpAddr::V6(group) if is_group => socket.join_multicast_v6(&group, 0)?,
+        _ => {}
+    }
+    socket.set_read_timeout(Some(silence))?;
+    Ok(socket)
+}
+
+/// Asks for the buffer, the stamps and the count; gives the buffer's size.
+fn options(socket: &UdpSocket) -> Result<usize, Errno> {
+    setsockopt(socket, sockopt::RcvBuf, &BUFFER_BYTES)?;
+    setsockopt(socket, sockopt::ReceiveTimestampns, &true)?;
+    setsockopt(socket, sockopt::RxqOvfl, &1)?;
+    // Linux doubles what it is asked for, for its own use.
+    Ok(getsockopt(socket, sockopt::RcvBuf)? / 2)
+}
+
+fn socket_address(address: &SockaddrStorage) -> Option<SocketAddr> {
+    let v4 = address.as_sockaddr_in().map(|v4| SocketAddr::from(*v4));
+    v4.or_else(|| address.as_sockaddr_in6().map(|v6| SocketAddr::from(*v6)))
+}
+
+fn now_ns() -> u64 {
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    since.as_nanos() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn datagrams_come_with_sender_and_time_and_silence_is_said() {
+        let local = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+        let mut receiver = Receiver::open(local, Duration::from_millis(20)).unwrap();
+        let sender = UdpSocket::bind(local).unwrap();
+        let before_ns = now_ns();
+        sender.send_to(b"points", receiver.address()).unwrap();
+        let port = receiver.address().port();
+        let datagram = receiver.receive().unwrap().expect("a datagram");
+        assert_eq!((datagram.payload, datagram.to_port), (&b"points"[..], port));
+        assert_eq!(datagram.from, sender.local_addr().unwrap());
+        // Stamped by the kernel's clock, which may be some milliseconds coarse.
+        assert!(datagram.stamp_ns.abs_diff(before_ns) < 60_000_000_000);
+        assert!(receiver.receive().unwrap().is_none());
+    }
+
+    #[test]
+    fn what_the_buffer_does_not_hold_is_counted() {
+        let local = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+        let mut receiver = Receiver::open(local, Duration::from_millis(20)).unwrap();
+        let sender = UdpSocket::bind(local).unwrap();
+        let sent = receiver.buffer_bytes() / 1206 * 4;
+        for _ in 0..sent {
+            sender.send_to(&[0; 1206], receiver.address()).unwrap();
+        }
+        let mut received = 0;
+        while receiver.receive().unwrap().is_some() {
+            received += 1;
+        }
+        // The count comes with the next datagram that fits.
+        sender.send_to(&[0; 1206], receiver.address()).unwrap();
+        assert!(receiver.receive().unwrap().is_some());
+        assert!(received < sent, "{received} of {sent} fit");
+        assert_eq!(received + receiver.dropped() as usize, sent);
+    }
+}

@@ -1,1 +1,277 @@
 //! Packets of spinning LiDARs to revolutions: no clock, no file, no socket.
+//!
+//! | sensors | calibration | source |
+//! |---|---|---|
+//! | Velodyne VLP-16, Puck Hi-Res, VLP-32C, HDL-32E | built in, or the unit's YAML file | user manuals 63-9243, 63-9325, 63-9113: data packet format, firing times |
+//! | Velodyne HDL-64E, VLS-128 | YAML file | user manuals 63-9194, 63-9483 |
+//! | Hesai Pandar40P, Pandar64, PandarXT-32 | built in, or the unit's CSV file | user manuals: point cloud data packet, absolute time of point cloud data |
+//! | Ouster, profiles `LEGACY`, `RNG15_RFL8_NIR8`, `RNG19_RFL8_SIG16_NIR16` and `..._DUAL` | metadata JSON | firmware user manual: lidar data packet format, coordinate frames |
+//!
+//! What the packets and the calibration say chooses the decoder. **Frame**: x ahead, y left, z up, m. Ahead is azimuth 0 of Velodyne and Hesai (whose manuals
+//! call it y), x of Ouster's sensor frame. **Intensity**: the sensor's 8-bit reflectivity over 255, 0 to 1. **Rings** count from the top.
+//!
+//! A shot without return is no point. A revolution ends where the azimuth passes 0, or with Ouster's frame. Nothing is dropped in silence: see [`Counts`].
+//!
+//! ```no_run
+//! use mluc_sources::packets::{Calibration, Revolution};
+//! use mluc_sources::pcap::Capture;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let calibration = Calibration::parse(&std::fs::read_to_string("metadata.json")?)?;
+//! let mut decoder = Capture::open("drive.pcap")?.detect(Some(&calibration))?;
+//! let mut capture = Capture::open("drive.pcap")?;
+//! let mut publish = |scan: &Revolution| println!("{} points", scan.points.len());
+//! while let Some(datagram) = capture.next_datagram()? {
+//!     decoder.push(&datagram, &mut publish);
+//! }
+//! decoder.finish(&mut publish);
+//! # Ok(())
+//! # }
+//! ```
+
+mod calibration;
+mod hesai;
+mod ouster;
+mod sweep;
+#[cfg(test)]
+mod tests;
+mod velodyne;
+
+use std::net::{IpAddr, SocketAddr};
+
+use mluc_ipc_types::Point;
+
+pub use calibration::Calibration;
+pub use ouster::{Metadata, Shot};
+
+use crate::SourceError;
+use hesai::Hesai;
+use sweep::Sweep;
+use velodyne::Velodyne;
+
+/// What came in one UDP datagram.
+#[derive(Clone, Copy, Debug)]
+pub struct Datagram<'a> {
+    /// When it came, UTC, ns since 1970.
+    pub stamp_ns: u64,
+    /// Who sent it.
+    pub from: SocketAddr,
+    /// To which port.
+    pub to_port: u16,
+    /// The content.
+    pub payload: &'a [u8],
+}
+
+/// Which echo of a shot a point is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Echo {
+    /// The strongest one, or the only one that the sensor looks for.
+    Strongest,
+    /// The second strongest.
+    SecondStrongest,
+    /// The nearest.
+    First,
+    /// The farthest.
+    Last,
+    /// Both echoes that the sensor reports are this one.
+    Both,
+}
+
+/// The clock of a revolution's stamp.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Clock {
+    /// The sensor counts microseconds of an hour (UTC's where it has GPS), the receiver's clock says which hour. Velodyne.
+    HourOfSensor,
+    /// The sensor's UTC. Hesai, and Ouster with sync pulses.
+    Utc,
+    /// PTP's time, TAI unless the grandmaster says otherwise. Ouster.
+    Ptp,
+    /// Since the sensor was switched on. Ouster.
+    #[default]
+    SensorUptime,
+}
+
+/// One turn of the sensor. The lists of points, times, rings and echoes have the same length and order: that of the shots.
+#[derive(Clone, Debug, Default)]
+pub struct Revolution {
+    /// Of the first shot, by `clock`, ns.
+    pub stamp_ns: u64,
+    /// What `stamp_ns` counts.
+    pub clock: Clock,
+    /// When its first datagram came, UTC, ns since 1970.
+    pub received_ns: u64,
+    /// At most [`POINTS_MAX`](mluc_ipc_types::POINTS_MAX).
+    pub points: Vec<Point>,
+    /// Of each point since `stamp_ns`, ns.
+    pub offsets_ns: Vec<u32>,
+    /// Of each point, from the top, 0 first.
+    pub rings: Vec<u16>,
+    /// Of each point.
+    pub echoes: Vec<Echo>,
+    /// Shots without a return.
+    pub no_return: u32,
+    /// Points beyond the limit.
+    pub dropped_over_limit: u32,
+    /// Packets that are missing in it.
+    pub packets_lost: u32,
+    /// The sensor was heard for a part of the turn only: at the start, at the end and around a silence.
+    pub is_partial: bool,
+}
+
+/// What became of the datagrams.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Decoded packets.
+    pub packets: u64,
+    /// Datagrams of other senders, ports or formats: not this sensor's points.
+    pub other_traffic: u64,
+    /// Packets of this sensor whose content is impossible: not decoded.
+    pub damaged: u64,
+    /// Packets that never came, by sequence number or by time.
+    pub lost: u64,
+    /// Packets that came twice or after a later one. They are decoded where their turn is still open.
+    pub late: u64,
+    /// Revolutions given out.
+    pub revolutions: u64,
+    /// Points beyond the limit of a revolution.
+    pub points_dropped: u64,
+}
+
+enum Family {
+    Velodyne(Velodyne),
+    Hesai(Hesai),
+    Ouster(Box<Metadata>),
+}
+
+/// Packets of one sensor to revolutions; see the [module](self).
+pub struct Decoder {
+    family: Family,
+    sensor: (IpAddr, u16),
+    sweep: Sweep,
+}
+
+/// A packet of the right length whose content is impossible.
+struct Damaged;
+
+/// Looks for a sensor among datagrams.
+pub struct Detector<'a> {
+    calibration: Option<&'a Calibration>,
+    /// Of the datagrams that are no known sensor's; the first few lengths that differ.
+    lengths: Vec<usize>,
+}
+
+impl<'a> Detector<'a> {
+    /// With the calibration of the sensor that is looked for.
+    pub fn new(calibration: Option<&'a Calibration>) -> Detector<'a> {
+        Detector {
+            calibration,
+            lengths: Vec::new(),
+        }
+    }
+
+    /// The decoder for a datagram, if it is a known sensor's; datagrams from the same address to the same port are that sensor's. Fails where the calibration is
+    /// another sensor's, or missing and needed. The datagram itself is not decoded yet.
+    pub fn look(&mut self, datagram: &Datagram) -> Result<Option<Decoder>, SourceError> {
+        let (payload, calibration) = (datagram.payload, self.calibration);
+        let family = if let Some(product) = velodyne::recognize(payload, calibration) {
+            Family::Velodyne(Velodyne::new(product, calibration)?)
+        } else if let Some(layout) = hesai::recognize(payload) {
+            Family::Hesai(Hesai::new(layout, calibration)?)
+        } else if let Some(metadata) = ouster::recognize(payload, calibration) {
+            Family::Ouster(metadata)
+        } else {
+            if self.lengths.len() < 8 && !self.lengths.contains(&payload.len()) {
+                self.lengths.push(payload.len());
+            }
+            return Ok(None);
+        };
+        let clock = match &family {
+            Family::Velodyne(_) => Clock::HourOfSensor,
+            Family::Hesai(_) => Clock::Utc,
+            Family::Ouster(metadata) => metadata.clock(),
+        };
+        Ok(Some(Decoder {
+            family,
+            sensor: (datagram.from.ip(), datagram.to_port),
+            sweep: Sweep::new(clock),
+        }))
+    }
+
+    /// What to say where all were looked at in vain.
+    pub fn not_found(&self) -> SourceError {
+        let expected = match self.calibration {
+            Some(calibration) => calibration.describe(),
+            None => {
+                "a Velodyne or Hesai sensor's (an Ouster's need its metadata as calibration)".into()
+            }
+        };
+        let found = match self.lengths[..] {
+            [] => "no datagram".to_string(),
+            _ => format!("datagrams of {:?} bytes", self.lengths),
+        };
+        SourceError::Sensor { expected, found }
+    }
+}
+
+impl Decoder {
+    /// Make and type.
+    pub fn product(&self) -> &str {
+        match &self.family {
+            Family::Velodyne(velodyne) => &velodyne.name,
+            Family::Hesai(hesai) => &hesai.name,
+            Family::Ouster(metadata) => &metadata.product,
+        }
+    }
+
+    /// The sensor's address and the port that it sends to.
+    pub fn sensor(&self) -> (IpAddr, u16) {
+        self.sensor
+    }
+
+    /// Decodes a datagram; `on` gets the revolutions that end in it (none, or one).
+    pub fn push(&mut self, datagram: &Datagram, on: &mut dyn FnMut(&Revolution)) {
+        let (payload, sweep) = (datagram.payload, &mut self.sweep);
+        // No clock goes so far; sums stay within their type.
+        sweep.received_ns = datagram.stamp_ns.min(i64::MAX as u64);
+        let is_ours = (datagram.from.ip(), datagram.to_port) == self.sensor
+            && match &self.family {
+                Family::Velodyne(velodyne) => velodyne.takes(payload),
+                Family::Hesai(hesai) => hesai.takes(payload),
+                Family::Ouster(metadata) => metadata.takes(payload),
+            };
+        if !is_ours {
+            sweep.counts.other_traffic += 1;
+            return;
+        }
+        let decoded = match &mut self.family {
+            Family::Velodyne(velodyne) => velodyne.decode(payload, sweep, on),
+            Family::Hesai(hesai) => hesai.decode(payload, sweep, on),
+            Family::Ouster(metadata) => metadata.decode(payload, sweep, on),
+        };
+        match decoded {
+            Ok(()) => sweep.counts.packets += 1,
+            Err(Damaged) => sweep.counts.damaged += 1,
+        }
+    }
+
+    /// Gives out what has come of the last revolution.
+    pub fn finish(&mut self, on: &mut dyn FnMut(&Revolution)) {
+        self.sweep.cut(false, on);
+    }
+
+    /// What became of the datagrams so far.
+    pub fn counts(&self) -> Counts {
+        self.sweep.counts
+    }
+}
+
+/// Little-endian numbers of a packet whose length was checked: what lies beyond its end reads as 0.
+fn u16_at(bytes: &[u8], at: usize) -> u16 {
+    let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
+    found.map_or(0, |b| u16::from_le_bytes(*b))
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> u32 {
+    let found = bytes.get(at..).and_then(<[u8]>::first_chunk);
+    found.map_or(0, |b| u32::from_le_bytes(*b))
+}

@@ -1,0 +1,164 @@
+//! What the vendors' tools write about one unit.
+
+use serde::Deserialize;
+
+use super::ouster::Metadata;
+use crate::SourceError;
+
+/// Beams of the largest sensor, twice.
+const BEAMS_MAX: usize = 256;
+/// Far above any calibration file.
+const BYTES_MAX: usize = 4 << 20;
+
+/// A unit's angles and what else its vendor measured.
+#[derive(Clone, Debug)]
+pub enum Calibration {
+    /// A YAML file with a list `lasers`, angles in rad, distances in m, as the common drivers have it.
+    Velodyne(VelodyneTable),
+    /// A CSV file: a line of names, then channel, elevation, azimuth against the block's, clockwise (degrees). Here the latter two.
+    Hesai(Vec<[f32; 2]>),
+    /// The sensor's metadata, JSON.
+    Ouster(Box<Metadata>),
+}
+
+/// Velodyne's `lasers`, by laser id.
+#[derive(Clone, Debug)]
+pub struct VelodyneTable {
+    pub(super) lasers: Vec<Laser>,
+    /// m; the product's where absent.
+    pub(super) unit_m: Option<f32>,
+}
+
+/// Corrections of a laser (manual 63-9194, appendix on calibration).
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Laser {
+    pub(super) laser_id: usize,
+    pub(super) rot_correction: f32,
+    pub(super) vert_correction: f32,
+    pub(super) dist_correction: f32,
+    pub(super) two_pt_correction_available: bool,
+    pub(super) dist_correction_x: f32,
+    pub(super) dist_correction_y: f32,
+    pub(super) vert_offset_correction: f32,
+    pub(super) horiz_offset_correction: f32,
+}
+
+#[derive(Deserialize)]
+struct VelodyneFile {
+    lasers: Vec<Laser>,
+    distance_resolution: Option<f32>,
+}
+
+impl Calibration {
+    /// Reads a calibration of any of the vendors; the content says which.
+    pub fn parse(text: &str) -> Result<Calibration, SourceError> {
+        if text.len() > BYTES_MAX {
+            let expected = format!("at most {BYTES_MAX} bytes");
+            return Err(SourceError::calibration("the file", expected, text.len()));
+        }
+        let text = text.trim_start_matches('\u{feff}').trim();
+        if text.starts_with('{') {
+            Metadata::parse(text).map(|metadata| Calibration::Ouster(Box::new(metadata)))
+        } else if text.contains("lasers:") {
+            VelodyneTable::parse(text).map(Calibration::Velodyne)
+        } else {
+            channels(text).map(Calibration::Hesai)
+        }
+    }
+
+    /// What to say where another sensor's packets come.
+    pub(super) fn is_not(&self, found: &str) -> SourceError {
+        let (expected, found) = (self.describe(), found.to_string());
+        SourceError::Sensor { expected, found }
+    }
+
+    pub(super) fn describe(&self) -> String {
+        match self {
+            Calibration::Velodyne(table) => {
+                format!("a Velodyne with {} lasers", table.lasers.len())
+            }
+            Calibration::Hesai(channels) => format!("a Hesai with {} channels", channels.len()),
+            Calibration::Ouster(metadata) => metadata.describe(),
+        }
+    }
+}
+
+impl VelodyneTable {
+    fn parse(text: &str) -> Result<VelodyneTable, SourceError> {
+        let file: VelodyneFile = yaml_serde::from_str(text)
+            .map_err(|cause| SourceError::calibration("YAML", "a list `lasers`", cause))?;
+        let mut lasers = file.lasers;
+        lasers.sort_by_key(|laser| laser.laser_id);
+        let ids = lasers.iter().map(|laser| laser.laser_id);
+        if lasers.len() > BEAMS_MAX || !ids.eq(0..lasers.len()) {
+            let found = format!("{} lasers", lasers.len());
+            let expected = "each laser_id from 0 on once, at most 256";
+            return Err(SourceError::calibration("lasers", expected, found));
+        }
+        for laser in &lasers {
+            let l = laser;
+            let near_m = [l.dist_correction, l.dist_correction_x, l.dist_correction_y];
+            let off_m = [l.vert_offset_correction, l.horiz_offset_correction];
+            let angles_rad = [l.rot_correction, l.vert_correction];
+            // Not a number is not within.
+            let is_fine = near_m.iter().chain(&off_m).all(|m| m.abs() <= 10.0)
+                && angles_rad.iter().all(|rad| rad.abs() <= 6.3);
+            if !is_fine {
+                let field = format!("laser {}", laser.laser_id);
+                let expected = "corrections of at most 10 m and 6.3 rad";
+                return Err(SourceError::calibration(
+                    field,
+                    expected,
+                    format!("{laser:?}"),
+                ));
+            }
+        }
+        let unit_m = file.distance_resolution;
+        if unit_m.is_some_and(|unit_m| !(1e-4..=0.1).contains(&unit_m)) {
+            let found = unit_m.unwrap_or_default();
+            let field = "distance_resolution";
+            return Err(SourceError::calibration(field, "0.0001 to 0.1 m", found));
+        }
+        Ok(VelodyneTable { lasers, unit_m })
+    }
+}
+
+fn channels(text: &str) -> Result<Vec<[f32; 2]>, SourceError> {
+    let mut channels = Vec::new();
+    for (index, line) in text.lines().enumerate().skip(1) {
+        let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+        if fields.iter().all(|field| field.is_empty()) {
+            continue;
+        }
+        let numbers: Vec<f32> = fields
+            .iter()
+            .filter_map(|field| field.parse().ok())
+            .collect();
+        match numbers[..] {
+            [id, elevation_deg, azimuth_deg]
+                if id == channels.len() as f32 + 1.0
+                    && elevation_deg.abs() <= 90.0
+                    && azimuth_deg.abs() <= 360.0
+                    && channels.len() < BEAMS_MAX =>
+            {
+                channels.push([elevation_deg, azimuth_deg]);
+            }
+            _ => {
+                let expected = "channel (1, 2, ..), elevation, azimuth (degrees)";
+                let field = format!("line {}", index + 1);
+                let found: String = line.chars().take(60).collect();
+                return Err(SourceError::calibration(field, expected, found));
+            }
+        }
+    }
+    if channels.is_empty() {
+        let expected = "Velodyne's YAML, Hesai's CSV or Ouster's JSON";
+        return Err(SourceError::calibration(
+            "the file",
+            expected,
+            "none of them",
+        ));
+    }
+    Ok(channels)
+}

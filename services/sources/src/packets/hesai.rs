@@ -1,0 +1,279 @@
+//! Hesai's packets of the Pandar40P, Pandar64 and PandarXT-32: blocks of one shot a channel, the time of the end (user manuals, "point cloud data packet").
+//!
+//! The times of channels within a block are those of the manuals' appendix "absolute time of point cloud data".
+
+use mluc_model::SensorProfile;
+
+use super::sweep::Sweep;
+use super::{Calibration, Damaged, Echo, Revolution, u16_at, u32_at};
+use crate::SourceError;
+
+/// A product's packet: a header, blocks of an azimuth and a shot a channel, a tail. Bytes.
+pub(super) struct Layout {
+    /// In `sensors/`.
+    profile: &'static str,
+    header: usize,
+    /// Before each block's azimuth.
+    mark: usize,
+    blocks: usize,
+    channels: usize,
+    shot: usize,
+    /// Of the tail: its length without the sequence number that may follow, and where in it are the time in us, the return mode, the date.
+    tail: [usize; 4],
+    /// The byte with the unit of distances in mm; 4 mm where there is none.
+    unit_at: Option<usize>,
+    /// From block to block, and of the last block against the packet's time.
+    blocks_ns: [i64; 2],
+    /// Of each channel in its block.
+    channel_ns: &'static [i32],
+}
+
+const PANDAR_40P: Layout = Layout {
+    profile: "pandar40p",
+    header: 0,
+    mark: 2,
+    blocks: 10,
+    channels: 40,
+    shot: 3,
+    tail: [22, 10, 14, 16],
+    unit_at: None,
+    blocks_ns: [55_560, -28_580],
+    channel_ns: &[
+        -42220, -28470, -16040, -3620, -45490, -31740, -47460, -54670, -20620, -33710, -40910,
+        -8190, -20620, -27160, -50730, -8190, -14740, -36980, -45490, -52700, -23890, -31740,
+        -38950, -11470, -18650, -25190, -48760, -6230, -12770, -35010, -21920, -9500, -43520,
+        -29770, -17350, -4920, -42220, -28470, -16040, -3620,
+    ],
+};
+const PANDAR_64: Layout = Layout {
+    profile: "pandar64",
+    header: 8,
+    mark: 0,
+    blocks: 6,
+    channels: 64,
+    unit_at: Some(5),
+    blocks_ns: [55_560, -42_580],
+    channel_ns: &[
+        -23180, -21876, -20572, -19268, -17964, -16660, -11444, -46796, -7532, -36956, -50732,
+        -54668, -40892, -44828, -31052, -34988, -48764, -52700, -38924, -42860, -29084, -33020,
+        -46796, -25148, -36956, -50732, -27116, -40892, -44828, -31052, -34988, -48764, -25148,
+        -38924, -42860, -29084, -33020, -52700, -6228, -54668, -15356, -27116, -10140, -23180,
+        -4924, -21876, -14052, -17964, -8836, -19268, -3620, -20572, -12748, -16660, -7532, -11444,
+        -6228, -15356, -10140, -4924, -3620, -14052, -8836, -12748,
+    ],
+    ..PANDAR_40P
+};
+const XT_32: Layout = Layout {
+    profile: "xt32",
+    header: 12,
+    mark: 0,
+    blocks: 8,
+    channels: 32,
+    shot: 4,
+    tail: [24, 19, 10, 13],
+    unit_at: Some(9),
+    blocks_ns: [50_000, 5_632],
+    channel_ns: &evenly::<32>(368, 1512),
+};
+
+const fn evenly<const N: usize>(first_ns: i32, step_ns: i32) -> [i32; N] {
+    let mut offsets_ns = [0; N];
+    let mut channel = 0;
+    while channel < N {
+        offsets_ns[channel] = first_ns + step_ns * channel as i32;
+        channel += 1;
+    }
+    offsets_ns
+}
+
+pub(super) fn recognize(payload: &[u8]) -> Option<&'static Layout> {
+    let fits = |layout: &&Layout| layout.takes(payload);
+    [&PANDAR_40P, &PANDAR_64, &XT_32].into_iter().find(fits)
+}
+
+impl Layout {
+    /// Length and marks.
+    fn takes(&self, payload: &[u8]) -> bool {
+        let bytes = self.tail_at() + self.tail[0];
+        let mut blocks = (0..self.blocks).map(|block| &payload[self.block_at(block)..]);
+        [bytes, bytes + 4].contains(&payload.len())
+            && match self.channels {
+                64 => payload.starts_with(&[0xEE, 0xFF, 64, 6]),
+                32 => payload.starts_with(&[0xEE, 0xFF]) && payload[6..8] == [32, 8],
+                _ => blocks.all(|block| block.starts_with(&[0xFF, 0xEE])),
+            }
+    }
+
+    fn block_bytes(&self) -> usize {
+        self.mark + 2 + self.channels * self.shot
+    }
+
+    fn block_at(&self, block: usize) -> usize {
+        self.header + block * self.block_bytes()
+    }
+
+    fn tail_at(&self) -> usize {
+        self.block_at(self.blocks)
+    }
+}
+
+pub(super) struct Hesai {
+    pub(super) name: String,
+    layout: &'static Layout,
+    /// Azimuth clockwise, rad; sine and cosine of the elevation.
+    channels: Vec<[f32; 3]>,
+}
+
+impl Hesai {
+    pub(super) fn new(
+        layout: &'static Layout,
+        calibration: Option<&Calibration>,
+    ) -> Result<Hesai, SourceError> {
+        let profile = SensorProfile::load(layout.profile)
+            .map_err(|cause| SourceError::calibration(layout.profile, "a profile", cause))?;
+        let channels: Vec<[f32; 2]> = match calibration {
+            // A profile's beams and the channels both count from the top.
+            None => {
+                let offsets_deg = profile.azimuth_offsets_deg.iter().copied();
+                let offsets_deg = offsets_deg.chain(std::iter::repeat(0.0));
+                let elevations_deg = profile.elevations_deg.iter().copied();
+                elevations_deg
+                    .zip(offsets_deg)
+                    .map(<[f32; 2]>::from)
+                    .collect()
+            }
+            Some(Calibration::Hesai(channels)) if channels.len() == layout.channels => {
+                channels.clone()
+            }
+            Some(other) => return Err(other.is_not(&profile.name)),
+        };
+        let directions = |[elevation_deg, azimuth_deg]: [f32; 2]| {
+            let (sin, cos) = elevation_deg.to_radians().sin_cos();
+            [azimuth_deg.to_radians(), sin, cos]
+        };
+        Ok(Hesai {
+            name: profile.name,
+            layout,
+            channels: channels.into_iter().map(directions).collect(),
+        })
+    }
+
+    pub(super) fn takes(&self, payload: &[u8]) -> bool {
+        self.layout.takes(payload)
+    }
+
+    pub(super) fn decode(
+        &self,
+        payload: &[u8],
+        sweep: &mut Sweep,
+        on: &mut dyn FnMut(&Revolution),
+    ) -> Result<(), Damaged> {
+        let layout = self.layout;
+        let [tail_bytes, stamp_at, mode_at, date_at] = layout.tail;
+        let (body, tail) = payload.split_at(layout.tail_at());
+        let echoes = echoes(tail[mode_at], layout.channels).ok_or(Damaged)?;
+        let returns = echoes.len();
+        let unit_mm = layout.unit_at.map_or(4, |at| body[at]);
+        let azimuth_of = |block: usize| u16_at(body, layout.block_at(block) + layout.mark);
+        if unit_mm == 0 || (0..layout.blocks).any(|block| azimuth_of(block) >= 36_000) {
+            return Err(Damaged);
+        }
+        let [block_ns, last_block_ns] = layout.blocks_ns;
+        let micros = u64::from(u32_at(tail, stamp_at));
+        let stamp_ns = seconds(&tail[date_at..]) * 1_000_000_000 + micros * 1000;
+        if tail.len() > tail_bytes {
+            sweep.sequence(u64::from(u32_at(tail, tail_bytes)), 1 << 32);
+        } else {
+            sweep.packet(
+                stamp_ns,
+                (block_ns * (layout.blocks / returns) as i64) as u64,
+            );
+        }
+        let earliest_ns = i64::from(layout.channel_ns.iter().copied().min().unwrap_or(0));
+        for block in (0..layout.blocks).step_by(returns) {
+            let later = ((layout.blocks - block - 1) / returns) as i64;
+            let at_ns =
+                |ns: i64| stamp_ns.saturating_add_signed(last_block_ns - later * block_ns + ns);
+            sweep.column(azimuth_of(block), at_ns(earliest_ns), on);
+            let shots = &body[layout.block_at(block) + layout.mark + 2..];
+            for (ring, channel) in self.channels.iter().enumerate() {
+                let shot = |slot: usize| &shots[slot * layout.block_bytes() + ring * layout.shot..];
+                let first = (shot(0), echoes[0]);
+                let pair = [first, echoes.get(1).map_or(first, |echo| (shot(1), *echo))];
+                let direction = (f32::from(azimuth_of(block)) / 100.0).to_radians() + channel[0];
+                let (sin, cos) = direction.sin_cos();
+                let shot_ns = at_ns(i64::from(layout.channel_ns[ring]));
+                let distances = pair.map(|(bytes, _)| u32::from(u16_at(bytes, 0)));
+                sweep.shot(
+                    distances,
+                    pair.map(|(_, echo)| echo),
+                    |slot, echo, sweep| {
+                        let distance_m = (distances[slot] * u32::from(unit_mm)) as f32 * 0.001;
+                        let [level_m, z_m] =
+                            [channel[2], channel[1]].map(|share| share * distance_m);
+                        let xyz_m = [level_m * cos, -level_m * sin, z_m];
+                        sweep.point(xyz_m, pair[slot].0[2], shot_ns, ring as u16, echo);
+                    },
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What the blocks of one azimuth are, by the return mode.
+fn echoes(mode: u8, channels: usize) -> Option<&'static [Echo]> {
+    use Echo::{First, Last, SecondStrongest, Strongest};
+    Some(match mode {
+        0x33 => &[First],
+        0x34 => &[SecondStrongest],
+        0x37 => &[Strongest],
+        0x38 => &[Last],
+        0x39 => &[Last, Strongest],
+        0x3B if channels == 32 => &[Last, First],
+        0x3B => &[First, Last],
+        0x3C => &[First, Strongest],
+        _ => return None,
+    })
+}
+
+/// Since 1970, of year (since 1900, or since 2000 below 100), month, day, hour, minute, second. Without GPS or PTP a sensor counts from where it likes: what
+/// no calendar has is cut to the calendar's range.
+fn seconds(date: &[u8]) -> u64 {
+    let part = |at: usize, low: u8, high: u8| u64::from(date[at].clamp(low, high));
+    let year = 1900
+        + part(0, 70, 255)
+        + if date[0] < 70 {
+            30 + u64::from(date[0])
+        } else {
+            0
+        };
+    let (month, day) = (part(1, 1, 12), part(2, 1, 31));
+    // Days before the month, the year counted from March, so that the leap day is its last.
+    let (year, month) = if month > 2 {
+        (year, month - 3)
+    } else {
+        (year - 1, month + 9)
+    };
+    let leap_days = year / 4 - year / 100 + year / 400;
+    let days = year * 365 + leap_days + (153 * month + 2) / 5 + day - 1 - 719_468;
+    days * 86_400 + part(3, 0, 23) * 3600 + part(4, 0, 59) * 60 + part(5, 0, 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_seconds_since_1970() {
+        let cases = [
+            ([70, 1, 1, 0, 0, 0], 0),
+            ([120, 6, 25, 12, 2, 9], 1_593_086_529),
+            ([24, 2, 29, 23, 59, 59], 1_709_251_199),
+            ([0, 3, 1, 0, 0, 0], 951_868_800),
+        ];
+        for (date, expected) in cases {
+            assert_eq!(seconds(&date), expected, "{date:?}");
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! The revolution under construction: where it is cut, what is lost, how much it holds.
+
+use mluc_ipc_types::{POINTS_MAX, Point};
+
+use super::{Clock, Counts, Echo, Revolution};
+
+/// Half a turn at 20 Hz, the fastest that these sensors spin: a revolution that a cut began does not end sooner.
+const TURN_MIN_NS: u64 = 25_000_000;
+/// Longer than a turn at 5 Hz, the slowest: beyond it the sensor was silent or its clock was set.
+const TURN_MAX_NS: u64 = 500_000_000;
+/// More missing packets than any queue explains, about ten seconds: the sensor was restarted or silent.
+const LOST_MAX: u64 = 20_000;
+
+/// A bounded number of points on their way out.
+#[derive(Default)]
+pub(super) struct Sweep {
+    pub(super) counts: Counts,
+    /// Of the datagram at hand.
+    pub(super) received_ns: u64,
+    revolution: Revolution,
+    /// Whether a shot has come.
+    is_open: bool,
+    begins_whole: bool,
+    last_azimuth_cdeg: Option<u16>,
+    last_sequence: Option<u64>,
+    last_packet_ns: Option<u64>,
+}
+
+impl Sweep {
+    pub(super) fn new(clock: Clock) -> Sweep {
+        let revolution = Revolution {
+            clock,
+            ..Revolution::default()
+        };
+        Sweep {
+            revolution,
+            ..Sweep::default()
+        }
+    }
+
+    /// A packet's number among `modulus` ones.
+    pub(super) fn sequence(&mut self, sequence: u64, modulus: u64) {
+        let last = self.last_sequence.replace(sequence);
+        let Some(last) = last else { return };
+        let step = (sequence + modulus - last) % modulus;
+        match step {
+            1 => {}
+            2..=LOST_MAX => self.lost(step - 1),
+            _ if step == 0 || modulus - step <= LOST_MAX => {
+                self.counts.late += 1;
+                self.last_sequence = Some(last);
+            }
+            _ => {}
+        }
+    }
+
+    /// A packet's time by the sensor's clock, where packets have no numbers.
+    pub(super) fn packet(&mut self, stamp_ns: u64, interval_ns: u64) {
+        let last = self.last_packet_ns.replace(stamp_ns);
+        let Some(last) = last else { return };
+        match stamp_ns.checked_sub(last) {
+            Some(step) if step > 0 => {
+                let packets = (step + interval_ns / 2) / interval_ns;
+                if (2..=LOST_MAX).contains(&packets) {
+                    self.lost(packets - 1);
+                }
+            }
+            _ if last - stamp_ns < TURN_MAX_NS => {
+                self.counts.late += 1;
+                self.last_packet_ns = Some(last);
+            }
+            _ => {}
+        }
+    }
+
+    fn lost(&mut self, packets: u64) {
+        self.counts.lost += packets;
+        let lost = &mut self.revolution.packets_lost;
+        *lost = lost.saturating_add(packets as u32);
+    }
+
+    /// A column of shots at an azimuth (hundredths of a degree), the earliest of them at `stamp_ns`: ends the revolution where the azimuth passes 0.
+    pub(super) fn column(
+        &mut self,
+        azimuth_cdeg: u16,
+        stamp_ns: u64,
+        on: &mut dyn FnMut(&Revolution),
+    ) {
+        let last = self.last_azimuth_cdeg.replace(azimuth_cdeg);
+        let passes_zero = last.is_some_and(|last| last.abs_diff(azimuth_cdeg) > 18_000);
+        let age_ns = stamp_ns.saturating_sub(self.revolution.stamp_ns);
+        // Late packets at the border pass 0 more than once.
+        if passes_zero && (!self.begins_whole || age_ns >= TURN_MIN_NS) {
+            self.cut(true, on);
+        }
+        self.shots(stamp_ns, on);
+    }
+
+    /// Shots, the earliest of them at `stamp_ns`. Ends a revolution that is too old for them.
+    pub(super) fn shots(&mut self, stamp_ns: u64, on: &mut dyn FnMut(&Revolution)) {
+        if self.is_open && self.revolution.stamp_ns.abs_diff(stamp_ns) > TURN_MAX_NS {
+            self.cut(false, on);
+        }
+        if !self.is_open {
+            self.is_open = true;
+            self.revolution.stamp_ns = stamp_ns;
+            self.revolution.received_ns = self.received_ns;
+        }
+    }
+
+    /// A shot's two returns (a sensor with one has it twice, with the same echo): `point` for each that there is, once for two that are the same.
+    pub(super) fn shot(
+        &mut self,
+        distances: [u32; 2],
+        echoes: [Echo; 2],
+        mut point: impl FnMut(usize, Echo, &mut Sweep),
+    ) {
+        if distances == [0, 0] {
+            self.revolution.no_return = self.revolution.no_return.saturating_add(1);
+        } else if distances[0] == distances[1] {
+            let is_single = echoes[0] == echoes[1];
+            point(0, if is_single { echoes[0] } else { Echo::Both }, self);
+        } else {
+            for slot in [0, 1] {
+                if distances[slot] > 0 {
+                    point(slot, echoes[slot], self);
+                }
+            }
+        }
+    }
+
+    /// `xyz_m` in the frame of the [module](super), reflectivity of 255.
+    pub(super) fn point(
+        &mut self,
+        xyz_m: [f32; 3],
+        reflectivity: u8,
+        stamp_ns: u64,
+        ring: u16,
+        echo: Echo,
+    ) {
+        let revolution = &mut self.revolution;
+        if revolution.points.len() == POINTS_MAX {
+            revolution.dropped_over_limit = revolution.dropped_over_limit.saturating_add(1);
+            self.counts.points_dropped += 1;
+            return;
+        }
+        let [x_m, y_m, z_m] = xyz_m;
+        revolution.points.push(Point {
+            x_m,
+            y_m,
+            z_m,
+            intensity: f32::from(reflectivity) / 255.0,
+        });
+        let offset_ns = stamp_ns.saturating_sub(revolution.stamp_ns);
+        // Bounded by `TURN_MAX_NS` and a packet's length.
+        revolution.offsets_ns.push(offset_ns as u32);
+        revolution.rings.push(ring);
+        revolution.echoes.push(echo);
+    }
+
+    /// Gives out the revolution and begins the next one; `is_whole`: here a turn ends and the next one starts.
+    pub(super) fn cut(&mut self, is_whole: bool, on: &mut dyn FnMut(&Revolution)) {
+        let begins_whole = std::mem::replace(&mut self.begins_whole, is_whole);
+        if !std::mem::take(&mut self.is_open) {
+            return;
+        }
+        let revolution = &mut self.revolution;
+        revolution.is_partial = !(begins_whole && is_whole);
+        self.counts.revolutions += 1;
+        on(revolution);
+        revolution.points.clear();
+        revolution.offsets_ns.clear();
+        revolution.rings.clear();
+        revolution.echoes.clear();
+        revolution.no_return = 0;
+        revolution.dropped_over_limit = 0;
+        revolution.packets_lost = 0;
+    }
+}

@@ -1,0 +1,402 @@
+//! Made packets of every family (`families.txt`) through detection, cutting, loss and times; hostile ones. `tests/tests/oracle_packets.rs` has recorded ones.
+
+use std::net::SocketAddr;
+
+use mluc_ipc_types::POINTS_MAX;
+use proptest::prelude::*;
+
+use super::*;
+
+/// 2023-11-14, 22:00 UTC.
+const HOUR_NS: u64 = 1_699_999_200_000_000_000;
+const NEAR: u16 = 2500;
+const FAR: u16 = 5000;
+
+/// A line of `families.txt`.
+#[derive(Clone, Debug)]
+struct Kind {
+    product: String,
+    calibration: Option<String>,
+    per_turn: u32,
+    points_per_packet: usize,
+    interval_ns: u64,
+    unit_m: f32,
+    packet: Vec<String>,
+}
+
+fn kinds() -> Vec<Kind> {
+    let lines = include_str!("families.txt").lines();
+    let kind = |line: &str| {
+        let parts: Vec<&str> = line.split("; ").collect();
+        let numbers: Vec<u64> = parts[2].split(' ').map(|n| n.parse().unwrap()).collect();
+        Kind {
+            product: parts[0].into(),
+            calibration: match parts[1].split_once(' ') {
+                Some(("yaml", lasers)) => Some(yaml(lasers.parse().unwrap())),
+                Some(("csv", channels)) => Some(csv(channels.parse().unwrap())),
+                Some((_, profile)) => Some(metadata(profile)),
+                None => None,
+            },
+            per_turn: numbers[0] as u32,
+            points_per_packet: numbers[1] as usize,
+            interval_ns: numbers[2],
+            unit_m: numbers[3] as f32 / 1000.0,
+            packet: parts[3].split(' ').map(String::from).collect(),
+        }
+    };
+    lines.filter(|l| !l.starts_with('#')).map(kind).collect()
+}
+
+fn yaml(lasers: usize) -> String {
+    let angle = |id| 0.1 - id as f32 * 0.003;
+    let laser = |id| format!("- {{laser_id: {id}, vert_correction: {}}}\n", angle(id));
+    let lasers: String = (0..lasers).map(laser).collect();
+    format!("lasers:\n{lasers}")
+}
+
+fn csv(channels: usize) -> String {
+    let channel = |id| format!("{id},{},-1.042\n", 15 - id);
+    let channels: String = (1..=channels as i32).map(channel).collect();
+    format!("Laser id,Elevation,Azimuth\n{channels}\n")
+}
+
+fn metadata(profile: &str) -> String {
+    format!(
+        r#"{{"beam_intrinsics": {{"beam_altitude_angles": [20, 5, -5, -20], "beam_azimuth_angles": [3, 1, -1, -3], "lidar_origin_to_beam_origin_mm": 0}},
+        "lidar_data_format": {{"columns_per_frame": 512, "columns_per_packet": 16, "pixels_per_column": 4, "udp_profile_lidar": "{profile}"}},
+        "lidar_intrinsics": {{"lidar_to_sensor_transform": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}}, "sensor_info": {{"prod_line": "OS-1-4"}}}}"#
+    )
+}
+
+impl Kind {
+    /// The n-th packet since azimuth 0. Of two returns the last is `FAR`, the strongest `NEAR`.
+    fn packet(&self, n: u32, ns: u64) -> Vec<u8> {
+        let numbers = self.packet[1..].iter().map(|n| n.parse().unwrap());
+        let numbers: Vec<usize> = numbers.collect();
+        match (&self.packet[0][..], &numbers[..]) {
+            ("velodyne", &[product, alike, step, mode, last_bank]) => {
+                velodyne([product, alike, step, mode, last_bank], n, ns)
+            }
+            ("hesai", &[channels, blocks, step, mode]) => {
+                hesai(channels, blocks, step as u32, mode as u8, n, ns)
+            }
+            ("ouster", &[a, b, c, d, e]) => ouster([a, b, c, d, e], n, ns),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn decoder(&self) -> Decoder {
+        let text = self.calibration.as_ref();
+        let calibration = text.map(|text| Calibration::parse(text).unwrap());
+        let packet = self.packet(0, HOUR_NS);
+        let mut detector = Detector::new(calibration.as_ref());
+        let found = detector.look(&datagram(0, &packet)).unwrap();
+        found.expect(&self.product)
+    }
+}
+
+fn velodyne(numbers: [usize; 5], n: u32, ns: u64) -> Vec<u8> {
+    let [product, alike, step, mode, last_bank] = numbers;
+    let mut bytes = vec![];
+    for block in 0..12 {
+        let column = n as usize * 12 / alike + block / alike;
+        bytes.extend([0xFFu8, 0xEE - 0x11 * (block % (last_bank + 1)) as u8]);
+        bytes.extend(((column * step % 36_000) as u16).to_le_bytes());
+        let is_last = product != 7 && mode == 0x39 && block % 2 == 0;
+        let [low, high] = if is_last { FAR } else { NEAR }.to_le_bytes();
+        bytes.extend([low, high, 51].repeat(32));
+    }
+    bytes.extend((((ns / 1000) % 3_600_000_000) as u32).to_le_bytes());
+    bytes.extend([mode as u8, product as u8]);
+    bytes
+}
+
+fn hesai(channels: usize, blocks: usize, step: u32, mode: u8, n: u32, ns: u64) -> Vec<u8> {
+    let (header, mark, shot): (&[u8], &[u8], usize) = match channels {
+        40 => (&[], &[0xFF, 0xEE], 3),
+        64 => (&[0xEE, 0xFF, 64, 6, 0, 4, 0, 4], &[], 3),
+        _ => (&[0xEE, 0xFF, 6, 1, 0, 0, 32, 8, 1, 4, 2, 1], &[], 4),
+    };
+    let returns = if mode == 0x39 { 2 } else { 1 };
+    let mut bytes = header.to_vec();
+    for block in 0..blocks {
+        let column = n * (blocks / returns) as u32 + (block / returns) as u32;
+        bytes.extend(mark);
+        bytes.extend(((column * step % 36_000) as u16).to_le_bytes());
+        let is_last = returns == 2 && block % 2 == 0;
+        let [low, high] = if is_last { FAR } else { NEAR }.to_le_bytes();
+        bytes.extend([low, high, 51, 0][..shot].repeat(channels));
+    }
+    let date = [[123, 11, 14, 21, 59, 59], [123, 11, 14, 22, 0, 0]];
+    let date = &date[usize::from(ns >= HOUR_NS)][..];
+    let micros = &((ns % 1_000_000_000 / 1000) as u32).to_le_bytes()[..];
+    let tail = match channels {
+        32 => [&[0; 10], &[mode, 88, 2][..], date, micros, &[0x42]].concat(),
+        _ => [&[0; 10], micros, &[mode, 0x42], date].concat(),
+    };
+    bytes.extend(tail);
+    bytes.extend(n.to_le_bytes());
+    bytes
+}
+
+/// Sizes of header, column header, pixel, column footer, footer. The second echo is none.
+fn ouster(sizes: [usize; 5], n: u32, ns: u64) -> Vec<u8> {
+    let [header, column, pixel, tail, footer] = sizes;
+    let [low, high] = ((n / 32) as u16).to_le_bytes();
+    let mut bytes = [1, 0, low, high].repeat(8)[..header].to_vec();
+    for i in 0..16 {
+        let start = bytes.len();
+        bytes.extend((ns + i * 3_125_000 / 16).to_le_bytes());
+        bytes.extend((((n % 32) * 16) as u16 + i as u16).to_le_bytes());
+        // Of the old layout the frame, else that it is valid.
+        bytes.extend(if tail > 0 { [low, high] } else { [1, 0] });
+        bytes.resize(start + column, 0);
+        let reflectivity_at = [4, 2, 3][(pixel == 4) as usize + 2 * (pixel == 16) as usize];
+        for _ in 0..4 {
+            let mut shot = vec![0; pixel];
+            shot[..2].copy_from_slice(&NEAR.to_le_bytes());
+            shot[reflectivity_at] = 51;
+            bytes.extend(shot);
+        }
+        bytes.extend(vec![0xFF; tail]);
+    }
+    bytes.resize(bytes.len() + footer, 0);
+    bytes
+}
+
+fn datagram(stamp_ns: u64, payload: &[u8]) -> Datagram<'_> {
+    Datagram {
+        stamp_ns,
+        from: SocketAddr::from(([192, 168, 1, 201], 2368)),
+        to_port: 2368,
+        payload,
+    }
+}
+
+#[test]
+fn every_family_gives_revolutions_with_times_and_counts_what_is_lost() {
+    for kind in kinds() {
+        let (product, mut decoder) = (&kind.product, kind.decoder());
+        assert!(decoder.product().starts_with(product), "{product}");
+        let mut scans: Vec<Revolution> = vec![];
+        let mut keep = |scan: &Revolution| scans.push(scan.clone());
+        // From the middle of a turn to the middle of the fourth, over the full hour, one packet lost and one of another sender in its place.
+        let middle = kind.per_turn / 2;
+        for n in middle..middle + 3 * kind.per_turn {
+            let since = i64::from(n) - 2 * i64::from(kind.per_turn);
+            let ns = HOUR_NS.saturating_add_signed(since * kind.interval_ns as i64);
+            let packet = kind.packet(n, ns);
+            let mut datagram = datagram(ns, &packet);
+            if n == middle + kind.per_turn {
+                datagram.from.set_ip([192, 168, 1, 202].into());
+            }
+            decoder.push(&datagram, &mut keep);
+        }
+        decoder.finish(&mut keep);
+        let expected = Counts {
+            packets: u64::from(3 * kind.per_turn - 1),
+            other_traffic: 1,
+            lost: 1,
+            revolutions: 4,
+            ..Counts::default()
+        };
+        assert_eq!(decoder.counts(), expected, "{product}");
+        let told = scans
+            .iter()
+            .map(|scan| (scan.is_partial, scan.packets_lost));
+        let expected = [(true, 0), (false, 1), (false, 0), (true, 0)];
+        assert_eq!(told.collect::<Vec<_>>(), expected, "{product}");
+        for (scan, packets) in [(&scans[1], kind.per_turn - 1), (&scans[2], kind.per_turn)] {
+            let points = packets as usize * kind.points_per_packet;
+            assert_eq!(scan.points.len(), points, "{product}");
+            check_points(&kind, scan);
+        }
+        let turn_ns = scans[2].stamp_ns - scans[1].stamp_ns;
+        let expected_ns = u64::from(kind.per_turn) * kind.interval_ns;
+        assert!(turn_ns.abs_diff(expected_ns) < 2000, "{product}: {turn_ns}");
+    }
+}
+
+/// Times, ranges, rings from the top, and that the head turns clockwise from ahead.
+fn check_points(kind: &Kind, scan: &Revolution) {
+    let product = &kind.product;
+    let turn_ns = f64::from(kind.per_turn) * kind.interval_ns as f64;
+    // A packet comes when its first or its last shot is made.
+    let age_ns = scan.received_ns.abs_diff(scan.stamp_ns);
+    assert!(age_ns < 4_000_000, "{product}: {age_ns}");
+    let is_dual = scan.echoes.contains(&Echo::Strongest);
+    let (mut lowest_up, mut highest_down) = (0, u16::MAX);
+    for (i, point) in scan.points.iter().enumerate() {
+        let is_far = is_dual && scan.echoes[i] == Echo::Last;
+        let range_m = f32::from(if is_far { FAR } else { NEAR }) * kind.unit_m;
+        let found_m = point.x_m.hypot(point.y_m).hypot(point.z_m);
+        assert!((found_m - range_m).abs() < 1e-3, "{product}: {point:?}");
+        assert_eq!(point.intensity, 0.2);
+        let share = f64::from(scan.offsets_ns[i]) / turn_ns;
+        let azimuth = f64::from(-point.y_m).atan2(point.x_m.into()) / std::f64::consts::TAU;
+        let off = (azimuth - share + 0.5).rem_euclid(1.0) - 0.5;
+        // Beams have azimuths of their own, a packet was lost.
+        assert!(off.abs() < 0.04, "{product}: {share} {azimuth}");
+        if point.z_m > 0.0 {
+            lowest_up = lowest_up.max(scan.rings[i]);
+        } else {
+            highest_down = highest_down.min(scan.rings[i]);
+        }
+    }
+    assert!(lowest_up < highest_down && lowest_up > 0, "{product}");
+}
+
+#[test]
+fn returns_are_marked() {
+    use Echo::{Both, Last, Strongest};
+    let echoes_of = |change: fn(&mut [u8])| {
+        let kind = &kinds()[1];
+        let mut packet = kind.packet(0, 0);
+        change(&mut packet);
+        let (mut decoder, mut found) = (kind.decoder(), (vec![], 0));
+        let mut keep = |scan: &Revolution| found = (scan.echoes[..2].to_vec(), scan.no_return);
+        decoder.push(&datagram(0, &packet), &mut keep);
+        decoder.finish(&mut keep);
+        found
+    };
+    let neither = |packet: &mut [u8]| [4, 5, 104, 105].iter().for_each(|at| packet[*at] = 0);
+    assert_eq!(echoes_of(|_| ()), (vec![Last, Strongest], 0));
+    assert_eq!(echoes_of(|p| p[4..6].fill(0)), (vec![Strongest, Last], 0));
+    assert_eq!(echoes_of(neither), (vec![Last, Strongest], 1));
+    assert_eq!(
+        echoes_of(|p| p.copy_within(4..6, 104)),
+        (vec![Both, Last], 0)
+    );
+}
+
+#[test]
+fn a_revolution_that_never_ends_is_cut_at_the_limit_and_counted() {
+    let kind = &kinds()[0];
+    let (packet, mut decoder) = (kind.packet(0, 0), kind.decoder());
+    let mut held = (0, 0);
+    let mut keep = |scan: &Revolution| held = (scan.points.len(), scan.dropped_over_limit);
+    for _ in 0..700 {
+        decoder.push(&datagram(0, &packet), &mut keep);
+    }
+    decoder.finish(&mut keep);
+    let dropped = 700 * 384 - POINTS_MAX;
+    assert_eq!(held, (POINTS_MAX, dropped as u32));
+    assert_eq!(decoder.counts().points_dropped, dropped as u64);
+}
+
+#[test]
+fn another_sensors_calibration_and_other_traffic_are_said() {
+    let kinds = kinds();
+    let packet = |kind: usize| kinds[kind].packet(0, 0);
+    let legacy = "LEGACY, packets of 1088 bytes, found datagrams of [512]";
+    let cases = [
+        (
+            packet(0),
+            csv(40),
+            "a Hesai with 40 channels, found Velodyne",
+        ),
+        (
+            packet(1),
+            yaml(16),
+            "a Velodyne with 16 lasers, found Velodyne",
+        ),
+        (packet(3), String::new(), "the YAML file of this Velodyne"),
+        (packet(6), csv(40), "40 channels, found Hesai Pandar64"),
+        (packet(9), metadata("LEGACY"), legacy),
+        (packet(9), String::new(), "found datagrams of [512] bytes"),
+        (vec![1; 5], String::new(), "found datagrams of [5] bytes"),
+    ];
+    for (packet, text, expected) in cases {
+        let calibration = Calibration::parse(&text).ok();
+        let mut detector = Detector::new(calibration.as_ref());
+        let found = match detector.look(&datagram(0, &packet)) {
+            Ok(found) => found.map_or(detector.not_found(), |_| panic!("{expected}")),
+            Err(error) => error,
+        };
+        assert!(found.to_string().contains(expected), "{found}");
+    }
+}
+
+#[test]
+fn a_calibration_that_cannot_be_is_an_error_with_its_place() {
+    let legacy = metadata("LEGACY");
+    let not_a_number = yaml(16).replace("correction: 0.1}", "correction: .nan}");
+    let cases = [
+        (
+            String::new(),
+            "Velodyne's YAML, Hesai's CSV or Ouster's JSON",
+        ),
+        ("lasers: 5".into(), "YAML: expected a list `lasers`"),
+        (
+            yaml(16).replace("id: 3", "id: 4"),
+            "each laser_id from 0 on",
+        ),
+        (not_a_number, "laser 0"),
+        (yaml(16) + "distance_resolution: 7\n", "distance_resolution"),
+        (csv(40).replace("\n3,", "\n5,"), "line 4"),
+        (csv(40).replace("\n3,12,", "\n3,twelve,"), "line 4"),
+        (csv(300), "line 107"),
+        ("{".into(), "JSON"),
+        ("{}".into(), "missing field `beam_altitude_angles`"),
+        (metadata("RNG99"), "udp_profile_lidar: expected LEGACY"),
+        (
+            legacy.replace("[20, 5", "[5"),
+            "found 3 altitudes, 512 columns",
+        ),
+        (legacy.replace("512", "99999999"), "1 to 4096 columns"),
+        (legacy.replace("_mm\"", "\""), "lidar_origin_to_beam_origin"),
+        (" ".repeat(5 << 20), "at most 4194304 bytes"),
+    ];
+    for (text, expected) in cases {
+        let found = Calibration::parse(&text).unwrap_err().to_string();
+        assert!(found.contains(expected), "{found}");
+    }
+}
+
+/// A packet's number and time, bytes that are changed, where it is cut.
+fn damage() -> impl Strategy<Value = (u32, u64, Vec<(usize, u8)>, Option<usize>)> {
+    let changes = prop::collection::vec((0..9000usize, any::<u8>()), 0..40);
+    (
+        0..100_000u32,
+        0..u64::MAX / 2,
+        changes,
+        prop::option::of(0..9000usize),
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// Packets of a sensor, cut short, with changed bytes, from random times: counted one way or another, bounded, never a panic.
+    #[test]
+    fn hostile_packets_are_counted(kind in 0..12usize, packets in prop::collection::vec(damage(), 1..40)) {
+        let kind = &kinds()[kind];
+        let (mut decoder, mut points, pushed) = (kind.decoder(), 0, packets.len());
+        let mut check = |scan: &Revolution| {
+            assert!(scan.points.iter().all(Point::is_finite));
+            let lengths = [scan.offsets_ns.len(), scan.rings.len(), scan.echoes.len()];
+            assert_eq!(lengths, [scan.points.len(); 3]);
+            points += scan.points.len();
+        };
+        for (n, ns, changes, cut) in packets {
+            let mut packet = kind.packet(n, ns);
+            let bytes = packet.len();
+            changes.iter().for_each(|(at, value)| packet[at % bytes] = *value);
+            packet.truncate(cut.map_or(bytes, |cut| cut % bytes));
+            decoder.push(&datagram(ns, &packet), &mut check);
+        }
+        decoder.finish(&mut check);
+        let counts = decoder.counts();
+        prop_assert_eq!(counts.packets + counts.damaged + counts.other_traffic, pushed as u64);
+        prop_assert!(points <= pushed * 2 * kind.points_per_packet);
+    }
+
+    #[test]
+    fn random_bytes_are_no_sensor_or_decoded(bytes in prop::collection::vec(any::<u8>(), 0..2000), text in ".{0,300}") {
+        let calibration = Calibration::parse(&text).ok();
+        let mut detector = Detector::new(calibration.as_ref());
+        if let Ok(Some(mut decoder)) = detector.look(&datagram(0, &bytes)) {
+            decoder.push(&datagram(u64::MAX, &bytes), &mut |_| ());
+        }
+    }
+}

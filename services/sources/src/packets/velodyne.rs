@@ -1,0 +1,355 @@
+//! Velodyne's 1206-byte packets: 12 blocks of 32 shots, the time, the return mode, the product (manual 63-9243, section 9.3).
+//!
+//! The azimuth of a shot is its block's, turned on by the time since the block began (section 9.5). Where the manuals leave a choice it is that of the ROS driver
+//! and of Nebula, so that clouds are the same: the last block of a packet is not turned on, nor is any of an HDL-64E. The HDL-64E does not say its return mode:
+//! two returns of a shot are two points.
+
+use mluc_model::SensorProfile;
+
+use super::calibration::Laser;
+use super::sweep::Sweep;
+use super::{Calibration, Damaged, Echo, Revolution, u16_at, u32_at};
+use crate::SourceError;
+
+const BYTES: usize = 1206;
+const BLOCKS: usize = 12;
+const BLOCK_BYTES: usize = 100;
+const BLOCK_SHOTS: usize = 32;
+const STAMP_AT: usize = 1200;
+const RETURNS_AT: usize = 1204;
+const PRODUCT_AT: usize = 1205;
+const RETURNS_DUAL: u8 = 0x39;
+const RETURNS_LAST: u8 = 0x38;
+/// Flags of the blocks of lasers 0 to 31, 32 to 63, ...
+const BANKS: [u16; 4] = [0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF];
+const HOUR_NS: u64 = 3_600_000_000_000;
+const HOUR_US: u32 = 3_600_000_000;
+/// Farther than any of them turns within a block: the sensor left a sector out.
+const GAP_MAX_CDEG: u32 = 200;
+
+/// A type of sensor.
+pub(super) struct Product {
+    /// In `sensors/`.
+    profile: &'static str,
+    /// The last byte of a packet; the HDL-64E has its status there.
+    id: Option<u8>,
+    lasers: usize,
+    unit_mm: u8,
+    /// From one firing of all lasers to the next one.
+    cycle_ns: u32,
+}
+
+const HDL_32E: &Product = &product("hdl-32e", Some(0x21), 32, 2, 46_080);
+const HDL_64E: &Product = &product("hdl-64e", None, 64, 2, 48_000);
+const VLP_16: &Product = &product("vlp-16", Some(0x22), 16, 2, 55_296);
+const HI_RES: &Product = &product("vlp-16-hi-res", Some(0x24), 16, 2, 55_296);
+const VLP_32C: &Product = &product("vlp-32c", Some(0x28), 32, 4, 55_296);
+const VLS_128: &Product = &product("vls-128", Some(0xA1), 128, 4, 53_300);
+
+const fn product(
+    profile: &'static str,
+    id: Option<u8>,
+    lasers: usize,
+    unit_mm: u8,
+    cycle_ns: u32,
+) -> Product {
+    Product {
+        profile,
+        id,
+        lasers,
+        unit_mm,
+        cycle_ns,
+    }
+}
+
+/// Manual 63-9325, section 9.2: which beam from the top each laser of a VLP-32C is.
+const VLP_32C_RINGS: [usize; 32] = [
+    31, 14, 16, 30, 29, 11, 13, 28, 27, 10, 12, 26, 25, 7, 9, 23, 24, 6, 8, 22, 21, 4, 5, 19, 20,
+    2, 3, 18, 17, 0, 1, 15,
+];
+
+impl Product {
+    /// Which beam from the top a laser is, where all units are alike: the small ones fire from the bottom and from the middle upwards by turns.
+    fn ring(&self, laser: usize) -> Option<usize> {
+        let lowest = if laser.is_multiple_of(2) {
+            self.lasers
+        } else {
+            self.lasers / 2
+        };
+        match self.profile {
+            "hdl-64e" | "vls-128" => None,
+            "vlp-32c" => VLP_32C_RINGS.get(laser).copied(),
+            _ => Some(lowest - 1 - laser / 2),
+        }
+    }
+
+    fn nominal(&self, profile: &SensorProfile) -> Option<Vec<Laser>> {
+        let at = |values: &[f32], ring: usize| values.get(ring).map_or(0.0, |v| v.to_radians());
+        let laser = |laser_id| {
+            let ring = self.ring(laser_id)?;
+            Some(Laser {
+                laser_id,
+                rot_correction: at(&profile.azimuth_offsets_deg, ring),
+                vert_correction: at(&profile.elevations_deg, ring),
+                ..Laser::default()
+            })
+        };
+        (0..self.lasers).map(laser).collect()
+    }
+}
+
+/// A packet's product: by its flags and last byte, else by the calibration's number of lasers.
+pub(super) fn recognize(
+    payload: &[u8],
+    calibration: Option<&Calibration>,
+) -> Option<&'static Product> {
+    if payload.len() != BYTES {
+        return None;
+    }
+    let flags: [u16; BLOCKS] = std::array::from_fn(|i| u16_at(payload, i * BLOCK_BYTES));
+    let is_filled = flags.iter().all(|flag| BANKS.contains(flag) || *flag == 0);
+    if !is_filled || flags[0] == 0 {
+        return None;
+    }
+    let mut known = [HDL_32E, VLP_16, HI_RES, VLP_32C, VLS_128].into_iter();
+    if flags.iter().any(|flag| BANKS[2..].contains(flag)) {
+        return Some(VLS_128);
+    } else if flags.contains(&BANKS[1]) {
+        return Some(HDL_64E);
+    } else if let Some(product) = known.find(|p| p.id == Some(payload[PRODUCT_AT])) {
+        return Some(product);
+    }
+    let Some(Calibration::Velodyne(table)) = calibration else {
+        return None;
+    };
+    match table.lasers.len() {
+        16 => Some(VLP_16),
+        32 if table.unit_m == Some(0.004) => Some(VLP_32C),
+        32 => Some(HDL_32E),
+        _ => None,
+    }
+}
+
+struct Beam {
+    laser: Laser,
+    sin: f32,
+    cos: f32,
+    ring: u16,
+}
+
+pub(super) struct Velodyne {
+    pub(super) name: String,
+    product: &'static Product,
+    unit_m: f32,
+    beams: Vec<Beam>,
+    last_stamp_ns: Option<u64>,
+}
+
+impl Velodyne {
+    pub(super) fn new(
+        product: &'static Product,
+        calibration: Option<&Calibration>,
+    ) -> Result<Velodyne, SourceError> {
+        let profile = SensorProfile::load(product.profile)
+            .map_err(|cause| SourceError::calibration(product.profile, "a profile", cause))?;
+        let (lasers, unit_m) = match calibration {
+            Some(Calibration::Velodyne(table)) if table.lasers.len() == product.lasers => {
+                (Some(table.lasers.clone()), table.unit_m)
+            }
+            Some(other) => return Err(other.is_not(&profile.name)),
+            None => (product.nominal(&profile), None),
+        };
+        let expected = || format!("the YAML file of this {}", profile.name);
+        let lasers = lasers.ok_or_else(|| SourceError::calibration("the file", expected(), "none"));
+        Ok(Velodyne {
+            beams: beams(lasers?),
+            name: profile.name,
+            product,
+            unit_m: unit_m.unwrap_or(f32::from(product.unit_mm) * 0.001),
+            last_stamp_ns: None,
+        })
+    }
+
+    pub(super) fn takes(&self, payload: &[u8]) -> bool {
+        payload.len() == BYTES
+    }
+
+    pub(super) fn decode(
+        &mut self,
+        payload: &[u8],
+        sweep: &mut Sweep,
+        on: &mut dyn FnMut(&Revolution),
+    ) -> Result<(), Damaged> {
+        let lasers = self.product.lasers;
+        let is_dual = lasers != 64 && payload[RETURNS_AT] == RETURNS_DUAL;
+        let returns = if is_dual { 2 } else { 1 };
+        let blocks = self.whole_blocks(payload)? / returns * returns;
+        let stamp_us = u32_at(payload, STAMP_AT);
+        if stamp_us >= HOUR_US {
+            return Err(Damaged);
+        }
+        let stamp_ns = self.in_hour(u64::from(stamp_us) * 1000, sweep.received_ns);
+        // A firing fills half a block, one block or several ones.
+        let firings = blocks * BLOCK_SHOTS / lasers / returns;
+        sweep.packet(
+            stamp_ns,
+            firings.max(1) as u64 * u64::from(self.product.cycle_ns),
+        );
+
+        let azimuth_of = |block: usize| u16_at(payload, block * BLOCK_BYTES + 2);
+        for block in (0..blocks).step_by(returns) {
+            // The next block of the last one comes with the next packet.
+            let next = if block + returns < blocks {
+                block + returns
+            } else {
+                block
+            };
+            let [from, to] = [block, next].map(|block| u32::from(azimuth_of(block)));
+            let gap_cdeg = (to + 36_000 - from) % 36_000;
+            let gap_cdeg = if gap_cdeg > GAP_MAX_CDEG { 0 } else { gap_cdeg };
+            self.block(payload, block, returns, gap_cdeg, stamp_ns, sweep, on);
+        }
+        Ok(())
+    }
+
+    fn block(
+        &self,
+        payload: &[u8],
+        block: usize,
+        returns: usize,
+        gap_cdeg: u32,
+        stamp_ns: u64,
+        sweep: &mut Sweep,
+        on: &mut dyn FnMut(&Revolution),
+    ) {
+        let lasers = self.product.lasers;
+        let bytes = &payload[block * BLOCK_BYTES..];
+        let bank = bank_of(u16_at(bytes, 0)).unwrap_or(0) * BLOCK_SHOTS;
+        let azimuth_cdeg = u16_at(bytes, 2);
+        let firing = block / returns * BLOCK_SHOTS / lasers;
+        let cycle_ns = u64::from(self.product.cycle_ns);
+        let start_ns = stamp_ns + firing as u64 * cycle_ns;
+        sweep.column(azimuth_cdeg, start_ns, on);
+        // Of two returns the last one comes first (section 9.3.1.5).
+        let echoes = match payload[RETURNS_AT] {
+            _ if returns == 2 => [Echo::Last, Echo::Strongest],
+            RETURNS_LAST if lasers != 64 => [Echo::Last; 2],
+            _ => [Echo::Strongest; 2],
+        };
+        for shot in 0..BLOCK_SHOTS {
+            let beam = &self.beams[(bank + shot) % lasers];
+            let (laser_ns, turned) = self.moment(bank + shot);
+            let azimuth_cdeg = f32::from(azimuth_cdeg) + gap_cdeg as f32 * turned;
+            let azimuth_rad = (azimuth_cdeg / 100.0).to_radians();
+            let at = [0, (returns - 1) * BLOCK_BYTES].map(|block| block + 4 + shot * 3);
+            let distances = at.map(|at| u32::from(u16_at(bytes, at)));
+            sweep.shot(distances, echoes, |slot, echo, sweep| {
+                let xyz_m = beam.position_m(distances[slot] as f32 * self.unit_m, azimuth_rad);
+                let reflectivity = bytes[at[slot] + 2];
+                sweep.point(xyz_m, reflectivity, start_ns + laser_ns, beam.ring, echo);
+            });
+        }
+    }
+
+    /// When a shot is fired after its firing's start, ns, and how far the head has turned since the block's azimuth, as a share of the way to the next block's.
+    fn moment(&self, shot: usize) -> (u64, f32) {
+        match self.product.lasers {
+            16 => {
+                let ns = (shot / 16) as u64 * 55_296 + (shot % 16) as u64 * 2_304;
+                (ns, ns as f32 / 110_592.0)
+            }
+            32 if self.product.cycle_ns == HDL_32E.cycle_ns => {
+                let ns = shot as u64 * 1_152;
+                (ns, ns as f32 / 46_080.0)
+            }
+            // Two at once; the azimuth goes on by laser all the same, as the other decoders have it.
+            32 => ((shot / 2) as u64 * 2_304, shot as f32 * 2_304.0 / 55_296.0),
+            // Eight at once, a pause after the first half (manual 63-9483, firing sequence).
+            128 => {
+                let slot = (shot / 8 + shot / 64) as u64;
+                (slot * 2_665, slot as f32 * 2_665.0 / 53_300.0)
+            }
+            // Not known better than the firing's 48 us.
+            _ => (0, 0.0),
+        }
+    }
+
+    /// The blocks before the empty ones at the end (two returns of a VLS-128 leave four empty).
+    fn whole_blocks(&self, payload: &[u8]) -> Result<usize, Damaged> {
+        let lasers = self.product.lasers;
+        for block in 0..BLOCKS {
+            let bytes = &payload[block * BLOCK_BYTES..];
+            let flag = u16_at(bytes, 0);
+            if flag == 0 && lasers == 128 && block > 0 {
+                return Ok(block);
+            }
+            let bank = bank_of(flag).ok_or(Damaged)?;
+            if bank * BLOCK_SHOTS >= lasers || u16_at(bytes, 2) >= 36_000 {
+                return Err(Damaged);
+            }
+        }
+        Ok(BLOCKS)
+    }
+
+    /// The hour of a time within the hour: the one that goes on from the last packet, else the nearest to the arrival.
+    fn in_hour(&mut self, in_hour_ns: u64, received_ns: u64) -> u64 {
+        let is_near = |last: &u64| last.abs_diff(received_ns) < HOUR_NS;
+        let near_ns = self.last_stamp_ns.filter(is_near).unwrap_or(received_ns);
+        let hour_ns = near_ns - near_ns % HOUR_NS;
+        let stamp_ns = match hour_ns + in_hour_ns {
+            stamp_ns if stamp_ns > near_ns + HOUR_NS / 2 => stamp_ns.saturating_sub(HOUR_NS),
+            stamp_ns if stamp_ns + HOUR_NS / 2 < near_ns => stamp_ns + HOUR_NS,
+            stamp_ns => stamp_ns,
+        };
+        self.last_stamp_ns = Some(stamp_ns);
+        stamp_ns
+    }
+}
+
+fn bank_of(flag: u16) -> Option<usize> {
+    BANKS.iter().position(|bank| *bank == flag)
+}
+
+fn beams(lasers: Vec<Laser>) -> Vec<Beam> {
+    let elevations: Vec<f32> = lasers.iter().map(|laser| laser.vert_correction).collect();
+    let beam = |laser: Laser| {
+        let (sin, cos) = laser.vert_correction.sin_cos();
+        let higher = elevations
+            .iter()
+            .filter(|rad| **rad > laser.vert_correction);
+        let before = elevations[..laser.laser_id].iter();
+        let equal = before.filter(|rad| **rad == laser.vert_correction);
+        Beam {
+            sin,
+            cos,
+            ring: (higher.count() + equal.count()) as u16,
+            laser,
+        }
+    };
+    lasers.into_iter().map(beam).collect()
+}
+
+impl Beam {
+    /// The manual's model of a laser (63-9194, appendix on calibration), its y ahead and its x to the right.
+    fn position_m(&self, distance_m: f32, azimuth_rad: f32) -> [f32; 3] {
+        let laser = &self.laser;
+        let distance_m = distance_m + laser.dist_correction;
+        let (sin, cos) = (azimuth_rad - laser.rot_correction).sin_cos();
+        let (up_m, aside_m) = (laser.vert_offset_correction, laser.horiz_offset_correction);
+        let level_m = |distance_m: f32| distance_m * self.cos - up_m * self.sin;
+        let right_m = |distance_m: f32| level_m(distance_m) * sin - aside_m * cos;
+        let ahead_m = |distance_m: f32| level_m(distance_m) * cos + aside_m * sin;
+        let (mut for_right_m, mut for_ahead_m) = (distance_m, distance_m);
+        if laser.two_pt_correction_available {
+            // Measured at 2.4 m and 1.93 m, and at 25.04 m, where the correction is `dist_correction`.
+            let corrected = |at_m: f32, near_m: f32, near_correction_m: f32| {
+                let share = (at_m.abs() - near_m) / (25.04 - near_m) - 1.0;
+                distance_m + (laser.dist_correction - near_correction_m) * share
+            };
+            for_right_m = corrected(right_m(distance_m), 2.4, laser.dist_correction_x);
+            for_ahead_m = corrected(ahead_m(distance_m), 1.93, laser.dist_correction_y);
+        }
+        let z_m = for_ahead_m * self.sin + up_m * self.cos;
+        [ahead_m(for_ahead_m), -right_m(for_right_m), z_m]
+    }
+}

@@ -1,0 +1,315 @@
+//! Recorded packets of real sensors against what other decoders made of them: one folder a sensor.
+//!
+//! `truth.pcd` holds one revolution by another decoder, cut where it likes: our points of one turn's time are compared with it by nearest neighbour, turned about
+//! z by the quarter turns that fit best (printed). `digest.json` holds md5 sums of an Ouster's range images.
+
+use std::collections::HashMap;
+use std::fs::{read, read_dir, read_to_string};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use md5::{Digest, Md5};
+use mluc_sources::packets::{Calibration, Datagram, Decoder, Detector, Metadata, Revolution};
+use mluc_sources::pcap::Capture;
+use mluc_tests::{oracle, read_json};
+
+const NEAR_M: f32 = 0.02;
+const SHARE_MIN: f64 = 0.99;
+
+/// A datagram that owns its bytes.
+type Packet = (u64, std::net::SocketAddr, u16, Vec<u8>);
+/// Time (ns) and place.
+type Timed = (u64, [f32; 3]);
+
+fn packets(path: &Path) -> Vec<Packet> {
+    let mut capture = Capture::open(path).expect("a capture");
+    let mut packets = vec![];
+    while let Some(d) = capture.next_datagram().expect("readable") {
+        packets.push((d.stamp_ns, d.from, d.to_port, d.payload.to_vec()));
+    }
+    let counts = capture.counts();
+    assert!(
+        !counts.cut_short && counts.fragmented_lost == 0,
+        "{counts:?}"
+    );
+    packets
+}
+
+fn datagram((stamp_ns, from, to_port, payload): &Packet) -> Datagram<'_> {
+    Datagram {
+        stamp_ns: *stamp_ns,
+        from: *from,
+        to_port: *to_port,
+        payload,
+    }
+}
+
+fn decoder(packets: &[Packet], calibration: Option<&Calibration>) -> Option<Decoder> {
+    let mut detector = Detector::new(calibration);
+    let mut found = packets
+        .iter()
+        .map(|packet| detector.look(&datagram(packet)));
+    found.find_map(|looked| looked.unwrap_or(None))
+}
+
+fn decode(decoder: &mut Decoder, packets: &[Packet], on: &mut dyn FnMut(&Revolution)) {
+    for packet in packets {
+        decoder.push(&datagram(packet), on);
+    }
+    decoder.finish(on);
+}
+
+/// The first three fields, x, y, z, of a binary PCD file.
+fn pcd_points(path: &Path) -> Vec<[f32; 3]> {
+    let bytes = read(path).expect("readable");
+    let mark = b"DATA binary\n";
+    let at = bytes.windows(mark.len()).position(|w| w == mark);
+    let (header, body) = bytes.split_at(at.expect("a binary PCD") + mark.len());
+    let header = String::from_utf8_lossy(header);
+    assert!(header.contains("FIELDS x y z") && header.contains("SIZE 4 4 4"));
+    let sizes = header.lines().find_map(|line| line.strip_prefix("SIZE "));
+    let sizes = sizes.expect("sizes").split(' ');
+    let stride = sizes
+        .map(|size| size.parse::<usize>().expect("a size"))
+        .sum();
+    let point = |bytes: &[u8]| {
+        let (numbers, _) = bytes.as_chunks::<4>();
+        [0, 1, 2].map(|i| f32::from_le_bytes(numbers[i]))
+    };
+    body.chunks_exact(stride).map(point).collect()
+}
+
+/// Points by cells of `NEAR_M`.
+struct Cells(HashMap<[i32; 3], Vec<[f32; 3]>>);
+
+impl Cells {
+    fn new(points: impl Iterator<Item = [f32; 3]>) -> Cells {
+        let mut cells: HashMap<_, Vec<_>> = HashMap::new();
+        for point in points {
+            cells.entry(Cells::of(point)).or_default().push(point);
+        }
+        Cells(cells)
+    }
+
+    fn of(point: [f32; 3]) -> [i32; 3] {
+        point.map(|v| (v / NEAR_M).floor() as i32)
+    }
+
+    fn has(&self, [x, y, z]: [f32; 3], within_m: f32) -> bool {
+        let [i, j, k] = Cells::of([x, y, z]);
+        let is_near = |p: &[f32; 3]| {
+            let [a, b, c] = [p[0] - x, p[1] - y, p[2] - z];
+            a * a + b * b + c * c <= within_m * within_m
+        };
+        (0..27).any(|n| {
+            let cell = [i + n % 3 - 1, j + n / 3 % 3 - 1, k + n / 9 - 1];
+            self.0
+                .get(&cell)
+                .is_some_and(|points| points.iter().any(is_near))
+        })
+    }
+
+    fn share(&self, points: impl Iterator<Item = [f32; 3]>, within_m: f32) -> f64 {
+        let (mut all, mut near) = (0, 0);
+        for point in points {
+            all += 1;
+            near += usize::from(self.has(point, within_m));
+        }
+        near as f64 / f64::from(all.max(1))
+    }
+}
+
+fn turned([x, y, z]: [f32; 3], quarters: usize) -> [f32; 3] {
+    [[x, y, z], [-y, x, z], [-x, -y, z], [y, -x, z]][quarters]
+}
+
+/// Shares of the truth's points with one of ours near, and the other way round; how ours was turned.
+fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, usize) {
+    let cells = Cells::new(truth.iter().copied());
+    let sample = |quarters| {
+        let points = ours
+            .iter()
+            .step_by(17)
+            .map(move |(_, point)| turned(*point, quarters));
+        (cells.share(points, NEAR_M) * 1e6) as u64
+    };
+    let quarters = (0..4).max_by_key(|quarters| sample(*quarters)).unwrap_or(0);
+    ours.iter_mut()
+        .for_each(|(_, point)| *point = turned(*point, quarters));
+    ours.sort_by_key(|(ns, _)| *ns);
+    // The turn that is the truth's: the one with most points that are the same to 2 mm.
+    let mut same = vec![0u32];
+    for (_, point) in ours.iter() {
+        same.push(same[same.len() - 1] + u32::from(cells.has(*point, 0.002)));
+    }
+    let after = |ns: u64| ours.partition_point(|(at, _)| *at < ns);
+    let found = |start: &usize| same[after(ours[*start].0 + turn_ns)] - same[*start];
+    let start = (0..ours.len())
+        .step_by(97)
+        .max_by_key(found)
+        .expect("points");
+    // The other decoder cuts at an angle, not at a time: compare beyond the turn one way, within it the other way.
+    let (start_ns, edge_ns) = (ours[start].0, turn_ns / 20);
+    let wide = after(start_ns.saturating_sub(edge_ns))..after(start_ns + turn_ns + edge_ns);
+    let wide = Cells::new(ours[wide].iter().map(|(_, point)| *point));
+    let narrow = after(start_ns + edge_ns)..after(start_ns + turn_ns - edge_ns);
+    let covered: Vec<bool> = truth.iter().fold(vec![false; 361], |mut covered, point| {
+        covered[degree(point)] = true;
+        covered
+    });
+    let narrow = ours[narrow].iter().map(|(_, point)| *point);
+    let narrow = narrow.filter(|point| covered[degree(point)]);
+    let of_truth = wide.share(truth.iter().copied(), NEAR_M);
+    (of_truth, cells.share(narrow, NEAR_M), quarters)
+}
+
+fn degree(point: &[f32; 3]) -> usize {
+    (point[1].atan2(point[0]).to_degrees() + 180.0) as usize
+}
+
+/// Every range image of the digest, staggered, u32, row by row.
+fn check_digest(folder: &Path, metadata: &Metadata, packets: &[Packet]) {
+    let digest = read_json(&folder.join("digest.json"));
+    let scans = digest["scans"].as_array().expect("scans");
+    assert!(!scans.is_empty());
+    let pixels = metadata.rows * metadata.columns;
+    let mut frames: Vec<(u16, [Vec<u32>; 2])> = vec![];
+    for (_, _, _, payload) in packets {
+        metadata.shots(payload, &mut |shot| {
+            if frames.last().is_none_or(|(frame, _)| *frame != shot.frame) {
+                frames.push((shot.frame, [vec![0; pixels], vec![0; pixels]]));
+            }
+            let at = usize::from(shot.row) * metadata.columns + usize::from(shot.column);
+            let (_, images) = frames.last_mut().expect("a frame");
+            for (image, range_mm) in images.iter_mut().zip(shot.ranges_mm) {
+                image[at] = range_mm;
+            }
+        });
+    }
+    for (scan, (frame, images)) in scans.iter().zip(&frames) {
+        for (name, image) in ["RANGE", "RANGE2"].into_iter().zip(images) {
+            let Some(expected) = scan[name].as_str() else {
+                continue;
+            };
+            let bytes: Vec<u8> = image.iter().flat_map(|mm| mm.to_le_bytes()).collect();
+            let found: String = Md5::digest(bytes)
+                .iter()
+                .map(|b| format!("{b:02x}"))
+                .collect();
+            assert_eq!(found, expected, "frame {frame} {name}");
+            let hits = image.iter().filter(|mm| **mm > 0).count();
+            println!("  frame {frame} {name}: md5 agrees, {hits} of {pixels} pixels with a range");
+        }
+    }
+    assert!(frames.len() >= scans.len(), "{} frames", frames.len());
+}
+
+fn calibration(folder: &Path) -> Option<Calibration> {
+    let is_answer = |path: &PathBuf| {
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        ["packets", "truth", "digest"]
+            .iter()
+            .any(|answer| name.starts_with(answer))
+    };
+    let files = read_dir(folder)
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").path());
+    let mut texts = files
+        .filter(|path| !is_answer(path))
+        .filter_map(|path| read_to_string(path).ok());
+    texts.find_map(|text| Calibration::parse(&text).ok())
+}
+
+/// Decodes again and again for half a second.
+fn print_speed(packets: &[Packet], calibration: Option<&Calibration>) {
+    let (start, mut points) = (Instant::now(), 0);
+    while start.elapsed().as_millis() < 500 {
+        let mut decoder = decoder(packets, calibration).expect("a decoder");
+        decode(&mut decoder, packets, &mut |scan| {
+            points += scan.points.len()
+        });
+    }
+    let ns = start.elapsed().as_nanos() as f64 / points.max(1) as f64;
+    println!(
+        "  {ns:.1} ns a point: {:.2} % of one core at 600k points/s",
+        ns * 0.06
+    );
+}
+
+fn check(folder: &Path) {
+    let packets = packets(&folder.join("packets.pcap"));
+    let calibration = calibration(folder);
+    let mut decoder = decoder(&packets, calibration.as_ref()).expect("a decoder");
+    let (mut stamps, mut points): (Vec<u64>, Vec<Timed>) = (vec![], vec![]);
+    decode(&mut decoder, &packets, &mut |scan| {
+        let times = scan
+            .offsets_ns
+            .iter()
+            .map(|ns| scan.stamp_ns + u64::from(*ns));
+        points.extend(times.zip(scan.points.iter().map(|p| [p.x_m, p.y_m, p.z_m])));
+        if !scan.is_partial {
+            stamps.push(scan.stamp_ns);
+        }
+        assert!(
+            scan.points
+                .iter()
+                .all(|p| p.is_finite() && (0.0..=1.0).contains(&p.intensity))
+        );
+        let lengths = [scan.offsets_ns.len(), scan.rings.len(), scan.echoes.len()];
+        assert_eq!(lengths, [scan.points.len(); 3]);
+    });
+    let name = folder.file_name().unwrap_or_default().to_string_lossy();
+    println!(
+        "{name}: {}, {} points, {:?}",
+        decoder.product(),
+        points.len(),
+        decoder.counts()
+    );
+    let mut is_checked = false;
+    if let Some(Calibration::Ouster(metadata)) = &calibration {
+        check_digest(folder, metadata, &packets);
+        is_checked = true;
+    }
+    let truth = folder.join("truth.pcd");
+    if truth.exists() {
+        let truth = pcd_points(&truth);
+        let turns: Vec<u64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let turn_ns = *turns.iter().min().expect("two whole revolutions");
+        let (of_truth, of_ours, quarters) = compared(&mut points, turn_ns, &truth);
+        println!(
+            "  within 2 cm: {:.2} % of {} true points, {:.2} % of ours; ours turned by {} degrees; a turn takes {:.1} ms",
+            100.0 * of_truth,
+            truth.len(),
+            100.0 * of_ours,
+            90 * quarters,
+            turn_ns as f64 / 1e6,
+        );
+        assert!(of_truth >= SHARE_MIN, "{name}: of the truth {of_truth}");
+        assert!(of_ours >= SHARE_MIN, "{name}: of ours {of_ours}");
+        is_checked = true;
+    }
+    assert!(
+        is_checked,
+        "{name}: neither truth.pcd nor an Ouster's digest.json"
+    );
+    print_speed(&packets, calibration.as_ref());
+}
+
+#[test]
+fn oracle_packets_agree_with_other_decoders() {
+    let Some(folder) = oracle().map(|folder| folder.join("packets")) else {
+        return;
+    };
+    let entries = read_dir(&folder).expect("the folder of packets");
+    let mut folders: Vec<PathBuf> = entries
+        .map(|entry| entry.expect("an entry").path())
+        .collect();
+    folders.retain(|path| path.join("packets.pcap").exists());
+    folders.sort();
+    assert!(!folders.is_empty(), "no packets");
+    folders.iter().for_each(|folder| check(folder));
+}
