@@ -204,6 +204,40 @@ typedef struct mluc_run {
     char unknown_score[96];
 } mluc_run;
 
+/* Whether a missing object means that nothing is there: only in the states running and degraded. */
+enum {
+    MLUC_STATE_STARTING = 0,
+    MLUC_STATE_RUNNING = 1,
+    MLUC_STATE_DEGRADED = 2,
+    MLUC_STATE_BLIND = 3,
+    MLUC_STATE_LATE = 4,
+    MLUC_STATE_STOPPED = 5
+};
+
+#define MLUC_NO_NUMBER UINT64_MAX
+
+/* The element of the topic `status`: what the pipeline is worth at a moment (docs/CONTRACT.md, "Status"). A refiner does not
+ * need it; a consumer reads it with iceoryx2. */
+typedef struct mluc_status {
+    uint32_t wire_version;
+    uint32_t state;
+    uint64_t run_id;
+    uint64_t judged_ns; /* CLOCK_MONOTONIC */
+    uint64_t sequence;  /* of the newest result, or MLUC_NO_NUMBER */
+    uint64_t age_ns;    /* since the arrival of its scan, or MLUC_NO_NUMBER */
+    uint64_t frames_in;
+    uint64_t frames_out;
+    uint64_t frames_dropped;
+    uint64_t frames_late;
+    uint64_t stages_out[4]; /* by ingest, backbone, head, refiner, in the run */
+    uint64_t stages_late[4];
+    uint64_t blind_sectors; /* bit n: 10 n to 10 (n + 1) degrees, counter-clockwise from +x */
+    float not_finite_share;
+    uint32_t is_ground_lost;
+    char reason[192]; /* NUL-padded */
+} mluc_status;
+
+MLUC_ASSERT(sizeof(mluc_status) == 344, "mluc_status");
 MLUC_ASSERT(sizeof(mluc_run) == 672, "mluc_run");
 MLUC_ASSERT(sizeof(mluc_header) == 256, "mluc_header");
 MLUC_ASSERT(offsetof(mluc_header, stages) == 112, "mluc_header");

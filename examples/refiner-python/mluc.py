@@ -22,6 +22,7 @@ THINNED = 4  # a bit of an object's flags
 # Bits of a header's flags.
 DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, LIMIT_OBJECT_POINTS = 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 13
 PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED, UNDERSIZED = range(8)
+STATES, STATUS_AGE_MAX_NS = ("starting", "running", "degraded", "blind", "late", "stopped"), 2_000_000_000
 STARTING, WAITING_INPUT, RUNNING, BAD, FAILED, STOPPING = range(6)
 
 
@@ -49,6 +50,9 @@ Health = struct("Health", """wire_version:u stage:u state:u pid:u run_id:U frame
 RunDescription = struct("RunDescription", """wire_version:u classes_count:u run_id:U started_ns:U model_fingerprint:U
     base_from_sensor:6d sensor_height_m:f objectness_min:f gate:u gate_threshold:f model_name:64b sensor_name:64b
     class_names:256b known_score:96b unknown_score:96b""")
+Status = struct("Status", """wire_version:u state:u run_id:U judged_ns:U sequence:U age_ns:U frames_in:U frames_out:U
+    frames_dropped:U frames_late:U stages_out:4U stages_late:4U blind_sectors:U not_finite_share:f is_ground_lost:u
+    reason:192b""")
 # element, elements, subscribers, buffer, borrowed, loans, history: both sides open or make a topic with the same ones.
 TOPICS = {
     "points": (Point, POINTS_MAX, 6, 2, 5, 2, 0),
@@ -57,6 +61,7 @@ TOPICS = {
     "object_points": (C.c_uint32, OBJECT_POINTS_MAX, 3, 1, 2, 1, 0),
     "health/refiner": (Health, 1, 8, 2, 5, 2, 1),
     "run": (RunDescription, 1, 16, 1, 1, 1, 1),
+    "status": (Status, 1, 16, 1, 1, 1, 1),
 }
 
 
@@ -72,23 +77,64 @@ def header_of(sample):
     return FrameHeader.from_buffer_copy(C.string_at(sample.user_header_ptr, C.sizeof(FrameHeader)))
 
 
+def stem():
+    return f"mluc-{os.geteuid()}-{os.environ.get('MLUC_INSTANCE') or 'default'}"
+
+
+def make_node(stem):
+    config = iox.config.default()
+    config.global_cfg.prefix = iox.FileName.new(stem + ".")
+    config.global_cfg.root_path = iox.Path.new("/dev/shm/" + stem)
+    iox.set_log_level(iox.LogLevel.Fatal)
+    builder = iox.NodeBuilder.new().config(config).signal_handling_mode(iox.SignalHandlingMode.Disabled)
+    return builder.create(iox.ServiceType.Ipc)
+
+
+def open_topic(node, name):
+    element, _, subscribers, buffer, borrowed, _, history = TOPICS[name]
+    service = iox.ServiceName.new("mluc/" + name)
+    data = node.service_builder(service).publish_subscribe(iox.Slice[element]).user_header(FrameHeader)
+    data = data.enable_safe_overflow(True).max_publishers(1).max_subscribers(subscribers).max_nodes(16)
+    data = data.subscriber_max_buffer_size(buffer).subscriber_max_borrowed_samples(borrowed).history_size(history)
+    wake = node.service_builder(service).event().max_notifiers(4).max_listeners(subscribers)
+    return data.open_or_create(), wake.max_nodes(16).event_id_max_value(1).open_or_create()
+
+
+class Watch:
+    """For consumers: what the pipeline is worth, so that "nothing there" can be told from "blind", "late" and "stopped"."""
+
+    def __init__(self):
+        self.lock = open(f"/dev/shm/{stem()}/.lock")
+        fcntl.flock(self.lock, fcntl.LOCK_SH)
+        self.node = make_node(stem())
+        self.statuses, self.last = open_topic(self.node, "status")[0].subscriber_builder().create(), None
+
+    def status(self):
+        """State word, reason, and the whole Status; None before the supervisor has published one."""
+        while (sample := self.statuses.receive()) is not None:
+            status = Status.from_buffer_copy(C.string_at(sample.payload_ptr, C.sizeof(Status)))
+            sample.delete()
+            if status.wire_version == WIRE_VERSION and status.state < len(STATES):
+                self.last = status
+        if self.last is None:
+            return None
+        if time.monotonic_ns() - self.last.judged_ns > STATUS_AGE_MAX_NS and self.last.state != STATES.index("stopped"):
+            return "stopped", "the supervisor hangs or is gone", self.last
+        reason = bytes(self.last.reason).rstrip(b"\0").decode(errors="replace")
+        return STATES[self.last.state], reason, self.last
+
+
 class Refiner:
     """This process as the refiner of the instance that `MLUC_INSTANCE` names, in one run after the other."""
 
     def __init__(self):
-        stem = f"mluc-{os.geteuid()}-{os.environ.get('MLUC_INSTANCE') or 'default'}"
-        self.root = "/dev/shm/" + stem
+        self.root = "/dev/shm/" + stem()
         self.join(self.root)
-        config = iox.config.default()
-        config.global_cfg.prefix = iox.FileName.new(stem + ".")
-        config.global_cfg.root_path = iox.Path.new(self.root)
-        iox.set_log_level(iox.LogLevel.Fatal)
-        builder = iox.NodeBuilder.new().config(config).signal_handling_mode(iox.SignalHandlingMode.Disabled)
-        self.node = builder.create(iox.ServiceType.Ipc)
+        self.node = make_node(stem())
         self.outputs = {name: self.output(name) for name in ("objects", "object_points", "health/refiner")}
-        self.descriptions = self.topic("run")[0].subscriber_builder().create()
-        self.points = self.topic("points")[0].subscriber_builder().create()
-        detections, wake = self.topic("detections")
+        self.descriptions = open_topic(self.node, "run")[0].subscriber_builder().create()
+        self.points = open_topic(self.node, "points")[0].subscriber_builder().create()
+        detections, wake = open_topic(self.node, "detections")
         self.detections = detections.subscriber_builder().create()
         self.listener = wake.listener_builder().create()
         self.scans, self.times, self.beats, self.is_stopping = [], [0], 0, False
@@ -113,17 +159,8 @@ class Refiner:
         if f"wire={WIRE_VERSION}" not in begun.split():
             sys.exit(f"this refiner speaks wire version {WIRE_VERSION}, {root} {begun}: run the same mluc twice")
 
-    def topic(self, name):
-        element, _, subscribers, buffer, borrowed, _, history = TOPICS[name]
-        service = iox.ServiceName.new("mluc/" + name)
-        data = self.node.service_builder(service).publish_subscribe(iox.Slice[element]).user_header(FrameHeader)
-        data = data.enable_safe_overflow(True).max_publishers(1).max_subscribers(subscribers).max_nodes(16)
-        data = data.subscriber_max_buffer_size(buffer).subscriber_max_borrowed_samples(borrowed).history_size(history)
-        wake = self.node.service_builder(service).event().max_notifiers(4).max_listeners(subscribers)
-        return data.open_or_create(), wake.max_nodes(16).event_id_max_value(1).open_or_create()
-
     def output(self, name):
-        data, wake = self.topic(name)
+        data, wake = open_topic(self.node, name)
         port = data.publisher_builder().initial_max_slice_len(TOPICS[name][1]).max_loaned_samples(TOPICS[name][5])
         port = port.allocation_strategy(iox.AllocationStrategy.Static)
         port = port.backpressure_strategy(iox.BackpressureStrategy.DiscardData)

@@ -14,6 +14,7 @@ mod object;
 mod point;
 mod run;
 mod services;
+mod status;
 mod text;
 
 pub use detection::{Detection, DetectionKind, GateKind, NO_PROBABILITY};
@@ -26,4 +27,5 @@ pub use object::{Disposition, Object, ObjectKind};
 pub use point::Point;
 pub use run::RunDescription;
 pub use services::Topic;
+pub use status::{Status, StatusState};
 pub use text::Text;

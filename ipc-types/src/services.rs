@@ -103,6 +103,12 @@ impl Topic {
         loans: 1,
         history: 1,
     };
+    /// What the pipeline is worth at this moment ([`crate::Status`]): supervisor to everybody, latched too.
+    pub const STATUS: Topic = Topic {
+        name: "status",
+        element_bytes: size_of::<crate::Status>(),
+        ..Topic::RUN
+    };
 
     /// Messages that the producer's memory holds: as many as all consumers can keep at the same time, and the loans.
     pub const fn slots(&self) -> usize {

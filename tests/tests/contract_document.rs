@@ -5,7 +5,7 @@ mod contract_layouts;
 use contract_layouts::{c_struct, layouts, python_struct};
 use mluc_ipc_types::{
     CLASSES_MAX, DETECTIONS_MAX, Disposition, FOOTPRINT_MAX, Flags, GateKind, HealthState,
-    OBJECT_POINTS_MAX, OBJECTS_MAX, Object, POINTS_MAX, Topic, WIRE_VERSION,
+    OBJECT_POINTS_MAX, OBJECTS_MAX, Object, POINTS_MAX, StatusState, Topic, WIRE_VERSION,
 };
 use mluc_tests::root;
 
@@ -78,6 +78,7 @@ fn the_document_has_the_topics_settings() {
         ("object_points", Topic::OBJECT_POINTS, "u32"),
         ("health/refiner", Topic::HEALTH, "mluc.Health"),
         ("run", Topic::RUN, "mluc.RunDescription"),
+        ("status", Topic::STATUS, "mluc.Status"),
     ];
     let expected = topics.map(|(name, topic, element)| {
         assert!(name.starts_with(topic.name));
@@ -98,12 +99,14 @@ fn the_document_has_the_codes() {
     let table = |head: &str| tables.iter().position(|row| row[0] == head).unwrap();
     let (second, third) = (table("disposition"), table("gate"));
     let health = rows(&document, "## Health");
+    let status = rows(&document, "## Status");
     let flags: Vec<_> = Flags(u32::MAX).names().collect();
     for (rows, names) in [
         (&tables[1..second], &flags[..]),
         (&tables[second + 1..third], &Disposition::NAMES),
         (&tables[third + 1..], &GateKind::NAMES),
         (&health[1..], &HealthState::NAMES),
+        (&status[1..], &StatusState::NAMES),
     ] {
         let numbered: Vec<_> = names.iter().copied().zip(0..).collect();
         assert_eq!(codes(rows), numbered);
@@ -136,6 +139,8 @@ fn the_c_header_is_the_contract() {
     let code = |name: &str, value: String| format!("MLUC_{} = {value}", name.to_uppercase());
     let dispositions = Disposition::NAMES.iter().enumerate();
     lines.extend(dispositions.map(|(number, name)| code(name, number.to_string())));
+    let states = StatusState::NAMES.iter().enumerate();
+    lines.extend(states.map(|(number, name)| code(&format!("state_{name}"), number.to_string())));
     let flags = Flags(u32::MAX).names().enumerate();
     lines.extend(flags.map(|(bit, name)| code(name, format!("1 << {bit}"))));
     for line in lines {
@@ -151,6 +156,13 @@ fn the_python_module_is_the_contract() {
         assert_eq!(said, layout.fields, "{}", layout.name);
     }
     assert!(module.contains(&format!("NONE = {WIRE_VERSION}, 3, 2**32 - 1")));
+    let states = StatusState::NAMES
+        .map(|name| format!("{name:?}"))
+        .join(", ");
+    assert!(
+        module.contains(&format!("STATUS_AGE_MAX_NS = ({states})")),
+        "{states}"
+    );
     for topic in [Topic::POINTS, Topic::DETECTIONS, Topic::OBJECTS] {
         let start = format!("\"{}\": (", topic.name);
         let line = module.lines().find(|line| line.contains(&start)).unwrap();

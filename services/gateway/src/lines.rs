@@ -1,10 +1,14 @@
 //! One JSON line a frame: what the robot, the evaluator and `jq` read. `docs/output.md` describes it,
 //! `docs/objects.schema.json` checks it.
 
+use std::collections::BTreeMap;
+
 use mluc_ipc_types::{
-    Disposition, Flags, FrameHeader, NO_PROBABILITY, Object, ObjectKind, Stage, WIRE_VERSION,
+    Disposition, Flags, FrameHeader, NO_PROBABILITY, Object, ObjectKind, Stage, Status,
+    StatusState, WIRE_VERSION,
 };
 use serde::{Serialize, Serializer};
+use serde_json::{Value, json};
 
 /// A frame's line.
 #[derive(Debug, Serialize)]
@@ -28,6 +32,8 @@ pub struct Line<'a> {
     pub latency_us: u64,
     /// What is out of the ordinary.
     pub flags: Vec<&'static str>,
+    /// [`StatusState`]'s word when the frame left.
+    pub state: &'static str,
 }
 
 /// An object.
@@ -99,8 +105,56 @@ pub fn latency_us(header: &FrameHeader) -> u64 {
     refiner.published_ns.saturating_sub(ingest.received_ns) / 1000
 }
 
+/// The line of a change of the state. It has no key of a frame but `wire`.
+pub fn status_line(status: &Status) -> Value {
+    json!({"wire": WIRE_VERSION, "status": status_words(status)})
+}
+
+/// A status in words; `?` for a state that is none.
+pub fn status_words(status: &Status) -> Value {
+    let some = |number: u64| (number != Status::NONE).then_some(number);
+    let by_name = |counts: [u64; 4]| {
+        let names = Stage::ALL.map(Stage::name).into_iter();
+        names.zip(counts).collect::<BTreeMap<_, _>>()
+    };
+    json!({
+        "state": status.checked().map_or("?", StatusState::name),
+        "reason": status.reason(),
+        "sequence": some(status.sequence),
+        "age_ms": some(status.age_ns).map(|age_ns| age_ns / 1_000_000),
+        "frames_in": status.frames_in,
+        "frames_out": status.frames_out,
+        "frames_dropped": status.frames_dropped,
+        "frames_late": status.frames_late,
+        "stages_out": by_name(status.stages_out),
+        "stages_late": by_name(status.stages_late),
+        "blind_deg": blind_deg(status.blind_sectors),
+        "not_finite_share": status.not_finite_share,
+        "ground_lost": status.is_ground_lost != 0,
+    })
+}
+
+/// Neighbouring sectors as one range, degrees.
+fn blind_deg(sectors: u64) -> Vec<[usize; 2]> {
+    let mut ranges: Vec<[usize; 2]> = Vec::new();
+    let width = 360 / Status::SECTORS;
+    for from in (0..Status::SECTORS).filter(|sector| sectors >> sector & 1 == 1) {
+        let from = from * width;
+        match ranges.last_mut() {
+            Some([_, to]) if *to == from => *to += width,
+            _ => ranges.push([from, from + width]),
+        }
+    }
+    ranges
+}
+
 /// The line of a frame. `objects` must have passed [`Object::checked`] with as many `classes`.
-pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [String]) -> Line<'a> {
+pub fn line<'a>(
+    header: &'a FrameHeader,
+    objects: &[Object],
+    classes: &'a [String],
+    state: StatusState,
+) -> Line<'a> {
     let (published, suppressed): (Vec<usize>, Vec<usize>) =
         (0..objects.len()).partition(|index| objects[*index].is_published());
     let suppressed = suppressed.into_iter().map(|index| {
@@ -127,6 +181,7 @@ pub fn line<'a>(header: &'a FrameHeader, objects: &[Object], classes: &'a [Strin
         stages: Stage::ALL.map(|stage| stage_times(header, stage)),
         latency_us: latency_us(header),
         flags: Flags(header.flags).names().collect(),
+        state: state.name(),
     }
 }
 
@@ -157,7 +212,6 @@ fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
 #[cfg(test)]
 mod tests {
     use mluc_ipc_types::{FOOTPRINT_MAX, GateKind, StageStamps};
-    use serde_json::{Value, json};
 
     use super::*;
 
@@ -201,7 +255,7 @@ mod tests {
             };
         }
         let classes = ["car", "pedestrian"].map(String::from);
-        serde_json::to_value(line(&header, objects, &classes)).unwrap()
+        serde_json::to_value(line(&header, objects, &classes, StatusState::Blind)).unwrap()
     }
 
     #[test]
@@ -237,6 +291,32 @@ mod tests {
             ("/stages/ingest", json!({"queue_us": 30, "run_us": 850})),
             ("/stages/refiner", json!({"queue_us": 150, "run_us": 850})),
             ("/latency_us", json!(3880)),
+            ("/state", json!("blind")),
+        ] {
+            assert_eq!(line.pointer(pointer), Some(&expected), "{pointer}");
+        }
+    }
+
+    #[test]
+    fn a_status_is_written_as_documented() {
+        let status = Status {
+            wire_version: WIRE_VERSION,
+            state: StatusState::Degraded as u32,
+            run_id: 1,
+            sequence: Status::NONE,
+            age_ns: 12_345_678,
+            stages_late: [0, 3, 0, 0],
+            blind_sectors: 0b1011 | 1 << 35,
+            ..Status::default()
+        };
+        let line = status_line(&status);
+        for (pointer, expected) in [
+            ("/wire", json!(WIRE_VERSION)),
+            ("/status/state", json!("degraded")),
+            ("/status/sequence", Value::Null),
+            ("/status/age_ms", json!(12)),
+            ("/status/stages_late/backbone", json!(3)),
+            ("/status/blind_deg", json!([[0, 20], [30, 40], [350, 360]])),
         ] {
             assert_eq!(line.pointer(pointer), Some(&expected), "{pointer}");
         }

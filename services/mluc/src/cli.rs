@@ -1,15 +1,18 @@
 //! The command line.
 
 use std::ffi::OsString;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
 use mluc_refiner::Variant;
+use mluc_runtime::LOG_FORMATS;
 use mluc_sources::files::Layout;
 use serde::Serialize;
 
+use crate::commands::loopback;
 use crate::external::ExternalArgs;
 use crate::settings::{DEFAULT_MODEL, Pace};
 
@@ -19,6 +22,9 @@ use crate::settings::{DEFAULT_MODEL, Pace};
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
+    /// How the log on stderr is written [default: MLUC_LOG_FORMAT, else human].
+    #[arg(long, global = true, value_parser = LOG_FORMATS)]
+    pub(crate) log_format: Option<String>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -52,6 +58,24 @@ pub(crate) enum Command {
         /// One JSON object on stdout.
         #[arg(long)]
         json: bool,
+    },
+    /// Show once a second how a running pipeline is: state, rates, latency by stage, drops, complaints.
+    Top {
+        /// Which pipeline.
+        #[arg(long, default_value = "default")]
+        instance: String,
+        /// One page, after a second of listening.
+        #[arg(long)]
+        once: bool,
+    },
+    /// Tell over HTTP how a running pipeline is: /healthz, /readyz, /metrics (Prometheus), /status.json.
+    Monitor {
+        /// Which pipeline; it may be started later.
+        #[arg(long, default_value = "default")]
+        instance: String,
+        /// 127.0.0.1:PORT or [::1]:PORT.
+        #[arg(long, value_parser = loopback)]
+        listen: SocketAddr,
     },
     /// Check whether this machine can run the pipeline.
     Doctor(DoctorArgs),
@@ -135,6 +159,10 @@ pub(crate) struct PipelineArgs {
     /// Frames that leave later than this, ms after their scan, are flagged `late` [default: 200 at pace sensor].
     #[arg(long)]
     pub(crate) budget_ms: Option<u64>,
+    /// A line on stdout too when the pipeline's state changes: running, degraded, blind, late, starting, stopped.
+    #[arg(long)]
+    #[serde(skip_serializing_if = "is_off")]
+    pub(crate) status_lines: bool,
     /// Check that each payload lies in shared memory, and fail if not (slow).
     #[arg(long)]
     #[serde(skip_serializing_if = "is_off")]
@@ -189,7 +217,7 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
 }
 
 /// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
-const TAKEN_BY: [(&str, &[Stage]); 16] = [
+const TAKEN_BY: [(&str, &[Stage]); 17] = [
     ("input", &[Stage::Ingest]),
     ("columns", &[Stage::Ingest]),
     ("scale", &[Stage::Ingest]),
@@ -206,6 +234,7 @@ const TAKEN_BY: [(&str, &[Stage]); 16] = [
     ("track", &[Stage::Refiner]),
     ("precision", &[Stage::Backbone]),
     ("budget_ms", &[Stage::Refiner]),
+    ("status_lines", &[]),
 ];
 
 impl Cli {

@@ -27,6 +27,7 @@ mod embedded {
 use std::process::ExitCode;
 
 use cli::{Cli, Command};
+use mluc_runtime::choose_log_format;
 use terminal::print_err;
 
 /// Finished, but not all went well.
@@ -52,7 +53,13 @@ pub fn exit_code(program: &str, result: anyhow::Result<ExitCode>) -> ExitCode {
 
 /// The program `mluc`; `has_stdout`: whether standard output was open when it was started.
 pub fn main(has_stdout: bool) -> ExitCode {
-    let command = Cli::read().command;
+    let Cli {
+        command,
+        log_format,
+    } = Cli::read();
+    if let Some(format) = &log_format {
+        choose_log_format(format);
+    }
     // A stage writes nothing there.
     if !has_stdout && !matches!(command, Command::Stage(_) | Command::Exec { .. }) {
         print_err("mluc: standard output is closed: results would be lost");
@@ -64,6 +71,8 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Stage(args) => stages::run(args).map(|()| ExitCode::SUCCESS),
         Command::Config { print, pipeline } => commands::config(print, pipeline),
         Command::Status { instance, json } => commands::status(&instance, json),
+        Command::Top { instance, once } => commands::top(&instance, once),
+        Command::Monitor { instance, listen } => commands::monitor(&instance, listen),
         Command::Doctor(args) => commands::doctor(&args),
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),

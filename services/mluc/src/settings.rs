@@ -63,6 +63,8 @@ pub struct Settings {
     pub seconds: Option<f64>,
     /// Objects that leave later are flagged `late`.
     pub budget_ms: Option<u64>,
+    /// A line on stdout, besides the frames', when the pipeline's state changes.
+    pub status_lines: bool,
     /// Arithmetic of the backbone.
     pub precision: Precision,
     /// Check that each payload lies in shared memory.
@@ -97,6 +99,7 @@ impl Default for Settings {
             repeat: false,
             seconds: None,
             budget_ms: None,
+            status_lines: false,
             precision: Precision::default(),
             verify_mapping: false,
             stages: Stages::default(),
@@ -182,6 +185,8 @@ pub struct StageSettings {
     pub cpus: Option<Vec<usize>>,
     /// Real-time priority (SCHED_FIFO), 1 to 99; unset: none.
     pub priority: Option<u8>,
+    /// Frames that need longer, from the publication of the stage's input to that of its result, are counted and told.
+    pub budget_ms: Option<u64>,
     /// Longest time without a heartbeat, ms, once it has published a frame; then it is killed and restarted. 0: never.
     pub heartbeat_max_ms: u64,
     /// Longest time from its start until it is ready, ms. 0: no limit.
@@ -197,6 +202,7 @@ impl Default for StageSettings {
             threads: 1,
             cpus: None,
             priority: None,
+            budget_ms: None,
             heartbeat_max_ms: 1000,
             start_max_ms: 30_000,
         }

@@ -4,10 +4,15 @@ use std::fmt::Display;
 use std::io::{Write, stderr, stdout};
 
 use anyhow::Context;
+use mluc_runtime::{LOG_FORMATS, log_format, log_line};
+use tracing::Level;
 
-/// A line on stderr, lost where it cannot be written.
+/// A line on stderr, lost where it cannot be written; where the log is JSON, it is one of its lines.
 pub fn print_err(text: impl Display) {
-    let _ = writeln!(stderr(), "{text}");
+    let text = text.to_string();
+    let is_json = log_format() == LOG_FORMATS[1];
+    let line = is_json.then(|| log_line("mluc", Level::INFO, &text, &[]));
+    let _ = writeln!(stderr(), "{}", line.unwrap_or(text));
 }
 
 /// A line of the command's answer, on stdout.

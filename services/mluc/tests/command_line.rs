@@ -37,6 +37,8 @@ config --precision fp32 | exists: 'f32'
 config --config=/nowhere.toml | nowhere.toml
 stage bakcbone | exists: 'backbone'
 status --instance a/b | a/b
+monitor --listen 0.0.0.0:9464 | expected 127.0.0.1:PORT
+top --instance a/b | a/b
 doctor --instance | --instance";
 
 /// Exit code 2 of docs/output.md, with words that name the fault.
@@ -98,7 +100,9 @@ fn help_names_every_command() {
     let output = mluc(&["--help"]);
     assert_eq!(output.status.code(), Some(0));
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    for command in ["up", "demo", "stage", "config", "status", "doctor"] {
+    for command in [
+        "up", "demo", "stage", "config", "status", "top", "monitor", "doctor",
+    ] {
         assert!(text.contains(command), "{command}: {text}");
     }
 }

@@ -24,6 +24,7 @@ mod scans;
 mod shell;
 mod signals;
 mod stage;
+mod status;
 mod sweep;
 
 pub use clock::{monotonic_ns, wall_clock_ns};
@@ -32,7 +33,9 @@ pub use frames::Frames;
 pub use health::HealthWatch;
 pub use input::{Input, Message};
 pub use instance::Instance;
-pub use logging::log_to_stderr;
+pub use logging::{
+    LOG_FORMAT_VARIABLE, LOG_FORMATS, choose_log_format, log_format, log_line, log_to_stderr,
+};
 pub use membership::{Claim, Membership};
 pub use output::{Loan, Output};
 pub use run::random_run_id;
@@ -43,6 +46,7 @@ pub use stage::{
     Algorithm, STAMPS_VARIABLE, StageError, StageInput, finish, frame_span, run_span, run_stage,
     stamp_published,
 };
+pub use status::StatusWatch;
 
 /// iceoryx2 between processes.
 pub(crate) type Ipc = iceoryx2::service::ipc::Service;

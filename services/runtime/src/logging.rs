@@ -1,13 +1,57 @@
-//! Log lines to stderr; stdout belongs to results.
+//! Log lines to stderr; stdout belongs to results. One line an event, with wall-clock time, for people or as JSON; the same
+//! message again and again is summed up.
 
+mod repeats;
 mod spans;
 
+use std::collections::BTreeMap;
+use std::fmt::Debug;
 use std::path::Path;
+use std::sync::{Mutex, OnceLock};
+use std::time::SystemTime;
 
+use humantime::format_rfc3339_millis;
+use serde_json::json;
+use tracing::Level;
+use tracing::field::{Field, Visit};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::prelude::*;
 
+use repeats::Repeats;
 use spans::Spans;
+
+static IS_JSON: OnceLock<bool> = OnceLock::new();
+
+/// How log lines are written: for people, or a JSON object a line (`time`, `level`, `process`, `message`, `fields`).
+pub const LOG_FORMATS: [&str; 2] = ["human", "json"];
+/// Names the format where no option does. A pipeline hands it to its stages.
+pub const LOG_FORMAT_VARIABLE: &str = "MLUC_LOG_FORMAT";
+
+/// From now on this process writes this format; the first word counts.
+pub fn choose_log_format(name: &str) {
+    let _ = IS_JSON.set(name == LOG_FORMATS[1]);
+}
+
+/// What was chosen, else what the environment names.
+pub fn log_format() -> &'static str {
+    let variable = || std::env::var(LOG_FORMAT_VARIABLE).is_ok_and(|name| name == LOG_FORMATS[1]);
+    LOG_FORMATS[usize::from(*IS_JSON.get_or_init(variable))]
+}
+
+/// A line for the log, in the current format. `fields` are names and values, said behind the message.
+pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, String)]) -> String {
+    let time = format_rfc3339_millis(SystemTime::now()).to_string();
+    if log_format() == LOG_FORMATS[1] {
+        let fields: BTreeMap<&str, &String> = fields.iter().map(|(k, v)| (*k, v)).collect();
+        let level = level.as_str();
+        return json!({"time": time, "level": level, "process": process, "message": message, "fields": fields}).to_string();
+    }
+    let fields = fields
+        .iter()
+        .map(|(name, value)| format!(" {name}={value}"));
+    let fields: String = fields.collect();
+    format!("{time} {level:5} {process}: {message}{fields}")
+}
 
 /// Starts logging. `MLUC_LOG` sets the filter (`info` without it); `process` names this process in each line. iceoryx2's
 /// own messages are silent: every failure of it comes out as an error of ours that says what to do. `MLUC_SPANS` names a
@@ -18,7 +62,10 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_ansi(false)
-        .event_format(Line { process })
+        .event_format(Line {
+            process,
+            repeats: Mutex::default(),
+        })
         .with_filter(filter);
     let folder = std::env::var_os("MLUC_SPANS");
     let spans = folder.map(|folder| Spans::create(Path::new(&folder), process));
@@ -38,6 +85,7 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
 
 struct Line {
     process: &'static str,
+    repeats: Mutex<Repeats>,
 }
 
 impl<S, N> tracing_subscriber::fmt::FormatEvent<S, N> for Line
@@ -47,15 +95,68 @@ where
 {
     fn format_event(
         &self,
-        context: &tracing_subscriber::fmt::FmtContext<'_, S, N>,
+        _: &tracing_subscriber::fmt::FmtContext<'_, S, N>,
         mut writer: tracing_subscriber::fmt::format::Writer<'_>,
         event: &tracing::Event<'_>,
     ) -> std::fmt::Result {
-        let seconds = crate::monotonic_ns() as f64 * 1e-9;
-        let level = event.metadata().level();
-        write!(writer, "{seconds:.3} {level:5} {}: ", self.process)?;
-        let fields = context.field_format();
-        fields.format_fields(writer.by_ref(), event)?;
-        writeln!(writer)
+        let mut words = Words::default();
+        event.record(&mut words);
+        let level = *event.metadata().level();
+        // A panic beside a log line poisons nothing that matters here.
+        let mut repeats = self
+            .repeats
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner());
+        let now_ns = crate::monotonic_ns();
+        for (level, message, count) in repeats.ended(now_ns) {
+            let message = format!("{message} ({count} more like it)");
+            writeln!(writer, "{}", log_line(self.process, level, &message, &[]))?;
+        }
+        if repeats.admit(level, &words.message, now_ns) {
+            let line = log_line(self.process, level, &words.message, &words.fields);
+            writeln!(writer, "{line}")?;
+        }
+        Ok(())
+    }
+}
+
+/// What an event says.
+#[derive(Default)]
+struct Words {
+    message: String,
+    fields: Vec<(&'static str, String)>,
+}
+
+impl Visit for Words {
+    fn record_str(&mut self, field: &Field, value: &str) {
+        self.fields.push((field.name(), value.to_string()));
+    }
+
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        let text = format!("{value:?}");
+        if field.name() == "message" {
+            self.message = text;
+        } else {
+            self.fields.push((field.name(), text));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_of_json_is_an_object_whatever_it_says() {
+        choose_log_format("json");
+        let fields = [("path", "a \"b\"\n".to_string())];
+        let line = log_line("up", Level::WARN, "cannot \"read\"\n", &fields);
+        let mut value: serde_json::Value = serde_json::from_str(&line).unwrap();
+        let time = value["time"].take();
+        assert!(humantime::parse_rfc3339(time.as_str().unwrap_or("?")).is_ok());
+        let expected = json!({
+            "time": null, "level": "WARN", "process": "up", "message": "cannot \"read\"\n", "fields": {"path": "a \"b\"\n"},
+        });
+        assert_eq!(value, expected);
     }
 }

@@ -75,7 +75,7 @@ impl<T: Payload> Output<T> {
     }
 
     /// Connects consumers that came since the last message, which get what the topic's history holds.
-    pub(crate) fn reach_late_readers(&self) -> Result<()> {
+    pub fn reach_late_readers(&self) -> Result<()> {
         let updated = self.publisher.update_connections();
         updated.map_err(|e| self.failed("reaching late readers", e))
     }

@@ -46,6 +46,15 @@ impl Scans {
 
     /// Takes the scans of a run that arrived.
     pub fn take(&mut self, run: &RunDescription) -> Result<()> {
+        self.take_with(run, |_| ())
+    }
+
+    /// The same, and shows each of them.
+    pub fn take_with(
+        &mut self,
+        run: &RunDescription,
+        mut show: impl FnMut(&Message<Point>),
+    ) -> Result<()> {
         if self.run_id != run.run_id {
             (self.run_id, self.count_sent) = (run.run_id, 0);
             self.held.clear();
@@ -61,6 +70,7 @@ impl Scans {
                 continue;
             };
             self.count_sent = self.count_sent.max(header.sequence + 1);
+            show(&scan);
             if self.kept > 0 {
                 self.held.push_back(scan);
             }

@@ -13,7 +13,7 @@ use crate::node::{DataService, IpcNode, WakeService};
 use crate::run::{self, RunWatch};
 use crate::{
     Claim, HealthWatch, Input, Instance, Membership, Message, Output, Payload, RuntimeError,
-    Shutdown, monotonic_ns,
+    Shutdown, StatusWatch, monotonic_ns,
 };
 
 /// Between two looks for new segments.
@@ -209,6 +209,11 @@ impl Shell {
         HealthWatch::open(&self.node)
     }
 
+    /// What the pipeline is worth.
+    pub fn status_watch(&self) -> Result<StatusWatch> {
+        StatusWatch::open(&self.node)
+    }
+
     /// Waits for the newest message, with heartbeats; `None`: this process was asked to end. Says what it waits for
     /// after [`Topic::SILENCE_MAX`].
     pub fn next<T: Payload>(
@@ -289,11 +294,7 @@ impl Shell {
     /// Refuses a message that breaks the contract or comes of another model: counted, said, and the next one is taken.
     pub fn refuse(&mut self, why: &str) -> Result<()> {
         self.health.messages_refused += 1;
-        let count = self.health.messages_refused;
-        // A lasting cause would fill the log at the sensor's rate.
-        if count <= 3 || count.is_multiple_of(100) {
-            tracing::warn!(count, "message refused: {why}");
-        }
+        tracing::warn!("message refused: {why}");
         self.state(HealthState::Degraded, why)
     }
 

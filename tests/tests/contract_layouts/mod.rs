@@ -3,7 +3,7 @@
 use std::mem::offset_of;
 
 use bytemuck::Zeroable;
-use mluc_ipc_types::{Detection, FrameHeader, Health, Object, Point, RunDescription};
+use mluc_ipc_types::{Detection, FrameHeader, Health, Object, Point, RunDescription, Status};
 
 /// Name, offset and bytes of each field.
 pub(crate) type Fields = Vec<(String, usize, usize)>;
@@ -42,6 +42,9 @@ pub(crate) fn layouts() -> Vec<Layout> {
             wire_version classes_count run_id started_ns model_fingerprint base_from_sensor
             sensor_height_m objectness_min gate gate_threshold model_name sensor_name class_names
             known_score unknown_score),
+        layout!(Status:
+            wire_version state run_id judged_ns sequence age_ns frames_in frames_out frames_dropped
+            frames_late stages_out stages_late blind_sectors not_finite_share is_ground_lost reason),
         layout!(Point:
             x_m y_m z_m intensity),
         layout!(Detection:

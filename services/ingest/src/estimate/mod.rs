@@ -9,6 +9,7 @@ pub mod elevations;
 mod level;
 mod profile;
 mod step;
+mod view;
 
 use mluc_geometry::quantile;
 use mluc_ipc_types::Point;
@@ -21,6 +22,7 @@ use elevations::Elevations;
 use level::{Level, LevelFinder};
 pub use profile::Nearest;
 use step::StepVotes;
+pub use view::View;
 
 /// Sums that need no full count take every so-maniest point: no multiple of a number of beams.
 const SAMPLE: usize = 7;

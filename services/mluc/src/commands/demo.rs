@@ -6,13 +6,13 @@ use std::process::ExitCode;
 use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
-use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point};
+use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point, StatusState};
 use mluc_runtime::log_to_stderr;
 
 use crate::bundled::BundledScans;
 use crate::cli::PipelineArgs;
 use crate::settings::{Pace, Settings};
-use crate::supervisor::run;
+use crate::supervisor::{Sink, run};
 use crate::terminal::print_out;
 
 /// Objects below these scores, known and unknown, are not printed or drawn; `mluc up` gives them all.
@@ -32,22 +32,10 @@ pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
     let count = scans.points.len();
     let what = "simulated scans through four processes";
     print_out(format_args!("{count} {what}:\n"))?;
-    let mut best: Option<Best> = None;
-    let outcome = run(settings, &mut |header, objects, classes| {
-        let shown = print(header, objects, classes)?;
-        let unknown = shown.iter().filter(|object| is_unknown(object)).count();
-        if best.as_ref().is_none_or(|best| unknown > best.unknown) {
-            best = Some(Best {
-                sequence: header.sequence,
-                name: header.name().to_string(),
-                unknown,
-                boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
-            });
-        }
-        Ok(true)
-    })?;
+    let mut shown = Shown::default();
+    let outcome = run(settings, &mut shown)?;
     print_out(format_args!("\n{}", outcome.latencies.table()))?;
-    match best {
+    match shown.best {
         Some(best) => {
             let points = scans.points.get(best.sequence as usize);
             draw(picture, points.map_or(&[], Vec::as_slice), &best)?;
@@ -57,6 +45,33 @@ pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
         None => print_out("no frame came out: no picture")?,
     }
     Ok(outcome.exit_code())
+}
+
+#[derive(Default)]
+struct Shown {
+    best: Option<Best>,
+}
+
+impl Sink for Shown {
+    fn take(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+        _: StatusState,
+    ) -> anyhow::Result<bool> {
+        let shown = print(header, objects, classes)?;
+        let unknown = shown.iter().filter(|object| is_unknown(object)).count();
+        if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
+            self.best = Some(Best {
+                sequence: header.sequence,
+                name: header.name().to_string(),
+                unknown,
+                boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
+            });
+        }
+        Ok(true)
+    }
 }
 
 /// The frame with the most unknown objects.

@@ -7,16 +7,22 @@ use std::process::ExitCode;
 
 use mluc_ingest::Expected;
 use mluc_ipc_types::{
-    DETECTIONS_MAX, OBJECT_POINTS_MAX, OBJECTS_MAX, POINTS_MAX, Topic, feature_blocks,
+    DETECTIONS_MAX, OBJECT_POINTS_MAX, OBJECTS_MAX, POINTS_MAX, Topic, WIRE_VERSION, feature_blocks,
 };
+use mluc_kernels::Level;
 use mluc_model::{Model, SensorProfile};
 use mluc_runtime::Instance;
+use rustix::process::{Resource, getrlimit};
 
 use self::Verdict::{Failure, Fine, Warning};
 use crate::cli::DoctorArgs;
 use crate::model::{self, class_names};
+use crate::settings::StageSettings;
 use crate::terminal::print_out;
 use crate::{EXIT_FAILURE, UsageError};
+
+/// A pipeline makes a few hundred files in shared memory.
+const FILES_MIN: u64 = 1000;
 
 /// How a check came out, and what there is to say.
 type Finding = (Verdict, String);
@@ -35,8 +41,21 @@ pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         Err(error) => (Failure, format!("{error:#}")),
     };
     let about_memory = check_shared_memory(loaded.as_ref().ok());
-    let mut findings = vec![about_model, about_memory, check_cores(), check_governor()];
-    findings.extend(check_leftovers());
+    let about_cpu = check_processor(
+        loaded
+            .as_ref()
+            .is_ok_and(|model| model.weights.is_calibrated()),
+    );
+    let mut findings = vec![
+        version(),
+        about_model,
+        about_memory,
+        check_cores(),
+        about_cpu,
+        check_governor(),
+        check_rights(),
+    ];
+    findings.extend(check_instances());
     if let (Some(input), Ok(model)) = (&args.input, &loaded) {
         let sensor = args.sensor.as_deref().map(SensorProfile::load).transpose();
         let sensor = sensor.map_err(|error| UsageError(error.to_string()))?;
@@ -58,6 +77,12 @@ pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
     }
     let has_failed = findings.iter().any(|(verdict, _)| *verdict == Failure);
     Ok(ExitCode::from(if has_failed { EXIT_FAILURE } else { 0 }))
+}
+
+fn version() -> Finding {
+    let version = env!("CARGO_PKG_VERSION");
+    let text = format!("mluc {version}, wire version {WIRE_VERSION}");
+    (Fine, text)
 }
 
 fn describe_model(model: &Model) -> Finding {
@@ -91,12 +116,18 @@ fn check_shared_memory(model: Option<&Model>) -> Finding {
     let Ok(about) = rustix::fs::statvfs("/dev/shm") else {
         return (Failure, "/dev/shm is missing: mount a tmpfs there".into());
     };
-    let free_mib = (about.f_bavail * about.f_frsize) >> 20;
+    let [free_mib, all_mib] =
+        [about.f_bavail, about.f_blocks].map(|blocks| (blocks * about.f_frsize) >> 20);
+    let text = format!("/dev/shm: {free_mib} of {all_mib} MiB free");
     let Some(model) = model else {
-        return (Fine, format!("/dev/shm: {free_mib} MiB free"));
+        return (Fine, text);
     };
+    if about.f_files > 0 && about.f_favail < FILES_MIN {
+        let hint = "remove files there, or mount it with a larger nr_inodes";
+        return (Failure, format!("{text}, but no more files: {hint}"));
+    }
     let needed_mib = needed_bytes(model).div_ceil(1 << 20);
-    let text = format!("/dev/shm: {free_mib} MiB free, this model needs {needed_mib} MiB");
+    let text = format!("{text}, this model needs {needed_mib} MiB");
     if free_mib >= needed_mib {
         return (Fine, text);
     }
@@ -131,22 +162,91 @@ fn check_governor() -> Finding {
     }
 }
 
-/// Folders of instances in which nobody lives.
-fn check_leftovers() -> Vec<Finding> {
+/// What the processor multiplies with, and which `precision` suits it (docs/PERFORMANCE.md). The default is f32 on all.
+fn check_processor(is_calibrated: bool) -> Finding {
+    let level = Level::best().name();
+    let text = format!("processor: {level}");
+    let int8 = if is_calibrated {
+        "`--precision int8`"
+    } else {
+        "`--precision int8`, once the model is calibrated (mluc-lab quantize)"
+    };
+    match level {
+        "portable" => {
+            let hint = "every precision is slow: use a processor with AVX2 and FMA, or NEON";
+            (Warning, format!("{text}: {hint}"))
+        }
+        "avx512bf16" => {
+            let hint = "precision f32 by default; faster are `--precision bf16` and";
+            (Fine, format!("{text}; {hint} {int8}"))
+        }
+        "avx512vnni" | "avxvnni" | "neondot" => (
+            Fine,
+            format!("{text}; precision f32 by default; faster is {int8}; bf16 is not"),
+        ),
+        _ => (
+            Fine,
+            format!("{text}; precision f32 by default; bf16 and int8 are not faster here"),
+        ),
+    }
+}
+
+/// What this user may ask the kernel for.
+fn check_rights() -> Finding {
+    let limit = |resource| getrlimit(resource).current;
+    let memory = match limit(Resource::Memlock) {
+        Some(bytes) => format!("{} KiB", bytes >> 10),
+        None => "any".to_string(),
+    };
+    let text = format!("locked memory (ulimit -l): {memory}");
+    let stage = StageSettings {
+        priority: Some(1),
+        ..StageSettings::default()
+    };
+    match stage.check_right("a stage") {
+        Ok(()) => {
+            let most = limit(Resource::Rtprio).filter(|most| *most > 0);
+            let most = most.map_or("any".to_string(), |most| most.to_string());
+            (
+                Fine,
+                format!("real-time priority (ulimit -r): {most}; {text}"),
+            )
+        }
+        Err(error) => (
+            Warning,
+            format!("{error}; without it other work delays frames; {text}"),
+        ),
+    }
+}
+
+/// Instances in which nobody lives, and those of another version.
+fn check_instances() -> Vec<Finding> {
     let stem = format!("mluc-{}-", rustix::process::geteuid().as_raw());
     let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
     let folders = entries.filter(|entry| entry.path().is_dir());
     let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
-    let leftovers = names.filter_map(|name| leftover(name.strip_prefix(&stem)?));
-    leftovers.collect()
+    let found = names.filter_map(|name| check_instance(name.strip_prefix(&stem)?));
+    found.collect()
 }
 
-fn leftover(name: &str) -> Option<Finding> {
+fn check_instance(name: &str) -> Option<Finding> {
     let instance = Instance::new(name).ok()?;
     let lock = fs::File::open(instance.root().join(".lock")).ok()?;
-    lock.try_lock().ok()?;
-    let text = format!(
-        "instance '{name}' left files after a crash: the next `mluc up --instance {name}` removes them"
-    );
-    Some((Warning, text))
+    if lock.try_lock().is_ok() {
+        let text = format!(
+            "instance '{name}' left files after a crash: the next `mluc up --instance {name}` removes them"
+        );
+        return Some((Warning, text));
+    }
+    let contract = fs::read_to_string(instance.root().join("contract")).ok()?;
+    let own = format!("wire={WIRE_VERSION}");
+    let is_own = contract.split_whitespace().any(|word| word == own);
+    let verdict = if is_own { Fine } else { Warning };
+    let hint = if is_own {
+        ""
+    } else {
+        ": this mluc cannot join it; stop it, or run the same mluc on both sides"
+    };
+    let text = format!("instance '{name}' runs ({}){hint}", contract.trim());
+    Some((verdict, text))
 }

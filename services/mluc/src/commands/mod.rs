@@ -2,7 +2,11 @@
 
 mod demo;
 mod doctor;
+mod metrics;
+mod monitor;
+mod observe;
 mod status;
+mod top;
 mod up;
 
 use std::os::unix::process::CommandExt;
@@ -19,7 +23,9 @@ use crate::terminal::print_out;
 
 pub(crate) use demo::demo;
 pub(crate) use doctor::doctor;
+pub(crate) use monitor::{loopback, monitor};
 pub(crate) use status::status;
+pub(crate) use top::top;
 pub(crate) use up::up;
 
 /// `mluc config`: the settings of a run, without the run.

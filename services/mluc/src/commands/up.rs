@@ -4,26 +4,31 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use mluc_ipc_types::{Flags, FrameHeader};
+use mluc_gateway::lines::{line, status_line};
+use mluc_ipc_types::{Flags, FrameHeader, Object, Status, StatusState};
 use mluc_runtime::log_to_stderr;
 
 use crate::EXIT_FAILURE;
 use crate::cli::PipelineArgs;
 use crate::settings::Settings;
-use crate::supervisor::{LineWriter, run};
+use crate::supervisor::{LineWriter, Sink, hops, run};
 use crate::terminal::print_err;
 
 pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");
     let settings = Settings::resolve(args)?;
-    let mut writer = LineWriter::new(settings.pace, std::io::stdout());
-    let mut summary = Summary::default();
-    let outcome = run(settings, &mut |header, objects, classes| {
-        summary.record(header);
-        writer.write(header, objects, classes)
-    })?;
+    let mut lines = Lines {
+        writer: LineWriter::new(settings.pace, std::io::stdout()),
+        has_status: settings.status_lines,
+        summary: Summary::default(),
+    };
+    let outcome = run(settings, &mut lines)?;
+    let Lines {
+        writer, summary, ..
+    } = lines;
     let unread = writer.finish().context("writing JSON lines to stdout")?;
     print_err(outcome.latencies.table().trim_end());
+    print_err(hops(&outcome.status).trim_end());
     let (frames_in, frames_out) = (outcome.frames_in, outcome.frames_out);
     let (lost, restarts) = (outcome.frames_lost(), outcome.restarts);
     print_err(format_args!(
@@ -43,6 +48,32 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::from(EXIT_FAILURE));
     }
     Ok(outcome.exit_code())
+}
+
+struct Lines {
+    writer: LineWriter,
+    has_status: bool,
+    summary: Summary,
+}
+
+impl Sink for Lines {
+    fn take(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+        state: StatusState,
+    ) -> anyhow::Result<bool> {
+        self.summary.record(header);
+        self.writer.write(&line(header, objects, classes, state))
+    }
+
+    fn tell(&mut self, status: &Status) -> anyhow::Result<bool> {
+        if !self.has_status {
+            return Ok(true);
+        }
+        self.writer.write(&status_line(status))
+    }
 }
 
 /// Flags of all frames, and whether there was a scan among them.

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use mluc_ipc_types::Stage;
-use mluc_runtime::{HealthWatch, Instance, monotonic_ns};
+use mluc_runtime::{HealthWatch, Instance, LOG_FORMAT_VARIABLE, log_format, monotonic_ns};
 use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
 
 use crate::EXIT_USAGE;
@@ -122,6 +122,7 @@ impl Child {
         }
         command
             .env(Instance::VARIABLE, settings.instance.name())
+            .env(LOG_FORMAT_VARIABLE, log_format())
             .stdin(Stdio::null())
             // stdout holds the JSON lines, and nothing else.
             .stdout(std::io::stderr())

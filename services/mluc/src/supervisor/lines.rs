@@ -5,8 +5,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, SendTimeoutError, Sender, bounded};
-use mluc_gateway::lines::line;
-use mluc_ipc_types::{FrameHeader, Object};
+use serde::Serialize;
 
 use crate::settings::Pace;
 
@@ -36,14 +35,9 @@ impl LineWriter {
         }
     }
 
-    /// Hands a frame's line on. False: nobody reads any more.
-    pub(crate) fn write(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-    ) -> anyhow::Result<bool> {
-        let mut bytes = serde_json::to_vec(&line(header, objects, classes))?;
+    /// Hands a line on. False: nobody reads any more.
+    pub(crate) fn write(&mut self, line: &impl Serialize) -> anyhow::Result<bool> {
+        let mut bytes = serde_json::to_vec(line)?;
         bytes.push(b'\n');
         let sent = self.lines.send_timeout(bytes, self.patience);
         self.dropped += u64::from(matches!(sent, Err(SendTimeoutError::Timeout(_))));

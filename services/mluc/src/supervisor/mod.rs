@@ -1,13 +1,17 @@
 //! Starts the four stages as processes, keeps them running, takes their objects, and ends all of it without a trace.
 
+mod budget;
 mod child;
 mod lines;
 mod report;
+mod status;
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use mluc_ipc_types::{FrameHeader, Object, RunDescription, Stage, Topic, WIRE_VERSION};
+use mluc_ipc_types::{
+    FrameHeader, Object, RunDescription, Stage, Status, StatusState, Topic, WIRE_VERSION,
+};
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown, monotonic_ns};
 
@@ -19,11 +23,25 @@ use mluc_sources::Source;
 use child::{Child, Ended};
 pub(crate) use lines::LineWriter;
 use report::Latencies;
+pub(crate) use report::hops;
+use status::StatusWriter;
 
-/// Takes a frame that leaves the pipeline: its header, its checked objects, the names of the classes. False: no more are
-/// wanted.
-pub(crate) type Sink<'a> =
-    dyn FnMut(&FrameHeader, &[Object], &[String]) -> anyhow::Result<bool> + 'a;
+/// Takes what leaves the pipeline.
+pub(crate) trait Sink {
+    /// A frame: its header, its checked objects, the names of the classes, the pipeline's state. False: no more are wanted.
+    fn take(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+        state: StatusState,
+    ) -> anyhow::Result<bool>;
+
+    /// The pipeline's state changed. False: no more is wanted.
+    fn tell(&mut self, _status: &Status) -> anyhow::Result<bool> {
+        Ok(true)
+    }
+}
 
 /// How a run went.
 #[derive(Debug, Default)]
@@ -34,6 +52,8 @@ pub(crate) struct Outcome {
     frames_skipped: u64,
     pub(crate) restarts: u32,
     pub(crate) latencies: Latencies,
+    /// At the end.
+    pub(crate) status: Status,
     /// Ended by a signal: what was not finished is not lost.
     is_interrupted: bool,
 }
@@ -68,6 +88,7 @@ struct Supervisor {
     /// What ingest has sent.
     scans: Scans,
     health: HealthWatch,
+    status: StatusWriter,
     children: Vec<Child>,
     next_sequence: u64,
     /// The last look at the stages, and since when there was no pause between two.
@@ -76,7 +97,7 @@ struct Supervisor {
     outcome: Outcome,
 }
 
-pub(crate) fn run(mut settings: Settings, sink: &mut Sink) -> anyhow::Result<Outcome> {
+pub(crate) fn run(mut settings: Settings, sink: &mut dyn Sink) -> anyhow::Result<Outcome> {
     let model = check_before(&settings)?;
     settings.complete_from(&model);
     let shutdown = Shutdown::on_signals()?;
@@ -85,11 +106,14 @@ pub(crate) fn run(mut settings: Settings, sink: &mut Sink) -> anyhow::Result<Out
     let Some(run) = begin_or_join_run(&mut shell, &settings, &model)? else {
         return Ok(Outcome::default());
     };
+    let sensor = settings.sensor.load()?;
+    let status = StatusWriter::open(&mut shell, &settings, sensor.as_ref())?;
     let mut supervisor = Supervisor {
         run,
         scans: Scans::sent(&shell)?,
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
+        status,
         shell,
         settings,
         classes: model::class_names(&model),
@@ -101,8 +125,17 @@ pub(crate) fn run(mut settings: Settings, sink: &mut Sink) -> anyhow::Result<Out
     };
     drop(model);
     let result = supervisor.supervise(sink);
+    let why = match (&result, supervisor.outcome.is_interrupted) {
+        (Err(_), _) => "the pipeline failed",
+        (_, true) => "asked to end",
+        _ => "the input ended",
+    };
+    let told = supervisor.tell_status(sink, Some(why));
     supervisor.end_all();
-    result.map(|()| supervisor.outcome)
+    // Their last heartbeats.
+    supervisor.health.update()?;
+    supervisor.outcome.status = (supervisor.status).count(&supervisor.health, &supervisor.outcome);
+    result.and(told).map(|_| supervisor.outcome)
 }
 
 /// What is wrong with the input or the model is said here, once, and not by four processes.
@@ -123,7 +156,7 @@ fn check_before(settings: &Settings) -> anyhow::Result<Model> {
 }
 
 impl Supervisor {
-    fn supervise(&mut self, sink: &mut Sink) -> anyhow::Result<()> {
+    fn supervise(&mut self, sink: &mut dyn Sink) -> anyhow::Result<()> {
         for stage in Stage::ALL {
             let mut child = Child::new(stage);
             if self.settings.stages[stage].external {
@@ -141,7 +174,8 @@ impl Supervisor {
             self.shell.tick()?;
             self.follow_run();
             self.health.update()?;
-            if self.shell.is_stopping() || !self.take_objects(sink)? {
+            let is_wanted = self.take_objects(sink)? && self.tell_status(sink, None)?;
+            if self.shell.is_stopping() || !is_wanted {
                 self.outcome.is_interrupted = true;
                 return Ok(());
             }
@@ -149,8 +183,7 @@ impl Supervisor {
                 // Ingest ends after the last objects; they are in the queue now.
                 self.health.update()?;
                 self.take_objects(sink)?;
-                self.scans.take(&self.run)?;
-                self.outcome.frames_in = self.scans.count_sent();
+                self.take_scans()?;
                 return Ok(());
             }
             self.objects.wait(POLL_INTERVAL);
@@ -167,11 +200,25 @@ impl Supervisor {
         }
     }
 
+    fn take_scans(&mut self) -> anyhow::Result<()> {
+        let (status, run) = (&mut self.status, &self.run);
+        self.scans.take_with(run, |scan| status.see(run, scan))?;
+        self.outcome.frames_in = self.outcome.frames_in.max(self.scans.count_sent());
+        Ok(())
+    }
+
+    /// Judges and publishes the pipeline's state. False: the sink wants no more.
+    fn tell_status(&mut self, sink: &mut dyn Sink, end: Option<&str>) -> anyhow::Result<bool> {
+        self.take_scans()?;
+        let changed = (self.status).tick(&self.run, &self.health, &self.outcome, end)?;
+        changed.map_or(Ok(true), |status| sink.tell(&status))
+    }
+
     /// False: the sink wants no more.
-    fn take_objects(&mut self, sink: &mut Sink) -> anyhow::Result<bool> {
+    fn take_objects(&mut self, sink: &mut dyn Sink) -> anyhow::Result<bool> {
         while let Some(message) = self.objects.oldest()? {
             let header = *message.header();
-            self.scans.take(&self.run)?;
+            self.take_scans()?;
             // A refiner that outlived a run hands on the last message of that one.
             if header.wire_version == WIRE_VERSION && header.run_id != self.run.run_id {
                 let sequence = header.sequence;
@@ -202,7 +249,12 @@ impl Supervisor {
             self.outcome.frames_in = self.outcome.frames_in.max(self.next_sequence);
             self.outcome.frames_out += 1;
             self.outcome.latencies.record(&header);
-            if !sink(&header, objects, &self.classes)? {
+            self.status.record(&self.run, &header);
+            if !self.tell_status(sink, None)? {
+                return Ok(false);
+            }
+            let state = self.status.state();
+            if !sink.take(&header, objects, &self.classes, state)? {
                 return Ok(false);
             }
         }

@@ -1,8 +1,8 @@
-//! The table at the end of a run: latency by stage.
+//! The tables at the end of a run: latency and frames by stage.
 
 use hdrhistogram::Histogram;
 use mluc_gateway::lines::{latency_us, stage_times};
-use mluc_ipc_types::{FrameHeader, Stage};
+use mluc_ipc_types::{FrameHeader, Stage, Status};
 
 /// Longest time told apart, us: ten minutes.
 const LONGEST_US: u64 = 600_000_000;
@@ -25,6 +25,21 @@ impl Default for Latencies {
             total: empty,
         }
     }
+}
+
+/// The table of a run's frames by stage: in = out + dropped in every row.
+pub(crate) fn hops(status: &Status) -> String {
+    let mut text = String::from("frames               in      out  dropped     late\n");
+    let mut row = |name: &str, [taken, out, late]: [u64; 3]| {
+        let dropped = taken.saturating_sub(out);
+        text += &format!("{name:14}{taken:9}{out:9}{dropped:9}{late:9}\n");
+    };
+    for stage in Stage::ALL {
+        row(stage.name(), status.hop(stage));
+    }
+    let [_, out, _] = status.hop(Stage::Refiner);
+    row("end to end", [status.frames_in, out, status.frames_late]);
+    text
 }
 
 impl Latencies {

@@ -1,0 +1,123 @@
+//! What a monitor counts, in Prometheus' text format (version 0.0.4).
+
+use mluc_ipc_types::{Stage, Status, StatusState};
+
+use super::observe::Snapshot;
+
+/// A metric for each line: name, type, meaning.
+const METRICS: &str = "\
+mluc_state gauge 1 for the state that the pipeline is in.
+mluc_sees gauge 1 where a missing object means that nothing is there.
+mluc_frames_in_total counter Frames that ingest has sent.
+mluc_frames_out_total counter Frames whose objects came out.
+mluc_frames_dropped_total counter Frames overtaken or lost; the rest of those in is in work.
+mluc_frames_late_total counter Frames that came out after their budget.
+mluc_result_age_seconds gauge Since the arrival of the newest result's scan; NaN: no result yet.
+mluc_blind_degrees gauge Directions without returns where there should be some.
+mluc_not_finite_share gauge Of the newest scan's points.
+mluc_ground_lost gauge 1: the ground is not found any more.
+mluc_stage_up gauge 1 where heartbeats come.
+mluc_stage_refused_total counter Messages that the stage's process has refused.
+mluc_stage_run_seconds gauge Time of computing a frame.
+mluc_stage_frames_total counter Frames of the run; what is in and not out was dropped by the stage, or is in work. Late: over its budget.";
+
+/// The page. Labels are words of ours: nothing in them needs an escape.
+pub(super) fn metrics(snapshot: &Snapshot) -> String {
+    let mut samples = Vec::new();
+    of_pipeline(snapshot, &mut samples);
+    of_stages(snapshot, &mut samples);
+    let mut text = String::new();
+    for line in METRICS.lines() {
+        let mut words = line.splitn(3, ' ');
+        let [name, kind, help] = std::array::from_fn(|_| words.next().unwrap_or(""));
+        let mut own = samples.iter().filter(|sample| sample.0 == name).peekable();
+        if own.peek().is_some() {
+            text += &format!("# HELP {name} {help}\n# TYPE {name} {kind}\n");
+        }
+        for (_, labels, value) in own {
+            text += &format!("{name}{labels} {value}\n");
+        }
+    }
+    text
+}
+
+/// Name, labels and value.
+type Sample = (&'static str, String, f64);
+
+fn of_pipeline(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
+    let state = snapshot.state();
+    for word in StatusState::NAMES {
+        let is_it = state.is_some_and(|state| state.name() == word);
+        let labels = format!("{{state=\"{word}\"}}");
+        samples.push(("mluc_state", labels, is_it.into()));
+    }
+    let mut single = |name, value: f64| samples.push((name, String::new(), value));
+    single("mluc_sees", state.is_some_and(StatusState::sees).into());
+    let Some(status) = &snapshot.status else {
+        return;
+    };
+    let degrees = status.blind_sectors.count_ones() * 360 / Status::SECTORS as u32;
+    single("mluc_frames_in_total", status.frames_in as f64);
+    single("mluc_frames_out_total", status.frames_out as f64);
+    single("mluc_frames_dropped_total", status.frames_dropped as f64);
+    single("mluc_frames_late_total", status.frames_late as f64);
+    single("mluc_result_age_seconds", status.age_s());
+    single("mluc_blind_degrees", degrees.into());
+    single("mluc_not_finite_share", status.not_finite_share.into());
+    single("mluc_ground_lost", status.is_ground_lost.into());
+}
+
+fn of_stages(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
+    for (stage, health) in Stage::ALL.into_iter().zip(&snapshot.stages) {
+        let mut add = |name, label: &str, value: f64| {
+            let labels = format!("{{stage=\"{}\"{label}}}", stage.name());
+            samples.push((name, labels, value));
+        };
+        add("mluc_stage_up", "", health.is_some().into());
+        if let Some(health) = health {
+            add(
+                "mluc_stage_refused_total",
+                "",
+                health.messages_refused as f64,
+            );
+            let us = [health.run_p50_us, health.run_p99_us, health.run_max_us];
+            for (quantile, us) in ["0.5", "0.99", "1"].iter().zip(us) {
+                let label = format!(",quantile=\"{quantile}\"");
+                add("mluc_stage_run_seconds", &label, f64::from(us) * 1e-6);
+            }
+        }
+        let hop = snapshot.status.map(|status| status.hop(stage));
+        for (way, count) in ["in", "out", "late"].iter().zip(hop.into_iter().flatten()) {
+            let label = format!(",way=\"{way}\"");
+            add("mluc_stage_frames_total", &label, count as f64);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::observe::tests::snapshot;
+    use super::*;
+
+    #[test]
+    fn samples_say_what_was_seen() {
+        let text = metrics(&snapshot(StatusState::Blind));
+        for line in [
+            "# TYPE mluc_sees gauge",
+            "mluc_sees 0",
+            "mluc_state{state=\"blind\"} 1",
+            "mluc_state{state=\"running\"} 0",
+            "mluc_result_age_seconds 0.12",
+            "mluc_frames_dropped_total 1",
+            "mluc_blind_degrees 20",
+            "mluc_stage_up{stage=\"head\"} 0",
+            "mluc_stage_frames_total{stage=\"backbone\",way=\"in\"} 44",
+            "mluc_stage_frames_total{stage=\"backbone\",way=\"late\"} 2",
+            "mluc_stage_run_seconds{stage=\"refiner\",quantile=\"0.99\"} 0.02",
+        ] {
+            assert!(text.lines().any(|found| found == line), "{line}: {text}");
+        }
+        let nobody = metrics(&Snapshot::default());
+        assert!(nobody.contains("mluc_sees 0\n") && !nobody.contains("mluc_frames"));
+    }
+}

@@ -1,0 +1,192 @@
+//! A pipeline as its consumers see it: what `status`, `top` and `monitor` show.
+
+use std::collections::BTreeMap;
+
+use mluc_gateway::lines::status_words;
+use mluc_ipc_types::{CandidateCounts, Health, Stage, Status, StatusState, Topic};
+use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown, StatusWatch, monotonic_ns};
+use serde_json::{Value, json};
+
+use crate::UsageError;
+
+/// Looks at an instance. It takes no frame, and nobody waits for it.
+pub(super) struct Observer {
+    // The ports go before the shell.
+    health: HealthWatch,
+    status: StatusWatch,
+    pub(super) shell: Shell,
+    begun_ns: u64,
+}
+
+/// What was seen at one moment.
+#[derive(Clone, Default)]
+pub(super) struct Snapshot {
+    pub(super) instance: String,
+    /// `None`: the stage is silent.
+    pub(super) stages: [Option<Health>; 4],
+    /// `None`: there is no supervisor.
+    pub(super) status: Option<Status>,
+}
+
+pub(super) fn instance(name: &str) -> Result<Instance, UsageError> {
+    Instance::new(name).map_err(|error| UsageError(error.to_string()))
+}
+
+impl Observer {
+    pub(super) fn open(instance: &Instance) -> anyhow::Result<Observer> {
+        let shell = Shell::observer(instance, None, Shutdown::on_signals()?)?;
+        let (mut health, mut status) = (shell.health_watch()?, shell.status_watch()?);
+        // What waits in the queues may be the last word of a stage that is gone.
+        health.update()?;
+        status.update()?;
+        Ok(Observer {
+            health,
+            status,
+            shell,
+            begun_ns: monotonic_ns(),
+        })
+    }
+
+    pub(super) fn look(&mut self) -> anyhow::Result<Snapshot> {
+        let mut stages = *self.health.update()?;
+        let silent_ns = monotonic_ns().saturating_sub(Topic::SILENCE_MAX.as_nanos() as u64);
+        for (stage, health) in Stage::ALL.into_iter().zip(&mut stages) {
+            if self.health.heard_ns(stage) <= self.begun_ns.max(silent_ns) {
+                *health = None;
+            }
+        }
+        Ok(Snapshot {
+            instance: self.shell.instance().name().to_string(),
+            stages,
+            status: self.status.update()?,
+        })
+    }
+}
+
+impl Snapshot {
+    /// Without a supervisor nothing can be said.
+    pub(super) fn state(&self) -> Option<StatusState> {
+        self.status.and_then(|status| status.checked().ok())
+    }
+
+    /// The state in one line.
+    pub(super) fn headline(&self) -> String {
+        let Some(status) = &self.status else {
+            return "state: unknown, no supervisor publishes one".to_string();
+        };
+        let state = self.state().map_or("?", StatusState::name);
+        let colon = if status.reason().is_empty() { "" } else { ": " };
+        let newest = match status.age_ns {
+            Status::NONE => "no result yet".to_string(),
+            age_ns => format!("newest result {} ms old", age_ns / 1_000_000),
+        };
+        format!(
+            "state: {state}{colon}{}; {newest}; frames {} in, {} out, {} dropped, {} late",
+            status.reason(),
+            status.frames_in,
+            status.frames_out,
+            status.frames_dropped,
+            status.frames_late
+        )
+    }
+
+    pub(super) fn as_json(&self) -> Value {
+        let stages = Stage::ALL.iter().zip(&self.stages);
+        let stages = stages.map(|(stage, health)| stage_json(*stage, health.as_ref()));
+        let status = self.status.as_ref().map(status_words);
+        json!({"instance": self.instance, "status": status, "stages": stages.collect::<Vec<_>>()})
+    }
+}
+
+pub(super) fn state(health: &Health) -> &'static str {
+    health.checked().map_or("?", |(_, state)| state.name())
+}
+
+/// What is not zero.
+pub(super) fn counted(counts: &CandidateCounts) -> impl Iterator<Item = (&'static str, u64)> {
+    counts.named().filter(|(_, count)| *count > 0)
+}
+
+fn stage_json(stage: Stage, health: Option<&Health>) -> Value {
+    let Some(health) = health else {
+        return json!({"stage": stage.name(), "state": "silent"});
+    };
+    json!({
+        "stage": stage.name(),
+        "process": health.pid,
+        "state": state(health),
+        "frames_in": health.frames_in,
+        "frames_out": health.frames_out,
+        "frames_dropped": health.frames_dropped,
+        "messages_refused": health.messages_refused,
+        "run_p50_us": health.run_p50_us,
+        "run_p99_us": health.run_p99_us,
+        "run_max_us": health.run_max_us,
+        "candidates": counted(&health.candidates).collect::<BTreeMap<_, _>>(),
+        "reason": health.reason(),
+    })
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use bytemuck::Zeroable;
+    use mluc_ipc_types::{HealthState, Text, WIRE_VERSION};
+
+    use super::*;
+
+    /// A pipeline whose refiner alone is heard.
+    pub(in crate::commands) fn snapshot(state: StatusState) -> Snapshot {
+        let mut health = Health {
+            wire_version: WIRE_VERSION,
+            stage: Stage::Refiner as u32,
+            state: HealthState::Running as u32,
+            pid: 7,
+            frames_in: 9,
+            frames_out: 9,
+            run_p50_us: 5_000,
+            run_p99_us: 20_000,
+            run_max_us: 20_000,
+            reason: Text::pack("why"),
+            ..Health::zeroed()
+        };
+        health.candidates.by_disposition[..2].copy_from_slice(&[12, 3]);
+        health.candidates.split = 2;
+        let status = Status {
+            wire_version: WIRE_VERSION,
+            state: state as u32,
+            run_id: 1,
+            sequence: 41,
+            age_ns: 120_000_000,
+            frames_in: 44,
+            frames_out: 42,
+            frames_dropped: 1,
+            stages_out: [44, 43, 43, 42],
+            stages_late: [0, 2, 0, 0],
+            blind_sectors: 0b110,
+            reason: Text::pack("a cover"),
+            ..Status::default()
+        };
+        Snapshot {
+            instance: "demo".to_string(),
+            stages: [None, None, None, Some(health)],
+            status: Some(status),
+        }
+    }
+
+    #[test]
+    fn words_and_json_tell_what_was_seen() {
+        let snapshot = snapshot(StatusState::Blind);
+        let headline = "state: blind: a cover; newest result 120 ms old; frames 44 in, 42 out, 1 dropped, 0 late";
+        assert_eq!(snapshot.headline(), headline);
+        let told = snapshot.as_json();
+        let silent = json!({"stage": "ingest", "state": "silent"});
+        assert_eq!(told["stages"][0], silent);
+        let refiner = json!({
+            "stage": "refiner", "process": 7, "state": "running", "frames_in": 9, "frames_out": 9,
+            "frames_dropped": 0, "messages_refused": 0, "run_p50_us": 5000, "run_p99_us": 20000, "run_max_us": 20000,
+            "candidates": {"published": 12, "overlaps_known": 3, "split": 2}, "reason": "why",
+        });
+        assert_eq!(told["stages"][3], refiner);
+        assert_eq!(told["status"]["blind_deg"], json!([[10, 30]]));
+    }
+}

@@ -1,0 +1,473 @@
+//! What the pipeline is worth at this moment, judged by a clock and not by messages, so that what stopped is told too.
+
+use mluc_gateway::lines::latency_us;
+use mluc_ingest::estimate::View;
+use mluc_ipc_types::{
+    Flags, FrameHeader, HealthState, Point, RunDescription, Stage, Status, StatusState, Text,
+    Topic, WIRE_VERSION,
+};
+use mluc_model::SensorProfile;
+use mluc_runtime::{HealthWatch, Message, Output, RuntimeError, Shell, monotonic_ns};
+
+use super::Outcome;
+use super::budget::Budgets;
+use crate::settings::Settings;
+
+/// Between two messages where nothing changes.
+const PERIOD_NS: u64 = 500_000_000;
+/// Between two looks at what the sensor sees.
+const LOOK_NS: u64 = 250_000_000;
+/// A better state holds so long before it is told.
+const HOLD_NS: u64 = 500_000_000;
+/// Before two scans came nobody knows the sensor's period.
+const PERIOD_UNKNOWN_NS: u64 = 1_000_000_000;
+/// Results this much later than late are no longer awaited; so is a stage's heartbeat.
+const SILENCE_NS: u64 = Topic::SILENCE_MAX.as_nanos() as u64;
+/// A larger share of points that are not finite is no scan. Sky gives drivers that write such points half of them.
+const NOT_FINITE_MAX: f32 = 0.9;
+/// Flags of a result that is not what it could be; those that say why the input is suspect go with them.
+const COMPLAINTS: [&str; 5] = [
+    "input_suspect",
+    "damaged_input",
+    "truncated",
+    "points_gone",
+    "degraded",
+];
+
+/// A state and why.
+type Verdict = (StatusState, String);
+
+/// Judges and publishes.
+pub(super) struct StatusWriter {
+    output: Output<Status>,
+    view: View,
+    looked_ns: u64,
+    facts: Facts,
+    budgets: Budgets,
+    counts: StageCounts,
+    run_id: u64,
+    shown: Verdict,
+    /// Since when every judgement was better than what is shown.
+    better_since_ns: Option<u64>,
+    published: Status,
+}
+
+impl StatusWriter {
+    pub(super) fn open(
+        shell: &mut Shell,
+        settings: &Settings,
+        sensor: Option<&SensorProfile>,
+    ) -> Result<StatusWriter, RuntimeError> {
+        Ok(StatusWriter {
+            output: shell.output(&Topic::STATUS, 1)?,
+            view: View::new(sensor),
+            looked_ns: 0,
+            facts: Facts {
+                budget_ns: settings.budget_ms.map(|ms| ms * 1_000_000),
+                ..Facts::default()
+            },
+            budgets: Budgets::new(settings),
+            counts: StageCounts::default(),
+            run_id: 0,
+            shown: (StatusState::Starting, String::new()),
+            better_since_ns: None,
+            published: Status::default(),
+        })
+    }
+
+    /// The state that was told last.
+    pub(super) fn state(&self) -> StatusState {
+        self.shown.0
+    }
+
+    /// A new run forgets what the last one saw.
+    fn follow(&mut self, run: &RunDescription) {
+        if self.run_id != run.run_id {
+            self.run_id = run.run_id;
+            self.view.clear();
+            self.counts = StageCounts::default();
+            let budget_ns = self.facts.budget_ns;
+            self.facts = Facts {
+                budget_ns,
+                ..Facts::default()
+            };
+        }
+    }
+
+    /// A scan that ingest has sent.
+    pub(super) fn see(&mut self, run: &RunDescription, scan: &Message<Point>) {
+        self.follow(run);
+        let header = scan.header();
+        self.facts.take_scan(header);
+        let now_ns = monotonic_ns();
+        if now_ns - self.looked_ns < LOOK_NS {
+            return;
+        }
+        self.looked_ns = now_ns;
+        let points = Point::checked(header, scan.elements()).unwrap_or_default();
+        self.view.look(points);
+        let [expected, blind] = [self.view.expected(), self.view.blind()];
+        (self.facts.expected_sectors, self.facts.blind_sectors) = (expected, blind);
+        self.facts.is_ground_lost = self.view.is_ground_lost();
+    }
+
+    /// A result that came out.
+    pub(super) fn record(&mut self, run: &RunDescription, header: &FrameHeader) {
+        self.follow(run);
+        self.facts.take_result(header);
+        self.budgets.record(header);
+    }
+
+    /// Judges, and publishes what changed or is due; gives it where state, reason or sight changed. `end`: why the
+    /// pipeline ends.
+    pub(super) fn tick(
+        &mut self,
+        run: &RunDescription,
+        health: &HealthWatch,
+        outcome: &Outcome,
+        end: Option<&str>,
+    ) -> Result<Option<Status>, RuntimeError> {
+        self.follow(run);
+        let now_ns = monotonic_ns();
+        let before = self.state();
+        let verdict = match end {
+            Some(why) => (StatusState::Stopped, why.to_string()),
+            None => self.facts.judge(now_ns, worst_stage(health, now_ns)),
+        };
+        self.show(now_ns, verdict);
+        if before != self.state() && end.is_none() {
+            self.log();
+        }
+        self.output.reach_late_readers()?;
+        let status = self.count(health, outcome);
+        let seen = |s: &Status| (s.state, s.reason, s.blind_sectors, s.is_ground_lost);
+        let has_changed =
+            seen(&status) != seen(&self.published) || self.published.run_id != run.run_id;
+        if has_changed || now_ns - self.published.judged_ns >= PERIOD_NS {
+            let mut header = FrameHeader::new(0, Topic::STATUS.name);
+            (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
+            self.output.send(&header, &[status])?;
+            self.published = status;
+        }
+        Ok(has_changed.then_some(status))
+    }
+
+    /// What is worse is shown at once, what is better when it lasts.
+    fn show(&mut self, now_ns: u64, verdict: Verdict) {
+        let is_begun = ![verdict.0, self.shown.0].contains(&StatusState::Starting);
+        let is_better = is_begun && verdict.0 < self.shown.0;
+        if is_better && now_ns - *self.better_since_ns.get_or_insert(now_ns) < HOLD_NS {
+            return;
+        }
+        self.better_since_ns = None;
+        self.shown = verdict;
+    }
+
+    fn log(&self) {
+        let (state, reason) = (self.shown.0, self.shown.1.as_str());
+        let name = state.name();
+        match state {
+            StatusState::Starting | StatusState::Running => tracing::info!("state: {name}"),
+            StatusState::Stopped => tracing::error!("state: {name}: {reason}"),
+            _ => tracing::warn!("state: {name}: {reason}"),
+        }
+    }
+
+    /// What is shown, with the counts as of now.
+    pub(super) fn count(&mut self, health: &HealthWatch, outcome: &Outcome) -> Status {
+        self.counts.update(health);
+        let now_ns = monotonic_ns();
+        let (facts, (state, reason)) = (&self.facts, &self.shown);
+        let newest = facts.newest;
+        Status {
+            wire_version: WIRE_VERSION,
+            state: *state as u32,
+            run_id: self.run_id,
+            judged_ns: now_ns,
+            sequence: newest.map_or(Status::NONE, |newest| newest.sequence),
+            age_ns: newest.map_or(Status::NONE, |newest| now_ns - newest.arrived_ns),
+            frames_in: outcome.frames_in,
+            frames_out: outcome.frames_out,
+            frames_dropped: outcome.frames_skipped,
+            frames_late: self.budgets.missed(None),
+            stages_out: self.counts.out(outcome.frames_in, outcome.frames_out),
+            stages_late: Stage::ALL.map(|stage| self.budgets.missed(Some(stage))),
+            blind_sectors: facts.blind_sectors,
+            not_finite_share: facts.not_finite_share,
+            is_ground_lost: facts.is_ground_lost.into(),
+            reason: Text::pack(reason),
+        }
+    }
+}
+
+/// What the stages have published in a run, over the lives of their processes.
+#[derive(Clone, Debug, Default)]
+struct StageCounts {
+    /// Process and count of the newest heartbeat.
+    seen: [(u32, u64); 4],
+    out: [u64; 4],
+}
+
+impl StageCounts {
+    fn update(&mut self, health: &HealthWatch) {
+        for stage in Stage::ALL {
+            let Some(heartbeat) = health.of(stage) else {
+                continue;
+            };
+            let (seen, out) = (&mut self.seen[stage as usize], heartbeat.frames_out);
+            self.out[stage as usize] += match *seen {
+                (pid, before) if pid == heartbeat.pid => out.saturating_sub(before),
+                // It may have been there before the run.
+                (0, _) => 0,
+                _ => out,
+            };
+            *seen = (heartbeat.pid, out);
+        }
+    }
+
+    /// Held against what is known for sure: a process that was killed took its last counts along, and a frame that was sent
+    /// again is one frame.
+    fn out(&self, frames_in: u64, frames_out: u64) -> [u64; 4] {
+        let mut out = self.out;
+        out[Stage::Ingest as usize] = frames_in;
+        out[Stage::Refiner as usize] = out[Stage::Refiner as usize].max(frames_out);
+        for stage in [2, 1] {
+            out[stage] = out[stage].max(out[stage + 1]);
+        }
+        for stage in 1..out.len() {
+            out[stage] = out[stage].min(out[stage - 1]);
+        }
+        out
+    }
+}
+
+/// The newest result.
+#[derive(Clone, Copy, Debug)]
+struct Newest {
+    sequence: u64,
+    /// When its scan arrived.
+    arrived_ns: u64,
+    flags: Flags,
+}
+
+/// What a judgement rests on.
+#[derive(Clone, Debug, Default)]
+struct Facts {
+    /// `None`: no pace is held, results come when they come.
+    budget_ns: Option<u64>,
+    newest: Option<Newest>,
+    /// The longest way of a result, ns.
+    longest_ns: u64,
+    /// The newest scan: sequence and arrival.
+    scan: Option<(u64, u64)>,
+    /// The last two periods of the sensor.
+    periods_ns: [u64; 2],
+    not_finite_share: f32,
+    expected_sectors: u64,
+    blind_sectors: u64,
+    is_ground_lost: bool,
+}
+
+impl Facts {
+    fn take_scan(&mut self, header: &FrameHeader) {
+        let arrived_ns = header.stages[Stage::Ingest as usize].received_ns;
+        if let Some((sequence, before_ns)) = self.scan
+            && header.sequence > sequence
+        {
+            let frames = header.sequence - sequence;
+            let period_ns = arrived_ns.saturating_sub(before_ns) / frames;
+            self.periods_ns = [self.periods_ns[1], period_ns];
+        }
+        self.scan = Some((header.sequence, arrived_ns));
+        let has_holes = Flags(header.flags).contains(Flags::NOT_FINITE);
+        let dropped = f32::from(u8::from(has_holes)) * header.points_dropped as f32;
+        self.not_finite_share = (dropped / header.points_in.max(1) as f32).min(1.0);
+    }
+
+    fn take_result(&mut self, header: &FrameHeader) {
+        let way_ns = latency_us(header).saturating_mul(1000);
+        self.longest_ns = self.longest_ns.max(way_ns);
+        // A stamp of the future is no age.
+        let received_ns = header.stages[Stage::Ingest as usize].received_ns;
+        self.newest = Some(Newest {
+            sequence: header.sequence,
+            arrived_ns: received_ns.min(monotonic_ns()),
+            flags: Flags(header.flags),
+        });
+    }
+
+    /// Ages of the newest result from which it is late and from which no more are awaited, ns.
+    fn limits_ns(&self) -> [u64; 2] {
+        let Some(budget_ns) = self.budget_ns else {
+            return [u64::MAX, SILENCE_NS + 2 * self.longest_ns];
+        };
+        let longest_ns = self.periods_ns[0].max(self.periods_ns[1]);
+        let period_ns = if self.periods_ns[0] == 0 {
+            PERIOD_UNKNOWN_NS
+        } else {
+            longest_ns
+        };
+        let late_ns = budget_ns + period_ns;
+        [late_ns, late_ns + SILENCE_NS]
+    }
+
+    /// `stage`: the stage with the worst to say, and whether that costs results.
+    fn judge(&self, now_ns: u64, stage: Option<(bool, String)>) -> Verdict {
+        use StatusState::{Blind, Degraded, Late, Running, Starting, Stopped};
+        let because = |what: &str| match &stage {
+            Some((_, why)) => format!("{what}: {why}"),
+            None => what.to_string(),
+        };
+        let Some(newest) = self.newest else {
+            return (Starting, because("no result yet"));
+        };
+        let age_ns = now_ns.saturating_sub(newest.arrived_ns);
+        let [late_ns, stopped_ns] = self.limits_ns();
+        if age_ns > stopped_ns {
+            return (Stopped, because("no results come"));
+        }
+        let [expected, blind] =
+            [self.expected_sectors, self.blind_sectors].map(|sectors| sectors.count_ones());
+        let no_returns = || format!("{blind} of {expected} directions have no returns");
+        if blind > 0 && 2 * blind >= expected {
+            return (Blind, no_returns());
+        }
+        if self.not_finite_share > NOT_FINITE_MAX {
+            return (Blind, "hardly a point is finite".to_string());
+        }
+        if newest.flags.contains(Flags::EMPTY) {
+            return (Blind, "the scans are empty".to_string());
+        }
+        if age_ns > late_ns {
+            return (Late, because("results are older than the budget allows"));
+        }
+        if blind > 0 {
+            return (Degraded, no_returns());
+        }
+        if self.is_ground_lost {
+            return (Degraded, "the ground is not found any more".to_string());
+        }
+        let is_complaint = |name: &&str| COMPLAINTS.contains(name) || name.starts_with("suspect_");
+        let complaints: Vec<_> = newest.flags.names().filter(is_complaint).collect();
+        if !complaints.is_empty() {
+            return (Degraded, format!("flags: {}", complaints.join(", ")));
+        }
+        if let Some((true, why)) = stage {
+            return (Degraded, why);
+        }
+        (Running, String::new())
+    }
+}
+
+/// What the stage that is worst off says, and whether results suffer from it.
+fn worst_stage(health: &HealthWatch, now_ns: u64) -> Option<(bool, String)> {
+    let words = Stage::ALL.into_iter().filter_map(|stage| {
+        let name = stage.name();
+        let Some(heartbeat) = health.of(stage) else {
+            return Some((1, format!("{name} is not heard of")));
+        };
+        if now_ns.saturating_sub(health.heard_ns(stage)) > SILENCE_NS {
+            return Some((3, format!("{name} is silent")));
+        }
+        let (_, state) = heartbeat.checked().ok()?;
+        let rank = match state {
+            HealthState::Running => return None,
+            HealthState::Degraded | HealthState::Failed => 2,
+            HealthState::Starting | HealthState::Stopping => 1,
+            HealthState::WaitingInput => 0,
+        };
+        let (state, reason) = (state.name(), heartbeat.reason());
+        let what = if reason.is_empty() { state } else { reason };
+        Some((rank, format!("{name}: {what}")))
+    });
+    // Of equals the first one in the order of the frames.
+    let (rank, text) = words.min_by_key(|(rank, _)| std::cmp::Reverse(*rank))?;
+    Some((rank >= 2, text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// A run of 10 Hz with a budget of 200 ms whose newest result, of a scan that arrived at 5 s, took 60 ms.
+    fn facts(flags: Flags) -> Facts {
+        let mut facts = Facts {
+            budget_ns: Some(200 * MS),
+            expected_sectors: 0xfff,
+            ..Facts::default()
+        };
+        for number in 0..=3 {
+            let mut header = FrameHeader::new(number, "a");
+            header.flag(flags);
+            (header.points_in, header.points_dropped) = (100, 30);
+            let arrived_ns = (4_700 + 100 * number) * MS;
+            header.stages[0].received_ns = arrived_ns;
+            header.stages[3].published_ns = arrived_ns + 60 * MS;
+            facts.take_scan(&header);
+            facts.take_result(&header);
+        }
+        facts
+    }
+
+    #[test]
+    fn no_stage_publishes_more_than_the_one_before_or_less_than_came_out() {
+        let counts = |out| StageCounts {
+            out,
+            ..StageCounts::default()
+        };
+        // The backbone was killed with 2 counts untold; frames were sent twice.
+        assert_eq!(counts([0, 88, 90, 89]).out(100, 88), [100, 90, 90, 89]);
+        assert_eq!(counts([0, 12, 12, 12]).out(10, 10), [10; 4]);
+    }
+
+    /// What is changed, ms after the scan's arrival, what the worst stage says, and the verdict.
+    const CASES: &str = "\
+nothing, 60, , running
+nothing, 300, no: ingest waits, running
+nothing, 300, yes: head is silent, degraded head is silent
+nothing, 301, , late results are older than the budget allows
+nothing, 1300, , late results are older than the budget allows
+nothing, 1301, yes: head is silent, stopped no results come: head is silent
+nothing, 9000, no: ingest waits, stopped no results come: ingest waits
+half, 900, , blind 6 of 12 directions have no returns
+one, 60, , degraded 1 of 12 directions have no returns
+nan, 60, , blind hardly a point is finite
+ground, 60, , degraded the ground is not found any more
+new, 60, no: ingest waits, starting no result yet: ingest waits
+pace, 1120, , running
+pace, 1121, , stopped no results come
+empty, 60, , blind the scans are empty
+suspect, 60, , degraded flags: input_suspect/suspect_height";
+
+    #[test]
+    fn states_follow_from_the_clock_the_sight_and_the_stages() {
+        for case in CASES.lines() {
+            let [change, ms, stage, expected] =
+                std::array::from_fn(|column| case.split(", ").nth(column).unwrap_or_default());
+            let mut facts = facts(match change {
+                "empty" => Flags::EMPTY,
+                "suspect" => Flags::SUSPECT_HEIGHT,
+                _ => Flags::default(),
+            });
+            match change {
+                "half" => facts.blind_sectors = 0x3f,
+                "one" => facts.blind_sectors = 1,
+                "nan" => facts.not_finite_share = 0.95,
+                "ground" => facts.is_ground_lost = true,
+                "new" => facts.newest = None,
+                // A result may take its time: 1 s and twice the longest so far.
+                "pace" => facts.budget_ns = None,
+                _ => (),
+            }
+            let stage = stage.split_once(": ");
+            let stage = stage.map(|(suffers, why)| (suffers == "yes", why.to_string()));
+            let ms: u64 = ms.parse().expect("a number");
+            let (state, reason) = facts.judge((5_000 + ms) * MS, stage);
+            let told = format!("{} {}", state.name(), reason.replace(", ", "/"));
+            assert_eq!(told.trim_end(), expected, "{case}");
+        }
+        assert_eq!(facts(Flags::NOT_FINITE).not_finite_share, 0.3);
+    }
+}

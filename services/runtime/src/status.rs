@@ -1,0 +1,33 @@
+//! The topic `status`, as its consumers read it.
+
+use mluc_ipc_types::{Status, Topic};
+
+use crate::error::Result;
+use crate::node::IpcNode;
+use crate::{Input, monotonic_ns};
+
+/// Follows the topic.
+pub struct StatusWatch {
+    input: Input<Status>,
+    last: Option<Status>,
+}
+
+impl StatusWatch {
+    pub(crate) fn open(node: &IpcNode) -> Result<StatusWatch> {
+        Ok(StatusWatch {
+            input: Input::open(node, &Topic::STATUS, Topic::STATUS.name, false)?,
+            last: None,
+        })
+    }
+
+    /// The status as of now; `None`: no supervisor has published one yet. What breaks the contract is left out.
+    pub fn update(&mut self) -> Result<Option<Status>> {
+        if let Some(message) = self.input.newest()?
+            && let [status] = message.elements()
+            && status.checked().is_ok()
+        {
+            self.last = Some(*status);
+        }
+        Ok(self.last.map(|status| status.at(monotonic_ns())))
+    }
+}

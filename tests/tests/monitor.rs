@@ -1,0 +1,102 @@
+//! `mluc monitor` and `mluc top` beside a running pipeline.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+use mluc_tests::{Running, Setting, assert_has, wait_for};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// The whole answer to a GET.
+fn get(address: &str, path: &str) -> String {
+    let mut client = TcpStream::connect(address).expect("listening");
+    let request = format!("GET {path} HTTP/1.1\r\nHost: a\r\n\r\n");
+    client.write_all(request.as_bytes()).expect("sent");
+    let mut answer = String::new();
+    client.read_to_string(&mut answer).expect("answered");
+    answer
+}
+
+#[test]
+fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
+    let setting = Setting::new("monitor", 3);
+    // Before there is a pipeline.
+    let monitor = [
+        "monitor",
+        "--instance",
+        &setting.instance,
+        "--listen",
+        "127.0.0.1:0",
+    ];
+    let mut monitor = Running::mluc(monitor);
+    monitor.wait_for_words("has /healthz");
+    let log = monitor.log();
+    let (_, rest) = log.split_once("http://").expect("the address");
+    let address = rest.split(' ').next().expect("a word");
+    let ask = |path: &str| get(address, path);
+    assert_has(&ask("/readyz"), &["503", "no supervisor"]);
+
+    let mut run = setting.up("--pace sensor --rate 10 --budget-ms 2000 --loop");
+    run.wait_for_lines(5);
+    let is_ready = || ask("/readyz").starts_with("HTTP/1.1 200 OK\r\n");
+    assert!(
+        wait_for(Duration::from_secs(20), is_ready),
+        "{}",
+        ask("/readyz")
+    );
+    let metrics = ask("/metrics");
+    assert_has(&metrics, &["text/plain; version=0.0.4", "mluc_sees 1\n"]);
+    assert_has(&metrics, &["mluc_stage_up{stage=\"refiner\"} 1\n"]);
+    let status = ask("/status.json");
+    let (_, body) = status.split_once("\r\n\r\n").expect("a body");
+    let status: Value = serde_json::from_str(body).expect("JSON");
+    assert_eq!(status["instance"], setting.instance.as_str());
+    assert!(
+        status["status"]["frames_out"].as_u64() >= Some(5),
+        "{status}"
+    );
+
+    // A client that says nothing is let go.
+    let silent = TcpStream::connect(address).expect("listening");
+    assert!(ask("/healthz").starts_with("HTTP/1.1 200"));
+    drop(silent);
+    // A monitor that hangs stops nobody, and a supervisor that hangs is told.
+    monitor.signal(Signal::STOP);
+    run.wait_for_lines(20);
+    monitor.signal(Signal::CONT);
+    run.signal(Signal::STOP);
+    let is_told = || ask("/healthz").contains("the supervisor hangs or is gone");
+    assert!(
+        wait_for(Duration::from_secs(20), is_told),
+        "{}",
+        ask("/healthz")
+    );
+    run.signal(Signal::CONT);
+    run.signal(Signal::TERM);
+    assert_eq!(run.finish().code, Some(0));
+    monitor.signal(Signal::TERM);
+    let monitor = setting.finish(monitor);
+    assert_eq!(monitor.code, Some(0), "{}", monitor.log);
+}
+
+#[test]
+fn top_and_status_print_a_page_that_is_no_terminal() {
+    let setting = Setting::new("top", 3);
+    let mut run = setting.up("--pace sensor --rate 10 --loop");
+    run.wait_for_lines(3);
+    let of = |command: &[&str]| {
+        let instance = ["--instance", &setting.instance];
+        let finished = Running::mluc(command.iter().chain(&instance)).finish();
+        assert_eq!(finished.code, Some(0), "{}", finished.log);
+        finished.text()
+    };
+    let words = ["state: ", "newest result", "ingest", "refiner", "p99 ms"];
+    let (top, status) = (of(&["top", "--once"]), of(&["status"]));
+    assert_has(&top, &words);
+    assert_has(&top, &["Hz", "#"]);
+    assert!(!top.contains('\x1b'), "{top}");
+    assert_has(&status, &words);
+    run.signal(Signal::TERM);
+    assert_eq!(setting.finish(run).code, Some(0));
+}

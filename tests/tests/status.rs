@@ -1,0 +1,188 @@
+//! What a consumer is told when no objects come: nothing there, blind, late, or stopped.
+
+use std::process::Command;
+use std::time::Duration;
+
+use mluc_ipc_types::{Status, StatusState};
+use mluc_runtime::{Instance, Shell, Shutdown, StatusWatch};
+use mluc_tests::{
+    Finished, Running, Setting, assert_has, car_scan, python_refiner, root, wait_for,
+};
+use rustix::process::Signal;
+use serde_json::Value;
+
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A consumer of the topic.
+struct Consumer {
+    watch: StatusWatch,
+    _shell: Shell,
+}
+
+impl Consumer {
+    fn new(setting: &Setting) -> Consumer {
+        let instance = Instance::new(&setting.instance).unwrap();
+        let _shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
+        let watch = _shell.status_watch().unwrap();
+        Consumer { watch, _shell }
+    }
+
+    /// Waits for a status.
+    #[track_caller]
+    fn wait(&mut self, run: &Running, is_it: impl Fn(&Status) -> bool) -> Status {
+        let mut last = None;
+        let mut look = || {
+            last = self.watch.update().unwrap();
+            last.is_some_and(|status| is_it(&status))
+        };
+        assert!(wait_for(PATIENCE, &mut look), "{last:?} {}", run.log());
+        last.unwrap()
+    }
+
+    #[track_caller]
+    fn wait_for_state(&mut self, run: &Running, state: StatusState) -> Status {
+        self.wait(run, |status| status.checked() == Ok(state))
+    }
+}
+
+/// States and reasons of the status lines.
+fn told(run: &Finished) -> Vec<(String, String)> {
+    let statuses = run.lines.iter().filter_map(|line| line.get("status"));
+    let word = |status: &Value, key: &str| status[key].as_str().unwrap_or("?").to_string();
+    let words = statuses.map(|status| (word(status, "state"), word(status, "reason")));
+    words.collect()
+}
+
+#[test]
+fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
+    let setting = Setting::new("stopped", 3);
+    let never = setting.config("[stages.refiner]\nheartbeat_max_ms = 0\n");
+    let options = format!("{never} --pace sensor --rate 5 --budget-ms 1000 --loop --status-lines");
+    let mut run = setting.up(&options);
+    run.wait_for_lines(3);
+    let mut consumer = Consumer::new(&setting);
+    let sees = |status: &Status| status.checked().is_ok_and(StatusState::sees);
+    let good = consumer.wait(&run, sees);
+    assert!(
+        good.frames_out > 0 && good.age_ns < 10_000_000_000,
+        "{good:?}"
+    );
+    if let Some(command) = python_refiner() {
+        let words =
+            "import mluc\nw = mluc.Watch()\nwhile w.status() is None: pass\nprint(w.status()[0])";
+        let mut python = Command::new(&command[0]);
+        python
+            .args(["-c", words])
+            .env("MLUC_INSTANCE", &setting.instance);
+        python.current_dir(root().join("examples/refiner-python"));
+        let said = Running::start(&mut python).finish();
+        let is_state = StatusState::NAMES.contains(&said.text().trim());
+        assert!(is_state, "{} {}", said.text(), said.log);
+    }
+
+    let refiner = run.stage("refiner");
+    mluc_tests::send_signal(refiner, Signal::STOP);
+    consumer.wait_for_state(&run, StatusState::Late);
+    let stopped = consumer.wait_for_state(&run, StatusState::Stopped);
+    assert!(stopped.age_ns > 2_000_000_000, "{stopped:?}");
+    assert_eq!(stopped.reason(), "no results come: refiner is silent");
+    mluc_tests::send_signal(refiner, Signal::CONT);
+    let again = consumer.wait(&run, sees);
+    assert!(again.sequence > stopped.sequence, "{again:?}");
+
+    run.signal(Signal::STOP);
+    let silent = consumer.wait_for_state(&run, StatusState::Stopped);
+    assert_eq!(silent.reason(), "the supervisor hangs or is gone");
+    run.signal(Signal::CONT);
+    consumer.wait(&run, sees);
+    run.signal(Signal::TERM);
+    drop(consumer);
+    let run = setting.finish(run);
+    let told = told(&run);
+    let silent = "no results come: refiner is silent";
+    for words in [("stopped", silent), ("stopped", "asked to end")] {
+        let words = (words.0.to_string(), words.1.to_string());
+        assert!(told.contains(&words), "{told:?}");
+    }
+    let frames: Vec<_> = run
+        .lines
+        .iter()
+        .filter(|line| line.get("status").is_none())
+        .collect();
+    assert_eq!(frames.len(), run.sequences().len());
+    assert!(frames.iter().all(|line| line["state"].is_string()));
+}
+
+#[test]
+fn a_covered_direction_a_covered_sensor_and_nothing_there_are_told_apart() {
+    let setting = Setting::new("blind", 0);
+    let whole = car_scan(9.0);
+    // The first sector to the right of ahead.
+    let covered = |p: &&[f32; 4]| !(-0.17..0.0).contains(&p[1].atan2(p[0]));
+    let covered: Vec<[f32; 4]> = whole.iter().filter(covered).copied().collect();
+    for number in 0..70 {
+        let scan = match number {
+            0..20 => &whole[..],
+            20..45 => &covered,
+            _ => &[],
+        };
+        setting.write_scan(&format!("{number:06}"), scan);
+    }
+    let run = setting.run("--pace sensor --rate 10 --budget-ms 5000 --status-lines");
+    let told = told(&run);
+    let has = |state: &str, start: &str| {
+        told.iter()
+            .any(|(found, reason)| found == state && reason.starts_with(start))
+    };
+    assert!(has("degraded", "1 of 10 directions"), "{told:?}");
+    assert!(has("blind", ""), "{told:?}");
+    let last = told
+        .last()
+        .map(|(state, reason)| (state.as_str(), reason.as_str()));
+    assert_eq!(last, Some(("stopped", "the input ended")));
+    let blind_deg = |line: &Value| line["status"]["blind_deg"].to_string();
+    let is_told = run
+        .lines
+        .iter()
+        .any(|line| blind_deg(line) == "[[350,360]]");
+    assert!(
+        is_told,
+        "{:?}",
+        run.lines.iter().map(blind_deg).collect::<Vec<_>>()
+    );
+}
+
+#[test]
+fn missed_budgets_are_told_and_every_hop_adds_up() {
+    let setting = Setting::new("budget", 12);
+    let config = setting.config("[stages.backbone]\nbudget_ms = 0\n");
+    let run = setting.run(&format!("{config} --status-lines --log-format json"));
+    let last = run.lines.last().expect("lines");
+    let count = |key: &str| last["status"][key].clone();
+    for key in ["frames_in", "frames_out"] {
+        assert_eq!(count(key), 12, "{last}");
+    }
+    assert_eq!(count("stages_late")["backbone"], 12, "{last}");
+    assert_eq!(count("stages_late")["head"], 0, "{last}");
+    let mut messages = Vec::new();
+    for line in run.log.lines() {
+        let event: Value = serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"));
+        for key in ["time", "level", "process"] {
+            assert!(event[key].is_string(), "{line}");
+        }
+        messages.extend(event["message"].as_str().map(str::to_string));
+    }
+    let log = messages.join("\n");
+    assert_has(&log, &["budget of backbone missed: ", "12 in, 12 out"]);
+    let rows = log
+        .lines()
+        .skip_while(|line| !line.starts_with("frames   "))
+        .skip(1);
+    for row in rows.take(5) {
+        let numbers: Vec<u64> = row
+            .split_whitespace()
+            .filter_map(|w| w.parse().ok())
+            .collect();
+        assert_eq!(numbers[..3], [12, 12, 0], "{log}");
+    }
+}
