@@ -75,17 +75,12 @@ fn simulated(name: &str) -> Set {
 
 /// The first scans of a folder; its sensor is estimated.
 fn recorded(name: &str, folder: &Path, count: usize) -> Set {
-    let mut files: Vec<_> = std::fs::read_dir(folder)
-        .expect("a folder")
-        .flatten()
-        .map(|e| e.path())
-        .collect();
+    let files = std::fs::read_dir(folder).expect("a folder").flatten();
+    let mut files: Vec<_> = files.map(|e| e.path()).collect();
     files.sort();
-    let scans: Vec<Scan> = files
-        .iter()
-        .take(count)
-        .map(|file| points(read_scan(file).expect("a scan")))
-        .collect();
+    files.truncate(count);
+    let scans = files.iter().map(|file| read_scan(file).expect("a scan"));
+    let scans: Vec<Scan> = scans.map(points).collect();
     let found = estimate(&scans);
     Set {
         name: name.into(),
@@ -133,9 +128,8 @@ fn keep(holds: impl Fn(usize, &Point) -> bool + 'static) -> Change {
 
 fn scale(factor: f32) -> Change {
     each(move |p| {
-        [&mut p.x_m, &mut p.y_m, &mut p.z_m]
-            .into_iter()
-            .for_each(|v| *v *= factor)
+        let place = [&mut p.x_m, &mut p.y_m, &mut p.z_m];
+        place.into_iter().for_each(|v| *v *= factor)
     })
 }
 
@@ -149,80 +143,50 @@ fn faults(set: &Set) -> Vec<(&'static str, Change, bool)> {
         let deg = p.z_m.atan2(p.x_m.hypot(p.y_m)).to_degrees();
         let off = |at: &&f32| (**at - deg).abs();
         let nearest = elevations.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
-        elevations
-            .iter()
-            .position(|at| Some(at) == nearest)
-            .unwrap_or(0)
+        let mut beams = elevations.iter();
+        beams.position(|at| Some(at) == nearest).unwrap_or(0)
     };
-    let tilt = 10.0_f32.to_radians();
+    let (sin, cos) = 10.0_f32.to_radians().sin_cos();
     let lift = |by_m: f32| each(move |p| p.z_m -= by_m);
-    vec![
-        ("millimetres", scale(1000.0), true),
-        ("feet", scale(1.0 / 0.3048), true),
-        ("z down", each(|p| (p.y_m, p.z_m) = (-p.y_m, -p.z_m)), true),
-        (
-            "x and y swapped",
-            each(|p| (p.x_m, p.y_m) = (p.y_m, p.x_m)),
-            false,
-        ),
-        (
-            "turned by 90 degrees about x",
-            each(|p| (p.y_m, p.z_m) = (-p.z_m, p.y_m)),
-            true,
-        ),
-        (
-            "half of the beams",
-            keep(move |_, p| beam(p) % 2 == 0),
-            are_clear,
-        ),
-        (
-            "all points twice",
-            Box::new(|scan| {
-                scan.extend_from_within(..);
-                0
-            }),
-            true,
-        ),
-        (
-            "0.3 m lower than the model takes",
-            lift(0.3 - height_m),
-            true,
-        ),
-        (
-            "2 m higher than the model takes",
-            lift(5.0 - height_m),
-            true,
-        ),
-        (
-            "tilted by 10 degrees",
-            each(move |p| {
-                let (sin, cos) = tilt.sin_cos();
-                (p.x_m, p.z_m) = (cos * p.x_m - sin * p.z_m, sin * p.x_m + cos * p.z_m);
-            }),
-            true,
-        ),
-        (
-            "30 % NaN",
-            Box::new(|scan| {
-                let all = scan.len();
-                let mut number = 0;
-                scan.retain(|_| {
-                    number += 1;
-                    number % 10 > 2
-                });
-                (all - scan.len()) as u32
-            }),
-            true,
-        ),
-        ("all zeros", each(|p| *p = Point::default()), true),
-        (
-            "120 degrees missing",
-            keep(|_, p| !(-0.5..1.594).contains(&p.y_m.atan2(p.x_m))),
-            true,
-        ),
-        ("cut at 15 m", keep(|_, p| p.x_m.hypot(p.y_m) < 15.0), true),
-        ("intensity 0 to 255", each(|p| p.intensity *= 255.0), true),
-    ]
+    let tilted = each(move |p| {
+        (p.x_m, p.z_m) = (cos * p.x_m - sin * p.z_m, sin * p.x_m + cos * p.z_m);
+    });
+    let twice: Change = Box::new(|scan| {
+        scan.extend_from_within(..);
+        0
+    });
+    let losing: Change = Box::new(|scan| {
+        let all = scan.len();
+        let mut number = 0;
+        scan.retain(|_| {
+            number += 1;
+            number % 10 > 2
+        });
+        (all - scan.len()) as u32
+    });
+    let ahead = |p: &Point| (-0.5..1.594).contains(&p.y_m.atan2(p.x_m));
+    let mut faults = Vec::new();
+    let mut add = |name, change: Change, is_seen: bool| faults.push((name, change, is_seen));
+    add("millimetres", scale(1000.0), true);
+    add("feet", scale(1.0 / 0.3048), true);
+    add("z down", each(|p| (p.y_m, p.z_m) = (-p.y_m, -p.z_m)), true);
+    let swapped = each(|p| (p.x_m, p.y_m) = (p.y_m, p.x_m));
+    add("x and y swapped", swapped, false);
+    let turned = each(|p| (p.y_m, p.z_m) = (-p.z_m, p.y_m));
+    add("turned by 90 degrees about x", turned, true);
+    let half = keep(move |_, p| beam(p) % 2 == 0);
+    add("half of the beams", half, are_clear);
+    add("all points twice", twice, true);
+    let [low, high] = [0.3, 5.0].map(|above_m| lift(above_m - height_m));
+    add("0.3 m lower than the model takes", low, true);
+    add("2 m higher than the model takes", high, true);
+    add("tilted by 10 degrees", tilted, true);
+    add("30 % NaN", losing, true);
+    add("all zeros", each(|p| *p = Point::default()), true);
+    add("120 degrees missing", keep(move |_, p| !ahead(p)), true);
+    add("cut at 15 m", keep(|_, p| p.x_m.hypot(p.y_m) < 15.0), true);
+    add("intensity 0 to 255", each(|p| p.intensity *= 255.0), true);
+    faults
 }
 
 /// Rows of the table: no flag on the scans as they are, a flag on those with a fault.
@@ -231,29 +195,19 @@ fn check(sets: &[Set]) {
     for set in sets {
         let manifest = takes();
         let expected = Expected::new(&manifest, Some(set.sensor.clone()));
-        let cycle = || {
-            set.scans
-                .iter()
-                .cloned()
-                .cycle()
-                .take(SCANS.max(set.scans.len()))
-        };
+        let count = SCANS.max(set.scans.len());
+        let cycle = || set.scans.iter().cloned().cycle().take(count);
         let mut row = |fault: &str, flags: Flags, is_expected: bool| {
-            let names: Vec<&str> = flags
-                .names()
-                .filter(|name| name.starts_with("suspect_"))
-                .collect();
-            println!("| {} | {fault} | {} |", set.name, names.join(", "));
+            let names = flags.names().filter(|name| name.starts_with("suspect_"));
+            let names = names.collect::<Vec<_>>().join(", ");
+            println!("| {} | {fault} | {names} |", set.name);
             let is_optional = fault == "half of the beams" && !is_expected;
             if !is_optional && flags.contains(Flags::INPUT_SUSPECT) != is_expected {
                 wrong.push(format!("{}: {fault}", set.name));
             }
         };
-        row(
-            "none",
-            flagged(&expected, cycle().map(|scan| (scan, 0))),
-            false,
-        );
+        let found = flagged(&expected, cycle().map(|scan| (scan, 0)));
+        row("none", found, false);
         for (fault, change, is_seen) in faults(set) {
             let changed = cycle().take(SCANS).map(|mut scan| {
                 let not_finite = change(&mut scan);
