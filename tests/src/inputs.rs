@@ -1,14 +1,14 @@
 //! Models and scans, made up, and a pipeline on them.
 
-use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Duration;
 
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::running::{Finished, Running, leftovers, unique_instance};
+use crate::running::{Finished, Running, leftovers, mluc_program, unique_instance};
 use mluc_dataset::scan_bytes;
 use mluc_model::{Grid, Manifest, Network, formula_weights, model_bytes};
 
@@ -100,12 +100,17 @@ impl Setting {
 
     /// `mluc up` with options as on a command line, at pace `complete` unless they have another.
     pub fn up(&self, options: &str) -> Running {
+        Running::start(&mut self.up_command(options))
+    }
+
+    /// The command of [`Setting::up`].
+    pub fn up_command(&self, options: &str) -> Command {
         let pace = if options.contains("--pace") {
             ""
         } else {
             "--pace complete"
         };
-        self.start(&format!("up --instance {} {pace} {options}", self.instance))
+        self.command(&format!("up --instance {} {pace} {options}", self.instance))
     }
 
     /// The same to its end, after which nothing is left in shared memory.
@@ -134,13 +139,19 @@ impl Setting {
         self.folder.path().join("report")
     }
 
-    /// Starts `mluc bench` on the setting's scans.
-    pub fn start_bench(&self, options: &str) -> Running {
-        let out = self.report();
-        self.start(&format!("bench --out {} {options}", out.display()))
+    /// `mluc bench` on the setting's scans.
+    pub fn bench_command(&self, options: &str) -> Command {
+        self.command(&format!("bench {options}"))
     }
 
-    /// The same to its end; it must succeed, at most with warnings.
+    /// Starts it, with a report.
+    pub fn start_bench(&self, options: &str) -> Running {
+        let out = self.report();
+        let options = format!("--out {} {options}", out.display());
+        Running::start(&mut self.bench_command(&options))
+    }
+
+    /// [`Setting::start_bench`] to its end; it must succeed, at most with warnings.
     #[track_caller]
     pub fn bench(&self, options: &str) -> Finished {
         let run = self.start_bench(options);
@@ -149,11 +160,13 @@ impl Setting {
         run
     }
 
-    /// Starts `mluc COMMAND` on the setting's model and scans.
-    fn start(&self, command: &str) -> Running {
-        let (model, input) = (self.model.as_os_str(), self.input.as_os_str());
-        let files = ["--model".as_ref(), model, "--input".as_ref(), input];
-        Running::mluc(command.split_whitespace().map(OsStr::new).chain(files))
+    /// `mluc COMMAND` on the setting's model and scans.
+    fn command(&self, words: &str) -> Command {
+        let mut command = Command::new(mluc_program());
+        command.args(words.split_whitespace());
+        command.arg("--model").arg(&self.model);
+        command.arg("--input").arg(&self.input);
+        command
     }
 }
 

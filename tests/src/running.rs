@@ -149,11 +149,17 @@ impl Running {
     }
 
     pub fn start(command: &mut Command) -> Running {
+        Running::start_into(command, Stdio::piped())
+    }
+
+    /// Its lines are read where `stdout` is piped.
+    pub fn start_into(command: &mut Command, stdout: Stdio) -> Running {
         command.stdin(Stdio::null());
-        command.stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.stdout(stdout).stderr(Stdio::piped());
         let mut process = command.spawn().expect("the program starts");
+        let out = process.stdout.take();
         Running {
-            out: read_lines(process.stdout.take().expect("piped")),
+            out: out.map_or_else(|| read_lines(std::io::empty()), read_lines),
             log: read_lines(process.stderr.take().expect("piped")),
             process,
         }

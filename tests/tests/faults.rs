@@ -4,6 +4,7 @@ use std::fs::{self, File};
 use std::process::{Command, Stdio};
 
 use mluc_tests::{Setting, car_scan, leftovers, mluc_program};
+use rustix::process::Signal;
 
 /// It must end with this code, without a line, and say these words.
 #[track_caller]
@@ -54,6 +55,24 @@ fn damaged_scans_are_flagged_and_the_next_one_comes() {
 }
 
 #[test]
+fn a_scan_that_kills_a_stage_twice_is_set_aside_and_named() {
+    let setting = Setting::new("poison", 4);
+    let poison = setting.input.join("000002.bin");
+    fs::remove_file(&poison).expect("it was there");
+    // Whoever opens a pipe that nobody writes to hangs.
+    let made = Command::new("mkfifo").arg(&poison).status();
+    assert!(made.expect("mkfifo starts").success());
+    let run = setting.run(&setting.config("[stages.ingest]\nstart_max_ms = 4000\n"));
+    run.assert_complete(3, 4);
+    run.assert_says(&[
+        "set aside, because stages died of them: 1 (000002)",
+        "restarted: 2",
+    ]);
+    assert_eq!(run.flags("000002"), ["damaged_input", "empty"]);
+    assert_eq!(run.flags("000003"), [""; 0]);
+}
+
+#[test]
 fn a_run_without_a_usable_frame_fails_and_one_with_a_usable_frame_does_not() {
     let setting = Setting::new("garbage", 0);
     setting.write_scan("empty", &[]);
@@ -99,9 +118,16 @@ fn a_second_pipeline_of_the_same_name_is_refused_and_the_first_goes_on() {
 #[test]
 fn a_stage_that_cannot_start_ends_the_run_and_says_so() {
     let setting = Setting::new("foreign", 1);
-    let config = setting.config("[stages.refiner]\ncommand = [\"/nowhere/refiner\"]\n");
-    let words = ["/nowhere/refiner", "refiner failed to start 3 times"];
-    refuses(&setting, 1, &config, &words);
+    let text = "restart_limit = 3\n[stages.refiner]\ncommand = [\"/nowhere/refiner\"]\n";
+    let words = ["/nowhere/refiner", "refiner died 3 times in a row"];
+    refuses(&setting, 1, &setting.config(text), &words);
+    // By another policy the others go on.
+    let config = setting.config(&format!("on_restart_limit = \"degraded\"\n{text}"));
+    let mut run = setting.up(&config);
+    run.wait_for_words("the others run on without it");
+    assert_eq!(run.stages().len(), 3);
+    run.signal(Signal::TERM);
+    setting.finish(run).assert_ended(0, 0);
 }
 
 fn full() -> File {

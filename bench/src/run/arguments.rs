@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use mluc::UsageError;
 use serde::{Deserialize, Serialize};
 
+use super::chaos::ChaosArgs;
 use super::trace::Which;
 
 /// Latency of the real processes: a report, and the comparison of two.
@@ -27,6 +28,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Compare report B with report A: what differs, and what is noise.
     Compare(CompareArgs),
+    /// Kill and stop the stages of a real pipeline, and its supervisor: recovery times, lost and wrong frames, files left.
+    Chaos(ChaosArgs),
 }
 
 /// What is measured; everything but where the report goes may stand in the scenario instead.

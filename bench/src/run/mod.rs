@@ -5,6 +5,7 @@
 mod against;
 mod arguments;
 mod baselines;
+mod chaos;
 mod compare;
 mod folder;
 mod local;
@@ -42,6 +43,7 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     log_to_stderr("bench", "error");
     match cli.command {
         Some(Command::Compare(args)) => compare::compare_folders(&args),
+        Some(Command::Chaos(args)) => chaos::chaos(&args),
         None => {
             let plan = Plan::resolve(cli.run)?;
             match &plan.args.against {

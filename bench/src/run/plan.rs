@@ -255,7 +255,7 @@ fn read_scenario(path: Option<&Path>) -> Result<(Table, BenchTable)> {
 }
 
 /// Beside this program, else on the path.
-fn mluc_program() -> Result<PathBuf> {
+pub(crate) fn mluc_program() -> Result<PathBuf> {
     let program = installed_program("mluc");
     find(&program).with_context(|| {
         let own = std::env::current_exe().unwrap_or_default();

@@ -83,6 +83,12 @@ pub(crate) enum Command {
     Bench(ExternalArgs),
     /// Test any program against the refiner's contract (docs/CONTRACT.md); needs the program mluc-contract.
     RefinerTest(ExternalArgs),
+    /// Remove what killed processes left in an instance whose other processes are alive (used by `up`).
+    #[command(hide = true)]
+    Clean {
+        #[arg(long)]
+        instance: String,
+    },
     /// Start a program that ends with its parent (used by `up` for foreign stages).
     #[command(hide = true)]
     Exec {
@@ -272,7 +278,7 @@ pub(crate) struct StageArgs {
     pub(crate) name: String,
     #[command(flatten)]
     pub(crate) pipeline: PipelineArgs,
-    /// First frame of the input (set by `up` when it restarts ingest).
+    /// First frame that is still to come (set by `up` when it restarts a stage).
     #[arg(long, default_value_t = 0, hide = true)]
     pub(crate) start_sequence: u64,
     /// Process to end with (set by `up`).

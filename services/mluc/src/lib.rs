@@ -9,6 +9,7 @@
 pub mod bundled;
 mod cli;
 mod commands;
+mod control;
 pub mod document;
 pub mod external;
 pub mod model;
@@ -61,7 +62,12 @@ pub fn main(has_stdout: bool) -> ExitCode {
         choose_log_format(format);
     }
     // A stage writes nothing there.
-    if !has_stdout && !matches!(command, Command::Stage(_) | Command::Exec { .. }) {
+    if !has_stdout
+        && !matches!(
+            command,
+            Command::Stage(_) | Command::Clean { .. } | Command::Exec { .. }
+        )
+    {
         print_err("mluc: standard output is closed: results would be lost");
         return ExitCode::from(EXIT_FAILURE);
     }
@@ -76,6 +82,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Doctor(args) => commands::doctor(&args),
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),
+        Command::Clean { instance } => commands::clean(&instance),
         Command::Exec {
             supervised_by,
             cpus,

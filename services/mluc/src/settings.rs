@@ -21,6 +21,8 @@ use crate::UsageError;
 pub const DEFAULT_MODEL: &str = "kitti-open";
 /// A frame that takes two periods of a 10 Hz sensor.
 const BUDGET_MS: u64 = 200;
+/// Enough for a scan that is set aside after its second kill, and for the next one. A guess.
+const RESTART_LIMIT: u32 = 5;
 /// Threads of the backbone: two cores, which the other stages share.
 const BACKBONE_THREADS: usize = 2;
 
@@ -33,6 +35,17 @@ pub enum Pace {
     Sensor,
     /// When the last one's objects are out; nothing is dropped.
     Complete,
+}
+
+/// What becomes of a run when a stage dies again and again without a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RestartPolicy {
+    /// The run ends with an error.
+    #[default]
+    End,
+    /// The other stages run on, and the stage is tried again every 5 s.
+    Degraded,
 }
 
 /// Everything that can be set.
@@ -69,6 +82,10 @@ pub struct Settings {
     pub precision: Precision,
     /// Check that each payload lies in shared memory.
     pub verify_mapping: bool,
+    /// Times in a row that a stage may die by itself without a frame between.
+    pub restart_limit: u32,
+    /// What happens then.
+    pub on_restart_limit: RestartPolicy,
     /// `[stages.NAME]`.
     pub stages: Stages,
     /// `[refiner]`: the algorithm's own settings.
@@ -102,6 +119,8 @@ impl Default for Settings {
             status_lines: false,
             precision: Precision::default(),
             verify_mapping: false,
+            restart_limit: RESTART_LIMIT,
+            on_restart_limit: RestartPolicy::default(),
             stages: Stages::default(),
             refiner: RefinerSettings::default(),
             robot: RobotSettings::default(),
@@ -243,6 +262,7 @@ impl Settings {
             ("lambda", self.lambda, 0.0, 100.0),
             ("unknown_min", self.unknown_min, 0.0, 1.0),
             ("budget_ms", budget_ms, 0.0, 600_000.0),
+            ("restart_limit", Some(self.restart_limit.into()), 1.0, 1e6),
         ];
         let extrinsics = self.sensor.extrinsics;
         ranges.extend(extrinsics.map(|v| ("extrinsics of [sensor]", Some(v), -1e6, 1e6)));

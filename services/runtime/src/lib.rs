@@ -6,7 +6,8 @@
 //! What is designed around (iceoryx2 0.10): the creator of a service decides its settings, so both sides take them from
 //! the one table; overflow drops the oldest, so a dead consumer never blocks a producer; a killed process leaves files,
 //! so the last process of an instance removes all of them, and the first one wipes what a crash left before it opens
-//! anything; a connection file of 0 bytes would hang every later start, so it is swept first.
+//! anything; a connection file of 0 bytes would hang every later start, so it is swept first; the management segment would be
+//! open to every user, so it is made first.
 
 mod clock;
 mod error;
@@ -15,6 +16,7 @@ mod health;
 mod input;
 mod instance;
 mod logging;
+mod manager;
 mod mapping;
 mod membership;
 mod node;
@@ -36,7 +38,8 @@ pub use instance::Instance;
 pub use logging::{
     LOG_FORMAT_VARIABLE, LOG_FORMATS, choose_log_format, log_format, log_line, log_to_stderr,
 };
-pub use membership::{Claim, Membership};
+pub use manager::MANAGER_VARIABLES;
+pub use membership::{Claim, ClaimNote, Membership};
 pub use output::{Loan, Output};
 pub use run::random_run_id;
 pub use scans::Scans;

@@ -4,14 +4,14 @@
 //! what a crash left, at the end it removes everything. So nothing stays in shared memory, in any order of leaving.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{Read, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
-use std::path::Path;
+use std::io::ErrorKind;
+use std::os::unix::fs::{DirBuilderExt, FileExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::WIRE_VERSION;
-use rustix::fs::{FlockOperation, flock};
-use rustix::process::{Pid, getppid};
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::process::{Pid, geteuid, getppid};
 
 use crate::error::Result;
 use crate::{Instance, RuntimeError, sweep};
@@ -57,14 +57,16 @@ impl Membership {
     /// One try; `None`: the folder was just removed or is being wiped.
     fn try_join(instance: &Instance, role: &str) -> Result<Option<File>> {
         let root = instance.root();
-        fs::DirBuilder::new()
-            .recursive(true)
-            .mode(0o700)
-            .create(root)
-            .map_err(RuntimeError::io("creating", root))?;
+        match fs::DirBuilder::new().mode(0o700).create(root) {
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => (),
+            made => made.map_err(RuntimeError::io("creating", root))?,
+        }
+        if !is_ours_alone(instance)? {
+            return Ok(None);
+        }
         let path = root.join(LOCK);
         let lock = match open_lock(&path) {
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
             opened => opened.map_err(RuntimeError::io("opening", &path))?,
         };
         if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_ok() {
@@ -75,6 +77,7 @@ impl Membership {
             if count > 0 {
                 tracing::info!(count, "removed what an earlier run left in shared memory");
             }
+            sweep::check_empty(instance)?;
             write_contract(instance, role)?;
         }
         let shared = flock(&lock, FlockOperation::NonBlockingLockShared).is_ok();
@@ -106,23 +109,50 @@ impl Membership {
     /// Takes a role that only one process may have (`pipeline`, `backbone`); released when the claim is dropped or the
     /// process dies.
     pub fn claim(&self, role: &str) -> Result<Claim> {
-        let path = self.instance.root().join(format!("{role}.pid"));
-        let mut file = open_lock(&path).map_err(RuntimeError::io("opening", &path))?;
+        let path = claim_path(&self.instance, role);
+        let file = open_lock(&path).map_err(RuntimeError::io("opening", &path))?;
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-            let mut pid = String::new();
-            let _ = file.read_to_string(&mut pid);
-            let pid = pid.split_whitespace().next().unwrap_or("?");
+            let pid = ClaimNote::read(&self.instance, role).map(|note| note.pid.to_string());
             return Err(RuntimeError::AlreadyRunning {
                 role: role.to_string(),
                 instance: self.instance.name().to_string(),
-                pid: pid.to_string(),
+                pid: pid.unwrap_or("?".to_string()),
             });
         }
-        file.set_len(0)
-            .and_then(|()| writeln!(file, "{}", std::process::id()))
-            .map_err(RuntimeError::io("writing", &path))?;
-        Ok(Claim { _file: file })
+        let claim = Claim { file };
+        let written = claim.note_frame(None);
+        written.map_err(RuntimeError::io("writing", &path))?;
+        Ok(claim)
     }
+}
+
+fn claim_path(instance: &Instance, role: &str) -> PathBuf {
+    instance.root().join(format!("{role}.pid"))
+}
+
+/// Whether the root folder is a folder of this user that nobody else may enter; false: it is gone again. In `/dev/shm` another
+/// user may have made it first.
+fn is_ours_alone(instance: &Instance) -> Result<bool> {
+    let root = instance.root();
+    let about = match fs::symlink_metadata(root) {
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(false),
+        about => about.map_err(RuntimeError::io("looking at", root))?,
+    };
+    let (uid, mode) = (about.uid(), about.mode() & 0o7777);
+    if about.is_dir() && uid == geteuid().as_raw() && mode & 0o077 == 0 {
+        return Ok(true);
+    }
+    let expected = format!("a folder of user {}, mode 700", geteuid().as_raw());
+    let kind = if about.is_dir() {
+        "a folder"
+    } else {
+        "no folder"
+    };
+    let cause = format!(
+        "{}: expected {expected}, found {kind} of user {uid}, mode {mode:o}; have it removed, or choose another --instance",
+        root.display()
+    );
+    Err(RuntimeError::instance(instance.name(), cause))
 }
 
 impl Drop for Membership {
@@ -144,10 +174,49 @@ impl Drop for Membership {
     }
 }
 
-/// A role that this process has alone.
+/// A role that this process has alone. Its file outlives a crash: it says which process had the role, and which frame it was
+/// working on.
 #[derive(Debug)]
 pub struct Claim {
-    _file: File,
+    file: File,
+}
+
+impl Claim {
+    /// Notes the frame that is being worked on; none between two frames. Two system calls a frame, about 1 us.
+    pub(crate) fn note_frame(&self, sequence: Option<u64>) -> std::io::Result<()> {
+        let sequence = sequence.map_or("-".to_string(), |sequence| sequence.to_string());
+        let pid = std::process::id();
+        let text = format!("{pid:10} {sequence:>20}\n");
+        self.file.write_all_at(text.as_bytes(), 0)
+    }
+}
+
+/// What a role's last process left in the file of its claim.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClaimNote {
+    /// Of the process.
+    pub pid: u32,
+    /// The frame that it is, or was, working on.
+    pub sequence: Option<u64>,
+}
+
+impl ClaimNote {
+    /// Whether or not the process is alive.
+    pub fn read(instance: &Instance, role: &str) -> Option<ClaimNote> {
+        let text = fs::read_to_string(claim_path(instance, role)).ok()?;
+        let mut words = text.split_whitespace();
+        Some(ClaimNote {
+            pid: words.next()?.parse().ok()?,
+            sequence: words.next()?.parse().ok(),
+        })
+    }
+
+    /// Of a role that a process has now.
+    pub fn of_living(instance: &Instance, role: &str) -> Option<ClaimNote> {
+        let file = File::open(claim_path(instance, role)).ok()?;
+        let is_held = flock(&file, FlockOperation::NonBlockingLockShared).is_err();
+        is_held.then(|| ClaimNote::read(instance, role)).flatten()
+    }
 }
 
 fn open_lock(path: &Path) -> std::io::Result<File> {
@@ -157,6 +226,7 @@ fn open_lock(path: &Path) -> std::io::Result<File> {
         .create(true)
         .truncate(false)
         .mode(0o600)
+        .custom_flags(OFlags::NOFOLLOW.bits() as i32)
         .open(path)
 }
 
@@ -198,7 +268,9 @@ mod tests {
     #[test]
     fn the_first_one_wipes_what_a_crash_left() {
         let instance = instance("first");
-        fs::create_dir_all(instance.root().join("nodes")).unwrap();
+        let mut builder = fs::DirBuilder::new();
+        builder.mode(0o700).create(instance.root()).unwrap();
+        builder.create(instance.root().join("nodes")).unwrap();
         let segment = format!("/dev/shm/{}x.data", instance.prefix());
         fs::write(&segment, b"x").unwrap();
         let member = Membership::join(&instance, "a").unwrap();
@@ -217,6 +289,52 @@ mod tests {
         assert!(error.contains("--instance"), "{error}");
         drop(claim);
         assert!(member.claim("pipeline").is_ok());
+    }
+
+    #[test]
+    fn a_claim_tells_who_had_it_and_what_it_worked_on() {
+        let instance = instance("note");
+        let member = Membership::join(&instance, "a").unwrap();
+        assert_eq!(ClaimNote::read(&instance, "head"), None);
+        let claim = member.claim("head").unwrap();
+        let pid = std::process::id();
+        for sequence in [None, Some(u64::MAX), Some(7), None] {
+            claim.note_frame(sequence).unwrap();
+            let note = Some(ClaimNote { pid, sequence });
+            assert_eq!(ClaimNote::read(&instance, "head"), note);
+            assert_eq!(ClaimNote::of_living(&instance, "head"), note);
+        }
+        drop(claim);
+        assert!(ClaimNote::read(&instance, "head").is_some());
+        assert_eq!(ClaimNote::of_living(&instance, "head"), None);
+    }
+
+    #[test]
+    fn a_root_that_is_not_ours_alone_is_refused() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let elsewhere = tempfile::tempdir().unwrap();
+        let instance = instance("root");
+        let root = instance.root();
+        let refuses = |words: &str| {
+            let error = Membership::join(&instance, "a").unwrap_err().to_string();
+            assert!(
+                error.contains(words) && error.contains("mode 700"),
+                "{error}"
+            );
+        };
+        fs::create_dir(root).unwrap();
+        fs::set_permissions(root, fs::Permissions::from_mode(0o777)).unwrap();
+        refuses("mode 777");
+        if geteuid().is_root() {
+            fs::set_permissions(root, fs::Permissions::from_mode(0o700)).unwrap();
+            std::os::unix::fs::chown(root, Some(65534), None).unwrap();
+            refuses("of user 65534");
+        }
+        fs::remove_dir(root).unwrap();
+        symlink(elsewhere.path(), root).unwrap();
+        refuses("no folder");
+        fs::remove_file(root).unwrap();
+        assert_eq!(fs::read_dir(elsewhere.path()).unwrap().count(), 0);
     }
 
     #[test]

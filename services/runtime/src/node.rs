@@ -3,10 +3,10 @@
 use std::fmt::Debug;
 use std::time::{Duration, Instant};
 
-use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::node::{Node, NodeBuilder, NodeState};
 use iceoryx2::prelude::{
-    Config, FileName, LogLevel, NodeName, Path, SemanticString, ServiceName, SignalHandlingMode,
-    set_log_level,
+    CallbackProgression, Config, FileName, LogLevel, NodeName, Path, SemanticString, ServiceName,
+    SignalHandlingMode, set_log_level,
 };
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
@@ -43,6 +43,7 @@ impl IpcNode {
         }
         let name = instance.name();
         let failed = |cause: String| RuntimeError::instance(name, format!("joining: {cause}"));
+        sweep::make_management_segment(instance)?;
         let name = NodeName::new(role).map_err(|e| failed(format!("{e:?}")))?;
         let config = config(instance, cleans).map_err(failed)?;
         let node = NodeBuilder::new()
@@ -51,11 +52,20 @@ impl IpcNode {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
             .map_err(|e| failed(format!("{e:?}")))?;
-        sweep::close_to_others(instance);
         Ok(IpcNode {
             node,
             instance: instance.clone(),
         })
+    }
+
+    /// Whether a process died in the instance and its ports were not removed.
+    pub(crate) fn has_dead(&self) -> bool {
+        let mut has_dead = false;
+        let _ = Node::<Ipc>::list(self.node.config(), |state| {
+            has_dead |= matches!(state, NodeState::Dead(_));
+            CallbackProgression::Continue
+        });
+        has_dead
     }
 
     /// Opens or makes the service that carries a topic's messages, with the table's settings. `name` is the topic's, or

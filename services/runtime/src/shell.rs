@@ -1,6 +1,6 @@
 //! One process of an instance.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{
     FrameHeader, Health, HealthState, RunDescription, Stage, Text, Topic, WIRE_VERSION,
@@ -8,6 +8,7 @@ use mluc_ipc_types::{
 
 use crate::error::Result;
 use crate::health::Heartbeat;
+use crate::manager::Manager;
 use crate::mapping::{self, Prefault};
 use crate::node::{DataService, IpcNode, WakeService};
 use crate::run::{self, RunWatch};
@@ -31,7 +32,7 @@ pub struct Shell {
     /// Describes the run, where this process does.
     run_writer: Option<(Output<RunDescription>, Claim)>,
     node: IpcNode,
-    _claim: Option<Claim>,
+    claim: Option<Claim>,
     membership: Membership,
     /// Fingerprint of this process's model, if it has one: messages are refused while the run has another.
     pub model: Option<u64>,
@@ -41,10 +42,29 @@ pub struct Shell {
     prefault: Prefault,
     touched_ns: u64,
     shutdown: Shutdown,
+    /// Where systemd started this process.
+    manager: Option<Manager>,
     /// Since when no message came that was waited for, and whether this was said.
     silence: Option<(u64, bool)>,
     /// Published with every heartbeat; the program counts in it.
     pub health: Health,
+}
+
+/// A process that has the role and is leaving gets this long.
+const LEAVING_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Waits for a predecessor in the role, outside of the instance: the predecessor may be alone there, and removes its files.
+fn join_as(instance: &Instance, role: Option<&str>) -> Result<(Membership, Option<Claim>)> {
+    let begun = Instant::now();
+    loop {
+        let membership = Membership::join(instance, role.unwrap_or("observer"))?;
+        match role.map(|role| membership.claim(role)).transpose() {
+            Err(RuntimeError::AlreadyRunning { .. }) if begun.elapsed() < LEAVING_PATIENCE => (),
+            claimed => return Ok((membership, claimed?)),
+        }
+        drop(membership);
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// What a wait with a timeout ends with.
@@ -79,21 +99,21 @@ impl Shell {
         shutdown: Shutdown,
     ) -> Result<Shell> {
         let name = role.unwrap_or("observer");
-        let membership = Membership::join(instance, name)?;
-        let claim = role.map(|role| membership.claim(role)).transpose()?;
+        let (membership, claim) = join_as(instance, role)?;
         let node = IpcNode::join(instance, name, cleans)?;
         Ok(Shell {
             heartbeat: None,
             run: RunWatch::open(&node)?,
             run_writer: None,
             node,
-            _claim: claim,
+            claim,
             membership,
             model: None,
             verify_mapping: false,
             prefault: Prefault::default(),
             touched_ns: 0,
             shutdown,
+            manager: role.and_then(|_| Manager::from_environment()),
             silence: None,
             health: Health {
                 wire_version: WIRE_VERSION,
@@ -101,6 +121,24 @@ impl Shell {
                 ..bytemuck::Zeroable::zeroed()
             },
         })
+    }
+
+    /// Removes what processes that were killed left, where others of the instance are alive. iceoryx2's cleaning may hang: for a
+    /// process of its own, which can be killed.
+    pub fn remove_dead(instance: &Instance) -> Result<()> {
+        Shell::join(instance, None, true, Shutdown::manual()).map(drop)
+    }
+
+    /// Whether a killed process left ports in the instance.
+    pub fn has_dead(&self) -> bool {
+        self.node.has_dead()
+    }
+
+    /// Notes which frame is being worked on, for whoever asks what this process died of.
+    pub fn note_frame(&self, sequence: Option<u64>) {
+        if let Some(Err(error)) = self.claim.as_ref().map(|claim| claim.note_frame(sequence)) {
+            tracing::debug!(%error, "noting the frame");
+        }
     }
 
     /// The shared segment (its inode) that `elements` lie in; `None` when they lie elsewhere. For proofs, not for frames.
@@ -305,7 +343,17 @@ impl Shell {
             return Ok(());
         }
         (self.health.state, self.health.reason) = said;
+        if [HealthState::WaitingInput, HealthState::Running].contains(&state) {
+            self.say_ready();
+        }
         self.beat()
+    }
+
+    /// Tells systemd that this process does its work now.
+    pub fn say_ready(&mut self) {
+        if let Some(manager) = &mut self.manager {
+            manager.ready();
+        }
     }
 
     /// How long the stage computed for a frame.
@@ -317,6 +365,9 @@ impl Shell {
 
     /// What is to be done now and then: a look for a new run, the description for late readers, a heartbeat.
     pub fn tick(&mut self) -> Result<()> {
+        if let Some(manager) = &mut self.manager {
+            manager.alive();
+        }
         self.follow_run()?;
         if let Some((output, _)) = &self.run_writer {
             output.reach_late_readers()?;

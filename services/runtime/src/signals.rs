@@ -14,15 +14,13 @@ use crate::error::Result;
 pub struct Shutdown(Arc<AtomicBool>);
 
 impl Shutdown {
-    /// Listens for SIGTERM and SIGINT. A SIGINT after either ends the process at once; further SIGTERMs do nothing more:
-    /// the kernel sends one for each thread of a parent that dies, and there must be time to clean up.
+    /// Listens for SIGTERM and SIGINT. Any number of them asks once: what ends this way always cleans up (SIGQUIT and SIGKILL
+    /// end a process at once).
     pub fn on_signals() -> Result<Shutdown> {
         let shutdown = Shutdown::default();
-        let failed = || RuntimeError::io("listening for signals", "SIGTERM, SIGINT");
-        // Before the others: it sees the flag of the signal before.
-        flag::register_conditional_shutdown(SIGINT, 1, shutdown.0.clone()).map_err(failed())?;
         for signal in [SIGTERM, SIGINT] {
-            flag::register(signal, shutdown.0.clone()).map_err(failed())?;
+            let failed = RuntimeError::io("listening for signals", "SIGTERM, SIGINT");
+            flag::register(signal, shutdown.0.clone()).map_err(failed)?;
         }
         Ok(shutdown)
     }

@@ -97,6 +97,7 @@ pub fn run_stage<A: Algorithm>(
         };
         let mut header = *message.header();
         begin(stage, &mut header, message.received_ns);
+        shell.note_frame(Some(header.sequence));
         let _frame = frame_span(&header);
         let input = StageInput {
             elements: message.elements(),
@@ -106,6 +107,7 @@ pub fn run_stage<A: Algorithm>(
         let count = match run_span(|| algorithm.run(&mut header, input)) {
             Ok(count) => count,
             Err(StageError::Refused(error)) => {
+                shell.note_frame(None);
                 shell.refuse(&error.to_string())?;
                 continue;
             }
@@ -150,6 +152,7 @@ pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(
         shell.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
     }
     shell.health.frames_out += 1;
+    shell.note_frame(None);
     shell.state(HealthState::Running, "")?;
     shell.tick()
 }

@@ -1,12 +1,15 @@
 //! Removing what an instance left in shared memory.
 
+use std::collections::HashSet;
 use std::ffi::OsString;
 use std::fs;
+use std::io::ErrorKind;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
 
-use crate::Instance;
+use crate::error::Result;
 use crate::instance::SHARED_MEMORY;
+use crate::{Instance, RuntimeError};
 
 /// Paths of the instance's segments.
 fn segments(instance: &Instance) -> Vec<PathBuf> {
@@ -34,34 +37,75 @@ pub(crate) fn wipe(instance: &Instance, keep: &str) -> usize {
     count
 }
 
-/// A connection that is being made has 0 bytes for microseconds; one that has them for so long belongs to a process
-/// that was killed there.
-const STILLBORN_AGE: Duration = Duration::from_millis(200);
-
-/// Removes segments of 0 bytes that a killed process left while it made them: iceoryx2 0.10's cleaning of dead
-/// processes would wait on such a connection for ever.
-pub(crate) fn sweep_stillborn(instance: &Instance) -> usize {
-    let now = SystemTime::now();
-    let stillborn = |path: &PathBuf| {
-        let about = fs::symlink_metadata(path).ok();
-        let empty = about.filter(|about| about.len() == 0);
-        let age = empty.and_then(|about| now.duration_since(about.modified().ok()?).ok());
-        age.is_some_and(|age| age > STILLBORN_AGE)
+/// After a wipe: what is still there belongs to another user, who may have prepared it for us.
+pub(crate) fn check_empty(instance: &Instance) -> Result<()> {
+    let Some(path) = segments(instance).into_iter().next() else {
+        return Ok(());
     };
-    let stillborn = segments(instance).into_iter().filter(stillborn);
-    let removed = stillborn.filter(|path| fs::remove_file(path).is_ok());
-    removed.count()
+    let cause = format!(
+        "{} cannot be removed: another user's; have it removed, or choose another --instance",
+        path.display()
+    );
+    Err(RuntimeError::instance(instance.name(), cause))
 }
 
-/// iceoryx2 makes its management segment writable for everybody; one byte from another user would then stop every
-/// later start. Only our user keeps access.
-pub(crate) fn close_to_others(instance: &Instance) {
-    use std::os::unix::fs::PermissionsExt;
-    for path in segments(instance) {
-        if path.to_string_lossy().ends_with("global_mgmt") {
-            // Another process of the instance may remove it at this moment: nothing to do then.
-            let _ = fs::set_permissions(&path, fs::Permissions::from_mode(0o600));
-        }
+/// Removes segments of 0 bytes that a killed process left while it made them: iceoryx2 0.10's cleaning of dead
+/// processes would wait on such a connection for ever. Whoever makes a segment holds it open until it has its size: one that
+/// nobody holds has a dead maker. (The processes of an instance must see each other in `/proc`.)
+pub(crate) fn sweep_stillborn(instance: &Instance) -> usize {
+    let is_empty = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|about| about.len() == 0);
+    let mut empty = segments(instance);
+    empty.retain(is_empty);
+    if empty.is_empty() {
+        return 0;
+    }
+    let open = open_segments();
+    let stillborn = empty
+        .into_iter()
+        .filter(|path| !open.contains(path) && is_empty(path));
+    stillborn
+        .filter(|path| fs::remove_file(path).is_ok())
+        .count()
+}
+
+/// Files of shared memory that some process has open.
+fn open_segments() -> HashSet<PathBuf> {
+    let descriptors = entries(Path::new("/proc")).flat_map(|process| {
+        let folder = process.path().join("fd");
+        entries(&folder).collect::<Vec<_>>()
+    });
+    let paths = descriptors.filter_map(|descriptor| fs::read_link(descriptor.path()).ok());
+    paths
+        .filter(|path| path.starts_with(SHARED_MEMORY))
+        .collect()
+}
+
+/// iceoryx2 0.10 makes its management segment writable for everybody, and one byte from another user would stop every later
+/// start. Made before it asks, with its content (version 0.10.0, no node counted) and for this user alone, it is only opened.
+pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
+    const NAME: &str = "node.0_10_0.global_mgmt";
+    const VERSION: u64 = 10 << 16;
+    let path = PathBuf::from(format!("{SHARED_MEMORY}/{}{NAME}", instance.prefix()));
+    let failed = || RuntimeError::io("making", &path);
+    // It appears under its name when it is whole, and never replaces another one.
+    let own = instance
+        .root()
+        .join(format!("{NAME}.{}", std::process::id()));
+    let mut options = fs::OpenOptions::new();
+    let file = options
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .mode(0o600)
+        .open(&own);
+    let content = [VERSION, 0].map(u64::to_ne_bytes).concat();
+    let written = file.and_then(|mut file| std::io::Write::write_all(&mut file, &content));
+    written.map_err(failed())?;
+    let linked = fs::hard_link(&own, &path);
+    let _ = fs::remove_file(&own);
+    match linked {
+        Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(()),
+        linked => linked.map_err(failed()),
     }
 }
 
@@ -70,25 +114,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_old_empty_segments_of_this_instance_are_stillborn() {
+    fn empty_segments_of_this_instance_that_nobody_holds_are_stillborn() {
         let name = format!("sweep-{}", std::process::id());
         let instance = Instance::new(&name).unwrap();
         let at = |name: &str| PathBuf::from(format!("{SHARED_MEMORY}/{}{name}", instance.prefix()));
-        let now = SystemTime::now();
-        let old = now - Duration::from_secs(2);
-        for (name, bytes, modified) in [
-            ("old.connection", &b""[..], old),
-            ("new.connection", b"", now),
-            ("full.connection", b"x", old),
-        ] {
+        for (name, bytes) in [("dead", &b""[..]), ("being-made", b""), ("full", b"x")] {
             fs::write(at(name), bytes).unwrap();
-            let file = fs::File::open(at(name)).unwrap();
-            file.set_modified(modified).unwrap();
         }
+        let held = fs::File::open(at("being-made")).unwrap();
         assert_eq!(sweep_stillborn(&instance), 1);
-        assert!(!at("old.connection").exists());
-        assert!(at("new.connection").exists() && at("full.connection").exists());
+        assert!(!at("dead").exists());
+        assert!(at("being-made").exists() && at("full").exists());
+        drop(held);
+        assert!(check_empty(&instance).is_err());
         assert_eq!(wipe(&instance, ".lock"), 2);
-        assert!(segments(&instance).is_empty());
+        assert!(check_empty(&instance).is_ok());
     }
 }

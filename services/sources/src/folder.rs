@@ -88,6 +88,12 @@ impl Folder {
     pub(crate) fn load(&self, sequence: u64, scan: &mut Scan) {
         let index = (sequence % self.scans.len() as u64) as usize;
         scan.flags = self.read(index, &mut scan.bytes);
+        self.describe(sequence, scan);
+    }
+
+    /// All of a scan but its points.
+    pub(crate) fn describe(&self, sequence: u64, scan: &mut Scan) {
+        let index = (sequence % self.scans.len() as u64) as usize;
         scan.name = self.name(index);
         scan.stamp_ns = self.stamps_ns.as_ref().map(|stamps| stamps[index]);
         scan.offset_ns = self
@@ -98,7 +104,7 @@ impl Folder {
     }
 
     /// The frame's name: the file's, without its ending.
-    fn name(&self, index: usize) -> String {
+    pub(crate) fn name(&self, index: usize) -> String {
         let file = self.scans[index].file_name().unwrap_or_default();
         let file = file.to_string_lossy();
         let endings = Format::ENDINGS.iter().map(|(ending, _)| *ending);

@@ -53,6 +53,27 @@ impl Source {
         self.folder.scans.len() as u64
     }
 
+    /// Which of the scans a number is that counts on over all rounds.
+    pub fn index(&self, sequence: u64) -> u64 {
+        sequence % self.count()
+    }
+
+    /// The name of a scan, by its index.
+    pub fn name(&self, index: u64) -> String {
+        self.folder.name(index as usize)
+    }
+
+    /// As [`Source::load`], for a scan that nobody may read: no points.
+    pub fn pass_over(&mut self, sequence: u64, scan: &mut Scan) -> bool {
+        let is_there = self.repeat || sequence < self.count();
+        if is_there {
+            scan.bytes.clear();
+            scan.flags = Flags::DAMAGED_INPUT;
+            self.folder.describe(sequence, scan);
+        }
+        is_there
+    }
+
     /// Loads a scan by its number, which counts on over all rounds; false: there is none any more.
     pub fn load(&mut self, sequence: u64, scan: &mut Scan) -> bool {
         let is_there = self.repeat || sequence < self.count();

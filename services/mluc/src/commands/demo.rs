@@ -7,7 +7,7 @@ use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
 use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point, StatusState};
-use mluc_runtime::log_to_stderr;
+use mluc_runtime::{Shutdown, log_to_stderr};
 
 use crate::bundled::BundledScans;
 use crate::cli::PipelineArgs;
@@ -33,7 +33,7 @@ pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
     let what = "simulated scans through four processes";
     print_out(format_args!("{count} {what}:\n"))?;
     let mut shown = Shown::default();
-    let outcome = run(settings, &mut shown)?;
+    let outcome = run(settings, Shutdown::on_signals()?, &mut shown)?;
     print_out(format_args!("\n{}", outcome.latencies.table()))?;
     match shown.best {
         Some(best) => {

@@ -13,7 +13,7 @@ use std::os::unix::process::CommandExt;
 use std::process::ExitCode;
 
 use anyhow::Context;
-use mluc_runtime::log_to_stderr;
+use mluc_runtime::{Instance, Shell, log_to_stderr};
 
 use crate::cli::PipelineArgs;
 use crate::placement::pin;
@@ -36,6 +36,13 @@ pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> anyhow::Result<Exi
     if prints {
         print_out(resolved.print()?.trim_end())?;
     }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `mluc clean`: iceoryx2's own cleaning, once.
+pub(crate) fn clean(instance: &str) -> anyhow::Result<ExitCode> {
+    log_to_stderr("clean", "warn");
+    Shell::remove_dead(&Instance::new(instance)?)?;
     Ok(ExitCode::SUCCESS)
 }
 

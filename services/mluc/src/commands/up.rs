@@ -3,10 +3,9 @@
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 
-use anyhow::Context;
 use mluc_gateway::lines::{line, status_line};
 use mluc_ipc_types::{Flags, FrameHeader, Object, Status, StatusState};
-use mluc_runtime::log_to_stderr;
+use mluc_runtime::{Shutdown, log_to_stderr};
 
 use crate::EXIT_FAILURE;
 use crate::cli::PipelineArgs;
@@ -16,17 +15,18 @@ use crate::terminal::print_err;
 
 pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");
+    let shutdown = Shutdown::on_signals()?;
     let settings = Settings::resolve(args)?;
     let mut lines = Lines {
         writer: LineWriter::new(settings.pace, std::io::stdout()),
         has_status: settings.status_lines,
         summary: Summary::default(),
     };
-    let outcome = run(settings, &mut lines)?;
+    let outcome = run(settings, shutdown.clone(), &mut lines)?;
     let Lines {
         writer, summary, ..
     } = lines;
-    let unread = writer.finish().context("writing JSON lines to stdout")?;
+    let written = writer.finish(|| shutdown.is_requested());
     print_err(outcome.latencies.table().trim_end());
     print_err(hops(&outcome.status).trim_end());
     let (frames_in, frames_out) = (outcome.frames_in, outcome.frames_out);
@@ -34,9 +34,16 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     print_err(format_args!(
         "frames: {frames_in} in, {frames_out} out, {lost} lost; stages restarted: {restarts}"
     ));
+    if !outcome.set_aside.is_empty() {
+        let (count, names) = (outcome.set_aside.len(), outcome.set_aside.join(", "));
+        print_err(format_args!(
+            "scans set aside, because stages died of them: {count} ({names})"
+        ));
+    }
     if let Some(flags) = summary.flags() {
         print_err(flags);
     }
+    let unread = written?;
     if unread > 0 {
         let why = "the reader of stdout was too slow";
         print_err(format_args!("{unread} lines dropped: {why}"));
@@ -73,6 +80,10 @@ impl Sink for Lines {
             return Ok(true);
         }
         self.writer.write(&status_line(status))
+    }
+
+    fn is_behind(&self) -> bool {
+        self.writer.is_behind()
     }
 }
 

@@ -15,10 +15,17 @@ struct BackboneStage {
     rows: usize,
 }
 
-pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
+pub(crate) fn run(
+    shell: &mut Shell,
+    settings: &Settings,
+    model: &Model,
+    warms_up: bool,
+) -> anyhow::Result<()> {
     let (manifest, weights) = (&model.manifest, &model.weights);
     let mut backbone = Backbone::with_precision(manifest, weights, settings.precision)?;
-    backbone.warm_up(manifest)?;
+    if warms_up {
+        backbone.warm_up(manifest)?;
+    }
     let channels = backbone.feature_channels();
     let cells = backbone.map_shape().iter().product();
     let blocks = feature_blocks(cells, channels, manifest.network.ground_nodes());

@@ -45,7 +45,11 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     shell.model = Some(model.fingerprint);
     let done = match stage {
         Stage::Ingest => ingest::run(&mut shell, &settings, &model, args.start_sequence),
-        Stage::Backbone => backbone::run(&mut shell, &settings, &model),
+        Stage::Backbone => {
+            // Frames wait for one that is restarted: its first one is the slower for it, and the earlier.
+            let warms_up = args.start_sequence == 0;
+            backbone::run(&mut shell, &settings, &model, warms_up)
+        }
         Stage::Head => head::run(&mut shell, &model),
         Stage::Refiner => refiner::run(&mut shell, &settings, &model),
     };

@@ -7,11 +7,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use mluc_ipc_types::Stage;
-use mluc_runtime::{HealthWatch, Instance, LOG_FORMAT_VARIABLE, log_format, monotonic_ns};
+use mluc_runtime::{
+    ClaimNote, HealthWatch, Instance, LOG_FORMAT_VARIABLE, MANAGER_VARIABLES, log_format,
+    monotonic_ns,
+};
 use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
 
 use crate::EXIT_USAGE;
-use crate::settings::{Settings, StageSettings};
+use crate::settings::{RestartPolicy, Settings, StageSettings};
 
 /// Delay of a restart where no frame was published since the last one; each further one is twice as long.
 const DELAY_FIRST: Duration = Duration::from_millis(50);
@@ -21,8 +24,6 @@ const CRASH_LOOP_DEATHS: usize = 5;
 const CRASH_LOOP_TIME: Duration = Duration::from_secs(600);
 /// What a stage had started gets this long to be gone after a kill.
 const GROUP_PATIENCE: Duration = Duration::from_secs(2);
-/// Starts that fail in a row, with an error and before the stage was ready, until the run is given up.
-const FAILED_STARTS_MAX: u32 = 3;
 
 /// What a look at the process found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,8 +31,10 @@ pub(super) enum Ended {
     No,
     /// With exit code 0.
     Done,
-    /// In any other way.
-    Died,
+    /// Killed from outside, or stopped and then killed by the watchdog.
+    Hit,
+    /// In any other way. The frame that it was working on, if one is known.
+    Died(Option<u64>),
 }
 
 pub(super) struct Child {
@@ -53,7 +56,10 @@ pub(super) struct Child {
     group_before: Option<Pid>,
     /// By the watchdog, and not gone yet.
     is_killed: bool,
-    failed_starts: u32,
+    /// By a signal from outside, when the watchdog killed it.
+    was_stopped: bool,
+    /// Deaths by itself in a row, without a frame between.
+    failures: u32,
     /// When it died by itself, at most one more than [`CRASH_LOOP_DEATHS`].
     deaths: VecDeque<Instant>,
     is_crash_loop: bool,
@@ -77,7 +83,8 @@ impl Child {
             pid_before: 0,
             group_before: None,
             is_killed: false,
-            failed_starts: 0,
+            was_stopped: false,
+            failures: 0,
             deaths: VecDeque::new(),
             is_crash_loop: false,
             is_foreign: false,
@@ -128,13 +135,17 @@ impl Child {
             .stdout(std::io::stderr())
             // Ctrl-C reaches us alone; we end the stages.
             .process_group(0);
+        for variable in MANAGER_VARIABLES {
+            command.env_remove(variable);
+        }
         let process = command
             .spawn()
             .with_context(|| format!("starting stage {}", self.stage.name()))?;
         self.process = Some(process);
         self.started_ns = monotonic_ns();
         self.due = None;
-        (self.was_ready, self.has_published, self.is_killed) = (false, false, false);
+        (self.was_ready, self.has_published) = (false, false);
+        (self.is_killed, self.was_stopped) = (false, false);
         self.is_foreign = own.command.is_some();
         self.run_max_us = 0;
         // A restarted ingest counts the frames of the one before it.
@@ -148,9 +159,10 @@ impl Child {
     pub(super) fn watch(
         &mut self,
         health: &HealthWatch,
-        own: &StageSettings,
+        settings: &Settings,
         regular_since_ns: u64,
     ) -> anyhow::Result<Ended> {
+        let own = &settings.stages[self.stage];
         if own.external {
             self.report_silence(health, own, regular_since_ns);
             return Ok(Ended::No);
@@ -165,8 +177,10 @@ impl Child {
             self.was_ready |= health.is_ready(self.stage);
             self.has_published |= heartbeat.frames_out > self.frames_before;
             self.run_max_us = self.run_max_us.max(heartbeat.run_max_us);
+            self.failures *= u32::from(!self.has_published);
         }
         let group = Pid::from_raw(self.pid() as i32);
+        let pid = self.pid();
         let Some(process) = &mut self.process else {
             return Ok(Ended::No);
         };
@@ -179,8 +193,15 @@ impl Child {
             if status.success() {
                 return Ok(Ended::Done);
             }
-            self.judge(status)?;
-            return Ok(Ended::Died);
+            tracing::error!(stage = self.stage.name(), "ended: {status}");
+            let is_killed = status.signal() == Some(Signal::KILL.as_raw());
+            if is_killed && (!self.is_killed || self.was_stopped) {
+                return Ok(Ended::Hit);
+            }
+            self.judge(status, settings)?;
+            let note = ClaimNote::read(&settings.instance, self.stage.name());
+            let note = note.filter(|note| note.pid == pid);
+            return Ok(Ended::Died(note.and_then(|note| note.sequence)));
         }
         let (limit_ms, key) = if self.has_published {
             let limit_ms = heartbeat_limit_ms(own, self.run_max_us);
@@ -193,11 +214,17 @@ impl Child {
         let silent_ms = monotonic_ns().saturating_sub(since_ns) / 1_000_000;
         if limit_ms > 0 && silent_ms > limit_ms && !self.is_killed {
             self.is_killed = true;
+            self.was_stopped = is_stopped(self.pid());
             self.signal(Signal::KILL);
             let name = self.stage.name();
+            let what = if self.was_stopped {
+                "is stopped by a signal"
+            } else {
+                "hangs"
+            };
             tracing::error!(
                 stage = name,
-                "hangs: {silent_ms} ms without a sign of life, {limit_ms} allowed ({key} of [stages.{name}]): killed"
+                "{what}: {silent_ms} ms without a sign of life, {limit_ms} allowed ({key} of [stages.{name}]): killed"
             );
         }
         Ok(Ended::No)
@@ -228,27 +255,32 @@ impl Child {
         self.is_silence_reported = is_silent;
     }
 
-    /// An error at the start that repeats is no accident.
-    fn judge(&mut self, status: ExitStatus) -> anyhow::Result<()> {
+    /// It died by itself: a death that repeats without a frame between is no accident.
+    fn judge(&mut self, status: ExitStatus, settings: &Settings) -> anyhow::Result<()> {
         let name = self.stage.name();
-        tracing::error!(stage = name, "ended: {status}");
-        self.count_death(&status);
-        let failed_to_start = status.code().is_some() && !self.was_ready;
-        self.failed_starts = u32::from(failed_to_start) * (self.failed_starts + 1);
+        self.count_death();
         if status.code() == Some(i32::from(EXIT_USAGE)) && !self.is_foreign {
             bail!("stage {name} refuses its settings (see above)");
         }
-        if self.failed_starts >= FAILED_STARTS_MAX {
-            bail!("stage {name} failed to start {FAILED_STARTS_MAX} times (see above)");
+        self.failures += 1;
+        let limit = settings.restart_limit;
+        if self.failures < limit {
+            return Ok(());
         }
+        let what = format!("died {limit} times in a row without a frame (restart_limit)");
+        match settings.on_restart_limit {
+            RestartPolicy::End => bail!("stage {name} {what}: see above"),
+            RestartPolicy::Degraded if self.failures == limit => {
+                tracing::error!(stage = name, "{what}: the others run on without it");
+            }
+            RestartPolicy::Degraded => (),
+        }
+        self.delay = DELAY_MAX;
         Ok(())
     }
 
-    /// Says so when it dies again and again. A kill from outside does not count.
-    fn count_death(&mut self, status: &ExitStatus) {
-        if status.signal() == Some(Signal::KILL.as_raw()) && !self.is_killed {
-            return;
-        }
+    /// Says so when it dies again and again.
+    fn count_death(&mut self) {
         self.deaths.push_back(Instant::now());
         if self.deaths.len() > CRASH_LOOP_DEATHS + 1 {
             self.deaths.pop_front();
@@ -310,6 +342,14 @@ impl Child {
 
 fn is_alive(group: Option<Pid>) -> bool {
     group.is_some_and(|group| test_kill_process_group(group).is_ok())
+}
+
+/// By a signal (state T of the kernel).
+fn is_stopped(pid: u32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit(')')
+        .next()
+        .is_some_and(|rest| rest.trim_start().starts_with(['T', 't']))
 }
 
 /// A frame may take twice as long as the longest one so far: a slow network is no hang. 0: no limit.

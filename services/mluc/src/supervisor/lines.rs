@@ -1,56 +1,88 @@
-//! JSON lines to a writer that may be slow: a thread of its own, so that a full pipe never stops the supervisor.
+//! JSON lines to a reader that may be slow, stand still or leave: a thread of its own, so that it never stops the supervisor.
 
 use std::io::{self, ErrorKind, Write};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use crossbeam_channel::{Receiver, SendTimeoutError, Sender, bounded};
+use anyhow::Context;
+use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use serde::Serialize;
 
 use crate::settings::Pace;
 
 /// Lines that wait for the reader.
 const LINES_WAITING: usize = 64;
+/// At pace `complete` ingest holds while so many wait: far enough from the end for the frames on their way.
+const LINES_HOLD: usize = 32;
+/// At the end the reader has so long where the program was asked to end; at pace `sensor`, so long for each line.
+const END_PATIENCE: Duration = Duration::from_millis(300);
+const IDLE_PATIENCE: Duration = Duration::from_secs(2);
 
 pub(crate) struct LineWriter {
     lines: Sender<Vec<u8>>,
     thread: JoinHandle<io::Result<()>>,
-    /// How long the pipeline waits for the reader.
-    patience: Duration,
+    pace: Pace,
     dropped: u64,
 }
 
 impl LineWriter {
-    /// At pace `complete` no line is dropped: the pipeline waits for the reader. At pace `sensor` the reader loses lines.
+    /// At pace `complete` the pipeline waits for the reader, and no line is dropped. At pace `sensor` the reader loses lines.
     pub(crate) fn new(pace: Pace, output: impl Write + Send + 'static) -> LineWriter {
         let (lines, waiting) = bounded(LINES_WAITING);
         LineWriter {
             lines,
             thread: std::thread::spawn(move || write_all(waiting, output)),
-            patience: match pace {
-                Pace::Complete => Duration::MAX,
-                Pace::Sensor => Duration::ZERO,
-            },
+            pace,
             dropped: 0,
         }
     }
 
-    /// Hands a line on. False: nobody reads any more.
+    /// Hands a line on, without waiting. False: nobody reads any more.
     pub(crate) fn write(&mut self, line: &impl Serialize) -> anyhow::Result<bool> {
         let mut bytes = serde_json::to_vec(line)?;
         bytes.push(b'\n');
-        let sent = self.lines.send_timeout(bytes, self.patience);
-        self.dropped += u64::from(matches!(sent, Err(SendTimeoutError::Timeout(_))));
-        Ok(!matches!(sent, Err(SendTimeoutError::Disconnected(_))))
+        let sent = self.lines.try_send(bytes);
+        self.dropped += u64::from(matches!(sent, Err(TrySendError::Full(_))));
+        Ok(!matches!(sent, Err(TrySendError::Disconnected(_))))
     }
 
-    /// Waits until everything is written; gives the lines that were dropped.
-    pub(crate) fn finish(self) -> io::Result<u64> {
-        drop(self.lines);
+    /// Whether the next frames have to wait for the reader.
+    pub(crate) fn is_behind(&self) -> bool {
+        self.pace == Pace::Complete && self.lines.len() >= LINES_HOLD
+    }
+
+    /// Waits for the reader, not for ever; gives the lines that were dropped. `is_stopping`: whether the program was asked to end.
+    pub(crate) fn finish(self, is_stopping: impl Fn() -> bool) -> anyhow::Result<u64> {
+        let (mut lines, mut waiting, mut since) = (Some(self.lines), 0, Instant::now());
+        while !self.thread.is_finished() {
+            let left = lines.as_ref().map_or(0, Sender::len);
+            if left == 0 {
+                // Then the thread ends.
+                lines = None;
+            }
+            if left != waiting && !is_stopping() {
+                since = Instant::now();
+            }
+            waiting = left;
+            let patience = match (is_stopping(), self.pace) {
+                (true, _) => END_PATIENCE,
+                (false, Pace::Sensor) => IDLE_PATIENCE,
+                (false, Pace::Complete) => Duration::MAX,
+            };
+            if since.elapsed() > patience {
+                // One more is being written.
+                return Ok(self.dropped + waiting as u64 + 1);
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
         match self.thread.join() {
-            Ok(Err(error)) if error.kind() != ErrorKind::BrokenPipe => Err(error),
-            Ok(_) => Ok(self.dropped),
-            Err(_) => Err(io::Error::other("the thread that writes lines ended")),
+            Ok(Err(error)) if error.kind() == ErrorKind::BrokenPipe => {
+                Err(error).context("standard output: its reader is gone, and with it the results")
+            }
+            Ok(written) => written
+                .map(|()| self.dropped)
+                .context("writing JSON lines to standard output"),
+            Err(_) => anyhow::bail!("the thread that writes lines ended"),
         }
     }
 }

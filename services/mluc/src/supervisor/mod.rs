@@ -3,9 +3,11 @@
 mod budget;
 mod child;
 mod lines;
+mod predecessor;
 mod report;
 mod status;
 
+use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -15,6 +17,7 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown, monotonic_ns};
 
+use crate::control::Control;
 use crate::settings::{Pace, Settings};
 use crate::stages::begin_or_join_run;
 use crate::{EXIT_WARNINGS, UsageError, document, model};
@@ -26,7 +29,7 @@ use report::Latencies;
 pub(crate) use report::hops;
 use status::StatusWriter;
 
-/// Takes what leaves the pipeline.
+/// Takes what leaves the pipeline. It must not wait: the supervisor would.
 pub(crate) trait Sink {
     /// A frame: its header, its checked objects, the names of the classes, the pipeline's state. False: no more are wanted.
     fn take(
@@ -41,6 +44,11 @@ pub(crate) trait Sink {
     fn tell(&mut self, _status: &Status) -> anyhow::Result<bool> {
         Ok(true)
     }
+
+    /// Pace `complete`: the next frame shall wait.
+    fn is_behind(&self) -> bool {
+        false
+    }
 }
 
 /// How a run went.
@@ -51,6 +59,8 @@ pub(crate) struct Outcome {
     /// Frames that never came, before one that did.
     frames_skipped: u64,
     pub(crate) restarts: u32,
+    /// Names of scans that killed stages.
+    pub(crate) set_aside: Vec<String>,
     pub(crate) latencies: Latencies,
     /// At the end.
     pub(crate) status: Status,
@@ -75,7 +85,9 @@ impl Outcome {
 
 /// Asked to end, stages get this long before they are killed: together with the rest below a second.
 const END_PATIENCE: Duration = Duration::from_millis(600);
-const POLL_INTERVAL: Duration = Duration::from_millis(20);
+/// Deaths of stages that work on a scan until it is set aside.
+const KILLS_MAX: u32 = 2;
+const POLL_INTERVAL: Duration = Duration::from_millis(10);
 /// The supervisor itself stood still so long: nothing is known of the stages in that time.
 const PAUSE_NS: u64 = 500_000_000;
 
@@ -90,6 +102,11 @@ struct Supervisor {
     health: HealthWatch,
     status: StatusWriter,
     children: Vec<Child>,
+    /// The input, where ingest reads files.
+    source: Option<Source>,
+    /// How many deaths each scan is to blame for.
+    kills: BTreeMap<u64, u32>,
+    control: Control,
     next_sequence: u64,
     /// The last look at the stages, and since when there was no pause between two.
     looked_ns: u64,
@@ -97,11 +114,19 @@ struct Supervisor {
     outcome: Outcome,
 }
 
-pub(crate) fn run(mut settings: Settings, sink: &mut dyn Sink) -> anyhow::Result<Outcome> {
-    let model = check_before(&settings)?;
+pub(crate) fn run(
+    mut settings: Settings,
+    shutdown: Shutdown,
+    sink: &mut dyn Sink,
+) -> anyhow::Result<Outcome> {
+    let (source, model) = check_before(&settings)?;
     settings.complete_from(&model);
-    let shutdown = Shutdown::on_signals()?;
+    predecessor::end_orphans(&settings.instance);
     let mut shell = Shell::observer(&settings.instance, Some("pipeline"), shutdown)?;
+    if shell.has_dead() {
+        predecessor::clean(&settings.instance)?;
+    }
+    Control::default().write(&settings.instance)?;
     let _published = document::publish(&settings)?;
     let Some(run) = begin_or_join_run(&mut shell, &settings, &model)? else {
         return Ok(Outcome::default());
@@ -118,6 +143,9 @@ pub(crate) fn run(mut settings: Settings, sink: &mut dyn Sink) -> anyhow::Result
         settings,
         classes: model::class_names(&model),
         children: Vec::new(),
+        source,
+        kills: BTreeMap::new(),
+        control: Control::default(),
         next_sequence: 0,
         looked_ns: 0,
         regular_since_ns: 0,
@@ -139,20 +167,20 @@ pub(crate) fn run(mut settings: Settings, sink: &mut dyn Sink) -> anyhow::Result
 }
 
 /// What is wrong with the input or the model is said here, once, and not by four processes.
-fn check_before(settings: &Settings) -> anyhow::Result<Model> {
+fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> {
     for stage in Stage::ALL {
         settings.stages[stage].check_right(stage.name())?;
     }
     let ingest = &settings.stages.ingest;
-    match &settings.input {
-        Some(input) => drop(Source::open(input, &settings.layout, false)?),
+    let source = match &settings.input {
+        Some(input) => Some(Source::open(input, &settings.layout, false)?),
         None if ingest.command.is_none() && !ingest.external => {
             let text = "--input is missing: a folder of scans, or one";
             return Err(UsageError(text.to_string()).into());
         }
-        None => (),
-    }
-    model::load_for(settings)
+        None => None,
+    };
+    Ok((source, model::load_for(settings)?))
 }
 
 impl Supervisor {
@@ -174,10 +202,17 @@ impl Supervisor {
             self.shell.tick()?;
             self.follow_run();
             self.health.update()?;
+            if self.is_ready() {
+                self.shell.say_ready();
+            }
             let is_wanted = self.take_objects(sink)? && self.tell_status(sink, None)?;
             if self.shell.is_stopping() || !is_wanted {
                 self.outcome.is_interrupted = true;
                 return Ok(());
+            }
+            if sink.is_behind() != self.control.holds {
+                self.control.holds = !self.control.holds;
+                self.tell_ingest();
             }
             if self.look_after_children()? {
                 // Ingest ends after the last objects; they are in the queue now.
@@ -188,6 +223,16 @@ impl Supervisor {
             }
             self.objects.wait(POLL_INTERVAL);
         }
+    }
+
+    /// Whether our own stages take frames; one of somebody else may send no heartbeats.
+    fn is_ready(&self) -> bool {
+        let is_own = |stage: &Stage| {
+            let own = &self.settings.stages[*stage];
+            !own.external && own.command.is_none()
+        };
+        let mut own = Stage::ALL.into_iter().filter(is_own);
+        own.all(|stage| self.health.is_ready(stage))
     }
 
     /// The run is another process's: a new one of it begins at frame 0.
@@ -226,9 +271,11 @@ impl Supervisor {
                 continue;
             }
             let sent = self.scans.count_sent();
+            // A copy: a refiner that goes on writing changes nothing that was checked.
+            let elements = message.elements().to_vec();
             let checked = header
                 .checked_in(&self.run, 0..sent)
-                .and_then(|_| Object::checked(&header, message.elements(), self.classes.len()));
+                .and_then(|_| Object::checked(&header, &elements, self.classes.len()));
             let objects = match checked {
                 Ok(objects) => objects,
                 Err(error) => {
@@ -264,19 +311,18 @@ impl Supervisor {
     /// Restarts what died. True: ingest has come to the end of its input.
     fn look_after_children(&mut self) -> anyhow::Result<bool> {
         let start_sequence = self.start_sequence();
-        // The reader of the lines may have kept us waiting: heartbeats of that time are no silence.
-        self.health.update()?;
         let now_ns = monotonic_ns();
         if now_ns - self.looked_ns > PAUSE_NS {
             self.regular_since_ns = now_ns;
         }
         self.looked_ns = now_ns;
+        let mut killed_by = vec![];
         for child in &mut self.children {
-            let own = &self.settings.stages[child.stage];
-            match child.watch(&self.health, own, self.regular_since_ns)? {
+            let ended = child.watch(&self.health, &self.settings, self.regular_since_ns)?;
+            match ended {
                 Ended::No => (),
                 Ended::Done if child.stage == Stage::Ingest => return Ok(true),
-                Ended::Done | Ended::Died => {
+                Ended::Done | Ended::Hit | Ended::Died(_) => {
                     if self.shell.is_stopping() {
                         continue;
                     }
@@ -284,11 +330,46 @@ impl Supervisor {
                     self.outcome.restarts += 1;
                 }
             }
-            if child.is_due() {
-                child.start(&self.settings, start_sequence)?;
+            if let Ended::Died(Some(sequence)) = ended {
+                killed_by.push((child.stage, sequence));
             }
         }
+        // Before the restart: the scan is not sent a third time.
+        for (stage, sequence) in killed_by {
+            self.blame(stage, sequence);
+        }
+        for child in self.children.iter_mut().filter(|child| child.is_due()) {
+            child.start(&self.settings, start_sequence)?;
+        }
         Ok(false)
+    }
+
+    /// A stage died while it worked on a frame. A scan that does so twice is set aside.
+    fn blame(&mut self, stage: Stage, sequence: u64) {
+        let Some(source) = &self.source else {
+            return;
+        };
+        let index = source.index(sequence);
+        let kills = self.kills.entry(index).or_default();
+        *kills += 1;
+        if *kills < KILLS_MAX || !self.control.set_aside.insert(index) {
+            return;
+        }
+        let (scan, stage) = (source.name(index), stage.name());
+        tracing::error!(
+            scan,
+            stage,
+            "stages died of this scan {kills} times: set aside"
+        );
+        self.outcome.set_aside.push(scan);
+        self.tell_ingest();
+    }
+
+    /// Shared memory may be full: the run goes on.
+    fn tell_ingest(&self) {
+        if let Err(error) = self.control.write(&self.settings.instance) {
+            tracing::error!("telling ingest what to leave out: {error:#}");
+        }
     }
 
     fn start_sequence(&self) -> u64 {

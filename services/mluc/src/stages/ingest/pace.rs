@@ -86,11 +86,13 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
         }
         let mut is_out = false;
         for attempt in 0..=RESENDS_MAX {
-            if !sender.wait_until_ready()? {
+            if !sender.wait_until_ready()? || !sender.wait_while_held()? {
                 return Ok(());
             }
             if attempt > 0 {
                 tracing::warn!(sequence, attempt, "frame sent again");
+                // It may have been set aside.
+                sender.load(sequence);
             }
             sender.send(sequence, attempt, monotonic_ns())?;
             is_out = await_objects(sender, sequence, ANSWER_PATIENCE_NS)?;

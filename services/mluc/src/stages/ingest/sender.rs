@@ -8,12 +8,14 @@ use mluc_runtime::{
     stamp_published, wall_clock_ns,
 };
 
+use crate::control::Control;
 use mluc_sources::{Scan, Source};
 
 /// A scan read from its file, not yet in shared memory.
 #[derive(Default)]
 struct Loaded {
     sequence: Option<u64>,
+    is_set_aside: bool,
     scan: Scan,
     report: DecodeReport,
 }
@@ -85,19 +87,41 @@ impl Sender<'_> {
         Ok(false)
     }
 
-    /// Reads the scan of `sequence` from its source, unless it is the one read last; false: there is none.
+    /// Waits until the supervisor takes more; false: asked to end.
+    pub(crate) fn wait_while_held(&mut self) -> Result<bool, RuntimeError> {
+        while !self.shell.is_stopping() && Control::read(self.shell.instance()).holds {
+            let reason = "waiting for the reader of the lines";
+            self.shell.state(HealthState::WaitingInput, reason)?;
+            self.shell.tick()?;
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        Ok(!self.shell.is_stopping())
+    }
+
+    /// Reads the scan of `sequence` from its source, unless it is the one read last; one that was set aside is not read. False: there
+    /// is none.
     pub(crate) fn load(&mut self, sequence: u64) -> bool {
+        let control = Control::read(self.shell.instance());
+        let is_set_aside = control.set_aside.contains(&self.source.index(sequence));
         let loaded = &mut self.loaded;
-        if loaded.sequence == Some(sequence) {
+        if loaded.sequence == Some(sequence) && loaded.is_set_aside == is_set_aside {
             return true;
         }
-        if !self.source.load(sequence, &mut loaded.scan) {
+        self.shell.note_frame(Some(sequence));
+        let is_there = if is_set_aside {
+            self.source.pass_over(sequence, &mut loaded.scan)
+        } else {
+            self.source.load(sequence, &mut loaded.scan)
+        };
+        self.shell.note_frame(None);
+        if !is_there {
             return false;
         }
-        loaded.sequence = Some(sequence);
+        let is_new = loaded.sequence.replace(sequence) != Some(sequence);
+        loaded.is_set_aside = is_set_aside;
         loaded.report = inspect_bin(&loaded.scan.bytes);
         loaded.scan.flags = loaded.scan.flags.with(loaded.report.flags());
-        self.shell.health.frames_in += 1;
+        self.shell.health.frames_in += u64::from(is_new);
         true
     }
 
@@ -109,6 +133,7 @@ impl Sender<'_> {
     /// Publishes the scan that is loaded as `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
     pub(crate) fn send(&mut self, sequence: u64, attempt: u32, due_ns: u64) -> anyhow::Result<()> {
         let started_ns = monotonic_ns();
+        self.shell.note_frame(Some(sequence));
         let (scan, report) = (&self.loaded.scan, self.loaded.report);
         let mut header = FrameHeader::new(sequence, &scan.name);
         header.run_id = self.shell.run().map_or(0, |run| run.run_id);

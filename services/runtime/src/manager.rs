@@ -1,0 +1,76 @@
+//! What systemd wants to hear of a service of `Type=notify`: that it is ready, that it lives, that it ends (sd_notify(3)).
+
+use std::ffi::OsStr;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+
+use crate::monotonic_ns;
+
+/// Variables that a process which is no service itself must not hand on.
+pub const MANAGER_VARIABLES: [&str; 3] = ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"];
+
+/// The way to the manager of this service.
+pub(crate) struct Manager {
+    socket: UnixDatagram,
+    address: SocketAddr,
+    /// Between two signs of life: half of `WatchdogSec`. 0: none is wanted.
+    period_ns: u64,
+    alive_ns: u64,
+    is_ready: bool,
+}
+
+impl Manager {
+    /// `None`: no manager asks.
+    pub(crate) fn from_environment() -> Option<Manager> {
+        let name = std::env::var_os("NOTIFY_SOCKET")?;
+        let number = |variable: &str| std::env::var(variable).ok()?.parse::<u64>().ok();
+        let is_ours = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
+        let watchdog_us = number("WATCHDOG_USEC").filter(|_| is_ours).unwrap_or(0);
+        let socket = UnixDatagram::unbound().ok()?;
+        // The manager's queue may be full: this process does not wait for it.
+        socket.set_nonblocking(true).ok()?;
+        Some(Manager {
+            socket,
+            address: address(&name)?,
+            period_ns: watchdog_us * 1000 / 2,
+            alive_ns: 0,
+            is_ready: false,
+        })
+    }
+
+    fn say(&self, text: &str) {
+        if let Err(error) = self.socket.send_to_addr(text.as_bytes(), &self.address) {
+            tracing::debug!(%error, "telling the service manager: {text}");
+        }
+    }
+
+    pub(crate) fn ready(&mut self) {
+        if !std::mem::replace(&mut self.is_ready, true) {
+            self.say("READY=1");
+        }
+    }
+
+    /// As often as one likes.
+    pub(crate) fn alive(&mut self) {
+        let now_ns = monotonic_ns();
+        if self.period_ns > 0 && now_ns - self.alive_ns >= self.period_ns {
+            self.alive_ns = now_ns;
+            self.say("WATCHDOG=1");
+        }
+    }
+}
+
+impl Drop for Manager {
+    fn drop(&mut self) {
+        self.say("STOPPING=1");
+    }
+}
+
+/// A path, or after `@` a name without a file.
+fn address(name: &OsStr) -> Option<SocketAddr> {
+    match name.as_bytes() {
+        [b'@', rest @ ..] => SocketAddr::from_abstract_name(rest).ok(),
+        _ => SocketAddr::from_pathname(name).ok(),
+    }
+}

@@ -1,0 +1,205 @@
+//! Shared memory as it should not be: full, half-made, kept, rewritten after publication, or wanted by another user.
+
+use std::fs::{self, File};
+use std::os::unix::fs::{FileExt, MetadataExt};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use mluc_ipc_types::{Object, Topic};
+use mluc_runtime::{Input, Instance, Message, Shell, Shutdown};
+use mluc_tests::{Running, Setting, leftovers, send_signal, skip};
+use rustix::process::{Signal, geteuid};
+
+/// A consumer of the pipeline's objects, who needs no model.
+fn consumer(setting: &Setting) -> (Shell, Input<Object>) {
+    let instance = Instance::new(&setting.instance).unwrap();
+    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
+    let input = shell.input(&Topic::OBJECTS).unwrap();
+    (shell, input)
+}
+
+fn next(input: &mut Input<Object>) -> Message<Object> {
+    let begun = Instant::now();
+    loop {
+        if let Some(message) = input.newest().unwrap() {
+            return message;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(30), "no objects");
+        input.wait(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
+    let setting = Setting::new("keeps", 2);
+    let mut run = setting.up("--loop");
+    run.wait_for_lines(1);
+    let (shell, mut input) = consumer(&setting);
+    let kept: Vec<_> = (0..Topic::OBJECTS.borrowed)
+        .map(|_| next(&mut input))
+        .collect();
+    let first: Vec<u64> = kept
+        .iter()
+        .map(|message| message.header().sequence)
+        .collect();
+    run.wait_for_lines(20);
+    assert!(input.newest().is_err(), "it may hold no more");
+    assert_eq!(
+        kept.iter().map(|m| m.header().sequence).collect::<Vec<_>>(),
+        first
+    );
+    drop((kept, input, shell));
+    run.signal(Signal::TERM);
+    setting
+        .finish(run)
+        .assert_says(&["0 lost; stages restarted: 0"]);
+}
+
+/// Where the objects of a message lie: the file, and the place in it.
+fn place(shell: &Shell, message: &Message<Object>) -> (File, u64) {
+    let inode = shell.segment_of(message.elements()).expect("shared memory");
+    let start = message.elements().as_ptr() as u64;
+    let maps = fs::read_to_string("/proc/self/maps").unwrap();
+    let mapping = maps.lines().find_map(|line| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let (from, to) = words[0].split_once('-')?;
+        let [from, to] = [from, to].map(|word| u64::from_str_radix(word, 16).unwrap());
+        (from..to)
+            .contains(&start)
+            .then(|| (from, words[words.len() - 1].to_string()))
+    });
+    let (from, path) = mapping.expect("a mapping");
+    let file = File::options().write(true).open(path).unwrap();
+    assert_eq!(file.metadata().unwrap().ino(), inode);
+    (file, start - from)
+}
+
+#[test]
+fn objects_that_change_after_their_publication_harm_nobody() {
+    let setting = Setting::new("rewritten", 2);
+    let mut run = setting.up("--loop");
+    run.wait_for_lines(1);
+    let (shell, mut input) = consumer(&setting);
+    let begun = Instant::now();
+    let mut word = 1u64;
+    while begun.elapsed() < Duration::from_secs(2) {
+        let message = next(&mut input);
+        let (file, at) = place(&shell, &message);
+        let bytes = size_of_val(message.elements()) as u64;
+        for _ in 0..2000 {
+            word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            let offset = at + (word >> 33) % bytes.max(8);
+            file.write_all_at(&word.to_ne_bytes(), offset).unwrap();
+        }
+    }
+    drop((input, shell));
+    run.wait_for_lines(10);
+    run.signal(Signal::TERM);
+    let finished = setting.finish(run);
+    assert_eq!(finished.code, Some(0), "{}", finished.log);
+    finished.assert_says(&["stages restarted: 0"]);
+    assert!(
+        finished.lines.iter().all(|line| line["wire"].is_u64()),
+        "whole lines"
+    );
+}
+
+#[test]
+fn half_made_segments_hang_no_restart() {
+    let setting = Setting::new("halfmade", 2);
+    let mut run = setting.up("--loop");
+    run.wait_for_lines(1);
+    let prefix = format!(
+        "/dev/shm/{}",
+        Instance::new(&setting.instance).unwrap().prefix()
+    );
+    let paths = ["1_2.connection", "3.data", "4.dynamic"].map(|name| format!("{prefix}{name}"));
+    for stage in ["refiner", "backbone"] {
+        for path in &paths {
+            fs::write(path, "").unwrap();
+        }
+        send_signal(run.stage(stage), Signal::KILL);
+        run.wait_for_words("segments that a killed process never finished");
+        run.wait_for_lines(5);
+        assert!(paths.iter().all(|path| fs::metadata(path).is_err()));
+    }
+    run.signal(Signal::TERM);
+    assert_eq!(setting.finish(run).code, Some(0));
+}
+
+/// `mluc up` with a /dev/shm of its own; `None`, said: that needs root.
+fn with_shared_memory(
+    setting: &Setting,
+    options: &str,
+    size: &str,
+    after: &str,
+) -> Option<Running> {
+    if !geteuid().is_root() {
+        skip("full shared memory", "only root can mount another /dev/shm");
+        return None;
+    }
+    let up = setting.up_command(options);
+    let words: Vec<_> = [up.get_program()]
+        .into_iter()
+        .chain(up.get_args())
+        .collect();
+    let script = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm; {after} exec \"$@\"");
+    let mut command = Command::new("unshare");
+    command
+        .args(["--mount", "sh", "-c", &script, "sh"])
+        .args(words);
+    Some(Running::start(&mut command))
+}
+
+#[test]
+fn shared_memory_that_is_too_small_is_named_and_one_that_fills_up_later_harms_nobody() {
+    let setting = Setting::new("small", 2);
+    if let Some(run) = with_shared_memory(&setting, "", "16m", "") {
+        let finished = run.finish();
+        finished.assert_ended(1, 0);
+        finished.assert_says(&["MiB of shared memory", "--shm-size"]);
+    }
+    // What is left is taken by somebody else once all stages run.
+    let fill = "(sleep 4; head -c 2G /dev/zero > /dev/shm/other) 2>/dev/null &";
+    if let Some(mut run) = with_shared_memory(&setting, "--loop", "1g", fill) {
+        run.wait_for_lines(1);
+        std::thread::sleep(Duration::from_secs(6));
+        run.wait_for_lines(20);
+        run.signal(Signal::TERM);
+        let finished = run.finish();
+        assert_eq!(finished.code, Some(0), "{}", finished.log);
+        finished.assert_says(&["stages restarted: 0"]);
+    }
+}
+
+#[test]
+fn another_user_reaches_nothing() {
+    if !geteuid().is_root() {
+        return skip("another user", "only root can become one");
+    }
+    let setting = Setting::new("user", 2);
+    let mut run = setting.up("--loop");
+    run.wait_for_lines(2);
+    assert!(leftovers(&setting.instance).len() > 10);
+    let script = format!(
+        "for f in /dev/shm/mluc-0-{0}*; do cat $f && echo read $f; echo x >> $f && echo wrote $f; rm -rf $f && echo removed $f; done; \
+         ls /dev/shm/mluc-0-{0} && echo listed; true",
+        setting.instance
+    );
+    let other = [
+        "--reuid=65534",
+        "--regid=65534",
+        "--clear-groups",
+        "sh",
+        "-c",
+        &script,
+    ];
+    let output = Command::new("setpriv")
+        .args(other)
+        .output()
+        .expect("setpriv starts");
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "");
+    run.wait_for_lines(5);
+    run.signal(Signal::TERM);
+    assert_eq!(setting.finish(run).code, Some(0));
+}

@@ -1,0 +1,238 @@
+//! The supervisor: whatever the reader of its lines does, however it is asked to end, and however it ended before.
+
+use std::fs::File;
+use std::io::{PipeReader, PipeWriter, Read, Write};
+use std::os::unix::net::UnixDatagram;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use mluc_ipc_types::Stage;
+use mluc_runtime::{Instance, Shell, Shutdown};
+use mluc_tests::{Running, Setting, assert_has, is_alive, leftovers, send_signal, wait_for};
+use rustix::process::Signal;
+
+const SECOND: Duration = Duration::from_secs(1);
+/// What a pipe holds.
+const PIPE_BYTES: usize = 1 << 16;
+
+/// A pipe that takes nothing before it is read.
+fn full_pipe() -> (PipeReader, PipeWriter) {
+    let (reader, mut writer) = std::io::pipe().expect("a pipe");
+    writer
+        .write_all(&[b'\n'; PIPE_BYTES])
+        .expect("room for so much");
+    (reader, writer)
+}
+
+/// Kills a stage and waits for the next process of it.
+fn kill_and_await(run: &mut Running, stage: &str) {
+    let killed = run.stage(stage);
+    send_signal(killed, Signal::KILL);
+    run.wait_until("it has another process", |run| {
+        let mut stages = run.stages().into_iter();
+        stages.any(|(name, pid)| name == stage && pid != killed)
+    });
+}
+
+/// Until the supervisor has stopped ingest, because it has enough lines.
+fn wait_until_held(run: &mut Running, setting: &Setting) {
+    let instance = Instance::new(&setting.instance).unwrap();
+    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
+    let mut watch = shell.health_watch().unwrap();
+    run.wait_until("ingest waits", |_| {
+        watch.update().unwrap();
+        let ingest = watch.of(Stage::Ingest);
+        ingest.is_some_and(|health| health.reason().contains("reader of the lines"))
+    });
+}
+
+#[test]
+fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_complete() {
+    let setting = Setting::new("stalled", 80);
+    let (mut reader, writer) = full_pipe();
+    let mut run = Running::start_into(&mut setting.up_command(""), writer.into());
+    wait_until_held(&mut run, &setting);
+    kill_and_await(&mut run, "refiner");
+    let read = std::thread::spawn(move || {
+        let mut text = String::new();
+        reader.read_to_string(&mut text).map(|_| text)
+    });
+    setting
+        .finish(run)
+        .assert_says(&["80 out, 0 lost; stages restarted: 1"]);
+    let text = read.join().expect("no panic").expect("read");
+    let lines: Vec<&str> = text.trim_start().lines().collect();
+    assert_eq!(lines.len(), 80);
+    for (number, line) in lines.into_iter().enumerate() {
+        assert_has(line, &[&format!("\"sequence\":{number},")]);
+    }
+}
+
+#[test]
+fn a_reader_that_stands_still_loses_lines_at_the_sensors_pace_and_signals_end_the_run() {
+    let setting = Setting::new("stalled", 3);
+    let (_reader, writer) = full_pipe();
+    let mut command = setting.up_command("--pace sensor --rate 100 --loop");
+    let mut run = Running::start_into(&mut command, writer.into());
+    run.wait_until("all stages run", |run| run.stages().len() == 4);
+    let instance = Instance::new(&setting.instance).unwrap();
+    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
+    let mut watch = shell.health_watch().unwrap();
+    run.wait_until("more frames came than may wait", |_| {
+        watch.update().unwrap();
+        watch
+            .of(Stage::Refiner)
+            .is_some_and(|health| health.frames_out > 100)
+    });
+    drop((watch, shell));
+    kill_and_await(&mut run, "refiner");
+    run.signal(Signal::TERM);
+    let finished = setting.finish(run);
+    finished.assert_ended(0, 0);
+    finished.assert_says(&["lines dropped", "frames: "]);
+}
+
+#[test]
+fn lines_that_cannot_be_written_end_the_run_with_an_error() {
+    let setting = Setting::new("unwritable", 3);
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let full = File::options().write(true).open("/dev/full");
+    let cases: [(Stdio, &str); 2] = [
+        (writer.into(), "its reader is gone"),
+        (full.expect("Linux has it").into(), "No space left"),
+    ];
+    for (stdout, words) in cases {
+        let run = Running::start_into(&mut setting.up_command("--loop"), stdout);
+        let finished = setting.finish(run);
+        finished.assert_ended(1, 0);
+        finished.assert_says(&["standard output", words]);
+    }
+}
+
+/// `mluc-bench chaos --signals 200` takes any two and any time between.
+#[test]
+fn two_signals_end_the_run_as_one_does_and_the_next_start_is_good() {
+    const INT: Signal = Signal::INT;
+    const TERM: Signal = Signal::TERM;
+    let setting = Setting::new("signals", 2);
+    for (first, second, gap_ms) in [
+        (INT, INT, 0),
+        (INT, TERM, 1),
+        (TERM, INT, 20),
+        (INT, INT, 100),
+        (TERM, TERM, 300),
+        (INT, INT, 500),
+    ] {
+        let mut run = setting.up("--loop");
+        run.wait_for_lines(1);
+        run.signal(first);
+        std::thread::sleep(Duration::from_millis(gap_ms));
+        run.signal(second);
+        let finished = setting.finish(run);
+        assert_eq!(
+            finished.code,
+            Some(0),
+            "{first:?} {second:?} {gap_ms}: {}",
+            finished.log
+        );
+        finished.assert_says(&["frames: "]);
+    }
+}
+
+#[test]
+fn a_supervisor_that_was_killed_is_followed_at_once_by_the_next() {
+    let setting = Setting::new("again", 2);
+    for stopped in [None, None, Some("backbone"), Some("ingest")] {
+        let mut run = setting.up("--loop");
+        run.wait_for_lines(1);
+        let stages = run.stages();
+        if let Some(stage) = stopped {
+            send_signal(run.stage(stage), Signal::STOP);
+        }
+        run.signal(Signal::KILL);
+        let next = setting.run("");
+        next.assert_complete(0, 2);
+        assert!(stages.iter().all(|(_, pid)| !is_alive(*pid)), "{stages:?}");
+    }
+}
+
+#[test]
+fn a_stage_of_somebody_else_outlives_a_killed_supervisor_and_serves_the_next() {
+    let setting = Setting::new("outlives", 2);
+    let mut first = setting.up("--loop --without refiner");
+    first.wait_until("our stages run", |run| run.stages().len() == 3);
+    let model = setting.model.display().to_string();
+    let stage = [
+        "stage",
+        "refiner",
+        "--instance",
+        &setting.instance,
+        "--model",
+        &model,
+    ];
+    let refiner = Running::mluc(stage);
+    first.wait_for_lines(2);
+    first.signal(Signal::KILL);
+    let second = setting.up("--without refiner").finish();
+    second.assert_complete(0, 2);
+    refiner.signal(Signal::TERM);
+    refiner.finish().assert_ended(0, 0);
+    assert_eq!(leftovers(&setting.instance), [""; 0]);
+}
+
+#[test]
+fn of_two_starts_at_once_one_runs() {
+    let setting = Setting::new("twice", 2);
+    let mut both = [setting.up("--loop"), setting.up("--loop")];
+    let begun = Instant::now();
+    let mut refused = None;
+    while refused.is_none() && begun.elapsed() < 30 * SECOND {
+        refused = both.iter().position(|run| run.log().contains("--instance"));
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let refused = refused.expect("one is refused");
+    both[1 - refused].wait_for_lines(3);
+    let [first, second] = both;
+    let (refused, running) = if refused == 0 {
+        (first, second)
+    } else {
+        (second, first)
+    };
+    refused.finish().assert_ended(1, 0);
+    running.signal(Signal::TERM);
+    assert_eq!(setting.finish(running).code, Some(0));
+    assert!(wait_for(SECOND, || leftovers(&setting.instance).is_empty()));
+}
+
+/// What systemd would hear of a service of `Type=notify` with `WatchdogSec=1`.
+#[test]
+fn a_service_manager_hears_that_the_run_is_ready_lives_and_ends() {
+    let setting = Setting::new("notify", 2);
+    let path = setting.folder.path().join("notify");
+    let socket = UnixDatagram::bind(&path).expect("a socket");
+    socket
+        .set_read_timeout(Some(30 * SECOND))
+        .expect("a timeout");
+    let hear = || {
+        let mut text = [0; 64];
+        let count = socket.recv(&mut text).expect("a word in time");
+        String::from_utf8_lossy(&text[..count]).into_owned()
+    };
+    let mut command = setting.up_command("--loop");
+    command
+        .env("NOTIFY_SOCKET", &path)
+        .env("WATCHDOG_USEC", "1000000");
+    let run = Running::start(&mut command);
+    let mut heard = vec![hear()];
+    while heard.iter().filter(|word| *word == "WATCHDOG=1").count() < 3 {
+        heard.push(hear());
+    }
+    run.signal(Signal::TERM);
+    while heard.last().is_some_and(|word| word != "STOPPING=1") {
+        heard.push(hear());
+    }
+    assert_eq!(setting.finish(run).code, Some(0));
+    heard.retain(|word| word != "WATCHDOG=1");
+    assert_eq!(heard, ["READY=1", "STOPPING=1"]);
+}
