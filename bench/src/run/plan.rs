@@ -125,10 +125,11 @@ impl Plan {
                 (bundled.folder().to_path_buf(), origin, Some(bundled))
             }
         };
-        let scans = format!(
-            "{} {origin}, in turn",
-            Source::open(&input, &Layout::default(), false)?.count()
-        );
+        let count = Source::open(&input, &Layout::default(), false)?.count();
+        let scans = match count {
+            Some(count) => format!("{count} {origin}, in turn"),
+            None => format!("all {origin}"),
+        };
         let model_name = args.model.clone().or(word("model"));
         let model_name = model_name.unwrap_or_else(|| DEFAULT_MODEL.to_string());
         let variants = variants(&args, &document, folder.path())?;

@@ -108,7 +108,8 @@ pub(crate) enum Command {
 /// As a document it holds what was given, but for the three lists of words.
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
-    /// A folder of scans (or of `velodyne/`), or one scan: .bin, .pcd.bin, .npy, .pcd, .ply.
+    /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply), a capture (.pcap, .pcapng), or a live sensor
+    /// (udp:2368, udp:ADDRESS:PORT).
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
     #[command(flatten)]
@@ -199,6 +200,9 @@ pub(crate) struct LayoutArgs {
     /// Which of the file's axes point forward, to the left and up, `y,-x,z` for instance [default: x,y,z].
     #[arg(long, allow_hyphen_values = true)]
     axes: Option<String>,
+    /// Calibration of the sensor's unit, for captures and live sensors: Velodyne's YAML, Hesai's CSV, Ouster's JSON [default: the product's].
+    #[arg(long)]
+    calibration: Option<PathBuf>,
 }
 
 impl LayoutArgs {
@@ -223,12 +227,13 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
 }
 
 /// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
-const TAKEN_BY: [(&str, &[Stage]); 17] = [
+const TAKEN_BY: [(&str, &[Stage]); 18] = [
     ("input", &[Stage::Ingest]),
     ("columns", &[Stage::Ingest]),
     ("scale", &[Stage::Ingest]),
     ("intensity_scale", &[Stage::Ingest]),
     ("axes", &[Stage::Ingest]),
+    ("calibration", &[Stage::Ingest]),
     ("sensor", &[Stage::Ingest]),
     ("pace", &[Stage::Ingest, Stage::Refiner]),
     ("rate", &[Stage::Ingest]),

@@ -143,7 +143,9 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     let path = absolute.with_context(|| format!("configuration {}", path.display()))?;
     let folder = path.parent().unwrap_or(Path::new("/"));
     let text = |path: PathBuf| Value::String(path.to_string_lossy().into_owned());
-    if let Some(input) = table.get("input").and_then(Value::as_str) {
+    if let Some(input) = table.get("input").and_then(Value::as_str)
+        && mluc_sources::address(Path::new(input)).is_none()
+    {
         table.insert("input".to_string(), text(folder.join(input)));
     }
     if let Some(name) = table.get("model").and_then(Value::as_str)
@@ -157,6 +159,12 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     {
         let value = profile_value(name, folder);
         sensor.insert("profile".to_string(), value);
+    }
+    if let Some(Value::Table(layout)) = table.get_mut("layout")
+        && let Some(name) = layout.get("calibration").and_then(Value::as_str)
+    {
+        let value = text(folder.join(name));
+        layout.insert("calibration".to_string(), value);
     }
     let stages = table.get_mut("stages").and_then(Value::as_table_mut);
     for (_, stage) in stages.into_iter().flatten() {

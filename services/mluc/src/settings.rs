@@ -240,7 +240,13 @@ impl Settings {
             sensor.name = stem.unwrap_or_default().to_string_lossy().into_owned();
         }
         let absolute = |path: PathBuf| std::path::absolute(&path).unwrap_or(path);
-        self.input = self.input.take().map(absolute);
+        let input = self.input.take();
+        self.input = input.map(|path| match mluc_sources::address(&path) {
+            Some(_) => path,
+            None => absolute(path),
+        });
+        let calibration = &mut self.layout.calibration;
+        *calibration = calibration.take().map(absolute);
     }
 
     /// The gate's threshold where none was given: the model's.

@@ -1,10 +1,13 @@
 //! Files, captures and sockets to scans. No shared memory here: the caller publishes what comes out.
 //!
-//! [`Source`] is what `--input` names: a folder of scans, whose [`files`] have several formats; [`packets`] decodes what sensors send, without I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor.
+//! [`Source`] is what `--input` names: a folder of scans, whose [`files`] have several formats; [`packets`] decodes what sensors send, without
+//! I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor.
 
+mod capture;
 mod error;
 pub mod files;
 mod folder;
+mod live;
 pub mod packets;
 pub mod pcap;
 pub mod udp;
@@ -13,9 +16,13 @@ use std::path::Path;
 
 use mluc_ipc_types::{EgoPose, Flags};
 
-pub use error::SourceError;
+use capture::CaptureScans;
 use files::Layout;
 use folder::Folder;
+use live::Live;
+
+pub use error::SourceError;
+pub use live::address;
 
 /// One scan, as ingest publishes it; its memory is used again for the next one.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -32,54 +39,116 @@ pub struct Scan {
     pub offset_ns: Option<u64>,
     /// Where the sensor was.
     pub pose: Option<EgoPose>,
+    /// Scans of a live sensor before it that were not loaded in time.
+    pub missed: u64,
+}
+
+/// Whether there is another scan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Next {
+    /// It is loaded.
+    Scan,
+    /// A live sensor has none yet: ask again.
+    NotYet,
+    /// There is none any more.
+    End,
 }
 
 /// Where scans come from.
-#[derive(Clone, Debug)]
 pub struct Source {
-    folder: Folder,
+    kind: Kind,
     repeat: bool,
 }
 
+enum Kind {
+    Folder(Folder),
+    Capture(Box<CaptureScans>),
+    Live(Live),
+}
+
 impl Source {
-    /// Opens what `input` is; `repeat`: after the last scan the first one comes again. Errors: what is wrong with it, and what helps.
+    /// Opens what `input` is: a file or folder of scans, a capture, or an address (`udp:2368`). `repeat`: after the last scan the first one comes again. Errors: what
+    /// is wrong with it, and what helps.
     pub fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
-        let folder = Folder::find(input, layout)?;
-        Ok(Source { folder, repeat })
+        let ending = input
+            .extension()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .to_ascii_lowercase();
+        let kind = if let Some(address) = address(input) {
+            Kind::Live(Live::open(address?, layout)?)
+        } else if matches!(ending.as_str(), "pcap" | "pcapng") {
+            Kind::Capture(Box::new(CaptureScans::open(input, layout)?))
+        } else {
+            Kind::Folder(Folder::find(input, layout)?)
+        };
+        Ok(Source { kind, repeat })
     }
 
-    /// How many scans there are.
-    pub fn count(&self) -> u64 {
-        self.folder.scans.len() as u64
+    /// How many scans there are; `None`: not known.
+    pub fn count(&self) -> Option<u64> {
+        match &self.kind {
+            Kind::Folder(folder) => Some(folder.scans.len() as u64),
+            _ => None,
+        }
     }
 
     /// Which of the scans a number is that counts on over all rounds.
     pub fn index(&self, sequence: u64) -> u64 {
-        sequence % self.count()
+        self.count().map_or(sequence, |count| sequence % count)
     }
 
     /// The name of a scan, by its index.
     pub fn name(&self, index: u64) -> String {
-        self.folder.name(index as usize)
+        match &self.kind {
+            Kind::Folder(folder) => folder.name(index as usize),
+            _ => numbered(index),
+        }
     }
 
-    /// As [`Source::load`], for a scan that nobody may read: no points.
-    pub fn pass_over(&mut self, sequence: u64, scan: &mut Scan) -> bool {
-        let is_there = self.repeat || sequence < self.count();
-        if is_there {
-            scan.bytes.clear();
-            scan.flags = Flags::DAMAGED_INPUT;
-            self.folder.describe(sequence, scan);
-        }
-        is_there
+    /// Whether scans come when the sensor sends them.
+    pub fn is_live(&self) -> bool {
+        matches!(self.kind, Kind::Live(_))
     }
 
-    /// Loads a scan by its number, which counts on over all rounds; false: there is none any more.
-    pub fn load(&mut self, sequence: u64, scan: &mut Scan) -> bool {
-        let is_there = self.repeat || sequence < self.count();
-        if is_there {
-            self.folder.load(sequence, scan);
+    /// What to say while a live sensor is silent.
+    pub fn silence(&self) -> Option<String> {
+        match &self.kind {
+            Kind::Live(live) => live.silence(),
+            _ => None,
         }
-        is_there
     }
+
+    /// As [`Source::load`], for a scan that nobody may read: no points. A capture is decoded on; a live sensor's next scan is another one.
+    pub fn pass_over(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
+        let next = match &mut self.kind {
+            Kind::Folder(folder) if self.repeat || sequence < folder.scans.len() as u64 => {
+                folder.describe(sequence, scan);
+                Next::Scan
+            }
+            Kind::Capture(capture) => capture.load(sequence, self.repeat, scan)?,
+            _ => return self.load(sequence, scan),
+        };
+        scan.bytes.clear();
+        scan.flags = Flags::DAMAGED_INPUT;
+        Ok(next)
+    }
+
+    /// Loads a scan by its number, which counts on over all rounds and never goes back in a capture. Errors: what the system, or a live sensor's packets, refuse.
+    pub fn load(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
+        match &mut self.kind {
+            Kind::Live(live) => live.load(scan),
+            Kind::Capture(capture) => capture.load(sequence, self.repeat, scan),
+            Kind::Folder(folder) if self.repeat || sequence < folder.scans.len() as u64 => {
+                folder.load(sequence, scan);
+                Ok(Next::Scan)
+            }
+            Kind::Folder(_) => Ok(Next::End),
+        }
+    }
+}
+
+/// The name of a scan that has none.
+fn numbered(sequence: u64) -> String {
+    format!("{sequence:06}")
 }

@@ -180,6 +180,8 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
         }
         None => None,
     };
+    // The socket is ingest's; a live scan never comes again.
+    let source = source.filter(|source| !source.is_live());
     Ok((source, model::load_for(settings)?))
 }
 

@@ -1,5 +1,7 @@
 //! What the numbers of a file mean: which are the coordinates, in what unit, along which axes.
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
 
 use super::FormatError;
@@ -27,6 +29,8 @@ pub struct Layout {
     pub intensity_scale: f64,
     /// Which of the file's axes point forward, to the left and up: `y,-x,z`, for instance.
     pub axes: String,
+    /// Calibration of the unit, for captures and live sensors: Velodyne's YAML, Hesai's CSV, Ouster's JSON; unset: the product's own table.
+    pub calibration: Option<PathBuf>,
 }
 
 impl Default for Layout {
@@ -36,6 +40,7 @@ impl Default for Layout {
             scale: 1.0,
             intensity_scale: 1.0,
             axes: "x,y,z".to_string(),
+            calibration: None,
         }
     }
 }
@@ -101,6 +106,12 @@ impl Layout {
         } else {
             Err(fault())
         }
+    }
+
+    /// Coordinates along the sensor's axes, in m. The layout was [checked](Self::check); else they stay as they are.
+    pub(crate) fn turned(&self, point: [f64; 3]) -> [f64; 3] {
+        let axes = self.signed_axes().unwrap_or([(0, 1.0), (1, 1.0), (2, 1.0)]);
+        axes.map(|(place, sign)| point[place] * sign * self.scale)
     }
 
     /// Writes the table's points as x, y, z (m), intensity, four little-endian f32 each; true if it holds fewer rows than it promises.

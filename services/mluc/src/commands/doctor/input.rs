@@ -1,6 +1,7 @@
 //! `mluc doctor --input`: what sensor the scans are of, and whether the model takes them.
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ingest::{Expected, decode_bin, inspect_bin};
@@ -8,10 +9,13 @@ use mluc_ipc_types::{POINTS_MAX, Point};
 
 use super::{Failure, Finding, Fine, Warning};
 use mluc_sources::files::Layout;
-use mluc_sources::{Scan, Source};
+use mluc_sources::{Next, Scan, Source};
 
 /// Scans that are looked at, spread over the input.
 const SCANS: u64 = 20;
+
+/// A live sensor is waited for so long.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Beams this near a product's are of it, degrees; a guess.
 const NEAR_DEG: f32 = 0.1;
@@ -26,9 +30,18 @@ pub(super) fn findings(
     let mut source = Source::open(input, layout, false)?;
     let mut estimator = Estimator::new();
     let (mut scan, mut points) = (Scan::default(), vec![Point::default(); POINTS_MAX]);
-    let count = source.count();
-    for number in 0..count.min(SCANS) {
-        source.load(number * count / count.min(SCANS), &mut scan);
+    let step = source.count().map_or(1, |count| count.div_ceil(SCANS));
+    let begun = Instant::now();
+    for number in 0..SCANS {
+        let next = loop {
+            let next = source.load(number * step, &mut scan)?;
+            if next != Next::NotYet || begun.elapsed() > PATIENCE {
+                break next;
+            }
+        };
+        if next != Next::Scan {
+            break;
+        }
         // The largest count first: a file beyond the limit is cut, as ingest cuts it.
         let kept = inspect_bin(&scan.bytes).points_out as usize;
         let report = decode_bin(&scan.bytes, &mut points[..kept]);

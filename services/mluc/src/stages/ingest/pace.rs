@@ -24,14 +24,17 @@ pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> an
     let (mut last, mut first_ns) = (None, 0);
     for sequence in first.. {
         // The file is read before its time: a disk is no sensor.
-        if !sender.load(sequence) {
+        if !sender.load(sequence)? {
             break;
         }
         let offset_ns = offset_ns(sender.loaded_offset_ns(), settings, sequence);
         if sequence == first {
             first_ns = offset_ns;
         }
-        let due_ns = begun_ns + offset_ns.saturating_sub(first_ns);
+        let mut due_ns = begun_ns + offset_ns.saturating_sub(first_ns);
+        if sender.is_live() {
+            due_ns = monotonic_ns();
+        }
         if due_ns >= end_ns {
             break;
         }
@@ -81,7 +84,7 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
     let end_ns = end_ns(settings, monotonic_ns());
     for sequence in first.. {
         let is_over = monotonic_ns() >= end_ns || sender.shell.is_stopping();
-        if is_over || !sender.load(sequence) {
+        if is_over || !sender.load(sequence)? {
             break;
         }
         let mut is_out = false;
@@ -92,7 +95,7 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
             if attempt > 0 {
                 tracing::warn!(sequence, attempt, "frame sent again");
                 // It may have been set aside.
-                sender.load(sequence);
+                sender.load(sequence)?;
             }
             sender.send(sequence, attempt, monotonic_ns())?;
             is_out = await_objects(sender, sequence, ANSWER_PATIENCE_NS)?;

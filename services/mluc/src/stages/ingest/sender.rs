@@ -8,8 +8,9 @@ use mluc_runtime::{
     stamp_published, wall_clock_ns,
 };
 
+use mluc_sources::{Next, Scan, Source};
+
 use crate::control::Control;
-use mluc_sources::{Scan, Source};
 
 /// A scan read from its file, not yet in shared memory.
 #[derive(Default)]
@@ -57,6 +58,7 @@ impl Sender<'_> {
                 guard: Guard::new(Expected::new(&model.manifest, sensor)),
                 logged: Flags::default(),
                 suspected: Flags::default(),
+                reason: String::new(),
             },
             again: Vec::with_capacity(POINTS_MAX),
             fingerprint: model.fingerprint,
@@ -98,31 +100,60 @@ impl Sender<'_> {
         Ok(!self.shell.is_stopping())
     }
 
-    /// Reads the scan of `sequence` from its source, unless it is the one read last; one that was set aside is not read. False: there
-    /// is none.
-    pub(crate) fn load(&mut self, sequence: u64) -> bool {
+    /// Reads the scan of `sequence` from its source, unless it is the one read last; one that was set aside is not read. Waits for a live sensor. False: there is none,
+    /// or asked to end.
+    pub(crate) fn load(&mut self, sequence: u64) -> anyhow::Result<bool> {
         let control = Control::read(self.shell.instance());
         let is_set_aside = control.set_aside.contains(&self.source.index(sequence));
-        let loaded = &mut self.loaded;
-        if loaded.sequence == Some(sequence) && loaded.is_set_aside == is_set_aside {
-            return true;
+        let is_new = self.loaded.sequence != Some(sequence);
+        if !is_new && self.loaded.is_set_aside == is_set_aside {
+            return Ok(true);
         }
         self.shell.note_frame(Some(sequence));
-        let is_there = if is_set_aside {
-            self.source.pass_over(sequence, &mut loaded.scan)
-        } else {
-            self.source.load(sequence, &mut loaded.scan)
-        };
+        let is_there = self.await_scan(sequence, is_set_aside);
         self.shell.note_frame(None);
-        if !is_there {
-            return false;
+        if !is_there? {
+            return Ok(false);
         }
-        let is_new = loaded.sequence.replace(sequence) != Some(sequence);
+        let loaded = &mut self.loaded;
+        loaded.sequence = Some(sequence);
         loaded.is_set_aside = is_set_aside;
         loaded.report = inspect_bin(&loaded.scan.bytes);
         loaded.scan.flags = loaded.scan.flags.with(loaded.report.flags());
-        self.shell.health.frames_in += u64::from(is_new);
-        true
+        self.shell.health.frames_in += u64::from(is_new) + loaded.scan.missed;
+        self.shell.health.frames_dropped += loaded.scan.missed;
+        Ok(true)
+    }
+
+    fn await_scan(&mut self, sequence: u64, is_set_aside: bool) -> anyhow::Result<bool> {
+        let mut is_silent = false;
+        loop {
+            let scan = &mut self.loaded.scan;
+            let next = match is_set_aside {
+                true => self.source.pass_over(sequence, scan)?,
+                false => self.source.load(sequence, scan)?,
+            };
+            match next {
+                Next::Scan if is_silent => {
+                    self.suspicion.tell(self.shell)?;
+                    return Ok(true);
+                }
+                Next::Scan => return Ok(true),
+                Next::NotYet if !self.shell.is_stopping() => {
+                    if let Some(reason) = self.source.silence() {
+                        self.shell.state(HealthState::Degraded, &reason)?;
+                        is_silent = true;
+                    }
+                    self.shell.tick()?;
+                }
+                Next::NotYet | Next::End => return Ok(false),
+            }
+        }
+    }
+
+    /// Whether scans come when the sensor sends them.
+    pub(crate) fn is_live(&self) -> bool {
+        self.source.is_live()
     }
 
     /// When the loaded scan comes after the source's first one, ns.
@@ -154,7 +185,7 @@ impl Sender<'_> {
         run_span(|| decode_bin(&scan.bytes, loan.elements_mut()));
         // A frame that is sent again is no new scan. A look takes some ms: but for the first ones it waits until the frame is sent.
         let looks_later = attempt == 0 && self.suspicion.guard.looks_later();
-        let is_loop = self.source.count() == 1;
+        let is_loop = self.source.count() == Some(1);
         if attempt == 0 && !looks_later {
             let points = loan.elements_mut();
             self.suspicion.judge(points, &report, is_loop, self.shell)?;
@@ -187,6 +218,8 @@ struct Suspicion {
     logged: Flags,
     /// Of the frames that follow.
     suspected: Flags,
+    /// The first reason of these; empty: none.
+    reason: String,
 }
 
 impl Suspicion {
@@ -213,13 +246,17 @@ impl Suspicion {
             return Ok(());
         }
         self.suspected = suspected;
-        match first {
-            Some(reason) => {
-                let reason = format!("suspect input: {reason}");
-                shell.state(HealthState::Degraded, &reason)
-            }
-            None => shell.state(HealthState::Running, ""),
-        }
+        self.reason = first.map_or_else(String::new, |reason| format!("suspect input: {reason}"));
+        self.tell(shell)
+    }
+
+    /// The state that follows from it.
+    fn tell(&self, shell: &mut Shell) -> Result<(), RuntimeError> {
+        let state = match self.reason.is_empty() {
+            true => HealthState::Running,
+            false => HealthState::Degraded,
+        };
+        shell.state(state, &self.reason)
     }
 }
 

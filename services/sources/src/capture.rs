@@ -1,0 +1,150 @@
+//! Scans from a capture of a sensor's packets.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use mluc_ipc_types::Flags;
+
+use crate::files::Layout;
+use crate::packets::{Calibration, Clock, Decoder, Revolution};
+use crate::pcap::Capture;
+use crate::{Next, Scan, numbered};
+
+/// A capture that is decoded as it is read; its sensor's turns are numbered, and parts of turns at its start and end are none.
+pub(crate) struct CaptureScans {
+    path: PathBuf,
+    layout: Layout,
+    calibration: Option<Calibration>,
+    capture: Capture,
+    decoder: Decoder,
+    /// Of the next turn.
+    sequence: u64,
+    /// Stamp of this round's first turn, ns, and when the round began after the first one.
+    first_ns: Option<u64>,
+    round_ns: u64,
+    /// When the last turn came after the source's first one, and how long it took, ns.
+    last_ns: u64,
+    period_ns: u64,
+}
+
+impl CaptureScans {
+    pub(crate) fn open(path: &Path, layout: &Layout) -> anyhow::Result<CaptureScans> {
+        let calibration = calibration(layout)?;
+        let detect = Capture::open(path).and_then(|capture| capture.detect(calibration.as_ref()));
+        let decoder = detect.with_context(|| format!("input {}", path.display()))?;
+        tracing::info!(sensor = decoder.product(), "packets");
+        Ok(CaptureScans {
+            path: path.to_path_buf(),
+            layout: layout.clone(),
+            calibration,
+            capture: Capture::open(path)?,
+            decoder,
+            sequence: 0,
+            first_ns: None,
+            round_ns: 0,
+            last_ns: 0,
+            period_ns: 0,
+        })
+    }
+
+    /// Decodes on to the turn of a number; `repeat`: after the capture's end it begins again.
+    pub(crate) fn load(
+        &mut self,
+        sequence: u64,
+        repeat: bool,
+        scan: &mut Scan,
+    ) -> anyhow::Result<Next> {
+        loop {
+            let before = self.sequence;
+            while let Some(datagram) = self.capture.next_datagram()? {
+                let (mut is_found, mut stamp_ns) = (false, None);
+                self.decoder.push(&datagram, &mut |turn| {
+                    if turn.is_partial {
+                        tracing::info!(points = turn.points.len(), "a part of a turn is left out");
+                        return;
+                    }
+                    stamp_ns = Some(turn.stamp_ns);
+                    is_found = self.sequence == sequence;
+                    if is_found {
+                        scan.take(turn, sequence, &self.layout);
+                    }
+                    self.sequence += 1;
+                });
+                if let Some(stamp_ns) = stamp_ns {
+                    let offset_ns = self.offset_ns(stamp_ns);
+                    if is_found {
+                        scan.offset_ns = Some(offset_ns);
+                        return Ok(Next::Scan);
+                    }
+                }
+            }
+            self.tell_counts();
+            // A round without a turn would never end.
+            if !repeat || self.sequence == before {
+                return Ok(Next::End);
+            }
+            self.capture = Capture::open(&self.path)?;
+            self.decoder = Capture::open(&self.path)?.detect(self.calibration.as_ref())?;
+            (self.first_ns, self.round_ns) = (None, self.last_ns + self.period_ns);
+        }
+    }
+
+    /// When a turn comes after the source's first one, ns.
+    fn offset_ns(&mut self, stamp_ns: u64) -> u64 {
+        let first_ns = *self.first_ns.get_or_insert(stamp_ns);
+        let offset_ns = self.round_ns + stamp_ns.saturating_sub(first_ns);
+        self.period_ns = offset_ns - self.last_ns.min(offset_ns);
+        self.last_ns = offset_ns;
+        offset_ns
+    }
+
+    fn tell_counts(&self) {
+        let (file, packets) = (self.capture.counts(), self.decoder.counts());
+        let path = self.path.display();
+        tracing::info!(%path, turns = packets.revolutions, packets = packets.packets, lost = packets.lost, damaged = packets.damaged,
+            other = packets.other_traffic + file.other, "the capture's end");
+        if file.cut_short {
+            tracing::warn!(%path, "the capture ends within a packet");
+        }
+    }
+}
+
+/// Of the unit, where one is given.
+pub(crate) fn calibration(layout: &Layout) -> anyhow::Result<Option<Calibration>> {
+    let read = |path: &PathBuf| {
+        let text = std::fs::read_to_string(path)?;
+        anyhow::Ok(Calibration::parse(&text)?)
+    };
+    let found = layout
+        .calibration
+        .as_ref()
+        .map(|path| read(path).with_context(|| format!("calibration {}", path.display())));
+    found.transpose()
+}
+
+impl Scan {
+    /// A turn of the sensor as a scan.
+    pub(crate) fn take(&mut self, turn: &Revolution, sequence: u64, layout: &Layout) {
+        self.bytes.clear();
+        for point in &turn.points {
+            let [x, y, z] = layout.turned([point.x_m, point.y_m, point.z_m].map(f64::from));
+            let numbers = [x as f32, y as f32, z as f32, point.intensity];
+            self.bytes
+                .extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+        }
+        self.name = numbered(sequence);
+        let mut flags = Flags::default();
+        if turn.packets_lost > 0 || turn.is_partial {
+            flags = flags.with(Flags::DAMAGED_INPUT);
+        }
+        if turn.dropped_over_limit > 0 {
+            flags = flags.with(Flags::TRUNCATED);
+        }
+        self.flags = flags;
+        self.stamp_ns = Some(match turn.clock {
+            Clock::Utc | Clock::HourOfSensor => turn.stamp_ns,
+            Clock::Ptp | Clock::SensorUptime => turn.received_ns,
+        });
+        (self.offset_ns, self.pose) = (None, None);
+    }
+}

@@ -1,0 +1,197 @@
+//! Scans from a live sensor: a thread takes its packets, the newest whole turn waits for the pipeline.
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use anyhow::Context;
+use crossbeam_channel::{Receiver as Turns, Sender, TrySendError, bounded};
+
+use crate::capture::calibration;
+use crate::files::Layout;
+use crate::packets::{Calibration, Detector};
+use crate::udp::Receiver;
+use crate::{Next, Scan, SourceError};
+
+/// A sensor that says nothing for so long is silent.
+const SILENCE: Duration = Duration::from_millis(500);
+/// Datagrams of which none is a known sensor's: some seconds of any.
+const LOOKS_MAX: u32 = 20_000;
+/// How long a look for the next turn takes at most: the pipeline hears of ingest meanwhile.
+const PATIENCE: Duration = Duration::from_millis(20);
+/// What an input that is an address begins with.
+const SCHEME: &str = "udp:";
+
+/// The address of an input like `udp:2368` or `udp:10.0.0.5:2368`: port, and where to listen (or a multicast group); `None`: it is none.
+pub fn address(input: &Path) -> Option<anyhow::Result<SocketAddr>> {
+    let words = input.to_str()?.strip_prefix(SCHEME)?;
+    let words = words.trim_start_matches('/');
+    let port = words
+        .parse()
+        .map(|port: u16| SocketAddr::from((Ipv4Addr::UNSPECIFIED, port)));
+    let address = port.or_else(|_| words.parse());
+    Some(address.with_context(|| {
+        format!(
+            "input {}: expected udp:PORT or udp:ADDRESS:PORT",
+            input.display()
+        )
+    }))
+}
+
+/// What thread and pipeline share.
+#[derive(Default)]
+struct Shared {
+    is_ending: AtomicBool,
+    /// Turns that newer ones replaced.
+    replaced: AtomicU64,
+    /// Silences of the sensor in a row, each [`SILENCE`] long.
+    silences: AtomicU64,
+}
+
+/// A socket, and the newest turn.
+pub(crate) struct Live {
+    address: SocketAddr,
+    turns: Turns<Result<Scan, SourceError>>,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Live {
+    pub(crate) fn open(address: SocketAddr, layout: &Layout) -> anyhow::Result<Live> {
+        let receiver = Receiver::open(address, SILENCE)?;
+        let bytes = receiver.buffer_bytes();
+        tracing::info!(address = %receiver.address(), buffer_bytes = bytes, "listening");
+        let (send, turns) = bounded(1);
+        let shared = Arc::new(Shared::default());
+        let mut listener = Listener {
+            receiver,
+            layout: layout.clone(),
+            calibration: calibration(layout)?,
+            oldest: turns.clone(),
+            send,
+            shared: shared.clone(),
+            number: 0,
+        };
+        let thread = std::thread::Builder::new().name("sensor".to_string());
+        let thread = thread.spawn(move || {
+            if let Err(error) = listener.listen() {
+                listener.give(Err(error));
+            }
+        })?;
+        Ok(Live {
+            address,
+            turns,
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// The newest turn that was not loaded yet.
+    pub(crate) fn load(&mut self, scan: &mut Scan) -> anyhow::Result<Next> {
+        match self.turns.recv_timeout(PATIENCE) {
+            Ok(turn) => {
+                *scan = turn?;
+                scan.missed = self.shared.replaced.swap(0, Relaxed);
+                Ok(Next::Scan)
+            }
+            Err(_) => Ok(Next::NotYet),
+        }
+    }
+
+    /// What to say while no packets come.
+    pub(crate) fn silence(&self) -> Option<String> {
+        let silences = self.shared.silences.load(Relaxed) as u32;
+        let seconds = (silences * SILENCE).as_secs();
+        (seconds > 0).then(|| {
+            format!(
+                "no packets of the sensor at {} for {seconds} s",
+                self.address
+            )
+        })
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        self.shared.is_ending.store(true, Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // It ends after one silence at most; a panic there was logged.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The thread's side.
+struct Listener {
+    receiver: Receiver,
+    layout: Layout,
+    calibration: Option<Calibration>,
+    send: Sender<Result<Scan, SourceError>>,
+    /// The other end: a turn that was not fetched goes when a newer one is there.
+    oldest: Turns<Result<Scan, SourceError>>,
+    shared: Arc<Shared>,
+    number: u64,
+}
+
+impl Listener {
+    fn listen(&mut self) -> Result<(), SourceError> {
+        let calibration = self.calibration.take();
+        let mut detector = Detector::new(calibration.as_ref());
+        let (mut decoder, mut dropped, mut looks) = (None, 0, 0);
+        while !self.shared.is_ending.load(Relaxed) {
+            let Some(datagram) = self.receiver.receive()? else {
+                self.shared.silences.fetch_add(1, Relaxed);
+                continue;
+            };
+            self.shared.silences.store(0, Relaxed);
+            if decoder.is_none() {
+                looks += 1;
+                if looks > LOOKS_MAX {
+                    return Err(detector.not_found());
+                }
+                decoder = detector.look(&datagram)?;
+                if let Some(decoder) = &decoder {
+                    tracing::info!(sensor = decoder.product(), from = %datagram.from, "packets");
+                }
+            }
+            let mut turn = None;
+            if let Some(decoder) = &mut decoder {
+                decoder.push(&datagram, &mut |whole| {
+                    if !whole.is_partial {
+                        let mut scan = Scan::default();
+                        scan.take(whole, self.number, &self.layout);
+                        turn = Some(scan);
+                    }
+                });
+            }
+            if let Some(scan) = turn {
+                self.number += 1;
+                self.give(Ok(scan));
+            }
+            if self.receiver.dropped() != dropped {
+                dropped = self.receiver.dropped();
+                tracing::warn!(
+                    dropped,
+                    "the system dropped packets: raise net.core.rmem_max, or give ingest more time"
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// Newest wins.
+    fn give(&self, scan: Result<Scan, SourceError>) {
+        let mut next = Some(scan);
+        while let Some(scan) = next.take() {
+            if let Err(TrySendError::Full(scan)) = self.send.try_send(scan) {
+                if self.oldest.try_recv().is_ok() {
+                    self.shared.replaced.fetch_add(1, Relaxed);
+                }
+                next = Some(scan);
+            }
+        }
+    }
+}
