@@ -10,7 +10,7 @@ use crate::packets::{Calibration, Clock, Decoder, Revolution};
 use crate::pcap::Capture;
 use crate::{Next, Scan, numbered};
 
-/// A capture that is decoded as it is read; its sensor's turns are numbered, and parts of turns at its start and end are none.
+/// A capture that is decoded as it is read; its sensor's turns are numbered, the parts of turns at its start and end too.
 pub(crate) struct CaptureScans {
     path: PathBuf,
     layout: Layout,
@@ -55,32 +55,38 @@ impl CaptureScans {
         scan: &mut Scan,
     ) -> anyhow::Result<Next> {
         loop {
-            let before = self.sequence;
-            while let Some(datagram) = self.capture.next_datagram()? {
+            loop {
                 let (mut is_found, mut stamp_ns) = (false, None);
-                self.decoder.push(&datagram, &mut |turn| {
-                    if turn.is_partial {
-                        tracing::info!(points = turn.points.len(), "a part of a turn is left out");
-                        return;
-                    }
+                let mut take = |turn: &Revolution| {
                     stamp_ns = Some(turn.stamp_ns);
                     is_found = self.sequence == sequence;
                     if is_found {
                         scan.take(turn, sequence, &self.layout);
                     }
                     self.sequence += 1;
-                });
-                if let Some(stamp_ns) = stamp_ns {
-                    let offset_ns = self.offset_ns(stamp_ns);
-                    if is_found {
-                        scan.offset_ns = Some(offset_ns);
-                        return Ok(Next::Scan);
+                };
+                let is_more = match self.capture.next_datagram()? {
+                    Some(datagram) => {
+                        self.decoder.push(&datagram, &mut take);
+                        true
                     }
+                    None => {
+                        self.decoder.finish(&mut take);
+                        false
+                    }
+                };
+                let offset_ns = stamp_ns.map(|stamp_ns| self.offset_ns(stamp_ns));
+                if is_found {
+                    scan.offset_ns = offset_ns;
+                    return Ok(Next::Scan);
+                }
+                if !is_more {
+                    break;
                 }
             }
             self.tell_counts();
             // A round without a turn would never end.
-            if !repeat || self.sequence == before {
+            if !repeat || self.first_ns.is_none() {
                 return Ok(Next::End);
             }
             self.capture = Capture::open(&self.path)?;
@@ -146,5 +152,66 @@ impl Scan {
             Clock::Ptp | Clock::SensorUptime => turn.received_ns,
         });
         (self.offset_ns, self.pose) = (None, None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::packets::tests::{HOUR_NS, velodyne};
+    use crate::pcap::tests::{ethernet, pcap};
+
+    /// Packets of a VLP-16 from the middle of a turn to the middle of the fourth: two whole ones.
+    fn frames() -> Vec<Vec<u8>> {
+        let packet = |n: u64| velodyne([34, 1, 40, 55, 0], n as u32, HOUR_NS + n * 1_327_104);
+        (37..37 + 225).map(|n| ethernet(&packet(n))).collect()
+    }
+
+    #[test]
+    fn turns_are_scans_parts_are_flagged_and_a_round_follows_the_last() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), pcap(&frames())).unwrap();
+        let mut scan = Scan::default();
+        for (repeat, sequences) in [(false, 0..4), (true, 0..7), (true, 3..6)] {
+            let mut scans = CaptureScans::open(file.path(), &Layout::default()).unwrap();
+            for sequence in sequences.clone() {
+                let next = scans.load(sequence, repeat, &mut scan).unwrap();
+                let (points, name) = (scan.bytes.len() / 16, format!("{sequence:06}"));
+                let (round, part) = (sequence / 4, sequence as usize % 4);
+                let packets = [38, 75, 75, 37][part];
+                assert_eq!(
+                    (next, points, &scan.name),
+                    (Next::Scan, packets * 384, &name)
+                );
+                assert_eq!(scan.flags.contains(Flags::DAMAGED_INPUT), packets < 75);
+                // A round begins one period after the last turn began.
+                let begin = round * 263 + [0, 38, 113, 188][part];
+                assert!(scan.offset_ns.unwrap().abs_diff(begin * 1_327_104) < 2_000_000);
+            }
+            let next = scans.load(sequences.end, repeat, &mut scan).unwrap();
+            assert_eq!(next == Next::End, !repeat);
+        }
+    }
+
+    #[test]
+    fn a_capture_without_a_sensor_is_refused() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), pcap(&[ethernet(&[7; 600])])).unwrap();
+        let error = CaptureScans::open(file.path(), &Layout::default())
+            .err()
+            .unwrap();
+        assert!(
+            format!("{error:#}").contains("datagrams of [600] bytes"),
+            "{error:#}"
+        );
+        let layout = Layout {
+            calibration: Some("/nowhere.csv".into()),
+            ..Layout::default()
+        };
+        let error = CaptureScans::open(file.path(), &layout).err().unwrap();
+        assert!(
+            format!("{error:#}").contains("calibration /nowhere.csv"),
+            "{error:#}"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Scans from a live sensor: a thread takes its packets, the newest whole turn waits for the pipeline.
+//! Scans from a live sensor: a thread takes its packets, the newest turn waits for the pipeline.
 
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::Path;
@@ -63,7 +63,8 @@ impl Live {
     pub(crate) fn open(address: SocketAddr, layout: &Layout) -> anyhow::Result<Live> {
         let receiver = Receiver::open(address, SILENCE)?;
         let bytes = receiver.buffer_bytes();
-        tracing::info!(address = %receiver.address(), buffer_bytes = bytes, "listening");
+        let address = receiver.address();
+        tracing::info!(%address, buffer_bytes = bytes, "listening");
         let (send, turns) = bounded(1);
         let shared = Arc::new(Shared::default());
         let mut listener = Listener {
@@ -160,11 +161,9 @@ impl Listener {
             let mut turn = None;
             if let Some(decoder) = &mut decoder {
                 decoder.push(&datagram, &mut |whole| {
-                    if !whole.is_partial {
-                        let mut scan = Scan::default();
-                        scan.take(whole, self.number, &self.layout);
-                        turn = Some(scan);
-                    }
+                    let mut scan = Scan::default();
+                    scan.take(whole, self.number, &self.layout);
+                    turn = Some(scan);
                 });
             }
             if let Some(scan) = turn {
@@ -193,5 +192,79 @@ impl Listener {
                 next = Some(scan);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::UdpSocket;
+    use std::time::Instant;
+
+    use super::*;
+    use crate::packets::tests::{HOUR_NS, velodyne};
+
+    /// Asks until there is something, for ten seconds at most.
+    fn next(
+        live: &mut Live,
+        scan: &mut Scan,
+        wanted: impl Fn(&anyhow::Result<Next>, &Live) -> bool,
+    ) -> anyhow::Result<Next> {
+        let begun = Instant::now();
+        loop {
+            let next = live.load(scan);
+            if wanted(&next, live) {
+                return next;
+            }
+            assert!(begun.elapsed() < Duration::from_secs(10), "nothing came");
+        }
+    }
+
+    #[test]
+    fn the_newest_turn_wins_the_others_are_counted_and_silence_is_said() {
+        let mut live = Live::open("127.0.0.1:0".parse().unwrap(), &Layout::default()).unwrap();
+        let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let send = |n: u64| {
+            let packet = velodyne([34, 1, 40, 55, 0], n as u32, HOUR_NS + n * 1_327_104);
+            sender.send_to(&packet, live.address).unwrap();
+            std::thread::sleep(Duration::from_micros(200));
+        };
+        (37..37 + 75 * 4).for_each(send);
+        let (mut scan, mut loaded, mut missed) = (Scan::default(), 0, 0);
+        std::thread::sleep(Duration::from_millis(200));
+        while scan.name != "000003" {
+            next(&mut live, &mut scan, |next, _| {
+                matches!(next, Ok(Next::Scan))
+            })
+            .unwrap();
+            (loaded, missed) = (loaded + 1, missed + scan.missed);
+        }
+        assert_eq!((scan.bytes.len() / 16, loaded + missed), (75 * 384, 4));
+        next(&mut live, &mut scan, |_, live| live.silence().is_some()).unwrap();
+    }
+
+    #[test]
+    fn packets_of_no_known_sensor_are_an_error_in_the_end() {
+        let mut live = Live::open("127.0.0.1:0".parse().unwrap(), &Layout::default()).unwrap();
+        let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let mut scan = Scan::default();
+        let error = next(&mut live, &mut scan, |next, live| {
+            (0..1000).for_each(|_| drop(sender.send_to(&[7; 600], live.address)));
+            next.is_err()
+        });
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("datagrams of [600] bytes"), "{error}");
+    }
+
+    #[test]
+    fn addresses_are_told_from_paths() {
+        for (input, expected) in [
+            ("udp:2368", Some("0.0.0.0:2368")),
+            ("udp://10.0.0.5:2369", Some("10.0.0.5:2369")),
+            ("scans/udp:2368", None),
+        ] {
+            let found = address(Path::new(input)).map(|found| found.unwrap().to_string());
+            assert_eq!(found.as_deref(), expected);
+        }
+        assert!(address(Path::new("udp:x")).unwrap().is_err());
     }
 }

@@ -288,14 +288,14 @@ fn sender(packet: &SlicedPacket) -> Option<IpAddr> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use etherparse::{IpFragOffset, Ipv4Header, PacketBuilder};
 
     use super::*;
 
     const POINTS: [u8; 3000] = [7; 3000];
 
-    fn ethernet(payload: &[u8]) -> Vec<u8> {
+    pub(crate) fn ethernet(payload: &[u8]) -> Vec<u8> {
         let mut frame = vec![];
         let builder =
             PacketBuilder::ethernet2([1; 6], [2; 6]).single_vlan(5u16.try_into().unwrap());
@@ -333,7 +333,7 @@ mod tests {
     }
 
     /// Little-endian, microseconds, Ethernet; a frame each millisecond.
-    fn pcap(frames: &[Vec<u8>]) -> Vec<u8> {
+    pub(crate) fn pcap(frames: &[Vec<u8>]) -> Vec<u8> {
         let mut bytes = vec![
             0xD4, 0xC3, 0xB2, 0xA1, 2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 1, 0, 0, 0,
         ];

@@ -34,7 +34,7 @@ mod hesai;
 mod ouster;
 mod sweep;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod velodyne;
 
 use std::net::{IpAddr, SocketAddr};

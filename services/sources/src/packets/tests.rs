@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use super::*;
 
 /// 2023-11-14, 22:00 UTC.
-const HOUR_NS: u64 = 1_699_999_200_000_000_000;
+pub(crate) const HOUR_NS: u64 = 1_699_999_200_000_000_000;
 const NEAR: u16 = 2500;
 const FAR: u16 = 5000;
 
@@ -95,7 +95,7 @@ impl Kind {
     }
 }
 
-fn velodyne(numbers: [usize; 5], n: u32, ns: u64) -> Vec<u8> {
+pub(crate) fn velodyne(numbers: [usize; 5], n: u32, ns: u64) -> Vec<u8> {
     let [product, alike, step, mode, last_bank] = numbers;
     let mut bytes = vec![];
     for block in 0..12 {
