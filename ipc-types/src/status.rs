@@ -134,7 +134,7 @@ impl Status {
     pub fn age_s(&self) -> f64 {
         let is_known = self.age_ns != Status::NONE;
         let age_ns = self.age_ns as f64;
-        if is_known { age_ns * 1e-9 } else { f64::NAN }
+        if is_known { age_ns / 1e9 } else { f64::NAN }
     }
 
     /// Frames that a stage was sent, has published, and was late with.

@@ -83,7 +83,7 @@ fn of_stages(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
             let us = [health.run_p50_us, health.run_p99_us, health.run_max_us];
             for (quantile, us) in ["0.5", "0.99", "1"].iter().zip(us) {
                 let label = format!(",quantile=\"{quantile}\"");
-                add("mluc_stage_run_seconds", &label, f64::from(us) * 1e-6);
+                add("mluc_stage_run_seconds", &label, f64::from(us) / 1e6);
             }
         }
         let hop = snapshot.status.map(|status| status.hop(stage));
