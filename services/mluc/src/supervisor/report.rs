@@ -37,8 +37,8 @@ pub(crate) fn hops(status: &Status) -> String {
     for stage in Stage::ALL {
         row(stage.name(), status.hop(stage));
     }
-    let [_, out, _] = status.hop(Stage::Refiner);
-    row("end to end", [status.frames_in, out, status.frames_late]);
+    let all = [status.frames_in, status.frames_out, status.frames_late];
+    row("end to end", all);
     text
 }
 
