@@ -1,27 +1,29 @@
-//! The height of the ground on a grid: what the network's input and boxes are measured from.
+//! The height of the ground on a grid: what the network's input, boxes and clusters are measured from.
 //!
 //! A surface under the lowest points of the tiles, by robust least squares: a plane first, then what lies off it, held together by a membrane between
-//! the nodes. Points above the surface soon have no say (things that stand on it), those below keep theirs. Where a scan says nothing, the surface goes
-//! on as the plane does.
+//! the nodes. Points above the surface soon count nothing (things that stand on it), those below keep their weight. Where a scan says nothing, the surface
+//! goes on as the plane does; beyond the grid it is as high as at the nearest place of the grid's edge.
 
-use super::Lowest;
-use nalgebra::{Matrix3, Vector3};
+use super::plane::weight;
+use super::{GroundPlane, Lowest};
 
 /// Between nodes, m.
 const SPACING_M: f32 = 4.0;
 /// From the sensor to the outermost nodes along x and y, m.
-const HALF_M: f32 = 56.0;
+pub const GROUND_HALF_M: f32 = 56.0;
 /// Nodes along a side.
-const SIDE: usize = (2.0 * HALF_M / SPACING_M) as usize + 1;
+const SIDE: usize = (2.0 * GROUND_HALF_M / SPACING_M) as usize + 1;
 /// Nodes of the grid.
 pub const GROUND_NODES: usize = SIDE * SIDE;
+/// The equations have a border of nodes without links, so that each node of the grid has eight around it.
+const WIDTH: usize = SIDE + 2;
 
-/// Points farther above the surface than about this have no say; it shrinks from pass to pass, m.
+/// Points farther above the surface than about this count little; it shrinks from pass to pass, m.
 const ABOVE_M: [f64; 7] = [0.6, 0.45, 0.3, 0.2, 0.15, 0.12, 0.12];
-/// Below the surface they have it so many times longer.
-const BELOW: f64 = 4.0;
-/// The plane is fitted to tiles nearer than this, m.
-const PLANE_RADIUS_M: f64 = 30.0;
+/// The plane is fitted to tiles nearer than this, m, from the height that most tiles have in common: around the sensor, m, and from where to where.
+const PLANE_RADIUS_M: f32 = 30.0;
+const COMMON_HALF_M: f32 = 20.0;
+const COMMON_Z_M: std::ops::Range<f32> = -6.0..1.0;
 /// What the plane's slopes cost, in tiles at 1 m: without points it lies flat.
 const SLOPE_COST: f64 = 2000.0;
 /// What a difference between neighbouring nodes costs, and one from the plane, in tiles.
@@ -33,30 +35,36 @@ const SWEEPS: usize = 12;
 /// A tile's lowest point among the nodes around it.
 #[derive(Clone, Copy, Debug)]
 struct Tile {
-    at: [f64; 3],
+    /// Above the plane, m.
+    z_m: f64,
     /// The node towards -x and -y.
     node: usize,
-    /// Shares of that node, its neighbours towards +x and +y, and the fourth.
+    /// Shares of the nodes at [`CORNERS`] from there.
     shares: [f64; 4],
 }
 
-/// Steps in the grid to the nodes of [`Tile::shares`].
-const CORNERS: [usize; 4] = [0, 1, SIDE, SIDE + 1];
+/// Steps to the nodes around a tile.
+const CORNERS: [usize; 4] = [0, 1, WIDTH, WIDTH + 1];
+/// Steps from a node to the four of the eight around it that come later, and pairs of corners with the step between them.
+const NEXT: [usize; 4] = [WIDTH + 1, WIDTH, WIDTH - 1, 1];
+const PAIRS: [[usize; 3]; 6] = [[0, 3, 0], [0, 2, 1], [1, 3, 1], [1, 2, 2], [0, 1, 3], [2, 3, 3]];
 
-/// A node's row of the normal equations: itself, and the eight around it.
+/// A node's row of the normal equations, which are symmetric: itself, and the nodes at [`NEXT`].
 #[derive(Clone, Copy, Debug, Default)]
 struct Row {
     own: f64,
-    /// (dy + 1) * 3 + dx + 1.
-    around: [f64; 9],
+    next: [f64; 4],
     right: f64,
 }
 
-/// Finds the ground of scan after scan; all memory is made once.
+/// Finds the ground of scan after scan; buffers are reused.
 #[derive(Clone, Debug)]
 pub struct GroundGrid {
     lowest: Lowest,
+    points: Vec<[f32; 3]>,
     tiles: Vec<Tile>,
+    /// The equations without points, and with them.
+    membrane: Vec<Row>,
     rows: Vec<Row>,
     /// Off the plane, m.
     off_m: Vec<f64>,
@@ -67,11 +75,14 @@ pub struct GroundGrid {
 impl GroundGrid {
     /// `sensor_height_m`: where a scan tells nothing, the ground is so far below the sensor.
     pub fn new(sensor_height_m: f64) -> GroundGrid {
+        let tiles_max = (4.0 * GROUND_HALF_M * GROUND_HALF_M) as usize;
         GroundGrid {
             lowest: Lowest::default(),
-            tiles: Vec::with_capacity((4.0 * HALF_M * HALF_M) as usize),
-            rows: vec![Row::default(); GROUND_NODES],
-            off_m: vec![0.0; GROUND_NODES],
+            points: Vec::with_capacity(tiles_max),
+            tiles: Vec::with_capacity(tiles_max),
+            membrane: membrane(),
+            rows: vec![Row::default(); WIDTH * WIDTH],
+            off_m: vec![0.0; WIDTH * WIDTH],
             heights_m: vec![-sensor_height_m as f32; GROUND_NODES],
             sensor_height_m,
         }
@@ -80,18 +91,21 @@ impl GroundGrid {
     /// The ground of a scan (x, y, z first, m): z at every node, [`GROUND_NODES`] of them, row by row along x; for
     /// [`ground_height_m`].
     pub fn find(&mut self, points: &[[f32; 4]]) -> &[f32] {
-        self.lowest.clear();
-        self.lowest
-            .add(points.iter().map(|&[x, y, z, _]| [x, y, z]));
+        let mut lowest = std::mem::take(&mut self.lowest);
+        lowest.find(points.iter().map(|&[x, y, z, _]| [x, y, z]));
+        self.find_under(lowest.around([0.0; 2], GROUND_HALF_M.into()));
+        self.lowest = lowest;
+        &self.heights_m
+    }
+
+    /// As [`GroundGrid::find`], from the lowest point of every tile of 1 m; those beyond the grid are left out.
+    pub fn find_under(&mut self, lowest: impl Iterator<Item = [f32; 3]>) -> &[f32] {
+        self.points.clear();
+        self.points.extend(lowest.filter(is_inside));
+        let plane = self.plane();
+        let tiles = self.points.iter().map(|&at| tile(at, &plane));
         self.tiles.clear();
-        let reach = f64::from(HALF_M);
-        let tiles = self.lowest.around([0.0; 2], reach).filter_map(tile);
         self.tiles.extend(tiles);
-        let start = self.lowest.common_z_m().unwrap_or(-self.sensor_height_m);
-        let plane = plane(&self.tiles, start);
-        for tile in &mut self.tiles {
-            tile.at[2] -= height(&plane, tile.at);
-        }
         self.off_m.fill(0.0);
         for above_m in ABOVE_M {
             self.assemble(above_m);
@@ -99,141 +113,119 @@ impl GroundGrid {
                 self.sweep();
             }
         }
-        for (node, height_m) in self.heights_m.iter_mut().enumerate() {
-            let [x, y] = place_m(node);
-            *height_m = (height(&plane, [x, y, 0.0]) + self.off_m[node]) as f32;
+        for (at, height_m) in self.heights_m.iter_mut().enumerate() {
+            let [x, y] = [at % SIDE, at / SIDE].map(|i| i as f32 * SPACING_M - GROUND_HALF_M);
+            *height_m = (self.off_m[node(at)] - plane.above_m([x, y, 0.0])) as f32;
         }
         &self.heights_m
     }
 
-    /// What [`GroundGrid::find`] found last.
+    /// What was found last.
     pub fn heights_m(&self) -> &[f32] {
         &self.heights_m
     }
 
-    /// The normal equations with each tile's say at the surface as it is.
+    /// Through the tiles near the sensor.
+    fn plane(&mut self) -> GroundPlane {
+        let is_near = |[x, y, _]: &[f32; 3]| x.abs().max(y.abs()) <= COMMON_HALF_M;
+        let is_in_circle = |[x, y, _]: &[f32; 3]| x * x + y * y < PLANE_RADIUS_M * PLANE_RADIUS_M;
+        let near = self.points.iter().copied().filter(is_near);
+        let flat = GroundPlane::common(near, 0, COMMON_Z_M).unwrap_or(GroundPlane {
+            z_m: -self.sensor_height_m,
+            slope: [0.0; 2],
+        });
+        let points = self.points.iter().copied().filter(is_in_circle);
+        flat.fitted(points, &ABOVE_M, SLOPE_COST)
+    }
+
+    /// The normal equations with each tile's weight at the surface as it is; then one over a row's own factor.
     fn assemble(&mut self, above_m: f64) {
-        for (node, row) in self.rows.iter_mut().enumerate() {
-            *row = Row::default();
-            row.own = TO_PLANE;
-            let [x, y] = [node % SIDE, node / SIDE];
-            let inside = [y > 0, x > 0, x + 1 < SIDE, y + 1 < SIDE];
-            for (slot, inside) in [1, 3, 5, 7].into_iter().zip(inside) {
-                if inside {
-                    row.own += MEMBRANE;
-                    row.around[slot] = -MEMBRANE;
-                }
+        self.rows.copy_from_slice(&self.membrane);
+        for tile in &self.tiles {
+            let nodes = CORNERS.map(|step| tile.node + step);
+            let shares = tile.shares;
+            let surface: f64 = (0..4).map(|i| shares[i] * self.off_m[nodes[i]]).sum();
+            let weight = weight(tile.z_m - surface, above_m);
+            let weighted = shares.map(|share| weight * share);
+            for i in 0..4 {
+                let row = &mut self.rows[nodes[i]];
+                row.own += weighted[i] * shares[i];
+                row.right += weighted[i] * tile.z_m;
+            }
+            for [i, j, next] in PAIRS {
+                self.rows[nodes[i]].next[next] += weighted[i] * shares[j];
             }
         }
-        for tile in &self.tiles {
-            let corners = || CORNERS.iter().zip(tile.shares);
-            let surface: f64 = corners()
-                .map(|(step, share)| share * self.off_m[tile.node + step])
-                .sum();
-            let weight = say(tile.at[2] - surface, above_m);
-            for (i, (step, share)) in corners().enumerate() {
-                let row = &mut self.rows[tile.node + step];
-                row.own += weight * share * share;
-                row.right += weight * share * tile.at[2];
-                for (j, other) in tile.shares.into_iter().enumerate() {
-                    if i != j {
-                        let (dx, dy) = (j % 2 + 1 - i % 2, j / 2 + 1 - i / 2);
-                        row.around[dy * 3 + dx] += weight * share * other;
-                    }
-                }
-            }
+        for row in &mut self.rows {
+            row.own = row.own.recip();
         }
     }
 
     /// Each node takes the value that its row asks for.
     fn sweep(&mut self) {
-        for node in 0..GROUND_NODES {
-            let row = &self.rows[node];
-            let [x, y] = [node % SIDE, node / SIDE];
-            let mut right = row.right;
-            for dy in usize::from(y == 0)..(SIDE + 1 - y).min(3) {
-                for dx in usize::from(x == 0)..(SIDE + 1 - x).min(3) {
-                    let other = (y + dy - 1) * SIDE + x + dx - 1;
-                    if other != node {
-                        right -= row.around[dy * 3 + dx] * self.off_m[other];
+        let (rows, off_m) = (&self.rows[..], &mut self.off_m[..]);
+        for first in (1..=SIDE).map(|row| row * WIDTH + 1) {
+            // Of the node before: each one waits for it, and for nothing else.
+            let mut last_m = 0.0;
+            for node in first..first + SIDE {
+                let (row, mut right) = (&rows[node], rows[node].right);
+                for (next, step) in NEXT.into_iter().enumerate() {
+                    right -= row.next[next] * off_m[node + step];
+                    if step != 1 {
+                        right -= rows[node - step].next[next] * off_m[node - step];
                     }
                 }
-            }
-            self.off_m[node] = right / row.own;
-        }
-    }
-}
-
-/// How much a point so far above (or below) the surface has to say, 0..1.
-fn say(above_m: f64, scale_m: f64) -> f64 {
-    let scale_m = if above_m > 0.0 {
-        scale_m
-    } else {
-        BELOW * scale_m
-    };
-    let ratio = above_m / scale_m;
-    1.0 / (1.0 + ratio * ratio).powi(2)
-}
-
-/// x, y of a node, m.
-fn place_m(node: usize) -> [f64; 2] {
-    [node % SIDE, node / SIDE].map(|i| f64::from(i as f32 * SPACING_M - HALF_M))
-}
-
-fn tile(at: [f32; 3]) -> Option<Tile> {
-    let [along_x, along_y] = [at[0], at[1]].map(|v| f64::from((v + HALF_M) / SPACING_M));
-    let inside = 0.0..(SIDE - 1) as f64;
-    if !inside.contains(&along_x) || !inside.contains(&along_y) {
-        return None;
-    }
-    let (fx, fy) = (along_x.fract(), along_y.fract());
-    Some(Tile {
-        at: at.map(f64::from),
-        node: along_y as usize * SIDE + along_x as usize,
-        shares: [
-            (1.0 - fx) * (1.0 - fy),
-            fx * (1.0 - fy),
-            (1.0 - fx) * fy,
-            fx * fy,
-        ],
-    })
-}
-
-/// z = p[0] x + p[1] y + p[2].
-type Plane = [f64; 3];
-
-fn height(plane: &Plane, [x, y, _]: [f64; 3]) -> f64 {
-    plane[0] * x + plane[1] * y + plane[2]
-}
-
-/// The plane through the tiles near the sensor, from a flat one at `start`.
-fn plane(tiles: &[Tile], start: f64) -> Plane {
-    let mut plane = [0.0, 0.0, start];
-    for above_m in ABOVE_M {
-        let mut normal = Matrix3::from_diagonal(&Vector3::new(SLOPE_COST, SLOPE_COST, 1e-6));
-        let mut right = Vector3::new(0.0, 0.0, 1e-6 * plane[2]);
-        for tile in tiles {
-            let [x, y, z] = tile.at;
-            if x * x + y * y < PLANE_RADIUS_M * PLANE_RADIUS_M {
-                let row = Vector3::new(x, y, 1.0);
-                let weight = say(z - height(&plane, tile.at), above_m);
-                normal += weight * row * row.transpose();
-                right += weight * z * row;
+                last_m = right * row.own - rows[node - 1].next[3] * row.own * last_m;
+                off_m[node] = last_m;
             }
         }
-        match normal.cholesky() {
-            Some(factors) => plane = factors.solve(&right).into(),
-            None => break,
+    }
+}
+
+/// Of the equations, by its place in the grid.
+fn node(at: usize) -> usize {
+    (at / SIDE + 1) * WIDTH + at % SIDE + 1
+}
+
+/// The equations without points.
+fn membrane() -> Vec<Row> {
+    let mut rows = vec![Row::default(); WIDTH * WIDTH];
+    for at in 0..GROUND_NODES {
+        rows[node(at)].own += TO_PLANE;
+        for (next, is_inside) in [(1, at / SIDE + 1 < SIDE), (3, at % SIDE + 1 < SIDE)] {
+            if is_inside {
+                rows[node(at)].next[next] = -MEMBRANE;
+                rows[node(at)].own += MEMBRANE;
+                rows[node(at) + NEXT[next]].own += MEMBRANE;
+            }
         }
     }
-    plane
+    rows
+}
+
+fn is_inside([x, y, _]: &[f32; 3]) -> bool {
+    let inside = -GROUND_HALF_M..GROUND_HALF_M;
+    inside.contains(x) && inside.contains(y)
+}
+
+/// Of a point inside the grid.
+fn tile(point: [f32; 3], plane: &GroundPlane) -> Tile {
+    let along = [point[0], point[1]].map(|v| f64::from((v + GROUND_HALF_M) / SPACING_M));
+    let [column, row] = along.map(|v| v as usize);
+    let [fx, fy] = along.map(f64::fract);
+    let x_shares = [1.0 - fx, fx];
+    Tile {
+        z_m: plane.above_m(point),
+        node: node(row * SIDE + column),
+        shares: [0, 1, 2, 3].map(|i| x_shares[i % 2] * [1.0 - fy, fy][i / 2]),
+    }
 }
 
 /// z of the ground at x, y (m) between the nodes of a [`GroundGrid`]; beyond the grid that of its edge; NaN for NaN.
 #[inline(always)]
 pub fn ground_height_m(heights_m: &[f32], [x_m, y_m]: [f32; 2]) -> f32 {
     let along = |v: f32| {
-        let v = ((v + HALF_M) / SPACING_M).clamp(0.0, (SIDE - 1) as f32);
+        let v = ((v + GROUND_HALF_M) / SPACING_M).clamp(0.0, (SIDE - 1) as f32);
         let low = (v as usize).min(SIDE - 2);
         (low, v - low as f32)
     };

@@ -1,12 +1,10 @@
-//! The ground of a scan: the lowest point of every tile of 1 m, planes through them every 8 m, and heights on a grid.
+//! The ground of a scan: the lowest point of every tile of 1 m, the plane that most of them lie on, and a surface through them.
 
 mod grid;
 mod lowest;
-mod map;
 mod plane;
 pub mod tiles;
 
-pub use grid::{GROUND_NODES, GroundGrid, ground_height_m};
-pub use lowest::Lowest;
-pub use map::GroundMap;
+pub use grid::{GROUND_HALF_M, GROUND_NODES, GroundGrid, ground_height_m};
+pub use lowest::{Lowest, lower};
 pub use plane::GroundPlane;

@@ -1,164 +1,103 @@
-//! The ground under a candidate: a plane through the lowest point of each 1 m cell around it.
-//!
-//! Cells whose lowest point lies on an object are outliers; four passes of least squares with a shrinking band around
-//! the last plane leave them out. Measured on real scans this equals per-patch plane fitting over the whole frame for
-//! our purpose, at 5 us a candidate.
+//! The plane that the lowest points of most tiles lie on.
 
-use super::Lowest;
+use std::ops::Range;
 
-/// z = height_m + slope . (x, y - origin).
-#[derive(Clone, Copy, Debug, PartialEq)]
+use nalgebra::{Matrix3, Vector3};
+
+/// Slopes that are tried first are so far apart, and heights, m.
+const SLOPE_STEP: f32 = 0.05;
+const HEIGHT_STEP_M: f32 = 0.25;
+/// Heights that are tried with a slope at most.
+const HEIGHTS_MAX: usize = 128;
+/// Fewer tiles on it make no plane.
+const TILES_MIN: u16 = 12;
+/// Points below a surface keep their weight so many times as far as those above it.
+const BELOW: f64 = 4.0;
+
+/// z = `z_m` + slope . (x, y).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroundPlane {
-    /// Where `height_m` holds: x, y, m.
-    pub origin_m: [f64; 2],
-    /// z at the origin, m.
-    pub height_m: f64,
+    /// At the sensor, m.
+    pub z_m: f64,
     /// dz/dx and dz/dy.
     pub slope: [f64; 2],
 }
 
-/// Half widths of the bands around the last plane that a pass uses, m: first wide, for roads that slope.
-const BANDS_M: [f64; 4] = [0.8, 0.4, 0.25, 0.2];
-/// Fewer cells than this carry no plane.
-const CELLS_MIN: usize = 8;
-/// Steeper planes are walls or noise: |n_z| > 0.94, 20 degrees.
-const SLOPE_MAX: f64 = 0.36;
-/// The first plane lies flat at this share of the sorted cells: below most objects, above a few stray returns.
-const START_QUANTILE: f64 = 0.25;
-/// Lowest points of the cells within this distance carry the plane, m. 6 to 10 measure alike on simulated scans.
-const RADIUS_M: f64 = 8.0;
-/// Cells looked at: all of a circle of 8 m.
-const CELLS_MAX: usize = 512;
-
 impl GroundPlane {
-    /// Flat ground `height_m` below the sensor.
-    pub fn flat(center_m: [f64; 2], sensor_height_m: f64) -> GroundPlane {
-        GroundPlane {
-            origin_m: center_m,
-            height_m: -sensor_height_m,
-            slope: [0.0; 2],
-        }
+    /// How far a point x, y, z lies above it, m.
+    pub fn above_m(&self, point: [f32; 3]) -> f64 {
+        let [x, y, z] = point.map(f64::from);
+        z - self.z_m - self.slope[0] * x - self.slope[1] * y
     }
 
-    /// z of the ground, m.
-    pub fn z_at_m(&self, x_m: f64, y_m: f64) -> f64 {
-        self.height_m
-            + self.slope[0] * (x_m - self.origin_m[0])
-            + self.slope[1] * (y_m - self.origin_m[1])
-    }
-
-    /// Fits the ground around a centre; flat at the sensor's height where there is too little to go by.
-    pub fn fit(lowest: &Lowest, center_m: [f64; 2], sensor_height_m: f64) -> GroundPlane {
-        let found = GroundPlane::find(lowest, center_m);
-        found.unwrap_or_else(|| GroundPlane::flat(center_m, sensor_height_m))
-    }
-
-    /// Fits the ground around a centre; `None` where there is too little to go by.
-    pub fn find(lowest: &Lowest, center_m: [f64; 2]) -> Option<GroundPlane> {
-        let mut cells = [[0.0; 3]; CELLS_MAX];
-        let mut count = 0;
-        for point in lowest.around(center_m, RADIUS_M) {
-            let [x, y, z] = point.map(f64::from);
-            let (dx, dy) = (x - center_m[0], y - center_m[1]);
-            let near = dx * dx + dy * dy <= RADIUS_M * RADIUS_M;
-            if near && count < CELLS_MAX {
-                cells[count] = [dx, dy, z];
-                count += 1;
+    /// The plane that most points are near: slopes along x and along y of up to so many steps of 0.05 to each side, and heights at the
+    /// sensor, m. `None` where few points agree.
+    pub fn common(
+        points: impl Iterator<Item = [f32; 3]> + Clone,
+        slope_steps: i32,
+        z_m: Range<f32>,
+    ) -> Option<GroundPlane> {
+        let bins = (((z_m.end - z_m.start) / HEIGHT_STEP_M) as usize).min(HEIGHTS_MAX);
+        let mut best = (0, GroundPlane::default());
+        let side = 2 * slope_steps + 1;
+        for step in 0..side * side {
+            let slope = [step % side, step / side].map(|s| (s - slope_steps) as f32 * SLOPE_STEP);
+            let mut counts = [0u16; HEIGHTS_MAX];
+            for [x, y, z] in points.clone() {
+                let bin = (z - slope[0] * x - slope[1] * y - z_m.start) / HEIGHT_STEP_M;
+                if (0.0..bins as f32).contains(&bin) {
+                    counts[bin as usize] += 1;
+                }
+            }
+            // Neighbours count together: the ground is rough.
+            for (bin, pair) in counts[..bins].windows(2).enumerate() {
+                let count = pair[0] + pair[1];
+                if count > best.0 {
+                    let z_m = f64::from(z_m.start + (bin + 1) as f32 * HEIGHT_STEP_M);
+                    let slope = slope.map(f64::from);
+                    best = (count, GroundPlane { z_m, slope });
+                }
             }
         }
-        if count < CELLS_MIN {
-            return None;
-        }
-        let cells = &mut cells[..count];
-        let start = (count as f64 * START_QUANTILE) as usize;
-        cells.select_nth_unstable_by(start, |a, b| a[2].total_cmp(&b[2]));
-        let mut plane = GroundPlane {
-            height_m: cells[start][2],
-            ..GroundPlane::flat(center_m, 0.0)
-        };
-        // The selection above leaves an order that depends on nothing but the cells; sums stay reproducible.
-        for band_m in BANDS_M {
-            match least_squares(cells, &plane, band_m) {
-                Some(better) => plane = better,
-                None => break,
+        (best.0 >= TILES_MIN).then_some(best.1)
+    }
+
+    /// The plane by robust least squares from this one on: a pass for each scale ([`weight`]). A slope of 1 costs as much as
+    /// `slope_cost` points that are 1 m off.
+    pub fn fitted(
+        mut self,
+        points: impl Iterator<Item = [f32; 3]> + Clone,
+        scales_m: &[f64],
+        slope_cost: f64,
+    ) -> GroundPlane {
+        for &scale_m in scales_m {
+            let mut normal = Matrix3::from_diagonal(&Vector3::new(slope_cost, slope_cost, 1e-6));
+            let mut right = Vector3::new(0.0, 0.0, 1e-6 * self.z_m);
+            for point in points.clone() {
+                let weight = weight(self.above_m(point), scale_m);
+                let [x, y, z] = point.map(f64::from);
+                let row = Vector3::new(x, y, 1.0);
+                normal += weight * row * row.transpose();
+                right += weight * z * row;
             }
+            let Some(factors) = normal.cholesky() else {
+                break;
+            };
+            let found = factors.solve(&right);
+            (self.slope, self.z_m) = ([found[0], found[1]], found[2]);
         }
-        Some(plane)
+        self
     }
 }
 
-/// The plane through the cells within a band around the last one; `None` when they carry none.
-fn least_squares(cells: &[[f64; 3]], last: &GroundPlane, band_m: f64) -> Option<GroundPlane> {
-    // Of dx, dy and 1 with each other, and with z.
-    let (mut xx, mut xy, mut x1, mut yy, mut y1) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    let mut right = [0.0; 3];
-    let mut used = 0;
-    for &[dx, dy, z] in cells {
-        let above_m = z - last.height_m - last.slope[0] * dx - last.slope[1] * dy;
-        if above_m.abs() <= band_m {
-            xx += dx * dx;
-            xy += dx * dy;
-            x1 += dx;
-            yy += dy * dy;
-            y1 += dy;
-            right[0] += dx * z;
-            right[1] += dy * z;
-            right[2] += z;
-            used += 1;
-        }
-    }
-    if used < CELLS_MIN {
-        return None;
-    }
-    let normal = nalgebra::Matrix3::new(xx, xy, x1, xy, yy, y1, x1, y1, used as f64);
-    let solution = normal.cholesky()?.solve(&nalgebra::Vector3::from(right));
-    let slope = [solution[0], solution[1]];
-    let fine = slope[0].hypot(slope[1]) <= SLOPE_MAX && solution[2].is_finite();
-    fine.then_some(GroundPlane {
-        origin_m: last.origin_m,
-        height_m: solution[2],
-        slope,
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn lowest(points: impl IntoIterator<Item = [f32; 3]>) -> Lowest {
-        let mut lowest = Lowest::default();
-        lowest.add(points.into_iter());
-        lowest
-    }
-
-    #[test]
-    fn a_sloping_road_is_found_under_a_block() {
-        // It rises 5 % ahead and 2 % to the left.
-        let scan = (0..100 * 100).map(|i| {
-            let (x, y) = (10.0 + 0.2 * (i / 100) as f32, 0.2 * (i % 100) as f32 - 10.0);
-            let z = -1.7 + 0.05 * (x - 20.0) + 0.02 * y;
-            let on_block = (18.0..22.0).contains(&x) && (-1.0..1.0).contains(&y);
-            [x, y, if on_block { z + 1.5 } else { z }]
-        });
-        let plane = GroundPlane::fit(&lowest(scan), [20.0, 0.0], 1.73);
-        // The lowest point of a cell on a slope is its lower edge: the plane goes through those.
-        assert!((plane.height_m + 1.7).abs() < 0.03, "{plane:?}");
-        assert!((plane.slope[0] - 0.05).abs() < 0.005 && (plane.slope[1] - 0.02).abs() < 0.005);
-        assert!((plane.z_at_m(22.0, 1.0) - (-1.58)).abs() < 0.04);
-    }
-
-    #[test]
-    fn nothing_to_go_by_means_flat_ground_at_the_sensors_height() {
-        for scan in [vec![], vec![[20.0, 0.0, 3.0]; 5000]] {
-            let plane = GroundPlane::fit(&lowest(scan), [20.0, 0.0], 1.5);
-            assert_eq!(plane, GroundPlane::flat([20.0, 0.0], 1.5));
-        }
-    }
-
-    #[test]
-    fn a_wall_is_no_ground() {
-        let wall = (0..2000).map(|i| [12.0 + 0.008 * i as f32, 0.5, (i % 40) as f32 * 0.1]);
-        let plane = GroundPlane::fit(&lowest(wall), [20.0, 0.0], 1.73);
-        assert!(plane.slope[0].hypot(plane.slope[1]) <= SLOPE_MAX && plane.height_m.is_finite());
-    }
+/// What a point so far above (or below) a surface counts, 0 to 1: little beyond the scale.
+pub(super) fn weight(above_m: f64, scale_m: f64) -> f64 {
+    let scale_m = if above_m > 0.0 {
+        scale_m
+    } else {
+        BELOW * scale_m
+    };
+    let ratio = above_m / scale_m;
+    let sum = 1.0 + ratio * ratio;
+    1.0 / (sum * sum)
 }

@@ -33,9 +33,9 @@ pub fn whole(v: f32) -> u32 {
     (v.trunc() + 8_388_608.0).to_bits() & 0x7F_FFFF
 }
 
-/// The middle of a tile, m.
-pub fn middle_m(tile: usize) -> [f64; 2] {
-    [tile % SIDE, tile / SIDE].map(|i| i as f64 + 0.5 - HALF_EXTENT_M)
+/// Lowest x and y of a tile, m.
+pub fn low_corner_m(tile: usize) -> [f32; 2] {
+    [tile % SIDE, tile / SIDE].map(|i| i as f32 - HALF_EXTENT_M as f32)
 }
 
 /// The tiles that a square touches, row by row; none for a centre or half side that is not a number.

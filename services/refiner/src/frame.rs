@@ -3,7 +3,7 @@
 //! A counting sort that is linear in the points. Points that are not finite, or further than 128 m from the sensor along x
 //! or y, are left out and counted.
 
-use mluc_geometry::ground::Lowest;
+use mluc_geometry::ground::{GROUND_HALF_M, lower};
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
 use mluc_ipc_types::{POINTS_MAX, Point};
 use mluc_kernels::at_best;
@@ -26,8 +26,6 @@ pub struct IndexedPoint {
 pub struct FrameIndex {
     /// First slot of each tile, and one past the last.
     tile_first: Vec<u32>,
-    /// Of each tile.
-    pub lowest: Lowest,
     /// Points within the square and their tiles.
     kept: Vec<(u32, u32)>,
     slots: Vec<IndexedPoint>,
@@ -41,7 +39,6 @@ impl Default for FrameIndex {
     fn default() -> FrameIndex {
         FrameIndex {
             tile_first: vec![0; TILES + 1],
-            lowest: Lowest::default(),
             kept: Vec::with_capacity(POINTS_MAX),
             slots: Vec::with_capacity(POINTS_MAX),
             not_finite: 0,
@@ -57,7 +54,6 @@ impl FrameIndex {
         let scan = &scan[..scan.len().min(POINTS_MAX)];
         self.count_tiles(scan);
         self.fill_slots(scan);
-        self.find_lowest();
     }
 
     fn count_tiles(&mut self, scan: &[Point]) {
@@ -107,19 +103,16 @@ impl FrameIndex {
         self.tile_first[0] = 0;
     }
 
-    fn find_lowest(&mut self) {
-        self.lowest.clear();
-        for tile in 0..TILES {
-            let [first, end] = [tile, tile + 1].map(|tile| self.tile_first[tile] as usize);
-            for point in &self.slots[first..end] {
-                self.lowest.lower(tile, point.at_m);
-            }
-        }
-    }
-
     /// The points of a tile.
     pub(crate) fn points_in(&self, tile: usize) -> &[IndexedPoint] {
         &self.slots[self.tile_first[tile] as usize..self.tile_first[tile + 1] as usize]
+    }
+
+    /// The lowest point of every tile, as far as the ground is looked for.
+    pub(crate) fn lowest(&self) -> impl Iterator<Item = [f32; 3]> {
+        let tiles = tile_rows([0.0; 2], GROUND_HALF_M.into()).flatten();
+        let points = tiles.map(|tile| self.points_in(tile).iter().map(|point| point.at_m));
+        points.filter_map(|points| points.reduce(lower))
     }
 
     /// The tiles with points.
@@ -154,15 +147,10 @@ mod tests {
     use super::*;
     use crate::testing::{point, sorted};
 
-    /// Points around a place, and the lowest of each tile there.
-    fn found(
-        frame: &FrameIndex,
-        center_m: [f64; 2],
-        half_side_m: f64,
-    ) -> (Vec<u32>, Vec<[f32; 3]>) {
+    /// Points around a place.
+    fn found(frame: &FrameIndex, center_m: [f64; 2], half_side_m: f64) -> Vec<u32> {
         let points = frame.rows_around(center_m, half_side_m).flatten();
-        let lowest = frame.lowest.around(center_m, half_side_m);
-        (points.map(|p| p.index).collect(), lowest.collect())
+        points.map(|p| p.index).collect()
     }
 
     #[test]
@@ -177,18 +165,16 @@ mod tests {
         ]
         .map(point);
         let mut frame = sorted(&scan);
-        assert_eq!(
-            found(&frame, [10.0, 0.0], 2.0),
-            (vec![0, 1], vec![[10.8, 0.4, -1.0]])
-        );
+        assert_eq!(found(&frame, [10.0, 0.0], 2.0), [0, 1]);
+        let lowest: Vec<_> = frame.lowest().collect();
+        assert_eq!(lowest, [[10.8, 0.4, -1.0], [50.0, 0.0, 0.0]]);
         for (center_m, half_side_m) in [([f64::NAN, 0.0], 2.0), ([0.0, 0.0], -1.0)] {
-            let (points, lowest) = found(&frame, center_m, half_side_m);
-            assert!(points.is_empty() && lowest.is_empty());
+            assert!(found(&frame, center_m, half_side_m).is_empty());
         }
         assert_eq!((frame.not_finite, frame.outside), (2, 1));
         frame.sort(&vec![point([10.0, 1.0, 0.0]); POINTS_MAX + 7]);
         assert_eq!(frame.outside, 7, "beyond the limit");
-        assert_eq!(found(&frame, [10.0, 1.0], 1.0).0.len(), POINTS_MAX);
+        assert_eq!(found(&frame, [10.0, 1.0], 1.0).len(), POINTS_MAX);
     }
 
     #[test]
@@ -197,14 +183,14 @@ mod tests {
         let places = places.map(|i| [i * 0.37 % 60.0 - 30.0, i * 0.91 % 50.0 - 25.0, i * 1e-3]);
         let scan: Vec<Point> = places.map(point).collect();
         let mut used = sorted(&scan);
-        let mut all = found(&used, [0.0, 0.0], 40.0).0;
+        let mut all = found(&used, [0.0, 0.0], 40.0);
         all.sort_unstable();
         assert!(all.into_iter().eq(0..4000));
         for some in scan.chunks(1300) {
             let fresh = sorted(some);
             used.sort(some);
             let own = found(&fresh, [20.0, 10.0], 12.0);
-            assert!(!own.0.is_empty());
+            assert!(!own.is_empty());
             assert_eq!(own, found(&used, [20.0, 10.0], 12.0));
             assert!(fresh.occupied_tiles().eq(used.occupied_tiles()));
         }

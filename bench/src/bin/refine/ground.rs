@@ -8,8 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use mluc_bench::clock::timed;
 use mluc_bench::inputs::sensor;
-use mluc_geometry::ground::GroundMap;
-use mluc_refiner::{FrameIndex, GroundLabel, label_ground};
+use mluc_geometry::ground::{GroundGrid, ground_height_m};
 use serde_json::json;
 
 use crate::scene::Frame;
@@ -17,29 +16,23 @@ use crate::timing::{PASSES, in_words, times};
 use crate::{Setup, merged};
 
 pub(crate) fn run(setup: &Setup, frames: &[Frame], answers: &Path) -> Result<()> {
-    let mut index = FrameIndex::default();
-    let mut ground = GroundMap::new(sensor().height_m);
-    let mut labels = Vec::new();
+    let mut ground = GroundGrid::new(sensor().height_m);
     let mut laps = Vec::new();
-    let clearance_m = setup.settings.ground_clearance_m;
+    let clearance_m = setup.settings.ground_clearance_m as f32;
     // Points by ours and theirs: neither, theirs alone, ours alone, both.
     let mut counts = [0u64; 4];
     for frame in frames {
         let theirs = read(answers, frame)?;
-        for pass in 0..=PASSES {
-            let lap = timed(|| {
-                index.sort(&frame.points);
-                ground.clear();
-                let count = frame.points.len();
-                label_ground(&mut ground, &index, count, clearance_m, &mut labels);
-            });
-            if pass > 0 {
-                laps.push(lap);
-            }
+        let points: &[[f32; 4]] = bytemuck::cast_slice(&frame.points);
+        for _ in 0..PASSES {
+            laps.push(timed(|| {
+                ground.find(points);
+            }));
         }
-        for (&label, &theirs) in labels.iter().zip(&theirs) {
-            if label != GroundLabel::Outside {
-                let ours = usize::from(label == GroundLabel::Ground);
+        for (&[x, y, z, _], &theirs) in points.iter().zip(&theirs) {
+            let height_m = z - ground_height_m(ground.heights_m(), [x, y]);
+            if !height_m.is_nan() {
+                let ours = usize::from(height_m < clearance_m);
                 counts[2 * ours + usize::from(theirs == 1)] += 1;
             }
         }

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use mluc_bench::inputs::{box_of, candidate, sensor};
-use mluc_geometry::ground::GroundPlane;
+use mluc_geometry::ground::{GroundGrid, ground_height_m};
 use mluc_geometry::{Box3, iou_3d, mean_and_spread};
 use mluc_ipc_types::{Object, Point};
 use mluc_refiner::fit::{Closeness, ClusterPoints, Extend};
-use mluc_refiner::{FrameIndex, Refiner, RefinerOutput, Settings};
+use mluc_refiner::{Refiner, RefinerOutput, Settings};
 use serde_json::{Value, json};
 
 use crate::figure;
@@ -93,8 +93,7 @@ pub(crate) fn print(report: &Value) {
 /// Each proposal alone: what is judged is the box, not who suppresses whom.
 pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
     let mut out = RefinerOutput::default();
-    let mut index = FrameIndex::default();
-    let height_m = sensor().height_m;
+    let mut ground = GroundGrid::new(sensor().height_m);
     let mut judged = Vec::new();
     let mut around = Vec::new();
     for frame in frames {
@@ -120,7 +119,7 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
                 class: object.class.clone(),
                 first,
                 ious,
-                ceiling: Some(ceiling(&around, &object.shape, &mut index, height_m)),
+                ceiling: Some(ceiling(&around, &object.shape, &mut ground)),
             });
         }
     }
@@ -128,20 +127,20 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
 }
 
 /// What the labelled points reach: IoU of the L-shape around an object's own points above the ground, extended to the ground.
-fn ceiling(points: &[Point], object: &Box3, frame: &mut FrameIndex, height_m: f64) -> f64 {
+fn ceiling(points: &[Point], object: &Box3, ground: &mut GroundGrid) -> f64 {
     let clearance_m = Settings::default().ground_clearance_m;
     let center = [object.center_m[0], object.center_m[1]];
-    frame.sort(points);
-    let plane = GroundPlane::fit(&frame.lowest, center, height_m);
+    let ground_m = ground.find(bytemuck::cast_slice(points));
     let mut own = ClusterPoints::default();
     own.start(center);
     for p in inside(points, object) {
-        let [x, y, z] = [p.x_m, p.y_m, p.z_m].map(f64::from);
-        if z - plane.z_at_m(x, y) >= clearance_m {
+        let height_m = p.z_m - ground_height_m(ground_m, [p.x_m, p.y_m]);
+        if f64::from(height_m) >= clearance_m {
+            let [x, y] = [p.x_m, p.y_m].map(f64::from);
             own.push((x - center[0]) as f32, (y - center[1]) as f32, p.z_m);
         }
     }
     let tight = Closeness::default().fit(&own);
-    let fitted = Extend::TO_GROUND.box_around(&own, &tight, &plane);
+    let fitted = Extend::TO_GROUND.box_around(&own, &tight, ground_m);
     fitted.map_or(0.0, |fitted| iou_3d(&fitted, object))
 }

@@ -12,10 +12,10 @@ use crate::Result;
 use mluc_evaluate::SensorDetection;
 use mluc_evaluate::pipeline::{GatedObjects, ModelGate, box_of, class_names};
 use mluc_geometry::Box3;
+use mluc_geometry::ground::{GroundGrid, ground_height_m};
 use mluc_head::Detection;
 use mluc_ipc_types::Point;
 use mluc_refiner::fit::{ClusterPoints, minimum_area};
-use mluc_refiner::{FrameClusterer, FrameClusters, RefinerError, Sensor, Settings};
 use mluc_train::scan::InBox;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -25,7 +25,7 @@ const THRESHOLDS: usize = 20;
 /// Points are thinned to one a cube of this edge, m: neighbours lie much further.
 const THIN_M: f32 = 0.2;
 /// Points lower above the ground are the ground's, m.
-const CLEARANCE_M: f64 = 0.2;
+const CLEARANCE_M: f32 = 0.2;
 /// Clusters with fewer thinned points are none.
 const POINTS_MIN: usize = 5;
 /// Longer ones would match no label; left out to save their boxes' time, m.
@@ -33,14 +33,13 @@ const LENGTH_MAX_M: f64 = 20.0;
 
 pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
     let thresholds = input.thresholds(ModelGate::Softmax, input.frames, THRESHOLDS);
-    let (settings, classes) = (Settings::default(), class_names(input.model));
-    let sensor = Sensor::from_manifest(&input.model.manifest)?;
+    let classes = class_names(input.model);
+    let height_m = f64::from(input.model.manifest.sensor_height_m);
     let embedder = learned.then(|| Embedder::new(input.model)).transpose()?;
-    let one_frame = |clusterer: &mut Result<FrameClusterer, RefinerError>, frame: usize| {
-        let clusterer = clusterer.as_mut().map_err(|e| e.clone())?;
+    let one_frame = |ground: &mut GroundGrid, frame: usize| {
         let points = input.set.points(frame)?;
         let detections = &input.frames[frame].detections;
-        let mut standing = standing(clusterer, &points, detections);
+        let mut standing = standing(ground, &points, detections);
         if let Some(embedder) = &embedder {
             embedder.embed(&points, &mut standing)?;
         }
@@ -60,7 +59,7 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
     };
     let frames = (0..input.frames.len()).into_par_iter();
     let objects: Result<Vec<_>> = frames
-        .map_init(|| FrameClusterer::new(&settings, &sensor), one_frame)
+        .map_init(|| GroundGrid::new(height_m), one_frame)
         .collect();
     Ok(GatedObjects {
         objects: objects?,
@@ -70,13 +69,11 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
 
 /// One point a cube of those that stand on the ground, in the order of their cubes.
 fn standing(
-    clusterer: &mut FrameClusterer,
+    ground: &mut GroundGrid,
     points: &[Point],
     detections: &[Detection],
 ) -> Vec<Standing> {
-    let mut clusters = FrameClusters::default();
-    // For the ground alone.
-    clusterer.find(points, &mut clusters);
+    let ground_m = ground.find(bytemuck::cast_slice(points));
     let mut cubes: BTreeMap<[i32; 3], [f32; 3]> = BTreeMap::new();
     for p in points {
         let at = [p.x_m, p.y_m, p.z_m];
@@ -85,10 +82,7 @@ fn standing(
     }
     let test = |d: &Detection| (InBox::new(&box_of(d)), d.softmax_max);
     let tests: Vec<(InBox, f32)> = detections.iter().map(test).collect();
-    let stands = |at: &[f32; 3]| {
-        let [x, y, z] = at.map(f64::from);
-        z - clusterer.ground_at([x, y]).z_at_m(x, y) > CLEARANCE_M
-    };
+    let stands = |&[x, y, z]: &[f32; 3]| z - ground_height_m(ground_m, [x, y]) > CLEARANCE_M;
     let point = |at_m: [f32; 3]| {
         let [x, y, z] = at_m;
         let around = tests.iter().enumerate();

@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 
 use crate::Sensor;
 use crate::fit::{ClusterPoints, Rectangle, higher, lower};
-use mluc_geometry::ground::GroundPlane;
+use mluc_geometry::ground::ground_height_m;
 use mluc_geometry::ground::tiles::whole;
 
 /// Measurements of one cluster, as the sensor saw it: nothing is completed.
@@ -70,7 +70,7 @@ impl Measurer {
         &self,
         points: &ClusterPoints,
         tight: &Rectangle,
-        ground: &GroundPlane,
+        ground_m: &[f32],
     ) -> Measures {
         let Some([low, high]) = points.z_range_m() else {
             return Measures::default();
@@ -78,7 +78,7 @@ impl Measurer {
         let origin_m = points.origin_m;
         let range_m = origin_m[0].hypot(origin_m[1]);
         let [u, v] = tight.size_m().map(|side| side as f32);
-        let floor = ground.z_at_m(origin_m[0], origin_m[1]) as f32;
+        let floor = ground_height_m(ground_m, origin_m.map(|v| v as f32));
         let [linearity, planarity, scattering] = eigen_features(points);
         Measures {
             points: points.len() as u32,
@@ -174,11 +174,11 @@ fn residual_m(points: &ClusterPoints, tight: &Rectangle) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mluc_geometry::ground::GROUND_NODES;
 
     fn measured(points: &ClusterPoints) -> Measures {
         let measurer = Measurer::new(&Sensor::plain(&["car"]));
-        let ground = GroundPlane::flat([20.0, 0.0], 1.7);
-        measurer.measure(points, &points.rectangle(0.0), &ground)
+        measurer.measure(points, &points.rectangle(0.0), &[-1.7; GROUND_NODES])
     }
 
     /// 20 m ahead.

@@ -1,6 +1,6 @@
 //! Ground and clusters of a scan.
 //!
-//! One pass sorts the scan into tiles of 1 m, planes every 8 m tell ground from what stands on it, cells of 25 cm that
+//! One pass sorts the scan into tiles of 1 m, a surface under their lowest points tells ground from what stands on it, cells of 25 cm that
 //! lie within the join distance of each other are united, and what is larger than one thing can be is divided by shorter
 //! reaches, at last by cutting. A cluster's box is laid when somebody asks for it.
 //!
@@ -23,13 +23,13 @@ use mluc_ipc_types::{POINTS_MAX, Point};
 use crate::ascending::Ascending;
 use crate::fit::{Fitter, Footprint};
 use crate::frame::{FrameIndex, IndexedPoint};
-use crate::ground_heights::heights;
 use crate::{RefinerError, Sensor, Settings};
 use cells::Cells;
 use divide::Divider;
 pub(crate) use matching::Matcher;
 use measure::Measurer;
-use mluc_geometry::ground::{GroundMap, GroundPlane};
+use mluc_geometry::ground::tiles::low_corner_m;
+use mluc_geometry::ground::{GroundGrid, ground_height_m};
 
 /// No cluster.
 pub const NO_CLUSTER: u32 = u32::MAX;
@@ -102,18 +102,13 @@ impl FrameClusterer {
             out.clusters.push(cluster);
         }
     }
-
-    /// The ground at a place of the last frame, m.
-    pub fn ground_at(&mut self, place_m: [f64; 2]) -> GroundPlane {
-        self.finder.ground.plane_at(&self.frame.lowest, place_m)
-    }
 }
 
 /// Finds clusters in what a frame holds.
 #[derive(Debug)]
 pub(crate) struct ClusterFinder {
     settings: Settings,
-    ground: GroundMap,
+    ground: GroundGrid,
     cells: Cells,
     divider: Divider,
     fitter: Fitter,
@@ -127,7 +122,7 @@ pub(crate) struct ClusterFinder {
 impl ClusterFinder {
     pub(crate) fn new(settings: &Settings, sensor: &Sensor) -> ClusterFinder {
         ClusterFinder {
-            ground: GroundMap::new(sensor.height_m),
+            ground: GroundGrid::new(sensor.height_m),
             cells: Cells::default(),
             divider: Divider::new(settings),
             fitter: Fitter::new(settings, sensor),
@@ -156,13 +151,13 @@ impl ClusterFinder {
             standing,
             ..
         } = self;
-        ground.clear();
+        let ground_m = ground.find_under(frame.lowest());
         cells.clear();
         let low = settings.ground_clearance_m as f32;
         let high = settings.height_max_m as f32;
         let mut add = |cells: &mut Cells, tile: usize| {
             standing.clear();
-            for (point, height) in heights(ground, frame, tile) {
+            for (point, height) in heights(ground_m, frame, tile) {
                 let is_known = || is_known.get(point.index as usize) == Some(&true);
                 if height >= low && height <= high && !is_known() {
                     standing.push(*point);
@@ -218,8 +213,8 @@ impl ClusterFinder {
             let y = f64::from(p.y_m) - origin_m[1];
             cluster.push(x as f32, y as f32, p.z_m);
         }
-        let ground = self.ground.plane_at(&frame.lowest, origin_m);
-        let (shape, tight) = self.fitter.fit(&ground);
+        let ground_m = self.ground.heights_m();
+        let (shape, tight) = self.fitter.fit(ground_m);
         let cluster = &self.fitter.points;
         FrameCluster {
             shape,
@@ -228,10 +223,27 @@ impl ClusterFinder {
             measures: Measures {
                 component_length_m: piece.component_length_m,
                 is_cut: piece.is_cut,
-                ..self.measurer.measure(cluster, &tight, &ground)
+                ..self.measurer.measure(cluster, &tight, ground_m)
             },
         }
     }
+}
+
+/// The points of a tile with their heights above the ground, m.
+fn heights<'a>(
+    ground_m: &[f32],
+    frame: &'a FrameIndex,
+    tile: usize,
+) -> impl Iterator<Item = (&'a IndexedPoint, f32)> + use<'a> {
+    let [x, y] = low_corner_m(tile);
+    // No node lies within a tile.
+    let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+    let [a, b, c, d] = corners.map(|[u, v]| ground_height_m(ground_m, [x + u, y + v]));
+    frame.points_in(tile).iter().map(move |point| {
+        let at = point.at_m;
+        let (u, v) = (at[0] - x, at[1] - y);
+        (point, at[2] - (a + u * (b - a) + v * (c - a + u * (d - c - b + a))))
+    })
 }
 
 /// Mean place of some points, m. Summed in whole millimetres, so that their order does not matter.

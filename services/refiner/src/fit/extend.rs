@@ -7,7 +7,7 @@ use mluc_geometry::{Box3, limit_period};
 use super::{ClusterPoints, Rectangle};
 use crate::priors::{self, EndFace};
 use crate::{Sensor, Settings, Variant};
-use mluc_geometry::ground::GroundPlane;
+use mluc_geometry::ground::ground_height_m;
 
 /// Sizes of published boxes are above 0.
 const SIZE_MIN_M: f64 = 0.1;
@@ -43,16 +43,17 @@ impl Extend {
         }
     }
 
-    /// The box around a cluster and its tight rectangle. `None` without points.
+    /// The box around a cluster and its tight rectangle, on the ground of a scan ([`ground_height_m`]). `None` without points.
     pub fn box_around(
         &self,
         points: &ClusterPoints,
         tight: &Rectangle,
-        ground: &GroundPlane,
+        ground_m: &[f32],
     ) -> Option<Box3> {
+        let floor_m = |place_m: [f64; 2]| f64::from(ground_height_m(ground_m, place_m.map(|v| v as f32)));
         let z_m = points.z_range_m()?.map(f64::from);
         let mut r = *tight;
-        let seen_m = z_m[1] - ground.z_at_m(points.origin_m[0], points.origin_m[1]);
+        let seen_m = z_m[1] - floor_m(points.origin_m);
         if self.completes {
             let [u, v] = r.size_m();
             for (axis, other_m) in [v, u].into_iter().enumerate() {
@@ -67,12 +68,12 @@ impl Extend {
         let [u, v] = r.size_m();
         let [mut bottom, mut top] = z_m;
         if self.to_ground {
-            bottom = bottom.min(ground.z_at_m(x, y));
+            bottom = bottom.min(floor_m([x, y]));
         }
         if let Some(top_rad) = self.top_rad.filter(|_| self.completes)
             && is_cut(top_rad, [u.max(v), seen_m], points)
         {
-            top = top.max(ground.z_at_m(x, y) + priors::CUT_TOP_HEIGHT_M);
+            top = top.max(floor_m([x, y]) + priors::CUT_TOP_HEIGHT_M);
         }
         // The longer side is the length.
         let turn_rad = if u >= v { 0.0 } else { FRAC_PI_2 };
@@ -154,6 +155,7 @@ fn grow_away(r: &mut Rectangle, axis: usize, extent_m: f64, origin_m: [f64; 2]) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mluc_geometry::ground::GROUND_NODES;
 
     const EXTEND: Extend = Extend {
         completes: true,
@@ -165,8 +167,8 @@ mod tests {
         let mut points = ClusterPoints::default();
         places.for_each(|[x, y, z]| points.push(x, y, z));
         points.origin_m = [x_m, 0.0];
-        let ground = GroundPlane::flat([x_m, 0.0], 1.7);
-        let found = extend.box_around(&points, &points.rectangle(0.0), &ground);
+        let ground_m = [-1.7; GROUND_NODES];
+        let found = extend.box_around(&points, &points.rectangle(0.0), &ground_m);
         found.expect("there are points")
     }
 

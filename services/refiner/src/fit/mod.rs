@@ -16,7 +16,6 @@ use mluc_kernels::at_best;
 use serde::{Deserialize, Serialize};
 
 use crate::{Sensor, Settings};
-use mluc_geometry::ground::GroundPlane;
 
 /// How a rectangle is laid around a cluster.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,14 +51,14 @@ impl Fitter {
     }
 
     /// The box around the points, on this ground, and their tight rectangle.
-    pub(crate) fn fit(&mut self, ground: &GroundPlane) -> (Box3, Rectangle) {
+    pub(crate) fn fit(&mut self, ground_m: &[f32]) -> (Box3, Rectangle) {
         let tight = match self.fit {
             BoxFit::AxisAligned => self.points.rectangle(0.0),
             BoxFit::MinimumArea => minimum_area(&self.points),
             BoxFit::Closeness => self.closeness.fit(&self.points),
         };
         // Only a cluster without points has no box.
-        let shape = self.extend.box_around(&self.points, &tight, ground);
+        let shape = self.extend.box_around(&self.points, &tight, ground_m);
         (shape.unwrap_or_else(|| Box3::new([0.0; 7])), tight)
     }
 }

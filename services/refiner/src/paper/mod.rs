@@ -17,7 +17,7 @@ use crate::frame::IndexedPoint;
 use crate::proposal::Proposal;
 use crate::{Sensor, Settings, Variant};
 use grow::{Depth, Grower, Growth, Printed};
-use mluc_geometry::ground::GroundPlane;
+use mluc_geometry::ground::GroundGrid;
 use seed::Seek;
 
 /// Work in points looked at, measured by time, of a candidate before any point,
@@ -33,13 +33,12 @@ pub(crate) struct PaperClusterer {
     is_printed: bool,
     grower: Box<dyn Grower>,
     fitter: Fitter,
-    sensor_height_m: f64,
+    /// As printed, it lies flat.
+    ground: GroundGrid,
     radius_m: f64,
     /// As printed, there is no ground.
     height_min_m: f64,
     points_min: usize,
-    /// Of the candidate in hand.
-    ground: GroundPlane,
     around: Neighbourhood,
     members: Vec<u32>,
     inside: Vec<IndexedPoint>,
@@ -62,11 +61,10 @@ impl PaperClusterer {
             is_printed,
             grower,
             fitter: Fitter::new(settings, sensor),
-            sensor_height_m: sensor.height_m,
+            ground: GroundGrid::new(sensor.height_m),
             radius_m: settings.radius_m(sensor),
             height_min_m,
             points_min,
-            ground: GroundPlane::flat([0.0; 2], sensor.height_m),
             around: Neighbourhood::default(),
             members: Vec::new(),
             inside: Vec::new(),
@@ -79,7 +77,7 @@ impl PaperClusterer {
         let seek = Seek {
             frame: task.frame,
             candidate: &proposal.shape,
-            ground: &self.ground,
+            ground_m: self.ground.heights_m(),
             height_min_m: self.height_min_m,
         };
         if self.is_printed {
@@ -92,18 +90,21 @@ impl PaperClusterer {
 }
 
 impl Clusterer for PaperClusterer {
+    /// As printed, there is no ground.
+    fn find_ground_and_clusters(&mut self, task: &FrameTask, _proposals: &[Proposal]) {
+        if !self.is_printed {
+            self.ground.find_under(task.frame.lowest());
+        }
+    }
+
     /// Gathers the points around a seed, those of the ground as borders between objects, and grows the cluster among them.
     fn match_cluster(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> bool {
-        let [x, y, _] = proposal.shape.center_m;
-        let flat = GroundPlane::flat([x, y], self.sensor_height_m);
-        let found = (!self.is_printed).then(|| GroundPlane::find(&task.frame.lowest, [x, y]));
-        self.ground = found.flatten().unwrap_or(flat);
         self.members.clear();
         task.counters.work += WORK_PER_CANDIDATE;
         if let Some(seed) = self.seed(task, proposal) {
             let around = &mut self.around;
             let growth = Growth {
-                seed: around.gather(task.frame, &seed, &self.ground, self.radius_m),
+                seed: around.gather(task.frame, &seed, self.ground.heights_m(), self.radius_m),
                 around,
                 height_min_m: self.height_min_m,
             };
@@ -134,7 +135,7 @@ impl Clusterer for PaperClusterer {
             let at = member as usize;
             points.push(around.x_m[at], around.y_m[at], around.z_m[at]);
         }
-        let (shape, tight) = self.fitter.fit(&self.ground);
+        let (shape, tight) = self.fitter.fit(self.ground.heights_m());
         proposal.shape = shape;
         proposal.footprint = Footprint::around(&self.fitter.points, &tight);
         None

@@ -1,7 +1,7 @@
 //! The points around one candidate's seed, in columns, relative to the seed.
 
 use crate::frame::{FrameIndex, IndexedPoint};
-use mluc_geometry::ground::GroundPlane;
+use mluc_geometry::ground::ground_height_m;
 
 /// Points within a cylinder around a seed. Columns of equal length.
 #[derive(Debug, Default)]
@@ -54,7 +54,7 @@ impl Neighbourhood {
         &mut self,
         frame: &FrameIndex,
         seed: &IndexedPoint,
-        ground: &GroundPlane,
+        ground_m: &[f32],
         radius_m: f64,
     ) -> usize {
         let [seed_x, seed_y, _] = seed.at_m;
@@ -63,11 +63,7 @@ impl Neighbourhood {
         let available: usize = rows().map(<[IndexedPoint]>::len).sum();
         self.looked_at = available as u64;
         let radius_squared = (radius_m * radius_m) as f32;
-        let height_at_center = ground.z_at_m(center_m[0], center_m[1]) as f32;
-        let slope = ground.slope.map(|s| s as f32);
-        let height = |[x, y, z]: [f32; 3]| {
-            z - (height_at_center + slope[0] * (x - seed_x) + slope[1] * (y - seed_y))
-        };
+        let height = |[x, y, z]: [f32; 3]| z - ground_height_m(ground_m, [x, y]);
         let is_asked = |at_m: [f32; 3]| {
             let (dx, dy) = (at_m[0] - seed_x, at_m[1] - seed_y);
             dx * dx + dy * dy <= radius_squared
@@ -117,6 +113,7 @@ fn is_kept(at_m: [f32; 3], keep_one_in: u64) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use mluc_geometry::ground::GROUND_NODES;
     use mluc_ipc_types::Point;
 
     use super::*;
@@ -124,12 +121,11 @@ mod tests {
 
     fn gather(scan: &[Point], seed: usize) -> (Neighbourhood, usize) {
         let mut around = Neighbourhood::default();
-        let ground = GroundPlane::flat([10.0, 2.0], 1.7);
         let seed = IndexedPoint {
             at_m: [scan[seed].x_m, scan[seed].y_m, scan[seed].z_m],
             index: seed as u32,
         };
-        let found = around.gather(&sorted(scan), &seed, &ground, 3.0);
+        let found = around.gather(&sorted(scan), &seed, &[-1.7; GROUND_NODES], 3.0);
         (around, found)
     }
 

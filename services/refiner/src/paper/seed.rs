@@ -4,14 +4,14 @@ use mluc_geometry::{Box3, Inside, Random};
 
 use crate::frame::{FrameIndex, IndexedPoint};
 use crate::proposal::{ENLARGED, NEAR_M, reach_m};
-use mluc_geometry::ground::GroundPlane;
+use mluc_geometry::ground::ground_height_m;
 
 /// What seeds are looked for in.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seek<'a> {
     pub(crate) frame: &'a FrameIndex,
     pub(crate) candidate: &'a Box3,
-    pub(crate) ground: &'a GroundPlane,
+    pub(crate) ground_m: &'a [f32],
     pub(crate) height_min_m: f64,
 }
 
@@ -37,7 +37,9 @@ impl Seek<'_> {
                 if flat > reach_m * reach_m || best.is_some_and(|(least, _)| full > least) {
                     continue;
                 }
-                let stands = z - self.ground.z_at_m(x, y) >= self.height_min_m;
+                let [px, py, pz] = point.at_m;
+                let height_m = pz - ground_height_m(self.ground_m, [px, py]);
+                let stands = f64::from(height_m) >= self.height_min_m;
                 let own = (full, point.at_m);
                 let is_better = |(least, b): (f64, IndexedPoint)| own < (least, b.at_m);
                 if stands && best.is_none_or(is_better) {
@@ -87,6 +89,7 @@ impl Seek<'_> {
 mod tests {
     use super::*;
     use crate::testing::{point, sorted};
+    use mluc_geometry::ground::GROUND_NODES;
 
     /// What `found` finds for a candidate of 1.5 m by 1 m at x, among points 0.7 m above the ground.
     fn seek<T>(points_x_m: &[f32], x_m: f64, found: impl FnOnce(Seek) -> T) -> T {
@@ -94,7 +97,7 @@ mod tests {
         found(Seek {
             frame: &sorted(&scan),
             candidate: &Box3::new([x_m, 0.0, -1.0, 1.9, 1.0, 1.5, 0.0]),
-            ground: &GroundPlane::flat([x_m, 0.0], 1.7),
+            ground_m: &[-1.7; GROUND_NODES],
             height_min_m: 0.2,
         })
     }
