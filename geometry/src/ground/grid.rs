@@ -4,7 +4,6 @@
 //! the nodes. Points above the surface soon count nothing (things that stand on it), those below keep their weight. Where a scan says nothing, the surface
 //! goes on as the plane does; beyond the grid it is as high as at the nearest place of the grid's edge.
 
-use super::plane::weight;
 use super::{GroundPlane, Lowest};
 
 /// Between nodes, m.
@@ -20,6 +19,8 @@ const WIDTH: usize = SIDE + 2;
 
 /// Points farther above the surface than about this count little; it shrinks from pass to pass, m.
 const ABOVE_M: [f64; 7] = [0.6, 0.45, 0.3, 0.2, 0.15, 0.12, 0.12];
+/// Those below it keep their weight so many times as far.
+const BELOW: f64 = 4.0;
 /// The plane is fitted to tiles nearer than this, m, from the height that most tiles have in common: around the sensor, m, and from where to where.
 const PLANE_RADIUS_M: f32 = 30.0;
 const COMMON_HALF_M: f32 = 20.0;
@@ -47,7 +48,14 @@ struct Tile {
 const CORNERS: [usize; 4] = [0, 1, WIDTH, WIDTH + 1];
 /// Steps from a node to the four of the eight around it that come later, and pairs of corners with the step between them.
 const NEXT: [usize; 4] = [WIDTH + 1, WIDTH, WIDTH - 1, 1];
-const PAIRS: [[usize; 3]; 6] = [[0, 3, 0], [0, 2, 1], [1, 3, 1], [1, 2, 2], [0, 1, 3], [2, 3, 3]];
+const PAIRS: [[usize; 3]; 6] = [
+    [0, 3, 0],
+    [0, 2, 1],
+    [1, 3, 1],
+    [1, 2, 2],
+    [0, 1, 3],
+    [2, 3, 3],
+];
 
 /// A node's row of the normal equations, which are symmetric: itself, and the nodes at [`NEXT`].
 #[derive(Clone, Copy, Debug, Default)]
@@ -135,7 +143,7 @@ impl GroundGrid {
             slope: [0.0; 2],
         });
         let points = self.points.iter().copied().filter(is_in_circle);
-        flat.fitted(points, &ABOVE_M, SLOPE_COST)
+        flat.fitted(points, &ABOVE_M, weight, SLOPE_COST)
     }
 
     /// The normal equations with each tile's weight at the surface as it is; then one over a row's own factor.
@@ -180,6 +188,18 @@ impl GroundGrid {
             }
         }
     }
+}
+
+/// What a point so far above (or below) the surface counts, 0 to 1.
+fn weight(above_m: f64, scale_m: f64) -> f64 {
+    let scale_m = if above_m > 0.0 {
+        scale_m
+    } else {
+        BELOW * scale_m
+    };
+    let ratio = above_m / scale_m;
+    let sum = 1.0 + ratio * ratio;
+    1.0 / (sum * sum)
 }
 
 /// Of the equations, by its place in the grid.
@@ -259,5 +279,27 @@ mod tests {
         let flat = grid.find(&[]);
         assert!((ground_height_m(flat, [-300.0, 900.0]) + 1.7).abs() < 1e-6);
         assert!(ground_height_m(flat, [f32::NAN, 900.0]).is_nan());
+    }
+
+    #[test]
+    fn a_bending_road_is_found_under_boxes_and_a_roof_is_no_ground() {
+        // It rises 5 % ahead and bends to flat at 20 m.
+        let road_m = |x: f32| -1.73 + 0.05 * x.clamp(0.0, 20.0);
+        let road = (0..240 * 240).map(|i| [i / 240, i % 240].map(|i| -30.0 + 0.25 * i as f32));
+        let road = road.map(|[x, y]| {
+            let is_box = x.rem_euclid(10.0) < 3.5 && y.rem_euclid(8.0) < 1.6;
+            [x, y, road_m(x) + if is_box { 1.2 } else { 0.0 }, 0.0]
+        });
+        let roof = (0..80 * 80).map(|i| [i / 80, i % 80].map(|i| 0.25 * i as f32));
+        let roof = roof.map(|[x, y]| [40.0 + x, y, 6.0, 0.0]);
+        let points: Vec<[f32; 4]> = road.chain(roof).collect();
+        let mut grid = GroundGrid::new(1.73);
+        let ground_m = grid.find(&points);
+        for place @ [x, _] in [-15.0, 1.0, 11.0, 18.0, 25.0].map(|x| [x, 0.8]) {
+            let off = ground_height_m(ground_m, place) - road_m(x);
+            assert!(off.abs() < 0.12, "{place:?}: {off}");
+        }
+        let under_roof = ground_height_m(ground_m, [50.0, 8.0]);
+        assert!(under_roof < 0.5, "{under_roof}");
     }
 }

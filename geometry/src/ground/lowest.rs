@@ -18,7 +18,7 @@ impl Lowest {
             let tile = tile_of(point);
             if tile != NO_TILE {
                 let lowest = &mut self.0[tile as usize];
-                *lowest = lower(*lowest, point);
+                *lowest = lower_point(*lowest, point);
             }
         }
     }
@@ -33,7 +33,7 @@ impl Lowest {
 
 /// The lower of two points. Ties go by x and y, so that the order of points does not matter.
 #[inline]
-pub fn lower(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+pub fn lower_point(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     let is_b = b[2] < a[2] || (b[2] == a[2] && (b[0] < a[0] || (b[0] == a[0] && b[1] < a[1])));
     if is_b { b } else { a }
 }

@@ -6,5 +6,5 @@ mod plane;
 pub mod tiles;
 
 pub use grid::{GROUND_HALF_M, GROUND_NODES, GroundGrid, ground_height_m};
-pub use lowest::{Lowest, lower};
+pub use lowest::{Lowest, lower_point};
 pub use plane::GroundPlane;

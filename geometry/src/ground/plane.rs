@@ -11,8 +11,6 @@ const HEIGHT_STEP_M: f32 = 0.25;
 const HEIGHTS_MAX: usize = 128;
 /// Fewer tiles on it make no plane.
 const TILES_MIN: u16 = 12;
-/// Points below a surface keep their weight so many times as far as those above it.
-const BELOW: f64 = 4.0;
 
 /// z = `z_m` + slope . (x, y).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -62,12 +60,13 @@ impl GroundPlane {
         (best.0 >= TILES_MIN).then_some(best.1)
     }
 
-    /// The plane by robust least squares from this one on: a pass for each scale ([`weight`]). A slope of 1 costs as much as
-    /// `slope_cost` points that are 1 m off.
+    /// The plane by least squares from this one on: a pass for each scale (m), in which a point has a weight by its height above the last plane (m) and the scale.
+    /// A slope of 1 costs as much as `slope_cost` points that are 1 m off.
     pub fn fitted(
         mut self,
         points: impl Iterator<Item = [f32; 3]> + Clone,
         scales_m: &[f64],
+        weight: impl Fn(f64, f64) -> f64,
         slope_cost: f64,
     ) -> GroundPlane {
         for &scale_m in scales_m {
@@ -88,16 +87,4 @@ impl GroundPlane {
         }
         self
     }
-}
-
-/// What a point so far above (or below) a surface counts, 0 to 1: little beyond the scale.
-pub(super) fn weight(above_m: f64, scale_m: f64) -> f64 {
-    let scale_m = if above_m > 0.0 {
-        scale_m
-    } else {
-        BELOW * scale_m
-    };
-    let ratio = above_m / scale_m;
-    let sum = 1.0 + ratio * ratio;
-    1.0 / (sum * sum)
 }

@@ -113,7 +113,7 @@ impl Clusterer for ScanClusterer {
     /// A cluster's box is laid once.
     fn lay_box(&mut self, task: &mut FrameTask, proposal: &mut Proposal) -> Option<Measures> {
         let place = *self.place[self.matched].get_or_insert_with(|| {
-            let shaped = (self.finder).shape(task.frame, task.scan, self.matched, task.points);
+            let shaped = (self.finder).shape(task.scan, self.matched, task.points);
             task.counters.work += shaped.points.len() as u64;
             self.shaped.push(shaped);
             self.shaped.len() as u32 - 1

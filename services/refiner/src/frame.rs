@@ -3,13 +3,12 @@
 //! A counting sort that is linear in the points. Points that are not finite, or further than 128 m from the sensor along x
 //! or y, are left out and counted.
 
-use mluc_geometry::ground::{GROUND_HALF_M, lower};
 use mluc_geometry::ground::tiles::{NO_TILE, TILES, tile_of, tile_rows};
+use mluc_geometry::ground::{GROUND_HALF_M, lower_point};
 use mluc_ipc_types::{POINTS_MAX, Point};
 use mluc_kernels::at_best;
 
-/// Points whose tiles are worked out together.
-const BLOCK: usize = 256;
+use crate::fit::lower;
 
 /// A point with its place in the scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,8 +25,8 @@ pub struct IndexedPoint {
 pub struct FrameIndex {
     /// First slot of each tile, and one past the last.
     tile_first: Vec<u32>,
-    /// Points within the square and their tiles.
-    kept: Vec<(u32, u32)>,
+    /// Of each point of the scan.
+    tiles: Vec<u32>,
     slots: Vec<IndexedPoint>,
     /// Points with NaN or infinity.
     pub not_finite: u32,
@@ -39,7 +38,7 @@ impl Default for FrameIndex {
     fn default() -> FrameIndex {
         FrameIndex {
             tile_first: vec![0; TILES + 1],
-            kept: Vec::with_capacity(POINTS_MAX),
+            tiles: Vec::with_capacity(POINTS_MAX),
             slots: Vec::with_capacity(POINTS_MAX),
             not_finite: 0,
             outside: 0,
@@ -57,25 +56,23 @@ impl FrameIndex {
     }
 
     fn count_tiles(&mut self, scan: &[Point]) {
+        // Every tile is overwritten.
+        self.tiles.resize(scan.len(), NO_TILE);
+        let tiles = &mut self.tiles;
+        at_best(
+            #[inline(always)]
+            || tiles_of(scan, tiles),
+        );
         self.not_finite = 0;
         self.tile_first.fill(0);
-        self.kept.clear();
-        let mut tile_of_point = [NO_TILE; BLOCK];
-        for (block, points) in scan.chunks(BLOCK).enumerate() {
-            at_best(
-                #[inline(always)]
-                || tiles_of(points, &mut tile_of_point),
-            );
-            for (i, (point, &tile)) in points.iter().zip(&tile_of_point).enumerate() {
-                if tile == NO_TILE {
-                    let at_m = [point.x_m, point.y_m, point.z_m];
-                    let is_finite = at_m.iter().all(|v| v.is_finite());
-                    self.outside += u32::from(is_finite);
-                    self.not_finite += u32::from(!is_finite);
-                } else {
-                    self.tile_first[tile as usize + 1] += 1;
-                    self.kept.push(((block * BLOCK + i) as u32, tile));
-                }
+        for (point, &tile) in scan.iter().zip(&self.tiles) {
+            if tile == NO_TILE {
+                let at_m = [point.x_m, point.y_m, point.z_m];
+                let is_finite = at_m.iter().all(|v| v.is_finite());
+                self.outside += u32::from(is_finite);
+                self.not_finite += u32::from(!is_finite);
+            } else {
+                self.tile_first[tile as usize] += 1;
             }
         }
         let mut sum = 0;
@@ -85,22 +82,21 @@ impl FrameIndex {
         }
     }
 
-    /// `tile_first[t]` serves as the cursor of tile t and ends as the first slot of tile t + 1: the sum above is
-    /// inclusive one place to the right, so it is walked back afterwards.
+    /// From the last point on: `tile_first` holds the end of each tile before, and its first slot after.
     fn fill_slots(&mut self, scan: &[Point]) {
         // Every slot is overwritten.
-        self.slots.resize(self.kept.len(), IndexedPoint::default());
-        for &(index, tile) in &self.kept {
-            let point = &scan[index as usize];
-            let cursor = &mut self.tile_first[tile as usize];
-            self.slots[*cursor as usize] = IndexedPoint {
-                at_m: [point.x_m, point.y_m, point.z_m],
-                index,
-            };
-            *cursor += 1;
+        let count = self.tile_first[TILES] as usize;
+        self.slots.resize(count, IndexedPoint::default());
+        for (index, (point, &tile)) in scan.iter().zip(&self.tiles).enumerate().rev() {
+            if tile != NO_TILE {
+                let slot = &mut self.tile_first[tile as usize];
+                *slot -= 1;
+                self.slots[*slot as usize] = IndexedPoint {
+                    at_m: [point.x_m, point.y_m, point.z_m],
+                    index: index as u32,
+                };
+            }
         }
-        self.tile_first.copy_within(..TILES, 1);
-        self.tile_first[0] = 0;
     }
 
     /// The points of a tile.
@@ -111,8 +107,12 @@ impl FrameIndex {
     /// The lowest point of every tile, as far as the ground is looked for.
     pub(crate) fn lowest(&self) -> impl Iterator<Item = [f32; 3]> {
         let tiles = tile_rows([0.0; 2], GROUND_HALF_M.into()).flatten();
-        let points = tiles.map(|tile| self.points_in(tile).iter().map(|point| point.at_m));
-        points.filter_map(|points| points.reduce(lower))
+        tiles.filter_map(|tile| {
+            let points = self.points_in(tile).iter().map(|point| point.at_m);
+            // First the height alone: comparing whole points costs three times as much.
+            let z = points.clone().map(|[_, _, z]| z).fold(f32::INFINITY, lower);
+            points.filter(|point| point[2] == z).reduce(lower_point)
+        })
     }
 
     /// The tiles with points.
@@ -134,9 +134,9 @@ impl FrameIndex {
     }
 }
 
-/// The tile of each point of a block.
+/// The tile of each point.
 #[inline(always)]
-fn tiles_of(points: &[Point], tiles: &mut [u32; BLOCK]) {
+fn tiles_of(points: &[Point], tiles: &mut [u32]) {
     for (tile, point) in tiles.iter_mut().zip(points) {
         *tile = tile_of([point.x_m, point.y_m, point.z_m]);
     }

@@ -68,11 +68,7 @@ pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
 }
 
 /// One point a cube of those that stand on the ground, in the order of their cubes.
-fn standing(
-    ground: &mut GroundGrid,
-    points: &[Point],
-    detections: &[Detection],
-) -> Vec<Standing> {
+fn standing(ground: &mut GroundGrid, points: &[Point], detections: &[Detection]) -> Vec<Standing> {
     let ground_m = ground.find(bytemuck::cast_slice(points));
     let mut cubes: BTreeMap<[i32; 3], [f32; 3]> = BTreeMap::new();
     for p in points {

@@ -10,8 +10,8 @@ const TILES_MAX: usize = 1764;
 const SLOPE_STEPS: i32 = 6;
 /// And heights: a sensor may hang upside down, m.
 const Z_M: std::ops::Range<f32> = -9.0..9.0;
-/// Tiles farther than this from the last plane count little for the next, m.
-const SCALES_M: [f64; 4] = [0.35, 0.25, 0.2, 0.15];
+/// Tiles this near the last plane carry the next, m.
+const BANDS_M: [f64; 4] = [0.35, 0.25, 0.2, 0.15];
 
 /// The ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,8 +37,10 @@ impl LevelFinder {
         self.tiles.extend(around.take(TILES_MAX));
         let tiles = self.tiles.iter().copied();
         let start = GroundPlane::common(tiles.clone(), SLOPE_STEPS, Z_M)?;
-        let plane = start.fitted(tiles.clone(), &SCALES_M, 0.0);
-        let near = tiles.filter(|&tile| plane.above_m(tile).abs() <= SCALES_M[3]);
+        let is_near = |above_m: f64, band_m: f64| above_m.abs() <= band_m;
+        let weight = |above_m, band_m| f64::from(is_near(above_m, band_m));
+        let plane = start.fitted(tiles.clone(), &BANDS_M, weight, 0.0);
+        let near = tiles.filter(|&tile| is_near(plane.above_m(tile), BANDS_M[3]));
         let share = near.count() as f32 / self.tiles.len() as f32;
         Some(Level { plane, share })
     }

@@ -95,7 +95,7 @@ impl FrameClusterer {
         out.cluster_of_point.reserve(POINTS_MAX);
         out.cluster_of_point.resize(points.len(), NO_CLUSTER);
         for number in 0..self.finder.count() {
-            let cluster = (self.finder).shape(&self.frame, points, number, &mut out.points);
+            let cluster = (self.finder).shape(points, number, &mut out.points);
             for &index in &out.points[cluster.points.clone()] {
                 out.cluster_of_point[index as usize] = number as u32;
             }
@@ -193,7 +193,6 @@ impl ClusterFinder {
     /// Box, outline and measurements of a cluster, whose points are appended, ascending.
     pub(crate) fn shape(
         &mut self,
-        frame: &FrameIndex,
         scan: &[Point],
         number: usize,
         points: &mut Vec<u32>,
@@ -242,7 +241,10 @@ fn heights<'a>(
     frame.points_in(tile).iter().map(move |point| {
         let at = point.at_m;
         let (u, v) = (at[0] - x, at[1] - y);
-        (point, at[2] - (a + u * (b - a) + v * (c - a + u * (d - c - b + a))))
+        (
+            point,
+            at[2] - (a + u * (b - a) + v * (c - a + u * (d - c - b + a))),
+        )
     })
 }
 

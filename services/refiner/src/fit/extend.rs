@@ -50,7 +50,8 @@ impl Extend {
         tight: &Rectangle,
         ground_m: &[f32],
     ) -> Option<Box3> {
-        let floor_m = |place_m: [f64; 2]| f64::from(ground_height_m(ground_m, place_m.map(|v| v as f32)));
+        let floor_m =
+            |place_m: [f64; 2]| f64::from(ground_height_m(ground_m, place_m.map(|v| v as f32)));
         let z_m = points.z_range_m()?.map(f64::from);
         let mut r = *tight;
         let seen_m = z_m[1] - floor_m(points.origin_m);
