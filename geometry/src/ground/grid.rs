@@ -21,10 +21,11 @@ const WIDTH: usize = SIDE + 2;
 const ABOVE_M: [f64; 7] = [0.6, 0.45, 0.3, 0.2, 0.15, 0.12, 0.12];
 /// Those below it keep their weight so many times as far.
 const BELOW: f64 = 4.0;
-/// The plane is fitted to tiles nearer than this, m, from the height that most tiles have in common: around the sensor, m, and from where to where.
+/// The plane is fitted to tiles nearer than this, m, from the height that most tiles have in common: around the sensor, m, from where to where and by which step, m.
 const PLANE_RADIUS_M: f32 = 30.0;
 const COMMON_HALF_M: f32 = 20.0;
 const COMMON_Z_M: std::ops::Range<f32> = -6.0..1.0;
+const COMMON_STEP_M: f32 = 0.25;
 /// What the plane's slopes cost, in tiles at 1 m: without points it lies flat.
 const SLOPE_COST: f64 = 2000.0;
 /// What a difference between neighbouring nodes costs, and one from the plane, in tiles.
@@ -138,7 +139,7 @@ impl GroundGrid {
         let is_near = |[x, y, _]: &[f32; 3]| x.abs().max(y.abs()) <= COMMON_HALF_M;
         let is_in_circle = |[x, y, _]: &[f32; 3]| x * x + y * y < PLANE_RADIUS_M * PLANE_RADIUS_M;
         let near = self.points.iter().copied().filter(is_near);
-        let flat = GroundPlane::common(near, 0, COMMON_Z_M).unwrap_or(GroundPlane {
+        let flat = GroundPlane::common(near, 0, COMMON_Z_M, COMMON_STEP_M).unwrap_or(GroundPlane {
             z_m: -self.sensor_height_m,
             slope: [0.0; 2],
         });

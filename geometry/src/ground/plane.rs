@@ -4,13 +4,12 @@ use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Slopes that are tried first are so far apart, and heights, m.
+/// Slopes that are tried are so far apart.
 const SLOPE_STEP: f32 = 0.05;
-const HEIGHT_STEP_M: f32 = 0.25;
-/// Heights that are tried with a slope at most.
+/// Heights that are tried with a slope, at most.
 const HEIGHTS_MAX: usize = 128;
 /// Fewer tiles on it make no plane.
-const TILES_MIN: u16 = 12;
+const TILES_MIN: u32 = 12;
 
 /// z = `z_m` + slope . (x, y).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,20 +28,21 @@ impl GroundPlane {
     }
 
     /// The plane that most points are near: slopes along x and along y of up to so many steps of 0.05 to each side, and heights at the
-    /// sensor, m. `None` where few points agree.
+    /// sensor, from where to where and by which step, m. `None` where few points agree.
     pub fn common(
         points: impl Iterator<Item = [f32; 3]> + Clone,
         slope_steps: i32,
         z_m: Range<f32>,
+        step_m: f32,
     ) -> Option<GroundPlane> {
-        let bins = (((z_m.end - z_m.start) / HEIGHT_STEP_M) as usize).min(HEIGHTS_MAX);
-        let mut best = (0, GroundPlane::default());
+        let bins = (((z_m.end - z_m.start) / step_m) as usize).min(HEIGHTS_MAX);
+        let mut best = (0u32, GroundPlane::default());
         let side = 2 * slope_steps + 1;
         for step in 0..side * side {
             let slope = [step % side, step / side].map(|s| (s - slope_steps) as f32 * SLOPE_STEP);
-            let mut counts = [0u16; HEIGHTS_MAX];
+            let mut counts = [0u32; HEIGHTS_MAX];
             for [x, y, z] in points.clone() {
-                let bin = (z - slope[0] * x - slope[1] * y - z_m.start) / HEIGHT_STEP_M;
+                let bin = (z - slope[0] * x - slope[1] * y - z_m.start) / step_m;
                 if (0.0..bins as f32).contains(&bin) {
                     counts[bin as usize] += 1;
                 }
@@ -51,7 +51,7 @@ impl GroundPlane {
             for (bin, pair) in counts[..bins].windows(2).enumerate() {
                 let count = pair[0] + pair[1];
                 if count > best.0 {
-                    let z_m = f64::from(z_m.start + (bin + 1) as f32 * HEIGHT_STEP_M);
+                    let z_m = f64::from(z_m.start + (bin + 1) as f32 * step_m);
                     let slope = slope.map(f64::from);
                     best = (count, GroundPlane { z_m, slope });
                 }

@@ -8,8 +8,9 @@ const RADIUS_M: f64 = 20.0;
 const TILES_MAX: usize = 1764;
 /// Slopes that are tried first: 17 degrees to each side.
 const SLOPE_STEPS: i32 = 6;
-/// And heights: a sensor may hang upside down, m.
+/// And heights, m: a sensor may hang upside down.
 const Z_M: std::ops::Range<f32> = -9.0..9.0;
+const Z_STEP_M: f32 = 0.15;
 /// Tiles this near the last plane carry the next, m.
 const BANDS_M: [f64; 4] = [0.35, 0.25, 0.2, 0.15];
 
@@ -33,10 +34,11 @@ impl LevelFinder {
     pub(super) fn find(&mut self, points: impl Iterator<Item = [f32; 3]>) -> Option<Level> {
         self.lowest.find(points);
         self.tiles.clear();
+        self.tiles.reserve(TILES_MAX);
         let around = self.lowest.around([0.0; 2], RADIUS_M);
         self.tiles.extend(around.take(TILES_MAX));
         let tiles = self.tiles.iter().copied();
-        let start = GroundPlane::common(tiles.clone(), SLOPE_STEPS, Z_M)?;
+        let start = GroundPlane::common(tiles.clone(), SLOPE_STEPS, Z_M, Z_STEP_M)?;
         let is_near = |above_m: f64, band_m: f64| above_m.abs() <= band_m;
         let weight = |above_m, band_m| f64::from(is_near(above_m, band_m));
         let plane = start.fitted(tiles.clone(), &BANDS_M, weight, 0.0);
