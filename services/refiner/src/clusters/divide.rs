@@ -53,6 +53,8 @@ impl Piece {
 #[derive(Debug, Default)]
 pub(super) struct Divider {
     settings: Settings,
+    /// Cells that were there before any was added: parts without one are nobody's concern, and are not divided further.
+    first_added: u32,
     /// Cells of all pieces, by their ranges.
     order: Vec<u32>,
     pending: Vec<Piece>,
@@ -85,6 +87,7 @@ impl Divider {
     pub(super) fn divide(&mut self, cells: &mut Cells, add: impl FnMut(&mut Cells, usize)) {
         self.pending.clear();
         self.done.clear();
+        self.first_added = cells.cells.len() as u32;
         cells.unite_whole(|range_m| self.join_m(range_m, 1.0), add);
         self.order.clear();
         self.order.extend_from_slice(&cells.reached);
@@ -120,7 +123,9 @@ impl Divider {
 
     /// One piece: done, dropped, or divided further.
     fn settle(&mut self, cells: &mut Cells, mut piece: Piece) {
-        if cells.count(self.cells_of(&piece)) < self.settings.points_min as usize {
+        let own = self.cells_of(&piece);
+        let is_far = own.iter().all(|&cell| cell >= self.first_added);
+        if is_far || cells.count(own) < self.settings.points_min as usize {
             return;
         }
         let mut large = self.is_large(cells, &piece);
