@@ -22,6 +22,13 @@ pub(super) struct Level {
     pub(super) share: f32,
 }
 
+impl Level {
+    /// At the sensor, m.
+    pub(super) fn z_m(&self) -> f32 {
+        self.plane.z_m as f32
+    }
+}
+
 /// Finds planes; buffers are reused.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LevelFinder {

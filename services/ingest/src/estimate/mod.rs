@@ -282,7 +282,7 @@ impl Estimator {
             for (up, turned) in others {
                 if let Some(level) = self.finder.find(points.clone().map(turned))
                     && level.share > least
-                    && HEIGHT_M.contains(&(level.plane.z_m.abs() as f32))
+                    && HEIGHT_M.contains(&level.z_m().abs())
                 {
                     (least, best) = (level.share, (up, Some(level)));
                 }
@@ -290,7 +290,7 @@ impl Estimator {
         }
         let (up, level) = best;
         let level = level.filter(|level| level.share >= GROUND_SHARE_MIN);
-        let is_above = level.is_some_and(|level| level.plane.z_m as f32 > HEIGHT_M.start);
+        let is_above = level.is_some_and(|level| level.z_m() > HEIGHT_M.start);
         self.estimate.up = match (up, is_above) {
             (Up::Z, true) => Up::MinusZ,
             (Up::MinusZ, true) => Up::Z,
@@ -365,7 +365,7 @@ impl Estimator {
 /// Height (m), pitch, roll (degrees) and share of tiles.
 fn mounting(level: &Level) -> [f32; 4] {
     let [x, y] = level.plane.slope.map(|slope| slope as f32);
-    let height_m = level.plane.z_m.abs() as f32 / (1.0 + x * x + y * y).sqrt();
+    let height_m = level.z_m().abs() / (1.0 + x * x + y * y).sqrt();
     let [pitch_deg, roll_deg] = [x, -y].map(|slope| slope.atan().to_degrees());
     [height_m, pitch_deg, roll_deg, level.share]
 }

@@ -88,7 +88,7 @@ impl View {
         }
         let level = self.finder.find(sample.map(|p| [p.x_m, p.y_m, p.z_m]));
         let is_ground = level
-            .is_some_and(|level| level.share >= GROUND_SHARE_MIN && level.z_m < -HEIGHT_M.start);
+            .is_some_and(|level| level.share >= GROUND_SHARE_MIN && level.z_m() < -HEIGHT_M.start);
         self.ground.look(f32::from(u8::from(is_ground)));
     }
 
