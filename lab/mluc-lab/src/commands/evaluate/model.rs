@@ -8,8 +8,8 @@ use clap::Args;
 use mluc_backbone::Precision;
 use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, choose_threshold, detect_frames, judge, sweep_gate,
-    unknown_classes, write_threshold,
+    DetectedFrame, FrameSet, ModelGate, choose_threshold, class_names, detect_frames, judge,
+    sweep_gate, unknown_classes, write_threshold,
 };
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
@@ -78,7 +78,13 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
             check_unknown(labels(), &classes)?;
             classes
         }
-        None => unknown_classes(&model.manifest.name),
+        None => {
+            // An adapted model may know some of them.
+            let known = class_names(&model);
+            let mut classes = unknown_classes(&model.manifest.name);
+            classes.retain(|class| !known.contains(class));
+            classes
+        }
     };
     let neighbours = arguments.neighbours;
     let judgement = judge(&model, &set, &frames, &unknown, neighbours, &settings)?;
