@@ -204,24 +204,17 @@ fn check_digest(folder: &Path, metadata: &Metadata, packets: &[Packet]) {
     assert!(frames.len() >= scans.len(), "{} frames", frames.len());
 }
 
+/// The file beside the packets and the answers.
 fn calibration(folder: &Path) -> Option<Calibration> {
-    let is_answer = |path: &PathBuf| {
-        let name = path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        ["packets", "truth", "digest"]
-            .iter()
-            .any(|answer| name.starts_with(answer))
-    };
-    let files = read_dir(folder)
-        .expect("a folder")
-        .map(|entry| entry.expect("an entry").path());
-    let mut texts = files
-        .filter(|path| !is_answer(path))
-        .filter_map(|path| read_to_string(path).ok());
-    texts.find_map(|text| Calibration::parse(&text).ok())
+    let answers = ["packets.pcap", "truth.pcd", "digest.json"].map(|name| folder.join(name));
+    let entries = read_dir(folder).expect("a folder");
+    let mut files = entries.map(|entry| entry.expect("an entry").path());
+    files.find_map(|path| {
+        let text = read_to_string(&path)
+            .ok()
+            .filter(|_| !answers.contains(&path));
+        Calibration::parse(&text?).ok()
+    })
 }
 
 /// Decodes again and again for half a second.
@@ -234,10 +227,8 @@ fn print_speed(packets: &[Packet], calibration: Option<&Calibration>) {
         });
     }
     let ns = start.elapsed().as_nanos() as f64 / points.max(1) as f64;
-    println!(
-        "  {ns:.1} ns a point: {:.2} % of one core at 600k points/s",
-        ns * 0.06
-    );
+    let percent = ns * 0.06;
+    println!("  {ns:.1} ns a point: {percent:.2} % of one core at 600k points/s");
 }
 
 fn check(folder: &Path) {
@@ -246,29 +237,21 @@ fn check(folder: &Path) {
     let mut decoder = decoder(&packets, calibration.as_ref()).expect("a decoder");
     let (mut stamps, mut points): (Vec<u64>, Vec<Timed>) = (vec![], vec![]);
     decode(&mut decoder, &packets, &mut |scan| {
-        let times = scan
-            .offsets_ns
-            .iter()
-            .map(|ns| scan.stamp_ns + u64::from(*ns));
+        let times = scan.offsets_ns.iter();
+        let times = times.map(|ns| scan.stamp_ns + u64::from(*ns));
         points.extend(times.zip(scan.points.iter().map(|p| [p.x_m, p.y_m, p.z_m])));
         if !scan.is_partial {
             stamps.push(scan.stamp_ns);
         }
-        assert!(
-            scan.points
-                .iter()
-                .all(|p| p.is_finite() && (0.0..=1.0).contains(&p.intensity))
-        );
+        let mut intensities = scan.points.iter().map(|point| point.intensity);
+        assert!(intensities.all(|intensity| (0.0..=1.0).contains(&intensity)));
+        assert!(scan.points.iter().all(|point| point.is_finite()));
         let lengths = [scan.offsets_ns.len(), scan.rings.len(), scan.echoes.len()];
         assert_eq!(lengths, [scan.points.len(); 3]);
     });
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
-    println!(
-        "{name}: {}, {} points, {:?}",
-        decoder.product(),
-        points.len(),
-        decoder.counts()
-    );
+    let (product, counts, count) = (decoder.product(), decoder.counts(), points.len());
+    println!("{name}: {product}, {count} points, {counts:?}");
     let mut is_checked = false;
     if let Some(Calibration::Ouster(metadata)) = &calibration {
         check_digest(folder, metadata, &packets);
@@ -280,22 +263,16 @@ fn check(folder: &Path) {
         let turns: Vec<u64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();
         let turn_ns = *turns.iter().min().expect("two whole revolutions");
         let (of_truth, of_ours, quarters) = compared(&mut points, turn_ns, &truth);
+        let [percent_of_truth, percent_of_ours] = [of_truth, of_ours].map(|share| share * 100.0);
+        let (degrees, true_points) = (90 * quarters, truth.len());
         println!(
-            "  within 2 cm: {:.2} % of {} true points, {:.2} % of ours; ours turned by {} degrees; a turn takes {:.1} ms",
-            100.0 * of_truth,
-            truth.len(),
-            100.0 * of_ours,
-            90 * quarters,
-            turn_ns as f64 / 1e6,
+            "  within 2 cm: {percent_of_truth:.2} % of {true_points} true points, {percent_of_ours:.2} % of ours, turned by {degrees} degrees"
         );
         assert!(of_truth >= SHARE_MIN, "{name}: of the truth {of_truth}");
         assert!(of_ours >= SHARE_MIN, "{name}: of ours {of_ours}");
         is_checked = true;
     }
-    assert!(
-        is_checked,
-        "{name}: neither truth.pcd nor an Ouster's digest.json"
-    );
+    assert!(is_checked, "{name}: neither truth.pcd nor digest.json");
     print_speed(&packets, calibration.as_ref());
 }
 

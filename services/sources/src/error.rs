@@ -55,4 +55,9 @@ impl SourceError {
             found: found.to_string(),
         }
     }
+
+    pub(crate) fn io(place: impl ToString, cause: impl Into<std::io::Error>) -> SourceError {
+        let (place, cause) = (place.to_string(), cause.into());
+        SourceError::Io { place, cause }
+    }
 }

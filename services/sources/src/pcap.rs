@@ -21,6 +21,9 @@ const INTERFACES_MAX: usize = 64;
 /// Datagrams that are looked at for a sensor: some seconds of any.
 const DETECT_MAX: u32 = 20_000;
 
+/// Stamp, sender and port of a datagram.
+type Address = (u64, SocketAddr, u16);
+
 /// What became of the frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CaptureCounts {
@@ -64,10 +67,7 @@ impl Capture {
     /// Opens a file; its first bytes say which format it has.
     pub fn open(path: impl AsRef<Path>) -> Result<Capture, SourceError> {
         let path = path.as_ref().to_path_buf();
-        let file = File::open(&path).map_err(|cause| SourceError::Io {
-            place: path.display().to_string(),
-            cause,
-        })?;
+        let file = File::open(&path).map_err(|cause| SourceError::io(path.display(), cause))?;
         match create_reader(BUFFER_BYTES, file) {
             Ok(reader) => Ok(Capture {
                 path,
@@ -131,10 +131,8 @@ impl Capture {
                 Err(PcapError::Eof) => return Ok(None),
                 Err(PcapError::Incomplete(_)) => {
                     if self.reader.refill().is_err() {
-                        return Err(SourceError::Io {
-                            place: self.path.display().to_string(),
-                            cause: std::io::Error::other("reading failed"),
-                        });
+                        let cause = std::io::Error::other("reading failed");
+                        return Err(SourceError::io(self.path.display(), cause));
                     }
                 }
                 Err(_) => {
@@ -164,11 +162,8 @@ fn read<'a>(
     match block {
         PcapBlockOwned::LegacyHeader(header) => {
             let is_ns = header.is_nanosecond_precision();
-            told(
-                header.network,
-                if is_ns { 1_000_000_000 } else { 1_000_000 },
-                0,
-            );
+            let ticks_per_s = if is_ns { 1_000_000_000 } else { 1_000_000 };
+            told(header.network, ticks_per_s, 0);
             None
         }
         PcapBlockOwned::Legacy(frame) => {
@@ -183,11 +178,8 @@ fn read<'a>(
         }
         PcapBlockOwned::NG(Block::InterfaceDescription(description)) => {
             let exponent = u32::from(description.if_tsresol & 0x7F);
-            let base: u64 = if description.if_tsresol & 0x80 == 0 {
-                10
-            } else {
-                2
-            };
+            let is_binary = description.if_tsresol & 0x80 != 0;
+            let base = if is_binary { 2u64 } else { 10 };
             let ticks_per_s = base.checked_pow(exponent).unwrap_or(u64::MAX);
             told(description.linktype, ticks_per_s, description.if_tsoffset);
             None
@@ -207,13 +199,8 @@ fn read<'a>(
 }
 
 impl Frames {
-    /// Stamp, sender and port of a frame's datagram; the content is in `payload`.
-    fn datagram(
-        &mut self,
-        stamp_ns: u64,
-        link: Linktype,
-        frame: &[u8],
-    ) -> Option<(u64, SocketAddr, u16)> {
+    /// A frame's datagram; the content is in `payload`.
+    fn datagram(&mut self, stamp_ns: u64, link: Linktype, frame: &[u8]) -> Option<Address> {
         let sliced = match link {
             Linktype::ETHERNET => SlicedPacket::from_ethernet(frame),
             Linktype::LINUX_SLL => SlicedPacket::from_linux_sll(frame),
@@ -238,12 +225,7 @@ impl Frames {
         self.give(stamp_ns, ip, &udp)
     }
 
-    fn give(
-        &mut self,
-        stamp_ns: u64,
-        ip: IpAddr,
-        udp: &UdpSlice,
-    ) -> Option<(u64, SocketAddr, u16)> {
+    fn give(&mut self, stamp_ns: u64, ip: IpAddr, udp: &UdpSlice) -> Option<Address> {
         self.payload.clear();
         self.payload.extend_from_slice(udp.payload());
         self.counts.datagrams += 1;
@@ -251,7 +233,7 @@ impl Frames {
         Some((stamp_ns, from, udp.destination_port()))
     }
 
-    fn fragment(&mut self, stamp_ns: u64, packet: &SlicedPacket) -> Option<(u64, SocketAddr, u16)> {
+    fn fragment(&mut self, stamp_ns: u64, packet: &SlicedPacket) -> Option<Address> {
         self.fragments += 1;
         let now = self.fragments;
         if now.is_multiple_of(FRAGMENTS_MAX) {

@@ -35,10 +35,7 @@ pub struct Receiver {
 impl Receiver {
     /// Listens at an address of this machine (0.0.0.0: at all), or joins a multicast group. [`receive`](Self::receive) waits `silence` at most.
     pub fn open(address: SocketAddr, silence: Duration) -> Result<Receiver, SourceError> {
-        let refused = |cause: Error| SourceError::Io {
-            place: format!("UDP {address}"),
-            cause,
-        };
+        let refused = |cause: Error| SourceError::io(format_args!("UDP {address}"), cause);
         let socket = bind(address, silence).map_err(refused)?;
         let buffer_bytes = options(&socket).map_err(|errno| refused(errno.into()))?;
         let address = socket.local_addr().map_err(refused)?;
@@ -91,10 +88,7 @@ impl Receiver {
                 Err(Errno::EAGAIN) => return Ok(None),
                 Err(Errno::EINTR) => {}
                 Err(errno) => {
-                    return Err(SourceError::Io {
-                        place: format!("UDP {}", self.address),
-                        cause: errno.into(),
-                    });
+                    return Err(SourceError::io(format_args!("UDP {}", self.address), errno));
                 }
             }
         };

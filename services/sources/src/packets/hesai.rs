@@ -184,10 +184,8 @@ impl Hesai {
         if tail.len() > tail_bytes {
             sweep.sequence(u64::from(u32_at(tail, tail_bytes)), 1 << 32);
         } else {
-            sweep.packet(
-                stamp_ns,
-                (block_ns * (layout.blocks / returns) as i64) as u64,
-            );
+            let interval_ns = block_ns * (layout.blocks / returns) as i64;
+            sweep.packet(stamp_ns, interval_ns as u64, azimuth_of(0));
         }
         let earliest_ns = i64::from(layout.channel_ns.iter().copied().min().unwrap_or(0));
         for block in (0..layout.blocks).step_by(returns) {

@@ -10,7 +10,7 @@
 //! What the packets and the calibration say chooses the decoder. **Frame**: x ahead, y left, z up, m. Ahead is azimuth 0 of Velodyne and Hesai (whose manuals
 //! call it y), x of Ouster's sensor frame. **Intensity**: the sensor's 8-bit reflectivity over 255, 0 to 1. **Rings** count from the top.
 //!
-//! A shot without return is no point. A revolution ends where the azimuth passes 0, or with Ouster's frame. Nothing is dropped in silence: see [`Counts`].
+//! A shot without return is no point. A revolution ends where the azimuth passes 0 or goes back, or with Ouster's frame. Nothing is dropped in silence: see [`Counts`].
 //!
 //! ```no_run
 //! use mluc_sources::packets::{Calibration, Revolution};

@@ -11,6 +11,9 @@ const TURN_MAX_NS: u64 = 500_000_000;
 /// More missing packets than any queue explains, about ten seconds: the sensor was restarted or silent.
 const LOST_MAX: u64 = 20_000;
 
+/// Farther back than a late packet is: the next turn, of a sensor that leaves a sector out.
+const BACK_CDEG: u16 = 500;
+
 /// A bounded number of points on their way out.
 #[derive(Default)]
 pub(super) struct Sweep {
@@ -24,6 +27,8 @@ pub(super) struct Sweep {
     last_azimuth_cdeg: Option<u16>,
     last_sequence: Option<u64>,
     last_packet_ns: Option<u64>,
+    /// Time and azimuth of the packet after the last gap.
+    last_gap: Option<(u64, u16)>,
 }
 
 impl Sweep {
@@ -54,15 +59,21 @@ impl Sweep {
         }
     }
 
-    /// A packet's time by the sensor's clock, where packets have no numbers.
-    pub(super) fn packet(&mut self, stamp_ns: u64, interval_ns: u64) {
+    /// A packet's time by the sensor's clock and its first azimuth, where packets have no numbers. A gap at the azimuth of the last turn's is a sector that the
+    /// sensor leaves out.
+    pub(super) fn packet(&mut self, stamp_ns: u64, interval_ns: u64, azimuth_cdeg: u16) {
         let last = self.last_packet_ns.replace(stamp_ns);
         let Some(last) = last else { return };
         match stamp_ns.checked_sub(last) {
             Some(step) if step > 0 => {
                 let packets = (step + interval_ns / 2) / interval_ns;
                 if (2..=LOST_MAX).contains(&packets) {
-                    self.lost(packets - 1);
+                    let gap = self.last_gap.replace((stamp_ns, azimuth_cdeg));
+                    let is_sector = gap.is_some_and(|(at_ns, at_cdeg)| {
+                        stamp_ns.saturating_sub(at_ns) > TURN_MIN_NS
+                            && at_cdeg.abs_diff(azimuth_cdeg) < BACK_CDEG
+                    });
+                    self.lost(if is_sector { 0 } else { packets - 1 });
                 }
             }
             _ if last - stamp_ns < TURN_MAX_NS => {
@@ -87,7 +98,9 @@ impl Sweep {
         on: &mut dyn FnMut(&Revolution),
     ) {
         let last = self.last_azimuth_cdeg.replace(azimuth_cdeg);
-        let passes_zero = last.is_some_and(|last| last.abs_diff(azimuth_cdeg) > 18_000);
+        let passes_zero = last.is_some_and(|last| {
+            last > azimuth_cdeg + BACK_CDEG || azimuth_cdeg > last.saturating_add(18_000)
+        });
         let age_ns = stamp_ns.saturating_sub(self.revolution.stamp_ns);
         // Late packets at the border pass 0 more than once.
         if passes_zero && (!self.begins_whole || age_ns >= TURN_MIN_NS) {

@@ -247,6 +247,26 @@ fn check_points(kind: &Kind, scan: &Revolution) {
 }
 
 #[test]
+fn a_sector_that_is_left_out_is_no_loss_and_no_part_of_another_turn() {
+    let kind = &kinds()[0];
+    let (mut decoder, mut turns) = (kind.decoder(), vec![]);
+    let mut keep = |scan: &Revolution| turns.push((scan.is_partial, scan.points.len()));
+    // From 100.8 to 259.2 degrees alone.
+    for n in (0..4 * kind.per_turn).filter(|n| (21..54).contains(&(n % kind.per_turn))) {
+        let ns = HOUR_NS + u64::from(n) * kind.interval_ns;
+        decoder.push(&datagram(ns, &kind.packet(n, ns)), &mut keep);
+    }
+    decoder.finish(&mut keep);
+    let points = 33 * kind.points_per_packet;
+    assert_eq!(
+        turns,
+        [true, false, false, true].map(|is_partial| (is_partial, points))
+    );
+    // The first one cannot be told from a loss.
+    assert_eq!(decoder.counts().lost, 42);
+}
+
+#[test]
 fn returns_are_marked() {
     use Echo::{Both, Last, Strongest};
     let echoes_of = |change: fn(&mut [u8])| {

@@ -191,12 +191,9 @@ impl Velodyne {
         let stamp_ns = self.in_hour(u64::from(stamp_us) * 1000, sweep.received_ns);
         // A firing fills half a block, one block or several ones.
         let firings = blocks * BLOCK_SHOTS / lasers / returns;
-        sweep.packet(
-            stamp_ns,
-            firings.max(1) as u64 * u64::from(self.product.cycle_ns),
-        );
-
         let azimuth_of = |block: usize| u16_at(payload, block * BLOCK_BYTES + 2);
+        let interval_ns = firings.max(1) as u64 * u64::from(self.product.cycle_ns);
+        sweep.packet(stamp_ns, interval_ns, azimuth_of(0));
         for block in (0..blocks).step_by(returns) {
             // The next block of the last one comes with the next packet.
             let next = if block + returns < blocks {
