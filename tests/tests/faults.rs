@@ -68,8 +68,9 @@ fn a_scan_that_kills_a_stage_twice_is_set_aside_and_named() {
         "set aside, because stages died of them: 1 (000002)",
         "restarted: 2",
     ]);
-    assert_eq!(run.flags("000002"), ["damaged_input", "empty"]);
-    assert_eq!(run.flags("000003"), [""; 0]);
+    let is_empty = |frame: &str| run.flags(frame).contains(&"empty");
+    assert!(is_empty("000002") && run.flags("000002").contains(&"damaged_input"));
+    assert!(!is_empty("000003"));
 }
 
 #[test]
@@ -88,7 +89,7 @@ fn a_run_without_a_usable_frame_fails_and_one_with_a_usable_frame_does_not() {
 #[test]
 fn a_missing_or_empty_input_is_a_failure() {
     let mut setting = Setting::new("input", 0);
-    refuses(&setting, 1, "", &["no .bin scans", "velodyne"]);
+    refuses(&setting, 1, "", &["no scans", "velodyne"]);
     setting.input = setting.folder.path().join("nowhere");
     refuses(&setting, 1, "", &["nowhere", "No such file"]);
 }

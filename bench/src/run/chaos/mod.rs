@@ -177,13 +177,15 @@ fn hits(
     );
     table(&recoveries);
     let (received, skipped) = (pipeline.received, pipeline.skipped);
-    let [frames_in, out, lost] = end.frames.unwrap_or_default();
-    println!("frames: {frames_in} in, {out} out, {lost} dropped; lines {received}, gaps {skipped}");
+    let [frames_in, out, lost, under_way] = end.frames.unwrap_or_default();
+    println!(
+        "frames: {frames_in} in, {out} out, {lost} dropped, {under_way} under way; lines {received}, gaps {skipped}"
+    );
     println!(
         "wrong or mixed frames: {}; files left: {}; exit code: {:?}",
         pipeline.wrong, end.files_left, end.code
     );
-    let is_counted = frames_in == out + lost && out == received && lost == skipped;
+    let is_counted = frames_in == out + lost + under_way && out == received && lost == skipped;
     let is_clean = pipeline.wrong == 0 && end.files_left == 0 && end.code == Some(0);
     Ok(is_counted && is_clean)
 }

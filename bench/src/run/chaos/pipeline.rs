@@ -63,8 +63,8 @@ pub(super) struct Pipeline {
 /// How it ended.
 pub(super) struct End {
     pub(super) code: Option<i32>,
-    /// In, out and lost, by its summary.
-    pub(super) frames: Option<[u64; 3]>,
+    /// In, out, lost and under way, by its summary.
+    pub(super) frames: Option<[u64; 4]>,
     pub(super) files_left: usize,
     pub(super) log: String,
 }
@@ -218,16 +218,20 @@ fn parse(line: &str, at: Instant) -> Option<Line> {
     })
 }
 
-/// `frames: 22 in, 21 out, 1 lost; ..`
-fn summary(log: &str) -> Option<[u64; 3]> {
+/// `frames: 23 in, 21 out, 1 lost, 1 under way at the end; ..`
+fn summary(log: &str) -> Option<[u64; 4]> {
     let line = log
         .lines()
         .rev()
         .find_map(|line| line.strip_prefix("frames: "))?;
-    let numbers = line
-        .split([' ', ',', ';'])
-        .filter_map(|word| word.parse().ok());
-    numbers.take(3).collect::<Vec<u64>>().try_into().ok()
+    let part = |word: &str| {
+        let parts = line.split([',', ';']).map(str::trim);
+        let mut pairs = parts.filter_map(|part| part.split_once(' '));
+        let found = pairs.find(|(_, what)| what.starts_with(word));
+        found.and_then(|(number, _)| number.parse().ok())
+    };
+    let under_way = part("under way").unwrap_or(0);
+    Some([part("in")?, part("out")?, part("lost")?, under_way])
 }
 
 /// Of an instance, in shared memory.

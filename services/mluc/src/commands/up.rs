@@ -31,8 +31,12 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     print_err(hops(&outcome.status).trim_end());
     let (frames_in, frames_out) = (outcome.frames_in, outcome.frames_out);
     let (lost, restarts) = (outcome.frames_lost(), outcome.restarts);
+    let under_way = match outcome.frames_under_way() {
+        0 => String::new(),
+        count => format!(", {count} under way at the end"),
+    };
     print_err(format_args!(
-        "frames: {frames_in} in, {frames_out} out, {lost} lost; stages restarted: {restarts}"
+        "frames: {frames_in} in, {frames_out} out, {lost} lost{under_way}; stages restarted: {restarts}"
     ));
     if !outcome.set_aside.is_empty() {
         let (count, names) = (outcome.set_aside.len(), outcome.set_aside.join(", "));

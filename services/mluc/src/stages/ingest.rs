@@ -30,7 +30,10 @@ pub(crate) fn run(
     let sensor = settings.sensor.load()?;
     let sender = Sender::new(shell, source, model, sensor, start_sequence);
     let mut sender = sender.context("opening the topics")?;
-    sender.wait_until_ready()?;
+    // A sensor that comes back does not wait: a stage that is restarted too takes the next scan.
+    if start_sequence == 0 {
+        sender.wait_until_ready()?;
+    }
     let done = match settings.pace {
         Pace::Sensor => pace::sensor(&mut sender, settings, start_sequence),
         Pace::Complete => pace::complete(&mut sender, settings, start_sequence),

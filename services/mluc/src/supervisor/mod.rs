@@ -76,6 +76,12 @@ impl Outcome {
         self.frames_in.saturating_sub(self.frames_out)
     }
 
+    /// Asked to end, the stages had these.
+    pub(crate) fn frames_under_way(&self) -> u64 {
+        let done = self.frames_out + self.frames_lost();
+        self.frames_in.saturating_sub(done)
+    }
+
     pub(crate) fn exit_code(&self) -> ExitCode {
         let is_clean = self.frames_lost() == 0 && self.restarts == 0;
         let is_fine = is_clean || self.is_interrupted;
