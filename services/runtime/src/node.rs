@@ -52,6 +52,7 @@ impl IpcNode {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Ipc>()
             .map_err(|e| failed(format!("{e:?}")))?;
+        sweep::close_to_others(instance);
         Ok(IpcNode {
             node,
             instance: instance.clone(),

@@ -83,14 +83,14 @@ fn open_segments() -> HashSet<PathBuf> {
 /// iceoryx2 0.10 makes its management segment writable for everybody, and one byte from another user would stop every later
 /// start. Made before it asks, with its content (version 0.10.0, no node counted) and for this user alone, it is only opened.
 pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
-    const NAME: &str = "node.0_10_0.global_mgmt";
+    // iceoryx2 puts a hash of the content's type before its own name.
+    const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt";
     const VERSION: u64 = 10 << 16;
     let path = PathBuf::from(format!("{SHARED_MEMORY}/{}{NAME}", instance.prefix()));
     let failed = || RuntimeError::io("making", &path);
     // It appears under its name when it is whole, and never replaces another one.
-    let own = instance
-        .root()
-        .join(format!("{NAME}.{}", std::process::id()));
+    let own = format!("management.{}", std::process::id());
+    let own = instance.root().join(own);
     let mut options = fs::OpenOptions::new();
     let file = options
         .write(true)
@@ -106,6 +106,17 @@ pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
     match linked {
         Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(()),
         linked => linked.map_err(failed()),
+    }
+}
+
+/// Where iceoryx2 made its management segment all the same, under another name.
+pub(crate) fn close_to_others(instance: &Instance) {
+    use std::os::unix::fs::PermissionsExt;
+    let mut management = segments(instance);
+    management.retain(|path| path.to_string_lossy().ends_with("global_mgmt"));
+    for path in management {
+        // Another process of the instance may remove it at this moment: nothing to do then.
+        let _ = fs::set_permissions(&path, fs::Permissions::from_mode(0o600));
     }
 }
 
