@@ -153,7 +153,8 @@ fn a_supervisor_that_was_killed_is_followed_at_once_by_the_next() {
         run.signal(Signal::KILL);
         let next = setting.run("");
         next.assert_complete(0, 2);
-        assert!(stages.iter().all(|(_, pid)| !is_alive(*pid)), "{stages:?}");
+        let all_gone = || !stages.iter().any(|(_, pid)| is_alive(*pid));
+        assert!(wait_for(10 * SECOND, all_gone), "{stages:?}");
     }
 }
 
@@ -225,7 +226,8 @@ fn a_service_manager_hears_that_the_run_is_ready_lives_and_ends() {
         .env("WATCHDOG_USEC", "1000000");
     let run = Running::start(&mut command);
     let mut heard = vec![hear()];
-    while heard.iter().filter(|word| *word == "WATCHDOG=1").count() < 3 {
+    let count = |heard: &[String], word: &str| heard.iter().filter(|own| *own == word).count();
+    while count(&heard, "READY=1") < 1 || count(&heard, "WATCHDOG=1") < 3 {
         heard.push(hear());
     }
     run.signal(Signal::TERM);
