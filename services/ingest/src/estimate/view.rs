@@ -73,7 +73,7 @@ impl View {
         self.ground = Kept::default();
     }
 
-    /// Looks at a scan. About 1 ms for 120,000 points.
+    /// Looks at a scan: every seventh point.
     pub fn look(&mut self, points: &[Point]) {
         let sample = points.iter().step_by(SAMPLE).filter(|p| p.is_finite());
         let mut counts = [0u32; Status::SECTORS];
