@@ -53,7 +53,7 @@ fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
     let status: Value = serde_json::from_str(body).expect("JSON");
     assert_eq!(status["instance"], setting.instance.as_str());
     assert!(
-        status["status"]["frames_out"].as_u64() >= Some(5),
+        status["status"]["frames_out"].as_u64() >= Some(1),
         "{status}"
     );
 
