@@ -17,13 +17,13 @@ pub enum Reason {
     #[error("{} points a scan, expected {} to {}: are scans cut into packets, or several put together?", .0, .1[0], .1[1])]
     Points(u32, [u32; 2]),
     /// Not metres.
-    #[error("coordinates seem to be in {}, expected m: multiply them by {}", .0.name(), .0.in_m())]
+    #[error("coordinates seem to be in {}, expected m: read them with --scale {}", .0.name(), .0.in_m())]
     Unit(Unit),
     /// Not metres either, perhaps: depth of the ground as if in m; the lowest and the highest of the sensor.
-    #[error("the ground lies {:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, multiply them by 0.3048", .0, .1[0], .1[1])]
+    #[error("the ground lies {:.1} below the sensor, expected {:.1} to {:.1} m: if the coordinates are in feet, read them with --scale 0.3048", .0, .1[0], .1[1])]
     Feet(f32, [f32; 2]),
     /// What points up in z's place.
-    #[error("{} points up, expected z: turn the points so that x is ahead, y left and z up", .0.name())]
+    #[error("{} points up, expected z: say with --axes which axes point ahead, to the left and up", .0.name())]
     Axes(Up),
     /// Height of the sensor, m; the lowest and the highest.
     #[error("sensor {:.2} m above the ground, expected {:.2} to {:.2} m: mount it there, shift z, or take a model for this height", .0, .1[0], .1[1])]
@@ -47,7 +47,7 @@ pub enum Reason {
     )]
     Range(f32),
     /// The largest intensity, beyond 1.
-    #[error("intensities up to {:.0}, expected 0 to 1: divide them by {}", .0, if *.0 > 255.5 { 65535 } else { 255 })]
+    #[error("intensities up to {:.0}, expected 0 to 1: read them with --intensity-scale {}", .0, if *.0 > 255.5 { "0.0000153" } else { "0.00392" })]
     IntensityScale(f32),
     /// No intensities, and the model reads them.
     #[error(
@@ -64,7 +64,7 @@ pub enum Reason {
     SensorBeams(u32, f32, u32),
     /// Beyond the given sensor's range: returns and range, m.
     #[error(
-        "returns {0:.0} away, expected at most {1:.0} m by the given sensor: if the coordinates are in feet, multiply them by 0.3048"
+        "returns {0:.0} away, expected at most {1:.0} m by the given sensor: if the coordinates are in feet, read them with --scale 0.3048"
     )]
     SensorRange(f32, f32),
     /// Not the given sensor's height: found and given, m.

@@ -65,16 +65,12 @@ impl CaptureScans {
                     }
                     self.sequence += 1;
                 };
-                let is_more = match self.capture.next_datagram()? {
-                    Some(datagram) => {
-                        self.decoder.push(&datagram, &mut take);
-                        true
-                    }
-                    None => {
-                        self.decoder.finish(&mut take);
-                        false
-                    }
-                };
+                let datagram = self.capture.next_datagram()?;
+                let is_more = datagram.is_some();
+                match datagram {
+                    Some(datagram) => self.decoder.push(&datagram, &mut take),
+                    None => self.decoder.finish(&mut take),
+                }
                 let offset_ns = stamp_ns.map(|stamp_ns| self.offset_ns(stamp_ns));
                 if is_found {
                     scan.offset_ns = offset_ns;

@@ -1,14 +1,15 @@
 //! What keeps a source from giving scans.
 
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// A source that cannot be used. What is wrong with single packets is counted instead.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// A calibration that cannot be used.
-    #[error("calibration: {field}: expected {expected}, found {found}")]
-    Calibration {
-        /// Where in the calibration.
+    /// A field of a file of points, of its layout, or of a calibration.
+    #[error("{field}: expected {expected}, found {found}")]
+    Field {
+        /// Which one.
         field: String,
         /// What it should hold.
         expected: String,
@@ -44,16 +45,24 @@ pub enum SourceError {
 }
 
 impl SourceError {
-    pub(crate) fn calibration(
-        field: impl Into<String>,
+    pub(crate) fn field(
+        field: impl ToString,
         expected: impl ToString,
         found: impl ToString,
     ) -> SourceError {
-        SourceError::Calibration {
-            field: field.into(),
+        SourceError::Field {
+            field: field.to_string(),
             expected: expected.to_string(),
             found: found.to_string(),
         }
+    }
+
+    pub(crate) fn calibration(
+        field: impl Display,
+        expected: impl ToString,
+        found: impl ToString,
+    ) -> SourceError {
+        SourceError::field(format!("calibration: {field}"), expected, found)
     }
 
     pub(crate) fn io(place: impl ToString, cause: impl Into<std::io::Error>) -> SourceError {

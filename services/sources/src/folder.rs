@@ -8,7 +8,8 @@ use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 
 use crate::Scan;
-use crate::files::{self, Format, FormatError, Layout};
+use crate::SourceError;
+use crate::files::{self, Format, Layout};
 
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
@@ -72,7 +73,7 @@ impl Folder {
     }
 
     /// Refuses `.bin` files that have another number of columns than four. One of another size among some is cut short, and no reason.
-    fn check_columns(&self, scans: &[PathBuf]) -> Result<(), FormatError> {
+    fn check_columns(&self, scans: &[PathBuf]) -> Result<(), SourceError> {
         let is_plain = |path: &Path| Format::of(path) == Some(Format::Bin);
         if self.layout.columns.is_empty() && scans.iter().all(|path| is_plain(path)) {
             let sizes = scans

@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use mluc::bundled::BundledScans;
-use mluc::settings::DEFAULT_MODEL;
 use mluc_geometry::{Random, quantile_of};
 use mluc_ipc_types::Stage;
 use rustix::process::{Signal, kill_process};
@@ -31,15 +30,9 @@ pub(crate) struct ChaosArgs {
     /// Of the random choices.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Frames a second.
-    #[arg(long, default_value_t = 10.0)]
-    rate: f64,
     /// Hits each stage alone, and never at its start.
     #[arg(long)]
     single: bool,
-    /// Kills no more than this stage.
-    #[arg(long, value_parser = Stage::ALL.map(Stage::name))]
-    stage: Option<String>,
     /// Stops no stage.
     #[arg(long)]
     no_stops: bool,
@@ -49,12 +42,6 @@ pub(crate) struct ChaosArgs {
     /// Ends so many runs by two signals.
     #[arg(long, default_value_t = 0)]
     signals: u32,
-    /// A folder of scans [default: the bundled simulated ones].
-    #[arg(long)]
-    input: Option<std::path::PathBuf>,
-    /// An embedded model or a model file.
-    #[arg(long, default_value = DEFAULT_MODEL)]
-    model: String,
 }
 
 pub(crate) fn chaos(args: &ChaosArgs) -> Result<ExitCode> {
@@ -62,11 +49,9 @@ pub(crate) fn chaos(args: &ChaosArgs) -> Result<ExitCode> {
     let config = folder.path().join("chaos.toml");
     std::fs::write(&config, CONFIG).context("writing a configuration")?;
     let bundled = BundledScans::write("chaos")?;
-    let input = args.input.clone();
     let start = Start {
         program: mluc_program()?,
-        input: input.unwrap_or_else(|| bundled.folder().to_path_buf()),
-        model: args.model.clone(),
+        input: bundled.folder().to_path_buf(),
         config,
         instance: format!("chaos-{}", std::process::id()),
     };
@@ -96,13 +81,7 @@ struct Hit {
 
 impl Hit {
     fn draw(args: &ChaosArgs, random: &mut Random) -> Hit {
-        let any = Stage::ALL[random.below(4)];
-        let first = args
-            .stage
-            .as_deref()
-            .and_then(Stage::from_name)
-            .unwrap_or(any);
-        let second = Stage::ALL[random.below(4)];
+        let [first, second] = [0, 1].map(|_| Stage::ALL[random.below(4)]);
         let is_pair = !args.single && random.unit() < 0.3;
         let is_again = !args.single && random.unit() < 0.3;
         let is_stop = !args.no_stops && random.unit() < 0.3;
@@ -135,8 +114,8 @@ fn hits(
     reference: &Reference,
     random: &mut Random,
 ) -> Result<bool> {
-    let options = format!("--pace sensor --loop --rate {}", args.rate);
-    let mut pipeline = Pipeline::start(start, &options)?;
+    let options = "--pace sensor --loop --rate 10";
+    let mut pipeline = Pipeline::start(start, options)?;
     let mut recoveries: Vec<(String, f64)> = vec![];
     let mut count = 0;
     let first = pipeline.line_within(PATIENCE, reference)?;

@@ -18,7 +18,6 @@ use serde_json::Value;
 pub(super) struct Start {
     pub(super) program: PathBuf,
     pub(super) input: PathBuf,
-    pub(super) model: String,
     pub(super) config: PathBuf,
     pub(super) instance: String,
 }
@@ -73,7 +72,6 @@ impl Pipeline {
     pub(super) fn start(start: &Start, options: &str) -> Result<Pipeline> {
         let mut command = Command::new(&start.program);
         command.arg("up").arg("--input").arg(&start.input);
-        command.arg("--model").arg(&start.model);
         command.arg("--config").arg(&start.config);
         command.args(["--instance", &start.instance]);
         command.args(options.split_whitespace());

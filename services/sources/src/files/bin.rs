@@ -1,14 +1,15 @@
 //! f32 after f32 without a header: KITTI's four a point, nuScenes' five, or others.
 
+use super::Layout;
 use super::table::{Field, Kind, Table};
-use super::{FormatError, Layout};
+use crate::SourceError;
 
 /// Refuses files that have three, five or six numbers a point rather than four. `sizes`: of some files, bytes.
-pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), FormatError> {
+pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), SourceError> {
     let all = |columns: u64| sizes.iter().all(|size| size.is_multiple_of(4 * columns));
     match [5, 6, 3].into_iter().find(|columns| all(*columns)) {
         Some(columns) if !sizes.iter().all(|size| size.is_multiple_of(16)) => {
-            Err(FormatError::new(
+            Err(SourceError::field(
                 "size",
                 "16 bytes a point (x, y, z, intensity)",
                 format!(
@@ -22,7 +23,7 @@ pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), FormatError> {
 }
 
 /// `columns`: how many a file has if the layout names none.
-pub(super) fn table(file: Vec<u8>, layout: &Layout, columns: usize) -> Result<Table, FormatError> {
+pub(super) fn table(file: Vec<u8>, layout: &Layout, columns: usize) -> Result<Table, SourceError> {
     let fields: Vec<Field> = layout
         .names(columns)
         .into_iter()

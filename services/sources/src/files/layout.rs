@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::FormatError;
 use super::table::Table;
+use crate::SourceError;
 
 /// Names that intensity goes by, the usual one first.
 const INTENSITIES: [&str; 5] = [
@@ -47,21 +47,21 @@ impl Default for Layout {
 
 impl Layout {
     /// Whether every value is in its range. Errors: key, expected and found.
-    pub fn check(&self) -> Result<(), FormatError> {
+    pub fn check(&self) -> Result<(), SourceError> {
         self.signed_axes()?;
         for (key, value) in [
             ("scale", self.scale),
             ("intensity_scale", self.intensity_scale),
         ] {
             if !(1e-9..=1e9).contains(&value) {
-                return Err(FormatError::new(key, "1e-9 to 1e9", value));
+                return Err(SourceError::field(key, "1e-9 to 1e9", value));
             }
         }
         let missing = ["x", "y", "z"]
             .into_iter()
             .find(|axis| !self.columns.iter().any(|name| name == axis));
         match missing {
-            Some(axis) if !self.columns.is_empty() => Err(FormatError::new(
+            Some(axis) if !self.columns.is_empty() => Err(SourceError::field(
                 "columns",
                 format!("{axis} among them"),
                 self.columns.join(","),
@@ -85,7 +85,7 @@ impl Layout {
     }
 
     /// For forward, left, up: which coordinate, and its sign.
-    fn signed_axes(&self) -> Result<[(usize, f64); 3], FormatError> {
+    fn signed_axes(&self) -> Result<[(usize, f64); 3], SourceError> {
         let axis = |word: &str| {
             let (sign, name) = word
                 .strip_prefix('-')
@@ -95,7 +95,8 @@ impl Layout {
         };
         let words = self.axes.split(',').map(|word| axis(word.trim()));
         let axes: Option<Vec<(usize, f64)>> = words.collect();
-        let fault = || FormatError::new("axes", "x, y and z once each, as in `y,-x,z`", &self.axes);
+        let fault =
+            || SourceError::field("axes", "x, y and z once each, as in `y,-x,z`", &self.axes);
         let axes: [(usize, f64); 3] = axes
             .and_then(|axes| axes.try_into().ok())
             .ok_or_else(fault)?;
@@ -115,7 +116,7 @@ impl Layout {
     }
 
     /// Writes the table's points as x, y, z (m), intensity, four little-endian f32 each; true if it holds fewer rows than it promises.
-    pub(super) fn write(&self, table: &Table, out: &mut Vec<u8>) -> Result<bool, FormatError> {
+    pub(super) fn write(&self, table: &Table, out: &mut Vec<u8>) -> Result<bool, SourceError> {
         let axes = self.signed_axes()?;
         let has = || {
             table
@@ -128,7 +129,7 @@ impl Layout {
         let column = |name| {
             table
                 .column(&[name])
-                .ok_or_else(|| FormatError::new("fields", format!("one named {name}"), has()))
+                .ok_or_else(|| SourceError::field("fields", format!("one named {name}"), has()))
         };
         let coordinates = [column("x")?, column("y")?, column("z")?];
         let intensity = table.column(&INTENSITIES);

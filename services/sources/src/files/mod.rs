@@ -9,7 +9,6 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-use std::fmt::Display;
 use std::path::Path;
 
 use mluc_ipc_types::POINTS_MAX;
@@ -17,28 +16,7 @@ use mluc_ipc_types::POINTS_MAX;
 pub(crate) use bin::check_columns;
 pub use layout::Layout;
 
-/// What a file, or a setting for it, is not.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{field}: expected {expected}, found {found}")]
-pub struct FormatError {
-    field: String,
-    expected: String,
-    found: String,
-}
-
-impl FormatError {
-    pub(crate) fn new(
-        field: impl Display,
-        expected: impl Display,
-        found: impl Display,
-    ) -> FormatError {
-        FormatError {
-            field: field.to_string(),
-            expected: expected.to_string(),
-            found: found.to_string(),
-        }
-    }
-}
+use crate::SourceError;
 
 /// How a file holds its points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -76,7 +54,7 @@ impl Format {
 
     /// Turns a file's bytes into x, y, z (m, forward, left, up) and intensity, four little-endian f32 a point: KITTI's layout. True: the file
     /// ends before what it promises. Errors: what in the file, or in `layout`, is not as expected.
-    pub fn convert(self, layout: &Layout, file: Vec<u8>) -> Result<(Vec<u8>, bool), FormatError> {
+    pub fn convert(self, layout: &Layout, file: Vec<u8>) -> Result<(Vec<u8>, bool), SourceError> {
         if self == Format::Bin && *layout == Layout::default() {
             return Ok((file, false));
         }

@@ -1,12 +1,13 @@
 //! NumPy's array format, versions 1 to 3 (numpy.lib.format): a magic, a header that is a Python dictionary, then the numbers.
 
+use super::Layout;
 use super::table::{Column, Field, Kind, Table};
-use super::{FormatError, Layout};
+use crate::SourceError;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, FormatError> {
-    let fault = |found: &str| FormatError::new("header", "that of a NumPy array", found);
+pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> {
+    let fault = |found: &str| SourceError::field("header", "that of a NumPy array", found);
     let rest = file
         .strip_prefix(MAGIC)
         .ok_or_else(|| fault("another file"))?;
@@ -20,7 +21,7 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, FormatError> 
     let is_big_endian = descr.contains('>');
     let mut table = if descr.starts_with('[') {
         let [rows] = shape[..] else {
-            return Err(FormatError::new(
+            return Err(SourceError::field(
                 "shape",
                 "one dimension of named fields",
                 format!("{shape:?}"),
@@ -29,7 +30,7 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, FormatError> 
         Table::of_rows(data.to_vec(), &named_fields(descr)?, rows)
     } else {
         let [rows, count @ 3..=64] = shape[..] else {
-            return Err(FormatError::new(
+            return Err(SourceError::field(
                 "shape",
                 "N rows and 3 to 64 columns",
                 format!("{shape:?}"),
@@ -90,22 +91,22 @@ fn numbers(text: &str) -> Vec<usize> {
 }
 
 /// `<f4` and the like.
-fn kind(text: &str) -> Result<Kind, FormatError> {
+fn kind(text: &str) -> Result<Kind, SourceError> {
     let text = text.trim_start_matches(['<', '>', '|', '=']);
     let (letter, bytes) = text.split_at_checked(1).unwrap_or(("", ""));
     let bytes = bytes.parse().unwrap_or(0);
     let kind =
         matches!(letter, "f" | "i" | "u").then(|| Kind::new(letter == "f", letter == "i", bytes));
     kind.flatten()
-        .ok_or_else(|| FormatError::new("descr", "f4, f8, or an integer", text))
+        .ok_or_else(|| SourceError::field("descr", "f4, f8, or an integer", text))
 }
 
 /// `[('x', '<f4'), ('y', '<f4')]`.
-fn named_fields(descr: &str) -> Result<Vec<Field>, FormatError> {
+fn named_fields(descr: &str) -> Result<Vec<Field>, SourceError> {
     let quoted: Vec<&str> = descr.split('\'').skip(1).step_by(2).collect();
     let (pairs, rest) = quoted.as_chunks();
     if !rest.is_empty() {
-        return Err(FormatError::new(
+        return Err(SourceError::field(
             "descr",
             "a name and a kind for each field",
             descr,

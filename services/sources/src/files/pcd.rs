@@ -1,17 +1,17 @@
 //! PCD 0.7 of the Point Cloud Library: a header of lines, then points as text, rows, or columns compressed with LZF.
 
-use super::FormatError;
 use super::table::{Field, Kind, Table};
+use crate::SourceError;
 
 /// A scan that is compressed may not grow beyond this, bytes.
 const UNPACKED_MAX: usize = 256 << 20;
 
-pub(super) fn table(file: &[u8]) -> Result<Table, FormatError> {
+pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
     let mut header = Header::default();
     let mut rest = file;
     let data = loop {
         let end = rest.iter().position(|byte| *byte == b'\n');
-        let end = end.ok_or_else(|| FormatError::new("header", "a line DATA", "none"))?;
+        let end = end.ok_or_else(|| SourceError::field("header", "a line DATA", "none"))?;
         let line = String::from_utf8_lossy(&rest[..end]).into_owned();
         rest = &rest[end + 1..];
         let mut words = line.split_whitespace().map(str::to_string);
@@ -29,7 +29,7 @@ pub(super) fn table(file: &[u8]) -> Result<Table, FormatError> {
         "ascii" => Table::of_text(rest, &fields, header.points),
         "binary" => Ok(Table::of_rows(rest.to_vec(), &fields, header.points)),
         "binary_compressed" => columns(rest, &fields, header.points),
-        _ => Err(FormatError::new(
+        _ => Err(SourceError::field(
             "DATA",
             "ascii, binary or binary_compressed",
             data,
@@ -47,7 +47,7 @@ struct Header {
 }
 
 impl Header {
-    fn take(&mut self, key: &str, words: Vec<String>) -> Result<(), FormatError> {
+    fn take(&mut self, key: &str, words: Vec<String>) -> Result<(), SourceError> {
         match key {
             "FIELDS" => self.names = words,
             "SIZE" => self.sizes = words,
@@ -55,7 +55,7 @@ impl Header {
             "COUNT" => self.counts = words,
             "POINTS" => {
                 let found = words.join(" ");
-                let fault = || FormatError::new("POINTS", "a whole number", &found);
+                let fault = || SourceError::field("POINTS", "a whole number", &found);
                 self.points = found.parse().map_err(|_| fault())?;
             }
             _ => {}
@@ -63,14 +63,14 @@ impl Header {
         Ok(())
     }
 
-    fn fields(&self) -> Result<Vec<Field>, FormatError> {
+    fn fields(&self) -> Result<Vec<Field>, SourceError> {
         let field = |(i, name): (usize, &String)| {
             let number =
                 |words: &[String]| words.get(i).and_then(|word| word.parse::<usize>().ok());
             let kind = self.kinds.get(i).map_or("", String::as_str);
             let kind = Kind::new(kind == "F", kind == "I", number(&self.sizes).unwrap_or(0));
             let kind = kind.ok_or_else(|| {
-                FormatError::new(
+                SourceError::field(
                     format!("TYPE and SIZE of {name}"),
                     "F 4, F 8, or I or U 1 to 8",
                     "others",
@@ -87,31 +87,35 @@ impl Header {
 }
 
 /// Fields one after another, all points of each; `packed`: the compressed size, the size, the bytes.
-fn columns(packed: &[u8], fields: &[Field], points: usize) -> Result<Table, FormatError> {
+fn columns(packed: &[u8], fields: &[Field], points: usize) -> Result<Table, SourceError> {
     let size = |from: usize| {
         packed
             .get(from..from + 4)
             .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize)
     };
     let (Some(short), Some(long)) = (size(0), size(4)) else {
-        return Err(FormatError::new("data", "two sizes of 4 bytes", "its end"));
+        return Err(SourceError::field(
+            "data",
+            "two sizes of 4 bytes",
+            "its end",
+        ));
     };
     let Some(packed) = packed[8..].get(..short) else {
-        return Err(FormatError::new(
+        return Err(SourceError::field(
             "data",
             format!("{short} bytes"),
             packed.len() - 8,
         ));
     };
     if long > UNPACKED_MAX {
-        return Err(FormatError::new(
+        return Err(SourceError::field(
             "size unpacked",
             format!("at most {UNPACKED_MAX}"),
             long,
         ));
     }
-    let data =
-        unpack_lzf(packed, long).ok_or_else(|| FormatError::new("data", "LZF", "damaged bytes"))?;
+    let data = unpack_lzf(packed, long)
+        .ok_or_else(|| SourceError::field("data", "LZF", "damaged bytes"))?;
     let mut table = Table::of_rows(data, fields, points);
     let mut start = 0;
     for (column, (_, kind, count)) in table.columns.iter_mut().zip(fields) {

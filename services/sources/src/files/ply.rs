@@ -1,14 +1,14 @@
 //! PLY 1.0: a header of lines, then the elements one after another; the points are the element `vertex`.
 
-use super::FormatError;
 use super::table::{Field, Kind, Table};
+use crate::SourceError;
 
-pub(super) fn table(file: &[u8]) -> Result<Table, FormatError> {
+pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
     let end = b"end_header";
     let at = file.windows(end.len()).position(|window| window == end);
     let at = at.filter(|_| file.starts_with(b"ply"));
     let at =
-        at.ok_or_else(|| FormatError::new("header", "`ply` to `end_header`", "another file"))?;
+        at.ok_or_else(|| SourceError::field("header", "`ply` to `end_header`", "another file"))?;
     let header = String::from_utf8_lossy(&file[..at]).into_owned();
     let body = &file[at + end.len()..];
     let line = body
@@ -23,18 +23,18 @@ pub(super) fn table(file: &[u8]) -> Result<Table, FormatError> {
             ["format", name, ..] => format = name.to_string(),
             ["element", "vertex", count] => rows = count.parse::<usize>().ok(),
             ["element", other, _] if rows.is_none() => {
-                return Err(FormatError::new("elements", "vertex first", other));
+                return Err(SourceError::field("elements", "vertex first", other));
             }
             // What follows the vertices is of no use.
             ["element", ..] => break,
             ["property", "list", ..] => {
-                return Err(FormatError::new("properties of vertex", "no list", line));
+                return Err(SourceError::field("properties of vertex", "no list", line));
             }
             ["property", kind, name] => fields.push((name.to_string(), self::kind(kind)?, 1)),
             _ => {}
         }
     }
-    let rows = rows.ok_or_else(|| FormatError::new("elements", "a count of vertex", "none"))?;
+    let rows = rows.ok_or_else(|| SourceError::field("elements", "a count of vertex", "none"))?;
     match format.as_str() {
         "ascii" => Table::of_text(body, &fields, rows),
         "binary_little_endian" | "binary_big_endian" => {
@@ -42,7 +42,7 @@ pub(super) fn table(file: &[u8]) -> Result<Table, FormatError> {
             table.is_big_endian = format == "binary_big_endian";
             Ok(table)
         }
-        _ => Err(FormatError::new(
+        _ => Err(SourceError::field(
             "format",
             "ascii, binary_little_endian or binary_big_endian",
             format,
@@ -50,7 +50,7 @@ pub(super) fn table(file: &[u8]) -> Result<Table, FormatError> {
     }
 }
 
-fn kind(name: &str) -> Result<Kind, FormatError> {
+fn kind(name: &str) -> Result<Kind, SourceError> {
     let integer = |bytes, is_signed| Ok(Kind::Integer { bytes, is_signed });
     match name {
         "float" | "float32" => Ok(Kind::F32),
@@ -61,6 +61,6 @@ fn kind(name: &str) -> Result<Kind, FormatError> {
         "ushort" | "uint16" => integer(2, false),
         "int" | "int32" => integer(4, true),
         "uint" | "uint32" => integer(4, false),
-        _ => Err(FormatError::new("property", "a number", name)),
+        _ => Err(SourceError::field("property", "a number", name)),
     }
 }

@@ -1,6 +1,6 @@
 //! A file's numbers as columns: what all formats come down to.
 
-use super::FormatError;
+use crate::SourceError;
 
 /// How a number is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,7 +111,7 @@ impl Table {
         text: &[u8],
         fields: &[Field],
         rows: usize,
-    ) -> Result<Table, FormatError> {
+    ) -> Result<Table, SourceError> {
         let text = String::from_utf8_lossy(text);
         let count: usize = fields.iter().map(|(_, _, count)| count).sum();
         let mut data = Vec::with_capacity(text.len());
@@ -127,7 +127,7 @@ impl Table {
                 .collect();
             if values.len() != count {
                 let found = format!("`{}`", line.chars().take(80).collect::<String>());
-                return Err(FormatError::new(
+                return Err(SourceError::field(
                     format!("row {number}"),
                     format!("{count} numbers"),
                     found,
