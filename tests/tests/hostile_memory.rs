@@ -52,7 +52,7 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
     run.signal(Signal::TERM);
     setting
         .finish(run)
-        .assert_says(&["0 lost; stages restarted: 0"]);
+        .assert_says(&["0 lost", "stages restarted: 0"]);
 }
 
 /// Where the objects of a message lie: the file, and the place in it.

@@ -126,10 +126,8 @@ impl Plan {
             }
         };
         let count = Source::open(&input, &Layout::default(), false)?.count();
-        let scans = match count {
-            Some(count) => format!("{count} {origin}, in turn"),
-            None => format!("all {origin}"),
-        };
+        let count = count.map_or("all".to_string(), |count| count.to_string());
+        let scans = format!("{count} {origin}, in turn");
         let model_name = args.model.clone().or(word("model"));
         let model_name = model_name.unwrap_or_else(|| DEFAULT_MODEL.to_string());
         let variants = variants(&args, &document, folder.path())?;

@@ -78,6 +78,27 @@ pub(crate) struct Ground {
     ramp_m: f32,
 }
 
+/// Height, wave vector and phase, m.
+fn wave(factor: f32, dice: &mut Dice) -> [f32; 4] {
+    let length_m = dice.range(9.0, 50.0);
+    let (sin, cos) = dice.range(0.0, TAU).sin_cos();
+    let k = TAU / length_m;
+    let height = dice.normal(0.0, 0.0016) * length_m * factor;
+    [height, k * cos, k * sin, dice.range(0.0, TAU)]
+}
+
+/// Rise to the front and to the left of the sensor.
+fn slope(family: Family, dice: &mut Dice) -> [f32; 2] {
+    match family {
+        // The bottoms of KITTI's labels rise by 8 mm a metre: its sensor looks down by half a degree.
+        Family::SimKitti => [dice.normal(0.008, 0.007), dice.normal(0.0, 0.008)],
+        Family::SimUdi => [dice.normal(0.0, 0.009), dice.normal(0.0, 0.009)],
+        // The ground tilts against the sensor as a mount does: most by less than a degree, some by up to three.
+        Family::SimAny if dice.chance(0.2) => [dice.spread(0.05), dice.spread(0.05)],
+        Family::SimAny => [dice.normal(0.004, 0.013), dice.normal(0.0, 0.013)],
+    }
+}
+
 impl Ground {
     /// Draws the ground of a scene.
     pub(crate) fn draw(family: Family, sensor_height_m: Option<f32>, dice: &mut Dice) -> Ground {
@@ -127,28 +148,14 @@ impl Ground {
             crossing: (place.is_street() && dice.chance(0.45))
                 .then(|| [dice.range(-25.0, 45.0), dice.range(3.0, 5.5)]),
             room,
-            kerb_m: if place.is_street() {
-                dice.range(0.03, 0.15)
-            } else {
-                0.0
+            kerb_m: match place.is_street() {
+                true => dice.range(0.03, 0.15),
+                false => 0.0,
             },
             crown_m: dice.range(0.0, 0.1),
             bank: [dice.normal(0.01, 0.025), dice.normal(0.01, 0.025)],
-            slope: match family {
-                // The bottoms of KITTI's labels rise by 8 mm a metre: its sensor looks down by half a degree.
-                Family::SimKitti => [dice.normal(0.008, 0.007), dice.normal(0.0, 0.008)],
-                Family::SimUdi => [dice.normal(0.0, 0.009), dice.normal(0.0, 0.009)],
-                // The ground tilts against the sensor as a mount does: most by less than a degree, some by up to three.
-                Family::SimAny if dice.chance(0.2) => [dice.spread(0.05), dice.spread(0.05)],
-                Family::SimAny => [dice.normal(0.004, 0.013), dice.normal(0.0, 0.013)],
-            },
-            waves: std::array::from_fn(|i| {
-                let length_m = dice.range(9.0, 50.0);
-                let (sin, cos) = dice.range(0.0, TAU).sin_cos();
-                let k = TAU / length_m;
-                let height = dice.normal(0.0, 0.0016) * length_m * if i == 0 { 1.5 } else { 1.0 };
-                [height, k * cos, k * sin, dice.range(0.0, TAU)]
-            }),
+            slope: slope(family, dice),
+            waves: std::array::from_fn(|i| wave(if i == 0 { 1.5 } else { 1.0 }, dice)),
             sensor_height_m: sensor_height_m.unwrap_or_else(|| dice.normal(HEIGHT_M, 0.025)),
             rough_m: [0.006, 0.03],
             steepest: 0.06,

@@ -10,7 +10,7 @@ use crate::error::Result;
 
 /// The scale of each channel of a row; `None`: values are plain numbers.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct QuantScale(Option<Vec<f32>>);
+pub(crate) struct QuantScale(pub(crate) Option<Vec<f32>>);
 
 impl QuantScale {
     /// Of rows that hold plain numbers.
@@ -73,11 +73,6 @@ impl QuantScale {
         };
         let pairs = row.iter().zip(scale);
         pairs.map(|(value, one)| value / one).collect()
-    }
-
-    /// Whether rows hold plain numbers.
-    pub(crate) fn is_identity(&self) -> bool {
-        self.0.is_none()
     }
 }
 

@@ -75,7 +75,7 @@ impl Watch<'_> {
     ) {
         if let Watch::Levels(observer, written_out) = self {
             let mut values = V::as_f32(values, written_out);
-            if !scale.is_identity() {
+            if scale.0.is_some() {
                 scale.apply(written_out);
                 values = written_out;
             }

@@ -173,9 +173,16 @@ impl Adaptation<'_> {
         if judgement.unknown_labels() > 0 {
             let model = Model::read(&path)?;
             let sweep = counted("thresholds", set.names().len(), |step| {
-                sweep_gate(&model, &set, &frames, &judgement.rules, &settings(), step)
+                sweep_gate(
+                    &model,
+                    &set,
+                    &frames,
+                    &judgement.rules,
+                    &Settings::default(),
+                    step,
+                )
             })?;
-            let variant = settings().variant.name();
+            let variant = Variant::default().name();
             let data = set.describe();
             let choice =
                 choose_threshold(ModelGate::of(&model), &sweep, &judgement, &data, variant)?;
@@ -197,7 +204,7 @@ impl Adaptation<'_> {
         let mut unknown = Class::REAL.map(lower).to_vec();
         unknown.retain(|name| !known.contains(name));
         let policy = NeighbourPolicy::Official;
-        let judgement = judge(model, &set, &frames, &unknown, policy, &settings())?;
+        let judgement = judge(model, &set, &frames, &unknown, policy, &Settings::default())?;
         Ok((set, frames, judgement))
     }
 
@@ -217,13 +224,5 @@ impl Adaptation<'_> {
         let text = serde_json::to_string_pretty(&figures)?;
         write_whole(&file, text.as_bytes()).with_context(|| file.display().to_string())?;
         Ok(figures)
-    }
-}
-
-/// The refiner that ships.
-fn settings() -> Settings {
-    Settings {
-        variant: Variant::RangeScaled,
-        ..Settings::default()
     }
 }

@@ -190,18 +190,7 @@ impl Child {
             self.process = None;
             self.group_before = group;
             self.pid_before = heartbeat.map_or(0, |health| health.pid);
-            if status.success() {
-                return Ok(Ended::Done);
-            }
-            tracing::error!(stage = self.stage.name(), "ended: {status}");
-            let is_killed = status.signal() == Some(Signal::KILL.as_raw());
-            if is_killed && (!self.is_killed || self.was_stopped) {
-                return Ok(Ended::Hit);
-            }
-            self.judge(status, settings)?;
-            let note = ClaimNote::read(&settings.instance, self.stage.name());
-            let note = note.filter(|note| note.pid == pid);
-            return Ok(Ended::Died(note.and_then(|note| note.sequence)));
+            return self.ended(status, pid, settings);
         }
         let (limit_ms, key) = if self.has_published {
             let limit_ms = heartbeat_limit_ms(own, self.run_max_us);
@@ -228,6 +217,26 @@ impl Child {
             );
         }
         Ok(Ended::No)
+    }
+
+    fn ended(
+        &mut self,
+        status: ExitStatus,
+        pid: u32,
+        settings: &Settings,
+    ) -> anyhow::Result<Ended> {
+        if status.success() {
+            return Ok(Ended::Done);
+        }
+        tracing::error!(stage = self.stage.name(), "ended: {status}");
+        let is_killed = status.signal() == Some(Signal::KILL.as_raw());
+        if is_killed && (!self.is_killed || self.was_stopped) {
+            return Ok(Ended::Hit);
+        }
+        self.judge(status, settings)?;
+        let note = ClaimNote::read(&settings.instance, self.stage.name());
+        let note = note.filter(|note| note.pid == pid);
+        Ok(Ended::Died(note.and_then(|note| note.sequence)))
     }
 
     /// A process of somebody else is never signalled.

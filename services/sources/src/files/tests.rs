@@ -216,6 +216,10 @@ fn what_does_not_fit_is_named() {
             "{words}"
         );
     }
+}
+
+#[test]
+fn files_that_do_not_fit_are_named() {
     for (sizes, is_fine) in [
         (&[60, 80][..], false),
         (&[48, 61], true),

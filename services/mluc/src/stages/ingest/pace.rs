@@ -27,12 +27,12 @@ pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> an
         if !sender.load(sequence)? {
             break;
         }
-        let offset_ns = offset_ns(sender.loaded_offset_ns(), settings, sequence);
+        let offset_ns = offset_ns(sender.loaded.scan.offset_ns, settings, sequence);
         if sequence == first {
             first_ns = offset_ns;
         }
         let mut due_ns = begun_ns + offset_ns.saturating_sub(first_ns);
-        if sender.is_live() {
+        if sender.source.is_live() {
             due_ns = monotonic_ns();
         }
         if due_ns >= end_ns {

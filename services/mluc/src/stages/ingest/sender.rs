@@ -14,16 +14,16 @@ use crate::control::Control;
 
 /// A scan read from its file, not yet in shared memory.
 #[derive(Default)]
-struct Loaded {
+pub(crate) struct Loaded {
     sequence: Option<u64>,
     is_set_aside: bool,
-    scan: Scan,
+    pub(crate) scan: Scan,
     report: DecodeReport,
 }
 
 pub(crate) struct Sender<'a> {
     pub(crate) shell: &'a mut Shell,
-    source: Source,
+    pub(crate) source: Source,
     pub(crate) objects: Input<Object>,
     pub(crate) downstream: DownstreamStages,
     output: Output<Point>,
@@ -31,7 +31,7 @@ pub(crate) struct Sender<'a> {
     /// The last scan once more, for a look after it was sent.
     again: Vec<Point>,
     fingerprint: u64,
-    loaded: Loaded,
+    pub(crate) loaded: Loaded,
 }
 
 impl Sender<'_> {
@@ -149,16 +149,6 @@ impl Sender<'_> {
                 Next::NotYet | Next::End => return Ok(false),
             }
         }
-    }
-
-    /// Whether scans come when the sensor sends them.
-    pub(crate) fn is_live(&self) -> bool {
-        self.source.is_live()
-    }
-
-    /// When the loaded scan comes after the source's first one, ns.
-    pub(crate) fn loaded_offset_ns(&self) -> Option<u64> {
-        self.loaded.scan.offset_ns
     }
 
     /// Publishes the scan that is loaded as `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
