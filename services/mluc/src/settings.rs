@@ -302,6 +302,14 @@ impl StageSettings {
                 "threads of {stage} must be 1 to 256, found {threads}"
             ));
         }
+        let limits = [
+            ("budget_ms", self.budget_ms.unwrap_or(0)),
+            ("heartbeat_max_ms", self.heartbeat_max_ms),
+            ("start_max_ms", self.start_max_ms),
+        ];
+        if let Some((key, ms)) = limits.into_iter().find(|(_, ms)| *ms > 600_000) {
+            return refused(format!("{key} of {stage} must be 0 to 600000, found {ms}"));
+        }
         match &self.command {
             Some(_) if self.external => refused(format!(
                 "stage {stage} has a command and is external: one of them starts it"

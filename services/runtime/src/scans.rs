@@ -59,7 +59,8 @@ impl Scans {
             (self.run_id, self.count_sent) = (run.run_id, 0);
             self.held.clear();
         }
-        loop {
+        // Bounded: an ingest that publishes without end stops nothing else.
+        for _ in 0..2 * Topic::POINTS.buffer {
             if self.held.len() > self.kept {
                 self.held.remove(PINNED);
             }
@@ -75,6 +76,7 @@ impl Scans {
                 self.held.push_back(scan);
             }
         }
+        Ok(())
     }
 
     /// One more than the largest sequence that ingest has sent in the run; 0: none.

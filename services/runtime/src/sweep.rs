@@ -104,9 +104,21 @@ pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
     let linked = fs::hard_link(&own, &path);
     let _ = fs::remove_file(&own);
     match linked {
-        Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(()),
+        Err(e) if e.kind() == ErrorKind::AlreadyExists => check_owner(&path),
         linked => linked.map_err(failed()),
     }
+}
+
+/// Refuses a segment of another user, or a link: who made it between a look and this moment could write what we read.
+fn check_owner(path: &Path) -> Result<()> {
+    use std::os::unix::fs::MetadataExt;
+    let about = fs::symlink_metadata(path).map_err(RuntimeError::io("looking at", path))?;
+    let is_ours = about.uid() == rustix::process::geteuid().as_raw() && about.is_file();
+    let theirs = || std::io::Error::new(ErrorKind::PermissionDenied, "it is another user's");
+    is_ours
+        .then_some(())
+        .ok_or_else(theirs)
+        .map_err(RuntimeError::io("using", path))
 }
 
 /// Where iceoryx2 made its management segment all the same, under another name.

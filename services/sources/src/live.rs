@@ -5,10 +5,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use anyhow::Context;
-use crossbeam_channel::{Receiver as Turns, Sender, TrySendError, bounded};
+use anyhow::{Context, bail};
+use crossbeam_channel::{Receiver as Turns, RecvTimeoutError, Sender, TrySendError, bounded};
 
 use crate::capture::calibration;
 use crate::files::Layout;
@@ -16,8 +16,12 @@ use crate::packets::{Calibration, Detector};
 use crate::udp::Receiver;
 use crate::{Next, Scan, SourceError};
 
-/// A sensor that says nothing for so long is silent.
+/// The socket is waited for so long.
 const SILENCE: Duration = Duration::from_millis(500);
+/// A sensor that is silent for so long may come back with another address.
+const FORGET_MS: u64 = 5_000;
+/// Missing packets are told so often at most.
+const TELL: Duration = Duration::from_secs(10);
 /// Datagrams of which none is a known sensor's: some seconds of any.
 const LOOKS_MAX: u32 = 20_000;
 /// How long a look for the next turn takes at most: the pipeline hears of ingest meanwhile.
@@ -47,8 +51,8 @@ struct Shared {
     is_ending: AtomicBool,
     /// Turns that newer ones replaced.
     replaced: AtomicU64,
-    /// Silences of the sensor in a row, each [`SILENCE`] long.
-    silences: AtomicU64,
+    /// Since the sensor's last packet.
+    silent_ms: AtomicU64,
 }
 
 /// A socket, and the newest turn.
@@ -98,14 +102,16 @@ impl Live {
                 scan.missed = self.shared.replaced.swap(0, Relaxed);
                 Ok(Next::Scan)
             }
-            Err(_) => Ok(Next::NotYet),
+            Err(RecvTimeoutError::Timeout) => Ok(Next::NotYet),
+            Err(RecvTimeoutError::Disconnected) => {
+                bail!("the thread that listens to the sensor ended")
+            }
         }
     }
 
     /// What to say while no packets come.
     pub(crate) fn silence(&self) -> Option<String> {
-        let silences = self.shared.silences.load(Relaxed) as u32;
-        let seconds = (silences * SILENCE).as_secs();
+        let seconds = self.shared.silent_ms.load(Relaxed) / 1000;
         (seconds > 0).then(|| {
             format!(
                 "no packets of the sensor at {} for {seconds} s",
@@ -141,13 +147,19 @@ impl Listener {
     fn listen(&mut self) -> Result<(), SourceError> {
         let calibration = self.calibration.take();
         let mut detector = Detector::new(calibration.as_ref());
-        let (mut decoder, mut dropped, mut looks) = (None, 0, 0);
+        let (mut decoder, mut looks) = (None, 0);
+        let (mut heard, mut told) = (Instant::now(), (Instant::now(), 0));
         while !self.shared.is_ending.load(Relaxed) {
-            let Some(datagram) = self.receiver.receive()? else {
-                self.shared.silences.fetch_add(1, Relaxed);
+            let datagram = self.receiver.receive()?;
+            let silent_ms = heard.elapsed().as_millis() as u64;
+            self.shared.silent_ms.store(silent_ms, Relaxed);
+            let Some(datagram) = datagram else {
                 continue;
             };
-            self.shared.silences.store(0, Relaxed);
+            // It may have come back with another address.
+            if silent_ms > FORGET_MS {
+                decoder = None;
+            }
             if decoder.is_none() {
                 looks += 1;
                 if looks > LOOKS_MAX {
@@ -158,23 +170,33 @@ impl Listener {
                     tracing::info!(sensor = decoder.product(), from = %datagram.from, "packets");
                 }
             }
-            let mut turn = None;
-            if let Some(decoder) = &mut decoder {
-                decoder.push(&datagram, &mut |whole| {
-                    let mut scan = Scan::default();
-                    scan.take(whole, self.number, &self.layout);
-                    turn = Some(scan);
-                });
+            let Some(decoder) = &mut decoder else {
+                continue;
+            };
+            let (before, mut turn) = (decoder.counts().packets, None);
+            decoder.push(&datagram, &mut |whole| {
+                let mut scan = Scan::default();
+                scan.take(whole, self.number, &self.layout);
+                turn = Some(scan);
+            });
+            let counts = decoder.counts();
+            if counts.packets > before {
+                (heard, looks) = (Instant::now(), 0);
             }
             if let Some(scan) = turn {
                 self.number += 1;
                 self.give(Ok(scan));
             }
-            if self.receiver.dropped() != dropped {
-                dropped = self.receiver.dropped();
+            let dropped = self.receiver.dropped();
+            let missing = counts.lost + counts.damaged + u64::from(dropped);
+            if missing != told.1 && told.0.elapsed() > TELL {
+                told = (Instant::now(), missing);
+                let (lost, damaged) = (counts.lost, counts.damaged);
                 tracing::warn!(
-                    dropped,
-                    "the system dropped packets: raise net.core.rmem_max, or give ingest more time"
+                    lost,
+                    damaged,
+                    dropped_by_system = dropped,
+                    "packets are missing"
                 );
             }
         }
@@ -198,7 +220,6 @@ impl Listener {
 #[cfg(test)]
 mod tests {
     use std::net::UdpSocket;
-    use std::time::Instant;
 
     use super::*;
     use crate::packets::tests::{HOUR_NS, velodyne};

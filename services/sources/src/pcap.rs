@@ -204,6 +204,8 @@ impl Frames {
         let sliced = match link {
             Linktype::ETHERNET => SlicedPacket::from_ethernet(frame),
             Linktype::LINUX_SLL => SlicedPacket::from_linux_sll(frame),
+            // Twenty bytes before the packet (`tcpdump -i any`).
+            Linktype::LINUX_SLL2 => SlicedPacket::from_ip(frame.get(20..)?),
             // Four bytes of address family before the packet.
             Linktype::NULL | Linktype::LOOP => SlicedPacket::from_ip(frame.get(4..)?),
             _ => SlicedPacket::from_ip(frame),

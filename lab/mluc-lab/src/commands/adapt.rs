@@ -71,6 +71,7 @@ pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
         None => ANY_OPEN.to_vec(),
     };
     let mut known: Vec<String> = arguments.known.iter().map(|c| lower(*c)).collect();
+    known.sort();
     known.dedup();
     let request = Request {
         sensor: SensorProfile::load(&arguments.sensor)?,

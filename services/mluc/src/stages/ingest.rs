@@ -12,7 +12,7 @@ use crate::UsageError;
 use crate::settings::{Pace, Settings};
 use mluc_sources::Source;
 
-use super::begin_or_join_run;
+use super::{ASKED_TO_END, begin_or_join_run};
 use sender::Sender;
 
 pub(crate) fn run(
@@ -38,7 +38,9 @@ pub(crate) fn run(
         Pace::Sensor => pace::sensor(&mut sender, settings, start_sequence),
         Pace::Complete => pace::complete(&mut sender, settings, start_sequence),
     };
-    sender.shell.state(HealthState::Stopping, "")?;
+    let was_asked = sender.shell.is_stopping();
+    let reason = if was_asked { ASKED_TO_END } else { "" };
+    sender.shell.state(HealthState::Stopping, reason)?;
     sender.shell.beat()?;
     done.with_context(|| Stage::Ingest.name())
 }

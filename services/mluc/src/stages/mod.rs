@@ -71,6 +71,9 @@ pub fn end_with(parent: u32) -> anyhow::Result<()> {
 /// How long the process that began a run may take to describe it.
 const PATIENCE: Duration = Duration::from_secs(3);
 
+/// The reason of an ingest that ends before its input does.
+pub(crate) const ASKED_TO_END: &str = "asked to end";
+
 /// Begins a run, or joins the one that another process of the instance has begun. `None`: asked to end.
 pub(crate) fn begin_or_join_run(
     shell: &mut Shell,

@@ -198,7 +198,7 @@ impl Child {
         } else {
             (own.start_max_ms, "start_max_ms")
         };
-        let heard_ns = heard_ns * u64::from(self.was_ready);
+        let heard_ns = heard_ns * u64::from(self.was_ready || self.has_published);
         let since_ns = self.started_ns.max(heard_ns).max(regular_since_ns);
         let silent_ms = monotonic_ns().saturating_sub(since_ns) / 1_000_000;
         if limit_ms > 0 && silent_ms > limit_ms && !self.is_killed {
@@ -226,6 +226,10 @@ impl Child {
         settings: &Settings,
     ) -> anyhow::Result<Ended> {
         if status.success() {
+            // Ingest's end is that of its input; any other stage that ends fails.
+            if self.stage != Stage::Ingest {
+                self.judge(status, settings)?;
+            }
             return Ok(Ended::Done);
         }
         tracing::error!(stage = self.stage.name(), "ended: {status}");
@@ -308,6 +312,8 @@ impl Child {
 
     /// At once where it has published a frame, else, and in a crash loop, after a growing delay.
     pub(super) fn plan_restart(&mut self) {
+        let is_recent = |death: &Instant| death.elapsed() < CRASH_LOOP_TIME;
+        self.is_crash_loop &= self.deaths.front().is_some_and(is_recent);
         let at_once = self.has_published && !self.is_crash_loop;
         let delay = self.delay * u32::from(!at_once);
         tracing::warn!(stage = self.stage.name(), "restart in {delay:?}");

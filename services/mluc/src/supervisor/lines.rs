@@ -42,7 +42,10 @@ impl LineWriter {
         let mut bytes = serde_json::to_vec(line)?;
         bytes.push(b'\n');
         let sent = self.lines.try_send(bytes);
-        self.dropped += u64::from(matches!(sent, Err(TrySendError::Full(_))));
+        if matches!(sent, Err(TrySendError::Full(_))) {
+            self.dropped += 1;
+            tracing::warn!("a line was dropped: the reader of stdout is too slow");
+        }
         Ok(!matches!(sent, Err(TrySendError::Disconnected(_))))
     }
 

@@ -19,7 +19,7 @@ use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown, monoton
 
 use crate::control::Control;
 use crate::settings::{Pace, Settings};
-use crate::stages::begin_or_join_run;
+use crate::stages::{ASKED_TO_END, begin_or_join_run};
 use crate::{EXIT_WARNINGS, UsageError, document, model};
 use mluc_sources::Source;
 
@@ -113,6 +113,7 @@ struct Supervisor {
     /// How many deaths each scan is to blame for.
     kills: BTreeMap<u64, u32>,
     control: Control,
+    is_ingest_untold: bool,
     next_sequence: u64,
     /// The last look at the stages, and since when there was no pause between two.
     looked_ns: u64,
@@ -152,6 +153,7 @@ pub(crate) fn run(
         source,
         kills: BTreeMap::new(),
         control: Control::default(),
+        is_ingest_untold: false,
         next_sequence: 0,
         looked_ns: 0,
         regular_since_ns: 0,
@@ -170,6 +172,13 @@ pub(crate) fn run(
     supervisor.health.update()?;
     supervisor.outcome.status = (supervisor.status).count(&supervisor.health, &supervisor.outcome);
     result.and(told).map(|_| supervisor.outcome)
+}
+
+/// Whether ingest ended because somebody asked it to, and not at the end of its input.
+fn was_asked(health: &mut HealthWatch) -> anyhow::Result<bool> {
+    health.update()?;
+    let ingest = health.of(Stage::Ingest);
+    Ok(ingest.is_some_and(|health| health.reason() == ASKED_TO_END))
 }
 
 /// What is wrong with the input or the model is said here, once, and not by four processes.
@@ -218,8 +227,9 @@ impl Supervisor {
                 self.outcome.is_interrupted = true;
                 return Ok(());
             }
-            if sink.is_behind() != self.control.holds {
-                self.control.holds = !self.control.holds;
+            let holds = sink.is_behind();
+            if holds != self.control.holds || self.is_ingest_untold {
+                self.control.holds = holds;
                 self.tell_ingest();
             }
             if self.look_after_children()? {
@@ -269,7 +279,11 @@ impl Supervisor {
 
     /// False: the sink wants no more.
     fn take_objects(&mut self, sink: &mut dyn Sink) -> anyhow::Result<bool> {
-        while let Some(message) = self.objects.oldest()? {
+        // Bounded: a refiner that publishes without end stops nothing else.
+        for _ in 0..2 * Topic::OBJECTS.buffer {
+            let Some(message) = self.objects.oldest()? else {
+                break;
+            };
             let header = *message.header();
             self.take_scans()?;
             // A refiner that outlived a run hands on the last message of that one.
@@ -329,7 +343,9 @@ impl Supervisor {
             let ended = child.watch(&self.health, &self.settings, self.regular_since_ns)?;
             match ended {
                 Ended::No => (),
-                Ended::Done if child.stage == Stage::Ingest => return Ok(true),
+                Ended::Done if child.stage == Stage::Ingest && !was_asked(&mut self.health)? => {
+                    return Ok(true);
+                }
                 Ended::Done | Ended::Hit | Ended::Died(_) => {
                     if self.shell.is_stopping() {
                         continue;
@@ -373,9 +389,11 @@ impl Supervisor {
         self.tell_ingest();
     }
 
-    /// Shared memory may be full: the run goes on.
-    fn tell_ingest(&self) {
-        if let Err(error) = self.control.write(&self.settings.instance) {
+    /// Shared memory may be full: the run goes on, and it is tried again.
+    fn tell_ingest(&mut self) {
+        let written = self.control.write(&self.settings.instance);
+        self.is_ingest_untold = written.is_err();
+        if let Err(error) = written {
             tracing::error!("telling ingest what to leave out: {error:#}");
         }
     }

@@ -19,6 +19,10 @@ const PERIOD_NS: u64 = 500_000_000;
 const LOOK_NS: u64 = 250_000_000;
 /// A better state holds so long before it is told.
 const HOLD_NS: u64 = 500_000_000;
+/// A run without a result for so long has stopped, ns.
+const START_MAX_NS: u64 = 30_000_000_000;
+/// The longest period of a sensor whose rate is not configured, ns.
+const PERIOD_MAX_NS: u64 = 1_000_000_000;
 /// Before two scans came nobody knows the sensor's period.
 const PERIOD_UNKNOWN_NS: u64 = 1_000_000_000;
 /// Results this much later than late are no longer awaited; so is a stage's heartbeat.
@@ -64,6 +68,8 @@ impl StatusWriter {
             looked_ns: 0,
             facts: Facts {
                 budget_ns: settings.budget_ms.map(|ms| ms * 1_000_000),
+                begun_ns: monotonic_ns(),
+                period_ns: settings.rate_hz.map_or(0, |rate_hz| (1e9 / rate_hz) as u64),
                 ..Facts::default()
             },
             budgets: Budgets::new(settings),
@@ -86,9 +92,10 @@ impl StatusWriter {
             self.run_id = run.run_id;
             self.view.clear();
             self.counts = StageCounts::default();
-            let budget_ns = self.facts.budget_ns;
             self.facts = Facts {
-                budget_ns,
+                budget_ns: self.facts.budget_ns,
+                begun_ns: monotonic_ns(),
+                period_ns: self.facts.period_ns,
                 ..Facts::default()
             };
         }
@@ -255,6 +262,10 @@ struct Newest {
 struct Facts {
     /// `None`: no pace is held, results come when they come.
     budget_ns: Option<u64>,
+    /// When the run began.
+    begun_ns: u64,
+    /// The sensor's period by the settings; 0: not told.
+    period_ns: u64,
     newest: Option<Newest>,
     /// The longest way of a result, ns.
     longest_ns: u64,
@@ -301,12 +312,12 @@ impl Facts {
         let Some(budget_ns) = self.budget_ns else {
             return [u64::MAX, SILENCE_NS + 2 * self.longest_ns];
         };
-        let longest_ns = self.periods_ns[0].max(self.periods_ns[1]);
-        let period_ns = if self.periods_ns[0] == 0 {
-            PERIOD_UNKNOWN_NS
-        } else {
-            longest_ns
+        // The shorter of two, and bounded: an outage is no period.
+        let period_ns = match self.periods_ns[0] {
+            0 => PERIOD_UNKNOWN_NS,
+            before_ns => before_ns.min(self.periods_ns[1]),
         };
+        let period_ns = period_ns.min(PERIOD_MAX_NS.max(self.period_ns));
         let late_ns = budget_ns + period_ns;
         [late_ns, late_ns + SILENCE_NS]
     }
@@ -319,7 +330,9 @@ impl Facts {
             None => what.to_string(),
         };
         let Some(newest) = self.newest else {
-            return (Starting, because("no result yet"));
+            let is_long = now_ns.saturating_sub(self.begun_ns) > START_MAX_NS;
+            let state = if is_long { Stopped } else { Starting };
+            return (state, because("no result yet"));
         };
         let age_ns = now_ns.saturating_sub(newest.arrived_ns);
         let [late_ns, stopped_ns] = self.limits_ns();
@@ -436,6 +449,8 @@ one, 60, , degraded 1 of 12 directions have no returns
 nan, 60, , blind hardly a point is finite
 ground, 60, , degraded the ground is not found any more
 new, 60, no: ingest waits, starting no result yet: ingest waits
+new, 26000, no: ingest waits, stopped no result yet: ingest waits
+outage, 301, , late results are older than the budget allows
 pace, 1120, , running
 pace, 1121, , stopped no results come
 empty, 60, , blind the scans are empty
@@ -457,6 +472,8 @@ suspect, 60, , degraded flags: input_suspect/suspect_height";
                 "nan" => facts.not_finite_share = 0.95,
                 "ground" => facts.is_ground_lost = true,
                 "new" => facts.newest = None,
+                // Nothing came for 5 s, once.
+                "outage" => facts.periods_ns = [5_000 * MS, 100 * MS],
                 // A result may take its time: 1 s and twice the longest so far.
                 "pace" => facts.budget_ns = None,
                 _ => (),

@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use super::table::Table;
 use crate::SourceError;
 
+/// Rows that are read: more than any scan holds, and bounded where a file promises more.
+const ROWS_MAX: usize = 4 << 20;
+
 /// Names that intensity goes by, the usual one first.
 const INTENSITIES: [&str; 5] = [
     "intensity",
@@ -109,10 +112,10 @@ impl Layout {
         }
     }
 
-    /// Coordinates along the sensor's axes, in m. The layout was [checked](Self::check); else they stay as they are.
-    pub(crate) fn turned(&self, point: [f64; 3]) -> [f64; 3] {
+    /// What turns coordinates in m along the sensor's axes. The layout was [checked](Self::check); else they stay as they are.
+    pub(crate) fn turn(&self) -> impl Fn([f32; 3]) -> [f32; 3] {
         let axes = self.signed_axes().unwrap_or([(0, 1.0), (1, 1.0), (2, 1.0)]);
-        axes.map(|(place, sign)| point[place] * sign * self.scale)
+        move |point| axes.map(|(place, sign)| point[place] * sign as f32)
     }
 
     /// Writes the table's points as x, y, z (m), intensity, four little-endian f32 each; true if it holds fewer rows than it promises.
@@ -133,7 +136,7 @@ impl Layout {
         };
         let coordinates = [column("x")?, column("y")?, column("z")?];
         let intensity = table.column(&INTENSITIES);
-        for row in 0..table.rows {
+        for row in 0..table.rows.min(ROWS_MAX) {
             let values = coordinates.map(|column| table.value(column, row));
             let (Some([x, y, z]), Some(intensity)) = (
                 all(values),

@@ -79,7 +79,7 @@ impl Header {
             Ok((
                 name.clone(),
                 kind,
-                number(&self.counts).unwrap_or(1).min(4096),
+                number(&self.counts).unwrap_or(1).clamp(1, 4096),
             ))
         };
         self.names.iter().enumerate().map(field).collect()

@@ -25,6 +25,7 @@ pub(super) struct Sweep {
     is_open: bool,
     begins_whole: bool,
     last_azimuth_cdeg: Option<u16>,
+    last_column_ns: u64,
     last_sequence: Option<u64>,
     last_packet_ns: Option<u64>,
     /// Time and azimuth of the packet after the last gap.
@@ -102,8 +103,10 @@ impl Sweep {
             last > azimuth_cdeg + BACK_CDEG || azimuth_cdeg > last.saturating_add(18_000)
         });
         let age_ns = stamp_ns.saturating_sub(self.revolution.stamp_ns);
-        // Late packets at the border pass 0 more than once.
-        if passes_zero && (!self.begins_whole || age_ns >= TURN_MIN_NS) {
+        let goes_on = stamp_ns > self.last_column_ns;
+        self.last_column_ns = stamp_ns;
+        // A late packet is no new turn, and at the border packets pass 0 more than once.
+        if passes_zero && goes_on && (!self.begins_whole || age_ns >= TURN_MIN_NS) {
             self.cut(true, on);
         }
         self.shots(stamp_ns, on);

@@ -217,6 +217,21 @@ fn every_family_gives_revolutions_with_times_and_counts_what_is_lost() {
     }
 }
 
+#[test]
+fn a_late_packet_begins_no_turn() {
+    let (kind, mut points) = (&kinds()[0], vec![]);
+    let mut decoder = kind.decoder();
+    let mut order: Vec<u32> = (40..40 + 3 * kind.per_turn).collect();
+    order.swap(100, 101);
+    for n in order {
+        let ns = HOUR_NS + u64::from(n) * kind.interval_ns;
+        let packet = kind.packet(n, ns);
+        let mut keep = |turn: &Revolution| points.push(turn.points.len() / kind.points_per_packet);
+        decoder.push(&datagram(ns, &packet), &mut keep);
+    }
+    assert_eq!((points, decoder.counts().late), (vec![35, 75, 75], 1));
+}
+
 /// Times, ranges, rings from the top, and that the head turns clockwise from ahead.
 fn check_points(kind: &Kind, scan: &Revolution) {
     let product = &kind.product;

@@ -294,7 +294,9 @@ impl Velodyne {
         let near_ns = self.last_stamp_ns.filter(is_near).unwrap_or(received_ns);
         let hour_ns = near_ns - near_ns % HOUR_NS;
         let stamp_ns = match hour_ns + in_hour_ns {
-            stamp_ns if stamp_ns > near_ns + HOUR_NS / 2 => stamp_ns.saturating_sub(HOUR_NS),
+            stamp_ns if stamp_ns > near_ns + HOUR_NS / 2 && stamp_ns >= HOUR_NS => {
+                stamp_ns - HOUR_NS
+            }
             stamp_ns if stamp_ns + HOUR_NS / 2 < near_ns => stamp_ns + HOUR_NS,
             stamp_ns => stamp_ns,
         };

@@ -60,7 +60,12 @@ pub(super) fn findings(
     if found.points == 0 {
         findings.push((
             Failure,
-            "no points in these scans: are the columns as --columns says?".into(),
+            match source.is_live() {
+                true => {
+                    "no scan of a known sensor came within 5 s: does it send to this port?".into()
+                }
+                false => "no points in these scans: are the columns as --columns says?".into(),
+            },
         ));
     }
     let command = match reasons[..] {

@@ -19,17 +19,18 @@ const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// At the sensor's rate, whether or not the stages behind keep up.
 pub(crate) fn sensor(sender: &mut Sender, settings: &Settings, first: u64) -> anyhow::Result<()> {
-    let begun_ns = monotonic_ns();
+    let mut begun_ns = monotonic_ns();
     let end_ns = end_ns(settings, begun_ns);
     let (mut last, mut first_ns) = (None, 0);
     for sequence in first.. {
         // The file is read before its time: a disk is no sensor.
-        if !sender.load(sequence)? {
+        if !sender.load(sequence, end_ns)? {
             break;
         }
         let offset_ns = offset_ns(sender.loaded.scan.offset_ns, settings, sequence);
         if sequence == first {
-            first_ns = offset_ns;
+            // A capture takes its time to the frame that a restarted ingest begins with.
+            (first_ns, begun_ns) = (offset_ns, monotonic_ns());
         }
         let mut due_ns = begun_ns + offset_ns.saturating_sub(first_ns);
         if sender.source.is_live() {
@@ -84,7 +85,7 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
     let end_ns = end_ns(settings, monotonic_ns());
     for sequence in first.. {
         let is_over = monotonic_ns() >= end_ns || sender.shell.is_stopping();
-        if is_over || !sender.load(sequence)? {
+        if is_over || !sender.load(sequence, end_ns)? {
             break;
         }
         let mut is_out = false;
@@ -95,7 +96,7 @@ pub(crate) fn complete(sender: &mut Sender, settings: &Settings, first: u64) -> 
             if attempt > 0 {
                 tracing::warn!(sequence, attempt, "frame sent again");
                 // It may have been set aside.
-                sender.load(sequence)?;
+                sender.load(sequence, end_ns)?;
             }
             sender.send(sequence, attempt, monotonic_ns())?;
             is_out = await_objects(sender, sequence, ANSWER_PATIENCE_NS)?;

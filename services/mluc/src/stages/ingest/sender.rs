@@ -101,8 +101,8 @@ impl Sender<'_> {
     }
 
     /// Reads the scan of `sequence` from its source, unless it is the one read last; one that was set aside is not read. Waits for a live sensor. False: there is none,
-    /// or asked to end.
-    pub(crate) fn load(&mut self, sequence: u64) -> anyhow::Result<bool> {
+    /// asked to end, or `end_ns` has passed.
+    pub(crate) fn load(&mut self, sequence: u64, end_ns: u64) -> anyhow::Result<bool> {
         let control = Control::read(self.shell.instance());
         let is_set_aside = control.set_aside.contains(&self.source.index(sequence));
         let is_new = self.loaded.sequence != Some(sequence);
@@ -110,7 +110,7 @@ impl Sender<'_> {
             return Ok(true);
         }
         self.shell.note_frame(Some(sequence));
-        let is_there = self.await_scan(sequence, is_set_aside);
+        let is_there = self.await_scan(sequence, is_set_aside, end_ns);
         self.shell.note_frame(None);
         if !is_there? {
             return Ok(false);
@@ -125,7 +125,12 @@ impl Sender<'_> {
         Ok(true)
     }
 
-    fn await_scan(&mut self, sequence: u64, is_set_aside: bool) -> anyhow::Result<bool> {
+    fn await_scan(
+        &mut self,
+        sequence: u64,
+        is_set_aside: bool,
+        end_ns: u64,
+    ) -> anyhow::Result<bool> {
         let mut is_silent = false;
         loop {
             let scan = &mut self.loaded.scan;
@@ -139,7 +144,7 @@ impl Sender<'_> {
                     return Ok(true);
                 }
                 Next::Scan => return Ok(true),
-                Next::NotYet if !self.shell.is_stopping() => {
+                Next::NotYet if !self.shell.is_stopping() && monotonic_ns() < end_ns => {
                     if let Some(reason) = self.source.silence() {
                         self.shell.state(HealthState::Degraded, &reason)?;
                         is_silent = true;
