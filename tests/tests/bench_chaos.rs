@@ -2,13 +2,12 @@
 
 use std::time::Duration;
 
-use mluc_tests::{Running, Setting, assert_has};
+use mluc_tests::{Running, assert_has};
 
 #[test]
 fn chaos_ends_well_and_counts_every_frame() {
-    let setting = Setting::new("chaos", 3);
-    let mut command = setting.bench_command("chaos --seconds 6 --seed 4 --starts 3 --signals 2");
-    let finished = Running::start(&mut command).finish_within(Duration::from_secs(180));
+    let words = "bench chaos --seconds 6 --seed 4 --starts 3 --signals 2";
+    let finished = Running::mluc(words.split(' ')).finish_within(Duration::from_secs(180));
     let text = finished.text();
     assert_eq!(finished.code, Some(0), "{text}{}", finished.log);
     let words = [
