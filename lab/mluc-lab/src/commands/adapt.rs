@@ -70,9 +70,12 @@ pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
         Some(path) => std::fs::read(path).with_context(|| path.display().to_string())?,
         None => ANY_OPEN.to_vec(),
     };
-    let mut known: Vec<String> = arguments.known.iter().map(|c| lower(*c)).collect();
-    known.sort();
-    known.dedup();
+    let mut known: Vec<String> = vec![];
+    for name in arguments.known.iter().map(|class| lower(*class)) {
+        if !known.contains(&name) {
+            known.push(name);
+        }
+    }
     let request = Request {
         sensor: SensorProfile::load(&arguments.sensor)?,
         init: format!("{:016x}", Model::from_bytes(&init)?.fingerprint),
