@@ -69,7 +69,7 @@ const VLP_32C_RINGS: [usize; 32] = [
 ];
 
 impl Product {
-    /// Which beam from the top a laser is, where all units are alike: the small ones fire from the bottom and from the middle upwards by turns.
+    /// Which beam from the top a laser is, where all units are alike: the small ones fire alternately from the bottom and from the middle upwards.
     fn ring(&self, laser: usize) -> Option<usize> {
         let lowest = if laser.is_multiple_of(2) {
             self.lasers
