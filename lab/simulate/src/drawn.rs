@@ -1,6 +1,8 @@
 //! The sensor of a `sim-any` frame: a real product, or one that never was, and how it is mounted.
 
+use super::place::ROBOT_M;
 use super::random::Dice;
+use super::sensor::{Motion, Sensor};
 use mluc_model::{SensorProfile, SensorUnit};
 
 /// Products that training never sees: thin, middle and dense, for the figures on sensors that are new to a network.
@@ -40,6 +42,21 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
     profile.azimuth_step_deg = profile.azimuth_step_deg.max(step_min_deg);
     profile.height_m = Some(height_m(dice));
     profile
+}
+
+/// Some sensors move while they turn (low ones, of robots, slowly), unless they are to stay: where they see their own vehicle, which would move with them.
+/// Some report second returns.
+pub(crate) fn in_use(sensor: Sensor, stays: bool, height_m: f32, dice: &mut Dice) -> Sensor {
+    let fastest_mps = if height_m < ROBOT_M { 2.0 } else { 15.0 };
+    let motion = Motion {
+        speed_mps: dice.range(0.0, fastest_mps),
+        yaw_rate_radps: dice.normal(0.0, 0.15),
+    };
+    let moves = dice.chance(0.4) && !stays;
+    let second_returns = if dice.chance(0.15) { 0.5 } else { 0.0 };
+    let mut sensor = if moves { sensor.moving(motion) } else { sensor };
+    sensor.second_returns = second_returns;
+    sensor
 }
 
 /// How high it sits: on cars mostly, on small robots, on trucks.

@@ -27,6 +27,8 @@ pub struct ExportOptions {
     pub seed: u64,
     /// The sensor of every frame; None: the family's, of `sim-any` another in each frame.
     pub sensor: Option<SensorProfile>,
+    /// Another sensor that takes its place and scans the same scenes; None: none does.
+    pub scanned_by: Option<Box<SensorProfile>>,
     /// Steps towards recorded scans: all of them, unless what they are worth is measured.
     pub realism: Realism,
     /// Whether objects that are made up of known ones stand among them, labelled `Synthetic_unknown`: unknown objects to train on, without an unknown class.
@@ -51,6 +53,7 @@ impl ExportOptions {
             sequence: None,
             seed,
             sensor: None,
+            scanned_by: None,
             realism: Realism::FULL,
             synthetic_unknown: false,
             also_known: Vec::new(),
@@ -104,12 +107,13 @@ fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError
         synthetic_unknown: options.synthetic_unknown,
         also_known: Class::REAL.map(is_also),
     };
+    let sensors = [options.sensor.as_ref(), options.scanned_by.as_deref()];
     let Some(steps) = options.sequence else {
-        return turn(stream, options.sensor.as_ref(), index, None);
+        return turn(stream, sensors, index, None);
     };
     let step = index % steps;
     let part = Some(Turn { step, steps });
-    turn(stream, options.sensor.as_ref(), index / steps, part)
+    turn(stream, sensors, index / steps, part)
 }
 
 /// Poses and stamps of sequences. Another sequence is another place: it lies a kilometre further, so that nothing is found again.

@@ -53,7 +53,8 @@ pub(crate) fn label(
     for (index, solid) in solids.iter().enumerate() {
         let instance = (index + 1) as u16;
         let own = sweep.instances.iter().filter(|i| **i == instance).count();
-        let points = solid.box_in_sensor.count_inside(&sweep.points) as u32;
+        let box_in_sensor = sensor.seen(solid.box_in_sensor);
+        let points = box_in_sensor.count_inside(&sweep.points) as u32;
         if own == 0 || points == 0 {
             continue;
         }
@@ -61,7 +62,7 @@ pub(crate) fn label(
         let (image_box_px, truncated) = image_box(calibration, vertices);
         objects.push(SimulatedObject {
             class: solid.class,
-            box_in_sensor: solid.box_in_sensor,
+            box_in_sensor,
             visibility: visibility(sensor, scene, solid, instance, &sweep)?,
             points,
             image_box_px,
@@ -90,7 +91,8 @@ fn visibility(
     let alone = scene.searchable(solid.faces.clone())?;
     let columns = sensor.column_count;
     let vertices = &scene.mesh.vertices[solid.vertices.clone()];
-    let window = Window::around(vertices, sensor.stray_rad);
+    let [x, y, _] = solid.box_in_sensor.center_m;
+    let window = Window::around(vertices, sensor.stray_rad(x.hypot(y) as f32));
     let (mut seen, mut possible) = (0u32, 0u32);
     for beam in 0..sensor.beam_count() {
         if !window.beam(sensor.elevation_rad(beam).tan()) {

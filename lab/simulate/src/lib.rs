@@ -4,7 +4,7 @@
 //! (`labels`). All randomness is hashed from its key, so the bits do not depend on threads or on other frames. Sizes and ranges of objects follow published
 //! statistics of KITTI's labels; nothing of its data is used.
 //!
-//! What it leaves out: motion of the sensor during a turn, several returns of one ray, rain, and a physical model of intensity.
+//! `sim-any` also moves some sensors while they turn and gives some of them second returns. Left out: rain, and a physical model of intensity.
 
 mod background;
 mod drawn;
@@ -256,7 +256,7 @@ pub fn frame(
     seed: u64,
     index: u32,
 ) -> Result<SimulatedFrame, SimulateError> {
-    Ok(turn(Stream::full(family, split, seed), None, index, None)?.0)
+    Ok(turn(Stream::full(family, split, seed), [None; 2], index, None)?.0)
 }
 
 /// The same, scanned by this sensor.
@@ -268,15 +268,16 @@ pub fn frame_by(
     index: u32,
 ) -> Result<SimulatedFrame, SimulateError> {
     let stream = Stream::full(family, split, seed);
-    Ok(turn(stream, Some(sensor), index, None)?.0)
+    Ok(turn(stream, [Some(sensor), None], index, None)?.0)
 }
 
 /// A frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
 type Shown = (SimulatedFrame, [f64; 3]);
 
+/// `sensor` is mounted, and scans unless `by` takes its place.
 fn turn(
     stream: Stream,
-    sensor: Option<&SensorProfile>,
+    [sensor, by]: [Option<&SensorProfile>; 2],
     index: u32,
     turn: Option<Turn>,
 ) -> Result<Shown, SimulateError> {
@@ -306,13 +307,24 @@ fn turn(
     background::fill(&mut layout, &mut scene, &mut dice(4));
     let half_turn = family == Family::SimKitti;
     let sensor_key = random::hash(&[key, 5]);
-    let mut sensor = match &profile {
+    // The sensor of a pair looks from the same place.
+    let scanner = by.map(|by| SensorProfile {
+        height_m: profile.as_ref().and_then(|p| p.height_m),
+        ..by.clone()
+    });
+    let mut sensor = match scanner.as_ref().or(profile.as_ref()) {
         Some(profile) => {
             let drops = stream.realism.has(Step::Drop);
             sensor::Sensor::of(profile, drawn::JITTER_DEG, sensor_key, drops)
         }
         None => sensor::Sensor::new(sensor_key, half_turn, stream.realism),
     };
+    if let (Some(ego), None) = (&ego, turn) {
+        let is_merged = profile.as_ref().is_some_and(|p| !p.units.is_empty());
+        let stays = is_merged || !ego.mesh.triangles.is_empty();
+        let height_m = -ground.height(0.0, 0.0);
+        sensor = drawn::in_use(sensor, stays, height_m, &mut dice(10));
+    }
     let mut sensor_at = mesh::V3::ZERO;
     if let Some(turn) = turn {
         sensor_at = drive::drive(&mut layout, turn, &mut dice(6));

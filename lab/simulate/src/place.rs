@@ -89,7 +89,7 @@ mod tests {
 
     fn shown(index: u32) -> SimulatedFrame {
         let stream = Stream::full(Family::SimAny, Split::Train, 1);
-        turn(stream, Some(&sensor()), index, None)
+        turn(stream, [Some(&sensor()), None], index, None)
             .expect("a frame")
             .0
     }

@@ -82,7 +82,7 @@ mod tests {
             realism: Realism::without(steps),
             ..Stream::full(Family::SimKitti, Split::Train, 1)
         };
-        turn(stream, None, index, None).expect("a frame").0
+        turn(stream, [None; 2], index, None).expect("a frame").0
     }
 
     fn bits(point: &[f32; 4]) -> [u32; 4] {

@@ -41,6 +41,13 @@ pub(crate) fn sweep(sensor: &Sensor, scene: &Scene) -> Result<Sweep, String> {
             sweep.points.push(point);
             sweep.instances.push(hit.instance);
         }
+        let is_dual = unit(sensor.bits(Stream::Second, shot)) < sensor.second_returns;
+        let behind = neighbour.filter(|n| is_dual && n.range_m - hit.range_m > EDGE_M[0]);
+        let second = behind.and_then(|b| Some((returned(sensor, b, None, shot)?, b.instance)));
+        if let Some((point, instance)) = second {
+            sweep.points.push(point);
+            sweep.instances.push(instance);
+        }
     }
     Ok(sweep)
 }
@@ -94,7 +101,7 @@ fn returned(sensor: &Sensor, hit: Hit, neighbour: Option<Hit>, shot: Shot) -> Op
     if !(sensor.range_m[0]..sensor.range_m[1]).contains(&range_m) {
         return None;
     }
-    let (start, direction) = sensor.ray(shot);
+    let (start, direction) = sensor.ray_in_sensor(shot);
     let p = start + direction * range_m;
     Some([p.x, p.y, p.z, sensor.intensity(&hit, shot)])
 }

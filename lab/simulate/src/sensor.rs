@@ -9,7 +9,9 @@
 use super::mesh::{V3, up, v};
 use super::random::{hash, normal, unit};
 use super::{Realism, Step};
+use mluc_geometry::Box3;
 use mluc_model::{SensorProfile, SensorUnit};
+use std::f32::consts::TAU;
 
 /// Beams of the HDL-64E.
 const BEAMS: usize = 64;
@@ -74,6 +76,31 @@ pub(crate) enum Stream {
     Pass,
     Intensity,
     Mixed,
+    Second,
+}
+
+/// How the sensor moves while it turns. Points are those of the moving sensor, as recorded scans have them before anybody corrects
+/// them; the frame of the scan is the sensor's at the end of the turn.
+#[derive(Clone, Copy)]
+pub(crate) struct Motion {
+    pub(crate) speed_mps: f32,
+    pub(crate) yaw_rate_radps: f32,
+}
+
+/// A turn at 10 Hz, s.
+const TURN_S: f32 = 0.1;
+
+impl Motion {
+    /// Where the sensor was (m) and its heading (sine and cosine) when this share of the turn was left.
+    fn pose(self, share_left: f32) -> (V3, [f32; 2]) {
+        let before_s = -TURN_S * share_left;
+        let (sin, cos) = (self.yaw_rate_radps * before_s).sin_cos();
+        (v(self.speed_mps * before_s, 0.0, 0.0), [sin, cos])
+    }
+}
+
+fn turned_by(p: V3, [sin, cos]: [f32; 2]) -> V3 {
+    v(p.x * cos - p.y * sin, p.x * sin + p.y * cos, p.z)
 }
 
 /// One laser with its place in the sensor.
@@ -127,12 +154,16 @@ pub(crate) struct Sensor {
     /// Shortest and longest range that is reported, m.
     pub(crate) range_m: [f32; 2],
     pub(crate) noise: Noise,
-    /// How far a beam may look aside of where [`Sensor::column_direction`] and its elevation say, rad: tilt, and parallax at 2 m.
-    pub(crate) stray_rad: f32,
+    /// How far a beam may look aside, rad: tilt, and parallax at 2 m.
+    stray_rad: f32,
     /// Whether surfaces swallow rays and windows pass them.
     pub(crate) drops: bool,
     /// Share of all hits that is lost for no visible reason.
     pub(crate) base_drop: f32,
+    /// While it turns; none: it stands.
+    motion: Option<Motion>,
+    /// How often a pulse that straddles a depth edge comes back from the farther surface too.
+    pub(crate) second_returns: f32,
 }
 
 impl Sensor {
@@ -181,6 +212,8 @@ impl Sensor {
             stray_rad: 0.0,
             drops: realism.has(Step::Drop),
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, BEAMS)),
+            motion: None,
+            second_returns: 0.0,
         }
     }
 
@@ -235,6 +268,8 @@ impl Sensor {
             noise,
             drops,
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, usize::MAX)),
+            motion: None,
+            second_returns: 0.0,
         }
     }
 
@@ -251,14 +286,61 @@ impl Sensor {
         }
     }
 
+    /// The same sensor, moving while it turns.
+    pub(crate) fn moving(self, motion: Motion) -> Sensor {
+        Sensor {
+            motion: Some(motion),
+            ..self
+        }
+    }
+
+    /// How far a beam may look aside of where [`Sensor::column_direction`] and its elevation say at what is so far away, rad.
+    pub(crate) fn stray_rad(&self, away_m: f32) -> f32 {
+        let moved = self.motion.map_or(0.0, |motion| {
+            TURN_S * (motion.speed_mps / away_m.max(1.0) + motion.yaw_rate_radps.abs())
+        });
+        self.stray_rad + moved
+    }
+
+    /// A box where the points on it lie: as the sensor saw it when it looked there.
+    pub(crate) fn seen(&self, shape: Box3) -> Box3 {
+        let Some(motion) = self.motion else {
+            return shape;
+        };
+        let [x, y, z] = shape.center_m.map(|c| c as f32);
+        let column = y.atan2(x).rem_euclid(TAU) / TAU * self.columns as f32;
+        let done = (column - self.first_column as f32).rem_euclid(self.columns as f32);
+        let share_left = 1.0 - (done / self.column_count as f32).min(1.0);
+        let (at, [sin, cos]) = motion.pose(share_left);
+        let center = turned_by(v(x, y, z) - at, [-sin, cos]);
+        Box3 {
+            center_m: center.to_array().map(f64::from),
+            yaw_rad: shape.yaw_rad - f64::from(sin.atan2(cos)),
+            ..shape
+        }
+    }
+
     /// Random bits of one ray for one purpose.
     pub(crate) fn bits(&self, stream: Stream, (beam, column): Shot) -> u64 {
         let ray = (beam * 4096 + column) as u64;
         hash(&[self.key ^ ((stream as u64) << 56), ray])
     }
 
-    /// Where the ray starts and its unit direction.
+    /// Where the ray starts and its unit direction, in the frame of the scan.
     pub(crate) fn ray(&self, shot: Shot) -> (V3, V3) {
+        let (start, direction) = self.ray_in_sensor(shot);
+        let Some(motion) = self.motion else {
+            return (start, direction);
+        };
+        let (at, heading) = motion.pose(1.0 - (shot.1 as f32 + 0.5) / self.column_count as f32);
+        (
+            at + turned_by(start, heading),
+            turned_by(direction, heading),
+        )
+    }
+
+    /// The same as the sensor itself, which may move, reports it.
+    pub(crate) fn ray_in_sensor(&self, shot: Shot) -> (V3, V3) {
         let beam = &self.beams[shot.0];
         let turn = ((self.first_column + shot.1) % self.columns) as f32 + beam.phase;
         let azimuth = std::f32::consts::TAU * turn / self.columns as f32

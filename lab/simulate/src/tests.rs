@@ -50,6 +50,24 @@ fn frames_are_the_same_bits_whatever_came_before() {
     }
 }
 
+/// What changes `sim-any` must leave these as they are: the shipped networks and their figures come from them.
+#[test]
+fn frames_of_the_papers_families_stay_as_they_are() {
+    for (family, points, objects, mean_x_m) in [
+        (Family::SimUdi, 115_798, 17, -0.6782),
+        (Family::SimKitti, 60_313, 14, 8.5295),
+    ] {
+        let frame = frame(family, Split::Val, 1, 0).expect("a frame");
+        let found = frame.points.len();
+        let sum: f64 = frame.points.iter().map(|p| f64::from(p[0])).sum();
+        let mean = sum / found as f64;
+        // Another platform's sine may send a few rays past an edge.
+        assert!(found.abs_diff(points) < 20, "{family:?}: {found} points");
+        assert_eq!(frame.objects.len(), objects, "{family:?}");
+        assert!((mean - mean_x_m).abs() < 2e-3, "{family:?}: {mean}");
+    }
+}
+
 #[test]
 fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -115,6 +133,65 @@ fn a_block_returns_as_many_points_as_its_angles_say() {
         let share = found / expected;
         assert!((share - 1.0).abs() < 0.2, "{range_m} m: {found} points");
     }
+}
+
+#[test]
+fn a_moving_sensor_reports_what_it_saw_on_its_way_and_labels_lie_there() {
+    // 10 m/s ahead; straight ahead is seen at the turn's beginning, 1 m further back, and again at its end.
+    let motion = sensor::Motion {
+        speed_mps: 10.0,
+        yaw_rate_radps: 0.0,
+    };
+    let (near, far) = ([10.5, 0.5, -0.9], [10.5, -0.5, -0.9]);
+    let size = [1.0, 0.9, 1.4];
+    let things = [near, far].map(|at| block(at, size));
+    let scene = flat(&[(&things[0], 1), (&things[1], 2)]);
+    let sensor = sensor::Sensor::new(3, false, Realism::FULL).moving(motion);
+    let sweep = scan::sweep(&sensor, &scene).expect("a sweep");
+    for (instance, center, nearest_m) in [(1, near, 11.0), (2, far, 10.0)] {
+        let points = sweep.points.iter().zip(&sweep.instances);
+        let own = points.filter(|(_, i)| **i == instance).map(|(p, _)| *p);
+        let own: Vec<[f32; 4]> = own.collect();
+        let least = own.iter().map(|p| p[0]).fold(f32::MAX, f32::min);
+        assert!((least - nearest_m).abs() < 0.1, "{least}");
+        let [x, y, z] = center.map(f64::from);
+        let [l, w, h] = size.map(f64::from);
+        let mut seen = sensor.seen(Box3::new([x, y, z, l, w, h, 0.0]));
+        seen.size_m = seen.size_m.map(|s| s + 0.3);
+        assert!(seen.count_inside(&own) * 20 > own.len() * 19, "{seen:?}");
+    }
+}
+
+#[test]
+fn second_returns_lie_behind_edges() {
+    let scene = flat(&[(&block([8.0, 0.0, -0.9], [1.0, 2.0, 1.4]), 1)]);
+    let mut sensor = sensor::Sensor::new(3, false, Realism::FULL);
+    let single = scan::sweep(&sensor, &scene).expect("a sweep");
+    sensor.second_returns = 1.0;
+    let dual = scan::sweep(&sensor, &scene).expect("a sweep");
+    let more = dual.points.len() - single.points.len();
+    assert!((5..200).contains(&more), "{more}");
+    let on = |sweep: &scan::Sweep| sweep.instances.iter().filter(|i| **i == 1).count();
+    assert_eq!(on(&single), on(&dual));
+}
+
+#[test]
+fn a_pair_shows_the_same_objects() {
+    let [thin, dense] = ["vlp-16", "os1-64"].map(|name| {
+        let mut sensor = SensorProfile::load(name).expect("a product");
+        sensor.azimuth_step_deg = 0.8;
+        sensor
+    });
+    let stream = Stream::full(Family::SimAny, Split::Train, 3);
+    let shown = |by| turn(stream, [Some(&thin), by], 2, None).expect("a frame").0;
+    let (one, other) = (shown(None), shown(Some(&dense)));
+    assert!(other.points.len() > 2 * one.points.len());
+    let boxes: Vec<Box3> = other.objects.iter().map(|o| o.box_in_sensor).collect();
+    let same = one
+        .objects
+        .iter()
+        .filter(|o| boxes.contains(&o.box_in_sensor));
+    assert!(same.count() * 10 >= one.objects.len() * 9 && one.objects.len() > 3);
 }
 
 #[test]
@@ -263,7 +340,7 @@ fn synthetic_unknown_objects_are_labelled_and_bring_no_unknown_class() {
             synthetic_unknown: true,
             ..Stream::full(family, Split::Train, 1)
         };
-        let frames = (0..4).map(|index| turn(stream, None, index, None).expect("a frame").0);
+        let frames = (0..4).map(|index| turn(stream, [None; 2], index, None).expect("a frame").0);
         let objects: Vec<SimulatedObject> = frames.flat_map(|frame| frame.objects).collect();
         let is_synthetic = |o: &&SimulatedObject| o.class == Class::SyntheticUnknown;
         let (count, synthetic) = (objects.len(), objects.iter().filter(is_synthetic).count());
@@ -331,7 +408,7 @@ fn without_a_camera_labels_carry_the_level_of_their_points() {
 fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
     let (family, split, seed, steps) = (Family::SimUdi, Split::Test, 3, 10);
     let stream = Stream::full(family, split, seed);
-    let shown = |index, step| turn(stream, None, index, Some(Turn { step, steps })).unwrap();
+    let shown = |index, step| turn(stream, [None; 2], index, Some(Turn { step, steps })).unwrap();
     // The first turn is at the place, and with the objects, of the frame without a sequence.
     let (first, start) = shown(0, 0);
     assert_eq!(start, [0.0; 3]);

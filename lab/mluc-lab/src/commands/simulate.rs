@@ -29,6 +29,9 @@ pub(crate) struct SimulateArguments {
     /// Scan with this sensor: a product of `sensors/`, or a TOML file like those [default: the family's].
     #[arg(long, value_name = "NAME|FILE")]
     sensor: Option<String>,
+    /// Scan the same scenes by this sensor too, from the same place, into OUT-pair.
+    #[arg(long, value_name = "NAME|FILE", conflicts_with = "sequence")]
+    pair: Option<String>,
     /// Frames of a sequence at 10 Hz through one scene, in which the sensor and half of the objects move [default: every frame is a scene of its own].
     /// Adds poses.txt and timestamps.txt; the frames that come first are not those of a data set without sequences.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=100))]
@@ -72,16 +75,16 @@ pub(super) fn class(text: &str) -> Result<Class, String> {
 }
 
 pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
-    let options = ExportOptions {
+    let load = |name: Option<String>| name.map(|name| SensorProfile::load(&name)).transpose();
+    let scanned_by = load(arguments.pair)?.map(Box::new);
+    let mut options = ExportOptions {
         family: arguments.family,
         split: arguments.split,
         frames: arguments.frames,
         sequence: arguments.sequence,
         seed: arguments.seed,
-        sensor: arguments
-            .sensor
-            .map(|sensor| SensorProfile::load(&sensor))
-            .transpose()?,
+        sensor: load(arguments.sensor)?,
+        scanned_by: None,
         realism: Realism::without(&arguments.without),
         synthetic_unknown: arguments.synthetic_unknown,
         also_known: arguments.known,
@@ -90,6 +93,14 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
         threads: arguments.threads.threads,
     };
     let name = export_with_progress(&options)?;
+    if scanned_by.is_some() {
+        options.scanned_by = scanned_by;
+        let mut pair = options.folder.clone().into_os_string();
+        pair.push("-pair");
+        let first = std::mem::replace(&mut options.folder, pair.into());
+        export_with_progress(&options)?;
+        options.folder = first;
+    }
     let (realism, folder) = (options.realism, options.folder.display());
     let total = options.frames;
     print_out(format_args!("{name}{realism}: {total} frames in {folder}"))
