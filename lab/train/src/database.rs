@@ -81,7 +81,7 @@ pub fn build(source: &ScanSource, classes: usize, frames: usize) -> Result<Datab
 }
 
 fn cut_out(source: &ScanSource, frame: usize) -> Result<Vec<(usize, Sample)>, TrainError> {
-    let (scan, visible) = source.scan_with_visibility(frame)?;
+    let (scan, visible) = source.changed(frame, |_| ())?;
     let objects = scan.objects.iter().zip(visible);
     let wanted = objects.filter(|(o, visible)| *visible && o.points >= SAMPLE_POINTS_MIN);
     let samples = wanted.filter_map(|(object, _)| {

@@ -43,6 +43,7 @@ pub mod synthetic_unknown;
 pub mod targets;
 #[cfg(test)]
 mod testing;
+pub mod thin;
 pub mod trainer;
 #[cfg(test)]
 mod trainer_tests;

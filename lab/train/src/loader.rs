@@ -20,6 +20,7 @@ use crate::plan::{Plan, Planner};
 use crate::settings::TrainSettings;
 use crate::source::ScanSource;
 use crate::targets::{CellClass, CellLabel, Targets};
+use crate::thin::thin;
 
 /// Batches of a thread that wait at most: bounds the memory.
 const QUEUE: usize = 2;
@@ -108,8 +109,13 @@ impl DataLoader {
         for number in 0..self.batch as u64 {
             let place = step * self.batch as u64 + number;
             let frame = self.frame_number(place);
-            let mut scan = self.source.scan(frame)?;
-            if self.source.input == VoxelInput::Local {
+            let any_sensor = self.source.input == VoxelInput::Local;
+            let (mut scan, _) = self.source.changed(frame, |points| {
+                if any_sensor && self.augmentation.is_some() {
+                    thin(points, &mut Random::new(self.seed, &[4, place]));
+                }
+            })?;
+            if any_sensor {
                 scan.ignore_alike(&self.classes_m);
             }
             if let Some(augmentation) = &self.augmentation {

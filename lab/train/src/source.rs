@@ -37,13 +37,15 @@ impl ScanSource {
 
     /// One of them, points of its objects counted.
     pub fn scan(&self, number: usize) -> Result<LabelledScan, TrainError> {
-        Ok(self.scan_with_visibility(number)?.0)
+        Ok(self.changed(number, |_| ())?.0)
     }
 
-    /// A scan, and for each object whether it is seen well enough to be pasted elsewhere.
-    pub fn scan_with_visibility(
+    /// A scan whose points were changed as they come from the sensor, and for each object whether it is seen well enough to be
+    /// pasted elsewhere.
+    pub fn changed(
         &self,
         number: usize,
+        change: impl FnOnce(&mut Vec<[f32; 4]>),
     ) -> Result<(LabelledScan, Vec<bool>), TrainError> {
         let name = &self.dataset.names()[number];
         let mut visible = vec![];
@@ -59,6 +61,7 @@ impl ScanSource {
         }
         scan.points = self.dataset.scan(name)?;
         scan.points.retain(|p| p.iter().all(|v| v.is_finite()));
+        change(&mut scan.points);
         if self.input == VoxelInput::Local {
             scan.measure_from_ground();
         }
