@@ -57,7 +57,7 @@ impl Refiner {
         loop {
             let spent = Duration::from_nanos(monotonic_ns() - begun_ns);
             let left = timeout.saturating_sub(spent);
-            let detections = match self.frames.next_within(&mut self.shell, left)? {
+            let detections = match self.frames.next_within(&mut self.shell, |_, _| (), left)? {
                 Next::Message(message) => message,
                 // A frame that was refused ends the wait early.
                 Next::Timeout if left.is_zero() => return Ok(Code::Timeout),

@@ -25,8 +25,11 @@ pub(crate) struct FrameTask<'a> {
 
 /// Finds the cluster of each proposal, and its box. By default proposals keep their boxes.
 pub(crate) trait Clusterer: std::fmt::Debug + Send {
-    /// Ground and clusters near the candidates, for a variant that finds them all at once.
-    fn find_ground_and_clusters(&mut self, _task: &FrameTask, _proposals: &[Proposal]) {}
+    /// The ground of a frame, for a variant that has one.
+    fn find_ground(&mut self, _frame: &FrameIndex) {}
+
+    /// Clusters near the candidates, for a variant that finds them all at once.
+    fn find_clusters(&mut self, _task: &FrameTask, _proposals: &[Proposal]) {}
 
     /// Whether there is a cluster that a proposal is about; without one the proposal gets the disposition that says why.
     fn match_cluster(&mut self, _task: &mut FrameTask, _proposal: &mut Proposal) -> bool {
@@ -72,7 +75,7 @@ impl ScanClusterer {
         }
     }
 
-    /// Ground, and the clusters that have points in or near these tiles.
+    /// The clusters that have points in or near these tiles.
     fn cluster(&mut self, task: &FrameTask, tiles: impl Iterator<Item = usize>) {
         self.finder.cluster(task.frame, task.is_known, tiles);
         self.shaped.clear();
@@ -82,8 +85,12 @@ impl ScanClusterer {
 }
 
 impl Clusterer for ScanClusterer {
+    fn find_ground(&mut self, frame: &FrameIndex) {
+        self.finder.find_ground(frame);
+    }
+
     /// Where a proposal looks for its cluster.
-    fn find_ground_and_clusters(&mut self, task: &FrameTask, proposals: &[Proposal]) {
+    fn find_clusters(&mut self, task: &FrameTask, proposals: &[Proposal]) {
         let candidates = proposals.iter().filter(|p| p.is_standing());
         let around = candidates.flat_map(|candidate| {
             let [x, y, _] = candidate.shape.center_m;
@@ -215,9 +222,11 @@ mod tests {
                 points: &mut Vec::new(),
                 counters: &mut Counters::default(),
             };
+            whole.find_ground(&frame);
+            near.find_ground(&frame);
             for some in candidates(&scan, 120).chunks(6) {
                 whole.cluster(&task, frame.occupied_tiles());
-                near.find_ground_and_clusters(&task, some);
+                near.find_clusters(&task, some);
                 let expected = refined(&mut whole, &mut task, some);
                 assert_eq!(refined(&mut near, &mut task, some), expected, "{name}");
                 matched += expected.iter().filter(|(.., m)| m.is_some()).count();

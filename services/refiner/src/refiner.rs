@@ -108,12 +108,30 @@ impl Refiner {
         is_over: &mut dyn FnMut() -> bool,
         out: &mut RefinerOutput,
     ) {
+        self.read_scan(scan);
+        self.refine_read(sequence, scan, detections, is_over, out);
+    }
+
+    /// Sorts a scan and finds its ground: what can be done before there are detections.
+    pub fn read_scan(&mut self, scan: &[Point]) {
+        self.frame.sort(scan);
+        self.clusterer.find_ground(&self.frame);
+    }
+
+    /// As [`Refiner::refine_within`], of the scan that [`Refiner::read_scan`] was given last.
+    pub fn refine_read(
+        &mut self,
+        sequence: u64,
+        scan: &[Point],
+        detections: &[Detection],
+        is_over: &mut dyn FnMut() -> bool,
+        out: &mut RefinerOutput,
+    ) {
         let variant = self.settings.variant;
         // Proposals that keep their boxes cost no time.
         let mut is_over = || variant != Variant::None && is_over();
         self.read_proposals(detections);
         let has_time = self.proposals.iter().any(Proposal::is_standing) && !is_over();
-        self.frame.sort(scan);
         self.take_points_of_known(scan.len());
         let (proposals, clusterer) = (&mut self.proposals, &mut self.clusterer);
         let mut task = FrameTask {
@@ -126,7 +144,7 @@ impl Refiner {
             counters: &mut self.counters,
         };
         if has_time {
-            clusterer.find_ground_and_clusters(&task, proposals);
+            clusterer.find_clusters(&task, proposals);
         }
         let mut over = !has_time;
         best_first(&mut self.order, proposals, |p| p.score.into());

@@ -36,16 +36,33 @@ impl<T: Payload> Frames<T> {
         self.input.name()
     }
 
-    /// Waits for the newest frame; gives up after `timeout`, or when a frame was refused.
-    pub fn next_within(&mut self, shell: &mut Shell, timeout: Duration) -> Result<Next<T>> {
+    /// Waits for the newest frame; gives up after `timeout`, or when a frame was refused. Meanwhile `ahead` is shown the scan of
+    /// the frame to come, where scans are held.
+    pub fn next_within(
+        &mut self,
+        shell: &mut Shell,
+        mut ahead: impl FnMut(&FrameHeader, &[Point]),
+        timeout: Duration,
+    ) -> Result<Next<T>> {
         if !shell.await_run(timeout)? {
             let stopping = shell.is_stopping().then_some(Next::Stopping);
             return Ok(stopping.unwrap_or(Next::Timeout));
         }
-        let scans = &mut self.scans;
-        let take_scans = |run: Option<&RunDescription>| match (scans.as_mut(), run) {
-            (Some(scans), Some(run)) => scans.take(run),
-            _ => Ok(()),
+        let (scans, last) = (&mut self.scans, (self.run_id, self.last));
+        let take_scans = |run: Option<&RunDescription>, has_time: bool| {
+            let (Some(scans), Some(run)) = (scans.as_mut(), run) else {
+                return Ok(None);
+            };
+            scans.take(run)?;
+            let done = match last {
+                (run_id, Some(last)) if run_id == run.run_id => last + 1,
+                _ => 0,
+            };
+            if let Some(scan) = has_time.then(|| scans.ahead(done)).flatten() {
+                ahead(scan.header(), scan.elements());
+            }
+            // While no frame is on its way, the next thing to come is a scan.
+            Ok((scans.count_sent() <= done).then(|| scans.wake()).flatten())
         };
         let next = shell.next_within(&mut self.input, take_scans, timeout)?;
         if let Next::Message(message) = &next

@@ -1,5 +1,6 @@
 //! The consumer's end of a topic.
 
+use std::rc::Rc;
 use std::time::Duration;
 
 use iceoryx2::port::listener::Listener;
@@ -12,10 +13,26 @@ use crate::error::Result;
 use crate::node::{DataService, IpcNode, WakeService};
 use crate::{Instance, Ipc, Payload, RuntimeError, mapping, monotonic_ns};
 
+/// How long a wait takes that nothing ends.
+const BLIND_WAIT: Duration = Duration::from_millis(5);
+
+/// Sleeps until the producer of a topic sends.
+#[derive(Clone)]
+pub(crate) struct Wake(Rc<(Listener<Ipc>, WakeService)>);
+
+impl Wake {
+    pub(crate) fn wait(&self, timeout: Duration) {
+        // An error here is a signal that arrived, or a listener that is gone: the caller looks and comes back.
+        if self.0.0.timed_wait(|_| (), timeout).is_err() {
+            std::thread::sleep(timeout.min(BLIND_WAIT));
+        }
+    }
+}
+
 /// Takes messages of a topic.
 pub struct Input<T: Payload> {
     subscriber: Subscriber<Ipc, [T], FrameHeader>,
-    wake: Option<(Listener<Ipc>, WakeService)>,
+    wake: Option<Wake>,
     service: DataService<T>,
     instance: Instance,
     name: String,
@@ -36,7 +53,8 @@ impl<T: Payload> Input<T> {
         if wakes {
             let service = node.open_wake(topic, name)?;
             let listener = service.listener_builder().create();
-            wake = Some((listener.map_err(|e| failed(format!("{e:?}")))?, service));
+            let listener = listener.map_err(|e| failed(format!("{e:?}")))?;
+            wake = Some(Wake(Rc::new((listener, service))));
         }
         Ok(Input {
             subscriber,
@@ -97,12 +115,15 @@ impl<T: Payload> Input<T> {
 
     /// Sleeps until the producer sends or `timeout` has passed. Takes no message.
     pub fn wait(&self, timeout: Duration) {
-        // An error here is a signal that arrived, or a listener that is gone: the caller looks and comes back.
-        let wait =
-            |(listener, _): &(Listener<Ipc>, _)| listener.timed_wait(|_| (), timeout).is_ok();
-        if !self.wake.as_ref().is_some_and(wait) {
-            std::thread::sleep(timeout.min(Duration::from_millis(5)));
+        match &self.wake {
+            Some(wake) => wake.wait(timeout),
+            None => std::thread::sleep(timeout.min(BLIND_WAIT)),
         }
+    }
+
+    /// What [`Input::wait`] sleeps on, for whoever waits in its place.
+    pub(crate) fn wake(&self) -> Option<Wake> {
+        self.wake.clone()
     }
 
     /// The topic's name.

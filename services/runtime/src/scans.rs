@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use mluc_ipc_types::{Point, RunDescription, Topic};
 
 use crate::error::Result;
+use crate::input::Wake;
 use crate::{Input, Message, Shell};
 
 /// Scans kept after a frame was refined: the backbone has taken the newest or the one before it at about that time.
@@ -21,6 +22,8 @@ pub struct Scans {
     kept: usize,
     run_id: u64,
     count_sent: u64,
+    /// The scan that was shown ahead of its frame.
+    ahead: Option<u64>,
 }
 
 impl Scans {
@@ -36,7 +39,12 @@ impl Scans {
 
     fn open(shell: &Shell, kept: usize) -> Result<Scans> {
         Ok(Scans {
-            input: shell.side_input(&Topic::POINTS)?,
+            input: if kept > 0 {
+                shell.input(&Topic::POINTS)?
+            } else {
+                shell.side_input(&Topic::POINTS)?
+            },
+            ahead: None,
             held: VecDeque::with_capacity(kept + 1),
             kept,
             run_id: 0,
@@ -56,7 +64,7 @@ impl Scans {
         mut show: impl FnMut(&Message<Point>),
     ) -> Result<()> {
         if self.run_id != run.run_id {
-            (self.run_id, self.count_sent) = (run.run_id, 0);
+            (self.run_id, self.count_sent, self.ahead) = (run.run_id, 0, None);
             self.held.clear();
         }
         // Bounded: an ingest that publishes without end stops nothing else.
@@ -77,6 +85,24 @@ impl Scans {
             }
         }
         Ok(())
+    }
+
+    /// The newest scan, once, where its frame is still to come (`done`: one more than the last frame's sequence) and no other
+    /// scan was given ahead of one that is still to come.
+    pub(crate) fn ahead(&mut self, done: u64) -> Option<&Message<Point>> {
+        let is_open = |sequence: u64| sequence >= done;
+        let newest = self.held.back()?;
+        let sequence = newest.header().sequence;
+        if !is_open(sequence) || self.ahead.is_some_and(is_open) {
+            return None;
+        }
+        self.ahead = Some(sequence);
+        Some(newest)
+    }
+
+    /// What ends a wait for the next scan, where scans are held.
+    pub(crate) fn wake(&self) -> Option<Wake> {
+        self.input.wake()
     }
 
     /// One more than the largest sequence that ingest has sent in the run; 0: none.

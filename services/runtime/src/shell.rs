@@ -8,6 +8,7 @@ use mluc_ipc_types::{
 
 use crate::error::Result;
 use crate::health::Heartbeat;
+use crate::input::Wake;
 use crate::manager::Manager;
 use crate::mapping::{self, Prefault};
 use crate::node::{DataService, IpcNode, WakeService};
@@ -259,8 +260,9 @@ impl Shell {
         input: &mut Input<T>,
         mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<()>,
     ) -> Result<Option<Message<T>>> {
+        let mut look = |run: Option<&RunDescription>, _| on_tick(run).map(|()| None);
         loop {
-            match self.next_within(input, &mut on_tick, Duration::MAX)? {
+            match self.next_within(input, &mut look, Duration::MAX)? {
                 Next::Message(message) => return Ok(Some(message)),
                 Next::Stopping => return Ok(None),
                 Next::Timeout => (),
@@ -269,10 +271,12 @@ impl Shell {
     }
 
     /// The same, and gives up after `timeout`. Silence is counted over the calls.
-    pub fn next_within<T: Payload>(
+    ///
+    /// `on_tick` is told the run and whether there is time, because no message has come. What it gives is slept on in the input's place.
+    pub(crate) fn next_within<T: Payload>(
         &mut self,
         input: &mut Input<T>,
-        mut on_tick: impl FnMut(Option<&RunDescription>) -> Result<()>,
+        mut on_tick: impl FnMut(Option<&RunDescription>, bool) -> Result<Option<Wake>>,
         timeout: Duration,
     ) -> Result<Next<T>> {
         let begun_ns = monotonic_ns();
@@ -282,10 +286,11 @@ impl Shell {
                 return Ok(Next::Stopping);
             }
             self.follow_run()?;
-            on_tick(self.run())?;
             // A wake-up whose message was taken already ends the wait below early, once: forgetting it here would cost two
             // system calls between a wake-up and its message.
-            if let Some(message) = input.newest()? {
+            let message = input.newest()?;
+            let wake = on_tick(self.run(), message.is_none())?;
+            if let Some(message) = message {
                 self.end_silence(input.name());
                 return Ok(Next::Message(message));
             }
@@ -300,7 +305,10 @@ impl Shell {
             if left.is_zero() {
                 return Ok(Next::Timeout);
             }
-            input.wait(left.min(TICK));
+            match wake {
+                Some(wake) => wake.wait(left.min(TICK)),
+                None => input.wait(left.min(TICK)),
+            }
         }
     }
 

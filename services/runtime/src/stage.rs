@@ -67,6 +67,10 @@ pub trait Algorithm {
         input: StageInput<'_, Self::Input>,
     ) -> Result<usize, StageError>;
 
+    /// Work on the points of a frame whose input is still to come, for a stage that holds them: they may be any, and the frame
+    /// may never come.
+    fn read_ahead(&mut self, _header: &FrameHeader, _points: &[Point]) {}
+
     /// Writes the result to shared memory.
     fn write(&mut self, output: &mut [Self::Output]) -> Result<(), StageError>;
 
@@ -90,7 +94,8 @@ pub fn run_stage<A: Algorithm>(
     let waiting = format!("waiting for {}", frames.name());
     shell.state(HealthState::WaitingInput, &waiting)?;
     loop {
-        let message = match frames.next_within(shell, Duration::MAX)? {
+        let ahead = |header: &FrameHeader, points: &[Point]| algorithm.read_ahead(header, points);
+        let message = match frames.next_within(shell, ahead, Duration::MAX)? {
             Next::Message(message) => message,
             Next::Stopping => break,
             Next::Timeout => continue,

@@ -92,9 +92,48 @@ fn frames<T: Payload>(shell: &Shell, topic: &Topic) -> Frames<T> {
 
 /// The sequence that is taken, or `None`: refused.
 fn taken<T: Payload>(frames: &mut Frames<T>, shell: &mut Shell) -> Option<u64> {
-    match frames.next_within(shell, Duration::from_millis(1)).unwrap() {
+    let timeout = Duration::from_millis(1);
+    match frames.next_within(shell, |_, _| (), timeout).unwrap() {
         Next::Message(message) => Some(message.header().sequence),
         _ => None,
+    }
+}
+
+#[test]
+fn a_scan_is_shown_ahead_of_its_frame_once_and_not_before_one_that_is_on_its_way() {
+    let instance = instance("ahead");
+    let mut others = Others::new(&instance);
+    let mut refiner = stage(&instance, Stage::Refiner);
+    let scans = Scans::held(&refiner).unwrap();
+    let mut frames = Frames::<Detection>::new(&refiner, &Topic::DETECTIONS, Some(scans)).unwrap();
+    let mut look = |frame: Option<u64>| {
+        let mut shown = vec![];
+        let ahead = |header: &FrameHeader, points: &[Point]| {
+            assert_eq!(points.len(), 5);
+            shown.push(header.sequence);
+        };
+        let timeout = Duration::from_millis(1);
+        let next = frames.next_within(&mut refiner, ahead, timeout).unwrap();
+        let taken = match next {
+            Next::Message(message) => Some(message.header().sequence),
+            _ => None,
+        };
+        assert_eq!(taken, frame);
+        shown
+    };
+    let none: [u64; 0] = [];
+    for _ in 0..2 {
+        others.shell.tick().unwrap();
+        others.scan(0);
+        assert_eq!(look(None), [0]);
+        assert_eq!(look(None), none, "once");
+        others.scan(1);
+        others.scan(2);
+        assert_eq!(look(None), none, "frame 0 is on its way");
+        others.send(|_| (), 0);
+        assert_eq!(look(Some(0)), none);
+        assert_eq!(look(None), [2], "the newest");
+        others.begin_run();
     }
 }
 

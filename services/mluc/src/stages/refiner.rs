@@ -1,7 +1,7 @@
 //! Detections and the points of the same frame to objects (paper section 3.3).
 
 use mluc_ipc_types::{
-    Detection, Flags, FrameHeader, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Stage, Topic,
+    Detection, Flags, FrameHeader, OBJECT_POINTS_MAX, OBJECTS_MAX, Object, Point, Stage, Topic,
 };
 use mluc_model::Model;
 use mluc_refiner::{Refiner, RefinerOutput, Tracker};
@@ -16,6 +16,8 @@ struct RefinerStage {
     refiner: Refiner,
     tracker: Option<Tracker>,
     refined: RefinerOutput,
+    /// Run and sequence of the scan that the refiner has read.
+    read: Option<(u64, u64)>,
     object_points: Output<u32>,
     /// Where the sensor sets the pace: how long a frame may be refined, and how old it may leave.
     limits_ns: Option<(u64, u64)>,
@@ -27,6 +29,7 @@ pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyh
         refiner: Refiner::for_model(settings.refiner.clone(), model)?,
         tracker: settings.track.map(Tracker::new).transpose()?,
         refined: RefinerOutput::default(),
+        read: None,
         object_points: shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?,
         limits_ns: settings.budget_ms.map(|ms| (time_max_ns, ms * 1_000_000)),
     };
@@ -58,11 +61,15 @@ impl Algorithm for RefinerStage {
             input.points.is_none() || time_max_ns.is_some_and(|max| monotonic_ns() - start_ns > max)
         };
         let points = input.points.unwrap_or_default();
-        let (sequence, refined) = (header.sequence, &mut self.refined);
+        let frame = (header.run_id, header.sequence);
+        if self.read.take() != Some(frame) || input.points.is_none() {
+            self.refiner.read_scan(points);
+        }
+        let refined = &mut self.refined;
         self.refiner
-            .refine_within(sequence, points, detections, &mut is_over, refined);
+            .refine_read(header.sequence, points, detections, &mut is_over, refined);
         if let Some(tracker) = &mut self.tracker {
-            tracker.update(sequence, &header.ego, refined);
+            tracker.update(header.sequence, &header.ego, refined);
         }
         let counters = &refined.counters;
         header.count_over(Flags::LIMIT_DETECTIONS, counters.detections_dropped);
@@ -73,6 +80,12 @@ impl Algorithm for RefinerStage {
             header.flag(Flags::LATE);
         }
         Ok(self.refined.objects.len())
+    }
+
+    /// Sorts the scan and finds its ground while the network runs.
+    fn read_ahead(&mut self, header: &FrameHeader, points: &[Point]) {
+        self.refiner.read_scan(points);
+        self.read = Some((header.run_id, header.sequence));
     }
 
     /// First the indices: whoever has the objects can ask for their points.

@@ -88,6 +88,7 @@ impl FrameClusterer {
     pub fn find(&mut self, points: &[Point], out: &mut FrameClusters) {
         self.frame.sort(points);
         let all = self.frame.occupied_tiles();
+        self.finder.find_ground(&self.frame);
         self.finder.cluster(&self.frame, &[], all);
         out.clusters.clear();
         out.points.clear();
@@ -134,7 +135,12 @@ impl ClusterFinder {
         }
     }
 
-    /// Ground, and the clusters of all components that have points in one of these tiles: the same as of the whole frame.
+    /// The ground of a frame.
+    pub(crate) fn find_ground(&mut self, frame: &FrameIndex) {
+        self.ground.find_under(frame.lowest());
+    }
+
+    /// The clusters of all components that have points in one of these tiles: the same as of the whole frame, whose ground is found.
     /// `is_known` says of each point whether a known object owns it, or is empty: such points are in no cluster.
     pub(crate) fn cluster(
         &mut self,
@@ -151,7 +157,7 @@ impl ClusterFinder {
             standing,
             ..
         } = self;
-        let ground_m = ground.find_under(frame.lowest());
+        let ground_m = ground.heights_m();
         cells.clear();
         let low = settings.ground_clearance_m as f32;
         let high = settings.height_max_m as f32;

@@ -10,6 +10,7 @@ pub use neighbourhood::Neighbourhood;
 
 use mluc_ipc_types::{Disposition, Object};
 
+use crate::FrameIndex;
 use crate::clusterer::{Clusterer, FrameTask};
 use crate::clusters::Measures;
 use crate::fit::{Fitter, Footprint};
@@ -91,9 +92,9 @@ impl PaperClusterer {
 
 impl Clusterer for PaperClusterer {
     /// As printed, there is no ground.
-    fn find_ground_and_clusters(&mut self, task: &FrameTask, _proposals: &[Proposal]) {
+    fn find_ground(&mut self, frame: &FrameIndex) {
         if !self.is_printed {
-            self.ground.find_under(task.frame.lowest());
+            self.ground.find_under(frame.lowest());
         }
     }
 
