@@ -5,7 +5,6 @@ pub mod inputs;
 pub mod machine;
 mod report;
 mod run;
-mod svg;
 pub mod transport;
 
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Our hop between two processes and its baselines, interleaved in one run, as one JSON object.
 //!
-//! For each topic: raw iceoryx2 with the same payload, queue settings and wake-up mode, a futex wake, a Unix socket that
-//! copies the bytes, and one copy within a process. On a machine with other work, run it as
+//! For each topic: raw iceoryx2 with the same payload, queue settings and wake-up, a Unix socket that copies
+//! the bytes, and one copy within a process. On a machine with other work, run it as
 //! `chrt -f 50 target/release/transport` and read ratios, not microseconds.
 
 use std::time::Duration;
@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::Result;
 use clap::Parser;
 use mluc_bench::machine::describe_here;
-use mluc_bench::transport::{Measured, Payload, Settings, Wake, Way, measure, serve_peer};
+use mluc_bench::transport::{Measured, Payload, Settings, Way, measure, serve_peer};
 use serde_json::{Map, Value, json};
 
 /// A frame at 10 Hz, us.
@@ -23,9 +23,6 @@ struct Arguments {
     /// Between two messages, us: long enough that the receiver sleeps.
     #[arg(long, default_value_t = 1000)]
     pause_us: u64,
-    /// How raw iceoryx2 waits; our stages sleep.
-    #[arg(long, value_enum, default_value_t)]
-    wake: Wake,
     /// Cores of sender and receiver, `0,1`; else the kernel decides.
     #[arg(long, value_delimiter = ',', num_args = 2)]
     cores: Option<Vec<usize>>,
@@ -47,7 +44,6 @@ fn main() -> Result<()> {
         };
         let settings = Settings {
             pause: Duration::from_micros(arguments.pause_us),
-            wake: arguments.wake,
             cores: arguments.cores.as_deref().map(|cores| [cores[0], cores[1]]),
             ..Settings::new(payload, rounds)
         };
@@ -90,12 +86,11 @@ fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
 }
 
 /// Ours over a baseline, below which our hop is not to be expected; and a copy over ours.
-fn ratios(found: &Measured) -> [(String, f64); 5] {
-    let [hop, raw, futex, socket] = Way::ALL.map(|way| found.latency(way).unwrap_or_default());
+fn ratios(found: &Measured) -> [(String, f64); 4] {
+    let [hop, raw, socket] = Way::ALL.map(|way| found.latency(way).unwrap_or_default());
     [
         ("hop_over_raw_p50", hop.p50_us / raw.p50_us),
         ("hop_over_raw_p99", hop.p99_us / raw.p99_us),
-        ("hop_over_futex_p50", hop.p50_us / futex.p50_us),
         ("socket_over_hop_p50", socket.p50_us / hop.p50_us),
         ("memcpy_over_hop_p50", found.memcpy.p50_us / hop.p50_us),
     ]

@@ -1,81 +1,79 @@
-//! The page's pictures: latency and CPU over time, where the time of single frames went, percentiles and histograms.
+//! The page's pictures: latency over time, and where the time of single frames went.
 
-use mluc_geometry::quantile;
+use plotters::coord::Shift;
+use plotters::prelude::*;
 
 use super::frame::{FrameRecord, STAGES, micros};
-use super::series::{Series, series, sorted};
-use crate::svg::{ALARM_COLOR, QUEUE_COLOR, STAGE_COLORS, TOTAL_COLOR};
-use crate::svg::{Scale, Svg, short};
+use super::page::short;
+use super::series::series;
 
-/// What the stages took of the machine between two looks.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Sample {
-    /// Since the first frame of the first round was due, s.
-    pub(crate) at_s: f64,
-    /// CPU time over time by stage: 1 is a core.
-    pub(crate) cpu_cores: [f64; 4],
-    pub(crate) memory_mib: [f64; 4],
+const WIDTH_PX: u32 = 980;
+const FONT: (&str, u32) = ("sans-serif", 12);
+/// By stage: told apart with the usual colour blindnesses.
+const STAGE_COLORS: [RGBColor; 4] = [
+    RGBColor(125, 133, 144),
+    RGBColor(47, 126, 216),
+    RGBColor(224, 138, 43),
+    RGBColor(29, 158, 116),
+];
+const TOTAL_COLOR: RGBColor = RGBColor(130, 80, 223);
+const ALARM_COLOR: RGBColor = RGBColor(209, 36, 47);
+const PALE_COLOR: RGBColor = RGBColor(185, 192, 201);
+/// More dots than this are thinned: a page stays small; dropped frames are never left out.
+const DOTS_MAX: usize = 4000;
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+
+/// An SVG that stands in a page; empty where it cannot be drawn.
+fn svg(height_px: u32, draw: impl FnOnce(&Area) -> Drawn) -> String {
+    let mut text = String::new();
+    let root = SVGBackend::with_string(&mut text, (WIDTH_PX, height_px)).into_drawing_area();
+    let drawn = root.fill(&WHITE).and_then(|()| draw(&root));
+    let is_drawn = drawn.and_then(|()| root.present()).is_ok();
+    drop(root);
+    // Within HTML the namespace goes without saying.
+    let text = text.replace(" xmlns=\"http://www.w3.org/2000/svg\"", "");
+    if is_drawn { text } else { String::new() }
 }
 
-const WIDTH: f64 = 980.0;
-/// Left and right edge of a plot.
-const ACROSS: [f64; 2] = [62.0, WIDTH - 20.0];
-const WARM_UP_COLOR: &str = "#9aa2ab";
-/// More dots than this are thinned: a page stays small; dropped and slowest frames are never left out.
-const DOTS_MAX: usize = 4000;
-/// Where the slowest frame is so much above the median a linear axis would show a flat line.
-const LOG_FROM: f64 = 6.0;
-
 pub(crate) fn latency_over_time(frames: &[FrameRecord], period_ms: Option<f64>) -> String {
-    let latency_us = series(frames).latency_us;
-    let latency_ms: Vec<f64> = latency_us.iter().map(|us| us / 1000.0).collect();
-    let ascending = sorted(&latency_ms);
-    let quantiles = [0.0, 0.5, 0.99, 1.0].map(|q| quantile(&ascending, q));
-    let [Some(least), Some(median), Some(ninth), Some(most)] = quantiles else {
-        return String::new();
-    };
-    let [top, bottom] = [26.0, 250.0];
-    let high = most.max(period_ms.unwrap_or(0.0)) * 1.05;
-    let y = if most > LOG_FROM * median.max(0.001) {
-        Scale::log([(least * 0.8).max(0.01), high], [bottom, top])
-    } else {
-        Scale::linear([0.0, high], [bottom, top])
-    };
     let starts_s = round_starts_s(frames);
-    let at_s = |frame: &FrameRecord| starts_s[frame.round as usize] + frame.due_ns as f64 * 1e-9;
-    let end_s = frames.iter().map(at_s).fold(0.0, f64::max);
-    let x = Scale::linear([0.0, end_s], ACROSS);
-    let mut svg = Svg::new(WIDTH, 290.0);
-    svg.vertical_axis(&y, ACROSS, "ms");
-    svg.horizontal_axis(&x, [top, bottom], "time, s");
-    if let Some(period_ms) = period_ms {
-        let ([left, right], at) = (ACROSS, y.place(period_ms));
-        svg.line([left, at], [right, at], "mark");
-        let text = format!("period {} ms", short(period_ms));
-        svg.text([right, at - 5.0], "end", &text);
+    let place = |(frame, us): (&FrameRecord, f64)| {
+        let at_s = starts_s[frame.round as usize] + frame.due_ns as f64 * 1e-9;
+        (at_s, us / 1000.0)
+    };
+    let latency_us = series(frames).latency_us;
+    let places: Vec<(f64, f64)> = frames.iter().zip(latency_us).map(place).collect();
+    if places.is_empty() {
+        return String::new();
     }
-    let step = latency_ms.len().div_ceil(DOTS_MAX).max(1);
-    for (index, (frame, &ms)) in frames.iter().zip(&latency_ms).enumerate() {
-        let at = [x.place(at_s(frame)), y.place(ms)];
-        let (sequence, round, time) = (frame.sequence, frame.round, short(ms));
-        let tip = format!("frame {sequence} of round {round}: {time} ms");
-        if !frame.is_out() {
-            svg.cross(at, &(tip + ", dropped"));
-        } else if index % step == 0 || ms >= ninth {
-            if frame.is_warm_up {
-                svg.dot(at, WARM_UP_COLOR, &(tip + ", warm-up"));
-            } else {
-                svg.dot(at, TOTAL_COLOR, &tip);
+    let period_ms = period_ms.unwrap_or(0.0);
+    let end_s = places.iter().map(|place| place.0).fold(0.1, f64::max);
+    let high_ms = places.iter().map(|place| place.1).fold(period_ms, f64::max);
+    let step = frames.len().div_ceil(DOTS_MAX);
+    svg(300, |root| {
+        let mut chart = ChartBuilder::on(root)
+            .margin(10)
+            .x_label_area_size(36)
+            .y_label_area_size(46)
+            .build_cartesian_2d(0.0..end_s, 0.0..1.05 * high_ms)?;
+        let mut mesh = chart.configure_mesh();
+        mesh.x_desc("time, s").y_desc("ms").label_style(FONT);
+        mesh.light_line_style(TRANSPARENT).draw()?;
+        let period = [(0.0, period_ms), (end_s, period_ms)];
+        chart.draw_series(LineSeries::new(period, PALE_COLOR))?;
+        for (index, (frame, place)) in frames.iter().zip(places).enumerate() {
+            let root = chart.plotting_area();
+            if !frame.is_out() {
+                root.draw(&Cross::new(place, 3, ALARM_COLOR))?;
+            } else if index % step == 0 {
+                let color = [TOTAL_COLOR, PALE_COLOR][usize::from(frame.is_warm_up)];
+                root.draw(&Circle::new(place, 2, color.filled()))?;
             }
         }
-    }
-    let legend = [
-        (TOTAL_COLOR, "came out"),
-        (ALARM_COLOR, "dropped: until a newer one was out"),
-        (WARM_UP_COLOR, "warm-up"),
-    ];
-    svg.legend(ACROSS[0], legend);
-    svg.finish("latency of each frame over time")
+        Ok(())
+    })
 }
 
 fn round_starts_s(frames: &[FrameRecord]) -> Vec<f64> {
@@ -91,29 +89,8 @@ fn round_starts_s(frames: &[FrameRecord]) -> Vec<f64> {
     starts_s
 }
 
-pub(crate) fn cpu_over_time(samples: &[Sample]) -> String {
-    let Some(last) = samples.last() else {
-        return String::new();
-    };
-    let [top, bottom] = [26.0, 170.0];
-    let most = samples.iter().flat_map(|s| s.cpu_cores).fold(0.1, f64::max);
-    let y = Scale::linear([0.0, most * 1.08], [bottom, top]);
-    let x = Scale::linear([0.0, last.at_s], ACROSS);
-    let mut svg = Svg::new(WIDTH, 208.0);
-    svg.vertical_axis(&y, ACROSS, "cores");
-    svg.horizontal_axis(&x, [top, bottom], "time, s");
-    for (stage, color) in STAGE_COLORS.iter().enumerate() {
-        let point = |s: &Sample| [x.place(s.at_s), y.place(s.cpu_cores[stage])];
-        svg.polyline(samples.iter().map(point), color);
-    }
-    svg.legend(ACROSS[0], STAGE_COLORS.into_iter().zip(STAGES));
-    svg.finish("CPU of each stage over time")
-}
-
-/// Height of a stage's lane.
-const LANE: f64 = 17.0;
-/// From one frame's lanes to the next ones.
-const BLOCK: f64 = LANE * 4.0 + 24.0;
+/// Lanes of a frame: its name, one a stage, a gap.
+const LANES: f64 = 5.5;
 
 /// The median frame and the slowest ones of those that came out, on one scale: a lane a stage, waiting pale, computing full.
 pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
@@ -129,128 +106,38 @@ pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
     let words = ["slowest", "second slowest", "third slowest"];
     let slowest = words.into_iter().zip(out.into_iter().rev().take(others));
     let chosen: Vec<_> = [("median", median)].into_iter().chain(slowest).collect();
-    let x = Scale::linear([0.0, slowest_ms * 1.02], [215.0, 930.0]);
-    let bottom = 10.0 + BLOCK * chosen.len() as f64;
-    let mut svg = Svg::new(WIDTH, bottom + 36.0);
-    svg.horizontal_axis(&x, [4.0, bottom], "ms since the scan was due");
-    for (number, (word, (ms, frame))) in chosen.into_iter().enumerate() {
-        let top = 8.0 + BLOCK * number as f64;
-        let time = format!("{} ms", short(ms));
-        let name = format!("frame {}", frame.sequence);
-        for (line, text) in [word, &time, &name].into_iter().enumerate() {
-            svg.text([8.0, top + 13.0 + 16.0 * line as f64], "start", text);
+    let lanes = LANES * chosen.len() as f64;
+    svg(50 + 18 * lanes as u32, |root| {
+        // Room for the words beside the longest bar.
+        let mut chart = ChartBuilder::on(root)
+            .margin(10)
+            .x_label_area_size(36)
+            .build_cartesian_2d(0.0..1.25 * slowest_ms.max(0.001), lanes..0.0)?;
+        let mut mesh = chart.configure_mesh();
+        mesh.x_desc("ms since the scan was due").label_style(FONT);
+        mesh.disable_y_mesh().disable_y_axis();
+        mesh.light_line_style(TRANSPARENT).draw()?;
+        let area = chart.plotting_area();
+        for (number, (word, (ms, frame))) in chosen.into_iter().enumerate() {
+            let top = LANES * number as f64;
+            let text = format!("{word}: frame {}, {} ms", frame.sequence, short(ms));
+            area.draw(&Text::new(text, (0.0, top + 0.2), FONT))?;
+            let at_ms = |ns: i64| micros(ns - frame.due_ns) / 1000.0;
+            let mut input_ms = 0.0;
+            for (stage, own) in frame.stamps.iter().flatten().enumerate() {
+                let (begin_ms, end_ms) = (at_ms(own.started_ns), at_ms(own.published_ns));
+                let lane = top + 1.0 + stage as f64;
+                let bar = |from_ms, to_ms, color: RGBColor| {
+                    Rectangle::new([(from_ms, lane + 0.1), (to_ms, lane + 0.8)], color.filled())
+                };
+                area.draw(&bar(input_ms, begin_ms, PALE_COLOR))?;
+                area.draw(&bar(begin_ms, end_ms, STAGE_COLORS[stage]))?;
+                let run_ms = frame.run_us(stage).unwrap_or(0.0) / 1000.0;
+                let text = format!("  {} {} ms", STAGES[stage], short(run_ms));
+                area.draw(&Text::new(text, (end_ms, lane + 0.2), FONT))?;
+                input_ms = end_ms;
+            }
         }
-        lanes(&mut svg, frame, top, &x);
-    }
-    svg.finish("where the time of the median and of the slowest frames went")
-}
-
-fn lanes(svg: &mut Svg, frame: &FrameRecord, top: f64, x: &Scale) {
-    let at = |ns: i64| x.place(micros(ns - frame.due_ns) / 1000.0);
-    let ms = |us: Option<f64>| short(us.unwrap_or(0.0) / 1000.0);
-    let mut input = x.place(0.0);
-    for (stage, own) in frame.stamps.iter().flatten().enumerate() {
-        let y = top + LANE * stage as f64;
-        let (begin, end) = (at(own.started_ns), at(own.published_ns));
-        svg.text([x.place(0.0) - 8.0, y + 12.0], "end", STAGES[stage]);
-        let (queue, run) = (ms(frame.queue_us(stage)), ms(frame.run_us(stage)));
-        let waiting = [input, y + 4.0, begin - input, LANE - 8.0];
-        svg.rect(waiting, QUEUE_COLOR, &format!("queue {queue} ms"));
-        // A stage of microseconds is still to be seen.
-        let wide = (end - begin).max(1.5);
-        let computing = [begin, y + 1.0, wide, LANE - 3.0];
-        svg.rect(computing, STAGE_COLORS[stage], &format!("run {run} ms"));
-        let beside = [begin + wide + 5.0, y + 12.0];
-        svg.text(beside, "start", &format!("{run} ms"));
-        input = end;
-    }
-}
-
-/// Percentile curves: to the right the rarer frames, each step ten times as rare.
-pub(crate) fn percentile_curves(series: &Series) -> String {
-    let [top, bottom] = [26.0, 290.0];
-    let mut lines = vec![(TOTAL_COLOR, "end to end", sorted(&series.latency_us))];
-    for (stage, run_us) in series.run_us.iter().enumerate() {
-        lines.push((STAGE_COLORS[stage], STAGES[stage], sorted(run_us)));
-    }
-    let values = || lines.iter().flat_map(|line| &line.2).copied();
-    let low = values().fold(f64::INFINITY, f64::min);
-    let high = values().fold(0.0, f64::max);
-    if !low.is_finite() || high <= 0.0 {
-        return String::new();
-    }
-    let range_ms = [low.max(1.0) / 1000.0 * 0.8, high / 1000.0 * 1.1];
-    let y = Scale::log(range_ms, [bottom, top]);
-    // Three decades: 0, 90, 99, 99.9 %.
-    let x = Scale::linear([0.0, 3.0], ACROSS);
-    let mut svg = Svg::new(WIDTH, 330.0);
-    svg.vertical_axis(&y, ACROSS, "ms");
-    for percent in [0.0f64, 50.0, 90.0, 99.0, 99.9] {
-        let at = x.place(-(1.0 - percent / 100.0).log10());
-        svg.line([at, top], [at, bottom], "grid");
-        svg.text([at, bottom + 15.0], "middle", &format!("{percent} %"));
-    }
-    let text = "share of frames that are at most so late";
-    svg.text([ACROSS[1], bottom + 30.0], "end", text);
-    for (color, _, values_us) in &lines {
-        let points = (0..=150).filter_map(|step| {
-            let decade = f64::from(step) / 50.0;
-            let us = quantile(values_us, 1.0 - 10f64.powf(-decade))?;
-            Some([x.place(decade), y.place(us / 1000.0)])
-        });
-        svg.polyline(points, color);
-    }
-    svg.legend(ACROSS[0], lines.iter().map(|line| (line.0, line.1)));
-    svg.finish("percentile curves")
-}
-
-/// Two small histograms a stage: queue above, run below; logarithmic in time, each with its own range.
-pub(crate) fn histograms(series: &Series) -> String {
-    let mut svg = Svg::new(WIDTH, 330.0);
-    for (stage, name) in STAGES.iter().enumerate() {
-        let left = 20.0 + 242.0 * stage as f64;
-        let (queue_us, run_us) = (&series.queue_us[stage], &series.run_us[stage]);
-        svg.text([left, 14.0], "start", name);
-        let (queue, run) = (("queue", QUEUE_COLOR), ("run", STAGE_COLORS[stage]));
-        histogram(&mut svg, [left, 38.0], queue, queue_us);
-        histogram(&mut svg, [left, 196.0], run, run_us);
-    }
-    svg.finish("histograms of queueing and computing, by stage")
-}
-
-fn histogram(svg: &mut Svg, [left, top]: [f64; 2], (what, color): (&str, &str), us: &[f64]) {
-    const BARS: usize = 36;
-    let (width, height) = (216.0, 84.0);
-    let ascending = sorted(us);
-    let (Some(&low), Some(&high)) = (ascending.first(), ascending.last()) else {
-        let text = format!("{what}: no frames");
-        svg.text([left, top + 40.0], "start", &text);
-        return;
-    };
-    let range_ms = [low.max(1.0) / 1000.0 * 0.95, high.max(1.1) / 1000.0 * 1.05];
-    let (right, bottom) = (left + width, top + height);
-    let x = Scale::log(range_ms, [left, right]);
-    let mut counts = [0usize; BARS];
-    for us in &ascending {
-        let share = (x.place(us / 1000.0) - left) / width;
-        counts[((share * BARS as f64) as usize).min(BARS - 1)] += 1;
-    }
-    let most = counts.into_iter().max().unwrap_or(1) as f64;
-    let bar = width / BARS as f64;
-    for (index, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
-        let tall = (count as f64 / most * height).max(1.5);
-        let place = [left + bar * index as f64, bottom - tall, bar - 1.0, tall];
-        svg.rect(place, color, &format!("{count} frames"));
-    }
-    svg.line([left, bottom], [right, bottom], "axis");
-    let ends = [(left, "start"), (right, "end")];
-    for ((at, anchor), ms) in ends.into_iter().zip(range_ms) {
-        svg.text([at, bottom + 15.0], anchor, &format!("{} ms", short(ms)));
-    }
-    for (word, q) in [("p50", 0.5), ("p99", 0.99)] {
-        let at = x.place(quantile(&ascending, q).unwrap_or(low) / 1000.0);
-        svg.line([at, top - 2.0], [at, bottom], "mark");
-        svg.text([at, top - 5.0], "middle", word);
-    }
-    svg.text([left + width / 2.0, bottom + 28.0], "middle", what);
+        Ok(())
+    })
 }

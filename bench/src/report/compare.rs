@@ -34,8 +34,6 @@ pub(crate) struct CompareOptions {
     /// Share of all cores that other processes took during the runs: where a report holds fewer than four starts, the scatter
     /// between two starts of the same program follows from it.
     pub(crate) others: f64,
-    /// Leaves the stages' own figures out: one of the runs has none.
-    pub(crate) end_to_end_only: bool,
 }
 
 impl Default for CompareOptions {
@@ -43,7 +41,6 @@ impl Default for CompareOptions {
         CompareOptions {
             margin: 0.02,
             others: 0.0,
-            end_to_end_only: false,
         }
     }
 }
@@ -103,7 +100,7 @@ pub(crate) fn compare(runs: [&[FrameRecord]; 2], options: &CompareOptions) -> Re
         let rounds = frames.chunk_by(|a, b| a.round == b.round);
         rounds.map(series).collect()
     });
-    let figures = figures(&rounds, options.end_to_end_only);
+    let figures = figures(&rounds);
     let judged = figures.iter().filter(|figure| figure.is_enough()).count();
     // Bonferroni: with so many rows one would stray by chance.
     let confidence = 1.0 - (1.0 - CONFIDENCE) / judged.max(1) as f64;
@@ -118,7 +115,7 @@ pub(crate) fn compare(runs: [&[FrameRecord]; 2], options: &CompareOptions) -> Re
     })
 }
 
-fn figures(runs: &[Vec<Series>; 2], end_to_end_only: bool) -> Vec<Figure> {
+fn figures(runs: &[Vec<Series>; 2]) -> Vec<Figure> {
     let first = runs[0].iter().flat_map(|series| &series.latency_us);
     let frame_us = Statistic::Quantile(0.5).of(&mut first.copied().collect::<Vec<_>>());
     let margin_us = MARGIN_US.max(MARGIN_OF_FRAME * frame_us);
@@ -138,13 +135,11 @@ fn figures(runs: &[Vec<Series>; 2], end_to_end_only: bool) -> Vec<Figure> {
         }));
     };
     add_times("end to end", &[50, 90, 99], &|s| &s.latency_us);
-    if !end_to_end_only {
-        for (stage, name) in STAGES.iter().enumerate() {
-            add_times(&format!("{name} run"), &[50, 99], &|s| &s.run_us[stage]);
-        }
-        for (stage, name) in STAGES.iter().enumerate().skip(1) {
-            add_times(&format!("{name} queue"), &[50], &|s| &s.queue_us[stage]);
-        }
+    for (stage, name) in STAGES.iter().enumerate() {
+        add_times(&format!("{name} run"), &[50, 99], &|s| &s.run_us[stage]);
+    }
+    for (stage, name) in STAGES.iter().enumerate().skip(1) {
+        add_times(&format!("{name} queue"), &[50], &|s| &s.queue_us[stage]);
     }
     figures.push(Figure {
         name: "frames dropped, share".to_string(),

@@ -11,6 +11,16 @@ use super::series::{series, sorted};
 /// Version of `report.json` and `frames.csv`; another one is refused.
 const REPORT_VERSION: u32 = 1;
 
+/// What the stages took of the machine between two looks.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sample {
+    /// Since the first frame of the first round was due, s.
+    pub(crate) at_s: f64,
+    /// CPU time over time by stage: 1 is a core.
+    pub(crate) cpu_cores: [f64; 4],
+    pub(crate) memory_mib: [f64; 4],
+}
+
 /// What a stage's process took of the machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Resources {
@@ -42,7 +52,7 @@ pub(crate) fn report_of(frames: &[FrameRecord]) -> Value {
         let us = &figures.hand_over_us[hop];
         json!({"payload_bytes": 0, "frames": us.len(), "p50_us": at(us, 0.5), "p99_us": at(us, 0.99),
                "alone_p50_us": null, "alone_p99_us": null, "raw_p50_us": null, "raw_p99_us": null,
-               "socket_p50_us": null, "futex_p50_us": null, "memcpy_p50_us": null})
+               "socket_p50_us": null, "memcpy_p50_us": null})
     });
     let together_us = &figures.hops_together_us;
     let out = figures.delivered_us.len();

@@ -3,15 +3,11 @@
 use serde_json::Value;
 
 use super::charts;
-use super::charts::Sample;
 use super::figures::number;
-use super::frame::{FrameRecord, HOPS, STAGES, measured};
-use super::series::series;
-use crate::svg::{escape, short};
+use super::frame::{FrameRecord, HOPS, STAGES};
 
-/// The page of a report, its frames (warm-up included) and what the stages took of the machine over time.
-pub(crate) fn page(report: &Value, frames: &[FrameRecord], samples: &[Sample]) -> String {
-    let figures = series(&measured(frames));
+/// The page of a report and its frames, warm-up included.
+pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> String {
     let rate_hz = number(report, "/scenario/rate_hz").filter(|rate_hz| *rate_hz > 0.0);
     let period_ms = rate_hz.map(|rate_hz| 1000.0 / rate_hz);
     format!(
@@ -23,16 +19,12 @@ pub(crate) fn page(report: &Value, frames: &[FrameRecord], samples: &[Sample]) -
         latency = charts::latency_over_time(frames, period_ms),
         stages = rows(STAGES, &report["stages"], stage_cells),
         waterfall = charts::waterfall(frames),
-        percentiles = charts::percentile_curves(&figures),
-        histograms = charts::histograms(&figures),
         hops = rows(HOPS, &report["hops"], hop_cells),
         together = together(report),
-        cpu = charts::cpu_over_time(samples),
         quiet = facts(&report["quiet"]),
         machine = facts(&report["machine"]),
         build = facts(&report["build"]),
         scenario = facts(&report["scenario"]),
-        instrumentation = facts(&report["instrumentation"]),
     )
 }
 
@@ -99,7 +91,7 @@ fn stage_cells(stage: &Value) -> Vec<String> {
 
 fn hop_cells(hop: &Value) -> Vec<String> {
     let keys = "payload_bytes p50_us p99_us alone_p50_us alone_p99_us raw_p50_us raw_p99_us \
-                alone_p50_us/raw_p50_us futex_p50_us socket_p50_us socket_p50_us/alone_p50_us memcpy_p50_us";
+                alone_p50_us/raw_p50_us socket_p50_us socket_p50_us/alone_p50_us memcpy_p50_us";
     let cell = |key: &str| {
         let text = match key.split_once('/') {
             None => hop[key].as_f64().map(short),
@@ -145,6 +137,29 @@ fn facts(values: &Value) -> String {
     rows.collect()
 }
 
+/// Text for HTML, attributes too.
+fn escape(text: &str) -> String {
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    let text = text.replace('>', "&gt;").replace('"', "&quot;");
+    text.replace('\'', "&#39;")
+}
+
+/// A number with the digits that matter.
+pub(super) fn short(value: f64) -> String {
+    let digits = match value.abs() {
+        v if v >= 99.95 => 0,
+        v if v >= 9.995 => 1,
+        v if v >= 0.995 => 2,
+        0.0 => 0,
+        _ => 3,
+    };
+    let text = format!("{value:.digits$}");
+    if digits == 0 {
+        return text;
+    }
+    text.trim_end_matches('0').trim_end_matches('.').to_string()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -163,27 +178,30 @@ mod tests {
         report["title"] = "mluc <bench>".into();
         report["warnings"] = json!(["a & b"]);
         report["scenario"] = json!({"rate_hz": 10});
-        let samples = [0.0, 1.0, 2.0].map(|at_s| Sample {
-            at_s,
-            cpu_cores: [0.1, 1.5, 0.2, 0.0],
-            memory_mib: [1.0; 4],
-        });
-        let html = page(&report, &frames, &samples);
+        let html = page(&report, &frames);
         for tag in ["svg", "table", "section", "div", "text", "title"] {
             let count = |text: String| html.matches(&text).count();
             let opened = count(format!("<{tag}>")) + count(format!("<{tag} "));
             assert_eq!(opened, count(format!("</{tag}>")), "{tag}");
         }
-        assert_eq!(html.matches("<svg").count(), 5);
+        assert_eq!(html.matches("<svg").count(), 2);
         assert!(html.contains("mluc &lt;bench&gt;") && html.contains("a &amp; b"));
         assert!(!html.contains("NaN") && !html.contains("inf"));
+    }
+
+    #[test]
+    fn numbers_are_short_and_text_cannot_leave_its_place() {
+        let texts = [0.0, 0.0123, 1.5, 2.0, 12.34, 99.97, 1234.5].map(short);
+        assert_eq!(texts, ["0", "0.012", "1.5", "2", "12.3", "100", "1234"]);
+        let escaped = "&lt;a href=&quot;x&quot;&gt;&#39;&amp;";
+        assert_eq!(escape("<a href=\"x\">'&"), escaped);
     }
 
     #[test]
     fn a_run_without_frames_has_a_page() {
         let all_dropped = [dropped(0), dropped(1)];
         for (frames, words) in [(&all_dropped[..0], "0 / 0"), (&all_dropped, "2 dropped")] {
-            let html = page(&report_of(frames), frames, &[]);
+            let html = page(&report_of(frames), frames);
             assert!(html.contains(words) && !html.contains("NaN"));
         }
     }

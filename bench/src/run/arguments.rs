@@ -2,9 +2,8 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
-use mluc::UsageError;
-use serde::{Deserialize, Serialize};
+use clap::{Args, Parser, Subcommand};
+use serde::Deserialize;
 
 use super::chaos::ChaosArgs;
 use super::trace::Which;
@@ -61,12 +60,9 @@ pub(crate) struct RunArgs {
     /// A refiner's name, or a command in its place ("python3 refiner.py"); twice: both on the same frames, interleaved.
     #[arg(long, value_name = "NAME|COMMAND")]
     pub(crate) refiner: Vec<String>,
-    /// Stamps and spans: `off` leaves only the latency end to end; `compare` measures both, interleaved.
-    #[arg(long, value_enum, default_value_t)]
-    pub(crate) instrumentation: Instrumentation,
     /// Another build's program `mluc`: this build and that one on the same frames, interleaved, each measured by its own
     /// `mluc bench`.
-    #[arg(long, value_name = "MLUC", conflicts_with_all = ["instrumentation", "trace"])]
+    #[arg(long, value_name = "MLUC", conflicts_with = "trace")]
     pub(crate) against: Option<PathBuf>,
     /// Writes one frame over all processes as a Chrome/Perfetto trace.
     #[arg(long, value_name = "FILE")]
@@ -96,9 +92,13 @@ pub(crate) struct BenchTable {
     /// Seconds until a pipeline that gives no objects is given up [default: 60].
     #[arg(long = "patience", value_name = "SECONDS")]
     pub(crate) patience_seconds: Option<f64>,
-    /// Other work on the same machine.
-    #[arg(skip)]
-    pub(crate) load: LoadTable,
+}
+
+impl RunArgs {
+    /// Whether two things are measured and compared.
+    pub(crate) fn compares(&self) -> bool {
+        self.refiner.len() > 1 || self.against.is_some()
+    }
 }
 
 impl BenchTable {
@@ -110,53 +110,8 @@ impl BenchTable {
             rounds: self.rounds.or(table.rounds),
             floor_rounds: self.floor_rounds.or(table.floor_rounds),
             patience_seconds: self.patience_seconds.or(table.patience_seconds),
-            load: table.load,
         }
     }
-}
-
-/// Other work beside the pipeline: `[bench.load]`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub(crate) struct LoadTable {
-    /// Threads that compute without a pause.
-    pub(crate) cpu_threads: usize,
-    /// Memory that one thread writes over and over, MiB.
-    pub(crate) memory_mib: u64,
-}
-
-/// Threads of the load; a guess far above any machine.
-const CPU_THREADS_MAX: usize = 1024;
-
-impl LoadTable {
-    pub(crate) fn check(&self, available_mib: u64) -> Result<(), UsageError> {
-        if self.cpu_threads > CPU_THREADS_MAX {
-            return Err(UsageError(format!(
-                "bench.load.cpu_threads must be at most {CPU_THREADS_MAX}, found {}",
-                self.cpu_threads
-            )));
-        }
-        // The pipeline needs some itself; a machine that swaps measures its disk.
-        if self.memory_mib > available_mib * 3 / 4 {
-            return Err(UsageError(format!(
-                "bench.load.memory_mib: {} MiB are asked for, {available_mib} MiB are available (three quarters of them may be asked for)",
-                self.memory_mib
-            )));
-        }
-        Ok(())
-    }
-}
-
-/// What the stages report of a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Instrumentation {
-    /// Stamps, as in production.
-    #[default]
-    On,
-    /// Only what the latency end to end needs.
-    Off,
-    /// Stamps and spans versus nothing.
-    Compare,
 }
 
 #[derive(Args, Clone, Debug)]

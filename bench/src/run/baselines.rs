@@ -46,7 +46,7 @@ fn of_topic(payload: Payload, bytes: u64, rounds: usize) -> Result<Value> {
         ..Settings::new(payload, rounds)
     };
     let measured = measure(&settings, &Way::ALL)?;
-    let [alone, raw, futex, socket] = Way::ALL.map(|way| measured.latency(way));
+    let [alone, raw, socket] = Way::ALL.map(|way| measured.latency(way));
     Ok(json!({
         "payload_bytes": bytes,
         "alone_p50_us": alone.map(|alone| alone.p50_us),
@@ -54,7 +54,6 @@ fn of_topic(payload: Payload, bytes: u64, rounds: usize) -> Result<Value> {
         "raw_p50_us": raw.map(|raw| raw.p50_us),
         "raw_p99_us": raw.map(|raw| raw.p99_us),
         "socket_p50_us": socket.map(|socket| socket.p50_us),
-        "futex_p50_us": futex.map(|futex| futex.p50_us),
         "memcpy_p50_us": measured.memcpy.p50_us,
     }))
 }

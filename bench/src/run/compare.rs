@@ -54,11 +54,8 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
 
 /// How two reports are compared, by what they say of the machine.
 pub(crate) fn options(reports: [&Value; 2]) -> CompareOptions {
-    let stamps = "/instrumentation/stamps";
-    let is_bare = |report: &&Value| report.pointer(stamps) == Some(&json!("off"));
     let [a, b] = reports.map(others);
     CompareOptions {
-        end_to_end_only: reports.iter().any(is_bare),
         others: a.max(b).clamp(0.0, 1.0),
         ..CompareOptions::default()
     }

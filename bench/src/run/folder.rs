@@ -29,7 +29,7 @@ pub(crate) fn write(
     samples: &[Sample],
 ) -> Result<()> {
     save(folder, "report.json", serde_json::to_string_pretty(report)?)?;
-    save(folder, "report.html", page(report, frames, samples))?;
+    save(folder, "report.html", page(report, frames))?;
     save(folder, "frames.csv", write_frames(frames))?;
     save(folder, "resources.csv", resources(samples))
 }
@@ -61,15 +61,14 @@ pub(crate) fn read(folder: &Path) -> Result<(Value, Vec<FrameRecord>)> {
     Ok((report, frames))
 }
 
-/// Writes and prints what a comparison of two variants in `folder` found. `table` comes first, `value` is its JSON.
+/// Writes and prints what a comparison of two reports in `folder` found; `value` is its JSON.
 pub(crate) fn write_comparison(
     folder: &Path,
     names: [&str; 2],
     comparison: &Comparison,
-    table: &str,
     mut value: Value,
 ) -> Result<()> {
-    let text = format!("{table}\n{}", comparison.table(names));
+    let text = comparison.table(names);
     value["sentence"] = json!(comparison.sentence());
     value["names"] = json!(names);
     save(folder, "comparison.txt", &text)?;

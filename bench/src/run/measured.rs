@@ -1,22 +1,14 @@
-//! All rounds of one variant, and the report of them.
-
-use std::collections::BTreeMap;
+//! All rounds, and the report of them.
 
 use anyhow::Result;
 use indicatif::ProgressBar;
-use mluc::model::class_names;
-use mluc_geometry::quantile_of;
-use mluc_ipc_types::{FrameHeader, Stage};
-use mluc_runtime::monotonic_ns;
 use serde_json::{Value, json};
 
-use super::neighbour::Neighbour;
 use super::pipeline::{Recording, record};
-use super::plan::{Plan, Variant};
-use super::quality::{Boxes, judge};
+use super::plan::Plan;
 use super::quiet::Quiet;
 use super::round::frames;
-use super::trace::SPANS_VARIABLE;
+use super::trace::SpansFolder;
 use crate::machine::{describe_build, describe_machine};
 use crate::report::{FrameRecord, Resources, STAGES, Sample, number, report_of};
 
@@ -26,7 +18,6 @@ pub(crate) struct Measured {
     pub(crate) samples: Vec<Sample>,
     pub(crate) payload_bytes: [u64; 4],
     pub(crate) is_interrupted: bool,
-    boxes: BTreeMap<String, Boxes>,
     /// By round and stage.
     resources: Vec<[Resources; 4]>,
     is_heard: [bool; 4],
@@ -34,23 +25,20 @@ pub(crate) struct Measured {
 }
 
 impl Measured {
-    /// Starts the processes once more. `number`: over all variants, for the instance's name; `round`: of this variant.
+    /// Starts the processes once more; they write their spans where a trace is asked for.
     pub(crate) fn add_round(
         &mut self,
         plan: &Plan,
-        variant: &Variant,
-        [number, round]: [u32; 2],
+        spans: Option<&SpansFolder>,
+        round: u32,
         quiet: &mut Quiet,
         progress: &ProgressBar,
     ) -> Result<()> {
-        let what = match plan.rounds * plan.variants.len() as u32 {
-            1 => variant.name.clone(),
-            all => format!("{}, {} of {all}", variant.name, number + 1),
+        let what = match plan.rounds {
+            1 => plan.refiner.clone(),
+            all => format!("{}, {} of {all}", plan.refiner, round + 1),
         };
-        let recording = quiet.watch(|| {
-            let _neighbour = Neighbour::start(&plan.load);
-            record(plan, variant, number, &what, progress)
-        })?;
+        let recording = quiet.watch(|| record(plan, spans, round, &what, progress))?;
         let clock = (plan.rate_hz, plan.warm_up_seconds);
         let arrived = (&recording.arrivals[..], recording.frames_in);
         self.frames.extend(frames(round, clock, arrived));
@@ -65,7 +53,6 @@ impl Measured {
             at_s: sample.at_s + offset_s,
             ..sample
         }));
-        self.boxes.extend(recording.boxes);
         let stages = recording.watch.stages;
         self.resources.push(stages.map(|stage| stage.resources()));
         for stage in 0..STAGES.len() {
@@ -75,10 +62,6 @@ impl Measured {
         }
         self.restarts += recording.restarts;
         self.is_interrupted |= recording.is_interrupted;
-    }
-
-    pub(crate) fn quality(&self, plan: &Plan) -> Result<Option<Value>> {
-        judge(&self.boxes, &plan.labels, &class_names(&plan.model))
     }
 
     /// Something is in the report that should not be there.
@@ -106,24 +89,18 @@ impl Measured {
         }
     }
 
-    /// The report of a variant, without the baselines.
-    pub(crate) fn report(&self, plan: &Plan, variant: &Variant, quiet: &Quiet) -> Value {
+    /// The report without the baselines.
+    pub(crate) fn report(&self, plan: &Plan, quiet: &Quiet) -> Value {
         let mut report = report_of(&self.frames);
         report["title"] = plan.title().into();
         report["quiet"] = quiet.describe();
         report["machine"] = describe_machine().into();
         report["build"] = describe_build(&plan.program).into();
-        report["scenario"] = plan.describe(variant);
-        report["instrumentation"] = instrumentation(variant);
+        report["scenario"] = plan.describe();
         for (stage, name) in STAGES.iter().enumerate() {
             report["stages"][name]["resources"] = json!(self.resources_of(stage));
         }
-        let mut warnings = self.warnings(plan, &report, quiet);
-        if !variant.has_stamps() {
-            let text = "Stamps were off: only the latency end to end means anything here.";
-            warnings.push(text.to_string());
-        }
-        report["warnings"] = warnings.into();
+        report["warnings"] = self.warnings(plan, &report, quiet).into();
         report
     }
 
@@ -189,33 +166,4 @@ impl Measured {
         }
         warnings
     }
-}
-
-fn instrumentation(variant: &Variant) -> Value {
-    let word = |is_on: bool| if is_on { "on" } else { "off" };
-    json!({
-        "stamps": word(variant.has_stamps()),
-        "spans": word(variant.has(SPANS_VARIABLE)),
-        "stamps_cost_us_a_hop": stamps_cost_us(),
-    })
-}
-
-/// What a stage's three stamps cost, us: three readings of the clock and three writes.
-fn stamps_cost_us() -> f64 {
-    const TIMES: u32 = 1000;
-    let mut header = FrameHeader::new(0, "cost");
-    let mut batch_us = |_| {
-        let begun_ns = monotonic_ns();
-        for _ in 0..TIMES {
-            let stamps = header.stamps_mut(Stage::Head);
-            stamps.received_ns = monotonic_ns();
-            stamps.started_ns = monotonic_ns();
-            stamps.published_ns = monotonic_ns();
-            std::hint::black_box(&mut header);
-        }
-        (monotonic_ns() - begun_ns) as f64 / 1000.0 / f64::from(TIMES)
-    };
-    // The median batch: one that was interrupted shows the machine.
-    let median = quantile_of((0..51).map(&mut batch_us).collect(), 0.5);
-    median.map_or(0.0, |us| (us * 1000.0).round() / 1000.0)
 }

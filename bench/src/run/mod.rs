@@ -2,19 +2,17 @@
 //!
 //! `report` computes figures from the records; here is what touches the machine. Exit codes are those of `mluc`.
 
-mod against;
 mod arguments;
 mod baselines;
 mod chaos;
 mod compare;
 mod folder;
+mod interleaved;
 mod local;
 mod measured;
-mod neighbour;
 mod pipeline;
 mod plan;
 mod processes;
-mod quality;
 mod quiet;
 mod round;
 mod trace;
@@ -46,9 +44,10 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Chaos(args)) => chaos::chaos(&args),
         None => {
             let plan = Plan::resolve(cli.run)?;
-            match &plan.args.against {
-                Some(other) => against::against(&plan, other),
-                None => local::measure(&plan),
+            if plan.args.compares() {
+                interleaved::interleaved(&plan)
+            } else {
+                local::measure(&plan)
             }
         }
     }

@@ -1,6 +1,5 @@
 //! One start of `mluc up`, watched from outside as any consumer can: its objects, its heartbeats, its processes.
 
-use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -14,10 +13,10 @@ use mluc_ipc_types::{FrameHeader, Object, Stage, Topic};
 use mluc_runtime::{HealthWatch, Input, Instance, Shell, Shutdown, monotonic_ns};
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::plan::{Plan, Variant};
+use super::plan::Plan;
 use super::processes::ProcessWatch;
-use super::quality::Boxes;
 use super::show;
+use super::trace::SpansFolder;
 
 /// How often the processes are looked at; a message ends the wait early.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -35,8 +34,6 @@ pub(crate) struct Arrival {
 #[derive(Default)]
 pub(crate) struct Recording {
     pub(crate) arrivals: Vec<Arrival>,
-    /// By the scan's name: the pipeline is deterministic.
-    pub(crate) boxes: BTreeMap<String, Boxes>,
     pub(crate) watch: ProcessWatch,
     /// Payload bytes of each stage's last message; `None`: no heartbeats, a foreign stage may send none.
     pub(crate) payload_bytes: [Option<u64>; 4],
@@ -48,7 +45,7 @@ pub(crate) struct Recording {
 /// Runs the pipeline once; `number` is part of the instance's name, `what` of the progress line.
 pub(crate) fn record(
     plan: &Plan,
-    variant: &Variant,
+    spans: Option<&SpansFolder>,
     number: u32,
     what: &str,
     progress: &ProgressBar,
@@ -60,7 +57,7 @@ pub(crate) fn record(
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
         shell,
-        up: Up::start(plan, variant, &instance)?,
+        up: Up::start(plan, spans, &instance)?,
         pids: [0; 4],
         classes: plan.model.manifest.classes.len(),
         recording: Recording::default(),
@@ -128,7 +125,7 @@ impl Recorder {
             let last = recording.arrivals.last();
             let is_new = last.is_none_or(|last| header.sequence > last.header.sequence);
             match Object::checked(&header, message.elements(), self.classes) {
-                Ok(objects) if is_new => recording.add(header, at_ns, objects),
+                Ok(_) if is_new => recording.arrivals.push(Arrival { header, at_ns }),
                 // A frame that was sent again may answer twice.
                 Ok(_) => (),
                 Err(error) => tracing::error!(frame = header.name(), "objects refused: {error}"),
@@ -175,12 +172,6 @@ impl Recorder {
 }
 
 impl Recording {
-    fn add(&mut self, header: FrameHeader, at_ns: u64, objects: &[Object]) {
-        self.arrivals.push(Arrival { header, at_ns });
-        let boxes = self.boxes.entry(header.name().to_string());
-        boxes.or_insert_with(|| Boxes::of(objects));
-    }
-
     /// Since the first frame was due, by the first one that came.
     fn at_s(&self) -> Option<f64> {
         let first = self.arrivals.first()?;
@@ -206,7 +197,7 @@ struct Up {
 }
 
 impl Up {
-    fn start(plan: &Plan, variant: &Variant, instance: &Instance) -> Result<Up> {
+    fn start(plan: &Plan, spans: Option<&SpansFolder>, instance: &Instance) -> Result<Up> {
         let log = plan.args.out.join(LOG);
         let file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
         let supervisor = std::process::id().to_string();
@@ -215,8 +206,8 @@ impl Up {
         command
             .args(["exec", "--supervised-by", &supervisor, "--"])
             .arg(&plan.program)
-            .args(plan.up_arguments(variant, instance.name()))
-            .envs(variant.environment.iter().cloned())
+            .args(plan.up_arguments(instance.name()))
+            .envs(spans.map(SpansFolder::variable))
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(file)

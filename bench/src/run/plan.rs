@@ -20,9 +20,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 use toml::Table;
 
-use super::arguments::{BenchTable, Instrumentation, LoadTable, RunArgs};
-use super::quality::Labels;
-use crate::machine::available_mib;
+use super::arguments::{BenchTable, RunArgs};
 
 const SECONDS: f64 = 20.0;
 /// A guess: a million frames at 10 Hz.
@@ -30,55 +28,19 @@ const SECONDS_MAX: f64 = 100_000.0;
 const WARM_UP_SECONDS: f64 = 2.0;
 const RATE_HZ: f64 = 10.0;
 const RATE_HZ_MAX: f64 = 1000.0;
-/// When two variants are compared: each starts so often.
+/// When two are compared: each starts so often.
 const ROUNDS_COMPARED: u32 = 4;
 const ROUNDS_MAX: u32 = 1000;
 const BASELINE_ROUNDS: usize = 200;
 const PATIENCE_SECONDS: f64 = 60.0;
-/// `off`: the stages leave their stamps out.
-const STAMPS_VARIABLE: &str = "MLUC_STAMPS";
-
-/// One thing that is measured.
-#[derive(Clone)]
-pub(crate) struct Variant {
-    /// For tables, and, when there are two, of its folder.
-    pub(crate) name: String,
-    /// What it adds to [`Plan::up_arguments`].
-    arguments: Vec<String>,
-    /// Variables that the stages find in their environment.
-    pub(crate) environment: Vec<(&'static str, String)>,
-    refiner: String,
-    command: Option<Value>,
-}
-
-impl Variant {
-    /// `document`: the configuration, which may name a program in the refiner's place.
-    fn new(refiner: &str, document: &Table, arguments: Vec<String>) -> Variant {
-        let stages = document.get("stages");
-        let stage = stages.and_then(|stages| stages.get("refiner"));
-        let command = stage.and_then(|stage| stage.get("command"));
-        Variant {
-            name: refiner.to_string(),
-            arguments,
-            environment: Vec::new(),
-            refiner: refiner.to_string(),
-            command: command.map(|command| json!(command)),
-        }
-    }
-
-    pub(crate) fn has(&self, variable: &str) -> bool {
-        self.environment.iter().any(|(key, _)| *key == variable)
-    }
-
-    pub(crate) fn has_stamps(&self) -> bool {
-        !self.has(STAMPS_VARIABLE)
-    }
-}
 
 pub(crate) struct Plan {
     /// The program `mluc`.
     pub(crate) program: PathBuf,
-    pub(crate) variants: Vec<Variant>,
+    /// Its name, or the command in its place.
+    pub(crate) refiner: String,
+    /// What names it to `mluc up`.
+    refiner_arguments: Vec<String>,
     pub(crate) args: RunArgs,
     pub(crate) input: PathBuf,
     pub(crate) model_name: String,
@@ -89,14 +51,12 @@ pub(crate) struct Plan {
     pub(crate) rounds: u32,
     pub(crate) baseline_rounds: usize,
     pub(crate) patience: Duration,
-    pub(crate) load: LoadTable,
-    pub(crate) labels: Labels,
     pub(crate) model: Model,
     stages: Value,
     /// For the page's head.
     scans: String,
     // Removed from the disk with the plan.
-    _configurations: TempDir,
+    _configuration: TempDir,
     _bundled: Option<BundledScans>,
 }
 
@@ -104,7 +64,6 @@ impl Plan {
     pub(crate) fn resolve(args: RunArgs) -> Result<Plan> {
         let (document, table) = read_scenario(args.scenario.as_deref())?;
         let table = args.bench.over(table);
-        table.load.check(available_mib())?;
         let word = |key: &str| document.get(key)?.as_str().map(str::to_string);
         if word("pace").as_deref() == Some("complete") {
             return usage(
@@ -112,7 +71,7 @@ impl Plan {
             );
         }
         let program = mluc_program()?;
-        let folder = tempfile::tempdir().context("making a folder for configurations")?;
+        let folder = tempfile::tempdir().context("making a folder for the configuration")?;
         let (input, origin, bundled) = match args.input.clone().or(word("input").map(PathBuf::from))
         {
             Some(given) => {
@@ -130,11 +89,11 @@ impl Plan {
         let scans = format!("{count} {origin}, in turn");
         let model_name = args.model.clone().or(word("model"));
         let model_name = model_name.unwrap_or_else(|| DEFAULT_MODEL.to_string());
-        let variants = variants(&args, &document, folder.path())?;
-        let is_compared = variants.len() > 1 || args.against.is_some();
-        let usual = if is_compared { ROUNDS_COMPARED } else { 1 };
+        let file = folder.path().join("configuration.toml");
+        let (refiner, refiner_arguments) = refiner(&args, &document, &file)?;
+        let usual = if args.compares() { ROUNDS_COMPARED } else { 1 };
         let rounds = within("rounds", table.rounds.unwrap_or(usual), 1..=ROUNDS_MAX)?;
-        if args.trace.is_some() && (variants.len() > 1 || rounds > 1) {
+        if args.trace.is_some() && (args.compares() || rounds > 1) {
             return usage("a trace shows one run: --trace goes with one round of one pipeline");
         }
         let rate_hz = document.get("rate_hz").cloned().map(f64::deserialize);
@@ -156,18 +115,17 @@ impl Plan {
             rounds,
             baseline_rounds: table.floor_rounds.unwrap_or(BASELINE_ROUNDS).min(1_000_000),
             patience: Duration::from_secs_f64(patience),
-            load: table.load,
-            labels: Labels::near(&input),
             model: model::load(&model_name)?,
             stages: json!(document.get("stages")),
             program,
-            variants,
+            refiner,
+            refiner_arguments,
             input,
             model_name,
             precision: precision.unwrap_or_else(|| "f32".to_string()),
             args,
             scans,
-            _configurations: folder,
+            _configuration: folder,
             _bundled: bundled,
         })
     }
@@ -192,12 +150,14 @@ impl Plan {
             .collect()
     }
 
-    pub(crate) fn up_arguments(&self, variant: &Variant, instance: &str) -> Vec<String> {
+    pub(crate) fn up_arguments(&self, instance: &str) -> Vec<String> {
         let seconds = (self.warm_up_seconds + self.round_seconds()).to_string();
         let words = ["up", "--loop", "--pace", "sensor", "--instance", instance];
         let words = words.into_iter().chain(["--seconds", &seconds]);
         let words = words.map(str::to_string).chain(self.shared_arguments());
-        words.chain(variant.arguments.iter().cloned()).collect()
+        words
+            .chain(self.refiner_arguments.iter().cloned())
+            .collect()
     }
 
     pub(crate) fn title(&self) -> String {
@@ -206,7 +166,7 @@ impl Plan {
         format!("mluc bench: {model}, {precision}, {rate_hz} Hz, {scans}")
     }
 
-    pub(crate) fn describe(&self, variant: &Variant) -> Value {
+    pub(crate) fn describe(&self) -> Value {
         json!({
             "scans": self.scans,
             "rate_hz": self.rate_hz,
@@ -217,11 +177,9 @@ impl Plan {
             "model_fingerprint": format!("{:016x}", self.model.fingerprint),
             "network": self.model.manifest.network.profile.to_string(),
             "precision": self.precision,
-            "refiner": variant.refiner,
+            "refiner": self.refiner,
             "threads": self.args.threads,
             "stages": self.stages,
-            "commands": variant.command,
-            "load": self.load,
             "command": std::env::args().collect::<Vec<_>>().join(" "),
         })
     }
@@ -275,67 +233,40 @@ fn find(program: &Path) -> Option<PathBuf> {
     files.find(|file| file.is_file())
 }
 
-/// One, or the two that are compared. `folder`: for configuration files.
-fn variants(args: &RunArgs, document: &Table, folder: &Path) -> Result<Vec<Variant>> {
-    let mut variants = Vec::new();
-    for (number, word) in args.refiner.iter().enumerate() {
-        let file = folder.join(format!("configuration-{number}.toml"));
-        variants.push(with_refiner(document.clone(), word, &file)?);
+/// The refiner that is named (the first of two), else the scenario's, and the arguments that name it to `mluc up`. `file`: for a
+/// configuration.
+fn refiner(args: &RunArgs, document: &Table, file: &Path) -> Result<(String, Vec<String>)> {
+    if args.refiner.len() > 2 || (args.against.is_some() && args.refiner.len() > 1) {
+        return usage("--refiner can be given once, or twice without --against");
     }
-    if variants.is_empty() {
-        variants.push(of_scenario(args, document));
+    for word in args.refiner.iter().rev() {
+        check_refiner(word)?;
     }
-    if variants.len() > 2 {
-        let found = variants.len();
-        return usage(format!(
-            "--refiner can be given once or twice, found {found} times"
-        ));
+    if let Some(word) = args.refiner.first() {
+        return Ok((word.clone(), with_refiner(document.clone(), word, file)?));
     }
-    let off = (STAMPS_VARIABLE, "off".to_string());
-    match args.instrumentation {
-        Instrumentation::On => (),
-        Instrumentation::Off => {
-            for variant in &mut variants {
-                variant.environment.push(off.clone());
-            }
-        }
-        Instrumentation::Compare if variants.len() > 1 => {
-            return usage(
-                "--instrumentation compare and two --refiner cannot be told apart: one after the other, please",
-            );
-        }
-        Instrumentation::Compare => {
-            let mut bare = variants[0].clone();
-            variants[0].name = "instrumented".to_string();
-            bare.name = "bare".to_string();
-            bare.environment.push(off);
-            variants.push(bare);
-        }
-    }
-    Ok(variants)
-}
-
-/// The refiner that the scenario names, else the usual one.
-fn of_scenario(args: &RunArgs, document: &Table) -> Variant {
     let settings = document.get("refiner");
     let named = settings.and_then(|settings| settings.get("variant")?.as_str());
-    let refiner = named.unwrap_or(RefinerVariant::default().name());
-    let scenario = args.scenario.as_ref();
-    let config = scenario.map(|path| ["--config".to_string(), path.display().to_string()]);
-    Variant::new(refiner, document, config.into_iter().flatten().collect())
+    let name = named.unwrap_or(RefinerVariant::default().name());
+    let scenario = args.scenario.iter();
+    let config = scenario.flat_map(|path| ["--config".to_string(), path.display().to_string()]);
+    Ok((name.to_string(), config.collect()))
 }
 
-/// A name of ours, or a program with arguments, in the scenario's configuration.
-fn with_refiner(mut document: Table, word: &str, file: &Path) -> Result<Variant> {
-    let command: Vec<&str> = word.split_whitespace().collect();
-    let program = command.first().map(Path::new);
-    let is_ours = RefinerVariant::from_name(word).is_some();
-    if !is_ours && program.and_then(find).is_none() {
-        let names = RefinerVariant::ALL.map(RefinerVariant::name).join(", ");
-        return usage(format!(
-            "no refiner '{word}': there are {names}, or a program's command"
-        ));
+/// A name of ours, or a command whose program is there.
+fn check_refiner(word: &str) -> Result<()> {
+    let program = word.split_whitespace().next().map(Path::new);
+    if RefinerVariant::from_name(word).is_some() || program.and_then(find).is_some() {
+        return Ok(());
     }
+    let names = RefinerVariant::ALL.map(RefinerVariant::name).join(", ");
+    usage(format!(
+        "no refiner '{word}': there are {names}, or a program's command"
+    ))
+}
+
+/// The arguments that put a name of ours, or a program with arguments, into the scenario's configuration.
+fn with_refiner(mut document: Table, word: &str, file: &Path) -> Result<Vec<String>> {
     let mut at = &mut document;
     for key in ["stages", "refiner"] {
         let inner = at.entry(key).or_insert_with(|| Table::new().into());
@@ -344,17 +275,18 @@ fn with_refiner(mut document: Table, word: &str, file: &Path) -> Result<Variant>
             .ok_or_else(|| UsageError(format!("scenario: {key} must be a table")))?;
     }
     let mut arguments = vec!["--config".to_string(), file.display().to_string()];
-    if is_ours {
+    if RefinerVariant::from_name(word).is_some() {
         at.remove("command");
         at.remove("directory");
         arguments.extend(["--refiner-mode".to_string(), word.to_string()]);
     } else {
         let directory = std::env::current_dir().context("finding the current folder")?;
         let directory = directory.to_string_lossy().into_owned();
+        let command: Vec<&str> = word.split_whitespace().collect();
         at.insert("command".to_string(), command.into());
         at.insert("directory".to_string(), directory.into());
     }
     std::fs::write(file, toml::to_string(&document)?)
         .with_context(|| format!("writing {}", file.display()))?;
-    Ok(Variant::new(word, &document, arguments))
+    Ok(arguments)
 }

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::report::{FrameRecord, STAGES};
 
 /// Names the folder into which the processes write their spans.
-pub(crate) const SPANS_VARIABLE: &str = "MLUC_SPANS";
+const SPANS_VARIABLE: &str = "MLUC_SPANS";
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Which {

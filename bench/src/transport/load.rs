@@ -1,4 +1,4 @@
-//! What is sent, how often, and how the receiver learns of it.
+//! What is sent, and how often.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -52,17 +52,6 @@ impl Payload {
     }
 }
 
-/// How the receiver of raw iceoryx2 learns that a message is there. Our hop and the futex always sleep, as the stages do.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
-#[serde(rename_all = "snake_case")]
-pub enum Wake {
-    /// It sleeps until an event wakes it.
-    #[default]
-    Event,
-    /// It looks all the time: a core for a microsecond.
-    Poll,
-}
-
 /// How a measurement is made.
 #[derive(Clone, Debug)]
 pub struct Settings {
@@ -74,8 +63,6 @@ pub struct Settings {
     pub rounds: usize,
     /// Messages each way before those: more than the pool has places, so that all of its pages are touched.
     pub warm_up: usize,
-    /// How the receiver learns of a message.
-    pub wake: Wake,
     /// Before each message: long enough that the receiver sleeps.
     pub pause: Duration,
     /// Cores of the sender and the receiver; `None`: the kernel decides.
@@ -92,7 +79,6 @@ impl Settings {
             bytes: payload.largest_bytes(),
             rounds,
             warm_up: 40,
-            wake: Wake::Event,
             pause: Duration::from_millis(1),
             cores: None,
             program: None,

@@ -4,8 +4,8 @@
 //! baselines of the same run, interleaved with it, with the same payload (see [`Way`]), and with one copy within a process.
 //!
 //! [`measure`] starts a second process of the same program; call [`serve_peer`] first in `main`, so that it can be the
-//! other side. A round: the sender fills the payload, reads the clock, sends; the receiver, which sleeps (or polls, see
-//! [`Wake`]), reads the clock when it has the message, then reads all of it. The difference is the latency: filling and
+//! other side. A round: the sender fills the payload, reads the clock, sends; the receiver, which sleeps,
+//! reads the clock when it has the message, then reads all of it. The difference is the latency: filling and
 //! reading are not in it, though both leave their mark on the caches, as in the real stages.
 
 mod load;
@@ -13,7 +13,7 @@ mod measure;
 mod peer;
 mod way;
 
-pub use load::{Payload, Settings, Wake};
+pub use load::{Payload, Settings};
 pub use measure::{Cost, LatencyPercentiles, Measured, measure};
 pub use peer::serve_peer;
 pub use way::Way;

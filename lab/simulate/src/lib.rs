@@ -23,7 +23,6 @@ mod realism;
 mod scan;
 mod scene;
 mod sensor;
-pub mod statistics;
 pub mod synthetic_unknown;
 
 pub use drawn::HELD_OUT;

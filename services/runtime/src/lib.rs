@@ -46,8 +46,7 @@ pub use scans::Scans;
 pub use shell::{Next, Shell};
 pub use signals::Shutdown;
 pub use stage::{
-    Algorithm, STAMPS_VARIABLE, StageError, StageInput, finish, frame_span, run_span, run_stage,
-    stamp_published,
+    Algorithm, StageError, StageInput, finish, frame_span, run_span, run_stage, stamp_published,
 };
 pub use status::StatusWatch;
 

@@ -1,6 +1,5 @@
 //! A stage's process, but for its algorithm: take, check, count, stamp, publish.
 
-use std::sync::OnceLock;
 use std::time::Duration;
 
 use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage};
@@ -10,15 +9,6 @@ use crate::{Frames, Next, Output, Payload, RuntimeError, Shell, monotonic_ns};
 
 /// Of the spans that [`crate::log_to_stderr`] writes.
 const SPANS: &str = "mluc::frame";
-
-/// Switches off what `mluc bench` compares against: `off` leaves only the stamps that the latency end to end needs.
-pub const STAMPS_VARIABLE: &str = "MLUC_STAMPS";
-
-/// Whether the stages stamp their own times.
-fn stamps_are_on() -> bool {
-    static ON: OnceLock<bool> = OnceLock::new();
-    *ON.get_or_init(|| std::env::var(STAMPS_VARIABLE).as_deref() != Ok("off"))
-}
 
 /// Why a stage has no result for a frame.
 #[derive(Debug, thiserror::Error)]
@@ -136,26 +126,20 @@ pub fn run_stage<A: Algorithm>(
 
 /// A stage's first two stamps.
 fn begin(stage: Stage, header: &mut FrameHeader, received_ns: u64) {
-    if stamps_are_on() {
-        let stamps = header.stamps_mut(stage);
-        stamps.received_ns = received_ns;
-        stamps.started_ns = monotonic_ns();
-    }
+    let stamps = header.stamps_mut(stage);
+    stamps.received_ns = received_ns;
+    stamps.started_ns = monotonic_ns();
 }
 
-/// The last stamp, right before the message is handed over. The refiner's ends the frame: it is always there.
+/// The last stamp, right before the message is handed over.
 pub fn stamp_published(stage: Stage, header: &mut FrameHeader) {
-    if stamps_are_on() || stage == Stage::Refiner {
-        header.stamps_mut(stage).published_ns = monotonic_ns();
-    }
+    header.stamps_mut(stage).published_ns = monotonic_ns();
 }
 
 /// A frame left: counts it and its time.
 pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(), RuntimeError> {
     let stamps = header.stages[stage as usize];
-    if stamps_are_on() {
-        shell.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
-    }
+    shell.record_run(monotonic_ns().saturating_sub(stamps.started_ns));
     shell.health.frames_out += 1;
     shell.note_frame(None);
     shell.state(HealthState::Running, "")?;

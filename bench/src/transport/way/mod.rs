@@ -1,6 +1,5 @@
 //! The ways a message can go.
 
-mod futex;
 mod hop;
 mod raw;
 mod socket;
@@ -12,7 +11,7 @@ use mluc_ipc_types::{Detection, FeatureBlock, Object, Point};
 use mluc_runtime::{Instance, Payload as Element};
 use serde::{Deserialize, Serialize};
 
-use super::load::{Payload, Wake};
+use super::load::Payload;
 
 /// One way from process to process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize)]
@@ -22,19 +21,17 @@ pub enum Way {
     Hop,
     /// iceoryx2 alone, with the same queue settings, header and elements.
     Raw,
-    /// A wake-up that carries nothing: a POSIX semaphore in shared memory, which is a futex call on each side.
-    Futex,
     /// A Unix stream socket that copies the payload.
     Socket,
 }
 
 impl Way {
     /// All.
-    pub const ALL: [Way; 4] = [Way::Hop, Way::Raw, Way::Futex, Way::Socket];
+    pub const ALL: [Way; 3] = [Way::Hop, Way::Raw, Way::Socket];
 
-    /// `hop`, `raw`, `futex`, `socket`.
+    /// `hop`, `raw`, `socket`.
     pub fn name(self) -> &'static str {
-        ["hop", "raw", "futex", "socket"][self as usize]
+        ["hop", "raw", "socket"][self as usize]
     }
 }
 
@@ -89,7 +86,6 @@ pub(crate) struct Link {
     pub(crate) core: Option<usize>,
     pub(crate) payload: Payload,
     pub(crate) elements: usize,
-    pub(crate) wake: Wake,
     /// Part of the name of everything shared.
     pub(crate) label: String,
 }
@@ -108,7 +104,6 @@ impl Link {
         match way {
             Way::Hop => for_elements!(self, hop::sender),
             Way::Raw => for_elements!(self, raw::sender),
-            Way::Futex => futex::sender(self),
             Way::Socket => socket::sender(self),
         }
     }
@@ -117,7 +112,6 @@ impl Link {
         match way {
             Way::Hop => for_elements!(self, hop::receiver),
             Way::Raw => for_elements!(self, raw::receiver),
-            Way::Futex => futex::receiver(self),
             Way::Socket => socket::receiver(self),
         }
     }

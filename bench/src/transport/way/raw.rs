@@ -9,7 +9,6 @@ use mluc_runtime::{Payload, Shell, Shutdown, monotonic_ns};
 use super::{
     Arrived, Link, PATIENCE, Receiver, Sender, Sent, Way, element_of, read, silence, sum_of,
 };
-use crate::transport::load::Wake;
 
 /// A process's place among the others. Drop it last: the last one removes all files.
 fn join(link: &Link) -> Result<Shell> {
@@ -28,8 +27,8 @@ pub(super) fn sender<T: Payload>(link: &Link) -> Result<Sender> {
         .backpressure_strategy(BackpressureStrategy::DiscardData)
         .create()
         .context("making a publisher")?;
-    let notifier = (link.wake == Wake::Event).then(|| wake.notifier_builder().create());
-    let notifier = notifier.transpose().context("making a notifier")?;
+    let notifier = wake.notifier_builder().create();
+    let notifier = notifier.context("making a notifier")?;
     let end = (publisher, notifier, shell);
     Ok(Box::new(move |word| {
         let (publisher, notifier, _) = &end;
@@ -42,9 +41,7 @@ pub(super) fn sender<T: Payload>(link: &Link) -> Result<Sender> {
         let at_ns = monotonic_ns();
         sample.user_header_mut().stages[0].published_ns = at_ns;
         sample.send().context("sending")?;
-        if let Some(notifier) = notifier {
-            notifier.notify().context("waking")?;
-        }
+        notifier.notify().context("waking")?;
         Ok(Sent {
             at_ns,
             occupied_ns: lent_ns - asked_ns + monotonic_ns() - at_ns,
@@ -58,8 +55,8 @@ pub(super) fn receiver<T: Payload>(link: &Link) -> Result<Receiver> {
     let (data, wake) = shell.services::<T>(link.payload.topic())?;
     let subscriber = data.subscriber_builder().create();
     let subscriber = subscriber.context("making a subscriber")?;
-    let listener = (link.wake == Wake::Event).then(|| wake.listener_builder().create());
-    let listener = listener.transpose().context("making a listener")?;
+    let listener = wake.listener_builder().create();
+    let listener = listener.context("making a listener")?;
     let end = (subscriber, listener, shell);
     Ok(Box::new(move || {
         let (subscriber, listener, _) = &end;
@@ -71,14 +68,9 @@ pub(super) fn receiver<T: Payload>(link: &Link) -> Result<Receiver> {
                     sum: read(sample.payload()),
                 });
             }
-            match listener {
-                // A wake-up of a message that is taken already ends this early: then it looks again.
-                Some(listener) => {
-                    let waited = listener.timed_wait(|_| (), PATIENCE);
-                    waited.context("waiting")?;
-                }
-                None => std::hint::spin_loop(),
-            }
+            // A wake-up of a message that is taken already ends this early: then it looks again.
+            let waited = listener.timed_wait(|_| (), PATIENCE);
+            waited.context("waiting")?;
         }
         bail!(silence(Way::Raw))
     }))

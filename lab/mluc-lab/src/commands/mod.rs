@@ -10,7 +10,6 @@ mod render;
 mod reproduce;
 mod sensor;
 mod simulate;
-mod stats;
 pub(crate) mod terminal;
 mod train;
 
@@ -28,7 +27,6 @@ pub(crate) enum Command {
     Reproduce(reproduce::ReproduceArguments),
     Sensor(sensor::SensorArguments),
     Simulate(simulate::SimulateArguments),
-    Stats(stats::StatsArguments),
     Train(train::Train),
 }
 
@@ -44,7 +42,6 @@ pub(crate) fn run(command: Command) -> anyhow::Result<()> {
         Command::Reproduce(arguments) => reproduce::run_command(arguments),
         Command::Sensor(arguments) => sensor::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
-        Command::Stats(arguments) => stats::run(arguments),
         Command::Train(arguments) => train::run(arguments),
     }
 }

@@ -1,10 +1,8 @@
 //! The suite of the refiner: plays ingest, backbone and head over the same shared memory as the real stages, and looks at
-//! what comes back. [`judge`] runs the cases on one program, [`latency::compare`] measures what a hop into and out of it
-//! costs beside another program.
+//! what comes back. [`judge`] runs the cases on one program.
 
 mod answer;
 mod cases;
-mod latency;
 mod player;
 mod scene;
 mod session;
@@ -41,12 +39,6 @@ pub(crate) struct RefinerArgs {
     /// How long a start or an answer may take, s.
     #[arg(long, default_value = "10", value_parser = patience)]
     patience_s: Duration,
-    /// Measure what a hop costs beside our own refiner, instead of the suite.
-    #[arg(long)]
-    latency: bool,
-    /// Frames for --latency.
-    #[arg(long, default_value_t = 500, requires = "latency", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    frames: u32,
     /// JSON on stdout.
     #[arg(long)]
     json: bool,
@@ -73,19 +65,6 @@ pub(crate) fn run(args: RefinerArgs) -> anyhow::Result<ExitCode> {
         shutdown: shutdown.clone(),
     };
     let programs = programs(&args).into_iter().map(options);
-    if args.latency {
-        let reference = options(own(&args, Variant::default().name()));
-        for program in programs.take(1) {
-            let report = latency::compare(&reference, &program, args.frames)?;
-            let table = || latency::table(&report);
-            print_out(if args.json {
-                report.to_string()
-            } else {
-                table()
-            })?;
-        }
-        return Ok(ExitCode::SUCCESS);
-    }
     let mut reports = Vec::new();
     for options in programs {
         let report = judge(&options, &args.cases)?;

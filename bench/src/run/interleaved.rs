@@ -1,0 +1,137 @@
+//! Two builds or two refiners on the same frames, interleaved: A, B, B, A, each time from a fresh start, so that a machine that
+//! slowly changes treats both alike. Each start is measured by a `mluc bench` of its own, because one program cannot observe two
+//! wire versions; the rounds of a side become one report.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, Stdio};
+
+use anyhow::{Context, Result, ensure};
+use mluc::EXIT_WARNINGS;
+use serde_json::Value;
+
+use super::compare::{notes, options};
+use super::folder::{self, FOLDERS};
+use super::plan::Plan;
+use super::{progress, show};
+use crate::report::{FrameRecord, compare, number, report_of};
+
+struct Side {
+    name: String,
+    /// The program `mluc`.
+    program: PathBuf,
+    refiner: Option<String>,
+    frames: Vec<FrameRecord>,
+    /// The last round's facts of machine, build and scenario.
+    facts: Value,
+    warnings: Vec<String>,
+}
+
+/// This program and another one, or the two refiners that were named.
+fn sides(plan: &Plan) -> [Side; 2] {
+    let side = |name: String, program: &Path, refiner: Option<String>| Side {
+        name,
+        program: program.to_path_buf(),
+        refiner,
+        frames: Vec::new(),
+        facts: Value::Null,
+        warnings: Vec::new(),
+    };
+    let own = plan.program.as_path();
+    match (&plan.args.against, &plan.args.refiner[..]) {
+        (Some(other), refiner) => {
+            let refiner = refiner.first();
+            [own, other].map(|mluc| side(mluc.display().to_string(), mluc, refiner.cloned()))
+        }
+        (None, refiners) => {
+            [0, 1].map(|n| side(refiners[n].clone(), own, Some(refiners[n].clone())))
+        }
+    }
+}
+
+pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
+    let out = &plan.args.out;
+    folder::make(out)?;
+    let progress = progress();
+    let mut sides = sides(plan);
+    let all = 2 * plan.rounds;
+    for number in 0..all {
+        let side = usize::from(matches!(number % 4, 1 | 2));
+        let (own, round) = (&mut sides[side], number / 2);
+        let text = format!("{}, {} of {all}", own.name, number + 1);
+        show(&progress, f64::from(number) / f64::from(all), text);
+        let folder = out.join(FOLDERS[side]).join(format!("round-{round}"));
+        own.measure(plan, &folder)?;
+        own.add(&folder, round)?;
+    }
+    drop(progress);
+    let mut is_flawed = false;
+    for (side, name) in sides.iter().zip(FOLDERS) {
+        let report = side.report();
+        is_flawed |= number(&report, "/frames/dropped") > Some(0.0);
+        folder::write(&out.join(name), &report, &side.frames, &[])?;
+    }
+    let facts = [&sides[0].facts, &sides[1].facts];
+    let frames = sides.each_ref().map(|side| &side.frames[..]);
+    let comparison = compare(frames, &options(facts))?;
+    let names = sides.each_ref().map(|side| side.name.as_str());
+    let mut value = serde_json::to_value(&comparison)?;
+    value["notes"] = notes(facts).into();
+    folder::write_comparison(out, names, &comparison, value)?;
+    Ok(ExitCode::from(if is_flawed { EXIT_WARNINGS } else { 0 }))
+}
+
+impl Side {
+    /// One start of the processes.
+    fn measure(&self, plan: &Plan, folder: &Path) -> Result<()> {
+        let mut command = Command::new(&self.program);
+        command.args(["bench", "--rounds", "1", "--floor-rounds", "0", "--out"]);
+        command.arg(folder).args(plan.shared_arguments());
+        for (key, seconds) in [
+            ("--seconds", plan.round_seconds()),
+            ("--warm-up", plan.warm_up_seconds),
+            ("--patience", plan.patience.as_secs_f64()),
+        ] {
+            command.args([key, &seconds.to_string()]);
+        }
+        if let Some(refiner) = &self.refiner {
+            command.args(["--refiner", refiner]);
+        }
+        if let Some(scenario) = &plan.args.scenario {
+            command.arg("--scenario").arg(scenario);
+        }
+        let program = self.program.display();
+        let output = command.stdin(Stdio::null()).output();
+        let output = output.with_context(|| format!("starting {program}"))?;
+        let log = String::from_utf8_lossy(&output.stderr);
+        ensure!(
+            matches!(output.status.code(), Some(0 | 3)),
+            "{program} bench ended with {}:\n{}",
+            output.status,
+            log.trim_end()
+        );
+        Ok(())
+    }
+
+    fn add(&mut self, folder: &Path, round: u32) -> Result<()> {
+        let (facts, frames) = folder::read(folder)?;
+        let own = frames.into_iter();
+        self.frames
+            .extend(own.map(|frame| FrameRecord { round, ..frame }));
+        for warning in facts["warnings"].as_array().into_iter().flatten() {
+            let text = warning.as_str().unwrap_or_default();
+            self.warnings.push(format!("Round {round}: {text}"));
+        }
+        self.facts = facts;
+        Ok(())
+    }
+
+    /// Figures of all rounds, facts of the last one.
+    fn report(&self) -> Value {
+        let mut report = report_of(&self.frames);
+        for key in "title quiet machine build scenario".split(' ') {
+            report[key] = self.facts[key].clone();
+        }
+        report["warnings"] = self.warnings.clone().into();
+        report
+    }
+}
