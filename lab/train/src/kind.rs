@@ -43,8 +43,6 @@ pub enum NetworkKind {
     MlucFull,
     /// SECOND's classifier with the unknown classes labelled: the upper bound; needs scans with unknown objects.
     Supervised,
-    /// A point embedding on the frozen trunk of a softmax network, which --init names: the OSIS baseline.
-    Osis,
 }
 
 impl NetworkKind {
@@ -57,7 +55,6 @@ impl NetworkKind {
             NetworkKind::Softmax => "softmax",
             NetworkKind::MlucFull => "mluc-full",
             NetworkKind::Supervised => "supervised",
-            NetworkKind::Osis => "osis",
         }
     }
 
@@ -70,7 +67,7 @@ impl NetworkKind {
     pub fn head(self) -> HeadKind {
         match self {
             NetworkKind::Metric | NetworkKind::MetricOpen => HeadKind::Metric,
-            NetworkKind::Softmax | NetworkKind::Osis => HeadKind::Softmax,
+            NetworkKind::Softmax => HeadKind::Softmax,
             NetworkKind::MlucFull => HeadKind::Open,
             NetworkKind::Sigmoid | NetworkKind::Supervised => HeadKind::Sigmoid,
         }

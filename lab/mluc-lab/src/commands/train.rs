@@ -7,7 +7,6 @@ use anyhow::Context;
 use clap::Args;
 use mluc_train::{
     Architecture, NetworkKind, Progress as TrainProgress, Run, Setting, TrainEvent, TrainSettings,
-    train_osis,
 };
 use serde::{Deserialize, Serialize};
 
@@ -244,10 +243,7 @@ pub(super) fn train(settings: &TrainSettings, profile_steps: bool) -> anyhow::Re
         TrainEvent::Note(text) => screen.note(&text),
         TrainEvent::Progress(progress) => show(&screen, progress, profile_steps),
     };
-    let path = match settings.kind {
-        NetworkKind::Osis => train_osis(settings, &mut tell)?,
-        _ => Run::prepare(settings, &mut tell)?.finish(&mut tell)?,
-    };
+    let path = Run::prepare(settings, &mut tell)?.finish(&mut tell)?;
     screen.bar.finish_and_clear();
     Ok(path)
 }

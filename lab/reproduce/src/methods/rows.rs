@@ -17,9 +17,7 @@ pub enum Method {
     Supervised,
     /// Unknown where the largest class probability is low; the box as it is.
     Naive,
-    /// Points in no known box, clustered by a learned embedding (Wong et al., CoRL 2019, as the paper modified it).
-    Osis,
-    /// The same by place alone.
+    /// Points in no known box, clustered by place (Wong et al., CoRL 2019, as the paper modified it, without its learned embedding).
     OsisGeo,
     /// The paper's gate, the box as it is.
     MlOnly,
