@@ -1,23 +1,19 @@
 //! `mluc-lab train`.
 
 use super::terminal::{Progress, Threads, print_err, print_out};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
 use mluc_train::{
     Architecture, NetworkKind, Progress as TrainProgress, Run, Setting, TrainEvent, TrainSettings,
 };
-use serde::{Deserialize, Serialize};
 
 /// Train the network on a simulated or recorded data set and write its model file.
 ///
 /// A run that was interrupted goes on from its last checkpoint when it is started again with the same settings.
 #[derive(Args)]
 pub(crate) struct Train {
-    /// Settings from a TOML file, named as the options with `_` for `-`; the command line wins.
-    #[arg(long)]
-    config: Option<PathBuf>,
     #[command(flatten)]
     choices: Choices,
     #[command(flatten)]
@@ -27,16 +23,14 @@ pub(crate) struct Train {
     profile_steps: bool,
 }
 
-/// What may be set on the command line and in a file.
-#[derive(Args, Default, Deserialize, Serialize)]
-#[serde(default, deny_unknown_fields)]
+/// What may be set.
+#[derive(Args)]
 struct Choices {
     /// Classes and range.
     #[arg(long, value_enum)]
     setting: Option<Setting>,
     /// Classes to learn, of those that the labels name [default: the setting's].
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     known: Vec<String>,
     /// Size of the network [default: compact].
     #[arg(long, value_enum)]
@@ -86,18 +80,15 @@ struct Choices {
     background_cells: Option<usize>,
     /// Mluc-full: no class-agnostic anchors.
     #[arg(long)]
-    #[serde(skip_serializing_if = "is_off")]
     no_class_agnostic_anchors: bool,
     /// Mluc-full: fit the layers that score clusters [default: true for udi, false for kitti].
     #[arg(long, value_name = "BOOL")]
     cluster_scorer: Option<bool>,
     /// Multiply the gradients of layers' inputs in bf16 (all else stays f32): faster where the processor has bf16.
     #[arg(long)]
-    #[serde(skip_serializing_if = "is_off")]
     bf16: bool,
     /// Do not paste, mirror, turn or scale.
     #[arg(long)]
-    #[serde(skip_serializing_if = "is_off")]
     no_augment: bool,
     /// Frames of the training split that give objects to paste [default: 1500; none for any].
     #[arg(long)]
@@ -108,30 +99,13 @@ struct Choices {
     /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
     /// an error: misspelt, its objects would be left out without a word.
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     ignore_classes: Vec<String>,
     /// Steps between checkpoints [default: 200].
     #[arg(long)]
     checkpoint_every: Option<u64>,
 }
 
-fn is_off(flag: &bool) -> bool {
-    !flag
-}
-
 impl Choices {
-    /// These, and where they say nothing those of the file.
-    fn or_of(&self, file: &Path) -> anyhow::Result<Choices> {
-        let name = file.display();
-        let text =
-            std::fs::read_to_string(file).with_context(|| format!("{name} cannot be read"))?;
-        // As choices alone: an error then names line and key.
-        toml::from_str::<Choices>(&text).with_context(|| name.to_string())?;
-        let mut all: toml::Table = toml::from_str(&text)?;
-        all.extend(toml::Table::try_from(self)?);
-        Ok(all.try_into()?)
-    }
-
     fn settings(self) -> anyhow::Result<TrainSettings> {
         fn set<T>(place: &mut T, given: Option<T>) {
             if let Some(value) = given {
@@ -228,11 +202,7 @@ pub(super) fn tune_memory() {
 pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
     tune_memory();
     arguments.threads.start()?;
-    let choices = match &arguments.config {
-        None => arguments.choices,
-        Some(file) => arguments.choices.or_of(file)?,
-    };
-    let path = train(&choices.settings()?, arguments.profile_steps)?;
+    let path = train(&arguments.choices.settings()?, arguments.profile_steps)?;
     print_out(path.display())
 }
 
