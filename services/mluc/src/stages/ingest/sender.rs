@@ -1,5 +1,9 @@
 //! Reading one scan and publishing it, and whether the stages behind ingest take frames: what is sent before is lost.
 
+use std::panic::resume_unwind;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{RecvTimeoutError, bounded};
 use mluc_ingest::{DecodeReport, Expected, Guard, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
 use mluc_model::{Model, SensorProfile};
@@ -11,6 +15,11 @@ use mluc_runtime::{
 use mluc_sources::{Next, Scan, Source};
 
 use crate::control::Control;
+
+/// Between two heartbeats while a file is read.
+const READING_TICK: Duration = Duration::from_millis(50);
+/// A file that is not read within this time is not waited for.
+const READING_MAX: Duration = Duration::from_secs(5);
 
 /// A scan read from its file, not yet in shared memory.
 #[derive(Default)]
@@ -68,7 +77,7 @@ impl Sender<'_> {
 
     /// Waits until all stages behind take frames; false: asked to end.
     pub(crate) fn wait_until_ready(&mut self) -> Result<bool, RuntimeError> {
-        let begun = std::time::Instant::now();
+        let begun = Instant::now();
         let mut said = String::new();
         while !self.shell.is_stopping() {
             self.downstream.watch.update()?;
@@ -84,7 +93,7 @@ impl Sender<'_> {
             }
             self.shell.state(HealthState::WaitingInput, &reason)?;
             self.shell.tick()?;
-            std::thread::sleep(std::time::Duration::from_millis(5));
+            std::thread::sleep(Duration::from_millis(5));
         }
         Ok(false)
     }
@@ -95,7 +104,7 @@ impl Sender<'_> {
             let reason = "waiting for the reader of the lines";
             self.shell.state(HealthState::WaitingInput, reason)?;
             self.shell.tick()?;
-            std::thread::sleep(std::time::Duration::from_millis(5));
+            std::thread::sleep(Duration::from_millis(5));
         }
         Ok(!self.shell.is_stopping())
     }
@@ -133,12 +142,7 @@ impl Sender<'_> {
     ) -> anyhow::Result<bool> {
         let mut is_silent = false;
         loop {
-            let scan = &mut self.loaded.scan;
-            let next = match is_set_aside {
-                true => self.source.pass_over(sequence, scan)?,
-                false => self.source.load(sequence, scan)?,
-            };
-            match next {
+            match self.read(sequence, is_set_aside, &mut is_silent)? {
                 Next::Scan if is_silent => {
                     self.suspicion.tell(self.shell)?;
                     return Ok(true);
@@ -154,6 +158,43 @@ impl Sender<'_> {
                 Next::NotYet | Next::End => return Ok(false),
             }
         }
+    }
+
+    /// A file is read beside the heartbeats: a slow disk is no stage that hangs. `is_silent`: whether it was said.
+    fn read(
+        &mut self,
+        sequence: u64,
+        is_set_aside: bool,
+        is_silent: &mut bool,
+    ) -> anyhow::Result<Next> {
+        let (source, scan) = (&mut self.source, &mut self.loaded.scan);
+        if is_set_aside {
+            return source.pass_over(sequence, scan);
+        }
+        if source.is_live() {
+            return source.load(sequence, scan);
+        }
+        let begun = Instant::now();
+        std::thread::scope(|scope| {
+            let (working, ended) = bounded::<()>(0);
+            let reading = scope.spawn(move || {
+                let _working = working;
+                source.load(sequence, scan)
+            });
+            while ended.recv_timeout(READING_TICK) == Err(RecvTimeoutError::Timeout) {
+                if begun.elapsed() > Topic::SILENCE_MAX && !*is_silent {
+                    *is_silent = true;
+                    let reason = format!("reading scan {sequence} takes long");
+                    tracing::warn!("{reason}");
+                    self.shell.state(HealthState::Degraded, &reason)?;
+                }
+                // Then it hangs, and the watchdog ends it.
+                if begun.elapsed() < READING_MAX {
+                    self.shell.tick()?;
+                }
+            }
+            reading.join().unwrap_or_else(|panic| resume_unwind(panic))
+        })
     }
 
     /// Publishes the scan that is loaded as `sequence`. `due_ns`: when the scan was due or asked for, on the monotonic clock.
