@@ -26,7 +26,7 @@ pub use network::{
 };
 pub use sensor::{SensorProfile, SensorUnit};
 pub use tensors::{
-    CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, Tensor, WeightSet,
+    BASELINE, CLUSTER_SCORER, CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, Tensor, WeightSet,
     calibration_tensor, expected_tensors,
 };
 pub use validate::{BOXES_MAX, CLASSES_MAX, FEATURE_CHANNELS_MAX, MAP_CELLS_MAX, VOXELS_MAX};

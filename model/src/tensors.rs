@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use crate::error::{ModelError, Result};
 use crate::network::{Network, calibrated_layers};
 
+/// Tensors of this prefix belong to a baseline of the laboratory, which stands on the network: no robot reads them.
+pub const BASELINE: &str = "baseline.";
+
 /// The judge of clusters, which a refiner reads where a model has one: dense layers on measurements of a cluster, ReLU between
 /// them, a logit of being something that drives or walks at the end. Layer after layer: `[in][out]`, then a bias of `[out]`.
 pub const CLUSTER_SCORER: &str = "clusters.looks";
@@ -115,7 +118,8 @@ impl WeightSet {
     }
 
     /// Refuses a set with a tensor missing, extra, of another shape, or with a value that is no number (a variance:
-    /// or below 0), and a calibration that is not whole. [`CLUSTER_SCORER`] may be there or not.
+    /// or below 0), and a calibration that is not whole. [`CLUSTER_SCORER`] may be there or not; tensors of [`BASELINE`] are kept as
+    /// they are if they are numbers.
     pub fn check(&self, network: &Network) -> Result<()> {
         let mut expected: BTreeMap<_, _> = expected_tensors(network).into_iter().collect();
         if self.find(CLUSTER_SCORER).is_some() {
@@ -128,14 +132,14 @@ impl WeightSet {
         for (name, shape) in &expected {
             check_values(name, self.get(name, shape)?)?;
         }
-        match self
-            .tensors
-            .keys()
-            .find(|name| !expected.contains_key(*name))
-        {
-            Some(name) => Err(ModelError::tensor(name, "does not belong to this network")),
-            None => Ok(()),
+        for (name, tensor) in &self.tensors {
+            if name.starts_with(BASELINE) {
+                check_values(name, &tensor.data)?;
+            } else if !expected.contains_key(name) {
+                return Err(ModelError::tensor(name, "does not belong to this network"));
+            }
         }
+        Ok(())
     }
 }
 

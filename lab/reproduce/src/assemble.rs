@@ -197,7 +197,7 @@ fn provenance(options: &Options) -> Value {
     let seeded: Vec<&str> = seeded.map(|n| n.network.name()).collect();
     let training = format!(
         "One long training a setting makes the base network (`{}`); each other network begins with the base's weights and is \
-             trained for fewer steps, so the rows share most of their training. Further seeds ({}) \
+             trained for fewer steps (`osis` with those of `softmax`), so the rows share most of their training. Further seeds ({}) \
              begin with the same base: their spread is that of the last part of the training. Networks that lay in the runs' folder \
              already are taken as they are and listed as given.",
         BASE.name(),

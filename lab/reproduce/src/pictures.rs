@@ -10,10 +10,11 @@ use mluc_evaluate::{Difficulty, NeighbourPolicy, ObjectKind, SensorDetection};
 use mluc_geometry::iou_3d;
 use std::cmp::Reverse;
 
-/// Columns of figure 6 beside the labels, as far as they were evaluated.
-const SHOWN: [(&str, &str); 5] = [
+/// Columns of figure 6 beside the labels, as far as they were evaluated; of two with one title the first.
+const SHOWN: [(&str, &str); 6] = [
     ("closed-set", "Closed set"),
     ("naive", "Naive"),
+    ("osis", "OSIS"),
     ("osis-geo", "OSIS"),
     ("paper-corrected", "MLUC"),
     ("mluc-full", "MLUC full"),
@@ -83,7 +84,9 @@ pub(crate) fn figure6_scene(test: &TestFrames, evaluated: &ByRow) -> Result<Opti
     let mut panels: Vec<Panel> = Vec::new();
     for (method, title) in SHOWN {
         let first = evaluated.get(method).and_then(|seeds| seeds.first());
-        panels.extend(first.map(|first| panel(first, index, title)));
+        if let Some(first) = first.filter(|_| panels.iter().all(|panel| panel.title != title)) {
+            panels.push(panel(first, index, title));
+        }
     }
     let caption = format!("{}, frame {}", test.setting.name(), test.set.names()[index]);
     scene(test, index, caption, panels).map(Some)

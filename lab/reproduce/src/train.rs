@@ -28,6 +28,8 @@ pub(crate) struct Training {
 #[serde(default)]
 pub(crate) struct NetworkPlan {
     pub(crate) network: NetworkKind,
+    /// Whose weights it begins with; the first network of the base, `metric`, begins with nothing.
+    init: NetworkKind,
     /// Takes [`Sizes::longer_steps`].
     longer: bool,
     /// Data of its own, see [`Layout::data_of`]; these have no `val`.
@@ -42,7 +44,7 @@ pub(crate) struct NetworkPlan {
 pub(crate) static NETWORKS: LazyLock<Vec<NetworkPlan>> =
     LazyLock::new(|| serde_json::from_str(include_str!("networks.json")).expect("the table"));
 
-/// The base network, whose first seed begins with nothing; the others begin with its weights.
+/// The base network; the others begin with its weights.
 pub(crate) const BASE: NetworkKind = NetworkKind::Metric;
 
 /// Largest learning rate of the networks that begin with another's weights: half of the base's, which they need not find again.
@@ -85,7 +87,7 @@ impl Training {
         add("--data", text(&layout.data_of(setting, data)));
         add("--out", text(&folder));
         if !is_base {
-            add("--init", text(&layout.model_of((setting, BASE, 1))));
+            add("--init", text(&layout.model_of((setting, plan.init, 1))));
             add("--learning-rate", TUNED_RATE.to_owned());
         }
         add("--steps", steps.to_string());

@@ -14,7 +14,7 @@ use crate::layers::Linear;
 use crate::trainer::Trainer;
 
 /// The model file of `path`: itself, or that of a run's folder.
-fn model_path(path: &Path) -> PathBuf {
+pub(crate) fn model_path(path: &Path) -> PathBuf {
     if path.is_dir() {
         path.join("model.safetensors")
     } else {

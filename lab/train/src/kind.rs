@@ -43,6 +43,8 @@ pub enum NetworkKind {
     MlucFull,
     /// SECOND's classifier with the unknown classes labelled: the upper bound; needs scans with unknown objects.
     Supervised,
+    /// A point embedding on the frozen trunk of a softmax network, which --init names: the OSIS baseline.
+    Osis,
 }
 
 impl NetworkKind {
@@ -55,6 +57,7 @@ impl NetworkKind {
             NetworkKind::Softmax => "softmax",
             NetworkKind::MlucFull => "mluc-full",
             NetworkKind::Supervised => "supervised",
+            NetworkKind::Osis => "osis",
         }
     }
 
@@ -67,7 +70,7 @@ impl NetworkKind {
     pub fn head(self) -> HeadKind {
         match self {
             NetworkKind::Metric | NetworkKind::MetricOpen => HeadKind::Metric,
-            NetworkKind::Softmax => HeadKind::Softmax,
+            NetworkKind::Softmax | NetworkKind::Osis => HeadKind::Softmax,
             NetworkKind::MlucFull => HeadKind::Open,
             NetworkKind::Sigmoid | NetworkKind::Supervised => HeadKind::Sigmoid,
         }

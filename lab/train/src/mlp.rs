@@ -1,4 +1,4 @@
-//! A few dense layers with ReLU between them, forward and backward: for the cluster scorer.
+//! A few dense layers with ReLU between them, forward and backward: for the OSIS baseline and the cluster scorer.
 //!
 //! The sums are in the order of the refiner's own forward pass, which gives the same bits; the kernels' order is another.
 
@@ -11,7 +11,7 @@ use crate::layers::add;
 pub struct Mlp {
     /// Widths, the input's first.
     pub widths: Vec<usize>,
-    /// Layer after layer: `[in][out]`, then a bias of `[out]`.
+    /// Layer after layer: `[in][out]`, then a bias of `[out]`. What follows is its owner's.
     pub parameters: Vec<f32>,
 }
 

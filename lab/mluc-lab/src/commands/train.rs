@@ -7,6 +7,7 @@ use anyhow::Context;
 use clap::Args;
 use mluc_train::{
     Architecture, NetworkKind, Progress as TrainProgress, Run, Setting, TrainEvent, TrainSettings,
+    train_osis,
 };
 
 /// Train the network on a simulated or recorded data set and write its model file.
@@ -213,7 +214,10 @@ pub(super) fn train(settings: &TrainSettings, profile_steps: bool) -> anyhow::Re
         TrainEvent::Note(text) => screen.note(&text),
         TrainEvent::Progress(progress) => show(&screen, progress, profile_steps),
     };
-    let path = Run::prepare(settings, &mut tell)?.finish(&mut tell)?;
+    let path = match settings.kind {
+        NetworkKind::Osis => train_osis(settings, &mut tell)?,
+        _ => Run::prepare(settings, &mut tell)?.finish(&mut tell)?,
+    };
     screen.bar.finish_and_clear();
     Ok(path)
 }

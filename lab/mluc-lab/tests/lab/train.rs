@@ -165,6 +165,23 @@ fn a_model_that_was_worked_on_since_stays_as_it_is() {
 }
 
 #[test]
+fn osis_is_trained_once_and_over_nothing() {
+    let place = place();
+    place.trained("softmax", "--network softmax --steps 1");
+    let osis = "--network osis --init softmax --steps 2";
+    // What another run wrote into a log of this name is kept.
+    place.write("osis/train.jsonl", "old\n");
+    place.trained("osis", osis);
+    assert_eq!(place.read("osis/train.old.jsonl"), b"old\n");
+    let model = place.model("osis");
+    assert!(place.trained("osis", osis).contains("already trained"));
+    let other_file = ["expected no file of another run"];
+    place.refuses_to_train("osis", &format!("{osis} --seed 2"), &other_file);
+    place.refuses_to_train("softmax", osis, &other_file);
+    assert_eq!(place.model("osis"), model);
+}
+
+#[test]
 #[cfg(target_os = "linux")]
 fn a_full_terminal_stops_nothing() {
     let place = place();

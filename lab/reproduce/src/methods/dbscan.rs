@@ -1,4 +1,5 @@
-//! DBSCAN (Ester et al., 1996) on points in space, on a grid of cells as long as its reach.
+//! DBSCAN (Ester et al., 1996) on points in space and, where they have one, by their embedding, on a grid of cells as long as its
+//! reach in space.
 
 use std::collections::BTreeMap;
 
@@ -7,10 +8,13 @@ pub(super) type Group = Vec<usize>;
 
 /// The reach of a point, m (the coordinates divided by 0.7 with a reach of 1).
 const REACH_M: f32 = 0.7;
+/// The reach of an embedding.
+const REACH_EMBEDDING: f32 = 0.5;
 
 /// Clusters in the order of their first points. A point with at least `core_min` points within its reach, itself among them, is
 /// a core; cores within each other's reach, and what lies within the reach of a core, are one cluster.
-pub(super) fn cluster(points_m: &[[f32; 3]], core_min: usize) -> Vec<Group> {
+/// `embeddings`: one a point, all of one length, which may be 0.
+pub(super) fn cluster(points_m: &[[f32; 3]], embeddings: &[&[f32]], core_min: usize) -> Vec<Group> {
     let cell = |p: &[f32; 3]| p.map(|v| (v / REACH_M).floor() as i32);
     let mut cells: BTreeMap<[i32; 3], Vec<usize>> = BTreeMap::new();
     for (i, p) in points_m.iter().enumerate() {
@@ -25,7 +29,9 @@ pub(super) fn cluster(points_m: &[[f32; 3]], core_min: usize) -> Vec<Group> {
                 let within = |j: &&usize| {
                     let d = [0, 1, 2].map(|k| points_m[**j][k] - p[k]);
                     let place = d.iter().map(|d| d * d).sum::<f32>() / (REACH_M * REACH_M);
-                    place <= 1.0
+                    let pairs = embeddings[i].iter().zip(embeddings[**j]);
+                    let apart = pairs.map(|(a, b)| (a - b).powi(2)).sum::<f32>();
+                    place + apart / (REACH_EMBEDDING * REACH_EMBEDDING) <= 1.0
                 };
                 found.extend(range.flat_map(|(_, members)| members.iter().filter(within)));
             }
@@ -72,9 +78,16 @@ mod tests {
         let mut points: Vec<[f32; 3]> = line(0.0, 8).collect();
         points.extend(line(10.0, 6));
         points.push([5.0, 5.0, 0.0]);
-        let groups = cluster(&points, 4);
+        let plain: Vec<&[f32]> = vec![&[]; points.len()];
+        let groups = cluster(&points, &plain, 4);
         assert_eq!(groups, [(0..8).collect::<Vec<_>>(), (8..14).collect()]);
-        assert!(cluster(&points, 9).is_empty());
-        assert!(cluster(&[], 1).is_empty());
+        assert!(cluster(&points, &plain, 9).is_empty());
+        assert!(cluster(&[], &[], 1).is_empty());
+        // Two halves of the first line that are told apart by their embedding.
+        let apart: Vec<&[f32]> = (0..points.len())
+            .map(|i| if i < 4 { &[0.0] } else { &[2.0f32] as &[f32] })
+            .collect();
+        let halves = [(0..4).collect::<Vec<_>>(), (4..8).collect()];
+        assert_eq!(cluster(&points, &apart, 3)[..2], halves);
     }
 }

@@ -8,6 +8,7 @@ mod dbscan;
 mod full;
 mod gated;
 mod osis;
+mod osis_embedding;
 mod rows;
 
 pub use full::full_steps;
@@ -94,6 +95,7 @@ pub fn run_method(method: Method, input: &MethodInput) -> Result<GatedObjects> {
             refined(ModelGate::Eds, Variant::PaperCorrected)
         }
         Method::MlucFull => full::run(input),
-        Method::OsisGeo => osis::run(input),
+        Method::Osis => osis::run(input, true),
+        Method::OsisGeo => osis::run(input, false),
     }
 }

@@ -2,19 +2,21 @@
 //! section 4.4).
 //!
 //! A point is unknown only if every box that holds it is below the threshold; points in no box qualify too, hence trees and walls.
-//! Points are told apart by place alone: the learned embedding of the paper's row is left out. On the simulated test scans it found
-//! less than the place does.
+//! `osis-geo` tells points apart by place alone; `osis` by a learned embedding too, which also takes out what it holds for
+//! background.
 
 use super::MethodInput;
 use super::dbscan::{Group, cluster};
+use super::osis_embedding::{Embedder, Standing};
 use crate::Result;
 use mluc_evaluate::SensorDetection;
 use mluc_evaluate::pipeline::{GatedObjects, ModelGate, box_of, class_names};
+use mluc_geometry::Box3;
 use mluc_geometry::ground::{GroundGrid, ground_height_m};
-use mluc_geometry::{Box3, Inside};
 use mluc_head::Detection;
 use mluc_ipc_types::Point;
 use mluc_refiner::fit::{ClusterPoints, minimum_area};
+use mluc_train::scan::InBox;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -29,14 +31,18 @@ const POINTS_MIN: usize = 5;
 /// Longer ones would match no label; left out to save their boxes' time, m.
 const LENGTH_MAX_M: f64 = 20.0;
 
-pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
+pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
     let thresholds = input.thresholds(ModelGate::Softmax, input.frames, THRESHOLDS);
     let classes = class_names(input.model);
     let height_m = f64::from(input.model.manifest.sensor_height_m);
+    let embedder = learned.then(|| Embedder::new(input.model)).transpose()?;
     let one_frame = |ground: &mut GroundGrid, frame: usize| {
         let points = input.set.points(frame)?;
         let detections = &input.frames[frame].detections;
-        let standing = standing(ground, &points, detections);
+        let mut standing = standing(ground, &points, detections);
+        if let Some(embedder) = &embedder {
+            embedder.embed(&points, &mut standing)?;
+        }
         let at = |threshold: &f64| {
             let boxes = detections
                 .iter()
@@ -44,7 +50,7 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
             let known = boxes.map(|d| SensorDetection::of_box(d, &classes));
             let mut objects: Vec<SensorDetection> = known.collect();
             if *threshold > 0.0 {
-                objects.extend(unknown(&standing, *threshold as f32));
+                objects.extend(unknown(&standing, *threshold as f32, embedder.as_ref()));
             }
             objects
         };
@@ -61,13 +67,6 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
     })
 }
 
-/// A point that stands for its cube.
-struct Standing {
-    at_m: [f32; 3],
-    /// The largest class probability of a box around it; 0 in none.
-    known: f32,
-}
-
 /// One point a cube of those that stand on the ground, in the order of their cubes.
 fn standing(ground: &mut GroundGrid, points: &[Point], detections: &[Detection]) -> Vec<Standing> {
     let ground_m = ground.find(bytemuck::cast_slice(points));
@@ -77,29 +76,47 @@ fn standing(ground: &mut GroundGrid, points: &[Point], detections: &[Detection])
         let cube = at.map(|v| (v / THIN_M).floor() as i32);
         cubes.entry(cube).or_insert(at);
     }
-    let own = |d: &Detection| (Inside::of(&box_of(d), 0.0), d.softmax_max);
-    let boxes: Vec<(Inside, f32)> = detections.iter().map(own).collect();
+    let test = |d: &Detection| (InBox::new(&box_of(d)), d.softmax_max);
+    let tests: Vec<(InBox, f32)> = detections.iter().map(test).collect();
     let stands = |&[x, y, z]: &[f32; 3]| z - ground_height_m(ground_m, [x, y]) > CLEARANCE_M;
     let point = |at_m: [f32; 3]| {
         let [x, y, z] = at_m;
-        let around = boxes.iter();
-        let around = around.filter(|(own, _)| own.has_point(&[x, y, z, 0.0]));
-        let known = around.map(|(_, p)| *p).fold(0.0, f32::max);
-        Standing { at_m, known }
+        let around = tests.iter().enumerate();
+        let around = around.filter(|(_, (test, _))| test.contains(&[x, y, z, 0.0]));
+        let around = around.map(|(i, (_, p))| (i, *p));
+        let best = around.reduce(|a, b| if b.1 > a.1 { b } else { a });
+        Standing {
+            at_m,
+            known: best.map_or(0.0, |(_, p)| p),
+            inside: best.map(|(i, _)| i),
+            embedding: vec![],
+        }
     };
     cubes.into_values().filter(stands).map(point).collect()
 }
 
-/// A point is as unknown as its boxes leave it.
-fn unknown(standing: &[Standing], threshold: f32) -> Vec<SensorDetection> {
+fn unknown(
+    standing: &[Standing],
+    threshold: f32,
+    embedder: Option<&Embedder>,
+) -> Vec<SensorDetection> {
     let left: Vec<&Standing> = standing.iter().filter(|s| s.known < threshold).collect();
+    // By place alone a point is as unknown as its boxes leave it.
+    let by_place = || left.iter().map(|s| Some(1.0 - s.known)).collect();
+    let scores: Vec<Option<f32>> =
+        embedder.map_or_else(by_place, |e| e.unknown(standing, &left, threshold));
+    let pairs = left.into_iter().zip(scores);
+    let pairs = pairs.filter_map(|(point, score)| Some((point, score?)));
+    let (left, scores): (Vec<&Standing>, Vec<f32>) = pairs.unzip();
     let places: Vec<[f32; 3]> = left.iter().map(|s| s.at_m).collect();
-    let groups = cluster(&places, POINTS_MIN).into_iter();
-    groups.filter_map(|group| object(&left, &group)).collect()
+    let embeddings: Vec<&[f32]> = left.iter().map(|s| s.embedding.as_slice()).collect();
+    let groups = cluster(&places, &embeddings, POINTS_MIN).into_iter();
+    let objects = groups.filter_map(|group| object(&left, &scores, &group));
+    objects.collect()
 }
 
 /// A tight box around a cluster; its score is the mean of its points'.
-fn object(left: &[&Standing], group: &Group) -> Option<SensorDetection> {
+fn object(left: &[&Standing], scores: &[f32], group: &Group) -> Option<SensorDetection> {
     let origin = left[*group.first()?].at_m;
     let mut points = ClusterPoints::default();
     for &i in group {
@@ -120,7 +137,7 @@ fn object(left: &[&Standing], group: &Group) -> Option<SensorDetection> {
     } else {
         (w, l, rectangle.yaw_rad + std::f64::consts::FRAC_PI_2)
     };
-    let unsure: f32 = group.iter().map(|i| 1.0 - left[*i].known).sum();
+    let unsure: f32 = group.iter().map(|i| scores[*i]).sum();
     let size = |v: f64| v.max(0.1) as f32;
     let [x, y] = [origin[0] + cx as f32, origin[1] + cy as f32];
     let size_m = [size(l), size(w), (high - low).max(0.1)];

@@ -17,7 +17,9 @@ pub enum Method {
     Supervised,
     /// Unknown where the largest class probability is low; the box as it is.
     Naive,
-    /// Points in no known box, clustered by place (Wong et al., CoRL 2019, as the paper modified it, without its learned embedding).
+    /// Points in no known box, clustered by a learned embedding (Wong et al., CoRL 2019, as the paper modified it).
+    Osis,
+    /// The same by place alone.
     OsisGeo,
     /// The paper's gate, the box as it is.
     MlOnly,

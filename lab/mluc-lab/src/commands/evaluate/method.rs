@@ -21,8 +21,8 @@ use mluc_reproduce::methods::{METHODS, Method, MethodInput, MethodRow, full_step
 /// `false` are unknown objects a frame beyond those that found one. All figures are of volumes (3d) at moderate, 40 recall positions, unknown objects at an overlap of 0.1.
 #[derive(Args)]
 pub(super) struct MethodArguments {
-    /// closed-set, supervised, naive, osis-geo, ml-only, uc-only, paper, paper-corrected, mluc-open, mluc-full
-    /// [default: all that stand on the model's kind of head but supervised and mluc-open, whose networks differ by training alone].
+    /// closed-set, supervised, naive, osis, osis-geo, ml-only, uc-only, paper, paper-corrected, mluc-open, mluc-full
+    /// [default: all that stand on the model's kind of head but supervised, osis and mluc-open, whose networks differ by training alone].
     /// How a network was trained is not checked.
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
     method: Vec<String>,
@@ -84,7 +84,7 @@ fn methods(names: &[String], model: &Model) -> anyhow::Result<Vec<Method>> {
     let head = model.manifest.network.head;
     if names.is_empty() {
         // A head does not tell these networks from `sigmoid`, `softmax` and `metric`.
-        let by_training = [Method::Supervised, Method::MlucOpen];
+        let by_training = [Method::Supervised, Method::Osis, Method::MlucOpen];
         let fits =
             |row: &&MethodRow| row.network.head() == head && !by_training.contains(&row.method);
         return Ok(METHODS.iter().filter(fits).map(|row| row.method).collect());

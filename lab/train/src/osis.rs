@@ -1,0 +1,155 @@
+//! Trains the point embedding of the OSIS baseline on the frozen trunk of a softmax network; one frame a step.
+//!
+//! It takes minutes, so an interrupted run starts anew; a finished one is left as it is.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use mluc_backbone::Backbone;
+use mluc_geometry::Random;
+use mluc_model::{HeadKind, Model, model_bytes};
+
+use crate::embedding::{FrameFeatures, PointEmbedding};
+use crate::error::TrainError;
+use crate::import::model_path;
+use crate::log::{Log, Progress, TrainEvent};
+use crate::optimizer::{Adam, Schedule};
+use crate::scan::{InBox, LabelledScan};
+use crate::settings::TrainSettings;
+use crate::source::ScanSource;
+use crate::{check, run_folder};
+
+/// Points of an instance that a step looks at.
+const INSTANCE_POINTS: usize = 48;
+/// Background points that a step looks at.
+const BACKGROUND_POINTS: usize = 1024;
+/// Chance that an instance has no prototype.
+const HELD_OUT: f64 = 0.2;
+
+/// Trains and writes the model; returns its path. `settings.init`: the softmax network.
+pub fn train_osis(
+    settings: &TrainSettings,
+    notify: &mut dyn FnMut(TrainEvent),
+) -> Result<PathBuf, TrainError> {
+    settings.check()?;
+    let expected = "a softmax network for osis to stand on";
+    let wrong = |found: &str| TrainError::setting("--init", expected, found);
+    let init = settings.init.as_ref().ok_or_else(|| wrong("nothing"))?;
+    let mut model = Model::read(&model_path(init))?;
+    let network = &model.manifest.network;
+    if network.head != HeadKind::Softmax {
+        return Err(wrong(&format!("a {:?} head", network.head)));
+    }
+    let _lock = run_folder::enter(&settings.out)?;
+    let out = settings.out.join("model.safetensors");
+    let channels = network.feature_channels();
+    let is_done = |found: Model| {
+        let from = &found.manifest.provenance;
+        let mut trunk = model.weights.iter();
+        (from.steps, from.seed) == (settings.steps, settings.seed)
+            && trunk.all(|tensor| found.weights.iter().any(|other| other == tensor))
+            && PointEmbedding::read(&found.weights, channels).is_some()
+    };
+    if out.is_file() && Model::read(&out).is_ok_and(is_done) {
+        notify(TrainEvent::Note("already trained".into()));
+        return Ok(out);
+    }
+    run_folder::refuse_other(&settings.out, "model.safetensors")?;
+    run_folder::refuse_other(&settings.out, "checkpoint.safetensors")?;
+    let embedding = fit(&model, settings, notify)?;
+    embedding.write(&mut model.weights);
+    let provenance = &mut model.manifest.provenance;
+    (provenance.steps, provenance.seed) = (settings.steps, settings.seed);
+    run_folder::write(&out, &model_bytes(&model.manifest, &model.weights)?)?;
+    Ok(out)
+}
+
+fn fit(
+    model: &Model,
+    settings: &TrainSettings,
+    notify: &mut dyn FnMut(TrainEvent),
+) -> Result<PointEmbedding, TrainError> {
+    let manifest = &model.manifest;
+    let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
+    let source = ScanSource {
+        dataset: check::training_split(settings)?,
+        classes: names,
+        takes_synthetic_unknown: false,
+        input: manifest.network.input,
+    };
+    check::points(&source, settings)?;
+    let mut backbone = Backbone::new(manifest, &model.weights)?;
+    let mut embedding = PointEmbedding::new(manifest.network.feature_channels(), settings.seed);
+    let mut adam = Adam::new(embedding.mlp.parameters.len());
+    let schedule = Schedule::new(settings.learning_rate, settings.steps);
+    let mut log = Log::open(settings, false)?;
+    for step in 0..settings.steps {
+        let clock = Instant::now();
+        let mut random = Random::new(settings.seed, &[0x0515, step]);
+        let scan = source.scan(random.below(source.count()))?;
+        backbone.run(&scan.points);
+        let (cells, rows) = backbone.last_rows()?;
+        let features = FrameFeatures::new(manifest, &cells, &rows);
+        let (input, owner, instances) = sample(&scan, &features, &mut random);
+        let held_out = (0..instances).map(|_| random.uniform(0.0, 1.0) < HELD_OUT);
+        let held_out: Vec<bool> = held_out.collect();
+        let (loss, gradient) = embedding.step(input, &owner, &held_out);
+        if !loss.is_finite() {
+            return Err(TrainError::diverged(step, loss));
+        }
+        let (rate, momentum) = schedule.at(step);
+        let parameters = &mut embedding.mlp.parameters;
+        let mut progress = Progress {
+            step: step + 1,
+            loss,
+            gradient_norm: adam.step(parameters, &gradient, (rate, momentum)),
+            rate,
+            ..Progress::default()
+        };
+        progress.losses.metric = loss;
+        progress.timing_ms.forward = 1e3 * clock.elapsed().as_secs_f64();
+        if let Some(line) = log.add(progress)? {
+            notify(TrainEvent::Progress(&line));
+        }
+    }
+    Ok(embedding)
+}
+
+/// Features of some points of every known object and of the background, their owners, and how many objects there are. Points
+/// of other labelled objects are left out.
+fn sample(
+    scan: &LabelledScan,
+    features: &FrameFeatures,
+    random: &mut Random,
+) -> (Vec<f32>, Vec<Option<usize>>, usize) {
+    let tests: Vec<InBox> = scan.objects.iter().map(|o| InBox::new(&o.bounds)).collect();
+    let mut of_object: Vec<Vec<usize>> = vec![vec![]; tests.len()];
+    let mut background = vec![];
+    for (i, point) in scan.points.iter().enumerate() {
+        match tests.iter().position(|test| test.contains(point)) {
+            Some(object) => of_object[object].push(i),
+            None => background.push(i),
+        }
+    }
+    let (mut input, mut owner, mut instances) = (vec![], vec![], 0);
+    let mut take = |from: &[usize], count: usize, of: Option<usize>| -> usize {
+        let mut shuffled: Vec<u32> = (0..from.len() as u32).collect();
+        random.shuffle(&mut shuffled);
+        let before = owner.len();
+        for i in shuffled.into_iter().take(count) {
+            let [x, y, z, _] = scan.points[from[i as usize]];
+            if features.append([x, y, z], &mut input) {
+                owner.push(of);
+            }
+        }
+        owner.len() - before
+    };
+    let objects = scan.objects.iter().zip(of_object);
+    for (_, points) in objects.filter(|(o, _)| o.trained_class().is_some()) {
+        if take(&points, INSTANCE_POINTS, Some(instances)) > 0 {
+            instances += 1;
+        }
+    }
+    take(&background, BACKGROUND_POINTS, None);
+    (input, owner, instances)
+}
