@@ -31,7 +31,7 @@ extern "C" {
 #endif
 
 /* Of the contract that this header describes; mluc_wire_version() tells the library's. */
-#define MLUC_WIRE_VERSION 4u
+#define MLUC_WIRE_VERSION 5u
 
 /* What a call returns; negative ones are errors, and mluc_last_error() says more. */
 enum {
@@ -100,7 +100,8 @@ enum {
     MLUC_OVERSIZED = 4,
     MLUC_INVALID_BOX = 5,
     MLUC_UNCONFIRMED = 6,
-    MLUC_UNDERSIZED = 7
+    MLUC_UNDERSIZED = 7,
+    MLUC_LOW_SCORE = 8
 };
 
 /* Bits of an object's flags. */

@@ -16,12 +16,12 @@ from types import SimpleNamespace
 import iceoryx2 as iox
 import numpy as np
 
-WIRE_VERSION, REFINER, NONE = 4, 3, 2**32 - 1
+WIRE_VERSION, REFINER, NONE = 5, 3, 2**32 - 1
 POINTS_MAX, OBJECT_POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 262_144, 131_072, 512, 100_000_000, 1_000_000_000
 THINNED = 4  # a bit of an object's flags
 # Bits of a header's flags.
 DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, LIMIT_OBJECT_POINTS = 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 13
-PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED, UNDERSIZED = range(8)
+PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED, UNDERSIZED, LOW_SCORE = range(9)
 STATES, STATUS_AGE_MAX_NS = ("starting", "running", "degraded", "blind", "late", "stopped"), 2_000_000_000
 STARTING, WAITING_INPUT, RUNNING, BAD, FAILED, STOPPING = range(6)
 
@@ -46,7 +46,7 @@ Object = struct("Object", """kind:u disposition:u suppressed_by:u class_id:u sco
     footprint_count:u footprint_m:32f""")
 Health = struct("Health", """wire_version:u stage:u state:u pid:u run_id:U frames_in:U frames_out:U frames_dropped:U
     messages_refused:U run_p50_us:u run_p99_us:u run_max_us:u bytes_written:u bytes_read:U mappings_verified:U
-    candidates:11U reason:192b""")
+    candidates:12U reason:192b""")
 RunDescription = struct("RunDescription", """wire_version:u classes_count:u run_id:U started_ns:U model_fingerprint:U
     base_from_sensor:6d sensor_height_m:f objectness_min:f gate:u gate_threshold:f model_name:64b sensor_name:64b
     class_names:256b known_score:96b unknown_score:96b""")
@@ -292,8 +292,8 @@ class Refiner:
     def count(self, unknown):
         """Health tells what became of the candidates: by disposition, then by flag."""
         counts = np.ctypeslib.as_array(self.health.candidates)
-        counts[:8] += np.bincount(unknown["disposition"], minlength=8)[:8].astype(np.uint64)
-        counts[8:] += (unknown["flags"][:, None] >> np.arange(3) & 1).sum(0).astype(np.uint64)
+        counts[:9] += np.bincount(unknown["disposition"], minlength=9)[:9].astype(np.uint64)
+        counts[9:] += (unknown["flags"][:, None] >> np.arange(3) & 1).sum(0).astype(np.uint64)
 
     def thin(self, header, objects, indices):
         """Every second point of each object, or fewer, where all of them are more than the topic takes."""

@@ -130,7 +130,7 @@ pub struct Health {
     pub reason: [u8; REASON_MAX],
 }
 
-const _: () = assert!(size_of::<Health>() == 176 + REASON_MAX);
+const _: () = assert!(size_of::<Health>() == 184 + REASON_MAX);
 
 impl Health {
     /// Checks a heartbeat: version, stage, state, process, and counts and times that can be.

@@ -40,11 +40,13 @@ pub enum Disposition {
     Unconfirmed = 6,
     /// Smaller than any road user.
     Undersized = 7,
+    /// Its score is below what the operating profile publishes.
+    LowScore = 8,
 }
 
 impl Disposition {
     /// The words in the JSON lines and the contract, by number.
-    pub const NAMES: [&str; 8] = [
+    pub const NAMES: [&str; 9] = [
         "published",
         "overlaps_known",
         "overlaps_unknown",
@@ -53,6 +55,7 @@ impl Disposition {
         "invalid_box",
         "unconfirmed",
         "undersized",
+        "low_score",
     ];
 }
 
@@ -286,7 +289,7 @@ mod tests {
         assert_eq!(flat, "");
         let changes: [Change; 19] = [
             (|o| o.kind = 2, "kind of an object: 2 is"),
-            (|o| o.disposition = 8, "disposition of an object: 8 is"),
+            (|o| o.disposition = 9, "disposition of an object: 9 is"),
             (|o| o.gate = 4, "gate of an object: 4 is"),
             (|o| o.class_id = 3, "class: index 3 outside of 3"),
             (|o| o.suppressed_by = 1, "suppressing object: index 1"),

@@ -20,7 +20,9 @@ pub use error::ModelError;
 pub use file::{Model, model_bytes};
 pub use fold::{BATCH_NORM_EPS, Folded};
 pub use formula::{formula_uniform, formula_weights};
-pub use manifest::{AnchorClass, Beams, Manifest, Provenance, Takes, Thresholds};
+pub use manifest::{
+    AnchorClass, Beams, Manifest, Profiles, Provenance, ScoreMin, Takes, Thresholds,
+};
 pub use network::{
     DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, VoxelInput, calibrated_layers,
 };

@@ -42,10 +42,40 @@ pub struct Thresholds {
     /// without a class go below it. 0: none is.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub unknown_min: f32,
+    /// What the operating profiles publish; absent in a model for which nobody chose it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub profiles: Option<Profiles>,
+}
+
+/// Objects below these scores are not published. By default all are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScoreMin {
+    /// Of known objects.
+    pub known: f32,
+    /// Of unknown objects, on the scale of the refiner that the model was judged with.
+    pub unknown: f32,
+}
+
+/// The scores of each operating profile but `all`, which publishes everything.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Profiles {
+    /// Few false objects.
+    pub quiet: ScoreMin,
+    /// The default.
+    pub balanced: ScoreMin,
 }
 
 fn is_zero(value: &f32) -> bool {
     *value == 0.0
+}
+
+impl Profiles {
+    /// Each with its name.
+    pub fn named(&self) -> [(&'static str, ScoreMin); 2] {
+        [("quiet", self.quiet), ("balanced", self.balanced)]
+    }
 }
 
 /// The sensor's beams, for range images.
@@ -90,6 +120,9 @@ pub struct Provenance {
     pub metrics: std::collections::BTreeMap<String, f64>,
     /// How the gate's threshold was chosen: split and rule.
     pub threshold_choice: String,
+    /// How the scores of the profiles were chosen; empty in a model without them.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub profile_choice: String,
     /// How the ranges of int8 were chosen: frames and rule; empty in a model without them.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub calibration: String,

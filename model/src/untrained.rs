@@ -76,6 +76,7 @@ impl Manifest {
                 eds_normalised_max: 0.0,
                 softmax_min: 0.0,
                 unknown_min: 0.0,
+                profiles: None,
             },
             beams: Beams::default(),
             takes: None,

@@ -4,7 +4,7 @@
 use std::fmt::Display;
 
 use crate::error::{ModelError, Result};
-use crate::manifest::{AnchorClass, Manifest, Takes, Thresholds};
+use crate::manifest::{AnchorClass, Manifest, Profiles, Takes, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
 /// Voxels of the grid: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
@@ -140,7 +140,13 @@ impl Thresholds {
             ("softmax_min", self.softmax_min, 0.0, 1.0),
             ("unknown_min", self.unknown_min, 0.0, 1.0),
         ];
-        bounds("thresholds.", &values)
+        bounds("thresholds.", &values)?;
+        for (name, least) in self.profiles.iter().flat_map(Profiles::named) {
+            let values = [("known", least.known), ("unknown", least.unknown)];
+            let values = values.map(|(kind, score)| (kind, score, 0.0, 1.0));
+            bounds(&format!("thresholds.profiles.{name}."), &values)?;
+        }
+        Ok(())
     }
 }
 

@@ -30,10 +30,14 @@ const RINGS: [(usize, &str); 6] = [
     (usize::MAX, "9 on"),
 ];
 
+/// The distance of a box in the plane, m: upright boxes keep the camera's place, a hand's breadth from the sensor's.
+pub(crate) fn range_m(upright: &Box3) -> f64 {
+    upright.center_m[0].hypot(upright.center_m[1])
+}
+
 /// The range that a box in the camera's axes, made upright, lies in: its number.
 pub(crate) fn range_bin(upright: &Box3) -> usize {
-    // Upright boxes keep the camera's place, a hand's breadth from the sensor's.
-    let range_m = upright.center_m[0].hypot(upright.center_m[1]);
+    let range_m = range_m(upright);
     RANGES_M
         .iter()
         .position(|(end, _)| range_m < *end)

@@ -7,14 +7,14 @@
 //! A [`LabelledFrame`] holds what was labelled and what was found, both in the camera frame. A [`ClassRule`] says which
 //! labels count, which are ignored and how much overlap is asked for. Both give a curve of precision over recall,
 //! from which AP at 11 positions, at 40 positions and over all points follow; [`evaluate`] does so for every class,
-//! metric and difficulty, [`Breakdown`] by range and by the sensor's rings on the object; [`JudgedPoint`] for a threshold of the gate. [`Confusion`] says what the unknown is confused with.
+//! metric and difficulty, [`Breakdown`] by range and by the sensor's rings on the object; [`JudgedPoint`] for a threshold of the gate. [`Operating`] says
+//! what a robot gets at a score.
 //!
 //! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
 //! [`JudgedFrames`] keeps the parts, a [`JudgedPoint`] judges halves of the data beside the whole, [`honest`] chooses on one half
 //! and reports on the other, [`JudgedFrames::bootstrap`] draws frames anew to say how far a figure can be trusted.
 
 mod breakdown;
-mod confusion;
 mod curve;
 mod difficulty;
 mod error;
@@ -22,6 +22,7 @@ mod frame;
 pub mod input;
 mod matching;
 mod open_set;
+mod operating;
 pub mod pipeline;
 mod report;
 mod rings;
@@ -31,7 +32,6 @@ mod sweep;
 mod tests;
 
 pub use breakdown::Breakdown;
-pub use confusion::Confusion;
 pub use curve::{AveragePrecision, harmonic_mean};
 pub use difficulty::Difficulty;
 pub(crate) use difficulty::Metric;
@@ -39,6 +39,7 @@ pub use error::{EvaluateError, Result};
 pub use frame::{FrameTruth, LabelledFrame, SensorDetection};
 pub use mluc_ipc_types::ObjectKind;
 pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
+pub use operating::{Operating, OperatingPoint};
 pub use report::{ApEntry, ApReport, ClassReport, evaluate};
 pub use rings::FrameRings;
 pub use rule::{

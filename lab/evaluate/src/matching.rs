@@ -120,7 +120,7 @@ fn prepare(
     (truths, candidates)
 }
 
-fn in_dont_care(frame: &LabelledFrame, image_box_px: &[f64; 4], share_max: f64) -> bool {
+pub(crate) fn in_dont_care(frame: &LabelledFrame, image_box_px: &[f64; 4], share_max: f64) -> bool {
     let mut regions = frame.labels.iter().filter(|l| l.is_dont_care());
     regions.any(|r| overlap_of_first_2d(image_box_px, &r.image_box_px) > share_max)
 }

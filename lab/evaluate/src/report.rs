@@ -2,12 +2,9 @@
 
 use crate::curve::Curve;
 use crate::matching::match_frames;
-use crate::{
-    AveragePrecision, ClassRule, Confusion, Difficulty, LabelledFrame, Metric, ObjectKind,
-};
+use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
 
 /// Figures of one class at one metric and difficulty.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -51,8 +48,6 @@ impl ClassReport {
 pub struct ApReport {
     /// In the order of the rules.
     pub classes: Vec<ClassReport>,
-    /// What the unknown is confused with, where an unknown group was asked for.
-    pub confusion: Option<Confusion>,
 }
 
 impl ApReport {
@@ -84,16 +79,14 @@ pub fn evaluate(frames: &[LabelledFrame], rules: &[ClassRule]) -> ApReport {
         rule: rule.clone(),
         entries: Metric::ALL.map(|metric| Difficulty::ALL.map(|d| entry(rule, metric, d))),
     });
-    let unknown = rules.iter().find(|rule| rule.kind == ObjectKind::Unknown);
     ApReport {
         classes: classes.collect(),
-        confusion: unknown.map(|rule| Confusion::of(frames, rule)),
     }
 }
 
 impl ApReport {
     /// `{"car/3d/moderate": {"ap_r11": .., "ap_r40": .., "ap_all": ..}, ..}`, with the open-set figures at the top
-    /// level where there are any, in percent; `unknown_confusion` holds counts.
+    /// level where there are any, in percent.
     pub fn to_json(&self) -> Value {
         let mut object = Map::new();
         for class in &self.classes {
@@ -113,13 +106,6 @@ impl ApReport {
             object.insert(format!("recall_unknown{end}"), json!(recall));
             object.insert(format!("ap_unknown{end}"), json!(unknown));
             object.insert(format!("map_harm{end}"), json!(harm));
-        }
-        if let Some(confusion) = &self.confusion {
-            let rows = json!({
-                "labels_found_as": confusion.labels_found_as,
-                "detections_lie_on": confusion.detections_lie_on,
-            });
-            object.insert("unknown_confusion".to_owned(), rows);
         }
         Value::Object(object)
     }
@@ -175,25 +161,6 @@ impl ApReport {
                 "  {name:<26} {known:>9.2}  {recall:>14.2}  {unknown:>10.2}  {harm:>13.2}\n"
             );
         }
-        if let Some(confusion) = &self.confusion {
-            for (what, row) in [
-                ("unknown labels, found as", &confusion.labels_found_as),
-                ("best unknown detections, on", &confusion.detections_lie_on),
-            ] {
-                text += &format!("  {what:<28} {}\n", counts(row));
-            }
-        }
         text
     }
-}
-
-/// `58 unknown, 11 car, 2 nothing`: most first; `none` of an empty row.
-fn counts(row: &BTreeMap<String, usize>) -> String {
-    if row.is_empty() {
-        return "none".to_owned();
-    }
-    let mut row: Vec<(&String, &usize)> = row.iter().collect();
-    row.sort_by_key(|(_, count)| std::cmp::Reverse(**count));
-    let row = row.iter().map(|(class, count)| format!("{count} {class}"));
-    row.collect::<Vec<_>>().join(", ")
 }

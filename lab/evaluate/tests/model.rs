@@ -3,13 +3,14 @@
 use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_threshold, class_names,
-    detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_threshold,
+    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, choose_threshold,
+    class_names, detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_profiles,
+    write_threshold,
 };
 use mluc_evaluate::{NeighbourPolicy, ObjectKind, SensorDetection, SweepPoint, best_index};
 use mluc_geometry::Box3;
 use mluc_head::Detection;
-use mluc_model::Model;
+use mluc_model::{Model, ScoreMin};
 use mluc_refiner::Settings;
 use mluc_simulate::{ExportOptions, Family, Split, export};
 use mluc_tests::untrained_udi;
@@ -213,6 +214,33 @@ fn the_sweep_begins_with_the_closed_set_and_finds_the_gap() {
     let fault = write_threshold(path, model, &choice).expect_err("changed");
     let expected = "expected the file that was judged";
     assert!(fault.to_string().contains(expected), "{fault}");
+}
+
+#[test]
+fn scores_of_profiles_keep_false_objects_below_their_limits() {
+    let mut fixture = Fixture::new(12);
+    // In each frame one known object on no label: more than any profile allows.
+    for frame in &mut fixture.frames {
+        let aside = Box3::new([0.0, 65.0, 0.0, 4.0, 1.6, 1.5, 0.0]);
+        frame.detections.push(detection(&aside, 0, 0.25, 3.0));
+    }
+    let (model, set, path) = (&fixture.model, &fixture.set, &fixture.path);
+    let (rules, settings) = (fixture.judge(model).rules, Settings::default());
+    let chosen = choose_profiles(model, set, &fixture.frames, &rules, &settings).expect("scores");
+    for (_, least) in chosen.named() {
+        let expected = ScoreMin {
+            known: 0.25f32.next_up(),
+            unknown: 0.0,
+        };
+        assert_eq!(least, expected);
+    }
+    write_profiles(path, model, chosen, "twelve scans").expect("written");
+    let written = Model::read(path).expect("a model").manifest;
+    assert_eq!(written.thresholds.profiles, Some(chosen));
+    let reason = &written.provenance.profile_choice;
+    assert!(reason.ends_with("data: twelve scans"), "{reason}");
+    let fault = write_profiles(path, model, chosen, "").expect_err("changed");
+    assert!(fault.to_string().contains("that was judged"), "{fault}");
 }
 
 #[test]

@@ -217,8 +217,7 @@ impl Run {
             batch: settings.batch as u32,
             commit: settings.commit.clone(),
             metrics: self.manifest.provenance.metrics.clone(),
-            threshold_choice: String::new(),
-            calibration: String::new(),
+            ..Provenance::default()
         };
         let mut weights = export::weights(chain, state);
         if let Some(scorer) = &self.cluster_scorer {

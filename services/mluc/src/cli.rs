@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use crate::commands::loopback;
 use crate::external::ExternalArgs;
-use crate::settings::{DEFAULT_MODEL, Pace};
+use crate::settings::{DEFAULT_MODEL, Pace, Profile};
 
 /// Known and unknown objects in LiDAR scans.
 #[derive(Debug, Parser)]
@@ -150,6 +150,15 @@ pub(crate) struct PipelineArgs {
     /// a box is a candidate unknown, instead of the model's (0: no unknowns). Lower finds more, true and false.
     #[arg(long)]
     pub(crate) unknown_min: Option<f64>,
+    /// What is published; the rest stays in the lines as `low_score` [default: balanced].
+    #[arg(long, value_enum)]
+    pub(crate) profile: Option<Profile>,
+    /// Known objects below this score are not published [default: the profile's].
+    #[arg(long)]
+    pub(crate) min_score: Option<f64>,
+    /// Unknown objects below this score are not published [default: the profile's].
+    #[arg(long)]
+    pub(crate) min_unknown_score: Option<f64>,
     /// How the refiner clusters.
     #[arg(long, value_parser = Variant::ALL.map(Variant::name))]
     #[serde(skip)]
@@ -227,7 +236,7 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
 }
 
 /// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
-const TAKEN_BY: [(&str, &[Stage]); 18] = [
+const TAKEN_BY: [(&str, &[Stage]); 21] = [
     ("input", &[Stage::Ingest]),
     ("columns", &[Stage::Ingest]),
     ("scale", &[Stage::Ingest]),
@@ -241,6 +250,9 @@ const TAKEN_BY: [(&str, &[Stage]); 18] = [
     ("seconds", &[Stage::Ingest]),
     ("lambda", &[Stage::Head, Stage::Refiner]),
     ("unknown_min", &[Stage::Head, Stage::Refiner]),
+    ("profile", &[Stage::Refiner]),
+    ("min_score", &[Stage::Refiner]),
+    ("min_unknown_score", &[Stage::Refiner]),
     ("refiner_mode", &[Stage::Refiner]),
     ("track", &[Stage::Refiner]),
     ("precision", &[Stage::Backbone]),

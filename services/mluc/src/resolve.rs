@@ -300,12 +300,15 @@ mod tests {
     fn what_is_printed_resolves_to_the_same() {
         let words = "--input=a/b --model=udi --pace=complete --rate=5 --loop --seconds=9 --instance=x --lambda=1.25 \
             --verify-mapping --track --threads=ingest=3 --without=refiner --budget-ms=70 --precision=bf16 \
-            --refiner-mode=paper";
+            --refiner-mode=paper --profile=quiet --min-unknown-score=0.25";
         let mut first = resolved(&words.split_whitespace().collect::<Vec<_>>());
         first.load_model().unwrap();
         let text = first.print().unwrap();
         let (_folder, file) = config(&text);
-        assert_eq!(resolved(&[&file]).settings, first.settings, "{text}");
+        let mut again = resolved(&[&file]);
+        again.load_model().unwrap();
+        assert_eq!(again.settings, first.settings, "{text}");
+        assert_eq!(again.settings.refiner.score_min.unknown, 0.25);
 
         let mut plain = resolved(&[]);
         plain.load_model().unwrap();
@@ -313,6 +316,8 @@ mod tests {
         for (text, key, origin) in [
             (&text, "lambda = 1.25", "# flag"),
             (&text, "seconds = 9", "# flag"),
+            (&text, "min_unknown_score = 0.25", "# flag"),
+            (&plain, "profile = \"balanced\"", "# default"),
             (&plain, "unknown_min = ", "# model"),
             (&plain, "# seconds", "# not set"),
         ] {

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
-use mluc_model::{HeadKind, Model, SensorProfile};
-use mluc_refiner::{RobotSettings, Settings as RefinerSettings, TrackSettings};
+use mluc_model::{HeadKind, Model, ScoreMin, SensorProfile};
+use mluc_refiner::{RobotSettings, Settings as RefinerSettings, TrackSettings, Variant};
 use mluc_runtime::Instance;
 use mluc_sources::files::Layout;
 use serde::{Deserialize, Serialize};
@@ -35,6 +35,32 @@ pub enum Pace {
     Sensor,
     /// When the last one's objects are out; nothing is dropped.
     Complete,
+}
+
+/// What is published: the model's manifest has the scores of each, chosen on validation scans.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub enum Profile {
+    /// Few false objects, known or unknown.
+    Quiet,
+    /// Some false objects.
+    #[default]
+    Balanced,
+    /// Everything.
+    All,
+}
+
+impl Profile {
+    /// The model's scores; `None`: it has none for this profile and this way of scoring unknown objects.
+    pub(crate) fn score_min(self, model: &Model, variant: Variant) -> Option<ScoreMin> {
+        let profiles = model.manifest.thresholds.profiles.as_ref();
+        let profiles = profiles.filter(|_| variant == Variant::default());
+        match self {
+            Profile::Quiet => profiles.map(|profiles| profiles.quiet),
+            Profile::Balanced => profiles.map(|profiles| profiles.balanced),
+            Profile::All => Some(ScoreMin::default()),
+        }
+    }
 }
 
 /// What becomes of a run when a stage dies again and again without a frame.
@@ -65,6 +91,12 @@ pub struct Settings {
     pub lambda: Option<f64>,
     /// Probability of being unknown from which a box is a candidate, for a model with such a logit.
     pub unknown_min: Option<f64>,
+    /// What is published.
+    pub profile: Profile,
+    /// Known objects below this score are not published; unset: the profile's.
+    pub min_score: Option<f64>,
+    /// The same of unknown objects.
+    pub min_unknown_score: Option<f64>,
     /// When the next frame enters.
     pub pace: Pace,
     /// Frames a second at pace `sensor`; unset: the stamps beside the scans, else 10.
@@ -111,6 +143,9 @@ impl Default for Settings {
             model: DEFAULT_MODEL.to_string(),
             lambda: None,
             unknown_min: None,
+            profile: Profile::default(),
+            min_score: None,
+            min_unknown_score: None,
             pace: Pace::default(),
             rate_hz: None,
             repeat: false,
@@ -249,8 +284,8 @@ impl Settings {
         *calibration = calibration.take().map(absolute);
     }
 
-    /// The gate's threshold where none was given: the model's.
-    pub(crate) fn complete_from(&mut self, model: &Model) {
+    /// The gate's threshold and the scores of the profile where none were given: the model's. False: it has no such scores.
+    pub(crate) fn complete_from(&mut self, model: &Model) -> bool {
         let thresholds = &model.manifest.thresholds;
         let (threshold, default) = match model.manifest.network.head {
             HeadKind::Open => (&mut self.unknown_min, thresholds.unknown_min),
@@ -258,6 +293,13 @@ impl Settings {
         };
         // Through its text: the nearest f64 of an f32 has digits that nobody wrote.
         threshold.get_or_insert(default.to_string().parse().unwrap_or(f64::from(default)));
+        let scores = self.profile.score_min(model, self.refiner.variant);
+        let ScoreMin { known, unknown } = scores.unwrap_or_default();
+        self.refiner.score_min = ScoreMin {
+            known: self.min_score.map_or(known, |score| score as f32),
+            unknown: self.min_unknown_score.map_or(unknown, |score| score as f32),
+        };
+        scores.is_some() || self.min_score.and(self.min_unknown_score).is_some()
     }
 
     pub(crate) fn check(&self) -> Result<(), UsageError> {
@@ -267,6 +309,8 @@ impl Settings {
             ("seconds", self.seconds, 0.001, 1e7),
             ("lambda", self.lambda, 0.0, 100.0),
             ("unknown_min", self.unknown_min, 0.0, 1.0),
+            ("min_score", self.min_score, 0.0, 1.0),
+            ("min_unknown_score", self.min_unknown_score, 0.0, 1e6),
             ("budget_ms", budget_ms, 0.0, 600_000.0),
             ("restart_limit", Some(self.restart_limit.into()), 1.0, 1e6),
         ];

@@ -6,10 +6,13 @@
 //!    times that of its cluster (how likely it is something that drives or walks). What is of no road user's size is
 //!    multiplied by 0.05 instead, and says so by a flag: it stays, behind all others.
 //! 4. **Disposition**: what the robot's owner allows it to drive over is `undersized`; then known objects and better
-//!    unknown ones suppress what they cover ([`crate::merge`]). Everything else is published.
+//!    unknown ones suppress what they cover ([`crate::merge`]).
+//! 5. **Profile**: what is left, known or unknown, is `low_score` below the scores of the operating profile. Everything else
+//!    is published.
 
 use mluc_geometry::Box3;
-use mluc_ipc_types::{Detection, Disposition, Object};
+use mluc_ipc_types::{Detection, Disposition, Object, ObjectKind};
+use mluc_model::ScoreMin;
 
 use crate::clusters::Measures;
 use crate::proposal::Proposal;
@@ -96,6 +99,19 @@ impl UnknownScorer {
     pub(crate) fn score_unrefined(&self, proposal: &mut Proposal) {
         if self.cluster.is_some() {
             proposal.score *= UNLIKELY;
+        }
+    }
+}
+
+/// What would be published is `low_score` below the profile's scores. What it has suppressed stays suppressed.
+pub(crate) fn leave_out_low_scores(proposals: &mut [Proposal], score_min: ScoreMin) {
+    for proposal in proposals {
+        let least = match proposal.kind {
+            ObjectKind::Known => score_min.known,
+            ObjectKind::Unknown => score_min.unknown,
+        };
+        if proposal.disposition == Disposition::Published && proposal.score < least {
+            proposal.disposition = Disposition::LowScore;
         }
     }
 }

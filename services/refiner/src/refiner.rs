@@ -7,7 +7,7 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 
 use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
-use crate::decide::UnknownScorer;
+use crate::decide::{UnknownScorer, leave_out_low_scores};
 use crate::frame::FrameIndex;
 use crate::merge::{KNOWN_MARGIN_M, KNOWN_SCORE_MIN, best_first, merge};
 use crate::output::{Counters, RefinerOutput};
@@ -94,7 +94,7 @@ impl Refiner {
     }
 
     /// Proposals of the head's gate, ground, clusters of the scan, proposals matched to clusters, box, score, disposition,
-    /// merge (paper section 3.3).
+    /// merge (paper section 3.3), the profile's scores.
     ///
     /// As [`Refiner::refine`], for a caller with a clock: before the scan is clustered, and before each candidate, the
     /// best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal
@@ -164,6 +164,7 @@ impl Refiner {
             }
         }
         merge(proposals, task.points, scan, variant, &mut self.order);
+        leave_out_low_scores(proposals, self.settings.score_min);
         self.write_out(detections, out);
     }
 

@@ -4,6 +4,7 @@
 
 use std::fmt::Display;
 
+use mluc_model::ScoreMin;
 use serde::{Deserialize, Serialize};
 
 use crate::Sensor;
@@ -109,6 +110,9 @@ pub struct Settings {
     /// What the robot may drive over; in a file `[robot]`, a table of its own.
     #[serde(skip)]
     pub robot: RobotSettings,
+    /// What is published; in no file: the program has it from its operating profile.
+    #[serde(skip)]
+    pub score_min: ScoreMin,
     /// What a study turns; in no file.
     #[serde(skip)]
     pub study: Study,
@@ -149,6 +153,7 @@ impl Default for Settings {
             join_per_range: 0.0175,
             join_max_m: 1.2,
             robot: RobotSettings::default(),
+            score_min: ScoreMin::default(),
             study: Study::default(),
         }
     }

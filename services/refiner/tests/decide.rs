@@ -2,10 +2,10 @@
 
 mod common;
 
-use common::{assert_sound, candidate, is, scan, sensor, standing};
+use common::{assert_sound, candidate, is, known, scan, sensor, standing};
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, Object};
-use mluc_model::{CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS};
+use mluc_model::{CLUSTER_SCORER_VALUES, CLUSTER_SCORER_WIDTHS, ScoreMin};
 use mluc_refiner::clusters::Measures;
 use mluc_refiner::{
     ClusterScorer, Refiner, RefinerOutput, RobotSettings, Sensor, Settings, Study, Variant,
@@ -182,4 +182,31 @@ fn an_open_heads_probability_ranks() {
     for (object, expected) in out.objects.iter().zip([0.54, 0.18, 0.0, 0.015, 0.0]) {
         assert!((object.score - expected).abs() < 1e-6, "{object:?}");
     }
+}
+
+#[test]
+fn what_is_below_the_profiles_scores_is_not_published() {
+    let mut detections = candidates().to_vec();
+    for (detection, p) in detections.iter_mut().zip([0.9, 0.3, 0.9, 0.9, 0.9]) {
+        detection.unknown_probability = p;
+    }
+    for (x_m, score) in [(20.0, 0.4), (30.0, 0.5)] {
+        let car = standing(x_m, 0.0, [4.0, 1.7, 1.5], 0.0);
+        detections.push(known(&car, 0, score));
+    }
+    let settings = Settings {
+        score_min: ScoreMin {
+            known: 0.5,
+            unknown: 0.3,
+        },
+        ..Settings::default()
+    };
+    let out = refined(
+        Refiner::new(settings, &open()).expect("settings"),
+        &detections,
+    );
+    let low = out.objects.iter().map(|o| is(o, Disposition::LowScore));
+    assert!(low.eq([false, true, true, true, true, true, false]));
+    let published = out.objects.iter().filter(|o| o.is_published());
+    assert_eq!(published.count(), 2);
 }

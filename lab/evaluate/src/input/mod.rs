@@ -35,6 +35,8 @@ pub struct Source {
 pub struct Input {
     /// By source, then by name.
     pub frames: Vec<LabelledFrame>,
+    /// How many each source has.
+    pub counts: Vec<usize>,
     /// What a person should know before believing the figures.
     pub warnings: Vec<String>,
 }
@@ -84,6 +86,7 @@ pub fn read(sources: &[Source], image: Option<ImageSize>) -> Result<Input> {
         };
         let warnings = compare_names(source, &labelled, &detected)?;
         input.warnings.extend(warnings);
+        input.counts.push(labelled.len());
         for name in &labelled {
             let frame = frame(source, lines.as_ref(), name, image)?;
             input.frames.push(frame);

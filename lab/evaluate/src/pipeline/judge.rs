@@ -6,10 +6,10 @@ use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects
 use crate::open_set::unknown_as_known;
 use crate::{
     ApReport, Breakdown, ClassReport, ClassRule, EvaluateError, FrameRings, JudgedPoint,
-    NeighbourPolicy, Result, SweepPoint, best_index, evaluate,
+    NeighbourPolicy, ObjectKind, Operating, Result, SweepPoint, best_index, evaluate,
 };
 use mluc_dataset::whole_file::write_whole;
-use mluc_model::{Model, model_bytes};
+use mluc_model::{Manifest, Model, Profiles, ScoreMin, model_bytes};
 use mluc_refiner::Settings;
 use rayon::prelude::*;
 use std::path::Path;
@@ -157,9 +157,54 @@ pub fn choose_threshold(
     })
 }
 
-/// Puts a choice into the model file that was judged: the threshold, how it was chosen, and the figures. The file is
-/// replaced as a whole or not at all; a file that changed since it was judged is left alone.
+/// The scores of the operating profiles at the model's own threshold: the lowest at which the upper 95 % bound of the objects a scan
+/// on no label is at most 0.1 (unknown) and 0.2 (known) for `quiet`, 0.3 and 0.5 for `balanced`.
+pub fn choose_profiles(
+    model: &Model,
+    set: &FrameSet,
+    frames: &[DetectedFrame],
+    rules: &[ClassRule],
+    settings: &Settings,
+) -> Result<Profiles> {
+    let gate = ModelGate::of(model);
+    let threshold = f64::from(gate.threshold(&model.manifest.thresholds));
+    let objects = objects_at(model, gate, set, frames, settings, vec![threshold], &|| ())?;
+    let judged = Operating::of(&objects.labelled(frames, 0), &[frames.len()], rules);
+    let least = |unknown: f64, known: f64| ScoreMin {
+        known: judged.safe_score_min(ObjectKind::Known, known),
+        unknown: judged.safe_score_min(ObjectKind::Unknown, unknown),
+    };
+    Ok(Profiles {
+        quiet: least(0.1, 0.2),
+        balanced: least(0.3, 0.5),
+    })
+}
+
+/// Puts the scores of the profiles into the model file that was judged, with the data that they were chosen on.
+pub fn write_profiles(path: &Path, judged: &Model, chosen: Profiles, data: &str) -> Result<()> {
+    rewrite(path, judged, |manifest| {
+        manifest.thresholds.profiles = Some(chosen);
+        manifest.provenance.profile_choice = format!(
+            "lowest scores at which the upper 95 % bound (bootstrap) of the objects a scan on no label is at most 0.1 unknown and 0.2 \
+             known (quiet), 0.3 and 0.5 (balanced); data: {data}"
+        );
+    })
+}
+
+/// Puts a choice into the model file that was judged: the threshold, how it was chosen, and the figures. Scores of profiles, which
+/// were chosen at another threshold, go.
 pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<()> {
+    rewrite(path, judged, |manifest| {
+        ModelGate::of(judged).set(&mut manifest.thresholds, choice.threshold as f32);
+        manifest.thresholds.profiles = None;
+        manifest.provenance.profile_choice.clear();
+        manifest.provenance.threshold_choice = choice.reason.clone();
+        manifest.provenance.metrics.extend(choice.metrics.clone());
+    })
+}
+
+/// The file is replaced as a whole or not at all; a file that changed since it was judged is left alone.
+fn rewrite(path: &Path, judged: &Model, change: impl FnOnce(&mut Manifest)) -> Result<()> {
     let mut model = Model::read(path)?;
     if model.fingerprint != judged.fingerprint {
         let (expected, found) = (judged.fingerprint, model.fingerprint);
@@ -168,11 +213,8 @@ pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<(
         );
         return Err(EvaluateError::file(path, what));
     }
-    let manifest = &mut model.manifest;
-    ModelGate::of(judged).set(&mut manifest.thresholds, choice.threshold as f32);
-    manifest.provenance.threshold_choice = choice.reason.clone();
-    manifest.provenance.metrics.extend(choice.metrics.clone());
-    let bytes = model_bytes(manifest, &model.weights)?;
+    change(&mut model.manifest);
+    let bytes = model_bytes(&model.manifest, &model.weights)?;
     write_whole(path, &bytes)
         .map_err(|cause| EvaluateError::file(path, format!("cannot be written: {cause}")))
 }

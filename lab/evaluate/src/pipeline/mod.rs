@@ -2,8 +2,8 @@
 //!
 //! Detections do not depend on the gate's threshold, so [`detect_frames`] runs backbone and head once a frame, [`objects_at`] the
 //! refiner at any thresholds of a [`ModelGate`], and [`judge`] and [`sweep_gate`] say how good the objects are.
-//! [`choose_threshold`] follows the paper's rule (section 4.3); [`write_threshold`] puts the choice into the model file, with how it
-//! was made.
+//! [`choose_threshold`] follows the paper's rule (section 4.3), [`choose_profiles`] a limit of false objects; [`write_threshold`] and
+//! [`write_profiles`] put the choice into the model file, with how it was made.
 
 mod frames;
 mod gate;
@@ -17,7 +17,10 @@ pub use crate::rule::{paper_rules, unknown_classes};
 pub(crate) use frames::finite_points;
 pub use frames::{DetectedFrame, FrameSet, folder_tail, scan_points};
 pub use gate::{ModelGate, THRESHOLDS};
-pub use judge::{Choice, ModelJudgement, choose_threshold, judge, sweep_gate, write_threshold};
+pub use judge::{
+    Choice, ModelJudgement, choose_profiles, choose_threshold, judge, sweep_gate, write_profiles,
+    write_threshold,
+};
 pub use misses::{MissRow, MissTable};
 pub use separation::{ScoreSeparation, separation};
 pub use stages::{GatedObjects, box_of, class_names, detect_frames, objects_at};

@@ -13,8 +13,8 @@ use mluc_dataset::Dataset;
 use mluc_dataset::whole_file::write_whole;
 use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_threshold, class_names,
-    detect_frames, judge, sweep_gate, write_threshold,
+    DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, choose_threshold,
+    class_names, detect_frames, judge, sweep_gate, write_profiles, write_threshold,
 };
 use mluc_model::{Model, SensorProfile, model_bytes};
 use mluc_refiner::{Settings, Variant};
@@ -156,7 +156,8 @@ impl Adaptation<'_> {
         let (trained, path) = (self.run_folder().join("model.safetensors"), self.model());
         let is_done = Model::read(&path).is_ok_and(|model| {
             let from = model.manifest.provenance;
-            !from.calibration.is_empty() && !from.threshold_choice.is_empty()
+            // The last one that is written.
+            !from.profile_choice.is_empty()
         });
         if is_done {
             return Ok(());
@@ -192,7 +193,9 @@ impl Adaptation<'_> {
                 choose_threshold(ModelGate::of(&model), &sweep, &judgement, &data, variant)?;
             write_threshold(&path, &model, &choice)?;
         }
-        Ok(())
+        let (model, rules, settings) = (Model::read(&path)?, &judgement.rules, Settings::default());
+        let chosen = choose_profiles(&model, &set, &frames, rules, &settings)?;
+        Ok(write_profiles(&path, &model, chosen, &set.describe())?)
     }
 
     /// A model's detections on the validation scans, and how good they are. What neither it nor this adaptation knows is unknown.

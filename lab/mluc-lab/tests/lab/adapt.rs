@@ -31,7 +31,7 @@ fn a_model_is_adapted_once_and_goes_on_where_it_was() {
     let classes: Vec<&str> = manifest.classes.iter().map(|c| c.name.as_str()).collect();
     assert_eq!(classes, ["car", "pedestrian", "forklift"]);
     let from = manifest.provenance;
-    assert!(!from.calibration.is_empty() && !from.threshold_choice.is_empty());
+    assert!(!from.calibration.is_empty() && !from.profile_choice.is_empty());
     assert_eq!(from.steps, 9);
 
     // Again: nothing is done twice; what is missing is made again, the same.

@@ -62,11 +62,15 @@ fn line(frame: &str, objects: Vec<Value>) -> String {
 
 /// The words that judge the folders `parts`.
 fn ap(parts: &str, more: &str) -> String {
+    judging("ap", parts, more)
+}
+
+fn judging(what: &str, parts: &str, more: &str) -> String {
     let part = |part| {
         format!("--labels {part}/label_2 --calib {part}/calib --detections {part}/objects.jsonl")
     };
     let parts: Vec<String> = parts.split(' ').map(part).collect();
-    format!("evaluate ap {} {more}", parts.join(" "))
+    format!("evaluate {what} {} {more}", parts.join(" "))
 }
 
 fn figure(report: &Value, key: &str, name: &str) -> f64 {
@@ -91,15 +95,13 @@ fn a_perfect_detector_without_a_camera() {
         assert_eq!(report[name], 100.0, "{name}");
         assert_eq!(report[format!("{name}_all")], 100.0, "{name}");
     }
-    let rows = json!({"labels_found_as": {"unknown": 50}, "detections_lie_on": {"van": 50}});
-    assert_eq!(report["unknown_confusion"], rows);
     // Nobody labelled a cyclist: its AP is 0 and map_known leaves it out.
     assert_eq!(figure(&report, "cyclist/3d/moderate", "ap_all"), 0.0);
 
     let table = folder.run(&ap("a", OPEN_SET.trim_start_matches("--json")));
     let table = text(&table.stdout);
     assert_has(&table, &["car", "pedestrian", "unknown", "harmonic mean"]);
-    assert_has(&table, &["50 frames, 150 detections", "found as", "50 van"]);
+    assert_has(&table, &["50 frames, 150 detections"]);
 
     // The closed set has no open-set figures: its keys are the devkit's nine a class, and AP by range.
     let report = folder.json(&ap("a", "--json"));
@@ -235,6 +237,36 @@ fn json_lines_need_a_calibration_and_folders_do_not() {
 }
 
 #[test]
+fn objects_on_no_label_are_counted_at_each_score() {
+    let folder = Folder::new();
+    folder.scene("a", NO_CAMERA, 2);
+    folder.scene("b", NO_CAMERA, 2);
+    let ghost = Box3::new([30.0, 20.0, -0.9, 4.0, 1.6, 1.5, 0.0]);
+    let mut objects = folder.perfect_objects("a");
+    objects.push(object("unknown", "unknown", 0.5, ghost));
+    let lines = ["000000", "000001"].map(|frame| line(frame, objects.clone()));
+    folder.write(FOUND, lines.concat());
+    let report = folder.json(&judging("operating", "a b", OPEN_SET));
+    let [published, curve] = &report["unknown"].as_array().expect("points")[..] else {
+        panic!("two points: {report}")
+    };
+    for (point, name, no_label) in [(published, "published", 0.5), (curve, "at most 0.3", 0.0)] {
+        assert_eq!(point["name"], name);
+        assert_eq!(point["on_no_label"][0], no_label);
+        assert_eq!(point["the_same_an_hour"][0], no_label * 36_000.0);
+        assert_eq!(point["on_unknown"], json!([1.0, 1.0, 1.0]));
+        assert_eq!(point["recall"][0], 100.0);
+    }
+    // Of two drives one has none.
+    assert_eq!(published["on_no_label"], json!([0.5, 0.0, 1.0]));
+    assert_eq!(report["known"].as_array().map(Vec::len), Some(1));
+    assert_eq!(report["by_range"]["van"]["15-30 m"]["recall"], 100.0);
+    let table = folder.run(&judging("operating", "a b", "--unknown van,truck"));
+    let words = ["4 scans", "at most 0.3", "0.50 [0.00, 1.00]", "truck"];
+    assert_has(&text(&table.stdout), &words);
+}
+
+#[test]
 fn rings_on_objects_are_counted_in_the_scans() {
     let folder = Folder::new();
     folder.scene("a", NO_CAMERA, 1);
@@ -280,8 +312,9 @@ fn a_model_is_judged_and_faults_are_named() {
     assert_eq!(report["separation"].as_array().map(Vec::len), Some(7));
     assert!(report["by_rings"]["car"]["9 on"]["labels"].is_number());
     assert_eq!(text(&folder.read("boxes.jsonl")).lines().count(), 2);
-    let table = folder.run(&model("--refiner none"));
-    assert!(text(&table.stdout).contains("closed set"));
+    let table = folder.run(&model("--refiner range-scaled --write-profiles"));
+    let words = ["closed set", "written: profile quiet"];
+    assert_has(&text(&table.stdout), &words);
 
     for (options, words) in [
         ("--split test", ["ImageSets", "test.txt"]),
@@ -289,6 +322,10 @@ fn a_model_is_judged_and_faults_are_named() {
         (
             "--write-threshold --unknown spaceship",
             ["spaceship", "found none"],
+        ),
+        (
+            "--write-profiles",
+            ["range-scaled", "found paper-corrected"],
         ),
     ] {
         folder.refuses(&model(options), &words);

@@ -15,10 +15,6 @@ use crate::settings::{Pace, Settings};
 use crate::supervisor::{Sink, run};
 use crate::terminal::print_out;
 
-/// Objects below these scores, known and unknown, are not printed or drawn; `mluc up` gives them all.
-const SCORE_MIN: f32 = 0.3;
-const UNKNOWN_SCORE_MIN: f32 = 0.05;
-
 pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
     let scans = BundledScans::write("demo")?;
@@ -88,12 +84,7 @@ fn print<'a>(
     objects: &'a [Object],
     classes: &[String],
 ) -> anyhow::Result<Vec<&'a Object>> {
-    let is_shown = |object: &&Object| {
-        let is_sure = object.score >= SCORE_MIN;
-        let is_sure_unknown = is_unknown(object) && object.score >= UNKNOWN_SCORE_MIN;
-        object.is_published() && (is_sure || is_sure_unknown)
-    };
-    let shown: Vec<&Object> = objects.iter().filter(is_shown).collect();
+    let shown: Vec<&Object> = objects.iter().filter(|o| o.is_published()).collect();
     let (name, points, count) = (header.name(), header.points_in, shown.len());
     let line = format!("frame {name}: {points} points, {count} objects");
     print_out(line)?;

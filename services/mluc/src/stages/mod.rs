@@ -26,7 +26,7 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     if let Some(parent) = args.supervised_by {
         end_with(parent)?;
     }
-    let settings = Resolved::of(args.pipeline, true)?.settings;
+    let mut settings = Resolved::of(args.pipeline, true)?.settings;
     // Before any thread is started: they all inherit it.
     if let Some(cpus) = &settings.stages[stage].cpus {
         pin(cpus)?;
@@ -42,6 +42,7 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     let mut shell = Shell::stage(&settings.instance, stage, shutdown)?;
     shell.verify_mapping = settings.verify_mapping;
     let model = model::load_for(&settings)?;
+    settings.complete_from(&model);
     shell.model = Some(model.fingerprint);
     let done = match stage {
         Stage::Ingest => ingest::run(&mut shell, &settings, &model, args.start_sequence),

@@ -127,7 +127,12 @@ pub(crate) fn run(
     sink: &mut dyn Sink,
 ) -> anyhow::Result<Outcome> {
     let (source, model) = check_before(&settings)?;
-    settings.complete_from(&model);
+    if !settings.complete_from(&model) {
+        let (name, variant) = (&settings.model, settings.refiner.variant.name());
+        tracing::warn!(
+            "model '{name}' has no scores for the operating profiles with the refiner {variant}: it runs as with --profile all"
+        );
+    }
     predecessor::end_orphans(&settings.instance);
     let mut shell = Shell::observer(&settings.instance, Some("pipeline"), shutdown)?;
     if shell.has_dead() {

@@ -1,8 +1,10 @@
 //! `mluc-lab evaluate`: judging detections against labels.
 
 mod ap;
+mod compared;
 mod method;
 mod model;
+mod operating;
 mod report;
 
 use crate::commands::terminal::{at_least_one, print_err};
@@ -23,6 +25,7 @@ pub(crate) struct EvaluateArguments {
 #[derive(Subcommand)]
 enum What {
     Ap(ap::ApArguments),
+    Operating(operating::OperatingArguments),
     Model(model::ModelArguments),
     Method(method::MethodArguments),
 }
@@ -30,6 +33,7 @@ enum What {
 pub(crate) fn run(arguments: EvaluateArguments) -> anyhow::Result<()> {
     match arguments.what {
         What::Ap(arguments) => ap::run(arguments),
+        What::Operating(arguments) => operating::run(arguments),
         What::Model(arguments) => model::run(arguments),
         What::Method(arguments) => method::run(arguments),
     }

@@ -3,13 +3,13 @@
 use super::report::Outcome;
 use super::{Scans, check_unknown, warn_unrecognized};
 use crate::commands::terminal::{counted, one_of, print_out};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::Args;
 use mluc_backbone::Precision;
 use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, choose_threshold, class_names, detect_frames, judge,
-    sweep_gate, unknown_classes, write_threshold,
+    DetectedFrame, FrameSet, ModelGate, choose_profiles, choose_threshold, class_names,
+    detect_frames, judge, sweep_gate, unknown_classes, write_profiles, write_threshold,
 };
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
@@ -47,9 +47,14 @@ pub(super) struct ModelArguments {
     /// set's mAP.
     #[arg(long)]
     sweep: bool,
-    /// Write the best threshold into the model file, with how it was chosen (implies --sweep).
+    /// Write the best threshold into the model file, with how it was chosen (implies --sweep, and --write-profiles where --refiner is
+    /// range-scaled).
     #[arg(long)]
     write_threshold: bool,
+    /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects a scan on
+    /// no label is at most 0.1 unknown and 0.2 known (quiet), 0.3 and 0.5 (balanced). Needs --refiner range-scaled, as a run has it.
+    #[arg(long)]
+    write_profiles: bool,
     /// Write the kept boxes with every score, one JSON line a frame.
     #[arg(long, value_name = "FILE.jsonl")]
     boxes: Option<PathBuf>,
@@ -61,6 +66,13 @@ pub(super) struct ModelArguments {
 pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let scans = &arguments.scans;
     let model = Model::read(&scans.model)?;
+    let has_profiles = arguments.refiner == Variant::default();
+    ensure!(
+        has_profiles || !arguments.write_profiles,
+        "--write-profiles: expected --refiner {}, found {}",
+        Variant::default().name(),
+        arguments.refiner.name()
+    );
     let set = FrameSet::open(&scans.data, arguments.split.as_deref(), scans.frames)?;
     let settings = Settings {
         variant: arguments.refiner,
@@ -96,12 +108,18 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         })
     });
     let sweep = sweep.transpose()?;
-    let mut choice = None;
+    let (mut choice, mut profiles) = (None, None);
     if let (Some(sweep), true) = (&sweep, arguments.write_threshold) {
         let (gate, variant) = (ModelGate::of(&model), settings.variant.name());
         let chosen = choose_threshold(gate, sweep, &judgement, &set.describe(), variant)?;
         write_threshold(&scans.model, &model, &chosen)?;
         choice = Some(chosen);
+    }
+    if arguments.write_profiles || arguments.write_threshold && has_profiles {
+        let model = Model::read(&scans.model)?;
+        let chosen = choose_profiles(&model, &set, &frames, &judgement.rules, &settings)?;
+        write_profiles(&scans.model, &model, chosen, &set.describe())?;
+        profiles = Some(chosen);
     }
     let outcome = Outcome {
         model,
@@ -110,6 +128,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         judgement,
         sweep,
         choice,
+        profiles,
     };
     if arguments.json {
         return print_out(format_args!("{:#}", outcome.to_json()));

@@ -2,7 +2,7 @@
 
 use mluc_evaluate::pipeline::{Choice, MissRow, MissTable, ModelJudgement, ScoreSeparation};
 use mluc_evaluate::{ClassReport, SweepPoint, best_index};
-use mluc_model::Model;
+use mluc_model::{Model, Profiles};
 use serde_json::{Value, json};
 
 pub(super) struct Outcome {
@@ -13,6 +13,7 @@ pub(super) struct Outcome {
     /// The closed set first.
     pub(super) sweep: Option<Vec<SweepPoint>>,
     pub(super) choice: Option<Choice>,
+    pub(super) profiles: Option<Profiles>,
 }
 
 fn point_json(point: &SweepPoint) -> Value {
@@ -52,6 +53,9 @@ impl Outcome {
         if let Some(choice) = &self.choice {
             object["threshold_choice"] = json!(choice.reason);
         }
+        if let Some(profiles) = &self.profiles {
+            object["profiles"] = json!(profiles);
+        }
         object
     }
 
@@ -72,7 +76,14 @@ impl Outcome {
         }
         text += &separation(&self.judgement.separation);
         text += &misses(&self.judgement.misses);
-        text + &self.thresholds()
+        text += &self.thresholds();
+        for (name, least) in self.profiles.iter().flat_map(Profiles::named) {
+            let (unknown, known) = (least.unknown, least.known);
+            text += &format!(
+                "\nwritten: profile {name}, unknown from {unknown:.4}, known from {known:.4}"
+            );
+        }
+        text
     }
 
     fn classes(&self) -> String {

@@ -1,0 +1,377 @@
+//! What the robot gets at a score: objects a scan, how many of them lie on no label, how many labels are found.
+//!
+//! An object lies on a label when its centre is in the label's footprint, grown by 0.5 m on every side. Counted is what lies within
+//! 70 m and not in a region without labels; what lies outside of the image was dropped before. A label is found as for AP: by an
+//! overlap above its rule's, difficulty moderate.
+//!
+//! Scans of a drive look alike, so the intervals come from drawing drives, and in each of them runs of scans (bootstrap in blocks).
+//! A score is chosen by risk control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit.
+
+use crate::breakdown::range_m;
+use crate::curve::FrameCurve;
+use crate::frame::score_of;
+use crate::matching::{in_dont_care, match_frame};
+use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN};
+use mluc_dataset::Label;
+use mluc_geometry::{Inside, Random, quantile_of, resample};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+const RANGE_MAX_M: f64 = 70.0;
+const MARGIN_M: f64 = 0.5;
+/// An object is left out when more than this share of its image box lies in a region without labels.
+const DONT_CARE_MAX: f64 = 0.5;
+const DRAWS: usize = 1000;
+/// Scans of a run: a second at 10 Hz.
+const BLOCK: usize = 10;
+/// Objects a scan on no label for which the curve has a point.
+const FALSE_A_SCAN: [f64; 9] = [5.0, 2.0, 1.0, 0.5, 0.3, 0.2, 0.1, 0.05, 0.0];
+
+/// Each figure is a share of two of a frame's [`Counts`], and a factor. Those an hour are at 10 Hz, recall is in percent.
+const FIGURES: [(&str, usize, usize, f64); 6] = [
+    ("objects", 1, 0, 1.0),
+    ("on no label", 2, 0, 1.0),
+    ("the same an hour", 2, 0, 36_000.0),
+    ("on known", 3, 0, 1.0),
+    ("on unknown", 4, 0, 1.0),
+    ("recall", 5, 6, 100.0),
+];
+
+/// 1; objects, those on no label, on known and on unknown ones; labels found, and all.
+type Counts = [f64; 7];
+
+/// What an object lies on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Place {
+    Known,
+    Unknown,
+    /// A label that no rule asks for.
+    Other,
+    Nothing,
+}
+
+#[derive(Clone, Debug)]
+struct FrameOutcome {
+    objects: Vec<(ObjectKind, f64, Place)>,
+    curves: Vec<(ObjectKind, FrameCurve)>,
+}
+
+/// Scans of one or more drives, judged.
+#[derive(Clone, Debug)]
+pub struct Operating {
+    frames: Vec<FrameOutcome>,
+    /// Indices of frames.
+    draws: Vec<Vec<usize>>,
+}
+
+/// The known or the unknown objects at or above a score.
+#[derive(Clone, Debug)]
+pub struct OperatingPoint {
+    /// `published`, or the most objects a scan on no label.
+    pub name: String,
+    /// The score.
+    pub score_min: f64,
+    /// Value and 95 % interval, in the order of the table's columns; none where there is nothing to count. Recall of the known is
+    /// over all their classes.
+    pub figures: [Option<[f64; 3]>; 6],
+}
+
+impl Operating {
+    /// Of frames drive by drive; `drives` says how many each has.
+    pub fn of(frames: &[LabelledFrame], drives: &[usize], rules: &[ClassRule]) -> Operating {
+        let judged = frames.par_iter().map(|frame| judge(frame, rules));
+        Operating {
+            frames: judged.collect(),
+            draws: draws(drives),
+        }
+    }
+
+    /// First what is published, then what would be at the lowest scores that leave so many objects a scan on no label. These scores
+    /// were chosen on the scans that they are judged on: a curve, no scores to run with.
+    pub fn points(&self, kind: ObjectKind) -> Vec<OperatingPoint> {
+        let objects = self.frames.iter().flat_map(|frame| &frame.objects);
+        let scores = objects.filter(|o| o.0 == kind).map(|o| o.1);
+        let published = scores.reduce(f64::min).unwrap_or_default();
+        let mut points = vec![self.point("published".to_owned(), kind, published)];
+        let all: Vec<usize> = (0..self.frames.len()).collect();
+        for most in FALSE_A_SCAN {
+            let score_min = self.score_min(&all, kind, most);
+            if points.last().is_some_and(|last| score_min > last.score_min) {
+                points.push(self.point(format!("at most {most}"), kind, score_min));
+            }
+        }
+        points
+    }
+
+    /// The lowest score at which the upper 95 % bound of the objects a scan on no label is at most `false_a_scan`.
+    pub fn safe_score_min(&self, kind: ObjectKind, false_a_scan: f64) -> f32 {
+        let draws = self.draws.iter();
+        let of_draws = draws.map(|draw| self.score_min(draw, kind, false_a_scan));
+        quantile_of(of_draws.collect(), 0.95).unwrap_or_default() as f32
+    }
+
+    /// The lowest score at or above which at most so many objects a scan lie on no label.
+    fn score_min(&self, frames: &[usize], kind: ObjectKind, false_a_scan: f64) -> f64 {
+        let objects = frames.iter().flat_map(|&at| &self.frames[at].objects);
+        let wrong = objects.filter(|o| o.0 == kind && o.2 == Place::Nothing);
+        let mut scores: Vec<f64> = wrong.map(|o| o.1).collect();
+        scores.sort_by(|a, b| b.total_cmp(a));
+        // The small number absorbs rounding: 0.3 of 10 scans is 3.
+        let most = (false_a_scan * frames.len() as f64 + 1e-9) as usize;
+        // Scores are f32 values.
+        let first_over = scores.get(most).map(|score| *score as f32);
+        first_over.map_or(0.0, |score| score.next_up().into())
+    }
+
+    fn point(&self, name: String, kind: ObjectKind, score_min: f64) -> OperatingPoint {
+        let counts = self
+            .frames
+            .iter()
+            .map(|frame| frame.counts(kind, score_min));
+        let counts: Vec<Counts> = counts.collect();
+        let sums = |draw: &[usize]| {
+            draw.iter().fold([0.0; 7], |mut sums, &at| {
+                let pairs = sums.iter_mut().zip(counts[at]);
+                pairs.for_each(|(sum, count)| *sum += count);
+                sums
+            })
+        };
+        let all = sums(&(0..counts.len()).collect::<Vec<_>>());
+        let drawn: Vec<Counts> = self.draws.iter().map(|draw| sums(draw)).collect();
+        let figures = FIGURES.map(|(_, part, whole, factor)| {
+            let of = |sums: &Counts| (sums[whole] > 0.0).then(|| factor * sums[part] / sums[whole]);
+            let drawn: Vec<f64> = drawn.iter().filter_map(of).collect();
+            let [low, high] = [0.025, 0.975].map(|q| quantile_of(drawn.clone(), q));
+            Some([of(&all)?, low?, high?])
+        });
+        OperatingPoint {
+            name,
+            score_min,
+            figures,
+        }
+    }
+
+    /// `{"unknown": [{"name": "published", "score_min": .., "objects": [value, low, high], ..}, ..], "known": ..}`.
+    pub fn to_json(&self) -> Value {
+        let point = |point: &OperatingPoint| {
+            let mut object = json!({"name": point.name, "score_min": point.score_min});
+            for ((name, ..), figure) in FIGURES.iter().zip(point.figures) {
+                object[name.replace(' ', "_")] = json!(figure);
+            }
+            object
+        };
+        let all = |kind| self.points(kind).iter().map(point).collect::<Value>();
+        json!({"scans": self.frames.len(), "unknown": all(ObjectKind::Unknown), "known": all(ObjectKind::Known)})
+    }
+
+    /// The same for people.
+    pub fn to_table(&self) -> String {
+        let mut text = format!("{} scans; [95 % interval]\n", self.frames.len());
+        let mut row = |name: &str, score: &str, cells: [String; 6]| {
+            let cells = cells.map(|cell| format!("{cell:>22}")).concat();
+            text += &format!("{name:<16}{score:>8}{cells}\n");
+        };
+        for (name, kind) in [
+            ("unknown", ObjectKind::Unknown),
+            ("known", ObjectKind::Known),
+        ] {
+            row(name, "score", FIGURES.map(|(figure, ..)| figure.to_owned()));
+            for point in self.points(kind) {
+                let cells = point.figures.map(|figure| match figure {
+                    Some([value, low, high]) if high < 1000.0 => {
+                        format!("{value:.2} [{low:.2}, {high:.2}]")
+                    }
+                    Some([value, low, high]) => format!("{value:.0} [{low:.0}, {high:.0}]"),
+                    None => "-".to_owned(),
+                });
+                row(&point.name, &format!("{:.4}", point.score_min), cells);
+            }
+        }
+        text
+    }
+}
+
+impl FrameOutcome {
+    fn counts(&self, kind: ObjectKind, score_min: f64) -> Counts {
+        let objects = self
+            .objects
+            .iter()
+            .filter(|o| o.0 == kind && o.1 >= score_min);
+        let on = |place| objects.clone().filter(|o| o.2 == place).count() as f64;
+        let curves = self.curves.iter().filter(|(of, _)| *of == kind);
+        let hits: i64 = curves
+            .clone()
+            .map(|(_, curve)| curve.hits_at(score_min))
+            .sum();
+        let labels: usize = curves.map(|(_, curve)| curve.truth_count).sum();
+        let [none, known, unknown] = [Place::Nothing, Place::Known, Place::Unknown].map(on);
+        let all = objects.count() as f64;
+        [1.0, all, none, known, unknown, hits as f64, labels as f64]
+    }
+}
+
+/// Frames of each draw: as many drives as there are, with repeats, and in each as many scans, in runs.
+fn draws(drives: &[usize]) -> Vec<Vec<usize>> {
+    let draw = |number: usize| {
+        let mut random = Random::new(1, &[number as u64]);
+        let own = |drive: usize| {
+            let (first, count) = (drives[..drive].iter().sum::<usize>(), drives[drive]);
+            let own = resample(count, BLOCK.min(count), &mut random);
+            own.into_iter().map(move |at| first + at)
+        };
+        let drawn = resample(drives.len(), 1, &mut Random::new(2, &[number as u64]));
+        drawn.into_iter().flat_map(own).collect()
+    };
+    (0..DRAWS).map(draw).collect()
+}
+
+fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
+    let is_near = |label: &&Label| range_m(&label.camera_box.upright()) <= RANGE_MAX_M;
+    let is_labelled = |d: &&Label| !in_dont_care(frame, &d.image_box_px, DONT_CARE_MAX);
+    let detections = frame.detections.iter().filter(is_near).filter(is_labelled);
+    let near = LabelledFrame {
+        detections: detections.cloned().collect(),
+        labels: frame.labels.iter().filter(is_near).cloned().collect(),
+    };
+    let match_one = |rule: &ClassRule| {
+        let (metric, difficulty) = (Metric::Space, Difficulty::Moderate);
+        (
+            rule.kind,
+            match_frame(&near, rule, metric, difficulty, None),
+        )
+    };
+    let kind_of = |detection: &Label| {
+        let mut unknown = rules.iter().filter(|rule| rule.kind == ObjectKind::Unknown);
+        if detection.is(UNKNOWN) || unknown.any(|rule| rule.claims(detection)) {
+            ObjectKind::Unknown
+        } else {
+            ObjectKind::Known
+        }
+    };
+    let object = |detection: &Label| {
+        let kind = kind_of(detection);
+        (
+            kind,
+            score_of(detection),
+            lies_on(detection, kind, frame, rules),
+        )
+    };
+    FrameOutcome {
+        objects: near.detections.iter().map(object).collect(),
+        curves: rules.iter().map(match_one).collect(),
+    }
+}
+
+/// Of several labels one of the object's own kind.
+fn lies_on(
+    detection: &Label,
+    own: ObjectKind,
+    frame: &LabelledFrame,
+    rules: &[ClassRule],
+) -> Place {
+    let [x, y, _] = detection.camera_box.upright().center_m;
+    let around = frame.labels.iter().filter(|label| {
+        let shape = label.camera_box.upright();
+        !label.is_dont_care() && Inside::of(&shape, MARGIN_M).contains([x, y, shape.center_m[2]])
+    });
+    let places = around.map(|label| {
+        let mut rules = rules.iter();
+        let rule = rules.find(|rule| rule.label_counts(label) == Some(true));
+        match rule.map(|rule| rule.kind) {
+            Some(ObjectKind::Known) => (own != ObjectKind::Known, Place::Known),
+            Some(ObjectKind::Unknown) => (own != ObjectKind::Unknown, Place::Unknown),
+            None => (true, Place::Other),
+        }
+    });
+    places.min().map_or(Place::Nothing, |(_, place)| place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::{found, found_at, frame, label};
+    use crate::{NeighbourPolicy, UnknownProtocol};
+
+    fn rules() -> [ClassRule; 2] {
+        let unknown = ["van".to_owned(), "truck".to_owned()];
+        [
+            ClassRule::known("car", 0.5, NeighbourPolicy::Official),
+            ClassRule::unknown(&unknown, 0.1, UnknownProtocol::Literal),
+        ]
+    }
+
+    /// Name, and all figures but those an hour.
+    fn figures(point: &OperatingPoint) -> (&str, Vec<f64>) {
+        let figures = point.figures.iter().flatten().map(|[value, low, high]| {
+            assert!(low <= value && value <= high, "{point:?}");
+            *value
+        });
+        let mut figures: Vec<f64> = figures.collect();
+        figures.remove(2);
+        (&point.name, figures)
+    }
+
+    #[test]
+    fn objects_are_counted_by_what_they_lie_on() {
+        let ahead = |metres: f64, score| {
+            let mut object = found_at(10.0, UNKNOWN, score);
+            let [x, _, z] = &mut object.camera_box.location_m;
+            (*x, *z) = (*x + metres * 0.3f64.cos(), *z - metres * 0.3f64.sin());
+            object
+        };
+        let labels = [
+            ("Van", 10.0),
+            ("Truck", 20.0),
+            ("Car", 30.0),
+            ("Misc", 40.0),
+        ];
+        let mut labels = labels.map(|(class, x_m)| label(class, x_m)).to_vec();
+        labels.push(label("DontCare", 500.0));
+        labels[4].camera_box.location_m = [-1000.0; 3];
+        let mut objects = vec![
+            // A label is 4 m long.
+            ahead(2.4, 0.8),
+            ahead(2.6, 0.6),
+            found_at(30.0, UNKNOWN, 0.5),
+            found_at(40.0, UNKNOWN, 0.4),
+            found_at(30.0, "car", 0.9),
+            // In the region without labels, and beyond 70 m.
+            found_at(500.0, UNKNOWN, 0.9),
+            found_at(0.0, UNKNOWN, 0.9),
+        ];
+        objects[5].camera_box.location_m[0] = 0.0;
+        objects[6].camera_box.location_m[2] = 71.0;
+        let frames = [frame(labels, objects), frame(vec![], vec![])];
+        let judged = Operating::of(&frames, &[1, 1], &rules());
+        let points = judged.points(ObjectKind::Unknown);
+        let published = ("published", vec![2.0, 0.5, 0.5, 0.5, 50.0]);
+        assert_eq!(figures(&points[0]), published);
+        let last = points.last().expect("a curve");
+        assert_eq!(
+            figures(last),
+            ("at most 0.3", vec![0.5, 0.0, 0.0, 0.5, 50.0])
+        );
+        assert!(last.score_min > 0.6 && last.score_min < 0.6001);
+        let known = judged.points(ObjectKind::Known);
+        assert_eq!(known.len(), 1);
+        assert_eq!(figures(&known[0]).1, [0.5, 0.0, 0.5, 0.0, 100.0]);
+    }
+
+    #[test]
+    fn a_chosen_score_is_above_the_one_that_leaves_as_many_on_these_scans() {
+        let scan = |i: usize| {
+            let score = Random::new(7, &[i as u64]).unit() as f32;
+            frame(vec![], vec![found(&label("", 0.0), UNKNOWN, score.into())])
+        };
+        let frames: Vec<LabelledFrame> = (0..100).map(scan).collect();
+        let judged = Operating::of(&frames, &[100], &rules());
+        let all: Vec<usize> = (0..100).collect();
+        let plain = judged.score_min(&all, ObjectKind::Unknown, 0.3);
+        let above = judged.frames.iter().filter(|f| f.objects[0].1 >= plain);
+        assert_eq!(above.count(), 30);
+        let safe = f64::from(judged.safe_score_min(ObjectKind::Unknown, 0.3));
+        assert!(safe > plain && safe < plain + 0.2, "{plain} {safe}");
+        assert_eq!(judged.safe_score_min(ObjectKind::Unknown, 1.0), 0.0);
+        assert_eq!(judged.safe_score_min(ObjectKind::Known, 0.0), 0.0);
+    }
+}

@@ -1,0 +1,49 @@
+//! `mluc-lab evaluate operating`: how many objects a scan are false, and how many labels are found.
+
+use super::compared::Compared;
+use super::warn_unrecognized;
+use crate::commands::terminal::print_out;
+use clap::Args;
+use mluc_evaluate::{Breakdown, ClassRule, Operating, UnknownProtocol};
+
+/// Objects a scan and an hour at 10 Hz, how many of them lie on no label, and recall: as published, and as a curve over the score.
+///
+/// An object lies on a label when its centre is in the label's footprint, grown by 0.5 m on every side. Counted are objects and labels
+/// within 70 m and in the image; objects in regions without labels (DontCare) are left out. A label is found as for `evaluate ap`, at
+/// moderate. Each --labels folder is one drive: the 95 % intervals come from drawing drives, and in each runs of ten scans.
+///
+/// `at most N`: the lowest score that leaves at most N objects a scan on no label on these very scans. The curve goes down to what is in
+/// the detections: `mluc up --profile all` publishes everything.
+#[derive(Args)]
+pub(super) struct OperatingArguments {
+    #[command(flatten)]
+    compared: Compared,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: OperatingArguments) -> anyhow::Result<()> {
+    let (_, input) = arguments.compared.read(&[])?;
+    let mut rules = (arguments.compared).rules(&input, UnknownProtocol::default())?;
+    let labels = input.frames.iter().flat_map(|frame| frame.labels.iter());
+    warn_unrecognized(labels, &rules);
+    let operating = Operating::of(&input.frames, &input.counts, &rules);
+    // Each class that is merged into the unknown by itself, too.
+    let merged = rules.iter().filter(|rule| rule.valid.len() > 1);
+    let class = |rule: &ClassRule, name: &String| ClassRule {
+        name: name.clone(),
+        valid: vec![name.clone()],
+        ..rule.clone()
+    };
+    let single = merged.flat_map(|rule| rule.valid.iter().map(move |name| class(rule, name)));
+    rules.extend(single.collect::<Vec<_>>());
+    let by_range = Breakdown::by_range(&input.frames, &rules);
+    if arguments.json {
+        let mut object = operating.to_json();
+        object["by_range"] = by_range.to_json();
+        return print_out(format_args!("{object:#}"));
+    }
+    let text = format!("{}\n{}", operating.to_table(), by_range.to_table());
+    print_out(text.trim_end())
+}
