@@ -73,7 +73,7 @@ def judged_real(options, model):
     for at, folder in enumerate(options.real):
         lines.append(model.with_name(f"objects-{at}.jsonl"))
         with open(lines[-1], "wb") as file:
-            subprocess.check_call([options.mluc, "up", "--input", folder, "--model", model, "--pace", "complete"], stdout=file)
+            subprocess.check_call([options.mluc, "up", "--input", folder, "--model", model, "--pace", "complete", "--profile", "all"], stdout=file)
     figures = {}
     for name, count in {"first": 1, "pooled": len(options.real)}.items():
         for overlap, iou in IOU.items():

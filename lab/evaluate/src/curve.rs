@@ -58,14 +58,6 @@ pub(crate) struct FrameCurve {
     pub(crate) steps: Vec<(f64, i64, i64)>,
 }
 
-impl FrameCurve {
-    /// Hits when the detections at or above a score take part.
-    pub(crate) fn hits_at(&self, score_min: f64) -> i64 {
-        let steps = self.steps.iter().filter(|step| step.0 >= score_min);
-        steps.map(|step| step.1).sum()
-    }
-}
-
 /// Hits and false alarms over all frames, as a function of the threshold.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Curve {

@@ -39,7 +39,7 @@ pub use error::{EvaluateError, Result};
 pub use frame::{FrameTruth, LabelledFrame, SensorDetection};
 pub use mluc_ipc_types::ObjectKind;
 pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
-pub use operating::{Operating, OperatingPoint};
+pub use operating::Operating;
 pub use report::{ApEntry, ApReport, ClassReport, evaluate};
 pub use rings::FrameRings;
 pub use rule::{

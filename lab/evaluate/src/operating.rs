@@ -8,7 +8,7 @@
 //! A score is chosen by risk control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit.
 
 use crate::breakdown::range_m;
-use crate::curve::FrameCurve;
+use crate::curve::{Curve, FrameCurve};
 use crate::frame::score_of;
 use crate::matching::{in_dont_care, match_frame};
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN};
@@ -64,17 +64,8 @@ pub struct Operating {
     draws: Vec<Vec<usize>>,
 }
 
-/// The known or the unknown objects at or above a score.
-#[derive(Clone, Debug)]
-pub struct OperatingPoint {
-    /// `published`, or the most objects a scan on no label.
-    pub name: String,
-    /// The score.
-    pub score_min: f64,
-    /// Value and 95 % interval, in the order of the table's columns; none where there is nothing to count. Recall of the known is
-    /// over all their classes.
-    pub figures: [Option<[f64; 3]>; 6],
-}
+/// Name, score, and each figure with its 95 % interval; none where there is nothing to count.
+type Point = (String, f64, [Option<[f64; 3]>; 6]);
 
 impl Operating {
     /// Of frames drive by drive; `drives` says how many each has.
@@ -88,7 +79,7 @@ impl Operating {
 
     /// First what is published, then what would be at the lowest scores that leave so many objects a scan on no label. These scores
     /// were chosen on the scans that they are judged on: a curve, no scores to run with.
-    pub fn points(&self, kind: ObjectKind) -> Vec<OperatingPoint> {
+    fn points(&self, kind: ObjectKind) -> Vec<Point> {
         let objects = self.frames.iter().flat_map(|frame| &frame.objects);
         let scores = objects.filter(|o| o.0 == kind).map(|o| o.1);
         let published = scores.reduce(f64::min).unwrap_or_default();
@@ -96,7 +87,7 @@ impl Operating {
         let all: Vec<usize> = (0..self.frames.len()).collect();
         for most in FALSE_A_SCAN {
             let score_min = self.score_min(&all, kind, most);
-            if points.last().is_some_and(|last| score_min > last.score_min) {
+            if points.last().is_some_and(|last| score_min > last.1) {
                 points.push(self.point(format!("at most {most}"), kind, score_min));
             }
         }
@@ -123,12 +114,9 @@ impl Operating {
         first_over.map_or(0.0, |score| score.next_up().into())
     }
 
-    fn point(&self, name: String, kind: ObjectKind, score_min: f64) -> OperatingPoint {
-        let counts = self
-            .frames
-            .iter()
-            .map(|frame| frame.counts(kind, score_min));
-        let counts: Vec<Counts> = counts.collect();
+    fn point(&self, name: String, kind: ObjectKind, score_min: f64) -> Point {
+        let frames = self.frames.iter();
+        let counts: Vec<Counts> = frames.map(|frame| frame.counts(kind, score_min)).collect();
         let sums = |draw: &[usize]| {
             draw.iter().fold([0.0; 7], |mut sums, &at| {
                 let pairs = sums.iter_mut().zip(counts[at]);
@@ -144,18 +132,14 @@ impl Operating {
             let [low, high] = [0.025, 0.975].map(|q| quantile_of(drawn.clone(), q));
             Some([of(&all)?, low?, high?])
         });
-        OperatingPoint {
-            name,
-            score_min,
-            figures,
-        }
+        (name, score_min, figures)
     }
 
     /// `{"unknown": [{"name": "published", "score_min": .., "objects": [value, low, high], ..}, ..], "known": ..}`.
     pub fn to_json(&self) -> Value {
-        let point = |point: &OperatingPoint| {
-            let mut object = json!({"name": point.name, "score_min": point.score_min});
-            for ((name, ..), figure) in FIGURES.iter().zip(point.figures) {
+        let point = |(name, score_min, figures): &Point| {
+            let mut object = json!({"name": name, "score_min": score_min});
+            for ((name, ..), figure) in FIGURES.iter().zip(figures) {
                 object[name.replace(' ', "_")] = json!(figure);
             }
             object
@@ -171,20 +155,18 @@ impl Operating {
             let cells = cells.map(|cell| format!("{cell:>22}")).concat();
             text += &format!("{name:<16}{score:>8}{cells}\n");
         };
-        for (name, kind) in [
-            ("unknown", ObjectKind::Unknown),
-            ("known", ObjectKind::Known),
-        ] {
+        for kind in [ObjectKind::Unknown, ObjectKind::Known] {
+            let name = ["known", "unknown"][kind as usize];
             row(name, "score", FIGURES.map(|(figure, ..)| figure.to_owned()));
-            for point in self.points(kind) {
-                let cells = point.figures.map(|figure| match figure {
+            for (name, score_min, figures) in self.points(kind) {
+                let cells = figures.map(|figure| match figure {
                     Some([value, low, high]) if high < 1000.0 => {
                         format!("{value:.2} [{low:.2}, {high:.2}]")
                     }
                     Some([value, low, high]) => format!("{value:.0} [{low:.0}, {high:.0}]"),
                     None => "-".to_owned(),
                 });
-                row(&point.name, &format!("{:.4}", point.score_min), cells);
+                row(&name, &format!("{score_min:.4}"), cells);
             }
         }
         text
@@ -193,17 +175,12 @@ impl Operating {
 
 impl FrameOutcome {
     fn counts(&self, kind: ObjectKind, score_min: f64) -> Counts {
-        let objects = self
-            .objects
-            .iter()
-            .filter(|o| o.0 == kind && o.1 >= score_min);
+        let objects = self.objects.iter();
+        let objects = objects.filter(|o| o.0 == kind && o.1 >= score_min);
         let on = |place| objects.clone().filter(|o| o.2 == place).count() as f64;
         let curves = self.curves.iter().filter(|(of, _)| *of == kind);
-        let hits: i64 = curves
-            .clone()
-            .map(|(_, curve)| curve.hits_at(score_min))
-            .sum();
-        let labels: usize = curves.map(|(_, curve)| curve.truth_count).sum();
+        let curve = Curve::of(curves.map(|(_, curve)| curve));
+        let (hits, labels) = (curve.counts_at(score_min).0, curve.truth_count);
         let [none, known, unknown] = [Place::Nothing, Place::Known, Place::Unknown].map(on);
         let all = objects.count() as f64;
         [1.0, all, none, known, unknown, hits as f64, labels as f64]
@@ -301,14 +278,14 @@ mod tests {
     }
 
     /// Name, and all figures but those an hour.
-    fn figures(point: &OperatingPoint) -> (&str, Vec<f64>) {
-        let figures = point.figures.iter().flatten().map(|[value, low, high]| {
+    fn figures(point: &Point) -> (&str, Vec<f64>) {
+        let figures = point.2.iter().flatten().map(|[value, low, high]| {
             assert!(low <= value && value <= high, "{point:?}");
             *value
         });
         let mut figures: Vec<f64> = figures.collect();
         figures.remove(2);
-        (&point.name, figures)
+        (&point.0, figures)
     }
 
     #[test]
@@ -351,7 +328,7 @@ mod tests {
             figures(last),
             ("at most 0.3", vec![0.5, 0.0, 0.0, 0.5, 50.0])
         );
-        assert!(last.score_min > 0.6 && last.score_min < 0.6001);
+        assert!(last.1 > 0.6 && last.1 < 0.6001);
         let known = judged.points(ObjectKind::Known);
         assert_eq!(known.len(), 1);
         assert_eq!(figures(&known[0]).1, [0.5, 0.0, 0.5, 0.0, 100.0]);
