@@ -108,8 +108,8 @@ pub(crate) enum Command {
 /// As a document it holds what was given, but for the three lists of words.
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
-    /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply), a capture (.pcap, .pcapng), or a live sensor
-    /// (udp:2368, udp:ADDRESS:PORT).
+    /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply), a capture (.pcap, .pcapng), a recording
+    /// (.mcap), or a live sensor (udp:2368, udp:ADDRESS:PORT).
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
     #[command(flatten)]
@@ -212,6 +212,9 @@ pub(crate) struct LayoutArgs {
     /// Calibration of the sensor's unit, for captures and live sensors: Velodyne's YAML, Hesai's CSV, Ouster's JSON [default: the product's].
     #[arg(long)]
     calibration: Option<PathBuf>,
+    /// Topic of the scans in a recording [default: the only one that has some].
+    #[arg(long)]
+    topic: Option<String>,
 }
 
 impl LayoutArgs {
@@ -236,13 +239,14 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
 }
 
 /// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
-const TAKEN_BY: [(&str, &[Stage]); 21] = [
+const TAKEN_BY: [(&str, &[Stage]); 22] = [
     ("input", &[Stage::Ingest]),
     ("columns", &[Stage::Ingest]),
     ("scale", &[Stage::Ingest]),
     ("intensity_scale", &[Stage::Ingest]),
     ("axes", &[Stage::Ingest]),
     ("calibration", &[Stage::Ingest]),
+    ("topic", &[Stage::Ingest]),
     ("sensor", &[Stage::Ingest]),
     ("pace", &[Stage::Ingest, Stage::Refiner]),
     ("rate", &[Stage::Ingest]),

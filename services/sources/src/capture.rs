@@ -8,12 +8,11 @@ use mluc_ipc_types::Flags;
 use crate::files::Layout;
 use crate::packets::{Calibration, Clock, Decoder, Revolution};
 use crate::pcap::Capture;
+use crate::rounds::Rounds;
 use crate::{Next, Scan, numbered};
 
 /// Datagrams until the caller is asked to come again: it has heartbeats to send.
 const LOOKS_MAX: u32 = 2000;
-/// Of a capture with a single turn.
-const PERIOD_NS: u64 = 100_000_000;
 
 /// A capture that is decoded as it is read; its sensor's turns are numbered, the parts of turns at its start and end too.
 pub(crate) struct CaptureScans {
@@ -24,12 +23,8 @@ pub(crate) struct CaptureScans {
     decoder: Decoder,
     /// Of the next turn.
     sequence: u64,
-    /// When this round's first turn was received, ns, and when the round began after the first one.
-    first_ns: Option<u64>,
-    round_ns: u64,
-    /// When the last turn came after the source's first one, and how long it took, ns.
-    last_ns: u64,
-    period_ns: u64,
+    /// By the times at which turns were received.
+    rounds: Rounds,
 }
 
 impl CaptureScans {
@@ -45,20 +40,20 @@ impl CaptureScans {
             capture: Capture::open(path)?,
             decoder,
             sequence: 0,
-            first_ns: None,
-            round_ns: 0,
-            last_ns: 0,
-            period_ns: 0,
+            rounds: Rounds::default(),
         })
     }
 
-    /// Decodes on to the turn of a number; `repeat`: after the capture's end it begins again.
+    /// Decodes on to the turn of a number, unless that is loaded; `repeat`: after the capture's end it begins again.
     pub(crate) fn load(
         &mut self,
         sequence: u64,
         repeat: bool,
         scan: &mut Scan,
     ) -> anyhow::Result<Next> {
+        if sequence < self.sequence {
+            return Ok(Next::Scan);
+        }
         let mut looks = 0;
         loop {
             loop {
@@ -81,7 +76,7 @@ impl CaptureScans {
                     Some(datagram) => self.decoder.push(&datagram, &mut take),
                     None => self.decoder.finish(&mut take),
                 }
-                let offset_ns = stamp_ns.map(|stamp_ns| self.offset_ns(stamp_ns));
+                let offset_ns = stamp_ns.map(|stamp_ns| self.rounds.offset_ns(stamp_ns));
                 if is_found {
                     scan.offset_ns = offset_ns;
                     return Ok(Next::Scan);
@@ -91,28 +86,12 @@ impl CaptureScans {
                 }
             }
             self.tell_counts();
-            // A round without a turn would never end.
-            if !repeat || self.first_ns.is_none() {
+            if !repeat || !self.rounds.next_round() {
                 return Ok(Next::End);
             }
             self.capture = Capture::open(&self.path)?;
             self.decoder = Capture::open(&self.path)?.detect(self.calibration.as_ref())?;
-            let period_ns = if self.period_ns > 0 {
-                self.period_ns
-            } else {
-                PERIOD_NS
-            };
-            (self.first_ns, self.round_ns) = (None, self.last_ns + period_ns);
         }
-    }
-
-    /// When a turn comes after the source's first one, ns.
-    fn offset_ns(&mut self, stamp_ns: u64) -> u64 {
-        let first_ns = *self.first_ns.get_or_insert(stamp_ns);
-        let offset_ns = self.round_ns + stamp_ns.saturating_sub(first_ns);
-        self.period_ns = offset_ns - self.last_ns.min(offset_ns);
-        self.last_ns = offset_ns;
-        offset_ns
     }
 
     fn tell_counts(&self) {

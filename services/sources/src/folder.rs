@@ -65,7 +65,7 @@ impl Folder {
                 });
             }
         }
-        let below = "velodyne/ or velodyne_points/data/ below it";
+        let below = "velodyne/ or velodyne_points/data/ below it (of a ROS bag, `mcap convert IN OUT.mcap` makes a recording)";
         bail!(
             "input {name}: no scans ({}) there, nor in {below}",
             endings()
@@ -174,11 +174,14 @@ fn refusal(input: &Path) -> String {
         .to_string_lossy()
         .to_ascii_lowercase();
     let help = match ending.as_str() {
-        "bag" | "db3" => "; `mcap convert` makes an .mcap of it",
+        "bag" | "db3" => "; `mcap convert IN OUT.mcap` makes an .mcap of it, which is read",
         "las" | "laz" => "; `pdal translate IN.laz OUT.ply` makes a .ply of it",
         _ => "",
     };
-    format!("expected a scan ({}), or a folder{help}", endings())
+    format!(
+        "expected a scan ({}), a capture, a recording (.mcap), or a folder{help}",
+        endings()
+    )
 }
 
 /// Empty where there is no such folder.
@@ -287,7 +290,7 @@ mod tests {
         let root = folder(&["a.bin", "b.pcd", "c/d.bag", "e/f.pcd.bin"]);
         for (place, words) in [
             ("", "expected scans of one format, found [Bin, Pcd]"),
-            ("c/d.bag", "`mcap convert`"),
+            ("c/d.bag", "`mcap convert IN OUT.mcap`"),
             ("c", "no scans"),
         ] {
             let error = find(&root.path().join(place)).unwrap_err().to_string();

@@ -1,7 +1,7 @@
 //! Files, captures and sockets to scans. No shared memory here: the caller publishes what comes out.
 //!
 //! [`Source`] is what `--input` names: a folder of scans, whose [`files`] have several formats; [`packets`] decodes what sensors send, without
-//! I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor.
+//! I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor; a recording (MCAP) holds scans as messages.
 
 mod capture;
 mod error;
@@ -10,6 +10,8 @@ mod folder;
 mod live;
 pub mod packets;
 pub mod pcap;
+mod recording;
+mod rounds;
 pub mod udp;
 
 use std::path::Path;
@@ -20,6 +22,7 @@ use capture::CaptureScans;
 use files::Layout;
 use folder::Folder;
 use live::Live;
+use recording::Recording;
 
 pub use error::SourceError;
 pub use live::address;
@@ -63,11 +66,12 @@ pub struct Source {
 enum Kind {
     Folder(Folder),
     Capture(Box<CaptureScans>),
+    Recording(Box<Recording>),
     Live(Live),
 }
 
 impl Source {
-    /// Opens what `input` is: a file or folder of scans, a capture, or an address (`udp:2368`). `repeat`: after the last scan the first one comes again. Errors: what
+    /// Opens what `input` is: a file or folder of scans, a capture, a recording, or an address (`udp:2368`). `repeat`: after the last scan the first one comes again. Errors: what
     /// is wrong with it, and what helps.
     pub fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
         let ending = input
@@ -79,6 +83,8 @@ impl Source {
             Kind::Live(Live::open(address?, layout)?)
         } else if matches!(ending.as_str(), "pcap" | "pcapng") {
             Kind::Capture(Box::new(CaptureScans::open(input, layout)?))
+        } else if let Some(recording) = recording::within(input, &ending) {
+            Kind::Recording(Box::new(Recording::open(&recording, layout)?))
         } else {
             Kind::Folder(Folder::find(input, layout)?)
         };
@@ -89,6 +95,7 @@ impl Source {
     pub fn count(&self) -> Option<u64> {
         match &self.kind {
             Kind::Folder(folder) => Some(folder.scans.len() as u64),
+            Kind::Recording(recording) => recording.count,
             _ => None,
         }
     }
@@ -119,7 +126,7 @@ impl Source {
         }
     }
 
-    /// As [`Source::load`], for a scan that nobody may read: no points. A capture is decoded on; a live sensor's next scan is another one.
+    /// As [`Source::load`], for a scan that nobody may read: no points. A capture or a recording is read on; a live sensor's next scan is another one.
     pub fn pass_over(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
         let next = match &mut self.kind {
             Kind::Folder(folder) if self.repeat || sequence < folder.scans.len() as u64 => {
@@ -127,6 +134,7 @@ impl Source {
                 Next::Scan
             }
             Kind::Capture(capture) => capture.load(sequence, self.repeat, scan)?,
+            Kind::Recording(recording) => recording.load(sequence, self.repeat, scan)?,
             _ => return self.load(sequence, scan),
         };
         scan.bytes.clear();
@@ -134,11 +142,12 @@ impl Source {
         Ok(next)
     }
 
-    /// Loads a scan by its number, which counts on over all rounds and never goes back in a capture. Errors: what the system, or a live sensor's packets, refuse.
+    /// Loads a scan by its number, which counts on over all rounds and never goes back in a capture or a recording. Errors: what the system, or a live sensor's packets, refuse.
     pub fn load(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
         match &mut self.kind {
             Kind::Live(live) => live.load(scan),
             Kind::Capture(capture) => capture.load(sequence, self.repeat, scan),
+            Kind::Recording(recording) => recording.load(sequence, self.repeat, scan),
             Kind::Folder(folder) if self.repeat || sequence < folder.scans.len() as u64 => {
                 folder.load(sequence, scan);
                 Ok(Next::Scan)

@@ -34,6 +34,8 @@ pub struct Layout {
     pub axes: String,
     /// Calibration of the unit, for captures and live sensors: Velodyne's YAML, Hesai's CSV, Ouster's JSON; unset: the product's own table.
     pub calibration: Option<PathBuf>,
+    /// Of a recording, the topic of the scans; unset: the only one that has some.
+    pub topic: Option<String>,
 }
 
 impl Default for Layout {
@@ -44,6 +46,7 @@ impl Default for Layout {
             intensity_scale: 1.0,
             axes: "x,y,z".to_string(),
             calibration: None,
+            topic: None,
         }
     }
 }

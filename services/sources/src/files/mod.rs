@@ -1,6 +1,7 @@
 //! Files of one scan each: KITTI's and nuScenes' `.bin`, NumPy's `.npy`, PCD, PLY. Each becomes KITTI's layout.
 
 mod bin;
+mod cloud;
 mod layout;
 mod npy;
 mod pcd;
@@ -14,6 +15,7 @@ use std::path::Path;
 use mluc_ipc_types::POINTS_MAX;
 
 pub(crate) use bin::check_columns;
+pub(crate) use cloud::{CLOUDS, Cloud};
 pub use layout::Layout;
 
 use crate::SourceError;

@@ -32,17 +32,12 @@ impl Kind {
     /// The number in the first bytes of `from`, which are as many as it has.
     fn read(self, from: &[u8], is_big_endian: bool) -> f64 {
         let mut raw = [0; 8];
-        let raw = &mut raw[..self.bytes()];
-        raw.copy_from_slice(from);
+        let used = &mut raw[..self.bytes()];
+        used.copy_from_slice(from);
         if is_big_endian {
-            raw.reverse();
+            used.reverse();
         }
-        let whole = |low: &[u8]| {
-            low.iter()
-                .rev()
-                .fold(0, |all, byte| all << 8 | u64::from(*byte))
-        };
-        let bits = whole(raw);
+        let bits = u64::from_le_bytes(raw);
         match self {
             Kind::Float { bytes: 4 } => f64::from(f32::from_bits(bits as u32)),
             Kind::Float { .. } => f64::from_bits(bits),

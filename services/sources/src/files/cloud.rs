@@ -1,0 +1,233 @@
+//! Messages of one scan each: `sensor_msgs/PointCloud2` as ROS 2 (CDR) and ROS 1 write it, and `foxglove.PointCloud` in protobuf, whose pose in another
+//! frame is left out. A field of several numbers counts with its first.
+
+use prost::Message;
+
+use super::Layout;
+use super::table::{Column, Kind, Table};
+use crate::SourceError;
+
+/// How a message holds its points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cloud {
+    Ros2,
+    Ros1,
+    Foxglove,
+}
+
+/// What is understood, for errors.
+pub(crate) const CLOUDS: &str =
+    "sensor_msgs/PointCloud2 (cdr, ros1) or foxglove.PointCloud (protobuf)";
+
+/// PointCloud2; what it does not need is left out.
+#[derive(Default)]
+struct PointCloud2<'a> {
+    stamp_ns: u64,
+    height: usize,
+    width: usize,
+    /// Name, offset in a point (bytes), datatype.
+    fields: Vec<(String, usize, usize)>,
+    is_big_endian: bool,
+    point_step: usize,
+    row_step: usize,
+    data: &'a [u8],
+}
+
+impl Cloud {
+    /// By a recording's names of a schema and of the encoding of its messages.
+    pub(crate) fn of(schema: &str, encoding: &str) -> Option<Cloud> {
+        match (schema, encoding) {
+            ("sensor_msgs/msg/PointCloud2", "cdr") => Some(Cloud::Ros2),
+            ("sensor_msgs/PointCloud2", "ros1") => Some(Cloud::Ros1),
+            ("foxglove.PointCloud", "protobuf") => Some(Cloud::Foxglove),
+            _ => None,
+        }
+    }
+
+    /// Appends a message's points to `out`, four little-endian f32 each as [`Layout::write`] does. Gives the sensor's time (ns since 1970; 0: not
+    /// told) and whether the message ends before what it promises.
+    pub(crate) fn convert(
+        self,
+        layout: &Layout,
+        message: &[u8],
+        out: &mut Vec<u8>,
+    ) -> Result<(u64, bool), SourceError> {
+        let foxglove: Foxglove;
+        let cloud = if self == Cloud::Foxglove {
+            let decoded = Foxglove::decode(message);
+            foxglove =
+                decoded.map_err(|e| SourceError::field("message", "foxglove.PointCloud", e))?;
+            foxglove.cloud()
+        } else {
+            let cloud = Reader::of(self, message).and_then(Reader::cloud);
+            cloud.ok_or_else(|| SourceError::field("message", "PointCloud2", "its end"))?
+        };
+        Ok((cloud.stamp_ns, layout.write(&cloud.table()?, out)?))
+    }
+}
+
+impl PointCloud2<'_> {
+    fn table(self) -> Result<Table, SourceError> {
+        let row = self.width.saturating_mul(self.point_step);
+        let mut table = Table {
+            is_big_endian: self.is_big_endian,
+            rows: self.width.saturating_mul(self.height),
+            ..Table::default()
+        };
+        // What follows the points of a row is left out. Some drivers leave row_step at 0.
+        let step = self.row_step.max(row).max(1);
+        for all in self.data.chunks(step).take(self.height) {
+            table.data.extend_from_slice(&all[..row.min(all.len())]);
+        }
+        let stride = self.point_step;
+        for (name, start, datatype) in self.fields {
+            let fault = |what, expected: &str, found| {
+                SourceError::field(format!("{what} of field {name}"), expected, found)
+            };
+            // INT8, UINT8, INT16, UINT16, INT32, UINT32, FLOAT32, FLOAT64 are 1 to 8.
+            let bytes = [0, 1, 1, 2, 2, 4, 4, 4, 8].get(datatype).unwrap_or(&0);
+            let kind = Kind::new(datatype > 6, datatype % 2 == 1, *bytes);
+            let kind = kind.ok_or_else(|| fault("datatype", "1 to 8", datatype))?;
+            if start.saturating_add(*bytes) > stride {
+                let expected = format!("{bytes} bytes within {stride}");
+                return Err(fault("offset", &expected, start));
+            }
+            let column = Column {
+                name,
+                kind,
+                start,
+                stride,
+            };
+            table.columns.push(column);
+        }
+        Ok(table)
+    }
+}
+
+/// What is left of a ROS message; `None`: it ends too early.
+struct Reader<'a> {
+    all: &'a [u8],
+    at: usize,
+    /// Numbers lie at multiples of it.
+    align: usize,
+    is_big_endian: bool,
+}
+
+impl<'a> Reader<'a> {
+    fn of(kind: Cloud, message: &'a [u8]) -> Option<Reader<'a>> {
+        // CDR begins with four bytes of which the second tells the order of bytes; ROS 1 with a sequence number.
+        let (head, all) = message.split_at_checked(4)?;
+        let is_cdr = kind == Cloud::Ros2;
+        let is_big_endian = is_cdr && head[1] & 1 == 0;
+        let align = if is_cdr { 4 } else { 1 };
+        Some(Reader {
+            all,
+            at: 0,
+            align,
+            is_big_endian,
+        })
+    }
+
+    fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        let bytes = self.all.get(self.at..)?.get(..count)?;
+        self.at += count;
+        Some(bytes)
+    }
+
+    fn number(&mut self) -> Option<usize> {
+        self.at = self.at.next_multiple_of(self.align);
+        let raw = self.bytes(4)?.try_into().ok()?;
+        let number = u32::from_le_bytes(raw);
+        let is_swapped = self.is_big_endian;
+        Some(if is_swapped {
+            number.swap_bytes()
+        } else {
+            number
+        } as usize)
+    }
+
+    fn text(&mut self) -> Option<String> {
+        let count = self.number()?;
+        let text = String::from_utf8_lossy(self.bytes(count)?);
+        Some(text.trim_end_matches('\0').to_string())
+    }
+
+    fn cloud(mut self) -> Option<PointCloud2<'a>> {
+        let (seconds, ns) = (self.number()? as u64, self.number()? as u64);
+        let mut cloud = PointCloud2 {
+            stamp_ns: seconds * 1_000_000_000 + ns,
+            ..PointCloud2::default()
+        };
+        // The frame of reference.
+        self.text()?;
+        (cloud.height, cloud.width) = (self.number()?, self.number()?);
+        for _ in 0..self.number()? {
+            let field = (self.text()?, self.number()?, self.bytes(1)?[0].into());
+            cloud.fields.push(field);
+            // Numbers in the field.
+            self.number()?;
+        }
+        cloud.is_big_endian = self.bytes(1)?[0] != 0;
+        (cloud.point_step, cloud.row_step) = (self.number()?, self.number()?);
+        let bytes = self.number()?;
+        let rest = &self.all[self.at..];
+        cloud.data = &rest[..bytes.min(rest.len())];
+        Some(cloud)
+    }
+}
+
+/// foxglove.PointCloud.
+#[derive(Message)]
+struct Foxglove {
+    #[prost(message, tag = "1")]
+    timestamp: Option<Timestamp>,
+    #[prost(fixed32, tag = "4")]
+    point_stride: u32,
+    #[prost(message, repeated, tag = "5")]
+    fields: Vec<PackedElementField>,
+    #[prost(bytes = "vec", tag = "6")]
+    data: Vec<u8>,
+}
+
+#[derive(Clone, Copy, Message)]
+struct Timestamp {
+    #[prost(int64, tag = "1")]
+    seconds: i64,
+    #[prost(int32, tag = "2")]
+    nanos: i32,
+}
+
+#[derive(Message)]
+struct PackedElementField {
+    #[prost(string, tag = "1")]
+    name: String,
+    #[prost(fixed32, tag = "2")]
+    offset: u32,
+    #[prost(uint32, tag = "3")]
+    kind: u32,
+}
+
+impl Foxglove {
+    fn cloud(&self) -> PointCloud2<'_> {
+        let stamp = self.timestamp.unwrap_or_default();
+        let ns = i128::from(stamp.seconds) * 1_000_000_000 + i128::from(stamp.nanos);
+        let mut fields = vec![];
+        for field in &self.fields {
+            // Its integers are numbered with the unsigned one first.
+            let datatype = match field.kind {
+                kind @ 1..=6 => kind - 1 + 2 * (kind % 2),
+                kind => kind,
+            };
+            fields.push((field.name.clone(), field.offset as usize, datatype as usize));
+        }
+        PointCloud2 {
+            stamp_ns: u64::try_from(ns).unwrap_or(0),
+            height: 1,
+            width: self.data.len().div_ceil(self.point_stride.max(1) as usize),
+            fields,
+            point_step: self.point_stride as usize,
+            data: &self.data,
+            ..PointCloud2::default()
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! Scans from a recording: the messages of one topic of an MCAP file, in the order of the file.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use mcap::io::MessageReader;
+use mcap::sans_io::{LinearReaderOptions, SummaryReadEvent, SummaryReader, SummaryReaderOptions};
+use mcap::{Channel, Summary};
+use mluc_ipc_types::Flags;
+
+use crate::files::{CLOUDS, Cloud, Layout};
+use crate::rounds::Rounds;
+use crate::{Next, Scan, SourceError, numbered};
+
+/// Of a chunk or any other record: many times the largest scan.
+const RECORD_BYTES_MAX: usize = 256 << 20;
+/// Messages until the caller is asked to come again: it has heartbeats to send.
+const LOOKS_MAX: u32 = 64;
+const READ_BYTES: usize = 1 << 20;
+
+/// The recording that `input` is, or the only one in a folder, as rosbag2 makes them.
+pub(crate) fn within(input: &Path, ending: &str) -> Option<PathBuf> {
+    if ending == "mcap" {
+        return Some(input.to_path_buf());
+    }
+    let paths = input.read_dir().ok()?.flatten().map(|entry| entry.path());
+    let mut found = paths.filter(|path| path.extension().is_some_and(|word| word == "mcap"));
+    found.next().filter(|_| found.next().is_none())
+}
+
+pub(crate) struct Recording {
+    path: PathBuf,
+    layout: Layout,
+    topic: String,
+    messages: MessageReader<BufReader<File>>,
+    /// Messages of the topic; `None`: not told.
+    pub(crate) count: Option<u64>,
+    /// Of the next message.
+    sequence: u64,
+    /// By the times at which messages were recorded.
+    rounds: Rounds,
+}
+
+impl Recording {
+    pub(crate) fn open(path: &Path, layout: &Layout) -> anyhow::Result<Recording> {
+        let about = || format!("input {}", path.display());
+        let summary = summary(path)?;
+        let (topic, channels) = choose(&summary, layout.topic.as_deref()).with_context(about)?;
+        for chunk in &summary.chunk_indexes {
+            if !["", "lz4", "zstd"].contains(&chunk.compression.as_str()) {
+                let found = &chunk.compression;
+                let error =
+                    SourceError::field("compression of a chunk", "none, lz4 or zstd", found);
+                return Err(error).with_context(about);
+            }
+        }
+        let counts = summary.stats.map(|stats| stats.channel_message_counts);
+        let count = counts.filter(|counts| !counts.is_empty());
+        let count = count.map(|counts| channels.iter().filter_map(|id| counts.get(id)).sum());
+        tracing::info!(topic, scans = count, "recording");
+        Ok(Recording {
+            path: path.to_path_buf(),
+            layout: layout.clone(),
+            topic,
+            messages: messages(path)?,
+            count,
+            sequence: 0,
+            rounds: Rounds::default(),
+        })
+    }
+
+    /// Reads on to the message of a number, unless that is loaded; `repeat`: after the last one the first comes again.
+    pub(crate) fn load(
+        &mut self,
+        sequence: u64,
+        repeat: bool,
+        scan: &mut Scan,
+    ) -> anyhow::Result<Next> {
+        if sequence < self.sequence {
+            return Ok(Next::Scan);
+        }
+        for _ in 0..LOOKS_MAX {
+            let message = self.messages.next().transpose();
+            match message.with_context(|| format!("input {}", self.path.display()))? {
+                Some(message) if message.channel.topic == self.topic => {
+                    let Some(cloud) = cloud(&message.channel) else {
+                        continue;
+                    };
+                    let offset_ns = self.rounds.offset_ns(message.log_time);
+                    self.sequence += 1;
+                    if self.sequence > sequence {
+                        scan.take_message(cloud, &self.layout, &message);
+                        (scan.name, scan.offset_ns) = (numbered(sequence), Some(offset_ns));
+                        return Ok(Next::Scan);
+                    }
+                }
+                Some(_) => {}
+                None if !repeat || !self.rounds.next_round() => return Ok(Next::End),
+                None => self.messages = messages(&self.path)?,
+            }
+        }
+        Ok(Next::NotYet)
+    }
+}
+
+impl Scan {
+    /// A message as a scan; one that makes no sense is an empty scan.
+    fn take_message(&mut self, cloud: Cloud, layout: &Layout, message: &mcap::Message) {
+        self.bytes.clear();
+        let found = cloud.convert(layout, &message.data, &mut self.bytes);
+        let (stamp_ns, is_damaged) = found.unwrap_or_else(|error| {
+            tracing::warn!("cannot read a message, an empty frame takes its place: {error}");
+            self.bytes.clear();
+            (0, true)
+        });
+        self.flags = Flags::default();
+        if is_damaged {
+            self.flags = Flags::DAMAGED_INPUT;
+        }
+        self.stamp_ns = Some(if stamp_ns > 0 {
+            stamp_ns
+        } else {
+            message.log_time
+        });
+        self.pose = None;
+    }
+}
+
+fn messages(path: &Path) -> Result<MessageReader<BufReader<File>>, SourceError> {
+    let file = File::open(path).map_err(|cause| SourceError::io(path.display(), cause))?;
+    let options = LinearReaderOptions::default().with_record_length_limit(RECORD_BYTES_MAX);
+    let options = options.with_validate_chunk_crcs(true);
+    let file = BufReader::with_capacity(READ_BYTES, file);
+    Ok(MessageReader::new_with_options(file, options))
+}
+
+fn schema<'a>(channel: &'a Channel) -> &'a str {
+    channel.schema.as_ref().map_or("", |schema| &schema.name)
+}
+
+fn cloud(channel: &Channel) -> Option<Cloud> {
+    Cloud::of(schema(channel), &channel.message_encoding)
+}
+
+/// The topic asked for, or the only one that has scans, and its channels.
+fn choose(summary: &Summary, wanted: Option<&str>) -> Result<(String, Vec<u16>), SourceError> {
+    let (mut found, mut others) = (BTreeMap::<_, Vec<u16>>::new(), BTreeSet::new());
+    for (id, channel) in &summary.channels {
+        let (topic, encoding) = (channel.topic.clone(), &channel.message_encoding);
+        if wanted.is_none_or(|wanted| wanted == topic) && cloud(channel).is_some() {
+            found.entry(topic).or_default().push(*id);
+        } else {
+            others.insert(format!("{topic} ({}, {encoding})", schema(channel)));
+        }
+    }
+    if found.len() > 1 {
+        let topics = found.into_keys().collect::<Vec<_>>().join(", ");
+        let expected = "one, or which of them with --topic";
+        return Err(SourceError::field("topics of scans", expected, topics));
+    }
+    let expected = format!("{} of {CLOUDS}", wanted.unwrap_or("a topic"));
+    let others = || Vec::from_iter(others).join(", ");
+    found
+        .pop_first()
+        .ok_or_else(|| SourceError::field("topic", expected, others()))
+}
+
+/// Errors: it is no MCAP file, or has no summary.
+fn summary(path: &Path) -> Result<Summary, SourceError> {
+    let fault = |found: String| SourceError::Format {
+        path: path.to_path_buf(),
+        expected: "an MCAP file with a summary at its end".to_string(),
+        found,
+    };
+    let cut = |what: &str| {
+        fault(format!(
+            "{what}: was it cut short? `mcap recover IN -o OUT` helps"
+        ))
+    };
+    let io = |cause| SourceError::io(path.display(), cause);
+    let mut file = File::open(path).map_err(io)?;
+    let mut magic = [0; 8];
+    if file.read_exact(&mut magic).is_err() || magic != mcap::MAGIC {
+        return Err(fault("another file".to_string()));
+    }
+    let options = SummaryReaderOptions::default().with_record_length_limit(RECORD_BYTES_MAX);
+    let size = file.metadata().map_err(io)?.len();
+    let mut reader = SummaryReader::new_with_options(options.with_file_size(size));
+    while let Some(event) = reader.next_event() {
+        match event.map_err(|error| cut(&error.to_string()))? {
+            SummaryReadEvent::SeekRequest(to) => {
+                let place = std::io::Seek::seek(&mut file, to).map_err(io)?;
+                reader.notify_seeked(place);
+            }
+            SummaryReadEvent::ReadRequest(bytes) => {
+                let count = file.read(reader.insert(bytes)).map_err(io)?;
+                reader.notify_read(count);
+            }
+        }
+    }
+    reader.finish().ok_or_else(|| cut("no summary"))
+}

@@ -1,0 +1,156 @@
+//! Recordings that MCAP's own Python packages wrote (`recordings/make.py`).
+
+use std::path::{Path, PathBuf};
+
+use mluc_ipc_types::Flags;
+use mluc_sources::files::Layout;
+use mluc_sources::{Next, Scan, Source};
+
+const POINTS: [f32; 12] = [
+    1.0, 2.0, 3.0, 0.5, -4.0, 5.5, -6.0, 0.25, 7.0, -8.0, 9.0, 1.0,
+];
+
+fn recording(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/recordings")
+        .join(name)
+}
+
+fn open(path: &Path, topic: Option<&str>, repeat: bool) -> Result<Source, String> {
+    let layout = Layout {
+        topic: topic.map(str::to_string),
+        intensity_scale: 0.25,
+        ..Layout::default()
+    };
+    Source::open(path, &layout, repeat).map_err(|error| format!("{error:#}"))
+}
+
+fn load(source: &mut Source, sequence: u64, scan: &mut Scan) -> Next {
+    loop {
+        match source.load(sequence, scan).unwrap() {
+            Next::NotYet => (),
+            next => return next,
+        }
+    }
+}
+
+#[test]
+fn the_same_points_come_from_every_message_and_compression() {
+    let points: Vec<u8> = POINTS.iter().flat_map(|v| v.to_le_bytes()).collect();
+    for (name, topic, count) in [
+        ("ros2.mcap", None, 3),
+        ("plain.mcap", None, 3),
+        ("lz4.mcap", None, 3),
+        ("unchunked.mcap", None, 3),
+        ("clouds.mcap", Some("/big_endian"), 3),
+        ("clouds.mcap", Some("/padded_rows"), 3),
+        ("clouds.mcap", Some("/ros1"), 3),
+        ("clouds.mcap", Some("/foxglove"), 3),
+        // What is damaged gives what it has, and is flagged.
+        ("clouds.mcap", Some("/cut"), 2),
+        ("clouds.mcap", Some("/no_x"), 0),
+    ] {
+        let mut source = open(&recording(name), topic, false).unwrap();
+        let mut scan = Scan::default();
+        assert_eq!(load(&mut source, 0, &mut scan), Next::Scan);
+        assert_eq!(scan.bytes, points[..16 * count], "{name} {topic:?}");
+        let is_whole = scan.flags == Flags::default();
+        assert_eq!(is_whole, count == 3, "{name} {topic:?}");
+        // When it was recorded, where nothing tells the sensor's time.
+        let stamp_ns = if count > 0 {
+            5_000_000_006
+        } else {
+            1_000_000_000
+        };
+        assert_eq!(scan.stamp_ns, Some(stamp_ns));
+    }
+}
+
+#[test]
+fn scans_come_as_they_were_recorded_round_after_round() {
+    let mut scan = Scan::default();
+    for (repeat, sequences) in [(false, 0..2), (true, 0..5), (true, 1..4)] {
+        let mut source = open(&recording("lz4.mcap"), None, repeat).unwrap();
+        assert_eq!(source.count(), Some(2));
+        for sequence in sequences.clone() {
+            // Asked for once more, it is still there.
+            for _ in 0..2 {
+                assert_eq!(load(&mut source, sequence, &mut scan), Next::Scan);
+                let found = (&*scan.name, scan.offset_ns);
+                let name = format!("{sequence:06}");
+                assert_eq!(found, (&*name, Some(sequence * 100_000_000)));
+            }
+        }
+        let end = load(&mut source, sequences.end, &mut scan);
+        assert_eq!(end == Next::End, !repeat);
+    }
+}
+
+#[test]
+fn what_cannot_be_taken_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("log.mcap");
+    let whole = std::fs::read(recording("plain.mcap")).unwrap();
+    let packed = std::fs::read(recording("lz4.mcap")).unwrap();
+    let mut other = packed.clone();
+    let at = packed.windows(3).rposition(|word| word == b"lz4").unwrap();
+    other[at] = b'q';
+    let clouds = std::fs::read(recording("clouds.mcap")).unwrap();
+    let all = "one, or which of them with --topic, found /big_endian, /cut, /foxglove, /no_x, /padded_rows, /ros1";
+    for (bytes, topic, words) in [
+        (&clouds[..], None, all),
+        (
+            &clouds,
+            Some("/json"),
+            "found /big_endian (sensor_msgs/msg/PointCloud2, cdr), /cut",
+        ),
+        (
+            &whole,
+            Some("/b"),
+            "topic: expected /b of sensor_msgs/PointCloud2 (cdr, ros1) or foxglove",
+        ),
+        (
+            &whole[..whole.len() - 100],
+            None,
+            "`mcap recover IN -o OUT`",
+        ),
+        (
+            &whole[8..],
+            None,
+            "an MCAP file with a summary at its end, found another file",
+        ),
+        (b"", None, "found another file"),
+        (
+            &other,
+            None,
+            "compression of a chunk: expected none, lz4 or zstd, found qz4",
+        ),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        let error = open(folder.path(), topic, false).err().unwrap();
+        assert!(error.contains(words), "{words}: {error}");
+    }
+}
+
+proptest::proptest! {
+    /// Whatever is changed in a file without checksums: an error, or scans, and an end.
+    #[test]
+    fn damage_is_no_panic(changes in proptest::collection::vec((0usize..4096, 0u8..), 1..4), cut in 0usize..40) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.mcap");
+        let mut bytes = std::fs::read(recording("plain.mcap")).unwrap();
+        for (at, byte) in changes {
+            let at = at % bytes.len();
+            bytes[at] = byte;
+        }
+        bytes.truncate(bytes.len() - cut.saturating_sub(30));
+        std::fs::write(&path, bytes).unwrap();
+        if let Ok(mut source) = open(&path, None, false) {
+            let (mut scan, mut sequence) = (Scan::default(), 0);
+            while let Ok(next @ (Next::Scan | Next::NotYet)) = source.load(sequence, &mut scan) {
+                sequence += u64::from(next == Next::Scan);
+            }
+            assert!(sequence < 100, "it has an end");
+        }
+    }
+}
