@@ -149,18 +149,17 @@ impl Running {
     }
 
     pub fn start(command: &mut Command) -> Running {
-        Running::start_into(command, Stdio::piped())
+        Running::start_into(command, Stdio::piped(), Stdio::piped())
     }
 
-    /// Its lines are read where `stdout` is piped.
-    pub fn start_into(command: &mut Command, stdout: Stdio) -> Running {
-        command.stdin(Stdio::null());
-        command.stdout(stdout).stderr(Stdio::piped());
+    /// What is piped is read.
+    pub fn start_into(command: &mut Command, stdout: Stdio, stderr: Stdio) -> Running {
+        command.stdin(Stdio::null()).stdout(stdout).stderr(stderr);
         let mut process = command.spawn().expect("the program starts");
-        let out = process.stdout.take();
+        let (out, log) = (process.stdout.take(), process.stderr.take());
         Running {
             out: out.map_or_else(|| read_lines(std::io::empty()), read_lines),
-            log: read_lines(process.stderr.take().expect("piped")),
+            log: log.map_or_else(|| read_lines(std::io::empty()), read_lines),
             process,
         }
     }

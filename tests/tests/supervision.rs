@@ -50,7 +50,7 @@ fn wait_until_held(run: &mut Running, setting: &Setting) {
 fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_complete() {
     let setting = Setting::new("stalled", 80);
     let (mut reader, writer) = full_pipe();
-    let mut run = Running::start_into(&mut setting.up_command(""), writer.into());
+    let mut run = Running::start_into(&mut setting.up_command(""), writer.into(), Stdio::piped());
     wait_until_held(&mut run, &setting);
     kill_and_await(&mut run, "refiner");
     let read = std::thread::spawn(move || {
@@ -73,7 +73,7 @@ fn a_reader_that_stands_still_loses_lines_at_the_sensors_pace_and_signals_end_th
     let setting = Setting::new("stalled", 3);
     let (_reader, writer) = full_pipe();
     let mut command = setting.up_command("--pace sensor --rate 100 --loop");
-    let mut run = Running::start_into(&mut command, writer.into());
+    let mut run = Running::start_into(&mut command, writer.into(), Stdio::piped());
     run.wait_until("all stages run", |run| run.stages().len() == 4);
     let instance = Instance::new(&setting.instance).unwrap();
     let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
@@ -93,6 +93,28 @@ fn a_reader_that_stands_still_loses_lines_at_the_sensors_pace_and_signals_end_th
 }
 
 #[test]
+fn a_log_that_nobody_reads_stops_no_restart_and_says_what_was_lost() {
+    let setting = Setting::new("unread", 3);
+    let (mut reader, writer) = full_pipe();
+    let mut command = setting.up_command("--loop");
+    let mut run = Running::start_into(&mut command, Stdio::piped(), writer.into());
+    drop(command);
+    run.wait_for_lines(1);
+    kill_and_await(&mut run, "refiner");
+    run.wait_for_lines(3);
+    let read = std::thread::spawn(move || {
+        let mut text = String::new();
+        reader.read_to_string(&mut text).map(|_| text)
+    });
+    // Reading begins.
+    std::thread::sleep(SECOND);
+    run.signal(Signal::TERM);
+    assert_eq!(setting.finish(run).code, Some(0));
+    let log = read.join().expect("no panic").expect("read");
+    assert_has(&log, &["messages were lost", "frames: "]);
+}
+
+#[test]
 fn lines_that_cannot_be_written_end_the_run_with_an_error() {
     let setting = Setting::new("unwritable", 3);
     let (reader, writer) = std::io::pipe().expect("a pipe");
@@ -103,7 +125,8 @@ fn lines_that_cannot_be_written_end_the_run_with_an_error() {
         (full.expect("Linux has it").into(), "No space left"),
     ];
     for (stdout, words) in cases {
-        let run = Running::start_into(&mut setting.up_command("--loop"), stdout);
+        let mut command = setting.up_command("--loop");
+        let run = Running::start_into(&mut command, stdout, Stdio::piped());
         let finished = setting.finish(run);
         finished.assert_ended(1, 0);
         finished.assert_says(&["standard output", words]);

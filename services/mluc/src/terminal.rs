@@ -1,18 +1,23 @@
 //! What a command says. A terminal or file that is full or closed is an error at most, never a panic beside running stages.
 
 use std::fmt::Display;
-use std::io::{Write, stderr, stdout};
+use std::io::{Write, stdout};
+use std::time::Duration;
 
 use anyhow::Context;
-use mluc_runtime::{LOG_FORMATS, log_format, log_line};
+use mluc_runtime::{LOG_FORMATS, PatientStderr, log_format, log_line};
 use tracing::Level;
+
+/// How long a reader of stderr is waited for.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A line on stderr, lost where it cannot be written; where the log is JSON, it is one of its lines.
 pub fn print_err(text: impl Display) {
     let text = text.to_string();
     let is_json = log_format() == LOG_FORMATS[1];
     let line = is_json.then(|| log_line("mluc", Level::INFO, &text, &[]));
-    let _ = writeln!(stderr(), "{}", line.unwrap_or(text));
+    let text = line.unwrap_or(text) + "\n";
+    let _ = PatientStderr(PATIENCE).write_all(text.as_bytes());
 }
 
 /// A line of the command's answer, on stdout.

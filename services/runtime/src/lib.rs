@@ -36,7 +36,8 @@ pub use health::HealthWatch;
 pub use input::{Input, Message};
 pub use instance::Instance;
 pub use logging::{
-    LOG_FORMAT_VARIABLE, LOG_FORMATS, choose_log_format, log_format, log_line, log_to_stderr,
+    LOG_FORMAT_VARIABLE, LOG_FORMATS, PatientStderr, choose_log_format, log_format, log_line,
+    log_to_stderr,
 };
 pub use manager::MANAGER_VARIABLES;
 pub use membership::{Claim, ClaimNote, Membership};

@@ -3,12 +3,13 @@
 
 mod repeats;
 mod spans;
+mod stderr;
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::path::Path;
 use std::sync::{Mutex, OnceLock};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use humantime::format_rfc3339_millis;
 use serde_json::json;
@@ -19,6 +20,7 @@ use tracing_subscriber::prelude::*;
 
 use repeats::Repeats;
 use spans::Spans;
+pub use stderr::PatientStderr;
 
 static IS_JSON: OnceLock<bool> = OnceLock::new();
 
@@ -60,7 +62,7 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     let filter =
         EnvFilter::try_from_env("MLUC_LOG").unwrap_or_else(|_| EnvFilter::new(default_filter));
     let lines = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
+        .with_writer(|| PatientStderr(Duration::ZERO))
         .with_ansi(false)
         .event_format(Line {
             process,

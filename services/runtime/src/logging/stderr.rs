@@ -1,0 +1,50 @@
+//! Stderr that holds nobody up: what its reader does not take in time is lost, and counted.
+
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use tracing::Level;
+
+use super::log_line;
+
+/// A pipe that says it takes something takes so much at once (PIPE_BUF).
+const AT_ONCE: usize = 4096;
+
+/// Pieces that were lost since the last one that was written.
+static LOST: AtomicU64 = AtomicU64::new(0);
+
+/// Waits at most so long for its reader, each time.
+#[derive(Clone, Copy, Debug)]
+pub struct PatientStderr(pub Duration);
+
+impl PatientStderr {
+    fn is_ready(self) -> bool {
+        let stderr = io::stderr();
+        let mut ends = [PollFd::new(&stderr, PollFlags::OUT)];
+        let patience = Timespec::try_from(self.0).ok();
+        poll(&mut ends, patience.as_ref()).is_ok_and(|ready| ready > 0)
+    }
+}
+
+impl Write for PatientStderr {
+    /// All, even if it is lost.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if !self.is_ready() {
+            LOST.fetch_add(1, Ordering::Relaxed);
+            return Ok(bytes.len());
+        }
+        let lost = LOST.swap(0, Ordering::Relaxed);
+        if lost > 0 {
+            let message = format!("{lost} messages were lost: nobody read stderr");
+            let line = log_line("log", Level::WARN, &message, &[]);
+            writeln!(io::stderr(), "{line}")?;
+        }
+        io::stderr().write(&bytes[..bytes.len().min(AT_ONCE)])
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
