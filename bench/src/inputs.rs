@@ -37,9 +37,9 @@ pub fn sensor() -> Sensor {
     }
 }
 
-/// The shipped `kitti` model: real candidates, as a robot meets them.
+/// The paper's model `kitti`: real candidates, as a robot meets them.
 pub fn shipped() -> Result<(Manifest, WeightSet)> {
     let bench = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let model = Model::read(&bench.join("../weights/kitti.safetensors"))?;
+    let model = Model::read(&bench.join("../weights/paper/kitti.safetensors"))?;
     Ok((model.manifest, model.weights))
 }

@@ -48,7 +48,7 @@ pub(crate) struct RunArgs {
     /// A folder of scans [default: the bundled simulated ones].
     #[arg(long)]
     pub(crate) input: Option<PathBuf>,
-    /// An embedded model or a model file [default: kitti-open].
+    /// A built-in model or a model file [default: any-open].
     #[arg(long)]
     pub(crate) model: Option<String>,
     /// f32, bf16 or int8.

@@ -3,13 +3,29 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use mluc_ingest::unpack;
 use mluc_ipc_types::Point;
 
-use crate::embedded;
+/// A scan of `assets/`: its name, its packed points (`mluc_ingest::unpack`) and its labels.
+macro_rules! bundled {
+    ($name:literal) => {
+        (
+            $name,
+            include_bytes!(concat!("../assets/", $name, ".scan")).as_slice(),
+            include_str!(concat!("../assets/", $name, ".txt")),
+        )
+    };
+}
 
-/// The embedded scans as files: `velodyne/NAME.bin`, and `label_2/NAME.txt` where there are labels.
+const SCANS: [(&str, &[u8], &str); 4] = [
+    bundled!("000010"),
+    bundled!("000080"),
+    bundled!("000209"),
+    bundled!("000380"),
+];
+
+/// The scans as files: `velodyne/NAME.bin` and `label_2/NAME.txt`.
 pub struct BundledScans {
     folder: PathBuf,
     /// Of each scan, in the order of their names.
@@ -19,20 +35,15 @@ pub struct BundledScans {
 impl BundledScans {
     /// `purpose`: part of the folder's name.
     pub fn write(purpose: &str) -> anyhow::Result<BundledScans> {
-        if embedded::SCANS.is_empty() {
-            bail!("this build brings no scans along (services/mluc/assets/*.scan): give --input");
-        }
         let folder = std::env::temp_dir().join(format!("mluc-{purpose}-{}", std::process::id()));
         let points = Vec::new();
         let mut scans = BundledScans { folder, points };
-        for (name, bytes) in embedded::SCANS {
-            let points = unpack(bytes).with_context(|| format!("embedded scan {name}"))?;
+        for (name, bytes, labels) in SCANS {
+            let points = unpack(bytes).with_context(|| format!("bundled scan {name}"))?;
             let file = format!("{name}.bin");
             scans.file("velodyne", &file, bytemuck::cast_slice(&points))?;
+            scans.file("label_2", &format!("{name}.txt"), labels.as_bytes())?;
             scans.points.push(points);
-        }
-        for (name, bytes) in embedded::LABELS {
-            scans.file("label_2", &format!("{name}.txt"), bytes)?;
         }
         Ok(scans)
     }

@@ -1,10 +1,9 @@
 //! The command line.
 
-use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use mluc_backbone::Precision;
 use mluc_ipc_types::Stage;
 use mluc_refiner::Variant;
@@ -36,11 +35,11 @@ pub(crate) enum Command {
         /// Where the picture goes.
         #[arg(long, default_value = "mluc-demo.png")]
         picture: PathBuf,
-        /// An embedded model (any-open, kitti, kitti-open, udi, udi-open) or a model file.
+        /// A built-in model or a model file.
         #[arg(long, default_value = DEFAULT_MODEL)]
         model: String,
     },
-    /// Run one stage in this process (`up` starts them by itself).
+    /// Run one stage in this process (`up` starts them by itself). Options under `Input` concern ingest alone.
     Stage(StageArgs),
     /// Check the settings of `up` without a run; with --print, show them and where each comes from.
     Config {
@@ -104,36 +103,40 @@ pub(crate) enum Command {
     },
 }
 
+/// Headings of the help: what concerns ingest alone, and what concerns head and refiner.
+const INPUT: &str = "Input";
+const OBJECTS: &str = "Objects";
+
 /// What `up`, `stage` and `config` share; everything may stand in the configuration file instead (docs/configuration.md).
 /// As a document it holds what was given, but for the three lists of words.
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
     /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply), a capture (.pcap, .pcapng), a recording
     /// (.mcap), or a live sensor (udp:2368, udp:ADDRESS:PORT).
-    #[arg(long)]
+    #[arg(long, help_heading = INPUT)]
     pub(crate) input: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) layout: LayoutArgs,
-    /// An embedded model (any-open, kitti, kitti-open, udi, udi-open) or a model file [default: kitti-open].
+    /// A built-in model or a model file [default: any-open].
     #[arg(long)]
     pub(crate) model: Option<String>,
     /// The sensor: a product (vlp-16, for instance) or a TOML file like those of sensors/. Scans that contradict it are flagged.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", help_heading = INPUT)]
     #[serde(skip)]
     pub(crate) sensor: Option<String>,
     /// When the next frame enters [default: sensor].
     #[arg(long, value_enum)]
     pub(crate) pace: Option<Pace>,
     /// Frames a second at pace `sensor` [default: timestamps.txt beside the scans, else 10].
-    #[arg(long)]
+    #[arg(long, help_heading = INPUT)]
     #[serde(rename = "rate_hz")]
     pub(crate) rate: Option<f64>,
     /// Begin again after the last scan.
-    #[arg(long = "loop")]
+    #[arg(long = "loop", help_heading = INPUT)]
     #[serde(rename = "loop", skip_serializing_if = "is_off")]
     pub(crate) repeat: bool,
     /// End after so many seconds of input.
-    #[arg(long)]
+    #[arg(long, help_heading = INPUT)]
     pub(crate) seconds: Option<f64>,
     /// Name of this pipeline: two with different names run side by side [default: default].
     #[arg(long)]
@@ -142,30 +145,30 @@ pub(crate) struct PipelineArgs {
     #[arg(long)]
     #[serde(skip)]
     pub(crate) config: Option<PathBuf>,
-    /// With a model whose gate is the EDS (udi, kitti): threshold on the normalised EDS instead of the model's. Boxes below
+    /// With a model whose gate is the EDS (the paper's head): threshold on the normalised EDS instead of the model's. Boxes below
     /// it are candidate unknowns (1: the centre of all prototypes, 2: at a prototype, 0: no unknowns).
-    #[arg(long)]
+    #[arg(long, help_heading = OBJECTS)]
     pub(crate) lambda: Option<f64>,
     /// With a model that has a logit of the unknown (an -open model): probability of being none of the known from which
     /// a box is a candidate unknown, instead of the model's (0: no unknowns). Lower finds more, true and false.
-    #[arg(long)]
+    #[arg(long, help_heading = OBJECTS)]
     pub(crate) unknown_min: Option<f64>,
     /// What is published; the rest stays in the lines as `low_score` [default: balanced].
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = OBJECTS)]
     pub(crate) profile: Option<Profile>,
     /// Known objects below this score are not published [default: the profile's].
-    #[arg(long)]
+    #[arg(long, help_heading = OBJECTS)]
     pub(crate) min_score: Option<f64>,
     /// Unknown objects below this score are not published [default: the profile's].
-    #[arg(long)]
+    #[arg(long, help_heading = OBJECTS)]
     pub(crate) min_unknown_score: Option<f64>,
     /// How the refiner clusters.
-    #[arg(long, value_parser = Variant::ALL.map(Variant::name))]
+    #[arg(long, value_parser = Variant::ALL.map(Variant::name), help_heading = OBJECTS)]
     #[serde(skip)]
     pub(crate) refiner_mode: Option<String>,
     /// Follow unknown objects over frames: each gets a number, and is published once two of the last three frames saw
     /// it. Known objects are never delayed.
-    #[arg(long)]
+    #[arg(long, help_heading = OBJECTS)]
     #[serde(skip_serializing_if = "is_off")]
     pub(crate) track: bool,
     /// Arithmetic of the backbone: f32, bf16 (faster where the processor has it), or int8 (faster still; the model needs a
@@ -195,6 +198,7 @@ pub(crate) struct PipelineArgs {
 
 /// How to read files of points, where they are not as KITTI's.
 #[derive(Args, Clone, Debug, Default, Serialize)]
+#[command(next_help_heading = INPUT)]
 pub(crate) struct LayoutArgs {
     /// Columns of a .bin or .npy file, `x,y,z,intensity,ring` for instance; others than x, y, z and intensity are left out [default: these four].
     #[arg(long, value_delimiter = ',', value_name = "NAME,..")]
@@ -238,60 +242,6 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
     })
 }
 
-/// Options of [`PipelineArgs`] that only some stages take; the others concern all of them.
-const TAKEN_BY: [(&str, &[Stage]); 22] = [
-    ("input", &[Stage::Ingest]),
-    ("columns", &[Stage::Ingest]),
-    ("scale", &[Stage::Ingest]),
-    ("intensity_scale", &[Stage::Ingest]),
-    ("axes", &[Stage::Ingest]),
-    ("calibration", &[Stage::Ingest]),
-    ("topic", &[Stage::Ingest]),
-    ("sensor", &[Stage::Ingest]),
-    ("pace", &[Stage::Ingest, Stage::Refiner]),
-    ("rate", &[Stage::Ingest]),
-    ("repeat", &[Stage::Ingest]),
-    ("seconds", &[Stage::Ingest]),
-    ("lambda", &[Stage::Head, Stage::Refiner]),
-    ("unknown_min", &[Stage::Head, Stage::Refiner]),
-    ("profile", &[Stage::Refiner]),
-    ("min_score", &[Stage::Refiner]),
-    ("min_unknown_score", &[Stage::Refiner]),
-    ("refiner_mode", &[Stage::Refiner]),
-    ("track", &[Stage::Refiner]),
-    ("precision", &[Stage::Backbone]),
-    ("budget_ms", &[Stage::Refiner]),
-    ("status_lines", &[]),
-];
-
-impl Cli {
-    /// Reads the command line; ends the program with help or an error where there is one.
-    pub(crate) fn read() -> Cli {
-        let words: Vec<OsString> = std::env::args_os().collect();
-        let matches = Cli::command_for(&words).get_matches_from(words);
-        Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
-    }
-
-    /// The help of `mluc stage NAME` lists what that stage takes.
-    fn command_for(words: &[OsString]) -> clap::Command {
-        let words: Vec<_> = words.iter().filter_map(|word| word.to_str()).collect();
-        let stage = match words[..] {
-            [_, "stage", name, ..] => Stage::from_name(name),
-            _ => None,
-        };
-        let is_taken = |id: &str| match TAKEN_BY.iter().find(|(option, _)| *option == id) {
-            Some((_, stages)) => stage.is_none_or(|stage| stages.contains(&stage)),
-            None => id != "without" && (id != "name" || stage.is_none()),
-        };
-        Cli::command().mut_subcommand("stage", |command| {
-            command.mut_args(|arg| {
-                let is_hidden = arg.is_hide_set() || !is_taken(arg.get_id().as_str());
-                arg.hide(is_hidden)
-            })
-        })
-    }
-}
-
 #[derive(Args, Clone, Debug)]
 pub(crate) struct StageArgs {
     /// Which one.
@@ -320,33 +270,4 @@ pub(crate) struct DoctorArgs {
     /// The sensor that they should be of: a product or a TOML file.
     #[arg(long, value_name = "NAME|FILE")]
     pub(crate) sensor: Option<String>,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn help_of_a_stage_lists_what_it_takes() {
-        let help = |name: &str| {
-            let words = ["mluc", "stage", name, "--help"].map(OsString::from);
-            let error = Cli::command_for(&words).try_get_matches_from(words);
-            error.unwrap_err().to_string()
-        };
-        let (head, ingest) = (help("head"), help("ingest"));
-        for option in ["--unknown-min", "--instance"] {
-            assert!(head.contains(option), "{option}: {head}");
-        }
-        for option in "--rate --loop --precision --refiner-mode --without".split(' ') {
-            assert!(!head.contains(option), "{option}: {head}");
-        }
-        let is_ingests = ingest.contains("--rate") && !ingest.contains("--lambda");
-        assert!(is_ingests, "{ingest}");
-        let all = Cli::command();
-        let stage = all.find_subcommand("stage").unwrap();
-        for (id, _) in TAKEN_BY {
-            let is_option = stage.get_arguments().any(|arg| arg.get_id() == id);
-            assert!(is_option, "{id} is no option");
-        }
-    }
 }

@@ -116,7 +116,7 @@ mod tests {
                 assert!(error.contains(&words), "{words}: {error}");
             }
         }
-        let error = parse::<Settings>("model = \"udi\"\npace = \"xylophone\"").unwrap_err();
+        let error = parse::<Settings>("model = \"a\"\npace = \"xylophone\"").unwrap_err();
         for words in ["line 2", "`sensor`", "`complete`"] {
             assert!(error.contains(words), "{words}: {error}");
         }

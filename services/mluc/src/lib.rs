@@ -20,13 +20,9 @@ pub mod stages;
 mod supervisor;
 pub mod terminal;
 
-/// Models and scans inside the program; see `build.rs`.
-mod embedded {
-    include!(concat!(env!("OUT_DIR"), "/embedded.rs"));
-}
-
 use std::process::ExitCode;
 
+use clap::Parser;
 use cli::{Cli, Command};
 use mluc_runtime::choose_log_format;
 use terminal::print_err;
@@ -57,7 +53,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
     let Cli {
         command,
         log_format,
-    } = Cli::read();
+    } = Cli::parse();
     if let Some(format) = &log_format {
         choose_log_format(format);
     }

@@ -1,36 +1,44 @@
-//! Finding a model: embedded in this binary by name, or a file.
+//! Finding a model: built into this program, by name, or a file.
 
 use std::path::Path;
 
 use anyhow::Context;
 use mluc_model::{HeadKind, Model};
 
+use crate::UsageError;
 use crate::document::nearest;
 use crate::settings::Settings;
-use crate::{UsageError, embedded};
 
-pub(crate) fn embedded(name: &str) -> Option<&'static [u8]> {
-    let mut models = embedded::MODELS.iter();
+macro_rules! built_in {
+    ($($name:literal),+) => {
+        &[$(($name, include_bytes!(concat!("../../../weights/", $name, ".safetensors")))),+]
+    };
+}
+/// The models in this program, of `weights/`. Another one is a name here, and its floors in `tests/tests/accuracy.toml`.
+const BUILT_IN: &[(&str, &[u8])] = built_in!("any-open");
+/// The models of the paper's settings: files in `weights/paper/` of the repository.
+const PAPER: [&str; 4] = ["kitti", "kitti-open", "udi", "udi-open"];
+
+pub(crate) fn built_in(name: &str) -> Option<&'static [u8]> {
+    let mut models = BUILT_IN.iter();
     models.find_map(|(own, bytes)| (*own == name).then_some(*bytes))
 }
 
-/// Loads and checks a model. A name wins over a file of that name; `./kitti` is always a file.
+/// Loads and checks a model. A built-in name wins over a file of that name; `./any-open` is always a file.
 pub fn load(name: &str) -> anyhow::Result<Model> {
-    if let Some(bytes) = embedded(name) {
-        return Model::from_bytes(bytes).with_context(|| format!("embedded model '{name}'"));
+    if let Some(bytes) = built_in(name) {
+        return Model::from_bytes(bytes).with_context(|| format!("built-in model '{name}'"));
     }
     let path = Path::new(name);
     if !path.exists() {
-        let names: Vec<&str> = embedded::MODELS.iter().map(|&(name, _)| name).collect();
-        let known = match names[..] {
-            [] => "this build has none embedded".to_string(),
-            _ => format!("embedded are: {}", names.join(", ")),
-        };
-        let hint = nearest(name, names).map(|near| format!("; did you mean '{near}'?"));
-        let hint = hint.unwrap_or_default();
-        let text = format!(
-            "model '{name}': no such file, and no embedded model of that name ({known}){hint}"
-        );
+        let names: Vec<&str> = BUILT_IN.iter().map(|&(name, _)| name).collect();
+        let known = names.join(", ");
+        let paper = PAPER.contains(&name).then(|| {
+            format!("; the paper's models are files of the repository: --model weights/paper/{name}.safetensors")
+        });
+        let near = || nearest(name, names).map(|near| format!("; did you mean '{near}'?"));
+        let hint = paper.or_else(near).unwrap_or_default();
+        let text = format!("model '{name}': no such file; built in: {known}{hint}");
         return Err(UsageError(text).into());
     }
     Ok(Model::read(path)?)
@@ -44,7 +52,7 @@ pub(crate) fn load_for(settings: &Settings) -> anyhow::Result<Model> {
     let refused = |text: String| Err(UsageError(text).into());
     if settings.lambda.is_some() && is_open {
         return refused(format!(
-            "lambda: expected a model whose gate is the EDS (udi, kitti), found '{name}', whose gate is --unknown-min"
+            "lambda: expected a model whose gate is the EDS (the paper's head), found '{name}', whose gate is --unknown-min"
         ));
     }
     if settings.unknown_min.is_some() && !is_open {

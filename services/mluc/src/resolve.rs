@@ -2,7 +2,7 @@
 //! configuration file, the environment, the command line; and the model for the gate's threshold.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context;
 use mluc_model::{Model, SensorProfile};
@@ -141,51 +141,48 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
     table.remove("bench");
     let absolute = std::path::absolute(path);
     let path = absolute.with_context(|| format!("configuration {}", path.display()))?;
-    let folder = path.parent().unwrap_or(Path::new("/"));
-    let text = |path: PathBuf| Value::String(path.to_string_lossy().into_owned());
-    if let Some(input) = table.get("input").and_then(Value::as_str)
-        && mluc_sources::address(Path::new(input)).is_none()
-    {
-        table.insert("input".to_string(), text(folder.join(input)));
+    rebase(&mut table, path.parent().unwrap_or(Path::new("/")));
+    Ok(table)
+}
+
+/// Makes the paths of a layer absolute: relative ones are relative to `folder`. Names of what is built in and addresses stay.
+fn rebase(layer: &mut Table, folder: &Path) {
+    let absolute = |name: &str| {
+        let path = folder.join(name);
+        let path = std::path::absolute(&path).unwrap_or(path);
+        Value::String(path.to_string_lossy().into_owned())
+    };
+    let is_path = |key: &str, name: &str| match key {
+        "input" => mluc_sources::address(Path::new(name)).is_none(),
+        "model" => model::built_in(name).is_none() && folder.join(name).exists(),
+        "profile" => SensorProfile::names().all(|product| product != name),
+        _ => true,
+    };
+    for (table, key) in [
+        ("", "input"),
+        ("", "model"),
+        ("sensor", "profile"),
+        ("layout", "calibration"),
+    ] {
+        let value = match table {
+            "" => layer.get_mut(key),
+            _ => layer.get_mut(table).and_then(|inner| inner.get_mut(key)),
+        };
+        if let Some(value) = value
+            && let Some(name) = value.as_str().filter(|name| is_path(key, name))
+        {
+            *value = absolute(name);
+        }
     }
-    if let Some(name) = table.get("model").and_then(Value::as_str)
-        && model::embedded(name).is_none()
-        && folder.join(name).exists()
-    {
-        table.insert("model".to_string(), text(folder.join(name)));
-    }
-    if let Some(Value::Table(sensor)) = table.get_mut("sensor")
-        && let Some(name) = sensor.get("profile").and_then(Value::as_str)
-    {
-        let value = profile_value(name, folder);
-        sensor.insert("profile".to_string(), value);
-    }
-    if let Some(Value::Table(layout)) = table.get_mut("layout")
-        && let Some(name) = layout.get("calibration").and_then(Value::as_str)
-    {
-        let value = text(folder.join(name));
-        layout.insert("calibration".to_string(), value);
-    }
-    let stages = table.get_mut("stages").and_then(Value::as_table_mut);
+    let stages = layer.get_mut("stages").and_then(Value::as_table_mut);
     for (_, stage) in stages.into_iter().flatten() {
         if let Value::Table(stage) = stage
             && stage.contains_key("command")
         {
             let directory = stage.get("directory").and_then(Value::as_str).unwrap_or("");
-            stage.insert("directory".to_string(), text(folder.join(directory)));
+            stage.insert("directory".to_string(), absolute(directory));
         }
     }
-    Ok(table)
-}
-
-/// A product's name as it is, a file's path so that it holds in any folder.
-fn profile_value(name: &str, folder: &Path) -> Value {
-    if SensorProfile::names().any(|product| product == name) {
-        return Value::String(name.to_string());
-    }
-    let path = folder.join(name);
-    let path = std::path::absolute(&path).unwrap_or(path);
-    Value::String(path.to_string_lossy().into_owned())
 }
 
 fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
@@ -199,18 +196,18 @@ fn flag_layers(args: &PipelineArgs) -> anyhow::Result<Vec<Table>> {
     if let Some(name) = &args.refiner_mode {
         lines.push(format!("refiner.variant = '{name}'"));
     }
+    if let Some(profile) = &args.sensor {
+        lines.push(format!(
+            "sensor.profile = {}",
+            Value::from(profile.as_str())
+        ));
+    }
     let mut layers = vec![Table::try_from(args)?];
     for line in lines {
         layers.push(line.parse()?);
     }
-    if let Some(profile) = &args.sensor {
-        let sensor =
-            Table::from_iter([("profile".to_string(), profile_value(profile, Path::new("")))]);
-        layers.push(Table::from_iter([(
-            "sensor".to_string(),
-            Value::Table(sensor),
-        )]));
-    }
+    let folder = std::env::current_dir().context("the current folder")?;
+    layers.iter_mut().for_each(|layer| rebase(layer, &folder));
     Ok(layers)
 }
 
@@ -241,7 +238,7 @@ mod tests {
     const FILE: &str = r#"
         instance = "front"
         input = "scans"
-        model = "udi"
+        model = "any-open"
         pace = "complete"
         rate_hz = 10.0
         loop = true
@@ -262,11 +259,11 @@ mod tests {
     fn the_command_line_wins_over_the_file_and_the_file_over_defaults() {
         let (folder, file) = config(FILE);
         let Resolved { settings, origins } =
-            resolved(&[&file, "--model", "kitti-open", "--threads", "head=3"]);
+            resolved(&[&file, "--model", "my.safetensors", "--threads", "head=3"]);
         let mut expected = Settings {
             instance: Instance::new("front").unwrap(),
             input: Some(folder.path().join("scans")),
-            model: "kitti-open".into(),
+            model: "my.safetensors".into(),
             pace: Pace::Complete,
             rate_hz: Some(10.0),
             repeat: true,
@@ -298,7 +295,7 @@ mod tests {
 
     #[test]
     fn what_is_printed_resolves_to_the_same() {
-        let words = "--input=a/b --model=udi --pace=complete --rate=5 --loop --seconds=9 --instance=x --lambda=1.25 \
+        let words = "--input=a/b --model=../../weights/paper/udi.safetensors --pace=complete --rate=5 --loop --seconds=9 --instance=x --lambda=1.25 \
             --verify-mapping --track --threads=ingest=3 --without=refiner --budget-ms=70 --precision=bf16 \
             --refiner-mode=paper --profile=quiet --min-unknown-score=0.25";
         let mut first = resolved(&words.split_whitespace().collect::<Vec<_>>());

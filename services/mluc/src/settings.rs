@@ -16,9 +16,8 @@ use toml::Table;
 
 use crate::UsageError;
 
-/// The model of `up`, `demo`, `doctor` and `mluc-bench` where none is named: its unknown objects are usable on real scans,
-/// and it keeps 10 Hz on two cores.
-pub const DEFAULT_MODEL: &str = "kitti-open";
+/// The model where none is named, of every command: it takes any spinning LiDAR and looks all around.
+pub const DEFAULT_MODEL: &str = "any-open";
 /// A frame that takes two periods of a 10 Hz sensor.
 const BUDGET_MS: u64 = 200;
 /// Enough for a scan that is set aside after its second kill, and for the next one. A guess.
@@ -85,7 +84,7 @@ pub struct Settings {
     pub input: Option<PathBuf>,
     /// `[layout]`: how files of points are read.
     pub layout: Layout,
-    /// Name of an embedded model, or a model file.
+    /// Name of a built-in model, or a model file.
     pub model: String,
     /// Threshold of the gate on the normalised EDS, for a model without a logit of the unknown.
     pub lambda: Option<f64>,
@@ -274,14 +273,6 @@ impl Settings {
             let stem = std::path::Path::new(profile).file_stem();
             sensor.name = stem.unwrap_or_default().to_string_lossy().into_owned();
         }
-        let absolute = |path: PathBuf| std::path::absolute(&path).unwrap_or(path);
-        let input = self.input.take();
-        self.input = input.map(|path| match mluc_sources::address(&path) {
-            Some(_) => path,
-            None => absolute(path),
-        });
-        let calibration = &mut self.layout.calibration;
-        *calibration = calibration.take().map(absolute);
     }
 
     /// The gate's threshold and the scores of the profile where none were given: the model's. False: it has no such scores.

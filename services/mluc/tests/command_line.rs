@@ -22,9 +22,10 @@ config --rate=0 | rate_hz
 config --rate=NaN | rate_hz
 config --seconds=-1 | seconds
 config --unknown-min=1.5 | unknown_min
-config --model kitti-open --lambda 1.2 | --unknown-min
-config --model kitti --unknown-min 0.5 | --lambda
-config --model kitt | did you mean 'kitti'?
+config --lambda 1.2 | --unknown-min
+config --model ../../weights/paper/kitti.safetensors --unknown-min 0.5 | --lambda
+config --model any-opne | built in: any-open; did you mean 'any-open'?
+config --model kitti | --model weights/paper/kitti.safetensors
 config --threads=backbone | STAGE=N
 config --threads=bakbone=2 | ingest, backbone, head, refiner
 config --threads=head=-1 | STAGE=N

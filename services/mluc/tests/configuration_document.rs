@@ -69,8 +69,7 @@ fn variables() -> BTreeSet<String> {
         for entry in std::fs::read_dir(&folder).expect("a folder").flatten() {
             let path = entry.path();
             let name = entry.file_name().to_string_lossy().into_owned();
-            let is_code =
-                name.ends_with(".rs") && name != "contract_document.rs" && name != "build.rs";
+            let is_code = name.ends_with(".rs") && name != "contract_document.rs";
             if path.is_dir() && name != "target" {
                 folders.push(path);
             } else if is_code {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
-use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point, StatusState};
+use mluc_ipc_types::{FrameHeader, Object, ObjectKind, StatusState};
 use mluc_runtime::{Shutdown, log_to_stderr};
 
 use crate::bundled::BundledScans;
@@ -31,43 +31,27 @@ pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
     let mut shown = Shown::default();
     let outcome = run(settings, Shutdown::on_signals()?, &mut shown)?;
     print_out(format_args!("\n{}", outcome.latencies.table()))?;
-    match shown.best {
-        Some(best) => {
-            let points = scans.points.get(best.sequence as usize);
-            draw(picture, points.map_or(&[], Vec::as_slice), &best)?;
-            let picture = picture.display();
-            print_out(format_args!("picture of frame {}: {picture}", best.name))?;
-        }
-        None => print_out("no frame came out: no picture")?,
-    }
+    let Some(best) = shown.best else {
+        print_out("no frame came out: no picture")?;
+        return Ok(outcome.exit_code());
+    };
+    let points = scans.points.get(best.sequence as usize);
+    let view = View {
+        title: format!("mluc demo, frame {}", best.name),
+        ..View::around()
+    };
+    let points = points.map_or(&[][..], Vec::as_slice);
+    let canvas = bird_eye(bytemuck::cast_slice(points), &best.boxes, &view);
+    std::fs::write(picture, canvas.png())
+        .with_context(|| format!("writing {}", picture.display()))?;
+    let picture = picture.display();
+    print_out(format_args!("picture of frame {}: {picture}", best.name))?;
     Ok(outcome.exit_code())
 }
 
 #[derive(Default)]
 struct Shown {
     best: Option<Best>,
-}
-
-impl Sink for Shown {
-    fn take(
-        &mut self,
-        header: &FrameHeader,
-        objects: &[Object],
-        classes: &[String],
-        _: StatusState,
-    ) -> anyhow::Result<bool> {
-        let shown = print(header, objects, classes)?;
-        let unknown = shown.iter().filter(|object| is_unknown(object)).count();
-        if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
-            self.best = Some(Best {
-                sequence: header.sequence,
-                name: header.name().to_string(),
-                unknown,
-                boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
-            });
-        }
-        Ok(true)
-    }
 }
 
 /// The frame with the most unknown objects.
@@ -78,20 +62,33 @@ struct Best {
     boxes: Vec<DrawnBox>,
 }
 
-/// Prints a frame; gives the objects that are shown.
-fn print<'a>(
-    header: &FrameHeader,
-    objects: &'a [Object],
-    classes: &[String],
-) -> anyhow::Result<Vec<&'a Object>> {
-    let shown: Vec<&Object> = objects.iter().filter(|o| o.is_published()).collect();
-    let (name, points, count) = (header.name(), header.points_in, shown.len());
-    let line = format!("frame {name}: {points} points, {count} objects");
-    print_out(line)?;
-    for object in &shown {
-        print_out(format_args!("  {}", describe(object, classes)))?;
+impl Sink for Shown {
+    fn take(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+        _: StatusState,
+    ) -> anyhow::Result<bool> {
+        let shown: Vec<&Object> = objects.iter().filter(|o| o.is_published()).collect();
+        let (name, points, count) = (header.name(), header.points_in, shown.len());
+        print_out(format_args!(
+            "frame {name}: {points} points, {count} objects"
+        ))?;
+        for object in &shown {
+            print_out(format_args!("  {}", describe(object, classes)))?;
+        }
+        let unknown = shown.iter().filter(|object| is_unknown(object)).count();
+        if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
+            self.best = Some(Best {
+                sequence: header.sequence,
+                name: name.to_string(),
+                unknown,
+                boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
+            });
+        }
+        Ok(true)
     }
-    Ok(shown)
 }
 
 fn is_unknown(object: &Object) -> bool {
@@ -109,13 +106,11 @@ fn label<'a>(object: &Object, classes: &'a [String]) -> &'a str {
 fn describe(object: &Object, classes: &[String]) -> String {
     let ([x, y, z], [l, w, h]) = (object.center_m, object.size_m);
     format!(
-        "{:11} score {:4.2}  at {x:6.1} {y:6.1} {z:5.1} m  size {l:4.1} x {w:3.1} x {h:3.1} m  heading {:4.0} deg  {:5} \
-         points  normalised EDS {:4.2}",
+        "{:11} score {:4.2}  at {x:6.1} {y:6.1} {z:5.1} m  size {l:4.1} x {w:3.1} x {h:3.1} m  heading {:4.0} deg  {:5} points",
         label(object, classes),
         object.score,
         object.yaw_rad.to_degrees(),
         object.points_count,
-        object.eds_normalised,
     )
 }
 
@@ -132,13 +127,4 @@ fn drawn(object: &Object, classes: &[String]) -> DrawnBox {
         label: label.to_lowercase(),
         caption: format!("{label} {:.2}", object.score),
     }
-}
-
-fn draw(path: &Path, points: &[Point], best: &Best) -> anyhow::Result<()> {
-    let view = View {
-        title: format!("mluc demo, frame {}", best.name),
-        ..View::around()
-    };
-    let canvas = bird_eye(bytemuck::cast_slice(points), &best.boxes, &view);
-    std::fs::write(path, canvas.png()).with_context(|| format!("writing {}", path.display()))
 }

@@ -165,30 +165,20 @@ fn check_governor() -> Finding {
 /// What the processor multiplies with, and which `precision` suits it (docs/PERFORMANCE.md). The default is f32 on all.
 fn check_processor(is_calibrated: bool) -> Finding {
     let level = Level::best().name();
-    let text = format!("processor: {level}");
-    let int8 = if is_calibrated {
-        "`--precision int8`"
-    } else {
-        "`--precision int8`, once the model is calibrated (mluc-lab quantize)"
-    };
-    match level {
+    let once = ", once the model is calibrated (mluc-lab quantize)";
+    let once = if is_calibrated { "" } else { once };
+    let int8 = format!("`--precision int8`{once}");
+    let advice = match level {
         "portable" => {
             let hint = "every precision is slow: use a processor with AVX2 and FMA, or NEON";
-            (Warning, format!("{text}: {hint}"))
+            return (Warning, format!("processor: {level}: {hint}"));
         }
-        "avx512bf16" => {
-            let hint = "precision f32 by default; faster are `--precision bf16` and";
-            (Fine, format!("{text}; {hint} {int8}"))
-        }
-        "avx512vnni" | "avxvnni" | "neondot" => (
-            Fine,
-            format!("{text}; precision f32 by default; faster is {int8}; bf16 is not"),
-        ),
-        _ => (
-            Fine,
-            format!("{text}; precision f32 by default; bf16 and int8 are not faster here"),
-        ),
-    }
+        "avx512bf16" => format!("faster are `--precision bf16` and {int8}"),
+        "avx512vnni" | "avxvnni" | "neondot" => format!("faster is {int8}; bf16 is not"),
+        _ => "bf16 and int8 are not faster here".to_string(),
+    };
+    let text = format!("processor: {level}; precision f32 by default; {advice}");
+    (Fine, text)
 }
 
 /// What this user may ask the kernel for.
@@ -203,20 +193,14 @@ fn check_rights() -> Finding {
         priority: Some(1),
         ..StageSettings::default()
     };
-    match stage.check_right("a stage") {
-        Ok(()) => {
-            let most = limit(Resource::Rtprio).filter(|most| *most > 0);
-            let most = most.map_or("any".to_string(), |most| most.to_string());
-            (
-                Fine,
-                format!("real-time priority (ulimit -r): {most}; {text}"),
-            )
-        }
-        Err(error) => (
-            Warning,
-            format!("{error}; without it other work delays frames; {text}"),
-        ),
+    if let Err(error) = stage.check_right("a stage") {
+        let hint = "without it other work delays frames";
+        return (Warning, format!("{error}; {hint}; {text}"));
     }
+    let most = limit(Resource::Rtprio).filter(|most| *most > 0);
+    let most = most.map_or("any".to_string(), |most| most.to_string());
+    let text = format!("real-time priority (ulimit -r): {most}; {text}");
+    (Fine, text)
 }
 
 /// Instances in which nobody lives, and those of another version.
@@ -241,12 +225,8 @@ fn check_instance(name: &str) -> Option<Finding> {
     let contract = fs::read_to_string(instance.root().join("contract")).ok()?;
     let own = format!("wire={WIRE_VERSION}");
     let is_own = contract.split_whitespace().any(|word| word == own);
-    let verdict = if is_own { Fine } else { Warning };
-    let hint = if is_own {
-        ""
-    } else {
-        ": this mluc cannot join it; stop it, or run the same mluc on both sides"
-    };
+    let other = ": this mluc cannot join it; stop it, or run the same mluc on both sides";
+    let (verdict, hint) = if is_own { (Fine, "") } else { (Warning, other) };
     let text = format!("instance '{name}' runs ({}){hint}", contract.trim());
     Some((verdict, text))
 }

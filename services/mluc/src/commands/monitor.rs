@@ -86,12 +86,8 @@ fn answer(request: &str, snapshot: &Snapshot) -> (&'static str, &'static str, St
     let state = snapshot.state();
     let plain = "text/plain; charset=utf-8";
     let if_so = |is_so: bool| {
-        let code = if is_so {
-            "200 OK"
-        } else {
-            "503 Service Unavailable"
-        };
-        (code, plain, snapshot.headline() + "\n")
+        let codes = ["503 Service Unavailable", "200 OK"];
+        (codes[usize::from(is_so)], plain, snapshot.headline() + "\n")
     };
     match path {
         "/healthz" => if_so(state.is_some_and(|state| state != StatusState::Stopped)),

@@ -25,11 +25,8 @@ const CLEAR: &str = "\x1b[2J\x1b[H";
 pub(crate) fn top(name: &str, is_once: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("top", "warn");
     let mut observer = Observer::open(&instance(name)?)?;
-    let clear = if std::io::stdout().is_terminal() && !is_once {
-        CLEAR
-    } else {
-        ""
-    };
+    let is_screen = std::io::stdout().is_terminal() && !is_once;
+    let clear = if is_screen { CLEAR } else { "" };
     let mut complaints = Complaints::default();
     let (mut before, mut before_ns) = (Snapshot::default(), monotonic_ns());
     while !observer.shell.is_stopping() {

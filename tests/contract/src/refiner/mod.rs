@@ -15,7 +15,7 @@ use clap::builder::PossibleValuesParser;
 use mluc::EXIT_FAILURE;
 use mluc::external::installed_program;
 use mluc::model::load;
-use mluc::settings::Settings;
+use mluc::settings::{DEFAULT_MODEL, Settings};
 use mluc::stages::describe_run;
 use mluc::terminal::print_out;
 use mluc_refiner::Variant;
@@ -27,8 +27,8 @@ use session::Session;
 
 #[derive(Args, Clone, Debug)]
 pub(crate) struct RefinerArgs {
-    /// Model whose classes the detections have: embedded (any-open, kitti, kitti-open, udi, udi-open) or a model file.
-    #[arg(long, default_value = "kitti")]
+    /// Model whose classes the detections have: built in or a model file.
+    #[arg(long, default_value = DEFAULT_MODEL)]
     model: String,
     /// Only these cases; all when none is named.
     #[arg(long = "case", value_name = "NAME", value_parser = PossibleValuesParser::new(cases::CASES.map(|case| case.name)))]
