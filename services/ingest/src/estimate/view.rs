@@ -22,6 +22,8 @@ const SECTOR_DEG: f32 = 360.0 / Status::SECTORS as f32;
 struct Kept {
     /// Its usual size; 0: never seen.
     usual: f32,
+    /// Looks that found it, up to [`LOOKS`]: one stray return is no sight.
+    seen: u8,
     missed: u8,
 }
 
@@ -36,7 +38,14 @@ impl Kept {
         if is_there {
             let weight = if self.usual > 0.0 { FOLLOW } else { 1.0 };
             self.usual += weight * (found - self.usual);
+            self.seen = (self.seen + 1).min(LOOKS);
+        } else if self.seen < LOOKS {
+            (self.usual, self.seen) = (0.0, 0);
         }
+    }
+
+    fn is_usual(self) -> bool {
+        self.seen >= LOOKS
     }
 
     fn is_lost(self) -> bool {
@@ -94,7 +103,7 @@ impl View {
 
     /// Sectors that should have returns, as bits.
     pub fn expected(&self) -> u64 {
-        let seen = || self.bits(|kept| kept.usual > 0.0);
+        let seen = || self.bits(Kept::is_usual);
         self.field.unwrap_or_else(seen)
     }
 
@@ -105,7 +114,7 @@ impl View {
 
     /// Whether the ground was there and is not any more.
     pub fn is_ground_lost(&self) -> bool {
-        self.ground.usual > 0.0 && self.ground.is_lost()
+        self.ground.is_usual() && self.ground.is_lost()
     }
 
     fn bits(&self, is_set: impl Fn(Kept) -> bool) -> u64 {
@@ -155,6 +164,8 @@ mod tests {
     fn a_covered_sector_is_blind_after_three_looks_and_sees_again() {
         let mut view = View::new(None);
         let whole = ring(0, 36);
+        view.look(&whole);
+        assert_eq!(looked(&mut view, &[]), (0, false), "seen once");
         assert_eq!(looked(&mut view, &whole), (0, false));
         let covered = [ring(0, 4), ring(8, 36)].concat();
         view.look(&covered);
