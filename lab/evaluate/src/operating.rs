@@ -152,7 +152,7 @@ impl Operating {
     pub fn to_table(&self) -> String {
         let mut text = format!("{} scans; [95 % interval]\n", self.frames.len());
         let mut row = |name: &str, score: &str, cells: [String; 6]| {
-            let cells = cells.map(|cell| format!("{cell:>22}")).concat();
+            let cells = cells.map(|cell| format!("{cell:>26}")).concat();
             text += &format!("{name:<16}{score:>8}{cells}\n");
         };
         for kind in [ObjectKind::Unknown, ObjectKind::Known] {
