@@ -98,7 +98,8 @@ impl Operating {
     pub fn safe_score_min(&self, kind: ObjectKind, false_a_scan: f64) -> f32 {
         let draws = self.draws.iter();
         let of_draws = draws.map(|draw| self.score_min(draw, kind, false_a_scan));
-        quantile_of(of_draws.collect(), 0.95).unwrap_or_default() as f32
+        // No score is above 1.
+        quantile_of(of_draws.collect(), 0.95).map_or(0.0, |score| score.min(1.0) as f32)
     }
 
     /// The lowest score at or above which at most so many objects a scan lie on no label.
