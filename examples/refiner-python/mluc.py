@@ -1,6 +1,7 @@
-"""The refiner's side of the contract (docs/CONTRACT.md) for Python: joining, following runs, frames, publishing, heartbeats.
+"""The contract (docs/CONTRACT.md) for Python, as a source of scans, a refiner or a consumer: joining, following runs, frames,
+publishing, heartbeats.
 
-Needs iceoryx2 and numpy from PyPI. Points and detections are numpy views onto shared memory: nothing is copied.
+Needs iceoryx2 and numpy from PyPI. Points, detections and objects are numpy views onto shared memory: nothing is copied.
 """
 
 import ctypes as C
@@ -17,10 +18,12 @@ import iceoryx2 as iox
 import numpy as np
 
 WIRE_VERSION, REFINER, NONE = 5, 3, 2**32 - 1
+INGEST = 0
 POINTS_MAX, OBJECT_POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 262_144, 131_072, 512, 100_000_000, 1_000_000_000
 THINNED = 4  # a bit of an object's flags
 # Bits of a header's flags.
-DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, LIMIT_OBJECT_POINTS = 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 13
+TRUNCATED, DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, EMPTY = 1 << 1, 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 8
+LIMIT_OBJECT_POINTS = 1 << 13
 PUBLISHED, OVERLAPS_KNOWN, OVERLAPS_UNKNOWN, TOO_FEW_POINTS, OVERSIZED, INVALID_BOX, UNCONFIRMED, UNDERSIZED, LOW_SCORE = range(9)
 STATES, STATUS_AGE_MAX_NS = ("starting", "running", "degraded", "blind", "late", "stopped"), 2_000_000_000
 STARTING, WAITING_INPUT, RUNNING, BAD, FAILED, STOPPING = range(6)
@@ -63,6 +66,7 @@ TOPICS = {
     "run": (RunDescription, 1, 16, 1, 1, 1, 1),
     "status": (Status, 1, 16, 1, 1, 1, 1),
 }
+TOPICS.update({"health/" + stage: TOPICS["health/refiner"] for stage in ("ingest", "backbone", "head")})
 
 
 def view(sample, element, count):
@@ -100,64 +104,211 @@ def open_topic(node, name):
     return data.open_or_create(), wake.max_nodes(16).event_id_max_value(1).open_or_create()
 
 
-class Watch:
-    """For consumers: what the pipeline is worth, so that "nothing there" can be told from "blind", "late" and "stopped"."""
-
-    def __init__(self):
-        self.lock = open(f"/dev/shm/{stem()}/.lock")
-        fcntl.flock(self.lock, fcntl.LOCK_SH)
-        self.node = make_node(stem())
-        self.statuses, self.last = open_topic(self.node, "status")[0].subscriber_builder().create(), None
-
-    def status(self):
-        """State word, reason, and the whole Status; None before the supervisor has published one."""
-        while (sample := self.statuses.receive()) is not None:
-            status = Status.from_buffer_copy(C.string_at(sample.payload_ptr, C.sizeof(Status)))
-            sample.delete()
-            if status.wire_version == WIRE_VERSION and status.state < len(STATES):
-                self.last = status
-        if self.last is None:
-            return None
-        if time.monotonic_ns() - self.last.judged_ns > STATUS_AGE_MAX_NS and self.last.state != STATES.index("stopped"):
-            return "stopped", "the supervisor hangs or is gone", self.last
-        reason = bytes(self.last.reason).rstrip(b"\0").decode(errors="replace")
-        return STATES[self.last.state], reason, self.last
+def newest_sample(port):
+    """The newest message that waits, to be deleted after use; older ones are let go. None: none."""
+    newest = None
+    while (sample := port.receive()) is not None:
+        if newest is not None:
+            newest.delete()
+        newest = sample
+    return newest
 
 
-class Refiner:
-    """This process as the refiner of the instance that `MLUC_INSTANCE` names, in one run after the other."""
+def newest(port, kind):
+    """A copy of the newest message's first element; None: none."""
+    sample = newest_sample(port)
+    if sample is None:
+        return None
+    element = kind.from_buffer_copy(C.string_at(sample.payload_ptr, C.sizeof(kind)))
+    sample.delete()
+    return element
+
+
+class Member:
+    """This process in the instance that `MLUC_INSTANCE` names, in one run after the other."""
 
     def __init__(self):
         self.root = "/dev/shm/" + stem()
-        self.join(self.root)
+        self.join()
         self.node = make_node(stem())
-        self.outputs = {name: self.output(name) for name in ("objects", "object_points", "health/refiner")}
-        self.descriptions = open_topic(self.node, "run")[0].subscriber_builder().create()
-        self.points = open_topic(self.node, "points")[0].subscriber_builder().create()
-        detections, wake = open_topic(self.node, "detections")
-        self.detections = detections.subscriber_builder().create()
-        self.listener = wake.listener_builder().create()
-        self.scans, self.times, self.beats, self.is_stopping = [], [0], 0, False
-        self.run, self.classes, self.last, self.sent = RunDescription(), 8, None, 0
-        self.health = Health(wire_version=WIRE_VERSION, stage=REFINER, pid=os.getpid())
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self.stop)
-        self.say(WAITING_INPUT, "waiting for a run")
-        self.follow()
+        self.descriptions, self.run = self.input("run"), RunDescription()
+        self.last, self.sent, self.scans, self.is_stopping = None, 0, [], False
 
-    def join(self, root):
-        """Lives in the instance until it ends, as its only refiner; refuses another version by name."""
+    def join(self):
+        """Lives in the instance until it ends; refuses another version by name."""
         try:
-            self.locks = open(root + "/.lock"), open(root + "/refiner.pid", "a")
-            begun = open(root + "/contract").read().strip()
-            fcntl.flock(self.locks[0], fcntl.LOCK_SH)
-            fcntl.flock(self.locks[1], fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.lock = open(self.root + "/.lock")
+            begun = open(self.root + "/contract").read().strip()
+            fcntl.flock(self.lock, fcntl.LOCK_SH)
         except FileNotFoundError as error:
             sys.exit(f"no pipeline runs there, start `mluc up` first: {error}")
-        except BlockingIOError:
-            sys.exit(f"another refiner runs already: stop it first ({root}/refiner.pid)")
         if f"wire={WIRE_VERSION}" not in begun.split():
-            sys.exit(f"this refiner speaks wire version {WIRE_VERSION}, {root} {begun}: run the same mluc twice")
+            sys.exit(f"this program speaks wire version {WIRE_VERSION}, {self.root} {begun}: run the same mluc twice")
+
+    def input(self, name):
+        return open_topic(self.node, name)[0].subscriber_builder().create()
+
+    def listen(self, name):
+        return open_topic(self.node, name)[1].listener_builder().create()
+
+    def end_on_signals(self):
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self.stop)
+
+    def stop(self, *_):
+        self.is_stopping = True
+
+    def follow(self):
+        """The topic `run` describes the run; a description with another id begins a new one."""
+        while (run := newest(self.descriptions, RunDescription)) is not None:
+            if run.wire_version == WIRE_VERSION and run.run_id not in (0, self.run.run_id):
+                self.run, self.last, self.sent = run, None, 0
+                while self.scans:
+                    self.scans.pop().delete()
+                self.begin()
+
+    def begin(self):
+        """A new run begins."""
+
+    def take_scans(self):
+        """Holds the two scans before the last frame's and the newest two: results come later than points."""
+        while (scan := self.points.receive()) is not None:
+            header = header_of(scan)
+            if (header.wire_version, header.run_id) != (WIRE_VERSION, self.run.run_id):
+                scan.delete()
+                continue
+            self.sent = max(self.sent, header.sequence + 1)
+            self.scans.append(scan)
+            if len(self.scans) > 4:
+                self.scans.pop(2).delete()
+
+    def points_of(self, sequence):
+        """The points of a scan, x, y, z, intensity; None: they are gone."""
+        for scan in reversed(self.scans):
+            size = scan.header.number_of_elements
+            if header_of(scan).sequence == sequence and size <= POINTS_MAX:
+                return view(scan, Point, size).view(np.float32).reshape(-1, 4)
+        return None
+
+    def let_scans_go(self):
+        while len(self.scans) > 2:
+            self.scans.pop(0).delete()
+
+    def leave(self):
+        """Removes the instance's files where nobody else is left in it."""
+        try:
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return
+        shutil.rmtree(self.root, ignore_errors=True)
+        for path in glob.glob(self.root + ".*"):
+            os.unlink(path)
+
+
+class Watch(Member):
+    """For consumers: what the pipeline is worth, so that "nothing there" can be told from "blind", "late" and "stopped"."""
+
+    def __init__(self):
+        super().__init__()
+        self.statuses, self.told = self.input("status"), None
+
+    def status(self):
+        """State word, reason, and the whole Status; None before the supervisor has published one."""
+        status = newest(self.statuses, Status)
+        if status is not None and status.wire_version == WIRE_VERSION and status.state < len(STATES):
+            self.told = status
+        if self.told is None:
+            return None
+        if time.monotonic_ns() - self.told.judged_ns > STATUS_AGE_MAX_NS and self.told.state != STATES.index("stopped"):
+            return "stopped", "the supervisor hangs or is gone", self.told
+        reason = bytes(self.told.reason).rstrip(b"\0").decode(errors="replace")
+        return STATES[self.told.state], reason, self.told
+
+
+class Consumer(Watch):
+    """The results, frame after frame: for programs that only look on."""
+
+    def __init__(self):
+        super().__init__()
+        self.points, self.objects, self.object_points = (self.input(name) for name in ("points", "objects", "object_points"))
+        self.listener, self.indices, self.dropped = self.listen("objects"), None, 0
+        self.end_on_signals()
+
+    def frames(self):
+        """The newest frame of the run, again and again, until this process is asked to end. Each has `header`, `objects` (an array of
+        dtype Object), `points`, and `points_of(object)`: indices into the points. `dropped` counts the frames that newer ones overtook."""
+        while not self.is_stopping:
+            try:
+                self.listener.timed_wait(iox.Duration.from_millis(50))
+            except iox.ListenerWaitError:  # a signal came
+                continue
+            self.follow()
+            self.take_scans()
+            sample = newest_sample(self.objects)
+            if sample is None:
+                continue
+            frame = self.frame(sample)
+            if frame is not None:
+                yield frame
+                self.let_scans_go()
+            sample.delete()
+        self.leave()
+
+    def class_name(self, class_id):
+        return bytes(self.run.class_names)[32 * class_id : 32 * class_id + 32].rstrip(b"\0").decode(errors="replace")
+
+    def frame(self, sample):
+        """None: of another run or version, already seen, or longer than it can be."""
+        header, count = header_of(sample), sample.header.number_of_elements
+        is_ours = (header.wire_version, header.run_id) == (WIRE_VERSION, self.run.run_id)
+        first = 0 if self.last is None else self.last + 1
+        if not is_ours or not first <= header.sequence < self.sent or count > TOPICS["objects"][1]:
+            return None
+        if self.last is not None:
+            self.dropped += header.sequence - first
+        self.last, points = header.sequence, self.points_of(header.sequence)
+        points = np.zeros((0, 4), np.float32) if points is None else points
+        indices = self.indices_of(header)
+        if len(indices) and indices.max() >= len(points):
+            indices = indices[:0]
+
+        def points_of(o):
+            return indices[o["points_first"] :][: o["points_count"]]
+
+        return SimpleNamespace(header=header, points=points, objects=view(sample, Object, count), points_of=points_of)
+
+    def indices_of(self, header):
+        """Which points the objects of a frame have; none where a newer frame's came already."""
+        sample = newest_sample(self.object_points)
+        if sample is not None:
+            self.indices, _ = sample, self.indices and self.indices.delete()
+        found = header_of(self.indices) if self.indices else FrameHeader()
+        count = self.indices.header.number_of_elements if self.indices else 0
+        if (found.run_id, found.sequence) != (header.run_id, header.sequence) or count > OBJECT_POINTS_MAX:
+            return np.zeros(0, np.uint32)
+        return view(self.indices, C.c_uint32, count)
+
+
+class Stage(Member):
+    """This process in the place of a stage of the instance."""
+
+    def __init__(self, name, number, outputs):
+        self.name, self.number = name, number
+        super().__init__()
+        self.outputs = {topic: self.output(topic) for topic in (*outputs, "health/" + name)}
+        self.times, self.beats = [0], 0
+        self.health = Health(wire_version=WIRE_VERSION, stage=number, pid=os.getpid())
+        self.end_on_signals()
+        self.say(WAITING_INPUT, "waiting for a run")
+
+    def join(self):
+        """As the only one in its place."""
+        super().join()
+        self.claim = open(f"{self.root}/{self.name}.pid", "a")
+        try:
+            fcntl.flock(self.claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            sys.exit(f"another {self.name} runs already: stop it first ({self.claim.name})")
 
     def output(self, name):
         data, wake = open_topic(self.node, name)
@@ -169,36 +320,124 @@ class Refiner:
     def send(self, name, header, data):
         port, notifier = self.outputs[name]
         sample = port.loan_slice_uninit(len(data))
-        header.stages[3 * REFINER + 2] = time.monotonic_ns()
+        header.stages[3 * self.number + 2] = time.monotonic_ns()
         C.memmove(sample.user_header_ptr, C.addressof(header), C.sizeof(header))
         C.memmove(sample.payload_ptr, data.ctypes.data, data.nbytes)
         sample.assume_init().send()
         notifier.notify()
 
-    def follow(self):
-        """The topic `run` describes the run; a description with another id begins a new one."""
-        while (sample := self.descriptions.receive()) is not None:
-            run = RunDescription.from_buffer_copy(C.string_at(sample.payload_ptr, C.sizeof(RunDescription)))
-            sample.delete()
-            if run.wire_version != WIRE_VERSION or run.run_id in (0, self.run.run_id):
-                continue
-            self.run, self.classes, self.last, self.sent = run, run.classes_count, None, 0
-            while self.scans:
-                self.scans.pop().delete()
-            self.health.run_id = run.run_id
-            self.say(WAITING_INPUT, "waiting for detections")
-
-    def stop(self, *_):
-        self.is_stopping = True
-
     def say(self, state, reason=""):
         """A heartbeat: every 0.1 s, and at once when the state changes."""
+        self.health.run_id = self.run.run_id
         self.health.state, self.health.reason[:] = state, reason.encode()[:192].ljust(192, b"\0")
         percentiles = np.percentile(self.times[-1000:], (50, 99, 100))
         self.health.run_p50_us, self.health.run_p99_us, self.health.run_max_us = (int(run) for run in percentiles)
         header = FrameHeader(wire_version=WIRE_VERSION, run_id=self.run.run_id, sequence=self.beats)
-        self.send("health/refiner", header, np.frombuffer(self.health, np.dtype(Health)))
+        self.send("health/" + self.name, header, np.frombuffer(self.health, np.dtype(Health)))
         self.beats, self.said_ns, self.state = self.beats + 1, time.monotonic_ns(), (state, reason)
+
+    def tick(self):
+        if time.monotonic_ns() - self.said_ns > HEARTBEAT_NS:
+            self.say(*self.state)
+
+    def done(self, started_ns):
+        """Counts a frame that was published."""
+        self.times.append((time.monotonic_ns() - started_ns) // 1000)
+        self.health.frames_in, self.health.frames_out = self.health.frames_in + 1, self.health.frames_out + 1
+
+    def leave(self, reason=""):
+        self.say(STOPPING, reason)
+        super().leave()
+
+
+class Source(Stage):
+    """This process as the source of scans, in ingest's place."""
+
+    def __init__(self):
+        self.begun_ns, self.sequence, self.status, self.behind = 0, None, None, {}
+        super().__init__("ingest", INGEST, ("points",))
+        self.statuses = self.input("status")
+        self.healths = {stage: self.input("health/" + stage) for stage in ("backbone", "head", "refiner")}
+
+    def begin(self):
+        self.begun_ns, self.sequence = time.monotonic_ns(), None
+
+    def missing(self):
+        """What still keeps the first scan of a run from being taken. A source that is started again goes on behind the scans that the
+        supervisor has counted: it looks twice a second."""
+        if self.run.run_id == 0:
+            return ["the run"]
+        for stage, port in self.healths.items():
+            self.behind[stage] = newest(port, Health) or self.behind.get(stage)
+        missing = [stage for stage, told in self.behind.items() if not told or told.run_id != self.run.run_id or told.state not in (1, 2, 3)]
+        self.status = newest(self.statuses, Status) or self.status
+        if self.status is None or self.status.run_id != self.run.run_id or self.status.judged_ns < self.begun_ns:
+            missing.append("the supervisor")
+        return missing
+
+    def wait(self, seconds=0):
+        """Sleeps with heartbeats for so long, and before the first scan of a run until it can be taken. False: this process was asked to
+        end. Call it at least twice a second."""
+        until_ns = time.monotonic_ns() + int(seconds * 1e9)
+        while not self.is_stopping:
+            self.follow()
+            if self.sequence is None:
+                missing = self.missing()
+                if missing:
+                    reason = "waiting for " + ", ".join(missing)
+                    self.state == (WAITING_INPUT, reason) or self.say(WAITING_INPUT, reason)
+                else:
+                    self.sequence = self.status.frames_in
+                    self.say(RUNNING)
+            self.tick()
+            left_ns = until_ns - time.monotonic_ns()
+            if self.sequence is not None and left_ns <= 0:
+                return True
+            time.sleep(min(max(left_ns, 2_000_000), 20_000_000) / 1e9)
+        return False
+
+    def publish(self, points, stamp_ns=None, name=""):
+        """A scan: N rows of x, y, z (m; forward, left, up) and intensity (0 to 1); `stamp_ns`: the sensor's time, ns since 1970. Rows that are
+        not finite are left out, and so are those beyond the limit; both are counted and flagged."""
+        started_ns, points = time.monotonic_ns(), np.asarray(points, np.float32)
+        if points.ndim != 2 or points.shape[1] != 4 or self.sequence is None:
+            raise ValueError(f"expected an array of N rows and 4 columns after wait() was true, found {points.shape}")
+        finite = np.isfinite(points).all(1)
+        kept = np.ascontiguousarray(points[finite][:POINTS_MAX])
+        flags = NOT_FINITE * (not finite.all()) | TRUNCATED * (finite.sum() > POINTS_MAX) | EMPTY * (not len(kept))
+        header = FrameHeader(wire_version=WIRE_VERSION, flags=int(flags), run_id=self.run.run_id, sequence=self.sequence,
+                             sensor_stamp_ns=time.time_ns() if stamp_ns is None else stamp_ns, points_in=len(points),
+                             points_dropped=len(points) - len(kept), model_fingerprint=self.run.model_fingerprint)
+        header.stages[0:2] = started_ns, started_ns
+        header.name[:] = (name or f"{self.sequence:06}").encode()[:48].ljust(48, b"\0")
+        self.send("points", header, kept)
+        self.sequence += 1
+        self.health.bytes_written = kept.nbytes
+        self.done(started_ns)
+        self.tick()
+
+    def finish(self, seconds=5):
+        """Waits until the last scan has passed, for so long at most, and leaves: ends the run, unless this process was asked to end."""
+        until = time.monotonic() + seconds
+        while self.sequence and time.monotonic() < until and self.wait(0.02):
+            self.status = newest(self.statuses, Status) or self.status
+            if self.status.run_id == self.run.run_id and self.status.sequence == self.sequence - 1:
+                break
+        self.leave("asked to end" if self.is_stopping else "")
+
+
+class Refiner(Stage):
+    """This process as the refiner."""
+
+    def __init__(self):
+        self.classes = 8
+        super().__init__("refiner", REFINER, ("objects", "object_points"))
+        self.points, self.detections, self.listener = self.input("points"), self.input("detections"), self.listen("detections")
+        self.follow()
+
+    def begin(self):
+        self.classes = self.run.classes_count
+        self.say(WAITING_INPUT, "waiting for detections")
 
     def refuse(self, reason):
         self.health.messages_refused += 1
@@ -213,51 +452,20 @@ class Refiner:
                 self.listener.timed_wait(iox.Duration.from_millis(50))
             except iox.ListenerWaitError:  # a signal came
                 continue
-            newest = self.newest_detections()
+            detections, self.received_ns = newest_sample(self.detections), time.monotonic_ns()
             self.follow()
             self.take_scans()
-            if newest is not None:
-                frame, heard_ns = self.frame(newest), time.monotonic_ns()
+            if detections is not None:
+                frame, heard_ns = self.frame(detections), time.monotonic_ns()
                 if frame is not None:
                     yield frame
-                newest.delete()
+                detections.delete()
             silence_ns = time.monotonic_ns() - heard_ns
             if silence_ns > SILENCE_NS and self.state[0] != WAITING_INPUT:
                 self.say(WAITING_INPUT, "waiting for detections: their producer is silent or gone")
-            elif time.monotonic_ns() - self.said_ns > HEARTBEAT_NS:
-                self.say(*self.state)
+            else:
+                self.tick()
         self.leave()
-
-    def leave(self):
-        """Says so, and removes the instance's files where nobody else is left in it."""
-        self.say(STOPPING)
-        try:
-            fcntl.flock(self.locks[0], fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return
-        shutil.rmtree(self.root, ignore_errors=True)
-        for path in glob.glob(self.root + ".*"):
-            os.unlink(path)
-
-    def newest_detections(self):
-        newest = None
-        while (sample := self.detections.receive()) is not None:
-            if newest is not None:
-                newest.delete()
-            newest, self.received_ns = sample, time.monotonic_ns()
-        return newest
-
-    def take_scans(self):
-        """Holds the two scans before the last frame's and the newest two: detections come later than points."""
-        while (scan := self.points.receive()) is not None:
-            header = header_of(scan)
-            if (header.wire_version, header.run_id) != (WIRE_VERSION, self.run.run_id):
-                scan.delete()
-                continue
-            self.sent = max(self.sent, header.sequence + 1)
-            self.scans.append(scan)
-            if len(self.scans) > 4:
-                self.scans.pop(2).delete()
 
     def frame(self, sample):
         """Header, points and detections of a sample; None: refused."""
@@ -279,14 +487,9 @@ class Refiner:
         count = sample.header.number_of_elements
         if count > DETECTIONS_MAX:
             return self.refuse(f"detections: {count} exceeds the limit of {DETECTIONS_MAX}")
-        points = np.zeros((0, 4), np.float32)
-        for scan in reversed(self.scans):
-            size = scan.header.number_of_elements
-            if header_of(scan).sequence == header.sequence and size <= POINTS_MAX:
-                points = view(scan, Point, size).view(np.float32).reshape(-1, 4)
-                break
-        else:
-            header.flags |= POINTS_GONE | DEGRADED
+        points = self.points_of(header.sequence)
+        if points is None:
+            points, header.flags = np.zeros((0, 4), np.float32), header.flags | POINTS_GONE | DEGRADED
         return SimpleNamespace(header=header, points=points, detections=view(sample, Detection, count))
 
     def count(self, unknown):
@@ -313,12 +516,10 @@ class Refiner:
             indices = self.thin(header, objects, indices)
         self.send("object_points", header, np.ascontiguousarray(indices, np.uint32))
         self.send("objects", header, objects)
-        self.times.append((time.monotonic_ns() - header.stages[3 * REFINER + 1]) // 1000)
-        self.health.frames_in, self.health.frames_out = self.health.frames_in + 1, self.health.frames_out + 1
+        self.done(header.stages[3 * REFINER + 1])
         self.health.bytes_read = frame.points.nbytes + frame.detections.nbytes
         self.health.bytes_written = objects.nbytes + 4 * len(indices)
         self.count(objects[objects["kind"] == 1])
-        while len(self.scans) > 2:
-            self.scans.pop(0).delete()
+        self.let_scans_go()
         if self.state[0] != RUNNING:
             self.say(RUNNING)

@@ -38,8 +38,8 @@ pub fn oracle() -> Option<PathBuf> {
     data_folder("MLUC_ORACLE")
 }
 
-/// The Python example's command; `None`, said: Python or its packages are not there.
-pub fn python_refiner() -> Option<Vec<String>> {
+/// The command of a Python example, of the refiner for instance; `None`, said: Python or its packages are not there.
+pub fn python_example(kind: &str) -> Option<Vec<String>> {
     let python = root().join("target/examples/venv/bin/python");
     let has_packages = Command::new(&python)
         .args(["-c", "import iceoryx2, numpy"])
@@ -47,12 +47,12 @@ pub fn python_refiner() -> Option<Vec<String>> {
         .is_ok_and(|output| output.status.success());
     if !has_packages {
         skip(
-            "the Python refiner",
+            "a Python example",
             "no Python with iceoryx2 and numpy in target/examples/venv (run .ci/examples)",
         );
         return None;
     }
-    let script = root().join("examples/refiner-python/refiner.py");
+    let script = root().join(format!("examples/{kind}-python/{kind}.py"));
     let words = [python, script].map(|path| path.display().to_string());
     Some(words.to_vec())
 }

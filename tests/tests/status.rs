@@ -6,7 +6,7 @@ use std::time::Duration;
 use mluc_ipc_types::{Status, StatusState};
 use mluc_runtime::{Instance, Shell, Shutdown, StatusWatch};
 use mluc_tests::{
-    Finished, Running, Setting, assert_has, car_scan, python_refiner, root, wait_for,
+    Finished, Running, Setting, assert_has, car_scan, python_example, root, wait_for,
 };
 use rustix::process::Signal;
 use serde_json::Value;
@@ -67,7 +67,7 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
         good.frames_out > 0 && good.age_ns < 10_000_000_000,
         "{good:?}"
     );
-    if let Some(command) = python_refiner() {
+    if let Some(command) = python_example("refiner") {
         let words =
             "import mluc\nw = mluc.Watch()\nwhile w.status() is None: pass\nprint(w.status()[0])";
         let mut python = Command::new(&command[0]);
