@@ -11,16 +11,6 @@ use super::series::{series, sorted};
 /// Version of `report.json` and `frames.csv`; another one is refused.
 const REPORT_VERSION: u32 = 1;
 
-/// What the stages took of the machine between two looks.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Sample {
-    /// Since the first frame of the first round was due, s.
-    pub(crate) at_s: f64,
-    /// CPU time over time by stage: 1 is a core.
-    pub(crate) cpu_cores: [f64; 4],
-    pub(crate) memory_mib: [f64; 4],
-}
-
 /// What a stage's process took of the machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Resources {

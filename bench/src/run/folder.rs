@@ -7,9 +7,7 @@ use anyhow::{Context, Result, ensure};
 use mluc::terminal::print_out;
 use serde_json::{Value, json};
 
-use crate::report::{
-    Comparison, FrameRecord, STAGES, Sample, check_version, page, read_frames, write_frames,
-};
+use crate::report::{Comparison, FrameRecord, check_version, page, read_frames, write_frames};
 use crate::save;
 
 /// Of the two reports of a comparison.
@@ -22,27 +20,10 @@ pub(crate) fn make(folder: &Path) -> Result<()> {
     fs::remove_file(&probe).with_context(|| format!("writing into {}", folder.display()))
 }
 
-pub(crate) fn write(
-    folder: &Path,
-    report: &Value,
-    frames: &[FrameRecord],
-    samples: &[Sample],
-) -> Result<()> {
+pub(crate) fn write(folder: &Path, report: &Value, frames: &[FrameRecord]) -> Result<()> {
     save(folder, "report.json", serde_json::to_string_pretty(report)?)?;
     save(folder, "report.html", page(report, frames))?;
-    save(folder, "frames.csv", write_frames(frames))?;
-    save(folder, "resources.csv", resources(samples))
-}
-
-fn resources(samples: &[Sample]) -> String {
-    let heads = STAGES.map(|stage| format!(",{stage}_cpu_cores,{stage}_memory_mib"));
-    let mut text = format!("at_s{}\n", heads.concat());
-    for sample in samples {
-        let cells = sample.cpu_cores.iter().zip(sample.memory_mib);
-        let cells = cells.map(|(cores, mib)| format!(",{cores:.4},{mib:.1}"));
-        text += &format!("{:.3}{}\n", sample.at_s, cells.collect::<String>());
-    }
-    text
+    save(folder, "frames.csv", write_frames(frames))
 }
 
 /// A report that was written by this version of the program.

@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::machine::{cpu_ticks, number_of};
-use crate::report::{Resources, Sample};
+use crate::report::Resources;
 
 /// Two looks at least so far apart, s.
 const PERIOD_S: f64 = 0.5;
@@ -25,7 +25,6 @@ struct Counts {
 #[derive(Default)]
 pub(crate) struct ProcessWatch {
     pub(crate) stages: [StageWatch; 4],
-    pub(crate) samples: Vec<Sample>,
     looked_s: Option<f64>,
 }
 
@@ -38,26 +37,18 @@ pub(crate) struct StageWatch {
 }
 
 impl ProcessWatch {
-    /// `at_s`: since the first frame was due. Before the measurement begins only the running figures are kept.
+    /// `at_s`: since the first frame was due.
     pub(crate) fn look(&mut self, at_s: f64, is_measured: bool, processes: [u32; 4]) {
         let is_soon = |looked_s: f64| at_s - looked_s < PERIOD_S;
         if self.looked_s.is_some_and(is_soon) {
             return;
         }
         self.looked_s = Some(at_s);
-        let mut sample = Sample {
-            at_s,
-            ..Sample::default()
-        };
         for (stage, pid) in processes.into_iter().enumerate() {
             let Some(counts) = counts(pid, at_s) else {
                 continue;
             };
             let watch = &mut self.stages[stage];
-            if watch.last.pid == pid {
-                sample.cpu_cores[stage] = cores(&watch.last, &counts);
-            }
-            sample.memory_mib[stage] = counts.private_mib;
             watch.last = counts;
             if is_measured {
                 // A restarted process counts from its own begin.
@@ -68,7 +59,6 @@ impl ProcessWatch {
                 watch.peak_mib = [0, 1].map(|i| watch.peak_mib[i].max(now_mib[i]));
             }
         }
-        self.samples.push(sample);
     }
 }
 
@@ -148,8 +138,7 @@ mod tests {
             }
         }
         watch.look(1.0, true, [pid, 0, 0, 0]);
-        let looks = watch.samples.len();
-        assert_eq!(looks, 3, "two looks were too near each other");
+        assert_eq!(watch.looked_s, Some(1.0));
         let own = watch.stages[0].resources();
         assert!(own.threads >= 1 && own.cpu_cores > 0.0 && own.memory_mib > 0.1);
         assert_eq!(watch.stages[1].resources(), Resources::default());

@@ -48,8 +48,8 @@ impl Options {
 
 /// Where a reproduction shows how far it is. Called from many threads.
 pub trait Screen: Sync {
-    /// A step begins: its number from 1, how many there are, what it is, seconds left for all (a guess).
-    fn step(&self, number: usize, steps: usize, name: &str, left_s: f64);
+    /// A step begins: its number from 1, how many there are, what it is.
+    fn step(&self, number: usize, steps: usize, name: &str);
     /// Something of so many parts begins.
     fn count(&self, what: &str, total: u64);
     /// A part is done.

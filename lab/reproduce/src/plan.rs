@@ -1,7 +1,6 @@
 //! The steps of a reproduction, in order.
 
 use crate::layout::Run;
-use crate::methods::MethodRow;
 use crate::simulate::Simulation;
 use crate::train::{NETWORKS, NetworkPlan, Training};
 use crate::{Options, Setting};
@@ -20,8 +19,6 @@ pub(crate) enum Work {
 pub(crate) struct Step {
     pub(crate) setting: Setting,
     pub(crate) work: Work,
-    /// Seconds that it takes on two quiet cores: a guess, for the time left alone.
-    pub(crate) estimate_s: f64,
 }
 
 impl Step {
@@ -50,38 +47,22 @@ pub(crate) fn plan(options: &Options) -> Vec<Step> {
     let mut steps = Vec::new();
     for &setting in &options.settings {
         let sizes = options.sizes(setting);
-        // Measured on two cores beside other work: a simulated frame, a step of two frames, a frame through the network, a frame
-        // through all thresholds of a row.
-        let [simulated_s, step_s, network_s, row_s] = match setting {
-            Setting::SimUdi => [0.1, 0.75, 0.16, 0.12],
-            Setting::SimKitti | Setting::Kitti => [0.04, 0.38, 0.08, 0.06],
-        };
-        let mut add = |work: Work, estimate_s: f64| {
-            steps.push(Step {
-                setting,
-                work,
-                estimate_s,
-            });
-        };
+        let mut add = |work: Work| steps.push(Step { setting, work });
         for simulation in Simulation::all(layout, setting, &sizes) {
-            let seconds = f64::from(simulation.options.frames) * simulated_s;
-            add(Work::Simulate(simulation), seconds);
+            add(Work::Simulate(simulation));
         }
         if let (Setting::Kitti, Some(source)) = (setting, &options.kitti) {
             for (name, preparation) in source.preparations(layout) {
-                add(Work::Prepare(name, preparation), 120.0);
+                add(Work::Prepare(name, preparation));
             }
         }
         let networks = networks(options.seeds);
         for &(network, seed) in &networks {
             let training = Training::new(layout, setting, &sizes, network, seed);
-            let seconds = training.steps as f64 * step_s * f64::from(sizes.batch) / 2.0;
-            add(Work::Train(training), seconds);
+            add(Work::Train(training));
         }
         for &(NetworkPlan { network, .. }, seed) in &networks {
-            let rows = MethodRow::on(*network, seed).count();
-            let seconds = f64::from(sizes.test_frames) * (network_s + rows as f64 * row_s);
-            add(Work::Evaluate((setting, *network, seed)), seconds);
+            add(Work::Evaluate((setting, *network, seed)));
         }
     }
     steps

@@ -10,7 +10,6 @@ use mluc_dataset::prepare;
 use mluc_evaluate::EvaluateError;
 use mluc_evaluate::pipeline::FrameSet;
 use std::collections::btree_map::Entry;
-use std::time::Instant;
 
 /// Takes every step whose outcome is not there yet, then writes the report. What is done stays where a step fails.
 pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
@@ -22,7 +21,6 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
     std::fs::create_dir_all(out).map_err(|e| EvaluateError::file(out, e))?;
     let plan = plan(options);
     let mut tests = Tests::new();
-    let (mut spent_s, mut guessed_s) = (0.0, 0.0);
     for (index, step) in plan.iter().enumerate() {
         if is_done(options, step)? {
             if let Work::Evaluate(..) = step.work {
@@ -30,19 +28,8 @@ pub fn run(options: &Options, screen: &dyn Screen) -> Result<()> {
             }
             continue;
         }
-        let ahead = plan[index..].iter();
-        let ahead = ahead.filter(|step| !is_done(options, step).unwrap_or(false));
-        let guess_s: f64 = ahead.map(|step| step.estimate_s).sum();
-        let pace = if guessed_s > 0.0 {
-            spent_s / guessed_s
-        } else {
-            1.0
-        };
-        screen.step(index + 1, plan.len(), &step.name(), guess_s * pace);
-        let begun = Instant::now();
+        screen.step(index + 1, plan.len(), &step.name());
         take(options, step, &mut tests, screen)?;
-        spent_s += begun.elapsed().as_secs_f64();
-        guessed_s += step.estimate_s;
     }
     for &setting in &options.settings {
         test_frames(&mut tests, options, setting)?;

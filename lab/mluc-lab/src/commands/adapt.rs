@@ -147,7 +147,7 @@ impl Adaptation<'_> {
                 .request
                 .settings(&self.out.join("scans"), &self.run_folder(), self.out)
         };
-        train(&settings, false).map(drop)
+        train(&settings).map(drop)
     }
 
     /// The model of the run with its int8 ranges and its threshold.

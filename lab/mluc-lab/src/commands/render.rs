@@ -2,16 +2,11 @@
 
 use super::terminal::print_out;
 use anyhow::{Context, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use mluc_dataset::{Label, read_boxes, read_scan};
-use mluc_gateway::picture::{
-    BoxKind, Canvas, Color, DrawnBox, PointColor, View, bird_eye, label_color,
-};
+use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
 use std::path::PathBuf;
-
-/// Colour of points outside of every box when points are coloured by label.
-const OUTSIDE: Color = [74, 84, 98];
 
 /// Draw a scan from above as a PNG, with the boxes of its labels.
 #[derive(Args)]
@@ -25,9 +20,6 @@ pub(crate) struct RenderArguments {
     /// Calibration of the frame. Without it, calib/NAME.txt beside the scan's folder.
     #[arg(long)]
     calib: Option<PathBuf>,
-    /// Colour of the points.
-    #[arg(long, value_enum, default_value_t)]
-    color: ColorBy,
     /// Pixels a metre.
     #[arg(long, default_value_t = 10.0, value_parser = scale)]
     px_per_m: f32,
@@ -37,16 +29,6 @@ pub(crate) struct RenderArguments {
     /// Picture to write.
     #[arg(long)]
     out: PathBuf,
-}
-
-/// How points are coloured.
-#[derive(Clone, Copy, Default, ValueEnum)]
-enum ColorBy {
-    /// By height over the sensor.
-    #[default]
-    Height,
-    /// By the class of the box that a point lies in.
-    Label,
 }
 
 fn scale(text: &str) -> Result<f32, String> {
@@ -67,16 +49,6 @@ impl RenderArguments {
     fn draw(&self) -> anyhow::Result<Canvas> {
         let points = read_scan(&self.scan)?;
         let boxes = self.labelled_boxes()?;
-        let color = match self.color {
-            ColorBy::Height => PointColor::Height,
-            ColorBy::Label => {
-                let color = |p: &[f32; 4]| {
-                    let around = boxes.iter().find(|(_, b)| b.has_point(p));
-                    around.map_or(OUTSIDE, |(label, _)| label_color(&label.class))
-                };
-                PointColor::Each(points.iter().map(color).collect())
-            }
-        };
         let title = self.scan.file_stem().unwrap_or_default().to_string_lossy();
         let view = if self.ahead {
             View::ahead()
@@ -85,7 +57,6 @@ impl RenderArguments {
         };
         let view = View {
             px_per_m: self.px_per_m,
-            color,
             title: title.into_owned(),
             ..view
         };
@@ -130,37 +101,33 @@ mod tests {
     use mluc_tests::{NO_CAMERA, write_file};
 
     #[test]
-    fn points_in_a_labelled_box_take_its_colour() {
+    fn labels_are_drawn() {
         let folder = tempfile::tempdir().expect("a folder");
         let [scan, labels, calibration] =
             ["0.bin", "l.txt", "c.txt"].map(|name| folder.path().join(name));
-        // One point in the car's box 20 m ahead, in the middle of a pixel, one far beside it.
-        let points = [[19.95f32, -0.05, -1.0, 0.0], [20.0, 15.0, -1.0, 0.0]];
-        write_file(&scan, bytemuck::cast_slice::<_, u8>(&points));
         write_file(
-            &labels,
-            "Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n",
+            &scan,
+            bytemuck::cast_slice::<_, u8>(&[[20.0f32, 15.0, -1.0, 0.0]]),
         );
+        let car = "Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n";
+        write_file(&labels, car);
         write_file(&calibration, NO_CAMERA);
         let draw = |scan: &PathBuf, labels: Option<PathBuf>| {
             let arguments = RenderArguments {
                 scan: scan.clone(),
                 labels,
                 calib: Some(calibration.clone()),
-                color: ColorBy::Label,
                 px_per_m: 10.0,
                 ahead: true,
                 out: PathBuf::new(),
             };
-            // In the view ahead, 20 m before the sensor in the middle: row 504, column 400.
-            arguments
-                .draw()
-                .map(|canvas| canvas.pixel(400, 504).expect("inside"))
+            let canvas = arguments.draw()?;
+            // In the view ahead: the car 20 m before the sensor lies around row 504, column 400.
+            let places = (460..550).flat_map(|y| (380..420).map(move |x| (x, y)));
+            anyhow::Ok(places.map(|(x, y)| canvas.pixel(x, y)).collect::<Vec<_>>())
         };
         let (labelled, plain) = (draw(&scan, Some(labels)), draw(&scan, None));
-        let labelled = labelled.expect("a picture");
-        assert_ne!(labelled, plain.expect("a picture"));
-        assert!(labelled[2] > 180, "{labelled:?}");
+        assert_ne!(labelled.expect("a picture"), plain.expect("a picture"));
         assert!(draw(&folder.path().join("none.bin"), None).is_err());
     }
 }

@@ -141,12 +141,9 @@ pub(crate) fn run_command(arguments: ReproduceArguments) -> anyhow::Result<()> {
 }
 
 impl Screen for Progress {
-    fn step(&self, number: usize, steps: usize, name: &str, left_s: f64) {
-        let (step, left_min) = (format!("[{number}/{steps}]"), left_s / 60.0);
-        Progress::note(
-            self,
-            &format!("{step} {name}; about {left_min:.0} min left in all"),
-        );
+    fn step(&self, number: usize, steps: usize, name: &str) {
+        let step = format!("[{number}/{steps}]");
+        Progress::note(self, &format!("{step} {name}"));
         self.bar.set_prefix(step);
     }
 

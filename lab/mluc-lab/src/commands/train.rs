@@ -19,9 +19,6 @@ pub(crate) struct Train {
     choices: Choices,
     #[command(flatten)]
     threads: Threads,
-    /// Print where each step's time goes.
-    #[arg(long)]
-    profile_steps: bool,
 }
 
 /// What may be set.
@@ -203,16 +200,16 @@ pub(super) fn tune_memory() {
 pub(crate) fn run(arguments: Train) -> anyhow::Result<()> {
     tune_memory();
     arguments.threads.start()?;
-    let path = train(&arguments.choices.settings()?, arguments.profile_steps)?;
+    let path = train(&arguments.choices.settings()?)?;
     print_out(path.display())
 }
 
 /// Trains and shows how far it is; gives the model file.
-pub(super) fn train(settings: &TrainSettings, profile_steps: bool) -> anyhow::Result<PathBuf> {
+pub(super) fn train(settings: &TrainSettings) -> anyhow::Result<PathBuf> {
     let screen = Progress::new("", settings.steps, "{bar:30} {pos}/{len} {msg}");
     let mut tell = |event: TrainEvent| match event {
         TrainEvent::Note(text) => screen.note(&text),
-        TrainEvent::Progress(progress) => show(&screen, progress, profile_steps),
+        TrainEvent::Progress(progress) => show(&screen, progress),
     };
     let path = match settings.kind {
         NetworkKind::Osis => train_osis(settings, &mut tell)?,
@@ -222,30 +219,24 @@ pub(super) fn train(settings: &TrainSettings, profile_steps: bool) -> anyhow::Re
     Ok(path)
 }
 
-/// Shows a step; `every_line`: with its times, and as a line wherever lines are printed.
-fn show(screen: &Progress, p: &TrainProgress, every_line: bool) {
+fn show(screen: &Progress, p: &TrainProgress) {
     let mut losses = p.losses;
     let named = losses.named_mut();
     let used = named.iter().filter(|(_, value)| **value != 0.0);
     let parts: Vec<String> = used
         .map(|(name, value)| format!("{name} {value:.3}"))
         .collect();
-    let mut text = format!(
+    let text = format!(
         "loss {:.3} ({}), {:.2} frames/s, {:.0} min left",
         p.loss,
         parts.join(", "),
         p.frames_per_s,
         p.left_s / 60.0
     );
-    if every_line {
-        let t = &p.timing_ms;
-        text += &format!(
-            "; ms: wait {:.0}, prepare {:.0}, forward {:.0}, losses {:.0}, backward {:.0}, update {:.0}",
-            t.wait, t.prepare, t.forward, t.losses, t.backward, t.update
-        );
-    }
-    let must = every_line || p.step == p.steps;
-    screen.line(must, format_args!("step {}/{}: {text}", p.step, p.steps));
+    screen.line(
+        p.step == p.steps,
+        format_args!("step {}/{}: {text}", p.step, p.steps),
+    );
     screen.bar.set_position(p.step);
     screen.bar.set_message(text);
 }

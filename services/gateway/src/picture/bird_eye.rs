@@ -3,7 +3,7 @@
 use super::canvas::{Canvas, Color};
 use super::captions::Captions;
 use super::legend::draw_legend;
-use super::view::{BoxKind, DrawnBox, NIGHT, PointColor, RING, View, color_of, ramp};
+use super::view::{BoxKind, DrawnBox, NIGHT, RING, View, color_of, ramp};
 
 /// Heights at the ends of the ramp, m above the sensor.
 const RAMP_M: [f32; 2] = [-2.2, 1.2];
@@ -47,10 +47,7 @@ fn draw_points(canvas: &mut Canvas, points: &[[f32; 4]], view: &View) {
         if !(view.x_m[0]..view.x_m[1]).contains(&x) || !(view.y_m[0]..view.y_m[1]).contains(&y) {
             continue;
         }
-        let color = match &view.color {
-            PointColor::Height => ramp((z - RAMP_M[0]) / (RAMP_M[1] - RAMP_M[0])),
-            PointColor::Each(colors) => colors.get(index).copied().unwrap_or([120, 120, 120]),
-        };
+        let color = ramp((z - RAMP_M[0]) / (RAMP_M[1] - RAMP_M[0]));
         splat(canvas, view.at(x, y), color);
     }
 }

@@ -1,7 +1,7 @@
 //! The corner of a picture that says what is seen: title, one line a kind of box with its count, the height ramp.
 
 use super::canvas::{Canvas, Color};
-use super::view::{BoxKind, CAPTION, DrawnBox, NIGHT, PointColor, View, color_of, ramp};
+use super::view::{BoxKind, CAPTION, DrawnBox, NIGHT, View, color_of, ramp};
 
 const MARGIN_PX: i64 = 14;
 const LINE_PX: i64 = 18;
@@ -27,9 +27,7 @@ pub(super) fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View, 
         canvas.text([MARGIN_PX + 20, y + 3], &text, 1, CAPTION);
         y += LINE_PX;
     }
-    if matches!(view.color, PointColor::Height) {
-        draw_ramp(canvas, ramp_m);
-    }
+    draw_ramp(canvas, ramp_m);
 }
 
 /// One line for each label and kind, in the order of their first box.

@@ -9,4 +9,4 @@ mod view;
 
 pub use bird_eye::bird_eye;
 pub use canvas::{Canvas, Color};
-pub use view::{BoxKind, DrawnBox, PointColor, View, label_color, ramp};
+pub use view::{BoxKind, DrawnBox, View, ramp};

@@ -28,15 +28,6 @@ pub struct DrawnBox {
     pub caption: String,
 }
 
-/// How points are coloured.
-#[derive(Clone, Debug)]
-pub enum PointColor {
-    /// By z from 2.2 m below the sensor to 1.2 m above it.
-    Height,
-    /// One colour a point, in their order; points beyond the list are grey.
-    Each(Vec<Color>),
-}
-
 /// What part of the world is shown, and how.
 #[derive(Clone, Debug)]
 pub struct View {
@@ -46,8 +37,6 @@ pub struct View {
     pub y_m: [f32; 2],
     /// Pixels a metre.
     pub px_per_m: f32,
-    /// Colours of the points.
-    pub color: PointColor,
     /// First line in the upper left corner.
     pub title: String,
 }
@@ -59,7 +48,6 @@ impl View {
             x_m: [-51.2, 51.2],
             y_m: [-51.2, 51.2],
             px_per_m: 10.0,
-            color: PointColor::Height,
             title: String::new(),
         }
     }
@@ -111,7 +99,7 @@ pub fn ramp(t: f32) -> Color {
 }
 
 /// Colour of a label: the common classes have their own, whatever the case of their letters; others share one.
-pub fn label_color(label: &str) -> Color {
+fn label_color(label: &str) -> Color {
     match label.to_ascii_lowercase().as_str() {
         "car" => [86, 180, 255],
         "pedestrian" => [120, 230, 120],

@@ -134,7 +134,7 @@ impl Plan {
             ..request.settings(&folder.join("scans"), &folder.join("run"), out)
         };
         let begun = Instant::now();
-        train(&settings, true)?;
+        train(&settings)?;
         let train_s = begun.elapsed().as_secs_f64() / (steps as f64 * BATCH as f64);
         std::fs::remove_dir_all(&folder).context("the probe's folder")?;
         Ok(Plan::fitted(
