@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::Result;
 use clap::Parser;
 use mluc_bench::machine::describe_here;
-use mluc_bench::transport::{Measured, Payload, Settings, Way, measure, serve_peer};
+use mluc_bench::transport::{Measured, Payload, Settings, measure, serve_peer};
 use serde_json::{Map, Value, json};
 
 /// A frame at 10 Hz, us.
@@ -47,7 +47,7 @@ fn main() -> Result<()> {
             cores: arguments.cores.as_deref().map(|cores| [cores[0], cores[1]]),
             ..Settings::new(payload, rounds)
         };
-        measured.push((payload, measure(&settings, &Way::ALL)?));
+        measured.push((payload, measure(&settings)?));
     }
     println!("{:#}", report(&measured)?);
     Ok(())
@@ -77,9 +77,7 @@ fn report(measured: &[(Payload, Measured)]) -> Result<Value> {
 
 /// The frame's way from ingest to the robot: one message of each topic, as large as it can be; p50 and p99.
 fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
-    let hops = measured
-        .iter()
-        .filter_map(|(_, found)| found.latency(Way::Hop));
+    let hops = measured.iter().map(|(_, found)| found.latencies()[0]);
     hops.fold((0.0, 0.0), |sum, hop| {
         (sum.0 + hop.p50_us, sum.1 + hop.p99_us)
     })
@@ -87,7 +85,7 @@ fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
 
 /// Ours over a baseline, below which our hop is not to be expected; and a copy over ours.
 fn ratios(found: &Measured) -> [(String, f64); 4] {
-    let [hop, raw, socket] = Way::ALL.map(|way| found.latency(way).unwrap_or_default());
+    let [hop, raw, socket] = found.latencies();
     [
         ("hop_over_raw_p50", hop.p50_us / raw.p50_us),
         ("hop_over_raw_p99", hop.p99_us / raw.p99_us),

@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::show;
-use crate::transport::{Payload, Settings, Way, measure};
+use crate::transport::{Payload, Settings, measure};
 
 /// Before each message, so that the receiver sleeps as it does in a pipeline.
 const PAUSE: Duration = Duration::from_millis(4);
@@ -45,15 +45,15 @@ fn of_topic(payload: Payload, bytes: u64, rounds: usize) -> Result<Value> {
         pause: PAUSE,
         ..Settings::new(payload, rounds)
     };
-    let measured = measure(&settings, &Way::ALL)?;
-    let [alone, raw, socket] = Way::ALL.map(|way| measured.latency(way));
+    let measured = measure(&settings)?;
+    let [alone, raw, socket] = measured.latencies();
     Ok(json!({
         "payload_bytes": bytes,
-        "alone_p50_us": alone.map(|alone| alone.p50_us),
-        "alone_p99_us": alone.map(|alone| alone.p99_us),
-        "raw_p50_us": raw.map(|raw| raw.p50_us),
-        "raw_p99_us": raw.map(|raw| raw.p99_us),
-        "socket_p50_us": socket.map(|socket| socket.p50_us),
+        "alone_p50_us": alone.p50_us,
+        "alone_p99_us": alone.p99_us,
+        "raw_p50_us": raw.p50_us,
+        "raw_p99_us": raw.p99_us,
+        "socket_p50_us": socket.p50_us,
         "memcpy_p50_us": measured.memcpy.p50_us,
     }))
 }

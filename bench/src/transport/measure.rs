@@ -62,34 +62,33 @@ pub struct Cost {
 pub struct Measured {
     /// Bytes of a message.
     pub payload_bytes: usize,
-    /// Those asked for.
+    /// Each of [`Way::ALL`].
     pub ways: BTreeMap<Way, Cost>,
     /// Copying the payload once, within one process.
     pub memcpy: LatencyPercentiles,
 }
 
 impl Measured {
-    /// Of a way that was asked for.
-    pub fn latency(&self, way: Way) -> Option<LatencyPercentiles> {
-        Some(self.ways.get(&way)?.latency)
+    /// Of the hop, of iceoryx2 alone and of the socket.
+    pub fn latencies(&self) -> [LatencyPercentiles; 3] {
+        Way::ALL.map(|way| self.ways[&way].latency)
     }
 }
 
 /// Sends in turn on every way, each time in another order, and a copy within this process.
-pub fn measure(settings: &Settings, ways: &[Way]) -> Result<Measured> {
+pub fn measure(settings: &Settings) -> Result<Measured> {
     let elements = settings.elements()?;
     if let Some([sender, _]) = settings.cores {
         pin(&[sender])?;
     }
     let link = Link {
-        ways: ways.to_vec(),
         payload: settings.payload,
         elements,
         label: label(),
         core: settings.cores.map(|[_, receiver]| receiver),
     };
     let mut ends = vec![];
-    for &way in ways {
+    for way in Way::ALL {
         ends.push(End {
             way,
             sender: link.sender(way)?,

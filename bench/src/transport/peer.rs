@@ -103,7 +103,7 @@ fn serve(link: &Link) -> Result<()> {
         pin(&[core])?;
     }
     let mut receivers: Vec<(&str, Receiver)> = vec![];
-    for &way in &link.ways {
+    for way in Way::ALL {
         receivers.push((way.name(), link.receiver(way)?));
     }
     let mut output = std::io::stdout().lock();

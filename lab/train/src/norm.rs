@@ -2,11 +2,8 @@
 //! [`crate::halo`]).
 //!
 //! Statistics are those of the dense map: a tail row counts as often as it stands for a cell. In the backward pass the
-//! gradient of a tail row is the **sum** over its cells. Sums are taken over parts that the number of rows alone decides,
-//! added in order, so that the result does not depend on the number of threads. A part's sum is in f64; in f32 where the
-//! tail has several rows.
-
-use std::ops::AddAssign;
+//! gradient of a tail row is the **sum** over its cells. Sums, in f64, are taken over parts that the number of rows alone
+//! decides, added in order, so that the result does not depend on the number of threads.
 
 use mluc_kernels::at_best;
 use rayon::prelude::*;
@@ -14,9 +11,9 @@ use rayon::prelude::*;
 /// Batch norm's epsilon in every layer (the public SECOND configurations).
 pub const EPSILON: f32 = 1e-3;
 
-/// Rows of a task, and of a sum in f32.
+/// Rows of a task.
 const CHUNK_ROWS: usize = 512;
-/// Most parts of a sum in f64.
+/// Most parts of a sum.
 const PARTS_MAX: usize = 32;
 /// Fewest rows of such a part.
 const PART_ROWS_MIN: usize = 256;
@@ -53,11 +50,6 @@ pub struct Activation {
 }
 
 impl Tail {
-    /// Whether sums are in f64.
-    fn is_short(self) -> bool {
-        self.rows < 2
-    }
-
     /// Of a map of so many rows; the last one is apart in any case.
     fn of(self, rows: usize) -> Tail {
         let last = Tail {
@@ -68,26 +60,16 @@ impl Tail {
     }
 }
 
-/// Rows of a part of a sum in f64.
-fn part_rows(rows: usize) -> usize {
-    rows.div_ceil(PARTS_MAX).max(PART_ROWS_MIN)
-}
-
 /// Sums over rows of the two numbers of `f(x, g, m)`, by channel; the rows from value `body` on have a weight.
-fn reduce<A>(
+fn reduce(
     [x, g]: [&[f32]; 2],
     m: &[f32],
-    part_rows: usize,
     (body, weight): (usize, usize),
-    f: impl Fn(f32, f32, f32) -> [A; 2] + Sync,
-) -> [Vec<f64>; 2]
-where
-    A: AddAssign + Copy + Default + Send,
-    f64: From<A>,
-{
+    f: impl Fn(f32, f32, f32) -> [f64; 2] + Sync,
+) -> [Vec<f64>; 2] {
     let channels = m.len();
     let add_rows = |x: &[f32], g: &[f32]| {
-        let mut sums = [(); 2].map(|()| vec![A::default(); channels]);
+        let mut sums = [(); 2].map(|()| vec![0.0; channels]);
         let [a, b] = &mut sums;
         for (x, g) in x.chunks_exact(channels).zip(g.chunks_exact(channels)) {
             let sums = a.iter_mut().zip(b.iter_mut());
@@ -100,14 +82,15 @@ where
         sums
     };
     let partial = |x: &[f32], g: &[f32]| at_best(|| add_rows(x, g));
-    let part = part_rows * channels;
+    let rows = x.len() / channels;
+    let part = rows.div_ceil(PARTS_MAX).max(PART_ROWS_MIN) * channels;
     let chunks = x[..body].par_chunks(part).zip(g[..body].par_chunks(part));
     let parts: Vec<_> = chunks.map(|(x, g)| partial(x, g)).collect();
     let last = partial(&x[body..], &g[body..]);
     [0, 1].map(|number| {
         let sum = |c: usize| {
-            let parts = parts.iter().map(|part| f64::from(part[number][c]));
-            parts.sum::<f64>() + weight as f64 * f64::from(last[number][c])
+            let parts = parts.iter().map(|part| part[number][c]);
+            parts.sum::<f64>() + weight as f64 * last[number][c]
         };
         (0..channels).map(sum).collect()
     })
@@ -115,7 +98,7 @@ where
 
 /// Batch norm while training: the statistics of `x`, and `y` by them. `affine`: scale and shift by channel.
 pub fn forward(x: &[f32], affine: [&[f32]; 2], tail: Tail, y: &mut [f32]) -> Statistics {
-    let [gamma, beta] = affine;
+    let [gamma, _] = affine;
     let channels = gamma.len();
     let rows = x.len() / channels;
     let Tail {
@@ -123,12 +106,8 @@ pub fn forward(x: &[f32], affine: [&[f32]; 2], tail: Tail, y: &mut [f32]) -> Sta
         multiplicity,
     } = tail.of(rows);
     let weighted = (x.len() - last * channels, multiplicity);
-    let [sum, square] = if tail.is_short() {
-        let wide = |v: f32, _, _| [f64::from(v), f64::from(v) * f64::from(v)];
-        reduce([x, x], gamma, part_rows(rows), weighted, wide)
-    } else {
-        reduce([x, x], gamma, CHUNK_ROWS, weighted, |v, _, _| [v, v * v])
-    };
+    let powers = |v: f32, _, _| [f64::from(v), f64::from(v) * f64::from(v)];
+    let [sum, square] = reduce([x, x], gamma, weighted, powers);
     let count = (rows - last + last * multiplicity) as f64;
     let mean: Vec<f64> = sum.iter().map(|s| s / count.max(1.0)).collect();
     let variance = |(q, m): (&f64, &f64)| (q / count.max(1.0) - m * m).max(0.0) as f32;
@@ -137,14 +116,7 @@ pub fn forward(x: &[f32], affine: [&[f32]; 2], tail: Tail, y: &mut [f32]) -> Sta
         mean: mean.iter().map(|m| *m as f32).collect(),
         count,
     };
-    if tail.is_short() {
-        let scale = gamma.iter().zip(&statistics.var);
-        let scale = scale.map(|(g, var)| (inverse_deviation(*var) * f64::from(*g)) as f32);
-        let scale: Vec<f32> = scale.collect();
-        scale_rows(x, &statistics.mean, &scale, beta, y);
-    } else {
-        normalise(x, affine, &statistics, y);
-    }
+    normalise(x, affine, &statistics, y);
     statistics
 }
 
@@ -152,24 +124,18 @@ fn inverse_deviation(var: f32) -> f64 {
     1.0 / (f64::from(var) + f64::from(EPSILON)).sqrt()
 }
 
-/// `y = max(0, gamma * (x - mean) / sqrt(variance + eps) + beta`.
+/// `y = max(0, gamma * (x - mean) / sqrt(variance + eps) + beta`; NaN stays NaN.
 pub fn normalise(x: &[f32], [gamma, beta]: [&[f32]; 2], statistics: &Statistics, y: &mut [f32]) {
     let Statistics { mean, var, .. } = statistics;
-    let scale = gamma.iter().zip(var).map(|(g, v)| g / (v + EPSILON).sqrt());
+    let channels = gamma.len();
+    let scale = gamma.iter().zip(var);
+    let scale = scale.map(|(g, var)| (inverse_deviation(*var) * f64::from(*g)) as f32);
     let scale: Vec<f32> = scale.collect();
-    let shift = (0..gamma.len()).map(|c| beta[c] - scale[c] * mean[c]);
-    let shift: Vec<f32> = shift.collect();
-    scale_rows(x, &vec![0.0; gamma.len()], &scale, &shift, y);
-}
-
-/// `y = max(0, (x - mean) * scale + shift)`; NaN stays NaN.
-fn scale_rows(x: &[f32], mean: &[f32], scale: &[f32], shift: &[f32], y: &mut [f32]) {
-    let channels = mean.len();
     let work = |y: &mut [f32], x: &[f32]| {
         for (y, x) in y.chunks_exact_mut(channels).zip(x.chunks_exact(channels)) {
-            let values = x.iter().zip(mean).zip(scale.iter().zip(shift));
-            for (y, ((x, mean), (scale, shift))) in y.iter_mut().zip(values) {
-                let value = (x - mean) * scale + shift;
+            let values = x.iter().zip(mean).zip(scale.iter().zip(beta));
+            for (y, ((x, mean), (scale, beta))) in y.iter_mut().zip(values) {
+                let value = (x - mean) * scale + beta;
                 *y = if value < 0.0 { 0.0 } else { value };
             }
         }
@@ -198,45 +164,26 @@ pub fn backward(
     let (mean, count) = (&statistics.mean, statistics.count.max(1.0));
     // Every row's gradient is already the sum over its cells, so each counts once.
     let all = (x.len(), 1);
-    let [sum, product] = if tail.is_short() {
-        let wide = |g: f32, x: f32, m: f32| [f64::from(g), f64::from(g * (x - m))];
-        reduce([gradient, x], mean, part_rows(rows), all, wide)
-    } else {
-        let narrow = |g: f32, x: f32, m: f32| [g, g * (x - m)];
-        reduce([gradient, x], mean, CHUNK_ROWS, all, narrow)
-    };
+    let products = |g: f32, x: f32, m: f32| [f64::from(g), f64::from(g * (x - m))];
+    let [sum, product] = reduce([gradient, x], mean, all, products);
     // dx = scale * (dy - weight * (mean(dy) + (x - mean) * mean(dy * (x - mean)) / variance'))
     let [mut scale, mut constant, mut slope] = [(); 3].map(|()| vec![0.0_f32; channels]);
     for c in 0..channels {
         d_beta[c] += sum[c] as f32;
-        if tail.is_short() {
-            let inverse = inverse_deviation(statistics.var[c]);
-            let (gain, product) = (f64::from(gamma[c]) * inverse, product[c] * inverse);
-            d_gamma[c] += product as f32;
-            scale[c] = gain as f32;
-            constant[c] = (gain * sum[c] / count) as f32;
-            slope[c] = (gain * inverse * product / count) as f32;
-        } else {
-            let inverse = 1.0 / (statistics.var[c] + EPSILON).sqrt();
-            d_gamma[c] += product[c] as f32 * inverse;
-            scale[c] = gamma[c] * inverse;
-            constant[c] = (sum[c] / count) as f32;
-            slope[c] = (product[c] / count) as f32 * inverse * inverse;
-        }
+        let inverse = inverse_deviation(statistics.var[c]);
+        let (gain, product) = (f64::from(gamma[c]) * inverse, product[c] * inverse);
+        d_gamma[c] += product as f32;
+        scale[c] = gain as f32;
+        constant[c] = (gain * sum[c] / count) as f32;
+        slope[c] = (gain * inverse * product / count) as f32;
     }
-    let is_short = tail.is_short();
     let work = |g: &mut [f32], x: &[f32], weight: f32| {
         for (g, x) in g.chunks_exact_mut(channels).zip(x.chunks_exact(channels)) {
             let terms = scale.iter().zip(&constant).zip(&slope);
             let values = x.iter().zip(mean).zip(terms);
             for (g, ((x, mean), ((scale, constant), slope))) in g.iter_mut().zip(values) {
-                let part = weight * (constant + (x - mean) * slope);
-                // With a short tail the part is scaled already.
-                *g = if is_short {
-                    scale * *g - part
-                } else {
-                    scale * (*g - part)
-                };
+                // Constant and slope are scaled already.
+                *g = scale * *g - weight * (constant + (x - mean) * slope);
             }
         }
     };

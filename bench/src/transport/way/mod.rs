@@ -81,7 +81,6 @@ macro_rules! for_elements {
 /// What both ends must agree on.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Link {
-    pub(crate) ways: Vec<Way>,
     /// The receiver's.
     pub(crate) core: Option<usize>,
     pub(crate) payload: Payload,
