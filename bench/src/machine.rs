@@ -30,14 +30,10 @@ pub fn describe_machine() -> Map<String, Value> {
         "cores_usable": usable_cpus().len(),
         "cores_present": cpuinfo.lines().filter(|line| line.starts_with("processor")).count(),
         "instruction_sets": extensions.join(" "),
-        "caches": caches(),
         "memory_mib": number_of(&meminfo, "MemTotal:") / 1024,
         "virtual_machine": flags.contains(&"hypervisor"),
         "kernel": text_of("/proc/sys/kernel/osrelease"),
-        "kernel_preemption": text_of("/proc/sys/kernel/version"),
         "governor": text_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").unwrap_or_else(|| "not visible".to_string()),
-        "clock_source": text_of("/sys/devices/system/clocksource/clocksource0/current_clocksource"),
-        "huge_pages": text_of("/sys/kernel/mm/transparent_hugepage/enabled"),
         "architecture": std::env::consts::ARCH,
         "load_1min": load(),
         "unix_time_s": time.map_or(0, |time| time.as_secs()),
@@ -138,20 +134,6 @@ fn fingerprint(bytes: &[u8]) -> u64 {
         word[..chunk.len()].copy_from_slice(chunk);
         (hash ^ u64::from_le_bytes(word)).wrapping_mul(0x0100_0000_01b3)
     })
-}
-
-fn caches() -> String {
-    let of = |index: usize| {
-        let folder = format!("/sys/devices/system/cpu/cpu0/cache/index{index}");
-        let read = |name: &str| text_of(&format!("{folder}/{name}"));
-        let letter = match read("type")?.as_str() {
-            "Data" => "d",
-            "Instruction" => "i",
-            _ => "",
-        };
-        Some(format!("L{}{letter} {}", read("level")?, read("size")?))
-    };
-    (0..6).filter_map(of).collect::<Vec<_>>().join(", ")
 }
 
 /// The value of the first line `key : value`, or `key value`.

@@ -4,7 +4,6 @@
 
 use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
-use std::time::Instant;
 
 use crossbeam_channel::{Receiver, bounded};
 use mluc_geometry::Random;
@@ -37,8 +36,6 @@ pub struct Batch {
     pub plan: Plan,
     /// Labels.
     pub targets: BatchTargets,
-    /// What preparing it took.
-    pub seconds: f64,
 }
 
 /// What batches are made of.
@@ -104,7 +101,6 @@ impl DataLoader {
 
     /// The batch of a step.
     pub fn prepare(&mut self, step: u64) -> Result<Batch, TrainError> {
-        let start = Instant::now();
         let (mut scans, mut targets) = (vec![], vec![]);
         for number in 0..self.batch as u64 {
             let place = step * self.batch as u64 + number;
@@ -144,7 +140,6 @@ impl DataLoader {
             step,
             plan,
             targets,
-            seconds: start.elapsed().as_secs_f64(),
         })
     }
 

@@ -20,23 +20,6 @@ pub enum TrainEvent<'a> {
     Progress(&'a Progress),
 }
 
-/// Where a step's time went, ms.
-#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
-pub struct Timing {
-    /// Waiting for the batch.
-    pub wait: f64,
-    /// Preparing it, on the other thread.
-    pub prepare: f64,
-    /// Forward.
-    pub forward: f64,
-    /// Losses.
-    pub losses: f64,
-    /// Backward.
-    pub backward: f64,
-    /// Optimiser.
-    pub update: f64,
-}
-
 /// A line of `train.jsonl`: means over the steps since the last line.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct Progress {
@@ -56,22 +39,13 @@ pub struct Progress {
     pub frames_per_s: f64,
     /// Seconds left.
     pub left_s: f64,
-    /// Milliseconds a step.
-    pub timing_ms: Timing,
 }
 
 impl Progress {
     /// What is averaged.
     fn means_mut(&mut self) -> impl Iterator<Item = &mut f64> {
-        let t = &mut self.timing_ms;
-        let times = [&mut t.wait, &mut t.prepare, &mut t.forward];
-        let times = times
-            .into_iter()
-            .chain([&mut t.losses, &mut t.backward, &mut t.update]);
         let losses = self.losses.named_mut().into_iter().map(|(_, value)| value);
-        losses
-            .chain([&mut self.loss, &mut self.gradient_norm])
-            .chain(times)
+        losses.chain([&mut self.loss, &mut self.gradient_norm])
     }
 }
 

@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::PathBuf;
-use std::time::Instant;
 
 use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
 use mluc_refiner::ClusterScorer;
@@ -139,14 +138,11 @@ impl Run {
         let mut log = Log::open(&settings, first > 0)?;
         let epoch_steps = (self.source.count().div_ceil(settings.batch) as u64).max(1);
         for step in first..settings.steps {
-            let waited = Instant::now();
             let ended = || format!("the thread that prepares batches ended before step {step}");
             let batch = batches
                 .take()
                 .ok_or_else(|| TrainError::Stopped(ended()))??;
-            let wait = 1e3 * waited.elapsed().as_secs_f64();
-            let mut progress = self.trainer.step(&batch)?;
-            progress.timing_ms.wait = wait;
+            let progress = self.trainer.step(&batch)?;
             let done = progress.step;
             if let Some(line) = log.add(progress)? {
                 notify(TrainEvent::Progress(&line));

@@ -1,13 +1,11 @@
 //! One step after another: forward, losses, backward, optimiser.
 
-use std::time::Instant;
-
 use mluc_model::Network;
 
 use crate::error::TrainError;
 use crate::layers::RunningStatistics;
 use crate::loader::Batch;
-use crate::log::{Progress, Timing};
+use crate::log::Progress;
 use crate::losses::{self, LossSettings};
 use crate::network::{Chain, Pass, StepInput};
 use crate::optimizer::{Adam, Schedule};
@@ -64,30 +62,17 @@ impl Trainer {
     /// One step.
     pub fn step(&mut self, batch: &Batch) -> Result<Progress, TrainError> {
         let (plan, targets, pool) = (&batch.plan, &batch.targets, &mut self.pool);
-        let mut timing_ms = Timing {
-            prepare: 1e3 * batch.seconds,
-            ..Timing::default()
-        };
-        let mut clock = Instant::now();
-        let mut lap = || {
-            let ms = 1e3 * clock.elapsed().as_secs_f64();
-            clock = Instant::now();
-            ms
-        };
         let chain = &self.chain;
         let input = StepInput::new(&self.state.parameters, plan, &targets.labelled);
         let pass = chain.forward(&input, pool);
-        timing_ms.forward = lap();
         let (map, classes) = (&plan.map, chain.network.classes);
         let (losses, outputs) = losses::evaluate(&pass.outputs, map, targets, self.losses, classes);
-        timing_ms.losses = lap();
         let loss = losses.total();
         if !loss.is_finite() {
             return Err(TrainError::diverged(self.state.step, loss));
         }
         pool.gradients.fill(0.0);
         chain.backward(&input, &pass, &outputs, pool);
-        timing_ms.backward = lap();
         follow_statistics(&mut self.state, &pass);
         pass.recycle(pool);
         let (rate, momentum) = self.schedule.at(self.state.step);
@@ -95,14 +80,12 @@ impl Trainer {
         let adam = &mut self.state.adam;
         let gradient_norm = adam.step(parameters, &pool.gradients, (rate, momentum));
         self.state.step += 1;
-        timing_ms.update = lap();
         Ok(Progress {
             step: self.state.step,
             loss,
             losses,
             gradient_norm,
             rate,
-            timing_ms,
             ..Progress::default()
         })
     }

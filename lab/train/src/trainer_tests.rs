@@ -24,7 +24,6 @@ fn batch(step: u64) -> Batch {
         step,
         plan: Planner::new(&network).plan(&scans),
         targets: targets(&network),
-        seconds: 0.0,
     }
 }
 
