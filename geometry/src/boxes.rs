@@ -63,16 +63,16 @@ impl Box3 {
     }
 
     /// [`Box3::contains`] for a scan's point: x, y, z (m), intensity.
-    pub fn has_point(&self, &[x, y, z, _]: &[f32; 4]) -> bool {
-        self.contains([x, y, z].map(f64::from))
+    pub fn has_point(&self, point: &[f32; 4]) -> bool {
+        Inside::of(self, 0.0).has_point(point)
     }
 
     /// How many of a scan's points lie inside.
     pub fn count_inside(&self, points: &[[f32; 4]]) -> usize {
         // The square around the footprint settles most points without the turn.
-        let reach_m = self.half_diagonal_m();
+        let (own, reach_m) = (Inside::of(self, 0.0), self.half_diagonal_m());
         let near = |p: &[f32; 4], i: usize| (f64::from(p[i]) - self.center_m[i]).abs() <= reach_m;
-        let inside = |p: &&[f32; 4]| near(p, 0) && near(p, 1) && self.has_point(p);
+        let inside = |p: &&[f32; 4]| near(p, 0) && near(p, 1) && own.has_point(p);
         points.iter().filter(inside).count()
     }
 }
@@ -106,6 +106,12 @@ impl Inside {
         (dx * self.cos + dy * self.sin).abs() <= self.half_m[0]
             && (dy * self.cos - dx * self.sin).abs() <= self.half_m[1]
             && dz.abs() <= self.half_m[2]
+    }
+
+    /// [`Inside::contains`] for a scan's point: x, y, z (m), intensity.
+    #[inline]
+    pub fn has_point(&self, &[x, y, z, _]: &[f32; 4]) -> bool {
+        self.contains([x, y, z].map(f64::from))
     }
 }
 

@@ -6,11 +6,11 @@
 use std::f64::consts::{FRAC_PI_4, PI, TAU};
 use std::sync::Arc;
 
-use mluc_geometry::{Box3, Random, intersection_bev_m2, limit_period};
+use mluc_geometry::{Box3, Inside, Random, intersection_bev_m2, limit_period};
 use mluc_model::Grid;
 
 use crate::database::{Database, Sample};
-use crate::scan::{InBox, LabelledObject, LabelledScan};
+use crate::scan::{LabelledObject, LabelledScan};
 use crate::synthetic_unknown::make_up;
 
 const TURN_MAX_RAD: f64 = FRAC_PI_4;
@@ -72,8 +72,8 @@ impl Augmentation {
             let placed = sample.and_then(|sample| place(&sample, scan, &pasted));
             pasted.extend(placed);
         }
-        let tests: Vec<InBox> = pasted.iter().map(|s| InBox::new(&s.bounds)).collect();
-        let is_free = |p: &[f32; 4]| !tests.iter().any(|t| t.contains(p));
+        let taken: Vec<Inside> = pasted.iter().map(|s| Inside::of(&s.bounds, 0.0)).collect();
+        let is_free = |p: &[f32; 4]| !taken.iter().any(|own| own.has_point(p));
         scan.points.retain(is_free);
         let mut points: Vec<[f32; 4]> = vec![];
         for sample in pasted {
@@ -113,9 +113,9 @@ fn place(sample: &Sample, scan: &LabelledScan, pasted: &[Sample]) -> Option<Samp
     let mut placed = sample.clone();
     placed.bounds.center_m[2] += shift;
     placed.points.iter_mut().for_each(|p| p[2] += shift as f32);
-    let test = InBox::new(&placed.bounds);
+    let own = Inside::of(&placed.bounds, 0.0);
     let low = (bottom + shift + OBSTACLE_HEIGHT_M) as f32;
-    let obstacles = near.iter().filter(|p| p[2] > low && test.contains(p));
+    let obstacles = near.iter().filter(|p| p[2] > low && own.has_point(p));
     (obstacles.count() <= OBSTACLE_POINTS_MAX).then_some(placed)
 }
 

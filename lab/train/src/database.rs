@@ -1,10 +1,9 @@
 //! What the training split says before training: mean sizes of its objects, and objects to paste into other scans.
 
-use mluc_geometry::Box3;
+use mluc_geometry::{Box3, Inside};
 use rayon::prelude::*;
 
 use crate::error::TrainError;
-use crate::scan::InBox;
 use crate::source::ScanSource;
 
 /// Fewer points make no object worth pasting (the public SECOND configuration).
@@ -85,8 +84,8 @@ fn cut_out(source: &ScanSource, frame: usize) -> Result<Vec<(usize, Sample)>, Tr
     let objects = scan.objects.iter().zip(visible);
     let wanted = objects.filter(|(o, visible)| *visible && o.points >= SAMPLE_POINTS_MIN);
     let samples = wanted.filter_map(|(object, _)| {
-        let test = InBox::new(&object.bounds);
-        let points = scan.points.iter().filter(|p| test.contains(p));
+        let own = Inside::of(&object.bounds, 0.0);
+        let points = scan.points.iter().filter(|p| own.has_point(p));
         let sample = Sample {
             class: object.class,
             bounds: object.bounds,

@@ -3,10 +3,9 @@
 //! It takes minutes, so an interrupted run starts anew; a finished one is left as it is.
 
 use std::path::PathBuf;
-use std::time::Instant;
 
 use mluc_backbone::Backbone;
-use mluc_geometry::Random;
+use mluc_geometry::{Inside, Random};
 use mluc_model::{HeadKind, Model, model_bytes};
 
 use crate::embedding::{FrameFeatures, PointEmbedding};
@@ -14,7 +13,7 @@ use crate::error::TrainError;
 use crate::import::model_path;
 use crate::log::{Log, Progress, TrainEvent};
 use crate::optimizer::{Adam, Schedule};
-use crate::scan::{InBox, LabelledScan};
+use crate::scan::LabelledScan;
 use crate::settings::TrainSettings;
 use crate::source::ScanSource;
 use crate::{check, run_folder};
@@ -84,7 +83,6 @@ fn fit(
     let schedule = Schedule::new(settings.learning_rate, settings.steps);
     let mut log = Log::open(settings, false)?;
     for step in 0..settings.steps {
-        let clock = Instant::now();
         let mut random = Random::new(settings.seed, &[0x0515, step]);
         let scan = source.scan(random.below(source.count()))?;
         backbone.run(&scan.points);
@@ -107,7 +105,6 @@ fn fit(
             ..Progress::default()
         };
         progress.losses.metric = loss;
-        progress.timing_ms.forward = 1e3 * clock.elapsed().as_secs_f64();
         if let Some(line) = log.add(progress)? {
             notify(TrainEvent::Progress(&line));
         }
@@ -122,11 +119,12 @@ fn sample(
     features: &FrameFeatures,
     random: &mut Random,
 ) -> (Vec<f32>, Vec<Option<usize>>, usize) {
-    let tests: Vec<InBox> = scan.objects.iter().map(|o| InBox::new(&o.bounds)).collect();
+    let tests = scan.objects.iter().map(|o| Inside::of(&o.bounds, 0.0));
+    let tests: Vec<Inside> = tests.collect();
     let mut of_object: Vec<Vec<usize>> = vec![vec![]; tests.len()];
     let mut background = vec![];
     for (i, point) in scan.points.iter().enumerate() {
-        match tests.iter().position(|test| test.contains(point)) {
+        match tests.iter().position(|test| test.has_point(point)) {
             Some(object) => of_object[object].push(i),
             None => background.push(i),
         }

@@ -87,45 +87,8 @@ impl LabelledScan {
     /// Counts every object's points.
     pub fn count_points(&mut self) {
         for object in &mut self.objects {
-            let test = InBox::new(&object.bounds);
-            object.points = self.points.iter().filter(|p| test.contains(p)).count();
+            object.points = object.bounds.count_inside(&self.points);
         }
-    }
-}
-
-/// A fast test whether a point lies in a box.
-#[derive(Clone, Copy, Debug)]
-pub struct InBox {
-    center: [f32; 3],
-    half: [f32; 3],
-    radius: f32,
-    sin: f32,
-    cos: f32,
-}
-
-impl InBox {
-    /// Of one box.
-    pub fn new(bounds: &Box3) -> InBox {
-        let half = bounds.size_m.map(|s| s as f32 / 2.0);
-        let (sin, cos) = (bounds.yaw_rad as f32).sin_cos();
-        InBox {
-            center: bounds.center_m.map(|c| c as f32),
-            half,
-            radius: half[0].hypot(half[1]),
-            sin,
-            cos,
-        }
-    }
-
-    /// Inside or on the surface.
-    pub fn contains(&self, point: &[f32; 4]) -> bool {
-        let (dx, dy) = (point[0] - self.center[0], point[1] - self.center[1]);
-        if dx.abs() > self.radius || dy.abs() > self.radius {
-            return false;
-        }
-        let (u, v) = (dx * self.cos + dy * self.sin, dy * self.cos - dx * self.sin);
-        let dz = point[2] - self.center[2];
-        u.abs() <= self.half[0] && v.abs() <= self.half[1] && dz.abs() <= self.half[2]
     }
 }
 

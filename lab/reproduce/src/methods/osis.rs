@@ -11,12 +11,11 @@ use super::osis_embedding::{Embedder, Standing};
 use crate::Result;
 use mluc_evaluate::SensorDetection;
 use mluc_evaluate::pipeline::{GatedObjects, ModelGate, box_of, class_names};
-use mluc_geometry::Box3;
 use mluc_geometry::ground::{GroundGrid, ground_height_m};
+use mluc_geometry::{Box3, Inside};
 use mluc_head::Detection;
 use mluc_ipc_types::Point;
 use mluc_refiner::fit::{ClusterPoints, minimum_area};
-use mluc_train::scan::InBox;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -76,13 +75,13 @@ fn standing(ground: &mut GroundGrid, points: &[Point], detections: &[Detection])
         let cube = at.map(|v| (v / THIN_M).floor() as i32);
         cubes.entry(cube).or_insert(at);
     }
-    let test = |d: &Detection| (InBox::new(&box_of(d)), d.softmax_max);
-    let tests: Vec<(InBox, f32)> = detections.iter().map(test).collect();
+    let test = |d: &Detection| (Inside::of(&box_of(d), 0.0), d.softmax_max);
+    let tests: Vec<(Inside, f32)> = detections.iter().map(test).collect();
     let stands = |&[x, y, z]: &[f32; 3]| z - ground_height_m(ground_m, [x, y]) > CLEARANCE_M;
     let point = |at_m: [f32; 3]| {
         let [x, y, z] = at_m;
         let around = tests.iter().enumerate();
-        let around = around.filter(|(_, (test, _))| test.contains(&[x, y, z, 0.0]));
+        let around = around.filter(|(_, (test, _))| test.has_point(&[x, y, z, 0.0]));
         let around = around.map(|(i, (_, p))| (i, *p));
         let best = around.reduce(|a, b| if b.1 > a.1 { b } else { a });
         Standing {
