@@ -2,8 +2,6 @@
 //! range for each channel between the layers ([`measure_ranges`]).
 
 mod calibrator;
-mod equalize;
-mod histogram;
 
 pub use calibrator::measure_ranges;
 
