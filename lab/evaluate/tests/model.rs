@@ -242,27 +242,3 @@ fn scores_of_profiles_keep_false_objects_below_their_limits() {
     let fault = write_profiles(path, model, chosen, "").expect_err("changed");
     assert!(fault.to_string().contains("that was judged"), "{fault}");
 }
-
-#[test]
-fn every_label_has_one_disposition() {
-    let mut fixture = Fixture::new(4);
-    let frames = &mut fixture.frames;
-    // One frame where nothing is found, and one where all is found 0.4 m further on.
-    frames[0].detections.clear();
-    let moved = |d: &mut Detection| d.center_m[1] += 0.4;
-    frames[1].detections.iter_mut().for_each(moved);
-    let judged = fixture.judge(&fixture.model);
-    let mut sums = [0; 3];
-    for (table, class) in judged.misses.iter().zip(&judged.closed.classes) {
-        let labels: usize = table.by_range.iter().map(|row| row.labels).sum();
-        assert_eq!(labels, class.main().truth_count, "{}", table.class);
-        for row in &table.by_range {
-            let dispositions = row.found + row.weak + row.displaced + row.other_class + row.missed;
-            assert_eq!(dispositions, row.labels, "{}", table.class);
-            for (sum, count) in sums.iter_mut().zip([row.found, row.displaced, row.missed]) {
-                *sum += count;
-            }
-        }
-    }
-    assert!(sums[0] > 5 && sums[1] > 0 && sums[2] > 0, "{sums:?}");
-}

@@ -1,6 +1,5 @@
 //! A model's figures at its own threshold, without the gate, and at many thresholds; the choice of one for the model file.
 
-use super::misses::{MissTable, misses};
 use super::separation::{ScoreSeparation, separation};
 use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects_at, paper_rules};
 use crate::open_set::unknown_as_known;
@@ -33,8 +32,6 @@ pub struct ModelJudgement {
     pub unknown_as_known: usize,
     /// AP at the model's threshold by range, and by rings on the object.
     pub breakdowns: [Breakdown; 2],
-    /// What became of each label without the gate, by class.
-    pub misses: Vec<MissTable>,
     /// Boxes that the network kept.
     pub boxes: usize,
 }
@@ -83,7 +80,6 @@ pub fn judge(
         separation: separation(frames, &rules),
         unknown_as_known_closed: unknown_as_known(&closed, &rules),
         unknown_as_known: unknown_as_known(&gated, &rules),
-        misses: misses(&closed, &rules),
         boxes: frames.iter().map(|frame| frame.detections.len()).sum(),
         rules,
     })

@@ -9,7 +9,6 @@ mod frames;
 mod gate;
 mod judge;
 mod mahalanobis;
-mod misses;
 mod separation;
 mod stages;
 
@@ -21,6 +20,5 @@ pub use judge::{
     Choice, ModelJudgement, choose_profiles, choose_threshold, judge, sweep_gate, write_profiles,
     write_threshold,
 };
-pub use misses::{MissRow, MissTable};
 pub use separation::{ScoreSeparation, separation};
 pub use stages::{GatedObjects, box_of, class_names, detect_frames, objects_at};

@@ -1,9 +1,9 @@
 //! How well each score of a kept box tells unknown objects from known ones, and from background, whatever the threshold.
 
 use super::mahalanobis::{Embedded, mahalanobis};
-use super::misses::labels_that_count;
 use super::{DetectedFrame, box_of};
-use crate::{ClassRule, ObjectKind};
+use crate::{ClassRule, Difficulty, ObjectKind};
+use mluc_dataset::Label;
 use mluc_geometry::{Box3, iou_3d};
 use mluc_head::Detection;
 use serde::{Deserialize, Serialize};
@@ -85,6 +85,19 @@ struct JudgedBox<'a> {
     detection: &'a Detection,
     /// Of its label; none: it touches no label at all.
     rule: Option<&'a ClassRule>,
+}
+
+/// Labels that count at moderate, in file order: upright box and rule.
+fn labels_that_count<'a>(
+    labels: &'a [Label],
+    rules: &'a [ClassRule],
+) -> impl Iterator<Item = (Box3, &'a ClassRule)> {
+    labels.iter().filter_map(|label| {
+        let is_of = |rule: &&ClassRule| rule.label_counts(label) == Some(true);
+        let rule = rules.iter().find(is_of)?;
+        let takes = Difficulty::Moderate.takes(label);
+        takes.then(|| (label.camera_box.upright(), rule))
+    })
 }
 
 fn judged_boxes<'a>(

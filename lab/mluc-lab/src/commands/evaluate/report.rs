@@ -1,6 +1,6 @@
 //! The outcome as JSON and as a table.
 
-use mluc_evaluate::pipeline::{Choice, MissRow, MissTable, ModelJudgement, ScoreSeparation};
+use mluc_evaluate::pipeline::{Choice, ModelJudgement, ScoreSeparation};
 use mluc_evaluate::{ClassReport, SweepPoint, best_index};
 use mluc_model::{Model, Profiles};
 use serde_json::{Value, json};
@@ -41,7 +41,6 @@ impl Outcome {
             "unknown_labels": judgement.unknown_labels(),
             "unknown_as_known": judgement.unknown_as_known,
             "unknown_as_known_closed": judgement.unknown_as_known_closed,
-            "labels_closed": judgement.misses,
         });
         for breakdown in &judgement.breakdowns {
             object[format!("by_{}", breakdown.by)] = breakdown.to_json();
@@ -75,7 +74,6 @@ impl Outcome {
             text += &format!("\nat the threshold: {}", breakdown.to_table());
         }
         text += &separation(&self.judgement.separation);
-        text += &misses(&self.judgement.misses);
         text += &self.thresholds();
         for (name, least) in self.profiles.iter().flat_map(Profiles::named) {
             let (unknown, known) = (least.unknown, least.known);
@@ -180,28 +178,4 @@ fn figures(class: &ClassReport) -> String {
     [ap.r40, ap.r11, ap.all, recall]
         .map(|figure| format!("{figure:>7.2}"))
         .join(" ")
-}
-
-fn misses(tables: &[MissTable]) -> String {
-    let mut text = String::from(
-        "\nclosed set, labels at moderate: found (score 0.3 or more) / weak (less) / displaced / other class / missed\n",
-    );
-    let mut row = |class: &str, cells: [String; 4]| {
-        text += &format!(
-            "{class:<12} {}\n",
-            cells.map(|cell| format!("{cell:>24}")).join(" ")
-        );
-    };
-    row(
-        "class",
-        ["below 15 m", "15 to 30 m", "30 to 45 m", "beyond"].map(String::from),
-    );
-    for table in tables {
-        let cell = |row: &MissRow| {
-            let (a, b, c) = (row.found, row.weak, row.displaced);
-            format!("{a} / {b} / {c} / {} / {}", row.other_class, row.missed)
-        };
-        row(&table.class, table.by_range.each_ref().map(cell));
-    }
-    text
 }
