@@ -147,9 +147,10 @@ impl Layout {
             ) else {
                 return Ok(true);
             };
-            let point = axes.map(|(place, sign)| [x, y, z][place] * sign * self.scale);
-            let numbers = point.into_iter().chain([intensity * self.intensity_scale]);
-            out.extend(numbers.flat_map(|number| (number as f32).to_le_bytes()));
+            let [x, y, z] = axes.map(|(place, sign)| [x, y, z][place] * sign * self.scale);
+            let numbers = [x, y, z, intensity * self.intensity_scale];
+            let numbers = numbers.map(|number| (number as f32).to_le_bytes());
+            out.extend_from_slice(numbers.as_flattened());
         }
         Ok(false)
     }
