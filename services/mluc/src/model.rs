@@ -15,7 +15,7 @@ macro_rules! built_in {
     };
 }
 /// The models in this program, of `weights/`. Another one is a name here, and its floors in `tests/tests/accuracy.toml`.
-const BUILT_IN: &[(&str, &[u8])] = built_in!("any-open");
+const BUILT_IN: &[(&str, &[u8])] = built_in!("any-open", "any");
 /// The models of the paper's settings: files in `weights/paper/` of the repository.
 const PAPER: [&str; 4] = ["kitti", "kitti-open", "udi", "udi-open"];
 

@@ -24,7 +24,7 @@ config --seconds=-1 | seconds
 config --unknown-min=1.5 | unknown_min
 config --lambda 1.2 | --unknown-min
 config --model ../../weights/paper/kitti.safetensors --unknown-min 0.5 | --lambda
-config --model any-opne | built in: any-open; did you mean 'any-open'?
+config --model any-opne | built in: any-open, any; did you mean 'any-open'?
 config --model kitti | --model weights/paper/kitti.safetensors
 config --threads=backbone | STAGE=N
 config --threads=bakbone=2 | ingest, backbone, head, refiner
