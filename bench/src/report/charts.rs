@@ -1,11 +1,14 @@
-//! The page's pictures: latency over time, and where the time of single frames went.
+//! The page's pictures: latency over time, where the time of single frames went, percentiles and histograms.
 
+use std::ops::Range;
+
+use mluc_geometry::quantile;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::frame::{FrameRecord, STAGES, micros};
 use super::page::short;
-use super::series::series;
+use super::series::{Series, series, sorted};
 
 const WIDTH_PX: u32 = 980;
 const FONT: (&str, u32) = ("sans-serif", 12);
@@ -140,4 +143,176 @@ pub(crate) fn waterfall(frames: &[FrameRecord]) -> String {
         }
         Ok(())
     })
+}
+
+/// One direction of a line chart.
+struct Axis<'a> {
+    name: &'a str,
+    range: Range<f64>,
+    /// Numbers at most, and how one is written.
+    numbers: usize,
+    text: fn(f64) -> String,
+}
+
+struct Line<'a> {
+    name: &'a str,
+    color: RGBColor,
+    points: Vec<(f64, f64)>,
+}
+
+/// Lines with their names, in an area of a picture.
+fn lines(area: &Area, [x, y]: [Axis; 2], lines: Vec<Line>) -> Drawn {
+    let mut chart = ChartBuilder::on(area)
+        .margin(10)
+        .x_label_area_size(36)
+        .y_label_area_size(46)
+        .build_cartesian_2d(x.range, y.range)?;
+    let (x_text, y_text) = (|at: &f64| (x.text)(*at), |at: &f64| (y.text)(*at));
+    let mut mesh = chart.configure_mesh();
+    mesh.x_desc(x.name).y_desc(y.name).label_style(FONT);
+    mesh.x_labels(x.numbers).x_label_formatter(&x_text);
+    mesh.y_labels(y.numbers).y_label_formatter(&y_text);
+    mesh.light_line_style(TRANSPARENT).draw()?;
+    for Line {
+        name,
+        color,
+        points,
+    } in lines
+    {
+        let key = move |(x, y)| Rectangle::new([(x, y - 4), (x + 8, y + 4)], color.filled());
+        let drawn = chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
+        drawn.label(name).legend(key);
+    }
+    let mut names = chart.configure_series_labels();
+    names.position(SeriesLabelPosition::UpperLeft);
+    names.legend_area_size(14).background_style(WHITE.mix(0.8));
+    names.label_font(FONT).draw()
+}
+
+/// A time's place on a logarithmic axis of ms; below 1 us is 1 us.
+fn log_ms(us: f64) -> f64 {
+    (us.max(1.0) / 1000.0).log10()
+}
+
+/// Of all values with some room; `None` without any.
+fn log_range<'a>(us: impl Iterator<Item = &'a f64>) -> Option<Range<f64>> {
+    let [least, most] = us.fold([f64::INFINITY, 0.0], |[least, most], us| {
+        [us.min(least), us.max(most)]
+    });
+    (least <= most).then(|| log_ms(least) - 0.05..log_ms(most) + 0.05)
+}
+
+fn ms_axis(name: &str, range: Range<f64>, numbers: usize) -> Axis<'_> {
+    Axis {
+        name,
+        range,
+        numbers,
+        text: |at| short(10f64.powf(at)),
+    }
+}
+
+/// To the right the rarer frames, each step ten times as rare, up to p99.9.
+pub(crate) fn percentile_curves(series: &Series) -> String {
+    let runs_us = series.run_us.iter().zip(STAGES).zip(STAGE_COLORS);
+    let runs_us = runs_us.map(|((us, name), color)| (name, color, us));
+    let total = ("end to end", TOTAL_COLOR, &series.latency_us);
+    let figures: Vec<_> = [total].into_iter().chain(runs_us).collect();
+    let Some(range) = log_range(figures.iter().flat_map(|figure| figure.2)) else {
+        return String::new();
+    };
+    let share = Axis {
+        name: "share of frames that take at most so long",
+        range: 0.0..3.0,
+        numbers: 4,
+        text: |decade| format!("{} %", short(100.0 - 100.0 * 10f64.powf(-decade))),
+    };
+    let curves = figures.into_iter().map(|(name, color, us)| Line {
+        name,
+        color,
+        points: percentile_curve(us),
+    });
+    svg(330, |root| {
+        lines(root, [share, ms_axis("ms", range, 10)], curves.collect())
+    })
+}
+
+fn percentile_curve(us: &[f64]) -> Vec<(f64, f64)> {
+    let ascending = sorted(us);
+    let at = |step| {
+        let decade = f64::from(step) / 50.0;
+        let us = quantile(&ascending, 1.0 - 10f64.powf(-decade))?;
+        Some((decade, log_ms(us)))
+    };
+    (0..=150).filter_map(at).collect()
+}
+
+/// By stage how many frames queued and ran how long; logarithmic in time, each stage with its own range.
+pub(crate) fn histograms(series: &Series) -> String {
+    svg(250, |root| {
+        let areas = root.split_evenly((1, STAGES.len()));
+        for (stage, area) in areas.iter().enumerate() {
+            let times_us = [&series.queue_us[stage], &series.run_us[stage]];
+            let Some(range) = log_range(times_us.into_iter().flatten()) else {
+                continue;
+            };
+            let [queue, run] = times_us.map(|us| histogram(us, &range));
+            let most = queue
+                .iter()
+                .chain(&run)
+                .map(|bar| bar.1)
+                .fold(1.0, f64::max);
+            let frames = Axis {
+                name: "frames",
+                range: 0.0..1.05 * most,
+                numbers: 6,
+                text: short,
+            };
+            let name = format!("{}, ms", STAGES[stage]);
+            let line = |name, color, points| Line {
+                name,
+                color,
+                points,
+            };
+            let both = vec![
+                line("queue", PALE_COLOR, queue),
+                line("run", STAGE_COLORS[stage], run),
+            ];
+            lines(area, [ms_axis(&name, range, 4), frames], both)?;
+        }
+        Ok(())
+    })
+}
+
+const BINS: usize = 36;
+
+/// The outline of the bars: both upper corners of each.
+fn histogram(us: &[f64], range: &Range<f64>) -> Vec<(f64, f64)> {
+    let width = (range.end - range.start) / BINS as f64;
+    let mut counts = [0u32; BINS];
+    for us in us {
+        let bin = ((log_ms(*us) - range.start) / width) as usize;
+        counts[bin.min(BINS - 1)] += 1;
+    }
+    let corners = |(bin, count): (usize, u32)| {
+        [bin, bin + 1].map(|edge| (range.start + width * edge as f64, f64::from(count)))
+    };
+    counts.into_iter().enumerate().flat_map(corners).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_value_has_its_bar_and_curves_end_at_p99_9() {
+        let us: Vec<f64> = (1..=2000).map(f64::from).collect();
+        let range = log_range(us.iter()).unwrap();
+        let bars = histogram(&us, &range);
+        let upper: f64 = bars.iter().step_by(2).map(|corner| corner.1).sum();
+        assert_eq!((bars.len(), upper), (2 * BINS, 2000.0));
+        let curve = percentile_curve(&us);
+        assert_eq!(curve.last(), Some(&(3.0, log_ms(1998.0))));
+        assert_eq!(curve[50], (1.0, log_ms(1800.0)));
+        assert!(log_range([].iter()).is_none() && percentile_curve(&[]).is_empty());
+    }
 }

@@ -4,10 +4,12 @@ use serde_json::Value;
 
 use super::charts;
 use super::figures::number;
-use super::frame::{FrameRecord, HOPS, STAGES};
+use super::frame::{FrameRecord, HOPS, STAGES, measured};
+use super::series::series;
 
 /// The page of a report and its frames, warm-up included.
 pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> String {
+    let figures = series(&measured(frames));
     let rate_hz = number(report, "/scenario/rate_hz").filter(|rate_hz| *rate_hz > 0.0);
     let period_ms = rate_hz.map(|rate_hz| 1000.0 / rate_hz);
     format!(
@@ -19,6 +21,8 @@ pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> String {
         latency = charts::latency_over_time(frames, period_ms),
         stages = rows(STAGES, &report["stages"], stage_cells),
         waterfall = charts::waterfall(frames),
+        percentiles = charts::percentile_curves(&figures),
+        histograms = charts::histograms(&figures),
         hops = rows(HOPS, &report["hops"], hop_cells),
         together = together(report),
         quiet = facts(&report["quiet"]),
@@ -184,7 +188,8 @@ mod tests {
             let opened = count(format!("<{tag}>")) + count(format!("<{tag} "));
             assert_eq!(opened, count(format!("</{tag}>")), "{tag}");
         }
-        assert_eq!(html.matches("<svg").count(), 2);
+        assert_eq!(html.matches("<svg").count(), 4);
+        assert!(html.contains("99.9 %") && html.contains("backbone, ms"));
         assert!(html.contains("mluc &lt;bench&gt;") && html.contains("a &amp; b"));
         assert!(!html.contains("NaN") && !html.contains("inf"));
     }
