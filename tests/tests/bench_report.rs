@@ -60,7 +60,7 @@ fn every_stage_and_hop_has_its_figures(report: &Value) {
             }
         }
     }
-    let keys = "p50 p99 raw_p50 raw_p99 socket_p50 memcpy_p50";
+    let keys = "p50 p99 raw_p50 raw_p99 futex_p50 socket_p50 memcpy_p50";
     for topic in ["points", "features"] {
         for key in keys.split(' ') {
             let pointer = format!("/hops/{topic}/{key}_us");

@@ -1,7 +1,7 @@
 //! Our hop between two processes and its baselines, interleaved in one run, as one JSON object.
 //!
-//! For each topic: raw iceoryx2 with the same payload, queue settings and wake-up, a Unix socket that copies
-//! the bytes, and one copy within a process. On a machine with other work, run it as
+//! For each topic: raw iceoryx2 with the same payload, queue settings and wake-up, a futex wake, a Unix socket
+//! that copies the bytes, and one copy within a process. On a machine with other work, run it as
 //! `chrt -f 50 target/release/transport` and read ratios, not microseconds.
 
 use std::time::Duration;
@@ -84,11 +84,12 @@ fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
 }
 
 /// Ours over a baseline, below which our hop is not to be expected; and a copy over ours.
-fn ratios(found: &Measured) -> [(String, f64); 4] {
-    let [hop, raw, socket] = found.latencies();
+fn ratios(found: &Measured) -> [(String, f64); 5] {
+    let [hop, raw, futex, socket] = found.latencies();
     [
         ("hop_over_raw_p50", hop.p50_us / raw.p50_us),
         ("hop_over_raw_p99", hop.p99_us / raw.p99_us),
+        ("hop_over_futex_p50", hop.p50_us / futex.p50_us),
         ("socket_over_hop_p50", socket.p50_us / hop.p50_us),
         ("memcpy_over_hop_p50", found.memcpy.p50_us / hop.p50_us),
     ]

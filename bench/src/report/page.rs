@@ -95,7 +95,7 @@ fn stage_cells(stage: &Value) -> Vec<String> {
 
 fn hop_cells(hop: &Value) -> Vec<String> {
     let keys = "payload_bytes p50_us p99_us alone_p50_us alone_p99_us raw_p50_us raw_p99_us \
-                alone_p50_us/raw_p50_us socket_p50_us socket_p50_us/alone_p50_us memcpy_p50_us";
+                alone_p50_us/raw_p50_us futex_p50_us socket_p50_us socket_p50_us/alone_p50_us memcpy_p50_us";
     let cell = |key: &str| {
         let text = match key.split_once('/') {
             None => hop[key].as_f64().map(short),

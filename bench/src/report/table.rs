@@ -52,10 +52,10 @@ pub(crate) fn table(report: &Value) -> String {
 }
 
 fn hand_overs(hops: &Value) -> String {
-    let heads = "p50 p99 alone raw socket memcpy bytes".split(' ');
+    let heads = "p50 p99 alone raw futex socket memcpy bytes".split(' ');
     let heads: String = heads.map(|head| format!("{head:>9}")).collect();
     let mut text = format!("\n{:22}{heads}\n", "hand-over, us");
-    let keys = "p50 p99 alone_p50 raw_p50 socket_p50 memcpy_p50";
+    let keys = "p50 p99 alone_p50 raw_p50 futex_p50 socket_p50 memcpy_p50";
     for name in HOPS {
         let us = |key: &str| match number(&hops[name], &format!("/{key}_us")) {
             Some(us) => format!("{us:9.1}"),

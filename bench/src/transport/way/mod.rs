@@ -1,5 +1,6 @@
 //! The ways a message can go.
 
+mod futex;
 mod hop;
 mod raw;
 mod socket;
@@ -21,17 +22,19 @@ pub enum Way {
     Hop,
     /// iceoryx2 alone, with the same queue settings, header and elements.
     Raw,
+    /// A wake-up without a message: the least that waking a sleeping process costs.
+    Futex,
     /// A Unix stream socket that copies the payload.
     Socket,
 }
 
 impl Way {
     /// All.
-    pub const ALL: [Way; 3] = [Way::Hop, Way::Raw, Way::Socket];
+    pub const ALL: [Way; 4] = [Way::Hop, Way::Raw, Way::Futex, Way::Socket];
 
-    /// `hop`, `raw`, `socket`.
+    /// `hop`, `raw`, `futex`, `socket`.
     pub fn name(self) -> &'static str {
-        ["hop", "raw", "socket"][self as usize]
+        ["hop", "raw", "futex", "socket"][self as usize]
     }
 }
 
@@ -103,6 +106,7 @@ impl Link {
         match way {
             Way::Hop => for_elements!(self, hop::sender),
             Way::Raw => for_elements!(self, raw::sender),
+            Way::Futex => futex::sender(self),
             Way::Socket => socket::sender(self),
         }
     }
@@ -111,6 +115,7 @@ impl Link {
         match way {
             Way::Hop => for_elements!(self, hop::receiver),
             Way::Raw => for_elements!(self, raw::receiver),
+            Way::Futex => futex::receiver(self),
             Way::Socket => socket::receiver(self),
         }
     }
