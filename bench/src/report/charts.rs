@@ -1,4 +1,4 @@
-//! The page's pictures: latency over time, where the time of single frames went, percentiles and histograms.
+//! The page's pictures: latency over time, where the time of single frames went, percentiles, histograms, CPU and memory.
 
 use std::ops::Range;
 
@@ -297,6 +297,49 @@ fn histogram(us: &[f64], range: &Range<f64>) -> Vec<(f64, f64)> {
         [bin, bin + 1].map(|edge| (range.start + width * edge as f64, f64::from(count)))
     };
     counts.into_iter().enumerate().flat_map(corners).collect()
+}
+
+/// What the stages took of the machine between two looks.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Sample {
+    /// Since the first frame of the first round was due, s.
+    pub(crate) at_s: f64,
+    /// CPU time over time by stage: 1 is a core.
+    pub(crate) cpu_cores: [f64; 4],
+    /// Private memory by stage.
+    pub(crate) memory_mib: [f64; 4],
+}
+
+/// CPU above, memory below, a line a stage.
+pub(crate) fn resources_over_time(samples: &[Sample]) -> String {
+    let Some(last) = samples.last() else {
+        return String::new();
+    };
+    type Taken = fn(&Sample) -> [f64; 4];
+    let figures: [(&str, Taken); 2] = [("cores", |s| s.cpu_cores), ("MiB", |s| s.memory_mib)];
+    let thinned = || samples.iter().step_by(samples.len().div_ceil(DOTS_MAX));
+    svg(400, |root| {
+        for (area, (name, of)) in root.split_evenly((2, 1)).iter().zip(figures) {
+            let most = samples.iter().flat_map(of).fold(0.1, f64::max);
+            let axis = |name, high, numbers| Axis {
+                name,
+                range: 0.0..high,
+                numbers,
+                text: short,
+            };
+            let axes = [
+                axis("time, s", last.at_s.max(0.1), 10),
+                axis(name, 1.05 * most, 6),
+            ];
+            let of_stage = |stage: usize| Line {
+                name: STAGES[stage],
+                color: STAGE_COLORS[stage],
+                points: thinned().map(|s| (s.at_s, of(s)[stage])).collect(),
+            };
+            lines(area, axes, (0..STAGES.len()).map(of_stage).collect())?;
+        }
+        Ok(())
+    })
 }
 
 #[cfg(test)]

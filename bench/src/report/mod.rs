@@ -23,6 +23,7 @@ mod recorded;
 mod series;
 mod table;
 
+pub(crate) use charts::Sample;
 pub(crate) use compare::{CompareOptions, Comparison, Verdict, compare};
 pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{Resources, check_version, number, report_of};

@@ -3,12 +3,13 @@
 use serde_json::Value;
 
 use super::charts;
+use super::charts::Sample;
 use super::figures::number;
 use super::frame::{FrameRecord, HOPS, STAGES, measured};
 use super::series::series;
 
-/// The page of a report and its frames, warm-up included.
-pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> String {
+/// The page of a report, its frames (warm-up included) and what the stages took of the machine over time.
+pub(crate) fn page(report: &Value, frames: &[FrameRecord], samples: &[Sample]) -> String {
     let figures = series(&measured(frames));
     let rate_hz = number(report, "/scenario/rate_hz").filter(|rate_hz| *rate_hz > 0.0);
     let period_ms = rate_hz.map(|rate_hz| 1000.0 / rate_hz);
@@ -25,6 +26,7 @@ pub(crate) fn page(report: &Value, frames: &[FrameRecord]) -> String {
         histograms = charts::histograms(&figures),
         hops = rows(HOPS, &report["hops"], hop_cells),
         together = together(report),
+        resources = resources(samples),
         quiet = facts(&report["quiet"]),
         machine = facts(&report["machine"]),
         build = facts(&report["build"]),
@@ -120,6 +122,17 @@ fn together(report: &Value) -> String {
     )
 }
 
+/// Of a run that was watched; a report of several runs leaves it to theirs.
+fn resources(samples: &[Sample]) -> String {
+    if samples.is_empty() {
+        return String::new();
+    }
+    let chart = charts::resources_over_time(samples);
+    format!(
+        "<section><h2>CPU and memory over time</h2>\n<p>Of each stage's process, all its threads; memory of its own.</p>\n{chart}</section>"
+    )
+}
+
 fn facts(values: &Value) -> String {
     let rows = values
         .as_object()
@@ -182,13 +195,18 @@ mod tests {
         report["title"] = "mluc <bench>".into();
         report["warnings"] = json!(["a & b"]);
         report["scenario"] = json!({"rate_hz": 10});
-        let html = page(&report, &frames);
+        let samples = [0.0, 1.0, 2.0].map(|at_s| Sample {
+            at_s,
+            cpu_cores: [0.1, 1.5, 0.2, 0.0],
+            memory_mib: [10.0; 4],
+        });
+        let html = page(&report, &frames, &samples);
         for tag in ["svg", "table", "section", "div", "text", "title"] {
             let count = |text: String| html.matches(&text).count();
             let opened = count(format!("<{tag}>")) + count(format!("<{tag} "));
             assert_eq!(opened, count(format!("</{tag}>")), "{tag}");
         }
-        assert_eq!(html.matches("<svg").count(), 4);
+        assert_eq!(html.matches("<svg").count(), 5);
         assert!(html.contains("99.9 %") && html.contains("backbone, ms"));
         assert!(html.contains("mluc &lt;bench&gt;") && html.contains("a &amp; b"));
         assert!(!html.contains("NaN") && !html.contains("inf"));
@@ -206,7 +224,7 @@ mod tests {
     fn a_run_without_frames_has_a_page() {
         let all_dropped = [dropped(0), dropped(1)];
         for (frames, words) in [(&all_dropped[..0], "0 / 0"), (&all_dropped, "2 dropped")] {
-            let html = page(&report_of(frames), frames);
+            let html = page(&report_of(frames), frames, &[]);
             assert!(html.contains(words) && !html.contains("NaN"));
         }
     }

@@ -7,7 +7,9 @@ use anyhow::{Context, Result, ensure};
 use mluc::terminal::print_out;
 use serde_json::{Value, json};
 
-use crate::report::{Comparison, FrameRecord, check_version, page, read_frames, write_frames};
+use crate::report::{
+    Comparison, FrameRecord, Sample, check_version, page, read_frames, write_frames,
+};
 use crate::save;
 
 /// Of the two reports of a comparison.
@@ -20,9 +22,14 @@ pub(crate) fn make(folder: &Path) -> Result<()> {
     fs::remove_file(&probe).with_context(|| format!("writing into {}", folder.display()))
 }
 
-pub(crate) fn write(folder: &Path, report: &Value, frames: &[FrameRecord]) -> Result<()> {
+pub(crate) fn write(
+    folder: &Path,
+    report: &Value,
+    frames: &[FrameRecord],
+    samples: &[Sample],
+) -> Result<()> {
     save(folder, "report.json", serde_json::to_string_pretty(report)?)?;
-    save(folder, "report.html", page(report, frames))?;
+    save(folder, "report.html", page(report, frames, samples))?;
     save(folder, "frames.csv", write_frames(frames))
 }
 

@@ -68,7 +68,7 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     for (side, name) in sides.iter().zip(FOLDERS) {
         let report = side.report();
         is_flawed |= number(&report, "/frames/dropped") > Some(0.0);
-        folder::write(&out.join(name), &report, &side.frames)?;
+        folder::write(&out.join(name), &report, &side.frames, &[])?;
     }
     let facts = [&sides[0].facts, &sides[1].facts];
     let frames = sides.each_ref().map(|side| &side.frames[..]);

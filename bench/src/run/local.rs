@@ -43,7 +43,7 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
         warnings.push(text.into());
     }
     drop(progress);
-    folder::write(out, &report, &measured.frames)?;
+    folder::write(out, &report, &measured.frames, &measured.samples)?;
     print_out(table(&report).trim_end())?;
     let page = out.join("report.html");
     print_out(format_args!("report: {}", page.display()))?;

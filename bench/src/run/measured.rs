@@ -10,11 +10,12 @@ use super::quiet::Quiet;
 use super::round::frames;
 use super::trace::SpansFolder;
 use crate::machine::{describe_build, describe_machine};
-use crate::report::{FrameRecord, Resources, STAGES, number, report_of};
+use crate::report::{FrameRecord, Resources, STAGES, Sample, number, report_of};
 
 #[derive(Default)]
 pub(crate) struct Measured {
     pub(crate) frames: Vec<FrameRecord>,
+    pub(crate) samples: Vec<Sample>,
     pub(crate) payload_bytes: [u64; 4],
     pub(crate) is_interrupted: bool,
     /// By round and stage.
@@ -46,6 +47,12 @@ impl Measured {
     }
 
     fn add(&mut self, recording: Recording) {
+        let offset_s = self.samples.last().map_or(0.0, |sample| sample.at_s + 1.0);
+        let samples = recording.watch.samples.into_iter();
+        self.samples.extend(samples.map(|sample| Sample {
+            at_s: sample.at_s + offset_s,
+            ..sample
+        }));
         let stages = recording.watch.stages;
         self.resources.push(stages.map(|stage| stage.resources()));
         for stage in 0..STAGES.len() {

@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::machine::{cpu_ticks, number_of};
-use crate::report::Resources;
+use crate::report::{Resources, Sample};
 
 /// Two looks at least so far apart, s.
 const PERIOD_S: f64 = 0.5;
@@ -25,6 +25,8 @@ struct Counts {
 #[derive(Default)]
 pub(crate) struct ProcessWatch {
     pub(crate) stages: [StageWatch; 4],
+    /// One a look, of the warm-up too.
+    pub(crate) samples: Vec<Sample>,
     looked_s: Option<f64>,
 }
 
@@ -44,11 +46,19 @@ impl ProcessWatch {
             return;
         }
         self.looked_s = Some(at_s);
+        let mut sample = Sample {
+            at_s,
+            ..Sample::default()
+        };
         for (stage, pid) in processes.into_iter().enumerate() {
             let Some(counts) = counts(pid, at_s) else {
                 continue;
             };
             let watch = &mut self.stages[stage];
+            if watch.last.pid == pid {
+                sample.cpu_cores[stage] = cores(&watch.last, &counts);
+            }
+            sample.memory_mib[stage] = counts.private_mib;
             watch.last = counts;
             if is_measured {
                 // A restarted process counts from its own begin.
@@ -59,6 +69,7 @@ impl ProcessWatch {
                 watch.peak_mib = [0, 1].map(|i| watch.peak_mib[i].max(now_mib[i]));
             }
         }
+        self.samples.push(sample);
     }
 }
 
@@ -138,7 +149,10 @@ mod tests {
             }
         }
         watch.look(1.0, true, [pid, 0, 0, 0]);
-        assert_eq!(watch.looked_s, Some(1.0));
+        let looks = watch.samples.len();
+        assert_eq!(looks, 3, "two looks were too near each other");
+        let last = watch.samples[2];
+        assert!(last.cpu_cores[0] > 0.0 && last.memory_mib[0] > 0.1);
         let own = watch.stages[0].resources();
         assert!(own.threads >= 1 && own.cpu_cores > 0.0 && own.memory_mib > 0.1);
         assert_eq!(watch.stages[1].resources(), Resources::default());
