@@ -60,6 +60,12 @@ pub fn describe_here() -> Map<String, Value> {
     machine
 }
 
+/// Memory that can be had without swapping, MiB.
+pub(crate) fn available_mib() -> u64 {
+    let meminfo = text_of("/proc/meminfo").unwrap_or_default();
+    number_of(&meminfo, "MemAvailable:") / 1024
+}
+
 /// Processes that ran or wanted to, over the last minute: near 0 on a quiet machine.
 pub(crate) fn load() -> f64 {
     let text = text_of("/proc/loadavg").unwrap_or_default();
@@ -153,7 +159,7 @@ mod tests {
     #[test]
     fn this_machine_and_program_are_described() {
         let here = describe_here();
-        assert!(here["memory_mib"].as_u64() > Some(0));
+        assert!(here["memory_mib"].as_u64() > Some(0) && available_mib() > 0);
         assert!(here["compiler"].as_str().unwrap().starts_with("rustc"));
         // A changed byte is another binary.
         assert_ne!(fingerprint(b"0123456789"), fingerprint(b"0123456788"));

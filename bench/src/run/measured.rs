@@ -4,6 +4,7 @@ use anyhow::Result;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
+use super::neighbour::beside;
 use super::pipeline::{Recording, record};
 use super::plan::Plan;
 use super::quiet::Quiet;
@@ -38,7 +39,8 @@ impl Measured {
             1 => plan.refiner.clone(),
             all => format!("{}, {} of {all}", plan.refiner, round + 1),
         };
-        let recording = quiet.watch(|| record(plan, spans, round, &what, progress))?;
+        let run = || record(plan, spans, round, &what, progress);
+        let recording = quiet.watch(|| beside(&plan.load, run))?;
         let clock = (plan.rate_hz, plan.warm_up_seconds);
         let arrived = (&recording.arrivals[..], recording.frames_in);
         self.frames.extend(frames(round, clock, arrived));

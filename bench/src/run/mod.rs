@@ -10,6 +10,7 @@ mod folder;
 mod interleaved;
 mod local;
 mod measured;
+mod neighbour;
 mod pipeline;
 mod plan;
 mod processes;
