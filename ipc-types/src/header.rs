@@ -295,10 +295,11 @@ mod tests {
     fn a_fresh_header_passes_and_another_version_does_not() {
         let mut header = FrameHeader::new(4, "000004");
         assert_eq!(header.checked().map(|h| h.sequence), Ok(4));
-        header.wire_version = 5;
+        header.wire_version = WIRE_VERSION + 1;
         let text = header.checked().unwrap_err().to_string();
-        let expected = "wire version 5 of the sender, expected 4: ";
-        assert!(text.starts_with(expected), "{text}");
+        let other = WIRE_VERSION + 1;
+        let expected = format!("wire version {other} of the sender, expected {WIRE_VERSION}: ");
+        assert!(text.starts_with(&expected), "{text}");
     }
 
     #[test]

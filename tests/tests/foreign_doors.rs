@@ -32,7 +32,7 @@ fn a_source_and_a_consumer_in_python_stand_in_for_ours() {
     run.wait_for_lines(3);
     consumer.wait_for_lines(3);
     // Its successor goes on behind the scans that were sent.
-    send_signal(run.children_with("source.py")[0], Signal::KILL);
+    send_signal(run.children_with(&source[1])[0], Signal::KILL);
     let run = run.finish();
     // 3: a loaded machine lost frames.
     assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);

@@ -54,11 +54,12 @@ struct Shown {
     best: Option<Best>,
 }
 
-/// The frame with the most unknown objects.
+/// The frame with the most and surest unknown objects.
 struct Best {
     sequence: u64,
     name: String,
-    unknown: usize,
+    /// Sum of their scores.
+    unknown: f32,
     boxes: Vec<DrawnBox>,
 }
 
@@ -78,7 +79,8 @@ impl Sink for Shown {
         for object in &shown {
             print_out(format_args!("  {}", describe(object, classes)))?;
         }
-        let unknown = shown.iter().filter(|object| is_unknown(object)).count();
+        let unknown = shown.iter().filter(|object| is_unknown(object));
+        let unknown = unknown.map(|object| object.score).sum();
         if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
             self.best = Some(Best {
                 sequence: header.sequence,
