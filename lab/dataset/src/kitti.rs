@@ -24,9 +24,29 @@ pub const SYNTHETIC_UNKNOWN: &str = "Synthetic_unknown";
 /// Classes that simulated scans name beside KITTI's: those that the network is never trained on, and objects made up of known ones.
 pub const SIMULATED_CLASSES: [&str; 3] = ["Golf_cart", "Forklift", SYNTHETIC_UNKNOWN];
 
+/// Classes that `simulate --unseen` shows, of validation and then of test: never in training, which refuses their labels.
+pub const UNSEEN_CLASSES: [&str; 15] = [
+    "Wheelchair",
+    "Shopping_trolley",
+    "Dog",
+    "Trailer",
+    "Bus",
+    "Pallet",
+    "Fallen_person",
+    "Pram",
+    "Mobility_scooter",
+    "Deer",
+    "Excavator",
+    "Tractor",
+    "Motorcycle",
+    "Barrels",
+    "Debris",
+];
+
 /// Whether a class is one of KITTI's or the simulator's, whatever the case of its letters.
 pub fn is_recognized(class: &str) -> bool {
-    let mut all = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
+    let known = KITTI_CLASSES.iter().chain(&SIMULATED_CLASSES);
+    let mut all = known.chain(&UNSEEN_CLASSES);
     all.any(|known| known.eq_ignore_ascii_case(class))
 }
 

@@ -3,6 +3,7 @@
 use super::footprint::Footprint;
 use super::layout::Layout;
 use super::mesh::{V3, v};
+use super::objects::Habit;
 use super::random::Dice;
 use super::{Class, Turn};
 
@@ -37,6 +38,7 @@ pub(crate) fn drive(layout: &mut Layout<'_>, turn: Turn, dice: &mut Dice) -> V3 
             Class::Pedestrian => dice.range(0.6, 1.8),
             Class::Cyclist => dice.range(2.0, 6.0),
             Class::Car | Class::Van | Class::Truck => dice.range(3.0, 14.0),
+            Class::Unseen(class) if class.habit() == Habit::Still => 0.0,
             _ => dice.range(1.0, 5.0),
         };
         if dice.chance(0.5) {

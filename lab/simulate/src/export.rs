@@ -33,6 +33,8 @@ pub struct ExportOptions {
     pub realism: Realism,
     /// Whether objects that are made up of known ones stand among them, labelled `Synthetic_unknown`: unknown objects to train on, without an unknown class.
     pub synthetic_unknown: bool,
+    /// Whether the unseen classes of the split take the place of the family's unknown ones; not in the split `train`, which has none.
+    pub unseen: bool,
     /// Classes that stand in every split, `train` too, beside the family's known ones.
     pub also_known: Vec<Class>,
     /// The folder to write into; made when missing, refused when it holds anything, unless it is to be gone on with.
@@ -56,6 +58,7 @@ impl ExportOptions {
             scanned_by: None,
             realism: Realism::FULL,
             synthetic_unknown: false,
+            unseen: false,
             also_known: Vec::new(),
             folder,
             resume: false,
@@ -71,6 +74,10 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
         let found = format!("{split}: its unknown objects are real ones");
         let place = "synthetic unknown objects";
         return Err(DatasetError::unexpected(place, "the split train", found).into());
+    }
+    if options.unseen && options.split == Split::Train {
+        let expected = "the split val or test";
+        return Err(DatasetError::unexpected("unseen classes", expected, split).into());
     }
     prepare(options)?;
     let calibration = calibration(options.family)?;
@@ -105,6 +112,7 @@ fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError
         seed: options.seed,
         realism: options.realism,
         synthetic_unknown: options.synthetic_unknown,
+        unseen: options.unseen,
         also_known: Class::REAL.map(is_also),
     };
     let sensors = [options.sensor.as_ref(), options.scanned_by.as_deref()];

@@ -7,10 +7,10 @@ pub(crate) mod places;
 
 use super::footprint::Footprint;
 use super::ground::{Ground, Place};
-use super::objects::{Model, build, mean_size_m};
+use super::objects::{Habit, Model, build, mean_size_m};
 use super::random::Dice;
 use super::synthetic_unknown::has_known_size;
-use super::{Class, Family, Split, Stream};
+use super::{Class, Family, Split, Stream, Unseen};
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// An object in the scene: its model, and where it stands in the sensor frame.
@@ -60,8 +60,9 @@ pub(crate) fn place_objects<'a>(
     let mut wanted = Vec::new();
     if split != Split::Train {
         let unknown = match ground.place {
-            Place::Hall => &[Class::Forklift, Class::GolfCart],
-            _ => family.unknown_classes(),
+            _ if stream.unseen => Unseen::of(split).map(Class::Unseen).collect(),
+            Place::Hall => vec![Class::Forklift, Class::GolfCart],
+            _ => family.unknown_classes().to_vec(),
         };
         wanted.extend((0..dice.events(0.6)).map(|_| unknown[dice.whole(0, unknown.len() - 1)]));
     }
@@ -213,6 +214,7 @@ impl Layout<'_> {
         match class {
             Class::Pedestrian => self.pedestrian(range, dice),
             Class::SyntheticUnknown if dice.chance(0.3) => self.pedestrian(range, dice),
+            Class::Unseen(class) if class.habit() != Habit::Road => self.pedestrian(range, dice),
             Class::Cyclist => self.cyclist(range, dice),
             _ => self.vehicle(class, range, dice),
         }
@@ -340,6 +342,10 @@ const RANGE_SHARES: [f32; 7] = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0];
 /// Distribution of the distance of KITTI's labels (percentiles of the public training labels), m.
 fn range_knots(class: Class) -> [(f32, f32); 7] {
     let ranges_m = match class {
+        Class::Unseen(class) if class.habit() != Habit::Road => {
+            return range_knots(Class::Pedestrian);
+        }
+        Class::Unseen(_) => return range_knots(Class::GolfCart),
         Class::Car | Class::SyntheticUnknown => [3.5, 7.7, 18.1, 28.8, 41.8, 62.2, 72.0],
         Class::Pedestrian => [3.5, 7.3, 10.5, 17.4, 27.0, 41.6, 60.0],
         Class::Cyclist => [4.0, 7.9, 14.2, 21.7, 30.5, 42.3, 60.0],

@@ -127,12 +127,18 @@ pub enum Class {
     GolfCart,
     /// Forklift.
     Forklift,
+    /// One of `unseen.toml`: never in training.
+    Unseen(Unseen),
     /// Made of known objects to stand for an unknown one: for training alone.
     SyntheticUnknown,
 }
 
+/// An unseen class, which stands in one split alone, validation or test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Unseen(u8);
+
 impl Class {
-    /// What stands for itself: all but synthetic unknown objects.
+    /// What stands for itself and can be known: all but unseen classes and synthetic unknown objects.
     pub const REAL: [Class; 7] = [
         Class::Car,
         Class::Van,
@@ -153,6 +159,7 @@ impl Class {
             Class::Cyclist => "Cyclist",
             Class::GolfCart => "Golf_cart",
             Class::Forklift => "Forklift",
+            Class::Unseen(class) => class.name(),
             Class::SyntheticUnknown => SYNTHETIC_UNKNOWN,
         }
     }
@@ -215,7 +222,9 @@ struct Stream {
     realism: Realism,
     /// Whether synthetic unknown objects stand among the known ones.
     synthetic_unknown: bool,
-    /// By the number of a class: known too, beside the family's.
+    /// Whether the unseen classes of the split take the place of the family's unknown ones.
+    unseen: bool,
+    /// In the order of `Class::REAL`: known too, beside the family's.
     also_known: [bool; Class::REAL.len()],
 }
 
@@ -227,15 +236,15 @@ impl Stream {
             seed,
             realism: Realism::FULL,
             synthetic_unknown: false,
+            unseen: false,
             also_known: Default::default(),
         }
     }
 
     /// Classes that are known beside the family's.
     fn also_known(&self) -> impl Iterator<Item = Class> {
-        let also = self.also_known;
-        let classes = Class::REAL.into_iter();
-        classes.filter(move |class| also[*class as usize])
+        let classes = Class::REAL.into_iter().zip(self.also_known);
+        classes.filter_map(|(class, is_also)| is_also.then_some(class))
     }
 }
 

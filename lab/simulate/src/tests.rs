@@ -36,7 +36,9 @@ fn swept(key: u64, scene: &Scene) -> (sensor::Sensor, scan::Sweep) {
 /// All classes of real things, some of them twice.
 pub(super) fn classes() -> impl Iterator<Item = Class> {
     let classes = |f: Family| [f.known_classes(), f.unknown_classes()].concat();
-    Family::ALL.into_iter().flat_map(classes)
+    let unseen = Split::ALL.into_iter().flat_map(Unseen::of);
+    let unseen = unseen.map(Class::Unseen);
+    Family::ALL.into_iter().flat_map(classes).chain(unseen)
 }
 
 #[test]
@@ -303,7 +305,7 @@ fn training_never_shows_an_unknown_class_and_validation_does() {
 #[test]
 fn classes_that_are_also_known_stand_in_training() {
     let mut stream = Stream::full(Family::SimAny, Split::Train, 1);
-    stream.also_known[Class::Forklift as usize] = true;
+    stream.also_known = Class::REAL.map(|class| class == Class::Forklift);
     let all: Vec<Class> = (0..200)
         .flat_map(|index| objects_in(stream, index))
         .map(|object| object.class)
@@ -311,6 +313,37 @@ fn classes_that_are_also_known_stand_in_training() {
     let count = |class| all.iter().filter(|c| **c == class).count();
     assert!(count(Class::Forklift) > 200, "{}", count(Class::Forklift));
     assert_eq!(count(Class::GolfCart) + count(Class::Van), 0);
+}
+
+#[test]
+fn unseen_classes_stand_in_one_split_and_never_in_training() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for family in Family::ALL {
+        for split in [Split::Val, Split::Test] {
+            let mut stream = Stream::full(family, split, 1);
+            stream.unseen = true;
+            let all = (0..400).flat_map(|index| objects_in(stream, index));
+            let mut shown: Vec<Class> = all.map(|object| object.class).collect();
+            shown.retain(|class| !family.known_classes().contains(class));
+            let count = shown.len();
+            shown.sort();
+            shown.dedup();
+            assert_eq!(
+                shown,
+                Unseen::of(split).map(Class::Unseen).collect::<Vec<_>>()
+            );
+            assert!(count > 160, "{family:?} {split:?}: {count}");
+        }
+        let options = ExportOptions {
+            unseen: true,
+            ..ExportOptions::new(family, Split::Train, 1, 1, folder.path().join("train"))
+        };
+        let fault = export(&options, || ()).expect_err("training").to_string();
+        assert!(
+            fault.contains("expected the split val or test, found train"),
+            "{fault}"
+        );
+    }
 }
 
 #[test]
@@ -442,5 +475,11 @@ fn a_sequence_shows_the_same_scene_from_a_moving_sensor() {
 fn every_class_of_the_simulator_is_known_to_the_dataset() {
     let mut named = classes().chain([Class::SyntheticUnknown]).map(Class::name);
     assert!(named.all(mluc_dataset::is_recognized));
+    let unseen: Vec<&str> = Split::ALL
+        .into_iter()
+        .flat_map(Unseen::of)
+        .map(Unseen::name)
+        .collect();
+    assert_eq!(unseen, mluc_dataset::UNSEEN_CLASSES);
     assert!(!mluc_dataset::is_recognized("Carr"));
 }

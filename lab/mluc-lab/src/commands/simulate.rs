@@ -54,6 +54,9 @@ pub(crate) struct SimulateArguments {
     /// `metric-open` and `mluc-full` learn the unknown from. For --split train alone.
     #[arg(long)]
     synthetic_unknown: bool,
+    /// Show the unseen classes of the split in place of the family's unknown ones; judge with `evaluate model --unknown unseen`. Not for --split train.
+    #[arg(long)]
+    unseen: bool,
     /// Classes that stand in every split, train too, beside the family's known ones: van, truck, golf_cart, forklift.
     #[arg(long, value_delimiter = ',', value_parser = class, value_name = "CLASS,..")]
     known: Vec<Class>,
@@ -87,6 +90,7 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
         scanned_by: None,
         realism: Realism::without(&arguments.without),
         synthetic_unknown: arguments.synthetic_unknown,
+        unseen: arguments.unseen,
         also_known: arguments.known,
         folder: arguments.out,
         resume: false,

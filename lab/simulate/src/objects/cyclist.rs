@@ -47,7 +47,7 @@ pub(crate) fn bicycle(mesh: &mut Mesh, dice: &mut Dice) {
 }
 
 /// Tyre ring and a disc of spokes.
-fn wheel(mesh: &mut Mesh, hub: V3, radius: f32) {
+pub(super) fn wheel(mesh: &mut Mesh, hub: V3, radius: f32) {
     let ring = |r: f32, y: f32| circle(12, 0.0, |c, s| hub + v(r * c, y, r * s));
     let inner = radius - 0.05;
     let rings = [ring(inner, -0.02), ring(radius, 0.0), ring(inner, 0.02)];

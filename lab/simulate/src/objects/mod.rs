@@ -10,9 +10,11 @@ mod golf_cart;
 mod pedestrian;
 mod synthetic_unknown;
 mod truck;
+mod unseen;
 mod vehicle;
 
 pub(crate) use cyclist::bicycle;
+pub(crate) use unseen::Habit;
 
 use super::mesh::{Mesh, Surface, V3, v};
 use super::random::Dice;
@@ -87,7 +89,9 @@ pub(crate) fn build(class: Class, family: Family, realism: Realism, dice: &mut D
     } else if family == Family::SimAny {
         // Sizes differ between continents, and how far a label stands off between those who drew it.
         model.scale(dice.size([0.9, 1.12], [0.92, 1.1], [0.93, 1.09]));
-        model.stand_off(dice.range(0.02, 0.07));
+        if !matches!(class, Class::Unseen(_)) {
+            model.stand_off(dice.range(0.02, 0.07));
+        }
     } else if class.is_vehicle() && family == Family::SimKitti {
         model.stand_off(ANNOTATION_MARGIN_M);
     }
@@ -106,6 +110,7 @@ pub(crate) fn mean_size_m(class: Class, family: Family) -> V3 {
         (Class::Cyclist, _) => v(1.76, 0.6, 1.74),
         (Class::GolfCart, _) => v(2.8, 1.25, 1.88),
         (Class::Forklift, _) => v(3.4, 1.25, 2.2),
+        (Class::Unseen(class), _) => class.mean_size_m(),
         // Has no mean of its own: asked for by nobody.
         (Class::SyntheticUnknown, _) => v(3.0, 1.4, 1.8),
     }
@@ -121,6 +126,7 @@ fn exact(class: Class, dice: &mut Dice, family: Family) -> Model {
         Class::Cyclist => cyclist::cyclist(dice),
         Class::GolfCart => golf_cart::golf_cart(dice),
         Class::Forklift => forklift::forklift(dice),
+        Class::Unseen(class) => unseen::unseen(class, dice),
         Class::SyntheticUnknown => {
             synthetic_unknown::synthetic_unknown(family, Realism::without(&Step::ALL), dice)
         }

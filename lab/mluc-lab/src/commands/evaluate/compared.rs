@@ -1,6 +1,6 @@
 //! What `evaluate ap` and `evaluate operating` share: detections, and the labels that they are held against.
 
-use super::check_unknown;
+use super::unknown_labelled;
 use crate::commands::terminal::print_err;
 use clap::Args;
 use mluc_evaluate::input::{Input, Source, read, sources};
@@ -25,7 +25,7 @@ pub(super) struct Compared {
     /// The known classes, exactly.
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     classes: Vec<String>,
-    /// Label classes that are unknown; they are merged into one class, `unknown`.
+    /// Label classes that are unknown; they are merged into one class, `unknown`. unseen: those of `simulate --unseen`.
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     pub(super) unknown: Vec<String>,
     /// Overlap of the unknown class.
@@ -48,8 +48,6 @@ impl Compared {
         for warning in &input.warnings {
             print_err(format_args!("warning: {warning}"));
         }
-        let labels = input.frames.iter().flat_map(|frame| frame.labels.iter());
-        check_unknown(labels, &self.unknown)?;
         Ok((sources, input))
     }
 
@@ -59,10 +57,11 @@ impl Compared {
         input: &Input,
         protocol: UnknownProtocol,
     ) -> anyhow::Result<Vec<ClassRule>> {
+        let labels = input.frames.iter().flat_map(|frame| frame.labels.iter());
         let request = RuleRequest {
             classes: self.classes.clone(),
             iou_min: self.iou.clone(),
-            unknown: self.unknown.clone(),
+            unknown: unknown_labelled(labels, &self.unknown)?,
             unknown_iou_min: self.unknown_iou,
             protocol,
             neighbours: self.neighbours,

@@ -10,7 +10,7 @@ mod report;
 use crate::commands::terminal::{at_least_one, print_err};
 use anyhow::ensure;
 use clap::{Args, Subcommand};
-use mluc_dataset::Label;
+use mluc_dataset::{Label, UNSEEN_CLASSES};
 use mluc_evaluate::{ClassRule, unrecognized};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -62,18 +62,24 @@ fn warn_unrecognized<'a>(labels: impl Iterator<Item = &'a Label>, rules: &[Class
     }
 }
 
-/// Checks the names given with --unknown: one without labels is a warning, labels of none of them an error.
-fn check_unknown<'a>(
+/// The classes given with --unknown; `unseen` is those unseen classes of the simulator that are labelled. A class without labels is a warning, labels of none of them an
+/// error.
+fn unknown_labelled<'a>(
     labels: impl Iterator<Item = &'a Label>,
-    unknown: &[String],
-) -> anyhow::Result<()> {
+    given: &[String],
+) -> anyhow::Result<Vec<String>> {
     let labelled: BTreeSet<String> = labels.map(|l| l.class.to_ascii_lowercase()).collect();
-    let is_missing = |name: &&String| !labelled.contains(&name.to_ascii_lowercase());
+    let mut unknown: Vec<String> = given.iter().map(|name| name.to_ascii_lowercase()).collect();
+    if let Some(at) = unknown.iter().position(|name| name == "unseen") {
+        let unseen = UNSEEN_CLASSES.map(str::to_ascii_lowercase).into_iter();
+        unknown.splice(at..=at, unseen.filter(|name| labelled.contains(name)));
+    }
+    let is_missing = |name: &&String| !labelled.contains(*name);
     let missing: Vec<&String> = unknown.iter().filter(is_missing).collect();
     ensure!(
-        missing.is_empty() || missing.len() < unknown.len(),
+        given.is_empty() || missing.len() < unknown.len(),
         "--unknown {}: expected classes of the labels ({}), found none of them",
-        unknown.join(","),
+        given.join(","),
         labelled.into_iter().collect::<Vec<_>>().join(", ")
     );
     for name in missing {
@@ -81,5 +87,5 @@ fn check_unknown<'a>(
             "warning: --unknown {name}: no label is of this class; misspelt?"
         ));
     }
-    Ok(())
+    Ok(unknown)
 }

@@ -1,7 +1,7 @@
 //! `mluc-lab evaluate model`: the whole pipeline over labelled scans.
 
 use super::report::Outcome;
-use super::{Scans, check_unknown, warn_unrecognized};
+use super::{Scans, unknown_labelled, warn_unrecognized};
 use crate::commands::terminal::{counted, one_of, print_out};
 use anyhow::{Context, ensure};
 use clap::Args;
@@ -37,7 +37,7 @@ pub(super) struct ModelArguments {
     /// Of the backbone: f32, bf16 or int8 (after `mluc-lab quantize`).
     #[arg(long, default_value_t)]
     precision: Precision,
-    /// Label classes that are unknown [default: golf_cart,forklift for udi, van,truck for kitti, all four for any].
+    /// Label classes that are unknown; unseen: those of `simulate --unseen` [default: golf_cart,forklift for udi, van,truck for kitti, all four for any].
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     unknown: Option<Vec<String>>,
     /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
@@ -86,10 +86,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     }
     let labels = || frames.iter().flat_map(|frame| frame.truth.labels.iter());
     let unknown = match arguments.unknown {
-        Some(classes) => {
-            check_unknown(labels(), &classes)?;
-            classes
-        }
+        Some(classes) => unknown_labelled(labels(), &classes)?,
         None => {
             // An adapted model may know some of them.
             let known = class_names(&model);

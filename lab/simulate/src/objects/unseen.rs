@@ -1,0 +1,173 @@
+//! Objects of the unseen classes, assembled from the parts of `unseen.toml`, which says what its columns mean.
+
+use super::super::mesh::{GLASS, INTERIOR, METAL, Mesh, RETRO, Surface, V3, porous, solid, v};
+use super::super::random::Dice;
+use super::super::{Split, Unseen};
+use super::vehicle::{axle, occupant, paint};
+use super::{Model, cyclist};
+use serde::Deserialize;
+use std::sync::LazyLock;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Table {
+    class: Vec<Row>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Row {
+    name: String,
+    split: String,
+    habit: Habit,
+    size_m: [[f32; 2]; 3],
+    #[serde(default)]
+    scatter_m: f32,
+    parts: Vec<Part>,
+    #[serde(default)]
+    twins: Vec<Part>,
+}
+
+/// Where an object is, and whether it moves.
+#[derive(Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Habit {
+    Road,
+    Pavement,
+    Still,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Shape {
+    Block,
+    Rod,
+    Cone,
+    Blob,
+    Axle,
+    Spokes,
+    Sitting,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Cover {
+    Paint,
+    #[default]
+    Dark,
+    Steel,
+    Wood,
+    Glass,
+    Mesh,
+    Retro,
+}
+
+/// Shape, place, size, surface, form, odds.
+#[derive(Deserialize)]
+struct Part(
+    Shape,
+    [f32; 3],
+    #[serde(default)] [f32; 3],
+    #[serde(default)] Cover,
+    #[serde(default = "one")] f32,
+    #[serde(default = "one")] f32,
+);
+
+fn one() -> f32 {
+    1.0
+}
+
+static TABLE: LazyLock<Table> = LazyLock::new(|| {
+    toml::from_str(include_str!("../../unseen.toml")).expect("the table, which a test reads")
+});
+
+impl Unseen {
+    /// The classes that a split shows: other ones in validation and test, none in training.
+    pub(crate) fn of(split: Split) -> impl Iterator<Item = Unseen> {
+        let all = (0..TABLE.class.len()).map(|index| Unseen(index as u8));
+        all.filter(move |class| class.row().split == split.name())
+    }
+
+    /// Name in label files.
+    pub fn name(self) -> &'static str {
+        &self.row().name
+    }
+
+    pub(crate) fn habit(self) -> Habit {
+        self.row().habit
+    }
+
+    pub(super) fn mean_size_m(self) -> V3 {
+        V3::from(self.row().size_m.map(|[low, high]| (low + high) / 2.0))
+    }
+
+    fn row(self) -> &'static Row {
+        &TABLE.class[usize::from(self.0)]
+    }
+}
+
+/// Builds one; the drawn size is that of the parts that are always there.
+pub(super) fn unseen(class: Unseen, dice: &mut Dice) -> Model {
+    let row = class.row();
+    let (colour, lot) = (paint(dice), dice.unit());
+    let mut mesh = Mesh::default();
+    row.add(&mut mesh, colour, |odds| odds >= 1.0, dice);
+    let (low, high) = mesh.bounds();
+    row.add(&mut mesh, colour, |odds| lot < odds && odds < 1.0, dice);
+    let [x, y, z] = row.size_m;
+    let scale = dice.size(x, y, z) / (high - low);
+    mesh.map(|p| p * scale);
+    mesh.roughen(0.006, dice);
+    mesh.put_down();
+    Model::new(mesh)
+}
+
+impl Row {
+    fn add(
+        &self,
+        mesh: &mut Mesh,
+        colour: Surface,
+        is_there: impl Fn(f32) -> bool,
+        dice: &mut Dice,
+    ) {
+        for part in self.parts.iter().filter(|part| is_there(part.5)) {
+            let most_m = self.scatter_m;
+            let off = v(dice.spread(most_m), dice.spread(most_m), 0.0);
+            let mut own = Mesh::default();
+            part.add(&mut own, colour, dice);
+            mesh.add(&own, |p| p + off);
+        }
+        for part in self.twins.iter().filter(|part| is_there(part.5)) {
+            let mut own = Mesh::default();
+            part.add(&mut own, colour, dice);
+            mesh.add(&own, |p| p);
+            mesh.add(&own, |p| v(p.x, -p.y, p.z));
+        }
+    }
+}
+
+impl Part {
+    fn add(&self, mesh: &mut Mesh, colour: Surface, dice: &mut Dice) {
+        let &Part(shape, at, size, cover, form, _) = self;
+        let (at, size) = (V3::from(at), V3::from(size));
+        let surface = match cover {
+            Cover::Paint => colour,
+            Cover::Dark => INTERIOR,
+            Cover::Steel => METAL,
+            Cover::Wood => solid(0.4),
+            Cover::Glass => GLASS,
+            Cover::Mesh => porous(0.35, 0.6),
+            Cover::Retro => RETRO,
+        };
+        let sides = if form < 0.04 { 4 } else { 8 };
+        match shape {
+            Shape::Block => mesh.tapered(at, size, [form; 2], surface),
+            Shape::Rod => mesh.rod([at, size], form, sides, surface),
+            Shape::Cone => mesh.tube([at, size], [form, 0.02], sides, surface),
+            Shape::Blob => mesh.blob(at, size, (5, 8), 0.04, dice, surface),
+            Shape::Axle => axle(mesh, at.x, at.y, at.z, size.y),
+            Shape::Spokes => cyclist::wheel(mesh, at, form),
+            Shape::Sitting => occupant(mesh, at, dice),
+        }
+    }
+}
