@@ -126,7 +126,7 @@ impl Plan {
             refiner_arguments,
             input,
             model_name,
-            precision: precision.unwrap_or_else(|| "f32".to_string()),
+            precision: precision.unwrap_or_else(|| "auto".to_string()),
             args,
             scans,
             _configuration: folder,

@@ -53,13 +53,16 @@ impl Backbone {
     ) -> Result<Backbone> {
         manifest.validate()?;
         weights.check(&manifest.network)?;
+        let (precision, _) = precision.chosen(manifest, weights);
         if precision == Precision::Int8 && !weights.is_calibrated() {
             return Err(BackboneError::NotCalibrated);
         }
         let identity = |_: &str, _| Ok(QuantScale::identity());
         let counts = |layer: &str, channels| QuantScale::of_layer(weights, layer, channels);
         Ok(Backbone(match precision {
-            Precision::F32 => Engine::F32(Box::new(Layers::new(manifest, weights, identity)?)),
+            Precision::Auto | Precision::F32 => {
+                Engine::F32(Box::new(Layers::new(manifest, weights, identity)?))
+            }
             Precision::Bf16 => Engine::Bf16(Box::new(Layers::new(manifest, weights, identity)?)),
             Precision::Int8 => Engine::Int8(Box::new(Layers::new(manifest, weights, counts)?)),
         }))

@@ -19,7 +19,7 @@ pub enum BackboneError {
         found: usize,
     },
     /// Not the name of a precision.
-    #[error("precision: f32, bf16 or int8 expected, found `{found}`")]
+    #[error("precision: auto, f32, bf16 or int8 expected, found `{found}`")]
     Precision { found: String },
     /// A layer that bf16 cannot compute.
     #[error(

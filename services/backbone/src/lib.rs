@@ -2,6 +2,7 @@
 //!
 //! [`Backbone`] is the stage. Its parts ([`voxelize`], [`Rulebooks`]) are plain functions that the trainer shares. Nothing here knows a process, a file or a clock.
 
+mod auto;
 mod backbone;
 mod cells;
 mod convolution;

@@ -12,6 +12,8 @@ use crate::error::BackboneError;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
+    /// The fastest on this processor whose cost in accuracy the model file records and [`Precision::COST_MAX`] allows.
+    Auto,
     /// 32 bits.
     #[default]
     F32,
@@ -24,12 +26,13 @@ pub enum Precision {
 }
 
 impl Precision {
-    /// All of them, the most exact first.
+    /// What layers can multiply in, the most exact first.
     pub const ALL: [Precision; 3] = [Precision::F32, Precision::Bf16, Precision::Int8];
 
-    /// As configurations write it: `f32`, `bf16`, `int8`.
+    /// As configurations write it: `auto`, `f32`, `bf16`, `int8`.
     pub fn name(self) -> &'static str {
         match self {
+            Precision::Auto => "auto",
             Precision::F32 => "f32",
             Precision::Bf16 => "bf16",
             Precision::Int8 => "int8",
@@ -47,9 +50,8 @@ impl std::str::FromStr for Precision {
     type Err = BackboneError;
 
     fn from_str(name: &str) -> Result<Precision, BackboneError> {
-        Precision::ALL
-            .into_iter()
-            .find(|precision| precision.name() == name)
+        let mut all = Precision::ALL.into_iter().chain([Precision::Auto]);
+        all.find(|precision| precision.name() == name)
             .ok_or_else(|| BackboneError::Precision { found: name.into() })
     }
 }
@@ -119,11 +121,11 @@ mod tests {
 
     #[test]
     fn names_come_back_and_others_are_refused() {
-        for precision in Precision::ALL {
+        for precision in Precision::ALL.into_iter().chain([Precision::Auto]) {
             assert_eq!(precision.name().parse::<Precision>().ok(), Some(precision));
         }
         let error = "fp16".parse::<Precision>().expect_err("no such precision");
-        let expected = "precision: f32, bf16 or int8 expected, found `fp16`";
+        let expected = "precision: auto, f32, bf16 or int8 expected, found `fp16`";
         assert_eq!(error.to_string(), expected);
     }
 }

@@ -151,7 +151,7 @@ impl Default for Settings {
             seconds: None,
             budget_ms: None,
             status_lines: false,
-            precision: Precision::default(),
+            precision: Precision::Auto,
             verify_mapping: false,
             restart_limit: RESTART_LIMIT,
             on_restart_limit: RestartPolicy::default(),

@@ -137,7 +137,7 @@ pub(crate) fn peak_gflops(precision: Precision, threads: usize) -> f64 {
     const STEPS: usize = 500_000;
     const TRIES: usize = 15;
     let spin = match precision {
-        Precision::F32 => spin::<f32>,
+        Precision::Auto | Precision::F32 => spin::<f32>,
         Precision::Bf16 => spin::<Bf16>,
         Precision::Int8 => spin::<u8>,
     };

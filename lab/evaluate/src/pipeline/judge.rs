@@ -1,12 +1,16 @@
 //! A model's figures at its own threshold, without the gate, and at many thresholds; the choice of one for the model file.
 
 use super::separation::{ScoreSeparation, separation};
-use super::{DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, objects_at, paper_rules};
+use super::{
+    DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, detect_frames, objects_at,
+    paper_rules,
+};
 use crate::open_set::unknown_as_known;
 use crate::{
     ApReport, Breakdown, ClassReport, ClassRule, EvaluateError, FrameRings, JudgedPoint,
     NeighbourPolicy, ObjectKind, Operating, Result, SweepPoint, best_index, evaluate,
 };
+use mluc_backbone::Precision;
 use mluc_dataset::whole_file::write_whole;
 use mluc_model::{Manifest, Model, Profiles, ScoreMin, model_bytes};
 use mluc_refiner::Settings;
@@ -184,6 +188,33 @@ pub fn write_profiles(path: &Path, judged: &Model, chosen: Profiles, data: &str)
             "lowest scores at which the upper 95 % bound (bootstrap) of the objects a scan on no label is at most 0.1 unknown and 0.2 \
              known (quiet), 0.3 and 0.5 (balanced); data: {data}"
         );
+    })
+}
+
+/// Measures a model file at its threshold in every precision that it can run in and puts the figures into it: a run's `auto` chooses by
+/// them. `step` is called after each frame.
+pub fn write_precisions(
+    path: &Path,
+    set: &FrameSet,
+    unknown: &[String],
+    neighbours: NeighbourPolicy,
+    settings: &Settings,
+    step: &(dyn Fn() + Sync),
+) -> Result<()> {
+    let model = Model::read(path)?;
+    let mut metrics = vec![];
+    for precision in Precision::ALL {
+        if precision == Precision::Int8 && !model.weights.is_calibrated() {
+            continue;
+        }
+        let frames = detect_frames(precision, &model, set, step)?;
+        let judged = judge(&model, set, &frames, unknown, neighbours, settings)?.gated;
+        let unknown_ap = judged.unknown().map_or(0.0, |class| class.main().ap.r40);
+        let figures = [judged.map_known().r40, unknown_ap];
+        metrics.extend(precision.metrics().into_iter().zip(figures));
+    }
+    rewrite(path, &model, |manifest| {
+        manifest.provenance.metrics.extend(metrics);
     })
 }
 

@@ -14,7 +14,8 @@ use mluc_dataset::whole_file::write_whole;
 use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, choose_threshold,
-    class_names, detect_frames, judge, sweep_gate, write_profiles, write_threshold,
+    class_names, detect_frames, judge, sweep_gate, write_precisions, write_profiles,
+    write_threshold,
 };
 use mluc_model::{Model, SensorProfile, model_bytes};
 use mluc_refiner::{Settings, Variant};
@@ -195,10 +196,23 @@ impl Adaptation<'_> {
         }
         let (model, rules, settings) = (Model::read(&path)?, &judgement.rules, Settings::default());
         let chosen = choose_profiles(&model, &set, &frames, rules, &settings)?;
-        Ok(write_profiles(&path, &model, chosen, &set.describe())?)
+        write_profiles(&path, &model, chosen, &set.describe())?;
+        let (unknown, policy) = (self.unknown(&model), NeighbourPolicy::Official);
+        let count = Precision::ALL.len() * set.names().len();
+        Ok(counted("precisions", count, |step| {
+            write_precisions(&path, &set, &unknown, policy, &settings, step)
+        })?)
     }
 
-    /// A model's detections on the validation scans, and how good they are. What neither it nor this adaptation knows is unknown.
+    /// What neither a model nor this adaptation knows.
+    fn unknown(&self, model: &Model) -> Vec<String> {
+        let known = [class_names(model), self.plan.request.known.clone()].concat();
+        let mut unknown = Class::REAL.map(lower).to_vec();
+        unknown.retain(|name| !known.contains(name));
+        unknown
+    }
+
+    /// A model's detections on the validation scans, and how good they are.
     fn judge(
         &self,
         model: &Model,
@@ -207,10 +221,7 @@ impl Adaptation<'_> {
         let frames = counted("network", set.names().len(), |step| {
             detect_frames(Precision::default(), model, &set, step)
         })?;
-        let known = [class_names(model), self.plan.request.known.clone()].concat();
-        let mut unknown = Class::REAL.map(lower).to_vec();
-        unknown.retain(|name| !known.contains(name));
-        let policy = NeighbourPolicy::Official;
+        let (unknown, policy) = (self.unknown(model), NeighbourPolicy::Official);
         let judgement = judge(model, &set, &frames, &unknown, policy, &Settings::default())?;
         Ok((set, frames, judgement))
     }

@@ -5,6 +5,7 @@ mod input;
 use std::fs;
 use std::process::ExitCode;
 
+use mluc_backbone::Precision;
 use mluc_ingest::Expected;
 use mluc_ipc_types::{
     DETECTIONS_MAX, OBJECT_POINTS_MAX, OBJECTS_MAX, POINTS_MAX, Topic, WIRE_VERSION, feature_blocks,
@@ -41,11 +42,7 @@ pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         Err(error) => (Failure, format!("{error:#}")),
     };
     let about_memory = check_shared_memory(loaded.as_ref().ok());
-    let about_cpu = check_processor(
-        loaded
-            .as_ref()
-            .is_ok_and(|model| model.weights.is_calibrated()),
-    );
+    let about_cpu = check_processor(loaded.as_ref().ok());
     let mut findings = vec![
         version(),
         about_model,
@@ -162,23 +159,17 @@ fn check_governor() -> Finding {
     }
 }
 
-/// What the processor multiplies with, and which `precision` suits it (docs/PERFORMANCE.md). The default is f32 on all.
-fn check_processor(is_calibrated: bool) -> Finding {
+/// What the processor multiplies with, and which precision the default, `auto`, takes there for this model.
+fn check_processor(model: Option<&Model>) -> Finding {
     let level = Level::best().name();
-    let once = ", once the model is calibrated (mluc-lab quantize)";
-    let once = if is_calibrated { "" } else { once };
-    let int8 = format!("`--precision int8`{once}");
-    let advice = match level {
-        "portable" => {
-            let hint = "every precision is slow: use a processor with AVX2 and FMA, or NEON";
-            return (Warning, format!("processor: {level}: {hint}"));
-        }
-        "avx512bf16" => format!("faster are `--precision bf16` and {int8}"),
-        "avx512vnni" | "avxvnni" | "neondot" => format!("faster is {int8}; bf16 is not"),
-        _ => "bf16 and int8 are not faster here".to_string(),
-    };
-    let text = format!("processor: {level}; precision f32 by default; {advice}");
-    (Fine, text)
+    if level == "portable" {
+        let hint = "every precision is slow: use a processor with AVX2 and FMA, or NEON";
+        return (Warning, format!("processor: {level}: {hint}"));
+    }
+    let chosen = model.map(|model| Precision::Auto.chosen(&model.manifest, &model.weights));
+    let chosen = chosen.map(|(precision, why)| format!("; precision {precision}: {why}"));
+    let chosen = chosen.unwrap_or_default();
+    (Fine, format!("processor: {level}{chosen}"))
 }
 
 /// What this user may ask the kernel for.

@@ -23,6 +23,8 @@ pub(crate) fn run(
 ) -> anyhow::Result<()> {
     let (manifest, weights) = (&model.manifest, &model.weights);
     let mut backbone = Backbone::with_precision(manifest, weights, settings.precision)?;
+    let (precision, why) = settings.precision.chosen(manifest, weights);
+    tracing::info!("precision {precision}: {why}");
     if warms_up {
         backbone.warm_up(manifest)?;
     }

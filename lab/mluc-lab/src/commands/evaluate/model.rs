@@ -9,7 +9,8 @@ use mluc_backbone::Precision;
 use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, choose_profiles, choose_threshold, class_names,
-    detect_frames, judge, sweep_gate, unknown_classes, write_profiles, write_threshold,
+    detect_frames, judge, sweep_gate, unknown_classes, write_precisions, write_profiles,
+    write_threshold,
 };
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
@@ -47,14 +48,18 @@ pub(super) struct ModelArguments {
     /// set's mAP.
     #[arg(long)]
     sweep: bool,
-    /// Write the best threshold into the model file, with how it was chosen (implies --sweep, and --write-profiles where --refiner is
-    /// range-scaled).
+    /// Write the best threshold into the model file, with how it was chosen (implies --sweep and --write-precisions, and
+    /// --write-profiles where --refiner is range-scaled).
     #[arg(long)]
     write_threshold: bool,
     /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects a scan on
     /// no label is at most 0.1 unknown and 0.2 known (quiet), 0.3 and 0.5 (balanced). Needs --refiner range-scaled, as a run has it.
     #[arg(long)]
     write_profiles: bool,
+    /// Write into the model file what it reaches in f32, bf16 and int8 (where it has a calibration), at its threshold: `--precision auto`
+    /// of a run chooses by that.
+    #[arg(long)]
+    write_precisions: bool,
     /// Write the kept boxes with every score, one JSON line a frame.
     #[arg(long, value_name = "FILE.jsonl")]
     boxes: Option<PathBuf>,
@@ -117,6 +122,12 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         let chosen = choose_profiles(&model, &set, &frames, &judgement.rules, &settings)?;
         write_profiles(&scans.model, &model, chosen, &set.describe())?;
         profiles = Some(chosen);
+    }
+    if arguments.write_precisions || arguments.write_threshold {
+        let count = Precision::ALL.len() * set.names().len();
+        counted("precisions", count, |step| {
+            write_precisions(&scans.model, &set, &unknown, neighbours, &settings, step)
+        })?;
     }
     let outcome = Outcome {
         model,
