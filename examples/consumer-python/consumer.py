@@ -3,12 +3,8 @@
     MLUC_INSTANCE=default python3 examples/consumer-python/consumer.py
 """
 import json
-import pathlib
-import sys
 
 import numpy as np
-
-sys.path.append(str(pathlib.Path(__file__).parents[1] / "refiner-python"))  # mluc.py; or copy it beside your consumer
 import mluc
 
 consumer = mluc.Consumer()

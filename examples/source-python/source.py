@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 
-sys.path.append(str(pathlib.Path(__file__).parents[1] / "refiner-python"))  # mluc.py; or copy it beside your source
 import mluc
 
 PERIOD_S = 0.1

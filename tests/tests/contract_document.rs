@@ -150,7 +150,7 @@ fn the_c_header_is_the_contract() {
 
 #[test]
 fn the_python_module_is_the_contract() {
-    let module = read("examples/refiner-python/mluc.py");
+    let module = read("python/mluc.py");
     for layout in layouts() {
         let said = python_struct(&module, layout.name);
         assert_eq!(said, layout.fields, "{}", layout.name);

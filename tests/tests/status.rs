@@ -74,7 +74,7 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
         python
             .args(["-c", words])
             .env("MLUC_INSTANCE", &setting.instance);
-        python.current_dir(root().join("examples/refiner-python"));
+        python.current_dir(root().join("python"));
         let said = Running::start(&mut python).finish();
         let is_state = StatusState::NAMES.contains(&said.text().trim());
         assert!(is_state, "{} {}", said.text(), said.log);
