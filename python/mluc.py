@@ -159,10 +159,13 @@ class Member:
         self.is_stopping = True
 
     def follow(self):
-        """The topic `run` describes the run; a description with another id begins a new one."""
+        """The topic `run` describes the run; a description with another id begins a new one, with the same id it has other thresholds."""
         while (run := newest(self.descriptions, RunDescription)) is not None:
-            if run.wire_version == WIRE_VERSION and run.run_id not in (0, self.run.run_id):
-                self.run, self.last, self.sent = run, None, 0
+            if run.wire_version != WIRE_VERSION or run.run_id == 0:
+                continue
+            before, self.run = self.run.run_id, run
+            if run.run_id != before:
+                self.last, self.sent = None, 0
                 while self.scans:
                     self.scans.pop().delete()
                 self.begin()

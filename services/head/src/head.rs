@@ -55,6 +55,14 @@ impl Head {
         })
     }
 
+    /// The threshold on the probability of the unknown, or without such a logit on the EDS, from the next frame on.
+    pub fn set_gate(&mut self, threshold: f32) {
+        match self.kind {
+            HeadKind::Open => self.thresholds.unknown_min = threshold,
+            _ => self.thresholds.eds_normalised_max = threshold,
+        }
+    }
+
     /// Detects. `cells`: cell of the map (row * columns + column) of each row; `rows`: the channels, row after row.
     /// `detections` becomes the kept boxes, the best objectness first; of an open head those of classes, then those of
     /// anchors without a class, which are candidate unknowns from the threshold `unknown_min` on and left out below.

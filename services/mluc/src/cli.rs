@@ -75,6 +75,12 @@ pub(crate) enum Command {
         #[arg(long, value_parser = loopback)]
         listen: SocketAddr,
     },
+    /// Have a running pipeline read its configuration file again: thresholds and operating profile.
+    Reload {
+        /// Which pipeline.
+        #[arg(long, default_value = "default")]
+        instance: String,
+    },
     /// Check whether this machine can run the pipeline.
     Doctor(DoctorArgs),
     /// Measure latency, stage by stage, and write a report; `bench compare` compares two. Needs the program mluc-bench.

@@ -1,18 +1,36 @@
-//! What the supervisor tells ingest while a run is on: a file in the instance's folder, read before each scan.
+//! What the supervisor tells the stages while a run is on: a file in the instance's folder, looked at before each frame.
 
 use std::collections::BTreeSet;
+use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
+use std::time::SystemTime;
 
 use anyhow::Context;
+use mluc_ipc_types::FrameHeader;
+use mluc_model::ScoreMin;
 use mluc_runtime::Instance;
 use serde::{Deserialize, Serialize};
 
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Control {
     /// Indices of scans that kill stages: an empty frame takes the place of each.
     pub(crate) set_aside: BTreeSet<u64>,
     /// Pace `complete`: no next frame yet.
     pub(crate) holds: bool,
+    /// The last one; before it a stage's own settings hold.
+    pub(crate) reload: Option<Reload>,
+    /// Requests for a reload so far, whether the last one was refused, and what came of it.
+    pub(crate) answer: (u64, bool, String),
+}
+
+/// All stages judge a frame by the same thresholds: that of the model's gate, and the scores from which objects are published.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Reload {
+    /// The run, and its first frame that is judged by the new thresholds.
+    pub(crate) run_id: u64,
+    pub(crate) from_sequence: u64,
+    pub(crate) old: (f32, ScoreMin),
+    pub(crate) new: (f32, ScoreMin),
 }
 
 impl Control {
@@ -29,9 +47,40 @@ impl Control {
         written.with_context(|| format!("writing {}", path.display()))
     }
 
-    /// Nothing was said: no scan is set aside.
-    pub(crate) fn read(instance: &Instance) -> Control {
-        let text = std::fs::read(Control::path(instance)).unwrap_or_default();
-        serde_json::from_slice(&text).unwrap_or_default()
+    /// `None`: as the stage's settings say.
+    pub(crate) fn thresholds_of(&self, header: &FrameHeader) -> Option<(f32, ScoreMin)> {
+        let reload = self.reload?;
+        let is_old = header.run_id == reload.run_id && header.sequence < reload.from_sequence;
+        Some(if is_old { reload.old } else { reload.new })
+    }
+}
+
+/// Reads the file where it is another one than before.
+pub(crate) struct ControlWatch {
+    path: PathBuf,
+    /// Number and time of the file that was read.
+    read: Option<(u64, SystemTime)>,
+    control: Control,
+}
+
+impl ControlWatch {
+    pub(crate) fn new(instance: &Instance) -> ControlWatch {
+        ControlWatch {
+            path: Control::path(instance),
+            read: None,
+            control: Control::default(),
+        }
+    }
+
+    /// Without a file nothing was said.
+    pub(crate) fn look(&mut self) -> &Control {
+        let about = std::fs::metadata(&self.path).ok();
+        let found = about.and_then(|about| Some((about.ino(), about.modified().ok()?)));
+        if found != self.read {
+            self.read = found;
+            let text = std::fs::read(&self.path).unwrap_or_default();
+            self.control = serde_json::from_slice(&text).unwrap_or_default();
+        }
+        &self.control
     }
 }

@@ -75,6 +75,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Status { instance, json } => commands::status(&instance, json),
         Command::Top { instance, once } => commands::top(&instance, once),
         Command::Monitor { instance, listen } => commands::monitor(&instance, listen),
+        Command::Reload { instance } => commands::reload(&instance),
         Command::Doctor(args) => commands::doctor(&args),
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),

@@ -105,7 +105,7 @@ impl Resolved {
 }
 
 /// The path of a key in a table, `stages.head`; the top's is empty.
-fn below(path: &str, key: &str) -> String {
+pub(crate) fn below(path: &str, key: &str) -> String {
     format!("{path}.{key}").trim_start_matches('.').to_string()
 }
 

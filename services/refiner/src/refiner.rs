@@ -4,7 +4,7 @@ use mluc_geometry::{Box3, Inside};
 use mluc_ipc_types::{
     DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, Object, POINTS_MAX, Point,
 };
-use mluc_model::Model;
+use mluc_model::{Model, ScoreMin};
 
 use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
 use crate::decide::{UnknownScorer, leave_out_low_scores};
@@ -77,6 +77,11 @@ impl Refiner {
             is_known: Vec::with_capacity(POINTS_MAX),
             order: Vec::with_capacity(DETECTIONS_MAX),
         })
+    }
+
+    /// What is published from the next frame on.
+    pub fn set_score_min(&mut self, score_min: ScoreMin) {
+        self.settings.score_min = score_min;
     }
 
     /// One frame: an object for each detection, in their order, with its disposition.

@@ -166,15 +166,23 @@ impl Shell {
             Err(RuntimeError::AlreadyRunning { .. }) => return Ok(false),
             claimed => claimed?,
         };
-        let mut output = self.output(&Topic::RUN, 1)?;
+        let output = self.output(&Topic::RUN, 1)?;
+        self.run_writer = Some((output, claim));
+        self.describe_run(description)?;
+        self.follow_run()?;
+        Ok(true)
+    }
+
+    /// Describes the run that this process has begun, anew. Nothing where another process has begun it.
+    pub fn describe_run(&mut self, description: &RunDescription) -> Result<()> {
         let mut header = FrameHeader::new(0, run::ROLE);
         header.run_id = description.run_id;
         header.model_fingerprint = description.model_fingerprint;
-        output.send(&header, &[*description])?;
-        self.run_writer = Some((output, claim));
-        self.run.current = Some(*description);
-        self.follow_run()?;
-        Ok(true)
+        if let Some((output, _)) = &mut self.run_writer {
+            output.send(&header, &[*description])?;
+            self.run.current = Some(*description);
+        }
+        Ok(())
     }
 
     /// The run that this process takes part in.

@@ -1,9 +1,9 @@
-//! SIGTERM and SIGINT set a flag; the loops look at it.
+//! SIGTERM and SIGINT set a flag, SIGHUP another; the loops look at them.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
 use crate::RuntimeError;
@@ -39,4 +39,11 @@ impl Shutdown {
     pub fn is_requested(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
+}
+
+/// Listens for SIGHUP: each one asks for a look at the settings, and sets the flag.
+pub fn reload_flag() -> Result<Arc<AtomicBool>> {
+    let flag = Arc::default();
+    let done = flag::register(SIGHUP, Arc::clone(&flag)).map(|_| flag);
+    done.map_err(RuntimeError::io("listening for signals", "SIGHUP"))
 }

@@ -18,18 +18,19 @@ use crate::terminal::print_out;
 pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
     let scans = BundledScans::write("demo")?;
-    let settings = Settings::resolve(PipelineArgs {
+    let args = PipelineArgs {
         input: Some(scans.folder().to_path_buf()),
         model: Some(model),
         pace: Some(Pace::Complete),
         instance: Some(format!("demo-{}", std::process::id())),
         ..PipelineArgs::default()
-    })?;
+    };
+    let settings = Settings::resolve(args.clone())?;
     let count = scans.points.len();
     let what = "simulated scans through four processes";
     print_out(format_args!("{count} {what}:\n"))?;
     let mut shown = Shown::default();
-    let outcome = run(settings, Shutdown::on_signals()?, &mut shown)?;
+    let outcome = run(args, settings, Shutdown::on_signals()?, &mut shown)?;
     print_out(format_args!("\n{}", outcome.latencies.table()))?;
     let Some(best) = shown.best else {
         print_out("no frame came out: no picture")?;

@@ -12,10 +12,12 @@ mod up;
 use std::os::unix::process::CommandExt;
 use std::process::ExitCode;
 
-use anyhow::Context;
-use mluc_runtime::{Instance, Shell, log_to_stderr};
+use anyhow::{Context, bail};
+use mluc_runtime::{ClaimNote, Instance, Shell, log_to_stderr};
+use rustix::process::{Pid, Signal, kill_process};
 
 use crate::cli::PipelineArgs;
+use crate::control::ControlWatch;
 use crate::placement::pin;
 use crate::resolve::Resolved;
 use crate::stages::end_with;
@@ -37,6 +39,26 @@ pub(crate) fn config(prints: bool, pipeline: PipelineArgs) -> anyhow::Result<Exi
         print_out(resolved.print()?.trim_end())?;
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// `mluc reload`: asks the supervisor for a look at its settings, and says what came of it.
+pub(crate) fn reload(name: &str) -> anyhow::Result<ExitCode> {
+    let instance = observe::instance(name)?;
+    let supervisor = ClaimNote::of_living(&instance, "pipeline");
+    let supervisor = supervisor.and_then(|note| Pid::from_raw(note.pid as i32));
+    let supervisor = supervisor.with_context(|| format!("no `mluc up` runs as '{name}'"))?;
+    let mut control = ControlWatch::new(&instance);
+    let before = control.look().answer.0;
+    kill_process(supervisor, Signal::HUP).context("asking the supervisor")?;
+    for _ in 0..500 {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+        match control.look().answer.clone() {
+            (count, ..) if count == before => (),
+            (_, true, text) => return Err(crate::UsageError(text).into()),
+            (_, false, text) => return print_out(text).map(|()| ExitCode::SUCCESS),
+        }
+    }
+    bail!("no answer within 5 s: the first frames of a reload before are still to come")
 }
 
 /// `mluc clean`: iceoryx2's own cleaning, once.

@@ -16,13 +16,13 @@ use crate::terminal::print_err;
 pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");
     let shutdown = Shutdown::on_signals()?;
-    let settings = Settings::resolve(args)?;
+    let settings = Settings::resolve(args.clone())?;
     let mut lines = Lines {
         writer: LineWriter::new(settings.pace, std::io::stdout()),
         has_status: settings.status_lines,
         summary: Summary::default(),
     };
-    let outcome = run(settings, shutdown.clone(), &mut lines)?;
+    let outcome = run(args, settings, shutdown.clone(), &mut lines)?;
     let Lines {
         writer, summary, ..
     } = lines;

@@ -7,22 +7,27 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_runtime::{Algorithm, Frames, Scans, Shell, StageError, StageInput, run_stage};
 
+use crate::control::ControlWatch;
+
 struct HeadStage {
     head: Head,
     map_cells: usize,
     channels: usize,
     ground_nodes: usize,
     detections: Vec<Detection>,
+    control: ControlWatch,
 }
 
 pub(crate) fn run(shell: &mut Shell, model: &Model) -> anyhow::Result<()> {
     let network = &model.manifest.network;
+    let control = ControlWatch::new(shell.instance());
     let stage = HeadStage {
         head: Head::new(&model.manifest, &model.weights)?,
         map_cells: network.map_shape().iter().product(),
         channels: network.feature_channels(),
         ground_nodes: network.ground_nodes(),
         detections: Vec::with_capacity(DETECTIONS_MAX),
+        control,
     };
     let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
     let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::sent(shell)?))?;
@@ -39,6 +44,9 @@ impl Algorithm for HeadStage {
         header: &mut FrameHeader,
         input: StageInput<'_, FeatureBlock>,
     ) -> Result<usize, StageError> {
+        if let Some((gate, _)) = self.control.look().thresholds_of(header) {
+            self.head.set_gate(gate);
+        }
         let (cells, channels) = (self.map_cells, self.channels);
         let features =
             FeatureRows::checked(header, input.elements, cells, channels, self.ground_nodes)?;

@@ -10,9 +10,11 @@ use mluc_runtime::{
     run_stage, stamp_published,
 };
 
+use crate::control::ControlWatch;
 use crate::settings::Settings;
 
 struct RefinerStage {
+    control: ControlWatch,
     refiner: Refiner,
     tracker: Option<Tracker>,
     refined: RefinerOutput,
@@ -26,6 +28,7 @@ struct RefinerStage {
 pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
     let time_max_ns = (settings.refiner.time_max_ms * 1e6) as u64;
     let stage = RefinerStage {
+        control: ControlWatch::new(shell.instance()),
         refiner: Refiner::for_model(settings.refiner.clone(), model)?,
         tracker: settings.track.map(Tracker::new).transpose()?,
         refined: RefinerOutput::default(),
@@ -48,6 +51,9 @@ impl Algorithm for RefinerStage {
         header: &mut FrameHeader,
         input: StageInput<'_, Detection>,
     ) -> Result<usize, StageError> {
+        if let Some((_, score_min)) = self.control.look().thresholds_of(header) {
+            self.refiner.set_score_min(score_min);
+        }
         // A detection that makes no sense is one object's disposition (`invalid_box`), not the frame's.
         let detections = Detection::counted(header, input.elements)?;
         if input.points.is_none() {

@@ -4,11 +4,14 @@ mod budget;
 mod child;
 mod lines;
 mod predecessor;
+mod reload;
 mod report;
 mod status;
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{
@@ -17,6 +20,7 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown, monotonic_ns};
 
+use crate::cli::PipelineArgs;
 use crate::control::Control;
 use crate::settings::{Pace, Settings};
 use crate::stages::{ASKED_TO_END, begin_or_join_run};
@@ -99,7 +103,10 @@ const PAUSE_NS: u64 = 500_000_000;
 
 struct Supervisor {
     shell: Shell,
+    args: PipelineArgs,
     settings: Settings,
+    /// By SIGHUP.
+    is_asked_to_reload: Arc<AtomicBool>,
     classes: Vec<String>,
     run: RunDescription,
     objects: Input<Object>,
@@ -113,7 +120,7 @@ struct Supervisor {
     /// How many deaths each scan is to blame for.
     kills: BTreeMap<u64, u32>,
     control: Control,
-    is_ingest_untold: bool,
+    is_control_untold: bool,
     next_sequence: u64,
     /// The last look at the stages, and since when there was no pause between two.
     looked_ns: u64,
@@ -121,11 +128,14 @@ struct Supervisor {
     outcome: Outcome,
 }
 
+/// `args`: what `settings` were resolved from, for a reload.
 pub(crate) fn run(
+    args: PipelineArgs,
     mut settings: Settings,
     shutdown: Shutdown,
     sink: &mut dyn Sink,
 ) -> anyhow::Result<Outcome> {
+    let is_asked_to_reload = mluc_runtime::reload_flag()?;
     let (source, model) = check_before(&settings)?;
     if !settings.complete_from(&model) {
         let (name, variant) = (&settings.model, settings.refiner.variant.name());
@@ -152,13 +162,15 @@ pub(crate) fn run(
         health: shell.health_watch()?,
         status,
         shell,
+        args,
         settings,
+        is_asked_to_reload,
         classes: model::class_names(&model),
         children: Vec::new(),
         source,
         kills: BTreeMap::new(),
         control: Control::default(),
-        is_ingest_untold: false,
+        is_control_untold: false,
         next_sequence: 0,
         looked_ns: 0,
         regular_since_ns: 0,
@@ -232,10 +244,11 @@ impl Supervisor {
                 self.outcome.is_interrupted = true;
                 return Ok(());
             }
+            self.reload_if_asked();
             let holds = sink.is_behind();
-            if holds != self.control.holds || self.is_ingest_untold {
+            if holds != self.control.holds || self.is_control_untold {
                 self.control.holds = holds;
-                self.tell_ingest();
+                self.tell_stages();
             }
             if self.look_after_children()? {
                 // Ingest ends after the last objects; they are in the queue now.
@@ -391,15 +404,15 @@ impl Supervisor {
             "stages died of this scan {kills} times: set aside"
         );
         self.outcome.set_aside.push(scan);
-        self.tell_ingest();
+        self.tell_stages();
     }
 
     /// Shared memory may be full: the run goes on, and it is tried again.
-    fn tell_ingest(&mut self) {
+    fn tell_stages(&mut self) {
         let written = self.control.write(&self.settings.instance);
-        self.is_ingest_untold = written.is_err();
+        self.is_control_untold = written.is_err();
         if let Err(error) = written {
-            tracing::error!("telling ingest what to leave out: {error:#}");
+            tracing::error!("telling the stages what has changed: {error:#}");
         }
     }
 

@@ -14,7 +14,7 @@ use mluc_runtime::{
 
 use mluc_sources::{Next, Scan, Source};
 
-use crate::control::Control;
+use crate::control::ControlWatch;
 
 /// Between two heartbeats while a file is read.
 const READING_TICK: Duration = Duration::from_millis(50);
@@ -35,6 +35,7 @@ pub(crate) struct Sender<'a> {
     pub(crate) source: Source,
     pub(crate) objects: Input<Object>,
     pub(crate) downstream: DownstreamStages,
+    control: ControlWatch,
     output: Output<Point>,
     suspicion: Suspicion,
     /// The last scan once more, for a look after it was sent.
@@ -54,6 +55,7 @@ impl Sender<'_> {
         let output = shell.output::<Point>(&Topic::POINTS, POINTS_MAX)?;
         let objects = shell.input::<Object>(&Topic::OBJECTS)?;
         let downstream = DownstreamStages::new(shell.health_watch()?);
+        let control = ControlWatch::new(shell.instance());
         // Frames that an earlier life of this process sent.
         shell.health.frames_in = start_sequence;
         shell.health.frames_out = start_sequence;
@@ -62,6 +64,7 @@ impl Sender<'_> {
             source,
             objects,
             downstream,
+            control,
             output,
             suspicion: Suspicion {
                 guard: Guard::new(Expected::new(&model.manifest, sensor)),
@@ -100,7 +103,7 @@ impl Sender<'_> {
 
     /// Waits until the supervisor takes more; false: asked to end.
     pub(crate) fn wait_while_held(&mut self) -> Result<bool, RuntimeError> {
-        while !self.shell.is_stopping() && Control::read(self.shell.instance()).holds {
+        while !self.shell.is_stopping() && self.control.look().holds {
             let reason = "waiting for the reader of the lines";
             self.shell.state(HealthState::WaitingInput, reason)?;
             self.shell.tick()?;
@@ -112,8 +115,8 @@ impl Sender<'_> {
     /// Reads the scan of `sequence` from its source, unless it is the one read last; one that was set aside is not read. Waits for a live sensor. False: there is none,
     /// asked to end, or `end_ns` has passed.
     pub(crate) fn load(&mut self, sequence: u64, end_ns: u64) -> anyhow::Result<bool> {
-        let control = Control::read(self.shell.instance());
-        let is_set_aside = control.set_aside.contains(&self.source.index(sequence));
+        let set_aside = &self.control.look().set_aside;
+        let is_set_aside = set_aside.contains(&self.source.index(sequence));
         let is_new = self.loaded.sequence != Some(sequence);
         if !is_new && self.loaded.is_set_aside == is_set_aside {
             return Ok(true);
