@@ -3,9 +3,11 @@
 use anyhow::{Result, ensure};
 use mluc_geometry::Random;
 use serde::Serialize;
+use serde_json::json;
 
 use super::bootstrap::{Statistic, interval, scatter};
 use super::frame::{FrameRecord, STAGES, measured};
+use super::page::render;
 use super::series::{Series, series};
 
 /// With this probability none of the intervals misses, all rows together.
@@ -186,15 +188,9 @@ impl Figure {
 }
 
 impl Comparison {
-    pub(crate) fn table(&self, [a, b]: [&str; 2]) -> String {
-        let [frames_a, frames_b] = self.frames;
-        let mut text = format!("A: {a} ({frames_a} frames)\nB: {b} ({frames_b} frames)\n\n");
-        text += &format!(
-            "{:24}{:>12}{:>12}{:>12}{:>9}   interval of B - A\n",
-            "", "A", "B", "B - A", "%"
-        );
-        text.extend(self.rows.iter().map(Row::line));
-        text + &format!("\n{}\n", self.sentence())
+    pub(crate) fn table(&self, names: [&str; 2]) -> Result<String> {
+        let values = json!({"names": names, "comparison": self, "sentence": self.sentence()});
+        render("comparison.txt", include_str!("comparison.txt"), values)
     }
 
     pub(crate) fn sentence(&self) -> String {
@@ -210,30 +206,6 @@ impl Comparison {
             }
         }
         format!("different: B is {}", parts.join(", and "))
-    }
-}
-
-impl Row {
-    fn line(&self) -> String {
-        let digits = if self.figure.ends_with("us") { 0 } else { 3 };
-        let percent = match self.a {
-            0.0 => String::new(),
-            a => format!("{:+.1}", 100.0 * self.difference / a),
-        };
-        let word = match self.verdict {
-            Verdict::TooFewFrames => "too few frames",
-            Verdict::Lower => "LOWER",
-            Verdict::Higher => "HIGHER",
-            Verdict::Noise => "noise",
-        };
-        let interval = match self.verdict {
-            Verdict::TooFewFrames => "-".to_string(),
-            _ => format!("{:+.digits$} to {:+.digits$}", self.low, self.high),
-        };
-        format!(
-            "{:24}{:12.digits$}{:12.digits$}{:+12.digits$}{percent:>9}   {interval:26} {word}\n",
-            self.figure, self.a, self.b, self.difference
-        )
     }
 }
 
@@ -279,7 +251,7 @@ mod tests {
     fn a_difference_that_nobody_would_act_on_is_noise() {
         let (a, b) = (run(3000, 1, 0), run(3000, 2, 60));
         let comparison = judged(&a, &b);
-        assert!(comparison.is_equal, "{}", comparison.table(["a", "b"]));
+        assert!(comparison.is_equal, "{comparison:?}");
         assert_eq!(judged(&a, &b), comparison, "the same words every time");
     }
 

@@ -21,12 +21,10 @@ mod page;
 #[cfg(test)]
 mod recorded;
 mod series;
-mod table;
 
 pub(crate) use charts::Sample;
 pub(crate) use compare::{CompareOptions, Comparison, Verdict, compare};
 pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{Resources, check_version, number, report_of};
 pub(crate) use frame::{FrameRecord, STAGES, Stamps};
-pub(crate) use page::page;
-pub(crate) use table::table;
+pub(crate) use page::{page, table};

@@ -40,7 +40,7 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
         print_out(&value)?;
     } else {
         let names = [&args.a, &args.b].map(|path| path.display().to_string());
-        let table = comparison.table(names.each_ref().map(String::as_str));
+        let table = comparison.table(names.each_ref().map(String::as_str))?;
         print_out(table.trim_end())?;
         for note in &notes {
             print_out(format_args!("note: {note}"))?;

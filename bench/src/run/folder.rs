@@ -29,7 +29,7 @@ pub(crate) fn write(
     samples: &[Sample],
 ) -> Result<()> {
     save(folder, "report.json", serde_json::to_string_pretty(report)?)?;
-    save(folder, "report.html", page(report, frames, samples))?;
+    save(folder, "report.html", page(report, frames, samples)?)?;
     save(folder, "frames.csv", write_frames(frames))
 }
 
@@ -56,7 +56,7 @@ pub(crate) fn write_comparison(
     comparison: &Comparison,
     mut value: Value,
 ) -> Result<()> {
-    let text = comparison.table(names);
+    let text = comparison.table(names)?;
     value["sentence"] = json!(comparison.sentence());
     value["names"] = json!(names);
     save(folder, "comparison.txt", &text)?;

@@ -44,7 +44,7 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     }
     drop(progress);
     folder::write(out, &report, &measured.frames, &measured.samples)?;
-    print_out(table(&report).trim_end())?;
+    print_out(table(&report)?.trim_end())?;
     let page = out.join("report.html");
     print_out(format_args!("report: {}", page.display()))?;
     if let (Some(file), Some(spans)) = (&plan.args.trace, &spans) {

@@ -1,7 +1,7 @@
 //! Which labels and detections count for a class.
 
 use crate::{Difficulty, EvaluateError, LabelledFrame, ObjectKind, Result, UNKNOWN_IOUS};
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 use mluc_dataset::{Label, is_recognized};
 use std::collections::BTreeSet;
 
@@ -119,21 +119,35 @@ impl ClassRule {
 }
 
 /// What an evaluation is asked for.
-#[derive(Clone, Debug, Default)]
+#[derive(Args, Clone, Debug, Default)]
 pub struct RuleRequest {
-    /// Exactly these known classes; empty: KITTI's three, those with an overlap of their own, and any labelled class
-    /// that a detection of kind known names.
+    /// The known classes, exactly [default: KITTI's three, those with an overlap of their own, and any labelled class that a detection of
+    /// kind known names].
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     pub classes: Vec<String>,
-    /// Overlaps of classes; the others keep KITTI's, or 0.7 for trucks and vans, or 0.5.
+    /// Overlap a class: a match needs more than it [default: KITTI's, 0.7 for trucks and vans, 0.5 for others].
+    #[arg(long = "iou", value_delimiter = ',', value_parser = class_overlap, value_name = "CLASS=IOU,..")]
     pub iou_min: Vec<(String, f64)>,
-    /// Label classes that are unknown; empty: there is no unknown group.
+    /// Label classes that are unknown; they are merged into one class, `unknown`. unseen: those of `simulate --unseen`.
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     pub unknown: Vec<String>,
-    /// Overlap, more than which is a match with an unknown object; the paper asks for 0.1.
+    /// Overlap of the unknown class; the paper asks for 0.1.
+    #[arg(long = "unknown-iou", default_value_t = 0.1, value_name = "IOU")]
     pub unknown_iou_min: f64,
     /// What may be found besides labels of these classes.
+    #[arg(skip)]
     pub protocol: UnknownProtocol,
-    /// What look-alikes are.
+    /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
+    #[arg(long, value_enum, default_value_t)]
     pub neighbours: NeighbourPolicy,
+}
+
+fn class_overlap(text: &str) -> std::result::Result<(String, f64), String> {
+    let pair = text
+        .split_once('=')
+        .filter(|(class, _)| !class.trim().is_empty());
+    pair.and_then(|(class, iou)| Some((class.trim().to_owned(), iou.trim().parse().ok()?)))
+        .ok_or_else(|| format!("expected CLASS=IOU such as car=0.5, found '{text}'"))
 }
 
 /// The rules of an evaluation: the known classes in order, then the unknown group if there is one.

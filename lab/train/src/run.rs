@@ -125,7 +125,7 @@ impl Run {
             notify(TrainEvent::Note(text.into()));
             return Ok(self.model_path());
         }
-        if self.settings.cluster_scorer {
+        if self.settings.fits_cluster_scorer() {
             let (manifest, seed) = (&self.manifest, self.settings.seed);
             let scorer = fit_cluster_scorer(&self.source, manifest, CLUSTER_FRAMES, seed)?;
             self.cluster_scorer = Some(scorer);

@@ -1,7 +1,9 @@
 //! The settings of a training run.
 
-use std::path::PathBuf;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
+use clap::{Args, Parser};
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
 use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
 
@@ -9,133 +11,140 @@ use crate::error::TrainError;
 use crate::kind::{Architecture, NetworkKind, Setting};
 use crate::losses::LossSettings;
 
-/// Cells of background that `metric-open` learns from: many, so that some look like an object. A guess.
-const METRIC_OPEN_BACKGROUND_CELLS: usize = 512;
-
-/// What [`NetworkKind::MlucFull`] and in part [`NetworkKind::MetricOpen`] add, each to be left out for an ablation.
-#[derive(Clone, Debug, PartialEq)]
+/// What [`NetworkKind::MlucFull`] and in part [`NetworkKind::MetricOpen`] add, each to be left out for an ablation. The defaults are
+/// guesses, to be measured one by one.
+#[derive(Clone, Debug, PartialEq, Args)]
 pub struct OpenSetSettings {
-    /// Synthetic unknown objects pasted into a frame, at most; those that the data itself holds come on top.
+    /// Metric-open, mluc-full: synthetic unknown objects pasted into a frame, beside those that the data holds (simulate --synthetic-unknown); none for any.
+    // An object cut out of one sensor's scan is none of another's.
+    #[arg(long, default_value_t = 6, default_value_if("setting", "any", "0"))]
     pub synthetic_unknown: usize,
-    /// Weight of the loss that draws their embeddings to the prototypes' centre, and of [`NetworkKind::MetricOpen`] those of
-    /// background away.
+    /// Metric-open, mluc-full: weight of the loss that draws their embeddings to the centre; of metric-open also background's away from
+    /// it.
+    #[arg(long, default_value_t = 0.5)]
     pub center_loss_weight: f32,
-    /// Weight of the logit of the unknown; of [`NetworkKind::MlucFull`] alone.
+    /// Mluc-full: weight of the logit of the unknown.
+    #[arg(long, default_value_t = 1.0)]
     pub unknown_weight: f32,
-    /// Anchors without a class; of [`NetworkKind::MlucFull`] alone.
+    /// Mluc-full: no class-agnostic anchors.
+    #[arg(long = "no-class-agnostic-anchors", action = clap::ArgAction::SetFalse)]
     pub class_agnostic_anchors: bool,
-    /// Cells of a frame that hold points and no object, and are learned from as background.
+    /// Metric-open, mluc-full: cells of a frame with points and no object that are learned from; 512 for metric-open.
+    // Many there, so that some look like an object: a guess.
+    #[arg(
+        long,
+        default_value_t = 64,
+        default_value_if("kind", "metric-open", "512")
+    )]
     pub background_cells: usize,
 }
 
-impl Default for OpenSetSettings {
-    /// Guesses, to be measured one by one.
-    fn default() -> OpenSetSettings {
-        OpenSetSettings {
-            synthetic_unknown: 6,
-            center_loss_weight: 0.5,
-            unknown_weight: 1.0,
-            class_agnostic_anchors: true,
-            background_cells: 64,
-        }
-    }
-}
-
 /// A training run. What changes the weights is compared when a run is resumed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Parser)]
 pub struct TrainSettings {
     /// Classes and range.
+    #[arg(long, value_enum)]
     pub setting: Setting,
-    /// The classes to learn, lower case; empty: the setting's.
+    /// Classes to learn, of those that the labels name [default: the setting's].
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..", value_parser = lower_case)]
     pub known: Vec<String>,
     /// Size of the network.
+    #[arg(long, value_enum, default_value = "compact")]
     pub architecture: Architecture,
     /// What its heads learn.
+    #[arg(
+        long = "network",
+        value_enum,
+        default_value = "metric",
+        value_name = "NETWORK"
+    )]
     pub kind: NetworkKind,
-    /// A model file, or the folder of a run, whose weights are taken where they fit.
-    pub init: Option<PathBuf>,
-    /// Of kinds that [learn from synthetic unknown objects](NetworkKind::learns_from_synthetic_unknown) alone.
-    pub open_set: OpenSetSettings,
-    /// Of [`NetworkKind::MlucFull`] alone: fit the layers that score clusters. On by default for UDI. No known class of KITTI's is as
-    /// large as a truck, so that there the layers take trucks for walls.
-    pub cluster_scorer: bool,
-    /// Folder with `train/` and `val/`.
+    /// Folder with train/ and val/ in KITTI's format (`mluc-lab simulate` makes them); all scans in them are taken, lists in ImageSets are not read.
+    #[arg(long)]
     pub data: PathBuf,
-    /// Folder of the run.
+    /// Folder of the run: log, checkpoint, model.safetensors.
+    #[arg(long)]
     pub out: PathBuf,
+    /// Start from the weights of this model file (or run's folder) where they fit.
+    #[arg(long)]
+    pub init: Option<PathBuf>,
     /// Optimiser steps.
+    #[arg(long, default_value_t = 20_000)]
     pub steps: u64,
     /// Frames a step.
+    #[arg(long, default_value_t = 2)]
     pub batch: usize,
-    /// Of weights, order and augmentation.
+    /// Seed of weights, order and augmentation.
+    #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Highest rate of the cycle.
+    /// Highest learning rate of the cycle.
+    #[arg(long, default_value_t = 0.003)]
     pub learning_rate: f64,
-    /// T; by default C, the paper's.
-    pub prototype_scale: f32,
-    /// Weight of the variance loss; 0 in the paper.
+    /// T, the length of the prototypes [default: the number of classes (paper section 3.2); 3 for mluc-full].
+    #[arg(long)]
+    pub prototype_scale: Option<f32>,
+    /// Weight of the loss that draws embeddings to their prototypes; the paper has none; 0.1 for metric-open and mluc-full.
+    #[arg(long, default_value_t = 0.0, default_value_ifs([("kind", "metric-open", "0.1"), ("kind", "mluc-full", "0.1")]))]
     pub variance_weight: f32,
-    /// Multiply gradients of layers' inputs in bf16.
+    /// Of kinds that [learn from synthetic unknown objects](NetworkKind::learns_from_synthetic_unknown) alone.
+    #[command(flatten)]
+    pub open_set: OpenSetSettings,
+    /// Mluc-full: fit the layers that score clusters [default: true for udi, false for kitti, none of whose known classes is as large as a
+    /// truck, so that there the layers take trucks for walls].
+    #[arg(long, value_name = "BOOL")]
+    pub cluster_scorer: Option<bool>,
+    /// Multiply the gradients of layers' inputs in bf16 (all else stays f32): faster where the processor has bf16.
+    #[arg(long)]
     pub bf16: bool,
-    /// Paste, flip, turn and scale.
+    /// Do not paste, mirror, turn or scale.
+    #[arg(long = "no-augment", action = clap::ArgAction::SetFalse)]
     pub augment: bool,
-    /// Frames that give objects to paste.
+    /// Frames of the training split that give objects to paste; none for any.
+    #[arg(long, default_value_t = 1500, default_value_if("setting", "any", "0"))]
     pub database_frames: usize,
-    /// Frames of `val/` that judge the model after every epoch and at the end; 0: none.
+    /// Frames of val/ that judge the model after every epoch and at the end; 0: none.
+    #[arg(long, default_value_t = 400)]
     pub validate_frames: usize,
-    /// Classes that labels name and the network does not know, beside KITTI's and the simulator's: their place teaches nothing.
+    /// Classes of labels that the network does not know, beside KITTI's and the simulator's: their place teaches nothing. Any other class is
+    /// an error: misspelt, its objects would be left out without a word.
+    #[arg(
+        long = "ignore-classes",
+        value_delimiter = ',',
+        value_name = "CLASS,.."
+    )]
     pub ignored_classes: Vec<String>,
-    /// Commit of the trainer, for the model file.
-    pub commit: String,
     /// Steps between checkpoints.
+    #[arg(long, default_value_t = 200)]
     pub checkpoint_every: u64,
+    /// Commit of the trainer, for the model file.
+    #[arg(skip = "unknown")]
+    pub commit: String,
+}
+
+fn lower_case(name: &str) -> Result<String, std::convert::Infallible> {
+    Ok(name.to_ascii_lowercase())
 }
 
 impl TrainSettings {
-    /// The defaults.
-    pub fn new(
-        setting: Setting,
-        architecture: Architecture,
-        kind: NetworkKind,
-        data: PathBuf,
-        out: PathBuf,
-    ) -> TrainSettings {
-        let is_full = kind == NetworkKind::MlucFull;
-        let is_open = kind.learns_from_synthetic_unknown();
-        let mut open_set = OpenSetSettings::default();
-        if kind == NetworkKind::MetricOpen {
-            open_set.background_cells = METRIC_OPEN_BACKGROUND_CELLS;
-        }
-        // An object cut out of one sensor's scan is none of another's.
-        let pastes = setting != Setting::Any;
-        if !pastes {
-            open_set.synthetic_unknown = 0;
-        }
-        let classes = setting.classes() as f32;
-        TrainSettings {
-            setting,
-            known: Vec::new(),
-            architecture,
-            kind,
-            init: None,
-            open_set,
-            cluster_scorer: is_full && setting == Setting::Udi,
-            data,
-            out,
-            steps: 20_000,
-            batch: 2,
-            seed: 1,
-            learning_rate: 0.003,
-            prototype_scale: if is_full { 3.0 } else { classes },
-            variance_weight: if is_open { 0.1 } else { 0.0 },
-            bf16: false,
-            augment: true,
-            database_frames: if pastes { 1500 } else { 0 },
-            validate_frames: 400,
-            ignored_classes: Vec::new(),
-            commit: "unknown".into(),
-            checkpoint_every: 200,
-        }
+    /// As `mluc-lab train` takes them with these options.
+    ///
+    /// # Panics
+    /// Where they are none of its options.
+    pub fn of(options: &[&str], data: &Path, out: &Path) -> TrainSettings {
+        let options = ["train"].iter().chain(options).map(OsStr::new);
+        let folders = [
+            "--data".as_ref(),
+            data.as_os_str(),
+            "--out".as_ref(),
+            out.as_os_str(),
+        ];
+        TrainSettings::try_parse_from(options.chain(folders)).expect("options of the trainer")
+    }
+
+    /// Whether the layers that score clusters are fitted.
+    pub fn fits_cluster_scorer(&self) -> bool {
+        let is_asked = self.cluster_scorer.unwrap_or(self.setting == Setting::Udi);
+        is_asked && self.kind == NetworkKind::MlucFull
     }
 
     /// Checks ranges.
@@ -144,12 +153,13 @@ impl TrainSettings {
         let (center, unknown) = (open_set.center_loss_weight, open_set.unknown_weight);
         let pasted = open_set.synthetic_unknown as f32;
         let cells = open_set.background_cells as f32;
+        let scale = self.prototype_scale.unwrap_or(1.0);
         let (steps, every) = (self.steps as f32, self.checkpoint_every as f32);
         // Option, value, the lowest and the highest allowed.
         let rows = [
             ("--steps", steps, 1.0, f32::MAX),
             ("--batch", self.batch as f32, 1.0, 64.0),
-            ("--prototype-scale", self.prototype_scale, 0.1, 100.0),
+            ("--prototype-scale", scale, 0.1, 100.0),
             ("--variance-weight", self.variance_weight, 0.0, 100.0),
             ("--center-loss-weight", center, 0.0, 100.0),
             ("--unknown-weight", unknown, 0.0, 100.0),
@@ -199,9 +209,10 @@ impl TrainSettings {
             },
             _ => OpenSetSettings {
                 synthetic_unknown: 0,
+                center_loss_weight: 0.5,
+                unknown_weight: 1.0,
                 class_agnostic_anchors: false,
                 background_cells: 0,
-                ..OpenSetSettings::default()
             },
         }
     }
@@ -275,7 +286,11 @@ impl TrainSettings {
     /// T: fixed where the head is one of logits.
     pub fn prototype_scale(&self) -> f32 {
         let fixed = self.kind.head().prototype_scale();
-        fixed.unwrap_or(self.prototype_scale)
+        let usual = match self.kind {
+            NetworkKind::MlucFull => 3.0,
+            _ => self.setting.classes() as f32,
+        };
+        fixed.or(self.prototype_scale).unwrap_or(usual)
     }
 
     /// What a resumed run must share with its beginning, as text. The number of steps may change: the cycle then goes on
@@ -338,10 +353,10 @@ mod tests {
 
     #[test]
     fn a_setting_out_of_its_range_is_named() {
-        let (data, out) = (PathBuf::new(), PathBuf::new());
-        let kind = NetworkKind::MetricOpen;
-        let good = TrainSettings::new(Setting::Kitti, Architecture::Compact, kind, data, out);
-        assert!(good.check().is_ok());
+        let options = ["--setting", "kitti", "--network", "metric-open"];
+        let good = TrainSettings::of(&options, Path::new("data"), Path::new("out"));
+        assert!(good.check().is_ok() && good.variance_weight == 0.1);
+        assert_eq!(good.open_set.background_cells, 512);
         type Change = fn(&mut TrainSettings);
         let cases: [(Change, &str); 4] = [
             (|s| s.steps = 0, "--steps: expected 1 or more, found 0"),

@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
     place.train()?;
     place.finish_model()?;
     let after = place.judged("after", &place.model())?;
-    let text = report::markdown(&place.plan, &Model::read(&place.model())?, &before, &after);
+    let text = report::markdown(&place.plan, &Model::read(&place.model())?, &before, &after)?;
     let path = out.join("report.md");
     write_whole(&path, text.as_bytes()).with_context(|| path.display().to_string())?;
     print_out(text)?;

@@ -7,7 +7,7 @@ use anyhow::{Context, ensure};
 use mluc_dataset::whole_file::write_whole;
 use mluc_model::SensorProfile;
 use mluc_simulate::{Class, ExportOptions, Family, Split};
-use mluc_train::{Architecture, NetworkKind, Setting, TrainSettings};
+use mluc_train::TrainSettings;
 use serde::{Deserialize, Serialize};
 
 use super::super::simulate::export_with_progress;
@@ -72,8 +72,7 @@ impl Request {
 
     /// The training on from the first weights, which lie in `out`.
     pub(super) fn settings(&self, data: &Path, run: &Path, out: &Path) -> TrainSettings {
-        let kind = NetworkKind::MlucFull;
-        let (data, run) = (data.to_owned(), run.to_owned());
+        let options = ["--setting", "any", "--network", "mluc-full"];
         TrainSettings {
             known: self.known.clone(),
             init: Some(out.join("init.safetensors")),
@@ -81,7 +80,7 @@ impl Request {
             learning_rate: LEARNING_RATE,
             commit: commit(),
             checkpoint_every: 50,
-            ..TrainSettings::new(Setting::Any, Architecture::Compact, kind, data, run)
+            ..TrainSettings::of(&options, data, run)
         }
     }
 }

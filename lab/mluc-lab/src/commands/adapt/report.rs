@@ -1,9 +1,12 @@
 //! What an adaptation brought, for a person.
 
+use minijinja::value::Serde;
+use minijinja::{Environment, Error};
 use mluc_evaluate::ClassReport;
 use mluc_evaluate::pipeline::ModelJudgement;
 use mluc_model::Model;
 use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use super::plan::Plan;
 
@@ -42,37 +45,19 @@ impl Figures {
 }
 
 /// The report: what was made of what, and the figures before and after.
-pub(super) fn markdown(plan: &Plan, model: &Model, before: &Figures, after: &Figures) -> String {
-    let (request, from) = (&plan.request, &model.manifest.provenance);
-    let sensor = &request.sensor;
-    let mut text = format!(
-        "# Adapted to {}\n\n\
-         | | |\n|---|---|\n\
-         | sensor | {} beams, columns {} degrees apart |\n\
-         | known | {} |\n\
-         | trained on | {} simulated scans of this sensor, {} steps |\n\
-         | judged on | {} other simulated scans of it |\n\
-         | threshold | {} |\n\
-         | int8 ranges | {} |\n\n\
-         AP before and after on the same scans: volumes, moderate, all points, %. Known classes without the gate, the unknown at each model's\n\
-         own threshold. `-`: not known before.\n\n\
-         | | labels | overlap | before | after |\n|---|---|---|---|---|\n",
-        sensor.name,
-        sensor.elevations_deg.len() * sensor.units.len().max(1),
-        sensor.azimuth_step_deg,
-        request.known.join(", "),
-        plan.scans,
-        plan.steps,
-        plan.val_scans,
-        from.threshold_choice,
-        from.calibration,
-    );
-    for (name, labels, iou, percent) in &after.rows {
-        let first = before.rows.iter().find(|row| row.0 == *name);
-        let first = first.map_or("-".to_owned(), |row| format!("{:.1}", row.3));
-        text += &format!("| {name} | {labels} | {iou} | {first} | {percent:.1} |\n");
-    }
-    text + "\nSimulated scans say what the network learned, not what it does on yours: judge it there with `mluc-lab evaluate ap`. The folder\n\
-            `scans` can be removed.\n\n\
-            ```sh\nmluc up --input DIR --model model.safetensors\n```\n"
+pub(super) fn markdown(
+    plan: &Plan,
+    model: &Model,
+    before: &Figures,
+    after: &Figures,
+) -> Result<String, Error> {
+    let sensor = &plan.request.sensor;
+    let values = json!({
+        "plan": plan, "from": model.manifest.provenance, "before": before, "after": after,
+        "beams": sensor.elevations_deg.len() * sensor.units.len().max(1),
+        "step_deg": sensor.azimuth_step_deg.to_string(),
+    });
+    let template = include_str!("report.md");
+    let text = Environment::new().render_named_str("report.md", template, Serde(values))?;
+    Ok(text + "\n")
 }

@@ -38,7 +38,7 @@ pub(super) struct ApArguments {
 pub(super) fn run(arguments: ApArguments) -> anyhow::Result<()> {
     let (sources, input) = arguments.compared.read(&arguments.scans)?;
     let rules = (arguments.compared).rules(&input, arguments.unknown_protocol)?;
-    if !arguments.compared.unknown.is_empty() {
+    if !arguments.compared.request.unknown.is_empty() {
         for class in unevaluated(&input.frames, &rules) {
             print_err(format_args!(
                 "warning: labels of class {class} count as background; if it is known, name it in --iou"

@@ -4,7 +4,7 @@ use super::unknown_labelled;
 use crate::commands::terminal::print_err;
 use clap::Args;
 use mluc_evaluate::input::{Input, Source, read, sources};
-use mluc_evaluate::{ClassRule, NeighbourPolicy, RuleRequest, UnknownProtocol, rules};
+use mluc_evaluate::{ClassRule, RuleRequest, UnknownProtocol, rules};
 use mluc_geometry::ImageSize;
 use std::path::PathBuf;
 
@@ -19,21 +19,8 @@ pub(super) struct Compared {
     /// Folder of calibration files; JSON lines need it.
     #[arg(long, value_name = "DIR")]
     calib: Vec<PathBuf>,
-    /// Overlap a class: a match needs more than it.
-    #[arg(long, value_delimiter = ',', value_parser = class_overlap, value_name = "CLASS=IOU,..")]
-    iou: Vec<(String, f64)>,
-    /// The known classes, exactly.
-    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
-    classes: Vec<String>,
-    /// Label classes that are unknown; they are merged into one class, `unknown`. unseen: those of `simulate --unseen`.
-    #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
-    pub(super) unknown: Vec<String>,
-    /// Overlap of the unknown class.
-    #[arg(long, default_value_t = 0.1, value_name = "IOU")]
-    unknown_iou: f64,
-    /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
-    #[arg(long, value_enum, default_value_t)]
-    neighbours: NeighbourPolicy,
+    #[command(flatten)]
+    pub(super) request: RuleRequest,
     /// Size of the images [default: of image_2/ beside the labels where present, else 1242x375]. Where a calibration's
     /// P2 is all 0 there is no image, and nothing is dropped for lying outside it.
     #[arg(long, value_parser = image_size, value_name = "WxH")]
@@ -59,23 +46,12 @@ impl Compared {
     ) -> anyhow::Result<Vec<ClassRule>> {
         let labels = input.frames.iter().flat_map(|frame| frame.labels.iter());
         let request = RuleRequest {
-            classes: self.classes.clone(),
-            iou_min: self.iou.clone(),
-            unknown: unknown_labelled(labels, &self.unknown)?,
-            unknown_iou_min: self.unknown_iou,
+            unknown: unknown_labelled(labels, &self.request.unknown)?,
             protocol,
-            neighbours: self.neighbours,
+            ..self.request.clone()
         };
         Ok(rules(&request, &input.frames)?)
     }
-}
-
-fn class_overlap(text: &str) -> Result<(String, f64), String> {
-    let pair = text
-        .split_once('=')
-        .filter(|(class, _)| !class.trim().is_empty());
-    pair.and_then(|(class, iou)| Some((class.trim().to_owned(), iou.trim().parse().ok()?)))
-        .ok_or_else(|| format!("expected CLASS=IOU such as car=0.5, found '{text}'"))
 }
 
 fn image_size(text: &str) -> Result<ImageSize, String> {

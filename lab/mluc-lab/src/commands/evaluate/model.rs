@@ -141,7 +141,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     if arguments.json {
         return print_out(format_args!("{:#}", outcome.to_json()));
     }
-    print_out(outcome.to_table().trim_end())
+    print_out(outcome.to_table()?.trim_end())
 }
 
 fn write_boxes(

@@ -1,7 +1,9 @@
 //! The outcome as JSON and as a table.
 
+use minijinja::Environment;
+use minijinja::value::Serde;
 use mluc_evaluate::pipeline::{Choice, ModelJudgement, ScoreSeparation};
-use mluc_evaluate::{ClassReport, SweepPoint, best_index};
+use mluc_evaluate::{Breakdown, ClassReport, SweepPoint, best_index};
 use mluc_model::{Model, Profiles};
 use serde_json::{Value, json};
 
@@ -62,93 +64,31 @@ impl Outcome {
         self.judgement.boxes as f64 / self.frames.max(1) as f64
     }
 
-    pub(super) fn to_table(&self) -> String {
-        let model = &self.model.manifest;
-        let (steps, boxes) = (model.provenance.steps, self.boxes_per_frame());
-        let mut text = format!(
-            "model {}, {steps} steps; {}; {boxes:.1} boxes a frame\n\n",
-            model.name, self.data
-        );
-        text += &self.classes();
-        for breakdown in &self.judgement.breakdowns {
-            text += &format!("\nat the threshold: {}", breakdown.to_table());
-        }
-        text += &separation(&self.judgement.separation);
-        text += &self.thresholds();
-        for (name, least) in self.profiles.iter().flat_map(Profiles::named) {
-            let (unknown, known) = (least.unknown, least.known);
-            text += &format!(
-                "\nwritten: profile {name}, unknown from {unknown:.4}, known from {known:.4}"
-            );
-        }
-        text
-    }
-
-    fn classes(&self) -> String {
+    pub(super) fn to_table(&self) -> Result<String, minijinja::Error> {
         let ModelJudgement { closed, gated, .. } = &self.judgement;
-        let mut text = format!(
-            "3d, moderate                  closed set, %                     at threshold {:.4}, %\n",
-            self.judgement.threshold
-        );
-        let heads = format!("{:>7} {:>7} {:>7} {:>7}", "R40", "R11", "all", "recall");
-        text += &format!(
-            "{:<12} {:>5} {:>7}  {heads}   {heads}\n",
-            "class", "IoU >", "labels"
-        );
-        for (closed, gated) in closed.classes.iter().zip(&gated.classes) {
+        let mut values = self.to_json();
+        let classes = closed.classes.iter().zip(&gated.classes);
+        let class = |(closed, gated): (&ClassReport, &ClassReport)| {
             let (rule, labels) = (&closed.rule, closed.main().truth_count);
-            let figures = [closed, gated].map(figures).join("   ");
-            text += &format!(
-                "{:<12} {:>5.2} {labels:>7}  {figures}\n",
-                rule.name, rule.iou_min
-            );
-        }
-        let known = closed.map_known().r40;
-        text += &format!("mAP of the known, closed set, R40: {known:.2}\n");
-        if let Some(unknown) = gated.unknown() {
-            let (known, unknown) = (gated.map_known(), unknown.main());
-            text += &format!(
-                "at the threshold: mAP known {:.2}, recall unknown {:.2}, AP unknown {:.2}, harmonic mean {:.2}\n",
-                known.r40,
-                unknown.recall_percent,
-                unknown.ap.r40,
-                known.harmonic(unknown.ap).r40
-            );
-            text += &format!(
-                "unknown objects taken for known ones: {} of {} (closed set: {})\n",
-                self.judgement.unknown_as_known,
-                self.judgement.unknown_labels(),
-                self.judgement.unknown_as_known_closed
-            );
-        }
-        text
-    }
-
-    fn thresholds(&self) -> String {
-        let Some(sweep) = &self.sweep else {
-            return String::new();
+            let figures = [figures(closed), figures(gated)].concat();
+            json!([rule.name, rule.iou_min, labels, figures])
         };
-        let mut text = format!(
-            "\n{:>10}  {:>9}  {:>14}  {:>10}  {:>13}\n",
-            "threshold", "mAP known", "recall unknown", "AP unknown", "harmonic mean"
-        );
-        let best = best_index(sweep);
-        for (at, point) in sweep.iter().enumerate() {
-            text += &format!(
-                "{:>10.4}  {:>9.2}  {:>14.2}  {:>10.2}  {:>13.2}{}\n",
-                point.threshold,
-                point.map_known,
-                point.recall_unknown,
-                point.ap_unknown,
-                point.map_harm(),
-                if at == best { "  best" } else { "" }
-            );
+        values["classes"] = classes.map(class).collect();
+        let breakdowns = self.judgement.breakdowns.iter();
+        values["breakdowns"] = breakdowns.map(Breakdown::to_table).collect();
+        values["separation"] = separation(&self.judgement.separation).into();
+        let choice = self.choice.as_ref();
+        values["choice"] = json!(choice.map(|choice| (choice.threshold, &choice.reason)));
+        values["written"] = self
+            .profiles
+            .iter()
+            .flat_map(Profiles::named)
+            .map(|named| json!(named))
+            .collect();
+        if let Some(sweep) = &self.sweep {
+            values["sweep"][best_index(sweep)]["is_best"] = json!(true);
         }
-        if let Some(choice) = &self.choice {
-            let (threshold, reason) = (choice.threshold, &choice.reason);
-            text += &format!("\nwritten: threshold {threshold:.6}, {reason}\n");
-        }
-        text
+        Environment::new().render_named_str("report.txt", include_str!("report.txt"), Serde(values))
     }
 }
 
@@ -173,9 +113,7 @@ pub(super) fn separation(scores: &[ScoreSeparation]) -> String {
     text
 }
 
-fn figures(class: &ClassReport) -> String {
-    let (ap, recall) = (class.main().ap, class.main().recall_percent);
-    [ap.r40, ap.r11, ap.all, recall]
-        .map(|figure| format!("{figure:>7.2}"))
-        .join(" ")
+fn figures(class: &ClassReport) -> [f64; 4] {
+    let ap = class.main().ap;
+    [ap.r40, ap.r11, ap.all, class.main().recall_percent]
 }
