@@ -3,34 +3,37 @@
 use std::fs::read_to_string;
 use std::path::Path;
 use std::process::Command;
-use std::str::FromStr;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use mluc::placement::usable_cpus;
+use procfs::process::Process;
+use procfs::{CpuInfo, Current, LoadAverage, Meminfo};
 use serde_json::{Map, Value, json};
 
 /// Instruction sets that the kernels choose by.
 const EXTENSIONS: &str =
     "avx2 fma avx_vnni avx512f avx512_bf16 avx512_vnni amx_bf16 amx_int8 asimd asimddp bf16";
+/// Bytes.
+const MIB: u64 = 1 << 20;
 /// Folders whose files are in the program `mluc`.
 const SOURCES: &str = "ipc-types geometry kernels model services weights Cargo.toml";
 
 /// Processor, memory, kernel, and the moment; what the system does not say is null.
 pub fn describe_machine() -> Map<String, Value> {
-    let cpuinfo = text_of("/proc/cpuinfo").unwrap_or_default();
-    let flags = field(&cpuinfo, "flags").or(field(&cpuinfo, "Features"));
-    let flags: Vec<&str> = flags.unwrap_or_default().split_whitespace().collect();
+    let cpus = CpuInfo::current().ok();
+    let field = |name: &str| cpus.as_ref().and_then(|cpus| cpus.get_field(0, name));
+    let flags = field("flags").or(field("Features")).unwrap_or_default();
+    let flags: Vec<&str> = flags.split_whitespace().collect();
     let mut extensions: Vec<&str> = EXTENSIONS.split(' ').collect();
     extensions.retain(|extension| flags.contains(extension));
-    let meminfo = text_of("/proc/meminfo").unwrap_or_default();
-    let part = || field(&cpuinfo, "CPU part").map(|part| format!("part {part}"));
+    let part = || field("CPU part").map(|part| format!("part {part}"));
     let time = SystemTime::now().duration_since(UNIX_EPOCH);
     object(json!({
-        "processor": field(&cpuinfo, "model name").map(str::to_string).or_else(part),
+        "processor": field("model name").map(str::to_string).or_else(part),
         "cores_usable": usable_cpus().len(),
-        "cores_present": cpuinfo.lines().filter(|line| line.starts_with("processor")).count(),
+        "cores_present": cpus.as_ref().map_or(0, CpuInfo::num_cores),
         "instruction_sets": extensions.join(" "),
-        "memory_mib": number_of(&meminfo, "MemTotal:") / 1024,
+        "memory_mib": Meminfo::current().map_or(0, |memory| memory.mem_total / MIB),
         "virtual_machine": flags.contains(&"hypervisor"),
         "kernel": text_of("/proc/sys/kernel/osrelease"),
         "governor": text_of("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").unwrap_or_else(|| "not visible".to_string()),
@@ -62,32 +65,25 @@ pub fn describe_here() -> Map<String, Value> {
 
 /// Memory that can be had without swapping, MiB.
 pub(crate) fn available_mib() -> u64 {
-    let meminfo = text_of("/proc/meminfo").unwrap_or_default();
-    number_of(&meminfo, "MemAvailable:") / 1024
+    let memory = Meminfo::current().ok();
+    memory.and_then(|memory| memory.mem_available).unwrap_or(0) / MIB
 }
 
 /// Processes that ran or wanted to, over the last minute: near 0 on a quiet machine.
 pub(crate) fn load() -> f64 {
-    let text = text_of("/proc/loadavg").unwrap_or_default();
-    first_number(&text).unwrap_or(0.0)
+    let one = LoadAverage::current().map_or(0.0, |load| f64::from(load.one));
+    // As the kernel writes it.
+    (one * 100.0).round() / 100.0
 }
 
-/// The number after `key` at the begin of a line; 0 when there is none.
-pub(crate) fn number_of(text: &str, key: &str) -> u64 {
-    first_number(field(text, key).unwrap_or_default()).unwrap_or(0)
-}
-
-fn first_number<T: FromStr>(text: &str) -> Option<T> {
-    text.split_whitespace().next()?.parse().ok()
-}
-
-/// Ticks of the CPU in `/proc/PID/stat`, fields 14 to 17: in the program and in the kernel, of the process and of its children
-/// that have ended (proc(5)).
-pub(crate) fn cpu_ticks(stat: &str) -> [u64; 4] {
-    // The name in parentheses may hold anything; what follows it begins with field 3.
-    let fields = stat.rsplit_once(')').map_or("", |(_, fields)| fields);
-    let mut ticks = fields.split_whitespace().skip(11);
-    [(); 4].map(|()| ticks.next().and_then(|word| word.parse().ok()).unwrap_or(0))
+/// The processes that a process has started and that are left.
+pub(crate) fn children(pid: u32) -> Option<Vec<u32>> {
+    Process::new(pid as i32)
+        .ok()?
+        .task_main_thread()
+        .ok()?
+        .children()
+        .ok()
 }
 
 pub(crate) fn object(value: Value) -> Map<String, Value> {
@@ -142,12 +138,6 @@ fn fingerprint(bytes: &[u8]) -> u64 {
     })
 }
 
-/// The value of the first line `key : value`, or `key value`.
-fn field<'a>(text: &'a str, key: &str) -> Option<&'a str> {
-    let value = text.lines().find_map(|line| line.strip_prefix(key))?;
-    Some(value.trim_start_matches([' ', '\t', ':']).trim_end())
-}
-
 fn text_of(path: &str) -> Option<String> {
     Some(read_to_string(path).ok()?.trim_end().to_string())
 }
@@ -163,19 +153,5 @@ mod tests {
         assert!(here["compiler"].as_str().unwrap().starts_with("rustc"));
         // A changed byte is another binary.
         assert_ne!(fingerprint(b"0123456789"), fingerprint(b"0123456788"));
-    }
-
-    #[test]
-    fn lines_of_the_system_are_read() {
-        let text = "processor\t: 0\nmodel name\t: Some CPU @ 2 GHz: fast\nflags\t: fma avx2\n";
-        assert_eq!(field(text, "model name"), Some("Some CPU @ 2 GHz: fast"));
-        assert_eq!(field(text, "flags"), Some("fma avx2"));
-        assert_eq!(field(text, "bugs"), None);
-        let text = "VmRSS:\t  12 kB\nRssAnon:\t   345 kB\n";
-        let numbers = ["RssAnon:", "RssShmem:"].map(|key| number_of(text, key));
-        assert_eq!(numbers, [345, 0]);
-        let stat = "1 (a) b)) S 2 3 4 5 6 7 8 9 10 11 100 20 3 4 20 0 1 0";
-        assert_eq!(cpu_ticks(stat), [100, 20, 3, 4]);
-        assert_eq!(cpu_ticks(""), [0; 4]);
     }
 }

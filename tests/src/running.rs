@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use procfs::process::Process;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde_json::Value;
 
@@ -200,10 +201,7 @@ impl Running {
         let children = children(self.pid());
         let grandchildren = children.iter().flat_map(|pid| self::children(*pid));
         let all = children.iter().copied().chain(grandchildren);
-        let with_command = |pid| {
-            let command = std::fs::read_to_string(format!("/proc/{pid}/cmdline")).ok()?;
-            Some((pid, command.split('\0').map(str::to_string).collect()))
-        };
+        let with_command = |pid| Some((pid, Process::new(pid as i32).ok()?.cmdline().ok()?));
         all.filter_map(with_command).collect()
     }
 
@@ -298,8 +296,6 @@ fn read_lines(from: impl Read + Send + 'static) -> Reader {
 }
 
 fn children(pid: u32) -> Vec<u32> {
-    let path = format!("/proc/{pid}/task/{pid}/children");
-    let children = std::fs::read_to_string(path).unwrap_or_default();
-    let pids = children.split_whitespace();
-    pids.filter_map(|pid| pid.parse().ok()).collect()
+    let task = Process::new(pid as i32).and_then(|process| process.task_main_thread());
+    task.and_then(|task| task.children()).unwrap_or_default()
 }

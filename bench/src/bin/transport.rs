@@ -98,10 +98,9 @@ fn ratios(found: &Measured) -> [(String, f64); 5] {
 
 /// By the kernel's own word: field 41 of `/proc/self/stat`, 0 for time sharing.
 fn scheduling() -> &'static str {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let after_name = stat.rsplit(')').next().unwrap_or_default();
-    match after_name.split_whitespace().nth(38) {
-        Some("1" | "2") => "realtime",
+    let stat = procfs::process::Process::myself().and_then(|own| own.stat());
+    match stat.map(|stat| stat.policy) {
+        Ok(Some(1 | 2)) => "realtime",
         _ => "other",
     }
 }

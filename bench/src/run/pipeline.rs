@@ -17,6 +17,7 @@ use super::plan::Plan;
 use super::processes::ProcessWatch;
 use super::show;
 use super::trace::SpansFolder;
+use crate::machine::children;
 
 /// How often the processes are looked at; a message ends the wait early.
 const POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -143,7 +144,7 @@ impl Recorder {
         const REFINER: usize = Stage::Refiner as usize;
         let mut pids = Stage::ALL.map(|stage| self.health.of(stage).map_or(0, |own| own.pid));
         if pids[REFINER] == 0 && !pids[..REFINER].contains(&0) {
-            let children = self.up.children();
+            let children = children(self.up.process.id()).unwrap_or_default();
             let known = children.iter().find(|pid| **pid == self.pids[REFINER]);
             let other = || children.iter().find(|pid| !pids.contains(pid));
             pids[REFINER] = known.or_else(other).copied().unwrap_or(0);
@@ -220,16 +221,6 @@ impl Up {
             .spawn()
             .with_context(|| format!("starting {}", plan.program.display()))?;
         Ok(Up { process, log })
-    }
-
-    fn children(&self) -> Vec<u32> {
-        let pid = self.process.id();
-        let children = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
-        let children = children.unwrap_or_default();
-        children
-            .split_whitespace()
-            .filter_map(|pid| pid.parse().ok())
-            .collect()
     }
 
     /// Of an end by itself: 0, or 3 where frames were lost, which the report says too.

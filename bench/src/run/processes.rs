@@ -1,8 +1,7 @@
 //! What each stage's process takes of the machine, read from `/proc` now and then.
 
-use std::fs;
+use procfs::process::Process;
 
-use crate::machine::{cpu_ticks, number_of};
 use crate::report::{Resources, Sample};
 
 /// Two looks at least so far apart, s.
@@ -100,35 +99,33 @@ fn cores(from: &Counts, to: &Counts) -> f64 {
 
 /// `None`: the process is gone.
 fn counts(pid: u32, at_s: f64) -> Option<Counts> {
-    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
-    let mib = |key: &str| number_of(&status, key) as f64 / 1024.0;
+    let process = Process::new(pid as i32).ok()?;
+    let status = process.status().ok()?;
+    let mib = |kib: Option<u64>| kib.unwrap_or(0) as f64 / 1024.0;
     let mut counts = Counts {
         at_s,
         pid,
-        private_mib: mib("RssAnon:") + mib("RssFile:"),
-        shared_mib: mib("RssShmem:"),
-        cpu_ns: cpu_ns(pid)?,
+        private_mib: mib(status.rssanon) + mib(status.rssfile),
+        shared_mib: mib(status.rssshmem),
+        cpu_ns: cpu_ns(&process)?,
         ..Counts::default()
     };
-    for task in fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten() {
-        let read = |name: &str| fs::read_to_string(task.path().join(name)).unwrap_or_default();
-        let (schedule, status) = (read("schedstat"), read("status"));
-        let waiting = schedule.split_whitespace().nth(1);
+    for task in process.tasks().ok()?.flatten() {
         counts.threads += 1;
-        counts.waiting_ns += waiting.and_then(|ns| ns.parse().ok()).unwrap_or(0u64);
-        counts.voluntary += number_of(&status, "voluntary_ctxt_switches:");
-        counts.forced += number_of(&status, "nonvoluntary_ctxt_switches:");
+        counts.waiting_ns += task.schedstat().map_or(0, |times| times.run_delay);
+        let Ok(status) = task.status() else { continue };
+        counts.voluntary += status.voluntary_ctxt_switches.unwrap_or(0);
+        counts.forced += status.nonvoluntary_ctxt_switches.unwrap_or(0);
     }
     Some(counts)
 }
 
 /// Of all threads, those that have ended too (a thread that ends takes its own counts with it).
-fn cpu_ns(pid: u32) -> Option<u64> {
+fn cpu_ns(process: &Process) -> Option<u64> {
     /// The kernel's unit in this file, on every processor: 1/100 s.
     const TICK_NS: u64 = 10_000_000;
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    let [user, system, ..] = cpu_ticks(&stat);
-    Some((user + system) * TICK_NS)
+    let stat = process.stat().ok()?;
+    Some((stat.utime + stat.stime) * TICK_NS)
 }
 
 #[cfg(test)]
@@ -142,8 +139,9 @@ mod tests {
         for (at_s, is_measured) in [(-1.0, false), (0.0, true), (0.1, true)] {
             watch.look(at_s, is_measured, [pid, 0, 0, 0]);
         }
-        let (begin, mut value) = (cpu_ns(pid).unwrap(), 1u64);
-        while cpu_ns(pid).unwrap() < begin + 50_000_000 {
+        let own = Process::myself().unwrap();
+        let (begin, mut value) = (cpu_ns(&own).unwrap(), 1u64);
+        while cpu_ns(&own).unwrap() < begin + 50_000_000 {
             for n in 0..1_000_000u64 {
                 value = std::hint::black_box(value.wrapping_mul(n | 1));
             }

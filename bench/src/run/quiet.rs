@@ -1,11 +1,12 @@
 //! How quiet the machine was: what others took of it while the pipeline ran.
 
-use std::fs;
 use std::time::Instant;
 
+use procfs::process::Process;
+use procfs::{CpuTime, CurrentSI, KernelStats};
 use serde_json::{Value, json};
 
-use crate::machine::{cpu_ticks, load, number_of};
+use crate::machine::load;
 
 /// Share of all cores that other processes may take on a quiet machine; above, figures are upper bounds.
 const QUIET_SHARE: f64 = 0.02;
@@ -99,42 +100,41 @@ impl Quiet {
 }
 
 fn now() -> Ticks {
-    let read = |path| fs::read_to_string(path).unwrap_or_default();
-    Ticks {
-        // Of its children too that have ended.
-        ours: cpu_ticks(&read("/proc/self/stat")).iter().sum(),
-        ..machine_ticks(&read("/proc/stat"))
-    }
-}
-
-/// `cpu  user nice system idle iowait irq softirq steal guest guest_nice`: guests are in user and nice already.
-fn machine_ticks(stat: &str) -> Ticks {
-    let line = stat.lines().next().unwrap_or_default();
-    let words = line.split_whitespace().skip(1);
-    let mut ticks = words.map(|word| word.parse().unwrap_or(0));
-    let [user, nice, system, idle, iowait, irq, softirq, steal] =
-        std::array::from_fn(|_| ticks.next().unwrap_or(0u64));
+    let own = Process::myself().and_then(|own| own.stat());
+    // Of its children too that have ended.
+    let ours = own.map_or(0, |own| {
+        own.utime + own.stime + (own.cutime + own.cstime) as u64
+    });
+    let Ok(stats) = KernelStats::current() else {
+        return Ticks::default();
+    };
+    // Guests are in user and nice already.
+    let CpuTime {
+        user,
+        nice,
+        system,
+        idle,
+        iowait,
+        irq,
+        softirq,
+        steal,
+        ..
+    } = stats.total;
+    let [iowait, irq, softirq, steal] =
+        [iowait, irq, softirq, steal].map(Option::unwrap_or_default);
     let busy = user + nice + system + irq + softirq;
     Ticks {
         busy,
         steal,
         all: busy + idle + iowait + steal,
-        switches: number_of(stat, "ctxt"),
-        ours: 0,
+        switches: stats.ctxt,
+        ours,
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_kernels_lines_are_read() {
-        let ticks = machine_ticks("cpu  100 20 30 800 40 1 2 7 50 0\ncpu0 1 2\nctxt 12345\n");
-        let found = [ticks.busy, ticks.steal, ticks.all, ticks.switches];
-        assert_eq!(found, [153, 7, 1000, 12345]);
-        assert_eq!(machine_ticks(""), Ticks::default());
-    }
 
     #[test]
     fn the_verdict_follows_what_others_took() {

@@ -11,8 +11,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use mluc_ipc_types::Stage;
+use procfs::process::Process;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+
+use crate::machine::children;
 
 /// How a pipeline is started.
 pub(super) struct Start {
@@ -133,15 +136,14 @@ impl Pipeline {
 
     /// The process of a stage; `None`: there is none at this time.
     pub(super) fn stage(&self, stage: Stage) -> Option<Pid> {
-        let pid = self.process.id();
-        let children = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).ok()?;
-        let is_stage = |pid: &&str| {
-            let command = fs::read_to_string(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-            let mut words = command.split('\0').skip(1);
-            words.next() == Some("stage") && words.next() == Some(stage.name())
+        let is_stage = |pid: &u32| {
+            let command = Process::new(*pid as i32).and_then(|process| process.cmdline());
+            let is_stages =
+                |words: Vec<String>| words.iter().skip(1).take(2).eq(["stage", stage.name()]);
+            command.is_ok_and(is_stages)
         };
-        let found = children.split_whitespace().find(is_stage)?;
-        Pid::from_raw(found.parse().ok()?)
+        let found = children(self.process.id())?.into_iter().find(is_stage)?;
+        Pid::from_raw(found as i32)
     }
 
     pub(super) fn signal(&self, signal: Signal) {
