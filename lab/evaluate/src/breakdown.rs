@@ -4,7 +4,7 @@
 
 use crate::curve::{Curve, FrameCurve};
 use crate::matching::{InBin, match_frame};
-use crate::report::ApEntry;
+use crate::report::{ApEntry, table};
 use crate::rings::FrameRings;
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
 use mluc_dataset::Label;
@@ -130,26 +130,8 @@ impl Breakdown {
 
     /// AP over all points, recall and labels, a row a class; `-` where no label counts.
     pub fn to_table(&self) -> String {
-        let mut text = format!(
-            "AP all points, recall (labels) by {}: 3d, hard, %\n",
-            self.by
-        );
-        let mut row = |name: &str, cells: Vec<String>| {
-            let cells: String = cells.iter().map(|cell| format!(" {cell:>19}")).collect();
-            text += &format!("{name:<12}{cells}\n");
-        };
-        row(
-            "class",
-            self.bins.iter().map(|bin| (*bin).to_owned()).collect(),
-        );
-        for (name, entries) in &self.classes {
-            let cell = |e: &ApEntry| match e.truth_count {
-                0 => "-".to_owned(),
-                labels => format!("{:.1}, {:.1} ({labels})", e.ap.all, e.recall_percent),
-            };
-            row(name, entries.iter().map(cell).collect());
-        }
-        text
+        let values = json!({"by": self.by, "bins": self.bins, "classes": self.classes});
+        table(include_str!("breakdown.txt"), values)
     }
 }
 

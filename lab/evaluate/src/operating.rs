@@ -11,6 +11,7 @@ use crate::breakdown::range_m;
 use crate::curve::{Curve, FrameCurve};
 use crate::frame::score_of;
 use crate::matching::{in_dont_care, match_frame};
+use crate::report::table;
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN};
 use mluc_dataset::Label;
 use mluc_geometry::{Inside, Random, quantile_of, resample};
@@ -151,26 +152,9 @@ impl Operating {
 
     /// The same for people.
     pub fn to_table(&self) -> String {
-        let mut text = format!("{} scans; [95 % interval]\n", self.frames.len());
-        let mut row = |name: &str, score: &str, cells: [String; 6]| {
-            let cells = cells.map(|cell| format!("{cell:>26}")).concat();
-            text += &format!("{name:<16}{score:>8}{cells}\n");
-        };
-        for kind in [ObjectKind::Unknown, ObjectKind::Known] {
-            let name = ["known", "unknown"][kind as usize];
-            row(name, "score", FIGURES.map(|(figure, ..)| figure.to_owned()));
-            for (name, score_min, figures) in self.points(kind) {
-                let cells = figures.map(|figure| match figure {
-                    Some([value, low, high]) if high < 1000.0 => {
-                        format!("{value:.2} [{low:.2}, {high:.2}]")
-                    }
-                    Some([value, low, high]) => format!("{value:.0} [{low:.0}, {high:.0}]"),
-                    None => "-".to_owned(),
-                });
-                row(&name, &format!("{score_min:.4}"), cells);
-            }
-        }
-        text
+        let mut values = self.to_json();
+        values["figures"] = json!(FIGURES.map(|(name, ..)| name));
+        table(include_str!("operating.txt"), values)
     }
 }
 

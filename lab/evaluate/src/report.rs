@@ -3,11 +3,14 @@
 use crate::curve::Curve;
 use crate::matching::match_frames;
 use crate::{AveragePrecision, ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind};
+use minijinja::Environment;
+use minijinja::value::Serde;
 use rayon::prelude::*;
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 /// Figures of one class at one metric and difficulty.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ApEntry {
     /// Average precision, percent.
     pub ap: AveragePrecision,
@@ -126,41 +129,19 @@ impl ApReport {
 
     /// The same for people: easy / moderate / hard beside each other.
     pub fn to_table(&self) -> String {
-        let triple = "  easy    mod   hard";
-        let mut text = format!(
-            "{:<12} {:<4} {:>5}  {:^17}  {:^20}  {:^20}  {:^20}\n",
-            "class", "", "IoU >", "labels", "AP R11, %", "AP R40, %", "AP all points, %"
-        );
-        text += &format!(
-            "{:<24} {:>17}  {triple}  {triple}  {triple}\n",
-            "", "easy   mod  hard"
-        );
-        for class in &self.classes {
-            let mut name = class.rule.name.as_str();
-            for (metric, entries) in Metric::ALL.iter().zip(&class.entries) {
-                let counts = entries.map(|e| format!("{:>5}", e.truth_count)).join(" ");
-                let (metric, iou) = (metric.name(), class.rule.iou_min);
-                text += &format!("{name:<12} {metric:<4} {iou:>5.2}  {counts}");
-                let aps: [fn(&AveragePrecision) -> f64; 3] =
-                    [|ap| ap.r11, |ap| ap.r40, |ap| ap.all];
-                for ap in aps {
-                    let three = entries.map(|e| format!("{:>6.2}", ap(&e.ap)));
-                    text += &format!("  {}", three.join(" "));
-                }
-                text.push('\n');
-                // Once a class.
-                name = "";
-            }
-        }
-        let open_set = self.open_set();
-        if !open_set.is_empty() {
-            text += "\nopen set (3d, moderate, %)   mAP known  recall unknown  AP unknown  harmonic mean\n";
-        }
-        for (name, known, recall, unknown, harm) in open_set {
-            text += &format!(
-                "  {name:<26} {known:>9.2}  {recall:>14.2}  {unknown:>10.2}  {harm:>13.2}\n"
-            );
-        }
-        text
+        let classes = self.classes.iter();
+        let classes = classes.map(|class| (&class.rule.name, class.rule.iou_min, class.entries));
+        let values = json!({
+            "names": Metric::ALL.map(Metric::name),
+            "classes": classes.collect::<Vec<_>>(),
+            "open_set": self.open_set(),
+        });
+        table(include_str!("report.txt"), values)
     }
+}
+
+/// A template of ours with its values.
+pub(crate) fn table(template: &str, values: Value) -> String {
+    let text = Environment::new().render_str(template, Serde(values));
+    text.expect("a template that fits its values")
 }
