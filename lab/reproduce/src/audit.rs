@@ -1,9 +1,12 @@
 //! What a benchmark folder holds, beside the object counts that the paper quotes: which frames it trained on and judged follows from
 //! them alone, since it does not say.
 
+use minijinja::Environment;
+use minijinja::value::Serde;
 use mluc_dataset::{Dataset, DatasetError, KITTI_CLASSES, Label, check_classes, check_files};
 use mluc_evaluate::Difficulty;
 use rayon::prelude::*;
+use serde_json::json;
 
 /// Objects: all of them; those that count at moderate (easy ones among them); both again in frames that hold an unknown object.
 pub type ObjectCounts = [usize; 4];
@@ -75,29 +78,12 @@ impl Audit {
 
     /// As Markdown: by class, then the counts that the paper's can be compared with.
     pub fn to_markdown(&self) -> String {
-        let mut text = format!(
-            "## {}\n\n{} frames: {} with a van or truck, {} without\n\n| class | objects | moderate or easier | in frames with a van or truck | of these moderate or \
-             easier |\n|---|---|---|---|---|\n",
-            self.split,
-            self.frames,
-            self.with_unknown,
-            self.frames - self.with_unknown
-        );
-        let objects = KITTI_CLASSES.iter().zip(&self.classes);
-        for (class, [a, b, c, d]) in objects.filter(|(class, _)| **class != "DontCare") {
-            text += &format!("| {class} | {a} | {b} | {c} | {d} |\n");
-        }
-        let [all, moderate, _, moderate_beside] = self.sum(&KNOWN);
-        let [unknown, unknown_moderate, ..] = self.sum(&UNKNOWN);
-        let without = self.known_without_unknown();
-        text + &format!(
-            "\n| known: car, pedestrian, cyclist; unknown: van, truck | here | the paper |\n|---|---|---|\n\
-                 | known, all frames | {all} |  |\n\
-                 | known, frames without unknown | {without} | 8690 (train) |\n\
-                 | known, moderate or easier, all frames | {moderate} |  |\n\
-                 | known, moderate or easier, frames with unknown | {moderate_beside} | 4845 (test) |\n\
-                 | unknown, all | {unknown} |  |\n\
-                 | unknown, moderate or easier | {unknown_moderate} | 1255 (test) |\n"
-        )
+        let values = json!({
+            "split": self.split, "frames": self.frames, "with_unknown": self.with_unknown,
+            "classes": KITTI_CLASSES.iter().zip(&self.classes).collect::<Vec<_>>(),
+            "known": self.sum(&KNOWN), "unknown": self.sum(&UNKNOWN),
+        });
+        let text = Environment::new().render_str(include_str!("audit.md"), Serde(values));
+        text.expect("a template that fits its values") + "\n"
     }
 }

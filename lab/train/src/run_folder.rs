@@ -40,24 +40,3 @@ pub(crate) fn refuse_other(out: &Path, file: &str) -> Result<(), TrainError> {
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     write_whole(path, bytes).map_err(|cause| TrainError::io(path, cause))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_folder_is_taken_by_one_run_at_a_time_and_its_model_is_not_written_over() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let out = folder.path().join("new/run");
-        let first = enter(&out).expect("free");
-        let fault = enter(&out).expect_err("taken").to_string();
-        assert!(fault.contains("another run"), "{fault}");
-        drop(first);
-        assert!(enter(&out).is_ok());
-
-        assert!(refuse_other(&out, "model.safetensors").is_ok());
-        std::fs::write(out.join("model.safetensors"), b"somebody's").expect("written");
-        let fault = refuse_other(&out, "model.safetensors").expect_err("refused");
-        assert!(fault.to_string().contains("move it away"), "{fault}");
-    }
-}
