@@ -131,26 +131,3 @@ fn what_cannot_be_taken_is_named() {
         assert!(error.contains(words), "{words}: {error}");
     }
 }
-
-proptest::proptest! {
-    /// Whatever is changed in a file without checksums: an error, or scans, and an end.
-    #[test]
-    fn damage_is_no_panic(changes in proptest::collection::vec((0usize..4096, 0u8..), 1..4), cut in 0usize..40) {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("log.mcap");
-        let mut bytes = std::fs::read(recording("plain.mcap")).unwrap();
-        for (at, byte) in changes {
-            let at = at % bytes.len();
-            bytes[at] = byte;
-        }
-        bytes.truncate(bytes.len() - cut.saturating_sub(30));
-        std::fs::write(&path, bytes).unwrap();
-        if let Ok(mut source) = open(&path, None, false) {
-            let (mut scan, mut sequence) = (Scan::default(), 0);
-            while let Ok(next @ (Next::Scan | Next::NotYet)) = source.load(sequence, &mut scan) {
-                sequence += u64::from(next == Next::Scan);
-            }
-            assert!(sequence < 100, "it has an end");
-        }
-    }
-}

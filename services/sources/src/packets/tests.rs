@@ -425,13 +425,4 @@ proptest! {
         prop_assert_eq!(counts.packets + counts.damaged + counts.other_traffic, pushed as u64);
         prop_assert!(points <= pushed * 2 * kind.points_per_packet);
     }
-
-    #[test]
-    fn random_bytes_are_no_sensor_or_decoded(bytes in prop::collection::vec(any::<u8>(), 0..2000), text in ".{0,300}") {
-        let calibration = Calibration::parse(&text).ok();
-        let mut detector = Detector::new(calibration.as_ref());
-        if let Ok(Some(mut decoder)) = detector.look(&datagram(0, &bytes)) {
-            decoder.push(&datagram(u64::MAX, &bytes), &mut |_| ());
-        }
-    }
 }
