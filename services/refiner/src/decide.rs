@@ -20,6 +20,9 @@ use crate::{ClusterScorer, RefinerError, RobotSettings, Sensor, Settings, priors
 
 /// Factor on the score of what is unlikely an object, and the least that a cluster's score may be.
 const UNLIKELY: f32 = 0.05;
+/// A sure object that may be unknown is mostly a known one: the probability counts more than the objectness. Of 1, 2, 3, 5 and 9 the best
+/// on the validation scans of all three families.
+const UNKNOWN_POWER: i32 = 3;
 
 /// Scores unknown objects and says which sizes count.
 #[derive(Debug)]
@@ -61,8 +64,8 @@ impl UnknownScorer {
         /// Far above anything that a model gives.
         const SCORE_MAX: f32 = 1e6;
         let score = if self.is_ours && self.tells_unknown {
-            // Objectness x P(none of the known).
-            detection.objectness * detection.unknown_probability.max(0.0)
+            // Objectness x P(none of the known)^3.
+            detection.objectness * detection.unknown_probability.max(0.0).powi(UNKNOWN_POWER)
         } else if self.is_ours {
             // Objectness x (2 - e), both 0 to 1: something is there, and it lies between the prototypes.
             detection.objectness * (2.0 - detection.eds_normalised).clamp(0.0, 1.0)
