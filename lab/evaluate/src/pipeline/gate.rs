@@ -4,7 +4,8 @@
 //! one on a score that is low for the unknown, and 0 is the closed set.
 
 use super::DetectedFrame;
-use crate::sweep::quantile_grid;
+use crate::sweep::{best_index_from, quantile_grid};
+use crate::{SweepPoint, best_index};
 use mluc_head::{Detection, gate};
 use mluc_ipc_types::{DetectionKind, GateKind};
 use mluc_model::{HeadKind, Model, Thresholds};
@@ -24,6 +25,24 @@ pub enum ModelGate {
 }
 
 impl ModelGate {
+    /// Which point of a sweep (the closed set first) the threshold is taken from: the best harmonic mean of those that are allowed.
+    pub fn best_index(self, sweep: &[SweepPoint]) -> usize {
+        /// An operating profile limits false objects, so the gate of an open head need not.
+        const KNOWN_LOST_MAX: f64 = 1.0;
+        match self {
+            ModelGate::Known => best_index_from(sweep, sweep[0].map_known - KNOWN_LOST_MAX),
+            _ => best_index(sweep),
+        }
+    }
+
+    /// Which those are, in words.
+    pub(super) fn allowed(self) -> &'static str {
+        match self {
+            ModelGate::Known => "at most 1.0 points below",
+            _ => "at least 0.9 of",
+        }
+    }
+
     /// Of a model: by its head.
     pub fn of(model: &Model) -> ModelGate {
         match model.manifest.network.head {

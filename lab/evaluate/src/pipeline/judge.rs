@@ -8,7 +8,7 @@ use super::{
 use crate::open_set::unknown_as_known;
 use crate::{
     ApReport, Breakdown, ClassReport, ClassRule, EvaluateError, FrameRings, JudgedPoint,
-    NeighbourPolicy, ObjectKind, Operating, Result, SweepPoint, best_index, evaluate,
+    NeighbourPolicy, ObjectKind, Operating, Result, SweepPoint, evaluate,
 };
 use mluc_backbone::Precision;
 use mluc_dataset::whole_file::write_whole;
@@ -117,10 +117,7 @@ pub struct Choice {
     pub metrics: Vec<(String, f64)>,
 }
 
-/// What the gate of an open head may cost, points of mAP known: an operating profile limits false objects, so the gate need not.
-const KNOWN_LOST_MAX: f64 = 1.0;
-
-/// Chooses by the paper's rule among the points of a sweep, the closed set first; of an open head's among those that cost little. `data` and `refiner` tell where the figures come from.
+/// Chooses among the points of a sweep, the closed set first. `data` and `refiner` tell where the figures come from.
 pub fn choose_threshold(
     gate: ModelGate,
     sweep: &[SweepPoint],
@@ -135,14 +132,7 @@ pub fn choose_threshold(
             "the data: expected labelled objects of the unknown classes ({classes}) that count at moderate, found none"
         )));
     }
-    let closed = sweep[0];
-    let (allowed, kept) = match gate {
-        ModelGate::Known => (closed.map_known - KNOWN_LOST_MAX, "1.0 points below"),
-        _ => (0.0, "0.9 of"),
-    };
-    let points = sweep.iter().filter(|point| point.map_known >= allowed);
-    let points: Vec<SweepPoint> = points.copied().collect();
-    let point = points[best_index(&points)];
+    let (closed, point) = (sweep[0], sweep[gate.best_index(sweep)]);
     let figures = [
         ("map_known", point.map_known),
         ("map_known_closed", closed.map_known),
@@ -160,9 +150,10 @@ pub fn choose_threshold(
         metrics,
         reason: format!(
             "best harmonic mean of mAP known and AP unknown (R40, moderate) among {} thresholds that are quantiles of the \
-             kept boxes' {}, of those with mAP known at least {kept} the closed set's; data: {data}; refiner: {refiner}",
+             kept boxes' {}, of those with mAP known {} the closed set's; data: {data}; refiner: {refiner}",
             sweep.len() - 1,
-            gate.describe()
+            gate.describe(),
+            gate.allowed(),
         ),
     })
 }

@@ -25,9 +25,9 @@ const LEARNING_RATE: f64 = 0.001;
 const PROBE: (u32, u64) = (8, 3);
 /// Validation scans an hour, and their bounds.
 const VAL_SCANS: (f64, [f64; 2]) = (120.0, [12.0, 240.0]);
-/// Judging a validation scan before and after, and trying thresholds on it, takes as long as training on so many scans; other work,
-/// this share of the time.
-const JUDGE_SCANS: f64 = 1.5;
+/// Judging a validation scan before, after and in each precision, and trying thresholds on it, takes as long as training on so many
+/// scans (a guess); other work, this share of the time.
+const JUDGE_SCANS: f64 = 2.5;
 const OTHER_SHARE: f64 = 0.08;
 /// Fewer scans teach nothing about a sensor.
 const SCANS_MIN: f64 = 12.0;

@@ -44,8 +44,8 @@ pub(super) struct ModelArguments {
     /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
     #[arg(long, value_enum, default_value_t)]
     neighbours: NeighbourPolicy,
-    /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed
-    /// set's mAP.
+    /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed set's mAP, of an
+    /// open head all of it but one point.
     #[arg(long)]
     sweep: bool,
     /// Write the best threshold into the model file, with how it was chosen (implies --sweep and --write-precisions, and

@@ -2,8 +2,8 @@
 
 use minijinja::Environment;
 use minijinja::value::Serde;
-use mluc_evaluate::pipeline::{Choice, ModelJudgement, ScoreSeparation};
-use mluc_evaluate::{Breakdown, ClassReport, SweepPoint, best_index};
+use mluc_evaluate::pipeline::{Choice, ModelGate, ModelJudgement, ScoreSeparation};
+use mluc_evaluate::{Breakdown, ClassReport, SweepPoint};
 use mluc_model::{Model, Profiles};
 use serde_json::{Value, json};
 
@@ -49,7 +49,7 @@ impl Outcome {
         }
         if let Some(sweep) = &self.sweep {
             object["sweep"] = sweep.iter().map(point_json).collect();
-            object["best"] = point_json(&sweep[best_index(sweep)]);
+            object["best"] = point_json(&sweep[ModelGate::of(&self.model).best_index(sweep)]);
         }
         if let Some(choice) = &self.choice {
             object["threshold_choice"] = json!(choice.reason);
@@ -86,7 +86,8 @@ impl Outcome {
             .map(|named| json!(named))
             .collect();
         if let Some(sweep) = &self.sweep {
-            values["sweep"][best_index(sweep)]["is_best"] = json!(true);
+            let best = ModelGate::of(&self.model).best_index(sweep);
+            values["sweep"][best]["is_best"] = json!(true);
         }
         Environment::new().render_named_str("report.txt", include_str!("report.txt"), Serde(values))
     }
