@@ -253,11 +253,12 @@ impl Running {
         });
         let status = status.unwrap_or_else(|| panic!("no end within {patience:?}: {}", self.log()));
         let value = |line: &str| serde_json::from_str(line).unwrap_or(Value::String(line.into()));
-        let out = self.out.0.lock().expect("no panic");
+        let (out, log) = (self.out.0.lock().expect("no panic"), self.log());
+        assert!(!log.contains("outlives its shell"), "{log}");
         Finished {
             code: status.code(),
             lines: out.lines().map(value).collect(),
-            log: self.log(),
+            log,
         }
     }
 

@@ -14,6 +14,7 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::process::{Pid, geteuid, getppid};
 
 use crate::error::Result;
+use crate::mapping::mappings;
 use crate::{Instance, RuntimeError, sweep};
 
 const LOCK: &str = ".lock";
@@ -157,6 +158,10 @@ fn is_ours_alone(instance: &Instance) -> Result<bool> {
 
 impl Drop for Membership {
     fn drop(&mut self) {
+        if !mappings(&self.instance).is_empty() {
+            // A port that closes after this process left removes what the next process of the instance makes meanwhile.
+            tracing::error!("a port outlives its shell: drop the ports first");
+        }
         let begun = Instant::now();
         while flock(&self.lock, FlockOperation::NonBlockingLockExclusive).is_err() {
             let is_orphan = getppid() != self.parent;

@@ -102,7 +102,6 @@ const POLL_INTERVAL: Duration = Duration::from_millis(10);
 const PAUSE_NS: u64 = 500_000_000;
 
 struct Supervisor {
-    shell: Shell,
     args: PipelineArgs,
     settings: Settings,
     /// By SIGHUP.
@@ -114,6 +113,8 @@ struct Supervisor {
     scans: Scans,
     health: HealthWatch,
     status: StatusWriter,
+    // The ports go before the shell.
+    shell: Shell,
     children: Vec<Child>,
     /// The input, where ingest reads files.
     source: Option<Source>,
