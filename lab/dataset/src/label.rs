@@ -25,6 +25,8 @@ pub struct Label {
     pub camera_box: CameraBox,
     /// Detections only: confidence.
     pub score: Option<f64>,
+    /// Number of the object that it is in all scans of a drive.
+    pub track: Option<u32>,
 }
 
 impl Label {
@@ -40,7 +42,7 @@ impl Label {
 }
 
 impl std::fmt::Display for Label {
-    /// The line of a label file (15 columns), or of a detection file (16) when there is a score.
+    /// The line of a label file (15 columns), or of a detection file (16) when there is a score; a track id stands before the score.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} {:.2}", self.class, self.truncated)?;
         write!(f, " {} {:.4}", self.occluded, self.alpha_rad)?;
@@ -52,6 +54,7 @@ impl std::fmt::Display for Label {
             write!(f, " {metres:.4}")?;
         }
         write!(f, " {:.6}", b.rotation_y_rad)?;
+        self.track.map_or(Ok(()), |track| write!(f, " {track}"))?;
         self.score.map_or(Ok(()), |score| write!(f, " {score:.6}"))
     }
 }
@@ -63,7 +66,7 @@ const COLUMNS: [&str; 15] = [
     "height", "width", "length", "x", "y", "z", "rotation_y",
 ];
 
-/// Reads a label file. An empty file is a frame without objects. A 16th column (a track id) is passed over.
+/// Reads a label file. An empty file is a frame without objects. A 16th column is a track id.
 pub fn read_labels(path: &Path) -> Result<Vec<Label>> {
     parse(path, &read_text(path)?, false)
 }
@@ -101,6 +104,7 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
         return Err(line.in_field(COLUMNS[column], expected, columns[column]));
     }
     let three = |first: usize| [0, 1, 2].map(|i| numbers[first + i]);
+    let track = columns[15..columns.len() - usize::from(scored)].first();
     Ok(Label {
         class: columns[0].to_owned(),
         truncated: numbers[1],
@@ -115,6 +119,8 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
         score: scored
             .then(|| number(columns.len() - 1, "score"))
             .transpose()?,
+        // -1: none.
+        track: track.and_then(|track| track.parse().ok()),
     })
 }
 
@@ -170,7 +176,7 @@ mod tests {
     fn reads_labels_with_and_without_a_track_id() {
         let labels = parsed(&format!("{CAR}\n\n{CAR} 7\n"), false).expect("labels");
         assert_eq!(labels.len(), 2);
-        assert_eq!(labels[0], labels[1]);
+        assert_eq!((labels[0].track, labels[1].track), (None, Some(7)));
         let car = &labels[0];
         assert!(car.is("car") && !car.is_dont_care());
         let found = (car.occluded, car.truncated, car.alpha_rad, car.score);
@@ -192,7 +198,7 @@ mod tests {
     #[test]
     fn a_written_line_reads_back() {
         let mut car = parsed(CAR, false).expect("label").remove(0);
-        car.score = Some(0.75);
+        (car.score, car.track) = (Some(0.75), Some(3));
         let back = parsed(&car.to_string(), true).expect("detection");
         assert_eq!(back, vec![car]);
     }

@@ -21,6 +21,9 @@ pub struct SensorDetection {
     pub class: String,
     /// Confidence; higher is better; finite.
     pub score: f64,
+    /// Number of its track, where objects are followed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub track: Option<u32>,
     /// Where it is.
     #[serde(flatten, with = "BoxFields")]
     pub box_in_sensor: Box3,
@@ -81,6 +84,7 @@ impl FrameTruth {
                 image_box_px,
                 camera_box,
                 score: Some(found.score),
+                track: found.track,
                 ..Label::default()
             })
         };

@@ -8,7 +8,7 @@
 //! labels count, which are ignored and how much overlap is asked for. Both give a curve of precision over recall,
 //! from which AP at 11 positions, at 40 positions and over all points follow; [`evaluate`] does so for every class,
 //! metric and difficulty, [`Breakdown`] by range and by the sensor's rings on the object; [`JudgedPoint`] for a threshold of the gate. [`Operating`] says
-//! what a robot gets at a score.
+//! what a robot gets at a score, [`Tracks`] counts an object that is followed once.
 //!
 //! Frames are matched one by one, so the open-set figures of any part of a data set follow without matching again:
 //! [`JudgedFrames`] keeps the parts, a [`JudgedPoint`] judges halves of the data beside the whole, [`honest`] chooses on one half
@@ -30,6 +30,7 @@ mod rule;
 mod sweep;
 #[cfg(test)]
 mod tests;
+mod tracks;
 
 pub use breakdown::Breakdown;
 pub use curve::{AveragePrecision, harmonic_mean};
@@ -47,3 +48,4 @@ pub use rule::{
     unrecognized,
 };
 pub use sweep::{Honest, JudgedPoint, KNOWN_KEPT_MIN, SweepPoint, best_index, honest};
+pub use tracks::Tracks;

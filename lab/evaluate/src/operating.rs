@@ -43,7 +43,7 @@ type Counts = [f64; 7];
 
 /// What an object lies on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Place {
+pub(crate) enum Place {
     Known,
     Unknown,
     /// A label that no rule asks for.
@@ -187,14 +187,19 @@ fn draws(drives: &[usize]) -> Vec<Vec<usize>> {
     (0..DRAWS).map(draw).collect()
 }
 
-fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
+/// The part of a frame that is counted.
+pub(crate) fn counted(frame: &LabelledFrame) -> LabelledFrame {
     let is_near = |label: &&Label| range_m(&label.camera_box.upright()) <= RANGE_MAX_M;
     let is_labelled = |d: &&Label| !in_dont_care(frame, &d.image_box_px, DONT_CARE_MAX);
     let detections = frame.detections.iter().filter(is_near).filter(is_labelled);
-    let near = LabelledFrame {
+    LabelledFrame {
         detections: detections.cloned().collect(),
         labels: frame.labels.iter().filter(is_near).cloned().collect(),
-    };
+    }
+}
+
+fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
+    let near = counted(frame);
     let match_one = |rule: &ClassRule| {
         let (metric, difficulty) = (Metric::Space, Difficulty::Moderate);
         (
@@ -225,17 +230,13 @@ fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
 }
 
 /// Of several labels one of the object's own kind.
-fn lies_on(
+pub(crate) fn lies_on(
     detection: &Label,
     own: ObjectKind,
     frame: &LabelledFrame,
     rules: &[ClassRule],
 ) -> Place {
-    let [x, y, _] = detection.camera_box.upright().center_m;
-    let around = frame.labels.iter().filter(|label| {
-        let shape = label.camera_box.upright();
-        !label.is_dont_care() && Inside::of(&shape, MARGIN_M).contains([x, y, shape.center_m[2]])
-    });
+    let around = frame.labels.iter().filter(|label| is_on(detection, label));
     let places = around.map(|label| {
         let mut rules = rules.iter();
         let rule = rules.find(|rule| rule.label_counts(label) == Some(true));
@@ -246,6 +247,12 @@ fn lies_on(
         }
     });
     places.min().map_or(Place::Nothing, |(_, place)| place)
+}
+
+pub(crate) fn is_on(detection: &Label, label: &Label) -> bool {
+    let [x, y, _] = detection.camera_box.upright().center_m;
+    let shape = label.camera_box.upright();
+    !label.is_dont_care() && Inside::of(&shape, MARGIN_M).contains([x, y, shape.center_m[2]])
 }
 
 #[cfg(test)]

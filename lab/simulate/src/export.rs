@@ -179,7 +179,13 @@ fn write_frame(
     index: u32,
     frame: &SimulatedFrame,
 ) -> Result<(), DatasetError> {
-    let label = |o| format!("{}\n", label_of(o, options.family, calibration));
+    let label = |object: &SimulatedObject| {
+        let mut label = label_of(object, options.family, calibration);
+        // Another sequence is another place, with other objects.
+        let scene = options.sequence.map(|steps| index / steps);
+        label.track = scene.map(|scene| scene * OBJECTS_MAX + object.number);
+        format!("{label}\n")
+    };
     let labels: String = frame.objects.iter().map(label).collect();
     let instances = frame.instances.iter().flat_map(|i| i.to_le_bytes());
     let calib = calibration_text(calibration);
@@ -197,6 +203,9 @@ fn write_frame(
     })
 }
 
+/// More objects than a scene has.
+const OBJECTS_MAX: u32 = 1000;
+
 /// The label line of an object.
 fn label_of(object: &SimulatedObject, family: Family, calibration: &Calibration) -> Label {
     let camera_box = calibration.label_from_box_in_sensor(&object.box_in_sensor);
@@ -209,7 +218,7 @@ fn label_of(object: &SimulatedObject, family: Family, calibration: &Calibration)
         alpha_rad: limit_period(alpha_rad, 0.5, std::f64::consts::TAU),
         image_box_px: object.image_box_px,
         camera_box,
-        score: None,
+        ..Label::default()
     }
 }
 

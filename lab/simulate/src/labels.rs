@@ -67,6 +67,7 @@ pub(crate) fn label(
             points,
             image_box_px,
             truncated,
+            number: index as u32,
         });
         renumbered[index + 1] = objects.len() as u16;
     }

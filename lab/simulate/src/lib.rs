@@ -184,6 +184,8 @@ pub struct SimulatedObject {
     pub image_box_px: [f64; 4],
     /// Part of the projected rectangle outside the image, 0..1.
     pub truncated: f64,
+    /// Which object of the scene: the same in all frames of a sequence.
+    pub number: u32,
 }
 
 impl SimulatedObject {

@@ -423,6 +423,7 @@ fn without_a_camera_labels_carry_the_level_of_their_points() {
         points: 9,
         image_box_px: [0.0, 0.0, 100.0, 100.0],
         truncated: 0.0,
+        number: 0,
     };
     assert_eq!(object.occluded(Family::SimUdi), 3);
     assert_eq!(object.occluded(Family::SimKitti), 0);

@@ -4,7 +4,7 @@ use super::compared::Compared;
 use super::warn_unrecognized;
 use crate::commands::terminal::print_out;
 use clap::Args;
-use mluc_evaluate::{Breakdown, ClassRule, Operating, UnknownProtocol};
+use mluc_evaluate::{Breakdown, ClassRule, Operating, Tracks, UnknownProtocol};
 
 /// Objects a scan and an hour at 10 Hz, how many of them lie on no label, and recall: as published, and as a curve over the score.
 ///
@@ -13,7 +13,7 @@ use mluc_evaluate::{Breakdown, ClassRule, Operating, UnknownProtocol};
 /// moderate. Each --labels folder is one drive: the 95 % intervals come from drawing drives, and in each runs of ten scans.
 ///
 /// `at most N`: the lowest score that leaves at most N objects a scan on no label on these very scans. The curve goes down to what is in
-/// the detections: `mluc up --profile all` publishes everything.
+/// the detections: `mluc up --profile all` publishes everything. With `mluc up --track` tracks are counted too: one is one alarm.
 #[derive(Args)]
 pub(super) struct OperatingArguments {
     #[command(flatten)]
@@ -29,6 +29,7 @@ pub(super) fn run(arguments: OperatingArguments) -> anyhow::Result<()> {
     let labels = input.frames.iter().flat_map(|frame| frame.labels.iter());
     warn_unrecognized(labels, &rules);
     let operating = Operating::of(&input.frames, &input.counts, &rules);
+    let tracks = Tracks::of(&input.frames, &input.counts, &rules);
     // Each class that is merged into the unknown by itself, too.
     let merged = rules.iter().filter(|rule| rule.valid.len() > 1);
     let class = |rule: &ClassRule, name: &String| ClassRule {
@@ -42,8 +43,10 @@ pub(super) fn run(arguments: OperatingArguments) -> anyhow::Result<()> {
     if arguments.json {
         let mut object = operating.to_json();
         object["by_range"] = by_range.to_json();
+        object["tracks"] = serde_json::json!(tracks);
         return print_out(format_args!("{object:#}"));
     }
-    let text = format!("{}\n{}", operating.to_table(), by_range.to_table());
+    let tracks = tracks.map_or(String::new(), |tracks| format!("{tracks}\n\n"));
+    let text = format!("{}\n{tracks}{}", operating.to_table(), by_range.to_table());
     print_out(text.trim_end())
 }
