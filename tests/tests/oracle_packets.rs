@@ -3,15 +3,16 @@
 //! `truth.pcd` holds one revolution by another decoder, cut where it likes: our points of one turn's time are compared with it by nearest neighbour, turned about
 //! z by the quarter turns that fit best (printed). `digest.json` holds md5 sums of an Ouster's range images.
 
-use std::collections::HashMap;
 use std::fs::{read, read_dir, read_to_string};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use md5::{Digest, Md5};
+use mluc_sources::files::{Format, Layout};
 use mluc_sources::packets::{Calibration, Datagram, Decoder, Detector, Metadata, Revolution};
 use mluc_sources::pcap::Capture;
 use mluc_tests::{oracle, read_json};
+use rstar::RTree;
 
 const NEAR_M: f32 = 0.02;
 const SHARE_MIN: f64 = 0.99;
@@ -59,64 +60,29 @@ fn decode(decoder: &mut Decoder, packets: &[Packet], on: &mut dyn FnMut(&Revolut
     decoder.finish(on);
 }
 
-/// The first three fields, x, y, z, of a binary PCD file.
+/// x, y, z of a PCD file.
 fn pcd_points(path: &Path) -> Vec<[f32; 3]> {
-    let bytes = read(path).expect("readable");
-    let mark = b"DATA binary\n";
-    let at = bytes.windows(mark.len()).position(|w| w == mark);
-    let (header, body) = bytes.split_at(at.expect("a binary PCD") + mark.len());
-    let header = String::from_utf8_lossy(header);
-    assert!(header.contains("FIELDS x y z") && header.contains("SIZE 4 4 4"));
-    let sizes = header.lines().find_map(|line| line.strip_prefix("SIZE "));
-    let sizes = sizes.expect("sizes").split(' ');
-    let stride = sizes
-        .map(|size| size.parse::<usize>().expect("a size"))
-        .sum();
-    let point = |bytes: &[u8]| {
-        let (numbers, _) = bytes.as_chunks::<4>();
-        [0, 1, 2].map(|i| f32::from_le_bytes(numbers[i]))
-    };
-    body.chunks_exact(stride).map(point).collect()
+    let file = read(path).expect("readable");
+    let points = Format::Pcd.convert(&Layout::default(), file);
+    let (bytes, is_cut) = points.expect("a PCD file");
+    assert!(!is_cut);
+    let points = bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned);
+    points.map(|[x, y, z, _]: [f32; 4]| [x, y, z]).collect()
 }
 
-/// Points by cells of `NEAR_M`.
-struct Cells(HashMap<[i32; 3], Vec<[f32; 3]>>);
+fn has(tree: &RTree<[f32; 3]>, point: [f32; 3], within_m: f32) -> bool {
+    let mut near = tree.locate_within_distance(point, within_m * within_m);
+    near.next().is_some()
+}
 
-impl Cells {
-    fn new(points: impl Iterator<Item = [f32; 3]>) -> Cells {
-        let mut cells: HashMap<_, Vec<_>> = HashMap::new();
-        for point in points {
-            cells.entry(Cells::of(point)).or_default().push(point);
-        }
-        Cells(cells)
+/// Of some points those with one of the tree within [`NEAR_M`].
+fn share(tree: &RTree<[f32; 3]>, points: impl Iterator<Item = [f32; 3]>) -> f64 {
+    let (mut all, mut near) = (0, 0);
+    for point in points {
+        all += 1;
+        near += usize::from(has(tree, point, NEAR_M));
     }
-
-    fn of(point: [f32; 3]) -> [i32; 3] {
-        point.map(|v| (v / NEAR_M).floor() as i32)
-    }
-
-    fn has(&self, [x, y, z]: [f32; 3], within_m: f32) -> bool {
-        let [i, j, k] = Cells::of([x, y, z]);
-        let is_near = |p: &[f32; 3]| {
-            let [a, b, c] = [p[0] - x, p[1] - y, p[2] - z];
-            a * a + b * b + c * c <= within_m * within_m
-        };
-        (0..27).any(|n| {
-            let cell = [i + n % 3 - 1, j + n / 3 % 3 - 1, k + n / 9 - 1];
-            self.0
-                .get(&cell)
-                .is_some_and(|points| points.iter().any(is_near))
-        })
-    }
-
-    fn share(&self, points: impl Iterator<Item = [f32; 3]>, within_m: f32) -> f64 {
-        let (mut all, mut near) = (0, 0);
-        for point in points {
-            all += 1;
-            near += usize::from(self.has(point, within_m));
-        }
-        near as f64 / f64::from(all.max(1))
-    }
+    near as f64 / f64::from(all.max(1))
 }
 
 fn turned([x, y, z]: [f32; 3], quarters: usize) -> [f32; 3] {
@@ -125,13 +91,13 @@ fn turned([x, y, z]: [f32; 3], quarters: usize) -> [f32; 3] {
 
 /// Shares of the truth's points with one of ours near, and the other way round; how ours was turned.
 fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, usize) {
-    let cells = Cells::new(truth.iter().copied());
+    let tree = RTree::bulk_load(truth.to_vec());
     let sample = |quarters| {
         let points = ours
             .iter()
             .step_by(17)
             .map(move |(_, point)| turned(*point, quarters));
-        (cells.share(points, NEAR_M) * 1e6) as u64
+        (share(&tree, points) * 1e6) as u64
     };
     let quarters = (0..4).max_by_key(|quarters| sample(*quarters)).unwrap_or(0);
     ours.iter_mut()
@@ -140,7 +106,7 @@ fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, 
     // The turn that is the truth's: the one with most points that are the same to 2 mm.
     let mut same = vec![0u32];
     for (_, point) in ours.iter() {
-        same.push(same[same.len() - 1] + u32::from(cells.has(*point, 0.002)));
+        same.push(same[same.len() - 1] + u32::from(has(&tree, *point, 0.002)));
     }
     let after = |ns: u64| ours.partition_point(|(at, _)| *at < ns);
     let found = |start: &usize| same[after(ours[*start].0 + turn_ns)] - same[*start];
@@ -151,7 +117,7 @@ fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, 
     // The other decoder cuts at an angle, not at a time: compare beyond the turn one way, within it the other way.
     let (start_ns, edge_ns) = (ours[start].0, turn_ns / 20);
     let wide = after(start_ns.saturating_sub(edge_ns))..after(start_ns + turn_ns + edge_ns);
-    let wide = Cells::new(ours[wide].iter().map(|(_, point)| *point));
+    let wide = RTree::bulk_load(ours[wide].iter().map(|(_, point)| *point).collect());
     let narrow = after(start_ns + edge_ns)..after(start_ns + turn_ns - edge_ns);
     let covered: Vec<bool> = truth.iter().fold(vec![false; 361], |mut covered, point| {
         covered[degree(point)] = true;
@@ -159,8 +125,8 @@ fn compared(ours: &mut [Timed], turn_ns: u64, truth: &[[f32; 3]]) -> (f64, f64, 
     });
     let narrow = ours[narrow].iter().map(|(_, point)| *point);
     let narrow = narrow.filter(|point| covered[degree(point)]);
-    let of_truth = wide.share(truth.iter().copied(), NEAR_M);
-    (of_truth, cells.share(narrow, NEAR_M), quarters)
+    let of_truth = share(&wide, truth.iter().copied());
+    (of_truth, share(&tree, narrow), quarters)
 }
 
 fn degree(point: &[f32; 3]) -> usize {

@@ -9,7 +9,7 @@ use mluc_model::formula_weights;
 use mluc_tests::{PaperFrame, feature_map, paper_frames, paper_network, rms};
 use serde::Deserialize;
 
-type Fallible<T = ()> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
+type Fallible<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
 /// Of a level's rms.
 const TOLERANCE: f64 = 1e-3;
@@ -77,36 +77,6 @@ fn every_level_of_every_frame_agrees() -> Fallible {
         }
     }
     Ok(())
-}
-
-#[test]
-fn threads_do_not_change_a_bit_of_a_full_scan() -> Fallible {
-    let manifest = paper_network();
-    let weights = formula_weights(&manifest.network);
-    let mut backbone = Backbone::new(&manifest, &weights)?;
-    let mut head = Head::new(&manifest, &weights)?;
-    for frame in paper_frames()? {
-        let mut bits = |threads: usize| -> Fallible<Vec<u32>> {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-            let pool = pool.build()?;
-            pool.install(|| stages(&mut backbone, &mut head, &frame.points))
-        };
-        assert!(bits(1)? == bits(2)?, "{}: one thread and two", frame.name);
-    }
-    Ok(())
-}
-
-/// Both stages, as the vehicle runs them: the bits of the feature rows and the detections.
-fn stages(backbone: &mut Backbone, head: &mut Head, points: &[[f32; 4]]) -> Fallible<Vec<u32>> {
-    backbone.run(points);
-    let (cells, rows) = backbone.last_rows()?;
-    let mut detections = vec![];
-    head.run(&cells, &rows, &mut detections)?;
-    let has_contents = rows.len() > 1000 && !detections.is_empty();
-    assert!(has_contents, "the frame is empty");
-    let mut bits: Vec<u32> = bytemuck::cast_slice(&rows).to_vec();
-    bits.extend_from_slice(bytemuck::cast_slice(&detections));
-    Ok(bits)
 }
 
 fn read_answers(frame: &PaperFrame) -> Fallible<BTreeMap<String, Expected>> {
