@@ -28,27 +28,10 @@ pub struct Model {
 impl Model {
     /// Reads and checks a model file's bytes.
     pub fn from_bytes(bytes: &[u8]) -> Result<Model> {
-        let damaged = |cause: SafeTensorError| {
-            let length = bytes.len();
-            ModelError::File(format!(
-                "of {length} bytes is damaged or cut short: {cause}"
-            ))
-        };
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
-        let metadata = header.metadata().as_ref();
-        let manifest = metadata.and_then(|metadata| metadata.get(MANIFEST_KEY));
+        let (metadata, weights) = read_tensors(bytes)?;
         let missing = || format!("has no manifest (metadata key `{MANIFEST_KEY}`)");
+        let manifest = metadata.get(MANIFEST_KEY);
         let manifest = read_manifest(manifest.ok_or_else(|| ModelError::File(missing()))?)?;
-        let mut weights = WeightSet::new();
-        for (name, view) in SafeTensors::deserialize(bytes).map_err(damaged)?.iter() {
-            if view.dtype() != Dtype::F32 {
-                let cause = format!("must hold F32, found {:?}", view.dtype());
-                return Err(ModelError::tensor(name, cause));
-            }
-            let (values, _) = view.data().as_chunks();
-            let values = values.iter().map(|bytes| f32::from_le_bytes(*bytes));
-            weights.insert(name, view.shape().to_vec(), values.collect());
-        }
         weights.check(&manifest.network)?;
         Ok(Model {
             manifest,
@@ -68,6 +51,28 @@ impl Model {
             Err(cause) => Err(ModelError::Io { path, cause }),
         }
     }
+}
+
+/// Metadata and tensors of a safetensors file, whatever they are called; each must hold f32.
+pub fn read_tensors(bytes: &[u8]) -> Result<(HashMap<String, String>, WeightSet)> {
+    let damaged = |cause: SafeTensorError| {
+        let length = bytes.len();
+        ModelError::File(format!(
+            "of {length} bytes is damaged or cut short: {cause}"
+        ))
+    };
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let mut weights = WeightSet::new();
+    for (name, view) in SafeTensors::deserialize(bytes).map_err(damaged)?.iter() {
+        if view.dtype() != Dtype::F32 {
+            let cause = format!("must hold F32, found {:?}", view.dtype());
+            return Err(ModelError::tensor(name, cause));
+        }
+        let (values, _) = view.data().as_chunks();
+        let values = values.iter().map(|bytes| f32::from_le_bytes(*bytes));
+        weights.insert(name, view.shape().to_vec(), values.collect());
+    }
+    Ok((header.metadata().clone().unwrap_or_default(), weights))
 }
 
 /// The bytes of a model file; the same model gives the same bytes. Refuses what [`Model::from_bytes`] would refuse.

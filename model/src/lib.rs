@@ -17,7 +17,7 @@ mod untrained;
 mod validate;
 
 pub use error::ModelError;
-pub use file::{Model, model_bytes};
+pub use file::{Model, model_bytes, read_tensors};
 pub use fold::{BATCH_NORM_EPS, Folded};
 pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use rustix::process::Signal;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -124,6 +125,15 @@ impl Setting {
     pub fn finish(&self, run: Running) -> Finished {
         let run = run.finish();
         assert_eq!(leftovers(&self.instance), [""; 0], "{}", run.log);
+        run
+    }
+
+    /// [`Running::stop`], and [`Setting::finish`].
+    #[track_caller]
+    pub fn stop(&self, run: Running) -> Finished {
+        run.signal(Signal::TERM);
+        let run = self.finish(run);
+        assert_eq!(run.code, Some(0), "{}", run.log);
         run
     }
 

@@ -267,6 +267,15 @@ impl Running {
     pub fn finish(self) -> Finished {
         self.finish_within(Duration::from_secs(60))
     }
+
+    /// Asks it to end, which it must do without an error.
+    #[track_caller]
+    pub fn stop(self) -> Finished {
+        self.signal(Signal::TERM);
+        let ended = self.finish();
+        assert_eq!(ended.code, Some(0), "{}", ended.log);
+        ended
+    }
 }
 
 impl Drop for Running {

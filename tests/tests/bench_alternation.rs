@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mluc_tests::{Setting, assert_has, mluc_program, read_json};
+use mluc_tests::{Running, Setting, assert_has, mluc_program, read_json};
 use serde_json::{Value, json};
 
 /// Options of a short run, each side in turns.
@@ -20,6 +20,10 @@ fn two_refiners_are_measured_on_the_same_frames() {
     let run = setting.bench(&format!("{SHORT} --refiner none --refiner range-scaled"));
     let comparison = read_json(&out.join("comparison.json"));
     assert_eq!(comparison["names"], json!(["none", "range-scaled"]));
+    let twice = format!("bench compare --json {0}/a {0}/a", out.display());
+    let compared = Running::mluc(twice.split(' ')).finish();
+    assert_eq!(compared.code, Some(0), "{}", compared.log);
+    assert_eq!(compared.lines[0]["is_equal"], true);
     let [a, b] = reports(&out);
     assert_eq!(a["scenario"]["refiner"], "none");
     assert_eq!(b["scenario"]["refiner"], "range-scaled");

@@ -38,9 +38,7 @@ fn a_source_and_a_consumer_in_python_stand_in_for_ours() {
     assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
     run.assert_says(&["stages restarted: 1"]);
     assert!(!run.log.contains("refused"), "{}", run.log);
-    consumer.signal(Signal::TERM);
-    let consumer = consumer.finish();
-    assert_eq!(consumer.code, Some(0), "{}", consumer.log);
+    let consumer = consumer.stop();
     assert_eq!(leftovers(&setting.instance), [""; 0]);
 
     let sequences = run.sequences();

@@ -84,10 +84,7 @@ fn start_by_hand(setting: &Setting, command: &[String]) -> Running {
 
 /// Ends it; gives what it wrote to stderr.
 fn end_by_hand(refiner: Running) -> String {
-    refiner.signal(Signal::TERM);
-    let ended = refiner.finish();
-    assert_eq!(ended.code, Some(0), "{}", ended.log);
-    ended.log
+    refiner.stop().log
 }
 
 /// A pipeline whose refiner is started by hand: it makes the instance that the refiner joins.
@@ -117,9 +114,7 @@ fn a_refiner_is_replaced_by_hand_while_the_others_run() {
         end_by_hand(refiner);
     }
     assert_eq!(run.stages(), others, "nobody else was restarted");
-    run.signal(Signal::TERM);
-    let run = setting.finish(run);
-    assert_eq!(run.code, Some(0), "{}", run.log);
+    let run = setting.stop(run);
     let sequences = run.sequences();
     let has_no_gap = sequences.windows(2).all(|pair| pair[1] == pair[0] + 1);
     assert!(has_no_gap, "{sequences:?}");

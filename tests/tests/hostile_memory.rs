@@ -94,9 +94,7 @@ fn objects_that_change_after_their_publication_harm_nobody() {
     }
     drop((input, shell));
     run.wait_for_lines(10);
-    run.signal(Signal::TERM);
-    let finished = setting.finish(run);
-    assert_eq!(finished.code, Some(0), "{}", finished.log);
+    let finished = setting.stop(run);
     finished.assert_says(&["stages restarted: 0"]);
     assert!(
         finished.lines.iter().all(|line| line["wire"].is_u64()),
@@ -123,8 +121,7 @@ fn half_made_segments_hang_no_restart() {
         run.wait_for_lines(5);
         assert!(paths.iter().all(|path| fs::metadata(path).is_err()));
     }
-    run.signal(Signal::TERM);
-    assert_eq!(setting.finish(run).code, Some(0));
+    setting.stop(run);
 }
 
 /// `mluc up` with a /dev/shm of its own; `None`, said: that needs root.
@@ -165,10 +162,7 @@ fn shared_memory_that_is_too_small_is_named_and_one_that_fills_up_later_harms_no
         run.wait_for_lines(1);
         std::thread::sleep(Duration::from_secs(6));
         run.wait_for_lines(20);
-        run.signal(Signal::TERM);
-        let finished = run.finish();
-        assert_eq!(finished.code, Some(0), "{}", finished.log);
-        finished.assert_says(&["stages restarted: 0"]);
+        run.stop().assert_says(&["stages restarted: 0"]);
     }
 }
 
@@ -200,6 +194,5 @@ fn another_user_reaches_nothing() {
         .expect("setpriv starts");
     assert_eq!(String::from_utf8_lossy(&output.stdout), "");
     run.wait_for_lines(5);
-    run.signal(Signal::TERM);
-    assert_eq!(setting.finish(run).code, Some(0));
+    setting.stop(run);
 }

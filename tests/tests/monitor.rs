@@ -73,11 +73,8 @@ fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
         ask("/healthz")
     );
     run.signal(Signal::CONT);
-    run.signal(Signal::TERM);
-    assert_eq!(run.finish().code, Some(0));
-    monitor.signal(Signal::TERM);
-    let monitor = setting.finish(monitor);
-    assert_eq!(monitor.code, Some(0), "{}", monitor.log);
+    run.stop();
+    setting.stop(monitor);
 }
 
 #[test]
@@ -97,6 +94,5 @@ fn top_and_status_print_a_page_that_is_no_terminal() {
     assert_has(&top, &["Hz", "#"]);
     assert!(!top.contains('\x1b'), "{top}");
     assert_has(&status, &words);
-    run.signal(Signal::TERM);
-    assert_eq!(setting.finish(run).code, Some(0));
+    setting.stop(run);
 }

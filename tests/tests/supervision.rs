@@ -86,8 +86,7 @@ fn a_reader_that_stands_still_loses_lines_at_the_sensors_pace_and_signals_end_th
     });
     drop((watch, shell));
     kill_and_await(&mut run, "refiner");
-    run.signal(Signal::TERM);
-    let finished = setting.finish(run);
+    let finished = setting.stop(run);
     finished.assert_ended(0, 0);
     finished.assert_says(&["lines dropped", "frames: "]);
 }
@@ -108,8 +107,7 @@ fn a_log_that_nobody_reads_stops_no_restart_and_says_what_was_lost() {
     });
     // Reading begins.
     std::thread::sleep(SECOND);
-    run.signal(Signal::TERM);
-    assert_eq!(setting.finish(run).code, Some(0));
+    setting.stop(run);
     let log = read.join().expect("no panic").expect("read");
     assert_has(&log, &["messages were lost", "frames: "]);
 }
@@ -224,8 +222,7 @@ fn of_two_starts_at_once_one_runs() {
         (second, first)
     };
     refused.finish().assert_ended(1, 0);
-    running.signal(Signal::TERM);
-    assert_eq!(setting.finish(running).code, Some(0));
+    setting.stop(running);
     assert!(wait_for(SECOND, || leftovers(&setting.instance).is_empty()));
 }
 

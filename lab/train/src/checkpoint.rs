@@ -7,9 +7,8 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::Path;
 
-use mluc_model::WeightSet;
+use mluc_model::{ModelError, WeightSet, read_tensors};
 use safetensors::SafeTensorError;
-use safetensors::tensor::{Dtype, SafeTensors};
 
 use crate::error::TrainError;
 use crate::run_folder;
@@ -49,53 +48,6 @@ pub fn save(path: &Path, state: &TrainState, fingerprint: &str) -> Result<(), Tr
     run_folder::write(path, &bytes)
 }
 
-/// The tensors and the metadata of a checkpoint.
-struct Reader<'a> {
-    path: &'a Path,
-    tensors: SafeTensors<'a>,
-    metadata: HashMap<String, String>,
-}
-
-impl Reader<'_> {
-    fn new<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<Reader<'a>, TrainError> {
-        let not_one = |cause: SafeTensorError| wrong(path, "a checkpoint", cause);
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(not_one)?;
-        Ok(Reader {
-            path,
-            tensors: SafeTensors::deserialize(bytes).map_err(not_one)?,
-            metadata: header.metadata().clone().unwrap_or_default(),
-        })
-    }
-
-    fn text(&self, name: &str) -> &str {
-        self.metadata.get(name).map_or("", String::as_str)
-    }
-
-    fn number(&self, name: &str) -> Result<u64, TrainError> {
-        let expected = || format!("a whole number in {name}");
-        let text = self.text(name);
-        text.parse().map_err(|_| wrong(self.path, expected(), text))
-    }
-
-    /// Finite values, as many as `to` has.
-    fn list(&self, name: &str, to: &mut [f32]) -> Result<(), TrainError> {
-        let tensor = self.tensors.tensor(name);
-        let tensor = tensor.map_err(|cause| wrong(self.path, "a checkpoint", cause))?;
-        let data = tensor.data();
-        if tensor.dtype() != Dtype::F32 || data.len() != 4 * to.len() {
-            let expected = format!("{name} of {} f32", to.len());
-            return Err(wrong(self.path, expected, format!("{} bytes", data.len())));
-        }
-        for (to, bytes) in to.iter_mut().zip(data.chunks_exact(4)) {
-            *to = f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
-            if !to.is_finite() {
-                return Err(wrong(self.path, format!("finite values in {name}"), *to));
-            }
-        }
-        Ok(())
-    }
-}
-
 /// Restores into a state of the same shapes; false when there is no checkpoint.
 pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bool, TrainError> {
     let bytes = match std::fs::read(path) {
@@ -103,24 +55,37 @@ pub fn load(path: &Path, state: &mut TrainState, fingerprint: &str) -> Result<bo
         Err(cause) if cause.kind() == std::io::ErrorKind::NotFound => return Ok(false),
         Err(cause) => return Err(TrainError::io(path, cause)),
     };
-    let reader = Reader::new(path, &bytes)?;
-    let found = reader.text("settings");
+    let not_one = |cause: ModelError| wrong(path, "a checkpoint of this network", cause);
+    let (metadata, tensors) = read_tensors(&bytes).map_err(not_one)?;
+    let text = |name: &str| metadata.get(name).map_or("", String::as_str);
+    let number = |name: &str| {
+        let fault = |_| wrong(path, format!("a whole number in {name}"), text(name));
+        text(name).parse::<u64>().map_err(fault)
+    };
+    let list = |name: &str, to: &mut [f32]| {
+        to.copy_from_slice(tensors.get(name, &[to.len()]).map_err(not_one)?);
+        match to.iter().find(|value| !value.is_finite()) {
+            Some(value) => Err(wrong(path, format!("finite values in {name}"), value)),
+            None => Ok(()),
+        }
+    };
+    let found = text("settings");
     if found != fingerprint {
         let expected = format!("a run with '{fingerprint}'");
         return Err(wrong(path, expected, format!("'{found}'")));
     }
     let mut restored = state.clone();
     let adam = &mut restored.adam;
-    reader.list("parameters", &mut restored.parameters)?;
-    reader.list("adam.first", &mut adam.first)?;
-    reader.list("adam.second", &mut adam.second)?;
-    adam.steps = reader.number("adam.steps")?;
-    adam.momentum_product = f64::from_bits(reader.number("adam.momentum_product")?);
-    restored.step = reader.number("step")?;
+    list("parameters", &mut restored.parameters)?;
+    list("adam.first", &mut adam.first)?;
+    list("adam.second", &mut adam.second)?;
+    adam.steps = number("adam.steps")?;
+    adam.momentum_product = f64::from_bits(number("adam.momentum_product")?);
+    restored.step = number("step")?;
     let channels = state.running.iter().map(|s| s.mean.len()).sum();
     let (mut means, mut variances) = (vec![0.0; channels], vec![0.0; channels]);
-    reader.list("running.mean", &mut means)?;
-    reader.list("running.variance", &mut variances)?;
+    list("running.mean", &mut means)?;
+    list("running.variance", &mut variances)?;
     let (mut means, mut variances) = (means.into_iter(), variances.into_iter());
     for statistics in &mut restored.running {
         let means = statistics.mean.iter_mut().zip(&mut means);

@@ -99,7 +99,7 @@ fn a_wrong_checkpoint_is_refused_and_the_state_left_alone() {
     let larger = trainer_of(&Network { head, ..small() }, 5, 0.0, 1);
     checkpoint::save(&path, &larger.state, "seed 1").expect("saved");
     let text = fault("seed 1");
-    assert!(text.contains("parameters of"), "{text}");
+    assert!(text.contains("`parameters` must have shape"), "{text}");
     // With values that are no numbers.
     let mut broken = good.clone();
     broken.parameters[3] = f32::NAN;

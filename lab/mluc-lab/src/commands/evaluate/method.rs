@@ -52,7 +52,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     warn_unrecognized(labels, &rules);
     let path = scans.model.display();
     print_out(format_args!("{path}: {}", set.describe()))?;
-    print_out(report::separation(&separation(&frames, &rules)))?;
+    print_out(report::separation(&separation(&frames, &rules))?)?;
     print_out(format_args!("{:28} {}", "method", HEADER))?;
     for method in methods {
         let is_ablation = method == Method::MlucFull && arguments.ablation;

@@ -76,7 +76,7 @@ impl Outcome {
         values["classes"] = classes.map(class).collect();
         let breakdowns = self.judgement.breakdowns.iter();
         values["breakdowns"] = breakdowns.map(Breakdown::to_table).collect();
-        values["separation"] = separation(&self.judgement.separation).into();
+        values["separation"] = separation(&self.judgement.separation)?.into();
         let choice = self.choice.as_ref();
         values["choice"] = json!(choice.map(|choice| (choice.threshold, &choice.reason)));
         values["written"] = self
@@ -94,24 +94,9 @@ impl Outcome {
 }
 
 /// How well each score of a box tells unknown from known, and from background.
-pub(super) fn separation(scores: &[ScoreSeparation]) -> String {
-    let Some(first) = scores.first() else {
-        return String::new();
-    };
-    let mut text = format!(
-        "\nunknown from known and from background, on {} known, {} unknown and {} boxes that touch no label\n",
-        first.known, first.unknown, first.background
-    );
-    let mut row = |[score, auroc, fpr95, background]: [&str; 4]| {
-        text += &format!("{score:<12} {auroc:>7} {fpr95:>10} {background:>19}\n");
-    };
-    row(["score", "AUROC", "FPR at 95%", "AUROC of background"]);
-    let number = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.3}"));
-    for s in scores {
-        let [auroc, fpr95, background] = [s.auroc, s.fpr95, s.auroc_background].map(number);
-        row([&s.score, &auroc, &fpr95, &background]);
-    }
-    text
+pub(super) fn separation(scores: &[ScoreSeparation]) -> Result<String, minijinja::Error> {
+    let values = Serde(json!({"scores": scores}));
+    Environment::new().render_str(include_str!("separation.txt"), values)
 }
 
 fn figures(class: &ClassReport) -> [f64; 4] {

@@ -2,15 +2,17 @@
 
 mod picture;
 
-use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
 use clap::Args;
+use minijinja::Environment;
+use minijinja::value::Serde;
 use mluc_dataset::{file_stems, read_scan};
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ipc_types::Point;
 use mluc_model::SensorProfile;
+use serde_json::json;
 
 use super::terminal::{print_out, write_out};
 
@@ -135,48 +137,19 @@ fn scan_files(input: &Path) -> anyhow::Result<Vec<PathBuf>> {
 }
 
 fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> anyhow::Result<()> {
-    let ends = |degrees: &[f32]| match (degrees.first(), degrees.last()) {
-        (Some(top), Some(bottom)) => format!("{top:.1} to {bottom:.1}"),
-        _ => "-".to_string(),
-    };
-    let beams = if found.are_beams_clear {
-        found.beams.to_string()
-    } else {
-        format!("no clear beams; about {}", found.beams)
-    };
-    let or_none = |value: Option<f32>| value.map_or("-".to_string(), |value| format!("{value:.2}"));
-    let apart = or_none(found.distance_deg(other)) + " off on average";
-    let [own_ends, other_ends] = [&found.vertical_field_deg[..], &other.elevations_deg].map(ends);
-    let [half_m, all_m] = [found.range_median_m, found.range_longest_m];
-    let ranges = format!("half within {half_m:.0}, all within {all_m:.0}");
-    let other_field_deg = other.field_deg.map_or(360.0, |field| field[1]);
-    let axes = format!("{}, {}", found.unit.name(), found.up.name());
-    let tilt = format!("{:.1}, {:.1}", found.pitch_deg, found.roll_deg);
-    let [lost, zeros] = [found.not_finite_share, found.zero_share].map(|share| share * 100.0);
-    let copies = found.duplicate_share * 100.0;
-    let mut text = format!("{:38} {:32} {name}\n", "", format!("{} scans", found.scans));
-    let mut row = |what: &str, own: &dyn Display, other: &dyn Display| {
-        let line = format!("{what:38} {:32} {other}", own.to_string());
-        text += &format!("{}\n", line.trim_end());
-    };
-    row("points a scan", &found.points, &"");
-    row("beams", &beams, &other.elevations_deg.len());
-    row("elevations, degrees", &own_ends, &other_ends);
-    let [spacing, step] = [found.spacing_deg(), found.azimuth_step_deg].map(or_none);
-    row("beams apart, degrees", &spacing, &apart);
-    let other_step = format!("{:.2}", other.azimuth_step_deg);
-    row("columns apart, degrees", &step, &other_step);
-    row("field, degrees", &found.field_deg[1], &other_field_deg);
-    row("range, m", &ranges, &format!("{:.0}", other.range_m[1]));
-    row("unit, axis up", &axes, &"m, z");
-    row("intensity up to", &found.intensity_max, &1);
-    let [height, other_height] = [found.height_m, other.height_m].map(or_none);
-    row("height, m", &height, &other_height);
-    row("pitch and roll, degrees", &tilt, &"");
-    row("own body, degrees around", &found.own_body_deg, &"");
-    let shares = format!("{lost:.1}, {zeros:.1}, {copies:.1}");
-    row("not finite, at the origin, copies, %", &shares, &"");
-    print_out(text.trim_end())
+    let text = |value: f32| value.to_string();
+    let field_deg = [found.field_deg, other.field_deg.unwrap_or([0.0, 360.0])].map(|f| f[1]);
+    let table = Environment::new().render_str(
+        include_str!("estimate.txt"),
+        Serde(json!({
+            "name": name, "found": found, "other": other,
+            "spacing_deg": found.spacing_deg(), "apart_deg": found.distance_deg(other),
+            "field": field_deg.map(text),
+            "axes": [found.unit.name(), found.up.name()],
+            "intensity": text(found.intensity_max), "own_body": text(found.own_body_deg),
+        })),
+    );
+    print_out(table?)
 }
 
 #[cfg(test)]
