@@ -6,6 +6,7 @@
 use super::labels::calibration;
 use super::{Class, Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
 use super::{Shown, Stream, Turn, turn};
+use clap::Args;
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
 use mluc_model::SensorProfile;
@@ -13,35 +14,51 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// What to write.
-#[derive(Clone, Debug)]
+#[derive(Args, Clone, Debug)]
 pub struct ExportOptions {
-    /// Family of scenes.
+    /// Scenes: sim-udi (full circle), sim-kitti (forward half, with a camera) or sim-any (full circle, each frame by another sensor).
+    #[arg(long, value_enum, hide_possible_values = true)]
     pub family: Family,
-    /// Split: decides the random streams and whether unknown classes appear.
+    /// train shows known classes alone (see --synthetic-unknown); val and test also unknown ones. No two share a random stream.
+    #[arg(long, value_enum, hide_possible_values = true)]
     pub split: Split,
-    /// How many frames.
+    /// Number of frames.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: u32,
-    /// Frames of a sequence, a tenth of a second apart; None: every frame is a scene of its own.
-    pub sequence: Option<u32>,
     /// Seed of the data set.
+    #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// The sensor of every frame; None: the family's, of `sim-any` another in each frame.
+    /// Scan with this sensor: a product of `sensors/`, or a TOML file like those [default: the family's, of sim-any another in each frame].
+    #[arg(long, value_name = "NAME|FILE", value_parser = SensorProfile::load)]
     pub sensor: Option<SensorProfile>,
-    /// Another sensor that takes its place and scans the same scenes; None: none does.
-    pub scanned_by: Option<Box<SensorProfile>>,
+    /// Scan the same scenes by this sensor too, from the same place, into OUT-pair.
+    #[arg(long = "pair", value_name = "NAME|FILE", value_parser = SensorProfile::load, conflicts_with = "sequence")]
+    pub scanned_by: Option<SensorProfile>,
+    /// Frames of a sequence at 10 Hz through one scene, in which the sensor and half of the objects move [default: every frame is a scene of its own].
+    /// Adds poses.txt and timestamps.txt; the frames that come first are not those of a data set without sequences.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(2..=100))]
+    pub sequence: Option<u32>,
     /// Steps towards recorded scans: all of them, unless what they are worth is measured.
+    #[arg(skip = Realism::FULL)]
     pub realism: Realism,
-    /// Whether objects that are made up of known ones stand among them, labelled `Synthetic_unknown`: unknown objects to train on, without an unknown class.
+    /// Put objects among the known ones that are made up of them, resized and joined, labelled Synthetic_unknown: what
+    /// `metric-open` and `mluc-full` learn the unknown from. For --split train alone.
+    #[arg(long)]
     pub synthetic_unknown: bool,
-    /// Whether the unseen classes of the split take the place of the family's unknown ones; not in the split `train`, which has none.
+    /// Show the unseen classes of the split in place of the family's unknown ones; judge with `evaluate model --unknown unseen`. Not for --split train.
+    #[arg(long)]
     pub unseen: bool,
-    /// Classes that stand in every split, `train` too, beside the family's known ones.
+    /// Classes that stand in every split, train too, beside the family's known ones: van, truck, golf_cart, forklift.
+    #[arg(long = "known", value_delimiter = ',', value_name = "CLASS,..")]
     pub also_known: Vec<Class>,
-    /// The folder to write into; made when missing, refused when it holds anything, unless it is to be gone on with.
+    /// Folder to write; must be new or empty.
+    #[arg(long = "out")]
     pub folder: PathBuf,
     /// Go on where the same export was interrupted: frames that are there stay.
+    #[arg(skip)]
     pub resume: bool,
     /// Threads; 0 takes one per core.
+    #[arg(skip)]
     pub threads: usize,
 }
 
@@ -115,7 +132,7 @@ fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError
         unseen: options.unseen,
         also_known: Class::REAL.map(is_also),
     };
-    let sensors = [options.sensor.as_ref(), options.scanned_by.as_deref()];
+    let sensors = [options.sensor.as_ref(), options.scanned_by.as_ref()];
     let Some(steps) = options.sequence else {
         return turn(stream, sensors, index, None);
     };

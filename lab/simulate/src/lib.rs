@@ -52,7 +52,7 @@ pub enum SimulateError {
 }
 
 /// A scenario family: sensor view, sizes, and which classes are known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum)]
 pub enum Family {
     /// Full circle, within 51.2 m; known car, pedestrian, cyclist, truck; unknown golf cart, forklift.
     SimUdi,
@@ -90,7 +90,7 @@ impl Family {
 }
 
 /// Which part of a data set: splits never share a random stream, so no layout or object is in two of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum)]
 pub enum Split {
     /// For training: known classes alone, and synthetic unknown objects where they are asked for.
     Train,
@@ -166,6 +166,21 @@ impl Class {
 
     fn is_vehicle(self) -> bool {
         matches!(self, Class::Car | Class::Van | Class::Truck)
+    }
+}
+
+/// One of [`Class::REAL`] by its name, whatever the case of its letters.
+impl std::str::FromStr for Class {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Class, String> {
+        let found = Class::REAL
+            .iter()
+            .find(|c| c.name().eq_ignore_ascii_case(text));
+        found.copied().ok_or_else(|| {
+            let names = Class::REAL.map(|c| c.name().to_ascii_lowercase());
+            format!("expected one of {}, found '{text}'", names.join(", "))
+        })
     }
 }
 

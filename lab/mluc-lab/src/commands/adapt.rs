@@ -24,7 +24,7 @@ use mluc_train::TrainSettings;
 use plan::{Plan, Request};
 
 use super::quantize::{RANGE_FRAMES, quantized};
-use super::simulate::{class, export_with_progress};
+use super::simulate::export_with_progress;
 use super::terminal::{Threads, counted, print_err, print_out};
 use super::train::{train, tune_memory};
 
@@ -42,7 +42,12 @@ pub(crate) struct AdaptArguments {
     #[arg(long, value_name = "NAME|FILE")]
     sensor: String,
     /// The classes to know: car, van, truck, pedestrian, cyclist, golf_cart, forklift; all others are unknown.
-    #[arg(long, value_delimiter = ',', value_parser = class, default_value = "car,pedestrian,cyclist", value_name = "CLASS,..")]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "car,pedestrian,cyclist",
+        value_name = "CLASS,.."
+    )]
     known: Vec<Class>,
     /// Hours that all of it may take on this machine.
     #[arg(long, default_value_t = 1.0, value_parser = hours, value_name = "HOURS")]
