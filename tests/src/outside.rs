@@ -42,13 +42,13 @@ pub fn oracle() -> Option<PathBuf> {
 pub fn python_example(kind: &str) -> Option<Vec<String>> {
     let python = root().join("target/examples/venv/bin/python");
     let has_packages = Command::new(&python)
-        .args(["-c", "import iceoryx2, numpy"])
+        .args(["-c", "import iceoryx2, numpy, mcap_ros2, websockets"])
         .output()
         .is_ok_and(|output| output.status.success());
     if !has_packages {
         skip(
             "a Python example",
-            "no Python with iceoryx2 and numpy in target/examples/venv (run .ci/examples)",
+            "no Python with the packages in target/examples/venv (run .ci/examples)",
         );
         return None;
     }

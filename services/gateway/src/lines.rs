@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 
 use mluc_ipc_types::{
-    Disposition, Flags, FrameHeader, NO_PROBABILITY, Object, ObjectKind, Stage, Status,
-    StatusState, WIRE_VERSION,
+    CandidateCounts, Disposition, Flags, FrameHeader, Health, NO_PROBABILITY, Object, ObjectKind,
+    Stage, Status, StatusState, WIRE_VERSION,
 };
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
@@ -40,7 +40,7 @@ pub struct Line<'a> {
 #[derive(Debug, Serialize)]
 pub struct ObjectLine<'a> {
     kind: &'static str,
-    label: &'a str,
+    pub(crate) label: &'a str,
     score: f32,
     center_m: [f32; 3],
     size_m: [f32; 3],
@@ -134,6 +134,37 @@ pub fn status_words(status: &Status) -> Value {
     })
 }
 
+/// The word of a stage's state.
+pub fn health_state(health: &Health) -> &'static str {
+    health.checked().map_or("?", |(_, state)| state.name())
+}
+
+/// What is not zero.
+pub fn counted(counts: &CandidateCounts) -> impl Iterator<Item = (&'static str, u64)> {
+    counts.named().filter(|(_, count)| *count > 0)
+}
+
+/// A stage's heartbeat in words; `None`: it is silent.
+pub fn stage_words(stage: Stage, health: Option<&Health>) -> Value {
+    let Some(health) = health else {
+        return json!({"stage": stage.name(), "state": "silent"});
+    };
+    json!({
+        "stage": stage.name(),
+        "process": health.pid,
+        "state": health_state(health),
+        "frames_in": health.frames_in,
+        "frames_out": health.frames_out,
+        "frames_dropped": health.frames_dropped,
+        "messages_refused": health.messages_refused,
+        "run_p50_us": health.run_p50_us,
+        "run_p99_us": health.run_p99_us,
+        "run_max_us": health.run_max_us,
+        "candidates": counted(&health.candidates).collect::<BTreeMap<_, _>>(),
+        "reason": health.reason(),
+    })
+}
+
 /// Neighbouring sectors as one range, degrees.
 fn blind_deg(sectors: u64) -> Vec<[usize; 2]> {
     let mut ranges: Vec<[usize; 2]> = Vec::new();
@@ -185,7 +216,7 @@ pub fn line<'a>(
     }
 }
 
-fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
+pub(crate) fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectLine<'a> {
     let is_known = object.kind == ObjectKind::Known as u32;
     let class = classes.get(object.class_id as usize);
     let class = class.map_or("?", String::as_str);

@@ -81,6 +81,10 @@ pub(crate) enum Command {
         #[arg(long, default_value = "default")]
         instance: String,
     },
+    /// Show points and objects of a running pipeline in a browser. Needs the program mluc-view.
+    View(ExternalArgs),
+    /// Write points and objects of a running pipeline to an MCAP file. Needs the program mluc-view.
+    Record(ExternalArgs),
     /// Check whether this machine can run the pipeline.
     Doctor(DoctorArgs),
     /// Measure latency, stage by stage, and write a report; `bench compare` compares two. Needs the program mluc-bench.

@@ -77,6 +77,8 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Monitor { instance, listen } => commands::monitor(&instance, listen),
         Command::Reload { instance } => commands::reload(&instance),
         Command::Doctor(args) => commands::doctor(&args),
+        Command::View(_) => external::external("mluc-view", &["view"]),
+        Command::Record(_) => external::external("mluc-view", &["record"]),
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),
         Command::Clean { instance } => commands::clean(&instance),

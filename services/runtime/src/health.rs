@@ -116,6 +116,13 @@ impl HealthWatch {
         self.heard_ns[stage as usize]
     }
 
+    /// The last heartbeats, without those of stages that are silent or were not heard after a moment (CLOCK_MONOTONIC).
+    pub fn heard_since(&self, begun_ns: u64) -> [Option<Health>; 4] {
+        let silent_ns = monotonic_ns().saturating_sub(Topic::SILENCE_MAX.as_nanos() as u64);
+        let is_heard = |stage: Stage| self.heard_ns(stage) > begun_ns.max(silent_ns);
+        Stage::ALL.map(|stage| self.of(stage).filter(|_| is_heard(stage)).copied())
+    }
+
     /// Whether the stage said that it takes frames of the run.
     pub fn is_ready(&self, stage: Stage) -> bool {
         use HealthState::{Degraded, Running, WaitingInput};

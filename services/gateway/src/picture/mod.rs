@@ -9,4 +9,5 @@ mod view;
 
 pub use bird_eye::bird_eye;
 pub use canvas::{Canvas, Color};
+pub(crate) use view::label_color;
 pub use view::{BoxKind, DrawnBox, View, ramp};

@@ -99,7 +99,7 @@ pub fn ramp(t: f32) -> Color {
 }
 
 /// Colour of a label: the common classes have their own, whatever the case of their letters; others share one.
-fn label_color(label: &str) -> Color {
+pub(crate) fn label_color(label: &str) -> Color {
     match label.to_ascii_lowercase().as_str() {
         "car" => [86, 180, 255],
         "pedestrian" => [120, 230, 120],

@@ -1,9 +1,8 @@
 //! A pipeline as its consumers see it: what `status`, `top` and `monitor` show.
 
-use std::collections::BTreeMap;
-
-use mluc_gateway::lines::status_words;
-use mluc_ipc_types::{CandidateCounts, Health, Stage, Status, StatusState, Topic};
+pub(super) use mluc_gateway::lines::{counted, health_state as state};
+use mluc_gateway::lines::{stage_words, status_words};
+use mluc_ipc_types::{Health, Stage, Status, StatusState};
 use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown, StatusWatch, monotonic_ns};
 use serde_json::{Value, json};
 
@@ -48,16 +47,10 @@ impl Observer {
     }
 
     pub(super) fn look(&mut self) -> anyhow::Result<Snapshot> {
-        let mut stages = *self.health.update()?;
-        let silent_ns = monotonic_ns().saturating_sub(Topic::SILENCE_MAX.as_nanos() as u64);
-        for (stage, health) in Stage::ALL.into_iter().zip(&mut stages) {
-            if self.health.heard_ns(stage) <= self.begun_ns.max(silent_ns) {
-                *health = None;
-            }
-        }
+        self.health.update()?;
         Ok(Snapshot {
             instance: self.shell.instance().name().to_string(),
-            stages,
+            stages: self.health.heard_since(self.begun_ns),
             status: self.status.update()?,
         })
     }
@@ -92,39 +85,10 @@ impl Snapshot {
 
     pub(super) fn as_json(&self) -> Value {
         let stages = Stage::ALL.iter().zip(&self.stages);
-        let stages = stages.map(|(stage, health)| stage_json(*stage, health.as_ref()));
+        let stages = stages.map(|(stage, health)| stage_words(*stage, health.as_ref()));
         let status = self.status.as_ref().map(status_words);
         json!({"instance": self.instance, "status": status, "stages": stages.collect::<Vec<_>>()})
     }
-}
-
-pub(super) fn state(health: &Health) -> &'static str {
-    health.checked().map_or("?", |(_, state)| state.name())
-}
-
-/// What is not zero.
-pub(super) fn counted(counts: &CandidateCounts) -> impl Iterator<Item = (&'static str, u64)> {
-    counts.named().filter(|(_, count)| *count > 0)
-}
-
-fn stage_json(stage: Stage, health: Option<&Health>) -> Value {
-    let Some(health) = health else {
-        return json!({"stage": stage.name(), "state": "silent"});
-    };
-    json!({
-        "stage": stage.name(),
-        "process": health.pid,
-        "state": state(health),
-        "frames_in": health.frames_in,
-        "frames_out": health.frames_out,
-        "frames_dropped": health.frames_dropped,
-        "messages_refused": health.messages_refused,
-        "run_p50_us": health.run_p50_us,
-        "run_p99_us": health.run_p99_us,
-        "run_max_us": health.run_max_us,
-        "candidates": counted(&health.candidates).collect::<BTreeMap<_, _>>(),
-        "reason": health.reason(),
-    })
 }
 
 #[cfg(test)]

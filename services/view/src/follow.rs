@@ -1,0 +1,136 @@
+//! A pipeline as messages: each frame with its points, and the states, once a second where no frame comes.
+
+use std::time::Duration;
+
+use mluc_gateway::lines::{line, stage_words, status_words};
+use mluc_gateway::ros2::{
+    RosTopic, detections, diagnostics, header, markers, point_cloud, topics, transform,
+};
+use mluc_ipc_types::{Object, RunDescription, Stage, Status, StatusState, Text, Topic};
+use mluc_runtime::{
+    Frames, HealthWatch, Input, Instance, Message, Next, Scans, Shell, Shutdown, StatusWatch,
+    monotonic_ns, wall_clock_ns,
+};
+use serde_json::json;
+
+/// Those of [`topics`], and the last one: the line of a frame in JSON.
+pub(crate) const TOPICS: usize = 6;
+/// Frame of reference where the sensor has no name.
+const SENSOR_FRAME: &str = "lidar";
+const WAIT: Duration = Duration::from_secs(1);
+
+/// By topic; `None`: there is no frame, or its points are gone.
+type Messages = [Option<Vec<u8>>; TOPICS];
+
+/// What there is to tell at one moment.
+pub(crate) struct Moment {
+    /// When, ns since 1970.
+    pub(crate) log_ns: u64,
+    /// Of a frame; `None`: the states alone.
+    pub(crate) sequence: Option<u64>,
+    pub(crate) messages: Messages,
+}
+
+pub(crate) struct Follower {
+    // The ports go before the shell.
+    frames: Frames<Object>,
+    object_points: Input<u32>,
+    /// The newest.
+    indices: Option<Message<u32>>,
+    health: HealthWatch,
+    status: StatusWatch,
+    pub(crate) shell: Shell,
+    topics: [RosTopic; TOPICS - 1],
+    begun_ns: u64,
+}
+
+impl Follower {
+    pub(crate) fn open(instance: &Instance) -> anyhow::Result<Follower> {
+        let shell = Shell::observer(instance, None, Shutdown::on_signals()?)?;
+        let (mut health, mut status) = (shell.health_watch()?, shell.status_watch()?);
+        // What waits in the queues may be the last word of a stage that is gone.
+        health.update()?;
+        status.update()?;
+        Ok(Follower {
+            frames: Frames::new(&shell, &Topic::OBJECTS, Some(Scans::held(&shell)?))?,
+            object_points: shell.side_input(&Topic::OBJECT_POINTS)?,
+            indices: None,
+            health,
+            status,
+            shell,
+            topics: topics(),
+            begun_ns: monotonic_ns(),
+        })
+    }
+
+    /// Waits for the newest frame while somebody `listens`. `None`: this process was asked to end.
+    pub(crate) fn next(&mut self, listens: impl Fn() -> bool) -> anyhow::Result<Option<Moment>> {
+        let next = self.frames.next_within(&mut self.shell, |_, _| (), WAIT)?;
+        let mut moment = Moment {
+            log_ns: wall_clock_ns(),
+            sequence: None,
+            messages: Messages::default(),
+        };
+        let (run, status) = (self.shell.run().copied(), self.status.update()?);
+        match (next, run) {
+            (Next::Stopping, _) => return Ok(None),
+            (Next::Message(message), Some(run)) if listens() => {
+                self.indices = self.object_points.newest()?.or(self.indices.take());
+                match self.tell(&message, &run, status.as_ref()) {
+                    Ok(messages) => moment.messages = messages,
+                    Err(error) => self.shell.refuse(&error.to_string())?,
+                }
+                moment.sequence = Some(message.header().sequence);
+            }
+            _ => (),
+        }
+        self.frames.release();
+        moment.messages[3] = Some(self.states(moment.log_ns, status.as_ref())?);
+        Ok(Some(moment))
+    }
+
+    /// All of a frame but the states. Errors: what is wrong with its objects.
+    fn tell(
+        &self,
+        message: &Message<Object>,
+        run: &RunDescription,
+        status: Option<&Status>,
+    ) -> anyhow::Result<Messages> {
+        let (frame, topics) = (message.header(), &self.topics);
+        let classes: Vec<String> = run.class_names().map(str::to_string).collect();
+        let objects = Object::checked(frame, message.elements(), classes.len())?;
+        let key = |message: &Message<u32>| (message.header().run_id, message.header().sequence);
+        let own = (self.indices.as_ref()).filter(|own| key(own) == (frame.run_id, frame.sequence));
+        let indices = own.map_or(&[][..], Message::elements);
+        let sensor = Text::unpack(&run.sensor_name).filter(|name| !name.is_empty());
+        let head = header(frame.sensor_stamp_ns, sensor.unwrap_or(SENSOR_FRAME));
+        let state = status.and_then(|status| status.checked().ok());
+        let line = line(
+            frame,
+            objects,
+            &classes,
+            state.unwrap_or(StatusState::Starting),
+        );
+        let points = self.frames.points(frame.sequence);
+        Ok([
+            points.map(|points| point_cloud(&topics[0], &head, points, objects, indices)),
+            Some(topics[1].encode(&detections(&head, objects, &classes))),
+            Some(topics[2].encode(&markers(&head, objects, &classes))),
+            None,
+            Some(topics[4].encode(&transform(&head, run.base_from_sensor))),
+            Some(serde_json::to_vec(&line)?),
+        ])
+    }
+
+    fn states(&mut self, now_ns: u64, status: Option<&Status>) -> anyhow::Result<Vec<u8>> {
+        self.health.update()?;
+        let none = json!({"state": "stopped", "reason": "no pipeline runs"});
+        let mut parts = vec![("pipeline", status.map_or(none, status_words))];
+        let heard = self.health.heard_since(self.begun_ns);
+        for (stage, health) in Stage::ALL.into_iter().zip(&heard) {
+            parts.push((stage.name(), stage_words(stage, health.as_ref())));
+        }
+        let (head, instance) = (header(now_ns, ""), self.shell.instance().name());
+        Ok(self.topics[3].encode(&diagnostics(&head, instance, &parts)))
+    }
+}

@@ -1,0 +1,54 @@
+//! The program `mluc-view`, which `mluc view` and `mluc record` start: a running pipeline in a browser, or in a file.
+//!
+//! It looks on like any consumer: the newest frame wins, and nothing in the pipeline waits for it.
+
+mod follow;
+mod record;
+mod server;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use mluc_runtime::{Instance, log_to_stderr};
+
+/// The stages come first.
+const NICE: i32 = 10;
+
+/// Look at a running pipeline, or record it.
+#[derive(Parser)]
+#[command(name = "mluc", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Which pipeline; it may be started later.
+    #[arg(long, global = true, default_value = "default", value_parser = Instance::new)]
+    instance: Instance,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Show points and objects in a browser, or in a viewer that speaks the Foxglove WebSocket protocol.
+    View {
+        /// Port on 127.0.0.1; 0: any.
+        #[arg(long, default_value_t = 8765)]
+        port: u16,
+    },
+    /// Write points, objects and states to an MCAP file (ROS 2 messages) until Ctrl-C.
+    Record {
+        /// A file that does not exist yet.
+        #[arg(long)]
+        out: PathBuf,
+    },
+}
+
+fn main() -> anyhow::Result<ExitCode> {
+    let cli = Cli::parse();
+    log_to_stderr("view", "info");
+    rustix::process::nice(NICE)?;
+    let follower = follow::Follower::open(&cli.instance)?;
+    match &cli.command {
+        Command::View { port } => server::view(follower, *port),
+        Command::Record { out } => record::record(follower, out),
+    }
+}

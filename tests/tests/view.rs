@@ -1,0 +1,68 @@
+//! `mluc record` and `mluc view` beside a running pipeline, read by other people's packages (`view/check.py`).
+
+use std::process::Command;
+
+use mluc_sources::files::Layout;
+use mluc_sources::{Next, Scan, Source};
+use mluc_tests::{Running, Setting, python_example, root, write_file};
+use rustix::process::Signal;
+
+#[test]
+fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
+    let Some(python) = python_example("consumer") else {
+        return;
+    };
+    let check = |words: [&str; 3]| {
+        let script = root().join("tests/tests/view/check.py");
+        let checked = Running::start(Command::new(&python[0]).arg(script).args(words)).finish();
+        assert_eq!(checked.code, Some(0), "{}", checked.log);
+    };
+    let setting = Setting::new("view", 4);
+    let instance = ["--instance", &setting.instance];
+    let path = setting.folder.path().join("run.mcap");
+    let out = path.display().to_string();
+    // Before there is a pipeline.
+    let mut record = Running::mluc(["record", "--out", &out].iter().chain(&instance));
+    record.wait_for_words("Ctrl-C ends it");
+    let mut view = Running::mluc(["view", "--port", "0"].iter().chain(&instance));
+    view.wait_for_words("is the page");
+    let log = view.log();
+    let (_, rest) = log.split_once("http://").expect("the address");
+    let address = rest.split(' ').next().expect("a word").to_string();
+
+    // Both outlive a pipeline.
+    let mut lines = String::new();
+    for _ in 0..2 {
+        let mut run = setting.up("--pace sensor --rate 5 --loop");
+        run.wait_for_lines(3);
+        check(["socket", &address, ""]);
+        run.signal(Signal::TERM);
+        let run = run.finish();
+        assert_eq!(run.code, Some(0), "{}", run.log);
+        lines.extend(run.lines.iter().map(|line| format!("{line}\n")));
+    }
+    view.signal(Signal::TERM);
+    let view = view.finish();
+    assert_eq!(view.code, Some(0), "{}", view.log);
+    view.assert_says(&["a binary message", "refused=16"]);
+    record.signal(Signal::TERM);
+    let record = setting.finish(record);
+    // 3: a loaded machine lost frames.
+    assert!(matches!(record.code, Some(0 | 3)), "{}", record.log);
+
+    let told = setting.folder.path().join("lines.jsonl");
+    write_file(&told, lines);
+    check(["file", &out, &told.display().to_string()]);
+    let scan = |number: usize| std::fs::read(setting.input.join(format!("{number:06}.bin")));
+    let scans: Vec<Vec<u8>> = (0..4).map(|number| scan(number).expect("a scan")).collect();
+    let (mut scan, mut count) = (Scan::default(), 0);
+    let mut source = Source::open(&path, &Layout::default(), false).expect("a recording");
+    while let next @ (Next::Scan | Next::NotYet) = source.load(count, &mut scan).expect("sound") {
+        assert!(scans.contains(&scan.bytes), "the points of scan {count}");
+        count += u64::from(next == Next::Scan);
+    }
+    assert!(count >= 6, "{count} scans");
+    // What is there is not overwritten.
+    let again = Running::mluc(["record", "--out", &out].iter().chain(&instance)).finish();
+    assert_eq!(again.code, Some(1), "{}", again.log);
+}
