@@ -25,11 +25,10 @@ pub(crate) fn record(mut follower: Follower, out: &Path) -> anyhow::Result<ExitC
         .profile("ros2")
         .compression(Some(Compression::Lz4));
     let mut writer = options.create(file).with_context(about)?;
-    let topics = topics();
-    let channels = topics.len();
-    for topic in topics {
+    let mut channels = vec![];
+    for topic in topics() {
         let schema = writer.add_schema(topic.schema, "ros2msg", topic.definition.as_bytes())?;
-        writer.add_channel(schema, topic.name, "cdr", &BTreeMap::new())?;
+        channels.push(writer.add_channel(schema, topic.name, "cdr", &BTreeMap::new())?);
     }
     let (mut frames, mut without_points) = (0, 0);
     tracing::info!("{}; Ctrl-C ends it", about());
@@ -41,8 +40,8 @@ pub(crate) fn record(mut follower: Follower, out: &Path) -> anyhow::Result<ExitC
         }
         frames += u64::from(moment.sequence.is_some());
         without_points += u64::from(lacks_points);
-        // The channels have the numbers of the topics; the line has none.
-        for (channel_id, message) in (0..).zip(&moment.messages[..channels]) {
+        // The channels are in the order of the topics; the line has none.
+        for (&channel_id, message) in channels.iter().zip(&moment.messages) {
             let header = MessageHeader {
                 channel_id,
                 sequence: moment.sequence.unwrap_or(0) as u32,
