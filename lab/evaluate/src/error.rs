@@ -5,7 +5,7 @@ use mluc_dataset::DatasetError;
 use mluc_head::HeadError;
 use mluc_model::ModelError;
 use mluc_refiner::RefinerError;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Why detections or a model cannot be judged.
 #[derive(Debug, thiserror::Error)]
@@ -25,15 +25,7 @@ pub enum EvaluateError {
     /// The refiner's settings, or the model's beams.
     #[error(transparent)]
     Refiner(#[from] RefinerError),
-    /// A file or folder: what was expected there and what was found, or the system's answer.
-    #[error("{}: {what}", path.display())]
-    File {
-        /// Which.
-        path: PathBuf,
-        /// What is wrong with it.
-        what: String,
-    },
-    /// Anything else that was asked for and cannot be: what was expected and found.
+    /// A file or folder, or anything else that was asked for and cannot be: what was expected and found, or the system's answer.
     #[error("{0}")]
     Input(String),
 }
@@ -44,9 +36,6 @@ pub type Result<T, E = EvaluateError> = std::result::Result<T, E>;
 impl EvaluateError {
     /// A fault of a file or folder.
     pub fn file(path: &Path, what: impl std::fmt::Display) -> EvaluateError {
-        EvaluateError::File {
-            path: path.to_owned(),
-            what: what.to_string(),
-        }
+        EvaluateError::Input(format!("{}: {what}", path.display()))
     }
 }

@@ -17,9 +17,6 @@ pub enum TrainError {
     /// The inference engine refuses the model.
     #[error(transparent)]
     Backbone(#[from] mluc_backbone::BackboneError),
-    /// The head refuses the model.
-    #[error(transparent)]
-    Head(#[from] mluc_head::HeadError),
     /// The validation scans cannot be read, or judged with the model.
     #[error(transparent)]
     Evaluate(#[from] mluc_evaluate::EvaluateError),

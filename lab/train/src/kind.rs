@@ -121,25 +121,22 @@ impl Setting {
 
     /// The network up to its heads.
     pub(crate) fn trunk(self, architecture: Architecture, classes: usize) -> Network {
-        let local = |network: Network| Network {
-            input: VoxelInput::Local,
-            ..network
+        let grid = match (self, architecture) {
+            (Setting::Any, _) => Grid::any(),
+            (Setting::Udi, _) => Grid::udi(),
+            (Setting::Kitti, Architecture::Compact) => Grid::kitti_compact(),
+            (Setting::Kitti, Architecture::Second) => Grid::kitti_second(),
         };
-        match (architecture, self) {
-            (Architecture::Compact, Setting::Any) => {
-                local(Network::compact(Grid::any(), classes).with_reach_of_trucks())
-            }
-            (Architecture::Second, Setting::Any) => local(Network::second(Grid::any(), classes)),
-            (Architecture::Compact, Setting::Udi) => {
-                Network::compact(Grid::udi(), classes).with_reach_of_trucks()
-            }
-            (Architecture::Compact, Setting::Kitti) => {
-                Network::compact(Grid::kitti_compact(), classes)
-            }
-            (Architecture::Second, Setting::Udi) => Network::second(Grid::udi(), classes),
-            (Architecture::Second, Setting::Kitti) => {
-                Network::second(Grid::kitti_second(), classes)
-            }
+        let mut network = match architecture {
+            Architecture::Compact => Network::compact(grid, classes),
+            Architecture::Second => Network::second(grid, classes),
+        };
+        if architecture == Architecture::Compact && self != Setting::Kitti {
+            network = network.with_reach_of_trucks();
         }
+        if self == Setting::Any {
+            network.input = VoxelInput::Local;
+        }
+        network
     }
 }

@@ -1,37 +1,19 @@
 //! What keeps a source from giving scans.
 
 use std::fmt::Display;
-use std::path::PathBuf;
 
 /// A source that cannot be used. What is wrong with single packets is counted instead.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// A field of a file of points, of its layout, or of a calibration.
-    #[error("{field}: expected {expected}, found {found}")]
-    Field {
-        /// Which one.
-        field: String,
-        /// What it should hold.
-        expected: String,
-        /// What it holds.
-        found: String,
-    },
-    /// Packets of no known sensor, or of another one than the calibration's.
-    #[error("packets: expected {expected}, found {found}")]
-    Sensor {
+    /// A field of a file of points, of its layout, or of a calibration; a file of another format; packets of no known sensor, or of another one than
+    /// the calibration's.
+    #[error("{place}: expected {expected}, found {found}")]
+    Unexpected {
+        /// Which field, or the file.
+        place: String,
         /// What would be understood.
         expected: String,
         /// What came.
-        found: String,
-    },
-    /// A file that is not of the format that it should be.
-    #[error("{}: expected {expected}, found {found}", path.display())]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// What would be understood.
-        expected: String,
-        /// What it holds.
         found: String,
     },
     /// A file or socket that the system refuses.
@@ -46,12 +28,12 @@ pub enum SourceError {
 
 impl SourceError {
     pub(crate) fn field(
-        field: impl ToString,
+        place: impl ToString,
         expected: impl ToString,
         found: impl ToString,
     ) -> SourceError {
-        SourceError::Field {
-            field: field.to_string(),
+        SourceError::Unexpected {
+            place: place.to_string(),
             expected: expected.to_string(),
             found: found.to_string(),
         }

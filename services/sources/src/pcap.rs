@@ -75,15 +75,15 @@ impl Capture {
                 interfaces: Vec::new(),
                 frames: Frames::default(),
             }),
-            Err(cause) => Err(SourceError::Format {
-                path,
-                expected: "a pcap or pcapng capture".into(),
-                found: match cause {
-                    PcapError::Eof => "an empty file".into(),
-                    PcapError::Incomplete(_) => "a file that ends in its header".into(),
-                    _ => "neither".into(),
-                },
-            }),
+            Err(cause) => {
+                let found = match cause {
+                    PcapError::Eof => "an empty file",
+                    PcapError::Incomplete(_) => "a file that ends in its header",
+                    _ => "neither",
+                };
+                let expected = "a pcap or pcapng capture";
+                Err(SourceError::field(path.display(), expected, found))
+            }
         }
     }
 

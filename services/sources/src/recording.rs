@@ -170,11 +170,8 @@ fn choose(summary: &Summary, wanted: Option<&str>) -> Result<(String, Vec<u16>),
 
 /// Errors: it is no MCAP file, or has no summary.
 fn summary(path: &Path) -> Result<Summary, SourceError> {
-    let fault = |found: String| SourceError::Format {
-        path: path.to_path_buf(),
-        expected: "an MCAP file with a summary at its end".to_string(),
-        found,
-    };
+    let expected = "an MCAP file with a summary at its end";
+    let fault = |found: String| SourceError::field(path.display(), expected, found);
     let cut = |what: &str| {
         fault(format!(
             "{what}: was it cut short? `mcap recover IN -o OUT` helps"

@@ -1,3 +1,4 @@
+use super::Format::{Bin, Npy, NuScenes, Pcd, Ply};
 use super::*;
 
 const POINTS: [[f32; 4]; 3] = [
@@ -115,43 +116,20 @@ fn the_same_points_come_from_every_format() {
         .flat_map(|[x, y, z, i]| [3.0, *z, 0.0, *y, *i, *x])
         .flat_map(f32::to_le_bytes)
         .collect();
+    let plain = Layout::default;
     let cases = [
-        (Format::Bin, Layout::default(), bytes(&POINTS)),
-        (Format::Bin, six, turned),
-        (Format::NuScenes, Layout::default(), five),
-        (
-            Format::Npy,
-            Layout::default(),
-            npy("'<f4'", "(3, 4)", false, &bytes(&POINTS)),
-        ),
-        (
-            Format::Npy,
-            Layout::default(),
-            npy("'>f4'", "(3, 4)", true, &columns),
-        ),
-        (
-            Format::Npy,
-            quarter(),
-            npy(named, "(3,)", false, &rows(false)),
-        ),
-        (Format::Pcd, quarter(), pcd("ascii", text().as_bytes())),
-        (Format::Pcd, quarter(), pcd("binary", &rows(false))),
-        (
-            Format::Pcd,
-            quarter(),
-            pcd("binary_compressed", &compressed()),
-        ),
-        (Format::Ply, quarter(), ply("ascii", text().as_bytes())),
-        (
-            Format::Ply,
-            quarter(),
-            ply("binary_little_endian", &rows(false)),
-        ),
-        (
-            Format::Ply,
-            quarter(),
-            ply("binary_big_endian", &rows(true)),
-        ),
+        (Bin, plain(), bytes(&POINTS)),
+        (Bin, six, turned),
+        (NuScenes, plain(), five),
+        (Npy, plain(), npy("'<f4'", "(3, 4)", false, &bytes(&POINTS))),
+        (Npy, plain(), npy("'>f4'", "(3, 4)", true, &columns)),
+        (Npy, quarter(), npy(named, "(3,)", false, &rows(false))),
+        (Pcd, quarter(), pcd("ascii", text().as_bytes())),
+        (Pcd, quarter(), pcd("binary", &rows(false))),
+        (Pcd, quarter(), pcd("binary_compressed", &compressed())),
+        (Ply, quarter(), ply("ascii", text().as_bytes())),
+        (Ply, quarter(), ply("binary_little_endian", &rows(false))),
+        (Ply, quarter(), ply("binary_big_endian", &rows(true))),
     ];
     for (number, (format, layout, file)) in cases.into_iter().enumerate() {
         let found = format.convert(&layout, file).unwrap();
@@ -166,7 +144,7 @@ fn units_and_axes_are_turned() {
         axes: "y,-x,z".to_string(),
         ..Layout::default()
     };
-    let (out, _) = Format::Bin
+    let (out, _) = Bin
         .convert(&layout, bytes(&[[1000.0, 2000.0, 3000.0, 0.5]]))
         .unwrap();
     assert_eq!(out, bytes(&[[2.0, -1.0, 3.0, 0.5]]));
@@ -179,9 +157,9 @@ fn a_cut_file_gives_its_whole_points_and_says_so() {
         file
     };
     let cases = [
-        (Format::Pcd, pcd("binary", &rows(false))),
-        (Format::Ply, ply("binary_little_endian", &rows(false))),
-        (Format::NuScenes, vec![0; 60]),
+        (Pcd, pcd("binary", &rows(false))),
+        (Ply, ply("binary_little_endian", &rows(false))),
+        (NuScenes, vec![0; 60]),
     ];
     for (format, file) in cases {
         let (out, is_cut) = format.convert(&quarter(), cut(file)).unwrap();
@@ -234,38 +212,34 @@ fn files_that_do_not_fit_are_named() {
         .replace(" x ", " a ")
         .into_bytes();
     for (format, file, words) in [
+        (Pcd, b"hello".to_vec(), "header: expected a line DATA"),
         (
-            Format::Pcd,
-            b"hello".to_vec(),
-            "header: expected a line DATA",
-        ),
-        (
-            Format::Pcd,
+            Pcd,
             no_x,
             "fields: expected one named x, found a, ring, y, z, Intensity",
         ),
         (
-            Format::Pcd,
+            Pcd,
             pcd("zip", b""),
             "DATA: expected ascii, binary or binary_compressed, found zip",
         ),
         (
-            Format::Pcd,
+            Pcd,
             pcd("ascii", b"1 2\n"),
             "row 0: expected 5 numbers, found `1 2`",
         ),
         (
-            Format::Ply,
+            Ply,
             b"ply".to_vec(),
             "header: expected `ply` to `end_header`",
         ),
         (
-            Format::Npy,
+            Npy,
             b"PK".to_vec(),
             "header: expected that of a NumPy array",
         ),
         (
-            Format::Npy,
+            Npy,
             npy("'<f4'", "(3, 2)", false, b""),
             "shape: expected N rows and 3 to 64 columns, found [3, 2]",
         ),

@@ -69,8 +69,7 @@ impl Calibration {
 
     /// What to say where another sensor's packets come.
     pub(super) fn is_not(&self, found: &str) -> SourceError {
-        let (expected, found) = (self.describe(), found.to_string());
-        SourceError::Sensor { expected, found }
+        SourceError::field("packets", self.describe(), found)
     }
 
     pub(super) fn describe(&self) -> String {

@@ -209,7 +209,7 @@ impl<'a> Detector<'a> {
             [] => "no datagram".to_string(),
             _ => format!("datagrams of {:?} bytes", self.lengths),
         };
-        SourceError::Sensor { expected, found }
+        SourceError::field("packets", expected, found)
     }
 }
 
