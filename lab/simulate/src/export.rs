@@ -9,7 +9,7 @@ use super::{Shown, Stream, Turn, turn};
 use clap::Args;
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
-use mluc_model::SensorProfile;
+use mluc_model::{ModelError, SensorProfile};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -32,8 +32,8 @@ pub struct ExportOptions {
     #[arg(long, value_name = "NAME|FILE", value_parser = SensorProfile::load)]
     pub sensor: Option<SensorProfile>,
     /// Scan the same scenes by this sensor too, from the same place, into OUT-pair.
-    #[arg(long = "pair", value_name = "NAME|FILE", value_parser = SensorProfile::load, conflicts_with = "sequence")]
-    pub scanned_by: Option<SensorProfile>,
+    #[arg(long = "pair", value_name = "NAME|FILE", value_parser = load_boxed, conflicts_with = "sequence")]
+    pub scanned_by: Option<Box<SensorProfile>>,
     /// Frames of a sequence at 10 Hz through one scene, in which the sensor and half of the objects move [default: every frame is a scene of its own].
     /// Adds poses.txt and timestamps.txt; the frames that come first are not those of a data set without sequences.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=100))]
@@ -60,6 +60,10 @@ pub struct ExportOptions {
     /// Threads; 0 takes one per core.
     #[arg(skip)]
     pub threads: usize,
+}
+
+fn load_boxed(name_or_file: &str) -> Result<Box<SensorProfile>, ModelError> {
+    SensorProfile::load(name_or_file).map(Box::new)
 }
 
 impl ExportOptions {
@@ -132,7 +136,7 @@ fn simulated(options: &ExportOptions, index: u32) -> Result<Shown, SimulateError
         unseen: options.unseen,
         also_known: Class::REAL.map(is_also),
     };
-    let sensors = [options.sensor.as_ref(), options.scanned_by.as_ref()];
+    let sensors = [options.sensor.as_ref(), options.scanned_by.as_deref()];
     let Some(steps) = options.sequence else {
         return turn(stream, sensors, index, None);
     };
