@@ -8,7 +8,6 @@ use mluc_model::ScoreMin;
 use serde::{Deserialize, Serialize};
 
 use crate::Sensor;
-use crate::fit::BoxFit;
 
 /// Settings, a model or a sensor that no refiner can work with.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -135,8 +134,6 @@ pub struct Study {
     pub scores_clusters: Option<bool>,
     /// Whether objects of no road user's size are ranked last.
     pub ranks_sizes: Option<bool>,
-    /// How rectangles are laid.
-    pub box_fit: Option<BoxFit>,
     /// Work that all candidates of a frame may cost, instead of [`crate::WORK_MAX`].
     pub work_max: Option<u64>,
 }
@@ -196,14 +193,6 @@ impl Settings {
 
     pub(crate) fn work_max(&self) -> u64 {
         self.study.work_max.unwrap_or(crate::WORK_MAX)
-    }
-
-    /// How rectangles are laid: the paper's along the axes.
-    pub(crate) fn box_fit(&self) -> BoxFit {
-        self.study.box_fit.unwrap_or(match self.variant {
-            Variant::Paper => BoxFit::AxisAligned,
-            _ => BoxFit::Closeness,
-        })
     }
 
     /// Radius r of the paper's cylinder around the seed, m: 4 where the model sees all around (its industrial park), 5

@@ -39,7 +39,7 @@ fn measure(
     detections: &[Detection],
     limit_ms: Option<f64>,
 ) -> Result<Value> {
-    let mut refiner = setup.refiner(&setup.settings)?;
+    let mut refiner = setup.refiner()?;
     let mut out = RefinerOutput::default();
     let laps = timed_again(RUNS, || {
         let start = Instant::now();

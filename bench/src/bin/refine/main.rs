@@ -1,6 +1,6 @@
 //! How good and how fast a refiner is on labelled scans, without a network: simulated proposals around each labelled
 //! object, the refined box against the label. `--json` prints one object for a program. Other modes: every cluster of
-//! whole frames, frames made to be expensive, box fits side by side, and one setting varied.
+//! whole frames, frames made to be expensive, and the ground beside another program's.
 
 mod adversarial;
 mod boxes;
@@ -17,7 +17,6 @@ use clap::Parser;
 use mluc_bench::{inputs, on_threads};
 use mluc_dataset::Dataset;
 use mluc_model::Model;
-use mluc_refiner::fit::BoxFit;
 use mluc_refiner::{ClusterScorer, Refiner, Settings, Variant};
 use serde::Serialize;
 use serde_json::Value;
@@ -46,9 +45,6 @@ struct Arguments {
     /// Proposals a frame in the timing part.
     #[arg(long, default_value_t = 20)]
     proposals: usize,
-    /// Timing at random points of the scan instead of at the labelled objects: more expensive, walls and bushes are large.
-    #[arg(long)]
-    anywhere: bool,
     /// Every cluster of each frame, without proposals.
     #[arg(long)]
     everything: bool,
@@ -61,15 +57,6 @@ struct Arguments {
     /// With --adversarial: a limit on a frame's time beside that on its work, ms.
     #[arg(long)]
     limit_ms: Option<f64>,
-    /// Every object with what its first proposal came to: to look at failures.
-    #[arg(long)]
-    list: bool,
-    /// The three box fits side by side.
-    #[arg(long)]
-    fits: bool,
-    /// One setting at several values, all else as it is: join_m=0.3,0.4,0.5 (may be given more than once).
-    #[arg(long)]
-    vary: Vec<String>,
     /// Threads of the pool around it; the refiner works in one.
     #[arg(long, default_value_t = 1)]
     threads: usize,
@@ -115,21 +102,7 @@ fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
     if let Some(answers) = &arguments.ground {
         return ground::run(setup, &frames, answers);
     }
-    if arguments.list {
-        return boxes::list(setup, &frames);
-    }
-    if !arguments.vary.is_empty() {
-        return boxes::vary(setup, &frames, &arguments.vary);
-    }
-    if arguments.fits {
-        let rows = [BoxFit::AxisAligned, BoxFit::MinimumArea, BoxFit::Closeness].map(|fit| {
-            let mut settings = setup.settings.clone();
-            settings.study.box_fit = Some(fit);
-            (format!("{fit:?}"), settings)
-        });
-        return boxes::table(setup, &frames, &rows);
-    }
-    boxes::run(setup, &frames, arguments.proposals, arguments.anywhere)
+    boxes::run(setup, &frames, arguments.proposals)
 }
 
 struct Setup {
@@ -140,9 +113,13 @@ struct Setup {
 }
 
 impl Setup {
-    fn refiner(&self, settings: &Settings) -> Result<Refiner> {
+    fn refiner(&self) -> Result<Refiner> {
         let (sensor, scorer) = (inputs::sensor(), self.scorer.clone());
-        Ok(Refiner::with_scorer(settings.clone(), &sensor, scorer)?)
+        Ok(Refiner::with_scorer(
+            self.settings.clone(),
+            &sensor,
+            scorer,
+        )?)
     }
 
     /// One JSON object on stdout, or the text that a person reads.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use mluc_bench::inputs::{box_of, candidate, sensor};
 use mluc_geometry::ground::{GroundGrid, ground_height_m};
 use mluc_geometry::{Box3, iou_3d, mean_and_spread};
-use mluc_ipc_types::{Object, Point};
+use mluc_ipc_types::Point;
 use mluc_refiner::fit::{Closeness, ClusterPoints, Extend};
 use mluc_refiner::{Refiner, RefinerOutput, Settings};
 use serde_json::{Value, json};
@@ -24,8 +24,6 @@ pub(crate) struct Judged {
     /// Of each of its boxes with the label.
     pub(crate) ious: Vec<f64>,
     pub(crate) ceiling: Option<f64>,
-    /// What its first proposal came to.
-    pub(crate) first: Option<Object>,
 }
 
 /// Means over some objects.
@@ -103,21 +101,18 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
             around.extend(frame.points.iter().filter(|p| {
                 (p.x_m - x).abs() < SURROUNDINGS_M && (p.y_m - y).abs() < SURROUNDINGS_M
             }));
-            let mut first = None;
             let ious = (0..PROPOSALS_PER_OBJECT)
                 .map(|k| {
                     let mut random = keyed([frame.number as u64, object.number as u64, k]);
                     let proposed = proposal(&object.class, &object.shape, &mut random);
                     let detections = [candidate(&proposed, 1.0)];
                     refiner.refine(frame.number as u64 * 8 + k, &around, &detections, &mut out);
-                    first = first.or(out.objects.first().copied());
                     let published = out.objects.iter().find(|found| found.is_published());
                     published.map_or(0.0, |found| iou_3d(&box_of(found), &object.shape))
                 })
                 .collect();
             judged.push(Judged {
                 class: object.class.clone(),
-                first,
                 ious,
                 ceiling: Some(ceiling(&around, &object.shape, &mut ground)),
             });

@@ -2,7 +2,6 @@
 
 use mluc_bench::clock::{Lap, lap_quantile, timed};
 use mluc_bench::inputs::candidate;
-use mluc_geometry::{Box3, Random};
 use mluc_refiner::{Refiner, RefinerOutput};
 use serde_json::{Value, json};
 
@@ -32,27 +31,19 @@ pub(crate) fn in_words(report: &Value) -> String {
     )
 }
 
-/// Frames with candidates at the labelled objects in turn, or where random points of the scan lie; and the work of each.
-pub(crate) fn time(
-    frames: &[Frame],
-    refiner: &mut Refiner,
-    proposals: usize,
-    anywhere: bool,
-) -> (Value, Vec<f64>) {
+/// Frames with candidates at the labelled objects in turn; and the work of each.
+pub(crate) fn time(frames: &[Frame], refiner: &mut Refiner, proposals: usize) -> (Value, Vec<f64>) {
     let mut out = RefinerOutput::default();
     let (mut laps, mut work) = (Vec::new(), Vec::new());
     for pass in 0..=PASSES {
         for frame in frames.iter().filter(|f| !f.points.is_empty()) {
             let number = frame.number as u64;
             let detections: Vec<_> = (0..proposals)
-                .map(|k| {
+                .map_while(|k| {
                     let mut random = keyed([number, k as u64, 1000 + pass]);
-                    let object = frame.objects.iter().cycle().nth(k);
-                    let proposed = match object.filter(|_| !anywhere) {
-                        Some(object) => proposal(&object.class, &object.shape, &mut random),
-                        None => proposal("", &random_place(frame, &mut random), &mut random),
-                    };
-                    candidate(&proposed, 1.0 + k as f32)
+                    let object = frame.objects.iter().cycle().nth(k)?;
+                    let proposed = proposal(&object.class, &object.shape, &mut random);
+                    Some(candidate(&proposed, 1.0 + k as f32))
                 })
                 .collect();
             let lap = timed(|| refiner.refine(number, &frame.points, &detections, &mut out));
@@ -63,10 +54,4 @@ pub(crate) fn time(
         }
     }
     (times(&laps), work)
-}
-
-/// A box of 1 m at a random point of the scan: mostly walls and bushes near the sensor.
-fn random_place(frame: &Frame, random: &mut Random) -> Box3 {
-    let p = frame.points[random.below(frame.points.len())];
-    Box3::from_f32([p.x_m, p.y_m, p.z_m], [1.0; 3], 0.0)
 }

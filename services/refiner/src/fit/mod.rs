@@ -1,7 +1,7 @@
 //! A box around a cluster: rectangle seen from above, then height and the parts that the sensor cannot see.
 //!
 //! Along the axes is what the paper's "tight box" says least ambiguously. On an L of points, which is what a sensor sees of a
-//! car, the least area is often not the car's heading: it is kept as a reference beside [`Closeness`].
+//! car, the least area is often not the car's heading.
 
 mod closeness;
 mod extend;
@@ -13,27 +13,14 @@ pub use footprint::Footprint;
 
 use mluc_geometry::Box3;
 use mluc_kernels::at_best;
-use serde::{Deserialize, Serialize};
 
-use crate::{Sensor, Settings};
-
-/// How a rectangle is laid around a cluster.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BoxFit {
-    /// Sides along x and y.
-    AxisAligned,
-    /// The rectangle of least area.
-    MinimumArea,
-    /// The rectangle whose sides the points lie closest to (Zhang et al., 2017).
-    #[default]
-    Closeness,
-}
+use crate::{Sensor, Settings, Variant};
 
 /// Lays boxes as a variant has it; holds the buffers.
 #[derive(Debug)]
 pub(crate) struct Fitter {
-    fit: BoxFit,
+    /// Along x and y; else where the points lie closest to the sides (Zhang et al., 2017).
+    is_axis_aligned: bool,
     extend: Extend,
     closeness: Closeness,
     /// What the box is laid around.
@@ -43,7 +30,7 @@ pub(crate) struct Fitter {
 impl Fitter {
     pub(crate) fn new(settings: &Settings, sensor: &Sensor) -> Fitter {
         Fitter {
-            fit: settings.box_fit(),
+            is_axis_aligned: settings.variant == Variant::Paper,
             extend: Extend::of(settings, sensor),
             closeness: Closeness::default(),
             points: ClusterPoints::default(),
@@ -52,10 +39,10 @@ impl Fitter {
 
     /// The box around the points, on this ground, and their tight rectangle.
     pub(crate) fn fit(&mut self, ground_m: &[f32]) -> (Box3, Rectangle) {
-        let tight = match self.fit {
-            BoxFit::AxisAligned => self.points.rectangle(0.0),
-            BoxFit::MinimumArea => minimum_area(&self.points),
-            BoxFit::Closeness => self.closeness.fit(&self.points),
+        let tight = if self.is_axis_aligned {
+            self.points.rectangle(0.0)
+        } else {
+            self.closeness.fit(&self.points)
         };
         // Only a cluster without points has no box.
         let shape = self.extend.box_around(&self.points, &tight, ground_m);
