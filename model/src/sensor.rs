@@ -57,58 +57,7 @@ pub struct SensorProfile {
 }
 
 /// The products in `sensors/`: name of the file without its extension, and its text.
-const PRODUCTS: &[(&str, &str)] = &[
-    ("bpearl", include_str!("../../sensors/bpearl.toml")),
-    ("hdl-32e", include_str!("../../sensors/hdl-32e.toml")),
-    ("hdl-64e-s2", include_str!("../../sensors/hdl-64e-s2.toml")),
-    ("hdl-64e-s3", include_str!("../../sensors/hdl-64e-s3.toml")),
-    ("hdl-64e", include_str!("../../sensors/hdl-64e.toml")),
-    ("helios-16p", include_str!("../../sensors/helios-16p.toml")),
-    (
-        "helios-5515",
-        include_str!("../../sensors/helios-5515.toml"),
-    ),
-    ("jt128", include_str!("../../sensors/jt128.toml")),
-    ("jt16", include_str!("../../sensors/jt16.toml")),
-    ("os0-128", include_str!("../../sensors/os0-128.toml")),
-    ("os0-32", include_str!("../../sensors/os0-32.toml")),
-    ("os0-64", include_str!("../../sensors/os0-64.toml")),
-    ("os1-128", include_str!("../../sensors/os1-128.toml")),
-    ("os1-16", include_str!("../../sensors/os1-16.toml")),
-    (
-        "os1-32-gradient",
-        include_str!("../../sensors/os1-32-gradient.toml"),
-    ),
-    ("os1-32", include_str!("../../sensors/os1-32.toml")),
-    (
-        "os1-64-gen1",
-        include_str!("../../sensors/os1-64-gen1.toml"),
-    ),
-    ("os1-64", include_str!("../../sensors/os1-64.toml")),
-    ("os2-128", include_str!("../../sensors/os2-128.toml")),
-    ("os2-32", include_str!("../../sensors/os2-32.toml")),
-    ("os2-64", include_str!("../../sensors/os2-64.toml")),
-    ("ot128", include_str!("../../sensors/ot128.toml")),
-    ("pandar-qt", include_str!("../../sensors/pandar-qt.toml")),
-    ("pandar128", include_str!("../../sensors/pandar128.toml")),
-    ("pandar40p", include_str!("../../sensors/pandar40p.toml")),
-    ("pandar64", include_str!("../../sensors/pandar64.toml")),
-    ("pandar90", include_str!("../../sensors/pandar90.toml")),
-    ("qt128", include_str!("../../sensors/qt128.toml")),
-    ("rs-16", include_str!("../../sensors/rs-16.toml")),
-    ("rs-32", include_str!("../../sensors/rs-32.toml")),
-    ("ruby-plus", include_str!("../../sensors/ruby-plus.toml")),
-    (
-        "vlp-16-hi-res",
-        include_str!("../../sensors/vlp-16-hi-res.toml"),
-    ),
-    ("vlp-16", include_str!("../../sensors/vlp-16.toml")),
-    ("vlp-32c", include_str!("../../sensors/vlp-32c.toml")),
-    ("vls-128", include_str!("../../sensors/vls-128.toml")),
-    ("xt16", include_str!("../../sensors/xt16.toml")),
-    ("xt32", include_str!("../../sensors/xt32.toml")),
-    ("xt32m2x", include_str!("../../sensors/xt32m2x.toml")),
-];
+const PRODUCTS: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/products.rs"));
 
 impl SensorProfile {
     /// Names of the products that are built in.

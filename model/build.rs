@@ -1,0 +1,22 @@
+//! Lists the files of `sensors/`: a product is a file, and nothing else names it.
+
+use std::path::Path;
+use std::{env, fs, io};
+
+fn main() -> io::Result<()> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sensors");
+    println!("cargo::rerun-if-changed={}", folder.display());
+    let paths: io::Result<Vec<_>> = fs::read_dir(&folder)?.map(|e| Ok(e?.path())).collect();
+    let mut paths = paths?;
+    paths.retain(|path| path.extension().is_some_and(|e| e == "toml"));
+    paths.sort();
+    let product = |path: &Path| {
+        let name = path.file_stem().unwrap_or_default();
+        format!("({name:?}, include_str!({path:?})),\n")
+    };
+    let products: String = paths.iter().map(|path| product(path)).collect();
+    let out = env::var_os("OUT_DIR").map_or("products.rs".into(), |out| {
+        Path::new(&out).join("products.rs")
+    });
+    fs::write(out, format!("&[{products}]"))
+}
