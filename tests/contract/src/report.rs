@@ -1,5 +1,7 @@
 //! What the suite found.
 
+use minijinja::Environment;
+use minijinja::value::Serde;
 use serde::Serialize;
 
 #[derive(Serialize)]
@@ -43,22 +45,7 @@ impl Report {
 
     /// A line a case, and the sum.
     pub(crate) fn text(&self) -> String {
-        let mut text = format!("{}\n", self.program);
-        for case in &self.cases {
-            let word = if case.passed { "pass" } else { "FAIL" };
-            let seconds = case.ms as f64 / 1000.0;
-            text += &format!(
-                "  {word}  {:16} {seconds:6.1} s  {}\n",
-                case.name, case.what
-            );
-            if !case.passed {
-                text += &format!("        the contract asks: {}\n", case.asks);
-            }
-        }
-        text += &format!("  {} passed, {} failed", self.passed, self.failed);
-        if self.not_run > 0 {
-            text += &format!(", {} not run: it never started", self.not_run);
-        }
-        text + "\n"
+        let text = Environment::new().render_str(include_str!("report.txt"), Serde(self));
+        text.expect("a template that fits its values") + "\n"
     }
 }

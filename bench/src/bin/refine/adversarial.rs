@@ -11,7 +11,7 @@ use mluc_refiner::RefinerOutput;
 use serde_json::{Value, json};
 
 use crate::timing::times;
-use crate::{Setup, figure, merged};
+use crate::{Setup, merged, table};
 
 /// Timed runs of each frame, after one that is not.
 const RUNS: usize = 20;
@@ -29,7 +29,9 @@ pub(crate) fn run(setup: &Setup, limit_ms: Option<f64>) -> Result<()> {
             rows.push(measure(setup, frame, &points, &detections, limit_ms)?);
         }
     }
-    setup.print(&rows, || print(&rows))
+    let text = |rows| println!("{}", table(include_str!("adversarial.txt"), rows));
+    let rows = Value::Array(rows);
+    setup.print(&rows, || text(&rows))
 }
 
 fn measure(
@@ -92,21 +94,4 @@ fn spots(count: usize, spread_m: f64) -> Vec<Detection> {
         candidate(&shape, 1.0 + k as f32)
     };
     (0..count).map(spot).collect()
-}
-
-fn print(rows: &[Value]) {
-    let name = "frame";
-    println!(
-        "{name:<24} proposals refined unrefined flagged       work   p50 ms   max ms  CPU p50  CPU max"
-    );
-    for row in rows {
-        let name = row["frame"].as_str().unwrap_or_default();
-        let [proposals, refined, unrefined, flagged, work] =
-            ["proposals", "refined", "unrefined", "flagged", "work"].map(|key| figure(row, key));
-        let ms = ["p50_ms", "max_ms", "cpu_p50_ms", "cpu_max_ms"];
-        let ms = ms.map(|key| format!(" {:>8.2}", figure(row, key))).concat();
-        println!(
-            "{name:<24} {proposals:>9} {refined:>7} {unrefined:>9} {flagged:>7} {work:>10}{ms}"
-        );
-    }
 }

@@ -14,12 +14,14 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Parser;
+use minijinja::Environment;
+use minijinja::value::Serde;
 use mluc_bench::{inputs, on_threads};
 use mluc_dataset::Dataset;
 use mluc_model::Model;
 use mluc_refiner::{ClusterScorer, Refiner, Settings, Variant};
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// Quality and time of a refiner on a folder of labelled scans.
 #[derive(Parser)]
@@ -103,6 +105,13 @@ fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
         return ground::run(setup, &frames, answers);
     }
     boxes::run(setup, &frames, arguments.proposals)
+}
+
+/// What a person reads of a report.
+fn table(template: &str, report: &Value) -> String {
+    let values = Serde(json!({"report": report}));
+    let text = Environment::new().render_str(template, values);
+    text.expect("a template that fits its values")
 }
 
 struct Setup {

@@ -10,8 +10,8 @@ use mluc_refiner::fit::{Closeness, ClusterPoints, Extend};
 use mluc_refiner::{Refiner, RefinerOutput, Settings};
 use serde_json::{Value, json};
 
-use crate::figure;
 use crate::scene::{Frame, inside, keyed, proposal};
+use crate::table;
 
 /// Proposals for each labelled object.
 const PROPOSALS_PER_OBJECT: u64 = 8;
@@ -56,36 +56,8 @@ pub(crate) fn quality(judged: &[Judged]) -> Value {
     all
 }
 
-/// The figures of each class of a report.
-pub(crate) fn by_class(report: &Value) -> impl Iterator<Item = (&String, &Value)> {
-    report["by_class"].as_object().into_iter().flatten()
-}
-
 pub(crate) fn print(report: &Value) {
-    let has_ceiling = report["ceiling_mean_iou_3d"].is_f64();
-    println!(
-        "{:<16} {:>7} {:>9} {:>6} {:>6} {:>6}{}",
-        "class",
-        "objects",
-        "mean IoU",
-        ">0.1",
-        ">0.3",
-        ">0.5",
-        if has_ceiling { "  ceiling" } else { "" }
-    );
-    let all = ("all".to_owned(), report);
-    for (name, own) in by_class(report).chain([(&all.0, all.1)]) {
-        let shares = ["share_above_0_1", "share_above_0_3", "share_above_0_5"];
-        let shares = shares
-            .map(|key| format!(" {:>6.2}", figure(own, key)))
-            .concat();
-        let (objects, iou) = (figure(own, "objects"), figure(own, "mean_iou_3d"));
-        print!("{name:<16} {objects:>7} {iou:>9.3}{shares}");
-        if has_ceiling {
-            print!(" {:>8.3}", figure(own, "ceiling_mean_iou_3d"));
-        }
-        println!();
-    }
+    println!("{}", table(include_str!("quality.txt"), report));
 }
 
 /// Each proposal alone: what is judged is the box, not who suppresses whom.
