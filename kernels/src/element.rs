@@ -1,4 +1,5 @@
-//! What a row may hold: f32; bf16 for half the memory and twice the products a cycle; u8 for a quarter and four times.
+//! What a row may hold: f32; bf16 for half the memory and twice the products a cycle; u8 for a quarter and four times;
+//! i16 for the counts of u8 where the processor multiplies no bytes.
 
 use crate::simd::Operand;
 
@@ -7,7 +8,8 @@ use crate::simd::Operand;
 #[repr(transparent)]
 pub struct Bf16(pub u16);
 
-/// A value of a row: [`f32`], [`Bf16`], or [`u8`], which counts units that whoever reads it knows.
+/// A value of a row: [`f32`], [`Bf16`], or [`u8`], which counts units that whoever reads it knows, or [`i16`], which
+/// holds the same counts.
 pub trait Element: Copy + Default + Send + Sync + Operand {
     /// From a sum in f32.
     fn from_f32(value: f32) -> Self;
@@ -52,6 +54,19 @@ impl Element for u8 {
         let bounded = if positive < 255.0 { positive } else { 255.0 };
         // 1.5 * 2^23: from there on the last bits of an f32 count ones.
         (bounded + 12_582_912.0).to_bits() as u8
+    }
+
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        f32::from(self)
+    }
+}
+
+impl Element for i16 {
+    /// As [`u8`].
+    #[inline(always)]
+    fn from_f32(value: f32) -> i16 {
+        i16::from(<u8 as Element>::from_f32(value))
     }
 
     #[inline(always)]

@@ -4,7 +4,7 @@
 //! contiguous), and a convolution is a [`Gather`]: for each output row and each tap of the kernel, which input row is
 //! read. Dense 3x3, strided, sparse 3-D, 1x1 and transposed 2x2 convolutions differ in their gather alone.
 //! A batch is more rows. A cell that is not computed is a row that is not listed. One shape has a way of its own: a 3x3
-//! layer of stride 1 in f32 takes less than half of the products tile by tile ([`convolve_winograd`]).
+//! layer of stride 1 in f32 or i16 takes less than half of the products tile by tile ([`convolve_winograd`]).
 
 mod convolve;
 mod element;
@@ -18,7 +18,7 @@ pub use convolve::{convolve, convolve_at};
 pub use element::{Bf16, Element};
 pub use gather::{ABSENT, Gather};
 pub use gradient::{weight_gradient, weight_gradient_at};
-pub use simd::{Level, at_best, spin};
+pub use simd::{Level, Tiled, at_best, spin};
 pub use weights::Weights;
 pub use winograd::{WeightsWinograd, WinogradTiles, convolve_winograd, convolve_winograd_at};
 

@@ -39,17 +39,18 @@ pub(crate) fn panels(cout: usize) -> impl Iterator<Item = Panel> {
 
 /// Weights of one convolution on rows of `I`, packed: panels of up to 64 output channels, each `[tap][row][width]`,
 /// 64-byte aligned, channels padded to a multiple of 16 with zeros. A row holds an input channel in f32, two in bf16, or
-/// for rows of u8 four in i8, of which each output channel has a scale of its own: its largest weight is 127 of it.
+/// for rows of u8 four in i8 (of i16: two), of which each output channel has a scale of its own: its largest weight is
+/// 127 of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights<I: Element = f32> {
     /// Taps of the kernel; equal to those of the gather.
     pub taps: usize,
-    /// Channels of an input row; even for bf16.
+    /// Channels of an input row.
     pub cin: usize,
     /// Channels of an output row.
     pub cout: usize,
     data: Aligned<I::Weight>,
-    scale: Vec<f32>,
+    pub(crate) scale: Vec<f32>,
 }
 
 impl<I: Element> Weights<I> {
@@ -57,8 +58,8 @@ impl<I: Element> Weights<I> {
     /// counts of the output's (f32 output: into values).
     ///
     /// # Panics
-    /// When `plain` has another length, `cin` is odd for bf16, or sums of u8 could exceed an i32: more than 66,311 inputs
-    /// of a value (a broken invariant, not data).
+    /// When `plain` has another length, or sums of u8 could exceed an i32: more than 66,311 inputs of a value (a broken
+    /// invariant, not data).
     pub fn pack(taps: usize, cin: usize, cout: usize, plain: &[f32]) -> Weights<I> {
         check(plain, [taps, cin, cout]);
         let weight = |[tap, i, o]: [usize; 3]| plain[(tap * cin + i) * cout + o];
@@ -76,8 +77,16 @@ impl<I: Element> Weights<I> {
     }
 
     fn from_fn(shape: [usize; 3], weight: impl Fn([usize; 3]) -> f32) -> Weights<I> {
-        let [taps, cin, cout] = shape;
         let scale = I::scales(shape, &weight);
+        Weights::scaled(shape, scale, weight)
+    }
+
+    /// `scale`: what a packed weight of 1 is worth in each output channel.
+    pub(crate) fn scaled(
+        [taps, cin, cout]: [usize; 3],
+        scale: Vec<f32>,
+        weight: impl Fn([usize; 3]) -> f32,
+    ) -> Weights<I> {
         let (tap_rows, rows) = (I::tap_rows(cin), taps * I::tap_rows(cin));
         let mut data = Aligned::zeros(rows * cout.next_multiple_of(LINE));
         let values = data.as_mut_slice();

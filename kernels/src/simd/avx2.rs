@@ -66,14 +66,33 @@ unsafe impl<const VNNI: bool> Simd for Avx2<VNNI> {
             }
             let a_even = _mm256_and_si256(a, _mm256_set1_epi16(0xff));
             let b_even = _mm256_srai_epi16::<8>(_mm256_slli_epi16::<8>(b));
-            let even = _mm256_madd_epi16(a_even, b_even);
-            let odd = _mm256_madd_epi16(_mm256_srli_epi16::<8>(a), _mm256_srai_epi16::<8>(b));
-            _mm256_add_epi32(c, _mm256_add_epi32(even, odd))
+            let (a_odd, b_odd) = (_mm256_srli_epi16::<8>(a), _mm256_srai_epi16::<8>(b));
+            self.dot_shorts(a_odd, b_odd, self.dot_shorts(a_even, b_even, c))
         }
+    }
+
+    #[inline(always)]
+    fn dot_shorts(self, a: __m256i, b: __m256i, c: __m256i) -> __m256i {
+        unsafe { _mm256_add_epi32(_mm256_madd_epi16(a, b), c) }
     }
 
     #[inline(always)]
     fn add_bits(self, a: __m256i, b: __m256i) -> __m256i {
         unsafe { _mm256_add_epi32(a, b) }
+    }
+
+    #[inline(always)]
+    fn sub_bits(self, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_sub_epi32(a, b) }
+    }
+
+    #[inline(always)]
+    fn add_shorts(self, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_add_epi16(a, b) }
+    }
+
+    #[inline(always)]
+    fn sub_shorts(self, a: __m256i, b: __m256i) -> __m256i {
+        unsafe { _mm256_sub_epi16(a, b) }
     }
 }

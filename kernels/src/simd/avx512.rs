@@ -92,15 +92,34 @@ unsafe impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
             }
             let a_even = _mm512_and_si512(a, _mm512_set1_epi16(0xff));
             let b_even = _mm512_srai_epi16::<8>(_mm512_slli_epi16::<8>(b));
-            let even = _mm512_madd_epi16(a_even, b_even);
-            let odd = _mm512_madd_epi16(_mm512_srli_epi16::<8>(a), _mm512_srai_epi16::<8>(b));
-            _mm512_add_epi32(c, _mm512_add_epi32(even, odd))
+            let (a_odd, b_odd) = (_mm512_srli_epi16::<8>(a), _mm512_srai_epi16::<8>(b));
+            self.dot_shorts(a_odd, b_odd, self.dot_shorts(a_even, b_even, c))
         }
+    }
+
+    #[inline(always)]
+    fn dot_shorts(self, a: __m512i, b: __m512i, c: __m512i) -> __m512i {
+        unsafe { _mm512_add_epi32(_mm512_madd_epi16(a, b), c) }
     }
 
     #[inline(always)]
     fn add_bits(self, a: __m512i, b: __m512i) -> __m512i {
         unsafe { _mm512_add_epi32(a, b) }
+    }
+
+    #[inline(always)]
+    fn sub_bits(self, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_sub_epi32(a, b) }
+    }
+
+    #[inline(always)]
+    fn add_shorts(self, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_add_epi16(a, b) }
+    }
+
+    #[inline(always)]
+    fn sub_shorts(self, a: __m512i, b: __m512i) -> __m512i {
+        unsafe { _mm512_sub_epi16(a, b) }
     }
 
     #[inline(always)]

@@ -104,6 +104,11 @@ impl Level {
         KINDS[self.0 as usize].1
     }
 
+    /// Whether rows of bytes are multiplied faster as i16: without products of bytes on x86-64.
+    pub fn widens_bytes(self) -> bool {
+        matches!(self.0, Avx512 | Avx2 | Plain)
+    }
+
     /// Runs `kernel` compiled for this level.
     pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
         // SAFETY (each): the value was made by `best` or `all`, which asked the processor for these features.

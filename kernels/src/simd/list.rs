@@ -61,7 +61,8 @@ impl Lists<'_> {
     #[inline(always)]
     pub(crate) fn new(index: &[u32], taps: usize) -> Lists<'_> {
         let entries = index.len();
-        assert!(entries <= BLOCK * taps, "{entries} entries of {taps} taps");
+        let fits = entries <= BLOCK * taps && entries.is_multiple_of(taps);
+        assert!(fits, "{entries} entries of {taps} taps");
         Lists {
             index,
             taps,
@@ -111,24 +112,27 @@ impl Lists<'_> {
     /// What [`Simd::list`] does, on any processor.
     #[inline(always)]
     pub(super) fn list_plain(&mut self, first: usize) {
-        // ABSENT + 1 is 0.
-        let mut inputs = 0;
+        if self.held.is_none() {
+            // ABSENT + 1 is 0.
+            let ends = self.index.iter().map(|input| input.wrapping_add(1));
+            self.inputs = ends.fold(0, u32::max) as usize;
+        }
         let lists = self.pairs.iter_mut().zip(&mut self.counts);
         for (tap, (pairs, counted)) in (first..self.taps).zip(lists) {
             let mut count = 0;
-            for (row, taps) in self.index.chunks_exact(self.taps).enumerate() {
-                let input = taps[tap];
-                inputs = input.wrapping_add(1).max(inputs);
+            for row in 0..self.rows {
+                // SAFETY: `new` has seen `rows` rows of `taps` entries, BLOCK at most; `count` is not above `row`.
+                let (input, pair) = unsafe {
+                    let input = *self.index.get_unchecked(row * self.taps + tap);
+                    (input, pairs.get_unchecked_mut(count))
+                };
                 // Always written, kept when present: no branch to mispredict.
-                pairs[count].write(Pair {
-                    input,
-                    row: row as u32,
-                });
+                let row = row as u32;
+                pair.write(Pair { input, row });
                 count += usize::from(input != ABSENT);
             }
             *counted = count;
         }
-        self.inputs = inputs as usize;
     }
 }
 

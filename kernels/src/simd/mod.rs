@@ -27,7 +27,8 @@ pub(crate) use list::{BLOCK, Lists};
 pub(crate) use operand::Operand;
 pub use peak::spin;
 pub(crate) use tiles::{convolve_tiles, gradient_tiles};
-pub(crate) use winograd::{Output, Windows, WinogradMemory};
+pub use winograd::Tiled;
+pub(crate) use winograd::{Output, TILES_MAX, WINDOWS, Windows};
 
 /// Vector registers. A value of the implementing type is the proof that the processor has them.
 ///
@@ -36,7 +37,7 @@ pub(crate) use winograd::{Output, Windows, WinogradMemory};
 pub unsafe trait Simd: Copy {
     /// A register of f32, `LANES` of them.
     type Vector: Copy;
-    /// A register of as many 32-bit lanes: i32, pairs of bf16 (the first in the lower half), or quads of bytes.
+    /// A register of as many 32-bit lanes: i32, pairs of bf16 or i16 (the first in the lower half), or quads of bytes.
     type Bits: Copy;
     /// f32 in a register.
     const LANES: usize;
@@ -68,8 +69,20 @@ pub unsafe trait Simd: Copy {
     /// holds u8, or i8 with [`Simd::SIGNED_BYTES`]; `b` holds i8, `c` i32.
     fn dot_quads(self, a: Self::Bits, b: Self::Bits, c: Self::Bits) -> Self::Bits;
 
+    /// Of pairs of i16, `a.0 * b.0 + a.1 * b.1 + c` in each lane, modulo 2^32.
+    fn dot_shorts(self, a: Self::Bits, b: Self::Bits, c: Self::Bits) -> Self::Bits;
+
     /// `a + b` of i32, modulo 2^32.
     fn add_bits(self, a: Self::Bits, b: Self::Bits) -> Self::Bits;
+
+    /// `a - b` of i32, modulo 2^32.
+    fn sub_bits(self, a: Self::Bits, b: Self::Bits) -> Self::Bits;
+
+    /// `a + b` of i16, modulo 2^16.
+    fn add_shorts(self, a: Self::Bits, b: Self::Bits) -> Self::Bits;
+
+    /// `a - b` of i16, modulo 2^16.
+    fn sub_shorts(self, a: Self::Bits, b: Self::Bits) -> Self::Bits;
 
     /// Lists the block's rows that are present at each of the taps from `first` on, as many as `lists` holds.
     #[inline(always)]

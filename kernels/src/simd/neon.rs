@@ -1,6 +1,6 @@
 //! NEON: 32 registers of 4 f32. With `DOT` also its products of bytes.
 
-use std::arch::aarch64::*;
+use std::{arch::aarch64::*, mem::transmute};
 
 use super::{Kernel, Simd};
 
@@ -83,5 +83,30 @@ unsafe impl<const DOT: bool> Simd for Neon<DOT> {
     #[inline(always)]
     fn add_bits(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
         unsafe { vaddq_u32(a, b) }
+    }
+
+    #[inline(always)]
+    fn dot_shorts(self, a: uint32x4_t, b: uint32x4_t, c: uint32x4_t) -> uint32x4_t {
+        unsafe {
+            let (a, b) = (vreinterpretq_s16_u32(a), vreinterpretq_s16_u32(b));
+            let low = vmull_s16(vget_low_s16(a), vget_low_s16(b));
+            let pairs = vpaddq_s32(low, vmull_high_s16(a, b));
+            vaddq_u32(c, vreinterpretq_u32_s32(pairs))
+        }
+    }
+
+    #[inline(always)]
+    fn sub_bits(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
+        unsafe { vsubq_u32(a, b) }
+    }
+
+    #[inline(always)]
+    fn add_shorts(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
+        unsafe { transmute(vaddq_u16(transmute(a), transmute(b))) }
+    }
+
+    #[inline(always)]
+    fn sub_shorts(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
+        unsafe { transmute(vsubq_u16(transmute(a), transmute(b))) }
     }
 }

@@ -33,7 +33,7 @@ impl<I: Element> Kernel for Spin<I> {
             // Products that stay the same would be computed once: weights are read anew at each step, and where the
             // product is not one instruction with the sum, each sum has its own input.
             let mut inputs = [I::splat(simd, [I::from_f32(1.0); 4].as_ptr()); SUMS];
-            for number in (0..SUMS).filter(|_| I::NEEDS_SPARE) {
+            for number in (0..SUMS).filter(|_| I::STEP > 1) {
                 let input = black_box([I::from_f32(number as f32); 4]);
                 inputs[number] = I::splat(simd, input.as_ptr());
             }

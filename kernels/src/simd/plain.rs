@@ -52,4 +52,35 @@ unsafe impl Simd for Plain {
     fn add_bits(self, a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
         std::array::from_fn(|lane| a[lane].wrapping_add(b[lane]))
     }
+
+    #[inline(always)]
+    fn dot_shorts(self, a: [u32; 4], b: [u32; 4], c: [u32; 4]) -> [u32; 4] {
+        let product = |lane: usize, half: u32| {
+            let (a, b) = (a[lane] >> half, b[lane] >> half);
+            i32::from(a as i16) * i32::from(b as i16)
+        };
+        let pair = |lane| product(lane, 0).wrapping_add(product(lane, 16));
+        std::array::from_fn(|lane| c[lane].wrapping_add_signed(pair(lane)))
+    }
+
+    #[inline(always)]
+    fn sub_bits(self, a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
+        std::array::from_fn(|lane| a[lane].wrapping_sub(b[lane]))
+    }
+
+    #[inline(always)]
+    fn add_shorts(self, a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
+        by_shorts(a, b, u16::wrapping_add)
+    }
+
+    #[inline(always)]
+    fn sub_shorts(self, a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
+        by_shorts(a, b, u16::wrapping_sub)
+    }
+}
+
+#[inline(always)]
+fn by_shorts(a: [u32; 4], b: [u32; 4], work: impl Fn(u16, u16) -> u16) -> [u32; 4] {
+    let half = |a: u32, b: u32, at: u32| u32::from(work((a >> at) as u16, (b >> at) as u16)) << at;
+    std::array::from_fn(|lane| half(a[lane], b[lane], 0) | half(a[lane], b[lane], 16))
 }

@@ -10,26 +10,80 @@ use super::{
     store,
     tiles::store_tile,
 };
-use crate::{ABSENT, weights::PANEL_MAX, winograd::PLACES};
+use crate::{ABSENT, Element, weights::PANEL_MAX, winograd::PLACES};
 
-/// Room for a chunk of tiles: transformed windows `[place][tile][cin]` and sums `[place][tile][width]`.
-pub(crate) struct WinogradMemory {
-    windows: AlignedArray<f32, { WinogradMemory::WINDOWS }>,
-    sums: AlignedArray<f32, { WinogradMemory::SUMS }>,
+/// What layers by tiles multiply.
+pub trait Tiled: Element {
+    /// Transformed weights are so many times G g G', which makes them whole where weights are.
+    const WEIGHT_FACTOR: f32;
+
+    /// `a + b` of values, `a - b` with `MINUS`.
+    fn add<S: Simd, const MINUS: bool>(
+        simd: S,
+        a: Self::Factor<S>,
+        b: Self::Factor<S>,
+    ) -> Self::Factor<S>;
+
+    /// [`Tiled::add`] of sums.
+    fn add_sums<S: Simd, const MINUS: bool>(
+        simd: S,
+        a: Self::Total<S>,
+        b: Self::Total<S>,
+    ) -> Self::Total<S>;
 }
 
-impl WinogradMemory {
-    /// Values of transformed windows that have room: 384 KiB, all of a chunk for 128 channels and a step of one for 512.
-    pub(crate) const WINDOWS: usize = 96 * 1024;
-    /// With its sums such a chunk fits a second-level cache of 1 MiB. Measured: chunks of 24 and 16 are slower.
-    pub(crate) const TILES_MAX: usize = 48;
-    const SUMS: usize = PLACES * WinogradMemory::TILES_MAX * PANEL_MAX;
+impl Tiled for f32 {
+    const WEIGHT_FACTOR: f32 = 1.0;
+
+    #[inline(always)]
+    fn add<S: Simd, const MINUS: bool>(simd: S, a: S::Vector, b: S::Vector) -> S::Vector {
+        simd.fma(b, simd.splat(if MINUS { -1.0 } else { 1.0 }), a)
+    }
+
+    #[inline(always)]
+    fn add_sums<S: Simd, const MINUS: bool>(simd: S, a: S::Vector, b: S::Vector) -> S::Vector {
+        f32::add::<S, MINUS>(simd, a, b)
+    }
+}
+
+impl Tiled for i16 {
+    const WEIGHT_FACTOR: f32 = 4.0;
+
+    #[inline(always)]
+    fn add<S: Simd, const MINUS: bool>(simd: S, a: S::Bits, b: S::Bits) -> S::Bits {
+        if MINUS {
+            simd.sub_shorts(a, b)
+        } else {
+            simd.add_shorts(a, b)
+        }
+    }
+
+    #[inline(always)]
+    fn add_sums<S: Simd, const MINUS: bool>(simd: S, a: S::Bits, b: S::Bits) -> S::Bits {
+        if MINUS {
+            simd.sub_bits(a, b)
+        } else {
+            simd.add_bits(a, b)
+        }
+    }
+}
+
+/// Values of transformed windows that have room: in f32 384 KiB, all of a chunk for 128 channels and a step of one for 512.
+pub(crate) const WINDOWS: usize = 96 * 1024;
+/// With its sums such a chunk fits a second-level cache of 1 MiB. Measured: chunks of 24 and 16 are slower.
+pub(crate) const TILES_MAX: usize = 48;
+const SUMS: usize = PLACES * TILES_MAX * PANEL_MAX;
+
+/// Room for a chunk of tiles: transformed windows `[place][tile][cin]` and sums `[place][tile][width]`.
+pub(crate) struct WinogradMemory<I: Tiled> {
+    windows: AlignedArray<I, WINDOWS>,
+    sums: AlignedArray<I::Sum, SUMS>,
 }
 
 /// Where the outputs of a panel go.
-pub(crate) struct Output<'a> {
+pub(crate) struct Output<'a, O> {
     /// Rows of `channels`, from row `first_row` of the map on.
-    pub(crate) values: &'a mut [f32],
+    pub(crate) values: &'a mut [O],
     /// Rows of tiles count from the map's begin.
     pub(crate) first_row: usize,
     /// Of a row.
@@ -41,31 +95,32 @@ pub(crate) struct Output<'a> {
 }
 
 /// The transformed windows of a chunk of tiles.
-pub(crate) struct Windows<'a> {
+pub(crate) struct Windows<'a, I: Tiled> {
     /// `tiles` rows of `cin` at each place are initialised.
-    windows: *const f32,
-    /// Room for [`WinogradMemory::SUMS`].
-    sums: *mut f32,
+    windows: *const I,
+    /// Room for [`SUMS`].
+    sums: *mut I::Sum,
     tiles: usize,
     cin: usize,
-    memory: PhantomData<&'a mut WinogradMemory>,
+    memory: PhantomData<&'a mut WinogradMemory<I>>,
 }
 
-impl<'a> Windows<'a> {
+impl<'a, I: Tiled> Windows<'a, I> {
     /// B' d B of each window d. `input`: rows of `cin`; `windows`: 16 rows of it a tile. `memory` need not be initialised:
     /// it is larger than a stack would like to hold twice.
     #[inline(always)]
     pub(crate) fn transformed<S: Simd>(
         simd: S,
-        memory: &'a mut MaybeUninit<WinogradMemory>,
-        input: &[f32],
+        memory: &'a mut MaybeUninit<WinogradMemory<I>>,
+        input: &[I],
         cin: usize,
         windows: &[u32],
-    ) -> Windows<'a> {
+    ) -> Windows<'a, I> {
         let tiles = windows.len() / PLACES;
         let values = PLACES * tiles * cin;
-        assert!(cin.is_multiple_of(S::LANES), "rows of {cin}");
-        let fits = values <= WinogradMemory::WINDOWS && tiles <= WinogradMemory::TILES_MAX;
+        let lanes = S::LANES * I::STEP;
+        assert!(cin >= lanes, "rows of {cin}");
+        let fits = values <= WINDOWS && tiles <= TILES_MAX;
         assert!(fits, "{tiles} tiles, rows of {cin}");
         // ABSENT + 1 is 0.
         let ends = windows.iter().map(|row| row.wrapping_add(1));
@@ -75,32 +130,34 @@ impl<'a> Windows<'a> {
         let memory = memory.as_mut_ptr();
         // SAFETY: both are fields of `memory`; nothing is read.
         let (to, sums) = unsafe { (&raw mut (*memory).windows, &raw mut (*memory).sums) };
-        let to: *mut f32 = to.cast();
+        let to: *mut I = to.cast();
+        // SAFETY: a step has at most 4 values.
+        let zero = unsafe { I::splat(simd, [I::default(); 4].as_ptr()) };
         for (tile, rows) in windows.chunks_exact(PLACES).enumerate() {
-            let mut channel = 0;
-            while channel < cin {
-                let mut d = [[simd.splat(0.0); 4]; 4];
+            for channel in (0..cin).step_by(lanes) {
+                // The last register may hold channels of the one before it again.
+                let channel = channel.min(cin - lanes);
+                let mut d = [[zero; 4]; 4];
                 for y in 0..4 {
                     for x in 0..4 {
                         let row = rows[4 * y + x];
                         if row != ABSENT {
-                            // SAFETY: a row that is not absent lies in `input` (`end`), and LANES channels from
-                            // `channel` on lie in it, because cin is a multiple of LANES.
+                            // SAFETY: a row that is not absent lies in `input` (`end`), and a register of channels
+                            // from `channel` on lies in it, as `channel` + lanes <= cin.
                             d[y][x] =
                                 unsafe { load(input.as_ptr().add(row as usize * cin + channel)) };
                         }
                     }
                 }
-                let d = transposed(window_lines(simd, d));
-                let d = window_lines(simd, d);
+                let d = transposed(window_lines::<I, S>(simd, d));
+                let d = window_lines::<I, S>(simd, d);
                 for y in 0..4 {
                     for x in 0..4 {
                         let place = ((y * 4 + x) * tiles + tile) * cin + channel;
-                        // SAFETY: place + LANES <= 16 tiles cin = `values`, which `windows` has room for.
+                        // SAFETY: place + lanes <= 16 tiles cin = `values`, which `windows` has room for.
                         unsafe { store(to.add(place), d[x][y]) };
                     }
                 }
-                channel += S::LANES;
             }
         }
         Windows {
@@ -112,16 +169,16 @@ impl<'a> Windows<'a> {
         }
     }
 
-    /// The outputs of a panel: windows times weights at each place, transformed back, the bias added. `weights`:
-    /// `[place][cin][width]`; `bias`: `width` values; `rows`: 4 of the map a tile.
+    /// The outputs of a panel: windows times weights at each place, transformed back, scaled, the bias added. `weights`:
+    /// `[place][row][width]`; `scale` and `bias`: `width` values; `rows`: 4 of the map a tile.
     #[inline(always)]
-    pub(crate) fn panel<S: Simd>(
+    pub(crate) fn panel<S: Simd, O: Element>(
         &mut self,
         simd: S,
-        weights: &[f32],
-        bias: Option<&[f32]>,
+        weights: &[I::Weight],
+        (scale, bias): (&[f32], &[f32]),
         rows: &[u32],
-        output: &mut Output,
+        output: &mut Output<O>,
     ) {
         let width = output.columns.len();
         assert!(
@@ -129,19 +186,17 @@ impl<'a> Windows<'a> {
                 && width <= PANEL_MAX
                 && output.columns.end <= output.channels
         );
-        assert_eq!(weights.len(), PLACES * self.cin * width);
+        assert_eq!(weights.len(), PLACES * I::tap_rows(self.cin) * width);
         assert_eq!(rows.len(), 4 * self.tiles, "rows of {} tiles", self.tiles);
-        assert!(
-            bias.is_none_or(|bias| bias.len() == width),
-            "a bias a channel"
-        );
+        assert!(scale.len() == width && bias.len() == width);
         self.multiply(simd, weights, width);
-        self.transform_back(simd, bias, rows, output);
+        self.transform_back(simd, (scale, bias), rows, output);
     }
 
     /// A part of [`Windows::panel`], which has checked the lengths.
     #[inline(always)]
-    fn multiply<S: Simd>(&mut self, simd: S, weights: &[f32], width: usize) {
+    fn multiply<S: Simd>(&mut self, simd: S, weights: &[I::Weight], width: usize) {
+        let size = I::tap_rows(self.cin) * width;
         for place in 0..PLACES {
             // SAFETY: the first of `tiles` rows of `cin`, and of as many rows of `width` that have room.
             let (windows, sums) = unsafe {
@@ -150,14 +205,14 @@ impl<'a> Windows<'a> {
                     self.sums.add(place * self.tiles * width),
                 )
             };
-            let product = Product {
+            let product = Product::<I> {
                 windows,
                 cin: self.cin,
-                weights: weights[place * self.cin * width..].as_ptr(),
+                weights: weights[place * size..].as_ptr(),
                 width,
                 sums,
             };
-            // SAFETY: `transformed` has written `tiles` rows of `cin` at each place, `weights` has `cin` rows of
+            // SAFETY: `transformed` has written `tiles` rows of `cin` at each place, `weights` has their rows of
             // `width`, and `sums` has room for TILES_MAX >= tiles rows of PANEL_MAX >= width at each.
             unsafe { cover(simd, self.tiles, width, &product) }
         }
@@ -165,19 +220,19 @@ impl<'a> Windows<'a> {
 
     /// A' m A of the sums m of each tile; a part of [`Windows::panel`], which has just multiplied.
     #[inline(always)]
-    fn transform_back<S: Simd>(
+    fn transform_back<S: Simd, O: Element>(
         &self,
         simd: S,
-        bias: Option<&[f32]>,
+        (scale, bias): (&[f32], &[f32]),
         rows: &[u32],
-        output: &mut Output,
+        output: &mut Output<O>,
     ) {
         let (tiles, width) = (self.tiles, output.columns.len());
-        let one = simd.splat(1.0);
+        let mut sums = AlignedArray([I::Sum::default(); 4 * PANEL_MAX]);
         for (tile, rows) in rows.chunks_exact(4).enumerate() {
-            let mut channel = 0;
-            while channel < width {
-                let mut m = [[simd.splat(0.0); 4]; 4];
+            for channel in (0..width).step_by(S::LANES) {
+                // SAFETY: the first of what `multiply` has written.
+                let mut m = [[unsafe { load(self.sums) }; 4]; 4];
                 for y in 0..4 {
                     for x in 0..4 {
                         let place = ((y * 4 + x) * tiles + tile) * width + channel;
@@ -186,33 +241,31 @@ impl<'a> Windows<'a> {
                         m[y][x] = unsafe { load(self.sums.add(place)) };
                     }
                 }
-                let [upper, lower] = output_lines(simd, m);
+                let [upper, lower] = output_lines::<I, S>(simd, m);
                 let m = transposed([upper, lower, upper, lower]);
-                let m = output_lines(simd, m);
-                let mut added = simd.splat(0.0);
-                if let Some(bias) = bias {
-                    // SAFETY: the bias has `width` values.
-                    added = unsafe { load(bias.as_ptr().add(channel)) };
-                }
+                let m = output_lines::<I, S>(simd, m);
                 for y in 0..2 {
                     for x in 0..2 {
-                        let row = rows[2 * y + x];
-                        if row == ABSENT {
-                            continue;
-                        }
-                        // A row before the first one wraps to where no slice reaches.
-                        let row = (row as usize).wrapping_sub(output.first_row);
-                        let from = row.wrapping_mul(output.channels);
-                        let from = from.wrapping_add(output.columns.start + channel);
-                        let to = &mut output.values[from..][..S::LANES];
+                        let to = &mut sums.0[(2 * y + x) * PANEL_MAX + channel..][..S::LANES];
                         // SAFETY: `to` has LANES values.
-                        unsafe { store(to.as_mut_ptr(), simd.fma(m[x][y], one, added)) };
-                        for value in to {
-                            *value = clamp(*value, output.floor);
-                        }
+                        unsafe { store(to.as_mut_ptr(), m[x][y]) };
                     }
                 }
-                channel += S::LANES;
+            }
+            for (row, sums) in rows.iter().zip(sums.0.chunks_exact(PANEL_MAX)) {
+                if *row == ABSENT {
+                    continue;
+                }
+                // A row before the first one wraps to where no slice reaches.
+                let row = (*row as usize).wrapping_sub(output.first_row);
+                let from = row.wrapping_mul(output.channels);
+                let from = from.wrapping_add(output.columns.start);
+                let to = &mut output.values[from..][..width];
+                let channels = sums.iter().zip(scale).zip(bias);
+                for (y, ((sum, scale), bias)) in to.iter_mut().zip(channels) {
+                    let value = I::finish(*sum, *scale, 0.0) + bias;
+                    *y = O::from_f32(clamp(value, output.floor));
+                }
             }
         }
     }
@@ -220,30 +273,26 @@ impl<'a> Windows<'a> {
 
 /// B' d: differences and sums of the rows of a window.
 #[inline(always)]
-fn window_lines<S: Simd>(simd: S, d: [[S::Vector; 4]; 4]) -> [[S::Vector; 4]; 4] {
-    let (one, minus) = (simd.splat(1.0), simd.splat(-1.0));
+fn window_lines<I: Tiled, S: Simd>(simd: S, d: [[I::Factor<S>; 4]; 4]) -> [[I::Factor<S>; 4]; 4] {
     let mut lines = d;
     for x in 0..4 {
-        lines[0][x] = simd.fma(d[2][x], minus, d[0][x]);
-        lines[1][x] = simd.fma(d[1][x], one, d[2][x]);
-        lines[2][x] = simd.fma(d[1][x], minus, d[2][x]);
-        lines[3][x] = simd.fma(d[3][x], minus, d[1][x]);
+        lines[0][x] = I::add::<S, true>(simd, d[0][x], d[2][x]);
+        lines[1][x] = I::add::<S, false>(simd, d[1][x], d[2][x]);
+        lines[2][x] = I::add::<S, true>(simd, d[2][x], d[1][x]);
+        lines[3][x] = I::add::<S, true>(simd, d[1][x], d[3][x]);
     }
     lines
 }
 
 /// A' m: sums and differences of the rows of a tile's sums.
 #[inline(always)]
-fn output_lines<S: Simd>(simd: S, m: [[S::Vector; 4]; 4]) -> [[S::Vector; 4]; 2] {
-    let (one, minus) = (simd.splat(1.0), simd.splat(-1.0));
+fn output_lines<I: Tiled, S: Simd>(simd: S, m: [[I::Total<S>; 4]; 4]) -> [[I::Total<S>; 4]; 2] {
     let mut lines = [m[0], m[1]];
     for x in 0..4 {
-        let (outer, inner) = (
-            simd.fma(m[0][x], one, m[1][x]),
-            simd.fma(m[2][x], minus, m[1][x]),
-        );
-        lines[0][x] = simd.fma(m[2][x], one, outer);
-        lines[1][x] = simd.fma(m[3][x], minus, inner);
+        let outer = I::add_sums::<S, false>(simd, m[0][x], m[1][x]);
+        let inner = I::add_sums::<S, true>(simd, m[1][x], m[2][x]);
+        lines[0][x] = I::add_sums::<S, false>(simd, m[2][x], outer);
+        lines[1][x] = I::add_sums::<S, true>(simd, inner, m[3][x]);
     }
     lines
 }
@@ -260,29 +309,30 @@ fn transposed<V: Copy>(m: [[V; 4]; 4]) -> [[V; 4]; 4] {
 }
 
 /// Rows of windows times a matrix of weights, at one place.
-struct Product {
-    windows: *const f32,
+struct Product<I: Tiled> {
+    windows: *const I,
     cin: usize,
-    weights: *const f32,
+    weights: *const I::Weight,
     width: usize,
-    sums: *mut f32,
+    sums: *mut I::Sum,
 }
 
-impl Tile for Product {
+impl<I: Tiled> Tile for Product<I> {
     #[inline(always)]
     unsafe fn tile<S: Simd, const R: usize, const V: usize>(&self, simd: S, at: [usize; 2]) {
         let [row, column] = at;
-        // SAFETY: `Windows::multiply` has checked the lengths, the caller gives rows and columns inside.
+        // SAFETY: `Windows::multiply` has checked the lengths, the caller gives rows and columns inside; a register has
+        // at most LINE lanes.
         unsafe {
             let (mut windows, mut sums) = ([self.windows; R], [self.sums; R]);
             for r in 0..R {
                 windows[r] = self.windows.add((row + r) * self.cin);
                 sums[r] = self.sums.add((row + r) * self.width + column);
             }
-            let mut totals = [[simd.splat(0.0); V]; R];
+            let mut totals = [[load([I::Sum::default(); LINE].as_ptr()); V]; R];
             let weights = self.weights.add(column);
             multiply(simd, windows, self.cin, weights, self.width, &mut totals);
-            store_tile::<f32, S, R, V>(sums, totals);
+            store_tile::<I, S, R, V>(sums, totals);
         }
     }
 }

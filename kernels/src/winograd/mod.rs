@@ -3,7 +3,9 @@
 //! Winograd's minimal filtering F(2x2, 3x3) (Lavin and Gray 2016, section 4.1): a 4x4 window of input rows d and the
 //! kernel g are each transformed, multiplied place by place (so the sum over input channels is one matrix product a
 //! place), and the 16 sums are transformed back: Y = A'[(G g G') * (B' d B)]A. The transforms only add and halve, so the
-//! result is the direct one up to rounding. An output depends on its own 3x3 inputs alone: what it does not read cancels
+//! result is the direct one up to rounding, in i16 exactly: B' d B of counts up to 255 lies within 1020, 4 G g G' of
+//! weights up to 127 within 1143, and the sums, 4 times the direct ones, fit an i32 for all channels that fit a chunk.
+//! An output depends on its own 3x3 inputs alone: what it does not read cancels
 //! in the formula, not in the arithmetic. An infinite input may make it no number.
 
 mod tiles;
@@ -12,9 +14,9 @@ mod weights;
 use std::{mem::MaybeUninit, ops::Range};
 
 use crate::{
-    Epilogue, Level, Weights,
-    simd::{Kernel, Output, Simd, Windows, WinogradMemory},
-    weights::panels,
+    Element, Epilogue, Level, Weights,
+    simd::{Kernel, Output, Simd, TILES_MAX, Tiled, WINDOWS, Windows},
+    weights::{PANEL_MAX, panels},
 };
 
 pub use tiles::WinogradTiles;
@@ -27,12 +29,11 @@ pub(crate) const PLACES: usize = 16;
 const CHUNK_STEP: usize = 12;
 
 /// Tiles of one task, about: two chunks, so that two threads find something to share in a small scan. A guess.
-const TILES_A_TASK: usize = 2 * WinogradMemory::TILES_MAX;
+const TILES_A_TASK: usize = 2 * TILES_MAX;
 
 /// Tiles of a chunk whose windows have rows of `cin`; 0 where not even one step of them has room.
 fn chunk_tiles(cin: usize) -> usize {
-    (WinogradMemory::WINDOWS / (PLACES * cin)).min(WinogradMemory::TILES_MAX) / CHUNK_STEP
-        * CHUNK_STEP
+    (WINDOWS / (PLACES * cin)).min(TILES_MAX) / CHUNK_STEP * CHUNK_STEP
 }
 
 /// [`crate::convolve`] of a 3x3 layer of stride 1, tile by tile. `input`: rows of `cin`; `output`: rows of `cout`, of
@@ -42,24 +43,24 @@ fn chunk_tiles(cin: usize) -> usize {
 ///
 /// # Panics
 /// When lengths or row numbers contradict each other (a broken invariant, not data).
-pub fn convolve_winograd(
-    input: &[f32],
+pub fn convolve_winograd<I: Tiled, O: Element>(
+    input: &[I],
     tiles: &WinogradTiles,
-    weights: &WeightsWinograd,
+    weights: &WeightsWinograd<I>,
     epilogue: Epilogue,
-    output: &mut [f32],
+    output: &mut [O],
 ) {
     convolve_winograd_at(Level::best(), input, tiles, weights, epilogue, output);
 }
 
 /// [`convolve_winograd`] with the registers of `level`, for tests and measurements.
-pub fn convolve_winograd_at(
+pub fn convolve_winograd_at<I: Tiled, O: Element>(
     level: Level,
-    input: &[f32],
+    input: &[I],
     tiles: &WinogradTiles,
-    weights: &WeightsWinograd,
+    weights: &WeightsWinograd<I>,
     epilogue: Epilogue,
-    output: &mut [f32],
+    output: &mut [O],
 ) {
     let count = tiles.count();
     if count == 0 {
@@ -77,17 +78,17 @@ pub fn convolve_winograd_at(
     .strips(0..tiles.strips.len(), 0, output);
 }
 
-struct Job<'a> {
+struct Job<'a, I: Tiled> {
     level: Level,
-    input: &'a [f32],
+    input: &'a [I],
     tiles: &'a WinogradTiles,
-    weights: &'a Weights,
+    weights: &'a Weights<I>,
     epilogue: Epilogue<'a>,
 }
 
-impl Job<'_> {
+impl<I: Tiled> Job<'_, I> {
     /// Halves the strips, down to tasks. `output` begins at row `first`.
-    fn strips(&self, strips: Range<usize>, first: usize, output: &mut [f32]) {
+    fn strips<O: Element>(&self, strips: Range<usize>, first: usize, output: &mut [O]) {
         let tiles = self.tiles.before(strips.start)..self.tiles.before(strips.end);
         if tiles.is_empty() {
             return;
@@ -109,7 +110,7 @@ impl Job<'_> {
     /// Computes chunks of tiles, of nearly equal size. Not inlined: the memory of a chunk is not to lie in each of the
     /// frames that halve strips.
     #[inline(never)]
-    fn task(&self, tiles: Range<usize>, first: usize, output: &mut [f32]) {
+    fn task<O: Element>(&self, tiles: Range<usize>, first: usize, output: &mut [O]) {
         let chunks = tiles.len().div_ceil(chunk_tiles(self.weights.cin));
         let size = tiles.len().div_ceil(chunks).next_multiple_of(CHUNK_STEP);
         for start in tiles.clone().step_by(size) {
@@ -124,14 +125,14 @@ impl Job<'_> {
 }
 
 /// Tiles whose transformed windows and sums fit the memory of a chunk.
-struct Chunk<'a> {
-    job: &'a Job<'a>,
+struct Chunk<'a, I: Tiled, O> {
+    job: &'a Job<'a, I>,
     tiles: Range<usize>,
     first: usize,
-    output: &'a mut [f32],
+    output: &'a mut [O],
 }
 
-impl Kernel for Chunk<'_> {
+impl<I: Tiled, O: Element> Kernel for Chunk<'_, I, O> {
     type Output = ();
 
     #[inline(always)]
@@ -142,16 +143,21 @@ impl Kernel for Chunk<'_> {
         let mut memory = const { MaybeUninit::uninit() };
         let mut windows = Windows::transformed(simd, &mut memory, self.job.input, cin, windows);
         for panel in panels(cout) {
-            let bias = epilogue.bias.map(|bias| &bias[panel.first..][..panel.used]);
+            let mut bias = [0.0; PANEL_MAX];
+            if let Some(values) = epilogue.bias {
+                bias[..panel.used].copy_from_slice(&values[panel.first..][..panel.used]);
+            }
+            let channels = panel.first..panel.first + panel.width;
+            let factors = (&weights.scale()[channels.clone()], &bias[..panel.width]);
             let rows = &tiles.outputs[self.tiles.start * 4..self.tiles.end * 4];
             let mut to = Output {
                 values: &mut *self.output,
                 first_row: self.first,
                 channels: cout,
-                columns: panel.first..panel.first + panel.width,
+                columns: channels,
                 floor: epilogue.floor(),
             };
-            windows.panel(simd, weights.panel(panel), bias, rows, &mut to);
+            windows.panel(simd, weights.panel(panel), factors, rows, &mut to);
         }
     }
 }

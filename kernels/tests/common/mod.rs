@@ -3,7 +3,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use mluc_kernels::{ABSENT, Gather};
+use mluc_kernels::{ABSENT, Bf16, Element, Gather};
 
 /// A linear congruential generator: the same cases on every machine.
 pub(crate) struct Random(pub(crate) u64);
@@ -43,6 +43,70 @@ impl Random {
         Gather::new(taps, (0..outputs * taps).map(|_| entry()).collect())
     }
 }
+
+/// Inputs of a convolution whose products are exact: only sums round.
+pub(crate) trait Input: Element + PartialEq + std::fmt::Debug {
+    const TOLERANCE: f64 = 4e-6;
+
+    fn inputs(random: &mut Random, count: usize) -> Vec<Self> {
+        let values = random.values(count).into_iter();
+        values.map(Self::from_f32).collect()
+    }
+
+    /// Those of the first `cout` that scale each output channel come first.
+    fn weights(random: &mut Random, count: usize, _cout: usize) -> Vec<f32> {
+        let rounded = Self::inputs(random, count).into_iter();
+        rounded.map(Self::to_f32).collect()
+    }
+
+    fn bias(random: &mut Random, cout: usize) -> Vec<f32> {
+        random.values(cout)
+    }
+
+    fn value(sum: f64, bias: f32) -> f64 {
+        sum + f64::from(bias)
+    }
+}
+
+impl Input for f32 {}
+
+impl Input for Bf16 {}
+
+macro_rules! counts {
+    ($($type:ty),*) => {$(
+        /// The same bits. Extremes are common: a product of bytes that saturates would be noticed.
+        impl Input for $type {
+            const TOLERANCE: f64 = 0.0;
+
+            fn inputs(random: &mut Random, count: usize) -> Vec<$type> {
+                let mut byte = || [0, 255, 255, random.below(256)][random.below(4)] as $type;
+                (0..count).map(|_| byte()).collect()
+            }
+
+            /// Whole numbers up to 127, which each output channel has: its scale is 1.
+            fn weights(random: &mut Random, count: usize, cout: usize) -> Vec<f32> {
+                let mut weight = || {
+                    let any = random.below(255) as i32 - 127;
+                    [127, -127, any, any][random.below(4)] as f32
+                };
+                let mut weights: Vec<f32> = (0..count).map(|_| weight()).collect();
+                weights[..cout].fill(127.0);
+                weights
+            }
+
+            fn bias(random: &mut Random, cout: usize) -> Vec<f32> {
+                let whole = |value: &f32| (value * 1e6).round();
+                random.values(cout).iter().map(whole).collect()
+            }
+
+            /// Rounded once, as an f32 of an i32 is, and once more with the bias.
+            fn value(sum: f64, bias: f32) -> f64 {
+                f64::from(sum as f32 + bias)
+            }
+        }
+    )*};
+}
+counts!(u8, i16);
 
 /// A map of `width x height` read by a 3x3 kernel; each (input row, tap) is read at most once.
 pub(crate) fn dense(width: usize, height: usize) -> Gather {

@@ -44,7 +44,7 @@ impl Precision {
 fn faster(level: &str) -> &'static [Precision] {
     match level {
         "avx512bf16" => &[Precision::Int8, Precision::Bf16],
-        "avx512vnni" | "avxvnni" | "neondot" => &[Precision::Int8],
+        "avx512vnni" | "avx512" | "avxvnni" | "avx2" | "neondot" => &[Precision::Int8],
         _ => &[],
     }
 }
@@ -92,10 +92,12 @@ mod tests {
             let names = Precision::ALL.map(Precision::metrics).concat();
             manifest.provenance.metrics = names.into_iter().zip(figures).collect();
             assert_eq!(chosen("avx512bf16", &manifest), with, "{figures:?}");
-            for level in ["avx512vnni", "avxvnni", "neondot"] {
+            for level in ["avx512vnni", "avx512", "avxvnni", "avx2", "neondot"] {
                 assert_eq!(chosen(level, &manifest), without, "{level} {figures:?}");
             }
-            assert_eq!(chosen("neon", &manifest), F32);
+            for level in ["neon", "portable"] {
+                assert_eq!(chosen(level, &manifest), F32);
+            }
             assert_ne!(auto("avxvnni", &manifest, false).0, Int8);
         }
     }

@@ -1,6 +1,6 @@
 //! Points to feature rows: the stage as one function.
 
-use mluc_kernels::Bf16;
+use mluc_kernels::{Bf16, Level};
 use mluc_model::{Manifest, WeightSet};
 
 use crate::error::{BackboneError, Result};
@@ -26,6 +26,8 @@ enum Engine {
     F32(Box<Layers<f32>>),
     Bf16(Box<Layers<Bf16>>),
     Int8(Box<Layers<u8>>),
+    /// The same counts and results where the processor multiplies no bytes.
+    Int8Widened(Box<Layers<i16>>),
 }
 
 /// The same expression on the layers of any precision.
@@ -35,6 +37,7 @@ macro_rules! on_layers {
             Engine::F32($layers) => $value,
             Engine::Bf16($layers) => $value,
             Engine::Int8($layers) => $value,
+            Engine::Int8Widened($layers) => $value,
         }
     };
 }
@@ -64,6 +67,9 @@ impl Backbone {
                 Engine::F32(Box::new(Layers::new(manifest, weights, identity)?))
             }
             Precision::Bf16 => Engine::Bf16(Box::new(Layers::new(manifest, weights, identity)?)),
+            Precision::Int8 if Level::best().widens_bytes() => {
+                Engine::Int8Widened(Box::new(Layers::new(manifest, weights, counts)?))
+            }
             Precision::Int8 => Engine::Int8(Box::new(Layers::new(manifest, weights, counts)?)),
         }))
     }
@@ -85,7 +91,7 @@ impl Backbone {
         match self.0 {
             Engine::F32(_) => Precision::F32,
             Engine::Bf16(_) => Precision::Bf16,
-            Engine::Int8(_) => Precision::Int8,
+            Engine::Int8(_) | Engine::Int8Widened(_) => Precision::Int8,
         }
     }
 

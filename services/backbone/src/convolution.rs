@@ -3,7 +3,6 @@
 use mluc_kernels::{Element, Epilogue, Gather, Weights, convolve};
 use mluc_model::Folded;
 
-use crate::error::BackboneError;
 use crate::precision::Value;
 
 /// Packed weights and bias of a layer that reads rows of `V`.
@@ -15,14 +14,11 @@ pub(crate) struct Convolution<V: Value> {
 
 impl<V: Value> Convolution<V> {
     /// All taps of a layer, in the scale of the rows that it reads and writes.
-    pub(crate) fn new(layer: &Folded) -> Result<Convolution<V>, BackboneError> {
-        if !layer.cin.is_multiple_of(V::CHANNELS) {
-            return Err(BackboneError::OddChannels { found: layer.cin });
-        }
-        Ok(Convolution {
+    pub(crate) fn new(layer: &Folded) -> Convolution<V> {
+        Convolution {
             weights: Weights::pack(layer.taps, layer.cin, layer.cout, &layer.weights),
             bias: layer.bias.clone(),
-        })
+        }
     }
 
     /// [`Convolution::new`] whose bias takes up what rounding does to an input of `empty_response` rows (in the scale of the rows
@@ -30,13 +26,10 @@ impl<V: Value> Convolution<V> {
     ///
     /// Almost all of a map is its response to an empty scene, the same row at every cell: its rounding errors do not
     /// cancel as random ones do, but add up from tap to tap and from layer to layer.
-    pub(crate) fn around(
-        layer: &Folded,
-        empty_response: &[f32],
-    ) -> Result<Convolution<V>, BackboneError> {
-        let mut convolution = Convolution::new(layer)?;
+    pub(crate) fn around(layer: &Folded, empty_response: &[f32]) -> Convolution<V> {
+        let mut convolution = Convolution::new(layer);
         if !V::ROUNDS {
-            return Ok(convolution);
+            return convolution;
         }
         let rounded = empty_response.iter().map(|value| V::from_f32(*value));
         let rounded: Vec<V> = rounded.collect();
@@ -47,14 +40,11 @@ impl<V: Value> Convolution<V> {
         let expected = sums(layer, empty_response);
         let pairs = convolution.bias.iter_mut().zip(expected.iter().zip(found));
         pairs.for_each(|(bias, (expected, found))| *bias += expected - found);
-        Ok(convolution)
+        convolution
     }
 
     /// [`Convolution::around`], one convolution a tap: a transposed layer, whose taps write different outputs.
-    pub(crate) fn by_tap(
-        layer: &Folded,
-        empty_response: &[f32],
-    ) -> Result<Vec<Convolution<V>>, BackboneError> {
+    pub(crate) fn by_tap(layer: &Folded, empty_response: &[f32]) -> Vec<Convolution<V>> {
         let taps = layer.weights.chunks_exact(layer.cin * layer.cout);
         taps.map(|tap| {
             let layer = Folded {

@@ -21,11 +21,6 @@ pub enum BackboneError {
     /// Not the name of a precision.
     #[error("precision: auto, f32, bf16 or int8 expected, found `{found}`")]
     Precision { found: String },
-    /// A layer that bf16 cannot compute.
-    #[error(
-        "precision bf16: an even number of input channels expected in every layer, found {found}; run it in f32 or int8"
-    )]
-    OddChannels { found: usize },
     /// Int8 needs to know how large values get.
     #[error(
         "precision int8: a model with a calibration expected, found none; make one with `mluc-lab quantize --model FILE \

@@ -47,8 +47,8 @@ impl<V: Value> Features<V> {
         let shape = network.map_shape();
         let cells = shape[0] * shape[1];
         Ok(Features {
-            up1: Convolution::around(&up1, &reads1)?,
-            up2: Convolution::by_tap(&up2, &reads2)?,
+            up1: Convolution::around(&up1, &reads1),
+            up2: Convolution::by_tap(&up2, &reads2),
             cells: CellSet::new(shape),
             gather1: Gather::new(1, Vec::with_capacity(cells)),
             rows1: Vec::with_capacity(cells),

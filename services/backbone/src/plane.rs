@@ -2,10 +2,10 @@
 //!
 //! Far from any point a layer's output is its response to an empty scene: constant but for the zero padding's influence
 //! near the border. That response is computed once. A frame then computes the cells that read a cell which its input
-//! layer computed; neighbours outside read the stored response. The result equals the dense one: bit for bit where
-//! sums are direct, up to rounding by tiles.
+//! layer computed; neighbours outside read the stored response. The result equals the dense one: bit for bit, in f32 by
+//! tiles up to rounding.
 
-use mluc_kernels::{ABSENT, Gather, WeightsWinograd, WinogradTiles, convolve_winograd};
+use mluc_kernels::{ABSENT, Gather, Tiled, WeightsWinograd, WinogradTiles, convolve_winograd};
 use mluc_model::{DenseLayer, Folded, WeightSet};
 use rayon::prelude::*;
 
@@ -55,13 +55,13 @@ pub(crate) struct PlaneLayer<V: Value> {
     empty: Vec<V>,
     previous: CellSet,
     gather: Gather,
-    by_tiles: Option<ByTiles>,
+    by_tiles: Option<ByTiles<V::Tiled>>,
 }
 
-/// A layer of stride 1 in f32: tiles of 2x2 cells take 16 products where 4 windows take 36.
+/// A layer of stride 1 in f32 or i16: tiles of 2x2 cells take 16 products where 4 windows take 36.
 #[derive(Clone, Debug)]
-struct ByTiles {
-    weights: WeightsWinograd,
+struct ByTiles<I: Tiled> {
+    weights: WeightsWinograd<I>,
     tiles: WinogradTiles,
 }
 
@@ -81,7 +81,7 @@ impl<V: Value> PlaneLayer<V> {
         let shape = input.shape.map(|edge| edge.div_ceil(layer.stride));
         let cells = shape[0] * shape[1];
         let values = vec![V::default(); cells * layer.cout];
-        let by_tiles = layer.stride == 1 && !reads_sparse_map && V::f32_rows(&values).is_some();
+        let by_tiles = layer.stride == 1 && !reads_sparse_map && V::tiled(&[], &mut []).is_some();
         let by_tiles = by_tiles
             .then(|| WeightsWinograd::pack(folded.cin, folded.cout, &folded.weights))
             .flatten()
@@ -93,7 +93,7 @@ impl<V: Value> PlaneLayer<V> {
         let reads = input.scale.counts(&input.empty_response);
         Ok(PlaneLayer {
             name: layer.name.clone(),
-            convolution: Convolution::around(&folded, &reads)?,
+            convolution: Convolution::around(&folded, &reads),
             output: MapRows {
                 shape,
                 scale,
@@ -137,7 +137,7 @@ impl<V: Value> PlaneLayer<V> {
     /// The active cells by tiles, where this layer can.
     fn run_by_tiles(&mut self, input: &[V]) -> Option<()> {
         let ByTiles { weights, tiles } = self.by_tiles.as_mut()?;
-        let (input, output) = (V::f32_rows(input)?, V::f32_rows_mut(&mut self.values)?);
+        let (input, output) = V::tiled(input, &mut self.values)?;
         tiles.assign(&self.active.list, self.active.shape);
         convolve_winograd(input, tiles, weights, self.convolution.epilogue(), output);
         Some(())

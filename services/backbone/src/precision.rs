@@ -1,6 +1,6 @@
 //! In what precision the layers multiply.
 
-use mluc_kernels::{Bf16, Element};
+use mluc_kernels::{Bf16, Element, Tiled};
 use serde::{Deserialize, Serialize};
 
 use crate::error::BackboneError;
@@ -56,21 +56,19 @@ impl std::str::FromStr for Precision {
     }
 }
 
+/// What a layer by tiles reads and writes.
+type TiledRows<'a, I> = (&'a [I], &'a mut [I]);
+
 /// What the rows between two layers hold.
 pub(crate) trait Value: Element + std::fmt::Debug + 'static {
+    /// What layers by tiles multiply: itself, or it has none.
+    type Tiled: Tiled + std::fmt::Debug;
+
     /// Whether a value or a weight is rounded when it becomes one of these.
     const ROUNDS: bool = true;
 
-    /// Input channels that weights are packed by: a layer's must be a multiple.
-    const CHANNELS: usize = 1;
-
-    /// These rows, where they hold f32.
-    fn f32_rows(_: &[Self]) -> Option<&[f32]> {
-        None
-    }
-
-    /// [`Value::f32_rows`], to be written.
-    fn f32_rows_mut(_: &mut [Self]) -> Option<&mut [f32]> {
+    /// Rows to be read and rows to be written, where layers by tiles multiply them.
+    fn tiled<'a>(_: &'a [Self], _: &'a mut [Self]) -> Option<TiledRows<'a, Self::Tiled>> {
         None
     }
 
@@ -79,14 +77,11 @@ pub(crate) trait Value: Element + std::fmt::Debug + 'static {
 }
 
 impl Value for f32 {
+    type Tiled = f32;
     const ROUNDS: bool = false;
 
-    fn f32_rows(rows: &[f32]) -> Option<&[f32]> {
-        Some(rows)
-    }
-
-    fn f32_rows_mut(rows: &mut [f32]) -> Option<&mut [f32]> {
-        Some(rows)
+    fn tiled<'a>(input: &'a [f32], output: &'a mut [f32]) -> Option<TiledRows<'a, f32>> {
+        Some((input, output))
     }
 
     fn as_f32<'a>(values: &'a [f32], _: &'a mut Vec<f32>) -> &'a [f32] {
@@ -95,7 +90,7 @@ impl Value for f32 {
 }
 
 impl Value for Bf16 {
-    const CHANNELS: usize = 2;
+    type Tiled = f32;
 
     fn as_f32<'a>(values: &'a [Bf16], spare: &'a mut Vec<f32>) -> &'a [f32] {
         written_out(values, spare)
@@ -104,7 +99,22 @@ impl Value for Bf16 {
 
 /// Counts whose scale differs from channel to channel, see [`crate::quant_scale::QuantScale`].
 impl Value for u8 {
+    type Tiled = i16;
+
     fn as_f32<'a>(values: &'a [u8], spare: &'a mut Vec<f32>) -> &'a [f32] {
+        written_out(values, spare)
+    }
+}
+
+/// Counts as those of u8.
+impl Value for i16 {
+    type Tiled = i16;
+
+    fn tiled<'a>(input: &'a [i16], output: &'a mut [i16]) -> Option<TiledRows<'a, i16>> {
+        Some((input, output))
+    }
+
+    fn as_f32<'a>(values: &'a [i16], spare: &'a mut Vec<f32>) -> &'a [f32] {
         written_out(values, spare)
     }
 }

@@ -53,13 +53,13 @@ impl<V: Value> SparsePart<V> {
             };
             Ok::<_, BackboneError>(QuantScale::between(before, &outputs[number], layer))
         };
-        let others = (1..outputs.len()).map(|number| Convolution::new(&folded(number)?));
+        let others = (1..outputs.len()).map(|number| Ok(Convolution::new(&folded(number)?)));
         let sites_max = sites_max(&network);
         let outputs_max = sites_max[1..].iter().zip(&network.sparse);
         let values_max = outputs_max.map(|(sites, layer)| sites * layer.cout).max();
         let room = || Vec::with_capacity(values_max.unwrap_or(0));
         Ok(SparsePart {
-            first: Convolution::new(&folded(0)?)?,
+            first: Convolution::new(&folded(0)?),
             others: others.collect::<Result<_>>()?,
             voxels: Voxels::new(&network.grid),
             books: Rulebooks::new(&network),

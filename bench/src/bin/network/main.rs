@@ -15,6 +15,7 @@ use clap::Parser;
 use mluc_backbone::Precision;
 use mluc_bench::{inputs, on_threads};
 use mluc_dataset::{read_calibration, read_scan};
+use mluc_kernels::Level;
 use mluc_model::{Grid, Manifest, Model, Network, WeightSet, formula_weights};
 use mluc_train::{TrainError, quantize::measure_ranges};
 
@@ -34,6 +35,9 @@ struct Arguments {
     precision: Precision,
     #[arg(long, default_value_t = 2)]
     threads: usize,
+    /// Registers of another processor, such as `avx2`, in place of the fastest of this one.
+    #[arg(long)]
+    level: Option<String>,
     /// Points that KITTI's left colour camera sees, alone.
     #[arg(long)]
     crop: bool,
@@ -50,6 +54,12 @@ struct Arguments {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
+    if let Some(name) = &arguments.level {
+        let level = Level::all().into_iter().find(|level| level.name() == name);
+        level
+            .with_context(|| format!("this processor has no registers `{name}`"))?
+            .restrict();
+    }
     let (manifest, mut weights) = model(&arguments)?;
     let mut record = report::Record::default();
     let scans = arguments.scans.iter();

@@ -139,6 +139,7 @@ pub(crate) fn peak_gflops(precision: Precision, threads: usize) -> f64 {
     let spin = match precision {
         Precision::Auto | Precision::F32 => spin::<f32>,
         Precision::Bf16 => spin::<Bf16>,
+        Precision::Int8 if Level::best().widens_bytes() => spin::<i16>,
         Precision::Int8 => spin::<u8>,
     };
     let once = |_| {
