@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import iceoryx2 as iox
 import numpy as np
 
-WIRE_VERSION, REFINER, NONE = 5, 3, 2**32 - 1
+WIRE_VERSION, REFINER, NONE = 6, 3, 2**32 - 1
 INGEST = 0
 POINTS_MAX, OBJECT_POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 262_144, 131_072, 512, 100_000_000, 1_000_000_000
 THINNED = 4  # a bit of an object's flags
@@ -51,7 +51,7 @@ Health = struct("Health", """wire_version:u stage:u state:u pid:u run_id:U frame
     messages_refused:U run_p50_us:u run_p99_us:u run_max_us:u bytes_written:u bytes_read:U mappings_verified:U
     candidates:12U reason:192b""")
 RunDescription = struct("RunDescription", """wire_version:u classes_count:u run_id:U started_ns:U model_fingerprint:U
-    base_from_sensor:6d sensor_height_m:f objectness_min:f gate:u gate_threshold:f model_name:64b sensor_name:64b
+    other_model_fingerprint:U base_from_sensor:6d sensor_height_m:f objectness_min:f gate:u gate_threshold:f model_name:64b sensor_name:64b
     class_names:256b known_score:96b unknown_score:96b""")
 Status = struct("Status", """wire_version:u state:u run_id:U judged_ns:U sequence:U age_ns:U frames_in:U frames_out:U
     frames_dropped:U frames_late:U stages_out:4U stages_late:4U blind_sectors:U not_finite_share:f is_ground_lost:u
@@ -159,7 +159,8 @@ class Member:
         self.is_stopping = True
 
     def follow(self):
-        """The topic `run` describes the run; a description with another id begins a new one, with the same id it has other thresholds."""
+        """The topic `run` describes the run; a description with another id begins a new one, with the same id it has other thresholds, or
+        another model with the same classes."""
         while (run := newest(self.descriptions, RunDescription)) is not None:
             if run.wire_version != WIRE_VERSION or run.run_id == 0:
                 continue
@@ -474,10 +475,13 @@ class Refiner(Stage):
         """Header, points and detections of a sample; None: refused."""
         header = header_of(sample)
         header.stages[3 * REFINER : 3 * REFINER + 2] = self.received_ns, time.monotonic_ns()
+        # While the run changes its model, frames of two models come.
+        model, own = header.model_fingerprint, self.run.model_fingerprint
+        is_ours = not own or model == own or (model and model == self.run.other_model_fingerprint)
         for what, found, expected in (
             ("wire version of the sender", header.wire_version, WIRE_VERSION),
             ("run", header.run_id, self.run.run_id),
-            ("model", header.model_fingerprint, self.run.model_fingerprint or header.model_fingerprint),
+            ("model", model, model if is_ours else own),
         ):
             if found != expected:
                 return self.refuse(f"{what}: expected {expected}, found {found}")

@@ -31,7 +31,7 @@ extern "C" {
 #endif
 
 /* Of the contract that this header describes; mluc_wire_version() tells the library's. */
-#define MLUC_WIRE_VERSION 5u
+#define MLUC_WIRE_VERSION 6u
 
 /* What a call returns; negative ones are errors, and mluc_last_error() says more. */
 enum {
@@ -193,6 +193,7 @@ typedef struct mluc_run {
     uint64_t run_id;        /* never 0 */
     uint64_t started_ns;    /* CLOCK_REALTIME */
     uint64_t model_fingerprint;
+    uint64_t other_model_fingerprint; /* its frames count too, while the model changes; 0: none */
     double base_from_sensor[6]; /* x, y, z, roll, pitch, yaw */
     float sensor_height_m;
     float objectness_min;

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::{Result, check_version, require};
+use crate::error::{Result, check_equal, check_version, require};
 use crate::{ContractError, NAME_MAX, RunDescription, Text, WIRE_VERSION};
 
 /// The stages in the order a frame meets them.
@@ -254,11 +254,20 @@ impl FrameHeader {
         let (expected, found) = (run.run_id, self.run_id);
         let other = ContractError::OtherRun { expected, found };
         require(found == expected, other)?;
-        run.check_model(self.model_fingerprint)?;
+        // While a run changes its model, frames of both count.
+        if self.model_fingerprint == 0 || self.model_fingerprint != run.other_model_fingerprint {
+            self.check_model(run.model_fingerprint)?;
+        }
         let (Range { start: first, end }, found) = (sequences, self.sequence);
         let is_sent = (first..end).contains(&found);
         require(is_sent, ContractError::Sequence { first, end, found })?;
         Ok(self)
+    }
+
+    /// Refuses a frame of another model than a stage's.
+    pub fn check_model(&self, fingerprint: u64) -> Result<()> {
+        let what = "fingerprint of the model (all stages must run the same model)";
+        check_equal(what, self.model_fingerprint, fingerprint)
     }
 
     /// Refuses stamps of a stage that do not ascend; zeros are fine.

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "iceoryx2")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::error::{Result, check_equal, check_value, check_version, require};
+use crate::error::{Result, check_value, check_version, require};
 use crate::{
     CLASS_NAME_MAX, CLASSES_MAX, ContractError, GateKind, MEANING_MAX, RUN_NAME_MAX, Text,
 };
@@ -13,7 +13,8 @@ use crate::{
 ///
 /// Its one writer is the supervisor; where stages run without a supervisor, ingest. The topic keeps the message for
 /// late readers (history 1). A new description begins a new run: its `run_id` differs, its sequences begin at 0, and
-/// messages of the run before must not be used any more. `mluc_runtime::Shell` follows the topic for its process.
+/// messages of the run before must not be used any more. With the same `run_id` it has other thresholds, or another model with the
+/// same classes. `mluc_runtime::Shell` follows the topic for its process.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend))]
 #[cfg_attr(feature = "iceoryx2", type_name("mluc.RunDescription"))]
@@ -29,6 +30,8 @@ pub struct RunDescription {
     pub started_ns: u64,
     /// Of the model file; every header of the run carries it.
     pub model_fingerprint: u64,
+    /// Where the run changes its model: of the next one until it takes over, then of the last one; its frames count too. 0: none.
+    pub other_model_fingerprint: u64,
     /// Where the sensor sits on the robot: x, y, z in m, roll, pitch, yaw in rad. A point p of the sensor frame lies at
     /// R p + (x, y, z) in the base frame, R = Rz(yaw) Ry(pitch) Rx(roll). Zeros are the identity.
     pub base_from_sensor: [f64; 6],
@@ -54,7 +57,7 @@ pub struct RunDescription {
 
 const _: () = assert!(
     size_of::<RunDescription>()
-        == 96 + 2 * RUN_NAME_MAX + CLASSES_MAX * CLASS_NAME_MAX + 2 * MEANING_MAX
+        == 104 + 2 * RUN_NAME_MAX + CLASSES_MAX * CLASS_NAME_MAX + 2 * MEANING_MAX
 );
 
 impl RunDescription {
@@ -78,12 +81,6 @@ impl RunDescription {
         let (what, index) = ("numbers and texts of the run", 0);
         require(are_sound, ContractError::NotFinite { what, index })?;
         Ok(self)
-    }
-
-    /// Refuses another model than the run's.
-    pub fn check_model(&self, fingerprint: u64) -> Result<()> {
-        let what = "fingerprint of the model (all stages must run the same model)";
-        check_equal(what, fingerprint, self.model_fingerprint)
     }
 
     /// Names of the classes by class id.

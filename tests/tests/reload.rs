@@ -1,6 +1,8 @@
 //! SIGHUP and `mluc reload`: other thresholds while the pipeline runs.
 
-use mluc_tests::{Running, Setting};
+use std::collections::HashMap;
+
+use mluc_tests::{Running, Setting, root, send_signal};
 use rustix::process::Signal;
 
 #[test]
@@ -12,11 +14,7 @@ fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothin
     for (text, code, words) in [
         ("min_score = 2.0", 2, "min_score must be 0 to 1, found 2"),
         ("unknown_min = 0.5", 2, "unknown_min: expected a model with"),
-        (
-            "stages.head.threads = 2",
-            2,
-            "stages.head.threads cannot change",
-        ),
+        ("stages.head.threads = 2", 2, "threads cannot change"),
         ("lambda = 0.0\nmin_score = 1.0", 0, "on: lambda, min_score"),
         ("min_score = 1.0\nlambda = 0.0", 0, "nothing has changed"),
     ] {
@@ -38,10 +36,45 @@ fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothin
     for (sequence, line) in run.sequences().into_iter().zip(&run.lines) {
         let is_published = line["objects"] != serde_json::json!([]);
         let has_unknown = line.to_string().contains("\"unknown\"");
-        assert_eq!(
-            [is_published, has_unknown],
-            [sequence < from; 2],
-            "frame {sequence} of {from}"
-        );
+        let is_old = [sequence < from; 2];
+        assert_eq!([is_published, has_unknown], is_old, "frame {sequence}");
+    }
+}
+
+#[test]
+fn another_model_takes_over_between_two_frames_and_one_that_does_not_fit_changes_nothing() {
+    let setting = Setting::new("model", 3);
+    let put = |name: &str| {
+        let weights = root().join(format!("weights/{name}.safetensors"));
+        std::fs::copy(weights, &setting.model).expect("a shipped model");
+    };
+    put("paper/kitti-open");
+    let mut run = setting.up("--loop");
+    for name in "paper/kitti any paper/kitti-open paper/udi paper/kitti any".split(' ') {
+        run.wait_for_lines(3);
+        put(name);
+        let before = run.line_count();
+        let asked = Running::mluc(["reload", "--instance", &setting.instance]).finish();
+        // The others have a larger map, or more classes.
+        let code = if name.contains("kitti") { 0 } else { 2 };
+        assert_eq!(asked.code, Some(code), "{name}: {}", asked.log);
+        // Frames went on coming while the model was loaded.
+        assert!(code == 2 || run.line_count() >= before + 3, "{}", run.log());
+    }
+    // Whatever the file has become.
+    send_signal(run.stage("head"), Signal::KILL);
+    run.wait_for_lines(5);
+    run.signal(Signal::TERM);
+    let run = setting.finish(run);
+    run.assert_complete(0, run.lines.len() as u64);
+    let mut models: Vec<_> = run.lines.iter().map(|line| &line["model"]).collect();
+    models.dedup();
+    assert_eq!(models, [models[0], models[1], models[0], models[1]]);
+    // A scan has the same objects wherever the same model computed it: no frame is of two.
+    let mut objects = HashMap::new();
+    for line in &run.lines {
+        let frame = ["frame", "model"].map(|key| line[key].as_str());
+        let found = [&line["objects"], &line["suppressed"]];
+        assert_eq!(*objects.entry(frame).or_insert(found), found);
     }
 }

@@ -21,6 +21,8 @@ pub struct Line<'a> {
     pub frame: &'a str,
     /// The sensor's own time, ns.
     pub stamp_ns: u64,
+    /// Fingerprint of the model that made it, 16 hexadecimal digits.
+    pub model: String,
     /// What is published.
     pub objects: Vec<ObjectLine<'a>>,
     /// What is not, and why.
@@ -207,6 +209,7 @@ pub fn line<'a>(
         sequence: header.sequence,
         frame: header.name(),
         stamp_ns: header.sensor_stamp_ns,
+        model: format!("{:016x}", header.model_fingerprint),
         objects: objects.collect(),
         suppressed,
         stages: Stage::ALL.map(|stage| stage_times(header, stage)),
@@ -275,7 +278,7 @@ mod tests {
 
     fn written(objects: &[Object]) -> Value {
         let mut header = FrameHeader::new(8, "000008");
-        header.sensor_stamp_ns = 77;
+        (header.sensor_stamp_ns, header.model_fingerprint) = (77, 0xab0);
         header.flag(Flags::RESENT);
         for (number, stamps) in header.stages.iter_mut().enumerate() {
             let begin = 1_000_000 * number as u64;
@@ -311,6 +314,7 @@ mod tests {
             ("/sequence", json!(8)),
             ("/frame", json!("000008")),
             ("/stamp_ns", json!(77)),
+            ("/model", json!("0000000000000ab0")),
             ("/flags", json!(["resent"])),
             ("/objects/0/label", json!("unknown")),
             ("/objects/1", known),

@@ -11,6 +11,8 @@ use mluc_model::ScoreMin;
 use mluc_runtime::Instance;
 use serde::{Deserialize, Serialize};
 
+use crate::model::PinnedModel;
+
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Control {
     /// Indices of scans that kill stages: an empty frame takes the place of each.
@@ -23,14 +25,19 @@ pub(crate) struct Control {
     pub(crate) answer: (u64, bool, String),
 }
 
-/// All stages judge a frame by the same thresholds: that of the model's gate, and the scores from which objects are published.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// That of the model's gate, and the scores from which objects are published.
+pub(crate) type Thresholds = (f32, ScoreMin);
+
+/// All stages compute a frame with the same model and judge it by the same thresholds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Reload {
     /// The run, and its first frame that is judged by the new thresholds.
     pub(crate) run_id: u64,
     pub(crate) from_sequence: u64,
-    pub(crate) old: (f32, ScoreMin),
-    pub(crate) new: (f32, ScoreMin),
+    /// Another model, for the stages to make ready: its frames are those with the new thresholds.
+    pub(crate) model: Option<PinnedModel>,
+    pub(crate) old: Thresholds,
+    pub(crate) new: Thresholds,
 }
 
 impl Control {
@@ -48,9 +55,13 @@ impl Control {
     }
 
     /// `None`: as the stage's settings say.
-    pub(crate) fn thresholds_of(&self, header: &FrameHeader) -> Option<(f32, ScoreMin)> {
-        let reload = self.reload?;
-        let is_old = header.run_id == reload.run_id && header.sequence < reload.from_sequence;
+    pub(crate) fn thresholds_of(&self, header: &FrameHeader) -> Option<Thresholds> {
+        let reload = self.reload.as_ref()?;
+        let is_before = match &reload.model {
+            Some(next) => header.model_fingerprint != next.fingerprint,
+            None => header.sequence < reload.from_sequence,
+        };
+        let is_old = header.run_id == reload.run_id && is_before;
         Some(if is_old { reload.old } else { reload.new })
     }
 }

@@ -1,9 +1,11 @@
 //! Finding a model: built into this program, by name, or a file.
 
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use mluc_model::{HeadKind, Model};
+use serde::{Deserialize, Serialize};
 
 use crate::UsageError;
 use crate::document::nearest;
@@ -68,6 +70,28 @@ pub(crate) fn load_for(settings: &Settings) -> anyhow::Result<Model> {
         thresholds.unknown_min = unknown_min as f32;
     }
     Ok(model)
+}
+
+/// A copy of a run's model for the stages, in a folder of its own in the instance's: it stays whatever becomes of the file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct PinnedModel {
+    pub(crate) fingerprint: u64,
+    pub(crate) file: PathBuf,
+}
+
+impl PinnedModel {
+    /// `number`: no other one's of the run. The settings name the copy from now on.
+    pub(crate) fn new(settings: &mut Settings, model: &Model, number: u64) -> anyhow::Result<Self> {
+        let (name, fingerprint) = (&settings.model, model.fingerprint);
+        let folder = settings.instance.root().join(format!("model-{number}"));
+        let file = folder.join("model.safetensors");
+        let bytes = built_in(name).map_or_else(|| fs::read(name), |bytes| Ok(bytes.to_vec()));
+        let made = fs::create_dir_all(folder).and(bytes);
+        let copied = made.and_then(|bytes| fs::write(&file, bytes));
+        copied.with_context(|| format!("copying model '{name}' to {}", file.display()))?;
+        settings.model = file.to_string_lossy().into_owned();
+        Ok(PinnedModel { fingerprint, file })
+    }
 }
 
 /// Names of the classes, in the order of class ids.

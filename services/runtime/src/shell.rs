@@ -35,8 +35,6 @@ pub struct Shell {
     node: IpcNode,
     claim: Option<Claim>,
     membership: Membership,
-    /// Fingerprint of this process's model, if it has one: messages are refused while the run has another.
-    pub model: Option<u64>,
     /// Inputs opened from now on look up each payload in `/proc/self/maps` (about 0.1 ms a message) and fail when it is no
     /// shared memory.
     pub verify_mapping: bool,
@@ -109,7 +107,6 @@ impl Shell {
             node,
             claim,
             membership,
-            model: None,
             verify_mapping: false,
             prefault: Prefault::default(),
             touched_ns: 0,

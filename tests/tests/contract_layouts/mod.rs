@@ -39,8 +39,8 @@ pub(crate) fn layouts() -> Vec<Layout> {
             points_dropped points_out_of_range feature_rows feature_channels limit_dropped
             model_fingerprint ego.position_m ego.yaw_rad ego.is_known ego.reserved stages name),
         layout!(RunDescription:
-            wire_version classes_count run_id started_ns model_fingerprint base_from_sensor
-            sensor_height_m objectness_min gate gate_threshold model_name sensor_name class_names
+            wire_version classes_count run_id started_ns model_fingerprint other_model_fingerprint
+            base_from_sensor sensor_height_m objectness_min gate gate_threshold model_name sensor_name class_names
             known_score unknown_score),
         layout!(Status:
             wire_version state run_id judged_ns sequence age_ns frames_in frames_out frames_dropped

@@ -50,7 +50,7 @@ pub(crate) fn reload(name: &str) -> anyhow::Result<ExitCode> {
     let mut control = ControlWatch::new(&instance);
     let before = control.look().answer.0;
     kill_process(supervisor, Signal::HUP).context("asking the supervisor")?;
-    for _ in 0..500 {
+    for _ in 0..7000 {
         std::thread::sleep(std::time::Duration::from_millis(10));
         match control.look().answer.clone() {
             (count, ..) if count == before => (),
@@ -58,7 +58,7 @@ pub(crate) fn reload(name: &str) -> anyhow::Result<ExitCode> {
             (_, false, text) => return print_out(text).map(|()| ExitCode::SUCCESS),
         }
     }
-    bail!("no answer within 5 s: the first frames of a reload before are still to come")
+    bail!("no answer within 70 s: the first frames of a reload before are still to come")
 }
 
 /// `mluc clean`: iceoryx2's own cleaning, once.

@@ -1,17 +1,18 @@
 //! Points to feature rows (paper section 3.1).
 
-use mluc_backbone::Backbone;
+use anyhow::ensure;
+use mluc_backbone::{Backbone, Precision};
 use mluc_ipc_types::{
     FeatureBlock, FeatureRows, Flags, FrameHeader, Point, Stage, Topic, feature_blocks,
 };
-use mluc_model::Model;
+use mluc_model::{Model, Network};
 use mluc_runtime::{Algorithm, Frames, Shell, StageError, StageInput, run_stage};
 
+use super::models::Models;
 use crate::settings::Settings;
 
 struct BackboneStage {
-    backbone: Backbone,
-    channels: usize,
+    models: Models<Backbone>,
     rows: usize,
 }
 
@@ -21,24 +22,37 @@ pub(crate) fn run(
     model: &Model,
     warms_up: bool,
 ) -> anyhow::Result<()> {
+    let precision = settings.precision;
+    let backbone = make(model, precision, warms_up)?;
+    let blocks_max = |network: &Network| {
+        let cells = network.map_shape().iter().product();
+        feature_blocks(cells, network.feature_channels(), network.ground_nodes())
+    };
+    let blocks = blocks_max(&model.manifest.network);
+    let output = shell.output(&Topic::FEATURES, blocks)?;
+    let frames = Frames::new(shell, &Topic::POINTS, None)?;
+    let make_next = move |model: &Model| {
+        let found = blocks_max(&model.manifest.network);
+        ensure!(
+            found <= blocks,
+            "map of {found} blocks, at most {blocks} fit"
+        );
+        make(model, precision, true)
+    };
+    let models = Models::new(shell, model, backbone, make_next);
+    let stage = BackboneStage { models, rows: 0 };
+    Ok(run_stage(shell, frames, output, stage)?)
+}
+
+fn make(model: &Model, precision: Precision, warms_up: bool) -> anyhow::Result<Backbone> {
     let (manifest, weights) = (&model.manifest, &model.weights);
-    let mut backbone = Backbone::with_precision(manifest, weights, settings.precision)?;
-    let (precision, why) = settings.precision.chosen(manifest, weights);
+    let mut backbone = Backbone::with_precision(manifest, weights, precision)?;
+    let (precision, why) = precision.chosen(manifest, weights);
     tracing::info!("precision {precision}: {why}");
     if warms_up {
         backbone.warm_up(manifest)?;
     }
-    let channels = backbone.feature_channels();
-    let cells = backbone.map_shape().iter().product();
-    let blocks = feature_blocks(cells, channels, manifest.network.ground_nodes());
-    let output = shell.output(&Topic::FEATURES, blocks)?;
-    let frames = Frames::new(shell, &Topic::POINTS, None)?;
-    let stage = BackboneStage {
-        backbone,
-        channels,
-        rows: 0,
-    };
-    Ok(run_stage(shell, frames, output, stage)?)
+    Ok(backbone)
 }
 
 impl Algorithm for BackboneStage {
@@ -52,19 +66,22 @@ impl Algorithm for BackboneStage {
         input: StageInput<'_, Point>,
     ) -> Result<usize, StageError> {
         let points = Point::checked(header, input.elements)?;
-        let frame = self.backbone.run(bytemuck::cast_slice(points));
+        let (backbone, _) = self.models.of_frame(header)?;
+        let frame = backbone.run(bytemuck::cast_slice(points));
         header.points_out_of_range = frame.points.out_of_range;
         header.count_over(Flags::LIMIT_VOXELS, frame.points.over_voxels_max);
         self.rows = frame.rows;
         header.feature_rows = frame.rows as u32;
-        header.feature_channels = self.channels as u32;
-        let ground_nodes = self.backbone.ground_m().len();
-        Ok(feature_blocks(frame.rows, self.channels, ground_nodes))
+        let channels = backbone.feature_channels();
+        header.feature_channels = channels as u32;
+        let ground_nodes = backbone.ground_m().len();
+        Ok(feature_blocks(frame.rows, channels, ground_nodes))
     }
 
     fn write(&mut self, output: &mut [FeatureBlock]) -> Result<(), StageError> {
-        let (cells, rows) = FeatureRows::split_mut(output, self.rows, self.backbone.ground_m());
-        let written = self.backbone.write_rows(cells, rows);
+        let backbone = &self.models.made;
+        let (cells, rows) = FeatureRows::split_mut(output, self.rows, backbone.ground_m());
+        let written = backbone.write_rows(cells, rows);
         written.map_err(StageError::failed)
     }
 }

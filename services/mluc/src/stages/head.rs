@@ -7,27 +7,24 @@ use mluc_ipc_types::{
 use mluc_model::Model;
 use mluc_runtime::{Algorithm, Frames, Scans, Shell, StageError, StageInput, run_stage};
 
-use crate::control::ControlWatch;
+use super::models::Models;
 
 struct HeadStage {
-    head: Head,
-    map_cells: usize,
-    channels: usize,
-    ground_nodes: usize,
+    /// With cells of the map, channels and nodes of the ground.
+    models: Models<(Head, [usize; 3])>,
     detections: Vec<Detection>,
-    control: ControlWatch,
 }
 
 pub(crate) fn run(shell: &mut Shell, model: &Model) -> anyhow::Result<()> {
-    let network = &model.manifest.network;
-    let control = ControlWatch::new(shell.instance());
+    let make = |model: &Model| {
+        let network = &model.manifest.network;
+        let cells = network.map_shape().iter().product();
+        let shape = [cells, network.feature_channels(), network.ground_nodes()];
+        Ok((Head::new(&model.manifest, &model.weights)?, shape))
+    };
     let stage = HeadStage {
-        head: Head::new(&model.manifest, &model.weights)?,
-        map_cells: network.map_shape().iter().product(),
-        channels: network.feature_channels(),
-        ground_nodes: network.ground_nodes(),
+        models: Models::new(shell, model, make(model)?, make),
         detections: Vec::with_capacity(DETECTIONS_MAX),
-        control,
     };
     let output = shell.output(&Topic::DETECTIONS, DETECTIONS_MAX)?;
     let frames = Frames::new(shell, &Topic::FEATURES, Some(Scans::sent(shell)?))?;
@@ -44,14 +41,14 @@ impl Algorithm for HeadStage {
         header: &mut FrameHeader,
         input: StageInput<'_, FeatureBlock>,
     ) -> Result<usize, StageError> {
-        if let Some((gate, _)) = self.control.look().thresholds_of(header) {
-            self.head.set_gate(gate);
+        let ((head, [cells, channels, ground_nodes]), thresholds) = self.models.of_frame(header)?;
+        if let Some((gate, _)) = thresholds {
+            head.set_gate(gate);
         }
-        let (cells, channels) = (self.map_cells, self.channels);
         let features =
-            FeatureRows::checked(header, input.elements, cells, channels, self.ground_nodes)?;
+            FeatureRows::checked(header, input.elements, *cells, *channels, *ground_nodes)?;
         let FeatureRows { cells, rows, .. } = features;
-        let counts = self.head.run(cells, rows, &mut self.detections);
+        let counts = head.run(cells, rows, &mut self.detections);
         let counts = counts.map_err(StageError::failed)?;
         stand_on_ground(&mut self.detections, features.ground_m);
         header.count_over(Flags::LIMIT_CANDIDATES, counts.over_candidates_max);

@@ -3,6 +3,7 @@
 mod backbone;
 mod head;
 mod ingest;
+mod models;
 mod refiner;
 
 use std::time::Duration;
@@ -43,7 +44,6 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     shell.verify_mapping = settings.verify_mapping;
     let model = model::load_for(&settings)?;
     settings.complete_from(&model);
-    shell.model = Some(model.fingerprint);
     let done = match stage {
         Stage::Ingest => ingest::run(&mut shell, &settings, &model, args.start_sequence),
         Stage::Backbone => {
@@ -117,6 +117,7 @@ pub fn describe_run(settings: &Settings, model: &Model) -> RunDescription {
         run_id: random_run_id(),
         started_ns: wall_clock_ns(),
         model_fingerprint: model.fingerprint,
+        other_model_fingerprint: 0,
         base_from_sensor: settings.sensor.extrinsics,
         sensor_height_m: manifest.sensor_height_m,
         objectness_min: thresholds.objectness_min,

@@ -10,16 +10,14 @@ use mluc_runtime::{
     run_stage, stamp_published,
 };
 
-use crate::control::ControlWatch;
+use super::models::Models;
 use crate::settings::Settings;
 
 struct RefinerStage {
-    control: ControlWatch,
-    refiner: Refiner,
+    /// With run and sequence of the scan that the refiner has read.
+    models: Models<(Refiner, Option<(u64, u64)>)>,
     tracker: Option<Tracker>,
     refined: RefinerOutput,
-    /// Run and sequence of the scan that the refiner has read.
-    read: Option<(u64, u64)>,
     object_points: Output<u32>,
     /// Where the sensor sets the pace: how long a frame may be refined, and how old it may leave.
     limits_ns: Option<(u64, u64)>,
@@ -27,12 +25,12 @@ struct RefinerStage {
 
 pub(crate) fn run(shell: &mut Shell, settings: &Settings, model: &Model) -> anyhow::Result<()> {
     let time_max_ns = (settings.refiner.time_max_ms * 1e6) as u64;
+    let own = settings.refiner.clone();
+    let make = move |model: &Model| Ok((Refiner::for_model(own.clone(), model)?, None));
     let stage = RefinerStage {
-        control: ControlWatch::new(shell.instance()),
-        refiner: Refiner::for_model(settings.refiner.clone(), model)?,
+        models: Models::new(shell, model, make(model)?, make),
         tracker: settings.track.map(Tracker::new).transpose()?,
         refined: RefinerOutput::default(),
-        read: None,
         object_points: shell.output(&Topic::OBJECT_POINTS, OBJECT_POINTS_MAX)?,
         limits_ns: settings.budget_ms.map(|ms| (time_max_ns, ms * 1_000_000)),
     };
@@ -51,8 +49,9 @@ impl Algorithm for RefinerStage {
         header: &mut FrameHeader,
         input: StageInput<'_, Detection>,
     ) -> Result<usize, StageError> {
-        if let Some((_, score_min)) = self.control.look().thresholds_of(header) {
-            self.refiner.set_score_min(score_min);
+        let ((refiner, read), thresholds) = self.models.of_frame(header)?;
+        if let Some((_, score_min)) = thresholds {
+            refiner.set_score_min(score_min);
         }
         // A detection that makes no sense is one object's disposition (`invalid_box`), not the frame's.
         let detections = Detection::counted(header, input.elements)?;
@@ -68,12 +67,11 @@ impl Algorithm for RefinerStage {
         };
         let points = input.points.unwrap_or_default();
         let frame = (header.run_id, header.sequence);
-        if self.read.take() != Some(frame) || input.points.is_none() {
-            self.refiner.read_scan(points);
+        if read.take() != Some(frame) || input.points.is_none() {
+            refiner.read_scan(points);
         }
         let refined = &mut self.refined;
-        self.refiner
-            .refine_read(header.sequence, points, detections, &mut is_over, refined);
+        refiner.refine_read(header.sequence, points, detections, &mut is_over, refined);
         if let Some(tracker) = &mut self.tracker {
             tracker.update(header.sequence, &header.ego, refined);
         }
@@ -90,8 +88,9 @@ impl Algorithm for RefinerStage {
 
     /// Sorts the scan and finds its ground while the network runs.
     fn read_ahead(&mut self, header: &FrameHeader, points: &[Point]) {
-        self.refiner.read_scan(points);
-        self.read = Some((header.run_id, header.sequence));
+        let (refiner, read) = &mut self.models.made;
+        refiner.read_scan(points);
+        *read = Some((header.run_id, header.sequence));
     }
 
     /// First the indices: whoever has the objects can ask for their points.

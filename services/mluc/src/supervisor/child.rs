@@ -125,6 +125,8 @@ impl Child {
                 command.args(["--instance", settings.instance.name()]);
                 command.args(["--supervised-by", &supervisor]);
                 command.args(["--start-sequence", &start_sequence.to_string()]);
+                // glibc gives the memory of a model that was replaced back to the system.
+                command.env("MALLOC_MMAP_THRESHOLD_", "131072");
             }
         }
         command

@@ -9,6 +9,7 @@ mod report;
 mod status;
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -22,6 +23,7 @@ use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown, monoton
 
 use crate::cli::PipelineArgs;
 use crate::control::Control;
+use crate::model::PinnedModel;
 use crate::settings::{Pace, Settings};
 use crate::stages::{ASKED_TO_END, begin_or_join_run};
 use crate::{EXIT_WARNINGS, UsageError, document, model};
@@ -29,6 +31,7 @@ use mluc_sources::Source;
 
 use child::{Child, Ended};
 pub(crate) use lines::LineWriter;
+use reload::ModelChange;
 use report::Latencies;
 pub(crate) use report::hops;
 use status::StatusWriter;
@@ -122,6 +125,10 @@ struct Supervisor {
     kills: BTreeMap<u64, u32>,
     control: Control,
     is_control_untold: bool,
+    /// The settings as the stages have them.
+    document: File,
+    model: PinnedModel,
+    model_change: Option<ModelChange>,
     next_sequence: u64,
     /// The last look at the stages, and since when there was no pause between two.
     looked_ns: u64,
@@ -150,7 +157,8 @@ pub(crate) fn run(
         predecessor::clean(&settings.instance)?;
     }
     Control::default().write(&settings.instance)?;
-    let _published = document::publish(&settings)?;
+    let pinned = PinnedModel::new(&mut settings, &model, 0)?;
+    let document = document::publish(&settings)?;
     let Some(run) = begin_or_join_run(&mut shell, &settings, &model)? else {
         return Ok(Outcome::default());
     };
@@ -172,6 +180,9 @@ pub(crate) fn run(
         kills: BTreeMap::new(),
         control: Control::default(),
         is_control_untold: false,
+        document,
+        model: pinned,
+        model_change: None,
         next_sequence: 0,
         looked_ns: 0,
         regular_since_ns: 0,

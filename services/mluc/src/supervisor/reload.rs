@@ -1,23 +1,33 @@
 //! Other thresholds while a run is on: read and checked first; then all stages take them from one frame on, or none does.
+//!
+//! Another model is made ready by all stages first, beside the one that they run with. Then ingest gives its fingerprint to the next
+//! frame, and each stage computes a frame with the model of its fingerprint, or not at all.
 
 use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
 
-use anyhow::bail;
-use mluc_ipc_types::RunDescription;
-use mluc_model::{Model, ScoreMin};
+use anyhow::{bail, ensure};
+use mluc_ipc_types::{RunDescription, Stage};
+use mluc_model::Model;
 use toml::{Table, Value};
 
 use super::Supervisor;
-use crate::control::Reload;
-use crate::model;
+use crate::control::{Reload, Thresholds};
+use crate::model::PinnedModel;
 use crate::resolve::below;
 use crate::settings::Settings;
 use crate::stages::describe_run;
+use crate::{document, model};
 
 /// What may change. Processes, ports and memory were made for the rest.
-const MAY_CHANGE: &str = "lambda, unknown_min, profile, min_score, min_unknown_score";
+const MAY_CHANGE: &str = "model, lambda, unknown_min, profile, min_score, min_unknown_score";
 /// Scans that may be sent until the stages are told: two periods of the sensor at least.
 const FRAMES_AHEAD: u64 = 3;
+/// Until all stages have made another model ready. It takes some 0.5 s; a guess for slow machines without time to spare.
+const READY_MAX: Duration = Duration::from_secs(60);
+
+/// A model that the stages make ready: settings and run with it, what changes, since when.
+pub(super) struct ModelChange(PinnedModel, Settings, RunDescription, String, Instant);
 
 impl Supervisor {
     /// Not before the first frame of the last reload came.
@@ -25,25 +35,49 @@ impl Supervisor {
         let last = self.control.reload.as_ref();
         let last = last.filter(|last| last.run_id == self.run.run_id);
         let is_under_way = last.is_some_and(|last| self.next_sequence <= last.from_sequence);
-        if is_under_way || !self.is_asked_to_reload.swap(false, Ordering::Relaxed) {
-            return;
-        }
-        let (is_refused, text) = match self.reload() {
-            Ok(text) => (false, text),
+        let is_asked = !is_under_way && self.is_asked_to_reload.load(Ordering::Relaxed);
+        let answer = match self.model_change.take() {
+            Some(change) => self.go_on_changing(change),
+            None if is_asked => self.reload(),
+            None => return,
+        };
+        let (is_refused, text) = match answer {
+            Ok(None) => return,
+            Ok(Some(text)) => (false, text),
             Err(error) => (true, format!("refused, the old settings stay: {error:#}")),
         };
+        if let Some(reload) = &mut self.control.reload
+            && let Some(refused) = reload.model.take_if(|next| *next != self.model)
+        {
+            reload.new = reload.old;
+            let _ = std::fs::remove_dir_all(refused.file.with_file_name(""));
+        }
         tracing::warn!("reload: {text}");
         self.control.answer = (self.control.answer.0 + 1, is_refused, text);
         self.tell_stages();
     }
 
-    fn reload(&mut self) -> anyhow::Result<String> {
+    /// What came of it; `None`: nothing yet, the model changes.
+    fn reload(&mut self) -> anyhow::Result<Option<String>> {
+        self.is_asked_to_reload.store(false, Ordering::Relaxed);
         let mut settings = Settings::resolve(self.args.clone())?;
         let model = model::load_for(&settings)?;
-        settings.complete_from(&model);
+        let has_scores = settings.complete_from(&model);
         let changed = self.changed_keys(&settings, &model)?;
         if changed.is_empty() {
-            return Ok("nothing has changed".to_string());
+            return Ok(Some("nothing has changed".to_string()));
+        }
+        let why = ["; no scores for the profile", ""][usize::from(has_scores)];
+        let keys = changed.join(", ") + why;
+        let mut next = None;
+        if model.fingerprint != self.run.model_fingerprint {
+            // Frames of both count from now on.
+            self.run.other_model_fingerprint = model.fingerprint;
+            self.shell.describe_run(&self.run)?;
+            let is_ours = self.shell.run() == Some(&self.run);
+            ensure!(is_ours, "model: another process began the run");
+            let number = self.control.answer.0 + 1;
+            next = Some(PinnedModel::new(&mut settings, &model, number)?);
         }
         self.take_scans()?;
         let from_sequence = self.scans.count_sent().max(self.next_sequence) + FRAMES_AHEAD;
@@ -51,23 +85,60 @@ impl Supervisor {
         control.reload = Some(Reload {
             run_id: self.run.run_id,
             from_sequence,
+            model: next.clone(),
             old: thresholds(&self.settings),
             new: thresholds(&settings),
         });
         control.write(&self.settings.instance)?;
-        (self.control, self.settings) = (control, settings);
-        self.run = RunDescription {
+        self.control = control;
+        let run = RunDescription {
             run_id: self.run.run_id,
             started_ns: self.run.started_ns,
-            ..describe_run(&self.settings, &model)
+            other_model_fingerprint: self.run.model_fingerprint,
+            ..describe_run(&settings, &model)
         };
+        if let Some(next) = next {
+            self.model_change = Some(ModelChange(next, settings, run, keys, Instant::now()));
+            return Ok(None);
+        }
+        (self.run, self.settings) = (run, settings);
         self.shell.describe_run(&self.run)?;
         self.take_scans()?;
         if self.scans.count_sent() > from_sequence {
             tracing::warn!("frame {from_sequence} was sent before all stages were told");
         }
-        let keys = changed.join(", ");
-        Ok(format!("from frame {from_sequence} on: {keys}"))
+        Ok(Some(format!("from frame {from_sequence} on: {keys}")))
+    }
+
+    fn go_on_changing(&mut self, change: ModelChange) -> anyhow::Result<Option<String>> {
+        for stage in Stage::ALL {
+            let (own, name) = (&self.settings.stages[stage], stage.name());
+            let pid = self.health.of(stage).map_or(0, |health| health.pid);
+            let report = change.0.file.with_file_name(pid.to_string());
+            let said = std::fs::read_to_string(report).unwrap_or_default();
+            // Backbone and head are nobody else's.
+            let is_ours = !own.external && own.command.is_none();
+            if said.is_empty() && (is_ours || [Stage::Backbone, Stage::Head].contains(&stage)) {
+                let is_early = change.4.elapsed() < READY_MAX;
+                ensure!(is_early, "model: {name} is not ready after {READY_MAX:?}");
+                self.model_change = Some(change);
+                return Ok(None);
+            }
+            ensure!(["", "ready"].contains(&&*said), "model: {name}: {said}");
+        }
+        let ModelChange(model, settings, run, keys, _) = change;
+        self.document = document::publish(&settings)?;
+        self.shell.describe_run(&run)?;
+        (self.run, self.settings) = (run, settings);
+        let before = std::mem::replace(&mut self.model, model);
+        let _ = std::fs::remove_dir_all(before.file.with_file_name(""));
+        let by_sequence = self.scans.count_sent() + FRAMES_AHEAD;
+        // A second reload waits for it.
+        let reload = self.control.reload.iter_mut();
+        reload.for_each(|reload| reload.from_sequence = by_sequence);
+        let fingerprint = self.model.fingerprint;
+        let text = format!("by frame {by_sequence}: {keys}, model {fingerprint:016x}");
+        Ok(Some(text))
     }
 
     /// Refuses what may not change, by name.
@@ -75,8 +146,15 @@ impl Supervisor {
         let mut changed = Vec::new();
         let [old, new] = [&self.settings, new].map(Table::try_from);
         find_changes(&old?, &new?, "", &mut changed);
+        // The settings name a copy.
+        changed.retain(|key| key != "model");
         if model.fingerprint != self.run.model_fingerprint {
-            changed.push("the model".to_string());
+            changed.push("model".to_string());
+        }
+        let (expected, found) = (&self.classes, model::class_names(model));
+        if found != *expected {
+            // Consumers know them by number.
+            bail!("model: expected classes {expected:?}, found {found:?}: start anew for others");
         }
         let may_change = |key: &&String| MAY_CHANGE.split(", ").any(|own| own == *key);
         if let Some(key) = changed.iter().find(|key| !may_change(key)) {
@@ -86,7 +164,7 @@ impl Supervisor {
     }
 }
 
-fn thresholds(settings: &Settings) -> (f32, ScoreMin) {
+fn thresholds(settings: &Settings) -> Thresholds {
     // A model has one of them.
     let gate = settings.lambda.or(settings.unknown_min);
     (gate.unwrap_or_default() as f32, settings.refiner.score_min)

@@ -3,6 +3,7 @@
 use std::panic::resume_unwind;
 use std::time::{Duration, Instant};
 
+use anyhow::Context;
 use crossbeam_channel::{RecvTimeoutError, bounded};
 use mluc_ingest::{DecodeReport, Expected, Guard, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
@@ -14,7 +15,7 @@ use mluc_runtime::{
 
 use mluc_sources::{Next, Scan, Source};
 
-use crate::control::ControlWatch;
+use crate::stages::models::Models;
 
 /// Between two heartbeats while a file is read.
 const READING_TICK: Duration = Duration::from_millis(50);
@@ -35,12 +36,10 @@ pub(crate) struct Sender<'a> {
     pub(crate) source: Source,
     pub(crate) objects: Input<Object>,
     pub(crate) downstream: DownstreamStages,
-    control: ControlWatch,
     output: Output<Point>,
     suspicion: Suspicion,
     /// The last scan once more, for a look after it was sent.
     again: Vec<Point>,
-    fingerprint: u64,
     pub(crate) loaded: Loaded,
 }
 
@@ -51,11 +50,13 @@ impl Sender<'_> {
         model: &Model,
         sensor: Option<SensorProfile>,
         start_sequence: u64,
-    ) -> Result<Sender<'a>, RuntimeError> {
+    ) -> anyhow::Result<Sender<'a>> {
         let output = shell.output::<Point>(&Topic::POINTS, POINTS_MAX)?;
         let objects = shell.input::<Object>(&Topic::OBJECTS)?;
         let downstream = DownstreamStages::new(shell.health_watch()?);
-        let control = ControlWatch::new(shell.instance());
+        let make =
+            move |model: &Model| Ok(Guard::new(Expected::new(&model.manifest, sensor.clone())));
+        let guards = Models::new(shell, model, make(model)?, make);
         // Frames that an earlier life of this process sent.
         shell.health.frames_in = start_sequence;
         shell.health.frames_out = start_sequence;
@@ -64,16 +65,14 @@ impl Sender<'_> {
             source,
             objects,
             downstream,
-            control,
             output,
             suspicion: Suspicion {
-                guard: Guard::new(Expected::new(&model.manifest, sensor)),
+                guards,
                 logged: Flags::default(),
                 suspected: Flags::default(),
                 reason: String::new(),
             },
             again: Vec::with_capacity(POINTS_MAX),
-            fingerprint: model.fingerprint,
             loaded: Loaded::default(),
         })
     }
@@ -103,7 +102,7 @@ impl Sender<'_> {
 
     /// Waits until the supervisor takes more; false: asked to end.
     pub(crate) fn wait_while_held(&mut self) -> Result<bool, RuntimeError> {
-        while !self.shell.is_stopping() && self.control.look().holds {
+        while !self.shell.is_stopping() && self.suspicion.guards.control.look().holds {
             let reason = "waiting for the reader of the lines";
             self.shell.state(HealthState::WaitingInput, reason)?;
             self.shell.tick()?;
@@ -115,7 +114,7 @@ impl Sender<'_> {
     /// Reads the scan of `sequence` from its source, unless it is the one read last; one that was set aside is not read. Waits for a live sensor. False: there is none,
     /// asked to end, or `end_ns` has passed.
     pub(crate) fn load(&mut self, sequence: u64, end_ns: u64) -> anyhow::Result<bool> {
-        let set_aside = &self.control.look().set_aside;
+        let set_aside = &self.suspicion.guards.control.look().set_aside;
         let is_set_aside = set_aside.contains(&self.source.index(sequence));
         let is_new = self.loaded.sequence != Some(sequence);
         if !is_new && self.loaded.is_set_aside == is_set_aside {
@@ -206,9 +205,9 @@ impl Sender<'_> {
         self.shell.note_frame(Some(sequence));
         let (scan, report) = (&self.loaded.scan, self.loaded.report);
         let mut header = FrameHeader::new(sequence, &scan.name);
-        header.run_id = self.shell.run().map_or(0, |run| run.run_id);
+        let run = self.shell.run().context("the run")?;
+        (header.run_id, header.model_fingerprint) = (run.run_id, run.model_fingerprint);
         header.attempt = attempt;
-        header.model_fingerprint = self.fingerprint;
         header.sensor_stamp_ns = scan.stamp_ns.unwrap_or_else(wall_clock_ns);
         header.ego = scan.pose.unwrap_or_default();
         header.points_in = report.points_in;
@@ -220,10 +219,11 @@ impl Sender<'_> {
         let stamps = header.stamps_mut(Stage::Ingest);
         (stamps.received_ns, stamps.started_ns) = (due_ns.min(started_ns), started_ns);
         let _frame = frame_span(&header);
+        self.suspicion.guards.of_frame(&header)?;
         let mut loan = self.output.loan(&header, report.points_out as usize)?;
         run_span(|| decode_bin(&scan.bytes, loan.elements_mut()));
         // A frame that is sent again is no new scan. A look takes some ms: but for the first ones it waits until the frame is sent.
-        let looks_later = attempt == 0 && self.suspicion.guard.looks_later();
+        let looks_later = attempt == 0 && self.suspicion.guards.made.looks_later();
         let is_loop = self.source.count() == Some(1);
         if attempt == 0 && !looks_later {
             let points = loan.elements_mut();
@@ -252,7 +252,7 @@ impl Sender<'_> {
 
 /// What the guard says, and what of it was told.
 struct Suspicion {
-    guard: Guard,
+    guards: Models<Guard>,
     /// Reasons that the log has had.
     logged: Flags,
     /// Of the frames that follow.
@@ -270,7 +270,7 @@ impl Suspicion {
         is_loop: bool,
         shell: &mut Shell,
     ) -> Result<(), RuntimeError> {
-        let reasons = self.guard.check(points, report).iter();
+        let reasons = self.guards.made.check(points, report).iter();
         let reasons = reasons.filter(|reason| !is_loop || reason.flag() != Flags::SUSPECT_FROZEN);
         let (mut suspected, mut first) = (Flags::default(), None);
         for reason in reasons {

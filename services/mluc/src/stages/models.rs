@@ -1,0 +1,94 @@
+//! What a stage makes of the model. While the run changes it, the next one is made in a thread beside the frames, and takes over
+//! with the first frame that carries its fingerprint.
+
+use std::process::Command;
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+
+use anyhow::ensure;
+use mluc_ipc_types::{ContractError, FrameHeader};
+use mluc_model::Model;
+use mluc_runtime::Shell;
+use rustix::{process::nice, thread::gettid};
+
+use crate::control::{ControlWatch, Thresholds};
+use crate::model::PinnedModel;
+
+type Make<T> = dyn Fn(&Model) -> anyhow::Result<T> + Send + Sync;
+
+pub(crate) struct Models<T> {
+    pub(crate) control: ControlWatch,
+    fingerprint: u64,
+    pub(crate) made: T,
+    make: Arc<Make<T>>,
+    next: Option<(PinnedModel, JoinHandle<Option<T>>)>,
+}
+
+impl<T: Send + 'static> Models<T> {
+    /// `made`: of the model that the stage begins with. `make`: of those that follow.
+    pub(crate) fn new(
+        shell: &Shell,
+        model: &Model,
+        made: T,
+        make: impl Fn(&Model) -> anyhow::Result<T> + Send + Sync + 'static,
+    ) -> Models<T> {
+        Models {
+            control: ControlWatch::new(shell.instance()),
+            fingerprint: model.fingerprint,
+            made,
+            make: Arc::new(make),
+            next: None,
+        }
+    }
+
+    /// What was made of the frame's model, and the thresholds that the frame is judged by, where a reload changed them. Refuses a
+    /// frame of a model that this stage has not.
+    pub(crate) fn of_frame(
+        &mut self,
+        header: &FrameHeader,
+    ) -> Result<(&mut T, Option<Thresholds>), ContractError> {
+        let control = self.control.look();
+        let thresholds = control.thresholds_of(header);
+        let wanted = control.reload.iter().find_map(|r| r.model.as_ref());
+        let wanted = wanted.filter(|next| next.fingerprint != self.fingerprint);
+        if wanted != self.next.as_ref().map(|(next, _)| next) {
+            self.next = wanted.map(|next| (next.clone(), start(next.clone(), self.make.clone())));
+        }
+        let found = header.model_fingerprint;
+        if let Some((_, thread)) = self.next.take_if(|(next, _)| next.fingerprint == found)
+            && let Ok(Some(made)) = thread.join()
+        {
+            self.fingerprint = found;
+            let before = std::mem::replace(&mut self.made, made);
+            // To give back its memory takes time that no frame has.
+            thread::spawn(move || drop(before));
+        }
+        header.check_model(self.fingerprint)?;
+        Ok((&mut self.made, thresholds))
+    }
+}
+
+/// Leaves a word for the supervisor, in a file that is named after this process: `ready`, or why the model cannot be made.
+fn start<T: Send + 'static>(next: PinnedModel, make: Arc<Make<T>>) -> JoinHandle<Option<T>> {
+    thread::spawn(move || {
+        let made = load(&next, &*make);
+        let error = made.as_ref().err().map(|error| format!("{error:#}"));
+        let report = next.file.with_file_name(std::process::id().to_string());
+        // Without it the supervisor refuses the model after a while.
+        let _ = std::fs::write(report, error.as_deref().unwrap_or("ready"));
+        made.ok()
+    })
+}
+
+/// The threads of the frames go before: chrt alone gives a real-time priority, and takes it away.
+fn load<T: Send>(next: &PinnedModel, make: &Make<T>) -> anyhow::Result<T> {
+    let thread = gettid().as_raw_nonzero().to_string();
+    let words = ["--other", "--pid", "0", &thread];
+    let _ = Command::new("chrt").args(words).output();
+    let _ = nice(10);
+    let model = Model::read(&next.file)?;
+    ensure!(model.fingerprint == next.fingerprint, "the copy is damaged");
+    // The threads of the common pool compute the frames.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    pool.install(|| make(&model))
+}
