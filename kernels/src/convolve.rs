@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::{
     Element, Epilogue, Gather, Level, Weights,
-    simd::{BLOCK, Kernel, Lists, Room, Simd, clamp, convolve_tiles},
+    simd::{BLOCK, Kernel, Lists, Room, Simd, Sum, clamp, convolve_tiles},
     weights::{PANEL_MAX, Panel, panels},
 };
 
@@ -133,7 +133,7 @@ impl<I: Element, O: Element> Kernel for Block<'_, I, O> {
             }
             let mut first = [I::Sum::default(); PANEL_MAX];
             let pairs = first.iter_mut().zip(&bias);
-            pairs.for_each(|(first, bias)| *first = I::begin(*bias));
+            pairs.for_each(|(first, bias)| *first = I::Sum::begin(*bias));
             let sums = room.rows(self.rows.len(), &first[..panel.width]);
             self.accumulate(simd, panel, &mut lists, sums);
             self.finish(panel, &bias[..panel.used], sums);
@@ -167,7 +167,7 @@ impl<I: Element, O: Element> Block<'_, I, O> {
             let output = &mut self.output[row * weights.cout + panel.first..][..panel.used];
             let channels = sums.iter().zip(scale).zip(bias);
             for (y, ((&sum, &scale), &bias)) in output.iter_mut().zip(channels) {
-                *y = O::from_f32(clamp(I::finish(sum, scale, bias), floor));
+                *y = O::from_f32(clamp(sum.finish(scale, bias), floor));
             }
         }
     }

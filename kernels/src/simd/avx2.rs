@@ -76,23 +76,6 @@ unsafe impl<const VNNI: bool> Simd for Avx2<VNNI> {
         unsafe { _mm256_add_epi32(_mm256_madd_epi16(a, b), c) }
     }
 
-    #[inline(always)]
-    fn add_bits(self, a: __m256i, b: __m256i) -> __m256i {
-        unsafe { _mm256_add_epi32(a, b) }
-    }
-
-    #[inline(always)]
-    fn sub_bits(self, a: __m256i, b: __m256i) -> __m256i {
-        unsafe { _mm256_sub_epi32(a, b) }
-    }
-
-    #[inline(always)]
-    fn add_shorts(self, a: __m256i, b: __m256i) -> __m256i {
-        unsafe { _mm256_add_epi16(a, b) }
-    }
-
-    #[inline(always)]
-    fn sub_shorts(self, a: __m256i, b: __m256i) -> __m256i {
-        unsafe { _mm256_sub_epi16(a, b) }
-    }
+    of_two!(__m256i: add_bits = _mm256_add_epi32, sub_bits = _mm256_sub_epi32,
+        add_shorts = _mm256_add_epi16, sub_shorts = _mm256_sub_epi16);
 }

@@ -102,25 +102,8 @@ unsafe impl<const BF16: bool, const VNNI: bool> Simd for Avx512<BF16, VNNI> {
         unsafe { _mm512_add_epi32(_mm512_madd_epi16(a, b), c) }
     }
 
-    #[inline(always)]
-    fn add_bits(self, a: __m512i, b: __m512i) -> __m512i {
-        unsafe { _mm512_add_epi32(a, b) }
-    }
-
-    #[inline(always)]
-    fn sub_bits(self, a: __m512i, b: __m512i) -> __m512i {
-        unsafe { _mm512_sub_epi32(a, b) }
-    }
-
-    #[inline(always)]
-    fn add_shorts(self, a: __m512i, b: __m512i) -> __m512i {
-        unsafe { _mm512_add_epi16(a, b) }
-    }
-
-    #[inline(always)]
-    fn sub_shorts(self, a: __m512i, b: __m512i) -> __m512i {
-        unsafe { _mm512_sub_epi16(a, b) }
-    }
+    of_two!(__m512i: add_bits = _mm512_add_epi32, sub_bits = _mm512_sub_epi32,
+        add_shorts = _mm512_add_epi16, sub_shorts = _mm512_sub_epi16);
 
     #[inline(always)]
     fn list(self, lists: &mut Lists, first: usize) {

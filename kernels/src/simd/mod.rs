@@ -5,6 +5,16 @@
 //! All `unsafe` of this crate is in this folder.
 #![allow(unsafe_code)]
 
+/// Methods of a [`Simd`] that are one instruction on two registers.
+macro_rules! of_two {
+    ($register:ty: $($name:ident = $instruction:ident),*) => {$(
+        #[inline(always)]
+        fn $name(self, a: $register, b: $register) -> $register {
+            unsafe { $instruction(a, b) }
+        }
+    )*};
+}
+
 mod aligned;
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -24,7 +34,7 @@ mod winograd;
 pub(crate) use aligned::{Aligned, AlignedArray, LINE, Room};
 pub use level::{Level, at_best};
 pub(crate) use list::{BLOCK, Lists};
-pub(crate) use operand::Operand;
+pub(crate) use operand::{Operand, Sum};
 pub use peak::spin;
 pub(crate) use tiles::{convolve_tiles, gradient_tiles};
 pub use winograd::Tiled;

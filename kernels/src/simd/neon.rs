@@ -80,10 +80,7 @@ unsafe impl<const DOT: bool> Simd for Neon<DOT> {
         }
     }
 
-    #[inline(always)]
-    fn add_bits(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
-        unsafe { vaddq_u32(a, b) }
-    }
+    of_two!(uint32x4_t: add_bits = vaddq_u32, sub_bits = vsubq_u32);
 
     #[inline(always)]
     fn dot_shorts(self, a: uint32x4_t, b: uint32x4_t, c: uint32x4_t) -> uint32x4_t {
@@ -93,11 +90,6 @@ unsafe impl<const DOT: bool> Simd for Neon<DOT> {
             let pairs = vpaddq_s32(low, vmull_high_s16(a, b));
             vaddq_u32(c, vreinterpretq_u32_s32(pairs))
         }
-    }
-
-    #[inline(always)]
-    fn sub_bits(self, a: uint32x4_t, b: uint32x4_t) -> uint32x4_t {
-        unsafe { vsubq_u32(a, b) }
     }
 
     #[inline(always)]

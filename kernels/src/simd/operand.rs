@@ -10,7 +10,7 @@ pub trait Operand: Copy + Default {
     /// Packed weights of a step.
     type Weight: Copy + Default + Debug + PartialEq + Send + Sync;
     /// What products are added in.
-    type Sum: Copy + Default;
+    type Sum: Sum;
     /// A register of inputs or of weights.
     type Factor<S: Simd>: Copy;
     /// A register of sums.
@@ -43,12 +43,6 @@ pub trait Operand: Copy + Default {
     /// Row `row` of a tap, for an output channel of this scale. `weight`: of an input channel below `cin`.
     fn pack(row: usize, cin: usize, scale: f32, weight: impl Fn(usize) -> f32) -> Self::Weight;
 
-    /// What a sum begins with, in a channel of this bias.
-    fn begin(bias: f32) -> Self::Sum;
-
-    /// What a sum is worth in a channel of this scale and bias.
-    fn finish(sum: Self::Sum, scale: f32, bias: f32) -> f32;
-
     /// The channels of a step in all lanes.
     ///
     /// # Safety
@@ -76,6 +70,40 @@ pub trait Operand: Copy + Default {
     }
 }
 
+/// What products are added in.
+pub trait Sum: Copy + Default {
+    /// What a sum begins with, in a channel of this bias.
+    fn begin(bias: f32) -> Self;
+
+    /// What a sum is worth in a channel of this scale and bias.
+    fn finish(self, scale: f32, bias: f32) -> f32;
+}
+
+impl Sum for f32 {
+    #[inline(always)]
+    fn begin(bias: f32) -> f32 {
+        bias
+    }
+
+    #[inline(always)]
+    fn finish(self, _: f32, _: f32) -> f32 {
+        self
+    }
+}
+
+impl Sum for i32 {
+    #[inline(always)]
+    fn begin(_: f32) -> i32 {
+        0
+    }
+
+    /// Sums are exact; only here is rounded: once the product with the scale, once the sum with the bias.
+    #[inline(always)]
+    fn finish(self, scale: f32, bias: f32) -> f32 {
+        self as f32 * scale + bias
+    }
+}
+
 // SAFETY (all below): the caller vouches for the pointers.
 impl Operand for f32 {
     type Weight = f32;
@@ -87,16 +115,6 @@ impl Operand for f32 {
     #[inline(always)]
     fn pack(row: usize, _: usize, _: f32, weight: impl Fn(usize) -> f32) -> f32 {
         weight(row)
-    }
-
-    #[inline(always)]
-    fn begin(bias: f32) -> f32 {
-        bias
-    }
-
-    #[inline(always)]
-    fn finish(sum: f32, _: f32, _: f32) -> f32 {
-        sum
     }
 
     #[inline(always)]
@@ -120,16 +138,6 @@ impl Operand for Bf16 {
     #[inline(always)]
     fn pack(row: usize, cin: usize, _: f32, weight: impl Fn(usize) -> f32) -> u32 {
         pair(row, cin, |channel| Bf16::from_f32(weight(channel)).0)
-    }
-
-    #[inline(always)]
-    fn begin(bias: f32) -> f32 {
-        bias
-    }
-
-    #[inline(always)]
-    fn finish(sum: f32, _: f32, _: f32) -> f32 {
-        sum
     }
 
     #[inline(always)]
@@ -196,17 +204,6 @@ impl Operand for u8 {
     }
 
     #[inline(always)]
-    fn begin(_: f32) -> i32 {
-        0
-    }
-
-    /// Sums are exact; only here is rounded: once the product with the scale, once the sum with the bias.
-    #[inline(always)]
-    fn finish(sum: i32, scale: f32, bias: f32) -> f32 {
-        sum as f32 * scale + bias
-    }
-
-    #[inline(always)]
     unsafe fn splat<S: Simd>(simd: S, from: *const u8) -> S::Bits {
         let quad = unsafe { from.cast::<u32>().read_unaligned() };
         // Turning the upper bit takes 128 from a byte.
@@ -260,16 +257,6 @@ impl Operand for i16 {
         pair(row, cin, |channel| {
             i16::rounded(weight(channel), scale) as i16 as u16
         })
-    }
-
-    #[inline(always)]
-    fn begin(_: f32) -> i32 {
-        0
-    }
-
-    #[inline(always)]
-    fn finish(sum: i32, scale: f32, bias: f32) -> f32 {
-        u8::finish(sum, scale, bias)
     }
 
     #[inline(always)]

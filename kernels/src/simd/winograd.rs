@@ -3,7 +3,7 @@
 use std::{marker::PhantomData, mem::MaybeUninit, ops::Range};
 
 use super::{
-    AlignedArray, LINE, Simd, clamp,
+    AlignedArray, LINE, Simd, Sum, clamp,
     cover::{Tile, cover},
     load,
     operand::multiply,
@@ -263,7 +263,7 @@ impl<'a, I: Tiled> Windows<'a, I> {
                 let to = &mut output.values[from..][..width];
                 let channels = sums.iter().zip(scale).zip(bias);
                 for (y, ((sum, scale), bias)) in to.iter_mut().zip(channels) {
-                    let value = I::finish(*sum, *scale, 0.0) + bias;
+                    let value = sum.finish(*scale, 0.0) + bias;
                     *y = O::from_f32(clamp(value, output.floor));
                 }
             }

@@ -73,7 +73,11 @@ pub(crate) trait Value: Element + std::fmt::Debug + 'static {
     }
 
     /// The same values as f32; `spare` is used where they have to be written out.
-    fn as_f32<'a>(values: &'a [Self], spare: &'a mut Vec<f32>) -> &'a [f32];
+    fn as_f32<'a>(values: &'a [Self], spare: &'a mut Vec<f32>) -> &'a [f32] {
+        spare.clear();
+        spare.extend(values.iter().map(|value| value.to_f32()));
+        spare
+    }
 }
 
 impl Value for f32 {
@@ -91,19 +95,11 @@ impl Value for f32 {
 
 impl Value for Bf16 {
     type Tiled = f32;
-
-    fn as_f32<'a>(values: &'a [Bf16], spare: &'a mut Vec<f32>) -> &'a [f32] {
-        written_out(values, spare)
-    }
 }
 
 /// Counts whose scale differs from channel to channel, see [`crate::quant_scale::QuantScale`].
 impl Value for u8 {
     type Tiled = i16;
-
-    fn as_f32<'a>(values: &'a [u8], spare: &'a mut Vec<f32>) -> &'a [f32] {
-        written_out(values, spare)
-    }
 }
 
 /// Counts as those of u8.
@@ -113,16 +109,6 @@ impl Value for i16 {
     fn tiled<'a>(input: &'a [i16], output: &'a mut [i16]) -> Option<TiledRows<'a, i16>> {
         Some((input, output))
     }
-
-    fn as_f32<'a>(values: &'a [i16], spare: &'a mut Vec<f32>) -> &'a [f32] {
-        written_out(values, spare)
-    }
-}
-
-fn written_out<'a, V: Element>(values: &[V], spare: &'a mut Vec<f32>) -> &'a [f32] {
-    spare.clear();
-    spare.extend(values.iter().map(|value| value.to_f32()));
-    spare
 }
 
 #[cfg(test)]
