@@ -5,7 +5,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use mluc_backbone::Precision;
-use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{FrameSet, detect_frames, judge, unknown_classes};
 use mluc_ingest::unpack;
 use mluc_model::Model;
@@ -59,8 +58,7 @@ fn figures(model: &Model, shift_m: f32) -> Figures {
         detection.center_m[0] += shift_m;
     }
     let (unknown, settings) = (unknown_classes("any"), Settings::default());
-    let policy = NeighbourPolicy::Official;
-    let judged = judge(model, &set, &frames, &unknown, policy, &settings).expect("figures");
+    let judged = judge(model, &set, &frames, &unknown, &settings).expect("figures");
     let classes = judged.gated.classes.iter().map(|class| {
         let entry = class.main();
         let figures = [entry.ap.all, entry.recall_percent];

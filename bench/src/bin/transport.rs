@@ -4,8 +4,6 @@
 //! that copies the bytes, and one copy within a process. On a machine with other work, run it as
 //! `chrt -f 50 target/release/transport` and read ratios, not microseconds.
 
-use std::time::Duration;
-
 use anyhow::Result;
 use clap::Parser;
 use mluc_bench::machine::describe_here;
@@ -20,15 +18,6 @@ struct Arguments {
     /// Messages each way, for each topic. 36 MB messages: a quarter as many.
     #[arg(long, default_value_t = 2000)]
     rounds: usize,
-    /// Between two messages, us: long enough that the receiver sleeps.
-    #[arg(long, default_value_t = 1000)]
-    pause_us: u64,
-    /// Cores of sender and receiver, `0,1`; else the kernel decides.
-    #[arg(long, value_delimiter = ',', num_args = 2)]
-    cores: Option<Vec<usize>>,
-    /// These alone.
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = Payload::ALL)]
-    topics: Vec<Payload>,
 }
 
 fn main() -> Result<()> {
@@ -37,17 +26,12 @@ fn main() -> Result<()> {
     }
     let arguments = Arguments::parse();
     let mut measured = vec![];
-    for payload in arguments.topics {
+    for payload in Payload::ALL {
         let rounds = match payload {
             Payload::Features => arguments.rounds.div_ceil(4),
             _ => arguments.rounds,
         };
-        let settings = Settings {
-            pause: Duration::from_micros(arguments.pause_us),
-            cores: arguments.cores.as_deref().map(|cores| [cores[0], cores[1]]),
-            ..Settings::new(payload, rounds)
-        };
-        measured.push((payload, measure(&settings)?));
+        measured.push((payload, measure(&Settings::new(payload, rounds))?));
     }
     println!("{:#}", report(&measured)?);
     Ok(())

@@ -29,23 +29,8 @@ const MARGIN_OF_FRAME: f64 = 0.005;
 /// Dropped frames: below this share no difference is reported.
 const MARGIN_DROPPED: f64 = 0.01;
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct CompareOptions {
-    /// A difference below this share of the figure is noise to whoever decides, however sure it is.
-    pub(crate) margin: f64,
-    /// Share of all cores that other processes took during the runs: where a report holds fewer than four starts, the scatter
-    /// between two starts of the same program follows from it.
-    pub(crate) others: f64,
-}
-
-impl Default for CompareOptions {
-    fn default() -> CompareOptions {
-        CompareOptions {
-            margin: 0.02,
-            others: 0.0,
-        }
-    }
-}
+/// A difference below this share of the figure is noise to whoever decides, however sure it is.
+const MARGIN: f64 = 0.02;
 
 /// What a row says of B against A.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -89,8 +74,10 @@ struct Figure {
     rounds: [Vec<Vec<f64>>; 2],
 }
 
-/// Judges B against A by their measured frames, each in the order of rounds and sequences.
-pub(crate) fn compare(runs: [&[FrameRecord]; 2], options: &CompareOptions) -> Result<Comparison> {
+/// Judges B against A by their measured frames, each in the order of rounds and sequences. `others`: share of all cores that other
+/// processes took during the runs; where a report holds fewer than four starts, the scatter between two starts of the same program
+/// follows from it.
+pub(crate) fn compare(runs: [&[FrameRecord]; 2], others: f64) -> Result<Comparison> {
     let runs = runs.map(measured);
     let frames = runs.each_ref().map(Vec::len);
     let fewest = frames[0].min(frames[1]);
@@ -107,7 +94,7 @@ pub(crate) fn compare(runs: [&[FrameRecord]; 2], options: &CompareOptions) -> Re
     // Bonferroni: with so many rows one would stray by chance.
     let confidence = 1.0 - (1.0 - CONFIDENCE) / judged.max(1) as f64;
     let mut random = Random::from_state(SEED);
-    let judge = |figure: Figure| figure.judge(confidence, options, &mut random);
+    let judge = |figure: Figure| figure.judge(confidence, others, &mut random);
     let rows: Vec<Row> = figures.into_iter().map(judge).collect();
     let differs = |row: &Row| matches!(row.verdict, Verdict::Lower | Verdict::Higher);
     Ok(Comparison {
@@ -159,14 +146,14 @@ impl Figure {
         self.rounds.iter().all(|rounds| count(rounds) >= least)
     }
 
-    fn judge(self, confidence: f64, options: &CompareOptions, random: &mut Random) -> Row {
+    fn judge(self, confidence: f64, others: f64, random: &mut Random) -> Row {
         let is_enough = self.is_enough();
         let resamples = if is_enough { RESAMPLES } else { 0 };
         let scatter = |rounds: &Vec<_>| scatter(rounds, self.statistic, resamples, random);
         let [a, b] = self.rounds.each_ref().map(scatter);
-        let margin = (options.margin * a.value.abs()).max(self.margin_floor);
+        let margin = (MARGIN * a.value.abs()).max(self.margin_floor);
         let all = (f64::NEG_INFINITY, f64::INFINITY);
-        let start_scatter = START_SCATTER + START_SCATTER_BUSY * options.others;
+        let start_scatter = START_SCATTER + START_SCATTER_BUSY * others;
         let interval = || interval([&a, &b], confidence, start_scatter);
         let (low, high) = is_enough.then(interval).unwrap_or(all);
         let verdict = match () {
@@ -224,7 +211,7 @@ mod tests {
     }
 
     fn judged(a: &[FrameRecord], b: &[FrameRecord]) -> Comparison {
-        compare([a, b], &CompareOptions::default()).unwrap()
+        compare([a, b], 0.0).unwrap()
     }
 
     fn assert_verdicts(comparison: &Comparison, expected: &[(&str, Verdict)]) {
@@ -271,7 +258,7 @@ mod tests {
 
     #[test]
     fn too_few_frames_are_said() {
-        let error = compare([&run(19, 1, 0), &run(30, 2, 0)], &CompareOptions::default());
+        let error = compare([&run(19, 1, 0), &run(30, 2, 0)], 0.0);
         let text = error.unwrap_err().to_string();
         assert!(text.contains("19 measured frames: at least 20"), "{text}");
         for (frames, verdict) in [(200, Verdict::TooFewFrames), (600, Verdict::Noise)] {

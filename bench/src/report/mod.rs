@@ -23,7 +23,7 @@ mod recorded;
 mod series;
 
 pub(crate) use charts::Sample;
-pub(crate) use compare::{CompareOptions, Comparison, Verdict, compare};
+pub(crate) use compare::{Comparison, Verdict, compare};
 pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{Resources, check_version, number, report_of};
 pub(crate) use frame::{FrameRecord, STAGES, Stamps};

@@ -1,6 +1,6 @@
 //! The judgement on recorded runs: the same program, seven times on the same machine, and the same with a known change.
 
-use super::{CompareOptions, Comparison, FrameRecord, Verdict, compare, read_frames};
+use super::{Comparison, FrameRecord, Verdict, compare, read_frames};
 
 /// Share of the cores that other processes took during these runs: the worst case, and a stage's figures scatter by a tenth.
 const OTHERS: f64 = 0.65;
@@ -14,11 +14,7 @@ fn runs() -> [Vec<FrameRecord>; 7] {
 }
 
 fn judged(a: &[FrameRecord], b: &[FrameRecord]) -> Comparison {
-    let options = CompareOptions {
-        others: OTHERS,
-        ..CompareOptions::default()
-    };
-    compare([a, b], &options).expect("enough frames")
+    compare([a, b], OTHERS).expect("enough frames")
 }
 
 /// The backbone takes `share` longer; everything behind it moves.

@@ -155,9 +155,6 @@ pub(crate) struct CompareArgs {
     pub(crate) a: PathBuf,
     /// Folder of the second one.
     pub(crate) b: PathBuf,
-    /// Differences below this share of the figure are noise, however sure they are.
-    #[arg(long, default_value_t = 0.02)]
-    pub(crate) margin: f64,
     /// One JSON object on stdout.
     #[arg(long)]
     pub(crate) json: bool,

@@ -2,13 +2,13 @@
 
 use std::process::ExitCode;
 
+use mluc::EXIT_WARNINGS;
 use mluc::terminal::print_out;
-use mluc::{EXIT_WARNINGS, UsageError};
 use serde_json::{Value, json};
 
 use super::arguments::CompareArgs;
 use super::folder;
-use crate::report::{CompareOptions, Verdict, compare};
+use crate::report::{Verdict, compare};
 
 /// What should be the same in two reports for their difference to mean anything.
 const SAME: [(&str, &str); 6] = [
@@ -21,17 +21,9 @@ const SAME: [(&str, &str); 6] = [
 ];
 
 pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
-    if !(0.0..1.0).contains(&args.margin) {
-        let text = format!("--margin must be 0 to below 1, found {}", args.margin);
-        return Err(UsageError(text).into());
-    }
     let (a, frames_a) = folder::read(&args.a)?;
     let (b, frames_b) = folder::read(&args.b)?;
-    let options = CompareOptions {
-        margin: args.margin,
-        ..options([&a, &b])
-    };
-    let comparison = compare([&frames_a, &frames_b], &options)?;
+    let comparison = compare([&frames_a, &frames_b], others_of([&a, &b]))?;
     let notes = notes([&a, &b]);
     if args.json {
         let mut value = serde_json::to_value(&comparison)?;
@@ -52,13 +44,10 @@ pub(crate) fn compare_folders(args: &CompareArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(if is_failed { EXIT_WARNINGS } else { 0 }))
 }
 
-/// How two reports are compared, by what they say of the machine.
-pub(crate) fn options(reports: [&Value; 2]) -> CompareOptions {
+/// Share of all cores that others took during two reports: the larger one.
+pub(crate) fn others_of(reports: [&Value; 2]) -> f64 {
     let [a, b] = reports.map(others);
-    CompareOptions {
-        others: a.max(b).clamp(0.0, 1.0),
-        ..CompareOptions::default()
-    }
+    a.max(b).clamp(0.0, 1.0)
 }
 
 /// What makes a comparison weak.

@@ -9,7 +9,7 @@ use anyhow::{Context, Result, ensure};
 use mluc::EXIT_WARNINGS;
 use serde_json::Value;
 
-use super::compare::{notes, options};
+use super::compare::{notes, others_of};
 use super::folder::{self, FOLDERS};
 use super::plan::Plan;
 use super::{progress, show};
@@ -72,7 +72,7 @@ pub(crate) fn interleaved(plan: &Plan) -> Result<ExitCode> {
     }
     let facts = [&sides[0].facts, &sides[1].facts];
     let frames = sides.each_ref().map(|side| &side.frames[..]);
-    let comparison = compare(frames, &options(facts))?;
+    let comparison = compare(frames, others_of(facts))?;
     let names = sides.each_ref().map(|side| side.name.as_str());
     let mut value = serde_json::to_value(&comparison)?;
     value["notes"] = notes(facts).into();

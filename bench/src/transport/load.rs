@@ -4,12 +4,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::{Result, ensure};
-use clap::ValueEnum;
 use mluc_ipc_types::{Topic, feature_blocks};
 use serde::{Deserialize, Serialize};
 
 /// Whose queue settings and elements a message has: a topic's, in the order of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Payload {
     /// Ingest to backbone and refiner.
@@ -65,8 +64,6 @@ pub struct Settings {
     pub warm_up: usize,
     /// Before each message: long enough that the receiver sleeps.
     pub pause: Duration,
-    /// Cores of the sender and the receiver; `None`: the kernel decides.
-    pub cores: Option<[usize; 2]>,
     /// The receiver's program; `None`: this one.
     pub program: Option<PathBuf>,
 }
@@ -80,7 +77,6 @@ impl Settings {
             rounds,
             warm_up: 40,
             pause: Duration::from_millis(1),
-            cores: None,
             program: None,
         }
     }

@@ -5,7 +5,6 @@ use std::hint::black_box;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::{Result, ensure};
-use mluc::placement::pin;
 use mluc_geometry::{Random, quantile};
 use mluc_runtime::monotonic_ns;
 use serde::Serialize;
@@ -78,14 +77,10 @@ impl Measured {
 /// Sends in turn on every way, each time in another order, and a copy within this process.
 pub fn measure(settings: &Settings) -> Result<Measured> {
     let elements = settings.elements()?;
-    if let Some([sender, _]) = settings.cores {
-        pin(&[sender])?;
-    }
     let link = Link {
         payload: settings.payload,
         elements,
         label: label(),
-        core: settings.cores.map(|[_, receiver]| receiver),
     };
     let mut ends = vec![];
     for way in Way::ALL {

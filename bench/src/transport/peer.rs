@@ -8,7 +8,6 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use anyhow::{Context, Result};
-use mluc::placement::pin;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::de::DeserializeOwned;
 
@@ -99,9 +98,6 @@ fn serve(link: &Link) -> Result<()> {
     // A sender that was killed closes no pipe in time when this process waits for a message.
     set_parent_process_death_signal(Some(Signal::TERM))
         .context("tying this process to its parent")?;
-    if let Some(core) = link.core {
-        pin(&[core])?;
-    }
     let mut receivers: Vec<(&str, Receiver)> = vec![];
     for way in Way::ALL {
         receivers.push((way.name(), link.receiver(way)?));

@@ -67,6 +67,12 @@ mod tests {
         assert!(write_whole(&path, b"bytes").is_err());
         assert!(path.join("inner").is_dir() && !beside(&path).exists());
         assert!(write_whole(&folder.path().join("none/a"), b"bytes").is_err());
+        // Nothing can be written beside it, as on a full disk.
+        let file = folder.path().join("b");
+        write_whole(&file, b"old").expect("written");
+        std::fs::create_dir(beside(&file)).expect("a folder in the way");
+        assert!(write_whole(&file, b"new").is_err());
+        assert_eq!(std::fs::read(&file).expect("there"), b"old");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use mluc_evaluate::pipeline::{
     class_names, detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_profiles,
     write_threshold,
 };
-use mluc_evaluate::{NeighbourPolicy, ObjectKind, SensorDetection, SweepPoint, best_index};
+use mluc_evaluate::{ObjectKind, SensorDetection, SweepPoint, best_index};
 use mluc_geometry::Box3;
 use mluc_head::Detection;
 use mluc_model::{Model, ScoreMin};
@@ -147,9 +147,8 @@ impl Fixture {
     }
 
     fn judge(&self, model: &Model) -> ModelJudgement {
-        let (unknown, policy) = (unknown_classes("udi"), NeighbourPolicy::Official);
-        let settings = Settings::default();
-        judge(model, &self.set, &self.frames, &unknown, policy, &settings).expect("judged")
+        let (unknown, settings) = (unknown_classes("udi"), Settings::default());
+        judge(model, &self.set, &self.frames, &unknown, &settings).expect("judged")
     }
 
     fn sweep(&self, judged: &ModelJudgement) -> Vec<SweepPoint> {

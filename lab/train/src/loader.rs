@@ -64,13 +64,12 @@ impl DataLoader {
         source: ScanSource,
         database: Database,
     ) -> DataLoader {
-        let open_set = settings.applied_open_set();
         let sizes_m = manifest.classes.iter().map(|c| c.size_m.map(f64::from));
         let classes_m: Vec<_> = sizes_m.collect();
         let augmentation = settings.augment.then(|| Augmentation {
             database: Arc::new(database),
             wanted: settings.setting.objects_wanted().to_vec(),
-            synthetic_unknown: open_set.synthetic_unknown,
+            synthetic_unknown: settings.synthetic_unknown(),
             classes_m: classes_m.clone(),
             mirror_x: settings.setting != Setting::Kitti,
         });
@@ -81,7 +80,7 @@ impl DataLoader {
             classes_m,
             anchors: Anchors::of(manifest),
             planner: Planner::new(&manifest.network),
-            background_cells: open_set.background_cells,
+            background_cells: settings.background_cells(),
             batch: settings.batch,
             seed: settings.seed,
             order: (u64::MAX, vec![]),

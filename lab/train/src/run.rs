@@ -55,8 +55,7 @@ impl Run {
         };
         measure_anchors(&mut manifest, settings, &source, notify)?;
         check::points(&source, settings)?;
-        let augments = usize::from(settings.augment);
-        let frames = augments * settings.database_frames;
+        let frames = settings.database_frames();
         let database = database::build(&source, settings.classes(), frames)?;
         let sizes: Vec<_> = database.iter().map(|s| s.len().to_string()).collect();
         let text = format!("objects to paste, by class: {}", sizes.join(", "));

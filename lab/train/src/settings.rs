@@ -3,41 +3,13 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Parser};
+use clap::Parser;
 use mluc_dataset::{KITTI_CLASSES, SIMULATED_CLASSES};
 use mluc_model::{AnchorClass, Beams, Manifest, Network, Takes};
 
 use crate::error::TrainError;
 use crate::kind::{Architecture, NetworkKind, Setting};
 use crate::losses::LossSettings;
-
-/// What [`NetworkKind::MlucFull`] and in part [`NetworkKind::MetricOpen`] add, each to be left out for an ablation. The defaults are
-/// guesses, to be measured one by one.
-#[derive(Clone, Debug, PartialEq, Args)]
-pub struct OpenSetSettings {
-    /// Metric-open, mluc-full: synthetic unknown objects pasted into a frame, beside those that the data holds (simulate --synthetic-unknown); none for any.
-    // An object cut out of one sensor's scan is none of another's.
-    #[arg(long, default_value_t = 6, default_value_if("setting", "any", "0"))]
-    pub synthetic_unknown: usize,
-    /// Metric-open, mluc-full: weight of the loss that draws their embeddings to the centre; of metric-open also background's away from
-    /// it.
-    #[arg(long, default_value_t = 0.5)]
-    pub center_loss_weight: f32,
-    /// Mluc-full: weight of the logit of the unknown.
-    #[arg(long, default_value_t = 1.0)]
-    pub unknown_weight: f32,
-    /// Mluc-full: no class-agnostic anchors.
-    #[arg(long = "no-class-agnostic-anchors", action = clap::ArgAction::SetFalse)]
-    pub class_agnostic_anchors: bool,
-    /// Metric-open, mluc-full: cells of a frame with points and no object that are learned from; 512 for metric-open.
-    // Many there, so that some look like an object: a guess.
-    #[arg(
-        long,
-        default_value_t = 64,
-        default_value_if("kind", "metric-open", "512")
-    )]
-    pub background_cells: usize,
-}
 
 /// A training run. What changes the weights is compared when a run is resumed.
 #[derive(Clone, Debug, PartialEq, Parser)]
@@ -80,28 +52,15 @@ pub struct TrainSettings {
     /// Highest learning rate of the cycle.
     #[arg(long, default_value_t = 0.003)]
     pub learning_rate: f64,
-    /// T, the length of the prototypes [default: the number of classes (paper section 3.2); 3 for mluc-full].
-    #[arg(long)]
-    pub prototype_scale: Option<f32>,
     /// Weight of the loss that draws embeddings to their prototypes; the paper has none; 0.1 for metric-open and mluc-full.
     #[arg(long, default_value_t = 0.0, default_value_ifs([("kind", "metric-open", "0.1"), ("kind", "mluc-full", "0.1")]))]
     pub variance_weight: f32,
-    /// Of kinds that [learn from synthetic unknown objects](NetworkKind::learns_from_synthetic_unknown) alone.
-    #[command(flatten)]
-    pub open_set: OpenSetSettings,
-    /// Mluc-full: fit the layers that score clusters [default: true for udi, false for kitti, none of whose known classes is as large as a
-    /// truck, so that there the layers take trucks for walls].
-    #[arg(long, value_name = "BOOL")]
-    pub cluster_scorer: Option<bool>,
     /// Multiply the gradients of layers' inputs in bf16 (all else stays f32): faster where the processor has bf16.
     #[arg(long)]
     pub bf16: bool,
     /// Do not paste, mirror, turn or scale.
     #[arg(long = "no-augment", action = clap::ArgAction::SetFalse)]
     pub augment: bool,
-    /// Frames of the training split that give objects to paste; none for any.
-    #[arg(long, default_value_t = 1500, default_value_if("setting", "any", "0"))]
-    pub database_frames: usize,
     /// Frames of val/ that judge the model after every epoch and at the end; 0: none.
     #[arg(long, default_value_t = 400)]
     pub validate_frames: usize,
@@ -141,30 +100,20 @@ impl TrainSettings {
         TrainSettings::try_parse_from(options.chain(folders)).expect("options of the trainer")
     }
 
-    /// Whether the layers that score clusters are fitted.
+    /// Whether the layers that score clusters are fitted. None of the known classes of kitti and any is as large as a truck, so that
+    /// there the layers would take trucks for walls.
     pub fn fits_cluster_scorer(&self) -> bool {
-        let is_asked = self.cluster_scorer.unwrap_or(self.setting == Setting::Udi);
-        is_asked && self.kind == NetworkKind::MlucFull
+        self.setting == Setting::Udi && self.kind == NetworkKind::MlucFull
     }
 
     /// Checks ranges.
     pub fn check(&self) -> Result<(), TrainError> {
-        let open_set = &self.open_set;
-        let (center, unknown) = (open_set.center_loss_weight, open_set.unknown_weight);
-        let pasted = open_set.synthetic_unknown as f32;
-        let cells = open_set.background_cells as f32;
-        let scale = self.prototype_scale.unwrap_or(1.0);
         let (steps, every) = (self.steps as f32, self.checkpoint_every as f32);
         // Option, value, the lowest and the highest allowed.
         let rows = [
             ("--steps", steps, 1.0, f32::MAX),
             ("--batch", self.batch as f32, 1.0, 64.0),
-            ("--prototype-scale", scale, 0.1, 100.0),
             ("--variance-weight", self.variance_weight, 0.0, 100.0),
-            ("--center-loss-weight", center, 0.0, 100.0),
-            ("--unknown-weight", unknown, 0.0, 100.0),
-            ("--synthetic-unknown", pasted, 0.0, 64.0),
-            ("--background-cells", cells, 0.0, 4096.0),
             ("--checkpoint-every", every, 1.0, f32::MAX),
         ];
         for (name, value, low, high) in rows {
@@ -198,42 +147,44 @@ impl TrainSettings {
         self.known.len()
     }
 
-    /// The open-set settings that apply to this kind.
-    pub fn applied_open_set(&self) -> OpenSetSettings {
-        let asked = self.open_set.clone();
+    /// Synthetic unknown objects pasted into a frame, beside those that the data holds (simulate --synthetic-unknown).
+    pub fn synthetic_unknown(&self) -> usize {
+        // A guess. An object cut out of one sensor's scan is none of another's.
+        let pastes = self.kind.learns_from_synthetic_unknown() && self.setting != Setting::Any;
+        6 * usize::from(pastes)
+    }
+
+    /// Frames of the training split that give objects to paste.
+    pub fn database_frames(&self) -> usize {
+        let pastes = self.augment && self.setting != Setting::Any;
+        1500 * usize::from(pastes)
+    }
+
+    /// Cells of a frame with points and no object that are learned from. Many for metric-open, so that some look like an object; both
+    /// are guesses.
+    pub fn background_cells(&self) -> usize {
         match self.kind {
-            NetworkKind::MlucFull => asked,
-            NetworkKind::MetricOpen => OpenSetSettings {
-                class_agnostic_anchors: false,
-                ..asked
-            },
-            _ => OpenSetSettings {
-                synthetic_unknown: 0,
-                center_loss_weight: 0.5,
-                unknown_weight: 1.0,
-                class_agnostic_anchors: false,
-                background_cells: 0,
-            },
+            NetworkKind::MlucFull => 64,
+            NetworkKind::MetricOpen => 512,
+            _ => 0,
         }
     }
 
-    /// The settings of the losses.
+    /// The settings of the losses: those of the unknown are guesses.
     pub fn losses(&self) -> LossSettings {
-        let open_set = self.applied_open_set();
         let pushes = self.kind == NetworkKind::MetricOpen;
-        let center_loss_weight = open_set.center_loss_weight;
         LossSettings {
             prototype_scale: self.prototype_scale(),
             variance_weight: self.variance_weight,
-            center_loss_weight,
-            push_weight: if pushes { center_loss_weight } else { 0.0 },
-            unknown_weight: open_set.unknown_weight,
+            center_loss_weight: 0.5,
+            push_weight: if pushes { 0.5 } else { 0.0 },
+            unknown_weight: 1.0,
         }
     }
 
     /// The network to train.
     pub fn network(&self) -> Network {
-        let is_agnostic = self.applied_open_set().class_agnostic_anchors;
+        let is_agnostic = self.kind == NetworkKind::MlucFull;
         Network {
             head: self.kind.head(),
             generic: usize::from(is_agnostic) * Manifest::GENERIC_ANCHORS,
@@ -283,14 +234,14 @@ impl TrainSettings {
         }
     }
 
-    /// T: fixed where the head is one of logits.
+    /// T, the length of the prototypes: fixed where the head is one of logits, else the number of classes (paper section 3.2), or 3 for
+    /// mluc-full.
     pub fn prototype_scale(&self) -> f32 {
         let fixed = self.kind.head().prototype_scale();
-        let usual = match self.kind {
+        fixed.unwrap_or(match self.kind {
             NetworkKind::MlucFull => 3.0,
             _ => self.setting.classes() as f32,
-        };
-        fixed.or(self.prototype_scale).unwrap_or(usual)
+        })
     }
 
     /// What a resumed run must share with its beginning, as text. The number of steps may change: the cycle then goes on
@@ -306,7 +257,7 @@ impl TrainSettings {
             self.prototype_scale(),
             self.variance_weight,
             self.augment,
-            self.database_frames,
+            self.database_frames(),
             self.bf16
         );
         if self.kind != NetworkKind::Metric {
@@ -314,7 +265,7 @@ impl TrainSettings {
         }
         if self.kind.learns_from_synthetic_unknown() {
             let data = self.data.file_name().unwrap_or_default().display();
-            text += &format!(" {:?} data {data}", self.open_set);
+            text += &format!(" data {data}");
         }
         if !self.known.is_empty() {
             text += &format!(" known {}", self.known.join(","));
@@ -356,7 +307,6 @@ mod tests {
         let options = ["--setting", "kitti", "--network", "metric-open"];
         let good = TrainSettings::of(&options, Path::new("data"), Path::new("out"));
         assert!(good.check().is_ok() && good.variance_weight == 0.1);
-        assert_eq!(good.open_set.background_cells, 512);
         type Change = fn(&mut TrainSettings);
         let cases: [(Change, &str); 4] = [
             (|s| s.steps = 0, "--steps: expected 1 or more, found 0"),
@@ -366,8 +316,8 @@ mod tests {
                 "--learning-rate: expected above 0 and below 1, found 1",
             ),
             (
-                |s| s.open_set.center_loss_weight = f32::NAN,
-                "--center-loss-weight: expected 0 to 100, found NaN",
+                |s| s.variance_weight = f32::NAN,
+                "--variance-weight: expected 0 to 100, found NaN",
             ),
         ];
         for (change, expected) in cases {

@@ -155,7 +155,7 @@ impl Refiner {
         best_first(&mut self.order, proposals, |p| p.score.into());
         for &index in &self.order {
             let proposal = &mut proposals[index];
-            over = over || task.counters.work >= self.settings.work_max() || is_over();
+            over = over || task.counters.work >= WORK_MAX || is_over();
             if over {
                 task.counters.unrefined += 1;
                 proposal.flags |= Object::UNREFINED;

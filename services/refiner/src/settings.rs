@@ -134,8 +134,6 @@ pub struct Study {
     pub scores_clusters: Option<bool>,
     /// Whether objects of no road user's size are ranked last.
     pub ranks_sizes: Option<bool>,
-    /// Work that all candidates of a frame may cost, instead of [`crate::WORK_MAX`].
-    pub work_max: Option<u64>,
 }
 
 impl Default for Settings {
@@ -189,10 +187,6 @@ impl Settings {
     /// Whether unknown objects have a score of our own, not the paper's.
     pub(crate) fn is_ours(&self) -> bool {
         self.variant == Variant::RangeScaled
-    }
-
-    pub(crate) fn work_max(&self) -> u64 {
-        self.study.work_max.unwrap_or(crate::WORK_MAX)
     }
 
     /// Radius r of the paper's cylinder around the seed, m: 4 where the model sees all around (its industrial park), 5

@@ -77,7 +77,6 @@ fn with(scores_clusters: Option<bool>, ranks_sizes: Option<bool>) -> Settings {
         study: Study {
             scores_clusters,
             ranks_sizes,
-            ..Study::default()
         },
         ..Settings::default()
     }

@@ -84,8 +84,6 @@ macro_rules! for_elements {
 /// What both ends must agree on.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(crate) struct Link {
-    /// The receiver's.
-    pub(crate) core: Option<usize>,
     pub(crate) payload: Payload,
     pub(crate) elements: usize,
     /// Part of the name of everything shared.

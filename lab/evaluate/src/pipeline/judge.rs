@@ -54,10 +54,10 @@ pub fn judge(
     set: &FrameSet,
     frames: &[DetectedFrame],
     unknown: &[String],
-    neighbours: NeighbourPolicy,
     settings: &Settings,
 ) -> Result<ModelJudgement> {
     let classes = class_names(model);
+    let neighbours = NeighbourPolicy::Official;
     let rules = paper_rules(&model.manifest.name, &classes, unknown, neighbours)?;
     let gate = ModelGate::of(model);
     let threshold = gate.threshold(&model.manifest.thresholds);
@@ -198,7 +198,6 @@ pub fn write_precisions(
     path: &Path,
     set: &FrameSet,
     unknown: &[String],
-    neighbours: NeighbourPolicy,
     settings: &Settings,
     step: &(dyn Fn() + Sync),
 ) -> Result<()> {
@@ -209,7 +208,7 @@ pub fn write_precisions(
             continue;
         }
         let frames = detect_frames(precision, &model, set, step)?;
-        let judged = judge(&model, set, &frames, unknown, neighbours, settings)?.gated;
+        let judged = judge(&model, set, &frames, unknown, settings)?.gated;
         let unknown_ap = judged.unknown().map_or(0.0, |class| class.main().ap.r40);
         let figures = [judged.map_known().r40, unknown_ap];
         metrics.extend(precision.metrics().into_iter().zip(figures));

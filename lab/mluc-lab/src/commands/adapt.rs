@@ -11,7 +11,6 @@ use clap::Args;
 use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
 use mluc_dataset::whole_file::write_whole;
-use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, choose_threshold,
     class_names, detect_frames, judge, sweep_gate, write_precisions, write_profiles,
@@ -202,10 +201,10 @@ impl Adaptation<'_> {
         let (model, rules, settings) = (Model::read(&path)?, &judgement.rules, Settings::default());
         let chosen = choose_profiles(&model, &set, &frames, rules, &settings)?;
         write_profiles(&path, &model, chosen, &set.describe())?;
-        let (unknown, policy) = (self.unknown(&model), NeighbourPolicy::Official);
+        let unknown = self.unknown(&model);
         let count = Precision::ALL.len() * set.names().len();
         Ok(counted("precisions", count, |step| {
-            write_precisions(&path, &set, &unknown, policy, &settings, step)
+            write_precisions(&path, &set, &unknown, &settings, step)
         })?)
     }
 
@@ -226,8 +225,8 @@ impl Adaptation<'_> {
         let frames = counted("network", set.names().len(), |step| {
             detect_frames(Precision::default(), model, &set, step)
         })?;
-        let (unknown, policy) = (self.unknown(model), NeighbourPolicy::Official);
-        let judgement = judge(model, &set, &frames, &unknown, policy, &Settings::default())?;
+        let unknown = self.unknown(model);
+        let judgement = judge(model, &set, &frames, &unknown, &Settings::default())?;
         Ok((set, frames, judgement))
     }
 

@@ -20,22 +20,12 @@ pub(crate) struct RenderArguments {
     /// Calibration of the frame. Without it, calib/NAME.txt beside the scan's folder.
     #[arg(long)]
     calib: Option<PathBuf>,
-    /// Pixels a metre.
-    #[arg(long, default_value_t = 10.0, value_parser = scale)]
-    px_per_m: f32,
     /// Show only what lies ahead, out to 70 m, instead of the full circle.
     #[arg(long)]
     ahead: bool,
     /// Picture to write.
     #[arg(long)]
     out: PathBuf,
-}
-
-fn scale(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(value) if (1.0..=60.0).contains(&value) => Ok(value),
-        _ => Err("expected a number from 1 to 60".to_owned()),
-    }
 }
 
 pub(crate) fn run(arguments: RenderArguments) -> anyhow::Result<()> {
@@ -56,7 +46,6 @@ impl RenderArguments {
             View::around()
         };
         let view = View {
-            px_per_m: self.px_per_m,
             title: title.into_owned(),
             ..view
         };
@@ -117,7 +106,6 @@ mod tests {
                 scan: scan.clone(),
                 labels,
                 calib: Some(calibration.clone()),
-                px_per_m: 10.0,
                 ahead: true,
                 out: PathBuf::new(),
             };

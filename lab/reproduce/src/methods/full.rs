@@ -58,7 +58,6 @@ pub(super) fn run(input: &MethodInput) -> Result<GatedObjects> {
         study: Study {
             scores_clusters: Some(cluster_score && scores_clusters(&model)),
             ranks_sizes: Some(ranks_sizes),
-            ..Study::default()
         },
         ..Settings::default()
     };

@@ -31,9 +31,6 @@ pub(super) struct MethodArguments {
     /// Of mluc-full: every step of its ablation.
     #[arg(long)]
     ablation: bool,
-    /// Print every threshold.
-    #[arg(long)]
-    curve: bool,
 }
 
 pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
@@ -71,7 +68,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
                 run_method(method, &input)
             })?;
             let points = output.sweep(&frames, &rules);
-            write_row(name, &points, &output, arguments.curve)?;
+            write_row(name, &points, &output)?;
         }
     }
     Ok(())
@@ -109,41 +106,30 @@ fn class_rules(model: &Model) -> anyhow::Result<Vec<ClassRule>> {
     Ok(rules?)
 }
 
-fn write_row(
-    name: &str,
-    points: &[JudgedPoint],
-    output: &GatedObjects,
-    curve: bool,
-) -> anyhow::Result<()> {
+fn write_row(name: &str, points: &[JudgedPoint], output: &GatedObjects) -> anyhow::Result<()> {
     let closed = points.first().map_or(0.0, |p| p.all.known.r40);
     let main: Vec<SweepPoint> = points.iter().map(JudgedPoint::main).collect();
     let best = best_index(&main);
-    let line = |at: usize| {
-        let (point, f) = (&points[at], &points[at].all);
-        let [a, b, c] = f.unknown;
-        format!(
-            "{closed:6.2} {:6.2} {:5.2} {:5.2} {:5.2} {:5.2} {:7.2} {:5} {:6.2} {:7.4}",
-            f.known.r40,
-            a.r40,
-            b.r40,
-            c.r40,
-            f.harmonic().r40,
-            f.recall_unknown,
-            f.unknown_as_known,
-            false_unknown(output, at, f),
-            point.threshold
-        )
-    };
+    let (point, f) = (&points[best], &points[best].all);
+    let [a, b, c] = f.unknown;
+    let line = format!(
+        "{closed:6.2} {:6.2} {:5.2} {:5.2} {:5.2} {:5.2} {:7.2} {:5} {:6.2} {:7.4}",
+        f.known.r40,
+        a.r40,
+        b.r40,
+        c.r40,
+        f.harmonic().r40,
+        f.recall_unknown,
+        f.unknown_as_known,
+        false_unknown(output, best, f),
+        point.threshold
+    );
     let honest = honest(points).map_or(String::new(), |h| {
         let of = |name: &str| h.figures.get(name).copied().unwrap_or(0.0);
         let [known, unknown, harm] = ["map_known", "ap_unknown", "map_harm"].map(of);
         format!(" | {known:.2} {unknown:.2} {harm:.2}")
     });
-    print_out(format_args!("{name:28} {}{honest}", line(best)))?;
-    for at in (0..points.len()).filter(|_| curve) {
-        print_out(format_args!("  {:26} {}", "", line(at)))?;
-    }
-    Ok(())
+    print_out(format_args!("{name:28} {line}{honest}"))
 }
 
 /// Unknown objects a frame at the threshold of index `at`, but for one for each label that was found.

@@ -3,20 +3,15 @@
 use super::report::Outcome;
 use super::{Scans, unknown_labelled, warn_unrecognized};
 use crate::commands::terminal::{counted, one_of, print_out};
-use anyhow::{Context, ensure};
+use anyhow::ensure;
 use clap::Args;
 use mluc_backbone::Precision;
-use mluc_evaluate::NeighbourPolicy;
 use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, ModelGate, choose_profiles, choose_threshold, class_names,
-    detect_frames, judge, sweep_gate, unknown_classes, write_precisions, write_profiles,
-    write_threshold,
+    FrameSet, ModelGate, choose_profiles, choose_threshold, class_names, detect_frames, judge,
+    sweep_gate, unknown_classes, write_precisions, write_profiles, write_threshold,
 };
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
-use serde_json::json;
-use std::io::Write;
-use std::path::PathBuf;
 
 /// Run a model over labelled scans, in one process, and judge what comes out.
 ///
@@ -41,9 +36,6 @@ pub(super) struct ModelArguments {
     /// Label classes that are unknown; unseen: those of `simulate --unseen` [default: golf_cart,forklift for udi, van,truck for kitti, all four for any].
     #[arg(long, value_delimiter = ',', value_name = "CLASS,..")]
     unknown: Option<Vec<String>>,
-    /// What look-alikes are (a van found as a car): official, neither right nor wrong; strict, wrong.
-    #[arg(long, value_enum, default_value_t)]
-    neighbours: NeighbourPolicy,
     /// Try thresholds of the gate, and say which is best: the highest harmonic mean that keeps nine tenths of the closed set's mAP, of an
     /// open head all of it but one point.
     #[arg(long)]
@@ -60,9 +52,6 @@ pub(super) struct ModelArguments {
     /// of a run chooses by that.
     #[arg(long)]
     write_precisions: bool,
-    /// Write the kept boxes with every score, one JSON line a frame.
-    #[arg(long, value_name = "FILE.jsonl")]
-    boxes: Option<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -86,9 +75,6 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     let frames = counted("network", set.names().len(), |step| {
         detect_frames(arguments.precision, &model, &set, step)
     })?;
-    if let Some(path) = &arguments.boxes {
-        write_boxes(path, &model, &set, &frames)?;
-    }
     let labels = || frames.iter().flat_map(|frame| frame.truth.labels.iter());
     let unknown = match arguments.unknown {
         Some(classes) => unknown_labelled(labels(), &classes)?,
@@ -100,8 +86,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
             classes
         }
     };
-    let neighbours = arguments.neighbours;
-    let judgement = judge(&model, &set, &frames, &unknown, neighbours, &settings)?;
+    let judgement = judge(&model, &set, &frames, &unknown, &settings)?;
     warn_unrecognized(labels(), &judgement.rules);
     let is_swept = arguments.sweep || arguments.write_threshold;
     let sweep = is_swept.then(|| {
@@ -126,7 +111,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     if arguments.write_precisions || arguments.write_threshold {
         let count = Precision::ALL.len() * set.names().len();
         counted("precisions", count, |step| {
-            write_precisions(&scans.model, &set, &unknown, neighbours, &settings, step)
+            write_precisions(&scans.model, &set, &unknown, &settings, step)
         })?;
     }
     let outcome = Outcome {
@@ -142,30 +127,4 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         return print_out(format_args!("{:#}", outcome.to_json()));
     }
     print_out(outcome.to_table()?.trim_end())
-}
-
-fn write_boxes(
-    path: &std::path::Path,
-    model: &Model,
-    set: &FrameSet,
-    frames: &[DetectedFrame],
-) -> anyhow::Result<()> {
-    let failed = || format!("{}: cannot be written", path.display());
-    let mut file = std::io::BufWriter::new(std::fs::File::create(path).with_context(failed)?);
-    let classes = &model.manifest.classes;
-    for (name, frame) in set.names().iter().zip(frames) {
-        let boxes = frame.detections.iter().map(|d| {
-            json!({
-                "label": classes.get(d.class_id as usize).map(|class| &class.name),
-                "center_m": d.center_m, "size_m": d.size_m, "yaw_rad": d.yaw_rad,
-                "objectness": d.objectness, "score": d.score,
-                "probabilities": &d.probabilities[..classes.len()], "embedding": &d.embedding[..classes.len()],
-                "e": d.eds_normalised, "e_perp": d.eds_perpendicular, "delta": d.delta,
-                "msp": d.softmax_max, "max_logit": d.logit_max, "energy": d.energy,
-            })
-        });
-        let line = json!({"frame": name, "boxes": boxes.collect::<Vec<_>>()});
-        writeln!(file, "{line}").with_context(failed)?;
-    }
-    file.flush().with_context(failed)
 }
