@@ -126,15 +126,6 @@ mod tests {
         set
     }
 
-    fn dense_layer() -> DenseLayer {
-        DenseLayer {
-            name: "d".into(),
-            stride: 1,
-            cin: 1,
-            cout: 2,
-        }
-    }
-
     #[test]
     fn every_layout_arrives_at_tap_cin_cout() -> Result<()> {
         // gamma / sqrt(var + eps) = 1: the values stay, the bias is 0.5 - 2.
@@ -152,7 +143,13 @@ mod tests {
         assert_eq!(folded.weights, expected);
         assert_eq!(folded.bias, [-1.5, -1.5]);
 
-        let folded = Folded::dense(&weights("d", vec![2, 1, 3, 3], 2), &dense_layer())?;
+        let layer = DenseLayer {
+            name: "d".into(),
+            stride: 1,
+            cin: 1,
+            cout: 2,
+        };
+        let folded = Folded::dense(&weights("d", vec![2, 1, 3, 3], 2), &layer)?;
         assert_eq!(folded.weights[..4], [0.0, 9.0, 1.0, 10.0]);
 
         let layer = UpLayer {
@@ -164,13 +161,5 @@ mod tests {
         let folded = Folded::up(&weights("u", vec![2, 1, 2, 2], 1), &layer)?;
         assert_eq!(folded.weights, [0.0, 4.0, 1.0, 5.0, 2.0, 6.0, 3.0, 7.0]);
         Ok(())
-    }
-
-    #[test]
-    fn a_tensor_of_another_shape_is_named() {
-        let error = Folded::dense(&weights("d", vec![1, 2, 3, 3], 2), &dense_layer());
-        let error = error.unwrap_err().to_string();
-        let parts = ["`d.weight`", "[2, 1, 3, 3]"];
-        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
     }
 }

@@ -5,7 +5,6 @@
 
 use std::fs::{read, read_dir, read_to_string};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use md5::{Digest, Md5};
 use mluc_sources::files::{Format, Layout};
@@ -183,20 +182,6 @@ fn calibration(folder: &Path) -> Option<Calibration> {
     })
 }
 
-/// Decodes again and again for half a second.
-fn print_speed(packets: &[Packet], calibration: Option<&Calibration>) {
-    let (start, mut points) = (Instant::now(), 0);
-    while start.elapsed().as_millis() < 500 {
-        let mut decoder = decoder(packets, calibration).expect("a decoder");
-        decode(&mut decoder, packets, &mut |scan| {
-            points += scan.points.len()
-        });
-    }
-    let ns = start.elapsed().as_nanos() as f64 / points.max(1) as f64;
-    let percent = ns * 0.06;
-    println!("  {ns:.1} ns a point: {percent:.2} % of one core at 600k points/s");
-}
-
 fn check(folder: &Path) {
     let packets = packets(&folder.join("packets.pcap"));
     let calibration = calibration(folder);
@@ -239,7 +224,6 @@ fn check(folder: &Path) {
         is_checked = true;
     }
     assert!(is_checked, "{name}: neither truth.pcd nor digest.json");
-    print_speed(&packets, calibration.as_ref());
 }
 
 #[test]

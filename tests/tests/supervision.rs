@@ -131,36 +131,6 @@ fn lines_that_cannot_be_written_end_the_run_with_an_error() {
     }
 }
 
-/// `mluc-bench chaos --signals 200` takes any two and any time between.
-#[test]
-fn two_signals_end_the_run_as_one_does_and_the_next_start_is_good() {
-    const INT: Signal = Signal::INT;
-    const TERM: Signal = Signal::TERM;
-    let setting = Setting::new("signals", 2);
-    for (first, second, gap_ms) in [
-        (INT, INT, 0),
-        (INT, TERM, 1),
-        (TERM, INT, 20),
-        (INT, INT, 100),
-        (TERM, TERM, 300),
-        (INT, INT, 500),
-    ] {
-        let mut run = setting.up("--loop");
-        run.wait_for_lines(1);
-        run.signal(first);
-        std::thread::sleep(Duration::from_millis(gap_ms));
-        run.signal(second);
-        let finished = setting.finish(run);
-        assert_eq!(
-            finished.code,
-            Some(0),
-            "{first:?} {second:?} {gap_ms}: {}",
-            finished.log
-        );
-        finished.assert_says(&["frames: "]);
-    }
-}
-
 #[test]
 fn a_supervisor_that_was_killed_is_followed_at_once_by_the_next() {
     let setting = Setting::new("again", 2);

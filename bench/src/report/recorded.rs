@@ -60,16 +60,6 @@ fn runs_of_one_program_are_equal_in_19_of_20_pairs() {
 }
 
 #[test]
-fn halves_of_one_run_are_equal() {
-    for mut run in runs() {
-        run.retain(|frame| !frame.is_warm_up);
-        let (first, second) = run.split_at(run.len() / 2);
-        let comparison = judged(first, second);
-        assert!(comparison.is_equal, "{comparison:?}");
-    }
-}
-
-#[test]
 fn one_start_on_a_busy_machine_tells_a_multiple() {
     for pair in runs().windows(2) {
         assert!(is_found(&judged(&pair[0], &slower(&pair[1], 1.5))));

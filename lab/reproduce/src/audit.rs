@@ -70,12 +70,6 @@ impl Audit {
         })
     }
 
-    /// Known objects in frames without any unknown one: what policy `drop_frames` trains on.
-    pub fn known_without_unknown(&self) -> usize {
-        let [all, _, beside_unknown, _] = self.sum(&KNOWN);
-        all - beside_unknown
-    }
-
     /// As Markdown: by class, then the counts that the paper's can be compared with.
     pub fn to_markdown(&self) -> String {
         let values = json!({

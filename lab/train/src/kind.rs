@@ -50,15 +50,15 @@ pub enum NetworkKind {
 impl NetworkKind {
     /// `metric` and so on.
     pub fn name(self) -> &'static str {
-        match self {
-            NetworkKind::Metric => "metric",
-            NetworkKind::MetricOpen => "metric-open",
-            NetworkKind::Sigmoid => "sigmoid",
-            NetworkKind::Softmax => "softmax",
-            NetworkKind::MlucFull => "mluc-full",
-            NetworkKind::Supervised => "supervised",
-            NetworkKind::Osis => "osis",
-        }
+        [
+            "metric",
+            "metric-open",
+            "sigmoid",
+            "softmax",
+            "mluc-full",
+            "supervised",
+            "osis",
+        ][self as usize]
     }
 
     /// Whether it learns the unknown from synthetic unknown objects.
@@ -80,11 +80,7 @@ impl NetworkKind {
 impl Setting {
     /// `udi`, `kitti` or `any`.
     pub fn name(self) -> &'static str {
-        match self {
-            Setting::Udi => "udi",
-            Setting::Kitti => "kitti",
-            Setting::Any => "any",
-        }
+        ["udi", "kitti", "any"][self as usize]
     }
 
     /// Known classes.

@@ -71,12 +71,7 @@ impl Variant {
 
     /// The word in the settings.
     pub fn name(self) -> &'static str {
-        match self {
-            Variant::Paper => "paper",
-            Variant::PaperCorrected => "paper-corrected",
-            Variant::RangeScaled => "range-scaled",
-            Variant::None => "none",
-        }
+        ["paper", "paper-corrected", "range-scaled", "none"][self as usize]
     }
 
     /// By its name.

@@ -1,7 +1,7 @@
 //! `mluc-lab evaluate`.
 
 use crate::{Folder, text};
-use mluc_dataset::read_boxes;
+use mluc_dataset::{read_boxes, scan_bytes};
 use mluc_geometry::Box3;
 use mluc_tests::{NO_CAMERA, assert_has, untrained_udi};
 use serde_json::{Value, json};
@@ -280,12 +280,7 @@ fn rings_on_objects_are_counted_in_the_scans() {
         [x, y, z + up_m, 0.0].map(|v| v as f32)
     };
     let points = [point(&car, 0.3), point(&car, -0.3), point(&person, 0.0)];
-    let bytes: Vec<u8> = points
-        .iter()
-        .flatten()
-        .flat_map(|v| v.to_le_bytes())
-        .collect();
-    folder.write("b/000000.bin", bytes);
+    folder.write("b/000000.bin", scan_bytes(&points));
     let rings = folder.json(&ap("a", "--json --scans b"));
     for (class, bin) in [("car", "2"), ("pedestrian", "1")] {
         let figures = &rings["by_rings"][class][bin];
