@@ -4,7 +4,8 @@ use std::path::Path;
 use std::{env, fs, io};
 
 fn main() -> io::Result<()> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sensors");
+    // Cargo runs this in the package's folder; a path from when this was compiled may be another checkout's.
+    let folder = fs::canonicalize("../sensors")?;
     println!("cargo::rerun-if-changed={}", folder.display());
     let paths: io::Result<Vec<_>> = fs::read_dir(&folder)?.map(|e| Ok(e?.path())).collect();
     let mut paths = paths?;
