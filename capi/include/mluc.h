@@ -240,7 +240,7 @@ typedef struct mluc_status {
 } mluc_status;
 
 MLUC_ASSERT(sizeof(mluc_status) == 344, "mluc_status");
-MLUC_ASSERT(sizeof(mluc_run) == 672, "mluc_run");
+MLUC_ASSERT(sizeof(mluc_run) == 680, "mluc_run");
 MLUC_ASSERT(sizeof(mluc_header) == 256, "mluc_header");
 MLUC_ASSERT(offsetof(mluc_header, stages) == 112, "mluc_header");
 MLUC_ASSERT(offsetof(mluc_header, name) == 208, "mluc_header");
