@@ -50,6 +50,7 @@ pub(crate) fn reload(name: &str) -> anyhow::Result<ExitCode> {
     let mut control = ControlWatch::new(&instance);
     let before = control.look().answer.0;
     kill_process(supervisor, Signal::HUP).context("asking the supervisor")?;
+    // Stages may take 60 s to make a model ready.
     for _ in 0..7000 {
         std::thread::sleep(std::time::Duration::from_millis(10));
         match control.look().answer.clone() {

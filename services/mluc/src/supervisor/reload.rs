@@ -26,8 +26,16 @@ const FRAMES_AHEAD: u64 = 3;
 /// Until all stages have made another model ready. It takes some 0.5 s; a guess for slow machines without time to spare.
 const READY_MAX: Duration = Duration::from_secs(60);
 
-/// A model that the stages make ready: settings and run with it, what changes, since when.
-pub(super) struct ModelChange(PinnedModel, Settings, RunDescription, String, Instant);
+/// A model that the stages make ready.
+pub(super) struct ModelChange {
+    next: PinnedModel,
+    /// With it.
+    settings: Settings,
+    run: RunDescription,
+    /// What changes, in words.
+    keys: String,
+    begun: Instant,
+}
 
 impl Supervisor {
     /// Not before the first frame of the last reload came.
@@ -98,7 +106,14 @@ impl Supervisor {
             ..describe_run(&settings, &model)
         };
         if let Some(next) = next {
-            self.model_change = Some(ModelChange(next, settings, run, keys, Instant::now()));
+            let begun = Instant::now();
+            self.model_change = Some(ModelChange {
+                next,
+                settings,
+                run,
+                keys,
+                begun,
+            });
             return Ok(None);
         }
         (self.run, self.settings) = (run, settings);
@@ -114,23 +129,23 @@ impl Supervisor {
         for stage in Stage::ALL {
             let (own, name) = (&self.settings.stages[stage], stage.name());
             let pid = self.health.of(stage).map_or(0, |health| health.pid);
-            let report = change.0.file.with_file_name(pid.to_string());
+            let report = change.next.file.with_file_name(pid.to_string());
             let said = std::fs::read_to_string(report).unwrap_or_default();
             // Backbone and head are nobody else's.
             let is_ours = !own.external && own.command.is_none();
             if said.is_empty() && (is_ours || [Stage::Backbone, Stage::Head].contains(&stage)) {
-                let is_early = change.4.elapsed() < READY_MAX;
+                let is_early = change.begun.elapsed() < READY_MAX;
                 ensure!(is_early, "model: {name} is not ready after {READY_MAX:?}");
                 self.model_change = Some(change);
                 return Ok(None);
             }
             ensure!(["", "ready"].contains(&&*said), "model: {name}: {said}");
         }
-        let ModelChange(model, settings, run, keys, _) = change;
-        self.document = document::publish(&settings)?;
-        self.shell.describe_run(&run)?;
-        (self.run, self.settings) = (run, settings);
-        let before = std::mem::replace(&mut self.model, model);
+        let keys = change.keys;
+        self.document = document::publish(&change.settings)?;
+        self.shell.describe_run(&change.run)?;
+        (self.run, self.settings) = (change.run, change.settings);
+        let before = std::mem::replace(&mut self.model, change.next);
         let _ = std::fs::remove_dir_all(before.file.with_file_name(""));
         let by_sequence = self.scans.count_sent() + FRAMES_AHEAD;
         // A second reload waits for it.
