@@ -178,36 +178,16 @@ fn the_largest_sums_and_the_rounding_of_counts_are_the_direct_ones() {
     }
     let mut case = Case::<i16>::new([9, 30], 96, 48, 100);
     let mut random = Random(3);
-    case.weights = random
-        .values(case.weights.len())
-        .iter()
-        .map(|w| w * 0.01)
-        .collect();
-    case.bias = random.values(48).iter().map(|bias| bias * 200.0).collect();
+    let mut values = |count, scale: f32| random.values(count).iter().map(|v| v * scale).collect();
+    (case.weights, case.bias) = (values(9 * 96 * 48, 0.01), values(48, 200.0));
     let bytes: Vec<u8> = case.input.iter().map(|x| *x as u8).collect();
-    let (weights, epilogue) = (
-        Weights::pack(9, 96, 48, &case.weights),
-        Epilogue {
-            bias: Some(&case.bias),
-            relu: true,
-        },
-    );
+    let weights = Weights::pack(9, 96, 48, &case.weights);
+    let (bias, relu) = (Some(&case.bias[..]), true);
+    let epilogue = Epilogue { bias, relu };
     let (mut direct, mut tiled) = (vec![0_u8; 270 * 48], vec![0_i16; 270 * 48]);
-    convolve(
-        &bytes,
-        &common::dense(30, 9),
-        &weights,
-        epilogue,
-        None,
-        &mut direct,
-    );
-    convolve_winograd(
-        &case.input,
-        &case.tiles(),
-        &case.packed(),
-        epilogue,
-        &mut tiled,
-    );
+    let (gather, tiles, packed) = (common::dense(30, 9), case.tiles(), case.packed());
+    convolve(&bytes, &gather, &weights, epilogue, None, &mut direct);
+    convolve_winograd(&case.input, &tiles, &packed, epilogue, &mut tiled);
     assert!(direct.iter().copied().map(i16::from).eq(tiled));
     let inner = direct.iter().filter(|count| (1..255).contains(*count));
     assert!(inner.count() > 1000);

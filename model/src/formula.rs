@@ -1,16 +1,15 @@
 //! Weights by a formula: the same for everyone, without a file. For tests and for timing a network before it is trained.
 
+use mluc_geometry::Random;
+
 use crate::file::fnv1a;
 use crate::network::Network;
 use crate::tensors::{WeightSet, expected_tensors};
 
-/// A number in [0, 1) for element `index` of the tensor `name`: splitmix64's finaliser over FNV-1a of the name.
+/// A number in [0, 1) for element `index` of the tensor `name`: the first of splitmix64 from FNV-1a of the name.
 pub fn formula_uniform(name: &str, index: usize) -> f64 {
-    let mut z = fnv1a(name.as_bytes()).wrapping_add(index as u64);
-    z = z.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    ((z ^ (z >> 31)) >> 40) as f64 / (1u64 << 24) as f64
+    let state = fnv1a(name.as_bytes()).wrapping_add(index as u64);
+    (Random::from_state(state).bits() >> 40) as f64 / (1u64 << 24) as f64
 }
 
 /// Every tensor of `network`: weights uniform within +-sqrt(6 / fan-in), batch norms near 1, biases near 0.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::network::Network;
+use crate::network::{Network, is_default};
 
 /// A known class and its anchors (two rotations, 0 and 1.57 rad).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,11 +36,11 @@ pub struct Thresholds {
     /// (C-1) T^2). 0: the gate never fires, the closed-set detector.
     pub eds_normalised_max: f32,
     /// A box whose largest class probability is below this is a candidate unknown. 0: none is.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub softmax_min: f32,
     /// Of an open head: a box is a candidate unknown from this probability of being none of the known on; boxes of anchors
     /// without a class go below it. 0: none is.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub unknown_min: f32,
     /// What the operating profiles publish; absent in a model for which nobody chose it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -65,10 +65,6 @@ pub struct Profiles {
     pub quiet: ScoreMin,
     /// The default.
     pub balanced: ScoreMin,
-}
-
-fn is_zero(value: &f32) -> bool {
-    *value == 0.0
 }
 
 impl Profiles {
@@ -166,6 +162,11 @@ pub struct Manifest {
 impl Manifest {
     /// Files of another format are refused.
     pub const FORMAT: u32 = 1;
+
+    /// Names of the classes, in the order of class ids.
+    pub fn class_names(&self) -> Vec<String> {
+        self.classes.iter().map(|c| c.name.clone()).collect()
+    }
 
     /// Which input the model takes. Where the file does not say, sensors like the one it was trained on: from 0.6 to 1.6 times its beams, 0.5 m lower or
     /// higher (more costs most of the recall), tilted by 7 degrees, and a tenth to twice of its returns; any number where it names no beams. All but the

@@ -29,6 +29,13 @@ impl Grid {
             ((self.range_max_m[i] - self.range_min_m[i]) / self.voxel_size_m[i]).round() as usize
         })
     }
+    /// The same voxels within other x and y, m.
+    pub fn within(mut self, x_m: [f32; 2], y_m: [f32; 2]) -> Grid {
+        for (axis, [low, high]) in [x_m, y_m].into_iter().enumerate() {
+            (self.range_min_m[axis], self.range_max_m[axis]) = (low, high);
+        }
+        self
+    }
     /// Shape of the first sparse map: z + 1, y, x.
     pub fn sparse_shape(&self) -> [usize; 3] {
         let [x, y, z] = self.cells();
@@ -46,12 +53,6 @@ pub enum VoxelInput {
     /// Where in the voxel its points lie: mean x and y from its centre, in voxels; mean height above the local ground, m; 0. The
     /// grid's z is the height above the ground too. So nothing depends on how a sensor is mounted, on range or on intensity.
     Local,
-}
-
-impl VoxelInput {
-    fn is_default(&self) -> bool {
-        *self == VoxelInput::default()
-    }
 }
 
 /// One sparse 3-D convolution. Triples are z, y, x.
@@ -135,14 +136,10 @@ impl HeadKind {
     pub fn prototype_scale(self) -> Option<f32> {
         matches!(self, HeadKind::Softmax | HeadKind::Sigmoid).then_some(0.5)
     }
-
-    fn is_default(&self) -> bool {
-        *self == HeadKind::default()
-    }
 }
 
-fn is_zero(count: &usize) -> bool {
-    *count == 0
+pub(crate) fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 /// The whole network: voxels -> sparse 3-D -> bird's-eye map -> two blocks -> two ups, concatenated -> heads.
@@ -154,7 +151,7 @@ pub struct Network {
     /// Input grid.
     pub grid: Grid,
     /// What a voxel tells.
-    #[serde(default, skip_serializing_if = "VoxelInput::is_default")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub input: VoxelInput,
     /// In order.
     pub sparse: Vec<SparseLayer>,
@@ -169,10 +166,10 @@ pub struct Network {
     /// Known classes C: the embedding has C channels.
     pub classes: usize,
     /// What the heads say; left out of a file where it is the paper's.
-    #[serde(default, skip_serializing_if = "HeadKind::is_default")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub head: HeadKind,
     /// Sizes of anchors without a class, which only [`HeadKind::Open`] has.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub generic: usize,
 }
 

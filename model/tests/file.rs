@@ -7,16 +7,12 @@ use mluc_model::{
     calibrated_layers, expected_tensors, formula_weights, model_bytes,
 };
 use safetensors::tensor::{Dtype, TensorView};
-use serde_json::json;
+use serde_json::Value;
 
 type Fallible = Result<(), Box<dyn std::error::Error>>;
 
 fn fixture() -> (Manifest, WeightSet) {
-    let grid = Grid {
-        range_min_m: [0.0, -3.2, -3.0],
-        range_max_m: [6.4, 3.2, 1.0],
-        ..Grid::kitti_compact()
-    };
+    let grid = Grid::kitti_compact().within([0.0, 6.4], [-3.2, 3.2]);
     let manifest = Manifest::untrained("small", Network::compact(grid, 3));
     let weights = formula_weights(&manifest.network);
     (manifest, weights)
@@ -128,29 +124,8 @@ fn every_field_out_of_bounds_is_named_and_nothing_panics() -> Fallible {
     let (manifest, weights) = fixture();
     let sound = serde_json::to_value(&manifest)?;
     // A field, what makes it wrong, and what the error names where it is not the field.
-    for (field, value, named) in [
-        ("network.grid.voxel_size_m[0]", json!(0.0), ""),
-        ("network.grid.voxel_size_m[1]", json!(-0.1), ""),
-        ("network.grid.range_max_m[2]", json!(-4.0), ""),
-        ("network.grid.range_max_m[0]", json!(6.43), ""),
-        (
-            "network.grid.voxel_size_m",
-            json!([1e-3, 1e-3, 1e-3]),
-            "grid",
-        ),
-        ("network.grid.voxels_max", json!(u32::MAX), ""),
-        ("network.sparse[1].cin", json!(usize::MAX), ""),
-        ("network.sparse[0].kernel[0]", json!(usize::MAX), ""),
-        ("network.block2[0].stride", json!(0), ""),
-        ("network.up2.cout", json!(32), ""),
-        ("network.classes", json!(9), ""),
-        ("network.classes", json!(4), "classes must be 4"),
-        ("classes[1].name", json!("car"), ""),
-        ("classes[0].size_m[2]", json!(0.0), ""),
-        ("prototype_scale", json!(0.0), ""),
-        ("thresholds.objectness_min", json!(0.0), ""),
-        ("thresholds.boxes_max", json!(513), ""),
-    ] {
+    let cases: Vec<(&str, Value, &str)> = serde_json::from_str(include_str!("out_of_bounds.json"))?;
+    for (field, value, named) in cases {
         let pointer = field.replace(['.', '['], "/").replace(']', "");
         let mut changed = sound.clone();
         let place = changed.pointer_mut(&format!("/{pointer}"));

@@ -34,11 +34,7 @@ pub fn untrained_model(folder: &Path) -> PathBuf {
 
 /// A model file of setting udi with weights by formula, on a small map: nothing is learned, but every stage has work.
 pub fn untrained_udi() -> Vec<u8> {
-    let grid = Grid {
-        range_min_m: [-12.8, -12.8, -5.0],
-        range_max_m: [12.8, 12.8, 3.0],
-        ..Grid::udi()
-    };
+    let grid = Grid::udi().within([-12.8, 12.8], [-12.8, 12.8]);
     let mut manifest = Manifest::untrained("udi", Network::compact(grid, 4));
     manifest.thresholds.candidates_max = 300;
     model_bytes(&manifest, &formula_weights(&manifest.network)).expect("a sound model")
@@ -142,6 +138,12 @@ impl Setting {
         let path = self.folder.path().join("mluc.toml");
         fs::write(&path, text).expect("a writable folder");
         format!("--config {}", path.display())
+    }
+
+    /// `mluc stage NAME` of an instance, at pace `complete`.
+    pub fn stage(&self, name: &str, instance: &str) -> Running {
+        let words = format!("stage {name} --instance {instance} --pace complete");
+        Running::start(&mut self.command(&words))
     }
 
     /// Where [`Setting::bench`] has its report written.

@@ -38,20 +38,22 @@ pub fn oracle() -> Option<PathBuf> {
     data_folder("MLUC_ORACLE")
 }
 
+/// The Python that has these packages; `None`, said: it is not there.
+pub fn python_with(packages: &str) -> Option<PathBuf> {
+    let python = root().join("target/examples/venv/bin/python");
+    let mut import = Command::new(&python);
+    let output = import.args(["-c", &format!("import {packages}")]).output();
+    if output.is_ok_and(|output| output.status.success()) {
+        return Some(python);
+    }
+    let why = format!("no Python with {packages} in target/examples/venv (run .ci/examples)");
+    skip("a check in Python", &why);
+    None
+}
+
 /// The command of a Python example, of the refiner for instance; `None`, said: Python or its packages are not there.
 pub fn python_example(kind: &str) -> Option<Vec<String>> {
-    let python = root().join("target/examples/venv/bin/python");
-    let has_packages = Command::new(&python)
-        .args(["-c", "import iceoryx2, numpy, mcap_ros2, websockets"])
-        .output()
-        .is_ok_and(|output| output.status.success());
-    if !has_packages {
-        skip(
-            "a Python example",
-            "no Python with the packages in target/examples/venv (run .ci/examples)",
-        );
-        return None;
-    }
+    let python = python_with("iceoryx2, numpy, mcap_ros2, websockets")?;
     let script = root().join(format!("examples/{kind}-python/{kind}.py"));
     let words = [python, script].map(|path| path.display().to_string());
     Some(words.to_vec())

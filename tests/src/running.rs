@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown};
 use procfs::process::Process;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde_json::Value;
@@ -237,6 +238,35 @@ impl Running {
     #[track_caller]
     pub fn wait_for_words(&mut self, words: &str) {
         self.wait_until(words, |run| run.log().contains(words));
+    }
+
+    /// Waits until the health of an instance's stages is as it should be.
+    #[track_caller]
+    pub fn wait_for_health(
+        &mut self,
+        instance: &str,
+        what: &str,
+        mut is_right: impl FnMut(&HealthWatch) -> bool,
+    ) {
+        let instance = Instance::new(instance).expect("a name");
+        let shell = Shell::observer(&instance, None, Shutdown::manual()).expect("it runs");
+        let mut watch = shell.health_watch().expect("it runs");
+        self.wait_until(what, |_| {
+            watch.update().expect("it runs");
+            is_right(&watch)
+        });
+    }
+
+    /// Hits a stage with a signal that ends it, sooner or later, and waits for its next process.
+    #[track_caller]
+    pub fn replace(&mut self, stage: &str, signal: Signal) {
+        let hit = self.stage(stage);
+        send_signal(hit, signal);
+        self.wait_until("it has another process", |run| {
+            let mut stages = run.stages().into_iter();
+            stages.any(|(name, pid)| name == stage && pid != hit)
+        });
+        assert!(!is_alive(hit));
     }
 
     pub fn signal(&self, signal: Signal) {

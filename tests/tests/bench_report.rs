@@ -149,6 +149,4 @@ fn a_trace_shows_one_frame_over_all_processes() {
     let whole = spans.iter().find(is_whole).expect("its span");
     let agrees = whole["dur"].as_f64().unwrap() >= stamped_us * 0.9;
     assert!(agrees, "{whole} against {stamped_us} us by the stamps");
-    let is_clean = !out.join("spans").exists();
-    assert!(is_clean, "what was only needed for the trace is gone");
 }

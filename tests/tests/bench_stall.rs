@@ -4,8 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use mluc_ipc_types::Stage;
-use mluc_runtime::{Instance, Shell, Shutdown};
-use mluc_tests::{Running, Setting, read_json, send_signal};
+use mluc_tests::{Setting, read_json, send_signal};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -20,7 +19,13 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
     let config = config.replace("--config", "--scenario");
     let options = format!("--rate {RATE_HZ} --seconds 6 --warm-up 0 --floor-rounds 0 {config}");
     let mut run = setting.start_bench(&options);
-    wait_for_frames(&mut run);
+    run.wait_until("all stages run", |run| run.stages().len() == 4);
+    let instance = format!("bench-{}-0", run.pid());
+    // The stall then lies within the 6 s.
+    run.wait_for_health(&instance, "ten frames are through", |watch| {
+        let refiner = watch.of(Stage::Refiner);
+        refiner.is_some_and(|health| health.frames_out >= 10)
+    });
     let process = run.stage(stage);
     send_signal(process, Signal::STOP);
     std::thread::sleep(STALL);
@@ -29,19 +34,6 @@ fn stalled(stage: &str) -> (Value, Vec<f64>) {
     assert!(matches!(finished.code, Some(0 | 3)), "{}", finished.log);
     let out = setting.report();
     (read_json(&out.join("report.json")), latencies_us(&out))
-}
-
-/// Until ten frames are through; then the stall lies within the 6 s.
-fn wait_for_frames(run: &mut Running) {
-    run.wait_until("all stages run", |run| run.stages().len() == 4);
-    let instance = Instance::new(&format!("bench-{}-0", run.pid())).unwrap();
-    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
-    let mut watch = shell.health_watch().unwrap();
-    run.wait_until("frames flow", |_| {
-        watch.update().unwrap();
-        let refiner = watch.of(Stage::Refiner);
-        refiner.is_some_and(|health| health.frames_out >= 10)
-    });
 }
 
 fn latencies_us(out: &Path) -> Vec<f64> {

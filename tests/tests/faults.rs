@@ -4,7 +4,6 @@ use std::fs::{self, File};
 use std::process::{Command, Stdio};
 
 use mluc_tests::{Setting, car_scan, leftovers, mluc_program};
-use rustix::process::Signal;
 
 /// It must end with this code, without a line, and say these words.
 #[track_caller]
@@ -127,8 +126,7 @@ fn a_stage_that_cannot_start_ends_the_run_and_says_so() {
     let mut run = setting.up(&config);
     run.wait_for_words("the others run on without it");
     assert_eq!(run.stages().len(), 3);
-    run.signal(Signal::TERM);
-    setting.finish(run).assert_ended(0, 0);
+    setting.stop(run).assert_ended(0, 0);
 }
 
 fn full() -> File {
@@ -156,4 +154,13 @@ fn a_demo_that_cannot_be_printed_ends_with_an_error_and_leaves_nothing() {
     let output = demo.stdout(Stdio::null()).stderr(full()).output();
     assert_eq!(output.expect("started").status.code(), Some(0));
     assert!(picture.is_file());
+
+    // The user's file, which is no scan.
+    let text = folder.path().join("text.bin");
+    fs::write(&text, [b'a'; 1600]).expect("written");
+    demo.arg("--input").arg(&text).stderr(Stdio::piped());
+    let output = demo.output().expect("started");
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{log}");
+    assert!(log.contains("no frame was usable"), "{log}");
 }

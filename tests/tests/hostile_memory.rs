@@ -49,10 +49,8 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
         first
     );
     drop((kept, input, shell));
-    run.signal(Signal::TERM);
-    setting
-        .finish(run)
-        .assert_says(&["0 lost", "stages restarted: 0"]);
+    let finished = setting.stop(run);
+    finished.assert_says(&["0 lost", "stages restarted: 0"]);
 }
 
 /// Where the objects of a message lie: the file, and the place in it.

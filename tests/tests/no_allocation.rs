@@ -43,11 +43,7 @@ static ALLOCATOR: Counting = Counting;
 
 /// A map of 48 x 48 cells.
 fn manifest() -> Manifest {
-    let grid = Grid {
-        range_min_m: [0.0, -9.6, -3.0],
-        range_max_m: [19.2, 9.6, 1.0],
-        ..Grid::kitti_compact()
-    };
+    let grid = Grid::kitti_compact().within([0.0, 19.2], [-9.6, 9.6]);
     Manifest::untrained("allocation", Network::compact(grid, 3))
 }
 

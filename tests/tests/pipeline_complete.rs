@@ -3,8 +3,7 @@
 use std::time::Duration;
 
 use mluc_ipc_types::{Stage, WIRE_VERSION};
-use mluc_runtime::{Instance, Shell, Shutdown};
-use mluc_tests::{Finished, Running, Setting, car_scan, leftovers, unique_instance};
+use mluc_tests::{Finished, Setting, car_scan, leftovers, unique_instance};
 use rustix::process::Signal;
 
 #[test]
@@ -77,15 +76,6 @@ fn two_pipelines_run_side_by_side() {
     }
 }
 
-fn stage(name: &str, instance: &str, setting: &Setting) -> Running {
-    let paths = [&setting.model, &setting.input].map(|path| path.display().to_string());
-    let mut arguments = vec!["stage", name, "--instance", instance, "--model", &paths[0]];
-    if name == "ingest" {
-        arguments.extend(["--input", &paths[1], "--pace", "complete"]);
-    }
-    Running::mluc(arguments)
-}
-
 #[test]
 fn stages_start_in_any_order_and_say_what_they_wait_for() {
     let setting = Setting::new("any", 4);
@@ -95,7 +85,7 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
     ] {
         let instance = unique_instance("any");
         let mut stages = order.map(|name| {
-            let stage = stage(name, &instance, &setting);
+            let stage = setting.stage(name, &instance);
             std::thread::sleep(Duration::from_millis(100));
             (name, stage)
         });
@@ -113,7 +103,7 @@ fn stages_start_in_any_order_and_say_what_they_wait_for() {
     }
     let instance = unique_instance("wait");
     let says = |name: &str, words: &str| {
-        let mut alone = stage(name, &instance, &setting);
+        let mut alone = setting.stage(name, &instance);
         alone.wait_for_words(words);
         alone
     };
@@ -129,15 +119,17 @@ fn payloads_are_read_where_they_lie_and_written_once() {
     let setting = Setting::new("copy", 1);
     let mut run = setting.up("--loop --verify-mapping");
     run.wait_for_lines(6);
-
-    let instance = Instance::new(&setting.instance).unwrap();
-    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
-    let mut watch = shell.health_watch().unwrap();
-    run.wait_until("all stages were heard", |_| {
-        watch.update().unwrap();
-        Stage::ALL.iter().all(|&stage| watch.is_ready(stage))
+    let mut heard = vec![];
+    run.wait_for_health(&setting.instance, "all stages were heard", |watch| {
+        let ready = Stage::ALL
+            .into_iter()
+            .filter(|&stage| watch.is_ready(stage));
+        heard = ready.filter_map(|stage| watch.of(stage).copied()).collect();
+        heard.len() == 4
     });
-    let [ingest, backbone, head, refiner] = Stage::ALL.map(|stage| *watch.of(stage).unwrap());
+    let [ingest, backbone, head, refiner] = heard[..] else {
+        unreachable!("all four")
+    };
     let written = |health: &mluc_ipc_types::Health| u64::from(health.bytes_written);
     assert_eq!(written(&ingest), scan_bytes, "the scan enters once");
     assert_eq!(backbone.bytes_read, scan_bytes, "and is read in full");
@@ -148,6 +140,5 @@ fn payloads_are_read_where_they_lie_and_written_once() {
         let is_verified = stage.mappings_verified >= stage.frames_in;
         assert!(stage.frames_in > 0 && is_verified, "{stage:?}");
     }
-    drop((watch, shell));
     run.stop();
 }

@@ -25,8 +25,7 @@ fn all_stages_take_new_thresholds_from_one_frame_on_and_wrong_ones_change_nothin
         run.wait_for_words(words);
     }
     run.wait_for_lines(3);
-    run.signal(Signal::TERM);
-    let run = setting.finish(run);
+    let run = setting.stop(run);
     run.assert_complete(0, run.lines.len() as u64);
     let (_, from) = run
         .log
@@ -64,8 +63,7 @@ fn another_model_takes_over_between_two_frames_and_one_that_does_not_fit_changes
     // Whatever the file has become.
     send_signal(run.stage("head"), Signal::KILL);
     run.wait_for_lines(5);
-    run.signal(Signal::TERM);
-    let run = setting.finish(run);
+    let run = setting.stop(run);
     run.assert_complete(0, run.lines.len() as u64);
     let mut models: Vec<_> = run.lines.iter().map(|line| &line["model"]).collect();
     models.dedup();

@@ -7,7 +7,6 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::Stage;
-use mluc_runtime::{Instance, Shell, Shutdown};
 use mluc_tests::{Running, Setting, assert_has, is_alive, leftovers, send_signal, wait_for};
 use rustix::process::Signal;
 
@@ -24,35 +23,17 @@ fn full_pipe() -> (PipeReader, PipeWriter) {
     (reader, writer)
 }
 
-/// Kills a stage and waits for the next process of it.
-fn kill_and_await(run: &mut Running, stage: &str) {
-    let killed = run.stage(stage);
-    send_signal(killed, Signal::KILL);
-    run.wait_until("it has another process", |run| {
-        let mut stages = run.stages().into_iter();
-        stages.any(|(name, pid)| name == stage && pid != killed)
-    });
-}
-
-/// Until the supervisor has stopped ingest, because it has enough lines.
-fn wait_until_held(run: &mut Running, setting: &Setting) {
-    let instance = Instance::new(&setting.instance).unwrap();
-    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
-    let mut watch = shell.health_watch().unwrap();
-    run.wait_until("ingest waits", |_| {
-        watch.update().unwrap();
-        let ingest = watch.of(Stage::Ingest);
-        ingest.is_some_and(|health| health.reason().contains("reader of the lines"))
-    });
-}
-
 #[test]
 fn a_reader_that_stands_still_stops_no_restart_and_gets_every_line_at_pace_complete() {
     let setting = Setting::new("stalled", 80);
     let (mut reader, writer) = full_pipe();
     let mut run = Running::start_into(&mut setting.up_command(""), writer.into(), Stdio::piped());
-    wait_until_held(&mut run, &setting);
-    kill_and_await(&mut run, "refiner");
+    // The supervisor has stopped ingest, because it has enough lines.
+    run.wait_for_health(&setting.instance, "ingest waits", |watch| {
+        let ingest = watch.of(Stage::Ingest);
+        ingest.is_some_and(|health| health.reason().contains("reader of the lines"))
+    });
+    run.replace("refiner", Signal::KILL);
     let read = std::thread::spawn(move || {
         let mut text = String::new();
         reader.read_to_string(&mut text).map(|_| text)
@@ -75,17 +56,15 @@ fn a_reader_that_stands_still_loses_lines_at_the_sensors_pace_and_signals_end_th
     let mut command = setting.up_command("--pace sensor --rate 100 --loop");
     let mut run = Running::start_into(&mut command, writer.into(), Stdio::piped());
     run.wait_until("all stages run", |run| run.stages().len() == 4);
-    let instance = Instance::new(&setting.instance).unwrap();
-    let shell = Shell::observer(&instance, None, Shutdown::manual()).unwrap();
-    let mut watch = shell.health_watch().unwrap();
-    run.wait_until("more frames came than may wait", |_| {
-        watch.update().unwrap();
-        watch
-            .of(Stage::Refiner)
-            .is_some_and(|health| health.frames_out > 100)
-    });
-    drop((watch, shell));
-    kill_and_await(&mut run, "refiner");
+    run.wait_for_health(
+        &setting.instance,
+        "more frames came than may wait",
+        |watch| {
+            let refiner = watch.of(Stage::Refiner);
+            refiner.is_some_and(|health| health.frames_out > 100)
+        },
+    );
+    run.replace("refiner", Signal::KILL);
     let finished = setting.stop(run);
     finished.assert_ended(0, 0);
     finished.assert_says(&["lines dropped", "frames: "]);
@@ -99,7 +78,7 @@ fn a_log_that_nobody_reads_stops_no_restart_and_says_what_was_lost() {
     let mut run = Running::start_into(&mut command, Stdio::piped(), writer.into());
     drop(command);
     run.wait_for_lines(1);
-    kill_and_await(&mut run, "refiner");
+    run.replace("refiner", Signal::KILL);
     run.wait_for_lines(3);
     let read = std::thread::spawn(move || {
         let mut text = String::new();
@@ -154,16 +133,7 @@ fn a_stage_of_somebody_else_outlives_a_killed_supervisor_and_serves_the_next() {
     let setting = Setting::new("outlives", 2);
     let mut first = setting.up("--loop --without refiner");
     first.wait_until("our stages run", |run| run.stages().len() == 3);
-    let model = setting.model.display().to_string();
-    let stage = [
-        "stage",
-        "refiner",
-        "--instance",
-        &setting.instance,
-        "--model",
-        &model,
-    ];
-    let refiner = Running::mluc(stage);
+    let refiner = setting.stage("refiner", &setting.instance);
     first.wait_for_lines(2);
     first.signal(Signal::KILL);
     let second = setting.up("--without refiner").finish();

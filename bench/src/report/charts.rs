@@ -154,11 +154,8 @@ struct Axis<'a> {
     text: fn(f64) -> String,
 }
 
-struct Line<'a> {
-    name: &'a str,
-    color: RGBColor,
-    points: Vec<(f64, f64)>,
-}
+/// Its name, colour and points.
+type Line<'a> = (&'a str, RGBColor, Vec<(f64, f64)>);
 
 /// Lines with their names, in an area of a picture.
 fn lines(area: &Area, [x, y]: [Axis; 2], lines: Vec<Line>) -> Drawn {
@@ -173,12 +170,7 @@ fn lines(area: &Area, [x, y]: [Axis; 2], lines: Vec<Line>) -> Drawn {
     mesh.x_labels(x.numbers).x_label_formatter(&x_text);
     mesh.y_labels(y.numbers).y_label_formatter(&y_text);
     mesh.light_line_style(TRANSPARENT).draw()?;
-    for Line {
-        name,
-        color,
-        points,
-    } in lines
-    {
+    for (name, color, points) in lines {
         let key = move |(x, y)| Rectangle::new([(x, y - 4), (x + 8, y + 4)], color.filled());
         let drawn = chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
         drawn.label(name).legend(key);
@@ -226,11 +218,8 @@ pub(crate) fn percentile_curves(series: &Series) -> String {
         numbers: 4,
         text: |decade| format!("{} %", short(100.0 - 100.0 * 10f64.powf(-decade))),
     };
-    let curves = figures.into_iter().map(|(name, color, us)| Line {
-        name,
-        color,
-        points: percentile_curve(us),
-    });
+    let curves = figures.into_iter();
+    let curves = curves.map(|(name, color, us)| (name, color, percentile_curve(us)));
     svg(330, |root| {
         lines(root, [share, ms_axis("ms", range, 10)], curves.collect())
     })
@@ -268,14 +257,9 @@ pub(crate) fn histograms(series: &Series) -> String {
                 text: short,
             };
             let name = format!("{}, ms", STAGES[stage]);
-            let line = |name, color, points| Line {
-                name,
-                color,
-                points,
-            };
             let both = vec![
-                line("queue", PALE_COLOR, queue),
-                line("run", STAGE_COLORS[stage], run),
+                ("queue", PALE_COLOR, queue),
+                ("run", STAGE_COLORS[stage], run),
             ];
             lines(area, [ms_axis(&name, range, 4), frames], both)?;
         }
@@ -331,10 +315,9 @@ pub(crate) fn resources_over_time(samples: &[Sample]) -> String {
                 axis("time, s", last.at_s.max(0.1), 10),
                 axis(name, 1.05 * most, 6),
             ];
-            let of_stage = |stage: usize| Line {
-                name: STAGES[stage],
-                color: STAGE_COLORS[stage],
-                points: thinned().map(|s| (s.at_s, of(s)[stage])).collect(),
+            let of_stage = |stage: usize| {
+                let points = thinned().map(|s| (s.at_s, of(s)[stage])).collect();
+                (STAGES[stage], STAGE_COLORS[stage], points)
             };
             lines(area, axes, (0..STAGES.len()).map(of_stage).collect())?;
         }

@@ -17,7 +17,7 @@ use crate::report::table;
 pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     let out = &plan.args.out;
     folder::make(out)?;
-    let spans = plan.args.trace.is_some().then(|| SpansFolder::make(out));
+    let spans = plan.args.trace.is_some().then(SpansFolder::make);
     let spans = spans.transpose()?;
     let progress = super::progress();
     let (mut quiet, mut measured) = (Quiet::new(), Measured::default());

@@ -4,13 +4,15 @@
 //! CLOCK_MONOTONIC, the same in all processes, so nothing has to be aligned.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::str::FromStr;
 
 use anyhow::{Context, Result, ensure};
 use serde::Deserialize;
 use serde_json::{Value, json};
+use tempfile::TempDir;
 
 use crate::report::{FrameRecord, STAGES};
 
@@ -61,21 +63,16 @@ impl Which {
 }
 
 /// Where the processes write their spans, for as long as the measurement lasts.
-pub(crate) struct SpansFolder(PathBuf);
+pub(crate) struct SpansFolder(TempDir);
 
 impl SpansFolder {
-    pub(crate) fn make(out: &Path) -> Result<SpansFolder> {
-        let folder = out.join("spans");
-        fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
-        // Stages find it whatever folder they run in.
-        let whole = fs::canonicalize(&folder);
-        whole
-            .map(SpansFolder)
-            .with_context(|| format!("finding {}", folder.display()))
+    pub(crate) fn make() -> Result<SpansFolder> {
+        let folder = tempfile::tempdir().context("making a folder for spans")?;
+        Ok(SpansFolder(folder))
     }
 
-    pub(crate) fn variable(&self) -> (&'static str, String) {
-        (SPANS_VARIABLE, self.0.display().to_string())
+    pub(crate) fn variable(&self) -> (&'static str, &OsStr) {
+        (SPANS_VARIABLE, self.0.path().as_os_str())
     }
 
     /// Writes the trace; what it is of, for the terminal.
@@ -103,8 +100,8 @@ impl SpansFolder {
     }
 
     fn read(&self) -> Result<Vec<Span>> {
-        let place = self.0.display();
-        let entries = fs::read_dir(&self.0).with_context(|| format!("spans in {place}"))?;
+        let place = self.0.path().display();
+        let entries = fs::read_dir(self.0.path()).with_context(|| format!("spans in {place}"))?;
         let mut spans = Vec::new();
         for path in entries.flatten().map(|entry| entry.path()) {
             let text = fs::read_to_string(&path);
@@ -112,12 +109,6 @@ impl SpansFolder {
             spans.extend(text.lines().filter_map(parse_span));
         }
         Ok(spans)
-    }
-}
-
-impl Drop for SpansFolder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 

@@ -216,23 +216,4 @@ pub(super) mod tests {
             assert!(found.to_string().ends_with(fault), "{found}");
         }
     }
-
-    #[test]
-    fn labels_come_as_boxes_of_the_sensor() {
-        let folder = folder_of(&[
-            ("velodyne/0.bin", ""),
-            (
-                "label_2/0.txt",
-                "DontCare -1 -1 -10 0 0 9 9 -1 -1 -1 -1000 -1000 -1000 -10\nCar 0 0 0 0 0 100 100 1.5 1.6 4 -2 1.7 20 -1.5708\n",
-            ),
-            (
-                "calib/0.txt",
-                "P2: 0 0 0 0 0 0 0 0 0 0 0 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: 0 -1 0 0 0 0 -1 0 1 0 0 0\n",
-            ),
-        ]);
-        let frames = Dataset::open(folder.path()).expect("frames");
-        let boxes = frames.boxes_in_sensor("0").expect("boxes");
-        assert_eq!(boxes.len(), 1);
-        assert_eq!(boxes[0].1.center_m, [20.0, 2.0, -0.95]);
-    }
 }

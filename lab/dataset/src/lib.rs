@@ -26,8 +26,8 @@ pub use error::{DatasetError, Result};
 pub use folder::{Dataset, file_stems, read_boxes};
 pub use hash::{calibration_hash, data_hash};
 pub use kitti::{
-    KITTI_CLASSES, SIMULATED_CLASSES, SYNTHETIC_UNKNOWN, Splits, UNSEEN_CLASSES, check_classes,
-    check_files, is_recognized,
+    KITTI_CLASSES, SIMULATED_CLASSES, SYNTHETIC_UNKNOWN, Splits, check_classes, check_files,
+    is_recognized, unseen_classes,
 };
 pub use label::{Label, read_detections, read_labels};
 pub use prepare::{PrepareOptions, UnknownPolicy, prepare};

@@ -8,7 +8,7 @@ use super::{
     make_folders, read_text, scan_bytes, write_file,
 };
 use crate::whole_file::beside;
-use mluc_geometry::{Box3, Calibration, ImageSize};
+use mluc_geometry::{Box3, Calibration, ImageSize, Inside};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -138,11 +138,7 @@ fn frame(options: &PrepareOptions, dataset: &Dataset, name: &str, out: &Path) ->
 
 /// Deletes the points in boxes (sensor frame), each enlarged by [`ERASE_MARGIN_M`] on every side.
 fn erase(points: &mut Vec<[f32; 4]>, boxes: impl Iterator<Item = Box3>) {
-    let enlarged = boxes.map(|b| Box3 {
-        size_m: b.size_m.map(|s| s + 2.0 * ERASE_MARGIN_M),
-        ..b
-    });
-    let enlarged: Vec<Box3> = enlarged.collect();
+    let enlarged: Vec<Inside> = boxes.map(|b| Inside::of(&b, ERASE_MARGIN_M)).collect();
     points.retain(|point| !enlarged.iter().any(|b| b.has_point(point)));
 }
 

@@ -4,7 +4,7 @@
 
 use crate::curve::{Curve, FrameCurve};
 use crate::matching::{InBin, match_frame};
-use crate::report::{ApEntry, table};
+use crate::report::{ApEntry, render};
 use crate::rings::FrameRings;
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric};
 use mluc_dataset::Label;
@@ -131,7 +131,7 @@ impl Breakdown {
     /// AP over all points, recall and labels, a row a class; `-` where no label counts.
     pub fn to_table(&self) -> String {
         let values = json!({"by": self.by, "bins": self.bins, "classes": self.classes});
-        table(include_str!("breakdown.txt"), values)
+        render(include_str!("breakdown.txt"), values)
     }
 }
 

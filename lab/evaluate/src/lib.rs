@@ -41,7 +41,7 @@ pub use frame::{FrameTruth, LabelledFrame, SensorDetection};
 pub use mluc_ipc_types::ObjectKind;
 pub use open_set::{ClassPrecision, JudgedFrames, OpenSetFigures, UNKNOWN_IOUS};
 pub use operating::Operating;
-pub use report::{ApEntry, ApReport, ClassReport, evaluate};
+pub use report::{ApEntry, ApReport, ClassReport, evaluate, render};
 pub use rings::FrameRings;
 pub use rule::{
     ClassRule, NeighbourPolicy, RuleRequest, UNKNOWN, UnknownProtocol, rules, unevaluated,

@@ -11,7 +11,7 @@ use crate::breakdown::range_m;
 use crate::curve::{Curve, FrameCurve};
 use crate::frame::score_of;
 use crate::matching::{in_dont_care, match_frame};
-use crate::report::table;
+use crate::report::render;
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN};
 use mluc_dataset::Label;
 use mluc_geometry::{Inside, Random, quantile_of, resample};
@@ -154,7 +154,7 @@ impl Operating {
     pub fn to_table(&self) -> String {
         let mut values = self.to_json();
         values["figures"] = json!(FIGURES.map(|(name, ..)| name));
-        table(include_str!("operating.txt"), values)
+        render(include_str!("operating.txt"), values)
     }
 }
 

@@ -136,12 +136,12 @@ impl ApReport {
             "classes": classes.collect::<Vec<_>>(),
             "open_set": self.open_set(),
         });
-        table(include_str!("report.txt"), values)
+        render(include_str!("report.txt"), values)
     }
 }
 
 /// A template of ours with its values.
-pub(crate) fn table(template: &str, values: Value) -> String {
+pub fn render(template: &str, values: Value) -> String {
     let text = Environment::new().render_str(template, Serde(values));
     text.expect("a template that fits its values")
 }

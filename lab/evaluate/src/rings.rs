@@ -74,7 +74,7 @@ fn count_rings(shape: &Box3, points: &[Point], gap_deg: f64) -> usize {
 mod tests {
     use super::*;
     use mluc_model::SensorProfile;
-    use mluc_simulate::{Family, Split, frame_by};
+    use mluc_simulate::{Family, Split, frame};
     use std::f32::consts::PI;
 
     /// The beam of each point: a simulated scan goes beam by beam, each counter-clockwise from ahead.
@@ -100,7 +100,7 @@ mod tests {
             sensor.azimuth_offsets_deg.clear();
             let (mut objects, mut exact, mut off) = (0, 0, 0);
             for index in 0..3 {
-                let frame = frame_by(&sensor, Family::SimAny, Split::Val, 5, index);
+                let frame = frame(Family::SimAny, Split::Val, 5, index, Some(&sensor));
                 let frame = frame.expect("a frame");
                 let beams = beams(&frame.points);
                 let points: Vec<Point> = bytemuck::cast_slice(&frame.points).to_vec();

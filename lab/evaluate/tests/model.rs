@@ -4,8 +4,7 @@ use mluc_backbone::Precision;
 use mluc_dataset::Dataset;
 use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, choose_threshold,
-    class_names, detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_profiles,
-    write_threshold,
+    detect_frames, judge, objects_at, sweep_gate, unknown_classes, write_profiles, write_threshold,
 };
 use mluc_evaluate::{ObjectKind, SensorDetection, SweepPoint, best_index};
 use mluc_geometry::Box3;
@@ -85,7 +84,7 @@ fn without_the_gate_the_objects_are_the_detections() {
     // Where all is below the threshold nothing stays known.
     let asked = vec![0.0, f64::from(f32::MAX)];
     let found = objects_at(model, gate, set, &frames, &settings, asked, &|| ()).expect("objects");
-    let classes = class_names(model);
+    let classes = model.manifest.class_names();
     for (index, frame) in frames.iter().enumerate() {
         let [objects, gated] = &found.objects[index][..] else {
             panic!("two thresholds")
@@ -136,7 +135,7 @@ impl Fixture {
         let model = Model::read(&path).expect("a model");
         let set = FrameSet::open(&root, Some("val"), usize::MAX).expect("frames");
         let dataset = Dataset::open(&root).expect("scans");
-        let frames = synthetic_unknown(&set, &dataset, &class_names(&model));
+        let frames = synthetic_unknown(&set, &dataset, &model.manifest.class_names());
         Fixture {
             folder,
             path,

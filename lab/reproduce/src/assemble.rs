@@ -53,7 +53,7 @@ pub(crate) fn write_report(options: &Options, tests: &Tests, screen: &dyn Screen
     let pictures = write_pictures(out, &report, &by_setting)?;
     let json = serde_json::to_vec_pretty(&report).map_err(|e| EvaluateError::file(out, e))?;
     write_whole(&out.join("report.json"), &json)?;
-    let page = page(&report, &pictures).map_err(|e| EvaluateError::file(out, e))?;
+    let page = page(&report, &pictures);
     write_whole(&out.join("README.md"), page.as_bytes())
 }
 

@@ -1,8 +1,6 @@
 //! What a benchmark folder holds, beside the object counts that the paper quotes: which frames it trained on and judged follows from
 //! them alone, since it does not say.
 
-use minijinja::Environment;
-use minijinja::value::Serde;
 use mluc_dataset::{Dataset, DatasetError, KITTI_CLASSES, Label, check_classes, check_files};
 use mluc_evaluate::Difficulty;
 use rayon::prelude::*;
@@ -77,7 +75,6 @@ impl Audit {
             "classes": KITTI_CLASSES.iter().zip(&self.classes).collect::<Vec<_>>(),
             "known": self.sum(&KNOWN), "unknown": self.sum(&UNKNOWN),
         });
-        let text = Environment::new().render_str(include_str!("audit.md"), Serde(values));
-        text.expect("a template that fits its values") + "\n"
+        mluc_evaluate::render(include_str!("audit.md"), values) + "\n"
     }
 }

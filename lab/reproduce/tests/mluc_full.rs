@@ -2,7 +2,7 @@
 
 use mluc_backbone::{Backbone, Precision};
 use mluc_evaluate::SensorDetection;
-use mluc_evaluate::pipeline::{FrameSet, ModelGate, class_names, detect_frames};
+use mluc_evaluate::pipeline::{FrameSet, ModelGate, detect_frames};
 use mluc_head::{Detection, Head};
 use mluc_ipc_types::ObjectKind;
 use mluc_model::{
@@ -22,11 +22,7 @@ fn scans(folder: &Path) -> FrameSet {
 
 /// An open head with weights by formula on a small map, and layers that judge clusters somehow.
 fn model() -> Model {
-    let grid = Grid {
-        range_min_m: [-25.6, -25.6, -5.0],
-        range_max_m: [25.6, 25.6, 3.0],
-        ..Grid::udi()
-    };
+    let grid = Grid::udi().within([-25.6, 25.6], [-25.6, 25.6]);
     let network = Network {
         head: HeadKind::Open,
         generic: Manifest::GENERIC_ANCHORS,
@@ -47,7 +43,7 @@ fn product(model: &Model, set: &FrameSet) -> Vec<Vec<SensorDetection>> {
     let mut head = Head::new(&model.manifest, &model.weights).expect("a model");
     let mut refiner = Refiner::for_model(Settings::default(), model).expect("a model");
     let mut refined = RefinerOutput::default();
-    let classes = class_names(model);
+    let classes = model.manifest.class_names();
     let mut one = |index: usize| {
         let points = set.points(index).expect("points");
         backbone.run(bytemuck::cast_slice(&points));

@@ -46,17 +46,15 @@ pub(crate) fn sensor(dice: &mut Dice) -> SensorProfile {
 
 /// Some sensors move while they turn (low ones, of robots, slowly), unless they are to stay: where they see their own vehicle, which would move with them.
 /// Some report second returns.
-pub(crate) fn in_use(sensor: Sensor, stays: bool, height_m: f32, dice: &mut Dice) -> Sensor {
+pub(crate) fn in_use(sensor: &mut Sensor, stays: bool, height_m: f32, dice: &mut Dice) {
     let fastest_mps = if height_m < ROBOT_M { 2.0 } else { 15.0 };
     let motion = Motion {
         speed_mps: dice.range(0.0, fastest_mps),
         yaw_rate_radps: dice.normal(0.0, 0.15),
     };
     let moves = dice.chance(0.4) && !stays;
-    let second_returns = if dice.chance(0.15) { 0.5 } else { 0.0 };
-    let mut sensor = if moves { sensor.moving(motion) } else { sensor };
-    sensor.second_returns = second_returns;
-    sensor
+    sensor.motion = moves.then_some(motion);
+    sensor.second_returns = if dice.chance(0.15) { 0.5 } else { 0.0 };
 }
 
 /// How high it sits: on cars mostly, on small robots, on trucks.

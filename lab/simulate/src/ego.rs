@@ -1,7 +1,7 @@
 //! The vehicle that carries the sensor, as far as the sensor sees it: its roof, deck or cab hides what lies behind. It moves with the sensor.
 
 use super::footprint::Footprint;
-use super::mesh::{METAL, Mesh, RUBBER, V3, solid, up, v};
+use super::mesh::{METAL, Mesh, RUBBER, solid, up, v};
 use super::place::{ROBOT_M, Room};
 use super::random::Dice;
 use mluc_model::SensorProfile;
@@ -175,9 +175,4 @@ fn mast(mesh: &mut Mesh, height_m: f32, dice: &mut Dice) {
         dice.range(0.05, 0.9),
     ];
     mesh.rod(ends.map(|z| at + up(z)), dice.range(0.008, 0.03), 6, METAL);
-}
-
-/// Added to the scene where the sensor is: nothing of it is labelled.
-pub(crate) fn add_to(scene: &mut super::scene::Scene, ego: &Ego) {
-    scene.add(&ego.mesh, super::labels::UNLABELLED, |p: V3| p);
 }

@@ -6,15 +6,16 @@
 use super::labels::calibration;
 use super::{Class, Family, Realism, SimulateError, SimulatedFrame, SimulatedObject, Split};
 use super::{Shown, Stream, Turn, turn};
-use clap::Args;
+use clap::Parser;
 use mluc_dataset::{DatasetError, Label, make_folders, scan_bytes, write_file};
 use mluc_geometry::{Calibration, limit_period};
-use mluc_model::{ModelError, SensorProfile};
+use mluc_model::SensorProfile;
 use rayon::prelude::*;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 /// What to write.
-#[derive(Args, Clone, Debug)]
+#[derive(Clone, Debug, Parser)]
 pub struct ExportOptions {
     /// Scenes: sim-udi (full circle), sim-kitti (forward half, with a camera) or sim-any (full circle, each frame by another sensor).
     #[arg(long, value_enum, hide_possible_values = true)]
@@ -32,7 +33,7 @@ pub struct ExportOptions {
     #[arg(long, value_name = "NAME|FILE", value_parser = SensorProfile::load)]
     pub sensor: Option<SensorProfile>,
     /// Scan the same scenes by this sensor too, from the same place, into OUT-pair.
-    #[arg(long = "pair", value_name = "NAME|FILE", value_parser = load_boxed, conflicts_with = "sequence")]
+    #[arg(long = "pair", value_name = "NAME|FILE", value_parser = |name: &str| SensorProfile::load(name).map(Box::new), conflicts_with = "sequence")]
     pub scanned_by: Option<Box<SensorProfile>>,
     /// Frames of a sequence at 10 Hz through one scene, in which the sensor and half of the objects move [default: every frame is a scene of its own].
     /// Adds poses.txt and timestamps.txt; the frames that come first are not those of a data set without sequences.
@@ -62,29 +63,16 @@ pub struct ExportOptions {
     pub threads: usize,
 }
 
-fn load_boxed(name_or_file: &str) -> Result<Box<SensorProfile>, ModelError> {
-    SensorProfile::load(name_or_file).map(Box::new)
-}
-
 impl ExportOptions {
     /// Scenes of their own with every step of realism, on all cores.
     pub fn new(family: Family, split: Split, frames: u32, seed: u64, folder: PathBuf) -> Self {
-        ExportOptions {
-            family,
-            split,
-            frames,
-            sequence: None,
-            seed,
-            sensor: None,
-            scanned_by: None,
-            realism: Realism::FULL,
-            synthetic_unknown: false,
-            unseen: false,
-            also_known: Vec::new(),
-            folder,
-            resume: false,
-            threads: 0,
-        }
+        let [family, split] = [family.name(), split.name()];
+        let words = format!(
+            "simulate --family {family} --split {split} --frames {frames} --seed {seed} --out"
+        );
+        let words = words.split(' ').map(OsStr::new);
+        let options = ExportOptions::try_parse_from(words.chain([folder.as_os_str()]));
+        options.expect("options of the simulator")
     }
 }
 

@@ -274,26 +274,17 @@ struct Turn {
     steps: u32,
 }
 
-/// Simulates one frame. Pure: the same arguments give the same bits, whatever was simulated before.
+/// Simulates one frame, by the family's sensor where no other is given. Pure: the same arguments give the same bits, whatever was
+/// simulated before.
 pub fn frame(
     family: Family,
     split: Split,
     seed: u64,
     index: u32,
-) -> Result<SimulatedFrame, SimulateError> {
-    Ok(turn(Stream::full(family, split, seed), [None; 2], index, None)?.0)
-}
-
-/// The same, scanned by this sensor.
-pub fn frame_by(
-    sensor: &SensorProfile,
-    family: Family,
-    split: Split,
-    seed: u64,
-    index: u32,
+    sensor: Option<&SensorProfile>,
 ) -> Result<SimulatedFrame, SimulateError> {
     let stream = Stream::full(family, split, seed);
-    Ok(turn(stream, [Some(sensor), None], index, None)?.0)
+    Ok(turn(stream, [sensor, None], index, None)?.0)
 }
 
 /// A frame, and where the sensor is in the sensor frame of the sequence's first (x, y, z, m; its heading stays).
@@ -348,17 +339,19 @@ fn turn(
         let is_merged = profile.as_ref().is_some_and(|p| !p.units.is_empty());
         let stays = is_merged || !ego.mesh.triangles.is_empty();
         let height_m = -ground.height(0.0, 0.0);
-        sensor = drawn::in_use(sensor, stays, height_m, &mut dice(10));
+        drawn::in_use(&mut sensor, stays, height_m, &mut dice(10));
     }
     let mut sensor_at = mesh::V3::ZERO;
     if let Some(turn) = turn {
         sensor_at = drive::drive(&mut layout, turn, &mut dice(6));
-        sensor = sensor.at_turn(turn.step);
+        // Its beams stay, the noise of its rays is another.
+        sensor.key = random::hash(&[sensor.key, turn.step.into()]);
     }
     let mut solids = scene.add_objects(&ground, &layout.placed);
     scene.see_from(sensor_at, &mut solids);
     if let Some(ego) = &ego {
-        ego::add_to(&mut scene, ego);
+        // Where the sensor is: nothing of it is labelled.
+        scene.add(&ego.mesh, labels::UNLABELLED, |p| p);
     }
     let mesh_error = |reason| SimulateError::Mesh(index, reason);
     let sweep = scan::sweep(&sensor, &scene).map_err(mesh_error)?;

@@ -296,26 +296,3 @@ impl Mesh {
         self.map(|p| v(p.x, p.y, p.z - low));
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_block_has_its_size_and_twelve_faces() {
-        let mut mesh = Mesh::default();
-        mesh.block(v(1.0, 2.0, 3.0), v(2.0, 4.0, 6.0), METAL);
-        assert_eq!(mesh.bounds(), (v(0.0, 0.0, 0.0), v(2.0, 4.0, 6.0)));
-        assert_eq!(mesh.triangles.len(), 12);
-        assert_eq!(mesh.surfaces.len(), 12);
-    }
-
-    #[test]
-    fn a_tube_stays_within_its_radius() {
-        let mut mesh = Mesh::default();
-        mesh.tube([v(0.0, 0.0, 0.0), v(0.0, 0.0, 2.0)], [0.5, 0.25], 8, METAL);
-        for p in &mesh.vertices {
-            assert!(p.x.hypot(p.y) <= 0.5 + 1e-5 && (-1e-5..=2.0 + 1e-5).contains(&p.z));
-        }
-    }
-}

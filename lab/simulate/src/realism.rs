@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn with_every_step_a_frame_is_what_it_is_without_the_option() {
-        let usual = frame(Family::SimKitti, Split::Train, 1, 0).expect("a frame");
+        let usual = frame(Family::SimKitti, Split::Train, 1, 0, None).expect("a frame");
         assert_eq!(frame_without(&[], 0), usual);
         for step in Step::ALL {
             let changed = (0..3).any(|i| frame_without(&[step], i) != frame_without(&[], i));

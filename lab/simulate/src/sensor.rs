@@ -144,7 +144,7 @@ impl Turned {
 
 /// One sensor, as it is in one frame.
 pub(crate) struct Sensor {
-    key: u64,
+    pub(crate) key: u64,
     beams: Vec<Beam>,
     /// Columns of a full turn.
     columns: usize,
@@ -161,7 +161,7 @@ pub(crate) struct Sensor {
     /// Share of all hits that is lost for no visible reason.
     pub(crate) base_drop: f32,
     /// While it turns; none: it stands.
-    motion: Option<Motion>,
+    pub(crate) motion: Option<Motion>,
     /// How often a pulse that straddles a depth edge comes back from the farther surface too.
     pub(crate) second_returns: f32,
 }
@@ -278,22 +278,6 @@ impl Sensor {
         self.beams.len()
     }
 
-    /// The same sensor at a later turn: its beams stay, the noise of its rays is another.
-    pub(crate) fn at_turn(self, turn: u32) -> Sensor {
-        Sensor {
-            key: hash(&[self.key, u64::from(turn)]),
-            ..self
-        }
-    }
-
-    /// The same sensor, moving while it turns.
-    pub(crate) fn moving(self, motion: Motion) -> Sensor {
-        Sensor {
-            motion: Some(motion),
-            ..self
-        }
-    }
-
     /// How far a beam may look aside of where [`Sensor::column_direction`] and its elevation say at what is so far away, rad.
     pub(crate) fn stray_rad(&self, away_m: f32) -> f32 {
         let moved = self.motion.map_or(0.0, |motion| {
@@ -404,21 +388,6 @@ mod tests {
     fn degrees(sensor: &Sensor) -> Vec<f32> {
         let beams = sensor.beams.iter();
         beams.map(|beam| beam.elevation_rad.to_degrees()).collect()
-    }
-
-    #[test]
-    fn elevations_span_the_data_sheet() {
-        let degrees = degrees(&Sensor::new(5, false, Realism::FULL));
-        assert!((degrees[0] - 2.02).abs() < 0.2 && (degrees[63] + 24.71).abs() < 0.2);
-        assert!(degrees.windows(2).all(|w| w[0] > w[1] - 0.05));
-    }
-
-    #[test]
-    fn the_half_turn_looks_forward() {
-        let sensor = Sensor::new(5, true, Realism::FULL);
-        for column in 1..sensor.column_count - 2 {
-            assert!(sensor.ray((0, column)).1.x > 0.0, "column {column}");
-        }
     }
 
     #[test]

@@ -6,7 +6,7 @@ use mluc_ingest::estimate::{Estimator, SensorEstimate};
 use mluc_ingest::{DecodeReport, Expected, Guard};
 use mluc_ipc_types::{Flags, Point};
 use mluc_model::{Grid, Manifest, Network, SensorProfile, Takes};
-use mluc_simulate::{Family, Split, frame_by};
+use mluc_simulate::{Family, Split, frame};
 use mluc_tests::{data_folder, skip};
 use std::path::Path;
 
@@ -44,13 +44,7 @@ fn estimate(scans: &[Scan]) -> SensorEstimate {
 }
 
 fn points(values: Vec<[f32; 4]>) -> Scan {
-    let point = |[x_m, y_m, z_m, intensity]: [f32; 4]| Point {
-        x_m,
-        y_m,
-        z_m,
-        intensity,
-    };
-    values.into_iter().map(point).collect()
+    values.into_iter().map(bytemuck::cast).collect()
 }
 
 /// Two scans of a product.
@@ -60,7 +54,7 @@ fn simulated(name: &str) -> Set {
     // Fewer columns: the test's time.
     sensor.azimuth_step_deg = sensor.azimuth_step_deg.max(0.4);
     let scan = |index| {
-        let frame = frame_by(&sensor, Family::SimAny, Split::Test, 11, index);
+        let frame = frame(Family::SimAny, Split::Test, 11, index, Some(&sensor));
         points(frame.expect("a frame").points)
     };
     let scans: Vec<Scan> = (0..2).map(scan).collect();

@@ -69,10 +69,9 @@ fn fit(
     notify: &mut dyn FnMut(TrainEvent),
 ) -> Result<PointEmbedding, TrainError> {
     let manifest = &model.manifest;
-    let names = manifest.classes.iter().map(|c| c.name.clone()).collect();
     let source = ScanSource {
         dataset: check::training_split(settings)?,
-        classes: names,
+        classes: manifest.class_names(),
         takes_synthetic_unknown: false,
         input: manifest.network.input,
     };

@@ -20,11 +20,7 @@ use crate::trainer::Trainer;
 
 /// The compact network on a smaller range, and a scan in it.
 fn setup() -> (Network, Vec<[f32; 4]>) {
-    let grid = Grid {
-        range_min_m: [0.0, -6.4, -3.0],
-        range_max_m: [19.2, 6.4, 1.0],
-        ..Grid::kitti_compact()
-    };
+    let grid = Grid::kitti_compact().within([0.0, 19.2], [-6.4, 6.4]);
     let mut random = Random::new(11, &[]);
     let points = (0..3000).map(|_| {
         let ranges = [(4.0, 9.0), (-3.0, 2.0), (-2.0, 0.0)];

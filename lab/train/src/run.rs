@@ -49,7 +49,7 @@ impl Run {
         let mut manifest = settings.manifest();
         let source = ScanSource {
             dataset,
-            classes: manifest.classes.iter().map(|c| c.name.clone()).collect(),
+            classes: manifest.class_names(),
             takes_synthetic_unknown: settings.kind.learns_from_synthetic_unknown(),
             input: manifest.network.input,
         };

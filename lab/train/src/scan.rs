@@ -105,11 +105,8 @@ mod tests {
             ([1.3, 0.6, 1.8], true),
         ];
         for (size_m, unknown) in cases {
-            let bounds = Box3 {
-                center_m: [5.0, 0.0, 1.0],
-                size_m,
-                yaw_rad: 0.0,
-            };
+            let [l, w, h] = size_m;
+            let bounds = Box3::new([5.0, 0.0, 1.0, l, w, h, 0.0]);
             let objects = [None, Some(0)].map(|class| LabelledObject::new(class, bounds, 9));
             let mut scan = LabelledScan {
                 points: vec![],
@@ -127,7 +124,7 @@ mod tests {
     fn objects_stand_on_the_ground_whatever_the_sensor_and_its_mount() {
         let mut bottoms_m: Vec<f64> = vec![];
         for index in 0..48 {
-            let simulated = frame(Family::SimAny, Split::Train, 3, index).expect("a frame");
+            let simulated = frame(Family::SimAny, Split::Train, 3, index, None).expect("a frame");
             let objects = simulated.objects.iter();
             let objects = objects.map(|o| LabelledObject::new(Some(0), o.box_in_sensor, 0));
             let mut scan = LabelledScan {

@@ -1,5 +1,6 @@
 //! The settings of a training run.
 
+use std::convert::Infallible;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -18,7 +19,7 @@ pub struct TrainSettings {
     #[arg(long, value_enum)]
     pub setting: Setting,
     /// Classes to learn, of those that the labels name [default: the setting's].
-    #[arg(long, value_delimiter = ',', value_name = "CLASS,..", value_parser = lower_case)]
+    #[arg(long, value_delimiter = ',', value_name = "CLASS,..", value_parser = |name: &str| Ok::<_, Infallible>(name.to_ascii_lowercase()))]
     pub known: Vec<String>,
     /// Size of the network.
     #[arg(long, value_enum, default_value = "compact")]
@@ -78,10 +79,6 @@ pub struct TrainSettings {
     /// Commit of the trainer, for the model file.
     #[arg(skip = "unknown")]
     pub commit: String,
-}
-
-fn lower_case(name: &str) -> Result<String, std::convert::Infallible> {
-    Ok(name.to_ascii_lowercase())
 }
 
 impl TrainSettings {
@@ -229,7 +226,13 @@ impl TrainSettings {
                 Setting::Any => Beams::default(),
                 _ => hdl_64e(),
             },
-            takes: (self.setting == Setting::Any).then(any_sensor),
+            // What the simulator draws for `sim-any`; the tilt, which it does not draw, is a guess.
+            takes: (self.setting == Setting::Any).then_some(Takes {
+                beams: [6, 140],
+                height_m: [0.3, 3.0],
+                tilt_max_deg: 7.0,
+                points: [2_000, 262_144],
+            }),
             ..manifest
         }
     }
@@ -274,16 +277,6 @@ impl TrainSettings {
             text += &format!(" init {}", init.display());
         }
         text
-    }
-}
-
-/// What the simulator draws for `sim-any`; the tilt, which it does not draw, is a guess.
-fn any_sensor() -> Takes {
-    Takes {
-        beams: [6, 140],
-        height_m: [0.3, 3.0],
-        tilt_max_deg: 7.0,
-        points: [2_000, 262_144],
     }
 }
 

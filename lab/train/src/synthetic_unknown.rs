@@ -153,6 +153,7 @@ fn alike_views(a: &Sample, b: &Sample) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mluc_geometry::Inside;
 
     const CLASSES_M: [[f64; 3]; 2] = [[4.2, 1.8, 1.6], [0.8, 0.6, 1.7]];
 
@@ -188,15 +189,9 @@ mod tests {
         for _ in 0..200 {
             let made = make_up(&database, &CLASSES_M, &mut random).expect("one of a dozen draws");
             assert_eq!(made.class, None);
-            let grown = Box3 {
-                size_m: made.bounds.size_m.map(|s| s + 1e-3),
-                ..made.bounds
-            };
-            assert!(
-                made.points.iter().all(|p| grown.has_point(p)),
-                "{:?}",
-                made.bounds
-            );
+            let grown = Inside::of(&made.bounds, 5e-4);
+            let are_inside = made.points.iter().all(|p| grown.has_point(p));
+            assert!(are_inside, "{:?}", made.bounds);
             let size_m = made.bounds.size_m;
             assert!(!has_known_size(size_m, &CLASSES_M), "{size_m:?}");
             lengths.push(made.bounds.size_m[0]);

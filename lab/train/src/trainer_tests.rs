@@ -103,11 +103,7 @@ fn write_model(t: &Trainer, manifest: &Manifest, path: &Path) {
 
 /// A compact network on a small range, which a model file can hold.
 fn fresh(head: HeadKind, classes: usize, seed: u64) -> (Trainer, Manifest) {
-    let grid = Grid {
-        range_min_m: [0.0, -3.2, -3.0],
-        range_max_m: [6.4, 3.2, 1.0],
-        ..Grid::kitti_compact()
-    };
+    let grid = Grid::kitti_compact().within([0.0, 6.4], [-3.2, 3.2]);
     let network = Network {
         head,
         generic: 2 * usize::from(head == HeadKind::Open),

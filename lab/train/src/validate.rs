@@ -6,9 +6,7 @@
 use std::path::Path;
 
 use mluc_backbone::Precision;
-use mluc_evaluate::pipeline::{
-    DetectedFrame, FrameSet, GatedObjects, class_names, detect_frames, paper_rules,
-};
+use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, GatedObjects, detect_frames, paper_rules};
 use mluc_evaluate::{ApReport, EvaluateError, NeighbourPolicy, evaluate};
 use mluc_model::Model;
 
@@ -23,7 +21,12 @@ pub(crate) fn validate(
     let mut frames = detect_frames(Precision::default(), model, &set, || ())?;
     frames.iter_mut().for_each(DetectedFrame::drop_generic);
     let name = &model.manifest.name;
-    let rules = paper_rules(name, &class_names(model), &[], NeighbourPolicy::Official)?;
+    let rules = paper_rules(
+        name,
+        &model.manifest.class_names(),
+        &[],
+        NeighbourPolicy::Official,
+    )?;
     let found = GatedObjects::ungated(model, &frames);
     let report = evaluate(&found.labelled(&frames, 0), &rules);
     let boxes = frames.iter().map(|frame| frame.detections.len()).sum();

@@ -108,7 +108,7 @@ impl Backbone {
 
     /// Channels of a feature row.
     pub fn feature_channels(&self) -> usize {
-        on_layers!(&self.0, layers => layers.feature_channels())
+        on_layers!(&self.0, layers => layers.feature_channels)
     }
 
     /// Feature rows of the last frame.

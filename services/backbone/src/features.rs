@@ -19,7 +19,8 @@ pub(crate) struct Features<V: Value> {
     up1: Convolution<V>,
     /// One a position within a 2x2 patch.
     up2: Vec<Convolution<V>>,
-    cells: CellSet,
+    /// Cells that have a row.
+    pub(crate) cells: CellSet,
     /// Reads the cells of block1's map.
     gather1: Gather,
     /// A row is two kernel rows: up1's half of each.
@@ -57,11 +58,6 @@ impl<V: Value> Features<V> {
         })
     }
 
-    /// Cells that have a row, ascending.
-    pub(crate) fn cells(&self) -> &[u32] {
-        &self.cells.list
-    }
-
     /// Decides the rows of this frame from block2's active cells.
     pub(crate) fn place(&mut self, block2_active: &CellSet) {
         self.cells.assign_doubled(block2_active);
@@ -79,7 +75,7 @@ impl<V: Value> Features<V> {
         }
     }
 
-    /// Computes the rows into `rows`, one for each of [`Features::cells`].
+    /// Computes the rows into `rows`, one for each of `cells`.
     pub(crate) fn write(&self, block1: &PlaneLayer<V>, block2: &PlaneLayer<V>, rows: &mut [f32]) {
         self.up1
             .run(&block1.values, &self.gather1, Some(&self.rows1), rows);

@@ -34,7 +34,7 @@ pub(crate) struct Layers<V: Value> {
     block1: Vec<PlaneLayer<V>>,
     block2: Vec<PlaneLayer<V>>,
     features: Features<V>,
-    feature_channels: usize,
+    pub(crate) feature_channels: usize,
 }
 
 impl<V: Value> Layers<V> {
@@ -80,7 +80,7 @@ impl<V: Value> Layers<V> {
         };
         layers.run(&[], Coverage::Everywhere, &mut Watch::Nobody);
         let all = layers.block1.iter_mut().chain(&mut layers.block2);
-        all.for_each(PlaneLayer::store_empty);
+        all.for_each(|layer| layer.empty.clone_from(&layer.values));
         Ok(layers)
     }
 
@@ -92,13 +92,9 @@ impl<V: Value> Layers<V> {
         self.sparse.ground_m()
     }
 
-    pub(crate) fn feature_channels(&self) -> usize {
-        self.feature_channels
-    }
-
     /// Cells of the last frame's feature rows, ascending.
     pub(crate) fn cells(&self) -> &[u32] {
-        self.features.cells()
+        &self.features.cells.list
     }
 
     pub(crate) fn run(
@@ -149,7 +145,7 @@ impl<V: Value> Layers<V> {
         let places = coordinates.map(|[_, y, x]| [*y, *x].map(usize::from));
         self.occupied.assign(places);
         let site_channels = channels / sites.shape()[0];
-        scatter(sites, self.sparse.rows(), site_channels, &mut self.map);
+        scatter(sites, &self.sparse.rows, site_channels, &mut self.map);
     }
 }
 

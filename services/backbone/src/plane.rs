@@ -52,7 +52,8 @@ pub(crate) struct PlaneLayer<V: Value> {
     input_shape: [usize; 2],
     /// Cells of the input that are not active are zero: their taps need not be computed.
     input_zero_elsewhere: bool,
-    empty: Vec<V>,
+    /// The response to an empty scene.
+    pub(crate) empty: Vec<V>,
     previous: CellSet,
     gather: Gather,
     by_tiles: Option<ByTiles<V::Tiled>>,
@@ -141,11 +142,6 @@ impl<V: Value> PlaneLayer<V> {
         tiles.assign(&self.active.list, self.active.shape);
         convolve_winograd(input, tiles, weights, self.convolution.epilogue(), output);
         Some(())
-    }
-
-    /// Takes the present output as the response to an empty scene.
-    pub(crate) fn store_empty(&mut self) {
-        self.empty.copy_from_slice(&self.values);
     }
 
     pub(crate) fn reads(&self) -> Reads<'_> {

@@ -106,10 +106,7 @@ mod tests {
 
     #[test]
     fn a_networks_books_are_those_of_its_layers_also_in_reused_memory() {
-        let grid = Grid {
-            range_max_m: [12.8, -30.4, 1.0],
-            ..Grid::kitti_compact()
-        };
+        let grid = Grid::kitti_compact().within([0.0, 12.8], [-40.0, -30.4]);
         let network = Network::compact(grid, 3);
         let mut books = Rulebooks::new(&network);
         for seed in 0..3 {

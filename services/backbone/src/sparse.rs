@@ -30,7 +30,7 @@ pub(crate) struct SparsePart<V: Value> {
     voxels: Voxels,
     books: Rulebooks,
     /// Output of the last layer that ran, and of the one before.
-    rows: Vec<V>,
+    pub(crate) rows: Vec<V>,
     spare: Vec<V>,
 }
 
@@ -124,10 +124,6 @@ impl<V: Value> SparsePart<V> {
 
     pub(crate) fn scale(&self) -> &QuantScale {
         &self.scale[self.others.len()]
-    }
-
-    pub(crate) fn rows(&self) -> &[V] {
-        &self.rows
     }
 }
 

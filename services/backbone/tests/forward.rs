@@ -59,21 +59,6 @@ fn the_bits_do_not_depend_on_threads_or_on_the_frame_before() -> Fallible {
 }
 
 #[test]
-fn warming_up_changes_no_bit() -> Fallible {
-    let manifest = manifest();
-    let mut cold = backbone(&manifest, Precision::F32)?;
-    let mut warm = cold.clone();
-    warm.warm_up(&manifest)?;
-    assert_eq!(warm.rows(), 0, "its frames are forgotten");
-    let points = scan(6, "measured");
-    let (a, b) = (cold.run(&points), warm.run(&points));
-    assert!(a.rows > 10);
-    assert_eq!(a, b);
-    assert!(written(&cold, a)? == written(&warm, b)?);
-    Ok(())
-}
-
-#[test]
 fn a_buffer_of_another_length_and_a_model_that_does_not_fit_are_refused() -> Fallible {
     let manifest = manifest();
     let mut weights = formula_weights(&manifest.network);

@@ -8,11 +8,7 @@ use mluc_model::{Grid, HeadKind, Manifest, Network, WeightSet, formula_uniform, 
 type Fallible = Result<(), Box<dyn std::error::Error>>;
 
 fn manifest(head: HeadKind, generic: usize) -> Manifest {
-    let grid = Grid {
-        range_min_m: [0.0, -3.2, -3.0],
-        range_max_m: [6.4, 3.2, 1.0],
-        ..Grid::kitti_compact()
-    };
+    let grid = Grid::kitti_compact().within([0.0, 6.4], [-3.2, 3.2]);
     let network = Network {
         head,
         generic,
@@ -66,9 +62,7 @@ fn detect(
 }
 
 fn box_of(d: &Detection) -> Box3 {
-    let [x, y, z] = d.center_m.map(f64::from);
-    let [l, w, h] = d.size_m.map(f64::from);
-    Box3::new([x, y, z, l, w, h, d.yaw_rad.into()])
+    Box3::from_f32(d.center_m, d.size_m, d.yaw_rad)
 }
 
 #[test]

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use mluc_ingest::unpack;
-use mluc_ipc_types::Point;
 
 /// A scan of `assets/`: its name, its packed points (`mluc_ingest::unpack`) and its labels.
 macro_rules! bundled {
@@ -28,22 +27,18 @@ const SCANS: [(&str, &[u8], &str); 4] = [
 /// The scans as files: `velodyne/NAME.bin` and `label_2/NAME.txt`.
 pub struct BundledScans {
     folder: PathBuf,
-    /// Of each scan, in the order of their names.
-    pub(crate) points: Vec<Vec<Point>>,
 }
 
 impl BundledScans {
     /// `purpose`: part of the folder's name.
     pub fn write(purpose: &str) -> anyhow::Result<BundledScans> {
         let folder = std::env::temp_dir().join(format!("mluc-{purpose}-{}", std::process::id()));
-        let points = Vec::new();
-        let mut scans = BundledScans { folder, points };
+        let scans = BundledScans { folder };
         for (name, bytes, labels) in SCANS {
             let points = unpack(bytes).with_context(|| format!("bundled scan {name}"))?;
             let file = format!("{name}.bin");
             scans.file("velodyne", &file, bytemuck::cast_slice(&points))?;
             scans.file("label_2", &format!("{name}.txt"), labels.as_bytes())?;
-            scans.points.push(points);
         }
         Ok(scans)
     }

@@ -29,14 +29,13 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Run the pipeline on scans; one JSON line a frame on stdout.
     Up(PipelineArgs),
-    /// Run the pipeline on bundled simulated scans: objects, latency table, picture.
+    /// Run the pipeline on your scans, or on bundled simulated ones: objects, latency table, a picture of one frame.
     Demo {
         /// Where the picture goes.
         #[arg(long, default_value = "mluc-demo.png")]
         picture: PathBuf,
-        /// A built-in model or a model file.
-        #[arg(long, default_value = DEFAULT_MODEL)]
-        model: String,
+        #[command(flatten)]
+        pipeline: PipelineArgs,
     },
     /// Run one stage in this process (`up` starts them by itself). Options under `Input` concern ingest alone.
     Stage(StageArgs),
@@ -85,6 +84,8 @@ pub(crate) enum Command {
     View(ExternalArgs),
     /// Write points and objects of a running pipeline to an MCAP file. Needs the program mluc-view.
     Record(ExternalArgs),
+    /// Publish points and objects of a running pipeline as ROS 2 topics. Needs the program mluc-ros2.
+    Publish(ExternalArgs),
     /// Check whether this machine can run the pipeline.
     Doctor(DoctorArgs),
     /// Measure latency, stage by stage, and write a report; `bench compare` compares two. Needs the program mluc-bench.
@@ -121,7 +122,7 @@ const OBJECTS: &str = "Objects";
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
     /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply), a capture (.pcap, .pcapng), a recording
-    /// (.mcap), or a live sensor (udp:2368, udp:ADDRESS:PORT).
+    /// (.mcap), a live sensor (udp:2368, udp:ADDRESS:PORT), or a ROS 2 topic (ros2:/TOPIC; needs the program mluc-ros2).
     #[arg(long, help_heading = INPUT)]
     pub(crate) input: Option<PathBuf>,
     #[command(flatten)]
@@ -251,8 +252,9 @@ fn stage_threads(word: &str) -> Result<(Stage, u16), String> {
     })
 }
 
+/// The command line of one stage's process.
 #[derive(Args, Clone, Debug)]
-pub(crate) struct StageArgs {
+pub struct StageArgs {
     /// Which one.
     #[arg(value_parser = Stage::ALL.map(Stage::name))]
     pub(crate) name: String,

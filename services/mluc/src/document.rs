@@ -54,14 +54,15 @@ fn unknown_and_known(message: &str) -> Vec<&str> {
 /// there is no such table.
 pub fn known_keys(table: &str) -> Vec<String> {
     let key = format!("{table}.\"?\"");
-    let key = key.trim_start_matches('.');
-    let Err(error) = toml::from_str::<Settings>(&format!("{key} = 0")) else {
-        return Vec::new();
-    };
-    let keys = unknown_and_known(error.message());
-    let is_table = error.message().starts_with("unknown field");
-    let known = keys.into_iter().skip(1).filter(|_| is_table);
-    known.map(str::to_string).collect()
+    let texts = [
+        format!("{} = 0", key.trim_start_matches('.')),
+        format!("[[{table}]]\n\"?\" = 0"),
+    ];
+    let errors = texts.map(|text| toml::from_str::<Settings>(&text).err());
+    let mut errors = errors.iter().flatten().map(toml::de::Error::message);
+    let error = errors.find(|error| error.starts_with("unknown field"));
+    let keys = unknown_and_known(error.unwrap_or_default());
+    keys.into_iter().skip(1).map(str::to_string).collect()
 }
 
 /// Where the document of a running pipeline lies: in the instance's folder.

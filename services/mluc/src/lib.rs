@@ -23,6 +23,7 @@ pub mod terminal;
 use std::process::ExitCode;
 
 use clap::Parser;
+pub use cli::StageArgs;
 use cli::{Cli, Command};
 use mluc_runtime::choose_log_format;
 use terminal::print_err;
@@ -69,8 +70,8 @@ pub fn main(has_stdout: bool) -> ExitCode {
     }
     let result = match command {
         Command::Up(args) => commands::up(args),
-        Command::Demo { picture, model } => commands::demo(&picture, model),
-        Command::Stage(args) => stages::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Demo { picture, pipeline } => commands::demo(&picture, pipeline),
+        Command::Stage(args) => stages::run(args, None).map(|()| ExitCode::SUCCESS),
         Command::Config { print, pipeline } => commands::config(print, pipeline),
         Command::Status { instance, json } => commands::status(&instance, json),
         Command::Top { instance, once } => commands::top(&instance, once),
@@ -79,6 +80,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Doctor(args) => commands::doctor(&args),
         Command::View(_) => external::external("mluc-view", &["view"]),
         Command::Record(_) => external::external("mluc-view", &["record"]),
+        Command::Publish(_) => external::external("mluc-ros2", &["publish"]),
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),
         Command::Clean { instance } => commands::clean(&instance),

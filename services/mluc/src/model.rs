@@ -93,9 +93,3 @@ impl PinnedModel {
         Ok(PinnedModel { fingerprint, file })
     }
 }
-
-/// Names of the classes, in the order of class ids.
-pub fn class_names(model: &Model) -> Vec<String> {
-    let classes = model.manifest.classes.iter();
-    classes.map(|class| class.name.clone()).collect()
-}

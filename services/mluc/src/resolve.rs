@@ -7,6 +7,7 @@ use std::path::Path;
 use anyhow::Context;
 use mluc_model::{Model, SensorProfile};
 use mluc_runtime::Instance;
+use mluc_sources::is_live;
 use toml::{Table, Value};
 
 use crate::cli::PipelineArgs;
@@ -153,7 +154,7 @@ fn rebase(layer: &mut Table, folder: &Path) {
         Value::String(path.to_string_lossy().into_owned())
     };
     let is_path = |key: &str, name: &str| match key {
-        "input" => mluc_sources::address(Path::new(name)).is_none(),
+        "input" => !is_live(Path::new(name)),
         "model" => model::built_in(name).is_none() && folder.join(name).exists(),
         "profile" => SensorProfile::names().all(|product| product != name),
         _ => true,
@@ -163,15 +164,18 @@ fn rebase(layer: &mut Table, folder: &Path) {
         ("", "model"),
         ("sensor", "profile"),
         ("layout", "calibration"),
+        ("lidar", "input"),
+        ("lidar", "calibration"),
     ] {
-        let value = match table {
-            "" => layer.get_mut(key),
-            _ => layer.get_mut(table).and_then(|inner| inner.get_mut(key)),
+        let values = match layer.get_mut(table) {
+            None => vec![layer.get_mut(key).filter(|_| table.is_empty())],
+            Some(Value::Array(inner)) => inner.iter_mut().map(|one| one.get_mut(key)).collect(),
+            Some(inner) => vec![inner.get_mut(key)],
         };
-        if let Some(value) = value
-            && let Some(name) = value.as_str().filter(|name| is_path(key, name))
-        {
-            *value = absolute(name);
+        for value in values.into_iter().flatten() {
+            if let Some(name) = value.as_str().filter(|name| is_path(key, name)) {
+                *value = absolute(name);
+            }
         }
     }
     let stages = layer.get_mut("stages").and_then(Value::as_table_mut);

@@ -1,6 +1,7 @@
 //! What a run shall do: one document. The configuration file has its form, `mluc config --print` shows it, and the supervisor
 //! hands it to the stages. `docs/configuration.md` describes every key.
 
+use std::f64::consts::TAU;
 use std::ops::Index;
 use std::path::PathBuf;
 
@@ -11,6 +12,7 @@ use mluc_model::{HeadKind, Model, ScoreMin, SensorProfile};
 use mluc_refiner::{RobotSettings, Settings as RefinerSettings, TrackSettings, Variant};
 use mluc_runtime::Instance;
 use mluc_sources::files::Layout;
+use mluc_sources::{Lidar, Open, Source, ros2_topic};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -20,6 +22,8 @@ use crate::UsageError;
 pub const DEFAULT_MODEL: &str = "any-open";
 /// A frame that takes two periods of a 10 Hz sensor.
 const BUDGET_MS: u64 = 200;
+/// Half a period of 10 Hz: so far apart are turns of sensors that do not wait for each other.
+const TOLERANCE_MS: u64 = 50;
 /// Enough for a scan that is set aside after its second kill, and for the next one. A guess.
 const RESTART_LIMIT: u32 = 5;
 /// Threads of the backbone: two cores, which the other stages share.
@@ -82,6 +86,10 @@ pub struct Settings {
     pub instance: Instance,
     /// A scan, or a folder of scans.
     pub input: Option<PathBuf>,
+    /// `[[lidar]]`: in its place several sensors whose scans are merged; the first begins the frames.
+    pub lidar: Vec<Lidar>,
+    /// Between the times of scans in one frame, at most.
+    pub tolerance_ms: u64,
     /// `[layout]`: how files of points are read.
     pub layout: Layout,
     /// Name of a built-in model, or a model file.
@@ -138,6 +146,8 @@ impl Default for Settings {
         Settings {
             instance: Instance::new(Instance::DEFAULT).expect("a plain name"),
             input: None,
+            lidar: vec![],
+            tolerance_ms: TOLERANCE_MS,
             layout: Layout::default(),
             model: DEFAULT_MODEL.to_string(),
             lambda: None,
@@ -173,8 +183,8 @@ pub struct SensorSettings {
     pub profile: Option<String>,
     /// What others are told; empty: the profile's name.
     pub name: String,
-    /// Pose of the sensor in the robot's base frame: x, y, z in m, roll, pitch, yaw in rad.
-    pub extrinsics: [f64; 6],
+    /// Pose of the scans' frame in the robot's base frame: x, y, z in m, roll, pitch, yaw in rad; unset: zeros, or the first lidar's.
+    pub extrinsics: Option<[f64; 6]>,
 }
 
 impl SensorSettings {
@@ -263,12 +273,32 @@ impl Default for StageSettings {
 }
 
 impl Settings {
+    /// Whether ingest reads a ROS 2 topic, which the program `mluc-ros2` alone opens.
+    pub(crate) fn reads_ros2(&self) -> bool {
+        let inputs = self.lidar.iter().map(|lidar| &lidar.input);
+        let mut inputs = inputs.chain(&self.input);
+        inputs.any(|input| ros2_topic(input).is_some())
+    }
+
+    /// Opens what ingest reads; `None`: nothing is given.
+    pub(crate) fn source(&self, open: Open) -> anyhow::Result<Option<Source>> {
+        let frame = self.sensor.extrinsics.unwrap_or_default();
+        let source = match &self.input {
+            Some(input) => open(input, &self.layout, self.repeat),
+            None if self.lidar.is_empty() => return Ok(None),
+            None => Source::merge(&self.lidar, &self.layout, frame, self.tolerance_ms, open),
+        };
+        source.map(Some)
+    }
+
     pub(crate) fn complete(&mut self) {
         if self.pace == Pace::Sensor {
             self.budget_ms.get_or_insert(BUDGET_MS);
         }
         self.refiner.robot = self.robot;
         let sensor = &mut self.sensor;
+        let first = self.lidar.first().map(|lidar| lidar.extrinsics);
+        sensor.extrinsics = sensor.extrinsics.or(first);
         if let (Some(profile), "") = (&sensor.profile, sensor.name.as_str()) {
             let stem = std::path::Path::new(profile).file_stem();
             sensor.name = stem.unwrap_or_default().to_string_lossy().into_owned();
@@ -295,6 +325,7 @@ impl Settings {
 
     pub(crate) fn check(&self) -> Result<(), UsageError> {
         let budget_ms = self.budget_ms.map(|ms| ms as f64);
+        let lidars = self.lidar.len() as f64;
         let mut ranges = vec![
             ("rate_hz", self.rate_hz, 0.001, 1000.0),
             ("seconds", self.seconds, 0.001, 1e7),
@@ -303,16 +334,27 @@ impl Settings {
             ("min_score", self.min_score, 0.0, 1.0),
             ("min_unknown_score", self.min_unknown_score, 0.0, 1e6),
             ("budget_ms", budget_ms, 0.0, 600_000.0),
+            ("tolerance_ms", Some(self.tolerance_ms as f64), 0.0, 500.0),
+            // As many as a sensor profile has `units`.
+            ("[[lidar]] tables", Some(lidars), 0.0, 4.0),
             ("restart_limit", Some(self.restart_limit.into()), 1.0, 1e6),
         ];
-        let extrinsics = self.sensor.extrinsics;
+        let extrinsics = self.sensor.extrinsics.unwrap_or_default();
         ranges.extend(extrinsics.map(|v| ("extrinsics of [sensor]", Some(v), -1e6, 1e6)));
+        for [place_m @ .., roll, pitch, yaw] in self.lidar.iter().map(|lidar| lidar.extrinsics) {
+            ranges.extend(place_m.map(|v| ("extrinsics of [[lidar]], in m,", Some(v), -1e6, 1e6)));
+            let angles = [roll, pitch, yaw].map(Some);
+            ranges.extend(angles.map(|v| ("extrinsics of [[lidar]], in rad,", v, -TAU, TAU)));
+        }
         for (key, value, low, high) in ranges {
             if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
                 return refused(format!("{key} must be {low} to {high}, found {value}"));
             }
         }
         self.sensor.load()?;
+        if !self.lidar.is_empty() && (self.input.is_some() || self.repeat) {
+            return refused("[[lidar]] goes without input and loop".to_string());
+        }
         if let Err(error) = self.layout.check() {
             return refused(format!("[layout] {error}"));
         }

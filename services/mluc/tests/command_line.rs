@@ -12,35 +12,7 @@ fn said(output: &Output) -> String {
 }
 
 /// Arguments, and words of the error.
-const REFUSED: &str = "\
-upp | 'up'
-up | --input is missing
-up --pace fast | sensor
-up --lambda much | --lambda
-config --lambda=-0.5 | lambda must be 0 to 100, found -0.5
-config --rate=0 | rate_hz
-config --rate=NaN | rate_hz
-config --seconds=-1 | seconds
-config --unknown-min=1.5 | unknown_min
-config --lambda 1.2 | --unknown-min
-config --model ../../weights/paper/kitti.safetensors --unknown-min 0.5 | --lambda
-config --model any-opne | built in: any-open, any; did you mean 'any-open'?
-config --model kitti | --model weights/paper/kitti.safetensors
-config --threads=backbone | STAGE=N
-config --threads=bakbone=2 | ingest, backbone, head, refiner
-config --threads=head=-1 | STAGE=N
-config --threads=head=0 | threads of head must be 1 to 256, found 0
-config --instance=a/b | a/b
-config --refiner-mode=paper-corected | exists: 'paper-corrected'
-config --without=refner | exists: 'refiner'
-config --sensor vlp-17 | built in are
-config --precision fp32 | exists: 'f32'
-config --config=/nowhere.toml | nowhere.toml
-stage bakcbone | exists: 'backbone'
-status --instance a/b | a/b
-monitor --listen 0.0.0.0:9464 | expected 127.0.0.1:PORT
-top --instance a/b | a/b
-doctor --instance | --instance";
+const REFUSED: &str = include_str!("refused.txt");
 
 /// Exit code 2 of docs/output.md, with words that name the fault.
 #[test]

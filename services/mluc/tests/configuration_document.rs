@@ -40,6 +40,7 @@ fn keys() -> BTreeSet<(String, String)> {
     let tables = tables.map(|(key, _)| key.as_str()).chain(["track"]);
     let tables = tables.filter(|key| *key != "stages");
     let named = tables.map(|table| (format!("`[{table}]`"), table.to_string()));
+    let named = named.chain([("`[[lidar]]`".to_string(), "lidar".to_string())]);
     let stages = ["ingest", "backbone", "head", "refiner"];
     let stages = stages.map(|stage| (STAGES.to_string(), format!("stages.{stage}")));
     let top = [("Keys".to_string(), String::new())];

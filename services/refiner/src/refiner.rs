@@ -95,26 +95,8 @@ impl Refiner {
         detections: &[Detection],
         out: &mut RefinerOutput,
     ) {
+        self.read_scan(points);
         self.refine_within(sequence, points, detections, &mut || false, out);
-    }
-
-    /// Proposals of the head's gate, ground, clusters of the scan, proposals matched to clusters, box, score, disposition,
-    /// merge (paper section 3.3), the profile's scores.
-    ///
-    /// As [`Refiner::refine`], for a caller with a clock: before the scan is clustered, and before each candidate, the
-    /// best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal
-    /// boxes, are published with [`Object::UNREFINED`] and counted. One that says yes at once skips them all: for a frame
-    /// whose points are gone.
-    pub fn refine_within(
-        &mut self,
-        sequence: u64,
-        scan: &[Point],
-        detections: &[Detection],
-        is_over: &mut dyn FnMut() -> bool,
-        out: &mut RefinerOutput,
-    ) {
-        self.read_scan(scan);
-        self.refine_read(sequence, scan, detections, is_over, out);
     }
 
     /// Sorts a scan and finds its ground: what can be done before there are detections.
@@ -123,8 +105,14 @@ impl Refiner {
         self.clusterer.find_ground(&self.frame);
     }
 
-    /// As [`Refiner::refine_within`], of the scan that [`Refiner::read_scan`] was given last.
-    pub fn refine_read(
+    /// Proposals of the head's gate, ground, clusters of the scan, proposals matched to clusters, box, score, disposition,
+    /// merge (paper section 3.3), the profile's scores.
+    ///
+    /// As [`Refiner::refine`], of the scan that [`Refiner::read_scan`] was given last, for a caller with a clock: before the scan is clustered, and before each candidate, the
+    /// best first, `is_over` is asked whether the frame's time is up. Then the candidates that are left keep their proposal
+    /// boxes, are published with [`Object::UNREFINED`] and counted. One that says yes at once skips them all: for a frame
+    /// whose points are gone.
+    pub fn refine_within(
         &mut self,
         sequence: u64,
         scan: &[Point],

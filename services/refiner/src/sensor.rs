@@ -49,7 +49,7 @@ impl Sensor {
         Ok(Sensor {
             height_m: f64::from(manifest.sensor_height_m),
             beams,
-            classes: manifest.classes.iter().map(|c| c.name.clone()).collect(),
+            classes: manifest.class_names(),
             sees_all_around: manifest.network.grid.range_min_m[0] < 0.0,
             tells_unknown: manifest.network.head == HeadKind::Open,
         })

@@ -214,14 +214,6 @@ mod tests {
     }
 
     #[test]
-    fn variants_have_one_name_each() {
-        for variant in Variant::ALL {
-            assert_eq!(Variant::from_name(variant.name()), Some(variant));
-        }
-        assert_eq!(Variant::from_name("improved"), None);
-    }
-
-    #[test]
     fn the_papers_radius_follows_the_model() {
         for (sees_all_around, expected_m) in [(true, 4.0), (false, 5.0)] {
             let sensor = Sensor {

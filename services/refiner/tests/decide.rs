@@ -159,6 +159,7 @@ fn what_there_was_no_time_to_score_is_published_behind_the_others() {
             asked += 1;
             asked > asks
         };
+        refiner.read_scan(&scan(&boxes()));
         refiner.refine_within(7, &scan(&boxes()), &detections, &mut is_over, &mut out);
         assert_eq!(out.counters.unrefined, unrefined);
         let objects = out.objects.iter().zip(&detections);

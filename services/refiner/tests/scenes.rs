@@ -3,17 +3,14 @@
 mod common;
 
 use common::{CART, box_of, candidate, is, known, point, refine, scan, standing};
-use mluc_geometry::{Box3, iou_3d};
+use mluc_geometry::{Box3, Inside, iou_3d};
 use mluc_ipc_types::{Detection, Disposition, Object, Point};
 use mluc_refiner::Variant::{PaperCorrected, RangeScaled};
 use mluc_refiner::{RefinerOutput, Variant};
 
 /// How many points of an object lie in a box with a margin, m, and how many it has.
 fn inside(points: &[Point], out: &RefinerOutput, object: &Object, shape: &Box3) -> [usize; 2] {
-    let grown = Box3 {
-        size_m: shape.size_m.map(|s| s + 0.1),
-        ..*shape
-    };
+    let grown = Inside::of(shape, 0.05);
     let own = out.points_of(object).iter().map(|&i| points[i as usize]);
     let inside = own.filter(|p| grown.contains([p.x_m, p.y_m, p.z_m].map(f64::from)));
     [inside.count(), object.points_count as usize]

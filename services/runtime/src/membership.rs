@@ -271,20 +271,6 @@ mod tests {
     }
 
     #[test]
-    fn the_first_one_wipes_what_a_crash_left() {
-        let instance = instance("first");
-        let mut builder = fs::DirBuilder::new();
-        builder.mode(0o700).create(instance.root()).unwrap();
-        builder.create(instance.root().join("nodes")).unwrap();
-        let segment = format!("/dev/shm/{}x.data", instance.prefix());
-        fs::write(&segment, b"x").unwrap();
-        let member = Membership::join(&instance, "a").unwrap();
-        assert!(!Path::new(&segment).exists());
-        assert!(!instance.root().join("nodes").exists());
-        drop(member);
-    }
-
-    #[test]
     fn a_role_is_taken_once() {
         let instance = instance("role");
         let member = Membership::join(&instance, "a").unwrap();

@@ -94,9 +94,13 @@ fn frames<T: Payload>(shell: &Shell, topic: &Topic) -> Frames<T> {
 }
 
 /// The sequence that is taken, or `None`: refused.
-fn taken<T: Payload>(frames: &mut Frames<T>, shell: &mut Shell) -> Option<u64> {
+fn taken<T: Payload>(
+    frames: &mut Frames<T>,
+    shell: &mut Shell,
+    ahead: impl FnMut(&FrameHeader, &[Point]),
+) -> Option<u64> {
     let timeout = Duration::from_millis(1);
-    match frames.next_within(shell, |_, _| (), timeout).unwrap() {
+    match frames.next_within(shell, ahead, timeout).unwrap() {
         Next::Message(message) => Some(message.header().sequence),
         _ => None,
     }
@@ -115,13 +119,7 @@ fn a_scan_is_shown_ahead_of_its_frame_once_and_not_before_one_that_is_on_its_way
             assert_eq!(points.len(), 5);
             shown.push(header.sequence);
         };
-        let timeout = Duration::from_millis(1);
-        let next = frames.next_within(&mut refiner, ahead, timeout).unwrap();
-        let taken = match next {
-            Next::Message(message) => Some(message.header().sequence),
-            _ => None,
-        };
-        assert_eq!(taken, frame);
+        assert_eq!(taken(&mut frames, &mut refiner, ahead), frame);
         shown
     };
     let none: [u64; 0] = [];
@@ -150,8 +148,8 @@ fn hostile_sequences_runs_and_models_are_refused_and_the_next_frame_comes() {
     let mut detections = frames::<Detection>(&refiner, &Topic::DETECTIONS);
     let mut both = |others: &mut Others| {
         others.shell.tick().unwrap();
-        let of_head = taken(&mut features, &mut head);
-        let of_refiner = taken(&mut detections, &mut refiner);
+        let of_head = taken(&mut features, &mut head, |_, _| ());
+        let of_refiner = taken(&mut detections, &mut refiner, |_, _| ());
         assert_eq!(of_head, of_refiner);
         let counters = [&head.health, &refiner.health];
         let counts = counters.map(|c| (c.messages_refused, c.frames_dropped));

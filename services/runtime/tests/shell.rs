@@ -1,6 +1,5 @@
 //! Two processes' worth of ports in one process: each shell maps the segments itself.
 
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{FeatureBlock, FrameHeader, HealthState, Point, Stage, Topic};
@@ -34,15 +33,6 @@ fn pair<T: Payload>(label: &str, topic: &Topic, elements_max: usize) -> Pair<T> 
         producer,
         consumer,
     }
-}
-
-fn leftovers(instance: &Instance) -> Vec<String> {
-    let entries = std::fs::read_dir("/dev/shm").unwrap().flatten();
-    let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    let is_root = |name: &str| Path::new("/dev/shm").join(name) == instance.root();
-    names
-        .filter(|name| name.starts_with(instance.prefix()) || is_root(name))
-        .collect()
 }
 
 fn send(output: &mut Output<Point>, sequence: u64, points: usize) {
@@ -155,28 +145,6 @@ fn waiting_wakes_up_says_why_and_ends_on_request() {
     let message = other.next(&mut input, |_| Ok(())).unwrap().unwrap();
     assert_eq!(message.header().sequence, 5);
     sender.join().unwrap();
-}
-
-#[test]
-fn a_stage_runs_once() {
-    let instance = instance("once");
-    let first = stage(&instance, Stage::Head);
-    let second = Shell::stage(&instance, Stage::Head, Shutdown::manual()).err();
-    let is_head = |role: &str| role == "head";
-    assert!(matches!(second, Some(RuntimeError::AlreadyRunning { role, .. }) if is_head(&role)));
-    drop(first);
-    stage(&instance, Stage::Head);
-}
-
-#[test]
-fn nothing_is_left_behind() {
-    let mut pair = pair::<Point>("left", &Topic::POINTS, 100);
-    let instance = pair.producer.instance().clone();
-    send(&mut pair.output, 0, 10);
-    drop(pair.input.newest().unwrap());
-    assert!(!leftovers(&instance).is_empty());
-    drop(pair);
-    assert_eq!(leftovers(&instance), Vec::<String>::new());
 }
 
 #[test]

@@ -54,36 +54,29 @@ impl CaptureScans {
         if sequence < self.sequence {
             return Ok(Next::Scan);
         }
-        let mut looks = 0;
-        loop {
-            loop {
-                looks += 1;
-                if looks > LOOKS_MAX {
-                    return Ok(Next::NotYet);
-                }
-                let (mut is_found, mut stamp_ns) = (false, None);
-                let mut take = |turn: &Revolution| {
-                    stamp_ns = Some(turn.received_ns);
-                    is_found = self.sequence == sequence;
-                    if is_found {
-                        scan.take(turn, sequence, &self.layout);
-                    }
-                    self.sequence += 1;
-                };
-                let datagram = self.capture.next_datagram()?;
-                let is_more = datagram.is_some();
-                match datagram {
-                    Some(datagram) => self.decoder.push(&datagram, &mut take),
-                    None => self.decoder.finish(&mut take),
-                }
-                let offset_ns = stamp_ns.map(|stamp_ns| self.rounds.offset_ns(stamp_ns));
+        for _ in 0..LOOKS_MAX {
+            let (mut is_found, mut stamp_ns) = (false, None);
+            let mut take = |turn: &Revolution| {
+                stamp_ns = Some(turn.received_ns);
+                is_found = self.sequence == sequence;
                 if is_found {
-                    scan.offset_ns = offset_ns;
-                    return Ok(Next::Scan);
+                    scan.take(turn, sequence, &self.layout);
                 }
-                if !is_more {
-                    break;
-                }
+                self.sequence += 1;
+            };
+            let datagram = self.capture.next_datagram()?;
+            let is_more = datagram.is_some();
+            match datagram {
+                Some(datagram) => self.decoder.push(&datagram, &mut take),
+                None => self.decoder.finish(&mut take),
+            }
+            let offset_ns = stamp_ns.map(|stamp_ns| self.rounds.offset_ns(stamp_ns));
+            if is_found {
+                scan.offset_ns = offset_ns;
+                return Ok(Next::Scan);
+            }
+            if is_more {
+                continue;
             }
             self.tell_counts();
             if !repeat || !self.rounds.next_round() {
@@ -92,6 +85,7 @@ impl CaptureScans {
             self.capture = Capture::open(&self.path)?;
             self.decoder = Capture::open(&self.path)?.detect(self.calibration.as_ref())?;
         }
+        Ok(Next::NotYet)
     }
 
     fn tell_counts(&self) {
@@ -107,15 +101,12 @@ impl CaptureScans {
 
 /// Of the unit, where one is given.
 pub(crate) fn calibration(layout: &Layout) -> anyhow::Result<Option<Calibration>> {
-    let read = |path: &PathBuf| {
-        let text = std::fs::read_to_string(path)?;
-        anyhow::Ok(Calibration::parse(&text)?)
+    let Some(path) = &layout.calibration else {
+        return Ok(None);
     };
-    let found = layout
-        .calibration
-        .as_ref()
-        .map(|path| read(path).with_context(|| format!("calibration {}", path.display())));
-    found.transpose()
+    let about = || format!("calibration {}", path.display());
+    let text = std::fs::read_to_string(path).with_context(about)?;
+    Calibration::parse(&text).map(Some).with_context(about)
 }
 
 impl Scan {
@@ -142,6 +133,7 @@ impl Scan {
             Clock::Utc | Clock::HourOfSensor => turn.stamp_ns,
             Clock::Ptp | Clock::SensorUptime => turn.received_ns,
         });
+        self.received_ns = Some(turn.received_ns);
         (self.offset_ns, self.pose) = (None, None);
     }
 }

@@ -1,7 +1,5 @@
 //! What keeps a source from giving scans.
 
-use std::fmt::Display;
-
 /// A source that cannot be used. What is wrong with single packets is counted instead.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
@@ -39,16 +37,17 @@ impl SourceError {
         }
     }
 
-    pub(crate) fn calibration(
-        field: impl Display,
-        expected: impl ToString,
-        found: impl ToString,
-    ) -> SourceError {
-        SourceError::field(format!("calibration: {field}"), expected, found)
-    }
-
     pub(crate) fn io(place: impl ToString, cause: impl Into<std::io::Error>) -> SourceError {
         let (place, cause) = (place.to_string(), cause.into());
         SourceError::Io { place, cause }
     }
+}
+
+/// The answer to what is not as expected.
+pub(crate) fn refused<T>(
+    place: impl ToString,
+    expected: impl ToString,
+    found: impl ToString,
+) -> Result<T, SourceError> {
+    Err(SourceError::field(place, expected, found))
 }

@@ -7,9 +7,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::{EgoPose, Flags};
 
-use crate::Scan;
-use crate::SourceError;
 use crate::files::{self, Format, Layout};
+use crate::{Scan, SourceError, ending};
 
 /// Bytes read of one scan: 4 million points; the rest could not be used anyway.
 const SCAN_BYTES_MAX: u64 = 64 << 20;
@@ -41,22 +40,19 @@ impl Folder {
             layout: layout.clone(),
             ..Folder::default()
         };
+        let check = |scans: &[PathBuf]| found.check_columns(scans).context(format!("input {name}"));
         if !about.is_dir() {
             let is_scan = about.is_file() && Format::of(input).is_some();
             ensure!(is_scan, "input {name}: {}", refusal(input));
             let scans = vec![input.to_path_buf()];
-            found
-                .check_columns(&scans)
-                .with_context(|| format!("input {name}"))?;
+            check(&scans)?;
             return Ok(Folder { scans, ..found });
         }
         for inner in ["velodyne", "velodyne_points/data", ""] {
             let folder = input.join(inner);
             let scans = scan_files(&folder)?;
             if !scans.is_empty() {
-                found
-                    .check_columns(&scans)
-                    .with_context(|| format!("input {name}"))?;
+                check(&scans)?;
                 return Ok(Folder {
                     stamps_ns: stamps(&folder, scans.len()),
                     poses: poses(&folder, scans.len())?,
@@ -74,15 +70,13 @@ impl Folder {
 
     /// Refuses `.bin` files that have another number of columns than four. One of another size among some is cut short, and no reason.
     fn check_columns(&self, scans: &[PathBuf]) -> Result<(), SourceError> {
-        let is_plain = |path: &Path| Format::of(path) == Some(Format::Bin);
-        if self.layout.columns.is_empty() && scans.iter().all(|path| is_plain(path)) {
-            let sizes = scans
-                .iter()
-                .take(SIZES)
-                .map(|path| fs::metadata(path).map_or(0, |about| about.len()));
-            return files::check_columns(&sizes.collect::<Vec<_>>());
+        let is_plain = |path: &PathBuf| Format::of(path) == Some(Format::Bin);
+        if !self.layout.columns.is_empty() || !scans.iter().all(is_plain) {
+            return Ok(());
         }
-        Ok(())
+        let size = |path| fs::metadata(path).map_or(0, |about| about.len());
+        let sizes: Vec<u64> = scans.iter().take(SIZES).map(size).collect();
+        files::check_columns(&sizes)
     }
 
     /// The scan of a number that counts on over all rounds.
@@ -96,11 +90,9 @@ impl Folder {
     pub(crate) fn describe(&self, sequence: u64, scan: &mut Scan) {
         let index = (sequence % self.scans.len() as u64) as usize;
         scan.name = self.name(index);
-        scan.stamp_ns = self.stamps_ns.as_ref().map(|stamps| stamps[index]);
-        scan.offset_ns = self
-            .stamps_ns
-            .as_ref()
-            .and_then(|stamps| offset_ns(stamps, sequence));
+        let stamps_ns = self.stamps_ns.as_ref();
+        scan.stamp_ns = stamps_ns.map(|stamps| stamps[index]);
+        scan.offset_ns = stamps_ns.and_then(|stamps| offset_ns(stamps, sequence));
         scan.pose = self.poses.as_ref().map(|poses| poses[index]);
     }
 
@@ -109,10 +101,8 @@ impl Folder {
         let file = self.scans[index].file_name().unwrap_or_default();
         let file = file.to_string_lossy();
         let endings = Format::ENDINGS.iter().map(|(ending, _)| *ending);
-        let stem = endings
-            .filter_map(|ending| file.strip_suffix(ending))
-            .next();
-        stem.unwrap_or(&file).to_string()
+        let mut stems = endings.filter_map(|ending| file.strip_suffix(ending));
+        stems.next().unwrap_or(&file).to_string()
     }
 
     /// Reads a scan into `bytes`, which is reused: x, y, z (m), intensity as f32, whatever the file's format. The flags say that it is longer than a scan can be,
@@ -168,20 +158,13 @@ fn endings() -> String {
 
 /// Why a file is no scan, and what helps.
 fn refusal(input: &Path) -> String {
-    let ending = input
-        .extension()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .to_ascii_lowercase();
-    let help = match ending.as_str() {
+    let help = match ending(input).as_str() {
         "bag" | "db3" => "; `mcap convert IN OUT.mcap` makes an .mcap of it, which is read",
         "las" | "laz" => "; `pdal translate IN.laz OUT.ply` makes a .ply of it",
         _ => "",
     };
-    format!(
-        "expected a scan ({}), a capture, a recording (.mcap), or a folder{help}",
-        endings()
-    )
+    let scan = endings();
+    format!("expected a scan ({scan}), a capture, a recording (.mcap), or a folder{help}")
 }
 
 /// Empty where there is no such folder.

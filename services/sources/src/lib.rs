@@ -1,13 +1,15 @@
 //! Files, captures and sockets to scans. No shared memory here: the caller publishes what comes out.
 //!
 //! [`Source`] is what `--input` names: a folder of scans, whose [`files`] have several formats; [`packets`] decodes what sensors send, without
-//! I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor; a recording (MCAP) holds scans as messages.
+//! I/O; [`pcap`] reads captures, [`udp`] listens to a live sensor; a recording (MCAP) holds scans as messages. [`Source::merge`] makes one of several.
+//! [`Source::live`] takes scans of another program's kind.
 
 mod capture;
 mod error;
 pub mod files;
 mod folder;
 mod live;
+mod merged;
 pub mod packets;
 pub mod pcap;
 mod recording;
@@ -15,17 +17,22 @@ mod rounds;
 pub mod udp;
 
 use std::path::Path;
+use std::time::Duration;
 
+use anyhow::bail;
 use mluc_ipc_types::{EgoPose, Flags};
 
 use capture::CaptureScans;
 use files::Layout;
 use folder::Folder;
-use live::Live;
+use live::{Live, PATIENCE};
+use merged::Merged;
 use recording::Recording;
 
 pub use error::SourceError;
-pub use live::address;
+use error::refused;
+use live::address;
+pub use merged::Lidar;
 
 /// One scan, as ingest publishes it; its memory is used again for the next one.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -38,6 +45,8 @@ pub struct Scan {
     pub flags: Flags,
     /// The sensor's time, ns; `None`: not known.
     pub stamp_ns: Option<u64>,
+    /// When its first packet came, by the clock of the receiver or recorder, ns; `None`: it has none.
+    pub received_ns: Option<u64>,
     /// When it comes after the source's first scan, ns; `None`: not known.
     pub offset_ns: Option<u64>,
     /// Where the sensor was.
@@ -67,20 +76,50 @@ enum Kind {
     Folder(Folder),
     Capture(Box<CaptureScans>),
     Recording(Box<Recording>),
-    Live(Live),
+    Live(Box<dyn LiveScans>),
+    Merged(Merged),
+}
+
+/// Scans that come when the sensor sends them.
+pub trait LiveScans: Send {
+    /// Loads the newest scan that was not loaded yet; waits so long at most. Errors: those that end the source.
+    fn load(&mut self, scan: &mut Scan, patience: Duration) -> anyhow::Result<Next>;
+
+    /// What to say while none comes.
+    fn silence(&self) -> Option<String>;
+}
+
+/// Opens an input, as [`Source::open`] does.
+pub type Open = fn(&Path, &Layout, bool) -> anyhow::Result<Source>;
+
+/// Whether an input is a live sensor or topic rather than a path.
+pub fn is_live(input: &Path) -> bool {
+    address(input).is_some() || ros2_topic(input).is_some()
+}
+
+/// The topic of an input like `ros2:/points`, which the program `mluc-ros2` opens; `None`: it is none.
+pub fn ros2_topic(input: &Path) -> Option<&str> {
+    input.to_str()?.strip_prefix("ros2:")
 }
 
 impl Source {
+    /// A source of another program's kind.
+    pub fn live(scans: impl LiveScans + 'static) -> Source {
+        Source {
+            kind: Kind::Live(Box::new(scans)),
+            repeat: false,
+        }
+    }
+
     /// Opens what `input` is: a file or folder of scans, a capture, a recording, or an address (`udp:2368`). `repeat`: after the last scan the first one comes again. Errors: what
     /// is wrong with it, and what helps.
     pub fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
-        let ending = input
-            .extension()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .to_ascii_lowercase();
+        let ending = ending(input);
         let kind = if let Some(address) = address(input) {
-            Kind::Live(Live::open(address?, layout)?)
+            Kind::Live(Box::new(Live::open(address?, layout)?))
+        } else if ros2_topic(input).is_some() {
+            let input = input.display();
+            bail!("input {input}: a ROS 2 topic is read by `mluc up --input {input}` alone")
         } else if matches!(ending.as_str(), "pcap" | "pcapng") {
             Kind::Capture(Box::new(CaptureScans::open(input, layout)?))
         } else if let Some(recording) = recording::within(input, &ending) {
@@ -91,9 +130,25 @@ impl Source {
         Ok(Source { kind, repeat })
     }
 
+    /// The first of several sensors, or this one.
+    fn first(&self) -> &Source {
+        match &self.kind {
+            Kind::Merged(merged) => &merged.parts[0].source,
+            _ => self,
+        }
+    }
+
+    /// Names of the sensors, of several, that are not in the last scan, a space before each.
+    pub fn missing(&self) -> &str {
+        match &self.kind {
+            Kind::Merged(merged) => &merged.missing,
+            _ => "",
+        }
+    }
+
     /// How many scans there are; `None`: not known.
     pub fn count(&self) -> Option<u64> {
-        match &self.kind {
+        match &self.first().kind {
             Kind::Folder(folder) => Some(folder.scans.len() as u64),
             Kind::Recording(recording) => recording.count,
             _ => None,
@@ -107,7 +162,7 @@ impl Source {
 
     /// The name of a scan, by its index.
     pub fn name(&self, index: u64) -> String {
-        match &self.kind {
+        match &self.first().kind {
             Kind::Folder(folder) => folder.name(index as usize),
             _ => numbered(index),
         }
@@ -115,12 +170,12 @@ impl Source {
 
     /// Whether scans come when the sensor sends them.
     pub fn is_live(&self) -> bool {
-        matches!(self.kind, Kind::Live(_))
+        matches!(self.first().kind, Kind::Live(_))
     }
 
     /// What to say while a live sensor is silent.
     pub fn silence(&self) -> Option<String> {
-        match &self.kind {
+        match &self.first().kind {
             Kind::Live(live) => live.silence(),
             _ => None,
         }
@@ -135,6 +190,7 @@ impl Source {
             }
             Kind::Capture(capture) => capture.load(sequence, self.repeat, scan)?,
             Kind::Recording(recording) => recording.load(sequence, self.repeat, scan)?,
+            Kind::Merged(merged) => merged.parts[0].source.pass_over(sequence, scan)?,
             _ => return self.load(sequence, scan),
         };
         scan.bytes.clear();
@@ -145,7 +201,8 @@ impl Source {
     /// Loads a scan by its number, which counts on over all rounds and never goes back in a capture or a recording. Errors: what the system, or a live sensor's packets, refuse.
     pub fn load(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
         match &mut self.kind {
-            Kind::Live(live) => live.load(scan),
+            Kind::Live(live) => live.load(scan, PATIENCE),
+            Kind::Merged(merged) => merged.load(sequence, scan),
             Kind::Capture(capture) => capture.load(sequence, self.repeat, scan),
             Kind::Recording(recording) => recording.load(sequence, self.repeat, scan),
             Kind::Folder(folder) if self.repeat || sequence < folder.scans.len() as u64 => {
@@ -155,6 +212,12 @@ impl Source {
             Kind::Folder(_) => Ok(Next::End),
         }
     }
+}
+
+/// What follows the last dot of a file's name, in small letters.
+fn ending(path: &Path) -> String {
+    let ending = path.extension().unwrap_or_default();
+    ending.to_string_lossy().to_ascii_lowercase()
 }
 
 /// The name of a scan that has none.

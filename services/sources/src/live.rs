@@ -14,7 +14,7 @@ use crate::capture::calibration;
 use crate::files::Layout;
 use crate::packets::{Calibration, Detector};
 use crate::udp::Receiver;
-use crate::{Next, Scan, SourceError};
+use crate::{LiveScans, Next, Scan, SourceError};
 
 /// The socket is waited for so long.
 const SILENCE: Duration = Duration::from_millis(500);
@@ -25,24 +25,18 @@ const TELL: Duration = Duration::from_secs(10);
 /// Datagrams of which none is a known sensor's: some seconds of any.
 const LOOKS_MAX: u32 = 20_000;
 /// How long a look for the next turn takes at most: the pipeline hears of ingest meanwhile.
-const PATIENCE: Duration = Duration::from_millis(20);
+pub(crate) const PATIENCE: Duration = Duration::from_millis(20);
 /// What an input that is an address begins with.
 const SCHEME: &str = "udp:";
 
 /// The address of an input like `udp:2368` or `udp:10.0.0.5:2368`: port, and where to listen (or a multicast group); `None`: it is none.
-pub fn address(input: &Path) -> Option<anyhow::Result<SocketAddr>> {
+pub(crate) fn address(input: &Path) -> Option<anyhow::Result<SocketAddr>> {
     let words = input.to_str()?.strip_prefix(SCHEME)?;
     let words = words.trim_start_matches('/');
-    let port = words
-        .parse()
-        .map(|port: u16| SocketAddr::from((Ipv4Addr::UNSPECIFIED, port)));
-    let address = port.or_else(|_| words.parse());
-    Some(address.with_context(|| {
-        format!(
-            "input {}: expected udp:PORT or udp:ADDRESS:PORT",
-            input.display()
-        )
-    }))
+    let anywhere = |port: u16| SocketAddr::from((Ipv4Addr::UNSPECIFIED, port));
+    let address = words.parse().map(anywhere).or_else(|_| words.parse());
+    let expected = "expected udp:PORT or udp:ADDRESS:PORT";
+    Some(address.with_context(|| format!("input {}: {expected}", input.display())))
 }
 
 /// What thread and pipeline share.
@@ -93,10 +87,11 @@ impl Live {
             thread: Some(thread),
         })
     }
+}
 
-    /// The newest turn that was not loaded yet.
-    pub(crate) fn load(&mut self, scan: &mut Scan) -> anyhow::Result<Next> {
-        match self.turns.recv_timeout(PATIENCE) {
+impl LiveScans for Live {
+    fn load(&mut self, scan: &mut Scan, patience: Duration) -> anyhow::Result<Next> {
+        match self.turns.recv_timeout(patience) {
             Ok(turn) => {
                 *scan = turn?;
                 scan.missed = self.shared.replaced.swap(0, Relaxed);
@@ -109,15 +104,10 @@ impl Live {
         }
     }
 
-    /// What to say while no packets come.
-    pub(crate) fn silence(&self) -> Option<String> {
-        let seconds = self.shared.silent_ms.load(Relaxed) / 1000;
-        (seconds > 0).then(|| {
-            format!(
-                "no packets of the sensor at {} for {seconds} s",
-                self.address
-            )
-        })
+    fn silence(&self) -> Option<String> {
+        let (address, seconds) = (self.address, self.shared.silent_ms.load(Relaxed) / 1000);
+        let words = || format!("no packets of the sensor at {address} for {seconds} s");
+        (seconds > 0).then(words)
     }
 }
 
@@ -191,13 +181,8 @@ impl Listener {
             let missing = counts.lost + counts.damaged + u64::from(dropped);
             if missing != told.1 && told.0.elapsed() > TELL {
                 told = (Instant::now(), missing);
-                let (lost, damaged) = (counts.lost, counts.damaged);
-                tracing::warn!(
-                    lost,
-                    damaged,
-                    dropped_by_system = dropped,
-                    "packets are missing"
-                );
+                let (lost, damaged, dropped_by_system) = (counts.lost, counts.damaged, dropped);
+                tracing::warn!(lost, damaged, dropped_by_system, "packets are missing");
             }
         }
         Ok(())
@@ -232,7 +217,7 @@ mod tests {
     ) -> anyhow::Result<Next> {
         let begun = Instant::now();
         loop {
-            let next = live.load(scan);
+            let next = live.load(scan, PATIENCE);
             if wanted(&next, live) {
                 return next;
             }

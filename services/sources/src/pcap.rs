@@ -9,8 +9,8 @@ use etherparse::{NetSlice, SlicedPacket, TransportSlice, UdpSlice};
 use pcap_parser::traits::PcapReaderIterator;
 use pcap_parser::{Linktype, PcapBlockOwned, PcapError, create_reader};
 
-use crate::SourceError;
 use crate::packets::{Calibration, Datagram, Decoder, Detector};
+use crate::{SourceError, refused};
 
 /// Longer than any frame of a capture.
 const BUFFER_BYTES: usize = 1 << 20;
@@ -21,6 +21,8 @@ const INTERFACES_MAX: usize = 64;
 /// Datagrams that are looked at for a sensor: some seconds of any.
 const DETECT_MAX: u32 = 20_000;
 
+/// Stamp, link and bytes of a frame.
+type Frame<'a> = (u64, Linktype, &'a [u8]);
 /// Stamp, sender and port of a datagram.
 type Address = (u64, SocketAddr, u16);
 
@@ -68,23 +70,20 @@ impl Capture {
     pub fn open(path: impl AsRef<Path>) -> Result<Capture, SourceError> {
         let path = path.as_ref().to_path_buf();
         let file = File::open(&path).map_err(|cause| SourceError::io(path.display(), cause))?;
-        match create_reader(BUFFER_BYTES, file) {
-            Ok(reader) => Ok(Capture {
-                path,
-                reader,
-                interfaces: Vec::new(),
-                frames: Frames::default(),
-            }),
-            Err(cause) => {
-                let found = match cause {
-                    PcapError::Eof => "an empty file",
-                    PcapError::Incomplete(_) => "a file that ends in its header",
-                    _ => "neither",
-                };
-                let expected = "a pcap or pcapng capture";
-                Err(SourceError::field(path.display(), expected, found))
+        let found = match create_reader(BUFFER_BYTES, file) {
+            Ok(reader) => {
+                return Ok(Capture {
+                    path,
+                    reader,
+                    interfaces: Vec::new(),
+                    frames: Frames::default(),
+                });
             }
-        }
+            Err(PcapError::Eof) => "an empty file",
+            Err(PcapError::Incomplete(_)) => "a file that ends in its header",
+            Err(_) => "neither",
+        };
+        refused(path.display(), "a pcap or pcapng capture", found)
     }
 
     /// The decoder for the first sensor in the capture. Open the capture again to decode it from its start.
@@ -111,12 +110,8 @@ impl Capture {
         loop {
             match self.reader.next() {
                 Ok((bytes, block)) => {
-                    let found = match read(&block, &mut self.interfaces) {
-                        Some((stamp_ns, link, frame)) => {
-                            self.frames.datagram(stamp_ns, link, frame)
-                        }
-                        None => None,
-                    };
+                    let frame = read(&block, &mut self.interfaces);
+                    let found = frame.and_then(|frame| self.frames.datagram(frame));
                     self.reader.consume(bytes);
                     if let Some((stamp_ns, from, to_port)) = found {
                         let payload = &self.frames.payload;
@@ -144,11 +139,8 @@ impl Capture {
     }
 }
 
-/// Stamp, link and bytes of a block that holds a frame; remembers the interfaces that others tell.
-fn read<'a>(
-    block: &'a PcapBlockOwned,
-    interfaces: &mut Vec<Interface>,
-) -> Option<(u64, Linktype, &'a [u8])> {
+/// What a block holds; remembers the interfaces that others tell.
+fn read<'a>(block: &'a PcapBlockOwned, interfaces: &mut Vec<Interface>) -> Option<Frame<'a>> {
     use pcap_parser::Block;
     let mut told = |link, ticks_per_s, offset_s| {
         if interfaces.len() < INTERFACES_MAX {
@@ -200,7 +192,7 @@ fn read<'a>(
 
 impl Frames {
     /// A frame's datagram; the content is in `payload`.
-    fn datagram(&mut self, stamp_ns: u64, link: Linktype, frame: &[u8]) -> Option<Address> {
+    fn datagram(&mut self, (stamp_ns, link, frame): Frame) -> Option<Address> {
         let sliced = match link {
             Linktype::ETHERNET => SlicedPacket::from_ethernet(frame),
             Linktype::LINUX_SLL => SlicedPacket::from_linux_sll(frame),

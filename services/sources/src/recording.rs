@@ -13,7 +13,7 @@ use mluc_ipc_types::Flags;
 
 use crate::files::{CLOUDS, Cloud, Layout};
 use crate::rounds::Rounds;
-use crate::{Next, Scan, SourceError, numbered};
+use crate::{Next, Scan, SourceError, numbered, refused};
 
 /// Of a chunk or any other record: many times the largest scan.
 const RECORD_BYTES_MAX: usize = 256 << 20;
@@ -49,12 +49,10 @@ impl Recording {
         let about = || format!("input {}", path.display());
         let summary = summary(path)?;
         let (topic, channels) = choose(&summary, layout.topic.as_deref()).with_context(about)?;
-        for chunk in &summary.chunk_indexes {
-            if !["", "lz4", "zstd"].contains(&chunk.compression.as_str()) {
-                let found = &chunk.compression;
-                let error =
-                    SourceError::field("compression of a chunk", "none, lz4 or zstd", found);
-                return Err(error).with_context(about);
+        for found in summary.chunk_indexes.iter().map(|chunk| &chunk.compression) {
+            if !["", "lz4", "zstd"].contains(&found.as_str()) {
+                let place = "compression of a chunk";
+                return refused(place, "none, lz4 or zstd", found).with_context(about);
             }
         }
         let counts = summary.stats.map(|stats| stats.channel_message_counts);
@@ -92,7 +90,7 @@ impl Recording {
                     let offset_ns = self.rounds.offset_ns(message.log_time);
                     self.sequence += 1;
                     if self.sequence > sequence {
-                        scan.take_message(cloud, &self.layout, &message);
+                        scan.take_cloud(cloud, &self.layout, &message.data, message.log_time);
                         (scan.name, scan.offset_ns) = (numbered(sequence), Some(offset_ns));
                         return Ok(Next::Scan);
                     }
@@ -107,24 +105,24 @@ impl Recording {
 }
 
 impl Scan {
-    /// A message as a scan; one that makes no sense is an empty scan.
-    fn take_message(&mut self, cloud: Cloud, layout: &Layout, message: &mcap::Message) {
+    /// Takes a `sensor_msgs/PointCloud2` in CDR. One that makes no sense is said, and is an empty scan with the flag `damaged_input`. `received_ns`
+    /// stands in for a stamp of 0.
+    pub fn take_point_cloud2(&mut self, layout: &Layout, message: &[u8], received_ns: u64) {
+        self.take_cloud(Cloud::Ros2, layout, message, received_ns);
+    }
+
+    fn take_cloud(&mut self, cloud: Cloud, layout: &Layout, message: &[u8], received_ns: u64) {
         self.bytes.clear();
-        let found = cloud.convert(layout, &message.data, &mut self.bytes);
+        let found = cloud.convert(layout, message, &mut self.bytes);
         let (stamp_ns, is_damaged) = found.unwrap_or_else(|error| {
             tracing::warn!("cannot read a message, an empty frame takes its place: {error}");
             self.bytes.clear();
             (0, true)
         });
-        self.flags = Flags::default();
-        if is_damaged {
-            self.flags = Flags::DAMAGED_INPUT;
-        }
-        self.stamp_ns = Some(if stamp_ns > 0 {
-            stamp_ns
-        } else {
-            message.log_time
-        });
+        let damaged = is_damaged.then_some(Flags::DAMAGED_INPUT);
+        self.flags = damaged.unwrap_or_default();
+        let stamp_ns = Some(stamp_ns).filter(|stamp_ns| *stamp_ns > 0);
+        self.stamp_ns = stamp_ns.or(Some(received_ns));
         self.pose = None;
     }
 }
@@ -159,7 +157,7 @@ fn choose(summary: &Summary, wanted: Option<&str>) -> Result<(String, Vec<u16>),
     if found.len() > 1 {
         let topics = found.into_keys().collect::<Vec<_>>().join(", ");
         let expected = "one, or which of them with --topic";
-        return Err(SourceError::field("topics of scans", expected, topics));
+        return refused("topics of scans", expected, topics);
     }
     let expected = format!("{} of {CLOUDS}", wanted.unwrap_or("a topic"));
     let others = || Vec::from_iter(others).join(", ");
@@ -172,11 +170,8 @@ fn choose(summary: &Summary, wanted: Option<&str>) -> Result<(String, Vec<u16>),
 fn summary(path: &Path) -> Result<Summary, SourceError> {
     let expected = "an MCAP file with a summary at its end";
     let fault = |found: String| SourceError::field(path.display(), expected, found);
-    let cut = |what: &str| {
-        fault(format!(
-            "{what}: was it cut short? `mcap recover IN -o OUT` helps"
-        ))
-    };
+    let help = "was it cut short? `mcap recover IN -o OUT` helps";
+    let cut = |what: &str| fault(format!("{what}: {help}"));
     let io = |cause| SourceError::io(path.display(), cause);
     let mut file = File::open(path).map_err(io)?;
     let mut magic = [0; 8];

@@ -103,25 +103,23 @@ impl Receiver {
 
 fn bind(address: SocketAddr, silence: Duration) -> Result<UdpSocket, Error> {
     if silence.is_zero() {
-        return Err(Error::new(
-            ErrorKind::InvalidInput,
-            "silence: expected above 0",
-        ));
+        let expected = "silence: expected above 0";
+        return Err(Error::new(ErrorKind::InvalidInput, expected));
     }
-    let everywhere: IpAddr = match address {
-        SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
-        SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
-    };
-    let is_group = address.ip().is_multicast();
-    let own = if is_group { everywhere } else { address.ip() };
-    let socket = UdpSocket::bind((own, address.port()))?;
-    match address.ip() {
-        IpAddr::V4(group) if is_group => {
-            socket.join_multicast_v4(&group, &Ipv4Addr::UNSPECIFIED)?
+    let (any, port) = (Ipv4Addr::UNSPECIFIED, address.port());
+    let socket = match address.ip() {
+        IpAddr::V4(group) if group.is_multicast() => {
+            let socket = UdpSocket::bind((any, port))?;
+            socket.join_multicast_v4(&group, &any)?;
+            socket
         }
-        IpAddr::V6(group) if is_group => socket.join_multicast_v6(&group, 0)?,
-        _ => {}
-    }
+        IpAddr::V6(group) if group.is_multicast() => {
+            let socket = UdpSocket::bind((Ipv6Addr::UNSPECIFIED, port))?;
+            socket.join_multicast_v6(&group, 0)?;
+            socket
+        }
+        own => UdpSocket::bind((own, port))?,
+    };
     socket.set_read_timeout(Some(silence))?;
     Ok(socket)
 }
@@ -141,10 +139,8 @@ fn socket_address(address: &SockaddrStorage) -> Option<SocketAddr> {
 }
 
 fn now_ns() -> u64 {
-    let since = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .unwrap_or_default();
-    since.as_nanos() as u64
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.unwrap_or_default().as_nanos() as u64
 }
 
 #[cfg(test)]

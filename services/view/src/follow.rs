@@ -14,24 +14,26 @@ use mluc_runtime::{
 use serde_json::json;
 
 /// Those of [`topics`], and the last one: the line of a frame in JSON.
-pub(crate) const TOPICS: usize = 6;
+pub const TOPICS: usize = 6;
 /// Frame of reference where the sensor has no name.
 const SENSOR_FRAME: &str = "lidar";
 const WAIT: Duration = Duration::from_secs(1);
 
-/// By topic; `None`: there is no frame, or its points are gone.
-type Messages = [Option<Vec<u8>>; TOPICS];
+/// In CDR by topic; `None`: there is no frame, or its points are gone.
+pub type Messages = [Option<Vec<u8>>; TOPICS];
 
 /// What there is to tell at one moment.
-pub(crate) struct Moment {
+pub struct Moment {
     /// When, ns since 1970.
-    pub(crate) log_ns: u64,
+    pub log_ns: u64,
     /// Of a frame; `None`: the states alone.
-    pub(crate) sequence: Option<u64>,
-    pub(crate) messages: Messages,
+    pub sequence: Option<u64>,
+    /// What it says.
+    pub messages: Messages,
 }
 
-pub(crate) struct Follower {
+/// Looks on at a pipeline, whenever there is one.
+pub struct Follower {
     // The ports go before the shell.
     frames: Frames<Object>,
     object_points: Input<u32>,
@@ -39,13 +41,15 @@ pub(crate) struct Follower {
     indices: Option<Message<u32>>,
     health: HealthWatch,
     status: StatusWatch,
-    pub(crate) shell: Shell,
+    /// Counts the frames that it missed.
+    pub shell: Shell,
     topics: [RosTopic; TOPICS - 1],
     begun_ns: u64,
 }
 
 impl Follower {
-    pub(crate) fn open(instance: &Instance) -> anyhow::Result<Follower> {
+    /// Joins the instance, where no pipeline need run yet.
+    pub fn open(instance: &Instance) -> anyhow::Result<Follower> {
         let shell = Shell::observer(instance, None, Shutdown::on_signals()?)?;
         let (mut health, mut status) = (shell.health_watch()?, shell.status_watch()?);
         // What waits in the queues may be the last word of a stage that is gone.
@@ -64,7 +68,7 @@ impl Follower {
     }
 
     /// Waits for the newest frame while somebody `listens`. `None`: this process was asked to end.
-    pub(crate) fn next(&mut self, listens: impl Fn() -> bool) -> anyhow::Result<Option<Moment>> {
+    pub fn next(&mut self, listens: impl Fn() -> bool) -> anyhow::Result<Option<Moment>> {
         let next = self.frames.next_within(&mut self.shell, |_, _| (), WAIT)?;
         let mut moment = Moment {
             log_ns: wall_clock_ns(),

@@ -2,7 +2,6 @@
 //!
 //! It looks on like any consumer: the newest frame wins, and nothing in the pipeline waits for it.
 
-mod follow;
 mod record;
 mod server;
 
@@ -11,6 +10,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use mluc_runtime::{Instance, log_to_stderr};
+use mluc_view::Follower;
 
 /// The stages come first.
 const NICE: i32 = 10;
@@ -46,7 +46,7 @@ fn main() -> anyhow::Result<ExitCode> {
     let cli = Cli::parse();
     log_to_stderr("view", "info");
     rustix::process::nice(NICE)?;
-    let follower = follow::Follower::open(&cli.instance)?;
+    let follower = Follower::open(&cli.instance)?;
     match &cli.command {
         Command::View { port } => server::view(follower, *port),
         Command::Record { out } => record::record(follower, out),

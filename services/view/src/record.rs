@@ -10,8 +10,7 @@ use anyhow::Context;
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
 use mluc_gateway::ros2::topics;
-
-use crate::follow::Follower;
+use mluc_view::Follower;
 
 /// Finished, but a frame is missing.
 const EXIT_WARNINGS: u8 = 3;

@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use mluc_gateway::ros2::topics;
+use mluc_view::{Follower, Moment, TOPICS};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use tungstenite::error::ProtocolError::ResetWithoutClosingHandshake;
@@ -20,8 +21,6 @@ use tungstenite::handshake::server::{Request, Response};
 use tungstenite::http::HeaderValue;
 use tungstenite::protocol::WebSocketConfig;
 use tungstenite::{Error, HandshakeError, Message, accept_hdr_with_config};
-
-use crate::follow::{Follower, Moment, TOPICS};
 
 const PAGE: &str = include_str!("page.html");
 const PAGE_HEAD: &str =

@@ -47,11 +47,7 @@ fn main() -> Result<()> {
 }
 
 fn model() -> (Manifest, WeightSet) {
-    let grid = Grid {
-        range_min_m: [0.0, -10.0, -3.0],
-        range_max_m: [17.6, 10.0, 1.0],
-        ..Grid::kitti_compact()
-    };
+    let grid = Grid::kitti_compact().within([0.0, 17.6], [-10.0, 10.0]);
     let network = Network::compact(grid, 3);
     let weights = formula_weights(&network);
     let mut manifest = Manifest::untrained("instructions", network);

@@ -47,6 +47,7 @@ fn measure(
         let start = Instant::now();
         let mut is_over =
             || limit_ms.is_some_and(|limit| start.elapsed().as_secs_f64() * 1e3 > limit);
+        refiner.read_scan(points);
         refiner.refine_within(0, points, detections, &mut is_over, &mut out);
     });
     let is_flagged = |object: &&Object| object.flags & Object::UNREFINED != 0;

@@ -1,14 +1,11 @@
 //! How good and how fast a refiner is on labelled scans, without a network: simulated proposals around each labelled
-//! object, the refined box against the label. `--json` prints one object for a program. Other modes: every cluster of
-//! whole frames, frames made to be expensive, and the ground beside another program's.
+//! object, the refined box against the label. `--json` prints one object for a program. `--adversarial`: frames made to be
+//! expensive.
 
 mod adversarial;
-mod boxes;
-mod ground;
 mod quality;
 mod scene;
 mod timing;
-mod whole;
 
 use std::path::PathBuf;
 
@@ -18,10 +15,15 @@ use minijinja::Environment;
 use minijinja::value::Serde;
 use mluc_bench::{inputs, on_threads};
 use mluc_dataset::Dataset;
+use mluc_geometry::quantile_of;
 use mluc_model::Model;
 use mluc_refiner::{ClusterScorer, Refiner, Settings, Variant};
 use serde::Serialize;
 use serde_json::{Value, json};
+
+use quality::{judge, quality};
+use scene::Frame;
+use timing::{in_words, time};
 
 /// Quality and time of a refiner on a folder of labelled scans.
 #[derive(Parser)]
@@ -32,36 +34,21 @@ struct Arguments {
     /// paper, paper-corrected, range-scaled or none.
     #[arg(long, default_value = "range-scaled", value_parser = variant)]
     refiner: Variant,
-    /// Settings of the refiner as JSON, for experiments: '{"join_m":0.5}'.
-    #[arg(long, value_parser = |text: &str| serde_json::from_str::<Settings>(text))]
-    settings: Option<Settings>,
     /// Score unknown objects by their clusters and sizes, as this model file has learned it (its tensor clusters.looks).
     #[arg(long, value_name = "FILE")]
     looks: Option<PathBuf>,
     /// Objects of these classes alone, by the labels' names: golf_cart,forklift.
     #[arg(long, value_delimiter = ',')]
     class: Vec<String>,
-    /// One frame in so many.
-    #[arg(long, default_value_t = 1)]
-    every: usize,
     /// Proposals a frame in the timing part.
     #[arg(long, default_value_t = 20)]
     proposals: usize,
-    /// Every cluster of each frame, without proposals.
-    #[arg(long)]
-    everything: bool,
-    /// Our ground beside another program's: a folder of files NAME.ground, one byte a point, 1 for ground.
-    #[arg(long)]
-    ground: Option<PathBuf>,
     /// Frames made to be expensive, without a data set.
     #[arg(long)]
     adversarial: bool,
     /// With --adversarial: a limit on a frame's time beside that on its work, ms.
     #[arg(long)]
     limit_ms: Option<f64>,
-    /// Threads of the pool around it; the refiner works in one.
-    #[arg(long, default_value_t = 1)]
-    threads: usize,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
@@ -81,12 +68,12 @@ fn main() -> Result<()> {
     let setup = Setup {
         settings: Settings {
             variant: arguments.refiner,
-            ..arguments.settings.clone().unwrap_or_default()
+            ..Settings::default()
         },
         scorer: scorer.transpose()?,
         json: arguments.json,
     };
-    on_threads(arguments.threads, || run(&arguments, &setup))
+    on_threads(1, || run(&arguments, &setup))
 }
 
 fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
@@ -97,14 +84,29 @@ fn run(arguments: &Arguments, setup: &Setup) -> Result<()> {
     let dataset =
         dataset.context("--dataset is missing: a folder with velodyne, label_2 and calib")?;
     let dataset = Dataset::open(dataset)?;
-    let frames = scene::read(&dataset, &arguments.class, arguments.every)?;
-    if arguments.everything {
-        return whole::run(setup, &frames);
-    }
-    if let Some(answers) = &arguments.ground {
-        return ground::run(setup, &frames, answers);
-    }
-    boxes::run(setup, &frames, arguments.proposals)
+    let frames = scene::read(&dataset, &arguments.class)?;
+    quality_and_time(setup, &frames, arguments.proposals)
+}
+
+/// Simulated proposals around each labelled object.
+fn quality_and_time(setup: &Setup, frames: &[Frame], proposals: usize) -> Result<()> {
+    let mut refiner = setup.refiner()?;
+    let judged = judge(frames, &mut refiner);
+    let (times, work) = time(frames, &mut refiner, proposals);
+    let [work_p50, work_max] = [0.5, 1.0].map(|q| quantile_of(work.clone(), q).unwrap_or(0.0));
+    let (name, count) = (setup.settings.variant.name(), frames.len());
+    let about = json!({
+        "refiner": name, "frames": count, "proposals": proposals, "work_p50": work_p50, "work_max": work_max,
+    });
+    let report = merged([about, quality(&judged), times]);
+    setup.print(&report, || {
+        println!("refiner {name}, {count} frames");
+        println!("{}", table(include_str!("quality.txt"), &report));
+        let times = in_words(&report);
+        println!(
+            "{proposals} proposals a frame: {times}; work p50 {work_p50:.0}, max {work_max:.0}"
+        );
+    })
 }
 
 /// What a person reads of a report.

@@ -11,19 +11,17 @@ use mluc_refiner::{Refiner, RefinerOutput, Settings};
 use serde_json::{Value, json};
 
 use crate::scene::{Frame, inside, keyed, proposal};
-use crate::table;
 
 /// Proposals for each labelled object.
 const PROPOSALS_PER_OBJECT: u64 = 8;
 /// Points farther from an object than this along x or y are never looked at for its proposals, m.
 const SURROUNDINGS_M: f32 = 30.0;
 
-#[derive(Default)]
 pub(crate) struct Judged {
     pub(crate) class: String,
     /// Of each of its boxes with the label.
     pub(crate) ious: Vec<f64>,
-    pub(crate) ceiling: Option<f64>,
+    pub(crate) ceiling: f64,
 }
 
 /// Means over some objects.
@@ -31,15 +29,12 @@ fn overlaps(objects: &[&Judged]) -> Value {
     let ious: Vec<f64> = objects.iter().flat_map(|o| &o.ious).copied().collect();
     let count = ious.len().max(1) as f64;
     let above = |least: f64| ious.iter().filter(|&&iou| iou > least).count() as f64 / count;
-    let mut means = json!({
+    let ceilings: Vec<f64> = objects.iter().map(|o| o.ceiling).collect();
+    json!({
         "objects": objects.len(), "mean_iou_3d": mean_and_spread(&ious)[0],
         "share_above_0_1": above(0.1), "share_above_0_3": above(0.3), "share_above_0_5": above(0.5),
-    });
-    let ceilings: Option<Vec<f64>> = objects.iter().map(|o| o.ceiling).collect();
-    if let Some(ceilings) = ceilings {
-        means["ceiling_mean_iou_3d"] = json!(mean_and_spread(&ceilings)[0]);
-    }
-    means
+        "ceiling_mean_iou_3d": mean_and_spread(&ceilings)[0],
+    })
 }
 
 /// Of all objects, and by class.
@@ -54,10 +49,6 @@ pub(crate) fn quality(judged: &[Judged]) -> Value {
         .map(|(class, own)| (class, overlaps(&own)))
         .collect();
     all
-}
-
-pub(crate) fn print(report: &Value) {
-    println!("{}", table(include_str!("quality.txt"), report));
 }
 
 /// Each proposal alone: what is judged is the box, not who suppresses whom.
@@ -86,7 +77,7 @@ pub(crate) fn judge(frames: &[Frame], refiner: &mut Refiner) -> Vec<Judged> {
             judged.push(Judged {
                 class: object.class.clone(),
                 ious,
-                ceiling: Some(ceiling(&around, &object.shape, &mut ground)),
+                ceiling: ceiling(&around, &object.shape, &mut ground),
             });
         }
     }

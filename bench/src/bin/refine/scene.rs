@@ -32,17 +32,14 @@ pub(crate) struct Object {
 pub(crate) struct Frame {
     /// Counts the folder's frames.
     pub(crate) number: usize,
-    /// Of the scan's file, without its ending.
-    pub(crate) name: String,
     pub(crate) points: Vec<Point>,
     /// Those with enough points.
     pub(crate) objects: Vec<Object>,
 }
 
-/// Reads a folder (velodyne, label_2, calib): one frame in `every`; of the objects those of some classes, or all when
-/// none is named. Objects keep their proposals whatever is selected.
-pub(crate) fn read(dataset: &Dataset, classes: &[String], every: usize) -> Result<Vec<Frame>> {
-    let names = dataset.names().iter().enumerate().step_by(every.max(1));
+/// Reads a folder (velodyne, label_2, calib); of the objects those of some classes, or all when none is named. Objects keep their proposals whatever is selected.
+pub(crate) fn read(dataset: &Dataset, classes: &[String]) -> Result<Vec<Frame>> {
+    let names = dataset.names().iter().enumerate();
     let read = |(number, name): (usize, &String)| {
         read_frame(dataset, number, name, classes).with_context(|| format!("frame {name}"))
     };
@@ -65,7 +62,6 @@ fn read_frame(dataset: &Dataset, number: usize, name: &str, classes: &[String]) 
     };
     Ok(Frame {
         number,
-        name: name.to_owned(),
         objects: objects.filter(is_wanted).collect(),
         points,
     })

@@ -9,7 +9,7 @@ use crate::figure;
 use crate::scene::{Frame, keyed, proposal};
 
 /// Timed passes over the folder, after one that is not.
-pub(crate) const PASSES: u64 = 5;
+const PASSES: u64 = 5;
 
 /// Of whole frames.
 pub(crate) fn times(laps: &[Lap]) -> Value {

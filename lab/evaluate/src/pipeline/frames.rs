@@ -107,12 +107,7 @@ pub fn scan_points(dataset: &Dataset, name: &str) -> Result<Vec<Point>, DatasetE
 }
 
 pub(crate) fn finite_points(scan: &[[f32; 4]]) -> Vec<Point> {
-    let points = scan.iter().map(|&[x_m, y_m, z_m, intensity]| Point {
-        x_m,
-        y_m,
-        z_m,
-        intensity,
-    });
+    let points = bytemuck::cast_slice(scan).iter().copied();
     points.filter(Point::is_finite).take(POINTS_MAX).collect()
 }
 

@@ -2,8 +2,7 @@
 
 use super::separation::{ScoreSeparation, separation};
 use super::{
-    DetectedFrame, FrameSet, ModelGate, THRESHOLDS, class_names, detect_frames, objects_at,
-    paper_rules,
+    DetectedFrame, FrameSet, ModelGate, THRESHOLDS, detect_frames, objects_at, paper_rules,
 };
 use crate::open_set::unknown_as_known;
 use crate::{
@@ -56,7 +55,7 @@ pub fn judge(
     unknown: &[String],
     settings: &Settings,
 ) -> Result<ModelJudgement> {
-    let classes = class_names(model);
+    let classes = model.manifest.class_names();
     let neighbours = NeighbourPolicy::Official;
     let rules = paper_rules(&model.manifest.name, &classes, unknown, neighbours)?;
     let gate = ModelGate::of(model);

@@ -21,4 +21,4 @@ pub use judge::{
     write_profiles, write_threshold,
 };
 pub use separation::{ScoreSeparation, separation};
-pub use stages::{GatedObjects, box_of, class_names, detect_frames, objects_at};
+pub use stages::{GatedObjects, box_of, detect_frames, objects_at};

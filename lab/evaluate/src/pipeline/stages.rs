@@ -121,7 +121,7 @@ impl GatedObjects {
 
     /// Every box as it is and of its class, at the one threshold 0.
     pub fn ungated(model: &Model, frames: &[DetectedFrame]) -> GatedObjects {
-        let classes = class_names(model);
+        let classes = model.manifest.class_names();
         let known = |d: &Detection| SensorDetection::of_box(d, &classes);
         let of_frame = |frame: &DetectedFrame| vec![frame.detections.iter().map(known).collect()];
         GatedObjects {
@@ -142,7 +142,7 @@ pub fn objects_at(
     thresholds: Vec<f64>,
     step: &(dyn Fn() + Sync),
 ) -> Result<GatedObjects> {
-    let classes = class_names(model);
+    let classes = model.manifest.class_names();
     // A refiner's buffers are large, so they go from frame to frame.
     let refiner = || Refiner::for_model(settings.clone(), model);
     let one = |refiner: &mut Result<Refiner, RefinerError>, index: usize| {
@@ -173,10 +173,4 @@ pub fn objects_at(
         objects: objects?,
         thresholds,
     })
-}
-
-/// The model's classes, in order.
-pub fn class_names(model: &Model) -> Vec<String> {
-    let classes = model.manifest.classes.iter();
-    classes.map(|class| class.name.clone()).collect()
 }

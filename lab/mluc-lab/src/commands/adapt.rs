@@ -13,8 +13,7 @@ use mluc_dataset::Dataset;
 use mluc_dataset::whole_file::write_whole;
 use mluc_evaluate::pipeline::{
     DetectedFrame, FrameSet, ModelGate, ModelJudgement, choose_profiles, choose_threshold,
-    class_names, detect_frames, judge, sweep_gate, write_precisions, write_profiles,
-    write_threshold,
+    detect_frames, judge, sweep_gate, write_precisions, write_profiles, write_threshold,
 };
 use mluc_model::{Model, SensorProfile, model_bytes};
 use mluc_refiner::{Settings, Variant};
@@ -95,7 +94,7 @@ pub(crate) fn run(arguments: AdaptArguments) -> anyhow::Result<()> {
     place.train()?;
     place.finish_model()?;
     let after = place.judged("after", &place.model())?;
-    let text = report::markdown(&place.plan, &Model::read(&place.model())?, &before, &after)?;
+    let text = report::markdown(&place.plan, &Model::read(&place.model())?, &before, &after);
     let path = out.join("report.md");
     write_whole(&path, text.as_bytes()).with_context(|| path.display().to_string())?;
     print_out(text)?;
@@ -210,7 +209,11 @@ impl Adaptation<'_> {
 
     /// What neither a model nor this adaptation knows.
     fn unknown(&self, model: &Model) -> Vec<String> {
-        let known = [class_names(model), self.plan.request.known.clone()].concat();
+        let known = [
+            model.manifest.class_names(),
+            self.plan.request.known.clone(),
+        ]
+        .concat();
         let mut unknown = Class::REAL.map(lower).to_vec();
         unknown.retain(|name| !known.contains(name));
         unknown

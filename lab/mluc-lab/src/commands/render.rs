@@ -1,7 +1,7 @@
 //! `mluc-lab render`: a picture of a scan and its labels, from above.
 
-use super::terminal::print_out;
-use anyhow::{Context, bail};
+use super::terminal::write_out;
+use anyhow::bail;
 use clap::Args;
 use mluc_dataset::{Label, read_boxes, read_scan};
 use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye};
@@ -29,10 +29,7 @@ pub(crate) struct RenderArguments {
 }
 
 pub(crate) fn run(arguments: RenderArguments) -> anyhow::Result<()> {
-    let out = arguments.out.display();
-    let picture = arguments.draw()?.png();
-    std::fs::write(&arguments.out, picture).with_context(|| format!("{out}: cannot create"))?;
-    print_out(out)
+    write_out(&arguments.out, &arguments.draw()?.png())
 }
 
 impl RenderArguments {

@@ -19,29 +19,14 @@ pub struct Imported {
     pub layout: SparseLayout,
 }
 
-/// Anchors of OpenPCDet's SECOND configurations: name; l, w, h; z of the bottom on KITTI, m; matched and unmatched overlap.
-const ANCHORS: [(&str, [f32; 3], f32, [f32; 2]); 5] = [
-    ("car", [3.9, 1.6, 1.56], -1.78, [0.6, 0.45]),
-    ("pedestrian", [0.8, 0.6, 1.73], -0.6, [0.5, 0.35]),
-    ("cyclist", [1.76, 0.6, 1.73], -0.6, [0.5, 0.35]),
-    ("van", [5.07, 1.9, 2.21], -1.78, [0.6, 0.45]),
-    ("truck", [10.13, 2.58, 3.25], -1.78, [0.55, 0.4]),
-];
-
-/// The anchor that OpenPCDet's configurations give a class.
+/// The anchor that OpenPCDet's SECOND configurations give a class, its bottom on KITTI (`anchors.json`).
 pub fn anchor(class: &str) -> anyhow::Result<AnchorClass> {
-    let known = ANCHORS.into_iter().find(|(name, ..)| *name == class);
-    let (name, size_m, bottom_z_m, [matched_iou, unmatched_iou]) = known.with_context(|| {
+    let anchors: Vec<AnchorClass> = serde_json::from_str(include_str!("anchors.json"))?;
+    let known = anchors.into_iter().find(|anchor| anchor.name == class);
+    known.with_context(|| {
         format!(
             "class {class}: expected its anchor (name=length,width,height,bottom in m), found none"
         )
-    })?;
-    Ok(AnchorClass {
-        name: name.into(),
-        size_m,
-        bottom_z_m,
-        matched_iou,
-        unmatched_iou,
     })
 }
 

@@ -10,7 +10,7 @@ use super::dbscan::{Group, cluster};
 use super::osis_embedding::{Embedder, Standing};
 use crate::Result;
 use mluc_evaluate::SensorDetection;
-use mluc_evaluate::pipeline::{GatedObjects, ModelGate, box_of, class_names};
+use mluc_evaluate::pipeline::{GatedObjects, ModelGate, box_of};
 use mluc_geometry::ground::{GroundGrid, ground_height_m};
 use mluc_geometry::{Box3, Inside};
 use mluc_head::Detection;
@@ -32,7 +32,7 @@ const LENGTH_MAX_M: f64 = 20.0;
 
 pub(super) fn run(input: &MethodInput, learned: bool) -> Result<GatedObjects> {
     let thresholds = input.thresholds(ModelGate::Softmax, input.frames, THRESHOLDS);
-    let classes = class_names(input.model);
+    let classes = input.model.manifest.class_names();
     let height_m = f64::from(input.model.manifest.sensor_height_m);
     let embedder = learned.then(|| Embedder::new(input.model)).transpose()?;
     let one_frame = |ground: &mut GroundGrid, frame: usize| {

@@ -1,15 +1,10 @@
 //! The report as one Markdown page, with its figures beside it: `page.md` is the template, and says what its tables hold.
 
 use super::data::{ReproductionReport, Rows, present};
-use minijinja::value::Serde;
-use minijinja::{Environment, Error};
 use serde_json::json;
 
 /// Writes the page. `pictures` are files beside it with what they show, in the order to be shown.
-pub(crate) fn page(
-    report: &ReproductionReport,
-    pictures: &[(String, String)],
-) -> Result<String, Error> {
+pub(crate) fn page(report: &ReproductionReport, pictures: &[(String, String)]) -> String {
     // The paper's order: the industrial park first.
     let settings = report.settings.iter().rev();
     let settings = settings.map(|(name, rows)| (name, cells(name, rows), report.details.get(name)));
@@ -18,7 +13,7 @@ pub(crate) fn page(
         "settings": settings.collect::<Vec<_>>(),
         "pictures": pictures,
     });
-    Environment::new().render_named_str("page.md", include_str!("page.md"), Serde(values))
+    mluc_evaluate::render(include_str!("page.md"), values)
 }
 
 /// What is known of each row of a setting.
@@ -55,7 +50,7 @@ mod tests {
             .map(|(what, file)| (file.to_owned(), what.to_owned()))
             .collect();
         assert_eq!(pictures.len(), 6);
-        let written = page(&report, &pictures).expect("a page");
+        let written = page(&report, &pictures);
         for (ours, theirs) in written.lines().zip(tables.lines()) {
             assert_eq!(ours, theirs);
         }
@@ -70,7 +65,7 @@ mod tests {
         for rows in report.settings.values_mut() {
             rows.retain(|key, _| key == "closed-set");
         }
-        let text = page(&report, &[]).expect("a page");
+        let text = page(&report, &[]);
         assert!(text.contains("## sim-udi") && text.contains("| Closed set | 78.9 |"));
         for absent in ["Table 1", "step by step", "Fair:", "**Networks**"] {
             assert!(!text.contains(absent), "{absent}");

@@ -7,11 +7,7 @@ use mluc_train::quantize::measure_ranges;
 
 /// A map of 24 x 40 cells.
 pub(crate) fn manifest() -> Manifest {
-    let grid = Grid {
-        range_min_m: [0.0, -4.8, -3.0],
-        range_max_m: [16.0, 4.8, 1.0],
-        ..Grid::kitti_compact()
-    };
+    let grid = Grid::kitti_compact().within([0.0, 16.0], [-4.8, 4.8]);
     Manifest::untrained("small", Network::compact(grid, 3))
 }
 

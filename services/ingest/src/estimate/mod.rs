@@ -161,11 +161,8 @@ impl SensorEstimate {
     /// Median distance of neighbouring beams, degrees; `None` where they are not clear.
     pub fn spacing_deg(&self) -> Option<f32> {
         let pairs = self.elevations_deg.windows(2);
-        let middle = median(
-            &mut pairs
-                .map(|pair| f64::from(pair[0] - pair[1]))
-                .collect::<Vec<_>>(),
-        )?;
+        let gaps_deg = pairs.map(|pair| f64::from(pair[0] - pair[1]));
+        let middle = median(&mut gaps_deg.collect::<Vec<_>>())?;
         self.are_beams_clear.then_some(middle)
     }
 }
@@ -255,13 +252,9 @@ impl Estimator {
         self.scan_elevations.find(&mut self.scan_beams_deg);
         if self.peaks.len() < SCANS_MAX {
             self.peaks.push(self.scan_beams_deg.len() as f64);
-            for (all, own) in self
-                .grounds
-                .iter_mut()
-                .zip(ground.iter().flat_map(mounting))
-            {
-                all.push(own.into());
-            }
+            let own = ground.iter().flat_map(mounting).map(f64::from);
+            let pairs = self.grounds.iter_mut().zip(own);
+            pairs.for_each(|(all, own)| all.push(own));
         }
         self.look_along_beams(points, scale);
         self.estimate.scans += 1;

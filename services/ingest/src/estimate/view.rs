@@ -30,16 +30,14 @@ struct Kept {
 impl Kept {
     fn look(&mut self, found: f32) {
         let is_there = found > 0.0 && found >= LEFT_SHARE * self.usual;
-        self.missed = if is_there {
-            0
-        } else {
-            self.missed.saturating_add(1)
-        };
         if is_there {
             let weight = if self.usual > 0.0 { FOLLOW } else { 1.0 };
             self.usual += weight * (found - self.usual);
-            self.seen = (self.seen + 1).min(LOOKS);
-        } else if self.seen < LOOKS {
+            (self.seen, self.missed) = ((self.seen + 1).min(LOOKS), 0);
+            return;
+        }
+        self.missed = self.missed.saturating_add(1);
+        if self.seen < LOOKS {
             (self.usual, self.seen) = (0.0, 0);
         }
     }

@@ -1,4 +1,4 @@
-//! `mluc demo`: the whole pipeline, four processes, on scans that the program brings along.
+//! `mluc demo`: the whole pipeline, four processes, on the user's scans or on those that the program brings along, for people.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -6,59 +6,62 @@ use std::process::ExitCode;
 use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
-use mluc_ipc_types::{FrameHeader, Object, ObjectKind, StatusState};
+use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point, StatusState};
 use mluc_runtime::{Shutdown, log_to_stderr};
+use mluc_sources::is_live;
 
+use super::up::Summary;
 use crate::bundled::BundledScans;
 use crate::cli::PipelineArgs;
 use crate::settings::{Pace, Settings};
 use crate::supervisor::{Sink, run};
 use crate::terminal::print_out;
 
-pub(crate) fn demo(picture: &Path, model: String) -> anyhow::Result<ExitCode> {
+pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
-    let scans = BundledScans::write("demo")?;
-    let args = PipelineArgs {
-        input: Some(scans.folder().to_path_buf()),
-        model: Some(model),
-        pace: Some(Pace::Complete),
-        instance: Some(format!("demo-{}", std::process::id())),
-        ..PipelineArgs::default()
-    };
+    let is_own = args.input.is_none() && args.config.is_none();
+    let bundled = is_own.then(|| BundledScans::write("demo")).transpose()?;
+    if let Some(scans) = &bundled {
+        args.input = Some(scans.folder().to_path_buf());
+        print_out("simulated scans through four processes:\n")?;
+    }
+    // A live sensor does not wait.
+    let is_live = args.input.as_deref().is_some_and(is_live);
+    if args.config.is_none() && !is_live {
+        args.pace.get_or_insert(Pace::Complete);
+    }
+    let own = || format!("demo-{}", std::process::id());
+    args.instance.get_or_insert_with(own);
     let settings = Settings::resolve(args.clone())?;
-    let count = scans.points.len();
-    let what = "simulated scans through four processes";
-    print_out(format_args!("{count} {what}:\n"))?;
     let mut shown = Shown::default();
     let outcome = run(args, settings, Shutdown::on_signals()?, &mut shown)?;
     print_out(format_args!("\n{}", outcome.latencies.table()))?;
     let Some(best) = shown.best else {
         print_out("no frame came out: no picture")?;
-        return Ok(outcome.exit_code());
+        return Ok(shown.summary.exit_code(&outcome));
     };
-    let points = scans.points.get(best.sequence as usize);
     let view = View {
         title: format!("mluc demo, frame {}", best.name),
         ..View::around()
     };
-    let points = points.map_or(&[][..], Vec::as_slice);
-    let canvas = bird_eye(bytemuck::cast_slice(points), &best.boxes, &view);
+    let canvas = bird_eye(bytemuck::cast_slice(&best.points), &best.boxes, &view);
     std::fs::write(picture, canvas.png())
         .with_context(|| format!("writing {}", picture.display()))?;
     let picture = picture.display();
     print_out(format_args!("picture of frame {}: {picture}", best.name))?;
-    Ok(outcome.exit_code())
+    Ok(shown.summary.exit_code(&outcome))
 }
 
 #[derive(Default)]
 struct Shown {
     best: Option<Best>,
+    summary: Summary,
 }
 
 /// The frame with the most and surest unknown objects.
 struct Best {
-    sequence: u64,
     name: String,
+    points: Vec<Point>,
     /// Sum of their scores.
     unknown: f32,
     boxes: Vec<DrawnBox>,
@@ -71,11 +74,13 @@ impl Sink for Shown {
         objects: &[Object],
         classes: &[String],
         _: StatusState,
+        points: &[Point],
     ) -> anyhow::Result<bool> {
+        self.summary.record(header);
         let shown: Vec<&Object> = objects.iter().filter(|o| o.is_published()).collect();
-        let (name, points, count) = (header.name(), header.points_in, shown.len());
+        let (name, points_in, count) = (header.name(), header.points_in, shown.len());
         print_out(format_args!(
-            "frame {name}: {points} points, {count} objects"
+            "frame {name}: {points_in} points, {count} objects"
         ))?;
         for object in &shown {
             print_out(format_args!("  {}", describe(object, classes)))?;
@@ -84,13 +89,17 @@ impl Sink for Shown {
         let unknown = unknown.map(|object| object.score).sum();
         if self.best.as_ref().is_none_or(|best| unknown > best.unknown) {
             self.best = Some(Best {
-                sequence: header.sequence,
                 name: name.to_string(),
+                points: points.to_vec(),
                 unknown,
                 boxes: shown.iter().map(|object| drawn(object, classes)).collect(),
             });
         }
         Ok(true)
+    }
+
+    fn needs_points(&self) -> bool {
+        true
     }
 }
 

@@ -17,7 +17,7 @@ use rustix::process::{Resource, getrlimit};
 
 use self::Verdict::{Failure, Fine, Warning};
 use crate::cli::DoctorArgs;
-use crate::model::{self, class_names};
+use crate::model;
 use crate::settings::StageSettings;
 use crate::terminal::print_out;
 use crate::{EXIT_FAILURE, UsageError};
@@ -84,7 +84,7 @@ fn version() -> Finding {
 
 fn describe_model(model: &Model) -> Finding {
     let (name, architecture) = (&model.manifest.name, &model.manifest.network.profile);
-    let (classes, fingerprint) = (class_names(model).join(", "), model.fingerprint);
+    let (classes, fingerprint) = (model.manifest.class_names().join(", "), model.fingerprint);
     let text =
         format!("model {name} ({architecture}), classes {classes}, fingerprint {fingerprint:016x}");
     if model.manifest.provenance.steps == 0 {

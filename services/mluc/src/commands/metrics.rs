@@ -5,21 +5,7 @@ use mluc_ipc_types::{Stage, Status, StatusState};
 use super::observe::Snapshot;
 
 /// A metric for each line: name, type, meaning.
-const METRICS: &str = "\
-mluc_state gauge 1 for the state that the pipeline is in.
-mluc_sees gauge 1 where a missing object means that nothing is there.
-mluc_frames_in_total counter Frames that ingest has sent.
-mluc_frames_out_total counter Frames whose objects came out.
-mluc_frames_dropped_total counter Frames overtaken or lost; the rest of those in is in work.
-mluc_frames_late_total counter Frames that came out after their budget.
-mluc_result_age_seconds gauge Since the arrival of the newest result's scan; NaN: no result yet.
-mluc_blind_degrees gauge Directions without returns where there should be some.
-mluc_not_finite_share gauge Of the newest scan's points.
-mluc_ground_lost gauge 1: the ground is not found any more.
-mluc_stage_up gauge 1 where heartbeats come.
-mluc_stage_refused_total counter Messages that the stage's process has refused.
-mluc_stage_run_seconds gauge Time of computing a frame.
-mluc_stage_frames_total counter Frames of the run; what is in and not out was dropped by the stage, or is in work. Late: over its budget.";
+const METRICS: &str = include_str!("metrics.txt");
 
 /// The page. Labels are words of ours: nothing in them needs an escape.
 pub(super) fn metrics(snapshot: &Snapshot) -> String {

@@ -11,7 +11,7 @@ use super::observe::{Observer, Snapshot, counted, instance, state};
 use crate::terminal::print_out;
 
 /// Three heartbeats.
-const LISTEN: Duration = Duration::from_millis(350);
+pub(super) const LISTEN: Duration = Duration::from_millis(350);
 
 pub(crate) fn status(name: &str, is_json: bool) -> anyhow::Result<ExitCode> {
     log_to_stderr("status", "warn");

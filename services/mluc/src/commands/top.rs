@@ -8,12 +8,10 @@ use mluc_ipc_types::{Health, HealthState, Stage};
 use mluc_runtime::{log_to_stderr, monotonic_ns, wall_clock_ns};
 
 use super::observe::{Observer, Snapshot, instance};
-use super::status::{HEAD, row};
+use super::status::{HEAD, LISTEN, row};
 use crate::terminal::print_out;
 
 const PERIOD: Duration = Duration::from_secs(1);
-/// Three heartbeats.
-const FIRST: Duration = Duration::from_millis(350);
 const LOOK: Duration = Duration::from_millis(50);
 /// Characters of the longest bar.
 const BAR: u64 = 32;
@@ -35,7 +33,7 @@ pub(crate) fn top(name: &str, is_once: bool) -> anyhow::Result<ExitCode> {
         let since = Duration::from_nanos(monotonic_ns() - before_ns);
         if before.instance.is_empty() {
             // Every stage was heard by then.
-            if since >= FIRST {
+            if since >= LISTEN {
                 (before, before_ns) = (snapshot, monotonic_ns());
             }
         } else if since >= PERIOD {

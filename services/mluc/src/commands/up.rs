@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use mluc_gateway::lines::{line, status_line};
-use mluc_ipc_types::{Flags, FrameHeader, Object, Status, StatusState};
+use mluc_ipc_types::{Flags, FrameHeader, Object, Point, Status, StatusState};
 use mluc_runtime::{Shutdown, log_to_stderr};
 
 use crate::EXIT_FAILURE;
 use crate::cli::PipelineArgs;
 use crate::settings::Settings;
-use crate::supervisor::{LineWriter, Sink, hops, run};
+use crate::supervisor::{LineWriter, Outcome, Sink, hops, run};
 use crate::terminal::print_err;
 
 pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
@@ -44,21 +44,12 @@ pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
             "scans set aside, because stages died of them: {count} ({names})"
         ));
     }
-    if let Some(flags) = summary.flags() {
-        print_err(flags);
-    }
     let unread = written?;
     if unread > 0 {
         let why = "the reader of stdout was too slow";
         print_err(format_args!("{unread} lines dropped: {why}"));
     }
-    if summary.is_useless() {
-        print_err(
-            "no frame was usable: fewer than 5 % of the points of each are finite and in the model's range; are the files scans?",
-        );
-        return Ok(ExitCode::from(EXIT_FAILURE));
-    }
-    Ok(outcome.exit_code())
+    Ok(summary.exit_code(&outcome))
 }
 
 struct Lines {
@@ -74,6 +65,7 @@ impl Sink for Lines {
         objects: &[Object],
         classes: &[String],
         state: StatusState,
+        _: &[Point],
     ) -> anyhow::Result<bool> {
         self.summary.record(header);
         self.writer.write(&line(header, objects, classes, state))
@@ -93,14 +85,14 @@ impl Sink for Lines {
 
 /// Flags of all frames, and whether there was a scan among them.
 #[derive(Default)]
-struct Summary {
+pub(super) struct Summary {
     flags: BTreeMap<&'static str, u64>,
     frames: u64,
     usable: u64,
 }
 
 impl Summary {
-    fn record(&mut self, header: &FrameHeader) {
+    pub(super) fn record(&mut self, header: &FrameHeader) {
         self.frames += 1;
         let dropped = header.points_dropped;
         let unusable = dropped.saturating_add(header.points_out_of_range);
@@ -121,6 +113,20 @@ impl Summary {
 
     fn is_useless(&self) -> bool {
         self.frames > 0 && self.usable == 0
+    }
+
+    /// Tells the flags; a run without a usable frame failed.
+    pub(super) fn exit_code(&self, outcome: &Outcome) -> ExitCode {
+        if let Some(flags) = self.flags() {
+            print_err(flags);
+        }
+        if self.is_useless() {
+            print_err(
+                "no frame was usable: fewer than 5 % of the points of each are finite and in the model's range; are the files scans?",
+            );
+            return ExitCode::from(EXIT_FAILURE);
+        }
+        outcome.exit_code()
     }
 }
 

@@ -8,11 +8,10 @@ use mluc_ipc_types::{HealthState, Stage};
 use mluc_model::Model;
 use mluc_runtime::Shell;
 
+use super::{ASKED_TO_END, begin_or_join_run};
 use crate::UsageError;
 use crate::settings::{Pace, Settings};
-use mluc_sources::Source;
-
-use super::{ASKED_TO_END, begin_or_join_run};
+use mluc_sources::Open;
 use sender::Sender;
 
 pub(crate) fn run(
@@ -20,10 +19,10 @@ pub(crate) fn run(
     settings: &Settings,
     model: &Model,
     start_sequence: u64,
+    open: Open,
 ) -> anyhow::Result<()> {
-    let input = settings.input.as_deref();
-    let input = input.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
-    let source = Source::open(input, &settings.layout, settings.repeat)?;
+    let source = settings.source(open)?;
+    let source = source.ok_or_else(|| UsageError("ingest needs --input".to_string()))?;
     if begin_or_join_run(shell, settings, model)?.is_none() {
         return Ok(());
     }

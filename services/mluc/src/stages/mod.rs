@@ -13,21 +13,29 @@ use mluc_head::gate::{main_gate, threshold_of};
 use mluc_ipc_types::{CLASS_NAME_MAX, CLASSES_MAX, RunDescription, Stage, Text, WIRE_VERSION};
 use mluc_model::{HeadKind, Model};
 use mluc_runtime::{Shell, Shutdown, log_to_stderr, random_run_id, wall_clock_ns};
+use mluc_sources::{Open, Source};
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
 use crate::cli::StageArgs;
-use crate::model;
+use crate::external::external;
 use crate::placement::pin;
 use crate::resolve::Resolved;
 use crate::settings::Settings;
+use crate::{UsageError, model};
 
-pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
+/// A stage's process, until it is asked to end. `open`: of a program that knows more inputs than `mluc`.
+pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
     let stage = Stage::from_name(&args.name).context("stage")?;
     log_to_stderr(stage.name(), "info");
     if let Some(parent) = args.supervised_by {
         end_with(parent)?;
     }
     let mut settings = Resolved::of(args.pipeline, true)?.settings;
+    if open.is_none() && stage == Stage::Ingest && settings.reads_ros2() {
+        // It only returns when the program is not there: another start is as vain.
+        let started = external("mluc-ros2", &["stage"]).map(drop);
+        return started.map_err(|error| UsageError(format!("{error:#}")).into());
+    }
     // Before any thread is started: they all inherit it.
     if let Some(cpus) = &settings.stages[stage].cpus {
         pin(cpus)?;
@@ -45,7 +53,10 @@ pub(crate) fn run(args: StageArgs) -> anyhow::Result<()> {
     let model = model::load_for(&settings)?;
     settings.complete_from(&model);
     let done = match stage {
-        Stage::Ingest => ingest::run(&mut shell, &settings, &model, args.start_sequence),
+        Stage::Ingest => {
+            let open = open.unwrap_or(Source::open);
+            ingest::run(&mut shell, &settings, &model, args.start_sequence, open)
+        }
         Stage::Backbone => {
             // Frames wait for one that is restarted: its first one is the slower for it, and the earlier.
             let warms_up = args.start_sequence == 0;
@@ -118,7 +129,7 @@ pub fn describe_run(settings: &Settings, model: &Model) -> RunDescription {
         started_ns: wall_clock_ns(),
         model_fingerprint: model.fingerprint,
         other_model_fingerprint: 0,
-        base_from_sensor: settings.sensor.extrinsics,
+        base_from_sensor: settings.sensor.extrinsics.unwrap_or_default(),
         sensor_height_m: manifest.sensor_height_m,
         objectness_min: thresholds.objectness_min,
         gate: gate as u32,

@@ -71,7 +71,7 @@ impl Algorithm for RefinerStage {
             refiner.read_scan(points);
         }
         let refined = &mut self.refined;
-        refiner.refine_read(header.sequence, points, detections, &mut is_over, refined);
+        refiner.refine_within(header.sequence, points, detections, &mut is_over, refined);
         if let Some(tracker) = &mut self.tracker {
             tracker.update(header.sequence, &header.ego, refined);
         }

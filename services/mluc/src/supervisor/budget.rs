@@ -25,13 +25,11 @@ impl Budgets {
         let of_stages = Stage::ALL.map(|stage| (Some(stage), settings.stages[stage].budget_ms));
         let all = of_stages.into_iter().chain([(None, settings.budget_ms)]);
         let budget = |(stage, limit_ms): (Option<Stage>, Option<u64>)| {
-            let limit_us = limit_ms? * 1000;
-            let (missed, in_row) = (0, 0);
             Some(Budget {
                 stage,
-                limit_us,
-                missed,
-                in_row,
+                limit_us: limit_ms? * 1000,
+                missed: 0,
+                in_row: 0,
             })
         };
         Budgets(all.filter_map(budget).collect())

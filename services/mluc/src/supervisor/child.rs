@@ -98,7 +98,7 @@ impl Child {
     }
 
     /// The process and all that it started: a script's program, for instance.
-    fn signal(&self, signal: Signal) {
+    pub(super) fn signal(&self, signal: Signal) {
         if let Some(group) = Pid::from_raw(self.pid() as i32) {
             // It may have ended already.
             let _ = kill_process_group(group, signal);
@@ -329,10 +329,6 @@ impl Child {
             let late = Instant::now().saturating_duration_since(due);
             due <= Instant::now() && (late > GROUP_PATIENCE || !is_alive(self.group_before))
         })
-    }
-
-    pub(super) fn ask_to_end(&mut self) {
-        self.signal(Signal::TERM);
     }
 
     /// It, or what it started.

@@ -16,10 +16,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{
-    FrameHeader, Object, RunDescription, Stage, Status, StatusState, Topic, WIRE_VERSION,
+    FrameHeader, Object, Point, RunDescription, Stage, Status, StatusState, Topic, WIRE_VERSION,
 };
 use mluc_model::Model;
-use mluc_runtime::{HealthWatch, Input, Instance, Scans, Shell, Shutdown, monotonic_ns};
+use mluc_runtime::{HealthWatch, Input, Instance, Message, Scans, Shell, Shutdown, monotonic_ns};
 
 use crate::cli::PipelineArgs;
 use crate::control::Control;
@@ -28,6 +28,7 @@ use crate::settings::{Pace, Settings};
 use crate::stages::{ASKED_TO_END, begin_or_join_run};
 use crate::{EXIT_WARNINGS, UsageError, document, model};
 use mluc_sources::Source;
+use rustix::process::Signal;
 
 use child::{Child, Ended};
 pub(crate) use lines::LineWriter;
@@ -38,14 +39,21 @@ use status::StatusWriter;
 
 /// Takes what leaves the pipeline. It must not wait: the supervisor would.
 pub(crate) trait Sink {
-    /// A frame: its header, its checked objects, the names of the classes, the pipeline's state. False: no more are wanted.
+    /// A frame: its header, its checked objects, the names of the classes, the pipeline's state, and its points if they are
+    /// needed and still there. False: no more are wanted.
     fn take(
         &mut self,
         header: &FrameHeader,
         objects: &[Object],
         classes: &[String],
         state: StatusState,
+        points: &[Point],
     ) -> anyhow::Result<bool>;
+
+    /// Points are kept for [`Sink::take`].
+    fn needs_points(&self) -> bool {
+        false
+    }
 
     /// The pipeline's state changed. False: no more is wanted.
     fn tell(&mut self, _status: &Status) -> anyhow::Result<bool> {
@@ -112,7 +120,7 @@ struct Supervisor {
     classes: Vec<String>,
     run: RunDescription,
     objects: Input<Object>,
-    /// What ingest has sent.
+    /// What ingest has sent; held where the sink needs points.
     scans: Scans,
     health: HealthWatch,
     status: StatusWriter,
@@ -166,7 +174,11 @@ pub(crate) fn run(
     let status = StatusWriter::open(&mut shell, &settings, sensor.as_ref())?;
     let mut supervisor = Supervisor {
         run,
-        scans: Scans::sent(&shell)?,
+        scans: if sink.needs_points() {
+            Scans::held(&shell)?
+        } else {
+            Scans::sent(&shell)?
+        },
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
         status,
@@ -174,7 +186,7 @@ pub(crate) fn run(
         args,
         settings,
         is_asked_to_reload,
-        classes: model::class_names(&model),
+        classes: model.manifest.class_names(),
         children: Vec::new(),
         source,
         kills: BTreeMap::new(),
@@ -216,14 +228,16 @@ fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> 
         settings.stages[stage].check_right(stage.name())?;
     }
     let ingest = &settings.stages.ingest;
-    let source = match &settings.input {
-        Some(input) => Some(Source::open(input, &settings.layout, false)?),
-        None if ingest.command.is_none() && !ingest.external => {
-            let text = "--input is missing: a folder of scans, or one";
-            return Err(UsageError(text.to_string()).into());
-        }
-        None => None,
+    let is_elsewhere = settings.reads_ros2();
+    let source = if is_elsewhere {
+        None
+    } else {
+        settings.source(Source::open)?
     };
+    if source.is_none() && !is_elsewhere && ingest.command.is_none() && !ingest.external {
+        let text = "--input is missing: a folder of scans, or one";
+        return Err(UsageError(text.to_string()).into());
+    }
     // The socket is ingest's; a live scan never comes again.
     let source = source.filter(|source| !source.is_live());
     Ok((source, model::load_for(settings)?))
@@ -353,7 +367,9 @@ impl Supervisor {
                 return Ok(false);
             }
             let state = self.status.state();
-            if !sink.take(&header, objects, &self.classes, state)? {
+            let scan = self.scans.of(header.sequence);
+            let points = scan.map_or(&[][..], Message::elements);
+            if !sink.take(&header, objects, &self.classes, state, points)? {
                 return Ok(false);
             }
         }
@@ -438,7 +454,7 @@ impl Supervisor {
     /// SIGTERM to all, SIGKILL to those that stay; nothing is left running.
     fn end_all(&mut self) {
         for child in &mut self.children {
-            child.ask_to_end();
+            child.signal(Signal::TERM);
         }
         let begun = Instant::now();
         let is_early = || begun.elapsed() < END_PATIENCE;

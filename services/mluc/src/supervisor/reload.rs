@@ -166,7 +166,7 @@ impl Supervisor {
         if model.fingerprint != self.run.model_fingerprint {
             changed.push("model".to_string());
         }
-        let (expected, found) = (&self.classes, model::class_names(model));
+        let (expected, found) = (&self.classes, model.manifest.class_names());
         if found != *expected {
             // Consumers know them by number.
             bail!("model: expected classes {expected:?}, found {found:?}: start anew for others");

@@ -436,25 +436,7 @@ mod tests {
     }
 
     /// What is changed, ms after the scan's arrival, what the worst stage says, and the verdict.
-    const CASES: &str = "\
-nothing, 60, , running
-nothing, 300, no: ingest waits, running
-nothing, 300, yes: head is silent, degraded head is silent
-nothing, 301, , late results are older than the budget allows
-nothing, 1300, , late results are older than the budget allows
-nothing, 1301, yes: head is silent, stopped no results come: head is silent
-nothing, 9000, no: ingest waits, stopped no results come: ingest waits
-half, 900, , blind 6 of 12 directions have no returns
-one, 60, , degraded 1 of 12 directions have no returns
-nan, 60, , blind hardly a point is finite
-ground, 60, , degraded the ground is not found any more
-new, 60, no: ingest waits, starting no result yet: ingest waits
-new, 26000, no: ingest waits, stopped no result yet: ingest waits
-outage, 301, , late results are older than the budget allows
-pace, 1120, , running
-pace, 1121, , stopped no results come
-empty, 60, , blind the scans are empty
-suspect, 60, , degraded flags: input_suspect/suspect_height";
+    const CASES: &str = include_str!("status_cases.txt");
 
     #[test]
     fn states_follow_from_the_clock_the_sight_and_the_stages() {

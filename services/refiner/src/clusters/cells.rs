@@ -102,6 +102,8 @@ impl Cells {
             let mut number = self.number_at[place] as usize;
             if number == EMPTY as usize {
                 number = self.cells.len();
+                let middle_m = |i: usize| (i as f32 + 0.5) * CELL_M - HALF_EXTENT_M as f32;
+                let [middle_x, middle_y] = [place % SIDE, place / SIDE].map(middle_m);
                 self.number_at[place] = number as u32;
                 self.cells.push(Cell {
                     place: place as u32,
@@ -109,7 +111,7 @@ impl Cells {
                     count: 0,
                     extent_m: [x, y, x, y],
                     z_m: [z, z],
-                    range_m: middle_m(place).map(|v| v * v).iter().sum::<f32>().sqrt(),
+                    range_m: (middle_x * middle_x + middle_y * middle_y).sqrt(),
                 });
             }
             let cell = &mut self.cells[number];
@@ -268,10 +270,12 @@ impl Cells {
         let (a, b) = if a.place < b.place { (a, b) } else { (b, a) };
         let join = join_m((a.range_m + b.range_m) / 2.0);
         self.touch(a, b, join * join) && {
-            // The lower cell's reach counts, where two cells see each other differently.
+            // The lower cell's reach counts, where two cells see each other differently. Cells this many apart may still hold
+            // points within a join: the middle of a cell is not its nearest point.
+            let reach = ((join_m(a.range_m) / CELL_M) as u32 + 1).min(REACH_MAX);
             let [ax, ay] = a.column_and_row();
             let [bx, by] = b.column_and_row();
-            ax.abs_diff(bx).max(ay.abs_diff(by)) <= reach_of(join_m(a.range_m))
+            ax.abs_diff(bx).max(ay.abs_diff(by)) <= reach
         }
     }
 
@@ -321,15 +325,6 @@ fn along(v_m: f32) -> usize {
 
 fn place_of(point: &IndexedPoint) -> usize {
     along(point.at_m[1]) * SIDE + along(point.at_m[0])
-}
-
-/// Cells this many apart may still hold points within a join: the middle of a cell is not its nearest point.
-fn reach_of(join_m: f32) -> u32 {
-    ((join_m / CELL_M) as u32 + 1).min(REACH_MAX)
-}
-
-fn middle_m(place: usize) -> [f32; 2] {
-    [place % SIDE, place / SIDE].map(|i| (i as f32 + 0.5) * CELL_M - HALF_EXTENT_M as f32)
 }
 
 /// Squared distance between two extents, m^2.

@@ -2,21 +2,19 @@
 
 use super::Layout;
 use super::table::{Field, Kind, Table};
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 /// Refuses files that have three, five or six numbers a point rather than four. `sizes`: of some files, bytes.
 pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), SourceError> {
     let all = |columns: u64| sizes.iter().all(|size| size.is_multiple_of(4 * columns));
     match [5, 6, 3].into_iter().find(|columns| all(*columns)) {
         Some(columns) if !sizes.iter().all(|size| size.is_multiple_of(16)) => {
-            Err(SourceError::field(
-                "size",
-                "16 bytes a point (x, y, z, intensity)",
-                format!(
-                    "a multiple of {} bytes: {columns} columns? say which with --columns x,y,z,intensity,..",
-                    4 * columns
-                ),
-            ))
+            let help = "say which with --columns x,y,z,intensity,..";
+            let found = format!(
+                "a multiple of {} bytes: {columns} columns? {help}",
+                4 * columns
+            );
+            refused("size", "16 bytes a point (x, y, z, intensity)", found)
         }
         _ => Ok(()),
     }
@@ -24,11 +22,8 @@ pub(crate) fn check_columns(sizes: &[u64]) -> Result<(), SourceError> {
 
 /// `columns`: how many a file has if the layout names none.
 pub(super) fn table(file: Vec<u8>, layout: &Layout, columns: usize) -> Result<Table, SourceError> {
-    let fields: Vec<Field> = layout
-        .names(columns)
-        .into_iter()
-        .map(|name| (name, Kind::F32, 1))
-        .collect();
+    let names = layout.names(columns).into_iter();
+    let fields: Vec<Field> = names.map(|name| (name, Kind::F32, 1)).collect();
     let bytes = 4 * fields.len();
     let rows = file.len().div_ceil(bytes);
     Ok(Table::of_rows(file, &fields, rows))

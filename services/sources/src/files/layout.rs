@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::table::Table;
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 /// Rows that are read: more than any scan holds, and bounded where a file promises more.
 const ROWS_MAX: usize = 4 << 20;
@@ -60,34 +60,29 @@ impl Layout {
             ("intensity_scale", self.intensity_scale),
         ] {
             if !(1e-9..=1e9).contains(&value) {
-                return Err(SourceError::field(key, "1e-9 to 1e9", value));
+                return refused(key, "1e-9 to 1e9", value);
             }
         }
-        let missing = ["x", "y", "z"]
-            .into_iter()
-            .find(|axis| !self.columns.iter().any(|name| name == axis));
+        let is_missing = |axis: &&str| !self.columns.iter().any(|name| name == axis);
+        let missing = ["x", "y", "z"].into_iter().find(is_missing);
         match missing {
-            Some(axis) if !self.columns.is_empty() => Err(SourceError::field(
+            Some(axis) if !self.columns.is_empty() => refused(
                 "columns",
                 format!("{axis} among them"),
                 self.columns.join(","),
-            )),
+            ),
             _ => Ok(()),
         }
     }
 
     /// The names of so many columns without names.
     pub(super) fn names(&self, count: usize) -> Vec<String> {
-        let usual = ["x", "y", "z", "intensity", "ring", "time"];
-        let named = |i: usize| {
-            usual
-                .get(i)
-                .map_or_else(|| format!("column {i}"), ToString::to_string)
-        };
-        match self.columns.len() {
-            0 => (0..count).map(named).collect(),
-            _ => self.columns.clone(),
+        if !self.columns.is_empty() {
+            return self.columns.clone();
         }
+        let usual = ["x", "y", "z", "intensity", "ring", "time"].map(String::from);
+        let others = (usual.len()..).map(|i| format!("column {i}"));
+        usual.into_iter().chain(others).take(count).collect()
     }
 
     /// For forward, left, up: which coordinate, and its sign.
@@ -124,14 +119,8 @@ impl Layout {
     /// Writes the table's points as x, y, z (m), intensity, four little-endian f32 each; true if it holds fewer rows than it promises.
     pub(super) fn write(&self, table: &Table, out: &mut Vec<u8>) -> Result<bool, SourceError> {
         let axes = self.signed_axes()?;
-        let has = || {
-            table
-                .columns
-                .iter()
-                .map(|c| c.name.as_str())
-                .collect::<Vec<_>>()
-                .join(", ")
-        };
+        let names = table.columns.iter().map(|column| &*column.name);
+        let has = || names.clone().collect::<Vec<_>>().join(", ");
         let column = |name| {
             table
                 .column(&[name])
@@ -140,11 +129,9 @@ impl Layout {
         let coordinates = [column("x")?, column("y")?, column("z")?];
         let intensity = table.column(&INTENSITIES);
         for row in 0..table.rows.min(ROWS_MAX) {
-            let values = coordinates.map(|column| table.value(column, row));
-            let (Some([x, y, z]), Some(intensity)) = (
-                all(values),
-                intensity.map_or(Some(0.0), |column| table.value(column, row)),
-            ) else {
+            let value = |column| table.value(column, row);
+            let found = (coordinates.map(value), intensity.map_or(Some(0.0), value));
+            let ([Some(x), Some(y), Some(z)], Some(intensity)) = found else {
                 return Ok(true);
             };
             let [x, y, z] = axes.map(|(place, sign)| [x, y, z][place] * sign * self.scale);
@@ -154,9 +141,4 @@ impl Layout {
         }
         Ok(false)
     }
-}
-
-fn all(values: [Option<f64>; 3]) -> Option<[f64; 3]> {
-    let [x, y, z] = values;
-    Some([x?, y?, z?])
 }

@@ -2,7 +2,7 @@
 
 use super::Layout;
 use super::table::{Column, Field, Kind, Table};
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
@@ -21,28 +21,18 @@ pub(super) fn table(file: &[u8], layout: &Layout) -> Result<Table, SourceError> 
     let is_big_endian = descr.contains('>');
     let mut table = if descr.starts_with('[') {
         let [rows] = shape[..] else {
-            return Err(SourceError::field(
-                "shape",
-                "one dimension of named fields",
-                format!("{shape:?}"),
-            ));
+            let found = format!("{shape:?}");
+            return refused("shape", "one dimension of named fields", found);
         };
         Table::of_rows(data.to_vec(), &named_fields(descr)?, rows)
     } else {
         let [rows, count @ 3..=64] = shape[..] else {
-            return Err(SourceError::field(
-                "shape",
-                "N rows and 3 to 64 columns",
-                format!("{shape:?}"),
-            ));
+            let found = format!("{shape:?}");
+            return refused("shape", "N rows and 3 to 64 columns", found);
         };
         let kind = kind(descr.trim_matches(['\'', '"']))?;
-        let names = layout.names(count);
-        let fields: Vec<Field> = names
-            .into_iter()
-            .take(count)
-            .map(|name| (name, kind, 1))
-            .collect();
+        let names = layout.names(count).into_iter().take(count);
+        let fields: Vec<Field> = names.map(|name| (name, kind, 1)).collect();
         let mut table = Table::of_rows(data.to_vec(), &fields, rows);
         let bytes = kind.bytes();
         let place = |(i, column): (usize, &mut Column)| {
@@ -65,10 +55,8 @@ fn header(rest: &[u8]) -> Option<(&str, &[u8])> {
     let (version, rest) = rest.split_at_checked(2)?;
     let wide = if version[0] == 1 { 2 } else { 4 };
     let (length, rest) = rest.split_at_checked(wide)?;
-    let length = length
-        .iter()
-        .rev()
-        .fold(0, |all, byte| all << 8 | usize::from(*byte));
+    let append = |all, byte: &u8| all << 8 | usize::from(*byte);
+    let length = length.iter().rev().fold(0, append);
     let (header, data) = rest.split_at_checked(length)?;
     Some((std::str::from_utf8(header).ok()?, data))
 }
@@ -106,11 +94,7 @@ fn named_fields(descr: &str) -> Result<Vec<Field>, SourceError> {
     let quoted: Vec<&str> = descr.split('\'').skip(1).step_by(2).collect();
     let (pairs, rest) = quoted.as_chunks();
     if !rest.is_empty() {
-        return Err(SourceError::field(
-            "descr",
-            "a name and a kind for each field",
-            descr,
-        ));
+        return refused("descr", "a name and a kind for each field", descr);
     }
     let field = |[name, text]: &[&str; 2]| Ok((name.to_string(), kind(text)?, 1));
     pairs.iter().map(field).collect()

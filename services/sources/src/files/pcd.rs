@@ -1,7 +1,7 @@
 //! PCD 0.7 of the Point Cloud Library: a header of lines, then points as text, rows, or columns compressed with LZF.
 
 use super::table::{Field, Kind, Table};
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 /// A scan that is compressed may not grow beyond this, bytes.
 const UNPACKED_MAX: usize = 256 << 20;
@@ -29,11 +29,7 @@ pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
         "ascii" => Table::of_text(rest, &fields, header.points),
         "binary" => Ok(Table::of_rows(rest.to_vec(), &fields, header.points)),
         "binary_compressed" => columns(rest, &fields, header.points),
-        _ => Err(SourceError::field(
-            "DATA",
-            "ascii, binary or binary_compressed",
-            data,
-        )),
+        _ => refused("DATA", "ascii, binary or binary_compressed", data),
     }
 }
 
@@ -70,17 +66,11 @@ impl Header {
             let kind = self.kinds.get(i).map_or("", String::as_str);
             let kind = Kind::new(kind == "F", kind == "I", number(&self.sizes).unwrap_or(0));
             let kind = kind.ok_or_else(|| {
-                SourceError::field(
-                    format!("TYPE and SIZE of {name}"),
-                    "F 4, F 8, or I or U 1 to 8",
-                    "others",
-                )
+                let place = format!("TYPE and SIZE of {name}");
+                SourceError::field(place, "F 4, F 8, or I or U 1 to 8", "others")
             })?;
-            Ok((
-                name.clone(),
-                kind,
-                number(&self.counts).unwrap_or(1).clamp(1, 4096),
-            ))
+            let count = number(&self.counts).unwrap_or(1).clamp(1, 4096);
+            Ok((name.clone(), kind, count))
         };
         self.names.iter().enumerate().map(field).collect()
     }
@@ -94,25 +84,13 @@ fn columns(packed: &[u8], fields: &[Field], points: usize) -> Result<Table, Sour
             .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize)
     };
     let (Some(short), Some(long)) = (size(0), size(4)) else {
-        return Err(SourceError::field(
-            "data",
-            "two sizes of 4 bytes",
-            "its end",
-        ));
+        return refused("data", "two sizes of 4 bytes", "its end");
     };
     let Some(packed) = packed[8..].get(..short) else {
-        return Err(SourceError::field(
-            "data",
-            format!("{short} bytes"),
-            packed.len() - 8,
-        ));
+        return refused("data", format!("{short} bytes"), packed.len() - 8);
     };
     if long > UNPACKED_MAX {
-        return Err(SourceError::field(
-            "size unpacked",
-            format!("at most {UNPACKED_MAX}"),
-            long,
-        ));
+        return refused("size unpacked", format!("at most {UNPACKED_MAX}"), long);
     }
     let data = unpack_lzf(packed, long)
         .ok_or_else(|| SourceError::field("data", "LZF", "damaged bytes"))?;

@@ -1,21 +1,18 @@
 //! PLY 1.0: a header of lines, then the elements one after another; the points are the element `vertex`.
 
 use super::table::{Field, Kind, Table};
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
     let end = b"end_header";
     let at = file.windows(end.len()).position(|window| window == end);
-    let at = at.filter(|_| file.starts_with(b"ply"));
-    let at =
-        at.ok_or_else(|| SourceError::field("header", "`ply` to `end_header`", "another file"))?;
+    let Some(at) = at.filter(|_| file.starts_with(b"ply")) else {
+        return refused("header", "`ply` to `end_header`", "another file");
+    };
     let header = String::from_utf8_lossy(&file[..at]).into_owned();
     let body = &file[at + end.len()..];
-    let line = body
-        .iter()
-        .position(|byte| *byte == b'\n')
-        .map_or(0, |place| place + 1);
-    let body = &body[line..];
+    let line = body.iter().position(|byte| *byte == b'\n');
+    let body = &body[line.map_or(0, |place| place + 1)..];
     let (mut format, mut rows, mut fields) = (String::new(), None, Vec::<Field>::new());
     for line in header.lines() {
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -23,12 +20,12 @@ pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
             ["format", name, ..] => format = name.to_string(),
             ["element", "vertex", count] => rows = count.parse::<usize>().ok(),
             ["element", other, _] if rows.is_none() => {
-                return Err(SourceError::field("elements", "vertex first", other));
+                return refused("elements", "vertex first", other);
             }
             // What follows the vertices is of no use.
             ["element", ..] => break,
             ["property", "list", ..] => {
-                return Err(SourceError::field("properties of vertex", "no list", line));
+                return refused("properties of vertex", "no list", line);
             }
             ["property", kind, name] => fields.push((name.to_string(), self::kind(kind)?, 1)),
             _ => {}
@@ -42,11 +39,10 @@ pub(super) fn table(file: &[u8]) -> Result<Table, SourceError> {
             table.is_big_endian = format == "binary_big_endian";
             Ok(table)
         }
-        _ => Err(SourceError::field(
-            "format",
-            "ascii, binary_little_endian or binary_big_endian",
-            format,
-        )),
+        _ => {
+            let expected = "ascii, binary_little_endian or binary_big_endian";
+            refused("format", expected, format)
+        }
     }
 }
 
@@ -61,6 +57,6 @@ fn kind(name: &str) -> Result<Kind, SourceError> {
         "ushort" | "uint16" => integer(2, false),
         "int" | "int32" => integer(4, true),
         "uint" | "uint32" => integer(4, false),
-        _ => Err(SourceError::field("property", "a number", name)),
+        _ => refused("property", "a number", name),
     }
 }

@@ -1,6 +1,6 @@
 //! A file's numbers as columns: what all formats come down to.
 
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 /// How a number is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,10 +78,8 @@ pub(super) type Field = (String, Kind, usize);
 impl Table {
     /// Rows one after another, each with its fields one after another. `rows`: what the file promises.
     pub(super) fn of_rows(data: Vec<u8>, fields: &[Field], rows: usize) -> Table {
-        let stride = fields
-            .iter()
-            .map(|(_, kind, count)| kind.bytes() * count)
-            .sum();
+        let bytes = |(_, kind, count): &Field| kind.bytes() * count;
+        let stride = fields.iter().map(bytes).sum();
         let mut start = 0;
         let columns = fields.iter().map(|(name, kind, count)| {
             let column = Column {
@@ -110,30 +108,18 @@ impl Table {
         let text = String::from_utf8_lossy(text);
         let count: usize = fields.iter().map(|(_, _, count)| count).sum();
         let mut data = Vec::with_capacity(text.len());
-        for (number, line) in text
-            .lines()
-            .filter(|line| !line.trim().is_empty())
-            .take(rows)
-            .enumerate()
-        {
-            let values: Vec<f64> = line
-                .split_whitespace()
-                .map_while(|word| word.parse().ok())
-                .collect();
+        let lines = text.lines().filter(|line| !line.trim().is_empty());
+        for (number, line) in lines.take(rows).enumerate() {
+            let words = line.split_whitespace();
+            let values: Vec<f64> = words.map_while(|word| word.parse().ok()).collect();
             if values.len() != count {
                 let found = format!("`{}`", line.chars().take(80).collect::<String>());
-                return Err(SourceError::field(
-                    format!("row {number}"),
-                    format!("{count} numbers"),
-                    found,
-                ));
+                return refused(format!("row {number}"), format!("{count} numbers"), found);
             }
             data.extend(values.iter().flat_map(|value| value.to_le_bytes()));
         }
-        let fields: Vec<Field> = fields
-            .iter()
-            .map(|(name, _, count)| (name.clone(), Kind::F64, *count))
-            .collect();
+        let as_f64 = |(name, _, count): &Field| (name.clone(), Kind::F64, *count);
+        let fields: Vec<Field> = fields.iter().map(as_f64).collect();
         Ok(Table::of_rows(data, &fields, rows))
     }
 

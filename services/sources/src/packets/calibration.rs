@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::ouster::Metadata;
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 /// Beams of the largest sensor, twice.
 const BEAMS_MAX: usize = 256;
@@ -55,7 +55,7 @@ impl Calibration {
     pub fn parse(text: &str) -> Result<Calibration, SourceError> {
         if text.len() > BYTES_MAX {
             let expected = format!("at most {BYTES_MAX} bytes");
-            return Err(SourceError::calibration("the file", expected, text.len()));
+            return refused("calibration: the file", expected, text.len());
         }
         let text = text.trim_start_matches('\u{feff}').trim();
         if text.starts_with('{') {
@@ -86,14 +86,14 @@ impl Calibration {
 impl VelodyneTable {
     fn parse(text: &str) -> Result<VelodyneTable, SourceError> {
         let file: VelodyneFile = yaml_serde::from_str(text)
-            .map_err(|cause| SourceError::calibration("YAML", "a list `lasers`", cause))?;
+            .map_err(|cause| SourceError::field("calibration: YAML", "a list `lasers`", cause))?;
         let mut lasers = file.lasers;
         lasers.sort_by_key(|laser| laser.laser_id);
         let ids = lasers.iter().map(|laser| laser.laser_id);
         if lasers.len() > BEAMS_MAX || !ids.eq(0..lasers.len()) {
             let found = format!("{} lasers", lasers.len());
             let expected = "each laser_id from 0 on once, at most 256";
-            return Err(SourceError::calibration("lasers", expected, found));
+            return refused("calibration: lasers", expected, found);
         }
         for laser in &lasers {
             let l = laser;
@@ -104,20 +104,16 @@ impl VelodyneTable {
             let is_fine = near_m.iter().chain(&off_m).all(|m| m.abs() <= 10.0)
                 && angles_rad.iter().all(|rad| rad.abs() <= 6.3);
             if !is_fine {
-                let field = format!("laser {}", laser.laser_id);
+                let field = format!("calibration: laser {}", laser.laser_id);
                 let expected = "corrections of at most 10 m and 6.3 rad";
-                return Err(SourceError::calibration(
-                    field,
-                    expected,
-                    format!("{laser:?}"),
-                ));
+                return refused(field, expected, format!("{laser:?}"));
             }
         }
         let unit_m = file.distance_resolution;
         if unit_m.is_some_and(|unit_m| !(1e-4..=0.1).contains(&unit_m)) {
             let found = unit_m.unwrap_or_default();
-            let field = "distance_resolution";
-            return Err(SourceError::calibration(field, "0.0001 to 0.1 m", found));
+            let field = "calibration: distance_resolution";
+            return refused(field, "0.0001 to 0.1 m", found);
         }
         Ok(VelodyneTable { lasers, unit_m })
     }
@@ -145,19 +141,15 @@ fn channels(text: &str) -> Result<Vec<[f32; 2]>, SourceError> {
             }
             _ => {
                 let expected = "channel (1, 2, ..), elevation, azimuth (degrees)";
-                let field = format!("line {}", index + 1);
+                let field = format!("calibration: line {}", index + 1);
                 let found: String = line.chars().take(60).collect();
-                return Err(SourceError::calibration(field, expected, found));
+                return refused(field, expected, found);
             }
         }
     }
     if channels.is_empty() {
         let expected = "Velodyne's YAML, Hesai's CSV or Ouster's JSON";
-        return Err(SourceError::calibration(
-            "the file",
-            expected,
-            "none of them",
-        ));
+        return refused("calibration: the file", expected, "none of them");
     }
     Ok(channels)
 }

@@ -130,7 +130,7 @@ impl Hesai {
         calibration: Option<&Calibration>,
     ) -> Result<Hesai, SourceError> {
         let profile = SensorProfile::load(layout.profile)
-            .map_err(|cause| SourceError::calibration(layout.profile, "a profile", cause))?;
+            .map_err(|cause| SourceError::field(layout.profile, "a profile", cause))?;
         let channels: Vec<[f32; 2]> = match calibration {
             // A profile's beams and the channels both count from the top.
             None => {

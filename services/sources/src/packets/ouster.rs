@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::sweep::Sweep;
 use super::{Calibration, Clock, Damaged, Echo, Revolution, u16_at, u32_at};
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 const COLUMNS_MAX: usize = 4096;
 const ROWS_MAX: usize = 256;
@@ -114,11 +114,8 @@ impl Fields {
 
     /// Rows, columns, columns of a packet.
     fn shape(&self) -> Result<[usize; 3], SourceError> {
-        let by_mode = self
-            .lidar_mode
-            .as_deref()
-            .and_then(|mode| mode.split('x').next());
-        let by_mode = by_mode.and_then(|columns| columns.parse().ok());
+        let columns_of = |mode: &str| mode.split('x').next()?.parse().ok();
+        let by_mode = self.lidar_mode.as_deref().and_then(columns_of);
         let rows = self.beam_altitude_angles.len();
         let columns = self.columns_per_frame.or(by_mode).unwrap_or(0);
         let per_packet = self.columns_per_packet.unwrap_or(16);
@@ -128,24 +125,24 @@ impl Fields {
             && (1..=COLUMNS_MAX).contains(&columns)
             && per_packet > 0
             && columns.is_multiple_of(per_packet);
-        let found = || format!("{rows} altitudes, {columns} columns, {per_packet} a packet");
+        if is_fine {
+            return Ok([rows, columns, per_packet]);
+        }
+        let found = format!("{rows} altitudes, {columns} columns, {per_packet} a packet");
         let expected = "an angle of both kinds for each of pixels_per_column (1 to 256), 1 to 4096 columns, whole packets";
-        let fault = || SourceError::calibration("data_format", expected, found());
-        is_fine
-            .then_some([rows, columns, per_packet])
-            .ok_or_else(fault)
+        refused("calibration: data_format", expected, found)
     }
 }
 
 impl Metadata {
     pub(super) fn parse(text: &str) -> Result<Metadata, SourceError> {
         let fields = Fields::parse(text)
-            .map_err(|cause| SourceError::calibration("JSON", "Ouster's metadata", cause))?;
+            .map_err(|cause| SourceError::field("calibration: JSON", "Ouster's metadata", cause))?;
         let name = fields.udp_profile_lidar.as_deref().unwrap_or("LEGACY");
         let known = PROFILES.map(|profile| profile.name).join(", ");
-        let profile = PROFILES.into_iter().find(|profile| profile.name == name);
-        let profile =
-            profile.ok_or_else(|| SourceError::calibration("udp_profile_lidar", &known, name))?;
+        let Some(profile) = PROFILES.into_iter().find(|profile| profile.name == name) else {
+            return refused("calibration: udp_profile_lidar", known, name);
+        };
         let [rows, columns, columns_per_packet] = fields.shape()?;
         let origin_mm = match (
             fields.beam_to_lidar_transform,
@@ -154,11 +151,7 @@ impl Metadata {
             (Some(matrix), _) => [matrix[3], matrix[11]],
             (None, Some(out_mm)) => [out_mm, 0.0],
             (None, None) => {
-                return Err(SourceError::calibration(
-                    "lidar_origin_to_beam_origin_mm",
-                    "mm",
-                    "none",
-                ));
+                return refused("calibration: lidar_origin_to_beam_origin_mm", "mm", "none");
             }
         };
         let angles = fields
@@ -169,11 +162,8 @@ impl Metadata {
         let mut numbers = numbers.chain(fields.lidar_to_sensor_transform);
         // Not a number is not within.
         if !numbers.all(|number| number.abs() <= 1e5) {
-            return Err(SourceError::calibration(
-                "angles and transforms",
-                "at most 100000",
-                "more",
-            ));
+            let place = "calibration: angles and transforms";
+            return refused(place, "at most 100000", "more");
         }
         let sin_cos = |(altitude, azimuth): (&f32, &f32)| {
             let (sin, cos) = altitude.to_radians().sin_cos();
@@ -233,9 +223,8 @@ impl Metadata {
 
     fn columns_of<'a>(&self, payload: &'a [u8]) -> impl Iterator<Item = &'a [u8]> {
         let bytes = payload.get(self.profile.header..).unwrap_or_default();
-        bytes
-            .chunks_exact(self.column_bytes())
-            .take(self.columns_per_packet)
+        let columns = bytes.chunks_exact(self.column_bytes());
+        columns.take(self.columns_per_packet)
     }
 
     /// Every pixel of a packet's valid columns, column by column; nothing where it is not this sensor's packet.
@@ -260,7 +249,8 @@ impl Metadata {
             0 => u16_at(bytes, 10) & 1 == 1,
             _ => u32_at(bytes, bytes.len() - profile.column_footer) == u32::MAX,
         };
-        let (stamp_ns, column) = (stamp_ns(bytes), u16_at(bytes, 8));
+        let stamp_ns = u64::from(u32_at(bytes, 4)) << 32 | u64::from(u32_at(bytes, 0));
+        let column = u16_at(bytes, 8);
         if !is_valid || usize::from(column) >= self.columns {
             return;
         }
@@ -362,12 +352,6 @@ pub(super) fn recognize(
         Some(Calibration::Ouster(metadata)) if metadata.takes(payload) => Some(metadata.clone()),
         _ => None,
     }
-}
-
-fn stamp_ns(column: &[u8]) -> u64 {
-    column
-        .first_chunk()
-        .map_or(0, |bytes| u64::from_le_bytes(*bytes))
 }
 
 /// Which packets of a turn the sensor sends: those with a column in the window, whose end may lie before its start.

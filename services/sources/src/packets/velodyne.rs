@@ -9,7 +9,7 @@ use mluc_model::SensorProfile;
 use super::calibration::Laser;
 use super::sweep::Sweep;
 use super::{Calibration, Damaged, Echo, Revolution, u16_at, u32_at};
-use crate::SourceError;
+use crate::{SourceError, refused};
 
 const BYTES: usize = 1206;
 const BLOCKS: usize = 12;
@@ -151,7 +151,7 @@ impl Velodyne {
         calibration: Option<&Calibration>,
     ) -> Result<Velodyne, SourceError> {
         let profile = SensorProfile::load(product.profile)
-            .map_err(|cause| SourceError::calibration(product.profile, "a profile", cause))?;
+            .map_err(|cause| SourceError::field(product.profile, "a profile", cause))?;
         let (lasers, unit_m) = match calibration {
             Some(Calibration::Velodyne(table)) if table.lasers.len() == product.lasers => {
                 (Some(table.lasers.clone()), table.unit_m)
@@ -159,10 +159,12 @@ impl Velodyne {
             Some(other) => return Err(other.is_not(&profile.name)),
             None => (product.nominal(&profile), None),
         };
-        let expected = || format!("the YAML file of this {}", profile.name);
-        let lasers = lasers.ok_or_else(|| SourceError::calibration("the file", expected(), "none"));
+        let Some(lasers) = lasers else {
+            let expected = format!("the YAML file of this {}", profile.name);
+            return refused("calibration: the file", expected, "none");
+        };
         Ok(Velodyne {
-            beams: beams(lasers?),
+            beams: beams(lasers),
             name: profile.name,
             product,
             unit_m: unit_m.unwrap_or(f32::from(product.unit_mm) * 0.001),

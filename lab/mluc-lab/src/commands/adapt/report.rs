@@ -1,9 +1,7 @@
 //! What an adaptation brought, for a person.
 
-use minijinja::value::Serde;
-use minijinja::{Environment, Error};
-use mluc_evaluate::ClassReport;
 use mluc_evaluate::pipeline::ModelJudgement;
+use mluc_evaluate::{ClassReport, render};
 use mluc_model::Model;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -45,19 +43,12 @@ impl Figures {
 }
 
 /// The report: what was made of what, and the figures before and after.
-pub(super) fn markdown(
-    plan: &Plan,
-    model: &Model,
-    before: &Figures,
-    after: &Figures,
-) -> Result<String, Error> {
+pub(super) fn markdown(plan: &Plan, model: &Model, before: &Figures, after: &Figures) -> String {
     let sensor = &plan.request.sensor;
     let values = json!({
         "plan": plan, "from": model.manifest.provenance, "before": before, "after": after,
         "beams": sensor.elevations_deg.len() * sensor.units.len().max(1),
         "step_deg": sensor.azimuth_step_deg.to_string(),
     });
-    let template = include_str!("report.md");
-    let text = Environment::new().render_named_str("report.md", template, Serde(values))?;
-    Ok(text + "\n")
+    render(include_str!("report.md"), values) + "\n"
 }

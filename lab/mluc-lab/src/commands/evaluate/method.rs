@@ -49,7 +49,7 @@ pub(super) fn run(arguments: MethodArguments) -> anyhow::Result<()> {
     warn_unrecognized(labels, &rules);
     let path = scans.model.display();
     print_out(format_args!("{path}: {}", set.describe()))?;
-    print_out(report::separation(&separation(&frames, &rules))?)?;
+    print_out(report::separation(&separation(&frames, &rules)))?;
     print_out(format_args!("{:28} {}", "method", HEADER))?;
     for method in methods {
         let is_ablation = method == Method::MlucFull && arguments.ablation;
@@ -100,8 +100,8 @@ fn methods(names: &[String], model: &Model) -> anyhow::Result<Vec<Method>> {
 fn class_rules(model: &Model) -> anyhow::Result<Vec<ClassRule>> {
     let manifest = &model.manifest;
     let unknown = unknown_classes(&manifest.name);
-    let known = manifest.classes.iter().map(|c| c.name.clone());
-    let known: Vec<String> = known.filter(|name| !unknown.contains(name)).collect();
+    let mut known = manifest.class_names();
+    known.retain(|name| !unknown.contains(name));
     let rules = paper_rules(&manifest.name, &known, &unknown, NeighbourPolicy::Official);
     Ok(rules?)
 }

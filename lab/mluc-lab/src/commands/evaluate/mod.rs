@@ -10,7 +10,7 @@ mod report;
 use crate::commands::terminal::{at_least_one, print_err};
 use anyhow::ensure;
 use clap::{Args, Subcommand};
-use mluc_dataset::{Label, UNSEEN_CLASSES};
+use mluc_dataset::{Label, unseen_classes};
 use mluc_evaluate::{ClassRule, unrecognized};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -71,7 +71,7 @@ fn unknown_labelled<'a>(
     let labelled: BTreeSet<String> = labels.map(|l| l.class.to_ascii_lowercase()).collect();
     let mut unknown: Vec<String> = given.iter().map(|name| name.to_ascii_lowercase()).collect();
     if let Some(at) = unknown.iter().position(|name| name == "unseen") {
-        let unseen = UNSEEN_CLASSES.map(str::to_ascii_lowercase).into_iter();
+        let unseen = unseen_classes().map(str::to_ascii_lowercase);
         unknown.splice(at..=at, unseen.filter(|name| labelled.contains(name)));
     }
     let is_missing = |name: &&String| !labelled.contains(*name);

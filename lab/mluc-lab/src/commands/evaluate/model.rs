@@ -7,8 +7,8 @@ use anyhow::ensure;
 use clap::Args;
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{
-    FrameSet, ModelGate, choose_profiles, choose_threshold, class_names, detect_frames, judge,
-    sweep_gate, unknown_classes, write_precisions, write_profiles, write_threshold,
+    FrameSet, ModelGate, choose_profiles, choose_threshold, detect_frames, judge, sweep_gate,
+    unknown_classes, write_precisions, write_profiles, write_threshold,
 };
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         Some(classes) => unknown_labelled(labels(), &classes)?,
         None => {
             // An adapted model may know some of them.
-            let known = class_names(&model);
+            let known = model.manifest.class_names();
             let mut classes = unknown_classes(&model.manifest.name);
             classes.retain(|class| !known.contains(class));
             classes
@@ -126,5 +126,5 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     if arguments.json {
         return print_out(format_args!("{:#}", outcome.to_json()));
     }
-    print_out(outcome.to_table()?.trim_end())
+    print_out(outcome.to_table().trim_end())
 }

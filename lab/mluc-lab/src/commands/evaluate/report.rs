@@ -1,9 +1,7 @@
 //! The outcome as JSON and as a table.
 
-use minijinja::Environment;
-use minijinja::value::Serde;
 use mluc_evaluate::pipeline::{Choice, ModelGate, ModelJudgement, ScoreSeparation};
-use mluc_evaluate::{Breakdown, ClassReport, SweepPoint};
+use mluc_evaluate::{Breakdown, ClassReport, SweepPoint, render};
 use mluc_model::{Model, Profiles};
 use serde_json::{Value, json};
 
@@ -64,7 +62,7 @@ impl Outcome {
         self.judgement.boxes as f64 / self.frames.max(1) as f64
     }
 
-    pub(super) fn to_table(&self) -> Result<String, minijinja::Error> {
+    pub(super) fn to_table(&self) -> String {
         let ModelJudgement { closed, gated, .. } = &self.judgement;
         let mut values = self.to_json();
         let classes = closed.classes.iter().zip(&gated.classes);
@@ -76,7 +74,7 @@ impl Outcome {
         values["classes"] = classes.map(class).collect();
         let breakdowns = self.judgement.breakdowns.iter();
         values["breakdowns"] = breakdowns.map(Breakdown::to_table).collect();
-        values["separation"] = separation(&self.judgement.separation)?.into();
+        values["separation"] = separation(&self.judgement.separation).into();
         let choice = self.choice.as_ref();
         values["choice"] = json!(choice.map(|choice| (choice.threshold, &choice.reason)));
         values["written"] = self
@@ -89,14 +87,13 @@ impl Outcome {
             let best = ModelGate::of(&self.model).best_index(sweep);
             values["sweep"][best]["is_best"] = json!(true);
         }
-        Environment::new().render_named_str("report.txt", include_str!("report.txt"), Serde(values))
+        render(include_str!("report.txt"), values)
     }
 }
 
 /// How well each score of a box tells unknown from known, and from background.
-pub(super) fn separation(scores: &[ScoreSeparation]) -> Result<String, minijinja::Error> {
-    let values = Serde(json!({"scores": scores}));
-    Environment::new().render_str(include_str!("separation.txt"), values)
+pub(super) fn separation(scores: &[ScoreSeparation]) -> String {
+    render(include_str!("separation.txt"), json!({"scores": scores}))
 }
 
 fn figures(class: &ClassReport) -> [f64; 4] {

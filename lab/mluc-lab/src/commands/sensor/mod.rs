@@ -6,11 +6,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
 use clap::Args;
-use minijinja::Environment;
-use minijinja::value::Serde;
 use mluc_dataset::{file_stems, read_scan};
+use mluc_evaluate::render;
 use mluc_ingest::estimate::{Estimator, SensorEstimate};
-use mluc_ipc_types::Point;
 use mluc_model::SensorProfile;
 use serde_json::json;
 
@@ -79,14 +77,7 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> anyhow::Result<()> {
         let all = points.len();
         points.retain(|point| point.iter().all(|value| value.is_finite()));
         let not_finite = (all - points.len()) as u32;
-        let point = |[x_m, y_m, z_m, intensity]: [f32; 4]| Point {
-            x_m,
-            y_m,
-            z_m,
-            intensity,
-        };
-        let points: Vec<Point> = points.into_iter().map(point).collect();
-        estimator.look(&points, not_finite);
+        estimator.look(bytemuck::cast_slice(&points), not_finite);
     }
     let found = estimator.estimate().clone();
     ensure!(
@@ -101,13 +92,11 @@ fn estimate(input: &Path, arguments: &SensorArguments) -> anyhow::Result<()> {
         let text = toml::to_string(&found.profile(&name))?;
         // What cannot be read back must not be written.
         SensorProfile::parse(&text, &path.display().to_string())?;
-        std::fs::write(path, text).with_context(|| path.display().to_string())?;
-        print_out(format_args!("wrote {}", path.display()))?;
+        write_out(path, text.as_bytes())?;
     }
     if let Some(path) = &arguments.picture {
         let canvas = picture::of_scans(estimator.elevations().counts(), &found, &name, &other);
-        std::fs::write(path, canvas.png()).with_context(|| path.display().to_string())?;
-        print_out(format_args!("wrote {}", path.display()))?;
+        write_out(path, &canvas.png())?;
     }
     Ok(())
 }
@@ -139,17 +128,14 @@ fn scan_files(input: &Path) -> anyhow::Result<Vec<PathBuf>> {
 fn print(found: &SensorEstimate, name: &str, other: &SensorProfile) -> anyhow::Result<()> {
     let text = |value: f32| value.to_string();
     let field_deg = [found.field_deg, other.field_deg.unwrap_or([0.0, 360.0])].map(|f| f[1]);
-    let table = Environment::new().render_str(
-        include_str!("estimate.txt"),
-        Serde(json!({
-            "name": name, "found": found, "other": other,
-            "spacing_deg": found.spacing_deg(), "apart_deg": found.distance_deg(other),
-            "field": field_deg.map(text),
-            "axes": [found.unit.name(), found.up.name()],
-            "intensity": text(found.intensity_max), "own_body": text(found.own_body_deg),
-        })),
-    );
-    print_out(table?)
+    let values = json!({
+        "name": name, "found": found, "other": other,
+        "spacing_deg": found.spacing_deg(), "apart_deg": found.distance_deg(other),
+        "field": field_deg.map(text),
+        "axes": [found.unit.name(), found.up.name()],
+        "intensity": text(found.intensity_max), "own_body": text(found.own_body_deg),
+    });
+    print_out(render(include_str!("estimate.txt"), values))
 }
 
 #[cfg(test)]

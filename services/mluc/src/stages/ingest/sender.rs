@@ -71,6 +71,7 @@ impl Sender<'_> {
                 logged: Flags::default(),
                 suspected: Flags::default(),
                 reason: String::new(),
+                missing: String::new(),
             },
             again: Vec::with_capacity(POINTS_MAX),
             loaded: Loaded::default(),
@@ -131,6 +132,10 @@ impl Sender<'_> {
         loaded.is_set_aside = is_set_aside;
         loaded.report = inspect_bin(&loaded.scan.bytes);
         loaded.scan.flags = loaded.scan.flags.with(loaded.report.flags());
+        if self.source.missing() != self.suspicion.missing {
+            self.suspicion.missing = self.source.missing().to_string();
+            self.suspicion.tell(self.shell)?;
+        }
         self.shell.health.frames_in += u64::from(is_new) + loaded.scan.missed;
         self.shell.health.frames_dropped += loaded.scan.missed;
         Ok(true)
@@ -259,6 +264,8 @@ struct Suspicion {
     suspected: Flags,
     /// The first reason of these; empty: none.
     reason: String,
+    /// Sensors, of several, that give nothing; empty: none.
+    missing: String,
 }
 
 impl Suspicion {
@@ -291,11 +298,14 @@ impl Suspicion {
 
     /// The state that follows from it.
     fn tell(&self, shell: &mut Shell) -> Result<(), RuntimeError> {
-        let state = match self.reason.is_empty() {
+        let state = match self.reason.is_empty() && self.missing.is_empty() {
             true => HealthState::Running,
             false => HealthState::Degraded,
         };
-        shell.state(state, &self.reason)
+        if self.missing.is_empty() {
+            return shell.state(state, &self.reason);
+        }
+        shell.state(state, &format!("no scans of lidar{}", self.missing))
     }
 }
 

@@ -10,7 +10,6 @@ use crate::refiner::scene::{CAR, CART, Thing, blob, candidate, known, scan, usua
 use crate::refiner::session::Session;
 
 pub(super) fn scene(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let before = session.fresh_health()?.candidates;
     let (frame, answer) = session.ask_usual()?;
     let unknown = &answer.objects[1];
@@ -43,7 +42,6 @@ fn check_counts(
 }
 
 pub(super) fn empty(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let (points, detections) = usual();
     for (points, detections) in [
         (vec![], vec![]),
@@ -67,7 +65,6 @@ pub(super) fn empty(session: &mut Session<'_>) -> Outcome {
 
 /// Slowest answer of frames, ms.
 fn slowest(session: &mut Session<'_>, frames: [(Vec<Point>, Vec<Detection>); 3]) -> Outcome {
-    session.ready()?;
     let mut slowest_ms = 0.0f64;
     for (points, detections) in frames {
         let mut frame = session.player.frame(points, detections);
@@ -120,7 +117,6 @@ pub(super) fn points(session: &mut Session<'_>) -> Outcome {
 }
 
 pub(super) fn points_gone(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let mut of_another = session.player.usual();
     if let Some(header) = &mut of_another.points_header {
         header.sequence += 1_000_000;
@@ -139,7 +135,6 @@ pub(super) fn points_gone(session: &mut Session<'_>) -> Outcome {
 }
 
 pub(super) fn sent_again(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let mut frame = session.player.usual();
     let first = session.ask(&mut frame)?;
     for header in std::iter::once(&mut frame.header).chain(&mut frame.points_header) {

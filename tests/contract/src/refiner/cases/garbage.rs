@@ -44,7 +44,6 @@ fn summary(was_answered: &[bool]) -> Outcome {
 }
 
 pub(super) fn lengths(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let mut answered = Vec::new();
     let mut many = session.player.usual();
     many.detections = vec![candidate(&CART, [0.1, 0.1]); DETECTIONS_MAX + 88];
@@ -80,7 +79,6 @@ const SPOILS: [(&str, Spoil); 14] = [
 ];
 
 pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let mut answered = Vec::new();
     for (what, spoil) in SPOILS {
         for (which, name) in ["of a known box", "of a candidate"].into_iter().enumerate() {
@@ -127,7 +125,6 @@ fn spoil_header(frame: &mut Frame) {
 }
 
 pub(super) fn noise(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let mut answered = Vec::new();
     for seed in 1..=NOISY_FRAMES {
         let mut random = Random::new(seed, &[]);

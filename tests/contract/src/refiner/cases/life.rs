@@ -48,7 +48,6 @@ fn check_waiting(health: &Health) -> anyhow::Result<()> {
 }
 
 pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     session.ask_usual()?;
     let running = |health: &Health| health.state == HealthState::Running as u32;
     session.await_health("heartbeat with state running after a frame", running)?;
@@ -76,8 +75,7 @@ pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
 pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
     let mut slowest = Duration::ZERO;
     for kill in 0..KILLS {
-        session.ready()?;
-        let mut frame = session.player.usual();
+            let mut frame = session.player.usual();
         session.player.send(&mut frame)?;
         // In the middle of its work, more or less.
         std::thread::sleep(Duration::from_micros(300 * kill as u64));
@@ -95,7 +93,6 @@ pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
 }
 
 pub(super) fn stop(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let begun = Instant::now();
     session.program()?.signal(Signal::TERM);
     let ended = session.program()?.end_within(END_PATIENCE);
@@ -108,7 +105,6 @@ pub(super) fn stop(session: &mut Session<'_>) -> Outcome {
 }
 
 pub(super) fn overload(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     // A first frame, so that gaps can be counted from it.
     session.ask_usual()?;
 

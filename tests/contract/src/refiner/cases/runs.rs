@@ -13,7 +13,6 @@ use crate::refiner::session::Session;
 const OTHER_RUN: u64 = 1;
 
 pub(super) fn sequences(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     session.ask_usual()?;
     session.ask_usual()?;
     let last = session.player.next_sequence - 1;
@@ -36,7 +35,6 @@ pub(super) fn sequences(session: &mut Session<'_>) -> Outcome {
 }
 
 pub(super) fn other_run(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     let mut frame = session.player.usual();
     frame.header.run_id = OTHER_RUN;
     session.must_refuse("a frame of another run", frame)?;
@@ -55,7 +53,6 @@ pub(super) fn other_run(session: &mut Session<'_>) -> Outcome {
 }
 
 pub(super) fn new_run(session: &mut Session<'_>) -> Outcome {
-    session.ready()?;
     session.ask_usual()?;
     let old = session.player.usual();
     let id = session.player.begin_run()?;
@@ -84,7 +81,6 @@ fn names_both(text: &str, other: u32) -> bool {
 
 /// Messages of another version, and of another model.
 fn wrong_messages(session: &mut Session<'_>) -> anyhow::Result<String> {
-    session.ready()?;
     let mut frame = session.player.usual();
     let other = WIRE_VERSION + 41;
     frame.header.wire_version = other;

@@ -1,0 +1,43 @@
+//! The program `mluc-ros2`: a pipeline between ROS 2 topics, without a ROS installation. `mluc up --input ros2:/TOPIC` starts it as the
+//! stage ingest, `mluc publish` as a consumer.
+
+mod dds;
+mod publish;
+mod source;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use mluc::{StageArgs, exit_code, stages};
+use mluc_runtime::{Instance, log_to_stderr};
+
+/// The crate's errors are of packets that it drops, and of its own end.
+const LOG: &str = "info,rustdds=off";
+
+/// Scans from a ROS 2 topic, objects to ROS 2 topics.
+#[derive(Parser)]
+#[command(name = "mluc", version)]
+enum Command {
+    /// Run the stage ingest, as `mluc stage ingest` does (`mluc up --input ros2:/TOPIC` starts it).
+    Stage(Box<StageArgs>),
+    /// Publish points, objects and states of a running pipeline until Ctrl-C. ROS_DOMAIN_ID is obeyed.
+    Publish {
+        /// Which pipeline; it may be started later.
+        #[arg(long, default_value = "default", value_parser = Instance::new)]
+        instance: Instance,
+    },
+}
+
+fn main() -> ExitCode {
+    let done = match Command::parse() {
+        Command::Stage(args) => {
+            log_to_stderr("ingest", LOG);
+            stages::run(*args, Some(source::open))
+        }
+        Command::Publish { instance } => {
+            log_to_stderr("publish", LOG);
+            publish::publish(&instance)
+        }
+    };
+    exit_code("mluc-ros2", done.map(|()| ExitCode::SUCCESS))
+}

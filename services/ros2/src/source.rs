@@ -1,0 +1,129 @@
+//! Scans from a ROS 2 topic: the newest cloud wins, those before it are counted by the publisher's sequence numbers.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::task::{Wake, Waker};
+use std::thread::{Thread, current, park_timeout};
+use std::time::{Duration, Instant};
+
+use mluc::UsageError;
+use mluc_gateway::ros2::topics;
+use mluc_runtime::wall_clock_ns;
+use mluc_sources::files::Layout;
+use mluc_sources::{LiveScans, Next, Scan, Source, ros2_topic};
+use rustdds::no_key::SimpleDataReader;
+use rustdds::{DomainParticipant, GUID, QosPolicyBuilder};
+
+use crate::dds::{Encoded, join, keep, topic};
+
+/// Clouds that wait: the newest, and the one that arrives.
+const CLOUDS_MAX: i32 = 2;
+
+/// As [`Source::open`], and `ros2:/TOPIC`.
+pub(crate) fn open(input: &Path, layout: &Layout, repeat: bool) -> anyhow::Result<Source> {
+    match ros2_topic(input) {
+        Some(name) => Ok(Source::live(Clouds::open(name, layout)?)),
+        None => Source::open(input, layout, repeat),
+    }
+}
+
+struct Clouds {
+    name: String,
+    layout: Layout,
+    reader: SimpleDataReader<Vec<u8>, Encoded>,
+    _participant: DomainParticipant,
+    heard: Instant,
+    number: u64,
+    /// Publisher and sequence number of the last cloud.
+    last: Option<(GUID, i64)>,
+    /// Messages since the last scan that are none.
+    missed: u64,
+}
+
+impl Clouds {
+    fn open(name: &str, layout: &Layout) -> anyhow::Result<Clouds> {
+        if name.trim_matches('/').is_empty() {
+            let text = format!("input: expected ros2:/TOPIC, found ros2:{name}");
+            return Err(UsageError(text).into());
+        }
+        // ROS' profile for sensor data, with room for the newest alone.
+        let qos = keep(QosPolicyBuilder::new().best_effort(), 1, CLOUDS_MAX);
+        let participant = join()?;
+        let [cloud, ..] = topics();
+        let topic = topic(&participant, name, cloud.schema, &qos)?;
+        let subscriber = participant.create_subscriber(&qos)?;
+        let reader = subscriber.create_simple_datareader_no_key(&topic, Some(qos))?;
+        let domain = participant.domain_id();
+        tracing::info!(topic = name, domain, "listening");
+        Ok(Clouds {
+            name: name.to_string(),
+            layout: layout.clone(),
+            reader,
+            _participant: participant,
+            heard: Instant::now(),
+            number: 0,
+            last: None,
+            missed: 0,
+        })
+    }
+
+    /// Takes all that is there; the newest stays. `None`: there was nothing.
+    fn newest(&mut self) -> Option<Vec<u8>> {
+        let mut newest = None;
+        self.reader.drain_read_notifications();
+        loop {
+            match self.reader.try_take_one() {
+                Ok(None) => return newest,
+                Ok(Some(message)) => {
+                    let (writer, sequence) =
+                        (message.writer_guid(), message.sequence_number.into());
+                    let last = self.last.replace((writer, sequence));
+                    let last = last.filter(|(guid, _)| *guid == writer);
+                    let lost = last.map_or(0, |(_, last)| sequence - last - 1);
+                    self.missed += u64::try_from(lost).unwrap_or(0) + u64::from(newest.is_some());
+                    newest = Some(message.into_value());
+                }
+                Err(error) => {
+                    self.missed += 1;
+                    tracing::warn!("cannot read a message: {error}");
+                }
+            }
+        }
+    }
+}
+
+impl LiveScans for Clouds {
+    fn load(&mut self, scan: &mut Scan, patience: Duration) -> anyhow::Result<Next> {
+        let begun = Instant::now();
+        loop {
+            let waker = Waker::from(Arc::new(Unpark(current())));
+            self.reader.set_waker(Some(waker));
+            if let Some(message) = self.newest() {
+                self.heard = Instant::now();
+                scan.take_point_cloud2(&self.layout, &message, wall_clock_ns());
+                (scan.name, scan.offset_ns) = (format!("{:06}", self.number), None);
+                scan.missed = std::mem::take(&mut self.missed);
+                self.number += 1;
+                return Ok(Next::Scan);
+            }
+            match patience.checked_sub(begun.elapsed()) {
+                Some(left) => park_timeout(left),
+                None => return Ok(Next::NotYet),
+            }
+        }
+    }
+
+    fn silence(&self) -> Option<String> {
+        let (seconds, name) = (self.heard.elapsed().as_secs(), &self.name);
+        (seconds > 0).then(|| format!("no message on the ROS 2 topic {name} for {seconds} s"))
+    }
+}
+
+/// Wakes the thread that waits for a cloud.
+struct Unpark(Thread);
+
+impl Wake for Unpark {
+    fn wake(self: Arc<Self>) {
+        self.0.unpark();
+    }
+}

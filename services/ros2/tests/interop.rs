@@ -1,0 +1,55 @@
+//! Another implementation at both ends: Cyclone DDS publishes clouds and reads objects (`cyclone.py`).
+
+use std::net::UdpSocket;
+use std::process::Command;
+
+use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write_file};
+
+/// Multicast may be missing: participants of this machine are asked one by one.
+const CYCLONE: &str = "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery>\
+    <ParticipantIndex>auto</ParticipantIndex><Peers><Peer address='localhost'/></Peers></Discovery></Domain></CycloneDDS>";
+
+#[test]
+fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
+    let Some(python) = python_with("cyclonedds") else {
+        return;
+    };
+    let socket = UdpSocket::bind("0.0.0.0:0").expect("a socket");
+    if socket.connect("239.255.0.1:7400").is_err() {
+        return skip(
+            "mluc-ros2",
+            "no network beside loopback, on which rustdds sends nothing",
+        );
+    }
+    let mut setting = Setting::new("ros2", 3);
+    let expected = setting.run("").lines;
+    let told = setting.folder.path().join("expected.jsonl");
+    let lines = expected.iter().map(|line| format!("{line}\n"));
+    write_file(&told, lines.collect::<String>());
+    let scans = std::mem::replace(&mut setting.input, "ros2:/points".into());
+    // Not that of another test, or of a robot beside this machine.
+    let domain = (101 + std::process::id() % 100).to_string();
+    let start = |command: &mut Command| Running::start(command.env("ROS_DOMAIN_ID", &domain));
+    let mut run = start(&mut setting.up_command("--pace sensor"));
+    let mut publish = Command::new(built_program("mluc"));
+    let publish = start(publish.args(["publish", "--instance", &setting.instance]));
+    run.wait_for_words("listening");
+    let mut cyclone = Command::new(python);
+    cyclone.arg(root().join("services/ros2/tests/cyclone.py"));
+    cyclone.args([scans, told]).env("CYCLONEDDS_URI", CYCLONE);
+    // It compares the objects of each cloud with those of its file.
+    let cyclone = start(&mut cyclone).finish_within(std::time::Duration::from_secs(120));
+    assert_eq!(cyclone.code, Some(0), "{} {}", cyclone.log, run.log());
+    run.wait_for_words("expected one named y, found x, z, intensity");
+    publish.stop().assert_says(&["dropped=0"]);
+    let run = setting.stop(run);
+    let mut damaged = 0;
+    for line in &run.lines {
+        let second = line["stamp_ns"].as_u64().expect("a stamp") / 1_000_000_000;
+        match expected.get(second as usize - 1) {
+            Some(expected) => assert_eq!(line["objects"], expected["objects"], "{second}"),
+            None => damaged += line["flags"].to_string().matches("damaged_input").count(),
+        }
+    }
+    assert!(damaged > 0, "no frame in place of the cloud without y");
+}

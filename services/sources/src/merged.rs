@@ -1,0 +1,292 @@
+//! Scans of several sensors as one frame: the first one's scan, and of each other sensor the next one within a tolerance.
+//!
+//! Packets go by the time at which they were received, which is one clock for all sensors; recordings by the stamps of their messages, folders by
+//! `timestamps.txt`; where none has stamps, by number. Each scan is in one frame at most.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use mluc_ipc_types::Flags;
+use nalgebra::{IsometryMatrix3, Point3, Rotation3, Translation3};
+use serde::{Deserialize, Serialize};
+
+use crate::files::Layout;
+use crate::{Kind, Next, Open, Scan, Source};
+
+/// `[[lidar]]`: one of several sensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lidar {
+    /// For people.
+    pub name: String,
+    /// As [`Source::open`] takes it.
+    pub input: PathBuf,
+    /// Its pose in the robot's base: x, y, z (m), roll, pitch, yaw (rad), turned about x, then y, then z.
+    pub extrinsics: [f64; 6],
+    /// In place of the layout's.
+    pub calibration: Option<PathBuf>,
+    /// In place of the layout's.
+    pub topic: Option<String>,
+}
+
+/// Its number, the time of its first scan (ns), and when that was read.
+type Frame = (u64, Option<u64>, Instant);
+
+pub(crate) struct Merged {
+    pub(crate) parts: Vec<Part>,
+    tolerance: Duration,
+    /// Whose scans begin the frames: the first live sensor that is not silent, or the first of all.
+    leader: usize,
+    frame: Option<Frame>,
+    /// Names of the sensors that are not in the last frame, a space before each.
+    pub(crate) missing: String,
+}
+
+/// A sensor and its next scan.
+pub(crate) struct Part {
+    name: String,
+    pub(crate) source: Source,
+    frame_from_sensor: IsometryMatrix3<f32>,
+    scan: Scan,
+    has_scan: bool,
+    /// Number of the scan after it.
+    number: u64,
+    is_over: bool,
+    /// Whether the scan belongs to the frame; `None`: not known yet.
+    is_in: Option<bool>,
+    /// In a row.
+    frames_without: u64,
+}
+
+impl Source {
+    /// Scans of several sensors merged into frames, which the first sensor's scans begin. `base_from_frame`: pose of the frames' coordinates in the robot's
+    /// base, as [`Lidar::extrinsics`]. `tolerance_ms`: between the times of scans in one frame, at most. Errors: as [`Source::open`], with the sensor's name.
+    pub fn merge(
+        lidars: &[Lidar],
+        layout: &Layout,
+        base_from_frame: [f64; 6],
+        tolerance_ms: u64,
+        open: Open,
+    ) -> anyhow::Result<Source> {
+        let frame_from_base = pose(base_from_frame).inverse();
+        let part = |lidar: &Lidar| {
+            let (name, mut layout) = (lidar.name.clone(), layout.clone());
+            layout.calibration = lidar.calibration.clone().or(layout.calibration);
+            layout.topic = lidar.topic.clone().or(layout.topic);
+            let source = open(&lidar.input, &layout, false);
+            anyhow::Ok(Part {
+                source: source.with_context(|| format!("[[lidar]] {name}"))?,
+                name,
+                frame_from_sensor: (frame_from_base * pose(lidar.extrinsics)).cast(),
+                scan: Scan::default(),
+                has_scan: false,
+                number: 0,
+                is_over: false,
+                is_in: None,
+                frames_without: 0,
+            })
+        };
+        let kind = Kind::Merged(Merged {
+            parts: lidars.iter().map(part).collect::<Result<_, _>>()?,
+            tolerance: Duration::from_millis(tolerance_ms),
+            leader: 0,
+            frame: None,
+            missing: String::new(),
+        });
+        let repeat = false;
+        Ok(Source { kind, repeat })
+    }
+}
+
+impl Merged {
+    /// As [`Source::load`].
+    pub(crate) fn load(&mut self, sequence: u64, scan: &mut Scan) -> anyhow::Result<Next> {
+        if self.frame.is_none_or(|frame| frame.0 != sequence) {
+            let is_heard = |part: &Part| part.source.silence().is_none();
+            self.leader = self.parts.iter().position(is_heard).unwrap_or(0);
+            let leader = &mut self.parts[self.leader];
+            let next = leader.source.load(sequence, &mut leader.scan)?;
+            if next != Next::Scan {
+                return Ok(next);
+            }
+            self.frame = Some((sequence, time_ns_of(&leader.scan), Instant::now()));
+            for part in &mut self.parts {
+                part.has_scan &= part.is_in != Some(true);
+                part.is_in = None;
+            }
+            self.parts[self.leader].is_in = Some(true);
+        }
+        for part in &mut self.parts {
+            if let (None, Some(frame)) = (part.is_in, self.frame) {
+                part.is_in = part.seek(frame, self.tolerance);
+            }
+            if part.is_in.is_none() {
+                return Ok(Next::NotYet);
+            }
+        }
+        self.tell(sequence);
+        self.write(scan);
+        Ok(Next::Scan)
+    }
+
+    /// Counts; logs which sensor is missing since this frame, and which came back.
+    fn tell(&mut self, sequence: u64) {
+        self.missing.clear();
+        for part in &mut self.parts {
+            let (name, frames) = (&part.name, part.frames_without);
+            let is_missing = part.is_in != Some(true);
+            part.frames_without = (frames + 1) * u64::from(is_missing);
+            if is_missing {
+                self.missing += &format!(" {name}");
+            }
+            if is_missing && frames == 0 {
+                tracing::warn!(sequence, "lidar {name} is missing: frames go on without it");
+            } else if !is_missing && frames > 0 {
+                tracing::info!(sequence, "lidar {name} is back: {frames} frames without it");
+            }
+        }
+    }
+
+    /// The points of all scans that are in the frame; name, stamp and pose are the leader's.
+    fn write(&self, scan: &mut Scan) {
+        let leader = &self.parts[self.leader].scan;
+        scan.bytes.clear();
+        let mut flags = Flags::default();
+        for part in &self.parts {
+            flags = flags.with(match part.is_in {
+                Some(true) => part.write_points(&mut scan.bytes),
+                _ => Flags::DEGRADED,
+            });
+        }
+        *scan = Scan {
+            bytes: std::mem::take(&mut scan.bytes),
+            name: leader.name.clone(),
+            flags,
+            ..*leader
+        };
+    }
+}
+
+impl Part {
+    /// Whether the sensor has a scan for the frame; `None`: ask again. One that fails is as one that ends: the others go on.
+    fn seek(&mut self, frame: Frame, tolerance: Duration) -> Option<bool> {
+        let (sequence, frame_ns, begun) = frame;
+        while !self.is_over {
+            if !self.has_scan {
+                let is_late = self.source.silence().is_some() || begun.elapsed() > tolerance;
+                let number = frame_ns.map_or(sequence, |_| self.number);
+                let (source, scan) = (&mut self.source, &mut self.scan);
+                let next = match &mut source.kind {
+                    // Its points come below.
+                    Kind::Folder(_) => source.pass_over(number, scan),
+                    Kind::Live(live) if is_late => live.load(scan, Duration::ZERO),
+                    _ => source.load(number, scan),
+                };
+                let next = next.unwrap_or_else(|error| {
+                    tracing::error!("lidar {}: {error:#}", self.name);
+                    Next::End
+                });
+                if next == Next::NotYet {
+                    return (is_late && self.source.is_live()).then_some(false);
+                }
+                (self.has_scan, self.is_over) = (next == Next::Scan, next == Next::End);
+                self.number = number + 1;
+                continue;
+            }
+            let is_near = match (time_ns_of(&self.scan), frame_ns) {
+                (Some(own_ns), Some(frame_ns)) => {
+                    let is_near = own_ns.abs_diff(frame_ns) <= tolerance.as_nanos() as u64;
+                    self.has_scan = is_near || own_ns > frame_ns;
+                    is_near
+                }
+                (own_ns, frame_ns) => own_ns == frame_ns,
+            };
+            if let (Kind::Folder(folder), true) = (&self.source.kind, is_near) {
+                folder.load(self.number - 1, &mut self.scan);
+            }
+            if self.has_scan {
+                return Some(is_near);
+            }
+        }
+        Some(false)
+    }
+
+    /// Appends the points in the frame's coordinates; gives what is wrong with the scan.
+    fn write_points(&self, bytes: &mut Vec<u8>) -> Flags {
+        let (points, rest) = self.scan.bytes.as_chunks::<16>();
+        for point in points {
+            let (numbers, _) = point.as_chunks();
+            let [x, y, z, intensity] = std::array::from_fn(|i| f32::from_le_bytes(numbers[i]));
+            let mut at = Point3::new(x, y, z);
+            // A missing return stays one.
+            if at != Point3::origin() {
+                at = self.frame_from_sensor * at;
+            }
+            let numbers = [at.x, at.y, at.z, intensity].map(f32::to_le_bytes);
+            bytes.extend_from_slice(numbers.as_flattened());
+        }
+        match rest {
+            [] => self.scan.flags,
+            _ => self.scan.flags.with(Flags::DAMAGED_INPUT),
+        }
+    }
+}
+
+/// What scans are merged by.
+fn time_ns_of(scan: &Scan) -> Option<u64> {
+    scan.received_ns.or(scan.stamp_ns)
+}
+
+fn pose([x, y, z, roll_rad, pitch_rad, yaw_rad]: [f64; 6]) -> IsometryMatrix3<f64> {
+    let rotation = Rotation3::from_euler_angles(roll_rad, pitch_rad, yaw_rad);
+    IsometryMatrix3::from_parts(Translation3::new(x, y, z), rotation)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::UdpSocket;
+    use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+    use super::*;
+    use crate::packets::tests::{HOUR_NS, velodyne};
+
+    #[test]
+    fn live_sensors_may_fall_silent_the_first_one_too_and_come_back() {
+        let free = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+        let ports = free.map(|socket| socket.local_addr().unwrap());
+        let lidars = [("front", ports[0]), ("rear", ports[1])].map(|(name, port)| Lidar {
+            name: name.to_string(),
+            input: format!("udp:{port}").into(),
+            extrinsics: [0.0; 6],
+            calibration: None,
+            topic: None,
+        });
+        let source = Source::merge(&lidars, &Layout::default(), [0.0; 6], 50, Source::open);
+        let mut source = source.unwrap();
+        // A bit for each sensor that sends.
+        static SENDING: AtomicU32 = AtomicU32::new(3);
+        std::thread::spawn(move || {
+            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            for n in 0.. {
+                let packet = velodyne([34, 1, 40, 55, 0], n as u32, HOUR_NS + n * 1_327_104);
+                let bits = SENDING.load(Relaxed);
+                for bit in [0, 1].into_iter().filter(|bit| bits >> bit & 1 == 1) {
+                    socket.send_to(&packet, ports[bit]).unwrap();
+                }
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        });
+        let (mut scan, mut sequence, begun) = (Scan::default(), 0, Instant::now());
+        for (bits, missing) in [(3u32, ""), (1, " rear"), (2, " front"), (3, "")] {
+            SENDING.store(bits, Relaxed);
+            let bytes = bits.count_ones() as usize * 75 * 384 * 16;
+            while source.missing() != missing || scan.bytes.len() != bytes {
+                let next = source.load(sequence, &mut scan).unwrap();
+                sequence += u64::from(next == Next::Scan);
+                let is_early = begun.elapsed() < Duration::from_secs(30);
+                assert!(is_early, "{bits}: without{}", source.missing());
+            }
+        }
+    }
+}

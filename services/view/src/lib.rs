@@ -1,0 +1,5 @@
+//! A running pipeline as ROS 2 messages, for programs that show, record or publish it.
+
+mod follow;
+
+pub use follow::{Follower, Messages, Moment, TOPICS};

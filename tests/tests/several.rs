@@ -1,0 +1,96 @@
+//! Several LiDARs as one frame: halves of scans give the objects of the whole ones; without a sensor the frames go on.
+
+use mluc_dataset::scan_bytes;
+use mluc_ingest::unpack;
+use mluc_tests::{Finished, Running, Setting, root, write_file};
+use serde_json::Value;
+
+/// The second one hangs upside down, and looks to the left.
+const LIDARS: &str = "\
+[[lidar]]
+name = 'front'
+input = 'front'
+extrinsics = [0.5, 0.0, 1.75, 0.0, 0.0, 0.0]
+[[lidar]]
+name = 'rear'
+input = 'rear'
+extrinsics = [-1.0, 0.5, 1.5, 3.141592653589793, 0.0, 1.5707963267948966]
+";
+
+/// A point of the first sensor as the second one sees it.
+fn in_rear([x, y, z, intensity]: [f32; 4]) -> [f32; 4] {
+    [y - 0.5, x + 1.5, -z - 0.25, intensity]
+}
+
+/// The program's own scans whole, and split between two sensors; the second one has no third scan.
+fn write_scans(setting: &Setting) {
+    let folder = setting.folder.path();
+    for name in ["000010", "000080", "000209", "000380"] {
+        let path = root().join(format!("services/mluc/assets/{name}.scan"));
+        let points = unpack(&std::fs::read(path).expect("a scan")).expect("points");
+        let points = points.iter().map(|p| [p.x_m, p.y_m, p.z_m, p.intensity]);
+        let (front, rear): (Vec<_>, Vec<_>) = points.partition(|p| p[0] > p[1]);
+        let moved: Vec<_> = rear.iter().copied().map(in_rear).collect();
+        let whole = [&front[..], &rear].concat();
+        for (sensor, points) in [("whole", whole), ("front", front), ("rear", moved)] {
+            let path = folder.join(format!("{sensor}/{name}.bin"));
+            write_file(&path, scan_bytes(&points));
+        }
+    }
+    let _ = std::fs::remove_file(folder.join("rear/000209.bin"));
+    for (sensor, ms) in [("front", "100 200 300 400"), ("rear", "140 160 440")] {
+        let stamps = ms
+            .split(' ')
+            .map(|ms| format!("2026-01-01 00:00:00.{ms}\n"));
+        let path = folder.join(format!("{sensor}/timestamps.txt"));
+        write_file(&path, stamps.collect::<String>());
+    }
+}
+
+fn up(setting: &Setting, options: &str) -> Finished {
+    let instance = &setting.instance;
+    let words = format!("up --instance {instance} --pace complete --precision f32 {options}");
+    setting.finish(Running::mluc(words.split_whitespace()))
+}
+
+#[test]
+fn halves_are_one_scan_and_a_sensor_that_is_missing_is_told() {
+    let setting = Setting::new("several", 0);
+    write_scans(&setting);
+    let input = setting.folder.path().join("whole");
+    let whole = up(&setting, &format!("--input {}", input.display()));
+    let merged = up(&setting, &setting.config(LIDARS));
+    merged.assert_complete(0, 4);
+    for (number, (whole, merged)) in whole.lines.iter().zip(&merged.lines).enumerate() {
+        let has_flag = merged["flags"].to_string().contains("\"degraded\"");
+        assert_eq!(has_flag, number == 2, "{merged}");
+        let objects = |line: &Value| line["objects"].as_array().expect("objects").clone();
+        let [whole, merged] = [objects(whole), objects(merged)];
+        let axis = |o: &Value, i: usize| o["center_m"][i].as_f64().expect("a number");
+        let is_near = |a: &Value, b: &Value| {
+            a["label"] == b["label"] && (0..3).all(|i| (axis(a, i) - axis(b, i)).abs() < 0.05)
+        };
+        let is_there = |object| merged.iter().any(|other| is_near(object, other));
+        let is_same = whole.len() == merged.len() && whole.iter().all(is_there);
+        assert_eq!(is_same, number != 2, "{whole:?} {merged:?}");
+        assert!(!merged.is_empty(), "{number}");
+    }
+    let missing = "lidar rear is missing: frames go on without it";
+    merged.assert_says(&[missing, "lidar rear is back: 1 frames", "degraded 1"]);
+}
+
+#[test]
+fn settings_that_make_no_sense_are_refused_by_name() {
+    let setting = Setting::new("senses", 0);
+    write_scans(&setting);
+    for (from, to, words) in [
+        ("1.5707963267948966", "90", "[[lidar]], in rad,"),
+        ("1.75, 0.0,", "1.75,", "array of length 6"),
+        ("'rear'\nex", "'back'\nex", "[[lidar]] rear: input"),
+        ("[[lidar]]", "loop = true\n[[lidar]]", "and loop"),
+    ] {
+        let run = up(&setting, &setting.config(&LIDARS.replacen(from, to, 1)));
+        assert!(run.code != Some(0) && run.lines.is_empty(), "{}", run.log);
+        run.assert_says(&[words]);
+    }
+}
