@@ -6,6 +6,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::error::Result;
 use crate::instance::SHARED_MEMORY;
@@ -88,8 +89,10 @@ pub(crate) fn make_management_segment(instance: &Instance) -> Result<()> {
     const VERSION: u64 = 10 << 16;
     let path = PathBuf::from(format!("{SHARED_MEMORY}/{}{NAME}", instance.prefix()));
     let failed = || RuntimeError::io("making", &path);
-    // It appears under its name when it is whole, and never replaces another one.
-    let own = format!("management.{}", std::process::id());
+    // It appears under its name when it is whole, and never replaces another one. Two threads may make it at once.
+    static CALLS: AtomicU32 = AtomicU32::new(0);
+    let call = CALLS.fetch_add(1, Ordering::Relaxed);
+    let own = format!("management.{}.{call}", std::process::id());
     let own = instance.root().join(own);
     let mut options = fs::OpenOptions::new();
     let file = options
@@ -152,5 +155,18 @@ mod tests {
         assert!(check_empty(&instance).is_err());
         assert_eq!(wipe(&instance, ".lock"), 2);
         assert!(check_empty(&instance).is_ok());
+    }
+
+    #[test]
+    fn threads_that_make_the_management_segment_at_once_all_succeed() {
+        let instance = Instance::new(&format!("at-once-{}", std::process::id())).unwrap();
+        fs::create_dir(instance.root()).unwrap();
+        std::thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| (0..200).for_each(|_| make_management_segment(&instance).unwrap()));
+            }
+        });
+        assert_eq!(wipe(&instance, ""), 1, "the segment alone is there");
+        fs::remove_dir(instance.root()).unwrap();
     }
 }

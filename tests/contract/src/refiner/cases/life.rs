@@ -75,7 +75,7 @@ pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
 pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
     let mut slowest = Duration::ZERO;
     for kill in 0..KILLS {
-            let mut frame = session.player.usual();
+        let mut frame = session.player.usual();
         session.player.send(&mut frame)?;
         // In the middle of its work, more or less.
         std::thread::sleep(Duration::from_micros(300 * kill as u64));
@@ -108,7 +108,7 @@ pub(super) fn overload(session: &mut Session<'_>) -> Outcome {
     // A first frame, so that gaps can be counted from it.
     session.ask_usual()?;
 
-    let before = session.fresh_health()?.frames_dropped;
+    let before = session.fresh_health()?;
     session.program()?.signal(Signal::STOP);
     std::thread::sleep(Duration::from_millis(50));
     let sequences = flood(session, HELD, Duration::from_millis(5))?;
@@ -118,7 +118,7 @@ pub(super) fn overload(session: &mut Session<'_>) -> Outcome {
         held <= ANSWERS_MAX,
         "held back while {HELD} frames came, it answered {held} of them: old ones are to be passed over"
     );
-    let before = session.fresh_health()?.frames_dropped;
+    let before = session.fresh_health()?;
     let sequences = flood(session, BURST, Duration::ZERO)?;
     let burst = count_answers(session, BURST, sequences, before)?;
     let told = |answered, count| {
@@ -143,13 +143,13 @@ fn flood(session: &mut Session<'_>, count: usize, pause: Duration) -> anyhow::Re
     Ok(answered)
 }
 
-/// Waits for the answer to the newest of `count` frames, and until its health counts the others as dropped; gives how many
-/// were answered.
+/// Waits for the answer to the newest of `count` frames, and until its health counts each as published or dropped; gives how
+/// many were published. An answer that its successors pushed out before this process took it is one of them.
 fn count_answers(
     session: &mut Session<'_>,
     count: usize,
     mut answered: Vec<u64>,
-    dropped_before: u64,
+    before: Health,
 ) -> anyhow::Result<usize> {
     let newest = session.player.next_sequence - 1;
     let awaited = format!("objects of the newest of {count} frames, {newest}");
@@ -161,12 +161,17 @@ fn count_answers(
         answered.is_sorted_by(|a, b| a < b),
         "frames were answered out of order: {answered:?}"
     );
-    let overtaken = (count - answered.len()) as u64;
-    let dropped = dropped_before + overtaken;
-    let awaited =
-        format!("heartbeat with frames_dropped {dropped}, as {overtaken} frames were overtaken");
-    session.await_health(&awaited, |health| health.frames_dropped == dropped)?;
-    Ok(answered.len())
+    let seen = answered.len() as u64;
+    let total = before.frames_out + before.frames_dropped + count as u64;
+    let awaited = format!(
+        "heartbeat with {total} frames in frames_out and frames_dropped together, at least {} of them in frames_out",
+        before.frames_out + seen
+    );
+    let health = session.await_health(&awaited, |health| {
+        health.frames_out >= before.frames_out + seen
+            && health.frames_out + health.frames_dropped == total
+    })?;
+    Ok((health.frames_out - before.frames_out) as usize)
 }
 
 fn collect(player: &mut Player, sequences: &mut Vec<u64>) -> anyhow::Result<()> {
