@@ -106,11 +106,10 @@ def open_topic(node, name):
 
 def newest_sample(port):
     """The newest message that waits, to be deleted after use; older ones are let go. None: none."""
-    newest = None
-    while (sample := port.receive()) is not None:
-        if newest is not None:
-            newest.delete()
-        newest = sample
+    newest = port.receive()
+    while newest is not None and port.has_samples():
+        newest.delete()  # before the next is taken: a topic may lend no more than one
+        newest = port.receive()
     return newest
 
 
