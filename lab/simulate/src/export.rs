@@ -52,6 +52,9 @@ pub struct ExportOptions {
     /// Classes that stand in every split, train too, beside the family's known ones: van, truck, golf_cart, forklift.
     #[arg(long = "known", value_delimiter = ',', value_name = "CLASS,..")]
     pub also_known: Vec<Class>,
+    /// Write part I (0 to N-1) of N alone, for job arrays: every Nth frame. The parts' folders, copied into one, are the whole data set, bit for bit.
+    #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with = "sequence")]
+    pub shard: Option<[u32; 2]>,
     /// Folder to write; must be new or empty.
     #[arg(long = "out")]
     pub folder: PathBuf,
@@ -74,6 +77,19 @@ impl ExportOptions {
         let options = ExportOptions::try_parse_from(words.chain([folder.as_os_str()]));
         options.expect("options of the simulator")
     }
+
+    /// The frames of the part, or all.
+    pub fn indices(&self) -> Vec<u32> {
+        let [index, count] = self.shard.unwrap_or([0, 1]);
+        (index..self.frames).step_by(count as usize).collect()
+    }
+}
+
+fn shard(text: &str) -> Result<[u32; 2], String> {
+    let parts = text.split_once('/');
+    let numbers = parts.and_then(|(i, n)| Some([i.parse().ok()?, n.parse().ok()?]));
+    let fits = numbers.filter(|[index, count]| index < count);
+    fits.ok_or_else(|| format!("expected I/N with I from 0 to N-1, found {text}"))
 }
 
 /// Writes a data set. `written` is called after each frame, from any thread.
@@ -105,7 +121,7 @@ pub fn export(options: &ExportOptions, written: impl Fn() + Sync) -> Result<(), 
         Ok(pose)
     };
     let poses: Result<Vec<_>, SimulateError> =
-        pool.install(|| (0..options.frames).into_par_iter().map(one).collect());
+        pool.install(|| options.indices().into_par_iter().map(one).collect());
     write_poses(options, &poses?)?;
     let names: String = (0..options.frames).map(|i| format!("{i:06}\n")).collect();
     let list = options.folder.join(format!("ImageSets/{split}.txt"));

@@ -72,18 +72,20 @@ fn frames_of_the_papers_families_stay_as_they_are() {
 }
 
 #[test]
-fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
+fn a_data_set_is_the_same_bytes_with_one_and_two_threads_and_in_parts() {
     let folder = tempfile::tempdir().expect("a folder");
-    let run = |threads: usize| {
-        let folder = folder.path().join(threads.to_string());
+    let run = |threads: usize, shard: Option<[u32; 2]>| {
+        let folder = folder.path().join(format!("{threads} {shard:?}"));
         let options = ExportOptions {
             threads,
+            shard,
             ..ExportOptions::new(Family::SimUdi, Split::Val, 4, 5, folder.clone())
         };
         export(&options, || ()).expect("written");
         folder
     };
-    let (one, two) = (run(1), run(2));
+    let (one, two) = (run(1, None), run(2, None));
+    let parts = [0, 1].map(|index| run(2, Some([index, 2])));
     for part in [
         "velodyne/000003.bin",
         "label_2/000000.txt",
@@ -96,6 +98,17 @@ fn a_data_set_is_the_same_bytes_with_one_and_two_threads() {
         let [one, two] = [&one, &two].map(|root| std::fs::read(root.join(part)).expect("a file"));
         assert!(one == two, "{part} differs");
         assert!(!one.is_empty() || part.starts_with("label_2"), "{part}");
+        let files = parts
+            .iter()
+            .filter_map(|root| std::fs::read(root.join(part)).ok());
+        let copies = files
+            .map(|file| assert!(file == one, "{part} differs"))
+            .count();
+        assert_eq!(
+            copies,
+            if part.starts_with("ImageSets") { 2 } else { 1 },
+            "{part}"
+        );
     }
     let again = ExportOptions::new(Family::SimUdi, Split::Val, 1, 5, one);
     let refused = export(&again, || ()).expect_err("not empty").to_string();

@@ -86,6 +86,8 @@ pub(crate) enum Command {
     Record(ExternalArgs),
     /// Publish points and objects of a running pipeline as ROS 2 topics. Needs the program mluc-ros2.
     Publish(ExternalArgs),
+    /// Publish objects and states of a running pipeline to other computers, over zenoh. Needs the program mluc-zenoh.
+    Zenoh(ExternalArgs),
     /// Check whether this machine can run the pipeline.
     Doctor(DoctorArgs),
     /// Measure latency, stage by stage, and write a report; `bench compare` compares two. Needs the program mluc-bench.
@@ -122,7 +124,7 @@ const OBJECTS: &str = "Objects";
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
     /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply), a capture (.pcap, .pcapng), a recording
-    /// (.mcap), a live sensor (udp:2368, udp:ADDRESS:PORT), or a ROS 2 topic (ros2:/TOPIC; needs the program mluc-ros2).
+    /// (.mcap), a live sensor (udp:2368, udp:ADDRESS:PORT), a folder that grows (follow:DIR), or a ROS 2 topic (ros2:/TOPIC; needs the program mluc-ros2).
     #[arg(long, help_heading = INPUT)]
     pub(crate) input: Option<PathBuf>,
     #[command(flatten)]

@@ -81,6 +81,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::View(_) => external::external("mluc-view", &["view"]),
         Command::Record(_) => external::external("mluc-view", &["record"]),
         Command::Publish(_) => external::external("mluc-ros2", &["publish"]),
+        Command::Zenoh(_) => external::external("mluc-zenoh", &[]),
         Command::Bench(_) => external::external("mluc-bench", &[]),
         Command::RefinerTest(_) => external::external("mluc-contract", &["refiner"]),
         Command::Clean { instance } => commands::clean(&instance),

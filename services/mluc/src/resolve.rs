@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::Context;
 use mluc_model::{Model, SensorProfile};
 use mluc_runtime::Instance;
-use mluc_sources::is_live;
+use mluc_sources::{FOLLOW, is_live};
 use toml::{Table, Value};
 
 use crate::cli::PipelineArgs;
@@ -149,12 +149,14 @@ pub fn file_layer(path: &Path) -> anyhow::Result<Table> {
 /// Makes the paths of a layer absolute: relative ones are relative to `folder`. Names of what is built in and addresses stay.
 fn rebase(layer: &mut Table, folder: &Path) {
     let absolute = |name: &str| {
-        let path = folder.join(name);
+        let path = name.strip_prefix(FOLLOW);
+        let scheme = path.map_or("", |_| FOLLOW);
+        let path = folder.join(path.unwrap_or(name));
         let path = std::path::absolute(&path).unwrap_or(path);
-        Value::String(path.to_string_lossy().into_owned())
+        Value::String(format!("{scheme}{}", path.to_string_lossy()))
     };
     let is_path = |key: &str, name: &str| match key {
-        "input" => !is_live(Path::new(name)),
+        "input" => name.starts_with(FOLLOW) || !is_live(Path::new(name)),
         "model" => model::built_in(name).is_none() && folder.join(name).exists(),
         "profile" => SensorProfile::names().all(|product| product != name),
         _ => true,

@@ -31,15 +31,21 @@ pub(crate) struct Folder {
 }
 
 impl Folder {
+    /// Scans without stamps and poses.
+    pub(crate) fn of(scans: Vec<PathBuf>, layout: &Layout) -> Folder {
+        Folder {
+            scans,
+            layout: layout.clone(),
+            ..Folder::default()
+        }
+    }
+
     /// `input`: one file of a [format](Format), or a folder of them, or a folder with such a `velodyne/` or KITTI raw's `velodyne_points/data/`. Errors:
     /// none there, of several formats, more than a million.
     pub(crate) fn find(input: &Path, layout: &Layout) -> anyhow::Result<Folder> {
         let name = input.display();
         let about = fs::metadata(input).with_context(|| format!("input {name}"))?;
-        let found = Folder {
-            layout: layout.clone(),
-            ..Folder::default()
-        };
+        let found = Folder::of(vec![], layout);
         let check = |scans: &[PathBuf]| found.check_columns(scans).context(format!("input {name}"));
         if !about.is_dir() {
             let is_scan = about.is_file() && Format::of(input).is_some();
@@ -69,7 +75,7 @@ impl Folder {
     }
 
     /// Refuses `.bin` files that have another number of columns than four. One of another size among some is cut short, and no reason.
-    fn check_columns(&self, scans: &[PathBuf]) -> Result<(), SourceError> {
+    pub(crate) fn check_columns(&self, scans: &[PathBuf]) -> Result<(), SourceError> {
         let is_plain = |path: &PathBuf| Format::of(path) == Some(Format::Bin);
         if !self.layout.columns.is_empty() || !scans.iter().all(is_plain) {
             return Ok(());
@@ -168,7 +174,7 @@ fn refusal(input: &Path) -> String {
 }
 
 /// Empty where there is no such folder.
-fn scan_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+pub(crate) fn scan_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }

@@ -8,6 +8,7 @@ mod capture;
 mod error;
 pub mod files;
 mod folder;
+mod growing;
 mod live;
 mod merged;
 pub mod packets;
@@ -25,12 +26,14 @@ use mluc_ipc_types::{EgoPose, Flags};
 use capture::CaptureScans;
 use files::Layout;
 use folder::Folder;
+use growing::Growing;
 use live::{Live, PATIENCE};
 use merged::Merged;
 use recording::Recording;
 
 pub use error::SourceError;
 use error::refused;
+pub use growing::FOLLOW;
 use live::address;
 pub use merged::Lidar;
 
@@ -92,9 +95,14 @@ pub trait LiveScans: Send {
 /// Opens an input, as [`Source::open`] does.
 pub type Open = fn(&Path, &Layout, bool) -> anyhow::Result<Source>;
 
-/// Whether an input is a live sensor or topic rather than a path.
+/// Whether an input is a live sensor, a topic or a folder that grows.
 pub fn is_live(input: &Path) -> bool {
-    address(input).is_some() || ros2_topic(input).is_some()
+    address(input).is_some() || ros2_topic(input).is_some() || followed(input).is_some()
+}
+
+/// The folder of an input like `follow:DIR`; `None`: it is none.
+fn followed(input: &Path) -> Option<&str> {
+    input.to_str()?.strip_prefix(FOLLOW)
 }
 
 /// The topic of an input like `ros2:/points`, which the program `mluc-ros2` opens; `None`: it is none.
@@ -117,6 +125,8 @@ impl Source {
         let ending = ending(input);
         let kind = if let Some(address) = address(input) {
             Kind::Live(Box::new(Live::open(address?, layout)?))
+        } else if let Some(folder) = followed(input) {
+            Kind::Live(Box::new(Growing::open(folder, layout)?))
         } else if ros2_topic(input).is_some() {
             let input = input.display();
             bail!("input {input}: a ROS 2 topic is read by `mluc up --input {input}` alone")

@@ -22,7 +22,7 @@ struct Line {
 }
 
 /// Reads JSON lines: detections by frame name. A frame that comes twice is an error, as is a line cut short.
-pub(super) fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetection>>> {
+pub fn read_json_lines(path: &Path) -> Result<BTreeMap<String, Vec<SensorDetection>>> {
     let failed = |e| EvaluateError::file(path, e);
     let mut reader = BufReader::new(std::fs::File::open(path).map_err(failed)?);
     let mut frames = BTreeMap::new();

@@ -8,7 +8,7 @@ mod json_lines;
 
 use crate::pipeline::finite_points;
 use crate::{EvaluateError, FrameRings, FrameTruth, LabelledFrame, Result, SensorDetection};
-use json_lines::read_json_lines;
+pub use json_lines::read_json_lines;
 use mluc_dataset::{file_stems, read_calibration, read_detections, read_labels, read_scan};
 use mluc_geometry::ImageSize;
 use rayon::prelude::*;

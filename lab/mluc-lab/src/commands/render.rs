@@ -1,84 +1,196 @@
-//! `mluc-lab render`: a picture of a scan and its labels, from above.
+//! `mluc-lab render`: pictures of scans with their labels and with what was found, one by one, as a sheet or as an animation.
 
-use super::terminal::write_out;
-use anyhow::bail;
+use super::terminal::{counted, write_out};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
-use mluc_dataset::{Label, read_boxes, read_scan};
-use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye};
-use mluc_geometry::Box3;
-use std::path::PathBuf;
+use mluc_dataset::{Dataset, read_boxes, read_scan};
+use mluc_evaluate::SensorDetection;
+use mluc_evaluate::input::read_json_lines;
+use mluc_gateway::picture::{BoxKind, Canvas, DrawnBox, View, bird_eye, perspective};
+use mluc_ipc_types::ObjectKind;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
-/// Draw a scan from above as a PNG, with the boxes of its labels.
+/// Most pictures of a sheet or an animation: they are held in memory.
+const PICTURES_MAX: usize = 256;
+/// Width of a picture by itself, and of one among others, px.
+const WIDTHS_PX: [usize; 2] = [1280, 640];
+/// Pixels a metre of a picture from above, by itself and among others.
+const PX_PER_M: [f32; 2] = [10.0, 5.0];
+
+/// Draw scans as a PNG, with the boxes of their labels and of what was found.
 #[derive(Args)]
 pub(crate) struct RenderArguments {
-    /// Scan: x, y, z, intensity as little-endian f32.
+    /// A scan (x, y, z, intensity as little-endian f32), or a folder of scans or of velodyne/: a sheet of all.
     #[arg(long)]
     scan: PathBuf,
-    /// Labels in KITTI's format. Without it, label_2/NAME.txt beside the scan's folder is taken when it exists.
+    /// What was found: the lines of `mluc up`, by the scans' names.
+    #[arg(long, value_name = "FILE.jsonl")]
+    detections: Option<PathBuf>,
+    /// Labels in KITTI's format, a file or a folder of NAME.txt [default: label_2 beside the scan's folder, where it exists].
     #[arg(long)]
     labels: Option<PathBuf>,
-    /// Calibration of the frame. Without it, calib/NAME.txt beside the scan's folder.
+    /// Calibrations, a file or a folder of NAME.txt [default: calib beside the scan's folder].
     #[arg(long)]
     calib: Option<PathBuf>,
     /// Show only what lies ahead, out to 70 m, instead of the full circle.
     #[arg(long)]
     ahead: bool,
+    /// Look from behind and above the sensor instead of straight down.
+    #[arg(long, conflicts_with = "ahead")]
+    perspective: bool,
+    /// Show a folder as an animated PNG, each scan for so many ms, instead of a sheet.
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u16).range(1..))]
+    animate: Option<u16>,
     /// Picture to write.
     #[arg(long)]
     out: PathBuf,
 }
 
 pub(crate) fn run(arguments: RenderArguments) -> anyhow::Result<()> {
-    write_out(&arguments.out, &arguments.draw()?.png())
+    write_out(&arguments.out, &arguments.picture()?)
 }
 
 impl RenderArguments {
-    fn draw(&self) -> anyhow::Result<Canvas> {
-        let points = read_scan(&self.scan)?;
-        let boxes = self.labelled_boxes()?;
-        let title = self.scan.file_stem().unwrap_or_default().to_string_lossy();
-        let view = if self.ahead {
+    fn picture(&self) -> anyhow::Result<Vec<u8>> {
+        let scans = self.scans()?;
+        let found = self.found(&scans)?;
+        let drawn = |step: &(dyn Fn() + Sync)| {
+            let one = |scan: &PathBuf| {
+                let picture = self.draw(scan, &found, scans.len() > 1);
+                step();
+                picture
+            };
+            scans
+                .par_iter()
+                .map(one)
+                .collect::<anyhow::Result<Vec<_>>>()
+        };
+        let pictures = counted("drawing", scans.len(), drawn)?;
+        Ok(match self.animate {
+            Some(each_ms) => Canvas::animation(&pictures, each_ms),
+            None => sheet(&pictures).png(),
+        })
+    }
+
+    fn scans(&self) -> anyhow::Result<Vec<PathBuf>> {
+        if !self.scan.is_dir() {
+            return Ok(vec![self.scan.clone()]);
+        }
+        let dataset = Dataset::open(&self.scan)?;
+        let count = dataset.names().len();
+        ensure!(
+            count <= PICTURES_MAX,
+            "{}: expected at most {PICTURES_MAX} scans, found {count}: draw some of them",
+            self.scan.display()
+        );
+        let scans = dataset.names().iter();
+        Ok(scans.map(|name| dataset.scan_path(name)).collect())
+    }
+
+    /// By the scans' names, of which one at least must be among them.
+    fn found(&self, scans: &[PathBuf]) -> anyhow::Result<BTreeMap<String, Vec<SensorDetection>>> {
+        let Some(path) = &self.detections else {
+            return Ok(BTreeMap::new());
+        };
+        let found = read_json_lines(path)?;
+        if !scans.iter().any(|scan| found.contains_key(&stem(scan))) {
+            let expected = scans.first().map(|scan| stem(scan)).unwrap_or_default();
+            let other = found.keys().next().context("no frame")?;
+            bail!(
+                "{}: field frame: expected '{expected}' or another scan's name, found '{other}'",
+                path.display()
+            );
+        }
+        Ok(found)
+    }
+
+    fn draw(
+        &self,
+        scan: &Path,
+        found: &BTreeMap<String, Vec<SensorDetection>>,
+        is_one_of_many: bool,
+    ) -> anyhow::Result<Canvas> {
+        let (points, title) = (read_scan(scan)?, stem(scan));
+        let found = found
+            .get(&title)
+            .into_iter()
+            .flatten()
+            .map(|found| DrawnBox {
+                box_in_sensor: found.box_in_sensor,
+                kind: match found.kind {
+                    ObjectKind::Known => BoxKind::Known,
+                    ObjectKind::Unknown => BoxKind::Unknown,
+                },
+                label: found.class.clone(),
+                caption: format!("{} {:.2}", found.class, found.score),
+            });
+        let mut boxes = self.labelled_boxes(scan)?;
+        boxes.extend(found);
+        let size = usize::from(is_one_of_many);
+        if self.perspective {
+            return Ok(perspective(&points, &boxes, &title, WIDTHS_PX[size]));
+        }
+        let mut view = if self.ahead {
             View::ahead()
         } else {
             View::around()
         };
-        let view = View {
-            title: title.into_owned(),
-            ..view
-        };
-        let drawn = boxes.into_iter().map(|(label, box_in_sensor)| DrawnBox {
-            box_in_sensor,
-            kind: BoxKind::Truth,
-            label: label.class,
-            caption: String::new(),
-        });
-        Ok(bird_eye(&points, &drawn.collect::<Vec<_>>(), &view))
+        (view.title, view.px_per_m) = (title, PX_PER_M[size]);
+        Ok(bird_eye(&points, &boxes, &view))
     }
 
-    /// The given file, or the scan's in a folder beside the scan's own.
-    fn given_or_beside(&self, given: &Option<PathBuf>, folder: &str) -> Option<PathBuf> {
-        let beside = || {
-            let root = self.scan.parent()?.parent()?;
-            let path = root
-                .join(folder)
-                .join(self.scan.with_extension("txt").file_name()?);
-            path.is_file().then_some(path)
-        };
-        given.clone().or_else(beside)
-    }
-
-    fn labelled_boxes(&self) -> anyhow::Result<Vec<(Label, Box3)>> {
-        let Some(path) = self.given_or_beside(&self.labels, "label_2") else {
+    fn labelled_boxes(&self, scan: &Path) -> anyhow::Result<Vec<DrawnBox>> {
+        let Some(path) = given_or_beside(scan, &self.labels, "label_2") else {
             return Ok(Vec::new());
         };
-        let Some(calibration) = self.given_or_beside(&self.calib, "calib") else {
+        let Some(calibration) = given_or_beside(scan, &self.calib, "calib") else {
             bail!(
                 "{}: labels need a calibration: give --calib",
                 path.display()
             );
         };
-        Ok(read_boxes(&path, &calibration)?)
+        let boxes = read_boxes(&path, &calibration)?.into_iter();
+        let drawn = boxes.map(|(label, box_in_sensor)| DrawnBox {
+            box_in_sensor,
+            kind: BoxKind::Truth,
+            label: label.class,
+            caption: String::new(),
+        });
+        Ok(drawn.collect())
     }
+}
+
+fn stem(scan: &Path) -> String {
+    let stem = scan.file_stem().unwrap_or_default();
+    stem.to_string_lossy().into_owned()
+}
+
+/// The given file or the scan's in the given folder, or that of a folder beside the scan's own.
+fn given_or_beside(scan: &Path, given: &Option<PathBuf>, folder: &str) -> Option<PathBuf> {
+    let name = scan.with_extension("txt");
+    let name = name.file_name()?;
+    match given {
+        Some(path) if path.is_dir() => Some(path.join(name)),
+        Some(path) => Some(path.clone()),
+        None => {
+            let path = scan.parent()?.parent()?.join(folder).join(name);
+            path.is_file().then_some(path)
+        }
+    }
+}
+
+/// Pictures of one size, as wide as high in pictures.
+fn sheet(pictures: &[Canvas]) -> Canvas {
+    let [width, height] = pictures[0].size_px();
+    let columns = (pictures.len() as f64).sqrt().ceil() as usize;
+    let rows = pictures.len().div_ceil(columns);
+    let mut sheet = Canvas::new(columns * width, rows * height, [0; 3]);
+    for (index, picture) in pictures.iter().enumerate() {
+        sheet.paste(picture, [index % columns * width, index / columns * height]);
+    }
+    sheet
 }
 
 #[cfg(test)]
@@ -87,32 +199,70 @@ mod tests {
     use mluc_tests::{NO_CAMERA, write_file};
 
     #[test]
-    fn labels_are_drawn() {
+    fn labels_and_what_was_found_are_drawn_and_a_folder_is_a_sheet_or_an_animation() {
         let folder = tempfile::tempdir().expect("a folder");
-        let [scan, labels, calibration] =
-            ["0.bin", "l.txt", "c.txt"].map(|name| folder.path().join(name));
-        write_file(
-            &scan,
-            bytemuck::cast_slice::<_, u8>(&[[20.0f32, 15.0, -1.0, 0.0]]),
-        );
+        let at = |name: &str| folder.path().join(name);
+        let point = [[20.0f32, 15.0, -1.0, 0.0]];
+        for name in ["0.bin", "1.bin"] {
+            write_file(
+                &at("scans").join(name),
+                bytemuck::cast_slice::<_, u8>(&point),
+            );
+        }
         let car = "Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n";
-        write_file(&labels, car);
-        write_file(&calibration, NO_CAMERA);
-        let draw = |scan: &PathBuf, labels: Option<PathBuf>| {
-            let arguments = RenderArguments {
-                scan: scan.clone(),
-                labels,
-                calib: Some(calibration.clone()),
-                ahead: true,
-                out: PathBuf::new(),
-            };
-            let canvas = arguments.draw()?;
-            // In the view ahead: the car 20 m before the sensor lies around row 504, column 400.
-            let places = (460..550).flat_map(|y| (380..420).map(move |x| (x, y)));
-            anyhow::Ok(places.map(|(x, y)| canvas.pixel(x, y)).collect::<Vec<_>>())
+        write_file(&at("l.txt"), car);
+        write_file(&at("c.txt"), NO_CAMERA);
+        let found = r#"{"kind": "unknown", "label": "unknown", "score": 0.5, "center_m": [20, 9, 0], "size_m": [2, 2, 2], "yaw_rad": 0}"#;
+        let line = |name: &str| format!("{{\"frame\": \"{name}\", \"objects\": [{found}]}}\n");
+        write_file(&at("o.jsonl"), line("0"));
+        write_file(&at("other.jsonl"), line("7"));
+        let arguments = |scan: &str, labels: &str, detections: &str| RenderArguments {
+            scan: at(scan),
+            detections: (!detections.is_empty()).then(|| at(detections)),
+            labels: (!labels.is_empty()).then(|| at(labels)),
+            calib: Some(at("c.txt")),
+            ahead: true,
+            perspective: false,
+            animate: None,
+            out: PathBuf::new(),
         };
-        let (labelled, plain) = (draw(&scan, Some(labels)), draw(&scan, None));
-        assert_ne!(labelled.expect("a picture"), plain.expect("a picture"));
-        assert!(draw(&folder.path().join("none.bin"), None).is_err());
+        let draw = |labels, detections| {
+            let arguments = arguments("scans/0.bin", labels, detections);
+            let scans = arguments.scans().expect("a scan");
+            let found = arguments.found(&scans).expect("detections");
+            arguments.draw(&scans[0], &found, false).expect("a picture")
+        };
+        let [plain, labelled, found] = [draw("", ""), draw("l.txt", ""), draw("", "o.jsonl")];
+        // Where a picture differs from the plain one: x to the left of a place 9 m to the left, row 504.
+        let differs = |canvas: &Canvas, columns: std::ops::Range<usize>| {
+            let mut places = columns.flat_map(|x| (460..550).map(move |y| (x, y)));
+            places.any(|(x, y)| canvas.pixel(x, y) != plain.pixel(x, y))
+        };
+        assert_eq!(
+            [380..420, 290..330].map(|columns| differs(&labelled, columns)),
+            [true, false]
+        );
+        assert_eq!(
+            [380..420, 290..330].map(|columns| differs(&found, columns)),
+            [false, true]
+        );
+
+        let size = |png: &[u8]| {
+            [16, 20].map(|at| u32::from_be_bytes(png[at..at + 4].try_into().expect("4")))
+        };
+        let mut folder = arguments("scans", "l.txt", "o.jsonl");
+        folder.perspective = true;
+        let sheet = folder.picture().expect("a sheet");
+        folder.animate = Some(100);
+        let animation = folder.picture().expect("an animation");
+        assert_eq!([size(&sheet), size(&animation)], [[1280, 360], [640, 360]]);
+        assert!(animation.windows(4).any(|word| word == b"acTL"));
+        let error = arguments("scans", "", "other.jsonl").picture();
+        let error = error.expect_err("no frame is a scan's").to_string();
+        assert!(
+            error.contains("expected '0'") && error.contains("found '7'"),
+            "{error}"
+        );
+        assert!(arguments("none.bin", "", "").picture().is_err());
     }
 }

@@ -46,14 +46,14 @@ pub(crate) fn run(arguments: SimulateArguments) -> anyhow::Result<()> {
         options.folder = first;
     }
     let (realism, folder) = (options.realism, options.folder.display());
-    let total = options.frames;
+    let total = options.indices().len();
     print_out(format_args!("{name}{realism}: {total} frames in {folder}"))
 }
 
 /// Simulates, shows how far it is, and gives the name of what was simulated.
 pub(super) fn export_with_progress(options: &ExportOptions) -> anyhow::Result<String> {
     let name = format!("{} {}", options.family.name(), options.split.name());
-    let total = u64::from(options.frames);
+    let total = options.indices().len() as u64;
     let style = "{msg} [{bar:40}] {pos}/{len} {per_sec}, {eta} left";
     let progress = Progress::new(&name, total, style);
     let step = || {

@@ -92,12 +92,7 @@ fn page(rows: &[Vec<Cell>]) -> Canvas {
                 let at = [left, top + GAP_PX + line * LINE_PX].map(|v| v as i64);
                 canvas.text(at, text, 1, INK);
             }
-            for at in 0..side_px * side_px {
-                let (x, y) = (at % side_px, at / side_px);
-                let color = picture.pixel(x, y).unwrap_or(PAPER);
-                let place = [left + x, top + HEAD_PX + y].map(|v| v as i64);
-                canvas.blend(place[0], place[1], color, 1.0);
-            }
+            canvas.paste(picture, [left, top + HEAD_PX]);
         }
     }
     canvas

@@ -113,16 +113,37 @@ impl Canvas {
 
     /// The picture as a PNG file.
     pub fn png(&self) -> Vec<u8> {
+        Canvas::animation(std::slice::from_ref(self), 0)
+    }
+
+    /// Pictures of one size, one after the other, again and again, as an animated PNG; a single one as a plain PNG.
+    pub fn animation(pictures: &[Canvas], each_ms: u16) -> Vec<u8> {
         let mut file = Vec::new();
-        let [width, height] = self.size_px().map(|side| side as u32);
+        let [width, height] = pictures[0].size_px().map(|side| side as u32);
         let mut encoder = png::Encoder::new(&mut file, width, height);
         encoder.set_color(png::ColorType::Rgb);
+        if pictures.len() > 1 {
+            let animated = encoder.set_animated(pictures.len() as u32, 0);
+            let delayed = animated.and_then(|()| encoder.set_frame_delay(each_ms, 1000));
+            delayed.expect("more than one picture");
+        }
         let writer = encoder.write_header();
         let mut writer = writer.expect("sides above 0, room in memory");
-        let written = writer.write_image_data(self.pixels.as_flattened());
-        let finished = written.and_then(|()| writer.finish());
-        finished.expect("as many pixels as the header says");
+        for picture in pictures {
+            let written = writer.write_image_data(picture.pixels.as_flattened());
+            written.expect("as many pixels as the header says");
+        }
+        writer.finish().expect("as many pictures as it says");
         file
+    }
+
+    /// Copies another picture to where its upper left corner is given.
+    pub fn paste(&mut self, other: &Canvas, at: [usize; 2]) {
+        for (y, row) in other.pixels.chunks(other.width_px).enumerate() {
+            for (x, color) in row.iter().enumerate() {
+                self.blend((at[0] + x) as i64, (at[1] + y) as i64, *color, 1.0);
+            }
+        }
     }
 
     /// Blends each pixel between two corners as far as it is covered; `cover` is clamped to 0..1.

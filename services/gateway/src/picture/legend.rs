@@ -1,7 +1,7 @@
 //! The corner of a picture that says what is seen: title, one line a kind of box with its count, the height ramp.
 
 use super::canvas::{Canvas, Color};
-use super::view::{BoxKind, CAPTION, DrawnBox, NIGHT, View, color_of, ramp};
+use super::view::{BoxKind, CAPTION, DrawnBox, NIGHT, color_of, ramp};
 
 const MARGIN_PX: i64 = 14;
 const LINE_PX: i64 = 18;
@@ -9,18 +9,18 @@ const TITLE: Color = [230, 236, 244];
 const RAMP_PX: i64 = 180;
 
 /// Draws the legend on panels that dim what is under them.
-pub(super) fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], view: &View, ramp_m: [f32; 2]) {
+pub(super) fn draw_legend(canvas: &mut Canvas, boxes: &[DrawnBox], title: &str, ramp_m: [f32; 2]) {
     let lines = lines(boxes);
-    let title_px = if view.title.is_empty() { 0 } else { 24 };
+    let title_px = if title.is_empty() { 0 } else { 24 };
     let texts = lines.iter().map(|(_, text)| text);
     let widths = texts.map(|text| Canvas::text_size_px(text, 1)[0] + 20);
-    let width = widths.fold(Canvas::text_size_px(&view.title, 2)[0], i64::max);
+    let width = widths.fold(Canvas::text_size_px(title, 2)[0], i64::max);
     let height = title_px + lines.len() as i64 * LINE_PX;
     if height > 0 {
         let end = [MARGIN_PX + width + 10, MARGIN_PX + height + 2];
         canvas.rectangle([4, 4], end, NIGHT, 0.78);
     }
-    canvas.text([MARGIN_PX, MARGIN_PX], &view.title, 2, TITLE);
+    canvas.text([MARGIN_PX, MARGIN_PX], title, 2, TITLE);
     let mut y = MARGIN_PX + title_px;
     for (color, text) in lines {
         canvas.rectangle([MARGIN_PX, y], [MARGIN_PX + 12, y + 12], color, 0.9);

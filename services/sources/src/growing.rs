@@ -1,0 +1,168 @@
+//! A folder that another program writes scans into, one file a scan, with names that ascend: the newest whole one is the next.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
+
+use anyhow::{Context, ensure};
+
+use crate::files::Layout;
+use crate::folder::{Folder, scan_files};
+use crate::{LiveScans, Next, Scan};
+
+/// What such an input begins with.
+pub const FOLLOW: &str = "follow:";
+/// The newest file is whole when it has not grown for so long; an older one when a newer one is there.
+const SETTLED: Duration = Duration::from_millis(50);
+/// A folder that did not change for so long is not read again.
+const QUIET: Duration = Duration::from_secs(1);
+/// Silence is told after so long.
+const SILENCE: Duration = Duration::from_secs(1);
+
+pub(crate) struct Growing {
+    path: PathBuf,
+    /// The scan that was loaded last.
+    folder: Folder,
+    /// The newest file, its bytes, and since when it has had them.
+    newest: Option<(PathBuf, u64, Instant)>,
+    heard: Instant,
+}
+
+impl Growing {
+    /// Errors: no folder.
+    pub(crate) fn open(path: &str, layout: &Layout) -> anyhow::Result<Growing> {
+        let inner = Path::new(path).join("velodyne");
+        let path = Some(inner).filter(|inner| inner.is_dir());
+        let path = path.unwrap_or_else(|| PathBuf::from(path));
+        let name = path.display();
+        ensure!(path.is_dir(), "input {FOLLOW}{name}: expected a folder");
+        Ok(Growing {
+            folder: Folder::of(vec![], layout),
+            newest: None,
+            heard: Instant::now(),
+            path,
+        })
+    }
+
+    /// The newest whole scan after the last one, and how many are passed over for it.
+    fn next(&mut self) -> anyhow::Result<Option<(PathBuf, u64)>> {
+        let about = || format!("input {FOLLOW}{}", self.path.display());
+        let changed = fs::metadata(&self.path).and_then(|about| about.modified());
+        let age = SystemTime::now().duration_since(changed.with_context(about)?);
+        if self.newest.is_none()
+            && age.is_ok_and(|age| age > QUIET)
+            && !self.folder.scans.is_empty()
+        {
+            return Ok(None);
+        }
+        let mut scans = scan_files(&self.path)?;
+        let last = self.folder.scans.first();
+        let mut fresh = scans.split_off(scans.partition_point(|scan| Some(scan) <= last));
+        if !self.has_settled(fresh.last()) {
+            fresh.pop();
+        }
+        let passed = fresh.len().saturating_sub(1) as u64;
+        // What was there at the start was not missed.
+        let missed = if last.is_some() { passed } else { 0 };
+        Ok(fresh.pop().map(|scan| (scan, missed)))
+    }
+
+    fn has_settled(&mut self, newest: Option<&PathBuf>) -> bool {
+        let bytes = |path: &PathBuf| fs::metadata(path).map_or(0, |about| about.len());
+        let now = newest.map(|path| (path.clone(), bytes(path), Instant::now()));
+        match (&self.newest, &now) {
+            (Some(old), Some(new)) if (&old.0, old.1) == (&new.0, new.1) => {}
+            _ => self.newest = now,
+        }
+        let is_settled = |(_, _, since): &mut (_, _, Instant)| since.elapsed() >= SETTLED;
+        self.newest.take_if(is_settled).is_some()
+    }
+}
+
+impl LiveScans for Growing {
+    fn load(&mut self, scan: &mut Scan, patience: Duration) -> anyhow::Result<Next> {
+        let Some((path, missed)) = self.next()? else {
+            std::thread::sleep(patience);
+            return Ok(Next::NotYet);
+        };
+        if self.folder.scans.is_empty() {
+            let checked = self.folder.check_columns(std::slice::from_ref(&path));
+            checked.with_context(|| format!("input {}", path.display()))?;
+        }
+        self.folder.scans = vec![path];
+        self.folder.load(0, scan);
+        scan.missed = missed;
+        self.heard = Instant::now();
+        Ok(Next::Scan)
+    }
+
+    fn silence(&self) -> Option<String> {
+        let (name, silent) = (self.path.display(), self.heard.elapsed());
+        let words = || format!("no new scan in {name} for {} s", silent.as_secs());
+        (silent >= SILENCE).then(words)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PATIENCE: Duration = Duration::from_millis(5);
+
+    #[test]
+    fn the_newest_whole_file_wins_and_the_others_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, points: usize| {
+            let bytes = vec![0; points * 16];
+            fs::write(folder.path().join(name), bytes).unwrap();
+        };
+        let path = folder.path().to_str().unwrap();
+        let mut growing = Growing::open(path, &Layout::default()).unwrap();
+        let mut scan = Scan::default();
+        assert_eq!(growing.load(&mut scan, PATIENCE).unwrap(), Next::NotYet);
+        let mut until = |name: &str, growing: &mut Growing| {
+            let begun = Instant::now();
+            while scan.name != name {
+                assert!(begun.elapsed() < Duration::from_secs(30), "{}", scan.name);
+                growing.load(&mut scan, PATIENCE).unwrap();
+            }
+            (scan.bytes.len() / 16, scan.missed)
+        };
+        // Those of before the start were not missed; the newest is not whole before it rests.
+        ["1.bin", "2.bin", "3.bin"].map(|name| write(name, 5));
+        assert_eq!(until("3", &mut growing), (5, 0));
+        for number in 4..7 {
+            write(&format!("{number}.bin"), number);
+        }
+        growing.next().unwrap();
+        write("7.bin", 7);
+        assert_eq!(until("7", &mut growing).0, 7);
+        assert!(growing.silence().is_none());
+        let error = Growing::open(&format!("{path}/1.bin"), &Layout::default());
+        assert!(
+            error
+                .err()
+                .unwrap()
+                .to_string()
+                .contains("expected a folder")
+        );
+        fs::remove_dir_all(path).unwrap();
+        assert!(growing.load(&mut Scan::default(), PATIENCE).is_err());
+    }
+
+    #[test]
+    fn a_file_that_grows_is_waited_for_unless_a_newer_one_is_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let layout = Layout::default();
+        let mut growing = Growing::open(folder.path().to_str().unwrap(), &layout).unwrap();
+        let put = |name: &str| fs::write(folder.path().join(name), [0; 16]).unwrap();
+        put("a.bin");
+        assert_eq!(growing.next().unwrap(), None, "it may grow still");
+        put("b.bin");
+        let (path, missed) = growing.next().unwrap().expect("a newer one is there");
+        assert_eq!(
+            (path.file_name().unwrap().to_str(), missed),
+            (Some("a.bin"), 0)
+        );
+    }
+}

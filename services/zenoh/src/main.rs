@@ -1,0 +1,113 @@
+//! The program `mluc-zenoh`, which `mluc zenoh` starts: objects and states of a running pipeline to other computers. Nothing in the
+//! pipeline waits for it, and it waits for no network: what a link does not take is dropped.
+
+use std::path::PathBuf;
+
+use anyhow::anyhow;
+use clap::Parser;
+use mluc_runtime::{Instance, log_to_stderr};
+use mluc_view::{Follower, TOPICS};
+use serde_json::json;
+use zenoh::bytes::Encoding;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::{Config, Wait};
+
+/// The stages come first.
+const NICE: i32 = 10;
+/// Places in a moment's messages, names, encodings; the clouds last.
+const KEYS: [(usize, &str, Encoding); 5] = [
+    (TOPICS - 1, "frame", Encoding::APPLICATION_JSON),
+    (1, "objects", Encoding::APPLICATION_CDR),
+    (3, "diagnostics", Encoding::APPLICATION_CDR),
+    (4, "tf", Encoding::APPLICATION_CDR),
+    (0, "points", Encoding::APPLICATION_CDR),
+];
+
+/// Publish objects and states of a running pipeline over zenoh, until Ctrl-C.
+#[derive(Parser)]
+#[command(name = "mluc zenoh", version)]
+#[group(required = true, multiple = true, args = ["connect", "listen", "config"])]
+struct Cli {
+    /// Which pipeline; it may be started later.
+    #[arg(long, default_value = "default", value_parser = Instance::new)]
+    instance: Instance,
+    /// What the keys begin with [default: mluc/INSTANCE].
+    #[arg(long, value_name = "KEY")]
+    prefix: Option<String>,
+    /// A router or peer, tcp/HOST:7447; it may come and go.
+    #[arg(long, value_name = "LOCATOR")]
+    connect: Vec<String>,
+    /// Where peers may connect, tcp/127.0.0.1:7447 [default: nowhere].
+    #[arg(long, value_name = "LOCATOR")]
+    listen: Vec<String>,
+    /// Configuration of zenoh itself (JSON5): access control, certificates, multicast. --connect and --listen come on top.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Publish the clouds too: 16 bytes a point and 4 for its object, 2.4 MB a scan of 120,000.
+    #[arg(long)]
+    points: bool,
+}
+
+impl Cli {
+    /// Without a file: a peer that listens nowhere, looks for nobody, and connects again by itself.
+    fn zenoh(&self) -> zenoh::Result<Config> {
+        let mut config = match &self.config {
+            Some(path) => Config::from_file(path)?,
+            None => Config::from_json5(
+                r#"{mode: "peer", listen: {endpoints: []}, scouting: {multicast: {enabled: false}},
+                    connect: {timeout_ms: -1, exit_on_failure: false}}"#,
+            )?,
+        };
+        for (key, locators) in [("connect", &self.connect), ("listen", &self.listen)] {
+            if !locators.is_empty() {
+                config.insert_json5(&format!("{key}/endpoints"), &json!(locators).to_string())?;
+            }
+        }
+        Ok(config)
+    }
+}
+
+/// The crate's errors have no types of their own.
+fn told<T>(what: &str, done: zenoh::Result<T>) -> anyhow::Result<T> {
+    done.map_err(|error| anyhow!("{what}: {error}"))
+}
+
+fn main() -> anyhow::Result<()> {
+    let cli = Cli::parse();
+    log_to_stderr(
+        "zenoh",
+        "info,zenoh=warn,zenoh_transport=error,zenoh_link=error",
+    );
+    rustix::process::nice(NICE)?;
+    let mut follower = Follower::open(&cli.instance)?;
+    let config = told("--connect, --listen, --config", cli.zenoh())?;
+    let session = told("opening a zenoh session", zenoh::open(config).wait())?;
+    let default = format!("mluc/{}", cli.instance.name());
+    let prefix = cli.prefix.as_ref().unwrap_or(&default);
+    let mut publishers = vec![];
+    for (place, name, encoding) in &KEYS[..KEYS.len() - usize::from(!cli.points)] {
+        let is_cloud = *place == 0;
+        let publisher = session
+            .declare_publisher(format!("{prefix}/{name}"))
+            .encoding(encoding.clone())
+            .congestion_control(CongestionControl::Drop)
+            .priority(if is_cloud {
+                Priority::DataLow
+            } else {
+                Priority::RealTime
+            })
+            .express(!is_cloud);
+        publishers.push((*place, told("--prefix", publisher.wait())?));
+    }
+    tracing::info!("publishing {prefix}/frame, objects, diagnostics, tf; Ctrl-C ends it");
+    while let Some(mut moment) = follower.next(|| true)? {
+        for (place, publisher) in &publishers {
+            if let Some(message) = moment.messages[*place].take() {
+                told("publishing", publisher.put(message).wait())?;
+            }
+        }
+    }
+    let missed = follower.shell.health.frames_dropped;
+    tracing::info!(missed, "ended");
+    told("closing the zenoh session", session.close().wait())
+}

@@ -1,0 +1,45 @@
+//! Another client at the other end: the Python package of zenoh hears the objects that `mluc up` prints (`client.py`).
+
+use std::net::TcpListener;
+use std::process::Command;
+
+use mluc_tests::{Running, Setting, built_program, python_with, root};
+use serde_json::json;
+
+#[test]
+fn a_client_from_a_package_hears_the_frames_though_it_comes_late_and_comes_again() {
+    let Some(python) = python_with("zenoh") else {
+        return;
+    };
+    let free = TcpListener::bind("127.0.0.1:0").expect("a socket");
+    let port = free.local_addr().expect("an address").port().to_string();
+    drop(free);
+    let setting = Setting::new("zenoh", 3);
+    let run = setting.up("--pace sensor --rate 5 --loop");
+    let mut publish = Command::new(built_program("mluc"));
+    let locator = format!("tcp/127.0.0.1:{port}");
+    publish.args(["zenoh", "--points", "--instance", &setting.instance]);
+    let publish = Running::start(publish.args(["--connect", &locator]));
+    let hear = || {
+        let mut client = Command::new(&python);
+        client.arg(root().join("services/zenoh/tests/client.py"));
+        let client = Running::start(client.args([&port, "5"])).finish();
+        assert_eq!(client.code, Some(0), "{} {}", client.log, run.log());
+        client.lines
+    };
+    let heard = [hear(), hear()];
+    publish.stop().assert_says(&["ended"]);
+    let run = setting.stop(run);
+    for mut heard in heard {
+        let keys = ["diagnostics", "frame", "objects", "points", "tf"];
+        assert_eq!(heard.pop(), Some(json!({"keys": keys})));
+        for frame in heard {
+            let same = |line: &&_| {
+                ["sequence", "objects", "stages"]
+                    .iter()
+                    .all(|key| line[key] == frame[key])
+            };
+            assert!(run.lines.iter().find(same).is_some(), "{frame}");
+        }
+    }
+}
