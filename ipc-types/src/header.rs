@@ -201,7 +201,7 @@ pub struct FrameHeader {
     pub feature_rows: u32,
     /// Channels of a feature row.
     pub feature_channels: u32,
-    /// Detections or objects that did not fit, or voxels beyond the limit.
+    /// Points, detections or objects that did not fit, or voxels beyond the limit.
     pub limit_dropped: u32,
     /// [`crate::RunDescription::model_fingerprint`]; a message with another one is refused.
     pub model_fingerprint: u64,

@@ -56,7 +56,7 @@ fn told(run: &Finished) -> Vec<(String, String)> {
 #[test]
 fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     let setting = Setting::new("stopped", 3);
-    let never = setting.config("[stages.refiner]\nheartbeat_max_ms = 0\n");
+    let never = setting.config("[stages.refiner]\nheartbeat_max_ms = 0\nbudget_ms = 500\n");
     let options = format!("{never} --pace sensor --rate 5 --budget-ms 1000 --loop --status-lines");
     let mut run = setting.up(&options);
     run.wait_for_lines(3);
@@ -86,6 +86,14 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
     let stopped = consumer.wait_for_state(&run, StatusState::Stopped);
     assert!(stopped.age_ns > 2_000_000_000, "{stopped:?}");
     assert_eq!(stopped.reason(), "no results come: refiner is silent");
+    // By the clock: first a warning, then an error.
+    for words in ["WARN", "ERROR"] {
+        run.wait_until("the stage's budget is judged", |run| {
+            let log = run.log();
+            let mut lines = log.lines();
+            lines.any(|line| line.contains(words) && line.contains("refiner publishes nothing"))
+        });
+    }
     mluc_tests::send_signal(refiner, Signal::CONT);
     let again = consumer.wait(&run, sees);
     assert!(again.sequence > stopped.sequence, "{again:?}");
@@ -110,6 +118,15 @@ fn a_stage_that_stops_is_told_by_the_clock_and_so_is_the_supervisor() {
         .filter(|line| line.get("status").is_none())
         .collect();
     assert_eq!(frames.len(), run.sequences().len());
+    // What the status says was dropped is what is missing on stdout and not in work at the end.
+    let last = &run.lines.last().expect("lines")["status"];
+    let [taken, out, dropped] = ["in", "out", "dropped"].map(|way| {
+        let count = last[format!("frames_{way}")].as_u64();
+        count.unwrap_or_else(|| panic!("{last}"))
+    });
+    let ends = run.sequences().last().expect("frames") + 1;
+    assert_eq!((out, out + dropped), (frames.len() as u64, ends), "{last}");
+    assert!(dropped > 0 && taken >= ends, "{last}");
     assert!(frames.iter().all(|line| line["state"].is_string()));
 }
 
@@ -154,26 +171,31 @@ fn a_covered_direction_a_covered_sensor_and_nothing_there_are_told_apart() {
 
 #[test]
 fn missed_budgets_are_told_and_every_hop_adds_up() {
-    let setting = Setting::new("budget", 12);
+    let setting = Setting::new("budget", 20);
     let config = setting.config("[stages.backbone]\nbudget_ms = 0\n");
     let run = setting.run(&format!("{config} --status-lines --log-format json"));
     let last = run.lines.last().expect("lines");
     let count = |key: &str| last["status"][key].clone();
     for key in ["frames_in", "frames_out"] {
-        assert_eq!(count(key), 12, "{last}");
+        assert_eq!(count(key), 20, "{last}");
     }
-    assert_eq!(count("stages_late")["backbone"], 12, "{last}");
+    assert_eq!(count("stages_late")["backbone"], 20, "{last}");
     assert_eq!(count("stages_late")["head"], 0, "{last}");
-    let mut messages = Vec::new();
+    let (mut messages, mut has_error) = (Vec::new(), false);
     for line in run.log.lines() {
         let event: Value = serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"));
         for key in ["time", "level", "process"] {
             assert!(event[key].is_string(), "{line}");
         }
+        let is_lasting = event["message"]
+            .to_string()
+            .contains("by 20 frames in a row");
+        has_error |= is_lasting && event["level"] == "ERROR";
         messages.extend(event["message"].as_str().map(str::to_string));
     }
     let log = messages.join("\n");
-    assert_has(&log, &["budget of backbone missed: ", "12 in, 12 out"]);
+    assert_has(&log, &["budget of backbone missed: ", "20 in, 20 out"]);
+    assert!(has_error, "{log}");
     let rows = log
         .lines()
         .skip_while(|line| !line.starts_with("frames   "))
@@ -183,6 +205,43 @@ fn missed_budgets_are_told_and_every_hop_adds_up() {
             .split_whitespace()
             .filter_map(|w| w.parse().ok())
             .collect();
-        assert_eq!(numbers[..3], [12, 12, 0], "{log}");
+        assert_eq!(numbers[..3], [20, 20, 0], "{log}");
+    }
+}
+
+#[test]
+fn what_a_stage_may_not_have_is_one_warning_and_what_it_may_have_holds() {
+    let setting = Setting::new("rights", 3);
+    let own = "cpus = [0]\npriority = 1\nlock_memory = true\nprefault = false";
+    let config = setting.config(&format!("[stages.head]\n{own}\n"));
+    let mut run = setting.up(&format!("{config} --pace sensor --rate 10 --loop"));
+    run.wait_for_lines(3);
+    let about = |what: &str| {
+        let path = format!("/proc/{}/{what}", run.stage("head"));
+        std::fs::read_to_string(path).expect("it runs")
+    };
+    // Field 41 of the kernel's line: 1 is SCHED_FIFO. The name before it may hold spaces.
+    let stat = about("stat");
+    let (_, fields) = stat.rsplit_once(") ").expect("fields");
+    let is_real_time = fields.split(' ').nth(38) == Some("1");
+    let status = about("status");
+    let value = |key: &str| {
+        let value = status.lines().find_map(|line| line.strip_prefix(key));
+        value.expect(key).trim()
+    };
+    let is_locked = value("VmLck:") != "0 kB";
+    let is_pinned = value("Cpus_allowed_list:") == "0";
+    let run = setting.stop(run);
+    let warnings = |words: &str| {
+        let lines = run.log.lines();
+        let lines = lines.filter(|line| line.contains("WARN") && line.contains(words));
+        lines.count()
+    };
+    for (words, has_it) in [
+        ("priority of head", is_real_time),
+        ("lock_memory: ", is_locked),
+        ("cpus: ", is_pinned),
+    ] {
+        assert_eq!(warnings(words), usize::from(!has_it), "{}", run.log);
     }
 }

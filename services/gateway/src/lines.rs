@@ -36,6 +36,14 @@ pub struct Line<'a> {
     pub flags: Vec<&'static str>,
     /// [`StatusState`]'s word when the frame left.
     pub state: &'static str,
+    /// Then, since the arrival of the newest result's scan.
+    pub age_ms: Option<u64>,
+    /// Directions without returns where there should be some: from and to, degrees.
+    pub blind_deg: Vec<[usize; 2]>,
+    /// Of the newest scan's points.
+    pub not_finite_share: f32,
+    /// The ground was there in this run and is not found any more.
+    pub ground_lost: bool,
 }
 
 /// An object.
@@ -114,16 +122,15 @@ pub fn status_line(status: &Status) -> Value {
 
 /// A status in words; `?` for a state that is none.
 pub fn status_words(status: &Status) -> Value {
-    let some = |number: u64| (number != Status::NONE).then_some(number);
     let by_name = |counts: [u64; 4]| {
         let names = Stage::ALL.map(Stage::name).into_iter();
         names.zip(counts).collect::<BTreeMap<_, _>>()
     };
     json!({
-        "state": status.checked().map_or("?", StatusState::name),
+        "state": state_word(status),
         "reason": status.reason(),
-        "sequence": some(status.sequence),
-        "age_ms": some(status.age_ns).map(|age_ns| age_ns / 1_000_000),
+        "sequence": (status.sequence != Status::NONE).then_some(status.sequence),
+        "age_ms": age_ms(status),
         "frames_in": status.frames_in,
         "frames_out": status.frames_out,
         "frames_dropped": status.frames_dropped,
@@ -134,6 +141,15 @@ pub fn status_words(status: &Status) -> Value {
         "not_finite_share": status.not_finite_share,
         "ground_lost": status.is_ground_lost != 0,
     })
+}
+
+fn state_word(status: &Status) -> &'static str {
+    status.checked().map_or("?", StatusState::name)
+}
+
+fn age_ms(status: &Status) -> Option<u64> {
+    let is_known = status.age_ns != Status::NONE;
+    is_known.then_some(status.age_ns / 1_000_000)
 }
 
 /// The word of a stage's state.
@@ -186,7 +202,7 @@ pub fn line<'a>(
     header: &'a FrameHeader,
     objects: &[Object],
     classes: &'a [String],
-    state: StatusState,
+    status: &Status,
 ) -> Line<'a> {
     let (published, suppressed): (Vec<usize>, Vec<usize>) =
         (0..objects.len()).partition(|index| objects[*index].is_published());
@@ -215,7 +231,11 @@ pub fn line<'a>(
         stages: Stage::ALL.map(|stage| stage_times(header, stage)),
         latency_us: latency_us(header),
         flags: Flags(header.flags).names().collect(),
-        state: state.name(),
+        state: state_word(status),
+        age_ms: age_ms(status),
+        blind_deg: blind_deg(status.blind_sectors),
+        not_finite_share: status.not_finite_share,
+        ground_lost: status.is_ground_lost != 0,
     }
 }
 
@@ -289,7 +309,16 @@ mod tests {
             };
         }
         let classes = ["car", "pedestrian"].map(String::from);
-        serde_json::to_value(line(&header, objects, &classes, StatusState::Blind)).unwrap()
+        let status = Status {
+            wire_version: WIRE_VERSION,
+            state: StatusState::Blind as u32,
+            run_id: 1,
+            age_ns: Status::NONE,
+            blind_sectors: 0b11,
+            is_ground_lost: 1,
+            ..Status::default()
+        };
+        serde_json::to_value(line(&header, objects, &classes, &status)).unwrap()
     }
 
     #[test]
@@ -327,6 +356,10 @@ mod tests {
             ("/stages/refiner", json!({"queue_us": 150, "run_us": 850})),
             ("/latency_us", json!(3880)),
             ("/state", json!("blind")),
+            ("/age_ms", Value::Null),
+            ("/blind_deg", json!([[0, 20]])),
+            ("/not_finite_share", json!(0.0)),
+            ("/ground_lost", json!(true)),
         ] {
             assert_eq!(line.pointer(pointer), Some(&expected), "{pointer}");
         }

@@ -1,4 +1,4 @@
-//! What the supervisor tells the stages while a run is on: a file in the instance's folder, looked at before each frame.
+//! What the supervisor tells the stages, and `mluc monitor`, while a run is on: a file in the instance's folder, looked at before each frame.
 
 use std::collections::BTreeSet;
 use std::os::unix::fs::MetadataExt;
@@ -17,6 +17,8 @@ use crate::model::PinnedModel;
 pub(crate) struct Control {
     /// Indices of scans that kill stages: an empty frame takes the place of each.
     pub(crate) set_aside: BTreeSet<u64>,
+    /// Of the stages, since the supervisor began.
+    pub(crate) restarts: [u32; 4],
     /// Pace `complete`: no next frame yet.
     pub(crate) holds: bool,
     /// The last one; before it a stage's own settings hold.

@@ -1,4 +1,4 @@
-//! Where a stage runs: its cores and its priority.
+//! Where a stage runs: its cores, its priority and its locked memory. What this user may not have is a warning.
 //!
 //! Cores are set by the process itself, before it starts threads. A real-time priority needs a call that only `unsafe` code
 //! can make; `chrt` of util-linux, which every distribution has, makes it and becomes the stage.
@@ -7,7 +7,9 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use anyhow::Context;
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity};
 
 use crate::UsageError;
 use crate::settings::StageSettings;
@@ -15,9 +17,9 @@ use crate::settings::StageSettings;
 impl StageSettings {
     pub(crate) fn check_placement(&self, stage: &str) -> Result<(), UsageError> {
         if let Some(cpus) = &self.cpus {
-            let usable = usable_cpus();
-            if cpus.is_empty() || cpus.iter().any(|cpu| !usable.contains(cpu)) {
-                let expected = format!("some of {usable:?}, which this process may use");
+            let last = last_cpu();
+            if cpus.is_empty() || cpus.iter().any(|cpu| *cpu > last) {
+                let expected = format!("cores of this machine, 0 to {last}");
                 let text = format!("cpus of {stage}: expected {expected}, found {cpus:?}");
                 return Err(UsageError(text));
             }
@@ -35,7 +37,7 @@ impl StageSettings {
         let Some(priority) = self.priority else {
             return Ok(());
         };
-        let cause = match self.placed("true".into()).output() {
+        let cause = match at_priority(priority, "true".into()).output() {
             Ok(tried) if tried.status.success() => return Ok(()),
             Ok(_) => "not permitted: run as root, or allow it with `ulimit -r` or the capability CAP_SYS_NICE".to_string(),
             Err(error) => format!("chrt (package util-linux): {error}"),
@@ -44,13 +46,13 @@ impl StageSettings {
         Err(UsageError(format!("priority of {stage}: {what}: {cause}")))
     }
 
+    /// With its priority where this user may have it.
     pub(crate) fn placed(&self, program: PathBuf) -> Command {
-        let Some(priority) = self.priority else {
-            return Command::new(program);
-        };
-        let mut command = Command::new("chrt");
-        command.args(["--fifo", &priority.to_string()]).arg(program);
-        command
+        let has_right = self.check_right("").is_ok();
+        match self.priority.filter(|_| has_right) {
+            Some(priority) => at_priority(priority, program),
+            None => Command::new(program),
+        }
     }
 
     /// The cores, for `mluc exec`.
@@ -61,6 +63,33 @@ impl StageSettings {
     }
 }
 
+fn at_priority(priority: u8, program: PathBuf) -> Command {
+    let mut command = Command::new("chrt");
+    command.args(["--fifo", &priority.to_string()]).arg(program);
+    command
+}
+
+/// Keeps the memory of this process, from now on and as it is touched, from being paged out.
+pub(crate) fn lock_memory() -> Result<(), String> {
+    // Under a limit the call may succeed, and a later allocation fails.
+    let is_free = getrlimit(Resource::Memlock).current.is_none();
+    let own = capabilities(None).map(|own| own.effective);
+    if !is_free && !own.is_ok_and(|own| own.contains(CapabilitySet::IPC_LOCK)) {
+        let right = "`ulimit -l unlimited` or the capability CAP_IPC_LOCK";
+        return Err(format!("not permitted: allow it with {right}"));
+    }
+    let flags = MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT;
+    mlockall(flags).map_err(|error| error.to_string())
+}
+
+/// The machine's last core, whether this process may use it or not.
+fn last_cpu() -> usize {
+    let text = std::fs::read_to_string("/sys/devices/system/cpu/possible").unwrap_or_default();
+    let last = text.trim().rsplit(['-', ',']).next();
+    let last = last.and_then(|word| word.parse().ok());
+    last.unwrap_or(CpuSet::MAX_CPU - 1).min(CpuSet::MAX_CPU - 1)
+}
+
 /// Cores that this process may run on.
 pub fn usable_cpus() -> Vec<usize> {
     let set = sched_getaffinity(None).unwrap_or_default();
@@ -68,11 +97,21 @@ pub fn usable_cpus() -> Vec<usize> {
     all.filter(|&cpu| set.is_set(cpu)).collect()
 }
 
-/// Keeps this process, and what it starts from now on, on `cpus`.
+/// Keeps this process, and what it starts from now on, on those of `cpus` that it may use.
 pub fn pin(cpus: &[usize]) -> anyhow::Result<()> {
+    let usable = usable_cpus();
+    let (own, others): (Vec<_>, Vec<_>) = cpus.iter().partition(|cpu| usable.contains(cpu));
+    if !others.is_empty() {
+        tracing::warn!(
+            "cpus: this process may use cores {usable:?} and not {others:?}, which are left out"
+        );
+    }
+    if own.is_empty() {
+        return Ok(());
+    }
     let mut set = CpuSet::new();
-    for &cpu in cpus.iter().filter(|&&cpu| cpu < CpuSet::MAX_CPU) {
-        set.set(cpu);
+    for cpu in own {
+        set.set(*cpu);
     }
     sched_setaffinity(None, &set).with_context(|| format!("pinning this process to cores {cpus:?}"))
 }
@@ -103,13 +142,22 @@ mod tests {
     }
 
     #[test]
+    fn cores_that_may_not_be_used_are_left_out() {
+        // Of this test's thread alone.
+        let before = usable_cpus();
+        pin(&[before[0], CpuSet::MAX_CPU - 1]).unwrap();
+        assert_eq!(usable_cpus(), before[..1]);
+        pin(&[CpuSet::MAX_CPU - 1]).unwrap();
+        assert_eq!(usable_cpus(), before[..1]);
+    }
+
+    #[test]
     fn the_command_carries_the_priority() {
         let stage = StageSettings {
             cpus: Some(vec![0, 2]),
-            priority: Some(7),
             ..StageSettings::default()
         };
-        let command = stage.placed("mluc".into());
+        let command = at_priority(7, "mluc".into());
         assert_eq!(command.get_program(), "chrt");
         let words: Vec<_> = command.get_args().collect();
         assert_eq!(words, ["--fifo", "7", "mluc"]);

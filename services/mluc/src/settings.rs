@@ -248,6 +248,10 @@ pub struct StageSettings {
     pub cpus: Option<Vec<usize>>,
     /// Real-time priority (SCHED_FIFO), 1 to 99; unset: none.
     pub priority: Option<u8>,
+    /// Keep its memory from being paged out.
+    pub lock_memory: bool,
+    /// Touch shared memory before the first frame does.
+    pub prefault: bool,
     /// Frames that need longer, from the publication of the stage's input to that of its result, are counted and told.
     pub budget_ms: Option<u64>,
     /// Longest time without a heartbeat, ms, once it has published a frame; then it is killed and restarted. 0: never.
@@ -265,6 +269,8 @@ impl Default for StageSettings {
             threads: 1,
             cpus: None,
             priority: None,
+            lock_memory: false,
+            prefault: true,
             budget_ms: None,
             heartbeat_max_ms: 1000,
             start_max_ms: 30_000,
@@ -394,6 +400,9 @@ impl StageSettings {
             Some(words) if words.is_empty() => {
                 refused(format!("the command of stage {stage} must name a program"))
             }
+            Some(_) if self.lock_memory || !self.prefault => refused(format!(
+                "lock_memory and prefault of {stage} are for our own stage: its command decides on its memory"
+            )),
             _ => self.check_placement(stage),
         }
     }

@@ -69,6 +69,27 @@ fn doctor_warns_without_a_failure() {
 }
 
 #[test]
+fn doctor_finds_few_open_files_and_segments_without_an_instance() {
+    let (user, process) = (rustix::process::geteuid().as_raw(), std::process::id());
+    let lost = format!("/dev/shm/mluc-{user}-lost-{process}.1.data");
+    std::fs::write(&lost, "").expect("shared memory");
+    let line = format!(
+        "ulimit -n 900; exec '{}' doctor",
+        env!("CARGO_BIN_EXE_mluc")
+    );
+    let output = Command::new("sh").args(["-c", &line]).output();
+    std::fs::remove_file(&lost).expect("still there");
+    let output = output.expect("a shell");
+    let text = String::from_utf8_lossy(&output.stdout);
+    let has = |words: &str| {
+        let mut lines = text.lines();
+        lines.any(|line| line.starts_with("warning") && line.contains(words))
+    };
+    assert!(has("open files (ulimit -n): 900"), "{text}");
+    assert!(has(&format!("mluc-{user}-* of no instance")), "{text}");
+}
+
+#[test]
 fn status_of_nothing_is_a_failure() {
     let output = mluc(&["status", "--instance", "nobody-has-this"]);
     assert_eq!(output.status.code(), Some(1));

@@ -56,15 +56,17 @@ pub(crate) fn segment_of<T>(instance: &Instance, slice: &[T]) -> Option<Mapping>
 #[derive(Debug, Default)]
 pub(crate) struct Prefault {
     touched: HashSet<usize>,
+    has_failed: bool,
 }
 
 impl Prefault {
     /// Touches every page of segments that are new since the last call: for writing where this process writes.
-    /// A segment that cannot be touched (old kernel, memory full) is said and left.
+    /// A segment that cannot be touched (old kernel, memory full) is left; the first one is said.
     pub(crate) fn touch(&mut self, instance: &Instance) {
         for mapping in mappings(instance) {
             if self.touched.insert(mapping.addresses.start)
                 && let Err(error) = populate(&mapping)
+                && !std::mem::replace(&mut self.has_failed, true)
             {
                 tracing::warn!(
                     %error,

@@ -38,6 +38,8 @@ pub struct Shell {
     /// Inputs opened from now on look up each payload in `/proc/self/maps` (about 0.1 ms a message) and fail when it is no
     /// shared memory.
     pub verify_mapping: bool,
+    /// Pages of shared memory are touched before the first frame does.
+    pub prefaults: bool,
     prefault: Prefault,
     touched_ns: u64,
     shutdown: Shutdown,
@@ -108,6 +110,7 @@ impl Shell {
             claim,
             membership,
             verify_mapping: false,
+            prefaults: true,
             prefault: Prefault::default(),
             touched_ns: 0,
             shutdown,
@@ -400,6 +403,8 @@ impl Shell {
     /// Touches segments that other processes made.
     fn touch(&mut self) {
         self.touched_ns = monotonic_ns();
-        self.prefault.touch(&self.node.instance);
+        if self.prefaults {
+            self.prefault.touch(&self.node.instance);
+        }
     }
 }

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context;
 use mluc_gateway::picture::{BoxKind, DrawnBox, View, bird_eye};
 use mluc_geometry::Box3;
-use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point, StatusState};
+use mluc_ipc_types::{FrameHeader, Object, ObjectKind, Point, Status};
 use mluc_runtime::{Shutdown, log_to_stderr};
 use mluc_sources::is_live;
 
@@ -73,7 +73,7 @@ impl Sink for Shown {
         header: &FrameHeader,
         objects: &[Object],
         classes: &[String],
-        _: StatusState,
+        _: &Status,
         points: &[Point],
     ) -> anyhow::Result<bool> {
         self.summary.record(header);

@@ -22,7 +22,7 @@ use crate::settings::StageSettings;
 use crate::terminal::print_out;
 use crate::{EXIT_FAILURE, UsageError};
 
-/// A pipeline makes a few hundred files in shared memory.
+/// A pipeline makes a few hundred files in shared memory; a process of it has at most as many open.
 const FILES_MIN: u64 = 1000;
 
 /// How a check came out, and what there is to say.
@@ -51,6 +51,7 @@ pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         about_cpu,
         check_governor(),
         check_rights(),
+        check_open_files(getrlimit(Resource::Nofile).current),
     ];
     findings.extend(check_instances());
     if let (Some(input), Ok(model)) = (&args.input, &loaded) {
@@ -88,7 +89,8 @@ fn describe_model(model: &Model) -> Finding {
     let text =
         format!("model {name} ({architecture}), classes {classes}, fingerprint {fingerprint:016x}");
     if model.manifest.provenance.steps == 0 {
-        return (Warning, format!("{text}: it was never trained"));
+        let hint = "take a model that ships with mluc (--model), or train it with `mluc-lab train`";
+        return (Warning, format!("{text}: it was never trained: {hint}"));
     }
     (Fine, text)
 }
@@ -194,14 +196,45 @@ fn check_rights() -> Finding {
     (Fine, text)
 }
 
-/// Instances in which nobody lives, and those of another version.
+/// `None`: no limit.
+fn check_open_files(most: Option<u64>) -> Finding {
+    let count = most.map_or("any number".to_string(), |most| most.to_string());
+    let text = format!("open files (ulimit -n): {count}");
+    if most.is_none_or(|most| most >= FILES_MIN) {
+        return (Fine, text);
+    }
+    let hint = format!("a stage may fail to open shared memory: `ulimit -n {FILES_MIN}` or more");
+    (Warning, format!("{text}; {hint}"))
+}
+
+/// Instances in which nobody lives, those of another version, and files of none.
 fn check_instances() -> Vec<Finding> {
     let stem = format!("mluc-{}-", rustix::process::geteuid().as_raw());
     let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
-    let folders = entries.filter(|entry| entry.path().is_dir());
-    let names = folders.filter_map(|entry| entry.file_name().into_string().ok());
-    let found = names.filter_map(|name| check_instance(name.strip_prefix(&stem)?));
-    found.collect()
+    let own = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&stem));
+    let (folders, files): (Vec<_>, Vec<_>) = own.partition(|entry| entry.path().is_dir());
+    let names = folders.into_iter().map(|entry| entry.file_name());
+    let names: Vec<_> = names.filter_map(|name| name.into_string().ok()).collect();
+    let found = names
+        .iter()
+        .filter_map(|name| check_instance(name.strip_prefix(&stem)?));
+    let mut found: Vec<Finding> = found.collect();
+    // A segment is named after its instance.
+    let is_lost = |file: &fs::DirEntry| {
+        let file = file.file_name();
+        let (file, mut names) = (file.to_string_lossy(), names.iter());
+        !names.any(|name| {
+            file.strip_prefix(name)
+                .is_some_and(|rest| rest.starts_with('.'))
+        })
+    };
+    let lost = files.iter().filter(|file| is_lost(file)).count();
+    if lost > 0 {
+        let text = format!("/dev/shm has {lost} files {stem}* of no instance");
+        let hint = "remove them when no pipeline runs";
+        found.push((Warning, format!("{text}: {hint}")));
+    }
+    found
 }
 
 fn check_instance(name: &str) -> Option<Finding> {

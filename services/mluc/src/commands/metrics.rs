@@ -51,6 +51,8 @@ fn of_pipeline(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
     single("mluc_blind_degrees", degrees.into());
     single("mluc_not_finite_share", status.not_finite_share.into());
     single("mluc_ground_lost", status.is_ground_lost.into());
+    let set_aside = snapshot.control.set_aside.len();
+    single("mluc_scans_set_aside", set_aside as f64);
 }
 
 fn of_stages(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
@@ -71,6 +73,10 @@ fn of_stages(snapshot: &Snapshot, samples: &mut Vec<Sample>) {
                 let label = format!(",quantile=\"{quantile}\"");
                 add("mluc_stage_run_seconds", &label, f64::from(us) / 1e6);
             }
+        }
+        if snapshot.status.is_some() {
+            let restarts = snapshot.control.restarts[stage as usize];
+            add("mluc_stage_restarts_total", "", restarts.into());
         }
         let hop = snapshot.status.map(|status| status.hop(stage));
         for (way, count) in ["in", "out", "late"].iter().zip(hop.into_iter().flatten()) {
@@ -96,6 +102,8 @@ mod tests {
             "mluc_result_age_seconds 0.12",
             "mluc_frames_dropped_total 1",
             "mluc_blind_degrees 20",
+            "mluc_scans_set_aside 2",
+            "mluc_stage_restarts_total{stage=\"backbone\"} 3",
             "mluc_stage_up{stage=\"head\"} 0",
             "mluc_stage_frames_total{stage=\"backbone\",way=\"in\"} 44",
             "mluc_stage_frames_total{stage=\"backbone\",way=\"late\"} 2",

@@ -75,6 +75,7 @@ pub(crate) fn exec(
     cpus: Option<Vec<usize>>,
     command: &[String],
 ) -> anyhow::Result<ExitCode> {
+    log_to_stderr("exec", "warn");
     end_with(parent)?;
     cpus.map_or(Ok(()), |cpus| pin(&cpus))?;
     let (program, arguments) = command.split_first().context("no program given")?;

@@ -7,12 +7,14 @@ use mluc_runtime::{HealthWatch, Instance, Shell, Shutdown, StatusWatch, monotoni
 use serde_json::{Value, json};
 
 use crate::UsageError;
+use crate::control::{Control, ControlWatch};
 
 /// Looks at an instance. It takes no frame, and nobody waits for it.
 pub(super) struct Observer {
     // The ports go before the shell.
     health: HealthWatch,
     status: StatusWatch,
+    control: ControlWatch,
     pub(super) shell: Shell,
     begun_ns: u64,
 }
@@ -25,6 +27,8 @@ pub(super) struct Snapshot {
     pub(super) stages: [Option<Health>; 4],
     /// `None`: there is no supervisor.
     pub(super) status: Option<Status>,
+    /// What the supervisor counts besides.
+    pub(super) control: Control,
 }
 
 pub(super) fn instance(name: &str) -> Result<Instance, UsageError> {
@@ -41,6 +45,7 @@ impl Observer {
         Ok(Observer {
             health,
             status,
+            control: ControlWatch::new(instance),
             shell,
             begun_ns: monotonic_ns(),
         })
@@ -52,6 +57,7 @@ impl Observer {
             instance: self.shell.instance().name().to_string(),
             stages: self.health.heard_since(self.begun_ns),
             status: self.status.update()?,
+            control: self.control.look().clone(),
         })
     }
 }
@@ -134,6 +140,11 @@ pub(super) mod tests {
             instance: "demo".to_string(),
             stages: [None, None, None, Some(health)],
             status: Some(status),
+            control: Control {
+                set_aside: [5, 8].into(),
+                restarts: [0, 3, 0, 0],
+                ..Control::default()
+            },
         }
     }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::process::ExitCode;
 
 use mluc_gateway::lines::{line, status_line};
-use mluc_ipc_types::{Flags, FrameHeader, Object, Point, Status, StatusState};
+use mluc_ipc_types::{Flags, FrameHeader, Object, Point, Status};
 use mluc_runtime::{Shutdown, log_to_stderr};
 
 use crate::EXIT_FAILURE;
@@ -64,11 +64,11 @@ impl Sink for Lines {
         header: &FrameHeader,
         objects: &[Object],
         classes: &[String],
-        state: StatusState,
+        status: &Status,
         _: &[Point],
     ) -> anyhow::Result<bool> {
         self.summary.record(header);
-        self.writer.write(&line(header, objects, classes, state))
+        self.writer.write(&line(header, objects, classes, status))
     }
 
     fn tell(&mut self, status: &Status) -> anyhow::Result<bool> {

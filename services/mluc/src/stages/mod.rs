@@ -18,7 +18,7 @@ use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 
 use crate::cli::StageArgs;
 use crate::external::external;
-use crate::placement::pin;
+use crate::placement::{lock_memory, pin};
 use crate::resolve::Resolved;
 use crate::settings::Settings;
 use crate::{UsageError, model};
@@ -37,19 +37,26 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
         return started.map_err(|error| UsageError(format!("{error:#}")).into());
     }
     // Before any thread is started: they all inherit it.
-    if let Some(cpus) = &settings.stages[stage].cpus {
+    let own = &settings.stages[stage];
+    if let Some(cpus) = &own.cpus {
         pin(cpus)?;
+    }
+    if own.lock_memory
+        && let Err(why) = lock_memory()
+    {
+        tracing::warn!("lock_memory: {why}; without it memory may be paged out");
     }
     // This thread is one of the pool's: whoever enters a pool from outside waits for it to wake up, and makes it allocate
     // now and then.
     rayon::ThreadPoolBuilder::new()
-        .num_threads(settings.stages[stage].threads)
+        .num_threads(own.threads)
         .use_current_thread()
         .build_global()
         .context("starting the threads")?;
     let shutdown = Shutdown::on_signals()?;
     let mut shell = Shell::stage(&settings.instance, stage, shutdown)?;
     shell.verify_mapping = settings.verify_mapping;
+    shell.prefaults = own.prefault;
     let model = model::load_for(&settings)?;
     settings.complete_from(&model);
     let done = match stage {

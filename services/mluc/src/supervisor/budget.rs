@@ -7,6 +7,19 @@ use crate::settings::Settings;
 
 /// Misses in a row that are an error: two seconds at 10 Hz. A guess.
 const LASTING: u64 = 20;
+/// What lasts so long is an error too.
+pub(super) const LASTING_NS: u64 = 2_000_000_000;
+/// Counts of stages come with their heartbeats, at most so late.
+const HEARTBEATS_NS: u64 = 500_000_000;
+
+/// What is said of a budget.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
+enum Severity {
+    #[default]
+    Kept,
+    Missed,
+    Lasting,
+}
 
 /// A budget that is set, and its misses.
 struct Budget {
@@ -15,6 +28,17 @@ struct Budget {
     limit_us: u64,
     missed: u64,
     in_row: u64,
+    wait: Wait,
+}
+
+/// A frame that a stage holds, by the counts of frames published.
+#[derive(Clone, Copy, Debug, Default)]
+struct Wait {
+    /// By the stage before, and by the stage.
+    seen: [u64; 2],
+    /// When the stage before had published more and the stage had not.
+    since_ns: Option<u64>,
+    said: Severity,
 }
 
 /// All that are set.
@@ -30,6 +54,7 @@ impl Budgets {
                 limit_us: limit_ms? * 1000,
                 missed: 0,
                 in_row: 0,
+                wait: Wait::default(),
             })
         };
         Budgets(all.filter_map(budget).collect())
@@ -46,6 +71,17 @@ impl Budgets {
         }
     }
 
+    /// Stages that hold a frame, judged by the clock. `out`: frames that each stage has published. A late pipeline as a
+    /// whole is a state.
+    pub(super) fn judge(&mut self, now_ns: u64, out: [u64; 4]) {
+        for budget in &mut self.0 {
+            let number = budget.stage.map_or(0, |stage| stage as usize);
+            if let Some(before) = number.checked_sub(1) {
+                budget.judge_wait(now_ns, [out[before], out[number]]);
+            }
+        }
+    }
+
     /// Frames that a stage, or the whole way, needed too long for.
     pub(super) fn missed(&self, stage: Option<Stage>) -> u64 {
         let budget = self.0.iter().find(|budget| budget.stage == stage);
@@ -54,7 +90,7 @@ impl Budgets {
 }
 
 impl Budget {
-    fn record(&mut self, us: u64, is_missed: bool) {
+    fn record(&mut self, us: u64, is_missed: bool) -> Severity {
         self.missed += u64::from(is_missed);
         self.in_row = (self.in_row + 1) * u64::from(is_missed);
         let (what, count) = (self.stage.map_or("end to end", Stage::name), self.in_row);
@@ -62,9 +98,49 @@ impl Budget {
         let text = format!("{ms} ms, {limit_ms} allowed (budget_ms)");
         if count > 0 && count.is_multiple_of(LASTING) {
             tracing::error!("budget of {what} missed by {count} frames in a row: {text}");
+            Severity::Lasting
         } else if is_missed {
             tracing::warn!("budget of {what} missed: {text}");
+            Severity::Missed
+        } else {
+            Severity::Kept
         }
+    }
+
+    /// Gives what was said of the frame that the stage holds. It counts as missed when it comes out.
+    fn judge_wait(&mut self, now_ns: u64, out: [u64; 2]) -> Severity {
+        let wait = &mut self.wait;
+        if out[1] != wait.seen[1] {
+            *wait = Wait::default();
+        } else if out[0] != wait.seen[0] && out[1] > 0 {
+            // Before its first frame a stage loads.
+            wait.since_ns.get_or_insert(now_ns);
+        }
+        wait.seen = out;
+        let waited_ns = wait
+            .since_ns
+            .map_or(0, |since_ns| now_ns.saturating_sub(since_ns));
+        let missed_ns = self.limit_us * 1000 + HEARTBEATS_NS;
+        let verdict = if waited_ns > missed_ns + LASTING_NS {
+            Severity::Lasting
+        } else if waited_ns > missed_ns {
+            Severity::Missed
+        } else {
+            Severity::Kept
+        };
+        if verdict > wait.said {
+            wait.said = verdict;
+            let (what, ms) = (self.stage.map_or("", Stage::name), waited_ns / 1_000_000);
+            let limit_ms = self.limit_us as f64 / 1000.0;
+            let text =
+                format!("{what} publishes nothing for {ms} ms, {limit_ms} allowed (budget_ms)");
+            if verdict == Severity::Lasting {
+                tracing::error!("budget missed: {text}");
+            } else {
+                tracing::warn!("budget missed: {text}");
+            }
+        }
+        wait.said
     }
 }
 
@@ -94,7 +170,37 @@ mod tests {
             header.flag(flags);
             budgets.record(&header);
         }
+        for number in 3..=LASTING {
+            let verdict = budgets.0[0].record(11_000, true);
+            let is_last = number == LASTING;
+            assert_eq!(verdict == Severity::Lasting, is_last, "{number}");
+        }
         let missed = [Some(Stage::Head), None, Some(Stage::Refiner)].map(|s| budgets.missed(s));
-        assert_eq!((missed, budgets.0[0].in_row), ([2, 1, 0], 2));
+        assert_eq!((missed, budgets.0[0].in_row), ([20, 1, 0], 20));
+        assert_eq!(budgets.0[0].record(1, false), Severity::Kept);
+    }
+
+    #[test]
+    fn a_stage_that_stops_misses_its_budget_by_the_clock() {
+        let mut settings = Settings::default();
+        settings.stages.head.budget_ms = Some(100);
+        let mut budgets = Budgets::new(&settings);
+        let head = &mut budgets.0[0];
+        // Time in ms, frames published by the backbone and by the head.
+        for (ms, out, expected) in [
+            (0, [1, 0], Severity::Kept),
+            (9_000, [1, 0], Severity::Kept),
+            (9_010, [1, 1], Severity::Kept),
+            (20_000, [1, 1], Severity::Kept),
+            (20_010, [2, 1], Severity::Kept),
+            (20_600, [3, 1], Severity::Kept),
+            (20_620, [4, 1], Severity::Missed),
+            (22_700, [4, 1], Severity::Lasting),
+            (22_710, [4, 2], Severity::Kept),
+            (60_000, [4, 2], Severity::Kept),
+        ] {
+            let found = head.judge_wait(ms * 1_000_000, out);
+            assert_eq!(found, expected, "{ms} ms");
+        }
     }
 }

@@ -16,7 +16,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{
-    FrameHeader, Object, Point, RunDescription, Stage, Status, StatusState, Topic, WIRE_VERSION,
+    FrameHeader, Object, Point, RunDescription, Stage, Status, Topic, WIRE_VERSION,
 };
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Message, Scans, Shell, Shutdown, monotonic_ns};
@@ -39,14 +39,14 @@ use status::StatusWriter;
 
 /// Takes what leaves the pipeline. It must not wait: the supervisor would.
 pub(crate) trait Sink {
-    /// A frame: its header, its checked objects, the names of the classes, the pipeline's state, and its points if they are
+    /// A frame: its header, its checked objects, the names of the classes, the pipeline's status, and its points if they are
     /// needed and still there. False: no more are wanted.
     fn take(
         &mut self,
         header: &FrameHeader,
         objects: &[Object],
         classes: &[String],
-        state: StatusState,
+        status: &Status,
         points: &[Point],
     ) -> anyhow::Result<bool>;
 
@@ -225,7 +225,9 @@ fn was_asked(health: &mut HealthWatch) -> anyhow::Result<bool> {
 /// What is wrong with the input or the model is said here, once, and not by four processes.
 fn check_before(settings: &Settings) -> anyhow::Result<(Option<Source>, Model)> {
     for stage in Stage::ALL {
-        settings.stages[stage].check_right(stage.name())?;
+        if let Err(error) = settings.stages[stage].check_right(stage.name()) {
+            tracing::warn!("{error}; the stage runs without it");
+        }
     }
     let ingest = &settings.stages.ingest;
     let is_elsewhere = settings.reads_ros2();
@@ -366,10 +368,10 @@ impl Supervisor {
             if !self.tell_status(sink, None)? {
                 return Ok(false);
             }
-            let state = self.status.state();
             let scan = self.scans.of(header.sequence);
             let points = scan.map_or(&[][..], Message::elements);
-            if !sink.take(&header, objects, &self.classes, state, points)? {
+            let status = self.status.current();
+            if !sink.take(&header, objects, &self.classes, status, points)? {
                 return Ok(false);
             }
         }
@@ -398,6 +400,8 @@ impl Supervisor {
                     }
                     child.plan_restart();
                     self.outcome.restarts += 1;
+                    self.control.restarts[child.stage as usize] += 1;
+                    self.is_control_untold = true;
                 }
             }
             if let Ended::Died(Some(sequence)) = ended {

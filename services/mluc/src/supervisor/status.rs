@@ -10,7 +10,7 @@ use mluc_model::SensorProfile;
 use mluc_runtime::{HealthWatch, Message, Output, RuntimeError, Shell, monotonic_ns};
 
 use super::Outcome;
-use super::budget::Budgets;
+use super::budget::{Budgets, LASTING_NS};
 use crate::settings::Settings;
 
 /// Between two messages where nothing changes.
@@ -51,9 +51,13 @@ pub(super) struct StatusWriter {
     counts: StageCounts,
     run_id: u64,
     shown: Verdict,
+    /// Since when the state is what it is; `u64::MAX`: that it lasts was said.
+    state_since_ns: u64,
     /// Since when every judgement was better than what is shown.
     better_since_ns: Option<u64>,
     published: Status,
+    /// As of the last tick.
+    current: Status,
 }
 
 impl StatusWriter {
@@ -76,14 +80,16 @@ impl StatusWriter {
             counts: StageCounts::default(),
             run_id: 0,
             shown: (StatusState::Starting, String::new()),
+            state_since_ns: 0,
             better_since_ns: None,
             published: Status::default(),
+            current: Status::default(),
         })
     }
 
-    /// The state that was told last.
-    pub(super) fn state(&self) -> StatusState {
-        self.shown.0
+    /// As of the last tick.
+    pub(super) fn current(&self) -> &Status {
+        &self.current
     }
 
     /// A new run forgets what the last one saw.
@@ -136,17 +142,25 @@ impl StatusWriter {
     ) -> Result<Option<Status>, RuntimeError> {
         self.follow(run);
         let now_ns = monotonic_ns();
-        let before = self.state();
+        let before = self.shown.0;
         let verdict = match end {
             Some(why) => (StatusState::Stopped, why.to_string()),
             None => self.facts.judge(now_ns, worst_stage(health, now_ns)),
         };
         self.show(now_ns, verdict);
-        if before != self.state() && end.is_none() {
-            self.log();
+        if before != self.shown.0 {
+            self.state_since_ns = now_ns;
+            if end.is_none() {
+                self.log();
+            }
         }
         self.output.reach_late_readers()?;
         let status = self.count(health, outcome);
+        self.current = status;
+        if end.is_none() {
+            self.budgets.judge(now_ns, status.stages_out);
+            self.judge_lateness(now_ns);
+        }
         let seen = |s: &Status| (s.state, s.reason, s.blind_sectors, s.is_ground_lost);
         let has_changed =
             seen(&status) != seen(&self.published) || self.published.run_id != run.run_id;
@@ -168,6 +182,16 @@ impl StatusWriter {
         }
         self.better_since_ns = None;
         self.shown = verdict;
+    }
+
+    /// Said once for each time that the pipeline is late.
+    fn judge_lateness(&mut self, now_ns: u64) {
+        let is_late = self.shown.0 == StatusState::Late;
+        if is_late && now_ns.saturating_sub(self.state_since_ns) > LASTING_NS {
+            self.state_since_ns = u64::MAX;
+            let seconds = LASTING_NS as f64 / 1e9;
+            tracing::error!("late for {seconds} s: {}", self.shown.1);
+        }
     }
 
     fn log(&self) {
@@ -290,9 +314,9 @@ impl Facts {
             self.periods_ns = [self.periods_ns[1], period_ns];
         }
         self.scan = Some((header.sequence, arrived_ns));
-        let has_holes = Flags(header.flags).contains(Flags::NOT_FINITE);
-        let dropped = f32::from(u8::from(has_holes)) * header.points_dropped as f32;
-        self.not_finite_share = (dropped / header.points_in.max(1) as f32).min(1.0);
+        // Of the points alone, those that did not fit are finite.
+        let not_finite = header.points_dropped.saturating_sub(header.limit_dropped);
+        self.not_finite_share = (not_finite as f32 / header.points_in.max(1) as f32).min(1.0);
     }
 
     fn take_result(&mut self, header: &FrameHeader) {
@@ -414,7 +438,8 @@ mod tests {
         for number in 0..=3 {
             let mut header = FrameHeader::new(number, "a");
             header.flag(flags);
-            (header.points_in, header.points_dropped) = (100, 30);
+            (header.points_in, header.points_dropped) = (100, 40);
+            header.limit_dropped = 10;
             let arrived_ns = (4_700 + 100 * number) * MS;
             header.stages[0].received_ns = arrived_ns;
             header.stages[3].published_ns = arrived_ns + 60 * MS;
@@ -467,6 +492,6 @@ mod tests {
             let told = format!("{} {}", state.name(), reason.replace(", ", "/"));
             assert_eq!(told.trim_end(), expected, "{case}");
         }
-        assert_eq!(facts(Flags::NOT_FINITE).not_finite_share, 0.3);
+        assert_eq!(facts(Flags::TRUNCATED).not_finite_share, 0.3);
     }
 }

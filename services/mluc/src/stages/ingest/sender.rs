@@ -217,6 +217,7 @@ impl Sender<'_> {
         header.ego = scan.pose.unwrap_or_default();
         header.points_in = report.points_in;
         header.points_dropped = report.dropped();
+        header.limit_dropped = report.dropped_over_limit;
         header.flag(scan.flags);
         if attempt > 0 {
             header.flag(Flags::RESENT);
