@@ -100,7 +100,7 @@ pub fn usable_cpus() -> Vec<usize> {
 /// Keeps this process, and what it starts from now on, on those of `cpus` that it may use.
 pub fn pin(cpus: &[usize]) -> anyhow::Result<()> {
     let usable = usable_cpus();
-    let (own, others): (Vec<_>, Vec<_>) = cpus.iter().partition(|cpu| usable.contains(cpu));
+    let (own, others): (Vec<usize>, Vec<usize>) = cpus.iter().partition(|cpu| usable.contains(cpu));
     if !others.is_empty() {
         tracing::warn!(
             "cpus: this process may use cores {usable:?} and not {others:?}, which are left out"
@@ -111,7 +111,7 @@ pub fn pin(cpus: &[usize]) -> anyhow::Result<()> {
     }
     let mut set = CpuSet::new();
     for cpu in own {
-        set.set(*cpu);
+        set.set(cpu);
     }
     sched_setaffinity(None, &set).with_context(|| format!("pinning this process to cores {cpus:?}"))
 }

@@ -32,8 +32,8 @@ impl Growing {
     /// Errors: no folder.
     pub(crate) fn open(path: &str, layout: &Layout) -> anyhow::Result<Growing> {
         let inner = Path::new(path).join("velodyne");
-        let path = Some(inner).filter(|inner| inner.is_dir());
-        let path = path.unwrap_or_else(|| PathBuf::from(path));
+        let inner = Some(inner).filter(|inner| inner.is_dir());
+        let path = inner.unwrap_or_else(|| PathBuf::from(path));
         let name = path.display();
         ensure!(path.is_dir(), "input {FOLLOW}{name}: expected a folder");
         Ok(Growing {
@@ -56,8 +56,8 @@ impl Growing {
             return Ok(None);
         }
         let mut scans = scan_files(&self.path)?;
-        let last = self.folder.scans.first();
-        let mut fresh = scans.split_off(scans.partition_point(|scan| Some(scan) <= last));
+        let last = self.folder.scans.first().cloned();
+        let mut fresh = scans.split_off(scans.partition_point(|scan| Some(scan) <= last.as_ref()));
         if !self.has_settled(fresh.last()) {
             fresh.pop();
         }
@@ -129,7 +129,7 @@ mod tests {
             (scan.bytes.len() / 16, scan.missed)
         };
         // Those of before the start were not missed; the newest is not whole before it rests.
-        ["1.bin", "2.bin", "3.bin"].map(|name| write(name, 5));
+        (1..4).for_each(|number| write(&format!("{number}.bin"), 5));
         assert_eq!(until("3", &mut growing), (5, 0));
         for number in 4..7 {
             write(&format!("{number}.bin"), number);

@@ -6,7 +6,7 @@ use mluc_gateway::lines::{line, stage_words, status_words};
 use mluc_gateway::ros2::{
     RosTopic, detections, diagnostics, header, markers, point_cloud, topics, transform,
 };
-use mluc_ipc_types::{Object, RunDescription, Stage, Status, StatusState, Text, Topic};
+use mluc_ipc_types::{Object, RunDescription, Stage, Status, Text, Topic};
 use mluc_runtime::{
     Frames, HealthWatch, Input, Instance, Message, Next, Scans, Shell, Shutdown, StatusWatch,
     monotonic_ns, wall_clock_ns,
@@ -108,13 +108,11 @@ impl Follower {
         let indices = own.map_or(&[][..], Message::elements);
         let sensor = Text::unpack(&run.sensor_name).filter(|name| !name.is_empty());
         let head = header(frame.sensor_stamp_ns, sensor.unwrap_or(SENSOR_FRAME));
-        let state = status.and_then(|status| status.checked().ok());
-        let line = line(
-            frame,
-            objects,
-            &classes,
-            state.unwrap_or(StatusState::Starting),
-        );
+        let starting = Status {
+            age_ns: Status::NONE,
+            ..Status::default()
+        };
+        let line = line(frame, objects, &classes, status.unwrap_or(&starting));
         let points = self.frames.points(frame.sequence);
         Ok([
             points.map(|points| point_cloud(&topics[0], &head, points, objects, indices)),

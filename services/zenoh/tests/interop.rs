@@ -4,7 +4,7 @@ use std::net::TcpListener;
 use std::process::Command;
 
 use mluc_tests::{Running, Setting, built_program, python_with, root};
-use serde_json::json;
+use serde_json::{Value, json};
 
 #[test]
 fn a_client_from_a_package_hears_the_frames_though_it_comes_late_and_comes_again() {
@@ -34,12 +34,9 @@ fn a_client_from_a_package_hears_the_frames_though_it_comes_late_and_comes_again
         let keys = ["diagnostics", "frame", "objects", "points", "tf"];
         assert_eq!(heard.pop(), Some(json!({"keys": keys})));
         for frame in heard {
-            let same = |line: &&_| {
-                ["sequence", "objects", "stages"]
-                    .iter()
-                    .all(|key| line[key] == frame[key])
-            };
-            assert!(run.lines.iter().find(same).is_some(), "{frame}");
+            let keys = ["sequence", "objects", "stages"];
+            let same = |line: &Value| keys.iter().all(|key| line[key] == frame[key]);
+            assert!(run.lines.iter().any(same), "{frame}");
         }
     }
 }
