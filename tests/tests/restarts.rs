@@ -62,6 +62,28 @@ fn a_refiner_behind_a_script_is_killed_and_ends_with_it() {
 }
 
 #[test]
+fn a_foreign_stage_that_outlives_its_supervisor_is_ended_by_the_next() {
+    let setting = Setting::new("orphan", 3);
+    let script = format!(
+        "trap '' TERM; {} stage refiner; true",
+        mluc_program().display()
+    );
+    let config = format!("[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n");
+    let options = format!("{} --loop", setting.config(&config));
+    let mut killed = setting.up(&options);
+    killed.wait_for_lines(2);
+    let orphan = killed.stage("refiner");
+    send_signal(orphan, Signal::STOP);
+    killed.signal(Signal::KILL);
+    let mut next = setting.up(&options);
+    next.wait_for_words("does not end: killed");
+    next.wait_for_lines(2);
+    assert!(!is_alive(orphan), "{}", next.log());
+    setting.stop(next);
+    killed.finish();
+}
+
+#[test]
 fn a_stage_of_somebody_else_is_reported_and_never_signalled() {
     let setting = Setting::new("silent", 3);
     let mut run = setting.up("--without refiner --loop");

@@ -42,6 +42,7 @@ pub struct UsageError(pub String);
 
 /// The exit code of a command; an error is printed first, after `program`'s name.
 pub fn exit_code(program: &str, result: anyhow::Result<ExitCode>) -> ExitCode {
+    mluc_runtime::tell_repeats(true);
     result.unwrap_or_else(|error| {
         print_err(format_args!("{program}: {error:#}"));
         let is_usage = error.downcast_ref::<UsageError>().is_some();

@@ -37,7 +37,7 @@ pub use input::{Input, Message};
 pub use instance::Instance;
 pub use logging::{
     LOG_FORMAT_VARIABLE, LOG_FORMATS, PatientStderr, choose_log_format, log_format, log_line,
-    log_to_stderr,
+    log_to_stderr, tell_repeats,
 };
 pub use manager::MANAGER_VARIABLES;
 pub use membership::{Claim, ClaimNote, Membership};

@@ -7,8 +7,9 @@ mod stderr;
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
+use std::io::Write;
 use std::path::Path;
-use std::sync::{Mutex, OnceLock};
+use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use humantime::format_rfc3339_millis;
@@ -23,6 +24,9 @@ use spans::Spans;
 pub use stderr::PatientStderr;
 
 static IS_JSON: OnceLock<bool> = OnceLock::new();
+/// What this process is called in its lines.
+static PROCESS: OnceLock<&str> = OnceLock::new();
+static REPEATS: Mutex<Repeats> = Mutex::new(Repeats(Vec::new()));
 
 /// How log lines are written: for people, or a JSON object a line (`time`, `level`, `process`, `message`, `fields`).
 pub const LOG_FORMATS: [&str; 2] = ["human", "json"];
@@ -52,7 +56,37 @@ pub fn log_line(process: &str, level: Level, message: &str, fields: &[(&str, Str
         .iter()
         .map(|(name, value)| format!(" {name}={value}"));
     let fields: String = fields.collect();
-    format!("{time} {level:5} {process}: {message}{fields}")
+    // One line an event.
+    let text = format!("{message}{fields}").replace('\n', "\\n");
+    format!("{time} {level:5} {process}: {text}")
+}
+
+/// Writes the sums of messages that repeated and whose time is over; at the end of a process, of all.
+pub fn tell_repeats(is_end: bool) {
+    let now_ns = if is_end {
+        u64::MAX
+    } else {
+        crate::monotonic_ns()
+    };
+    for line in sums(now_ns) {
+        let _ = PatientStderr(Duration::ZERO).write_all(format!("{line}\n").as_bytes());
+    }
+}
+
+fn sums(now_ns: u64) -> Vec<String> {
+    // A panic beside a log line poisons nothing that matters here.
+    let mut repeats = REPEATS.lock().unwrap_or_else(PoisonError::into_inner);
+    let ended = repeats.ended(now_ns).into_iter();
+    let process = PROCESS.get().unwrap_or(&"log");
+    let line = |(level, message, count)| {
+        log_line(
+            process,
+            level,
+            &format!("{message} ({count} more like it)"),
+            &[],
+        )
+    };
+    ended.map(line).collect()
 }
 
 /// Starts logging. `MLUC_LOG` sets the filter (`info` without it); `process` names this process in each line. iceoryx2's
@@ -64,11 +98,15 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(|| PatientStderr(Duration::ZERO))
         .with_ansi(false)
-        .event_format(Line {
-            process,
-            repeats: Mutex::default(),
-        })
+        .event_format(Line { process })
         .with_filter(filter);
+    let _ = PROCESS.set(process);
+    if log_format() == LOG_FORMATS[1] {
+        std::panic::set_hook(Box::new(move |panic| {
+            let line = log_line(process, Level::ERROR, &panic.to_string(), &[]);
+            let _ = PatientStderr(Duration::ZERO).write_all(format!("{line}\n").as_bytes());
+        }));
+    }
     let folder = std::env::var_os("MLUC_SPANS");
     let spans = folder.map(|folder| Spans::create(Path::new(&folder), process));
     let (spans, failure) = match spans.transpose() {
@@ -87,7 +125,6 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
 
 struct Line {
     process: &'static str,
-    repeats: Mutex<Repeats>,
 }
 
 impl<S, N> tracing_subscriber::fmt::FormatEvent<S, N> for Line
@@ -104,16 +141,11 @@ where
         let mut words = Words::default();
         event.record(&mut words);
         let level = *event.metadata().level();
-        // A panic beside a log line poisons nothing that matters here.
-        let mut repeats = self
-            .repeats
-            .lock()
-            .unwrap_or_else(|poisoned| poisoned.into_inner());
         let now_ns = crate::monotonic_ns();
-        for (level, message, count) in repeats.ended(now_ns) {
-            let message = format!("{message} ({count} more like it)");
-            writeln!(writer, "{}", log_line(self.process, level, &message, &[]))?;
+        for line in sums(now_ns) {
+            writeln!(writer, "{line}")?;
         }
+        let mut repeats = REPEATS.lock().unwrap_or_else(PoisonError::into_inner);
         if repeats.admit(level, &words.message, now_ns) {
             let line = log_line(self.process, level, &words.message, &words.fields);
             writeln!(writer, "{line}")?;
@@ -160,5 +192,15 @@ mod tests {
             "time": null, "level": "WARN", "process": "up", "message": "cannot \"read\"\n", "fields": {"path": "a \"b\"\n"},
         });
         assert_eq!(value, expected);
+    }
+
+    #[test]
+    fn what_repeated_is_told_at_the_end() {
+        for _ in 0..9 {
+            let mut repeats = REPEATS.lock().unwrap();
+            repeats.admit(Level::WARN, "the same", crate::monotonic_ns());
+        }
+        let last = sums(u64::MAX).pop().unwrap();
+        assert!(last.contains("the same (4 more like it)"), "{last}");
     }
 }

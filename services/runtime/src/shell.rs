@@ -384,6 +384,7 @@ impl Shell {
         if let Some(manager) = &mut self.manager {
             manager.alive();
         }
+        crate::tell_repeats(false);
         self.follow_run()?;
         if let Some((output, _)) = &self.run_writer {
             output.reach_late_readers()?;

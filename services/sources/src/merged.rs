@@ -59,6 +59,9 @@ pub(crate) struct Part {
     frames_without: u64,
 }
 
+/// A live scan further ahead of the frame is not one to wait with: a clock was set back, or a stamp is wrong.
+const AHEAD_MAX_NS: u64 = 1_000_000_000;
+
 impl Source {
     /// Scans of several sensors merged into frames, which the first sensor's scans begin. `base_from_frame`: pose of the frames' coordinates in the robot's
     /// base, as [`Lidar::extrinsics`]. `tolerance_ms`: between the times of scans in one frame, at most. Errors: as [`Source::open`], with the sensor's name.
@@ -197,7 +200,9 @@ impl Part {
             let is_near = match (time_ns_of(&self.scan), frame_ns) {
                 (Some(own_ns), Some(frame_ns)) => {
                     let is_near = own_ns.abs_diff(frame_ns) <= tolerance.as_nanos() as u64;
-                    self.has_scan = is_near || own_ns > frame_ns;
+                    let ahead_ns = own_ns.saturating_sub(frame_ns);
+                    let is_possible = !self.source.is_live() || ahead_ns < AHEAD_MAX_NS;
+                    self.has_scan = is_near || (ahead_ns > 0 && is_possible);
                     is_near
                 }
                 (own_ns, frame_ns) => own_ns == frame_ns,
@@ -288,5 +293,51 @@ mod tests {
                 assert!(is_early, "{bits}: without{}", source.missing());
             }
         }
+    }
+
+    /// Stamps, ms.
+    struct Stamped(std::vec::IntoIter<u64>);
+
+    impl crate::LiveScans for Stamped {
+        fn load(&mut self, scan: &mut Scan, _: Duration) -> anyhow::Result<Next> {
+            let stamp = self.0.next();
+            scan.received_ns = stamp.map(|ms| ms * 1_000_000);
+            scan.bytes = vec![0; 16];
+            Ok(stamp.map_or(Next::NotYet, |_| Next::Scan))
+        }
+
+        fn silence(&self) -> Option<String> {
+            None
+        }
+    }
+
+    #[test]
+    fn a_live_scan_of_the_far_future_is_let_go() {
+        let lidars = ["1000,1100,1200", "90000,1100,1200"].map(|stamps| Lidar {
+            name: stamps[..2].to_string(),
+            input: stamps.into(),
+            extrinsics: [0.0; 6],
+            calibration: None,
+            topic: None,
+        });
+        let open: Open = |input, _, _| {
+            let stamps = input
+                .to_str()
+                .unwrap()
+                .split(',')
+                .map(|ms| ms.parse().unwrap());
+            Ok(Source::live(Stamped(
+                stamps.collect::<Vec<_>>().into_iter(),
+            )))
+        };
+        let mut source = Source::merge(&lidars, &Layout::default(), [0.0; 6], 50, open).unwrap();
+        let mut missing = |sequence| {
+            assert_eq!(
+                source.load(sequence, &mut Scan::default()).unwrap(),
+                Next::Scan
+            );
+            source.missing().to_string()
+        };
+        assert_eq!([0, 1, 2].map(&mut missing), [" 90", "", ""]);
     }
 }

@@ -13,6 +13,7 @@ use mluc_runtime::{
 };
 use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
 
+use super::predecessor::{MARK, mark};
 use crate::EXIT_USAGE;
 use crate::settings::{RestartPolicy, Settings, StageSettings};
 
@@ -58,6 +59,8 @@ pub(super) struct Child {
     is_killed: bool,
     /// By a signal from outside, when the watchdog killed it.
     was_stopped: bool,
+    /// Of the machine, when it was started.
+    oom_kills_before: u64,
     /// Deaths by itself in a row, without a frame between.
     failures: u32,
     /// When it died by itself, at most one more than [`CRASH_LOOP_DEATHS`].
@@ -84,6 +87,7 @@ impl Child {
             group_before: None,
             is_killed: false,
             was_stopped: false,
+            oom_kills_before: 0,
             failures: 0,
             deaths: VecDeque::new(),
             is_crash_loop: false,
@@ -132,6 +136,7 @@ impl Child {
         command
             .env(Instance::VARIABLE, settings.instance.name())
             .env(LOG_FORMAT_VARIABLE, log_format())
+            .env(MARK, mark(&settings.instance))
             .stdin(Stdio::null())
             // stdout holds the JSON lines, and nothing else.
             .stdout(std::io::stderr())
@@ -144,6 +149,7 @@ impl Child {
             .spawn()
             .with_context(|| format!("starting stage {}", self.stage.name()))?;
         self.process = Some(process);
+        self.oom_kills_before = oom_kills();
         self.started_ns = monotonic_ns();
         self.due = None;
         (self.was_ready, self.has_published) = (false, false);
@@ -236,7 +242,15 @@ impl Child {
         }
         tracing::error!(stage = self.stage.name(), "ended: {status}");
         let is_killed = status.signal() == Some(Signal::KILL.as_raw());
-        if is_killed && (!self.is_killed || self.was_stopped) {
+        let is_hit = is_killed && (!self.is_killed || self.was_stopped);
+        // The kernel's choice is no accident: the next one will want as much.
+        let is_oom = is_hit && oom_kills() > self.oom_kills_before;
+        if is_oom {
+            tracing::error!(
+                stage = self.stage.name(),
+                "the kernel has killed for lack of memory (oom_kill of /proc/vmstat)"
+            );
+        } else if is_hit {
             return Ok(Ended::Hit);
         }
         self.judge(status, settings)?;
@@ -355,6 +369,14 @@ impl Child {
 
 fn is_alive(group: Option<Pid>) -> bool {
     group.is_some_and(|group| test_kill_process_group(group).is_ok())
+}
+
+/// How many processes the kernel has killed for lack of memory, of the machine or of a cgroup.
+fn oom_kills() -> u64 {
+    let counts = std::fs::read_to_string("/proc/vmstat").unwrap_or_default();
+    let mut counts = counts.lines();
+    let count = counts.find_map(|line| line.strip_prefix("oom_kill ")?.parse().ok());
+    count.unwrap_or(0)
 }
 
 /// By a signal (state T of the kernel).

@@ -4,23 +4,39 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use mluc_ipc_types::Stage;
-use mluc_runtime::{ClaimNote, Instance};
-use rustix::process::{Pid, Signal, kill_process_group};
+use mluc_runtime::Instance;
+use rustix::process::{Pid, Signal, geteuid, kill_process};
 
 /// Orphans end by themselves within a frame; one that does not is killed.
 const ORPHAN_PATIENCE: Duration = Duration::from_secs(1);
 /// Cleaning takes 20 ms; a guess with room.
 const CLEAN_PATIENCE: Duration = Duration::from_secs(3);
 
-/// Waits until the stages of a killed supervisor are gone.
+/// What the stages of a supervisor, and all that they start, carry in their environment.
+pub(super) const MARK: &str = "MLUC_SUPERVISOR";
+
+/// Whose they are: user, instance, and a process that no later one is taken for.
+pub(super) fn mark(instance: &Instance) -> String {
+    let pid = std::process::id();
+    mark_start(instance) + &format!("{pid}/{}", start_of(pid).unwrap_or_default())
+}
+
+fn mark_start(instance: &Instance) -> String {
+    format!("{}/{}/", geteuid().as_raw(), instance.name())
+}
+
+/// When a process began, in the kernel's ticks: field 22; the second, a name, may hold anything.
+fn start_of(pid: u32) -> Option<String> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    let start = stat.rsplit(')').next()?.split_whitespace().nth(19)?;
+    Some(start.to_string())
+}
+
+/// Waits until the stages of a killed supervisor are gone, and what they started.
 pub(super) fn end_orphans(instance: &Instance) {
     let begun = Instant::now();
     loop {
-        let orphans: Vec<u32> = Stage::ALL
-            .into_iter()
-            .filter_map(|s| orphan(instance, s))
-            .collect();
+        let orphans = orphans(instance);
         if orphans.is_empty() || begun.elapsed() > 2 * ORPHAN_PATIENCE {
             return;
         }
@@ -30,28 +46,29 @@ pub(super) fn end_orphans(instance: &Instance) {
                     pid,
                     "a stage of a supervisor that was killed does not end: killed"
                 );
-                // A stage leads its group.
-                let _ =
-                    Pid::from_raw(pid as i32).map(|group| kill_process_group(group, Signal::KILL));
+                let _ = Pid::from_raw(pid as i32).map(|pid| kill_process(pid, Signal::KILL));
             }
-            std::thread::sleep(Duration::from_millis(50));
         }
-        std::thread::sleep(Duration::from_millis(5));
+        std::thread::sleep(Duration::from_millis(20));
     }
 }
 
-/// A stage that a supervisor started and that is no longer its child. Its command line names the supervisor.
-fn orphan(instance: &Instance, stage: Stage) -> Option<u32> {
-    let pid = ClaimNote::of_living(instance, stage.name())?.pid;
-    let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
-    let command = read("cmdline")?;
-    let mut words = command
-        .split('\0')
-        .skip_while(|word| *word != "--supervised-by");
-    let supervisor = words.nth(1)?;
-    let stat = read("stat")?;
-    let parent = stat.rsplit(')').next()?.split_whitespace().nth(1)?;
-    (parent != supervisor).then_some(pid)
+/// Processes that carry the mark of a supervisor of this instance that is gone.
+fn orphans(instance: &Instance) -> Vec<u32> {
+    let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let mark = format!("{MARK}={}", mark_start(instance));
+    let is_orphan = |pid: &u32| {
+        let environment = std::fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
+        let mut variables = environment.split(|byte| *byte == 0);
+        let supervisor = variables.find_map(|v| str::from_utf8(v).ok()?.strip_prefix(&mark));
+        let supervisor = supervisor.and_then(|supervisor| supervisor.split_once('/'));
+        supervisor.is_some_and(|(pid, start)| {
+            let now = pid.parse().ok().and_then(start_of);
+            now.as_deref() != Some(start)
+        })
+    };
+    pids.filter(is_orphan).collect()
 }
 
 /// Has the ports of dead processes removed, by a process of its own: iceoryx2's cleaning may hang.

@@ -9,7 +9,7 @@ const WRITTEN_MAX: u64 = 5;
 /// Messages that are followed; further ones are written.
 const MESSAGES_MAX: usize = 64;
 
-struct Repeated {
+pub(super) struct Repeated {
     level: Level,
     message: String,
     since_ns: u64,
@@ -18,12 +18,13 @@ struct Repeated {
 
 /// The messages of the last time.
 #[derive(Default)]
-pub(super) struct Repeats(Vec<Repeated>);
+pub(super) struct Repeats(pub(super) Vec<Repeated>);
 
 impl Repeats {
     /// Forgets messages whose time is over; gives those that were left out, and how often.
     pub(super) fn ended(&mut self, now_ns: u64) -> Vec<(Level, String, u64)> {
-        let is_over = |repeated: &mut Repeated| now_ns - repeated.since_ns >= WINDOW_NS;
+        let is_over =
+            |repeated: &mut Repeated| now_ns.saturating_sub(repeated.since_ns) >= WINDOW_NS;
         let ended = self.0.extract_if(.., is_over);
         let counted = ended.map(|r| (r.level, r.message, r.count.saturating_sub(WRITTEN_MAX)));
         counted.filter(|(_, _, count)| *count > 0).collect()
