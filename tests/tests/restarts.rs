@@ -78,7 +78,8 @@ fn a_foreign_stage_that_outlives_its_supervisor_is_ended_by_the_next() {
     let mut next = setting.up(&options);
     next.wait_for_words("does not end: killed");
     next.wait_for_lines(2);
-    assert!(!is_alive(orphan), "{}", next.log());
+    let is_gone = wait_for(10 * SECOND, || !is_alive(orphan));
+    assert!(is_gone, "{}", next.log());
     setting.stop(next);
     killed.finish();
 }

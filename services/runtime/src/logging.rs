@@ -196,6 +196,7 @@ mod tests {
 
     #[test]
     fn what_repeated_is_told_at_the_end() {
+        choose_log_format("json");
         for _ in 0..9 {
             let mut repeats = REPEATS.lock().unwrap();
             repeats.admit(Level::WARN, "the same", crate::monotonic_ns());

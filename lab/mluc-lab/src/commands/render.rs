@@ -212,7 +212,7 @@ mod tests {
         let car = "Car 0 0 0 0 0 100 100 1.5 1.6 4 0 1.7 20 -1.5708\n";
         write_file(&at("l.txt"), car);
         write_file(&at("c.txt"), NO_CAMERA);
-        let found = r#"{"kind": "unknown", "label": "unknown", "score": 0.5, "center_m": [20, 9, 0], "size_m": [2, 2, 2], "yaw_rad": 0}"#;
+        let found = r#"{"kind": "unknown", "label": "unknown", "score": 0.5, "center_m": [20, -9, 0], "size_m": [2, 2, 2], "yaw_rad": 0}"#;
         let line = |name: &str| format!("{{\"frame\": \"{name}\", \"objects\": [{found}]}}\n");
         write_file(&at("o.jsonl"), line("0"));
         write_file(&at("other.jsonl"), line("7"));
@@ -233,17 +233,17 @@ mod tests {
             arguments.draw(&scans[0], &found, false).expect("a picture")
         };
         let [plain, labelled, found] = [draw("", ""), draw("l.txt", ""), draw("", "o.jsonl")];
-        // Where a picture differs from the plain one: x to the left of a place 9 m to the left, row 504.
+        // Where a picture differs from the plain one: row 504, 9 m to the right of the car.
         let differs = |canvas: &Canvas, columns: std::ops::Range<usize>| {
             let mut places = columns.flat_map(|x| (460..550).map(move |y| (x, y)));
             places.any(|(x, y)| canvas.pixel(x, y) != plain.pixel(x, y))
         };
         assert_eq!(
-            [380..420, 290..330].map(|columns| differs(&labelled, columns)),
+            [380..420, 480..500].map(|columns| differs(&labelled, columns)),
             [true, false]
         );
         assert_eq!(
-            [380..420, 290..330].map(|columns| differs(&found, columns)),
+            [380..420, 480..500].map(|columns| differs(&found, columns)),
             [false, true]
         );
 

@@ -25,11 +25,14 @@ fn mark_start(instance: &Instance) -> String {
     format!("{}/{}/", geteuid().as_raw(), instance.name())
 }
 
-/// When a process began, in the kernel's ticks: field 22; the second, a name, may hold anything.
+/// When a process that lives began, in the kernel's ticks: field 22; the second, a name, may hold anything.
 fn start_of(pid: u32) -> Option<String> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    let start = stat.rsplit(')').next()?.split_whitespace().nth(19)?;
-    Some(start.to_string())
+    let mut fields = stat.rsplit(')').next()?.split_whitespace();
+    // One whose parent has not heard of its end is dead all the same.
+    let is_dead = matches!(fields.next()?, "Z" | "X");
+    let start = fields.nth(18)?.to_string();
+    (!is_dead).then_some(start)
 }
 
 /// Waits until the stages of a killed supervisor are gone, and what they started.
