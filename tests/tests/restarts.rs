@@ -65,7 +65,7 @@ fn a_refiner_behind_a_script_is_killed_and_ends_with_it() {
 fn a_foreign_stage_that_outlives_its_supervisor_is_ended_by_the_next() {
     let setting = Setting::new("orphan", 3);
     let script = format!(
-        "trap '' TERM; {} stage refiner; true",
+        "trap '' TERM HUP; {} stage refiner; true",
         mluc_program().display()
     );
     let config = format!("[stages.refiner]\ncommand = [\"sh\", \"-c\", {script:?}]\n");
