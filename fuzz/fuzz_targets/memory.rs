@@ -38,7 +38,7 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
         }
     };
     if let Ok(objects) = Object::checked(&header, &objects, 2) {
-        let line = line(&header, objects, &[], StatusState::Running);
+        let line = line(&header, objects, &[], &Status::default());
         serde_json::to_string(&line).expect("a line");
     }
 });
