@@ -307,11 +307,17 @@ class Stage(Member):
     def join(self):
         """As the only one in its place."""
         super().join()
-        self.claim = open(f"{self.root}/{self.name}.pid", "a")
+        path = f"{self.root}/{self.name}.pid"
+        self.claim = open(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600), "r+b", 0)
         try:
             fcntl.flock(self.claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            sys.exit(f"another {self.name} runs already: stop it first ({self.claim.name})")
+            sys.exit(f"another {self.name} runs already: stop it first ({path})")
+        self.note()
+
+    def note(self, sequence="-"):
+        """Which frame is being worked on, for the supervisor: a scan of which stages die twice is set aside."""
+        os.pwrite(self.claim.fileno(), f"{os.getpid():10} {sequence:>20}\n".encode(), 0)
 
     def output(self, name):
         data, wake = open_topic(self.node, name)
@@ -461,7 +467,9 @@ class Refiner(Stage):
             if detections is not None:
                 frame, heard_ns = self.frame(detections), time.monotonic_ns()
                 if frame is not None:
+                    self.note(frame.header.sequence)
                     yield frame
+                    self.note()
                 detections.delete()
             silence_ns = time.monotonic_ns() - heard_ns
             if silence_ns > SILENCE_NS and self.state[0] != WAITING_INPUT:

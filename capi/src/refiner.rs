@@ -53,6 +53,7 @@ impl Refiner {
     /// Waits for the newest frame that keeps the contract; others are refused and counted. [`Code::Ok`]: it came.
     pub(crate) fn wait(&mut self, timeout: Duration) -> Result<Code, Failure> {
         self.frame = None;
+        self.shell.note_frame(None);
         let begun_ns = monotonic_ns();
         loop {
             let spent = Duration::from_nanos(monotonic_ns() - begun_ns);
@@ -78,6 +79,8 @@ impl Refiner {
             }
             let stamps = header.stamps_mut(Stage::Refiner);
             (stamps.received_ns, stamps.started_ns) = (detections.received_ns, monotonic_ns());
+            // A scan of which the program dies twice is set aside.
+            self.shell.note_frame(Some(header.sequence));
             self.frame = Some(Frame {
                 header,
                 detections,
@@ -132,6 +135,7 @@ impl Refiner {
         stamp_published(Stage::Refiner, loan.header_mut());
         loan.publish()?;
         self.frame = None;
+        self.shell.note_frame(None);
         self.frames.release();
         let counters = &mut self.shell.health;
         counters.frames_in += 1;

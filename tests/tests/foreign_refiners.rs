@@ -75,6 +75,40 @@ fn a_killed_foreign_refiner_is_started_again() {
     }
 }
 
+#[test]
+fn a_scan_that_kills_a_foreign_refiner_twice_is_set_aside() {
+    let Some(example) = python_example("refiner") else {
+        return;
+    };
+    let setting = Setting::new("poison", 5);
+    let script = setting.folder.path().join("poisoned.py");
+    let text = r#"
+import os, sys
+sys.path.insert(0, os.path.dirname(sys.argv[1]))
+import mluc, refiner
+stage = mluc.Refiner()
+for frame in stage.frames():
+    if bytes(frame.header.name).startswith(b"000002") and len(frame.points):
+        os.abort()
+    objects, indices, _ = refiner.refine(frame.points[:, :3], frame.detections, stage.classes)
+    stage.publish(frame, objects, indices)
+"#;
+    std::fs::write(&script, text).expect("written");
+    let [python, example] = &example[..] else {
+        panic!("{example:?}");
+    };
+    let command = [
+        python.clone(),
+        script.display().to_string(),
+        example.clone(),
+    ];
+    let run = setting.run(&config(&setting, &command));
+    run.assert_says(&["set aside, because stages died of them: 1 (000002)"]);
+    let flags = run.flags("000002");
+    assert!(flags.contains(&"empty"), "{flags:?}");
+    assert!(!run.flags("000004").contains(&"empty"));
+}
+
 /// A refiner that the test starts and ends.
 fn start_by_hand(setting: &Setting, command: &[String]) -> Running {
     let mut process = Command::new(&command[0]);
