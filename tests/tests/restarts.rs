@@ -159,3 +159,19 @@ fn a_crash_of_everything_is_wiped_by_the_next_start() {
     assert!(leaves_files, "else this test shows nothing");
     setting.run("").assert_complete(0, 2);
 }
+
+#[test]
+fn a_stage_that_is_stopped_before_its_first_frame_is_killed_once_it_was_ready() {
+    let setting = Setting::new("idle", 2);
+    let scan = setting.input.join("000000.bin");
+    std::fs::remove_file(&scan).expect("it was there");
+    // Ingest waits for whoever writes to the pipe.
+    let made = std::process::Command::new("mkfifo").arg(&scan).status();
+    assert!(made.expect("mkfifo starts").success());
+    let mut run = setting.up("--loop");
+    run.wait_for_health(&setting.instance, "the refiner is ready", |watch| {
+        watch.is_ready(mluc_ipc_types::Stage::Refiner)
+    });
+    run.replace("refiner", Signal::STOP);
+    run.wait_for_words("(heartbeat_max_ms of [stages.refiner])");
+}
