@@ -201,9 +201,11 @@ impl Child {
             return self.ended(status, pid, settings);
         }
         // Its first frame may take long; waiting for it does not.
-        let note = ClaimNote::read(&settings.instance, self.stage.name());
-        let is_idle = note.is_some_and(|note| note.pid == pid && note.sequence.is_none());
-        let (limit_ms, key) = if self.has_published || (self.was_ready && is_idle) {
+        let is_idle = || {
+            let note = ClaimNote::read(&settings.instance, self.stage.name());
+            note.is_some_and(|note| note.pid == pid && note.sequence.is_none())
+        };
+        let (limit_ms, key) = if self.has_published || (self.was_ready && is_idle()) {
             let limit_ms = heartbeat_limit_ms(own, self.run_max_us);
             (limit_ms, "heartbeat_max_ms")
         } else {
