@@ -1,13 +1,11 @@
-//! What is measured on, the same on every machine: candidates, the simulated scans' sensor, the shipped model.
+//! What is measured on, the same on every machine: candidates, the shipped model.
 
 use std::path::Path;
 
 use anyhow::Result;
 use mluc_geometry::Box3;
-use mluc_ipc_types::{Detection, DetectionKind, Object};
+use mluc_ipc_types::{Detection, DetectionKind};
 use mluc_model::{Manifest, Model, WeightSet};
-use mluc_refiner::Sensor;
-use mluc_train::hdl_64e;
 
 /// An unknown's candidate as the head hands it over.
 pub fn candidate(shape: &Box3, eds: f32) -> Detection {
@@ -20,20 +18,6 @@ pub fn candidate(shape: &Box3, eds: f32) -> Detection {
         score: 0.3,
         eds,
         ..Detection::default()
-    }
-}
-
-/// An object's box in the sensor frame.
-pub fn box_of(object: &Object) -> Box3 {
-    Box3::from_f32(object.center_m, object.size_m, object.yaw_rad)
-}
-
-/// The simulated scans' sensor, with its beams.
-pub fn sensor() -> Sensor {
-    Sensor {
-        beams: Some(hdl_64e()),
-        sees_all_around: false,
-        ..Sensor::plain(&["car", "pedestrian", "cyclist"])
     }
 }
 

@@ -35,11 +35,6 @@ fn every_way_carries_every_payload_and_leaves_nothing() {
         }
         let measured = measure(&settings).unwrap();
         sensible(&measured);
-        if payload == Payload::Points {
-            // A copy of 2 MB takes longer than handing it over; that is what the copy-free way is for.
-            let [_, _, _, socket] = measured.latencies();
-            assert!(socket.p50_us > measured.memcpy.p50_us, "{measured:?}");
-        }
     }
     refusals();
     assert_eq!(leftovers(), Vec::<String>::new());

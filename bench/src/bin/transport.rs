@@ -1,8 +1,7 @@
-//! Our hop between two processes and its baselines, interleaved in one run, as one JSON object.
+//! Our hop between two processes and its baseline, interleaved in one run, as one JSON object.
 //!
-//! For each topic: raw iceoryx2 with the same payload, queue settings and wake-up, a futex wake, a Unix socket
-//! that copies the bytes, and one copy within a process. On a machine with other work, run it as
-//! `chrt -f 50 target/release/transport` and read ratios, not microseconds.
+//! For each topic: raw iceoryx2 with the same payload, queue settings and wake-up. On a machine with other work, run it
+//! as `chrt -f 50 target/release/transport` and read ratios, not microseconds.
 
 use anyhow::Result;
 use clap::Parser;
@@ -67,15 +66,12 @@ fn all_hops_us(measured: &[(Payload, Measured)]) -> (f64, f64) {
     })
 }
 
-/// Ours over a baseline, below which our hop is not to be expected; and a copy over ours.
-fn ratios(found: &Measured) -> [(String, f64); 5] {
-    let [hop, raw, futex, socket] = found.latencies();
+/// Ours over iceoryx2 alone, below which our hop is not to be expected.
+fn ratios(found: &Measured) -> [(String, f64); 2] {
+    let [hop, raw] = found.latencies();
     [
         ("hop_over_raw_p50", hop.p50_us / raw.p50_us),
         ("hop_over_raw_p99", hop.p99_us / raw.p99_us),
-        ("hop_over_futex_p50", hop.p50_us / futex.p50_us),
-        ("socket_over_hop_p50", socket.p50_us / hop.p50_us),
-        ("memcpy_over_hop_p50", found.memcpy.p50_us / hop.p50_us),
     ]
     .map(|(name, ratio)| (name.to_string(), ratio))
 }

@@ -41,8 +41,7 @@ pub(crate) fn report_of(frames: &[FrameRecord]) -> Value {
     let hops = by_name(HOPS, |hop| {
         let us = &figures.hand_over_us[hop];
         json!({"payload_bytes": 0, "frames": us.len(), "p50_us": at(us, 0.5), "p99_us": at(us, 0.99),
-               "alone_p50_us": null, "alone_p99_us": null, "raw_p50_us": null, "raw_p99_us": null,
-               "futex_p50_us": null, "socket_p50_us": null, "memcpy_p50_us": null})
+               "alone_p50_us": null, "alone_p99_us": null, "raw_p50_us": null, "raw_p99_us": null})
     });
     let together_us = &figures.hops_together_us;
     let out = figures.delivered_us.len();

@@ -18,13 +18,11 @@ mod csv;
 mod figures;
 mod frame;
 mod page;
-#[cfg(test)]
-mod recorded;
 mod series;
 
 pub(crate) use charts::Sample;
 pub(crate) use compare::{Comparison, Verdict, compare};
 pub(crate) use csv::{read_frames, write_frames};
 pub(crate) use figures::{Resources, check_version, number, report_of};
-pub(crate) use frame::{FrameRecord, STAGES, Stamps};
+pub(crate) use frame::{FrameRecord, STAGES, Stamps, micros};
 pub(crate) use page::{page, table};

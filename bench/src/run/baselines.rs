@@ -46,15 +46,12 @@ fn of_topic(payload: Payload, bytes: u64, rounds: usize) -> Result<Value> {
         ..Settings::new(payload, rounds)
     };
     let measured = measure(&settings)?;
-    let [alone, raw, futex, socket] = measured.latencies();
+    let [alone, raw] = measured.latencies();
     Ok(json!({
         "payload_bytes": bytes,
         "alone_p50_us": alone.p50_us,
         "alone_p99_us": alone.p99_us,
         "raw_p50_us": raw.p50_us,
         "raw_p99_us": raw.p99_us,
-        "futex_p50_us": futex.p50_us,
-        "socket_p50_us": socket.p50_us,
-        "memcpy_p50_us": measured.memcpy.p50_us,
     }))
 }

@@ -11,18 +11,16 @@ use super::folder;
 use super::measured::Measured;
 use super::plan::Plan;
 use super::quiet::Quiet;
-use super::trace::SpansFolder;
+use super::trace::write_trace;
 use crate::report::table;
 
 pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     let out = &plan.args.out;
     folder::make(out)?;
-    let spans = plan.args.trace.is_some().then(SpansFolder::make);
-    let spans = spans.transpose()?;
     let progress = super::progress();
     let (mut quiet, mut measured) = (Quiet::new(), Measured::default());
     for round in 0..plan.rounds {
-        measured.add_round(plan, spans.as_ref(), round, &mut quiet, &progress)?;
+        measured.add_round(plan, round, &mut quiet, &progress)?;
         if measured.is_interrupted {
             break;
         }
@@ -47,8 +45,8 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     print_out(table(&report)?.trim_end())?;
     let page = out.join("report.html");
     print_out(format_args!("report: {}", page.display()))?;
-    if let (Some(file), Some(spans)) = (&plan.args.trace, &spans) {
-        let trace = spans.write_trace(file, plan.args.trace_frame, &measured.frames)?;
+    if let Some(file) = &plan.args.trace {
+        let trace = write_trace(file, plan.args.trace_frame, &measured.frames)?;
         print_out(format_args!("trace of {trace}"))?;
     }
     let is_flawed = measured.is_flawed(&report);

@@ -9,7 +9,6 @@ use super::pipeline::{Recording, record};
 use super::plan::Plan;
 use super::quiet::Quiet;
 use super::round::frames;
-use super::trace::SpansFolder;
 use crate::machine::{describe_build, describe_machine};
 use crate::report::{FrameRecord, Resources, STAGES, Sample, number, report_of};
 
@@ -26,11 +25,10 @@ pub(crate) struct Measured {
 }
 
 impl Measured {
-    /// Starts the processes once more; they write their spans where a trace is asked for.
+    /// Starts the processes once more.
     pub(crate) fn add_round(
         &mut self,
         plan: &Plan,
-        spans: Option<&SpansFolder>,
         round: u32,
         quiet: &mut Quiet,
         progress: &ProgressBar,
@@ -39,7 +37,7 @@ impl Measured {
             1 => plan.refiner.clone(),
             all => format!("{}, {} of {all}", plan.refiner, round + 1),
         };
-        let run = || record(plan, spans, round, &what, progress);
+        let run = || record(plan, round, &what, progress);
         let recording = quiet.watch(|| beside(&plan.load, run))?;
         let clock = (plan.rate_hz, plan.warm_up_seconds);
         let arrived = (&recording.arrivals[..], recording.frames_in);

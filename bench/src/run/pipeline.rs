@@ -16,7 +16,6 @@ use rustix::process::{Pid, Signal, kill_process};
 use super::plan::Plan;
 use super::processes::ProcessWatch;
 use super::show;
-use super::trace::SpansFolder;
 use crate::machine::children;
 
 /// How often the processes are looked at; a message ends the wait early.
@@ -46,7 +45,6 @@ pub(crate) struct Recording {
 /// Runs the pipeline once; `number` is part of the instance's name, `what` of the progress line.
 pub(crate) fn record(
     plan: &Plan,
-    spans: Option<&SpansFolder>,
     number: u32,
     what: &str,
     progress: &ProgressBar,
@@ -58,7 +56,7 @@ pub(crate) fn record(
         objects: shell.input::<Object>(&Topic::OBJECTS)?,
         health: shell.health_watch()?,
         shell,
-        up: Up::start(plan, spans, &instance)?,
+        up: Up::start(plan, &instance)?,
         pids: [0; 4],
         classes: plan.model.manifest.classes.len(),
         recording: Recording::default(),
@@ -198,7 +196,7 @@ struct Up {
 }
 
 impl Up {
-    fn start(plan: &Plan, spans: Option<&SpansFolder>, instance: &Instance) -> Result<Up> {
+    fn start(plan: &Plan, instance: &Instance) -> Result<Up> {
         let log = plan.args.out.join(LOG);
         let file = File::create(&log).with_context(|| format!("creating {}", log.display()))?;
         let supervisor = std::process::id().to_string();
@@ -208,7 +206,6 @@ impl Up {
             .args(["exec", "--supervised-by", &supervisor, "--"])
             .arg(&plan.program)
             .args(plan.up_arguments(instance.name()))
-            .envs(spans.map(SpansFolder::variable))
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(file)

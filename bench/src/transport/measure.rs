@@ -1,12 +1,10 @@
 //! Messages in turn on every way.
 
 use std::collections::BTreeMap;
-use std::hint::black_box;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::{Result, ensure};
 use mluc_geometry::{Random, quantile};
-use mluc_runtime::monotonic_ns;
 use serde::Serialize;
 
 use super::load::Settings;
@@ -63,18 +61,16 @@ pub struct Measured {
     pub payload_bytes: usize,
     /// Each of [`Way::ALL`].
     pub ways: BTreeMap<Way, Cost>,
-    /// Copying the payload once, within one process.
-    pub memcpy: LatencyPercentiles,
 }
 
 impl Measured {
-    /// Of the hop, of iceoryx2 alone, of the futex and of the socket.
-    pub fn latencies(&self) -> [LatencyPercentiles; 4] {
+    /// Of the hop and of iceoryx2 alone.
+    pub fn latencies(&self) -> [LatencyPercentiles; 2] {
         Way::ALL.map(|way| self.ways[&way].latency)
     }
 }
 
-/// Sends in turn on every way, each time in another order, and a copy within this process.
+/// Sends in turn on every way, each time in another order.
 pub fn measure(settings: &Settings) -> Result<Measured> {
     let elements = settings.elements()?;
     let link = Link {
@@ -93,21 +89,12 @@ pub fn measure(settings: &Settings) -> Result<Measured> {
     }
     let mut peer = Peer::start(settings.program.as_deref(), &link)?;
     let payload_bytes = link.bytes();
-    let (mut from, mut to) = (vec![1; payload_bytes], vec![2; payload_bytes]);
-    let mut copied_ns = vec![];
     for round in 0..settings.warm_up + settings.rounds {
         let counts = round >= settings.warm_up;
         for place in shuffled(ends.len(), round as u64) {
             peer.expect(ends[place].way)?;
             std::thread::sleep(settings.pause);
             ends[place].exchange(&mut peer, round as u32, counts)?;
-        }
-        from.fill(round as u8);
-        let begun_ns = monotonic_ns();
-        to.copy_from_slice(black_box(from.as_slice()));
-        black_box(to.as_slice());
-        if counts {
-            copied_ns.push(monotonic_ns() - begun_ns);
         }
     }
     // It ends first, so that this process is the last one everywhere and removes all files.
@@ -119,7 +106,6 @@ pub fn measure(settings: &Settings) -> Result<Measured> {
     Ok(Measured {
         payload_bytes,
         ways: ends.iter().map(|end| (end.way, cost(end))).collect(),
-        memcpy: LatencyPercentiles::of_ns(&copied_ns),
     })
 }
 

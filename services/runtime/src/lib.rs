@@ -46,9 +46,7 @@ pub use run::random_run_id;
 pub use scans::Scans;
 pub use shell::{Next, Shell};
 pub use signals::{Shutdown, reload_flag};
-pub use stage::{
-    Algorithm, StageError, StageInput, finish, frame_span, run_span, run_stage, stamp_published,
-};
+pub use stage::{Algorithm, StageError, StageInput, finish, run_stage, stamp_published};
 pub use status::StatusWatch;
 
 /// iceoryx2 between processes.

@@ -2,13 +2,11 @@
 //! message again and again is summed up.
 
 mod repeats;
-mod spans;
 mod stderr;
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::io::Write;
-use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
@@ -20,7 +18,6 @@ use tracing_subscriber::EnvFilter;
 use tracing_subscriber::prelude::*;
 
 use repeats::Repeats;
-use spans::Spans;
 pub use stderr::PatientStderr;
 
 static IS_JSON: OnceLock<bool> = OnceLock::new();
@@ -90,8 +87,7 @@ fn sums(now_ns: u64) -> Vec<String> {
 }
 
 /// Starts logging. `MLUC_LOG` sets the filter (`info` without it); `process` names this process in each line. iceoryx2's
-/// own messages are silent: every failure of it comes out as an error of ours that says what to do. `MLUC_SPANS` names a
-/// folder into which the spans of the frame path are written (`mluc bench --trace`).
+/// own messages are silent: every failure of it comes out as an error of ours that says what to do.
 pub fn log_to_stderr(process: &'static str, default_filter: &str) {
     let filter =
         EnvFilter::try_from_env("MLUC_LOG").unwrap_or_else(|_| EnvFilter::new(default_filter));
@@ -107,20 +103,8 @@ pub fn log_to_stderr(process: &'static str, default_filter: &str) {
             let _ = PatientStderr(Duration::ZERO).write_all(format!("{line}\n").as_bytes());
         }));
     }
-    let folder = std::env::var_os("MLUC_SPANS");
-    let spans = folder.map(|folder| Spans::create(Path::new(&folder), process));
-    let (spans, failure) = match spans.transpose() {
-        Ok(spans) => (spans.map(|s| s.with_filter(Spans::filter())), None),
-        Err(error) => (None, Some(error)),
-    };
     // A second start in one process (tests) keeps the first.
-    let _ = tracing_subscriber::registry()
-        .with(lines)
-        .with(spans)
-        .try_init();
-    if let Some(error) = failure {
-        tracing::warn!(%error, "MLUC_SPANS: no spans are written");
-    }
+    let _ = tracing_subscriber::registry().with(lines).try_init();
 }
 
 struct Line {

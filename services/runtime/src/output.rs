@@ -105,7 +105,6 @@ impl<T: Payload> Loan<'_, T> {
 
     /// Sends it and wakes the consumers.
     pub fn publish(self) -> Result<()> {
-        let _span = tracing::trace_span!(target: "mluc::frame", "publish").entered();
         let sent = self.sample.send();
         sent.map_err(|e| self.output.failed("sending", e))?;
         // The message is there already; a consumer that cannot be woken finds it at its next look.

@@ -3,12 +3,8 @@
 use std::time::Duration;
 
 use mluc_ipc_types::{ContractError, FrameHeader, HealthState, Point, Stage};
-use tracing::span::EnteredSpan;
 
 use crate::{Frames, Next, Output, Payload, RuntimeError, Shell, monotonic_ns};
-
-/// Of the spans that [`crate::log_to_stderr`] writes.
-const SPANS: &str = "mluc::frame";
 
 /// Why a stage has no result for a frame.
 #[derive(Debug, thiserror::Error)]
@@ -93,13 +89,12 @@ pub fn run_stage<A: Algorithm>(
         let mut header = *message.header();
         begin(stage, &mut header, message.received_ns);
         shell.note_frame(Some(header.sequence));
-        let _frame = frame_span(&header);
         let input = StageInput {
             elements: message.elements(),
             points: frames.points(header.sequence),
         };
         let bytes_read = size_of_val(input.elements) + input.points.map_or(0, size_of_val);
-        let count = match run_span(|| algorithm.run(&mut header, input)) {
+        let count = match algorithm.run(&mut header, input) {
             Ok(count) => count,
             Err(StageError::Refused(error)) => {
                 shell.note_frame(None);
@@ -144,14 +139,4 @@ pub fn finish(shell: &mut Shell, stage: Stage, header: &FrameHeader) -> Result<(
     shell.note_frame(None);
     shell.state(HealthState::Running, "")?;
     shell.tick()
-}
-
-/// From taking a frame to having published it.
-pub fn frame_span(header: &FrameHeader) -> EnteredSpan {
-    tracing::trace_span!(target: SPANS, "frame", sequence = header.sequence).entered()
-}
-
-/// The stage's own work on the frame.
-pub fn run_span<T>(work: impl FnOnce() -> T) -> T {
-    tracing::trace_span!(target: SPANS, "run").in_scope(work)
 }

@@ -1,9 +1,7 @@
 //! The ways a message can go.
 
-mod futex;
 mod hop;
 mod raw;
-mod socket;
 
 use std::time::Duration;
 
@@ -22,19 +20,15 @@ pub enum Way {
     Hop,
     /// iceoryx2 alone, with the same queue settings, header and elements.
     Raw,
-    /// A wake-up without a message: the least that waking a sleeping process costs.
-    Futex,
-    /// A Unix stream socket that copies the payload.
-    Socket,
 }
 
 impl Way {
     /// All.
-    pub const ALL: [Way; 4] = [Way::Hop, Way::Raw, Way::Futex, Way::Socket];
+    pub const ALL: [Way; 2] = [Way::Hop, Way::Raw];
 
-    /// `hop`, `raw`, `futex`, `socket`.
+    /// `hop`, `raw`.
     pub fn name(self) -> &'static str {
-        ["hop", "raw", "futex", "socket"][self as usize]
+        ["hop", "raw"][self as usize]
     }
 }
 
@@ -104,8 +98,6 @@ impl Link {
         match way {
             Way::Hop => for_elements!(self, hop::sender),
             Way::Raw => for_elements!(self, raw::sender),
-            Way::Futex => futex::sender(self),
-            Way::Socket => socket::sender(self),
         }
     }
 
@@ -113,8 +105,6 @@ impl Link {
         match way {
             Way::Hop => for_elements!(self, hop::receiver),
             Way::Raw => for_elements!(self, raw::receiver),
-            Way::Futex => futex::receiver(self),
-            Way::Socket => socket::receiver(self),
         }
     }
 }

@@ -9,8 +9,8 @@ use mluc_ingest::{DecodeReport, Expected, Guard, decode_bin, inspect_bin};
 use mluc_ipc_types::{Flags, FrameHeader, HealthState, Object, POINTS_MAX, Point, Stage, Topic};
 use mluc_model::{Model, SensorProfile};
 use mluc_runtime::{
-    HealthWatch, Input, Output, RuntimeError, Shell, finish, frame_span, monotonic_ns, run_span,
-    stamp_published, wall_clock_ns,
+    HealthWatch, Input, Output, RuntimeError, Shell, finish, monotonic_ns, stamp_published,
+    wall_clock_ns,
 };
 
 use mluc_sources::{Next, Scan, Source};
@@ -224,10 +224,9 @@ impl Sender<'_> {
         }
         let stamps = header.stamps_mut(Stage::Ingest);
         (stamps.received_ns, stamps.started_ns) = (due_ns.min(started_ns), started_ns);
-        let _frame = frame_span(&header);
         self.suspicion.guards.of_frame(&header)?;
         let mut loan = self.output.loan(&header, report.points_out as usize)?;
-        run_span(|| decode_bin(&scan.bytes, loan.elements_mut()));
+        decode_bin(&scan.bytes, loan.elements_mut());
         // A frame that is sent again is no new scan. A look takes some ms: but for the first ones it waits until the frame is sent.
         let looks_later = attempt == 0 && self.suspicion.guards.made.looks_later();
         let is_loop = self.source.count() == Some(1);
