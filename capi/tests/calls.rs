@@ -12,7 +12,7 @@ use mluc_ipc_types::{
     CandidateCounts, Detection, Disposition, FOOTPRINT_MAX, Flags, FrameHeader, HealthState,
     Object, ObjectKind, Point, RunDescription, Stage, Topic, WIRE_VERSION,
 };
-use mluc_runtime::{Input, Instance, Output, Shell, Shutdown, monotonic_ns};
+use mluc_runtime::{ClaimNote, Input, Instance, Output, Shell, Shutdown, monotonic_ns};
 
 /// A run of a model with two classes.
 fn description(run_id: u64) -> RunDescription {
@@ -124,14 +124,23 @@ fn a_refiner_lives_its_life() {
     assert_eq!(unsafe { mluc_refiner_open(&mut refiner) }, Code::Ok as i32);
     calls_out_of_turn_are_errors(refiner);
     a_frame_comes_where_it_lies(refiner, &mut others);
+    assert_eq!(frame_in_work(&instance), Some(4), "should it die now");
     what_breaks_the_contract_is_not_published(refiner, &mut others);
     a_frame_is_published_once(refiner, &mut others);
+    assert_eq!(frame_in_work(&instance), None);
     strange_frames_are_refused_and_counted(refiner, &mut others);
     a_new_run_is_joined(refiner, &mut others);
     // SAFETY: opened above, used no more.
     unsafe { mluc_refiner_close(refiner) };
     // SAFETY: null is fine.
     unsafe { mluc_refiner_close(null_mut()) };
+}
+
+/// What a supervisor reads when the process has died: a scan that kills it twice is set aside.
+fn frame_in_work(instance: &Instance) -> Option<u64> {
+    let note = ClaimNote::read(instance, "refiner").expect("it is claimed");
+    assert_eq!(note.pid, std::process::id());
+    note.sequence
 }
 
 fn calls_out_of_turn_are_errors(refiner: *mut MlucRefiner) {

@@ -4,7 +4,6 @@
 use bytemuck::Pod;
 use mluc_gateway::lines::line;
 use mluc_ipc_types::*;
-use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings};
 
 fn elements<T: Pod>(bytes: &[u8]) -> Vec<T> {
     let chunks = bytes.chunks_exact(size_of::<T>());
@@ -16,29 +15,30 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
     let (head, body) = data.split_at(data.len().min(size_of::<FrameHeader>()));
     let mut header = elements::<FrameHeader>(head).pop().unwrap_or_default();
     header.wire_version = WIRE_VERSION;
-    let objects = match choice.first().map_or(0, |choice| choice % 4) {
-        0 => return drop(FeatureRows::checked(&header, &elements(body), 400, 32, 3)),
+    match choice.first().map_or(0, |choice| choice % 6) {
+        0 => drop(FeatureRows::checked(&header, &elements(body), 400, 32, 3)),
         1 => {
-            return elements::<RunDescription>(body)
-                .iter()
-                .for_each(|run| drop(run.checked()));
+            for run in elements::<RunDescription>(body) {
+                let _ = run.checked().map(|run| header.checked_in(run, 0..9));
+            }
         }
-        2 => elements(body),
+        2 => drop(Detection::checked(&header, &elements::<Detection>(body), 2)),
+        3 => elements::<Health>(body)
+            .iter()
+            .for_each(|health| drop(health.checked())),
+        4 => elements::<Status>(body)
+            .iter()
+            .for_each(|status| drop(status.checked())),
+        // What passes the check can be written.
         _ => {
-            // What a refiner makes of anything passes the check of those behind it.
-            let (detections, points) = body.split_at(body.len() / 2);
-            let points = elements(points);
-            let sensor = Sensor::plain(&["car", "van"]);
-            let mut refiner = Refiner::new(Settings::default(), &sensor).expect("sound settings");
-            let mut out = RefinerOutput::default();
-            refiner.refine(header.sequence, &points, &elements(detections), &mut out);
-            header = FrameHeader::new(0, "a");
-            Object::checked(&header, &out.objects, 2).expect("sound objects");
-            out.objects
+            let (objects, indices) = body.split_at(body.len() / 2);
+            let (objects, indices) = (elements(objects), elements(indices));
+            let _ = Object::checked_points(&header, &indices, 1000);
+            if let Ok(objects) = Object::checked(&header, &objects, 2) {
+                let _ = Object::checked_ranges(objects, indices.len());
+                let line = line(&header, objects, &[], &Status::default());
+                serde_json::to_string(&line).expect("a line");
+            }
         }
-    };
-    if let Ok(objects) = Object::checked(&header, &objects, 2) {
-        let line = line(&header, objects, &[], &Status::default());
-        serde_json::to_string(&line).expect("a line");
     }
 });

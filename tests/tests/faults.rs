@@ -129,6 +129,22 @@ fn a_stage_that_cannot_start_ends_the_run_and_says_so() {
     setting.stop(run).assert_ended(0, 0);
 }
 
+#[test]
+fn a_stage_that_dies_again_and_again_is_a_crash_loop_and_waits_longer_each_time() {
+    let setting = Setting::new("loop", 1);
+    let text = "on_restart_limit = \"degraded\"\n[stages.refiner]\ncommand = [\"false\"]\n";
+    let mut run = setting.up(&setting.config(text));
+    run.wait_for_words("crash loop: died by itself 6 times");
+    let log = run.log();
+    let delays = log.split("restart in ").skip(1).map(|rest| {
+        let text = rest.split_whitespace().next().unwrap_or_default();
+        text.trim_end_matches("ms").parse().unwrap_or(0)
+    });
+    let delays: Vec<u32> = delays.take(3).collect();
+    assert_eq!(delays, [50, 100, 200], "{log}");
+    setting.stop(run).assert_ended(0, 0);
+}
+
 fn full() -> File {
     let full = File::options().write(true).open("/dev/full");
     full.expect("Linux has it")

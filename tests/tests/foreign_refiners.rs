@@ -61,14 +61,17 @@ fn a_foreign_refiner_is_started_by_its_command() {
 }
 
 #[test]
-fn a_killed_foreign_refiner_is_started_again() {
+fn a_killed_or_stopped_foreign_refiner_is_started_again() {
     let setting = Setting::new("killed", 40);
-    for command in foreign_refiners() {
+    let each = foreign_refiners().into_iter();
+    for (command, signal) in each.flat_map(|c| [(c.clone(), Signal::KILL), (c, Signal::STOP)]) {
         let mut run = setting.up(&config(&setting, &command));
         run.wait_for_lines(3);
         let victim = run.children_with(command.last().unwrap());
         assert_eq!(victim.len(), 1, "{command:?}: {victim:?}");
-        send_signal(victim[0], Signal::KILL);
+        // Three heartbeats: the supervisor knows that it has published.
+        std::thread::sleep(Duration::from_millis(300));
+        send_signal(victim[0], signal);
         let run = setting.finish(run);
         run.assert_complete(3, 40);
         run.assert_says(&["0 lost; stages restarted: 1"]);

@@ -144,6 +144,33 @@ fn a_stage_of_somebody_else_outlives_a_killed_supervisor_and_serves_the_next() {
 }
 
 #[test]
+fn a_start_waits_for_a_predecessor_that_is_leaving() {
+    let setting = Setting::new("leaving", 2);
+    for _ in 0..5 {
+        let mut first = setting.up("--loop");
+        first.wait_for_lines(1);
+        first.signal(Signal::TERM);
+        setting.run("").assert_complete(0, 2);
+        assert_eq!(first.finish().code, Some(0));
+    }
+}
+
+#[test]
+fn a_supervisor_that_is_stopped_is_no_predecessor_and_goes_on_afterwards() {
+    let setting = Setting::new("paused", 2);
+    let mut first = setting.up("--loop");
+    first.wait_for_lines(2);
+    first.signal(Signal::STOP);
+    let second = setting.up("").finish();
+    second.assert_ended(1, 0);
+    second.assert_says(&["--instance", &first.pid().to_string()]);
+    first.signal(Signal::CONT);
+    first.wait_for_lines(5);
+    // No stage was silent while its supervisor looked.
+    setting.stop(first).assert_says(&["stages restarted: 0"]);
+}
+
+#[test]
 fn of_two_starts_at_once_one_runs() {
     let setting = Setting::new("twice", 2);
     let mut both = [setting.up("--loop"), setting.up("--loop")];

@@ -39,15 +39,21 @@ pub(crate) struct ChaosArgs {
     /// Kills so many supervisors, each followed by a start at once.
     #[arg(long, default_value_t = 0)]
     starts: u32,
-    /// Ends so many runs by two signals.
+    /// Ends so many runs by two signals; some while they start, in some a stage is killed or stopped between the two.
     #[arg(long, default_value_t = 0)]
     signals: u32,
+    /// This program in the refiner's place, with its arguments: "python3 refiner.py".
+    #[arg(long, value_name = "COMMAND")]
+    refiner: Option<String>,
 }
 
 pub(crate) fn chaos(args: &ChaosArgs) -> Result<ExitCode> {
     let folder = tempfile::tempdir().context("making a folder")?;
     let config = folder.path().join("chaos.toml");
-    std::fs::write(&config, CONFIG).context("writing a configuration")?;
+    let words = |command: &String| command.split(' ').map(str::to_string).collect::<Vec<_>>();
+    let command = args.refiner.as_ref().map(words);
+    let command = command.map_or(String::new(), |words| format!("command = {words:?}\n"));
+    std::fs::write(&config, format!("{CONFIG}{command}")).context("writing a configuration")?;
     let bundled = BundledScans::write("chaos")?;
     let start = Start {
         program: mluc_program()?,
@@ -65,7 +71,7 @@ pub(crate) fn chaos(args: &ChaosArgs) -> Result<ExitCode> {
         is_good &= starts(args.starts, &start, &reference, &mut random)?;
     }
     if args.signals > 0 {
-        is_good &= signals(args.signals, &start, &reference, &mut random)?;
+        is_good &= signals(args, &start, &reference, &mut random)?;
     }
     println!("{}", if is_good { "all good" } else { "NOT good" });
     Ok(ExitCode::from(u8::from(!is_good)))
@@ -233,27 +239,53 @@ fn starts(count: u32, start: &Start, reference: &Reference, random: &mut Random)
     Ok(last.is_some() && wrong == 0 && end.files_left == 0 && end.code == Some(0))
 }
 
-/// Two signals 0 to 500 ms apart.
-fn signals(count: u32, start: &Start, reference: &Reference, random: &mut Random) -> Result<bool> {
-    let mut bad = 0;
+/// Two signals 0 to 500 ms apart, to runs that are at work or still start; in some a stage is hit between the two.
+fn signals(
+    args: &ChaosArgs,
+    start: &Start,
+    reference: &Reference,
+    random: &mut Random,
+) -> Result<bool> {
+    let count = args.signals;
+    let (mut bad, mut hits, mut longest_ms) = (0, 0, 0.0f64);
     for _ in 0..count {
         let mut pipeline = Pipeline::start(start, "--pace complete --loop")?;
-        let first = pipeline.line_within(PATIENCE, reference)?;
+        let is_starting = random.unit() < 0.3;
+        if is_starting {
+            pipeline.wait_for_a_stage()?;
+        } else {
+            let first = pipeline.line_within(PATIENCE, reference)?;
+            ensure!(first.is_some(), "no line for a minute");
+        }
+        let hit = Hit::draw(args, random);
+        let is_hit = random.unit() < 0.5;
         let [one, two] = [0, 1].map(|_| [Signal::INT, Signal::TERM][random.below(2)]);
         let gap_ms = random.uniform(0.0, 500.0) * f64::from(u8::from(random.unit() < 0.8));
         pipeline.signal(one);
-        std::thread::sleep(Duration::from_secs_f64(gap_ms * 1e-3));
+        let begun = Instant::now();
+        if is_hit {
+            let at_ms = random.uniform(0.0, gap_ms.min(50.0));
+            std::thread::sleep(Duration::from_secs_f64(at_ms * 1e-3));
+            for stage in &hit.stages {
+                send(&pipeline, *stage, hit.signal, &mut hits);
+            }
+        }
+        let gap = Duration::from_secs_f64(gap_ms * 1e-3);
+        std::thread::sleep(gap.saturating_sub(begun.elapsed()));
         pipeline.signal(two);
         let end = pipeline.end();
         let is_good = end.code == Some(0) && end.frames.is_some() && end.files_left == 0;
-        if first.is_none() || !is_good {
+        longest_ms = longest_ms.max(1e3 * begun.elapsed().as_secs_f64());
+        if !is_good {
             bad += 1;
             println!(
-                "{one:?}, {gap_ms:.0} ms, {two:?}: code {:?}, {} files left",
-                end.code, end.files_left
+                "{one:?}, {gap_ms:.0} ms, {two:?}, starting {is_starting}, stages hit {is_hit}: code {:?}, {} files left\n{}",
+                end.code, end.files_left, end.log
             );
         }
     }
-    println!("{count} runs ended by two signals: {bad} badly");
+    println!(
+        "{count} runs ended by two signals, {hits} stages hit meanwhile: {bad} badly; the longest end took {longest_ms:.0} ms"
+    );
     Ok(bad == 0)
 }

@@ -134,13 +134,26 @@ impl Pipeline {
         self.next_sequence = line.sequence + 1;
     }
 
+    /// Until the first stages run.
+    pub(super) fn wait_for_a_stage(&self) -> Result<()> {
+        let begun = Instant::now();
+        while !Stage::ALL.iter().any(|stage| self.stage(*stage).is_some()) {
+            ensure!(begun.elapsed().as_secs() < 10, "no stage within 10 s");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Ok(())
+    }
+
     /// The process of a stage; `None`: there is none at this time.
     pub(super) fn stage(&self, stage: Stage) -> Option<Pid> {
         let is_stage = |pid: &u32| {
             let command = Process::new(*pid as i32).and_then(|process| process.cmdline());
-            let is_stages =
-                |words: Vec<String>| words.iter().skip(1).take(2).eq(["stage", stage.name()]);
-            command.is_ok_and(is_stages)
+            command.is_ok_and(|words| match words.get(1).map(String::as_str) {
+                Some("stage") => words.get(2).is_some_and(|name| name == stage.name()),
+                Some("clean") => false,
+                // Neither a stage of ours nor a helper: the program in the refiner's place.
+                _ => stage == Stage::Refiner,
+            })
         };
         let found = children(self.process.id())?.into_iter().find(is_stage)?;
         Pid::from_raw(found as i32)

@@ -1,0 +1,24 @@
+//! Detections and points, to the refiner: what it makes of anything passes the check of those behind it.
+#![no_main]
+
+use bytemuck::Pod;
+use mluc_ipc_types::{FrameHeader, Object};
+use mluc_refiner::{Refiner, RefinerOutput, Sensor, Settings};
+
+fn elements<T: Pod>(bytes: &[u8]) -> Vec<T> {
+    let chunks = bytes.chunks_exact(size_of::<T>());
+    chunks.map(bytemuck::pod_read_unaligned).collect()
+}
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| {
+    let (detections, points) = data.split_at(data.len() / 2);
+    let points = elements(points);
+    let sensor = Sensor::plain(&["car", "van"]);
+    let mut refiner = Refiner::new(Settings::default(), &sensor).expect("sound settings");
+    let mut out = RefinerOutput::default();
+    refiner.refine(1, &points, &elements(detections), &mut out);
+    let header = FrameHeader::new(0, "a");
+    Object::checked(&header, &out.objects, 2).expect("sound objects");
+    Object::checked_points(&header, &out.object_points, points.len()).expect("sound indices");
+    Object::checked_ranges(&out.objects, out.object_points.len()).expect("sound ranges");
+});
