@@ -141,17 +141,3 @@ fn fingerprint(bytes: &[u8]) -> u64 {
 fn text_of(path: &str) -> Option<String> {
     Some(read_to_string(path).ok()?.trim_end().to_string())
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn this_machine_and_program_are_described() {
-        let here = describe_here();
-        assert!(here["memory_mib"].as_u64() > Some(0) && available_mib() > 0);
-        assert!(here["compiler"].as_str().unwrap().starts_with("rustc"));
-        // A changed byte is another binary.
-        assert_ne!(fingerprint(b"0123456789"), fingerprint(b"0123456788"));
-    }
-}

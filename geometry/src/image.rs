@@ -55,16 +55,3 @@ pub fn overlap_of_first_2d(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let common = intersection(a, b);
     if common > 0.0 { common / area(a) } else { 0.0 }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn overlaps_of_image_boxes() {
-        let (a, b) = ([0.0, 0.0, 10.0, 10.0], [5.0, 0.0, 15.0, 10.0]);
-        assert!((iou_2d(&a, &b) - 50.0 / 150.0).abs() < 1e-12);
-        assert!((overlap_of_first_2d(&a, &b) - 0.5).abs() < 1e-12);
-        assert_eq!(iou_2d(&a, &[10.0, 0.0, 20.0, 10.0]), 0.0);
-    }
-}

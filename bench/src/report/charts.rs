@@ -324,21 +324,3 @@ pub(crate) fn resources_over_time(samples: &[Sample]) -> String {
         Ok(())
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_value_has_its_bar_and_curves_end_at_p99_9() {
-        let us: Vec<f64> = (1..=2000).map(f64::from).collect();
-        let range = log_range(us.iter()).unwrap();
-        let bars = histogram(&us, &range);
-        let upper: f64 = bars.iter().step_by(2).map(|corner| corner.1).sum();
-        assert_eq!((bars.len(), upper), (2 * BINS, 2000.0));
-        let curve = percentile_curve(&us);
-        assert_eq!(curve.last(), Some(&(3.0, log_ms(1998.0))));
-        assert_eq!(curve[50], (1.0, log_ms(1800.0)));
-        assert!(log_range([].iter()).is_none() && percentile_curve(&[]).is_empty());
-    }
-}

@@ -77,17 +77,3 @@ fn others(report: &Value) -> f64 {
     let share = report.pointer("/quiet/other_processes_share_of_all_cores");
     share.and_then(Value::as_f64).unwrap_or(0.0)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_makes_a_comparison_weak_is_said() {
-        let of = |kernel: &str, others: f64, binary: &str| json!({"machine": {"kernel": kernel}, "quiet": {"other_processes_share_of_all_cores": others}, "build": {"binary": binary}});
-        assert!(notes([&of("6.1", 0.01, "a"), &of("6.1", 0.02, "b")]).is_empty());
-        let notes = notes([&of("6.1", 0.01, "a"), &of("6.2", 0.30, "a")]);
-        assert_eq!(notes.len(), 3, "{notes:?}");
-        assert!(notes[0].contains("kernel") && notes[1].contains("30 %"));
-    }
-}

@@ -154,17 +154,3 @@ impl<F: FnOnce() -> R, R> Kernel for Work<F> {
 fn portable<K: Kernel>(kernel: K) -> K::Output {
     kernel.run(plain::Plain)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn all_begins_with_the_best_and_ends_portable() {
-        let all = Level::all();
-        assert_eq!(all[0], Level::best());
-        assert_eq!(all[all.len() - 1].name(), "portable");
-        let names: std::collections::BTreeSet<_> = all.iter().map(|level| level.name()).collect();
-        assert_eq!(names.len(), all.len(), "each once: {names:?}");
-    }
-}

@@ -47,22 +47,3 @@ fn fnv(hash: u64, bytes: &[u8]) -> u64 {
     let add = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(PRIME);
     bytes.iter().fold(hash, add)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::folder::tests::folder_of;
-    use super::*;
-
-    #[test]
-    fn the_hash_is_fnv_1a_and_sees_labels() {
-        // Published test vector of FNV-1a.
-        assert_eq!(fnv(OFFSET, b"foobar"), 0x8594_4171_f739_67e8);
-        let hash_with = |label: &str| {
-            let scan = ("velodyne/0.bin", "0123456789abcdef");
-            let folder = folder_of(&[scan, ("label_2/0.txt", label)]);
-            data_hash(&Dataset::open(folder.path()).expect("a scan"), 10).expect("a hash")
-        };
-        assert_ne!(hash_with("a"), hash_with("b"));
-        assert_eq!(hash_with("a"), hash_with("a"));
-    }
-}

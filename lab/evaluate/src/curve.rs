@@ -187,18 +187,3 @@ fn precision_of((hits, false_alarms): (i64, i64)) -> f64 {
         0.0
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::harmonic_mean;
-
-    #[test]
-    fn harmonic_means_of_the_paper() {
-        for (known, unknown, expected) in
-            [(79.4, 13.2, 22.64), (66.8, 9.7, 16.94), (75.3, 3.0, 5.77)]
-        {
-            assert!((harmonic_mean(known, unknown) - expected).abs() < 0.005);
-        }
-        assert_eq!(harmonic_mean(0.0, 0.0), 0.0);
-    }
-}

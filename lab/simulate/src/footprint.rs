@@ -50,23 +50,3 @@ impl Footprint {
         directions.all(|n| dot(d, n).abs() < radius(self, n) + radius(other, n) + margin_m)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::super::mesh::v;
-    use super::*;
-
-    #[test]
-    fn separated_touching_and_crossing_rectangles() {
-        let at = |x: f32, y: f32, yaw: f32| {
-            Footprint::of(v(-2.0, -1.0, 0.0), v(2.0, 1.0, 0.0), [x, y], yaw)
-        };
-        let a = at(0.0, 0.0, 0.0);
-        assert!(a.overlaps(&at(3.9, 0.0, 0.0), 0.0));
-        assert!(!a.overlaps(&at(4.1, 0.0, 0.0), 0.0));
-        assert!(a.overlaps(&at(4.1, 0.0, 0.0), 0.2));
-        // Turned by 90 degrees it is only one metre deep along x.
-        assert!(!a.overlaps(&at(3.1, 0.0, std::f32::consts::FRAC_PI_2), 0.0));
-        assert!(a.overlaps(&at(0.0, 0.0, 0.7), 0.0));
-    }
-}

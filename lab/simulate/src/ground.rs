@@ -316,17 +316,3 @@ fn lines(low: f32, high: f32, middle: f32) -> Vec<f32> {
     }
     result
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn road_and_sensor_frames_are_inverse() {
-        let ground = Ground::draw(Family::SimUdi, None, &mut Dice::new(&[1]));
-        let (u, w) = ground.road(12.0, -7.0);
-        let (x, y) = ground.sensor(u, w);
-        assert!((x - 12.0).abs() < 1e-4 && (y + 7.0).abs() < 1e-4);
-        assert!((ground.height(0.0, 0.0) + HEIGHT_M).abs() < 0.1);
-    }
-}

@@ -115,27 +115,3 @@ impl Dice {
         knots.last().map_or(0.0, |knot| knot.1)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use mluc_geometry::mean_and_spread;
-
-    #[test]
-    fn the_normal_has_mean_zero_and_deviation_one() {
-        let values = (0..20_000).map(|i| f64::from(normal(hash(&[1, i]))));
-        let [mean, deviation] = mean_and_spread(&values.collect::<Vec<_>>());
-        assert!(mean.abs() < 0.02, "{mean}");
-        assert!((deviation - 1.0).abs() < 0.015, "{deviation}");
-    }
-
-    #[test]
-    fn events_meet_their_mean_and_quantiles_their_knots() {
-        let mut dice = Dice::new(&[3]);
-        let events: usize = (0..4000).map(|_| dice.events(0.6)).sum();
-        assert!((events as f32 / 4000.0 - 0.6).abs() < 0.05);
-        let knots = [(0.0, 1.0), (0.5, 2.0), (1.0, 9.0)];
-        let low = (0..4000).filter(|_| dice.quantile(&knots) < 2.0);
-        assert!((low.count() as f32 / 4000.0 - 0.5).abs() < 0.04);
-    }
-}

@@ -136,27 +136,3 @@ fn output_cells(input: &Cells, stride: usize, unlisted: Unlisted) -> Cells {
     }
     Cells::from_marks(shape, &marks)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn one_cell(shape: [usize; 3], cell: usize) -> Cells {
-        let mut marks = vec![false; shape.iter().product()];
-        marks[cell] = true;
-        Cells::from_marks(shape, &marks)
-    }
-
-    #[test]
-    fn the_halo_grows_by_one_cell_and_the_border_joins_after_the_first_layer() {
-        let input = one_cell([1, 12, 12], 5 * 12 + 5);
-        let (plan, first) = convolution(&input, 1, Unlisted::Zero);
-        assert_eq!(first.listed.len(), 9);
-        assert_eq!(plan.tail.multiplicity, 144 - 9);
-        let (_, second) = convolution(&first, 1, Unlisted::Background);
-        assert_eq!(second.listed.len(), 25 + 44);
-        let (plan, halved) = convolution(&first, 2, Unlisted::Background);
-        assert_eq!(halved.listed.len(), 4 + 11);
-        assert_eq!(plan.gather.outputs(), 4 + 11 + 1);
-    }
-}

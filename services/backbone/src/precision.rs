@@ -110,18 +110,3 @@ impl Value for i16 {
         Some((input, output))
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_come_back_and_others_are_refused() {
-        for precision in Precision::ALL.into_iter().chain([Precision::Auto]) {
-            assert_eq!(precision.name().parse::<Precision>().ok(), Some(precision));
-        }
-        let error = "fp16".parse::<Precision>().expect_err("no such precision");
-        let expected = "precision: auto, f32, bf16 or int8 expected, found `fp16`";
-        assert_eq!(error.to_string(), expected);
-    }
-}

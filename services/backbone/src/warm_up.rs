@@ -29,21 +29,3 @@ pub(crate) fn scan(manifest: &Manifest) -> Vec<[f32; 4]> {
     let beam = |beam: usize| (0..COLUMNS).map(move |column| point(beam, column));
     (0..BEAMS).flat_map(beam).collect()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use mluc_model::{Grid, Network};
-
-    #[test]
-    fn it_fills_the_range_as_a_scan_does() {
-        for grid in [Grid::kitti_compact(), Grid::udi(), Grid::kitti_second()] {
-            let manifest = Manifest::untrained("test", Network::compact(grid.clone(), 3));
-            let points = scan(&manifest);
-            assert!(points.iter().flatten().all(|value| value.is_finite()));
-            let mut voxels = crate::Voxels::new(&grid);
-            let counts = crate::voxelize(&points, &grid, true, &mut voxels);
-            assert!(counts.voxels > 10_000, "{counts:?}");
-        }
-    }
-}

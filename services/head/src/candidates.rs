@@ -60,20 +60,3 @@ pub(crate) fn reduce_classes(logits: &[f32], classes: usize, largest: &mut Vec<f
     let most = |anchor: &[f32]| anchor.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     largest.extend(logits.chunks_exact(classes).map(most));
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_best_come_first_and_ties_by_place() {
-        let logits = [0.0, 2.0, f32::NAN, -5.0, 2.0, 1.0];
-        let mut candidates = vec![];
-        assert_eq!(select(&logits, 2, 0.5, 3, &mut candidates), 4);
-        let places: Vec<_> = candidates.iter().map(|c| (c.row, c.anchor)).collect();
-        assert_eq!(places, [(0, 1), (2, 0), (2, 1)]);
-        assert_eq!(select(&logits, 2, 0.5, 9, &mut candidates), 4);
-        assert_eq!(candidates[3].objectness, 0.5, "the threshold itself passes");
-        assert_eq!(select(&[], 2, 0.5, 3, &mut candidates), 0);
-    }
-}

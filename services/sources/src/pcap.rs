@@ -50,6 +50,7 @@ struct Interface {
 /// A capture that is read from its start to its end.
 pub struct Capture {
     path: PathBuf,
+    is_ng: bool,
     reader: Box<dyn PcapReaderIterator + Send>,
     interfaces: Vec<Interface>,
     frames: Frames,
@@ -74,6 +75,7 @@ impl Capture {
             Ok(reader) => {
                 return Ok(Capture {
                     path,
+                    is_ng: reader.data().starts_with(&[0x0A, 0x0D, 0x0D, 0x0A]),
                     reader,
                     interfaces: Vec::new(),
                     frames: Frames::default(),
@@ -108,6 +110,10 @@ impl Capture {
     /// The next datagram; `None` at the end. Fails where the system cannot read on.
     pub fn next_datagram(&mut self) -> Result<Option<Datagram<'_>>, SourceError> {
         loop {
+            if self.is_ng && is_impossible(self.reader.data()) {
+                self.frames.counts.cut_short = true;
+                return Ok(None);
+            }
             match self.reader.next() {
                 Ok((bytes, block)) => {
                     let frame = read(&block, &mut self.interfaces);
@@ -137,6 +143,17 @@ impl Capture {
             }
         }
     }
+}
+
+/// A block with a process's number that is shorter than a block can be: pcap-parser 0.17 subtracts from its length unchecked.
+fn is_impossible(data: &[u8]) -> bool {
+    let Some(&[kind, length]) = data.as_chunks().0.first_chunk() else {
+        return false;
+    };
+    const KIND: u32 = 0x8000_0001;
+    let read = [u32::from_le_bytes, u32::from_be_bytes];
+    read.iter()
+        .any(|read| read(kind) == KIND && read(length) < 16)
 }
 
 /// What a block holds; remembers the interfaces that others tell.

@@ -55,20 +55,3 @@ fn numbers(bytes: &[u8], element: Dtype) -> Option<Vec<f32>> {
         _ => None,
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_element_becomes_f32() {
-        assert_eq!(numbers(&1.5_f64.to_le_bytes(), Dtype::F64), Some(vec![1.5]));
-        assert_eq!(numbers(&[0xC0, 0x3F], Dtype::BF16), Some(vec![1.5]));
-        // 1.5, -2, the smallest, the largest, infinity.
-        let halves = [0x3E00_u16, 0xC000, 0x0001, 0x7BFF, 0x7C00];
-        let bytes: Vec<u8> = halves.iter().flat_map(|h| h.to_le_bytes()).collect();
-        let expected = vec![1.5, -2.0, 5.960_464_5e-8, 65504.0, f32::INFINITY];
-        assert_eq!(numbers(&bytes, Dtype::F16), Some(expected));
-        assert_eq!(numbers(&[7; 8], Dtype::I64), None);
-    }
-}

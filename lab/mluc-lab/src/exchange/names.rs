@@ -57,28 +57,3 @@ pub(super) fn unchanged_names(network: &Network) -> impl Iterator<Item = String>
     let ranges = ranges.map(|(level, _)| calibration_tensor(&level));
     ranges.chain([CLUSTER_SCORER.to_owned()])
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const NAMES: &str = "\
-        backbone3d.conv_input.weight backbone_3d.conv_input.0.weight
-        backbone3d.conv1.0.bn.bias backbone_3d.conv1.0.1.bias
-        backbone3d.conv4.2.weight backbone_3d.conv4.2.0.weight
-        backbone3d.conv_out.bn.running_var backbone_3d.conv_out.1.running_var
-        backbone2d.block1.0.weight backbone_2d.blocks.0.1.weight
-        backbone2d.block2.5.bn.weight backbone_2d.blocks.1.17.weight
-        backbone2d.up2.weight backbone_2d.deblocks.1.0.weight
-        backbone2d.up1.bn.running_mean backbone_2d.deblocks.0.1.running_mean
-        head.class.bias dense_head.conv_cls.bias
-        head.direction.weight dense_head.conv_dir_cls.weight";
-
-    #[test]
-    fn names_are_those_of_the_public_modules() {
-        for line in NAMES.lines() {
-            let (ours, theirs) = line.trim().split_once(' ').expect("two names");
-            assert_eq!(openpcdet_name(ours), theirs);
-        }
-    }
-}

@@ -67,15 +67,3 @@ fn ranges(largest: &[f32]) -> Option<Vec<f32>> {
     };
     (level > 0.0).then(|| largest.iter().map(range).collect())
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_range_lies_between_the_channels_and_its_levels_largest_value() {
-        let found = ranges(&[4.0, 1.0, 0.0]).expect("ranges");
-        assert_eq!(found, [5.0, 2.5, 5.0]);
-        assert_eq!(ranges(&[0.0; 2]), None);
-    }
-}

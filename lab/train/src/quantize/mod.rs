@@ -53,16 +53,3 @@ pub fn calibrate(
         format!("{describe}; ranges hold a quarter more than what was seen");
     Ok(Calibrated { manifest, weights })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn frames_are_spread() {
-        let names: Vec<String> = (0..10).map(|i| i.to_string()).collect();
-        assert_eq!(evenly(&names, 3), ["0", "3", "6"]);
-        assert_eq!(evenly(&names, 20), names);
-        assert!(evenly(&[], 5).is_empty());
-    }
-}

@@ -27,18 +27,3 @@ pub(super) fn glyph(letter: char) -> Glyph {
     let known = ALPHABET.get(&letter.to_ascii_uppercase());
     *known.unwrap_or(&ALPHABET[&'\u{25a1}'])
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn letters_differ_and_fit() {
-        let signs = ('A'..='Z').chain('0'..='9').chain(".,:-+/%()=_ ?".chars());
-        let glyphs: std::collections::BTreeSet<Glyph> = signs.map(glyph).collect();
-        assert_eq!(glyphs.len(), ALPHABET.len());
-        assert!(glyphs.iter().flatten().all(|row| *row < 1 << GLYPH_COLUMNS));
-        assert_eq!(glyph('a'), glyph('A'));
-        assert_eq!(glyph('L'), [16, 16, 16, 16, 16, 16, 31]);
-    }
-}

@@ -71,27 +71,3 @@ fn draw_ramp(canvas: &mut Canvas, ramp_m: [f32; 2]) {
         canvas.text([MARGIN_PX + room * halves / 2, top + 14], text, 1, CAPTION);
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use mluc_geometry::Box3;
-
-    #[test]
-    fn one_line_a_label_with_its_count() {
-        let drawn = |label: &str, kind: BoxKind| DrawnBox {
-            box_in_sensor: Box3::new([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0]),
-            kind,
-            label: label.into(),
-            caption: String::new(),
-        };
-        let boxes = [
-            drawn("car", BoxKind::Known),
-            drawn("unknown", BoxKind::Unknown),
-            drawn("car", BoxKind::Known),
-            drawn("golf_cart", BoxKind::Truth),
-        ];
-        let texts: Vec<String> = lines(&boxes).into_iter().map(|l| l.1).collect();
-        assert_eq!(texts, ["2 car (known)", "1 unknown", "1 golf cart (label)"]);
-    }
-}

@@ -112,15 +112,3 @@ pub(crate) fn label_color(label: &str) -> Color {
         _ => [200, 200, 200],
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_ramp_meets_its_ends_and_survives_nan() {
-        assert_eq!(ramp(-1.0), RAMP[0]);
-        assert_eq!(ramp(2.0), RAMP[5]);
-        assert_eq!(ramp(f32::NAN), RAMP[0]);
-    }
-}

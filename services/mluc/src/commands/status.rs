@@ -72,21 +72,3 @@ fn candidates(counts: &CandidateCounts) -> String {
     let (total, words) = (counts.total(), words.collect::<Vec<_>>().join(", "));
     format!("candidates since the refiner began: {total} ({words})")
 }
-
-#[cfg(test)]
-mod tests {
-    use mluc_ipc_types::StatusState;
-
-    use super::super::observe::tests::snapshot;
-    use super::*;
-
-    #[test]
-    fn candidates_are_told_in_words_and_columns_stand_below_their_heads() {
-        let refiner = snapshot(StatusState::Blind).stages[3];
-        let counts = "15 (published 12, overlaps_known 3, split 2)";
-        let words = refiner.map(|health| candidates(&health.candidates));
-        let expected = format!("candidates since the refiner began: {counts}");
-        assert_eq!(words, Some(expected));
-        assert_eq!(row(Stage::Refiner, refiner.as_ref()).len(), HEAD.len());
-    }
-}

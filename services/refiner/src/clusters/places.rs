@@ -40,25 +40,3 @@ impl Places {
         (self.words[word] >> bit | above) & ((1 << count) - 1)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parts_hold_what_was_inserted_and_not_removed() {
-        let mut places = Places::default();
-        let last = (SIDE * SIDE - 1) as u32;
-        let all = [0, 1, 62, 63, 64, 130, 1023, 1024, last];
-        all.iter().for_each(|&place| places.insert(place));
-        assert!(places.remove(62) && !places.remove(62));
-        for first in (0..1100).chain(last - 70..=last) {
-            for count in [1, 7, 31, 63] {
-                let is_there = |i: u64| all.contains(&(first + i as u32)) && first + i as u32 != 62;
-                let inside = (0..u64::from(count)).filter(|&i| is_there(i));
-                let expected: u64 = inside.map(|i| 1 << i).sum();
-                assert_eq!(places.part(first, count), expected, "{first}");
-            }
-        }
-    }
-}
