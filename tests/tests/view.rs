@@ -4,7 +4,9 @@ use std::process::Command;
 
 use mluc_sources::files::Layout;
 use mluc_sources::{Next, Scan, Source};
-use mluc_tests::{Running, Setting, python_example, root, write_file};
+use mluc_tests::{
+    Running, Setting, mluc_program, python_example, root, unique_instance, write_file,
+};
 use rustix::process::Signal;
 
 #[test]
@@ -58,6 +60,26 @@ fn a_recording_and_a_socket_tell_what_the_pipeline_told() {
         count += u64::from(next == Next::Scan);
     }
     assert!(count >= 6, "{count} scans");
+    // The same objects again, and others where a threshold is another.
+    let replay = |options: &str| {
+        let mut replay = Command::new(mluc_program());
+        replay
+            .args(["replay", "--input", &out, "--model"])
+            .arg(&setting.model);
+        let instance = unique_instance("replay");
+        replay
+            .args(["--instance", &instance])
+            .args(options.split_whitespace());
+        Running::start(&mut replay).finish()
+    };
+    let same = replay("");
+    same.assert_ended(0, 0);
+    same.assert_says(&[&format!(
+        "frames: {count} with the recorded objects, 0 with others"
+    )]);
+    let other = replay("--profile quiet --min-score 0.99");
+    assert_eq!(other.code, Some(1), "{}", other.log);
+    assert_eq!(other.lines.len() as u64, count, "{}", other.log);
     // What is there is not overwritten.
     let again = Running::mluc(["record", "--out", &out].iter().chain(&instance)).finish();
     assert_eq!(again.code, Some(1), "{}", again.log);

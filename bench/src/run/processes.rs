@@ -127,32 +127,3 @@ fn cpu_ns(process: &Process) -> Option<u64> {
     let stat = process.stat().ok()?;
     Some((stat.utime + stat.stime) * TICK_NS)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn figures_are_differences() {
-        let pid = std::process::id();
-        let mut watch = ProcessWatch::default();
-        for (at_s, is_measured) in [(-1.0, false), (0.0, true), (0.1, true)] {
-            watch.look(at_s, is_measured, [pid, 0, 0, 0]);
-        }
-        let own = Process::myself().unwrap();
-        let (begin, mut value) = (cpu_ns(&own).unwrap(), 1u64);
-        while cpu_ns(&own).unwrap() < begin + 50_000_000 {
-            for n in 0..1_000_000u64 {
-                value = std::hint::black_box(value.wrapping_mul(n | 1));
-            }
-        }
-        watch.look(1.0, true, [pid, 0, 0, 0]);
-        let looks = watch.samples.len();
-        assert_eq!(looks, 3, "two looks were too near each other");
-        let last = watch.samples[2];
-        assert!(last.cpu_cores[0] > 0.0 && last.memory_mib[0] > 0.1);
-        let own = watch.stages[0].resources();
-        assert!(own.threads >= 1 && own.cpu_cores > 0.0 && own.memory_mib > 0.1);
-        assert_eq!(watch.stages[1].resources(), Resources::default());
-    }
-}

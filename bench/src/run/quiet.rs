@@ -131,27 +131,3 @@ fn now() -> Ticks {
         ours,
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_verdict_follows_what_others_took() {
-        for (busy, ours, steal, begin) in [
-            (510, 500, 0, "quiet: "),
-            (540, 500, 0, "not quite quiet: other processes took 4.0 %"),
-            (700, 500, 0, "noisy: other processes took 20.0 %"),
-            (500, 500, 20, "noisy: the hypervisor gave 2.0 %"),
-            // Ticks of ours that the kernel counted elsewhere are no negative noise.
-            (400, 500, 0, "quiet: "),
-        ] {
-            let mut quiet = Quiet::default();
-            let sum = &mut quiet.sum;
-            (sum.busy, sum.ours, sum.steal, sum.all) = (busy, ours, steal, 1000);
-            let (text, is_loud) = quiet.verdict();
-            assert!(text.starts_with(begin), "{text}");
-            assert_eq!(is_loud, !begin.starts_with("quiet"));
-        }
-    }
-}

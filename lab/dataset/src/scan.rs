@@ -35,28 +35,3 @@ fn check_size(path: &Path, bytes: u64) -> Result<()> {
     let found = format!("{bytes} bytes: cut short?");
     Err(DatasetError::at(path, expected, found))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn reads_points_and_refuses_a_cut_file() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("000000.bin");
-        let points = [[1.0f32, -2.0, 0.5, 0.25], [f32::NAN, 0.0, 0.0, 1.0]];
-        let bytes = scan_bytes(&points);
-        std::fs::write(&path, &bytes).expect("written");
-        let read = read_scan(&path).expect("a scan");
-        assert_eq!((read.len(), read[0]), (2, points[0]));
-        assert!(read[1][0].is_nan());
-        std::fs::write(&path, &bytes[..30]).expect("written");
-        let fault = read_scan(&path).expect_err("cut").to_string();
-        for part in ["000000.bin", "multiple of 16", "30 bytes"] {
-            assert!(fault.contains(part), "{fault}");
-        }
-        std::fs::write(&path, []).expect("written");
-        assert!(read_scan(&path).expect("empty").is_empty());
-        assert!(read_scan(&folder.path().join("none.bin")).is_err());
-    }
-}

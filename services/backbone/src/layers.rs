@@ -160,23 +160,3 @@ fn scatter<T: Copy>(sites: &Sites, rows: &[T], channels: usize, map: &mut [T]) {
         places.zip(row).for_each(|(to, from)| *to = *from);
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn depth_is_innermost() {
-        let mut sites = Sites::new([2, 2, 3]);
-        for [z, y, x] in [[0, 1, 2], [1, 1, 2], [1, 0, 0]] {
-            sites.insert(z, y, x);
-        }
-        sites.finish();
-        let mut map = vec![0.0; 24];
-        scatter(&sites, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 2, &mut map);
-        let mut expected = vec![0.0; 24];
-        expected[20..].copy_from_slice(&[1.0, 5.0, 2.0, 6.0]);
-        expected[..4].copy_from_slice(&[0.0, 3.0, 0.0, 4.0]);
-        assert_eq!(map, expected);
-    }
-}

@@ -37,6 +37,9 @@ pub(crate) enum Command {
         #[command(flatten)]
         pipeline: PipelineArgs,
     },
+    /// Run the pipeline on a recording of `mluc record`, every scan of it, and compare its objects with the recorded ones; a JSON line on
+    /// stdout for each scan where they differ. Exit code 1: some do.
+    Replay(PipelineArgs),
     /// Run one stage in this process (`up` starts them by itself). Options under `Input` concern ingest alone.
     Stage(StageArgs),
     /// Check the settings of `up` without a run; with --print, show them and where each comes from.

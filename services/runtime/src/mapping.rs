@@ -91,19 +91,3 @@ fn populate(mapping: &Mapping) -> std::io::Result<()> {
     // the range is no longer mapped. The range comes from /proc/self/maps, whole pages.
     unsafe { madvise(start, mapping.addresses.len(), advice) }.map_err(std::io::Error::from)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lines_of_the_kernel_are_read() {
-        let line = "7f5a00000000-7f5a00003000 r--s 00000000 00:1a 42    /dev/shm/mluc-0-a.17.data";
-        let mapping = parse(line, "/dev/shm/mluc-0-a.").unwrap();
-        assert_eq!(mapping.addresses, 0x7f5a00000000..0x7f5a00003000);
-        assert_eq!((mapping.is_writable, mapping.inode), (false, 42));
-        assert_eq!(parse(line, "/dev/shm/mluc-0-b."), None);
-        let line = "7f5a00000000-7f5a00003000 rw-p 00000000 00:00 0";
-        assert_eq!(parse(line, "/dev/shm/"), None);
-    }
-}

@@ -104,6 +104,56 @@ impl Recording {
     }
 }
 
+/// The lines of a recording's frames: what `mluc record` wrote beside their points.
+pub struct RecordedLines {
+    path: PathBuf,
+    topic: String,
+    messages: MessageReader<BufReader<File>>,
+    /// So far, and the frame of the last one.
+    clouds: u64,
+    sequence: u32,
+}
+
+impl RecordedLines {
+    /// Opens a recording; errors: it has no lines.
+    pub fn open(path: &Path, topic: &str) -> anyhow::Result<RecordedLines> {
+        let about = || format!("input {}", path.display());
+        let summary = summary(path).with_context(about)?;
+        let mut names = summary.channels.values().map(|channel| &channel.topic);
+        if !names.any(|name| name == topic) {
+            let found = "a recording without it";
+            let expected = format!("the topic {topic}, which `mluc record` writes");
+            return refused(path.display(), expected, found).with_context(about);
+        }
+        Ok(RecordedLines {
+            path: path.to_path_buf(),
+            messages: messages(path)?,
+            topic: topic.to_string(),
+            clouds: 0,
+            sequence: 0,
+        })
+    }
+
+    /// The text of the `number`th cloud's frame, ascending; `None`: it has none.
+    pub fn of(&mut self, number: u64) -> anyhow::Result<Option<Vec<u8>>> {
+        while self.clouds <= number + 1 {
+            let message = self.messages.next().transpose();
+            let message = message.with_context(|| format!("input {}", self.path.display()))?;
+            let Some(message) = message else { break };
+            if cloud(&message.channel).is_some() {
+                (self.clouds, self.sequence) = (self.clouds + 1, message.sequence);
+            } else if message.channel.topic == self.topic
+                && (self.clouds, self.sequence) == (number + 1, message.sequence)
+            {
+                // A string in CDR: its head, its length with the byte that ends it, the text.
+                let text = message.data.get(8..message.data.len().saturating_sub(1));
+                return Ok(text.map(<[u8]>::to_vec));
+            }
+        }
+        Ok(None)
+    }
+}
+
 impl Scan {
     /// Takes a `sensor_msgs/PointCloud2` in CDR. One that makes no sense is said, and is an empty scan with the flag `damaged_input`. `received_ns`
     /// stands in for a stamp of 0.

@@ -9,8 +9,9 @@ use std::process::ExitCode;
 use anyhow::Context;
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
-use mluc_gateway::ros2::topics;
-use mluc_view::Follower;
+use mluc_gateway::ros2::{line_topic, topics};
+use mluc_view::{Follower, TOPICS};
+use serde_json::json;
 
 /// Finished, but a frame is missing.
 const EXIT_WARNINGS: u8 = 3;
@@ -25,7 +26,8 @@ pub(crate) fn record(mut follower: Follower, out: &Path) -> anyhow::Result<ExitC
         .compression(Some(Compression::Lz4));
     let mut writer = options.create(file).with_context(about)?;
     let mut channels = vec![];
-    for topic in topics() {
+    let line = line_topic();
+    for topic in topics().iter().chain([&line]) {
         let schema = writer.add_schema(topic.schema, "ros2msg", topic.definition.as_bytes())?;
         channels.push(writer.add_channel(schema, topic.name, "cdr", &BTreeMap::new())?);
     }
@@ -39,8 +41,13 @@ pub(crate) fn record(mut follower: Follower, out: &Path) -> anyhow::Result<ExitC
         }
         frames += u64::from(moment.sequence.is_some());
         without_points += u64::from(lacks_points);
-        // The channels are in the order of the topics; the line has none.
-        for (&channel_id, message) in channels.iter().zip(&moment.messages) {
+        // The channels are in the order of the messages; the last one is text, so that the file stays one of ROS.
+        let mut messages = moment.messages;
+        if let Some(json) = messages.last_mut().and_then(Option::take) {
+            let text = String::from_utf8(json).context("a line")?;
+            messages[TOPICS - 1] = Some(line.encode(&json!({"data": text})));
+        }
+        for (&channel_id, message) in channels.iter().zip(&messages) {
             let header = MessageHeader {
                 channel_id,
                 sequence: moment.sequence.unwrap_or(0) as u32,

@@ -127,7 +127,7 @@ def check_socket(address):
 
 def check_file(path, lines):
     by_stamp = {line["stamp_ns"]: line for line in map(json.loads, open(lines)) if "objects" in line}
-    counts = dict.fromkeys(ROS, 0)
+    counts = dict.fromkeys([*ROS, "/mluc/frame"], 0)
     matched = owned = 0
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -138,6 +138,9 @@ def check_file(path, lines):
             if channel.topic == "/mluc/objects" and line:
                 check_objects(message, line)
                 matched += 1
+            elif channel.topic == "/mluc/frame":
+                told = json.loads(message.data)
+                assert told["objects"] == by_stamp.get(told["stamp_ns"], told)["objects"]
             elif channel.topic == "/mluc/points" and line:
                 owned += check_cloud(message, line)
     assert all(counts.values()) and matched >= 3 and owned >= 1, (counts, matched, owned)

@@ -30,24 +30,31 @@ pub struct RosTopic {
 
 /// The topics of points, objects, boxes to draw, states and the sensor's place, in this order.
 pub fn topics() -> [RosTopic; 5] {
-    FILES.map(|file| {
-        let (head, definition) = file.split_once('\n').unwrap_or_default();
-        let (name, schema) = head.split_once(' ').unwrap_or_default();
-        let (mut of, mut types) = ("", BTreeMap::<_, Vec<_>>::new());
-        for line in definition.lines().filter(|line| !line.contains('=')) {
-            let mut words = line.split(' ');
-            match [(); 3].map(|()| words.next().unwrap_or("")) {
-                ["MSG:", name, _] => of = name,
-                field => types.entry(of).or_default().push(field),
-            }
+    FILES.map(topic)
+}
+
+/// The topic of a frame's line as text, which recordings have so that `mluc replay` can compare.
+pub fn line_topic() -> RosTopic {
+    topic(include_str!("definitions/line.topic"))
+}
+
+fn topic(file: &'static str) -> RosTopic {
+    let (head, definition) = file.split_once('\n').unwrap_or_default();
+    let (name, schema) = head.split_once(' ').unwrap_or_default();
+    let (mut of, mut types) = ("", BTreeMap::<_, Vec<_>>::new());
+    for line in definition.lines().filter(|line| !line.contains('=')) {
+        let mut words = line.split(' ');
+        match [(); 3].map(|()| words.next().unwrap_or("")) {
+            ["MSG:", name, _] => of = name,
+            field => types.entry(of).or_default().push(field),
         }
-        RosTopic {
-            name,
-            schema,
-            definition,
-            types,
-        }
-    })
+    }
+    RosTopic {
+        name,
+        schema,
+        definition,
+        types,
+    }
 }
 
 impl RosTopic {

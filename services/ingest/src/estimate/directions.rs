@@ -123,38 +123,3 @@ impl Directions {
         &self.counts
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn scan(from_deg: i32, to_deg: i32, end_m: f32) -> Directions {
-        let mut directions = Directions::default();
-        for scan in 0..3 {
-            for deg in from_deg..to_deg {
-                let (sin, cos) = (deg as f32 + 0.5).to_radians().sin_cos();
-                for range_m in [1.5, 3.0, 9.0, end_m] {
-                    // Something near stays on the left alone.
-                    if range_m > 2.0 || (45..60).contains(&deg) || scan == 1 {
-                        let at = [range_m * cos, range_m * sin];
-                        directions.add(at, range_m, false);
-                        directions.add(at, range_m, range_m > 2.0);
-                    }
-                }
-            }
-            directions.end_scan();
-        }
-        directions
-    }
-
-    #[test]
-    fn field_end_and_own_body_are_found() {
-        assert_eq!(scan(-180, 180, 15.0).field_deg(), [0.0, 360.0]);
-        let [middle, width] = scan(-60, 180, 15.0).field_deg();
-        assert_eq!([middle, width], [60.0, 240.0]);
-        assert_eq!(scan(-60, 60, 15.0).field_deg(), [0.0, 120.0]);
-        assert_eq!(scan(-180, 180, 15.0).range_end(), (15.0, 1.0));
-        assert_eq!(scan(-180, 180, 15.0).own_body_deg(), 15.0);
-        assert_eq!(Directions::default().range_end(), (0.0, 0.0));
-    }
-}

@@ -63,21 +63,3 @@ impl StepVotes {
         (most as usize >= RETURNS_MIN / 2).then(|| weighted / most as f32 * BIN_DEG)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lost_returns_do_not_widen_the_step() {
-        let mut votes = StepVotes::default();
-        assert_eq!(votes.step_deg(), None);
-        for column in (0..1800).filter(|column| column % 7 != 0 && column % 5 != 1) {
-            let (sin, cos) = (column as f32 * 0.2_f32).to_radians().sin_cos();
-            votes.add(9.0 * cos, 9.0 * sin);
-        }
-        votes.end_beam();
-        let step = votes.step_deg().expect("enough returns");
-        assert!((step - 0.2).abs() < 0.01, "{step}");
-    }
-}

@@ -56,25 +56,3 @@ fn words(message: &str) -> impl Iterator<Item = char> {
         .chars()
         .filter(|character| !character.is_ascii_digit())
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_flood_is_summed_up_and_other_messages_pass() {
-        let mut repeats = Repeats::default();
-        let mut written = 0;
-        for number in 0..100 {
-            assert!(repeats.ended(number).is_empty());
-            written += u64::from(repeats.admit(Level::WARN, &format!("{number} lost"), number));
-            let other = "x".repeat(number as usize + 1);
-            assert!(repeats.admit(Level::INFO, &other, number));
-        }
-        assert_eq!(written, WRITTEN_MAX);
-        let ended = repeats.ended(WINDOW_NS);
-        assert_eq!(ended, [(Level::WARN, "0 lost".to_string(), 95)]);
-        assert!(repeats.ended(WINDOW_NS).is_empty());
-        assert!(repeats.admit(Level::WARN, "lost", WINDOW_NS));
-    }
-}

@@ -1,0 +1,105 @@
+//! `mluc replay`: the pipeline on what `mluc record` wrote, its objects against the recorded ones.
+
+use std::process::ExitCode;
+
+use anyhow::Context;
+use mluc_gateway::lines::line;
+use mluc_gateway::ros2::line_topic;
+use mluc_ipc_types::{FrameHeader, Object, Point, Status};
+use mluc_runtime::{Shutdown, log_to_stderr};
+use mluc_sources::RecordedLines;
+use serde_json::{Value, json};
+
+use crate::cli::PipelineArgs;
+use crate::settings::{Pace, Settings};
+use crate::supervisor::{Sink, run};
+use crate::terminal::{print_err, print_out};
+use crate::{EXIT_FAILURE, UsageError};
+
+/// Every recorded scan goes through the pipeline. Exit code 1: other objects, or no frame to compare.
+pub(crate) fn replay(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
+    log_to_stderr("replay", "warn");
+    let shutdown = Shutdown::on_signals()?;
+    let input = args.input.clone();
+    let input = input.ok_or(UsageError("expected --input RUN.mcap, found none".into()))?;
+    (args.pace, args.repeat) = (Some(Pace::Complete), false);
+    let settings = Settings::resolve(args.clone())?;
+    let mut compared = Compared {
+        recorded: RecordedLines::open(&input, line_topic().name)?,
+        same: 0,
+        other: 0,
+        degraded: 0,
+        without: 0,
+        models: None,
+    };
+    let outcome = run(args, settings, shutdown, &mut compared)?;
+    let Compared {
+        same,
+        other,
+        degraded,
+        without,
+        ..
+    } = compared;
+    print_err(format_args!(
+        "frames: {same} with the recorded objects, {other} with others, {degraded} recorded with a part of the work left out and \
+         {without} without recorded objects (not compared), {} lost",
+        outcome.frames_lost()
+    ));
+    if let Some([recorded, found]) = &compared.models {
+        print_err(format_args!(
+            "recorded with model {recorded}, replayed with {found}: name the same with --model"
+        ));
+    }
+    let is_same = same > 0 && other == 0 && outcome.frames_lost() == 0;
+    Ok(ExitCode::from(if is_same { 0 } else { EXIT_FAILURE }))
+}
+
+struct Compared {
+    recorded: RecordedLines,
+    same: u64,
+    other: u64,
+    degraded: u64,
+    without: u64,
+    /// That of the recording and that of this run, where they differ.
+    models: Option<[String; 2]>,
+}
+
+impl Sink for Compared {
+    fn take(
+        &mut self,
+        header: &FrameHeader,
+        objects: &[Object],
+        classes: &[String],
+        status: &Status,
+        _: &[Point],
+    ) -> anyhow::Result<bool> {
+        let Some(text) = self.recorded.of(header.sequence)? else {
+            self.without += 1;
+            return Ok(true);
+        };
+        let about = || format!("recorded line of scan {}", header.sequence);
+        let recorded: Value = serde_json::from_slice(&text).with_context(about)?;
+        // As text, so that numbers are rounded as the recorded ones were.
+        let found = serde_json::to_string(&line(header, objects, classes, status))?;
+        let found: Value = serde_json::from_str(&found)?;
+        let [own, others] = [&recorded, &found].map(|line| line["model"].as_str().unwrap_or("?"));
+        if own != others {
+            self.models = Some([own, others].map(str::to_string));
+        }
+        let flags = recorded["flags"].as_array().into_iter().flatten();
+        if flags.into_iter().any(|flag| flag == "degraded") {
+            self.degraded += 1;
+        } else if ["objects", "suppressed"]
+            .iter()
+            .all(|key| recorded[key] == found[key])
+        {
+            self.same += 1;
+        } else {
+            self.other += 1;
+            let of = |line: &Value| json!({"objects": line["objects"], "suppressed": line["suppressed"]});
+            let (scan, recorded, found) = (header.sequence, of(&recorded), of(&found));
+            print_out(json!({"scan": scan, "recorded": recorded, "found": found}))?;
+        }
+        Ok(true)
+    }
+}
