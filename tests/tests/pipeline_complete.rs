@@ -1,9 +1,10 @@
 //! Frames go through four processes and come out: all of them, in order, nothing copied, nothing left behind.
 
+use std::process::Command;
 use std::time::Duration;
 
 use mluc_ipc_types::{Stage, WIRE_VERSION};
-use mluc_tests::{Finished, Setting, car_scan, leftovers, unique_instance};
+use mluc_tests::{Finished, Running, Setting, car_scan, leftovers, mluc_program, unique_instance};
 use rustix::process::Signal;
 
 #[test]
@@ -25,6 +26,27 @@ fn all_frames_come_out_in_order() {
         .map(|line| line["objects"].as_array().unwrap().len());
     let objects: usize = objects.sum();
     assert!(objects > 0, "the refiner had no work");
+}
+
+#[test]
+fn a_file_on_standard_input_is_an_input() {
+    let setting = Setting::new("stdin", 1);
+    let (program, model) = (mluc_program(), &setting.model);
+    let up = format!("up --pace complete --instance {} --model", setting.instance);
+    let scan = setting.input.join("000000.bin");
+    let script = format!(
+        "cat {} | {} {up} {} --input -",
+        scan.display(),
+        program.display(),
+        model.display()
+    );
+    let run = Running::start(Command::new("sh").args(["-c", &script])).finish();
+    run.assert_complete(0, 1);
+    let objects = |run: &Finished| run.lines[0]["objects"].clone();
+    assert_eq!(objects(&run), objects(&setting.run("")));
+    let mut none = Command::new(program);
+    let none = Running::start(none.args(["up", "--input", "-"])).finish();
+    none.assert_ended(1, 0);
 }
 
 #[test]

@@ -127,7 +127,7 @@ const OBJECTS: &str = "Objects";
 #[derive(Args, Clone, Debug, Default, Serialize)]
 pub(crate) struct PipelineArgs {
     /// A folder of scans (or of `velodyne/`) or one scan (.bin, .pcd.bin, .npy, .pcd, .ply), a capture (.pcap, .pcapng), a recording
-    /// (.mcap), a live sensor (udp:2368, udp:ADDRESS:PORT), a folder that grows (follow:DIR), or a ROS 2 topic (ros2:/TOPIC; needs the program mluc-ros2).
+    /// (.mcap), one of these on standard input (-), a live sensor (udp:2368, udp:ADDRESS:PORT), a folder that grows (follow:DIR), or a ROS 2 topic (ros2:/TOPIC; needs the program mluc-ros2).
     #[arg(long, help_heading = INPUT)]
     pub(crate) input: Option<PathBuf>,
     #[command(flatten)]

@@ -13,6 +13,7 @@ mod control;
 pub mod document;
 pub mod external;
 pub mod model;
+mod piped;
 pub mod placement;
 pub mod resolve;
 pub mod settings;

@@ -13,12 +13,14 @@ use mluc_sources::is_live;
 use super::up::Summary;
 use crate::bundled::BundledScans;
 use crate::cli::PipelineArgs;
+use crate::piped::Piped;
 use crate::settings::{Pace, Settings};
 use crate::supervisor::{Sink, run};
 use crate::terminal::print_out;
 
 pub(crate) fn demo(picture: &Path, mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("demo", "warn");
+    let _piped = Piped::take(&mut args.input)?;
     let is_own = args.input.is_none() && args.config.is_none();
     let bundled = is_own.then(|| BundledScans::write("demo")).transpose()?;
     if let Some(scans) = &bundled {

@@ -18,6 +18,7 @@ use rustix::process::{Resource, getrlimit};
 use self::Verdict::{Failure, Fine, Warning};
 use crate::cli::DoctorArgs;
 use crate::model;
+use crate::piped::Piped;
 use crate::settings::StageSettings;
 use crate::terminal::print_out;
 use crate::{EXIT_FAILURE, UsageError};
@@ -54,7 +55,9 @@ pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         check_open_files(getrlimit(Resource::Nofile).current),
     ];
     findings.extend(check_instances());
-    if let (Some(input), Ok(model)) = (&args.input, &loaded) {
+    let mut input = args.input.clone();
+    let _piped = Piped::take(&mut input)?;
+    if let (Some(input), Ok(model)) = (&input, &loaded) {
         let sensor = args.sensor.as_deref().map(SensorProfile::load).transpose();
         let sensor = sensor.map_err(|error| UsageError(error.to_string()))?;
         let expected = Expected::new(&model.manifest, sensor);

@@ -9,12 +9,14 @@ use mluc_runtime::{Shutdown, log_to_stderr};
 
 use crate::EXIT_FAILURE;
 use crate::cli::PipelineArgs;
+use crate::piped::Piped;
 use crate::settings::Settings;
 use crate::supervisor::{LineWriter, Outcome, Sink, hops, run};
 use crate::terminal::print_err;
 
-pub(crate) fn up(args: PipelineArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn up(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr("up", "info");
+    let _piped = Piped::take(&mut args.input)?;
     let shutdown = Shutdown::on_signals()?;
     let settings = Settings::resolve(args.clone())?;
     let mut lines = Lines {

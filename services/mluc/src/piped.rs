@@ -1,0 +1,76 @@
+//! `--input -`: one file of scans from standard input, on the disk for as long as somebody runs on it.
+
+use std::fs::{DirBuilder, File, remove_dir_all};
+use std::io::{IsTerminal, Read, copy, stdin};
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+
+use crate::UsageError;
+
+/// An hour of a fast sensor.
+const BYTES_MAX: u64 = 64 << 30;
+/// What files begin with; KITTI's `.bin` has no such mark.
+const BEGINNINGS: [(&[u8], &str); 10] = [
+    (b"\x0A\x0D\x0D\x0A", "pcapng"),
+    (b"\xD4\xC3\xB2\xA1", "pcap"),
+    (b"\xA1\xB2\xC3\xD4", "pcap"),
+    (b"\x4D\x3C\xB2\xA1", "pcap"),
+    (b"\xA1\xB2\x3C\x4D", "pcap"),
+    (b"\x89MCAP", "mcap"),
+    (b"\x93NUMPY", "npy"),
+    (b"ply", "ply"),
+    (b"# .PCD", "pcd"),
+    (b"VERSION", "pcd"),
+];
+
+/// A folder of this process with the file; removed when dropped.
+pub(crate) struct Piped(PathBuf);
+
+impl Piped {
+    /// Reads standard input to its end where `input` is `-`, which becomes the file's path.
+    pub(crate) fn take(input: &mut Option<PathBuf>) -> anyhow::Result<Option<Piped>> {
+        if input.as_deref() != Some(Path::new("-")) {
+            return Ok(None);
+        }
+        if stdin().is_terminal() {
+            let text = "input -: expected a file on standard input, found a terminal";
+            return Err(UsageError(text.into()).into());
+        }
+        let folder = std::env::temp_dir().join(format!("mluc-stdin-{}", std::process::id()));
+        let about = || format!("input -: {}", folder.display());
+        let made = DirBuilder::new().mode(0o700).create(&folder);
+        made.with_context(about)?;
+        let piped = Piped(folder.clone());
+        let mut head = Vec::new();
+        stdin()
+            .take(16)
+            .read_to_end(&mut head)
+            .with_context(about)?;
+        let mark = BEGINNINGS.iter().find(|(mark, _)| head.starts_with(mark));
+        let path = folder.join(format!(
+            "stdin.{}",
+            mark.map_or("bin", |(_, ending)| ending)
+        ));
+        let mut file = File::create_new(&path).with_context(about)?;
+        let mut limited = head.as_slice().chain(stdin().lock()).take(BYTES_MAX);
+        let bytes = copy(&mut limited, &mut file).with_context(about)?;
+        ensure!(
+            bytes < BYTES_MAX,
+            "input -: expected less than {BYTES_MAX} bytes, found more"
+        );
+        ensure!(
+            bytes > 0,
+            "input -: expected a file on standard input, found nothing"
+        );
+        *input = Some(path);
+        Ok(Some(piped))
+    }
+}
+
+impl Drop for Piped {
+    fn drop(&mut self) {
+        let _ = remove_dir_all(&self.0);
+    }
+}
