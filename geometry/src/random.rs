@@ -74,16 +74,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn same_key_same_stream_and_other_key_another() {
-        let draw = |key| {
-            let mut random = Random::new(7, &[key, 1]);
-            (0..4).map(|_| random.bits()).collect::<Vec<_>>()
-        };
-        assert_eq!(draw(3), draw(3));
-        assert_ne!(draw(3), draw(4));
-    }
-
-    #[test]
     fn moments_are_those_of_the_named_distributions() {
         let mut random = Random::new(1, &[]);
         let n = 20_000;
