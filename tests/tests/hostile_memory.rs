@@ -6,7 +6,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{Object, Topic};
-use mluc_runtime::{Input, Instance, Message, Shell, Shutdown};
+use mluc_runtime::{Input, Instance, Message, Payload, Shell, Shutdown};
 use mluc_tests::{Running, Setting, leftovers, send_signal, skip};
 use rustix::process::{Signal, geteuid};
 
@@ -18,13 +18,13 @@ fn consumer(setting: &Setting) -> (Shell, Input<Object>) {
     (shell, input)
 }
 
-fn next(input: &mut Input<Object>) -> Message<Object> {
+fn next<T: Payload>(input: &mut Input<T>) -> Message<T> {
     let begun = Instant::now();
     loop {
         if let Some(message) = input.newest().unwrap() {
             return message;
         }
-        assert!(begun.elapsed() < Duration::from_secs(30), "no objects");
+        assert!(begun.elapsed() < Duration::from_secs(30), "no message");
         input.wait(Duration::from_millis(20));
     }
 }
@@ -53,8 +53,8 @@ fn a_consumer_that_keeps_what_it_gets_stops_nobody() {
     finished.assert_says(&["0 lost", "stages restarted: 0"]);
 }
 
-/// Where the objects of a message lie: the file, and the place in it.
-fn place(shell: &Shell, message: &Message<Object>) -> (File, u64) {
+/// Where the elements of a message lie: the file, and the place in it.
+fn place<T: Payload>(shell: &Shell, message: &Message<T>) -> (File, u64) {
     let inode = shell.segment_of(message.elements()).expect("shared memory");
     let start = message.elements().as_ptr() as u64;
     let maps = fs::read_to_string("/proc/self/maps").unwrap();
@@ -72,26 +72,44 @@ fn place(shell: &Shell, message: &Message<Object>) -> (File, u64) {
     (file, start - from)
 }
 
-#[test]
-fn objects_that_change_after_their_publication_harm_nobody() {
-    let setting = Setting::new("rewritten", 2);
-    let mut run = setting.up("--loop");
-    run.wait_for_lines(1);
-    let (shell, mut input) = consumer(&setting);
+/// Writes over messages that were published, for a second.
+fn rewrite<T: Payload>(shell: &Shell, input: &mut Input<T>) {
     let begun = Instant::now();
     let mut word = 1u64;
-    while begun.elapsed() < Duration::from_secs(2) {
-        let message = next(&mut input);
-        let (file, at) = place(&shell, &message);
+    while begun.elapsed() < Duration::from_secs(1) {
+        let message = next(input);
         let bytes = size_of_val(message.elements()) as u64;
+        if bytes < 8 {
+            continue;
+        }
+        let (file, at) = place(shell, &message);
         for _ in 0..2000 {
             word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            let offset = at + (word >> 33) % bytes.max(8);
-            file.write_all_at(&word.to_ne_bytes(), offset).unwrap();
+            let offset = (word >> 33) % (bytes - 7);
+            file.write_all_at(&word.to_ne_bytes(), at + offset).unwrap();
         }
     }
+}
+
+#[test]
+fn objects_and_their_points_that_change_after_their_publication_harm_nobody() {
+    let setting = Setting::new("rewritten", 2);
+    let mut run = setting.up("--loop");
+    let out = setting.folder.path().join("run.mcap").display().to_string();
+    let mut record = Running::mluc(["record", "--out", &out, "--instance", &setting.instance]);
+    record.wait_for_words("Ctrl-C ends it");
+    run.wait_for_lines(1);
+    let (shell, mut input) = consumer(&setting);
+    rewrite(&shell, &mut input);
+    rewrite::<u32>(
+        &shell,
+        &mut shell.side_input(&Topic::OBJECT_POINTS).unwrap(),
+    );
     drop((input, shell));
     run.wait_for_lines(10);
+    record.signal(Signal::TERM);
+    let record = record.finish();
+    assert!(matches!(record.code, Some(0 | 3)), "{}", record.log);
     let finished = setting.stop(run);
     finished.assert_says(&["stages restarted: 0"]);
     assert!(

@@ -102,7 +102,9 @@ impl Follower {
     ) -> anyhow::Result<Messages> {
         let (frame, topics) = (message.header(), &self.topics);
         let classes: Vec<String> = run.class_names().map(str::to_string).collect();
-        let objects = Object::checked(frame, message.elements(), classes.len())?;
+        // A copy: what lies in shared memory may change after the check.
+        let objects = message.elements().to_vec();
+        let objects = Object::checked(frame, &objects, classes.len())?;
         let key = |message: &Message<u32>| (message.header().run_id, message.header().sequence);
         let own = (self.indices.as_ref()).filter(|own| key(own) == (frame.run_id, frame.sequence));
         let indices = own.map_or(&[][..], Message::elements);

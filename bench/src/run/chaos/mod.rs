@@ -81,8 +81,8 @@ pub(crate) fn chaos(args: &ChaosArgs) -> Result<ExitCode> {
 struct Hit {
     stages: Vec<Stage>,
     signal: Signal,
-    /// The first one again, after so long: at its start.
-    again_after: Option<Duration>,
+    /// The first one again, after so long: at its start. By this signal.
+    again: Option<(Duration, Signal)>,
 }
 
 impl Hit {
@@ -91,13 +91,19 @@ impl Hit {
         let is_pair = !args.single && random.unit() < 0.3;
         let is_again = !args.single && random.unit() < 0.3;
         let is_stop = !args.no_stops && random.unit() < 0.3;
-        let again_after = Duration::from_secs_f64(random.uniform(0.0, 0.2));
+        let after = Duration::from_secs_f64(random.uniform(0.0, 0.2));
+        let is_stop_at_start = !args.no_stops && random.unit() < 0.1;
+        let again = if is_stop_at_start {
+            Signal::STOP
+        } else {
+            Signal::KILL
+        };
         let mut stages = vec![first];
         stages.extend((is_pair && second != first).then_some(second));
         Hit {
             stages,
             signal: if is_stop { Signal::STOP } else { Signal::KILL },
-            again_after: (is_again && !is_stop).then_some(again_after),
+            again: (is_again && !is_stop).then_some((after, again)),
         }
     }
 
@@ -105,7 +111,8 @@ impl Hit {
         if self.signal == Signal::STOP {
             return "stopped".to_string();
         }
-        match (&self.stages[..], self.again_after) {
+        match (&self.stages[..], self.again) {
+            (_, Some((_, Signal::STOP))) => "killed, and stopped at its start".to_string(),
             (_, Some(_)) => "killed, and again at its start".to_string(),
             ([stage], None) => format!("{} killed", stage.name()),
             _ => "two killed".to_string(),
@@ -137,9 +144,9 @@ fn hits(
         for stage in &hit.stages {
             at = send(&pipeline, *stage, hit.signal, &mut count).or(at);
         }
-        if let Some(after) = hit.again_after {
+        if let Some((after, signal)) = hit.again {
             std::thread::sleep(after);
-            at = send(&pipeline, hit.stages[0], Signal::KILL, &mut count).or(at);
+            at = send(&pipeline, hit.stages[0], signal, &mut count).or(at);
         }
         let Some(at) = at else { continue };
         // What was past the stage before the signal is no recovery.
