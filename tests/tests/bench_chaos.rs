@@ -13,7 +13,8 @@ fn chaos_ends_well_and_counts_every_frame() {
     let words = [
         "wrong or mixed frames: 0; files left: 0; exit code: Some(0)",
         "3 supervisors killed",
-        "6 runs ended by two signals: 0 badly",
+        "6 runs ended by two signals, ",
+        "meanwhile: 0 badly",
         "all good",
     ];
     assert_has(&text, &words);
