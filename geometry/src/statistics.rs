@@ -57,13 +57,6 @@ mod tests {
     }
 
     #[test]
-    fn mean_and_deviation() {
-        assert_eq!(mean_and_spread(&[1.0, 3.0]), [2.0, 2.0f64.sqrt()]);
-        assert_eq!(mean_and_spread(&[5.0]), [5.0, 0.0]);
-        assert_eq!(mean_and_spread(&[]), [0.0, 0.0]);
-    }
-
-    #[test]
     fn quantiles_are_by_nearest_rank() {
         let thousand: Vec<f64> = (1..=1000).rev().map(f64::from).collect();
         for (q, expected) in [(0.5, 500.0), (0.9, 900.0), (0.999, 999.0), (1.0, 1000.0)] {

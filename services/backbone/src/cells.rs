@@ -163,23 +163,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn doubling_and_differences_are_those_of_sets() {
-        let (small, other) = (random_set([5, 70], 40, 1), random_set([10, 140], 300, 2));
-        let mut doubled = CellSet::new([10, 140]);
-        doubled.assign_doubled(&small);
-        for y in 0..10 {
-            for x in 0..140 {
-                assert_eq!(has(&doubled, y, x), has(&small, y / 2, x / 2));
-            }
-        }
-        let mut missing = vec![];
-        doubled.for_each_missing(&other, |cell| missing.push(cell as u32));
-        let mut expected = doubled.list.clone();
-        expected.retain(|cell| !other.list.contains(cell));
-        assert_eq!(missing, expected);
-        doubled.assign_all();
-        assert_eq!(doubled.list, (0..1400).collect::<Vec<_>>());
-    }
 }

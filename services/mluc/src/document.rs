@@ -125,18 +125,6 @@ mod tests {
     }
 
     #[test]
-    fn keys_without_a_default_are_known_too() {
-        let keys = ["seconds", "stages", "stages.head.cpus", "track.window"];
-        for (table, key) in keys.map(|key| key.rsplit_once('.').unwrap_or(("", key))) {
-            assert!(
-                known_keys(table).contains(&key.to_string()),
-                "{table} {key}"
-            );
-        }
-        assert!(known_keys("model").is_empty() && known_keys("pace").is_empty());
-    }
-
-    #[test]
     fn a_document_counts_while_its_pipeline_is_alive() {
         let instance = Instance::new(&format!("document-{}", std::process::id())).unwrap();
         std::fs::create_dir(instance.root()).unwrap();

@@ -150,19 +150,4 @@ mod tests {
         pin(&[CpuSet::MAX_CPU - 1]).unwrap();
         assert_eq!(usable_cpus(), before[..1]);
     }
-
-    #[test]
-    fn the_command_carries_the_priority() {
-        let stage = StageSettings {
-            cpus: Some(vec![0, 2]),
-            ..StageSettings::default()
-        };
-        let command = at_priority(7, "mluc".into());
-        assert_eq!(command.get_program(), "chrt");
-        let words: Vec<_> = command.get_args().collect();
-        assert_eq!(words, ["--fifo", "7", "mluc"]);
-        assert_eq!(stage.cpus_argument().as_deref(), Some("--cpus=0,2"));
-        let plain = StageSettings::default().placed("mluc".into());
-        assert_eq!(plain.get_program(), "mluc");
-    }
 }
