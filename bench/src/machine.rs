@@ -63,12 +63,6 @@ pub fn describe_here() -> Map<String, Value> {
     machine
 }
 
-/// Memory that can be had without swapping, MiB.
-pub(crate) fn available_mib() -> u64 {
-    let memory = Meminfo::current().ok();
-    memory.and_then(|memory| memory.mem_available).unwrap_or(0) / MIB
-}
-
 /// Processes that ran or wanted to, over the last minute: near 0 on a quiet machine.
 pub(crate) fn load() -> f64 {
     let one = LoadAverage::current().map_or(0.0, |load| f64::from(load.one));

@@ -1,14 +1,17 @@
-//! Files that a user names: scans, captures, recordings, models, sensors, labels. The first byte chooses.
+//! Files that a user names: scans, captures, recordings, models, checkpoints, sensors, labels, objects; and what a page asks for.
+//! The first byte chooses.
 #![no_main]
 
 use mluc_dataset::{read_calibration, read_labels};
+use mluc_evaluate::input::read_json_lines;
 use mluc_ingest::{decode_bin, inspect_bin};
 use mluc_ipc_types::Point;
-use mluc_model::{Model, SensorProfile};
+use mluc_model::{Model, SensorProfile, read_tensors};
 use mluc_sources::{Next, Scan, Source, files::Layout, packets::Calibration};
 
 /// As `--input` takes them, then other files.
-const KINDS: &str = "bin pcd.bin npy pcd ply pcap pcapng mcap model sensor labels calib";
+const KINDS: &str =
+    "bin pcd.bin npy pcd ply pcap pcapng mcap model sensor labels calib lines checkpoint socket";
 
 /// All points of the first scans.
 fn read_scans(path: &str) -> anyhow::Result<()> {
@@ -39,6 +42,9 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
         "sensor" => SensorProfile::parse(&text, "here").is_ok(),
         "labels" => read_labels(file).is_ok(),
         "calib" => Calibration::parse(&text).is_ok() || read_calibration(file).is_ok(),
+        "lines" => read_json_lines(file).is_ok(),
+        "checkpoint" => read_tensors(bytes).is_ok(),
+        "socket" => mluc_view::subscribe(&text, &mut Default::default()).is_ok(),
         _ => read_scans(&path).is_ok(),
     };
     std::fs::remove_file(&path).expect("it is ours");

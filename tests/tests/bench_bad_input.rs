@@ -29,11 +29,6 @@ fn what_the_machine_does_not_have_is_refused_before_anything_runs() {
             "cpus of backbone, 4000",
         ),
         ("[stages.head]\npriority = 200", "priority of head, 1 to 99"),
-        (
-            "[bench.load]\nmemory_mib = 99999999",
-            "memory_mib, available",
-        ),
-        ("[bench.load]\ncpu_threads = 100000", "cpu_threads, 1024"),
         ("pace = \"complete\"", "open loop"),
         ("[bench]\nsecond = 3", "second, did you mean `seconds`?"),
         ("[bench]\nseconds = -1", "seconds must be, -1"),

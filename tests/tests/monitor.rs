@@ -18,23 +18,37 @@ fn get(address: &str, path: &str) -> String {
     answer
 }
 
+/// A monitor, and its address.
+fn monitor(instance: &str) -> (Running, String) {
+    let words = ["monitor", "--instance", instance, "--listen", "127.0.0.1:0"];
+    let mut monitor = Running::mluc(words);
+    monitor.wait_for_words("has /healthz");
+    let log = monitor.log();
+    let (_, rest) = log.split_once("http://").expect("the address");
+    let address = rest.split(' ').next().expect("a word").to_string();
+    (monitor, address)
+}
+
+#[test]
+fn consumers_that_are_killed_leave_room_for_others() {
+    let setting = Setting::new("killed", 3);
+    let run = setting.up("--pace sensor --rate 10 --loop");
+    for _ in 0..12 {
+        let (monitor, address) = monitor(&setting.instance);
+        let sees = || get(&address, "/metrics").contains("mluc_sees 1\n");
+        assert!(wait_for(Duration::from_secs(20), sees), "{}", monitor.log());
+        monitor.signal(Signal::KILL);
+        monitor.finish();
+    }
+    setting.stop(run);
+}
+
 #[test]
 fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
     let setting = Setting::new("monitor", 3);
     // Before there is a pipeline.
-    let monitor = [
-        "monitor",
-        "--instance",
-        &setting.instance,
-        "--listen",
-        "127.0.0.1:0",
-    ];
-    let mut monitor = Running::mluc(monitor);
-    monitor.wait_for_words("has /healthz");
-    let log = monitor.log();
-    let (_, rest) = log.split_once("http://").expect("the address");
-    let address = rest.split(' ').next().expect("a word");
-    let ask = |path: &str| get(address, path);
+    let (monitor, address) = monitor(&setting.instance);
+    let ask = |path: &str| get(&address, path);
     assert_has(&ask("/readyz"), &["503", "no supervisor"]);
 
     let mut run = setting.up("--pace sensor --rate 10 --budget-ms 2000 --loop");
@@ -58,7 +72,7 @@ fn a_monitor_tells_how_the_pipeline_is_and_never_stops_it() {
     );
 
     // A client that says nothing is let go.
-    let silent = TcpStream::connect(address).expect("listening");
+    let silent = TcpStream::connect(&address).expect("listening");
     assert!(ask("/healthz").starts_with("HTTP/1.1 200"));
     drop(silent);
     // A monitor that hangs stops nobody, and a supervisor that hangs is told.

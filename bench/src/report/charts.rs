@@ -1,4 +1,4 @@
-//! The page's pictures: latency over time, where the time of single frames went, percentiles, histograms, CPU and memory.
+//! The page's pictures: latency over time, where the time of single frames went, percentiles, CPU and memory.
 
 use std::ops::Range;
 
@@ -186,43 +186,36 @@ fn log_ms(us: f64) -> f64 {
     (us.max(1.0) / 1000.0).log10()
 }
 
-/// Of all values with some room; `None` without any.
-fn log_range<'a>(us: impl Iterator<Item = &'a f64>) -> Option<Range<f64>> {
-    let [least, most] = us.fold([f64::INFINITY, 0.0], |[least, most], us| {
-        [us.min(least), us.max(most)]
-    });
-    (least <= most).then(|| log_ms(least) - 0.05..log_ms(most) + 0.05)
-}
-
-fn ms_axis(name: &str, range: Range<f64>, numbers: usize) -> Axis<'_> {
-    Axis {
-        name,
-        range,
-        numbers,
-        text: |at| short(10f64.powf(at)),
-    }
-}
-
 /// To the right the rarer frames, each step ten times as rare, up to p99.9.
 pub(crate) fn percentile_curves(series: &Series) -> String {
     let runs_us = series.run_us.iter().zip(STAGES).zip(STAGE_COLORS);
     let runs_us = runs_us.map(|((us, name), color)| (name, color, us));
     let total = ("end to end", TOTAL_COLOR, &series.latency_us);
     let figures: Vec<_> = [total].into_iter().chain(runs_us).collect();
-    let Some(range) = log_range(figures.iter().flat_map(|figure| figure.2)) else {
+    let all = figures.iter().flat_map(|figure| figure.2);
+    let [least, most] = all.fold([f64::INFINITY, 0.0], |[least, most], us| {
+        [us.min(least), us.max(most)]
+    });
+    if least > most {
         return String::new();
-    };
+    }
+    // With some room.
+    let range = log_ms(least) - 0.05..log_ms(most) + 0.05;
     let share = Axis {
         name: "share of frames that take at most so long",
         range: 0.0..3.0,
         numbers: 4,
         text: |decade| format!("{} %", short(100.0 - 100.0 * 10f64.powf(-decade))),
     };
+    let time = Axis {
+        name: "ms",
+        range,
+        numbers: 10,
+        text: |at| short(10f64.powf(at)),
+    };
     let curves = figures.into_iter();
     let curves = curves.map(|(name, color, us)| (name, color, percentile_curve(us)));
-    svg(330, |root| {
-        lines(root, [share, ms_axis("ms", range, 10)], curves.collect())
-    })
+    svg(330, |root| lines(root, [share, time], curves.collect()))
 }
 
 fn percentile_curve(us: &[f64]) -> Vec<(f64, f64)> {
@@ -233,54 +226,6 @@ fn percentile_curve(us: &[f64]) -> Vec<(f64, f64)> {
         Some((decade, log_ms(us)))
     };
     (0..=150).filter_map(at).collect()
-}
-
-/// By stage how many frames queued and ran how long; logarithmic in time, each stage with its own range.
-pub(crate) fn histograms(series: &Series) -> String {
-    svg(250, |root| {
-        let areas = root.split_evenly((1, STAGES.len()));
-        for (stage, area) in areas.iter().enumerate() {
-            let times_us = [&series.queue_us[stage], &series.run_us[stage]];
-            let Some(range) = log_range(times_us.into_iter().flatten()) else {
-                continue;
-            };
-            let [queue, run] = times_us.map(|us| histogram(us, &range));
-            let most = queue
-                .iter()
-                .chain(&run)
-                .map(|bar| bar.1)
-                .fold(1.0, f64::max);
-            let frames = Axis {
-                name: "frames",
-                range: 0.0..1.05 * most,
-                numbers: 6,
-                text: short,
-            };
-            let name = format!("{}, ms", STAGES[stage]);
-            let both = vec![
-                ("queue", PALE_COLOR, queue),
-                ("run", STAGE_COLORS[stage], run),
-            ];
-            lines(area, [ms_axis(&name, range, 4), frames], both)?;
-        }
-        Ok(())
-    })
-}
-
-const BINS: usize = 36;
-
-/// The outline of the bars: both upper corners of each.
-fn histogram(us: &[f64], range: &Range<f64>) -> Vec<(f64, f64)> {
-    let width = (range.end - range.start) / BINS as f64;
-    let mut counts = [0u32; BINS];
-    for us in us {
-        let bin = ((log_ms(*us) - range.start) / width) as usize;
-        counts[bin.min(BINS - 1)] += 1;
-    }
-    let corners = |(bin, count): (usize, u32)| {
-        [bin, bin + 1].map(|edge| (range.start + width * edge as f64, f64::from(count)))
-    };
-    counts.into_iter().enumerate().flat_map(corners).collect()
 }
 
 /// What the stages took of the machine between two looks.

@@ -22,7 +22,6 @@ pub(crate) fn page(report: &Value, frames: &[FrameRecord], samples: &[Sample]) -
         "latency": charts::latency_over_time(frames, period_ms),
         "waterfall": charts::waterfall(frames),
         "percentiles": charts::percentile_curves(&figures),
-        "histograms": charts::histograms(&figures),
         "resources": charts::resources_over_time(samples),
     });
     render("page.html", include_str!("page.html"), values)
@@ -92,8 +91,8 @@ mod tests {
             let opened = count(format!("<{tag}>")) + count(format!("<{tag} "));
             assert_eq!(opened, count(format!("</{tag}>")), "{tag}");
         }
-        assert_eq!(html.matches("<svg").count(), 5);
-        assert!(html.contains("99.9 %") && html.contains("backbone, ms"));
+        assert_eq!(html.matches("<svg").count(), 4);
+        assert!(html.contains("99.9 %"));
         assert!(html.contains("mluc &lt;bench&gt;") && html.contains("a &amp; b"));
         assert!(!html.contains("NaN") && !html.contains("inf"));
     }

@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
-use mluc::UsageError;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use super::chaos::ChaosArgs;
 use super::trace::Which;
@@ -93,39 +92,6 @@ pub(crate) struct BenchTable {
     /// Seconds until a pipeline that gives no objects is given up [default: 60].
     #[arg(long = "patience", value_name = "SECONDS")]
     pub(crate) patience_seconds: Option<f64>,
-    /// Other work on the same machine.
-    #[arg(skip)]
-    pub(crate) load: LoadTable,
-}
-
-/// Other work beside the pipeline: `[bench.load]`.
-#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize)]
-#[serde(deny_unknown_fields, default)]
-pub(crate) struct LoadTable {
-    /// Threads that compute without a pause.
-    pub(crate) cpu_threads: usize,
-    /// Memory that one thread writes over and over, MiB.
-    pub(crate) memory_mib: u64,
-}
-
-const CPU_THREADS_MAX: usize = 1024; // a guess far above any machine
-
-impl LoadTable {
-    /// The pipeline needs memory itself, and a machine that swaps measures its disk.
-    pub(crate) fn check(&self, available_mib: u64) -> Result<(), UsageError> {
-        let (threads, mib, most_mib) = (self.cpu_threads, self.memory_mib, available_mib * 3 / 4);
-        if threads > CPU_THREADS_MAX {
-            return Err(UsageError(format!(
-                "bench.load.cpu_threads must be at most {CPU_THREADS_MAX}, found {threads}"
-            )));
-        }
-        if mib > most_mib {
-            return Err(UsageError(format!(
-                "bench.load.memory_mib must be at most {most_mib}, three quarters of what is available, found {mib}"
-            )));
-        }
-        Ok(())
-    }
 }
 
 impl RunArgs {
@@ -144,7 +110,6 @@ impl BenchTable {
             rounds: self.rounds.or(table.rounds),
             floor_rounds: self.floor_rounds.or(table.floor_rounds),
             patience_seconds: self.patience_seconds.or(table.patience_seconds),
-            load: table.load,
         }
     }
 }

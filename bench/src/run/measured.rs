@@ -4,7 +4,6 @@ use anyhow::Result;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use super::neighbour::beside;
 use super::pipeline::{Recording, record};
 use super::plan::Plan;
 use super::quiet::Quiet;
@@ -38,7 +37,7 @@ impl Measured {
             all => format!("{}, {} of {all}", plan.refiner, round + 1),
         };
         let run = || record(plan, round, &what, progress);
-        let recording = quiet.watch(|| beside(&plan.load, run))?;
+        let recording = quiet.watch(run)?;
         let clock = (plan.rate_hz, plan.warm_up_seconds);
         let arrived = (&recording.arrivals[..], recording.frames_in);
         self.frames.extend(frames(round, clock, arrived));

@@ -10,7 +10,6 @@ mod folder;
 mod interleaved;
 mod local;
 mod measured;
-mod neighbour;
 mod pipeline;
 mod plan;
 mod processes;

@@ -20,8 +20,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 use toml::Table;
 
-use super::arguments::{BenchTable, LoadTable, RunArgs};
-use crate::machine::available_mib;
+use super::arguments::{BenchTable, RunArgs};
 
 const SECONDS: f64 = 20.0;
 /// A guess: a million frames at 10 Hz.
@@ -52,7 +51,6 @@ pub(crate) struct Plan {
     pub(crate) rounds: u32,
     pub(crate) baseline_rounds: usize,
     pub(crate) patience: Duration,
-    pub(crate) load: LoadTable,
     pub(crate) model: Model,
     stages: Value,
     /// For the page's head.
@@ -66,7 +64,6 @@ impl Plan {
     pub(crate) fn resolve(args: RunArgs) -> Result<Plan> {
         let (document, table) = read_scenario(args.scenario.as_deref())?;
         let table = args.bench.over(table);
-        table.load.check(available_mib())?;
         let word = |key: &str| document.get(key)?.as_str().map(str::to_string);
         if word("pace").as_deref() == Some("complete") {
             return usage(
@@ -118,7 +115,6 @@ impl Plan {
             rounds,
             baseline_rounds: table.floor_rounds.unwrap_or(BASELINE_ROUNDS).min(1_000_000),
             patience: Duration::from_secs_f64(patience),
-            load: table.load,
             model: model::load(&model_name)?,
             stages: json!(document.get("stages")),
             program,
@@ -184,7 +180,6 @@ impl Plan {
             "refiner": self.refiner,
             "threads": self.args.threads,
             "stages": self.stages,
-            "load": self.load,
             "command": std::env::args().collect::<Vec<_>>().join(" "),
         })
     }

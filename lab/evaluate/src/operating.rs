@@ -6,6 +6,7 @@
 //!
 //! Scans of a drive look alike, so the intervals come from drawing drives, and in each of them runs of scans (bootstrap in blocks).
 //! A score is chosen by risk control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit.
+//! How far a score can be read as a probability: of the objects with scores in each tenth, the share that lies on a label of their kind.
 
 use crate::breakdown::range_m;
 use crate::curve::{Curve, FrameCurve};
@@ -137,7 +138,35 @@ impl Operating {
         (name, score_min, figures)
     }
 
-    /// `{"unknown": [{"name": "published", "score_min": .., "objects": [value, low, high], ..}, ..], "known": ..}`.
+    /// By tenth of the score: objects, their mean score, and the share that lies on a label of their kind; then the calibration error
+    /// (the mean difference of both, each tenth by its objects; Guo 2017, eq. 3). Scores above 1 are in the last tenth.
+    fn reliability(&self, kind: ObjectKind) -> Value {
+        let own = [Place::Unknown, Place::Known][usize::from(kind == ObjectKind::Known)];
+        let mut tenths = [[0.0; 3]; 10];
+        let objects = self.frames.iter().flat_map(|frame| &frame.objects);
+        for (_, score, place) in objects.filter(|o| o.0 == kind) {
+            let tenth = &mut tenths[((10.0 * score) as usize).min(9)];
+            let found = [1.0, *score, f64::from(u8::from(*place == own))];
+            tenth
+                .iter_mut()
+                .zip(found)
+                .for_each(|(sum, one)| *sum += one);
+        }
+        let count: f64 = tenths.iter().map(|tenth| tenth[0]).sum();
+        let gaps = tenths.iter().map(|[_, score, hits]| (score - hits).abs());
+        let error = (count > 0.0).then(|| gaps.sum::<f64>() / count);
+        let rows = tenths
+            .iter()
+            .enumerate()
+            .filter(|(_, tenth)| tenth[0] > 0.0);
+        let rows = rows.map(|(at, [objects, score, hits])| {
+            let from = at as f64 / 10.0;
+            json!({"from": from, "objects": objects, "score": score / objects, "on_own_label": hits / objects})
+        });
+        json!({"tenths": rows.collect::<Value>(), "calibration_error": error})
+    }
+
+    /// `{"unknown": [{"name": "published", "score_min": .., "objects": [value, low, high], ..}, ..], "known": .., "reliability": ..}`.
     pub fn to_json(&self) -> Value {
         let point = |(name, score_min, figures): &Point| {
             let mut object = json!({"name": name, "score_min": score_min});
@@ -147,7 +176,10 @@ impl Operating {
             object
         };
         let all = |kind| self.points(kind).iter().map(point).collect::<Value>();
-        json!({"scans": self.frames.len(), "unknown": all(ObjectKind::Unknown), "known": all(ObjectKind::Known)})
+        let [unknown, known] = [ObjectKind::Unknown, ObjectKind::Known];
+        let reliability =
+            json!({"unknown": self.reliability(unknown), "known": self.reliability(known)});
+        json!({"scans": self.frames.len(), "unknown": all(unknown), "known": all(known), "reliability": reliability})
     }
 
     /// The same for people.
@@ -324,6 +356,13 @@ mod tests {
         let known = judged.points(ObjectKind::Known);
         assert_eq!(known.len(), 1);
         assert_eq!(figures(&known[0]).1, [0.5, 0.0, 0.5, 0.0, 100.0]);
+        // 0.8 lies on a van; 0.6, 0.5 and 0.4 on nothing unknown.
+        let reliability = judged.reliability(ObjectKind::Unknown);
+        let error = reliability["calibration_error"].as_f64().expect("objects");
+        assert!((error - (0.2 + 0.6 + 0.5 + 0.4) / 4.0).abs() < 1e-6);
+        let tenth = json!({"from": 0.8, "objects": 1.0, "score": 0.8, "on_own_label": 1.0});
+        assert_eq!(reliability["tenths"][3], tenth);
+        assert!(judged.to_table().contains("calibration error 0.425"));
     }
 
     #[test]

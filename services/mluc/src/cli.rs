@@ -273,8 +273,9 @@ pub struct StageArgs {
     pub(crate) supervised_by: Option<u32>,
 }
 
+/// What `mluc doctor` is asked to look at.
 #[derive(Args, Clone, Debug)]
-pub(crate) struct DoctorArgs {
+pub struct DoctorArgs {
     /// The model that shall run.
     #[arg(long, default_value = DEFAULT_MODEL)]
     pub(crate) model: String,

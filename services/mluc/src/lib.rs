@@ -24,8 +24,9 @@ pub mod terminal;
 use std::process::ExitCode;
 
 use clap::Parser;
-pub use cli::StageArgs;
 use cli::{Cli, Command};
+pub use cli::{DoctorArgs, StageArgs};
+pub use commands::doctor;
 use mluc_runtime::choose_log_format;
 use terminal::print_err;
 
@@ -80,7 +81,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
         Command::Top { instance, once } => commands::top(&instance, once),
         Command::Monitor { instance, listen } => commands::monitor(&instance, listen),
         Command::Reload { instance } => commands::reload(&instance),
-        Command::Doctor(args) => commands::doctor(&args),
+        Command::Doctor(args) => commands::doctor(&args, None),
         Command::View(_) => external::external("mluc-view", &["view"]),
         Command::Record(_) => external::external("mluc-view", &["record"]),
         Command::Publish(_) => external::external("mluc-ros2", &["publish"]),

@@ -8,7 +8,7 @@ mod source;
 use std::process::ExitCode;
 
 use clap::Parser;
-use mluc::{StageArgs, exit_code, stages};
+use mluc::{DoctorArgs, StageArgs, doctor, exit_code, stages};
 use mluc_runtime::{Instance, log_to_stderr};
 
 /// The crate's errors are of packets that it drops, and of its own end.
@@ -20,6 +20,8 @@ const LOG: &str = "info,rustdds=off";
 enum Command {
     /// Run the stage ingest, as `mluc stage ingest` does (`mluc up --input ros2:/TOPIC` starts it).
     Stage(Box<StageArgs>),
+    /// Look at the clouds of a topic, as `mluc doctor` does (`mluc doctor --input ros2:/TOPIC` starts it).
+    Doctor(DoctorArgs),
     /// Publish points, objects and states of a running pipeline until Ctrl-C. ROS_DOMAIN_ID is obeyed.
     Publish {
         /// Which pipeline; it may be started later.
@@ -32,12 +34,16 @@ fn main() -> ExitCode {
     let done = match Command::parse() {
         Command::Stage(args) => {
             log_to_stderr("ingest", LOG);
-            stages::run(*args, Some(source::open))
+            stages::run(*args, Some(source::open)).map(|()| ExitCode::SUCCESS)
+        }
+        Command::Doctor(args) => {
+            log_to_stderr("doctor", LOG);
+            doctor(&args, Some(source::open))
         }
         Command::Publish { instance } => {
             log_to_stderr("publish", LOG);
-            publish::publish(&instance)
+            publish::publish(&instance).map(|()| ExitCode::SUCCESS)
         }
     };
-    exit_code("mluc-ros2", done.map(|()| ExitCode::SUCCESS))
+    exit_code("mluc-ros2", done)
 }

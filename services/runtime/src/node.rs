@@ -33,7 +33,7 @@ pub(crate) struct IpcNode {
 
 impl IpcNode {
     /// `cleans`: whether this process removes what killed processes left. The supervisor does not: its stages do when they
-    /// start, each under the supervisor's eye, so that a cleaning that hangs never hangs the supervisor.
+    /// start, each under the supervisor's eye, so that a cleaning that hangs never hangs the supervisor. Consumers do.
     pub(crate) fn join(instance: &Instance, role: &str, cleans: bool) -> Result<IpcNode> {
         set_log_level(LogLevel::Fatal);
         let count = sweep::sweep_stillborn(instance);

@@ -88,9 +88,10 @@ impl Shell {
         Ok(shell)
     }
 
-    /// Joins as one that looks on: supervisor, status. With a `role`, only one process may have it.
+    /// Joins as one that looks on: supervisor, status. With a `role`, only one process may have it. One without clears away those that
+    /// were killed: they would keep their places for ever.
     pub fn observer(instance: &Instance, role: Option<&str>, shutdown: Shutdown) -> Result<Shell> {
-        Shell::join(instance, role, false, shutdown)
+        Shell::join(instance, role, role.is_none(), shutdown)
     }
 
     fn join(

@@ -130,7 +130,7 @@ impl Source {
             Kind::Live(Box::new(Growing::open(folder, layout)?))
         } else if ros2_topic(input).is_some() {
             let input = input.display();
-            bail!("input {input}: a ROS 2 topic is read by `mluc up --input {input}` alone")
+            bail!("input {input}: a ROS 2 topic is read by `mluc up` and `mluc doctor` alone")
         } else if matches!(ending.as_str(), "pcap" | "pcapng") {
             Kind::Capture(Box::new(CaptureScans::open(input, layout)?))
         } else if let Some(recording) = recording::within(input, &ending) {

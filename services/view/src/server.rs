@@ -13,8 +13,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use mluc_gateway::ros2::topics;
-use mluc_view::{Follower, Moment, TOPICS};
-use serde::Deserialize;
+use mluc_view::{Follower, Moment, TOPICS, subscribe};
 use serde_json::{Value, json};
 use tungstenite::error::ProtocolError::ResetWithoutClosingHandshake;
 use tungstenite::handshake::server::{Request, Response};
@@ -36,7 +35,6 @@ const ORIGINS: [&str; 4] = [
 ];
 const LINE_SCHEMA: &str = include_str!("../../../docs/objects.schema.json");
 const CLIENTS_MAX: usize = 8;
-const SUBSCRIPTIONS_MAX: usize = 32;
 /// Bytes of a request or a message.
 const REQUEST_MAX: usize = 8192;
 /// For a request.
@@ -165,41 +163,6 @@ fn converse(stream: TcpStream, shared: &Shared, protocol: HeaderValue) -> Result
             }
         }
     }
-}
-
-/// What a client may ask for.
-#[derive(Deserialize)]
-#[serde(tag = "op", rename_all = "camelCase", rename_all_fields = "camelCase")]
-enum Wish {
-    Subscribe { subscriptions: Vec<Subscription> },
-    Unsubscribe { subscription_ids: Vec<u32> },
-}
-
-/// The client's own number, and a topic.
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Subscription {
-    id: u32,
-    channel_id: usize,
-}
-
-/// Does what a message asks for. Error: what is wrong with it.
-fn subscribe(text: &str, topics: &mut BTreeMap<u32, usize>) -> Result<(), String> {
-    match serde_json::from_str(text).map_err(|error| error.to_string())? {
-        Wish::Subscribe { subscriptions } => {
-            let is_known = subscriptions.iter().all(|own| own.channel_id < TOPICS);
-            if !is_known || topics.len() + subscriptions.len() > SUBSCRIPTIONS_MAX {
-                return Err(format!(
-                    "at most {SUBSCRIPTIONS_MAX} channelIds, below {TOPICS}"
-                ));
-            }
-            topics.extend(subscriptions.iter().map(|own| (own.id, own.channel_id)));
-        }
-        Wish::Unsubscribe { subscription_ids } => {
-            topics.retain(|id, _| !subscription_ids.contains(id));
-        }
-    }
-    Ok(())
 }
 
 /// What a client is told first.

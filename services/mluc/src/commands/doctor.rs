@@ -13,10 +13,12 @@ use mluc_ipc_types::{
 use mluc_kernels::Level;
 use mluc_model::{Model, SensorProfile};
 use mluc_runtime::Instance;
+use mluc_sources::{Open, Source, ros2_topic};
 use rustix::process::{Resource, getrlimit};
 
 use self::Verdict::{Failure, Fine, Warning};
 use crate::cli::DoctorArgs;
+use crate::external::external;
 use crate::model;
 use crate::piped::Piped;
 use crate::settings::StageSettings;
@@ -36,7 +38,11 @@ enum Verdict {
     Failure,
 }
 
-pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
+/// `open`: of a program that knows more inputs than `mluc`.
+pub fn doctor(args: &DoctorArgs, open: Option<Open>) -> anyhow::Result<ExitCode> {
+    if open.is_none() && args.input.as_deref().and_then(ros2_topic).is_some() {
+        return external("mluc-ros2", &["doctor"]);
+    }
     let loaded = model::load(&args.model);
     let about_model = match &loaded {
         Ok(model) => describe_model(model),
@@ -66,6 +72,7 @@ pub(crate) fn doctor(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
             input,
             &args.layout.layout()?,
             &expected,
+            open.unwrap_or(Source::open),
         )?);
     }
     for (verdict, text) in &findings {

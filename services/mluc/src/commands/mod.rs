@@ -25,7 +25,7 @@ use crate::stages::end_with;
 use crate::terminal::print_out;
 
 pub(crate) use demo::demo;
-pub(crate) use doctor::doctor;
+pub use doctor::doctor;
 pub(crate) use monitor::{loopback, monitor};
 pub(crate) use replay::replay;
 pub(crate) use status::status;

@@ -61,10 +61,27 @@ impl<T: Send + 'static> Models<T> {
             self.fingerprint = found;
             let before = std::mem::replace(&mut self.made, made);
             // To give back its memory takes time that no frame has.
-            thread::spawn(move || drop(before));
+            thread::spawn(move || {
+                drop(before);
+                give_memory_back();
+            });
         }
         header.check_model(self.fingerprint)?;
         Ok((&mut self.made, thresholds))
+    }
+}
+
+/// What was freed, but lies between what is in use, goes back to the system: glibc keeps it otherwise, and each change of the model
+/// would leave more of it.
+fn give_memory_back() {
+    #[cfg(target_env = "gnu")]
+    {
+        #[allow(unsafe_code)]
+        // SAFETY: the declaration is that of malloc.h; any thread may call it at any time (malloc_trim(3)).
+        unsafe extern "C" {
+            safe fn malloc_trim(keep_bytes: usize) -> std::ffi::c_int;
+        }
+        malloc_trim(0);
     }
 }
 

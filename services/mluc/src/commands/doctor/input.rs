@@ -9,7 +9,7 @@ use mluc_ipc_types::{POINTS_MAX, Point};
 
 use super::{Failure, Finding, Fine, Warning};
 use mluc_sources::files::Layout;
-use mluc_sources::{Next, Scan, Source};
+use mluc_sources::{Next, Open, Scan};
 
 /// Scans that are looked at, spread over the input.
 const SCANS: u64 = 20;
@@ -26,8 +26,9 @@ pub(super) fn findings(
     input: &Path,
     layout: &Layout,
     expected: &Expected,
+    open: Open,
 ) -> anyhow::Result<Vec<Finding>> {
-    let mut source = Source::open(input, layout, false)?;
+    let mut source = open(input, layout, false)?;
     let mut estimator = Estimator::new();
     let (mut scan, mut points) = (Scan::default(), vec![Point::default(); POINTS_MAX]);
     let step = source.count().map_or(1, |count| count.div_ceil(SCANS));
@@ -62,7 +63,10 @@ pub(super) fn findings(
             Failure,
             match source.is_live() {
                 true => {
-                    "no scan of a known sensor came within 5 s: does it send to this port?".into()
+                    let silence = source.silence().unwrap_or_default();
+                    format!(
+                        "no scan of a known sensor came within 5 s: does it send here? {silence}"
+                    )
                 }
                 false => "no points in these scans: are the columns as --columns says?".into(),
             },
