@@ -1,7 +1,7 @@
 //! Another implementation at both ends: Cyclone DDS publishes clouds and reads objects (`cyclone.py`).
 
 use std::net::UdpSocket;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use mluc_tests::{Running, Setting, built_program, python_with, root, skip, write_file};
 
@@ -34,12 +34,25 @@ fn cyclone_dds_feeds_the_pipeline_and_reads_its_objects() {
     let mut publish = Command::new(built_program("mluc"));
     let publish = start(publish.args(["publish", "--instance", &setting.instance]));
     run.wait_for_words("listening");
+    let mut doctor = Command::new(built_program("mluc"));
+    doctor.args(["doctor", "--input", "ros2:/points"]);
+    doctor.env("ROS_DOMAIN_ID", &domain).stdout(Stdio::piped());
+    let doctor = doctor.spawn().expect("started");
     let mut cyclone = Command::new(python);
     cyclone.arg(root().join("services/ros2/tests/cyclone.py"));
     cyclone.args([scans, told]).env("CYCLONEDDS_URI", CYCLONE);
     // It compares the objects of each cloud with those of its file.
     let cyclone = start(&mut cyclone).finish_within(std::time::Duration::from_secs(120));
     assert_eq!(cyclone.code, Some(0), "{} {}", cyclone.log, run.log());
+    let doctor = doctor.wait_with_output().expect("ended").stdout;
+    let doctor = String::from_utf8_lossy(&doctor);
+    let looked = doctor
+        .lines()
+        .find_map(|line| line.split_once(" scans of "));
+    assert!(
+        looked.is_some_and(|(count, _)| !count.ends_with(" 0")),
+        "{doctor}"
+    );
     run.wait_for_words("expected one named y, found x, z, intensity");
     publish.stop().assert_says(&["dropped=0"]);
     let run = setting.stop(run);
