@@ -1,4 +1,4 @@
-/* A refiner of one's own for mluc, in C or C++. docs/CONTRACT.md says what a refiner must do; these functions do the
+/* A refiner or a consumer of one's own for mluc, in C or C++. docs/CONTRACT.md says what they must do; these functions do the
  * part of it that is the same for all: joining, waiting, checking what came in, finding the points of a frame, stamps,
  * health, leaving.
  *
@@ -13,6 +13,8 @@
  *         mluc_refiner_publish(refiner, objects, objects_count, indices, indices_count, 0);
  *     }
  *     mluc_refiner_close(refiner);
+ *
+ * A consumer: mluc_consumer_open, mluc_consumer_wait again and again, mluc_consumer_close (examples/consumer-cpp).
  *
  * Link with libmluc_capi.a or libmluc_capi.so (`cargo build --release -p mluc-capi`). A handle belongs to one thread at
  * a time. Lengths in m, angles in rad, times in ns of CLOCK_MONOTONIC; sensor frame: x forward, y left, z up.
@@ -219,7 +221,7 @@ enum {
 #define MLUC_NO_NUMBER UINT64_MAX
 
 /* The element of the topic `status`: what the pipeline is worth at a moment (docs/CONTRACT.md, "Status"). A refiner does not
- * need it; a consumer reads it with iceoryx2. */
+ * need it; a consumer gets it with each wait. */
 typedef struct mluc_status {
     uint32_t wire_version;
     uint32_t state;
@@ -283,6 +285,32 @@ int32_t mluc_refiner_publish(mluc_refiner *refiner, const mluc_object *objects, 
 
 /* Leaves. Null is fine. */
 void mluc_refiner_close(mluc_refiner *refiner);
+
+/* What a pipeline says: readable until the next call with the same handle. */
+typedef struct mluc_result {
+    const mluc_header *header; /* null: no frame came */
+    const mluc_run *run;
+    const mluc_status *status; /* null: no supervisor has published one */
+    const mluc_point *points;  /* of the scan, in shared memory, numbers unchecked; none when they are gone */
+    size_t points_count;
+    const mluc_object *objects; /* checked; published is what has the disposition 0 */
+    size_t objects_count;
+    const uint32_t *indices; /* into points: those of object o are indices[o.points_first] to [o.points_first + o.points_count - 1] */
+    size_t indices_count;    /* 0: they are gone, whatever the objects say */
+} mluc_result;
+
+typedef struct mluc_consumer mluc_consumer;
+
+/* Joins the instance that MLUC_INSTANCE names ("default" without it) as one that looks on, and logs to stderr. No pipeline need
+ * run yet. */
+int32_t mluc_consumer_open(mluc_consumer **consumer);
+
+/* Waits for the newest frame, at most timeout_ms. Frames that break the contract are refused. With MLUC_TIMEOUT the status alone
+ * is told: whether nothing comes because nothing runs. */
+int32_t mluc_consumer_wait(mluc_consumer *consumer, uint32_t timeout_ms, mluc_result *result);
+
+/* Leaves. Null is fine. */
+void mluc_consumer_close(mluc_consumer *consumer);
 
 #ifdef __cplusplus
 }

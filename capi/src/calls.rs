@@ -2,11 +2,16 @@
 
 use std::ffi::c_char;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ptr::{from_ref, null};
 use std::time::Duration;
 
 use bytemuck::Zeroable;
-use mluc_ipc_types::{Detection, Flags, FrameHeader, Object, Point, RunDescription, WIRE_VERSION};
+use mluc_ipc_types::{
+    Detection, Flags, FrameHeader, Object, Point, RunDescription, Status, WIRE_VERSION,
+};
+use mluc_runtime::RuntimeError;
 
+use crate::consumer::Consumer;
 use crate::error::{Code, Failure, last, remember};
 use crate::refiner::Refiner;
 
@@ -29,6 +34,59 @@ pub struct MlucFrame {
     pub detections: *const Detection,
     /// How many.
     pub detections_count: usize,
+}
+
+/// `mluc_consumer` in C: a handle.
+pub struct MlucConsumer(Consumer);
+
+/// `mluc_result` in C: what a pipeline says. Readable until the next call with the same handle.
+#[derive(Clone, Copy, Debug, Zeroable)]
+#[repr(C)]
+pub struct MlucResult {
+    /// Null: no frame came.
+    pub header: *const FrameHeader,
+    /// The run that it belongs to.
+    pub run: *const RunDescription,
+    /// The pipeline's; null: no supervisor has published one.
+    pub status: *const Status,
+    /// Of the scan; none when they are gone.
+    pub points: *const Point,
+    /// How many.
+    pub points_count: usize,
+    /// Checked.
+    pub objects: *const Object,
+    /// How many.
+    pub objects_count: usize,
+    /// Into `points`, of the objects; none when these are gone.
+    pub indices: *const u32,
+    /// How many.
+    pub indices_count: usize,
+}
+
+/// # Safety
+/// `place` is null or points to writable memory for a pointer.
+unsafe fn open<T>(place: *mut *mut T, make: impl FnOnce() -> Result<T, RuntimeError>) -> i32 {
+    guarded(|| {
+        // SAFETY: by the caller's promise.
+        let place = unsafe { place.as_mut() }
+            .ok_or_else(|| Failure::new(Code::Usage, "open: the handle's place is null"))?;
+        *place = std::ptr::null_mut();
+        let own = make().map_err(|error| Failure::new(Code::Open, error))?;
+        *place = Box::into_raw(Box::new(own));
+        Ok(Code::Ok)
+    })
+}
+
+/// # Safety
+/// `handle` comes from [`open`], is closed once, and is used no more; or it is null.
+unsafe fn close<T>(handle: *mut T) {
+    guarded(|| {
+        if !handle.is_null() {
+            // SAFETY: by the caller's promise it is ours, and nobody else's.
+            drop(unsafe { Box::from_raw(handle) });
+        }
+        Ok(Code::Ok)
+    });
 }
 
 fn guarded(call: impl FnOnce() -> Result<Code, Failure>) -> i32 {
@@ -59,15 +117,8 @@ pub extern "C" fn mluc_last_error() -> *const c_char {
 /// `refiner` is null or points to writable memory for a pointer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn mluc_refiner_open(refiner: *mut *mut MlucRefiner) -> i32 {
-    guarded(|| {
-        // SAFETY: by the caller's promise.
-        let place = unsafe { refiner.as_mut() }
-            .ok_or_else(|| Failure::new(Code::Usage, "open: the handle's place is null"))?;
-        *place = std::ptr::null_mut();
-        let own = Refiner::open().map_err(|error| Failure::new(Code::Open, error))?;
-        *place = Box::into_raw(Box::new(MlucRefiner(own)));
-        Ok(Code::Ok)
-    })
+    // SAFETY: by the caller's promise.
+    unsafe { open(refiner, || Refiner::open().map(MlucRefiner)) }
 }
 
 /// Waits for the newest frame, at most `timeout_ms`. Heartbeats go out while it waits; call it again and again.
@@ -135,13 +186,59 @@ pub unsafe extern "C" fn mluc_refiner_publish(
 /// `refiner` comes from [`mluc_refiner_open`], is closed once, and is used no more.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn mluc_refiner_close(refiner: *mut MlucRefiner) {
+    // SAFETY: by the caller's promise.
+    unsafe { close(refiner) }
+}
+
+/// Joins the instance that `MLUC_INSTANCE` names ("default" without it) as one that looks on; no pipeline need run yet.
+///
+/// # Safety
+/// `consumer` is null or points to writable memory for a pointer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_consumer_open(consumer: *mut *mut MlucConsumer) -> i32 {
+    // SAFETY: by the caller's promise.
+    unsafe { open(consumer, || Consumer::open().map(MlucConsumer)) }
+}
+
+/// Waits for the newest frame, at most `timeout_ms`. The status is told in any case.
+///
+/// # Safety
+/// `consumer` comes from [`mluc_consumer_open`] and was not closed, or is null; `result` is null or points to writable memory.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_consumer_wait(
+    consumer: *mut MlucConsumer,
+    timeout_ms: u32,
+    result: *mut MlucResult,
+) -> i32 {
     guarded(|| {
-        if !refiner.is_null() {
-            // SAFETY: by the caller's promise it is ours, and nobody else's.
-            drop(unsafe { Box::from_raw(refiner) });
+        // SAFETY: by the caller's promise.
+        let (consumer, result) = unsafe { (consumer.as_mut(), result.as_mut()) };
+        let (Some(MlucConsumer(consumer)), Some(result)) = (consumer, result) else {
+            let words = "wait: the handle or the result is null";
+            return Err(Failure::new(Code::Usage, words));
+        };
+        *result = MlucResult::zeroed();
+        let code = consumer.wait(Duration::from_millis(timeout_ms.into()))?;
+        result.status = consumer.status.as_ref().map_or(null(), from_ref);
+        if let (Some(frame), Some(run)) = (&consumer.frame, consumer.run()) {
+            let points = consumer.points(frame.header.sequence);
+            (result.header, result.run) = (&frame.header, run);
+            (result.points, result.points_count) = (points.as_ptr(), points.len());
+            (result.objects, result.objects_count) = (frame.objects.as_ptr(), frame.objects.len());
+            (result.indices, result.indices_count) = (frame.indices.as_ptr(), frame.indices.len());
         }
-        Ok(Code::Ok)
-    });
+        Ok(code)
+    })
+}
+
+/// Leaves. Null is fine.
+///
+/// # Safety
+/// `consumer` comes from [`mluc_consumer_open`], is closed once, and is used no more.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_consumer_close(consumer: *mut MlucConsumer) {
+    // SAFETY: by the caller's promise.
+    unsafe { close(consumer) }
 }
 
 /// # Safety

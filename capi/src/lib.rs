@@ -1,15 +1,17 @@
-//! A C interface for a refiner of one's own, in any language that can call C: `include/mluc.h` is its description,
-//! `docs/CONTRACT.md` says what a refiner must do. This crate does the part of it that is the same for all: joining,
+//! A C interface for a refiner or a consumer of one's own, in any language that can call C: `include/mluc.h` is its description,
+//! `docs/CONTRACT.md` says what they must do. This crate does the part of it that is the same for all: joining,
 //! waiting, checking what came in, finding the points of a frame, stamps, health, leaving.
 //!
-//! Five functions: open, wait, publish, close, and the words of the last error. A handle belongs to one thread at a time.
+//! Open, wait, publish, close, and the words of the last error. A handle belongs to one thread at a time.
 
 mod calls;
+mod consumer;
 mod error;
 mod refiner;
 
 pub use calls::{
-    MlucFrame, MlucRefiner, mluc_last_error, mluc_refiner_close, mluc_refiner_open,
+    MlucConsumer, MlucFrame, MlucRefiner, MlucResult, mluc_consumer_close, mluc_consumer_open,
+    mluc_consumer_wait, mluc_last_error, mluc_refiner_close, mluc_refiner_open,
     mluc_refiner_publish, mluc_refiner_wait, mluc_wire_version,
 };
 pub use error::Code;

@@ -12,7 +12,7 @@ pub use inputs::{
     NO_CAMERA, Setting, car_scan, read_json, root, untrained_model, untrained_udi, write_file,
 };
 pub use outside::{
-    PaperFrame, cpp_refiner, data_folder, feature_map, oracle, paper_frames, paper_network,
+    PaperFrame, cpp_example, data_folder, feature_map, oracle, paper_frames, paper_network,
     python_example, python_with, rms, skip,
 };
 pub use running::{

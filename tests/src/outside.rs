@@ -59,12 +59,12 @@ pub fn python_example(kind: &str) -> Option<Vec<String>> {
     Some(words.to_vec())
 }
 
-/// The C++ example's command; `None`, said: it was not built.
-pub fn cpp_refiner() -> Option<Vec<String>> {
-    let program = root().join("target/examples/refiner-cpp/refiner");
+/// A C++ example's command; `None`, said: it was not built.
+pub fn cpp_example(kind: &str) -> Option<Vec<String>> {
+    let program = root().join(format!("target/examples/{kind}-cpp/{kind}"));
     if !program.exists() {
         let why = format!("{} is not built (run .ci/examples)", program.display());
-        skip("the C++ refiner", &why);
+        skip(&format!("the C++ {kind}"), &why);
         return None;
     }
     Some(vec![program.display().to_string()])

@@ -1,9 +1,9 @@
-//! Somebody else's program at both ends: a source in ingest's place and a consumer, the examples in Python.
+//! Somebody else's program at both ends: a source in ingest's place and consumers, the examples in Python and C++.
 
 use std::collections::HashMap;
 use std::process::Command;
 
-use mluc_tests::{Running, Setting, leftovers, python_example, send_signal};
+use mluc_tests::{Running, Setting, cpp_example, leftovers, python_example, send_signal};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -14,7 +14,7 @@ fn objects<'a>(lines: &'a [Value], key: &str) -> HashMap<String, &'a Vec<Value>>
 }
 
 #[test]
-fn a_source_and_a_consumer_in_python_stand_in_for_ours() {
+fn a_source_and_consumers_of_ones_own_stand_in_for_ours() {
     let Some(source) = python_example("source") else {
         return;
     };
@@ -26,11 +26,17 @@ fn a_source_and_a_consumer_in_python_stand_in_for_ours() {
         [&source[..], &[scans]].concat()
     ));
     let mut run = setting.up(&format!("{config} --pace sensor"));
-    let mut consumer = Command::new(&source[0]);
-    consumer.args(&python_example("consumer").unwrap()[1..]);
-    let mut consumer = Running::start(consumer.env("MLUC_INSTANCE", &setting.instance));
+    let consumers = [python_example("consumer"), cpp_example("consumer")];
+    let consumers = consumers.into_iter().flatten().map(|words| {
+        let mut command = Command::new(&words[0]);
+        command.args(&words[1..]);
+        Running::start(command.env("MLUC_INSTANCE", &setting.instance))
+    });
+    let mut consumers: Vec<Running> = consumers.collect();
     run.wait_for_lines(3);
-    consumer.wait_for_lines(3);
+    for consumer in &mut consumers {
+        consumer.wait_for_lines(3);
+    }
     // Its successor goes on behind the scans that were sent.
     send_signal(run.children_with(&source[1])[0], Signal::KILL);
     let run = run.finish();
@@ -38,7 +44,7 @@ fn a_source_and_a_consumer_in_python_stand_in_for_ours() {
     assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);
     run.assert_says(&["stages restarted: 1"]);
     assert!(!run.log.contains("refused"), "{}", run.log);
-    let consumer = consumer.stop();
+    let consumers: Vec<_> = consumers.into_iter().map(Running::stop).collect();
     assert_eq!(leftovers(&setting.instance), [""; 0]);
 
     let sequences = run.sequences();
@@ -50,18 +56,17 @@ fn a_source_and_a_consumer_in_python_stand_in_for_ours() {
     for (frame, objects) in &found {
         assert_eq!(expected[frame], *objects, "{frame}");
     }
-    let (all, seen) = (
-        objects(&run.lines, "sequence"),
-        objects(&consumer.lines, "sequence"),
-    );
+    let all = objects(&run.lines, "sequence");
     let points = |objects: &[Value]| objects.iter().map(|o| o["points"].as_u64()).collect();
-    let mut whole = 0;
-    for (sequence, objects) in &seen {
-        let [expected, found]: [Vec<_>; 2] = [all[sequence], *objects].map(|o| points(o));
-        // The scan of its first frame was sent before it joined.
-        let is_gone = found == vec![Some(0); expected.len()];
-        assert!(is_gone || found == expected, "{sequence}: {found:?}");
-        whole += usize::from(!is_gone);
+    for consumer in consumers {
+        let mut whole = 0;
+        for (sequence, objects) in &objects(&consumer.lines, "sequence") {
+            let [expected, found]: [Vec<_>; 2] = [all[sequence], *objects].map(|o| points(o));
+            // The scan of its first frame was sent before it joined.
+            let is_gone = found == vec![Some(0); expected.len()];
+            assert!(is_gone || found == expected, "{sequence}: {found:?}");
+            whole += usize::from(!is_gone);
+        }
+        assert!(whole >= 2, "{}", consumer.text());
     }
-    assert!(whole >= 2, "{}", consumer.text());
 }

@@ -5,7 +5,7 @@ use std::process::Command;
 use std::time::Duration;
 
 use mluc_tests::{
-    Running, Setting, built_program, cpp_refiner, leftovers, mluc_program, python_example,
+    Running, Setting, built_program, cpp_example, leftovers, mluc_program, python_example,
     send_signal,
 };
 use rustix::process::Signal;
@@ -18,7 +18,7 @@ fn own_refiner(fault: &str) -> Vec<String> {
 
 /// Those that are there: the one of the tests always.
 fn foreign_refiners() -> Vec<Vec<String>> {
-    let others = [python_example("refiner"), cpp_refiner()];
+    let others = [python_example("refiner"), cpp_example("refiner")];
     let all = std::iter::once(own_refiner("sound"));
     all.chain(others.into_iter().flatten()).collect()
 }
@@ -26,7 +26,7 @@ fn foreign_refiners() -> Vec<Vec<String>> {
 #[test]
 fn the_examples_pass_the_suite() {
     let setting = Setting::new("suite", 0);
-    for command in [python_example("refiner"), cpp_refiner()]
+    for command in [python_example("refiner"), cpp_example("refiner")]
         .into_iter()
         .flatten()
     {

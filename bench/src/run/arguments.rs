@@ -6,7 +6,6 @@ use clap::{Args, Parser, Subcommand};
 use serde::Deserialize;
 
 use super::chaos::ChaosArgs;
-use super::trace::Which;
 
 /// Latency of the real processes: a report, and the comparison of two.
 #[derive(Debug, Parser)]
@@ -64,12 +63,9 @@ pub(crate) struct RunArgs {
     /// `mluc bench`.
     #[arg(long, value_name = "MLUC", conflicts_with = "trace")]
     pub(crate) against: Option<PathBuf>,
-    /// Writes one frame over all processes as a Chrome/Perfetto trace.
+    /// Writes the frames over all processes as a Chrome/Perfetto trace.
     #[arg(long, value_name = "FILE")]
     pub(crate) trace: Option<PathBuf>,
-    /// Which frame: median, worst, first, all, or a sequence.
-    #[arg(long, default_value = "median", requires = "trace")]
-    pub(crate) trace_frame: Which,
 }
 
 /// How long and how often: options, and `[bench]`.

@@ -46,7 +46,7 @@ pub(crate) fn measure(plan: &Plan) -> Result<ExitCode> {
     let page = out.join("report.html");
     print_out(format_args!("report: {}", page.display()))?;
     if let Some(file) = &plan.args.trace {
-        let trace = write_trace(file, plan.args.trace_frame, &measured.frames)?;
+        let trace = write_trace(file, &measured.frames)?;
         print_out(format_args!("trace of {trace}"))?;
     }
     let is_flawed = measured.is_flawed(&report);
