@@ -1,7 +1,8 @@
 //! The height of the ground on a grid: what the network's input, boxes and clusters are measured from.
 //!
 //! A surface under the lowest points of the tiles, by robust least squares: a plane first, then what lies off it, held together by a membrane between
-//! the nodes. Points above the surface soon count nothing (things that stand on it), those below keep their weight. Where a scan says nothing, the surface
+//! the nodes. It grows outwards, so that what it meets is judged by the ground that is already known: a road may rise and fall. Points above the surface
+//! soon count nothing (things that stand on it), those below keep their weight longer. Where a scan says nothing, the surface
 //! goes on as the plane does; beyond the grid it is as high as at the nearest place of the grid's edge.
 
 use super::{GroundPlane, Lowest};
@@ -17,10 +18,12 @@ pub const GROUND_NODES: usize = SIDE * SIDE;
 /// The equations have a border of nodes without links, so that each node of the grid has eight around it.
 const WIDTH: usize = SIDE + 2;
 
-/// Points farther above the surface than about this count little; it shrinks from pass to pass, m.
+/// Points farther above the surface than about this count little; it shrinks from pass to pass after a tile has joined, m.
 const ABOVE_M: [f64; 7] = [0.6, 0.45, 0.3, 0.2, 0.15, 0.12, 0.12];
 /// Those below it keep their weight so many times as far.
-const BELOW: f64 = 4.0;
+const BELOW: f64 = 2.5;
+/// Tiles nearer than the first join in the first pass, those nearer than the next in the second, and so on, m.
+const JOIN_RADIUS_M: [f32; 4] = [9.0, 15.0, 23.0, 33.0];
 /// The plane is fitted to tiles nearer than this, m, from the height that most tiles have in common: around the sensor, m, from where to where and by which step, m.
 const PLANE_RADIUS_M: f32 = 30.0;
 const COMMON_HALF_M: f32 = 20.0;
@@ -28,8 +31,11 @@ const COMMON_Z_M: std::ops::Range<f32> = -6.0..1.0;
 const COMMON_STEP_M: f32 = 0.25;
 /// What the plane's slopes cost, in tiles at 1 m: without points it lies flat.
 const SLOPE_COST: f64 = 2000.0;
-/// What a difference between neighbouring nodes costs, and one from the plane, in tiles.
-const MEMBRANE: f64 = 1.0;
+/// What a difference between neighbouring nodes costs, in tiles: near the sensor, and far from it, where the lowest points are often no ground.
+const MEMBRANE: [f64; 2] = [0.2, 0.6];
+/// Near and far, m.
+const MEMBRANE_RADIUS_M: [f64; 2] = [20.0, 40.0];
+/// What a difference from the plane costs.
 const TO_PLANE: f64 = 0.01;
 /// Sweeps over the nodes in a pass.
 const SWEEPS: usize = 12;
@@ -43,6 +49,8 @@ struct Tile {
     node: usize,
     /// Shares of the nodes at [`CORNERS`] from there.
     shares: [f64; 4],
+    /// The pass in which it joins.
+    joins: usize,
 }
 
 /// Steps to the nodes around a tile.
@@ -116,8 +124,8 @@ impl GroundGrid {
         self.tiles.clear();
         self.tiles.extend(tiles);
         self.off_m.fill(0.0);
-        for above_m in ABOVE_M {
-            self.assemble(above_m);
+        for pass in 0..JOIN_RADIUS_M.len() + ABOVE_M.len() {
+            self.assemble(pass);
             for _ in 0..SWEEPS {
                 self.sweep();
             }
@@ -148,9 +156,10 @@ impl GroundGrid {
     }
 
     /// The normal equations with each tile's weight at the surface as it is; then one over a row's own factor.
-    fn assemble(&mut self, above_m: f64) {
+    fn assemble(&mut self, pass: usize) {
         self.rows.copy_from_slice(&self.membrane);
-        for tile in &self.tiles {
+        for tile in self.tiles.iter().filter(|tile| tile.joins <= pass) {
+            let above_m = ABOVE_M[(pass - tile.joins).min(ABOVE_M.len() - 1)];
             let nodes = CORNERS.map(|step| tile.node + step);
             let shares = tile.shares;
             let surface: f64 = (0..4).map(|i| shares[i] * self.off_m[nodes[i]]).sum();
@@ -213,11 +222,16 @@ fn membrane() -> Vec<Row> {
     let mut rows = vec![Row::default(); WIDTH * WIDTH];
     for at in 0..GROUND_NODES {
         rows[node(at)].own += TO_PLANE;
+        let [x_m, y_m] = [at % SIDE, at / SIDE].map(|i| i as f64 * f64::from(SPACING_M));
+        let half_m = f64::from(GROUND_HALF_M);
+        let ([near, far], [near_m, far_m]) = (MEMBRANE, MEMBRANE_RADIUS_M);
+        let share = ((x_m - half_m).hypot(y_m - half_m) - near_m) / (far_m - near_m);
+        let cost = near + (far - near) * share.clamp(0.0, 1.0);
         for (next, is_inside) in [(1, at / SIDE + 1 < SIDE), (3, at % SIDE + 1 < SIDE)] {
             if is_inside {
-                rows[node(at)].next[next] = -MEMBRANE;
-                rows[node(at)].own += MEMBRANE;
-                rows[node(at) + NEXT[next]].own += MEMBRANE;
+                rows[node(at)].next[next] = -cost;
+                rows[node(at)].own += cost;
+                rows[node(at) + NEXT[next]].own += cost;
             }
         }
     }
@@ -235,7 +249,10 @@ fn tile(point: [f32; 3], plane: &GroundPlane) -> Tile {
     let [column, row] = along.map(|v| v as usize);
     let [fx, fy] = along.map(f64::fract);
     let x_shares = [1.0 - fx, fx];
+    let radius_m = point[0].hypot(point[1]);
+    let joins = JOIN_RADIUS_M.iter().filter(|limit_m| radius_m >= **limit_m);
     Tile {
+        joins: joins.count(),
         z_m: plane.above_m(point),
         node: node(row * SIDE + column),
         shares: [0, 1, 2, 3].map(|i| x_shares[i % 2] * [1.0 - fy, fy][i / 2]),
@@ -280,6 +297,25 @@ mod tests {
         let flat = grid.find(&[]);
         assert!((ground_height_m(flat, [-300.0, 900.0]) + 1.7).abs() < 1e-6);
         assert!(ground_height_m(flat, [f32::NAN, 900.0]).is_nan());
+    }
+
+    #[test]
+    fn the_road_over_a_canal_bridge_stays_the_ground() {
+        // Up to a bridge 12 m ahead and down behind it; water 2 m lower on both sides of the bridge.
+        let road_m = |x: f32| -1.8 + 0.06 * x.clamp(0.0, 12.0) - 0.09 * (x - 12.0).max(0.0);
+        let places = (0..400 * 400).map(|i| [i / 400, i % 400].map(|i| -50.0 + 0.25 * i as f32));
+        let points: Vec<[f32; 4]> = places
+            .map(|[x, y]| {
+                let is_water = (10.0..14.0).contains(&x) && y.abs() > 8.0;
+                [x, y, road_m(x) - if is_water { 2.0 } else { 0.0 }, 0.0]
+            })
+            .collect();
+        let mut grid = GroundGrid::new(1.7);
+        let ground_m = grid.find(&points);
+        for x in [-10.0, 4.0, 9.0, 12.0, 20.0] {
+            let off = ground_height_m(ground_m, [x, 0.8]) - road_m(x);
+            assert!(off.abs() < 0.15, "{x}: {off}");
+        }
     }
 
     #[test]

@@ -8,9 +8,6 @@ use parry3d::query::{Ray, RayCast};
 
 /// Surfaces that one ray may pass before it is given up.
 const PASSES_MAX: usize = 8;
-/// Of the rays that meet glass, this many go through, and this many of the rest are lost.
-const GLASS_PASSES: f32 = 0.9;
-const GLASS_LOST: f32 = 0.05;
 /// A depth edge between neighbouring rays, m.
 const EDGE_M: [f32; 2] = [0.3, 4.0];
 
@@ -72,8 +69,8 @@ pub(crate) fn trace(world: &Searchable, sensor: &Sensor, shot: Shot) -> Option<H
             Kind::Solid => true,
             Kind::Porous(passes) => unit(bits) >= passes,
             Kind::Glass if !sensor.drops => true,
-            Kind::Glass if unit(bits) < GLASS_PASSES => false,
-            Kind::Glass if unit(bits) < GLASS_PASSES + GLASS_LOST => return None,
+            Kind::Glass if unit(bits) < sensor.glass[0] => false,
+            Kind::Glass if unit(bits) < sensor.glass[0] + sensor.glass[1] => return None,
             Kind::Glass => true,
         };
         if stops {

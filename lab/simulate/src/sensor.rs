@@ -32,6 +32,9 @@ const BLOCK_OFFSET_M: f32 = 0.043;
 /// Highest and lowest beam of the data sheet, degrees.
 const FIELD_DEG: [f32; 2] = [2.0, -24.8];
 
+/// Of the HDL-64E's rays that meet glass, these shares go through and are lost.
+const GLASS: [f32; 2] = [0.9, 0.05];
+
 /// How far measurements stray.
 #[derive(Default)]
 pub(crate) struct Noise {
@@ -158,6 +161,8 @@ pub(crate) struct Sensor {
     stray_rad: f32,
     /// Whether surfaces swallow rays and windows pass them.
     pub(crate) drops: bool,
+    /// Of the rays that meet glass, the share that goes through, and the share that is lost there.
+    pub(crate) glass: [f32; 2],
     /// Share of all hits that is lost for no visible reason.
     pub(crate) base_drop: f32,
     /// While it turns; none: it stands.
@@ -211,6 +216,7 @@ impl Sensor {
             noise,
             stray_rad: 0.0,
             drops: realism.has(Step::Drop),
+            glass: GLASS,
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, BEAMS)),
             motion: None,
             second_returns: 0.0,
@@ -257,6 +263,9 @@ impl Sensor {
         });
         let [middle_deg, width_deg] = profile.field_deg.unwrap_or([0.0, 360.0]);
         let share = |deg: f32| (deg / profile.azimuth_step_deg).round() as usize;
+        // Recorded scans show next to nothing behind windows: most rays are reflected away. What comes back differs with glass and dirt.
+        let passes = 0.5 * unit(draw(Stream::Pass, usize::MAX)).powi(3);
+        let returns = 0.3 * unit(draw(Stream::Pass, usize::MAX - 1));
         Sensor {
             key,
             beams: beams.collect(),
@@ -267,6 +276,7 @@ impl Sensor {
             stray_rad: stray_rad.fold(0.0, f32::max),
             noise,
             drops,
+            glass: [passes, 1.0 - passes - returns],
             base_drop: 0.01 + 0.05 * unit(draw(Stream::Drop, usize::MAX)),
             motion: None,
             second_returns: 0.0,

@@ -21,6 +21,22 @@ struct Profile {
     bed: bool,
 }
 
+/// The underside between the wheels, and how it rises towards nose and tail.
+#[derive(Clone, Copy)]
+struct Underside {
+    middle_m: f32,
+    /// It rises from this fraction of the length on.
+    from: f32,
+    /// By so much a metre, at the nose and at the tail.
+    slopes: [f32; 2],
+}
+
+const UNDERSIDE: Underside = Underside {
+    middle_m: 0.19,
+    from: 0.42,
+    slopes: [0.4; 2],
+};
+
 /// A nominal profile: `along`, `heights` and `roof_width`.
 type Style = ([f32; 4], [f32; 4], f32);
 
@@ -55,7 +71,22 @@ pub(super) fn car(family: Family, dice: &mut Dice) -> Model {
     let width = dice.normal(base.y + 0.08 * longer, 0.085);
     let height = dice.normal(base.z + higher, 0.1).max(1.2);
     let bed = style == PICKUP;
-    body(style, [false, bed], v(length, width, height), dice)
+    // Rays pass below real cars, and below their tails most.
+    let underside = match family {
+        Family::SimAny => Underside {
+            middle_m: dice.range(0.14, 0.24),
+            from: 0.38,
+            slopes: [dice.range(0.15, 0.45), dice.range(0.2, 0.5)],
+        },
+        _ => UNDERSIDE,
+    };
+    body(
+        style,
+        [false, bed],
+        underside,
+        v(length, width, height),
+        dice,
+    )
 }
 
 /// A van: cab forward, often without rear windows.
@@ -64,11 +95,17 @@ pub(super) fn van(dice: &mut Dice) -> Model {
     let length = dice.normal(5.07, 0.6).max(3.8);
     let width = dice.normal(1.9, 0.14);
     let size = v(length, width, dice.normal(2.21, 0.26).max(1.75));
-    body(MINIBUS, [panelled, false], size, dice)
+    body(MINIBUS, [panelled, false], UNDERSIDE, size, dice)
 }
 
 /// The vehicle of a style, with small changes, so that no two of a style agree.
-fn body(style: Style, [panelled, bed]: [bool; 2], size: V3, dice: &mut Dice) -> Model {
+fn body(
+    style: Style,
+    [panelled, bed]: [bool; 2],
+    underside: Underside,
+    size: V3,
+    dice: &mut Dice,
+) -> Model {
     let mut near = |values: [f32; 4], halves: [f32; 4]| -> [f32; 4] {
         std::array::from_fn(|i| values[i] + dice.spread(halves[i]))
     };
@@ -82,7 +119,7 @@ fn body(style: Style, [panelled, bed]: [bool; 2], size: V3, dice: &mut Dice) -> 
     let colour = paint(dice);
     let wheel_radius = dice.range(0.29, 0.35) * (size.z / 1.53).clamp(0.95, 1.12);
     let mut mesh = Mesh::default();
-    lower_body(&mut mesh, profile, size, wheel_radius, colour);
+    lower_body(&mut mesh, profile, underside, size, wheel_radius, colour);
     cabin(&mut mesh, profile, size, colour);
     for (end, share) in [(1.0, 0.45), (-1.0, 0.5)] {
         let z = share * size.z * 1.53 / size.z.max(1.53);
@@ -104,7 +141,14 @@ fn wheel_positions(length: f32) -> [f32; 2] {
 }
 
 /// Cross-sections from tail to nose. In the cabin the top is open down to the seats' height.
-fn lower_body(mesh: &mut Mesh, p: Profile, size: V3, wheel_radius: f32, colour: Surface) {
+fn lower_body(
+    mesh: &mut Mesh,
+    p: Profile,
+    under: Underside,
+    size: V3,
+    wheel_radius: f32,
+    colour: Surface,
+) {
     let [cowl, _, roof_rear, deck] = p.along;
     let [nose, hood, belt, tail] = p.heights;
     let tops = [
@@ -140,7 +184,8 @@ fn lower_body(mesh: &mut Mesh, p: Profile, size: V3, wheel_radius: f32, colour: 
         let bottom = if wheels.iter().any(|w| (f - w).abs() < 0.8 * arch) {
             2.0 * wheel_radius + 0.03
         } else {
-            0.19 + 0.8 * (f.abs() - 0.42).max(0.0) * size.x * 0.5
+            let slope = under.slopes[usize::from(f < 0.0)];
+            under.middle_m + slope * (f.abs() - under.from).max(0.0) * size.x
         };
         let top = (interpolate(&tops, f) * size.z).max(bottom + 0.05);
         let half = size.y / 2.0 * interpolate(&plan, f.abs().max(0.2));
