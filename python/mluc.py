@@ -21,6 +21,7 @@ WIRE_VERSION, REFINER, NONE = 6, 3, 2**32 - 1
 INGEST = 0
 POINTS_MAX, OBJECT_POINTS_MAX, DETECTIONS_MAX, HEARTBEAT_NS, SILENCE_NS = 262_144, 131_072, 512, 100_000_000, 1_000_000_000
 THINNED = 4  # a bit of an object's flags
+FOOTPRINT_MAX, FINITE = 16, ("center_m", "size_m", "yaw_rad", "score", "eds", "eds_normalised", "threshold", "overlap")
 # Bits of a header's flags.
 TRUNCATED, DEGRADED, LIMIT_HIT, NOT_FINITE, POINTS_GONE, EMPTY = 1 << 1, 1 << 2, 1 << 3, 1 << 5, 1 << 7, 1 << 8
 LIMIT_OBJECT_POINTS = 1 << 13
@@ -261,11 +262,16 @@ class Consumer(Watch):
         return bytes(self.run.class_names)[32 * class_id : 32 * class_id + 32].rstrip(b"\0").decode(errors="replace")
 
     def frame(self, sample):
-        """None: of another run or version, already seen, or longer than it can be."""
+        """None: of another run, model or version, already seen, or against the contract."""
         header, count = header_of(sample), sample.header.number_of_elements
-        is_ours = (header.wire_version, header.run_id) == (WIRE_VERSION, self.run.run_id)
+        models = (self.run.model_fingerprint, self.run.other_model_fingerprint or self.run.model_fingerprint)
+        is_ours = (header.wire_version, header.run_id) == (WIRE_VERSION, self.run.run_id) and header.model_fingerprint in models
         first = 0 if self.last is None else self.last + 1
         if not is_ours or not first <= header.sequence < self.sent or count > TOPICS["objects"][1]:
+            return None
+        # A copy: what lies in shared memory may change after the check.
+        objects = self.check(view(sample, Object, count).copy())
+        if objects is None:
             return None
         if self.last is not None:
             self.dropped += header.sequence - first
@@ -278,7 +284,18 @@ class Consumer(Watch):
         def points_of(o):
             return indices[o["points_first"] :][: o["points_count"]]
 
-        return SimpleNamespace(header=header, points=points, objects=view(sample, Object, count), points_of=points_of)
+        return SimpleNamespace(header=header, points=points, objects=objects, points_of=points_of)
+
+    def check(self, objects):
+        """The objects; None, said on stderr: their numbers make no sense."""
+        sound = all(np.isfinite(objects[name]).all() for name in FINITE)
+        sound &= (objects["kind"] < 2).all() and (objects["disposition"] <= LOW_SCORE).all()
+        sound &= (objects["class_id"] < self.run.classes_count).all() and (objects["footprint_count"] <= FOOTPRINT_MAX).all()
+        sound &= ((objects["suppressed_by"] == NONE) | (objects["suppressed_by"] < len(objects))).all()
+        sound &= (objects["points_first"].astype(np.uint64) + objects["points_count"] <= OBJECT_POINTS_MAX).all()
+        if not sound:
+            print("message refused: objects that break the contract", file=sys.stderr)
+        return objects if sound else None
 
     def indices_of(self, header):
         """Which points the objects of a frame have; none where a newer frame's came already."""

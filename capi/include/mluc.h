@@ -1,4 +1,4 @@
-/* A refiner or a consumer of one's own for mluc, in C or C++. docs/CONTRACT.md says what they must do; these functions do the
+/* A source, a refiner or a consumer of one's own for mluc, in C or C++. docs/CONTRACT.md says what they must do; these functions do the
  * part of it that is the same for all: joining, waiting, checking what came in, finding the points of a frame, stamps,
  * health, leaving.
  *
@@ -15,6 +15,8 @@
  *     mluc_refiner_close(refiner);
  *
  * A consumer: mluc_consumer_open, mluc_consumer_wait again and again, mluc_consumer_close (examples/consumer-cpp).
+ * A source: mluc_source_open, then mluc_source_wait and mluc_source_publish for each scan, mluc_source_finish at the end of
+ * the input, mluc_source_close (examples/source-cpp).
  *
  * Link with libmluc_capi.a or libmluc_capi.so (`cargo build --release -p mluc-capi`). A handle belongs to one thread at
  * a time. Lengths in m, angles in rad, times in ns of CLOCK_MONOTONIC; sensor frame: x forward, y left, z up.
@@ -38,10 +40,10 @@ extern "C" {
 /* What a call returns; negative ones are errors, and mluc_last_error() says more. */
 enum {
     MLUC_OK = 0,
-    MLUC_TIMEOUT = 1,        /* no frame came in time: call again */
+    MLUC_TIMEOUT = 1,        /* no frame came in time, or no scan can be taken yet: call again */
     MLUC_STOPPING = 2,       /* SIGTERM or SIGINT came: close, return 0 from main */
     MLUC_ERROR_USAGE = -1,   /* a null pointer, or a call out of turn */
-    MLUC_ERROR_OPEN = -2,    /* another wire version, a refiner runs already, shared memory is full */
+    MLUC_ERROR_OPEN = -2,    /* another wire version, another process has the place, shared memory is full */
     MLUC_ERROR_CONTRACT = -3,/* what was to be published breaks the contract: nothing was */
     MLUC_ERROR_MEMORY = -4,  /* shared memory failed */
     MLUC_ERROR_INTERNAL = -5 /* a bug in the library */
@@ -311,6 +313,28 @@ int32_t mluc_consumer_wait(mluc_consumer *consumer, uint32_t timeout_ms, mluc_re
 
 /* Leaves. Null is fine. */
 void mluc_consumer_close(mluc_consumer *consumer);
+
+typedef struct mluc_source mluc_source;
+
+/* Joins the instance that MLUC_INSTANCE names ("default" without it) as its source of scans, in ingest's place, and logs to
+ * stderr. */
+int32_t mluc_source_open(mluc_source **source);
+
+/* Sleeps for wait_ms (0: not at all) while heartbeats go out. MLUC_OK: a scan can be published now, and *sequence is its number
+ * in the run (a source that was started again goes on behind its predecessor's scans). MLUC_TIMEOUT: the stages behind are not
+ * ready. Call it before each scan, and at least twice a second. */
+int32_t mluc_source_wait(mluc_source *source, uint32_t wait_ms, uint64_t *sequence);
+
+/* Publishes a scan: x forward, y left, z up in m, intensity 0 to 1. Points that are not finite or beyond MLUC_POINTS_MAX are left
+ * out, counted and flagged. stamp_ns: the sensor's time, ns since 1970 (0: now); name: its first 48 bytes (null: the number). */
+int32_t mluc_source_publish(mluc_source *source, const mluc_point *points, size_t points_count, uint64_t stamp_ns, const char *name);
+
+/* The input is at its end: waits until the last scan has passed, at most timeout_ms, and ends the run. Without it the run ends
+ * when the process exits with 0. Not after MLUC_STOPPING. */
+int32_t mluc_source_finish(mluc_source *source, uint32_t timeout_ms);
+
+/* Leaves. Null is fine. */
+void mluc_source_close(mluc_source *source);
 
 #ifdef __cplusplus
 }

@@ -1,6 +1,6 @@
 //! The functions that C calls. No panic crosses the border.
 
-use std::ffi::c_char;
+use std::ffi::{CStr, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr::{from_ref, null};
 use std::time::Duration;
@@ -14,6 +14,7 @@ use mluc_runtime::RuntimeError;
 use crate::consumer::Consumer;
 use crate::error::{Code, Failure, last, remember};
 use crate::refiner::Refiner;
+use crate::source::Source;
 
 /// `mluc_refiner` in C: a handle.
 pub struct MlucRefiner(Refiner);
@@ -239,6 +240,91 @@ pub unsafe extern "C" fn mluc_consumer_wait(
 pub unsafe extern "C" fn mluc_consumer_close(consumer: *mut MlucConsumer) {
     // SAFETY: by the caller's promise.
     unsafe { close(consumer) }
+}
+
+/// `mluc_source` in C: a handle.
+pub struct MlucSource(Source);
+
+/// # Safety
+/// `handle` is null or an open one.
+unsafe fn opened<'a>(handle: *mut MlucSource) -> Result<&'a mut Source, Failure> {
+    // SAFETY: by the caller's promise.
+    let handle = unsafe { handle.as_mut() };
+    let null = || Failure::new(Code::Usage, "the source's handle is null");
+    handle.map(|MlucSource(source)| source).ok_or_else(null)
+}
+
+/// Joins the instance that `MLUC_INSTANCE` names ("default" without it) as its source of scans, in ingest's place.
+///
+/// # Safety
+/// `source` is null or points to writable memory for a pointer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_source_open(source: *mut *mut MlucSource) -> i32 {
+    // SAFETY: by the caller's promise.
+    unsafe { open(source, || Source::open().map(MlucSource)) }
+}
+
+/// Sleeps for `wait_ms`, with heartbeats; tells the sequence of the next scan where one can be taken.
+///
+/// # Safety
+/// `source` comes from [`mluc_source_open`] and was not closed, or is null; `sequence` is null or points to writable memory.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_source_wait(
+    source: *mut MlucSource,
+    wait_ms: u32,
+    sequence: *mut u64,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: by the caller's promise.
+        let (source, sequence) = unsafe { (opened(source)?, sequence.as_mut()) };
+        let code = source.wait(Duration::from_millis(wait_ms.into()))?;
+        if let (Some(place), Some(next)) = (sequence, source.sequence()) {
+            *place = next;
+        }
+        Ok(code)
+    })
+}
+
+/// Publishes a scan. `stamp_ns` 0: now; `name` null: its number.
+///
+/// # Safety
+/// `source` as above; `points` points to as many as said, or their count is 0; `name` is null or ends with NUL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_source_publish(
+    source: *mut MlucSource,
+    points: *const Point,
+    points_count: usize,
+    stamp_ns: u64,
+    name: *const c_char,
+) -> i32 {
+    guarded(|| {
+        // SAFETY: by the caller's promise; every bit pattern is a Point.
+        let (source, points) = unsafe { (opened(source)?, slice_of(points, points_count)?) };
+        // SAFETY: by the caller's promise.
+        let name = (!name.is_null()).then(|| unsafe { CStr::from_ptr(name) }.to_string_lossy());
+        source.publish(points, stamp_ns, name.as_deref())?;
+        Ok(Code::Ok)
+    })
+}
+
+/// Waits until the last scan has passed, at most `timeout_ms`, and says that the input is at its end: the run ends.
+///
+/// # Safety
+/// `source` as above.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_source_finish(source: *mut MlucSource, timeout_ms: u32) -> i32 {
+    // SAFETY: by the caller's promise.
+    guarded(|| unsafe { opened(source) }?.finish(Duration::from_millis(timeout_ms.into())))
+}
+
+/// Leaves. Null is fine.
+///
+/// # Safety
+/// `source` comes from [`mluc_source_open`], is closed once, and is used no more.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn mluc_source_close(source: *mut MlucSource) {
+    // SAFETY: by the caller's promise.
+    unsafe { close(source) }
 }
 
 /// # Safety

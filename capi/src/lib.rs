@@ -1,4 +1,4 @@
-//! A C interface for a refiner or a consumer of one's own, in any language that can call C: `include/mluc.h` is its description,
+//! A C interface for a source, a refiner or a consumer of one's own, in any language that can call C: `include/mluc.h` is its description,
 //! `docs/CONTRACT.md` says what they must do. This crate does the part of it that is the same for all: joining,
 //! waiting, checking what came in, finding the points of a frame, stamps, health, leaving.
 //!
@@ -8,10 +8,12 @@ mod calls;
 mod consumer;
 mod error;
 mod refiner;
+mod source;
 
 pub use calls::{
-    MlucConsumer, MlucFrame, MlucRefiner, MlucResult, mluc_consumer_close, mluc_consumer_open,
-    mluc_consumer_wait, mluc_last_error, mluc_refiner_close, mluc_refiner_open,
-    mluc_refiner_publish, mluc_refiner_wait, mluc_wire_version,
+    MlucConsumer, MlucFrame, MlucRefiner, MlucResult, MlucSource, mluc_consumer_close,
+    mluc_consumer_open, mluc_consumer_wait, mluc_last_error, mluc_refiner_close, mluc_refiner_open,
+    mluc_refiner_publish, mluc_refiner_wait, mluc_source_close, mluc_source_finish,
+    mluc_source_open, mluc_source_publish, mluc_source_wait, mluc_wire_version,
 };
 pub use error::Code;

@@ -133,6 +133,9 @@ pub struct Health {
 const _: () = assert!(size_of::<Health>() == 184 + REASON_MAX);
 
 impl Health {
+    /// Reason of an ingest that is `stopping` before its input ends; without it the run ends.
+    pub const ASKED_TO_END: &str = "asked to end";
+
     /// Checks a heartbeat: version, stage, state, process, and counts and times that can be.
     pub fn checked(&self) -> Result<(Stage, HealthState)> {
         check_version(self.wire_version)?;

@@ -14,16 +14,21 @@ fn objects<'a>(lines: &'a [Value], key: &str) -> HashMap<String, &'a Vec<Value>>
 }
 
 #[test]
-fn a_source_and_consumers_of_ones_own_stand_in_for_ours() {
-    let Some(source) = python_example("source") else {
-        return;
-    };
+fn sources_and_consumers_of_ones_own_stand_in_for_ours() {
+    let sources = [python_example("source"), cpp_example("source")];
+    sources
+        .iter()
+        .flatten()
+        .for_each(|source| stands_in(source));
+}
+
+fn stands_in(source: &[String]) {
     let setting = Setting::new("doors", 40);
     let scans = setting.input.display().to_string();
     let ours = setting.run("");
     let config = setting.config(&format!(
         "[stages.ingest]\ncommand = {:?}\n",
-        [&source[..], &[scans]].concat()
+        [source, &[scans]].concat()
     ));
     let mut run = setting.up(&format!("{config} --pace sensor"));
     let consumers = [python_example("consumer"), cpp_example("consumer")];
@@ -38,7 +43,10 @@ fn a_source_and_consumers_of_ones_own_stand_in_for_ours() {
         consumer.wait_for_lines(3);
     }
     // Its successor goes on behind the scans that were sent.
-    send_signal(run.children_with(&source[1])[0], Signal::KILL);
+    send_signal(
+        run.children_with(source.last().expect("a word"))[0],
+        Signal::KILL,
+    );
     let run = run.finish();
     // 3: a loaded machine lost frames.
     assert!(matches!(run.code, Some(0 | 3)), "{}", run.log);

@@ -85,7 +85,8 @@ impl ExportOptions {
     }
 }
 
-fn shard(text: &str) -> Result<[u32; 2], String> {
+/// `I/N`: part I, from 0 to N-1, of N.
+pub fn shard(text: &str) -> Result<[u32; 2], String> {
     let parts = text.split_once('/');
     let numbers = parts.and_then(|(i, n)| Some([i.parse().ok()?, n.parse().ok()?]));
     let fits = numbers.filter(|[index, count]| index < count);

@@ -39,7 +39,13 @@ pub(crate) enum Command {
     },
     /// Run the pipeline on a recording of `mluc record`, every scan of it, and compare its objects with the recorded ones; a JSON line on
     /// stdout for each scan where they differ. Exit code 1: some do.
-    Replay(PipelineArgs),
+    Replay {
+        /// Begin at this stage, with what `mluc record --stages` wrote of the one before it: head, refiner [default: backbone, with the points].
+        #[arg(long, value_name = "STAGE", value_parser = later_stage)]
+        from: Option<Stage>,
+        #[command(flatten)]
+        pipeline: PipelineArgs,
+    },
     /// Run one stage in this process (`up` starts them by itself). Options under `Input` concern ingest alone.
     Stage(StageArgs),
     /// Check the settings of `up` without a run; with --print, show them and where each comes from.
@@ -243,6 +249,11 @@ impl LayoutArgs {
     }
 }
 
+fn later_stage(word: &str) -> Result<Stage, String> {
+    let stage = Stage::from_name(word).filter(|stage| *stage > Stage::Backbone);
+    stage.ok_or_else(|| "expected head or refiner".to_string())
+}
+
 fn is_off(flag: &bool) -> bool {
     !flag
 }
@@ -271,6 +282,9 @@ pub struct StageArgs {
     /// Process to end with (set by `up`).
     #[arg(long, hide = true)]
     pub(crate) supervised_by: Option<u32>,
+    /// Compute nothing: the recording that is the input has what goes to this stage (set by `replay --from`).
+    #[arg(long, hide = true, value_parser = later_stage)]
+    pub(crate) played_to: Option<Stage>,
 }
 
 /// What `mluc doctor` is asked to look at.

@@ -74,7 +74,7 @@ pub fn main(has_stdout: bool) -> ExitCode {
     let result = match command {
         Command::Up(args) => commands::up(args),
         Command::Demo { picture, pipeline } => commands::demo(&picture, pipeline),
-        Command::Replay(args) => commands::replay(args),
+        Command::Replay { from, pipeline } => commands::replay(pipeline, from),
         Command::Stage(args) => stages::run(args, None).map(|()| ExitCode::SUCCESS),
         Command::Config { print, pipeline } => commands::config(print, pipeline),
         Command::Status { instance, json } => commands::status(&instance, json),

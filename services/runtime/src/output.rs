@@ -3,19 +3,20 @@
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy};
+use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, PortFactory};
 use iceoryx2::sample_mut::SampleMut;
 use mluc_ipc_types::{FrameHeader, Topic};
 
 use crate::error::Result;
 use crate::instance::SHARED_MEMORY;
-use crate::node::{IpcNode, WakeService};
+use crate::node::{DataService, IpcNode, WakeService};
 use crate::{Instance, Ipc, Payload, RuntimeError};
 
 /// Lends memory of a topic, sends it, and wakes who waits for it.
 pub struct Output<T: Payload> {
     publisher: Publisher<Ipc, [T], FrameHeader>,
     notifier: Notifier<Ipc>,
+    service: DataService<T>,
     _wake: WakeService,
     instance: Instance,
     name: String,
@@ -46,6 +47,7 @@ impl<T: Payload> Output<T> {
         Ok(Output {
             publisher,
             notifier: notifier.map_err(|e| failed(format!("{e:?}")))?,
+            service,
             _wake: wake,
             instance: node.instance.clone(),
             name: name.to_string(),
@@ -78,6 +80,11 @@ impl<T: Payload> Output<T> {
     pub fn reach_late_readers(&self) -> Result<()> {
         let updated = self.publisher.update_connections();
         updated.map_err(|e| self.failed("reaching late readers", e))
+    }
+
+    /// Consumers connected at this time, those included that were killed and not cleared away.
+    pub fn consumers(&self) -> usize {
+        self.service.dynamic_config().number_of_subscribers()
     }
 
     fn failed(&self, action: &str, cause: impl std::fmt::Debug) -> RuntimeError {

@@ -36,7 +36,7 @@ use error::refused;
 pub use growing::FOLLOW;
 use live::address;
 pub use merged::Lidar;
-pub use recording::RecordedLines;
+pub use recording::Recorded;
 
 /// One scan, as ingest publishes it; its memory is used again for the next one.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -104,8 +104,8 @@ impl Recording {
     }
 }
 
-/// The lines of a recording's frames: what `mluc record` wrote beside their points.
-pub struct RecordedLines {
+/// What `mluc record` wrote of a recording's frames beside their points: the messages of one topic.
+pub struct Recorded {
     path: PathBuf,
     topic: String,
     messages: MessageReader<BufReader<File>>,
@@ -114,18 +114,18 @@ pub struct RecordedLines {
     sequence: u32,
 }
 
-impl RecordedLines {
-    /// Opens a recording; errors: it has no lines.
-    pub fn open(path: &Path, topic: &str) -> anyhow::Result<RecordedLines> {
+impl Recorded {
+    /// Opens a recording; `writer` makes those that have the topic. Errors: it has none.
+    pub fn open(path: &Path, topic: &str, writer: &str) -> anyhow::Result<Recorded> {
         let about = || format!("input {}", path.display());
         let summary = summary(path).with_context(about)?;
         let mut names = summary.channels.values().map(|channel| &channel.topic);
         if !names.any(|name| name == topic) {
             let found = "a recording without it";
-            let expected = format!("the topic {topic}, which `mluc record` writes");
+            let expected = format!("the topic {topic}, which `{writer}` writes");
             return refused(path.display(), expected, found).with_context(about);
         }
-        Ok(RecordedLines {
+        Ok(Recorded {
             path: path.to_path_buf(),
             messages: messages(path)?,
             topic: topic.to_string(),
@@ -134,7 +134,7 @@ impl RecordedLines {
         })
     }
 
-    /// The text of the `number`th cloud's frame, ascending; `None`: it has none.
+    /// The message in CDR of the `number`th cloud's frame, ascending; `None`: it has none.
     pub fn of(&mut self, number: u64) -> anyhow::Result<Option<Vec<u8>>> {
         while self.clouds <= number + 1 {
             let message = self.messages.next().transpose();
@@ -145,9 +145,7 @@ impl RecordedLines {
             } else if message.channel.topic == self.topic
                 && (self.clouds, self.sequence) == (number + 1, message.sequence)
             {
-                // A string in CDR: its head, its length with the byte that ends it, the text.
-                let text = message.data.get(8..message.data.len().saturating_sub(1));
-                return Ok(text.map(<[u8]>::to_vec));
+                return Ok(Some(message.data.into_owned()));
             }
         }
         Ok(None)

@@ -39,6 +39,9 @@ enum Command {
         /// A file that does not exist yet.
         #[arg(long)]
         out: PathBuf,
+        /// The features and detections of each frame too, so that `mluc replay --from` can begin behind a stage: some MB a frame.
+        #[arg(long)]
+        stages: bool,
     },
 }
 
@@ -49,6 +52,6 @@ fn main() -> anyhow::Result<ExitCode> {
     let follower = Follower::open(&cli.instance)?;
     match &cli.command {
         Command::View { port } => server::view(follower, *port),
-        Command::Record { out } => record::record(follower, out),
+        Command::Record { out, stages } => record::record(follower, out, *stages),
     }
 }

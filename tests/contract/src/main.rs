@@ -1,35 +1,48 @@
 //! The program `mluc-contract`: plays the stages around a program and judges whether it keeps the contract
-//! (`docs/CONTRACT.md`). A suite for each place in the pipeline; `mluc refiner-test` starts `mluc-contract refiner`.
+//! (`docs/CONTRACT.md`). A suite for each place: a source, a refiner (`mluc refiner-test` starts `mluc-contract refiner`), a consumer.
 //!
 //! Reports go to stdout, everything else to stderr. Exit codes: 0 all cases passed, 1 a case failed or the suite could
 //! not run, 2 usage.
 
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+mod consumer;
 mod program;
 mod refiner;
 mod report;
+mod source;
+mod suite;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use mluc::exit_code;
+use suite::{SuiteArgs, run_command};
 
 /// Judges programs that stand in a stage's place.
 #[derive(Debug, Parser)]
 #[command(name = "mluc-contract", version)]
 struct Cli {
     #[command(subcommand)]
-    suite: Suite,
+    suite: Which,
 }
 
 #[derive(Debug, Subcommand)]
-enum Suite {
+enum Which {
     /// Test any program against the refiner's contract; without one, our own refiner in all modes.
     Refiner(refiner::RefinerArgs),
+    /// Test any program that publishes scans in ingest's place: its input should hold 20 scans or more.
+    Source(SuiteArgs),
+    /// Test any program that looks on. It shall write a line of JSON with the key `sequence` to stdout for each frame that it takes;
+    /// where the line has `objects`, those published, and where each of these has `points`, their number, they are compared.
+    Consumer(SuiteArgs),
 }
 
 fn main() -> ExitCode {
-    let Suite::Refiner(args) = Cli::parse().suite;
-    exit_code("mluc-contract", refiner::run(args))
+    let result = match Cli::parse().suite {
+        Which::Refiner(args) => refiner::run(args),
+        Which::Source(args) => run_command::<source::Session>(&args),
+        Which::Consumer(args) => run_command::<consumer::Session>(&args),
+    };
+    exit_code("mluc-contract", result)
 }

@@ -6,15 +6,20 @@ use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
+use anyhow::{Context, bail, ensure};
 use mluc_ipc_types::RunDescription;
 use mluc_runtime::{Instance, Shutdown};
 use rustix::process::{Pid, Signal, kill_process_group};
+use serde_json::Value;
 
 /// Of what it wrote, this much goes into the report, bytes.
 const WORDS_MAX: u64 = 4096;
 
+/// After SIGTERM. The supervisor is less patient (0.6 s) and kills then; a loaded test machine is slow.
+const END_PATIENCE: Duration = Duration::from_secs(3);
+
 /// What a suite shall test, and how.
+#[derive(Clone)]
 pub(crate) struct Options {
     pub(crate) title: String,
     pub(crate) command: Vec<String>,
@@ -28,6 +33,7 @@ pub(crate) struct Options {
 /// A running program, in a process group of its own: signals reach what a shell in between started, too.
 pub(crate) struct Program {
     process: Child,
+    out: File,
     words: File,
 }
 
@@ -35,17 +41,22 @@ impl Program {
     /// In an instance, whose name in its environment is all that it needs.
     pub(crate) fn start(command: &[String], instance: &Instance) -> anyhow::Result<Program> {
         let (program, arguments) = command.split_first().context("no program given")?;
-        let words = tempfile::tempfile().context("a file for what it writes")?;
+        let file = || tempfile::tempfile().context("a file for what it writes");
+        let (out, words) = (file()?, file()?);
         let process = Command::new(program)
             .args(arguments)
             .env(Instance::VARIABLE, instance.name())
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(out.try_clone()?)
             .stderr(words.try_clone()?)
             .process_group(0)
             .spawn()
             .with_context(|| format!("starting {program}"))?;
-        Ok(Program { process, words })
+        Ok(Program {
+            process,
+            out,
+            words,
+        })
     }
 
     pub(crate) fn ended(&mut self) -> Option<ExitStatus> {
@@ -70,6 +81,27 @@ impl Program {
         Ok(String::from_utf8_lossy(&words).trim().to_string())
     }
 
+    /// What it wrote to stdout, whole lines.
+    pub(crate) fn lines(&self) -> anyhow::Result<Vec<Value>> {
+        let mut text = vec![0; self.out.metadata()?.len() as usize];
+        self.out.read_exact_at(&mut text, 0)?;
+        let end = text
+            .iter()
+            .rposition(|byte| *byte == b'\n')
+            .map_or(0, |at| at + 1);
+        let lines = text[..end].split_inclusive(|byte| *byte == b'\n');
+        let line = |line: &[u8]| {
+            let about = || {
+                format!(
+                    "its line is no JSON: {}",
+                    String::from_utf8_lossy(line).trim()
+                )
+            };
+            serde_json::from_slice(line).with_context(about)
+        };
+        lines.map(line).collect()
+    }
+
     pub(crate) fn signal(&self, signal: Signal) {
         if let Some(group) = Pid::from_raw(self.process.id() as i32) {
             // It may have ended already.
@@ -89,5 +121,93 @@ impl Program {
 impl Drop for Program {
     fn drop(&mut self) {
         self.kill();
+    }
+}
+
+/// A program in an instance of its own.
+pub(crate) struct Tested {
+    pub(crate) options: Options,
+    pub(crate) instance: Instance,
+    program: Option<Program>,
+    /// Whether a start of it ever came so far that it took part.
+    pub(crate) was_ready: bool,
+}
+
+impl Tested {
+    pub(crate) fn new(options: Options) -> anyhow::Result<Tested> {
+        Ok(Tested {
+            options,
+            instance: Instance::new(&format!("suite-{}", std::process::id()))?,
+            program: None,
+            was_ready: false,
+        })
+    }
+
+    pub(crate) fn program(&mut self) -> anyhow::Result<&mut Program> {
+        self.program.as_mut().context("the program does not run")
+    }
+
+    pub(crate) fn runs(&mut self) -> bool {
+        let program = self.program.as_mut();
+        program.is_some_and(|program| program.ended().is_none())
+    }
+
+    pub(crate) fn stop(&mut self) {
+        self.program = None;
+    }
+
+    /// In place of the one that may run.
+    pub(crate) fn start(&mut self) -> anyhow::Result<()> {
+        self.program = None;
+        self.program = Some(Program::start(&self.options.command, &self.instance)?);
+        Ok(())
+    }
+
+    /// Fails when this process was asked to end.
+    pub(crate) fn check_uninterrupted(&self) -> anyhow::Result<()> {
+        let is_asked = self.options.shutdown.is_requested();
+        ensure!(!is_asked, "the suite was interrupted");
+        Ok(())
+    }
+
+    pub(crate) fn check_alive(&mut self, awaited: &str) -> anyhow::Result<()> {
+        self.check_uninterrupted()?;
+        let program = self.program()?;
+        if let Some(status) = program.ended() {
+            let words = program.last_words()?;
+            bail!("it ended ({status}), awaited: {awaited}; its last words: {words}");
+        }
+        Ok(())
+    }
+
+    /// What `look` finds within the patience, while the program lives. `look` takes its time.
+    pub(crate) fn await_any<T>(
+        &mut self,
+        awaited: &str,
+        mut look: impl FnMut(&mut Program) -> anyhow::Result<Option<T>>,
+    ) -> anyhow::Result<T> {
+        let begun = Instant::now();
+        loop {
+            if let Some(found) = look(self.program()?)? {
+                return Ok(found);
+            }
+            self.check_alive(awaited)?;
+            let patience = self.options.patience;
+            ensure!(
+                begun.elapsed() <= patience,
+                "no {awaited} within {patience:?}"
+            );
+        }
+    }
+
+    /// Asks it to end; gives how long that took, ms.
+    pub(crate) fn terminate(&mut self) -> anyhow::Result<u128> {
+        let begun = Instant::now();
+        self.program()?.signal(Signal::TERM);
+        match self.program()?.end_within(END_PATIENCE) {
+            None => bail!("still running {END_PATIENCE:?} after SIGTERM"),
+            Some(status) if !status.success() => bail!("{status} after SIGTERM"),
+            Some(_) => Ok(begun.elapsed().as_millis()),
+        }
     }
 }

@@ -100,5 +100,5 @@ fn a_program_that_is_none_fails_and_says_so() {
 fn an_unknown_case_is_a_usage_error() {
     let run = refiner(&["--case", "overlod"]);
     run.assert_ended(2, 0);
-    run.assert_says(&["a similar value exists: 'overload'"]);
+    run.assert_says(&["--case: expected one of start, ", "found overlod"]);
 }

@@ -63,6 +63,15 @@ impl FrameSet {
         })
     }
 
+    /// Every `count`th frame from `index` on.
+    pub fn shard(&self, [index, count]: [u32; 2]) -> FrameSet {
+        let names = self.names.iter().skip(index as usize);
+        FrameSet {
+            names: names.step_by(count as usize).cloned().collect(),
+            ..self.clone()
+        }
+    }
+
     /// Names of the frames, in order.
     pub fn names(&self) -> &[String] {
         &self.names

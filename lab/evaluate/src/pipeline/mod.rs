@@ -9,6 +9,7 @@ mod frames;
 mod gate;
 mod judge;
 mod mahalanobis;
+mod parts;
 mod separation;
 mod stages;
 
@@ -20,5 +21,6 @@ pub use judge::{
     Choice, ModelJudgement, choose_profiles, choose_threshold, judge, sweep_gate, write_precisions,
     write_profiles, write_threshold,
 };
+pub use parts::{read_parts, write_part};
 pub use separation::{ScoreSeparation, separation};
 pub use stages::{GatedObjects, box_of, detect_frames, objects_at};

@@ -306,6 +306,44 @@ fn a_model_is_judged_and_faults_are_named() {
     assert!(points > 2, "{points}");
     assert_eq!(report["separation"].as_array().map(Vec::len), Some(7));
     assert!(report["by_rings"]["car"]["9 on"]["labels"].is_number());
+    // The network in two jobs.
+    for shard in ["0/2", "1/2"] {
+        folder.run(&model(&format!(
+            "--shard {shard} --write-part part{}",
+            &shard[..1]
+        )));
+    }
+    let whole = folder.run(&model("--sweep --json")).stdout;
+    assert_eq!(
+        folder
+            .run(&model("--sweep --json --parts part0 part1"))
+            .stdout,
+        whole
+    );
+    for (options, words) in [
+        ("--parts part0", ["frame 000001", "found in none"]),
+        ("--parts part0 part0", ["frame 000000", "another one too"]),
+        (
+            "--parts part0 part1 --frames 1",
+            ["frame 000001", "expected in the data"],
+        ),
+        ("--parts part0 part1 --precision bf16", ["bf16", "f32"]),
+        (
+            "--parts model.safetensors",
+            ["--write-part", "another file"],
+        ),
+        ("--shard 2/2 --write-part part2", ["expected I/N", "2/2"]),
+    ] {
+        folder.refuses(&model(options), &words);
+    }
+    let cut = |bytes: &[u8]| bytes[..bytes.len() - 1].to_vec();
+    let refuses = || {
+        folder.refuses(
+            &model("--parts part1"),
+            &["frame 000001: expected", "found"],
+        )
+    };
+    folder.with("part1", cut, refuses);
     let table = folder.run(&model("--refiner range-scaled --write-profiles"));
     let words = ["closed set", "written: profile quiet"];
     assert_has(&text(&table.stdout), &words);

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use mluc_ipc_types::Stage;
 use serde_json::Value;
 
 /// What a message begins with: how it is encoded.
@@ -36,6 +37,29 @@ pub fn topics() -> [RosTopic; 5] {
 /// The topic of a frame's line as text, which recordings have so that `mluc replay` can compare.
 pub fn line_topic() -> RosTopic {
     topic(include_str!("definitions/line.topic"))
+}
+
+/// The topic of what a stage before the refiner publishes, as bytes, which recordings may have so that `mluc replay` can begin behind
+/// that stage. [`encode_bytes`] makes its messages: a header and elements as they lie in shared memory.
+pub fn stage_topic(stage: Stage) -> RosTopic {
+    let name = match stage {
+        Stage::Backbone => "/mluc/stage/features",
+        _ => "/mluc/stage/detections",
+    };
+    RosTopic {
+        name,
+        ..topic(include_str!("definitions/stage.topic"))
+    }
+}
+
+/// Where the bytes of such a message begin: behind its head, a layout without dimensions and their count.
+pub const BYTES_AT: usize = 16;
+
+/// A `std_msgs/UInt8MultiArray` of these bytes, one part after the other.
+pub fn encode_bytes(parts: [&[u8]; 2]) -> Vec<u8> {
+    let count = parts.map(<[u8]>::len).iter().sum::<usize>() as u32;
+    let numbers = [0, 0, count].map(u32::to_le_bytes);
+    [&HEAD, numbers.as_flattened(), parts[0], parts[1]].concat()
 }
 
 fn topic(file: &'static str) -> RosTopic {

@@ -6,5 +6,5 @@
 mod cdr;
 mod messages;
 
-pub use cdr::{RosTopic, line_topic, topics};
+pub use cdr::{BYTES_AT, RosTopic, encode_bytes, line_topic, stage_topic, topics};
 pub use messages::{detections, diagnostics, header, markers, point_cloud, transform};

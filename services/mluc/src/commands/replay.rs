@@ -1,31 +1,37 @@
 //! `mluc replay`: the pipeline on what `mluc record` wrote, its objects against the recorded ones.
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context;
 use mluc_gateway::lines::line;
 use mluc_gateway::ros2::line_topic;
-use mluc_ipc_types::{FrameHeader, Object, Point, Status};
+use mluc_ipc_types::{Flags, FrameHeader, Object, Point, Stage, Status};
 use mluc_runtime::{Shutdown, log_to_stderr};
-use mluc_sources::RecordedLines;
+use mluc_sources::Recorded;
 use serde_json::{Value, json};
 
 use crate::cli::PipelineArgs;
-use crate::settings::{Pace, Settings};
+use crate::settings::{Pace, Settings, StageSettings};
+use crate::stages::played;
 use crate::supervisor::{Sink, run};
 use crate::terminal::{print_err, print_out};
-use crate::{EXIT_FAILURE, UsageError};
+use crate::{EXIT_FAILURE, UsageError, model};
 
 /// Every recorded scan goes through the pipeline. Exit code 1: other objects, or no frame to compare.
-pub(crate) fn replay(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
+pub(crate) fn replay(mut args: PipelineArgs, from: Option<Stage>) -> anyhow::Result<ExitCode> {
     log_to_stderr("replay", "warn");
     let shutdown = Shutdown::on_signals()?;
     let input = args.input.clone();
     let input = input.ok_or(UsageError("expected --input RUN.mcap, found none".into()))?;
     (args.pace, args.repeat) = (Some(Pace::Complete), false);
-    let settings = Settings::resolve(args.clone())?;
+    let mut settings = Settings::resolve(args.clone())?;
+    if let Some(from) = from {
+        play(&mut settings, &input, from)?;
+    }
     let mut compared = Compared {
-        recorded: RecordedLines::open(&input, line_topic().name)?,
+        recorded: Recorded::open(&input, line_topic().name, "mluc record")?,
+        has_played: from.is_some(),
         same: 0,
         other: 0,
         degraded: 0,
@@ -42,7 +48,7 @@ pub(crate) fn replay(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     } = compared;
     print_err(format_args!(
         "frames: {same} with the recorded objects, {other} with others, {degraded} recorded with a part of the work left out and \
-         {without} without recorded objects (not compared), {} lost",
+         {without} of which not all was recorded (not compared), {} lost",
         outcome.frames_lost()
     ));
     if let Some([recorded, found]) = &compared.models {
@@ -54,8 +60,34 @@ pub(crate) fn replay(mut args: PipelineArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(if is_same { 0 } else { EXIT_FAILURE }))
 }
 
+/// The stages before `from` publish what was recorded.
+fn play(settings: &mut Settings, input: &Path, from: Stage) -> anyhow::Result<()> {
+    let mut recorded = played::open(input, Stage::ALL[from as usize - 1])?;
+    if let Some(message) = recorded.of(0)? {
+        let fingerprint = model::load_for(settings)?.fingerprint;
+        played::parse::<u8>(&message, fingerprint).context("name the same model with --model")?;
+    }
+    let program = std::env::current_exe().context("finding this program's file")?;
+    let program = program.to_string_lossy();
+    let stage = |stage: Stage| StageSettings {
+        command: Some(
+            [&*program, "stage", stage.name(), "--played-to", from.name()]
+                .map(str::to_string)
+                .into(),
+        ),
+        ..StageSettings::default()
+    };
+    settings.stages.backbone = stage(Stage::Backbone);
+    if from == Stage::Refiner {
+        settings.stages.head = stage(Stage::Head);
+    }
+    Ok(())
+}
+
 struct Compared {
-    recorded: RecordedLines,
+    recorded: Recorded,
+    /// Stages publish what was recorded; a frame of which nothing was is flagged `degraded`.
+    has_played: bool,
     same: u64,
     other: u64,
     degraded: u64,
@@ -73,12 +105,16 @@ impl Sink for Compared {
         status: &Status,
         _: &[Point],
     ) -> anyhow::Result<bool> {
-        let Some(text) = self.recorded.of(header.sequence)? else {
+        let is_missing = self.has_played && Flags(header.flags).contains(Flags::DEGRADED);
+        let message = self.recorded.of(header.sequence)?;
+        let Some(message) = message.filter(|_| !is_missing) else {
             self.without += 1;
             return Ok(true);
         };
         let about = || format!("recorded line of scan {}", header.sequence);
-        let recorded: Value = serde_json::from_slice(&text).with_context(about)?;
+        // A string in CDR: its head, its length with the byte that ends it, the text.
+        let text = message.get(8..message.len().saturating_sub(1));
+        let recorded: Value = serde_json::from_slice(text.unwrap_or(&[])).with_context(about)?;
         // As text, so that numbers are rounded as the recorded ones were.
         let found = serde_json::to_string(&line(header, objects, classes, status))?;
         let found: Value = serde_json::from_str(&found)?;

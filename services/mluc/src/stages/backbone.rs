@@ -24,10 +24,6 @@ pub(crate) fn run(
 ) -> anyhow::Result<()> {
     let precision = settings.precision;
     let backbone = make(model, precision, warms_up)?;
-    let blocks_max = |network: &Network| {
-        let cells = network.map_shape().iter().product();
-        feature_blocks(cells, network.feature_channels(), network.ground_nodes())
-    };
     let blocks = blocks_max(&model.manifest.network);
     let output = shell.output(&Topic::FEATURES, blocks)?;
     let frames = Frames::new(shell, &Topic::POINTS, None)?;
@@ -42,6 +38,12 @@ pub(crate) fn run(
     let models = Models::new(shell, model, backbone, make_next);
     let stage = BackboneStage { models, rows: 0 };
     Ok(run_stage(shell, frames, output, stage)?)
+}
+
+/// Of a features message.
+pub(super) fn blocks_max(network: &Network) -> usize {
+    let cells = network.map_shape().iter().product();
+    feature_blocks(cells, network.feature_channels(), network.ground_nodes())
 }
 
 fn make(model: &Model, precision: Precision, warms_up: bool) -> anyhow::Result<Backbone> {

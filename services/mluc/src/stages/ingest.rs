@@ -4,11 +4,11 @@ mod pace;
 mod sender;
 
 use anyhow::Context;
-use mluc_ipc_types::{HealthState, Stage};
+use mluc_ipc_types::{Health, HealthState, Stage};
 use mluc_model::Model;
 use mluc_runtime::Shell;
 
-use super::{ASKED_TO_END, begin_or_join_run};
+use super::begin_or_join_run;
 use crate::UsageError;
 use crate::settings::{Pace, Settings};
 use mluc_sources::Open;
@@ -38,7 +38,7 @@ pub(crate) fn run(
         Pace::Complete => pace::complete(&mut sender, settings, start_sequence),
     };
     let was_asked = sender.shell.is_stopping();
-    let reason = if was_asked { ASKED_TO_END } else { "" };
+    let reason = if was_asked { Health::ASKED_TO_END } else { "" };
     sender.shell.state(HealthState::Stopping, reason)?;
     sender.shell.beat()?;
     done.with_context(|| Stage::Ingest.name())

@@ -4,6 +4,7 @@ mod backbone;
 mod head;
 mod ingest;
 mod models;
+pub(crate) mod played;
 mod refiner;
 
 use std::time::Duration;
@@ -64,6 +65,9 @@ pub fn run(args: StageArgs, open: Option<Open>) -> anyhow::Result<()> {
             let open = open.unwrap_or(Source::open);
             ingest::run(&mut shell, &settings, &model, args.start_sequence, open)
         }
+        Stage::Backbone | Stage::Head if args.played_to.is_some() => {
+            played::run(&mut shell, &settings, &model, stage, args.played_to)
+        }
         Stage::Backbone => {
             // Frames wait for one that is restarted: its first one is the slower for it, and the earlier.
             let warms_up = args.start_sequence == 0;
@@ -89,9 +93,6 @@ pub fn end_with(parent: u32) -> anyhow::Result<()> {
 
 /// How long the process that began a run may take to describe it.
 const PATIENCE: Duration = Duration::from_secs(3);
-
-/// The reason of an ingest that ends before its input does.
-pub(crate) const ASKED_TO_END: &str = "asked to end";
 
 /// Begins a run, or joins the one that another process of the instance has begun. `None`: asked to end.
 pub(crate) fn begin_or_join_run(

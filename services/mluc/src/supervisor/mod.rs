@@ -16,7 +16,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use mluc_ipc_types::{
-    FrameHeader, Object, Point, RunDescription, Stage, Status, Topic, WIRE_VERSION,
+    FrameHeader, Health, Object, Point, RunDescription, Stage, Status, Topic, WIRE_VERSION,
 };
 use mluc_model::Model;
 use mluc_runtime::{HealthWatch, Input, Instance, Message, Scans, Shell, Shutdown, monotonic_ns};
@@ -25,7 +25,7 @@ use crate::cli::PipelineArgs;
 use crate::control::Control;
 use crate::model::PinnedModel;
 use crate::settings::{Pace, Settings};
-use crate::stages::{ASKED_TO_END, begin_or_join_run};
+use crate::stages::begin_or_join_run;
 use crate::{EXIT_WARNINGS, UsageError, document, model};
 use mluc_sources::Source;
 use rustix::process::Signal;
@@ -219,7 +219,7 @@ pub(crate) fn run(
 fn was_asked(health: &mut HealthWatch) -> anyhow::Result<bool> {
     health.update()?;
     let ingest = health.of(Stage::Ingest);
-    Ok(ingest.is_some_and(|health| health.reason() == ASKED_TO_END))
+    Ok(ingest.is_some_and(|health| health.reason() == Health::ASKED_TO_END))
 }
 
 /// What is wrong with the input or the model is said here, once, and not by four processes.

@@ -182,12 +182,6 @@ impl Player {
         Ok(())
     }
 
-    /// Fails when this process was asked to end.
-    pub(crate) fn check_running(&self) -> anyhow::Result<()> {
-        anyhow::ensure!(!self.shell.is_stopping(), "the suite was interrupted");
-        Ok(())
-    }
-
     /// When the refiner's last heartbeat came, 0: never (CLOCK_MONOTONIC, ns).
     pub(crate) fn heard_ns(&mut self) -> anyhow::Result<u64> {
         // A refiner that started meanwhile gets the description of the run.

@@ -1,6 +1,5 @@
 //! Synthetic scans: flat ground, boxes that stand on it, and what a head would say of them. No randomness but a fixed one.
 
-use mluc_geometry::Random;
 use mluc_ipc_types::{CLASSES_MAX, Detection, DetectionKind, GateKind, NO_PROBABILITY, Point};
 
 const SENSOR_HEIGHT_M: f32 = 1.73;
@@ -117,11 +116,4 @@ pub(crate) fn known(thing: &Thing) -> Detection {
 pub(crate) fn usual() -> (Vec<Point>, Vec<Detection>) {
     let detections = vec![known(&CAR), candidate(&CART, [0.4, -0.3])];
     (scan(&[CART, CAR], 20_000), detections)
-}
-
-/// Overwrites elements with noise.
-pub(crate) fn fill<T: bytemuck::Pod>(random: &mut Random, elements: &mut [T]) {
-    for byte in bytemuck::cast_slice_mut::<T, u8>(elements) {
-        *byte = random.bits() as u8;
-    }
 }

@@ -1,14 +1,16 @@
 //! One program under test, and the ports around it.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use mluc_ipc_types::{Health, Stage};
-use mluc_runtime::{Instance, monotonic_ns};
+use mluc_runtime::monotonic_ns;
 
-use crate::program::{Options, Program};
+use crate::program::{Options, Tested};
 use crate::refiner::answer::{check_form, check_objects};
+use crate::refiner::cases;
 use crate::refiner::player::{Answer, Frame, Player};
+use crate::suite::{Case, Suite};
 
 /// How often a wait looks around.
 const LOOK: Duration = Duration::from_millis(20);
@@ -17,67 +19,47 @@ const LOOK: Duration = Duration::from_millis(20);
 /// reason that it told.
 pub(crate) type Reaction = Result<Box<Answer>, String>;
 
-pub(crate) struct Session<'a> {
-    pub(crate) options: &'a Options,
-    program: Option<Program>,
-    /// Whether a start of it ever came to a heartbeat.
-    pub(crate) was_ready: bool,
+pub(crate) struct Session {
+    pub(crate) tested: Tested,
     pub(crate) player: Player,
-    pub(crate) instance: Instance,
 }
 
-impl Session<'_> {
-    /// `label`: part of the instance's name.
-    pub(crate) fn new<'a>(options: &'a Options, label: &str) -> anyhow::Result<Session<'a>> {
-        let instance = Instance::new(&format!("{label}-{}", std::process::id()))?;
-        Ok(Session {
-            player: Player::new(&instance, options)?,
-            program: None,
-            was_ready: false,
-            options,
-            instance,
-        })
+impl Suite for Session {
+    const CASES: &'static [Case<Session>] = cases::CASES;
+    const ASKS: &'static str = cases::ASKS;
+
+    fn new(options: Options) -> anyhow::Result<Session> {
+        let tested = Tested::new(options)?;
+        let player = Player::new(&tested.instance, &tested.options)?;
+        Ok(Session { tested, player })
     }
 
-    pub(crate) fn program(&mut self) -> anyhow::Result<&mut Program> {
-        self.program.as_mut().context("the program does not run")
-    }
-
-    pub(crate) fn stop_program(&mut self) {
-        self.program = None;
-    }
-
-    /// Starts the program anew and waits until its health says that it takes frames.
-    pub(crate) fn start(&mut self) -> anyhow::Result<Health> {
-        self.program = None;
-        let since_ns = self.forget_heartbeats()?;
-        self.program = Some(Program::start(&self.options.command, &self.instance)?);
-        let what = "heartbeat of health/refiner with state waiting_input, running or degraded";
-        let health = self.await_any(what, |player| {
-            let heard = player.health_since(since_ns)?;
-            Ok(heard.filter(|_| player.health.is_ready(Stage::Refiner)))
-        })?;
-        self.was_ready = true;
-        self.player.forget_answers()?;
-        Ok(health)
-    }
-
-    pub(crate) fn ready(&mut self) -> anyhow::Result<()> {
-        let program = self.program.as_mut();
-        if program.is_none_or(|program| program.ended().is_some()) {
+    fn ready(&mut self) -> anyhow::Result<()> {
+        if !self.tested.runs() {
             self.start()?;
         }
         self.player.forget_answers()
     }
 
-    pub(crate) fn check_alive(&mut self, awaited: &str) -> anyhow::Result<()> {
-        self.player.check_running()?;
-        let program = self.program()?;
-        if let Some(status) = program.ended() {
-            let words = program.last_words()?;
-            bail!("it ended ({status}), awaited: {awaited}; its last words: {words}");
-        }
-        Ok(())
+    fn tested(&mut self) -> &mut Tested {
+        &mut self.tested
+    }
+}
+
+impl Session {
+    /// Starts the program anew and waits until its health says that it takes frames.
+    pub(crate) fn start(&mut self) -> anyhow::Result<Health> {
+        self.tested.stop();
+        let since_ns = self.forget_heartbeats()?;
+        self.tested.start()?;
+        let what = "heartbeat of health/refiner with state waiting_input, running or degraded";
+        let health = self.await_any(what, |player| {
+            let heard = player.health_since(since_ns)?;
+            Ok(heard.filter(|_| player.health.is_ready(Stage::Refiner)))
+        })?;
+        self.tested.was_ready = true;
+        self.player.forget_answers()?;
+        Ok(health)
     }
 
     /// What `look` finds within the patience, while the program lives.
@@ -86,20 +68,17 @@ impl Session<'_> {
         awaited: &str,
         mut look: impl FnMut(&mut Player) -> anyhow::Result<Option<T>>,
     ) -> anyhow::Result<T> {
-        let begun = Instant::now();
-        loop {
-            if let Some(found) = look(&mut self.player)? {
-                return Ok(found);
+        let Session { tested, player } = self;
+        let found = tested.await_any(awaited, |_| {
+            let found = look(player)?;
+            if found.is_none() {
+                player.objects.wait(LOOK);
             }
-            self.check_alive(awaited)?;
-            let patience = self.options.patience;
-            if begun.elapsed() > patience {
-                let heard = self.player.health_since(0)?;
-                let heard = heard.map_or("none".to_string(), |health| describe(&health));
-                bail!("no {awaited} within {patience:?} (health: {heard})");
-            }
-            self.player.objects.wait(LOOK);
-        }
+            Ok(found)
+        });
+        let heard = player.health_since(0)?;
+        let heard = heard.map_or("none".to_string(), |health| describe(&health));
+        found.map_err(|error| anyhow!("{error:#} (health: {heard})"))
     }
 
     /// Takes the heartbeats that were sent before now; gives the time after which one is fresh.
@@ -155,7 +134,7 @@ impl Session<'_> {
     }
 
     pub(crate) fn check_form(&self, frame: &Frame, answer: &Answer) -> anyhow::Result<()> {
-        let classes = self.options.run.classes_count as usize;
+        let classes = self.tested.options.run.classes_count as usize;
         check_form(frame, answer, classes)
     }
 

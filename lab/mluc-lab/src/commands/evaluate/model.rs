@@ -7,11 +7,13 @@ use anyhow::ensure;
 use clap::Args;
 use mluc_backbone::Precision;
 use mluc_evaluate::pipeline::{
-    FrameSet, ModelGate, choose_profiles, choose_threshold, detect_frames, judge, sweep_gate,
-    unknown_classes, write_precisions, write_profiles, write_threshold,
+    FrameSet, ModelGate, choose_profiles, choose_threshold, detect_frames, judge, read_parts,
+    sweep_gate, unknown_classes, write_part, write_precisions, write_profiles, write_threshold,
 };
 use mluc_model::Model;
 use mluc_refiner::{Settings, Variant};
+use mluc_simulate::shard;
+use std::path::PathBuf;
 
 /// Run a model over labelled scans, in one process, and judge what comes out.
 ///
@@ -52,6 +54,15 @@ pub(super) struct ModelArguments {
     /// of a run chooses by that.
     #[arg(long)]
     write_precisions: bool,
+    /// Run the network on part I (0 to N-1) of N alone, every Nth frame, for job arrays; needs --write-part.
+    #[arg(long, value_name = "I/N", value_parser = shard, requires = "write_part")]
+    shard: Option<[u32; 2]>,
+    /// Write what the network finds to a file, and judge nothing.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["parts", "sweep", "json"])]
+    write_part: Option<PathBuf>,
+    /// Files of --write-part, which have all frames together: judge them. The outcome is that of one run, bit for bit.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    parts: Vec<PathBuf>,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -68,13 +79,26 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
         arguments.refiner.name()
     );
     let set = FrameSet::open(&scans.data, arguments.split.as_deref(), scans.frames)?;
+    let set = arguments
+        .shard
+        .map_or(set.clone(), |shard| set.shard(shard));
     let settings = Settings {
         variant: arguments.refiner,
         ..Settings::default()
     };
-    let frames = counted("network", set.names().len(), |step| {
-        detect_frames(arguments.precision, &model, &set, step)
-    })?;
+    let precision = arguments.precision;
+    let frames = if arguments.parts.is_empty() {
+        counted("network", set.names().len(), |step| {
+            detect_frames(precision, &model, &set, step)
+        })?
+    } else {
+        read_parts(&arguments.parts, &model, precision, &set)?
+    };
+    if let Some(path) = &arguments.write_part {
+        write_part(path, &model, precision, &set, &frames)?;
+        let count = frames.len();
+        return print_out(format_args!("{}: {count} frames", path.display()));
+    }
     let labels = || frames.iter().flat_map(|frame| frame.truth.labels.iter());
     let unknown = match arguments.unknown {
         Some(classes) => unknown_labelled(labels(), &classes)?,

@@ -9,7 +9,7 @@ use crate::refiner::player::Answer;
 use crate::refiner::scene::{CAR, CART, Thing, blob, candidate, known, scan, usual};
 use crate::refiner::session::Session;
 
-pub(super) fn scene(session: &mut Session<'_>) -> Outcome {
+pub(super) fn scene(session: &mut Session) -> Outcome {
     let before = session.fresh_health()?.candidates;
     let (frame, answer) = session.ask_usual()?;
     let unknown = &answer.objects[1];
@@ -41,7 +41,7 @@ fn check_counts(
     Ok("health counts the candidates")
 }
 
-pub(super) fn empty(session: &mut Session<'_>) -> Outcome {
+pub(super) fn empty(session: &mut Session) -> Outcome {
     let (points, detections) = usual();
     for (points, detections) in [
         (vec![], vec![]),
@@ -64,7 +64,7 @@ pub(super) fn empty(session: &mut Session<'_>) -> Outcome {
 }
 
 /// Slowest answer of frames, ms.
-fn slowest(session: &mut Session<'_>, frames: [(Vec<Point>, Vec<Detection>); 3]) -> Outcome {
+fn slowest(session: &mut Session, frames: [(Vec<Point>, Vec<Detection>); 3]) -> Outcome {
     let mut slowest_ms = 0.0f64;
     for (points, detections) in frames {
         let mut frame = session.player.frame(points, detections);
@@ -86,7 +86,7 @@ fn spread(number: usize) -> Thing {
     }
 }
 
-pub(super) fn candidates(session: &mut Session<'_>) -> Outcome {
+pub(super) fn candidates(session: &mut Session) -> Outcome {
     let shifts = (0..DETECTIONS_MAX).map(|number| [number as f32 * 0.001, 0.0]);
     let on_one_spot = shifts.map(|shift_m| candidate(&CART, shift_m)).collect();
     let things: Vec<Thing> = (0..DETECTIONS_MAX).map(spread).collect();
@@ -103,7 +103,7 @@ pub(super) fn candidates(session: &mut Session<'_>) -> Outcome {
     slowest(session, frames)
 }
 
-pub(super) fn points(session: &mut Session<'_>) -> Outcome {
+pub(super) fn points(session: &mut Session) -> Outcome {
     let shifts = (0..20).map(|number| number as f32 * 0.02);
     let detections: Vec<_> = shifts
         .map(|shift| candidate(&CART, [shift, -shift]))
@@ -116,7 +116,7 @@ pub(super) fn points(session: &mut Session<'_>) -> Outcome {
     slowest(session, scans.map(|points| (points, detections.clone())))
 }
 
-pub(super) fn points_gone(session: &mut Session<'_>) -> Outcome {
+pub(super) fn points_gone(session: &mut Session) -> Outcome {
     let mut of_another = session.player.usual();
     if let Some(header) = &mut of_another.points_header {
         header.sequence += 1_000_000;
@@ -134,7 +134,7 @@ pub(super) fn points_gone(session: &mut Session<'_>) -> Outcome {
     Ok("2 frames answered and flagged".to_string())
 }
 
-pub(super) fn sent_again(session: &mut Session<'_>) -> Outcome {
+pub(super) fn sent_again(session: &mut Session) -> Outcome {
     let mut frame = session.player.usual();
     let first = session.ask(&mut frame)?;
     for header in std::iter::once(&mut frame.header).chain(&mut frame.points_header) {

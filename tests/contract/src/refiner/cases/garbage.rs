@@ -7,14 +7,15 @@ use mluc_ipc_types::{DETECTIONS_MAX, Detection, Disposition, Flags, NAME_MAX, Ob
 use super::Outcome;
 use crate::refiner::answer::is_flagged;
 use crate::refiner::player::{Answer, Frame};
-use crate::refiner::scene::{CART, candidate, fill, scan};
+use crate::refiner::scene::{CART, candidate, scan};
 use crate::refiner::session::Session;
+use crate::suite::fill;
 
 const NOISY_FRAMES: u64 = 8;
 
 /// Provokes, and sees that a sound frame is answered afterwards; gives whether the frame itself was answered.
 fn survives(
-    session: &mut Session<'_>,
+    session: &mut Session,
     what: &str,
     mut frame: Frame,
     is_told: impl Fn(&Answer) -> bool,
@@ -43,7 +44,7 @@ fn summary(was_answered: &[bool]) -> Outcome {
     ))
 }
 
-pub(super) fn lengths(session: &mut Session<'_>) -> Outcome {
+pub(super) fn lengths(session: &mut Session) -> Outcome {
     let mut answered = Vec::new();
     let mut many = session.player.usual();
     many.detections = vec![candidate(&CART, [0.1, 0.1]); DETECTIONS_MAX + 88];
@@ -78,7 +79,7 @@ const SPOILS: [(&str, Spoil); 14] = [
     ("threshold NaN", |d| d.threshold = f32::NAN),
 ];
 
-pub(super) fn numbers(session: &mut Session<'_>) -> Outcome {
+pub(super) fn numbers(session: &mut Session) -> Outcome {
     let mut answered = Vec::new();
     for (what, spoil) in SPOILS {
         for (which, name) in ["of a known box", "of a candidate"].into_iter().enumerate() {
@@ -124,7 +125,7 @@ fn spoil_header(frame: &mut Frame) {
     header.name = [0xff; NAME_MAX];
 }
 
-pub(super) fn noise(session: &mut Session<'_>) -> Outcome {
+pub(super) fn noise(session: &mut Session) -> Outcome {
     let mut answered = Vec::new();
     for seed in 1..=NOISY_FRAMES {
         let mut random = Random::new(seed, &[]);

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use mluc_ipc_types::{Health, HealthState};
 use mluc_runtime::monotonic_ns;
 use rustix::process::Signal;
@@ -16,8 +16,6 @@ use crate::refiner::session::{Session, describe};
 const HEARTBEAT_MAX: Duration = Duration::from_millis(500);
 /// Longer than every topic's deadline.
 const SILENCE: Duration = Duration::from_millis(2500);
-/// After SIGTERM. The supervisor is less patient (0.6 s) and kills then; a loaded test machine is slow.
-const END_PATIENCE: Duration = Duration::from_secs(3);
 const KILLS: usize = 3;
 
 /// Frames that come while the program is held.
@@ -27,8 +25,8 @@ const BURST: usize = 60;
 /// A topic's queue, and one frame in work.
 const ANSWERS_MAX: usize = 3;
 
-pub(super) fn start(session: &mut Session<'_>) -> Outcome {
-    session.stop_program();
+pub(super) fn start(session: &mut Session) -> Outcome {
+    session.tested.stop();
     let begun = Instant::now();
     let health = session.start()?;
     let took = begun.elapsed();
@@ -47,14 +45,16 @@ fn check_waiting(health: &Health) -> anyhow::Result<()> {
     Ok(())
 }
 
-pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
+pub(super) fn silence(session: &mut Session) -> Outcome {
     session.ask_usual()?;
     let running = |health: &Health| health.state == HealthState::Running as u32;
     session.await_health("heartbeat with state running after a frame", running)?;
     let begun = Instant::now();
     let mut longest = Duration::ZERO;
     while begun.elapsed() < SILENCE {
-        session.check_alive("heartbeats while nothing came in")?;
+        session
+            .tested
+            .check_alive("heartbeats while nothing came in")?;
         let heard_ns = session.player.heard_ns()?;
         let ago_ns = monotonic_ns().saturating_sub(heard_ns);
         longest = longest.max(Duration::from_nanos(ago_ns));
@@ -72,14 +72,14 @@ pub(super) fn silence(session: &mut Session<'_>) -> Outcome {
     ))
 }
 
-pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
+pub(super) fn restart(session: &mut Session) -> Outcome {
     let mut slowest = Duration::ZERO;
     for kill in 0..KILLS {
         let mut frame = session.player.usual();
         session.player.send(&mut frame)?;
         // In the middle of its work, more or less.
         std::thread::sleep(Duration::from_micros(300 * kill as u64));
-        session.program()?.kill();
+        session.tested.program()?.kill();
         let begun = Instant::now();
         let started = session.start();
         started.with_context(|| format!("after kill -9 number {}", kill + 1))?;
@@ -92,27 +92,20 @@ pub(super) fn restart(session: &mut Session<'_>) -> Outcome {
     ))
 }
 
-pub(super) fn stop(session: &mut Session<'_>) -> Outcome {
-    let begun = Instant::now();
-    session.program()?.signal(Signal::TERM);
-    let ended = session.program()?.end_within(END_PATIENCE);
-    let took = begun.elapsed();
-    match ended {
-        None => bail!("still running {END_PATIENCE:?} after SIGTERM"),
-        Some(status) if !status.success() => bail!("{status} after SIGTERM"),
-        Some(_) => Ok(format!("ended {} ms after SIGTERM", took.as_millis())),
-    }
+pub(super) fn stop(session: &mut Session) -> Outcome {
+    let took_ms = session.tested.terminate()?;
+    Ok(format!("ended {took_ms} ms after SIGTERM"))
 }
 
-pub(super) fn overload(session: &mut Session<'_>) -> Outcome {
+pub(super) fn overload(session: &mut Session) -> Outcome {
     // A first frame, so that gaps can be counted from it.
     session.ask_usual()?;
 
     let before = session.fresh_health()?;
-    session.program()?.signal(Signal::STOP);
+    session.tested.program()?.signal(Signal::STOP);
     std::thread::sleep(Duration::from_millis(50));
     let sequences = flood(session, HELD, Duration::from_millis(5))?;
-    session.program()?.signal(Signal::CONT);
+    session.tested.program()?.signal(Signal::CONT);
     let held = count_answers(session, HELD, sequences, before)?;
     ensure!(
         held <= ANSWERS_MAX,
@@ -130,7 +123,7 @@ pub(super) fn overload(session: &mut Session<'_>) -> Outcome {
 }
 
 /// Sends frames; gives the sequences that were answered meanwhile.
-fn flood(session: &mut Session<'_>, count: usize, pause: Duration) -> anyhow::Result<Vec<u64>> {
+fn flood(session: &mut Session, count: usize, pause: Duration) -> anyhow::Result<Vec<u64>> {
     let player = &mut session.player;
     let (points, detections) = usual();
     let mut answered = Vec::new();
@@ -146,7 +139,7 @@ fn flood(session: &mut Session<'_>, count: usize, pause: Duration) -> anyhow::Re
 /// Waits for the answer to the newest of `count` frames, and until its health counts each as published or dropped; gives how
 /// many were published. An answer that its successors pushed out before this process took it is one of them.
 fn count_answers(
-    session: &mut Session<'_>,
+    session: &mut Session,
     count: usize,
     mut answered: Vec<u64>,
     before: Health,

@@ -6,30 +6,12 @@ mod life;
 mod runs;
 
 use crate::refiner::session::Session;
+pub(crate) use crate::suite::{Case, Outcome, case};
 
-/// What was seen when it passed; why not when it failed.
-pub(crate) type Outcome = anyhow::Result<String>;
-
-pub(crate) struct Case {
-    pub(crate) name: &'static str,
-    pub(crate) run: fn(&mut Session<'_>) -> Outcome,
-}
-
-impl Case {
-    /// What the contract asks there.
-    pub(crate) fn asks(&self) -> &'static str {
-        let mut lines = include_str!("asks.txt").lines();
-        let asks = lines.find_map(|line| line.strip_prefix(self.name)?.strip_prefix(": "));
-        asks.expect("a line for every case")
-    }
-}
-
-const fn case(name: &'static str, run: fn(&mut Session<'_>) -> Outcome) -> Case {
-    Case { name, run }
-}
+pub(crate) const ASKS: &str = include_str!("asks.txt");
 
 /// In the order they run.
-pub(crate) const CASES: [Case; 18] = [
+pub(crate) const CASES: &[Case<Session>] = &[
     case("start", life::start),
     case("scene", frames::scene),
     case("empty", frames::empty),

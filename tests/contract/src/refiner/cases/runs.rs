@@ -1,18 +1,17 @@
 //! Which run a frame belongs to, which sequences that run may have; a side that was built with another contract, or runs another model.
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use mluc_ipc_types::{Flags, WIRE_VERSION};
-use mluc_runtime::{Instance, Membership};
 
 use super::Outcome;
-use crate::program::Program;
 use crate::refiner::answer::is_flagged;
 use crate::refiner::session::Session;
+use crate::suite::{names_both, wrong_instance};
 
 /// Another run than any of the suite's, whose ids are random.
 const OTHER_RUN: u64 = 1;
 
-pub(super) fn sequences(session: &mut Session<'_>) -> Outcome {
+pub(super) fn sequences(session: &mut Session) -> Outcome {
     session.ask_usual()?;
     session.ask_usual()?;
     let last = session.player.next_sequence - 1;
@@ -34,7 +33,7 @@ pub(super) fn sequences(session: &mut Session<'_>) -> Outcome {
     ))
 }
 
-pub(super) fn other_run(session: &mut Session<'_>) -> Outcome {
+pub(super) fn other_run(session: &mut Session) -> Outcome {
     let mut frame = session.player.usual();
     frame.header.run_id = OTHER_RUN;
     session.must_refuse("a frame of another run", frame)?;
@@ -52,7 +51,7 @@ pub(super) fn other_run(session: &mut Session<'_>) -> Outcome {
     Ok("frame and points of another run are not used".to_string())
 }
 
-pub(super) fn new_run(session: &mut Session<'_>) -> Outcome {
+pub(super) fn new_run(session: &mut Session) -> Outcome {
     session.ask_usual()?;
     let old = session.player.usual();
     let id = session.player.begin_run()?;
@@ -64,23 +63,14 @@ pub(super) fn new_run(session: &mut Session<'_>) -> Outcome {
     Ok("joined; sequences begin at 0; the run before is over".to_string())
 }
 
-pub(super) fn wrong_version(session: &mut Session<'_>) -> Outcome {
+pub(super) fn wrong_version(session: &mut Session) -> Outcome {
     let reason = wrong_messages(session)?;
-    let words = wrong_instance(session)?;
-    let line = words.lines().last().unwrap_or("").trim();
+    let line = wrong_instance(&session.tested.options)?;
     Ok(format!("message: '{reason}'; instance: '{line}'"))
 }
 
-fn names_both(text: &str, other: u32) -> bool {
-    let numbers: Vec<&str> = text.split(|c: char| !c.is_ascii_digit()).collect();
-    let versions = [WIRE_VERSION, other].map(|version| version.to_string());
-    versions
-        .iter()
-        .all(|version| numbers.contains(&version.as_str()))
-}
-
 /// Messages of another version, and of another model.
-fn wrong_messages(session: &mut Session<'_>) -> anyhow::Result<String> {
+fn wrong_messages(session: &mut Session) -> anyhow::Result<String> {
     let mut frame = session.player.usual();
     let other = WIRE_VERSION + 41;
     frame.header.wire_version = other;
@@ -94,25 +84,4 @@ fn wrong_messages(session: &mut Session<'_>) -> anyhow::Result<String> {
     frame.header.model_fingerprint ^= 0xffff;
     session.must_refuse("detections of another model (fingerprint)", frame)?;
     Ok(reason)
-}
-
-/// An instance whose contract file tells another version.
-fn wrong_instance(session: &mut Session<'_>) -> anyhow::Result<String> {
-    let instance = Instance::new(&format!("suite-w-{}", std::process::id()))?;
-    let member = Membership::join(&instance, "refiner-test")?;
-    let (other, pid) = (WIRE_VERSION + 41, std::process::id());
-    let text = format!("wire={other} version=99.0.0 by=ingest pid={pid}\n");
-    std::fs::write(instance.root().join("contract"), text).context("writing the contract file")?;
-    let mut program = Program::start(&session.options.command, &instance)?;
-    let ended = program.end_within(session.options.patience);
-    let words = program.last_words()?;
-    drop(program);
-    drop(member);
-    let place = format!("an instance of wire version {other}");
-    match ended {
-        None => bail!("it joined {place} and stayed"),
-        Some(status) if status.success() => bail!("it left {place} without an error"),
-        Some(_) if names_both(&words, other) => Ok(words),
-        Some(_) => bail!("it left {place} without naming both versions on stderr: {words}"),
-    }
 }

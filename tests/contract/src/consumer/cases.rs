@@ -1,0 +1,240 @@
+//! The parts of a consumer's contract, one function each.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, ensure};
+use mluc_geometry::Random;
+use mluc_ipc_types::{Stage, WIRE_VERSION};
+use mluc_runtime::ClaimNote;
+use rustix::process::Signal;
+
+use super::Session;
+use super::player::{Frame, Player, TOO_MANY_OBJECTS};
+use crate::suite::{Case, Outcome, Suite, case, fill, wrong_instance};
+
+const FRAMES: usize = 5;
+/// Sent while the program is held.
+const HELD: usize = 100;
+/// A topic's queue, and one frame in work.
+const TAKEN_MAX: usize = 3;
+/// For one frame to be handed over; usual are some us.
+const SEND_MAX: Duration = Duration::from_millis(500);
+const SILENCE: Duration = Duration::from_millis(2500);
+const KILLS: usize = 5;
+
+pub(super) const CASES: &[Case<Session>] = &[
+    case("start", start),
+    case("frames", frames),
+    case("overload", overload),
+    case("hostile_headers", hostile_headers),
+    case("hostile_values", hostile_values),
+    case("silence", silence),
+    case("new_run", new_run),
+    case("new_pipeline", new_pipeline),
+    case("places", places),
+    case("wrong_version", wrong_version),
+    case("stop", stop),
+];
+
+fn start(session: &mut Session) -> Outcome {
+    let begun = Instant::now();
+    session.ready()?;
+    let took = begun.elapsed();
+    let places = session.player()?.consumers();
+    ensure!(
+        places.iter().all(|count| *count <= 1),
+        "places on points, objects and object_points: expected at most 1 each, found {places:?}"
+    );
+    for stage in Stage::ALL.map(Stage::name) {
+        let taken = ClaimNote::of_living(&session.tested.instance, stage);
+        ensure!(taken.is_none(), "it holds the place of the stage {stage}");
+    }
+    Ok(format!("first frame after {:.1} s", took.as_secs_f64()))
+}
+
+fn frames(session: &mut Session) -> Outcome {
+    for _ in 0..FRAMES {
+        session.ask()?;
+    }
+    // A later scan has come, this one's never did.
+    let player = session.player()?;
+    let mut gone = player.frame();
+    let points = gone.points.take().unwrap_or_default();
+    player.next += 1;
+    player.send_scan(&points)?;
+    player.send(&gone)?;
+    session
+        .await_line(&gone)
+        .context("a frame without its points")?;
+    session.ask()?;
+    Ok(format!("{FRAMES} taken, and one without its points"))
+}
+
+fn overload(session: &mut Session) -> Outcome {
+    session.ask()?;
+    let before = session.lines()?.len();
+    session.tested.program()?.signal(Signal::STOP);
+    std::thread::sleep(Duration::from_millis(50));
+    let mut slowest = Duration::ZERO;
+    let mut newest = session.player()?.frame();
+    for _ in 0..HELD {
+        newest = session.player()?.frame();
+        let begun = Instant::now();
+        session.player()?.send(&newest)?;
+        slowest = slowest.max(begun.elapsed());
+    }
+    session.tested.program()?.signal(Signal::CONT);
+    session.await_line(&newest)?;
+    let taken = session.lines()?.len() - before;
+    ensure!(
+        taken <= TAKEN_MAX,
+        "held while {HELD} frames came: expected at most {TAKEN_MAX} of them, it took {taken}"
+    );
+    ensure!(slowest < SEND_MAX, "the pipeline waited {slowest:?} for it");
+    session.ask()?;
+    Ok(format!(
+        "{taken} of {HELD} taken, the newest too; handing over took {slowest:?} at most"
+    ))
+}
+
+/// Sends frames, then a sound one, which must be taken; fails where one of the first has a line of its number.
+fn are_not_used(session: &mut Session, what: &str, frame: Frame) -> anyhow::Result<()> {
+    let (sequence, before) = (frame.header.sequence, session.lines()?.len());
+    session.player()?.send(&frame)?;
+    session
+        .ask()
+        .with_context(|| format!("the sound frame after: {what}"))?;
+    let lines = session.lines()?;
+    let used = lines[before..]
+        .iter()
+        .any(|line| line["sequence"] == sequence);
+    ensure!(!used, "{what}: it was used");
+    Ok(())
+}
+
+fn hostile_headers(session: &mut Session) -> Outcome {
+    type Spoil = fn(&mut Frame);
+    let spoils: [(&str, Spoil); 6] = [
+        ("another wire version", |f| {
+            f.header.wire_version = WIRE_VERSION + 41
+        }),
+        ("another run", |f| f.header.run_id ^= 1),
+        ("another model", |f| f.header.model_fingerprint ^= 1),
+        ("sequence 2^64-1", |f| f.header.sequence = u64::MAX),
+        ("a sequence far ahead", |f| f.header.sequence += 1_000_000),
+        ("a sequence that goes back", |f| f.header.sequence -= 2),
+    ];
+    for _ in 0..3 {
+        session.ask()?;
+    }
+    for (what, spoil) in spoils {
+        let mut frame = session.player()?.frame();
+        spoil(&mut frame);
+        are_not_used(session, what, frame)?;
+    }
+    Ok(format!(
+        "{} not used, each sound frame after them taken",
+        spoils.len()
+    ))
+}
+
+fn hostile_values(session: &mut Session) -> Outcome {
+    type Spoil = fn(&mut Frame);
+    let spoils: [(&str, Spoil); 12] = [
+        ("600 objects", |f| {
+            f.objects.resize(TOO_MANY_OBJECTS, f.objects[0])
+        }),
+        ("class 4294967295", |f| f.objects[0].class_id = u32::MAX),
+        ("kind 7", |f| f.objects[0].kind = 7),
+        ("disposition 99", |f| f.objects[0].disposition = 99),
+        ("centre NaN", |f| f.objects[0].center_m[0] = f32::NAN),
+        ("size infinite", |f| f.objects[2].size_m[1] = f32::INFINITY),
+        ("score NaN", |f| f.objects[2].score = f32::NAN),
+        ("footprint of 4294967295 corners", |f| {
+            f.objects[0].footprint_count = u32::MAX
+        }),
+        ("suppressed by 4000000000", |f| {
+            f.objects[1].suppressed_by = 4_000_000_000
+        }),
+        ("points beyond object_points", |f| {
+            f.objects[2].points_count = 4_000_000_000
+        }),
+        ("indices beyond the points", |f| {
+            f.indices.fill(u32::MAX - 1)
+        }),
+        ("noise", |f| {
+            let mut random = Random::new(7, &[]);
+            fill(&mut random, &mut f.objects);
+            fill(&mut random, &mut f.indices);
+        }),
+    ];
+    for (what, spoil) in spoils {
+        let mut frame = session.player()?.frame();
+        spoil(&mut frame);
+        session.player()?.send(&frame)?;
+        // Each line is read as JSON, which has no NaN.
+        let sound = session.ask();
+        sound.with_context(|| format!("the sound frame after: {what}"))?;
+    }
+    Ok(format!("{} survived", spoils.len()))
+}
+
+/// While nothing comes.
+fn stays(session: &mut Session, time: Duration) -> anyhow::Result<()> {
+    std::thread::sleep(time);
+    session.tested.check_alive("frames")
+}
+
+fn silence(session: &mut Session) -> Outcome {
+    session.ask()?;
+    stays(session, SILENCE)?;
+    session.ask()?;
+    Ok(format!("stayed for {SILENCE:?}, and took the next frame"))
+}
+
+fn new_run(session: &mut Session) -> Outcome {
+    session.ask()?;
+    let mut old = session.player()?.frame();
+    session.player()?.begin_run()?;
+    session.ask().context("frame 0 of a new run")?;
+    // Its number is one that was sent in this run too.
+    (old.header.sequence, old.points) = (1, None);
+    let player = session.player()?;
+    let points = player.frame().points.unwrap_or_default();
+    player.send_scan(&points)?;
+    are_not_used(session, "a frame of the run before", old)?;
+    Ok("joined from frame 0; the run before is over".to_string())
+}
+
+fn new_pipeline(session: &mut Session) -> Outcome {
+    session.ask()?;
+    session.player = None;
+    stays(session, Duration::from_secs(1))?;
+    let tested = &session.tested;
+    session.player = Some(Player::new(&tested.instance, &tested.options)?);
+    let begun = Instant::now();
+    session.first_frame()?;
+    Ok(format!(
+        "took a frame of the next one after {:?}",
+        begun.elapsed()
+    ))
+}
+
+fn places(session: &mut Session) -> Outcome {
+    for kill in 1..=KILLS {
+        session.tested.stop();
+        session
+            .ready()
+            .with_context(|| format!("after kill -9 number {kill}"))?;
+    }
+    Ok(format!("killed {KILLS} times, back each time"))
+}
+
+fn wrong_version(session: &mut Session) -> Outcome {
+    wrong_instance(&session.tested.options)
+}
+
+fn stop(session: &mut Session) -> Outcome {
+    let took_ms = session.tested.terminate()?;
+    Ok(format!("ended {took_ms} ms after SIGTERM"))
+}

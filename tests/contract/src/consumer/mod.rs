@@ -1,0 +1,107 @@
+//! The suite of a consumer: plays a pipeline over the same shared memory, and reads the lines that the program writes.
+
+mod cases;
+mod player;
+
+use std::time::Duration;
+
+use anyhow::{Context, ensure};
+use serde_json::Value;
+
+use crate::program::{Options, Tested};
+use crate::suite::{Case, Suite};
+use player::{Frame, Player};
+
+/// How often a wait looks around.
+const LOOK: Duration = Duration::from_millis(5);
+/// Between two frames until the first one is taken.
+const PERIOD: Duration = Duration::from_millis(100);
+
+pub(crate) struct Session {
+    tested: Tested,
+    /// `None`: between two pipelines.
+    player: Option<Player>,
+}
+
+impl Suite for Session {
+    const CASES: &'static [Case<Session>] = cases::CASES;
+    const ASKS: &'static str = include_str!("asks.txt");
+
+    fn new(options: Options) -> anyhow::Result<Session> {
+        let tested = Tested::new(options)?;
+        let player = Some(Player::new(&tested.instance, &tested.options)?);
+        Ok(Session { tested, player })
+    }
+
+    fn ready(&mut self) -> anyhow::Result<()> {
+        if self.tested.runs() {
+            return Ok(());
+        }
+        self.tested.start()?;
+        self.first_frame()
+    }
+
+    fn tested(&mut self) -> &mut Tested {
+        &mut self.tested
+    }
+}
+
+impl Session {
+    fn player(&mut self) -> anyhow::Result<&mut Player> {
+        self.player.as_mut().context("no pipeline is played")
+    }
+
+    /// Sends frames until one is taken.
+    fn first_frame(&mut self) -> anyhow::Result<()> {
+        let Session { tested, player } = self;
+        let player = player.as_mut().context("no pipeline is played")?;
+        let awaited = "line of JSON on stdout with the `sequence` of a frame";
+        let before = tested.program()?.lines()?.len();
+        tested.await_any(awaited, |program| {
+            player.send(&player.frame())?;
+            std::thread::sleep(PERIOD);
+            Ok((program.lines()?.len() > before).then_some(()))
+        })?;
+        tested.was_ready = true;
+        self.ask()
+    }
+
+    /// Lines so far.
+    fn lines(&mut self) -> anyhow::Result<Vec<Value>> {
+        self.tested.program()?.lines()
+    }
+
+    /// Sends a sound frame; its line must say what it holds.
+    fn ask(&mut self) -> anyhow::Result<()> {
+        let frame = self.player()?.frame();
+        self.player()?.send(&frame)?;
+        self.await_line(&frame)
+    }
+
+    fn await_line(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        let sequence = frame.header.sequence;
+        let awaited = format!("line of frame {sequence}");
+        let line = self.tested.await_any(&awaited, |program| {
+            std::thread::sleep(LOOK);
+            let mut lines = program.lines()?.into_iter();
+            Ok(lines.rfind(|line| line["sequence"] == sequence))
+        })?;
+        let Some(objects) = line["objects"].as_array() else {
+            return Ok(());
+        };
+        let expected = frame.published_points();
+        let (wanted, found) = (expected.len(), objects.len());
+        ensure!(
+            wanted == found,
+            "frame {sequence}: expected {wanted} published objects, found {found}"
+        );
+        for (points, object) in expected.iter().zip(objects) {
+            let found = object["points"].as_u64();
+            ensure!(
+                found.is_none_or(|found| found == *points),
+                "frame {sequence}: expected an object with {points} points, found {object}"
+            );
+        }
+        Ok(())
+    }
+}

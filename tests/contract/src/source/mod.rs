@@ -1,0 +1,94 @@
+//! The suite of a source: plays the supervisor and the stages behind it over the same shared memory, and looks at the scans.
+
+mod cases;
+mod player;
+
+use anyhow::{Context, ensure};
+use mluc_ipc_types::{Health, HealthState, Stage};
+
+use crate::program::{Options, Tested};
+use crate::suite::{Case, Suite};
+use player::{Player, Scan};
+
+pub(crate) struct Session {
+    tested: Tested,
+    player: Player,
+}
+
+impl Suite for Session {
+    const CASES: &'static [Case<Session>] = cases::CASES;
+    const ASKS: &'static str = include_str!("asks.txt");
+
+    fn new(options: Options) -> anyhow::Result<Session> {
+        let tested = Tested::new(options)?;
+        let player = Player::new(&tested.instance, &tested.options)?;
+        Ok(Session { tested, player })
+    }
+
+    /// A new process in a new run, of which so far nothing was sent: inputs end.
+    fn ready(&mut self) -> anyhow::Result<()> {
+        self.tested.stop();
+        self.player.begin_run()?;
+        self.player.has_stages(true)?;
+        self.start()
+    }
+
+    fn tested(&mut self) -> &mut Tested {
+        &mut self.tested
+    }
+}
+
+impl Session {
+    fn start(&mut self) -> anyhow::Result<()> {
+        self.tested.start()?;
+        let is_heard = |health: &Health| health.state <= HealthState::Degraded as u32;
+        self.await_health("heartbeat of health/ingest in the run", is_heard)?;
+        self.tested.was_ready = true;
+        Ok(())
+    }
+
+    /// Waits for a heartbeat of the run that fulfils `wanted`; `what` names it.
+    fn await_health(
+        &mut self,
+        what: &str,
+        wanted: impl Fn(&Health) -> bool,
+    ) -> anyhow::Result<Health> {
+        let Session { tested, player } = self;
+        tested.await_any(what, |_| {
+            player.tick()?;
+            let health = player.health.of(Stage::Ingest).copied();
+            Ok(health.filter(|health| health.run_id == player.run.run_id && wanted(health)))
+        })
+    }
+
+    fn next(&mut self) -> anyhow::Result<Scan> {
+        let Session { tested, player } = self;
+        tested.await_any("scan", |_| {
+            player.tick()?;
+            player.take()
+        })
+    }
+
+    /// The next scan, checked on its own.
+    fn checked(&mut self, sequence: u64) -> anyhow::Result<Scan> {
+        let scan = self.next()?;
+        let about = || format!("scan {}, awaited {sequence}", scan.header.sequence);
+        scan.check(&self.player.run, sequence).with_context(about)?;
+        Ok(scan)
+    }
+
+    /// The next `count` scans from `first` on, checked; gives the last one.
+    fn checked_many(&mut self, first: u64, count: u64) -> anyhow::Result<Scan> {
+        let mut last = self.checked(first)?;
+        for sequence in first + 1..first + count {
+            let scan = self.checked(sequence)?;
+            let [before, after] = [&last, &scan].map(|scan| scan.header.sensor_stamp_ns);
+            ensure!(
+                before < after,
+                "sensor_stamp_ns of scan {sequence}: expected more than {before}, found {after}"
+            );
+            last = scan;
+        }
+        Ok(last)
+    }
+}

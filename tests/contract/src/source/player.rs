@@ -1,0 +1,178 @@
+//! Plays the supervisor, backbone, head and refiner, and reads what a source says.
+
+use std::time::Duration;
+
+use anyhow::ensure;
+use mluc_ipc_types::{
+    Flags, FrameHeader, HealthState, Point, RunDescription, Stage, Status, StatusState, Topic,
+    WIRE_VERSION,
+};
+use mluc_runtime::{
+    HealthWatch, Input, Instance, Output, Shell, Shutdown, monotonic_ns, random_run_id,
+};
+
+use crate::program::Options;
+
+/// Between two messages of the status.
+const PERIOD_NS: u64 = 100_000_000;
+
+/// What the source sent.
+pub(super) struct Scan {
+    pub(super) header: FrameHeader,
+    points: Vec<Point>,
+    received_ns: u64,
+}
+
+impl Scan {
+    /// Whether it keeps the contract by itself.
+    pub(super) fn check(&self, run: &RunDescription, sequence: u64) -> anyhow::Result<()> {
+        let Scan { header, points, .. } = self;
+        header.checked_in(run, sequence..sequence + 1)?;
+        Point::checked(header, points)?;
+        let bad = points.iter().position(|point| !point.is_finite());
+        ensure!(
+            bad.is_none(),
+            "points: expected finite numbers, found others in point {bad:?}"
+        );
+        let (kept, left_out) = (points.len() as u64, header.points_dropped);
+        let (expected, found) = (kept + u64::from(left_out), u64::from(header.points_in));
+        ensure!(
+            expected == found,
+            "points_in: expected {expected} ({kept} and points_dropped {left_out}), found {found}"
+        );
+        let has = |flag: Flags| Flags(header.flags).contains(flag);
+        let is_told = has(Flags::NOT_FINITE) || has(Flags::TRUNCATED);
+        ensure!(
+            is_told == (left_out > 0),
+            "points_dropped is {left_out}, flags not_finite or truncated: {is_told}"
+        );
+        let (is_empty, is_said) = (points.is_empty(), has(Flags::EMPTY));
+        ensure!(
+            is_empty == is_said,
+            "without points: {is_empty}, flag empty: {is_said}"
+        );
+        let name = header.name();
+        ensure!(
+            !["", "?"].contains(&name),
+            "name: expected text, found '{name}'"
+        );
+        let own = header.stages[Stage::Ingest as usize];
+        let stamps = [1, own.received_ns, own.started_ns, own.published_ns];
+        ensure!(
+            stamps.is_sorted() && own.published_ns <= self.received_ns,
+            "stamps {own:?}: expected in order and before {} (CLOCK_MONOTONIC, ns)",
+            self.received_ns
+        );
+        Ok(())
+    }
+}
+
+pub(super) struct Player {
+    // Ports go before the shells.
+    points: Input<Point>,
+    statuses: Output<Status>,
+    pub(super) health: HealthWatch,
+    shell: Shell,
+    /// Backbone, head and refiner, while they are there.
+    stages: Vec<Shell>,
+    instance: Instance,
+    pub(super) run: RunDescription,
+    /// What the supervisor has counted: scans that came.
+    pub(super) sent: u64,
+    /// Whether results come.
+    pub(super) answers: bool,
+    told_ns: u64,
+}
+
+impl Player {
+    pub(super) fn new(instance: &Instance, options: &Options) -> anyhow::Result<Player> {
+        let mut shell = Shell::observer(instance, Some("suite"), options.shutdown.clone())?;
+        let mut player = Player {
+            points: shell.input(&Topic::POINTS)?,
+            statuses: shell.output(&Topic::STATUS, 1)?,
+            health: shell.health_watch()?,
+            shell,
+            stages: vec![],
+            instance: instance.clone(),
+            run: options.run,
+            sent: 0,
+            answers: false,
+            told_ns: 0,
+        };
+        player.begin_run()?;
+        Ok(player)
+    }
+
+    pub(super) fn begin_run(&mut self) -> anyhow::Result<()> {
+        self.run.run_id = random_run_id();
+        (self.sent, self.answers) = (0, false);
+        ensure!(
+            self.shell.begin_run(&self.run)?,
+            "another process describes the run of this instance"
+        );
+        while self.points.oldest()?.is_some() {}
+        Ok(())
+    }
+
+    /// Whether the stages behind are there and take frames.
+    pub(super) fn has_stages(&mut self, are_there: bool) -> anyhow::Result<()> {
+        if !are_there {
+            self.stages.clear();
+        } else if self.stages.is_empty() {
+            for stage in &Stage::ALL[1..] {
+                let shell = Shell::stage(&self.instance, *stage, Shutdown::manual())?;
+                self.stages.push(shell);
+            }
+        }
+        for shell in &mut self.stages {
+            shell.state(HealthState::WaitingInput, "waiting for points")?;
+        }
+        Ok(())
+    }
+
+    /// What the played processes do all the time; takes 2 ms.
+    pub(super) fn tick(&mut self) -> anyhow::Result<()> {
+        self.shell.tick()?;
+        for shell in &mut self.stages {
+            shell.tick()?;
+        }
+        self.health.update()?;
+        let now_ns = monotonic_ns();
+        if now_ns - self.told_ns > PERIOD_NS {
+            self.told_ns = now_ns;
+            let newest = self.sent.checked_sub(1).filter(|_| self.answers);
+            let status = Status {
+                wire_version: WIRE_VERSION,
+                state: StatusState::Running as u32,
+                run_id: self.run.run_id,
+                judged_ns: now_ns,
+                sequence: newest.unwrap_or(Status::NONE),
+                age_ns: newest.map_or(Status::NONE, |_| 0),
+                frames_in: self.sent,
+                ..Status::default()
+            };
+            let mut header = FrameHeader::new(0, Topic::STATUS.name);
+            header.run_id = self.run.run_id;
+            self.statuses.send(&header, &[status])?;
+        }
+        self.statuses.reach_late_readers()?;
+        std::thread::sleep(Duration::from_millis(2));
+        Ok(())
+    }
+
+    /// The oldest scan that waits.
+    pub(super) fn take(&mut self) -> anyhow::Result<Option<Scan>> {
+        let Some(message) = self.points.oldest()? else {
+            return Ok(None);
+        };
+        let header = *message.header();
+        if header.run_id == self.run.run_id {
+            self.sent = self.sent.max(header.sequence.saturating_add(1));
+        }
+        Ok(Some(Scan {
+            header,
+            points: message.elements().to_vec(),
+            received_ns: message.received_ns,
+        }))
+    }
+}

@@ -1,0 +1,206 @@
+//! What the suites share: their cases, one after the other on each program, and the command line.
+
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use clap::Args;
+use mluc::external::installed_program;
+use mluc::model::load;
+use mluc::settings::{DEFAULT_MODEL, Settings};
+use mluc::stages::describe_run;
+use mluc::terminal::print_out;
+use mluc::{EXIT_FAILURE, UsageError};
+use mluc_geometry::Random;
+use mluc_ipc_types::WIRE_VERSION;
+use mluc_runtime::{Instance, Membership, Shutdown, log_to_stderr};
+
+use crate::program::{Options, Program, Tested};
+use crate::report::{Report, Verdict};
+
+/// What was seen when it passed; why not when it failed.
+pub(crate) type Outcome = anyhow::Result<String>;
+
+/// A part of the contract.
+pub(crate) struct Case<S> {
+    pub(crate) name: &'static str,
+    pub(crate) run: fn(&mut S) -> Outcome,
+}
+
+pub(crate) const fn case<S>(name: &'static str, run: fn(&mut S) -> Outcome) -> Case<S> {
+    Case { name, run }
+}
+
+/// The stages around one program.
+pub(crate) trait Suite: Sized + 'static {
+    /// In the order they run; the first one starts the program.
+    const CASES: &'static [Case<Self>];
+    /// `NAME: what the contract asks there`, a line for every case.
+    const ASKS: &'static str;
+
+    fn new(options: Options) -> anyhow::Result<Self>;
+
+    /// Has the program take part, for a case that begins.
+    fn ready(&mut self) -> anyhow::Result<()>;
+
+    fn tested(&mut self) -> &mut Tested;
+}
+
+/// Of every suite.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct SuiteArgs {
+    /// Model whose classes the messages have: built in or a model file.
+    #[arg(long, default_value = DEFAULT_MODEL)]
+    pub(crate) model: String,
+    /// Only these cases; all when none is named.
+    #[arg(long = "case", value_name = "NAME")]
+    cases: Vec<String>,
+    /// How long a start or an answer may take, s.
+    #[arg(long, default_value = "10", value_parser = patience)]
+    patience_s: Duration,
+    /// JSON on stdout.
+    #[arg(long)]
+    json: bool,
+    /// The program and its arguments.
+    #[arg(last = true)]
+    pub(crate) command: Vec<String>,
+}
+
+fn patience(text: &str) -> Result<Duration, String> {
+    let seconds: Option<f64> = text.parse().ok();
+    let seconds = seconds.filter(|seconds| (0.1..=600.0).contains(seconds));
+    let seconds = seconds.ok_or("expected 0.1 to 600 seconds")?;
+    Ok(Duration::from_secs_f64(seconds))
+}
+
+/// Judges programs, each with its title.
+pub(crate) fn run<S: Suite>(
+    args: &SuiteArgs,
+    programs: Vec<(String, Vec<String>)>,
+) -> anyhow::Result<ExitCode> {
+    let names: Vec<&str> = S::CASES.iter().map(|case| case.name).collect();
+    let is_unknown = |name: &&String| !names.contains(&name.as_str());
+    if let Some(found) = args.cases.iter().find(is_unknown) {
+        let expected = names.join(", ");
+        return Err(
+            UsageError(format!("--case: expected one of {expected}, found {found}")).into(),
+        );
+    }
+    log_to_stderr("contract", "warn");
+    let (model, shutdown) = (load(&args.model)?, Shutdown::on_signals()?);
+    let mut reports = Vec::new();
+    for (title, command) in programs {
+        let options = Options {
+            title,
+            command,
+            run: describe_run(&Settings::default(), &model),
+            patience: args.patience_s,
+            shutdown: shutdown.clone(),
+        };
+        let report = judge::<S>(options, &args.cases)?;
+        if !args.json {
+            print_out(report.text().trim_end())?;
+        }
+        reports.push(report);
+    }
+    if args.json {
+        print_out(serde_json::to_string(&reports)?)?;
+    }
+    let is_passed = reports.iter().all(Report::is_passed);
+    Ok(ExitCode::from(if is_passed { 0 } else { EXIT_FAILURE }))
+}
+
+/// A program that never became ready is not asked for more: every case would fail for the same reason.
+fn judge<S: Suite>(options: Options, wanted: &[String]) -> anyhow::Result<Report> {
+    let title = options.title.clone();
+    let mut suite = S::new(options)?;
+    let is_wanted = |name: &str| wanted.is_empty() || wanted.iter().any(|word| word == name);
+    let mut cases = S::CASES.iter().filter(|case| is_wanted(case.name));
+    let (mut verdicts, mut not_run) = (Vec::new(), 0);
+    while let Some(case) = cases.next() {
+        let begun = Instant::now();
+        let is_ready = match case.name {
+            name if name == S::CASES[0].name => Ok(()),
+            _ => suite.ready(),
+        };
+        let result = is_ready.and_then(|()| (case.run)(&mut suite));
+        suite.tested().check_uninterrupted()?;
+        let passed = result.is_ok();
+        let prefix = format!("{}: ", case.name);
+        let mut asks = S::ASKS
+            .lines()
+            .filter_map(|line| line.strip_prefix(&prefix));
+        verdicts.push(Verdict {
+            name: case.name,
+            asks: asks.next().expect("a line for every case"),
+            passed,
+            what: result.unwrap_or_else(|error| format!("{error:#}")),
+            ms: begun.elapsed().as_millis() as u64,
+        });
+        if !passed {
+            // The next case begins with a fresh process.
+            suite.tested().stop();
+            if !suite.tested().was_ready {
+                not_run = cases.by_ref().count();
+            }
+        }
+    }
+    Ok(Report::new(title, verdicts, not_run))
+}
+
+/// Judges the program of the command line, as `mluc up` starts it.
+pub(crate) fn run_command<S: Suite>(args: &SuiteArgs) -> anyhow::Result<ExitCode> {
+    let words: Vec<&str> = args.command.iter().map(String::as_str).collect();
+    if words.is_empty() {
+        return Err(UsageError("expected -- COMMAND, found none".to_string()).into());
+    }
+    let command = supervised(&["exec"], &[&["--"], &words[..]].concat());
+    run::<S>(args, vec![(words.join(" "), command)])
+}
+
+/// `mluc WORDS` tied to this process, then `more` words.
+pub(crate) fn supervised(words: &[&str], more: &[&str]) -> Vec<String> {
+    let program = installed_program("mluc").display().to_string();
+    let supervisor = std::process::id().to_string();
+    let tie = ["--supervised-by", &supervisor];
+    let words = [&[&*program], words, &tie, more].concat();
+    words.into_iter().map(str::to_string).collect()
+}
+
+/// Whether a text names this wire version and the other one.
+pub(crate) fn names_both(text: &str, other: u32) -> bool {
+    let numbers: Vec<&str> = text.split(|c: char| !c.is_ascii_digit()).collect();
+    let versions = [WIRE_VERSION, other].map(|version| version.to_string());
+    let mut versions = versions.iter().map(String::as_str);
+    versions.all(|version| numbers.contains(&version))
+}
+
+/// Starts the program in an instance whose contract file tells another version; gives what it says.
+pub(crate) fn wrong_instance(options: &Options) -> anyhow::Result<String> {
+    let instance = Instance::new(&format!("suite-w-{}", std::process::id()))?;
+    let member = Membership::join(&instance, "suite")?;
+    let (other, pid) = (WIRE_VERSION + 41, std::process::id());
+    let text = format!("wire={other} version=99.0.0 by=ingest pid={pid}\n");
+    std::fs::write(instance.root().join("contract"), text).context("writing the contract file")?;
+    let mut program = Program::start(&options.command, &instance)?;
+    let ended = program.end_within(options.patience);
+    let words = program.last_words()?;
+    drop(program);
+    drop(member);
+    let place = format!("an instance of wire version {other}");
+    match ended {
+        None => bail!("it joined {place} and stayed"),
+        Some(status) if status.success() => bail!("it left {place} without an error"),
+        Some(_) if names_both(&words, other) => {
+            Ok(words.lines().last().unwrap_or("").trim().to_string())
+        }
+        Some(_) => bail!("it left {place} without naming both versions on stderr: {words}"),
+    }
+}
+
+/// Overwrites elements with noise.
+pub(crate) fn fill<T: bytemuck::Pod>(random: &mut Random, elements: &mut [T]) {
+    for byte in bytemuck::cast_slice_mut::<T, u8>(elements) {
+        *byte = random.bits() as u8;
+    }
+}

@@ -1,0 +1,57 @@
+//! `mluc record --stages` and `mluc replay` at any stage.
+
+use std::process::Command;
+
+use mluc_tests::{Finished, Running, Setting, mluc_program, unique_instance};
+use rustix::process::Signal;
+
+#[test]
+fn a_recording_with_stages_is_replayed_from_each_of_them() {
+    let setting = Setting::new("replay", 6);
+    let record = |name: &str, options: &str| {
+        let path = setting.folder.path().join(name).display().to_string();
+        let words = format!(
+            "record --out {path} --instance {} {options}",
+            setting.instance
+        );
+        let mut record = Running::mluc(words.split_whitespace());
+        record.wait_for_words("Ctrl-C ends it");
+        let mut run = setting.up("--pace sensor --rate 5 --loop");
+        run.wait_for_lines(8);
+        run.stop();
+        record.signal(Signal::TERM);
+        let record = setting.finish(record);
+        // 3: a loaded machine lost frames.
+        assert!(matches!(record.code, Some(0 | 3)), "{}", record.log);
+        path
+    };
+    let replay = |path: &str, options: &str| -> Finished {
+        let instance = unique_instance("replay");
+        let mut replay = Command::new(mluc_program());
+        let words = format!("replay --input {path} --instance {instance} {options}");
+        replay.args(words.split_whitespace());
+        Running::start(&mut replay).finish()
+    };
+    let path = record("stages.mcap", "--stages");
+    let model = format!("--model {}", setting.model.display());
+    for from in ["", "--from head", "--from refiner"] {
+        let same = replay(&path, &format!("{model} {from}"));
+        same.assert_ended(0, 0);
+        same.assert_says(&[" with the recorded objects, 0 with others"]);
+    }
+    // Without the gate all boxes are known. It is the head's: with recorded detections it has no say.
+    for (from, code) in [("head", 1), ("refiner", 0)] {
+        let other = replay(&path, &format!("{model} --from {from} --lambda 0"));
+        assert_eq!(other.code, Some(code), "{from}: {}", other.log);
+    }
+    // Thresholds of the refiner have.
+    let other = replay(&path, &format!("{model} --from refiner --min-score 0.99"));
+    assert_eq!(other.code, Some(1), "{}", other.log);
+    let other_model = replay(&path, "--from refiner --model any");
+    assert_eq!(other_model.code, Some(1), "{}", other_model.log);
+    other_model.assert_says(&["name the same model with --model"]);
+    let plain = record("plain.mcap", "");
+    let refused = replay(&plain, &format!("{model} --from head"));
+    assert_eq!(refused.code, Some(1), "{}", refused.log);
+    refused.assert_says(&["/mluc/stage/features", "`mluc record --stages`"]);
+}
