@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::PathBuf;
 
-use mluc_evaluate::pipeline::FrameSet;
 use mluc_model::{Manifest, Model, ModelError, Provenance, VoxelInput, model_bytes};
 use mluc_refiner::ClusterScorer;
 use serde_json::json;
@@ -12,7 +11,6 @@ use serde_json::json;
 use crate::cluster_scorer::fit_cluster_scorer;
 use crate::database::{self, Database, mean_boxes};
 use crate::error::TrainError;
-use crate::kind::NetworkKind;
 use crate::loader::DataLoader;
 use crate::log::{Log, TrainEvent};
 use crate::optimizer::Schedule;
@@ -23,7 +21,7 @@ use crate::validate::validate;
 use crate::{check, checkpoint, export, import, run_folder};
 
 /// Frames that the cluster scorer is fitted on.
-const CLUSTER_FRAMES: usize = 600;
+const CLUSTER_FRAMES: usize = 300;
 
 /// A run, its data read and its state restored.
 pub struct Run {
@@ -126,6 +124,11 @@ impl Run {
             notify(TrainEvent::Note(text.into()));
             return Ok(self.model_path());
         }
+        if self.settings.fits_cluster_scorer() {
+            let (manifest, seed) = (&self.manifest, self.settings.seed);
+            let scorer = fit_cluster_scorer(&self.source, manifest, CLUSTER_FRAMES, seed)?;
+            self.cluster_scorer = Some(scorer);
+        }
         let settings = self.settings.clone();
         let database = std::mem::take(&mut self.database);
         let loader = DataLoader::new(&settings, &self.manifest, self.source.clone(), database);
@@ -154,22 +157,8 @@ impl Run {
             }
         }
         self.save()?;
-        if self.settings.kind == NetworkKind::MlucFull {
-            self.score_clusters(notify)?;
-        }
         self.judge(notify)?;
         self.save()
-    }
-
-    /// Fits the cluster scorer to what the network, as just written, proposes on its training scans.
-    fn score_clusters(&mut self, notify: Notify) -> Result<(), TrainError> {
-        let model = Model::read(&self.model_path())?;
-        let set = FrameSet::open(&self.settings.data.join("train"), None, CLUSTER_FRAMES)?;
-        match fit_cluster_scorer(&model, &set, self.settings.seed, || ()) {
-            Ok(scorer) => self.cluster_scorer = Some(scorer),
-            Err(fault) => notify(TrainEvent::Note(format!("no score of clusters: {fault}"))),
-        }
-        Ok(())
     }
 
     /// Validates the model file just written; its figures go into the next one and `validation.json`.

@@ -97,6 +97,12 @@ impl TrainSettings {
         TrainSettings::try_parse_from(options.chain(folders)).expect("options of the trainer")
     }
 
+    /// Whether the layers that score clusters are fitted. None of the known classes of kitti and any is as large as a truck, so that
+    /// there the layers would take trucks for walls.
+    pub fn fits_cluster_scorer(&self) -> bool {
+        self.setting == Setting::Udi && self.kind == NetworkKind::MlucFull
+    }
+
     /// Checks ranges.
     pub fn check(&self) -> Result<(), TrainError> {
         let (steps, every) = (self.steps as f32, self.checkpoint_every as f32);

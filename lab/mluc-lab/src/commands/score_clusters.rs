@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use clap::Args;
 use mluc_evaluate::pipeline::FrameSet;
 use mluc_model::{Model, model_bytes};
-use mluc_train::cluster_scorer::fit_cluster_scorer;
+use mluc_train::cluster_scorer::fit_to_proposals;
 
 use super::terminal::{Threads, counted, write_out};
 
 /// Fit the layers by which the refiner scores clusters, on training scans with synthetic unknown objects, and store them in a model file.
 ///
-/// For a network with an output for the unknown (mluc-full); `train` does it at its end. The network's weights stay as they are, thresholds and
-/// profiles too: choose them anew (evaluate model --write-threshold).
+/// For a network with an output for the unknown (mluc-full): what it proposes on synthetic unknown objects stands against what it proposes
+/// elsewhere. Its weights stay as they are, thresholds and profiles too: choose them anew (evaluate model --write-threshold).
 #[derive(Args)]
 pub(crate) struct ScoreClustersArguments {
     /// Model file.
@@ -39,7 +39,7 @@ pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
     let mut model = Model::read(&arguments.model)?;
     let set = FrameSet::open(&arguments.data, None, arguments.frames)?;
     let scorer = counted("network", set.names().len(), |step| {
-        fit_cluster_scorer(&model, &set, arguments.seed, step)
+        fit_to_proposals(&model, &set, arguments.seed, step)
     })?;
     scorer.write(&mut model.weights);
     write_out(
