@@ -1,15 +1,22 @@
 //! Fits the layers that score how much a cluster is like something that drives or walks (`mluc_refiner::ClusterScorer`) on the training
-//! split alone, where clusters on labelled objects of the known classes stand against clusters on nothing.
+//! split alone: before the network is trained, clusters on labelled objects of the known classes stand against clusters on nothing; after it,
+//! what the network proposes on synthetic unknown objects against what it proposes elsewhere.
 //!
 //! Sizes are varied while it is fitted, so that it learns bodies against walls and leaves rather than the sizes of the known
 //! classes. Extension of the paper.
 
-use mluc_geometry::{Box3, Random, intersection_bev_m2};
-use mluc_ipc_types::Point;
-use mluc_model::{CLUSTER_SCORER_WIDTHS, Manifest};
+use mluc_backbone::Precision;
+use mluc_dataset::SYNTHETIC_UNKNOWN;
+use mluc_evaluate::pipeline::{DetectedFrame, FrameSet, ModelGate, detect_frames};
+use mluc_geometry::{Box3, Random, intersection_bev_m2, intersection_over_min_area, iou_3d};
+use mluc_ipc_types::{Object, Point};
+use mluc_model::{CLUSTER_SCORER_WIDTHS, Manifest, Model};
 use mluc_refiner::cluster_scorer::{FEATURES, features};
-use mluc_refiner::clusters::FrameCluster;
-use mluc_refiner::{ClusterScorer, FrameClusterer, FrameClusters, Sensor, Settings};
+use mluc_refiner::clusters::{FrameCluster, Measures};
+use mluc_refiner::{
+    ClusterScorer, FrameClusterer, FrameClusters, Refiner, RefinerError, RefinerOutput, Sensor,
+    Settings,
+};
 use rayon::prelude::*;
 
 use crate::error::TrainError;
@@ -18,13 +25,18 @@ use crate::optimizer::{Adam, Schedule};
 use crate::source::ScanSource;
 
 const STEPS: u64 = 400;
-/// Clusters of a step.
-const BATCH: usize = 2048;
+/// Clusters of a step, and which of them are objects: half of all; a tenth of what is proposed, most of which is background.
+const ALL: (usize, fn(usize) -> bool) = (2048, |i| i % 2 == 0);
+const PROPOSED: (usize, fn(usize) -> bool) = (1024, |i| i < 102);
 /// Log of the factor by which sizes are varied, standard deviation.
 const SIZE_DEVIATION: f64 = 0.3;
 /// Shares of a cluster that lie on a label: above the first it is that object, below the second nothing.
 const SHARE_ON: f64 = 0.3;
 const SHARE_OFF: f64 = 0.02;
+/// A box that is proposed is on an object above this overlap, as evaluation has it.
+const IOU_ON: f64 = 0.1;
+/// P(unknown) from which a box is proposed here: the lowest that a model's threshold may be.
+const UNKNOWN_MIN: f32 = 0.5;
 
 /// Fits on the first `frames` scans.
 pub fn fit_cluster_scorer(
@@ -37,7 +49,64 @@ pub fn fit_cluster_scorer(
     let frames = (0..frames.min(source.count())).into_par_iter();
     let examples = frames.map(|frame| examples(source, &sensor, frame));
     let examples: Vec<Vec<Example>> = examples.collect::<Result<_, TrainError>>()?;
-    Ok(as_scorer(fit(&examples.concat(), seed)))
+    Ok(as_scorer(fit(&examples.concat(), ALL, seed)))
+}
+
+/// Fits on what a trained network with an output for the unknown proposes on scans with synthetic unknown objects; `step` is called after
+/// each.
+pub fn fit_to_proposals(
+    model: &Model,
+    set: &FrameSet,
+    seed: u64,
+    step: impl FnMut(),
+) -> Result<ClusterScorer, TrainError> {
+    let frames = detect_frames(Precision::default(), model, set, step)?;
+    let sensor = Sensor::from_manifest(&model.manifest)?;
+    let refiner = || Refiner::new(Settings::default(), &sensor);
+    let of_frame = |refiner: &mut Result<Refiner, RefinerError>, (number, frame)| {
+        let refiner = refiner.as_mut().map_err(|fault| fault.clone())?;
+        proposed(refiner, set, number, frame)
+    };
+    let frames = frames.par_iter().enumerate().map_init(refiner, of_frame);
+    let examples = frames.collect::<Result<Vec<_>, TrainError>>()?.concat();
+    let objects = examples.iter().filter(|example| example.1).count();
+    if objects == 0 || objects == examples.len() {
+        let (data, all) = (set.describe(), examples.len());
+        return Err(TrainError::Stopped(format!(
+            "{data}: expected unknown objects of the network on synthetic ones (simulate --synthetic-unknown) and beside them, found {objects} of {all} on them"
+        )));
+    }
+    Ok(as_scorer(fit(&examples, PROPOSED, seed)))
+}
+
+/// Of what is published as unknown in a frame when everything is.
+fn proposed(
+    refiner: &mut Refiner,
+    set: &FrameSet,
+    number: usize,
+    frame: &DetectedFrame,
+) -> Result<Vec<Example>, TrainError> {
+    let calibration = &frame.truth.calibration;
+    let labels = frame.truth.labels.iter();
+    let labels = labels.filter(|label| label.is(SYNTHETIC_UNKNOWN));
+    let in_sensor = labels.map(|label| calibration.box_in_sensor_from_label(&label.camera_box));
+    let synthetic: Vec<Box3> = in_sensor.collect();
+    let mut refined = RefinerOutput::default();
+    let gated = frame.gated(ModelGate::Known, 1.0 - UNKNOWN_MIN);
+    refiner.refine(number as u64, &set.points(number)?, &gated, &mut refined);
+    let objects = refined.objects.iter().zip(&refined.measures);
+    let example = |(object, measures): (&Object, &Option<Measures>)| {
+        let measures = measures.as_ref().filter(|_| object.is_published())?;
+        let shape = Box3::from_f32(object.center_m, object.size_m, object.yaw_rad);
+        let most = |overlap: fn(&Box3, &Box3) -> f64| {
+            let overlaps = synthetic.iter().map(|bounds| overlap(&shape, bounds));
+            overlaps.fold(0.0, f64::max)
+        };
+        let is_object = most(iou_3d) > IOU_ON;
+        let is_nothing = most(intersection_over_min_area) < SHARE_OFF;
+        (is_object || is_nothing).then(|| (features(measures), is_object))
+    };
+    Ok(objects.filter_map(example).collect())
 }
 
 /// The layers as the refiner runs them: both lay them out alike.
@@ -76,8 +145,8 @@ fn examples(
     Ok(found.clusters.iter().filter_map(example).collect())
 }
 
-/// Logistic loss; objects and the rest weigh the same.
-fn fit(examples: &[Example], seed: u64) -> Mlp {
+/// Logistic loss.
+fn fit(examples: &[Example], (batch, takes_object): (usize, fn(usize) -> bool), seed: u64) -> Mlp {
     let mut random = Random::new(seed, &[0xC1]);
     let mut mlp = Mlp::new(&CLUSTER_SCORER_WIDTHS, &mut random);
     let (objects, rest): (Vec<&Example>, Vec<&Example>) = examples.iter().partition(|e| e.1);
@@ -87,9 +156,9 @@ fn fit(examples: &[Example], seed: u64) -> Mlp {
     let mut adam = Adam::new(mlp.parameters.len());
     let schedule = Schedule::new(0.02, STEPS);
     for step in 0..STEPS {
-        let mut input = Vec::with_capacity(BATCH * FEATURES);
-        for i in 0..BATCH {
-            let list = if i % 2 == 0 { &objects } else { &rest };
+        let mut input = Vec::with_capacity(batch * FEATURES);
+        for i in 0..batch {
+            let list = if takes_object(i) { &objects } else { &rest };
             let mut values = list[random.below(list.len())].0;
             let sizes = values[..3].iter_mut();
             sizes.for_each(|v| *v += (SIZE_DEVIATION * random.normal()) as f32);
@@ -98,7 +167,7 @@ fn fit(examples: &[Example], seed: u64) -> Mlp {
         let trace = mlp.forward(input);
         let gradient = trace.output().iter().enumerate().map(|(i, x)| {
             let p = 1.0 / (1.0 + (-x).exp());
-            (p - if i % 2 == 0 { 1.0 } else { 0.0 }) / BATCH as f32
+            (p - if takes_object(i) { 1.0 } else { 0.0 }) / batch as f32
         });
         let gradient = mlp.backward(&trace, gradient.collect());
         adam.step(&mut mlp.parameters, &gradient, schedule.at(step));
@@ -120,7 +189,7 @@ mod tests {
             (f, is_object)
         };
         let examples: Vec<Example> = (0..600).map(|i| draw(i % 3 == 0)).collect();
-        let mlp = fit(&examples, 1);
+        let mlp = fit(&examples, ALL, 1);
         let logits = examples
             .iter()
             .map(|(f, _)| mlp.forward(f.to_vec()).output()[0]);

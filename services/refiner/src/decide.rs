@@ -14,7 +14,6 @@ use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, Object, ObjectKind};
 use mluc_model::ScoreMin;
 
-use crate::clusters::Measures;
 use crate::proposal::Proposal;
 use crate::{ClusterScorer, RefinerError, RobotSettings, Sensor, Settings, priors};
 
@@ -79,10 +78,10 @@ impl UnknownScorer {
     }
 
     /// Score and flags of an unknown object from its box and its cluster's measurements.
-    pub(crate) fn score(&self, proposal: &mut Proposal, measures: Option<&Measures>) {
+    pub(crate) fn score(&self, proposal: &mut Proposal) {
         let reason = size_reason(&proposal.shape).filter(|_| self.ranks_sizes);
         proposal.flags |= reason.unwrap_or(0);
-        proposal.score *= match (reason, &self.cluster, measures) {
+        proposal.score *= match (reason, &self.cluster, &proposal.measures) {
             (Some(_), ..) => UNLIKELY,
             (None, Some(scorer), Some(measures)) => scorer.score(measures).max(UNLIKELY),
             (None, ..) => 1.0,

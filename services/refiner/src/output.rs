@@ -1,5 +1,6 @@
 //! What a frame gives.
 
+use crate::clusters::Measures;
 use mluc_ipc_types::{Flags, OBJECT_POINTS_MAX, OBJECTS_MAX, Object};
 
 /// Counts of one frame.
@@ -41,6 +42,8 @@ impl Counters {
 pub struct RefinerOutput {
     /// One for each detection, in their order.
     pub objects: Vec<Object>,
+    /// Of the cluster of each object, where it has one that was measured.
+    pub measures: Vec<Option<Measures>>,
     /// Indices into the scan; each object has a range of them.
     pub object_points: Vec<u32>,
     /// Counts.
@@ -51,6 +54,7 @@ impl Default for RefinerOutput {
     fn default() -> RefinerOutput {
         RefinerOutput {
             objects: Vec::with_capacity(OBJECTS_MAX),
+            measures: Vec::with_capacity(OBJECTS_MAX),
             object_points: Vec::with_capacity(OBJECT_POINTS_MAX),
             counters: Counters::default(),
         }

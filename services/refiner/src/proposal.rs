@@ -3,6 +3,7 @@
 use mluc_geometry::Box3;
 use mluc_ipc_types::{Detection, Disposition, GateKind, NO_PROBABILITY, Object, ObjectKind};
 
+use crate::clusters::Measures;
 use crate::fit::Footprint;
 
 /// What is known of one object before it is written out.
@@ -22,6 +23,8 @@ pub(crate) struct Proposal {
     /// Range in the list of points.
     pub(crate) points: (usize, usize),
     pub(crate) footprint: Footprint,
+    /// Of its cluster, where the variant takes any.
+    pub(crate) measures: Option<Measures>,
 }
 
 /// What is this near to a proposal's centre comes first, m.
@@ -73,6 +76,7 @@ impl Proposal {
             shape,
             points: (0, 0),
             footprint: Footprint::of_box(&shape),
+            measures: None,
         }
     }
 

@@ -151,8 +151,8 @@ impl Refiner {
                     self.scorer.score_unrefined(proposal);
                 }
             } else if clusterer.match_cluster(&mut task, proposal) {
-                let measures = clusterer.lay_box(&mut task, proposal);
-                self.scorer.score(proposal, measures.as_ref());
+                proposal.measures = clusterer.lay_box(&mut task, proposal);
+                self.scorer.score(proposal);
                 self.scorer.decide(proposal);
             }
         }
@@ -222,6 +222,8 @@ impl Refiner {
     fn write_out(&self, detections: &[Detection], out: &mut RefinerOutput) {
         out.objects.clear();
         out.object_points.clear();
+        out.measures.clear();
+        (out.measures).extend(self.proposals.iter().map(|p| p.measures));
         out.counters = self.counters;
         for (proposal, detection) in self.proposals.iter().zip(detections) {
             let object = proposal.object(detection, self.classes.max(1));

@@ -29,7 +29,7 @@ pub struct DetectedFrame {
 
 impl DetectedFrame {
     /// What goes to the refiner at a threshold of the gate, in its order.
-    pub(super) fn gated(&self, gate: ModelGate, threshold: f32) -> Vec<Detection> {
+    pub fn gated(&self, gate: ModelGate, threshold: f32) -> Vec<Detection> {
         let first_generic = self.detections.len() - self.generic;
         let boxes = self.detections.iter().enumerate();
         let gated = boxes.filter_map(|(i, d)| gate.apply(d, i >= first_generic, threshold));

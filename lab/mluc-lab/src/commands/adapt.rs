@@ -16,7 +16,7 @@ use mluc_evaluate::pipeline::{
     detect_frames, judge, sweep_gate, write_precisions, write_profiles, write_threshold,
 };
 use mluc_model::{Model, SensorProfile, model_bytes};
-use mluc_refiner::{Settings, Variant};
+use mluc_refiner::{ClusterScorer, Settings, Variant};
 use mluc_simulate::{Class, Split};
 use mluc_train::TrainSettings;
 use plan::{Plan, Request};
@@ -168,16 +168,19 @@ impl Adaptation<'_> {
         }
         let (scans, train) = (self.scans(Split::Train), Model::read(&trained)?);
         let calibrated = quantized(&train, &Dataset::open(&scans)?, &scans, RANGE_FRAMES)?;
-        let mut manifest = calibrated.manifest;
+        let (mut manifest, mut weights) = (calibrated.manifest, calibrated.weights);
+        let init = Model::read(&self.out.join("init.safetensors"))?;
+        if let Some(scorer) = ClusterScorer::of_model(&init.weights) {
+            scorer.write(&mut weights);
+        }
         let (set, frames, judgement) = self.judge(&train)?;
         if judgement.unknown_labels() == 0 {
             // Nothing is left to choose by.
-            let init = Model::read(&self.out.join("init.safetensors"))?.manifest;
-            manifest.thresholds.unknown_min = init.thresholds.unknown_min;
+            manifest.thresholds.unknown_min = init.manifest.thresholds.unknown_min;
             manifest.provenance.threshold_choice =
                 "that of the model that training began with: no unknown object counts".into();
         }
-        let bytes = model_bytes(&manifest, &calibrated.weights)?;
+        let bytes = model_bytes(&manifest, &weights)?;
         write_whole(&path, &bytes).with_context(|| path.display().to_string())?;
         if judgement.unknown_labels() > 0 {
             let model = Model::read(&path)?;

@@ -8,6 +8,7 @@ mod import;
 mod quantize;
 mod render;
 mod reproduce;
+mod score_clusters;
 mod sensor;
 mod simulate;
 pub(crate) mod terminal;
@@ -25,6 +26,7 @@ pub(crate) enum Command {
     Quantize(quantize::QuantizeArguments),
     Render(render::RenderArguments),
     Reproduce(reproduce::ReproduceArguments),
+    ScoreClusters(score_clusters::ScoreClustersArguments),
     Sensor(sensor::SensorArguments),
     Simulate(simulate::SimulateArguments),
     Train(train::Train),
@@ -40,6 +42,7 @@ pub(crate) fn run(command: Command) -> anyhow::Result<()> {
         Command::Quantize(arguments) => quantize::run(arguments),
         Command::Render(arguments) => render::run(arguments),
         Command::Reproduce(arguments) => reproduce::run_command(arguments),
+        Command::ScoreClusters(arguments) => score_clusters::run(arguments),
         Command::Sensor(arguments) => sensor::run(arguments),
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Train(arguments) => train::run(arguments),

@@ -1,0 +1,49 @@
+//! `mluc-lab score-clusters`: gives a model a score of clusters.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use mluc_evaluate::pipeline::FrameSet;
+use mluc_model::{Model, model_bytes};
+use mluc_train::cluster_scorer::fit_to_proposals;
+
+use super::terminal::{Threads, counted, write_out};
+
+/// Fit the layers by which the refiner scores clusters, on training scans with synthetic unknown objects, and store them in a model file.
+///
+/// For a network with an output for the unknown (mluc-full): what it proposes on synthetic unknown objects stands against what it proposes
+/// elsewhere. Its weights stay as they are, thresholds and profiles too: choose them anew (evaluate model --write-threshold).
+#[derive(Args)]
+pub(crate) struct ScoreClustersArguments {
+    /// Model file.
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// Training scans with labels: `simulate --split train --synthetic-unknown`, best of a seed that the network was not trained on.
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// At most so many frames, the first ones [default: all].
+    #[arg(long, default_value_t = usize::MAX, hide_default_value = true)]
+    frames: usize,
+    /// Seed of the fit.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where the model goes with the layers; may be the same file.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    #[command(flatten)]
+    threads: Threads,
+}
+
+pub(crate) fn run(arguments: ScoreClustersArguments) -> anyhow::Result<()> {
+    arguments.threads.start()?;
+    let mut model = Model::read(&arguments.model)?;
+    let set = FrameSet::open(&arguments.data, None, arguments.frames)?;
+    let scorer = counted("network", set.names().len(), |step| {
+        fit_to_proposals(&model, &set, arguments.seed, step)
+    })?;
+    scorer.write(&mut model.weights);
+    write_out(
+        &arguments.out,
+        &model_bytes(&model.manifest, &model.weights)?,
+    )
+}
