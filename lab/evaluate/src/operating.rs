@@ -339,7 +339,7 @@ fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
 /// one more, so that none is 0 or 1.
 fn rising(mut objects: Vec<(f64, bool)>) -> Vec<[f32; 2]> {
     objects.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let share = |[count, _, right]: &[f64; 3]| (right + 0.5) / (count + 1.0);
+    let share = |[count, _, right]: &[f64; 3]| right / count;
     let mut pools: Vec<[f64; 3]> = vec![];
     for pool in objects.chunks(POOL) {
         let right = pool.iter().filter(|object| object.1).count() as f64;
@@ -352,8 +352,14 @@ fn rising(mut objects: Vec<(f64, bool)>) -> Vec<[f32; 2]> {
             pools.pop();
         }
     }
-    let step = |pool: &[f64; 3]| [(pool[1] / pool[0]) as f32, share(pool) as f32];
-    pools.iter().map(step).collect()
+    let mut most = 1.0f64;
+    let step = |[count, scores, right]: &[f64; 3]| {
+        most = most.min((right + 0.5) / (count + 1.0));
+        [(scores / count) as f32, most as f32]
+    };
+    let mut steps: Vec<_> = pools.iter().rev().map(step).collect();
+    steps.reverse();
+    steps
 }
 
 /// Of several labels one of the object's own kind.
@@ -475,7 +481,10 @@ mod tests {
         let table = judged.probabilities();
         assert_eq!((table.known.len(), table.unknown.len()), (0, 2));
         let steps = table.unknown.iter().flat_map(|band| band.steps.windows(2));
-        assert!(steps.clone().all(|pair| pair[0] < pair[1]), "{table:?}");
+        assert!(
+            steps.clone().all(|pair| pair[0][1] <= pair[1][1]),
+            "{table:?}"
+        );
         let told = |range_m, score| table.of(false, range_m, score).expect("a table");
         assert!((told(20.0, 0.2) - 0.25).abs() < 0.05 && told(39.9, 0.9) > 0.95);
         assert!(told(50.0, 0.9) < 0.01);
