@@ -23,7 +23,7 @@ pub use features::{FeatureBlock, FeatureRows, feature_blocks};
 pub use header::{EgoPose, Flags, FrameHeader, Stage, StageStamps};
 pub use health::{CandidateCounts, Health, HealthState};
 pub use limits::*;
-pub use object::{Disposition, Object, ObjectKind};
+pub use object::{Disposition, Object, ObjectKind, TrackNews};
 pub use point::Point;
 pub use run::RunDescription;
 pub use services::Topic;

@@ -59,6 +59,17 @@ impl Disposition {
     ];
 }
 
+/// What the track of an object tells.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TrackNews {
+    /// Scans since it was seen first; 254: or more.
+    pub age_scans: u32,
+    /// Over the ground, to 0.25 m/s; 63.5: or more. `None`: the sensor's own motion is not known.
+    pub speed_mps: Option<f32>,
+    /// It is worth an alarm.
+    pub is_confirmed: bool,
+}
+
 /// One object.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "iceoryx2", derive(ZeroCopySend), type_name("mluc.Object"))]
@@ -97,7 +108,8 @@ pub struct Object {
     /// Entries there.
     pub points_count: u32,
     /// What is out of the ordinary: bits, [`Object::UNREFINED`], [`Object::SPLIT`], [`Object::THINNED`],
-    /// [`Object::SMALL`], [`Object::LARGE`], [`Object::POST`].
+    /// [`Object::SMALL`], [`Object::LARGE`], [`Object::POST`], [`Object::CONFIRMED`]. Its upper bytes are numbers:
+    /// [`Object::track`] and [`Object::probability`].
     pub flags: u32,
     /// The same over the frames in which it was seen (temporal voting); [`Object::NONE`] without.
     pub track_id: u32,
@@ -127,9 +139,22 @@ impl Object {
     pub const LARGE: u32 = 1 << 4;
     /// Bit of `flags`: too high for the ground it stands on (a post, a sign, a trunk), ranked likewise.
     pub const POST: u32 = 1 << 5;
+    /// Bit of `flags`: its track is worth an alarm.
+    pub const CONFIRMED: u32 = 1 << 6;
+    /// The bytes of `flags` that are numbers: the bit where each begins, and steps a unit. The byte is one more than the steps.
+    const AGE_SCANS: (u32, f32) = (8, 1.0);
+    const SPEED_MPS: (u32, f32) = (16, 4.0);
+    const PROBABILITY: (u32, f32) = (24, 254.0);
     /// The bits of `flags` and their names in the JSON lines, in order.
-    pub const FLAG_NAMES: [&'static str; 6] =
-        ["unrefined", "split", "thinned", "small", "large", "post"];
+    pub const FLAG_NAMES: [&'static str; 7] = [
+        "unrefined",
+        "split",
+        "thinned",
+        "small",
+        "large",
+        "post",
+        "confirmed",
+    ];
 
     /// Checks a whole message: version, stamps, count, enums, indices, finite numbers, and of what is published a size above 0
     /// and a convex outline of three corners or more, counter-clockwise.
@@ -236,6 +261,47 @@ impl Object {
         self.points_first as usize + self.points_count as usize
     }
 
+    /// How likely it is an object of its kind: the share of validation objects with its score, at its range, that were; to 0.4 %.
+    /// `None`: nobody tells it.
+    pub fn probability(&self) -> Option<f32> {
+        self.told(Object::PROBABILITY)
+    }
+
+    /// Sets [`Object::probability`], 0 to 1.
+    pub fn tell_probability(&mut self, probability: f32) {
+        self.tell(Object::PROBABILITY, probability);
+    }
+
+    /// What its track tells; `None` without one.
+    pub fn track(&self) -> Option<TrackNews> {
+        Some(TrackNews {
+            age_scans: self.told(Object::AGE_SCANS)? as u32,
+            speed_mps: self.told(Object::SPEED_MPS),
+            is_confirmed: self.flags & Object::CONFIRMED != 0,
+        })
+    }
+
+    /// Sets number and news of its track.
+    pub fn tell_track(&mut self, track_id: u32, news: TrackNews) {
+        self.track_id = track_id;
+        self.tell(Object::AGE_SCANS, news.age_scans as f32);
+        if let Some(speed_mps) = news.speed_mps {
+            self.tell(Object::SPEED_MPS, speed_mps);
+        }
+        self.flags |= [0, Object::CONFIRMED][usize::from(news.is_confirmed)];
+    }
+
+    /// The number in the byte of `flags` that begins at a bit; none where the byte is 0.
+    fn told(&self, (bit, steps): (u32, f32)) -> Option<f32> {
+        let byte = self.flags >> bit & 0xff;
+        (byte > 0).then(|| (byte - 1) as f32 / steps)
+    }
+
+    fn tell(&mut self, (bit, steps): (u32, f32), value: f32) {
+        let steps = (value * steps).round().clamp(0.0, 254.0) as u32;
+        self.flags = self.flags & !(0xff << bit) | (steps + 1) << bit;
+    }
+
     /// Published, and not suppressed.
     pub fn is_published(&self) -> bool {
         self.disposition == Disposition::Published as u32
@@ -318,6 +384,31 @@ mod tests {
             ..object()
         };
         assert!(Object::checked(&FrameHeader::new(0, "a"), &[far], 3).is_err());
+    }
+
+    #[test]
+    fn numbers_are_told_in_the_flags_and_leave_the_others() {
+        let mut object = object();
+        object.flags = Object::SPLIT;
+        assert_eq!(object.probability(), None);
+        for told in [0.0, 0.3, 1.0, 7.0, -1.0] {
+            object.tell_probability(told);
+            let found = object.probability().expect("told");
+            assert!((found - told.clamp(0.0, 1.0)).abs() < 0.002, "{found}");
+            assert_eq!(object.flags & 0xff_ffff, Object::SPLIT);
+        }
+        assert_eq!(object.track(), None);
+        for (age_scans, speed_mps) in [(0, None), (7, Some(2.5)), (254, Some(63.5))] {
+            let news = TrackNews {
+                age_scans,
+                speed_mps,
+                is_confirmed: age_scans > 0,
+            };
+            object.tell_track(3, news);
+            assert_eq!((object.track(), object.track_id), (Some(news), 3));
+        }
+        assert_eq!(object.probability(), Some(0.0));
+        assert_eq!(object.flags & 0xff, Object::SPLIT | Object::CONFIRMED);
     }
 
     #[test]

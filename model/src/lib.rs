@@ -21,7 +21,8 @@ pub use file::{Model, model_bytes, read_tensors};
 pub use fold::{BATCH_NORM_EPS, Folded};
 pub use formula::{formula_uniform, formula_weights};
 pub use manifest::{
-    AnchorClass, Beams, Manifest, Profiles, Provenance, ScoreMin, Takes, Thresholds,
+    AnchorClass, Beams, Manifest, Probabilities, Profiles, Provenance, RangeBand, ScoreMin, Takes,
+    Thresholds,
 };
 pub use network::{
     DenseLayer, Grid, HeadKind, Network, SparseLayer, UpLayer, VoxelInput, calibrated_layers,

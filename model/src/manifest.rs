@@ -45,6 +45,9 @@ pub struct Thresholds {
     /// What the operating profiles publish; absent in a model for which nobody chose it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub profiles: Option<Profiles>,
+    /// What scores are worth; absent in a model for which nobody measured it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub probabilities: Option<Probabilities>,
 }
 
 /// Objects below these scores are not published. By default all are.
@@ -71,6 +74,43 @@ impl Profiles {
     /// Each with its name.
     pub fn named(&self) -> [(&'static str, ScoreMin); 2] {
         [("quiet", self.quiet), ("balanced", self.balanced)]
+    }
+}
+
+/// How likely an object of a score is one of its kind, by range: the share of the validation objects that lie on a label of their kind.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Probabilities {
+    /// Of known objects of any class, nearest band first.
+    pub known: Vec<RangeBand>,
+    /// Of unknown objects, on the scale of the refiner that the model was judged with.
+    pub unknown: Vec<RangeBand>,
+}
+
+/// The scores of a band of ranges.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RangeBand {
+    /// Where the band begins, m seen from above; it ends where the next one begins.
+    pub range_min_m: f32,
+    /// Score and probability, both ascending: along a line between two of them, and before and after all as at the end.
+    pub steps: Vec<[f32; 2]>,
+}
+
+impl Probabilities {
+    /// Of an object in this range from the sensor; `None` where there is no table.
+    pub fn of(&self, is_known: bool, range_m: f32, score: f32) -> Option<f32> {
+        let bands = [&self.unknown, &self.known][usize::from(is_known)];
+        let own = bands.iter().rfind(|band| band.range_min_m <= range_m);
+        let steps = &own.or(bands.first())?.steps;
+        let after = steps.partition_point(|step| step[0] <= score);
+        let ([x0, y0], [x1, y1]) = match (after.checked_sub(1), steps.get(after)) {
+            (Some(before), Some(next)) => (steps[before], *next),
+            (None, Some(only)) => (*only, *only),
+            (_, None) => (*steps.last()?, *steps.last()?),
+        };
+        let share = (x1 > x0).then(|| (score - x0) / (x1 - x0));
+        Some(y0 + share.unwrap_or(0.0) * (y1 - y0))
     }
 }
 

@@ -4,7 +4,7 @@
 use std::fmt::Display;
 
 use crate::error::{ModelError, Result};
-use crate::manifest::{AnchorClass, Manifest, Profiles, Takes, Thresholds};
+use crate::manifest::{AnchorClass, Manifest, Profiles, RangeBand, Takes, Thresholds};
 use crate::network::{DenseLayer, Grid, HeadKind, Network, SparseLayer};
 
 /// Voxels of the grid: bounds the presence bitmaps (a bit and half a bit more for each, 25 MiB).
@@ -29,6 +29,9 @@ const GENERIC_MAX: usize = 8;
 const CHANNELS_MAX: usize = 1024;
 /// Layers of any part.
 const LAYERS_MAX: usize = 64;
+/// Bands of ranges with probabilities of their own, and steps of the score in one.
+const RANGE_BANDS_MAX: usize = 16;
+const STEPS_MAX: usize = 256;
 /// Edge of the grid in voxels: coordinates are u16.
 const EDGE_MAX: f32 = 65_535.0;
 
@@ -145,6 +148,39 @@ impl Thresholds {
             let values = [("known", least.known), ("unknown", least.unknown)];
             let values = values.map(|(kind, score)| (kind, score, 0.0, 1.0));
             bounds(&format!("thresholds.profiles.{name}."), &values)?;
+        }
+        if let Some(told) = &self.probabilities {
+            for (kind, bands) in [("known", &told.known), ("unknown", &told.unknown)] {
+                let field = format!("thresholds.probabilities.{kind}");
+                within(&field, bands.len(), 0, RANGE_BANDS_MAX)?;
+                let mut range_min_m = 0.0;
+                for (number, band) in bands.iter().enumerate() {
+                    let field = format!("{field}[{number}]");
+                    let least_m = std::mem::replace(&mut range_min_m, band.range_min_m);
+                    within(
+                        &format!("{field}.range_min_m"),
+                        band.range_min_m,
+                        least_m,
+                        1e4,
+                    )?;
+                    band.validate(&field)?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl RangeBand {
+    /// Neither score nor probability may fall.
+    fn validate(&self, field: &str) -> Result<()> {
+        within(&format!("{field}.steps"), self.steps.len(), 1, STEPS_MAX)?;
+        let mut least = [0.0; 2];
+        for (number, &step) in self.steps.iter().enumerate() {
+            let field = format!("{field}.steps[{number}]");
+            within(&format!("{field}[0]"), step[0], least[0], 1.0)?;
+            within(&format!("{field}[1]"), step[1], least[1], 1.0)?;
+            least = step;
         }
         Ok(())
     }

@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 
 use mluc_model::{
-    CLUSTER_SCORER, CLUSTER_SCORER_VALUES, Grid, Manifest, Model, ModelError, Network, WeightSet,
-    calibrated_layers, expected_tensors, formula_weights, model_bytes,
+    CLUSTER_SCORER, CLUSTER_SCORER_VALUES, Grid, Manifest, Model, ModelError, Network,
+    Probabilities, RangeBand, WeightSet, calibrated_layers, expected_tensors, formula_weights,
+    model_bytes,
 };
 use safetensors::tensor::{Dtype, TensorView};
 use serde_json::Value;
@@ -134,6 +135,59 @@ fn every_field_out_of_bounds_is_named_and_nothing_panics() -> Fallible {
         assert_refused(&unchecked(&changed, &weights), &[named]);
         let error = model_bytes(&serde_json::from_value(changed)?, &weights);
         assert!(matches!(error, Err(ModelError::Field { .. })), "{field}");
+    }
+    Ok(())
+}
+
+#[test]
+fn probabilities_rise_along_lines_in_each_band_of_ranges_or_are_refused() -> Fallible {
+    let (mut manifest, weights) = fixture();
+    let band = |range_min_m, steps: &[[f32; 2]]| RangeBand {
+        range_min_m,
+        steps: steps.to_vec(),
+    };
+    let bands = vec![
+        band(0.0, &[[0.25, 0.125], [0.5, 0.375]]),
+        band(20.0, &[[0.5, 0.0], [0.5, 1.0]]),
+    ];
+    let told = Probabilities {
+        unknown: bands,
+        known: vec![],
+    };
+    for (range_m, score, expected) in [
+        (3.0, 0.0, 0.125),
+        (3.0, 0.25, 0.125),
+        (19.0, 0.375, 0.25),
+        (3.0, 9.0, 0.375),
+        (20.0, 0.49, 0.0),
+        (900.0, 0.5, 1.0),
+    ] {
+        assert_eq!(told.of(false, range_m, score), Some(expected), "{score}");
+    }
+    assert_eq!(told.of(true, 3.0, 0.5), None);
+    manifest.thresholds.probabilities = Some(told.clone());
+    let model = Model::from_bytes(&model_bytes(&manifest, &weights)?)?;
+    assert_eq!(model.manifest.thresholds.probabilities, Some(told));
+    let wrong = [
+        (band(19.0, &[[0.5, 0.5]]), "unknown[2].range_min_m"),
+        (band(30.0, &[]), "unknown[2].steps"),
+        (
+            band(30.0, &[[0.5, 0.5], [0.4, 0.6]]),
+            "unknown[2].steps[1][0]",
+        ),
+        (
+            band(30.0, &[[0.5, 0.5], [0.6, 0.4]]),
+            "unknown[2].steps[1][1]",
+        ),
+        (band(30.0, &[[0.5, 1.1]]), "unknown[2].steps[0][1]"),
+        (band(30.0, &[[f32::NAN, 0.5]]), "unknown[2].steps[0][0]"),
+    ];
+    for (band, field) in wrong {
+        let mut manifest = manifest.clone();
+        let told = manifest.thresholds.probabilities.as_mut();
+        told.ok_or(field)?.unknown.push(band);
+        let error = model_bytes(&manifest, &weights).expect_err(field);
+        assert!(error.to_string().contains(field), "{error}");
     }
     Ok(())
 }

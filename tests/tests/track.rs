@@ -1,4 +1,4 @@
-//! `--track`: an unknown object waits for its second sighting and keeps its number; known objects wait for nothing.
+//! `--track`: an unknown object waits for its third sighting and keeps its number; known objects wait for nothing.
 
 use std::collections::BTreeSet;
 
@@ -16,28 +16,34 @@ fn tracks(objects: &[&Value]) -> BTreeSet<u64> {
 }
 
 #[test]
-fn unknown_objects_wait_for_their_second_sighting_and_known_ones_do_not() {
-    // The same scan three times, and a sensor that stands still.
+fn unknown_objects_wait_for_their_third_sighting_and_known_ones_do_not() {
+    // The same scan four times, and a sensor that stands still.
     let setting = Setting::new("track", 0);
-    for number in 0..3 {
+    for number in 0..4 {
         setting.write_scan(&format!("{number:06}"), &car_scan(9.0));
     }
-    let poses = "5 1 0 0.3\n".repeat(3);
+    let poses = "5 1 0 0.3\n".repeat(4);
     std::fs::write(setting.input.join("poses.txt"), poses).unwrap();
     let plain = setting.run("--refiner-mode none");
     let tracked = setting.run("--refiner-mode none --track");
-    tracked.assert_ended(0, 3);
+    tracked.assert_ended(0, 4);
     let unknown = of_kind(&plain.lines[0]["objects"], "unknown").len();
     assert!(unknown > 0, "the untrained model has no candidates");
-    let first = &tracked.lines[0];
-    assert_eq!(of_kind(&first["objects"], "unknown").len(), 0);
-    let mut waiting = of_kind(&first["suppressed"], "unknown");
-    waiting.retain(|object| object["reason"] == "unconfirmed");
-    assert_eq!(waiting.len(), unknown);
-    for line in &tracked.lines[1..] {
+    let waiting_in = |line: &Value| {
+        let mut waiting = of_kind(&line["suppressed"], "unknown");
+        waiting.retain(|object| object["reason"] == "unconfirmed");
+        assert!(waiting.iter().all(|object| object["confirmed"] == false));
+        assert_eq!(waiting.len(), unknown);
+        tracks(&waiting)
+    };
+    let waiting = waiting_in(&tracked.lines[0]);
+    assert_eq!(waiting_in(&tracked.lines[1]), waiting);
+    for (line, age) in tracked.lines.iter().zip(0..).skip(2) {
         let published = of_kind(&line["objects"], "unknown");
         assert_eq!(published.len(), unknown);
-        assert_eq!(tracks(&published), tracks(&waiting));
+        assert_eq!(tracks(&published), waiting);
+        let is_told = |object: &&Value| object["confirmed"] == true && object["age_scans"] == age;
+        assert!(published.iter().all(is_told), "{line}");
     }
     for (with, without) in tracked.lines.iter().zip(&plain.lines) {
         let known = of_kind(&with["objects"], "known");

@@ -25,6 +25,8 @@ pub struct Label {
     pub camera_box: CameraBox,
     /// Detections only: confidence.
     pub score: Option<f64>,
+    /// Detections of the pipeline only: how likely it is one of its kind. In no file.
+    pub probability: Option<f64>,
     /// Number of the object that it is in all scans of a drive.
     pub track: Option<u32>,
 }
@@ -119,6 +121,7 @@ fn label(line: Line<'_>, columns: &[&str], scored: bool) -> Result<Label> {
         score: scored
             .then(|| number(columns.len() - 1, "score"))
             .transpose()?,
+        probability: None,
         // -1: none.
         track: track.and_then(|track| track.parse().ok()),
     })

@@ -21,6 +21,9 @@ pub struct SensorDetection {
     pub class: String,
     /// Confidence; higher is better; finite.
     pub score: f64,
+    /// How likely it is one of its kind, where the model tells it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub probability: Option<f64>,
     /// Number of its track, where objects are followed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub track: Option<u32>,
@@ -84,6 +87,7 @@ impl FrameTruth {
                 image_box_px,
                 camera_box,
                 score: Some(found.score),
+                probability: found.probability,
                 track: found.track,
                 ..Label::default()
             })

@@ -6,7 +6,8 @@
 //!
 //! Scans of a drive look alike, so the intervals come from drawing drives, and in each of them runs of scans (bootstrap in blocks).
 //! A score is chosen by risk control: the upper 95 % bound of the false objects a scan, not their number, stays below a limit.
-//! How far a score can be read as a probability: of the objects with scores in each tenth, the share that lies on a label of their kind.
+//! How far a score, or the probability that the model makes of it, can be read as one: of the objects in each tenth, the share that lies
+//! on a label of their kind. [`Operating::probabilities`] makes a model's table.
 
 use crate::breakdown::range_m;
 use crate::curve::{Curve, FrameCurve};
@@ -16,6 +17,7 @@ use crate::report::render;
 use crate::{ClassRule, Difficulty, LabelledFrame, Metric, ObjectKind, UNKNOWN};
 use mluc_dataset::Label;
 use mluc_geometry::{Inside, Random, quantile_of, resample};
+use mluc_model::{Probabilities, RangeBand};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
@@ -28,6 +30,10 @@ const DRAWS: usize = 1000;
 const BLOCK: usize = 10;
 /// Objects a scan on no label for which the curve has a point.
 const FALSE_A_SCAN: [f64; 9] = [5.0, 2.0, 1.0, 0.5, 0.3, 0.2, 0.1, 0.05, 0.0];
+/// Where the bands of ranges begin that have probabilities of their own, m.
+const BANDS_M: [f64; 3] = [0.0, 20.0, 40.0];
+/// Objects by score of which one share is taken at least.
+const POOL: usize = 10;
 
 /// Each figure is a share of two of a frame's [`Counts`], and a factor. Those an hour are at 10 Hz, recall is in percent.
 const FIGURES: [(&str, usize, usize, f64); 6] = [
@@ -52,9 +58,25 @@ pub(crate) enum Place {
     Nothing,
 }
 
+/// An object, judged.
+#[derive(Clone, Copy, Debug)]
+struct Judged {
+    kind: ObjectKind,
+    score: f64,
+    probability: Option<f64>,
+    range_m: f64,
+    place: Place,
+}
+
+impl Judged {
+    fn is_right(&self) -> bool {
+        self.place == [Place::Unknown, Place::Known][usize::from(self.kind == ObjectKind::Known)]
+    }
+}
+
 #[derive(Clone, Debug)]
 struct FrameOutcome {
-    objects: Vec<(ObjectKind, f64, Place)>,
+    objects: Vec<Judged>,
     curves: Vec<(ObjectKind, FrameCurve)>,
 }
 
@@ -82,8 +104,7 @@ impl Operating {
     /// First what is published, then what would be at the lowest scores that leave so many objects a scan on no label. These scores
     /// were chosen on the scans that they are judged on: a curve, no scores to run with.
     fn points(&self, kind: ObjectKind) -> Vec<Point> {
-        let objects = self.frames.iter().flat_map(|frame| &frame.objects);
-        let scores = objects.filter(|o| o.0 == kind).map(|o| o.1);
+        let scores = self.objects(kind).map(|o| o.score);
         let published = scores.reduce(f64::min).unwrap_or_default();
         let mut points = vec![self.point("published".to_owned(), kind, published)];
         let all: Vec<usize> = (0..self.frames.len()).collect();
@@ -107,8 +128,8 @@ impl Operating {
     /// The lowest score at or above which at most so many objects a scan lie on no label.
     fn score_min(&self, frames: &[usize], kind: ObjectKind, false_a_scan: f64) -> f64 {
         let objects = frames.iter().flat_map(|&at| &self.frames[at].objects);
-        let wrong = objects.filter(|o| o.0 == kind && o.2 == Place::Nothing);
-        let mut scores: Vec<f64> = wrong.map(|o| o.1).collect();
+        let wrong = objects.filter(|o| o.kind == kind && o.place == Place::Nothing);
+        let mut scores: Vec<f64> = wrong.map(|o| o.score).collect();
         scores.sort_by(|a, b| b.total_cmp(a));
         // The small number absorbs rounding: 0.3 of 10 scans is 3.
         let most = (false_a_scan * frames.len() as f64 + 1e-9) as usize;
@@ -138,30 +159,74 @@ impl Operating {
         (name, score_min, figures)
     }
 
-    /// By tenth of the score: objects, their mean score, and the share that lies on a label of their kind; then the calibration error
-    /// (the mean difference of both, each tenth by its objects; Guo 2017, eq. 3). Scores above 1 are in the last tenth.
-    fn reliability(&self, kind: ObjectKind) -> Value {
-        let own = [Place::Unknown, Place::Known][usize::from(kind == ObjectKind::Known)];
-        let mut tenths = [[0.0; 3]; 10];
+    fn objects(&self, kind: ObjectKind) -> impl Iterator<Item = &Judged> {
         let objects = self.frames.iter().flat_map(|frame| &frame.objects);
-        for (_, score, place) in objects.filter(|o| o.0 == kind) {
-            let tenth = &mut tenths[((10.0 * score) as usize).min(9)];
-            let found = [1.0, *score, f64::from(u8::from(*place == own))];
+        objects.filter(move |object| object.kind == kind)
+    }
+
+    /// What scores are worth: in each band of ranges the share of objects on a label of their kind, made to rise with the score (objects
+    /// in the order of their scores are pooled until it does). None of a kind of which no object is right: nothing was labelled.
+    pub fn probabilities(&self) -> Probabilities {
+        let bands = |kind| {
+            let of_band =
+                |o: &Judged, at| BANDS_M.iter().rposition(|m| *m <= o.range_m) == Some(at);
+            let band = |at| {
+                let own = self.objects(kind).filter(|o| of_band(o, at));
+                RangeBand {
+                    range_min_m: BANDS_M[at] as f32,
+                    steps: rising(own.map(|o| (o.score, o.is_right())).collect()),
+                }
+            };
+            let is_labelled = self.objects(kind).any(Judged::is_right);
+            let bands = (0..BANDS_M.len()).filter(|_| is_labelled).map(band);
+            bands.filter(|band| !band.steps.is_empty()).collect()
+        };
+        Probabilities {
+            known: bands(ObjectKind::Known),
+            unknown: bands(ObjectKind::Unknown),
+        }
+    }
+
+    /// The calibration errors of scores from a least one on, and of the probabilities that a table makes of them; none without objects.
+    pub fn calibration_errors(
+        &self,
+        kind: ObjectKind,
+        score_min: f32,
+        table: &Probabilities,
+    ) -> [Option<f64>; 2] {
+        let score = |o: &Judged| Some(o.score).filter(|score| *score >= score_min.into());
+        let told = |o: &Judged| {
+            let is_known = kind == ObjectKind::Known;
+            let told = table.of(is_known, o.range_m as f32, score(o)? as f32);
+            told.map(f64::from)
+        };
+        let scores = self.reliability(kind, score);
+        [scores, self.reliability(kind, told)].map(|of| of["calibration_error"].as_f64())
+    }
+
+    /// By tenth of a value: objects, their mean value, and the share that lies on a label of their kind; then the calibration error
+    /// (the mean difference of both, each tenth by its objects; Guo 2017, eq. 3). Values above 1 are in the last tenth.
+    fn reliability(&self, kind: ObjectKind, value: impl Fn(&Judged) -> Option<f64>) -> Value {
+        let mut tenths = [[0.0; 3]; 10];
+        let told = self.objects(kind).filter_map(|o| Some((o, value(o)?)));
+        for (object, value) in told {
+            let tenth = &mut tenths[((10.0 * value) as usize).min(9)];
+            let found = [1.0, value, f64::from(u8::from(object.is_right()))];
             tenth
                 .iter_mut()
                 .zip(found)
                 .for_each(|(sum, one)| *sum += one);
         }
         let count: f64 = tenths.iter().map(|tenth| tenth[0]).sum();
-        let gaps = tenths.iter().map(|[_, score, hits]| (score - hits).abs());
+        let gaps = tenths.iter().map(|[_, value, hits]| (value - hits).abs());
         let error = (count > 0.0).then(|| gaps.sum::<f64>() / count);
         let rows = tenths
             .iter()
             .enumerate()
             .filter(|(_, tenth)| tenth[0] > 0.0);
-        let rows = rows.map(|(at, [objects, score, hits])| {
+        let rows = rows.map(|(at, [objects, value, hits])| {
             let from = at as f64 / 10.0;
-            json!({"from": from, "objects": objects, "score": score / objects, "on_own_label": hits / objects})
+            json!({"from": from, "objects": objects, "mean": value / objects, "on_own_label": hits / objects})
         });
         json!({"tenths": rows.collect::<Value>(), "calibration_error": error})
     }
@@ -177,8 +242,15 @@ impl Operating {
         };
         let all = |kind| self.points(kind).iter().map(point).collect::<Value>();
         let [unknown, known] = [ObjectKind::Unknown, ObjectKind::Known];
-        let reliability =
-            json!({"unknown": self.reliability(unknown), "known": self.reliability(known)});
+        let reliability = [(unknown, "unknown"), (known, "known")].map(|(kind, name)| {
+            let of = |value, told: fn(&Judged) -> Option<f64>| {
+                let of = self.reliability(kind, told);
+                json!({"kind": name, "value": value, "tenths": of["tenths"], "calibration_error": of["calibration_error"]})
+            };
+            [of("score", |o| Some(o.score)), of("probability", |o| o.probability)]
+        });
+        let told = reliability.into_iter().flatten();
+        let reliability: Value = told.filter(|of| of["calibration_error"].is_f64()).collect();
         json!({"scans": self.frames.len(), "unknown": all(unknown), "known": all(known), "reliability": reliability})
     }
 
@@ -193,8 +265,8 @@ impl Operating {
 impl FrameOutcome {
     fn counts(&self, kind: ObjectKind, score_min: f64) -> Counts {
         let objects = self.objects.iter();
-        let objects = objects.filter(|o| o.0 == kind && o.1 >= score_min);
-        let on = |place| objects.clone().filter(|o| o.2 == place).count() as f64;
+        let objects = objects.filter(|o| o.kind == kind && o.score >= score_min);
+        let on = |place| objects.clone().filter(|o| o.place == place).count() as f64;
         let curves = self.curves.iter().filter(|(of, _)| *of == kind);
         let curve = Curve::of(curves.map(|(_, curve)| curve));
         let (hits, labels) = (curve.counts_at(score_min).0, curve.truth_count);
@@ -249,16 +321,45 @@ fn judge(frame: &LabelledFrame, rules: &[ClassRule]) -> FrameOutcome {
     };
     let object = |detection: &Label| {
         let kind = kind_of(detection);
-        (
+        Judged {
             kind,
-            score_of(detection),
-            lies_on(detection, kind, frame, rules),
-        )
+            score: score_of(detection),
+            probability: detection.probability,
+            range_m: range_m(&detection.camera_box.upright()),
+            place: lies_on(detection, kind, frame, rules),
+        }
     };
     FrameOutcome {
         objects: near.detections.iter().map(object).collect(),
         curves: rules.iter().map(match_one).collect(),
     }
+}
+
+/// Scores and shares of right ones, both ascending: neighbours whose share falls are pooled. A share counts half a right one and half a wrong
+/// one more, so that none is 0 or 1.
+fn rising(mut objects: Vec<(f64, bool)>) -> Vec<[f32; 2]> {
+    objects.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let share = |[count, _, right]: &[f64; 3]| right / count;
+    let mut pools: Vec<[f64; 3]> = vec![];
+    for pool in objects.chunks(POOL) {
+        let right = pool.iter().filter(|object| object.1).count() as f64;
+        let scores = pool.iter().map(|object| object.0).sum();
+        pools.push([pool.len() as f64, scores, right]);
+        while let [.., before, last] = &mut pools[..]
+            && share(before) >= share(last)
+        {
+            *before = [0, 1, 2].map(|at| before[at] + last[at]);
+            pools.pop();
+        }
+    }
+    let mut most = 1.0f64;
+    let step = |[count, scores, right]: &[f64; 3]| {
+        most = most.min((right + 0.5) / (count + 1.0));
+        [(scores / count) as f32, most as f32]
+    };
+    let mut steps: Vec<_> = pools.iter().rev().map(step).collect();
+    steps.reverse();
+    steps
 }
 
 /// Of several labels one of the object's own kind.
@@ -357,12 +458,43 @@ mod tests {
         assert_eq!(known.len(), 1);
         assert_eq!(figures(&known[0]).1, [0.5, 0.0, 0.5, 0.0, 100.0]);
         // 0.8 lies on a van; 0.6, 0.5 and 0.4 on nothing unknown.
-        let reliability = judged.reliability(ObjectKind::Unknown);
+        let reliability = judged.reliability(ObjectKind::Unknown, |o| Some(o.score));
         let error = reliability["calibration_error"].as_f64().expect("objects");
         assert!((error - (0.2 + 0.6 + 0.5 + 0.4) / 4.0).abs() < 1e-6);
-        let tenth = json!({"from": 0.8, "objects": 1.0, "score": 0.8, "on_own_label": 1.0});
+        let tenth = json!({"from": 0.8, "objects": 1.0, "mean": 0.8, "on_own_label": 1.0});
         assert_eq!(reliability["tenths"][3], tenth);
         assert!(judged.to_table().contains("calibration error 0.425"));
+    }
+
+    #[test]
+    fn what_a_score_is_worth_is_the_share_that_was_right_and_rises() {
+        // Right are all with a score above 0.5, and of the others every fourth; beyond 40 m none.
+        let scan = |i: usize| {
+            let score = i as f64 / 200.0;
+            let far = found_at(-40.0, UNKNOWN, score);
+            let labels = (score > 0.5 || i.is_multiple_of(4)).then(|| label("Van", 0.0));
+            let objects = vec![found_at(0.0, UNKNOWN, score), far];
+            frame(labels.into_iter().collect(), objects)
+        };
+        let frames: Vec<LabelledFrame> = (0..200).map(scan).collect();
+        let judged = Operating::of(&frames, &[200], &rules());
+        let table = judged.probabilities();
+        assert_eq!((table.known.len(), table.unknown.len()), (0, 2));
+        let steps = table.unknown.iter().flat_map(|band| band.steps.windows(2));
+        assert!(
+            steps.clone().all(|pair| pair[0][1] <= pair[1][1]),
+            "{table:?}"
+        );
+        let told = |range_m, score| table.of(false, range_m, score).expect("a table");
+        assert!((told(20.0, 0.2) - 0.25).abs() < 0.05 && told(39.9, 0.9) > 0.95);
+        assert!(told(50.0, 0.9) < 0.01);
+        let [score, probability] = judged.calibration_errors(ObjectKind::Unknown, 0.0, &table);
+        assert!(
+            score > Some(0.2) && probability < Some(0.05),
+            "{score:?} {probability:?}"
+        );
+        let known = judged.calibration_errors(ObjectKind::Known, 0.0, &table);
+        assert_eq!(known, [None; 2]);
     }
 
     #[test]
@@ -375,7 +507,7 @@ mod tests {
         let judged = Operating::of(&frames, &[100], &rules());
         let all: Vec<usize> = (0..100).collect();
         let plain = judged.score_min(&all, ObjectKind::Unknown, 0.3);
-        let above = judged.frames.iter().filter(|f| f.objects[0].1 >= plain);
+        let above = judged.frames.iter().filter(|f| f.objects[0].score >= plain);
         assert_eq!(above.count(), 30);
         let safe = f64::from(judged.safe_score_min(ObjectKind::Unknown, 0.3));
         assert!(safe > plain && safe < plain + 0.2, "{plain} {safe}");

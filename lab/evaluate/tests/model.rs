@@ -225,18 +225,22 @@ fn scores_of_profiles_keep_false_objects_below_their_limits() {
     let (model, set, path) = (&fixture.model, &fixture.set, &fixture.path);
     let (rules, settings) = (fixture.judge(model).rules, Settings::default());
     let chosen = choose_profiles(model, set, &fixture.frames, &rules, &settings).expect("scores");
-    for (_, least) in chosen.named() {
+    for (_, least) in chosen.profiles.named() {
         let expected = ScoreMin {
             known: 0.25f32.next_up(),
             unknown: 0.0,
         };
         assert_eq!(least, expected);
     }
-    write_profiles(path, model, chosen, "twelve scans").expect("written");
+    write_profiles(path, model, &chosen, "twelve scans").expect("written");
     let written = Model::read(path).expect("a model").manifest;
-    assert_eq!(written.thresholds.profiles, Some(chosen));
+    assert_eq!(written.thresholds.profiles, Some(chosen.profiles));
+    assert_eq!(
+        written.thresholds.probabilities.as_ref(),
+        Some(&chosen.probabilities)
+    );
     let reason = &written.provenance.profile_choice;
     assert!(reason.ends_with("data: twelve scans"), "{reason}");
-    let fault = write_profiles(path, model, chosen, "").expect_err("changed");
+    let fault = write_profiles(path, model, &chosen, "").expect_err("changed");
     assert!(fault.to_string().contains("that was judged"), "{fault}");
 }

@@ -59,6 +59,7 @@ fn truths(test: &TestFrames, index: usize) -> Result<Vec<Truth>> {
                 class: label.class.clone(),
                 kind: rule.map_or(ObjectKind::Known, |rule| rule.kind),
                 score: 1.0,
+                probability: None,
                 track: label.track,
                 box_in_sensor,
             },

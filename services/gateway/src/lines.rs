@@ -52,6 +52,8 @@ pub struct ObjectLine<'a> {
     kind: &'static str,
     pub(crate) label: &'a str,
     score: f32,
+    /// How likely it is one of its kind, where the model tells it.
+    probability: Option<f32>,
     center_m: [f32; 3],
     size_m: [f32; 3],
     yaw_rad: f32,
@@ -60,8 +62,12 @@ pub struct ObjectLine<'a> {
     /// Probability of being none of the known, where the model tells it.
     unknown_probability: Option<f32>,
     points: u32,
-    /// Number of its track, where unknown objects are followed over frames.
+    /// Number of its track, where unknown objects are followed over frames; whether that is worth an alarm, its age and its speed over
+    /// the ground.
     track: Option<u32>,
+    confirmed: Option<bool>,
+    age_scans: Option<u32>,
+    speed_mps: Option<f32>,
     /// The frame's budget ended before its turn: its box is the proposal's.
     unrefined: bool,
     /// A piece of a cluster larger than any road user.
@@ -243,11 +249,13 @@ pub(crate) fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectL
     let is_known = object.kind == ObjectKind::Known as u32;
     let class = classes.get(object.class_id as usize);
     let class = class.map_or("?", String::as_str);
+    let news = object.track();
     let corners = (object.footprint_count as usize).min(object.footprint_m.len());
     ObjectLine {
         kind: if is_known { "known" } else { "unknown" },
         label: if is_known { class } else { "unknown" },
         score: object.score,
+        probability: object.probability(),
         center_m: object.center_m,
         size_m: object.size_m,
         yaw_rad: object.yaw_rad,
@@ -257,6 +265,9 @@ pub(crate) fn object_line<'a>(object: &Object, classes: &'a [String]) -> ObjectL
             .then_some(object.unknown_probability),
         points: object.points_count,
         track: (object.track_id != Object::NONE).then_some(object.track_id),
+        confirmed: news.map(|news| news.is_confirmed),
+        age_scans: news.map(|news| news.age_scans),
+        speed_mps: news.and_then(|news| news.speed_mps),
         unrefined: object.flags & Object::UNREFINED != 0,
         split: object.flags & Object::SPLIT != 0,
         footprint_m: object.footprint_m[..corners].to_vec(),
@@ -288,7 +299,7 @@ mod tests {
             threshold: 1.2,
             points_first: 0,
             points_count: 42,
-            flags: Object::UNREFINED,
+            flags: Object::UNREFINED | Object::CONFIRMED | 10 << 8 | 3 << 16 | 255 << 24,
             track_id: 7,
             overlap: 0.0,
             footprint_count: 2,
@@ -332,9 +343,10 @@ mod tests {
             told,
         ]);
         let known = json!({
-            "kind": "known", "label": "pedestrian", "score": 0.5, "center_m": [10.0, -2.0, -1.0],
+            "kind": "known", "label": "pedestrian", "score": 0.5, "probability": 1.0, "center_m": [10.0, -2.0, -1.0],
             "size_m": [4.0, 2.0, 1.5], "yaw_rad": 0.25, "eds": 18.0, "eds_normalised": 1.5,
-            "unknown_probability": null, "points": 42, "track": 7, "unrefined": true, "split": false,
+            "unknown_probability": null, "points": 42, "track": 7, "confirmed": true, "age_scans": 9,
+            "speed_mps": 0.5, "unrefined": true, "split": false,
             "footprint_m": [[0.0, 0.0], [2.0, 0.5]],
         });
         assert_eq!(line["objects"].as_array().map(Vec::len), Some(2));

@@ -2,9 +2,10 @@
 
 use mluc_geometry::{Box3, Inside};
 use mluc_ipc_types::{
-    DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, Object, POINTS_MAX, Point,
+    DETECTIONS_MAX, Detection, Disposition, OBJECT_POINTS_MAX, Object, ObjectKind, POINTS_MAX,
+    Point,
 };
-use mluc_model::{Model, ScoreMin};
+use mluc_model::{Model, Probabilities, ScoreMin};
 
 use crate::clusterer::{Clusterer, FrameTask, NoClusterer, ScanClusterer};
 use crate::decide::{UnknownScorer, leave_out_low_scores};
@@ -27,6 +28,8 @@ pub struct Refiner {
     frame: FrameIndex,
     clusterer: Box<dyn Clusterer>,
     scorer: UnknownScorer,
+    /// What scores are worth, where the model says it.
+    probabilities: Option<Probabilities>,
     proposals: Vec<Proposal>,
     /// Points of all proposals, by their ranges.
     points: Vec<u32>,
@@ -43,10 +46,17 @@ impl Refiner {
         Refiner::with_scorer(settings, sensor, None)
     }
 
-    /// For a model: its sensor, and its scorer of clusters where it has one.
+    /// For a model: its sensor, its scorer of clusters and its probabilities where it has them.
     pub fn for_model(settings: Settings, model: &Model) -> Result<Refiner, RefinerError> {
         let sensor = Sensor::from_manifest(&model.manifest)?;
-        Refiner::with_scorer(settings, &sensor, ClusterScorer::of_model(&model.weights))
+        // They are of the default variant's scores.
+        let told = model.manifest.thresholds.probabilities.clone();
+        let probabilities = told.filter(|_| settings.variant == Variant::default());
+        let scorer = ClusterScorer::of_model(&model.weights);
+        Ok(Refiner {
+            probabilities,
+            ..Refiner::with_scorer(settings, &sensor, scorer)?
+        })
     }
 
     /// With layers that score clusters, which the settings may leave aside. Refuses settings that make no sense.
@@ -70,6 +80,7 @@ impl Refiner {
             clusterer,
             scorer: UnknownScorer::new(&settings, sensor, scorer)?,
             settings,
+            probabilities: None,
             proposals: Vec::with_capacity(DETECTIONS_MAX),
             points: Vec::with_capacity(OBJECT_POINTS_MAX + POINTS_MAX),
             counters: Counters::default(),
@@ -226,7 +237,14 @@ impl Refiner {
         (out.measures).extend(self.proposals.iter().map(|p| p.measures));
         out.counters = self.counters;
         for (proposal, detection) in self.proposals.iter().zip(detections) {
-            let object = proposal.object(detection, self.classes.max(1));
+            let mut object = proposal.object(detection, self.classes.max(1));
+            let [x_m, y_m, _] = object.center_m;
+            let is_known = proposal.kind == ObjectKind::Known;
+            let told = self.probabilities.as_ref();
+            let told = told.and_then(|told| told.of(is_known, x_m.hypot(y_m), object.score));
+            if let Some(probability) = told {
+                object.tell_probability(probability);
+            }
             out.objects.push(object);
         }
         for published in [true, false] {

@@ -1,6 +1,6 @@
-//! Temporal voting: what is seen once is held back, what is seen again keeps its number, known objects pass at once.
+//! Evidence over time: what is seen once is held back, what is seen again keeps its number, what moves is worth more, known objects pass at once.
 
-use mluc_ipc_types::{Disposition, EgoPose, Object, ObjectKind};
+use mluc_ipc_types::{Disposition, EgoPose, FrameHeader, Object, ObjectKind};
 use mluc_refiner::{RefinerOutput, TrackSettings, Tracker};
 use proptest::prelude::*;
 
@@ -20,7 +20,12 @@ fn object(kind: ObjectKind, x: f32, y: f32, score: f32) -> Object {
 fn update(tracker: &mut Tracker, sequence: u64, ego: &EgoPose, objects: &[Object]) -> Vec<Object> {
     let mut out = RefinerOutput::default();
     out.objects.extend_from_slice(objects);
-    tracker.update(sequence, ego, &mut out);
+    let header = FrameHeader {
+        ego: *ego,
+        sensor_stamp_ns: 7 + 100_000_000 * sequence,
+        ..FrameHeader::new(sequence, "")
+    };
+    tracker.update(&header, &mut out);
     out.objects
 }
 
@@ -38,11 +43,79 @@ fn tracker() -> Tracker {
     Tracker::new(TrackSettings::default()).unwrap()
 }
 
+/// What becomes of one that is likely an object by a probability, in 14 frames at (20 + speed x time, 1); the sensor does not move.
+fn judged(
+    disposition: Disposition,
+    probability: f32,
+    speed_mps: f32,
+    is_known: u32,
+) -> Vec<Object> {
+    let mut tracker = tracker();
+    let ego = EgoPose {
+        is_known,
+        ..EgoPose::default()
+    };
+    let mut see = |sequence| {
+        let x_m = 20.0 + 0.1 * speed_mps * sequence as f32;
+        let mut unknown = object(ObjectKind::Unknown, x_m, 1.0, 0.1);
+        unknown.disposition = disposition as u32;
+        unknown.tell_probability(probability);
+        update(&mut tracker, sequence, &ego, &[unknown])[0]
+    };
+    (0..14).map(&mut see).collect()
+}
+
 #[test]
-fn an_unknown_object_is_published_from_its_second_sighting_with_the_same_number() {
-    let seen = seen_at(&[0, 1, 2, 3], |sequence| 10.0 + 0.4 * sequence as f32);
-    assert_eq!(seen[0].disposition, Disposition::Unconfirmed as u32);
-    assert!(seen[1..].iter().all(Object::is_published));
+fn a_track_is_confirmed_when_it_is_likely_or_moves_over_the_ground() {
+    use Disposition::{LowScore, Published, Unconfirmed};
+    for (before, probability, speed_mps, is_known, confirmed_from, otherwise) in [
+        (Published, 0.7, 0.0, 1, 2, Unconfirmed),
+        // Published with a low score, too.
+        (LowScore, 0.7, 0.0, 1, 2, LowScore),
+        (Published, 0.25, 0.0, 1, 99, Unconfirmed),
+        (LowScore, 0.25, 0.0, 1, 99, LowScore),
+        // 1.5 m of way after four frames; without a pose nobody knows what moves.
+        (Published, 0.25, 4.0, 1, 4, Unconfirmed),
+        (Published, 0.25, 4.0, 0, 99, Unconfirmed),
+        (Published, 0.02, 4.0, 1, 99, Unconfirmed),
+    ] {
+        let seen = judged(before, probability, speed_mps, is_known);
+        for (at, object) in seen.iter().enumerate() {
+            let is_confirmed = at >= confirmed_from;
+            let expected = [otherwise, Published][usize::from(is_confirmed)];
+            assert_eq!(
+                object.disposition, expected as u32,
+                "{before:?} {probability} {at}"
+            );
+            let news = object.track().expect("a track");
+            assert_eq!(
+                (news.is_confirmed, news.age_scans),
+                (is_confirmed, at as u32)
+            );
+            let expected = (is_known == 1 && at > 0).then_some(speed_mps);
+            assert_eq!(news.speed_mps, expected);
+        }
+    }
+}
+
+#[test]
+fn what_moves_is_ranked_higher_and_what_is_old_and_still_lower_and_stays() {
+    let probability = |speed_mps, at: usize| {
+        let object = judged(Disposition::Published, 0.5, speed_mps, 1)[at];
+        assert!(object.is_published());
+        object.probability().expect("told")
+    };
+    assert!((probability(0.0, 2) - 0.5).abs() < 0.01);
+    assert!(probability(0.0, 13) < 0.45 && probability(4.0, 13) > 0.8);
+}
+
+#[test]
+fn an_unknown_object_is_published_from_its_third_sighting_with_the_same_number() {
+    let seen = seen_at(&[0, 1, 1, 2, 3], |sequence| 10.0 + 0.4 * sequence as f32);
+    // The second frame was sent again.
+    let waiting = |o: &Object| o.disposition == Disposition::Unconfirmed as u32;
+    assert!(seen[..3].iter().all(waiting));
+    assert!(seen[3..].iter().all(Object::is_published));
     let id = seen[0].track_id;
     assert!(id != Object::NONE && seen.iter().all(|o| o.track_id == id));
 }
@@ -55,12 +128,12 @@ fn known_objects_are_never_touched() {
 }
 
 #[test]
-fn one_miss_is_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets() {
+fn misses_are_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets() {
     for (sequences, published) in [
-        (&[0, 1][..], &[false, true][..]),
-        (&[0, 2], &[false, true]),
-        (&[0, 3], &[false, false]),
-        (&[7, 8, 0, 1], &[false, true, false, true]),
+        (&[0, 1, 2][..], &[false, false, true][..]),
+        (&[0, 4, 9], &[false, false, true]),
+        (&[0, 1, 10], &[false, false, false]),
+        (&[5, 6, 7, 0, 1], &[false, false, true, false, false]),
     ] {
         let seen = seen_at(sequences, |_| 8.0);
         let found = seen.iter().map(Object::is_published);
@@ -70,8 +143,9 @@ fn one_miss_is_bridged_a_whole_window_is_not_and_a_run_that_begins_anew_forgets(
 
 #[test]
 fn with_ego_motion_what_stands_still_is_found_again_and_without_it_is_not() {
-    // The sensor drives 3 m and turns 30 degrees between two frames; the object stands at (10, 4).
-    let poses = [([0.0, 0.0], 0.0), ([3.0, 0.0], std::f64::consts::FRAC_PI_6)];
+    // The sensor drives 3 m and turns 30 degrees between the second frame and the third; the object stands at (10, 4).
+    let (still, turned) = (([0.0; 2], 0.0), ([3.0, 0.0], std::f64::consts::FRAC_PI_6));
+    let poses = [still, still, turned];
     let seen_from = |(at, yaw): ([f64; 2], f64)| {
         let (dx, dy) = (10.0 - at[0], 4.0 - at[1]);
         let (sin, cos) = yaw.sin_cos();
@@ -119,7 +193,8 @@ fn settings_that_make_no_sense_are_refused_by_name() {
         change(&mut settings);
         Tracker::new(settings).unwrap_err().to_string()
     };
-    assert!(wrong(|s| s.confirm_hits = 4).contains("track.confirm_hits"));
+    assert!(wrong(|s| s.confirm_hits = 11).contains("track.confirm_hits"));
+    assert!(wrong(|s| s.probability_min = 1.1).contains("track.probability_min"));
     assert!(wrong(|s| s.window = 33).contains("track.window"));
     assert!(wrong(|s| s.distance_max_m = f64::NAN).contains("track.distance_max_m"));
 }

@@ -11,7 +11,7 @@ use crate::{
 };
 use mluc_backbone::Precision;
 use mluc_dataset::whole_file::write_whole;
-use mluc_model::{Manifest, Model, Profiles, ScoreMin, model_bytes};
+use mluc_model::{Manifest, Model, Probabilities, Profiles, ScoreMin, model_bytes};
 use mluc_refiner::Settings;
 use rayon::prelude::*;
 use std::path::Path;
@@ -157,36 +157,66 @@ pub fn choose_threshold(
     })
 }
 
+/// What was chosen for published scores.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScoreChoice {
+    /// Scores of the operating profiles.
+    pub profiles: Profiles,
+    /// What scores are worth, by all scans.
+    pub probabilities: Probabilities,
+    /// Of each kind, by its word, what `balanced` publishes: the calibration errors of the scores and of the probabilities, these fitted
+    /// on every other scan and checked on the rest, then the other way round. None where a half has no objects.
+    pub errors: Vec<(&'static str, [[Option<f64>; 2]; 2])>,
+}
+
 /// The scores of the operating profiles at the model's own threshold: the lowest at which the upper 95 % bound of the objects a scan
-/// on no label is at most 0.1 (unknown) and 0.2 (known) for `quiet`, 0.3 and 0.5 for `balanced`.
+/// on no label is at most 0.1 (unknown) and 0.2 (known) for `quiet`, 0.3 and 0.5 for `balanced`. And what scores are worth.
 pub fn choose_profiles(
     model: &Model,
     set: &FrameSet,
     frames: &[DetectedFrame],
     rules: &[ClassRule],
     settings: &Settings,
-) -> Result<Profiles> {
+) -> Result<ScoreChoice> {
     let gate = ModelGate::of(model);
     let threshold = f64::from(gate.threshold(&model.manifest.thresholds));
     let objects = objects_at(model, gate, set, frames, settings, vec![threshold], &|| ())?;
-    let judged = Operating::of(&objects.labelled(frames, 0), &[frames.len()], rules);
+    let labelled = objects.labelled(frames, 0);
+    let judged = Operating::of(&labelled, &[frames.len()], rules);
+    let halves = [0, 1].map(|half| {
+        let scans: Vec<_> = labelled.iter().skip(half).step_by(2).cloned().collect();
+        Operating::of(&scans, &[scans.len()], rules)
+    });
+    let [even, odd] = &halves;
+    let tables = [odd, even].map(Operating::probabilities);
     let least = |unknown: f64, known: f64| ScoreMin {
         known: judged.safe_score_min(ObjectKind::Known, known),
         unknown: judged.safe_score_min(ObjectKind::Unknown, unknown),
     };
-    Ok(Profiles {
-        quiet: least(0.1, 0.2),
-        balanced: least(0.3, 0.5),
+    let (quiet, balanced) = (least(0.1, 0.2), least(0.3, 0.5));
+    let errors = |name, kind, score_min| {
+        let of = |half: usize| halves[half].calibration_errors(kind, score_min, &tables[half]);
+        (name, [0, 1].map(of))
+    };
+    Ok(ScoreChoice {
+        profiles: Profiles { quiet, balanced },
+        probabilities: judged.probabilities(),
+        errors: vec![
+            errors("unknown", ObjectKind::Unknown, balanced.unknown),
+            errors("known", ObjectKind::Known, balanced.known),
+        ],
     })
 }
 
-/// Puts the scores of the profiles into the model file that was judged, with the data that they were chosen on.
-pub fn write_profiles(path: &Path, judged: &Model, chosen: Profiles, data: &str) -> Result<()> {
+/// Puts the scores of the profiles and what scores are worth into the model file that was judged, with the data that they were chosen on.
+pub fn write_profiles(path: &Path, judged: &Model, chosen: &ScoreChoice, data: &str) -> Result<()> {
     rewrite(path, judged, |manifest| {
-        manifest.thresholds.profiles = Some(chosen);
+        manifest.thresholds.profiles = Some(chosen.profiles);
+        manifest.thresholds.probabilities = Some(chosen.probabilities.clone());
         manifest.provenance.profile_choice = format!(
             "lowest scores at which the upper 95 % bound (bootstrap) of the objects a scan on no label is at most 0.1 unknown and 0.2 \
-             known (quiet), 0.3 and 0.5 (balanced); data: {data}"
+             known (quiet), 0.3 and 0.5 (balanced); probabilities: share of objects on a label of their kind, by range, made to rise \
+             with the score; data: {data}"
         );
     })
 }
@@ -217,12 +247,13 @@ pub fn write_precisions(
     })
 }
 
-/// Puts a choice into the model file that was judged: the threshold, how it was chosen, and the figures. Scores of profiles, which
-/// were chosen at another threshold, go.
+/// Puts a choice into the model file that was judged: the threshold, how it was chosen, and the figures. Scores of profiles and what
+/// scores are worth, which were chosen at another threshold, go.
 pub fn write_threshold(path: &Path, judged: &Model, choice: &Choice) -> Result<()> {
     rewrite(path, judged, |manifest| {
         ModelGate::of(judged).set(&mut manifest.thresholds, choice.threshold as f32);
         manifest.thresholds.profiles = None;
+        manifest.thresholds.probabilities = None;
         manifest.provenance.profile_choice.clear();
         manifest.provenance.threshold_choice = choice.reason.clone();
         manifest.provenance.metrics.extend(choice.metrics.clone());

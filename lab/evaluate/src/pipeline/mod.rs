@@ -18,8 +18,8 @@ pub(crate) use frames::finite_points;
 pub use frames::{DetectedFrame, FrameSet, folder_tail, scan_points};
 pub use gate::{ModelGate, THRESHOLDS};
 pub use judge::{
-    Choice, ModelJudgement, choose_profiles, choose_threshold, judge, sweep_gate, write_precisions,
-    write_profiles, write_threshold,
+    Choice, ModelJudgement, ScoreChoice, choose_profiles, choose_threshold, judge, sweep_gate,
+    write_precisions, write_profiles, write_threshold,
 };
 pub use parts::{read_parts, write_part};
 pub use separation::{ScoreSeparation, separation};

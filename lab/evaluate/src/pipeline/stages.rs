@@ -52,6 +52,7 @@ impl SensorDetection {
             kind: ObjectKind::Known,
             class: classes.get(class_id as usize).cloned().unwrap_or_default(),
             score: f64::from(score),
+            probability: None,
             track: None,
             box_in_sensor: place,
         }
@@ -63,6 +64,7 @@ impl SensorDetection {
             kind: ObjectKind::Unknown,
             class: UNKNOWN.to_owned(),
             score: f64::from(score),
+            probability: None,
             track: None,
             box_in_sensor: place,
         }

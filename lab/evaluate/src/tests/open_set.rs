@@ -41,6 +41,7 @@ impl Kept {
             kind: [ObjectKind::Known, ObjectKind::Unknown][usize::from(self.gate < threshold)],
             class: "car".to_owned(),
             score: self.score,
+            probability: None,
             track: None,
             box_in_sensor: self.shape,
         }

@@ -202,7 +202,7 @@ impl Adaptation<'_> {
         }
         let (model, rules, settings) = (Model::read(&path)?, &judgement.rules, Settings::default());
         let chosen = choose_profiles(&model, &set, &frames, rules, &settings)?;
-        write_profiles(&path, &model, chosen, &set.describe())?;
+        write_profiles(&path, &model, &chosen, &set.describe())?;
         let unknown = self.unknown(&model);
         let count = Precision::ALL.len() * set.names().len();
         Ok(counted("precisions", count, |step| {

@@ -132,6 +132,7 @@ mod tests {
                 class: "golf_cart".into(),
                 kind: ObjectKind::Unknown,
                 score: 1.0,
+                probability: None,
                 track: None,
                 box_in_sensor: Box3::new([12.0, 0.0, -1.0, 2.4, 1.3, 1.9, 0.3]),
             }],

@@ -73,7 +73,7 @@ impl Algorithm for RefinerStage {
         let refined = &mut self.refined;
         refiner.refine_within(header.sequence, points, detections, &mut is_over, refined);
         if let Some(tracker) = &mut self.tracker {
-            tracker.update(header.sequence, &header.ego, refined);
+            tracker.update(header, refined);
         }
         let counters = &refined.counters;
         header.count_over(Flags::LIMIT_DETECTIONS, counters.detections_dropped);

@@ -47,7 +47,8 @@ pub(super) struct ModelArguments {
     #[arg(long)]
     write_threshold: bool,
     /// Write the scores of the operating profiles into the model file: the lowest at which the upper 95 % bound of the objects a scan on
-    /// no label is at most 0.1 unknown and 0.2 known (quiet), 0.3 and 0.5 (balanced). Needs --refiner range-scaled, as a run has it.
+    /// no label is at most 0.1 unknown and 0.2 known (quiet), 0.3 and 0.5 (balanced). And how likely an object is one, by score and range.
+    /// Needs --refiner range-scaled, as a run has it.
     #[arg(long)]
     write_profiles: bool,
     /// Write into the model file what it reaches in f32, bf16 and int8 (where it has a calibration), at its threshold: `--precision auto`
@@ -129,7 +130,7 @@ pub(super) fn run(arguments: ModelArguments) -> anyhow::Result<()> {
     if arguments.write_profiles || arguments.write_threshold && has_profiles {
         let model = Model::read(&scans.model)?;
         let chosen = choose_profiles(&model, &set, &frames, &judgement.rules, &settings)?;
-        write_profiles(&scans.model, &model, chosen, &set.describe())?;
+        write_profiles(&scans.model, &model, &chosen, &set.describe())?;
         profiles = Some(chosen);
     }
     if arguments.write_precisions || arguments.write_threshold {

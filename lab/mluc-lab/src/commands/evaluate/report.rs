@@ -1,8 +1,8 @@
 //! The outcome as JSON and as a table.
 
-use mluc_evaluate::pipeline::{Choice, ModelGate, ModelJudgement, ScoreSeparation};
+use mluc_evaluate::pipeline::{Choice, ModelGate, ModelJudgement, ScoreChoice, ScoreSeparation};
 use mluc_evaluate::{Breakdown, ClassReport, SweepPoint, render};
-use mluc_model::{Model, Profiles};
+use mluc_model::Model;
 use serde_json::{Value, json};
 
 pub(super) struct Outcome {
@@ -13,7 +13,7 @@ pub(super) struct Outcome {
     /// The closed set first.
     pub(super) sweep: Option<Vec<SweepPoint>>,
     pub(super) choice: Option<Choice>,
-    pub(super) profiles: Option<Profiles>,
+    pub(super) profiles: Option<ScoreChoice>,
 }
 
 fn point_json(point: &SweepPoint) -> Value {
@@ -52,8 +52,9 @@ impl Outcome {
         if let Some(choice) = &self.choice {
             object["threshold_choice"] = json!(choice.reason);
         }
-        if let Some(profiles) = &self.profiles {
-            object["profiles"] = json!(profiles);
+        if let Some(chosen) = &self.profiles {
+            object["profiles"] = json!(chosen.profiles);
+            object["calibration_errors"] = json!(chosen.errors);
         }
         object
     }
@@ -80,7 +81,7 @@ impl Outcome {
         values["written"] = self
             .profiles
             .iter()
-            .flat_map(Profiles::named)
+            .flat_map(|chosen| chosen.profiles.named())
             .map(|named| json!(named))
             .collect();
         if let Some(sweep) = &self.sweep {
