@@ -4,7 +4,6 @@
 
 mod arguments;
 mod baselines;
-mod chaos;
 mod compare;
 mod folder;
 mod interleaved;
@@ -41,7 +40,6 @@ fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     log_to_stderr("bench", "error");
     match cli.command {
         Some(Command::Compare(args)) => compare::compare_folders(&args),
-        Some(Command::Chaos(args)) => chaos::chaos(&args),
         None => {
             let plan = Plan::resolve(cli.run)?;
             if plan.args.compares() {
