@@ -57,11 +57,8 @@ pub(crate) struct RunArgs {
     pub(crate) refiner: Vec<String>,
     /// Another build's program `mluc`: this build and that one on the same frames, interleaved, each measured by its own
     /// `mluc bench`.
-    #[arg(long, value_name = "MLUC", conflicts_with = "trace")]
+    #[arg(long, value_name = "MLUC")]
     pub(crate) against: Option<PathBuf>,
-    /// Writes the frames over all processes as a Chrome/Perfetto trace.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) trace: Option<PathBuf>,
 }
 
 /// How long and how often: options, and `[bench]`.

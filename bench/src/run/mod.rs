@@ -14,7 +14,6 @@ mod plan;
 mod processes;
 mod quiet;
 mod round;
-mod trace;
 
 use std::process::ExitCode;
 
